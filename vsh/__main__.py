@@ -4,6 +4,8 @@ Options are parsed before anything heavy is imported, and an interrupt ends a co
 while libraries are still being imported.
 """
 
+import atexit
+import gc
 import os
 import re
 import signal
@@ -45,6 +47,7 @@ def run(command: str, arguments: Sequence[str] | None = None) -> NoReturn:
         os._exit(1)
 
     signal.signal(signal.SIGINT, interrupted)
+    atexit.register(gc.freeze)  # a search for garbage in all that ends anyhow takes a seventh of a small job
     from vsh.tools.printing import printing
 
     with printing():

@@ -4,20 +4,24 @@ What sources share is a Gaussian field of a known spectrum. Its amplitude is est
 normal equations, with whatever else is fitted marginalised.
 """
 
+from typing import TYPE_CHECKING
+
 from fit.background._amplitude import Amplitude, equations_of
-from fit.background._cross import CrossPowers, cross_powers
-from fit.background._evidence import Comparison, compare_models, evidence
 from fit.background._fit import Background, fit_amplitudes
 from fit.background._floor import SHAPES, Floor, add_floor, floor
-from fit.background._joint import shared_jointly as shared_jointly
-from fit.background._leakage import BEYOND as BEYOND
-from fit.background._leakage import sees_part as sees_part
-from fit.background._leakage import widened as widened
-from fit.background._shared import SharedErrors, Verdict, shared
-from fit.background._waves import WaveLimit, wave_limit
 from fit.normal import Template
 from vsh.models.covariance import Spectrum
-from vsh.tools.modules import old_names
+from vsh.tools.modules import lazily, old_names
+
+if TYPE_CHECKING:
+    from fit.background._cross import CrossPowers, cross_powers
+    from fit.background._evidence import Comparison, compare_models, evidence
+    from fit.background._joint import shared_jointly as shared_jointly
+    from fit.background._leakage import BEYOND as BEYOND
+    from fit.background._leakage import sees_part as sees_part
+    from fit.background._leakage import widened as widened
+    from fit.background._shared import SharedErrors, Verdict, shared
+    from fit.background._waves import WaveLimit, wave_limit
 
 __all__ = [
     "Amplitude",
@@ -39,4 +43,17 @@ __all__ = [
     "wave_limit",
 ]
 
-__getattr__ = old_names(__name__, {"compare": "compare_models", "fit": "fit_amplitudes"})
+# Every fit has a floor; the rest is imported when it is first asked for.
+_lazy, __dir__ = lazily(
+    __name__,
+    __all__,
+    {
+        "_cross": ["CrossPowers", "cross_powers"],
+        "_evidence": ["Comparison", "compare_models", "evidence"],
+        "_joint": ["shared_jointly"],
+        "_leakage": ["BEYOND", "sees_part", "widened"],
+        "_shared": ["SharedErrors", "Verdict", "shared"],
+        "_waves": ["WaveLimit", "wave_limit"],
+    },
+)
+__getattr__ = old_names(__name__, {"compare": "compare_models", "fit": "fit_amplitudes"}, _lazy)

@@ -12,7 +12,7 @@ from functools import reduce
 from typing import Any
 
 import numpy as np
-from scipy.special import gammaln, logsumexp
+from scipy.special import gammaln
 
 from fit.background._amplitude import Amplitude, equations_of, fitted_degrees, is_scaled, trapezoids, words_of
 from fit.background._likelihood import Likelihood, Maximum
@@ -69,10 +69,10 @@ class _Grid:
         for tau, weight in zip(self.taus, self.weights, strict=True):
             logdet, gain = self.parts([nodes[j] / np.sqrt(tau) for j in sorted(nodes)])
             logs.append(self.likelihood.of_parts(logdet, gain, tau) + np.log(weight))
-        total = np.transpose(logsumexp(logs, axis=0), order)
-        highest = total.max()
+        highest = np.max(logs)
+        total = np.transpose(np.exp(logs - highest).sum(0), order)
         # Contracting the last axis first, the target stays.
-        sums = reduce(np.matmul, reversed(weights), np.exp(total - highest))
+        sums = reduce(np.matmul, reversed(weights), total)
         target = nodes[k]
         evidence = float(np.log(trapezoids(sums * self._prior(k, target), target)[-1]) + highest) - self._nothing()
         logarithm = np.log(sums + 1e-300)

@@ -8,7 +8,6 @@ from typing import Any
 import fit
 import vsh
 from fit.commands import backgrounds as shared
-from fit.commands import classes, templates
 from vsh.commands import finishing, outputs, reading, running
 from vsh.commands.options import fit as options_module
 from vsh.tools.notes import dropped, unselected
@@ -41,8 +40,14 @@ def _run(options):
     backgrounds = shared.found(solution, options)
     solution = fit.background.add_floor(backgrounds.solution)
     results, texts = dict(backgrounds.results), list(backgrounds.texts)
-    maps = templates.templates_of(source, str(path), field, options) if options.templates else []
+    maps = []
+    if options.templates:
+        from fit.commands import templates
+
+        maps = templates.templates_of(source, str(path), field, options)
     if options.classes:
+        from fit.commands import classes
+
         results["shared"] = classes.shared_by(source, str(path), options, maps)
         texts.append(results["shared"].report(what="class"))
     elif maps:

@@ -143,7 +143,7 @@ def _marks(mask):
     return bool(mask[:1].any() if mask.strides == (0,) else mask.any())
 
 
-def within(span, low, high):
+def within(span: Span, low: float, high: float) -> bool:
     """Whether all values lie between two limits; not where one is not a number."""
     return bool(span[0] > low and span[1] < high)
 

@@ -6,14 +6,16 @@ import sys
 import threading
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from functools import lru_cache
-from multiprocessing import active_children, get_context, parent_process
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from threadpoolctl import ThreadpoolController
+
+if TYPE_CHECKING:
+    from concurrent.futures import ProcessPoolExecutor  # imported where processes begin: few commands start any
 
 resource: Any
 try:
@@ -98,6 +100,8 @@ def cores(threads: int | None = None) -> int:
 
 def end_with_parent() -> None:
     """The initialiser of a pool of processes: a worker ends with its parent, where it would wait for work for ever."""
+    from multiprocessing import parent_process
+
     parent = parent_process()
     if parent is None:
         return
@@ -109,8 +113,11 @@ def end_with_parent() -> None:
     threading.Thread(target=watch, daemon=True).start()
 
 
-def process_pool(workers: int) -> ProcessPoolExecutor:
+def process_pool(workers: int) -> "ProcessPoolExecutor":
     """Processes that leave an interrupt to their parent, and end with it; submit to them within `uninterrupted`."""
+    from concurrent.futures import ProcessPoolExecutor
+    from multiprocessing import get_context
+
     # Spawned, not forked: the threads of NumPy and Arrow do not survive a fork.
     return ProcessPoolExecutor(workers, get_context("spawn"), _begin)
 
@@ -139,6 +146,8 @@ def ended_if_interrupted() -> Iterator[None]:
     try:
         yield
     except KeyboardInterrupt:
+        from multiprocessing import active_children
+
         for process in active_children():
             process.terminate()
         raise

@@ -15,13 +15,14 @@ from vsh.io.astrometry import write_astrometry
 HEAVY = {
     "arviz", "astropy.coordinates", "astropy.cosmology", "astropy.io.ascii", "astropy.io.fits", "astropy.io.votable",
     "astropy.modeling", "astropy.table", "astropy.time", "astropy.units", "astropy.visualization", "astropy.wcs", "corner",
-    "dask", "emcee", "h5py", "healpy", "matplotlib", "numba", "pandas", "pyarrow", "scipy.integrate", "scipy.interpolate",
+    "concurrent.futures.process", "dask", "emcee", "h5py", "healpy", "matplotlib", "multiprocessing", "numba", "pandas",
+    "pyarrow", "scipy.integrate", "scipy.interpolate",
     "scipy.linalg", "scipy.ndimage", "scipy.optimize", "scipy.special", "scipy.stats", "tqdm",
 }  # fmt: skip
 #: To read a FITS file, and to solve.
 FITS = {"astropy.io.fits", "astropy.units", "scipy.linalg", "scipy.special"}
 #: To write a table of columns with units; astropy's brings other formats.
-TABLE = {"astropy.table", "astropy.io.ascii", "astropy.io.votable", "astropy.time"}
+TABLE = {"astropy.table", "astropy.io.ascii", "astropy.io.votable", "astropy.time", "multiprocessing"}
 #: What the YAML of astropy's ECSV may hold.
 ECSV = {"astropy.coordinates"}
 #: Splines of distances; SciPy's bring its searches.
@@ -37,7 +38,7 @@ JOBS = {
     "sim --no-transits": ("quasars --number 60 --no-transits --output n.fits", FITS | TABLE),
     "sim": ("quasars --number 60 --output s.fits", FITS | TABLE),
     "agis": ("--quasars 100 --years 0.5 --knots 2000 --iterations 2 --output agis --no-figures", FITS | TABLE | ECSV),
-    "study": ("s.toml --output study", FITS | TABLE | SPLINES | FIGURES),
+    "study": ("s.toml --output study", FITS | TABLE | SPLINES | FIGURES | {"concurrent.futures.process"}),
     "referee": ("q.fits --no-figures", FITS | TABLE | SPLINES | {"scipy.integrate"}),
     "forecast": ("", {"scipy.linalg", "scipy.special"} | SPLINES),
     "waves": ("e.fits --attitude known --frequencies 2 --lmax 2 --nside 2 --skies 5", FITS | TABLE | SPLINES),

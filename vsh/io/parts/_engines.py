@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import pickle
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
-from concurrent.futures.process import BrokenProcessPool
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, wait
 from dataclasses import dataclass
 from typing import Any
 from weakref import finalize
@@ -133,7 +132,7 @@ class Processes(Engine):
 
     def __init__(self, workers: int) -> None:
         self.workers = workers
-        self._running: ProcessPoolExecutor | None = None
+        self._running: Any = None  # a pool of processes
         self._worked = False
 
     def __str__(self) -> str:
@@ -201,7 +200,7 @@ class Processes(Engine):
                     result = future.result()
                     self._worked = True
                     yield running.pop(future), result
-        except BrokenProcessPool:
+        except BrokenExecutor:
             suspects += sorted(running.values())
             self._running = None
         except BaseException:  # an interrupt, or a part that cannot be read: what waits is not begun
@@ -218,7 +217,7 @@ class Processes(Engine):
                 with uninterrupted():
                     future = single[0].submit(work, pieces[number])
                 return future.result()
-            except BrokenProcessPool:
+            except BrokenExecutor:
                 single.pop()
         name = f"part {number + 1} of {len(pieces)}, {label_of(pieces[number])}, ended the process that read it"
         script = 'A script that starts workers needs its work under `if __name__ == "__main__":`'

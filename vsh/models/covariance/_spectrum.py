@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -249,7 +250,8 @@ class Spectrum(InNotebook):
         """
         values_of(function, np.array([0.1, 1.0]))
         name = name or f"of the covariance function {getattr(function, '__name__', 'V(θ)')}"
-        return cls(name, lambda lmax: both(without_rounding(power_of(function, lmax))))
+        integrals = lru_cache(maxsize=16)(lambda lmax: without_rounding(power_of(function, lmax)))
+        return cls(name, lambda lmax: both(integrals(lmax)))
 
     def only(self, parity: str) -> Spectrum:
         """The part of it that is odd, as a spin is, or even, as a glide is.
