@@ -2,8 +2,9 @@
 
     python benchmarks/cpu.py [--only WORDS] [OTHER CHECKOUT]
 
-Every job runs in a process of its own with one thread, turn by turn with the other checkout's; the least of four is
-taken. Seconds are of user and system together: they do not depend on what else the machine does, nearly.
+Every job runs in a process of its own with one thread, turn by turn with the other checkout's, and a command with the
+anchor as well; the least of four is taken. Seconds are of user and system together: they do not depend on what else the
+machine does, nearly. Byte code is kept, as where it is installed.
 """
 
 import argparse
@@ -46,10 +47,10 @@ COMMANDS = {
     "compare": "compare 700.fits 700.fits",
     "redshift": "redshift galaxies.fits --h0 70 --redshift-frame true",
     "pairs": "pairs 700.fits",
-    "sim --no-transits, 300": "sim quasars --number 300 --no-transits --output out.fits --overwrite",
-    "sim, 300": "sim quasars --number 300 --output out.fits --overwrite",
+    "sim --no-transits, 300": "sim quasars --number 300 --no-transits --output OUT.fits --overwrite",
+    "sim, 300": "sim quasars --number 300 --output OUT.fits --overwrite",
     "forecast": "forecast",
-    "agis, 300, no figures": "agis --quasars 300 --iterations 3 --no-figures --output agis --overwrite",
+    "agis, 300, no figures": "agis --quasars 300 --iterations 3 --no-figures --output OUT --overwrite",
     "archive --show": "archive gaia-crf3 --show",
     "fit, 1.6 million, degree 10": "fit crf3.fits --lmax 10",
 }
@@ -157,6 +158,7 @@ SIZES = {"ns": 1e9, "µs": 1e6, "s": 1.0}
 def run(words, checkout, folder):
     """Run a process on a checkout; its CPU seconds, and what it prints."""
     alone = {"PYTHONPATH": str(checkout), "OMP_NUM_THREADS": "1", "MPLBACKEND": "agg", "PYTHONWARNINGS": "ignore"}
+    alone |= {"PYTHONDONTWRITEBYTECODE": ""}
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     done = subprocess.run([sys.executable, *words], cwd=folder, env=os.environ | alone, capture_output=True, text=True)
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
@@ -164,11 +166,11 @@ def run(words, checkout, folder):
     return (spent, done.stdout) if done.returncode == 0 else (float("nan"), done.stderr[-300:])
 
 
-def beside(words, checkouts, folder, own=False):
-    """The least CPU seconds of each checkout, turn by turn."""
-    times = [[] for _ in checkouts]
+def beside(jobs, folder):
+    """The least of each job's four runs, turn by turn: jobs are words, a checkout, and whether it tells its own."""
+    times = [[] for _ in jobs]
     for _ in range(RUNS):
-        for row, checkout in zip(times, checkouts, strict=True):
+        for row, (words, checkout, own) in zip(times, jobs, strict=True):
             spent, printed = run(words, checkout, folder)
             row.append(float(printed.split()[-1]) if own and spent == spent else spent)
     return [min(row) for row in times]
@@ -183,15 +185,16 @@ def main():
     checkouts = [HERE] + ([Path(options.other).resolve()] if options.other else [])
     with tempfile.TemporaryDirectory() as folder:
         run(["-c", SETUP], HERE, folder)
-        anchor = beside(["-c", ANCHOR], [HERE], folder)[0]
-        print(f"{ANCHOR!r}: {anchor:.3f} s; commands are times that")
+        print(f"Commands are times {ANCHOR!r}")
         for name, command in COMMANDS.items():
             if options.only in name:
-                times = [each / anchor for each in beside(["-m", "vsh", *command.split()], checkouts, folder)]
-                report(name, times, "×")
+                words = [command.replace("OUT", f"out{i}").split() for i in range(len(checkouts))]
+                jobs = [(["-m", "vsh", *mine], each, False) for mine, each in zip(words, checkouts, strict=True)]
+                anchor, *times = beside([(["-c", ANCHOR], HERE, False), *jobs], folder)
+                report(name, [each / anchor for each in times], "×")
         for name, (number, unit, code) in JOBS.items():
             if options.only in name:
-                times = beside(["-c", COMMON + code], checkouts, folder, own=True)
+                times = beside([(["-c", COMMON + code], each, True) for each in checkouts], folder)
                 report(name, [each / number * SIZES[unit] for each in times], unit)
 
 
