@@ -255,15 +255,29 @@ class Chain(Result):
         return lines
 
     def to_table(self) -> Table:
-        """A row for each catalogue and coefficient, as an astropy Table."""
-        k, p = self.values.shape
-        columns: dict[str, Any] = {"catalogue": np.repeat(self.labels[1:], p).tolist()}
-        columns |= {"coefficient": [str(mode) for mode in self.modes] * k}
-        columns |= {"value": self.values.ravel(), "sigma": np.sqrt(np.diag(self.covariance))}
-        unit = "uas" if self.unit == "µas" else "uas / yr"
-        return tables.table_of(
-            columns, {"reference": self.labels[0], "frame": self.frame}, {"value": unit, "sigma": unit}
-        )
+        """A row for each two catalogues and coefficient as an astropy Table; degree 1 with its floor where sought."""
+        pairs = [(late, early) for early, late in combinations(self.labels, 2)]
+        solutions = [self.difference(*pair) for pair in pairs]
+        p, unit = len(self.modes), "uas" if self.unit == "µas" else "uas / yr"
+        columns: dict[str, Any] = {
+            "catalogue": np.repeat([late for late, _ in pairs], p).tolist(),
+            "less": np.repeat([early for _, early in pairs], p).tolist(),
+            "coefficient": [str(mode) for mode in self.modes] * len(pairs),
+            "value": np.concatenate([each.values for each in solutions]),
+            "sigma": np.concatenate([each.sigma for each in solutions]),
+        }
+        if self.shared is not None:
+            columns |= {
+                "value_floor": np.full((len(pairs), p), np.nan),
+                "sigma_floor": np.full((len(pairs), p), np.nan),
+            }
+            first = self.modes.degrees == 1
+            for row, pair in enumerate(pairs):
+                frames = self.frames(*pair)
+                columns["value_floor"][row, first], columns["sigma_floor"][row, first] = frames.values, frames.sigma
+            columns |= {name: columns[name].ravel() for name in ("value_floor", "sigma_floor")}
+        units = {name: unit for name in columns if name.startswith(("value", "sigma"))}
+        return tables.table_of(columns, {"reference": self.labels[0], "frame": self.frame}, units)
 
     def plot(self, *, ax: Axes | None = None) -> Axes:
         """The terms of each catalogue against the reference with their errors, on matplotlib axes."""

@@ -87,7 +87,13 @@ def test_degree_four_and_files(tmp_path):
     chain.write(tmp_path / "chain.ecsv")
     assert read(tmp_path / "chain.ecsv") == chain
     assert "a and b: 300 sources in common" in chain.report()
-    assert len(chain.to_table()) == 96
+    table = chain.to_table()
+    assert len(table) == 3 * 48
+    last = table[-48:]
+    assert (last["catalogue"][0], last["less"][0]) == ("c", "b")
+    solution = chain.difference("c", "b")
+    np.testing.assert_array_equal(last["value"], solution.values)
+    np.testing.assert_array_equal(last["sigma"], solution.sigma)
 
 
 def test_three_icrf_like_catalogues():
@@ -128,6 +134,11 @@ def test_frames_with_what_sources_share_over_the_sky(power, n_skies):
 def test_frames_close_with_what_sources_share():
     chain = chain_catalogues(bent(3, 8.0), 2, floor=True, rng=2)
     one, two, both = chain.frames("b"), chain.frames("c", "b"), chain.frames("c")
+    last = chain.to_table()[-len(chain.modes) :]
+    of_frame = chain.modes.degrees == 1
+    np.testing.assert_array_equal(last["value_floor"][of_frame], two.values)
+    np.testing.assert_array_equal(last["sigma_floor"][of_frame], two.sigma)
+    assert np.isnan(last["sigma_floor"][~of_frame]).all()
     np.testing.assert_allclose(one.values + two.values, both.values, atol=1e-10)
     np.testing.assert_allclose(chain.frames("a", "b").values, -one.values, atol=1e-12)
     assert chain.frame_p_value("T", "b", "a") == pytest.approx(chain.frame_p_value("T", "a", "b"), rel=1e-9)
