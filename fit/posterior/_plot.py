@@ -103,12 +103,12 @@ def _median(values):
 
 
 def _reach(values, true):
-    """All but the farthest thousandth of the samples, and the truth: nothing that is shown is cut."""
+    """All but the farthest thousandth of the samples, and the truth; not below zero where nothing is."""
     low, high = np.quantile(values, [0.0005, 0.9995])
     if true is not None:
         low, high = min(low, true), max(high, true)
     margin = 0.05 * (high - low) or 1.0
-    return low - margin, high + margin
+    return low - margin if low < 0 else max(low - margin, 0.0), high + margin
 
 
 def _draw_prior(drawn, posterior, names):

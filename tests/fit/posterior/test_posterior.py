@@ -3,7 +3,7 @@ import pytest
 from scipy.stats import chi2, kstest
 
 import sim
-from fit.posterior import Density, Flat, Normal, grid, read_samples, sample
+from fit.posterior import Density, Flat, Normal, Samples, grid, read_samples, sample
 from fit.posterior._model import parallax_model
 from fit.posterior._priors import Priors, checked_priors
 from fit.secular_parallax import observer_velocity, parallax_equations
@@ -252,6 +252,14 @@ def test_figures_and_tables():
     assert row.low95 < row.low68 < row.median < row.high68 < row.high95
     assert "128 walkers" in repr(found)
     assert set(found.autocorrelation) == {"v_x", "v_y", "v_z", "H0"}
+
+
+def test_an_axis_of_what_is_never_negative_begins_at_zero():
+    rng = np.random.default_rng(1)
+    weak = Samples({"H0": rng.exponential(30, 4000), "v_x": rng.normal(0, 30, 4000)}, "galactic", (), {}, 1)
+    drawn = weak.plot()
+    assert drawn[0, 0].get_xlim()[0] == 0
+    assert drawn[1, 1].get_xlim()[0] < -90
 
 
 @pytest.mark.parametrize("ending", ["fits", pytest.param("ecsv", marks=pytest.mark.slow)])
