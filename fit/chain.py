@@ -30,7 +30,7 @@ from vsh.sky.positions import Positions
 from vsh.sky.sphere import triad
 from vsh.tools.errors import DegeneracyError, FieldError, FrameError, ParameterError
 from vsh.tools.logs import logged
-from vsh.tools.notes import note_lines
+from vsh.tools.notes import merge_notes, note_lines
 from vsh.tools.types import Axes, FloatArray, Rng, Table
 from vsh.tools.units import UAS
 
@@ -234,7 +234,8 @@ class Chain(Result):
         if self.names:
             far = ", ".join(f"{n} ({d:.0f})" for n, d in list(zip(self.names, self.distances, strict=True))[:8])
             lines.append(f"{len(self.names)} sources left out, the farthest (in errors): {far}")
-        return "\n".join([*lines, *note_lines(self.notes)]) + "\n"
+        of_shared = () if self.shared is None else self.shared.notes
+        return "\n".join([*lines, *note_lines(merge_notes(self.notes, of_shared))]) + "\n"
 
     def _frame_lines(self):
         """Rotation and glide of any two, with what sources share over the sky."""
@@ -398,7 +399,7 @@ def chain_catalogues(
         int(dof + values.size),
         factor,
         tuple(str(sky.names[i]) for i in order),
-        np.sqrt(chi2_of[order]),
+        np.sqrt(np.maximum(chi2_of[order], 0.0)),  # rounding, where catalogues share nearly all
         sky.frame,
         sky.unit,
         sky.notes,

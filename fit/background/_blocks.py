@@ -156,7 +156,7 @@ class Blocks:
 
     def _factored(self, r, square):
         """R, and Λ and w of 1 + Rᵀ A R; Rᵀ A R is overwritten."""
-        square.ravel()[:: len(square) + 1] += 1
+        np.einsum("ii->i", square)[...] += 1  # a view whatever the order: that of one class may be any
         lower = cholesky(square, lower=True, overwrite_a=True, check_finite=False)
         w = solve_triangular(lower, np.einsum("mjk,mk->jk", r, self.rhs).ravel(), lower=True, check_finite=False)
         return r, lower, w

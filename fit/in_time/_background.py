@@ -296,7 +296,7 @@ class _Likelihood:
     def __call__(self, root: FloatArray) -> float:
         scale = np.sqrt(root**2 @ self.shapes)
         k = self.matrix * scale[:, None] * scale
-        k.ravel()[:: len(k) + 1] += 1
+        np.einsum("ii->i", k)[...] += 1
         lower = cholesky(k, lower=True, overwrite_a=True, check_finite=False)
         w = solve_triangular(lower, scale * self.rhs, lower=True, check_finite=False)
         return float(w @ w / 2 - np.log(np.diag(lower)).sum())

@@ -8,8 +8,10 @@ from conftest import few_or_many, real_catalogue
 from scipy.stats import kstest
 
 import sim
+from fit.background import shared
 from fit.chain import chain_catalogues
 from fit.compare import compare_catalogues
+from fit.normal import normal_equations
 from fit.storage import read
 from vsh import DegeneracyError, Field, FieldError, FrameError, Modes, ParameterError
 from vsh.io.catalogue import read_icrf
@@ -129,6 +131,19 @@ def test_frames_with_what_sources_share_over_the_sky(power, n_skies):
     assert np.mean(np.array(p) < 0.05) < 0.06 + 2 * scatter
     if power:
         assert np.mean(np.array(plain) < 0.05) > 0.2
+
+
+@pytest.mark.parametrize("power", [0.0, 20.0])
+def test_two_catalogues_have_the_floor_of_their_difference(power):
+    """Of one class alone the matrix may stand in any order of memory, and is what `shared` makes of it."""
+    a, b = (bent(3, power)[label] for label in "ab")
+    chain = chain_catalogues({"a": a, "b": b}, 1, floor=True, shared_noise=False, clip=False)
+    sigma = np.hypot(a.sigma, b.sigma)
+    rho = (a.rho * a.sigma.prod(0) + b.rho * b.sigma.prod(0)) / sigma.prod(0)
+    alone = shared([normal_equations(Field(a.lon, a.lat, b.motion - a.motion, sigma, rho), 5)], labels=["b"], rng=1)
+    np.testing.assert_allclose(chain.frames("b").values, alone.combination([1.0]).values, rtol=1e-4)
+    np.testing.assert_allclose(chain.frames("b").sigma, alone.combination([1.0]).sigma, rtol=1e-4)
+    assert min(chain.shared.effective) > 100
 
 
 def test_frames_close_with_what_sources_share():
