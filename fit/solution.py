@@ -10,7 +10,6 @@ from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
-from scipy.special import chdtrc, fdtrc
 
 from fit.quality import Quality
 from fit.storage import Result, coefficient_columns, count, decoded, encoded, exact, number, words
@@ -23,7 +22,7 @@ from vsh.sky.frames import check_frame
 from vsh.tools.arguments import covariance, float_array
 from vsh.tools.errors import DegeneracyError, ParameterError
 from vsh.tools.types import Axes, FloatArray, Kind, Table
-from vsh.vector import Vector, correlation_of
+from vsh.vector import Vector, correlation_of, probability_of
 
 
 class LinearSolution(Result):
@@ -189,11 +188,7 @@ class HarmonicSolution(LinearSolution):
         when the true ones are zero, whatever the sky coverage. Where C was estimated from replicates, it is
         Hotelling's T²; nan where they are too few to determine it.
         """
-        chi2, n, dof = self.chi2_of_degree(kind, l), 2 * l + 1, self.covariance_dof
-        if np.isinf(dof):
-            return float(chdtrc(n, chi2))
-        free = dof - n + 1
-        return float(fdtrc(n, free, chi2 * free / (n * dof))) if free > 0 else float("nan")
+        return probability_of(self.chi2_of_degree(kind, l), 2 * l + 1, self.covariance_dof)
 
     def chi2_of_degree(self, kind: Kind, l: int) -> float:
         """W̃ = cᵀ C⁻¹ c over the coefficients of one kind and degree; nan where too few replicates determine C."""
@@ -204,7 +199,8 @@ class HarmonicSolution(LinearSolution):
 
     def _first_degree(self, kind, rows, unit):
         degree = self.modes.slice_of(kind, 1)
-        return vector_of(rows, self.coefficients.values[degree], self.covariance[degree, degree], self.frame, unit)
+        vector = vector_of(rows, self.coefficients.values[degree], self.covariance[degree, degree], self.frame, unit)
+        return replace(vector, dof=self.covariance_dof)
 
     def _weighted_covariance(self, kind, l):
         return self._power_weights(l)[:, None] * self.of_degree(kind, l)[1]

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import chdtr, chdtrc, chndtrinc, log_ndtr
+from scipy.special import chdtr, chdtrc, chndtrinc, fdtr, fdtrc, log_ndtr, ncfdtr
 
 from vsh.sky.frames import check_frame, rotation_matrix
 from vsh.sky.sphere import angles, triad
@@ -30,6 +30,9 @@ class Vector(Frozen):
         "icrs", "galactic" or "ecliptic".
     unit : str
         "µas/yr" unless said otherwise.
+    dof : float
+        Degrees of freedom of the covariance, where replicates told it: the p-value is Hotelling's then, and limits
+        follow Fisher's F.
 
     Examples
     --------
@@ -44,6 +47,7 @@ class Vector(Frozen):
     covariance: FloatArray
     frame: str = "icrs"
     unit: str = "µas/yr"
+    dof: float = float("inf")
 
     def __post_init__(self) -> None:
         check_frame(self.frame)
@@ -126,11 +130,11 @@ class Vector(Frozen):
     def p_value(self) -> float:
         """Probability that noise alone gives as long a vector, in units of its errors: χ² with 3 degrees of freedom.
 
-        nan where there is no error.
+        Hotelling's T² where the covariance has `dof` of its own; nan where there is no error, or few replicates.
         """
-        if not np.linalg.det(self.covariance) > 0:
+        if self.dof < 3 or not np.linalg.det(self.covariance) > 0:
             return float("nan")
-        return float(chdtrc(3, self.value @ np.linalg.solve(self.covariance, self.value)))
+        return probability_of(float(self.value @ np.linalg.solve(self.covariance, self.value)), 3, self.dof)
 
     def amplitude_interval(self, probability: float = 0.68) -> tuple[float, float]:
         """Lower and upper end of the length that hold it with `probability`.
@@ -150,8 +154,8 @@ class Vector(Frozen):
             return self.amplitude, self.amplitude
         x = (self.amplitude / sigma) ** 2
         low = 0.0
-        if chdtrc(3, x) < tail:
-            low = np.sqrt(chndtrinc(x, 3, 1 - tail))
+        if 1 - self._below(x) < tail:
+            low = np.sqrt(self._size_below(x, 1 - tail))
         return float(low * sigma), self._upper(tail)
 
     def amplitude_limit(self, probability: float = 0.95) -> float:
@@ -167,7 +171,23 @@ class Vector(Frozen):
             return self.amplitude
         # A true vector of this length is found as short or shorter `tail` times as often as noise alone.
         x = max(self.amplitude / sigma, 1e-6) ** 2
-        return float(sigma * np.sqrt(chndtrinc(x, 3, tail * chdtr(3, x))))
+        return float(sigma * np.sqrt(self._size_below(x, tail * self._below(x))))
+
+    def _below(self, x):
+        """Probability that the square of three components in their errors stays below x by noise alone."""
+        return chdtr(3, x) if np.isinf(self.dof) else fdtr(3, self.dof, x / 3)
+
+    def _size_below(self, x, probability):
+        """The square of the true vector in its errors with which that is as probable."""
+        if np.isinf(self.dof):
+            return chndtrinc(x, 3, probability)
+        low, high = 0.0, x + 10.0
+        while ncfdtr(3, self.dof, high, x / 3) > probability and high < 1e12:
+            high *= 2
+        for _ in range(60):
+            middle = (low + high) / 2
+            low, high = (middle, high) if ncfdtr(3, self.dof, middle, x / 3) > probability else (low, middle)
+        return high
 
     def direction_cone(self, probability: float = 0.68) -> float:
         """Opening of the cone about `direction` that holds the true one with `probability`. [deg]
@@ -233,6 +253,14 @@ class Vector(Frozen):
     def _unit_vector(self):
         with np.errstate(invalid="ignore"):
             return self.value / np.linalg.norm(self.value)
+
+
+def probability_of(square: float, size: int, dof: float = float("inf")) -> float:
+    """Probability of as large a vᵀ C⁻¹ v by chance: of χ², or of Hotelling's T² where C has degrees of freedom."""
+    if np.isinf(dof):
+        return float(chdtrc(size, square))
+    free = dof - size + 1
+    return float(fdtrc(size, free, square * free / (size * dof))) if free > 0 else float("nan")
 
 
 def correlation_of(covariance: FloatArray) -> FloatArray:

@@ -77,7 +77,7 @@ def amplitude(vector: Vector, digits: int = 3) -> str:
         return f"{vector.amplitude:.{digits}f}"
     if vector.amplitude >= _SURE * vector.amplitude_error:
         return f"{vector.amplitude:.{digits}f} ± {vector.amplitude_error:.{digits}f}"
-    if vector.p_value > 0.05:
+    if vector.p_value > 0.05 or vector.dof < 3:
         return f"< {vector.amplitude_limit(0.95):.{digits}f} (95 %)"
     low, high = vector.amplitude_interval(0.68)
     return f"{low:.{digits}f} … {high:.{digits}f} (68 %)"
@@ -94,7 +94,7 @@ def direction(vector: Vector) -> str:
     errors = vector.direction_error
     if vector.amplitude_error > 0 and (vector.amplitude < _SURE * vector.amplitude_error or max(errors) > 40):
         place = ", ".join(f"{name} = {value:+.1f}°" for name, value in zip(names, vector.direction, strict=True))
-        if vector.p_value > 0.05:
+        if vector.p_value > 0.05 or vector.dof < 3:
             return f"direction not determined (fitted: {place})"
         return f"toward {place}, within {vector.direction_cone():.0f}° (68 %)"
     pairs = zip(names, vector.direction, errors, strict=True)

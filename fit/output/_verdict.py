@@ -1,5 +1,6 @@
 """In one line whether an acceleration and a spin are seen, with every error that is known of."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -31,6 +32,8 @@ def verdict(solution: Any, *, shared: bool = False, p_value: float | None = None
     factor = _factor(solution)
     if factor > _WRONG:
         return f"verdict: none; residuals are {factor:.3g} times the errors: are both in the units that were taken?"
+    if solution.covariance_dof < 3:
+        return f"verdict: none; {solution.covariance_dof + 1:.0f} replicates are too few for the errors of a vector"
     whole, errors, known = with_all_errors(solution, shared=shared)
     p = whole.p_value if p_value is None else p_value
     near = f" (a hint: seen is below {SEEN})" if SEEN <= p < 0.05 else ""
@@ -93,7 +96,13 @@ def with_all_errors(
     else:
         errors.append("without what sources share: --lmax 3 or --recommended tells it")
         known = False
-    return Vector(a.value, covariance, a.frame, a.unit), errors, known
+    return _with(a, covariance), errors, known
+
+
+def _with(vector, covariance):
+    """The same vector with errors that hold its own; of what replicates told their part has degrees of freedom."""
+    dof = vector.dof * (np.trace(covariance) / np.trace(vector.covariance)) ** 2  # Satterthwaite (1946)
+    return replace(vector, covariance=covariance, dof=float(dof))
 
 
 def covariance_of_all(solution: Any) -> FloatArray:
@@ -115,7 +124,7 @@ def holds_floor(solution: Any) -> bool:
 def _beside_gaia(whole):
     """Whether it is the acceleration that Gaia EDR3 has."""
     gaia = GAIA_EDR3.to_frame(whole.frame)
-    p = Vector(whole.value - gaia.value, whole.covariance + gaia.covariance, whole.frame).p_value
+    p = _with(replace(whole, value=whole.value - gaia.value), whole.covariance + gaia.covariance).p_value
     known = f"Gaia EDR3's {gaia.amplitude:.2f} ± {gaia.amplitude_error:.2f} (p = {printed_p_value(p)})"
     if p < SEEN:
         return f"; disagrees with {known}: is it the instrument? (docs/instrument.md)"

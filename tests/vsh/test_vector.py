@@ -1,8 +1,11 @@
 """Amplitude, direction, and their errors."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from conftest import few_or_many
+from scipy.stats import kstest
 
 from vsh import Vector
 from vsh.tools.errors import FrameError, VshError
@@ -80,6 +83,25 @@ def test_a_search_that_finds_nothing_has_the_limit_of_noise():
     for length in (0.0, 1e-4, 1e-2):
         limit = Vector([length, 0, 0], np.eye(3)).amplitude_limit(0.95)
         assert limit == pytest.approx(np.sqrt(-2 * np.log(0.05)), rel=1e-4)
+
+
+@pytest.mark.parametrize("dof", [3, 7, 30])
+def test_few_replicates_make_hotelling_of_chi2(dof):
+    """Null vectors with a covariance from few replicates: p is uniform, limits and intervals hold."""
+    rng, n, truth = np.random.default_rng(dof), 2000, np.array([1.5, 0, 0])
+    spread = np.einsum("nki,nkj->nij", *[rng.normal(size=(n, dof, 3))] * 2) / dof
+    null = [Vector(v, c, dof=dof) for v, c in zip(rng.normal(size=(n, 3)), spread, strict=True)]
+    assert kstest([each.p_value for each in null], "uniform").pvalue > 0.01
+    some = [Vector(each.value + truth, each.covariance, dof=dof) for each in null[:400]]
+    assert np.mean([each.amplitude_limit() > 1.5 for each in some]) > 0.95 - 2 * 0.011
+    assert np.mean([np.prod(np.subtract(each.amplitude_interval(), 1.5)) < 0 for each in some]) > 0.68 - 2 * 0.023
+    assert np.mean([replace(each, dof=np.inf).p_value < 0.05 for each in null]) > 0.06
+    assert np.isnan(Vector([1, 0, 0], np.eye(3), dof=2).p_value)
+    # Of many it is χ² again.
+    many, plain = Vector([2, 1, 0], np.eye(3), dof=1e6), Vector([2, 1, 0], np.eye(3))
+    assert many.p_value == pytest.approx(plain.p_value, rel=1e-4)
+    assert many.amplitude_limit() == pytest.approx(plain.amplitude_limit(), rel=1e-4)
+    np.testing.assert_allclose(many.amplitude_interval(), plain.amplitude_interval(), rtol=1e-3)
 
 
 def test_bad_vectors():

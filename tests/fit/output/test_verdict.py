@@ -12,6 +12,7 @@ from fit.commands.fit import main
 from fit.output import covariance_of_all, verdict
 from fit.output._verdict import with_all_errors
 from fit.quality import printed_p_value
+from fit.resample import bootstrap
 from vsh.vector import GAIA_EDR3, Vector
 
 
@@ -39,6 +40,21 @@ def test_it_sees_what_is_there():
     assert "no acceleration" in verdict(
         replace(solution, floor=SimpleNamespace(acceleration_error=100.0, spin_error=0.0))
     )
+
+
+def test_few_replicates_are_no_evidence():
+    """The verdict has the p-values of the table, Hotelling's where replicates told the errors, and none of too few."""
+    field = observed(3)
+    for n in (5, 12):
+        solution = bootstrap(field, 1, n, 1, progress=False).resampled_solution
+        for name, kind in (("spin", "T"), ("acceleration", "S")):
+            assert with_all_errors(solution, name)[0].p_value == pytest.approx(solution.p_value(kind, 1), rel=1e-9)
+    few = bootstrap(field, 1, 3, 1, progress=False).resampled_solution
+    assert verdict(few) == "verdict: none; 3 replicates are too few for the errors of a vector"
+    assert "direction not determined" in few.report()
+    # A floor that is known beside them makes its part of the errors surer.
+    sure = replace(solution, floor=SimpleNamespace(acceleration_error=300.0, spin_error=0.0))
+    assert with_all_errors(sure)[0].dof > 10 * solution.covariance_dof
 
 
 def test_errors_that_are_wrong_are_multiplied():
