@@ -6,6 +6,7 @@ from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
+from scipy.special import logsumexp
 
 from fit.posterior._cells import Cells
 from fit.posterior._model import MixtureModel, ParallaxModel
@@ -104,7 +105,7 @@ class Posterior(SampleResult):
 
     def report(self) -> str:
         """The summary as text."""
-        return "\n".join([text_of(self), *_sensitivity_lines(self.model, self.samples)])
+        return "\n".join([text_of(self), *_sensitivity_lines(self.model)])
 
     def kept(self) -> Samples:
         """The samples without the chain: a `Samples`, which can be written and read back."""
@@ -218,13 +219,30 @@ def read_samples(path: PathName) -> dict[str, FloatArray]:
     return Samples.read(path).samples
 
 
-def _hubble_likelihood(model: Any, samples: dict[str, FloatArray], hubble: FloatArray) -> FloatArray | None:
-    """The logarithm of the likelihood of H0, all else integrated or at its median; None where it has no closed form."""
+#: How many values of H0, and of each other number that is free, by how many there are.
+_POINTS = {0: (4000, 1), 1: (800, 150), 2: (300, 40)}
+
+
+def _hubble_likelihood(model: Any) -> tuple[FloatArray, FloatArray] | None:
+    """H0, and ln of its likelihood with all else integrated over its prior; None where there is no closed form."""
     if not hasattr(model, "conditional") or not model.priors.velocity.gaussian:
         return None
-    others = [np.full(hubble.size, np.median(samples[name])) for name in model.priors.free if name != "H0"]
-    numbers = np.column_stack([hubble, *others])
-    return model.conditional(numbers, with_priors=False)[0]
+    others = {name: prior for name, prior in model.priors.free.items() if name != "H0"}
+    if len(others) > max(_POINTS):
+        return None
+    number, each = _POINTS[len(others)]
+    hubble, log_prior, axes = np.geomspace(*HUBBLE_LIMITS, number), np.zeros(()), []
+    for name, prior in others.items():
+        low, high = model.priors.limits(name)
+        axes.append(np.geomspace(max(low, 1e-3 * high), high, each))  # what is large goes with an H0 that is small
+        log_prior = np.add.outer(log_prior, prior.log(axes[-1]) + np.log(np.gradient(axes[-1])))
+    total = np.empty(number)
+    for part in np.array_split(np.arange(number), max(1, number * log_prior.size // 20_000)):
+        points = np.stack([grid.ravel() for grid in np.meshgrid(hubble[part], *axes, indexing="ij")], axis=1)
+        log = model.conditional(points, with_priors=False)[0].reshape(len(part), -1)
+        total[part] = logsumexp(log + log_prior.ravel(), axis=1)
+    fine = np.geomspace(*HUBBLE_LIMITS, 4000)
+    return fine, np.interp(np.log(fine), np.log(hubble), total)
 
 
 def _other_priors(prior: Any) -> dict[str, Any]:
@@ -242,12 +260,12 @@ def _other_priors(prior: Any) -> dict[str, Any]:
     }
 
 
-def _sensitivity_lines(model: Any, samples: dict[str, FloatArray]) -> list[str]:
+def _sensitivity_lines(model: Any) -> list[str]:
     """A table of H0 under several priors, as lines; none where the likelihood has no closed form."""
-    hubble = np.geomspace(*HUBBLE_LIMITS, 4000)
-    log = _hubble_likelihood(model, samples, hubble)
-    if log is None or not np.isfinite(log).any():
+    known = _hubble_likelihood(model)
+    if known is None or not np.isfinite(known[1]).any():
         return []
+    hubble, log = known
     lines = ["H0 under other priors [km/s/Mpc], between 1 and 1000; one-sided limits"]
     lines.append(f"{'':18}{'median':>10}{'68 %':>22}{'95 % below':>14}{'95 % above':>12}")
     step = np.gradient(hubble)

@@ -86,6 +86,19 @@ def test_the_chain_mends_what_the_draws_do_not_know(field):
     assert hubble.std() == pytest.approx(exact.sigma("H0"), rel=0.05)
 
 
+@pytest.mark.parametrize("setting", FREE)
+def test_other_priors_begin_with_the_one_that_was_given(setting):
+    """The table integrates over what else is free: its first row is the posterior above it."""
+    weak = galaxies(400, spread=300.0, sigma=20.0)
+    known = {"hubble_prior": Flat(10, 300)} | FREE[setting]
+    found = sample(weak, method="grid", n_samples=40_000, rng=1, **COMMON, **known)
+    row = next(line for line in found.report().splitlines() if line.startswith("as given")).split()
+    numbers = [float(each) for each in row[2:6] if each != "…"]
+    mine = found.summary()["H0"]
+    width = mine.high68 - mine.low68
+    np.testing.assert_allclose(numbers, [mine.median, mine.low68, mine.high68], atol=0.02 * width)
+
+
 def test_what_a_grid_cannot_hold(field):
     wide = {"peculiar_dispersion": Flat(0, 900), "excess_noise": Flat(0, 20)}
     with pytest.raises(ParameterError, match="is too large: fix all but two, or sample with emcee"):
