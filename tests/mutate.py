@@ -484,7 +484,7 @@ BREAKS = [
     ("fit/background/_parities.py", "+ 2 * v @ (h * dh)", "", "test_parities.py"),
     ("fit/background/_parities.py", "if 0.0 in places:", "if places:", "test_parities.py"),
     ("vsh/io/catalogue/_columns.py", "plausible = within(", "plausible = True or within(", "test_units_of_all.py"),
-    ("vsh/tools/bad_rows.py", " and value.dtype == _DOUBLE", "", "test_field.py"),
+    ("vsh/tools/bad_rows.py", " and value.dtype == _DOUBLE", "", "test_bad_input.py"),
     ("sim/scanning/_crossings.py", "< wide + self.reach)", "< wide)", "test_scanning.py"),
     ("vsh/scalars.py", "ScalarModes if isinstance(field, ScalarField) else Modes", "Modes", "test_scalar_fits.py"),
     ("vsh/models/waves.py", "np.asarray((-1.0) ** l", "np.asarray((1.0) ** l", "test_plane_wave.py"),

@@ -22,7 +22,7 @@ from fit.background._fit import scales_of, span_of
 from fit.background._likelihood import Likelihood
 from fit.normal import NormalEquations
 from vsh.models.covariance import Spectrum
-from vsh.tools.errors import ConvergenceError, DegeneracyError
+from vsh.tools.errors import ConvergenceError
 from vsh.tools.parallel import blas_for
 from vsh.tools.types import FloatArray
 
@@ -74,7 +74,9 @@ class Parities(Likelihood):
         s = np.sqrt(w)[:, None] * c * np.sqrt(v)
         f, g = np.sqrt(w) * x, np.sqrt(v) * y
         side = f - s @ g
-        factor, solved = _solved(dposv, _less_square(dsyrk, s), side)
+        factor, solved, failed = dposv(_less_square(dsyrk, s), side, lower=1, overwrite_a=1)
+        if failed:
+            raise ConvergenceError(_MIXED)
         logdet = np.log1p(a * odd).sum() + np.log1p(b * even).sum() + 2 * np.log(factor.diagonal()).sum()
         return float(logdet), float(g @ g + side @ solved)
 
@@ -90,7 +92,9 @@ class Parities(Likelihood):
         h = f - s @ g
         left = _less_square(ssyrk, s)
         trace = len(s) - left.trace(dtype=float)
-        factor, z = _solved(sposv, left, h)
+        factor, z, failed = sposv(left, h, lower=1, overwrite_a=1)
+        if failed:  # a strong field on a part of the sky: I − S Sᵀ is nearly singular, and rounded below
+            raise ConvergenceError(_MIXED)
         logdet = 2 * np.log(factor.diagonal(), dtype=float).sum() + trace
         return np.array([logdet, np.vdot(h @ s, z @ s) - np.sum((f @ s) ** 2)], dtype=float)
 
@@ -100,6 +104,12 @@ class Parities(Likelihood):
             return self.exact(ratios)
         logdet, gain = self._near(*ratios[:, None]) + self._rest.at(self._places(ratios))
         return float(logdet[0, 0]), float(gain[0, 0])
+
+    def scale(self, gain: float) -> float:
+        """κ² where it is likeliest, for some ratios; ConvergenceError where more is explained than there is."""
+        if gain >= self.chi2:
+            raise ConvergenceError(_MIXED)
+        return super().scale(gain)
 
     def on_tensor(self, roots: list[FloatArray]) -> FloatArray:
         """ln|K| and Q on the tensor of two √a, (2, …)."""
@@ -174,7 +184,7 @@ class Parities(Likelihood):
         """What the rest of ln|K| and of Q changes by with each ratio, (2, 2): it is smooth, and differences will do."""
         assert self._rest is not None
         out = np.zeros((2, 2))
-        for i, step in enumerate(1e-3 * self.unit):
+        for i, step in enumerate(np.maximum(1e-3 * self.unit, 1e-6 * ratios)):
             low, high = np.array(ratios), np.array(ratios)
             low[i], high[i] = max(ratios[i] - step, 0.0), ratios[i] + step
             change = self._rest.at(self._places(high)) - self._rest.at(self._places(low))
@@ -251,11 +261,3 @@ def _less_square(syrk, s):
     left = syrk(-1.0, s.T, trans=1, lower=1)
     left.ravel("K")[:: len(s) + 1] += 1
     return left
-
-
-def _solved(posv, matrix, side):
-    """The triangle of a positive matrix, and the solution for a side."""
-    factor, solution, failed = posv(matrix, side, lower=1, overwrite_a=1)
-    if failed:  # cannot be: a sum over sources is positive
-        raise DegeneracyError("the normal matrix is not positive: it is no sum over sources")
-    return factor, solution

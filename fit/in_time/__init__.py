@@ -25,4 +25,4 @@ __all__ = [
 ]
 
 # matplotlib is imported when a figure is first asked for.
-__getattr__, __dir__ = lazily(__name__, __all__, {"_plot": ["plot_in_time", "write_movie"]})
+__getattr__, __dir__ = lazily(__name__, __all__, {"_plot": ["plot_in_time"]})

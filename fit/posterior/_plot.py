@@ -108,7 +108,7 @@ def _reach(values, true):
     if true is not None:
         low, high = min(low, true), max(high, true)
     margin = 0.05 * (high - low) or 1.0
-    return low - margin if low < 0 else max(low - margin, 0.0), high + margin
+    return low - margin if min(low, values.min()) < 0 else max(low - margin, 0.0), high + margin
 
 
 def _draw_prior(drawn, posterior, names):

@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -290,7 +291,8 @@ def test_what_sources_share_is_beside_a_comparison_or_in_it(tmp_path, capsys, mo
     assert compare_catalogues(a, b, 2)[0].shared == asked.shared
     assert compare_catalogues(a, b, 2, floor=False)[0].shared is None
     monkeypatch.undo()
-    for name, field in (("a", a), ("b", b), ("c", next(sharing(2)))):
+    c = replace(next(sharing(2)), lon=a.lon, lat=a.lat)
+    for name, field in (("a", a), ("b", b), ("c", c)):
         field.write(tmp_path / f"{name}.fits")
     paths = [str(tmp_path / f"{name}.fits") for name in "abc"]
     assert main([*paths, "--floor", "--output", str(tmp_path / "out"), "--dpi", "30"]) == 0
@@ -338,8 +340,7 @@ def test_rotation_or_glide_alone():
 
 
 def test_commands_of_these(tmp_path, capsys):
-    a, b = (next(sharing(seed)) for seed in (1, 2))
-    for name, field in (("a", a), ("b", b)):
+    for name, field in zip("ab", sharing(1), strict=True):
         field.write(tmp_path / f"{name}.fits")
     paths = [str(tmp_path / f"{name}.fits") for name in "ab"]
     assert main([*paths, "--parameters", "spin", "--bootstrap", "50"]) == 0

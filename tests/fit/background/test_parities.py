@@ -54,6 +54,17 @@ def test_slopes_are_those_of_the_parts():
         np.testing.assert_allclose((by_logdet[i], by_gain[i]), change, rtol=1e-3)
 
 
+@pytest.mark.parametrize(("lmax", "south"), [(13, 0.0), (16, -0.5)])
+def test_a_strong_field_on_a_part_of_the_sky_has_its_floor(lmax, south):
+    """Where I − S Sᵀ is singular to rounding the expansion gives way to the plain likelihood."""
+    normal = equations(lmax, 2000.0, 2000.0, south=south)
+    with pytest.raises(ConvergenceError, match="mixes the parities"):
+        Parities(normal, range(2, lmax + 1), (1,))
+    whole = floor(normal, shapes="flat")
+    assert 0.7 * 2000 < whole.odd < 1.4 * 2000
+    assert 0.7 * 2000 < whole.even < 1.4 * 2000
+
+
 def test_a_sky_that_mixes_the_parities_is_taken_as_it_is(monkeypatch):
     """Three tenths of the sky: the expansion says so, and the floor is that of the plain likelihood."""
     normal = equations(13, 1000.0, 1.0, south=0.4)

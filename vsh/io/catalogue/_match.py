@@ -100,10 +100,11 @@ def match(
     sigma = np.sqrt(covariance[:2])
     left = f"{len(a) - len(i)} of {len(a)} and {len(b) - len(j)} of {len(b)}"
     notes = [f"matched {len(i)} sources by {by}; left over {left}, {ambiguous} of them with several counterparts"]
-    if positions and by == "name":
-        far = int((np.hypot(*difference) > 1e6).sum())
+    if by == "name":
+        away = np.hypot(*difference) if positions else _apart(a, b, i, j)
+        far = int((away > 1e6).sum())
         if far > max(_FAR_APART * len(i), 3):
-            k = int(np.argmax(np.hypot(*difference) > 1e6))
+            k = int(np.argmax(away > 1e6))
             raise FieldError(
                 f"{far} of {len(i)} pairs of one name are more than 1 arcsec apart ({a.name[i[k]]} for one): other "
                 "sources, or columns and units that were misread; by position (--by position) names do not count"
@@ -165,6 +166,12 @@ def _offsets(a, b, i, j):
     # Differences of unit vectors lose nothing that matters: 1e-16 rad is 2e-5 µas.
     away = r - triad(b.lon[j], b.lat[j])[2]
     return np.stack([np.sum(away * p, 0), np.sum(away * q, 0)]) / UAS
+
+
+def _apart(a, b, i, j):
+    """How far apart two fields have their sources, less what these move in a century: (k,). [µas]"""
+    away = triad(a.lon[i], a.lat[i])[2] - triad(b.lon[j], b.lat[j])[2]
+    return np.linalg.norm(away, axis=0) / UAS - 100 * np.hypot(*a.motion[:, i])
 
 
 def _covariance(catalogue, index):

@@ -228,7 +228,7 @@ class Spectrum(InNotebook):
         Parameters
         ----------
         function : function of θ [rad]
-            V = ½ ξ+. [(µas/yr)²]
+            V = ½ ξ+, asked once for each number of degrees. [(µas/yr)²]
         name : str, optional
             For reports.
 

@@ -177,3 +177,16 @@ def test_icrf3_against_icrf2():
     assert -110 < found["D3"] < -80
     assert 35 < found["E20"] < 65
     assert len(match(a, b, by="position")) == 3408
+
+
+def test_motions_of_one_name_in_two_places_are_no_pair():
+    """Running numbers of two lists are equal, and their sources are not; a century of motion is allowed for."""
+    one, other = (replace(random_field(400, seed), name=np.arange(400)) for seed in (1, 2))
+    with pytest.raises(FieldError, match="400 of 400 pairs of one name are more than 1 arcsec apart"):
+        match(one, other)
+    lat = np.array(one.lat)
+    lat[7] += 5e6 * UAS
+    assert "1 of the pairs are more than 1 arcsec apart" in match(one, replace(one, lat=lat)).notes[-1]
+    motion = np.array(one.motion)
+    motion[1, 7] = 2e5  # 20 arcsec in a century
+    assert "apart" not in match(replace(one, motion=motion), replace(one, lat=lat, motion=motion)).notes[-1]
