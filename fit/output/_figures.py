@@ -208,7 +208,7 @@ def plot_residuals(
     seen = deviate[np.isfinite(deviate)]
     reach = float(np.clip(np.percentile(np.abs(seen), 98), 3, None)) if seen.size else 3.0
     whose = "" if solution.errors_from == "the catalogue" else " by the catalogue's errors"
-    label = f"χ² of residuals{whose}: too large or too small, in σ; χ²/n = {chi2.sum() / max(1, dof.sum()):.2f}"
+    label = f"χ² of residuals{whose}:\ntoo large or too small, in σ; χ²/n = {chi2.sum() / max(1, dof.sum()):.2f}"
     title = f"residuals of {int(sources.sum())} sources, pixels of {58.6 / nside:.1f}°"
     return plot_map(
         deviate, label, frame=solution.frame, cmap=DIVERGING, title=title, ax=ax, vmin=-reach, vmax=reach, extend="both"

@@ -68,10 +68,12 @@ def _facts(solution):
         f"axes, χ²/dof = {solution.reduced_chi2:.3f}, errors from {solution.errors_from}"
     ]
     for name, vector in vectors_of(solution).items():
+        whole = vector
         if name in ("spin", "acceleration") and np.isfinite(solution.covariance).all():
-            vector, _, _ = with_all_errors(solution, name, shared=holds_floor(solution))
-        if vector.amplitude > 0 and vector.p_value < SEEN:
-            facts.append(f"{name} {direction(vector)}")
+            whole, _, _ = with_all_errors(solution, name, shared=holds_floor(solution))
+        if whole.amplitude > 0 and whole.p_value < SEEN:
+            other = "" if np.array_equal(whole.covariance, vector.covariance) else ", by the errors of the verdict"
+            facts.append(f"{name} {direction(whole)}{other}")
     said = solution.verdict
     return [_words(each) for each in (*facts, *([said] if said else []))]
 

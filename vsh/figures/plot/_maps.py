@@ -70,7 +70,8 @@ def plot_map(
     **style
         Style of the image: `vmin`, `vmax`.
     """
-    axes = sky_axes(frame, ax, below=0.45 + 0.14 * (title or "").count("\n"))
+    lines = (title or "").count("\n") + label.count("\n")
+    axes = sky_axes(frame, ax, below=0.45 + 0.14 * lines)
     if np.isnan(np.asarray(values, float)).any():
         axes.set_facecolor("0.87")
     image = draw_map(axes, values, cmap, **style)
