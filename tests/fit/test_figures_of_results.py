@@ -4,9 +4,12 @@ import warnings
 
 import matplotlib.pyplot as plt
 import pytest
+from conftest import random_field
 from matplotlib.text import Text
 from test_storage import results
 
+import fit
+from fit.resample import bootstrap
 from vsh.figures.plot import SkyAxes, figure_of
 
 #: Columns of MNRAS and A&A, and A&A's whole page. [mm]
@@ -58,6 +61,20 @@ def test_no_two_texts_lie_on_each_other(every, width):
             bad |= {name: found} if (found := list(collisions(figure))) else {}
         plt.close(figure)
     assert not bad
+
+
+def test_no_text_of_a_fit_is_cut():
+    field = random_field(600, 1)
+    solution = bootstrap(field, 3, 40, 1, progress=False).resampled_solution
+    for name, drawn in fit.output.draw_figures(solution, field).items():
+        figure = figure_of(drawn() if callable(drawn) else drawn)
+        wide, high = figure.bbox.width, figure.bbox.height
+        figure.canvas.draw()
+        for text in [each for axes in figure.axes for each in (axes.title, axes.xaxis.label, axes.yaxis.label)]:
+            box = text.get_window_extent()
+            assert not text.get_text() or min(box.x0, box.y0) > -1.5, (name, text)
+            assert not text.get_text() or max(box.x1 - wide, box.y1 - high) < 1.5, (name, text)
+        plt.close(figure)
 
 
 def test_a_collision_is_seen():
