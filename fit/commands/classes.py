@@ -17,8 +17,10 @@ from vsh.tools.errors import NothingLeftError, NothingSelectedError, ParameterEr
 _HALVES = ("icrs", "galactic", "ecliptic")
 
 
-def shared_by(source: Any, path: str, options: argparse.Namespace, templates: Sequence[Any] = ()) -> Any:
-    """Normal equations of each class, and what they share."""
+def shared_by(
+    source: Any, path: str, options: argparse.Namespace, templates: Sequence[Any] = (), n_sources: int = 0
+) -> Any:
+    """Normal equations of each class, and what they share; those of `n_sources` that are in none are counted."""
     name, _, rest = options.classes.partition(":")
     if name == "halves":
         if rest not in _HALVES:
@@ -31,17 +33,21 @@ def shared_by(source: Any, path: str, options: argparse.Namespace, templates: Se
         parts = [_class(source, path, options, label, condition) for label, condition in zip(labels, conditions)]
         if ";" in options.classes:
             _check_apart(source, path, options, labels, conditions, parts)
+    inside = 0
     if options.clip:
+        inside = sum(part.sum(len) if hasattr(part, "sum") else len(part) for part in parts)
         parts = [fit.robust.clip(part, options.lmax, options.clip).sources(part) for part in parts]
     parts = [part.to_frame(options.frame) for part in parts]
     make = partial(fit.normal_equations, templates=templates)
     normals = [make(part, options.lmax) for part in parts]
     normals = fit.background.widened(normals, make, parts)
     classes = fit.background.shared(normals, range(2, options.lmax + 1), labels=labels, rng=options.seed)
+    inside, notes = inside or sum(each.n_sources for each in normals), []
+    if n_sources > inside:
+        notes.append(f"{n_sources - inside} of {n_sources} sources are in no class: no value, or between conditions")
     if options.robust or options.excess_noise or options.bootstrap or options.jackknife is not None:
-        note = "classes are fitted by plain least squares, errors scaled by the χ²/dof of each"
-        classes = replace(classes, notes=(*classes.notes, note))
-    return classes
+        notes.append("classes are fitted by plain least squares, errors scaled by the χ²/dof of each")
+    return replace(classes, notes=(*classes.notes, *notes))
 
 
 def _conditions(text: str) -> tuple[list[str], list[str]]:

@@ -48,7 +48,8 @@ def _run(options):
     if options.classes:
         from fit.commands import classes
 
-        results["shared"] = classes.shared_by(source, str(path), options, maps)
+        n_sources = solution.n_sources + (clipped or 0)
+        results["shared"] = classes.shared_by(source, str(path), options, maps, n_sources)
         texts.append(results["shared"].report(what="class"))
     elif maps:
         normal = fit.normal_equations(kept, options.lmax, templates=maps)

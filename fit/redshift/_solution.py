@@ -53,7 +53,7 @@ def text_of(binned: Any, velocity: Vector | None, p_values: Mapping[str, float] 
     tests = {"T": ("spin alike in all bins", binned.equality("T", 1))}
     tests["S"] = ("acceleration alike in all bins", binned.equality("S", 1))
     if len(binned) > 1:
-        tests["trend"] = ("no slope of either with redshift", binned.trend().test)
+        tests["trend"] = ("no slope of either with redshift", binned.trend(first=True).test)
     if velocity is not None and np.isfinite(binned.mean_inverse_distance).all():
         tests["secular_parallax"] = (
             f"constant ã − v/d, |v| = {velocity.amplitude:.0f} km/s",
@@ -84,6 +84,8 @@ def text_of(binned: Any, velocity: Vector | None, p_values: Mapping[str, float] 
         lines.append(
             "permuted: not computed here (fit.redshift.permutation_test does; vsh-redshift up to 20000 sources)"
         )
+    elif p_values is None and len(binned) > 1:
+        lines.append("permuted: computed with --lmax 1 alone")
     return "\n".join([*lines, *note_lines(binned.notes)]) + "\n"
 
 
@@ -204,13 +206,15 @@ class BinnedSolution(Result):
         """
         return self._compared(kind, l, np.ones((len(self), 1)))[0]
 
-    def trend(self, x: ArrayLike | None = None) -> Trend:
+    def trend(self, x: ArrayLike | None = None, *, first: bool = False) -> Trend:
         """Do they change with x? A straight line through the bins.
 
         Parameters
         ----------
         x : (B,) array, optional
             The bins' redshifts unless given; `mean_inverse_distance` makes it a secular parallax.
+        first : bool
+            Of degree 1 alone; of all coefficients that are free in every bin otherwise.
 
         Raises
         ------
@@ -222,13 +226,14 @@ class BinnedSolution(Result):
             raise ParameterError(f"a trend needs a finite x for each of the {len(self)} bins")
         if len(self) < 2 or np.ptp(x) == 0:
             raise ParameterError("a trend needs at least two bins")
-        values, covariance, free, _ = self._chosen(None, None)
+        l = 1 if first else None
+        values, covariance, free, _ = self._chosen(None, l)
         q = values.shape[1]
         line = np.stack([np.ones(len(self)), x - x.mean()], 1)
         theta, _, spread = gls(values, covariance, line)
         slopes, error = theta[q:], spread[q:, q:]
         vectors = [_vector(self.modes, kind, slopes, error, free, self.frame) for kind in KINDS]
-        misfit, scaled, quoted = self._compared(None, None, line)
+        misfit, scaled, quoted = self._compared(None, l, line)
         explained = slope_of(scaled, q), slope_of(quoted, q)
         # Satterthwaite's (1946) degrees of freedom of a slope's scale, from each bin's share in its variance.
         weight, dof = information(self)

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from astropy.table import Table
 
 import sim
 import vsh
@@ -44,6 +45,18 @@ def test_every_way_to_say_classes(classes, labels, path, tmp_path, capsys):
         assert main([*words, "--workers", "1", "--overwrite"]) == 0
         np.testing.assert_allclose(vsh.read(out / "shared.ecsv").values, shared.values, rtol=1e-6, atol=1e-6)
     capsys.readouterr()
+
+
+def test_sources_in_no_class_are_counted(path, tmp_path, capsys):
+    table = Table.read(path)
+    table["phot_g_mean_mag"][:100] = np.nan
+    table.write(tmp_path / "some.fits")
+    words = [str(tmp_path / "some.fits"), "--lmax", "3", "--classes", "phot_g_mean_mag:19"]
+    for more in ([], ["--clip", "1.0"], ["--workers", "1"]):
+        assert main([*words, *more]) == 0
+        assert "100 of 12000 sources are in no class" in capsys.readouterr().out
+    assert main([str(path), "--lmax", "3", "--classes", "magnitude:19"]) == 0
+    assert "in no class" not in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

@@ -219,6 +219,16 @@ def test_shuffling_begins_with_the_same_chi2():
     assert slope_chi2(values, scaled, found.redshift) == pytest.approx(found.trend().test.chi2)
 
 
+def test_the_slope_that_is_printed_is_of_degree_one():
+    """Whatever else is fitted: its row stands below those of spin and acceleration."""
+    found = binned(quasars(3000, 4), 3, 3, flows=None)
+    assert (found.trend().test.dof, found.trend(first=True).test.dof) == (30, 6)
+    row = next(line for line in found.report().splitlines() if line.startswith("no slope of either"))
+    assert "(  6)" in row
+    np.testing.assert_allclose(found.trend(first=True).acceleration.value, found.trend().acceleration.value, rtol=0.3)
+    assert "permuted: computed with --lmax 1 alone" in found.report()
+
+
 def test_a_real_catalogue_claims_nothing():
     field = catalogue.read_field(real_catalogue("td2017_vlba_proper_motions.ecsv"), {"redshift": "z"})
     found = binned(field, 1, [0.01, 0.5, 1, 1.5, 7])
