@@ -26,6 +26,12 @@ def test_demo_finds_its_truth(tmp_path, capsys):
     assert len(away) == 6
     assert max(map(abs, away)) < 3
     assert "agree to" in text
+    # The first page of the documentation explains these lines.
+    explained = (ROOT / "docs" / "first_fit.md").read_text(encoding="utf-8")
+    quoted = explained.partition("## What the report says")[2].partition("\n## ")[0]
+    lines = [" ".join(line.split()) for line in quoted.splitlines() if line.startswith("    ")]
+    assert len(lines) > 6
+    assert not set(lines) - {" ".join(line.split()) for line in text.splitlines()}
     written = {path.name for path in tmp_path.iterdir()}
     figures = {"sky.png", "spectrum.png", "correlation.png", "residuals.png"}
     tables = {"solution.ecsv", "correlation.ecsv"}
