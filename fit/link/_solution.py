@@ -274,7 +274,10 @@ class LinkSolution(NamedSolution):
         ]
         for step in steps:
             p = self.jump_p_value(step)
-            clauses.append(f"{'a' if p < SEEN else 'no'} jump at {step:.4g} mag is seen (p = {printed_p_value(p)})")
+            vectors = " and ".join(each for each in self.unknowns.vectors if each != "acceleration")
+            hint = f"; a hint: seen is below {SEEN}" if SEEN <= p < 0.05 else ""
+            seen = f"{'a' if p < SEEN else 'no'} jump at {step:.4g} mag is seen"
+            clauses.append(f"{seen} (p = {printed_p_value(p)} of {vectors} together{hint})")
         return "; ".join(clauses)
 
     def _in_words(self, name, catalogue):

@@ -22,7 +22,11 @@ def make_parser() -> argparse.ArgumentParser:
     parser.add_argument("catalogue", help=f"ICRF2 or ICRF3 as the IERS distributes them, or {values.A_TABLE}")
     parser.add_argument("catalogue2", help="the one that is subtracted")
     parser.add_argument(
-        "others", nargs="*", metavar="catalogue3", help="more that are subtracted from the first, each by itself"
+        "others",
+        nargs="*",
+        default=[],
+        metavar="catalogue3",
+        help="more that are subtracted from the first, each by itself",
     )
     parser.add_argument("--lmax", type=values.count(1), default=2, help="highest degree of the fit (default: 2)")
     parser.add_argument(

@@ -62,6 +62,10 @@ def _like_a_row(line):
 
 def _table(label, rows, parsed, mas):
     names, positions, rests = zip(*parsed, strict=True)
+    if len(rests) > 2 and len(rests[-1]) < min(map(len, rests[:-1])):
+        number, line = rows[-1]
+        shown = printable(line.strip()[:80])
+        raise TableError(f"{label}, line {number} is damaged: the list ends within it: {shown!r}")
     lon, lat = np.array(positions).T
     columns = {
         "icrf": np.array([icrf for icrf, _, _ in names]),
