@@ -109,7 +109,8 @@ def _blame(correlation, field, label, pair, options):
     at = int(np.argmin(left))
     return (
         f"{label}: {what}\n"
-        f"  depends most on the sky around {lon[k]:.0f}°, {lat[k]:+.0f}°: {coarse[k]:+.4f} if its weight were doubled\n"
+        f"  depends most on the sky around {lon[k]:.0f}°, {lat[k]:+.0f}°: {coarse[k]:+.4f} if the weight of 29° there "
+        "were doubled\n"
         f"  {options.add_sources} more sources of median error would help most around "
         f"{lon[at]:.0f}°, {lat[at]:+.0f}°: {added[at]:+.4f}\n"
     )
