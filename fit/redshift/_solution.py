@@ -214,7 +214,7 @@ class BinnedSolution(Result):
         x : (B,) array, optional
             The bins' redshifts unless given; `mean_inverse_distance` makes it a secular parallax.
         first : bool
-            Of degree 1 alone; of all coefficients that are free in every bin otherwise.
+            Degree 1 alone, in place of all coefficients that are free in every bin.
 
         Raises
         ------
