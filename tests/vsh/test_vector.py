@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from conftest import few_or_many
+from scipy.special import fdtr, ncfdtr
 from scipy.stats import kstest
 
 from vsh import Vector
@@ -97,6 +98,9 @@ def test_few_replicates_make_hotelling_of_chi2(dof):
     assert np.mean([np.prod(np.subtract(each.amplitude_interval(), 1.5)) < 0 for each in some]) > 0.68 - 2 * 0.023
     assert np.mean([replace(each, dof=np.inf).p_value < 0.05 for each in null]) > 0.06
     assert np.isnan(Vector([1, 0, 0], np.eye(3), dof=2).p_value)
+    # By its definition: found as short or shorter a twentieth as often as noise alone.
+    limit = Vector([2, 0, 0], np.eye(3), dof=dof).amplitude_limit()
+    assert ncfdtr(3, dof, limit**2, 4 / 3) == pytest.approx(0.05 * fdtr(3, dof, 4 / 3), rel=1e-6)
     # Of many it is χ² again.
     many, plain = Vector([2, 1, 0], np.eye(3), dof=1e6), Vector([2, 1, 0], np.eye(3))
     assert many.p_value == pytest.approx(plain.p_value, rel=1e-4)
