@@ -281,14 +281,21 @@ class Chain(Result):
         return tables.table_of(columns, {"reference": self.labels[0], "frame": self.frame}, units)
 
     def plot(self, *, ax: Axes | None = None) -> Axes:
-        """The terms of each catalogue against the reference with their errors, on matplotlib axes."""
+        """The terms of each catalogue against the reference with their errors, on matplotlib axes.
+
+        Rotation and glide have what sources share over the sky in theirs, where that was sought.
+        """
         from fit.output import plot_terms
 
         terms = {}
         for name in self.labels[1:]:
-            solution = self.difference(name)
-            terms[f"{name} − {self.labels[0]}"] = icrf3_terms(solution.coefficients, solution.sigma)
-        return plot_terms(terms, self.unit, ax=ax)
+            solutions = [self.difference(name), *([] if self.shared is None else [self.frames(name)])]
+            own = [icrf3_terms(each.coefficients, each.sigma) for each in solutions]
+            terms[f"{name} − {self.labels[0]}"] = own[0] | own[-1]
+        axes = plot_terms(terms, self.unit, ax=ax)
+        if self.shared is not None:
+            axes.set_xlabel("R and D with what sources share over the sky")
+        return axes
 
     def _row(self, catalogue, other):
         """1 for a catalogue and −1 for the other, (K,)."""

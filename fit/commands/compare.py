@@ -66,11 +66,14 @@ def _run(options):
             ),
         ),
         provenance=lambda: running.provenance(paths, options, **_counts(list(compared.values()))),
-        draw=lambda: {
-            f"{name}{_of(label, compared)}": axes
-            for label, (comparison, kept) in compared.items()
-            for name, axes in _draw(comparison, kept).items()
-        },
+        draw=lambda: (
+            {
+                f"{name}{_of(label, compared)}": axes
+                for label, (comparison, kept) in compared.items()
+                for name, axes in _draw(comparison, kept).items()
+            }
+            | ({} if together is None else {"chain": together.plot()})
+        ),
         write=lambda folder, meta: _write(folder, compared, together, meta),
         page=(lambda drawn, meta: _page(*compared[labels[1]], options, meta, drawn)) if len(compared) == 1 else None,
         title=f"{labels[0]} beside {', '.join(labels[1:])}",

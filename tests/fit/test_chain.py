@@ -14,6 +14,7 @@ from fit.compare import compare_catalogues
 from fit.normal import normal_equations
 from fit.storage import read
 from vsh import DegeneracyError, Field, FieldError, FrameError, Modes, ParameterError
+from vsh.conventions import icrf3_terms
 from vsh.io.catalogue import read_icrf
 from vsh.models.covariance import Spectrum
 
@@ -155,6 +156,10 @@ def test_frames_close_with_what_sources_share():
     np.testing.assert_array_equal(last["sigma_floor"][of_frame], two.sigma)
     assert np.isnan(last["sigma_floor"][~of_frame]).all()
     np.testing.assert_allclose(one.values + two.values, both.values, atol=1e-10)
+    bars = chain.plot().containers[0].lines[2][0].get_segments()
+    half = [np.ptp(bar[:, 1]) / 2 for bar in bars]
+    names = list(icrf3_terms(one.coefficients, one.sigma))
+    np.testing.assert_allclose(half[: len(names)], [icrf3_terms(one.coefficients, one.sigma)[k][1] for k in names])
     np.testing.assert_allclose(chain.frames("a", "b").values, -one.values, atol=1e-12)
     assert chain.frame_p_value("T", "b", "a") == pytest.approx(chain.frame_p_value("T", "a", "b"), rel=1e-9)
     # Errors are larger than those without, and the report says both.
