@@ -143,10 +143,10 @@ def _run(options):
 def _verdict(results):
     """What it comes to: whether dipoles change, whether our motion is seen, what H0 is or can be."""
     said = []
-    if "shared" in results:
+    if "shared" in results and len(results["shared"]) > 1:
         p = results["shared"].verdict().p_value
         said.append(f"{'a' if p < SEEN else 'no'} change of the dipole with redshift is seen ({_p(p)})")
-    elif "bins" in results:
+    elif "bins" in results and len(results["bins"]) > 1:
         said.append("whether the dipole changes with redshift is not told without what sources share: --floor tells it")
     if "velocity" in results:
         v = results["velocity"].velocity

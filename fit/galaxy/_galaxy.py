@@ -1,11 +1,10 @@
 """An acceleration in the axes of the Galaxy, and what it is compared with."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy.special import chdtrc
 
 from fit.galaxy._relations import R0, circular_speed, distance_of_centre, expected_acceleration
 from fit.quality import printed_p_value
@@ -15,7 +14,7 @@ from vsh.tools.arguments import number, positive
 from vsh.tools.errors import ParameterError
 from vsh.tools.types import Axes, FloatArray, Table
 from vsh.tools.units import KM_S_MYR
-from vsh.vector import Vector
+from vsh.vector import Vector, probability_of
 
 _NAMES = ("towards the centre", "along rotation", "towards the north pole")
 
@@ -78,7 +77,7 @@ class GalacticOrbit(Result):
     def across_p_value(self) -> float:
         """Probability of as much along rotation and north from noise alone, with the component inward as it is."""
         values, covariance = self.acceleration.value[1:], self.acceleration.covariance[1:, 1:]
-        return float(chdtrc(2, values @ np.linalg.solve(covariance, values)))
+        return probability_of(float(values @ np.linalg.solve(covariance, values)), 2, self.acceleration.dof)
 
     def compared(self, potential: Callable[[FloatArray], Any], *, height: float = 0.021) -> tuple[Vector, float]:
         """An acceleration from a model of the Galaxy, and how probable ours is in its light.
@@ -117,9 +116,8 @@ class GalacticOrbit(Result):
         if force.shape != (3,) or not np.isfinite(force).all():
             raise ParameterError(f"the potential must give three finite components of an acceleration, not {force}")
         expected = force * KM_S_MYR
-        away = self.acceleration.value - expected
-        p_value = float(chdtrc(3, away @ np.linalg.solve(self.acceleration.covariance, away)))
-        return Vector(expected, np.zeros((3, 3)), "galactic"), p_value
+        away = replace(self.acceleration, value=self.acceleration.value - expected)
+        return Vector(expected, np.zeros((3, 3)), "galactic"), away.p_value
 
     def report(self) -> str:
         """The orbit as text."""

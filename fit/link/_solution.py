@@ -137,10 +137,23 @@ class LinkSolution(NamedSolution):
         step : float
             One of the steps that were sought.
         """
+        return self._tested(self._jumps(step))[2]
+
+    def jump_covariance(self, step: float) -> FloatArray:
+        """Covariance of the jumps of all vectors and catalogues at a step, (k, k).
+
+        Parameters
+        ----------
+        step : float
+            One of the steps that were sought.
+        """
+        return self._tested(self._jumps(step))[1]
+
+    def _jumps(self, step):
+        """Rows from the parameters to the jumps of all vectors and catalogues."""
         unknowns = self.unknowns
         vectors = [each for each in unknowns.vectors if each != "acceleration"]
-        rows = [unknowns.jump(vector, catalogue, step) for catalogue in unknowns.turned for vector in vectors]
-        return self._tested(np.concatenate(rows))[2]
+        return np.concatenate([unknowns.jump(each, where, step) for where in unknowns.turned for each in vectors])
 
     def _tested(self, a):
         """A combination of the parameters, its covariance, and the probability of as much by chance."""

@@ -118,8 +118,10 @@ def find_step(astrometry: AstrometryRows, places: Sequence[float] | None = None,
 
     Notes
     -----
-    Places are weighed by the evidence of the link with a step there, all jumps alike beforehand. The p-value is the
-    smallest times the number of places (Šidák): too large where neighbouring ones hold nearly the same sources.
+    Places are weighed by the evidence of the link with a step there, the jump beforehand as wide as its errors times
+    one factor for all places (Zellner's g): flat in the jump, the few sources beyond a place near the ends would win
+    by what they do not know. The p-value is the smallest times the number of places (Šidák): too large where
+    neighbouring ones hold nearly the same sources.
     """
     if "steps" in options:
         raise ParameterError("steps are what is sought: say at which magnitudes with places")
@@ -127,7 +129,8 @@ def find_step(astrometry: AstrometryRows, places: Sequence[float] | None = None,
     if tried.ndim != 1 or len(tried) < 2 or not np.isfinite(tried).all():
         raise ParameterError(f"two magnitudes at least are wanted as places of a jump, not {places!r}")
     solutions = [link(astrometry, steps=[float(place)], **options) for place in tried]
-    evidence = np.array([each.log_evidence for each in solutions])
+    unknown = [np.linalg.slogdet(each.jump_covariance(x))[1] for each, x in zip(solutions, tried.tolist(), strict=True)]
+    evidence = np.array([each.log_evidence for each in solutions]) - np.array(unknown) / 2
     p_values = np.array([each.jump_p_value(place) for each, place in zip(solutions, tried.tolist(), strict=True)])
     best = solutions[int(evidence.argmax())]
     together = -np.expm1(len(tried) * np.log1p(-min(p_values.min(), 1 - 1e-16)))

@@ -10,7 +10,7 @@ from vsh.tools.types import FloatArray
 from vsh.vector import GAIA_EDR3, Vector
 
 
-def verdict(solution: Any, *, shared: bool = False, p_value: float | None = None) -> str:
+def verdict(solution: Any, *, shared: bool = False, p_value: float | None = None, p_spin: float | None = None) -> str:
     """Whether acceleration and spin are seen, and how large they are or can be; empty for what has no motions.
 
     Parameters
@@ -19,8 +19,8 @@ def verdict(solution: Any, *, shared: bool = False, p_value: float | None = None
         Its errors are multiplied by √(χ²/dof) where χ² contradicts those of the catalogue.
     shared : bool
         Whether what sources share is in its errors already; otherwise its `floor` is added, where it has one.
-    p_value : float, optional
-        Probability of as large an acceleration by chance, where it is known better than by its errors alone.
+    p_value, p_spin : float, optional
+        Probability of as large an acceleration, or spin, by chance, where it is known better than by its errors alone.
 
     Returns
     -------
@@ -38,7 +38,7 @@ def verdict(solution: Any, *, shared: bool = False, p_value: float | None = None
     p = whole.p_value if p_value is None else p_value
     near = f" (a hint: seen is below {SEEN})" if SEEN <= p < 0.05 else ""
     half = solution.modes.lmax > 1 and any(str(note).startswith(ONE_SIDE) for note in solution.notes)
-    spin = _spin(with_all_errors(solution, "spin", shared=shared)[0])
+    spin = _spin(with_all_errors(solution, "spin", shared=shared)[0], p_spin)
     rest = f"p = {printed_p_value(p)}{near}; {spin}; errors {', '.join(errors)}{_beside_gaia(whole)}"
     if half:
         rest += "; one side of the sky tells degree 1 badly from higher ones: --lmax 1, or --recommended"
@@ -60,10 +60,11 @@ def _factor(solution):
     return max(solution.quality.factor, 1.0) if solution.errors_from == "the catalogue" else 1.0
 
 
-def _spin(spin):
-    if spin.p_value < SEEN:
-        return f"a spin of {spin.amplitude:.3g} ± {spin.amplitude_error:.2g}, p = {printed_p_value(spin.p_value)}"
-    return f"no spin, below {spin.amplitude_limit():.3g} (p = {printed_p_value(spin.p_value)})"
+def _spin(spin, p_spin):
+    p = spin.p_value if p_spin is None else p_spin
+    if p < SEEN:
+        return f"a spin of {spin.amplitude:.3g} ± {spin.amplitude_error:.2g}, p = {printed_p_value(p)}"
+    return f"no spin, below {spin.amplitude_limit():.3g} (p = {printed_p_value(p)})"
 
 
 def with_all_errors(

@@ -7,7 +7,7 @@ their distances and errors and not by their motions.
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -40,17 +40,32 @@ class Preferred:
 
 
 def preferred_dispersion(
-    rows: ParallaxEquations, taken: float, excess_noise: float, acceleration: Vector | None, ratio: float
+    rows: ParallaxEquations,
+    taken: float,
+    excess_noise: float,
+    acceleration: Vector | None,
+    ratio: float,
+    spin: Literal["free"] | Vector | None = None,
 ) -> Preferred:
-    """The likelihood of the dispersion beside the flow; `taken` is the one that the estimate uses. [km/s]"""
+    """The likelihood of the dispersion beside the flow and the spin; `taken` is that of the estimate. [km/s]"""
     few = rows.most_sensitive(_SOURCES)
     sums = with_acceleration(few.sums(GRID * ratio, excess_noise, ratio=ratio), acceleration, rows.frame)
     if rows.modes is not None:
         sums, _ = without_flow(with_flow(sums, few.design.shape[1], np.full(len(GRID), ratio)), few.design.shape[1])
-    keep = slice(0, OMEGA.start)
-    n, b = sums.matrix[:, keep, keep], sums.rhs[:, keep]
+    matrix, rhs, null = np.array(sums.matrix), sums.rhs, sums.chi2_null
+    keep = slice(0, OMEGA.start if spin is None else OMEGA.stop)
+    if isinstance(spin, Vector):  # what is known is taken away, and its error is a prior on what is left
+        known = spin.to_frame(rows.frame)
+        across = matrix[:, :, OMEGA] @ known.value
+        null = null - 2 * rhs[:, OMEGA] @ known.value + across[:, OMEGA] @ known.value
+        rhs = rhs - across
+        if np.linalg.det(known.covariance) > 0:
+            matrix[:, OMEGA, OMEGA] += np.linalg.inv(known.covariance)
+        else:
+            keep = slice(0, OMEGA.start)
+    n, b = matrix[:, keep, keep], rhs[:, keep]
     n = n + 1e-12 * np.trace(n, axis1=1, axis2=2)[:, None, None] * np.eye(n.shape[1])
-    chi2 = sums.chi2_null - np.einsum("gi,gi->g", b, np.linalg.solve(n, b[..., None])[..., 0])
+    chi2 = null - np.einsum("gi,gi->g", b, np.linalg.solve(n, b[..., None])[..., 0])
     log = -(chi2 + sums.logdet + np.linalg.slogdet(n)[1]) / 2
     return _summary(log, taken)
 
@@ -67,14 +82,14 @@ def _summary(log: FloatArray, taken: float) -> Preferred:
     return Preferred(float(fine[best]), float(low), float(high), float(max(gain, 0.0)))
 
 
-def freed(estimate: Callable[..., Any], field: Any, word: str) -> Any:
-    """An estimate with the dispersion that its residuals prefer, whose uncertainty adds to the errors."""
+def freed(estimate: Callable[..., Any], field: Any, word: str, most: float = float("inf")) -> Any:
+    """An estimate with the dispersion that its residuals prefer, `most` at most; its uncertainty adds to the errors."""
     if word != "free":
         raise ParameterError(f"a dispersion is a number [km/s], or 'free', not {word!r}")
     if not isinstance(field, Field):
         raise ParameterError("a dispersion that is free needs the sources in memory: give a Field, not parts")
     solution = estimate()
-    first, most = solution.peculiar_dispersion, 400.0 if solution.flow is not None else GRID[-1]
+    first, most = solution.peculiar_dispersion, min(most, GRID[-1])
     for _ in range(6):
         preferred = solution.preferred
         if not preferred.constrained:
@@ -85,6 +100,12 @@ def freed(estimate: Callable[..., Any], field: Any, word: str) -> Any:
             break
         solution = estimate(peculiar_dispersion=best)
     ends = [estimate(peculiar_dispersion=min(x, most)) for x in (preferred.low, preferred.high)]
+    if preferred.best > most:
+        more = (
+            f"warning: the residuals prefer {preferred.best:.0f} km/s beside the flows, more than these leave: "
+            f"{most:.0f} are taken; without flows (flows=None, --no-flows) it is what they prefer"
+        )
+        solution = replace(solution, notes=(*solution.notes, more))
     shift = (ends[1].values - ends[0].values) / 2
     note = (
         f"the dispersion of peculiar velocities is what the residuals prefer, {preferred.low:.0f} to "

@@ -13,7 +13,14 @@ import numpy as np
 from fit.distances import has_distances
 from fit.secular_parallax._dispersion import freed, preferred_dispersion
 from fit.secular_parallax._equations import OMEGA, A, ParallaxEquations, ParallaxParts, U
-from fit.secular_parallax._setup import DistanceOptions, dispersion_of, noted, parallax_equations
+from fit.secular_parallax._setup import (
+    DistanceOptions,
+    dispersion_of,
+    flow_theory,
+    most_beside,
+    noted,
+    parallax_equations,
+)
 from fit.secular_parallax._solution import HubbleSolution, VelocitySolution
 from fit.secular_parallax._solve import LocalGroup, solve_for
 from fit.stars import Kinematics, kinematics
@@ -111,7 +118,7 @@ def observer_velocity(
     }
     estimate = partial(observer_velocity, field, hubble, **known, **distances)
     if isinstance(peculiar_dispersion, str):
-        return freed(estimate, field, peculiar_dispersion)
+        return freed(estimate, field, peculiar_dispersion, most_beside(flow_theory(distances)))
     dispersion = dispersion_of(peculiar_dispersion, distances)
     given: dict[str, Any] = {"cosmology": cosmology, "peculiar_dispersion": dispersion} | distances
 
@@ -141,7 +148,7 @@ def velocity_from(
     names = ("v_x", "v_y", "v_z", "a_x", "a_y", "a_z")
     group = local_group_of(local_group, rows)
     left_out = _left_out(rows, dispersion, excess_noise, ratio)
-    best = _preferred(rows, dispersion, excess_noise, acceleration, ratio) if preferred else None
+    best = _preferred(rows, dispersion, excess_noise, acceleration, ratio, spin) if preferred else None
     solved = solve_for(sums, to_u[:, : OMEGA.start], names, spin, rows, acceleration, ratio, group, left_out=left_out)
     return VelocitySolution(**solved, preferred=best, peculiar_dispersion=dispersion, assumed_hubble=hubble)
 
@@ -152,11 +159,11 @@ def _left_out(rows, dispersion, excess_noise, ratio):
     return None if rest is None else rest.sums(dispersion * ratio, excess_noise, rows.n_data // 2)
 
 
-def _preferred(rows, dispersion, excess_noise, acceleration, ratio):
+def _preferred(rows, dispersion, excess_noise, acceleration, ratio, spin):
     """What the residuals say of the dispersion; of parts they are not at hand."""
     if not isinstance(rows, ParallaxEquations):
         return None
-    return preferred_dispersion(rows, dispersion, excess_noise, acceleration, ratio)
+    return preferred_dispersion(rows, dispersion, excess_noise, acceleration, ratio, spin)
 
 
 @arguments.accepts(field=arguments.a(Field, Parts), hubble=arguments.positive, excess_noise=arguments.not_negative)
@@ -207,7 +214,7 @@ def hubble_constant(
     known |= {"hubble": hubble, "local_group": local_group}
     estimate = partial(hubble_constant, field, velocity, **known, **distances)
     if isinstance(peculiar_dispersion, str):
-        return freed(estimate, field, peculiar_dispersion)
+        return freed(estimate, field, peculiar_dispersion, most_beside(flow_theory(distances)))
     dispersion = dispersion_of(peculiar_dispersion, distances)
     given: dict[str, Any] = {"cosmology": cosmology, "peculiar_dispersion": dispersion} | distances
 
@@ -237,7 +244,7 @@ def hubble_from(
     sums = rows.sums(dispersion * ratio, excess_noise, ratio=ratio)
     names = ("H0", "a_x", "a_y", "a_z")
     left_out = _left_out(rows, dispersion, excess_noise, ratio)
-    best = _preferred(rows, dispersion, excess_noise, acceleration, ratio) if preferred else None
+    best = _preferred(rows, dispersion, excess_noise, acceleration, ratio, spin) if preferred else None
 
     def at(v):
         to_u = np.zeros((12, 4))

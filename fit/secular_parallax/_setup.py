@@ -47,13 +47,18 @@ def dispersion_of(peculiar_dispersion: float | None, options: DistanceOptions) -
         return WHOLE_DISPERSION if peculiar_dispersion is None else peculiar_dispersion
     if peculiar_dispersion is None:
         return LEFT_DISPERSION
-    if peculiar_dispersion > 1.3 * flows.sigma:
+    if peculiar_dispersion > most_beside(flows):
         raise ParameterError(
             f"with flows a dispersion of {peculiar_dispersion:g} km/s counts them twice: they are {flows.sigma:.0f} "
             "km/s in each component by themselves, and peculiar_dispersion= is what galaxies have beside them (150 to "
             "300; 150 unless given). Without flows: flows=None, --no-flows"
         )
     return peculiar_dispersion
+
+
+def most_beside(flows: LinearTheory | None) -> float:
+    """The largest dispersion beside flows, which otherwise are counted twice; none without flows. [km/s]"""
+    return float("inf") if flows is None else 1.3 * flows.sigma
 
 
 def flow_theory(options: DistanceOptions) -> LinearTheory | None:

@@ -156,9 +156,9 @@ def expansion(solution: HarmonicSolution, *, hubble: float = 70.0) -> Shear:
     Parameters
     ----------
     solution : Solution
-        To degree 2 at least. Its errors are taken as they are: of a robust fit where some are wrong, of a fit with a
-        floor (`fit.background.floor`) where sources share some. The toroidal part of degree 2 is no expansion, and as
-        large only if neither is one.
+        To degree 2 at least. Its errors are taken as they are, of a robust fit where some are wrong; of a fit with a
+        floor or another prior it is the fit without, for a prior would shrink what is sought. What sources share is
+        not in these errors: the toroidal part of degree 2 is no expansion, and as large only if neither is one.
     hubble : float
         To which rates are compared. [km/s/Mpc]
 
@@ -172,12 +172,11 @@ def expansion(solution: HarmonicSolution, *, hubble: float = 70.0) -> Shear:
     Quercellini et al. (2009, PRL 102, 151302), Fontanini et al. (2009); Darling (2014, MNRAS 442, L66) found less than
     7 % of H0.
     """
-    part = degree_two(solution.modes)
-    six = TO_TENSOR @ solution.values[part]
-    spread = TO_TENSOR @ solution.covariance[part, part] @ TO_TENSOR.T
+    degree_two(solution.modes)
+    values, matrix = solution.of_degree("S", 2)
+    six, spread = TO_TENSOR @ values, TO_TENSOR @ matrix @ TO_TENSOR.T
     p_value = solution.p_value("S", 2)
     if np.isnan(p_value):
-        values, matrix = solution.values[part], solution.covariance[part, part]
         p_value = float(chdtrc(5, values @ np.linalg.pinv(matrix) @ values))
     return Shear(
         matrix_of(six),

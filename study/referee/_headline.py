@@ -59,7 +59,7 @@ def headline(quasars: Quasars) -> Headline:
     p_acceleration, p_spin = (beside.p_value(kind) for kind in ("S", "T"))
     dof = solution.covariance_dof
     solution = replace(solve(equations_of(solution), floor=common), covariance_dof=dof)
-    said = verdict(solution, shared=True, p_value=p_acceleration).removeprefix("verdict: ")
+    said = verdict(solution, shared=True, p_value=p_acceleration, p_spin=p_spin).removeprefix("verdict: ")
     return Headline(solution, common, said, p_acceleration, p_spin)
 
 

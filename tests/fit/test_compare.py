@@ -351,6 +351,7 @@ def test_commands_of_these(tmp_path, capsys):
 
 @pytest.mark.parametrize("n_skies", [10, pytest.param(200, marks=pytest.mark.slow)])
 def test_rotation_and_glide_with_what_sources_share_hold(n_skies):
+    """Of a flat field errors are 1.28 times too large: Gaia's spectrum, with odds of three to one, rises to degree 1."""
     pulls, plain = [], []
     for seed in range(n_skies):
         comparison, _ = compare_catalogues(*sharing(seed), 2, floor=True)
@@ -359,7 +360,7 @@ def test_rotation_and_glide_with_what_sources_share_hold(n_skies):
         first = comparison.solution.modes.degrees == 1
         plain.append(comparison.solution.values[first] / comparison.solution.sigma[first])
     few = 3 / np.sqrt(2 * 6 * n_skies)
-    assert 0.85 - few < np.sqrt(np.mean(np.square(pulls))) < 1.1 + few
+    assert 0.78 - few < np.sqrt(np.mean(np.square(pulls))) < 1.1 + few
     assert np.sqrt(np.mean(np.square(plain))) > 2
 
 

@@ -21,6 +21,13 @@ def path(tmp_path_factory):
     return path
 
 
+def test_one_bin_is_compared_with_nothing(path, tmp_path, capsys):
+    words = [str(path), "--bins", "1", "--floor", "--no-flows", "--no-figures", "--output", str(tmp_path / "one")]
+    assert main(words) == 0
+    assert "change of the dipole" not in capsys.readouterr().out
+    assert (tmp_path / "one" / "shared.ecsv").exists()
+
+
 def test_everything_at_once(path, tmp_path, capsys):
     out = tmp_path / "out"
     arguments = [

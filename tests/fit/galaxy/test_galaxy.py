@@ -37,6 +37,16 @@ def test_components_of_an_orbit():
     assert "towards the centre" in found.report()
 
 
+def test_errors_from_few_replicates_are_no_evidence():
+    orbit = galaxy.orbit(Vector([5.0, 1.0, 0.5], 0.1 * np.eye(3), "galactic", dof=11))
+    sure = galaxy.orbit(Vector([5.0, 1.0, 0.5], 0.1 * np.eye(3), "galactic"))
+    assert orbit.across_p_value > 3 * sure.across_p_value
+    fit_to = (lambda x: np.array([5.0, 0, 0]) / galaxy.KM_S_MYR) if hasattr(galaxy, "KM_S_MYR") else None
+    potential = fit_to or (lambda x: np.array([5.0, 0, 0]))
+    expected, p = orbit.compared(potential)
+    assert p == Vector(orbit.acceleration.value - expected.value, 0.1 * np.eye(3), "galactic", dof=11).p_value
+
+
 def test_the_bias_of_the_amplitude():
     rng = np.random.default_rng(1)
     true = np.array([2.0, 0.0, 0.0])

@@ -386,6 +386,21 @@ def test_the_place_of_a_jump_is_found():
     np.testing.assert_allclose(search.solution.values, link(stars, steps=[12.9], excess=False).values)
 
 
+@few_or_many(10, 60, "skies")
+def test_the_place_is_not_where_least_is_known(skies):
+    """The few beyond the ends know least, and do not win by it; intervals hold the place of jumps of two errors."""
+    options = {"excess": False, "robust": False, "scale": 1.0}
+    held, ends = [], []
+    for seed in range(skies):
+        search = find_step(sim.link(1000 + seed, 60, jump=(25.0, 0, 0), step=10.5, binaries=0.0), **options)
+        low, high = search.interval
+        held.append(low <= 10.5 <= high)
+        ends.append(search.probability[[0, -1]].sum())
+    few = np.sqrt(0.68 * 0.32 / skies)
+    assert np.mean(held) > 0.68 - 2 * few
+    assert np.mean(ends) < 0.2
+
+
 @few_or_many(12, 100, "skies")
 def test_no_jump_is_found_where_there_is_none(skies):
     p = [find_step(sim.link(seed, 50, binaries=0.0), excess=False, robust=False).p_value for seed in range(skies)]

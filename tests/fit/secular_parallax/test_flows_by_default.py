@@ -10,6 +10,7 @@ import fit
 import sim
 from fit.redshift import binned, permutation_test
 from fit.secular_parallax import hubble_constant, observer_velocity, parallax_equations
+from vsh import Vector
 from vsh.io.parts import as_parts
 from vsh.models.cosmology import CMB_VELOCITY_PLANCK18
 from vsh.tools.errors import ParameterError
@@ -219,3 +220,30 @@ def test_what_is_left_out_does_not_depend_on_how_a_catalogue_is_divided(monkeypa
     ]
     whole, divided = (np.diag(each.sums(300.0, 0.0, 2000).matrix)[:6] for each in left_out)
     np.testing.assert_allclose(divided, whole, rtol=0.5)
+
+
+def test_the_spin_is_no_dispersion():
+    """Motions of a turning frame are none of galaxies: free, or known with and without errors, it is allowed for."""
+    rng = np.random.default_rng(8)
+    turning = np.array([2.0, -1.0, 3.0])
+    signal = sim.secular_parallax(OURS) + sim.peculiar(200.0, rng) + sim.spin(turning)
+    field = sim.observe(sim.galaxies(3000, rng), signal, rng, sigma=6.0)
+    known = {"redshift_frame": "true", "flows": None}
+    for spin in ("free", Vector(turning, np.zeros((3, 3))), Vector(turning, 0.1 * np.eye(3))):
+        preferred = observer_velocity(field, 67.3, spin=spin, **known).preferred
+        assert preferred.best < 300
+        assert preferred.low < 220 < preferred.high + 60
+    assert observer_velocity(field, 67.3, **known).preferred.best > 400
+    loose = observer_velocity(field, 67.3, spin=Vector([50.0, 0, 0], 1e6 * np.eye(3)), **known).preferred
+    free = observer_velocity(field, 67.3, spin="free", **known).preferred
+    assert loose.best == pytest.approx(free.best, abs=3)
+
+
+def test_a_dispersion_beyond_the_flows_is_taken_at_its_largest():
+    field = galaxies(5, n=2000, flow=None, dispersion=600.0)
+    solution = observer_velocity(field, 67.3, peculiar_dispersion="free")
+    assert solution.peculiar_dispersion < 450
+    assert any("more than these leave" in note for note in solution.notes)
+    assert not any(
+        "more than these" in note for note in observer_velocity(galaxies(5), 67.3, peculiar_dispersion="free").notes
+    )

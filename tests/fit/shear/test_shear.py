@@ -77,6 +77,17 @@ def test_p_values_of_noise():
     assert np.mean(np.array(p) < 0.2) == pytest.approx(0.2, abs=0.09)
 
 
+def test_a_prior_does_not_shrink_what_is_sought():
+    """Of a fit with a floor the tensor is that without, as its p-value is."""
+    equations = fit.normal_equations(sky(2000, sigma=60.0, shear=4 * SHEAR), 5)
+    plain, shrunk = fit.solve(equations), fit.solve(equations, floor=fit.background.floor(equations))
+    one, two = expansion(plain), expansion(shrunk)
+    assert_allclose(two.tensor, one.tensor, rtol=1e-9)
+    assert_allclose(two.covariance, one.covariance, rtol=0.05)  # by the scale of the errors, which a floor finds
+    assert np.log(two.p_value) == pytest.approx(np.log(one.p_value), rel=0.05)
+    assert two.limit() > np.linalg.norm(4 * SHEAR) * 0.7
+
+
 def test_frames_and_report():
     solution = fit.fit_field(sky(), 3)
     found, turned = expansion(solution), expansion(fit.fit_field(sky().to_frame("galactic"), 3))

@@ -8,6 +8,7 @@ from astropy.table import Table
 from conftest import real_catalogue
 
 import sim
+from fit.quality import printed_p_value
 from study.papers import papers
 from study.referee import Quasars, Referee, read_quasars, referee
 from study.referee._checks import _answered, _earlier, checks
@@ -38,6 +39,11 @@ def test_the_first_line_is_the_acceleration_with_what_sources_share(answer):
     assert "with what sources share" in answer.report().splitlines()[0]
     assert answer.report().splitlines()[0] == f"verdict: {answer.first_line}"
     assert answer.headline.floor is not None
+
+
+def test_the_spin_has_one_p_value(answer):
+    """That of its draws, in the first line as in the section on the frame."""
+    assert f"p = {printed_p_value(answer.headline.p_spin)}" in answer.report().splitlines()[0]
 
 
 def test_every_paper_has_a_section(answer):
