@@ -268,15 +268,10 @@ class Chain(Result):
             "sigma": np.concatenate([each.sigma for each in solutions]),
         }
         if self.shared is not None:
-            columns |= {
-                "value_floor": np.full((len(pairs), p), np.nan),
-                "sigma_floor": np.full((len(pairs), p), np.nan),
-            }
-            first = self.modes.degrees == 1
-            for row, pair in enumerate(pairs):
-                frames = self.frames(*pair)
-                columns["value_floor"][row, first], columns["sigma_floor"][row, first] = frames.values, frames.sigma
-            columns |= {name: columns[name].ravel() for name in ("value_floor", "sigma_floor")}
+            first, frames = np.tile(self.modes.degrees == 1, len(pairs)), [self.frames(*pair) for pair in pairs]
+            for name, numbers in (("value", [each.values for each in frames]), ("sigma", [x.sigma for x in frames])):
+                columns[f"{name}_floor"] = np.full(first.size, np.nan)
+                columns[f"{name}_floor"][first] = np.concatenate(numbers)
         units = {name: unit for name in columns if name.startswith(("value", "sigma"))}
         return tables.table_of(columns, {"reference": self.labels[0], "frame": self.frame}, units)
 
