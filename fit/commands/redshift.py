@@ -83,8 +83,9 @@ def _run(options):
         results["bins"] = _binned(whole, options, options.lmax)
         asked = options.floor or (results["bins"].counts.sum() >= MANY and not options.no_floor)
         # Permutations know nothing of what sources share: they have no word where that is asked for.
-        p_values = None if asked else _p_values(whole, results["bins"], options)
-        texts.append(results["bins"].report(p_values=p_values))
+        known = velocity or CMB_VELOCITY_PLANCK18
+        p_values = None if asked else _p_values(whole, results["bins"], options, known)
+        texts.append(results["bins"].report(known, p_values))
         texts[-1] += _add_shared(results, whole, options) if asked else _left_out(whole, results["bins"])
     common = {
         "cosmology": cosmology,
@@ -130,7 +131,7 @@ def _run(options):
         ),
         printed=not (options.json or options.latex),
         provenance=lambda: running.provenance(options.catalogue, options, **counts),
-        draw=lambda: _draw(results, truth),
+        draw=lambda: _draw(results, truth, velocity),
         write=lambda folder, meta: _write(results, folder, meta),
         title=f"Motions against redshift: {source.label}",
         captions=_CAPTIONS,
@@ -316,13 +317,13 @@ def _clipped(field, kappa):
     return clip(field, vsh.Modes(1), kappa).sources(field)
 
 
-def _p_values(field, bins, options):
+def _p_values(field, bins, options, velocity):
     """By permuting redshifts, for up to so many sources."""
     from fit.redshift import FLOW_MATTERS, permutation_test
 
     few = isinstance(field, vsh.Field) and len(field) <= 20_000
     wanted = bins.modes.lmax == 1 and len(bins) > 1 and few and bins.flow_share <= FLOW_MATTERS
-    known = CMB_VELOCITY_PLANCK18 if np.isfinite(bins.mean_inverse_distance).all() else None
+    known = velocity if np.isfinite(bins.mean_inverse_distance).all() else None
     return permutation_test(field, bins, velocity=known, **_frame(options)) if wanted else None
 
 
@@ -464,8 +465,8 @@ def _truths(truth, result):
     return {name: value for name, value in named.items() if name in names}
 
 
-def _draw(results, truth):
-    drawn = {"bins": results["bins"].plot()} if "bins" in results else {}
+def _draw(results, truth, velocity):
+    drawn = {"bins": results["bins"].plot(velocity or CMB_VELOCITY_PLANCK18)} if "bins" in results else {}
     drawn |= {"shared": results["shared"].plot()} if "shared" in results else {}
     flow = _flow_of(results)
     drawn |= {} if flow is None else {"flow": flow.plot()}

@@ -21,6 +21,13 @@ def path(tmp_path_factory):
     return path
 
 
+def test_bins_are_compared_with_the_velocity_that_is_given(path, capsys):
+    words = [str(path), "--bins", "2", "--no-floor", "--no-flows", "--no-figures"]
+    for more, size in (([], 370), (["--velocity=500,264,48"], 500)):
+        assert main([*words, *more]) == 0
+        assert f"|v| = {size} km/s" in capsys.readouterr().out
+
+
 def test_one_bin_is_compared_with_nothing(path, tmp_path, capsys):
     words = [str(path), "--bins", "1", "--floor", "--no-flows", "--no-figures", "--output", str(tmp_path / "one")]
     assert main(words) == 0
