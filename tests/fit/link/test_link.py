@@ -386,7 +386,7 @@ def test_the_place_of_a_jump_is_found():
     np.testing.assert_allclose(search.solution.values, link(stars, steps=[12.9], excess=False).values)
 
 
-@few_or_many(10, 60, "skies")
+@few_or_many(6, 60, "skies")
 def test_the_place_is_not_where_least_is_known(skies):
     """The few beyond the ends know least, and do not win by it; intervals hold the place of jumps of two errors."""
     options = {"excess": False, "robust": False, "scale": 1.0}
