@@ -1,6 +1,7 @@
 """What the tests share: random fields, and real catalogues where they are at hand."""
 
 import functools
+import gc
 import json
 import os
 import sys
@@ -21,6 +22,12 @@ from vsh import Field
 settings.register_profile("project", deadline=None, derandomize=True, print_blob=True)
 settings.load_profile("project")
 threadpool_limits(1, "blas")
+
+
+def pytest_collection_finish(session):
+    """What is loaded by now stays: a search for garbage in it, again and again, takes a part of every test."""
+    gc.freeze()
+    gc.set_threshold(20_000, 20, 50)
 
 
 def pytest_addoption(parser):
