@@ -139,6 +139,11 @@ def vector_limit(values: FloatArray, covariance: FloatArray, rank: int, probabil
     return limit
 
 
+def hint_of(p: float) -> str:
+    """What is said of a probability that is small, and not small enough; empty of any other."""
+    return f"a hint: seen is below {SEEN}" if SEEN <= p < 0.05 else ""
+
+
 def printed_p_value(p: float) -> str:
     """A probability as it is printed."""
     return f"{p:.4f}" if p > 1e-3 else f"{p:.1e}" if p > 0 else "<1e-300" if p == 0 else "nan"

@@ -12,6 +12,7 @@ import numpy as np
 import fit
 from vsh.commands import reading
 from vsh.field import Field
+from vsh.io.parts import as_parts
 from vsh.tools.errors import NothingLeftError, NothingSelectedError, ParameterError
 
 _HALVES = ("icrs", "galactic", "ecliptic")
@@ -35,7 +36,7 @@ def shared_by(
             _check_apart(source, path, options, labels, conditions, parts)
     inside = 0
     if options.clip:
-        inside = sum(part.sum(len) if hasattr(part, "sum") else len(part) for part in parts)
+        inside = sum(as_parts(part).sum(len) for part in parts)
         parts = [fit.robust.clip(part, options.lmax, options.clip).sources(part) for part in parts]
     parts = [part.to_frame(options.frame) for part in parts]
     make = partial(fit.normal_equations, templates=templates)
@@ -90,8 +91,8 @@ def _class(source, path, options, label, condition):
 def _check_apart(source, path, options, labels, conditions, parts):
     """Raise ParameterError where a source is in two classes."""
     whole = _class(source, path, options, "all", " or ".join(f"({condition})" for condition in conditions))
-    counts = [part.sum(len) if hasattr(part, "sum") else len(part) for part in parts]
-    total = whole.sum(len) if hasattr(whole, "sum") else len(whole)
+    counts = [as_parts(part).sum(len) for part in parts]
+    total = as_parts(whole).sum(len)
     if sum(counts) > total:
         raise ParameterError(
             f"{sum(counts) - total} sources are in more than one of the classes {'; '.join(labels)}: make them exclude "

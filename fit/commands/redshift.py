@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 import vsh
-from fit.quality import FEW, MANY, SEEN, printed_p_value
+from fit.quality import FEW, MANY, SEEN, hint_of, printed_p_value
 from vsh.commands import finishing, outputs, reading, running
 from vsh.commands.options import redshift as options_module
 from vsh.io.parts import Parts
@@ -78,14 +78,14 @@ def _run(options):
     if options.clip:
         whole = _clipped(whole, options.clip)
     velocity, cosmology = reading.velocity_of(options.velocity), _cosmology(options)
+    ours = velocity or CMB_VELOCITY_PLANCK18
     results, texts, truth = {}, ["\n".join(lines) + "\n"], catalogue.truth_of(source)
     if options.bins:
         results["bins"] = _binned(whole, options, options.lmax)
         asked = options.floor or (results["bins"].counts.sum() >= MANY and not options.no_floor)
         # Permutations know nothing of what sources share: they have no word where that is asked for.
-        known = velocity or CMB_VELOCITY_PLANCK18
-        p_values = None if asked else _p_values(whole, results["bins"], options, known)
-        texts.append(results["bins"].report(known, p_values))
+        p_values = None if asked else _p_values(whole, results["bins"], options, ours)
+        texts.append(results["bins"].report(ours, p_values))
         texts[-1] += _add_shared(results, whole, options) if asked else _left_out(whole, results["bins"])
     common = {
         "cosmology": cosmology,
@@ -131,7 +131,7 @@ def _run(options):
         ),
         printed=not (options.json or options.latex),
         provenance=lambda: running.provenance(options.catalogue, options, **counts),
-        draw=lambda: _draw(results, truth, velocity),
+        draw=lambda: _draw(results, truth, ours),
         write=lambda folder, meta: _write(results, folder, meta),
         title=f"Motions against redshift: {source.label}",
         captions=_CAPTIONS,
@@ -170,7 +170,8 @@ def _verdict(results):
 
 
 def _p(p):
-    return f"p = {printed_p_value(p)}" + (f", a hint: seen is below {SEEN}" if SEEN <= p < 0.05 else "")
+    hint = hint_of(p)
+    return f"p = {printed_p_value(p)}{hint and f', {hint}'}"
 
 
 def _by_distances(source, options):
@@ -466,7 +467,7 @@ def _truths(truth, result):
 
 
 def _draw(results, truth, velocity):
-    drawn = {"bins": results["bins"].plot(velocity or CMB_VELOCITY_PLANCK18)} if "bins" in results else {}
+    drawn = {"bins": results["bins"].plot(velocity)} if "bins" in results else {}
     drawn |= {"shared": results["shared"].plot()} if "shared" in results else {}
     flow = _flow_of(results)
     drawn |= {} if flow is None else {"flow": flow.plot()}

@@ -11,7 +11,7 @@ from fit.link._likelihood import NORMAL, Node, Tails, mixed
 from fit.link._rows import Rows
 from fit.link._unknowns import VECTORS, Unknowns
 from fit.named import NamedSolution
-from fit.quality import SEEN, f_p_value, printed_p_value
+from fit.quality import SEEN, f_p_value, hint_of, printed_p_value
 from vsh.field import Field
 from vsh.io import tables
 from vsh.tools.errors import FieldError, ParameterError
@@ -151,9 +151,13 @@ class LinkSolution(NamedSolution):
 
     def _jumps(self, step):
         """Rows from the parameters to the jumps of all vectors and catalogues."""
-        unknowns = self.unknowns
-        vectors = [each for each in unknowns.vectors if each != "acceleration"]
+        unknowns, vectors = self.unknowns, self._jumping
         return np.concatenate([unknowns.jump(each, where, step) for where in unknowns.turned for each in vectors])
+
+    @property
+    def _jumping(self):
+        """The vectors that jump at a step."""
+        return [each for each in self.unknowns.vectors if each != "acceleration"]
 
     def _tested(self, a):
         """A combination of the parameters, its covariance, and the probability of as much by chance."""
@@ -287,10 +291,11 @@ class LinkSolution(NamedSolution):
         ]
         for step in steps:
             p = self.jump_p_value(step)
-            vectors = " and ".join(each for each in self.unknowns.vectors if each != "acceleration")
-            hint = f"; a hint: seen is below {SEEN}" if SEEN <= p < 0.05 else ""
+            hint = hint_of(p)
             seen = f"{'a' if p < SEEN else 'no'} jump at {step:.4g} mag is seen"
-            clauses.append(f"{seen} (p = {printed_p_value(p)} of {vectors} together{hint})")
+            clauses.append(
+                f"{seen} (p = {printed_p_value(p)} of {' and '.join(self._jumping)} together{hint and f'; {hint}'})"
+            )
         return "; ".join(clauses)
 
     def _in_words(self, name, catalogue):

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from fit.quality import ONE_SIDE, SEEN, printed_p_value
+from fit.quality import ONE_SIDE, SEEN, hint_of, printed_p_value
 from vsh.tools.types import FloatArray
 from vsh.vector import GAIA_EDR3, Vector
 
@@ -36,10 +36,10 @@ def verdict(solution: Any, *, shared: bool = False, p_value: float | None = None
         return f"verdict: none; {solution.covariance_dof + 1:.0f} replicates are too few for the errors of a vector"
     whole, errors, known = with_all_errors(solution, shared=shared)
     p = whole.p_value if p_value is None else p_value
-    near = f" (a hint: seen is below {SEEN})" if SEEN <= p < 0.05 else ""
+    hint = hint_of(p)
     half = solution.modes.lmax > 1 and any(str(note).startswith(ONE_SIDE) for note in solution.notes)
     spin = _spin(with_all_errors(solution, "spin", shared=shared)[0], p_spin)
-    rest = f"p = {printed_p_value(p)}{near}; {spin}; errors {', '.join(errors)}{_beside_gaia(whole)}"
+    rest = f"p = {printed_p_value(p)}{hint and f' ({hint})'}; {spin}; errors {', '.join(errors)}{_beside_gaia(whole)}"
     if half:
         rest += "; one side of the sky tells degree 1 badly from higher ones: --lmax 1, or --recommended"
     if not p < SEEN:

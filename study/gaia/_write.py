@@ -1,6 +1,7 @@
 """The study as a folder: report, tables, figures, one page."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -329,7 +330,7 @@ def _with_floor(degrees, g):
         shared = floor(solution)
     except VshError:
         return "**Errors that sources share are in no number here: there are too few sources to estimate them.**"
-    whole = Vector(g.value, g.covariance + shared.acceleration_error**2 * np.eye(3), g.frame, g.unit, g.dof)
+    whole = replace(g, covariance=g.covariance + shared.acceleration_error**2 * np.eye(3))
     low, high = shared.acceleration_interval
     return (
         f"**g = ({', '.join(f'{v:+.2f} ± {s:.2f}' for v, s in zip(whole.value, whole.sigma, strict=True))}) µas/yr** "
