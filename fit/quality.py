@@ -120,25 +120,6 @@ def norm_limit(norms: FloatArray, sigma: FloatArray, size: int, probability: flo
     return sigma * np.interp(significance, np.sqrt(x), high)
 
 
-def vector_limit(values: FloatArray, covariance: FloatArray, rank: int, probability: float = 0.95) -> FloatArray:
-    """Upper limits of the norms of vectors whose components have errors of their own, (n,).
-
-    For a vector much longer than its errors the one along it counts, for a short one their mean: σ² = (k σ̄² σ̄² + L² û C
-    û)/(k σ̄² + L²) with L the limit itself. 95 % limits held 94 to 100 % of vectors of none to twenty errors in two and
-    four dimensions, with variances up to 100 : 1 (one mean error for all: 78 to 100 %).
-
-    values : (n, k) array;  covariance : (n, k, k) array, of `rank` dimensions.
-    """
-    norm, total = np.linalg.norm(values, axis=1), np.einsum("nii->n", covariance)
-    direction = values / np.maximum(norm, 1e-300)[:, None]
-    along = np.einsum("ni,nij,nj->n", direction, covariance, direction)
-    limit = norm_limit(norm, np.sqrt(total / rank), rank, probability)
-    for _ in range(6):
-        variance = (total * total / rank + along * limit**2) / (total + limit**2)
-        limit = norm_limit(norm, np.sqrt(variance), rank, probability)
-    return limit
-
-
 def hint_of(p: float) -> str:
     """What is said of a probability that is small, and not small enough; empty of any other."""
     return f"a hint: seen is below {SEEN}" if SEEN <= p < 0.05 else ""

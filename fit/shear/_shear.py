@@ -5,11 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import chdtrc
 
-from fit.quality import printed_p_value, vector_limit
+from fit.quality import printed_p_value
 from fit.shear._tensor import PLACES, TO_TENSOR, degree_two, matrix_of
 from fit.solution import HarmonicSolution
 from fit.storage import Result
 from vsh.io import tables
+from vsh.length import length_limits
 from vsh.sky.frames import check_frame, rotation_matrix
 from vsh.sky.sphere import angles
 from vsh.tools import arguments
@@ -97,12 +98,12 @@ class Shear(Result):
     def limit(self, probability: float = 0.95) -> float:
         """Upper limit of |Σ|: a larger one would have been found larger with `probability`. [µas/yr]
 
-        Holds with about this probability or more at any signal to noise (`fit.quality.vector_limit`).
+        Its coverage is at least this probability at any signal to noise (`vsh.length.length_limits`).
         """
         between("probability", probability, 0, 1)
         root = np.sqrt([1, 1, 1, 2, 2, 2])
         covariance = np.outer(root, root) * self.covariance
-        return float(vector_limit((root * self.values)[None], covariance[None], 5, probability)[0])
+        return float(length_limits((root * self.values)[None], covariance[None], probability)[0])
 
     def percent(self, rate: ArrayLike) -> FloatArray:
         """A `rate` [µas/yr] in per cent of H0."""

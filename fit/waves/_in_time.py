@@ -7,11 +7,12 @@ from typing import Any
 import numpy as np
 
 from fit.in_time import TimeEquations, normal_equations, waves
-from fit.quality import printed_p_value, vector_limit
+from fit.quality import printed_p_value
 from fit.storage import Result
 from fit.waves._map import Whitened, chances, map_of, share_beyond
 from fit.waves._search import WaveSearch
 from vsh.io import tables
+from vsh.length import length_limits
 from vsh.modes import as_modes
 from vsh.sky.pixels import centres
 from vsh.tools import arguments
@@ -242,7 +243,7 @@ def _search(equations: TimeEquations, frequency, nside, n_skies, rng):
     search = WaveSearch(
         statistic,
         amplitudes,
-        vector_limit(amplitudes.T, covariance, 4),
+        length_limits(amplitudes.T, covariance),
         share_beyond(maxima, statistic.max()),
         n_skies,
         tuple(range(2, modes.lmax + 1)),

@@ -7,11 +7,12 @@ import numpy as np
 
 from fit.background import equations_of
 from fit.normal import NormalEquations
-from fit.quality import printed_p_value, vector_limit
+from fit.quality import printed_p_value
 from fit.solution import HarmonicSolution
 from fit.storage import Result
 from fit.waves._map import Whitened, chance, map_of
 from vsh.io import tables
+from vsh.length import length_limits
 from vsh.models.waves import strain_of
 from vsh.sky.frames import ANGLES, check_frame
 from vsh.sky.pixels import centres
@@ -231,7 +232,7 @@ def search(
     search = WaveSearch(
         statistic,
         amplitudes,
-        vector_limit(amplitudes.T, covariance, 2),
+        length_limits(amplitudes.T, covariance),
         1.0,
         n_skies,
         wanted,
