@@ -92,10 +92,10 @@ def _response(parts, span, options):
     from sim import TabulatedLaw, gaps_of
     from sim.agis import Response
 
-    if any(each.view is None for each in parts):
+    if any(each.view is None for each in parts) and not options.law:
         raise TableError(
-            f"{printable(options.epochs)} does not say in which field of view a source was seen (transit_id does): an "
-            "attitude that was solved needs it; --attitude known does without"
+            f"{printable(options.epochs)} does not say in which field of view a source was seen (transit_id does): "
+            "an attitude that was solved needs it. --law FILE, Gaia's commanded scanning law, tells it from the times"
         )
     if options.law:
         law: Any = _tabulated(options.law, TabulatedLaw)

@@ -86,7 +86,7 @@ def epochs(
     Returns
     -------
     astropy Table
-        source_id (from 1), transit_id (bits 15 and 16 the field of view: 1 preceding, 2 following), obs_time_tcb [ns
+        source_id (from 1), transit_id (bits 15 and 16 the field of view: 0 preceding, 1 following), obs_time_tcb [ns
         since J2010.0 at Gaia], obs_time_bary_corr [ns], centroid_pos_al and its error [mas], scan_pos_angle [deg],
         parallax_factor_al, used_by_agis_al, ra0, dec0, agis_source_excess_noise.
 
@@ -167,8 +167,8 @@ def epochs(
 
 
 def _identifiers(transits, time):
-    """transit_id as DR4 has it: rising with time, the field of view in bits 15 and 16 (GAIA-C3-TN-UB-JP-011, p. 9)."""
-    view = np.where(transits.view > 0, 1, 2).astype(np.int64)
+    """transit_id as ESA's epochs of Gaia BH3 have it: rising with time, the field of view in bits 15 and 16."""
+    view = np.where(transits.view > 0, 0, 1).astype(np.int64)
     tick = (np.asarray(time) / 51_200).astype(np.int64)  # 2¹⁵ × 1.5625 ns
     return (tick >> 2 << 17) | (view << 15) | (np.arange(len(time), dtype=np.int64) % 2**15)
 

@@ -11,7 +11,9 @@ from vsh.field import Field
 from vsh.io import tables
 from vsh.io.archive import DR4
 from vsh.io.catalogue import missing_column, unit_factor
+from vsh.io.epochs._arrays import matrix_of
 from vsh.io.epochs._solve import design_row, solve_epochs
+from vsh.io.epochs._views import views_of
 from vsh.tools.bad_rows import select_usable
 from vsh.tools.errors import NothingLeftError, TableError
 from vsh.tools.notebook import Frozen
@@ -28,12 +30,13 @@ _OPTIONAL = ("obs_time_bary_corr", "used_by_agis_al", "transit_id")
 _PLACES = ("ra0", "dec0")
 #: CCDs of a transit with the sky mapper's, which is the first and never used.
 _SLOTS = 10
-#: Bits 15 and 16 of a transit_id: 1 the preceding field of view, 2 the following one (GAIA-C3-TN-UB-JP-011, p. 9).
-_VIEWS = np.array([0, 1, -1, 0])
 #: What columns without a unit are in, and others are turned to.
 _UNITS = {"obs_time_tcb": "ns", "obs_time_bary_corr": "ns", "centroid_pos_al": "mas", "centroid_pos_error_al": "mas",
           "scan_pos_angle": "deg", "ra0": "deg", "dec0": "deg"}  # fmt: skip
-_YEAR = 365.25 * 86400e9  # [ns]
+_DAY = 86400e9  # [ns]
+_YEAR = 365.25 * _DAY
+#: J2010.0, from which times are counted, as Julian dates and modified ones; and how far from it such dates are known.
+_ORIGINS, _FAR = {"Julian dates": 2455197.5, "modified Julian dates": 55197.0}, 20 * 365.25
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,7 +152,7 @@ def read_observations(
     }
     values = opened.columns(tuple(wanted.values()))
     columns_by_role = {name: values[column] for name, column in wanted.items()}
-    flat, notes = _observations(columns_by_role, factors, opened.label)
+    flat, notes = _observations(columns_by_role, factors, opened)
     if "obs_time_bary_corr" not in wanted:
         notes = (*notes, "no column obs_time_bary_corr: times are taken as the barycentre's")
     identifiers, first, number = np.unique(flat["source_id"], return_index=True, return_inverse=True)
@@ -160,11 +163,9 @@ def read_observations(
         lon, lat = _joined(identifiers, positions)
     view = None
     if "view" in flat:
-        view = flat["view"][order].astype(int)
-        if not view.all():
-            strange = int(np.sum(view == 0))
-            notes = (*notes, f"transit_id of {strange} observations names no field of view: it is not taken from there")
-            view = None
+        view, words = views_of(flat.pop("view"), number, flat["obs_time_tcb"])
+        view = None if view is None else view[order]
+        notes = (*notes, words)
     time = 2010.0 - epoch + (flat["obs_time_tcb"] + flat.get("obs_time_bary_corr", 0.0)) / _YEAR
     design = design_row(flat["scan_pos_angle"] * DEGREE, flat["parallax_factor_al"], time)
     return Observations(
@@ -217,26 +218,26 @@ _MOST = {
 
 
 def _observations(
-    columns: Mapping[str, Any], factors: Mapping[str, float], label: str
+    table: Mapping[str, Any], factors: Mapping[str, float], opened: Any
 ) -> tuple[dict[str, FloatArray], tuple[str, ...]]:
     """Columns with a value for each observation that can be used, and a note that counts the others."""
+    label = opened.label
+    columns, padding = _matrices(table, opened)
     repeated = _repeated(columns)
     shape = max((np.shape(values) for values, _ in columns.values()), key=len)
     flat, bad = {}, np.zeros(shape, bool)
+    times: tuple[str, ...] = ()
     for name, (values, mask) in columns.items():
-        values = np.asarray(values)
-        if values.dtype.kind not in "iufb":
-            raise TableError(
-                f"{label}: column {name!r} holds {values.dtype.name}, not numbers (arrays of a transit's CCDs are read "
-                "from FITS and VOTable; elsewhere a row is one observation)"
-            )
         # What a transit has once, all its CCDs have.
         spread = np.broadcast_to(values.reshape(values.shape + (1,) * (len(shape) - values.ndim)), shape)
         if mask is not None:
             bad |= np.broadcast_to(np.reshape(mask, values.shape + (1,) * (len(shape) - values.ndim)), shape)
         if name == "transit_id":
             if values.dtype.kind in "iu":
-                flat["view"] = _VIEWS[(spread.ravel().astype(np.int64) >> 15) & 3]
+                flat["view"] = spread.ravel().astype(np.int64)
+        elif name == "obs_time_tcb" and (scale := _date(values, mask, opened.units.get(name))):
+            flat[name] = (spread.ravel() - _ORIGINS[scale]) * _DAY
+            times = (f"obs_time_tcb holds {scale}: times are counted from J2010.0",)
         else:
             factor = factors.get(name, 1.0)
             flat[name] = spread.ravel() if factor == 1.0 else spread.ravel() * factor
@@ -245,7 +246,11 @@ def _observations(
     if "used_by_agis_al" not in columns and len(shape) == 2 and shape[1] == _SLOTS:
         used = used & np.tile(np.arange(_SLOTS) > 0, shape[0])
         notes = (f"no column used_by_agis_al: the first of {_SLOTS} CCDs, the sky mapper's, is left out",)
-    bad, unused = bad.ravel(), ~used
+    unused = ~used
+    bad = bad.ravel()
+    if padding is not None:  # where a transit has fewer CCDs than another there is no observation
+        there = ~np.broadcast_to(padding, shape).ravel()
+        flat, bad, unused = {name: values[there] for name, values in flat.items()}, bad[there], unused[there]
     for name, values in flat.items():
         if values.dtype.kind == "f":
             bad |= ~(np.abs(values) <= _MOST.get(name, np.inf)) | ~np.isfinite(values)
@@ -262,7 +267,33 @@ def _observations(
         raise error
     if any(counts.values()):
         notes = (f"observations: {note}".replace(" rows", " observations"), *notes)
-    return {name: values[keep] for name, values in flat.items()}, (*notes, *repeated)
+    return {name: values[keep] for name, values in flat.items()}, (*notes, *times, *repeated)
+
+
+def _matrices(table, opened):
+    """Every column as numbers, a row or a matrix of the CCDs each, and where a transit has fewer CCDs than another."""
+    columns, padding, width, first = {}, None, 0, ""
+    for name, (values, mask) in table.items():
+        values, mask, absent = matrix_of(values, mask, name, opened.label)
+        if values.ndim > 1:
+            if width and values.shape[1] != width:
+                raise TableError(
+                    f"{opened.label}: {name!r} has {values.shape[1]} numbers per transit where {first!r} has {width}: "
+                    "arrays of the CCDs are as long as each other"
+                )
+            width, first = values.shape[1], name
+            padding = absent if padding is None else padding | absent if absent is not None else padding
+        columns[name] = values, mask
+    return columns, padding
+
+
+def _date(values, mask, unit):
+    """The name of the dates that times are, where they are days since JD 0 or since MJD 0; else None."""
+    if unit is not None and str(unit).strip() not in ("d", "day", "days", ""):
+        return None
+    known = values if mask is None else np.asarray(values)[~mask]
+    middle = float(np.nanmedian(known)) if np.size(known) else 0.0
+    return next((name for name, origin in _ORIGINS.items() if abs(middle - origin) < _FAR), None)
 
 
 def _repeated(columns):
@@ -288,9 +319,10 @@ def read_epochs(
     Parameters
     ----------
     source : path or table
-        A row a transit with arrays of its CCDs (FITS), or a row an observation (any format): source_id,
-        obs_time_tcb [ns since J2010.0], centroid_pos_al and its error [mas], scan_pos_angle [deg],
-        parallax_factor_al, ra0 and dec0 [deg]; obs_time_bary_corr [ns] and used_by_agis_al where they are.
+        A row for each transit with arrays of its CCDs, of one length or not, or a row for each observation: a file of
+        any format (VOTable, FITS, Parquet, ECSV, CSV), an astropy Table, pandas, polars or Arrow; with source_id,
+        obs_time_tcb [ns since J2010.0; Julian dates are known], centroid_pos_al and its error [mas], scan_pos_angle
+        [deg], parallax_factor_al, ra0 and dec0 [deg]; obs_time_bary_corr [ns] and used_by_agis_al where they are.
     epoch : float
         Epoch of the positions; motions hardly depend on it. [Julian year, TCB]
     robust : bool

@@ -78,6 +78,8 @@ def _infos(resource):
 def _column(column):
     values, mask = np.ma.getdata(column), np.ma.getmaskarray(column)
     if mask.ndim > 1:
+        if values.dtype.kind == "f":  # a row may lack some of its numbers
+            values = np.where(mask, np.nan, values)
         mask = np.asarray(mask.all(tuple(range(1, mask.ndim))))
     if values.dtype.kind == "f" and values.ndim == 1:
         mask = mask | np.isnan(values)

@@ -61,13 +61,49 @@ def test_errors_are_those_of_the_mission(transits):
     np.testing.assert_allclose(read_epochs(transits, robust=False).sigma[0], np.sqrt(formal[:, 0, 0]), rtol=1e-6)
 
 
-def test_fields_of_view_are_in_bits_15_and_16(transits):
-    """1 the preceding one, 2 the following one (GAIA-C3-TN-UB-JP-011, p. 9)."""
-    for view, bits in ((1, 1), (-1, 2)):
-        one = transits[:10].copy()
-        one["transit_id"] = (np.arange(10, 20) << 17) | (bits << 15) | 5
-        np.testing.assert_array_equal(read_observations(one).view, view)
-    assert set(read_observations(transits).view) == {1, -1}
+@pytest.mark.parametrize(("first", "second"), [(0, 1), (1, 2), (1, 0), (2, 3)])
+def test_field_of_view_is_decided_by_times_between_transits(transits, first, second):
+    """Whatever codes the fields have, the preceding one sees a source 106.5 minutes before the following one."""
+    plain = read_observations(transits)
+    assert set(plain.view) == {1, -1}
+    other = transits.copy()
+    number = np.asarray(other["transit_id"])
+    code = np.where((number >> 15) & 3 == 0, first, second)
+    other["transit_id"] = (number & ~(3 << 15)) | (code << 15)
+    coded = read_observations(other)
+    np.testing.assert_array_equal(coded.view, plain.view)
+    assert any(f"code {first} of transit_id is the preceding one, by " in note for note in coded.notes)
+
+
+@pytest.mark.parametrize(("codes", "view", "words"), [
+    ((0,), 1, "taken for the preceding one"),
+    ((2,), -1, "taken for the following one"),
+    ((1,), None, "the preceding field of view by one numbering and the following one by another"),
+    ((0, 1), (1, -1), "as in the epochs of Gaia BH3"),
+    ((1, 2), (1, -1), "as in the draft of DR4's data model"),
+    ((0, 1, 2), None, "more than there are fields of view"),
+])  # fmt: skip
+def test_field_of_view_without_pairs_of_transits(transits, codes, view, words):
+    one = transits[:12].copy()
+    one["obs_time_tcb"] = one["obs_time_tcb"][:1] + (np.arange(12) * 86400e9 * 17).astype(np.int64)[:, None]
+    code = np.array(codes)[np.arange(12) % len(codes)]
+    one["transit_id"] = (np.arange(10, 22) << 17) | (code << 15) | 5
+    read = read_observations(one)
+    assert any(words in note for note in read.notes)
+    if view is None:
+        assert read.view is None
+    else:
+        expected = np.broadcast_to(view, 1) if np.ndim(view) == 0 else np.array(view)[np.arange(12) % 2]
+        assert set(read.view) == set(np.ravel(expected))
+
+
+def test_field_of_view_that_contradicts_the_times_is_not_taken(transits):
+    other = transits.copy()
+    code = np.random.default_rng(1).integers(0, 2, len(other))
+    other["transit_id"] = (np.asarray(other["transit_id"]) & ~(3 << 15)) | (code << 15)
+    read = read_observations(other)
+    assert read.view is None
+    assert any("contradicts the times between transits" in note for note in read.notes)
 
 
 def test_excess_noise_is_found():
