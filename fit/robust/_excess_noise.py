@@ -1,12 +1,13 @@
 """Noise that the catalogue's errors leave out, estimated together with the fit."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
 import numpy as np
 
-from fit.normal import normal_equations
+from fit.normal import NormalEquations, normal_equations
 from fit.solution import AboutSolution, Solution
 from fit.solving import solve
 from fit.sums import sandwich, weighted_sums
@@ -40,6 +41,21 @@ class ExcessNoise(AboutSolution):
     scale: float
     scale_error: float
     n_rounds: int
+
+    def equations(self, field: Field | Parts, modes: Modes | int, *, templates: Sequence[Any] = ()) -> NormalEquations:
+        """Sum normal equations of some of its sources, a class say, with the errors that this fit found.
+
+        Parameters
+        ----------
+        field : Field or Parts
+            Sources that were fitted.
+        modes : Modes, or the degree lmax
+            Of the equations.
+        templates : sequence of fit.background.Template
+            As for `fit.normal_equations`.
+        """
+        enlarged = as_parts(field).map(_Enlarged(self.excess_noise**2, self.scale**2))
+        return normal_equations(enlarged, as_modes(modes), templates=templates)
 
 
 @logged("excess noise")
@@ -108,6 +124,7 @@ def excess_noise(
     solution = replace(
         solution,
         covariance=covariance,
+        formal_covariance=solution.covariance,
         notes=(*solution.notes, note),
         errors_from="the residuals, source by source, with excess noise",
     )

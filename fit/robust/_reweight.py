@@ -6,6 +6,7 @@ left large residuals, X² = Δᵀ C⁻¹ Δ of both components together.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -14,13 +15,13 @@ import numpy as np
 from numpy.polynomial import chebyshev
 from scipy.special import gamma, gammainc, gammaln
 
-from fit.normal import normal_equations
+from fit.normal import NormalEquations, normal_equations, template_fields
 from fit.solution import AboutSolution, Solution
 from fit.solving import solve
 from fit.sums import sandwich
 from vsh.field import Field, Weighed
 from vsh.io.parts import Parts, as_parts
-from vsh.modes import Modes
+from vsh.modes import Modes, as_modes
 from vsh.scalars import ScalarField, modes_for
 from vsh.tools import arguments
 from vsh.tools.errors import ConvergenceError, ParameterError
@@ -42,6 +43,7 @@ class StudentT:
     nu: float
     estimated: bool
     components: int = 2
+    step: float = 0.0
 
     def __call__(self, x2: FloatArray) -> tuple[FloatArray, FloatArray]:
         """The weights u and du/dX², both of shape (n,)."""
@@ -53,7 +55,10 @@ class StudentT:
         if not self.estimated:
             return self
         n, logs = sky.sum(partial(_log_terms, share=share), roles=(), words=words)
-        return replace(self, nu=_likeliest_nu(logs / n, self.components))
+        step = float(np.log(_likeliest_nu(logs / n, self.components) / self.nu))
+        if step * self.step < 0:  # ν that turns back would swing about where it settles, and may do so for ever
+            step /= 2
+        return replace(self, nu=self.nu * float(np.exp(step)), step=step)
 
 
 @dataclass(frozen=True)
@@ -143,6 +148,8 @@ class Reweighted(AboutSolution):
         The number of equally weighted sources with the same weight, (Σu)²/Σu².
     nu : float or None
         Degrees of freedom of the Student-t distribution.
+    share : callable
+        Computes the weights of any of its sources from their residuals.
     """
 
     solution: Solution
@@ -151,6 +158,40 @@ class Reweighted(AboutSolution):
     inflation: float
     effective: float
     nu: float | None = None
+    share: Share | None = None
+
+    def equations(self, field: Field | Parts, modes: Modes | int, *, templates: Sequence[Any] = ()) -> NormalEquations:
+        """Sum normal equations of some of its sources, a class say, by the weights of this fit.
+
+        Parameters
+        ----------
+        field : Field or Parts
+            Sources that were fitted.
+        modes : Modes, or the degree lmax
+            Of the equations, which may differ from that of the fit.
+        templates : sequence of fit.background.Template
+            As for `fit.normal_equations`.
+
+        Returns
+        -------
+        NormalEquations
+            Scaled so that N⁻¹ has the size of the covariance of the residuals: no χ² scales it again.
+
+        Notes
+        -----
+        The factor is that of an M-estimator (Huber 1981, Robust Statistics, sect. 7.6), ⟨u⟩⟨ψ²⟩/⟨ψ'⟩² of the scores ψ =
+        uX of these sources, weighted by their information.
+        """
+        modes, sky = as_modes(modes, type(self.solution.modes)), as_parts(field, Weighed)
+        sums = sky.sum(partial(_class_sums, share=self.share, modes=modes), roles=(), words="weights of the classes")
+        k, normal = modes.components, sums["normal"]
+        factor = sums["u"] * sums["ψ²"] / (k * sums["ψ'"] ** 2)
+        normal = replace(
+            normal, matrix=normal.matrix / factor, rhs=normal.rhs / factor, chi2_null=normal.chi2_null / factor
+        )
+        if not templates:
+            return normal
+        return replace(normal, templates=template_fields(templates, modes, normal.frame or "icrs"))
 
     def most_downweighted(self, n_sources: int = 10) -> IntArray:
         """Indices of the `n_sources` with the least weight, least first.
@@ -292,13 +333,14 @@ def _with_errors(sky, plain, solution, share, name, rounds, power):
     solution = replace(
         solution,
         covariance=covariance,
+        formal_covariance=solution.covariance,
         chi2=facts["chi2"],
         n_data=plain.n_data,
         notes=(*plain.notes, note),
         errors_from="the residuals of the robust fit, source by source",
     )
     weights = None if sky.in_memory is None else share(sky.in_memory)[1]
-    return Reweighted(solution, weights, rounds, inflation, float(effective), share.weight.nu)
+    return Reweighted(solution, weights, rounds, inflation, float(effective), share.weight.nu, share)
 
 
 def _plain(field, modes):
@@ -310,6 +352,18 @@ def _weighted(field, share, modes):
     return {
         "normal": normal_equations(field.with_errors(field.sigma / np.sqrt(u)), modes),
         "information": float(np.sum(u * field.information)),
+    }
+
+
+def _class_sums(field, share, modes):
+    """Weighted equations of some sources, and the sums that their scale follows from."""
+    x2, u, slope, _ = share(field)
+    weight = field.information
+    return {
+        "normal": normal_equations(field.with_errors(field.sigma / np.sqrt(u)), modes),
+        "u": float(weight @ u),
+        "ψ²": float(weight @ (u**2 * x2)),
+        "ψ'": float(weight @ (u + 2 / field.components * slope * x2)),
     }
 
 

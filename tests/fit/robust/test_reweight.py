@@ -157,3 +157,50 @@ def test_shares_and_weights_agree_with_each_other(weight):
     np.testing.assert_allclose(own, np.minimum(share.leverage * field.information * u, 0.9), atol=1e-9)
     assert own.max() > 0.2
     np.testing.assert_allclose(weight(chi2 / (1 - own)), [u, slope], rtol=1e-9)
+
+
+def test_degrees_of_freedom_that_swing_settle(monkeypatch):
+    """ν alternated with growing steps and never settled (126 coefficients from 2500 sources, residuals nearly Gaussian)."""
+    target, nu = np.log(95.0), []
+
+    def likeliest(mean_logs, components):  # answers each step by one that is 1.05 times as large, the other way
+        return float(np.exp(target - 1.05 * (np.log(nu[-1]) - target)))
+
+    monkeypatch.setattr(_reweight, "_likeliest_nu", likeliest)
+    weight = StudentT(60.0, estimated=True)
+    for _ in range(20):
+        nu.append(weight.nu)
+        weight = weight.fitted(_OnePart(), None, "")
+    assert np.log(weight.nu) == pytest.approx(target, abs=0.01)
+
+
+class _OnePart:
+    def sum(self, work, **options):
+        return 1, np.zeros(1)
+
+
+@few_or_many(12, 100)
+def test_equations_of_a_class_cover(n_skies):
+    """Weights of the whole, errors from the residuals of the class: pulls are N(0, 1) where errors are wrong."""
+    pulls = []
+    for seed in range(n_skies):
+        field = spoilt(seed, factor=3.0)
+        fitted = fit.robust.student_t(field, 3)
+        pulls += [pull(fit.solve(fitted.equations(part, 1))) for part in (field[:700], field[700:])]
+        whole = fit.solve(fitted.equations(field, 3))
+        np.testing.assert_allclose(whole.values, fitted.solution.values, atol=0.01 * whole.sigma.max())
+        assert np.mean(whole.sigma / fitted.solution.sigma) == pytest.approx(1, abs=0.05)
+    assert np.std(pulls) == pytest.approx(1, abs=3 / np.sqrt(12 * n_skies * 2))
+
+
+def test_classes_of_excess_noise_have_it():
+    field = spoilt(1, share=1.0, factor=2.0)
+    fitted = fit.robust.excess_noise(field, 1)
+    part = field[:500]
+    wide = field.sigma[:, :500] ** 2 + fitted.excess_noise**2
+    own = fitted.equations(part, 1)
+    assert own.n_sources == 500
+    assert np.trace(own.matrix) < np.trace(fit.normal_equations(part, 1).matrix)
+    rho = part.rho * np.prod(part.sigma, 0) / np.sqrt(np.prod(wide, 0))
+    expected = fit.normal_equations(Field(part.lon, part.lat, part.motion, np.sqrt(wide), rho), 1)
+    np.testing.assert_allclose(own.matrix, expected.matrix, rtol=1e-12)
