@@ -252,6 +252,9 @@ class Solution(HarmonicSolution):
     floor : fit.background.Floor or None
         What the power of the higher degrees says of errors that sources share; it is in no error here, but printed
         beside them. None where it was not estimated.
+    formal_covariance : (p, p) array or None
+        N⁻¹ by the weights of the fit, where `covariance` comes from residuals or replicates instead: it has no noise of
+        its own, and is what a systematic floor is estimated from, scaled to the size of `covariance`. [(µas/yr)²]
 
     Examples
     --------
@@ -279,6 +282,7 @@ class Solution(HarmonicSolution):
     unshrunk: Solution | None = None
     unit: str = "µas/yr"
     floor: Any = None
+    formal_covariance: FloatArray | None = None
 
     _coefficients = Coefficients
 
@@ -423,6 +427,7 @@ class Solution(HarmonicSolution):
             "unshrunk": encoded(self.unshrunk),
             "unit": self.unit,
             "floor": encoded(self.floor),
+            "formal_covariance": encoded(self.formal_covariance),
         }
         return columns, rest, self._units
 
@@ -457,6 +462,7 @@ class Solution(HarmonicSolution):
             decoded(rest["unshrunk"]),
             str(rest["unit"]),
             decoded(rest.get("floor")),
+            decoded(rest.get("formal_covariance")),
         )
 
 

@@ -111,9 +111,7 @@ def length_limits(
     return high
 
 
-def _shorter(
-    square: FloatArray, variances: FloatArray, truth: FloatArray, dof: float
-) -> tuple[FloatArray, FloatArray]:
+def _shorter(square: FloatArray, variances: FloatArray, truth: FloatArray, dof: float) -> tuple[FloatArray, FloatArray]:
     """Probability of a vector with a smaller |v|² than `square`, in two approximations, (n,) each."""
     excess = truth**2 / variances
     c1, c2, c3, c4 = (np.sum(variances**j * (1 + j * excess), axis=1) for j in (1, 2, 3, 4))

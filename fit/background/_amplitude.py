@@ -8,7 +8,7 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from fit.normal import NormalEquations
-from fit.solution import HarmonicSolution
+from fit.solution import HarmonicSolution, Solution
 from vsh.modes import Modes
 from vsh.tools.arguments import between, choice
 from vsh.tools.errors import DegeneracyError, ModesError, ParameterError
@@ -135,16 +135,21 @@ def equations_of(source: Any) -> NormalEquations:
         raise ParameterError(
             "this solution holds a prior: give the normal equations of the data, fit.normal_equations(field, modes)"
         )
-    if source.covariance_dof < len(source.modes):
+    formal = source.formal_covariance if isinstance(source, Solution) else None
+    if formal is None and source.covariance_dof < len(source.modes):
         raise DegeneracyError(
             f"{source.covariance_dof + 1:.0f} replicates determine no covariance of {len(source.modes)} coefficients: "
             "take more of them, or a lower degree"
         )
     if np.isnan(source.values).any():
         raise ParameterError("a prediction holds no data to fit a background to")
-    scale = np.outer(source.sigma, source.sigma)
+    covariance = source.covariance
+    if formal is not None:
+        # The noise of a covariance from residuals or replicates would pass for power; its mean size has little.
+        covariance = formal * np.mean(np.diag(covariance) / np.diag(formal))
+    scale = np.sqrt(np.outer(np.diag(covariance), np.diag(covariance)))
     try:
-        matrix = cho_solve(cho_factor(source.covariance / scale), np.eye(len(scale))) / scale
+        matrix = cho_solve(cho_factor(covariance / scale), np.eye(len(scale))) / scale
     except np.linalg.LinAlgError:
         raise DegeneracyError(
             "the covariance of this solution is singular: no background can be fitted to it"

@@ -14,6 +14,7 @@ from scipy.linalg import solve_triangular
 
 from fit.background._blocks import Blocks, ClassEquations, parities
 from fit.background._draws import lots_of
+from fit.background._floor import usual_shapes
 from fit.background._shared import SharedErrors, drawn, spectra_of
 from vsh.models.covariance import Spectrum
 from vsh.modes import Modes
@@ -103,15 +104,13 @@ def shared_jointly(
     rhs: FloatArray,
     modes: Modes,
     *,
-    shapes: Sequence[str | Spectrum] = ("flat", "gaia"),
+    shapes: Sequence[str | Spectrum] | None = None,
     draws: int = 400,
     rng: Rng = 1,
     **facts: Any,
 ) -> SharedErrors:
     """As `shared`, from the normal equations of all classes together, (K, p, K, p) and (K, p)."""
     joint = JointEquations.of(matrix, rhs, modes)
-    draw = generator(rng)
-    lots = lots_of(
-        joint.classes, modes, spectra_of(shapes), lambda var: JointBlocks(joint, modes, var, "each"), draws, draw
-    )
+    draw, spectra = generator(rng), spectra_of(usual_shapes(modes.lmax) if shapes is None else shapes)
+    lots = lots_of(joint.classes, modes, spectra, lambda var: JointBlocks(joint, modes, var, "each"), draws, draw)
     return drawn(lots, modes, draw, **facts)

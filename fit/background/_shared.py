@@ -13,10 +13,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.special import chdtrc
 
-from fit.background._amplitude import equations_of, words_of
+from fit.background._amplitude import equations_of, is_scaled, words_of
 from fit.background._blocks import Blocks, ClassEquations, reduced
 from fit.background._draws import EFFECTIVE, Lot, kept_of, lots_of
-from fit.background._floor import SHAPES
+from fit.background._floor import SHAPES, usual_shapes
 from fit.background._leakage import BEYOND, PART, marginalised, powers_beyond
 from fit.normal import NormalEquations
 from fit.quality import gls
@@ -403,10 +403,10 @@ def shared(
     degrees: Iterable[int] | None = None,
     *,
     labels: Sequence[str] | None = None,
-    shapes: Sequence[str | Spectrum] = ("flat", "gaia"),
+    shapes: Sequence[str | Spectrum] | None = None,
     own: str = "each",
     draws: int = 400,
-    noise_scale: bool = True,
+    noise_scale: bool | None = None,
     rng: Rng = 1,
 ) -> SharedErrors:
     """Spin and acceleration of classes of sources, with errors that they share: bins, magnitudes, halves of the sky.
@@ -421,15 +421,16 @@ def shared(
         higher ones, with the power that a first estimate gives them, are marginalised, or they would leak.
     labels : sequence of str, optional
         Names of the classes.
-    shapes : sequence of "flat", "gaia" or Spectrum
-        Shapes of the spectrum, averaged by their evidence, and odds of three to one for Gaia's.
+    shapes : sequence of "flat", "gaia", "steep" or Spectrum, optional
+        Spectra, averaged by their evidence and prior odds, as in `floor`.
     own : {"each", "one"}
         Whether each class has a power of its own beside the common one, or one for all: "one" is sharper, and wrong
         where one class is worse than the others.
     draws : int
         Draws of the amplitudes for each shape; more are drawn where few of them count.
-    noise_scale : bool
-        Whether each class's errors are scaled by its own χ²/dof.
+    noise_scale : bool, optional
+        Whether each class's errors are scaled by its own χ²/dof. Unless given they are, but for a solution whose errors
+        come from residuals or replicates, and are not scaled again.
     rng : Generator or int
         The source of all randomness.
 
@@ -470,22 +471,23 @@ def shared(
         [each.name for each in one.templates] != [each.name for each in equations[0].templates] for one in equations
     ):
         raise ParameterError("classes have different templates: give all of them the same maps")
+    scaled = [is_scaled(each, noise_scale) for each in listed]
     names = tuple(f"class {k + 1}" for k in range(len(listed))) if labels is None else tuple(map(str, labels))
     if len(names) != len(listed):
         raise ParameterError(f"{len(names)} labels for {len(listed)} classes")
     modes = Modes(_highest(equations, degrees))
-    generator_, spectra = generator(rng), spectra_of(shapes)
+    generator_, spectra = generator(rng), spectra_of(usual_shapes(modes.lmax) if shapes is None else shapes)
     draws = whole("draws", draws)
 
     def sampled(classes):
         return lots_of(classes, modes, spectra, lambda var: Blocks(classes, modes, var, own), draws, generator_)
 
-    classes, notes = _classes(equations, names, modes, noise_scale)
+    classes, notes = _classes(equations, names, modes, scaled)
     notes += _leaking(equations, classes, names, modes) if len(classes) > 1 else []
     lots = sampled(classes)
     if any(each.modes.lmax > modes.lmax for each in equations):
         equations = _without_leakage(equations, lots, modes)
-        lots = sampled(_classes(equations, names, modes, noise_scale)[0])  # what was noted of them above stays
+        lots = sampled(_classes(equations, names, modes, scaled)[0])  # what was noted of them above stays
     return drawn(
         lots, modes, generator_, labels=names, notes=notes, n_sources=tuple(each.n_data // 2 for each in equations),
         frame=equations[0].frame or "icrs", templates=tuple(each.name for each in equations[0].templates),
@@ -565,13 +567,13 @@ def spectra_of(shapes: Any) -> list[tuple[str, Spectrum]]:
     return [(shape.name, shape) if isinstance(shape, Spectrum) else (shape, SHAPES[shape]) for shape in listed]
 
 
-def _classes(equations, names, modes, noise_scale) -> tuple[list[ClassEquations], list[str]]:
+def _classes(equations, names, modes, scaled) -> tuple[list[ClassEquations], list[str]]:
     classes, notes = [], []
-    for normal, name in zip(equations, names, strict=True):
+    for normal, name, own_scale in zip(equations, names, scaled, strict=True):
         if not normal.n_data:
             raise DegeneracyError(f"the class {name} is empty: leave it out")
         try:
-            classes.append(reduced(normal, modes, noise_scale))
+            classes.append(reduced(normal, modes, own_scale))
         except DegeneracyError as error:
             raise DegeneracyError(f"{name}: {error}") from None
         if classes[-1].condition > _CAP:

@@ -79,7 +79,13 @@ class Resampled(AboutSolution):
         """The solution with this covariance in place of N⁻¹: its `spin` and `acceleration` carry these errors."""
         source = f"the {self.method}, {len(self.replicates)} replicates"
         dof = len(self.replicates) - 1.0
-        return replace(self.solution, covariance=self.covariance, errors_from=source, covariance_dof=dof)
+        return replace(
+            self.solution,
+            covariance=self.covariance,
+            formal_covariance=self.solution.covariance,
+            errors_from=source,
+            covariance_dof=dof,
+        )
 
     @property
     def spin(self) -> Vector:

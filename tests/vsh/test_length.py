@@ -48,7 +48,9 @@ def test_interval_holds_the_estimate_and_grows_with_probability():
     assert wide[0] < narrow[0] < np.linalg.norm(value) < narrow[1] < wide[1]
     far = length_interval(1000 * value, covariance)  # of a vector seen clearly: ± along it
     along = np.sqrt(value @ covariance @ value) / np.linalg.norm(value)
-    np.testing.assert_allclose(np.subtract(far, 1000 * np.linalg.norm(value)), [-0.995 * along, 0.995 * along], rtol=0.03)
+    np.testing.assert_allclose(
+        np.subtract(far, 1000 * np.linalg.norm(value)), [-0.995 * along, 0.995 * along], rtol=0.03
+    )
 
 
 def test_value_along_fewer_axes_than_errors_are_zero():

@@ -10,7 +10,7 @@ import fit
 import sim
 from fit.background import Spectrum, add_floor, floor
 from fit.storage import read
-from vsh import Modes
+from vsh import Field, Modes
 from vsh.io.catalogue import read_field
 from vsh.tools.errors import DegeneracyError, ModesError, ParameterError
 
@@ -176,32 +176,33 @@ def test_coverage_where_errors_are_wrong_by_place(power):
 
 def test_two_shapes_are_averaged_by_their_evidence(tmp_path):
     both = floor(LOUD)
-    flat, gaia = both.parts
+    flat, gaia, steep = both.parts
     assert both.shape == flat.shape == "flat"
     assert gaia.shape == "gaia"
     assert sum(both.probability) == pytest.approx(1)
     assert replace(flat, mean=None) == floor(LOUD, shapes=("flat",))
-    errors = np.array([flat.spin_error, gaia.spin_error])
+    errors = np.array([flat.spin_error, gaia.spin_error, steep.spin_error])
     assert both.spin_error == pytest.approx(np.sqrt(np.dot(both.probability, errors**2)))
     # Lindegren's spectrum has more of degree 1 for the same degrees 2 to 5, l⁻² still more.
     assert gaia.spin_error > flat.spin_error
-    assert both.steeper[0] > gaia.spin_error
+    assert steep.spin_error > gaia.spin_error
     low, high = both.spin_interval
     assert low < both.spin_error < high
-    solution, one, two = (fit.solve(LOUD, floor=each) for each in (both, flat, gaia))
-    np.testing.assert_allclose(solution.values, np.dot(both.probability, [one.values, two.values]), rtol=1e-12)
-    away = np.array([one.values, two.values]) - solution.values
-    wanted = np.einsum("s,sij->ij", both.probability, [one.covariance, two.covariance])
+    solution, *each = (fit.solve(LOUD, floor=shape) for shape in (both, flat, gaia, steep))
+    values = np.array([one.values for one in each])
+    np.testing.assert_allclose(solution.values, both.probability @ values, rtol=1e-12)
+    away = values - solution.values
+    wanted = np.einsum("s,sij->ij", both.probability, [one.covariance for one in each])
     wanted += np.einsum("s,si,sj->ij", both.probability, away, away)
     np.testing.assert_allclose(solution.covariance, wanted, rtol=1e-12)
     assert "with the floor of degrees 2 to 5 (flat" in solution.errors_from
     report = both.report()
     assert "spectrum gaia" in report
-    assert "a steeper one, l⁻² a mode, is none of these" in report
+    assert "spectrum steep" in report
     both.write(tmp_path / "floor.ecsv")
     assert read(tmp_path / "floor.ecsv") == both
     with pytest.raises(ParameterError, match="shapes of the spectrum are 'flat', 'gaia'"):
-        floor(LOUD, shapes=("steep",))
+        floor(LOUD, shapes=("steeper",))
 
 
 @pytest.mark.parametrize(("strength", "within"), [(0.0, 0.04), (1.0, 0.08)])
@@ -263,3 +264,26 @@ def test_messages():
         fit.solve(LOUD, floor=0.3)
     with pytest.raises(DegeneracyError):
         floor(fit.normal_equations(sky()[:2], 3))
+
+
+@pytest.mark.parametrize("method", ["student", "excess noise", "bootstrap", "jackknife"])
+def test_noise_of_estimated_errors_is_no_power(method):
+    """Where nothing is systematic the floor by errors from residuals or replicates is that by the quoted ones."""
+    rng = np.random.default_rng(3)
+    field = Field(*sim.uniform_sky(1500, rng), 40 * rng.standard_normal((2, 1500)), np.full((2, 1500), 40.0))
+    plain = fit.fit_field(field, 4, floor=False)
+    found = {
+        "student": lambda: fit.robust.student_t(field, 4).solution,
+        "excess noise": lambda: fit.robust.excess_noise(field, 4).solution,
+        "bootstrap": lambda: fit.resample.bootstrap(field, 4, 60, 1, progress=False).resampled_solution,
+        "jackknife": lambda: fit.resample.jackknife(field, 4, 2, progress=False).resampled_solution,
+    }[method]()
+    # The bootstrap of 60 replicates had twice the floor.
+    quoted, own = floor(plain, noise_scale=False), floor(found)
+    assert own.spin_error == pytest.approx(quoted.spin_error, rel=0.12)
+    assert own.acceleration_error == pytest.approx(quoted.acceleration_error, rel=0.12)
+    np.testing.assert_allclose(
+        fit.solve(fit.background.equations_of(found), floor=own).values,
+        fit.solve(fit.background.equations_of(plain), floor=quoted).values,
+        atol=0.3 * plain.sigma.max(),
+    )

@@ -144,7 +144,7 @@ def test_one_class_is_a_floor():
         (lambda n: shared(n, degrees=(2,)), ModesError, "degrees 1 and 2 say nothing"),
         (lambda n: shared(n, degrees=(2, 4)), ModesError, "without a gap"),
         (lambda n: shared(n, degrees=range(2, 9)), ModesError, "degree 8 is not fitted"),
-        (lambda n: shared(n, shapes=("steep",)), ParameterError, "a shape is 'flat', 'gaia' or a Spectrum"),
+        (lambda n: shared(n, shapes=("steeper",)), ParameterError, "a shape is 'flat', 'gaia', 'steep' or a Spectrum"),
         (lambda n: shared(n, labels=["a"]), ParameterError, "1 labels for 2 classes"),
         (lambda n: shared(n, own="two"), ParameterError, "own"),
         (lambda n: shared([n[0], replace(n[1], frame="galactic")]), FrameError, "classes are in"),

@@ -41,7 +41,6 @@ def test_the_report_says_it_unasked(tmp_path, capsys):
 @pytest.mark.parametrize(("options", "words"), [
     (["--floor", "--lmax", "2"], "degree 2 says nothing of a floor: take --lmax 3 or higher"),
     (["--waves", "--lmax", "1"], "gravitational waves begin at degree 2: take --lmax 2 or higher"),
-    (["--floor", "--bootstrap", "20"], "20 replicates determine no covariance of 30 coefficients"),
 ])  # fmt: skip
 def test_messages(options, words, capsys):
     assert main(["--demo", *options]) == 1
