@@ -25,6 +25,7 @@ from . import (
 from .frame import CrossCheck, FrameSolution, cross_check, solve_frame
 from .matrix_free import MatrixFreeSolution, solve_matrix_free
 from .normal import Moments, NormalEquations, gaussian_prior, normal_equations
+from .recommended import Recommended, recommended
 from .robust import Clipped, clip
 from .solution import Solution
 from .solving import fit_field, solve
@@ -38,6 +39,7 @@ __all__ = [
     "MatrixFreeSolution",
     "Moments",
     "NormalEquations",
+    "Recommended",
     "Solution",
     "background",
     "chain",
@@ -56,6 +58,7 @@ __all__ = [
     "output",
     "pairs",
     "posterior",
+    "recommended",
     "redshift",
     "resample",
     "robust",

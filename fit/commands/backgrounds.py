@@ -40,24 +40,29 @@ class Backgrounds:
         }
 
 
-def found(solution: Any, options: argparse.Namespace) -> Backgrounds:
-    """What the options ask for."""
+def found(solution: Any, options: argparse.Namespace, recommended: Any = None) -> Backgrounds:
+    """Compute the wave limit and the systematic floor that the options, or the recommended fit, ask for."""
     results: dict[str, Any] = {}
     texts, given = [], solution
     if options.waves:
         if solution.modes.lmax < 2:
             raise ModesError("gravitational waves begin at degree 2: take --lmax 2 or higher")
         beside: dict[str, Any] = {}
-        if options.floor and given.modes.lmax >= 3:  # the higher degrees tell what of degree 2 is no wave
+        if (
+            options.floor or recommended is not None
+        ) and given.modes.lmax >= 3:  # the higher degrees tell what of degree 2 is no wave
             shapes = list(fit.background.SHAPES.values())
             beside = {"degrees": range(2, min(given.modes.lmax, _HIGHEST) + 1), "systematics": shapes}
         results["waves"] = fit.background.wave_limit(given, **beside)
         texts.append(replace(results["waves"], notes=()).report(options.years))  # those of the report above
-    if options.floor:
+    if recommended is not None:
+        if recommended.floor is not None:
+            results["floor"], solution = recommended.floor, recommended.solution
+            texts.insert(0, recommended.floor.report())
+    elif options.floor:
         if solution.modes.lmax < 3:
             raise ModesError(f"degree {solution.modes.lmax} says nothing of a floor: take --lmax 3 or higher")
         results["floor"] = fit.background.floor(given)
         solution = fit.solve(fit.background.equations_of(given), floor=results["floor"])
-        solution = replace(solution, covariance_dof=given.covariance_dof)
         texts.insert(0, results["floor"].report())
     return Backgrounds(solution, results, tuple(texts))

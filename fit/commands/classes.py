@@ -19,9 +19,17 @@ _HALVES = ("icrs", "galactic", "ecliptic")
 
 
 def shared_by(
-    source: Any, path: str, options: argparse.Namespace, templates: Sequence[Any] = (), n_sources: int = 0
+    source: Any,
+    path: str,
+    options: argparse.Namespace,
+    estimate: Any,
+    templates: Sequence[Any] = (),
+    n_sources: int = 0,
 ) -> Any:
-    """Normal equations of each class, and what they share; those of `n_sources` that are in none are counted."""
+    """Normal equations of each class by the weights of the `estimate`, and what they share.
+
+    Those of `n_sources` that are in no class are counted.
+    """
     name, _, rest = options.classes.partition(":")
     if name == "halves":
         if rest not in _HALVES:
@@ -35,20 +43,21 @@ def shared_by(
         if ";" in options.classes:
             _check_apart(source, path, options, labels, conditions, parts)
     inside = 0
+    lmax = estimate.solution.modes.lmax
     if options.clip:
         inside = sum(as_parts(part).sum(len) for part in parts)
-        parts = [fit.robust.clip(part, options.lmax, options.clip).sources(part) for part in parts]
+        parts = [fit.robust.clip(part, lmax, options.clip).sources(part) for part in parts]
     parts = [part.to_frame(options.frame) for part in parts]
-    make = partial(fit.normal_equations, templates=templates)
-    normals = [make(part, options.lmax) for part in parts]
+    make = partial(estimate.equations, templates=templates)
+    normals = [make(part, lmax) for part in parts]
     normals = fit.background.widened(normals, make, parts)
-    classes = fit.background.shared(normals, range(2, options.lmax + 1), labels=labels, rng=options.seed)
+    classes = fit.background.shared(
+        normals, range(2, lmax + 1), labels=labels, noise_scale=estimate.is_scaled, rng=options.seed
+    )
     inside, notes = inside or sum(each.n_sources for each in normals), []
     if n_sources > inside:
         notes.append(f"{n_sources - inside} of {n_sources} sources are in no class: no value, or between conditions")
-    if options.robust or options.excess_noise or options.bootstrap or options.jackknife is not None:
-        notes.append("classes are fitted by plain least squares, errors scaled by the χ²/dof of each")
-    return replace(classes, notes=(*classes.notes, *notes))
+    return replace(classes, notes=(*classes.notes, *notes, estimate.class_note))
 
 
 def _conditions(text: str) -> tuple[list[str], list[str]]:

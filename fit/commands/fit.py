@@ -8,6 +8,7 @@ from typing import Any
 import fit
 import vsh
 from fit.commands import backgrounds as shared
+from fit.commands import estimators
 from vsh.commands import finishing, outputs, reading, running
 from vsh.commands.options import fit as options_module
 from vsh.tools.notes import dropped, unselected
@@ -36,9 +37,13 @@ def _run(options):
         # Names tell of sources that stand there twice, and are in the report; no fit looks at the rest.
         whole = catalogue.read_field(source, **reading.arguments(options), roles=("name",))
     field = whole.to_frame(options.frame)
-    solution, kept, clipped = _fit(field, vsh.Modes(options.lmax), options)
-    backgrounds = shared.found(solution, options)
+    estimate = estimators.estimate(field, vsh.Modes(options.lmax), options)
+    kept, clipped = estimate.sources, estimate.n_clipped
+    recommended = estimate.weights if options.recommended else None
+    backgrounds = shared.found(estimate.solution, options, recommended)
+    lmax = estimate.solution.modes.lmax
     solution = fit.background.add_floor(backgrounds.solution)
+    floor = backgrounds.results.get("floor", solution.floor)
     results, texts = dict(backgrounds.results), list(backgrounds.texts)
     maps = []
     if options.templates:
@@ -49,19 +54,23 @@ def _run(options):
         from fit.commands import classes
 
         n_sources = solution.n_sources + (clipped or 0)
-        results["shared"] = classes.shared_by(source, str(path), options, maps, n_sources)
+        results["shared"] = classes.shared_by(source, str(path), options, estimate, maps, n_sources)
         texts.append(results["shared"].report(what="class"))
     elif maps:
-        normal = fit.normal_equations(kept, options.lmax, templates=maps)
-        results["shared"] = fit.background.shared([normal], labels=["all sources"], rng=options.seed)
+        normal = estimate.equations(kept, lmax, templates=maps)
+        beside = fit.background.shared(
+            [normal], labels=["all sources"], noise_scale=estimate.is_scaled, rng=options.seed
+        )
+        results["shared"] = replace(beside, notes=(*beside.notes, estimate.class_note))
         texts.append(results["shared"].report())
     if maps:
-        results["cross_powers"] = templates.cross_powers_of(solution, maps)
+        results["cross_powers"] = templates.cross_powers_of(estimate.solution, floor, maps)
         texts.append(results["cross_powers"].report())
     backgrounds = replace(backgrounds, results=results, texts=tuple(texts))
     name = "the simulated catalogue of the demo" if options.demo else source.label
     check, truth = fit.cross_check(kept), catalogue.truth_of(source)
-    said = fit.output.verdict(solution, shared=options.floor).removeprefix("verdict: ")
+    said = fit.output.verdict(solution, shared=options.floor) if recommended is None else recommended.verdict
+    said = said.removeprefix("verdict: ")
     if options.classes:
         from fit.quality import SEEN, printed_p_value
 
@@ -123,38 +132,6 @@ def _run(options):
         page=page,
         draw=lambda: fit.output.draw_figures(solution, kept) | backgrounds.draw(),
     )
-
-
-def _fit(field, modes, options):
-    """The solution that was asked for, the sources that went into it, and how many were clipped."""
-    from fit.solving import with_coverage
-
-    solution: Any = None
-    chosen, lost = 1.0, 0
-    if options.clip is not None or options.clip_threshold is not None:
-        clipped = fit.robust.clip(field, modes, options.clip, options.clip_threshold)
-        solution, lost = clipped.solution, clipped.n_clipped
-        field, chosen = clipped.sources(field), clipped.scatter_factor
-    if options.excess_noise:
-        solution = fit.robust.excess_noise(field, modes, scale=options.excess_noise == "scale").solution
-    elif options.robust:
-        method = {"student": fit.robust.student_t, "permissive": fit.robust.permissive}[options.robust]
-        solution = method(field, modes).solution
-    elif options.bootstrap:
-        solution = fit.resample.bootstrap(field, modes, options.bootstrap, options.seed).resampled_solution
-    elif options.jackknife == 0:
-        best: Any
-        _, best, advice = fit.resample.compare_blocks(field, modes)
-        solution = best.resampled.resampled_solution
-        solution = replace(solution, notes=(*solution.notes, advice))
-    elif options.jackknife:
-        solution = fit.resample.jackknife(field, modes, options.jackknife).resampled_solution
-    elif solution is None:
-        return fit.fit_field(field, modes, floor=False), field, lost
-    else:
-        return with_coverage(solution, field), field, lost
-    solution = replace(solution, covariance=solution.covariance * chosen)
-    return with_coverage(solution, field), field, lost
 
 
 main, run = running.make_entry(options_module, _run)

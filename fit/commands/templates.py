@@ -1,6 +1,7 @@
 """What `vsh-fit --templates` does: maps of what may cause systematics, from files, columns and the sources."""
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -51,11 +52,16 @@ def _column(name, source, options):
     )
 
 
-def cross_powers_of(solution: Any, templates: list[Any]) -> Any:
-    """How far the solution follows the templates, beside the floor where it is known."""
+def cross_powers_of(solution: Any, floor: Any, templates: list[Any]) -> Any:
+    """Project a solution without a prior on the templates; errors with the systematic floor of the run, if it has one.
+
+    The same equations as the floor's, so that the errors do not depend on whether the floor was put into the solution.
+    """
     from fit.normal import template_fields
 
-    fields = template_fields(templates, solution.modes, solution.frame)
-    floor = getattr(solution, "floor", None)
-    plain = solution.unshrunk or solution
-    return fit.background.cross_powers(plain, fields, None if floor is None else floor.spectrum)
+    plain = fit.solve(fit.background.equations_of(solution))
+    fields = template_fields(templates, plain.modes, plain.frame)
+    if floor is None:
+        return fit.background.cross_powers(plain, fields)
+    plain = replace(plain, covariance=plain.covariance * floor.noise_scale**2)
+    return fit.background.cross_powers(plain, fields, floor.spectrum)

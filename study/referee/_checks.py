@@ -9,7 +9,7 @@ from scipy.special import chdtrc
 
 from fit.background import Template, cross_powers, shared
 from fit.chain import chain_catalogues
-from fit.normal import normal_equations, template_fields
+from fit.normal import template_fields
 from fit.solving import solve
 from study.referee._classes import by_parts, compare, halves, latitude
 from study.referee._headline import Headline
@@ -131,12 +131,12 @@ def _templates(quasars, headline, rng) -> dict[str, Any]:
     for name in _MAPS:
         if name in quasars.columns and np.nanstd(quasars.columns[name]) > 0:
             maps.append(Template.of_sources(name, field.lon, field.lat, quasars.columns[name], field.frame))
-    normal = normal_equations(field, lmax, templates=maps)
-    beside = shared([normal], labels=["all sources"], rng=rng)
+    normal = quasars.equations(slice(None), lmax, templates=maps)
+    beside = shared([normal], labels=["all sources"], noise_scale=quasars.is_scaled, rng=rng)
     amplitudes = beside.amplitudes
     chi2 = amplitudes @ np.linalg.solve(beside.amplitude_covariance, amplitudes)
     moved = beside.solutions[0].acceleration
-    plain = solve(normal_equations(field, lmax))
+    plain = solve(quasars.equations(slice(None), lmax))
     spectrum = None if headline.floor is None else headline.floor.spectrum
     crossed = cross_powers(plain, template_fields(maps, plain.modes, field.frame), spectrum)
     words = (

@@ -82,9 +82,12 @@ def compare(quasars: Quasars, split: Split, rng: Rng = 1, lmax: int | None = Non
         raise DegeneracyError(f"fewer than two classes of {FEWEST} sources ({counts})")
     degree = degree_for(min(mask.sum() for mask in kept.values()), _DEGREE, least=3)
     normals = [quasars.equations(mask, degree) for mask in kept.values()]
-    plain = [solve(quasars.equations(mask, lmax) if lmax else each) for mask, each in zip(kept.values(), normals)]
+    plain = [solve(quasars.plain_equations(mask, lmax or degree)) for mask in kept.values()]
     wide = widened(normals, quasars.equations, kept.values())
-    return Compared(plain, shared(wide, range(2, degree + 1), labels=list(kept), draws=_DRAWS, rng=rng))
+    compared = shared(
+        wide, range(2, degree + 1), labels=list(kept), draws=_DRAWS, noise_scale=quasars.is_scaled, rng=rng
+    )
+    return Compared(plain, compared)
 
 
 def by_edges(values: FloatArray, edges: Sequence[float], name: str) -> Split:

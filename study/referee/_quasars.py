@@ -8,11 +8,12 @@ from typing import Any
 import numpy as np
 
 from fit.normal import NormalEquations, normal_equations
+from fit.recommended import Recommended, degree_for, recommended
 from fit.robust import Clipped, clip
 from fit.solving import fit_field
 from vsh.field import Field
 from vsh.io import catalogue, tables
-from vsh.tools.errors import ConvergenceError, DegeneracyError, TableError
+from vsh.tools.errors import ConvergenceError, TableError
 from vsh.tools.notebook import InNotebook
 from vsh.tools.types import FloatArray
 
@@ -27,8 +28,6 @@ _COLUMNS = {
     "last epoch": ("mjd_last",),
     "parameters solved": ("astrometric_params", "astrometric_params_solved"),
 }
-#: A fit to degree L needs so many sources for each of its unknowns.
-_PER_MODE = 4
 #: The highest degree of the headline: higher ones tell less of degree 1.
 _HIGHEST = 7
 _KAPPA = 3.0
@@ -109,8 +108,22 @@ class Quasars(InNotebook):
         """Normal equations of all that stay, to `degree`."""
         return normal_equations(self.field, self.degree)
 
-    def equations(self, chosen: Any, lmax: int) -> NormalEquations:
-        """Normal equations of those that are `chosen`, to degree `lmax`."""
+    @cached_property
+    def recommended(self) -> Recommended:
+        """The recommended fit of all sources, none clipped."""
+        return recommended(self.whole)
+
+    @property
+    def is_scaled(self) -> bool:
+        """Whether χ² scales the errors of `equations`: not where a robust fit has settled."""
+        return self.recommended.weights is None
+
+    def equations(self, chosen: Any, lmax: int, *, templates: Any = ()) -> NormalEquations:
+        """Normal equations of those that are `chosen`, to degree `lmax`, by the weights of the recommended fit."""
+        return self.recommended.equations(self.field[chosen], lmax, templates=templates)
+
+    def plain_equations(self, chosen: Any, lmax: int) -> NormalEquations:
+        """The same by the errors quoted, as published analyses have them."""
         return normal_equations(self.field[chosen], lmax)
 
 
@@ -122,14 +135,6 @@ def clipped_of(field: Field) -> Clipped:
     except ConvergenceError:
         white = fit_field(field, lmax, floor=False).residuals(field).whitened
         return clip(field, lmax, threshold=_KAPPA * float(np.median(np.sqrt(np.sum(white**2, 0)))))
-
-
-def degree_for(n: int, most: int, least: int = 1) -> int:
-    """The highest degree up to `most` that n sources bear."""
-    lmax = next((l for l in range(most, 0, -1) if n >= _PER_MODE * 2 * l * (l + 2) / 2), 0)
-    if lmax < least:
-        raise DegeneracyError(f"{n} sources do not bear degree {least}")
-    return lmax
 
 
 def read_quasars(source: Any, *, axes: str = "icrs", **reading: Any) -> Quasars:

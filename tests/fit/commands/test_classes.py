@@ -8,6 +8,7 @@ import sim
 import vsh
 from fit.background import Spectrum
 from fit.commands.fit import main
+from vsh import Field
 
 
 @pytest.fixture(scope="module")
@@ -79,3 +80,45 @@ def test_degrees_are_needed(path, capsys):
     with pytest.raises(SystemExit):
         main([str(path), "--lmax", "2", "--classes", "magnitude:19"])
     assert "say nothing of what classes share" in capsys.readouterr().err
+
+
+def spoilt(tmp_path):
+    """Quasars of which one in twenty has motions of fifteen errors."""
+    field = sim.observe(sim.quasars(6000, 3), sim.systematics(60 * Spectrum.flat(), 5, lmax=7), 2, sigma=300.0)
+    rng = np.random.default_rng(1)
+    wrong = np.where(rng.uniform(size=len(field)) < 0.05, 15.0, 0.0)
+    table = Field(
+        field.lon, field.lat, field.motion + wrong * 300 * rng.standard_normal((2, len(field))), field.sigma,
+        magnitude=field.magnitude,
+    ).to_table()  # fmt: skip
+    table.write(tmp_path / "spoilt.fits")
+    return str(tmp_path / "spoilt.fits")
+
+
+def test_robust_weights_serve_classes_and_templates(tmp_path, capsys):
+    """Classes and templates were plain least squares, whose errors are 1.8 times as large here; the latter unsaid."""
+    words = [spoilt(tmp_path), "--lmax", "4", "--no-figures", "--overwrite", "--output", str(tmp_path / "out")]
+    errors = {}
+    for name, robust in (("plain", []), ("robust", ["--robust", "student"])):
+        for what in (["--classes", "magnitude:19"], ["--templates", "density"]):
+            assert main([*words, *robust, *what]) == 0
+            text = capsys.readouterr().out
+            shared = vsh.read(tmp_path / "out" / "shared.ecsv")
+            errors[name, what[0]] = np.mean(shared.together().acceleration.sigma)
+            said = "by the weights of the robust fit" if robust else "fitted by least squares"
+            assert f"classes and templates are {'summed ' if robust else ''}{said}" in text
+    assert errors["robust", "--classes"] < 0.8 * errors["plain", "--classes"]
+    assert errors["robust", "--templates"] < 0.8 * errors["plain", "--templates"]
+
+
+def test_templates_have_the_floor_however_it_was_asked_for(tmp_path, capsys):
+    """With --floor the column of errors with the floor was without it: eight false discoveries in a report."""
+    words = [spoilt(tmp_path), "--lmax", "5", "--no-figures", "--overwrite", "--output", str(tmp_path / "out")]
+    tables = []
+    for more in ([], ["--floor"]):
+        assert main([*words, "--templates", "density,phot_g_mean_mag", *more]) == 0
+        capsys.readouterr()
+        tables.append(vsh.read(tmp_path / "out" / "cross_powers.ecsv"))
+    np.testing.assert_allclose(tables[1].errors_with_floor, tables[0].errors_with_floor, rtol=1e-12)
+    np.testing.assert_allclose(tables[1].values, tables[0].values, rtol=1e-12)
+    assert np.all(tables[0].errors_with_floor > 1.01 * tables[0].errors)

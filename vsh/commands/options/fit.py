@@ -21,7 +21,7 @@ def make_parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("catalogue", nargs="?", help=values.A_TABLE)
     parser.add_argument("--demo", action="store_true", help="run on a simulated catalogue that comes with the package")
-    parser.add_argument("--lmax", type=values.count(1), default=3, help="highest degree (default: 3)")
+    parser.add_argument("--lmax", type=values.count(1), help="highest degree (default: 3, with --recommended 5)")
     clips = parser.add_mutually_exclusive_group()
     clips.add_argument(
         "--clip",
@@ -61,7 +61,10 @@ def make_parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--recommended",
         action="store_true",
-        help="errors by a robust likelihood, then what sources share, to degree 4 or higher: --robust student --floor",
+        help=(
+            "Student's t with the systematic floor in the errors, to degree 5 (or --lmax), lowered where the sources "
+            "are too few for it"
+        ),
     )
     _add_backgrounds(parser)
     parser.add_argument(
@@ -101,7 +104,8 @@ def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
         named = [f"--{name.replace('_', '-')}" for name in given if getattr(options, name) is not None]
         if named:
             parser.error(f"--recommended chooses the errors itself: leave out {', '.join(named)}")
-        options.robust, options.floor, options.lmax = "student", True, max(4, options.lmax)
+    if options.lmax is None:
+        options.lmax = 5 if options.recommended else 3
     if options.classes and options.lmax < 3:
         parser.error("--classes needs --lmax 3 or more: degrees 1 and 2 say nothing of what classes share")
     if options.templates and options.lmax < 3:
