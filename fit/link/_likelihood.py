@@ -125,6 +125,51 @@ def mixed(listed: Sequence[Node]) -> tuple[FloatArray, FloatArray, FloatArray]:
     return mean, covariance, share
 
 
+#: Of so many of the most probable nodes the influence of a source is the mean.
+_NODES = 40
+
+
+def influence_of(
+    listed: Sequence[Node], share: FloatArray, rows: Rows, prior: tuple[FloatArray, FloatArray], mean: FloatArray
+) -> FloatArray:
+    """By how much each parameter would move without each source, (n, p).
+
+    A Newton step from each node with the curvature that the other sources have there, the nodes weighted by their
+    evidence without the source: exact leave-one-out answers are met with a slope of 1.03 and an rms difference of a
+    tenth (weights held as they are: .86, a fifth).
+    """
+    best = listed[int(np.argmax(share))]
+    same = [(node.excess, node.across) == (best.excess, best.across) for node in listed]  # or its rows are others
+    alike = [k for k in np.argsort(-share)[:_NODES] if same[k]]
+    design, n = rows.design, len(rows.names)
+    starts = np.cumsum(rows.dims) - rows.dims
+    squares = np.add.reduceat(design[:, :, None] * design[:, None, :], starts, axis=0)  # AᵀA of each source
+    total, moved = np.zeros(n), np.zeros((n, len(mean)))
+    logs: list[FloatArray] = []
+    steps: list[FloatArray] = []
+    for k in alike:
+        node = listed[k]
+        size = np.bincount(rows.source, (rows.rhs - design @ node.values) ** 2, minlength=n)
+        log_density, weight, curvature = node.tails.logs(size, rows.dims, node.scale)
+        pull = _pull(rows, node.values)
+        own = curvature[:, None, None] * pull[:, :, None] * pull[:, None, :]
+        expected = prior[0] + np.tensordot(weight, squares, 1)
+        others = expected - weight[:, None, None] * squares
+        observed = others + own.sum(axis=0) - own
+        # Between two modes of the posterior the curvature is negative: the weights alone then.
+        bent = np.linalg.eigvalsh(observed)[:, 0] > 0.2 * np.abs(np.linalg.eigvalsh(others)[:, 0])
+        matrix = np.where(bent[:, None, None], observed, others)
+        steps.append(node.values - np.linalg.solve(matrix, (weight[:, None] * pull)[:, :, None])[:, :, 0])
+        logs.append(log_density)
+    # The evidence of a node without a source is its evidence over the density of that source.
+    relative = np.array(logs) - np.median(logs, axis=0)
+    for k, step, log_density in zip(alike, steps, relative, strict=True):
+        chance = share[k] * np.exp(-np.clip(log_density, -50, 50))
+        total += chance
+        moved += chance[:, None] * step
+    return moved / total[:, None] - mean
+
+
 def _best(rows, prior, tails, values, scale):
     """Frame and size of errors together, for one kind of tails."""
     d = rows.dims

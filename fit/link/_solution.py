@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from scipy.special import logsumexp
 
-from fit.link._likelihood import NORMAL, Node, Tails, mixed
+from fit.link._likelihood import NORMAL, Node, Tails, influence_of, mixed
 from fit.link._rows import Rows
 from fit.link._unknowns import VECTORS, Unknowns
 from fit.named import NamedSolution
@@ -59,6 +59,9 @@ class LinkSolution(NamedSolution):
         What one source tells of the parameters, in the mean.
     log_evidence : float
         ln of the evidence, flat in the parameters: of links with as many of them by the same data.
+    searched : tuple of float
+        Where the place of the step was searched for: p-values of no jump after allowing for all places, of all vectors
+        together and then of each. Empty where the step was given.
     """
 
     unknowns: Any = None
@@ -74,6 +77,7 @@ class LinkSolution(NamedSolution):
     excess: float = 0.0
     information: FloatArray = None  # type: ignore[assignment]
     log_evidence: float = float("nan")
+    searched: tuple[float, ...] = ()
 
     def __repr__(self) -> str:
         return (
@@ -129,16 +133,6 @@ class LinkSolution(NamedSolution):
         value, covariance, p = self._tested(self.unknowns.jump(vector, catalogue or self.unknowns.turned[0], step))
         return Vector(value, covariance, self.frame, VECTORS[vector][1]), p
 
-    def jump_p_value(self, step: float) -> float:
-        """The probability of as large a jump by chance, of all vectors and catalogues together.
-
-        Parameters
-        ----------
-        step : float
-            One of the steps that were sought.
-        """
-        return self._tested(self._jumps(step))[2]
-
     def jump_covariance(self, step: float) -> FloatArray:
         """Covariance of the jumps of all vectors and catalogues at a step, (k, k).
 
@@ -149,9 +143,9 @@ class LinkSolution(NamedSolution):
         """
         return self._tested(self._jumps(step))[1]
 
-    def _jumps(self, step):
-        """Rows from the parameters to the jumps of all vectors and catalogues."""
-        unknowns, vectors = self.unknowns, self._jumping
+    def _jumps(self, step, vectors=None):
+        """Rows from the parameters to the jumps of some vectors, all unless given, of all catalogues."""
+        unknowns, vectors = self.unknowns, vectors or self._jumping
         return np.concatenate([unknowns.jump(each, where, step) for where in unknowns.turned for each in vectors])
 
     @property
@@ -236,15 +230,7 @@ class LinkSolution(NamedSolution):
         for name, value, sigma in zip(self.names, self.values, self.sigma, strict=True):
             unit = "µas" if "epsilon" in name else "µas/yr"
             lines.append(f"{name:24}{value:+12.2f}{sigma:10.2f} {unit}")
-        for catalogue in unknowns.turned:
-            for step in unknowns.steps:
-                for vector in ("orientation", "spin"):
-                    if vector in unknowns.vectors:
-                        _, p = self.jump(step, vector, catalogue)
-                        lines.append(
-                            f"jump of the {vector} of {catalogue} at {step:.4g} mag: p = {printed_p_value(p)} of as "
-                            "much by chance, were the place known beforehand"
-                        )
+        lines += self._levels()
         if {"orientation", "spin"} <= set(unknowns.vectors):
             quiet = self.quiet_epoch
             if abs(quiet - unknowns.epoch) > 0.05:
@@ -290,13 +276,48 @@ class LinkSolution(NamedSolution):
             if name in self.unknowns.vectors
         ]
         for step in steps:
-            p = self.jump_p_value(step)
-            hint = hint_of(p)
-            seen = f"{'a' if p < SEEN else 'no'} jump at {step:.4g} mag is seen"
-            clauses.append(
-                f"{seen} (p = {printed_p_value(p)} of {' and '.join(self._jumping)} together{hint and f'; {hint}'})"
-            )
+            together, *each = self.jump_p_values(step)
+            words = [
+                f"{'a' if p < SEEN else 'no'} jump of the {vector} at {step:.4g} mag (p = {printed_p_value(p)})"
+                for vector, p in zip(self._jumping, each, strict=True)
+            ]
+            hint = hint_of(together)
+            if len(each) > 1:
+                words.append(f"p = {printed_p_value(together)} of both together{hint and f' ({hint})'}")
+            clauses.append(", ".join(words) + (", after allowing for all places" if self.searched else ""))
         return "; ".join(clauses)
+
+    def jump_p_values(self, step: float) -> tuple[float, ...]:
+        """Probability of as large a jump by chance: of all vectors and catalogues together, then of each vector.
+
+        Parameters
+        ----------
+        step : float
+            One of the steps that were sought; where its place was searched for, after allowing for all places.
+        """
+        if self.searched:
+            return self.searched
+        jumps = [self._jumps(step), *(self._jumps(step, [vector]) for vector in self._jumping)]
+        return tuple(self._tested(each)[2] for each in jumps)
+
+    def _levels(self):
+        """The value of each vector between the steps, and the p-values of the jumps."""
+        lines, unknowns = [], self.unknowns
+        if not unknowns.steps:
+            return lines
+        for catalogue in unknowns.turned:
+            for vector in self._jumping:
+                for words, magnitude in unknowns.levels:
+                    level = self.vector(vector, magnitude, catalogue=catalogue)
+                    values = ", ".join(f"{v:+.1f} ± {s:.1f}" for v, s in zip(level.value, level.sigma, strict=True))
+                    lines.append(f"{vector} of {catalogue}, {words}: {values} {level.unit}")
+        for step in unknowns.steps:
+            together, *each = self.jump_p_values(step)
+            listed = [f"{vector} {printed_p_value(p)}" for vector, p in zip(self._jumping, each, strict=True)]
+            how = "after allowing for all places" if self.searched else "as if the place were known in advance"
+            listed += [f"together {printed_p_value(together)}"] * (len(each) > 1)
+            lines.append(f"p-values of no jump at {step:.4g} mag, {how}: {', '.join(listed)}")
+        return lines
 
     def _in_words(self, name, catalogue):
         vector = self.vector(name, catalogue=catalogue)
@@ -313,7 +334,9 @@ class LinkSolution(NamedSolution):
         table.add_column(units, 3, "unit")
         table.meta |= {"reference": self.reference, "epoch": self.unknowns.epoch, "n_sources": len(self.sources)}
         table.meta |= {"chi2": self.chi2, "dof": self.dof, "summary": self.verdict}
-        table.meta |= {f"p_value_jump_{step:g}": self.jump_p_value(step) for step in self.unknowns.steps}
+        for step in self.unknowns.steps:
+            for name, p in zip(("", *(f"_{each}" for each in self._jumping)), self.jump_p_values(step), strict=True):
+                table.meta[f"p_value_jump_{step:g}{name}"] = p
         return table
 
     def _tails(self):
@@ -349,20 +372,11 @@ def made(
     values, covariance, share = mixed(listed)
     best = listed[int(np.argmax(share))]
     outlier = np.sum([w * each.outlier for w, each in zip(share, listed, strict=True)], axis=0)
-    d, p = rows.dims, len(values)
+    d = rows.dims
     left = rows.rhs - rows.design @ values
     size = np.bincount(rows.source, left**2, minlength=len(d))
-    # Without a source, the weights of the others as they are: exact for least squares.
-    weighted = prior[0] + (rows.design * best.weight[rows.source][:, None]).T @ rows.design
-    matrix = np.linalg.inv(covariance)
-    influence = np.zeros((len(d), p))
-    sigma = np.sqrt(np.diag(covariance))
-    for i, mine in enumerate(rows.parts):
-        a = rows.design[mine]
-        without = weighted - best.weight[i] * a.T @ a
-        pull = best.weight[i] * a.T @ left[mine]
-        influence[i] = -np.linalg.lstsq(without, pull, rcond=1e-12)[0] / sigma
-    information = (matrix - prior[0]) / len(d)
+    influence = influence_of(listed, share, rows, prior, values) / np.sqrt(np.diag(covariance))
+    information = (np.linalg.inv(covariance) - prior[0]) / len(d)
     return LinkSolution(
         unknowns.names, values, covariance, float(size.sum()), len(rows.rhs), "icrs", notes,
         unknowns=unknowns, reference=reference, sources=rows.names, magnitude=rows.magnitude, rows=rows.rows,

@@ -1,7 +1,7 @@
 """Where a frame jumps: the magnitude of a step, from the data."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -9,7 +9,7 @@ from scipy.special import logsumexp
 
 from fit.link._link import link
 from fit.link._solution import LinkSolution
-from fit.quality import SEEN, printed_p_value
+from fit.quality import printed_p_value
 from fit.storage import Result
 from vsh.io import tables
 from vsh.sky.astrometry import AstrometryRows
@@ -49,6 +49,11 @@ class StepSearch(Result):
         return f"<StepSearch: {len(self.places)} places, G = {self.place:.4g} most probable, p = {self.p_value:.2g}>"
 
     @property
+    def verdict(self) -> str:
+        """The link in a sentence, its jump after allowing for all places."""
+        return self.solution.verdict
+
+    @property
     def place(self) -> float:
         """The most probable magnitude."""
         return float(self.places[self.probability.argmax()])
@@ -65,9 +70,8 @@ class StepSearch(Result):
     def report(self) -> str:
         """The places, and whether there is a jump, as text."""
         low, high = self.interval
-        seen = "a jump is seen" if self.p_value < SEEN else f"no jump is seen (p would be below {SEEN})"
         lines = [
-            f"{seen}: p = {printed_p_value(self.p_value)} after allowing for {len(self.places)} places "
+            f"p = {printed_p_value(self.p_value)} of no jump, after allowing for {len(self.places)} places "
             f"({printed_p_value(float(self.p_values.min()))} for the largest alone)",
             f"if there is one, G = {self.place:.4g} is most probable; 68 %: {low:.4g} to {high:.4g}",
             f"{'fainter than':>12}{'probability':>14}{'p of no jump':>14}",
@@ -131,10 +135,11 @@ def find_step(astrometry: AstrometryRows, places: Sequence[float] | None = None,
     solutions = [link(astrometry, steps=[float(place)], **options) for place in tried]
     unknown = [np.linalg.slogdet(each.jump_covariance(x))[1] for each, x in zip(solutions, tried.tolist(), strict=True)]
     evidence = np.array([each.log_evidence for each in solutions]) - np.array(unknown) / 2
-    p_values = np.array([each.jump_p_value(place) for each, place in zip(solutions, tried.tolist(), strict=True)])
     best = solutions[int(evidence.argmax())]
-    together = -np.expm1(len(tried) * np.log1p(-min(p_values.min(), 1 - 1e-16)))
-    return StepSearch(tried, np.exp(evidence - logsumexp(evidence)), p_values, float(together), best)
+    each = np.array([solution.jump_p_values(place) for solution, place in zip(solutions, tried.tolist(), strict=True)])
+    together = -np.expm1(len(tried) * np.log1p(-np.minimum(each.min(axis=0), 1 - 1e-16)))
+    best = replace(best, searched=tuple(map(float, together)))
+    return StepSearch(tried, np.exp(evidence - logsumexp(evidence)), each[:, 0], float(together[0]), best)
 
 
 def _between(astrometry):

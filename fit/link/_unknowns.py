@@ -1,6 +1,7 @@
 """What a frame may be turned by: orientation and spin, in steps and powers of magnitude and colour."""
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -56,7 +57,7 @@ class Unknowns(InNotebook):
         """Names of the functions of magnitude and colour; that of the constant is empty."""
         return (
             "",
-            *(f"[G>={step:g}]" for step in self.steps),
+            *(f" at {step:g}" for step in self.steps),
             *(f"[(G-13)^{k}]" for k in range(1, self.order + 1)),
             *(f"[(colour-1)^{k}]" for k in range(1, self.colour_order + 1)),
         )
@@ -69,8 +70,18 @@ class Unknowns(InNotebook):
             before = f"{catalogue}:" if len(self.turned) > 1 else ""
             for vector in self.vectors:
                 if vector != "acceleration":
-                    names += [f"{before}{VECTORS[vector][0]}_{axis}{term}" for term in self.terms for axis in _AXES]
+                    names += [_name(before, vector, axis, term) for term in self.terms for axis in _AXES]
         return (*names, *(f"a_{axis}" for axis in _AXES if "acceleration" in self.vectors))
+
+    @property
+    def levels(self) -> tuple[tuple[str, float | None], ...]:
+        """Ranges of magnitude between the steps, in words, each with a magnitude within it."""
+        edges = sorted(self.steps)
+        if not edges:
+            return (("", None),)
+        between = [f"{low:g} ≤ G < {high:g}" for low, high in pairwise(edges)]
+        inside = [np.nextafter(edges[0], -np.inf), *edges]
+        return tuple(zip([f"G < {edges[0]:g}", *between, f"G ≥ {edges[-1]:g}"], inside, strict=True))
 
     def functions(self, magnitude: ArrayLike, colour: ArrayLike | None = None) -> FloatArray:
         """The functions of `terms` at each `magnitude` and `colour`, (k, n); nan where that is not known."""
@@ -117,7 +128,7 @@ class Unknowns(InNotebook):
         terms = self.terms if vector != "acceleration" else ("",)
         for k, axis in enumerate(_AXES):
             for term, value in zip(terms, values, strict=False):
-                name = f"{'' if vector == 'acceleration' else before}{VECTORS[vector][0]}_{axis}{term}"
+                name = _name("" if vector == "acceleration" else before, vector, axis, term)
                 matrix[k, names.index(name)] = value
         return matrix
 
@@ -156,3 +167,9 @@ class Unknowns(InNotebook):
                     design[:, 3:, part] = values[:, None, None] * turn
                 start += 3
         return design
+
+
+def _name(before, vector, axis, term):
+    """The name of a parameter: what a step adds is a jump, not the value beyond it."""
+    component = f"{before}{VECTORS[vector][0]}_{axis}{term}"
+    return f"jump {component}" if term.startswith(" at ") else component
