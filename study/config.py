@@ -24,7 +24,7 @@ class StudyError(VshError, ValueError):
 
 #: Sections with their keys and defaults; None must be given.
 _SECTIONS = {
-    "study": {"name": None, "seed": 1, "n_realisations": 100, "frame": "galactic", "lmax": 3},
+    "study": {"name": None, "seed": 1, "n_realisations": 100, "frame": "galactic", "lmax": 3, "propagate_spin": True},
     "mission": {"years": 5.0, "dead_time": 0.06, "release": "DR4", "attitude": 10.0, "knots": 30.0},
     "truth": {
         "orientation": [0.0, 0.0, 0.0],
@@ -169,6 +169,10 @@ def _section(name, given, keys):
     section = {key: given.get(key, default) for key, default in keys.items()}
     for key, value in tuple(section.items()):
         default = keys[key]
+        if isinstance(default, bool):
+            if not isinstance(value, bool):
+                raise StudyError(f"{name}: {key} must be true or false, not {value!r}")
+            continue
         expected_type = (
             int if key == "number" or isinstance(default, int) else type(default) if default is not None else str
         )

@@ -135,9 +135,9 @@ def realise(study: Study, index: int, files: dict[str, Path], number: int) -> di
         for name, vector in (("omega", solution.spin), ("a", solution.acceleration)):
             _put(values, sigma, name, vector, f"@{degree}")
     if "galaxies" in fields:
-        spin = Vector(
-            direct.values[direct.names.index("omega_x") :][:3], np.zeros((3, 3)), frame
-        )  # fixed at what the quasars gave, as in the paper
+        at = slice(first := direct.names.index("omega_x"), first + 3)
+        spin_covariance = direct.covariance[at, at] * study.settings["propagate_spin"]
+        spin = Vector(direct.values[at], spin_covariance, frame)
         options = {
             "peculiar_dispersion": study.cases[index]["galaxies"]["peculiar_dispersion"],
             "spin": spin,

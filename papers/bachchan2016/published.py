@@ -61,6 +61,8 @@ SPEEDS = {
     "C": (361.369, 83.409, -48.428),
     "D": (383.231, 85.881, -51.452),
 }
+#: Std and ⟨σ⟩ of |v| in Table 7: sums in quadrature of those of the components, not the scatter of a length.
+SPEED_ERRORS = {"A": (107.505, 169.066), "B": (99.134, 169.529), "C": (99.086, 169.529), "D": (100.106, 172.150)}
 #: Table 6: correlations of ε, ω, ã; GUMS above the diagonal, IGQL below.
 CORRELATIONS = np.array([
     [1.000, 0.001, -0.025, 0.000, 0.000, 0.000, 0.000, 0.000, 0.000],
