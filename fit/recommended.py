@@ -1,18 +1,19 @@
 """The fit to quote: Student's t, to a degree that the sources bear, with the systematic floor in the errors."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
 from fit.background import Floor, equations_of, floor, shared
-from fit.normal import NormalEquations, normal_equations
+from fit.normal import NormalEquations, Template, normal_equations
 from fit.robust import Reweighted, student_t
 from fit.solution import AboutSolution, Solution
 from fit.solving import fit_field, solve, with_coverage
 from vsh.field import Field
 from vsh.io.parts import Parts, as_parts
+from vsh.modes import Modes
 from vsh.tools import arguments
 from vsh.tools.errors import ConvergenceError, DegeneracyError, VshError
 from vsh.tools.types import Rng
@@ -42,6 +43,15 @@ class Recommended(AboutSolution):
         The robust fit; None where it did not settle, and least squares stands in its place.
     rng : Generator or int
         The source of all randomness, of the p-values.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> rng = np.random.default_rng(1)
+    >>> lon, lat = rng.uniform(0, 6.28, 500), np.arcsin(rng.uniform(-1, 1, 500))
+    >>> found = recommended(Field(lon, lat, 30 * rng.normal(size=(2, 500)), np.full((2, 500), 30.0)))
+    >>> found.verdict.partition(",")[0]
+    'verdict: no acceleration is seen'
     """
 
     solution: Solution
@@ -77,7 +87,9 @@ class Recommended(AboutSolution):
         p_acceleration, p_spin = self.p_values
         return verdict(self.solution, shared=self.floor is not None, p_value=p_acceleration, p_spin=p_spin)
 
-    def equations(self, field: Field | Parts, modes: Any, *, templates: Any = ()) -> NormalEquations:
+    def equations(
+        self, field: Field | Parts, modes: Modes | int, *, templates: Sequence[Template] = ()
+    ) -> NormalEquations:
         """Normal equations of some of the sources by the weights of this fit, as `Reweighted.equations`.
 
         Parameters
@@ -85,7 +97,7 @@ class Recommended(AboutSolution):
         field : Field or Parts
             Sources that were fitted.
         modes : Modes, or the degree lmax
-            Of the equations.
+            What the equations are for.
         templates : sequence of fit.background.Template
             As for `fit.normal_equations`.
         """

@@ -391,7 +391,7 @@ class SharedErrors(Result):
 def _cells(solution):
     spin, acceleration = solution.spin, solution.acceleration
     parts = [
-        f"{' '.join(f'{x:+.1f}' for x in vector.value):>17} ±{np.sqrt(np.mean(vector.sigma**2)):>6.2f}  "
+        f"  {' '.join(f'{x:+.1f}' for x in vector.value):>17} ±{np.sqrt(np.mean(vector.sigma**2)):>6.2f}"
         for vector in (spin, acceleration)
     ]
     return "".join(f"{part:>27}" for part in parts) + f"{acceleration.amplitude:>10.2f}"

@@ -42,10 +42,13 @@ def _run(options):
         texts.append(f"Errors of {labels[0]} are in all of these differences: they are not independent of each other.")
 
     def sheets():
+        from fit.output import vectors_table
+
         tables = {} if together is None else {"All catalogues in one solution": together.to_table()}
         for label, (comparison, _) in compared.items():
             of = f": {label}" if len(compared) > 1 else ""
             tables[f"Under the names of the ICRF3 papers{of}"] = comparison.parameters_table()
+            tables[f"Vectors{of}"] = vectors_table(comparison.best)
             tables[f"Coefficients{of}"] = comparison.best.to_table()
             if comparison.shared is not None:
                 tables[f"With what sources share{of}"] = comparison.shared.to_table()

@@ -8,7 +8,6 @@ from typing import Any
 import fit
 import vsh
 from fit.commands import backgrounds as shared
-from fit.commands import estimators
 from vsh.commands import finishing, outputs, reading, running
 from vsh.commands.options import fit as options_module
 from vsh.tools.notes import dropped, unselected
@@ -27,6 +26,7 @@ def _run(options):
     outputs.check(options)
     path = files("fit") / DEMO if options.demo else options.catalogue
     source = reading.open_catalogue(str(path), options)
+    from fit.commands import estimators
     from vsh.io import catalogue, tables
 
     whole: Any
@@ -91,7 +91,12 @@ def _run(options):
         return {_HEADINGS.get(name, name): result.to_table() for name, result in backgrounds.results.items()}
 
     def latex():
-        return "\n\n".join([solution.latex(), *(finishing.as_latex(table, head) for head, table in further().items())])
+        return "\n\n".join(
+            [
+                fit.output.latex_of(solution, verdict=said),
+                *(finishing.as_latex(table, head) for head, table in further().items()),
+            ]
+        )
 
     def provenance():
         refused, out, used = dropped(solution.notes), unselected(solution.notes), solution.n_sources

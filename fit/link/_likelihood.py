@@ -125,7 +125,7 @@ def mixed(listed: Sequence[Node]) -> tuple[FloatArray, FloatArray, FloatArray]:
     return mean, covariance, share
 
 
-#: Of so many of the most probable nodes the influence of a source is the mean.
+#: The influence of a source is the mean over so many of the most probable nodes.
 _NODES = 40
 
 

@@ -5,9 +5,10 @@ from typing import Any
 
 import numpy as np
 
-from fit.output._rows import amplitude, components, direction, is_scalar, power_rows, vectors_of
+from fit.output._rows import amplitude, components, direction, is_scalar, p_value, vectors_of
 from fit.output._verdict import holds_floor, with_all_errors
 from fit.quality import SEEN
+from fit.spectrum import spectrum
 from vsh.io.tables import two_digits
 from vsh.tools.arguments import choice
 
@@ -28,7 +29,7 @@ _STYLES = {
 }
 
 
-def latex_of(solution: Any, style: str = "booktabs") -> str:
+def latex_of(solution: Any, style: str = "booktabs", verdict: str | None = None) -> str:
     """Spin, acceleration, or mean and dipole of a scalar field, and powers as a LaTeX table.
 
     Parameters
@@ -37,6 +38,8 @@ def latex_of(solution: Any, style: str = "booktabs") -> str:
         What was fitted.
     style : {"booktabs", "siunitx", "aastex", "aa"}
         As for `Solution.latex`.
+    verdict : str, optional
+        The last line; that of the solution unless given.
     """
     begin, top, rule, bottom, end = _STYLES[choice("style", style, tuple(_STYLES))]
     unit = _tex(solution.unit).replace("µas/yr", r"\textmu as\,yr$^{-1}$").replace("µ", r"\textmu ")
@@ -50,18 +53,16 @@ def latex_of(solution: Any, style: str = "booktabs") -> str:
         cells = [_number(cell, style) for cell in (*components(vector, digits), amplitude(vector, digits))]
         lines.append(rf"{_SYMBOLS[name]} [{unit}] & " + " & ".join(cells) + r" \\")
     lines += [rule, r" & power & noise-debiased & error & $p$-value \\", rule]
-    for power in power_rows(solution):
-        numbers = [float(each) for each in (power.power, power.debiased, power.error)]
-        digits = two_digits(numbers[2])
-        shown = (*(f"{each:.{digits}f}" for each in numbers), power.p_value)
-        lines.append(
-            rf"${power.degree[0]}_{{{power.degree[1:]}}}$ & " + " & ".join(_number(c, style) for c in shown) + r" \\"
-        )
-    lines += [rule, *(rf"\multicolumn{{5}}{{p{{0.9\linewidth}}}}{{{words}}} \\" for words in _facts(solution))]
+    for power in spectrum(solution):
+        digits = two_digits(power.error)
+        shown = (*(f"{each:.{digits}f}" for each in (power.power, power.debiased, power.error)), p_value(power.p_value))
+        lines.append(rf"${power.kind}_{{{power.l}}}$ & " + " & ".join(_number(c, style) for c in shown) + r" \\")
+    facts = _facts(solution, verdict)
+    lines += [rule, *(rf"\multicolumn{{5}}{{p{{0.9\linewidth}}}}{{{words}}} \\" for words in facts)]
     return "\n".join([*lines, bottom, end]) + "\n"
 
 
-def _facts(solution):
+def _facts(solution, verdict):
     """The last lines of a table: sources, degrees, χ², errors, directions, and what it comes to."""
     facts = [
         f"{solution.n_sources} sources, degrees {solution.modes.lowest} to {solution.modes.lmax}, {solution.frame} "
@@ -74,7 +75,7 @@ def _facts(solution):
         if whole.amplitude > 0 and whole.p_value < SEEN:
             other = "" if np.array_equal(whole.covariance, vector.covariance) else ", by the errors of the verdict"
             facts.append(f"{name} {direction(whole)}{other}")
-    said = solution.verdict
+    said = solution.verdict if verdict is None else verdict
     return [_words(each) for each in (*facts, *([said] if said else []))]
 
 

@@ -147,7 +147,10 @@ def cell(value: Any) -> str:
 
 
 def vectors_table(solution: Any) -> Table:
-    """Spin and acceleration (rotation and glide; a dipole) as an astropy Table, a row each; no direction of noise."""
+    """Spin and acceleration (rotation and glide; a dipole) as an astropy Table, a row each.
+
+    lon and lat are nan where the direction is that of noise; fitted_lon and fitted_lat are there always.
+    """
     vectors = vectors_of(solution)
     names = (
         "amplitude",
@@ -159,6 +162,8 @@ def vectors_table(solution: Any) -> Table:
         "lon_error",
         "lat_error",
         "p_value",
+        "fitted_lon",
+        "fitted_lat",
     )
     # The chance of a degree knows of how many replicates the errors are; a vector does not.
     chances = {d.kind: d.p_value for d in spectrum(solution) if d.l == 1}
@@ -174,6 +179,7 @@ def vectors_table(solution: Any) -> Table:
             v.amplitude_limit(0.95),
             *((*v.direction, *v.direction_error) if is_seen(v) else (np.nan,) * 4),
             chances.get(kinds[name], v.p_value),
+            *v.direction,
         )
         for name, v in vectors.items()
     ]
@@ -181,7 +187,7 @@ def vectors_table(solution: Any) -> Table:
     values = np.array(rows, float).reshape(-1, len(heads)).T
     unit = solution.unit.replace("µ", "u")  # as astropy writes it
     units = dict.fromkeys(heads[:6] + names[:4], unit) | dict.fromkeys(heads[6:9], _squared(unit))
-    units |= dict.fromkeys(names[4:8], "deg")
+    units |= dict.fromkeys((*names[4:8], *names[9:]), "deg")
     meta = {
         "frame": solution.frame,
         "lmax": solution.modes.lmax,

@@ -25,6 +25,13 @@ TEMPLATES = {
 }
 
 
+def _limit_words(name: str, amplitude: float) -> str:
+    """A limit in words: a vector by its length, whose power is 8π/3 of its square."""
+    if name in ("spin", "glide"):
+        return f"{name} below {np.sqrt(3 * max(amplitude, 0.0) / (8 * np.pi)):.3g} µas/yr"
+    return f"{'h70² Ω of waves' if name == 'waves' else name} below {amplitude:.3g}"
+
+
 def waves_curve(theta: ArrayLike) -> FloatArray:
     """Γ(θ), ξ+ = H0² Ω Γ of an isotropic background: Book & Flanagan (2011, PRD 83, 024024), eq. 74–77."""
     s2 = np.sin(float_array("theta", theta) / 2) ** 2
@@ -105,8 +112,8 @@ class TemplateFit(Result):
                 f"pairs show {', '.join(seen)}, of the sky or of what sources share, which pairs do not tell apart: "
                 "harmonics beside a floor do (vsh-fit --floor --waves)"
             )
-        limits = ", ".join(f"{n} below {high:.3g}" for n, (_, high) in zip(self.names, self.interval(), strict=True))
-        return f"pairs show none of these: {limits} (95 %)"
+        limits = [_limit_words(name, high) for name, (_, high) in zip(self.names, self.interval(), strict=True)]
+        return f"pairs show none of these: {', '.join(limits)} (95 %)"
 
     def report(self) -> str:
         """Amplitudes as text."""

@@ -146,6 +146,8 @@ def clip(
     normal = normal_equations(field, modes, covariance=shared)
     n_sources = n_kept = normal.n_sources
     components = modes.components
+    # For Gaussian errors the median tells their scale, and so how many σ the limit is.
+    q = (chdtri(components, 2.0 ** -(given**2)) if threshold is None else given**2) / 2
     in_medians = (
         float(np.sqrt(chdtri(components, 2.0 ** -(kappa**2)) / chdtri(components, 0.5))) if threshold is None else 1.0
     )
@@ -158,8 +160,6 @@ def clip(
         limit = threshold or in_medians * float(median(sky, distances, f"clip, round {rounds}"))
         chosen = sky.sum(partial(_within, distances=distances, limit=limit), roles=(), words=f"clip, round {rounds}")
         if chosen["mark"] == kept or (kept is None and chosen["sources"] == n_sources):
-            # For Gaussian errors the median tells their scale, and so how many σ the limit is.
-            q = (chdtri(components, 2.0 ** -(given**2)) if threshold is None else given**2) / 2
             rule = (
                 f"κ = {kappa:g}{'' if components == 2 else f', {in_medians:.3g}'} times the median"
                 if threshold is None
@@ -176,6 +176,8 @@ def clip(
         kept, n_kept = chosen["mark"], chosen["sources"]
         if kept in seen or rounds == max_rounds:
             swing = sky.sum(partial(_differing, one=(distances, limit), two=before), roles=(), words="clip")
+        if kept in seen and swing <= max(1, n_sources // 1000):
+            return _settled(sky, modes, shared, (distances, limit), before, rounds, swing, q)
         if kept in seen:
             raise ConvergenceError(
                 f"the clipping oscillates after {rounds} rounds: {swing} sources are alternately clipped and kept at "
@@ -192,6 +194,30 @@ def clip(
     raise ConvergenceError(
         f"the clip has not settled after {max_rounds} rounds: {swing} sources more or less in the last"
     )
+
+
+def _settled(sky, modes, shared, one, two, rounds, swing, q):
+    """The fit to what both choices keep between which a few sources swing."""
+    both = partial(_larger, one=one, two=two)
+    select = partial(_select, distances=both, limit=1.0)
+    mask = None
+    if sky.in_memory is None:
+        normal = normal_equations(sky.map(select), modes)
+    else:
+        mask = both(sky.in_memory) <= 1.0
+        normal = normal_equations(select(sky.in_memory), modes, covariance=None if shared is None else shared[mask])
+    n_sources, n_kept = sky.sum(len), normal.n_sources
+    limit = one[1]
+    note = (
+        f"clipped {n_sources - n_kept} of {n_sources} sources with X > {limit:.3g} ({rounds} rounds; {swing} of them "
+        f"{'was' if swing == 1 else 'were'} alternately clipped and kept)"
+    )
+    return _corrected(solve(normal), mask, rounds, limit, q, note, n_sources - n_kept)
+
+
+def _larger(field, one, two):
+    """The larger of X over its limit by two fits."""
+    return np.maximum(*(distances(field) / limit for distances, limit in (one, two)))
 
 
 def _corrected(solution, kept, rounds, limit, q, note, n_clipped):

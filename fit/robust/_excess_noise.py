@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from fit.normal import NormalEquations, normal_equations
+from fit.normal import NormalEquations, Template, normal_equations
 from fit.solution import AboutSolution, Solution
 from fit.solving import solve
 from fit.sums import sandwich, weighted_sums
@@ -42,7 +42,9 @@ class ExcessNoise(AboutSolution):
     scale_error: float
     n_rounds: int
 
-    def equations(self, field: Field | Parts, modes: Modes | int, *, templates: Sequence[Any] = ()) -> NormalEquations:
+    def equations(
+        self, field: Field | Parts, modes: Modes | int, *, templates: Sequence[Template] = ()
+    ) -> NormalEquations:
         """Sum normal equations of some of its sources, a class say, with the errors that this fit found.
 
         Parameters
@@ -50,7 +52,7 @@ class ExcessNoise(AboutSolution):
         field : Field or Parts
             Sources that were fitted.
         modes : Modes, or the degree lmax
-            Of the equations.
+            What the equations are for.
         templates : sequence of fit.background.Template
             As for `fit.normal_equations`.
         """

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.polynomial import chebyshev
 from scipy.special import gamma, gammainc, gammaln
 
-from fit.normal import NormalEquations, normal_equations, template_fields
+from fit.normal import NormalEquations, Template, normal_equations, template_fields
 from fit.solution import AboutSolution, Solution
 from fit.solving import solve
 from fit.sums import sandwich
@@ -160,7 +160,9 @@ class Reweighted(AboutSolution):
     nu: float | None = None
     share: Share | None = None
 
-    def equations(self, field: Field | Parts, modes: Modes | int, *, templates: Sequence[Any] = ()) -> NormalEquations:
+    def equations(
+        self, field: Field | Parts, modes: Modes | int, *, templates: Sequence[Template] = ()
+    ) -> NormalEquations:
         """Sum normal equations of some of its sources, a class say, by the weights of this fit.
 
         Parameters
@@ -168,7 +170,7 @@ class Reweighted(AboutSolution):
         field : Field or Parts
             Sources that were fitted.
         modes : Modes, or the degree lmax
-            Of the equations, which may differ from that of the fit.
+            What the equations are for; another degree than that of the fit, if need be.
         templates : sequence of fit.background.Template
             As for `fit.normal_equations`.
 

@@ -1,13 +1,13 @@
 """The sources that a referee looks at, with whatever columns may tell the instrument from the sky."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from fit.normal import NormalEquations, normal_equations
+from fit.normal import NormalEquations, Template, normal_equations
 from fit.recommended import Recommended, degree_for, recommended
 from fit.robust import Clipped, clip
 from fit.solving import fit_field
@@ -118,12 +118,12 @@ class Quasars(InNotebook):
         """Whether χ² scales the errors of `equations`: not where a robust fit has settled."""
         return self.recommended.weights is None
 
-    def equations(self, chosen: Any, lmax: int, *, templates: Any = ()) -> NormalEquations:
-        """Normal equations of those that are `chosen`, to degree `lmax`, by the weights of the recommended fit."""
+    def equations(self, chosen: Any, lmax: int, *, templates: Sequence[Template] = ()) -> NormalEquations:
+        """Sum those `chosen` to degree `lmax`, with `templates`, by the weights of the recommended fit."""
         return self.recommended.equations(self.field[chosen], lmax, templates=templates)
 
     def plain_equations(self, chosen: Any, lmax: int) -> NormalEquations:
-        """The same by the errors quoted, as published analyses have them."""
+        """Sum those `chosen` to degree `lmax` by the errors quoted, as published analyses do."""
         return normal_equations(self.field[chosen], lmax)
 
 
