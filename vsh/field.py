@@ -56,6 +56,7 @@ def usable_columns(
     on_bad: OnBad,
     first_row: int,
     unusable: Mapping[str, BoolArray] | None = None,
+    aside: Mapping[str, BoolArray] | None = None,
 ) -> tuple[dict[str, FloatArray], tuple[str, ...]]:
     """The arrays of a field, without rows that cannot be used, and notes."""
     notes: tuple[str, ...] = ()
@@ -89,6 +90,8 @@ def usable_columns(
                 words = f"{odd.sum()} values of {column} beyond {low:g} … {high:g} taken as missing"
                 notes = (*notes, f"{words}: {VELOCITIES}" if speeds else words)
             columns[column] = np.where(odd | np.isinf(values), np.nan, values)
+    if "redshift" in columns and "redshift_error" in columns:
+        notes = (*notes, *_set_unknown(columns, first_row))
     spans = {column: span_of(columns[column]) for column in _MOTIONS}
     invalid = invalid_rows(
         lon, lat, motion, sigma, rho,
@@ -96,11 +99,27 @@ def usable_columns(
         placeholders({c: columns[c] for c in _MOTIONS}, spans), turns=1,
         spans={"motion": joint_span(spans, _MOTIONS[:2], MAS), "sigma": joint_span(spans, _MOTIONS[2:], MAS)},
     )  # fmt: skip
-    keep, added_notes = select_usable(invalid, n, on_bad, first_row, (lon, lat))
+    keep, added_notes = select_usable(invalid, n, on_bad, first_row, (lon, lat), aside)
     kept = {"lon": lon[keep], "lat": lat[keep], "motion": motion[:, keep], "sigma": sigma[:, keep], "rho": rho[keep]}
     kept |= {c: columns[c][keep] for c in (*MEASURED, "name") if c in columns}
     of_all = spans if isinstance(keep, slice) else None
     return kept, (*notes, *doubtful({c: columns[c][keep] for c in ("pmra", "pmdec")}, of_all), *added_notes)
+
+
+def _set_unknown(columns, first_row):
+    """Make redshifts missing whose error says that they are not known; a note counts them and names the first."""
+    with np.errstate(invalid="ignore"):
+        unknown = columns["redshift_error"] >= 1 + columns["redshift"]
+    if not unknown.any():
+        return ()
+    first = int(np.argmax(unknown))
+    words = (
+        f"{unknown.sum()} redshifts with an error of 1 + z or more are taken as missing (first: row "
+        f"{first_row + first}, {columns['redshift'][first]:.4g} ± {columns['redshift_error'][first]:.4g})"
+    )
+    for column in ("redshift", "redshift_error"):
+        columns[column] = np.where(unknown, np.nan, columns[column])
+    return (words,)
 
 
 def still_columns(sources: Any, sigma: ArrayLike | None) -> dict[str, Any]:
@@ -390,6 +409,7 @@ class Field(Tabled):
         notes: Iterable[str] = (),
         first_row: int = 0,
         unusable: Mapping[str, BoolArray] | None = None,
+        aside: Mapping[str, BoolArray] | None = None,
         **measured: ArrayLike | None,
     ) -> Field:
         """A field from columns as catalogues have them.
@@ -414,6 +434,8 @@ class Field(Tabled):
             Number of the first row in messages, where the columns are part of a table.
         unusable : dict of str to mask, optional
             Further rows that cannot be used, by reason.
+        aside : dict of str to mask, optional
+            Rows that are no part of the field, by reason: they are counted in a note, and are no error.
         **measured
             redshift, magnitude, redshift_error, distance, distance_error, parallax, parallax_error, (n,) each.
 
@@ -441,7 +463,7 @@ class Field(Tabled):
             raise FieldError(
                 f"no column is called {', '.join(set(measured) - set(MEASURED))}: {', '.join(MEASURED)} are"
             )
-        columns, added_notes = usable_columns(given | measured, name, on_bad, first_row, unusable)
+        columns, added_notes = usable_columns(given | measured, name, on_bad, first_row, unusable, aside)
         return cls(**columns, frame=frame, redshift_frame=redshift_frame, notes=(*notes, *added_notes))
 
     @classmethod

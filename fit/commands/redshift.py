@@ -95,9 +95,8 @@ def _run(options):
     } | _distances(options)
     if options.h0 or options.velocity or options.posterior:
         field = whole
-        if options.on_bad == "drop":
-            step = partial(with_redshift, redshift_frame=options.redshift_frame)
-            field = whole.map(step) if isinstance(whole, Parts) else step(whole)
+        step = partial(with_redshift, redshift_frame=options.redshift_frame, missing_only=options.on_bad != "drop")
+        field = whole.map(step) if isinstance(whole, Parts) else step(whole)
         _ask_for_frame(field, options, common, source.label)
     if options.h0:
         results["velocity"] = observer_velocity(field, options.h0, **common)

@@ -20,6 +20,7 @@ from fit.distances._density import (
     flow_counts,
     flow_limits,
     magnitude_counts,
+    median_spread,
     redshift_counts,
     variance_sums,
 )
@@ -77,9 +78,9 @@ def calibrate(
     facts = sky.sum(partial(_facts, calibration=bare), roles=DISTANCES, words="redshifts")
     limits = float(min(facts["lowest"])), float(max(facts["highest"]))
     bare = replace(bare, limits=limits, flow_limits=flow_limits(facts["flow"]))
-    rms = float(np.sqrt(facts["spread2"] / facts["n"]))
-    if rms == 0:
+    if not facts["counts"][:, 0].any():
         return bare
+    typical = median_spread(facts["counts"])
     _check_size(bare, facts, dispersion)
     known, n = facts["magnitudes"], facts["n"]
     if magnitudes is None and 0 < known < n:
@@ -96,7 +97,7 @@ def calibrate(
         measured = (
             LuminosityFunction(luminosity, "luminosity function as given")
             if luminosity is not None
-            else fit_luminosity(_far_enough(facts["bright"], rms, cosmology), max(facts["faintest"]))
+            else fit_luminosity(_far_enough(facts["bright"], typical, cosmology), max(facts["faintest"]))
         )
         bare = replace(bare, luminosity=measured)
         if not given:
@@ -114,7 +115,7 @@ def calibrate(
             "weigh by the mean errors of their redshift; with magnitudes results would be surer"
         )
     limit = max(facts["faintest"]) if use else None
-    return replace(bare, density=_density(density, limit, facts, rms, bare), notes=tuple(notes))
+    return replace(bare, density=_density(density, limit, facts, bare), notes=tuple(notes))
 
 
 def bare_calibration(
@@ -147,7 +148,7 @@ def _magnitudes(field):
     return np.array([0 if field.magnitude is None else np.isfinite(field.magnitude).sum(), len(field)])
 
 
-def _density(density, limit, facts, rms, calibration):
+def _density(density, limit, facts, calibration):
     if callable(density):
         return SourceDensity(GivenDensity(density), "as given")
     if density == "volume":
@@ -157,7 +158,7 @@ def _density(density, limit, facts, rms, calibration):
     # A catalogue that was cut in redshifts as observed lacks, next to its limits, sources of some directions.
     low, high, shift = min(facts["lowest seen"]), max(facts["highest seen"]), max(facts["shift"])
     cut = (float(np.expm1(np.log1p(low) + shift)), float(np.expm1(np.log1p(high) - shift)))
-    fitted = fit_density(facts["counts"], rms, calibration.log_distance, calibration.limits, cut)
+    fitted = fit_density(facts["counts"], calibration.log_distance, calibration.limits, cut)
     if limit is None:
         return fitted
     return completed(fitted, calibration.luminosity, limit, calibration.log_distance)
@@ -183,12 +184,11 @@ def _facts(field, calibration):
         "lowest seen": [field.redshift.min()],
         "highest seen": [field.redshift.max()],
         "shift": [np.abs(np.log1p(z) - np.log1p(field.redshift)).max()],
-        "spread2": np.sum(spread**2),
         "lost": int(np.sum(spread > np.log1p(z))),
         "magnitudes": int(known.sum()),
         "faintest": [bright.max()] if known.any() else [],
         "bright": magnitude_counts(bright, modulus[known]),
-        "counts": redshift_counts(z),
+        "counts": redshift_counts(z, spread),
         "flow": flow_counts(z, field.information),
         "variances": variance_sums(z, field.sigma),
     }
@@ -203,9 +203,9 @@ def _check_size(calibration, facts, dispersion):
         )
 
 
-def _far_enough(counts, rms, cosmology):
+def _far_enough(counts, spread, cosmology):
     """Counts of sources whose absolute magnitudes are not blurred by the errors of redshifts, where they are enough."""
-    z = 10 * rms
+    z = 10 * spread
     modulus = distance_modulus(transverse_distance(np.array([max(z, FLOW_LIMIT)]), cosmology)[0], z)
     far = counts * (modulus <= MODULI)
     return far if far.sum() >= max(1000, 0.2 * counts.sum()) else counts

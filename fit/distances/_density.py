@@ -118,9 +118,27 @@ def completed(density: SourceDensity, luminosity: Any, limit: float, log_distanc
     return SourceDensity(Completed(density.curve, log_d[known], share[known]), density.words)
 
 
-def redshift_counts(redshift: FloatArray) -> FloatArray:
-    """Sources by redshift, a table that adds over parts."""
-    return np.histogram(np.log(redshift), bins=EDGES)[0].astype(float)
+#: Classes of the error of ln(1 + z), a factor of two each, in which redshifts are counted: spectroscopic redshifts are
+#: not seen through the errors of photometric ones.
+SPREADS = np.r_[0.0, np.geomspace(1e-5, 1.0, 18), np.inf]
+
+
+#: A class of errors so many times as large as the typical one is not used to find the density.
+_WIDER = 4.0
+
+
+def redshift_counts(redshift: FloatArray, spread: FloatArray) -> FloatArray:
+    """Sources by class of their error and by redshift, and the sum of squared errors in front, which add over parts."""
+    number = np.histogram2d(spread, np.log(redshift), bins=(SPREADS, EDGES))[0]
+    squares = np.histogram(spread, bins=SPREADS, weights=spread**2)[0]
+    return np.column_stack([squares, number])
+
+
+def median_spread(counts: FloatArray) -> float:
+    """The error of ln(1 + z) of the class in the middle of those of `redshift_counts`, by number."""
+    number = counts[:, 1:].sum(axis=1)
+    middle = int(np.searchsorted(np.cumsum(number), number.sum() / 2))
+    return float(np.sqrt(counts[middle, 0] / max(number[middle], 1.0)))
 
 
 #: What a galaxy has of its own: none tells more of ours than that, and no redshift places it better. [km/s]
@@ -147,13 +165,15 @@ def flow_limits(counts: FloatArray) -> tuple[float, float]:
 
 
 def fit_density(
-    counts: FloatArray,
-    spread: float,
-    log_distance: Any,
-    limits: tuple[float, float],
-    cut: tuple[float, float] | None = None,
+    table: FloatArray, log_distance: Any, limits: tuple[float, float], cut: tuple[float, float] | None = None
 ) -> SourceDensity:
-    """The density by which a catalogue's redshifts are most probable, with their errors and velocities."""
+    """The density by which a catalogue's redshifts are most probable, with the errors and velocities of each class."""
+    number, spread = table[:, 1:].sum(axis=1), median_spread(table)
+    spreads = np.sqrt(table[:, 0] / np.maximum(number, 1))
+    # Those that are much less certain than most say nothing of the density that most do not say.
+    classes = (number > 0) & (spreads < _WIDER * max(spread, 1e-9))
+    spreads, by_class = spreads[classes], table[classes, 1:]
+    counts = by_class.sum(axis=0)
     if cut is not None and cut[1] > cut[0] > 0:
         inner = np.searchsorted(EDGES, np.log(cut)) - 1
         if inner[1] - inner[0] > 8 and counts[inner[0] : inner[1]].sum() > 0.2 * counts.sum():
@@ -163,17 +183,19 @@ def fit_density(
         first, last = first + 1, last - 1
     first = max(first, 0)
     cells, seen = slice(first, last + 1), np.log1p(np.exp(EDGES[first : last + 2]))
-    low = max(np.log1p(1e-4), seen[0] - 5 * spread)
-    true = np.linspace(low, seen[-1] + 5 * spread, 600)
+    widest = spreads.max()
+    true = np.linspace(max(np.log1p(1e-4), seen[0] - 5 * widest), seen[-1] + 5 * widest, 600)
     from scipy.special import ndtr
 
-    kernel = np.diff(ndtr((seen[:, None] - true) / max(spread, 1e-9)), axis=0)
+    kernel = np.diff(ndtr((seen[:, None] - true) / np.maximum(spreads, 1e-9)[:, None, None]), axis=1)
     log_d, log_volume = log_distance(true)
     # Beyond what is seen the curve goes on straight.
     inner = log_d[(true >= seen[0]) & (true <= seen[-1])]
     knots = np.linspace(inner[0], inner[-1], int(np.clip(np.ceil(inner[-1] - inner[0]) + 1, 4, 8)))
-    shares = kernel * np.exp(log_volume - log_volume.max())
-    values = fit_log_curve(curve_basis(knots, log_d), counts[cells][None], shares[None])
+    volume = np.exp(log_volume - log_volume.max())
+    inside = by_class[:, cells]
+    seen_at_all = inside.sum(axis=1) > 0
+    values = fit_log_curve(curve_basis(knots, log_d), inside[seen_at_all], (kernel * volume)[seen_at_all])
     return SourceDensity(LogCurve(knots, values), f"as the catalogue's {counts.sum():.0f} redshifts have it")
 
 

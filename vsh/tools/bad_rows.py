@@ -220,16 +220,21 @@ def select_usable(
     on_bad: OnBad = "raise",
     first_row: int = 0,
     mark: Sequence[FloatArray] = (),
+    aside: Mapping[str, BoolArray] | None = None,
 ) -> tuple[Any, tuple[str, ...]]:
-    """The sources to keep, and a note about the others."""
+    """The sources to keep, and a note about the others; those set `aside` are no error, whatever `on_bad` is."""
     if n == 0:
         raise NothingLeftError("the catalogue is empty: there are no sources to use")
-    bad = np.zeros(n, bool)
-    for mask in invalid.values():
-        bad |= mask
+    out = np.zeros(n, bool)
+    for mask in (aside or {}).values():
+        out |= mask
+    wrong = {reason: mask & ~out for reason, mask in invalid.items()}
+    wrong = {reason: mask for reason, mask in wrong.items() if mask.any()}
+    bad = np.logical_or.reduce([out, *wrong.values()])
     count = int(bad.sum())
     if not count:
         return slice(None), ()
+    invalid = {**(aside or {}), **wrong}
     parts = "; ".join(f"{reason}: {mask.sum()} ({_rows(mask, first_row)})" for reason, mask in invalid.items())
     message = f"{count} of {n} rows cannot be used: {parts}"
     counts = {reason: int(mask.sum()) for reason, mask in invalid.items()}
@@ -238,7 +243,7 @@ def select_usable(
         error = NothingLeftError(f"{message}. No row is left")
         error.notes = (note,)
         raise error
-    if on_bad == "raise":
+    if on_bad == "raise" and wrong:
         raise FieldError(
             f'{message}; rows are counted from 0. Fix them, or leave them out with on_bad="drop" (--on-bad drop)'
         )

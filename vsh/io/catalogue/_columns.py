@@ -250,7 +250,9 @@ def nothing_selected(notes: Iterable[str]) -> NothingSelectedError:
     return error
 
 
-def factors(where: Mapping[str, str], units: Mapping[str, Any] | None, source: TableSource) -> Any:
+def factors(
+    where: Mapping[str, str], units: Mapping[str, Any] | None, source: TableSource, usual: str | None = None
+) -> Any:
     """By which each column of positions, motions and errors is multiplied, and notes on units that were assumed."""
     units = {str(name).strip(): unit for name, unit in (units or {}).items()}
     for name in units:
@@ -264,6 +266,9 @@ def factors(where: Mapping[str, str], units: Mapping[str, Any] | None, source: T
         unit = unit_of(name, units, source)
         if unit is not None:
             stated[role] = (_factor if role in REQUIRED else partial(_further, role))(name, unit, wanted, name in units)
+        elif usual is not None and role in REQUIRED[2:]:
+            assumed.setdefault(usual, []).append(name)
+            stated[role] = _factor(name, usual, wanted, False)
         elif role in ("ra", "dec") or (role in _GAIA_UNITS and name.lower() == role):
             assumed.setdefault(_text(wanted), []).append(name)
             stated[role] = 1.0

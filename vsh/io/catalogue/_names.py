@@ -44,8 +44,8 @@ class Columns(InNotebook):
     pmra_pmdec_corr: str | tuple | None = ("pmra_pmdec_corr",)
     name: str | tuple | None = ("source_id", "name", "designation")
     magnitude: str | tuple | None = ("phot_g_mean_mag",)
-    redshift: str | tuple | None = ("redshift", "z", "redshift_qsoc")
-    redshift_error: str | tuple | None = ("redshift_error", "z_error", "e_z")
+    redshift: str | tuple | None = ("redshift", "z", "redshift_quaia", "redshift_qsoc", "z_ph")
+    redshift_error: str | tuple | None = ("redshift_error", "z_error", "e_z", "redshift_quaia_err", "z_ph_err")
     distance: str | tuple | None = None
     distance_error: str | tuple | None = None
     parallax: str | tuple | None = None
@@ -85,7 +85,28 @@ NAMED = {
         pmra_pmdec_corr=("pmra_pmdec_corr", "pmra_pmdec_correlation", "corr_pmra_pmdec", "pmra_pmdec_cor", "pm_corr",
                          "rho_pm", "pmcorr"),
     ),
+    # Redshift catalogues of DESI, and its targets, with inverse variances of the Legacy Surveys.
+    "desi": replace(
+        GAIA, ra=("TARGET_RA", "RA"), dec=("TARGET_DEC", "DEC"), pmra="PMRA", pmdec="PMDEC",
+        pmra_error=("PMRA_ERROR", "PMRA_IVAR^-1/2"), pmdec_error=("PMDEC_ERROR", "PMDEC_IVAR^-1/2"),
+        name=("TARGETID",), redshift=("Z",), redshift_error=("ZERR",),
+    ),
+    "catwise": replace(
+        GAIA, pmra="PMRA", pmdec="PMDec", pmra_error="sigPMRA", pmdec_error="sigPMDec",
+        name=("source_name", "source_id"),
+    ),
+    "rubin": replace(
+        GAIA, ra=("ra", "coord_ra"), dec=("dec", "coord_dec"), pmra=("pmRa",), pmdec=("pmDec",),
+        pmra_error=("pmRaErr", "pmRaSigma"), pmdec_error=("pmDecErr", "pmDecSigma"), name=("diaObjectId", "objectId"),
+    ),
+    "mu": replace(
+        GAIA, pmra=("mu_ra", "mu_alpha_star", "mu_alpha"), pmdec=("mu_dec", "mu_delta", "mu_delta"),
+        pmra_error=("mu_ra_error", "mu_ra_err", "e_mu_ra", "mu_alpha_star_error", "mu_alpha_error"),
+        pmdec_error=("mu_dec_error", "mu_dec_err", "e_mu_dec", "mu_delta_error", "mu_delta_error"),
+    ),
 }  # fmt: skip
+#: Units that the makers of a catalogue publish for its motions, where a table has none.
+USUAL_UNITS = {"desi": "mas / yr", "catwise": "arcsec / yr", "rubin": "mas / yr"}
 
 #: What need not be there may also have Gaia's names, in a table that has others for the rest.
 NAMED = {
@@ -160,6 +181,8 @@ def _settled(columns, names, index):
         if role not in REQUIRED and isinstance(candidates, tuple):
             name = next(filter(None, (_in(each, names, index) for each in candidates)), None)
             changed[role] = (name, *candidates) if name else candidates
+    if isinstance(columns.redshift_error, tuple) and not _has(changed.get("redshift", columns.redshift), names):
+        changed["redshift_error"] = None  # what has no redshift has no error of one
     return replace(columns, **changed)
 
 
@@ -176,12 +199,21 @@ def _index(names):
     return index
 
 
+#: Names that are found as they are written alone: Z is a coordinate or a metallicity, and E_Z an energy.
+_BY_CASE = ("z", "z_error", "e_z", "z_err", "zerr")
+
+
 def _in(name, names, index):
     """The name as the table has it: as it is, or the only one that differs by case or a unit alone; or None."""
     if name in names:
         return name
-    near = index.get(name_and_unit(name)[0].lower(), []) if len(name) > 1 else []
+    near = [] if name in _BY_CASE else index.get(name_and_unit(name)[0].lower(), [])
     return near[0] if len(near) == 1 else None
+
+
+def _has(candidates, names):
+    """Whether a table has the column of a role."""
+    return any(each in names for each in ((candidates,) if isinstance(candidates, str) else candidates or ()))
 
 
 #: How tables call distances and parallaxes, and their errors.
@@ -235,7 +267,8 @@ def derived_from(names: tuple[str, ...]) -> dict[str, tuple[str, ...]]:
     sided = {f"{base}_error": (f"{base}_em", f"{base}_ep") for base in bases if f"{base}_ep" in present}
     ellipse = next((each for each in _ELLIPSES if present.issuperset(each)), None)
     made = dict.fromkeys(("pmra_error", "pmdec_error", "pmra_pmdec_corr"), ellipse) if ellipse else {}
-    return {name: inputs for name, inputs in (sided | made).items() if name not in present}
+    inverse = {f"{name}^-1/2": (name,) for name in names if name in ("PMRA_IVAR", "PMDEC_IVAR")}
+    return {name: inputs for name, inputs in (sided | made | inverse).items() if name not in present}
 
 
 def with_derived(source: TableSource) -> TableSource:
@@ -246,6 +279,9 @@ def with_derived(source: TableSource) -> TableSource:
     recipes, notes = {}, []
     for name, inputs in made.items():
         unit = None if name == "pmra_pmdec_corr" else source.units.get(inputs[0])
+        if len(inputs) == 1:
+            recipes[name] = inputs, _from_inverse_variance, _root_of_inverse(unit)
+            continue
         recipes[name] = inputs, _FROM_ELLIPSE[name] if len(inputs) == 3 else _larger, unit
     if sided := [
         name for name, inputs in made.items() if len(inputs) == 2 and name[:-6] in ("pmra", "pmdec", "distance")
@@ -277,6 +313,22 @@ def _made(recipe, block, count):
     with np.errstate(all="ignore"):
         values = np.broadcast_to(function(*(np.asarray(block[name][0], float) for name in inputs)), count).copy()
     return values, np.logical_or.reduce(masks) if masks else None
+
+
+def _from_inverse_variance(values):
+    return 1 / np.sqrt(values)
+
+
+def _root_of_inverse(unit):
+    """The unit of an error, from that of its inverse variance."""
+    if not unit:
+        return None
+    from astropy.units import Unit
+
+    try:
+        return (Unit(str(unit)) ** -0.5).to_string()
+    except (ValueError, TypeError):
+        return None
 
 
 def _larger(a, b):

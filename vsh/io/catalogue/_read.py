@@ -1,5 +1,6 @@
 """From a table to a Field: columns, units, masks, and counts of what was refused."""
 
+import re
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import replace
@@ -33,7 +34,7 @@ from vsh.io.catalogue._columns import (
     sexagesimal,
     unit_factor,
 )
-from vsh.io.catalogue._names import ASSUMED, REQUIRED, Columns, derived, with_derived
+from vsh.io.catalogue._names import ASSUMED, REQUIRED, USUAL_UNITS, Columns, derived, with_derived
 from vsh.io.parts import OPTIONAL
 from vsh.scalars import ScalarField
 from vsh.tools import arguments
@@ -241,7 +242,8 @@ class _maker:
         self.where = {role: name for role, name in located.items() if role not in OPTIONAL or role in roles}
         self.frame = frame_of(self.where, frame, self.source.meta)
         self.redshift_frame = redshift_frame_of(self.where, self.source)
-        self.factors, assumed = factors(self.where, units, self.source)
+        _, family = as_columns(columns).among(self.source.names)
+        self.factors, assumed = factors(self.where, units, self.source, USUAL_UNITS.get(family or ""))
         if (self.factors.get("distance") == MODULUS) != (self.factors.get("distance_error") == MODULUS):
             raise TableError("a distance modulus and its error are both in mag: say so of both columns (--units)")
         # What marks missing values does so in the table's own units; in Gaia's the field looks for it.
@@ -249,6 +251,9 @@ class _maker:
         self.assumed = any("ra" in names for names in assumed.values())
         lines = [f"no unit in the table, so taken in {unit}: {', '.join(names)}" for unit, names in assumed.items()]
         lines += differing_units(self.where, self.factors)
+        if (errors := self.where.get("redshift_error", "redshift_error")) != "redshift_error":
+            lines.append(f"errors of the redshifts are in column {printable(errors)}")
+        lines += _unused_redshifts(located, self.source) if "redshift" in roles else []
         self.notes = [*self.source.notes, *lines, *self.notes]
         self.on_bad = on_bad
         self.names = tuple(dict.fromkeys([*self.where.values(), *(self.chosen.names if self.chosen else ())]))
@@ -261,7 +266,7 @@ class _maker:
         for role, name in self.where.items():
             values, mask = block[name]
             if role == "solution":
-                columns["unusable"] = _other_solutions(name, values, mask)
+                columns["aside"] = _other_solutions(name, values, mask)
             elif role == "name":
                 columns[role], more = identifiers(printable(name), np.asarray(values), mask)
                 notes += more
@@ -300,7 +305,26 @@ def _other_solutions(name, values, mask):
         raise TableError(f"column {printable(name)!r} holds {values.dtype.name}, not numbers of astrometric models")
     missing = np.zeros(len(values), bool) if mask is None else np.asarray(mask)
     other = ~np.isin(values, list(DR4.accepted)) & ~missing  # where it is null, the motions say what they are
-    return {f"{printable(name)} = {value:g}": values == value for value in np.unique(values[other])}
+    return {
+        f"{printable(name)} = {value:g} ({'position alone' if value == 3 else 'not of 5 or 6 parameters'})": values
+        == value
+        for value in np.unique(values[other])
+    }
+
+
+def _unused_redshifts(located, source):
+    """A note on columns whose name holds "redshift" and that are not read, where a table has no other redshift."""
+    if "redshift" in located:
+        return []
+    near = [name for name in source.names if "redshift" in name.lower() and not _OF_ERRORS.search(name)]
+    if not near:
+        return []
+    listed = ", ".join(map(printable, near[:3]))
+    return [f"no redshift is read; the table has {listed}: --columns redshift={printable(near[0])} takes it"]
+
+
+#: Words by which a name is that of an error, a flag or a limit.
+_OF_ERRORS = re.compile(r"err|sig|unc|flag|warn|_[elu]$|^e_|low|upp|_l\d|_u\d", re.IGNORECASE)
 
 
 def write_field(field: Field, path: PathName, meta: dict[str, Any] | None = None) -> None:

@@ -150,7 +150,9 @@ def reasons_unusable(redshift: ArrayLike, min_redshift: float = FLOW_LIMIT) -> d
     }
 
 
-def with_redshift(field: Field, min_redshift: float = FLOW_LIMIT, redshift_frame: str | None = None) -> Field:
+def with_redshift(
+    field: Field, min_redshift: float = FLOW_LIMIT, redshift_frame: str | None = None, *, missing_only: bool = False
+) -> Field:
     """The sources of a field whose redshift can be used; a note counts the others and names the first.
 
     Where it is known in which frame the redshifts stand, those at rest in the microwave background count.
@@ -163,6 +165,8 @@ def with_redshift(field: Field, min_redshift: float = FLOW_LIMIT, redshift_frame
         The smallest redshift of use.
     redshift_frame : str, optional
         The field's own unless given.
+    missing_only : bool
+        Leave out those without a value alone: one that is there and wrong is for the reader of the table to see.
 
     Raises
     ------
@@ -175,9 +179,10 @@ def with_redshift(field: Field, min_redshift: float = FLOW_LIMIT, redshift_frame
     redshift = np.asarray(field.redshift)
     if frame is not None:
         redshift = to_cmb(redshift, field.lon, field.lat, field.frame, check_redshift_frame(frame))
-    good = usable(redshift, min_redshift)
+    good = np.isfinite(redshift) if missing_only else usable(redshift, min_redshift)
     if good.all():
         return field
+    redshift = np.where(good, min_redshift, redshift) if missing_only else redshift
     bad = ~good
     names = () if field.name is None else tuple(str(name) for name in field.name[bad][:5])
     reasons = reasons_unusable(redshift, min_redshift)

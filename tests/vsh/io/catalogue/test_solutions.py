@@ -24,25 +24,29 @@ def table(column, values):
 def test_all_values_of_the_draft_are_counted():
     assert len(VALUES) == 19
     values = np.repeat(VALUES, np.arange(1, 20))
-    field = read_field(table("astrometric_params", values), on_bad="drop")
+    field = read_field(table("astrometric_params", values))
     assert len(field) == 2 + 3  # of 31 and 95
     assert dropped(field.notes) == 190 - 5
     (note,) = [note for note in field.notes if note.startswith("left out")]
     for value, count in zip(VALUES, range(1, 20), strict=True):
-        assert (f"astrometric_params = {value}: {count}" in note) == (value not in (31, 95))
-    with pytest.raises(FieldError, match=r"185 of 190 rows cannot be used: astrometric_params = 3: 1 \(row 0\)"):
-        read_field(table("astrometric_params", values))
+        words = "position alone" if value == 3 else "not of 5 or 6 parameters"
+        assert (f"astrometric_params = {value} ({words}): {count}" in note) == (value not in (31, 95))
+    with pytest.raises(
+        FieldError, match=r"2 of 2 rows cannot be used: astrometric_params = 3 \(position alone\): 1 \(row 0\)"
+    ):
+        read_field(table("astrometric_params", [3, 101]))
 
 
 def test_solutions_of_parts_add_up():
-    several = parts(
-        [table("astrometric_params", [31, 31, 103]), table("astrometric_params", [95, 103, 104])], on_bad="drop"
-    )
+    several = parts([table("astrometric_params", [31, 31, 103]), table("astrometric_params", [95, 103, 104])])
     assert several.counted() == 3
     (note,) = {note for field in several for note in field.notes if note.startswith("left out")} - {
-        "left out 1 of 3 rows: astrometric_params = 103: 1"
+        "left out 1 of 3 rows: astrometric_params = 103 (not of 5 or 6 parameters): 1"
     }
-    assert note == "left out 2 of 3 rows: astrometric_params = 103: 1; astrometric_params = 104: 1"
+    assert note == (
+        "left out 2 of 3 rows: astrometric_params = 103 (not of 5 or 6 parameters): 1; astrometric_params = 104 (not of 5 "
+        "or 6 parameters): 1"
+    )
 
 
 def test_a_missing_solution_and_words():
