@@ -48,6 +48,7 @@ def run(command: str, arguments: Sequence[str] | None = None) -> NoReturn:
 
     signal.signal(signal.SIGINT, interrupted)
     atexit.register(gc.freeze)  # a search for garbage in all that ends anyhow takes a seventh of a small job
+    sys.excepthook = _without_secrets
     from vsh.tools.printing import printing
 
     with printing():
@@ -58,6 +59,15 @@ def run(command: str, arguments: Sequence[str] | None = None) -> NoReturn:
         signal.signal(signal.SIGINT, signal.default_int_handler)  # from here on `vsh.commands.running.guarded` sees it
         status = program.run(options)
     sys.exit(status)
+
+
+def _without_secrets(kind, error, traceback):
+    """Print what went wrong with us, without the passwords of addresses that may stand in it."""
+    from traceback import format_exception
+
+    from vsh.tools.formats import shown_addresses
+
+    sys.stderr.write(shown_addresses("".join(format_exception(kind, error, traceback))))
 
 
 def main(arguments: Sequence[str] | None = None) -> NoReturn:

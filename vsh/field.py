@@ -209,6 +209,11 @@ class Weighed(Frozen):
         """The inverse covariance of each source, (3, n) or (1, n)."""
         raise NotImplementedError
 
+    def __array__(self, dtype: Any = None, copy: Any = None) -> FloatArray:
+        """Refuse: a field is no array, and NumPy would take its sources for fields within fields."""
+        data = "motion" if self.components == 2 else "values"
+        raise FieldError(f"a {type(self).__name__} is no array: name what is wanted of it: {data}, lon, lat or sigma")
+
     def __getitem__(self, keep: Any) -> Self:
         """The sources picked by a mask, a slice or indices."""
         if isinstance(keep, (int, np.integer)):

@@ -48,6 +48,10 @@ class Mode(NamedTuple):
 KINDS: tuple[Kind, Kind] = ("T", "S")
 
 
+#: The highest degree: 10¹⁰ coefficients, more than any computer solves for.
+MAX_DEGREE = 100_000
+
+
 @dataclass(frozen=True)
 class Modes(InNotebook):
     """All modes of a vector field up to degree `lmax`, in storage order.
@@ -95,6 +99,8 @@ class Modes(InNotebook):
             lmax = -1
         if lmax < self.lowest:
             raise ModesError(f"lmax must be a whole number of at least {self.lowest}, not {self.lmax!r}")
+        if lmax > MAX_DEGREE:
+            raise ModesError(f"lmax must be at most {MAX_DEGREE}, not {self.lmax!r}")
         object.__setattr__(self, "lmax", lmax)
 
     def __len__(self) -> int:

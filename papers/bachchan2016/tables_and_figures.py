@@ -22,7 +22,7 @@ from study.config import Study, load
 from study.results import read_realisations, summary
 from vsh import Field, Vector
 from vsh.io import tables
-from vsh.tools.files import atomic_write
+from vsh.tools.files import MARK, atomic_write
 
 #: Quantities that were set to the paper's, which agree with it by construction (marked † in the tables).
 _TUNED = {
@@ -48,7 +48,7 @@ def write_paper(study: Study, folder: Path, n_realisations: int, draw: bool = Tr
 
 def _write_text(path, text):
     with atomic_write(path) as new:
-        new.write_text(text, encoding="utf-8")
+        new.write_text(f"<!-- written by {MARK} -->\n{text}", encoding="utf-8")
 
 
 def _correlation(study, folder, name):

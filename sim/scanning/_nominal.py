@@ -49,7 +49,8 @@ class Transits(Frozen):
         return np.bincount(self.source, minlength=n)
 
 
-MAX_YEARS = 100  # longer missions are typing errors
+#: Longer missions are typing errors, and in a shorter one Gaia does not turn ten times.
+MAX_YEARS, MIN_YEARS = 100, 0.01
 #: Sources looked at together; each with every spin of the mission.
 BLOCK = 1000
 #: By how much the axis may leave a straight line within a spin before transits are looked for again. [rad]
@@ -112,6 +113,8 @@ class NominalScanningLaw(Frozen):
     def __post_init__(self) -> None:
         if positive("years, the length of a mission,", self.years) > MAX_YEARS:
             raise ParameterError(f"years, the length of a mission, must be at most {MAX_YEARS}, not {self.years}")
+        if self.years < MIN_YEARS:
+            raise ParameterError(f"years, the length of a mission, must be at least {MIN_YEARS}, not {self.years}")
         for name in ("start", "precession_phase", "spin_phase", "pole_days"):
             number(name, getattr(self, name))
         for name in ("precessions", "spin_rate", "half_height"):

@@ -9,7 +9,9 @@ from difflib import get_close_matches
 from typing import Any
 
 #: What says where results go and how they are told, not what they are.
-NOT_KEPT = ("config", "output", "html", "overwrite", "json", "latex", "quiet", "log", "citation")
+NOT_KEPT = ("config", "output", "html", "overwrite", "json", "latex", "quiet", "log", "citation", "scheduler")
+#: What a configuration may not say: where to write, what to replace, whom to connect to. It may be a stranger's.
+_NOT_TAKEN = ("output", "html", "overwrite", "log", "scheduler")
 #: What a run writes its configuration to, in its folder of results.
 NAME = "run.toml"
 NUMBER = re.compile(r"-?(0|[1-9]\d*)(\.\d+)?([eE][+-]?\d+)?")
@@ -91,6 +93,12 @@ def merged(
     except argparse.ArgumentTypeError as error:
         parser.error(f"--config {error}")
     known = {name_of(action): action for action in parser._actions}
+    refused = [name for name in kept.options if name in _NOT_TAKEN]
+    if refused:
+        parser.error(
+            f"--config {here['config']} names {', '.join(refused)}: where to write, and what to connect to, is taken "
+            "from the command line alone"
+        )
     for name in kept.options:
         if name not in known or name in ("config", "help", "version", "citation"):
             near = get_close_matches(name, [each for each in known if each not in ("help", "version")], n=3)

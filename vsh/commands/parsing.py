@@ -11,7 +11,8 @@ from typing import Any, NoReturn, Protocol
 
 import vsh
 from vsh.commands import citing, configuration, values
-from vsh.tools.formats import is_address, shown_address
+from vsh.tools.formats import is_address, shown_address, shown_addresses
+from vsh.tools.notes import printable
 
 _NEGATIVE = re.compile(r"-[\d.]")
 
@@ -124,7 +125,8 @@ class _Parser(argparse.ArgumentParser):
         for word in re.findall(r"--[\w-]+", message.partition("unrecognized arguments:")[2]):
             near += get_close_matches(word, self._option_string_actions, n=1)
         meant = f" (is it {' or '.join(dict.fromkeys(near))}?)" if near else ""
-        self.exit(2, f"{self.prog}: error: {message}{meant}\n{self.prog} --help lists the options\n")
+        words = printable(shown_addresses(f"{message}{meant}"))
+        self.exit(2, f"{self.prog}: error: {words}\n{self.prog} --help lists the options\n")
 
 
 def add_common(parser: argparse.ArgumentParser, tells: str = "report") -> None:

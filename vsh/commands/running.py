@@ -21,7 +21,7 @@ from vsh.commands.parsing import parse, without_folder
 from vsh.commands.reading import standard_input
 from vsh.tools.errors import VshError, VshWarning
 from vsh.tools.files import check_not_read, digest, reading
-from vsh.tools.formats import is_address, shown_address
+from vsh.tools.formats import is_address, shown_address, shown_addresses
 from vsh.tools.logs import PACKAGES
 from vsh.tools.notes import printable
 from vsh.tools.parallel import limited, without_bars
@@ -42,8 +42,11 @@ class _OneLine(logging.Formatter):
     """Records without the control characters and line breaks that names of files and columns may bring along."""
 
     def formatMessage(self, record: logging.LogRecord) -> str:
-        record.message = printable(record.message)
+        record.message = printable(shown_addresses(record.message))
         return super().formatMessage(record)
+
+    def formatException(self, error: Any) -> str:
+        return shown_addresses(super().formatException(error))
 
 
 def make_entry(
@@ -177,13 +180,15 @@ def _say_what_changed(options):
 
 
 def _failed(program, reason):
-    print(f"{program}: {printable(reason)}".replace("\n", r"\n"), file=sys.stderr)  # one line, whatever a name holds
+    print(
+        f"{program}: {printable(shown_addresses(str(reason)))}".replace("\n", r"\n"), file=sys.stderr
+    )  # one line, whatever a name holds
     return 1
 
 
 def print_text(text: object) -> None:
     """Print text without the control characters that file and column names may bring along."""
-    print("\n".join(printable(line) for line in str(text).split("\n")))
+    print("\n".join(printable(line) for line in shown_addresses(str(text)).split("\n")))
 
 
 def written(path: object, files: Iterable[str]) -> str:

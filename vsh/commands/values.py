@@ -11,7 +11,9 @@ FRAMES = ("icrs", "galactic", "ecliptic")
 #: `vsh.sky.frames.REDSHIFT_FRAME_NAMES`
 REDSHIFT_FRAMES = ("heliocentric", "cmb", "local-group", "true")
 #: The sets of names that `vsh.io.catalogue.as_columns` knows
-COLUMNS = ("gaia", "vizier", "hipparcos", "icrf", "skycoord", "simbad", "ned", "lvdb", "err")
+COLUMNS = (
+    "gaia", "vizier", "hipparcos", "icrf", "skycoord", "simbad", "ned", "lvdb", "err", "desi", "catwise", "rubin", "mu",
+)  # fmt: skip
 #: Formats of tables.
 INPUT_FORMATS = tuple(BY_NAME)
 #: The skies that `sim.skies.sky_map` knows.

@@ -76,11 +76,14 @@ def choice(name: str, value: Any, choices: Sequence[Any]) -> Any:
 
 
 def generator(rng: Any) -> np.random.Generator:
-    """A NumPy Generator from what users give as `rng`: a Generator, or a seed."""
-    try:
-        return np.random.default_rng(rng)
-    except (TypeError, ValueError):
-        raise ParameterError(f"rng is a NumPy Generator or a whole number that seeds one, not {rng!r}") from None
+    """A NumPy Generator from what users give as `rng`: a Generator, a SeedSequence, or whole numbers."""
+    seeds = rng if isinstance(rng, (list, tuple)) else np.ravel(rng) if isinstance(rng, np.ndarray) else (rng,)
+    known = isinstance(rng, (np.random.Generator, np.random.BitGenerator, np.random.SeedSequence))
+    if known or (len(seeds) and all(isinstance(x, (int, np.integer)) and not isinstance(x, bool) for x in seeds)):
+        with suppress(TypeError, ValueError):
+            return np.random.default_rng(rng)
+    shown = repr(rng) if isinstance(rng, (int, float, str)) or rng is None else type(rng).__name__
+    raise ParameterError(f"rng is a NumPy Generator or a whole number that seeds one, not {shown}")
 
 
 def accepts(**checks: Check) -> Callable[[Callable[P, T]], Callable[P, T]]:

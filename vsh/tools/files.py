@@ -1,6 +1,7 @@
 """The gate for all writing: files and folders are whole or not there, and nothing of somebody else's is replaced.
 
-A file is ours where it carries the mark that all our writers leave in it, or where this process wrote it. What a run
+A file is ours where it carries the mark that our writers leave in the place of its format, where a note beside it has
+its hash, or where this process wrote it. What a run
 reads is never written to (`reading`), and what two processes must not write at once is locked (`exclusive`).
 """
 
@@ -32,9 +33,28 @@ else:  # nothing is locked there
 _LOG = logging.getLogger(__name__)
 #: What every file of ours holds: in the metadata of tables and pictures, as the name of an array, in a page's head.
 MARK = "vsh-astrometry"
-#: The mark, or one of our commands, next to the begin or the end of a file.
-_MARKS = re.compile(
-    rb"vsh-(astrometry|fit|sim|agis|redshift|correlate|study|archive|pairs|compare|forecast|waves|link|referee)\b"
+#: How files of each format begin, and where the mark stands in them: a metadata key, a card, a name within. A file that
+#: mentions the mark, or a command of ours, elsewhere is not ours.
+_MARKS = tuple(
+    (re.compile(begin, re.DOTALL), re.compile(mark, re.DOTALL | re.MULTILINE))
+    for begin, mark in (
+        (rb"# %ECSV", rb"^# *-? *\{? *CREATOR: vsh-astrometry \d"),
+        (rb"SIMPLE  =", rb"CREATOR = 'vsh-astrometry \d[^']*'"),
+        (
+            rb"<\?xml[^>]*>\s*(<!--[^>]*-->\s*)?<VOTABLE",
+            rb'<PARAM\b[^>]*\bname="CREATOR"[^>]*\bvalue="vsh-astrometry \d',
+        ),
+        (rb"PAR1|\x89HDF", rb"CREATOR: vsh-astrometry \d"),
+        (rb"PK\x03\x04", rb"PK\x03\x04.{26}vsh-astrometry\.npy"),
+        (rb"\x89PNG", rb"tEXtSoftware\x00vsh-astrometry"),
+        (rb"%PDF", rb"/Creator \(vsh-astrometry\)"),
+        (rb"<\?xml.{0,400}<svg", rb"<dc:title>vsh-astrometry</dc:title>"),
+        (rb"GIF8", rb"!\xfe\x0evsh-astrometry\x00"),
+        (rb"\s*<!(?i:DOCTYPE) html>", rb'^<meta name="generator" content="vsh-astrometry">'),
+        (rb'\{\s*"program": "vsh-astrometry"', rb""),
+        (rb'# Repeats a run, [^\n]*: vsh-[^\n]*\n+command = "vsh-', rb""),
+        (rb"<!-- written by vsh-astrometry -->", rb""),
+    )
 )
 _LOOKED_AT = 2**17
 _HASH = re.compile(rb"\b[0-9a-f]{64}\b")
@@ -90,8 +110,9 @@ def is_ours(path: PathName) -> bool:
     with path.open("rb") as file:
         start = file.read(_LOOKED_AT)
         file.seek(max(0, path.stat().st_size - _LOOKED_AT))
-        marked = _MARKS.search(start) or _MARKS.search(file.read())
-    return bool(marked) or as_recorded(path) is True
+        end = file.read()
+    marked = any(begin.match(start) and (mark.search(start) or mark.search(end)) for begin, mark in _MARKS)
+    return marked or as_recorded(path) is True
 
 
 def as_recorded(path: PathName) -> bool | None:

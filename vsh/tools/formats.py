@@ -2,7 +2,6 @@
 
 import re
 from typing import NamedTuple
-from urllib.parse import urlsplit, urlunsplit
 
 
 class Format(NamedTuple):
@@ -66,21 +65,32 @@ PACKED = (".gz", ".bz2", ".xz", ".zst")
 READ = WRITTEN | {ending: row.kind for row in FORMATS for ending in row.endings}
 
 
+#: A scheme in front of an address, or several of fsspec's that are chained: simplecache::https://…
+_SCHEMES = re.compile(r"(?:[\w+.-]+::)*[\w+.-]{2,}://")
+_ADDRESS = re.compile(_SCHEMES.pattern + r"[^\s'\"]+")
+
+
 def is_address(text: str) -> bool:
     """Whether a text is an address."""
-    return "://" in text[:16]
+    return _SCHEMES.match(text) is not None
 
 
 def shown_address(text: str) -> str:
-    """An address without passwords and what stands behind a question mark; any other text as it is."""
-    return _shown(text) if is_address(text) else text
+    """An address without passwords, and without what stands behind a question mark; any other text as it is."""
+    return shown_addresses(text) if is_address(text) else text
 
 
 def shown_addresses(text: str) -> str:
-    """A message, each address in it as `shown_address` has it."""
-    return re.sub(r"\w+://[^\s'\"]+", lambda address: _shown(address[0]), text)
+    """A message, each address in it without passwords and keys: for whatever is printed, logged or written."""
+    return _ADDRESS.sub(lambda address: "::".join(map(_shown, address[0].split("::"))), text) if "://" in text else text
 
 
-def _shown(text):
-    parts = urlsplit(text)
-    return urlunsplit((parts.scheme, parts.netloc.rpartition("@")[2], parts.path, "", ""))
+def _shown(link):
+    """One link of a chain of addresses."""
+    scheme, separator, rest = link.partition("://")
+    if not separator:
+        return link
+    rest = re.split(r"[?#]", rest, maxsplit=1)[0]
+    before, at, behind = rest.rpartition("@")
+    # A password may hold any sign; a path with an @ and no colon before it is one.
+    return f"{scheme}://{behind if at and (':' in before or '/' not in before) else rest}"

@@ -100,7 +100,7 @@ def test_many_writers_of_one_file(tmp_path):
 
 def test_links_and_permissions_stay(tmp_path):
     """--html replaced a link by a file."""
-    (tmp_path / "real.txt").write_text("old, by vsh-astrometry")
+    (tmp_path / "real.txt").write_text("<!-- written by vsh-astrometry -->")
     (tmp_path / "real.txt").chmod(0o640)
     (tmp_path / "link.txt").symlink_to(tmp_path / "real.txt")
     with atomic_write(tmp_path / "link.txt") as new:

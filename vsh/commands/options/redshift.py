@@ -176,8 +176,8 @@ def _range(text):
 
 def _fraction(text):
     number = values.positive(text)
-    if number >= 2:
-        raise argparse.ArgumentTypeError(f"Ω_m between 0 and 2 is wanted, not {text!r}")
+    if not 0.001 < number < 2:
+        raise argparse.ArgumentTypeError(f"Ω_m must lie between 0.001 and 2, not at {text!r}")
     return number
 
 

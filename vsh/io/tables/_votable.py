@@ -8,10 +8,13 @@ import numpy as np
 from vsh.io.tables._packed import plain_file
 from vsh.io.tables._source import TableSource
 from vsh.tools.errors import TableError, first_line
+from vsh.tools.notes import printable
 from vsh.tools.types import PathName
 
 _SIZE = re.compile(rb"""\b(arraysize|nrows|width)\s*=\s*["']\s*([0-9][0-9x]*)""")
-_ELSEWHERE = re.compile(rb"""<(?:\w+:)?STREAM\b[^>]*\bhref\s*=""", re.IGNORECASE)
+#: Encodings in which a byte of ASCII is itself, so that what is looked for in a file is what its parser sees.
+_PLAIN = ("utf-8", "utf8", "us-ascii", "ascii", "iso-8859-1", "latin-1", "latin1")
+_DECLARED = re.compile(rb"""\s*<\?xml\b[^>]*\bencoding\s*=\s*["']([^"']*)["']""")
 #: Warnings of astropy's parser by which a value was changed or lost.
 _LOSSES = re.compile(r"\b(E\d\d|W46|W51|W53)\b")
 
@@ -91,14 +94,18 @@ def _check_text(path, label):
     with open(path, "rb") as file:
         size = file.seek(0, 2)
         file.seek(0)
-        carry = b""
+        carry, streams = b"", False
         while chunk := file.read(2**20):
-            if _ELSEWHERE.search(carry + chunk):
+            if not carry:
+                _check_encoding(chunk, label)
+            text = carry + chunk
+            if b"<!DOCTYPE" in text or b"<!ENTITY" in text:
                 raise TableError(
-                    f"{label} keeps its rows elsewhere (STREAM href), where nothing is fetched from: get a VOTable with"
-                    " the rows in it"
+                    f"{label} has a document type declaration, which a VOTable needs not and which may name other "
+                    "files: take it out"
                 )
-            for kind, number in _SIZE.findall(carry + chunk):
+            streams = streams or b"STREAM" in text
+            for kind, number in _SIZE.findall(text):
                 product = 1
                 for part in number.split(b"x"):
                     product *= int(part[:20] or 1)
@@ -107,3 +114,38 @@ def _check_text(path, label):
                         f"{label} is damaged: {kind.decode()} = {number.decode()[:30]} in a file of {size} bytes"
                     )
             carry = chunk[-512:]
+    if streams:
+        _check_streams(path, label)
+
+
+def _check_encoding(begin, label):
+    """Raise TableError where the file is in an encoding whose bytes are not those of ASCII."""
+    declared = _DECLARED.match(begin.removeprefix(b"\xef\xbb\xbf"))
+    name = declared[1].decode("ascii", "replace").strip().lower() if declared else "utf-8"
+    if b"\x00" in begin[:64]:
+        name = "UTF-16 or UTF-32"
+    if name not in _PLAIN:
+        raise TableError(f"{label} is in the encoding {printable(name)}: VOTables are read in UTF-8, save it so")
+
+
+def _check_streams(path, label):
+    """Raise TableError where a STREAM has its rows elsewhere, as the parser sees it and not by its spelling."""
+    from xml.parsers import expat
+
+    parser = expat.ParserCreate(namespace_separator=" ")
+
+    def element(name, attributes):
+        if name.rpartition(" ")[2].upper() == "STREAM" and any(
+            each.rpartition(" ")[2].lower() == "href" for each in attributes
+        ):
+            raise TableError(
+                f"{label} keeps its rows elsewhere (STREAM href), where nothing is fetched from: get a VOTable with "
+                "the rows in it"
+            )
+
+    parser.StartElementHandler = element
+    try:
+        with open(path, "rb") as file:
+            parser.ParseFile(file)
+    except expat.ExpatError as error:
+        raise TableError(f"{label} cannot be read as VOTable: {first_line(error)}") from error

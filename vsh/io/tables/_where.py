@@ -258,9 +258,7 @@ def _as_those(values, names, path):
     try:
         return np.array(names).astype(np.asarray(values).dtype if kind in "iu" else float)
     except (ValueError, OverflowError):
-        raise TableError(
-            f"--where: the column holds numbers, and {printable(path)} names that are none ({printable(names[0])}, …)"
-        ) from None
+        raise TableError(f"--where: the column holds numbers, and {printable(path)} has lines that are none") from None
 
 
 def _ordered(op, left, right, node):

@@ -7,6 +7,7 @@ import numpy as np
 from scipy.special import hyp2f1
 
 from vsh.models.cosmology._apex import FLOW_LIMIT, count_unusable, usable
+from vsh.tools.arguments import between as between_limits
 from vsh.tools.arguments import float_array
 from vsh.tools.errors import ConvergenceError, FieldError, ParameterError
 from vsh.tools.types import ArrayLike, Cosmology, FloatArray, Quantity
@@ -143,7 +144,8 @@ def redshift_of(distance: ArrayLike, cosmology: Cosmology | None = None) -> Floa
 
 
 def flat(omega_m: float) -> Cosmology:
-    """A flat cosmology with a cosmological constant."""
+    """A flat cosmology with a cosmological constant; ParameterError unless 0.001 < Ω_m < 2."""
+    between_limits("omega_m", omega_m, 0.001, 2)
     return FlatLCDM(FLAT_PLANCK13.hubble, omega_m)
 
 
