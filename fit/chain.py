@@ -29,6 +29,7 @@ from vsh.modes import Modes, as_modes
 from vsh.sky.positions import Positions
 from vsh.sky.sphere import triad
 from vsh.tools.errors import DegeneracyError, FieldError, FrameError, ParameterError
+from vsh.tools.explained import explained
 from vsh.tools.logs import logged
 from vsh.tools.notes import merge_notes, note_lines
 from vsh.tools.types import Axes, FloatArray, Rng, Table
@@ -306,6 +307,7 @@ class Chain(Result):
 
 
 @logged("chain of catalogues")
+@explained
 def chain_catalogues(
     catalogues: Mapping[str, Positions | Field],
     lmax: int | Modes = 2,

@@ -25,6 +25,7 @@ from vsh.modes import Modes, as_modes
 from vsh.sky.positions import Positions
 from vsh.tools import arguments
 from vsh.tools.errors import ParameterError, VshError
+from vsh.tools.explained import explained
 from vsh.tools.modules import old_names
 from vsh.tools.notebook import Frozen
 from vsh.tools.types import FloatArray, IntArray, Rng, Table
@@ -372,6 +373,7 @@ class FrameComparison(AboutSolution):
 
 
 @arguments.accepts(threshold=arguments.positive)
+@explained
 def compare_catalogues(
     a: Positions | Field,
     b: Positions | Field,

@@ -30,6 +30,7 @@ from vsh.modes import Modes
 from vsh.sky.sphere import sin_cos, triad
 from vsh.tools import arguments
 from vsh.tools.errors import DegeneracyError, FieldError, FrameError
+from vsh.tools.explained import explained
 from vsh.tools.logs import logged
 from vsh.tools.notes import merge_notes
 from vsh.tools.parallel import map_blocks
@@ -93,6 +94,7 @@ class FrameSolution(NamedSolution):
 
 
 @logged("frame solver")
+@explained
 def solve_frame(
     motions: Field | Parts, offsets: Field | Parts | None = None, *, covariance: Covariance | FloatArray | None = None
 ) -> FrameSolution:

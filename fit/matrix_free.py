@@ -21,6 +21,7 @@ from vsh.io import tables
 from vsh.modes import as_modes
 from vsh.tools import arguments
 from vsh.tools.errors import ConvergenceError, CovarianceError, FieldError, ParameterError
+from vsh.tools.explained import explained
 from vsh.tools.notes import merge_notes
 from vsh.tools.parallel import progress_bar
 from vsh.tools.types import ArrayLike, Axes, FloatArray, Table
@@ -176,6 +177,7 @@ class MatrixFreeSolution(HarmonicSolution):
 
 
 @arguments.accepts(fields=field_or_fields, tolerance=arguments.positive, max_iterations=arguments.whole)
+@explained
 def solve_matrix_free(
     fields: Field | Iterable[Field],
     modes: Modes | int,

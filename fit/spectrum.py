@@ -6,6 +6,7 @@ import numpy as np
 from scipy.special import ndtri
 
 from fit.quality import norm_limit, normal_deviate
+from vsh.tools.explained import explained
 
 __all__ = ["Degree", "spectrum"]
 
@@ -45,6 +46,7 @@ class Degree(NamedTuple):
         return float(norm_limit(norm, sigma, n, probability)[0] ** 2)
 
 
+@explained
 def spectrum(solution: Any) -> list[Degree]:
     """Every kind and degree of a solution, a list of Degree: T first, then S; from degree 0 on of a scalar field.
 

@@ -19,6 +19,7 @@ from sim.variability import Variability, markov_chain
 from vsh.io.epochs import design_row
 from vsh.tools.arguments import generator
 from vsh.tools.errors import ParameterError
+from vsh.tools.explained import explained
 from vsh.tools.modules import old_names
 from vsh.tools.notebook import Frozen
 from vsh.tools.types import ArrayLike, BoolArray, FloatArray, IntArray, Release, Rng
@@ -54,6 +55,7 @@ class Astrometry(Frozen):
         return np.isfinite(self.covariance[:, 0, 0])
 
 
+@explained
 def solve_astrometry(
     transits: Transits,
     error: ArrayLike,

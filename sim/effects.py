@@ -11,6 +11,7 @@ from astropy import constants
 from astropy import units as u
 
 from vsh.models.cosmology import FLAT_PLANCK13, transverse_distance
+from vsh.tools.explained import explained
 from vsh.tools.types import Quantity
 from vsh.tools.units import AU_PER_YEAR
 
@@ -48,6 +49,7 @@ ATTRACTORS_TODAY = {
 _ANGULAR = u.dimensionless_angles()
 
 
+@explained
 def apparent_motion(acceleration: Quantity) -> Any:
     """ã = a/c of an acceleration, as a Quantity in µas/yr.
 
@@ -74,6 +76,7 @@ def attraction(mass: Quantity, distance: Quantity) -> Any:
     return apparent_motion(constants.G * mass / distance**2)
 
 
+@explained
 def attractions(masses: Any = None) -> dict[str, Any]:
     """The paper's Table 2: a dict from name to ã. [µas/yr]
 
@@ -107,6 +110,7 @@ def lensing_depth(density: Quantity, mass: Quantity, lens_distance: Quantity, so
     return float((np.pi * einstein * density * lens_distance**2 * source_distance).to_value(u.dimensionless_unscaled))
 
 
+@explained
 def lensing_motion(lens_motion: Quantity, depth: Quantity) -> Any:
     """Rms apparent motion of a source at rest behind moving lenses, µ_L √τ (eq. 5).
 

@@ -4,6 +4,7 @@ import numpy as np
 
 from vsh.tools import arguments
 from vsh.tools.errors import ParameterError
+from vsh.tools.explained import explained
 from vsh.tools.types import ArrayLike, FloatArray, Release
 
 #: For each release: the factor t on the parallax error, and σ_µα* and σ_µδ in parallax errors a year.
@@ -29,6 +30,7 @@ def parallax_error(magnitude: ArrayLike, release: Release = "DR3") -> FloatArray
 
 
 @arguments.accepts(magnitude=arguments.float_array)
+@explained
 def gaia_errors(magnitude: ArrayLike, release: Release = "DR3") -> FloatArray:
     """Sky-mean standard errors of µ_α* and µ_δ, (2, n). [µas/yr]
 

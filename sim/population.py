@@ -14,6 +14,7 @@ from vsh.tools import arguments
 from vsh.tools.arguments import generator
 from vsh.tools.bad_rows import as_floats
 from vsh.tools.errors import FieldError, ParameterError, TableError
+from vsh.tools.explained import explained
 from vsh.tools.notebook import Frozen
 from vsh.tools.types import FloatArray, Rng
 
@@ -119,6 +120,7 @@ def uniform_sky(n: int, rng: Rng) -> tuple[FloatArray, FloatArray]:
     return rng.uniform(0, 2 * np.pi, n), np.arcsin(rng.uniform(-1, 1, n))
 
 
+@explained
 def plane_avoiding_sky(n: int, rng: Rng, latitude: float = 15.0) -> tuple[FloatArray, FloatArray]:
     """n positions in ICRS, uniform over the sphere but for the Galactic plane, |b| < `latitude` degrees. [rad]
 
@@ -264,6 +266,7 @@ def vlbi_quasars(quasars: Population, n: int, rng: Rng) -> Population:
     absolute=arguments.number,
     spread=arguments.positive,
 )
+@explained
 def galaxies(
     n: int,
     rng: Rng,

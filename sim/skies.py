@@ -11,6 +11,7 @@ from vsh.sky.frames import rotation_matrix
 from vsh.sky.pixels import centres, random_positions
 from vsh.sky.sphere import angles, triad
 from vsh.tools.errors import ParameterError
+from vsh.tools.explained import explained
 from vsh.tools.types import FloatArray, Rng
 
 __all__ = ["sky_map"]
@@ -37,6 +38,7 @@ IGQL_SHARES = {
 }
 
 
+@explained
 def sky_map(sky: str | FloatArray) -> tuple[FloatArray, str]:
     """The density of a named sky, (12 · 64²,), and the frame of its axes.
 

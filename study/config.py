@@ -13,6 +13,7 @@ from vsh.commands.values import SKIES
 from vsh.models.cosmology import VELOCITIES, velocity_from_apex
 from vsh.sky.frames import FRAMES
 from vsh.tools.errors import ParameterError, VshError
+from vsh.tools.explained import explained
 from vsh.tools.notebook import InNotebook
 from vsh.tools.notes import printable
 from vsh.tools.types import PathName
@@ -80,6 +81,7 @@ class Study(InNotebook):
         )
 
 
+@explained
 def load(source: PathName | dict[str, Any]) -> Study:
     """Read and check a configuration.
 

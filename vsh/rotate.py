@@ -14,6 +14,7 @@ from vsh.coefficients import Coefficients
 from vsh.sky.frames import rotation_matrix
 from vsh.tools import arguments
 from vsh.tools.errors import FrameError, ModesError
+from vsh.tools.explained import explained
 from vsh.tools.types import ArrayLike, FloatArray
 
 __all__ = ["degree_matrix", "rotate"]
@@ -66,6 +67,7 @@ def rotate(coefficients: Coefficients, to: str, *, covariance: ArrayLike | None 
     return rotated if turned is None else (rotated, turned)
 
 
+@explained
 def degree_matrix(l: int, vector: FloatArray) -> FloatArray:
     """How one degree's real coefficients (c_0, c_1^R, c_1^I, …) turn, (2l + 1, 2l + 1).
 

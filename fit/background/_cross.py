@@ -11,6 +11,7 @@ from fit.storage import Result
 from vsh.io import tables
 from vsh.models.covariance import Spectrum
 from vsh.tools.errors import ParameterError
+from vsh.tools.explained import explained
 from vsh.tools.types import Axes, FloatArray, Table
 
 #: More errors than this are marked.
@@ -77,6 +78,7 @@ class CrossPowers(Result):
         return plot_cross(self, ax=ax)
 
 
+@explained
 def cross_powers(
     solution: HarmonicSolution, templates: Sequence[TemplateField], spectrum: Spectrum | None = None
 ) -> CrossPowers:

@@ -19,6 +19,7 @@ from vsh.io import tables
 from vsh.models.covariance import LINDEGREN_2021, Spectrum
 from vsh.modes import Modes
 from vsh.tools.errors import ConvergenceError, DegeneracyError, ModesError, ParameterError, VshError
+from vsh.tools.explained import explained
 from vsh.tools.logs import logged
 from vsh.tools.types import ArrayLike, Axes, FloatArray, Table
 
@@ -303,6 +304,7 @@ class Floor(Result):
 
 
 @logged("floor")
+@explained
 def floor(
     normal: NormalEquations | HarmonicSolution,
     degrees: Iterable[int] | None = None,
@@ -429,6 +431,7 @@ def _likelihood(equations, degrees, free, scaled, shape):
 _BESIDE = 10
 
 
+@explained
 def add_floor(solution: Solution) -> Solution:
     """The solution with its `floor` estimated, where its degrees determine one: its report prints it beside the errors.
 

@@ -28,6 +28,7 @@ from vsh.models.covariance import Spectrum
 from vsh.modes import Modes
 from vsh.tools.arguments import choice, generator, whole
 from vsh.tools.errors import DegeneracyError, FrameError, ModesError, ParameterError
+from vsh.tools.explained import explained
 from vsh.tools.logs import logged
 from vsh.tools.notes import note_lines
 from vsh.tools.parallel import blas_for
@@ -398,6 +399,7 @@ def _cells(solution):
 
 
 @logged("shared errors")
+@explained
 def shared(
     normals: Sequence[NormalEquations | HarmonicSolution],
     degrees: Iterable[int] | None = None,

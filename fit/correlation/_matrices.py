@@ -19,6 +19,7 @@ from vsh.sky.frames import check_frame
 from vsh.sky.sphere import triad
 from vsh.tools.arguments import covariance, float_array, positive
 from vsh.tools.errors import FrameError, ModesError, ParameterError, TableError
+from vsh.tools.explained import explained
 from vsh.tools.notebook import Frozen
 from vsh.tools.types import ArrayLike, Axes, FloatArray, Table
 from vsh.vector import correlation_of
@@ -228,6 +229,7 @@ class CorrelationMatrices(Result):
         return lines
 
 
+@explained
 def correlation_matrices(
     fields: Any,
     parameters: Modes | int | Literal["spin+acceleration"] = FRAME,

@@ -3,6 +3,7 @@
 import numpy as np
 
 from vsh.tools.arguments import not_negative, number, positive
+from vsh.tools.explained import explained
 from vsh.tools.units import AU_PER_YEAR, JULIAN_YEAR, KM_S_MYR
 
 #: Distance of the Galactic centre and its error [kpc]: GRAVITY Collaboration (2021, A&A 647, A59), with systematics.
@@ -96,6 +97,7 @@ def distance_of_centre(
     return float(distance), float(distance * np.hypot(errors[0] / acceleration, 2 * errors[1] / speed))
 
 
+@explained
 def expected_acceleration(r0: float = R0[0], speed: float | None = None) -> float:
     """a = Ω0² R0. [µas/yr]
 

@@ -11,6 +11,7 @@ from scipy.special import eval_legendre
 
 from vsh.tools import arguments
 from vsh.tools.errors import ParameterError
+from vsh.tools.explained import explained
 from vsh.tools.notebook import Frozen
 from vsh.tools.types import ArrayLike, FloatArray
 
@@ -164,6 +165,7 @@ def waves(*frequencies: float, span: tuple[float, float] = DR4_SPAN) -> Function
     return Functions(tuple((kind, each) for each in numbers for kind in ("cos", "sin")), (span[0], span[1]))
 
 
+@explained
 def legendre(highest: int, span: tuple[float, float] = DR4_SPAN) -> Functions:
     """Legendre polynomials of time from degree 2 on; those of degree 0 and 1 are positions and motions.
 
@@ -184,6 +186,7 @@ def legendre(highest: int, span: tuple[float, float] = DR4_SPAN) -> Functions:
     return Functions(tuple(("legendre", float(k)) for k in range(2, highest + 1)), (span[0], span[1]))
 
 
+@explained
 def splines(knots: ArrayLike, span: tuple[float, float] = DR4_SPAN) -> Functions:
     """Cubic splines of time, as many as there are knots and two more, turned so that none holds a straight line.
 

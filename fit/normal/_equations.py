@@ -11,6 +11,7 @@ from vsh import Modes
 from vsh.modes import ScalarModes, as_modes
 from vsh.tools.arguments import float_array
 from vsh.tools.errors import FrameError, ModesError
+from vsh.tools.explained import explained
 from vsh.tools.notebook import Frozen
 from vsh.tools.notes import merge_notes
 from vsh.tools.types import ArrayLike, FloatArray
@@ -142,6 +143,7 @@ def _nothing(like):
     return replace(like, matrix=0 * like.matrix, rhs=0 * like.rhs, chi2_null=0.0, notes=())
 
 
+@explained
 def gaussian_prior(
     modes: Modes | int, sigma: ArrayLike, mean: ArrayLike = 0.0, *, frame: str | None = None
 ) -> NormalEquations:

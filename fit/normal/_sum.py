@@ -22,6 +22,7 @@ from vsh.modes import Modes
 from vsh.scalars import ScalarField, modes_for
 from vsh.tools.arguments import choice
 from vsh.tools.errors import FieldError, ModesError
+from vsh.tools.explained import explained
 from vsh.tools.logs import logged
 from vsh.tools.notebook import Frozen
 from vsh.tools.types import ArrayLike, FloatArray
@@ -76,6 +77,7 @@ MEMORY = 8 * 2**30
 
 
 @logged("normal equations")
+@explained
 def normal_equations(
     field: Field | ScalarField | Parts | Iterable[Field],
     modes: Modes | int,

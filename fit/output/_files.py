@@ -12,6 +12,7 @@ from vsh.field import Field
 from vsh.io import tables
 from vsh.io.parts import Parts, sample_of
 from vsh.scalars import ScalarField
+from vsh.tools.explained import explained
 from vsh.tools.types import PathName
 
 
@@ -49,6 +50,7 @@ def write_figures(
     return save_figures(draw_figures(solution, field), folder, format=format, dpi=dpi)
 
 
+@explained
 def write_html(
     solution: Any,
     field: Field | ScalarField | Parts,

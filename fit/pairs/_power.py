@@ -35,6 +35,7 @@ from vsh.sky.pixels import pixels_of
 from vsh.tools import arguments
 from vsh.tools.arguments import float_array
 from vsh.tools.errors import DegeneracyError, FieldError, ParameterError
+from vsh.tools.explained import explained
 from vsh.tools.notes import merge_notes, note_lines, spoken
 from vsh.tools.parallel import map_blocks
 from vsh.tools.types import ArrayLike, Axes, FloatArray, Table
@@ -246,6 +247,7 @@ class PairPower(Result):
 
 
 @arguments.accepts(field=arguments.a(Field, Parts), lmax=arguments.whole, nside=arguments.whole)
+@explained
 def power(
     field: Field | Parts, lmax: int, *, nside: int = 2, weights: ArrayLike | None = None, threads: int | None = None
 ) -> PairPower:

@@ -15,6 +15,7 @@ from vsh.field import Field
 from vsh.io import tables
 from vsh.models.cosmology import FLAT_PLANCK13, hubble_value
 from vsh.tools.errors import ParameterError
+from vsh.tools.explained import explained
 from vsh.tools.types import ArrayLike, AxesArray, OnAxes, Table
 from vsh.vector import Vector
 
@@ -148,6 +149,7 @@ KNOWN: dict[str, dict[str, Any]] = {
 }
 
 
+@explained
 def forecast_velocity(
     catalogues: Mapping[str, Field],
     limits: Sequence[float] = (0.01, 0.02, 0.03),

@@ -6,6 +6,7 @@ from vsh.coefficients import Coefficients
 from vsh.modes import Modes
 from vsh.tools.arguments import float_array
 from vsh.tools.errors import ModesError, ParameterError
+from vsh.tools.explained import explained
 from vsh.tools.types import ArrayLike, FloatArray
 
 #: The five coefficients (2,0), (2,1,re), (2,1,im), (2,2,re), (2,2,im) from Σ_zz, Σ_xz, Σ_yz, Σ_xx − Σ_yy, Σ_xy.
@@ -51,6 +52,7 @@ def coefficients_of(tensor: ArrayLike) -> Coefficients:
     return Coefficients(Modes(2), values)
 
 
+@explained
 def tensor_of(coefficients: Coefficients) -> FloatArray:
     """Σ, traceless, of the spheroidal coefficients of degree 2. [µas/yr]
 

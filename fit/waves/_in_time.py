@@ -17,6 +17,7 @@ from vsh.modes import as_modes
 from vsh.sky.pixels import centres
 from vsh.tools import arguments
 from vsh.tools.errors import DegeneracyError, NothingLeftError, ParameterError
+from vsh.tools.explained import explained
 from vsh.tools.notes import merge_notes, note_lines
 from vsh.tools.types import Axes, FloatArray, Rng, Table
 from vsh.tools.units import UAS
@@ -118,6 +119,7 @@ class WaveSpectrum(Result):
 
 
 @arguments.accepts(nside=arguments.whole, n_skies=arguments.whole, rng=arguments.seed)
+@explained
 def search_in_time(
     observations: Any,
     frequency: float | Sequence[float],

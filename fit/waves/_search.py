@@ -19,6 +19,7 @@ from vsh.sky.pixels import centres
 from vsh.sky.sphere import triad
 from vsh.tools import arguments
 from vsh.tools.errors import ModesError, ParameterError
+from vsh.tools.explained import explained
 from vsh.tools.notes import note_lines
 from vsh.tools.types import AxesArray, FloatArray, OnAxes, Rng, Table
 from vsh.tools.units import UAS
@@ -184,6 +185,7 @@ class WaveSearch(Result):
 
 
 @arguments.accepts(nside=arguments.whole, n_skies=arguments.whole, rng=arguments.seed)
+@explained
 def search(
     normal: NormalEquations | HarmonicSolution,
     *,

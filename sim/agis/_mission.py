@@ -16,6 +16,7 @@ from vsh.basis import harmonics
 from vsh.tools import arguments
 from vsh.tools.arguments import generator
 from vsh.tools.errors import ParameterError
+from vsh.tools.explained import explained
 from vsh.tools.notebook import Frozen
 from vsh.tools.types import ArrayLike, BoolArray, FloatArray, IntArray, Rng
 
@@ -86,6 +87,7 @@ def start_errors(
 ACROSS = 5.0
 
 
+@explained
 def joint_system(
     law: Any,
     lon: FloatArray,
@@ -173,6 +175,7 @@ def as_whole(law: Any, n: int, knots: float, full: int | None = FULL) -> tuple[A
     return law, knots, [note]
 
 
+@explained
 def solve_mission(
     law: Any,
     lon: FloatArray,

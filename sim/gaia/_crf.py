@@ -21,6 +21,7 @@ from vsh.coefficients import Coefficients
 from vsh.sky.pixels import centres, pixels_of
 from vsh.tools import arguments
 from vsh.tools.arguments import generator
+from vsh.tools.explained import explained
 from vsh.tools.types import BoolArray, FloatArray, Rng, Table
 from vsh.tools.units import MAS
 
@@ -86,6 +87,7 @@ def crf3(
 
 
 @arguments.accepts(n_five=arguments.whole, rng=arguments.seed)
+@explained
 def crf4(
     rng: Rng,
     signal: Signal | Coefficients | None = None,

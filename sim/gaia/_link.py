@@ -11,6 +11,7 @@ from vsh.sky.propagation import earth, propagate
 from vsh.sky.sphere import angles, triad
 from vsh.tools import arguments
 from vsh.tools.arguments import generator
+from vsh.tools.explained import explained
 from vsh.tools.types import FloatArray, Rng
 from vsh.tools.units import AU_PER_YEAR, UAS
 from vsh.vector import Vector
@@ -27,6 +28,7 @@ _GAIA_EPOCH, _FIXED = 2016.0, 2015.0
 
 
 @arguments.accepts(rng=arguments.seed, n=arguments.whole, epochs=arguments.whole)
+@explained
 def link(
     rng: Rng,
     n: int = 40,

@@ -6,6 +6,7 @@ import numpy as np
 
 from vsh.tools.arguments import float_array, generator, number, positive
 from vsh.tools.errors import ParameterError
+from vsh.tools.explained import explained
 from vsh.tools.types import ArrayLike, BoolArray, FloatArray, Rng
 
 #: Mean length of the lost intervals that are drawn. [yr]
@@ -41,6 +42,7 @@ def alive(time: FloatArray, gaps: FloatArray) -> BoolArray:
     return (before < 0) | (time >= np.append(gaps[:, 1], 0.0)[before])
 
 
+@explained
 def gaps_of(time: ArrayLike, start: float, *, longest: float = 0.003) -> tuple[tuple[float, float], ...]:
     """Gaps of a mission from the times of what was observed, for `NominalScanningLaw(gaps=…)`.
 

@@ -7,12 +7,14 @@ import numpy as np
 
 from vsh.io.tables import fits_checked
 from vsh.tools.errors import TableError, first_line
+from vsh.tools.explained import explained
 from vsh.tools.notes import printable
 from vsh.tools.types import FloatArray, PathName
 
 __all__ = ["read_map"]
 
 
+@explained
 def read_map(path: PathName) -> tuple[FloatArray, str | None]:
     """A HEALPix map from a FITS file, in ring order, and the frame its header names (or None).
 

@@ -36,6 +36,7 @@ from vsh.sky.sphere import triad
 from vsh.tools import arguments
 from vsh.tools.arguments import float_array, positive
 from vsh.tools.errors import ParameterError, TableError
+from vsh.tools.explained import explained
 from vsh.tools.files import write_arrays
 from vsh.tools.modules import old_names
 from vsh.tools.notebook import Frozen, InNotebook
@@ -120,6 +121,7 @@ class VelocityGrid(InNotebook):
         write_arrays(path, arrays, compress=True)
 
 
+@explained
 def read_velocity_grid(path: PathName, half_width: float | None = None, frame: str | None = None) -> VelocityGrid:
     """Read velocities on a grid.
 

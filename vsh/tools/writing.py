@@ -11,6 +11,7 @@ import numpy as np
 
 import vsh
 from vsh.tools.errors import TableError
+from vsh.tools.explained import explained
 from vsh.tools.files import MARK, atomic_write
 from vsh.tools.formats import BY_KIND, PACKED, WRITTEN
 from vsh.tools.notes import printable
@@ -57,6 +58,7 @@ def write(
     write_table(table_of(columns, meta, units), path)
 
 
+@explained
 def write_table(table: Table, path: PathName, meta: dict[str, Any] | None = None) -> None:
     """Write an astropy Table with more metadata to `path`; the file has this name only once it is complete."""
     path = Path(path)

@@ -23,6 +23,7 @@ from vsh.figures.plot import LONGEST, SURE, even_grid, picture_of
 from vsh.io.tables import printed
 from vsh.sky.frames import ANGLES
 from vsh.tools.errors import ParameterError
+from vsh.tools.explained import explained
 from vsh.tools.files import atomic_write
 from vsh.tools.types import FloatArray, PathName, Table
 
@@ -173,6 +174,7 @@ $scripts
 """)
 
 
+@explained
 def page(title: str, panels: Iterable[Panel], *, lead: str = "") -> str:
     """One HTML file of panels, which asks for nothing from any network.
 
@@ -215,6 +217,7 @@ def bundle() -> str:
     return f"/*\n{licences.replace('*/', '')}*/\n{script}"
 
 
+@explained
 def write_page(path: PathName, text: str) -> None:
     """Write a page with a hash of the rest of it, by which a later run sees that nobody changed it.
 

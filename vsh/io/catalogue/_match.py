@@ -14,6 +14,7 @@ from vsh.sky.sphere import triad
 from vsh.tools.arguments import positive
 from vsh.tools.bad_rows import select_usable
 from vsh.tools.errors import FieldError, FrameError, TableError
+from vsh.tools.explained import explained
 from vsh.tools.types import IntArray, OnBad, PathName
 from vsh.tools.units import DEGREE, MAS, UAS
 
@@ -60,6 +61,7 @@ def counterparts(a: Any, b: Any, *, by: Literal["name", "position"] = "name", ra
 _FAR_APART = 0.02
 
 
+@explained
 def match(
     a: Any, b: Any, *, by: Literal["name", "position"] = "name", radius: Any = None, pairs: Counterparts | None = None
 ) -> Field:
@@ -184,6 +186,7 @@ def _pick(column, index):
     return None if column is None else column[index]
 
 
+@explained
 def read_icrf(path: PathName, name: str | None = "icrf") -> Positions:
     """Read a catalogue of VLBI positions in the layout of ICRF2 or ICRF3.
 

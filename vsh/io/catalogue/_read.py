@@ -41,6 +41,7 @@ from vsh.tools import arguments
 from vsh.tools.arguments import positive, whole
 from vsh.tools.bad_rows import PLACEHOLDER, as_floats, placeholders
 from vsh.tools.errors import NothingLeftError, NothingSelectedError, TableError, VshWarning
+from vsh.tools.explained import explained
 from vsh.tools.logs import log_result
 from vsh.tools.notes import DroppedRows, dropped, merge_notes, printable
 from vsh.tools.types import FloatArray, OnBad, PathName
@@ -115,6 +116,7 @@ def read_field(
     return field
 
 
+@explained
 def read_columns(source: Any, names: Iterable[str], **reading: Any) -> dict[str, FloatArray]:
     """Numbers of any columns, at the rows that `read_field` reads.
 

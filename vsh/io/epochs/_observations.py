@@ -16,6 +16,7 @@ from vsh.io.epochs._solve import design_row, solve_epochs
 from vsh.io.epochs._views import views_of
 from vsh.tools.bad_rows import select_usable
 from vsh.tools.errors import NothingLeftError, TableError
+from vsh.tools.explained import explained
 from vsh.tools.notebook import Frozen
 from vsh.tools.notes import DroppedRows
 from vsh.tools.types import FloatArray, IntArray, OnBad, PathName
@@ -106,6 +107,7 @@ class Observations(Frozen):
         )
 
 
+@explained
 def epoch_files(path: PathName) -> list[Path]:
     """The files of epochs at a path: itself, or every file of a folder in the order of their names.
 
@@ -305,6 +307,7 @@ def _repeated(columns):
     return (f"warning: {twice} transits stand in the table twice and count as two",) if twice else ()
 
 
+@explained
 def read_epochs(
     source: Any,
     *,

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from vsh.tools.explained import explained
 from vsh.tools.notebook import Frozen
 from vsh.tools.types import BoolArray, FloatArray, IntArray
 
@@ -67,6 +68,7 @@ def downweight(z: FloatArray) -> FloatArray:
     return np.where(z <= 2, 1.0, np.where(z < 3, between, np.exp(-z / 3)))
 
 
+@explained
 def solve_epochs(
     source: IntArray, design: FloatArray, position: FloatArray, error: FloatArray, *, robust: bool = True
 ) -> FiveParameters:

@@ -10,6 +10,7 @@ from vsh.io.tables._packed import first_bytes
 from vsh.io.tables._remote import Place, files_at, is_address, open_at, place_of
 from vsh.io.tables._source import TableSource, chained, is_frame, open_astropy, open_frame, open_other
 from vsh.tools.errors import TableError, first_line
+from vsh.tools.explained import explained
 from vsh.tools.formats import BY_KIND, BY_NAME, FORMATS, PACKED, READ
 from vsh.tools.notes import printable
 from vsh.tools.types import PathName, Table
@@ -25,6 +26,7 @@ def _open_file(path, label, kind):
     return getattr(import_module(module), name)(path, label)
 
 
+@explained
 def open_table(source: Any, format: str | None = None) -> TableSource:
     """Open a table without reading its rows.
 

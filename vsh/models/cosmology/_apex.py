@@ -17,6 +17,7 @@ from vsh.sky.frames import TRUE, check_frame, check_redshift_frame, rotation_mat
 from vsh.sky.sphere import triad
 from vsh.tools.arguments import number
 from vsh.tools.errors import FieldError, NothingLeftError, ParameterError
+from vsh.tools.explained import explained
 from vsh.tools.notes import WithoutRedshift
 from vsh.tools.types import ArrayLike, BoolArray, FloatArray
 from vsh.tools.units import SPEED_OF_LIGHT
@@ -93,6 +94,7 @@ _NONE = Vector(np.zeros(3), np.zeros((3, 3)), "galactic", "km/s")
 REDSHIFT_FRAMES = {"heliocentric": _NONE, "cmb": CMB_VELOCITY_PLANCK18, "local-group": SUN_IN_LOCAL_GROUP}
 
 
+@explained
 def to_cmb(redshift: FloatArray, lon: FloatArray, lat: FloatArray, frame: str, redshift_frame: str) -> FloatArray:
     """Redshifts as an observer at rest in the microwave background would measure them.
 
@@ -150,6 +152,7 @@ def reasons_unusable(redshift: ArrayLike, min_redshift: float = FLOW_LIMIT) -> d
     }
 
 
+@explained
 def with_redshift(
     field: Field, min_redshift: float = FLOW_LIMIT, redshift_frame: str | None = None, *, missing_only: bool = False
 ) -> Field:

@@ -10,6 +10,7 @@ from vsh.models.cosmology._apex import FLOW_LIMIT, count_unusable, usable
 from vsh.tools.arguments import between as between_limits
 from vsh.tools.arguments import float_array
 from vsh.tools.errors import ConvergenceError, FieldError, ParameterError
+from vsh.tools.explained import explained
 from vsh.tools.types import ArrayLike, Cosmology, FloatArray, Quantity
 from vsh.tools.units import SPEED_OF_LIGHT
 
@@ -62,6 +63,7 @@ FLAT_PLANCK13 = FlatLCDM(67.3, 0.315)
 _EXACT = 1000
 
 
+@explained
 def transverse_distance(
     redshift: ArrayLike | None, cosmology: Cosmology | None = None, *, hubble: float | None = None
 ) -> FloatArray:
@@ -113,6 +115,7 @@ def transverse_distance(
     return distance if hubble is None else distance * (hubble_value(cosmology) / hubble)
 
 
+@explained
 def distance_modulus(distance: ArrayLike, redshift: ArrayLike) -> FloatArray:
     """Apparent less absolute magnitude, 5 lg(d_M (1 + z)) + 25.
 
