@@ -63,7 +63,8 @@ def estimate(field: Any, modes: Modes, options: argparse.Namespace) -> Estimate:
     if options.recommended:
         found = fit.recommended(field, modes.lmax, rng=options.seed)
         return Estimate(found.plain, field, 0, found)
-    factor, n_clipped, weights = 1.0, 0, None
+    factor, n_clipped = 1.0, 0
+    weights: Any = None
     solution: Any = None
     if options.clip is not None or options.clip_threshold is not None:
         clipped = fit.robust.clip(field, modes, options.clip, options.clip_threshold)

@@ -17,14 +17,29 @@ def make_parser() -> argparse.ArgumentParser:
             "vsh-archive gaia-crf3 --output qso.fits",
             "vsh-archive gaia-crf3 --show",
             "vsh-archive query.adql --output mine.fits",
+            "vsh-archive epochs --ids quasars.fits --output epochs",
+            "vsh-archive --check gaiadr4",
         ),
     )
     parser.add_argument(
         "what",
+        nargs="?",
         help=(
-            f"{', '.join(values.QUERIES)}, a file with a query in ADQL, or a table of the archive that names sources "
-            "by source_id (schema.table)"
+            f"{', '.join(values.QUERIES)}, a file with a query in ADQL, a table of the archive that names sources by "
+            "source_id (schema.table), or epochs: the epoch astrometry of --ids"
         ),
+    )
+    parser.add_argument(
+        "--check",
+        metavar="SCHEMA",
+        help="ask for the tables and columns of a schema, gaiadr4 say, and print which queries run and what changed",
+    )
+    group = parser.add_argument_group("epoch astrometry (DataLink)")
+    group.add_argument("--ids", metavar="FILE", help="source_id, a column of a table or one a line of a text")
+    group.add_argument("--retrieval-type", metavar="NAME", help="name of the product (default: EPOCH_ASTROMETRY)")
+    group.add_argument("--structure", metavar="NAME", help="how several sources come (default: COMBINED)")
+    group.add_argument(
+        "--batch", type=values.count(1), metavar="N", help="sources asked for at once, 5000 at most (default: 500)"
     )
     parser.add_argument(
         "--release", choices=values.RELEASES, default="DR3", help="for a table: of which release (default: DR3)"
@@ -53,5 +68,16 @@ def make_parser() -> argparse.ArgumentParser:
 
 def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
     """End with what contradicts itself."""
+    if bool(options.what) == bool(options.check):
+        parser.error("say what to fetch, or --check SCHEMA")
+    if options.check:
+        return
+    given = [name for name in ("ids", "retrieval_type", "structure", "batch") if getattr(options, name) is not None]
+    if (options.what == "epochs") != (options.ids is not None):
+        parser.error("epochs are those of a list of sources: vsh-archive epochs --ids FILE --output FOLDER")
+    if given and options.what != "epochs":
+        parser.error(f"--{given[0].replace('_', '-')} is for epochs")
+    if options.what == "epochs" and (options.show or not options.output):
+        parser.error("epochs go into a folder: --output FOLDER")
     if not (options.output or options.show):
         parser.error("say where to: --output FILE.fits, or --show")

@@ -276,7 +276,8 @@ def with_derived(source: TableSource) -> TableSource:
     made = derived_from(source.names)
     if not made:
         return source
-    recipes, notes = {}, []
+    recipes: dict[str, Any] = {}
+    notes = []
     for name, inputs in made.items():
         unit = None if name == "pmra_pmdec_corr" else source.units.get(inputs[0])
         if len(inputs) == 1:

@@ -167,7 +167,7 @@ def read_observations(
     if "view" in flat:
         view, words = views_of(flat.pop("view"), number, flat["obs_time_tcb"])
         view = None if view is None else view[order]
-        notes = (*notes, words)
+        notes = (*notes, *([words] if words else []))
     time = 2010.0 - epoch + (flat["obs_time_tcb"] + flat.get("obs_time_bary_corr", 0.0)) / _YEAR
     design = design_row(flat["scan_pos_angle"] * DEGREE, flat["parallax_factor_al"], time)
     return Observations(
@@ -227,7 +227,8 @@ def _observations(
     columns, padding = _matrices(table, opened)
     repeated = _repeated(columns)
     shape = max((np.shape(values) for values, _ in columns.values()), key=len)
-    flat, bad = {}, np.zeros(shape, bool)
+    flat: dict[str, Any] = {}
+    bad = np.zeros(shape, bool)
     times: tuple[str, ...] = ()
     for name, (values, mask) in columns.items():
         # What a transit has once, all its CCDs have.
@@ -274,7 +275,8 @@ def _observations(
 
 def _matrices(table, opened):
     """Every column as numbers, a row or a matrix of the CCDs each, and where a transit has fewer CCDs than another."""
-    columns, padding, width, first = {}, None, 0, ""
+    columns: dict[str, Any] = {}
+    padding, width, first = None, 0, ""
     for name, (values, mask) in table.items():
         values, mask, absent = matrix_of(values, mask, name, opened.label)
         if values.ndim > 1:

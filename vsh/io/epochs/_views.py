@@ -10,15 +10,13 @@ from typing import Any
 
 import numpy as np
 
-from vsh.tools.types import IntArray
-
 #: From the preceding field to the following one, and back [minutes]; and by how much a pair may be off.
 _SHORT, _LONG, _CLOSE = 106.5, 253.5, 4.0
 #: Codes of the preceding and of the following field where times decide nothing.
 _KNOWN = {(0, 1): "as in the epochs of Gaia BH3", (1, 2): "as in the draft of DR4's data model"}
 
 
-def views_of(transit: IntArray, source: IntArray, time: IntArray) -> tuple[Any, str | None]:
+def views_of(transit: Any, source: Any, time: Any) -> tuple[Any, str | None]:
     """Find the field of view of each observation.
 
     Parameters

@@ -170,7 +170,7 @@ def test_queries():
     assert "g.astrometric_params," in of_table("user_me.stars", release=DR4)
     core = of_table("user_me.quasars", release=DR4, astrometry="all_source_astrometry")
     assert "JOIN gaiadr4.all_source_astrometry AS g" in core
-    assert "LEFT JOIN gaiadr4.gaia_source AS s" in core
+    assert "LEFT JOIN gaiadr4.all_source_photometry AS s" in core
     assert "s.phot_g_mean_mag" in core
     assert "g.pmra," in core
     with pytest.raises(ArchiveError, match="DR3 has no table of astrometry called 'all_source_astrometry'"):
