@@ -42,7 +42,10 @@ def day(folder: Path, number: int | None) -> list[tuple[str, float, float]]:
         more = ["--overwrite"]
         if line.startswith("vsh-sim"):
             more += [] if number is None else ["--number", str(number)]
-        if line.startswith("vsh-archive"):
+        if "--check" in line:
+            with serving(b"") as (url, _):
+                done.append((line, *run(line, ["--url", url], folder)))
+        elif line.startswith("vsh-archive"):
             published = folder / "published.fits"
             (folder / "qso4.fits").replace(published)
             with serving(published.read_bytes()) as (url, _):

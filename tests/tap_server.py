@@ -12,6 +12,20 @@ VOTABLE = (
 )
 
 
+def columns_of_ours(adql):
+    """The answer to a question for the columns of a schema: those that our own queries ask for."""
+    from vsh.io.archive import ASTROMETRY, RELEASES, of_table
+
+    schema = re.search(r"'(\w+)\.%'", adql)[1]
+    release = next(each for each in RELEASES.values() if each.schema == schema)
+    rows = set()
+    for astrometry in ASTROMETRY[: 2 if release.name == "DR4" else 1]:
+        asked = of_table("t.t", release=release, astrometry=astrometry)
+        places = {alias: table for table, alias in re.findall(r"JOIN ([\w.]+) AS (\w)", asked)}
+        rows |= {f"{places[alias]},{name}" for alias, name in re.findall(r"\b([gs])\.(\w+)", asked)}
+    return "\n".join(["table_name,column_name", *sorted(rows)])
+
+
 class Service:
     """What the server answers.
 
@@ -56,6 +70,8 @@ class Handler(BaseHTTPRequestHandler):
         length = int(self.headers.get("Content-Length") or 0)
         form = dict(urllib.parse.parse_qsl(self.rfile.read(length).decode()))
         service.asked.append(("POST", path, form))
+        if path.endswith("/sync"):
+            return self.answer(columns_of_ours(form["QUERY"]))
         if service.refuse:
             return self.answer(VOTABLE.format(value="ERROR", text=service.refuse), 400)
         service.jobs += 1

@@ -9,11 +9,13 @@ import numpy as np
 
 from fit.distances._calibration import Calibration
 from fit.distances._density import (
+    INCOMPLETE,
     MODULI,
     GivenDensity,
     LuminosityFunction,
     SourceDensity,
     completed,
+    completeness_deviate,
     errors_by_redshift,
     fit_density,
     fit_luminosity,
@@ -63,7 +65,8 @@ def calibrate(
     luminosity : function of absolute magnitude, optional
         log φ up to a constant; fitted to the catalogue, complete to its faintest magnitude, unless given.
     magnitudes : bool, optional
-        Whether to use them; if all sources have one unless given.
+        Whether to use them; unless given if all sources have one and the sample is complete to its faintest, by
+        Rauzy's (2001) test.
 
     Raises
     ------
@@ -93,6 +96,15 @@ def calibrate(
     use = known == n if magnitudes is None else bool(magnitudes)
     notes = []
     given = luminosity is not None
+    if use and magnitudes is None and not given:
+        deviate = completeness_deviate(facts["bright"], max(facts["faintest"]))
+        if deviate < INCOMPLETE:
+            use = False
+            notes.append(
+                f"magnitudes are not used: the sample is not complete to its faintest, {max(facts['faintest']):.2f} "
+                f"(T_C = {deviate:.1f}, where -3 is the least of a complete one); cut it where it is complete, or "
+                "magnitudes=True takes it as it is"
+            )
     if use:
         measured = (
             LuminosityFunction(luminosity, "luminosity function as given")
@@ -140,7 +152,10 @@ def calibrate_if_known(
     except NothingLeftError:  # no source is beyond the flow
         return None
     return calibrate(
-        usable_ones, frame, WHOLE_DISPERSION if dispersion is None else dispersion, magnitudes=bool(known == n)
+        usable_ones,
+        frame,
+        WHOLE_DISPERSION if dispersion is None else dispersion,
+        magnitudes=None if known == n else False,
     )
 
 

@@ -225,6 +225,39 @@ def magnitude_counts(magnitude: FloatArray, modulus: FloatArray) -> FloatArray:
     return np.histogram2d(magnitude - modulus, modulus, bins=edges)[0]
 
 
+#: A sample whose T_C is below this is not complete to its faintest magnitude; and the fewest that tell.
+INCOMPLETE, _FEWEST = -3.0, 100
+
+
+def completeness_deviate(counts: FloatArray, limit: float) -> float:
+    """Test whether a sample is complete to a magnitude: a normal deviate, far below zero where faint ones are missing.
+
+    Rauzy's (2001, MNRAS 324, 51) T_C: of the galaxies that are no farther than a given one and bright enough to be
+    seen at its distance, the share that is brighter is uniform in a complete sample, however galaxies are distributed.
+
+    counts : (m, k) array
+        Those of `magnitude_counts`.
+    limit : float
+        The magnitude. Too few galaxies to tell give 0.
+    """
+    rows, columns = np.nonzero(counts)
+    if counts.sum() < _FEWEST:
+        return 0.0
+    # Galaxies brighter than each cell's lower edge and within it, at most as far, by sums over the table.
+    nearer = np.cumsum(counts, axis=1)
+    brighter = np.cumsum(nearer, axis=0)
+    # The last class of magnitude that is bright enough as a whole, at the far edge of the class of distance.
+    faintest = np.searchsorted(MAGNITUDES, limit - (MODULI[columns] + _STEP) + 1e-9, side="right") - 2
+    known = faintest >= rows
+    rows, columns, faintest = rows[known], columns[known], faintest[known]
+    own = nearer[rows, columns]
+    rank = brighter[rows, columns] - own / 2
+    total = brighter[faintest, columns]
+    number = counts[rows, columns]
+    share, variance = rank / total, (total - 1) / (12 * (total + 1))
+    return float(number @ (share - 0.5) / np.sqrt(max(number @ variance, 1e-300)))
+
+
 def fit_luminosity(counts: FloatArray, limit: float) -> LuminosityFunction:
     """The luminosity function by which counts of a magnitude-limited catalogue are most probable.
 

@@ -102,7 +102,7 @@ def _fits(value, hint):
         return False
     if inside and isinstance(value, (list, tuple, set)) and kind is not tuple:
         return all(_fits(each, inside[0]) for each in value)
-    if kind is tuple and inside and Ellipsis not in inside:
+    if isinstance(value, tuple) and kind is tuple and inside and Ellipsis not in inside:
         return len(value) == len(inside) and all(_fits(value[k], each) for k, each in enumerate(inside))
     if isinstance(value, collections.abc.Mapping) and len(inside) == 2:
         return all(_fits(key, inside[0]) and _fits(each, inside[1]) for key, each in value.items())
