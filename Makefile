@@ -5,6 +5,8 @@ BIN := $(VENV)/bin
 REALISATIONS ?= 100
 COVERAGE ?= 95
 MUTANTS ?= 8000
+CALLS ?= 3000
+OPTION_RUNS ?= 600
 PIP := -m pip install --quiet --disable-pip-version-check
 
 # Where an environment forbids it every process would compile every library anew.
@@ -63,8 +65,10 @@ package: page  ## wheel and sdist in dist/, the same bytes for the same commit, 
 mutate: $(VENV)/installed-test  ## break the code in the known places, one at a time: does a test find each?
 	$(BIN)/python tests/mutate.py
 
-fuzz: $(VENV)/installed-test  ## give damaged files to every reader (MUTANTS=8000)
+fuzz: $(VENV)/installed-test  ## damaged files for every reader, odd arguments for every function, random options (MUTANTS=8000)
 	$(BIN)/python tests/fuzz.py $(MUTANTS)
+	$(BIN)/python tests/fuzz_api.py $(CALLS)
+	OPTION_RUNS=$(OPTION_RUNS) $(BIN)/pytest -q tests/project/test_any_options.py
 
 gaia: $(VENV)/installed  ## Gaia's acceleration of the Solar System: gaia/report.md (FILE=crf3.fits; a simulated catalogue unless given)
 	test -n "$(FILE)" || test -f build/crf3.fits || { mkdir -p build && $(BIN)/vsh-sim crf3 --output build/crf3.fits; }

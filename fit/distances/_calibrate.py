@@ -9,13 +9,12 @@ import numpy as np
 
 from fit.distances._calibration import Calibration
 from fit.distances._density import (
-    INCOMPLETE,
     MODULI,
     GivenDensity,
     LuminosityFunction,
     SourceDensity,
+    complete_to,
     completed,
-    completeness_deviate,
     errors_by_redshift,
     fit_density,
     fit_luminosity,
@@ -96,20 +95,28 @@ def calibrate(
     use = known == n if magnitudes is None else bool(magnitudes)
     notes = []
     given = luminosity is not None
-    if use and magnitudes is None and not given:
-        deviate = completeness_deviate(facts["bright"], max(facts["faintest"]))
-        if deviate < INCOMPLETE:
+    bright, complete = _far_enough(facts["bright"], typical, cosmology), max(facts["faintest"], default=np.nan)
+    if use and not given:
+        limit, brighter = complete_to(bright, complete)
+        if np.isnan(limit) and magnitudes is None:
             use = False
             notes.append(
-                f"magnitudes are not used: the sample is not complete to its faintest, {max(facts['faintest']):.2f} "
-                f"(T_C = {deviate:.1f}, where -3 is the least of a complete one); cut it where it is complete, or "
-                "magnitudes=True takes it as it is"
+                "magnitudes are not used: the sample is complete to none of them (Rauzy's T_C below -3 for each); "
+                "magnitudes=True takes it for complete to its faintest"
             )
+        elif limit < complete:
+            notes.append(
+                f"the sample is complete to magnitude {limit:.2f}, not to its faintest, {complete:.2f} (Rauzy's T_C): "
+                "luminosity function and density are those of the complete part"
+            )
+            bright, complete = brighter, limit
+            work = partial(_counts_to, calibration=bare, limit=limit)
+            facts |= {"counts": sky.sum(work, roles=DISTANCES, words="redshifts of the complete part")}
     if use:
         measured = (
             LuminosityFunction(luminosity, "luminosity function as given")
             if luminosity is not None
-            else fit_luminosity(_far_enough(facts["bright"], typical, cosmology), max(facts["faintest"]))
+            else fit_luminosity(bright, complete)
         )
         bare = replace(bare, luminosity=measured)
         if not given:
@@ -126,8 +133,7 @@ def calibrate(
             "no magnitudes: distances follow from redshifts alone, and where they are unsure by more than 5 % sources "
             "weigh by the mean errors of their redshift; with magnitudes results would be surer"
         )
-    limit = max(facts["faintest"]) if use else None
-    return replace(bare, density=_density(density, limit, facts, bare), notes=tuple(notes))
+    return replace(bare, density=_density(density, complete if use else None, facts, bare), notes=tuple(notes))
 
 
 def bare_calibration(
@@ -207,6 +213,13 @@ def _facts(field, calibration):
         "flow": flow_counts(z, field.information),
         "variances": variance_sums(z, field.sigma),
     }
+
+
+def _counts_to(field, calibration, limit):
+    """Redshifts of the sources that are as bright as a limit."""
+    z = calibration.redshift(field)
+    inside = field.magnitude <= limit
+    return redshift_counts(z[inside], calibration.spread(field, z)[inside])
 
 
 def _check_size(calibration, facts, dispersion):

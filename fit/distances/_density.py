@@ -225,8 +225,9 @@ def magnitude_counts(magnitude: FloatArray, modulus: FloatArray) -> FloatArray:
     return np.histogram2d(magnitude - modulus, modulus, bins=edges)[0]
 
 
-#: A sample whose T_C is below this is not complete to its faintest magnitude; and the fewest that tell.
-INCOMPLETE, _FEWEST = -3.0, 100
+#: A sample is not complete where its T_C is below this and the mean share is off by more than the errors of redshifts
+#: alone make it; and the fewest galaxies that tell.
+_INCOMPLETE, _SHIFT, _FEWEST = -3.0, 0.02, 100
 
 
 def completeness_deviate(counts: FloatArray, limit: float) -> float:
@@ -256,6 +257,22 @@ def completeness_deviate(counts: FloatArray, limit: float) -> float:
     number = counts[rows, columns]
     share, variance = rank / total, (total - 1) / (12 * (total + 1))
     return float(number @ (share - 0.5) / np.sqrt(max(number @ variance, 1e-300)))
+
+
+def complete_to(counts: FloatArray, faintest: float) -> tuple[float, FloatArray]:
+    """Find the faintest magnitude to which a sample is complete, and the counts of galaxies to it; nan where to none.
+
+    Tried from the faintest of all on in steps of a quarter of a magnitude, as far as a quarter of the galaxies is left.
+    """
+    apparent = (MAGNITUDES + _STEP)[:, None] + (MODULI + _STEP)
+    for limit in np.arange(faintest, faintest - 8, -0.25):
+        brighter = np.where(apparent <= limit + 1e-9, counts, 0.0) if limit < faintest else counts
+        if brighter.sum() < 0.25 * counts.sum():
+            break
+        deviate = completeness_deviate(brighter, limit)
+        if deviate >= _INCOMPLETE or deviate / np.sqrt(12 * brighter.sum()) >= -_SHIFT:
+            return float(limit), brighter
+    return float("nan"), counts
 
 
 def fit_luminosity(counts: FloatArray, limit: float) -> LuminosityFunction:
