@@ -68,7 +68,7 @@ mutate: $(VENV)/installed-test  ## break the code in the known places, one at a 
 fuzz: $(VENV)/installed-test  ## damaged files for every reader, odd arguments for every function, random options (MUTANTS=8000)
 	$(BIN)/python tests/fuzz.py $(MUTANTS)
 	$(BIN)/python tests/fuzz_api.py $(CALLS)
-	OPTION_RUNS=$(OPTION_RUNS) $(BIN)/pytest -q tests/project/test_any_options.py
+	OPTION_RUNS=$(OPTION_RUNS) $(BIN)/pytest -q tests/test_any_options.py
 
 gaia: $(VENV)/installed  ## Gaia's acceleration of the Solar System: gaia/report.md (FILE=crf3.fits; a simulated catalogue unless given)
 	test -n "$(FILE)" || test -f build/crf3.fits || { mkdir -p build && $(BIN)/vsh-sim crf3 --output build/crf3.fits; }

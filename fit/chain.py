@@ -28,8 +28,8 @@ from vsh.io import tables
 from vsh.modes import Modes, as_modes
 from vsh.sky.positions import Positions
 from vsh.sky.sphere import triad
+from vsh.tools.arguments import explained
 from vsh.tools.errors import DegeneracyError, FieldError, FrameError, ParameterError
-from vsh.tools.explained import explained
 from vsh.tools.logs import logged
 from vsh.tools.notes import merge_notes, note_lines
 from vsh.tools.types import Axes, FloatArray, Rng, Table
@@ -597,6 +597,4 @@ def _shared(sky, modes, values, kept):
     weight, axes = np.linalg.eigh(out)
     if weight[0] < 1e-3:
         out = axes * np.maximum(weight, 1e-3) @ axes.T
-        size = np.sqrt(np.diag(out))
-        out = out / np.outer(size, size)
-    return out
+    return out / np.sqrt(np.outer(np.diag(out), np.diag(out)))

@@ -24,8 +24,8 @@ from vsh.io.catalogue import counterparts, match
 from vsh.modes import Modes, as_modes
 from vsh.sky.positions import Positions
 from vsh.tools import arguments
+from vsh.tools.arguments import explained
 from vsh.tools.errors import ParameterError, VshError
-from vsh.tools.explained import explained
 from vsh.tools.modules import old_names
 from vsh.tools.notebook import Frozen
 from vsh.tools.types import FloatArray, IntArray, Rng, Table

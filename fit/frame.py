@@ -29,8 +29,8 @@ from vsh.models.covariance import Covariance, as_covariance
 from vsh.modes import Modes
 from vsh.sky.sphere import sin_cos, triad
 from vsh.tools import arguments
+from vsh.tools.arguments import explained
 from vsh.tools.errors import DegeneracyError, FieldError, FrameError
-from vsh.tools.explained import explained
 from vsh.tools.logs import logged
 from vsh.tools.notes import merge_notes
 from vsh.tools.parallel import map_blocks

@@ -16,12 +16,12 @@ from fit.solution import HarmonicSolution
 from fit.storage import coefficient_columns
 from fit.sums import Rings, fourier_sums
 from vsh import Coefficients, Field, Mode, Modes
-from vsh.field import field_or_fields
 from vsh.io import tables
+from vsh.io.parts import field_or_fields
 from vsh.modes import as_modes
 from vsh.tools import arguments
+from vsh.tools.arguments import explained
 from vsh.tools.errors import ConvergenceError, CovarianceError, FieldError, ParameterError
-from vsh.tools.explained import explained
 from vsh.tools.notes import merge_notes
 from vsh.tools.parallel import progress_bar
 from vsh.tools.types import ArrayLike, Axes, FloatArray, Table

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.special import ndtri
 
 from fit.quality import norm_limit, normal_deviate
-from vsh.tools.explained import explained
+from vsh.tools.arguments import explained
 
 __all__ = ["Degree", "spectrum"]
 

@@ -29,7 +29,7 @@ from vsh.modes import Modes
 from vsh.tools.errors import TableError, VshError
 from vsh.tools.modules import new_name
 from vsh.tools.notebook import Frozen
-from vsh.tools.notes import printable
+from vsh.tools.printing import printable
 from vsh.tools.types import PathName, Table
 
 __all__ = ["Result", "read"]

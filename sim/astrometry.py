@@ -17,9 +17,8 @@ from sim.population import uniform_sky
 from sim.scanning import NominalScanningLaw, Transits
 from sim.variability import Variability, markov_chain
 from vsh.io.epochs import design_row
-from vsh.tools.arguments import generator
+from vsh.tools.arguments import explained, generator
 from vsh.tools.errors import ParameterError
-from vsh.tools.explained import explained
 from vsh.tools.modules import old_names
 from vsh.tools.notebook import Frozen
 from vsh.tools.types import ArrayLike, BoolArray, FloatArray, IntArray, Release, Rng

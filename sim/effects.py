@@ -11,7 +11,7 @@ from astropy import constants
 from astropy import units as u
 
 from vsh.models.cosmology import FLAT_PLANCK13, transverse_distance
-from vsh.tools.explained import explained
+from vsh.tools.arguments import explained
 from vsh.tools.types import Quantity
 from vsh.tools.units import AU_PER_YEAR
 

@@ -11,8 +11,8 @@ from sim.scanning import BLOCK, NominalScanningLaw
 from sim.variability import Variability
 from vsh.sky.pixels import centres, check_nside
 from vsh.tools import arguments
+from vsh.tools.arguments import explained
 from vsh.tools.errors import ParameterError
-from vsh.tools.explained import explained
 from vsh.tools.parallel import map_blocks
 from vsh.tools.types import ArrayLike, FloatArray, Release
 

@@ -3,8 +3,8 @@
 import numpy as np
 
 from vsh.tools import arguments
+from vsh.tools.arguments import explained
 from vsh.tools.errors import ParameterError
-from vsh.tools.explained import explained
 from vsh.tools.types import ArrayLike, FloatArray, Release
 
 #: For each release: the factor t on the parallax error, and σ_µα* and σ_µδ in parallax errors a year.

@@ -11,10 +11,9 @@ from vsh.models.flows import HUBBLE, LINEAR_PLANCK18, LinearTheory, VelocityGrid
 from vsh.sky.frames import check_frame, rotation_matrix
 from vsh.sky.sphere import angles, triad
 from vsh.tools import arguments
-from vsh.tools.arguments import generator
+from vsh.tools.arguments import explained, generator
 from vsh.tools.bad_rows import as_floats
 from vsh.tools.errors import FieldError, ParameterError, TableError
-from vsh.tools.explained import explained
 from vsh.tools.notebook import Frozen
 from vsh.tools.types import FloatArray, Rng
 

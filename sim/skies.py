@@ -10,8 +10,8 @@ import numpy as np
 from vsh.sky.frames import rotation_matrix
 from vsh.sky.pixels import centres, random_positions
 from vsh.sky.sphere import angles, triad
+from vsh.tools.arguments import explained
 from vsh.tools.errors import ParameterError
-from vsh.tools.explained import explained
 from vsh.tools.types import FloatArray, Rng
 
 __all__ = ["sky_map"]

@@ -12,10 +12,10 @@ from sim.noise import RELEASES
 from vsh.commands.values import SKIES
 from vsh.models.cosmology import VELOCITIES, velocity_from_apex
 from vsh.sky.frames import FRAMES
+from vsh.tools.arguments import explained
 from vsh.tools.errors import ParameterError, VshError
-from vsh.tools.explained import explained
 from vsh.tools.notebook import InNotebook
-from vsh.tools.notes import printable
+from vsh.tools.printing import printable
 from vsh.tools.types import PathName
 
 

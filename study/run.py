@@ -11,8 +11,8 @@ from study.prepare import prepared
 from study.realise import prepared_sources, realise
 from study.results import write_results
 from vsh.tools.files import atomic_write, exclusive, remove_unfinished
-from vsh.tools.notes import printable
 from vsh.tools.parallel import cores, ended_if_interrupted, process_pool, progress_bar, uninterrupted
+from vsh.tools.printing import printable
 from vsh.tools.types import PathName
 
 

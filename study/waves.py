@@ -17,7 +17,7 @@ from vsh.io.epochs import Observations, epoch_files, read_observations
 from vsh.sky.frames import rotation_matrix
 from vsh.sky.sphere import triad
 from vsh.tools.errors import DegeneracyError, TableError
-from vsh.tools.notes import printable
+from vsh.tools.printing import printable
 from vsh.tools.units import DEGREE
 
 #: Bands of the background [1/yr]; the mean axis may be so far from the law's before it is said. [deg]

@@ -19,7 +19,7 @@ CASES = [
     ),
     ("vsh.field", "weighed(np.array([[2.0], [3.0], [0.5]]), np.array([[1.0], [2.0]])).ravel()", "array([3. , 6.5])"),
     (
-        "vsh.io.archive._tap",
+        "vsh.io.archive._queries",
         'of_table("user_me.galaxies", ["redshift"]).rpartition(", ")[2].splitlines()',
         "['t.redshift', 'FROM user_me.galaxies AS t', 'JOIN gaiadr3.gaia_source AS g ON g.source_id = t.source_id']",
     ),

@@ -12,8 +12,8 @@ import numpy as np
 from vsh.coefficients import Coefficients
 from vsh.modes import Mode, Modes, ScalarModes
 from vsh.scalars import ScalarCoefficients
+from vsh.tools.arguments import explained
 from vsh.tools.errors import ModesError
-from vsh.tools.explained import explained
 from vsh.tools.types import ArrayLike, ComplexArray, FloatArray
 
 __all__ = [

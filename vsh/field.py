@@ -30,7 +30,7 @@ from vsh.tools.bad_rows import (
     select_usable,
     span_of,
 )  # fmt: skip
-from vsh.tools.errors import FieldError, FrameError, ParameterError
+from vsh.tools.errors import FieldError, FrameError
 from vsh.tools.notebook import Frozen
 from vsh.tools.notes import VELOCITIES, merge_notes
 from vsh.tools.types import ArrayLike, BoolArray, FloatArray, OnBad, PathName, Table
@@ -545,8 +545,8 @@ class Field(Tabled):
     @property
     def whitened(self) -> FloatArray:
         """The motions decorrelated and in units of their errors, L⁻¹ µ with L Lᵀ = C, (2, n)."""
-        (s1, s2), rho, (east, north) = self.sigma, self.rho, self.motion
-        return np.stack([east / s1, (north / s2 - rho * east / s1) / np.sqrt(1 - rho**2)])
+        east, north = self.motion / self.sigma
+        return np.stack([east, (north - self.rho * east) / np.sqrt(1 - self.rho**2)])
 
     def __repr__(self) -> str:
         known = [name for name in (*MEASURED, "name") if getattr(self, name) is not None]
@@ -599,14 +599,3 @@ class Field(Tabled):
         for name, value in changes.items():
             new._set(name, value)
         return new
-
-
-def field_or_fields(name: str, value: Any) -> Any:
-    """A Field, or a list, tuple or stream of Fields."""
-    if isinstance(value, Field):
-        return value
-    if isinstance(value, (list, tuple)) and value and all(isinstance(each, Field) for each in value):
-        return value
-    if hasattr(value, "__next__"):
-        return value
-    raise ParameterError(f"{name} must be a Field, or a list or stream of Fields, not {type(value).__name__}")

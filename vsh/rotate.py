@@ -13,8 +13,8 @@ from scipy.linalg import eigh
 from vsh.coefficients import Coefficients
 from vsh.sky.frames import rotation_matrix
 from vsh.tools import arguments
+from vsh.tools.arguments import explained
 from vsh.tools.errors import FrameError, ModesError
-from vsh.tools.explained import explained
 from vsh.tools.types import ArrayLike, FloatArray
 
 __all__ = ["degree_matrix", "rotate"]

@@ -10,8 +10,8 @@ from fit.solution import HarmonicSolution
 from fit.storage import Result
 from vsh.io import tables
 from vsh.models.covariance import Spectrum
+from vsh.tools.arguments import explained
 from vsh.tools.errors import ParameterError
-from vsh.tools.explained import explained
 from vsh.tools.types import Axes, FloatArray, Table
 
 #: More errors than this are marked.

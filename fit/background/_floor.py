@@ -18,8 +18,8 @@ from fit.storage import Result
 from vsh.io import tables
 from vsh.models.covariance import LINDEGREN_2021, Spectrum
 from vsh.modes import Modes
+from vsh.tools.arguments import explained
 from vsh.tools.errors import ConvergenceError, DegeneracyError, ModesError, ParameterError, VshError
-from vsh.tools.explained import explained
 from vsh.tools.logs import logged
 from vsh.tools.types import ArrayLike, Axes, FloatArray, Table
 

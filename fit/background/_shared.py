@@ -26,9 +26,8 @@ from vsh.coefficients import Coefficients
 from vsh.io import tables
 from vsh.models.covariance import Spectrum
 from vsh.modes import Modes
-from vsh.tools.arguments import choice, generator, whole
+from vsh.tools.arguments import choice, explained, generator, whole
 from vsh.tools.errors import DegeneracyError, FrameError, ModesError, ParameterError
-from vsh.tools.explained import explained
 from vsh.tools.logs import logged
 from vsh.tools.notes import note_lines
 from vsh.tools.parallel import blas_for

@@ -17,9 +17,8 @@ from vsh.io.parts import Parts, as_parts
 from vsh.modes import KINDS, Modes, as_modes
 from vsh.sky.frames import check_frame
 from vsh.sky.sphere import triad
-from vsh.tools.arguments import covariance, float_array, positive
+from vsh.tools.arguments import covariance, explained, float_array, positive
 from vsh.tools.errors import FrameError, ModesError, ParameterError, TableError
-from vsh.tools.explained import explained
 from vsh.tools.notebook import Frozen
 from vsh.tools.types import ArrayLike, Axes, FloatArray, Table
 from vsh.vector import correlation_of

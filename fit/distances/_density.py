@@ -256,7 +256,7 @@ def completeness_deviate(counts: FloatArray, limit: float) -> float:
     total = brighter[faintest, columns]
     number = counts[rows, columns]
     share, variance = rank / total, (total - 1) / (12 * (total + 1))
-    return float(number @ (share - 0.5) / np.sqrt(max(number @ variance, 1e-300)))
+    return float(number @ (share - 0.5) / np.sqrt(np.maximum(number @ variance, 1e-300)))
 
 
 def complete_to(counts: FloatArray, faintest: float) -> tuple[float, FloatArray]:

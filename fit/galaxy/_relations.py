@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from vsh.tools.arguments import not_negative, number, positive
-from vsh.tools.explained import explained
+from vsh.tools.arguments import explained, not_negative, number, positive
 from vsh.tools.units import AU_PER_YEAR, JULIAN_YEAR, KM_S_MYR
 
 #: Distance of the Galactic centre and its error [kpc]: GRAVITY Collaboration (2021, A&A 647, A59), with systematics.

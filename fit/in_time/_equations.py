@@ -26,8 +26,9 @@ from vsh.modes import Modes, as_modes
 from vsh.tools import arguments
 from vsh.tools.errors import DegeneracyError, ModesError, NothingLeftError, ParameterError, TableError
 from vsh.tools.notebook import Frozen
-from vsh.tools.notes import merge_notes, printable
+from vsh.tools.notes import merge_notes
 from vsh.tools.parallel import map_blocks
+from vsh.tools.printing import printable
 from vsh.tools.types import BoolArray, FloatArray, IntArray
 
 #: Sources taken together: some 50 MB of templates for 240 unknowns and 90 transits of each.

@@ -10,8 +10,8 @@ import numpy as np
 from scipy.special import eval_legendre
 
 from vsh.tools import arguments
+from vsh.tools.arguments import explained
 from vsh.tools.errors import ParameterError
-from vsh.tools.explained import explained
 from vsh.tools.notebook import Frozen
 from vsh.tools.types import ArrayLike, FloatArray
 

@@ -14,7 +14,7 @@ from vsh.sky.astrometry import AstrometryRows
 from vsh.sky.propagation import earth, propagate
 from vsh.sky.sphere import triad
 from vsh.tools.errors import DegeneracyError, FieldError
-from vsh.tools.notes import printable
+from vsh.tools.printing import printable
 from vsh.tools.types import FloatArray, IntArray
 from vsh.tools.units import AU_PER_YEAR, UAS
 from vsh.vector import Vector

@@ -9,9 +9,8 @@ import numpy as np
 
 from vsh import Modes
 from vsh.modes import ScalarModes, as_modes
-from vsh.tools.arguments import float_array
+from vsh.tools.arguments import explained, float_array
 from vsh.tools.errors import FrameError, ModesError
-from vsh.tools.explained import explained
 from vsh.tools.notebook import Frozen
 from vsh.tools.notes import merge_notes
 from vsh.tools.types import ArrayLike, FloatArray

@@ -20,9 +20,8 @@ from vsh.io.parts import Parts
 from vsh.models.covariance import Covariance, as_covariance
 from vsh.modes import Modes
 from vsh.scalars import ScalarField, modes_for
-from vsh.tools.arguments import choice
+from vsh.tools.arguments import choice, explained
 from vsh.tools.errors import FieldError, ModesError
-from vsh.tools.explained import explained
 from vsh.tools.logs import logged
 from vsh.tools.notebook import Frozen
 from vsh.tools.types import ArrayLike, FloatArray

@@ -12,7 +12,7 @@ from vsh.field import Field
 from vsh.io import tables
 from vsh.io.parts import Parts, sample_of
 from vsh.scalars import ScalarField
-from vsh.tools.explained import explained
+from vsh.tools.arguments import explained
 from vsh.tools.types import PathName
 
 

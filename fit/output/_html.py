@@ -21,7 +21,7 @@ from fit.output._rows import (
 from fit.output._verdict import holds_floor, with_all_errors
 from fit.quality import SEEN
 from vsh.figures import page
-from vsh.tools.explained import explained
+from vsh.tools.arguments import explained
 from vsh.tools.types import Table
 
 _CAPTIONS = {

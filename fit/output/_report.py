@@ -17,7 +17,7 @@ from fit.output._rows import (
     vectors_of,
 )
 from vsh.tools.errors import ParameterError
-from vsh.tools.notes import printable
+from vsh.tools.printing import printable
 
 WIDTH = 88
 

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from fit.quality import ONE_SIDE, SEEN, hint_of, printed_p_value
-from vsh.tools.explained import explained
+from vsh.tools.arguments import explained
 from vsh.tools.types import FloatArray
 from vsh.vector import GAIA_EDR3, Vector
 

@@ -33,9 +33,8 @@ from vsh.models.covariance import d_minus, d_plus
 from vsh.modes import Modes, ScalarModes
 from vsh.sky.pixels import pixels_of
 from vsh.tools import arguments
-from vsh.tools.arguments import float_array
+from vsh.tools.arguments import explained, float_array
 from vsh.tools.errors import DegeneracyError, FieldError, ParameterError
-from vsh.tools.explained import explained
 from vsh.tools.notes import merge_notes, note_lines, spoken
 from vsh.tools.parallel import map_blocks
 from vsh.tools.types import ArrayLike, Axes, FloatArray, Table

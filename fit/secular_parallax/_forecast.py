@@ -14,8 +14,8 @@ from fit.storage import Result
 from vsh.field import Field
 from vsh.io import tables
 from vsh.models.cosmology import FLAT_PLANCK13, hubble_value
+from vsh.tools.arguments import explained
 from vsh.tools.errors import ParameterError
-from vsh.tools.explained import explained
 from vsh.tools.types import ArrayLike, AxesArray, OnAxes, Table
 from vsh.vector import Vector
 

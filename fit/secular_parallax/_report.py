@@ -8,7 +8,7 @@ from scipy.special import chdtrc
 
 from fit.output import WIDTH, amplitude, components, direction, is_seen, note_lines, p_value, pulls
 from vsh.models.cosmology import CMB_VELOCITY_PLANCK18
-from vsh.tools.notes import printable
+from vsh.tools.printing import printable
 from vsh.tools.units import SPEED_OF_LIGHT
 
 

@@ -4,9 +4,8 @@ import numpy as np
 
 from vsh.coefficients import Coefficients
 from vsh.modes import Modes
-from vsh.tools.arguments import float_array
+from vsh.tools.arguments import explained, float_array
 from vsh.tools.errors import ModesError, ParameterError
-from vsh.tools.explained import explained
 from vsh.tools.types import ArrayLike, FloatArray
 
 #: The five coefficients (2,0), (2,1,re), (2,1,im), (2,2,re), (2,2,im) from Σ_zz, Σ_xz, Σ_yz, Σ_xx − Σ_yy, Σ_xy.

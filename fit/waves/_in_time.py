@@ -16,8 +16,8 @@ from vsh.length import length_limits
 from vsh.modes import as_modes
 from vsh.sky.pixels import centres
 from vsh.tools import arguments
+from vsh.tools.arguments import explained
 from vsh.tools.errors import DegeneracyError, NothingLeftError, ParameterError
-from vsh.tools.explained import explained
 from vsh.tools.notes import merge_notes, note_lines
 from vsh.tools.types import Axes, FloatArray, Rng, Table
 from vsh.tools.units import UAS

@@ -18,8 +18,8 @@ from vsh.sky.frames import ANGLES, check_frame
 from vsh.sky.pixels import centres
 from vsh.sky.sphere import triad
 from vsh.tools import arguments
+from vsh.tools.arguments import explained
 from vsh.tools.errors import ModesError, ParameterError
-from vsh.tools.explained import explained
 from vsh.tools.notes import note_lines
 from vsh.tools.types import AxesArray, FloatArray, OnAxes, Rng, Table
 from vsh.tools.units import UAS

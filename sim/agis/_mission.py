@@ -14,9 +14,8 @@ from sim.population import Population
 from sim.variability import Variability, markov_chain
 from vsh.basis import harmonics
 from vsh.tools import arguments
-from vsh.tools.arguments import generator
+from vsh.tools.arguments import explained, generator
 from vsh.tools.errors import ParameterError
-from vsh.tools.explained import explained
 from vsh.tools.notebook import Frozen
 from vsh.tools.types import ArrayLike, BoolArray, FloatArray, IntArray, Rng
 

@@ -12,7 +12,7 @@ from vsh.commands import configuration, finishing, outputs, reading, running
 from vsh.commands.options import simulate as options_module
 from vsh.tools.errors import TableError
 from vsh.tools.files import atomic_write, digest
-from vsh.tools.notes import printable
+from vsh.tools.printing import printable
 
 
 def _run(options):

@@ -20,8 +20,7 @@ from sim.skies import draw_positions
 from vsh.coefficients import Coefficients
 from vsh.sky.pixels import centres, pixels_of
 from vsh.tools import arguments
-from vsh.tools.arguments import generator
-from vsh.tools.explained import explained
+from vsh.tools.arguments import explained, generator
 from vsh.tools.types import BoolArray, FloatArray, Rng, Table
 from vsh.tools.units import MAS
 

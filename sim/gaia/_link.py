@@ -10,8 +10,7 @@ from vsh.sky.astrometry import AstrometryRows
 from vsh.sky.propagation import earth, propagate
 from vsh.sky.sphere import angles, triad
 from vsh.tools import arguments
-from vsh.tools.arguments import generator
-from vsh.tools.explained import explained
+from vsh.tools.arguments import explained, generator
 from vsh.tools.types import FloatArray, Rng
 from vsh.tools.units import AU_PER_YEAR, UAS
 from vsh.vector import Vector

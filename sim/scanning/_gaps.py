@@ -4,9 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from vsh.tools.arguments import float_array, generator, number, positive
+from vsh.tools.arguments import explained, float_array, generator, number, positive
 from vsh.tools.errors import ParameterError
-from vsh.tools.explained import explained
 from vsh.tools.types import ArrayLike, BoolArray, FloatArray, Rng
 
 #: Mean length of the lost intervals that are drawn. [yr]

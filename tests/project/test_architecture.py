@@ -37,13 +37,13 @@ HEAVY = {
     "distributed": ["vsh/io/parts/_dask.py"],
     "astropy.cosmology": ["vsh/models/cosmology/_distance.py"],
     "astropy": [
-        "vsh/io/tables/_*.py", "vsh/tools/writing.py", "vsh/models/covariance/_matrix.py", "vsh/models/cosmology/_distance.py", "vsh/io/catalogue/_columns.py", "vsh/commands/*.py", "vsh/figures/plot/_sky_axes.py", "vsh/vector.py",
+        "vsh/io/tables/_*.py", "vsh/tools/writing.py", "vsh/models/covariance/_matrix.py", "vsh/models/cosmology/_distance.py", "vsh/io/catalogue/_columns.py", "vsh/io/catalogue/_names.py", "vsh/commands/*.py", "vsh/figures/plot/_sky_axes.py", "vsh/vector.py",
         "sim/effects.py", "fit/storage.py",
     ],
 }  # fmt: skip
 #: What a function may import instead of its file: what is heavy, and what is imported only if it is asked for.
 LATE = re.compile(
-    r"(matplotlib|healpy|ducc0|emcee|astropy|arviz|corner|pandas|pyarrow|scipy|dask|distributed|numba|ipywidgets|importlib|multiprocessing|threadpoolctl|tqdm|fsspec|aiohttp|lsdb|platform|tomllib|resource|h5py|fcntl)\b"
+    r"(matplotlib|healpy|ducc0|emcee|astropy|arviz|corner|pandas|pyarrow|scipy|dask|distributed|numba|ipywidgets|importlib|multiprocessing|threadpoolctl|tqdm|fsspec|aiohttp|lsdb|platform|tomllib|resource|xml|h5py|fcntl)\b"
 )
 #: Files that run before anything is imported, or as something is told to be wrong at once: they import even our own late.
 FIRST = ("vsh/__main__.py", "vsh/tools/modules.py", "vsh/commands/reading.py", "vsh/commands/configuration.py")

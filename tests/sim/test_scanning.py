@@ -85,7 +85,7 @@ def test_transits_are_where_the_views_are():
     "law",
     [
         LAW,
-        NominalScanningLaw(years=0.003),
+        NominalScanningLaw(years=0.01),
         NominalScanningLaw(spin_rate=6.0, half_height=np.radians(3.42), years=2),
         NominalScanningLaw(pole_days=28, years=0.5, dead_time=0.1, rng=1, frame="ecliptic"),
     ],
@@ -249,7 +249,7 @@ def test_threads_change_nothing():
 
 
 @pytest.mark.parametrize("law", [
-    {"years": 1.0}, {"years": 0.003}, {"years": 0.3, "half_height": 0.05}, {"years": 0.5, "spin_rate": 7.0},
+    {"years": 1.0}, {"years": 0.01}, {"years": 0.3, "half_height": 0.05}, {"years": 0.5, "spin_rate": 7.0},
     {"years": 0.4, "precessions": 20.0},
 ])  # fmt: skip
 def test_eight_spins_at_a_time_miss_none(law):

@@ -8,7 +8,7 @@ from vsh.commands.options import archive as options_module
 from vsh.io.archive import DATA_SERVER, ESA, QUERIES, RELEASES, check_schema, fetch_epochs, of_table, query, read_ids
 from vsh.tools.errors import ArchiveError
 from vsh.tools.files import atomic_write, check_not_read
-from vsh.tools.notes import printable
+from vsh.tools.printing import printable
 
 
 def _run(options):

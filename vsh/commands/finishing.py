@@ -21,7 +21,7 @@ from vsh.commands import running, values
 from vsh.commands.configuration import NOT_KEPT, NUMBER
 from vsh.commands.outputs import results_folder
 from vsh.io.tables import printed
-from vsh.tools.notes import printable
+from vsh.tools.printing import printable
 from vsh.tools.types import PathName
 
 if TYPE_CHECKING:

@@ -13,7 +13,7 @@ import vsh
 from vsh.commands import citing, configuration, values
 from vsh.tools.errors import VshError
 from vsh.tools.files import UNFINISHED, as_recorded, atomic_folder, check_not_read, digest, is_ours
-from vsh.tools.notes import printable
+from vsh.tools.printing import printable
 from vsh.tools.types import PathName
 
 #: The file by which a command knows its own folders; it holds where the results come from, too.

@@ -12,7 +12,7 @@ from typing import Any, NoReturn, Protocol
 import vsh
 from vsh.commands import citing, configuration, values
 from vsh.tools.formats import is_address, shown_address, shown_addresses
-from vsh.tools.notes import printable
+from vsh.tools.printing import printable
 
 _NEGATIVE = re.compile(r"-[\d.]")
 

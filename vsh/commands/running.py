@@ -23,9 +23,8 @@ from vsh.tools.errors import VshError, VshWarning
 from vsh.tools.files import check_not_read, digest, reading
 from vsh.tools.formats import is_address, shown_address, shown_addresses
 from vsh.tools.logs import PACKAGES
-from vsh.tools.notes import printable
 from vsh.tools.parallel import limited, without_bars
-from vsh.tools.printing import printing, silence, silence_if_broken, system_words
+from vsh.tools.printing import printable, printing, silence, silence_if_broken, system_words
 
 #: Options that change no result, and what the parser found besides.
 NOT_TOLD = (*NOT_KEPT, "command", "given", "program", "expected")

@@ -6,9 +6,9 @@ import healpy
 import numpy as np
 
 from vsh.io.tables import fits_checked
+from vsh.tools.arguments import explained
 from vsh.tools.errors import TableError, first_line
-from vsh.tools.explained import explained
-from vsh.tools.notes import printable
+from vsh.tools.printing import printable
 from vsh.tools.types import FloatArray, PathName
 
 __all__ = ["read_map"]

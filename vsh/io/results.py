@@ -8,7 +8,7 @@ from typing import Any
 from vsh.io import catalogue, tables
 from vsh.tools.errors import TableError
 from vsh.tools.modules import new_name
-from vsh.tools.notes import printable
+from vsh.tools.printing import printable
 from vsh.tools.types import PathName
 
 #: Modules whose results are read by their mark; a file cannot have anything else imported.

@@ -34,13 +34,12 @@ from vsh.basis import scalar_harmonics, spheroidal_twin, toroidal_harmonics
 from vsh.sky.frames import check_frame, rotation_matrix
 from vsh.sky.sphere import triad
 from vsh.tools import arguments
-from vsh.tools.arguments import float_array, positive
+from vsh.tools.arguments import explained, float_array, positive
 from vsh.tools.errors import ParameterError, TableError
-from vsh.tools.explained import explained
 from vsh.tools.files import write_arrays
 from vsh.tools.modules import old_names
 from vsh.tools.notebook import Frozen, InNotebook
-from vsh.tools.notes import printable
+from vsh.tools.printing import printable
 from vsh.tools.types import ArrayLike, BoolArray, FloatArray, PathName
 
 __all__ = ["LINEAR_PLANCK18", "FlowModes", "LinearTheory", "VelocityGrid", "flow_modes", "read_velocity_grid"]

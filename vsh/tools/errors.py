@@ -1,6 +1,6 @@
 """What can go wrong, each with the remedy in its message."""
 
-from vsh.tools.notes import printable
+from vsh.tools.printing import printable
 
 
 class VshError(Exception):

@@ -5,7 +5,6 @@ Notes are strings. Some also count: rows that were left out, sources without a r
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Mapping, Sequence
 from hashlib import blake2b
 from typing import Any
@@ -18,7 +17,6 @@ from vsh.tools.types import ArrayLike
 VELOCITIES = "velocities in km/s? Say so, units= (--units NAME=km/s)"
 #: So many different notes are listed when tables are added up; the others are counted.
 MAX_NOTES = 9
-_CONTROL = re.compile(r"[\x00-\x09\x0b-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\u2066-\u2069]")
 
 
 class CountedNote(str):
@@ -156,11 +154,6 @@ def unselected(notes: Iterable[str]) -> int:
 
 def _counted(notes, kind):
     return sum((sum(note.counts.values()) for note in notes if isinstance(note, kind)), 0)
-
-
-def printable(text: object) -> str:
-    """Text without the control characters that a terminal would obey: \\x1b in place of an escape."""
-    return _CONTROL.sub(lambda match: match.group().encode("unicode_escape").decode(), str(text))
 
 
 def _hash(line):

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 
 import vsh
+from vsh.tools.arguments import explained
 from vsh.tools.errors import TableError
-from vsh.tools.explained import explained
 from vsh.tools.files import MARK, atomic_write
 from vsh.tools.formats import BY_KIND, PACKED, WRITTEN
-from vsh.tools.notes import printable
+from vsh.tools.printing import printable
 from vsh.tools.types import PathName, Table
 
 #: In the metadata of every table that is written: by what.

@@ -114,7 +114,7 @@ def test_other_options(path, capsys):
         (["--bins", "a,b"], "numbers separated by commas"),
         (["--h0", "67", "--checkpoint", "x.npz"], "--checkpoint is for --posterior"),
         (["--posterior", "--h0-range", "90,20"], "two rising numbers"),
-        (["--h0", "67", "--omega-m", "3"], "Ω_m between 0 and 2"),
+        (["--h0", "67", "--omega-m", "3"], "Ω_m must lie between 0.001 and 2"),
     ],
 )
 def test_bad_usage_ends_with_2(path, arguments, words, capsys):

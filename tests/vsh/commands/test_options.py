@@ -78,7 +78,7 @@ def test_the_names_that_options_choose_from_are_those_of_the_packages():
     assert names.FRAME == fit.correlation.FRAME
     assert tuple(vsh.io.archive.QUERIES) == names.QUERIES
     assert vsh.io.archive.ASTROMETRY == names.ASTROMETRY
-    assert tuple(vsh.io.archive._tap.RELEASES) == names.RELEASES
+    assert tuple(vsh.io.archive.RELEASES) == names.RELEASES
     assert names.ESA == vsh.io.archive.ESA
 
 

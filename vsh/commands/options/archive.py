@@ -15,8 +15,6 @@ def make_parser() -> argparse.ArgumentParser:
         ),
         examples=(
             "vsh-archive gaia-crf3 --output qso.fits",
-            "vsh-archive gaia-crf3 --show",
-            "vsh-archive query.adql --output mine.fits",
             "vsh-archive epochs --ids quasars.fits --output epochs",
             "vsh-archive --check gaiadr4",
         ),

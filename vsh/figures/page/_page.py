@@ -22,8 +22,8 @@ from vsh.field import Field
 from vsh.figures.plot import LONGEST, SURE, even_grid, picture_of
 from vsh.io.tables import printed
 from vsh.sky.frames import ANGLES
+from vsh.tools.arguments import explained
 from vsh.tools.errors import ParameterError
-from vsh.tools.explained import explained
 from vsh.tools.files import atomic_write
 from vsh.tools.types import FloatArray, PathName, Table
 

@@ -13,12 +13,11 @@ import numpy as np
 
 from vsh.io import tables
 from vsh.io.archive._tap import _open, _read, _some, _write
-from vsh.tools.arguments import positive, whole
+from vsh.tools.arguments import explained, positive, whole
 from vsh.tools.errors import ArchiveError
-from vsh.tools.explained import explained
 from vsh.tools.files import atomic_write, digest, exclusive
-from vsh.tools.notes import printable
 from vsh.tools.parallel import progress_bar
+from vsh.tools.printing import printable
 from vsh.tools.types import PathName
 
 #: ESA's server of products that hang on a source.

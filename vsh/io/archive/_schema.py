@@ -12,7 +12,7 @@ from vsh.io.archive._queries import ASTROMETRY, DR4, QUERIES, RELEASES, of_table
 from vsh.io.archive._tap import ESA, _open, _some
 from vsh.tools.errors import ArchiveError
 from vsh.tools.notebook import InNotebook
-from vsh.tools.notes import printable
+from vsh.tools.printing import printable
 from vsh.tools.types import Table
 
 #: An answer that is larger is no list of columns. [bytes]

@@ -21,8 +21,8 @@ from vsh.io import tables
 from vsh.tools.arguments import positive, whole
 from vsh.tools.errors import ArchiveError, TableError
 from vsh.tools.files import MARK, atomic_write, digest, exclusive
-from vsh.tools.notes import printable
 from vsh.tools.parallel import progress_bar
+from vsh.tools.printing import printable
 from vsh.tools.types import PathName
 
 #: ESA's archive of Gaia.

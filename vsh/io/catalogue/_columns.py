@@ -17,7 +17,8 @@ from vsh.io.tables import TableSource
 from vsh.sky.frames import FRAME_KEY, FRAMES, REDSHIFT_FRAME_KEY, REDSHIFT_FRAME_NAMES, check_frame, redshift_frame_in
 from vsh.tools.bad_rows import as_floats, span_of, within
 from vsh.tools.errors import FieldError, NothingSelectedError, TableError
-from vsh.tools.notes import FALSE, MISSING, VELOCITIES, NotSelected, printable
+from vsh.tools.notes import FALSE, MISSING, VELOCITIES, NotSelected
+from vsh.tools.printing import printable
 from vsh.tools.types import BoolArray
 from vsh.tools.units import SPEED_OF_LIGHT
 

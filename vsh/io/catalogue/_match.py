@@ -11,10 +11,9 @@ from vsh.io import tables
 from vsh.io.catalogue._columns import Chosen, missing_column, unit_factor
 from vsh.sky.positions import Positions
 from vsh.sky.sphere import triad
-from vsh.tools.arguments import positive
+from vsh.tools.arguments import explained, positive
 from vsh.tools.bad_rows import select_usable
 from vsh.tools.errors import FieldError, FrameError, TableError
-from vsh.tools.explained import explained
 from vsh.tools.types import IntArray, OnBad, PathName
 from vsh.tools.units import DEGREE, MAS, UAS
 

@@ -38,12 +38,12 @@ from vsh.io.catalogue._names import ASSUMED, REQUIRED, USUAL_UNITS, Columns, der
 from vsh.io.parts import OPTIONAL
 from vsh.scalars import ScalarField
 from vsh.tools import arguments
-from vsh.tools.arguments import positive, whole
+from vsh.tools.arguments import explained, positive, whole
 from vsh.tools.bad_rows import PLACEHOLDER, as_floats, placeholders
 from vsh.tools.errors import NothingLeftError, NothingSelectedError, TableError, VshWarning
-from vsh.tools.explained import explained
 from vsh.tools.logs import log_result
-from vsh.tools.notes import DroppedRows, dropped, merge_notes, printable
+from vsh.tools.notes import DroppedRows, dropped, merge_notes
+from vsh.tools.printing import printable
 from vsh.tools.types import FloatArray, OnBad, PathName
 from vsh.vector import Vector
 

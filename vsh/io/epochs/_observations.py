@@ -14,9 +14,9 @@ from vsh.io.catalogue import missing_column, unit_factor
 from vsh.io.epochs._arrays import matrix_of
 from vsh.io.epochs._solve import design_row, solve_epochs
 from vsh.io.epochs._views import views_of
+from vsh.tools.arguments import explained
 from vsh.tools.bad_rows import select_usable
 from vsh.tools.errors import NothingLeftError, TableError
-from vsh.tools.explained import explained
 from vsh.tools.notebook import Frozen
 from vsh.tools.notes import DroppedRows
 from vsh.tools.types import FloatArray, IntArray, OnBad, PathName

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vsh.tools.explained import explained
+from vsh.tools.arguments import explained
 from vsh.tools.notebook import Frozen
 from vsh.tools.types import BoolArray, FloatArray, IntArray
 

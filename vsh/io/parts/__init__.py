@@ -7,6 +7,7 @@ from vsh.io.parts._parts import (
     OPTIONAL,
     Parts,
     as_parts,
+    field_or_fields,
     fields_or_parts,
     median,
     sample_of,

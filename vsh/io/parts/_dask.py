@@ -11,7 +11,7 @@ from uuid import uuid4
 
 from vsh.io.parts._engines import BRANCHES, Engine, label_of, total_of
 from vsh.tools.errors import ParameterError, TableError, VshError, first_line
-from vsh.tools.notes import printable
+from vsh.tools.printing import printable
 
 #: How long a scheduler may take to answer. [s]
 PATIENCE = 20

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from vsh.field import MEASURED, Field, Weighed, field_or_fields
+from vsh.field import MEASURED, Field, Weighed
 from vsh.io.parts._engines import Engine, Here, LostNotes, Work, left_by
 from vsh.sky.frames import check_frame
 from vsh.tools.errors import FieldError, NothingLeftError, ParameterError
@@ -273,3 +273,14 @@ def sample_of(sky: Parts, n_sources: int = 20_000) -> Field:
 def _every(field, step):
     some = field[::step]
     return {name: [getattr(some, name)] for name in ("lon", "lat", "motion", "sigma", "rho", "frame")}
+
+
+def field_or_fields(name: str, value: Any) -> Any:
+    """A Field, or a list, tuple or stream of Fields."""
+    if isinstance(value, Field):
+        return value
+    if isinstance(value, (list, tuple)) and value and all(isinstance(each, Field) for each in value):
+        return value
+    if hasattr(value, "__next__"):
+        return value
+    raise ParameterError(f"{name} must be a Field, or a list or stream of Fields, not {type(value).__name__}")

@@ -9,10 +9,10 @@ from vsh.io.tables._arrow import open_dataset, open_lazy, open_parquet, open_str
 from vsh.io.tables._packed import first_bytes
 from vsh.io.tables._remote import Place, files_at, is_address, open_at, place_of
 from vsh.io.tables._source import TableSource, chained, is_frame, open_astropy, open_frame, open_other
+from vsh.tools.arguments import explained
 from vsh.tools.errors import TableError, first_line
-from vsh.tools.explained import explained
 from vsh.tools.formats import BY_KIND, BY_NAME, FORMATS, PACKED, READ
-from vsh.tools.notes import printable
+from vsh.tools.printing import printable
 from vsh.tools.types import PathName, Table
 from vsh.tools.writing import format_of
 

@@ -18,7 +18,7 @@ from vsh.io.tables._packed import in_folder
 from vsh.io.tables._source import TableSource
 from vsh.tools import formats
 from vsh.tools.errors import TableError, first_line
-from vsh.tools.notes import printable
+from vsh.tools.printing import printable
 from vsh.tools.writing import format_of
 
 #: Seconds until a server that does not answer is given up.

@@ -15,7 +15,7 @@ import numpy as np
 from vsh.io.tables._source import TableSource, open_other
 from vsh.io.tables._text import open_lines
 from vsh.tools.errors import TableError
-from vsh.tools.notes import printable
+from vsh.tools.printing import printable
 from vsh.tools.types import PathName
 
 #: Names and flags, hours, minutes and seconds, sign, degrees, minutes and seconds, and the rest.

@@ -8,7 +8,7 @@ import numpy as np
 from vsh.io.tables._packed import plain_file
 from vsh.io.tables._source import TableSource
 from vsh.tools.errors import TableError, first_line
-from vsh.tools.notes import printable
+from vsh.tools.printing import printable
 from vsh.tools.types import PathName
 
 _SIZE = re.compile(rb"""\b(arraysize|nrows|width)\s*=\s*["']\s*([0-9][0-9x]*)""")

@@ -12,7 +12,7 @@ import numpy as np
 
 from vsh.tools.errors import TableError
 from vsh.tools.notebook import InNotebook
-from vsh.tools.notes import printable
+from vsh.tools.printing import printable
 from vsh.tools.types import BoolArray
 
 #: What may be called. `column("e_pm-RA")` names a column whose name is no word, `ismissing(redshift)` asks for gaps.

@@ -15,9 +15,8 @@ import numpy as np
 from vsh.field import Field
 from vsh.sky.frames import TRUE, check_frame, check_redshift_frame, rotation_matrix
 from vsh.sky.sphere import triad
-from vsh.tools.arguments import number
+from vsh.tools.arguments import explained, number
 from vsh.tools.errors import FieldError, NothingLeftError, ParameterError
-from vsh.tools.explained import explained
 from vsh.tools.notes import WithoutRedshift
 from vsh.tools.types import ArrayLike, BoolArray, FloatArray
 from vsh.tools.units import SPEED_OF_LIGHT

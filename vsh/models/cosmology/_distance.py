@@ -8,9 +8,8 @@ from scipy.special import hyp2f1
 
 from vsh.models.cosmology._apex import FLOW_LIMIT, count_unusable, usable
 from vsh.tools.arguments import between as between_limits
-from vsh.tools.arguments import float_array
+from vsh.tools.arguments import explained, float_array
 from vsh.tools.errors import ConvergenceError, FieldError, ParameterError
-from vsh.tools.explained import explained
 from vsh.tools.types import ArrayLike, Cosmology, FloatArray, Quantity
 from vsh.tools.units import SPEED_OF_LIGHT
 

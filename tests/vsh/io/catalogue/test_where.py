@@ -237,7 +237,7 @@ def test_names_in_a_file(tmp_path):
     numbers.write_text(f"{ids[3]}\n{ids[1]}\n")
     np.testing.assert_array_equal(read_field(made, where=f"source_id in file('{numbers}')").name, ids[[1, 3]])
     numbers.write_text("3C273\n")
-    with pytest.raises(TableError, match="the column holds numbers, and .*ids.txt names that are none"):
+    with pytest.raises(TableError, match="the column holds numbers, and .*ids.txt has lines that are none"):
         read_field(made, where=f"source_id in file('{numbers}')")
     for wrong, words in (("none.txt", "cannot be read"), (".", "is no list of names")):
         with pytest.raises(TableError, match=words):

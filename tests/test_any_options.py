@@ -115,7 +115,7 @@ def child(command, words, folder, told):
     os._exit(98)
 
 
-@pytest.mark.parametrize("n", [14, pytest.param(300, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("n", [int(os.environ.get("OPTION_RUNS", "14")), pytest.param(300, marks=pytest.mark.slow)])
 def test_no_combination_hurts_a_file_or_ends_in_a_traceback(n, precious, tmp_path, monkeypatch):
     for name in ("http_proxy", "https_proxy"):
         monkeypatch.setenv(name, "http://127.0.0.1:9")  # nobody outside is ever asked
