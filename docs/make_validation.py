@@ -27,6 +27,26 @@ TAIL = """
 Beyond these: `make paper` compares every number of Bachchan, Hobbs & Lindegren (2016) with ours ([the paper](paper.md)); the
 posterior is compared with a closed form and with a grid, and its ranks of 300 known truths are uniform
 (`tests/fit/posterior/test_posterior.py`).
+
+## Coverage of the recommended fit
+
+`fit.recommended` on 200 simulated skies a row (190 of *flat*): 2500 sources, degree 5, an acceleration of 5 µas/yr, which is half of its error. How often 68 % and 95 % of a component hold
+the truth, and how often the p-value of the difference from the true acceleration is below 0.05:
+
+| sky | pull, acceleration | 68 % | 95 % | p < 0.05 | pull, spin |
+|---|---|---|---|---|---|
+| errors right, nothing shared | 0.76 | .817 | .985 | .005 | 0.76 |
+| errors wrong by unknown factors | 0.71 | .850 | .997 | .000 | 0.72 |
+| a twentieth of the sources twice | 0.78 | .812 | .987 | .005 | 0.77 |
+| shared, Gaia's published spectrum | 0.90 | .732 | .967 | .015 | 0.93 |
+| shared, one power of each mode | 0.78 | .807 | .988 | .000 | 0.84 |
+| shared, l⁻² | 1.04 | .683 | .938 | .090 | 1.07 |
+| shared, l⁻², and 2 % stars among the quasars | 1.04 | .668 | .937 | .100 | 1.08 |
+| shared, l⁻², errors wrong, 2 % double, 0.3 % outliers | 1.00 | .688 | .940 | .060 | 1.05 |
+
+Errors are too large by a quarter where nothing is shared: what is shared cannot be told from zero by degrees 2 to 5. Where the shared spectrum rises
+like l⁻², p-values below 0.05 come twice as often as they should. All upper limits of 95 % held the truth on these skies, whose signal is below one
+standard error.
 """
 
 

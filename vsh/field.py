@@ -595,7 +595,6 @@ class Field(Tabled):
     def _with(self, **changes):
         """A field derived from this one, which has been checked already."""
         new = object.__new__(Field)
-        vars(new).update(vars(self))
-        for name, value in changes.items():
+        for name, value in {**vars(self), **changes}.items():
             new._set(name, value)
         return new
