@@ -78,7 +78,7 @@ CASES = [
         'doubtful({"pmra": np.array([1.0, -999.0]), "pmdec": np.array([1.0, 2.0])})[0][:55]',
         "'warning: 1 row has a motion of -999 in one component: a'",
     ),
-    ("vsh.tools.notes", 'printable("red \\x1b[31m")', "'red \\\\x1b[31m'"),
+    ("vsh.tools.printing", 'printable("red \\x1b[31m")', "'red \\\\x1b[31m'"),
     ("vsh.tools.parallel", "list(map_blocks(lambda s: (s.start, s.stop), n=5, size=2))", "[(0, 2), (2, 4), (4, 5)]"),
     ("vsh.tools.parallel", "free_memory() > 0", "True"),
     ("vsh.tools.units", "round(hubble_rate(67.3), 4), round(hubble_rate(70), 4)", "(14.1969, 14.7665)"),
