@@ -48,9 +48,8 @@ def found(solution: Any, options: argparse.Namespace, recommended: Any = None) -
         if solution.modes.lmax < 2:
             raise ModesError("gravitational waves begin at degree 2: take --lmax 2 or higher")
         beside: dict[str, Any] = {}
-        if (
-            options.floor or recommended is not None
-        ) and given.modes.lmax >= 3:  # the higher degrees tell what of degree 2 is no wave
+        has_floor = options.floor or recommended is not None
+        if has_floor and given.modes.lmax >= 3:  # the higher degrees tell what of degree 2 is no wave
             shapes = list(fit.background.SHAPES.values())
             beside = {"degrees": range(2, min(given.modes.lmax, _HIGHEST) + 1), "systematics": shapes}
         results["waves"] = fit.background.wave_limit(given, **beside)
