@@ -75,12 +75,12 @@ class JointBlocks(Blocks):
         self.whole = joint.matrix[:, order][:, :, :, order]
         self.whole_leverage = joint.leverage.reshape(-1, *joint.rhs.shape)[:, :, order]
 
-    def factor(self, x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """R by class and mode, Λ, and w."""
-        r = self._root_of(x)[self.group].transpose(1, 2, 0) * self.root
-        k, q = self.n_classes, self.size
-        half = np.einsum("nil,mknl->mkil", r, self.whole, optimize=True)
-        return self._factored(r, np.einsum("mjk,mkil->jkil", r, half, optimize=True).reshape(k * q, k * q))
+    def _fill(self, gram: FloatArray, root: FloatArray) -> None:
+        """Set Rᵀ A R of each draw, (n, K, q, K, q)."""
+        for each, one in zip(gram, root, strict=True):
+            r = one[self.group].transpose(1, 2, 0) * self.root
+            half = np.einsum("nil,mknl->mkil", r, self.whole, optimize=True)
+            each[...] = np.einsum("mjk,mkil->jkil", r, half, optimize=True)
 
     def _seen(self, r):
         """Rᵀ A, and the diagonal over modes of A for each pair of classes, (K, K, q)."""

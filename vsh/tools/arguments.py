@@ -240,7 +240,7 @@ def explained(function: Callable[P, T]) -> Callable[P, T]:
     ...     return 2 * field["n"]
     >>> double(3)
     Traceback (most recent call last):
-    vsh.tools.errors.ParameterError: field must be dict[str, int], not int
+    vsh.tools.errors.ParameterError: field must be dict[str, int], not 3
     """
 
     @wraps(function)
