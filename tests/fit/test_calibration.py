@@ -36,6 +36,7 @@ def pulls(estimate, n, skies, **options):
     return np.array([s.coefficients.values / s.sigma for s in found]), np.array([s.reduced_chi2 for s in found])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kappa", [3.0, 2.0, 1.5])
 def test_clipped_errors(kappa):
     """Pulls 1.10 at κ = 2, 1.25 at 1.5; χ²/dof .585."""
@@ -68,6 +69,7 @@ def test_errors_with_few_sources_a_coefficient(estimate, options):
     assert found.std() == pytest.approx(1, abs=0.05)  # 2400 pulls: 0.015
 
 
+@pytest.mark.slow
 @few_or_many(30, 120)
 @pytest.mark.parametrize("estimate", [excess_noise, student_t, permissive])
 def test_errors_wrong_by_place(estimate, n_skies):
@@ -76,6 +78,7 @@ def test_errors_wrong_by_place(estimate, n_skies):
     assert found.std() == pytest.approx(1, abs=2.6 / np.sqrt(2 * found.size))  # 720 pulls: 0.026 each
 
 
+@pytest.mark.slow
 def test_excess_noise_is_unbiased():
     """0.871 for 1 with 96 of 800 numbers fitted."""
     for extra in (1.0, 5.0):
@@ -144,6 +147,7 @@ def quasars(seed, case, n=300):
     return Field(lon, lat, sigma * rng.normal(size=(2, n)) * np.where(wrong, 4, 1), sigma, redshift=z), rng
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("skies", [6, pytest.param(300, marks=pytest.mark.slow)])
 @pytest.mark.parametrize(
     "case",

@@ -120,6 +120,7 @@ def bent(seed, power, n=300):
     }
 
 
+@pytest.mark.slow
 @few_or_many(4, 200)
 @pytest.mark.parametrize("power", [0.0, 20.0])
 def test_frames_with_what_sources_share_over_the_sky(power, n_skies):

@@ -177,6 +177,7 @@ def test_command_on_the_vlba_table(tmp_path, capsys):
     assert "--position-error" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_p_values_of_catalogues_that_share_noise():
     """Half of the noise shared: by the errors as quoted nothing was ever below 0.05."""
     quoted, scaled = [], []
@@ -266,6 +267,7 @@ def sharing(seed, n=1500, power=900.0):
         yield Field(field.lon, field.lat, field.motion, field.sigma, name=np.arange(n))
 
 
+@pytest.mark.slow
 def test_what_sources_share_is_beside_a_comparison_or_in_it(tmp_path, capsys, monkeypatch):
     a, b = sharing(1)
     few, _ = compare_catalogues(a, b, 2)
@@ -349,6 +351,7 @@ def test_commands_of_these(tmp_path, capsys):
     assert "values and errors by bootstrap" in out
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("n_skies", [10, pytest.param(200, marks=pytest.mark.slow)])
 def test_rotation_and_glide_with_what_sources_share_hold(n_skies):
     """Of a flat field errors are 1.28 times too large: Gaia's spectrum, with odds of three to one, rises to degree 1."""

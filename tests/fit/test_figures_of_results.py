@@ -48,6 +48,7 @@ def collisions(figure):
                 yield one, two
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("width", WIDTHS)
 def test_no_two_texts_lie_on_each_other(every, width):
     bad = {}

@@ -63,6 +63,7 @@ def test_the_whole_is_the_sum_of_its_parts(seed, cut, lmax):
     assert (total.n_data, rest.n_data) == (400, 400 - 2 * cut)
 
 
+@pytest.mark.slow
 @given(seed=st.integers(0, 1000))
 @settings(max_examples=20)
 def test_the_order_of_the_rows_does_not_matter(seed):

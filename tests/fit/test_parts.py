@@ -172,6 +172,7 @@ def test_sources_without_redshift_are_counted_over_all_parts():
     assert any("left out 1201 sources" in note for note in velocity.notes)
 
 
+@pytest.mark.slow
 def test_resampling():
     one, two = jackknife(PARTS, 1, 2, progress=False), jackknife(FIELD, 1, 2, progress=False)
     np.testing.assert_allclose(one.covariance, two.covariance, rtol=1e-9, atol=1e-9 * two.covariance.max())

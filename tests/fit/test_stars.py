@@ -40,6 +40,7 @@ def stars(rng, n=4000, length=0.3, spread=(35.0, 25.0, 20.0), relative=None, sig
 TRUTH = {"v_x": SUN[0], "v_y": SUN[1], "v_z": SUN[2], "w_x": 0.0, "w_y": 0.0, "w_z": B, "A": A, "C": C, "K": K, "S_xz": 0.0, "S_yz": 0.0}  # fmt: skip
 
 
+@pytest.mark.slow
 @few_or_many(12, 120, "skies")
 def test_errors_hold(skies):
     """Pulls of all eleven parameters, with a velocity ellipsoid that is no sphere."""
@@ -74,6 +75,7 @@ def test_oorts_constants_and_the_vertex():
     assert bare.rotation is None is bare.vertex
 
 
+@pytest.mark.slow
 @few_or_many(5, 20)
 def test_parallaxes_of_small_signal_do_not_bias(n_skies):
     """Half of the parallaxes are below 3 σ: 1/ϖ would be worthless, and the motion is right."""
@@ -191,6 +193,7 @@ def test_the_command(tmp_path, capsys):
     capsys.readouterr()
 
 
+@pytest.mark.slow
 def test_unsure_distances_scatter():
     """Fast stars at distances known to 30 %: what that scatters is no dispersion of theirs."""
     pulls, dispersions = [], []

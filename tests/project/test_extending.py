@@ -68,6 +68,7 @@ print(trimmed.report())
     assert "spin" in run(tmp_path, str(script))
 
 
+@pytest.mark.slow
 def test_a_format(house, tmp_path):
     rng = np.random.default_rng(1)
     field = Field(*rng.uniform(0, 1.5, (2, 300)), rng.normal(size=(2, 300)), np.ones((2, 300)))
@@ -91,6 +92,7 @@ def test_a_format(house, tmp_path):
     assert "1 of 300 rows cannot be used" in done.stderr
 
 
+@pytest.mark.slow
 def test_a_command(house, tmp_path):
     rng = np.random.default_rng(1)
     Field(*rng.uniform(0, 1.5, (2, 30)), rng.normal(size=(2, 30)), np.ones((2, 30))).write(tmp_path / "sky.csv")

@@ -47,6 +47,7 @@ class Balanced(HTMLParser):
         assert self.open.pop() == tag
 
 
+@pytest.mark.slow
 def test_the_notebook_of_every_object_runs():
     """The page of the gallery that shows them all, executed; each form is whole HTML."""
     source = ROOT / "docs" / "tutorials" / "in_a_notebook.py"

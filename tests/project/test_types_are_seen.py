@@ -4,6 +4,8 @@ import re
 import subprocess
 import sys
 
+import pytest
+
 SCRIPT = """\
 import fit
 import sim
@@ -20,6 +22,7 @@ quasars = sim.quasars(number=3)  # n
 """
 
 
+@pytest.mark.slow
 def test_six_planted_mistakes(tmp_path):
     (tmp_path / "mine.py").write_text(SCRIPT)
     done = subprocess.run(
@@ -42,6 +45,7 @@ solution.plot(ax=solution)  # no axes
 """
 
 
+@pytest.mark.slow
 def test_what_is_read_and_drawn_is_typed(tmp_path):
     (tmp_path / "mine.py").write_text(READ_BACK)
     done = subprocess.run(

@@ -150,6 +150,7 @@ def test_threads_change_nothing():
         np.testing.assert_array_equal(getattr(one, name), getattr(four, name))
 
 
+@pytest.mark.slow
 @few_or_many(12, 40)
 def test_orientation_from_vlbi(n_skies):
     """Offsets of 300 quasars through the mission: nine parameters, pulls standard normal."""

@@ -2,6 +2,7 @@
 
 import matplotlib.pyplot as plt
 import numpy as np
+import pytest
 
 import sim
 from sim import plot
@@ -21,6 +22,7 @@ def test_every_figure_shows_its_numbers():
     plt.close("all")
 
 
+@pytest.mark.slow
 def test_galaxies_that_cluster_do_cluster():
     galaxies, _ = sim.clustered_galaxies(3000, 1)
     assert len(galaxies) == 3000

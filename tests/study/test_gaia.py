@@ -55,6 +55,7 @@ def test_its_errors_are_right(table):
     assert np.std(table["pmra_pmdec_corr"]) > 0.1
 
 
+@pytest.mark.slow
 def test_a_rehearsal_of_dr4(tmp_path, capsys):
     """DR4's columns and epoch; its core solutions keep the quasars whose best model is another."""
     best, core = (sim.crf4(1, TRUTH, n_five=4000, table=name) for name in ("gaia_source", "all_source_astrometry"))

@@ -303,6 +303,7 @@ def test_differences_of_few_draws_are_judged_by_t_and_f():
     assert _why("A", "epsilon_y", "mean", 1.0, 1.0) == "not explained"
 
 
+@pytest.mark.slow
 def test_spin_of_the_quasars_enters_with_its_error(tmp_path):
     """With the spin taken as known 68 % intervals of v had 41 % coverage, of few quasars and many galaxies."""
     text = (

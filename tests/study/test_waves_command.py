@@ -37,6 +37,7 @@ def test_a_file_of_all_columns(epochs):
     np.testing.assert_allclose(bare.by_transit().position, found.by_transit().position)
 
 
+@pytest.mark.slow
 def test_a_wave_is_found_in_a_file(epochs, tmp_path, capsys):
     words = [str(epochs), "--frequencies", "2,3", "--lmax", "3", "--nside", "4", "--skies", "50", "--law-nside", "2"]
     assert main([*words, "--background", "--in-time", "3", "--output", str(tmp_path / "out"), "--json",

@@ -62,7 +62,7 @@ def test_value_along_fewer_axes_than_errors_are_zero():
     np.testing.assert_allclose(length_interval([0, 3.0, 0], flat), length_interval([3.0, 0], np.eye(2)), rtol=1e-2)
 
 
-@few_or_many(40, 1000, "n")
+@few_or_many(20, 1000, "n")
 @pytest.mark.parametrize(("errors", "axis"), CELLS)
 def test_coverage_for_unequal_errors(errors, axis, n):
     """Limits had .78 to .93 coverage with one mean error along the worst axis, intervals .40 to .52."""

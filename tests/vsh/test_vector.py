@@ -52,7 +52,7 @@ def test_unknown_frames_are_named():
         Vector([1, 2, 3], COVARIANCE, "b1950")
 
 
-@few_or_many(50, 600, "n")
+@few_or_many(20, 600, "n")
 @pytest.mark.parametrize("covariance", [np.eye(3), np.diag([0.5, 1.0, 2.0])])
 @pytest.mark.parametrize("signal_to_noise", [0.0, 0.5, 1.0, 1.5, 2.0, 3.0, 5.0])
 def test_intervals_limits_and_cones_cover(covariance, signal_to_noise, n):
@@ -84,6 +84,7 @@ def test_a_search_that_finds_nothing_has_the_limit_of_noise():
         assert limit == pytest.approx(np.sqrt(-2 * np.log(0.05)), rel=0.08)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dof", [3, 7, 30])
 def test_few_replicates_make_hotelling_of_chi2(dof):
     """Null vectors with a covariance from few replicates: p is uniform, limits and intervals hold."""

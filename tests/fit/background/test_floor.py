@@ -114,6 +114,7 @@ def test_errors_that_are_wrong_by_any_factor_do_not_matter():
     assert other.noise_scale == pytest.approx(1e7 * one.noise_scale, rel=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("strength", "n"),
     [(1.0, 50), pytest.param(1.0, 100, marks=pytest.mark.slow), pytest.param(0.0, 100, marks=pytest.mark.slow)],

@@ -95,6 +95,7 @@ def test_a_change_is_found():
     assert "is contradicted" in result.verdict_words("redshift")
 
 
+@pytest.mark.slow
 def test_p_values_of_classes_alike():
     """On 24 skies of two classes with systematics in common, where fits without them find a change in most."""
     p, wrong = [], []

@@ -36,6 +36,7 @@ def test_what_is_marginalised_is_a_fit_with_a_prior():
     assert found.n_data == normal.n_data
 
 
+@pytest.mark.slow
 @few_or_many(9, 40, "skies")
 def test_differences_of_caps_are_within_their_errors(skies):
     """By degrees to 5 alone differences are larger than their errors, with three more they are not."""

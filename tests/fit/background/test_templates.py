@@ -74,6 +74,7 @@ def skies(count, amplitude, lmax=5, template=None):
         yield shared([fit.normal_equations(field, lmax, templates=[template])], draws=100, rng=seed)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "sigma", [3, pytest.param(0, marks=pytest.mark.slow), pytest.param(10, marks=pytest.mark.slow)]
 )

@@ -8,6 +8,7 @@ from fit.storage import read
 EVERYTHING = ["--demo", "--floor", "--waves", "--years", "10"]
 
 
+@pytest.mark.slow
 def test_floor_and_waves(tmp_path, capsys):
     out, page = tmp_path / "out", tmp_path / "page.html"
     assert main([*EVERYTHING, "--output", str(out), "--html", str(page)]) == 0

@@ -16,6 +16,7 @@ def paths(tmp_path_factory):
     return [str(folder / "gums.fits"), str(folder / "igql.fits")]
 
 
+@pytest.mark.slow
 def test_two_catalogues(paths, tmp_path, capsys):
     out = tmp_path / "out"
     arguments = ["--influence", "omega_y,a_x", "--influence", "a_z", "--leakage", "4", "--frame", "galactic"]

@@ -164,6 +164,7 @@ def test_clipped_is_not_refused(tmp_path):
     assert meta["rows_clipped"] >= 1
 
 
+@pytest.mark.slow
 def test_a_catalogue_in_parts(tmp_path, capsys):
     """The same report, tables and counts with --workers as with the catalogue read whole; figures are drawn, too."""
     rng = np.random.default_rng(8)

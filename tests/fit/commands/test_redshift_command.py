@@ -35,6 +35,7 @@ def test_one_bin_is_compared_with_nothing(path, tmp_path, capsys):
     assert (tmp_path / "one" / "shared.ecsv").exists()
 
 
+@pytest.mark.slow
 def test_everything_at_once(path, tmp_path, capsys):
     out = tmp_path / "out"
     arguments = [
@@ -153,6 +154,7 @@ def test_redshifts_missing_and_absent(path, tmp_path, capsys):
     assert main([str(tmp_path / "named.fits"), "--bins", "2", "--columns", "redshift=zed"]) == 0
 
 
+@pytest.mark.slow
 def test_a_real_catalogue(capsys):
     path = str(real_catalogue("td2017_vlba_proper_motions.ecsv"))
     assert (
@@ -281,6 +283,7 @@ def test_a_frame_that_nobody_told_is_asked_for(seen, capsys):
     assert told.split("velocity  ")[1][:40] == same.split("velocity  ")[1][:40]
 
 
+@pytest.mark.slow
 def test_flows_and_all_that_goes_with_them(seen, tmp_path, capsys):
     from vsh.models.flows import VelocityGrid
 

@@ -72,6 +72,7 @@ def test_magnitudes_of_a_sample_that_is_complete_to_none_are_left_out():
     assert calibrate(field, dispersion=300.0, magnitudes=True).luminosity is not None
 
 
+@pytest.mark.slow
 @few_or_many(12, 200)
 @pytest.mark.parametrize("softness", [0.0, 0.3, 1.0])
 def test_velocity_covers_whether_complete_or_not(softness, n_skies):

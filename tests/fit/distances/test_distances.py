@@ -212,6 +212,7 @@ def test_what_is_refused(change, options, error, words):
         calibrate(field, **options)
 
 
+@pytest.mark.slow
 @few_or_many(12, 40)
 @pytest.mark.parametrize("magnitudes", [None, pytest.param(False, marks=pytest.mark.slow)])
 def test_pulls_on_skies_as_they_are_seen(magnitudes, n_skies):

@@ -47,6 +47,7 @@ def test_one_uncertain_redshift_moves_nothing():
     assert transverse_distance(np.array([0.01]))[0] > 40
 
 
+@pytest.mark.slow
 @few_or_many(15, 200)
 @pytest.mark.parametrize("error", [np.nan, 0.003, 0.03])
 def test_mixtures_cover(error, n_skies):

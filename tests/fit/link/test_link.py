@@ -53,6 +53,7 @@ def test_powers_of_magnitude():
     assert np.allclose(solution.vector("spin", 10.0).value, 0.7 * OMEGA, atol=0.05)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("binaries", [pytest.param(0.0, marks=pytest.mark.slow), 0.2])
 def test_half_hold_half(binaries):
     """10 skies of heavy tails: rms of pulls near 1, and no bias."""
@@ -107,6 +108,7 @@ def test_a_verdict_and_tests_beside_the_table():
     assert "no spin above" in nothing
 
 
+@pytest.mark.slow
 def test_influence_on_a_robust_fit_is_about_that():
     """Weights of the others are kept: within half of what a fit without the star gives, and of its sign."""
     first = sim.link(3, 80, **FRAME, jump=(50, 0, 0))
@@ -345,6 +347,7 @@ def test_tables_that_cannot_be_read(tmp_path, text, words):
         read_astrometry(tmp_path / "t.csv")
 
 
+@pytest.mark.slow
 @few_or_many(3, 20, "skies")
 def test_stars_of_one_calibrator_share_its_error(tmp_path, skies):
     """What a calibrator is off by is the same in all its stars: they count as one, and errors hold."""
@@ -407,6 +410,7 @@ def test_the_place_is_not_where_least_is_known(skies):
     assert np.mean(ends) < 0.2
 
 
+@pytest.mark.slow
 @few_or_many(12, 100, "skies")
 def test_no_jump_is_found_where_there_is_none(skies):
     p = [find_step(sim.link(seed, 50, binaries=0.0), excess=False, robust=False).p_value for seed in range(skies)]

@@ -23,6 +23,7 @@ def observed(seed, acceleration=(0, 0, 0), power=0.0, wrong=1.0, n=1000):
     return field.with_errors(field.sigma / wrong, field.rho)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("power", "wrong"), [(0.0, 1.5), (200.0, 1.0)])
 def test_it_sees_nothing_where_nothing_is(power, wrong):
     said = [verdict(fit.fit_field(observed(seed, power=power, wrong=wrong), 3)) for seed in range(20)]

@@ -128,6 +128,7 @@ def test_errors_that_are_wrong_bias_nothing(n_skies):
         assert np.std(pulls) == pytest.approx(1, abs=1 / np.sqrt(n_skies))
 
 
+@pytest.mark.slow
 def test_errors_of_motions_that_neighbours_share():
     """Random fields from sky to sky: errors right within a sixth; those of a wide field on one sky are too large."""
     rng, spread, errors = np.random.default_rng(3), [], []
@@ -143,6 +144,7 @@ def test_errors_of_motions_that_neighbours_share():
     assert (wide.sigma_plus > alone.sigma_plus).all()
 
 
+@pytest.mark.slow
 def test_power_of_a_known_field():
     """No noise bias with errors three times too small, on a sky that avoids the plane."""
     spectrum, found = Spectrum.given([50.0, 30, 20], [100.0, 60, 40]), []

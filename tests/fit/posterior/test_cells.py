@@ -118,6 +118,7 @@ def test_what_a_grid_cannot_hold(field):
     assert in_cells(three.model) is None
 
 
+@pytest.mark.slow
 def test_a_chain_that_is_too_short_goes_on(field):
     """Three free numbers are moved by differential evolution: a hundred steps are some three autocorrelation times."""
     wide = {"peculiar_dispersion": Flat(0, 900), "excess_noise": Flat(0, 20)}

@@ -381,6 +381,7 @@ def test_a_chain_that_is_too_short_goes_on():
     assert (again.chain == found.chain).all()
 
 
+@pytest.mark.slow
 def test_digits_are_those_that_the_sample_has():
     """15.31 was printed of a sample whose own exact line says 15.23, with a Monte Carlo error of 0.06."""
     found = sample(galaxies(300), CMB_VELOCITY_PLANCK18, Flat(20, 150), n_samples=200_000, **SETTINGS)

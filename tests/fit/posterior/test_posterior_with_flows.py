@@ -65,6 +65,7 @@ def test_ranks_of_the_truth_are_uniform():
         assert kstest([each[name] for each in found], "uniform").pvalue > 1e-3, name
 
 
+@pytest.mark.slow
 def test_a_sample_and_a_grid_with_flows():
     field = seen(np.random.default_rng(1), 300)
     options = OPTIONS | {"acceleration": Vector(GLIDE, 0.04 * np.eye(3))}

@@ -90,6 +90,7 @@ def test_higher_degrees_in_common_are_one_fit():
     assert found.solutions[0].chi2 == pytest.approx(chi2[~second].sum())
 
 
+@pytest.mark.slow
 @few_or_many(14, 100)
 @pytest.mark.parametrize("shared", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_equality_and_trend_are_chi2_where_nothing_changes(shared, n_skies):

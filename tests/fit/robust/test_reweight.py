@@ -31,6 +31,7 @@ def pull(solution):
     return (found - TRUTH) / np.r_[solution.spin.sigma, solution.acceleration.sigma]
 
 
+@pytest.mark.slow
 @few_or_many(40, 200)
 @pytest.mark.parametrize("method", ROBUST)
 def test_pulls_stay_standard_normal_with_bad_errors(method, n_skies):

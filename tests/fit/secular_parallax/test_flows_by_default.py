@@ -38,6 +38,7 @@ def skies(request):
     return np.array(pulls), np.array(p_values)
 
 
+@pytest.mark.slow
 def test_errors_hold_with_nothing_said(skies):
     """Without flows the same skies give pulls of 3 to 4 (benchmarks/flows_by_default.py)."""
     pulls, _ = skies
@@ -80,6 +81,7 @@ def test_what_flows_would_add_is_said_where_they_are_left_out():
     np.testing.assert_allclose(parts.flow_covariance, without.flow_covariance, rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_what_flows_add_is_the_scatter_of_skies():
     """Estimates without flows, of one set of places, scatter over flows as `flow_covariance` says."""
     population = sim.galaxies(600, np.random.default_rng(5), min_redshift=0.005)

@@ -139,6 +139,7 @@ def test_errors_of_the_velocity_are_carried_into_hubble():
     assert with_errors.hubble_error > exactly.hubble_error
 
 
+@pytest.mark.slow
 @few_or_many(24, 60)
 def test_pulls_with_peculiar_velocities(n_skies):
     pulls = []

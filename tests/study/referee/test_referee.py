@@ -1,5 +1,7 @@
 """The referee: published analyses repeated, checks that find what is there and are silent where nothing is."""
 
+import io
+from contextlib import redirect_stdout
 from html import escape
 
 import numpy as np
@@ -15,6 +17,7 @@ from study.referee._checks import _answered, _earlier, checks
 from study.referee._headline import headline
 from study.referee._rows import Value, judged
 from study.referee._sections import Asked, _galaxies
+from study.referee.command import main
 from vsh import Field
 from vsh.figures.page import bundle
 from vsh.tools.errors import DegeneracyError, TableError
@@ -28,8 +31,25 @@ def table():
 
 
 @pytest.fixture(scope="module")
-def answer(table):
-    return referee(read_quasars(table), 1)
+def run(table, tmp_path_factory):
+    """The command on a whole catalogue: its answer, what it printed, and its folder."""
+    folder = tmp_path_factory.mktemp("referee")
+    table.write(folder / "q.fits")
+    answers, printed = [], io.StringIO()
+
+    def watched(*arguments, **options):
+        answers.append(referee(*arguments, **options))
+        return answers[-1]
+
+    with pytest.MonkeyPatch.context() as patch, redirect_stdout(printed):
+        patch.setattr("study.referee.referee", watched)
+        assert main([str(folder / "q.fits"), "--output", str(folder / "out"), "--no-figures"]) == 0
+    return answers[0], printed.getvalue(), folder
+
+
+@pytest.fixture(scope="module")
+def answer(run):
+    return run[0]
 
 
 def test_the_first_line_is_the_acceleration_with_what_sources_share(answer):
@@ -80,6 +100,7 @@ def test_checks_are_silent_where_nothing_is_wrong(answer):
     assert f"None of {sum(np.isfinite(each.p_value) for each in answer.checks)} checks" in answer.conclusion
 
 
+@pytest.mark.slow
 def test_an_instrument_is_seen(table):
     """Faint sources turn against bright ones."""
     bent = table.copy()
@@ -94,6 +115,7 @@ def test_an_instrument_is_seen(table):
     assert "G" in answer.conclusion
 
 
+@pytest.mark.slow
 def test_sections_without_their_columns_say_which(table):
     bare = table["ra", "dec", "pmra", "pmdec", "pmra_error", "pmdec_error"]
     answer = referee(read_quasars(bare), 1)
@@ -106,7 +128,7 @@ def test_sections_without_their_columns_say_which(table):
     assert "not asked" in answer.report()
 
 
-@pytest.mark.parametrize("n", [12, 60, 150])
+@pytest.mark.parametrize("n", [12, 60, pytest.param(150, marks=pytest.mark.slow)])
 def test_few_sources_say_what_can_be_said(table, n):
     answer = referee(read_quasars(table[:n]), 1)
     assert "µas/yr" in answer.report().splitlines()[0]
@@ -148,8 +170,6 @@ def test_values_in_words():
 
 @pytest.mark.slow
 def test_figures_and_page_of_the_command(table, tmp_path, capsys):
-    from study.referee.command import main
-
     table[:600].write(tmp_path / "q.fits")
     page = tmp_path / "r.html"
     assert main([str(tmp_path / "q.fits"), "--output", str(tmp_path / "out"), "--html", str(page)]) == 0
@@ -167,21 +187,19 @@ def test_the_page(answer):
     assert ('class="sky"' in page) == bool(bundle())
 
 
-def test_the_command(table, tmp_path, capsys):
-    from study.referee.command import main
-
-    table[:600].write(tmp_path / "q.fits")
-    assert main([str(tmp_path / "q.fits"), "--output", str(tmp_path / "out"), "--no-figures"]) == 0
-    names = {each.name for each in (tmp_path / "out").iterdir()}
+def test_the_command(run, capsys):
+    answer, printed, folder = run
+    names = {each.name for each in (folder / "out").iterdir()}
     assert {"report.txt", "numbers.ecsv", "verdicts.ecsv", "checks.ecsv", "solution.ecsv"} <= names
-    assert capsys.readouterr().out.splitlines()[0].startswith("verdict: ")
-    checks = Table.read(tmp_path / "out" / "checks.ecsv")
+    assert printed.splitlines()[0] == f"verdict: {answer.first_line}"
+    checks = Table.read(folder / "out" / "checks.ecsv")
     assert len(checks) == len(set(checks["check"]))
-    (tmp_path / "broken.fits").write_bytes((tmp_path / "q.fits").read_bytes()[:20_000])
-    assert main([str(tmp_path / "broken.fits")]) == 1
+    (folder / "broken.fits").write_bytes((folder / "q.fits").read_bytes()[:20_000])
+    assert main([str(folder / "broken.fits")]) == 1
     assert capsys.readouterr().err.count("\n") == 1
 
 
+@pytest.mark.slow
 def test_the_vlba_sees_no_acceleration():
     """What looks like ten standard errors, and like changes with redshift, is what sources share."""
     answer = referee(read_quasars(real_catalogue("td2017_vlba_proper_motions.ecsv")), 1)

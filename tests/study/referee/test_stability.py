@@ -38,6 +38,7 @@ def test_by_degree_is_exact():
     assert kstest(p, "uniform").pvalue > 0.01
 
 
+@pytest.mark.slow
 @few_or_many(24, 120)
 def test_by_degree_knows_what_sources_share(n_skies):
     p, plain = [], []

@@ -29,6 +29,7 @@ def contents(folder):
     return {path.name: path.read_bytes() for path in folder.iterdir()}
 
 
+@pytest.mark.slow
 def test_it_repeats_the_run_to_the_byte(catalogue, tmp_path):
     """Report, tables, figures, provenance, citations, and the configuration itself."""
     first = [catalogue, "--lmax", "2", "--clip=4", "--frame", "galactic", "--bootstrap", "7", "--threads", "2"]

@@ -59,6 +59,7 @@ def test_a_full_disk_is_not_said_again_by_what_waits_to_be_printed(letters):
     assert (done.returncode, done.stderr) == (1, "vsh-fit: error: the disk is full\n")
 
 
+@pytest.mark.slow
 def test_letters_that_a_terminal_cannot_take(catalogue):
     done = shell("fit", catalogue, "--lmax", "1", environment={"PYTHONIOENCODING": "ascii"})
     assert (done.returncode, done.stderr) == (0, "")

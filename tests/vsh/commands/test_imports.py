@@ -79,7 +79,9 @@ def test_no_command_is_forgotten():
     assert {job.split()[0] for job in JOBS} == {name.removeprefix("vsh-") for name in COMMANDS}
 
 
-@pytest.mark.parametrize("job", JOBS)
+@pytest.mark.parametrize(
+    "job", [pytest.param(job, marks=[pytest.mark.slow] * (job in ("referee", "study"))) for job in JOBS]
+)
 def test_nothing_is_loaded_that_is_not_needed(job, folder):
     words, needed = JOBS[job]
     code = (

@@ -7,6 +7,7 @@ import lzma
 import os
 import shutil
 import tempfile
+import weakref
 import zlib
 from pathlib import Path
 from typing import Any
@@ -59,8 +60,9 @@ class in_folder:
     """A file to be written under its own name, in a folder that is deleted when nobody holds this any more."""
 
     def __init__(self, name):
-        self._folder = tempfile.TemporaryDirectory(prefix="vsh-")
-        self.name = os.path.join(self._folder.name, name)
+        folder = tempfile.mkdtemp(prefix="vsh-")
+        weakref.finalize(self, shutil.rmtree, folder, ignore_errors=True)
+        self.name = os.path.join(folder, name)
 
 
 def plain_file(path: PathName, label: str) -> Any:

@@ -73,6 +73,7 @@ def test_processes_and_threads_give_the_same_bits(folder, whole):
         assert (Moments.of(parts(folder, workers=workers), 4).weights == here.weights).all()
 
 
+@pytest.mark.slow
 def test_dask(folder, whole):
     dask = pytest.importorskip("dask")
     here = Moments.of(parts(folder), 4)
@@ -332,6 +333,7 @@ def test_quantiles_are_exact():
     np.testing.assert_array_equal(weighted_quantiles(several, odd, lambda field: field.information, shares), expected)
 
 
+@pytest.mark.slow
 def test_a_pool_needs_no_thread_of_ours(folder):
     """Sums in a thread other than the first: notebooks and servers do so."""
     found = []
