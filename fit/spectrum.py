@@ -1,11 +1,12 @@
 """Power by degree, and how surprising it would be if there were only noise."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import ndtri
 
 from fit.quality import norm_limit, normal_deviate
+from fit.solution import Solution
 from vsh.tools.arguments import explained
 
 __all__ = ["Degree", "spectrum"]
@@ -47,7 +48,7 @@ class Degree(NamedTuple):
 
 
 @explained
-def spectrum(solution: Any) -> list[Degree]:
+def spectrum(solution: Solution) -> list[Degree]:
     """Every kind and degree of a solution, a list of Degree: T first, then S; from degree 0 on of a scalar field.
 
     Parameters

@@ -11,7 +11,8 @@ from astropy import constants
 from astropy import units as u
 
 from vsh.models.cosmology import FLAT_PLANCK13, transverse_distance
-from vsh.tools.arguments import explained
+from vsh.tools.arguments import accepts, not_negative, number, positive
+from vsh.tools.errors import ParameterError
 from vsh.tools.types import Quantity
 from vsh.tools.units import AU_PER_YEAR
 
@@ -49,7 +50,25 @@ ATTRACTORS_TODAY = {
 _ANGULAR = u.dimensionless_angles()
 
 
-@explained
+def _in(unit: Any, or_number: bool = False) -> Any:
+    """A check that a value is a quantity that can be had in a unit."""
+
+    def check(name, value):
+        if or_number and not isinstance(value, u.Quantity):
+            return number(name, value)
+        try:
+            if isinstance(value, u.Quantity):
+                value.to(unit, equivalencies=_ANGULAR)
+                return value
+        except u.UnitConversionError:
+            pass
+        kind = value.unit if isinstance(value, u.Quantity) else type(value).__name__
+        raise ParameterError(f"{name} must be a Quantity that can be converted to {unit}, not {kind}")
+
+    return check
+
+
+@accepts(acceleration=_in(u.m / u.s**2))
 def apparent_motion(acceleration: Quantity) -> Any:
     """ã = a/c of an acceleration, as a Quantity in µas/yr.
 
@@ -76,7 +95,6 @@ def attraction(mass: Quantity, distance: Quantity) -> Any:
     return apparent_motion(constants.G * mass / distance**2)
 
 
-@explained
 def attractions(masses: Any = None) -> dict[str, Any]:
     """The paper's Table 2: a dict from name to ã. [µas/yr]
 
@@ -92,6 +110,11 @@ def attractions(masses: Any = None) -> dict[str, Any]:
     (0.18, 0.024)
     """
     masses = ATTRACTORS if masses is None else masses
+    if not isinstance(masses, dict) or not all(
+        isinstance(each, (tuple, list)) and len(each) == 2 for each in masses.values()
+    ):
+        raise ParameterError("masses must be a dict from names to pairs of a mass and a distance")
+    masses = {name: [positive(f"masses[{name!r}]", x) for x in pair] for name, pair in masses.items()}
     return {name: float(attraction(m * u.M_sun, d * u.kpc).value) for name, (m, d) in masses.items()}
 
 
@@ -110,14 +133,14 @@ def lensing_depth(density: Quantity, mass: Quantity, lens_distance: Quantity, so
     return float((np.pi * einstein * density * lens_distance**2 * source_distance).to_value(u.dimensionless_unscaled))
 
 
-@explained
-def lensing_motion(lens_motion: Quantity, depth: Quantity) -> Any:
+@accepts(lens_motion=_in(u.uas / u.yr, or_number=True), depth=not_negative)
+def lensing_motion(lens_motion: Quantity, depth: float) -> Any:
     """Rms apparent motion of a source at rest behind moving lenses, µ_L √τ (eq. 5).
 
     Parameters
     ----------
     lens_motion : Quantity
-        Motion of the lens.
+        Motion of the lens; of a number in any unit, the result is in the same.
     depth : float
         The optical depth.
     """

@@ -39,13 +39,13 @@ IGQL_SHARES = {
 
 
 @explained
-def sky_map(sky: str | FloatArray) -> tuple[FloatArray, str]:
+def sky_map(sky: str) -> tuple[FloatArray, str]:
     """The density of a named sky, (12 · 64²,), and the frame of its axes.
 
     Parameters
     ----------
     sky : {"uniform", "plane-avoiding", "gums", "igql"}
-        A name, or a map in ring order.
+        A name.
 
     Raises
     ------
@@ -53,9 +53,9 @@ def sky_map(sky: str | FloatArray) -> tuple[FloatArray, str]:
         If the name is unknown.
     """
     makers = {"uniform": _uniform, "plane-avoiding": _plane_avoiding, "gums": _gums, "igql": _igql}
-    if sky not in makers:
+    if not isinstance(sky, str) or sky not in makers:
         raise ParameterError(f"unknown sky {sky!r}: choose one of {', '.join(makers)}, or give a HEALPix map")
-    return makers[str(sky)](), "galactic"
+    return makers[sky](), "galactic"
 
 
 def draw_positions(

@@ -6,13 +6,16 @@ from typing import Any
 import numpy as np
 
 from fit.quality import ONE_SIDE, SEEN, hint_of, printed_p_value
+from fit.solution import HarmonicSolution
 from vsh.tools.arguments import explained
 from vsh.tools.types import FloatArray
 from vsh.vector import GAIA_EDR3, Vector
 
 
 @explained
-def verdict(solution: Any, *, shared: bool = False, p_value: float | None = None, p_spin: float | None = None) -> str:
+def verdict(
+    solution: HarmonicSolution, *, shared: bool = False, p_value: float | None = None, p_spin: float | None = None
+) -> str:
     """Whether acceleration and spin are seen, and how large they are or can be; empty for what has no motions.
 
     Parameters

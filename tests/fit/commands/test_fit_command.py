@@ -40,6 +40,15 @@ def test_demo_finds_its_truth(tmp_path, capsys):
     assert all(path.stat().st_size > 10_000 for path in tmp_path.glob("*.png"))
 
 
+@pytest.mark.parametrize(("options", "step"), [("--lmax 1", 0), ("--robust student --lmax 3", 1), ("--recommended", 2)])
+def test_a_page_quotes_what_is_printed_of_the_vlba(options, step, capsys):
+    """Steps 1 to 3 of docs/instrument.md, each line up to its ellipsis."""
+    page = (ROOT / "docs" / "instrument.md").read_text(encoding="utf-8")
+    quoted = [line.strip().removesuffix("…") for line in page.splitlines() if line.startswith("    ")]
+    assert main([str(real_catalogue("td2017_vlba_proper_motions.ecsv")), *options.split()]) == 0
+    assert capsys.readouterr().out.splitlines()[0].removeprefix("verdict: ").startswith(quoted[step])
+
+
 def test_solution_can_be_read_and_says_where_it_is_from(tmp_path):
     path = tmp_path / "catalogue.fits"
     bad = table()

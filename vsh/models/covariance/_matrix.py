@@ -319,6 +319,7 @@ def from_blocks(blocks: Iterable[tuple[ArrayLike, Any]], n_sources: int) -> Cova
     return Covariance(matrix)
 
 
+@arguments.explained
 def read_covariance(path: PathName) -> Covariance:
     """A covariance from a file: NumPy's .npy, the first image of a FITS file, or numbers as text.
 

@@ -68,6 +68,7 @@ def values_of(function: Callable[[FloatArray], FloatArray], theta: FloatArray) -
     return float_array("V(θ)", function(theta), theta.shape, broadcast=True)
 
 
+@arguments.explained
 def VASILIEV_BAUMGARDT_2021(theta: ArrayLike) -> FloatArray:
     """V(θ) of Gaia EDR3: 400/(1 + θ/0.3°) + 300 exp(−θ/12°). [(µas/yr)²]
 
@@ -80,6 +81,7 @@ def VASILIEV_BAUMGARDT_2021(theta: ArrayLike) -> FloatArray:
     return 400 / (1 + degrees / 0.3) + 300 * np.exp(-degrees / 12)
 
 
+@arguments.explained
 def LINDEGREN_2021(theta: ArrayLike) -> FloatArray:
     """V(θ) of Gaia EDR3 at large angles: 292 exp(−θ/12°). [(µas/yr)²]
 
