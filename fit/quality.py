@@ -5,10 +5,12 @@ rule is one of significance, not of size. Text, page, bins, velocity and posteri
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.special import chdtr, chdtrc, chndtr, fdtrc, gammaln, ndtri_exp
 
+from vsh.tools.errors import ParameterError
 from vsh.tools.types import FloatArray
 
 __all__ = ["Quality"]
@@ -140,3 +142,12 @@ def gls(values: FloatArray, covariance: FloatArray, design: FloatArray) -> tuple
     theta = spread @ (full.T @ weighted[:, -1])
     least = float(y @ weighted[:, -1] - theta @ (full.T @ weighted[:, -1]))
     return theta, least, spread
+
+
+def solution_of(result: Any, function: str) -> Any:
+    """The solution for coefficients that a result is about, or the result itself where it is one."""
+    solution = getattr(result, "solution", result)
+    if not hasattr(solution, "errors_from"):  # coefficients with a covariance say where it is from
+        own = f": use its own, .{function}" if hasattr(solution, function) else ""
+        raise ParameterError(f"{function} is for solutions for coefficients, not a {type(solution).__name__}{own}")
+    return solution

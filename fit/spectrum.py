@@ -1,12 +1,11 @@
 """Power by degree, and how surprising it would be if there were only noise."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.special import ndtri
 
-from fit.quality import norm_limit, normal_deviate
-from fit.solution import Solution
+from fit.quality import norm_limit, normal_deviate, solution_of
 from vsh.tools.arguments import explained
 
 __all__ = ["Degree", "spectrum"]
@@ -48,7 +47,7 @@ class Degree(NamedTuple):
 
 
 @explained
-def spectrum(solution: Solution) -> list[Degree]:
+def spectrum(solution: Any) -> list[Degree]:
     """Every kind and degree of a solution, a list of Degree: T first, then S; from degree 0 on of a scalar field.
 
     Parameters
@@ -56,6 +55,7 @@ def spectrum(solution: Solution) -> list[Degree]:
     solution : Solution
         What was found.
     """
+    solution = solution_of(solution, "spectrum")
     modes = solution.modes
     return [_degree(solution, kind, l) for kind in modes.kinds for l in range(modes.lowest, modes.lmax + 1)]
 

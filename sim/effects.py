@@ -104,6 +104,11 @@ def attractions(masses: Any = None) -> dict[str, Any]:
         From name to mass [solar masses] and distance [kpc]: `ATTRACTORS` unless given, `ATTRACTORS_TODAY` for today's,
         of which the LMC's 0.18 is larger than the error that DR4 will have.
 
+    Raises
+    ------
+    ParameterError
+        If `masses` is no such dict, or a mass or distance is not positive.
+
     Examples
     --------
     >>> round(attractions(ATTRACTORS_TODAY)["LMC"], 2), round(attractions()["LMC"], 3)

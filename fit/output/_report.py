@@ -16,7 +16,7 @@ from fit.output._rows import (
     vector_rows,
     vectors_of,
 )
-from vsh.tools.errors import ParameterError
+from fit.quality import solution_of
 from vsh.tools.printing import printable
 
 WIDTH = 88
@@ -24,12 +24,7 @@ WIDTH = 88
 
 def report(solution: Any, *, check: Any = None, truth: dict[str, Any] | None = None, source: str | None = None) -> str:
     """The text of a solution, perhaps with a cross-check, the truth of a simulation, and what was fitted."""
-    solution = getattr(solution, "solution", solution)  # of a result about one
-    if not hasattr(solution, "errors_from"):  # coefficients with a covariance say where it is from
-        own = ": use its own, .report()" if hasattr(solution, "report") else ""
-        raise ParameterError(
-            f"fit.output.report is for solutions for coefficients, not a {type(solution).__name__}{own}"
-        )
+    solution = solution_of(solution, "report")
     sections = [_heading(solution, source)]
     if np.isnan(solution.coefficients.values).all():
         sections.append(_predicted(solution))

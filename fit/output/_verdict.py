@@ -5,17 +5,14 @@ from typing import Any
 
 import numpy as np
 
-from fit.quality import ONE_SIDE, SEEN, hint_of, printed_p_value
-from fit.solution import HarmonicSolution
+from fit.quality import ONE_SIDE, SEEN, hint_of, printed_p_value, solution_of
 from vsh.tools.arguments import explained
 from vsh.tools.types import FloatArray
 from vsh.vector import GAIA_EDR3, Vector
 
 
 @explained
-def verdict(
-    solution: HarmonicSolution, *, shared: bool = False, p_value: float | None = None, p_spin: float | None = None
-) -> str:
+def verdict(solution: Any, *, shared: bool = False, p_value: float | None = None, p_spin: float | None = None) -> str:
     """Whether acceleration and spin are seen, and how large they are or can be; empty for what has no motions.
 
     Parameters
@@ -32,6 +29,7 @@ def verdict(
     str
         A sentence, which names the errors it rests on.
     """
+    solution = solution_of(solution, "verdict")
     if solution.unit != "µas/yr" or not np.isfinite(solution.covariance).all():
         return ""
     factor = _factor(solution)

@@ -11,7 +11,7 @@ import numpy as np
 
 import vsh
 from vsh.tools.arguments import explained
-from vsh.tools.errors import TableError
+from vsh.tools.errors import ParameterError, TableError
 from vsh.tools.files import MARK, atomic_write
 from vsh.tools.formats import BY_KIND, PACKED, WRITTEN
 from vsh.tools.printing import printable
@@ -61,6 +61,8 @@ def write(
 @explained
 def write_table(table: Table, path: PathName, meta: dict[str, Any] | None = None) -> None:
     """Write an astropy Table with more metadata to `path`; the file has this name only once it is complete."""
+    if not hasattr(table, "colnames"):
+        raise ParameterError(f"table must be an astropy Table, not {type(table).__name__}")
     path = Path(path)
     check_writable(path)
     metadata = {CREATOR: f"{MARK} {vsh.__version__}"}
