@@ -14,7 +14,7 @@ from vsh.sky.astrometry import AstrometryRows
 from vsh.sky.propagation import earth, propagate
 from vsh.sky.sphere import triad
 from vsh.tools.errors import DegeneracyError, FieldError
-from vsh.tools.printing import printable
+from vsh.tools.printing import in_a_line
 from vsh.tools.types import FloatArray, IntArray
 from vsh.tools.units import AU_PER_YEAR, UAS
 from vsh.vector import Vector
@@ -226,7 +226,7 @@ def equations(
         still[rows] = data.still[rows].any()
         first = rows[np.argmax(measured[rows].sum(1) + 0.5 * np.isfinite(data.lon[rows]))]
         if not np.isfinite(data.lon[first]):
-            raise FieldError(f"no row of {printable(data.name[first])} has a position, if without an error")
+            raise FieldError(f"no row of {in_a_line(data.name[first])} has a position, if without an error")
         start[0, rows], start[1, rows], epoch[rows] = data.lon[first], data.lat[first], data.epoch[first]
         if not still[rows[0]]:
             for k in (2, 3, 4):
@@ -242,7 +242,7 @@ def equations(
     if (np.sum(there * r, 0) < np.cos(_FAR)).any():
         bad = np.flatnonzero(np.sum(there * r, 0) < np.cos(_FAR))
         raise FieldError(
-            f"positions more than 1' from where the source should be: {len(bad)} ({data.name[bad[0]]} in "
+            f"positions more than 1' from where the source should be: {len(bad)} ({in_a_line(data.name[bad[0]])} in "
             f"{data.catalogue[bad[0]]}, row {bad[0]}): names that are given twice, or a wrong epoch or motion"
         )
     residual = np.stack(
@@ -264,8 +264,8 @@ def equations(
     if np.isnan(design).any():
         lost = data.name[np.isnan(design).any((1, 2))]
         raise FieldError(
-            f"{len(np.unique(lost))} sources have no magnitude or colour, which the frame is to depend on: {lost[0]} "
-            "for one"
+            f"{len(np.unique(lost))} sources have no magnitude or colour, which the frame is to depend on: "
+            f"{in_a_line(lost[0])} for one"
         )
     # Apparent motions follow the acceleration of the Solar System. A catalogue that is fixed to calibrators at an
     # epoch does not: there stars move against it.
@@ -310,6 +310,6 @@ def _moving_without_velocity(data, velocity, still):
     if not doubtful.size:
         return ()
     return (
-        f"warning: {doubtful.size} near, fast stars without a radial velocity, {doubtful[0]} for one: 50 km/s change "
-        "their motion by more than 20 µas/yr in twenty years",
+        f"warning: {doubtful.size} near, fast stars without a radial velocity, {in_a_line(doubtful[0])} for one: "
+        "50 km/s change their motion by more than 20 µas/yr in twenty years",
     )

@@ -16,6 +16,7 @@ from vsh.field import Field
 from vsh.io import tables
 from vsh.tools.errors import FieldError, ParameterError
 from vsh.tools.notes import note_lines
+from vsh.tools.printing import in_a_line
 from vsh.tools.types import AxesArray, FloatArray, IntArray, OnAxes, Table
 from vsh.vector import Vector
 
@@ -249,14 +250,15 @@ class LinkSolution(NamedSolution):
         )
         order = np.argsort(-self.outlier, kind="stable")[: max(several, 3)][:_LISTED]
         lines += [
-            f"  {self.sources[i]:24} P = {self.outlier[i]:.2f}, {self.distances[i]:.1f} errors as quoted" for i in order
+            f"  {in_a_line(self.sources[i]):24} P = {self.outlier[i]:.2f}, {self.distances[i]:.1f} errors as quoted"
+            for i in order
         ]
         largest = np.abs(self.influence).max(1)
         lines.append("most influence on a parameter, in its errors, were it left out:")
         for i in np.argsort(-largest, kind="stable")[:3]:
             worst = int(np.abs(self.influence[i]).argmax())
-            lines.append(f"  {self.sources[i]:24} {self.influence[i, worst]:+.2f} of {self.names[worst]}")
-        heavy = [self.sources[i] for i in np.argsort(-largest, kind="stable") if largest[i] > _HEAVY]
+            lines.append(f"  {in_a_line(self.sources[i]):24} {self.influence[i, worst]:+.2f} of {self.names[worst]}")
+        heavy = [in_a_line(self.sources[i]) for i in np.argsort(-largest, kind="stable") if largest[i] > _HEAVY]
         if heavy:
             lines.append(
                 f"warning: {', '.join(heavy[:3])} alone move{'s' * (len(heavy) == 1)} a parameter by more than "

@@ -26,6 +26,7 @@ from vsh.scalars import ScalarField, modes_for
 from vsh.tools import arguments
 from vsh.tools.errors import ConvergenceError, ParameterError
 from vsh.tools.logs import logged
+from vsh.tools.printing import in_a_line
 from vsh.tools.types import FloatArray, IntArray
 
 #: The largest number of Newton steps for a source's leverage; with thousands of sources three suffice.
@@ -384,7 +385,7 @@ def _facts(field, share):
         "u²": float(u @ u),
         "chi2": float(field.inner(residual, residual).sum()),
         "sources": len(field),
-        "least": _Least([(float(u[i]), str(labels[i])) for i in least]),
+        "least": _Least([(float(u[i]), in_a_line(labels[i])) for i in least]),
         "most": [float(u.max())],
     }
 

@@ -18,6 +18,7 @@ from study.referee._rows import Check
 from study.referee._stability import by_degree, by_method, by_source
 from vsh.field import Field
 from vsh.tools.errors import VshError
+from vsh.tools.printing import in_a_line
 from vsh.tools.types import Rng
 
 #: Columns that sources are split by, each into so many classes.
@@ -98,7 +99,7 @@ def _method(quasars, rng) -> dict[str, Any]:
 def _source(quasars) -> dict[str, Any]:
     field = quasars.field
     row, size, p = by_source(field, degree_for(len(field), 3))
-    name = f"row {row}" if field.name is None else str(field.name[row])
+    name = f"row {row}" if field.name is None else in_a_line(field.name[row])
     return {"answer": f"{name} moves it by {size:.2f} of its errors, more than any other", "p_value": p}
 
 

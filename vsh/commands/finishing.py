@@ -123,6 +123,10 @@ class RunResult:
     latex: Callable[[], str] | None = None
     verdict: str = ""
 
+    def __post_init__(self) -> None:
+        for name in ("text", "verdict"):  # screen, file and page alike: no name of a source may be a terminal's escape
+            object.__setattr__(self, name, printable(getattr(self, name)))
+
     @property
     def report(self) -> str:
         """The text, below the verdict."""

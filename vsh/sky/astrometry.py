@@ -11,6 +11,7 @@ from vsh.tools.bad_rows import as_floats, check_shapes
 from vsh.tools.errors import FieldError, NothingLeftError
 from vsh.tools.notebook import Frozen
 from vsh.tools.notes import merge_notes
+from vsh.tools.printing import in_a_line
 from vsh.tools.types import BoolArray, FloatArray, IntArray
 
 __all__ = ["AstrometryRows"]
@@ -118,7 +119,8 @@ class AstrometryRows(Frozen):
         _, place, count = np.unique(self._keys(), axis=0, return_inverse=True, return_counts=True)
         bad["the same row twice"] = count[place.ravel()] > 1
         said = [
-            f"{reason}: {int(mask.sum())} ({self.name[mask][0]} in {self.catalogue[mask][0]}, row {int(mask.argmax())})"
+            f"{reason}: {int(mask.sum())} ({in_a_line(self.name[mask][0])} in {self.catalogue[mask][0]}, "
+            f"row {int(mask.argmax())})"
             for reason, mask in bad.items()
             if mask.any()
         ]

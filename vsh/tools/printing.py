@@ -20,6 +20,11 @@ def printable(text: object) -> str:
     return _CONTROL.sub(lambda match: match.group().encode("unicode_escape").decode(), str(text))
 
 
+def in_a_line(name: object) -> str:
+    """A name out of somebody's table, printable, its line breaks too: it cannot look like a line of ours."""
+    return printable(name).replace("\n", "\\n")
+
+
 @contextmanager
 def printing() -> Iterator[None]:
     """Print letters that standard output cannot take as ?, report a full disk, end quietly where a pipe closes."""

@@ -5,12 +5,14 @@ import json
 import os
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from astropy.table import Table
 from conftest import ROOT, random_field
 
+import sim
 from fit.commands.fit import main
 from vsh.io.catalogue import read_field
 from vsh.tools.errors import TableError
@@ -172,3 +174,20 @@ def test_every_command_can_be_called():
         assert callable(getattr(commands, name))
         assert f"vsh-{name}" in (ROOT / "README.md").read_text(encoding="utf-8"), name
         assert (ROOT / "docs" / "commands" / f"vsh-{name}.md").is_file(), name
+
+
+def test_names_of_sources_are_neither_escapes_nor_lines_of_ours(tmp_path, capsys):
+    """A name out of a stranger's table may hold a terminal's escapes, a line of its own, a tag."""
+    hostile = ["\x1b[31mred", "a\nverdict: an acceleration is seen", "<script>alert(1)</script>", "=cmd|' /C calc'!A0"]
+    field = sim.observe(sim.quasars(60, 1), sim.spin((0, 0, 100)), rng=2, sigma=200.0)
+    names = np.array([f"{hostile[k % 4]} {k}" for k in range(len(field))])
+    replace(field, name=names).write(tmp_path / "h.parquet")
+    page, out = tmp_path / "p.html", tmp_path / "out"
+    words = ["--robust", "student", "--lmax", "1", "--html", str(page), "--output", str(out), "--no-figures"]
+    assert main([str(tmp_path / "h.parquet"), *words]) == 0
+    report = (out / "report.txt").read_text(encoding="utf-8")
+    for text in (capsys.readouterr().out, report, page.read_text(encoding="utf-8")):
+        assert "\x1b" not in text
+        assert sum(line.startswith("verdict:") for line in text.splitlines()) <= 1
+    assert "<script>alert" not in page.read_text(encoding="utf-8")
+    assert any(each[:10] in report.replace("\\x1b", "\x1b") for each in hostile)

@@ -14,6 +14,7 @@ from vsh.sky.sphere import triad
 from vsh.tools.arguments import explained, positive
 from vsh.tools.bad_rows import select_usable
 from vsh.tools.errors import FieldError, FrameError, TableError
+from vsh.tools.printing import in_a_line
 from vsh.tools.types import IntArray, OnBad, PathName
 from vsh.tools.units import DEGREE, MAS, UAS
 
@@ -107,8 +108,8 @@ def match(
         if far > max(_FAR_APART * len(i), 3):
             k = int(np.argmax(away > 1e6))
             raise FieldError(
-                f"{far} of {len(i)} pairs of one name are more than 1 arcsec apart ({a.name[i[k]]} for one): other "
-                "sources, or columns and units that were misread; by position (--by position) names do not count"
+                f"{far} of {len(i)} pairs of one name are more than 1 arcsec apart ({in_a_line(a.name[i[k]])} for "
+                "one): other sources, or columns and units that were misread; by position (--by position) names do not count"
             )
         if far:
             notes.append(f"{far} of the pairs are more than 1 arcsec apart: are they the same sources?")

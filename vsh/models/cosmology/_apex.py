@@ -18,6 +18,7 @@ from vsh.sky.sphere import triad
 from vsh.tools.arguments import explained, number
 from vsh.tools.errors import FieldError, NothingLeftError, ParameterError
 from vsh.tools.notes import WithoutRedshift
+from vsh.tools.printing import in_a_line
 from vsh.tools.types import ArrayLike, BoolArray, FloatArray
 from vsh.tools.units import SPEED_OF_LIGHT
 from vsh.vector import Vector
@@ -186,7 +187,7 @@ def with_redshift(
         return field
     redshift = np.where(good, min_redshift, redshift) if missing_only else redshift
     bad = ~good
-    names = () if field.name is None else tuple(str(name) for name in field.name[bad][:5])
+    names = () if field.name is None else tuple(in_a_line(name) for name in field.name[bad][:5])
     reasons = reasons_unusable(redshift, min_redshift)
     note = WithoutRedshift.of_table(reasons, len(field), field.lon, field.redshift, names=names)
     if bad.all():
