@@ -109,7 +109,8 @@ def match(
             k = int(np.argmax(away > 1e6))
             raise FieldError(
                 f"{far} of {len(i)} pairs of one name are more than 1 arcsec apart ({in_a_line(a.name[i[k]])} for "
-                "one): other sources, or columns and units that were misread; by position (--by position) names do not count"
+                "one): other sources, or columns and units that were misread; by position (--by position) names do not "
+                "count"
             )
         if far:
             notes.append(f"{far} of the pairs are more than 1 arcsec apart: are they the same sources?")
