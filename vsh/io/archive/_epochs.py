@@ -15,7 +15,7 @@ from vsh.io import tables
 from vsh.io.archive._tap import _open, _read, _some, _write
 from vsh.tools.arguments import explained, positive, whole
 from vsh.tools.errors import ArchiveError
-from vsh.tools.files import atomic_write, digest, exclusive
+from vsh.tools.files import atomic_write, digest, exclusive, remove_unfinished
 from vsh.tools.parallel import progress_bar
 from vsh.tools.printing import printable
 from vsh.tools.types import PathName
@@ -87,8 +87,11 @@ def fetch_epochs(
             raise ArchiveError(f"{printable(folder)} holds the answer to another request: name another folder")
         if not known and folder.exists() and any(folder.iterdir()):
             raise ArchiveError(f"{printable(folder)} is there, and no note beside it says what it holds: name another")
-        folder.mkdir(exist_ok=True)
         files: dict[str, str] = dict(known.get("files", {}))
+        if not known:  # first of all: who is killed in the first batch goes on as well
+            _write(note, asked | {"files": files})
+        folder.mkdir(exist_ok=True)
+        remove_unfinished(folder)
         batches = [numbers[k : k + size] for k in range(0, len(numbers), size)]
         with progress_bar(total=len(batches), words="fetching epochs", shown=progress) as bar:
             for k, part in enumerate(batches):

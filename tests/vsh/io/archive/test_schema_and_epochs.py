@@ -163,6 +163,22 @@ def test_epochs_come_in_batches_and_are_resumed(transits, tmp_path):
     assert sorted(names) == ids
 
 
+def test_a_run_that_was_killed_in_its_first_batch_goes_on(transits, tmp_path, monkeypatch):
+    """A file was there and no note of it, or half a file under its unfinished name: refused, or left for ever."""
+
+    def killed(path):
+        raise KeyboardInterrupt
+
+    with serving(lambda path, form: (200, packed(transits, form["ID"].split(",")))) as (url, _):
+        with monkeypatch.context() as patch:
+            patch.setattr("vsh.io.archive._epochs.digest", killed)
+            with pytest.raises(KeyboardInterrupt):
+                fetch_epochs([1, 2, 3], tmp_path / "epochs", f"{url}/data", batch=2, progress=False)
+        (tmp_path / "epochs" / ".vsh-unfinished-abc-epochs-00000-00000.vot").write_text("hal")
+        folder = fetch_epochs([1, 2, 3], tmp_path / "epochs", f"{url}/data", batch=2, progress=False)
+    assert {path.name for path in folder.iterdir()} == {"epochs-00000-00000.vot", "epochs-00001-00000.vot"}
+
+
 def test_epochs_on_the_command_line(transits, tmp_path, capsys):
     Table({"source_id": [3, 1, 2]}).write(tmp_path / "list.fits")
     with serving(lambda path, form: (200, packed(transits, form["ID"].split(",")))) as (url, asked):
