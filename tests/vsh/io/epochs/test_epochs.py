@@ -68,7 +68,10 @@ def test_field_of_view_is_decided_by_times_between_transits(transits, first, sec
     assert set(plain.view) == {1, -1}
     other = transits.copy()
     number = np.asarray(other["transit_id"])
-    code = np.where((number >> 15) & 3 == 0, first, second)
+    preceding = (number >> 15) & 3 == 0  # as the simulation numbers them
+    per_transit = len(plain.view) // len(number)
+    np.testing.assert_array_equal(plain.view, np.repeat(np.where(preceding, 1, -1), per_transit))
+    code = np.where(preceding, first, second)
     other["transit_id"] = (number & ~(3 << 15)) | (code << 15)
     coded = read_observations(other)
     np.testing.assert_array_equal(coded.view, plain.view)
