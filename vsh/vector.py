@@ -141,7 +141,7 @@ class Vector(Frozen):
         """Lower and upper end of the length that hold it with `probability`.
 
         Its coverage is close to `probability` at any signal to noise, zero among them, and for any covariance: for
-        errors of 1 : 1 : 1 to 1 : 1 : 8 and a signal along the best or the worst axis, 68 % intervals have 60 to 73 %
+        errors of 1 : 1 : 1 to 1 : 1 : 8 and a signal along the best or the worst axis, 68 % intervals have 58 to 73 %
         coverage (docs/validation.md), where `amplitude_error` has 19 % without a signal.
 
         Notes
