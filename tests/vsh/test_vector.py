@@ -8,6 +8,7 @@ from conftest import few_or_many
 from scipy.stats import kstest
 
 from vsh import Vector
+from vsh.length import length_limits
 from vsh.tools.errors import FrameError, VshError
 
 COVARIANCE = np.array([[0.04, 0.01, 0], [0.01, 0.09, -0.02], [0, -0.02, 0.16]])
@@ -95,6 +96,9 @@ def test_few_replicates_make_hotelling_of_chi2(dof):
     some = [Vector(each.value + truth, each.covariance, dof=dof) for each in null[:150]]
     assert np.mean([each.amplitude_limit() > 1.5 for each in some]) > 0.95 - 3 * 0.018
     assert np.mean([np.prod(np.subtract(each.amplitude_interval(), 1.5)) < 0 for each in some]) > 0.68 - 3 * 0.038
+    # Of a long vector, for which errors taken as known exclude too much.
+    long = np.stack([each.value for each in null]) + 4 * truth
+    assert np.mean(length_limits(long, spread, dof=dof) >= 6) > 0.95 - 2.5 * 0.005
     assert np.mean([replace(each, dof=np.inf).p_value < 0.05 for each in null]) > 0.06
     assert np.isnan(Vector([1, 0, 0], np.eye(3), dof=2).p_value)
     # Of many it is χ² again.
