@@ -48,6 +48,23 @@ Errors are too large by a quarter where nothing is shared: what is shared cannot
 like l⁻², p-values below 0.05 come twice as often as they should. All upper limits of 95 % held the truth on these skies, whose signal is below one
 standard error.
 
+## Coverage of velocities from galaxies
+
+`fit.secular_parallax.observer_velocity` on 200 simulated skies a row (`tests/fit/distances`): our velocity from galaxies with magnitudes, in samples that
+are complete to a magnitude or fade out before it (dispersion 300 km/s), and from 800 galaxies of which a tenth have photometric redshifts.
+
+| sample | pull | 68 % | 95 % | p < 0.05 |
+|---|---|---|---|---|
+| complete to magnitude 13.5 | 0.98 | .682 | .960 | .045 |
+| fading out over 0.3 mag | 1.01 | .678 | .945 | .035 |
+| fading out over 1 mag | 1.00 | .692 | .945 | .060 |
+| all redshifts exact | 0.98 | .673 | .953 | .055 |
+| a tenth with σ_z = 0.003 | 1.16 | .643 | .920 | .100 |
+| a tenth with σ_z = 0.03 | 1.15 | .660 | .933 | .095 |
+
+With a tenth of the redshifts photometric, errors are 15 % too small where redshifts reach from 0.002 to 0.03 alone. Where that matters, leave those sources
+out (`--where "z_error<0.001"`).
+
 ## Coverage of limits and intervals of a length
 
 `Vector.amplitude_limit` (95 %) and `Vector.amplitude_interval` (68 %), 1000 draws a cell (`python benchmarks/lengths.py`), for errors of unequal size

@@ -1,6 +1,7 @@
 """The referee: published analyses repeated, checks that find what is there and are silent where nothing is."""
 
 import io
+import re
 from contextlib import redirect_stdout
 from html import escape
 
@@ -199,6 +200,14 @@ def test_the_command(run, capsys):
     assert capsys.readouterr().err.count("\n") == 1
 
 
+def _rows_of_p_values(page):
+    """The rows of a page's table of p-values: what of, by the errors quoted, with what sources share."""
+    for line in page.read_text(encoding="utf-8").splitlines():
+        cells = [each.strip() for each in line.strip("|").split("|")]
+        if len(cells) == 3 and all(re.fullmatch(r"\d[\d.e-]*", each) for each in cells[1:]):
+            yield cells[0], float(cells[1]), float(cells[2])
+
+
 @pytest.mark.slow
 def test_the_vlba_sees_no_acceleration():
     """What looks like ten standard errors, and like changes with redshift, is what sources share."""
@@ -209,6 +218,14 @@ def test_the_vlba_sees_no_acceleration():
     )
     assert quoted[2] == f"{answer.first_line}"
     by_redshift = next(section for section in answer.sections if section.paper.key == "tsigkas2025")
+    known = {row.quantity.removeprefix("p, "): (row.theirs.value, row.shared.value) for row in by_redshift.rows}
+    known |= {each.question: (each.at_face_value, each.p_value) for each in answer.checks}
+    names = {"redshift": "one acceleration at all redshifts", "the Galactic plane": "the same near the Galactic plane"}
+    names["the ecliptic halves of the sky"] = "the same in both ecliptic halves of the sky"
+    quoted = [line for name in ("referee", "instrument") for line in _rows_of_p_values(ROOT / "docs" / f"{name}.md")]
+    assert len(quoted) == 8
+    for name, face, shared in quoted:
+        assert known[names.get(name, name)] == pytest.approx((face, shared), rel=0.15, abs=0.006)
     row = next(row for row in by_redshift.rows if "one acceleration" in row.quantity)
     assert row.theirs.value < 0.001
     assert row.shared.value > 0.05
