@@ -642,7 +642,7 @@ BREAKS = [
         "test_flows_by_default.py::test_a_few_next_to_us_do_not_carry_the_result",
     ),
     ("fit/link/_likelihood.py", "others + own.sum(axis=0) - own", "others", "test_link.py"),
-    ("vsh/commands/finishing.py", "printable(getattr(self, name))", "getattr(self, name)", "test_edges.py"),
+    ("vsh/tools/printing.py", "return printable(name).replace", "return str(name).strip", "test_edges.py"),
     ("fit/output/_verdict.py", "sure = known and not half", "sure = known", "test_verdict.py"),
     ("fit/output/_verdict.py", "if factor > _WRONG:", "if False:", "test_verdict.py"),
     ("fit/output/_verdict.py", "np.diag(solution.floor.added(solution.modes))", "0.0", "test_verdict.py"),
