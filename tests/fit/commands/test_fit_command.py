@@ -1,6 +1,7 @@
 """`vsh-fit` from the outside."""
 
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -40,13 +41,27 @@ def test_demo_finds_its_truth(tmp_path, capsys):
     assert all(path.stat().st_size > 10_000 for path in tmp_path.glob("*.png"))
 
 
-@pytest.mark.parametrize(("options", "step"), [("--lmax 1", 0), ("--robust student --lmax 3", 1), ("--recommended", 2)])
-def test_a_page_quotes_what_is_printed_of_the_vlba(options, step, capsys):
-    """Steps 1 to 3 of docs/instrument.md, each line up to its ellipsis."""
+@pytest.mark.parametrize(
+    ("options", "begin", "words"),
+    [
+        ("--lmax 1", "perhaps an acceleration of 1.58", ["χ²/dof is 7.8"]),
+        ("--lmax 1 --clip 3", "", ["1.99 ± 0.28 with p = 1.3e-10"]),
+        ("--robust student --lmax 3", "no acceleration is seen, it is below 2.64", []),
+        ("--recommended", "no acceleration is seen, it is below 2.29", ["disagrees with Gaia EDR3's 5.05 ± 0.35 (p ="]),
+    ],
+)
+def test_a_page_quotes_what_is_printed_of_the_vlba(options, begin, words, capsys):
+    """Steps of docs/instrument.md: each line up to its ellipsis, and numbers in its sentences."""
     page = (ROOT / "docs" / "instrument.md").read_text(encoding="utf-8")
-    quoted = [line.strip().removesuffix("…") for line in page.splitlines() if line.startswith("    ")]
     assert main([str(real_catalogue("td2017_vlba_proper_motions.ecsv")), *options.split()]) == 0
-    assert capsys.readouterr().out.splitlines()[0].removeprefix("verdict: ").startswith(quoted[step])
+    report = capsys.readouterr().out
+    if begin:
+        (quoted,) = {line.strip().removesuffix("…") for line in page.splitlines() if line.startswith(f"    {begin}")}
+        assert report.splitlines()[0].removeprefix("verdict: ").startswith(quoted)
+    for each in words:
+        assert each in page
+        for number in re.findall(r"\d[\d.]*(?: ± [\d.]+)?(?:e-\d+)?", each):
+            assert number in report
 
 
 def test_solution_can_be_read_and_says_where_it_is_from(tmp_path):
