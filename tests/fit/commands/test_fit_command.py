@@ -4,6 +4,7 @@ import json
 import re
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,10 +14,12 @@ from conftest import ROOT, real_catalogue
 from gaia_table import table
 
 import fit
+import sim
 import vsh
 from fit.commands.fit import main
 from fit.solution import Solution
 from vsh import Field
+from vsh.vector import GAIA_EDR3
 
 
 def test_demo_finds_its_truth(tmp_path, capsys):
@@ -62,6 +65,15 @@ def test_a_page_quotes_what_is_printed_of_the_vlba(options, begin, words, capsys
         assert each in page
         for number in re.findall(r"\d[\d.]*(?: ± [\d.]+)?(?:e-\d+)?", each):
             assert number in report
+
+
+def test_what_is_added_to_the_motions_of_the_vlba_is_found():
+    """Step 5 of docs/instrument.md: the method would see Gaia's acceleration."""
+    page = (ROOT / "docs" / "instrument.md").read_text(encoding="utf-8")
+    field = vsh.io.catalogue.read_field(real_catalogue("td2017_vlba_proper_motions.ecsv"))
+    added = sim.acceleration(GAIA_EDR3.to_frame("icrs").value)(field.lon, field.lat)
+    answer = fit.recommended(replace(field, motion=field.motion + added)).acceleration
+    assert f"are found at {answer.amplitude:.1f} ± {answer.amplitude_error:.1f} (" in page
 
 
 def test_solution_can_be_read_and_says_where_it_is_from(tmp_path):
