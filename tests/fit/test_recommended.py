@@ -1,0 +1,78 @@
+"""The recommended fit: one answer in Python and on the command line, to the degree that the sources bear."""
+
+import numpy as np
+import pytest
+from conftest import random_field
+
+import fit
+import sim
+from fit.commands.fit import main
+from fit.recommended import degree_for
+from vsh import Field
+from vsh.tools.errors import DegeneracyError, ParameterError
+
+TRUTH = np.array([0.0, 60.0, -40.0])
+
+
+@pytest.fixture(scope="module")
+def quasars():
+    return sim.observe(sim.quasars(1500, 1), sim.acceleration(TRUTH), rng=2, sigma=300.0)
+
+
+def test_truth_is_within_its_errors(quasars):
+    answer = fit.recommended(quasars)
+    away = answer.acceleration.value - TRUTH
+    assert away @ np.linalg.solve(answer.acceleration.covariance, away) < 16
+    assert answer.spin.p_value > 1e-3
+    # What sources share is in the errors, and not in those of the plain fit.
+    assert (answer.acceleration.sigma >= answer.plain.acceleration.sigma).all()
+    assert answer.p_values[0] < 0.01 < answer.p_values[1]
+
+
+def test_the_command_says_the_same(quasars, tmp_path, capsys):
+    quasars.write(tmp_path / "q.fits")
+    assert main([str(tmp_path / "q.fits"), "--recommended", "--no-figures"]) == 0
+    assert capsys.readouterr().out.splitlines()[0] == fit.recommended(quasars).verdict
+
+
+def test_outliers_and_wrong_errors_do_not_carry_it(quasars):
+    """A fortieth of the sources are stars that move by 20 times the errors; all errors are half of what they should be."""
+    rng = np.random.default_rng(3)
+    motion, star = np.array(quasars.motion), rng.uniform(size=len(quasars)) < 0.025
+    motion[:, star] += 6000 * rng.normal(size=(2, star.sum()))
+    bad = Field(quasars.lon, quasars.lat, motion, quasars.sigma / 2)
+    answer, plain = fit.recommended(bad).acceleration, fit.fit_field(bad, 5, floor=False).acceleration
+    clean = fit.recommended(quasars).acceleration
+    assert np.mean(answer.sigma) < 1.2 * np.mean(clean.sigma)
+    assert np.linalg.norm(answer.value - clean.value) < 0.3 * np.linalg.norm(plain.value - clean.value)
+
+
+@pytest.mark.parametrize("n", [12, 40, 150])
+def test_few_sources_lower_the_degree_and_say_so(n):
+    answer = fit.recommended(random_field(n, 1))
+    assert answer.solution.modes.lmax == degree_for(n, 5)
+    assert np.isfinite(answer.acceleration.sigma).all()
+    assert (answer.floor is None) == (answer.solution.modes.lmax < 3)
+    lowered = [str(note) for note in answer.solution.notes if "instead of 5" in str(note)]
+    assert bool(lowered) == (answer.solution.modes.lmax < 5)
+
+
+def test_a_part_of_the_sky_lowers_the_degree():
+    """Within 15° of a pole degree 5 cannot be told from lower ones."""
+    rng = np.random.default_rng(1)
+    lon, lat = rng.uniform(0, 2 * np.pi, 400), np.arcsin(rng.uniform(np.cos(np.radians(15)), 1, 400))
+    answer = fit.recommended(Field(lon, lat, 30 * rng.normal(size=(2, 400)), np.full((2, 400), 30.0)))
+    assert answer.solution.modes.lmax < 5
+    assert any("see too little of the sky" in str(note) for note in answer.solution.notes)
+    assert np.isfinite(answer.spin.covariance).all()
+
+
+def test_bad_arguments(quasars):
+    with pytest.raises(ParameterError, match="lmax"):
+        fit.recommended(quasars, 0)
+    with pytest.raises(ParameterError, match="field"):
+        fit.recommended("q.fits")
+    with pytest.raises(DegeneracyError):
+        fit.recommended(quasars[:2])
+    with pytest.raises(DegeneracyError, match="do not bear degree 3"):
+        degree_for(20, 5, least=3)
