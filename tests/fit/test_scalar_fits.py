@@ -77,6 +77,7 @@ def test_without_a_signal_p_values_are_uniform():
         assert np.mean(column < 0.1) == pytest.approx(0.1, abs=0.05)
 
 
+@pytest.mark.slow
 def test_clip_leaves_out_as_many_as_of_motions_and_corrects_for_it():
     pulls, shares, chi2 = [], [], []
     for seed in range(200):

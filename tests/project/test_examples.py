@@ -31,6 +31,7 @@ def test_first_fit(tmp_path):
     assert (tmp_path / "first_fit.png").stat().st_size > 10_000
 
 
+@pytest.mark.slow
 def test_real_catalogue_on_the_demo(tmp_path):
     text = run("real_catalogue.py", ROOT / "fit" / "demo.fits", folder=tmp_path)
     assert "acceleration 5." in text or "acceleration 4." in text

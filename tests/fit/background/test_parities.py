@@ -65,6 +65,7 @@ def test_a_strong_field_on_a_part_of_the_sky_has_its_floor(lmax, south, power):
     assert 0.7 * power < whole.even < 1.4 * power
 
 
+@pytest.mark.slow
 def test_a_sky_that_mixes_the_parities_is_taken_as_it_is(monkeypatch):
     """Three tenths of the sky: the expansion says so, and the floor is that of the plain likelihood."""
     normal = equations(13, 1000.0, 1.0, south=0.4)

@@ -377,6 +377,7 @@ def test_one_source_a_calibrator_changes_nothing():
     np.testing.assert_allclose(link(alone).values, link(stars).values, rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_the_place_of_a_jump_is_found():
     stars = sim.link(2, 80, jump=(120.0, 0.0, -60.0), tails=4)
     search = find_step(stars, [8.0, 11.0, 12.9, 15.0], excess=False)
@@ -440,6 +441,7 @@ def test_values_of_both_sides_of_a_step_are_printed():
     assert faint.value[0] - bright.value[0] == pytest.approx(jump)
 
 
+@pytest.mark.slow
 @few_or_many(1, 6, "links")
 def test_influence_is_that_of_leaving_a_source_out(links):
     """With weights held as they are it was too small by a seventh."""

@@ -298,6 +298,7 @@ def test_limits_of_templates_invert_the_chance_of_squares():
         assert_allclose(thousands, _limits(power, 1.0, k, 0.025, 3e3), rtol=0.02)
 
 
+@pytest.mark.slow
 def test_the_verdict_sees_what_is_there():
     """A glide of twenty errors is seen, and said to be no proof; noise shows nothing on nearly every sky."""
     edges = np.radians([0, 30, 60, 90, 120, 150, 180])

@@ -72,6 +72,7 @@ def test_the_density_of_draws_is_what_they_are_drawn_with(field, free):
     assert np.isneginf(cells.log_density(theta)).all()
 
 
+@pytest.mark.slow
 def test_the_chain_mends_what_the_draws_do_not_know(field):
     """Moves to draws of another posterior, twice as wide: the chain is still that of this one."""
     exact = grid(field, CMB_VELOCITY_PLANCK18, n_points=400, flows=None)

@@ -226,6 +226,7 @@ def test_walkers_that_never_moved_report_nothing():
         found.report()
 
 
+@pytest.mark.slow
 def test_figures_and_tables():
     found = sample(galaxies(300), CMB_VELOCITY_PLANCK18, Flat(20, 150), n_samples=100_000, **SETTINGS)
     text = found.report()

@@ -93,6 +93,7 @@ def test_the_amplitude_of_the_flow_is_a_ruler_only_where_it_is_asked_for():
     assert on.mean("flow_amplitude") == pytest.approx(1, abs=0.2)
 
 
+@pytest.mark.slow
 def test_the_report_says_the_prior_and_shows_others_beside_it():
     field = seen(np.random.default_rng(3), 200)
     found = sample(field, "planck", "flat", n_samples=100_000, rng=1, **OPTIONS)

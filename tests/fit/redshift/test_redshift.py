@@ -345,6 +345,7 @@ def test_a_bin_of_few_sources_does_not_bear_higher_degrees(tmp_path, capsys):
     assert "2.5 ≤ z < 5: a part of the sky, or few sources" in out
 
 
+@pytest.mark.slow
 def test_bins_of_many_have_what_they_share_unasked(tmp_path, capsys, monkeypatch):
     """From so many sources on the floor is in the answer, below that its size is beside it, and --no-floor leaves it."""
     from fit.commands import redshift as command

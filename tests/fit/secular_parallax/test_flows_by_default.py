@@ -61,6 +61,7 @@ def test_a_few_next_to_us_do_not_carry_the_result():
     assert np.abs((v.value - OURS) / v.sigma).max() < 3
 
 
+@pytest.mark.slow
 def test_bins_do_not_contradict_a_true_velocity(skies):
     """It had p < 0.05 on 97 % of skies."""
     _, p_values = skies

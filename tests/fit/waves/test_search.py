@@ -53,6 +53,7 @@ def test_all_other_coefficients_are_free():
     np.testing.assert_allclose(white.values, white.root @ solution.values[white.kept], rtol=1e-6, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_a_wave_is_found():
     found = [
         search(fit.fit_field(sky(seed=seed, signal=sim.plane_wave(K, 15.0, -8.0)), 5), n_skies=200) for seed in range(8)

@@ -54,6 +54,7 @@ def test_by_degree_knows_what_sources_share(n_skies):
     assert np.mean(np.array(plain) < 0.05) > 0.28 - 2.5 * np.sqrt(0.28 * 0.72 / n_skies)
 
 
+@pytest.mark.slow
 def test_by_source():
     """Uniform where errors are right, and found where one source is not."""
     p = [by_source(sky(np.random.default_rng(k)), 2)[2] for k in range(120)]

@@ -66,6 +66,7 @@ def test_every_source_of_parts_gives_the_same(folder, whole):
         assert name == "Arrow stream" or (Moments.of(parts(source, rows=1000), 4).weights == found.weights).all()
 
 
+@pytest.mark.slow
 def test_processes_and_threads_give_the_same_bits(folder, whole):
     here = Moments.of(parts(folder), 4)
     close(here, whole)
