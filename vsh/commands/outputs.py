@@ -28,8 +28,15 @@ def check(options: argparse.Namespace) -> None:
         check_file(options.html, options.overwrite, "--html")
 
 
+def _check_local(path, option):
+    """Raise VshError where a result would go to an address, of which a folder named s3: would be made."""
+    if "://" in str(path):
+        raise VshError(f"{option} {printable(path)} is an address: results are written to this machine alone")
+
+
 def check_folder(path: PathName, command: str, overwrite: bool = False) -> None:
     """Raise VshError now if results could not be written to a folder later."""
+    _check_local(path, "--output")
     path, shown = Path(path), f"--output {printable(path)}"
     if path.exists() and not path.is_dir():
         raise VshError(f"{shown} is a file, not a folder")
@@ -62,6 +69,7 @@ def check_folder(path: PathName, command: str, overwrite: bool = False) -> None:
 
 def check_file(path: PathName, overwrite: bool = False, option: str = "--output", recorded: bool = False) -> None:
     """Raise VshError now if a file could not be written later, or is there already and may not be replaced."""
+    _check_local(path, option)
     path, shown = Path(path), f"{option} {printable(path)}"
     if path.is_dir():
         raise VshError(f"{shown} is a folder, not a file")

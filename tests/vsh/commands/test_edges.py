@@ -191,3 +191,13 @@ def test_names_of_sources_are_neither_escapes_nor_lines_of_ours(tmp_path, capsys
         assert sum(line.startswith("verdict:") for line in text.splitlines()) <= 1
     assert "<script>alert" not in page.read_text(encoding="utf-8")
     assert any(each[:10] in report.replace("\\x1b", "\x1b") for each in hostile)
+
+
+@pytest.mark.parametrize("option", ["--output", "--html"])
+def test_results_go_to_no_address(option, catalogue, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main([catalogue, "--lmax", "1", option, "s3://me:secret@bucket/out"]) == 1
+    said = capsys.readouterr().err
+    assert "is an address" in said
+    assert "secret" not in said
+    assert [path.name for path in tmp_path.iterdir()] == ["q.fits"]
