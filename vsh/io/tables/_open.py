@@ -1,6 +1,8 @@
 """What a user gives as a table, opened: files by their first bytes, folders, and objects in memory."""
 
+import csv
 import os
+import re
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -24,6 +26,10 @@ def _open_file(path, label, kind):
     """A file of a known format, by the reader that its row names."""
     module, _, name = BY_KIND[kind].opens.partition(":")
     return getattr(import_module(module), name)(path, label)
+
+
+#: Order and pixel of a partition of a HATS catalogue, by its path.
+_PARTITION = re.compile(r"Norder=(\d+)/(?:.*/)?Npix=(\d+)")
 
 
 @explained
@@ -142,6 +148,7 @@ def _tables_in(path, label, format=None):
         files = [each for each in sorted((path / "dataset").glob("Norder=*/**/*.parquet")) if each.is_file()]
         if not files:
             raise TableError(f"{label} is a catalogue in HATS format without partitions")
+        _check_partitions(path, files, label)
         return "parquet", files
     kinds = {}
     for file in sorted(path.rglob("*")):
@@ -165,6 +172,22 @@ def _tables_in(path, label, format=None):
 
 def _is_hats(path):
     return (path / "hats.properties").is_file() or ((path / "properties").is_file() and (path / "dataset").is_dir())
+
+
+def _check_partitions(path, files, label):
+    """Raise TableError where partitions that a HATS catalogue lists are not there."""
+    listed = path / "partition_info.csv"
+    if not listed.is_file():
+        return
+    with listed.open(encoding="utf-8", errors="replace", newline="") as file:
+        wanted = {(row.get("Norder"), row.get("Npix")) for row in csv.DictReader(file)}
+    there = {found.groups() for each in files if (found := _PARTITION.search(each.as_posix()))}
+    lost = sorted(f"Norder={order}, Npix={pixel}" for order, pixel in wanted - there if order and pixel)
+    if lost:
+        raise TableError(
+            f"{label} lacks {len(lost)} of {len(wanted)} partitions that its partition_info.csv lists (first: "
+            f"{printable(lost[0])}): fetch them again, or name the folder dataset to read what is there"
+        )
 
 
 def _main_table(path, label):

@@ -297,6 +297,13 @@ def test_a_hats_folder_is_read_without_its_thumbnail(tmp_path):
     (tmp_path / "sky" / "skymap.fits").touch()
     assert len(parts(tmp_path / "sky")) == 3
     assert len(read_field(tmp_path / "sky")) == sum(map(len, FIELDS[:3]))
+    listed = tmp_path / "sky" / "partition_info.csv"
+    listed.write_text("Norder,Npix\n0,0\n0,1\n0,2\n")
+    assert len(parts(tmp_path / "sky")) == 3
+    listed.write_text("Norder,Npix\n0,0\n0,1\n0,2\n1,7\n")
+    with pytest.raises(TableError, match=r"lacks 1 of 4 partitions .* \(first: Norder=1, Npix=7\)"):
+        parts(tmp_path / "sky")
+    listed.unlink()
     (tmp_path / "collection.properties").write_text("obs_collection=x\nhats_primary_table_url=sky\n")
     assert parts(tmp_path).counted() == sum(map(len, FIELDS[:3]))
     (tmp_path / "collection.properties").write_text("obs_collection=x\n")
