@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 import sim
+from vsh.tools.files import UNFINISHED
 
 sys.path.insert(0, str(Path(__file__).parent / "vsh" / "io" / "archive"))
 from test_schema_and_epochs import packed, serving
@@ -43,13 +44,13 @@ def contents(folder):
     return {
         str(path.relative_to(folder)): path.read_bytes()
         for path in sorted(folder.rglob("*"))
-        if path.is_file() and not path.name.endswith(CLOCKS) and ".parts" not in path.parts
+        if path.is_file() and not path.name.endswith(CLOCKS)
     }
 
 
 def _unfinished(name):
     """Whether a file says by its name that it is not finished; the next run takes it away."""
-    return Path(name).name.startswith(".vsh-unfinished")
+    return Path(name).name.startswith(UNFINISHED)
 
 
 def prepare(folder):
@@ -82,6 +83,7 @@ def main(number=40, seed=1):
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         transits, commands = prepare(folder)
+        share = number // len(commands)
 
         def reply(path, form):
             time.sleep(0.05)  # long enough to be killed in between
@@ -98,7 +100,7 @@ def main(number=40, seed=1):
                     print(f"{label}: {errors}")
                     return 1
                 wanted, stopped = contents(folder / f"whole{number_of}"), 0
-                for k in range(number // len(commands)):
+                for k in range(share):
                     output = folder / f"out{number_of}-{k}"
                     process = start(words, folder, output.name)
                     time.sleep(rng.uniform(0.1, 0.85) * took)
@@ -116,9 +118,7 @@ def main(number=40, seed=1):
                     if again.returncode or contents(output) != wanted:
                         other = [each for each in wanted if contents(output).get(each) != wanted[each]]
                         faults.append(f"{label}: started again it differs in {other} ({errors.strip()[:200]})")
-                print(
-                    f"{label}: {stopped} killed of {number // len(commands)}, {len(faults) - before} faults", flush=True
-                )
+                print(f"{label}: {stopped} killed of {share}, {len(faults) - before} faults", flush=True)
     print(*dict.fromkeys(faults), sep="\n")
     print(json.dumps({"kills": number, "faults": len(faults)}))
     return bool(faults)

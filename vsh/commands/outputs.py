@@ -13,6 +13,7 @@ import vsh
 from vsh.commands import citing, configuration, values
 from vsh.tools.errors import VshError
 from vsh.tools.files import UNFINISHED, as_recorded, atomic_folder, check_not_read, digest, is_ours
+from vsh.tools.formats import is_address
 from vsh.tools.printing import printable
 from vsh.tools.types import PathName
 
@@ -30,7 +31,7 @@ def check(options: argparse.Namespace) -> None:
 
 def _check_local(path, option):
     """Raise VshError where a result would go to an address, of which a folder named s3: would be made."""
-    if "://" in str(path):
+    if is_address(str(path)):
         raise VshError(f"{option} {printable(path)} is an address: results are written to this machine alone")
 
 

@@ -216,7 +216,7 @@ def test_the_vlba_sees_no_acceleration():
     quoted = " ".join(line.strip() for line in page.splitlines() if line.startswith("    ")).partition(
         "--html referee.html "
     )
-    assert quoted[2] == f"{answer.first_line}"
+    assert quoted[2] == answer.first_line
     by_redshift = next(section for section in answer.sections if section.paper.key == "tsigkas2025")
     known = {row.quantity.removeprefix("p, "): (row.theirs.value, row.shared.value) for row in by_redshift.rows}
     known |= {each.question: (each.at_face_value, each.p_value) for each in answer.checks}
