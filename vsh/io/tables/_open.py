@@ -179,8 +179,11 @@ def _check_partitions(path, files, label):
     listed = path / "partition_info.csv"
     if not listed.is_file():
         return
-    with listed.open(encoding="utf-8", errors="replace", newline="") as file:
-        wanted = {(row.get("Norder"), row.get("Npix")) for row in csv.DictReader(file)}
+    try:
+        with listed.open(encoding="utf-8", errors="replace", newline="") as file:
+            wanted = {(row.get("Norder"), row.get("Npix")) for row in csv.DictReader(file)}
+    except csv.Error as error:
+        raise TableError(f"{label}: its partition_info.csv is damaged ({error}): fetch it again") from None
     there = {found.groups() for each in files if (found := _PARTITION.search(each.as_posix()))}
     lost = sorted(f"Norder={order}, Npix={pixel}" for order, pixel in wanted - there if order and pixel)
     if lost:

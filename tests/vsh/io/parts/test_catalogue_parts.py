@@ -303,6 +303,9 @@ def test_a_hats_folder_is_read_without_its_thumbnail(tmp_path):
     listed.write_text("Norder,Npix\n0,0\n0,1\n0,2\n1,7\n")
     with pytest.raises(TableError, match=r"lacks 1 of 4 partitions .* \(first: Norder=1, Npix=7\)"):
         parts(tmp_path / "sky")
+    listed.write_text("Norder,Npix\n0," + "0" * 200_000)
+    with pytest.raises(TableError, match=r"partition_info.csv is damaged"):
+        parts(tmp_path / "sky")
     listed.unlink()
     (tmp_path / "collection.properties").write_text("obs_collection=x\nhats_primary_table_url=sky\n")
     assert parts(tmp_path).counted() == sum(map(len, FIELDS[:3]))
