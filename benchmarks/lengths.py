@@ -7,6 +7,8 @@ a true length of 0, 1, 2, 3 and 5 errors of that axis.
 """
 
 import sys
+from concurrent.futures import ProcessPoolExecutor
+from functools import partial
 
 import numpy as np
 
@@ -31,12 +33,21 @@ def coverage(errors, axis, length, n, rng):
     return np.mean(limits >= length), np.mean((low <= length) & (length <= high))
 
 
+def row(cell, n):
+    """One line of the table."""
+    errors, axis = cell
+    rng = np.random.default_rng(sum(errors) + axis)
+    shares = [coverage(errors, axis, each * errors[axis], n, rng) for each in LENGTHS]
+    return f"{' : '.join(map(str, errors))}    {'xyz'[axis]}  " + " ".join(
+        f"{one:6.3f}/{two:.3f}" for one, two in shares
+    )
+
+
 def main(n=1000):
     print("errors       axis", *(f"{f'S/N {each}':>12}" for each in LENGTHS))
-    for errors, axis in CELLS:
-        rng = np.random.default_rng(sum(errors) + axis)
-        shares = [coverage(errors, axis, each * errors[axis], n, rng) for each in LENGTHS]
-        print(f"{' : '.join(map(str, errors))}    {'xyz'[axis]}  ", *(f"{one:6.3f}/{two:.3f}" for one, two in shares))
+    with ProcessPoolExecutor() as pool:
+        for line in pool.map(partial(row, n=n), CELLS):
+            print(line, flush=True)
 
 
 if __name__ == "__main__":
