@@ -17,7 +17,7 @@ from scipy.special import chdtrc
 
 from fit.background import SharedErrors, shared_jointly
 from fit.normal import normal_equations
-from fit.quality import MANY, SEEN, printed_p_value
+from fit.quality import MANY, SEEN, ErrorSource, printed_p_value
 from fit.solution import Solution
 from fit.storage import Result
 from vsh.basis import harmonics
@@ -124,6 +124,7 @@ class Chain(Result):
             self.frame,
             self.notes,
             errors_from="all catalogues together, with the noise that they share",
+            error_source=ErrorSource.JOINT,
             unit=self.unit,
         )
 

@@ -13,7 +13,7 @@ from fit.background import floor as background_floor
 from fit.correlation import CorrelationMatrices, correlation_matrices
 from fit.normal import normal_equations
 from fit.output import report
-from fit.quality import FEW, MANY, SEEN, f_p_value, printed_p_value
+from fit.quality import FEW, MANY, SEEN, ErrorSource, f_p_value, printed_p_value
 from fit.resample import bootstrap, jackknife
 from fit.robust import clip, excess_noise, student_t
 from fit.solution import AboutSolution, Solution
@@ -205,10 +205,11 @@ class FrameComparison(AboutSolution):
         Where sources share errors, rotation and glide are taken as independent of the higher degrees.
         """
         solution, errors = self.solution, self.solution.errors_from
+        source, includes_floor = solution.error_source, solution.includes_floor
         values, covariance = np.array(solution.values), np.array(solution.covariance)
         if self.by_class is not None and not self.method:
             values, covariance = np.array(self.by_class.values), np.array(self.by_class.covariance)
-            errors = "residuals, in classes of their size"
+            errors, source = "residuals, in classes of their size", ErrorSource.RESIDUALS
         first = np.flatnonzero(solution.modes.degrees == 1)
         if self.shared is not None:
             alone = self.shared.solutions[0]
@@ -216,14 +217,18 @@ class FrameComparison(AboutSolution):
             covariance[first] = covariance[:, first] = 0.0
             covariance[np.ix_(first, first)] = alone.covariance
             errors += ", of rotation and glide with what sources share"
+            includes_floor = True
         elif self.floor is not None:
             covariance += np.diag(self.floor.added(solution.modes))
             errors += ", of rotation and glide with the size of what sources share"
+            includes_floor = True
         return replace(
             solution,
             coefficients=replace(solution.coefficients, values=values),
             covariance=covariance,
             errors_from=errors,
+            error_source=source,
+            includes_floor=includes_floor,
         )
 
     @property

@@ -5,6 +5,7 @@ rule is one of significance, not of size. Text, page, bins, velocity and posteri
 """
 
 from dataclasses import dataclass
+from enum import StrEnum
 from typing import Any
 
 import numpy as np
@@ -13,16 +14,29 @@ from scipy.special import chdtr, chdtrc, chndtr, fdtrc, gammaln, ndtri_exp
 from vsh.tools.errors import ParameterError
 from vsh.tools.types import FloatArray
 
-__all__ = ["Quality"]
+__all__ = ["ErrorSource", "Quality"]
 
 #: From so many standard deviations on, a χ² contradicts the errors.
 SIGNIFICANT = 3.0
-#: How the note begins that a fit leaves where a large part of the sky has no source.
-ONE_SIDE = "warning: no source within"
+#: The code of the note that a fit leaves where a large part of the sky has no source.
+ONE_SIDE = "one side of the sky"
 #: The p-value of three standard deviations: what is less likely by chance is called seen.
 SEEN = 0.0027
 #: From so many sources on what they share is in the errors unasked; below so few its size is not known.
 MANY, FEW = 100_000, 200
+
+
+class ErrorSource(StrEnum):
+    """Where the covariance of a solution comes from: what decides how its errors are named and scaled."""
+
+    CATALOGUE = "catalogue"
+    SCALED = "catalogue, scaled"
+    FLOWS = "catalogue and flows"
+    EXCESS_NOISE = "excess noise"
+    RESIDUALS = "residuals"
+    BOOTSTRAP = "bootstrap"
+    JACKKNIFE = "jackknife"
+    JOINT = "several classes or catalogues together"
 
 
 @dataclass(frozen=True)
@@ -147,7 +161,7 @@ def gls(values: FloatArray, covariance: FloatArray, design: FloatArray) -> tuple
 def solution_of(result: Any, function: str) -> Any:
     """The solution for coefficients that a result is about, or the result itself where it is one."""
     solution = getattr(result, "solution", result)
-    if not hasattr(solution, "errors_from"):  # coefficients with a covariance say where it is from
+    if not hasattr(solution, "error_source"):  # coefficients with a covariance say where it is from
         own = f": use its own, .{function}" if hasattr(solution, function) else ""
         raise ParameterError(f"{function} is for solutions for coefficients, not a {type(solution).__name__}{own}")
     return solution

@@ -85,7 +85,7 @@ class Recommended(AboutSolution):
         from fit.output import verdict
 
         p_acceleration, p_spin = self.p_values
-        return verdict(self.solution, shared=self.floor is not None, p_value=p_acceleration, p_spin=p_spin)
+        return verdict(self.solution, p_value=p_acceleration, p_spin=p_spin)
 
     def equations(
         self, field: Field | Parts, modes: Modes | int, *, templates: Sequence[Template] = ()

@@ -11,7 +11,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from fit.quality import Quality
+from fit.quality import ErrorSource, Quality
 from fit.storage import Result, coefficient_columns, count, decoded, encoded, exact, number, words
 from vsh.coefficients import FIRST_DEGREE, Coefficients, vector_of
 from vsh.field import Field
@@ -21,6 +21,7 @@ from vsh.scalars import DIPOLE, ScalarCoefficients
 from vsh.sky.frames import check_frame
 from vsh.tools.arguments import covariance, float_array
 from vsh.tools.errors import DegeneracyError, ParameterError
+from vsh.tools.notes import coded, codes_of
 from vsh.tools.types import Axes, FloatArray, Kind, Table
 from vsh.vector import Vector, correlation_of, probability_of
 
@@ -98,8 +99,11 @@ class HarmonicSolution(LinearSolution):
     """What a solution for coefficients says, with or without their full covariance."""
 
     coefficients: Coefficients
-    #: Where the covariance is from; of a solution that has one.
+    #: Where the covariance is from, in words and as a member of `ErrorSource`; of a solution that has one.
     errors_from: str
+    error_source: ErrorSource
+    #: Whether the systematic floor is in the covariance.
+    includes_floor: bool = False
     #: Degrees of freedom of a covariance that was not estimated from replicates.
     covariance_dof: float = float("inf")
     #: Unit of the coefficients.
@@ -228,7 +232,7 @@ class Solution(HarmonicSolution):
     coefficients : Coefficients
         The best fit. [µas/yr]
     covariance : (p, p) array
-        N⁻¹, from the catalogue's errors alone, unless `errors_from` says otherwise. [(µas/yr)²]
+        N⁻¹, from the catalogue's errors alone, unless `error_source` says otherwise. [(µas/yr)²]
     chi2 : float
         χ² of the residuals of the data, without the penalty of a prior.
     n_data : int
@@ -238,7 +242,7 @@ class Solution(HarmonicSolution):
     notes : tuple of str
         What the reader should know of the data.
     errors_from : str
-        Where the covariance comes from, where not from the catalogue's errors alone.
+        Where the covariance comes from, in words.
     covariance_dof : float
         Degrees of freedom with which the covariance was estimated; inf where it follows from the errors of the
         sources, the number of replicates less one where it was resampled. p-values allow for them.
@@ -252,6 +256,10 @@ class Solution(HarmonicSolution):
     floor : fit.background.Floor or None
         What the power of the higher degrees says of errors that sources share; it is in no error here, but printed
         beside them. None where it was not estimated.
+    error_source : ErrorSource
+        Where the covariance comes from, as one of a few: what decides whether χ² scales the errors.
+    includes_floor : bool
+        Whether the systematic floor is in the covariance.
     formal_covariance : (p, p) array or None
         N⁻¹ by the weights of the fit, where `covariance` comes from residuals or replicates instead: it has no noise of
         its own, and is what a systematic floor is estimated from, scaled to the size of `covariance`. [(µas/yr)²]
@@ -283,6 +291,8 @@ class Solution(HarmonicSolution):
     unit: str = "µas/yr"
     floor: Any = None
     formal_covariance: FloatArray | None = None
+    error_source: ErrorSource = ErrorSource.CATALOGUE
+    includes_floor: bool = False
 
     _coefficients = Coefficients
 
@@ -329,9 +339,9 @@ class Solution(HarmonicSolution):
     @property
     def verdict(self) -> str:
         """Whether an acceleration is seen, and how large it is or can be, with all errors that are known."""
-        from fit.output import holds_floor, verdict
+        from fit.output import verdict
 
-        return verdict(self, shared=holds_floor(self))
+        return verdict(self)
 
     def latex(self, style: Literal["booktabs", "siunitx", "aastex", "aa"] = "booktabs") -> str:
         """Spin, acceleration and powers as a LaTeX table, with what they are of and what they come to.
@@ -373,9 +383,14 @@ class Solution(HarmonicSolution):
     def scaled(self) -> Solution:
         """The same solution with errors multiplied by √(χ²/dof) where χ² contradicts them, and only there."""
         factor = self.quality.factor
-        if factor == 1.0 or self.errors_from != "the catalogue":
+        if factor == 1.0 or self.error_source != ErrorSource.CATALOGUE:
             return self
-        return replace(self, covariance=self.covariance * factor**2, errors_from=f"the catalogue, times {factor:.3g}")
+        return replace(
+            self,
+            covariance=self.covariance * factor**2,
+            errors_from=f"the catalogue, times {factor:.3g}",
+            error_source=ErrorSource.SCALED,
+        )
 
     def __post_init__(self) -> None:
         """Check what a file or a caller may have mixed up."""
@@ -421,6 +436,7 @@ class Solution(HarmonicSolution):
             "n_data": int(self.n_data),
             "frame": self.frame,
             "notes": list(map(str, self.notes)),
+            "note_codes": list(codes_of(self.notes)),
             "errors_from": self.errors_from,
             "covariance_dof": exact(self.covariance_dof),
             "by_prior": exact(self.by_prior),
@@ -428,6 +444,8 @@ class Solution(HarmonicSolution):
             "unit": self.unit,
             "floor": encoded(self.floor),
             "formal_covariance": encoded(self.formal_covariance),
+            "error_source": str(self.error_source),
+            "includes_floor": bool(self.includes_floor),
         }
         return columns, rest, self._units
 
@@ -455,7 +473,7 @@ class Solution(HarmonicSolution):
             number(rest["chi2"]),
             count(rest["n_data"]),
             check_frame(rest["frame"]),
-            words(rest["notes"]),
+            coded(words(rest["notes"]), words(rest["note_codes"])),
             str(rest["errors_from"]),
             number(rest["covariance_dof"]),
             number(rest["by_prior"]),
@@ -463,6 +481,8 @@ class Solution(HarmonicSolution):
             str(rest["unit"]),
             decoded(rest.get("floor")),
             decoded(rest.get("formal_covariance")),
+            ErrorSource(rest["error_source"]),
+            rest["includes_floor"] is True,
         )
 
 

@@ -22,7 +22,7 @@ from vsh.sky.sphere import widest_gap
 from vsh.tools import arguments
 from vsh.tools.errors import DegeneracyError, ParameterError
 from vsh.tools.logs import logged
-from vsh.tools.notes import spoken
+from vsh.tools.notes import CodedNote, spoken
 from vsh.tools.types import FloatArray
 
 _LOST = "warning: values are a million times their errors, so χ² is lost to rounding: take a model away first"
@@ -181,9 +181,10 @@ def with_coverage(solution: Any, field: Any) -> Any:
         return solution
     names = ANGLES[field.frame]
     place = ", ".join(f"{name} = {np.degrees(x):.0f}°" for name, x in zip(names, (lon, lat), strict=True))
-    note = (
-        f"{ONE_SIDE} {np.degrees(radius):.0f}° of {place}: a part of a file, or of the sky? What is "
-        "said of the whole sky rests on the other part"
+    note = CodedNote(
+        f"warning: no source within {np.degrees(radius):.0f}° of {place}: a part of a file, or of the sky? What is "
+        "said of the whole sky rests on the other part",
+        ONE_SIDE,
     )
     return solution if note in solution.notes else replace(solution, notes=(*solution.notes, note))
 

@@ -32,7 +32,7 @@ from vsh.tools.bad_rows import (
 )  # fmt: skip
 from vsh.tools.errors import FieldError, FrameError
 from vsh.tools.notebook import Frozen
-from vsh.tools.notes import VELOCITIES, merge_notes
+from vsh.tools.notes import NO_REDSHIFTS, VELOCITIES, CodedNote, merge_notes
 from vsh.tools.types import ArrayLike, BoolArray, FloatArray, OnBad, PathName, Table
 from vsh.tools.units import DEGREE, MAS
 from vsh.tools.writing import table_of, write_table
@@ -88,7 +88,7 @@ def usable_columns(
             if odd.any():
                 speeds = column == "redshift" and 2 * odd.sum() > odd.size
                 words = f"{odd.sum()} values of {column} beyond {low:g} … {high:g} taken as missing"
-                notes = (*notes, f"{words}: {VELOCITIES}" if speeds else words)
+                notes = (*notes, CodedNote(f"{words}: {VELOCITIES}", NO_REDSHIFTS) if speeds else words)
             columns[column] = np.where(odd | np.isinf(values), np.nan, values)
     if "redshift" in columns and "redshift_error" in columns:
         notes = (*notes, *_set_unknown(columns, first_row))

@@ -8,6 +8,7 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from fit.normal import NormalEquations
+from fit.quality import ErrorSource
 from fit.solution import HarmonicSolution, Solution
 from vsh.modes import Modes
 from vsh.tools.arguments import between, choice
@@ -112,10 +113,6 @@ class Amplitude(Frozen):
         return x, np.interp(x, self.root, density, left=density[0]) / x
 
 
-#: How errors are named that the residuals have not scaled.
-QUOTED = "the catalogue"
-
-
 def equations_of(source: Any) -> NormalEquations:
     """Normal equations of data alone: as they are less their prior, or those that a solution is the solution of."""
     source = _about(source)
@@ -159,15 +156,16 @@ def equations_of(source: Any) -> NormalEquations:
     return NormalEquations(source.modes, matrix, rhs, chi2_null, source.n_data, source.frame, spoken(source.notes))
 
 
-def errors_of(source: Any) -> str:
-    """Where the errors come from; where from the catalogue alone, χ² tells their scale."""
-    return getattr(_about(source), "errors_from", QUOTED)
+def errors_of(source: Any) -> tuple[str, ErrorSource]:
+    """Where the errors come from, in words and as one of a few; normal equations have those of the catalogue."""
+    about = _about(source)
+    return (getattr(about, "errors_from", "the catalogue"), getattr(about, "error_source", ErrorSource.CATALOGUE))
 
 
 def is_scaled(source: Any, noise_scale: bool | None) -> bool:
     """Whether the scale of the errors is estimated: as told, or where the errors are the catalogue's."""
     scaled = choice("noise_scale", noise_scale, (None, True, False))
-    return errors_of(source) == QUOTED if scaled is None else scaled
+    return errors_of(source)[1] == ErrorSource.CATALOGUE if scaled is None else scaled
 
 
 def fitted_degrees(modes: Modes, degrees: Any, name: str = "degrees") -> tuple[int, ...]:

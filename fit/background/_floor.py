@@ -13,6 +13,7 @@ from fit.background._fit import posteriors
 from fit.background._likelihood import Likelihood, parity_p_value
 from fit.background._parities import Parities
 from fit.normal import NormalEquations, gaussian_prior
+from fit.quality import ErrorSource
 from fit.solution import HarmonicSolution, Solution
 from fit.storage import Result
 from vsh.io import tables
@@ -76,7 +77,7 @@ class Floor(Result):
     n_data : int
         How many numbers were fitted.
     errors_from : str
-        Where the errors that were used come from.
+        Where the errors that were used come from, in words.
     shape : str
         Spectrum: "flat" for one power of each mode, "gaia" for that of Lindegren et al. (2021), "steep" for l⁻².
     mean : tuple of two floats, or None
@@ -86,6 +87,8 @@ class Floor(Result):
     parts, probability : tuple of Floor, tuple of float
         Where several shapes were averaged, the floor for each and its probability; `odd`, `even` and their intervals
         are those of the first then, and what is implied for degree 1 is the mean over all.
+    error_source : ErrorSource
+        Where those errors come from, as one of a few.
     """
 
     odd: float
@@ -102,6 +105,7 @@ class Floor(Result):
     mean: tuple[float, float] | None = None
     parts: tuple["Floor", ...] = ()
     probability: tuple[float, ...] = ()
+    error_source: ErrorSource = ErrorSource.CATALOGUE
 
     def __repr__(self) -> str:
         return (
@@ -272,6 +276,8 @@ class Floor(Result):
                 f"{self.errors_from}{scale}, with the floor of degrees {words_of(self.degrees)}: spin ± "
                 f"{self.spin_error:.3g}, acceleration ± {self.acceleration_error:.3g} µas/yr in each component"
             ),
+            error_source=self._source,
+            includes_floor=True,
         )
 
     def _mixed(self, solve, normal):
@@ -294,7 +300,14 @@ class Floor(Result):
                 f"{self.errors_from}{scale}, with the floor of degrees {words_of(self.degrees)} ({listed}): spin ± "
                 f"{self.spin_error:.3g}, acceleration ± {self.acceleration_error:.3g} µas/yr in each component"
             ),
+            error_source=self._source,
+            includes_floor=True,
         )
+
+    @property
+    def _source(self):
+        """Where errors with this floor come from: those of the catalogue are scaled already."""
+        return ErrorSource.SCALED if self.error_source == ErrorSource.CATALOGUE else self.error_source
 
     def _rows(self):
         return [
@@ -390,7 +403,7 @@ def floor(
     )
 
 
-def _of_shape(name, equations, degrees, free, scaled, errors_from):
+def _of_shape(name, equations, degrees, free, scaled, errors):
     """The floor for one shape of the spectrum, and ln of its evidence."""
     likelihood, common = _likelihood(equations, degrees, free, scaled, SHAPES[name])
     best = likelihood.maximum()
@@ -408,9 +421,10 @@ def _of_shape(name, equations, degrees, free, scaled, errors_from):
         best.noise_scale,
         best.log_likelihood,
         equations.n_data,
-        errors_from,
+        errors[0],
         name,
         (of_odd, of_even),
+        error_source=errors[1],
     )
     return estimate, evidence
 

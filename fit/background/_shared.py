@@ -19,7 +19,7 @@ from fit.background._draws import EFFECTIVE, Lot, kept_of, lots_of
 from fit.background._floor import SHAPES, usual_shapes
 from fit.background._leakage import BEYOND, PART, marginalised, powers_beyond
 from fit.normal import NormalEquations
-from fit.quality import gls
+from fit.quality import ErrorSource, gls
 from fit.solution import HarmonicSolution, Solution
 from fit.storage import Result
 from vsh.coefficients import Coefficients
@@ -345,7 +345,14 @@ class SharedErrors(Result):
     def _harmonic(self, values, covariance, n_data):
         shown = f"normal equations, with what classes share, degrees {words_of(self.degrees)}"
         return Solution(
-            Coefficients(Modes(1), values), covariance, float("nan"), int(n_data), self.frame, errors_from=shown
+            Coefficients(Modes(1), values),
+            covariance,
+            float("nan"),
+            int(n_data),
+            self.frame,
+            errors_from=shown,
+            error_source=ErrorSource.JOINT,
+            includes_floor=True,
         )
 
     def _p_value(self, kind, x):

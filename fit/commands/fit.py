@@ -69,7 +69,7 @@ def _run(options):
     backgrounds = replace(backgrounds, results=results, texts=tuple(texts))
     name = "the simulated catalogue of the demo" if options.demo else source.label
     check, truth = fit.cross_check(kept), catalogue.truth_of(source)
-    said = fit.output.verdict(solution, shared=options.floor) if recommended is None else recommended.verdict
+    said = fit.output.verdict(solution) if recommended is None else recommended.verdict
     said = said.removeprefix("verdict: ")
     if options.classes:
         from fit.quality import SEEN, printed_p_value

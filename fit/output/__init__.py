@@ -19,7 +19,6 @@ from fit.output._rows import (
     vectors_table,
 )
 from fit.output._verdict import covariance_of_all as covariance_of_all
-from fit.output._verdict import holds_floor as holds_floor
 from fit.output._verdict import verdict
 from fit.quality import printed_p_value as p_value
 from vsh.tools.modules import lazily

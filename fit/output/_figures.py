@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.lines import Line2D
 
 from fit.output._rows import squared
+from fit.quality import ErrorSource
 from fit.spectrum import spectrum, wilson_hilferty
 from vsh.coefficients import FIRST_DEGREE
 from vsh.field import Field, Weighed
@@ -207,7 +208,7 @@ def plot_residuals(
         deviate = np.where(dof > 0, wilson_hilferty(chi2, dof), np.nan)
     seen = deviate[np.isfinite(deviate)]
     reach = float(np.clip(np.percentile(np.abs(seen), 98), 3, None)) if seen.size else 3.0
-    whose = "" if solution.errors_from == "the catalogue" else " by the catalogue's errors"
+    whose = "" if solution.error_source == ErrorSource.CATALOGUE else " by the catalogue's errors"
     label = f"χ² of residuals{whose}:\ntoo large or too small, in σ; χ²/n = {chi2.sum() / max(1, dof.sum()):.2f}"
     title = f"residuals of {int(sources.sum())} sources, pixels of {58.6 / nside:.1f}°"
     return plot_map(

@@ -18,8 +18,8 @@ from fit.output._rows import (
     vector_rows,
     vectors_of,
 )
-from fit.output._verdict import holds_floor, with_all_errors
-from fit.quality import SEEN
+from fit.output._verdict import with_all_errors
+from fit.quality import SEEN, ErrorSource
 from vsh.figures import page
 from vsh.tools.arguments import explained
 from vsh.tools.types import Table
@@ -122,7 +122,7 @@ def _cards(solution):
     for name, vector in reversed(vectors_of(solution).items()):
         quoted = vector
         if name in ("spin", "acceleration") and np.isfinite(solution.covariance).all():
-            vector, errors, _ = with_all_errors(solution, name, shared=holds_floor(solution))
+            vector, errors, _ = with_all_errors(solution, name)
             if not np.allclose(vector.covariance, quoted.covariance):
                 more = f"errors {', '.join(errors)}; as fitted {amplitude(quoted, 2)}"
                 size = amplitude(vector, 2) if vector.p_value < SEEN else f"< {vector.amplitude_limit():.3g} (95 %)"
@@ -132,7 +132,7 @@ def _cards(solution):
         more = f"{direction(vector.to_frame('galactic'))}{debiased}"
         items.append((name.capitalize(), f"{amplitude(vector, 2)} {solution.unit}", more))
     more = f"{solution.chi2:.6g} / {solution.dof}; errors from {solution.errors_from}"
-    whose = "" if solution.errors_from == "the catalogue" else ", by the catalogue's errors"
+    whose = "" if solution.error_source == ErrorSource.CATALOGUE else ", by the catalogue's errors"
     return page.cards([*items, (f"χ² per degree of freedom{whose}", f"{solution.reduced_chi2:.3f}", more)])
 
 

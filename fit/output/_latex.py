@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from fit.output._rows import amplitude, components, direction, is_scalar, p_value, vectors_of
-from fit.output._verdict import holds_floor, with_all_errors
+from fit.output._verdict import with_all_errors
 from fit.quality import SEEN
 from fit.spectrum import spectrum
 from vsh.io.tables import two_digits
@@ -71,7 +71,7 @@ def _facts(solution, verdict):
     for name, vector in vectors_of(solution).items():
         whole = vector
         if name in ("spin", "acceleration") and np.isfinite(solution.covariance).all():
-            whole, _, _ = with_all_errors(solution, name, shared=holds_floor(solution))
+            whole, _, _ = with_all_errors(solution, name)
         if whole.amplitude > 0 and whole.p_value < SEEN:
             other = "" if np.array_equal(whole.covariance, vector.covariance) else ", by the errors of the verdict"
             facts.append(f"{name} {direction(whole)}{other}")

@@ -16,7 +16,7 @@ from fit.output._rows import (
     vector_rows,
     vectors_of,
 )
-from fit.quality import solution_of
+from fit.quality import ErrorSource, solution_of
 from vsh.tools.printing import printable
 
 WIDTH = 88
@@ -48,7 +48,7 @@ def _heading(solution, source):
         f"degree         {modes.lowest} to {modes.lmax}: {len(modes)} coefficients",
     ]
     if np.isfinite(solution.chi2):
-        whose = "" if solution.errors_from == "the catalogue" else " (by the catalogue's errors)"
+        whose = "" if solution.error_source == ErrorSource.CATALOGUE else " (by the catalogue's errors)"
         lines.append(f"χ²/dof         {solution.chi2:.6g} / {solution.dof} = {solution.reduced_chi2:.3f}{whose}")
     lines += [f"{label:15}{text}" for label, text in warnings_of(solution)]
     return "\n".join(lines)
@@ -75,10 +75,10 @@ _FEW = 4
 def warnings_of(solution: Any) -> list[tuple[str, str]]:
     """What the reader of any form of a solution should know of its errors: pairs of a label and a sentence."""
     warnings = []
-    if solution.errors_from != "the catalogue":
+    if solution.error_source != ErrorSource.CATALOGUE:
         warnings.append(("errors from", solution.errors_from))
     warning = solution.quality.warning()
-    if warning and solution.errors_from == "the catalogue":
+    if warning and solution.error_source == ErrorSource.CATALOGUE:
         warnings.append(("warning", warning))
         if solution.quality.factor > 1:
             warnings.append(("", "the errors below are not scaled by that; p-values are given for both"))

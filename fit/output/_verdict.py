@@ -5,22 +5,21 @@ from typing import Any
 
 import numpy as np
 
-from fit.quality import ONE_SIDE, SEEN, hint_of, printed_p_value, solution_of
+from fit.quality import ONE_SIDE, SEEN, ErrorSource, hint_of, printed_p_value, solution_of
 from vsh.tools.arguments import explained
+from vsh.tools.notes import codes_of
 from vsh.tools.types import FloatArray
 from vsh.vector import GAIA_EDR3, Vector
 
 
 @explained
-def verdict(solution: Any, *, shared: bool = False, p_value: float | None = None, p_spin: float | None = None) -> str:
+def verdict(solution: Any, *, p_value: float | None = None, p_spin: float | None = None) -> str:
     """Whether acceleration and spin are seen, and how large they are or can be; empty for what has no motions.
 
     Parameters
     ----------
     solution : Solution
         Its errors are multiplied by √(χ²/dof) where χ² contradicts those of the catalogue.
-    shared : bool
-        Whether what sources share is in its errors already; otherwise its `floor` is added, where it has one.
     p_value, p_spin : float, optional
         Probability of as large an acceleration, or spin, by chance, where it is known better than by its errors alone.
 
@@ -32,16 +31,16 @@ def verdict(solution: Any, *, shared: bool = False, p_value: float | None = None
     solution = solution_of(solution, "verdict")
     if solution.unit != "µas/yr" or not np.isfinite(solution.covariance).all():
         return ""
-    factor = _factor(solution)
+    factor = error_factor(solution)
     if factor > _WRONG:
         return f"verdict: none; residuals are {factor:.3g} times the errors: are both in the units that were taken?"
     if solution.covariance_dof < 3:
         return f"verdict: none; {solution.covariance_dof + 1:.0f} replicates are too few for the errors of a vector"
-    whole, errors, known = with_all_errors(solution, shared=shared)
+    whole, errors, known = with_all_errors(solution)
     p = whole.p_value if p_value is None else p_value
     hint = hint_of(p)
-    half = solution.modes.lmax > 1 and any(str(note).startswith(ONE_SIDE) for note in solution.notes)
-    spin = _spin(with_all_errors(solution, "spin", shared=shared)[0], p_spin)
+    half = solution.modes.lmax > 1 and ONE_SIDE in codes_of(solution.notes)
+    spin = _spin(with_all_errors(solution, "spin")[0], p_spin)
     rest = f"p = {printed_p_value(p)}{hint and f' ({hint})'}; {spin}; errors {', '.join(errors)}{_beside_gaia(whole)}"
     if half:
         rest += "; one side of the sky tells degree 1 badly from higher ones: --lmax 1, or --recommended"
@@ -54,13 +53,25 @@ def verdict(solution: Any, *, shared: bool = False, p_value: float | None = None
     return f"verdict: {'' if sure else 'perhaps '}an acceleration of {size} towards {place}; {rest}"
 
 
+#: How the errors of a solution are named.
+_NAMES = {
+    ErrorSource.CATALOGUE: "as quoted",
+    ErrorSource.SCALED: "as quoted, scaled by χ²",
+    ErrorSource.FLOWS: "as quoted, with flows of galaxies",
+    ErrorSource.EXCESS_NOISE: "with excess noise, from the residuals",
+    ErrorSource.RESIDUALS: "from the residuals of the robust fit, source by source",
+    ErrorSource.BOOTSTRAP: "from the bootstrap",
+    ErrorSource.JACKKNIFE: "from the jackknife",
+    ErrorSource.JOINT: "of all together",
+}
+
 #: By how much residuals exceed errors where a unit is wrong rather than an error.
 _WRONG = 30.0
 
 
-def _factor(solution):
+def error_factor(solution: Any) -> float:
     """By which errors are multiplied where χ² says that those of the catalogue are too small."""
-    return max(solution.quality.factor, 1.0) if solution.errors_from == "the catalogue" else 1.0
+    return max(solution.quality.factor, 1.0) if solution.error_source == ErrorSource.CATALOGUE else 1.0
 
 
 def _spin(spin, p_spin):
@@ -70,9 +81,7 @@ def _spin(spin, p_spin):
     return f"no spin, below {spin.amplitude_limit():.3g} (p = {printed_p_value(p)})"
 
 
-def with_all_errors(
-    solution: Any, name: str = "acceleration", *, shared: bool = False
-) -> tuple[Vector, list[str], bool]:
+def with_all_errors(solution: Any, name: str = "acceleration") -> tuple[Vector, list[str], bool]:
     """The spin or the acceleration with every error that is known of; what these are; is what is shared among them?
 
     Parameters
@@ -81,17 +90,15 @@ def with_all_errors(
         As for `verdict`.
     name : {"spin", "acceleration"}
         Which.
-    shared : bool
-        As for `verdict`.
     """
     a: Vector = getattr(solution, name)
     covariance, errors, known = np.array(a.covariance), ["as quoted"], True
-    if solution.errors_from != "the catalogue":
-        errors = [f"from {solution.errors_from.partition(', with the floor')[0]}"]
-    elif (factor := _factor(solution)) > 1:
+    if solution.error_source != ErrorSource.CATALOGUE:
+        errors = [_NAMES[ErrorSource(solution.error_source)]]
+    elif (factor := error_factor(solution)) > 1:
         covariance *= factor**2
         errors = [f"{factor:.2f} times those quoted"]
-    if shared:
+    if solution.includes_floor:
         errors.append("with what sources share")
     elif solution.floor is not None:
         error = getattr(solution.floor, f"{name}_error")
@@ -112,17 +119,12 @@ def _with(vector, covariance):
 def covariance_of_all(solution: Any) -> FloatArray:
     """The covariance of the coefficients with the errors that the verdict has, for figures."""
     covariance = np.array(solution.covariance)
-    if solution.unit != "µas/yr" or not np.isfinite(covariance).all() or holds_floor(solution):
+    if solution.unit != "µas/yr" or not np.isfinite(covariance).all() or solution.includes_floor:
         return covariance
-    covariance *= _factor(solution) ** 2
+    covariance *= error_factor(solution) ** 2
     if solution.floor is not None:
         covariance += np.diag(solution.floor.added(solution.modes))
     return covariance
-
-
-def holds_floor(solution: Any) -> bool:
-    """Whether what sources share is in the errors of a solution."""
-    return ", with the floor" in solution.errors_from
 
 
 def _beside_gaia(whole):

@@ -9,6 +9,7 @@ import numpy as np
 
 from fit.distances import calibrate_if_known, mean_rates
 from fit.normal import NormalEquations, normal_equations
+from fit.quality import ErrorSource
 from fit.redshift._contrasts import FLOW_MATTERS, equality_chi2, shared_flow, slope_chi2
 from fit.redshift._solution import BinnedSolution
 from fit.secular_parallax import flow_theory
@@ -232,6 +233,7 @@ def _with_flow(solution, carried):
         solution,
         covariance=solution.covariance + carried @ carried.T,
         errors_from="the catalogue, and flows of galaxies",
+        error_source=ErrorSource.FLOWS,
     )
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from scipy.special import gammaincc, stdtrit
 
 from fit.normal import WhiteRows, normal_equations
+from fit.quality import ErrorSource
 from fit.solution import AboutSolution, Solution
 from fit.solving import solve
 from fit.sums import leverage
@@ -84,6 +85,7 @@ class Resampled(AboutSolution):
             covariance=self.covariance,
             formal_covariance=self.solution.covariance,
             errors_from=source,
+            error_source=ErrorSource.JACKKNIFE if self.method == "jackknife" else ErrorSource.BOOTSTRAP,
             covariance_dof=dof,
         )
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from fit.normal import NormalEquations, Template, normal_equations
+from fit.quality import ErrorSource
 from fit.solution import AboutSolution, Solution
 from fit.solving import solve
 from fit.sums import sandwich, weighted_sums
@@ -129,6 +130,7 @@ def excess_noise(
         formal_covariance=solution.covariance,
         notes=(*solution.notes, note),
         errors_from="the residuals, source by source, with excess noise",
+        error_source=ErrorSource.EXCESS_NOISE,
     )
     return ExcessNoise(solution, float(noise), float(noise_error), factor, factor_error, problem.n_rounds)
 

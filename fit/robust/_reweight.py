@@ -16,6 +16,7 @@ from numpy.polynomial import chebyshev
 from scipy.special import gamma, gammainc, gammaln
 
 from fit.normal import NormalEquations, Template, normal_equations, template_fields
+from fit.quality import ErrorSource
 from fit.solution import AboutSolution, Solution
 from fit.solving import solve
 from fit.sums import sandwich
@@ -341,6 +342,7 @@ def _with_errors(sky, plain, solution, share, name, rounds, power):
         n_data=plain.n_data,
         notes=(*plain.notes, note),
         errors_from="the residuals of the robust fit, source by source",
+        error_source=ErrorSource.RESIDUALS,
     )
     weights = None if sky.in_memory is None else share(sky.in_memory)[1]
     return Reweighted(solution, weights, rounds, inflation, float(effective), share.weight.nu, share)

@@ -203,10 +203,11 @@ def _own(options, rng):
     """The sources of a user's own table, and what is to be said of them."""
     from vsh.io.catalogue import read_sources
     from vsh.models.cosmology import with_redshift
+    from vsh.tools.notes import ASSUMED_MOTIONS, UNUSED_CORRELATIONS, has_code
 
     read = read_sources(options.positions, options.columns, options.units, on_bad="drop", sigma=1.0).to_frame("icrs")
-    of_motions = ("errors of 1 µas/yr", "pmra_pmdec_corr")  # which are made here
-    notes = [note for note in read.notes if not any(words in note for words in of_motions)]
+    of_motions = (ASSUMED_MOTIONS, UNUSED_CORRELATIONS)  # which are made here
+    notes = [note for note in read.notes if not has_code(note, *of_motions)]
     if options.kind == "galaxies":
         if read.redshift is None:
             raise TableError(

@@ -1,7 +1,10 @@
 """One rule on χ², by significance."""
 
+import re
+
 import numpy as np
 import pytest
+from conftest import ROOT
 from scipy import stats
 
 import fit
@@ -87,3 +90,12 @@ def test_errors_of_powers_without_a_signal():
             w = np.array([1, 2, 2, 2, 2])
             ratio.append(solution.power_error(kind, 2) / np.sqrt(2 * np.trace(w[:, None] * c @ (w[:, None] * c))))
     assert np.mean(ratio) < 1.06
+
+
+def test_no_code_looks_into_a_sentence():
+    """What a solution is stands in `error_source`, `includes_floor` and the codes of notes, not in its words."""
+    looks = re.compile(r"(errors_from|\bnotes?\b[^\n]{0,20})\.(startswith|partition|find)\(|\bin \w+\.errors_from")
+    for path in (each for package in ("fit", "vsh", "sim", "study") for each in (ROOT / package).rglob("*.py")):
+        for line in path.read_text(encoding="utf-8").splitlines():
+            assert not looks.search(line), f"{path}: {line}"
+    assert looks.search('if ", with the floor" in solution.errors_from:')

@@ -147,9 +147,9 @@ def reading_parts(options: argparse.Namespace) -> dict[str, Any]:
 def refuse_velocities(notes: Iterable[object], label: str) -> None:
     """Stop where most redshifts of a table are velocities, rather than count them as missing."""
     from vsh.tools.errors import TableError
-    from vsh.tools.notes import VELOCITIES
+    from vsh.tools.notes import NO_REDSHIFTS, has_code
 
-    if asked := [note for note in map(str, notes) if VELOCITIES in note]:
+    if asked := [str(note) for note in notes if has_code(note, NO_REDSHIFTS)]:
         raise TableError(f"{label}: {asked[0].removeprefix('warning: ')}")
 
 

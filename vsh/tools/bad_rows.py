@@ -7,7 +7,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from vsh.tools.errors import FieldError, NothingLeftError
-from vsh.tools.notes import DroppedRows
+from vsh.tools.notes import DOUBT, CodedNote, DroppedRows
 from vsh.tools.types import BoolArray, FloatArray, OnBad
 
 #: The smallest and the largest of an array.
@@ -186,9 +186,10 @@ def doubtful(columns: Mapping[str, FloatArray], spans: Mapping[str, Span] | None
     listed = ", ".join(f"{value:g}" for value in values[:4])
     count = f"{rows.sum()} row{' has' if rows.sum() == 1 else 's have'}"
     return (
-        (
+        CodedNote(
             f"warning: {count} a motion of {listed} in one component: a mark of missing values? It is used (first: row "
-            f"{rows.argmax()}); leave such rows out with --where"
+            f"{rows.argmax()}); leave such rows out with --where",
+            DOUBT,
         ),
     )
 

@@ -13,6 +13,10 @@ import numpy as np
 
 from vsh.tools.types import ArrayLike
 
+#: Codes of notes: numbers that cannot be redshifts, errors or correlations that were assumed, anything to be warned of.
+NO_REDSHIFTS, ASSUMED_MOTIONS, DOUBT = "no redshifts", "assumed of motions", "doubt"
+#: The code of the note that a column may hold the correlations that were taken as zero.
+UNUSED_CORRELATIONS = "unused correlations"
 #: What is asked where numbers cannot be redshifts.
 VELOCITIES = "velocities in km/s? Say so, units= (--units NAME=km/s)"
 #: So many different notes are listed when tables are added up; the others are counted.
@@ -58,6 +62,36 @@ class CountedNote(str):
         for array in arrays:
             digest.update(np.ascontiguousarray(array).tobytes())
         return cls({digest.hexdigest(): (dict(counts), int(total), tuple(names))})
+
+
+class CodedNote(str):
+    """A note with a code by which a program may ask for it, however it is worded."""
+
+    code: str
+
+    def __new__(cls, text: str, code: str) -> CodedNote:
+        note = super().__new__(cls, text)
+        note.code = code
+        return note
+
+    def __getnewargs__(self):
+        return (str(self), self.code)
+
+
+def has_code(note: object, *codes: str) -> bool:
+    """Whether a note has one of some codes."""
+    return getattr(note, "code", None) in codes
+
+
+def codes_of(notes: Iterable[str]) -> tuple[str, ...]:
+    """The code of each note, empty for one that has none."""
+    return tuple(getattr(note, "code", "") for note in notes)
+
+
+def coded(notes: Iterable[str], codes: Iterable[str]) -> tuple[str, ...]:
+    """Notes with their codes, as `codes_of` gave them."""
+    pairs = zip(notes, codes, strict=True)
+    return tuple(CodedNote(note, code) if code else note for note, code in pairs)
 
 
 class DroppedRows(CountedNote):

@@ -17,7 +17,17 @@ from vsh.io.tables import TableSource
 from vsh.sky.frames import FRAME_KEY, FRAMES, REDSHIFT_FRAME_KEY, REDSHIFT_FRAME_NAMES, check_frame, redshift_frame_in
 from vsh.tools.bad_rows import as_floats, span_of, within
 from vsh.tools.errors import FieldError, NothingSelectedError, TableError
-from vsh.tools.notes import FALSE, MISSING, VELOCITIES, NotSelected
+from vsh.tools.notes import (
+    ASSUMED_MOTIONS,
+    DOUBT,
+    FALSE,
+    MISSING,
+    NO_REDSHIFTS,
+    UNUSED_CORRELATIONS,
+    VELOCITIES,
+    CodedNote,
+    NotSelected,
+)
 from vsh.tools.printing import printable
 from vsh.tools.types import BoolArray
 from vsh.tools.units import SPEED_OF_LIGHT
@@ -103,12 +113,14 @@ def _without_correlations(names, source):
     """Notes on a table without correlations where they are looked for."""
     like = like_correlations(source)
     if not like:
-        return [f"no column {' or '.join(dict.fromkeys(names))}: correlations taken as zero"]
+        words = f"no column {' or '.join(dict.fromkeys(names))}: correlations taken as zero"
+        return [CodedNote(words, ASSUMED_MOTIONS)]
     listed = ", ".join(map(printable, like[:3]))
-    return [
+    words = (
         f"warning: correlations of the motions taken as zero, though the table has {listed}: if it is that, say "
         f"--columns {shlex.quote(f'pmra_pmdec_corr={printable(like[0])}')}"
-    ]
+    )
+    return [CodedNote(words, UNUSED_CORRELATIONS)]
 
 
 def frame_of(where: Mapping[str, str], frame: str | None, meta: Mapping[str, Any] | None = None) -> str:
@@ -190,7 +202,7 @@ def doubtful_sizes(field: Any, at_least: int = 20) -> list[str]:
     if field.redshift is not None and np.isfinite(field.redshift[::step]).any():
         z = float(np.nanmedian(field.redshift[::step]))
         if z > 20:
-            notes.append(f"warning: half of the redshifts are above {z:.3g}: {VELOCITIES}")
+            notes.append(CodedNote(f"warning: half of the redshifts are above {z:.3g}: {VELOCITIES}", NO_REDSHIFTS))
     return notes
 
 
@@ -199,12 +211,11 @@ def _doubtful_motions(error, size):
     notes = []
     if not _ERRORS[0] < error < _ERRORS[1]:
         side, likely = ("above", "µas/yr read as mas/yr") if error > 1 else ("below", "mas/yr read as µas/yr")
-        notes.append(
-            f"warning: half of the errors are {side} {error:.3g} µas/yr, which no survey has: {likely}? Say the unit: "
-            "units= (--units)"
-        )
+        words = f"{side} {error:.3g} µas/yr, which no survey has: {likely}? Say the unit: units= (--units)"
+        notes.append(CodedNote(f"warning: half of the errors are {words}", DOUBT))
     if size > 300 * max(error, 1.0) and size > _MOTIONS:
-        notes.append(f"warning: half of the motions are above {size:.3g} µas/yr: is the unit right (units=, --units)?")
+        words = f"above {size:.3g} µas/yr: is the unit right (units=, --units)?"
+        notes.append(CodedNote(f"warning: half of the motions are {words}", DOUBT))
     return notes
 
 
@@ -449,7 +460,8 @@ def identifiers(name: str, values: Any, missing: BoolArray | None) -> Any:
     notes = []
     mask = np.zeros(len(values), bool) if missing is None else missing
     if values.dtype.kind == "f" and not mask.all():
-        notes.append(f"warning: {name} is a column of floating-point numbers, so long identifiers have lost digits")
+        words = "is a column of floating-point numbers, so long identifiers have lost digits"
+        notes.append(CodedNote(f"warning: {name} {words}", DOUBT))
     if values.dtype.kind == "S":
         values = np.char.decode(values, "utf-8", "replace")
     if mask.any() or values.dtype.kind not in "iuU":
@@ -461,5 +473,6 @@ def identifiers(name: str, values: Any, missing: BoolArray | None) -> Any:
     )  # a sort is faster than np.unique's hash
     repeated = int(np.sum(named[1:] == named[:-1]))
     if repeated:
-        notes.append(f"warning: {repeated} rows repeat the {name} of another row and are used as separate sources")
+        words = f"{repeated} rows repeat the {name} of another row and are used as separate sources"
+        notes.append(CodedNote(f"warning: {words}", DOUBT))
     return values, notes

@@ -42,7 +42,17 @@ from vsh.tools.arguments import explained, positive, whole
 from vsh.tools.bad_rows import PLACEHOLDER, as_floats, placeholders
 from vsh.tools.errors import NothingLeftError, NothingSelectedError, TableError, VshWarning
 from vsh.tools.logs import log_result
-from vsh.tools.notes import DroppedRows, dropped, merge_notes
+from vsh.tools.notes import (
+    ASSUMED_MOTIONS,
+    DOUBT,
+    NO_REDSHIFTS,
+    UNUSED_CORRELATIONS,
+    CodedNote,
+    DroppedRows,
+    dropped,
+    has_code,
+    merge_notes,
+)
 from vsh.tools.printing import printable
 from vsh.tools.types import FloatArray, OnBad, PathName
 from vsh.vector import Vector
@@ -296,7 +306,7 @@ class _maker:
             )
         doubts = doubtful_sizes(field)
         for warning in (*notes, *doubts):
-            if warning.startswith("warning"):
+            if has_code(warning, DOUBT, NO_REDSHIFTS, UNUSED_CORRELATIONS):
                 warn(warning, VshWarning, stacklevel=3)
         return field.add_note(*doubts) if doubts else field
 
@@ -381,7 +391,7 @@ def without_motions(
         size = 1000.0 if sigma is None else positive("sigma", sigma)
         made |= {role: ((), lambda: size, "uas / yr") for role in _ERRORS}
         what = "as asked" if sigma is not None else "no errors in the table: all sources weigh the same"
-        notes = (f"errors of {size:g} µas/yr for every source ({what})",)
+        notes = (CodedNote(f"errors of {size:g} µas/yr for every source ({what})", ASSUMED_MOTIONS),)
     if not made:
         return opened, wanted, ()
     names = {role: f"{ASSUMED}{role}" for role in made}
