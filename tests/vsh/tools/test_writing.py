@@ -1,0 +1,20 @@
+"""Files that are written are whole."""
+
+import os
+import subprocess
+import sys
+
+CODE = """
+from astropy.table import Table
+from vsh.tools.writing import write_table
+for length in range(180, 300):
+    write_table(Table({"a": ["x" * length], "b": [1.5]}), "t.vot")
+    assert len(Table.read("t.vot")["a"][0]) == length
+"""
+
+
+def test_a_votable_row_of_any_length_is_written_whole(tmp_path):
+    """The compiled writer of astropy writes one byte beyond its buffer where the text of a row just fills it."""
+    place = os.environ | {"PYTHONMALLOC": "debug", "PYTHONPATH": os.pathsep.join(sys.path)}
+    done = subprocess.run([sys.executable, "-c", CODE], cwd=tmp_path, env=place, capture_output=True, check=False)
+    assert done.returncode == 0, done.stderr[-400:]
