@@ -26,7 +26,7 @@ def this_project(field, lmax):
     """The whole fit: normal equations, solution, covariance and χ²."""
     import fit
 
-    return fit.fit_field(field, lmax, floor=False).chi2
+    return fit.fit_field(field, lmax).chi2
 
 
 def vsh_tools_1_0_0(field, lmax):

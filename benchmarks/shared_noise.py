@@ -41,7 +41,7 @@ def main(n_pairs=300, n=500):
         rng, p = np.random.default_rng(2), []
         for _ in range(n_pairs):
             field = pair(n, share, rng)
-            solution = fit_field(field, 2, floor=False)
+            solution = fit_field(field, 2)
             inner = solution.covariance[np.ix_(beyond, beyond)]
             chi2 = solution.values[beyond] @ np.linalg.solve(inner, solution.values[beyond])
             q = int(beyond.sum())

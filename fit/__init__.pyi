@@ -9,6 +9,7 @@ from . import (
     galaxy,
     in_time,
     link,
+    methods,
     output,
     pairs,
     posterior,
@@ -24,16 +25,18 @@ from . import (
 )
 from .frame import CrossCheck, FrameSolution, cross_check, solve_frame
 from .matrix_free import MatrixFreeSolution, solve_matrix_free
+from .methods import METHODS, Estimate, Recommended, estimate, recommended
 from .normal import Moments, NormalEquations, gaussian_prior, normal_equations
-from .recommended import Recommended, recommended
 from .robust import Clipped, clip
 from .solution import Solution
 from .solving import fit_field, solve
 from .stars import Kinematics, kinematics
 
 __all__ = [
+    "METHODS",
     "Clipped",
     "CrossCheck",
+    "Estimate",
     "FrameSolution",
     "Kinematics",
     "MatrixFreeSolution",
@@ -47,6 +50,7 @@ __all__ = [
     "compare",
     "correlation",
     "cross_check",
+    "estimate",
     "fit_field",
     "frame",
     "galaxy",
@@ -54,6 +58,7 @@ __all__ = [
     "in_time",
     "kinematics",
     "link",
+    "methods",
     "normal_equations",
     "output",
     "pairs",

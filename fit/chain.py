@@ -2,9 +2,8 @@
 
 Catalogue k sees source s at x_ks = x_s + A_s c_k + e_ks, with c the coefficients of its frame against the reference's
 and Cov(e_js, e_ks) = ρ_jk S_js S_ks, S² the covariance that each quotes. The true places x_s are eliminated source by
-source, and ρ_jk is where the likelihood of the differences of j and k has its maximum: catalogues that share
-observations, as each ICRF does with the one before, differ by less than their errors say. Differences of any two follow
-from one covariance, and close exactly.
+source, and ρ_jk maximises the likelihood of the differences of j and k: catalogues with observations in common, as each
+ICRF and the one before, differ by less than their errors say. Differences of any two follow from one covariance.
 """
 
 from collections.abc import Mapping
@@ -119,10 +118,10 @@ class Chain(Result):
         return Solution(
             Coefficients(self.modes, row[1:] @ self.values),
             spread,
-            float("nan"),
-            int(2 * both),
-            self.frame,
-            self.notes,
+            chi2=float("nan"),
+            n_data=int(2 * both),
+            frame=self.frame,
+            notes=self.notes,
             errors_from="all catalogues together, with the noise that they share",
             error_source=ErrorSource.JOINT,
             unit=self.unit,

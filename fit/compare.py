@@ -11,11 +11,11 @@ import numpy as np
 from fit.background import Floor, SharedErrors, shared
 from fit.background import floor as background_floor
 from fit.correlation import CorrelationMatrices, correlation_matrices
+from fit.methods import METHODS
 from fit.normal import normal_equations
-from fit.output import report
+from fit.output import Answer, report, words_of
 from fit.quality import FEW, MANY, SEEN, ErrorSource, f_p_value, printed_p_value
-from fit.resample import bootstrap, jackknife
-from fit.robust import clip, excess_noise, student_t
+from fit.robust import clip, student_t
 from fit.solution import AboutSolution, Solution
 from vsh.conventions import ICRF3, icrf3_terms
 from vsh.field import Field
@@ -46,7 +46,7 @@ _BLOCKS = 2
 #: What may be fitted alone, by its kind of coefficients: rotation, the glide, or nothing beside all degrees.
 PARAMETERS = {"orientation": "T", "spin": "T", "glide": "S", "degree": ""}
 #: Where values and errors may come from.
-METHODS = ("quoted", "robust", "excess noise", "bootstrap", "jackknife")
+_METHODS = ("least-squares", "student", "excess-noise", "bootstrap", "jackknife")
 
 
 class _Sums(NamedTuple):
@@ -232,20 +232,24 @@ class FrameComparison(AboutSolution):
         )
 
     @property
-    def verdict(self) -> str:
-        """Whether one frame is turned against the other, in a sentence that names its errors."""
-        said, best = [], self.best
-        for name, vector in (("rotation", best.spin), ("glide", best.acceleration)):
-            seen = vector.p_value < SEEN
-            size = f"of {vector.amplitude:.3g} ± {vector.amplitude_error:.2g}" if seen else (
-                f"is seen, below {vector.amplitude_limit():.3g}"
-            )  # fmt: skip
-            said.append(f"{'a' if seen else 'no'} {name} {size} {self.solution.unit}")
+    def quoted(self) -> Solution:
+        """The solution to quote, `best`."""
+        return self.best
+
+    @property
+    def answer(self) -> Answer:
+        """The result to quote: rotation, glide, whether one frame is deformed against the other, and the errors."""
+        best = self.best
+        lines = [("rotation", words_of(best.spin)), ("glide", words_of(best.acceleration))]
         p = self.deformation_p_value if self.by_class is None else self.deformation_p_value_by_class
-        bent = ""
         if np.isfinite(p):
-            bent = f"; deformed (p = {printed_p_value(p)})" if p < SEEN else "; not deformed"
-        return f"{', '.join(said)}{bent}; errors from {best.errors_from}"
+            lines.append(("deformation", f"{'' if p < SEEN else 'not '}detected, p = {printed_p_value(p)}"))
+        return Answer((*lines, ("errors", best.errors_from)))
+
+    @property
+    def verdict(self) -> str:
+        """The result to quote, as one sentence."""
+        return self.answer.sentence
 
     @property
     def deformation_p_value_by_class(self) -> float:
@@ -285,8 +289,14 @@ class FrameComparison(AboutSolution):
         dof = self.solution.dof if factor != 1 else np.inf  # the factor is an estimate
         return f_p_value(chi2, int(beyond.sum()), dof)
 
-    def report(self) -> str:
-        """The comparison as text."""
+    def report(self, *, long: bool = False) -> str:
+        """The comparison as text.
+
+        Parameters
+        ----------
+        long : bool
+            As for `Solution.report`.
+        """
         solution, (a, b) = self.solution, self.labels
         what = "position" if solution.unit == "µas" else "motion"
         lines = [
@@ -346,7 +356,7 @@ class FrameComparison(AboutSolution):
                 for n, (east, north), x in list(rows)[:_LISTED]
             ]
         shared_errors = [] if self.shared is None else [self.shared.report(what="")]
-        return "\n\n".join(["\n".join(lines), *shared_errors, report(self.best)])
+        return "\n\n".join(["\n".join(lines), *shared_errors, report(self.best, long=long, answer=False)])
 
     def parameters_table(self) -> Table:
         """`parameters` as the report has them, a row each: with the errors of the verdict, and as quoted."""
@@ -390,7 +400,7 @@ def compare_catalogues(
     labels: Sequence[str] = ("A", "B"),
     floor: bool | None = None,
     parameters: Literal["orientation", "spin", "glide", "degree"] = "degree",
-    method: Literal["quoted", "robust", "excess noise", "bootstrap", "jackknife"] = "quoted",
+    method: Literal["least-squares", "student", "excess-noise", "bootstrap", "jackknife"] = "least-squares",
     replicates: int = 1000,
     rng: Rng = 1,
 ) -> tuple[FrameComparison, Field]:
@@ -414,9 +424,9 @@ def compare_catalogues(
     parameters : {"degree", "orientation", "spin", "glide"}
         What is also fitted alone, the rest held at zero: the rotation (of positions an orientation, of motions a spin),
         or the glide. Few sources with large errors invent the rest.
-    method : {"quoted", "robust", "excess noise", "bootstrap", "jackknife"}
-        What values and errors come from: the errors quoted and scaled in classes, or `fit.robust.student_t`,
-        `fit.robust.excess_noise`, `fit.resample.bootstrap`, `fit.resample.jackknife` of what is not left out.
+    method : {"least-squares", "student", "excess-noise", "bootstrap", "jackknife"}
+        The estimator, one of `fit.METHODS`, of what is not left out; least squares has errors that are scaled in
+        classes of their size.
     replicates : int
         How many resamplings the bootstrap makes.
     rng : Generator or int
@@ -446,7 +456,7 @@ def compare_catalogues(
     if len(labels) != 2 or not all(isinstance(label, str) for label in labels):
         raise ParameterError(f"labels are two names, not {labels!r}")
     arguments.choice("parameters", parameters, tuple(PARAMETERS))
-    arguments.choice("method", method, METHODS)
+    arguments.choice("method", method, _METHODS)
     modes = as_modes(modes)
     pairs = counterparts(a, b, by=by, radius=radius)
     differences = match(a, b, by=by, pairs=pairs)
@@ -482,23 +492,20 @@ def compare_catalogues(
         far[order],
         solution.quality.factor,
         correlation_matrices(sources, modes.lmax, labels=list(labels)),
-        by_error_class(fitted, modes) if method == "quoted" else None,
+        by_error_class(fitted, modes) if method == "least-squares" else None,
         alone=by_error_class(fitted, modes, chosen) if names else None,
         alone_names=names,
-        method="" if method == "quoted" else method,
+        method="" if method == "least-squares" else method,
     )
     return _with_floor(comparison, fitted, floor, replicates, rng), fitted
 
 
 def _by_method(fitted, modes, method, replicates, rng):
-    """The solution by another way to errors; None where they are as quoted."""
-    if method == "robust":
-        return student_t(fitted, modes).solution
-    if method == "excess noise":
-        return excess_noise(fitted, modes).solution
-    if method == "bootstrap":
-        return bootstrap(fitted, modes, replicates, rng, progress=False).resampled_solution
-    return jackknife(fitted, modes, _BLOCKS, progress=False).resampled_solution if method == "jackknife" else None
+    """The solution by one of `fit.METHODS`; None of least squares."""
+    if method in ("", "least-squares"):
+        return None
+    value = {"bootstrap": replicates, "jackknife": _BLOCKS}.get(method)
+    return METHODS[method](fitted, modes, value, rng).plain
 
 
 def _with_floor(comparison, fitted, wanted, replicates, rng):

@@ -138,7 +138,7 @@ def norm_limit(norms: FloatArray, sigma: FloatArray, size: int, probability: flo
 
 def hint_of(p: float) -> str:
     """What is said of a probability that is small, and not small enough; empty of any other."""
-    return f"a hint: seen is below {SEEN}" if SEEN <= p < 0.05 else ""
+    return f"a hint; detections have p < {SEEN}" if SEEN <= p < 0.05 else ""
 
 
 def printed_p_value(p: float) -> str:

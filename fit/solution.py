@@ -7,7 +7,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from functools import cached_property
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -24,6 +24,9 @@ from vsh.tools.errors import DegeneracyError, ParameterError
 from vsh.tools.notes import coded, codes_of
 from vsh.tools.types import Axes, FloatArray, Kind, Table
 from vsh.vector import Vector, correlation_of, probability_of
+
+if TYPE_CHECKING:
+    from fit.output import Answer
 
 
 class LinearSolution(Result):
@@ -108,7 +111,7 @@ class HarmonicSolution(LinearSolution):
     covariance_dof: float = float("inf")
     #: Unit of the coefficients.
     unit: str = "µas/yr"
-    # What `fit.background.add_floor` estimated.
+    # The systematic floor in the covariance.
     floor: Any = None
 
     @property
@@ -254,15 +257,16 @@ class Solution(HarmonicSolution):
     unit : str
         Unit of the coefficients: "µas/yr" of motions, "µas" of differences of position.
     floor : fit.background.Floor or None
-        What the power of the higher degrees says of errors that sources share; it is in no error here, but printed
-        beside them. None where it was not estimated.
+        The systematic floor that is in the covariance; None where there is none.
     error_source : ErrorSource
         Where the covariance comes from, as one of a few: what decides whether χ² scales the errors.
     includes_floor : bool
         Whether the systematic floor is in the covariance.
+    is_recommended : bool
+        Whether it is the recommended fit, `fit.recommended`.
     formal_covariance : (p, p) array or None
-        N⁻¹ by the weights of the fit, where `covariance` comes from residuals or replicates instead: it has no noise of
-        its own, and is what a systematic floor is estimated from, scaled to the size of `covariance`. [(µas/yr)²]
+        N⁻¹ by the weights of the fit, where `covariance` is another: it has no noise of its own, and is what a
+        systematic floor is estimated from, scaled to the size of `covariance`. [(µas/yr)²]
 
     Examples
     --------
@@ -274,8 +278,8 @@ class Solution(HarmonicSolution):
     >>> solution = fit_field(field, 1)
     >>> solution.acceleration.value.shape, solution.n_sources
     ((3,), 500)
-    >>> solution.verdict.partition(',')[0]
-    'verdict: no acceleration is seen'
+    >>> print(dict(solution.answer.lines)["acceleration"].partition(',')[0])
+    not detected: < 5.27 µas/yr (95 %)
     """
 
     coefficients: Coefficients
@@ -293,6 +297,7 @@ class Solution(HarmonicSolution):
     formal_covariance: FloatArray | None = None
     error_source: ErrorSource = ErrorSource.CATALOGUE
     includes_floor: bool = False
+    is_recommended: bool = False
 
     _coefficients = Coefficients
 
@@ -302,8 +307,10 @@ class Solution(HarmonicSolution):
             f"{self.errors_from}>"
         )
 
-    def report(self, *, check: Any = None, truth: dict[str, Any] | None = None, source: str | None = None) -> str:
-        """A page of text.
+    def report(
+        self, *, check: Any = None, truth: dict[str, Any] | None = None, source: str | None = None, long: bool = False
+    ) -> str:
+        """A page of text, the result to quote first.
 
         Parameters
         ----------
@@ -313,10 +320,12 @@ class Solution(HarmonicSolution):
             Truth of a simulated catalogue, by name.
         source : str, optional
             What was fitted.
+        long : bool
+            Add formal errors, the source of the errors and the powers with their noise.
         """
         from fit.output import report
 
-        return report(self, check=check, truth=truth, source=source)
+        return report(self, check=check, truth=truth, source=source, long=long)
 
     def plot(self, *, ax: Axes | None = None) -> Axes:
         """Power by degree on matplotlib axes."""
@@ -337,23 +346,47 @@ class Solution(HarmonicSolution):
         return html_of(self)
 
     @property
+    def answer(self) -> Answer:
+        """The result to quote: an `Answer` of four labelled lines, with the errors of this solution."""
+        from fit.output import answer_of
+
+        return answer_of(self)
+
+    @property
     def verdict(self) -> str:
-        """Whether an acceleration is seen, and how large it is or can be, with all errors that are known."""
-        from fit.output import verdict
+        """The result to quote as text, a line each for acceleration, spin, Gaia EDR3 and the errors."""
+        return str(self.answer)
 
-        return verdict(self)
+    @property
+    def formal(self) -> Solution:
+        """The same values with formal errors: N⁻¹ by the weights of the fit."""
+        if self.formal_covariance is None:
+            return self
+        return replace(
+            self,
+            covariance=self.formal_covariance,
+            errors_from="the weights of the fit",
+            error_source=ErrorSource.CATALOGUE,
+            covariance_dof=float("inf"),
+            includes_floor=False,
+            unshrunk=None,
+        )
 
-    def latex(self, style: Literal["booktabs", "siunitx", "aastex", "aa"] = "booktabs") -> str:
-        """Spin, acceleration and powers as a LaTeX table, with what they are of and what they come to.
+    def latex(
+        self, style: Literal["booktabs", "siunitx", "aastex", "aa", "mnras"] = "booktabs", *, full: bool = False
+    ) -> str:
+        """Acceleration and spin as a LaTeX table for a paper: one float, with caption and label.
 
         Parameters
         ----------
-        style : {"booktabs", "siunitx", "aastex", "aa"}
-            Packages and class that it is for: numbers by siunitx, a deluxetable of AASTeX, a table of A&A.
+        style : {"booktabs", "siunitx", "aastex", "aa", "mnras"}
+            Packages and class that it is for: numbers by siunitx, a deluxetable of AASTeX, tables of A&A and MNRAS.
+        full : bool
+            Add the power of each degree.
         """
         from fit.output import latex_of
 
-        return latex_of(self, style)
+        return latex_of(self, style, full=full)
 
     def of_degree(self, kind: Kind, l: int) -> tuple[FloatArray, FloatArray]:
         """Coefficients of one kind and degree with their covariance: what its power and p-value are of.
@@ -388,6 +421,7 @@ class Solution(HarmonicSolution):
         return replace(
             self,
             covariance=self.covariance * factor**2,
+            formal_covariance=self.covariance,
             errors_from=f"the catalogue, times {factor:.3g}",
             error_source=ErrorSource.SCALED,
         )
@@ -412,11 +446,10 @@ class Solution(HarmonicSolution):
         height : int
             [pixels]
         """
-        from fit.output import covariance_of_all
         from vsh.figures.page import Shown, widget
         from vsh.figures.plot import picture_of, plot_field
 
-        field, covariance = field.to_frame(self.frame), covariance_of_all(self)
+        field, covariance = field.to_frame(self.frame), self.covariance
         shown = Shown("fit", field, self.coefficients, covariance, self.unit)
         return widget(
             shown,
@@ -446,6 +479,7 @@ class Solution(HarmonicSolution):
             "formal_covariance": encoded(self.formal_covariance),
             "error_source": str(self.error_source),
             "includes_floor": bool(self.includes_floor),
+            "is_recommended": bool(self.is_recommended),
         }
         return columns, rest, self._units
 
@@ -483,6 +517,7 @@ class Solution(HarmonicSolution):
             decoded(rest.get("formal_covariance")),
             ErrorSource(rest["error_source"]),
             rest["includes_floor"] is True,
+            rest["is_recommended"] is True,
         )
 
 
@@ -510,18 +545,49 @@ class ScalarSolution(Solution):
 
 
 class AboutSolution(Result):
-    """A result that tells something about a solution: text, table and figure are the solution's."""
+    """A result about a solution: text, table, figure and vectors are those of the solution to quote."""
 
     solution: Solution
 
-    def report(self) -> str:
-        """The solution as text."""
-        return self.solution.report()
+    @property
+    def quoted(self) -> Solution:
+        """The solution with the errors of this result."""
+        return self.solution
+
+    @property
+    def spin(self) -> Vector:
+        """The spin, a Vector with the errors of this result. [µas/yr]"""
+        return self.quoted.spin
+
+    @property
+    def acceleration(self) -> Vector:
+        """The acceleration, a Vector with the errors of this result. [µas/yr]"""
+        return self.quoted.acceleration
+
+    @property
+    def answer(self) -> Answer:
+        """The result to quote: an `Answer` of four labelled lines."""
+        return self.quoted.answer
+
+    @property
+    def verdict(self) -> str:
+        """The result to quote as text, a line each for acceleration, spin, Gaia EDR3 and the errors."""
+        return self.quoted.verdict
+
+    def report(self, *, long: bool = False) -> str:
+        """The solution as text.
+
+        Parameters
+        ----------
+        long : bool
+            As for `Solution.report`.
+        """
+        return self.quoted.report(long=long)
 
     def to_table(self) -> Table:
         """The coefficients with their errors as an astropy Table, a row each."""
-        return self.solution.to_table()
+        return self.quoted.to_table()
 
     def plot(self, *, ax: Axes | None = None) -> Axes:
         """Power by degree on matplotlib axes."""
-        return self.solution.plot(ax=ax)
+        return self.quoted.plot(ax=ax)

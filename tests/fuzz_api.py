@@ -54,7 +54,7 @@ def values(rng):
         lat = np.arcsin(rng.uniform(-1, 1, n))
         return Field(rng.uniform(0, 6.28, n), lat, rng.normal(size=(2, n)), np.ones((2, n)))
 
-    solution = fit.fit_field(sky(60), 2, floor=False)
+    solution = fit.fit_field(sky(60), 2)
     sensible = [sky(6), solution, 2, vsh.Modes(1), "q.fits"]
     odd = [
         None, 0, -1, 3, 1.5, np.nan, np.inf, 1e308, 2**70, "", "x", b"x", [], {}, (), np.array([]), np.zeros((2, 0)),

@@ -103,6 +103,6 @@ plot_field(
 # %%
 # From a shell all of it is one line::
 #
-#     vsh-fit crf3.fits --lmax 4 --clip 5 --floor --on-bad drop --frame galactic --output results --html results.html
+#     vsh-fit crf3.fits --on-bad drop --frame galactic --output results --html results.html
 #
 # ``results/run.toml`` repeats the run, ``results/citation.bib`` says whom to cite.

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from fit.background._amplitude import Amplitude, equations_of
 from fit.background._fit import Background, fit_amplitudes
-from fit.background._floor import SHAPES, Floor, add_floor, floor
+from fit.background._floor import SHAPES, Floor, floor
 from fit.normal import Template
 from vsh.models.covariance import Spectrum
 from vsh.tools.modules import lazily, old_names
@@ -33,7 +33,6 @@ __all__ = [
     "Template",
     "Verdict",
     "WaveLimit",
-    "add_floor",
     "compare_models",
     "cross_powers",
     "evidence",

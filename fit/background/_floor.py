@@ -14,13 +14,13 @@ from fit.background._likelihood import Likelihood, parity_p_value
 from fit.background._parities import Parities
 from fit.normal import NormalEquations, gaussian_prior
 from fit.quality import ErrorSource
-from fit.solution import HarmonicSolution, Solution
+from fit.solution import HarmonicSolution
 from fit.storage import Result
 from vsh.io import tables
 from vsh.models.covariance import LINDEGREN_2021, Spectrum
 from vsh.modes import Modes
 from vsh.tools.arguments import explained
-from vsh.tools.errors import ConvergenceError, DegeneracyError, ModesError, ParameterError, VshError
+from vsh.tools.errors import ConvergenceError, DegeneracyError, ModesError, ParameterError
 from vsh.tools.logs import logged
 from vsh.tools.types import ArrayLike, Axes, FloatArray, Table
 
@@ -262,15 +262,17 @@ class Floor(Result):
         )
         try:
             plain = solve(normal)
+            formal = plain.covariance
             plain = replace(plain, covariance=plain.covariance * tau)
         except DegeneracyError:  # that the prior alone mends
-            plain = None
+            plain = formal = None
         scale = "" if self.noise_scale == 1 else f" times {self.noise_scale:.4g}"
         return replace(
             solution,
             covariance=covariance,
             chi2=solution.chi2 * tau,
             unshrunk=plain,
+            formal_covariance=formal,
             notes=(*solution.notes, note),
             errors_from=(
                 f"{self.errors_from}{scale}, with the floor of degrees {words_of(self.degrees)}: spin ± "
@@ -278,6 +280,7 @@ class Floor(Result):
             ),
             error_source=self._source,
             includes_floor=True,
+            floor=self,
         )
 
     def _mixed(self, solve, normal):
@@ -302,6 +305,7 @@ class Floor(Result):
             ),
             error_source=self._source,
             includes_floor=True,
+            floor=self,
         )
 
     @property
@@ -438,31 +442,3 @@ def _likelihood(equations, degrees, free, scaled, shape):
     apart, one = [shape.only("odd"), shape.only("even")], [shape]
     together = Likelihood(equations, one, degrees, free, scaled).maximum()
     return Likelihood(equations, apart, degrees, free, scaled), together.log_likelihood
-
-
-#: A floor beside a solution is estimated up to this degree: higher ones say less of degree 1, and make it too small
-#: where the spectrum rises towards it.
-_BESIDE = 10
-
-
-@explained
-def add_floor(solution: Solution) -> Solution:
-    """The solution with its `floor` estimated, where its degrees determine one: its report prints it beside the errors.
-
-    Parameters
-    ----------
-    solution : Solution
-        Solution of motions, to degree 3 or higher and without a prior; anything else stays as it is. Degrees beyond 10
-        are not asked: they take longer, and say less of degree 1.
-    """
-    if solution.modes.lmax < 3 or solution.unit != "µas/yr" or getattr(solution, "by_prior", None):
-        return solution
-    try:
-        estimate = floor(solution, range(2, min(solution.modes.lmax, _BESIDE) + 1))
-    except VshError:  # replicates too few for a covariance, say, or no noise at all
-        return solution
-    return (
-        replace(solution, floor=estimate)
-        if np.isfinite([*estimate.odd_interval, *estimate.even_interval]).all()
-        else solution
-    )

@@ -40,28 +40,28 @@ class Backgrounds:
         }
 
 
-def found(solution: Any, options: argparse.Namespace, recommended: Any = None) -> Backgrounds:
-    """Compute the wave limit and the systematic floor that the options, or the recommended fit, ask for."""
+def backgrounds_of(estimate: Any, options: argparse.Namespace) -> Backgrounds:
+    """Compute the wave limit and the systematic floor that the options ask for, or that the estimate has."""
+    solution, plain = estimate.solution, estimate.plain
     results: dict[str, Any] = {}
-    texts, given = [], solution
+    texts = []
     if options.waves:
-        if solution.modes.lmax < 2:
+        if plain.modes.lmax < 2:
             raise ModesError("gravitational waves begin at degree 2: take --lmax 2 or higher")
         beside: dict[str, Any] = {}
-        has_floor = options.floor or recommended is not None
-        if has_floor and given.modes.lmax >= 3:  # the higher degrees tell what of degree 2 is no wave
+        has_floor = options.floor or solution.includes_floor
+        if has_floor and plain.modes.lmax >= 3:  # the higher degrees tell what of degree 2 is no wave
             shapes = list(fit.background.SHAPES.values())
-            beside = {"degrees": range(2, min(given.modes.lmax, _HIGHEST) + 1), "systematics": shapes}
-        results["waves"] = fit.background.wave_limit(given, **beside)
+            beside = {"degrees": range(2, min(plain.modes.lmax, _HIGHEST) + 1), "systematics": shapes}
+        results["waves"] = fit.background.wave_limit(plain, **beside)
         texts.append(replace(results["waves"], notes=()).report(options.years))  # those of the report above
-    if recommended is not None:
-        if recommended.floor is not None:
-            results["floor"], solution = recommended.floor, recommended.solution
-            texts.insert(0, recommended.floor.report())
-    elif options.floor:
-        if solution.modes.lmax < 3:
-            raise ModesError(f"degree {solution.modes.lmax} says nothing of a floor: take --lmax 3 or higher")
-        results["floor"] = fit.background.floor(given)
-        solution = fit.solve(fit.background.equations_of(given), floor=results["floor"])
-        texts.insert(0, results["floor"].report())
+    if options.floor and not solution.includes_floor:
+        if plain.modes.lmax < 3:
+            raise ModesError(f"degree {plain.modes.lmax} says nothing of a floor: take --lmax 3 or higher")
+        solution = fit.solve(fit.background.equations_of(plain), floor=fit.background.floor(plain))
+        solution = replace(solution, formal_covariance=plain.formal.covariance)
+    if solution.floor is not None:
+        results["floor"] = solution.floor
+        if options.long:
+            texts.insert(0, solution.floor.report())
     return Backgrounds(solution, results, tuple(texts))

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 import fit
-from vsh.commands import reading
+from vsh.commands import reading, values
 from vsh.field import Field
 from vsh.io.parts import as_parts
 from vsh.tools.errors import NothingLeftError, NothingSelectedError, ParameterError
@@ -42,11 +42,11 @@ def shared_by(
         parts = [_class(source, path, options, label, condition) for label, condition in zip(labels, conditions)]
         if ";" in options.classes:
             _check_apart(source, path, options, labels, conditions, parts)
-    inside = 0
-    lmax = estimate.solution.modes.lmax
-    if options.clip:
+    lmax, inside = estimate.solution.modes.lmax, 0
+    method, value = values.method_and_value(options.method)
+    if method == "clip":
         inside = sum(as_parts(part).sum(len) for part in parts)
-        parts = [fit.robust.clip(part, lmax, options.clip).sources(part) for part in parts]
+        parts = [fit.estimate(part, lmax, method, value).sources for part in parts]
     parts = [part.to_frame(options.frame) for part in parts]
     make = partial(estimate.equations, templates=templates)
     normals = [make(part, lmax) for part in parts]

@@ -1,8 +1,9 @@
 """`vsh-compare`: two catalogues of one sky, on the command line."""
 
 from pathlib import Path
+from typing import Any
 
-from vsh.commands import finishing, outputs, reading, running
+from vsh.commands import finishing, outputs, reading, running, values
 from vsh.commands.options import compare as options_module
 from vsh.tools.errors import TableError, VshError
 from vsh.tools.notes import merge_notes
@@ -17,6 +18,8 @@ def _run(options):
     labels = _labels(paths)
     first = _read(paths[0], what, options, options.where)
     compared, others = {}, {}
+    method: Any
+    method, value = values.method_and_value(options.method)
     for path, label in zip(paths[1:], labels[1:], strict=True):
         others[label] = _read(path, what, options, options.where2 or options.where)
         compared[label] = compare_catalogues(
@@ -29,8 +32,8 @@ def _run(options):
             labels=(labels[0], label),
             floor=_floor(options),
             parameters=options.parameters,
-            method=_method(options),
-            replicates=options.bootstrap or 1000,
+            method=method,
+            replicates=int(value or 1000),
             rng=options.seed,
         )
     comparisons = [comparison for comparison, _ in compared.values()]
@@ -63,10 +66,11 @@ def _run(options):
             sheets,
             merge_notes(*(comparison.solution.notes for comparison in comparisons)),
             lambda: "\n\n".join(_latex(comparison) for comparison in comparisons),
-            "; ".join(
-                (f"{label}: " if len(compared) > 1 else "") + comparison.verdict
+            answer=[
+                (f"{label}: {name}" if len(compared) > 1 else name, words)
                 for label, (comparison, _) in compared.items()
-            ),
+                for name, words in comparison.answer.lines
+            ],
         ),
         provenance=lambda: running.provenance(paths, options, **_counts(list(compared.values()))),
         draw=lambda: (
@@ -86,15 +90,6 @@ def _run(options):
 def _floor(options):
     """Whether what sources share is taken in; None where the number of sources says."""
     return True if options.floor else False if options.no_floor else None
-
-
-def _method(options):
-    """What values and errors come from."""
-    if options.robust:
-        return "robust"
-    if options.excess_noise:
-        return "excess noise"
-    return "bootstrap" if options.bootstrap else "jackknife" if options.jackknife else "quoted"
 
 
 def _of(label, compared):
@@ -136,8 +131,11 @@ def _write(folder, compared, together, meta):
 
 def _latex(comparison):
     """What a paper has: parameters under their names with the errors of the verdict, then vectors and powers."""
+    from fit.output import latex_of
+
     table = comparison.parameters_table()["ICRF3", "value", "sigma"]
-    return f"{finishing.as_latex(table, ' − '.join(comparison.labels))}\n\n{comparison.best.latex()}"
+    terms = finishing.as_latex(table, " − ".join(comparison.labels))
+    return f"{terms}\n\n{latex_of(comparison.best, answer=comparison.answer)}"
 
 
 def _draw(comparison, kept):
@@ -163,7 +161,7 @@ def _page(comparison, kept, options, meta, drawn):
         command=options.command,
         source=" − ".join(comparison.labels),
         provenance=meta,
-        verdict=comparison.verdict,
+        answer=comparison.answer,
         figures=drawn.drawn,
         captions=captions,
         sections={"Under the names of the ICRF3 papers": comparison.parameters_table()} | shared | left_out,

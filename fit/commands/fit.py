@@ -6,9 +6,8 @@ from pathlib import Path
 from typing import Any
 
 import fit
-import vsh
 from fit.commands import backgrounds as shared
-from vsh.commands import finishing, outputs, reading, running
+from vsh.commands import finishing, outputs, reading, running, values
 from vsh.commands.options import fit as options_module
 from vsh.tools.notes import dropped, unselected
 
@@ -26,7 +25,6 @@ def _run(options):
     outputs.check(options)
     path = files("fit") / DEMO if options.demo else options.catalogue
     source = reading.open_catalogue(str(path), options)
-    from fit.commands import estimators
     from vsh.io import catalogue, tables
 
     whole: Any
@@ -37,13 +35,11 @@ def _run(options):
         # Names tell of sources that stand there twice, and are in the report; no fit looks at the rest.
         whole = catalogue.read_field(source, **reading.arguments(options), roles=("name",))
     field = whole.to_frame(options.frame)
-    estimate = estimators.estimate(field, vsh.Modes(options.lmax), options)
-    kept, clipped = estimate.sources, estimate.n_clipped
-    recommended = estimate.weights if options.recommended else None
-    backgrounds = shared.found(estimate.solution, options, recommended)
+    estimate = fit.estimate(field, options.lmax, *values.method_and_value(options.method), rng=options.seed)
+    sources, clipped = estimate.sources, estimate.n_clipped
+    backgrounds = shared.backgrounds_of(estimate, options)
     lmax = estimate.solution.modes.lmax
-    solution = fit.background.add_floor(backgrounds.solution)
-    floor = backgrounds.results.get("floor", solution.floor)
+    solution = backgrounds.solution
     results, texts = dict(backgrounds.results), list(backgrounds.texts)
     maps = []
     if options.templates:
@@ -57,27 +53,28 @@ def _run(options):
         results["shared"] = classes.shared_by(source, str(path), options, estimate, maps, n_sources)
         texts.append(results["shared"].report(what="class"))
     elif maps:
-        normal = estimate.equations(kept, lmax, templates=maps)
+        normal = estimate.equations(sources, lmax, templates=maps)
         beside = fit.background.shared(
             [normal], labels=["all sources"], noise_scale=estimate.is_scaled, rng=options.seed
         )
         results["shared"] = replace(beside, notes=(*beside.notes, estimate.class_note))
         texts.append(results["shared"].report())
     if maps:
-        results["cross_powers"] = templates.cross_powers_of(estimate.solution, floor, maps)
+        results["cross_powers"] = templates.cross_powers_of(estimate.plain, solution.floor, maps)
         texts.append(results["cross_powers"].report())
     backgrounds = replace(backgrounds, results=results, texts=tuple(texts))
     name = "the simulated catalogue of the demo" if options.demo else source.label
-    check, truth = fit.cross_check(kept), catalogue.truth_of(source)
-    said = fit.output.verdict(solution) if recommended is None else recommended.verdict
-    said = said.removeprefix("verdict: ")
+    check, truth = fit.cross_check(sources), catalogue.truth_of(source)
+    answer = list(solution.answer.lines)
     if options.classes:
         from fit.quality import SEEN, printed_p_value
 
         p = results["shared"].verdict().p_value
-        said += f"; {'a' if p < SEEN else 'no'} change from class to class is seen (p = {printed_p_value(p)})"
-    text = "\n".join([solution.report(check=check, truth=truth, source=name), *backgrounds.texts])
-    lines = [f"{label or 'warning'}: {words}" for label, words in fit.output.warnings_of(solution)]
+        words = f"{'a change' if p < SEEN else 'no change'} from class to class is detected (p = {printed_p_value(p)})"
+        answer.append(("classes", words))
+    report = fit.output.report(solution, check=check, truth=truth, source=name, long=options.long, answer=False)
+    text = "\n".join([report, *backgrounds.texts])
+    lines = [f"{label}: {words}" for label, words in fit.output.warnings_of(solution)]
 
     def sheets():
         tables = {
@@ -91,12 +88,8 @@ def _run(options):
         return {_HEADINGS.get(name, name): result.to_table() for name, result in backgrounds.results.items()}
 
     def latex():
-        return "\n\n".join(
-            [
-                fit.output.latex_of(solution, verdict=said),
-                *(finishing.as_latex(table, head) for head, table in further().items()),
-            ]
-        )
+        more = (finishing.as_latex(table, head) for head, table in further().items()) if options.long else ()
+        return "\n\n".join([fit.output.latex_of(solution, full=options.long), *more])
 
     def provenance():
         refused, out, used = dropped(solution.notes), unselected(solution.notes), solution.n_sources
@@ -111,15 +104,22 @@ def _run(options):
 
     def write(folder, meta):
         solution.write(folder / "solution.ecsv", meta)
+        fit.output.write_tables(solution, sources, folder, meta, estimate.source_weights)
         fit.output.write_correlation(solution, folder / "correlation.ecsv", meta)
         backgrounds.write(folder, meta)
 
     def page(drawn, meta):
-        about = {"check": check, "truth": truth, "source": Path(name).name, "provenance": meta, "verdict": said}
-        plain = (fit.fit_field(field, options.lmax, floor=False), field) if options.beside else None
+        about = {
+            "check": check,
+            "truth": truth,
+            "source": Path(name).name,
+            "provenance": meta,
+            "answer": fit.output.Answer(tuple(answer)),
+        }
+        plain = (fit.fit_field(field, options.lmax), field) if options.beside else None
         fit.output.write_html(
             solution,
-            kept,
+            sources,
             options.html,
             figures=drawn.drawn,
             command=options.command,
@@ -131,11 +131,11 @@ def _run(options):
 
     finishing.finish(
         options,
-        finishing.RunResult(text, sheets, [*lines, *solution.notes], latex, said),
+        finishing.RunResult(text, sheets, [*lines, *solution.notes], latex, answer=answer),
         provenance=provenance,
         write=write,
         page=page,
-        draw=lambda: fit.output.draw_figures(solution, kept) | backgrounds.draw(),
+        draw=lambda: fit.output.draw_figures(solution, sources) | backgrounds.draw(),
     )
 
 

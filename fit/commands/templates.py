@@ -1,14 +1,17 @@
 """What `vsh-fit --templates` does: maps of what may cause systematics, from files, columns and the sources."""
 
 import argparse
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import fit
 from vsh.commands import reading
-from vsh.tools.errors import ParameterError
+from vsh.tools.errors import ParameterError, VshError
 
+#: A floor beside templates is estimated up to this degree.
+_HIGHEST = 10
 #: The sources' own density; everything else is a file or a column.
 _DENSITY = "density"
 
@@ -53,11 +56,15 @@ def _column(name, source, options):
 
 
 def cross_powers_of(solution: Any, floor: Any, templates: list[Any]) -> Any:
-    """Project a solution without a prior on the templates; errors with the systematic floor of the run, if it has one.
+    """Project a solution without a prior on the templates; errors hold the systematic floor, of the run if it has one.
 
     The same equations as the floor's, so that the errors do not depend on whether the floor was put into the solution.
     """
     from fit.normal import template_fields
+
+    if floor is None:
+        with suppress(VshError):  # too few degrees, or too little of the sky
+            floor = fit.background.floor(solution, range(2, min(solution.modes.lmax, _HIGHEST) + 1))
 
     plain = fit.solve(fit.background.equations_of(solution))
     fields = template_fields(templates, plain.modes, plain.frame)

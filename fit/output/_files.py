@@ -7,13 +7,14 @@ from typing import Any
 
 import numpy as np
 
-from fit.output._verdict import covariance_of_all
+from fit.output._latex import latex_of
+from fit.output._rows import powers_table, vectors_table
 from vsh.field import Field
 from vsh.io import tables
 from vsh.io.parts import Parts, sample_of
 from vsh.scalars import ScalarField
 from vsh.tools.arguments import explained
-from vsh.tools.types import PathName
+from vsh.tools.types import FloatArray, PathName, Table
 
 
 def write_correlation(solution: Any, path: PathName, meta: dict[str, Any] | None = None) -> None:
@@ -21,6 +22,63 @@ def write_correlation(solution: Any, path: PathName, meta: dict[str, Any] | None
     names = [str(mode) for mode in solution.modes]
     columns = {"coefficient": names} | dict(zip(names, np.asarray(solution.correlation)))
     tables.write(path, columns, meta)
+
+
+#: So many sources have a row each in a folder of results; a table of more is as large as the catalogue.
+_MOST_ROWS = 100_000
+
+
+def sources_table(solution: Any, field: Field, weights: FloatArray | None = None) -> Table:
+    """The sources as an astropy Table, a row each: place, motion less the fit, errors, weight, χ² of two components.
+
+    Parameters
+    ----------
+    solution : Solution
+        What was fitted.
+    field : Field
+        The sources, in the frame of the solution.
+    weights : (n,) array, optional
+        Factor on each source's inverse covariance in the fit; 1 unless given.
+    """
+    left = solution.residuals(field)
+    east, north = left.motion
+    columns: dict[str, Any] = {} if field.name is None else {"name": np.asarray(field.name)}
+    lon, lat = ("ra", "dec") if field.frame == "icrs" else ("lon", "lat")
+    columns |= {lon: np.degrees(field.lon), lat: np.degrees(field.lat), "residual_east": east, "residual_north": north}
+    columns |= {"error_east": field.sigma[0], "error_north": field.sigma[1]}
+    columns |= {"weight": np.ones(len(field)) if weights is None else np.asarray(weights), "chi2": left.chi2}
+    motions = ("residual_east", "residual_north", "error_east", "error_north")
+    units = dict.fromkeys(motions, "uas / yr") | dict.fromkeys((lon, lat), "deg")
+    return tables.table_of(columns, {"frame": field.frame}, units)
+
+
+def write_tables(
+    solution: Any,
+    field: Field | Parts,
+    folder: Path,
+    meta: dict[str, Any] | None = None,
+    weights: FloatArray | None = None,
+) -> None:
+    """Write vectors, powers and sources as tables, and a LaTeX table.
+
+    Parameters
+    ----------
+    solution : Solution
+        What was fitted.
+    field : Field or Parts
+        The sources; in parts, or more than 100 000, they have no rows.
+    folder : Path
+        Where to.
+    meta : dict, optional
+        Provenance.
+    weights : (n,) array, optional
+        As for `sources_table`.
+    """
+    tables.write_table(vectors_table(solution), folder / "vectors.ecsv", meta)
+    tables.write_table(powers_table(solution), folder / "powers.ecsv", meta)
+    if isinstance(field, Field) and len(field) <= _MOST_ROWS:
+        tables.write_table(sources_table(solution, field, weights), folder / "sources.ecsv", meta)
+    (folder / "table.tex").write_text(latex_of(solution), encoding="utf-8")
 
 
 def draw_figures(solution: Any, field: Field | ScalarField | Parts) -> dict[str, Any]:
@@ -32,7 +90,7 @@ def draw_figures(solution: Any, field: Field | ScalarField | Parts) -> dict[str,
     seen: Any = sample_of(field) if isinstance(field, Parts) else field
     draw: Any = plot_scalar_field
     if not isinstance(seen, ScalarField):
-        draw = partial(plot_field, covariance=covariance_of_all(solution), unit=solution.unit)
+        draw = partial(plot_field, covariance=solution.covariance, unit=solution.unit)
     return {
         "sky": draw(seen, solution.coefficients, title=title),
         "spectrum": plot_spectrum(solution),
@@ -103,7 +161,7 @@ def _skies(solution, field, beside):
             label,
             sample_of(sources) if isinstance(sources, Parts) else sources,
             each.coefficients,
-            covariance_of_all(each),
+            each.covariance,
             each.unit,
             each.n_sources,
         )

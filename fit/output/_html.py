@@ -3,32 +3,16 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import numpy as np
-
-from fit.output._report import AGREE, floor_lines, warnings_of, what_of
-from fit.output._rows import (
-    amplitude,
-    components,
-    direction,
-    is_scalar,
-    is_scaled,
-    is_seen,
-    power_rows,
-    squared,
-    vector_rows,
-    vectors_of,
-)
-from fit.output._verdict import with_all_errors
-from fit.quality import SEEN, ErrorSource
+from fit.output._answer import Answer, answer_of
+from fit.output._report import AGREE, warnings_of, what_of
+from fit.output._rows import amplitude, components, direction, is_scalar, power_rows, squared, vector_rows, vectors_of
+from fit.quality import ErrorSource
 from vsh.figures import page
 from vsh.tools.arguments import explained
 from vsh.tools.types import Table
 
 _CAPTIONS = {
-    "sky": (
-        "The sources, and the motions that were fitted to them: as dark as they are sure, grey below 2 σ, with the "
-        "errors of the verdict."
-    ),
+    "sky": ("The sources, and the motions that were fitted to them: as dark as they are sure, grey below 2 σ."),
     "spectrum": (
         "Power by degree; arrows: 95 % limits where there is no signal; dotted: what noise alone gives on average."
     ),
@@ -51,7 +35,7 @@ def html_report(
     sections: Mapping[str, Table] | None = None,
     captions: Mapping[str, str] | None = None,
     skies: Sequence[page.Shown] = (),
-    verdict: str = "",
+    answer: Answer | None = None,
 ) -> str:
     """A self-contained page about a solution.
 
@@ -79,21 +63,22 @@ def html_report(
         Captions of further figures, by name.
     skies : sequence of vsh.figures.page.Shown
         One or two solutions on a sky that can be turned, in place of the figure "sky".
-    verdict : str
-        What it comes to, in a sentence.
+    answer : Answer, optional
+        The lines to quote; those of the solution unless given.
 
     Returns
     -------
     str
         HTML that asks for nothing from any network.
     """
+    answer = answer_of(solution) if answer is None else answer
     turned = page.sky(*skies) if skies else page.Panel("")
     shown = {name: drawn for name, drawn in figures.items() if not (turned.html and name == "sky")}
     texts = {**_CAPTIONS, **(captions or {})}
     static = page.words(f"The sky of this page {page.STATIC}." if skies and not turned.html else "", "faint")
     vectors = vectors_of(solution)
     panels = [
-        page.words(f"Verdict: {verdict}." if verdict else ""),
+        page.table(["", "result"], [list(line) for line in answer.lines]) if answer.lines else page.Panel(""),
         _cards(solution),
         page.words(_warnings(solution), "warning"),
         page.heading("The sky", turned),
@@ -120,28 +105,14 @@ def _cards(solution):
         value, error = solution.mean
         items.append(("Mean", f"{value:.4g} ± {error:.2g} {solution.unit}", ""))
     for name, vector in reversed(vectors_of(solution).items()):
-        quoted = vector
-        if name in ("spin", "acceleration") and np.isfinite(solution.covariance).all():
-            vector, errors, _ = with_all_errors(solution, name)
-            if not np.allclose(vector.covariance, quoted.covariance):
-                more = f"errors {', '.join(errors)}; as fitted {amplitude(quoted, 2)}"
-                size = amplitude(vector, 2) if vector.p_value < SEEN else f"< {vector.amplitude_limit():.3g} (95 %)"
-                items.append((name.capitalize(), f"{size} {solution.unit}", more))
-                continue
-        debiased = f"; noise-debiased {vector.debiased_amplitude:.2f}" if is_seen(vector) else ""
-        more = f"{direction(vector.to_frame('galactic'))}{debiased}"
-        items.append((name.capitalize(), f"{amplitude(vector, 2)} {solution.unit}", more))
+        items.append((name.capitalize(), f"{amplitude(vector)} {solution.unit}", direction(vector)))
     more = f"{solution.chi2:.6g} / {solution.dof}; errors from {solution.errors_from}"
     whose = "" if solution.error_source == ErrorSource.CATALOGUE else ", by the catalogue's errors"
     return page.cards([*items, (f"χ² per degree of freedom{whose}", f"{solution.reduced_chi2:.3f}", more)])
 
 
 def _warnings(solution):
-    lines = [
-        f"{label}: {text}" if label == "warning" else text
-        for label, text in warnings_of(solution)
-        if label != "errors from"
-    ]
+    lines = [f"{label}: {text}" if label == "warning" else text for label, text in warnings_of(solution)]
     return ". ".join(lines) + "." if lines else ""
 
 
@@ -151,10 +122,8 @@ def _vectors(solution, truth):
         for name in vectors_of(solution)
         for row in vector_rows({name: vectors_of(solution)[name]}, truth)
     ]
-    lines = floor_lines(solution)
-    shared = f"{lines[0]}: {'; '.join(lines[1:-1])}. {lines[-1]}." if lines else ""
     heads = [f"[{solution.unit}]", "x", "y", "z", "amplitude"]
-    return (page.table(heads, rows), page.words(shared, "faint")) if rows else ()
+    return (page.table(heads, rows),) if rows else ()
 
 
 def _check(check):
@@ -175,22 +144,10 @@ def _check(check):
 
 
 def _powers(solution):
-    both = is_scaled(solution)
     rows = [
-        [
-            row.degree,
-            row.power,
-            row.debiased,
-            row.error,
-            row.p_value,
-            *([row.p_value_scaled] if both else []),
-            row.z,
-            row.mk_z,
-        ]
-        for row in power_rows(solution)
+        [row.degree, row.power, row.debiased, row.error, row.p_value, row.z, row.mk_z] for row in power_rows(solution)
     ]
-    scaled = ["p, errors scaled"] if both else []
-    heads = ["degree", f"power {squared(solution)}", "noise-debiased", "±", "p-value", *scaled, "z", "M&K Z"]
+    heads = ["degree", f"power {squared(solution)}", "noise-debiased", "±", "p-value", "z", "M&K Z"]
     hint = page.words("Click a heading to sort.", "faint")
     return page.heading("Power by degree", hint, page.table(heads, rows, sortable=True))
 

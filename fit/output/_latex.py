@@ -1,89 +1,101 @@
-"""A solution as a LaTeX table."""
+"""A solution as a LaTeX table that can stand in a paper: one float with caption and label."""
 
 import re
 from typing import Any
 
-import numpy as np
-
-from fit.output._rows import amplitude, components, direction, is_scalar, p_value, vectors_of
-from fit.output._verdict import with_all_errors
-from fit.quality import SEEN
+from fit.output._answer import Answer, answer_of
+from fit.output._rows import amplitude, components, is_scalar, p_value, vectors_of
 from fit.spectrum import spectrum
 from vsh.io.tables import two_digits
 from vsh.tools.arguments import choice
 
-_SYMBOLS = {
-    "spin": r"$\omega$",
-    "acceleration": r"$\tilde a$",
-    "dipole": "dipole",
-    "rotation": "rotation",
-    "glide": "glide",
+_SYMBOLS = {"spin": r"Spin $\omega$", "acceleration": r"Acceleration $\tilde a$"}
+#: Rules of each style: above, within and below; siunitx takes those of booktabs.
+_RULES = {
+    "booktabs": (r"\toprule", r"\midrule", r"\bottomrule"),
+    "siunitx": (r"\toprule", r"\midrule", r"\bottomrule"),
+    "aa": (r"\hline\hline", r"\hline", r"\hline"),
+    "mnras": (r"\hline", r"\hline", r"\hline"),
+    "aastex": ("", r"\hline", ""),
 }
+#: Signs of a sentence in LaTeX.
+_SIGNS = {
+    "%": r"\%", "_": r"\_", "&": r"\&", "#": r"\#", "χ²": r"$\chi^2$", "±": r"$\pm$", "°": r"$^\circ$",
+    "α": r"$\alpha$", "δ": r"$\delta$", "λ": r"$\lambda$", "β": r"$\beta$", "σ": r"$\sigma$", "−": "$-$",
+    "µas/yr": r"$\mu$as\,yr$^{-1}$", "µas": r"$\mu$as", "…": r"\ldots ", "<": "$<$", ">": "$>$",
+}  # fmt: skip
+_STYLES = tuple(_RULES)
 
-#: How each style begins and ends, and its rules.
-_STYLES = {
-    "booktabs": (r"\begin{tabular}{lcccc}", r"\toprule", r"\midrule", r"\bottomrule", r"\end{tabular}"),
-    "siunitx": (r"\begin{tabular}{lcccc}", r"\toprule", r"\midrule", r"\bottomrule", r"\end{tabular}"),
-    "aastex": (r"\begin{deluxetable}{lcccc}", r"\startdata", r"\hline", r"\enddata", r"\end{deluxetable}"),
-    "aa": (r"\begin{table}\begin{tabular}{lcccc}", r"\hline\hline", r"\hline", r"\hline", r"\end{tabular}\end{table}"),
-}
 
-
-def latex_of(solution: Any, style: str = "booktabs", verdict: str | None = None) -> str:
-    """Spin, acceleration, or mean and dipole of a scalar field, and powers as a LaTeX table.
+def latex_of(solution: Any, style: str = "booktabs", *, full: bool = False, answer: Answer | None = None) -> str:
+    """Acceleration and spin, or mean and dipole of a scalar field, as a LaTeX table.
 
     Parameters
     ----------
     solution : Solution
         What was fitted.
-    style : {"booktabs", "siunitx", "aastex", "aa"}
+    style : {"booktabs", "siunitx", "aastex", "aa", "mnras"}
         As for `Solution.latex`.
-    verdict : str, optional
-        The last line; that of the solution unless given.
+    full : bool
+        Add the power of each degree.
+    answer : Answer, optional
+        The lines to quote, for the caption; those of the solution unless given.
     """
-    begin, top, rule, bottom, end = _STYLES[choice("style", style, tuple(_STYLES))]
-    unit = _tex(solution.unit).replace("µas/yr", r"\textmu as\,yr$^{-1}$").replace("µ", r"\textmu ")
-    lines = [begin, top]
+    above, within, below = _RULES[choice("style", style, _STYLES)]
+    unit = _unit(solution.unit)
+    head = r" & $x$ & $y$ & $z$ & amplitude \\"
+    units = rf" & \multicolumn{{4}}{{c}}{{({unit})}} \\" if unit else ""
+    body = []
     if is_scalar(solution):
         value, error = solution.mean
-        lines.append(rf"mean [{unit}] & ${value:.4g} \pm {error:.2g}$ & & & \\")
-    lines += [r" & $x$ & $y$ & $z$ & amplitude \\", rule]
-    for name, vector in vectors_of(solution).items():
-        digits = two_digits(vector.sigma)
-        cells = [_number(cell, style) for cell in (*components(vector, digits), amplitude(vector, digits))]
-        lines.append(rf"{_SYMBOLS[name]} [{unit}] & " + " & ".join(cells) + r" \\")
-    lines += [rule, r" & power & noise-debiased & error & $p$-value \\", rule]
+        body.append(rf"Mean & ${value:.4g} \pm {error:.2g}$ & & & \\")
+    for name, vector in reversed(vectors_of(solution).items()):
+        cells = [_number(cell, style) for cell in (*components(vector), amplitude(vector))]
+        body.append(rf"{_SYMBOLS.get(name, name.capitalize())} & " + " & ".join(cells) + r" \\")
+    if full:
+        body += [within, *_powers(solution, style)]
+    caption = _caption(solution, answer_of(solution) if answer is None else answer)
+    label = r"\label{tab:vsh}"
+    if style == "aastex":
+        heads = " & ".join(rf"\colhead{{{each}}}" for each in ("", "$x$", "$y$", "$z$", "amplitude"))
+        more = rf"\\ \colhead{{}} & \multicolumn4c{{({unit})}}" if unit else ""
+        lines = [
+            r"\begin{deluxetable*}{lcccc}",
+            rf"\tablecaption{{{caption}{label}}}",
+            rf"\tablehead{{{heads}{more}}}",
+            r"\startdata",
+            *body[:-1],
+            body[-1].removesuffix(r" \\"),
+            r"\enddata",
+            r"\end{deluxetable*}",
+        ]
+    else:
+        lines = [r"\begin{table*}", rf"\caption{{{caption}}}", label, r"\centering", r"\begin{tabular}{lcccc}"]
+        lines += [above, head, units, within, *body, below, r"\end{tabular}", r"\end{table*}"]
+    return "\n".join(line for line in lines if line) + "\n"
+
+
+def _powers(solution, style):
+    """Rows of the power of each degree, without its noise."""
+    lines = [rf"Power & noise-debiased & error & $p$-value & {_squared(solution.unit)} \\"]
     for power in spectrum(solution):
         digits = two_digits(power.error)
-        shown = (*(f"{each:.{digits}f}" for each in (power.power, power.debiased, power.error)), p_value(power.p_value))
-        lines.append(rf"${power.kind}_{{{power.l}}}$ & " + " & ".join(_number(c, style) for c in shown) + r" \\")
-    facts = _facts(solution, verdict)
-    lines += [rule, *(rf"\multicolumn{{5}}{{p{{0.9\linewidth}}}}{{{words}}} \\" for words in facts)]
-    return "\n".join([*lines, bottom, end]) + "\n"
+        shown = (*(f"{each:.{digits}f}" for each in (power.debiased, power.error)), p_value(power.p_value))
+        cells = " & ".join(_number(c, style) for c in shown)
+        lines.append(rf"$P^{{\rm {power.kind}}}_{{{power.l}}}$ & {cells} & \\")
+    return lines
 
 
-def _facts(solution, verdict):
-    """The last lines of a table: sources, degrees, χ², errors, directions, and what it comes to."""
+def _caption(solution, answer):
+    """What was fitted to what, and the answer where the vectors have one."""
+    what = " and ".join(reversed(vectors_of(solution))).capitalize()
+    frame = "ICRS" if solution.frame == "icrs" else solution.frame
     facts = [
-        f"{solution.n_sources} sources, degrees {solution.modes.lowest} to {solution.modes.lmax}, {solution.frame} "
-        f"axes, χ²/dof = {solution.reduced_chi2:.3f}, errors from {solution.errors_from}"
+        f"{what} of {solution.n_sources} sources, {frame} axes, "
+        f"degrees {solution.modes.lowest} to {solution.modes.lmax}, χ²/dof = {solution.reduced_chi2:.3f}"
     ]
-    for name, vector in vectors_of(solution).items():
-        whole = vector
-        if name in ("spin", "acceleration") and np.isfinite(solution.covariance).all():
-            whole, _, _ = with_all_errors(solution, name)
-        if whole.amplitude > 0 and whole.p_value < SEEN:
-            other = "" if np.array_equal(whole.covariance, vector.covariance) else ", by the errors of the verdict"
-            facts.append(f"{name} {direction(whole)}{other}")
-    said = solution.verdict if verdict is None else verdict
-    return [_words(each) for each in (*facts, *([said] if said else []))]
-
-
-#: Signs of a sentence in LaTeX.
-_SIGNS = {
-    "%": r"\%", "_": r"\_", "&": r"\&", "χ²": r"$\chi^2$", "±": r"$\pm$", "°": r"$^\circ$", "α": r"$\alpha$",
-    "δ": r"$\delta$", "µas": r"\textmu as", "…": r"\ldots ",
-}  # fmt: skip
+    facts += [f"{label.capitalize() if label.islower() else label}: {text}" for label, text in answer.lines]
+    return " ".join(f"{_powers_of_ten(_words(fact))}." for fact in facts)
 
 
 def _words(text):
@@ -93,13 +105,26 @@ def _words(text):
     return text
 
 
+def _powers_of_ten(text):
+    return re.sub(r"(\d(?:\.\d+)?)e([+-]?\d+)", lambda m: rf"${m[1]} \times 10^{{{int(m[2])}}}$", text)
+
+
+def _unit(unit):
+    return _words(unit)
+
+
+def _squared(unit):
+    """The unit of powers."""
+    return rf"(({_words(unit)})$^2$)" if unit else ""
+
+
 def _number(cell, style):
     """A printed number, or one with its error, in a style."""
     both = re.fullmatch(r"([+-]?[\d.]+(?:e[+-]?\d+)?)(?: ± ([\d.]+))?", cell)
     if style == "siunitx" and both:
         return rf"\num{{{both[1]}{f' +- {both[2]}' if both[2] else ''}}}"
-    limit = re.fullmatch(r"< +([\d.]+) \((\d+) %\)", cell)
-    return rf"$<{limit[1]}$ ({limit[2]}\,\%)" if limit else f"${_tex(cell)}$"
+    limit = re.fullmatch(r"< +([\d.e+-]+) \((\d+) %\)", cell)
+    return rf"$<{_tex(limit[1])}$ ({limit[2]}\,\%)" if limit else f"${_tex(cell)}$"
 
 
 def _tex(cell):

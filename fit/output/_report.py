@@ -5,51 +5,58 @@ from typing import Any
 
 import numpy as np
 
-from fit.output._rows import (
-    components,
-    direction,
-    is_scalar,
-    is_scaled,
-    is_seen,
-    power_rows,
-    squared,
-    vector_rows,
-    vectors_of,
-)
-from fit.quality import ErrorSource, solution_of
+from fit.output._answer import answer_of
+from fit.output._rows import components, direction, is_scalar, is_seen, power_rows, squared, vector_rows, vectors_of
+from fit.quality import ErrorSource, printed_p_value, solution_of
+from fit.spectrum import spectrum
+from vsh.io.tables import two_digits
 from vsh.tools.printing import printable
 
 WIDTH = 88
 
 
-def report(solution: Any, *, check: Any = None, truth: dict[str, Any] | None = None, source: str | None = None) -> str:
-    """The text of a solution, perhaps with a cross-check, the truth of a simulation, and what was fitted."""
+def report(
+    solution: Any,
+    *,
+    check: Any = None,
+    truth: dict[str, Any] | None = None,
+    source: str | None = None,
+    long: bool = False,
+    answer: bool = True,
+) -> str:
+    """The text of a solution, perhaps with a cross-check, the truth of a simulation, and what was fitted.
+
+    With `long` it has formal errors, where the errors come from, and powers with their normal deviates; without
+    `answer` it lacks the lines to quote.
+    """
     solution = solution_of(solution, "report")
-    sections = [_heading(solution, source)]
+    lines = str(answer_of(solution)) if answer else ""
+    sections = [lines] if lines else []
+    sections.append(_heading(solution, source, long))
     if np.isnan(solution.coefficients.values).all():
         sections.append(_predicted(solution))
     else:
-        sections += [_vectors(solution, truth or {}), *_floor(solution), _degrees(solution)]
-    if check is not None:
+        sections += [_vectors(solution, truth or {}, long), _degrees(solution) if long else _powers(solution)]
+    if check is not None and (long or not check.largest < AGREE):
         sections.append(report_check(check))
     if solution.notes:
         sections.append("Notes\n" + "\n".join(f"  - {note}" for note in solution.notes))
     return "\n\n".join(sections) + "\n"
 
 
-def _heading(solution, source):
+def _heading(solution, source, long):
     modes = solution.modes
-    lines = [what_of(solution), "─" * WIDTH]
-    if source:
-        lines.append(f"catalogue      {printable(source)}")
-    lines += [
-        f"sources        {solution.n_sources}",
-        f"frame          {solution.frame}",
-        f"degree         {modes.lowest} to {modes.lmax}: {len(modes)} coefficients",
-    ]
+    named = f"{printable(source)}: " if source else ""
+    facts = f"{solution.n_sources} sources, {solution.frame} axes, degrees {modes.lowest} to {modes.lmax}"
     if np.isfinite(solution.chi2):
-        whose = "" if solution.error_source == ErrorSource.CATALOGUE else " (by the catalogue's errors)"
-        lines.append(f"χ²/dof         {solution.chi2:.6g} / {solution.dof} = {solution.reduced_chi2:.3f}{whose}")
+        facts += f", χ²/dof = {solution.reduced_chi2:.3f}"
+    lines = [what_of(solution), f"{named}{facts}"]
+    if long:
+        lines.append(f"{'coefficients':15}{len(modes)}")
+        if np.isfinite(solution.chi2):
+            whose = "" if solution.error_source == ErrorSource.CATALOGUE else " (by the catalogue's errors)"
+            lines.append(f"{'χ²/dof':15}{solution.chi2:.6g} / {solution.dof}{whose}")
+        lines.append(f"{'errors from':15}{solution.errors_from}")
     lines += [f"{label:15}{text}" for label, text in warnings_of(solution)]
     return "\n".join(lines)
 
@@ -61,13 +68,6 @@ def what_of(solution: Any) -> str:
     return f"Vector spherical harmonics of {'differences of position' if solution.unit == 'µas' else 'proper motions'}"
 
 
-#: Where residuals are larger than errors.
-NEXT_STEP = (
-    "next: --robust student (fit.robust.student_t) gives less weight to sources that scatter more than their errors "
-    "say, and takes its errors from the residuals"
-)
-
-
 #: A fit of fewer numbers for each coefficient is warned of.
 _FEW = 4
 
@@ -75,16 +75,9 @@ _FEW = 4
 def warnings_of(solution: Any) -> list[tuple[str, str]]:
     """What the reader of any form of a solution should know of its errors: pairs of a label and a sentence."""
     warnings = []
-    if solution.error_source != ErrorSource.CATALOGUE:
-        warnings.append(("errors from", solution.errors_from))
     warning = solution.quality.warning()
     if warning and solution.error_source == ErrorSource.CATALOGUE:
-        warnings.append(("warning", warning))
-        if solution.quality.factor > 1:
-            warnings.append(("", "the errors below are not scaled by that; p-values are given for both"))
-            warnings.append(("", NEXT_STEP))
-    elif warning and solution.quality.factor > 1:
-        warnings.append(("", f"{warning}; those below do not rest on the catalogue's"))
+        warnings.append(("warning", f"{warning}; those below are not scaled"))
     lost = [l for l in range(solution.modes.lowest, solution.modes.lmax + 1) if solution.covariance_dof < 2 * l + 1]
     if lost:
         warnings.append(
@@ -123,55 +116,54 @@ def _predicted(solution):
     return "\n".join(lines)
 
 
-def _vectors(solution, truth):
-    rows = list(vector_rows(vectors_of(solution), truth))
+def _vectors(solution, truth, long):
+    vectors = vectors_of(solution)
+    rows = list(vector_rows(vectors, truth))
     lines = []
     if is_scalar(solution):
         value, error = solution.mean
         lines = [f"{'mean':14}{value:+.4g} ± {error:.2g} {solution.unit}"]
     if not rows:
         return "\n".join(lines)
+    formal = vectors_of(solution.formal) if long and solution.formal is not solution else {}
     wide = max(16, *(len(cell) + 2 for row in rows for cell in row.cells))  # large values do not run together
     last = max(22, *(len(row.amplitude) + 2 for row in rows))
     lines.append(f"{f'[{solution.unit}]':14}" + "".join(f"{axis:>{wide}}" for axis in "xyz") + f"{'amplitude':>{last}}")
     for row in rows:
         label = f"  {row.name}" if row.is_truth else row.name
         lines.append(f"{label:14}" + "".join(f"{cell:>{wide}}" for cell in row.cells) + f"{row.amplitude:>{last}}")
-    lines.append("")
-    for name, vector in vectors_of(solution).items():
-        other = vector.to_frame("galactic" if vector.frame != "galactic" else "icrs")
-        lines.append(f"{name:14}{direction(vector)}")
-        debiased = f"; noise-debiased amplitude {vector.debiased_amplitude:.3f}" if is_seen(vector) else ""
-        lines.append(f"{'':14}{direction(other)}{debiased}")
+        if not row.is_truth and row.name in formal:
+            cells = (cell.partition("± ")[2] for cell in components(formal[row.name]))
+            lines.append(f"{'  formal error':14}" + "".join(f"{f'± {cell}':>{wide}}" for cell in cells))
+    for name, vector in vectors.items():
+        if is_seen(vector) or not vector.amplitude_error > 0:
+            other = vector.to_frame("galactic" if vector.frame != "galactic" else "icrs")
+            lines.append(f"{name:14}{direction(vector)}; {direction(other).removeprefix('towards ')}")
     return "\n".join(lines)
 
 
-def _floor(solution):
-    lines = floor_lines(solution)
-    if not lines and solution.modes.lmax >= 3 and solution.unit == "µas/yr" and not solution.by_prior:
-        return [
-            "Errors that sources share were not estimated, and are not in the errors above: fit.background.add_floor"
-        ]
-    return [lines[0] + ":\n  " + "\n  ".join(lines[1:])] if lines else []
+def _powers(solution):
+    """The power of each degree without its noise, and its p-value: a line a degree."""
+    kinds = {"T": "toroidal", "S": "spheroidal", "F": "power"}
+    powers = {(each.kind, each.l): each for each in spectrum(solution)}
+    shown = [kind for kind in kinds if any(kind == each for each, _ in powers)]
+    unit = f" {squared(solution)}" if squared(solution) else ""
+    lines = [f"Power by degree{unit} without its noise, and the p-value of as much from noise alone"]
+    lines.append(f"{'degree':8}" + "".join(f"{kinds[kind]:>20}{'p':>10}" for kind in shown))
+    for l in sorted({l for _, l in powers}):
+        cells = [_power(powers[kind, l]) if (kind, l) in powers else f"{'':30}" for kind in shown]
+        lines.append(f"{l:<8}{''.join(cells)}".rstrip())
+    return "\n".join(lines)
 
 
-def floor_lines(solution: Any) -> tuple[str, ...]:
-    """The floor that was estimated beside a solution: a heading, then lines; none where it has none."""
-    floor = solution.floor
-    if floor is None:
-        return ()
-    degrees = f"{floor.degrees[0]} to {floor.degrees[-1]}"
-    lines = [f"Errors that sources share, from the power of degrees {degrees}; not in the errors above"]
-    for name, error, (low, high) in (
-        ("spin", floor.spin_error, floor.spin_interval),
-        ("acceleration", floor.acceleration_error, floor.acceleration_interval),
-    ):
-        lines.append(f"{name:14}± {error:.3f} µas/yr in each component ({low:.3f} … {high:.3f}, 68 %)")
-    return (*lines, "--floor, or fit.solve(normal, floor=fit.background.floor(normal)) in Python, includes them")
+def _power(power):
+    """The power of a degree with its error and its p-value."""
+    digits = two_digits(power.error)
+    value = f"{power.debiased:.{digits}f} ± {power.error:.{digits}f}"
+    return f"{value:>20}{printed_p_value(power.p_value):>10}"
 
 
 def _degrees(solution):
-    both = is_scaled(solution)
     law = "exact χ², any sky" if np.isinf(solution.covariance_dof) else "Hotelling's T²: the errors are estimates"
     lines = [
         (
@@ -179,16 +171,12 @@ def _degrees(solution):
             "noise-debiased, its error; the p-value of as much"
         ),
         f"from noise alone ({law}) and its normal deviate z; Mignard & Klioner's Z (uniform sky)",
-        *(["p scaled: with errors multiplied by √(χ²/dof)"] if both else []),
-        f"{'':8}{'power':>13}{'debiased':>13}{'±':>11}{'√power':>9}{'p-value':>11}"
-        + (f"{'p scaled':>11}" if both else "")
-        + f"{'z':>8}{'M&K Z':>8}",
+        f"{'':8}{'power':>13}{'debiased':>13}{'±':>11}{'√power':>9}{'p-value':>11}{'z':>8}{'M&K Z':>8}",
     ]
     for row in power_rows(solution):
         lines.append(
             f"{row.degree:8}{row.power:>13}{row.debiased:>13}{row.error:>11}{row.root:>9}{row.p_value:>11}"
-            + (f"{row.p_value_scaled:>11}" if both else "")
-            + f"{row.z:>8}{row.mk_z:>8}"
+            f"{row.z:>8}{row.mk_z:>8}"
         )
     return "\n".join(lines)
 
@@ -231,17 +219,15 @@ def html_of(solution: Any) -> str:
     )
     warned = [f"{label}: {words}" for label, words in warnings_of(solution) if label == "warning"]
     notes = "".join(f"<li>{escape(str(note))}</li>" for note in (*warned, *solution.notes))
-    toward = "".join(
-        f"<li>{name} {escape(direction(vector))}</li>"
-        for name, vector in vectors_of(solution).items()
-        if not np.isnan(vector.amplitude)
-    )
+    answer = "".join(f"<tr><th>{label}</th><td>{escape(text)}</td></tr>" for label, text in answer_of(solution).lines)
     return (
-        f"<p><b>Vector spherical harmonics</b>, degree 1 to {solution.modes.lmax}: {solution.n_sources} sources, "
+        f"<table>{answer}</table><p><b>Vector spherical harmonics</b>, degree 1 to {solution.modes.lmax}: "
+        f"{solution.n_sources} sources, "
         f"{escape(solution.frame)} axes, χ²/dof {solution.reduced_chi2:.3f}, errors from "
-        f"{escape(solution.errors_from)}</p><table><tr><th>[µas/yr]</th><th>x</th><th>y</th><th>z</th><th>amplitude</th></tr>{rows}</table><table><tr><th>degree</th><th>power"
+        f"{escape(solution.errors_from)}</p><table><tr><th>[µas/yr]</th><th>x</th><th>y</th><th>z</th>"
+        f"<th>amplitude</th></tr>{rows}</table><table><tr><th>degree</th><th>power"
         f" [(µas/yr)²]</th><th>noise-debiased</th><th>±</th><th>p-value</th></tr>{powers}</table>"
-        + (f"<ul>{toward}{notes}</ul>" if toward or notes else "")
+        + (f"<ul>{notes}</ul>" if notes else "")
     )
 
 

@@ -5,15 +5,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from fit.quality import SEEN
 from fit.quality import printed_p_value as p_value
 from fit.spectrum import spectrum
 from vsh.io import tables
+from vsh.io.tables import three_digits, two_digits
 from vsh.sky.frames import ANGLES
 from vsh.tools.types import FloatArray, Table
 from vsh.vector import Vector
-
-#: From this signal to noise on, a length has a symmetric error.
-_SURE = 3.0
 
 
 class VectorRow(NamedTuple):
@@ -34,9 +33,9 @@ def vector_rows(vectors: Mapping[str, Vector], truth: Mapping[str, Vector] | Non
         if true is not None:
             true = true.to_frame(vector.frame)
             cells = zip(true.value, pulls(vector, true), strict=True)
-            rows.append(
-                VectorRow("truth", tuple(f"{t:+.3f} ({d:+.1f}σ)" for t, d in cells), f"{true.amplitude:.3f}", True)
-            )
+            digits = two_digits(vector.sigma)
+            shown = tuple(f"{t:+.{digits}f} ({d:+.1f}σ)" for t, d in cells)
+            rows.append(VectorRow("truth", shown, f"{true.amplitude:.{digits}f}", True))
     return rows
 
 
@@ -63,42 +62,45 @@ def pulls(vector: Vector, true: Vector) -> FloatArray:
     return (vector.value - true.to_frame(vector.frame).value) / vector.sigma
 
 
-def components(vector: Vector, digits: int = 3) -> tuple[str, ...]:
-    """Three components with their errors."""
+def components(vector: Vector) -> tuple[str, ...]:
+    """Three components with their errors, of which the smallest has two digits."""
+    digits = two_digits(vector.sigma)
     pairs = zip(vector.value, vector.sigma, strict=True)
     return tuple(f"± {s:.{digits}f}" if np.isnan(v) else f"{v:+.{digits}f} ± {s:.{digits}f}" for v, s in pairs)
 
 
-def amplitude(vector: Vector, digits: int = 3) -> str:
-    """Length with its error; at low signal to noise its 68 % interval, or an upper limit where not significant."""
+def amplitude(vector: Vector) -> str:
+    """Length with its error where the vector is detected, otherwise its upper limit."""
     if np.isnan(vector.amplitude):  # errors of a fit that is to come
         return ""
     if not vector.amplitude_error > 0:
-        return f"{vector.amplitude:.{digits}f}"
-    if vector.amplitude >= _SURE * vector.amplitude_error:
+        return f"{vector.amplitude:.3f}"
+    if is_seen(vector):
+        digits = two_digits(vector.amplitude_error)
         return f"{vector.amplitude:.{digits}f} ± {vector.amplitude_error:.{digits}f}"
-    if vector.p_value > 0.05 or vector.dof < 3:
-        return f"< {vector.amplitude_limit(0.95):.{digits}f} (95 %)"
-    low, high = vector.amplitude_interval(0.68)
-    return f"{low:.{digits}f} … {high:.{digits}f} (68 %)"
+    return f"< {three_digits(vector.amplitude_limit(0.95))} (95 %)"
 
 
 def is_seen(vector: Vector) -> bool:
-    """Whether there is an amplitude and a direction to speak of; otherwise a limit says all there is."""
-    return bool(vector.p_value <= 0.05)
+    """Whether a vector is detected: whether there is an amplitude and a direction to speak of."""
+    return bool(vector.p_value < SEEN)
+
+
+def place(vector: Vector) -> str:
+    """Where a vector points, with its cone of 68 %: "α = 269°, δ = −28° (± 7°)"."""
+    names = ANGLES[vector.frame]
+    listed = ", ".join(f"{name} = {value:.0f}°" for name, value in zip(names, vector.direction, strict=True))
+    return f"{listed} (± {vector.direction_cone():.0f}°)"
 
 
 def direction(vector: Vector) -> str:
-    """Where a vector points: "toward …", named after the frame, with errors; at low signal to noise with a cone."""
+    """Where a vector points, named after the frame: with errors, or with a cone where they are large."""
     names = ANGLES[vector.frame]
     errors = vector.direction_error
-    if vector.amplitude_error > 0 and (vector.amplitude < _SURE * vector.amplitude_error or max(errors) > 40):
-        place = ", ".join(f"{name} = {value:+.1f}°" for name, value in zip(names, vector.direction, strict=True))
-        if vector.p_value > 0.05 or vector.dof < 3:
-            return f"direction not determined (fitted: {place})"
-        return f"toward {place}, within {vector.direction_cone():.0f}° (68 %)"
-    pairs = zip(names, vector.direction, errors, strict=True)
-    return "toward " + ", ".join(f"{name} = {value:+6.1f} ± {error:.1f}°" for name, value, error in pairs)
+    if not vector.amplitude_error > 0 or (is_seen(vector) and max(errors) <= 40):
+        pairs = zip(names, vector.direction, errors, strict=True)
+        return "towards " + ", ".join(f"{name} = {value:.1f} ± {error:.1f}°" for name, value, error in pairs)
+    return f"towards {place(vector)}" if is_seen(vector) else "direction not determined"
 
 
 class PowerRow(NamedTuple):
@@ -110,14 +112,12 @@ class PowerRow(NamedTuple):
     error: str
     root: str
     p_value: str
-    p_value_scaled: str
     z: str
     mk_z: str
 
 
 def power_rows(solution: Any) -> list[PowerRow]:
-    """Rows of the table of powers; the second p-value is with errors scaled by √(χ²/dof) where χ² asks for it."""
-    scaled = spectrum(solution.scaled)
+    """Rows of the table of powers."""
     return [
         PowerRow(
             f"{d.kind}{d.l}",
@@ -126,17 +126,11 @@ def power_rows(solution: Any) -> list[PowerRow]:
             f"{d.error:.3g}",
             f"{np.sqrt(d.power):.3g}",
             p_value(d.p_value),
-            p_value(s.p_value),
             f"{d.z:.2f}",
             f"{d.mk_z:.2f}",
         )
-        for d, s in zip(spectrum(solution), scaled, strict=True)
+        for d in spectrum(solution)
     ]
-
-
-def is_scaled(solution: Any) -> bool:
-    """Whether p-values are shown twice: as quoted, and with scaled errors."""
-    return solution.scaled is not solution
 
 
 def cell(value: Any) -> str:
@@ -149,45 +143,37 @@ def cell(value: Any) -> str:
 def vectors_table(solution: Any) -> Table:
     """Spin and acceleration (rotation and glide; a dipole) as an astropy Table, a row each.
 
-    lon and lat are nan where the direction is that of noise; fitted_lon and fitted_lat are there always.
+    Errors are those of the result; formal ones, N⁻¹ by the weights of the fit, stand beside them. lon and lat are nan
+    where the vector is not detected; fitted_lon and fitted_lat are there always.
     """
-    vectors = vectors_of(solution)
-    names = (
-        "amplitude",
-        "amplitude_error",
-        "debiased_amplitude",
-        "limit_95",
-        "lon",
-        "lat",
-        "lon_error",
-        "lat_error",
-        "p_value",
-        "fitted_lon",
-        "fitted_lat",
-    )
-    # The chance of a degree knows of how many replicates the errors are; a vector does not.
-    chances = {d.kind: d.p_value for d in spectrum(solution) if d.l == 1}
-    kinds = dict(zip(vectors, "TS" if len(vectors) > 1 else "S", strict=False))
+    vectors, formal = vectors_of(solution), vectors_of(solution.formal)
+    lengths = ("amplitude", "amplitude_error", "debiased_amplitude", "low_68", "high_68", "limit_95")
+    angles = ("lon", "lat", "lon_error", "lat_error", "fitted_lon", "fitted_lat")
     rows = [
         (
             *v.value,
             *v.sigma,
+            *formal[name].sigma,
             *v.covariance[np.triu_indices(3, 1)],
             v.amplitude,
             v.amplitude_error,
             v.debiased_amplitude if is_seen(v) else np.nan,
+            *v.amplitude_interval(0.68),
             v.amplitude_limit(0.95),
             *((*v.direction, *v.direction_error) if is_seen(v) else (np.nan,) * 4),
-            chances.get(kinds[name], v.p_value),
             *v.direction,
+            v.p_value,
         )
         for name, v in vectors.items()
     ]
-    heads = ("x", "y", "z", "sigma_x", "sigma_y", "sigma_z", "cov_xy", "cov_xz", "cov_yz", *names)
+    axes = ("x", "y", "z")
+    components = (*axes, *(f"sigma_{axis}" for axis in axes), *(f"formal_sigma_{axis}" for axis in axes))
+    products = ("cov_xy", "cov_xz", "cov_yz")
+    heads = (*components, *products, *lengths, *angles, "p_value")
     values = np.array(rows, float).reshape(-1, len(heads)).T
     unit = solution.unit.replace("µ", "u")  # as astropy writes it
-    units = dict.fromkeys(heads[:6] + names[:4], unit) | dict.fromkeys(heads[6:9], _squared(unit))
-    units |= dict.fromkeys((*names[4:8], *names[9:]), "deg")
+    units = dict.fromkeys((*components, *lengths), unit) | dict.fromkeys(products, _squared(unit))
+    units |= dict.fromkeys(angles, "deg")
     meta = {
         "frame": solution.frame,
         "lmax": solution.modes.lmax,
@@ -196,8 +182,11 @@ def vectors_table(solution: Any) -> Table:
         "chi2": float(solution.chi2),
         "reduced_chi2": float(solution.reduced_chi2),
         "errors_from": solution.errors_from,
+        "error_source": str(solution.error_source),
+        "includes_floor": bool(solution.includes_floor),
     }
     columns = {"name": np.array(list(vectors), str)} | dict(zip(heads, values, strict=True))
+    columns["detected"] = np.array([is_seen(v) for v in vectors.values()], bool)
     return tables.table_of(columns, meta, {name: each for name, each in units.items() if each})
 
 

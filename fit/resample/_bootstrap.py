@@ -29,8 +29,7 @@ from vsh.tools.arguments import between, choice, generator
 from vsh.tools.errors import ParameterError
 from vsh.tools.logs import logged
 from vsh.tools.parallel import map_blocks, progress_bar
-from vsh.tools.types import Axes, FloatArray, Rng, Table
-from vsh.vector import Vector
+from vsh.tools.types import FloatArray, Rng
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,17 +52,10 @@ class Resampled(AboutSolution):
     replicates: FloatArray
     covariance: FloatArray
 
-    def report(self) -> str:
-        """The solution with these errors, as text."""
-        return self.resampled_solution.report()
-
-    def to_table(self) -> Table:
-        """The coefficients with these errors as an astropy Table, a row each."""
-        return self.resampled_solution.to_table()
-
-    def plot(self, *, ax: Axes | None = None) -> Axes:
-        """Power by degree with these errors on matplotlib axes."""
-        return self.resampled_solution.plot(ax=ax)
+    @property
+    def quoted(self) -> Solution:
+        """The solution with these errors."""
+        return self.resampled_solution
 
     @property
     def samples(self) -> FloatArray:
@@ -88,16 +80,6 @@ class Resampled(AboutSolution):
             error_source=ErrorSource.JACKKNIFE if self.method == "jackknife" else ErrorSource.BOOTSTRAP,
             covariance_dof=dof,
         )
-
-    @property
-    def spin(self) -> Vector:
-        """The spin with these errors, a Vector. [µas/yr]"""
-        return self.resampled_solution.spin
-
-    @property
-    def acceleration(self) -> Vector:
-        """The acceleration with these errors, a Vector. [µas/yr]"""
-        return self.resampled_solution.acceleration
 
     def interval(self, probability: float = 0.68) -> FloatArray:
         """Lower and upper end of each coefficient's interval of `probability`, (2, p). [µas/yr]

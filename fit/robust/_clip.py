@@ -181,7 +181,7 @@ def clip(
         if kept in seen:
             raise ConvergenceError(
                 f"the clipping oscillates after {rounds} rounds: {swing} sources are alternately clipped and kept at "
-                f"X ≈ {limit:.3g}. Take another kappa, or the absolute threshold={limit * 1.02:.3g} (--clip-threshold)"
+                f"X ≈ {limit:.3g}. Take another kappa, or the absolute threshold={limit * 1.02:.3g}"
             )
         seen.add(kept)
         before = distances, limit

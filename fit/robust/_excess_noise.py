@@ -105,7 +105,7 @@ def excess_noise(
         if scale and parameters[0] > 100:
             raise ConvergenceError(
                 f"beside an excess noise {np.sqrt(parameters[0]):.3g} times as large as the errors no factor on them "
-                "can be told: fit without one (scale=False, --excess-noise add)"
+                "can be told: fit without one (scale=False, --method excess-noise)"
             )
         away = ", ".join(f"{step:+.2g}" for step in steps)
         raise ConvergenceError(

@@ -111,8 +111,8 @@ class Flow(Result):
         ]
         for radius in self._radii():
             v = self.bulk(radius)
-            cells = "".join(f"{cell:>17}" for cell in components(v, 0))
-            lines.append(f"{radius:8.0f}{cells}  |V| {amplitude(v, 0)}  {direction(v.to_frame('galactic'))}")
+            cells = "".join(f"{cell:>17}" for cell in components(v))
+            lines.append(f"{radius:8.0f}{cells}  |V| {amplitude(v)}  {direction(v.to_frame('galactic'))}")
         return "\n".join(lines) + "\n"
 
     def to_table(self) -> Table:

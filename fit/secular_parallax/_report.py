@@ -119,8 +119,8 @@ def _velocity(solution, quality):
     from_none = float(v.value @ np.linalg.solve(v.covariance, v.value))
     return [
         f"for H0 = {solution.assumed_hubble:g} km/s/Mpc; toward the apex (galaxies move toward the antapex) [km/s]",
-        f"{'velocity':14}{_cells(components(v, 1))}  |v| {_equal(amplitude(v, 1))}",
-        f"{'galactic':14}{_cells(components(galactic, 1))}",
+        f"{'velocity':14}{_cells(components(v))}  |v| {_equal(amplitude(v))}",
+        f"{'galactic':14}{_cells(components(galactic))}",
         f"{'apex':14}{direction(galactic)}"
         + (f"; noise-debiased |v| {v.debiased_amplitude:.1f}" if is_seen(v) else ""),
         f"zero velocity: {_both(from_none, 3, quality)}",

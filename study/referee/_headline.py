@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from fit.background import Floor
-from fit.recommended import Recommended
+from fit.methods import Recommended
 from fit.solution import Solution
 from study.referee._quasars import Quasars
 from vsh.tools.notebook import InNotebook
@@ -12,13 +12,13 @@ from vsh.vector import Vector
 
 @dataclass(frozen=True, eq=False)
 class Headline(InNotebook):
-    """The recommended fit of all sources, the same as that of `vsh-fit --recommended`.
+    """The recommended fit of all sources, the same as that of `vsh-fit`.
 
     Attributes
     ----------
     fit : Recommended
     verdict : str
-        In words.
+        The result to quote, in one sentence.
     """
 
     fit: Recommended
@@ -36,13 +36,13 @@ class Headline(InNotebook):
 
     @property
     def p_acceleration(self) -> float:
-        """Probability of as large an acceleration by chance, the mean over the posterior of the floor."""
-        return self.fit.p_values[0]
+        """Probability of as large an acceleration by chance."""
+        return self.fit.acceleration.p_value
 
     @property
     def p_spin(self) -> float:
-        """Probability of as large a spin by chance, the mean over the posterior of the floor."""
-        return self.fit.p_values[1]
+        """Probability of as large a spin by chance."""
+        return self.fit.spin.p_value
 
     @property
     def acceleration(self) -> Vector:
@@ -51,5 +51,5 @@ class Headline(InNotebook):
 
 
 def headline(quasars: Quasars) -> Headline:
-    """Give the recommended fit of all quasars, and its verdict in words."""
-    return Headline(quasars.recommended, quasars.recommended.verdict.removeprefix("verdict: "))
+    """Give the recommended fit of all quasars, and its answer in one sentence."""
+    return Headline(quasars.recommended, quasars.recommended.answer.sentence)

@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 
-from fit.output import covariance_of_all
 from fit.quality import SEEN, printed_p_value
 from study.referee._referee import Referee
 from study.referee._rows import HINT, Check, Section
@@ -21,7 +20,7 @@ def draw(referee: Referee) -> dict[str, Any]:
     drawn = {
         "accelerations": plot_accelerations(referee.sections),
         "checks": plot_checks(referee.checks),
-        "sky": plot_field(field, solution.coefficients, covariance=covariance_of_all(solution)),
+        "sky": plot_field(field, solution.coefficients, covariance=solution.covariance),
     }
     with many_figures():
         return drawn | {name: result.plot() for name, result in referee.results().items()}
@@ -82,7 +81,7 @@ def html(
     if turned.html:
         drawn.pop("sky", None)
     panels_ = [
-        page.words(f"Verdict: {referee.first_line}."),
+        page.table(["", "result"], [list(line) for line in referee.answer.lines]),
         page.heading("At a glance", page.figures(overview, _CAPTIONS)),
         page.heading("The sky", turned),
         *(_section(section, drawn) for section in referee.sections),

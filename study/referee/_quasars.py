@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from fit.methods import Recommended, degree_for, recommended
 from fit.normal import NormalEquations, Template, normal_equations
-from fit.recommended import Recommended, degree_for, recommended
 from fit.robust import Clipped, clip
 from fit.solving import fit_field
 from vsh.field import Field
@@ -133,7 +133,7 @@ def clipped_of(field: Field) -> Clipped:
     try:
         return clip(field, lmax, _KAPPA)
     except ConvergenceError:
-        white = fit_field(field, lmax, floor=False).residuals(field).whitened
+        white = fit_field(field, lmax).residuals(field).whitened
         return clip(field, lmax, threshold=_KAPPA * float(np.median(np.sqrt(np.sum(white**2, 0)))))
 
 

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from fit.output import Answer
 from fit.quality import SEEN, printed_p_value
 from study.referee._checks import checks
 from study.referee._headline import Headline, headline
@@ -55,9 +56,9 @@ class Referee(InNotebook):
         return worst, min(1.0, worst.p_value * len(asked))
 
     @property
-    def first_line(self) -> str:
-        """The acceleration with what sources share, and whether a check speaks against it."""
-        return f"{self.headline.verdict}. {self.conclusion}"
+    def answer(self) -> Answer:
+        """The result to quote, that of the recommended fit, and whether a check contradicts it."""
+        return Answer((*self.headline.fit.answer.lines, ("checks", self.conclusion)))
 
     @property
     def conclusion(self) -> str:
@@ -92,7 +93,7 @@ class Referee(InNotebook):
                 f"  {row.quantity:{_WIDTH}}{row.published!s:>20}{row.theirs!s:>20}{row.shared!s:>20}"
                 for row in section.rows
             ]
-            lines.append(f"  verdict: {section.verdict}")
+            lines.append(f"  result: {section.verdict}")
         lines += ["", "Checks: p-values with what sources share; in brackets by the errors quoted alone"]
         for check in self.checks:
             if check.lacking:
@@ -101,7 +102,7 @@ class Referee(InNotebook):
             face = f"({printed_p_value(check.at_face_value)})" if np.isfinite(check.at_face_value) else ""
             p = printed_p_value(check.p_value)
             lines.append(f"  {check.question:{_WIDTH + 6}}{p:>10} {face:>10}  {check.answer}")
-        return "\n".join([f"verdict: {self.first_line}", "", *lines]) + "\n"
+        return "\n".join([str(self.answer), "", *lines]) + "\n"
 
     def tables(self) -> dict[str, Table]:
         """Sections and checks as astropy Tables, by name."""

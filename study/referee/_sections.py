@@ -88,7 +88,7 @@ def _acceleration(asked: Asked) -> dict[str, Any]:
 def _frame(asked: Asked) -> dict[str, Any]:
     """Spin, what is systematic, bright and faint: Gaia-CRF3."""
     quasars, headline = asked.quasars, asked.headline
-    theirs = fit_field(quasars.field, degree_for(len(quasars.field), 3), floor=False).scaled
+    theirs = fit_field(quasars.field, degree_for(len(quasars.field), 3)).scaled
     rows = _vectors("crf3", "ω", theirs.spin, headline.solution.spin)
     results, more = {}, ""
     if (shared := headline.floor) is not None:

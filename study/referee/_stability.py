@@ -97,7 +97,7 @@ def by_method(field: Field, rng: Rng = 1) -> tuple[FloatArray, FloatArray, float
     part = generator(rng).permutation(len(field)) % _GROUPS
     moves = np.array(
         [
-            student_t(group, 1).solution.acceleration.value - fit_field(group, 1, floor=False).acceleration.value
+            student_t(group, 1).solution.acceleration.value - fit_field(group, 1).acceleration.value
             for group in (field[part == k] for k in range(_GROUPS))
         ]
     )
@@ -126,7 +126,7 @@ def by_source(field: Field, lmax: int) -> tuple[int, float, float]:
     int, float, float
         Its row, the move in errors, and the p-value.
     """
-    solution = fit_field(field, lmax, floor=False)
+    solution = fit_field(field, lmax)
     rows = np.arange(len(solution.modes))[solution.modes.slice_of("S", 1)]
     # Whitened, the move in errors is the length of three numbers.
     whiten = np.linalg.inv(np.linalg.cholesky(solution.covariance[np.ix_(rows, rows)])) @ solution.covariance[rows]

@@ -171,8 +171,8 @@ def test_command_on_the_vlba_table(tmp_path, capsys):
     vlba[20:].write(tmp_path / "turned.ecsv")
     assert main([str(tmp_path / "turned.ecsv"), str(path), "--lmax", "1"]) == 0
     out = capsys.readouterr().out
-    assert "+3.000 ±" in out
-    assert "-5.000 ±" in out
+    assert re.search(r"\+3\.00\d* ±", out)
+    assert re.search(r"-5\.00\d* ±", out)
     assert main([str(path), str(real_catalogue("icrf3sx.txt"))]) == 1
     assert "--position-error" in capsys.readouterr().err
 
@@ -285,8 +285,8 @@ def test_what_sources_share_is_beside_a_comparison_or_in_it(tmp_path, capsys, mo
     table = asked.parameters_table()
     np.testing.assert_allclose(np.asarray(table["sigma"][:3]), asked.best.spin.sigma)
     # As good by a robust fit, which has its own equations.
-    robust, _ = compare_catalogues(a, b, 2, floor=True, method="robust")
-    assert "deformed" in robust.verdict
+    robust, _ = compare_catalogues(a, b, 2, floor=True, method="student")
+    assert "deformation" in robust.verdict
     assert not np.array_equal(robust.shared.values, asked.shared.values)
     assert compare_catalogues(a[:150], b[:150], 2)[0].floor is None
     monkeypatch.setattr("fit.compare.MANY", 1000)
@@ -315,7 +315,7 @@ def test_what_sources_share_is_beside_a_comparison_or_in_it(tmp_path, capsys, mo
     assert "no such file" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("method", ["robust", "excess noise", "bootstrap", "jackknife"])
+@pytest.mark.parametrize("method", ["student", "excess-noise", "bootstrap", "jackknife"])
 def test_other_ways_to_errors(method):
     """Each agrees with plain least squares where errors are right; the report says which it was."""
     a, b = two(truth={"R1": 12.0})
@@ -345,7 +345,7 @@ def test_commands_of_these(tmp_path, capsys):
     for name, field in zip("ab", sharing(1), strict=True):
         field.write(tmp_path / f"{name}.fits")
     paths = [str(tmp_path / f"{name}.fits") for name in "ab"]
-    assert main([*paths, "--parameters", "spin", "--bootstrap", "50"]) == 0
+    assert main([*paths, "--parameters", "spin", "--method", "bootstrap=50"]) == 0
     out = capsys.readouterr().out
     assert "these alone" in out
     assert "values and errors by bootstrap" in out

@@ -15,7 +15,7 @@ SKY = sim.Population(*sim.plane_avoiding_sky(400, rng=5, latitude=30), None)
 
 def skies(n, truth):
     for seed in range(n):
-        yield fit.fit_field(sim.observe(SKY, truth, rng=seed, sigma=50.0, rho=0.3), 3, floor=False)
+        yield fit.fit_field(sim.observe(SKY, truth, rng=seed, sigma=50.0, rho=0.3), 3)
 
 
 @few_or_many(80, 400)

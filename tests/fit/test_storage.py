@@ -77,6 +77,7 @@ def results():
         "one wave": fit.waves.search(fit.fit_field(field, 2), nside=2, n_skies=5),
         "power of pairs": fit.pairs.power(field, 2, nside=1),
         "recommended": fit.recommended(field, 3),
+        "estimate": fit.estimate(field, 3, "student"),
         "floor": fit.background.floor(fit.normal_equations(field, 3)),
         "background": fit.background.fit_amplitudes(fit.normal_equations(field, 3), [Spectrum.odd(), Spectrum.waves()]),
         "waves": fit.background.wave_limit(fit.normal_equations(field, 2)),
@@ -162,7 +163,17 @@ NAMES = (
         "shared",
         "cross",
     ),
-    *("correlations", "leakage", "clipping", "reweighting", "excess noise", "cross-check", "trend", "bootstrap"),
+    *(
+        "estimate",
+        "correlations",
+        "leakage",
+        "clipping",
+        "reweighting",
+        "excess noise",
+        "cross-check",
+        "trend",
+        "bootstrap",
+    ),
     *("velocity to come", "hubble to come", "eigenmodes", "keeping", "moments", "without a matrix", "grid", "samples"),
 )
 
@@ -267,11 +278,11 @@ def test_what_cannot_be_read(found, tmp_path):
 def test_for_notebooks_and_papers(found):
     solution = found["solution"]
     html = solution._repr_html_()
-    assert html.count("<tr>") == 1 + 2 + 1 + 6
+    assert html.count("<tr>") == 4 + 1 + 2 + 1 + 6
     assert "left out µ" in html
     latex = solution.latex()
-    assert latex.startswith(r"\begin{tabular}{lcccc}")
-    assert latex.count(r"\\") >= 1 + 2 + 1 + 6 + 2
+    assert latex.startswith(r"\begin{table*}")
+    assert latex.count(r"\\") >= 2 + 2
     assert f"{solution.n_sources} sources" in latex
     assert "e+" not in latex
 

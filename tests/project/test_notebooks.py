@@ -11,7 +11,7 @@ from conftest import ROOT
 #: What nobody holds in a notebook: parts of the machinery, panels of pages, axes (matplotlib shows them).
 INTERNAL = {
     "Axis", "Prior", "Run", "DistanceOptions", "ParallaxEquations", "ParallaxParts", "ParallaxSums", "Rings", "Passes", "Panel", "Shown", "Tree",
-    "SkyAxes", "Tabled", "Weighed", "Frozen",
+    "SkyAxes", "Answer", "Tabled", "Weighed", "Frozen",
 }  # fmt: skip
 
 

@@ -56,10 +56,6 @@ def test_completion_completes(share):
         pytest.skip("there is no bash")
     script = share / "bash-completion" / "completions" / "vsh-fit"
     code = 'source "$0"; COMP_WORDS=(vsh-fit "$@"); COMP_CWORD=$#; _shtab_vsh_fit; echo "${COMPREPLY[@]}"'
-    for words, wanted in (
-        (["--ro"], "--robust"),
-        (["--robust", ""], "student permissive"),
-        (["--input-format", "m"], "mrt"),
-    ):
+    for words, wanted in ((["--me"], "--method"), (["--frame", "g"], "galactic"), (["--input-format", "m"], "mrt")):
         done = subprocess.run(["bash", "-c", code, script, *words], capture_output=True, text=True, check=True)
         assert done.stdout.strip() == wanted

@@ -170,8 +170,8 @@ def test_errors_on_a_uniform_sky():
 
 def test_the_reports_numbers_are_the_solutions():
     solution = fit.fit_field(random_field(500, seed=1), 2)
-    text = solution.report()
-    assert f"{solution.spin.value[0]:+9.3f} ±{solution.spin.sigma[0]:6.3f}" in text
+    text = solution.report(long=True)
+    assert f"{solution.spin.value[0]:+.2f} ± {solution.spin.sigma[0]:.2f}" in text
     assert f"{solution.chi2:.6g}" in text
 
 

@@ -76,6 +76,7 @@ def write_page(
     captions: Mapping[str, str] | None = None,
     movies: Mapping[str, bytes] | None = None,
     lead: str = "",
+    answer: Sequence[tuple[str, str]] = (),
     cards: Sequence[tuple[str, str, str]] = (),
     provenance: Mapping[str, Any] | None = None,
     command: Sequence[str] | None = None,
@@ -85,6 +86,7 @@ def write_page(
 
     moving = [page.figure(each, caption) for caption, each in (movies or {}).items()]
     panels = [
+        page.table(["", "result"], [list(line) for line in answer]) if answer else page.Panel(""),
         page.cards(cards),
         page.heading("Figures", page.figures(figures.drawn, captions or {})),
         page.heading("What moves", page.pictures(moving)),
@@ -115,27 +117,35 @@ _NUMBERS = re.compile(r"[+-]?[\d.]+( ± [\d.]+)?")
 
 @dataclass(frozen=True)
 class RunResult:
-    """The result of a run, in whatever form it is printed; `verdict` is what it comes to, in a sentence."""
+    """The result of a run, in whatever form it is printed; `answer` has the lines to quote, each with its label."""
 
     text: str
     make_tables: Callable[[], Mapping[str, Table]] = dict
     notes: Iterable[str] = ()
     latex: Callable[[], str] | None = None
     verdict: str = ""
+    answer: Sequence[tuple[str, str]] = ()
 
     def __post_init__(self) -> None:
         for name in ("text", "verdict"):  # screen, file and page alike: no name of a source may be a terminal's escape
             object.__setattr__(self, name, printable(getattr(self, name)))
+        lines = self.answer or ([("verdict", self.verdict)] if self.verdict else [])
+        object.__setattr__(self, "answer", tuple((printable(label), printable(text)) for label, text in lines))
 
     @property
     def report(self) -> str:
-        """The text, below the verdict."""
-        return f"verdict: {self.verdict}\n\n{self.text}" if self.verdict else self.text
+        """The text, below the lines to quote."""
+        return f"{answer_lines(self.answer)}\n\n{self.text}" if self.answer else self.text
 
     @cached_property
     def tables(self) -> Mapping[str, Table]:
         """By heading: of --json, --latex and the page; made when they are first asked for."""
         return self.make_tables()
+
+
+def answer_lines(answer: Iterable[tuple[str, str]]) -> str:
+    """Lines to quote as text, their labels in a column."""
+    return "\n".join(f"{label:15}{text}" for label, text in answer)
 
 
 def print_result(options: argparse.Namespace, result: RunResult) -> None:
@@ -172,8 +182,8 @@ def finish(
     """Tell what was found, and write what was asked for: a folder, a page."""
     if not printed:
         print_result(options, result)
-    elif result.verdict:  # what is printed as it is found ends with it
-        print_line(options, f"verdict: {result.verdict}")
+    elif result.answer:  # what is printed as it is found ends with it
+        print_line(options, answer_lines(result.answer))
     if not (options.output or options.html):
         return
     meta = provenance()
@@ -201,7 +211,7 @@ def finish(
                 movies=movies(),
                 provenance=meta,
                 command=options.command,
-                lead=result.verdict,
+                answer=result.answer,
                 cards=cards(),
             )
             print_line(options, f"written to {options.html}")
@@ -213,7 +223,7 @@ def as_json(options: argparse.Namespace, result: RunResult) -> str:
         "command": options.program,
         "version": vsh.__version__,
         "options": {name: _typed(value) for name, value in options.given.items() if name not in NOT_KEPT},
-        "verdict": result.verdict or None,
+        "answer": dict(result.answer) or None,
         "notes": [str(note) for note in result.notes],
         "tables": {name: _columns(table) for name, table in result.tables.items()},
         "written": [str(path) for path in (options.output, getattr(options, "html", None)) if path],

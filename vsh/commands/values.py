@@ -14,6 +14,11 @@ REDSHIFT_FRAMES = ("heliocentric", "cmb", "local-group", "true")
 COLUMNS = (
     "gaia", "vizier", "hipparcos", "icrf", "skycoord", "simbad", "ned", "lvdb", "err", "desi", "catwise", "rubin", "mu",
 )  # fmt: skip
+#: `fit.METHODS`, and those of them that take a value.
+METHODS = (
+    "recommended", "least-squares", "clip", "student", "permissive", "excess-noise", "bootstrap", "jackknife",
+)  # fmt: skip
+WITH_VALUE = {"clip": "κ", "excess-noise": "scale", "bootstrap": "the number of replicates", "jackknife": "NSIDE"}
 #: Formats of tables.
 INPUT_FORMATS = tuple(BY_NAME)
 #: The skies that `sim.skies.sky_map` knows.
@@ -49,6 +54,29 @@ def count(least: int, most: int = 10**12) -> Callable[[str], int]:
         return int(text)
 
     return whole
+
+
+def method(text: str) -> str:
+    """The type of an estimator, NAME or NAME=VALUE."""
+    name, _, value = text.partition("=")
+    if name not in METHODS:
+        raise argparse.ArgumentTypeError(f"one of {', '.join(METHODS)} is wanted, not {text!r}")
+    if not value:
+        return name
+    if name not in WITH_VALUE:
+        raise argparse.ArgumentTypeError(f"{name} takes no value: {text!r}")
+    if name == "excess-noise":
+        if value != "scale":
+            raise argparse.ArgumentTypeError(f"excess-noise or excess-noise=scale is wanted, not {text!r}")
+    else:
+        {"clip": positive, "bootstrap": count(2), "jackknife": nside}[name](value)
+    return text
+
+
+def method_and_value(text: str) -> tuple[str, str | None]:
+    """The name of an estimator and its value, or None."""
+    name, _, value = text.partition("=")
+    return name, value or None
 
 
 def nside(text: str) -> int:

@@ -8,7 +8,7 @@ from conftest import random_field, real_catalogue
 
 import fit
 import sim
-from fit.background import Spectrum, add_floor, floor
+from fit.background import Spectrum, floor
 from fit.storage import read
 from vsh import Field, Modes
 from vsh.io.catalogue import read_field
@@ -224,16 +224,16 @@ def test_an_average_is_the_mean_over_what_may_be_shared(strength, within):
 def test_reports():
     found = floor(LOUD)
     assert "the two parities differ with a p-value of " in found.report()
-    assert "Errors that sources share were not estimated" in fit.solve(LOUD).report()
-    text = add_floor(fit.solve(LOUD)).report()
-    assert "Errors that sources share, from the power of degrees 2 to 5; not in the errors above" in text
-    assert f"± {found.spin_error:.3f} µas/yr in each component" in text
-    with_it = fit.solve(LOUD, floor=found).report()
-    assert "not in the errors above" not in with_it
-    assert "with the floor of degrees 2 to 5" in with_it
-    assert "Errors that sources share" not in fit.solve(fit.normal_equations(sky(), 2)).report()
-    field = sky()
-    assert fit.fit_field(field, 3).floor == add_floor(fit.fit_field(field, 3, floor=False)).floor
+    with_it, without = fit.solve(LOUD, floor=found), fit.solve(LOUD)
+    assert with_it.includes_floor
+    assert with_it.floor is found
+    assert f"systematic floor of ± {found.acceleration_error:.2g}" in with_it.report()
+    assert "with the floor of degrees 2 to 5" in with_it.report(long=True)
+    assert without.floor is None
+    assert "systematic floor" not in without.report()
+    # Formal errors stand beside.
+    np.testing.assert_allclose(with_it.formal.covariance, without.covariance, rtol=1e-9)
+    assert "formal error" in with_it.report(long=True)
 
 
 def test_a_solution_with_a_floor_is_stored_whole(tmp_path):
@@ -272,7 +272,7 @@ def test_noise_of_estimated_errors_is_no_power(method):
     """Where nothing is systematic the floor by errors from residuals or replicates is that by the quoted ones."""
     rng = np.random.default_rng(3)
     field = Field(*sim.uniform_sky(1500, rng), 40 * rng.standard_normal((2, 1500)), np.full((2, 1500), 40.0))
-    plain = fit.fit_field(field, 4, floor=False)
+    plain = fit.fit_field(field, 4)
     found = {
         "student": lambda: fit.robust.student_t(field, 4).solution,
         "excess noise": lambda: fit.robust.excess_noise(field, 4).solution,

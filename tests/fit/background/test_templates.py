@@ -104,7 +104,7 @@ def test_a_template_in_degree_one_is_taken_from_the_acceleration():
     for seed in range(6):
         motion = 100 * np.random.default_rng([5, seed]).normal(size=(2, 3000)) + 30 * pattern
         field = Field(lon, lat, motion, np.full((2, 3000), 100.0))
-        solution = fit.fit_field(field, 5, floor=False)
+        solution = fit.fit_field(field, 5)
         biased.append(
             solution.values[solution.modes.slice_of("S", 1)][0] / solution.sigma[solution.modes.slice_of("S", 1)][0]
         )
@@ -192,7 +192,7 @@ def test_cross_powers_are_the_amplitude_by_degree():
     along = fields_of(template)[0]
     rng = np.random.default_rng(1)
     field = Field(lon, lat, 9.0 * along.at(lon, lat) + rng.normal(size=(2, 20000)) * 5, np.full((2, 20000), 5.0))
-    solution = fit.fit_field(field, 5, floor=False)
+    solution = fit.fit_field(field, 5)
     powers = cross_powers(solution, template.fields(Modes(5), "icrs"), 4.0 * SHAPES["flat"])
     assert (powers.errors_with_floor > powers.errors).all()
     own = np.array([name == "scans, along" for name in powers.templates])

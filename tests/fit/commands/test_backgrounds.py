@@ -5,7 +5,7 @@ from fit.background import Floor, WaveLimit
 from fit.commands.fit import main
 from fit.storage import read
 
-EVERYTHING = ["--demo", "--floor", "--waves", "--years", "10"]
+EVERYTHING = ["--demo", "--long", "--method", "least-squares", "--floor", "--waves", "--years", "10"]
 
 
 @pytest.mark.slow
@@ -29,18 +29,16 @@ def test_floor_and_waves(tmp_path, capsys):
     assert "Power of the higher degrees by parity" in html
 
 
-def test_the_report_says_it_unasked(tmp_path, capsys):
-    assert main(["--demo", "--html", str(tmp_path / "page.html")]) == 0
-    text = capsys.readouterr().out
-    assert "Errors that sources share, from the power of degrees 2 to 3; not in the errors above" in text
-    assert "--floor, or fit.solve" in text
-    assert "not in the errors above" in (tmp_path / "page.html").read_text(encoding="utf-8")
-    assert main(["--demo", "--lmax", "2"]) == 0
-    assert "Errors that sources share" not in capsys.readouterr().out
+def test_the_floor_is_included_unasked(tmp_path, capsys):
+    assert main(["--demo", "--no-figures", "--output", str(tmp_path / "out")]) == 0
+    assert "systematic floor of ±" in capsys.readouterr().out
+    assert isinstance(read(tmp_path / "out" / "floor.ecsv"), Floor)
+    assert main(["--demo", "--method", "least-squares"]) == 0
+    assert "systematic floor" not in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(("options", "words"), [
-    (["--floor", "--lmax", "2"], "degree 2 says nothing of a floor: take --lmax 3 or higher"),
+    (["--method", "student", "--floor", "--lmax", "2"], "degree 2 says nothing of a floor: take --lmax 3 or higher"),
     (["--waves", "--lmax", "1"], "gravitational waves begin at degree 2: take --lmax 2 or higher"),
 ])  # fmt: skip
 def test_messages(options, words, capsys):
@@ -50,11 +48,11 @@ def test_messages(options, words, capsys):
 
 def test_with_clipping_and_robust_fits(capsys):
     path = str(real_catalogue("td2017_vlba_proper_motions.ecsv"))
-    for options in (["--clip", "3"], ["--robust", "student"], ["--excess-noise"], ["--jackknife", "2"]):
-        assert main([path, "--floor", *options]) == 0
+    for options in ("clip=3", "student", "excess-noise", "jackknife=2"):
+        assert main([path, "--floor", "--long", "--method", options]) == 0
         text = capsys.readouterr().out
         assert "with the floor of degrees 2, 3" in text
-    assert main([path, "--lmax", "2", "--waves", "--years", "22.6"]) == 0
+    assert main([path, "--method", "least-squares", "--lmax", "2", "--waves", "--years", "22.6"]) == 0
     text = capsys.readouterr().out
     for number in ("0.03571", "0.02703", "0.02295", "1.4 nHz"):
         assert number in text

@@ -53,7 +53,7 @@ def test_sources_in_no_class_are_counted(path, tmp_path, capsys):
     table["phot_g_mean_mag"][:100] = np.nan
     table.write(tmp_path / "some.fits")
     words = [str(tmp_path / "some.fits"), "--lmax", "3", "--classes", "phot_g_mean_mag:19"]
-    for more in ([], ["--clip", "1.0"], ["--workers", "1"]):
+    for more in ([], ["--method", "clip=1.0"], ["--workers", "1"]):
         assert main([*words, *more]) == 0
         assert "100 of 12000 sources are in no class" in capsys.readouterr().out
     assert main([str(path), "--lmax", "3", "--classes", "magnitude:19"]) == 0
@@ -99,14 +99,14 @@ def test_robust_weights_serve_classes_and_templates(tmp_path, capsys):
     """Classes and templates were plain least squares, whose errors are 1.8 times as large here; the latter unsaid."""
     words = [spoilt(tmp_path), "--lmax", "4", "--no-figures", "--overwrite", "--output", str(tmp_path / "out")]
     errors = {}
-    for name, robust in (("plain", []), ("robust", ["--robust", "student"])):
+    for name, robust in (("plain", ["--method", "least-squares"]), ("robust", ["--method", "student"])):
         for what in (["--classes", "magnitude:19"], ["--templates", "density"]):
             assert main([*words, *robust, *what]) == 0
             text = capsys.readouterr().out
             shared = vsh.read(tmp_path / "out" / "shared.ecsv")
             errors[name, what[0]] = np.mean(shared.together().acceleration.sigma)
-            said = "by the weights of the robust fit" if robust else "fitted by least squares"
-            assert f"classes and templates are {'summed ' if robust else ''}{said}" in text
+            said = "by the weights of the robust fit" if name == "robust" else "fitted by least squares"
+            assert f"classes and templates are {'summed ' if name == 'robust' else ''}{said}" in text
     assert errors["robust", "--classes"] < 0.8 * errors["plain", "--classes"]
     assert errors["robust", "--templates"] < 0.8 * errors["plain", "--templates"]
 
@@ -116,7 +116,7 @@ def test_templates_have_the_floor_however_it_was_asked_for(tmp_path, capsys):
     words = [spoilt(tmp_path), "--lmax", "5", "--no-figures", "--overwrite", "--output", str(tmp_path / "out")]
     tables = []
     for more in ([], ["--floor"]):
-        assert main([*words, "--templates", "density,phot_g_mean_mag", *more]) == 0
+        assert main([*words, "--method", "least-squares", "--templates", "density,phot_g_mean_mag", *more]) == 0
         capsys.readouterr()
         tables.append(vsh.read(tmp_path / "out" / "cross_powers.ecsv"))
     np.testing.assert_allclose(tables[1].errors_with_floor, tables[0].errors_with_floor, rtol=1e-12)

@@ -1,19 +1,22 @@
-"""One line on whether an acceleration is seen: its errors hold, and it says which they are."""
+"""The result to quote: its four lines, and that every form of a fit carries the same numbers."""
 
+import json
+import re
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from astropy.table import Table
+from conftest import random_field, real_catalogue
 
 import fit
 import sim
+import vsh
 from fit.commands.fit import main
-from fit.output import covariance_of_all, verdict
-from fit.output._verdict import with_all_errors
+from fit.output import answer_of
 from fit.quality import printed_p_value
 from fit.resample import bootstrap
-from vsh.vector import GAIA_EDR3, Vector
+from vsh.vector import GAIA_EDR3
 
 
 def observed(seed, acceleration=(0, 0, 0), power=0.0, wrong=1.0, n=1000):
@@ -23,100 +26,96 @@ def observed(seed, acceleration=(0, 0, 0), power=0.0, wrong=1.0, n=1000):
     return field.with_errors(field.sigma / wrong, field.rho)
 
 
+def line(result, label):
+    lines = dict(result.answer.lines)
+    return lines["this fit"] if label == "errors" and "errors" not in lines else lines[label]
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(("power", "wrong"), [(0.0, 1.5), (200.0, 1.0)])
 def test_it_sees_nothing_where_nothing_is(power, wrong):
-    said = [verdict(fit.fit_field(observed(seed, power=power, wrong=wrong), 3)) for seed in range(20)]
-    assert sum("no acceleration is seen" in each for each in said) >= 19
-    assert sum("times those quoted" in each for each in said) >= (19 if wrong > 1 else 0)
+    answers = [fit.recommended(observed(seed, power=power, wrong=wrong)) for seed in range(20)]
+    assert sum(line(each, "acceleration").startswith("not detected") for each in answers) >= 19
 
 
 def test_it_sees_what_is_there():
-    solution = fit.fit_field(observed(1, (0, 0, 60.0), n=2000), 3)
-    said = verdict(solution)
-    assert said.startswith("verdict: an acceleration of ")
-    assert "with what sources share (±" in said
-    assert verdict(fit.fit_field(observed(1, (0, 0, 60.0), n=2000), 1)).startswith("verdict: perhaps an acceleration")
+    field = observed(1, (0, 0, 60.0), n=2000)
+    answer = fit.recommended(field)
+    assert re.match(r"\d+\.\d ± \d\.\d µas/yr towards α = ", line(answer, "acceleration"))
+    assert "systematic floor of ±" in line(answer, "errors")
     # More shared, less sure.
-    assert "no acceleration" in verdict(
-        replace(solution, floor=SimpleNamespace(acceleration_error=100.0, spin_error=0.0))
-    )
+    wide = replace(answer.solution, covariance=answer.solution.covariance + 100.0**2 * np.eye(70))
+    assert line(wide, "acceleration").startswith("not detected: < ")
+
+
+def test_only_the_recommended_fit_is_one_to_quote():
+    field = observed(1, (0, 0, 60.0), n=2000)
+    assert "to quote" not in line(fit.recommended(field), "errors")
+    for method in set(fit.METHODS) - {"recommended", "jackknife"}:
+        label, words = fit.estimate(field, 1, method).answer.lines[0]
+        assert label == "this fit"
+        assert "to quote: fit.recommended" in words
 
 
 def test_few_replicates_are_no_evidence():
-    """The verdict has the p-values of the table, Hotelling's where replicates told the errors, and none of too few."""
+    """p-values are Hotelling's where replicates gave the errors, and there is no result from too few."""
     field = observed(3)
     for n in (5, 12):
-        solution = bootstrap(field, 1, n, 1, progress=False).resampled_solution
+        resampled = bootstrap(field, 1, n, 1, progress=False)
+        solution = resampled.resampled_solution
         for name, kind in (("spin", "T"), ("acceleration", "S")):
-            assert with_all_errors(solution, name)[0].p_value == pytest.approx(solution.p_value(kind, 1), rel=1e-9)
-    few = bootstrap(field, 1, 3, 1, progress=False).resampled_solution
-    assert verdict(few) == "verdict: none; 3 replicates are too few for the errors of a vector"
-    assert "direction not determined" in few.report()
-    # A floor that is known beside them makes its part of the errors surer.
-    sure = replace(solution, floor=SimpleNamespace(acceleration_error=300.0, spin_error=0.0))
-    assert with_all_errors(sure)[0].dof > 10 * solution.covariance_dof
+            assert getattr(resampled, name).p_value == pytest.approx(solution.p_value(kind, 1), rel=1e-9)
+            assert f"p = {printed_p_value(solution.p_value(kind, 1))}" in line(resampled, name)
+    few = bootstrap(field, 1, 3, 1, progress=False)
+    assert few.verdict == "acceleration   no result: 3 replicates are too few for the errors of a vector"
 
 
-def test_errors_that_are_wrong_are_multiplied():
+def test_errors_that_are_too_small_are_said():
     solution = fit.fit_field(observed(2, (0, 0, 30.0), wrong=1.5), 1)
-    a = solution.acceleration
-    p = Vector(a.value, a.covariance * solution.quality.factor**2).p_value
-    assert f"p = {printed_p_value(p)};" in verdict(solution)
+    assert f"residuals are {solution.quality.factor:.3g} times as large" in line(solution, "errors")
+    scaled = fit.estimate(observed(2, (0, 0, 30.0), wrong=1.5), 1, "least-squares")
+    assert f"{solution.quality.factor:.3g} times the formal errors" in line(scaled, "errors")
+    np.testing.assert_allclose(scaled.spin.sigma, solution.spin.sigma * solution.quality.factor)
+    assert "residuals are" not in line(fit.recommended(observed(2, wrong=1.5)), "errors")
 
 
-def test_recommended(tmp_path, capsys):
-    observed(1, (0, 0, 60.0), n=2000).write(tmp_path / "q.fits")
-    assert main([str(tmp_path / "q.fits"), "--recommended", "--no-figures"]) == 0
-    first = capsys.readouterr().out.splitlines()[0]
-    assert first.startswith("verdict: an acceleration")
-    assert "robust fit" in first
-    assert "with what sources share" in first
-    assert main([str(tmp_path / "q.fits"), "--lmax", "1", "--no-figures"]) == 0
-    assert "verdict: perhaps" in capsys.readouterr().out
-    with pytest.raises(SystemExit):
-        main([str(tmp_path / "q.fits"), "--recommended", "--clip", "3"])
-    assert "leave out --clip" in capsys.readouterr().err
-
-
-def test_what_gaia_has_is_beside_it():
-    """A limit that excludes 5 µas/yr is no peaceful one, and what is like it needs no word."""
-    solution = fit.fit_field(observed(3, n=3000).with_errors(np.full((2, 3000), 40.0), np.zeros(3000)), 1)
+def test_how_far_it_is_from_gaia():
+    """A limit that excludes 5 µas/yr is remarked on, and what is like it needs no word."""
+    field = observed(3, n=3000).with_errors(np.full((2, 3000), 40.0), np.zeros(3000))
+    solution = fit.fit_field(field, 1)
     precise = replace(solution, covariance=solution.covariance / 1e4)
-    assert "disagrees with Gaia EDR3's 5.05 ± 0.35 (p = " in precise.verdict
-    assert "is it the instrument?" in precise.verdict
-    assert "allows Gaia EDR3's" in solution.verdict
+    assert re.match(r"\d+\.\d σ from its acceleration of 5\.05 ± 0\.35 µas/yr \(p = ", line(precise, "Gaia EDR3"))
+    assert "is it the instrument?" in line(precise, "Gaia EDR3")
+    assert "is it the instrument?" not in line(solution, "Gaia EDR3")
     seen = replace(precise, coefficients=replace(precise.coefficients, values=np.r_[0, 0, 0, coefficients_of_gaia()]))
-    assert "agrees with Gaia EDR3's" in seen.verdict
-    assert "disagrees" not in seen.verdict
-    assert precise.verdict == verdict(precise)
+    assert line(seen, "Gaia EDR3").startswith("0.0 σ")
+
+
+def coefficients_of_gaia():
+    modes = fit.fit_field(observed(1), 1)
+    return np.linalg.solve(
+        np.array([replace(modes, coefficients=replace(modes.coefficients, values=np.r_[0, 0, 0, row])).acceleration.value
+                  for row in np.eye(3)]).T, GAIA_EDR3.value)  # fmt: skip
 
 
 def test_a_spin_is_told_as_well():
-    solution = fit.fit_field(sim.observe(sim.quasars(2000, 1), sim.spin((0, 50.0, 0)), rng=1, sigma=200.0), 3)
-    assert "; a spin of " in solution.verdict
-    assert "; no spin, below " in fit.fit_field(observed(1), 3).verdict
+    field = sim.observe(sim.quasars(2000, 1), sim.spin((0, 50.0, 0)), rng=1, sigma=200.0)
+    assert "µas/yr towards" in line(fit.fit_field(field, 3), "spin")
+    assert line(fit.fit_field(observed(1), 3), "spin").startswith("not detected: < ")
 
 
 def test_nothing_is_said_by_units_that_cannot_be():
     solution = fit.fit_field(observed(1, wrong=1000.0), 3)
-    assert solution.verdict.startswith("verdict: none; residuals are ")
+    assert solution.verdict.startswith("acceleration   no result: residuals are ")
     assert "units" in solution.verdict
 
 
-def test_one_side_of_the_sky_is_perhaps():
+def test_one_side_of_the_sky_is_cautioned():
     field = observed(1, (0, 0, 300.0), n=4000)
-    assert fit.fit_field(field, 3).verdict.startswith("verdict: an acceleration")
-    assert fit.fit_field(field[field.lat > 0], 3).verdict.startswith("verdict: perhaps an acceleration")
-    assert "one side of the sky" in fit.fit_field(field[field.lat > 0], 3).verdict
-    assert "one side of the sky" not in fit.fit_field(field[field.lat > 0], 1).verdict
-
-
-def coefficients_of_gaia():
-    modes = fit.fit_field(observed(1), 1, floor=False)
-    return np.linalg.solve(
-        np.array([replace(modes, coefficients=replace(modes.coefficients, values=np.r_[0, 0, 0, row])).acceleration.value
-                  for row in np.eye(3)]).T, GAIA_EDR3.value)  # fmt: skip
+    caution = "one side of the sky has no sources"
+    assert caution not in line(fit.fit_field(field, 3), "errors")
+    assert caution in line(fit.fit_field(field[field.lat > 0], 3), "errors")
+    assert caution not in line(fit.fit_field(field[field.lat > 0], 1), "errors")
 
 
 def test_an_empty_part_of_the_sky_is_said():
@@ -128,19 +127,63 @@ def test_an_empty_part_of_the_sky_is_said():
     assert not any("no source within" in str(each) for each in fit.fit_field(field, 1).notes)
 
 
-def test_cards_have_the_errors_of_the_verdict(tmp_path, capsys):
-    observed(2, wrong=3.0).write(tmp_path / "q.fits")
-    page = tmp_path / "q.html"
-    assert main([str(tmp_path / "q.fits"), "--no-figures", "--html", str(page)]) == 0
-    limit = capsys.readouterr().out.split("below ")[1].split(" ")[0]
-    assert f"&lt; {limit} (95 %) µas/yr" in page.read_text(encoding="utf-8")
+def test_what_is_not_of_motions_has_no_answer():
+    """Positions, scalar fields and fits that are to come."""
+    solution = fit.fit_field(random_field(100, 1), 1)
+    assert answer_of(replace(solution, unit="µas")).lines == ()
+    scalar = fit.fit_field(vsh.scalars.ScalarField(*np.random.default_rng(1).uniform(0, 1, (3, 50)), np.ones(50)), 1)
+    assert answer_of(scalar).lines == ()
 
 
-def test_figures_have_the_errors_of_the_verdict():
-    """The vectors of the covariance that figures use are those with every error that is known of."""
-    solution = fit.fit_field(observed(4, power=2000.0, wrong=1.5), 3)
-    assert solution.quality.contradicted
-    drawn = replace(solution, covariance=covariance_of_all(solution))
-    for name in ("spin", "acceleration"):
-        whole = with_all_errors(solution, name)[0]
-        np.testing.assert_allclose(getattr(drawn, name).covariance, whole.covariance, rtol=1e-10)
+@pytest.fixture(params=["VLBI", "Gaia", "few"])
+def catalogue(request, tmp_path):
+    """A table whose errors are wrong, quasars with an acceleration that is detected, and too few for a floor."""
+    if request.param == "VLBI":
+        return str(real_catalogue("td2017_vlba_proper_motions.ecsv"))
+    field = observed(1, (0, 0, 60.0), n=2000) if request.param == "Gaia" else observed(4, n=60)
+    field.write(tmp_path / "q.fits")
+    return str(tmp_path / "q.fits")
+
+
+def test_every_output_has_the_same_numbers(catalogue, tmp_path, capsys):
+    """Python, text, page, LaTeX, JSON and tables: lines, components, limits and p-values."""
+    result = fit.recommended(vsh.io.catalogue.read_field(catalogue))
+    lines = dict(result.answer.lines)
+    out, page = tmp_path / "out", tmp_path / "page.html"
+    assert main([catalogue, "--output", str(out), "--html", str(page), "--no-figures"]) == 0
+    text = capsys.readouterr().out
+    assert text.startswith(result.verdict + "\n")
+    assert (out / "report.txt").read_text(encoding="utf-8").startswith(result.verdict + "\n")
+    html = page.read_text(encoding="utf-8").replace("&lt;", "<").replace("&#x27;", "'")
+    assert all(each in html for each in lines.values())
+    assert main([catalogue, "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["answer"] == lines
+    assert main([catalogue, "--latex"]) == 0
+    latex = capsys.readouterr().out
+    assert latex.strip() == (out / "table.tex").read_text(encoding="utf-8").strip() == result.solution.latex().strip()
+    table = Table.read(out / "vectors.ecsv")
+    columns = document["tables"]["vectors"]["columns"]
+    for k, name in enumerate(("spin", "acceleration")):
+        vector = getattr(result, name)
+        for axis, value, sigma in zip("xyz", vector.value, vector.sigma, strict=True):
+            for read in (table[k], {head: columns[head]["values"][k] for head in columns}):
+                assert (read[axis], read[f"sigma_{axis}"]) == pytest.approx((value, sigma), rel=1e-9)
+        assert table["p_value"][k] == pytest.approx(vector.p_value, rel=1e-9)
+        assert table["limit_95"][k] == pytest.approx(vector.amplitude_limit(), rel=1e-6)
+        for cell in fit.output.components(vector):
+            assert cell in text
+            assert cell in html
+            assert cell.replace("±", r"\pm") in latex
+
+
+def test_rows_of_the_sources(catalogue, tmp_path, capsys):
+    """A row each, whose residuals, errors and weights are those of the fit."""
+    field = vsh.io.catalogue.read_field(catalogue)
+    assert main([catalogue, "--output", str(tmp_path / "out"), "--no-figures"]) == 0
+    table, result = Table.read(tmp_path / "out" / "sources.ecsv"), fit.recommended(field)
+    left = result.solution.residuals(field)
+    np.testing.assert_allclose(np.stack([table["residual_east"], table["residual_north"]]), left.motion, rtol=1e-9)
+    np.testing.assert_allclose(table["chi2"], left.chi2, rtol=1e-9)
+    np.testing.assert_allclose(table["weight"], result.weights.weights, rtol=1e-9)
+    assert str(table["residual_east"].unit) == "uas / yr"

@@ -52,9 +52,9 @@ def test_pulls(n_skies):
     truth = np.linalg.eigvalsh(SHEAR)[::-1]
     places = ([0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2])
     for seed in range(n_skies):
-        found = expansion(fit.fit_field(sky(seed=seed, sigma=3.0), 3, floor=False))
+        found = expansion(fit.fit_field(sky(seed=seed, sigma=3.0), 3))
         pulls.append((found.values - SHEAR[places]) / found.sigma)
-        clear = expansion(fit.fit_field(sky(seed=seed, sigma=0.5), 3, floor=False))  # rates far apart in their errors
+        clear = expansion(fit.fit_field(sky(seed=seed, sigma=0.5), 3))  # rates far apart in their errors
         rates.append((clear.eigenvalues - truth) / clear.eigenvalue_errors)
     error = np.sqrt(0.5 / n_skies)  # of a scatter
     assert_allclose(np.std(pulls, axis=0), 1, atol=3.2 * error)

@@ -30,7 +30,7 @@ def test_by_degree_is_exact():
 
     field = sky(np.random.default_rng(1))
     move, error, _ = by_degree(field, 2, 5, None)
-    fits = [fit_field(field, lmax, floor=False).acceleration.value for lmax in (5, 2)]
+    fits = [fit_field(field, lmax).acceleration.value for lmax in (5, 2)]
     np.testing.assert_allclose(move, fits[0] - fits[1], atol=1e-9)
     seen = [by_degree(sky(np.random.default_rng(k)), 2, 5, None) for k in range(150)]
     moves, p = np.array([each[0] for each in seen]), [each[2] for each in seen]
@@ -83,7 +83,7 @@ def test_by_source_is_the_move_when_it_is_left_out():
     field = sky(np.random.default_rng(8))
     row, size, _ = by_source(field, 2)
     kept = np.delete(np.arange(N), row)
-    whole, rest = (fit_field(each, 2, floor=False).acceleration for each in (field, field[kept]))
+    whole, rest = (fit_field(each, 2).acceleration for each in (field, field[kept]))
     away = whole.value - rest.value
     assert np.sqrt(away @ np.linalg.solve(whole.covariance, away)) == pytest.approx(size, rel=0.1)
 

@@ -178,17 +178,17 @@ def test_every_command_can_be_called():
 
 def test_names_of_sources_are_neither_escapes_nor_lines_of_ours(tmp_path, capsys):
     """A name out of a stranger's table may hold a terminal's escapes, a line of its own, a tag."""
-    hostile = ["\x1b[31mred", "a\nverdict: an acceleration is seen", "<script>alert(1)</script>", "=cmd|' /C calc'!A0"]
+    hostile = ["\x1b[31mred", "a\nacceleration   9 µas/yr", "<script>alert(1)</script>", "=cmd|' /C calc'!A0"]
     field = sim.observe(sim.quasars(60, 1), sim.spin((0, 0, 100)), rng=2, sigma=200.0)
     names = np.array([f"{hostile[k % 4]} {k}" for k in range(len(field))])
     replace(field, name=names).write(tmp_path / "h.parquet")
     page, out = tmp_path / "p.html", tmp_path / "out"
-    words = ["--robust", "student", "--lmax", "1", "--html", str(page), "--output", str(out), "--no-figures"]
+    words = ["--lmax", "1", "--html", str(page), "--output", str(out), "--no-figures"]
     assert main([str(tmp_path / "h.parquet"), *words]) == 0
     report = (out / "report.txt").read_text(encoding="utf-8")
     for text in (capsys.readouterr().out, report, page.read_text(encoding="utf-8")):
         assert "\x1b" not in text
-        assert sum(line.startswith("verdict:") for line in text.splitlines()) <= 1
+        assert sum(line.startswith("acceleration   9") for line in text.splitlines()) == 0
     assert "<script>alert" not in page.read_text(encoding="utf-8")
     assert any(each[:10] in report.replace("\\x1b", "\x1b") for each in hostile)
 

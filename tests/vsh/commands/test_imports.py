@@ -29,7 +29,7 @@ ECSV = {"astropy.coordinates"}
 SPLINES = {"scipy.interpolate", "scipy.optimize"}
 FIGURES = {"matplotlib", "astropy.coordinates", "astropy.visualization", "astropy.wcs"}
 JOBS = {
-    "fit": ("q.fits --no-figures", FITS),
+    "fit": ("q.fits --no-figures", FITS | {"scipy.optimize"}),
     "redshift": ("g.fits --bins 2", FITS | SPLINES),
     "correlate": ("q.fits", FITS),
     "pairs": ("q.fits", FITS),

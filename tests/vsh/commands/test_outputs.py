@@ -202,7 +202,7 @@ def test_no_bar_in_a_log(capfd):
 def test_a_reader_that_has_seen_enough_is_no_error(catalogue):
     command = f"{sys.executable} -m vsh fit {catalogue} --lmax 1 | head -1"
     done = subprocess.run(command, shell=True, cwd=ROOT, capture_output=True, text=True, check=False)
-    assert done.stdout.startswith("verdict: ")
+    assert done.stdout.startswith("acceleration ")
     assert "Traceback" not in done.stderr
 
 

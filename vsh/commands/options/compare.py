@@ -16,7 +16,7 @@ def make_parser() -> argparse.ArgumentParser:
         examples=(
             "vsh-compare icrf3sx.txt icrf2-all.txt --output comparison --html comparison.html",
             "vsh-compare one.fits two.fits three.fits",
-            "vsh-compare one.fits two.fits --lmax 1 --parameters spin --robust",
+            "vsh-compare one.fits two.fits --lmax 1 --parameters spin --method student",
         ),
     )
     parser.add_argument("catalogue", help=f"ICRF2 or ICRF3 as the IERS distributes them, or {values.A_TABLE}")
@@ -56,13 +56,16 @@ def make_parser() -> argparse.ArgumentParser:
         default="degree",
         help="also fit the rotation (orientation of positions, spin of motions) or the glide alone (default: degree)",
     )
-    methods = parser.add_mutually_exclusive_group()
-    methods.add_argument("--robust", action="store_true", help="values and errors by Student's t")
-    methods.add_argument("--excess-noise", action="store_true", help="noise added to the errors until residuals agree")
-    methods.add_argument(
-        "--bootstrap", type=values.count(10), metavar="N", help="values and errors by N resamplings of the sources"
+    parser.add_argument(
+        "--method",
+        type=values.method,
+        default="least-squares",
+        metavar="NAME[=VALUE]",
+        help=(
+            "estimator: least-squares (default; errors scaled in classes of their size), student, excess-noise, "
+            "bootstrap=N or jackknife"
+        ),
     )
-    methods.add_argument("--jackknife", action="store_true", help="errors from fits without each block of the sky")
     floors = parser.add_mutually_exclusive_group()
     floors.add_argument(
         "--floor",

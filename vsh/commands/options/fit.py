@@ -15,57 +15,25 @@ def make_parser() -> argparse.ArgumentParser:
         ),
         examples=(
             "vsh-fit catalogue.fits --lmax 3 --frame galactic --output results",
-            "vsh-fit catalogue.fits --recommended --html page.html",
-            "vsh-fit catalogue.fits --lmax 5 --floor --classes magnitude:18,19",
+            "vsh-fit catalogue.fits --method clip=3 --html page.html",
+            "vsh-fit catalogue.fits --classes magnitude:18,19",
         ),
     )
     parser.add_argument("catalogue", nargs="?", help=values.A_TABLE)
     parser.add_argument("--demo", action="store_true", help="run on a simulated catalogue that comes with the package")
-    parser.add_argument("--lmax", type=values.count(1), help="highest degree (default: 3, with --recommended 5)")
-    clips = parser.add_mutually_exclusive_group()
-    clips.add_argument(
-        "--clip",
-        type=values.positive,
-        metavar="KAPPA",
-        help="leave out sources with residuals larger than KAPPA times the median",
-    )
-    clips.add_argument(
-        "--clip-threshold",
-        type=values.positive,
-        metavar="X",
-        help="leave out sources with residuals larger than X errors",
-    )
-    errors = parser.add_mutually_exclusive_group()
-    errors.add_argument(
-        "--robust", choices=["student", "permissive"], help="robust likelihood, for catalogues with some wrong errors"
-    )
-    errors.add_argument(
-        "--excess-noise",
-        nargs="?",
-        const="add",
-        choices=["add", "scale"],
-        help="add a variance to every source, by maximum likelihood; with 'scale', a factor on its errors too",
-    )
-    errors.add_argument("--bootstrap", type=values.count(2), metavar="N", help="errors from N draws of the sources")
-    errors.add_argument(
-        "--jackknife",
-        type=values.nside,
-        nargs="?",
-        const=0,
-        metavar="NSIDE",
-        help=(
-            "errors from leaving out HEALPix blocks; without NSIDE several sizes are compared and the report says which"
-            " is long enough"
-        ),
-    )
+    parser.add_argument("--lmax", type=values.count(1), help="highest degree (default: 5; with --method 3)")
     parser.add_argument(
-        "--recommended",
-        action="store_true",
+        "--method",
+        type=values.method,
+        default="recommended",
+        metavar="NAME[=VALUE]",
         help=(
-            "Student's t with the systematic floor in the errors, to degree 5 (or --lmax), lowered where the sources "
-            "are too few for it"
+            "estimator (default: recommended, which is Student's t with the systematic floor in the errors, to a "
+            "degree that the sources bear): least-squares, clip=KAPPA, student, permissive, excess-noise[=scale], "
+            "bootstrap=N or jackknife[=NSIDE]"
         ),
     )
+    parser.add_argument("--long", action="store_true", help="print formal errors, powers with their noise, checks")
     _add_backgrounds(parser)
     parser.add_argument(
         "--classes",
@@ -99,13 +67,8 @@ def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
     """End with what contradicts itself."""
     if bool(options.catalogue) == options.demo:
         parser.error("name one catalogue, or --demo")
-    if options.recommended:
-        given = ("robust", "excess_noise", "bootstrap", "jackknife", "clip", "clip_threshold")
-        named = [f"--{name.replace('_', '-')}" for name in given if getattr(options, name) is not None]
-        if named:
-            parser.error(f"--recommended chooses the errors itself: leave out {', '.join(named)}")
     if options.lmax is None:
-        options.lmax = 5 if options.recommended else 3
+        options.lmax = 5 if options.method == "recommended" else 3
     if options.classes and options.lmax < 3:
         parser.error("--classes needs --lmax 3 or more: degrees 1 and 2 say nothing of what classes share")
     if options.templates and options.lmax < 3:
@@ -122,8 +85,8 @@ def _add_backgrounds(parser):
         "--floor",
         action="store_true",
         help=(
-            "put errors that sources share into the errors of spin and acceleration, estimated from degrees 2 to --lmax"
-            " (3 at least), and a prior of that power on those degrees"
+            "put the systematic floor into the errors of another --method than the recommended one, estimated from "
+            "degrees 2 to --lmax (3 at least), with a prior of that power on those degrees"
         ),
     )
     group.add_argument(

@@ -58,7 +58,7 @@ def test_every_format(kind, tmp_path, capsys):
     assert not any("no unit" in note for note in field.notes)
     assert catalogue.parts(path, format=kind, units=units).sum(len) == len(wanted)
     assert main([str(path), "--lmax", "1", "--input-format", kind]) == 0
-    assert f"sources        {len(wanted)}" in capsys.readouterr().out
+    assert f": {len(wanted)} sources, " in capsys.readouterr().out
     if kind in ("cds", "ascii"):  # what has no mark of its own must be told
         return
     np.testing.assert_array_equal(catalogue.read_field(path, units=units).motion, field.motion)

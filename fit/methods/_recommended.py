@@ -2,11 +2,10 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 
-from fit.background import Floor, equations_of, floor, shared
+from fit.background import Floor, equations_of, floor
 from fit.normal import NormalEquations, Template, normal_equations
 from fit.robust import Reweighted, student_t
 from fit.solution import AboutSolution, Solution
@@ -17,7 +16,6 @@ from vsh.modes import Modes
 from vsh.tools import arguments
 from vsh.tools.errors import ConvergenceError, DegeneracyError, VshError
 from vsh.tools.types import Rng
-from vsh.vector import Vector
 
 #: A fit to degree L needs so many sources for each of its 2 L (L + 2) unknowns, two numbers each.
 _PER_MODE = 4
@@ -41,51 +39,21 @@ class Recommended(AboutSolution):
         The systematic floor; None where the sources do not determine one.
     weights : Reweighted or None
         The robust fit; None where it did not settle, and least squares stands in its place.
-    rng : Generator or int
-        The source of all randomness, of the p-values.
 
     Examples
     --------
     >>> import numpy as np
     >>> rng = np.random.default_rng(1)
     >>> lon, lat = rng.uniform(0, 6.28, 500), np.arcsin(rng.uniform(-1, 1, 500))
-    >>> found = recommended(Field(lon, lat, 30 * rng.normal(size=(2, 500)), np.full((2, 500), 30.0)))
-    >>> found.verdict.partition(",")[0]
-    'verdict: no acceleration is seen'
+    >>> result = recommended(Field(lon, lat, 30 * rng.normal(size=(2, 500)), np.full((2, 500), 30.0)))
+    >>> print(result.verdict.splitlines()[0].partition(",")[0])
+    acceleration   not detected: < 5.98 µas/yr (95 %)
     """
 
     solution: Solution
     plain: Solution
     floor: Floor | None
     weights: Reweighted | None
-    rng: Rng = 1
-
-    @property
-    def spin(self) -> Vector:
-        """The spin, a Vector with all errors that are known of. [µas/yr]"""
-        return self.solution.spin
-
-    @property
-    def acceleration(self) -> Vector:
-        """The acceleration, a Vector with all errors that are known of. [µas/yr]"""
-        return self.solution.acceleration
-
-    @cached_property
-    def p_values(self) -> tuple[float, float]:
-        """Probability of as large an acceleration, and spin, by chance: the mean over the posterior of the floor."""
-        if self.floor is None:
-            return self.acceleration.p_value, self.spin.p_value
-        # The errors of a robust fit are known already: they are not scaled again.
-        beside = shared([self.plain], labels=["all sources"], rng=self.rng)
-        return beside.p_value("S"), beside.p_value("T")
-
-    @property
-    def verdict(self) -> str:
-        """Acceleration and spin, detected or limited, with the errors that they rest on."""
-        from fit.output import verdict
-
-        p_acceleration, p_spin = self.p_values
-        return verdict(self.solution, p_value=p_acceleration, p_spin=p_spin)
 
     def equations(
         self, field: Field | Parts, modes: Modes | int, *, templates: Sequence[Template] = ()
@@ -139,7 +107,7 @@ def recommended(field: Field | Parts, lmax: int | None = None, *, rng: Rng = 1) 
         The highest degree; 5 unless given. It is lowered, with a note, where the sources are too few, or see too little
         of the sky to tell the modes apart: below degree 3 there is no floor.
     rng : Generator or int
-        The source of all randomness: the p-values are means over draws of the floor.
+        As for the other estimators of `fit.METHODS`; nothing is drawn.
 
     Raises
     ------
@@ -156,8 +124,8 @@ def recommended(field: Field | Parts, lmax: int | None = None, *, rng: Rng = 1) 
     >>> import numpy as np
     >>> rng = np.random.default_rng(1)
     >>> lon, lat = rng.uniform(0, 6.28, 500), np.arcsin(rng.uniform(-1, 1, 500))
-    >>> found = recommended(Field(lon, lat, 30 * rng.normal(size=(2, 500)), np.full((2, 500), 30.0)))
-    >>> found.solution.modes.lmax, found.floor is not None
+    >>> result = recommended(Field(lon, lat, 30 * rng.normal(size=(2, 500)), np.full((2, 500), 30.0)))
+    >>> result.solution.modes.lmax, result.floor is not None
     (5, True)
     """
     n_sources = as_parts(field).sum(len)
@@ -177,9 +145,10 @@ def recommended(field: Field | Parts, lmax: int | None = None, *, rng: Rng = 1) 
     plain = with_coverage(solution, field)
     systematic = _floor(plain)
     if systematic is None:
-        return Recommended(plain, plain, None, weights, rng)
+        return Recommended(replace(plain, is_recommended=True), plain, None, weights)
     solution = solve(equations_of(plain), floor=systematic)
-    return Recommended(solution, plain, systematic, weights, rng)
+    formal = plain.covariance if plain.formal_covariance is None else plain.formal_covariance
+    return Recommended(replace(solution, formal_covariance=formal, is_recommended=True), plain, systematic, weights)
 
 
 def _robust(field, degree):
@@ -188,7 +157,7 @@ def _robust(field, degree):
         weights = student_t(field, degree)
         return weights, weights.solution
     except ConvergenceError as error:
-        solution = fit_field(field, degree, floor=False)
+        solution = fit_field(field, degree)
         note = f"warning: least squares in place of Student's t ({error})"
         return None, replace(solution, notes=(*solution.notes, note))
 
