@@ -2,6 +2,7 @@
 
 import lazy_loader  # what is named in __init__.pyi is imported when it is first asked for
 
+from vsh import __version__ as __version__
 from vsh.tools.modules import old_names
 
 _lazy, _, __all__ = lazy_loader.attach_stub(__name__, __file__)

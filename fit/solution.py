@@ -13,6 +13,7 @@ import numpy as np
 
 from fit.quality import ErrorSource, Quality
 from fit.storage import Result, coefficient_columns, count, decoded, encoded, exact, number, words
+from fit.summary import Summarised
 from vsh.coefficients import FIRST_DEGREE, Coefficients, vector_of
 from vsh.field import Field
 from vsh.io import tables
@@ -153,12 +154,14 @@ class HarmonicSolution(LinearSolution):
         """The acceleration ã of the Solar System, in apparent motion, a Vector. [µas/yr]"""
         return self._first_degree("S", FIRST_DEGREE, self.unit)
 
-    def power(self, kind: Kind, l: int, *, debiased: bool = True) -> float:
-        """Power of one kind and degree, ∫ |V_l|² dΩ. [(µas/yr)²]
+    def power(self, kind: Kind, l: int | None = None, *, debiased: bool = True) -> Any:
+        """Power of one kind and degree, ∫ |V_l|² dΩ; without `l` of all degrees, an array. [(µas/yr)²]
 
         Noise adds Σ σ² (with the weights of the power) on average; it is taken away
         unless `debiased` is false, so that a small power may come out negative.
         """
+        if l is None:
+            return np.array([self.power(kind, each, debiased=debiased) for each in np.unique(self.modes.degrees)])
         values, _ = self.of_degree(kind, l)
         power = float(self._power_weights(l) @ values**2)
         return power - self.noise_power(kind, l) if debiased else power
@@ -227,7 +230,7 @@ def at_sources(coefficients: Coefficients, field: Field) -> FloatArray:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Solution(HarmonicSolution):
+class Solution(Summarised, HarmonicSolution):
     """Coefficients with their covariance.
 
     Attributes
@@ -573,6 +576,10 @@ class AboutSolution(Result):
     def verdict(self) -> str:
         """The result to quote as text, a line each for acceleration, spin, Gaia EDR3 and the errors."""
         return self.quoted.verdict
+
+    def summary(self) -> Table:
+        """Spin and acceleration as an astropy Table, a row for each component."""
+        return self.quoted.summary()
 
     def report(self, *, long: bool = False) -> str:
         """The solution as text.

@@ -1,8 +1,8 @@
 """The solution of normal equations."""
 
-from collections.abc import Iterable
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,19 +13,22 @@ from fit.normal import NormalEquations, normal_equations
 from fit.quality import ONE_SIDE
 from fit.solution import ScalarSolution, Solution
 from vsh import Coefficients, Field
-from vsh.field import Weighed
+from vsh.io.catalogue import as_field
 from vsh.models.covariance import Covariance
 from vsh.modes import Modes, ScalarModes
 from vsh.scalars import ScalarCoefficients, ScalarField, modes_for
 from vsh.sky.frames import ANGLES
 from vsh.sky.sphere import widest_gap
 from vsh.tools import arguments
+from vsh.tools.arguments import explained
 from vsh.tools.errors import DegeneracyError, ParameterError
 from vsh.tools.logs import logged
 from vsh.tools.notes import CodedNote, spoken
 from vsh.tools.types import FloatArray
 
 _LOST = "warning: values are a million times their errors, so χ² is lost to rounding: take a model away first"
+#: The degree unless another is named.
+_DEGREE = 3
 #: Beyond this condition number of the scaled matrix, fewer than six digits are left.
 MAX_CONDITION = 1e10
 
@@ -110,8 +113,9 @@ def solve(
     return Solution(Coefficients(normal.modes, values), **about, unit=normal.unit or "µas/yr")
 
 
+@explained
 def fit_field(
-    field: Field | ScalarField | Iterable[Field],
+    field: Any,
     modes: Modes | int | None = None,
     *,
     lmax: int | None = None,
@@ -123,12 +127,12 @@ def fit_field(
 
     Parameters
     ----------
-    field : Field, ScalarField, or iterable of Fields
-        The sources.
+    field : Field, ScalarField, iterable of Fields, path or table
+        The sources; a path or a table is read by `vsh.read_field`.
     modes : Modes, or the degree lmax
         What to fit; ScalarModes of a ScalarField.
     lmax : int, optional
-        The degree, in place of `modes`.
+        The degree, in place of `modes`; 3 unless either is given.
     covariance : Covariance or (2n, 2n) array, optional
         As for `normal_equations`.
 
@@ -137,7 +141,7 @@ def fit_field(
     DegeneracyError
         If the sources cannot tell the modes apart.
     ParameterError
-        If neither modes nor a degree are given, or both.
+        If both modes and a degree are given.
 
     Examples
     --------
@@ -149,10 +153,12 @@ def fit_field(
     >>> solution.values.shape
     (30,)
     """
-    sought = lmax if modes is None else modes
-    if sought is None or (modes is not None and lmax is not None):
+    if modes is not None and lmax is not None:
         raise ParameterError("what is to be fitted: modes, or the degree lmax, one of the two")
-    if isinstance(field, Weighed):
+    sought = modes if modes is not None else _DEGREE if lmax is None else lmax
+    if isinstance(field, str | Path) or hasattr(field, "colnames") or hasattr(field, "columns"):
+        field = as_field("field", field)
+    if isinstance(field, Field | ScalarField):
         sought = modes_for(field, sought)
         if sought.components * len(field) < len(sought):
             raise DegeneracyError(_too_few(len(field), sought))

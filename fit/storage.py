@@ -193,6 +193,10 @@ class Result(Frozen):
         columns, _, units = self._pack()
         return tables.table_of(columns, self._plain_facts(), units)
 
+    def summary(self) -> Table:
+        """The result as an astropy Table: `to_table`."""
+        return self.to_table()
+
     def __repr__(self) -> str:
         """Name and attributes in one line, arrays by their shapes."""
         parts = [f"{entry.name} {_short(getattr(self, entry.name))}" for entry in fields(cast(Any, self))]

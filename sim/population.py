@@ -191,7 +191,7 @@ STAR_COUNTS = (10.0, 15.0, 18.0, 20.0), (0.34, 26.0, 250.0, 1000.0)
 
 @arguments.accepts(n=arguments.whole, rng=arguments.seed, max_magnitude=arguments.number)
 def quasars(
-    n: int, rng: Rng, sky: str | FloatArray = "uniform", *, max_magnitude: float = 20.0, map_frame: str = "icrs"
+    n: int, rng: Rng = 1, sky: str | FloatArray = "uniform", *, max_magnitude: float = 20.0, map_frame: str = "icrs"
 ) -> Population:
     """n quasars with Gaia's distribution of magnitudes; bright ones are nearer, as in SDSS (`REDSHIFT_BY_MAGNITUDE`).
 
@@ -268,7 +268,7 @@ def vlbi_quasars(quasars: Population, n: int, rng: Rng) -> Population:
 @explained
 def galaxies(
     n: int,
-    rng: Rng,
+    rng: Rng = 1,
     sky: str | FloatArray = "uniform",
     *,
     min_redshift: float = 0.001,

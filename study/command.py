@@ -63,7 +63,9 @@ def _run(options):
     drawn.write(folder, options)
     with atomic_write(folder / configuration.NAME) as new:
         new.write_text(outputs.repeats(options), encoding="utf-8")
-    result = finishing.RunResult(_text(study, rows), lambda: {"Truth, mean, scatter, errors, coverage": table_of(rows)})
+    result = finishing.RunResult(
+        _text(study, rows), lambda: {"Truth, mean, scatter, errors, coverage": table_of(rows)}, answer=_answer(rows)
+    )
     finishing.print_result(options, result)
     finishing.print_line(options, running.written(folder, [x.name for x in Path(folder).iterdir() if x.is_file()]))
     if options.html:
@@ -76,9 +78,23 @@ def _run(options):
             sheets=result.tables,
             provenance=running.provenance([], options),
             command=options.command,
+            answer=result.answer,
             lead=f"{count} realisations of each case, {study.settings['frame']} axes",
         )
         finishing.print_line(options, f"written to {options.html}")
+
+
+def _answer(rows):
+    """Which 68 % intervals have their coverage, within three errors of so few realisations, and which have not."""
+    wrong = [row for row in rows if abs(row["within_68"] - 0.6827) > 3 * max(row["within_68_error"], 1e-9)]
+    if not wrong:
+        return [("coverage", f"68 % intervals of all {len(rows)} parameters cover as they should")]
+    worst = max(wrong, key=lambda row: abs(row["within_68"] - 0.6827))
+    listed = ", ".join(f"{row['parameter']} of {row['case']}" for row in wrong[:6])
+    more = f" and {len(wrong) - 6} more" if len(wrong) > 6 else ""
+    right = f"68 % intervals of {len(rows) - len(wrong)} of {len(rows)} parameters cover as they should"
+    words = f"{right}; not of {listed}{more}"
+    return [("coverage", f"{words} (worst: {worst['parameter']} of {worst['case']}, {100 * worst['within_68']:.0f} %)")]
 
 
 def _draw(rows):

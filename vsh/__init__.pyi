@@ -3,6 +3,7 @@
 from . import conventions, figures, io, models, rotate, sky, transform
 from .coefficients import Coefficients
 from .field import Field
+from .io.catalogue import read_field
 from .io.results import read
 from .modes import Mode, Modes, ScalarModes
 from .scalars import ScalarCoefficients, ScalarField
@@ -56,6 +57,7 @@ __all__ = [
     "io",
     "models",
     "read",
+    "read_field",
     "rotate",
     "sky",
     "transform",

@@ -128,6 +128,10 @@ class Coefficients(Frozen):
         c = self.values[self.modes.slice_of(kind, l)]
         return float(c[0] ** 2 + 2 * np.sum(c[1:] ** 2))
 
+    def __call__(self, lon: ArrayLike, lat: ArrayLike) -> FloatArray:
+        """The field at places, `at`."""
+        return self.at(lon, lat)
+
     def at(self, lon: ArrayLike, lat: ArrayLike) -> FloatArray:
         """The field at `lon`, `lat` [rad], (n,): east and north component, (2, n). [µas/yr]"""
         lon, lat = np.broadcast_arrays(np.atleast_1d(lon).astype(float), np.atleast_1d(lat).astype(float))

@@ -8,6 +8,7 @@ from typing import Any, ClassVar, Self, cast
 
 import numpy as np
 
+from vsh.columns import ByColumns
 from vsh.sky.frames import (
     FRAME_KEY,
     FRAMES,
@@ -258,9 +259,8 @@ class Weighed(Frozen):
             own = own.astype(str)
         lost = which[~np.isin(which, own)]
         if lost.size:
-            raise FieldError(
-                f"{lost.size} of {which.size} names are not among the sources: {', '.join(map(str, lost[:5]))}"
-            )
+            names = ", ".join(map(str, lost[:5]))
+            raise FieldError(f"{lost.size} of {which.size} names are not among the sources: {names}")
         return self[np.isin(own, which)]
 
     def check_frame(self, frame: str) -> None:
@@ -287,7 +287,7 @@ class Weighed(Frozen):
 
     @property
     def information(self) -> FloatArray:
-        """The trace of each source's inverse covariance, (n,): its weight in sums over all components. [(yr/µas)²]"""
+        """The trace of each source's inverse covariance, (n,): its weight in sums. [(yr/µas)²]"""
         return self.weights[: self.components].sum(0)
 
 
@@ -324,7 +324,7 @@ class Tabled(Weighed):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Field(Tabled):
+class Field(ByColumns, Tabled):
     """Proper motions of n sources, with their errors; checked once, here. Its arrays are read-only.
 
     Attributes

@@ -55,8 +55,9 @@ def length_interval(
     -----
     The statistic is the profile q(L) = min (v − θ)ᵀ C⁻¹ (v − θ) over all θ of length L; a length is in the interval
     where a profile as large as the observed one is likely enough (Feldman & Cousins 1998, Phys. Rev. D 57, 3873, with
-    the direction profiled). The distribution of q is a sum over fixed points of a normal distribution, so that the same
-    input gives the same interval. At L = 0 q is the χ² of `Vector.p_value`.
+    the direction profiled), in the direction that fits best or in one of a few others that the data allow.
+    The distribution of q is a sum over fixed points of a normal distribution, so that the same input gives the same
+    interval. At L = 0 q is the χ² of `Vector.p_value`.
     """
     profile = _Profile(value, covariance, dof)
     tail = 1 - probability

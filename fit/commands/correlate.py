@@ -49,7 +49,7 @@ def _run(options):
 
     finishing.finish(
         options,
-        finishing.RunResult(text, sheets, [note.removeprefix("  - ") for note in notes]),
+        finishing.RunResult(text, sheets, [note.removeprefix("  - ") for note in notes], answer=_answer(matrices)),
         provenance=lambda: running.provenance(paths, options, sources=[_count(f) for f in fields]),
         draw=lambda: _draw(matrices, influences, leaks),
         write=lambda folder, meta: _write(folder, matrices, influences, leaks, meta),
@@ -64,6 +64,15 @@ def _notes(field):
 
 def _count(field):
     return field.counted() if isinstance(field, Parts) else len(field)
+
+
+def _answer(matrices):
+    """The parameters that each sky determines together worst."""
+    lines = []
+    for k, label in enumerate(matrices.labels):
+        value, (one, two) = matrices.largest(k)
+        lines.append((label, f"largest correlation {value:+.3f}, of {one} and {two}"))
+    return lines
 
 
 def _sources(path, source, options):

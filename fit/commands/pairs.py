@@ -33,7 +33,7 @@ def _run(options):
             text,
             lambda: {name: each.to_table() for name, each in tabled.items() if each},
             correlation.notes,
-            verdict=fitted.verdict if fitted else "",
+            answer=[("templates", fitted.verdict)] if fitted else [],
         ),
         provenance=lambda: running.provenance(options.catalogue, options, sources=correlation.n_data // 2),
         draw=lambda: _draw(correlation, fitted, power),

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 import vsh
+from fit.output import words_of
 from fit.quality import FEW, MANY, SEEN, hint_of, printed_p_value
 from vsh.commands import finishing, outputs, reading, running
 from vsh.commands.options import redshift as options_module
@@ -107,8 +108,6 @@ def _run(options):
     flow = next((results[name].flow for name in ("velocity", "hubble") if name in results), None)
     if flow is not None:
         texts.append(flow.report())
-    for text in texts:
-        finishing.print_line(options, text)
     unfinished = None
     if options.posterior:
         try:
@@ -118,7 +117,6 @@ def _run(options):
         except ConvergenceError as error:  # what else was found is written all the same
             unfinished = error
             texts.append(f"posterior: {error}\n")
-        finishing.print_line(options, texts[-1])
     text = "\n".join(texts)
     finishing.finish(
         options,
@@ -126,9 +124,8 @@ def _run(options):
             text,
             lambda: _tables(results, truth),
             () if isinstance(whole, Parts) else whole.notes,
-            verdict=_verdict(results),
+            answer=_answer(results),
         ),
-        printed=not (options.json or options.latex),
         provenance=lambda: running.provenance(options.catalogue, options, **counts),
         draw=lambda: _draw(results, truth, ours),
         write=lambda folder, meta: _write(results, folder, meta),
@@ -140,32 +137,65 @@ def _run(options):
         raise unfinished
 
 
-def _verdict(results):
-    """What it comes to: whether dipoles change, whether our motion is seen, what H0 is or can be."""
-    said = []
+#: The Hubble constants that are published lie between these, by Planck and by distance ladders. [km/s/Mpc]
+_PUBLISHED = 67.0, 73.0
+
+
+def _answer(results):
+    """The lines to quote: H0, our velocity, whether the dipole changes with redshift, and what errors leave out."""
+    lines = []
+    if "posterior" in results:
+        lines += _of_posterior(results["posterior"])
+    elif "hubble" in results:
+        lines.append(("H0", _of_hubble(results["hubble"])))
+    if "velocity" in results:
+        solution = results["velocity"]
+        words = f"{words_of(solution.velocity)}, for H0 = {solution.assumed_hubble:g} km/s/Mpc"
+        lines.append(("velocity", words))
     if "shared" in results and len(results["shared"]) > 1:
         p = results["shared"].verdict().p_value
-        said.append(f"{'a' if p < SEEN else 'no'} change of the dipole with redshift is seen ({_p(p)})")
+        words = "a change" if p < SEEN else "no change"
+        lines.append(("dipole", f"{words} with redshift is detected, {_p(p)}, systematic errors included"))
     elif "bins" in results and len(results["bins"]) > 1:
-        said.append("whether the dipole changes with redshift is not told without what sources share: --floor tells it")
-    if "velocity" in results:
-        v = results["velocity"].velocity
-        seen = f"our velocity is {three_digits(v.amplitude)} ± {three_digits(v.amplitude_error)} km/s"
-        below = f"our motion is not seen, it is below {three_digits(v.amplitude_limit())} km/s (95 %)"
-        said.append(f"{seen if v.p_value < SEEN else below} ({_p(v.p_value)})")
-    if "hubble" in results:
-        solution = results["hubble"]
-        seen = f"H0 = {solution.hubble:.3g} ± {solution.hubble_error:.2g} km/s/Mpc"
-        below = f"H0 is not told, it is below {three_digits(solution.hubble_limits[1])} km/s/Mpc (95 %)"
-        said.append(seen if _is_told(solution) else below)
-    if "posterior" in results:
-        row = results["posterior"].summary()["H0"]
-        within = f"{three_digits(row.low68)} to {three_digits(row.high68)} km/s/Mpc (68 %)"
-        said.append(f"the posterior of H0 has its median at {three_digits(row.median)}, {within}")
+        words = "whether it changes with redshift is not known without systematic errors: add --floor"
+        lines.append(("dipole", words))
     left = [results[name] for name in ("velocity", "hubble") if name in results]
     if any(each.flow_covariance is not None for each in left):
-        said.append("flows that galaxies share are not in these errors")
-    return "; ".join(said)
+        lines.append(("errors", "do not include flows that galaxies have in common"))
+    return lines
+
+
+def _of_hubble(solution):
+    """H0 by least squares for a known velocity, and how far it is from published values."""
+    value, error = solution.hubble, solution.hubble_error
+    if not _is_told(solution):
+        limit = solution.hubble_limits[1]
+        beside = "which allows" if limit > _PUBLISHED[0] else "which excludes"
+        return f"not determined: < {three_digits(limit)} km/s/Mpc (95 %), {beside} 67 to 73"
+    return f"{value:.3g} ± {error:.2g} km/s/Mpc, {_away(value, error)}"
+
+
+def _away(value, error):
+    """How far a Hubble constant is from the published ones, in its errors."""
+    low, high = _PUBLISHED
+    distance = max(low - value, value - high, 0.0) / error
+    return f"{distance:.1f} σ from 67 to 73" if distance else "between or at 67 and 73"
+
+
+def _of_posterior(posterior):
+    """H0 and the speed by the posterior, medians with 68 % intervals, and the priors they rest on."""
+    rows = posterior.summary()
+    h0 = rows["H0"]
+    error = (h0.median - h0.low68) if h0.median > _PUBLISHED[1] else (h0.high68 - h0.median)
+    size = f"{three_digits(h0.median)} km/s/Mpc ({three_digits(h0.low68)} to {three_digits(h0.high68)}, 68 %)"
+    lines = [("H0", f"{size}, posterior; {_away(h0.median, error)}")]
+    if "speed" in rows:
+        v = rows["speed"]
+        low, high = three_digits(v.low68), three_digits(v.high68)
+        lines.append(("speed", f"{three_digits(v.median)} km/s ({low} to {high}, 68 %), posterior"))
+    priors = posterior.model.priors.in_words()
+    lines.append(("prior", f"H0 {priors['hubble']}; velocity {priors['velocity']}"))
+    return lines
 
 
 def _p(p):
@@ -190,11 +220,9 @@ def _by_distances(source, options):
     frame = "galactic" if options.frame == "icrs" else options.frame
     solution = kinematics(field, gradient=options.oort, dispersion=dispersion, frame=frame)
     text = solution.report(source.label)
-    finishing.print_line(options, text)
     finishing.finish(
         options,
         finishing.RunResult(text, lambda: {"Motions at known distances": solution.to_table()}, field.notes),
-        printed=not (options.json or options.latex),
         provenance=lambda: running.provenance(options.catalogue, options, **counts),
         draw=lambda: {"correlations": solution.plot()},
         write=lambda folder, meta: _write({"kinematics": solution}, folder, meta),

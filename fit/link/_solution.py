@@ -11,6 +11,7 @@ from fit.link._likelihood import NORMAL, Node, Tails, influence_of, mixed
 from fit.link._rows import Rows
 from fit.link._unknowns import VECTORS, Unknowns
 from fit.named import NamedSolution
+from fit.output import Answer
 from fit.quality import SEEN, f_p_value, hint_of, printed_p_value
 from vsh.field import Field
 from vsh.io import tables
@@ -267,12 +268,12 @@ class LinkSolution(NamedSolution):
         return "\n".join([*lines, *note_lines(self.notes)]) + "\n"
 
     @property
-    def verdict(self) -> str:
-        """Whether frames are turned, and whether they jump, in a sentence."""
+    def answer(self) -> Answer:
+        """The result to quote: whether frames are turned, and whether they jump, a line each."""
         steps, powers = self.unknowns.steps, self.unknowns.order
         at = f", brighter than {min(steps):.4g} mag" if steps else ", at G = 13" if powers else ""
-        clauses = [
-            f"{self._in_words(name, catalogue)} of {catalogue}{at}"
+        lines = [
+            (name, f"{self._in_words(name, catalogue)} of {catalogue}{at}")
             for catalogue in self.unknowns.turned
             for name in ("orientation", "spin")
             if name in self.unknowns.vectors
@@ -286,8 +287,13 @@ class LinkSolution(NamedSolution):
             hint = hint_of(together)
             if len(each) > 1:
                 words.append(f"p = {printed_p_value(together)} of both together{hint and f' ({hint})'}")
-            clauses.append(", ".join(words) + (", after allowing for all places" if self.searched else ""))
-        return "; ".join(clauses)
+            lines.append(("jump", ", ".join(words) + (", after allowing for all places" if self.searched else "")))
+        return Answer(tuple(lines))
+
+    @property
+    def verdict(self) -> str:
+        """The result to quote in one sentence."""
+        return "; ".join(words for _, words in self.answer.lines)
 
     def jump_p_values(self, step: float) -> tuple[float, ...]:
         """Probability of as large a jump by chance: of all vectors and catalogues together, then of each vector.

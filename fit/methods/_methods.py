@@ -12,6 +12,7 @@ from fit.robust import ExcessNoise, Reweighted, clip, excess_noise, permissive, 
 from fit.solution import AboutSolution, Solution
 from fit.solving import fit_field, with_coverage
 from vsh.field import Field
+from vsh.io.catalogue import as_field
 from vsh.io.parts import Parts
 from vsh.modes import Modes
 from vsh.tools import arguments
@@ -175,9 +176,9 @@ METHODS: dict[str, Callable[[Any, Any, Any, Rng], Estimate]] = {
 WITH_VALUE = ("clip", "excess-noise", "bootstrap", "jackknife")
 
 
-@arguments.accepts(field=arguments.a(Field, Parts), rng=arguments.seed)
+@arguments.accepts(field=as_field, rng=arguments.seed)
 def estimate(
-    field: Field | Parts,
+    field: Any,
     lmax: Modes | int | None = None,
     method: str = "recommended",
     value: float | str | None = None,
@@ -188,8 +189,8 @@ def estimate(
 
     Parameters
     ----------
-    field : Field or Parts
-        The sources.
+    field : Field, Parts, path or table
+        The sources; what is no Field is read by `vsh.read_field`.
     lmax : Modes or int, optional
         The highest degree; 3 unless given, and 5 of the recommended fit.
     method : str

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from fit.robust import Reweighted, student_t
 from fit.solution import AboutSolution, Solution
 from fit.solving import fit_field, solve, with_coverage
 from vsh.field import Field
+from vsh.io.catalogue import as_field
 from vsh.io.parts import Parts, as_parts
 from vsh.modes import Modes
 from vsh.tools import arguments
@@ -95,14 +97,14 @@ def degree_for(n_sources: int, most: int, least: int = 1) -> int:
     return lmax
 
 
-@arguments.accepts(field=arguments.a(Field, Parts), rng=arguments.seed)
-def recommended(field: Field | Parts, lmax: int | None = None, *, rng: Rng = 1) -> Recommended:
+@arguments.accepts(field=as_field, rng=arguments.seed)
+def recommended(field: Any, lmax: int | None = None, *, rng: Rng = 1) -> Recommended:
     """Fit a catalogue as recommended: robustly, and with systematic errors in the errors of spin and acceleration.
 
     Parameters
     ----------
-    field : Field or Parts
-        The sources.
+    field : Field, Parts, path or table
+        The sources; what is no Field is read by `vsh.read_field`.
     lmax : int, optional
         The highest degree; 5 unless given. It is lowered, with a note, where the sources are too few, or see too little
         of the sky to tell the modes apart: below degree 3 there is no floor.

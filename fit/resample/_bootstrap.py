@@ -109,8 +109,8 @@ _POISSON = np.searchsorted(gammaincc(np.arange(1, 13), 1.0), (np.arange(2**16) +
 def bootstrap(
     field: Field | ScalarField | Parts,
     modes: Modes | int,
-    n_replicates: int,
-    rng: Rng,
+    n_replicates: int = 100,
+    rng: Rng = 1,
     *,
     method: Literal["auto", "full", "one-step"] = "auto",
     covariance: Covariance | FloatArray | None = None,

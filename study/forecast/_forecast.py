@@ -84,11 +84,21 @@ class SurveyForecast(InNotebook):
             "velocity and H0 without flows: independent velocities of 300 km/s; with them: linear theory, one sky's "
             "cosmic variance"
         )
-        lines.append(
-            "to quote: spin and acceleration with the floor, velocity and H0 with flows unknown; the lines above "
-            "them are what noise alone would allow"
-        )
         return "\n".join(lines) + "\n"
+
+    @property
+    def answer(self) -> tuple[tuple[str, str], ...]:
+        """The lines to quote: errors of acceleration and H0 by survey, with what nature adds to the noise."""
+        quoted = (
+            ("acceleration_floor", "acceleration, with the systematic floor"),
+            ("hubble_flows", "H0, flows unknown"),
+        )
+        lines = []
+        for name in self.surveys:
+            known = [(words, self.values[name][key], QUANTITIES[key][1]) for key, words in quoted]
+            parts = [f"{words} ± {value:.2g} {unit}" for words, value, unit in known if np.isfinite(value)]
+            lines.append((name, "; ".join(parts) or "nothing to quote"))
+        return tuple(lines)
 
     def to_table(self) -> Table:
         """A row for each survey, as an astropy Table."""

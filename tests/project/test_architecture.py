@@ -37,7 +37,7 @@ HEAVY = {
     "distributed": ["vsh/io/parts/_dask.py"],
     "astropy.cosmology": ["vsh/models/cosmology/_distance.py"],
     "astropy": [
-        "vsh/io/tables/_*.py", "vsh/tools/writing.py", "vsh/models/covariance/_matrix.py", "vsh/models/cosmology/_distance.py", "vsh/io/catalogue/_columns.py", "vsh/io/catalogue/_names.py", "vsh/commands/*.py", "vsh/figures/plot/_sky_axes.py", "vsh/vector.py",
+        "vsh/io/tables/_*.py", "vsh/tools/writing.py", "vsh/models/covariance/_matrix.py", "vsh/models/cosmology/_distance.py", "vsh/io/catalogue/_columns.py", "vsh/io/catalogue/_names.py", "vsh/commands/*.py", "vsh/figures/plot/_sky_axes.py", "vsh/vector.py", "vsh/columns.py",
         "sim/effects.py", "fit/storage.py",
     ],
 }  # fmt: skip

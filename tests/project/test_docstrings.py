@@ -27,7 +27,7 @@ REASONS = {
         ("ra", "dec", "pmra", "pmdec", "pmra_error", "pmdec_error", "values", "errors", "columns", "units"), COLUMNS
     ),
     **dict.fromkeys(("coord", "radius", "orientation", "spin", "jump", "acceleration", "masses"), ASTROPY),
-    **dict.fromkeys(("sources", "cases", "fields"), SOURCES),
+    **dict.fromkeys(("sources", "cases", "fields", "field", "table"), SOURCES),
     **dict.fromkeys(
         ("solution", "check", "figures", "beside", "about", "models", "floor", "law", "folder", "observations",
          "attitude", "chosen"), ARROWS,
@@ -37,6 +37,7 @@ REASONS = {
     "rotate": "coefficients, or a pair with their covariance", "attractions": SAME, "effects": SAME,
     "apparent_motion": SAME, "lensing_motion": SAME, "NominalScanningLaw.attitude": "three arrays, of any shape",
     "TabulatedLaw.attitude": "three arrays, of any shape", "search_in_time": "by its arguments",
+    "Vector.to_skycoord": "astropy's SkyCoord, which is imported when it is asked for",
     "read": "a result, a field or a table: what is in the file",
     "Result.plot": "axes, or an array: each result says which", "Floor.allowed_for": "what `solve` returns",
     "Parts.sum": "what `function` returns", "Dask.total": "what `work` returns", "Processes.total": "what `work` returns",

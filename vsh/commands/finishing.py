@@ -123,14 +123,12 @@ class RunResult:
     make_tables: Callable[[], Mapping[str, Table]] = dict
     notes: Iterable[str] = ()
     latex: Callable[[], str] | None = None
-    verdict: str = ""
     answer: Sequence[tuple[str, str]] = ()
 
     def __post_init__(self) -> None:
-        for name in ("text", "verdict"):  # screen, file and page alike: no name of a source may be a terminal's escape
-            object.__setattr__(self, name, printable(getattr(self, name)))
-        lines = self.answer or ([("verdict", self.verdict)] if self.verdict else [])
-        object.__setattr__(self, "answer", tuple((printable(label), printable(text)) for label, text in lines))
+        # Screen, file and page alike: no name of a source may be a terminal's escape.
+        object.__setattr__(self, "text", printable(self.text))
+        object.__setattr__(self, "answer", tuple((printable(label), printable(text)) for label, text in self.answer))
 
     @property
     def report(self) -> str:
@@ -177,13 +175,9 @@ def finish(
     cards: Callable[[], Sequence[tuple[str, str, str]]] = tuple,
     page: Callable[[Figures, dict[str, Any]], None] | None = None,
     movies: Callable[[], Mapping[str, bytes]] = dict,
-    printed: bool = False,
 ) -> None:
     """Tell what was found, and write what was asked for: a folder, a page."""
-    if not printed:
-        print_result(options, result)
-    elif result.answer:  # what is printed as it is found ends with it
-        print_line(options, answer_lines(result.answer))
+    print_result(options, result)
     if not (options.output or options.html):
         return
     meta = provenance()

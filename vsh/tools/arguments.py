@@ -12,7 +12,7 @@ from typing import Any, ParamSpec, TypeAlias, TypeVar
 
 import numpy as np
 
-from vsh.tools.errors import ParameterError, VshError, first_line
+from vsh.tools.errors import ParameterError, VshError, first_line, unknown_argument
 from vsh.tools.types import ArrayLike, FloatArray, IntArray
 
 P = ParamSpec("P")
@@ -115,7 +115,10 @@ def accepts(**checks: Check) -> Callable[[Callable[P, T]], Callable[P, T]]:
             try:
                 bound = known.bind(*arguments, **options)
             except TypeError:
-                return function(*arguments, **options)  # whose own error names it
+                try:
+                    return function(*arguments, **options)  # whose own error names it
+                except TypeError as error:
+                    raise unknown_argument(function, error) from None
             bound.apply_defaults()
             for name, check in checks.items():
                 value = bound.arguments[name]
@@ -251,9 +254,11 @@ def explained(function: Callable[P, T]) -> Callable[P, T]:
             raise
         except _ENDS as error:
             words = _mistyped(function, arguments, options)
-            if words is None:
-                raise
-            raise ParameterError(words) from error
+            if words is not None:
+                raise ParameterError(words) from error
+            if isinstance(error, TypeError):
+                raise unknown_argument(function, error) from None
+            raise
 
     return checked
 

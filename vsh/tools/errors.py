@@ -1,5 +1,10 @@
 """What can go wrong, each with the remedy in its message."""
 
+import re
+from collections.abc import Callable, Mapping
+from difflib import get_close_matches
+from typing import Any, NoReturn
+
 from vsh.tools.printing import printable
 
 
@@ -78,3 +83,87 @@ def first_line(error: object) -> str:
     """The first line of what an error says."""
     text = str(error).strip()
     return text.splitlines()[0].rstrip(".") if text else type(error).__name__
+
+
+#: What people who know other packages ask a result, a field or a vector for, and what it is here.
+ATTRIBUTES = {
+    "aic": "bic",
+    "cl": "power(kind, l), or fit.output.powers_table(solution)",
+    "coef_": "values, named by modes",
+    "coords": "to_skycoord()",
+    "cov": "covariance",
+    "describe": "to_table().info()",
+    "error": "sigma",
+    "evaluate": "predict(lon, lat)",
+    "fit": "fit.recommended(field)",
+    "galactic": 'to_frame("galactic")',
+    "get_power": "power(kind, l)",
+    "icrs": 'to_frame("icrs")',
+    "log_likelihood": "chi2, −2 ln L up to a constant",
+    "mag": "magnitude",
+    "mask": "field[mask], which selects",
+    "params": "values, named by modes",
+    "plot_sky": "fit.output.draw_figures(solution, field), or widget(field) in a notebook",
+    "plot_spectrum": "plot()",
+    "save": "write(path)",
+    "skycoord": "to_skycoord()",
+    "sort": "to_table(), whose rows can be sorted",
+    "std": "sigma",
+    "to_arviz": "sample(n), whose draws ArviZ takes",
+    "to_dict": "to_table(), or --json of the command",
+    "to_json": "to_table(), or --json of the command",
+    "to_latex": "latex()",
+}
+#: The same of modules.
+NAMES = {
+    "Table": "astropy.table.Table; vsh.read_field reads a catalogue",
+    "T": "vsh.basis.harmonics, or Coefficients(…).at(lon, lat)",
+    "evaluate": "Coefficients(…).at(lon, lat)",
+    "fit": "fit.recommended(field), after `import fit`",
+    "harmonics": "vsh.basis.harmonics",
+    "healpix": "vsh.sky.pixels",
+    "huber": "fit.robust.student_t, or permissive",
+    "plot_sky": "vsh.figures.plot.plot_field",
+    "read_table": "vsh.read_field",
+    "run_mcmc": "fit.posterior.sample",
+    "simulate": "sim.observe(sim.quasars(n), signal)",
+    "sky": "vsh.figures.plot.plot_field",
+    "vsh": "vsh.basis.harmonics",
+}
+#: The same of arguments.
+ARGUMENTS = {
+    "n": "n_replicates",
+    "random_state": "rng",
+    "robust": "the function fit.robust.student_t, or fit.estimate(field, lmax, method)",
+    "seed": "rng",
+}
+
+
+def no_attribute(thing: Any, name: str) -> NoReturn:
+    """Raise AttributeError for an attribute that an object does not have, with what it may be."""
+    kind = type(thing)
+    hint = ATTRIBUTES.get(name) or " or ".join(get_close_matches(name, _public(kind), n=2))
+    raise AttributeError(f"{kind.__name__} has no {name}{hint and f': did you mean {hint}?'}", name=name, obj=thing)
+
+
+def no_name(module: str, name: str, names: list[str], otherwise: AttributeError) -> AttributeError:
+    """The error for a name that a module does not have, with what it may be."""
+    if name.startswith("_"):
+        return otherwise
+    hint = NAMES.get(name) or " or ".join(get_close_matches(name, names, n=3))
+    return AttributeError(f"{module} has no {name}: did you mean {hint}?", name=name) if hint else otherwise
+
+
+def unknown_argument(function: Callable[..., Any], error: TypeError) -> TypeError:
+    """The same error with the name that an unknown argument may have here."""
+    given = re.fullmatch(r".*\(\) got an unexpected keyword argument '(\w+)'", str(error))
+    if given is None:
+        return error
+    known: Mapping[str, Any] = function.__annotations__
+    hint = ARGUMENTS.get(given[1], "")
+    hint = hint if hint in known or " " in hint else " or ".join(get_close_matches(given[1], list(known), n=2))
+    return TypeError(f"{error}: did you mean {hint}?") if hint else error
+
+
+def _public(kind):
+    return [name for name in dir(kind) if not name.startswith("_")]

@@ -8,7 +8,6 @@ import os
 import sys
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from difflib import get_close_matches
 from importlib import import_module
 from importlib.machinery import ModuleSpec, PathFinder
 from importlib.util import find_spec, module_from_spec
@@ -146,11 +145,13 @@ def old_names(
             try:
                 return otherwise(name)
             except AttributeError as error:
-                near = [] if name.startswith("_") else get_close_matches(name, dir(sys.modules[module]), n=3)
-                if not near:
-                    raise
-                raise AttributeError(f"{error}: is it {' or '.join(near)}?", name=name) from None
-        raise AttributeError(f"module {module!r} has no attribute {name!r}")
+                from vsh.tools.errors import no_name
+
+                raise no_name(module, name, dir(sys.modules[module]), error) from None
+        from vsh.tools.errors import no_name
+
+        missing = AttributeError(f"module {module!r} has no attribute {name!r}")
+        raise no_name(module, name, dir(sys.modules[module]), missing)
 
     return getattribute
 
@@ -160,5 +161,14 @@ def lazily(
 ) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
     """A face's `__getattr__` and `__dir__`: attributes of its files, or sub-modules, imported when first asked for."""
     submodules = () if attributes else names
-    get, _, _ = lazy_loader.attach(module, submodules=submodules, submod_attrs=dict(attributes))
+    attached, _, _ = lazy_loader.attach(module, submodules=submodules, submod_attrs=dict(attributes))
+
+    def get(name):
+        try:
+            return attached(name)
+        except AttributeError as error:
+            from vsh.tools.errors import no_name
+
+            raise no_name(module, name, list(names), error) from None
+
     return get, lambda: list(names)

@@ -2,7 +2,7 @@
 
 from dataclasses import fields, is_dataclass
 from html import escape
-from typing import Any, ClassVar, cast
+from typing import TYPE_CHECKING, Any, ClassVar, cast
 
 import numpy as np
 
@@ -17,6 +17,15 @@ class InNotebook:
 
     #: Units of attributes, by name.
     units_shown: ClassVar[dict[str, str]] = {}
+
+    if not TYPE_CHECKING:  # to whom every attribute would be one
+
+        def __getattr__(self, name):
+            if name.startswith("_"):
+                raise AttributeError(name)
+            from vsh.tools.errors import no_attribute
+
+            no_attribute(self, name)
 
     def _repr_html_(self) -> str:
         if type(self).__str__ is not object.__str__:  # it says itself what there is to say
