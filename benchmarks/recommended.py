@@ -1,0 +1,98 @@
+"""Coverage of the recommended fit, and of least squares with formal errors, on skies that violate their assumptions.
+
+    python benchmarks/recommended.py [SKIES [ROW …]]
+
+For each kind of sky: rms pull of a component, shares of components within 1 and 1.96 errors, of p-values of the difference
+from the truth below 0.05, and of 95 % limits above the truth; for acceleration and spin together.
+"""
+
+import sys
+import warnings
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+import fit
+import sim
+from fit.background import SHAPES
+from vsh import Field
+
+TRUTH = {"acceleration": np.array([-0.3, -4.4, -2.3]), "spin": np.zeros(3)}
+#: Factor on each spectrum of systematic errors, which then add 1 to 2 errors of the noise to spin and acceleration.
+_POWER = {"gaia": 0.7, "steep": 50.0}
+
+
+def quasars(rng, n=2500, *, errors_wrong=False, double=0.0, stars=0.0, shape=None, twice=0.0, half=False):
+    """Quasars as Gaia sees them: 300 to 1500 µas/yr by magnitude, no sources near the Galactic plane."""
+    field = sim.observe(
+        sim.quasars(n, rng, "plane-avoiding"), sim.acceleration(TRUTH["acceleration"]), rng=rng, sigma=100.0
+    )
+    sigma = np.array(field.sigma) * rng.lognormal(0.5, 0.6, n)
+    motion = sim.acceleration(TRUTH["acceleration"])(field.lon, field.lat) + sigma * rng.normal(size=(2, n))
+    if shape is not None:
+        motion = motion + sim.systematics(_POWER[shape] * SHAPES[shape], rng, lmax=12)(field.lon, field.lat)
+    if errors_wrong:
+        faint = sigma[0] > np.median(sigma)
+        motion = motion + 0.8 * sigma * faint * rng.normal(size=(2, n))
+    motion = motion + (rng.uniform(size=n) < double) * 5 * sigma * rng.standard_t(2, (2, n))
+    motion = motion + (rng.uniform(size=n) < stars) * rng.normal(-2000, 2500, (2, n))
+    lon, lat = field.lon, field.lat
+    rows = np.concatenate([np.arange(n), np.flatnonzero(rng.uniform(size=n) < twice)])
+    rows = rows[lat[rows] > 0] if half else rows
+    return Field(lon[rows], lat[rows], motion[:, rows], sigma[:, rows])
+
+
+def vlbi(rng, n):
+    """A table of VLBI: tails of Student's t with three degrees of freedom, errors that are wrong by 0.25 dex."""
+    lon, lat = sim.uniform_sky(n, rng)
+    sigma = np.broadcast_to(20 * rng.lognormal(0, 0.8, n), (2, n))
+    noise = sigma * 10 ** rng.normal(0, 0.25, n) * rng.standard_t(3, (2, n))
+    return Field(lon, lat, sim.acceleration(TRUTH["acceleration"])(lon, lat) + noise, sigma)
+
+
+SKIES = {
+    "clean": quasars,
+    "errors wrong at the faint end, 2 % double": partial(quasars, errors_wrong=True, double=0.02),
+    "2 % stars": partial(quasars, stars=0.02),
+    "VLBI, 50 sources": partial(vlbi, n=50),
+    "VLBI, 150 sources": partial(vlbi, n=150),
+    "VLBI, 700 sources": partial(vlbi, n=700),
+    "5 % twice": partial(quasars, twice=0.05),
+    "systematic, Gaia's spectrum": partial(quasars, shape="gaia"),
+    "systematic, l⁻²": partial(quasars, shape="steep"),
+    "half the sky": partial(quasars, half=True),
+}
+
+
+def one(seed, name):
+    """Numbers of one sky by both fits: three pulls, p, whether the limit holds, the mean error; acceleration, then spin."""
+    warnings.simplefilter("ignore")
+    field = SKIES[name](np.random.default_rng(seed))
+    lmax = fit.methods.degree_for(len(field), 3)
+    rows = []
+    for solution in (fit.recommended(field).solution, fit.fit_field(field, lmax)):
+        for vector, truth in ((getattr(solution, each), TRUTH[each]) for each in TRUTH):
+            away = replace(vector, value=vector.value - truth)
+            limit = vector.amplitude_limit() >= np.linalg.norm(truth)
+            rows.append([*(away.value / vector.sigma), away.p_value, limit, *away.value])
+    return rows
+
+
+def main(n=200, *names):
+    with ProcessPoolExecutor() as pool:
+        for name in names or SKIES:
+            found = np.array(list(pool.map(partial(one, name=name), range(n), chunksize=4)))
+            for label, rows in (("recommended", found[:, :2]), ("least squares", found[:, 2:])):
+                pulls, rms = np.abs(rows[..., :3]), np.sqrt(np.mean(rows[..., 5:] ** 2))
+                print(
+                    f"{name:44}{label:15}pull {np.sqrt(np.mean(pulls**2)):.2f}  68 % {np.mean(pulls < 1):.3f}  95 % "
+                    f"{np.mean(pulls < 1.96):.3f}  p<.05 {np.mean(rows[..., 3] < 0.05):.3f}  p<.0027 "
+                    f"{np.mean(rows[..., 3] < 0.0027):.4f}  limits {np.mean(rows[..., 4]):.3f}  rms {rms:.2f}",
+                    flush=True,
+                )
+
+
+if __name__ == "__main__":
+    main(*(int(each) if each.isdecimal() else each for each in sys.argv[1:]))
