@@ -50,6 +50,7 @@ def run(house, *words):
     return done.stdout
 
 
+@pytest.mark.slow
 def test_an_estimator_and_a_signal(tmp_path):
     free = [block for block in BLOCKS if not block.startswith("#")]
     assert len(free) == 2

@@ -13,7 +13,7 @@ def files(tmp_path_factory):
     return fuzz.make_files(tmp_path_factory.mktemp("whole"))
 
 
-@few_or_many(2, 100, "number")
+@few_or_many(1, 100, "number")
 def test_mutants_of_each(files, number):
     broken = []
     for name, (path, read) in files.items():

@@ -20,7 +20,7 @@ FORMS = {
 }
 
 
-@pytest.fixture(scope="module", params=["editable", "wheel"])
+@pytest.fixture(scope="module", params=["editable", pytest.param("wheel", marks=pytest.mark.slow)])
 def python(request, tmp_path_factory):
     """Python with the project as a wheel leaves it: a folder of packages; or as it is installed here."""
     if request.param == "editable":

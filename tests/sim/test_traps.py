@@ -34,6 +34,7 @@ def both():
     return [sim.crf3(3, still, n_five=30_000, traps=traps) for traps in (False, True)]
 
 
+@pytest.mark.slow
 def test_traps_change_motions_alone(both):
     clean, trapped = both
     for name in set(clean.colnames) - {"pmra", "pmdec", "parallax"}:
@@ -70,6 +71,7 @@ def test_what_is_shared(both):
     assert size.max() < 5.5
 
 
+@pytest.mark.slow
 def test_the_command_says_traps(tmp_path, capsys):
     path = tmp_path / "crf4.fits"
     assert simulate(["crf4", "--traps", "--number", "1000", "--output", str(path)]) == 0

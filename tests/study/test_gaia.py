@@ -79,6 +79,7 @@ def test_a_rehearsal_of_dr4(tmp_path, capsys):
         simulate(["crf3", "--table", "all_source_astrometry", "--output", str(path)])
 
 
+@pytest.mark.slow
 def test_tables_and_report_are_written(study, tmp_path):
     from study.gaia import write_gaia
 

@@ -58,6 +58,7 @@ def test_results_hold_everything(finished):
     assert one["value"].mean() == pytest.approx(mean)
 
 
+@pytest.mark.slow
 def test_the_same_bytes_whatever_the_number_of_workers(finished, tmp_path):
     study.run(study.load(SMALL), tmp_path / "other", workers=1, progress=False)
     assert files_of(tmp_path / "other") == files_of(finished)
@@ -95,6 +96,7 @@ def test_killed_twenty_times(finished, tmp_path):
     assert kills >= 20
 
 
+@pytest.mark.slow
 def test_what_is_finished_is_not_done_again_and_leftovers_go(finished):
     before = {
         path: path.stat().st_mtime_ns for path in finished.rglob("*.*") if path.parent.name in ("A", "D", "prepared")
@@ -141,6 +143,7 @@ def test_galaxies_move_with_everything():
     np.testing.assert_allclose(found(lon, lat, z), whole(lon, lat, z))
 
 
+@pytest.mark.slow
 def test_another_configuration_is_refused(finished, tmp_path):
     with pytest.raises(StudyError, match=r"holds another study \(mission.release: there DR5, here DR4\)"):
         study.run(study.load(changed(mission={"release": "DR4"})), finished, progress=False)
@@ -156,6 +159,7 @@ def test_another_configuration_is_refused(finished, tmp_path):
         study.run(study.load(SMALL), tmp_path / "file", progress=False)
 
 
+@pytest.mark.slow
 def test_more_realisations_go_on_from_the_first(tmp_path):
     for n in (1, 3):
         study.run(study.load(SMALL), tmp_path / "few", n_realisations=n, workers=1, progress=False)

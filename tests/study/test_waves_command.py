@@ -54,6 +54,7 @@ def test_a_wave_is_found_in_a_file(epochs, tmp_path, capsys):
     assert {"waves.ecsv", "background.png", "in_time.gif", "report.txt"} <= names
 
 
+@pytest.mark.slow
 def test_a_law_from_a_table(epochs, tmp_path, capsys):
     from astropy.table import Table
 

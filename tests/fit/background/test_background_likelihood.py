@@ -155,6 +155,7 @@ def test_posteriors_are_integrals_over_the_likelihood(loud):
     assert evidence == pytest.approx(np.log(whole) + top - np.log(nothing) - zero, abs=2e-3)
 
 
+@pytest.mark.slow
 def test_two_amplitudes_are_marginalised(loud):
     """The other amplitude integrated by brute force, the scale of the errors fixed."""
     likelihood = Likelihood(loud, [Spectrum.odd(), Spectrum.even()], (2, 3, 4), (1,), noise_scale=False)

@@ -189,6 +189,7 @@ def test_errors_are_scaled_by_their_own_chi2():
     assert two.noise_scale[1] == pytest.approx(3 * one.noise_scale[1])
 
 
+@pytest.mark.slow
 def test_classes_that_share_no_noise_are_classes_of_their_own():
     """The model of catalogues, whose normal matrix has blocks between classes, with blocks of zeros."""
     rng = np.random.default_rng(4)

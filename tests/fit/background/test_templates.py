@@ -134,6 +134,7 @@ def test_equations_with_templates_add(tmp_path):
         shared([whole, fit.normal_equations(field, 4)])
 
 
+@pytest.mark.slow
 def test_a_column_of_a_catalogue_in_parts(tmp_path, capsys):
     """Its means by pixel are the column: coefficients to 1e-3 of it, and what the command prints of it."""
     from astropy.table import Table

@@ -95,6 +95,7 @@ def spoilt(tmp_path):
     return str(tmp_path / "spoilt.fits")
 
 
+@pytest.mark.slow
 def test_robust_weights_serve_classes_and_templates(tmp_path, capsys):
     """Classes and templates were plain least squares, whose errors are 1.8 times as large here; the latter unsaid."""
     words = [spoilt(tmp_path), "--lmax", "4", "--no-figures", "--overwrite", "--output", str(tmp_path / "out")]

@@ -70,6 +70,7 @@ def test_one_catalogue_alone(stars, capsys):
     assert "there are gaia" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_command_seeks_and_simulates(tmp_path, capsys):
     from sim.commands.simulate import main as simulate
     from vsh.io.astrometry import read_astrometry

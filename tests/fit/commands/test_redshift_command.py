@@ -237,6 +237,7 @@ def test_the_truth_of_a_simulated_table_stands_beside_the_result(tmp_path, capsy
     assert "(simulated with H0 = 70)" in text
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("options", [[], ["--workers", "2"]])
 def test_bins_with_notes_that_count_are_written(tmp_path, options):
     """YAML knows text, not classes made from it."""
@@ -268,6 +269,7 @@ def seen(tmp_path_factory):
     return folder
 
 
+@pytest.mark.slow
 def test_a_frame_that_nobody_told_is_asked_for(seen, capsys):
     path = str(seen / "untold.ecsv")
     assert main([path, "--h0", "67.4", "--on-bad", "drop"]) == 1

@@ -183,6 +183,7 @@ def test_the_likelihood_of_a_background_is_that_of_the_coefficients():
         assert likelihood(root) == pytest.approx(density(root) - density(np.zeros(2)), abs=1e-6)
 
 
+@pytest.mark.slow
 def test_powers_of_bands_hold():
     """√P drawn from 0 to 3 times the noise: ranks are uniform, 68 % hold so many."""
     functions = waves(1.5, 2.5, span=SPAN)
@@ -206,6 +207,7 @@ def test_powers_of_bands_hold():
     assert (found.strain() > 0).all()
 
 
+@pytest.mark.slow
 def test_sums_of_a_cluster():
     """Parts summed by Dask, elsewhere: equations and responses travel."""
     dask = pytest.importorskip("dask")

@@ -182,6 +182,7 @@ def test_what_each_effect_does():
     assert off(light_time=False).max() < 5
 
 
+@pytest.mark.slow
 def test_an_offset_of_positions_is_found():
     data = sim.link(11, 10, quasars=80, offset=300.0, binaries=0.0)
     solution = link(data)
@@ -371,6 +372,7 @@ def test_stars_of_one_calibrator_share_its_error(tmp_path, skies):
     assert len(link(again, aberration=None, excess=False).sources) == 3 + 5
 
 
+@pytest.mark.slow
 def test_one_source_a_calibrator_changes_nothing():
     stars = sim.link(3, 15)
     alone = replace(stars, calibrator=np.where(stars.catalogue == "vlbi", stars.name, ""))

@@ -135,7 +135,7 @@ def test_what_is_not_of_motions_has_no_answer():
     assert answer_of(scalar).lines == ()
 
 
-@pytest.fixture(params=["VLBI", "Gaia", "few"])
+@pytest.fixture(params=["Gaia", *(pytest.param(each, marks=pytest.mark.slow) for each in ("VLBI", "few"))])
 def catalogue(request, tmp_path):
     """A table whose errors are wrong, quasars with an acceleration that is detected, and too few for a floor."""
     if request.param == "VLBI":

@@ -66,6 +66,7 @@ def test_brute_force():
     assert found.lmax == 360
 
 
+@pytest.mark.slow
 def test_other_weights():
     field = noisy(300)
     weights = np.random.default_rng(1).uniform(0, 1, 300)

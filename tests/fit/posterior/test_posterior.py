@@ -255,6 +255,7 @@ def test_figures_and_tables():
     assert set(found.autocorrelation) == {"v_x", "v_y", "v_z", "H0"}
 
 
+@pytest.mark.slow
 def test_an_axis_of_what_is_never_negative_begins_at_zero():
     rng = np.random.default_rng(1)
     weak = Samples({"H0": rng.exponential(30, 4000), "v_x": rng.normal(0, 30, 4000)}, "galactic", (), {}, 1)
@@ -263,6 +264,7 @@ def test_an_axis_of_what_is_never_negative_begins_at_zero():
     assert drawn[1, 1].get_xlim()[0] < -90
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ending", ["fits", pytest.param("ecsv", marks=pytest.mark.slow)])
 def test_samples_travel(ending, tmp_path):
     found = sample(galaxies(300), CMB_VELOCITY_PLANCK18, Flat(20, 150), n_samples=300_000, **SETTINGS)
@@ -273,6 +275,7 @@ def test_samples_travel(ending, tmp_path):
         np.testing.assert_array_equal(back[name], values)
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore")
 def test_arviz():
     found = sample(galaxies(300), CMB_VELOCITY_PLANCK18, Flat(20, 150), n_samples=100_000, **SETTINGS)

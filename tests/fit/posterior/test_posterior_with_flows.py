@@ -82,6 +82,7 @@ def test_a_sample_and_a_grid_with_flows():
     assert flat.mean("H0") == pytest.approx(h @ weight / weight.sum(), abs=0.05 * least.hubble_error)
 
 
+@pytest.mark.slow
 def test_the_amplitude_of_the_flow_is_a_ruler_only_where_it_is_asked_for():
     field = seen(np.random.default_rng(2), 400, sigma=0.3)
     options = {key: value for key, value in OPTIONS.items() if key != "progress"}

@@ -293,6 +293,7 @@ def test_the_flow_of_bins_against_a_design_matrix():
         )
 
 
+@pytest.mark.slow
 def test_bins_with_errors_that_they_share(tmp_path, capsys):
     """Systematics that quasars of all redshifts share: plain bins differ, bins with the floor do not."""
     from fit.background import Spectrum

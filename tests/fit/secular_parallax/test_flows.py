@@ -100,6 +100,7 @@ def from_modes(field, rng, hubble):
     return replace(field, motion=motion), rows.modes.at_origin() @ amplitude
 
 
+@pytest.mark.slow
 @few_or_many(30, 80)
 def test_pulls_on_skies_drawn_from_the_modes(n_skies):
     still = galaxies(300, sigma=1.0)

@@ -21,6 +21,7 @@ def found():
     )
 
 
+@pytest.mark.slow
 def test_knowledge_lowers_errors_and_flows_raise_them(found):
     assert found.velocity.shape == (2, 2, 6)
     independent, flows, loose, tight, group, both = np.moveaxis(found.velocity, -1, 0)

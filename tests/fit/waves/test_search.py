@@ -146,6 +146,7 @@ def observations(n=150, seed=1, frequency=1.3, amplitude=0.0):
     return Observations(lon, lat, source, time, design, position, error, np.arange(n))
 
 
+@pytest.mark.slow
 def test_a_wave_in_time_is_found_and_noise_is_not():
     found = search_in_time(observations(amplitude=40.0), 1.3, lmax=4, n_skies=100, attitude="known")
     assert found.p_value == pytest.approx(1 / 101)

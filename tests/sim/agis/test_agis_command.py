@@ -20,6 +20,7 @@ def run(tmp_path, *more):
     return main([*SMALL, "--output", str(tmp_path / "out"), *more])
 
 
+@pytest.mark.slow
 def test_a_folder_of_results(tmp_path, capsys):
     assert run(tmp_path, "--vlbi", "100", "--exact", "--acceleration", "5,0,0") == 0
     said = capsys.readouterr().out

@@ -30,11 +30,13 @@ def ratio(system, fit, tolerance=1e-3):
     return np.sqrt(np.trace(true) / np.trace(fit.formal[3:, 3:]))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sky", ["uniform", "igql"])
 def test_known_to_ten_microarcseconds(sky):
     assert ratio(*make(2000, sky, prior=10.0)) == pytest.approx(1.0, abs=0.01)
 
 
+@pytest.mark.slow
 def test_weight_decides():
     """A star of 100 µas for each quasar holds the attitude on any sky."""
     assert 1.02 < ratio(*make(2000, "igql", stars=2000)) < 1.12

@@ -178,6 +178,7 @@ def test_sources_are_told_by_their_positions(system):
         system.formal_covariance(1, [lon[0], 0.1], [lat[0], 0.1])
 
 
+@pytest.mark.slow
 def test_observe_with_a_solved_attitude():
     """The whole chain: scaled to half a million, errors larger than quoted, the same for the same seed."""
     quasars = sim.quasars(800, 1)

@@ -28,7 +28,7 @@ TRUTH = sim.acceleration((0, -40, -20))
 
 @pytest.fixture(scope="module")
 def table():
-    return sim.crf4(1, TRUTH, n_five=3000, traps=True, table="all_source_astrometry")
+    return sim.crf4(1, TRUTH, n_five=2000, traps=True, table="all_source_astrometry")
 
 
 @pytest.fixture(scope="module")

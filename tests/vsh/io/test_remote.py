@@ -117,6 +117,7 @@ def test_a_server_that_dies_is_said_and_started_again_it_goes_on(server, folder,
         read_field(f"{address}/none.fits")
 
 
+@pytest.mark.slow
 def test_passwords_and_keys_are_written_nowhere(server, tmp_path, capsys):
     address = server[0].replace("://", "://me:sesame1@") + "/one.fits?key=sesame2"
     pages = ["--output", str(tmp_path / "run"), "--html", str(tmp_path / "page.html")]

@@ -92,6 +92,7 @@ def _hold(path, begun, finish):
         finish.wait(20)
 
 
+@pytest.mark.slow
 def test_two_processes_lock_each_other_out(tmp_path):
     context = get_context("spawn")
     begun, finish = context.Event(), context.Event()

@@ -113,6 +113,7 @@ def test_two_solutions_have_one_frame():
         sky(wrong)
 
 
+@pytest.mark.slow
 def test_without_the_bundle_the_page_is_static_and_says_so(tmp_path, monkeypatch, capsys):
     for module in ("vsh.figures.page._page.bundle", "vsh.figures.page._page.bundle", "vsh.figures.page.bundle"):
         monkeypatch.setattr(module, lambda: "")

@@ -217,6 +217,7 @@ def test_empty_parts_are_nothing(tmp_path):
     assert parts(tmp_path).sum(len) == 300
 
 
+@pytest.mark.slow
 def test_files_that_differ_are_refused(tmp_path):
     """As when they are read whole: a column or a unit that one of them lacks is not filled in silently."""
     FIELDS[0].write(tmp_path / "a.fits")
