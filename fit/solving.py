@@ -13,7 +13,6 @@ from fit.normal import NormalEquations, normal_equations
 from fit.quality import ONE_SIDE
 from fit.solution import ScalarSolution, Solution
 from vsh import Coefficients, Field
-from vsh.io.catalogue import as_field
 from vsh.models.covariance import Covariance
 from vsh.modes import Modes, ScalarModes
 from vsh.scalars import ScalarCoefficients, ScalarField, modes_for
@@ -157,6 +156,8 @@ def fit_field(
         raise ParameterError("what is to be fitted: modes, or the degree lmax, one of the two")
     sought = modes if modes is not None else _DEGREE if lmax is None else lmax
     if isinstance(field, str | Path) or hasattr(field, "colnames") or hasattr(field, "columns"):
+        from vsh.io.catalogue import as_field
+
         field = as_field("field", field)
     if isinstance(field, Field | ScalarField):
         sought = modes_for(field, sought)

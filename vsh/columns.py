@@ -109,9 +109,7 @@ class ByColumns:
         ax : matplotlib axes, optional
             Sky axes of `vsh.figures.plot.sky_axes`; a new figure unless given.
         """
-        plot = import_module("vsh.figures.plot")
-        axes: Any = plot.sky_axes(self.frame, ax)
-        plot.draw_sources(axes, self.lon, self.lat)
+        axes: Axes = import_module("vsh.figures.plot").plot_sources(self, ax=ax)
         return axes
 
     @classmethod

@@ -2,6 +2,7 @@
 
 from dataclasses import fields, is_dataclass
 from html import escape
+from inspect import getattr_static
 from typing import TYPE_CHECKING, Any, ClassVar, cast
 
 import numpy as np
@@ -23,6 +24,8 @@ class InNotebook:
         def __getattr__(self, name):
             if name.startswith("_"):
                 raise AttributeError(name)
+            if (own := getattr_static(type(self), name, None)) is not None:
+                return own.__get__(self, type(self))  # a property whose own error is one of attributes
             from vsh.tools.errors import no_attribute
 
             no_attribute(self, name)

@@ -9,7 +9,7 @@ import sim
 from fit.commands.fit import main
 from fit.methods import degree_for
 from vsh import Field
-from vsh.tools.errors import DegeneracyError, ParameterError
+from vsh.tools.errors import DegeneracyError, ParameterError, TableError
 
 TRUTH = np.array([0.0, 60.0, -40.0])
 
@@ -70,8 +70,8 @@ def test_a_part_of_the_sky_lowers_the_degree():
 def test_bad_arguments(quasars):
     with pytest.raises(ParameterError, match="lmax"):
         fit.recommended(quasars, 0)
-    with pytest.raises(ParameterError, match="field"):
-        fit.recommended("q.fits")
+    with pytest.raises(TableError, match="no such file"):
+        fit.recommended("nowhere.fits")
     with pytest.raises(DegeneracyError):
         fit.recommended(quasars[:2])
     with pytest.raises(DegeneracyError, match="do not bear degree 3"):
