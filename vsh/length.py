@@ -19,9 +19,10 @@ _POINTS = 1024
 #: Directions that are tried for the true vector besides the one that fits best, and how many points stand for the noise
 #: there.
 _DIRECTIONS, _FEWER = 8, 256
-#: How far those directions are from the best one, in the scatter of the noise: at 1 intervals cover too often where
-#: errors differ by two, at 0 too seldom where they differ by four.
-_AWAY = 0.5
+#: How far those directions are from the best one, in the scatter of the noise, where errors differ by four and more and
+#: the length is at most 1.4 of the largest error; less where errors are alike, and nothing for a length of two errors,
+#: where the best direction alone has the coverage (all found by simulation, `benchmarks/lengths.py`).
+_AWAY, _NEAR, _FAR = 0.8, 1.4, 2.0
 #: Lengths at which tails are computed, on a coarse and then on a fine grid; they are interpolated in between.
 _COARSE, _FINE = 14, 6
 #: A limit does not fall further for a vector that is shorter than this share of null vectors (it would by 2 %).
@@ -168,6 +169,8 @@ class _Profile:
         small = 1e-6 * np.sqrt(self.variances)  # as in `length_limits`
         self.value = np.where(np.abs(components[used]) < small, small, components[used])
         self.norm = float(np.linalg.norm(self.value))
+        ratio = 1 / np.sqrt(self.variances.min())
+        self.unequal = float(np.clip((ratio - 1) / 3, 0.0, 1.0))
         # Hotelling's T² with k components is k ν/(ν − k + 1) times an F with k and ν − k + 1 degrees of freedom.
         self.dof, self.free = dof, dof - len(self.value) + 1
         self.noise = np.sqrt(self.variances)[:, None] * _points(len(self.value))
@@ -181,8 +184,9 @@ class _Profile:
         """
         nearest, observed = self._nearest(self.value[:, None, None], lengths)
         tails = self._tails_at(nearest, self.noise, lengths, observed)
-        noise = _AWAY * self.noise[:, :: _POINTS // _DIRECTIONS]
-        allowed, _ = self._nearest((self.value[:, None] + noise)[:, None, :], lengths)
+        noise = self.noise[:, None, :: _POINTS // _DIRECTIONS]
+        away = _AWAY * self.unequal * np.clip((_FAR - lengths) / (_FAR - _NEAR), 0.0, 1.0)
+        allowed, _ = self._nearest(self.value[:, None, None] + away[:, None] * noise, lengths)
         fewer = self.noise[:, 1 :: _POINTS // _FEWER]
         for k in range(allowed.shape[2]):
             tails = np.maximum(tails, self._tails_at(allowed[:, :, k : k + 1], fewer, lengths, observed))

@@ -27,13 +27,12 @@ class Backgrounds:
 
     def draw(self) -> dict[str, Any]:
         """Axes by name of file."""
-        return {name: result.plot() for name, result in self.results.items()}
+        return {name: result.plot() for name, result in self.results.items() if name != "floor"}
 
     @property
     def captions(self) -> dict[str, str]:
         """Captions of the figures, for the page."""
         return {
-            "floor": "Power of the higher degrees by parity, with 68 % intervals: errors that sources share.",
             "shared": "Spin and acceleration of the classes, with errors that they share.",
             "cross_powers": "What of the solution follows each template, by degree, in errors with the floor.",
             "waves": "Energy in gravitational waves: posteriors and 95 % limits.",

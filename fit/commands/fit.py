@@ -135,7 +135,7 @@ def _run(options):
         provenance=provenance,
         write=write,
         page=page,
-        draw=lambda: fit.output.draw_figures(solution, sources) | backgrounds.draw(),
+        draw=lambda: fit.output.draw_figures(solution, sources, estimate.source_weights) | backgrounds.draw(),
     )
 
 

@@ -31,7 +31,7 @@ from vsh.io.parts import Parts, as_parts
 from vsh.modes import KINDS
 from vsh.scalars import ScalarField
 from vsh.sky.pixels import pixels_of
-from vsh.tools.types import Axes
+from vsh.tools.types import Axes, FloatArray
 from vsh.vector import correlation_of
 
 #: A degree whose p-value is above this is shown as a limit.
@@ -183,7 +183,12 @@ def plot_terms(terms: Mapping[str, Mapping[str, tuple[float, float]]], unit: str
 
 @styled
 def plot_residuals(
-    solution: Any, field: Field | ScalarField | Parts, *, nside: int | None = None, ax: Axes | None = None
+    solution: Any,
+    field: Field | ScalarField | Parts,
+    *,
+    nside: int | None = None,
+    weights: FloatArray | None = None,
+    ax: Axes | None = None,
 ) -> Axes:
     """Where residuals are larger or smaller than their errors say, as a normal deviate of χ² in each HEALPix pixel.
 
@@ -197,10 +202,15 @@ def plot_residuals(
         In the solution's frame.
     nside : int, optional
         Resolution of the pixels; at least ten sources in each on average unless given.
+    weights : (n,) array, optional
+        Factors on the inverse covariances of a robust fit, of sources in memory: residuals are those of their errors
+        over √weight, scaled to a mean of 1.
     ax : matplotlib axes, optional
         Axes whose place the map takes; a new figure unless given.
     """
     nside = nside or 2 ** int(np.clip(np.log2(max(1, solution.n_sources / 120)) / 2, 0, 6))
+    if weights is not None:
+        field = _with_weights(solution, field, weights)
     work = partial(_residual_sums, solution=solution, nside=nside)
     chi2, sources = as_parts(field, Weighed).sum(work, roles=(), words="residuals")
     dof = sources * solution.modes.components
@@ -208,12 +218,21 @@ def plot_residuals(
         deviate = np.where(dof > 0, wilson_hilferty(chi2, dof), np.nan)
     seen = deviate[np.isfinite(deviate)]
     reach = float(np.clip(np.percentile(np.abs(seen), 98), 3, None)) if seen.size else 3.0
-    whose = "" if solution.error_source == ErrorSource.CATALOGUE else " by the catalogue's errors"
+    whose = " by the errors of the robust fit" if weights is not None else " by the catalogue's errors"
+    whose = "" if weights is None and solution.error_source == ErrorSource.CATALOGUE else whose
     label = f"χ² of residuals{whose}:\ntoo large or too small, in σ; χ²/n = {chi2.sum() / max(1, dof.sum()):.2f}"
     title = f"residuals of {int(sources.sum())} sources, pixels of {58.6 / nside:.1f}°"
     return plot_map(
         deviate, label, frame=solution.frame, cmap=DIVERGING, title=title, ax=ax, vmin=-reach, vmax=reach, extend="both"
     )
+
+
+def _with_weights(solution, field, weights):
+    """The sources with errors by which a robust fit weighs them, and their χ² is the degrees of freedom."""
+    share = np.asarray(weights) / np.mean(weights)
+    chi2 = solution.residuals(field).chi2 @ share
+    sigma = field.sigma * np.sqrt(chi2 / (solution.modes.components * len(field)) / np.maximum(share, 1e-12))
+    return field.with_errors(sigma, field.rho)
 
 
 def _residual_sums(field, solution, nside):

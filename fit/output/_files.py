@@ -81,8 +81,10 @@ def write_tables(
     (folder / "table.tex").write_text(latex_of(solution), encoding="utf-8")
 
 
-def draw_figures(solution: Any, field: Field | ScalarField | Parts) -> dict[str, Any]:
-    """The sky, the spectrum, the correlations and the residuals: matplotlib axes by name."""
+def draw_figures(
+    solution: Any, field: Field | ScalarField | Parts, weights: FloatArray | None = None
+) -> dict[str, Any]:
+    """The sky, the spectrum, the correlations and the residuals: matplotlib axes by name; `weights` of a robust fit."""
     from fit.output._figures import plot_correlation, plot_residuals, plot_spectrum
     from vsh.figures.plot import plot_field, plot_scalar_field
 
@@ -95,7 +97,7 @@ def draw_figures(solution: Any, field: Field | ScalarField | Parts) -> dict[str,
         "sky": draw(seen, solution.coefficients, title=title),
         "spectrum": plot_spectrum(solution),
         "correlation": plot_correlation(solution),
-        "residuals": plot_residuals(solution, field),
+        "residuals": plot_residuals(solution, field, weights=weights if isinstance(field, Field) else None),
     }
 
 

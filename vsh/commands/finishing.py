@@ -143,7 +143,9 @@ class RunResult:
 
 def answer_lines(answer: Iterable[tuple[str, str]]) -> str:
     """Lines to quote as text, their labels in a column."""
-    return "\n".join(f"{label:15}{text}" for label, text in answer)
+    lines = list(answer)
+    width = max([15, *(len(label) + 2 for label, _ in lines)])
+    return "\n".join(f"{label:{width}}{text}" for label, text in lines)
 
 
 def print_result(options: argparse.Namespace, result: RunResult) -> None:

@@ -7,6 +7,7 @@ import numpy as np
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import ListedColormap, Normalize
 from matplotlib.patches import Patch
+from scipy.special import chdtrc
 
 from vsh.basis import harmonics
 from vsh.coefficients import Coefficients
@@ -32,6 +33,17 @@ def significance_of(motion: FloatArray, basis: FloatArray, covariance: FloatArra
         along = np.einsum("pin,in->pn", basis, motion / amplitude)
         error = np.sqrt(np.einsum("pn,pq,qn->n", along, covariance, along, optimize=True))
         return amplitude / error, error
+
+
+#: The p-value of a field that is detected, as in the report.
+_SEEN = 0.0027
+
+
+def _is_seen(values: FloatArray, covariance: FloatArray) -> bool:
+    """Whether noise alone gives such coefficients in less than 0.27 % of skies."""
+    if not np.isfinite(covariance).all():
+        return False
+    return bool(chdtrc(len(values), values @ np.linalg.solve(covariance, values)) < _SEEN)
 
 
 @styled
@@ -82,7 +94,10 @@ def plot_field(
     lon, lat = arrow_grid(axes)
     motion = coefficients.at(lon, lat)
     colour: Any = COLOURS[0]
-    if covariance is not None:
+    is_noise = covariance is not None and not _is_seen(coefficients.values, np.asarray(covariance))
+    if is_noise:
+        colour = "0.7"
+    elif covariance is not None:
         basis = harmonics(lon, lat, modes)
         sure, _ = significance_of(motion, basis, np.asarray(covariance))
         colour = _colours()(np.clip(np.nan_to_num(sure), 0, TOP) / TOP)
@@ -94,6 +109,8 @@ def plot_field(
     handles, why = _directions(axes, coefficients, covariance, names)
     if hatched is not None:
         handles.append(Patch(facecolor="none", edgecolor="0.55", hatch="//////", linewidth=0.0, label="no sources"))
+    if is_noise:
+        handles.append(Patch(facecolor="0.7", linewidth=0.0, label="not detected"))
     if handles:
         axes.legend(
             handles=handles,
@@ -105,9 +122,9 @@ def plot_field(
             title=why,
             title_fontsize=6.5,
         )
-    if covariance is not None:
+    if covariance is not None and not is_noise:
         scale = ScalarMappable(Normalize(0, TOP), _colours())
-        bar = colour_bar(axes, scale, "an arrow over its error (grey: below 2)", extend="max", shrink=0.6)
+        bar = colour_bar(axes, scale, r"$|v|/\sigma$ of an arrow (grey: below 2)", extend="max", shrink=0.6)
         bar.set_ticks(range(0, int(TOP) + 1))
     axes.set_title(title or f"{len(field)} sources and the field fitted to degree {modes.lmax}")
     return axes
@@ -152,7 +169,8 @@ def _directions(axes, coefficients, covariance, names):
         vector = coefficients.vector(kind, covariance, axes.sky_frame)
         if vector.value.any():
             handles.append(draw_direction(axes, vector, name, colour))
-            shown.append(name)
+            if covariance is None or vector.p_value < _SEEN:
+                shown.append(name)
     others = names[1] in shown and (coefficients.modes.lmax > 1 or len(shown) > 1)
     return handles, "arrows: all degrees together; they need not meet at a star" if others else None
 
