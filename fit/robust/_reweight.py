@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from dataclasses import field as dataclass_field
 from functools import partial
 from typing import Any
 
@@ -89,8 +90,22 @@ class Share:
     solution: Solution
     weight: Any
     leverage: float
+    #: The sources for which it was computed last with what it gave, a pair: errors and weights ask for the same again.
+    last: list[Any] = dataclass_field(default_factory=list, init=False, repr=False)
 
     def __call__(self, field: Field) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """X² over one less the share, u and its slope, each (n,); and the residuals, (components, n)."""
+        pair: Any = self.last[0] if self.last else (None, None)
+        if pair[0] is not field:  # a local pair: threads may compute for several parts
+            pair = (field, self._of(field))
+            self.last[:] = [pair]
+        result: tuple[FloatArray, FloatArray, FloatArray, FloatArray] = pair[1]
+        return result
+
+    def __reduce__(self):
+        return Share, (self.solution, self.weight, self.leverage)
+
+    def _of(self, field: Field) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """X² over one less the share, u and its slope, each (n,); and the residuals, (components, n)."""
         residual = self.solution.residuals(field)
         chi2, largest = residual.chi2, self.leverage * field.information
@@ -107,11 +122,16 @@ class Share:
         return x2, *self.weight(x2), residual.data
 
 
+#: ν is found from so many sources of a part at most, which give it to two per cent.
+_MOST = 50_000
+
+
 def _log_terms(field, share):
-    """How many sources, and Σ ln(1 + X²/ν) at the nodes of ln ν."""
-    x2 = share(field)[0]
+    """How many sources, and Σ ln(1 + X²/ν) at the nodes of ln ν, from every so many of them."""
+    step = -(-len(field) // _MOST)
+    x2 = share(field if step == 1 else field[::step])[0]
     nus = np.exp(_LOW + (_HIGH - _LOW) * (_NODES + 1) / 2)
-    return len(field), np.array([np.log1p(x2 / nu).sum() for nu in nus])
+    return step * len(x2), step * np.array([np.log1p(x2 / nu).sum() for nu in nus])
 
 
 def _likeliest_nu(mean_logs, components):
@@ -345,6 +365,7 @@ def _with_errors(sky, plain, solution, share, name, rounds, power):
         error_source=ErrorSource.RESIDUALS,
     )
     weights = None if sky.in_memory is None else share(sky.in_memory)[1]
+    share.last.clear()
     return Reweighted(solution, weights, rounds, inflation, float(effective), share.weight.nu, share)
 
 
