@@ -169,6 +169,9 @@ def test_every_output_has_the_same_numbers(catalogue, tmp_path, capsys):
         for axis, value, sigma in zip("xyz", vector.value, vector.sigma, strict=True):
             for read in (table[k], {head: columns[head]["values"][k] for head in columns}):
                 assert (read[axis], read[f"sigma_{axis}"]) == pytest.approx((value, sigma), rel=1e-9)
+        formal = getattr(result.solution.formal, name).sigma
+        assert [table[f"formal_sigma_{axis}"][k] for axis in "xyz"] == pytest.approx(formal, rel=1e-9)
+        assert (formal < vector.sigma).all()
         assert table["p_value"][k] == pytest.approx(vector.p_value, rel=1e-9)
         assert table["limit_95"][k] == pytest.approx(vector.amplitude_limit(), rel=1e-6)
         for cell in fit.output.components(vector):
