@@ -47,6 +47,12 @@ def test_one_uncertain_redshift_moves_nothing():
     assert transverse_distance(np.array([0.01]))[0] > 40
 
 
+@pytest.mark.parametrize(("error", "noted"), [(np.nan, 0), (0.003, 1), (0.03, 1)])
+def test_a_mixture_is_noted(error, noted):
+    notes = observer_velocity(galaxies(1, error=error), 70.0, flows=None, peculiar_dispersion=0.0).notes
+    assert sum("times the typical one, as photometric ones have" in str(note) for note in notes) == noted
+
+
 @pytest.mark.slow
 @few_or_many(15, 200)
 @pytest.mark.parametrize("error", [np.nan, 0.003, 0.03])
