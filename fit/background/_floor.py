@@ -371,7 +371,7 @@ def floor(
     the coverage. Of one shape alone the median of the posterior covers better than the largest likelihood where modes
     are few (degree 3: 12 of each parity); an average of shapes takes the mean power, as the variance of a mixture is
     the mean of its variances. Where there is nothing that makes errors 1.1 times those of the flat shape at degrees 5
-    and 7, 1.2 times a plain fit's at degree 4, and takes away what the higher degrees cost. Coverage on simulated
+    and 7, 1.3 times a plain fit's at degree 4, and takes away what the higher degrees cost. Coverage on simulated
     skies: docs/backgrounds.md.
 
     Examples

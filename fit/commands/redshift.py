@@ -189,8 +189,8 @@ def _of_posterior(posterior):
     error = (h0.median - h0.low68) if h0.median > _PUBLISHED[1] else (h0.high68 - h0.median)
     size = f"{three_digits(h0.median)} km/s/Mpc ({three_digits(h0.low68)} to {three_digits(h0.high68)}, 68 %)"
     lines = [("H0", f"{size}, posterior; {_away(h0.median, error)}")]
-    if "speed" in rows:
-        v = rows["speed"]
+    v = rows.get("speed")
+    if v is not None and v.high68 - v.low68 > 0.02 * v.median:  # otherwise it is the prior's
         low, high = three_digits(v.low68), three_digits(v.high68)
         lines.append(("speed", f"{three_digits(v.median)} km/s ({low} to {high}, 68 %), posterior"))
     priors = posterior.model.priors.in_words()

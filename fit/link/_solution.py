@@ -273,7 +273,7 @@ class LinkSolution(NamedSolution):
         steps, powers = self.unknowns.steps, self.unknowns.order
         at = f", brighter than {min(steps):.4g} mag" if steps else ", at G = 13" if powers else ""
         lines = [
-            (name, f"{self._in_words(name, catalogue)} of {catalogue}{at}")
+            (name, f"{self._in_words(name, catalogue)} ({catalogue}{at})")
             for catalogue in self.unknowns.turned
             for name in ("orientation", "spin")
             if name in self.unknowns.vectors
@@ -293,7 +293,7 @@ class LinkSolution(NamedSolution):
     @property
     def verdict(self) -> str:
         """The result to quote in one sentence."""
-        return "; ".join(words for _, words in self.answer.lines)
+        return self.answer.sentence
 
     def jump_p_values(self, step: float) -> tuple[float, ...]:
         """Probability of as large a jump by chance: of all vectors and catalogues together, then of each vector.
@@ -332,8 +332,8 @@ class LinkSolution(NamedSolution):
         p = self._tested(self.unknowns.combination(name, catalogue))[2]
         if p < SEEN:
             size = f"{vector.amplitude:.3g} ± {vector.amplitude_error:.2g} {vector.unit}"
-            return f"{'an' if name == 'orientation' else 'a'} {name} of {size} (p = {printed_p_value(p)})"
-        return f"no {name} above {vector.amplitude_limit():.3g} {vector.unit} (95 %; p = {printed_p_value(p)})"
+            return f"{size}, p = {printed_p_value(p)}"
+        return f"not detected: < {vector.amplitude_limit():.3g} {vector.unit} (95 %), p = {printed_p_value(p)}"
 
     def to_table(self) -> Table:
         """Parameters with their errors, units and correlations as an astropy Table, a row each; tests in its meta."""

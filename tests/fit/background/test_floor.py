@@ -148,8 +148,9 @@ def test_coverage(strength, n):
         assert np.mean(np.abs(plain) < 1) < 0.5
     else:
         assert np.mean(flat) < 1.09  # 1.083 on an even sky, where the prior gives nothing back
-        # 1.20: three degrees do not rule out a spectrum that rises to degree 1, nor more of it than is likeliest.
-        assert np.mean(ratio) < 1.22
+        # 1.29: three degrees do not rule out a spectrum that rises to degree 1, l⁻² among them (1.20 without that), nor
+        # more of it than is likeliest.
+        assert np.mean(ratio) < 1.33
 
 
 @pytest.mark.slow
