@@ -189,7 +189,8 @@ class _Profile:
         allowed, _ = self._nearest(self.value[:, None, None] + away[:, None] * noise, lengths)
         fewer = self.noise[:, 1 :: _POINTS // _FEWER]
         for k in range(allowed.shape[2]):
-            tails = np.maximum(tails, self._tails_at(allowed[:, :, k : k + 1], fewer, lengths, observed))
+            there = self._tails_at(allowed[:, :, k : k + 1], fewer, lengths, observed)
+            tails = np.where(away > 0, np.maximum(tails, there), tails)
         return tails
 
     def _tails_at(self, truth: FloatArray, noise: FloatArray, lengths: FloatArray, observed: FloatArray) -> FloatArray:
