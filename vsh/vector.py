@@ -173,7 +173,7 @@ class Vector(Frozen):
         """Lower and upper end of the length that hold it with `probability`.
 
         Its coverage is close to `probability` at any signal to noise, zero among them, and for any covariance: for
-        errors of 1 : 1 : 1 to 1 : 1 : 8 and a signal along the best or the worst axis, 68 % intervals have 62 to 76 %
+        errors of 1 : 1 : 1 to 1 : 1 : 8 and a signal along the best or the worst axis, 68 % intervals have 63 to 74 %
         coverage (docs/validation.md), where `amplitude_error` has 19 % without a signal.
 
         Notes

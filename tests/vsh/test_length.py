@@ -88,5 +88,5 @@ def test_coverage_for_unequal_errors(errors, axis):
         intervals = np.array([length_interval(value, covariance) for value in values])
         inside = np.mean((intervals[:, 0] <= length) & (length <= intervals[:, 1]))
         assert limited > 0.945 - 3.5 * np.sqrt(0.05 * 0.95 / n)
-        # .62 in the worst cell, 1 : 1 : 8 along the best axis at S/N 5, .76 in the best, 1 : 1 : 4 along the worst at 2.
+        # .63 in the worst cell, 1 : 1 : 8 along the best axis at S/N 5, .74 in the best, 1 : 1 : 4 along the worst at 2.
         assert 0.62 - 3.5 * np.sqrt(0.22 / n) < inside < 0.72 + 3.5 * np.sqrt(0.22 / n)
