@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,6 +12,7 @@ from fit.normal import NormalEquations, normal_equations
 from fit.quality import ONE_SIDE
 from fit.solution import ScalarSolution, Solution
 from vsh import Coefficients, Field
+from vsh.io.parts import Parts
 from vsh.models.covariance import Covariance
 from vsh.modes import Modes, ScalarModes
 from vsh.scalars import ScalarCoefficients, ScalarField, modes_for
@@ -155,10 +155,10 @@ def fit_field(
     if modes is not None and lmax is not None:
         raise ParameterError("what is to be fitted: modes, or the degree lmax, one of the two")
     sought = modes if modes is not None else _DEGREE if lmax is None else lmax
-    if isinstance(field, str | Path) or hasattr(field, "colnames") or hasattr(field, "columns"):
-        from vsh.io.catalogue import as_field
+    if not isinstance(field, Field | ScalarField | Parts):
+        from vsh.io.catalogue import as_field, is_readable
 
-        field = as_field("field", field)
+        field = as_field("field", field) if is_readable(field) else field
     if isinstance(field, Field | ScalarField):
         sought = modes_for(field, sought)
         if sought.components * len(field) < len(sought):

@@ -28,6 +28,7 @@ class ByColumns:
     redshift: FloatArray | None
     frame: str
     to_table: Callable[[], Table]
+    _table: Callable[[], tuple[dict[str, Any], dict[str, str], dict[str, Any]]]
 
     @property
     def ra(self) -> FloatArray:
@@ -67,7 +68,7 @@ class ByColumns:
     @property
     def columns(self) -> list[str]:
         """The names of the columns of `to_table`."""
-        return list(self.to_table().colnames)
+        return list(self._table()[0])
 
     def _icrs(self, name, values):
         if self.frame != "icrs":

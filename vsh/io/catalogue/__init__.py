@@ -2,6 +2,7 @@
 
 from vsh.io.catalogue._columns import as_columns, missing_column, unit_factor
 from vsh.io.catalogue._given import as_field as as_field
+from vsh.io.catalogue._given import is_readable as is_readable
 from vsh.io.catalogue._match import Counterparts, counterparts, match, read_icrf, read_positions
 from vsh.io.catalogue._names import GAIA, NAMED, REQUIRED, Columns, with_distances
 from vsh.io.catalogue._parts import parts

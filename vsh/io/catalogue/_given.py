@@ -8,6 +8,13 @@ from vsh.io.parts import Parts
 from vsh.tools.errors import FieldError
 
 
+def is_readable(value: Any) -> bool:
+    """Whether a field can be read from it: a path, or a table with columns by their names."""
+    return isinstance(value, str | Path) or any(
+        hasattr(value, each) for each in ("colnames", "columns", "column_names")
+    )
+
+
 def as_field(name: str, value: Any) -> Any:
     """A field or parts as they are; a path or a table in memory, read.
 
@@ -18,8 +25,7 @@ def as_field(name: str, value: Any) -> Any:
     """
     if isinstance(value, Weighed | Parts):
         return value
-    is_table = any(hasattr(value, each) for each in ("colnames", "columns", "column_names"))
-    if isinstance(value, str | Path) or is_table:
+    if is_readable(value):
         from vsh.io.catalogue._read import read_field
 
         return read_field(value)
