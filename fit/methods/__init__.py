@@ -1,6 +1,5 @@
 """The fit to quote, and the other estimators by name."""
 
-from fit.methods._methods import DEGREE as DEGREE
 from fit.methods._methods import METHODS, Estimate, estimate
 from fit.methods._methods import WITH_VALUE as WITH_VALUE
 from fit.methods._recommended import Recommended, recommended

@@ -1,15 +1,14 @@
 """The estimators by name: what `vsh-fit --method`, classes, templates and other commands fit with."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
 from fit.background import Floor
-from fit.methods._recommended import Recommended, recommended
-from fit.normal import NormalEquations, Template, normal_equations
+from fit.methods._recommended import Weighted, recommended
 from fit.resample import bootstrap, compare_blocks, jackknife
 from fit.robust import ExcessNoise, Reweighted, clip, excess_noise, permissive, student_t
-from fit.solution import AboutSolution, Solution
+from fit.solution import Solution
 from fit.solving import fit_field, with_coverage
 from vsh.field import Field
 from vsh.io.catalogue import as_field
@@ -25,7 +24,7 @@ DEGREE = 3
 
 
 @dataclass(frozen=True, eq=False)
-class Estimate(AboutSolution):
+class Estimate(Weighted):
     """A fit by one of `METHODS`.
 
     Attributes
@@ -40,7 +39,7 @@ class Estimate(AboutSolution):
         The same without a systematic floor in its errors.
     n_clipped : int
         How many sources were clipped.
-    weights : Recommended, Reweighted, ExcessNoise or None
+    weights : Reweighted, ExcessNoise or None
         The fit whose weights classes and templates are summed with; None of least squares.
 
     Examples
@@ -58,51 +57,27 @@ class Estimate(AboutSolution):
     sources: Field | Parts
     plain: Solution
     n_clipped: int = 0
-    weights: Recommended | Reweighted | ExcessNoise | None = None
+    weights: Reweighted | ExcessNoise | None = None
 
     @property
     def floor(self) -> Floor | None:
         """The systematic floor that is in the errors, or None."""
         return self.solution.floor
 
-    def equations(
-        self, field: Field | Parts, lmax: Modes | int, *, templates: Sequence[Template] = ()
-    ) -> NormalEquations:
-        """Sum normal equations of some of the sources, a class say, by the weights of this estimator.
-
-        Parameters
-        ----------
-        field : Field or Parts
-            Sources that were fitted.
-        lmax : Modes, or the degree
-            What the equations are for.
-        templates : sequence of fit.background.Template
-            As for `fit.normal_equations`.
-        """
-        if self.weights is None:
-            return normal_equations(field, lmax, templates=templates)
-        return self.weights.equations(field, lmax, templates=templates)
-
     @property
     def is_scaled(self) -> bool:
         """Whether χ² scales the errors of `equations`: not where they come from residuals already."""
-        return self._robust is None
-
-    @property
-    def _robust(self):
-        """The robust fit whose weights are taken; None of other estimators, and where it did not settle."""
-        weights = self.weights.weights if isinstance(self.weights, Recommended) else self.weights
-        return weights if isinstance(weights, Reweighted) else None
+        return not isinstance(self.weights, Reweighted)
 
     @property
     def source_weights(self) -> FloatArray | None:
         """Factor on each source's inverse covariance, (n,); None of least squares and of parts."""
-        return None if self._robust is None else self._robust.weights
+        return self.weights.weights if isinstance(self.weights, Reweighted) else None
 
     @property
     def class_note(self) -> str:
         """Which estimator the numbers of classes and templates have."""
-        if self._robust is not None:
+        if not self.is_scaled:
             return "classes and templates are summed by the weights of the robust fit, errors from their own residuals"
         if isinstance(self.weights, ExcessNoise):
             return "classes and templates have the excess noise of the whole, errors scaled by the χ²/dof of each"
@@ -111,7 +86,7 @@ class Estimate(AboutSolution):
 
 def _recommended(field, lmax, value, rng):
     result = recommended(field, lmax, rng=rng)
-    return Estimate(result.solution, "recommended", field, result.plain, 0, result)
+    return Estimate(result.solution, "recommended", field, result.plain, 0, result.weights)
 
 
 def _least_squares(field, lmax, value, rng):

@@ -8,7 +8,7 @@ import numpy as np
 
 from fit.background import Floor, equations_of, floor
 from fit.normal import NormalEquations, Template, normal_equations
-from fit.robust import Reweighted, student_t
+from fit.robust import ExcessNoise, Reweighted, student_t
 from fit.solution import AboutSolution, Solution
 from fit.solving import fit_field, solve, with_coverage
 from vsh.field import Field
@@ -27,8 +27,32 @@ _DEGREE = 5
 _LEAST = 3
 
 
+class Weighted(AboutSolution):
+    """A fit whose weights sum other equations, too: of classes, of other degrees, with templates."""
+
+    weights: Reweighted | ExcessNoise | None
+
+    def equations(
+        self, field: Field | Parts, modes: Modes | int, *, templates: Sequence[Template] = ()
+    ) -> NormalEquations:
+        """Sum normal equations of some of the sources, a class say, by the weights of this fit.
+
+        Parameters
+        ----------
+        field : Field or Parts
+            Sources that were fitted.
+        modes : Modes, or the degree lmax
+            What the equations are for.
+        templates : sequence of fit.background.Template
+            As for `fit.normal_equations`.
+        """
+        if self.weights is None:
+            return normal_equations(field, modes, templates=templates)
+        return self.weights.equations(field, modes, templates=templates)
+
+
 @dataclass(frozen=True, eq=False)
-class Recommended(AboutSolution):
+class Recommended(Weighted):
     """The recommended fit.
 
     Attributes
@@ -37,8 +61,6 @@ class Recommended(AboutSolution):
         With the floor in its errors, where there is one.
     plain : Solution
         The robust fit without it.
-    floor : Floor or None
-        The systematic floor; None where the sources do not determine one.
     weights : Reweighted or None
         The robust fit; None where it did not settle, and least squares stands in its place.
 
@@ -54,26 +76,12 @@ class Recommended(AboutSolution):
 
     solution: Solution
     plain: Solution
-    floor: Floor | None
     weights: Reweighted | None
 
-    def equations(
-        self, field: Field | Parts, modes: Modes | int, *, templates: Sequence[Template] = ()
-    ) -> NormalEquations:
-        """Normal equations of some of the sources by the weights of this fit, as `Reweighted.equations`.
-
-        Parameters
-        ----------
-        field : Field or Parts
-            Sources that were fitted.
-        modes : Modes, or the degree lmax
-            What the equations are for.
-        templates : sequence of fit.background.Template
-            As for `fit.normal_equations`.
-        """
-        if self.weights is None:
-            return normal_equations(field, modes, templates=templates)
-        return self.weights.equations(field, modes, templates=templates)
+    @property
+    def floor(self) -> Floor | None:
+        """The systematic floor in the errors; None where the sources do not determine one."""
+        return self.solution.floor
 
 
 def degree_for(n_sources: int, most: int, least: int = 1) -> int:
@@ -147,10 +155,10 @@ def recommended(field: Any, lmax: int | None = None, *, rng: Rng = 1) -> Recomme
     plain = with_coverage(solution, field)
     systematic = _floor(plain)
     if systematic is None:
-        return Recommended(replace(plain, is_recommended=True), plain, None, weights)
+        return Recommended(replace(plain, is_recommended=True), plain, weights)
     solution = solve(equations_of(plain), floor=systematic)
     formal = plain.covariance if plain.formal_covariance is None else plain.formal_covariance
-    return Recommended(replace(solution, formal_covariance=formal, is_recommended=True), plain, systematic, weights)
+    return Recommended(replace(solution, formal_covariance=formal, is_recommended=True), plain, weights)
 
 
 def _robust(field, degree):

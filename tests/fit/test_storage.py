@@ -185,7 +185,15 @@ def found():
 
 def test_every_kind_of_result_is_tried(found):
     """Another kind of result joins the list above, or says here why not."""
-    bases = {"LinearSolution", "NamedSolution", "HarmonicSolution", "AboutSolution", "SampleResult", "ParallaxSolution"}
+    bases = {
+        "LinearSolution",
+        "NamedSolution",
+        "HarmonicSolution",
+        "AboutSolution",
+        "Weighted",
+        "SampleResult",
+        "ParallaxSolution",
+    }
     elsewhere = {"Posterior"}  # a chain in a file of its own: tests/fit/posterior
     import_module("fit.output")
     assert set(found) == set(NAMES), "every key of results() stands in NAMES"
