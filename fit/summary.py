@@ -13,6 +13,8 @@ from vsh.tools.errors import ParameterError
 from vsh.tools.types import ArrayLike, FloatArray, Rng, Table
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from vsh.coefficients import Coefficients
 
 
@@ -27,26 +29,23 @@ class Summarised:
     by_prior: float
     frame: str
     unit: str
+    formal: Any
+    model: Callable[[Field], FloatArray]
 
     def summary(self) -> Table:
         """Spin and acceleration as an astropy Table: a row for each component, with errors and 68 % intervals."""
         from fit.output import vectors_of
 
+        formal = vectors_of(self.formal)
         rows: list[Any] = [
-            (f"{name}_{axis}", value, error, formal, value - error, value + error)
+            (f"{name}_{axis}", value, error, alone, value - error, value + error)
             for name, vector in vectors_of(self).items()
-            for axis, value, error, formal in zip(
-                "xyz", vector.value, vector.sigma, vectors_of(self._formal)[name].sigma, strict=True
-            )
+            for axis, value, error, alone in zip("xyz", vector.value, vector.sigma, formal[name].sigma, strict=True)
         ]
         names = ("parameter", "value", "error", "formal_error", "low_68", "high_68")
         columns = dict(zip(names, map(np.array, zip(*rows, strict=True)), strict=True))
         unit = self.unit.replace("µ", "u")
         return tables.table_of(columns, {"frame": self.frame}, dict.fromkeys(names[1:], unit) if unit else {})
-
-    @property
-    def _formal(self) -> Any:
-        return getattr(self, "formal", self)
 
     def predict(self, lon: ArrayLike | Field, lat: ArrayLike | None = None) -> FloatArray:
         """The fitted motions at places, (2, n): east and north component. [µas/yr]
@@ -63,7 +62,7 @@ class Summarised:
         """
         if isinstance(lon, Field):
             lon.check_frame(self.frame)
-            return self.coefficients.at(lon.lon, lon.lat)
+            return self.model(lon)
         if lat is None:
             raise ParameterError("predict takes lon and lat in radians, or a Field")
         return self.coefficients.at(lon, lat)
