@@ -349,6 +349,10 @@ def test_commands_of_these(tmp_path, capsys):
     out = capsys.readouterr().out
     assert "these alone" in out
     assert "values and errors by bootstrap" in out
+    for method in ("clip", "jackknife=4", "bootstrap=9"):
+        with pytest.raises(SystemExit):
+            main([*paths, "--method", method])
+        assert "vsh-compare: error: --method" in capsys.readouterr().err
 
 
 @pytest.mark.slow

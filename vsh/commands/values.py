@@ -14,11 +14,11 @@ REDSHIFT_FRAMES = ("heliocentric", "cmb", "local-group", "true")
 COLUMNS = (
     "gaia", "vizier", "hipparcos", "icrf", "skycoord", "simbad", "ned", "lvdb", "err", "desi", "catwise", "rubin", "mu",
 )  # fmt: skip
-#: `fit.METHODS`, and those of them that take a value.
+#: `fit.METHODS`, and those of them that take a value, `fit.methods.WITH_VALUE`.
 METHODS = (
     "recommended", "least-squares", "clip", "student", "permissive", "excess-noise", "bootstrap", "jackknife",
 )  # fmt: skip
-WITH_VALUE = {"clip": "κ", "excess-noise": "scale", "bootstrap": "the number of replicates", "jackknife": "NSIDE"}
+WITH_VALUE = ("clip", "excess-noise", "bootstrap", "jackknife")
 #: Formats of tables.
 INPUT_FORMATS = tuple(BY_NAME)
 #: The skies that `sim.skies.sky_map` knows.

@@ -86,3 +86,18 @@ def make_parser() -> argparse.ArgumentParser:
     reading.add_reading(parser)
     parsing.add_common(parser)
     return parser
+
+
+#: Estimators of the differences, and the fewest replicates.
+_METHODS, _LEAST = ("least-squares", "student", "excess-noise", "bootstrap", "jackknife"), 10
+
+
+def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
+    """End with an estimator or a value that a comparison does not know."""
+    method, value = values.method_and_value(options.method)
+    if method not in _METHODS:
+        parser.error(f"--method of a comparison is {', '.join(_METHODS)}, not {method}")
+    if value is not None and method != "bootstrap":
+        parser.error(f"--method {method} of a comparison takes no value")
+    if value is not None and int(value) < _LEAST:
+        parser.error(f"--method bootstrap takes {_LEAST} replicates at least, not {value}")
