@@ -13,6 +13,7 @@ from scipy.special import chdtr, chdtrc, chndtr, fdtrc, gammaln, ndtri_exp
 
 from vsh.tools.errors import ParameterError
 from vsh.tools.types import FloatArray
+from vsh.vector import SEEN as SEEN
 
 __all__ = ["ErrorSource", "Quality"]
 
@@ -20,8 +21,6 @@ __all__ = ["ErrorSource", "Quality"]
 SIGNIFICANT = 3.0
 #: The code of the note that a fit leaves where a large part of the sky has no source.
 ONE_SIDE = "one side of the sky"
-#: The p-value of three standard deviations: what is less likely by chance is called seen.
-SEEN = 0.0027
 #: From so many sources on what they share is in the errors unasked; below so few its size is not known.
 MANY, FEW = 100_000, 200
 

@@ -17,6 +17,9 @@ from vsh.tools.errors import ParameterError
 from vsh.tools.notebook import Frozen
 from vsh.tools.types import FloatArray, Quantity
 
+#: The p-value of three standard deviations: what is less likely by chance is called seen.
+SEEN = 0.0027
+
 
 @dataclass(frozen=True, eq=False)
 class Vector(Frozen):

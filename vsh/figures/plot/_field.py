@@ -21,6 +21,7 @@ from vsh.scalars import ScalarCoefficients, ScalarField
 from vsh.sky.pixels import centres
 from vsh.tools.errors import ParameterError
 from vsh.tools.types import Axes, FloatArray
+from vsh.vector import SEEN
 
 #: An arrow is grey below, and as dark as any from there on. [σ]
 SURE, TOP = 2.0, 6.0
@@ -35,15 +36,11 @@ def significance_of(motion: FloatArray, basis: FloatArray, covariance: FloatArra
         return amplitude / error, error
 
 
-#: The p-value of a field that is detected, as in the report.
-_SEEN = 0.0027
-
-
 def _is_seen(values: FloatArray, covariance: FloatArray) -> bool:
     """Whether noise alone gives such coefficients in less than 0.27 % of skies."""
     if not np.isfinite(covariance).all():
         return False
-    return bool(chdtrc(len(values), values @ np.linalg.solve(covariance, values)) < _SEEN)
+    return bool(chdtrc(len(values), values @ np.linalg.solve(covariance, values)) < SEEN)
 
 
 @styled
@@ -169,7 +166,7 @@ def _directions(axes, coefficients, covariance, names):
         vector = coefficients.vector(kind, covariance, axes.sky_frame)
         if vector.value.any():
             handles.append(draw_direction(axes, vector, name, colour))
-            if covariance is None or vector.p_value < _SEEN:
+            if covariance is None or vector.p_value < SEEN:
                 shown.append(name)
     others = names[1] in shown and (coefficients.modes.lmax > 1 or len(shown) > 1)
     return handles, "arrows: all degrees together; they need not meet at a star" if others else None
