@@ -11,6 +11,7 @@ from fit.quality import ONE_SIDE, SEEN, ErrorSource, hint_of, printed_p_value, s
 from vsh.io.tables import three_digits
 from vsh.tools.arguments import explained
 from vsh.tools.notes import codes_of
+from vsh.tools.printing import labelled
 from vsh.vector import GAIA_EDR3, Vector
 
 #: How the errors of a fit are named.
@@ -26,8 +27,6 @@ _NAMES = {
 }
 #: By how much residuals exceed errors where a unit is wrong rather than an error.
 _WRONG = 30.0
-#: Width of the labels.
-_LABEL = 15
 
 
 @dataclass(frozen=True)
@@ -53,7 +52,7 @@ class Answer:
     lines: tuple[tuple[str, str], ...] = ()
 
     def __str__(self) -> str:
-        return "\n".join(f"{label:{_LABEL}}{text}" for label, text in self.lines)
+        return labelled(self.lines)
 
     @property
     def sentence(self) -> str:

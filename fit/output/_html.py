@@ -78,7 +78,7 @@ def html_report(
     static = page.words(f"The sky of this page {page.STATIC}." if skies and not turned.html else "", "faint")
     vectors = vectors_of(solution)
     panels = [
-        page.table(["", "result"], [list(line) for line in answer.lines]) if answer.lines else page.Panel(""),
+        page.answer(answer.lines),
         _cards(solution),
         page.words(_warnings(solution), "warning"),
         page.heading("The sky", turned),

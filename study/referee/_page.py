@@ -81,7 +81,7 @@ def html(
     if turned.html:
         drawn.pop("sky", None)
     panels_ = [
-        page.table(["", "result"], [list(line) for line in referee.answer.lines]),
+        page.answer(referee.answer.lines),
         page.heading("At a glance", page.figures(overview, _CAPTIONS)),
         page.heading("The sky", turned),
         *(_section(section, drawn) for section in referee.sections),

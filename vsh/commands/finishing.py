@@ -21,7 +21,7 @@ from vsh.commands import running, values
 from vsh.commands.configuration import NOT_KEPT, NUMBER
 from vsh.commands.outputs import results_folder
 from vsh.io.tables import printed
-from vsh.tools.printing import printable
+from vsh.tools.printing import labelled, printable
 from vsh.tools.types import PathName
 
 if TYPE_CHECKING:
@@ -86,7 +86,7 @@ def write_page(
 
     moving = [page.figure(each, caption) for caption, each in (movies or {}).items()]
     panels = [
-        page.table(["", "result"], [list(line) for line in answer]) if answer else page.Panel(""),
+        page.answer(answer),
         page.cards(cards),
         page.heading("Figures", page.figures(figures.drawn, captions or {})),
         page.heading("What moves", page.pictures(moving)),
@@ -133,19 +133,12 @@ class RunResult:
     @property
     def report(self) -> str:
         """The text, below the lines to quote."""
-        return f"{answer_lines(self.answer)}\n\n{self.text}" if self.answer else self.text
+        return f"{labelled(self.answer)}\n\n{self.text}" if self.answer else self.text
 
     @cached_property
     def tables(self) -> Mapping[str, Table]:
         """By heading: of --json, --latex and the page; made when they are first asked for."""
         return self.make_tables()
-
-
-def answer_lines(answer: Iterable[tuple[str, str]]) -> str:
-    """Lines to quote as text, their labels in a column."""
-    lines = list(answer)
-    width = max([15, *(len(label) + 2 for label, _ in lines)])
-    return "\n".join(f"{label:{width}}{text}" for label, text in lines)
 
 
 def print_result(options: argparse.Namespace, result: RunResult) -> None:

@@ -7,7 +7,7 @@ import re
 import sys
 import time
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from importlib import import_module
 from typing import Any
@@ -18,6 +18,13 @@ _CONTROL = re.compile(r"[\x00-\x09\x0b-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\u2
 def printable(text: object) -> str:
     """Text without the control characters that a terminal would obey: \\x1b in place of an escape."""
     return _CONTROL.sub(lambda match: match.group().encode("unicode_escape").decode(), str(text))
+
+
+def labelled(lines: Iterable[tuple[str, str]]) -> str:
+    """Lines of text behind their labels, which stand in a column."""
+    pairs = list(lines)
+    width = max([15, *(len(label) + 2 for label, _ in pairs)])
+    return "\n".join(f"{label:{width}}{text}" for label, text in pairs)
 
 
 def in_a_line(name: object) -> str:

@@ -5,6 +5,7 @@ from vsh.figures.page._page import (
     STATIC,
     Panel,
     Shown,
+    answer,
     bundle,
     cards,
     figure,

@@ -55,6 +55,11 @@ def words(text: str, kind: str = "") -> Panel:
     return Panel(f"<p{f' class={kind!r}' if kind else ''}>{escape(text)}</p>" if text else "")
 
 
+def answer(lines: Sequence[tuple[str, str]]) -> Panel:
+    """The lines to quote, their labels in front; nothing where there are none."""
+    return table(["", "result"], [list(line) for line in lines]) if lines else Panel("")
+
+
 def cards(items: Iterable[tuple[str, str, str]]) -> Panel:
     """The main results, large."""
     inner = "".join(
