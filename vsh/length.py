@@ -186,11 +186,14 @@ class _Profile:
         tails = self._tails_at(nearest, self.noise, lengths, observed)
         noise = self.noise[:, None, :: _POINTS // _DIRECTIONS]
         away = _AWAY * self.unequal * np.clip((_FAR - lengths) / (_FAR - _NEAR), 0.0, 1.0)
-        allowed, _ = self._nearest(self.value[:, None, None] + away[:, None] * noise, lengths)
+        tried = away > 0
+        if not tried.any():
+            return tails
+        allowed, _ = self._nearest(self.value[:, None, None] + away[tried, None] * noise, lengths[tried])
         fewer = self.noise[:, 1 :: _POINTS // _FEWER]
         for k in range(allowed.shape[2]):
-            there = self._tails_at(allowed[:, :, k : k + 1], fewer, lengths, observed)
-            tails = np.where(away > 0, np.maximum(tails, there), tails)
+            there = self._tails_at(allowed[:, :, k : k + 1], fewer, lengths[tried], observed[tried])
+            tails[tried] = np.maximum(tails[tried], there)
         return tails
 
     def _tails_at(self, truth: FloatArray, noise: FloatArray, lengths: FloatArray, observed: FloatArray) -> FloatArray:
