@@ -272,8 +272,9 @@ class LinkSolution(NamedSolution):
         """The result to quote: whether frames are turned, and whether they jump, a line each."""
         steps, powers = self.unknowns.steps, self.unknowns.order
         at = f", brighter than {min(steps):.4g} mag" if steps else ", at G = 13" if powers else ""
+        several = len(self.unknowns.turned) > 1
         lines = [
-            (name, f"{self._in_words(name, catalogue)} ({catalogue}{at})")
+            (f"{name}, {catalogue}" if several else name, f"{self._in_words(name, catalogue)} ({catalogue}{at})")
             for catalogue in self.unknowns.turned
             for name in ("orientation", "spin")
             if name in self.unknowns.vectors
@@ -287,7 +288,9 @@ class LinkSolution(NamedSolution):
             hint = hint_of(together)
             if len(each) > 1:
                 words.append(f"p = {printed_p_value(together)} of both together{hint and f' ({hint})'}")
-            lines.append(("jump", ", ".join(words) + (", after allowing for all places" if self.searched else "")))
+            lines.append(
+                (f"jump at {step:.4g}", ", ".join(words) + (", after allowing for all places" if self.searched else ""))
+            )
         return Answer(tuple(lines))
 
     @property
