@@ -507,8 +507,11 @@ def sandwich(
     words: str = "errors",
 ) -> FloatArray:
     """H⁻¹ M H⁻¹, (p, p): the covariance of a fit whose scores are Σ Aᵀ u C⁻¹Δ."""
-    slopes = sky.sum(partial(_slopes, scores=scores, modes=modes), roles=(), words=words)
-    fitted, slope = np.linalg.inv(slopes["fitted"]), np.linalg.inv(slopes["slope"])
+    # The fitted matrix is for exact leverages, which large problems do without.
+    exact = sky.in_memory is None or len(sky.in_memory) * len(modes) ** 2 <= EXACT
+    slopes = sky.sum(partial(_slopes, scores=scores, modes=modes, exact=exact), roles=(), words=words)
+    slope = np.linalg.inv(slopes["slope"])
+    fitted = np.linalg.inv(slopes["fitted"]) if exact else slope
     total = (slopes["sources"], slopes["trace"])
     middle = sky.sum(
         partial(_scores, scores=scores, modes=modes, inverse=fitted, total=total, power=power), roles=(), words=words
@@ -517,11 +520,11 @@ def sandwich(
     return (covariance + covariance.T) / 2
 
 
-def _slopes(field, scores, modes):
+def _slopes(field, scores, modes, exact):
     """Sums over some sources: the matrices with weights u and with their slopes, Σ u tr W, and how many they are."""
     _, u, slopes = scores(field)
     return {
-        "fitted": weighted_matrix(field, field.weights * u, modes),
+        "fitted": weighted_matrix(field, field.weights * u, modes) if exact else 0.0,
         "slope": weighted_matrix(field, field.weights * slopes, modes),
         "trace": float(np.sum(field.information * u)),
         "sources": len(field),

@@ -536,11 +536,20 @@ class Field(ByColumns, Tabled):
         return self.motion
 
     @property
+    def information(self) -> FloatArray:
+        """The trace of each source's inverse covariance, (n,). [(yr/µas)²]"""
+        total = (1 / self.sigma**2).sum(0)
+        return total / (1 - self.rho**2) if self.rho.any() else total
+
+    @property
     def weights(self) -> FloatArray:
         """The inverse covariance [[a, c], [c, b]] of each source, (3, n): a, b, c. [(yr/µas)²]"""
-        a, b = 1 / self.sigma**2
-        c = -self.rho / (self.sigma[0] * self.sigma[1])
-        return np.stack([a, b, c]) / (1 - self.rho**2)
+        weights = np.zeros((3, len(self)))
+        np.divide(1, self.sigma**2, out=weights[:2])
+        if self.rho.any():
+            np.divide(-self.rho, self.sigma[0] * self.sigma[1], out=weights[2])
+            weights /= 1 - self.rho**2
+        return weights
 
     @property
     def whitened(self) -> FloatArray:

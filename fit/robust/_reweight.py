@@ -53,6 +53,18 @@ class StudentT:
         u = (self.nu + self.components) / (self.nu + x2)
         return u, -u / (self.nu + x2)
 
+    def share_of(self, chi2: FloatArray, largest: FloatArray) -> FloatArray | None:
+        """The share s of each source in its own fit, (n,), at the weight of X²/(1 − s); None near the cap.
+
+        It solves s (ν + X²/(1 − s)) = s₁ (ν + k), a quadratic equation, where s₁ is the share of a weight of 1.
+        """
+        most = largest * (self.nu + self.components)
+        if most.max() > self.nu / 2:
+            return None
+        b = self.nu + chi2 + most
+        share: FloatArray = 2 * most / (b + np.sqrt(b**2 - 4 * self.nu * most))
+        return share
+
     def fitted(self, sky: Parts, share: Share, words: str) -> StudentT:
         """These weights with the likeliest ν, from the residuals and leverages at the current ν."""
         if not self.estimated:
@@ -77,6 +89,9 @@ class Permissive:
         # i_a = ∫₀¹ t^(a−1) exp(−q t) dt for a = (k+1)/2, (k+3)/2, (k+5)/2
         i2, i4, i6 = (gamma(a) * gammainc(a, q) / q**a for a in (self.components + 1) / 2 + np.arange(3))
         return i4 / i2, (np.square(i4 / i2) - i6 / i2) / 2
+
+    def share_of(self, chi2: FloatArray, largest: FloatArray) -> None:
+        """None: there is no closed form."""
 
     def fitted(self, sky: Parts, share: Share, words: str) -> Permissive:
         """The same: there is no parameter to fit."""
@@ -109,9 +124,10 @@ class Share:
         """X² over one less the share, u and its slope, each (n,); and the residuals, (components, n)."""
         residual = self.solution.residuals(field)
         chi2, largest = residual.chi2, self.leverage * field.information
-        own = np.zeros(len(field))
+        known = self.weight.share_of(chi2, largest)
+        own = np.zeros(len(field)) if known is None else known
         # The share depends on u, and u on the share, the less the larger it is: Newton's steps to where both agree.
-        for _ in range(_STEPS):
+        for _ in range(_STEPS if known is None else 0):
             x2 = chi2 / (1 - own)
             u, slope = self.weight(x2)
             step = (np.minimum(largest * u, 0.9) - own) / (1 - largest * slope * x2 / (1 - own))
@@ -402,7 +418,8 @@ def _scores(field, share):
 def _facts(field, share):
     _, u, _, residual = share(field)
     labels = field.name if field.name is not None else np.arange(len(field))
-    least = np.argsort(u, kind="stable")[:5]
+    few = np.argpartition(u, min(5, len(u) - 1))[:5]
+    least = few[np.argsort(u[few], kind="stable")]
     return {
         "u": float(u.sum()),
         "u²": float(u @ u),
