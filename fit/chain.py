@@ -195,8 +195,14 @@ class Chain(Result):
             raise ParameterError("what sources share over the sky was not sought: chain_catalogues(…, floor=True)")
         return self.shared
 
-    def report(self) -> str:
-        """The catalogues, what they share, and each against the reference, as text."""
+    def report(self, *, long: bool = False) -> str:
+        """The catalogues, what they share, and each against the reference, as text.
+
+        Parameters
+        ----------
+        long : bool
+            Add the quadrupoles.
+        """
         first, *others = self.labels
         what = "position" if self.unit == "µas" else "motion"
         used = ", ".join(f"{name} {int(n)}" for name, n in zip(self.labels, np.diag(self.common), strict=True))
@@ -208,7 +214,7 @@ class Chain(Result):
         ]
         solutions = [self.difference(first, name) for name in others]
         parts = [icrf3_terms(each.coefficients, each.sigma) for each in solutions]
-        names = list(parts[0])
+        names = [term for term in parts[0] if long or term[0] in "RD"]
         heads = [f"{first} − {name}" for name in others]
         widths = [max(24, len(head) + 2) for head in heads]
         lines.append(f"{'ICRF3 names':12}" + "".join(f"{head:>{w}}" for head, w in zip(heads, widths, strict=True)))
@@ -216,9 +222,7 @@ class Chain(Result):
             cells = [f"{part[term][0]:+.2f} ± {part[term][1]:<6.2f}" for part in parts]
             row = f"{term:12}" + "".join(f"{cell:>{w}}" for cell, w in zip(cells, widths, strict=True))
             lines.append(row.rstrip())
-        lines.append(
-            f"[{self.unit}] R1, R2, R3 turn the axes, not the sources: the rotation of the fit with the other sign"
-        )
+        lines.append(f"[{self.unit}] R1, R2, R3 are the rotation with the other sign: they turn the axes")
         if self.shared is not None:
             lines.append("not in these errors: what sources share over the sky; rotation and glide with it are below")
         for a, b in combinations(self.labels, 2):

@@ -26,13 +26,14 @@ from vsh.sky.positions import Positions
 from vsh.tools import arguments
 from vsh.tools.arguments import explained
 from vsh.tools.errors import ParameterError, VshError
-from vsh.tools.modules import old_names
 from vsh.tools.notebook import Frozen
+from vsh.tools.notes import note_lines
+from vsh.tools.printing import in_a_line
 from vsh.tools.types import FloatArray, IntArray, Rng, Table
 
 __all__ = ["FrameComparison", "compare_catalogues"]
 #: Outliers that the report lists.
-_LISTED = 10
+_LISTED, _FEW_LISTED = 10, 3
 #: What is so many times farther than the limit from a robust fit is left out before the first plain one.
 _FAR = 3.0
 #: The degree that it is looked for to.
@@ -295,7 +296,7 @@ class FrameComparison(AboutSolution):
         Parameters
         ----------
         long : bool
-            As for `Solution.report`.
+            Add the quadrupoles, p-values with other errors, each outlier, and the report of the solution.
         """
         solution, (a, b) = self.solution, self.labels
         what = "position" if solution.unit == "µas" else "motion"
@@ -306,10 +307,10 @@ class FrameComparison(AboutSolution):
         quoted = self.parameters
         best = self.best
         for name, (value, error) in icrf3_terms(best.coefficients, best.sigma).items():
+            if not long and name[0] not in "RD":
+                continue
             lines.append(f"{name:12}{value:+12.2f}{error:10.2f}{value / error:+12.1f}{quoted[name][1]:12.2f}")
-        lines.append(
-            "R1, R2, R3 are the rotation in the fit below with the other sign: they turn the axes, not the sources"
-        )
+        lines.append("R1, R2, R3 are the rotation with the other sign: they turn the axes, not the sources")
         if self.alone is not None:
             listed = ", ".join(
                 f"{name} {value:+.2f} ± {error:.2f}" for name, (value, error) in self.parameters_alone.items()
@@ -317,12 +318,12 @@ class FrameComparison(AboutSolution):
             lines.append(f"these alone, all others held at zero: {listed} {solution.unit} (errors scaled in classes)")
         if self.method:
             lines.append(f"values and errors by {self.method}; ± quoted is the same")
-        if self.by_class is not None:
+        if self.by_class is not None and long:
             factors = ", ".join(f"{each:.2f}" for each in self.by_class.factors)
             count = len(self.by_class.factors)
             classes = f"{count} classes of their size" if count > 1 else "one class"
             lines.append(f"errors ± are scaled by residuals in {classes}, by {factors} from the smallest on")
-        if solution.modes.lmax > 1:
+        if solution.modes.lmax > 1 and long:
             p = self.deformation_p_value_by_class
             lines.append(
                 f"deformation (degrees 2 to {solution.modes.lmax}): p = "
@@ -339,23 +340,29 @@ class FrameComparison(AboutSolution):
             )
         if self.shared is not None:
             lines.append("R and D have the errors that sources share over the sky as well: by the model below")
-        if self.floor is not None:
+        if self.floor is not None and long:
             spin, glide = self.floor.spin_error, self.floor.acceleration_error
             lines.append(
                 f"R and D have the size of what sources share over the sky as well: rotation ± {spin:.3g}, glide ± "
                 f"{glide:.3g} {solution.unit} by degrees 2 to {max(self.floor.degrees)}; --floor fits with it"
             )
-        for label, index in ((a, 0), (b, 1)):
+        for label, index in ((a, 0), (b, 1)) if long else ():
             value, pair = self.correlations.largest(index)
             lines.append(f"largest correlation by the errors of {label} alone: {value:+.3f} of {pair[0]} and {pair[1]}")
-        if self.names:
+        if self.names and not long:
+            nearest = zip(self.names[:_FEW_LISTED], self.distances, strict=False)
+            listed = ", ".join(f"{in_a_line(name)} ({x:.1f} errors)" for name, x in nearest)
+            lines.append(f"farthest off, of {len(self.names)} left out: {listed}")
+        elif self.names:
             lines.append(f"farthest off, of {len(self.names)} left out:")
             rows = zip(self.names, self.offsets, self.distances, strict=True)
             lines += [
                 f"  {n:24}{east:+12.1f}, {north:+.1f} {solution.unit}, {x:.1f} times its error"
                 for n, (east, north), x in list(rows)[:_LISTED]
             ]
-        shared_errors = [] if self.shared is None else [self.shared.report(what="")]
+        if not long:
+            return "\n".join([*lines, *note_lines(dict.fromkeys(solution.notes))]) + "\n"
+        shared_errors = [] if self.shared is None else [self.shared.report(what="", long=True)]
         return "\n\n".join(["\n".join(lines), *shared_errors, report(self.best, long=long, answer=False)])
 
     def parameters_table(self) -> Table:
@@ -533,6 +540,3 @@ def _distances(solution, field):
 def _with_own_errors(catalogue, chosen, kept):
     """The sources that were fitted, with the errors of one catalogue."""
     return kept.minus(kept.motion).with_errors(catalogue.sigma[:, chosen], catalogue.rho[chosen])
-
-
-__getattr__ = old_names(__name__, {"compare": "compare_catalogues"})

@@ -1,6 +1,7 @@
 """`vsh-study`: a simulation study from a TOML file, on the command line."""
 
 import shutil
+from functools import partial
 from pathlib import Path
 
 from vsh.commands import configuration, finishing, outputs, running, values
@@ -9,6 +10,8 @@ from vsh.io import tables
 from vsh.tools.files import atomic_write
 from vsh.tools.notes import dropped
 
+#: How many parameters a short report lists.
+_LISTED = 15
 _CAPTIONS = {
     "calibration": (
         "Mean less truth, scatter over formal errors, and how often intervals of 68 and 95 % hold the truth, each with "
@@ -64,7 +67,9 @@ def _run(options):
     with atomic_write(folder / configuration.NAME) as new:
         new.write_text(outputs.repeats(options), encoding="utf-8")
     result = finishing.RunResult(
-        _text(study, rows), lambda: {"Truth, mean, scatter, errors, coverage": table_of(rows)}, answer=_answer(rows)
+        partial(_text, study, rows),
+        lambda: {"Truth, mean, scatter, errors, coverage": table_of(rows)},
+        answer=_answer(rows),
     )
     finishing.print_result(options, result)
     finishing.print_line(options, running.written(folder, [x.name for x in Path(folder).iterdir() if x.is_file()]))
@@ -72,7 +77,7 @@ def _run(options):
         finishing.write_page(
             options.html,
             f"A simulation study: {study.settings['name']}",
-            _text(study, rows),
+            _text(study, rows, True),
             drawn,
             captions=_CAPTIONS,
             sheets=result.tables,
@@ -103,7 +108,11 @@ def _draw(rows):
     return {"calibration": plot_calibration(rows)}
 
 
-def _text(study, rows):
+def _text(study, rows, long):
+    """Truth, mean and coverage of every parameter; short, of those that are farthest from their coverage."""
+    more = max(len(rows) - _LISTED, 0)
+    if not long and more:
+        rows = sorted(rows, key=lambda row: -abs(row["within_68"] - 0.6827))[:_LISTED]
     width = max(6, *(len(case["name"]) + 2 for case in study.cases))
     lines = [
         f"{'case':{width}}{'parameter':14}{'truth':>10}{'mean':>12}{'scatter':>12}{'formal σ':>12}{'off/s.e.':>10}"
@@ -114,6 +123,8 @@ def _text(study, rows):
             f"{row['case']:{width}}{row['parameter']:14}{row['truth']:10.3f}{row['mean']:12.4f}{row['std']:12.4f}{row['sigma']:12.4f}"
             f"{row['off']:+10.2f}{100 * row['within_68']:6.0f}%{100 * row['within_95']:6.0f}%"
         )
+    if not long and more:
+        lines.append(f"the {_LISTED} of {_LISTED + more} parameters that are farthest from 68 %")
     return "\n".join(lines)
 
 

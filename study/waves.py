@@ -56,11 +56,18 @@ def _run(options):
         equations = in_time.normal_equations(parts, 3, functions, attitude=attitude, threads=options.threads)
         results["In time"] = in_time.solve(equations)
     movie = cache(lambda: _movie(results))
-    text = "\n".join([*(each.report() for each in results.values()), *notes])
+
+    def text(long):
+        others = [each.report() for each in results.values() if each is not search]
+        return "\n".join([search.report(long=long), *others, *(notes if long else ())])
+
     finishing.finish(
         options,
         finishing.RunResult(
-            text, lambda: {name: each.to_table() for name, each in results.items()}, (*search.notes, *notes)
+            text,
+            lambda: {name: each.to_table() for name, each in results.items()},
+            (*search.notes, *notes),
+            answer=[line for each in results.values() for line in getattr(each, "answer", ())],
         ),
         provenance=lambda: running.provenance([*files], options, sources=sum(len(each.lon) for each in parts)),
         draw=lambda: {_file(name): each.plot() for name, each in results.items()},

@@ -241,13 +241,15 @@ class SharedErrors(Result):
         low, middle, high = np.quantile(errors, [0.16, 0.5, 0.84])
         return float(middle), float(low), float(high)
 
-    def report(self, what: str = "class") -> str:
+    def report(self, what: str = "class", *, long: bool = False) -> str:
         """The classes, what they share, and the verdict, as text.
 
         Parameters
         ----------
         what : str
             What classes are made by: "redshift", say.
+        long : bool
+            Add the spectra of what is shared, and what is assumed.
         """
         names = ("spin", "acceleration") if self.unit == "µas/yr" else ("rotation", "glide")
         whose = "classes of sources" if len(self) > 1 else "sources"
@@ -262,15 +264,18 @@ class SharedErrors(Result):
             lines.append(f"{'together':{wide}}{sum(self.n_sources):>10}{_cells(self.together())}")
             lines.append(f"{'last − first':{wide}}{'':>10}{_cells(self.difference(0, len(self) - 1))}")
         spectra = ", ".join(f"{name} {100 * p:.0f} %" for name, p in zip(self.shapes, self.probability, strict=True))
-        lines.append(f"spectrum: {spectra}; draws that count: {', '.join(f'{x:.0f}' for x in self.effective)}")
+        if long:
+            lines.append(f"spectrum: {spectra}; effective draws: {', '.join(f'{x:.0f}' for x in self.effective)}")
         if len(self) > 1:
             lines.append(self.verdict_words(what))
         sigma = np.sqrt(np.diag(self.amplitude_covariance))
         for name, value, error in zip(self.templates, self.amplitudes, sigma, strict=True):
             lines.append(f"template {name:32}{value:+10.2f} ±{error:8.2f} {self.unit}{value / error:+8.1f} errors")
-        lines.append(
-            "This assumes that what is shared has one of these spectra: no higher degree shows what degree 1 has alone."
-        )
+        if long:
+            lines.append(
+                "This assumes that what is shared has one of these spectra: no higher degree shows what degree 1 has "
+                "alone."
+            )
         return "\n".join([*lines, *note_lines(self.notes)]) + "\n"
 
     @cached_property

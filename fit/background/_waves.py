@@ -139,6 +139,18 @@ class WaveLimit(Result):
         rate = self.hubble / _MPC
         return float(np.sqrt(1.5 * self.limit(probability, prior)) * rate / (np.pi * self.frequency(years)))
 
+    @property
+    def answer(self) -> tuple[tuple[str, str], ...]:
+        """The line to quote: the limit on the energy in waves."""
+        name = "h70² Ω" if self.hubble == 70 else "Ω"
+        return (
+            (
+                "waves",
+                f"{name} < {self.limit():.3g} (95 %, flat in Ω), degree{'s' * (len(self.degrees) > 1)} "
+                f"{words_of(self.degrees)}",
+            ),
+        )
+
     def report(self, years: float | None = None) -> str:
         """The limits as text, each with what it takes for equally likely.
 

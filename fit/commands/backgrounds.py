@@ -18,7 +18,14 @@ class Backgrounds:
 
     solution: Any
     results: dict[str, Any]
-    texts: tuple[str, ...]
+    years: float | None = None
+
+    def texts(self, long: bool) -> list[str]:
+        """The floor and the limit on waves as text; short, the lines to quote have them."""
+        waves = self.results.get("waves")
+        shown = [self.solution.floor.report()] if long and self.solution.floor is not None else []
+        # Notes are those of the report above.
+        return [*shown, *([replace(waves, notes=()).report(self.years)] if long and waves is not None else [])]
 
     def write(self, folder: Path, meta: dict[str, Any]) -> None:
         """Write each result as a table."""
@@ -43,7 +50,6 @@ def backgrounds_of(estimate: Any, options: argparse.Namespace) -> Backgrounds:
     """Compute the wave limit and the systematic floor that the options ask for, or that the estimate has."""
     solution, plain = estimate.solution, estimate.plain
     results: dict[str, Any] = {}
-    texts = []
     if options.waves:
         if plain.modes.lmax < 2:
             raise ModesError("gravitational waves begin at degree 2: take --lmax 2 or higher")
@@ -53,7 +59,6 @@ def backgrounds_of(estimate: Any, options: argparse.Namespace) -> Backgrounds:
             shapes = list(fit.background.SHAPES.values())
             beside = {"degrees": range(2, min(plain.modes.lmax, _HIGHEST) + 1), "systematics": shapes}
         results["waves"] = fit.background.wave_limit(plain, **beside)
-        texts.append(replace(results["waves"], notes=()).report(options.years))  # those of the report above
     if options.floor and not solution.includes_floor:
         if plain.modes.lmax < 3:
             raise ModesError(f"degree {plain.modes.lmax} says nothing of a floor: take --lmax 3 or higher")
@@ -61,6 +66,4 @@ def backgrounds_of(estimate: Any, options: argparse.Namespace) -> Backgrounds:
         solution = replace(solution, formal_covariance=plain.formal.covariance)
     if solution.floor is not None:
         results["floor"] = solution.floor
-        if options.long:
-            texts.insert(0, solution.floor.report())
-    return Backgrounds(solution, results, tuple(texts))
+    return Backgrounds(solution, results, options.years)

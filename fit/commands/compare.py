@@ -37,12 +37,15 @@ def _run(options):
             rng=options.seed,
         )
     comparisons = [comparison for comparison, _ in compared.values()]
-    texts = [comparison.report() for comparison in comparisons]
     together = _together({labels[0]: first} | others, options) if len(compared) > 1 else None
-    if together is not None:
-        texts.append(together.report().rstrip("\n"))
-    elif len(compared) > 1:
-        texts.append(f"Errors of {labels[0]} are in all of these differences: they are not independent of each other.")
+
+    def text(long):
+        texts = [comparison.report(long=long) for comparison in comparisons]
+        if together is not None:
+            texts.append(together.report(long=long).rstrip("\n"))
+        elif len(compared) > 1:
+            texts.append(f"Errors of {labels[0]} are in all of these differences: they are not independent.")
+        return "\n\n".join(texts)
 
     def sheets():
         from fit.output import vectors_table
@@ -62,7 +65,7 @@ def _run(options):
     finishing.finish(
         options,
         finishing.RunResult(
-            "\n\n".join(texts),
+            text,
             sheets,
             merge_notes(*(comparison.solution.notes for comparison in comparisons)),
             lambda: "\n\n".join(_latex(comparison) for comparison in comparisons),

@@ -26,11 +26,11 @@ def _run(options):
     labels = _labels(paths)
     what: Any = FRAME if options.parameters == FRAME else options.lmax
     matrices = correlation.correlation_matrices(fields, what, labels=labels)
-    lines = [matrices.report(max_size=16)]
+    lines, checked = [], []
     if what == FRAME:
         direct = correlation.correlation_matrices(fields, what, labels=labels, solver="frame")
         most = max(np.abs(a - b).max() for a, b in zip(matrices.matrices, direct.matrices, strict=True))
-        lines.append(f"The direct frame solver gives the same to {most:.0e}.\n")
+        checked.append(f"The direct frame solver gives the same to {most:.0e}.\n")
     influences, leaks = [], []
     for field, label in zip(fields, labels, strict=True):
         lines.append(_sky(correlation, field, label, options))
@@ -42,7 +42,10 @@ def _run(options):
             leaks.append((label, correlation.leakage(field, options.lmax, options.leakage)))
             lines.append(_leak(leaks[-1][1], label, options))
     notes = [f"  - {label}: {note}" for field, label in zip(fields, labels, strict=True) for note in _notes(field)]
-    text = "\n".join(lines + (["Notes", *notes, ""] if notes else []))
+
+    def text(long):
+        below = ["Notes", *notes, ""] if notes else []
+        return "\n".join([matrices.report(16, long=long), *(checked if long else ()), *lines, *below])
 
     def sheets():
         return {"Correlations": matrices.to_table()} | {f"Leakage, {label}": leak.to_table() for label, leak in leaks}

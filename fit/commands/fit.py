@@ -40,7 +40,7 @@ def _run(options):
     backgrounds = shared.backgrounds_of(estimate, options)
     lmax = estimate.solution.modes.lmax
     solution = backgrounds.solution
-    results, texts = dict(backgrounds.results), list(backgrounds.texts)
+    results = dict(backgrounds.results)
     maps = []
     if options.templates:
         from fit.commands import templates
@@ -51,29 +51,31 @@ def _run(options):
 
         n_sources = solution.n_sources + (clipped or 0)
         results["shared"] = classes.shared_by(source, str(path), options, estimate, maps, n_sources)
-        texts.append(results["shared"].report(what="class"))
     elif maps:
         normal = estimate.equations(sources, lmax, templates=maps)
         beside = fit.background.shared(
             [normal], labels=["all sources"], noise_scale=estimate.is_scaled, rng=options.seed
         )
         results["shared"] = replace(beside, notes=(*beside.notes, estimate.class_note))
-        texts.append(results["shared"].report())
     if maps:
         results["cross_powers"] = templates.cross_powers_of(estimate.plain, solution.floor, maps)
-        texts.append(results["cross_powers"].report())
-    backgrounds = replace(backgrounds, results=results, texts=tuple(texts))
+    backgrounds = replace(backgrounds, results=results)
     name = "the simulated catalogue of the demo" if options.demo else source.label
     check, truth = fit.cross_check(sources), catalogue.truth_of(source)
-    answer = list(solution.answer.lines)
+    answer = [*solution.answer.lines, *(results["waves"].answer if "waves" in results else ())]
     if options.classes:
         from fit.quality import SEEN, printed_p_value
 
         p = results["shared"].verdict().p_value
         words = f"{'a change' if p < SEEN else 'no change'} from class to class is detected (p = {printed_p_value(p)})"
         answer.append(("classes", words))
-    report = fit.output.report(solution, check=check, truth=truth, source=name, long=options.long, answer=False)
-    text = "\n".join([report, *backgrounds.texts])
+
+    def text(long):
+        about = fit.output.report(solution, check=check, truth=truth, source=name, long=long, answer=False)
+        more = [results["shared"].report(long=long)] if "shared" in results else []
+        more += [results["cross_powers"].report()] if "cross_powers" in results else []
+        return "\n".join([about, *backgrounds.texts(long), *more])
+
     lines = [f"{label}: {words}" for label, words in fit.output.warnings_of(solution)]
 
     def sheets():

@@ -45,13 +45,17 @@ def _run(options):
     results["link"] = solution
     if options.candidates:
         results["plan"] = forecast(solution, read_astrometry(options.candidates))
-    texts = [each.report() for name, each in results.items() if name != "link" or "steps" not in results]
-    texts += _truth(solution, options.catalogues[0])
+
+    def text(long):
+        shown = [each for name, each in results.items() if name != "link" or "steps" not in results]
+        reports = [each.report(long=long) for each in shown]
+        return "\n".join([*reports, *_truth(solution, options.catalogues[0])])
+
     paths = [*options.catalogues, *(each for each in (options.priors, options.candidates) if each)]
     finishing.finish(
         options,
         finishing.RunResult(
-            "\n".join(texts),
+            text,
             lambda: {
                 **({"Place of the jump": results["steps"].to_table()} if "steps" in results else {}),
                 "Link": solution.to_table(),

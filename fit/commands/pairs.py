@@ -23,9 +23,11 @@ def _run(options):
     edges = np.radians(np.linspace(0, options.up_to, options.bins + 2))
     correlation = pairs.correlation_function(field, edges, lmax=options.lmax, nside=options.nside)
     fitted = correlation.fit(options.templates) if options.templates else None
-    text = correlation.report() + ("\n" + fitted.report() if fitted else "")
     power = pairs.power(field, options.powers, nside=options.nside) if options.powers else None
-    text += "\n" + power.report() if power else ""
+
+    def text(long):  # the lines to quote have the limits of the templates
+        return "\n".join([each.report() for each in (correlation, long and fitted, power) if each])
+
     tabled = {"Correlation by angle": correlation, "Templates": fitted, "Power by degree": power}
     finishing.finish(
         options,

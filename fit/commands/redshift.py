@@ -1,5 +1,6 @@
 """`vsh-redshift`: our velocity, the Hubble constant and dipoles in redshift bins, on the command line."""
 
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
@@ -80,14 +81,15 @@ def _run(options):
         whole = _clipped(whole, options.clip)
     velocity, cosmology = reading.velocity_of(options.velocity), _cosmology(options)
     ours = velocity or CMB_VELOCITY_PLANCK18
-    results, texts, truth = {}, ["\n".join(lines) + "\n"], catalogue.truth_of(source)
+    results, truth = {}, catalogue.truth_of(source)
+    texts: list[Callable[[bool], str]] = [lambda long: "\n".join(lines) + "\n"]
     if options.bins:
         results["bins"] = _binned(whole, options, options.lmax)
         asked = options.floor or (results["bins"].counts.sum() >= MANY and not options.no_floor)
         # Permutations know nothing of what sources share: they have no word where that is asked for.
         p_values = None if asked else _p_values(whole, results["bins"], options, ours)
-        texts.append(results["bins"].report(ours, p_values))
-        texts[-1] += _add_shared(results, whole, options) if asked else _left_out(whole, results["bins"])
+        texts.append(partial(_of_bins, results["bins"], ours, p_values))
+        texts.append(_add_shared(results, whole, options) if asked else _left_out(whole, results["bins"]))
     common = {
         "cosmology": cosmology,
         "peculiar_dispersion": options.peculiar_dispersion,
@@ -101,27 +103,22 @@ def _run(options):
         _ask_for_frame(field, options, common, source.label)
     if options.h0:
         results["velocity"] = observer_velocity(field, options.h0, **common)
-        texts.append(results["velocity"].report(source=source.label, truth=truth))
     if options.velocity:
         results["hubble"] = hubble_constant(field, velocity, local_group=options.local_group, **common)
-        texts.append(results["hubble"].report(source=source.label, truth=truth))
-    flow = next((results[name].flow for name in ("velocity", "hubble") if name in results), None)
-    if flow is not None:
-        texts.append(flow.report())
     unfinished = None
     if options.posterior:
         try:
             posterior = _posterior(field, options, common)
-            texts.append(f"{posterior.report()}\n{_truth_words(_truths(truth, posterior), posterior)}")
             results["posterior"] = posterior
         except ConvergenceError as error:  # what else was found is written all the same
             unfinished = error
-            texts.append(f"posterior: {error}\n")
-    text = "\n".join(texts)
+            failed = f"posterior: {error}\n"
+            texts.append(lambda long: failed)
+    texts.append(partial(_of_estimates, results, source.label, truth))
     finishing.finish(
         options,
         finishing.RunResult(
-            text,
+            lambda long: "\n".join(filter(None, (each(long) for each in texts))),
             lambda: _tables(results, truth),
             () if isinstance(whole, Parts) else whole.notes,
             answer=_answer(results),
@@ -137,6 +134,28 @@ def _run(options):
         raise unfinished
 
 
+def _of_bins(bins, velocity, p_values, long):
+    """The bins as text."""
+    return bins.report(velocity, p_values, long=long)
+
+
+def _of_estimates(results, label, truth, long):
+    """Our velocity, H0, the flow and the posterior as text; short, the posterior alone where there is one."""
+    lines = []
+    posterior = results.get("posterior")
+    if posterior is not None:
+        lines.append(f"{posterior.report(long=long)}\n{_truth_words(_truths(truth, posterior), posterior)}")
+    if posterior is None or long:
+        named = [results[name] for name in ("velocity", "hubble") if name in results]
+        lines += [each.report(source=label, truth=truth, long=long) for each in named]
+    flow = _flow_of(results)
+    if flow is not None and long:
+        lines.append(flow.report())
+    return "\n".join(lines)
+
+
+#: H0 is said to depend on its prior where medians differ by such a factor.
+_BY_PRIOR = 1.5
 #: The Hubble constants that are published lie between these, by Planck and by distance ladders. [km/s/Mpc]
 _PUBLISHED = 67.0, 73.0
 
@@ -187,14 +206,19 @@ def _of_posterior(posterior):
     rows = posterior.summary()
     h0 = rows["H0"]
     error = (h0.median - h0.low68) if h0.median > _PUBLISHED[1] else (h0.high68 - h0.median)
-    size = f"{three_digits(h0.median)} km/s/Mpc ({three_digits(h0.low68)} to {three_digits(h0.high68)}, 68 %)"
-    lines = [("H0", f"{size}, posterior; {_away(h0.median, error)}")]
+    printed = posterior.print_summary()
+    median, low, high, *_ = printed["H0"]
+    lines = [("H0", f"{median} km/s/Mpc ({low} to {high}, 68 %), posterior; {_away(h0.median, error)}")]
     v = rows.get("speed")
     if v is not None and v.high68 - v.low68 > 0.02 * v.median:  # otherwise it is the prior's
-        low, high = three_digits(v.low68), three_digits(v.high68)
-        lines.append(("speed", f"{three_digits(v.median)} km/s ({low} to {high}, 68 %), posterior"))
+        median, low, high, *_ = printed["speed"]
+        lines.append(("speed", f"{median} km/s ({low} to {high}, 68 %), posterior"))
     priors = posterior.model.priors.in_words()
     lines.append(("prior", f"H0 {priors['hubble']}; velocity {priors['velocity']}"))
+    medians = [each.median for each in posterior.hubble_by_prior.values()]
+    if medians and max(medians) > _BY_PRIOR * min(medians):
+        words = f"the median is {three_digits(min(medians))} to {three_digits(max(medians))} under other priors"
+        lines.append(("caution", f"{words}: the motions determine H0 poorly"))
     return lines
 
 
@@ -219,10 +243,14 @@ def _by_distances(source, options):
     # Oort's constants are of Galactic axes; ICRS is what --frame says where nobody said anything.
     frame = "galactic" if options.frame == "icrs" else options.frame
     solution = kinematics(field, gradient=options.oort, dispersion=dispersion, frame=frame)
-    text = solution.report(source.label)
     finishing.finish(
         options,
-        finishing.RunResult(text, lambda: {"Motions at known distances": solution.to_table()}, field.notes),
+        finishing.RunResult(
+            solution.report(source.label),
+            lambda: {"Motions at known distances": solution.to_table()},
+            field.notes,
+            answer=[("velocity", words_of(solution.velocity))],
+        ),
         provenance=lambda: running.provenance(options.catalogue, options, **counts),
         draw=lambda: {"correlations": solution.plot()},
         write=lambda folder, meta: _write({"kinematics": solution}, folder, meta),
@@ -297,9 +325,10 @@ def _add_shared(results, whole, options):
     except VshError as error:
         if options.floor:
             raise
-        return f"errors above are without what sources share over the sky, which is not known: {error}\n"
-    words = "p-values above are for errors that sources do not share; with what they share:\n\n"
-    return words + results["shared"].report(what="redshift")
+        words = f"errors above are without systematic errors, which are not known: {error}\n"
+        return lambda long: words
+    words = "p-values above are for independent errors; with systematic errors:\n\n"
+    return lambda long: words + results["shared"].report(what="redshift", long=long)
 
 
 def _left_out(whole, bins):
@@ -307,15 +336,18 @@ def _left_out(whole, bins):
     import fit
     from fit.redshift import FLOW_MATTERS
 
-    if bins.counts.sum() < FEW or bins.flow_share > FLOW_MATTERS:
-        return ""
-    floor = fit.fit_field(whole, _DEGREE).floor
-    if floor is None:
-        return ""
-    return (
-        f"not in these errors: what sources share over the sky, spin ± {floor.spin_error:.3g}, acceleration ± "
-        f"{floor.acceleration_error:.3g} µas/yr by degrees 2 to {_DEGREE} of all; --floor takes it into them\n"
+    floor = None
+    if bins.counts.sum() >= FEW and bins.flow_share <= FLOW_MATTERS:
+        floor = fit.fit_field(whole, _DEGREE).floor
+    words = (
+        ""
+        if floor is None
+        else (
+            f"not in these errors: the systematic floor, spin ± {floor.spin_error:.3g}, acceleration ± "
+            f"{floor.acceleration_error:.3g} µas/yr by degrees 2 to {_DEGREE} of all; --floor includes it\n"
+        )
     )
+    return lambda long: words
 
 
 def _binned(field, options, lmax):
@@ -448,9 +480,8 @@ def _cards(results):
         size = size if _is_told(solution) else f"< {three_digits(solution.hubble_limits[1])} km/s/Mpc (95 %)"
         cards.append(("The Hubble constant", size, f"least squares {solution.hubble:.3g}"))
     if "posterior" in results:
-        row = results["posterior"].summary()["H0"]
-        more = f"median; 68 %: {three_digits(row.low68)} to {three_digits(row.high68)}"
-        cards.append(("H0, posterior", f"{three_digits(row.median)} km/s/Mpc", more))
+        median, low, high, *_ = results["posterior"].print_summary()["H0"]
+        cards.append(("H0, posterior", f"{median} km/s/Mpc", f"median; 68 %: {low} to {high}"))
     for name in ("velocity", "hubble"):
         if name in results:
             quality = results[name].quality

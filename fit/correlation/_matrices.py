@@ -161,13 +161,15 @@ class CorrelationMatrices(Result):
             {"parameter": list(self.names)} | dict(zip(self.names, self.combined().T, strict=True)), meta
         )
 
-    def report(self, max_size: int = 12) -> str:
+    def report(self, max_size: int = 12, *, long: bool = True) -> str:
         """The matrix as text, if it is not too large, and what explains its largest elements.
 
         Parameters
         ----------
         max_size : int
             The largest matrix that is printed.
+        long : bool
+            Whether the largest elements and what explains them follow the matrix.
         """
         lines = [
             f"Correlations in {self.frame} axes: "
@@ -178,7 +180,7 @@ class CorrelationMatrices(Result):
             lines.append(" " * width + "".join(f"{name:>{width}}" for name in self.names))
             for name, row in zip(self.names, self.combined(), strict=True):
                 lines.append(f"{name:{width}}" + "".join(f"{value:{width}.3f}" for value in row))
-        for i, label in enumerate(self.labels):
+        for i, label in enumerate(self.labels if long else ()):
             value, pair = self.largest(i)
             lines.append(f"{label}: largest {value:+.3f}, of {pair[0]} and {pair[1]}")
             if {"omega_x", "a_x"} <= set(self.names):

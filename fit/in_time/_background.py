@@ -100,6 +100,12 @@ class TimeBackground(Result):
         """The limit of a `probability` as the strain of each polarisation that moves the sky as much, (B,)."""
         return self.limits(probability) * UAS / np.sqrt(_WAVE)
 
+    @property
+    def answer(self) -> tuple[tuple[str, str], ...]:
+        """The line to quote: the limit of each band, and the evidence."""
+        limits = ", ".join(f"{x:.3g} µas in {band}" for band, x in zip(self.bands, self.limits(), strict=True))
+        return (("background", f"√P < {limits} (95 %); ln of the evidence {self.evidence:+.2f}"),)
+
     def report(self) -> str:
         """Powers and limits of the bands as text."""
         lines = [

@@ -13,6 +13,9 @@ from vsh.sky.astrometry import AstrometryRows
 from vsh.tools import arguments
 from vsh.tools.types import Axes, FloatArray, Table
 
+#: How many candidates a short report lists.
+_LISTED = 8
+
 
 @dataclass(frozen=True, eq=False)
 class LinkPlan(Result):
@@ -41,11 +44,18 @@ class LinkPlan(Result):
     def __repr__(self) -> str:
         return f"<LinkPlan: {len(self.candidates)} candidates, {self.candidates[0]} first>"
 
-    def report(self) -> str:
-        """The candidates in their order, as text."""
+    def report(self, *, long: bool = False) -> str:
+        """The first candidates in their order, as text.
+
+        Parameters
+        ----------
+        long : bool
+            All of them.
+        """
         lines = [f"{'observe next':24}{'gain':>8}   errors of {', '.join(self.names)}"]
         lines.append(f"{'(today)':24}{'':8}   " + " ".join(f"{each:.3g}" for each in self.before))
-        for name, gain, sigma in zip(self.candidates, self.gain, self.sigma, strict=True):
+        shown = len(self.candidates) if long else _LISTED
+        for name, gain, sigma in list(zip(self.candidates, self.gain, self.sigma, strict=True))[:shown]:
             lines.append(f"{name:24}{gain:8.3f}   " + " ".join(f"{each:.3g}" for each in sigma))
         return "\n".join(lines) + "\n"
 

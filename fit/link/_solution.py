@@ -218,8 +218,14 @@ class LinkSolution(NamedSolution):
         """
         return np.sqrt(np.diag(np.linalg.inv(np.linalg.inv(self.covariance) + count * self.information)))
 
-    def report(self) -> str:
-        """The link as text."""
+    def report(self, *, long: bool = False) -> str:
+        """The link as text.
+
+        Parameters
+        ----------
+        long : bool
+            Add the jumps themselves, the epoch of independence, and what each source has to do with the result.
+        """
         unknowns = self.unknowns
         n, several = len(self.sources), int(np.sum(self.outlier > 0.5))
         lines = [
@@ -230,35 +236,43 @@ class LinkSolution(NamedSolution):
             f"{'':24}{'value':>12}{'±':>10}",
         ]
         for name, value, sigma in zip(self.names, self.values, self.sigma, strict=True):
+            if unknowns.steps and not long:
+                break  # the levels below say it in fewer lines
             unit = "µas" if "epsilon" in name else "µas/yr"
             lines.append(f"{name:24}{value:+12.2f}{sigma:10.2f} {unit}")
-        lines += self._levels()
-        if {"orientation", "spin"} <= set(unknowns.vectors):
+        if unknowns.steps and not long:
+            lines.pop()
+        lines += self._levels(long)
+        if long and {"orientation", "spin"} <= set(unknowns.vectors):
             quiet = self.quiet_epoch
             if abs(quiet - unknowns.epoch) > 0.05:
                 there = self.at_epoch(quiet)
                 each = ", ".join(f"{v:+.1f} ± {s:.1f}" for v, s in zip(there.value, there.sigma, strict=True))
                 lines.append(f"orientation at {quiet:.1f}, where it is independent of the spin: {each} µas")
         lines.append(f"χ²/dof by errors as quoted {self.chi2:.5g} / {self.dof} = {self.reduced_chi2:.3g}")
-        lines.append(f"errors: {self._tails()}, times {self.scale:.3g}: found from the data, and in the errors above")
         if self.excess:
             lines.append(f"offset of positions of {self.reference}: {self.excess:.3g} µas a coordinate")
-        lines.append(
-            f"with 10 more such sources errors would be {np.mean(self.with_more(10) / self.sigma):.2f} of these"
-        )
-        lines.append(
-            f"probable outliers: {several} of {n}" + (" (errors more than three times as large)" * (several > 0))
-        )
         order = np.argsort(-self.outlier, kind="stable")[: max(several, 3)][:_LISTED]
-        lines += [
-            f"  {in_a_line(self.sources[i]):24} P = {self.outlier[i]:.2f}, {self.distances[i]:.1f} errors as quoted"
-            for i in order
-        ]
         largest = np.abs(self.influence).max(1)
-        lines.append("most influence on a parameter, in its errors, were it left out:")
-        for i in np.argsort(-largest, kind="stable")[:3]:
-            worst = int(np.abs(self.influence[i]).argmax())
-            lines.append(f"  {in_a_line(self.sources[i]):24} {self.influence[i, worst]:+.2f} of {self.names[worst]}")
+        if long:
+            more = np.mean(self.with_more(10) / self.sigma)
+            lines.append(f"with 10 more such sources errors would be {more:.2f} of these")
+            lines.append(
+                f"probable outliers: {several} of {n}" + (" (errors more than three times as large)" * (several > 0))
+            )
+            lines += [
+                f"  {in_a_line(self.sources[i]):24} P = {self.outlier[i]:.2f}, {self.distances[i]:.1f} errors as quoted"
+                for i in order
+            ]
+            lines.append("most influence on a parameter, in its errors, were it left out:")
+            for i in np.argsort(-largest, kind="stable")[:3]:
+                worst = int(np.abs(self.influence[i]).argmax())
+                lines.append(
+                    f"  {in_a_line(self.sources[i]):24} {self.influence[i, worst]:+.2f} of {self.names[worst]}"
+                )
+        elif several:
+            names = ", ".join(in_a_line(self.sources[i]) for i in order[:several])
+            lines.append(f"probable outliers (errors more than three times as large): {several} of {n}: {names}")
         heavy = [in_a_line(self.sources[i]) for i in np.argsort(-largest, kind="stable") if largest[i] > _HEAVY]
         if heavy:
             lines.append(
@@ -291,6 +305,9 @@ class LinkSolution(NamedSolution):
             lines.append(
                 (f"jump at {step:.4g}", ", ".join(words) + (", after allowing for all places" if self.searched else ""))
             )
+        lines.append(
+            ("errors", f"{self._tails()}, times {self.scale:.3g}: from the residuals of {len(self.sources)} sources")
+        )
         return Answer(tuple(lines))
 
     @property
@@ -311,7 +328,7 @@ class LinkSolution(NamedSolution):
         jumps = [self._jumps(step), *(self._jumps(step, [vector]) for vector in self._jumping)]
         return tuple(self._tested(each)[2] for each in jumps)
 
-    def _levels(self):
+    def _levels(self, long):
         """The value of each vector between the steps, and the p-values of the jumps."""
         lines, unknowns = [], self.unknowns
         if not unknowns.steps:
@@ -322,7 +339,7 @@ class LinkSolution(NamedSolution):
                     level = self.vector(vector, magnitude, catalogue=catalogue)
                     values = ", ".join(f"{v:+.1f} ± {s:.1f}" for v, s in zip(level.value, level.sigma, strict=True))
                     lines.append(f"{vector} of {catalogue}, {words}: {values} {level.unit}")
-        for step in unknowns.steps:
+        for step in unknowns.steps if long else ():
             together, *each = self.jump_p_values(step)
             listed = [f"{vector} {printed_p_value(p)}" for vector, p in zip(self._jumping, each, strict=True)]
             how = "after allowing for all places" if self.searched else "as if the place were known in advance"

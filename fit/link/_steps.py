@@ -67,20 +67,27 @@ class StepSearch(Result):
         edges = np.r_[self.places[0], (self.places[1:] + self.places[:-1]) / 2, self.places[-1]]
         return float(edges[chosen.min()]), float(edges[chosen.max() + 1])
 
-    def report(self) -> str:
-        """The places, and whether there is a jump, as text."""
+    def report(self, *, long: bool = False) -> str:
+        """Whether there is a jump and where, as text.
+
+        Parameters
+        ----------
+        long : bool
+            Add each place, and what `LinkSolution.report` adds.
+        """
         low, high = self.interval
         lines = [
             f"p = {printed_p_value(self.p_value)} of no jump, after allowing for {len(self.places)} places "
             f"({printed_p_value(float(self.p_values.min()))} for the largest alone)",
             f"if there is one, G = {self.place:.4g} is most probable; 68 %: {low:.4g} to {high:.4g}",
-            f"{'fainter than':>12}{'probability':>14}{'p of no jump':>14}",
         ]
-        lines += [
-            f"{place:12.2f}{probability:14.3f}{printed_p_value(float(p)):>14}"
-            for place, probability, p in zip(self.places, self.probability, self.p_values, strict=True)
-        ]
-        return "\n".join(lines) + "\n\n" + self.solution.report()
+        if long:
+            lines.append(f"{'fainter than':>12}{'probability':>14}{'p of no jump':>14}")
+            lines += [
+                f"{place:12.2f}{probability:14.3f}{printed_p_value(float(p)):>14}"
+                for place, probability, p in zip(self.places, self.probability, self.p_values, strict=True)
+            ]
+        return "\n".join(lines) + "\n\n" + self.solution.report(long=long)
 
     def to_table(self) -> Table:
         """The places as an astropy Table, a row each."""

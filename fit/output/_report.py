@@ -50,8 +50,9 @@ def _heading(solution, source, long):
     facts = f"{solution.n_sources} sources, {solution.frame} axes, degrees {modes.lowest} to {modes.lmax}"
     if np.isfinite(solution.chi2):
         facts += f", χ²/dof = {solution.reduced_chi2:.3f}"
-    lines = [what_of(solution), f"{named}{facts}"]
+    lines = [f"{named}{facts}"]
     if long:
+        lines.insert(0, what_of(solution))
         lines.append(f"{'coefficients':15}{len(modes)}")
         if np.isfinite(solution.chi2):
             whose = "" if solution.error_source == ErrorSource.CATALOGUE else " (by the catalogue's errors)"
@@ -135,7 +136,7 @@ def _vectors(solution, truth, long):
         if not row.is_truth and row.name in formal:
             cells = (cell.partition("± ")[2] for cell in components(formal[row.name]))
             lines.append(f"{'  formal error':14}" + "".join(f"{f'± {cell}':>{wide}}" for cell in cells))
-    for name, vector in vectors.items():
+    for name, vector in vectors.items() if long else ():
         if is_seen(vector) or not vector.amplitude_error > 0:
             other = vector.to_frame("galactic" if vector.frame != "galactic" else "icrs")
             lines.append(f"{name:14}{direction(vector)}; {direction(other).removeprefix('towards ')}")

@@ -8,7 +8,7 @@ import numpy as np
 
 from fit.posterior._cells import Cells, check_few
 from fit.posterior._model import parallax_model
-from fit.posterior._priors import NoiseOptions, Priors, as_priors
+from fit.posterior._priors import NoiseOptions, as_priors
 from fit.posterior._sample import distances_of, posterior_equations
 from fit.sampling import Prior
 from fit.storage import Result
@@ -86,7 +86,6 @@ def grid(
     velocity_prior: str | Vector | Callable[[FloatArray], FloatArray] | None = None,
     hubble_prior: str | tuple[float, float] | Prior | None = None,
     *,
-    priors: Priors | None = None,
     cosmology: Cosmology | None = None,
     n_points: int = 400,
     threads: int | None = None,
@@ -100,8 +99,6 @@ def grid(
         With redshifts, none missing or below 1e-4.
     velocity_prior, hubble_prior : as in `Priors`, optional
         "planck" and "flat" unless given; the velocity's prior must be Gaussian or flat.
-    priors : Priors, optional
-        Goes with the next release.
     cosmology : astropy cosmology, optional
         The shape of the distance.
     n_points : int
@@ -116,7 +113,7 @@ def grid(
     ParameterError
         If more than two numbers are free, or the velocity's prior is a function.
     """
-    known = as_priors(priors, velocity_prior, hubble_prior, dict(noise))
+    known = as_priors(velocity_prior, hubble_prior, dict(noise))
     if known.outliers is not None:
         raise ParameterError("a grid has no outliers: sample the posterior")
     rows, given = posterior_equations(field, known, cosmology, distances_of(dict(noise)))

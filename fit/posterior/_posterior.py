@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from scipy.special import logsumexp
@@ -19,6 +19,26 @@ from vsh.tools.types import AxesArray, FloatArray, OnAxes, PathName
 
 #: Levels of the columns: median, 68 %, and one-sided limits of 95 %.
 _LEVELS = np.array([0.5, 0.15865525, 0.84134475, 0.95, 0.05])
+
+
+class HubbleQuantiles(NamedTuple):
+    """Quantiles of H0 under a prior. [km/s/Mpc]
+
+    Attributes
+    ----------
+    median, low68, high68 : float
+    below, above : float
+        One-sided limits of 95 %.
+    at_limits : bool
+        Whether a fiftieth of the probability lies at the limits between which it was looked for.
+    """
+
+    median: float
+    low68: float
+    high68: float
+    below: float
+    above: float
+    at_limits: bool = False
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -103,9 +123,20 @@ class Posterior(SampleResult):
         kept = self.chain[self.burn_in :: self.thinning]
         return self.model.to_samples(kept.reshape(-1, kept.shape[-1]), np.random.default_rng([self.seed, 1]))
 
-    def report(self) -> str:
-        """The summary as text."""
-        return "\n".join([text_of(self), *_sensitivity_lines(self.model)])
+    def report(self, *, long: bool = False) -> str:
+        """The summary as text.
+
+        Parameters
+        ----------
+        long : bool
+            Add the priors, the chain, and H0 under other priors.
+        """
+        return "\n".join([text_of(self, long), *(_sensitivity_lines(self.hubble_by_prior) if long else [])])
+
+    @cached_property
+    def hubble_by_prior(self) -> dict[str, HubbleQuantiles]:
+        """Quantiles of H0 under several priors, by their names; empty where the likelihood has no closed form."""
+        return _hubble_by_prior(self.model)
 
     def kept(self) -> Samples:
         """The samples without the chain: a `Samples`, which can be written and read back."""
@@ -260,22 +291,32 @@ def _other_priors(prior: Any) -> dict[str, Any]:
     }
 
 
-def _sensitivity_lines(model: Any) -> list[str]:
-    """A table of H0 under several priors, as lines; none where the likelihood has no closed form."""
+def _hubble_by_prior(model):
+    """Quantiles of H0 under several priors, by their names."""
     known = _hubble_likelihood(model)
     if known is None or not np.isfinite(known[1]).any():
-        return []
+        return {}
     hubble, log = known
-    lines = ["H0 under other priors [km/s/Mpc], between 1 and 1000; one-sided limits"]
-    lines.append(f"{'':18}{'median':>10}{'68 %':>22}{'95 % below':>14}{'95 % above':>12}")
-    step = np.gradient(hubble)
+    step, quantiles = np.gradient(hubble), {}
     for name, prior in _other_priors(model.priors.hubble).items():
         total = log + prior(hubble)
         weight = np.where(np.isfinite(total), np.exp(total - np.nanmax(total[np.isfinite(total)])), 0.0) * step
         share = np.cumsum(weight) / weight.sum()
-        median, low, high, below, above = np.interp(_LEVELS, share, hubble)
         ends = weight[:40].sum() + weight[-40:].sum()  # within a factor of 1.07 of a limit
-        remark = "  (leans on the limits)" if ends > 0.02 * weight.sum() else ""
-        cells = [three_digits(each) for each in (median, low, high, below, above)]
+        leans = bool(ends > 0.02 * weight.sum())
+        median, low, high, below, above = np.interp(_LEVELS, share, hubble).tolist()
+        quantiles[name] = HubbleQuantiles(median, low, high, below, above, leans)
+    return quantiles
+
+
+def _sensitivity_lines(quantiles: dict[str, HubbleQuantiles]) -> list[str]:
+    """A table of H0 under several priors, as lines; none where there are no quantiles."""
+    if not quantiles:
+        return []
+    lines = ["H0 under other priors [km/s/Mpc], between 1 and 1000; one-sided limits"]
+    lines.append(f"{'':18}{'median':>10}{'68 %':>22}{'95 % below':>14}{'95 % above':>12}")
+    for name, each in quantiles.items():
+        remark = "  (leans on the limits)" if each.at_limits else ""
+        cells = [three_digits(value) for value in each[:5]]
         lines.append(f"{name:18}{cells[0]:>10}{cells[1]:>11} …{cells[2]:>9}{cells[3]:>14}{cells[4]:>12}{remark}")
     return lines

@@ -10,7 +10,6 @@ from fit.sampling import Flat, Normal, Prior, as_prior, integrable_over_cube, na
 from fit.secular_parallax import DistanceOptions, dispersion_of
 from vsh.models.cosmology import CMB_VELOCITY_PLANCK18
 from vsh.tools.errors import ParameterError
-from vsh.tools.modules import warn
 from vsh.tools.notebook import InNotebook
 from vsh.tools.types import FloatArray
 from vsh.vector import Vector
@@ -148,24 +147,17 @@ class Priors(InNotebook):
 
 
 def as_priors(
-    priors: Priors | None,
     velocity_prior: str | Vector | Callable[[FloatArray], FloatArray] | None,
     hubble_prior: str | tuple[float, float] | Prior | None,
     options: dict[str, Any],
 ) -> Priors:
-    """The Priors that `sample` and `grid` were given, in one way or the other."""
+    """The Priors that `sample` and `grid` were given one by one."""
     single = {"velocity": velocity_prior, "hubble": hubble_prior} | options
     single = {name: value for name, value in single.items() if value is not None and name not in DISTANCES}
-    if priors is not None:
-        warn("sample(…, priors=Priors(…))", "sample(…, velocity_prior, hubble_prior, peculiar_dispersion=…)")
-    else:
-        unknown = set(single) - set(Priors.__dataclass_fields__)
-        if unknown:
-            raise ParameterError(f"no prior is called {', '.join(sorted(unknown))}; there are those of Priors")
-        return Priors(**single)
-    if single or not isinstance(priors, Priors):
-        raise ParameterError("give either priors=Priors(…), or priors one by one")
-    return priors
+    unknown = set(single) - set(Priors.__dataclass_fields__)
+    if unknown:
+        raise ParameterError(f"no prior is called {', '.join(sorted(unknown))}; there are those of Priors")
+    return Priors(**single)
 
 
 #: What may be fixed or free besides the velocity and H0.

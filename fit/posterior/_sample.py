@@ -81,7 +81,6 @@ def sample(
     velocity_prior: str | Vector | Callable[[FloatArray], FloatArray] | None = None,
     hubble_prior: str | tuple[float, float] | Prior | None = None,
     *,
-    priors: Priors | None = None,
     method: Literal["emcee", "grid"] = "emcee",
     n_samples: int = 100_000,
     max_samples: int | None = None,
@@ -102,8 +101,6 @@ def sample(
         With redshifts, none missing or below 1e-4.
     velocity_prior, hubble_prior : as in `Priors`, optional
         "planck" and "flat" unless given.
-    priors : Priors, optional
-        Goes with the next release: all of them in one noun, in place of `velocity_prior`, `hubble_prior` and `noise`.
     method : {"emcee", "grid"}
         "grid" gives independent samples, exact and at once, where H0 and one more number at most are free and the
         velocity's prior is Gaussian or flat; it needs no checkpoint.
@@ -147,7 +144,7 @@ def sample(
     are to a new draw, and the report has the grid's H0 beside the chain's.
     """
     choice("method", method, ("emcee", "grid"))
-    known = as_priors(priors, velocity_prior, hubble_prior, dict(noise))
+    known = as_priors(velocity_prior, hubble_prior, dict(noise))
     distances = distances_of(dict(noise))
     if known.outliers is not None and "flows" not in distances:
         distances["flows"] = None  # which a mixture of sources cannot hold: a note says what they would add

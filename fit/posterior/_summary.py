@@ -70,6 +70,11 @@ class SampleResult(Result):
         """Median, mean, σ, and the 68 and 95 % credible intervals of every quantity: a dict of `Interval`."""
         return intervals(self.samples)
 
+    def print_summary(self) -> dict[str, list[str]]:
+        """Median, and the limits of the 68 and 95 % intervals, to the digits that their Monte Carlo errors allow."""
+        size = self._effective()
+        return {name: _as_sure(row, size[name]) for name, row in self.summary().items()}
+
     @property
     def velocity(self) -> Vector:
         """Mean and covariance of the velocity, a Vector in km/s, toward the apex."""
@@ -177,10 +182,11 @@ def _walkers(samples, rest):
     return walkers
 
 
-def text_of(posterior: Any) -> str:
+def text_of(posterior: Any, long: bool = True) -> str:
     """A page of text on a posterior."""
     samples = posterior.samples
-    lines = [*heading(posterior.frame, posterior.model.priors.in_words()), *_origin(posterior)]
+    lines = heading(posterior.frame, posterior.model.priors.in_words())
+    lines = [*lines, *_origin(posterior)] if long else lines[:1]
     lines += [
         *table_lines(posterior, _given(posterior.model.priors)),
         *_at_limits(posterior),
@@ -253,8 +259,7 @@ def table_lines(result: SampleResult, given: Sequence[str] = ()) -> list[str]:
         ),
         f"{'':18}{'median':>10}{'68 %':>22}{'95 %':>22}",
     ]
-    for name, row in result.summary().items():
-        cells = _as_sure(row, size[name])
+    for name, cells in result.print_summary().items():
         label = SHORT_NAMES.get(name, name) + (" (prior)" if name in given else "")
         lines.append(
             f"{label:18}{cells[0]:>10}{cells[1]:>11} …{cells[2]:>9}{cells[3]:>11} …{cells[4]:>9}  {UNITS[name]}"

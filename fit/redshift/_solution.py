@@ -10,7 +10,7 @@ from scipy.linalg import eigh
 from scipy.special import chdtrc
 
 from fit.background import SharedErrors, shared
-from fit.output import WIDTH, components, note_lines, p_value
+from fit.output import amplitude, components, note_lines, p_value
 from fit.quality import Quality, f_p_value, gls
 from fit.redshift._contrasts import FLOW_MATTERS, ChiSquare, Trend, information, slope_of, welch
 from fit.storage import Result
@@ -30,18 +30,24 @@ _REMARKABLE = 0.0027
 _MANY = 100_000
 
 
-def text_of(binned: Any, velocity: Vector | None, p_values: Mapping[str, float] | None = None) -> str:
+def text_of(
+    binned: Any, velocity: Vector | None, p_values: Mapping[str, float] | None = None, long: bool = False
+) -> str:
     """Dipoles in bins of redshift as text: a table, and whether the bins differ.
 
     Every hypothesis is tested three ways: with errors as quoted, with the errors of each bin multiplied by
     the root of its own χ²/dof, and by permuting redshifts. It is called contradicted where both of the last
     two say so (the second alone where there are no permutations).
     """
-    lines = [f"Bins of redshift ({binned.frame} axes, degree 1 to {binned.modes.lmax})", "─" * WIDTH]
+    lines = [f"Bins of redshift ({binned.frame} axes, degree 1 to {binned.modes.lmax})"]
     lines.append(f"{'z':>17}{'sources':>9}{'χ²/dof':>8}{'spin':>26}{'acceleration [µas/yr]':>28}")
     for b, solution in enumerate(binned.solutions):
         edges = f"{binned.edges[b]:.4g} – {binned.edges[b + 1]:.4g}"
-        cells = zip(components(solution.spin), components(solution.acceleration), strict=True)
+        cells = list(zip(components(solution.spin), components(solution.acceleration), strict=True))
+        if not long:
+            sizes = f"{amplitude(solution.spin):>26}{amplitude(solution.acceleration):>28}"
+            lines.append(f"{edges:>17}{binned.counts[b]:9d}{solution.reduced_chi2:8.2f}{sizes}")
+            continue
         for row, (axis, pair) in enumerate(zip("xyz", cells, strict=True)):
             left = f"{edges:>17}{binned.counts[b]:9d}{solution.reduced_chi2:8.2f}" if row == 0 else " " * 34
             lines.append(f"{left}   {axis}{pair[0]:>22}{pair[1]:>27}")
@@ -290,7 +296,11 @@ class BinnedSolution(Result):
         return tables.table_of(columns, {"frame": self.frame, "notes": list(self.notes)}, units)
 
     def report(
-        self, velocity: Vector | None = CMB_VELOCITY_PLANCK18, p_values: Mapping[str, float] | None = None
+        self,
+        velocity: Vector | None = CMB_VELOCITY_PLANCK18,
+        p_values: Mapping[str, float] | None = None,
+        *,
+        long: bool = False,
     ) -> str:
         """Spin and acceleration in each bin, and whether the bins differ, as text.
 
@@ -300,8 +310,10 @@ class BinnedSolution(Result):
             Our velocity, whose secular parallax the bins are compared with. [km/s]
         p_values : dict of str to float, optional
             From `fit.redshift.permutation_test`.
+        long : bool
+            Give components in place of sizes.
         """
-        return text_of(self, velocity, p_values)
+        return text_of(self, velocity, p_values, long)
 
     def shared(self, degrees: Iterable[int] | None = None, **options: Any) -> SharedErrors:
         """Spin and acceleration of the bins with errors that they share, from the power of their higher degrees.

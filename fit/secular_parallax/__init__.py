@@ -17,7 +17,6 @@ from fit.secular_parallax._setup import (
 )
 from fit.secular_parallax._solution import HubbleSolution, ParallaxSolution, VelocitySolution
 from fit.secular_parallax._solve import check_determined, flow_covariance, with_acceleration, with_flow, without_flow
-from vsh.tools.modules import old_names
 
 __all__ = [
     "Flow",
@@ -30,7 +29,3 @@ __all__ = [
     "observer_velocity",
     "predict_errors",
 ]
-
-__getattr__ = old_names(
-    __name__, {"Forecast": "VelocityForecast", "forecast": "forecast_velocity", "predict": "predict_errors"}
-)

@@ -6,50 +6,57 @@ from typing import Any
 import numpy as np
 from scipy.special import chdtrc
 
-from fit.output import WIDTH, amplitude, components, direction, is_seen, note_lines, p_value, pulls
+from fit.output import amplitude, components, direction, is_seen, note_lines, p_value, pulls
 from vsh.models.cosmology import CMB_VELOCITY_PLANCK18
 from vsh.tools.printing import printable
 from vsh.tools.units import SPEED_OF_LIGHT
 
 
-def text_of(solution: Any, source: str | None = None, truth: dict[str, Any] | None = None) -> str:
+def text_of(solution: Any, source: str | None = None, truth: dict[str, Any] | None = None, long: bool = False) -> str:
     """A velocity or a Hubble constant as text."""
     velocity = hasattr(solution, "velocity")
     what = "Our velocity" if velocity else "The Hubble constant"
-    lines = [f"{what} from the secular parallax of galaxies: {_cosmic(solution)}", "─" * WIDTH]
-    if source:
-        lines.append(f"catalogue      {printable(source)}")
     quality = solution.quality
-    lines += [
-        f"sources        {solution.n_sources}",
-        f"frame          {solution.frame}",
-        f"dispersion     {solution.peculiar_dispersion:g} km/s of peculiar velocities in each component, in the weights"
-        + (", beside the flow" if solution.flow is not None else ""),
-        *_dispersion(solution),
+    named = f"{printable(source)}: " if source else ""
+    fitted = f", χ²/dof = {quality.reduced:.3f}" if np.isfinite(quality.reduced) else ""
+    lines = [
+        f"{what} from the secular parallax of galaxies: {_cosmic(solution)}",
+        f"{named}{solution.n_sources} sources, {solution.frame} axes{fitted}",
     ]
+    about = _dispersion(solution)
+    if long:
+        lines.append(
+            f"dispersion     {solution.peculiar_dispersion:g} km/s of peculiar velocities in each component, in the "
+            "weights" + (", beside the flow" if solution.flow is not None else "")
+        )
+    if long or (about and about[0].startswith("warning")):
+        lines += about
     if np.isnan(solution.values).all():
         lines += ["", "errors that a fit would have"]
         lines += [f"{name:14}{sigma:>12.4g}" for name, sigma in zip(solution.names, solution.sigma, strict=True)]
         return "\n".join([*lines, *_correlations(solution), *note_lines(solution.notes)]) + "\n"
-    lines.append(f"χ²/dof         {solution.chi2:.6g} / {solution.dof} = {quality.reduced:.3f}")
+    if long:
+        lines.append(f"χ²/dof         {solution.chi2:.6g} / {solution.dof}")
     if quality.warning():
         lines.append(f"warning        {quality.warning()}")
         if quality.factor > 1:
             lines.append("               errors below are as quoted; p-values are given for both")
     if velocity and solution.velocity.amplitude > SPEED_OF_LIGHT:
         lines.append("warning        faster than light: are redshifts and motions in the unit that was taken?")
-    rows = _velocity(solution, quality) if velocity else _hubble(solution, quality)
+    rows = _velocity(solution, quality, long) if velocity else _hubble(solution, quality)
     if truth and "velocity" in truth:
         rows.insert(2 if velocity else len(rows), _truth(solution, truth))  # below the components, or H0
-    lines += ["", *rows, ""]
+    lines += ["", *rows] + [""] * long
     a = solution.acceleration
     lines.append(f"{'acceleration':14}{_cells(components(a))}  |ã| {_equal(amplitude(a))} µas/yr")
     if truth and "acceleration" in truth:
         true = truth["acceleration"].to_frame(solution.frame)
         pairs = zip(true.value, pulls(a, true), strict=True)
         lines.append(f"{'  truth':14}{_cells(f'{value:+.3f} ({away:+.1f}σ)' for value, away in pairs)}")
-    lines.append(f"{'':14}{direction(a.to_frame('galactic'))}")
-    return "\n".join([*lines, *_left_out(solution), *_correlations(solution), *note_lines(solution.notes)]) + "\n"
+    if is_seen(a) and (long or velocity):
+        lines.append(f"{'':14}{direction(a.to_frame('galactic'))}")
+    correlations = _correlations(solution) if long else []
+    return "\n".join([*lines, *_left_out(solution), *correlations, *note_lines(solution.notes)]) + "\n"
 
 
 def _dispersion(solution):
@@ -112,14 +119,19 @@ def _correlations(solution):
     return lines
 
 
-def _velocity(solution, quality):
+def _velocity(solution, quality, long):
     v = solution.velocity
     galactic = v.to_frame("galactic")
     from_planck = solution.against(CMB_VELOCITY_PLANCK18)[0]
     from_none = float(v.value @ np.linalg.solve(v.covariance, v.value))
-    return [
+    lines = [
         f"for H0 = {solution.assumed_hubble:g} km/s/Mpc; toward the apex (galaxies move toward the antapex) [km/s]",
         f"{'velocity':14}{_cells(components(v))}  |v| {_equal(amplitude(v))}",
+    ]
+    if not long:
+        return [*lines, *([f"{'apex':14}{direction(galactic)}"] if is_seen(v) else [])]
+    return [
+        *lines,
         f"{'galactic':14}{_cells(components(galactic))}",
         f"{'apex':14}{direction(galactic)}"
         + (f"; noise-debiased |v| {v.debiased_amplitude:.1f}" if is_seen(v) else ""),

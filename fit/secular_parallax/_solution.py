@@ -71,7 +71,7 @@ class ParallaxSolution(NamedSolution):
         table.add_column([units.get(name.partition("_")[0], "uas / yr") for name in self.names], 3, "unit")
         return table
 
-    def report(self, *, source: str | None = None, truth: dict[str, Any] | None = None) -> str:
+    def report(self, *, source: str | None = None, truth: dict[str, Any] | None = None, long: bool = False) -> str:
         """The result as text.
 
         Parameters
@@ -80,8 +80,10 @@ class ParallaxSolution(NamedSolution):
             What was fitted.
         truth : dict, optional
             "velocity" and "hubble" of a simulated catalogue, printed beside what was found.
+        long : bool
+            Add the dispersion, tests against none and against the microwave background, and correlations.
         """
-        return text_of(self, source, truth)
+        return text_of(self, source, truth, long)
 
     def _tests(self):
         """p-values and limits by name."""

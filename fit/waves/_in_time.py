@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from fit.in_time import TimeEquations, normal_equations, waves
-from fit.quality import printed_p_value
+from fit.quality import SEEN, hint_of, printed_p_value
 from fit.storage import Result
 from fit.waves._map import Whitened, chances, map_of, share_beyond
 from fit.waves._search import WaveSearch
@@ -32,6 +32,9 @@ SOLVED_ATTITUDE = (
     "of each wave is taken what an attitude solved from the same sky took of it; a rotation that changes with "
     "time is not seen"
 )
+
+#: How many frequencies a short report lists.
+_LISTED = 8
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -86,8 +89,29 @@ class WaveSpectrum(Result):
         """`limits` as strains, (n, 3)."""
         return self.limits * UAS
 
-    def report(self) -> str:
-        """Limits by frequency as text, and how likely noise alone is."""
+    @property
+    def answer(self) -> tuple[tuple[str, str], ...]:
+        """The lines to quote: whether a wave is detected, and how strong one can be."""
+        p, most = printed_p_value(self.p_value), "at most " * (self.p_value * (1 + self.n_skies) < 1.5)
+        best = int(np.argmax(self.statistic))
+        found = "detected" if self.p_value < SEEN else "not detected"
+        words = f"{found} at {len(self.frequencies)} frequencies, p = {most}{p} of all of them together"
+        if self.p_value < SEEN:
+            words += f"; the largest at {self.frequencies[best]:.4g} per year"
+        elif hint := hint_of(self.p_value):
+            words += f" ({hint})"
+        medians = self.strain_limits[:, 1]
+        low, high = (f"{value:.2g}" for value in (medians.min(), medians.max()))
+        return (("wave", words), ("strain", f"< {low} to {high} (95 %, median of directions, by frequency)"))
+
+    def report(self, *, long: bool = False) -> str:
+        """Limits by frequency as text, and how likely noise alone is.
+
+        Parameters
+        ----------
+        long : bool
+            All frequencies; otherwise those with the smallest p-values.
+        """
         best = int(np.argmax(self.statistic))
         lines = [
             f"One gravitational wave at {len(self.frequencies)} frequencies, degrees {self.degrees[0]} to "
@@ -98,9 +122,13 @@ class WaveSpectrum(Result):
             f"with all directions and frequencies looked at ({self.n_skies} simulated skies)",
             f"{'1/yr':>8}{'2F':>8}{'p alone':>10}{'95 % limit [µas] by direction':>32}{'strain, median':>16}",
         ]
-        for f, statistic, p, limit in zip(self.frequencies, self.statistic, self.p_values, self.limits, strict=True):
+        smallest = np.sort(np.argsort(self.p_values, kind="stable")[:_LISTED])
+        for i in range(len(self.frequencies)) if long else smallest:
+            f, statistic, p, limit = self.frequencies[i], self.statistic[i], float(self.p_values[i]), self.limits[i]
             spread = f"{limit[1]:.3g} ({limit[0]:.3g} … {limit[2]:.3g})"
             lines.append(f"{f:>8.4g}{statistic:>8.2f}{printed_p_value(p):>10}{spread:>32}{limit[1] * UAS:>16.2e}")
+        if not long and len(self.frequencies) > _LISTED:
+            lines.append(f"the {_LISTED} of {len(self.frequencies)} frequencies with the smallest p-values")
         return "\n".join([*lines, *note_lines(self.notes)]) + "\n"
 
     def to_table(self) -> Table:

@@ -225,7 +225,9 @@ def _solve(options, law, mixture, full, work, streams):
     solution, rotated = _framed(system, solution, options, quasars, chosen, radio)
     exact = _exact(system, mixture) if options.exact else {}
     text = report(system, solution, notes + rotated, mixture, options, exact)
-    result = finishing.RunResult(text, lambda: tables_of(system, solution, mixture), notes + rotated)
+    result = finishing.RunResult(
+        text, lambda: tables_of(system, solution, mixture), notes + rotated, answer=_answer(system, solution, mixture)
+    )
     finishing.finish(
         options,
         result,
@@ -238,6 +240,18 @@ def _solve(options, law, mixture, full, work, streams):
     (work / "checkpoint.npz").unlink()
     if options.map:
         shutil.rmtree(work / "scans", ignore_errors=True)
+
+
+def _answer(system, solution, mixture):
+    """The line to quote: by how much formal errors are too small, an rms over quasars."""
+    quasars = mixture.are("quasars") & system.solved
+    sigma = np.sqrt(np.einsum("nii->ni", solution.formal[quasars]))
+    pulls = np.sqrt(np.mean((solution.sources[quasars] / sigma) ** 2, axis=0))
+    words = (
+        f"true errors are {pulls[2]:.2f} (parallaxes) and {np.mean(pulls[3:]):.2f} (motions) times the formal errors"
+    )
+    rest = "" if solution.converged else "; the iteration is NOT at rest, and large scales are not final"
+    return [("errors", f"{words}, rms of {np.sum(quasars)} quasars{rest}")]
 
 
 def _global(options, mixture):

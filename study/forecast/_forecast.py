@@ -19,7 +19,6 @@ from vsh.models.covariance import LINDEGREN_2021, Spectrum
 from vsh.modes import Modes
 from vsh.tools import arguments
 from vsh.tools.errors import ParameterError
-from vsh.tools.modules import warn
 from vsh.tools.notebook import InNotebook
 from vsh.tools.types import AxesArray, OnAxes, Rng, Table
 from vsh.tools.units import AU_PER_YEAR, hubble_rate
@@ -34,6 +33,11 @@ _MODES, _HUBBLE = 40, 70.0
 _LAW = Spectrum.from_covariance(LINDEGREN_2021).acceleration_error
 #: Beside no flows, as forecasts of the field have it; and beyond flows. They are put into the errors. [km/s]
 _ALONE, _BEYOND, _NONE = 300.0, 150.0, 1e-3
+#: Quantities of a short report: what a proposal quotes, with what nature adds to the noise.
+_QUOTED = (
+    "acceleration", "acceleration_floor", "direction", "speed", "waves", "velocity", "hubble", "velocity_flows",
+    "hubble_flows",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -56,8 +60,14 @@ class SurveyForecast(InNotebook):
     def __str__(self) -> str:
         return self.report()
 
-    def report(self) -> str:
-        """The table as text."""
+    def report(self, *, long: bool = False) -> str:
+        """The table as text.
+
+        Parameters
+        ----------
+        long : bool
+            Give every quantity, and the source of each survey.
+        """
         wide = max(12, *(len(name) + 2 for name in self.surveys))
         lines = [
             (
@@ -69,11 +79,17 @@ class SurveyForecast(InNotebook):
             f"{'galaxies':42}" + "".join(f"{survey.n_galaxies or '':>{wide}}" for survey in self.surveys.values()),
         ]
         for name, (words, unit) in QUANTITIES.items():
+            if not long and name not in _QUOTED:
+                continue
             cells = (self.values[survey][name] for survey in self.surveys)
             shown = "".join(
                 f"{'' if np.isnan(x) else f'{x:.0f}' if name == 'degree' else f'{x:.3g}':>{wide}}" for x in cells
             )
             lines.append(f"{words + (f' [{unit}]' if unit else ''):42}{shown}")
+        if not long:
+            return (
+                "\n".join([*lines, "floors are an assumption; H0 by linear theory, one sky's cosmic variance"]) + "\n"
+            )
         lines += [f"  {name}: {survey.says}; floor {survey.floor:g} µas/yr" for name, survey in self.surveys.items()]
         lines.append(
             "floors are an assumption, and direction, V0, R0 and Ω hold them; DR3's law of angles (Lindegren et al. "
@@ -162,9 +178,6 @@ def forecast_surveys(
     surveys = dict(SURVEYS if surveys is None else arguments.a(dict)("surveys", surveys))
     if not surveys or not all(isinstance(each, Survey) for each in surveys.values()):
         raise ParameterError("a forecast is of one Survey at least, by name")
-    if sky == "even":
-        warn('sky="even"', 'sky="uniform"')
-        sky = "uniform"
     arguments.choice("sky", sky, ("uniform", "gums", "igql"))
     near = arguments.generator(rng)
     (places,) = near.spawn(1)

@@ -19,7 +19,11 @@ def _run(options):
     forecast = forecast_surveys(surveys, sky=options.sky, flows=not options.no_flows)
     finishing.finish(
         options,
-        finishing.RunResult(forecast.report(), lambda: {"Errors to come": forecast.to_table()}, answer=forecast.answer),
+        finishing.RunResult(
+            lambda long: forecast.report(long=long),
+            lambda: {"Errors to come": forecast.to_table()},
+            answer=forecast.answer,
+        ),
         provenance=lambda: running.provenance([], options),
         draw=lambda: {"forecast": forecast.plot()},
         write=lambda folder, meta: _write(folder, forecast, meta),

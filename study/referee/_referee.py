@@ -19,6 +19,8 @@ from vsh.tools.notebook import InNotebook
 from vsh.tools.types import Rng, Table
 
 _WIDTH = 40
+#: How many checks a short report lists, those with the smallest p-values.
+_LISTED = 4
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -73,8 +75,24 @@ class Referee(InNotebook):
         rest = f"{worst.answer}; p = {printed_p_value(p)} after allowing for {n} checks"
         return f"{seen}, where it should be {worst.question} ({rest})"
 
-    def report(self) -> str:
-        """All of it as text."""
+    def report(self, *, long: bool = False) -> str:
+        """The result to quote, what became of each analysis, and the checks, as text.
+
+        Parameters
+        ----------
+        long : bool
+            Add the numbers of each analysis beside the published ones, and every check.
+        """
+        return f"{self.answer}\n\n{self.details(long)}"
+
+    def details(self, long: bool = True) -> str:
+        """What stands below the result to quote, as text.
+
+        Parameters
+        ----------
+        long : bool
+            As for `report`.
+        """
         quasars = self.quasars
         lines = [
             (
@@ -83,7 +101,7 @@ class Referee(InNotebook):
                 f"{self.headline.solution.modes.lmax}"
             )
         ]
-        for section in self.sections:
+        for section in self.sections if long else ():
             lines += ["", f"{section.title} — {section.paper.reference}"]
             if section.lacking:
                 lines.append(f"  not done: {section.lacking}")
@@ -94,15 +112,25 @@ class Referee(InNotebook):
                 for row in section.rows
             ]
             lines.append(f"  result: {section.verdict}")
-        lines += ["", "Checks: p-values with what sources share; in brackets by the errors quoted alone"]
-        for check in self.checks:
+        if not long:
+            lines.append("")
+            said = self.headline.fit.answer.sentence  # in the lines to quote
+            lines += [
+                f"{each.paper.short}: {each.lacking or each.verdict}" for each in self.sections if each.verdict != said
+            ]
+        lines += ["", "Checks: p-values with systematic errors; in brackets by the formal errors alone"]
+        asked = sorted((each for each in self.checks if not each.lacking), key=lambda each: _order(each.p_value))
+        for check in self.checks if long else asked[:_LISTED]:
             if check.lacking:
                 lines.append(f"  {check.question:{_WIDTH + 6}}{'–':>10}  not asked: {check.lacking}")
                 continue
             face = f"({printed_p_value(check.at_face_value)})" if np.isfinite(check.at_face_value) else ""
             p = printed_p_value(check.p_value)
             lines.append(f"  {check.question:{_WIDTH + 6}}{p:>10} {face:>10}  {check.answer}")
-        return "\n".join([str(self.answer), "", *lines]) + "\n"
+        if not long:
+            left = f"{max(len(asked) - _LISTED, 0)} more were asked"
+            lines.append(f"  {left}, {len(self.checks) - len(asked)} could not be")
+        return "\n".join(lines) + "\n"
 
     def tables(self) -> dict[str, Table]:
         """Sections and checks as astropy Tables, by name."""
@@ -136,6 +164,11 @@ class Referee(InNotebook):
         for each in self.checks:
             listed |= {f"check_{each.key.replace(' ', '_')}_{of}": result for of, result in each.results.items()}
         return listed
+
+
+def _order(p_value):
+    """Sort key that puts nan last."""
+    return p_value if np.isfinite(p_value) else np.inf
 
 
 def _cells(row):

@@ -17,7 +17,6 @@ def _run(options):
 
         earlier = read_field(options.earlier, roles=("name",), on_bad=options.on_bad)
     answer = referee(quasars, options.seed, earlier=earlier)
-    _, _, text = answer.report().partition("\n\n")  # below the lines to quote
     counts = {"rows_used": len(quasars.whole), "rows_refused": dropped(quasars.field.notes)}
 
     def draw():
@@ -42,7 +41,7 @@ def _run(options):
 
     finishing.finish(
         options,
-        finishing.RunResult(text, answer.tables, quasars.field.notes, answer=answer.answer.lines),
+        finishing.RunResult(answer.details, answer.tables, quasars.field.notes, answer=answer.answer.lines),
         provenance=lambda: running.provenance(
             [options.catalogue, options.earlier] if options.earlier else options.catalogue, options, **counts
         ),

@@ -117,9 +117,13 @@ _NUMBERS = re.compile(r"[+-]?[\d.]+( ± [\d.]+)?")
 
 @dataclass(frozen=True)
 class RunResult:
-    """The result of a run, in whatever form it is printed; `answer` has the lines to quote, each with its label."""
+    """The result of a run, in whatever form it is printed.
 
-    text: str
+    `answer` has the lines to quote, each with its label. `text` is what stands below them, or a function that gives it
+    in full length (of True: --long, the folder, the page) or short (of False).
+    """
+
+    text: str | Callable[[bool], str]
     make_tables: Callable[[], Mapping[str, Table]] = dict
     notes: Iterable[str] = ()
     latex: Callable[[], str] | None = None
@@ -127,13 +131,18 @@ class RunResult:
 
     def __post_init__(self) -> None:
         # Screen, file and page alike: no name of a source may be a terminal's escape.
-        object.__setattr__(self, "text", printable(self.text))
         object.__setattr__(self, "answer", tuple((printable(label), printable(text)) for label, text in self.answer))
 
-    @property
-    def report(self) -> str:
-        """The text, below the lines to quote."""
-        return f"{labelled(self.answer)}\n\n{self.text}" if self.answer else self.text
+    def body(self, long: bool) -> str:
+        """The text below the lines to quote, whole or short."""
+        return printable(self.text(long) if callable(self.text) else self.text)
+
+    def report(self, long: bool = True) -> str:
+        """The lines to quote and the text, whole or short; a short one says where the whole is."""
+        text = self.body(long)
+        if not long and text != self.body(True):
+            text = f"{text.rstrip()}\nmore: --long, or --output DIR\n"
+        return f"{labelled(self.answer)}\n\n{text}" if self.answer else text
 
     @cached_property
     def tables(self) -> Mapping[str, Table]:
@@ -149,7 +158,7 @@ def print_result(options: argparse.Namespace, result: RunResult) -> None:
         tables = (as_latex(table, heading) for heading, table in result.tables.items())
         running.print_text(result.latex() if result.latex else "\n\n".join(tables))
     elif not options.quiet:
-        running.print_text(result.report)
+        running.print_text(result.report(options.long))
 
 
 def print_line(options: argparse.Namespace, text: str) -> None:
@@ -179,7 +188,7 @@ def finish(
     drawn = Figures(draw)
     if options.output:
         with results_folder(options, meta) as folder:
-            (folder / "report.txt").write_text(result.report, encoding="utf-8")
+            (folder / "report.txt").write_text(result.report(), encoding="utf-8")
             write(folder, meta)
             drawn.write(folder, options)
         print_line(options, running.written(options.output, (x.name for x in Path(options.output).iterdir())))
@@ -193,7 +202,7 @@ def finish(
             write_page(
                 options.html,
                 title,
-                result.text,
+                result.body(True),
                 drawn,
                 sheets=result.tables,
                 captions=shown,

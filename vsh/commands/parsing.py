@@ -140,6 +140,7 @@ def add_common(parser: argparse.ArgumentParser, tells: str = "report") -> None:
     how = group.add_mutually_exclusive_group()
     how.add_argument("--json", action="store_true", help=f"print the result as JSON in place of the {tells}")
     how.add_argument("--latex", action="store_true", help="print the result as LaTeX tables (booktabs)")
+    how.add_argument("--long", action="store_true", help=f"print the whole {tells}, as the folder of results has it")
     how.add_argument("--quiet", action="store_true", help="print nothing but errors, and show no progress")
     group.add_argument("--log", metavar="FILE", help="append what is done and how long it takes to this file")
     group.add_argument(

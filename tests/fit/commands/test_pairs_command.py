@@ -34,7 +34,9 @@ def test_results(catalogue, tmp_path, capsys):
     assert len(found.theta) == 6
     assert found.theta[-1] == pytest.approx(np.radians(180 * 6 / 7))
     said = capsys.readouterr().out
-    assert "h70² Ω of gravitational waves" in said
+    assert said.startswith("templates ")
+    assert "h70² Ω of gravitational waves" not in said
+    assert "h70² Ω of gravitational waves" in (folder / "report.txt").read_text(encoding="utf-8")
     assert main([catalogue, "--output", str(folder)]) == 1
     assert "--overwrite" in capsys.readouterr().err
 

@@ -104,7 +104,7 @@ def test_a_verdict_and_tests_beside_the_table():
     assert table.meta["p_value_jump_13"] == solution.jump_p_values(13.0)[0]
     assert list(table["unit"]) == ["uas" if "epsilon" in name else "uas / yr" for name in solution.names]
     twice = link(sim.link(2, 120, **FRAME, jump=(50, 0, 0)), steps=[11.0, 13.0])
-    assert [label for label, _ in twice.answer.lines] == ["orientation", "spin", "jump at 11", "jump at 13"]
+    assert [label for label, _ in twice.answer.lines] == ["orientation", "spin", "jump at 11", "jump at 13", "errors"]
     nothing = link(sim.link(2, 60)).verdict
     assert "orientation not detected: < " in nothing
     assert "spin not detected: < " in nothing

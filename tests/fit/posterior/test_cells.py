@@ -56,7 +56,7 @@ def test_draws_are_independent_and_of_the_posterior(field):
     assert max(found.autocorrelation.values()) < 1.2
     assert found.burn_in == 0
     assert len(found.samples["H0"]) == found.chain.shape[0] * found.chain.shape[1]
-    assert "independent draws from a grid" in found.report()
+    assert "independent draws from a grid" in found.report(long=True)
     np.testing.assert_array_equal(
         found.log_probability.ravel(), found.model.log_probability(found.chain.reshape(-1, 4))
     )
@@ -93,7 +93,7 @@ def test_other_priors_begin_with_the_one_that_was_given(setting):
     weak = galaxies(400, spread=300.0, sigma=20.0)
     known = {"hubble_prior": Flat(10, 300)} | FREE[setting]
     found = sample(weak, method="grid", n_samples=40_000, rng=1, **COMMON, **known)
-    row = next(line for line in found.report().splitlines() if line.startswith("as given")).split()
+    row = next(line for line in found.report(long=True).splitlines() if line.startswith("as given")).split()
     numbers = [float(each) for each in row[2:6] if each != "…"]
     mine = found.summary()["H0"]
     width = mine.high68 - mine.low68

@@ -33,7 +33,6 @@ def make_parser() -> argparse.ArgumentParser:
             "bootstrap=N or jackknife[=NSIDE]"
         ),
     )
-    parser.add_argument("--long", action="store_true", help="print formal errors, powers with their noise, checks")
     _add_backgrounds(parser)
     parser.add_argument(
         "--classes",

@@ -1,0 +1,116 @@
+"""What a command prints: the result to quote first, 25 lines at most, and the rest with --long and in the folder."""
+
+from importlib.resources import files
+
+import numpy as np
+import pytest
+from conftest import real_catalogue
+
+from fit.commands import compare, correlate, fit, link, pairs, redshift
+from sim.commands import simulate
+from study.forecast import command as forecast
+from study.referee import command as referee
+
+DEMO = str(files("fit") / "demo.fits")
+VLBA = "td2017_vlba_proper_motions.ecsv"
+LINES = 25
+
+
+@pytest.fixture(scope="module")
+def galaxies(tmp_path_factory):
+    path = str(tmp_path_factory.mktemp("galaxies") / "galaxies.fits")
+    options = ["galaxies", "--number", "3000", "--velocity", "planck", "--seed", "1", "--quiet", "--output", path]
+    assert simulate.main(options) == 0
+    return path
+
+
+def printed(main, options, capsys):
+    assert main(options) == 0
+    return capsys.readouterr().out
+
+
+def check(main, options, capsys, most=LINES, first=None):
+    """The report, short and whole; the first line begins with a label."""
+    text = printed(main, options, capsys)
+    assert len(text.splitlines()) <= most, text
+    if first is not None:
+        assert text.startswith(first)
+    long = printed(main, [*options, "--long"], capsys)
+    assert "more: --long" in text
+    assert "more: --long" not in long
+    assert len(long) > len(text)
+    assert long.partition("\n\n")[0] == text.partition("\n\n")[0]
+    return text
+
+
+def test_a_fit(capsys):
+    check(fit.main, [DEMO], capsys, LINES + 1, "acceleration")  # the truth of a simulation takes two
+
+
+def test_waves_beside_a_fit(capsys):
+    assert "\nwaves          h70² Ω < " in check(fit.main, [DEMO, "--waves"], capsys, LINES + 2, "acceleration")
+
+
+def test_correlations(capsys):
+    check(correlate.main, [DEMO], capsys, first="demo")
+
+
+def test_pairs(capsys):
+    check(pairs.main, [DEMO], capsys, first="templates")
+
+
+@pytest.mark.slow
+def test_a_forecast(capsys):
+    check(forecast.main, [], capsys, first="Gaia DR3")
+
+
+def test_a_link(tmp_path, capsys):
+    path = str(tmp_path / "link.fits")
+    assert simulate.main(["link", "--number", "30", "--quiet", "--output", path]) == 0
+    capsys.readouterr()
+    check(link.main, [path], capsys, first="orientation")
+
+
+def test_velocity_and_constant(galaxies, capsys):
+    given = ["--h0", "67.4", "--no-flows"]
+    assert "\nvelocity " in check(redshift.main, [galaxies, *given], capsys, first="velocity")
+    check(redshift.main, [galaxies, "--velocity", "planck", "--no-flows"], capsys, first="H0")
+
+
+def test_the_posterior_stands_alone_where_it_was_asked_for(galaxies, capsys):
+    """No other H0 is printed below the one to quote."""
+    given = ["--velocity", "planck", "--no-flows", "--posterior", "--method", "grid"]
+    text = check(redshift.main, [galaxies, *given], capsys, LINES + 2, "H0")
+    assert "posterior" in text.splitlines()[0]
+    assert "least squares" not in text
+    digits = text.splitlines()[0].split()[1]
+    assert [line.split()[1] for line in text.splitlines() if line.startswith("H0  ")][:2] == [digits, digits]
+
+
+@pytest.mark.slow
+def test_bins_beside_all_else(galaxies, capsys):
+    given = ["--h0", "67.4", "--velocity", "planck", "--bins", "3"]
+    check(redshift.main, [galaxies, *given], capsys, 2 * LINES, "H0")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("command", [(compare, ["icrf3sx.txt", "icrf2-all.txt"]), (referee, [VLBA])])
+def test_real_catalogues(command, capsys):
+    module, names = command
+    check(module.main, [str(real_catalogue(name)) for name in names], capsys)
+
+
+def test_the_answer_of_waves_in_time():
+    """A wave that is put in is told first, with where its frequency lies."""
+    from fit.waves import WaveSpectrum
+
+    limits = np.full((3, 3), 50.0) * [0.8, 1.0, 1.2]
+    zero = np.zeros(3)
+    spectrum = WaveSpectrum(
+        np.array([0.5, 1.0, 2.0]), np.array([4.0, 90.0, 5.0]), zero, zero, zero, limits, np.array([0.5, 1e-9, 0.4]),
+        1e-3, zero, 999, 400, (2, 3),
+    )  # fmt: skip
+    (_, wave), (_, strain) = spectrum.answer
+    assert wave.startswith("detected at 3 frequencies")
+    assert wave.endswith("the largest at 1 per year")
+    assert strain.startswith("< 2.4e-10 to 2.4e-10")
