@@ -305,10 +305,14 @@ class Solution(Summarised, HarmonicSolution):
     _coefficients = Coefficients
 
     def __repr__(self) -> str:
-        return (
-            f"<{type(self).__name__}: degree {self.modes.lmax}, {self.n_sources} sources, {self.frame}, errors from "
-            f"{self.errors_from}>"
-        )
+        return f"<{type(self).__name__}: {self._lines()}>"
+
+    def _lines(self):
+        """What the repr says: what was fitted, and its vectors, a line each."""
+        first = f"degree {self.modes.lmax}, {self.n_sources} sources, {self.frame}, errors: {self.error_source.value}"
+        first += " and systematic floor" * self.includes_floor
+        names = ("spin", "acceleration") if self.modes.components == 2 and self.modes.lowest == 1 else ()
+        return "\n ".join([first, *(f"{name} {repr(getattr(self, name))[9:-1]}" for name in names)])
 
     def report(
         self, *, check: Any = None, truth: dict[str, Any] | None = None, source: str | None = None, long: bool = False
@@ -551,6 +555,9 @@ class AboutSolution(Result):
     """A result about a solution: text, table, figure and vectors are those of the solution to quote."""
 
     solution: Solution
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__}: {self.quoted._lines()}>"
 
     @property
     def quoted(self) -> Solution:

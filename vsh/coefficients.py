@@ -53,6 +53,14 @@ class Coefficients(Frozen):
 
     _kind = Modes
 
+    def __repr__(self) -> str:
+        modes = self.modes
+        largest = list(modes)[int(np.argmax(np.abs(self.values)))] if len(modes) else "none"
+        return (
+            f"<{type(self).__name__}: {len(modes)}, degrees {modes.lowest} to {modes.lmax}, rms "
+            f"{np.sqrt(np.mean(self.values**2)):.3g}, largest {largest}>"
+        )
+
     def __post_init__(self) -> None:
         modes = as_modes(self.modes, self._kind)
         object.__setattr__(self, "modes", modes)

@@ -63,6 +63,10 @@ class Vector(Frozen):
         object.__setattr__(self, "value", read_only(value))
         object.__setattr__(self, "covariance", covariance("the covariance of a Vector", self.covariance, 3))
 
+    def __repr__(self) -> str:
+        values, errors = (", ".join(f"{x:.3g}" for x in each) for each in (self.value, self.sigma))
+        return f"<Vector: ({values}) ± ({errors}) {self.unit}, {self.frame}>"
+
     @classmethod
     def from_spherical(
         cls,

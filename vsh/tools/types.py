@@ -37,10 +37,13 @@ class Cosmology(Protocol):
 
 
 #: Arrays as results have them; shapes and units are in the docstrings.
-FloatArray: TypeAlias = NDArray[np.float64]
-IntArray: TypeAlias = NDArray[np.integer[Any]]
-BoolArray: TypeAlias = NDArray[np.bool_]
-ComplexArray: TypeAlias = NDArray[np.complex128]
+if TYPE_CHECKING:
+    FloatArray: TypeAlias = NDArray[np.float64]
+    IntArray: TypeAlias = NDArray[np.integer[Any]]
+    BoolArray: TypeAlias = NDArray[np.bool_]
+    ComplexArray: TypeAlias = NDArray[np.complex128]
+else:  # `help` shows a short name
+    FloatArray = IntArray = BoolArray = ComplexArray = np.ndarray
 
 #: A source of randomness: NumPy's generator, or a number (or a sequence of them) that seeds one.
 Rng: TypeAlias = np.random.Generator | int | list[int]
