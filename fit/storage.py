@@ -27,7 +27,6 @@ import numpy as np
 from vsh.io import tables
 from vsh.modes import Modes
 from vsh.tools.errors import TableError, VshError
-from vsh.tools.modules import new_name
 from vsh.tools.notebook import Frozen
 from vsh.tools.printing import printable
 from vsh.tools.types import PathName, Table
@@ -117,10 +116,10 @@ def decoded(plain: Any) -> Any:
 
 
 def _named(module, name):
-    """A class by the module that a file names, be it of an older release: its face knows it, wherever it stands now."""
+    """A class by the module that a file names, or by its face."""
     for place in (module, module.partition("._")[0]):
         with suppress(ImportError, AttributeError):
-            return getattr(import_module(new_name(place) or place), name)
+            return getattr(import_module(place), name)
     raise TableError(f"a {name}")
 
 

@@ -1,12 +1,6 @@
 """Skies with a known truth."""
 
-import lazy_loader  # what is named in __init__.pyi is imported when it is first asked for
+from vsh.tools.modules import from_stub
 
-from vsh.tools.modules import old_names
-
-_lazy, _, __all__ = lazy_loader.attach_stub(__name__, __file__)
-__getattr__ = old_names(__name__, {"gravitational_waves": "wave_background", "wave": "plane_wave"}, _lazy)
-
-
-def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+# What is named in __init__.pyi is imported when it is first asked for.
+__getattr__, __dir__, __all__ = from_stub(__name__, __file__)

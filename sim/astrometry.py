@@ -19,7 +19,6 @@ from sim.variability import Variability, markov_chain
 from vsh.io.epochs import design_row
 from vsh.tools.arguments import explained, generator
 from vsh.tools.errors import ParameterError
-from vsh.tools.modules import old_names
 from vsh.tools.notebook import Frozen
 from vsh.tools.types import ArrayLike, BoolArray, FloatArray, IntArray, Release, Rng
 
@@ -180,6 +179,3 @@ def transit_error(
 def attitude_noise(law: NominalScanningLaw, sigma: float, rng: Rng) -> FloatArray:
     """Error of the attitude along scan in every interval between knots, (k,). [µas]"""
     return sigma * generator(rng).standard_normal(int(np.ceil(law.years / KNOT)) + 1)
-
-
-__getattr__ = old_names(__name__, {"solve": "solve_astrometry"})

@@ -11,7 +11,7 @@ from fit.background._fit import Background, fit_amplitudes
 from fit.background._floor import SHAPES, Floor, floor
 from fit.normal import Template
 from vsh.models.covariance import Spectrum
-from vsh.tools.modules import lazily, old_names
+from vsh.tools.modules import lazily
 
 if TYPE_CHECKING:
     from fit.background._cross import CrossPowers, cross_powers
@@ -43,7 +43,7 @@ __all__ = [
 ]
 
 # Every fit has a floor; the rest is imported when it is first asked for.
-_lazy, __dir__ = lazily(
+__getattr__, __dir__ = lazily(
     __name__,
     __all__,
     {
@@ -55,4 +55,3 @@ _lazy, __dir__ = lazily(
         "_waves": ["WaveLimit", "wave_limit"],
     },
 )
-__getattr__ = old_names(__name__, {"compare": "compare_models", "fit": "fit_amplitudes"}, _lazy)

@@ -15,7 +15,7 @@ from fit.correlation._matrices import (
     parameters_of,
     without_motions,
 )
-from vsh.tools.modules import lazily, old_names
+from vsh.tools.modules import lazily
 
 if TYPE_CHECKING:
     from fit.correlation._plot import plot_influence, symbol
@@ -38,5 +38,4 @@ __all__ = [
 ]
 
 # matplotlib is imported when a figure is first asked for.
-_lazy, __dir__ = lazily(__name__, __all__, {"_plot": ["plot_influence", "symbol"]})
-__getattr__ = old_names(__name__, {"predict": "predict_covariance"}, _lazy)
+__getattr__, __dir__ = lazily(__name__, __all__, {"_plot": ["plot_influence", "symbol"]})

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 from fit.pairs._correlation import Correlation, correlation_function
 from fit.pairs._power import PairPower, power
 from fit.pairs._templates import TEMPLATES, TemplateFit, waves_curve
-from vsh.tools.modules import lazily, old_names
+from vsh.tools.modules import lazily
 
 if TYPE_CHECKING:
     from fit.pairs._plot import plot_pairs, plot_power
@@ -13,5 +13,4 @@ if TYPE_CHECKING:
 __all__ = ["Correlation", "PairPower", "TemplateFit", "correlation_function", "power"]
 
 # matplotlib is imported when a figure is first asked for.
-_lazy, __dir__ = lazily(__name__, __all__, {"_plot": ["plot_pairs", "plot_power"]})
-__getattr__ = old_names(__name__, {"correlation": "correlation_function"}, _lazy)
+__getattr__, __dir__ = lazily(__name__, __all__, {"_plot": ["plot_pairs", "plot_power"]})

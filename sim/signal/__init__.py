@@ -16,9 +16,6 @@ from sim.signal._signal import (
     wave_background,
 )
 from vsh.models.covariance import wave_fractions
-from vsh.tools.modules import old_names
 from vsh.tools.units import hubble_rate
 
 __all__: list[str] = []
-
-__getattr__ = old_names(__name__, {"gravitational_waves": "wave_background", "wave": "plane_wave"})

@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING
 
 from study.forecast._forecast import SurveyForecast, forecast_surveys
 from study.forecast._surveys import SURVEYS, Survey
-from vsh.tools.modules import lazily, old_names
+from vsh.tools.modules import lazily
 
 if TYPE_CHECKING:
     from study.forecast._plot import plot_forecast
@@ -12,5 +12,4 @@ if TYPE_CHECKING:
 __all__ = ["SURVEYS", "Survey", "SurveyForecast", "forecast_surveys"]
 
 # matplotlib is imported when a figure is first asked for.
-_lazy, __dir__ = lazily(__name__, __all__, {"_plot": ["plot_forecast"]})
-__getattr__ = old_names(__name__, {"Forecast": "SurveyForecast", "forecast": "forecast_surveys"}, _lazy)
+__getattr__, __dir__ = lazily(__name__, __all__, {"_plot": ["plot_forecast"]})

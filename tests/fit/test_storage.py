@@ -1,6 +1,4 @@
 import re
-import sys
-import warnings
 from dataclasses import replace
 from importlib import import_module
 
@@ -333,20 +331,3 @@ def test_stored_results_are_checked(spoiled, words, tmp_path):
     table.write(tmp_path / "s.ecsv", overwrite=True)
     with pytest.raises(TableError, match=rf"is damaged: its Solution is not as it was written.*{words}"):
         read(tmp_path / "s.ecsv")
-
-
-@pytest.mark.parametrize(("name", "home", "old"), [
-    ("solution", "fit.solution", "fit.harmonic"), ("shear", "fit.shear._shear", "fit.shear._tensor"),
-    ("flow", "vsh.models.flows", "vsh.flows._theory"), ("bins", "fit.redshift._solution", "fit.redshift._gone"),
-])  # fmt: skip
-def test_files_of_an_older_release_are_read(found, name, home, old, tmp_path, monkeypatch):
-    """They name the modules in which classes stood then; whoever reads them has no name to mend, so nothing warns."""
-    path = tmp_path / "result.ecsv"
-    found[name].write(path)
-    text = path.read_text()
-    assert home in text
-    path.write_text(text.replace(home, old))
-    monkeypatch.delitem(sys.modules, old, raising=False)
-    with warnings.catch_warnings():
-        warnings.simplefilter("error", DeprecationWarning)
-        assert read(path) == found[name]

@@ -7,7 +7,6 @@ from typing import Any
 
 from vsh.io import catalogue, tables
 from vsh.tools.errors import TableError
-from vsh.tools.modules import new_name
 from vsh.tools.printing import printable
 from vsh.tools.types import PathName
 
@@ -46,7 +45,7 @@ def read(path: PathName) -> Any:
         module, kind = str(facts["module"]), str(facts["type"])
         if not _OURS.fullmatch(module):
             raise ImportError
-        return getattr(import_module(new_name(module) or module), kind).read(path)
+        return getattr(import_module(module), kind).read(path)
     except (KeyError, TypeError, ValueError, AttributeError, ImportError) as error:
         if isinstance(error, TableError):
             raise

@@ -37,7 +37,6 @@ from vsh.tools import arguments
 from vsh.tools.arguments import explained, float_array, positive
 from vsh.tools.errors import ParameterError, TableError
 from vsh.tools.files import write_arrays
-from vsh.tools.modules import old_names
 from vsh.tools.notebook import Frozen, InNotebook
 from vsh.tools.printing import printable
 from vsh.tools.types import ArrayLike, BoolArray, FloatArray, PathName
@@ -565,6 +564,3 @@ def _wave_numbers(farthest, highest=0.6):
     step = min(0.004, 0.6 / farthest)
     large = np.arange(0.02 + step / 2, highest, step)
     return np.r_[small, large], np.r_[np.diff(np.r_[small[0] ** 2 / edges[0], edges, 0.02]), np.full(large.size, step)]
-
-
-__getattr__ = old_names(__name__, {"PLANCK_2018": "LINEAR_PLANCK18"})

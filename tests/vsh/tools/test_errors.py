@@ -21,7 +21,7 @@ import vsh
         (lambda _, solution: solution.spin.std, "did you mean sigma?"),
         (lambda *_: vsh.harmonics, "did you mean vsh.basis.harmonics?"),
         (lambda *_: fit.fit_feild, "did you mean fit_field"),
-        (lambda *_: vsh.io.catalogue.read_feild, "read_field"),
+        (lambda *_: vsh.read_feild, "read_field"),
     ],
 )
 def test_attributes(ask, words):

@@ -20,7 +20,6 @@ def make_parser() -> argparse.ArgumentParser:
         ),
     )
     parser.add_argument("configuration", nargs="?", help="a TOML file (docs/study.md)")
-    parser.add_argument("--paper", action="store_true", help=argparse.SUPPRESS)
     parser.add_argument(
         "--gaia",
         metavar="FILE",
@@ -50,9 +49,5 @@ def make_parser() -> argparse.ArgumentParser:
 
 def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
     """End with what contradicts itself."""
-    if options.paper:
-        parser.error(
-            "the paper of 2016 is `make paper` in the source: vsh-study papers/bachchan2016/study.toml --output DIR"
-        )
     if bool(options.configuration) + bool(options.gaia) != 1:
         parser.error("name a configuration, or --gaia FILE")

@@ -7,7 +7,6 @@ from vsh.io.catalogue._match import Counterparts, counterparts, match, read_icrf
 from vsh.io.catalogue._names import GAIA, NAMED, REQUIRED, Columns, with_distances
 from vsh.io.catalogue._parts import parts
 from vsh.io.catalogue._read import read_columns, read_field, read_scalars, read_sources, stream_columns, truth_of
-from vsh.tools.modules import old_names
 
 __all__ = [
     "GAIA",
@@ -20,11 +19,3 @@ __all__ = [
     "read_icrf",
     "read_scalars",
 ]
-
-__getattr__ = old_names(
-    __name__,
-    {
-        "iter_fields": ("vsh.io.catalogue._read.stream_fields", "`for field in vsh.io.catalogue.parts(source)`"),
-        "write_field": ("vsh.io.catalogue._read.write_field", "`field.write(path)`"),
-    },
-)

@@ -37,7 +37,6 @@ from vsh.io.catalogue._columns import (
 from vsh.io.catalogue._names import ASSUMED, REQUIRED, USUAL_UNITS, Columns, derived, with_derived
 from vsh.io.parts import OPTIONAL
 from vsh.scalars import ScalarField
-from vsh.tools import arguments
 from vsh.tools.arguments import explained, positive, whole
 from vsh.tools.bad_rows import PLACEHOLDER, as_floats, placeholders
 from vsh.tools.errors import NothingLeftError, NothingSelectedError, TableError, VshWarning
@@ -54,7 +53,7 @@ from vsh.tools.notes import (
     merge_notes,
 )
 from vsh.tools.printing import printable
-from vsh.tools.types import FloatArray, OnBad, PathName
+from vsh.tools.types import FloatArray, OnBad
 from vsh.vector import Vector
 
 _LOG = getLogger(__name__)
@@ -337,12 +336,6 @@ def _unused_redshifts(located, source):
 
 #: Words by which a name is that of an error, a flag or a limit.
 _OF_ERRORS = re.compile(r"err|sig|unc|flag|warn|_[elu]$|^e_|low|upp|_l\d|_u\d", re.IGNORECASE)
-
-
-def write_field(field: Field, path: PathName, meta: dict[str, Any] | None = None) -> None:
-    """`field.write(path, meta)`, which it was called before."""
-    arguments.a(Field)("field", field)
-    field.write(path, meta)
 
 
 _MOTIONS = ("pmra", "pmdec")

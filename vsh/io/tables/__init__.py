@@ -9,9 +9,6 @@ from vsh.io.tables._printed import cell, printed, three_digits, two_digits
 from vsh.io.tables._remote import Place, is_address
 from vsh.io.tables._source import TableSource, check_alike, remembered
 from vsh.io.tables._where import Where
-from vsh.tools.modules import old_names
 from vsh.tools.writing import CREATOR, check_writable, format_of, table_of, write, write_table
 
 __all__ = ["open_table", "read_table", "write_table"]
-
-__getattr__ = old_names(__name__, {"read": "read_table"})

@@ -23,7 +23,6 @@ from vsh.models.cosmology._distance import (
     redshift_of,
     transverse_distance,
 )
-from vsh.tools.modules import old_names
 
 __all__ = [
     "BACHCHAN_2016",
@@ -35,5 +34,3 @@ __all__ = [
     "velocity_from_apex",
     "with_redshift",
 ]
-
-__getattr__ = old_names(__name__, {"PLANCK_2013": "FLAT_PLANCK13", "PLANCK_2018": "CMB_VELOCITY_PLANCK18"})

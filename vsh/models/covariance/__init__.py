@@ -23,8 +23,5 @@ from vsh.models.covariance._spectrum import (
     d_plus,
     wave_fractions,
 )
-from vsh.tools.modules import old_names
 
 __all__ = ["LINDEGREN_2021", "Covariance", "Spectrum", "from_function", "from_spectrum", "read_covariance"]
-
-__getattr__ = old_names(__name__, {"read": "read_covariance"})
