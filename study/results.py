@@ -9,7 +9,7 @@ import numpy as np
 from scipy.special import ndtr
 
 from study.config import Study
-from vsh.figures.plot import COLOURS, WIDTH, legend_above, panels, styled
+from vsh.figures.plot import COLOURS, WIDTH, legend_above, panels, styled, symbol
 from vsh.io import tables
 from vsh.tools.types import AxesArray, OnAxes, Table
 
@@ -104,15 +104,33 @@ _MARKS = "os^Dv<>P"
 _NAMED = 24
 
 
+def _distinct(rows):
+    """The parameters, without those that have the numbers of one before them: degree 1 alone where that is all."""
+    known: dict[str, list[Any]] = {}
+    for row in rows:
+        numbers = [f"{row[key]:.6g}" for key in ("mean", "std", "sigma")]
+        known.setdefault(row["parameter"], []).append((row["case"], *numbers))
+    first: dict[Any, str] = {}
+    for name, all_numbers in known.items():
+        first.setdefault(tuple(all_numbers), name)
+    return list(first.values())
+
+
+def _symbol(name):
+    """A parameter as it is printed in a figure: the degree of its fit behind its symbol."""
+    parameter, _, degree = name.partition("@")
+    return symbol(parameter) + (f", $L = {degree}$" if degree else "")
+
+
 @styled
 def plot_calibration(rows: Sequence[Mapping[str, Any]], *, ax: OnAxes | None = None) -> AxesArray:
     """Off mean, scatter over formal error, and coverage of every parameter, with the errors of so few realisations."""
     cases = list(dict.fromkeys(row["case"] for row in rows))
-    names = list(dict.fromkeys(row["parameter"] for row in rows))
+    names = _distinct(rows)
     width = max(WIDTH, 0.16 * len(names) + 0.8)
     off, scatter, coverage = drawn = panels(ax, 3, 1, size=(width, 4.6), sharex=True)
     for i, case in enumerate(cases):
-        own = [row for row in rows if row["case"] == case]
+        own = [row for row in rows if row["case"] == case and row["parameter"] in names]
         shift = (i - (len(cases) - 1) / 2) * 0.6 / max(1, len(cases))
         x = np.array([names.index(row["parameter"]) for row in own]) + shift
         value = {key: np.array([row[key] for row in own], float) for key in own[0] if key not in ("case", "parameter")}
@@ -131,9 +149,9 @@ def plot_calibration(rows: Sequence[Mapping[str, Any]], *, ax: OnAxes | None = N
     scatter.set_ylabel("scatter\n/ formal error")
     for level in (0.6827, 0.95):
         coverage.axhline(level, color="0.5", linewidth=0.6, zorder=0)
-    coverage.set_ylim(0, 1.05)
+    coverage.set_ylim(0, 1.12)  # error bars end above 1
     coverage.set_ylabel("truth within\n68 % (95 %: open)")
     step = -(-len(names) // _NAMED) if len(names) > 4 * _NAMED else 1
-    coverage.set_xticks(range(0, len(names), step), names[::step], rotation=90, fontsize=6)
+    coverage.set_xticks(range(0, len(names), step), [_symbol(name) for name in names[::step]], rotation=90, fontsize=6)
     legend_above(off, 4)
     return drawn

@@ -11,7 +11,7 @@ from vsh.tools.types import Axes, AxesArray, OnAxes
 
 @styled
 def plot_link(solution: Any, *, ax: OnAxes | None = None) -> AxesArray:
-    """Orientation and spin against magnitude with 68 %, and influence and distance of each source."""
+    """Orientation and spin against magnitude with standard errors, and influence and distance of each source."""
     vectors = [each for each in ("orientation", "spin") if each in solution.unknowns.vectors]
     drawn = panels(ax, len(vectors) + 1, 1, size=(WIDTH, 2.2 * (len(vectors) + 1)))
     known = solution.magnitude[np.isfinite(solution.magnitude)]
@@ -26,8 +26,11 @@ def plot_link(solution: Any, *, ax: OnAxes | None = None) -> AxesArray:
                 each = [solution.vector(vector, float(g), colour) for g in grid]
                 value = np.array([v.value[k] for v in each])
                 sigma = np.array([v.sigma[k] for v in each])
-                axes.fill_between(grid, value - sigma, value + sigma, color=COLOURS[k], alpha=0.2, linewidth=0)
                 axes.plot(grid, value, color=COLOURS[k], label=axis if start == edges[0] else None)
+                at = round(29 * (k + 1) / 4)  # error bars stand side by side
+                axes.errorbar(
+                    grid[at], value[at], sigma[at], fmt="o", color=COLOURS[k], markersize=3, capsize=2, linewidth=0.9
+                )
         axes.axhline(0, color="0.6", lw=0.6)
         axes.plot(known, np.full(known.size, 0.02), "|", color="0.4", ms=6, transform=axes.get_xaxis_transform())
         axes.set_ylabel(f"{vector}  [{'µas' if vector == 'orientation' else 'µas/yr'}]")
@@ -35,7 +38,10 @@ def plot_link(solution: Any, *, ax: OnAxes | None = None) -> AxesArray:
     legend_above(drawn[0], 3)
     axes = drawn[len(vectors)]
     influence = np.abs(solution.influence).max(1)
-    axes.scatter(solution.distances, influence, c=solution.outlier, cmap="viridis", vmin=0, vmax=1, s=14)
+    outlier = solution.outlier > 0.5
+    for chosen, tint, marker, label in ((~outlier, COLOURS[0], "o", "source"), (outlier, COLOURS[1], "x", "outlier")):
+        axes.scatter(solution.distances[chosen], influence[chosen], color=tint, marker=marker, s=14, label=label)
+    axes.legend(fontsize="x-small", loc="best")
     # Those of most influence may stand side by side: each name has a corner of its own.
     for i, (offset, side) in zip(np.argsort(-influence), (((4, 3), "left"), ((4, -9), "left"), ((-4, 3), "right"))):
         axes.annotate(
@@ -44,8 +50,8 @@ def plot_link(solution: Any, *, ax: OnAxes | None = None) -> AxesArray:
         )  # fmt: skip
     axes.set_xscale("log")
     log_ticks(axes.xaxis, *axes.get_xlim())
-    axes.set_xlabel("distance, in errors as quoted (light: an outlier)")
-    axes.set_ylabel("influence, in errors")
+    axes.set_xlabel("√χ² per difference, formal errors")
+    axes.set_ylabel("change without it  [σ]")
     return drawn
 
 

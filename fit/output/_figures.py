@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
 
 from fit.output._rows import squared
 from fit.quality import ErrorSource
@@ -84,6 +85,8 @@ def plot_spectrum(solution: Any, *, ax: Axes | None = None) -> Axes:
         axes.hlines(noise, l - 0.2, l + 0.2, color=colour, linestyle=":")
         handles.append(Line2D([], [], color=colour, marker=marker, linestyle="none", label=KIND_NAMES[kind]))
         levels += [*power[signal], *(power + error)[signal], *limit[limited], *(0.5 * limit[limited]), *noise]
+    if solution.floor is not None and solution.includes_floor:
+        levels += _draw_floor(axes, solution.floor, handles)
     # An error as large as the power has no lower end on a logarithmic axis: its bar runs out of it.
     axes.set_yscale("log", nonpositive="clip")
     known = np.array(levels)[np.isfinite(levels) & (np.array(levels) > 0)]
@@ -101,6 +104,19 @@ def plot_spectrum(solution: Any, *, ax: Axes | None = None) -> Axes:
     handles.append(Line2D([], [], color="0.3", linestyle=":", label="noise alone"))
     legend_above(axes, 2, handles=handles)
     return axes
+
+
+def _draw_floor(axes, floor, handles):
+    """The systematic floor of degree 1, the likeliest 68 % of its power, as a band at its side; and its levels."""
+    levels = []
+    for kind, side, interval in (("T", -1, floor.spin_interval), ("S", 1, floor.acceleration_interval)):
+        # Power of a vector v is 8π v²/3, of three components.
+        low, high = 8 * np.pi * np.square(interval)
+        axes.fill_between([1 + side * 0.3 - 0.08, 1 + side * 0.3 + 0.08], max(low, high / 30), high, alpha=0.35,
+                          color=KIND_COLOURS[kind], linewidth=0)  # fmt: skip
+        levels += [max(low, high / 30), high]
+    handles.append(Patch(color="0.6", alpha=0.6, linewidth=0, label="floor, 68 %"))
+    return levels
 
 
 @styled
@@ -153,7 +169,7 @@ def plot_correlation(solution: Any, *, ax: Axes | None = None) -> Axes:
 def _known_names(solution):
     """Names, correlations and degrees of the coefficients, degree 1 turned into vectors along the axes."""
     modes = solution.modes
-    names, turn = [str(mode) for mode in modes], np.eye(len(modes))
+    names, turn = [symbol(str(mode)) for mode in modes], np.eye(len(modes))
     back = np.linalg.inv(FIRST_DEGREE)
     for kind, vector in zip(KINDS, ("omega", "a"), strict=True):
         if kind in modes.kinds:

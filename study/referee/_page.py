@@ -8,7 +8,7 @@ import numpy as np
 
 from fit.quality import SEEN, printed_p_value
 from study.referee._referee import Referee
-from study.referee._rows import HINT, Check, Section
+from study.referee._rows import HINT, Check, Section, Value
 from vsh.figures import page
 from vsh.figures.plot import COLOURS, WIDTH, legend_above, many_figures, panels, plot_field, styled
 from vsh.tools.types import Axes
@@ -28,15 +28,17 @@ def draw(referee: Referee) -> dict[str, Any]:
 
 @styled
 def plot_accelerations(sections: Sequence[Section], *, ax: Axes | None = None) -> Axes:
-    """Components of g by each paper that has them: published, ours its way, ours with what sources share."""
+    """Components of g by each paper that has them: published, and ours its way; and the recommended fit, once."""
     (axes,) = panels(ax, size=(WIDTH, 2.6))
-    lines = []
+    lines: list[tuple[str, list[Value]]] = []
+    recommended: list[tuple[str, list[Value]]] = []
     for section in sections:
         rows = {row.quantity[:3]: row for row in section.rows if row.quantity.startswith("g_")}
         if len(rows) == 3:
-            for of in ("published", "theirs", "shared"):
-                words = {"published": section.paper.short, "theirs": "here, their way", "shared": "here, shared errors"}
-                lines.append((words[of], [getattr(rows[f"g_{axis}"], of) for axis in "xyz"]))
+            for of, words in (("published", section.paper.short), ("theirs", "here, their way")):
+                lines.append((words, [getattr(rows[f"g_{axis}"], of) for axis in "xyz"]))
+            recommended = [("here, recommended fit", [rows[f"g_{axis}"].shared for axis in "xyz"])]
+    lines += recommended
     y = -np.arange(len(lines))
     for k, (axis, colour) in enumerate(zip("xyz", COLOURS, strict=False)):
         values, errors = (np.array([getattr(each[k], of) for _, each in lines], float) for of in ("value", "error"))
@@ -53,14 +55,19 @@ def plot_accelerations(sections: Sequence[Section], *, ax: Axes | None = None) -
 
 @styled
 def plot_checks(checks: Sequence[Check], *, ax: Axes | None = None) -> Axes:
-    """p-values of the checks, with what sources share and by the errors quoted."""
+    """p-values of the checks, with systematic errors and by the formal errors alone."""
     asked = [each for each in checks if np.isfinite(each.p_value)]
     (axes,) = panels(ax, size=(WIDTH, 0.8 + 0.17 * max(len(asked), 3)))
     y = -np.arange(len(asked))
-    axes.semilogx([each.p_value for each in asked], y, "o", color=COLOURS[0], markersize=4, label="shared errors")
-    axes.semilogx([each.at_face_value for each in asked], y, "x", color="0.5", markersize=4, label="errors as quoted")
+    axes.semilogx(
+        [each.p_value for each in asked], y, "o", color=COLOURS[0], markersize=4, label="with systematic errors"
+    )
+    axes.semilogx([each.at_face_value for each in asked], y, "x", color="0.5", markersize=4, label="formal errors")
     axes.axvline(SEEN, color="0.5", linestyle="--", linewidth=0.7)
     axes.axvline(HINT, color="0.7", linestyle=":", linewidth=0.7)
+    for level in (SEEN, HINT):
+        place = {"xy": (level, 0), "xycoords": axes.get_xaxis_transform(), "xytext": (2, 3)}
+        axes.annotate(f"{level:g}", textcoords="offset points", fontsize="x-small", color="0.4", **place)
     lowest = [value for each in asked for value in (each.p_value, each.at_face_value) if value > 0]
     axes.set_xlim(max(min([1e-3, *(value / 3 for value in lowest)]), 1e-12), 1.5)
     axes.set_yticks(y, [each.key for each in asked])

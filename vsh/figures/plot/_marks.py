@@ -1,5 +1,6 @@
 """Points, curves and directions on a map of the sky."""
 
+import re
 from collections.abc import Sequence
 from itertools import pairwise
 from typing import Any
@@ -97,11 +98,20 @@ def draw_direction(
 
 #: So many rows have a name each, and so many a number in each cell.
 NAMED, NUMBERED = 30, 8
-_LETTERS = {"epsilon_": r"\epsilon", "omega_": r"\omega", "a_": r"\tilde a"}
+_LETTERS = {"epsilon_": r"\epsilon", "omega_": r"\omega", "a_": r"\tilde a", "v_": "v"}
+
+
+#: The name of a coefficient: kind, degree, order, and real or imaginary part.
+_MODE = re.compile(r"([tsf])\((\d+),(\d+)(?:,(re|im))?\)")
 
 
 def symbol(name: str) -> str:
-    """A parameter's name as it is written: ω_x, ã_x, t(2,0)."""
+    """A parameter's name as it is written: ω_x, ã_x, t_20, s_21^R."""
+    mode = _MODE.fullmatch(name)
+    if mode:
+        kind, l, m, part = mode.groups()
+        low = f"{l}{m}" if len(l) == len(m) == 1 else f"{l},{m}"
+        return f"${kind}_{{{low}}}^{{\\rm {'R' if part == 're' else 'I'}}}$" if part else f"${kind}_{{{low}}}$"
     for plain, letter in _LETTERS.items():
         if name.startswith(plain):
             return f"${letter}_{name[len(plain) :]}$"
