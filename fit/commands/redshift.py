@@ -11,7 +11,7 @@ import numpy as np
 import vsh
 from fit.output import words_of
 from fit.quality import FEW, MANY, SEEN, hint_of, printed_p_value
-from vsh.commands import finishing, outputs, reading, running
+from vsh.commands import finishing, outputs, reading, running, values
 from vsh.commands.options import redshift as options_module
 from vsh.io.parts import Parts
 from vsh.io.tables import three_digits
@@ -360,9 +360,16 @@ def _binned(field, options, lmax):
         edges,
         shared_higher_degrees=options.shared_higher_degrees,
         threads=options.threads,
+        rng=options.seed,
+        **_estimator(options),
         **_frame(options),
         **_flows(options),
     )
+
+
+def _estimator(options):
+    method, value = values.method_and_value(options.estimator or "least-squares")
+    return {"method": method, "value": value}
 
 
 def _frame(options):

@@ -8,10 +8,12 @@ from typing import Any, Literal, cast
 import numpy as np
 
 from fit.distances import calibrate_if_known, mean_rates
+from fit.methods import estimate
 from fit.normal import NormalEquations, normal_equations
 from fit.quality import ErrorSource
 from fit.redshift._contrasts import FLOW_MATTERS, equality_chi2, shared_flow, slope_chi2
 from fit.redshift._solution import BinnedSolution
+from fit.robust import Reweighted
 from fit.secular_parallax import flow_theory
 from fit.solution import Solution
 from fit.solving import solve
@@ -43,6 +45,9 @@ def binned(
     peculiar_dispersion: float | None = None,
     flows: Literal["linear"] | LinearTheory | None = "linear",
     n_modes: int = 250,
+    method: str = "least-squares",
+    value: float | str | None = None,
+    rng: Rng = 1,
     threads: int | None = None,
 ) -> BinnedSolution:
     """Fit the same modes in bins of redshift.
@@ -70,13 +75,18 @@ def binned(
         unless given; without (None) bins of near galaxies differ significantly where nothing but flows is there.
     n_modes : int
         Unknowns of the flow.
+    method, value
+        The estimator, as for `fit.estimate`: one that weighs or clips sources. Near galaxies, which share flows, are
+        fitted by least squares.
+    rng : Generator or int
+        As for `fit.estimate`.
     threads : int, optional
         How many; one a core unless given.
 
     Raises
     ------
     ParameterError
-        If the edges do not rise, or are too few.
+        If the edges do not rise, or are too few; or if the method is none for these sources.
     DegeneracyError
         If a bin is empty, or cannot tell the modes apart.
     FieldError
@@ -100,16 +110,21 @@ def binned(
     bins = len(edges) - 1
     summed: dict[Any, Any]
     theory, calibration = flow_theory({"flows": flows}), None
+    weights, remarks = None, ()
+    if method != "least-squares":
+        field, weights, remarks = _weighted(field, modes, edges, method, value, theory, rng)
+        theory = None  # these sources are too far for flows
     flow = None if theory is None else shared_flow(field, edges, theory, peculiar_dispersion, n_modes)
     if isinstance(field, Field | Parts):
         radial = peculiar_dispersion if flow is None else float(np.hypot(flow.dispersion, flow.theory.sigma))
         calibration = calibrate_if_known(field, redshift_frame, radial)
-    work = partial(_by_bin, edges=edges, modes=modes, calibration=calibration, flow=flow, threads=threads)
+    sums_of = partial(normal_equations, threads=threads) if weights is None else weights.equations
+    work = partial(_by_bin, edges=edges, modes=modes, calibration=calibration, flow=flow, sums_of=sums_of)
     if isinstance(field, Parts):
         summed = field.sum(work, roles=("redshift",), words="bins of redshift")
     else:
         summed = reduce(added, map(work, [field] if isinstance(field, Field) else field), {})
-    notes = list(spoken(merge_notes(*summed.get("notes", ()))))
+    notes = [*spoken(merge_notes(*summed.get("notes", ()))), *remarks]
     if summed.get("outside"):
         notes.append(f"left out {summed['outside']} sources with redshifts outside {edges[0]:g} … {edges[-1]:g}")
     for b in range(bins):
@@ -140,10 +155,27 @@ def binned(
             if flow is None
             else f"{len(flow.modes)} modes of {flow.theory.name}, and {flow.dispersion:g} km/s beside them"
         ),
+        not isinstance(weights, Reweighted),
     )
 
 
-def _by_bin(field, edges, modes, calibration, flow, threads):
+def _weighted(field, modes, edges, method, value, theory, rng):
+    """The sources, the fit whose weights sum the bins, and a note of it."""
+    if not isinstance(field, Field | Parts):
+        raise ParameterError(f"the method {method} needs the whole field, or parts")
+    if theory is not None and binned(field, 1, edges, flows=theory).flow_share > FLOW_MATTERS:
+        raise ParameterError(f"near galaxies share flows: their bins are fitted by least-squares, not {method}")
+    fitted = estimate(field, None if method == "recommended" else modes, method, value, rng=rng)
+    if fitted.n_clipped:
+        return fitted.sources, None, (f"clipped {fitted.n_clipped} sources ({method})",)
+    if fitted.weights is None and method != "clip":
+        raise ParameterError(
+            f"bins are fitted by least-squares, clip, recommended, student, permissive or excess-noise, not {method}"
+        )
+    return fitted.sources, fitted.weights, (f"bins have the weights of the fit of all sources ({method})",)
+
+
+def _by_bin(field, edges, modes, calibration, flow, sums_of):
     """Some sources by bin: normal equations, moments of the redshifts, columns of the flow; and what was left out."""
     try:
         good = with_redshift(field, 0.0)
@@ -160,7 +192,7 @@ def _by_bin(field, edges, modes, calibration, flow, threads):
         if flow is not None:
             inside, further = flow.of(inside, rate, modes)
             columns = (further,)
-        sums[int(b)] = (normal_equations(inside, modes, threads=threads), moments, *columns)
+        sums[int(b)] = (sums_of(inside, modes), moments, *columns)
     return sums
 
 

@@ -121,6 +121,8 @@ class BinnedSolution(Result):
         What flows that galaxies share add to it; None without flows. Errors of the `solutions` hold it.
     flow : str
         The flow in words.
+    is_scaled : bool
+        Whether tests multiply the errors of each bin by its √(χ²/dof): not where they come from residuals already.
     """
 
     edges: FloatArray
@@ -134,6 +136,7 @@ class BinnedSolution(Result):
     notes: tuple[str, ...]
     flow_covariance: FloatArray | None = None
     flow: str = ""
+    is_scaled: bool = True
 
     def __len__(self) -> int:
         return len(self.solutions)
@@ -174,8 +177,10 @@ class BinnedSolution(Result):
     def scales(self) -> FloatArray:
         """χ² per degree of freedom of each bin, (B,): what variances are multiplied with in tests.
 
-        1 for a bin without degrees of freedom.
+        1 for a bin without degrees of freedom, and where errors come from residuals already.
         """
+        if not self.is_scaled:
+            return np.ones(len(self))
         return np.array([s.reduced_chi2 if s.dof > 0 and s.chi2 > 0 else 1.0 for s in self.solutions])
 
     @property
@@ -335,6 +340,7 @@ class BinnedSolution(Result):
         The covariance of flows, where near galaxies share them, adds to it.
         """
         labels = [f"{low:g} ≤ z < {high:g}" for low, high in pairwise(self.edges)]
+        options = {"noise_scale": self.is_scaled} | options
         found = shared(self.normals, degrees, labels=labels, **options)
         if self.flow_covariance is None:
             return found

@@ -220,12 +220,16 @@ class Reweighted(AboutSolution):
         Notes
         -----
         The factor is that of an M-estimator (Huber 1981, Robust Statistics, sect. 7.6), ⟨u⟩⟨ψ²⟩/⟨ψ'⟩² of the scores ψ =
-        uX of these sources, weighted by their information.
+        uX of these sources, weighted by their information. Residuals are multiplied by ⟨u⟩/⟨ψ'⟩, which makes the
+        solution Newton's step from that of all sources: weights that are taken about the fit of all sources draw the
+        values of a class towards it, by a third where ν = 1.6.
         """
         modes, sky = as_modes(modes, type(self.solution.modes)), as_parts(field, Weighed)
-        sums = sky.sum(partial(_class_sums, share=self.share, modes=modes), roles=(), words="weights of the classes")
-        k, normal = modes.components, sums["normal"]
-        factor = sums["u"] * sums["ψ²"] / (k * sums["ψ'"] ** 2)
+        words = "weights of the classes"
+        sums = sky.sum(partial(_class_sums, share=self.share), roles=(), words=words)
+        factor = sums["u"] * sums["ψ²"] / (modes.components * sums["ψ'"] ** 2)
+        work = partial(_class_equations, share=self.share, modes=modes, stretch=sums["u"] / sums["ψ'"])
+        normal = sky.sum(work, roles=(), words=words)
         normal = replace(
             normal, matrix=normal.matrix / factor, rhs=normal.rhs / factor, chi2_null=normal.chi2_null / factor
         )
@@ -397,12 +401,17 @@ def _weighted(field, share, modes):
     }
 
 
-def _class_sums(field, share, modes):
-    """Weighted equations of some sources, and the sums that their scale follows from."""
+def _class_equations(field, share, modes, stretch):
+    """Weighted equations of some sources whose residuals are stretched."""
+    _, u, _, residual = share(field)
+    return normal_equations(field.minus((1 - stretch) * residual).with_errors(field.sigma / np.sqrt(u)), modes)
+
+
+def _class_sums(field, share):
+    """The sums that the scale of weighted equations follows from."""
     x2, u, slope, _ = share(field)
     weight = field.information
     return {
-        "normal": normal_equations(field.with_errors(field.sigma / np.sqrt(u)), modes),
         "u": float(weight @ u),
         "ψ²": float(weight @ (u**2 * x2)),
         "ψ'": float(weight @ (u + 2 / field.components * slope * x2)),

@@ -65,6 +65,15 @@ def make_parser() -> argparse.ArgumentParser:
         metavar="KAPPA",
         help="first leave out sources with residuals of a degree-1 fit larger than KAPPA times the median",
     )
+    parser.add_argument(
+        "--estimator",
+        type=values.method,
+        metavar="NAME[=VALUE]",
+        help=(
+            "of the bins, where they hold no near galaxies: least-squares (default), recommended, clip=KAPPA, student, "
+            "permissive or excess-noise"
+        ),
+    )
     parser.add_argument("--free-spin", action="store_true", help="fit the spin of the frame as well")
     parser.add_argument(
         "--acceleration",
@@ -218,7 +227,7 @@ def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
     wanted = options.h0 or options.velocity or options.bins or options.posterior
     if options.floor and options.lmax == 2:
         parser.error("--floor needs --lmax 3 or more: degrees 1 and 2 say nothing of what bins share")
-    for name in ("floor", "no_floor"):
+    for name in ("floor", "no_floor", "estimator"):
         if getattr(options, name) and not options.bins:
             parser.error(f"--{name.replace('_', '-')} is for --bins")
     if options.oort and not options.distances:
