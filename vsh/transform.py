@@ -160,8 +160,6 @@ def _locations(lon, lat):
     lon, lat = np.atleast_1d(np.asarray(lon, float)), np.atleast_1d(np.asarray(lat, float))
     if lon.ndim != 1 or lon.shape != lat.shape:
         raise FieldError(f"lon and lat have shapes {lon.shape} and {lat.shape}: one of each for a source")
-    if not (np.isfinite(lon).all() and np.isfinite(lat).all()):
-        raise FieldError(f"{np.sum(~(np.isfinite(lon) & np.isfinite(lat)))} positions are not finite")
     if (np.abs(lat) > np.pi / 2 * (1 + 1e-14)).any():
         raise FieldError(f"{np.sum(np.abs(lat) > np.pi / 2)} latitudes lie beyond a pole: are they in radians?")
     phi = lon % (2 * np.pi)

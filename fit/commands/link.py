@@ -63,7 +63,7 @@ def _run(options):
                 **({"Observe next": results["plan"].to_table()} if "plan" in results else {}),
             },
             solution.notes,
-            answer=solution.answer.lines,
+            answer=results.get("steps", solution).answer.lines,
         ),
         provenance=lambda: running.provenance(paths, options, sources=len(solution.sources)),
         draw=lambda: {name: each.plot() for name, each in results.items()},

@@ -209,6 +209,12 @@ def _of_posterior(posterior):
     printed = posterior.print_summary()
     median, low, high, *_ = printed["H0"]
     lines = [("H0", f"{median} km/s/Mpc ({low} to {high}, 68 %), posterior; {_away(h0.median, error)}")]
+    if posterior.hubble_limits is not None:
+        _, below = posterior.hubble_limits
+        beside = "allows" if below > _PUBLISHED[0] else "excludes"
+        lines = [("H0", f"not determined: < {three_digits(below)} km/s/Mpc (95 %), posterior; {beside} 67 to 73")]
+        product = [f"{value:.0f}" for value in posterior.product]
+        lines.append(("v · H0", f"{product[0]} (km/s)²/Mpc ({product[1]} to {product[2]}, 68 %)"))
     v = rows.get("speed")
     if v is not None and v.high68 - v.low68 > 0.02 * v.median:  # otherwise it is the prior's
         median, low, high, *_ = printed["speed"]
@@ -217,8 +223,9 @@ def _of_posterior(posterior):
     lines.append(("prior", f"H0 {priors['hubble']}; velocity {priors['velocity']}"))
     medians = [each.median for each in posterior.hubble_by_prior.values()]
     if medians and max(medians) > _BY_PRIOR * min(medians):
-        words = f"the median is {three_digits(min(medians))} to {three_digits(max(medians))} under other priors"
-        lines.append(("caution", f"{words}: the motions determine H0 poorly"))
+        limits = [each.below for each in posterior.hubble_by_prior.values()]
+        words = f"{three_digits(min(limits))} to {three_digits(max(limits))} km/s/Mpc"
+        lines.append(("caution", f"the motions determine H0 poorly: its limit is {words} under other priors"))
     return lines
 
 
@@ -487,8 +494,8 @@ def _cards(results):
         size = size if _is_told(solution) else f"< {three_digits(solution.hubble_limits[1])} km/s/Mpc (95 %)"
         cards.append(("The Hubble constant", size, f"least squares {solution.hubble:.3g}"))
     if "posterior" in results:
-        median, low, high, *_ = results["posterior"].print_summary()["H0"]
-        cards.append(("H0, posterior", f"{median} km/s/Mpc", f"median; 68 %: {low} to {high}"))
+        size, _, more = dict(_of_posterior(results["posterior"]))["H0"].partition(", posterior; ")
+        cards.append(("H0, posterior", size, more))
     for name in ("velocity", "hubble"):
         if name in results:
             quality = results[name].quality

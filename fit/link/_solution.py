@@ -296,14 +296,14 @@ class LinkSolution(NamedSolution):
         for step in steps:
             together, *each = self.jump_p_values(step)
             words = [
-                f"{'a' if p < SEEN else 'no'} jump of the {vector} at {step:.4g} mag (p = {printed_p_value(p)})"
+                f"{vector} {'' if p < SEEN else 'not '}detected (p = {printed_p_value(p)})"
                 for vector, p in zip(self._jumping, each, strict=True)
             ]
             hint = hint_of(together)
             if len(each) > 1:
-                words.append(f"p = {printed_p_value(together)} of both together{hint and f' ({hint})'}")
+                words.append(f"both together p = {printed_p_value(together)}{hint and f' ({hint})'}")
             lines.append(
-                (f"jump at {step:.4g}", ", ".join(words) + (", after allowing for all places" if self.searched else ""))
+                (f"jump at {step:.4g}", ", ".join(words) + ("; p-values allow for all places" if self.searched else ""))
             )
         lines.append(
             ("errors", f"{self._tails()}, times {self.scale:.3g}: from the residuals of {len(self.sources)} sources")

@@ -9,7 +9,8 @@ from scipy.special import logsumexp
 
 from fit.link._link import link
 from fit.link._solution import LinkSolution
-from fit.quality import printed_p_value
+from fit.output import Answer
+from fit.quality import SEEN, printed_p_value
 from fit.storage import Result
 from vsh.io import tables
 from vsh.sky.astrometry import AstrometryRows
@@ -37,6 +38,8 @@ class StepSearch(Result):
         That of no jump anywhere: the smallest, allowing for all.
     solution : LinkSolution
         The link with the most probable step.
+    whole : LinkSolution
+        The link without a step.
     """
 
     places: FloatArray
@@ -44,14 +47,26 @@ class StepSearch(Result):
     p_values: FloatArray
     p_value: float
     solution: LinkSolution
+    whole: LinkSolution
 
     def __repr__(self) -> str:
         return f"<StepSearch: {len(self.places)} places, G = {self.place:.4g} most probable, p = {self.p_value:.2g}>"
 
     @property
+    def answer(self) -> Answer:
+        """The result to quote: the link without a step where no jump is detected, and the jump after all places."""
+        with_step = dict(self.solution.answer.lines)
+        jump = {label: words for label, words in with_step.items() if label.startswith("jump")}
+        if self.p_value < SEEN:
+            return self.solution.answer
+        lines = dict(self.whole.answer.lines)
+        errors = lines.pop("errors")
+        return Answer(tuple((lines | jump | {"errors": f"{errors}, without a jump"}).items()))
+
+    @property
     def verdict(self) -> str:
-        """The link in a sentence, its jump after allowing for all places."""
-        return self.solution.verdict
+        """The result to quote in one sentence."""
+        return self.answer.sentence
 
     @property
     def place(self) -> float:
@@ -77,8 +92,7 @@ class StepSearch(Result):
         """
         low, high = self.interval
         lines = [
-            f"p = {printed_p_value(self.p_value)} of no jump, after allowing for {len(self.places)} places "
-            f"({printed_p_value(float(self.p_values.min()))} for the largest alone)",
+            f"p = {printed_p_value(self.p_value)} of a jump as large by chance, at any of {len(self.places)} places",
             f"if there is one, G = {self.place:.4g} is most probable; 68 %: {low:.4g} to {high:.4g}",
         ]
         if long:
@@ -87,7 +101,8 @@ class StepSearch(Result):
                 f"{place:12.2f}{probability:14.3f}{printed_p_value(float(p)):>14}"
                 for place, probability, p in zip(self.places, self.probability, self.p_values, strict=True)
             ]
-        return "\n".join(lines) + "\n\n" + self.solution.report(long=long)
+            lines.append(f"{printed_p_value(float(self.p_values.min()))} for the largest jump alone")
+        return "\n".join(lines) + "\n\nWith a jump at the most probable place: " + self.solution.report(long=long)
 
     def to_table(self) -> Table:
         """The places as an astropy Table, a row each."""
@@ -145,8 +160,9 @@ def find_step(astrometry: AstrometryRows, places: Sequence[float] | None = None,
     best = solutions[int(evidence.argmax())]
     each = np.array([solution.jump_p_values(place) for solution, place in zip(solutions, tried.tolist(), strict=True)])
     together = -np.expm1(len(tried) * np.log1p(-np.minimum(each.min(axis=0), 1 - 1e-16)))
+    whole = link(astrometry, **options)
     best = replace(best, searched=tuple(map(float, together)))
-    return StepSearch(tried, np.exp(evidence - logsumexp(evidence)), each[:, 0], float(together[0]), best)
+    return StepSearch(tried, np.exp(evidence - logsumexp(evidence)), each[:, 0], float(together[0]), best, whole)
 
 
 def _between(astrometry):

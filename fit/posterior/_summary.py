@@ -70,6 +70,19 @@ class SampleResult(Result):
         """Median, mean, σ, and the 68 and 95 % credible intervals of every quantity: a dict of `Interval`."""
         return intervals(self.samples)
 
+    @property
+    def hubble_limits(self) -> tuple[float, float] | None:
+        """One-sided 95 % limits of H0, lower and upper, where its error is too large for a ±; else None. [km/s/Mpc]"""
+        low, middle, high = np.percentile(self.samples["H0"], [5, 50, 95]).tolist()
+        return None if np.std(self.samples["H0"]) < _WIDE * middle else (low, high)
+
+    @property
+    def product(self) -> tuple[float, float, float]:
+        """v H0, which the motions determine: its median, and the ends of its 68 % interval. [(km/s)²/Mpc]"""
+        values = self.samples["speed"] * self.samples["H0"]
+        median, low, high = np.percentile(values, [50, 15.865525, 84.134475]).tolist()
+        return median, low, high
+
     def print_summary(self) -> dict[str, list[str]]:
         """Median, and the limits of the 68 and 95 % intervals, to the digits that their Monte Carlo errors allow."""
         size = self._effective()
@@ -184,13 +197,12 @@ def _walkers(samples, rest):
 
 def text_of(posterior: Any, long: bool = True) -> str:
     """A page of text on a posterior."""
-    samples = posterior.samples
     lines = heading(posterior.frame, posterior.model.priors.in_words())
     lines = [*lines, *_origin(posterior)] if long else lines[:1]
     lines += [
         *table_lines(posterior, _given(posterior.model.priors)),
         *_at_limits(posterior),
-        *_product(samples),
+        *_product(posterior),
         *note_lines(posterior.notes),
     ]
     return "\n".join(lines)
@@ -274,15 +286,17 @@ def _as_sure(row, effective):
     return [f"{round(value, digits):.{max(digits, 0)}f}" for value in row[:5]]
 
 
-def _product(samples, wide=1 / 3):
+#: H0 is given by limits where its standard deviation is more than this share of its median.
+_WIDE = 1 / 3
+
+
+def _product(posterior):
     """v · H0, and one-sided limits of H0, where its error is too large for a ±."""
-    hubble = samples["H0"]
-    low, middle, high = np.percentile(hubble, [5, 50, 95])
-    if np.std(hubble) < wide * middle:
+    if posterior.hubble_limits is None:
         return []
-    product = np.percentile(samples["speed"] * hubble, [50, 15.865525, 84.134475])
+    low, high = posterior.hubble_limits
+    product = posterior.product
     return [
-        "H0 is known to no better than a third: what the motions tell is",
         f"v · H0            {product[0]:10.0f}{product[1]:11.0f} …{product[2]:9.0f}  (km/s)²/Mpc",
         f"H0                below {three_digits(high)} with 95 %, above {three_digits(low)} with 95 % (one-sided)"
         "  km/s/Mpc",

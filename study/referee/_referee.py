@@ -70,7 +70,7 @@ class Referee(InNotebook):
         if worst is None:
             return "No check could be asked"
         if p >= HINT:
-            return f"None of {n} checks speaks against it (the smallest p-value, times {n}: {printed_p_value(p)})"
+            return f"none of {n} contradicts it (the smallest p-value, times {n}: {printed_p_value(p)})"
         seen = "The instrument is seen" if p < SEEN else "A hint of the instrument, no more"
         rest = f"{worst.answer}; p = {printed_p_value(p)} after allowing for {n} checks"
         return f"{seen}, where it should be {worst.question} ({rest})"
@@ -128,8 +128,9 @@ class Referee(InNotebook):
             p = printed_p_value(check.p_value)
             lines.append(f"  {check.question:{_WIDTH + 6}}{p:>10} {face:>10}  {check.answer}")
         if not long:
-            left = f"{max(len(asked) - _LISTED, 0)} more were asked"
-            lines.append(f"  {left}, {len(self.checks) - len(asked)} could not be")
+            lacking = len(self.checks) - len(asked)
+            shown = f"  the {min(_LISTED, len(asked))} of {len(asked)} checks with the smallest p-values"
+            lines.append(shown + (f"; {lacking} more need columns that this table has not" if lacking else ""))
         return "\n".join(lines) + "\n"
 
     def tables(self) -> dict[str, Table]:

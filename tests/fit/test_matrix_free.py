@@ -5,6 +5,7 @@ import pytest
 from conftest import random_field
 
 import fit
+import fit.matrix_free
 import sim
 from vsh import Coefficients, Field, Mode, Modes
 from vsh.tools.errors import ConvergenceError, CovarianceError, FieldError
@@ -91,3 +92,15 @@ def test_degree_200_of_a_million_sources():
     assert np.abs(pulls).max() < 4
     # χ² of 2n − p degrees of freedom.
     assert abs(free.chi2 / free.dof - 1) < 5 * np.sqrt(2 / free.dof)
+
+
+def test_the_condition_is_that_of_the_preconditioned_matrix():
+    """Extreme eigenvalues of the dense matrix, by operating on unit vectors."""
+    field = random_field(900, 3)
+    modes = Modes(14)
+    solution = fit.solve_matrix_free(field, modes, prior_power=1e3, tolerance=1e-12, progress=False)
+    system = fit.matrix_free._System(field, modes, 1e3, None)
+    unit = np.eye(len(modes))
+    dense = np.stack([system.precondition(system.apply(row)) for row in unit], axis=1)
+    values = np.sort(np.linalg.eigvals(dense).real)
+    assert solution.condition == pytest.approx(values[-1] / values[0], rel=0.05)

@@ -98,8 +98,8 @@ def test_influence_is_what_leaving_one_out_does():
 def test_a_verdict_and_tests_beside_the_table():
     solution = link(sim.link(2, 120, **FRAME, jump=(50, 0, 0)), steps=[13.0])
     assert dict(solution.answer.lines)["spin"].partition(" ")[0].replace(".", "").isdecimal()
-    assert "a jump of the spin at 13 mag (p = " in solution.verdict
-    assert " of both together" in solution.verdict
+    assert "spin detected (p = " in dict(solution.answer.lines)["jump at 13"]
+    assert "both together p = " in solution.verdict
     table = solution.to_table()
     assert table.meta["p_value_jump_13"] == solution.jump_p_values(13.0)[0]
     assert list(table["unit"]) == ["uas" if "epsilon" in name else "uas / yr" for name in solution.names]
