@@ -394,7 +394,12 @@ def test_the_place_of_a_jump_is_found():
     # The search, the link's verdict and its table have one p-value: that after all places.
     assert search.solution.jump_p_values(12.9)[0] == search.p_value > search.p_values.min()
     assert search.verdict == search.solution.verdict
-    assert "after allowing for all places" in search.verdict
+    assert "p-values allow for all places" in search.verdict
+    nothing = find_step(sim.link(2, 40), [11.0, 13.0])
+    assert nothing.p_value > 0.0027
+    quoted = dict(nothing.answer.lines)
+    assert quoted["spin"] == dict(nothing.whole.answer.lines)["spin"] != dict(nothing.solution.answer.lines)["spin"]
+    assert quoted["errors"].endswith("without a jump")
     assert search.solution.to_table().meta["p_value_jump_12.9"] == search.p_value
     assert search.report().startswith("p = ")
     np.testing.assert_allclose(search.solution.values, link(stars, steps=[12.9], excess=False).values)

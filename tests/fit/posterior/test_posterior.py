@@ -398,3 +398,20 @@ def test_digits_are_those_that_the_sample_has():
     kept = found.kept()
     assert kept.report().splitlines()[-9:] != []
     assert kept._effective() == found._effective()
+
+
+@pytest.mark.parametrize("velocity", ["flat", "flat-product"])
+def test_the_conditional_is_the_integral_over_velocities(velocity):
+    """ln of a Gaussian's integral over u is its density at the peak less half of ln det: for each H0, up to one constant."""
+    field = galaxies(300)
+    calibration = parallax_equations(field, peculiar_dispersion=300.0, flows=None)
+    model = parallax_model(calibration, checked_priors(Priors(velocity, Flat(40, 120)), "icrs"))
+    hubble = np.array([[45.0], [70.0], [110.0]])
+    log, mean, _ = model.conditional(hubble)
+    ratio = hubble / model.likelihood.hubble
+    coordinates = np.column_stack([mean * ratio if model.along == "u" else mean, hubble])
+    _, _, matrix = model.likelihood(model.spreads(hubble)[0])
+    if model.along == "v":
+        matrix = matrix * ratio[:, :, None] ** 2
+    by_hand = model.log_probability(coordinates) - np.linalg.slogdet(matrix)[1] / 2
+    np.testing.assert_allclose(np.diff(log), np.diff(by_hand), atol=1e-9)
