@@ -1,0 +1,69 @@
+"""Lines of code by room: a budget that goes down. Who needs more says in the commit what goes for it."""
+
+import ast
+import tokenize
+from collections import Counter
+from functools import cache
+
+import pytest
+from conftest import ROOT
+
+PACKAGES = ("vsh", "fit", "sim", "study")
+#: Lines of code (no docstrings, comments or blank lines) that a room may have.
+BUDGET = {
+    "fit": 2843, "fit/background": 2280, "fit/commands": 1207, "fit/correlation": 813, "fit/distances": 693,
+    "fit/galaxy": 194, "fit/in_time": 751, "fit/link": 1172, "fit/methods": 184, "fit/normal": 543,
+    "fit/output": 926, "fit/pairs": 597, "fit/posterior": 1413, "fit/redshift": 772, "fit/resample": 293,
+    "fit/robust": 578, "fit/secular_parallax": 1399, "fit/shear": 176, "fit/waves": 423, "sim": 957,
+    "sim/agis": 2017, "sim/commands": 458, "sim/gaia": 477, "sim/scanning": 466, "sim/signal": 365, "study": 964,
+    "study/forecast": 314, "study/gaia": 441, "study/referee": 953, "vsh": 1448, "vsh/commands": 2373,
+    "vsh/figures": 1081, "vsh/io": 5108, "vsh/models": 966, "vsh/sky": 419, "vsh/tools": 1517,
+}  # fmt: skip
+_NO_CODE = {
+    tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT, tokenize.ENCODING,
+    tokenize.ENDMARKER,
+}  # fmt: skip
+
+
+def code_lines(path):
+    """How many lines of a file hold code."""
+    with path.open("rb") as file:
+        lines = {
+            line
+            for token in tokenize.tokenize(file.readline)
+            if token.type not in _NO_CODE
+            for line in range(token.start[0], token.end[0] + 1)
+        }
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        is_home = isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef)
+        if is_home and ast.get_docstring(node, clean=False) is not None:
+            first = node.body[0]
+            lines -= set(range(first.lineno, (first.end_lineno or first.lineno) + 1))
+    return len(lines)
+
+
+@cache
+def rooms():
+    """Lines of code of each folder, and of the files beside the folders of a package."""
+    counts: Counter[str] = Counter()
+    for package in PACKAGES:
+        for path in (ROOT / package).rglob("*.py"):
+            inside = path.relative_to(ROOT / package).parts
+            counts[f"{package}/{inside[0]}" if len(inside) > 1 else package] += code_lines(path)
+    return counts
+
+
+@pytest.mark.parametrize("room", sorted({*BUDGET, *rooms()}))
+def test_a_room_keeps_its_budget(room):
+    assert room in BUDGET, f"{room} is new: give it a budget, and say what goes for it"
+    count = rooms()[room]
+    assert count <= BUDGET[room], f"{room} has {count} lines of code, and {BUDGET[room]} are its budget"
+    assert count >= BUDGET[room] - 25, f"{room} has {count} lines of code: lower its budget from {BUDGET[room]}"
+
+
+def test_what_counts_as_code(tmp_path):
+    path = tmp_path / "some.py"
+    path.write_text(
+        '"""What it is."""\n\n# why\nx = (\n    1,\n)\n\n\ndef f():\n    """One line."""\n    return """a\nb"""\n'
+    )
+    assert code_lines(path) == 6
