@@ -231,6 +231,9 @@ def test_rows_of_the_sources(catalogue, tmp_path, capsys):
     """A row each, whose residuals, errors and weights are those of the fit."""
     field = vsh.io.catalogue.read_field(catalogue)
     assert main([catalogue, "--output", str(tmp_path / "out"), "--no-figures"]) == 0
+    if len(field) > 100_000:
+        assert not list((tmp_path / "out").glob("sources.*"))  # a table as large as the catalogue
+        return
     table, result = Table.read(tmp_path / "out" / "sources.ecsv"), fit.recommended(field)
     left = result.solution.residuals(field)
     np.testing.assert_allclose(np.stack([table["residual_east"], table["residual_north"]]), left.motion, rtol=1e-9)
