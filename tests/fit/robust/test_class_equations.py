@@ -18,7 +18,7 @@ def heavy(quasars, rng, acceleration=(0, 0, 0)):
     return field.minus(field.motion - truth - noise)
 
 
-@pytest.mark.parametrize("part", [0.25, 0.5])
+@pytest.mark.parametrize("part", [0.25, pytest.param(0.5, marks=pytest.mark.slow)])
 def test_the_vector_of_a_class_is_not_drawn_to_that_of_all(part):
     """Weights are taken about the fit of all: without a correction the difference was a third too small."""
     rng, quasars, seen, errors = np.random.default_rng(2), sim.quasars(2000, 3), [], []
@@ -40,6 +40,7 @@ def test_the_whole_has_the_solution_of_the_fit():
     np.testing.assert_allclose(fit.solve(fitted.equations(field, 2)).values, fitted.solution.values, atol=1e-5)
 
 
+@pytest.mark.slow
 def test_bins_of_redshift_by_each_estimator():
     """p-values of bins that do not differ, errors half as large and tails heavy; and what no bins are fitted by."""
     rng, quasars, p = np.random.default_rng(5), sim.quasars(1500, 3), []
