@@ -164,6 +164,9 @@ def _likeliest_nu(mean_logs, components):
     return float(np.exp(minimize_scalar(loss, bounds=(_LOW, _HIGH), method="bounded").x))
 
 
+#: From so many numbers on a step is Newton's, which is at most so many times that of the weights alone. Few sources, of
+#: which one may weigh as much as all others, take the short steps.
+_MANY, _FARTHEST = 40_000, 2.0
 #: Rounds after which leverages are held fixed.
 _ADAPTING = 15
 
@@ -349,6 +352,11 @@ def _reweighted(sky, modes, weight, name, tolerance, max_rounds, power):
         share = Share(solution, weight, leverage)
         weighted = sky.sum(partial(_weighted, share=share, modes=modes), roles=(), words=words)
         solution = solve(weighted["normal"])
+        if plain.n_data >= _MANY:
+            # Newton's step for the scores: that of the weights alone falls short where these follow the residuals.
+            further = min(weighted["u"] / max(weighted["ψ'"], 1e-300), _FARTHEST)
+            moved_to = values + further * (solution.values - values)
+            solution = replace(solution, coefficients=type(solution.coefficients)(modes, moved_to))
         if rounds <= _ADAPTING:  # held fixed later, so that all settles
             leverage = len(modes) / modes.components / weighted["information"]
         moved = np.max(np.abs(solution.values - values) / plain.sigma)
@@ -394,8 +402,11 @@ def _plain(field, modes):
 
 
 def _weighted(field, share, modes):
-    _, u, _, _ = share(field)
+    x2, u, slope, _ = share(field)
+    weight = field.information
     return {
+        "u": float(weight @ u),
+        "ψ'": float(weight @ (u + 2 / field.components * slope * x2)),
         "normal": normal_equations(field.with_errors(field.sigma / np.sqrt(u)), modes),
         "information": float(np.sum(u * field.information)),
     }

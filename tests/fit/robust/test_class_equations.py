@@ -60,3 +60,14 @@ def test_bins_of_redshift_by_each_estimator():
     galaxies = sim.observe(sim.galaxies(600, 1), sim.secular_parallax((300, 0, 0)), rng=1, sigma=5.0)
     with pytest.raises(ParameterError, match="share flows: their bins are fitted by least-squares, not student"):
         binned(galaxies, 1, 2, method="student")
+
+
+def test_many_sources_settle_in_few_rounds():
+    """By Newton's steps: to where the weights alone move nothing, and in fewer rounds than they need."""
+    rng, quasars = np.random.default_rng(4), sim.quasars(25_000, 3)
+    field = heavy(quasars, rng, (0, 20, 0))
+    fitted = student_t(field, 2)
+    assert fitted.n_rounds <= 7
+    weighted = field.with_errors(field.sigma / np.sqrt(fitted.weights))
+    again = fit.solve(fit.normal_equations(weighted, 2))
+    assert np.max(np.abs(again.values - fitted.solution.values) / again.sigma) < 1e-4
