@@ -233,12 +233,9 @@ class Reweighted(AboutSolution):
         factor = sums["u"] * sums["ψ²"] / (modes.components * sums["ψ'"] ** 2)
         work = partial(_class_equations, share=self.share, modes=modes, stretch=sums["u"] / sums["ψ'"])
         normal = sky.sum(work, roles=(), words=words)
-        normal = replace(
-            normal, matrix=normal.matrix / factor, rhs=normal.rhs / factor, chi2_null=normal.chi2_null / factor
-        )
-        if not templates:
-            return normal
-        return replace(normal, templates=template_fields(templates, modes, normal.frame or "icrs"))
+        scaled = {name: getattr(normal, name) / factor for name in ("matrix", "rhs", "chi2_null")}
+        beside = template_fields(templates, modes, normal.frame or "icrs") if templates else normal.templates
+        return replace(normal, templates=beside, **scaled)
 
     def most_downweighted(self, n_sources: int = 10) -> IntArray:
         """Indices of the `n_sources` with the least weight, least first.
@@ -358,7 +355,7 @@ def _reweighted(sky, modes, weight, name, tolerance, max_rounds, power):
             moved_to = values + further * (solution.values - values)
             solution = replace(solution, coefficients=type(solution.coefficients)(modes, moved_to))
         if rounds <= _ADAPTING:  # held fixed later, so that all settles
-            leverage = len(modes) / modes.components / weighted["information"]
+            leverage = len(modes) / modes.components / weighted["u"]
         moved = np.max(np.abs(solution.values - values) / plain.sigma)
         values = solution.values
         if moved < tolerance:
@@ -402,14 +399,9 @@ def _plain(field, modes):
 
 
 def _weighted(field, share, modes):
-    x2, u, slope, _ = share(field)
-    weight = field.information
-    return {
-        "u": float(weight @ u),
-        "ψ'": float(weight @ (u + 2 / field.components * slope * x2)),
-        "normal": normal_equations(field.with_errors(field.sigma / np.sqrt(u)), modes),
-        "information": float(np.sum(u * field.information)),
-    }
+    _, u, _, _ = share(field)
+    normal = normal_equations(field.with_errors(field.sigma / np.sqrt(u)), modes)
+    return {"normal": normal} | _class_sums(field, share)
 
 
 def _class_equations(field, share, modes, stretch):
