@@ -1,6 +1,5 @@
 """`vsh-redshift`: our velocity, the Hubble constant and dipoles in redshift bins, on the command line."""
 
-from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
@@ -81,15 +80,13 @@ def _run(options):
         whole = _clipped(whole, options.clip)
     velocity, cosmology = reading.velocity_of(options.velocity), _cosmology(options)
     ours = velocity or CMB_VELOCITY_PLANCK18
-    results, truth = {}, catalogue.truth_of(source)
-    texts: list[Callable[[bool], str]] = [lambda long: "\n".join(lines) + "\n"]
+    results, truth, p_values, shared_words = {}, catalogue.truth_of(source), None, ""
     if options.bins:
         results["bins"] = _binned(whole, options, options.lmax)
         asked = options.floor or (results["bins"].counts.sum() >= MANY and not options.no_floor)
         # Permutations know nothing of what sources share: they have no word where that is asked for.
         p_values = None if asked else _p_values(whole, results["bins"], options, ours)
-        texts.append(partial(_of_bins, results["bins"], ours, p_values))
-        texts.append(_add_shared(results, whole, options) if asked else _left_out(whole, results["bins"]))
+        shared_words = _add_shared(results, whole, options) if asked else _left_out(whole, results["bins"])
     common = {
         "cosmology": cosmology,
         "peculiar_dispersion": options.peculiar_dispersion,
@@ -108,17 +105,22 @@ def _run(options):
     unfinished = None
     if options.posterior:
         try:
-            posterior = _posterior(field, options, common)
-            results["posterior"] = posterior
+            results["posterior"] = _posterior(field, options, common)
         except ConvergenceError as error:  # what else was found is written all the same
             unfinished = error
-            failed = f"posterior: {error}\n"
-            texts.append(lambda long: failed)
-    texts.append(partial(_of_estimates, results, source.label, truth))
+
+    def text(long):
+        parts = ["\n".join(lines) + "\n"]
+        if "bins" in results:
+            parts.append(results["bins"].report(ours, p_values, long=long))
+        shared = results["shared"].report(what="redshift", long=long) if "shared" in results else ""
+        parts += [shared_words + shared, "" if unfinished is None else f"posterior: {unfinished}\n"]
+        return "\n".join(filter(None, [*parts, _of_estimates(results, source.label, truth, long)]))
+
     finishing.finish(
         options,
         finishing.RunResult(
-            lambda long: "\n".join(filter(None, (each(long) for each in texts))),
+            text,
             lambda: _tables(results, truth),
             () if isinstance(whole, Parts) else whole.notes,
             answer=_answer(results),
@@ -132,11 +134,6 @@ def _run(options):
     )
     if unfinished is not None:
         raise unfinished
-
-
-def _of_bins(bins, velocity, p_values, long):
-    """The bins as text."""
-    return bins.report(velocity, p_values, long=long)
 
 
 def _of_estimates(results, label, truth, long):
@@ -201,18 +198,23 @@ def _away(value, error):
     return f"{distance:.1f} σ from 67 to 73" if distance else "between or at 67 and 73"
 
 
-def _of_posterior(posterior):
-    """H0 and the speed by the posterior, medians with 68 % intervals, and the priors they rest on."""
-    rows = posterior.summary()
-    h0 = rows["H0"]
-    error = (h0.median - h0.low68) if h0.median > _PUBLISHED[1] else (h0.high68 - h0.median)
-    printed = posterior.print_summary()
-    median, low, high, *_ = printed["H0"]
-    lines = [("H0", f"{median} km/s/Mpc ({low} to {high}, 68 %), posterior; {_away(h0.median, error)}")]
+def _hubble_of(posterior):
+    """H0 by the posterior, with its interval or as a limit; and how it stands to the published values."""
     if posterior.hubble_limits is not None:
         _, below = posterior.hubble_limits
         beside = "allows" if below > _PUBLISHED[0] else "excludes"
-        lines = [("H0", f"not determined: < {three_digits(below)} km/s/Mpc (95 %), posterior; {beside} 67 to 73")]
+        return f"not determined: < {three_digits(below)} km/s/Mpc (95 %)", f"{beside} 67 to 73"
+    h0 = posterior.summary()["H0"]
+    error = (h0.median - h0.low68) if h0.median > _PUBLISHED[1] else (h0.high68 - h0.median)
+    median, low, high, *_ = posterior.print_summary()["H0"]
+    return f"{median} km/s/Mpc ({low} to {high}, 68 %)", _away(h0.median, error)
+
+
+def _of_posterior(posterior):
+    """H0 and the speed by the posterior, medians with 68 % intervals, and the priors they rest on."""
+    rows, printed = posterior.summary(), posterior.print_summary()
+    lines = [("H0", "{}, posterior; {}".format(*_hubble_of(posterior)))]
+    if posterior.hubble_limits is not None:
         product = [f"{value:.0f}" for value in posterior.product]
         lines.append(("v · H0", f"{product[0]} (km/s)²/Mpc ({product[1]} to {product[2]}, 68 %)"))
     v = rows.get("speed")
@@ -319,7 +321,7 @@ def _ask_for_frame(field, options, common, label):
 
 
 def _add_shared(results, whole, options):
-    """What bins share as a result, and in words."""
+    """Add what bins share to the results; returns the words that stand before it, or in its place."""
     from fit.background import BEYOND, sees_part
 
     degree = options.lmax if options.lmax >= 3 else _DEGREE
@@ -332,10 +334,8 @@ def _add_shared(results, whole, options):
     except VshError as error:
         if options.floor:
             raise
-        words = f"errors above are without systematic errors, which are not known: {error}\n"
-        return lambda long: words
-    words = "p-values above are for independent errors; with systematic errors:\n\n"
-    return lambda long: words + results["shared"].report(what="redshift", long=long)
+        return f"errors above are without systematic errors, which are not known: {error}\n"
+    return "p-values above are for independent errors; with systematic errors:\n\n"
 
 
 def _left_out(whole, bins):
@@ -343,18 +343,16 @@ def _left_out(whole, bins):
     import fit
     from fit.redshift import FLOW_MATTERS
 
-    floor = None
-    if bins.counts.sum() >= FEW and bins.flow_share <= FLOW_MATTERS:
-        floor = fit.fit_field(whole, _DEGREE).floor
-    words = (
-        ""
-        if floor is None
-        else (
-            f"not in these errors: the systematic floor, spin ± {floor.spin_error:.3g}, acceleration ± "
-            f"{floor.acceleration_error:.3g} µas/yr by degrees 2 to {_DEGREE} of all; --floor includes it\n"
-        )
+    if bins.counts.sum() < FEW or bins.flow_share > FLOW_MATTERS:
+        return ""
+    try:
+        floor = fit.background.floor(fit.fit_field(whole, _DEGREE))
+    except VshError:  # of few sources, or on little of the sky, it is not known
+        return ""
+    return (
+        f"not in these errors: what sources share over the sky, spin ± {floor.spin_error:.3g}, acceleration ± "
+        f"{floor.acceleration_error:.3g} µas/yr by degrees 2 to {_DEGREE} of all; --floor includes it\n"
     )
-    return lambda long: words
 
 
 def _binned(field, options, lmax):
@@ -494,8 +492,7 @@ def _cards(results):
         size = size if _is_told(solution) else f"< {three_digits(solution.hubble_limits[1])} km/s/Mpc (95 %)"
         cards.append(("The Hubble constant", size, f"least squares {solution.hubble:.3g}"))
     if "posterior" in results:
-        size, _, more = dict(_of_posterior(results["posterior"]))["H0"].partition(", posterior; ")
-        cards.append(("H0, posterior", size, more))
+        cards.append(("H0, posterior", *_hubble_of(results["posterior"])))
     for name in ("velocity", "hubble"):
         if name in results:
             quality = results[name].quality

@@ -166,9 +166,9 @@ def _weighted(field, modes, edges, method, value, theory, rng):
     if theory is not None and binned(field, 1, edges, flows=theory).flow_share > FLOW_MATTERS:
         raise ParameterError(f"near galaxies share flows: their bins are fitted by least-squares, not {method}")
     fitted = estimate(field, None if method == "recommended" else modes, method, value, rng=rng)
-    if fitted.n_clipped:
+    if method == "clip":
         return fitted.sources, None, (f"clipped {fitted.n_clipped} sources ({method})",)
-    if fitted.weights is None and method != "clip":
+    if fitted.weights is None:
         raise ParameterError(
             f"bins are fitted by least-squares, clip, recommended, student, permissive or excess-noise, not {method}"
         )
