@@ -312,7 +312,7 @@ class Solution(Summarised, HarmonicSolution):
         first = f"degree {self.modes.lmax}, {self.n_sources} sources, {self.frame}, errors: {self.error_source.value}"
         first += " and systematic floor" * self.includes_floor
         names = ("spin", "acceleration") if self.modes.components == 2 and self.modes.lowest == 1 else ()
-        return "\n ".join([first, *(f"{name} {repr(getattr(self, name))[9:-1]}" for name in names)])
+        return "\n ".join([first, *(f"{name} {getattr(self, name).in_numbers()}" for name in names)])
 
     def report(
         self, *, check: Any = None, truth: dict[str, Any] | None = None, source: str | None = None, long: bool = False

@@ -54,10 +54,9 @@ class Coefficients(Frozen):
     _kind = Modes
 
     def __repr__(self) -> str:
-        modes = self.modes
-        largest = list(modes)[int(np.argmax(np.abs(self.values)))] if len(modes) else "none"
+        largest = list(self.modes)[int(np.argmax(np.abs(self.values)))] if len(self.modes) else "none"
         return (
-            f"<{type(self).__name__}: {len(modes)}, degrees {modes.lowest} to {modes.lmax}, rms "
+            f"<{type(self).__name__}: {len(self.modes)}, degrees {self.modes.lowest} to {self.modes.lmax}, rms "
             f"{np.sqrt(np.mean(self.values**2)):.3g}, largest {largest}>"
         )
 

@@ -538,8 +538,7 @@ class Field(ByColumns, Tabled):
     @property
     def information(self) -> FloatArray:
         """The trace of each source's inverse covariance, (n,). [(yr/µas)²]"""
-        total = (1 / self.sigma**2).sum(0)
-        return total / (1 - self.rho**2) if self.rho.any() else total
+        return (1 / self.sigma**2).sum(0) / ((1 - self.rho**2) if self.rho.any() else 1.0)
 
     @property
     def weights(self) -> FloatArray:

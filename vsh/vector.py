@@ -64,8 +64,12 @@ class Vector(Frozen):
         object.__setattr__(self, "covariance", covariance("the covariance of a Vector", self.covariance, 3))
 
     def __repr__(self) -> str:
+        return f"<Vector: {self.in_numbers()}>"
+
+    def in_numbers(self) -> str:
+        """Components with their errors, the unit and the frame, as a repr has them."""
         values, errors = (", ".join(f"{x:.3g}" for x in each) for each in (self.value, self.sigma))
-        return f"<Vector: ({values}) ± ({errors}) {self.unit}, {self.frame}>"
+        return f"({values}) ± ({errors}) {self.unit}, {self.frame}"
 
     @classmethod
     def from_spherical(

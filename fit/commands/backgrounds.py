@@ -22,10 +22,12 @@ class Backgrounds:
 
     def texts(self, long: bool) -> list[str]:
         """The floor and the limit on waves as text; short, the lines to quote have them."""
-        waves = self.results.get("waves")
-        shown = [self.solution.floor.report()] if long and self.solution.floor is not None else []
-        # Notes are those of the report above.
-        return [*shown, *([replace(waves, notes=()).report(self.years)] if long and waves is not None else [])]
+        if not long:
+            return []
+        shown = [self.solution.floor.report()] if self.solution.floor is not None else []
+        if "waves" in self.results:  # whose notes are those of the report above
+            shown.append(replace(self.results["waves"], notes=()).report(self.years))
+        return shown
 
     def write(self, folder: Path, meta: dict[str, Any]) -> None:
         """Write each result as a table."""

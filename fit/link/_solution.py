@@ -233,15 +233,15 @@ class LinkSolution(NamedSolution):
             f"differences free of their own positions, parallaxes and motions ({self.frame} axes)",
             "turned by ε + ω (t − "
             f"{unknowns.epoch:g}): Δα* = q·ε, Δδ = −p·ε, turned less reference; ICRF3's R1, R2, R3 are −ε",
-            f"{'':24}{'value':>12}{'±':>10}",
         ]
-        for name, value, sigma in zip(self.names, self.values, self.sigma, strict=True):
-            if unknowns.steps and not long:
-                break  # the levels below say it in fewer lines
+        shown = list(zip(self.names, self.values, self.sigma, strict=True))
+        if unknowns.steps and not long:
+            shown = []  # the levels below say it in fewer lines
+        else:
+            lines.append(f"{'':24}{'value':>12}{'±':>10}")
+        for name, value, sigma in shown:
             unit = "µas" if "epsilon" in name else "µas/yr"
             lines.append(f"{name:24}{value:+12.2f}{sigma:10.2f} {unit}")
-        if unknowns.steps and not long:
-            lines.pop()
         lines += self._levels(long)
         if long and {"orientation", "spin"} <= set(unknowns.vectors):
             quiet = self.quiet_epoch

@@ -39,12 +39,8 @@ class Weighted(AboutSolution):
 
         Parameters
         ----------
-        field : Field or Parts
-            Sources that were fitted.
-        modes : Modes, or the degree lmax
-            What the equations are for.
-        templates : sequence of fit.background.Template
-            As for `fit.normal_equations`.
+        field, modes, templates
+            As for `fit.robust.Reweighted.equations`.
         """
         if self.weights is None:
             return normal_equations(field, modes, templates=templates)

@@ -50,12 +50,8 @@ class ExcessNoise(AboutSolution):
 
         Parameters
         ----------
-        field : Field or Parts
-            Sources that were fitted.
-        modes : Modes, or the degree lmax
-            What the equations are for.
-        templates : sequence of fit.background.Template
-            As for `fit.normal_equations`.
+        field, modes, templates
+            As for `Reweighted.equations`.
         """
         enlarged = as_parts(field).map(_Enlarged(self.excess_noise**2, self.scale**2))
         return normal_equations(enlarged, as_modes(modes), templates=templates)

@@ -39,6 +39,19 @@ _NODES = chebyshev.chebpts1(36)
 _LOW, _HIGH = np.log([0.5, 200.0])
 
 
+def _share_by_steps(weight, chi2, largest):
+    """Newton's steps to where share and weight agree: it depends on u, and u on it, the less the larger it is."""
+    own = np.zeros(len(chi2))
+    for _ in range(_STEPS):
+        x2 = chi2 / (1 - own)
+        u, slope = weight(x2)
+        step = (np.minimum(largest * u, 0.9) - own) / (1 - largest * slope * x2 / (1 - own))
+        own = np.clip(own + step, 0.0, 0.9)
+        if np.max(np.abs(step)) < 1e-13:
+            break
+    return own
+
+
 @dataclass(frozen=True)
 class StudentT:
     """Weights of the multivariate t distribution, and their derivatives with respect to X²."""
@@ -53,17 +66,17 @@ class StudentT:
         u = (self.nu + self.components) / (self.nu + x2)
         return u, -u / (self.nu + x2)
 
-    def share_of(self, chi2: FloatArray, largest: FloatArray) -> FloatArray | None:
-        """The share s of each source in its own fit, (n,), at the weight of X²/(1 − s); None near the cap.
+    def share_of(self, chi2: FloatArray, largest: FloatArray) -> FloatArray:
+        """The share s of each source in its own fit, (n,), at the weight of X²/(1 − s).
 
-        It solves s (ν + X²/(1 − s)) = s₁ (ν + k), a quadratic equation, where s₁ is the share of a weight of 1.
+        It solves s (ν + X²/(1 − s)) = s₁ (ν + k), a quadratic equation, where s₁ is the share of a weight of 1; by
+        steps where a share may come near its cap.
         """
         most = largest * (self.nu + self.components)
         if most.max() > self.nu / 2:
-            return None
+            return _share_by_steps(self, chi2, largest)
         b = self.nu + chi2 + most
-        share: FloatArray = 2 * most / (b + np.sqrt(b**2 - 4 * self.nu * most))
-        return share
+        return np.asarray(2 * most / (b + np.sqrt(b**2 - 4 * self.nu * most)), float)
 
     def fitted(self, sky: Parts, share: Share, words: str) -> StudentT:
         """These weights with the likeliest ν, from the residuals and leverages at the current ν."""
@@ -90,8 +103,7 @@ class Permissive:
         i2, i4, i6 = (gamma(a) * gammainc(a, q) / q**a for a in (self.components + 1) / 2 + np.arange(3))
         return i4 / i2, (np.square(i4 / i2) - i6 / i2) / 2
 
-    def share_of(self, chi2: FloatArray, largest: FloatArray) -> None:
-        """None: there is no closed form."""
+    share_of = _share_by_steps
 
     def fitted(self, sky: Parts, share: Share, words: str) -> Permissive:
         """The same: there is no parameter to fit."""
@@ -124,17 +136,7 @@ class Share:
         """X² over one less the share, u and its slope, each (n,); and the residuals, (components, n)."""
         residual = self.solution.residuals(field)
         chi2, largest = residual.chi2, self.leverage * field.information
-        known = self.weight.share_of(chi2, largest)
-        own = np.zeros(len(field)) if known is None else known
-        # The share depends on u, and u on the share, the less the larger it is: Newton's steps to where both agree.
-        for _ in range(_STEPS if known is None else 0):
-            x2 = chi2 / (1 - own)
-            u, slope = self.weight(x2)
-            step = (np.minimum(largest * u, 0.9) - own) / (1 - largest * slope * x2 / (1 - own))
-            own = np.clip(own + step, 0.0, 0.9)
-            if np.max(np.abs(step)) < 1e-13:
-                break
-        x2 = chi2 / (1 - own)
+        x2 = chi2 / (1 - self.weight.share_of(chi2, largest))
         return x2, *self.weight(x2), residual.data
 
 
@@ -352,8 +354,8 @@ def _reweighted(sky, modes, weight, name, tolerance, max_rounds, power):
         if plain.n_data >= _MANY:
             # Newton's step for the scores: that of the weights alone falls short where these follow the residuals.
             further = min(weighted["u"] / max(weighted["ψ'"], 1e-300), _FARTHEST)
-            moved_to = values + further * (solution.values - values)
-            solution = replace(solution, coefficients=type(solution.coefficients)(modes, moved_to))
+            coefficients = replace(solution.coefficients, values=values + further * (solution.values - values))
+            solution = replace(solution, coefficients=coefficients)
         if rounds <= _ADAPTING:  # held fixed later, so that all settles
             leverage = len(modes) / modes.components / weighted["u"]
         moved = np.max(np.abs(solution.values - values) / plain.sigma)

@@ -23,13 +23,13 @@ def text_of(solution: Any, source: str | None = None, truth: dict[str, Any] | No
         f"{what} from the secular parallax of galaxies: {_cosmic(solution)}",
         f"{named}{solution.n_sources} sources, {solution.frame} axes{fitted}",
     ]
-    about = _dispersion(solution)
+    is_warned, about = _dispersion(solution)
     if long:
         lines.append(
             f"dispersion     {solution.peculiar_dispersion:g} km/s of peculiar velocities in each component, in the "
             "weights" + (", beside the flow" if solution.flow is not None else "")
         )
-    if long or (about and about[0].startswith("warning")):
+    if long or is_warned:
         lines += about
     if np.isnan(solution.values).all():
         lines += ["", "errors that a fit would have"]
@@ -60,18 +60,18 @@ def text_of(solution: Any, source: str | None = None, truth: dict[str, Any] | No
 
 
 def _dispersion(solution):
-    """What the residuals say of the dispersion."""
+    """Whether the residuals contradict the dispersion, and what they say of it."""
     preferred = solution.preferred
     if preferred is None:
-        return []
+        return False, []
     if solution.quality.factor > 1.2:
-        return ["               the residuals do not tell it: they contradict the errors themselves"]
+        return False, ["               the residuals do not tell it: they contradict the errors themselves"]
     if not preferred.constrained:
-        return ["               the residuals do not tell it"]
+        return False, ["               the residuals do not tell it"]
     prefer = f"the residuals prefer {preferred.low:.0f} to {preferred.high:.0f} km/s (68 %)"
     if preferred.gain < 4.5:  # ln L of three standard deviations
-        return [f"               {prefer}"]
-    return [
+        return False, [f"               {prefer}"]
+    return True, [
         f"warning        {prefer}: results are biased where the dispersion is wrong,",
         '               --peculiar-dispersion free ("free") takes what they prefer',
     ]

@@ -9,7 +9,7 @@ import numpy as np
 from fit.in_time import TimeEquations, normal_equations, waves
 from fit.quality import SEEN, hint_of, printed_p_value
 from fit.storage import Result
-from fit.waves._map import Whitened, chances, map_of, share_beyond
+from fit.waves._map import Whitened, chances, map_of, p_in_words, share_beyond
 from fit.waves._search import WaveSearch
 from vsh.io import tables
 from vsh.length import length_limits
@@ -92,10 +92,10 @@ class WaveSpectrum(Result):
     @property
     def answer(self) -> tuple[tuple[str, str], ...]:
         """The lines to quote: whether a wave is detected, and how strong one can be."""
-        p, most = printed_p_value(self.p_value), "at most " * (self.p_value * (1 + self.n_skies) < 1.5)
         best = int(np.argmax(self.statistic))
+        p = p_in_words(self.p_value, self.n_skies)
         found = "detected" if self.p_value < SEEN else "not detected"
-        words = f"{found} at {len(self.frequencies)} frequencies, p = {most}{p} of all of them together"
+        words = f"{found} at {len(self.frequencies)} frequencies, p = {p} of all of them together"
         if self.p_value < SEEN:
             words += f"; the largest at {self.frequencies[best]:.4g} per year"
         elif hint := hint_of(self.p_value):
@@ -118,7 +118,7 @@ class WaveSpectrum(Result):
             f"{self.degrees[-1]} of {self.n_data} numbers",
             f"largest 2F       {self.statistic[best]:.2f} at {self.frequencies[best]:.4g} a year, towards α = "
             f"{np.degrees(self.lon[best]) % 360:.1f}°, δ = {np.degrees(self.lat[best]):.1f}°",
-            f"p-value          {'at most ' * (self.p_value * (1 + self.n_skies) < 1.5)}{printed_p_value(self.p_value)} "
+            f"p-value          {p_in_words(self.p_value, self.n_skies)} "
             f"with all directions and frequencies looked at ({self.n_skies} simulated skies)",
             f"{'1/yr':>8}{'2F':>8}{'p alone':>10}{'95 % limit [µas] by direction':>32}{'strain, median':>16}",
         ]

@@ -8,6 +8,7 @@ from functools import lru_cache
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve, cholesky, solve_triangular
 
+from fit.quality import printed_p_value
 from vsh.models.waves import wave_templates
 from vsh.modes import Modes
 from vsh.sky.pixels import centres
@@ -89,3 +90,8 @@ def chances(white: Whitened, modes: Modes, nside: int, n_skies: int, rng: Rng, c
         noise = rng.standard_normal((len(white.values), min(100, n_skies - start)))
         largest.append(sum((part @ noise) ** 2 for part in rotated).max(axis=0))
     return np.concatenate(largest)
+
+
+def p_in_words(p_value: float, n_skies: int) -> str:
+    """A p-value of so many simulated skies as it is printed: "at most" where none of them had as much."""
+    return "at most " * (p_value * (1 + n_skies) < 1.5) + printed_p_value(p_value)

@@ -10,7 +10,7 @@ from fit.normal import NormalEquations
 from fit.quality import printed_p_value
 from fit.solution import HarmonicSolution
 from fit.storage import Result
-from fit.waves._map import Whitened, chance, map_of
+from fit.waves._map import Whitened, chance, map_of, p_in_words
 from vsh.io import tables
 from vsh.length import length_limits
 from vsh.models.waves import strain_of
@@ -140,11 +140,8 @@ class WaveSearch(Result):
                 f"largest 2F       {self.statistic.max():.2f} of {len(self.statistic)} directions; χ² of "
                 f"{len(self.amplitudes)} each from noise alone"
             ),
-            (
-                "p-value         "
-                f" {'at most ' * (self.p_value * (1 + self.n_skies) < 1.5)}{printed_p_value(self.p_value)} that noise "
-                f"alone gives as much anywhere ({self.n_skies} simulated skies)"
-            ),
+            f"p-value          {p_in_words(self.p_value, self.n_skies)} that noise alone gives as much anywhere "
+            f"({self.n_skies} simulated skies)",
         ]
         for frame in dict.fromkeys((self.frame, "galactic")):
             place = there.to_frame(frame).direction

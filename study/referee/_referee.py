@@ -19,6 +19,8 @@ from vsh.tools.notebook import InNotebook
 from vsh.tools.types import Rng, Table
 
 _WIDTH = 40
+#: The paper whose result is that of the lines to quote.
+_QUOTED = "klioner2021"
 #: How many checks a short report lists, those with the smallest p-values.
 _LISTED = 4
 
@@ -114,10 +116,8 @@ class Referee(InNotebook):
             lines.append(f"  result: {section.verdict}")
         if not long:
             lines.append("")
-            said = self.headline.fit.answer.sentence  # in the lines to quote
-            lines += [
-                f"{each.paper.short}: {each.lacking or each.verdict}" for each in self.sections if each.verdict != said
-            ]
+            others = [each for each in self.sections if each.paper.key != _QUOTED]
+            lines += [f"{each.paper.short}: {each.lacking or each.verdict}" for each in others]
         lines += ["", "Checks: p-values with systematic errors; in brackets by the formal errors alone"]
         asked = sorted((each for each in self.checks if not each.lacking), key=lambda each: _order(each.p_value))
         for check in self.checks if long else asked[:_LISTED]:
