@@ -93,7 +93,7 @@ CASES = [
         "np.abs(np.diff(markov_chain(np.linspace(0, 5, 1000), sigma=100.0, tau=2.0, rng=1))).max() < 50",
         "True",
     ),
-    ("fit.background._likelihood", "round(probability_above(18.30704, np.ones(10), np.zeros(10)), 5)", "0.05"),
+    ("fit.background._waves", "round(probability_above(18.30704, np.ones(10), np.zeros(10)), 5)", "0.05"),
     ("fit.galaxy._relations", "round(angular_speed(), 2)", "28.89"),
     ("fit.galaxy._relations", "round(angular_speed_error(), 3)", "0.26"),
     (

@@ -6,9 +6,9 @@ normal equations, with whatever else is fitted marginalised.
 
 from typing import TYPE_CHECKING
 
-from fit.background._amplitude import Amplitude, equations_of
-from fit.background._fit import Background, fit_amplitudes
+from fit.background._amplitude import Amplitude, Background, fit_amplitudes, trapezoids
 from fit.background._floor import SHAPES, Floor, floor
+from fit.background._likelihood import Amplitudes, equations_of
 from fit.normal import Template
 from vsh.models.covariance import Spectrum
 from vsh.tools.modules import lazily
@@ -16,15 +16,16 @@ from vsh.tools.modules import lazily
 if TYPE_CHECKING:
     from fit.background._cross import CrossPowers, cross_powers
     from fit.background._evidence import Comparison, compare_models, evidence
-    from fit.background._joint import shared_jointly as shared_jointly
-    from fit.background._leakage import BEYOND as BEYOND
-    from fit.background._leakage import sees_part as sees_part
-    from fit.background._leakage import widened as widened
+    from fit.background._shared import BEYOND as BEYOND
     from fit.background._shared import SharedErrors, Verdict, shared
+    from fit.background._shared import sees_part as sees_part
+    from fit.background._shared import shared_jointly as shared_jointly
+    from fit.background._shared import widened as widened
     from fit.background._waves import WaveLimit, wave_limit
 
 __all__ = [
     "Amplitude",
+    "Amplitudes",
     "Background",
     "Comparison",
     "CrossPowers",
@@ -49,9 +50,7 @@ __getattr__, __dir__ = lazily(
     {
         "_cross": ["CrossPowers", "cross_powers"],
         "_evidence": ["Comparison", "compare_models", "evidence"],
-        "_joint": ["shared_jointly"],
-        "_leakage": ["BEYOND", "sees_part", "widened"],
-        "_shared": ["SharedErrors", "Verdict", "shared"],
+        "_shared": ["BEYOND", "SharedErrors", "Verdict", "sees_part", "shared", "shared_jointly", "widened"],
         "_waves": ["WaveLimit", "wave_limit"],
     },
 )

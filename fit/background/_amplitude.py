@@ -1,21 +1,41 @@
-"""The likelihood of one amplitude, and what is read off it."""
+"""Amplitudes of backgrounds, by their marginal likelihood.
+
+What the data say of one amplitude, with the other amplitudes and the scale of the errors marginalised.
+
+Everything is a function of √A, in which the likelihood is smooth down to zero. ln|K| and Q are computed at Chebyshev
+nodes of the amplitudes (for one spectrum they are known everywhere) and summed over the others and over κ.
+"""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import reduce
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
+from scipy.special import gammaln
 
+from fit.background._likelihood import (
+    Likelihood,
+    Maximum,
+    equations_of,
+    fitted_degrees,
+    gauss_nodes,
+    is_scaled,
+    scales_of,
+    span_of,
+    words_of,
+)
 from fit.normal import NormalEquations
-from fit.quality import ErrorSource
-from fit.solution import HarmonicSolution, Solution
-from vsh.modes import Modes
+from fit.solution import HarmonicSolution
+from fit.storage import Result
+from vsh.io import tables
+from vsh.models.covariance import Spectrum
 from vsh.tools.arguments import between, choice
-from vsh.tools.errors import DegeneracyError, ModesError, ParameterError
+from vsh.tools.errors import ModesError
 from vsh.tools.notebook import Frozen
-from vsh.tools.notes import spoken
-from vsh.tools.types import ArrayLike, FloatArray, IntArray
+from vsh.tools.notes import note_lines
+from vsh.tools.parallel import blas_for
+from vsh.tools.types import ArrayLike, Axes, FloatArray, Table
 
 #: Densities that an amplitude A is given beforehand: 1, A^−½, 1/A.
 Prior: TypeAlias = Literal["flat", "root", "log"]
@@ -113,88 +133,239 @@ class Amplitude(Frozen):
         return x, np.interp(x, self.root, density, left=density[0]) / x
 
 
-def equations_of(source: Any) -> NormalEquations:
-    """Normal equations of data alone: as they are less their prior, or those that a solution is the solution of."""
-    source = _about(source)
-    if isinstance(source, NormalEquations | HarmonicSolution) and source.modes.components != 2:
-        raise ParameterError(
-            "backgrounds are fields of motions: their spectra have toroidal and spheroidal parts, and a scalar field "
-            "has neither"
-        )
-    if isinstance(source, NormalEquations):
-        return source if source.prior is None else source - source.prior
-    if not isinstance(source, HarmonicSolution):
-        raise ParameterError(
-            f"a background is fitted to normal equations or to a Solution, not to a {type(source).__name__}: "
-            "fit.normal_equations(field, modes)"
-        )
-    if getattr(source, "by_prior", 0.0):
-        raise ParameterError(
-            "this solution holds a prior: give the normal equations of the data, fit.normal_equations(field, modes)"
-        )
-    formal = source.formal_covariance if isinstance(source, Solution) else None
-    if formal is None and source.covariance_dof < len(source.modes):
-        raise DegeneracyError(
-            f"{source.covariance_dof + 1:.0f} replicates determine no covariance of {len(source.modes)} coefficients: "
-            "take more of them, or a lower degree"
-        )
-    if np.isnan(source.values).any():
-        raise ParameterError("a prediction holds no data to fit a background to")
-    covariance = source.covariance
-    if formal is not None:
-        # The noise of a covariance from residuals or replicates would pass for power; its mean size has little.
-        covariance = formal * np.mean(np.diag(covariance) / np.diag(formal))
-    scale = np.sqrt(np.outer(np.diag(covariance), np.diag(covariance)))
-    try:
-        matrix = cho_solve(cho_factor(covariance / scale), np.eye(len(scale))) / scale
-    except np.linalg.LinAlgError:
-        raise DegeneracyError(
-            "the covariance of this solution is singular: no background can be fitted to it"
-        ) from None
-    rhs = matrix @ source.values
-    chi2_null = float(source.chi2 + rhs @ source.values)
-    return NormalEquations(source.modes, matrix, rhs, chi2_null, source.n_data, source.frame, spoken(source.notes))
+_POINTS = 401
 
 
-def errors_of(source: Any) -> tuple[str, ErrorSource]:
-    """Where the errors come from, in words and as one of a few; normal equations have those of the catalogue."""
-    about = _about(source)
-    return (getattr(about, "errors_from", "the catalogue"), getattr(about, "error_source", ErrorSource.CATALOGUE))
+def posteriors(
+    likelihood: Likelihood, best: Maximum, which: Sequence[int] | None = None
+) -> tuple[list[Amplitude], float]:
+    """What the data say of each amplitude, all others marginalised, and ln of the evidence relative to no background.
+
+    Notes
+    -----
+    The prior of the others is the uniform-shrinkage one, A/(A + u) uniform with u the amplitude seen at one standard
+    error (Daniels 1999, Canadian J. Statistics 27, 567); that of κ is 1/κ. The evidence is the mean likelihood.
+    """
+    with blas_for(len(likelihood.rhs)):
+        grid = _Grid(likelihood, best)
+    summaries = [grid.of(k) for k in (range(len(likelihood)) if which is None else which)]
+    return [each for each, _ in summaries], summaries[0][1]
 
 
-def is_scaled(source: Any, noise_scale: bool | None) -> bool:
-    """Whether the scale of the errors is estimated: as told, or where the errors are the catalogue's."""
-    scaled = choice("noise_scale", noise_scale, (None, True, False))
-    return errors_of(source)[1] == ErrorSource.CATALOGUE if scaled is None else scaled
+class _Grid:
+    """ln|K| and Q over all amplitudes of interest, and the sums over them."""
+
+    def __init__(self, likelihood: Likelihood, best: Maximum) -> None:
+        self.likelihood, self.best = likelihood, best
+        self.taus, self.weights = scales_of(likelihood, best)
+        self.spans = [span_of(likelihood, best, k) for k in range(len(likelihood))]
+        self.parts = likelihood.between(self.spans, self.taus)
+
+    def of(self, k: int) -> tuple[Amplitude, float]:
+        """Amplitude k with all others marginalised, and the evidence."""
+        nodes = {k: self._unit(k) * np.sinh(np.linspace(self._ends(k)[0], self._ends(k)[1], _POINTS))}
+        order = [k, *(j for j in range(len(self.spans)) if j != k)]
+        weights = []
+        for j in order[1:]:
+            y, weight = gauss_nodes(24, *self._ends(j))
+            nodes[j] = self._unit(j) * np.sinh(y)
+            weights.append(weight * self._unit(j) * np.cosh(y) * self._prior(j, nodes[j]))
+        logs = []
+        for tau, weight in zip(self.taus, self.weights, strict=True):
+            logdet, gain = self.parts([nodes[j] / np.sqrt(tau) for j in sorted(nodes)])
+            logs.append(self.likelihood.of_parts(logdet, gain, tau) + np.log(weight))
+        highest = np.max(logs)
+        total = np.transpose(np.exp(logs - highest).sum(0), order)
+        # Contracting the last axis first, the target stays.
+        sums = reduce(np.matmul, reversed(weights), total)
+        target = nodes[k]
+        evidence = float(np.log(trapezoids(sums * self._prior(k, target), target)[-1]) + highest) - self._nothing()
+        logarithm = np.log(sums + 1e-300)
+        return Amplitude(target, logarithm - logarithm.max()), evidence
+
+    def _unit(self, k):
+        """√A of the amplitude that is seen at one standard error."""
+        return np.sqrt(self.likelihood.unit[k]) * self.best.noise_scale
+
+    def _ends(self, k):
+        """The span by y = arsinh √(A/u), which resolves what is next to zero and what is far from it."""
+        return np.arcsinh(np.array(self.spans[k]) / self._unit(k))
+
+    def _prior(self, k, root):
+        u = self._unit(k) ** 2
+        return 2 * root * u / (u + root**2) ** 2
+
+    def _nothing(self):
+        """ln of the likelihood of no background, summed over κ alike."""
+        half, chi2 = self.likelihood.n_data / 2, self.likelihood.chi2 / 2
+        return float(gammaln(half) - half * np.log(chi2)) if self.likelihood.noise_scale else -chi2
 
 
-def fitted_degrees(modes: Modes, degrees: Any, name: str = "degrees") -> tuple[int, ...]:
-    """Degrees that are among those fitted, in order, each once."""
-    try:
-        listed = list(degrees) if isinstance(degrees, Iterable) else [degrees]
-        chosen = sorted({int(degree) for degree in listed if int(degree) == degree})
-    except (TypeError, ValueError, OverflowError, np.ma.MaskError):
-        chosen = []
-    if not chosen or len(chosen) != len(set(listed)):
-        raise ModesError(f"{name} must be whole numbers from 1 on, one at least, not {degrees!r}")
-    missing = [each for each in chosen if not 1 <= each <= modes.lmax]
-    if missing:
-        raise ModesError(f"degree {missing[0]} is not fitted: these normal equations go from degree 1 to {modes.lmax}")
-    return tuple(chosen)
+@dataclass(frozen=True, eq=False, repr=False)
+class Background(Result):
+    """Amplitudes of random fields of known spectra.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Names of the spectra.
+    amplitudes : (k,) array
+        By which the spectra are multiplied: where the likelihood is largest, none below zero.
+    covariance : (k, k) array
+        Covariance of the amplitudes, from the expected information; good where an amplitude is several times its error.
+    intervals : (k, 2) array
+        68 %, each with the other amplitudes and the scale of the errors marginalised; from zero where zero is likely.
+    noise_scale, noise_scale_error : float
+        Factor on the catalogue's errors; 1 and 0 where it was not estimated.
+    log_likelihood : float
+        Logarithm of the likelihood of these amplitudes, relative to no background.
+    log_evidence : float
+        ln of the mean likelihood, relative to no background, for amplitudes A whose A/(A + u) is uniform beforehand, u
+        the amplitude that is seen at one standard error.
+    degrees, free : tuple of int
+        Where the background is, and which degrees were fitted without a prior.
+    n_data : int
+        How many numbers were fitted.
+    frame : str
+    notes : tuple of str
+    """
+
+    names: tuple[str, ...]
+    amplitudes: FloatArray
+    covariance: FloatArray
+    intervals: FloatArray
+    noise_scale: float
+    noise_scale_error: float
+    log_likelihood: float
+    log_evidence: float
+    degrees: tuple[int, ...]
+    free: tuple[int, ...]
+    n_data: int
+    frame: str = "icrs"
+    notes: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        amplitudes = ", ".join(f"{name}: {value:.4g}" for name, value in zip(self.names, self.amplitudes, strict=True))
+        return f"<Background: {amplitudes}; degrees {words_of(self.degrees)}>"
+
+    @property
+    def sigma(self) -> FloatArray:
+        """Standard error of each amplitude, (k,)."""
+        return np.sqrt(np.diag(self.covariance))
+
+    def report(self) -> str:
+        """The amplitudes as text."""
+        wide = max(len(name) for name in self.names) + 2
+        lines = [
+            f"Backgrounds in degrees {words_of(self.degrees)} of {self.n_data // 2} sources"
+            + (f", degrees {words_of(self.free)} fitted freely" if self.free else ""),
+            f"{'':{wide}}{'amplitude':>24}{'68 %':>24}",
+        ]
+        for name, value, error, (low, high) in zip(
+            self.names, self.amplitudes, self.sigma, self.intervals, strict=True
+        ):
+            lines.append(f"{name:{wide}}{f'{value:.4g} ± {error:.2g}':>24}{f'{low:.4g} … {high:.4g}':>24}")
+        if self.noise_scale_error:
+            lines.append(f"scale of the errors   {self.noise_scale:.4f} ± {self.noise_scale_error:.4f}")
+        lines.append(f"relative to no background: ln L {self.log_likelihood:+.2f}, ln Z {self.log_evidence:+.2f}")
+        return "\n".join([*lines, *note_lines(self.notes)]) + "\n"
+
+    def to_table(self) -> Table:
+        """A row for each spectrum as an astropy Table."""
+        columns: dict[str, Any] = {
+            "spectrum": list(self.names),
+            "amplitude": self.amplitudes,
+            "sigma": self.sigma,
+            "low": self.intervals[:, 0],
+            "high": self.intervals[:, 1],
+        }
+        return tables.table_of(columns, {"frame": self.frame, "n_data": self.n_data})
+
+    def plot(self, *, ax: Axes | None = None) -> Axes:
+        """The amplitudes with their intervals on matplotlib axes."""
+        from fit.background._plot import plot_amplitudes
+
+        return plot_amplitudes(self, ax=ax)
 
 
-def places(modes: Modes, degrees: Iterable[int]) -> IntArray:
-    """Where the coefficients of some degrees are stored."""
-    return np.flatnonzero(np.isin(modes.degrees, list(degrees)))
+def fit_amplitudes(
+    normal: NormalEquations | HarmonicSolution,
+    spectra: Spectrum | Sequence[Spectrum],
+    noise_scale: bool | None = None,
+    *,
+    degrees: Iterable[int] | None = None,
+    free: Iterable[int] = (1,),
+) -> Background:
+    """Estimate the amplitudes of random fields of known spectra, whatever else is fitted marginalised.
+
+    Parameters
+    ----------
+    normal : NormalEquations or Solution
+        What was summed or fitted.
+    spectra : Spectrum or sequence of Spectrum
+        One for each amplitude.
+    noise_scale : bool, optional
+        Estimate a factor on the errors as well; unless given, where they do not come from residuals.
+    degrees : iterable of int, optional
+        Where the background is; all that are fitted and not free unless given.
+    free : iterable of int
+        Degrees that are fitted without a prior, and never shrunk. Degrees that are neither have no coefficients.
+
+    Raises
+    ------
+    ModesError
+        If a degree is not fitted, or is both free and of the background.
+    ParameterError
+        If a spectrum is negative, or has no power where it is looked for.
+    DegeneracyError
+        If the data do not determine what is free.
+
+    Notes
+    -----
+    The likelihood is exact for Gaussian errors (that of the dense 2N × 2N covariance to 1e-10). Tried on 500 skies,
+    ranks of the true amplitude are uniform.
+
+    Examples
+    --------
+    >>> from fit import normal_equations
+    >>> from vsh import Field
+    >>> rng = np.random.default_rng(1)
+    >>> field = Field(*rng.uniform(0, 1.5, (2, 500)), rng.normal(size=(2, 500)), np.ones((2, 500)))
+    >>> result = fit_amplitudes(normal_equations(field, 3), [Spectrum.waves(hubble=70)])
+    >>> bool(result.intervals[0, 0] == 0)
+    True
+    """
+    equations = equations_of(normal)
+    modes = equations.modes
+    listed = [spectra] if isinstance(spectra, Spectrum) else spectra
+    flat = fitted_degrees(modes, free, "free") if not _is_empty(free) else ()
+    left = [l for l in range(1, modes.lmax + 1) if l not in flat]
+    degrees = fitted_degrees(modes, left if degrees is None else degrees)
+    if both := set(degrees) & set(flat):
+        raise ModesError(f"degree {min(both)} is both free and of the background: name other degrees, or another free=")
+    scaled = is_scaled(normal, noise_scale)
+    likelihood = Likelihood(equations, listed, degrees, flat, scaled)
+    best = likelihood.maximum()
+    covariance = likelihood.covariance(best)
+    amplitudes, evidence = posteriors(likelihood, best)
+    k = len(likelihood)
+    error = float(np.sqrt(covariance[k, k]) / (2 * best.noise_scale)) if scaled else 0.0
+    return Background(
+        tuple(spectrum.name for spectrum in listed),
+        best.amplitudes,
+        covariance[:k, :k],
+        np.array([amplitude.interval(0.68) for amplitude in amplitudes]),
+        best.noise_scale,
+        error,
+        best.log_likelihood,
+        evidence,
+        degrees,
+        flat,
+        equations.n_data,
+        equations.frame or "icrs",
+        equations.notes,
+    )
 
 
-def words_of(degrees: Sequence[int]) -> str:
-    """Degrees as a reader sees them: "2, 3", "2 to 7"."""
-    degrees = list(degrees)
-    if len(degrees) > 2 and degrees == list(range(degrees[0], degrees[-1] + 1)):
-        return f"{degrees[0]} to {degrees[-1]}"
-    return ", ".join(map(str, degrees))
-
-
-def _about(source):
-    return getattr(source, "resampled_solution", getattr(source, "solution", source))
+def _is_empty(free):
+    return not isinstance(free, (int, np.integer)) and isinstance(free, Iterable) and not list(free)

@@ -1,48 +1,107 @@
 """The likelihood of what classes of sources share, and draws from its posterior.
 
 Class i sees c_i = θ_i + s_i: degree 1 free and its own, and systematics with Cov(s_i, s_j) = C_ij S, parity by parity,
-for one shape S; C = a² 11ᵀ + diag(b_i²) is what all share and what each has for itself. With A = blockdiag A_i the
-normal matrices of degrees 2 … L, degree 1 eliminated class by class, β their right-hand sides, Σ = C ⊗ S = R Rᵀ and
-G = 1 + Rᵀ A R = Λ Λᵀ,
+for one shape S; C = a² 11ᵀ + diag(b_i²) is what all share and what each has for itself. With A the normal matrix of
+degrees 2 … L, degree 1 eliminated class by class, β its right-hand sides, Σ = C ⊗ S = R Rᵀ and G = 1 + Rᵀ A R = Λ Λᵀ,
 
     ln L = ½ wᵀ w − Σ ln Λ_kk,   w = Λ⁻¹ Rᵀ β.
 
-Amplitudes of templates stand behind the modes, with one variance for all of them, the same in all classes.
+Classes that have no source in common have A = blockdiag A_i. Several catalogues of the same sources against one of them
+share their noise: A has blocks between any two then, a is what the reference has by itself, which all differences from
+it show, and b_i what catalogue i has. Amplitudes of templates stand behind the modes, with one variance for all of
+them, the same in all classes.
 
 The amplitudes a, b_i are drawn by importance sampling, flat in each beforehand; ln L is even in them.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise, product
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.linalg import cholesky, solve_triangular
+from scipy.linalg import block_diag, cholesky, solve_triangular
 from scipy.linalg.lapack import dpotrf
 from scipy.special import gammaln, logsumexp
 
+from fit.background._floor import shape_probabilities
 from fit.normal import NormalEquations
+from vsh.models.covariance import Spectrum
 from vsh.modes import Modes
 from vsh.tools.errors import DegeneracyError
+from vsh.tools.parallel import blas_for
 from vsh.tools.types import FloatArray, IntArray
 
 #: Degrees of freedom of the proposals.
 _TAIL = 5.0
 #: Numbers in the matrices that are factored together: four megabytes stay near the processor.
 _TOGETHER = 2**19
+#: Draws that count fewer than this are drawn again, four times as many, up to a limit.
+EFFECTIVE = 20.0
+#: So many draws of equal weight are kept.
+_KEPT = 60
 
 
 @dataclass(frozen=True, eq=False)
 class ClassEquations:
-    """The normal equations of one class: degrees 2 … L with degree 1 eliminated, and degree 1 by itself."""
+    """Normal equations of degrees 2 … L of K classes with degree 1 eliminated, and degree 1 by itself.
+
+    `matrix` is (K, q, q), or (K, q, K, q) where classes share their noise; `rhs` (K, q), `first` (6 K, 6 K),
+    `first_rhs` (6 K,), and `leverage` first⁻¹ times the part between, (6 K, K, q).
+    """
 
     matrix: FloatArray
     rhs: FloatArray
     first: FloatArray
     first_rhs: FloatArray
-    leverage: Any
-    noise_scale: float
-    condition: float
+    leverage: FloatArray
+    noise_scale: tuple[float, ...]
+    condition: tuple[float, ...]
+
+    def __len__(self) -> int:
+        return len(self.rhs)
+
+    @property
+    def own(self) -> FloatArray:
+        """The normal matrix of each class by itself, (K, q, q)."""
+        return np.einsum("kikj->kij", self.matrix) if self.matrix.ndim == 4 else self.matrix
+
+    @classmethod
+    def beside(cls, classes: "Sequence[ClassEquations]") -> "ClassEquations":
+        """Classes that have no source in common."""
+        k, (size, q) = len(classes), classes[0].leverage.shape[::2]
+        leverage = np.zeros((k, size, k, q))
+        for i, each in enumerate(classes):
+            leverage[i, :, i] = each.leverage[:, 0]
+        return cls(
+            np.concatenate([each.matrix for each in classes]), np.concatenate([each.rhs for each in classes]),
+            block_diag(*(each.first for each in classes)), np.concatenate([each.first_rhs for each in classes]),
+            leverage.reshape(k * size, k, q), sum((each.noise_scale for each in classes), ()),
+            sum((each.condition for each in classes), ()),
+        )  # fmt: skip
+
+    @classmethod
+    def jointly(cls, matrix: FloatArray, rhs: FloatArray, modes: Modes) -> "ClassEquations":
+        """Classes whose noise is shared, from their normal equations, (K, p, K, p) and (K, p)."""
+        k, low = len(rhs), np.tile(modes.degrees == 1, len(rhs))
+        size = rhs.size
+        first, leverage, inner, left = _degree_one_apart(matrix.reshape(size, size), rhs.ravel(), low)
+        if first is None:
+            raise DegeneracyError("sources in common do not determine rotation and glide of all catalogues")
+        q = len(left) // k
+        return cls(
+            inner.reshape(k, q, k, q), left.reshape(k, q), first, rhs.ravel()[low], leverage.reshape(-1, k, q),
+            (1.0,) * k, (1.0,) * k,
+        )  # fmt: skip
+
+
+def _degree_one_apart(matrix, rhs, low):
+    """The matrix of degree 1 (None if singular), what it takes of the rest, and N and b of the rest without it."""
+    first, across = matrix[np.ix_(low, low)], matrix[np.ix_(low, ~low)]
+    if np.linalg.cond(first) > 1e12:
+        return None, None, None, None
+    leverage = np.linalg.solve(first, across)
+    return first, leverage, matrix[np.ix_(~low, ~low)] - across.T @ leverage, rhs[~low] - leverage.T @ rhs[low]
 
 
 def condition_of(matrix: FloatArray) -> float:
@@ -67,13 +126,11 @@ def reduced(normal: NormalEquations, modes: Modes, scaled: bool = True) -> Class
     also = np.vstack([np.eye(len(at)), templates])  # EᵀNE and Eᵀb
     matrix, rhs = also @ matrix @ also.T / tau, also @ rhs / tau
     one = np.r_[modes.degrees == 1, np.zeros(len(templates), bool)]
-    first, across = matrix[np.ix_(one, one)], matrix[np.ix_(one, ~one)]
-    if np.linalg.cond(first) > 1e12:
+    first, leverage, inner, left = _degree_one_apart(matrix, rhs, one)
+    if first is None:
         raise DegeneracyError("a class does not determine its spin and acceleration: merge it with another")
-    leverage = np.linalg.solve(first, across)
-    inner = matrix[np.ix_(~one, ~one)] - across.T @ leverage
     return ClassEquations(
-        inner, rhs[~one] - leverage.T @ rhs[one], first, rhs[one], leverage, float(np.sqrt(tau)), condition
+        inner[None], left[None], first, rhs[one], leverage[:, None], (float(np.sqrt(tau)),), (condition,)
     )
 
 
@@ -83,21 +140,22 @@ def parities(modes: Modes) -> IntArray:
     return np.where(toroidal == (modes.degrees % 2 == 1), 0, 1)
 
 
-class Blocks:
+class ClassAmplitudes:
     """ln L of the amplitudes x = (a, b_1 … b_K) of both parities, in their units, for one shape of the spectrum."""
 
-    def __init__(self, classes: list[ClassEquations], modes: Modes, variances: FloatArray, own: str) -> None:
+    def __init__(self, classes: ClassEquations, modes: Modes, variances: FloatArray, own: str) -> None:
         high, one = modes.degrees > 1, modes.degrees == 1
         group = parities(modes)
         self.classes, self.own = classes, own
         self.n_classes, self.n_modes = len(classes), int(high.sum())
-        among = np.ones(len(classes[0].rhs) - self.n_modes)
+        among = np.ones(classes.rhs.shape[1] - self.n_modes)
         behind = np.r_[group[high], np.full(among.size, 2)]
         order = np.argsort(behind, kind="stable")  # one parity, the other, templates
         self.group, self.first_group, self.size = behind[order], group[one], order.size
-        self.matrices = np.array([each.matrix[np.ix_(order, order)] for each in classes])
-        self.rhs = np.array([each.rhs[order] for each in classes])
-        self.leverage = np.array([each.leverage[:, order] for each in classes])
+        self.matrices = classes.own[:, order][:, :, order]
+        self.rhs, self.leverage = classes.rhs[:, order], classes.leverage[:, :, order]
+        #: A of all classes, (K, q, K, q), where there is anything between them.
+        self.whole = classes.matrix[:, order][:, :, :, order] if classes.matrix.ndim == 4 else None
         shape = np.r_[variances[high], among][order]
         self.root, self.first = np.sqrt(shape), variances[one]
         scaled = self.matrices * self.root[:, None] * self.root
@@ -144,6 +202,12 @@ class Blocks:
 
     def _fill(self, gram: FloatArray, root: FloatArray) -> None:
         """Set Rᵀ A R of each draw, (n, K, q, K, q), on and above the diagonal: a product for each pair of groups."""
+        if self.whole is not None:
+            for each, one in zip(gram, root, strict=True):
+                r = one[self.group].transpose(1, 2, 0) * self.root
+                half = np.einsum("nil,mknl->mkil", r, self.whole, optimize=True)
+                each[...] = np.einsum("mjk,mkil->jkil", r, half, optimize=True)
+            return
         i, j = np.triu_indices(self.n_classes)
         for (g, h), matrix in self.scaled.items():
             rows, columns = self.groups[g], self.groups[h]
@@ -213,6 +277,9 @@ class Blocks:
     def _seen(self, r):
         """Rᵀ A, and the diagonal over modes of A for each pair of classes, (K, K, q)."""
         k, q = self.n_classes, self.size
+        if self.whole is not None:
+            across = np.einsum("mjk,mknl->jknl", r, self.whole, optimize=True).reshape(k * q, k * q)
+            return across, np.einsum("iljl->ijl", self.whole)
         trace = np.zeros((k, k, q))
         trace[np.arange(k), np.arange(k)] = np.einsum("ikk->ik", self.matrices)
         return np.einsum("mjk,mkl->jkml", r, self.matrices).reshape(k * q, k * q), trace
@@ -264,20 +331,14 @@ class Blocks:
         """θ of all classes, (K, 6), and its covariance, (K, 6, K, 6): what degrees 2 … L leave, and C ⊗ S_1."""
         r, lower, w = self.factor(x)
         k, q = self.n_classes, self.size
-        across = np.einsum("mjk,mak->jkma", r, self.leverage).reshape(k * q, -1)
+        across = np.einsum("mjk,amk->jka", r, self.leverage).reshape(k * q, -1)
         z = solve_triangular(lower, across, lower=True, check_finite=False)
-        covariance = (z.T @ z).reshape(k, 6, k, 6)
-        plain = np.array([np.linalg.solve(each.first, each.first_rhs) for each in self.classes])
-        for i in range(k):
-            covariance[i, :, i] += np.linalg.inv(self.classes[i].first)
-        return plain - (z.T @ w).reshape(k, 6), self._with_shares(x, covariance)
-
-    def _with_shares(self, x, covariance):
-        """The covariance of degree 1, (K, 6, K, 6), and C ⊗ S_1."""
+        covariance = (z.T @ z + np.linalg.inv(self.classes.first)).reshape(k, 6, k, 6)
+        plain = np.linalg.solve(self.classes.first, self.classes.first_rhs) - z.T @ w
         shares, at = self.shares(x)[self.first_group], np.arange(6)
-        for i, j in np.ndindex(self.n_classes, self.n_classes):
+        for i, j in np.ndindex(k, k):
             covariance[i, at, j, at] += shares[:, i, j] * self.first
-        return covariance
+        return plain.reshape(k, 6), covariance
 
     def template_amplitudes(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Amplitudes of the templates beside what is shared, free beforehand, and their covariance."""
@@ -318,3 +379,66 @@ def _folded(middle, covariance, n, rng) -> tuple[FloatArray, FloatArray]:
         square = pairs @ (part[:, a] * part[:, b] * twice).T - 2 * signs @ (part * pull).T + middle @ pull
         density[start : start + 64] = logsumexp(-(_TAIL + size) / 2 * np.log1p(np.maximum(square, 0) / _TAIL), axis=0)
     return x, density - np.log(np.diag(root)).sum() + constant
+
+
+class Lot(NamedTuple):
+    """Draws of the amplitudes of one shape: shares times `scale` times the spectrum's variances are powers."""
+
+    shape: str
+    spectrum: Spectrum
+    probability: float
+    likelihood: ClassAmplitudes
+    scale: float
+    x: FloatArray
+    weight: FloatArray
+
+    @property
+    def effective(self) -> float:
+        """How many of the draws count."""
+        return float(1 / np.sum(self.weight**2))
+
+
+def lots_of(
+    classes: ClassEquations,
+    modes: Modes,
+    spectra: Sequence[tuple[str, Spectrum]],
+    own: str,
+    draws: int,
+    rng: np.random.Generator,
+) -> list[Lot]:
+    """Draws of the amplitudes for each shape, again where too few of them count."""
+    high = modes.degrees > 1
+    squares: Any = sum(classes.own**2)
+    flat = Spectrum.flat().variances(modes)[high]
+    squares = squares[: len(flat), : len(flat)]  # without templates
+    lots, evidences = [], []
+    with blas_for(len(classes) * len(modes)):
+        for name, spectrum in spectra:
+            variances = spectrum.variances(modes)
+            # All shapes as well seen as the flat one, or their evidence would depend on units.
+            scale = np.sqrt((flat @ squares @ flat) / (variances[high] @ squares @ variances[high]))
+            likelihood = ClassAmplitudes(classes, modes, variances * scale, own)
+            x, weight, evidence = likelihood.sample(draws, rng, EFFECTIVE)
+            lots.append(Lot(name, spectrum, np.nan, likelihood, float(scale), x, weight))
+            evidences.append(evidence)
+    probability = shape_probabilities([name for name, _ in spectra], evidences)
+    return [lot._replace(probability=float(p)) for lot, p in zip(lots, probability, strict=True)]
+
+
+def kept_of(lots: Sequence[Lot], rng: np.random.Generator) -> tuple[Any, Any, Any, Any]:
+    """Draws of equal weight by systematic resampling: degree 1, its covariance, C by the flat one, templates."""
+    weight = np.concatenate([lot.probability * lot.weight for lot in lots])
+    where = [(lot, i) for lot in lots for i in range(len(lot.x))]
+    at = (np.arange(_KEPT) + rng.random()) / _KEPT
+    chosen = np.minimum(np.searchsorted(np.cumsum(weight) / weight.sum(), at), len(weight) - 1)
+    done: dict[int, Any] = {}
+    for k in chosen:
+        if k not in done:
+            lot, i = where[k]
+            power = lot.likelihood.first.reshape(2, 3).mean(1)[[0, 1]]
+            unit = Spectrum.flat().variances(Modes(1)).reshape(2, 3).mean(1)
+            shares = lot.likelihood.shares(lot.x[i])[:2] * (power / unit)[:, None, None]
+            done[k] = (*lot.likelihood.degree_one(lot.x[i]), shares, *lot.likelihood.template_amplitudes(lot.x[i]))
+    means, covariances, shares, values, spreads = (np.array([done[k][part] for k in chosen]) for part in range(5))
+    away = values - values.mean(0)
+    return means, covariances, shares, (values.mean(0), spreads.mean(0) + away.T @ away / len(away))

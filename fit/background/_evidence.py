@@ -16,8 +16,7 @@ import numpy as np
 from scipy.linalg import block_diag
 from scipy.special import logsumexp
 
-from fit.background._amplitude import equations_of, fitted_degrees, places
-from fit.background._likelihood import parts_of
+from fit.background._likelihood import equations_of, fitted_degrees, parts_of, places
 from fit.normal import NormalEquations
 from fit.solution import HarmonicSolution
 from fit.storage import Result

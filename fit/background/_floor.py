@@ -8,9 +8,17 @@ from typing import Any
 import numpy as np
 from scipy.special import softmax
 
-from fit.background._amplitude import equations_of, errors_of, fitted_degrees, is_scaled, places, words_of
-from fit.background._fit import posteriors
-from fit.background._likelihood import Likelihood, parity_p_value
+from fit.background._amplitude import posteriors
+from fit.background._likelihood import (
+    Likelihood,
+    equations_of,
+    errors_of,
+    fitted_degrees,
+    is_scaled,
+    parity_p_value,
+    places,
+    words_of,
+)
 from fit.background._parities import Parities
 from fit.normal import NormalEquations, gaussian_prior
 from fit.quality import ErrorSource

@@ -1,6 +1,7 @@
 """The likelihood of the amplitudes of Gaussian backgrounds, whatever else is fitted marginalised.
 
-The coefficients of a background are c_i ~ N(0, D_i) with D = Σ_k A_k D_k, D_k the variances of spectrum k for an
+`Amplitudes` is the formula for N and b; `Likelihood` is that of normal equations, with the scale of their errors. The
+coefficients of a background are c_i ~ N(0, D_i) with D = Σ_k A_k D_k, D_k the variances of spectrum k for an
 amplitude of one. What is free (degree 1) has a flat prior and is eliminated by the Schur complement: N', b', χ0' = χ0 −
 b₁ᵀ N₁₁⁻¹ b₁. With κ the scale of the catalogue's errors, τ = κ², a = A/τ and n the numbers less those that are free, up
 to a constant
@@ -14,7 +15,7 @@ coefficients; N' may be singular.
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import reduce
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.polynomial import chebyshev
@@ -22,13 +23,19 @@ from scipy.linalg import cho_factor, cho_solve, cholesky, solve_triangular
 from scipy.linalg.lapack import dposv
 from scipy.special import chdtrc
 
-from fit.background._amplitude import places, words_of
-from fit.normal import NormalEquations
+from fit.normal import NormalEquations, eliminated
+from fit.quality import ErrorSource
+from fit.solution import HarmonicSolution, Solution
 from vsh.models.covariance import Spectrum
-from vsh.tools.errors import DegeneracyError, ParameterError
+from vsh.modes import Modes
+from vsh.tools.arguments import choice
+from vsh.tools.errors import DegeneracyError, ModesError, ParameterError
+from vsh.tools.notes import spoken
 from vsh.tools.parallel import blas_for
-from vsh.tools.types import FloatArray
+from vsh.tools.types import FloatArray, IntArray
 
+#: How far below its maximum the likelihood is followed: e^−18.
+_DROP = 18.0
 #: From roots of each amplitude to ln|K| and Q on their tensor.
 OnTensor: TypeAlias = Callable[[list[FloatArray]], FloatArray]
 
@@ -60,8 +67,105 @@ class Maximum:
     log_likelihood: float
 
 
-class Likelihood:
-    """ln L of the amplitudes of some spectra."""
+class Amplitudes:
+    """The likelihood of the amplitudes A_k of random fields whose coefficients are c ~ N(0, Σ_k A_k D_k).
+
+    With N and b what the data say of the coefficients, R² = Σ_k A_k D_k on the diagonal and K = 1 + R N R,
+
+        ln L(A) = (Q − ln|K|)/2,   Q = bᵀ R K⁻¹ R b,
+
+    relative to that of no field. N may be singular.
+
+    Parameters
+    ----------
+    matrix, rhs : (p, p) and (p,) arrays
+        N and b, whatever else was fitted eliminated, for errors of the size that is meant.
+    shares : (k, p) array
+        D_k: the variances of field k for an amplitude of one.
+
+    Attributes
+    ----------
+    unit : (k,) array
+        The amplitude of each field that is seen at one standard error where there is nothing.
+
+    Examples
+    --------
+    >>> likelihood = Amplitudes(np.eye(3), np.array([1.0, 2.0, 3.0]), np.ones((1, 3)))
+    >>> float(round(likelihood.log_likelihood(np.array([2.0])), 4))
+    3.0187
+    """
+
+    def __init__(self, matrix: FloatArray, rhs: FloatArray, shares: FloatArray) -> None:
+        self.matrix, self.rhs, self.shares = matrix, rhs, shares
+        information = matrix**2
+        self.unit = np.array([1 / np.sqrt(max(share @ information @ share / 2, 1e-300)) for share in shares])
+        self._eigen = _eigen(matrix, rhs, shares[0]) if len(shares) == 1 else None
+
+    def __len__(self) -> int:
+        return len(self.shares)
+
+    def log_likelihood(self, amplitudes: FloatArray) -> float:
+        """ln L of amplitudes, (k,), relative to that of no field."""
+        logdet, gain = self.parts(np.atleast_1d(np.asarray(amplitudes, float)))
+        return (gain - logdet) / 2
+
+    def parts(self, amplitudes: FloatArray) -> tuple[float, float]:
+        """ln|K| and Q of amplitudes, (k,)."""
+        if self._eigen is not None:
+            values, squares = amplitudes[0] * np.array(self._eigen)
+            return float(np.log1p(values).sum()), float(np.sum(squares / (1 + values)))
+        return parts_of(self.matrix, self.rhs, amplitudes @ self.shares)
+
+    def on_tensor(self, roots: list[FloatArray]) -> FloatArray:
+        """ln|K| and Q on the tensor of the roots of the amplitudes, (2, …)."""
+        values = np.empty((2, *map(len, roots)))
+        for index in np.ndindex(*map(len, roots)):
+            amplitudes = np.array([axis[i] ** 2 for axis, i in zip(roots, index, strict=True)])
+            values[(slice(None), *index)] = self.parts(amplitudes)
+        return values
+
+    def alone(self, k: int) -> "Amplitudes":
+        """The likelihood of amplitude k with the coefficients of all other fields free."""
+        own = self.shares[k] > 0
+        matrix, rhs = self.matrix, self.rhs
+        if not own.all():
+            matrix, rhs, _ = eliminated(matrix, rhs, own, ~own)
+        return Amplitudes(matrix, rhs, self.shares[k : k + 1, own])
+
+    def slopes(self, amplitudes: FloatArray) -> tuple[float, float, FloatArray, FloatArray]:
+        """ln|K|, Q, and what they change by with each amplitude, (k,)."""
+        if self._eigen is not None:
+            values, squares = self._eigen
+            left = 1 / (1 + amplitudes[0] * values)
+            return (*self.parts(amplitudes), np.sum(values * left), np.sum(squares * left**2))
+        factor, w, t = self._solved(amplitudes)
+        left = self.rhs - w @ t
+        diagonal = np.diag(self.matrix) - np.sum(t * t, 0)
+        return 2 * np.log(np.diag(factor)).sum(), w @ w, self.shares @ diagonal, self.shares @ left**2
+
+    def information(self, amplitudes: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Tr(D_j M D_k M), (k, k), and Tr(D_k M), (k,), of the information M = N − N R K⁻¹ R N that is left."""
+        if self._eigen is not None:
+            left = self._eigen[0] / (1 + amplitudes[0] * self._eigen[0])
+            return np.array([[np.sum(left**2)]]), np.array([np.sum(left)])
+        t = self._solved(amplitudes)[-1]
+        left = self.matrix - t.T @ t
+        return self.shares @ left**2 @ self.shares.T, self.shares @ np.diag(left)
+
+    def _solved(self, amplitudes):
+        """L of K = L Lᵀ, L⁻¹ R b, and the T = L⁻¹ R N of the information N − TᵀT that is left."""
+        root, k = kernel(self.matrix, amplitudes @ self.shares)
+        factor = cholesky(k, lower=True, overwrite_a=True, check_finite=False)
+        sides = np.column_stack([root * self.rhs, root[:, None] * self.matrix])
+        solved = solve_triangular(factor, sides, lower=True, check_finite=False)
+        return factor, solved[:, 0], solved[:, 1:]
+
+
+class Likelihood(Amplitudes):
+    """ln L of the amplitudes of some spectra, and of the scale κ of the errors, in normal equations.
+
+    Amplitudes are in units of κ² in what it shares with `Amplitudes`, whose N and b have errors of scale one.
+    """
 
     def __init__(
         self,
@@ -82,23 +186,17 @@ class Likelihood:
                 raise ParameterError(f"the spectrum {each.name} has no power in degrees {words_of(degrees)}")
         where, shapes = where[shapes.any(0)], shapes[:, shapes.any(0)]
         first = places(modes, free)
-        self.matrix, self.rhs, self.chi2 = _eliminated(normal, first, where)
-        self.shapes, self.n_data = shapes, normal.n_data - len(first)
+        matrix, rhs, self.chi2 = _determined(normal, first, where)
+        super().__init__(matrix, rhs, shapes)
+        self.n_data = normal.n_data - len(first)
         if noise_scale and self.n_data <= 0:
             raise DegeneracyError(f"{normal.n_data} numbers do not tell the scale of their errors: noise_scale=False")
         self.noise_scale = bool(noise_scale)
-        # The amplitude that would be seen at one standard error if there were nothing.
-        information = self.matrix**2
-        self.unit = np.array([1 / np.sqrt(max(shape @ information @ shape / 2, 1e-300)) for shape in shapes])
-        self._eigen = _eigen(self.matrix, self.rhs, shapes[0]) if len(shapes) == 1 else None
         self._start = np.ones(len(shapes))  # of a search
         if self.noise_scale and self.chi2 - self.parts(1e9 * self.unit)[1] <= 1e-9 * normal.chi2_null:
             raise DegeneracyError(
                 "the residuals are zero: they do not tell the scale of the errors (noise_scale=False)"
             )
-
-    def __len__(self) -> int:
-        return len(self.shapes)
 
     def __call__(self, amplitudes: FloatArray, noise_scale: float = 1.0) -> float:
         """ln L, relative to that of no background with errors as they are."""
@@ -106,13 +204,6 @@ class Likelihood:
         return (
             float(self.of_parts(*self.parts(np.atleast_1d(np.asarray(amplitudes, float)) / tau), tau)) + self.chi2 / 2
         )
-
-    def parts(self, ratios: FloatArray) -> tuple[float, float]:
-        """ln|K| and Q for amplitudes in units of κ²."""
-        if self._eigen is not None:
-            values, squares = ratios[0] * np.array(self._eigen)
-            return float(np.log1p(values).sum()), float(np.sum(squares / (1 + values)))
-        return parts_of(self.matrix, self.rhs, ratios @ self.shapes)
 
     def of_parts(
         self, logdet: FloatArray | float, gain: FloatArray | float, tau: FloatArray | float
@@ -128,14 +219,6 @@ class Likelihood:
         """ln L of ratios, with κ where it is likeliest, up to the same constant."""
         logdet, gain = self.parts(ratios)
         return float(self.of_parts(logdet, gain, self.scale(gain)))
-
-    def on_tensor(self, roots: list[FloatArray]) -> FloatArray:
-        """ln|K| and Q on the tensor of any √a, (2, …)."""
-        values = np.empty((2, *map(len, roots)))
-        for index in np.ndindex(*map(len, roots)):
-            ratios = np.array([axis[i] ** 2 for axis, i in zip(roots, index, strict=True)])
-            values[(slice(None), *index)] = self.parts(ratios)
-        return values
 
     def between(self, spans: Sequence[tuple[float, float]], taus: FloatArray) -> OnTensor:
         """ln|K| and Q on the tensor of any √a within the spans: by polynomials, or exactly for one spectrum."""
@@ -207,41 +290,16 @@ class Likelihood:
     def _loss(self, x):
         """−ln L by a = unit (eˣ − 1), which is linear next to zero and logarithmic far from it; and its gradient."""
         ratios = self.unit * np.expm1(x)
-        logdet, gain, by_logdet, by_gain = self._slopes(ratios)
+        logdet, gain, by_logdet, by_gain = self.slopes(ratios)
         tau = self.scale(gain)
         slope = (by_logdet - by_gain / tau) / 2
         return -float(self.of_parts(logdet, gain, tau)), slope * self.unit * np.exp(x)
-
-    def _slopes(self, ratios):
-        """ln|K|, Q, and what they change by with each ratio."""
-        if self._eigen is not None:
-            values, squares = self._eigen
-            left = 1 / (1 + ratios[0] * values)
-            return (*self.parts(ratios), np.sum(values * left), np.sum(squares * left**2))
-        factor, w, t = self._solved(ratios)
-        left = self.rhs - w @ t
-        diagonal = np.diag(self.matrix) - np.sum(t * t, 0)
-        return 2 * np.log(np.diag(factor)).sum(), w @ w, self.shapes @ diagonal, self.shapes @ left**2
-
-    def _solved(self, ratios):
-        """L of K = L Lᵀ, L⁻¹ D^½ b', and the T = L⁻¹ D^½ N' of the information N' − TᵀT that is left."""
-        root, k = kernel(self.matrix, ratios @ self.shapes)
-        factor = cholesky(k, lower=True, overwrite_a=True, check_finite=False)
-        sides = np.column_stack([root * self.rhs, root[:, None] * self.matrix])
-        solved = solve_triangular(factor, sides, lower=True, check_finite=False)
-        return factor, solved[:, 0], solved[:, 1:]
 
     def covariance(self, best: Maximum) -> FloatArray:
         """The covariance of the amplitudes and κ², from the expected information."""
         tau = best.noise_scale**2
         ratios = best.amplitudes / tau
-        if self._eigen is not None:
-            left = self._eigen[0] / (1 + ratios[0] * self._eigen[0])
-            cross, single = np.array([[np.sum(left**2)]]), np.array([np.sum(left)])
-        else:
-            t = self._solved(ratios)[-1]
-            r = self.matrix - t.T @ t
-            cross, single = self.shapes @ r**2 @ self.shapes.T, self.shapes @ np.diag(r)
+        cross, single = self.information(ratios)
         k = len(self)
         information = np.empty((k + 1, k + 1))
         information[:k, :k] = cross
@@ -260,22 +318,18 @@ def parity_p_value(apart: float, together: float) -> float:
     return float(chdtrc(1, max(2 * (apart - together), 0.0)))
 
 
-def _eliminated(normal, first, where):
-    """N', b', χ0' of the places `where`, with the places `first` fitted freely."""
-    matrix, rhs = normal.matrix[np.ix_(where, where)], normal.rhs[where]
+def _determined(normal, first, where):
+    """N', b', χ0' of the places `where`, with the places `first` fitted freely: DegeneracyError if they cannot be."""
     if not len(first):
-        return np.array(matrix), np.array(rhs), float(normal.chi2_null)
-    inner, across = normal.matrix[np.ix_(first, first)], normal.matrix[np.ix_(first, where)]
+        return normal.matrix[np.ix_(where, where)], normal.rhs[where], float(normal.chi2_null)
+    inner = normal.matrix[np.ix_(first, first)]
     scale = np.sqrt(np.maximum(np.diag(inner), 0))
     if not (scale > 0).all() or np.linalg.eigvalsh(inner / np.outer(scale, scale))[0] < 1e-10:
         raise DegeneracyError(
             f"{normal.n_sources} sources do not determine the {len(first)} coefficients that are fitted freely"
         )
-    factor = cho_factor(inner)
-    known = cho_solve(factor, np.column_stack([across, normal.rhs[first]]))
-    schur = matrix - across.T @ known[:, :-1]
-    chi2 = float(normal.chi2_null - normal.rhs[first] @ known[:, -1])
-    return (schur + schur.T) / 2, rhs - across.T @ known[:, -1], chi2
+    matrix, rhs, gain = eliminated(normal.matrix, normal.rhs, where, first)
+    return matrix, rhs, float(normal.chi2_null - gain)
 
 
 def _eigen(matrix, rhs, shape):
@@ -285,55 +339,128 @@ def _eigen(matrix, rhs, shape):
     return np.maximum(values, 0.0), (vectors.T @ (root * rhs)) ** 2
 
 
-#: Accuracy of a probability.
-_ACCURACY = 1e-7
+def scales_of(likelihood: Likelihood, best: Maximum) -> tuple[FloatArray, FloatArray]:
+    """κ² and the weights of a sum over ln κ²."""
+    if not likelihood.noise_scale:
+        return np.ones(1), np.ones(1)
+    reach = 4.5 * np.sqrt(2 / likelihood.n_data)
+    logs, weight = gauss_nodes(9, -reach, reach)
+    return best.noise_scale**2 * np.exp(logs), weight
 
 
-def probability_above(x: float, variances: FloatArray, shifts: FloatArray) -> float:
-    """P(Σ λ_i (z_i + δ_i)² > x) with z_i ~ N(0, 1): Imhof (1961, Biometrika 48, 419), eq. 3.2."""
-    scale = variances.max()
-    ratio, x = variances / scale, x / scale
-
-    def integrand(u):
-        y = ratio * u
-        inner = 1 + y * y
-        angle = np.sum(np.arctan(y) + shifts**2 * y / inner) / 2 - x * u / 2
-        size = np.sum(np.log(inner) / 4 + shifts**2 * y * y / inner / 2)
-        return np.sin(angle) / u * np.exp(-size)
-
-    from scipy.integrate import quad  # slow to import
-
-    # What is left beyond the end: at most 1/(π k U^k √Πr) with k = n/2 (his eq. 3.4).
-    k = len(ratio) / 2
-    end = np.exp(-(np.log(np.pi * k * _ACCURACY) + np.sum(np.log(ratio)) / 2) / k)
-    value, _ = quad(integrand, 0, end, limit=2000, epsabs=_ACCURACY)
-    return float(np.clip(0.5 + value / np.pi, 0, 1))
+def gauss_nodes(number: int, low: float, high: float) -> tuple[FloatArray, FloatArray]:
+    """Nodes and weights of an integral from low to high."""
+    node, weight = np.polynomial.legendre.leggauss(number)
+    return low + (high - low) * (node + 1) / 2, weight * (high - low) / 2
 
 
-def quantile(probability: float, variances: FloatArray, shifts: FloatArray) -> float:
-    """The value below which Σ λ_i (z_i + δ_i)² lies with a probability."""
-    from scipy.optimize import brentq  # slow to import
+def span_of(likelihood: Likelihood, best: Maximum, k: int) -> tuple[float, float]:
+    """From where to where √A_k is followed, the others where they are likeliest."""
+    tau = best.noise_scale**2
+    highest = likelihood.profile(best.amplitudes / tau)
 
-    mean = np.sum(variances * (1 + shifts**2))
-    spread = np.sqrt(np.sum(2 * variances**2 * (1 + 2 * shifts**2)))
-    high = mean + 3 * spread
-    while probability_above(high, variances, shifts) > 1 - probability:
-        high += 3 * spread
-    return float(brentq(lambda x: 1 - probability - probability_above(x, variances, shifts), 0, high, xtol=1e-9 * high))
+    def fallen(x):
+        amplitudes = np.array(best.amplitudes)
+        amplitudes[k] = x * x
+        return highest - likelihood.profile(amplitudes / tau) > _DROP
+
+    top = np.sqrt(best.amplitudes[k])
+    step = np.sqrt(likelihood.unit[k] * tau)
+    high = top + step
+    while not fallen(high) and high < 1e6 * (top + step):
+        high = top + 1.5 * (high - top)
+    return (0.0 if not fallen(0.0) else _edge(fallen, 0.0, top)), high
 
 
-def squares_of(equations: NormalEquations, lmax: int, scaled: bool) -> tuple[float, float, FloatArray]:
-    """P_2, its noise, variances and shifts of its terms, (2, 10), fitted with all degrees to lmax, or nan."""
-    modes = equations.modes
-    where = places(modes, range(1, lmax + 1))
-    matrix, rhs = equations.matrix[np.ix_(where, where)], equations.rhs[where]
-    second = np.flatnonzero(modes.degrees[where] == 2)
-    if equations.n_data <= len(where) or np.linalg.cond(matrix) > 1e12:
-        return float("nan"), float("nan"), np.full((2, len(second)), np.nan)
-    covariance = np.linalg.inv(matrix)
-    values = covariance @ rhs
-    scale = (equations.chi2_null - values @ rhs) / (equations.n_data - len(where)) if scaled else 1.0
-    root = np.sqrt(modes.norm2[where][second])
-    variances, vectors = np.linalg.eigh(scale * covariance[np.ix_(second, second)] * np.outer(root, root))
-    shifts = vectors.T @ (root * values[second]) / np.sqrt(variances)
-    return float(np.sum(variances * shifts**2)), float(variances.sum()), np.array([variances, shifts])
+def _edge(fallen, out, inside):
+    for _ in range(6):
+        middle = (out + inside) / 2
+        out, inside = (middle, inside) if fallen(middle) else (out, middle)
+    return out
+
+
+def equations_of(source: Any) -> NormalEquations:
+    """Normal equations of data alone: as they are less their prior, or those that a solution is the solution of."""
+    source = _about(source)
+    if isinstance(source, NormalEquations | HarmonicSolution) and source.modes.components != 2:
+        raise ParameterError(
+            "backgrounds are fields of motions: their spectra have toroidal and spheroidal parts, and a scalar field "
+            "has neither"
+        )
+    if isinstance(source, NormalEquations):
+        return source if source.prior is None else source - source.prior
+    if not isinstance(source, HarmonicSolution):
+        raise ParameterError(
+            f"a background is fitted to normal equations or to a Solution, not to a {type(source).__name__}: "
+            "fit.normal_equations(field, modes)"
+        )
+    if getattr(source, "by_prior", 0.0):
+        raise ParameterError(
+            "this solution holds a prior: give the normal equations of the data, fit.normal_equations(field, modes)"
+        )
+    formal = source.formal_covariance if isinstance(source, Solution) else None
+    if formal is None and source.covariance_dof < len(source.modes):
+        raise DegeneracyError(
+            f"{source.covariance_dof + 1:.0f} replicates determine no covariance of {len(source.modes)} coefficients: "
+            "take more of them, or a lower degree"
+        )
+    if np.isnan(source.values).any():
+        raise ParameterError("a prediction holds no data to fit a background to")
+    covariance = source.covariance
+    if formal is not None:
+        # The noise of a covariance from residuals or replicates would pass for power; its mean size has little.
+        covariance = formal * np.mean(np.diag(covariance) / np.diag(formal))
+    scale = np.sqrt(np.outer(np.diag(covariance), np.diag(covariance)))
+    try:
+        matrix = cho_solve(cho_factor(covariance / scale), np.eye(len(scale))) / scale
+    except np.linalg.LinAlgError:
+        raise DegeneracyError(
+            "the covariance of this solution is singular: no background can be fitted to it"
+        ) from None
+    rhs = matrix @ source.values
+    chi2_null = float(source.chi2 + rhs @ source.values)
+    return NormalEquations(source.modes, matrix, rhs, chi2_null, source.n_data, source.frame, spoken(source.notes))
+
+
+def errors_of(source: Any) -> tuple[str, ErrorSource]:
+    """Where the errors come from, in words and as one of a few; normal equations have those of the catalogue."""
+    about = _about(source)
+    return (getattr(about, "errors_from", "the catalogue"), getattr(about, "error_source", ErrorSource.CATALOGUE))
+
+
+def is_scaled(source: Any, noise_scale: bool | None) -> bool:
+    """Whether the scale of the errors is estimated: as told, or where the errors are the catalogue's."""
+    scaled = choice("noise_scale", noise_scale, (None, True, False))
+    return errors_of(source)[1] == ErrorSource.CATALOGUE if scaled is None else scaled
+
+
+def fitted_degrees(modes: Modes, degrees: Any, name: str = "degrees") -> tuple[int, ...]:
+    """Degrees that are among those fitted, in order, each once."""
+    try:
+        listed = list(degrees) if isinstance(degrees, Iterable) else [degrees]
+        chosen = sorted({int(degree) for degree in listed if int(degree) == degree})
+    except (TypeError, ValueError, OverflowError, np.ma.MaskError):
+        chosen = []
+    if not chosen or len(chosen) != len(set(listed)):
+        raise ModesError(f"{name} must be whole numbers from 1 on, one at least, not {degrees!r}")
+    missing = [each for each in chosen if not 1 <= each <= modes.lmax]
+    if missing:
+        raise ModesError(f"degree {missing[0]} is not fitted: these normal equations go from degree 1 to {modes.lmax}")
+    return tuple(chosen)
+
+
+def places(modes: Modes, degrees: Iterable[int]) -> IntArray:
+    """Where the coefficients of some degrees are stored."""
+    return np.flatnonzero(np.isin(modes.degrees, list(degrees)))
+
+
+def words_of(degrees: Sequence[int]) -> str:
+    """Degrees as a reader sees them: "2, 3", "2 to 7"."""
+    degrees = list(degrees)
+    if len(degrees) > 2 and degrees == list(range(degrees[0], degrees[-1] + 1)):
+        return f"{degrees[0]} to {degrees[-1]}"
+    return ", ".join(map(str, degrees))
+
+
+def _about(source):
+    return getattr(source, "resampled_solution", getattr(source, "solution", source))

@@ -18,8 +18,7 @@ from numpy.polynomial import chebyshev
 from scipy.linalg.blas import dsyrk, ssyrk
 from scipy.linalg.lapack import dposv, sposv
 
-from fit.background._fit import scales_of, span_of
-from fit.background._likelihood import Likelihood
+from fit.background._likelihood import Likelihood, scales_of, span_of
 from fit.normal import NormalEquations
 from vsh.models.covariance import Spectrum
 from vsh.tools.errors import ConvergenceError
@@ -98,11 +97,11 @@ class Parities(Likelihood):
         logdet = 2 * np.log(factor.diagonal(), dtype=float).sum() + trace
         return np.array([logdet, np.vdot(h @ s, z @ s) - np.sum((f @ s) ** 2)], dtype=float)
 
-    def parts(self, ratios: FloatArray) -> tuple[float, float]:
+    def parts(self, amplitudes: FloatArray) -> tuple[float, float]:
         """ln|K| and Q for amplitudes in units of κ²."""
         if self._rest is None:
-            return self.exact(ratios)
-        logdet, gain = self._near(*ratios[:, None]) + self._rest.at(self._places(ratios))
+            return self.exact(amplitudes)
+        logdet, gain = self._near(*amplitudes[:, None]) + self._rest.at(self._places(amplitudes))
         return float(logdet[0, 0]), float(gain[0, 0])
 
     def scale(self, gain: float) -> float:
@@ -137,9 +136,9 @@ class Parities(Likelihood):
     @cached_property
     def _turned(self):
         """λ and μ, C, and the right-hand sides x and y along their axes."""
-        root = np.sqrt(self.shapes.sum(0))
+        root = np.sqrt(self.shares.sum(0))
         matrix, side = root[:, None] * self.matrix * root, root * self.rhs
-        odd, even = (np.flatnonzero(shape) for shape in self.shapes)
+        odd, even = (np.flatnonzero(shape) for shape in self.shares)
         (one, u), (two, v) = (np.linalg.eigh(matrix[np.ix_(rows, rows)]) for rows in (odd, even))
         c = u.T @ matrix[np.ix_(odd, even)] @ v
         return np.maximum(one, 0.0), np.maximum(two, 0.0), c, u.T @ side[odd], v.T @ side[even]
@@ -162,9 +161,9 @@ class Parities(Likelihood):
         gain = (w @ x**2)[:, None] + v @ y**2 - 2 * h @ (v * y).T + h**2 @ v.T + w @ (k**2).T
         return np.stack([logdet, gain])
 
-    def _slopes(self, ratios):
+    def slopes(self, amplitudes):
         """ln|K|, Q, and what they change by with each ratio."""
-        (a, b), (odd, even, c, x, y) = ratios, self._turned
+        (a, b), (odd, even, c, x, y) = amplitudes, self._turned
         w, v = a / (1 + a * odd), b / (1 + b * even)
         dw, dv = 1 / (1 + a * odd) ** 2, 1 / (1 + b * even) ** 2
         h, k = (w * x) @ c, c @ (v * y)
@@ -177,8 +176,8 @@ class Parities(Likelihood):
             dw @ x**2 - 2 * dh @ (v * y) + 2 * v @ (h * dh) + dw @ k**2,
             dv @ y**2 - 2 * h @ (dv * y) + dv @ h**2 + 2 * w @ (k * dk),
         ])  # fmt: skip
-        rest = self._rest_by(ratios)
-        return *self.parts(ratios), by_logdet + rest[0], by_gain + rest[1]
+        rest = self._rest_by(amplitudes)
+        return *self.parts(amplitudes), by_logdet + rest[0], by_gain + rest[1]
 
     def _rest_by(self, ratios):
         """What the rest of ln|K| and of Q changes by with each ratio, (2, 2): it is smooth, and differences will do."""

@@ -3,22 +3,26 @@
 Each class has a spin and an acceleration of its own; degrees 2 and higher hold nothing but what sources share, which is
 common to all classes or each one's own in a proportion that the data tell. What that does to degree 1, and to the
 differences of classes, follows.
+
+A class that does not see the whole sky takes systematics of higher degrees for its own lower ones: on two caps beyond
+latitude 40° degrees 6 to 16 put 170 times the power of degree 1 into it. Where the normal equations hold degrees beyond
+those in which something shared is looked for, these have a prior of the power that the class has by a first estimate,
+and are marginalised (`fit.normal.eliminated`), class by class: what classes that see the same part share of these would
+cancel in their differences, whose errors are then larger than need be.
 """
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.special import chdtrc
 
-from fit.background._amplitude import equations_of, is_scaled, words_of
-from fit.background._blocks import Blocks, ClassEquations, reduced
-from fit.background._draws import EFFECTIVE, Lot, kept_of, lots_of
+from fit.background._blocks import EFFECTIVE, ClassEquations, Lot, condition_of, kept_of, lots_of, parities, reduced
 from fit.background._floor import SHAPES, usual_shapes
-from fit.background._leakage import BEYOND, PART, marginalised, powers_beyond
-from fit.normal import NormalEquations
+from fit.background._likelihood import equations_of, is_scaled, words_of
+from fit.normal import NormalEquations, eliminated
 from fit.quality import ErrorSource, gls
 from fit.solution import HarmonicSolution, Solution
 from fit.storage import Result
@@ -33,6 +37,11 @@ from vsh.tools.notes import note_lines
 from vsh.tools.parallel import blas_for
 from vsh.tools.types import ArrayLike, AxesArray, FloatArray, OnAxes, Rng, Table
 
+#: Beyond this condition of its normal matrix a class takes higher degrees for lower ones: the sky outside the Galactic
+#: plane has 14 at degree 5, two caps beyond latitude 40° have 1300.
+PART = 100.0
+#: Equations of so many degrees more allow for that.
+BEYOND = 3
 #: Beyond this condition of its normal matrix a class sees too little of the sky to tell degrees apart.
 _CAP = 1e5
 
@@ -493,7 +502,7 @@ def shared(
     draws = whole("draws", draws)
 
     def sampled(classes):
-        return lots_of(classes, modes, spectra, lambda var: Blocks(classes, modes, var, own), draws, generator_)
+        return lots_of(classes, modes, spectra, own, draws, generator_)
 
     classes, notes = _classes(equations, names, modes, scaled)
     notes += _leaking(equations, classes, names, modes) if len(classes) > 1 else []
@@ -512,10 +521,10 @@ def _without_leakage(equations, lots, modes):
     wide = max((each.modes for each in equations), key=len)
     powers = powers_beyond(lots, wide)
     return [
-        marginalised(each, modes, power[wide.degrees <= each.modes.lmax], own.noise_scale)
+        marginalised(each, modes, power[wide.degrees <= each.modes.lmax], scale)
         if each.modes.lmax > modes.lmax
         else each
-        for each, own, power in zip(equations, lots[0].blocks.classes, powers, strict=True)
+        for each, scale, power in zip(equations, lots[0].likelihood.classes.noise_scale, powers, strict=True)
     ]
 
 
@@ -523,8 +532,8 @@ def _leaking(equations, classes, names, modes):
     """A note on classes into which higher degrees leak, and what to do."""
     parts = [
         name
-        for normal, each, name in zip(equations, classes, names, strict=True)
-        if PART < each.condition <= _CAP and normal.modes.lmax < modes.lmax + BEYOND
+        for normal, condition, name in zip(equations, classes.condition, names, strict=True)
+        if PART < condition <= _CAP and normal.modes.lmax < modes.lmax + BEYOND
     ]
     if not parts:
         return []
@@ -538,7 +547,7 @@ def drawn(
     lots: Sequence[Lot], modes: Modes, rng: np.random.Generator, *, notes: Sequence[str] = (), **facts: Any
 ) -> SharedErrors:
     """What classes share, the mean over draws of its amplitudes and over shapes."""
-    classes = lots[0].blocks.classes
+    classes = lots[0].likelihood.classes
     with blas_for(len(classes) * len(modes)):
         means, covariances, shares, (amplitudes, spread) = kept_of(lots, rng)
     if min(each.effective for each in lots if each.probability > 0.05) < EFFECTIVE:
@@ -546,7 +555,7 @@ def drawn(
     return SharedErrors(
         means=means, covariances=covariances, shares=shares, shapes=tuple(each.shape for each in lots),
         probability=tuple(each.probability for each in lots), effective=tuple(each.effective for each in lots),
-        degrees=tuple(range(2, modes.lmax + 1)), noise_scale=tuple(each.noise_scale for each in classes),
+        degrees=tuple(range(2, modes.lmax + 1)), noise_scale=classes.noise_scale,
         notes=tuple(notes), amplitudes=amplitudes, amplitude_covariance=spread, **facts,
     )  # fmt: skip
 
@@ -580,7 +589,7 @@ def spectra_of(shapes: Any) -> list[tuple[str, Spectrum]]:
     return [(shape.name, shape) if isinstance(shape, Spectrum) else (shape, SHAPES[shape]) for shape in listed]
 
 
-def _classes(equations, names, modes, scaled) -> tuple[list[ClassEquations], list[str]]:
+def _classes(equations, names, modes, scaled) -> tuple[ClassEquations, list[str]]:
     classes, notes = [], []
     for normal, name, own_scale in zip(equations, names, scaled, strict=True):
         if not normal.n_data:
@@ -589,9 +598,74 @@ def _classes(equations, names, modes, scaled) -> tuple[list[ClassEquations], lis
             classes.append(reduced(normal, modes, own_scale))
         except DegeneracyError as error:
             raise DegeneracyError(f"{name}: {error}") from None
-        if classes[-1].condition > _CAP:
+        if classes[-1].condition[0] > _CAP:
             notes.append(
                 f"the class {name} sees too little of the sky to tell degrees to {modes.lmax} apart: merge it with "
                 "another, or look at higher degrees"
             )
-    return classes, notes
+    return ClassEquations.beside(classes), notes
+
+
+def shared_jointly(
+    matrix: FloatArray,
+    rhs: FloatArray,
+    modes: Modes,
+    *,
+    shapes: Sequence[str | Spectrum] | None = None,
+    draws: int = 400,
+    rng: Rng = 1,
+    **facts: Any,
+) -> SharedErrors:
+    """As `shared`, from the normal equations of all classes together, (K, p, K, p) and (K, p)."""
+    classes = ClassEquations.jointly(matrix, rhs, modes)
+    draw, spectra = generator(rng), spectra_of(usual_shapes(modes.lmax) if shapes is None else shapes)
+    return drawn(lots_of(classes, modes, spectra, "each", draws, draw), modes, draw, **facts)
+
+
+def widened(
+    normals: Sequence[NormalEquations], make: Callable[[Any, int], NormalEquations], classes: Iterable[Any]
+) -> list[NormalEquations]:
+    """Equations of classes, or what `make` makes of all to three degrees more where one sees a part of the sky."""
+    lmax = normals[0].modes.lmax
+    if not any(sees_part(each, lmax) for each in normals):
+        return list(normals)
+    return [make(each, lmax + BEYOND) for each in classes]
+
+
+def sees_part(normal: NormalEquations, lmax: int) -> bool:
+    """Whether sources are so few, or see so small a part of the sky, that higher degrees leak into those to `lmax`."""
+    at = np.flatnonzero(normal.modes.degrees <= lmax)
+    try:
+        return condition_of(normal.matrix[np.ix_(at, at)]) > PART
+    except DegeneracyError:  # an empty class: that is said elsewhere
+        return False
+
+
+def powers_beyond(lots: Sequence[Lot], modes: Modes) -> FloatArray:
+    """Variances of the coefficients of each class, (K, p), the mean over draws and shapes."""
+    total: FloatArray = np.zeros(())
+    for lot in lots:
+        shares = [lot.likelihood.shares(x)[:2].diagonal(axis1=1, axis2=2) for x in lot.x]  # (2, K)
+        own = np.tensordot(lot.weight, shares, 1)
+        total = total + lot.probability * own[parities(modes)].T * lot.scale * lot.spectrum.variances(modes)
+    return total
+
+
+def marginalised(normal: NormalEquations, modes: Modes, variances: FloatArray, noise_scale: float) -> NormalEquations:
+    """The equations of `modes`, all higher degrees marginalised with a prior of so much power, (p,)."""
+    low, high = (np.flatnonzero(at) for at in (normal.modes.degrees <= modes.lmax, normal.modes.degrees > modes.lmax))
+    matrix, rhs, gain = eliminated(normal.matrix, normal.rhs, low, high, variances[high] / noise_scale**2)
+    return replace(
+        normal,
+        modes=modes,
+        matrix=matrix,
+        rhs=rhs,
+        chi2_null=float(normal.chi2_null - gain),
+        templates=tuple(_cut(each, low, modes) for each in normal.templates),
+    )
+
+
+def _cut(template, low, modes):
+    """A template of these modes alone, of 1 µas/yr rms over the sky."""
+    values = template.values[low]
+    return template._replace(values=values / np.sqrt(values**2 @ modes.norm2 / (4 * np.pi)))

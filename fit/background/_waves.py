@@ -6,9 +6,16 @@ from typing import Literal
 
 import numpy as np
 
-from fit.background._amplitude import Amplitude, equations_of, fitted_degrees, is_scaled, words_of
-from fit.background._fit import posteriors
-from fit.background._likelihood import Likelihood, parity_p_value, quantile, squares_of
+from fit.background._amplitude import Amplitude, posteriors
+from fit.background._likelihood import (
+    Likelihood,
+    equations_of,
+    fitted_degrees,
+    is_scaled,
+    parity_p_value,
+    places,
+    words_of,
+)
 from fit.normal import NormalEquations
 from fit.quality import printed_p_value
 from fit.solution import HarmonicSolution
@@ -274,3 +281,57 @@ def wave_limit(
         equations.n_data,
         equations.notes,
     )
+
+
+#: Accuracy of a probability.
+_ACCURACY = 1e-7
+
+
+def probability_above(x: float, variances: FloatArray, shifts: FloatArray) -> float:
+    """P(Σ λ_i (z_i + δ_i)² > x) with z_i ~ N(0, 1): Imhof (1961, Biometrika 48, 419), eq. 3.2."""
+    scale = variances.max()
+    ratio, x = variances / scale, x / scale
+
+    def integrand(u):
+        y = ratio * u
+        inner = 1 + y * y
+        angle = np.sum(np.arctan(y) + shifts**2 * y / inner) / 2 - x * u / 2
+        size = np.sum(np.log(inner) / 4 + shifts**2 * y * y / inner / 2)
+        return np.sin(angle) / u * np.exp(-size)
+
+    from scipy.integrate import quad  # slow to import
+
+    # What is left beyond the end: at most 1/(π k U^k √Πr) with k = n/2 (his eq. 3.4).
+    k = len(ratio) / 2
+    end = np.exp(-(np.log(np.pi * k * _ACCURACY) + np.sum(np.log(ratio)) / 2) / k)
+    value, _ = quad(integrand, 0, end, limit=2000, epsabs=_ACCURACY)
+    return float(np.clip(0.5 + value / np.pi, 0, 1))
+
+
+def quantile(probability: float, variances: FloatArray, shifts: FloatArray) -> float:
+    """The value below which Σ λ_i (z_i + δ_i)² lies with a probability."""
+    from scipy.optimize import brentq  # slow to import
+
+    mean = np.sum(variances * (1 + shifts**2))
+    spread = np.sqrt(np.sum(2 * variances**2 * (1 + 2 * shifts**2)))
+    high = mean + 3 * spread
+    while probability_above(high, variances, shifts) > 1 - probability:
+        high += 3 * spread
+    return float(brentq(lambda x: 1 - probability - probability_above(x, variances, shifts), 0, high, xtol=1e-9 * high))
+
+
+def squares_of(equations: NormalEquations, lmax: int, scaled: bool) -> tuple[float, float, FloatArray]:
+    """P_2, its noise, variances and shifts of its terms, (2, 10), fitted with all degrees to lmax, or nan."""
+    modes = equations.modes
+    where = places(modes, range(1, lmax + 1))
+    matrix, rhs = equations.matrix[np.ix_(where, where)], equations.rhs[where]
+    second = np.flatnonzero(modes.degrees[where] == 2)
+    if equations.n_data <= len(where) or np.linalg.cond(matrix) > 1e12:
+        return float("nan"), float("nan"), np.full((2, len(second)), np.nan)
+    covariance = np.linalg.inv(matrix)
+    values = covariance @ rhs
+    scale = (equations.chi2_null - values @ rhs) / (equations.n_data - len(where)) if scaled else 1.0
+    root = np.sqrt(modes.norm2[where][second])
+    variances, vectors = np.linalg.eigh(scale * covariance[np.ix_(second, second)] * np.outer(root, root))
+    shifts = vectors.T @ (root * values[second]) / np.sqrt(variances)
+    return float(np.sum(variances * shifts**2)), float(variances.sum()), np.array([variances, shifts])

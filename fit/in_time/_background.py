@@ -1,9 +1,7 @@
 """Stochastic backgrounds by bands of frequency: posterior of each, evidence, limits.
 
 Coefficients of a band's functions are c ~ N(0, P_b D), D the shares of degrees and kinds, beside noise of covariance
-N⁻¹; degree 1 is free. With R² = Σ_b P_b D_b on the diagonal and K = 1 + R N' R,
-
-    ln L = ½ bᵀ R K⁻¹ R b − ½ ln |K|.
+N⁻¹; degree 1 is free: `fit.background.Amplitudes` has the likelihood.
 
 √P_b is flat beforehand. Draws come from the product of what each band says with all others free, weighted by L.
 """
@@ -13,9 +11,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve, cholesky, solve_triangular
+from scipy.linalg import cho_factor, cho_solve
 
+from fit.background import Amplitudes, trapezoids
 from fit.in_time._equations import TimeEquations
+from fit.normal import eliminated
 from fit.quality import Quality
 from fit.storage import Result
 from vsh.io import tables
@@ -187,18 +187,18 @@ def background(
         raise ModesError("backgrounds have degrees from 2 on: lmax of 2 or more")
     chosen = _bands(bands, names)
     matrix, rhs, shapes, scale = _reduced(equations, chosen, spectrum)
-    likelihood = _Likelihood(matrix, rhs, shapes)
+    likelihood = Amplitudes(matrix, rhs, shapes)
     rng = generator(rng)
-    proposals = [likelihood.alone(b) for b in range(len(chosen))]
+    proposals = [_proposal(likelihood.alone(b)) for b in range(len(chosen))]
     reach = np.array([root[-1] for root, _ in proposals])
     roots: Any = np.empty((0, len(chosen)))
     logs: Any = np.empty(0)
     count = arguments.whole("draws", draws)
     for _ in range(5):
-        drawn, density = zip(*(_drawn(*each, count, rng) for each in proposals), strict=True)
+        drawn, density = zip(*(_drawn(root, density, count, rng) for root, density in proposals), strict=True)
         more = np.stack(drawn, axis=1)
         roots = np.concatenate([roots, more])
-        logs = np.concatenate([logs, [likelihood(each) for each in more] - np.sum(density, axis=0)])
+        logs = np.concatenate([logs, [likelihood.log_likelihood(each**2) for each in more] - np.sum(density, axis=0)])
         weights = np.exp(logs - logs.max())
         weights /= weights.sum()
         if 1 / np.sum(weights**2) >= min(least, draws / 2):
@@ -258,7 +258,7 @@ def _reduced(equations, bands, spectrum):
     whole = equations.matrix + ridge
     try:
         best = cho_solve(cho_factor(whole[np.ix_(seen, seen)]), equations.rhs[seen])
-        matrix, rhs = _without(whole, equations.rhs, high, free)
+        matrix, rhs, _ = eliminated(whole, equations.rhs, high, free)
     except np.linalg.LinAlgError:
         raise DegeneracyError(
             f"{equations.n_sources} sources do not determine the functions that are fitted freely"
@@ -268,14 +268,7 @@ def _reduced(equations, bands, spectrum):
     tau = quality.reduced if dof > 0 else 1.0
     owner, all_variances = np.repeat(np.arange(f), len(modes))[high], np.tile(variances, f)[high]
     shapes = np.array([np.where(np.isin(owner, band), all_variances, 0.0) for band in bands])
-    return (matrix + matrix.T) / (2 * tau), rhs / tau, shapes, float(np.sqrt(tau))
-
-
-def _without(matrix, rhs, kept, free):
-    """N and b of what is kept, what is free fitted without a prior."""
-    across = matrix[np.ix_(free, kept)]
-    known = cho_solve(cho_factor(matrix[np.ix_(free, free)]), np.column_stack([across, rhs[free]]))
-    return matrix[np.ix_(kept, kept)] - across.T @ known[:, :-1], rhs[kept] - across.T @ known[:, -1]
+    return matrix / tau, rhs / tau, shapes, float(np.sqrt(tau))
 
 
 def _shares(modes, spectrum):
@@ -293,45 +286,26 @@ def _shares(modes, spectrum):
     return 4 * np.pi * shares / modes.norm2
 
 
-class _Likelihood:
-    """ln L of √P of all bands, relative to no background."""
+def _proposal(likelihood):
+    """√P of one band, and a density there that is a little wider than its likelihood."""
+    unit = float(np.sqrt(likelihood.unit[0]))
 
-    def __init__(self, matrix: FloatArray, rhs: FloatArray, shapes: FloatArray) -> None:
-        self.matrix, self.rhs, self.shapes = matrix, rhs, shapes
+    def log(root):
+        logdet, gain = likelihood.on_tensor([root])
+        return (gain - logdet) / 2
 
-    def __call__(self, root: FloatArray) -> float:
-        scale = np.sqrt(root**2 @ self.shapes)
-        k = self.matrix * scale[:, None] * scale
-        np.einsum("ii->i", k)[...] += 1
-        lower = cholesky(k, lower=True, overwrite_a=True, check_finite=False)
-        w = solve_triangular(lower, scale * self.rhs, lower=True, check_finite=False)
-        return float(w @ w / 2 - np.log(np.diag(lower)).sum())
-
-    def alone(self, b: int) -> tuple[FloatArray, FloatArray]:
-        """√P of one band with all others free, and its density there."""
-        own = self.shapes[b] > 0
-        matrix, rhs = (self.matrix, self.rhs) if own.all() else _without(self.matrix, self.rhs, own, ~own)
-        shape = np.sqrt(self.shapes[b][own])
-        values, turn = np.linalg.eigh(matrix * np.outer(shape, shape))
-        values, squares = np.maximum(values, 0), (turn.T @ (shape * rhs)) ** 2
-        unit = (2 / np.sum(values**2)) ** 0.25  # √P that is seen at one standard error
-
-        def log(root):
-            gain = 1 + root[:, None] ** 2 * values
-            return (root[:, None] ** 2 * squares / gain - np.log(gain)).sum(1) / 2
-
-        high = 4 * unit
-        while log(np.array([high]))[0] > log(np.linspace(0, high, _POINTS)).max() - 12 and high < 1e8 * unit:
-            high *= 1.5
-        root = np.linspace(0, high, 2 * _POINTS)
-        density = log(root)
-        density = np.exp(0.8 * (density - density.max())) + 1e-4  # a little wider than what it says
-        return root, density / np.sum((density[1:] + density[:-1]) / 2 * np.diff(root))
+    high = 4 * unit
+    while log(np.array([high]))[0] > log(np.linspace(0, high, _POINTS)).max() - 12 and high < 1e8 * unit:
+        high *= 1.5
+    root = np.linspace(0, high, 2 * _POINTS)
+    density = log(root)
+    density = np.exp(0.8 * (density - density.max())) + 1e-4
+    return root, density / trapezoids(density, root)[-1]
 
 
 def _drawn(root, density, n, rng):
     """Draws from a density on a grid, straight between its points, and ln of it there."""
-    share = np.concatenate([[0.0], np.cumsum((density[1:] + density[:-1]) / 2 * np.diff(root))])
+    share = trapezoids(density, root)
     drawn = np.interp(rng.random(n) * share[-1], share, root)
     at = np.clip(np.searchsorted(root, drawn, side="right") - 1, 0, len(root) - 2)
     # np.interp of the shares is exact for a density constant between points.

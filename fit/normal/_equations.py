@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.linalg import cho_factor, cho_solve
 
 from vsh import Modes
 from vsh.modes import ScalarModes, as_modes
@@ -136,6 +137,35 @@ class NormalEquations(Frozen):
         if other.prior is None:
             return self.prior
         return (self.prior or _nothing(other.prior))._combine(other.prior, sign)
+
+
+def eliminated(
+    matrix: FloatArray, rhs: FloatArray, kept: ArrayLike, free: ArrayLike, variances: FloatArray | None = None
+) -> tuple[FloatArray, FloatArray, float]:
+    """N and b of the unknowns `kept`, those that are `free` eliminated, and by how much that lowers χ².
+
+    Parameters
+    ----------
+    matrix, rhs : (p, p) and (p,) arrays
+        N and b.
+    kept, free : indices or masks
+        Of the p unknowns. Those in neither are zero.
+    variances : array, optional
+        Those of a prior around zero on what is free; it has none unless given.
+
+    Notes
+    -----
+    The Schur complement N' = N − N_kf M⁻¹ N_fk with M = N_ff + P⁻¹; M⁻¹ = √P (1 + √P N_ff √P)⁻¹ √P bears P = 0.
+    """
+    kept, free = (np.flatnonzero(at) if np.asarray(at).dtype == bool else np.asarray(at) for at in (kept, free))
+    inner, across = matrix[np.ix_(free, free)], matrix[np.ix_(free, kept)]
+    sides, root = np.column_stack([across, rhs[free]]), None if variances is None else np.sqrt(variances)[:, None]
+    if root is None:
+        known = cho_solve(cho_factor(inner), sides)
+    else:
+        known = root * cho_solve(cho_factor(np.eye(len(free)) + root * inner * root.T), root * sides)
+    schur = matrix[np.ix_(kept, kept)] - across.T @ known[:, :-1]
+    return (schur + schur.T) / 2, rhs[kept] - across.T @ known[:, -1], float(rhs[free] @ known[:, -1])
 
 
 def _nothing(like):

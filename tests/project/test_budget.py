@@ -11,13 +11,14 @@ from conftest import ROOT
 PACKAGES = ("vsh", "fit", "sim", "study")
 #: Lines of code (no docstrings, comments or blank lines) that a room may have.
 BUDGET = {
-    "fit": 2843, "fit/background": 2280, "fit/commands": 1207, "fit/correlation": 813, "fit/distances": 693,
-    "fit/galaxy": 194, "fit/in_time": 751, "fit/link": 1172, "fit/methods": 184, "fit/normal": 543,
+    "fit": 2843, "fit/background": 2245, "fit/commands": 1205, "fit/correlation": 813, "fit/distances": 693,
+    "fit/galaxy": 194, "fit/in_time": 734, "fit/link": 1172, "fit/methods": 184, "fit/normal": 556,
     "fit/output": 926, "fit/pairs": 597, "fit/posterior": 1413, "fit/redshift": 772, "fit/resample": 293,
     "fit/robust": 578, "fit/secular_parallax": 1399, "fit/shear": 176, "fit/waves": 423, "sim": 957,
-    "sim/agis": 2017, "sim/commands": 458, "sim/gaia": 477, "sim/scanning": 466, "sim/signal": 365, "study": 964,
-    "study/forecast": 314, "study/gaia": 441, "study/referee": 953, "vsh": 1448, "vsh/commands": 2373,
-    "vsh/figures": 1081, "vsh/io": 5108, "vsh/models": 966, "vsh/sky": 419, "vsh/tools": 1517,
+    "sim/agis": 2017, "sim/commands": 458, "sim/gaia": 477, "sim/scanning": 466, "sim/signal": 365,
+    "study": 964, "study/forecast": 314, "study/gaia": 441, "study/referee": 952, "vsh": 1448,
+    "vsh/commands": 2373, "vsh/figures": 1081, "vsh/io": 5108, "vsh/models": 966, "vsh/sky": 419,
+    "vsh/tools": 1517,
 }  # fmt: skip
 _NO_CODE = {
     tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT, tokenize.ENCODING,

@@ -11,7 +11,7 @@ import fit
 import sim
 from fit.background import Spectrum
 from fit.background import fit_amplitudes as fit_background
-from fit.background._fit import posteriors
+from fit.background._amplitude import posteriors
 from fit.background._likelihood import Likelihood, Maximum
 from vsh import Field, Modes
 from vsh.basis import harmonics

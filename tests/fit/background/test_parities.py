@@ -6,9 +6,8 @@ import pytest
 import fit
 import sim
 from fit.background import floor
-from fit.background._amplitude import equations_of
-from fit.background._fit import posteriors
-from fit.background._likelihood import Likelihood
+from fit.background._amplitude import posteriors
+from fit.background._likelihood import Likelihood, equations_of
 from fit.background._parities import Parities
 from vsh import Coefficients, Field, Modes
 from vsh.models.covariance import Spectrum
@@ -47,7 +46,7 @@ def test_slopes_are_those_of_the_parts():
     normal = equations(13, 20.0, 10.0, latitude=6.0)
     expanded = Parities(normal, range(2, 14), (1,))
     ratios = np.array([18.0, 12.0])
-    logdet, gain, by_logdet, by_gain = expanded._slopes(ratios)
+    logdet, gain, by_logdet, by_gain = expanded.slopes(ratios)
     np.testing.assert_allclose((logdet, gain), expanded.parts(ratios))
     for i, axis in enumerate(np.eye(2)):
         change = np.subtract(expanded.parts(ratios + 1e-3 * axis), expanded.parts(ratios - 1e-3 * axis)) / 2e-3

@@ -10,8 +10,7 @@ import fit
 import sim
 import vsh
 from fit.background import Spectrum, shared, shared_jointly
-from fit.background._blocks import Blocks, parities, reduced
-from fit.background._joint import JointBlocks, JointEquations
+from fit.background._blocks import ClassAmplitudes, ClassEquations, parities, reduced
 from vsh import DegeneracyError, Field, FrameError, Modes, ModesError, ParameterError
 
 
@@ -33,9 +32,9 @@ def three():
 
 def test_the_gradient_is_that_of_the_likelihood():
     modes = Modes(4)
-    parts = [reduced(each, modes) for each in classes(lmax=4, k=2)]
+    parts = ClassEquations.beside([reduced(each, modes) for each in classes(lmax=4, k=2)])
     for own in ("each", "one"):
-        blocks = Blocks(parts, modes, Spectrum.flat().variances(modes), own)
+        blocks = ClassAmplitudes(parts, modes, Spectrum.flat().variances(modes), own)
         x = np.linspace(0.7, 1.9, blocks.unit.size)
         value, slope = blocks.loss(x)
         assert value == pytest.approx(-blocks.log_likelihoods(x[None])[0], rel=1e-12)
@@ -49,9 +48,9 @@ def test_the_gradient_is_that_of_the_likelihood():
 def test_the_likelihood_is_that_of_the_dense_covariance():
     """ln L of degrees 2 … L by the covariance of all coefficients' right-hand sides."""
     modes = Modes(3)
-    parts = [reduced(each, modes, False) for each in classes(lmax=3, k=2, n=500)]
+    parts = ClassEquations.beside([reduced(each, modes, False) for each in classes(lmax=3, k=2, n=500)])
     variances = Spectrum.flat().variances(modes)
-    blocks = Blocks(parts, modes, variances, "each")
+    blocks = ClassAmplitudes(parts, modes, variances, "each")
     x = np.array([1.0, 0.5, 2.0, 0.7, 1.1, 0.2])
     shares = blocks.shares(x)
     high = modes.degrees > 1
@@ -60,8 +59,8 @@ def test_the_likelihood_is_that_of_the_dense_covariance():
     a = np.zeros_like(prior)
     q = high.sum()
     for i in range(2):
-        a[i * q : (i + 1) * q, i * q : (i + 1) * q] = parts[i].matrix
-    beta = np.concatenate([part.rhs for part in parts])
+        a[i * q : (i + 1) * q, i * q : (i + 1) * q] = parts.matrix[i]
+    beta = parts.rhs.ravel()
     inner = np.linalg.inv(prior) + a
     wanted = beta @ np.linalg.solve(inner, beta) / 2 - np.linalg.slogdet(np.eye(2 * q) + prior @ a)[1] / 2
     assert blocks.log_likelihoods(x[None])[0] == pytest.approx(wanted, abs=1e-4)
@@ -208,9 +207,9 @@ def test_classes_that_share_no_noise_are_classes_of_their_own():
     mixed = matrix.reshape(rhs.size, -1)
     root, turn = np.linalg.cholesky(mixed), rng.normal(size=mixed.shape) / 60
     mixed = root @ (np.eye(rhs.size) + turn @ turn.T) @ root.T
-    joint = JointEquations.of(mixed.reshape(matrix.shape), rhs, modes)
+    joint = ClassEquations.jointly(mixed.reshape(matrix.shape), rhs, modes)
     variances = Spectrum.flat().variances(modes)
-    blocks = JointBlocks(joint, modes, variances, "each")
+    blocks = ClassAmplitudes(joint, modes, variances, "each")
     x = rng.uniform(0.5, 3, blocks.units.size)
     _, slope = blocks.loss(x)
     for k in range(x.size):

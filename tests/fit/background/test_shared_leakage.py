@@ -9,7 +9,7 @@ from conftest import few_or_many
 import fit
 import sim
 from fit.background import Template, sees_part, shared, widened
-from fit.background._leakage import marginalised
+from fit.background._shared import marginalised
 from fit.normal import gaussian_prior
 from vsh import Modes
 from vsh.models.covariance import Spectrum

@@ -8,7 +8,7 @@ from scipy.stats import chi2, kstest, ncx2
 import fit
 import sim
 from fit.background import Spectrum, wave_limit
-from fit.background._likelihood import probability_above, quantile
+from fit.background._waves import probability_above, quantile
 from vsh.io.catalogue import read_field
 from vsh.tools.errors import ModesError, ParameterError
 

@@ -170,9 +170,9 @@ def test_the_likelihood_of_a_background_is_that_of_the_coefficients():
     functions = waves(1.5, 2.5, span=SPAN)
     equations = normal_equations(observed(200), 2, functions, attitude="known")
     matrix, rhs, shapes, _ = _reduced(equations, _bands(None, functions.names), None)
-    from fit.in_time._background import _Likelihood
+    from fit.background import Amplitudes
 
-    likelihood, covariance = _Likelihood(matrix, rhs, shapes), np.linalg.inv(matrix)
+    likelihood, covariance = Amplitudes(matrix, rhs, shapes), np.linalg.inv(matrix)
     values = covariance @ rhs
 
     def density(root):
@@ -180,7 +180,7 @@ def test_the_likelihood_of_a_background_is_that_of_the_coefficients():
         return -(values @ np.linalg.solve(whole, values) + np.linalg.slogdet(whole)[1]) / 2
 
     for root in (np.array([3.0, 40.0]), np.array([20.0, 0.0])):
-        assert likelihood(root) == pytest.approx(density(root) - density(np.zeros(2)), abs=1e-6)
+        assert likelihood.log_likelihood(root**2) == pytest.approx(density(root) - density(np.zeros(2)), abs=1e-6)
 
 
 @pytest.mark.slow
