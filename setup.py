@@ -100,7 +100,7 @@ def make_share(folder, version):
     import shtab
     from argparse_manpage.manpage import Manpage
 
-    from vsh.__main__ import COMMANDS, options_of
+    from vsh.__main__ import COMMANDS, module_of
     from vsh.__main__ import about as purpose
 
     about = {
@@ -111,7 +111,7 @@ def make_share(folder, version):
     }
     texts = {}
     for name in COMMANDS:
-        words = options_of(name)
+        words = module_of(name)
         parser = words.make_parser()
         texts[f"man/man1/vsh-{name}.1"] = str(Manpage(words.make_parser(), about | {"description": purpose(name)}))
         for action in parser._actions:

@@ -43,7 +43,7 @@ def system(n, sky="uniform", *, equal=None, stars=0, star_error=100.0, knots=30.
 
 def ratio(made, quasars):
     """True over formal error of the acceleration, and the iterations that took."""
-    from sim.agis._globals import MotionFit
+    from sim.agis._mission import MotionFit
 
     fit = MotionFit(made, Modes(1), np.flatnonzero(quasars))
     true = made.covariance_of(fit.functionals([3, 4, 5]))
@@ -74,7 +74,7 @@ def errors(n=10_000):
 
 def carlo(n=10_000, draws=200):
     """Scatter of the acceleration over draws of the noise, beside the exact error."""
-    from sim.agis._globals import MotionFit
+    from sim.agis._mission import MotionFit
 
     for name, options in (("equal weights", {"equal": 500.0}), ("by magnitude", {})):
         made, quasars = system(n, **options)
@@ -201,7 +201,7 @@ def full(sky, n=agis.FULL):
 
 def paper(n=20_000, draws=100):
     """Cases A to D: rms over components of the acceleration, scaled to half a million quasars [µas/yr]."""
-    from sim.agis._globals import MotionFit
+    from sim.agis._mission import MotionFit
 
     sys.path.insert(0, str(Path(__file__).parents[1] / "papers" / "bachchan2016"))
     from published import published
@@ -239,8 +239,8 @@ def paper(n=20_000, draws=100):
 
 def level(n=5000, degree=6):
     """A second level of harmonics in positions, parallaxes and motions: iterations and CPU seconds, for one solution and for thirty."""
-    from sim.agis._globals import MotionFit
-    from sim.agis._solve import Iteration
+    from sim.agis._mission import MotionFit
+    from sim.agis._system import Iteration
     from vsh.basis import harmonics, scalar_harmonics
 
     made, quasars = system(n, "igql")

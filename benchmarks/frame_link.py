@@ -9,7 +9,7 @@ import time
 import numpy as np
 
 import sim
-from fit.link import LinkPrior, link
+from fit.frames.link import LinkPrior, link
 from vsh.vector import Vector
 
 TRUTH = np.array([100.0, 200.0, -100.0, 20.0, -30.0, 50.0])

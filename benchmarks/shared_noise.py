@@ -11,8 +11,8 @@ import numpy as np
 from scipy.stats import kstest
 
 import sim
-from fit.compare import by_error_class
-from fit.quality import f_p_value
+from fit.frames.compare import by_error_class
+from fit.results.quality import f_p_value
 from fit.solving import fit_field
 from vsh import Field, Modes
 

@@ -13,8 +13,8 @@ sys.path[:0] = [str(ROOT), str(HERE)]
 from reference import escape  # noqa: E402
 
 import vsh  # noqa: E402 (found by the path above)
-from vsh.tools.logs import PACKAGES  # noqa: E402
 from vsh.tools.parallel import without_bars  # noqa: E402
+from vsh.tools.printing import PACKAGES  # noqa: E402
 
 project = "vsh-astrometry"
 author = "the vsh-astrometry developers"

@@ -14,11 +14,11 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import sim
-from fit.compare import compare_catalogues
+from fit.frames.compare import compare_catalogues
 from vsh.conventions import from_icrf3
 from vsh.figures.plot import plot_field
 from vsh.io.catalogue import read_icrf
-from vsh.sky.positions import Positions
+from vsh.sky.frames import Positions
 from vsh.tools.units import UAS
 
 TRUTH = {"R1": 12.0, "R2": 15.0, "R3": -2.0, "D1": -20.0, "D2": -65.0, "D3": -95.0, "E20": 45.0}

@@ -12,7 +12,7 @@ import numpy as np
 
 import fit
 import sim
-from sim.noise import parallax_error
+from sim.astrometry import parallax_error
 from vsh import ScalarCoefficients, ScalarField, ScalarModes
 
 # %%

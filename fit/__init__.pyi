@@ -2,35 +2,31 @@
 
 from . import (
     background,
-    chain,
-    compare,
     correlation,
-    frame,
-    galaxy,
+    frames,
     in_time,
-    link,
     methods,
-    output,
+    motions,
     pairs,
     posterior,
     redshift,
     resample,
+    results,
     robust,
     secular_parallax,
-    shear,
-    spectrum,
-    stars,
-    storage,
     waves,
 )
-from .frame import CrossCheck, FrameSolution, cross_check, solve_frame
-from .matrix_free import MatrixFreeSolution, solve_matrix_free
+from .frames import chain, compare, link
 from .methods import METHODS, Estimate, Recommended, estimate, recommended
+from .motions import galaxy, shear, stars
+from .motions.stars import Kinematics, kinematics
 from .normal import Moments, NormalEquations, gaussian_prior, normal_equations
+from .results import output, quality, spectrum, storage
+from .results.solution import Solution
 from .robust import Clipped, clip
-from .solution import Solution
-from .solving import fit_field, solve
-from .stars import Kinematics, kinematics
+from .solving import fit_field, frame, solve
+from .solving.frame import CrossCheck, FrameSolution, cross_check, solve_frame
+from .solving.matrix_free import MatrixFreeSolution, solve_matrix_free
 
 __all__ = [
     "METHODS",
@@ -53,19 +49,23 @@ __all__ = [
     "estimate",
     "fit_field",
     "frame",
+    "frames",
     "galaxy",
     "gaussian_prior",
     "in_time",
     "kinematics",
     "link",
     "methods",
+    "motions",
     "normal_equations",
     "output",
     "pairs",
     "posterior",
+    "quality",
     "recommended",
     "redshift",
     "resample",
+    "results",
     "robust",
     "secular_parallax",
     "shear",

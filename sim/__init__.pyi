@@ -1,10 +1,10 @@
 """What `sim` holds: for type checkers, and for whoever asks (lazy_loader reads the imports here)."""
 
 from . import agis, astrometry, effects, gaia, plot, population, scanning, signal, skies, variability
+from .astrometry import gaia_errors
 from .expected import expected_covariances, scan_maps
 from .gaia import crf3, crf4, epochs, link
 from .mission import Mission
-from .noise import gaia_errors
 from .observing import observe, observe_offsets
 from .population import (
     Population,

@@ -5,8 +5,7 @@ from typing import Literal
 
 import numpy as np
 
-from sim.astrometry import attitude_noise, errors_of_unit_transits, transit_error
-from sim.noise import RELEASES
+from sim.astrometry import RELEASES, attitude_noise, errors_of_unit_transits, transit_error
 from sim.scanning import NominalScanningLaw
 from vsh.tools import arguments
 from vsh.tools.errors import FrameError, ParameterError

@@ -6,9 +6,8 @@ from typing import Literal
 import numpy as np
 
 from sim.agis import solve_mission
-from sim.astrometry import solve_astrometry
+from sim.astrometry import gaia_errors, solve_astrometry
 from sim.mission import Mission, as_mission
-from sim.noise import gaia_errors
 from sim.population import Population
 from sim.scanning import BLOCK, NominalScanningLaw
 from sim.signal import Signal, as_signal
@@ -18,8 +17,8 @@ from vsh.coefficients import Coefficients
 from vsh.tools import arguments
 from vsh.tools.arguments import generator
 from vsh.tools.errors import ParameterError
-from vsh.tools.logs import logged
 from vsh.tools.parallel import map_blocks
+from vsh.tools.printing import logged
 from vsh.tools.types import ArrayLike, Release, Rng
 
 #: Errors of redshifts by name: at z = 0, and for each unit of z.

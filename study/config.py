@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from sim.noise import RELEASES
-from vsh.commands.values import SKIES
+from sim.astrometry import RELEASES
+from vsh.commands.parsing import SKIES
 from vsh.models.cosmology import VELOCITIES, velocity_from_apex
 from vsh.sky.frames import FRAMES
 from vsh.tools.arguments import explained

@@ -1,19 +1,169 @@
-"""All realisations of a study, on all cores, each written when it is done; a killed study goes on."""
+"""All realisations of a study, on all cores, each written when it is done, and tables of what came of them.
+
+A killed study goes on where it was.
+"""
 
 import json
+from collections.abc import Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, wait
 from pathlib import Path
+from typing import Any
 
+import numpy as np
+from scipy.special import ndtr
 from threadpoolctl import threadpool_limits
 
 from study.config import Study, StudyError
-from study.prepare import prepared
-from study.realise import prepared_sources, realise
-from study.results import write_results
+from study.realise import prepared, prepared_sources, realise
+from vsh.figures.plot import COLOURS, WIDTH, legend_above, panels, styled, symbol
+from vsh.io import tables
 from vsh.tools.files import atomic_write, exclusive, remove_unfinished
 from vsh.tools.parallel import cores, ended_if_interrupted, process_pool, progress_bar, uninterrupted
 from vsh.tools.printing import printable
-from vsh.tools.types import PathName
+from vsh.tools.types import AxesArray, OnAxes, PathName, Table
+
+
+def read_realisations(study: Study, folder: Path, n_realisations: int) -> Any:
+    """Values and errors of all realisations, by case: dicts of name to (n_realisations,) arrays."""
+    realisations = {}
+    for case in study.cases:
+        paths = [folder / "realisations" / case["name"] / f"{number:05d}.json" for number in range(n_realisations)]
+        rows = [json.loads(path.read_text(encoding="utf-8")) for path in paths]
+        realisations[case["name"]] = tuple(
+            {name: np.array([row[part][name] for row in rows]) for name in rows[0][part]}
+            for part in ("values", "sigma")
+        )
+    return realisations
+
+
+def write_results(study: Study, folder: Path, n_realisations: int) -> None:
+    """Write results.ecsv (every number of every realisation) and summary.ecsv (a row a case and parameter)."""
+    realisations = read_realisations(study, folder, n_realisations)
+    columns = {"case": [], "realisation": [], "parameter": [], "value": [], "sigma": []}
+    for case, (values, sigma) in realisations.items():
+        for name in values:
+            columns["case"] += [case] * n_realisations
+            columns["realisation"] += range(n_realisations)
+            columns["parameter"] += [name] * n_realisations
+            columns["value"] += values[name].tolist()
+            columns["sigma"] += sigma[name].tolist()
+    meta = {"study": study.settings["name"], "frame": study.settings["frame"], "n_realisations": n_realisations}
+    tables.write(folder / "results.ecsv", columns, meta)
+    rows = summary(study, realisations)
+    tables.write(folder / "summary.ecsv", {key: [row[key] for row in rows] for key in rows[0]}, meta)
+
+
+def summary(study: Study, realisations: Any) -> list[dict[str, Any]]:
+    """Mean, standard deviation and mean formal error of every parameter: a list of dicts.
+
+    The truth stands beside them, and how far the mean is from it in standard errors of the mean; how uncertain the
+    scatter is after so many realisations; and the shares of them whose intervals of 68 and 95 % (1 and 1.96 σ) hold the
+    truth, with the standard deviation that such a share would have if the errors were right.
+    """
+    rows = []
+    for case, (values, sigma) in realisations.items():
+        for name, value in values.items():
+            true = truth_of(study, name)
+            scatter = float(np.std(value, ddof=1)) if len(value) > 1 else float("nan")
+            error = scatter / np.sqrt(len(value))
+            n, away = len(value), np.abs(value - true) / sigma[name]
+            row = {
+                "case": case,
+                "parameter": name,
+                "n": n,
+                "truth": true,
+                "mean": float(value.mean()),
+                "std": scatter,
+                "sigma": float(sigma[name].mean()),
+                "off": float((value.mean() - true) / error) if error > 0 else float("nan"),
+                "std_error": float(scatter / np.sqrt(2 * max(1, n - 1))),
+            }
+            for share, reach in ((68, 1.0), (95, 1.959963984540054)):
+                row[f"within_{share}"] = float((away <= reach).mean())
+                row[f"within_{share}_error"] = float(np.sqrt(chance(reach) * (1 - chance(reach)) / n))
+            rows.append(row)
+    return rows
+
+
+def chance(reach: float) -> float:
+    """How often a normal deviate is within `reach` standard deviations."""
+    return float(2 * ndtr(reach) - 1)
+
+
+def table_of(rows: list[dict[str, Any]]) -> Table:
+    """A summary as an astropy Table."""
+    return tables.table_of({key: [row[key] for row in rows] for key in rows[0]})
+
+
+def truth_of(study: Study, name: str) -> float:
+    """The true value of a parameter."""
+    from study.realise import true_velocity
+
+    truth, name = study.truth, name.split("@")[0].removeprefix("g_")
+    if name == "H0":
+        return truth["hubble"]
+    vector, axis = name.rsplit("_", 1)
+    named = {"epsilon": "orientation", "omega": "spin", "a": "acceleration"}
+    values = true_velocity(study).value if vector == "v" else truth[named[vector]]
+    return float(values["xyz".index(axis)])
+
+
+_MARKS = "os^Dv<>P"
+#: Names are still read of so many parameters.
+_NAMED = 24
+
+
+def _distinct(rows):
+    """The parameters, without those that have the numbers of one before them: degree 1 alone where that is all."""
+    known: dict[str, list[Any]] = {}
+    for row in rows:
+        numbers = [f"{row[key]:.6g}" for key in ("mean", "std", "sigma")]
+        known.setdefault(row["parameter"], []).append((row["case"], *numbers))
+    first: dict[Any, str] = {}
+    for name, all_numbers in known.items():
+        first.setdefault(tuple(all_numbers), name)
+    return list(first.values())
+
+
+def _symbol(name):
+    """A parameter as it is printed in a figure: the degree of its fit behind its symbol."""
+    parameter, _, degree = name.partition("@")
+    return symbol(parameter) + (f", $L = {degree}$" if degree else "")
+
+
+@styled
+def plot_calibration(rows: Sequence[Mapping[str, Any]], *, ax: OnAxes | None = None) -> AxesArray:
+    """Off mean, scatter over formal error, and coverage of every parameter, with the errors of so few realisations."""
+    cases = list(dict.fromkeys(row["case"] for row in rows))
+    names = _distinct(rows)
+    width = max(WIDTH, 0.16 * len(names) + 0.8)
+    off, scatter, coverage = drawn = panels(ax, 3, 1, size=(width, 4.6), sharex=True)
+    for i, case in enumerate(cases):
+        own = [row for row in rows if row["case"] == case and row["parameter"] in names]
+        shift = (i - (len(cases) - 1) / 2) * 0.6 / max(1, len(cases))
+        x = np.array([names.index(row["parameter"]) for row in own]) + shift
+        value = {key: np.array([row[key] for row in own], float) for key in own[0] if key not in ("case", "parameter")}
+        colour, mark = COLOURS[i % len(COLOURS)], _MARKS[i % len(_MARKS)]
+        n = value["n"]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            style = {"color": colour, "fmt": mark, "markersize": 2.5, "linewidth": 0.7}
+            off.errorbar(x, (value["mean"] - value["truth"]) / value["std"], 1 / np.sqrt(n), label=case, **style)
+            scatter.errorbar(x, value["std"] / value["sigma"], value["std_error"] / value["sigma"], **style)
+        for share, open_ in ((68, False), (95, True)):
+            face = {"markerfacecolor": "white"} if open_ else {}
+            coverage.errorbar(x, value[f"within_{share}"], value[f"within_{share}_error"], **style, **face)
+    off.axhline(0, color="0.5", linewidth=0.6, zorder=0)
+    off.set_ylabel("(mean − truth)\n/ scatter")
+    scatter.axhline(1, color="0.5", linewidth=0.6, zorder=0)
+    scatter.set_ylabel("scatter\n/ formal error")
+    for level in (0.6827, 0.95):
+        coverage.axhline(level, color="0.5", linewidth=0.6, zorder=0)
+    coverage.set_ylim(0, 1.12)  # error bars end above 1
+    coverage.set_ylabel("truth within\n68 % (95 %: open)")
+    step = -(-len(names) // _NAMED) if len(names) > 4 * _NAMED else 1
+    coverage.set_xticks(range(0, len(names), step), [_symbol(name) for name in names[::step]], rotation=90, fontsize=6)
+    legend_above(off, 4)
+    return drawn
 
 
 def run(

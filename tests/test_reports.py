@@ -8,8 +8,7 @@ from conftest import real_catalogue
 
 from fit.commands import compare, correlate, fit, link, pairs, redshift
 from sim.commands import simulate
-from study.forecast import command as forecast
-from study.referee import command as referee
+from study.commands import forecast, referee
 
 DEMO = str(files("fit") / "demo.fits")
 VLBA = "td2017_vlba_proper_motions.ecsv"

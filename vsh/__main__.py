@@ -29,14 +29,14 @@ _USAGE = """usage: python -m vsh COMMAND …
 Each is a command of its own, too: python -m vsh fit is vsh-fit. See python -m vsh COMMAND --help."""
 
 
-def options_of(command: str) -> ModuleType:
-    """The module with the options of a command: light, it loads nothing but the standard library."""
-    return import_module(f"vsh.commands.options.{COMMANDS[command].options}")
+def module_of(command: str) -> ModuleType:
+    """The module of a command, with its parser: light, what it works with is imported when the work begins."""
+    return import_module(COMMANDS[command].module)
 
 
 def about(command: str) -> str:
     """What a command does, in a few words."""
-    return re.split(r"[:.] ", options_of(command).make_parser().description)[0].rstrip(".")
+    return re.split(r"[:.] ", module_of(command).make_parser().description)[0].rstrip(".")
 
 
 def run(command: str, arguments: Sequence[str] | None = None) -> NoReturn:
@@ -54,8 +54,8 @@ def run(command: str, arguments: Sequence[str] | None = None) -> NoReturn:
     with printing():
         from vsh.commands.parsing import parse
 
-        options = parse(options_of(command), arguments)
-        program = import_module(COMMANDS[command].module)
+        program = module_of(command)
+        options = parse(program, arguments)
         signal.signal(signal.SIGINT, signal.default_int_handler)  # from here on `vsh.commands.running.guarded` sees it
         status = program.run(options)
     sys.exit(status)

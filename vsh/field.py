@@ -32,11 +32,11 @@ from vsh.tools.bad_rows import (
     span_of,
 )  # fmt: skip
 from vsh.tools.errors import FieldError, FrameError
+from vsh.tools.files import table_of, write_table
 from vsh.tools.notebook import Frozen
 from vsh.tools.notes import NO_REDSHIFTS, VELOCITIES, CodedNote, merge_notes
 from vsh.tools.types import ArrayLike, BoolArray, FloatArray, OnBad, PathName, Table
 from vsh.tools.units import DEGREE, MAS
-from vsh.tools.writing import table_of, write_table
 
 #: Beyond these a number stands for a missing value, or is none.
 _PLAUSIBLE = {"redshift": (-1.0, 1100.0), "magnitude": (-30.0, 50.0), "redshift_error": (-1e-300, 100.0),

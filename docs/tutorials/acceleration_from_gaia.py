@@ -18,7 +18,7 @@ import numpy as np
 
 import fit
 import sim
-from fit.output import plot_spectrum
+from fit.results.output import plot_spectrum
 from vsh.figures.plot import plot_field
 from vsh.io.catalogue import read_field
 

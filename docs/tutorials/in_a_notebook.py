@@ -33,7 +33,7 @@ from vsh.io import archive, catalogue, tables
 from vsh.io.parts import Here
 from vsh.models import covariance, flows
 from vsh.models.cosmology import CMB_VELOCITY_PLANCK18
-from vsh.sky.positions import Positions
+from vsh.sky.frames import Positions
 
 OBJECTS = []
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from tempfile import mkdtemp
 
 from study import load, run
-from study.results import plot_calibration, read_realisations, summary
+from study.run import plot_calibration, read_realisations, summary
 
 folder = Path(mkdtemp())
 (folder / "study.toml").write_text(

@@ -26,8 +26,8 @@ from fit.background._likelihood import (
     words_of,
 )
 from fit.normal import NormalEquations
-from fit.solution import HarmonicSolution
-from fit.storage import Result
+from fit.results.solution import HarmonicSolution
+from fit.results.storage import Result
 from vsh.io import tables
 from vsh.models.covariance import Spectrum
 from vsh.tools.arguments import between, choice

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from fit.normal import TemplateField
-from fit.solution import HarmonicSolution
-from fit.storage import Result
+from fit.results.solution import HarmonicSolution
+from fit.results.storage import Result
 from vsh.io import tables
 from vsh.models.covariance import Spectrum
 from vsh.tools.arguments import explained

@@ -18,8 +18,8 @@ from scipy.special import logsumexp
 
 from fit.background._likelihood import equations_of, fitted_degrees, parts_of, places
 from fit.normal import NormalEquations
-from fit.solution import HarmonicSolution
-from fit.storage import Result
+from fit.results.solution import HarmonicSolution
+from fit.results.storage import Result
 from vsh.io import tables
 from vsh.models.covariance import Spectrum
 from vsh.tools.arguments import a, number, positive

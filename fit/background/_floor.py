@@ -21,15 +21,15 @@ from fit.background._likelihood import (
 )
 from fit.background._parities import Parities
 from fit.normal import NormalEquations, gaussian_prior
-from fit.quality import ErrorSource
-from fit.solution import HarmonicSolution
-from fit.storage import Result
+from fit.results.quality import ErrorSource
+from fit.results.solution import HarmonicSolution
+from fit.results.storage import Result
 from vsh.io import tables
 from vsh.models.covariance import LINDEGREN_2021, Spectrum
 from vsh.modes import Modes
 from vsh.tools.arguments import explained
 from vsh.tools.errors import ConvergenceError, DegeneracyError, ModesError, ParameterError
-from vsh.tools.logs import logged
+from vsh.tools.printing import logged
 from vsh.tools.types import ArrayLike, Axes, FloatArray, Table
 
 #: Spectra of the systematic errors by name: one power for each mode, what Gaia EDR3's astrometry was published with

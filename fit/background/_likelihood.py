@@ -24,12 +24,13 @@ from scipy.linalg.lapack import dposv
 from scipy.special import chdtrc
 
 from fit.normal import NormalEquations, eliminated
-from fit.quality import ErrorSource
-from fit.solution import HarmonicSolution, Solution
+from fit.results.quality import ErrorSource
+from fit.results.solution import HarmonicSolution, Solution
 from vsh.models.covariance import Spectrum
 from vsh.modes import Modes
 from vsh.tools.arguments import choice
 from vsh.tools.errors import DegeneracyError, ModesError, ParameterError
+from vsh.tools.notebook import InNotebook
 from vsh.tools.notes import spoken
 from vsh.tools.parallel import blas_for
 from vsh.tools.types import FloatArray, IntArray
@@ -67,7 +68,7 @@ class Maximum:
     log_likelihood: float
 
 
-class Amplitudes:
+class Amplitudes(InNotebook):
     """The likelihood of the amplitudes A_k of random fields whose coefficients are c ~ N(0, Σ_k A_k D_k).
 
     With N and b what the data say of the coefficients, R² = Σ_k A_k D_k on the diagonal and K = 1 + R N R,
@@ -105,19 +106,25 @@ class Amplitudes:
         return len(self.shares)
 
     def log_likelihood(self, amplitudes: FloatArray) -> float:
-        """ln L of amplitudes, (k,), relative to that of no field."""
+        """ln L relative to that of no field.
+
+        Parameters
+        ----------
+        amplitudes : (k,) array
+            One for each field, none below zero.
+        """
         logdet, gain = self.parts(np.atleast_1d(np.asarray(amplitudes, float)))
         return (gain - logdet) / 2
 
     def parts(self, amplitudes: FloatArray) -> tuple[float, float]:
-        """ln|K| and Q of amplitudes, (k,)."""
+        """ln|K| and Q of `amplitudes`, (k,)."""
         if self._eigen is not None:
             values, squares = amplitudes[0] * np.array(self._eigen)
             return float(np.log1p(values).sum()), float(np.sum(squares / (1 + values)))
         return parts_of(self.matrix, self.rhs, amplitudes @ self.shares)
 
     def on_tensor(self, roots: list[FloatArray]) -> FloatArray:
-        """ln|K| and Q on the tensor of the roots of the amplitudes, (2, …)."""
+        """ln|K| and Q on the tensor of the `roots` of the amplitudes, (2, …)."""
         values = np.empty((2, *map(len, roots)))
         for index in np.ndindex(*map(len, roots)):
             amplitudes = np.array([axis[i] ** 2 for axis, i in zip(roots, index, strict=True)])
@@ -125,7 +132,7 @@ class Amplitudes:
         return values
 
     def alone(self, k: int) -> "Amplitudes":
-        """The likelihood of amplitude k with the coefficients of all other fields free."""
+        """The likelihood of amplitude `k` with the coefficients of all other fields free."""
         own = self.shares[k] > 0
         matrix, rhs = self.matrix, self.rhs
         if not own.all():
@@ -133,7 +140,7 @@ class Amplitudes:
         return Amplitudes(matrix, rhs, self.shares[k : k + 1, own])
 
     def slopes(self, amplitudes: FloatArray) -> tuple[float, float, FloatArray, FloatArray]:
-        """ln|K|, Q, and what they change by with each amplitude, (k,)."""
+        """ln|K|, Q, and what they change by with each of the `amplitudes`, (k,)."""
         if self._eigen is not None:
             values, squares = self._eigen
             left = 1 / (1 + amplitudes[0] * values)
@@ -144,7 +151,7 @@ class Amplitudes:
         return 2 * np.log(np.diag(factor)).sum(), w @ w, self.shares @ diagonal, self.shares @ left**2
 
     def information(self, amplitudes: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Tr(D_j M D_k M), (k, k), and Tr(D_k M), (k,), of the information M = N − N R K⁻¹ R N that is left."""
+        """Tr(D_j M D_k M) and Tr(D_k M) of the information M = N − N R K⁻¹ R N that some `amplitudes` leave."""
         if self._eigen is not None:
             left = self._eigen[0] / (1 + amplitudes[0] * self._eigen[0])
             return np.array([[np.sum(left**2)]]), np.array([np.sum(left)])

@@ -161,7 +161,7 @@ class Parities(Likelihood):
         gain = (w @ x**2)[:, None] + v @ y**2 - 2 * h @ (v * y).T + h**2 @ v.T + w @ (k**2).T
         return np.stack([logdet, gain])
 
-    def slopes(self, amplitudes):
+    def slopes(self, amplitudes: FloatArray) -> tuple[float, float, FloatArray, FloatArray]:
         """ln|K|, Q, and what they change by with each ratio."""
         (a, b), (odd, even, c, x, y) = amplitudes, self._turned
         w, v = a / (1 + a * odd), b / (1 + b * even)

@@ -23,18 +23,18 @@ from fit.background._blocks import EFFECTIVE, ClassEquations, Lot, condition_of,
 from fit.background._floor import SHAPES, usual_shapes
 from fit.background._likelihood import equations_of, is_scaled, words_of
 from fit.normal import NormalEquations, eliminated
-from fit.quality import ErrorSource, gls
-from fit.solution import HarmonicSolution, Solution
-from fit.storage import Result
+from fit.results.quality import ErrorSource, gls
+from fit.results.solution import HarmonicSolution, Solution
+from fit.results.storage import Result
 from vsh.coefficients import Coefficients
 from vsh.io import tables
 from vsh.models.covariance import Spectrum
 from vsh.modes import Modes
 from vsh.tools.arguments import choice, explained, generator, whole
 from vsh.tools.errors import DegeneracyError, FrameError, ModesError, ParameterError
-from vsh.tools.logs import logged
 from vsh.tools.notes import note_lines
 from vsh.tools.parallel import blas_for
+from vsh.tools.printing import logged
 from vsh.tools.types import ArrayLike, AxesArray, FloatArray, OnAxes, Rng, Table
 
 #: Beyond this condition of its normal matrix a class takes higher degrees for lower ones: the sky outside the Galactic

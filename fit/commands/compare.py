@@ -1,17 +1,115 @@
 """`vsh-compare`: two catalogues of one sky, on the command line."""
 
+import argparse
 from pathlib import Path
 from typing import Any
 
-from vsh.commands import finishing, outputs, reading, running, values
-from vsh.commands.options import compare as options_module
+from vsh.commands import finishing, parsing, reading, running
 from vsh.tools.errors import TableError, VshError
 from vsh.tools.notes import merge_notes
 
 
+def make_parser() -> argparse.ArgumentParser:
+    """The parser of its options."""
+    parser = parsing.make(
+        prog="vsh-compare",
+        description=(
+            "Match two catalogues of one sky and fit their differences, with both covariances: how one frame is turned "
+            "against the other, drifts and is deformed, and which sources do not fit."
+        ),
+        examples=(
+            "vsh-compare icrf3sx.txt icrf2-all.txt --output comparison --html comparison.html",
+            "vsh-compare one.fits two.fits three.fits",
+            "vsh-compare one.fits two.fits --lmax 1 --parameters spin --method student",
+        ),
+    )
+    parser.add_argument("catalogue", help=f"ICRF2 or ICRF3 as the IERS distributes them, or {parsing.A_TABLE}")
+    parser.add_argument("catalogue2", help="the one that is subtracted")
+    parser.add_argument(
+        "others",
+        nargs="*",
+        default=[],
+        metavar="catalogue3",
+        help="more that are subtracted from the first, each by itself",
+    )
+    parser.add_argument("--lmax", type=parsing.count(1), default=2, help="highest degree of the fit (default: 2)")
+    parser.add_argument(
+        "--what",
+        choices=["positions", "motions"],
+        help="what is compared (default: motions where both have some, positions otherwise)",
+    )
+    parser.add_argument(
+        "--by", choices=["name", "position"], default="name", help="how sources are matched (default: name)"
+    )
+    parser.add_argument(
+        "--radius", type=parsing.positive, metavar="ARCSEC", help="of a match by position, arcsec (default: 1)"
+    )
+    parser.add_argument(
+        "--threshold",
+        type=parsing.positive,
+        default=5.0,
+        metavar="X",
+        help="differences beyond so many errors are left out and listed (default: 5)",
+    )
+    parser.add_argument(
+        "--position-error", type=parsing.positive, metavar="UAS", help="one error for all positions, µas"
+    )
+    parser.add_argument(
+        "--parameters",
+        choices=["degree", "orientation", "spin", "glide"],
+        default="degree",
+        help="also fit the rotation (orientation of positions, spin of motions) or the glide alone (default: degree)",
+    )
+    parser.add_argument(
+        "--method",
+        type=parsing.method,
+        default="least-squares",
+        metavar="NAME[=VALUE]",
+        help=(
+            "estimator: least-squares (default; errors scaled in classes of their size), student, excess-noise, "
+            "bootstrap=N or jackknife"
+        ),
+    )
+    floors = parser.add_mutually_exclusive_group()
+    floors.add_argument(
+        "--floor",
+        action="store_true",
+        help=(
+            "rotation and glide with the errors that sources share over the sky as well, from degrees 2 to 5 of the "
+            "differences; from 100000 sources on that is done unasked"
+        ),
+    )
+    floors.add_argument("--no-floor", action="store_true", help="leave them out: the report has their size")
+    parser.add_argument("--seed", type=int, default=1, help="of the draws of what sources share (default: 1)")
+    parser.add_argument(
+        "--where2",
+        metavar="CONDITION",
+        help="rows of the second catalogue, and those behind it, to use (default: as --where)",
+    )
+    parsing.add_threads(parser)
+    reading.add_reading(parser)
+    parsing.add_common(parser)
+    return parser
+
+
+#: Estimators of the differences, and the fewest replicates.
+_METHODS, _LEAST = ("least-squares", "student", "excess-noise", "bootstrap", "jackknife"), 10
+
+
+def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
+    """End with an estimator or a value that a comparison does not know."""
+    method, value = parsing.method_and_value(options.method)
+    if method not in _METHODS:
+        parser.error(f"--method of a comparison is {', '.join(_METHODS)}, not {method}")
+    if value is not None and method != "bootstrap":
+        parser.error(f"--method {method} of a comparison takes no value")
+    if value is not None and int(value) < _LEAST:
+        parser.error(f"--method bootstrap takes {_LEAST} replicates at least, not {value}")
+
+
 def _run(options):
-    outputs.check(options)
-    from fit.compare import compare_catalogues
+    finishing.check(options)
+    from fit.frames.compare import compare_catalogues
 
     paths = [options.catalogue, options.catalogue2, *options.others]
     what = options.what or ("motions" if all(_has_motions(path, options) for path in paths) else "positions")
@@ -19,7 +117,7 @@ def _run(options):
     first = _read(paths[0], what, options, options.where)
     compared, others = {}, {}
     method: Any
-    method, value = values.method_and_value(options.method)
+    method, value = parsing.method_and_value(options.method)
     for path, label in zip(paths[1:], labels[1:], strict=True):
         others[label] = _read(path, what, options, options.where2 or options.where)
         compared[label] = compare_catalogues(
@@ -48,7 +146,7 @@ def _run(options):
         return "\n\n".join(texts)
 
     def sheets():
-        from fit.output import vectors_table
+        from fit.results.output import vectors_table
 
         tables = {} if together is None else {"All catalogues in one solution": together.to_table()}
         for label, (comparison, _) in compared.items():
@@ -110,13 +208,13 @@ def _together(catalogues, options):
     """All catalogues in one solution with the noise that they share; None where sources have no names to go by."""
     if options.by == "position":
         return None
-    from fit.chain import chain_catalogues
+    from fit.frames.chain import chain_catalogues
 
     return chain_catalogues(catalogues, options.lmax, floor=_floor(options), rng=options.seed)
 
 
 def _write(folder, compared, together, meta):
-    from fit.output import write_correlation
+    from fit.results.output import write_correlation
     from vsh.io import tables
 
     if together is not None:
@@ -134,7 +232,7 @@ def _write(folder, compared, together, meta):
 
 def _latex(comparison):
     """What a paper has: parameters under their names with the errors of the verdict, then vectors and powers."""
-    from fit.output import latex_of
+    from fit.results.output import latex_of
 
     table = comparison.parameters_table()["ICRF3", "value", "sigma"]
     terms = finishing.as_latex(table, " − ".join(comparison.labels))
@@ -142,14 +240,14 @@ def _latex(comparison):
 
 
 def _draw(comparison, kept):
-    from fit.output import draw_figures
+    from fit.results.output import draw_figures
 
     drawn = draw_figures(comparison.best, kept) | {"catalogues": comparison.correlations.plot()}
     return drawn if comparison.shared is None else drawn | {"shared": comparison.shared.plot()}
 
 
 def _page(comparison, kept, options, meta, drawn):
-    from fit.output import write_html
+    from fit.results.output import write_html
 
     left_out = {"Sources that were left out": comparison.outliers_table()} if comparison.names else {}
     captions = {
@@ -210,4 +308,4 @@ def _labels(paths):
     return [f"{name} ({k})" for k, name in enumerate(names, 1)]
 
 
-main, run = running.make_entry(options_module, _run)
+main, run = running.make_entry(__name__, _run)

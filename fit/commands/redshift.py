@@ -1,23 +1,260 @@
 """`vsh-redshift`: our velocity, the Hubble constant and dipoles in redshift bins, on the command line."""
 
+import argparse
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
+from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+import fit
 import vsh
-from fit.output import words_of
-from fit.quality import FEW, MANY, SEEN, hint_of, printed_p_value
-from vsh.commands import finishing, outputs, reading, running, values
-from vsh.commands.options import redshift as options_module
+from vsh.commands import finishing, parsing, reading, running
 from vsh.io.parts import Parts
 from vsh.io.tables import three_digits
-from vsh.models.cosmology import CMB_VELOCITY_PLANCK18
 from vsh.tools.errors import ConvergenceError, DegeneracyError, VshError
 from vsh.tools.notes import dropped, unselected
-from vsh.vector import Vector
+
+
+def make_parser() -> argparse.ArgumentParser:
+    """The parser of its options."""
+    parser = parsing.make(
+        prog="vsh-redshift",
+        description=(
+            "Fit our velocity or the Hubble constant to proper motions and redshifts: our velocity for a known Hubble "
+            "constant, the Hubble constant for a known velocity, the posterior of both, and spin and acceleration in "
+            "bins of redshift."
+        ),
+        examples=(
+            "vsh-redshift galaxies.fits --h0 67.4",
+            "vsh-redshift galaxies.fits --bins 3 --lmax 5 --floor --output results",
+            "vsh-redshift galaxies.fits --posterior --velocity planck --n-samples 20000",
+        ),
+    )
+    parser.add_argument("catalogue", help=parsing.A_TABLE)
+    parser.add_argument(
+        "--h0", type=parsing.positive, metavar="H0", help="fit our velocity for this Hubble constant, km/s/Mpc"
+    )
+    parser.add_argument(
+        "--velocity",
+        type=parsing.velocity,
+        metavar="planck|SPEED,L,B",
+        help="fit H0 for this velocity: planck, or its speed in km/s and Galactic apex in degrees",
+    )
+    parser.add_argument(
+        "--bins", type=_edges, metavar="N|Z,Z,…", help="spin and acceleration in bins of redshift: edges, or how many"
+    )
+    parser.add_argument("--lmax", type=parsing.count(1), default=1, help="highest degree in the bins (default: 1)")
+    floors = parser.add_mutually_exclusive_group()
+    floors.add_argument(
+        "--floor",
+        action="store_true",
+        help=(
+            "with --bins: errors that sources share, from the power of degrees 2 to --lmax (to 5 where that is 1), and "
+            "whether the dipole changes with redshift; from 100000 sources on that is done unasked"
+        ),
+    )
+    floors.add_argument("--no-floor", action="store_true", help="leave them out: the report has their size")
+    parser.add_argument("--shared-higher-degrees", action="store_true", help="degrees above 1 the same in all bins")
+    parser.add_argument(
+        "--peculiar-dispersion",
+        type=_dispersion,
+        metavar="SIGMA|free",
+        help=(
+            "dispersion of peculiar velocities in each component, km/s (default: 150 with flows, 750 with --no-flows); "
+            "free: estimated from the residuals"
+        ),
+    )
+    parser.add_argument(
+        "--omega-m", type=_fraction, metavar="X", help="matter density of a flat cosmology (default: 0.315)"
+    )
+    parser.add_argument(
+        "--clip",
+        type=parsing.positive,
+        metavar="KAPPA",
+        help="first leave out sources with residuals of a degree-1 fit larger than KAPPA times the median",
+    )
+    parser.add_argument(
+        "--estimator",
+        type=parsing.method,
+        metavar="NAME[=VALUE]",
+        help=(
+            "of the bins, where they hold no near galaxies: least-squares (default), recommended, clip=KAPPA, student, "
+            "permissive or excess-noise"
+        ),
+    )
+    parser.add_argument("--free-spin", action="store_true", help="fit the spin of the frame as well")
+    parser.add_argument(
+        "--acceleration",
+        type=_known_vector,
+        metavar="X,Y,Z,ERROR",
+        help="the acceleration known from quasars: ICRS, µas/yr (default: free)",
+    )
+    distances = parser.add_argument_group("redshifts, and flows that galaxies share")
+    distances.add_argument(
+        "--redshift-frame",
+        choices=parsing.REDSHIFT_FRAMES,
+        help="frame of the redshifts, if the table does not specify it; true: cosmological redshifts",
+    )
+    distances.add_argument("--no-magnitudes", action="store_true", help="distances follow from redshifts alone")
+    distances.add_argument(
+        "--no-flows",
+        action="store_true",
+        help="leave out the flows that galaxies share: errors are then several times too small on the real sky",
+    )
+    distances.add_argument(
+        "--flows", action="store_true", help="the default: fit the flow that linear theory expects as well"
+    )
+    distances.add_argument(
+        "--n-modes", type=parsing.count(3), default=250, metavar="N", help="number of modes of the flow (default: 250)"
+    )
+    distances.add_argument(
+        "--local-group",
+        action="store_true",
+        help="use the Local Group's velocity as a constraint on the flow at our position (for --velocity)",
+    )
+    distances.add_argument(
+        "--flow-amplitude",
+        type=_amplitude,
+        metavar="MEAN,SIGMA",
+        help=(
+            "with --posterior: prior on the flow's amplitude, relative to linear theory, so that the flow constrains H0"
+        ),
+    )
+    distances.add_argument(
+        "--reconstruction",
+        metavar="FILE",
+        help="velocities on a grid, .npz or .npy as 2M++'s; the flow that is fitted is then its error",
+    )
+    distances.add_argument(
+        "--reconstruction-error", type=parsing.positive, default=0.5, metavar="X", help="of the flow (default: 0.5)"
+    )
+    measured = parser.add_argument_group("distances that are measured: clusters, masers, stars")
+    measured.add_argument(
+        "--distances",
+        action="store_true",
+        help=(
+            "fit our velocity with respect to sources at measured distances or parallaxes, without redshifts or H0; in "
+            "Galactic axes, or with --frame ecliptic in those"
+        ),
+    )
+    measured.add_argument(
+        "--oort", action="store_true", help="with --distances: rotation and shear as well (Oort's A, B, C, K)"
+    )
+    posterior = parser.add_argument_group("posterior of our velocity and H0")
+    posterior.add_argument(
+        "--posterior",
+        action="store_true",
+        help="sample it; prior on the velocity: Planck's or --velocity; on H0: flat, or by --h0-error or --h0-range",
+    )
+    posterior.add_argument(
+        "--method",
+        choices=("emcee", "grid"),
+        help="a chain (emcee, the default), or independent draws at once, where H0 and one more at most are free",
+    )
+    posterior.add_argument("--n-samples", type=parsing.count(1), default=100_000, metavar="N", help="default: 100000")
+    posterior.add_argument(
+        "--checkpoint", metavar="FILE", help="keep the chain here; an interrupted run resumes from it"
+    )
+    posterior.add_argument("--h0-error", type=parsing.positive, metavar="SIGMA", help="prior H0 ± SIGMA (or flat)")
+    posterior.add_argument("--h0-range", type=_range, metavar="LOW,HIGH", help="a prior flat between limits")
+    posterior.add_argument(
+        "--peculiar-dispersion-max",
+        type=parsing.positive,
+        metavar="MAX",
+        help="dispersion free, flat from 0 to MAX km/s",
+    )
+    posterior.add_argument("--seed", type=int, default=1, help="the same seed, the same chain (default: 1)")
+    parsing.add_threads(parser)
+    reading.add_workers(parser)
+    reading.add_reading(parser)
+    parsing.add_common(parser)
+    return parser
+
+
+def _dispersion(text):
+    return text if text == "free" else parsing.not_negative(text)
+
+
+def _edges(text):
+    edges = parsing.numbers(text)
+    if len(edges) == 1:
+        parsing.count(1)(text)
+    elif not all(a < b for a, b in pairwise(edges)):
+        raise argparse.ArgumentTypeError(f"edges must rise, not {text!r}")
+    return edges
+
+
+def _range(text):
+    limits = parsing.numbers(text)
+    if len(limits) != 2 or not 0 < limits[0] < limits[1]:
+        raise argparse.ArgumentTypeError(f"two rising numbers above zero are wanted, not {text!r}")
+    return limits
+
+
+def _fraction(text):
+    number = parsing.positive(text)
+    if not 0.001 < number < 2:
+        raise argparse.ArgumentTypeError(f"Ω_m must lie between 0.001 and 2, not at {text!r}")
+    return number
+
+
+def _known_vector(text):
+    """Three components along ICRS axes, and one error."""
+    limits = parsing.numbers(text)
+    if len(limits) != 4 or not limits[3] > 0:
+        raise argparse.ArgumentTypeError(f"three components and an error above zero are wanted, not {text!r}")
+    return limits
+
+
+def _amplitude(text):
+    limits = parsing.numbers(text)
+    if len(limits) != 2 or not min(limits) > 0:
+        raise argparse.ArgumentTypeError(f"a mean and an error above zero are wanted, not {text!r}")
+    return limits
+
+
+def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
+    """End with what contradicts itself."""
+    if options.checkpoint and not options.posterior:
+        parser.error("--checkpoint is for --posterior")
+    if options.checkpoint and options.method == "grid":
+        parser.error("--checkpoint keeps a chain: draws from a grid are made at once")
+    for name in ("flows", "local_group", "reconstruction", "flow_amplitude"):
+        if getattr(options, name) and options.no_flows:
+            parser.error(f"--{name.replace('_', '-')} does not go with --no-flows")
+    for name, needs in (
+        ("flow_amplitude", "posterior"),
+        ("local_group", "velocity"),
+        ("h0_range", "posterior"),
+        ("peculiar_dispersion_max", "posterior"),
+        ("h0_error", "posterior"),
+        ("method", "posterior"),
+    ):
+        if getattr(options, name) and not getattr(options, needs):
+            parser.error(f"--{name.replace('_', '-')} needs --{needs}")
+    wanted = options.h0 or options.velocity or options.bins or options.posterior
+    if options.floor and options.lmax == 2:
+        parser.error("--floor needs --lmax 3 or more: degrees 1 and 2 say nothing of what bins share")
+    for name in ("floor", "no_floor", "estimator"):
+        if getattr(options, name) and not options.bins:
+            parser.error(f"--{name.replace('_', '-')} is for --bins")
+    if options.oort and not options.distances:
+        parser.error("--oort needs --distances")
+    if options.distances and (wanted or options.workers or options.scheduler or options.clip or options.free_spin):
+        parser.error("--distances stands alone: it takes no --h0, --velocity, --bins, --posterior, --clip, --workers")
+    if not (wanted or options.distances):
+        parser.error("say what is wanted: --h0 H0, --velocity planck, --bins EDGES, --posterior, --distances")
+    if (
+        options.checkpoint
+        and options.output
+        and Path(options.output).resolve() in Path(options.checkpoint).resolve().parents
+    ):
+        parser.error("keep the checkpoint outside the folder of results, which is replaced as a whole")
+
 
 #: Upper limits of a dispersion that is free in the posterior, beside a flow and without. [km/s]
 _WIDEST = {True: 400.0, False: 1000.0}
@@ -40,7 +277,7 @@ _CAPTIONS = {
 
 
 def _run(options):
-    outputs.check(options)
+    finishing.check(options)
     options.flows = not options.no_flows  # as provenance has it
     source = reading.open_catalogue(options.catalogue, options)
     from fit.secular_parallax import hubble_constant, observer_velocity
@@ -79,11 +316,11 @@ def _run(options):
     if options.clip:
         whole = _clipped(whole, options.clip)
     velocity, cosmology = reading.velocity_of(options.velocity), _cosmology(options)
-    ours = velocity or CMB_VELOCITY_PLANCK18
+    ours = velocity or vsh.models.cosmology.CMB_VELOCITY_PLANCK18
     results, truth, p_values, shared_words = {}, catalogue.truth_of(source), None, ""
     if options.bins:
         results["bins"] = _binned(whole, options, options.lmax)
-        asked = options.floor or (results["bins"].counts.sum() >= MANY and not options.no_floor)
+        asked = options.floor or (results["bins"].counts.sum() >= fit.quality.MANY and not options.no_floor)
         # Permutations know nothing of what sources share: they have no word where that is asked for.
         p_values = None if asked else _p_values(whole, results["bins"], options, ours)
         shared_words = _add_shared(results, whole, options) if asked else _left_out(whole, results["bins"])
@@ -166,11 +403,11 @@ def _answer(results):
         lines.append(("H0", _of_hubble(results["hubble"])))
     if "velocity" in results:
         solution = results["velocity"]
-        words = f"{words_of(solution.velocity)}, for H0 = {solution.assumed_hubble:g} km/s/Mpc"
+        words = f"{fit.output.words_of(solution.velocity)}, for H0 = {solution.assumed_hubble:g} km/s/Mpc"
         lines.append(("velocity", words))
     if "shared" in results and len(results["shared"]) > 1:
         p = results["shared"].verdict().p_value
-        words = "a change" if p < SEEN else "no change"
+        words = "a change" if p < fit.quality.SEEN else "no change"
         lines.append(("dipole", f"{words} with redshift is detected, {_p(p)}, systematic errors included"))
     elif "bins" in results and len(results["bins"]) > 1:
         words = "whether it changes with redshift is not known without systematic errors: add --floor"
@@ -232,14 +469,14 @@ def _of_posterior(posterior):
 
 
 def _p(p):
-    hint = hint_of(p)
-    return f"p = {printed_p_value(p)}{hint and f', {hint}'}"
+    hint = fit.quality.hint_of(p)
+    return f"p = {fit.quality.printed_p_value(p)}{hint and f', {hint}'}"
 
 
 def _by_distances(source, options):
     """Our velocity, and Oort's constants where asked for, from measured distances."""
     from fit.distances import has_distances
-    from fit.stars import kinematics
+    from fit.motions.stars import kinematics
     from vsh.io import catalogue
 
     given = reading.arguments(options) | {"columns": catalogue.with_distances(options.columns, source)}
@@ -258,7 +495,7 @@ def _by_distances(source, options):
             solution.report(source.label),
             lambda: {"Motions at known distances": solution.to_table()},
             field.notes,
-            answer=[("velocity", words_of(solution.velocity))],
+            answer=[("velocity", fit.output.words_of(solution.velocity))],
         ),
         provenance=lambda: running.provenance(options.catalogue, options, **counts),
         draw=lambda: {"correlations": solution.plot()},
@@ -270,7 +507,7 @@ def _by_distances(source, options):
 
 def _known(acceleration):
     """A Vector along ICRS axes from three components and one error."""
-    return None if acceleration is None else Vector(np.array(acceleration[:3]), acceleration[3] ** 2 * np.eye(3))
+    return None if acceleration is None else vsh.Vector(np.array(acceleration[:3]), acceleration[3] ** 2 * np.eye(3))
 
 
 def _cosmology(options):
@@ -343,7 +580,7 @@ def _left_out(whole, bins):
     import fit
     from fit.redshift import FLOW_MATTERS
 
-    if bins.counts.sum() < FEW or bins.flow_share > FLOW_MATTERS:
+    if bins.counts.sum() < fit.quality.FEW or bins.flow_share > FLOW_MATTERS:
         return ""
     try:
         floor = fit.background.floor(fit.fit_field(whole, _DEGREE))
@@ -373,7 +610,7 @@ def _binned(field, options, lmax):
 
 
 def _estimator(options):
-    method, value = values.method_and_value(options.estimator or "least-squares")
+    method, value = parsing.method_and_value(options.estimator or "least-squares")
     return {"method": method, "value": value}
 
 
@@ -412,10 +649,12 @@ def _posterior(field, options, common):
     )
     if widest:
         common = common | {"peculiar_dispersion": Flat(0.0, widest)}
-    prior = reading.velocity_of(options.velocity) or CMB_VELOCITY_PLANCK18
+    prior = reading.velocity_of(options.velocity) or vsh.models.cosmology.CMB_VELOCITY_PLANCK18
     if not prior.covariance.any():  # a speed without an error is taken to a thousandth, a direction to 0.001°
         l, b = prior.direction
-        prior = Vector.from_spherical(prior.amplitude, l, b, (1e-3 * prior.amplitude, 1e-3, 1e-3), "galactic", "km/s")
+        prior = vsh.Vector.from_spherical(
+            prior.amplitude, l, b, (1e-3 * prior.amplitude, 1e-3, 1e-3), "galactic", "km/s"
+        )
     return sample(
         field,
         prior,
@@ -483,8 +722,8 @@ def _cards(results):
         solution = results["velocity"]
         v = solution.velocity
         size = f"{three_digits(v.amplitude)} ± {three_digits(v.amplitude_error)} km/s"
-        size = size if v.p_value < SEEN else f"< {three_digits(v.amplitude_limit())} km/s (95 %)"
-        more = f"p = {printed_p_value(v.p_value)} for none; for H0 = {solution.assumed_hubble:g} km/s/Mpc"
+        size = size if v.p_value < fit.quality.SEEN else f"< {three_digits(v.amplitude_limit())} km/s (95 %)"
+        more = f"p = {fit.quality.printed_p_value(v.p_value)} for none; for H0 = {solution.assumed_hubble:g} km/s/Mpc"
         cards.append(("Our velocity", size, more))
     if "hubble" in results:
         solution = results["hubble"]
@@ -546,4 +785,4 @@ def _draw(results, truth, velocity):
     return drawn
 
 
-main, run = running.make_entry(options_module, _run)
+main, run = running.make_entry(__name__, _run)

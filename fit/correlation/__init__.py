@@ -2,15 +2,18 @@
 
 from typing import TYPE_CHECKING
 
-from fit.correlation._downweight import Downweighted, downweight
-from fit.correlation._forecast import Prediction, compare_cuts, predict_covariance
-from fit.correlation._influence import Eigenmodes, eigenmodes, gain_of_sources, influence_map, most_influential
+from fit.correlation._forecast import Downweighted, Prediction, compare_cuts, downweight, predict_covariance
 from fit.correlation._leakage import Leakage, leakage, lmax_table, recommend_lmax
 from fit.correlation._matrices import (
     FRAME,
     CorrelationMatrices,
+    Eigenmodes,
     correlation_matrices,
     dipole,
+    eigenmodes,
+    gain_of_sources,
+    influence_map,
+    most_influential,
     named,
     parameters_of,
     without_motions,

@@ -8,8 +8,8 @@ import numpy as np
 
 from fit.correlation._matrices import FRAME_NAMES, check_lower, named, without_motions
 from fit.normal import normal_equations
+from fit.results.storage import Result, words
 from fit.solving import solve
-from fit.storage import Result, words
 from vsh import Coefficients, Modes
 from vsh.io import tables
 from vsh.modes import as_modes

@@ -4,8 +4,7 @@ from typing import TYPE_CHECKING
 
 from fit.in_time._background import TimeBackground, background
 from fit.in_time._equations import TimeEquations, normal_equations, solve
-from fit.in_time._functions import Functions, legendre, splines, waves
-from fit.in_time._solution import TimeSolution
+from fit.in_time._solution import Functions, TimeSolution, legendre, splines, waves
 from vsh.tools.modules import lazily
 
 if TYPE_CHECKING:

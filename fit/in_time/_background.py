@@ -16,8 +16,8 @@ from scipy.linalg import cho_factor, cho_solve
 from fit.background import Amplitudes, trapezoids
 from fit.in_time._equations import TimeEquations
 from fit.normal import eliminated
-from fit.quality import Quality
-from fit.storage import Result
+from fit.results.quality import Quality
+from fit.results.storage import Result
 from vsh.io import tables
 from vsh.models.covariance import Spectrum, wave_fractions
 from vsh.tools import arguments

@@ -18,8 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from fit.in_time._functions import Functions
-from fit.in_time._solution import TimeSolution
+from fit.in_time._solution import Functions, TimeSolution
 from vsh.basis import harmonics
 from vsh.io.epochs import Observations, epoch_files, read_observations
 from vsh.modes import Modes, as_modes

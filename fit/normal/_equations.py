@@ -149,7 +149,7 @@ def eliminated(
     matrix, rhs : (p, p) and (p,) arrays
         N and b.
     kept, free : indices or masks
-        Of the p unknowns. Those in neither are zero.
+        Which of the p unknowns; those in neither are zero.
     variances : array, optional
         Those of a prior around zero on what is free; it has none unless given.
 

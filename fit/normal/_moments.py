@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from fit.normal._equations import NormalEquations
-from fit.storage import Result, count, exact, number, words
-from fit.sums import fourier_sums, rings_of
+from fit.normal.sums import fourier_sums, rings_of
+from fit.results.storage import Result, count, exact, number, words
 from vsh.field import Field
 from vsh.io.parts import Parts
 from vsh.modes import Modes, ScalarModes, as_modes

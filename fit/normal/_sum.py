@@ -13,7 +13,7 @@ import numpy as np
 from fit.normal._equations import NormalEquations
 from fit.normal._moments import Moments
 from fit.normal._templates import Template, template_fields
-from fit.sums import compressed_sums, design_matrix_sums, design_matrix_up_to, dipole_sums
+from fit.normal.sums import compressed_sums, design_matrix_sums, design_matrix_up_to, dipole_sums
 from vsh.basis import harmonics
 from vsh.field import Field, Weighed
 from vsh.io.parts import Parts
@@ -22,8 +22,8 @@ from vsh.modes import Modes
 from vsh.scalars import ScalarField, modes_for
 from vsh.tools.arguments import choice, explained
 from vsh.tools.errors import FieldError, ModesError
-from vsh.tools.logs import logged
 from vsh.tools.notebook import Frozen
+from vsh.tools.printing import logged
 from vsh.tools.types import ArrayLike, FloatArray
 
 

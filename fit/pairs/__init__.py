@@ -2,9 +2,8 @@
 
 from typing import TYPE_CHECKING
 
-from fit.pairs._correlation import Correlation, correlation_function
+from fit.pairs._correlation import TEMPLATES, Correlation, TemplateFit, correlation_function, waves_curve
 from fit.pairs._power import PairPower, power
-from fit.pairs._templates import TEMPLATES, TemplateFit, waves_curve
 from vsh.tools.modules import lazily
 
 if TYPE_CHECKING:

@@ -1,20 +1,239 @@
-"""The correlation of motions by the angle between their sources."""
+"""The correlation of motions by the angle between their sources, and templates of known shape fitted to it."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from scipy.special import ncfdtr
 
 from fit.pairs._power import checked_edges, covariance_of, sums_of, windows
-from fit.pairs._templates import TemplateFit, fitted, names_of
-from fit.storage import Result
+from fit.results.quality import SEEN
+from fit.results.storage import Result
 from vsh.field import Field
 from vsh.io import tables
 from vsh.io.parts import Parts
+from vsh.models.covariance import d_minus, d_plus
 from vsh.tools import arguments
+from vsh.tools.arguments import between, float_array
 from vsh.tools.errors import ParameterError
 from vsh.tools.notes import note_lines
-from vsh.tools.types import ArrayLike, AxesArray, FloatArray, OnAxes, Table
+from vsh.tools.types import ArrayLike, Axes, AxesArray, FloatArray, OnAxes, Table
+from vsh.tools.units import hubble_rate
+
+#: Templates by name, and what their amplitudes are.
+TEMPLATES = {
+    "spin": "power of T1 [(µas/yr)²]: |ω|² = 3 P/8π",
+    "glide": "power of S1 [(µas/yr)²]: |g|² = 3 P/8π",
+    "waves": "h70² Ω of gravitational waves",
+}
+
+
+def _limit_words(name: str, amplitude: float) -> str:
+    """A limit in words: a vector by its length, whose power is 8π/3 of its square."""
+    if name in ("spin", "glide"):
+        return f"{name} below {np.sqrt(3 * max(amplitude, 0.0) / (8 * np.pi)):.3g} µas/yr"
+    return f"{'h70² Ω of waves' if name == 'waves' else name} below {amplitude:.3g}"
+
+
+def waves_curve(theta: ArrayLike) -> FloatArray:
+    """Γ(θ), ξ+ = H0² Ω Γ of an isotropic background: Book & Flanagan (2011, PRD 83, 024024), eq. 74–77."""
+    s2 = np.sin(float_array("theta", theta) / 2) ** 2
+    with np.errstate(divide="ignore", invalid="ignore"):
+        logs = np.where((s2 > 0) & (s2 < 1), s2 * np.log(s2) / (1 - s2), np.where(s2 < 1, 0.0, -1.0))
+    return 1 - 7 * s2 - 6 * s2 * logs
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class TemplateFit(Result):
+    """Amplitudes of templates.
+
+    Attributes
+    ----------
+    names : tuple of str
+    values : (t,) array
+        Amplitudes, in the units of each (`TEMPLATES`).
+    covariance : (t, t) array
+        From how blocks of the sky scatter: it knows of the noise, and not of how this sky differs from others.
+    curves : (2, k) array
+        ξ+ and ξ− that they add up to, in the bins. [(µas/yr)²]
+    theta : (k,) array
+        Angles of the bins. [rad]
+    coefficients : (t,) array
+        Number of coefficients, weighed by the template's power in each, whose squares make its amplitude.
+    n_effective : float
+        Number of blocks from which errors were estimated.
+    """
+
+    names: tuple[str, ...]
+    values: FloatArray
+    covariance: FloatArray
+    curves: FloatArray
+    theta: FloatArray
+    coefficients: FloatArray
+    n_effective: float = np.inf
+
+    def __repr__(self) -> str:
+        return f"<TemplateFit: {', '.join(f'{n} {v:.3g}' for n, v in zip(self.names, self.values, strict=True))}>"
+
+    def __getitem__(self, name: str) -> tuple[float, float]:
+        """The amplitude of one template and its error."""
+        if name not in self.names:
+            raise ParameterError(f"no template is called {name!r}: {', '.join(self.names)} are")
+        place = self.names.index(name)
+        return float(self.values[place]), float(self.sigma[place])
+
+    @property
+    def sigma(self) -> FloatArray:
+        """Standard error of each amplitude, (t,)."""
+        return np.sqrt(np.diag(self.covariance))
+
+    def interval(self, probability: float = 0.95) -> FloatArray:
+        """Limits of each amplitude, (t, 2), with `probability` between them; none is below zero.
+
+        An amplitude is a sum of squares of k coefficients less their noise s², which is k χ² and no Gaussian: its own
+        error goes with it. With Var = 2 k s⁴ + 4 s² P both follow from value and error, and the limits from the
+        non-central F of k and the number of blocks, less one.
+
+        Notes
+        -----
+        Where there is nothing but noise, 95 % hold zero on 93 to 99 % of skies (1500 sources all over the sky, on
+        half of it, in clusters, 8 that dominate, errors three times too small on a third of the sky; 60 sources),
+        where value ± 1.96 errors holds it on 84 to 95.
+        """
+        tail = (1 - between("probability", probability, 0.0, 1.0)) / 2
+        dof = max(self.n_effective - 1, 2.0)
+        return np.array(
+            [_limits(*each, tail, dof) for each in zip(self.values, self.sigma, self.coefficients, strict=True)]
+        )
+
+    @property
+    def verdict(self) -> str:
+        """Which templates are seen in the pairs, in a sentence: as large by chance in less than 0.27 % each."""
+        seen = [name for name, (low, _) in zip(self.names, self.interval(1 - SEEN), strict=True) if low > 0]
+        if seen:
+            return (
+                f"pairs show {', '.join(seen)}, of the sky or of what sources share, which pairs do not tell apart: "
+                "harmonics beside a floor do (vsh-fit --floor --waves)"
+            )
+        limits = [_limit_words(name, high) for name, (_, high) in zip(self.names, self.interval(), strict=True)]
+        return f"pairs show none of these: {', '.join(limits)} (95 %)"
+
+    def report(self) -> str:
+        """Amplitudes as text."""
+        lines = [
+            "Templates in the correlation of motions (errors from the scatter of blocks of the sky; 95 % as squares "
+            "scatter)"
+        ]
+        for name, value, error, (low, high) in zip(self.names, self.values, self.sigma, self.interval(), strict=True):
+            cells = f"{value:+12.4g} ± {error:<10.2g}95 %: {low:.3g} … {high:<10.3g}"
+            lines.append(f"  {name:10}{cells}{TEMPLATES.get(name, '')}")
+        return "\n".join(lines) + "\n"
+
+    def to_table(self) -> Table:
+        """A row for each template, as an astropy Table."""
+        low, high = self.interval().T
+        columns = {
+            "template": list(self.names),
+            "value": self.values,
+            "sigma": self.sigma,
+            "low95": low,
+            "high95": high,
+        }
+        return tables.table_of(columns)
+
+    def plot(self, *, ax: Axes | None = None) -> Axes:
+        """The curves, on matplotlib axes."""
+        from fit.pairs._plot import plot_curves
+
+        return plot_curves(self, ax=ax)
+
+
+def names_of(templates: Any, hubble: float) -> dict[str, Callable[[FloatArray], FloatArray]]:
+    """Templates as functions of θ that give ξ+ and ξ−, (2, n), by name."""
+    if isinstance(templates, Mapping) and templates:
+        for name, function in templates.items():
+            if not callable(function):
+                raise ParameterError(
+                    f"the template {name!r} must be a function of θ [rad], not {type(function).__name__}"
+                )
+        return dict(templates)
+    if isinstance(templates, str) or not isinstance(templates, Sequence) or not templates:
+        raise ParameterError(f"templates are some of {', '.join(TEMPLATES)}, or functions by name, not {templates!r}")
+    known = {
+        "spin": lambda theta: np.concatenate([d_plus(1, theta), d_minus(1, theta)]) / (4 * np.pi),
+        "glide": lambda theta: np.concatenate([d_plus(1, theta), -d_minus(1, theta)]) / (4 * np.pi),
+        "waves": lambda theta: np.stack([hubble_rate(hubble) ** 2 * waves_curve(theta), 0 * theta]),
+    }
+    unknown = [name for name in templates if name not in known]
+    if unknown:
+        raise ParameterError(
+            f"no template is called {unknown[0]!r}: {', '.join(TEMPLATES)} are, or give functions by name"
+        )
+    return {name: known[name] for name in templates}
+
+
+def fitted(correlation: Any, templates: dict[str, Callable[[FloatArray], FloatArray]]) -> TemplateFit:
+    """Amplitudes by least squares, with the weight of the pairs in each bin."""
+    bins, seen = windows(correlation.edges, correlation.lmax), np.isfinite(correlation.plus)
+    pairs = bins.values * (correlation.window @ bins.scalar)  # as the pairs spread within each bin
+    curves = []
+    for name, function in templates.items():
+        curve = float_array(f"the template {name!r}", function(bins.theta), (2, len(bins.theta)))
+        curves.append(curve @ pairs.T / pairs.sum(1))
+    design = np.array(curves)[:, :, seen].reshape(len(curves), -1)
+    root = np.sqrt(np.tile(correlation.weight[seen], 2))
+    if design.shape[1] < len(curves) or np.linalg.matrix_rank(design * root) < len(curves):
+        raise ParameterError(
+            f"{seen.sum()} bins cannot tell {len(curves)} templates apart: take more bins, at more angles"
+        )
+    inverse = np.linalg.pinv((design * root).T) * root
+    values = inverse @ np.stack([correlation.plus, correlation.minus])[:, seen].ravel()
+    kept = np.tile(seen, 2)
+    covariance = inverse @ correlation.covariance[np.ix_(kept, kept)] @ inverse.T
+    return TemplateFit(
+        tuple(templates),
+        values,
+        (covariance + covariance.T) / 2,
+        np.tensordot(values, np.array(curves), 1),
+        correlation.theta,
+        np.array([_coefficients(function) for function in templates.values()]),
+        correlation.n_effective,
+    )
+
+
+def _limits(value, sigma, k, tail, dof):
+    """Limits of one amplitude."""
+    # Var = 2 k s⁴ + 4 s² P, P the value as it is.
+    s2 = (np.sqrt(16 * value**2 + 8 * k * sigma**2) - 4 * value) / (4 * k)
+    ratio = max(value / s2 + k, 0.0) / k  # P/s² + k over k
+    return tuple(s2 * _noncentrality(ratio, k, min(dof, 1e4), p) for p in (1 - tail, tail))
+
+
+def _noncentrality(ratio, k, dof, p):
+    """The non-centrality for which an F of k and dof degrees of freedom is as small with probability p, or zero."""
+    if ncfdtr(k, dof, 0.0, ratio) <= p:
+        return 0.0
+    # By halving: the function is nan where it is below 1e-28, which `>` takes for small and a root finder does not.
+    low, high = 0.0, 4 * k * (ratio + 10)
+    while ncfdtr(k, dof, high, ratio) > p:
+        low, high = high, 2 * high
+    while high - low > 1e-10 * high:
+        middle = (low + high) / 2
+        low, high = (middle, high) if ncfdtr(k, dof, middle, ratio) > p else (low, middle)
+    return (low + high) / 2
+
+
+def _coefficients(function, lmax=40):
+    """(Σ P)²/Σ P²/(2l + 1) over degrees and kinds of a template: 3 for spin or glide, 13 for waves."""
+    node, weight = np.polynomial.legendre.leggauss(400)
+    theta = np.arccos(node)
+    plus, minus = function(theta) * weight
+    degrees = 2 * np.arange(1, lmax + 1) + 1
+    total, difference = degrees * (d_plus(lmax, theta) @ plus), degrees * (d_minus(lmax, theta) @ minus)
+    power = np.maximum([total + difference, total - difference], 0.0)
+    return float(power.sum() ** 2 / max(np.sum(power**2 / degrees), 1e-300)) or 1.0
+
 
 #: The narrowest bin, in units of 1/lmax, that is resolved to 1e-3.
 _RESOLVED = 15.0

@@ -25,7 +25,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.polynomial.legendre import leggauss, legvander
 
-from fit.storage import Result
+from fit.results.storage import Result
 from vsh.field import Field
 from vsh.io import tables
 from vsh.io.parts import Parts

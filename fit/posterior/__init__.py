@@ -1,9 +1,8 @@
 """The posterior of our velocity and the Hubble constant."""
 
-from fit.posterior._grid import GridPosterior, grid
 from fit.posterior._posterior import Posterior, read_samples
 from fit.posterior._priors import Priors
-from fit.posterior._sample import sample
+from fit.posterior._sample import GridPosterior, grid, sample
 from fit.posterior._summary import Interval, Samples
 from fit.sampling import Density, Flat, Normal
 

@@ -6,10 +6,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fit.output import note_lines
 from fit.posterior._priors import FITS_UNITS, SHORT_NAMES, UNITS
+from fit.results.output import note_lines
+from fit.results.storage import Result, count, words
 from fit.sampling import autocorrelation, inference_data, split_r_hat
-from fit.storage import Result, count, words
 from vsh.io import tables
 from vsh.io.tables import three_digits
 from vsh.sky.frames import check_frame

@@ -10,12 +10,11 @@ import numpy as np
 from fit.distances import calibrate_if_known, mean_rates
 from fit.methods import estimate
 from fit.normal import NormalEquations, normal_equations
-from fit.quality import ErrorSource
-from fit.redshift._contrasts import FLOW_MATTERS, equality_chi2, shared_flow, slope_chi2
-from fit.redshift._solution import BinnedSolution
+from fit.redshift._solution import FLOW_MATTERS, BinnedSolution, equality_chi2, shared_flow, slope_chi2
+from fit.results.quality import ErrorSource
+from fit.results.solution import Solution
 from fit.robust import Reweighted
 from fit.secular_parallax import flow_theory
-from fit.solution import Solution
 from fit.solving import solve
 from vsh import Coefficients
 from vsh.basis import harmonics

@@ -17,18 +17,17 @@ from numpy.polynomial import chebyshev
 from scipy.special import gamma, gammainc, gammaln
 
 from fit.normal import NormalEquations, Template, normal_equations, template_fields
-from fit.quality import ErrorSource
-from fit.solution import AboutSolution, Solution
+from fit.normal.sums import sandwich
+from fit.results.quality import ErrorSource
+from fit.results.solution import AboutSolution, Solution
 from fit.solving import solve
-from fit.sums import sandwich
 from vsh.field import Field, Weighed
 from vsh.io.parts import Parts, as_parts
 from vsh.modes import Modes, as_modes
 from vsh.scalars import ScalarField, modes_for
 from vsh.tools import arguments
 from vsh.tools.errors import ConvergenceError, ParameterError
-from vsh.tools.logs import logged
-from vsh.tools.printing import in_a_line
+from vsh.tools.printing import in_a_line, logged
 from vsh.tools.types import FloatArray, IntArray
 
 #: The largest number of Newton steps for a source's leverage; with thousands of sources three suffice.

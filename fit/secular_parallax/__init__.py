@@ -1,22 +1,34 @@
 """Our velocity from the secular parallax of galaxies for a known H0, and H0 for a known velocity."""
 
-from fit.secular_parallax._equations import OMEGA, A, ParallaxEquations, ParallaxParts, ParallaxSums, U
-from fit.secular_parallax._estimate import hubble_constant, observer_velocity
-from fit.secular_parallax._flow import Flow
-from fit.secular_parallax._forecast import VelocityForecast, forecast_velocity, predict_errors
-from fit.secular_parallax._setup import (
+from fit.secular_parallax._equations import (
+    OMEGA,
+    A,
+    Flow,
+    ParallaxEquations,
+    ParallaxParts,
+    ParallaxSums,
+    U,
+    check_determined,
+    flow_covariance,
+    with_acceleration,
+    with_flow,
+    without_flow,
+)
+from fit.secular_parallax._estimate import (
     LEFT_DISPERSION,
     DistanceOptions,
     by_frame,
     dispersion_of,
     flow_theory,
+    hubble_constant,
     modes_within,
     noted,
+    observer_velocity,
     parallax_equations,
     undeclared,
 )
+from fit.secular_parallax._forecast import VelocityForecast, forecast_velocity, predict_errors
 from fit.secular_parallax._solution import HubbleSolution, ParallaxSolution, VelocitySolution
-from fit.secular_parallax._solve import check_determined, flow_covariance, with_acceleration, with_flow, without_flow
 
 __all__ = [
     "Flow",

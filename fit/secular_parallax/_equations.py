@@ -8,28 +8,36 @@ A source at transverse comoving distance d moves by
 only. Where redshifts hold velocities and errors, k is the mean of 1/d (`fit.distances`), and its variance s² adds s²
 |v|²/3 to that of the motion, and with flows s² σ² for theirs. Each source is turned to the axes of its error ellipse,
 in which a variance that is the same in all directions (peculiar velocities, excess noise) is simply added.
+
+What is known besides the motions (the amplitudes of a flow, the acceleration, the Local Group's velocity) adds to the
+normal equations where they are solved, never to their sums.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from functools import partial
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
 from fit.distances import Calibration, inverse_distances
-from fit.secular_parallax._flow import FlowRows, known_flow
+from fit.results.output import WIDTH, amplitude, components, direction
+from fit.results.storage import Result
 from vsh.field import Field
+from vsh.io import tables
 from vsh.io.parts import DISTANCES, Parts
 from vsh.models.cosmology import CMB_VELOCITY_PLANCK18, hubble_value, parallax_factor
 from vsh.models.flows import FlowModes, LinearTheory, VelocityGrid
-from vsh.sky.sphere import triad
-from vsh.tools.errors import FrameError
+from vsh.sky.sphere import across_and_along, triad
+from vsh.tools.arguments import positive
+from vsh.tools.errors import DegeneracyError, FrameError, ParameterError
 from vsh.tools.notes import merge_notes
 from vsh.tools.parallel import map_blocks
-from vsh.tools.types import ArrayLike, FloatArray
-from vsh.tools.units import AU_PER_YEAR
+from vsh.tools.types import ArrayLike, AxesArray, FloatArray, IntArray, OnAxes, Table
+from vsh.tools.units import AU_PER_YEAR, SPEED_OF_LIGHT
+from vsh.vector import Vector
 
 #: u: our velocity were H0 what the cosmology has [km/s]; ã and ω [µas/yr]; v of those with distances in Mpc [km/s].
 U, A, OMEGA, V = slice(0, 3), slice(3, 6), slice(6, 9), slice(9, 12)
@@ -315,3 +323,351 @@ def equations(field: Field | Parts, calibration: Calibration, **options: Any) ->
     if isinstance(field, Parts):
         return ParallaxParts.of(field, calibration, options)
     return equations_of(field, calibration, **options)
+
+
+@dataclass(frozen=True, eq=False)
+class FlowRows:
+    """Columns of the equations for the modes of a flow, along the axes of the error ellipses.
+
+    The flow moves redshifts as well, and with them the distances at which motions are expected. That is a product of
+    two velocities that are not known, ours less the flow across, and the flow along: it is scatter, and stands among
+    the errors of distances. Taken as v_⊥ V_r alone, with our own velocity known, it would tell the flow where it tells
+    nothing: with 60 000 galaxies errors of v come out 1.5 times too small.
+    """
+
+    modes: FlowModes
+    lon: FloatArray
+    lat: FloatArray
+    distance: FloatArray
+    rate: FloatArray
+    cos: FloatArray
+    sin: FloatArray
+
+    def only(self, index: IntArray) -> FlowRows:
+        """Those of some sources."""
+        names = ("lon", "lat", "distance", "rate", "cos", "sin")
+        return FlowRows(self.modes, *(getattr(self, name)[index] for name in names))
+
+    def rows(self, part: slice) -> FloatArray:
+        """The columns of some sources, (2k, p): the first components of all, then the second. [µas/yr]"""
+        cos, sin = self.cos[part] * self.rate[part], self.sin[part] * self.rate[part]
+        turn = np.stack([[cos, sin], [-sin, cos]])
+        columns = self.modes.columns(self.lon[part], self.lat[part], self.distance[part], turn)
+        return columns.reshape(len(self.modes), -1).T
+
+
+def known_flow(
+    grid: VelocityGrid, field: Field, distance: FloatArray, slope: FloatArray
+) -> tuple[FloatArray, FloatArray, tuple[str, ...]]:
+    """Velocities that are known from elsewhere: across, what they do to 1/d by the redshift, and a note."""
+    velocity, inside = grid.at(field.lon, field.lat, distance, field.frame)
+    across, along = across_and_along(velocity, field.lon, field.lat)
+    outside = int((~inside).sum())
+    note = f"{outside} sources lie outside of the reconstructed flow, which is taken as zero there"
+    return across, -slope * along / SPEED_OF_LIGHT, (note,) if outside else ()
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Flow(Result):
+    """Amplitudes of the modes of a flow, with their covariance.
+
+    Attributes
+    ----------
+    modes : vsh.models.flows.FlowModes
+    values : (p,) array
+        One on average before the motions were seen.
+    covariance : (p, p) array
+        That of the other parameters of the fit included.
+    frame : str
+        Frame of the axes.
+    """
+
+    modes: FlowModes
+    values: FloatArray
+    covariance: FloatArray
+    frame: str
+
+    def __repr__(self) -> str:
+        return f"<Flow: {self.modes!r}, {self.frame}>"
+
+    def at(self, lon: FloatArray, lat: FloatArray, distance: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Velocities in the frame of the microwave background: tangential, (2, n), and radial, (n,). [km/s]
+
+        Parameters
+        ----------
+        lon, lat : (n,) arrays
+            Positions. [rad]
+        distance : (n,) array
+            [Mpc/h]
+        """
+        tangential, radial = self.modes.at(lon, lat, distance)
+        return tangential @ self.values, radial @ self.values
+
+    def bulk(self, radius: float) -> Vector:
+        """The mean velocity at distance `radius` [Mpc/h], over all directions, with its covariance. [km/s]"""
+        rows = _shell_mean(self.modes, positive("radius", radius))
+        return Vector(rows @ self.values, rows @ self.covariance @ rows.T, self.frame, "km/s")
+
+    def report(self) -> str:
+        """The bulk flow by distance as text."""
+        lines = [
+            f"The flow of galaxies, {self.modes.theory.name} as its prior, {len(self.modes)} modes",
+            "─" * WIDTH,
+            f"{'Mpc/h':>8}  mean velocity of a shell, {self.frame} axes [km/s]",
+        ]
+        for radius in self._radii():
+            v = self.bulk(radius)
+            cells = "".join(f"{cell:>17}" for cell in components(v))
+            lines.append(f"{radius:8.0f}{cells}  |V| {amplitude(v)}  {direction(v.to_frame('galactic'))}")
+        return "\n".join(lines) + "\n"
+
+    def to_table(self) -> Table:
+        """Mean velocities of shells as an astropy Table, a row each."""
+        radii = self._radii()
+        bulks = [self.bulk(radius) for radius in radii]
+        columns: dict[str, Any] = {"distance": radii}
+        for i, axis in enumerate("xyz"):
+            columns[f"v_{axis}"] = [v.value[i] for v in bulks]
+            columns[f"v_{axis}_error"] = [v.sigma[i] for v in bulks]
+        return tables.table_of(columns, {"frame": self.frame})
+
+    def plot(self, *, ax: OnAxes | None = None) -> AxesArray:
+        """The radial velocities that were found on three shells, on matplotlib axes."""
+        from fit.secular_parallax._plot import plot_flow
+
+        return plot_flow(self, ax=ax)
+
+    def _radii(self):
+        last = self.modes.radii[-1]
+        return [radius for radius in (10.0, 20.0, 40.0, 80.0, 160.0, 320.0) if radius <= last] or [float(last)]
+
+
+def _shell_mean(modes, radius):
+    """What every mode adds to the mean velocity over a shell, (3, p): (f_r + 2 f_t)/3 e for degree 1, else nothing."""
+    places, quarter, far = np.array([0.0, np.pi / 2, 0.0]), np.array([0.0, 0.0, np.pi / 2]), np.full(3, radius)
+    along = modes.at(places, quarter, far)[1]  # outwards on the axes x, y, z
+    across = modes.at(places[:2], quarter[:2], far[:2])[0]  # on x, east is y and north z; on y, east is −x
+    toward = np.stack([-across[0, 1], across[0, 0], across[1, 0]])
+    one = slice(modes.counts[0], modes.counts[0] + 3 * modes.counts[1])
+    rows = np.zeros_like(along)
+    rows[:, one] = (along[:, one] + 2 * toward[:, one]) / 3
+    return rows
+
+
+def flow_of(
+    rows: Any, amplitudes: Any, theta: FloatArray, to_u: FloatArray, covariance: FloatArray, ratio: float
+) -> Flow:
+    """The flow of a fit, from its amplitudes given the other parameters."""
+    slope = amplitudes.slope @ to_u
+    values = (amplitudes.mean - amplitudes.slope @ theta) / ratio
+    total = (amplitudes.covariance + slope @ covariance @ slope.T) / ratio**2
+    return Flow(rows.modes, values, (total + total.T) / 2, rows.frame)
+
+
+def with_acceleration(sums: ParallaxSums, acceleration: Vector | None, frame: str) -> ParallaxSums:
+    """The same with the acceleration known from elsewhere, from quasars say."""
+    if acceleration is None:
+        return sums
+    if not isinstance(acceleration, Vector):
+        raise ParameterError(f"the acceleration is a Vector with its covariance, not {type(acceleration).__name__}")
+    known = acceleration.to_frame(frame)
+    if not np.linalg.eigvalsh(known.covariance)[0] > 0:
+        raise ParameterError("an acceleration that is known needs errors in all three components")
+    weight = np.linalg.inv(known.covariance)
+    matrix, rhs = sums.matrix.copy(), sums.rhs.copy()
+    matrix[..., A, A] += weight
+    rhs[..., A] += weight @ known.value
+    return replace(sums, matrix=matrix, rhs=rhs, chi2_null=sums.chi2_null + known.value @ weight @ known.value)
+
+
+def with_flow(sums: ParallaxSums, width: int, scale: FloatArray | float) -> ParallaxSums:
+    """The same with amplitudes of the modes that are `scale` on average."""
+    matrix = sums.matrix.copy()
+    modes = np.arange(width, matrix.shape[-1])
+    matrix[..., modes, modes] += 1 / np.asarray(scale)[..., None] ** 2
+    count = len(modes) * np.log(np.asarray(scale) ** 2)
+    return replace(sums, matrix=matrix, logdet=sums.logdet + count)
+
+
+@dataclass(frozen=True, eq=False)
+class Amplitudes:
+    """What the motions tell of a flow's modes, given the other parameters θ: mean − slope θ, and a covariance."""
+
+    mean: FloatArray
+    slope: FloatArray
+    covariance: FloatArray
+
+
+def without_flow(sums: ParallaxSums, width: int) -> tuple[ParallaxSums, Amplitudes]:
+    """The modes marginalised: normal equations of what is left, and the modes given that."""
+    own, modes = slice(0, width), slice(width, None)
+    matrix, rhs = sums.matrix, sums.rhs
+    inner = matrix[..., modes, modes]
+    root = np.linalg.cholesky(inner)
+    logdet = 2 * np.log(np.einsum("...ii->...i", root)).sum(-1)
+    solved = np.linalg.solve(inner, np.concatenate([matrix[..., modes, own], rhs[..., modes, None]], axis=-1))
+    slope, mean = solved[..., :-1], solved[..., -1]
+    across = matrix[..., own, modes]
+    left = ParallaxSums(
+        matrix[..., own, own] - across @ slope,
+        rhs[..., own] - np.einsum("...ij,...j->...i", across, mean),
+        sums.chi2_null - np.einsum("...i,...i->...", rhs[..., modes], mean),
+        sums.logdet + logdet,
+        sums.n_data,
+    )
+    covariance = np.asarray(np.linalg.inv(inner) if inner.ndim == 2 else (), float)
+    return left, Amplitudes(mean, slope, covariance)
+
+
+@dataclass(frozen=True, eq=False)
+class LocalGroup:
+    """The Local Group's velocity as a measurement of the flow where we are.
+
+    Given that velocity V, the amplitudes of the modes are c ± P on average, with
+
+        c = Dᵀ (D Dᵀ + Σ)⁻¹ V,   P = (1 + Dᵀ Σ⁻¹ D)⁻¹,
+
+    D the modes where we are and Σ what else there is in V. The motions tell amplitudes times h = H0/H_ref, so that
+    their mean is h c; P stands for H_ref, as all variances of the flow. This is linear in h, and the Group's speed by
+    itself says nothing of H0: had h been taken as known, or V as drawn from flows of known size, H_ref would come back.
+    """
+
+    modes: FlowModes
+    velocity: FloatArray
+    covariance: FloatArray
+
+    def added(self, sums: ParallaxSums, width: int, ratio: float, ours: FloatArray | None) -> ParallaxSums:
+        """Normal equations with this measurement as well; they hold the flow's prior already. `ratio` is H0/H_ref."""
+        here = self.modes.at_origin()
+        gain = here.T @ np.linalg.inv(self.covariance) / ratio**2
+        mean = here.T @ np.linalg.solve(here @ here.T + self.covariance, self.velocity)
+        pull = gain @ self.velocity
+        size = pull @ mean
+        matrix, rhs, chi2_null = sums.matrix.copy(), sums.rhs.copy(), sums.chi2_null
+        matrix[width:, width:] += gain @ here
+        if ours is None:
+            rhs[width:] += pull * ratio
+            chi2_null = chi2_null + size * ratio**2
+        else:
+            toward = ours / (ours @ ours)
+            matrix[U, U] += size * np.outer(toward, toward)
+            matrix[width:, U] -= np.outer(pull, toward)
+            matrix[U, width:] = matrix[width:, U].T
+        return replace(sums, matrix=matrix, rhs=rhs, chi2_null=chi2_null)
+
+
+#: Size of the subsample; it determines the omitted flow to a few per cent.
+_SOURCES = 20_000
+
+
+@dataclass(frozen=True, eq=False)
+class LeftOut:
+    """A catalogue that is fitted without a flow, and the modes that would describe it."""
+
+    field: Field | Parts
+    calibration: Calibration
+    modes: FlowModes
+    options: dict[str, Any]
+
+    def sums(self, spread: float, excess_noise: float, n_sources: int) -> ParallaxSums:
+        """Normal matrix and right-hand side with the flow's columns, from a subsample, scaled to all sources."""
+        step = max(1, n_sources // _SOURCES)
+        subsample = (
+            self.field.map(partial(_every_nth, step=step)) if isinstance(self.field, Parts) else self.field[::step]
+        )
+        rows = equations(subsample, self.calibration, modes=self.modes, **self.options)
+        sums = rows.sums(spread, excess_noise)
+        scale = n_sources / (sums.n_data // 2)  # of small parts more than one in `step` is taken
+        return replace(sums, matrix=sums.matrix * scale, rhs=sums.rhs * scale)
+
+
+def flow_covariance(sums: ParallaxSums, to_u: FloatArray, ratio: float) -> FloatArray:
+    """The covariance that an omitted flow induces in the fitted parameters."""
+    width = len(to_u)
+    normal = to_u.T @ sums.matrix[:width, :width] @ to_u
+    response = np.linalg.solve(normal, to_u.T @ sums.matrix[:width, width:]) * ratio
+    return response @ response.T
+
+
+def _every_nth(field, step):
+    return field[::step]
+
+
+def solve_for(
+    sums: ParallaxSums,
+    to_u: FloatArray,
+    names: tuple[str, ...],
+    spin: Literal["free"] | Vector | None,
+    rows: ParallaxEquations | ParallaxParts,
+    acceleration: Vector | None,
+    ratio: float,
+    group: LocalGroup | None = None,
+    velocity: FloatArray | None = None,
+    left_out: ParallaxSums | None = None,
+) -> dict[str, Any]:
+    """Least squares for θ with (u, ã, ω[, v]) = to_u θ: the spin fixed, free or none, the flow marginalised.
+
+    `to_u` is (9 or 12, p), `ratio` H0/H_ref in the weights, `group` a measurement of the flow where we are, `velocity`
+    ours where H0 is the first of θ; `left_out` are the sums with the columns of a flow that the fit leaves out. Returns
+    what a solution is made with.
+    """
+    width = 9 if velocity is None else 12
+    sums = with_acceleration(sums, acceleration, rows.frame)
+    alone, amplitudes = sums.matrix[:width, :width], None
+    if isinstance(spin, str) and spin == "free":
+        to_u = np.concatenate([to_u, np.eye(width)[:, OMEGA]], axis=1)
+        names = (*names, "omega_x", "omega_y", "omega_z")
+    elif spin is not None and not isinstance(spin, Vector):
+        raise ParameterError(f"spin is None, 'free' or a Vector, not {spin!r}")
+    fixed = np.zeros(width)
+    if velocity is not None:
+        fixed[V] = velocity
+    if isinstance(spin, Vector):
+        spin = spin.to_frame(rows.frame)
+        fixed[OMEGA] = spin.value
+    if rows.modes is not None:
+        sums = with_flow(sums, width, ratio)
+        if group is not None:
+            sums = group.added(sums, width, ratio, velocity)
+        sums, amplitudes = without_flow(sums, width)
+    normal = to_u.T @ sums.matrix @ to_u
+    check_determined(normal, names, sums.n_data // 2)
+    inverse = np.linalg.inv(normal)
+    covariance = (inverse + inverse.T) / 2
+    rhs = to_u.T @ (sums.rhs - sums.matrix @ fixed)
+    values = inverse @ rhs
+    chi2 = sums.chi2_null - 2 * sums.rhs @ fixed + fixed @ sums.matrix @ fixed - values @ rhs
+    noise = np.linalg.inv(to_u.T @ alone @ to_u) if rows.modes is not None else covariance
+    if isinstance(spin, Vector):
+        carry = covariance @ to_u.T @ sums.matrix[:, OMEGA]
+        covariance = covariance + carry @ spin.covariance @ carry.T
+    parts = {
+        "names": names,
+        "values": values,
+        "covariance": covariance,
+        "chi2": float(chi2),
+        "n_data": sums.n_data,
+        "frame": rows.frame,
+        "notes": rows.notes,
+        "noise_covariance": noise,
+    }
+    if left_out is not None:
+        left_out = with_acceleration(left_out, acceleration, rows.frame)
+        parts["flow_covariance"] = flow_covariance(left_out, to_u, ratio)
+    if amplitudes is not None:
+        parts["flow"] = flow_of(rows, amplitudes, to_u @ values + fixed, to_u, covariance, ratio)
+    return parts
+
+
+def check_determined(matrix: FloatArray, names: Sequence[str], sources: int, limit: float = 1e10) -> None:
+    """Raise DegeneracyError where the data leave a combination of parameters unseen."""
+    diagonal = np.diag(matrix)
+    if 2 * sources >= len(names) and (diagonal > 0).all():
+        scaled = matrix / np.sqrt(np.outer(diagonal, diagonal))
+        values = np.linalg.eigvalsh(scaled)
+        if values[0] * limit > values[-1]:
+            return
+    raise DegeneracyError(
+        f"{sources} sources cannot separate {', '.join(names)}: more sources, over more of the sky and of "
+        "more than one distance, are needed"
+    )

@@ -6,11 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from fit.output import WIDTH
-from fit.secular_parallax._estimate import hubble_from, velocity_from
-from fit.secular_parallax._setup import dispersion_of, parallax_equations
+from fit.results.output import WIDTH
+from fit.results.storage import Result
+from fit.secular_parallax._estimate import dispersion_of, hubble_from, parallax_equations, velocity_from
 from fit.secular_parallax._solution import HubbleSolution, VelocitySolution
-from fit.storage import Result
 from vsh.field import Field
 from vsh.io import tables
 from vsh.models.cosmology import FLAT_PLANCK13, hubble_value

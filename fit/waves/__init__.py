@@ -2,8 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-from fit.waves._in_time import WaveSpectrum, search_in_time
-from fit.waves._search import WaveSearch, search
+from fit.waves._search import WaveSearch, WaveSpectrum, search, search_in_time
 from vsh.tools.modules import lazily
 
 if TYPE_CHECKING:

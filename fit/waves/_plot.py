@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from fit.quality import printed_p_value
+from fit.results.quality import printed_p_value
 from vsh.figures.plot import COLOURS, WIDTH, draw_points, legend_above, log_ticks, panels, plot_map, styled
 from vsh.tools.types import Axes, AxesArray, OnAxes
 

@@ -19,14 +19,14 @@ from figures import write_figures
 from published import ATTRACTIONS, CORRELATIONS, EFFECTS, EXPERIMENTS, SPEED_ERRORS, SPEEDS, published
 from sim.effects import attractions, effects
 from study.config import Study, load
-from study.results import read_realisations, summary
+from study.run import read_realisations, summary
 from vsh import Field, Vector
 from vsh.io import tables
 from vsh.tools.files import MARK, atomic_write
 
 #: Quantities that were set to the paper's, which agree with it by construction (marked † in the tables).
 _TUNED = {
-    "⟨σ⟩ of ω and ã": "the factor 0.886 on a transit's error (`sim.noise.RELEASES`), set to case A",
+    "⟨σ⟩ of ω and ã": "the factor 0.886 on a transit's error (`sim.astrometry.RELEASES`), set to case A",
     "⟨σ⟩ of v, H0 and the galaxies' ã": "`excess = 215` µas a transit of galaxies (`papers/bachchan2016/study.toml`), set to case A",
     "correlations of ω with ã": "`sim.skies.GUMS_PLANE` (case A) and `IGQL_SHARES` (case D), set to the paper's Table 6",
 }
@@ -53,7 +53,7 @@ def _write_text(path, text):
 
 def _correlation(study, folder, name):
     """The formal (9, 9) correlation matrix of ε, ω and ã for one case."""
-    from study.prepare import prepared
+    from study.realise import prepared
 
     case = next(case for case in study.cases if case["name"] == name)
     fields = []

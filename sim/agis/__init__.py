@@ -4,7 +4,6 @@ from typing import TYPE_CHECKING
 
 import lazy_loader
 
-from sim.agis._exact_response import ExactResponse
 from sim.agis._globals import GlobalMotion, global_motion
 from sim.agis._mission import (
     KINDS,
@@ -17,13 +16,13 @@ from sim.agis._mission import (
     solve_mission,
     start_errors,
 )
-from sim.agis._response import Response, share_left
+from sim.agis._response import ExactResponse, Response, share_left
+from sim.agis._results import AgisSolution, correlation_by_angle, ratio_by, rotate_frame
 from sim.agis._system import System
 from sim.agis.passes import FULL, Plan, Scans, plan, scaled, scans
-from sim.agis.results import AgisSolution, correlation_by_angle, ratio_by, rotate_frame
 
 if TYPE_CHECKING:
-    from sim.agis.results import plot_convergence, plot_correlation, plot_errors_by_magnitude, plot_ratio_map
+    from sim.agis._plot import plot_convergence, plot_correlation, plot_errors_by_magnitude, plot_ratio_map
 
 __all__ = [
     "AgisSolution",
@@ -45,7 +44,7 @@ __all__ = [
 # matplotlib and healpy are imported when a figure is asked for.
 __getattr__, _, _ = lazy_loader.attach(
     __name__,
-    submod_attrs={"results": ["plot_convergence", "plot_correlation", "plot_errors_by_magnitude", "plot_ratio_map"]},
+    submod_attrs={"_plot": ["plot_convergence", "plot_correlation", "plot_errors_by_magnitude", "plot_ratio_map"]},
 )
 
 

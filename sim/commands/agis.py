@@ -1,5 +1,8 @@
 """`vsh-agis`: sources and attitude solved together, on the command line."""
 
+from __future__ import annotations
+
+import argparse
 import shutil
 from collections.abc import Mapping
 from contextlib import suppress
@@ -10,12 +13,208 @@ import numpy as np
 
 import sim
 import vsh
-from sim import agis
-from vsh.commands import finishing, outputs, running
-from vsh.commands.options import agis as options_module
+from vsh.commands import finishing, parsing, reading, running
 from vsh.tools.files import exclusive
 from vsh.tools.types import Table
 from vsh.tools.units import AU_PER_YEAR, JULIAN_YEAR
+
+#: Sources that a solution has unless told.
+_QUASARS = 5000
+
+
+def make_parser() -> argparse.ArgumentParser:
+    """The parser of its options."""
+    parser = parsing.make(
+        prog="vsh-agis",
+        description=(
+            "Solve quasars, galaxies and stars together with the attitude of the satellite that sees them, by conjugate"
+            " gradients. A run that is killed goes on where it was when it is started again."
+        ),
+        examples=(
+            "vsh-agis --quasars 20000 --sky igql --exact --output igql",
+            "vsh-agis --quasars 2000 --stars 2000 --attitude 10 --output known",
+            "vsh-agis --quasars 500000 --plan",
+        ),
+    )
+    add = parser.add_argument
+    add("--quasars", type=parsing.count(1), default=_QUASARS, metavar="N", help=f"how many (default: {_QUASARS})")
+    add(
+        "--stars",
+        type=parsing.count(0),
+        default=0,
+        metavar="N",
+        help="of the background, by counts of magnitude (default: none)",
+    )
+    add(
+        "--star-error",
+        type=parsing.positive,
+        metavar="SIGMA",
+        help="of a star's transit, µas; by magnitude unless given",
+    )
+    add("--galaxies", type=parsing.count(0), default=0, metavar="N", help="how many (default: none)")
+    add(
+        "--vlbi",
+        type=parsing.count(0),
+        default=0,
+        metavar="N",
+        help="quasars with radio positions, which end it with a frame rotator",
+    )
+    add("--sky", choices=parsing.SKIES, default="uniform", help="of the quasars (default: uniform)")
+    add(
+        "--knots",
+        type=parsing.positive,
+        default=30.0,
+        metavar="SECONDS",
+        help="of the whole mission's attitude (default: 30)",
+    )
+    add(
+        "--no-scaling",
+        dest="scale",
+        action="store_false",
+        help="of the mission to the number of sources; half a million are the whole",
+    )
+    add(
+        "--start",
+        type=_two,
+        default=(1e5, 1e4),
+        metavar="RANDOM,SYSTEMATIC",
+        help="errors to begin with, µas (default: 100000,10000)",
+    )
+    add(
+        "--start-attitude",
+        type=parsing.not_negative,
+        default=10.0,
+        metavar="SIGMA",
+        help="the attitude's, µas (default: 10)",
+    )
+    add(
+        "--attitude",
+        type=_attitude,
+        default="solved",
+        metavar="solved|SIGMA",
+        help="solved, or known from elsewhere to so many µas",
+    )
+    add(
+        "--smoothing",
+        type=parsing.positive,
+        default=1e6,
+        metavar="SIGMA",
+        help="of second differences, µas: bridges gaps (default: 1e6)",
+    )
+    add(
+        "--global",
+        dest="motions",
+        type=_motions,
+        metavar="acceleration|DEGREE|velocity",
+        help="parameters inside the solution that motions follow",
+    )
+    add(
+        "--scatter",
+        type=parsing.positive,
+        default=10.0,
+        metavar="SIGMA",
+        help="of motions about --global, µas/yr (default: 10)",
+    )
+    add("--first", choices=["sources", "attitude"], default="sources", help="what is updated first (default: sources)")
+    add(
+        "--method",
+        choices=["conjugate", "simple"],
+        default="conjugate",
+        help="gradients, or the simple iteration, which creeps",
+    )
+    add("--iterations", type=parsing.count(1), default=500, metavar="N", help="at most (default: 500)")
+    add(
+        "--stop",
+        type=parsing.positive,
+        default=0.05,
+        metavar="ERRORS",
+        help="by which degrees 1 to 3 may move in ten iterations (default: 0.05)",
+    )
+    add("--exact", action="store_true", help="exact errors of spin and acceleration besides, by six more solutions")
+    add(
+        "--across",
+        type=parsing.positive,
+        default=5.0,
+        metavar="FACTOR",
+        help="errors across the scan in those along (default: 5)",
+    )
+    add("--ccds", type=int, choices=[1, 9], default=1, help="observations in a transit (default: 1)")
+    add(
+        "--variability",
+        type=parsing.not_negative,
+        default=0.0,
+        metavar="SIGMA",
+        help="of the quasars' photocentres, µas",
+    )
+    add("--tau", type=parsing.positive, default=2.0, help="its correlation time, yr (default: 2)")
+    add("--years", type=parsing.positive, default=5.0, help="length of the mission (default: 5)")
+    add("--dead-time", type=parsing.not_negative, default=0.06, metavar="FRACTION", help="default: 0.06")
+    add("--release", choices=["DR3", "DR4", "DR5", "paper"], default="DR4", help="whose errors")
+    add(
+        "--spin",
+        type=parsing.vector,
+        default=(0.0, 0.0, 0.0),
+        metavar="X,Y,Z",
+        help="true, of motions.fits, ICRS, µas/yr",
+    )
+    add(
+        "--acceleration",
+        type=parsing.vector,
+        default=(0.0, 0.0, 0.0),
+        metavar="X,Y,Z",
+        help="true, of motions.fits, ICRS, µas/yr",
+    )
+    add(
+        "--map",
+        action="store_true",
+        help="keep transits, observations and the attitude's factor on disk while it runs, beside DIR: memory is then"
+        " 1.1 kB a source",
+    )
+    add("--plan", action="store_true", help="only say what memory and time it would take")
+    add("--seed", type=int, default=1, help="the same seed, the same results (default: 1)")
+    add(
+        "--workers",
+        "--threads",
+        dest="threads",
+        type=parsing.count(1),
+        metavar="N",
+        help="one a core unless given; changes no digit of the results",
+    )
+    add("--output", metavar="DIR", help="a new folder for report, motions, sources and figures")
+    reading.add_figures(parser)
+    parsing.add_overwrite(parser)
+    parsing.add_common(parser)
+    return parser
+
+
+def _two(text):
+    days = parsing.numbers(text)
+    if len(days) != 2 or min(days) < 0:
+        raise argparse.ArgumentTypeError(f"two numbers that are not negative are wanted, not {text!r}")
+    return days
+
+
+def _attitude(text):
+    return text if text == "solved" else parsing.positive(text)
+
+
+def _motions(text):
+    if text.isdecimal() and int(text) > 0:
+        return int(text)
+    if text not in ("acceleration", "velocity"):
+        raise argparse.ArgumentTypeError(f"acceleration, velocity or a degree is wanted, not {text!r}")
+    return text
+
+
+def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
+    """End with what contradicts itself."""
+    if not options.plan and not options.output:
+        parser.error("say where results go, --output DIR, or --plan, which only tells what they would take")
+    if options.vlbi > options.quasars:
+        parser.error(f"--vlbi: {options.vlbi} of {options.quasars} quasars cannot be chosen")
+    if options.motions == "velocity" and not options.galaxies:
+        parser.error("--global velocity is told by galaxies: say --galaxies N")
+
 
 #: Edges of bins of angle, in heights of a field: within it, about it, far beyond.
 _ANGLES = np.array([0.0, 0.15, 0.37, 0.73, 1.0, 1.5, 3.0, 7.0])
@@ -28,16 +227,16 @@ CAPTIONS = {
 
 
 def report(
-    system: agis.System,
-    solution: agis.AgisSolution,
+    system: sim.agis.System,
+    solution: sim.agis.AgisSolution,
     notes: list[str],
-    mixture: agis.Mixture,
+    mixture: sim.agis.Mixture,
     options: Any,
     exact: dict[str, Any],
 ) -> str:
     """What is printed."""
     scans = system.scans
-    counts = ", ".join(f"{np.sum(mixture.are(kind))} {kind}" for kind in agis.KINDS if mixture.are(kind).any())
+    counts = ", ".join(f"{np.sum(mixture.are(kind))} {kind}" for kind in sim.agis.KINDS if mixture.are(kind).any())
     sigma = np.sqrt(np.einsum("nii->ni", solution.formal))
     lines = [
         "Sources and attitude solved together",
@@ -53,7 +252,7 @@ def report(
         "True over formal error, this draw of the noise (rms over sources)",
         f"{'':12}{'α*':>8}{'δ':>8}{'ϖ':>8}{'µα*':>8}{'µδ':>8}",
     ]
-    for kind in agis.KINDS:
+    for kind in sim.agis.KINDS:
         here = mixture.are(kind) & system.solved
         if here.any():
             pulls = np.sqrt(np.mean((solution.sources[here] / sigma[here]) ** 2, axis=0))
@@ -80,7 +279,7 @@ def report(
 
 
 def write(
-    folder: Path, solution: agis.AgisSolution, mixture: agis.Mixture, named: Mapping[str, Table], options: Any
+    folder: Path, solution: sim.agis.AgisSolution, mixture: sim.agis.Mixture, named: Mapping[str, Table], options: Any
 ) -> None:
     """Write motions, sources and convergence."""
     from vsh.io import tables
@@ -99,7 +298,7 @@ def write(
     tables.write_table(named["convergence"], folder / "convergence.ecsv")
 
 
-def tables_of(system: agis.System, solution: agis.AgisSolution, mixture: agis.Mixture) -> dict[str, Table]:
+def tables_of(system: sim.agis.System, solution: sim.agis.AgisSolution, mixture: sim.agis.Mixture) -> dict[str, Table]:
     """Errors of every source, and the lowest degrees after every iteration."""
     from vsh.io.tables import table_of
 
@@ -107,7 +306,7 @@ def tables_of(system: agis.System, solution: agis.AgisSolution, mixture: agis.Mi
     columns = {
         "ra": np.degrees(mixture.lon),
         "dec": np.degrees(mixture.lat),
-        "kind": np.array(agis.KINDS)[mixture.kind],
+        "kind": np.array(sim.agis.KINDS)[mixture.kind],
         "transits": system.scans.counts,
     }
     columns |= {f"error_{name}": solution.sources[:, i] for i, name in enumerate(names)}
@@ -122,26 +321,26 @@ def tables_of(system: agis.System, solution: agis.AgisSolution, mixture: agis.Mi
     }
 
 
-def draw(system: agis.System, solution: agis.AgisSolution, mixture: agis.Mixture) -> dict[str, Any]:
+def draw(system: sim.agis.System, solution: sim.agis.AgisSolution, mixture: sim.agis.Mixture) -> dict[str, Any]:
     """Convergence, errors by magnitude, by angle and over the sky: axes by name of file."""
     quasars = mixture.are("quasars") & system.solved
     # Errors in units of their true size, which goes by magnitude.
     sigma = np.sqrt(solution.formal[quasars, 2, 2])
     group = np.floor(2 * mixture.magnitude[quasars]).astype(int)
     group -= group.min()
-    size = sigma * agis.ratio_by(solution.sources[quasars, 2], sigma, group)[0][group]
+    size = sigma * sim.agis.ratio_by(solution.sources[quasars, 2], sigma, group)[0][group]
     height = 2 * np.radians(0.342) * np.sqrt(max(1.0, system.scans.spacing * JULIAN_YEAR / 30.0))
     edges = np.minimum(_ANGLES * height, np.pi)
     edges = edges[: np.searchsorted(edges, np.pi) + 1]
-    angles = agis.correlation_by_angle(
+    angles = sim.agis.correlation_by_angle(
         solution.sources[quasars, 2], mixture.lon[quasars], mixture.lat[quasars], edges, sigma=size
     )
     nside = 2 ** int(np.clip(np.log2(np.sqrt(quasars.sum() / 120)), 0, 4))
     return {
-        "convergence": agis.plot_convergence(solution),
-        "errors": agis.plot_errors_by_magnitude(solution, mixture.magnitude, quasars),
-        "correlation": agis.plot_correlation(edges, *angles),
-        "map": agis.plot_ratio_map(solution, nside, quasars),
+        "convergence": sim.agis.plot_convergence(solution),
+        "errors": sim.agis.plot_errors_by_magnitude(solution, mixture.magnitude, quasars),
+        "correlation": sim.agis.plot_correlation(edges, *angles),
+        "map": sim.agis.plot_ratio_map(solution, nside, quasars),
     }
 
 
@@ -151,12 +350,12 @@ GALAXIES_EXCESS = 215.0
 
 def _run(options):
     if not options.plan:
-        outputs.check(options)
+        finishing.check(options)
     # A stream of its own for each step, so that one option does not shift what another draws.
     gaps, sky, galaxies, stars, chosen, noise, start, radio = np.random.default_rng(options.seed).spawn(8)
     law = sim.NominalScanningLaw(years=options.years, dead_time=options.dead_time, rng=gaps)
     mission = sim.Mission(law, options.release)
-    mixture = agis.mixture(
+    mixture = sim.agis.mixture(
         mission,
         sim.quasars(options.quasars, sky, options.sky),
         sim.galaxies(options.galaxies, galaxies, "gums") if options.galaxies else None,
@@ -164,11 +363,11 @@ def _run(options):
         excess_noise=GALAXIES_EXCESS,
         star_error=options.star_error,
     )
-    full = agis.FULL if options.scale else None
+    full = sim.agis.FULL if options.scale else None
     if options.plan:
-        wide, knots, _ = agis.as_whole(law, options.quasars, options.knots, full)
+        wide, knots, _ = sim.agis.as_whole(law, options.quasars, options.knots, full)
         finishing.print_result(
-            options, finishing.RunResult(str(agis.plan(wide, mixture.lon, mixture.lat, knots, ccds=options.ccds)))
+            options, finishing.RunResult(str(sim.agis.plan(wide, mixture.lon, mixture.lat, knots, ccds=options.ccds)))
         )
         return
     # What a killed run goes on from.
@@ -186,7 +385,7 @@ def _solve(options, law, mixture, full, work, streams):
     """The joint solution, from transits to a folder of results."""
     noise, start, chosen, radio = streams
     quasars = mixture.are("quasars")
-    system, notes = agis.joint_system(
+    system, notes = sim.agis.joint_system(
         law,
         mixture.lon,
         mixture.lat,
@@ -203,9 +402,9 @@ def _solve(options, law, mixture, full, work, streams):
         progress=True,
     )
     variability = sim.Variability(options.variability, options.tau) if options.variability else None
-    observed = agis.observations(system.scans, noise, variability=variability, variable=quasars)
+    observed = sim.agis.observations(system.scans, noise, variability=variability, variable=quasars)
     errors = {"random": options.start[0], "systematic": options.start[1], "attitude": options.start_attitude}
-    sources, attitude = agis.start_errors(system.scans, start, **errors)
+    sources, attitude = sim.agis.start_errors(system.scans, start, **errors)
     known = None
     if system.prior is not None:  # what is known of the attitude is off by as much
         known = system.prior * start.standard_normal(attitude.shape)
@@ -267,7 +466,7 @@ def _global(options, mixture):
         factors[galaxies] = 1 / (AU_PER_YEAR * transverse_distance(mixture.redshift[galaxies]))
         scatter[galaxies] = options.scatter
     degree = options.motions if isinstance(options.motions, int) else 1
-    return agis.global_motion(mixture.lon, mixture.lat, degree, scatter=scatter, factors=factors)
+    return sim.agis.global_motion(mixture.lon, mixture.lat, degree, scatter=scatter, factors=factors)
 
 
 def _exact(system, mixture):
@@ -291,10 +490,10 @@ def _framed(system, solution, options, quasars, chosen, radio):
     """The solution in a frame of its own, by radio positions and the motions of quasars, and what was done."""
     if options.vlbi:
         which = np.sort(chosen.choice(np.flatnonzero(quasars), options.vlbi, replace=False))
-        solution, _, errors = agis.rotate_frame(solution, which, quasars, rng=radio)
+        solution, _, errors = sim.agis.rotate_frame(solution, which, quasars, rng=radio)
         return solution, [f"{solution.notes[-1]}, formal errors {np.round(errors, 3).tolist()}"]
-    turned = agis.in_own_frame(system, solution)
+    turned = sim.agis.in_own_frame(system, solution)
     return turned, list(turned.notes[len(solution.notes) :])
 
 
-main, run = running.make_entry(options_module, _run)
+main, run = running.make_entry(__name__, _run)

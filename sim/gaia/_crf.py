@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from sim.astrometry import solve_astrometry
-from sim.gaia._traps import colour_of, deception, learnt_redshifts, scan_columns, too_small
+from sim.gaia._link import colour_of, deception, learnt_redshifts, scan_columns, too_small
 from sim.mission import Mission
 from sim.population import CRF3_COUNTS, SIX_PARAMETERS, by_magnitude, crf3_magnitudes, quasar_redshifts
 from sim.scanning import NominalScanningLaw
@@ -61,7 +61,7 @@ def crf3(
     n_six : int, optional
         With six; in CRF3's proportion unless given.
     traps : bool
-        With what could deceive: errors that sources share, partly by magnitude and by colour (`sim.gaia._traps`); stars
+        With what could deceive: errors that sources share, partly by magnitude and by colour (`sim.gaia._link`); stars
         among the quasars; quoted errors that are too small for faint sources.
 
     Returns

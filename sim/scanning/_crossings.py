@@ -1,10 +1,85 @@
-"""When fields of view cross sources: looked for spin by spin, by NumPy or by a compiled loop."""
+"""When fields of view cross sources, by NumPy or by a compiled loop; times without observations; a law from a table."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from vsh.tools.types import FloatArray, IntArray
+from vsh.sky.frames import check_frame
+from vsh.sky.sphere import sin_cos, triad
+from vsh.tools.arguments import explained, float_array, generator, number, positive
+from vsh.tools.errors import ParameterError
+from vsh.tools.notebook import InNotebook
+from vsh.tools.types import ArrayLike, BoolArray, FloatArray, IntArray, Rng
+from vsh.tools.units import DEGREE
+
+
+class Cubics:
+    """The cubic polynomials that have given values and slopes at even steps from zero.
+
+    Parameters
+    ----------
+    step : float
+        Between two places.
+    values, slopes : (m,) arrays
+        At 0, step, 2 step, …
+    """
+
+    def __init__(self, step: float, values: FloatArray, slopes: FloatArray) -> None:
+        low, rise, ahead = values[:-1], np.diff(values), step * slopes[1:]
+        start = step * slopes[:-1]
+        self.step, self.powers = step, np.stack([low, start, 3 * rise - 2 * start - ahead, start + ahead - 2 * rise])
+
+    def __call__(self, x: FloatArray) -> FloatArray:
+        """Its values at places x, (n,)."""
+        (a, b, c, d), part = self._at(x)
+        return a + part * (b + part * (c + part * d))
+
+    def slope(self, x: FloatArray) -> FloatArray:
+        """Its slopes there."""
+        (_, b, c, d), part = self._at(x)
+        return (b + part * (2 * c + part * 3 * d)) / self.step
+
+    def _at(self, x):
+        """Powers of the interval of each place, and how far into it that is; beyond the ends they go on."""
+        along = np.asarray(x, float) / self.step
+        index = np.clip(along.astype(int), 0, self.powers.shape[1] - 1)
+        return self.powers[:, index], along - index
+
+
+YEAR = 365.25  # days
+#: Rate of the Sun's mean longitude from the equinox of J2000 (that of date recedes by 50.29″ a year). [deg/day]
+_MEAN_RATE = 0.9856474 - 50.29 / 3600 / YEAR
+
+
+def _anomaly(start, time):
+    days = (start - 2000.0 + time) * YEAR
+    return (357.528 + 0.9856003 * days) * DEGREE, (280.460 + _MEAN_RATE * days) * DEGREE
+
+
+def sun_position(start: float, time: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Ecliptic longitude [rad] and distance [AU] of the Sun, equinox J2000, to 0.01° (Astronomical Almanac, C5)."""
+    g, mean = _anomaly(start, time)
+    sin, cos = sin_cos(g)
+    # sin 2g = 2 sin g cos g, cos 2g = 2 cos² g − 1
+    longitude = mean + (1.915 + 0.040 * cos) * sin * DEGREE
+    return longitude, 1.00028 - (0.01671 + 0.00028 * cos) * cos
+
+
+def sun_rate(start: float, time: FloatArray) -> FloatArray:
+    """dλ/dt [rad/yr]."""
+    g, _ = _anomaly(start, time)
+    turn = 0.9856003 * DEGREE * YEAR
+    return _MEAN_RATE * DEGREE * YEAR + (1.915 * np.cos(g) + 0.040 * np.cos(2 * g)) * DEGREE * turn
+
+
+def sun_direction(start: float, time: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Direction of the Sun in the ecliptic, (3, n), and its distance [AU], so many years after the start."""
+    longitude, distance = sun_position(start, np.asarray(time, float))
+    sin, cos = sin_cos(longitude)
+    return np.stack([cos, sin, np.zeros_like(sin)]), distance
+
 
 #: Spins that are looked at together: most sources are far from the scan circle in all of them.
 CHUNK = 8
@@ -107,3 +182,141 @@ class Spins:
 def dot(a: FloatArray, b: FloatArray) -> FloatArray:
     """a · b along the first axis."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+#: Mean length of the lost intervals that are drawn. [yr]
+_MEAN = 0.25 / 365.25
+
+
+def check_gaps(gaps: Sequence[tuple[float, float]] | FloatArray) -> FloatArray:
+    """Gaps in the order of time, (k, 2): starts, and ends that do not fall. [yr]"""
+    intervals = float_array("gaps", gaps if len(gaps) else np.empty((0, 2)))
+    if intervals.ndim != 2 or intervals.shape[1] != 2 or (intervals[:, 0] >= intervals[:, 1]).any():
+        raise ParameterError(f"gaps are pairs of a start and a later end, in years, not {gaps!r}")
+    intervals = intervals[np.argsort(intervals[:, 0], kind="stable")]
+    return np.stack([intervals[:, 0], np.maximum.accumulate(intervals[:, 1])], axis=1)
+
+
+def draw_gaps(years: float, dead_time: float, rng: Rng | None) -> FloatArray:
+    """Lost intervals, exponential in length about six hours, (k, 2). [yr]"""
+    if rng is None:
+        raise ParameterError("a dead time needs rng, which draws its gaps")
+    rng = generator(rng)
+    number = max(1, round(years * dead_time / _MEAN))
+    lengths = rng.exponential(_MEAN, number)
+    lengths *= years * dead_time / lengths.sum()
+    # Free time is cut at random; gaps go into the cuts, so none overlaps another.
+    cuts = np.sort(rng.uniform(0, years * (1 - dead_time), number))
+    starts = cuts + np.cumsum(lengths) - lengths
+    return np.stack([starts, starts + lengths], axis=1)
+
+
+def alive(time: FloatArray, gaps: FloatArray) -> BoolArray:
+    """Which times lie in no gap, (n,)."""
+    before = np.searchsorted(gaps[:, 0], time, side="right") - 1
+    return (before < 0) | (time >= np.append(gaps[:, 1], 0.0)[before])
+
+
+@explained
+def gaps_of(time: ArrayLike, start: float, *, longest: float = 0.003) -> tuple[tuple[float, float], ...]:
+    """Gaps of a mission from the times of what was observed, for `NominalScanningLaw(gaps=…)`.
+
+    Parameters
+    ----------
+    time : (k,) array
+        Times of observations of many sources. [Julian years]
+    start : float
+        Start of the mission, since which gaps are counted. [Julian year]
+    longest : float
+        A longer time without any observation is a gap; a day is 0.0027. [yr]
+
+    Examples
+    --------
+    >>> [tuple(round(each, 6) for each in gap) for gap in gaps_of([2015.0, 2015.001, 2015.1], 2015.0)]
+    [(0.001, 0.1)]
+    """
+    times = np.sort(float_array("time", time)) - number("start", start)
+    at = np.flatnonzero(np.diff(times) > positive("longest", longest))
+    return tuple((float(times[i]), float(times[i + 1])) for i in at)
+
+
+class TabulatedLaw(InNotebook):
+    """A scanning law from a table, as Gaia's `commanded_scan_law` or plans of a mission to come.
+
+    It says where the satellite looks, for `sim.agis.Response`; transits need the `NominalScanningLaw`.
+
+    Parameters
+    ----------
+    time : (k,) array
+        Rising. [Julian years]
+    preceding, following : two (2, k) arrays
+        Longitude and latitude of the centres of both fields of view. [rad]
+    frame : str
+        Axes of the positions.
+    gap : float
+        A longer step between two times is a gap in the observations. [yr]
+
+    Raises
+    ------
+    ParameterError
+        If times do not rise, or the fields are not always as far apart.
+
+    Examples
+    --------
+    >>> from sim.scanning import NominalScanningLaw
+    >>> law = NominalScanningLaw(years=0.02)
+    >>> time = np.arange(0, 0.02, 10 / 86400 / 365.25)
+    >>> from vsh.sky.sphere import angles
+    >>> table = TabulatedLaw(law.start + time, *(angles(view) for view in law.attitude(time)[1:]))
+    >>> round(float(np.degrees(table.basic_angle)), 6)
+    106.5
+    """
+
+    def __init__(
+        self, time: ArrayLike, preceding: ArrayLike, following: ArrayLike, *, frame: str = "icrs", gap: float = 0.003
+    ) -> None:
+        self.frame = check_frame(frame)
+        time = float_array("time", time)
+        views = [np.asarray(float_array("a field of view", each, (2, len(time)))) for each in (preceding, following)]
+        if time.ndim != 1 or len(time) < 2 or (np.diff(time) <= 0).any():
+            raise ParameterError("times of a scanning law rise, and are two at least")
+        self.start, self.years = float(time[0]), float(time[-1] - time[0])
+        first, second = (triad(*each)[2] for each in views)
+        cosine = np.sum(first * second, 0)
+        self.basic_angle = float(np.arccos(np.median(cosine)))
+        if np.abs(np.arccos(np.clip(cosine, -1, 1)) - self.basic_angle).max() > 0.01 * DEGREE:
+            raise ParameterError("the fields of view of a scanning law are always as far apart: look at their units")
+        z = np.cross(second, first, axis=0)
+        self._z = z / np.sqrt(np.sum(z**2, 0))
+        middle = first + second
+        self._middle = middle / np.sqrt(np.sum(middle**2, 0))
+        self._times = time - self.start
+        step = np.diff(self._times)
+        long = np.flatnonzero(step > positive("gap", gap))
+        self.lost = np.stack([self._times[long], self._times[long + 1]], axis=1)
+        turned = np.arccos(np.clip(np.sum(self._middle[:, 1:] * self._middle[:, :-1], 0), -1, 1))
+        if np.median(turned) > 10 * DEGREE:
+            raise ParameterError("the satellite turns by more than 10° from one time to the next: take a finer table")
+
+    def __repr__(self) -> str:
+        return f"<TabulatedLaw: {len(self._times)} times, {self.start:.2f} to {self.start + self.years:.2f}>"
+
+    def sun(self, time: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Direction of the Sun in the ecliptic, (3, n), and its distance [AU], at `time` since the start. [yr]"""
+        return sun_direction(self.start, time)
+
+    def attitude(self, time: FloatArray) -> Any:
+        """Spin axis and both fields of view at `time` [yr since the start], (n,): z, preceding, following."""
+        time = np.clip(np.asarray(time, float), 0, self.years)
+        k = np.clip(np.searchsorted(self._times, time, side="right") - 1, 0, len(self._times) - 2)
+        share = (time - self._times[k]) / (self._times[k + 1] - self._times[k])
+        # Between two times the axis moves straight, and the middle of the fields turns evenly about it.
+        z = self._z[:, k] * (1 - share) + self._z[:, k + 1] * share
+        z /= np.sqrt(np.sum(z**2, 0))
+        before = self._middle[:, k] - z * np.sum(self._middle[:, k] * z, 0)
+        before /= np.sqrt(np.sum(before**2, 0))
+        ahead = np.cross(z, before, axis=0)
+        after = self._middle[:, k + 1]
+        turn = share * np.arctan2(np.sum(after * ahead, 0), np.sum(after * before, 0))
+        half = self.basic_angle / 2
+        return (z, *(before * np.cos(turn + a) + ahead * np.sin(turn + a) for a in (half, -half)))

@@ -1,7 +1,6 @@
 """True fields, which add."""
 
-from sim.signal._in_time import in_time, wave_in_time
-from sim.signal._peculiar import peculiar, secular_parallax
+from sim.signal._peculiar import in_time, peculiar, secular_parallax, wave_in_time
 from sim.signal._signal import (
     Signal,
     acceleration,

@@ -2,8 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-from study.forecast._forecast import SurveyForecast, forecast_surveys
-from study.forecast._surveys import SURVEYS, Survey
+from study.forecast._forecast import SURVEYS, Survey, SurveyForecast, forecast_surveys
 from vsh.tools.modules import lazily
 
 if TYPE_CHECKING:

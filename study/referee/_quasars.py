@@ -1,21 +1,34 @@
-"""The sources that a referee looks at, with whatever columns may tell the instrument from the sky."""
+"""The sources that a referee looks at, their classes, and how the acceleration moves with what should not matter.
+
+That is the degree, the way outliers are met, a single source.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
+from scipy.special import chdtrc, fdtrc
 
+from fit.background import Floor, SharedErrors, Verdict, shared, widened
 from fit.methods import Recommended, degree_for, recommended
 from fit.normal import NormalEquations, Template, normal_equations
-from fit.robust import Clipped, clip
-from fit.solving import fit_field
+from fit.results.quality import gls
+from fit.results.solution import Solution
+from fit.robust import Clipped, clip, student_t
+from fit.solving import fit_field, solve
+from vsh.basis import harmonics
+from vsh.coefficients import FIRST_DEGREE
 from vsh.field import Field
 from vsh.io import catalogue, tables
-from vsh.tools.errors import ConvergenceError, TableError
+from vsh.sky.frames import rotation_matrix
+from vsh.sky.sphere import angles, triad
+from vsh.tools.arguments import generator
+from vsh.tools.errors import ConvergenceError, DegeneracyError, TableError
 from vsh.tools.notebook import InNotebook
-from vsh.tools.types import FloatArray
+from vsh.tools.types import BoolArray, FloatArray, Rng
 
 #: Columns that checks split the sources by, of Gaia's archive and of tables of VLBI: the first that is there.
 _COLUMNS = {
@@ -176,3 +189,280 @@ def read_quasars(source: Any, *, axes: str = "icrs", **reading: Any) -> Quasars:
         if values is not None:
             columns[meaning] = np.asarray(values, float)
     return Quasars.of(field, columns, names, opened.label)
+
+
+#: What classes share is looked for to this degree, in no class of fewer sources.
+_DEGREE, FEWEST = 5, 100
+#: Draws of what is shared, again where few of them count: p-values of 200 and of 800 differ by a tenth of themselves.
+_DRAWS = 200
+#: Skies behind a p-value, which is multiplied by the number of checks: 1/40 000 is the smallest.
+_SKIES = 40_000
+Split = dict[str, BoolArray]
+
+
+@dataclass(frozen=True, eq=False)
+class Compared(InNotebook):
+    """Classes: each fitted alone by the errors quoted, and all with what they share."""
+
+    plain: list[Solution]
+    shared: SharedErrors
+
+    @cached_property
+    def verdict(self) -> Verdict:
+        """The largest difference after allowing for all, by skies enough for one p-value among many."""
+        return self.shared.verdict(_SKIES)
+
+    def at_face_value(self, kind: str | None = None) -> float:
+        """p-value of spins ("T"), accelerations ("S") or both that are alike, by errors quoted and nothing shared."""
+        part = {None: slice(0, 6), "T": slice(0, 3), "S": slice(3, 6)}[kind]
+        values = np.array([_first(each)[0][part] for each in self.plain])
+        covariance = np.zeros(2 * values.shape)
+        for i, each in enumerate(self.plain):
+            covariance[i, :, i, :] = _first(each)[1][part, part]
+        misfit = gls(values, covariance.reshape(values.size, values.size), np.ones((len(values), 1)))[1]
+        return float(chdtrc(values.size - values.shape[1], misfit))
+
+
+def _first(solution):
+    """Degree 1 of a solution, and its covariance."""
+    at = np.flatnonzero(solution.modes.degrees == 1)
+    return solution.values[at], solution.covariance[np.ix_(at, at)]
+
+
+def compare(quasars: Quasars, split: Split, rng: Rng = 1, lmax: int | None = None) -> Compared:
+    """Compare classes of sources.
+
+    Parameters
+    ----------
+    quasars : Quasars
+        The sources.
+    split : dict of (n,) masks
+        The classes, by name.
+    rng : Generator or int
+        The source of all randomness.
+    lmax : int, optional
+        Degree of the plain fits; that of the others is what the smallest class bears, 5 at most.
+
+    Raises
+    ------
+    DegeneracyError
+        If a class has too few sources.
+    """
+    kept = {name: mask for name, mask in split.items() if mask.sum() >= FEWEST}
+    if len(kept) < 2:
+        counts = ", ".join(f"{name}: {mask.sum()}" for name, mask in split.items())
+        raise DegeneracyError(f"fewer than two classes of {FEWEST} sources ({counts})")
+    degree = degree_for(min(mask.sum() for mask in kept.values()), _DEGREE, least=3)
+    normals = [quasars.equations(mask, degree) for mask in kept.values()]
+    plain = [solve(quasars.plain_equations(mask, lmax or degree)) for mask in kept.values()]
+    wide = widened(normals, quasars.equations, kept.values())
+    compared = shared(
+        wide, range(2, degree + 1), labels=list(kept), draws=_DRAWS, noise_scale=quasars.is_scaled, rng=rng
+    )
+    return Compared(plain, compared)
+
+
+def by_edges(values: FloatArray, edges: Sequence[float], name: str) -> Split:
+    """Classes between edges."""
+    inner = {f"{low:g} ≤ {name} < {high:g}": (values >= low) & (values < high) for low, high in pairwise(edges)}
+    return {f"{name} < {edges[0]:g}": values < edges[0]} | inner | {f"{name} ≥ {edges[-1]:g}": values >= edges[-1]}
+
+
+def by_parts(values: FloatArray, k: int, name: str) -> Split:
+    """Classes of about as many sources each; sources without a value are in none."""
+    known = np.unique(values[np.isfinite(values)])
+    if len(known) < 2:
+        raise DegeneracyError(f"{name} is the same for all sources")
+    if len(known) <= k:
+        return {f"{name} {value:g}": values == value for value in known}
+    edges = np.unique(np.nanquantile(values, np.arange(1, k) / k))
+    return by_edges(values, [float(f"{edge:.4g}") for edge in edges], name)
+
+
+def halves(quasars: Quasars, frame: str) -> Split:
+    """The two halves of the sky beside the equator of a frame."""
+    lat = latitude(quasars, frame)
+    return {f"northern {frame} half": lat >= 0, f"southern {frame} half": lat < 0}
+
+
+def latitude(quasars: Quasars, frame: str) -> FloatArray:
+    """Latitude of each source. [rad]"""
+    field = quasars.field
+    return angles(rotation_matrix(field.frame, frame) @ triad(field.lon, field.lat)[2])[1]
+
+
+#: Random parts of the sources, and the least number in each.
+_GROUPS, _IN_GROUP = 20, 60
+#: Sources that are looked at together.
+_BLOCK = 20_000
+#: Angles that the probability of a quadratic form of two normal numbers is averaged over.
+_ANGLES = np.cos((np.arange(32) + 0.5) * np.pi / 32) ** 2
+
+
+def by_degree(field: Field, low: int, high: int, floor: Floor | None) -> tuple[FloatArray, FloatArray, float]:
+    """How the acceleration moves from a fit of degree `low` to one of degree `high`.
+
+    Both are linear in the same data: with M the matrix of one less the other, the move M b has the covariance
+    M (τ² N + s² N₂ + N S N) Mᵀ: τ² and s² the scatter of the residuals, which holds what lies beyond the higher degree,
+    N₂ the normal matrix with squared weights, S the spectrum of what sources share.
+
+    Parameters
+    ----------
+    field : Field
+        The sources.
+    low, high : int
+        The degrees.
+    floor : Floor, optional
+        What sources share; errors are as quoted, up to one factor, unless given.
+
+    Returns
+    -------
+    (3,) array, (3,) array, float
+        The move and its errors [µas/yr], and its p-value.
+    """
+    normal = normal_equations(field, high)
+    modes = normal.modes
+    where = np.flatnonzero(modes.degrees <= low)
+    first = np.arange(len(modes))[modes.slice_of("S", 1)]
+    many, few = np.linalg.inv(normal.matrix)[first], np.zeros((3, len(modes)))
+    few[:, where] = np.linalg.inv(normal.matrix[np.ix_(where, where)])[np.searchsorted(where, first)]
+    m = np.linalg.inv(FIRST_DEGREE) @ (many - few)
+    solution = solve(normal)
+    if floor is None:
+        noise = normal.matrix * solution.quality.factor**2
+    else:
+        scale, added = _scatter(solution.residuals(field))
+        noise = scale * normal.matrix + added * normal_equations(_squared(field), high).matrix
+        noise = noise + normal.matrix @ np.diag(floor.spectrum.variances(modes)) @ normal.matrix
+    move, covariance = m @ normal.rhs, m @ noise @ m.T
+    chi2 = move @ np.linalg.pinv(covariance, hermitian=True) @ move
+    return move, np.sqrt(np.diag(covariance)), float(chdtrc(3, chi2))
+
+
+def _squared(field):
+    """The sources with the square of each covariance for a covariance: weights W² in place of W."""
+    (s1, s2), rho = field.sigma, field.rho
+    a, b, c = s1**2, s2**2, rho * s1 * s2
+    p, q, r = a**2 + c**2, b**2 + c**2, c * (a + b)
+    return field.with_errors(np.sqrt([p, q]), r / np.sqrt(p * q))
+
+
+def by_method(field: Field, rng: Rng = 1) -> tuple[FloatArray, FloatArray, float]:
+    """How the acceleration of degree 1 moves from least squares to Student's t, on random parts of the sources.
+
+    Each part gives the difference of the two; Hotelling's T² of their mean asks nothing of the errors.
+
+    Parameters
+    ----------
+    field : Field
+        All sources, none clipped.
+    rng : Generator or int
+        The source of all randomness.
+
+    Returns
+    -------
+    (3,) array, (3,) array, float
+        The mean move of a part and its errors [µas/yr], and its p-value.
+
+    Raises
+    ------
+    DegeneracyError
+        If there are too few sources.
+    """
+    if len(field) < _GROUPS * _IN_GROUP:
+        raise DegeneracyError(f"{len(field)} sources, and {_GROUPS * _IN_GROUP} are needed")
+    part = generator(rng).permutation(len(field)) % _GROUPS
+    moves = np.array(
+        [
+            student_t(group, 1).solution.acceleration.value - fit_field(group, 1).acceleration.value
+            for group in (field[part == k] for k in range(_GROUPS))
+        ]
+    )
+    mean, covariance = moves.mean(0), np.cov(moves.T) / _GROUPS
+    t2 = mean @ np.linalg.solve(covariance, mean)
+    p = fdtrc(3, _GROUPS - 3, t2 * (_GROUPS - 3) / (3 * (_GROUPS - 1)))
+    return mean, np.sqrt(np.diag(covariance)), float(p)
+
+
+def by_source(field: Field, lmax: int) -> tuple[int, float, float]:
+    """The source that moves the acceleration most, by how many of its errors, and how probable that is.
+
+    A source moves g by VᵀW r times the covariance, which in errors of g is a quadratic form of its residual r; the
+    probability that none of them moves it further is the product over all. Errors may be wrong by one factor, and have
+    a part that is the same for all sources: what they share beyond the degree of the fit.
+
+    Parameters
+    ----------
+    field : Field
+        The sources; where they are clipped, the p-value is a little too large.
+    lmax : int
+        The degree of the fit.
+
+    Returns
+    -------
+    int, float, float
+        Its row, the move in errors, and the p-value.
+    """
+    solution = fit_field(field, lmax)
+    rows = np.arange(len(solution.modes))[solution.modes.slice_of("S", 1)]
+    # Whitened, the move in errors is the length of three numbers.
+    whiten = np.linalg.inv(np.linalg.cholesky(solution.covariance[np.ix_(rows, rows)])) @ solution.covariance[rows]
+    residual = solution.residuals(field)
+    parts = [np.arange(start, min(start + _BLOCK, len(field))) for start in range(0, len(field), _BLOCK)]
+    moves = np.concatenate([_moves(residual[part], solution.modes, whiten) for part in parts])
+    largest = int(np.argmax(moves))
+    # The scatter of the others: the source that is asked about must not excuse itself.
+    scale, added = _scatter(residual[np.delete(np.arange(len(field)), largest)])
+    log = sum(_log_none(residual[part], solution, whiten, scale, added, moves[largest]) for part in parts)
+    return largest, float(np.sqrt(moves[largest])), float(-np.expm1(log))
+
+
+def _moves(residual, modes, whiten):
+    """By how many errors each source moves the acceleration, squared."""
+    return np.sum(np.einsum("ajp,jp->ap", _seen(residual, modes, whiten), residual.whitened) ** 2, 0)
+
+
+def _seen(residual, modes, whiten):
+    """How a whitened residual moves the whitened acceleration, (3, 2, n)."""
+    g = np.tensordot(whiten, harmonics(residual.lon, residual.lat, modes), 1)
+    return np.einsum("aip,jip->ajp", g, _root(residual))
+
+
+def _log_none(residual, solution, whiten, scale, added, size):
+    """Log of the probability that none of these sources moves it by so much."""
+    root, seen = _root(residual), _seen(residual, solution.modes, whiten)
+    # What least squares leave of a residual, 1 − R Vᵀ C V Rᵀ, and what all sources scatter by besides.
+    white = np.einsum("pin,jin->pjn", harmonics(residual.lon, residual.lat, solution.modes), root)
+    left = np.eye(2)[..., None] - np.einsum("pjn,pq,qkn->jkn", white, solution.covariance, white, optimize=True)
+    wide = scale * left + added * np.einsum("jin,kin->jkn", root, root)
+    product = np.einsum("ajn,akn,kln->jln", seen, seen, wide)
+    middle = (product[0, 0] + product[1, 1]) / 2
+    determinant = product[0, 0] * product[1, 1] - product[0, 1] * product[1, 0]
+    away = np.sqrt(np.maximum(middle**2 - determinant, 0))
+    first, second = middle + away, np.maximum(middle - away, 0)
+    # Two squares with weights λ1, λ2 exceed x together with the mean over φ of exp(−x / 2(λ1 cos²φ + λ2 sin²φ)).
+    with np.errstate(over="ignore", divide="ignore"):
+        tail = np.mean([np.exp(-size / (2 * (first * u + second * (1 - u)))) for u in _ANGLES], axis=0)
+    return np.sum(np.log1p(-np.minimum(tail, 1 - 1e-16)))
+
+
+def _scatter(residual):
+    """Residuals as τ² of the quoted variance and a variance that all have: r²/σ² = τ² + s²/σ²."""
+    x, y = residual.weights[:2].mean(0), np.mean(residual.whitened**2, 0)
+    if not np.ptp(x) > 0:
+        return float(np.mean(y)), 0.0
+    scale, added, design = float(np.mean(y)), 0.0, np.stack([np.ones_like(x), x])
+    for _ in range(5):  # the likeliest two, of exponential y
+        weighted = design / (scale + added * x) ** 2
+        matrix = weighted @ design.T
+        scale, added = np.linalg.solve(matrix, weighted @ y)
+        added = max(added, 0.0)
+        scale = max(float(scale if added else np.mean(y)), 0.1 * float(np.mean(y)))
+    return float(scale), float(added)
+
+
+def _root(field):
+    """R with Rᵀ R the inverse covariance of each source, (2, 2, n)."""
+    (s1, s2), rho = field.sigma, field.rho
+    k = np.sqrt(1 - rho**2)
+    return np.array([[1 / s1, np.zeros_like(s1)], [-rho / (k * s1), 1 / (k * s2)]])

@@ -1,17 +1,15 @@
-"""All of it from one catalogue: the headline, the published analyses, the checks."""
+"""All that a referee reads of one catalogue: the headline, the published analyses, the checks."""
 
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from fit.output import Answer
-from fit.quality import SEEN, printed_p_value
-from study.referee._checks import checks
-from study.referee._headline import Headline, headline
+from fit.results.output import Answer
+from fit.results.quality import SEEN, printed_p_value
 from study.referee._quasars import Quasars
-from study.referee._rows import HINT, Check, Section
-from study.referee._sections import sections
+from study.referee._rows import HINT, Check, Headline, Section, headline
+from study.referee._sections import checks, sections
 from vsh.field import Field
 from vsh.io import tables
 from vsh.tools.arguments import generator

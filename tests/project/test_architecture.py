@@ -29,16 +29,16 @@ HEAVY = {
     "corner": ["fit/*/_plot.py"],
     "arviz": ["fit/sampling.py"],
     "matplotlib": [
-        "vsh/figures/plot/_*.py", "*/_plot.py", "fit/output/_figures.py", "vsh/commands/finishing.py",
+        "vsh/figures/plot/_*.py", "*/_plot.py", "fit/results/output/_figures.py", "vsh/commands/finishing.py",
     ],
-    "pyarrow": [f"vsh/io/tables/{file}.py" for file in ("_arrow", "_packed", "_remote")],
+    "pyarrow": [f"vsh/io/tables/{file}.py" for file in ("_arrow", "_source", "_open")],
     "h5py": ["vsh/io/tables/_source.py"],
-    "dask": ["vsh/io/parts/_dask.py"],
-    "distributed": ["vsh/io/parts/_dask.py"],
-    "astropy.cosmology": ["vsh/models/cosmology/_distance.py"],
+    "dask": ["vsh/io/parts/_engines.py"],
+    "distributed": ["vsh/io/parts/_engines.py"],
+    "astropy.cosmology": ["vsh/models/cosmology.py"],
     "astropy": [
-        "vsh/io/tables/_*.py", "vsh/tools/writing.py", "vsh/models/covariance/_matrix.py", "vsh/models/cosmology/_distance.py", "vsh/io/catalogue/_columns.py", "vsh/io/catalogue/_names.py", "vsh/commands/*.py", "vsh/figures/plot/_sky_axes.py", "vsh/vector.py", "vsh/columns.py",
-        "sim/effects.py", "fit/storage.py",
+        "vsh/io/tables/_*.py", "vsh/tools/files.py", "vsh/models/covariance.py", "vsh/models/cosmology.py", "vsh/io/catalogue/_columns.py", "vsh/io/catalogue/_names.py", "vsh/commands/*.py", "vsh/figures/plot/_sky_axes.py", "vsh/vector.py", "vsh/columns.py",
+        "sim/effects.py", "fit/results/storage.py",
     ],
 }  # fmt: skip
 #: What a function may import instead of its file: what is heavy, and what is imported only if it is asked for.
@@ -46,7 +46,7 @@ LATE = re.compile(
     r"(matplotlib|healpy|ducc0|emcee|astropy|arviz|corner|pandas|pyarrow|scipy|dask|distributed|numba|ipywidgets|importlib|multiprocessing|threadpoolctl|tqdm|fsspec|aiohttp|lsdb|platform|tomllib|resource|xml|h5py|fcntl)\b"
 )
 #: Files that run before anything is imported, or as something is told to be wrong at once: they import even our own late.
-FIRST = ("vsh/__main__.py", "vsh/tools/modules.py", "vsh/commands/reading.py", "vsh/commands/configuration.py")
+FIRST = ("vsh/__main__.py", "vsh/tools/modules.py", "vsh/commands/reading.py", "vsh/commands/parsing.py")
 
 
 def name(path):

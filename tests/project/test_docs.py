@@ -20,20 +20,19 @@ COMMANDS = [f"vsh-{name}" for name in commands.COMMANDS]
 #: Faces whose names are used inside the project only.
 INTERNAL = {
     "sim.agis.passes",
-    "sim.agis.results",
     "sim.commands",
     "fit.commands",
+    "study.commands",
     "vsh.figures",
     "vsh.io",
     "vsh.models",
     "vsh.tools",
     "vsh.commands",
-    "vsh.commands.options",
 }
 
 
 def words_of(command):
-    return commands.options_of(command.removeprefix("vsh-"))
+    return commands.module_of(command.removeprefix("vsh-"))
 
 
 def name(path):

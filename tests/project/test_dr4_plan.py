@@ -22,8 +22,8 @@ def test_page_has_the_hash_and_the_commands_of_the_plan():
 
 def test_rules_of_the_plan_are_those_of_the_program():
     from fit.background._floor import _ODDS, usual_shapes
-    from fit.methods._recommended import _DEGREE
-    from fit.quality import SEEN
+    from fit.methods import _DEGREE
+    from fit.results.quality import SEEN
     from vsh.vector import GAIA_EDR3
 
     plan = tomllib.loads(PLAN.read_text(encoding="utf-8"))

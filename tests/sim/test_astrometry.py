@@ -8,9 +8,8 @@ from scipy import stats
 import fit
 import sim
 from fit.secular_parallax import hubble_constant, observer_velocity
-from sim.astrometry import PARAMETERS, errors_of_unit_transits, solve_astrometry, transit_error
+from sim.astrometry import PARAMETERS, errors_of_unit_transits, parallax_error, solve_astrometry, transit_error
 from sim.expected import errors_by_place
-from sim.noise import parallax_error
 from sim.variability import Variability, markov_chain
 from vsh.models.cosmology import BACHCHAN_2016
 

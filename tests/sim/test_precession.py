@@ -5,9 +5,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from sim.scanning import NominalScanningLaw
-from sim.scanning._cubics import Cubics
-from sim.scanning._precession import Precession
-from sim.scanning._sun import sun_position
+from sim.scanning._crossings import Cubics, sun_position
+from sim.scanning._nominal import Precession
 from vsh.sky.frames import rotation_matrix
 from vsh.tools.errors import ParameterError
 

@@ -7,7 +7,7 @@ from scipy.stats import spearmanr
 
 import sim
 from sim.commands.simulate import main as simulate
-from sim.gaia._traps import TRAPS, too_small
+from sim.gaia._link import TRAPS, too_small
 from sim.population import REDSHIFT_BY_MAGNITUDE, by_magnitude
 from vsh.io.catalogue import read_field
 from vsh.models.covariance import LINDEGREN_2021

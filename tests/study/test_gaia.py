@@ -6,7 +6,7 @@ from astropy.table import Table
 
 import sim
 from sim.commands.simulate import main as simulate
-from study.command import main
+from study.commands.study import main
 from study.gaia import read_gaia, run_gaia, subsets
 from vsh import Vector
 from vsh.figures.page import bundle

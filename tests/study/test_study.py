@@ -11,9 +11,9 @@ from study_to_kill import SMALL
 import sim
 import study
 from published import CORRELATIONS, published
-from study.command import main
+from study.commands.study import main
 from study.config import StudyError
-from study.results import read_realisations, summary, truth_of
+from study.run import read_realisations, summary, truth_of
 
 
 @pytest.fixture(scope="module")
@@ -114,7 +114,7 @@ def test_what_is_finished_is_not_done_again_and_leftovers_go(finished):
 
 
 def test_the_noise_has_the_true_covariance(tmp_path):
-    from study.prepare import prepared
+    from study.realise import prepared
 
     still = study.load(changed(mission={"attitude": 0.0}))
     with np.load(prepared(still, still.cases[0], "quasars", tmp_path, progress=False)) as file:
@@ -235,7 +235,7 @@ quasars = { number = 500 }
 
 def test_coverage_is_that_of_the_draws():
     """Errors that are right hold the truth in 68 and 95 %, errors of half the size in 38 and 67."""
-    from study.results import plot_calibration, summary
+    from study.run import plot_calibration, summary
 
     small = study.load(
         {

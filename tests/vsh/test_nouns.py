@@ -11,8 +11,8 @@ import fit
 import sim
 from fit.correlation import correlation_matrices, eigenmodes, leakage, predict_covariance
 from fit.redshift import binned
+from fit.results.storage import same
 from fit.secular_parallax import hubble_constant, observer_velocity
-from fit.storage import same
 from vsh import Coefficients, Field, Modes, Vector
 from vsh.io.catalogue import match, read_field
 from vsh.io.catalogue._read import stream_fields

@@ -1,14 +1,90 @@
 """`vsh-archive`: catalogues from an archive, on the command line."""
 
+import argparse
 import re
 from pathlib import Path
 
-from vsh.commands import configuration, finishing, outputs, running
-from vsh.commands.options import archive as options_module
+from vsh.commands import finishing, parsing, running
 from vsh.io.archive import DATA_SERVER, ESA, QUERIES, RELEASES, check_schema, fetch_epochs, of_table, query, read_ids
 from vsh.tools.errors import ArchiveError
 from vsh.tools.files import atomic_write, check_not_read
 from vsh.tools.printing import printable
+
+
+def make_parser() -> argparse.ArgumentParser:
+    """The parser of its options."""
+    parser = parsing.make(
+        prog="vsh-archive",
+        description=(
+            "Fetch a catalogue from an archive (TAP), as a FITS file that vsh-fit reads. A file that is there is "
+            "the answer; an interrupted call goes on where it was."
+        ),
+        examples=(
+            "vsh-archive gaia-crf3 --output qso.fits",
+            "vsh-archive epochs --ids quasars.fits --output epochs",
+            "vsh-archive --check gaiadr4",
+        ),
+    )
+    parser.add_argument(
+        "what",
+        nargs="?",
+        help=(
+            f"{', '.join(parsing.QUERIES)}, a file with a query in ADQL, a table of the archive that names sources by "
+            "source_id (schema.table), or epochs: the epoch astrometry of --ids"
+        ),
+    )
+    parser.add_argument(
+        "--check",
+        metavar="SCHEMA",
+        help="ask for the tables and columns of a schema, gaiadr4 say, and print which queries run and what changed",
+    )
+    group = parser.add_argument_group("epoch astrometry (DataLink)")
+    group.add_argument("--ids", metavar="FILE", help="source_id, a column of a table or one a line of a text")
+    group.add_argument("--retrieval-type", metavar="NAME", help="name of the product (default: EPOCH_ASTROMETRY)")
+    group.add_argument("--structure", metavar="NAME", help="how several sources come (default: COMBINED)")
+    group.add_argument(
+        "--batch", type=parsing.count(1), metavar="N", help="sources asked for at once, 5000 at most (default: 500)"
+    )
+    parser.add_argument(
+        "--release", choices=parsing.RELEASES, default="DR3", help="for a table: of which release (default: DR3)"
+    )
+    parser.add_argument(
+        "--table",
+        choices=parsing.ASTROMETRY,
+        default="gaia_source",
+        help="for a table, DR4: the best model of each source (the default), or the core solution of all",
+    )
+    parser.add_argument("--output", metavar="FILE", help="the FITS file to be")
+    parser.add_argument("--show", action="store_true", help="print the query and ask nobody")
+    parser.add_argument("--url", default=parsing.ESA, help="of the TAP service (default: ESA's archive of Gaia)")
+    parser.add_argument("--max-rows", type=parsing.count(1), metavar="N", help="the server's own limit unless given")
+    parser.add_argument(
+        "--patience",
+        type=parsing.positive,
+        default=7200.0,
+        metavar="S",
+        help="how long to wait for the job (default: 7200 s)",
+    )
+    parsing.add_overwrite(parser)
+    parsing.add_common(parser, "list of what was written")
+    return parser
+
+
+def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
+    """End with what contradicts itself."""
+    if bool(options.what) == bool(options.check):
+        parser.error("say what to fetch, or --check SCHEMA")
+    if options.check:
+        return
+    given = [name for name in ("ids", "retrieval_type", "structure", "batch") if getattr(options, name) is not None]
+    if (options.what == "epochs") != (options.ids is not None):
+        parser.error("epochs are those of a list of sources: vsh-archive epochs --ids FILE --output FOLDER")
+    if given and options.what != "epochs":
+        parser.error(f"--{given[0].replace('_', '-')} is for epochs")
+    if options.what == "epochs" and (options.show or not options.output):
+        parser.error("epochs go into a folder: --output FOLDER")
+    if not (options.output or options.show):
+        parser.error("say where to: --output FILE.fits, or --show")
 
 
 def _run(options):
@@ -36,9 +112,9 @@ def _run(options):
         overwrite=options.overwrite,
     )
     was = f"{path} was there already, as it was fetched: nothing was asked"
-    beside = Path(f"{path}.{configuration.NAME}")
+    beside = Path(f"{path}.{parsing.NAME}")
     with atomic_write(beside) as new:
-        new.write_text(outputs.repeats(options, name=beside.name), encoding="utf-8")
+        new.write_text(finishing.repeats(options, name=beside.name), encoding="utf-8")
     finishing.print_result(options, finishing.RunResult(was if there else f"written to {path}"))
 
 
@@ -73,4 +149,4 @@ def _text(options):
         ) from None
 
 
-main, run = running.make_entry(options_module, _run)
+main, run = running.make_entry(__name__, _run)

@@ -1,37 +1,399 @@
-"""From the words of a command to its options, as `vsh.commands.options` with the standard library alone."""
+"""From the words of a command, or a TOML file of an earlier run, to its options; the types of their values.
+
+Every run writes its options as `run.toml`, which `--config` reads. This file needs the standard library alone.
+"""
 
 import argparse
+import json
+import math
 import os
 import re
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, NoReturn, Protocol
 
 import vsh
-from vsh.commands import citing, configuration, values
-from vsh.tools.formats import is_address, shown_address, shown_addresses
+from vsh.commands import citing
+from vsh.tools.formats import BY_NAME, TITLES, is_address, shown_address, shown_addresses
 from vsh.tools.printing import printable
+
+#: `vsh.sky.frames.FRAMES`
+FRAMES = ("icrs", "galactic", "ecliptic")
+#: `vsh.sky.frames.REDSHIFT_FRAME_NAMES`
+REDSHIFT_FRAMES = ("heliocentric", "cmb", "local-group", "true")
+#: The sets of names that `vsh.io.catalogue.as_columns` knows
+COLUMNS = (
+    "gaia", "vizier", "hipparcos", "icrf", "skycoord", "simbad", "ned", "lvdb", "err", "desi", "catwise", "rubin", "mu",
+)  # fmt: skip
+#: `fit.METHODS`, and those of them that take a value, `fit.methods.WITH_VALUE`.
+METHODS = (
+    "recommended", "least-squares", "clip", "student", "permissive", "excess-noise", "bootstrap", "jackknife",
+)  # fmt: skip
+WITH_VALUE = ("clip", "excess-noise", "bootstrap", "jackknife")
+#: Formats of tables.
+INPUT_FORMATS = tuple(BY_NAME)
+#: The skies that `sim.skies.sky_map` knows.
+SKIES = ("uniform", "plane-avoiding", "gums", "igql")
+#: `vsh.models.cosmology.VELOCITIES`
+VELOCITIES = ("planck", "paper")
+#: `sim.observing.REDSHIFT_ERRORS`
+REDSHIFT_ERRORS = ("spectroscopic", "photometric")
+#: `fit.pairs.TEMPLATES`
+TEMPLATES = ("spin", "glide", "waves")
+#: `fit.correlation.FRAME`: the six components of spin and acceleration.
+FRAME = "spin+acceleration"
+#: `vsh.io.archive.QUERIES`
+QUERIES = ("gaia-crf3", "gaia-edr3-qso", "gaia-dr3-galaxies")
+#: `vsh.io.archive.ASTROMETRY`: tables of astrometry in DR4.
+ASTROMETRY = ("gaia_source", "all_source_astrometry")
+#: `vsh.io.archive.RELEASES`
+RELEASES = ("DR3", "DR4")
+#: `vsh.io.archive.ESA`
+ESA = "https://gea.esac.esa.int/tap-server/tap"
+#: What a catalogue may be, for help texts.
+A_TABLE = f"a table ({TITLES}), a folder of them, or - for standard input"
+
+
+def count(least: int, most: int = 10**12) -> Callable[[str], int]:
+    """The type of a whole number of at least `least`."""
+
+    def whole(text):
+        if not text.isdecimal() or int(text) < least:
+            raise argparse.ArgumentTypeError(f"a whole number of at least {least} is wanted, not {text!r}")
+        if len(text) > 30 or int(text) > most:
+            raise argparse.ArgumentTypeError(f"a whole number of at most {most} is wanted, not {text[:40]!r}")
+        return int(text)
+
+    return whole
+
+
+def method(text: str) -> str:
+    """The type of an estimator, NAME or NAME=VALUE."""
+    name, _, value = text.partition("=")
+    if name not in METHODS:
+        raise argparse.ArgumentTypeError(f"one of {', '.join(METHODS)} is wanted, not {text!r}")
+    if not value:
+        return name
+    if name not in WITH_VALUE:
+        raise argparse.ArgumentTypeError(f"{name} takes no value: {text!r}")
+    if name == "excess-noise":
+        if value != "scale":
+            raise argparse.ArgumentTypeError(f"excess-noise or excess-noise=scale is wanted, not {text!r}")
+    else:
+        {"clip": positive, "bootstrap": count(2), "jackknife": nside}[name](value)
+    return text
+
+
+def method_and_value(text: str) -> tuple[str, str | None]:
+    """The name of an estimator and its value, or None."""
+    name, _, value = text.partition("=")
+    return name, value or None
+
+
+def nside(text: str) -> int:
+    """The type of a power of two from 1 to 8192."""
+    if not text.isdecimal() or int(text) not in (2**k for k in range(14)):
+        raise argparse.ArgumentTypeError(f"a power of two from 1 to 8192 is wanted, not {text!r}")
+    return int(text)
+
+
+def not_negative(text: str) -> float:
+    """The type of a number of zero or more."""
+    return _number(text, lambda x: 0 <= x < math.inf, "a number that is not negative")
+
+
+def fraction(text: str) -> float:
+    """From 0 to 1."""
+    return _number(text, lambda value: 0 <= value <= 1, "a share from 0 to 1 is wanted")
+
+
+def positive(text: str) -> float:
+    """The type of a number above zero."""
+    return _number(text, lambda x: 0 < x < math.inf, "a positive number")
+
+
+def _number(text, fits, wanted):
+    try:
+        number = float(text)
+    except ValueError:
+        number = math.nan
+    if not fits(number):
+        raise argparse.ArgumentTypeError(f"{wanted} is wanted, not {text!r}")
+    return number
+
+
+def numbers(text: str) -> tuple[float, ...]:
+    """Numbers separated by commas."""
+    try:
+        parts = tuple(float(part) for part in text.split(","))
+    except ValueError:
+        parts = (float("nan"),)
+    if not all(map(math.isfinite, parts)):
+        raise argparse.ArgumentTypeError(f"numbers separated by commas are wanted, not {text!r}")
+    return parts
+
+
+def vector(text: str) -> tuple[float, ...]:
+    """The type of three numbers separated by commas."""
+    try:
+        components = numbers(text)
+    except argparse.ArgumentTypeError:
+        components = ()
+    if len(components) != 3:
+        raise argparse.ArgumentTypeError(f"three numbers separated by commas are wanted, not {text!r}")
+    return components
+
+
+def velocity(text: str) -> str | tuple[float, ...]:
+    """Our velocity as every command takes it: a name, or SPEED,L,B."""
+    if text in VELOCITIES:
+        return text
+    try:
+        speed, l, b = vector(text)
+    except argparse.ArgumentTypeError:
+        speed, l, b = 0.0, 0.0, 0.0
+    if not (0 < speed < 3e5 and abs(l) <= 360 and abs(b) <= 90):
+        raise argparse.ArgumentTypeError(
+            f"{' or '.join(VELOCITIES)}, or SPEED,L,B is wanted (km/s above zero; Galactic longitude and latitude of "
+            f"the apex, degrees), not {text!r}"
+        )
+    return speed, l, b
+
+
+#: `vsh.figures.plot.FORMATS`, and the endings of tables that are written beside ECSV.
+FIGURE_FORMATS, TABLE_FORMATS = ("png", "pdf", "svg"), ("fits", "vot", "csv")
+
+
+def formats(text: str) -> str:
+    """Names of formats of figures and of tables, between commas."""
+    names = [name.strip() for name in text.split(",")]
+    wrong = [name for name in names if name not in (*FIGURE_FORMATS, *TABLE_FORMATS)]
+    if wrong:
+        raise argparse.ArgumentTypeError(
+            f"{wrong[0]!r} is no format: {', '.join(FIGURE_FORMATS)} of figures, {', '.join(TABLE_FORMATS)} of tables"
+        )
+    return ",".join(dict.fromkeys(names))
+
+
+def figure_formats(text: str) -> list[str]:
+    """Those of `formats` that figures have; PNG where none is said."""
+    return [name for name in text.split(",") if name in FIGURE_FORMATS] or ["png"]
+
+
+def table_formats(text: str) -> list[str]:
+    """Those of `formats` that tables have."""
+    return [name for name in text.split(",") if name in TABLE_FORMATS]
+
+
+def names(text: str) -> list[str]:
+    """Names between commas."""
+    listed = [name.strip() for name in text.split(",")]
+    if not all(listed):
+        raise argparse.ArgumentTypeError(f"{text!r} are no names between commas")
+    return listed
+
+
+def pairs(text: str) -> dict[str, str]:
+    """NAME=VALUE,… as a dict."""
+    split = [part.partition("=") for part in text.split(",")]
+    pairs_by_name = {name.strip(): value.strip() for name, _, value in split}
+    if not all(pairs_by_name) or not all(pairs_by_name.values()):
+        raise argparse.ArgumentTypeError(f"{text!r} is not of the form name=value,name=value")
+    return pairs_by_name
+
+
+def columns(text: str) -> dict[str, str | None]:
+    """NAME=VALUE,… with one of the sets of names before it, or not."""
+    first, _, rest = text.partition(",")
+    if "=" in first:
+        return _with_none(text)
+    if first.strip() not in COLUMNS:
+        raise argparse.ArgumentTypeError(
+            f"{text!r} is not of the form name=value,name=value, {' or '.join(COLUMNS)} before it or not"
+        )
+    return {"names": first.strip()} | (_with_none(rest) if rest else {})
+
+
+def _with_none(text):
+    """NAME=VALUE,… with None where nothing stands behind the equals sign: no such column is looked for."""
+    empty = {part.partition("=")[0].strip() for part in text.split(",") if part.strip().endswith("=")}
+    kept = ",".join(part for part in text.split(",") if not part.strip().endswith("="))
+    return (pairs(kept) if kept else {}) | dict.fromkeys(empty - {""})
+
+
+#: What says where results go and how they are told, not what they are.
+NOT_KEPT = ("config", "output", "html", "overwrite", "json", "latex", "quiet", "log", "citation", "scheduler")
+#: What a configuration may not say: where to write, what to replace, whom to connect to. It may be a stranger's.
+_NOT_TAKEN = ("output", "html", "overwrite", "log", "scheduler")
+#: What a run writes its configuration to, in its folder of results.
+NAME = "run.toml"
+NUMBER = re.compile(r"-?(0|[1-9]\d*)(\.\d+)?([eE][+-]?\d+)?")
+
+
+@dataclass(frozen=True)
+class Configuration:
+    """What a run was asked for."""
+
+    command: str
+    options: Mapping[str, Any]
+    version: str = ""
+    files: Mapping[str, str] = field(default_factory=dict)
+    written: Mapping[str, str] = field(default_factory=dict)
+
+    def text(self, name: str = NAME) -> str:
+        """The file, as TOML."""
+        lines = [f"# Repeats a run, from the folder that it was made in: {self.command} --config {name} --output NEW"]
+        lines += [f"command = {_toml(self.command)}", f"version = {_toml(self.version)}", "", "[options]"]
+        lines += [f"{name} = {_toml(value)}" for name, value in self.options.items() if name not in NOT_KEPT]
+        if self.files:
+            lines += ["", "# SHA-256 of what was read", "[files]"]
+            lines += [f"{_quoted(name)} = {_toml(sha)}" for name, sha in self.files.items()]
+        if self.written:
+            lines += ["", "# SHA-256 of what was written: a file that was changed since is not replaced", "[written]"]
+            lines += [f"{_quoted(name)} = {_toml(sha)}" for name, sha in self.written.items()]
+        return "\n".join(lines) + "\n"
+
+
+def configuration_of(path: str, command: str) -> Configuration:
+    """The configuration in a file."""
+    import tomllib
+
+    try:
+        with open(path, "rb") as file:
+            raw = tomllib.loads(file.read(2**20).decode("utf-8"), parse_float=str)
+    except OSError as error:
+        raise argparse.ArgumentTypeError(f"{path}: {error.strerror}") from None
+    except (ValueError, RecursionError) as error:
+        raise argparse.ArgumentTypeError(f"{path} is no TOML file: {error}") from None
+    foreign = set(raw) - {"command", "version", "options", "files", "written"}
+    if foreign or not all(isinstance(raw.get(name, {}), dict) for name in ("options", "files", "written")):
+        what = ", ".join(sorted(foreign)) or "options and files"
+        raise argparse.ArgumentTypeError(f"{path}: {what}? A configuration has command, version, [options] and [files]")
+    if raw.get("command", command) != command:
+        raise argparse.ArgumentTypeError(f"{path} is a configuration of {raw['command']}, not of {command}")
+    options = {str(name): _said(path, name, value) for name, value in raw.get("options", {}).items()}
+    return Configuration(command, options, str(raw.get("version", "")), raw.get("files", {}))
+
+
+def given(parser: argparse.ArgumentParser, words: Sequence[str]) -> dict[str, Any]:
+    """What words say, as text, by the names of options without their dashes; nothing is asked for or checked."""
+    actions = parser._actions
+    parser.usage = parser.format_usage().split(": ", 1)[1].strip()  # of the parser as it was
+    for action in actions:
+        action.type = action.choices = None
+        action.default, action.required = argparse.SUPPRESS, False
+        if not action.option_strings:
+            action.nargs = "*" if action.nargs in ("*", "+") else "?"
+        elif action.nargs == "?":
+            action.const = True
+    for exclusive in parser._mutually_exclusive_groups:
+        exclusive.required = False
+    options = vars(parser.parse_args(list(words)))
+    named = {action.dest: name_of(action) for action in actions}
+    return {
+        named[dest]: True if isinstance(value, bool) else tuple(value) if isinstance(value, list) else value
+        for dest, value in options.items()
+    }
+
+
+def merged(
+    parser: argparse.ArgumentParser, make_parser: Callable[[], argparse.ArgumentParser], words: Sequence[str]
+) -> tuple[list[str], Configuration]:
+    """The words of the command line after those of its --config; what is on the line prevails."""
+    here = given(make_parser(), words)
+    try:
+        kept = configuration_of(here["config"], parser.prog)
+    except argparse.ArgumentTypeError as error:
+        parser.error(f"--config {error}")
+    known = {name_of(action): action for action in parser._actions}
+    refused = [name for name in kept.options if name in _NOT_TAKEN]
+    if refused:
+        parser.error(
+            f"--config {here['config']} names {', '.join(refused)}: where to write, and what to connect to, is taken "
+            "from the command line alone"
+        )
+    for name in kept.options:
+        if name not in known or name in ("config", "help", "version", "citation"):
+            near = get_close_matches(name, [each for each in known if each not in ("help", "version")], n=3)
+            hint = f"; nearest: {', '.join(near)}" if near else ""
+            parser.error(f"--config {here['config']}: {parser.prog} has no option {name!r}{hint}")
+    excluded = set(here)
+    for exclusive in parser._mutually_exclusive_groups:
+        names = {name_of(action) for action in exclusive._group_actions}
+        excluded |= names if names & set(here) else set()
+    options = {name: value for name, value in kept.options.items() if name not in excluded}
+    return [word for name, value in options.items() for word in _words(known[name], value)] + list(words), kept
+
+
+def name_of(action: argparse.Action) -> str:
+    """What a configuration calls an option: its name without dashes."""
+    return (
+        action.option_strings[-1 if len(action.option_strings) < 2 else 0].lstrip("-")
+        if action.option_strings
+        else action.dest
+    )
+
+
+def _words(action, value):
+    if not action.option_strings:
+        return [value] if isinstance(value, str) else list(value)
+    option = f"--{name_of(action)}"
+    if value is True:
+        return [option]
+    if isinstance(value, tuple):
+        repeats = isinstance(action, argparse._AppendAction)
+        return [f"{option}={each}" for each in value] if repeats else [f"{option}={','.join(value)}"]
+    return [f"{option}={value}"]
+
+
+def _said(path, name, value):
+    """A value of the file as words have it."""
+    if value is True or isinstance(value, str):
+        return value
+    if isinstance(value, int) and not isinstance(value, bool):
+        return str(value)
+    if isinstance(value, list):
+        return tuple(str(_said(path, name, each)) for each in value)
+    if isinstance(value, dict):
+        return ",".join(f"{key}={_said(path, name, each)}" for key, each in value.items())
+    raise argparse.ArgumentTypeError(
+        f"{path}: {name} is text, a number, true, or several of them, not {value!r}; what is not wanted is left out"
+    )
+
+
+def _toml(value):
+    if value is True:
+        return "true"
+    if isinstance(value, (tuple, list)):
+        return f"[{', '.join(map(_toml, value))}]"
+    return value if NUMBER.fullmatch(value) else _quoted(value)
+
+
+def _quoted(text):
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
+
 
 _NEGATIVE = re.compile(r"-[\d.]")
 
 
 class Words(Protocol):
-    """A module of `vsh.commands.options`; its `check(parser, options)` refuses options that contradict each other."""
+    """The module of a command; its `check(parser, options)` refuses options that contradict each other."""
 
     def make_parser(self) -> argparse.ArgumentParser:
         """The parser of its options."""
 
 
-def parse(options_module: Any, arguments: Sequence[str] | None = None) -> argparse.Namespace:
+def parse(module: Any, arguments: Sequence[str] | None = None) -> argparse.Namespace:
     """The options of a command; a negative number behind an option is its value, with or without an equals sign.
 
     Among them `program`, its name; `given`, what was said by name, as `--config` takes it; `expected`,
     hashes of the files that a configuration was written for; and `command`, the words that repeat the run as a
     page may hold them: names of files, not where they lie.
     """
-    parser = options_module.make_parser()
+    parser = module.make_parser()
     words = list(sys.argv[1:] if arguments is None else map(str, arguments))
     joined: list[str] = []
     for word in words:
@@ -45,17 +407,17 @@ def parse(options_module: Any, arguments: Sequence[str] | None = None) -> argpar
     kept = None
     asks = {"-h", "--help", "--version"} & set(joined)
     if _says("--citation", joined) and not asks:
-        print(citing.bibtex(parser.prog, configuration.given(options_module.make_parser(), joined)))
+        print(citing.bibtex(parser.prog, given(module.make_parser(), joined)))
         parser.exit()
     if _says("--config", joined) and not asks:
-        joined, kept = configuration.merged(parser, options_module.make_parser, joined)
+        joined, kept = merged(parser, module.make_parser, joined)
     options = parser.parse_args(joined)
-    if hasattr(options_module, "check"):
-        options_module.check(parser, options)
+    if hasattr(module, "check"):
+        module.check(parser, options)
     options.program = parser.prog
     options.expected = {} if kept is None else dict(kept.files)
-    given = configuration.given(options_module.make_parser(), joined)
-    options.given = {name: _without_secrets(value) for name, value in given.items()}
+    chosen = given(module.make_parser(), joined)
+    options.given = {name: _without_secrets(value) for name, value in chosen.items()}
     options.command = [parser.prog, *map(_told, words if kept is None else _without_config(joined))]
     return options
 
@@ -155,7 +517,7 @@ def add_threads(parser: argparse.ArgumentParser) -> None:
     """Add the number of threads."""
     parser.add_argument(
         "--threads",
-        type=values.count(1),
+        type=count(1),
         metavar="N",
         help="number of threads (default: one per core); does not affect the results",
     )

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from vsh.commands import parsing, values
+from vsh.commands import parsing
 
 if TYPE_CHECKING:
     from vsh.io.tables import TableSource
@@ -20,13 +20,15 @@ if TYPE_CHECKING:
 
 def add_reading(parser: argparse.ArgumentParser) -> None:
     """The options of every command that reads a catalogue."""
-    parser.add_argument("--frame", choices=values.FRAMES, default="icrs", help="axes of the result (default: icrs)")
+    parser.add_argument("--frame", choices=parsing.FRAMES, default="icrs", help="axes of the result (default: icrs)")
     parser.add_argument(
-        "--catalogue-frame", choices=values.FRAMES, help="axes of the catalogue's positions and motions (default: icrs)"
+        "--catalogue-frame",
+        choices=parsing.FRAMES,
+        help="axes of the catalogue's positions and motions (default: icrs)",
     )
     parser.add_argument(
         "--columns",
-        type=values.columns,
+        type=parsing.columns,
         metavar="ROLE=NAME,…",
         help=(
             "names of the columns: a set (gaia, the default; vizier; icrf), pairs (pmra=mu_ra,redshift=z), or both "
@@ -35,13 +37,13 @@ def add_reading(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--input-format",
-        choices=values.INPUT_FORMATS,
+        choices=parsing.INPUT_FORMATS,
         help=(
             "format of the catalogue, if not clear from its name; mrt and cds are the journals' tables, ascii lets "
             "astropy guess"
         ),
     )
-    parser.add_argument("--units", type=values.pairs, metavar="NAME=UNIT,…", help="units of columns: mu_ra=uas/yr")
+    parser.add_argument("--units", type=parsing.pairs, metavar="NAME=UNIT,…", help="units of columns: mu_ra=uas/yr")
     parser.add_argument(
         "--on-bad", choices=["raise", "drop"], default="raise", help="rows that cannot be used (default: raise)"
     )
@@ -57,7 +59,7 @@ def add_figures(parser: argparse.ArgumentParser) -> None:
     """Add --format, --dpi, --no-figures and --html."""
     parser.add_argument(
         "--format",
-        type=values.formats,
+        type=parsing.formats,
         default="png",
         metavar="NAME,…",
         help="format of the figures, png (the default), pdf or svg; and of tables besides ECSV: fits, vot, csv",
@@ -123,7 +125,7 @@ def add_workers(parser: argparse.ArgumentParser) -> None:
     """Where a catalogue is read and summed in parts, in every command that reads one."""
     parser.add_argument(
         "--workers",
-        type=values.count(1),
+        type=parsing.count(1),
         metavar="N",
         help="go through the catalogue in parts, of any size, with N processes; without this it is read whole",
     )
@@ -154,7 +156,7 @@ def refuse_velocities(notes: Iterable[object], label: str) -> None:
 
 
 def velocity_of(value: str | tuple[float, ...] | None) -> Vector | None:
-    """Our velocity, as `vsh.commands.values.velocity` has it."""
+    """Our velocity, as `vsh.commands.parsing.velocity` has it."""
     from vsh.models.cosmology import VELOCITIES, velocity_from_apex
 
     if value is None:
@@ -163,7 +165,7 @@ def velocity_of(value: str | tuple[float, ...] | None) -> Vector | None:
 
 
 def _dpi(text):
-    number = values.positive(text)
+    number = parsing.positive(text)
     if not 20 <= number <= 2400:
         raise argparse.ArgumentTypeError(f"20 to 2400 dots an inch are wanted, not {text!r}")
     return number

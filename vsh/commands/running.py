@@ -16,15 +16,13 @@ from typing import Any
 import numpy as np
 
 import vsh
-from vsh.commands.configuration import NOT_KEPT
-from vsh.commands.parsing import parse, without_folder
+from vsh.commands.parsing import NOT_KEPT, parse, without_folder
 from vsh.commands.reading import standard_input
 from vsh.tools.errors import VshError, VshWarning
 from vsh.tools.files import check_not_read, digest, reading
 from vsh.tools.formats import is_address, shown_address, shown_addresses
-from vsh.tools.logs import PACKAGES
 from vsh.tools.parallel import limited, without_bars
-from vsh.tools.printing import printable, printing, silence, silence_if_broken, system_words
+from vsh.tools.printing import PACKAGES, printable, printing, silence, silence_if_broken, system_words
 
 #: Options that change no result, and what the parser found besides.
 NOT_TOLD = (*NOT_KEPT, "command", "given", "program", "expected")
@@ -49,16 +47,16 @@ class _OneLine(logging.Formatter):
 
 
 def make_entry(
-    options_module: Any, act: Callable[[argparse.Namespace], object]
+    module: str, act: Callable[[argparse.Namespace], object]
 ) -> tuple[Callable[..., int], Callable[[argparse.Namespace], int]]:
-    """The two ways into a command: `main(arguments)`, and `run(options)` for options that are parsed already."""
+    """The two ways into a command of a module: `main(arguments)`, and `run(options)` for options that are parsed."""
 
     def run(options: argparse.Namespace) -> int:
         return run_safely(options, lambda: act(options))
 
     def main(arguments: Sequence[str] | None = None) -> int:
         with printing():
-            return run(parse(options_module, arguments))
+            return run(parse(sys.modules[module], arguments))
 
     return main, run
 

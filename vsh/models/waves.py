@@ -9,8 +9,7 @@ Book & Flanagan 2011, PRD 83, 024024, eq. 58)
 
 h stands for the rate of the strain where V is a motion [µas/yr], for the strain where it is a displacement. Its two
 polarisations are h = plus (e_θ e_θᵀ − e_φ e_φᵀ) + cross (e_θ e_φᵀ + e_φ e_θᵀ) with e_θ south and e_φ east at k, which
-along
-+z are x and y.
+along +z are x and y.
 """
 
 import numpy as np

@@ -47,7 +47,7 @@ FORMATS = (
     Format("cds", "ascii.cds", (), None, _TABLES + "_source:open_cds"),
     Format("vizier", "ascii.vizier", (), re.compile(rb"(\xef\xbb\xbf)?#[\s\S]*VizieR"), _TABLES + "_text:open_text",
            "VizieR"),
-    Format("icrf", "ascii.icrf", (".crf", ".sou"), re.compile(_VLBI, re.MULTILINE), _TABLES + "_vlbi:open_vlbi",
+    Format("icrf", "ascii.icrf", (".crf", ".sou"), re.compile(_VLBI, re.MULTILINE), _TABLES + "_text:open_vlbi",
            "VLBI"),
     Format("ascii", "ascii", (), None, _TABLES + "_source:open_ascii"),
     Format("text", "ascii.text", (".tsv", ".tab"), re.compile(rb"(?!\s*<)[\t\n\r\x20-\x7e\x80-\xff]+\Z"),

@@ -1,16 +1,22 @@
-"""What is printed reaches its reader, or the command ends in one line; with the standard library alone."""
+"""What is printed reaches its reader, or the command ends in one line; what `logging` is told: steps and seconds.
+
+This file needs the standard library alone.
+"""
 
 import contextlib
 import errno
+import logging
 import os
 import re
 import sys
 import time
 import warnings
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from contextvars import ContextVar
+from functools import wraps
 from importlib import import_module
-from typing import Any
+from typing import Any, ParamSpec, TypeVar
 
 _CONTROL = re.compile(r"[\x00-\x09\x0b-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\u2066-\u2069]")
 
@@ -99,3 +105,60 @@ def import_quietly(name: str, tries: int = 5) -> Any:
             if attempt == tries - 1:
                 raise
             time.sleep(0.2)
+
+
+#: Within a step that tells of itself its own steps do not.
+_INSIDE: ContextVar[bool] = ContextVar("inside", default=False)
+_P = ParamSpec("_P")
+_T = TypeVar("_T")
+
+#: Packages with loggers; nothing is printed unless somebody listens to them.
+PACKAGES = ("vsh", "sim", "fit", "study")
+for _name in PACKAGES:
+    logging.getLogger(_name).addHandler(logging.NullHandler())
+
+
+def logged(words: str) -> Callable[[Callable[_P, _T]], Callable[_P, _T]]:
+    """A decorator: at level INFO the logger of a function's module says what came out of it, and how long it took.
+
+    Examples
+    --------
+    >>> import logging, sys
+    >>> logger = logging.getLogger(__name__)
+    >>> @logged("half")
+    ... def half(x):
+    ...     return x / 2
+    >>> half(4)
+    2.0
+    """
+
+    def decorate(function: Callable[_P, _T]) -> Callable[_P, _T]:
+        logger = logging.getLogger(function.__module__)
+
+        @wraps(function)
+        def timed(*args: _P.args, **options: _P.kwargs) -> _T:
+            if not logger.isEnabledFor(logging.INFO):
+                return function(*args, **options)
+            begin, outer = time.perf_counter(), _INSIDE.set(True)
+            try:
+                result = function(*args, **options)
+            finally:
+                _INSIDE.reset(outer)
+            log_result(logger, words, result, begin)
+            return result
+
+        return timed
+
+    return decorate
+
+
+def log_result(logger: logging.Logger, words: str, result: object, begin: float) -> None:
+    """The same where a decorator would stand between a warning and whom it is for."""
+    if not _INSIDE.get():
+        logger.info("%s: %s, %.3g s", words, _short(result), time.perf_counter() - begin)
+
+
+def _short(result):
+    """In one line."""
+    lines = repr(result).strip("<>").splitlines()
+    return lines[0] if len(lines) == 1 and len(lines[0]) < 200 else type(result).__name__

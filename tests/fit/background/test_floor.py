@@ -9,7 +9,7 @@ from conftest import random_field, real_catalogue
 import fit
 import sim
 from fit.background import Spectrum, floor
-from fit.storage import read
+from fit.results.storage import read
 from vsh import Field, Modes
 from vsh.io.catalogue import read_field
 from vsh.tools.errors import DegeneracyError, ModesError, ParameterError

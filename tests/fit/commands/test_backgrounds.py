@@ -3,7 +3,7 @@ from conftest import real_catalogue
 
 from fit.background import Floor, WaveLimit
 from fit.commands.fit import main
-from fit.storage import read
+from fit.results.storage import read
 
 EVERYTHING = ["--demo", "--long", "--method", "least-squares", "--floor", "--waves", "--years", "10"]
 

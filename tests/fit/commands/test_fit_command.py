@@ -16,7 +16,7 @@ import fit
 import sim
 import vsh
 from fit.commands.fit import main
-from fit.solution import Solution
+from fit.results.solution import Solution
 from vsh import Field
 from vsh.vector import GAIA_EDR3
 

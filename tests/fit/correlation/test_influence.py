@@ -63,7 +63,7 @@ def test_thousands_of_sources_take_the_transform():
 
 def influence_of_part(field, keep):
     """The same sum over some of the sources, evaluated by the harmonics."""
-    from fit.correlation._influence import _change, _prepared
+    from fit.correlation._matrices import _change, _prepared
     from vsh import Coefficients
 
     covariance, first, second, chosen = _prepared(field, 2, ("omega_x", "a_y"))

@@ -9,7 +9,7 @@ from scipy.stats import kstest
 import sim
 from fit.in_time import Functions, background, legendre, normal_equations, solve, splines, waves
 from fit.in_time._background import _bands, _reduced
-from fit.storage import read
+from fit.results.storage import read
 from sim.agis import Response
 from vsh import Coefficients, DegeneracyError, Modes, ModesError, ParameterError
 from vsh.basis import harmonics

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 import fit
 import sim
-from fit.sums import PRODUCTS
+from fit.normal.sums import PRODUCTS
 from vsh import Field, Modes
 from vsh.sky.frames import rotation_matrix
 from vsh.sky.sphere import triad

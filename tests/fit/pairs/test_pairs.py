@@ -281,7 +281,7 @@ def test_limits_of_templates_invert_the_chance_of_squares():
     """Of an amplitude whose error is known: as small a value, or as large, has a chance of 2.5 % at the limits."""
     from scipy.stats import ncx2
 
-    from fit.pairs._templates import _limits
+    from fit.pairs._correlation import _limits
 
     for k in (3.0, 14.2):
         for power in (0.5, 20.0):

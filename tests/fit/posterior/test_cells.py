@@ -7,7 +7,7 @@ from scipy.stats import chi2, kstest
 from test_posterior import galaxies
 
 from fit.posterior import Flat, Normal, grid, sample
-from fit.posterior._cells import Cells, in_cells
+from fit.posterior._posterior import Cells, in_cells
 from fit.sampling import Run
 from vsh.models.cosmology import CMB_VELOCITY_PLANCK18
 from vsh.tools.errors import ParameterError

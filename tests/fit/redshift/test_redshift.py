@@ -210,7 +210,7 @@ def test_shuffling_keeps_its_promise_with_wrong_errors():
 def test_shuffling_begins_with_the_same_chi2():
     field = quasars(500, 11)
     found = binned(field, 1, 3, flows=None)
-    from fit.redshift._contrasts import equality_chi2, slope_chi2
+    from fit.redshift._solution import equality_chi2, slope_chi2
 
     values = np.stack([s.coefficients.values for s in found.solutions])
     covariance = np.stack([s.covariance for s in found.solutions])
@@ -259,7 +259,7 @@ def test_markers_stand_where_a_bin_measures():
 
 def test_the_flow_of_bins_against_a_design_matrix():
     """C N⁻¹ Σ AᵀWF of every bin, with errors that hold each source's own motion, written out."""
-    from fit.redshift._contrasts import shared_flow
+    from fit.redshift._solution import shared_flow
     from vsh.basis import harmonics
     from vsh.models.flows import LINEAR_PLANCK18 as THEORY
 

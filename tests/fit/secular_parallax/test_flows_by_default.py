@@ -214,7 +214,7 @@ def test_a_cut_in_heliocentric_redshifts_leaves_densities_unbiased():
 
 def test_what_is_left_out_does_not_depend_on_how_a_catalogue_is_divided(monkeypatch):
     """From every part at least one source is taken: small parts weighed more than large ones."""
-    monkeypatch.setattr("fit.secular_parallax._solve._SOURCES", 100)
+    monkeypatch.setattr("fit.secular_parallax._equations._SOURCES", 100)
     field = sim.observe(sim.galaxies(2000, 1), sim.secular_parallax((300, 0, 0)), rng=1, sigma=5.0)
     calm = {"flows": None, "redshift_frame": "true", "peculiar_dispersion": 300.0}
     left_out = [

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 import sim
+from fit.results.storage import read
 from fit.secular_parallax import forecast_velocity, predict_errors
-from fit.storage import read
 from vsh.figures.plot import figure_of
 from vsh.tools.errors import ParameterError
 

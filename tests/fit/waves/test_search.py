@@ -9,7 +9,7 @@ from scipy.stats import kstest
 import fit
 import sim
 from fit.waves import search, search_in_time
-from fit.waves._map import Whitened, _basis, chance, map_of
+from fit.waves._search import Whitened, _basis, chance, map_of
 from vsh import DegeneracyError, Field, ModesError, ParameterError
 from vsh.io.epochs import Observations, read_observations
 from vsh.length import length_limits

@@ -5,7 +5,7 @@ import pytest
 
 import sim
 from sim.agis import System, scaled, scans, start_errors
-from sim.agis._solve import Iteration
+from sim.agis._system import Iteration
 
 YEARS = 2.0
 

@@ -5,9 +5,9 @@ import pytest
 
 import fit
 import sim
+from study.commands.forecast import main
 from study.forecast import SURVEYS, Survey, forecast_surveys
-from study.forecast._surveys import QUANTITIES
-from study.forecast.command import main
+from study.forecast._forecast import QUANTITIES
 from vsh import Field, ParameterError
 from vsh.figures.plot import figure_of
 

@@ -11,14 +11,12 @@ from astropy.table import Table
 from conftest import ROOT, real_catalogue
 
 import sim
-from fit.quality import printed_p_value
+from fit.results.quality import printed_p_value
+from study.commands.referee import main
 from study.papers import papers
 from study.referee import Quasars, Referee, read_quasars, referee
-from study.referee._checks import _answered, _earlier, checks
-from study.referee._headline import headline
-from study.referee._rows import Value, judged
-from study.referee._sections import Asked, _galaxies
-from study.referee.command import main
+from study.referee._rows import Value, headline, judged
+from study.referee._sections import Asked, _answered, _earlier, _galaxies, checks
 from vsh import Field
 from vsh.figures.page import bundle
 from vsh.tools.errors import DegeneracyError, TableError
@@ -179,7 +177,7 @@ def test_figures_and_page_of_the_command(table, tmp_path, capsys):
 
 
 def test_the_page(answer):
-    from study.referee._page import html
+    from study.referee.page import html
 
     page = html(answer, {}, provenance={})
     assert all(escape(text) in page for _, text in answer.answer.lines)

@@ -8,7 +8,7 @@ from scipy.stats import kstest
 import sim
 from fit import normal_equations
 from fit.background import floor
-from study.referee._stability import by_degree, by_method, by_source
+from study.referee._quasars import by_degree, by_method, by_source
 from vsh import Field
 from vsh.models.covariance import Spectrum
 
@@ -91,7 +91,7 @@ def test_by_source_is_the_move_when_it_is_left_out():
 @pytest.mark.slow
 def test_by_method_asks_nothing_of_the_errors(monkeypatch):
     """Errors wrong by a factor, tails: uniform; motions of one kind of source that only robust fits see: found."""
-    monkeypatch.setattr("study.referee._stability._IN_GROUP", 40)
+    monkeypatch.setattr("study.referee._quasars._IN_GROUP", 40)
     for tails in (False, True):
         p = []
         for seed in range(60):

@@ -6,14 +6,15 @@ import numpy as np
 import pytest
 from astropy.table import Table
 
-import fit.storage
+import fit.results.storage
+from fit.commands import correlate as correlate_words
+from fit.commands import fit as options_module
+from fit.commands import redshift
 from fit.commands.correlate import main as correlate
 from fit.commands.fit import main
+from sim.commands import agis
 from sim.commands.simulate import main as simulate
-from vsh.commands import configuration, parsing
-from vsh.commands.options import agis, redshift
-from vsh.commands.options import correlate as correlate_words
-from vsh.commands.options import fit as options_module
+from vsh.commands import parsing
 
 TABLE = ["ra", "dec", "pmra", "pmdec", "pmra_error", "pmdec_error"]
 
@@ -90,7 +91,7 @@ def test_from_words_to_a_file_and_back(module, said, wanted, tmp_path):
     options = parsing.parse(module, said)
     assert options.given == wanted
     path = tmp_path / "run.toml"
-    path.write_text(configuration.Configuration(options.program, options.given).text(), encoding="utf-8")
+    path.write_text(parsing.Configuration(options.program, options.given).text(), encoding="utf-8")
     again = parsing.parse(module, ["--config", str(path)])
     assert again.given == wanted | {"config": str(path)}
     ours = ("given", "command", "config")

@@ -19,15 +19,15 @@ MODULES = {name.removeprefix("vsh-"): each.module for name, each in COMMANDS.ite
 
 
 def examples(command):
-    options = options_of(command)
+    options = module_of(command)
     lines = options.make_parser().epilog.splitlines()
     assert lines[-1] == f"more of it: docs/commands/vsh-{command}.md"
     assert (ROOT / "docs" / "commands" / f"vsh-{command}.md").exists()
     return [line.strip() for line in lines if line.startswith("  vsh-")]
 
 
-def options_of(command):
-    return importlib.import_module(f"vsh.commands.options.{'simulate' if command == 'sim' else command}")
+def module_of(command):
+    return importlib.import_module(MODULES[command])
 
 
 @pytest.mark.parametrize("command", MODULES)
@@ -37,8 +37,8 @@ def test_three_examples_that_are_understood(command):
     for line in listed:
         program, *words = shlex.split(line)
         assert program == f"vsh-{command}"
-        assert parsing.parse(options_of(command), words) is not None
-        assert line in options_of(command).make_parser().format_help()
+        assert parsing.parse(module_of(command), words) is not None
+        assert line in module_of(command).make_parser().format_help()
 
 
 @pytest.fixture(scope="module")
@@ -94,7 +94,7 @@ def test_examples_run(line, folder, tmp_path):
 
 def test_an_error_of_use_is_two_lines(capsys):
     with pytest.raises(SystemExit) as end:
-        parsing.parse(options_of("fit"), ["catalogue.fits", "--lmx", "3"])
+        parsing.parse(module_of("fit"), ["catalogue.fits", "--lmx", "3"])
     assert end.value.code == 2
     assert capsys.readouterr().err.splitlines() == [
         "vsh-fit: error: unrecognized arguments: --lmx 3 (is it --lmax?)",

@@ -14,7 +14,7 @@ from conftest import ROOT
 from gaia_table import table
 
 from fit.commands.fit import main
-from vsh.commands import outputs, parsing
+from vsh.commands import finishing, parsing
 from vsh.tools.errors import VshError
 from vsh.tools.files import atomic_folder, atomic_write, remove_unfinished
 
@@ -163,7 +163,7 @@ def test_kills_leave_whole_folders(kills, catalogue, tmp_path):
 
 def test_vectors_and_velocities_from_the_shell():
     """Three meanings of --velocity, and negative numbers behind a space."""
-    from vsh.commands.options import simulate
+    from sim.commands import simulate
     from vsh.commands.reading import velocity_of
     from vsh.models.cosmology import CMB_VELOCITY_PLANCK18
 
@@ -239,7 +239,7 @@ def test_folders_that_cannot_be(tmp_path):
         pytest.skip("root may write everywhere")
     (tmp_path / "shut").mkdir(mode=0o500)
     with pytest.raises(VshError, match="cannot be written to"):
-        outputs.check_folder(tmp_path / "shut" / "out", "vsh-fit")
+        finishing.check_folder(tmp_path / "shut" / "out", "vsh-fit")
 
 
 def interrupted(command, seconds):
@@ -331,7 +331,7 @@ def test_no_option_shows_where_its_author_works(catalogue, tmp_path):
 
 def test_the_command_of_a_page_repeats_the_run(tmp_path):
     """Folders go, what only looks like a path stays: a quotient, a unit, an address."""
-    from vsh.commands.options import redshift
+    from fit.commands import redshift
 
     where, units, address = "pmra / pmra_error < 5", "mu=uas/yr", "tcp://host:8786"
     words = [

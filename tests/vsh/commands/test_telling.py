@@ -17,7 +17,7 @@ import vsh.__main__ as commands
 from fit.commands import compare, correlate, pairs, redshift
 from fit.commands.fit import main
 from sim.commands import simulate
-from study.forecast import command as forecast
+from study.commands import forecast
 from vsh.commands import citing
 from vsh.io import catalogue
 

@@ -6,7 +6,7 @@ from astropy import units as u
 from astropy.coordinates import Distance, SkyCoord, get_body_barycentric
 from astropy.time import Time
 
-from vsh.sky.propagation import earth, propagate
+from vsh.sky.astrometry import earth, propagate
 from vsh.tools.units import UAS
 
 

@@ -6,7 +6,7 @@ import sys
 
 CODE = """
 from astropy.table import Table
-from vsh.tools.writing import write_table
+from vsh.tools.files import write_table
 for length in range(180, 300):
     write_table(Table({"a": ["x" * length], "b": [1.5]}), "t.vot")
     assert len(Table.read("t.vot")["a"][0]) == length

@@ -20,9 +20,9 @@ from vsh.figures.page._page import (
     sheet,
     sky,
     table,
+    widget,
     words,
     write_page,
 )
-from vsh.figures.page._widget import widget
 
 __all__ = ["Panel", "page", "sky", "widget", "write_page"]

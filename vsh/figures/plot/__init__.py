@@ -1,10 +1,30 @@
 """Figures of the sky and of everything else, in one style (matplotlib)."""
 
-from vsh.figures.plot._arrows import LONGEST, arrow_grid, draw_key, draw_vectors, even_grid
-from vsh.figures.plot._field import SURE, plot_field, plot_scalar_field, plot_sources
-from vsh.figures.plot._maps import draw_empty, draw_map, plot_map
-from vsh.figures.plot._marks import draw_direction, draw_line, draw_matrix, draw_points, draw_sources, symbol
-from vsh.figures.plot._sky_axes import PROJECTIONS, SkyAxes, sky_axes
+from vsh.figures.plot._field import (
+    LONGEST,
+    SURE,
+    arrow_grid,
+    draw_key,
+    draw_vectors,
+    even_grid,
+    plot_field,
+    plot_scalar_field,
+    plot_sources,
+)
+from vsh.figures.plot._sky_axes import (
+    PROJECTIONS,
+    SkyAxes,
+    draw_direction,
+    draw_empty,
+    draw_line,
+    draw_map,
+    draw_matrix,
+    draw_points,
+    draw_sources,
+    plot_map,
+    sky_axes,
+    symbol,
+)
 from vsh.figures.plot._style import (
     COLOURS,
     DIVERGING,

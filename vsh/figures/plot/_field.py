@@ -1,10 +1,11 @@
-"""Sources and the motions fitted to them."""
+"""Sources and the motions fitted to them: arrows along their great circles."""
 
 from typing import Any
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.cm import ScalarMappable
+from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.colors import ListedColormap, Normalize
 from matplotlib.patches import Patch
 from scipy.special import chdtrc
@@ -12,16 +13,215 @@ from scipy.special import chdtrc
 from vsh.basis import harmonics
 from vsh.coefficients import Coefficients
 from vsh.field import Field
-from vsh.figures.plot._arrows import arrow_grid, draw_key, draw_vectors
-from vsh.figures.plot._maps import draw_empty, plot_map
-from vsh.figures.plot._marks import draw_direction, draw_sources
-from vsh.figures.plot._sky_axes import SkyAxes, sky_axes
+from vsh.figures.plot._sky_axes import (
+    HALO,
+    PROJECTIONS,
+    SkyAxes,
+    draw_direction,
+    draw_empty,
+    draw_sources,
+    plot_map,
+    sky_axes,
+)
 from vsh.figures.plot._style import COLOURS, DIVERGING, FADED, SIGNIFICANCE, colour_bar, styled
 from vsh.scalars import ScalarCoefficients, ScalarField
 from vsh.sky.pixels import centres
+from vsh.sky.sphere import angles, triad
 from vsh.tools.errors import ParameterError
 from vsh.tools.types import Axes, FloatArray
 from vsh.vector import SEEN
+
+#: Length of the largest arrow; a little less than the step of the grid. [deg]
+LONGEST = 11.0
+#: Points along an arrow; the shares of it before its place, the first that fits on the map being taken.
+_POINTS = 13
+_PLACES = ((0.5, 1.0), (0.0, 1.0), (1.0, 1.0), (0.5, 0.5), (0.0, 0.5), (1.0, 0.5), (0.5, 0.2), (0.0, 0.2), (1.0, 0.2))
+
+
+def draw_vectors(
+    axes: SkyAxes,
+    lon: FloatArray,
+    lat: FloatArray,
+    motion: FloatArray,
+    *,
+    scale: float | None = None,
+    longest: float = LONGEST,
+    color: Any = "#0072b2",
+    linewidth: float = 0.8,
+    **style: Any,
+) -> Any:
+    """Motions as arrows along their great circles, each in the middle of its place.
+
+    One that would go over the seam or the limb of the map stands before or behind its place, or is shortened: none is
+    split, bent or left out, but those on the far side of a globe.
+
+    Parameters
+    ----------
+    axes : SkyAxes
+        The map.
+    lon, lat : (n,) arrays
+        [rad]
+    motion : (2, n) array
+        East and north. [µas/yr]
+    scale : float, optional
+        The motion that is drawn `longest`; the largest unless given.
+    longest : float
+        On the sky. [deg]
+    color : colour, or (n, 4) array
+        Colour of all arrows, or of each.
+    linewidth : float
+        Width of the shafts. [points]
+    **style
+        Style of both shafts and heads.
+
+    Returns
+    -------
+    shafts : matplotlib LineCollection
+        Drawn, tail to tip; a segment for each arrow, in the order given.
+
+    Raises
+    ------
+    ParameterError
+        If the motions are not as many as the places.
+    """
+    lon, lat, motion = np.atleast_1d(lon).astype(float), np.atleast_1d(lat).astype(float), np.asarray(motion, float)
+    if motion.shape != (2, lon.size) or lat.shape != lon.shape:
+        raise ParameterError(f"lon, lat and motion have shapes {lon.shape}, {lat.shape} and {motion.shape}")
+    colours = color if not isinstance(color, str) and np.ndim(color) == 2 else None
+    amplitude = np.hypot(*motion)
+    shown = np.isfinite(amplitude) & (amplitude > 0)
+    lon, lat, motion, amplitude = lon[shown], lat[shown], motion[:, shown], amplitude[shown]
+    scale = scale or float(amplitude.max(initial=0.0)) or 1.0
+    lines, fits = arrow_lines(axes, lon, lat, motion, np.radians(longest) * amplitude / scale)
+    if colours is not None:
+        color = np.asarray(colours)[shown][fits]
+    style = {"zorder": 4} | style
+    shafts = LineCollection(list(lines), colors=color, linewidths=linewidth, capstyle="butt", **style)
+    heads = PolyCollection(_heads(lines, 4.2 * linewidth + 8.0), facecolors=color, edgecolors="none", **style)
+    axes.add_collection(shafts, autolim=False)
+    axes.add_collection(heads, autolim=False)
+    return shafts
+
+
+def draw_key(axes: SkyAxes, largest: float, unit: str, longest: float = LONGEST) -> None:
+    """An arrow of a round length beside the map, where one of the size `largest` is drawn `longest` [deg]."""
+    power = 10 ** np.floor(np.log10(largest))
+    length = float(max(k * power for k in (1, 2, 5) if k == 1 or k * power <= largest))
+    share = np.radians(longest) / (2 * PROJECTIONS[axes.projection_name][1]) * length / largest
+    axes.annotate(
+        "",
+        (share, 0.03),
+        (0.0, 0.03),
+        xycoords="axes fraction",
+        textcoords="axes fraction",
+        arrowprops={
+            "arrowstyle": "-|>,head_width=0.12,head_length=0.25",
+            "linewidth": 0.8,
+            "color": "0.25",
+            "shrinkA": 0,
+            "shrinkB": 0,
+        },
+    )
+    axes.text(
+        0.0,
+        0.045,
+        f"{length:g} {unit}",
+        transform=axes.transAxes,
+        fontsize=6,
+        color="0.25",
+        va="bottom",
+        path_effects=HALO,
+    )
+
+
+def arrow_lines(
+    axes: SkyAxes, lon: FloatArray, lat: FloatArray, motion: FloatArray, length: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Each arrow's points on the map, tail to tip."""
+    p, q, r = triad(lon, lat)
+    east, north = motion / np.hypot(*motion)
+    along = east * p + north * q
+    lines = np.full((lon.size, _POINTS, 2), np.nan)
+    missing = np.arange(lon.size)
+    for before, share in _PLACES:
+        if not missing.size:
+            break
+        t = (np.linspace(0, 1, _POINTS)[:, None] - before) * share * length[missing]
+        points = np.cos(t) * r[:, None, missing] + np.sin(t) * along[:, None, missing]
+        at, up = angles(points.reshape(3, -1))
+        xy, native = axes.project(at.reshape(t.shape), up.reshape(t.shape))
+        good = np.isfinite(xy).all((0, 2))
+        if axes.is_whole:
+            good &= (np.abs(np.diff(native, axis=0)) < 180).all(0)
+        lines[missing[good]] = np.moveaxis(xy[:, good], 0, 1)
+        missing = missing[~good]
+    fits = np.isfinite(lines).all((1, 2))
+    return lines[fits], fits
+
+
+def _heads(lines, size):
+    """Triangles at the tips."""
+    if not len(lines):
+        return []
+    tip = lines[:, -1]
+    chord = np.hypot(*(tip - lines[:, 0]).T)[:, None]
+    along = tip - lines[:, -3]
+    along = along / np.maximum(np.hypot(*along.T), 1e-12)[:, None]
+    across = np.stack([-along[:, 1], along[:, 0]], axis=1)
+    size = np.minimum(size, 0.55 * chord)
+    return list(
+        np.stack(
+            [
+                tip + 0.25 * size * along,
+                tip - 0.75 * size * along + 0.42 * size * across,
+                tip - 0.75 * size * along - 0.42 * size * across,
+            ],
+            axis=1,
+        )
+    )
+
+
+def even_grid(step: float = 12.0) -> tuple[FloatArray, FloatArray]:
+    """Positions about `step` degrees apart all over the sky: lon, lat. [rad]"""
+    lon, lat = [], []
+    for degrees in np.arange(-90 + step / 2, 90, step):
+        around = max(1, round(360 * np.cos(np.radians(degrees)) / step))
+        lon.append((np.arange(around) + 0.5) * 2 * np.pi / around)
+        lat.append(np.full(around, np.radians(degrees)))
+    return np.concatenate(lon), np.concatenate(lat)
+
+
+def arrow_grid(axes: SkyAxes, step: float = 12.0) -> tuple[FloatArray, FloatArray]:
+    """Positions evenly placed on a map, half a step off its rim: as many wherever its centre is."""
+    return axes.of_native(*(_whole(step) if axes.is_whole else _half(step)))
+
+
+def _whole(step):
+    """Rows of native latitude, each from half a step after the seam to half a step before it."""
+    phi, theta = [], []
+    for degrees in np.arange(-90 + step / 2, 90, step):
+        # A place so far from the meridian of the seam that an arrow of half a step does not reach it.
+        sine = np.sin(np.radians(step / 2)) / np.cos(np.radians(degrees))
+        reach = 180 - np.degrees(np.arcsin(min(1.0, sine)))
+        n = max(1, 1 + int(2 * reach * np.cos(np.radians(degrees)) / step + 1e-9))
+        if degrees < -90 + 0.75 * step or degrees > 90 - 0.75 * step:
+            reach, n = 60.0, 3  # about the pole, which the seam ends at
+        phi.append(np.linspace(-reach, reach, n) if n > 1 else np.zeros(1))
+        theta.append(np.full(n, degrees))
+    return np.radians(np.concatenate(phi)), np.radians(np.concatenate(theta))
+
+
+def _half(step):
+    """The middle, and rings about it to half a step off the limb."""
+    phi, theta = [np.zeros(1)], [np.full(1, 90.0)]
+    rings = int((90 - step / 2) / step)
+    for i in range(1, rings + 1):
+        away = i * (90 - step / 2) / rings
+        n = max(6, round(360 * np.sin(np.radians(away)) / step))
+        phi.append((np.arange(n) + 0.5 * (i % 2)) * 360 / n)
+        theta.append(np.full(n, 90 - away))
+    return np.radians(np.concatenate(phi)), np.radians(np.concatenate(theta))
+
 
 #: An arrow is grey below, and as dark as any from there on. [σ]
 SURE, TOP = 2.0, 6.0

@@ -1,8 +1,8 @@
 """Data from archives: releases as values, queries, epochs by DataLink, and a client of the Table Access Protocol."""
 
-from vsh.io.archive._epochs import DATA_SERVER, fetch_epochs, read_ids
 from vsh.io.archive._queries import (
     ASTROMETRY,
+    DATA_SERVER,
     DR3,
     DR4,
     GAIA_CRF3,
@@ -11,9 +11,12 @@ from vsh.io.archive._queries import (
     QUERIES,
     RELEASES,
     DataRelease,
+    SchemaCheck,
+    check_schema,
+    fetch_epochs,
     of_table,
+    read_ids,
 )
-from vsh.io.archive._schema import SchemaCheck, check_schema
 from vsh.io.archive._tap import ESA, query
 
 __all__ = [

@@ -1,11 +1,31 @@
-"""Releases of Gaia as values, and the queries that fetch their quasars and galaxies."""
+"""Queries that fetch the quasars and galaxies of a release of Gaia, checked against TAP_SCHEMA; epochs by DataLink.
 
+Epoch astrometry comes in batches with their hashes, resumed where cut off.
+"""
+
+import csv
+import hashlib
+import io
 import re
+import time
+import zipfile
 from collections.abc import Iterable
 from dataclasses import dataclass
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Any
 
+import numpy as np
+
+from vsh.io import tables
+from vsh.io.archive._tap import ESA, _open, _read, _some, _write
+from vsh.tools.arguments import explained, positive, whole
 from vsh.tools.errors import ArchiveError
+from vsh.tools.files import atomic_write, digest, exclusive, remove_unfinished
 from vsh.tools.notebook import InNotebook
+from vsh.tools.parallel import progress_bar
+from vsh.tools.printing import printable
+from vsh.tools.types import PathName, Table
 
 
 @dataclass(frozen=True)
@@ -146,3 +166,272 @@ def of_table(
         f"JOIN {release.schema}.{astrometry} AS g ON g.source_id = t.source_id\n"
         f"LEFT JOIN {release.schema}.{_PHOTOMETRY_OF_ALL} AS s ON s.source_id = t.source_id"
     )
+
+
+#: An answer that is larger is no list of columns. [bytes]
+_SCHEMA_BYTES = 2**26
+_SCHEMA_NAME = re.compile(r"[A-Za-z_]\w*")
+_TABLES = re.compile(r"\b(?:FROM|JOIN)\s+([A-Za-z_]\w*(?:\.\w+)+)(?:\s+AS\s+(\w+))?", re.IGNORECASE)
+_ALIASED = re.compile(r"\b([A-Za-z])\.([A-Za-z_]\w*)")
+
+
+@dataclass(frozen=True)
+class SchemaCheck(InNotebook):
+    """Which of our queries run in a schema, and which names are not there.
+
+    Attributes
+    ----------
+    schema : str
+    n_tables, n_columns : int
+        How many the schema has.
+    missing : dict of str to tuple
+        For each query the names that it asks for and the schema lacks, each with the nearest that it has, or None.
+    """
+
+    schema: str
+    n_tables: int
+    n_columns: int
+    missing: dict[str, tuple[tuple[str, str | None], ...]]
+
+    def report(self) -> str:
+        """The queries as text, a line each, and below those that do not run the names that changed."""
+        lines = [f"{self.schema}: {self.n_tables} tables, {self.n_columns} columns"]
+        for name, absent in self.missing.items():
+            lines.append(f"{name}: {'does not run' if absent else 'runs'}")
+            lines += [f"  no {each}{f'; nearest: {near}' if near else ''}" for each, near in absent]
+        return "\n".join(lines) + "\n"
+
+    def to_table(self) -> Table:
+        """A row for each name that is missing, as an astropy Table."""
+        rows = [(query, name, near or "") for query, absent in self.missing.items() for name, near in absent]
+        columns = {head: [str(row[k]) for row in rows] for k, head in enumerate(("query", "missing", "nearest"))}
+        return tables.table_of(columns, {"schema": self.schema})
+
+
+def check_schema(schema: str = DR4.schema, url: str = ESA) -> SchemaCheck:
+    """Ask an archive for its tables and columns, and hold our queries against them.
+
+    Parameters
+    ----------
+    schema : str
+        The schema, "gaiadr4" say.
+    url : str
+        Address of the TAP service.
+
+    Raises
+    ------
+    ArchiveError
+        If the service cannot be reached, knows no such schema, or sends no list of columns.
+    """
+    if not isinstance(schema, str) or not _SCHEMA_NAME.fullmatch(schema):
+        raise ArchiveError(f"{printable(schema)} is no name of a schema")
+    known = _columns(schema, str(url).rstrip("/"))
+    if not known:
+        raise ArchiveError(f"{printable(url)} has no schema {schema}, or shows no columns of it")
+    asked = {name: adql for name, adql in QUERIES.items() if f"{schema}." in adql}
+    release = next((each for each in RELEASES.values() if each.schema == schema), None)
+    if release is not None:
+        variants = ASTROMETRY if release is DR4 else ASTROMETRY[:1]
+        asked |= {
+            f"a table of sources, --table {each}": of_table("t.t", release=release, astrometry=each)
+            for each in variants
+        }
+    missing = {name: _missing(adql, schema, known) for name, adql in asked.items()}
+    return SchemaCheck(schema, len(known), sum(map(len, known.values())), missing)
+
+
+def _columns(schema, url):
+    """The columns of each table of a schema."""
+    adql = f"SELECT table_name, column_name FROM TAP_SCHEMA.columns WHERE table_name LIKE '{schema}.%'"
+    form = {"REQUEST": "doQuery", "LANG": "ADQL", "FORMAT": "csv", "QUERY": adql}
+    with _open(f"{url}/sync", form) as answer:
+        text = _some(answer, _SCHEMA_BYTES, time.monotonic() + 120).decode("utf-8", "replace")
+    rows = list(csv.reader(io.StringIO(text)))
+    if not rows or [each.strip().lower() for each in rows[0]] != ["table_name", "column_name"]:
+        raise ArchiveError(f"{url} sent no list of columns: {printable(text[:80])}")
+    known: dict[str, set[str]] = {}
+    for row in rows[1:]:
+        if len(row) == 2:
+            known.setdefault(row[0].strip().strip('"').lower(), set()).add(row[1].strip().strip('"').lower())
+    return known
+
+
+def _missing(adql, schema, known):
+    """What a query asks of a schema that it lacks, with the nearest names."""
+    absent: list[tuple[str, str | None]] = []
+    places = {alias: table.lower() for table, alias in _TABLES.findall(adql) if table.lower().startswith(f"{schema}.")}
+    for table in dict.fromkeys(places.values()):
+        if table not in known:
+            absent.append((table, _nearest(table, known)))
+    for alias, column in dict.fromkeys(_ALIASED.findall(adql)):
+        table = places.get(alias, "")
+        if table in known and column.lower() not in known[table]:
+            near = _nearest(column.lower(), known[table])
+            absent.append((f"{table}.{column}", near and f"{table}.{near}"))
+    return tuple(absent)
+
+
+def _nearest(name, names):
+    return next(iter(get_close_matches(name, names, n=1, cutoff=0.5)), None)
+
+
+#: ESA's server of products that hang on a source.
+DATA_SERVER = "https://gea.esac.esa.int/data-server/data"
+#: The most sources that the server gives at once, and how large an answer of so many may be. [bytes]
+BATCH, _MOST = 5000, 2**32
+
+
+@explained
+def fetch_epochs(
+    ids: Iterable[int],
+    folder: PathName,
+    url: str = DATA_SERVER,
+    *,
+    retrieval_type: str = "EPOCH_ASTROMETRY",
+    structure: str = "COMBINED",
+    release: str = "Gaia DR4",
+    batch: int = 500,
+    patience: float = 7200.0,
+    progress: bool = True,
+) -> Path:
+    """Fetch the epoch astrometry of sources into a folder that `read_epochs` and `vsh-waves` read.
+
+    Parameters
+    ----------
+    ids : iterable of int
+        source_id of each.
+    folder : str or Path
+        The folder, new or of an earlier call. Its neighbour, with .json behind the name, has what was asked and the
+        SHA-256 of every file.
+    url : str
+        Address of the data server.
+    retrieval_type, structure, release : str
+        What the server calls the product, how several sources come ("INDIVIDUAL", "COMBINED", "RAW") and the release.
+    batch : int
+        How many sources are asked for at once, 5000 at most.
+    patience : float
+        How long to wait for each batch. [s]
+    progress : bool
+        Show a bar, after two seconds.
+
+    Returns
+    -------
+    Path
+        The folder, with a file or more for each batch.
+
+    Raises
+    ------
+    ArchiveError
+        If the server cannot be reached, refuses, or sends nothing that can be unpacked; if the folder holds the answer
+        to another list. What has come is kept: the same call goes on where it was.
+    """
+    numbers = sorted({int(each) for each in ids})
+    if not numbers or numbers[0] < 0:
+        raise ArchiveError("there are no sources to ask for: source_id are whole numbers above zero")
+    size = min(whole("batch", batch), BATCH)
+    folder = Path(folder)
+    note = folder.with_name(f"{folder.name}.json")
+    listed = hashlib.sha256("\n".join(map(str, numbers)).encode()).hexdigest()
+    asked = {
+        "retrieval_type": retrieval_type, "structure": structure, "release": release, "url": str(url), "batch": size,
+        "sources": len(numbers), "sha256_of_ids": listed,
+    }  # fmt: skip
+    with exclusive(note):
+        known = _read(note)
+        if known and any(known.get(key) != value for key, value in asked.items()):
+            raise ArchiveError(f"{printable(folder)} holds the answer to another request: name another folder")
+        if not known and folder.exists() and any(folder.iterdir()):
+            raise ArchiveError(f"{printable(folder)} is there, and no note beside it says what it holds: name another")
+        files: dict[str, str] = dict(known.get("files", {}))
+        if not known:  # first of all: who is killed in the first batch goes on as well
+            _write(note, asked | {"files": files})
+        folder.mkdir(exist_ok=True)
+        remove_unfinished(folder)
+        batches = [numbers[k : k + size] for k in range(0, len(numbers), size)]
+        with progress_bar(total=len(batches), words="fetching epochs", shown=progress) as bar:
+            for k, part in enumerate(batches):
+                own = {name: sha for name, sha in files.items() if name.startswith(f"epochs-{k:05d}")}
+                if not own or any(not _is_whole(folder / name, sha) for name, sha in own.items()):
+                    files = {name: sha for name, sha in files.items() if name not in own}
+                    files |= _one(part, k, folder, asked, positive("patience", patience))
+                    _write(note, asked | {"files": files})
+                bar.update(1)
+    return folder
+
+
+def _is_whole(path, sha):
+    return path.is_file() and digest(path) == sha
+
+
+def _one(ids, k, folder, asked, patience):
+    """One batch: its files, and their hashes."""
+    form = {
+        "ID": ",".join(map(str, ids)), "RETRIEVAL_TYPE": asked["retrieval_type"], "FORMAT": "votable",
+        "DATA_STRUCTURE": asked["structure"], "RELEASE": asked["release"], "VALID_DATA": "false",
+        "USE_ZIP_ALWAYS": "true",
+    }  # fmt: skip
+    end = time.monotonic() + patience
+    with _open(asked["url"], form, end) as answer:
+        body = _some(answer, _MOST, end)
+    written = {}
+    for number, (name, content) in enumerate(_members(body, asked["url"])):
+        kind = ".fits" if content[:9] == b"SIMPLE  =" else ".csv" if name.lower().endswith(".csv") else ".vot"
+        path = folder / f"epochs-{k:05d}-{number:05d}{kind}"
+        if path.exists():
+            path.unlink()  # of a batch that was not whole, or was changed: our own names in our own folder
+        with atomic_write(path) as new:
+            new.write_bytes(content)
+        written[path.name] = digest(path)
+    return written
+
+
+def _members(body, url):
+    """The files of an answer: those of a zip archive, or itself."""
+    if body[:2] != b"PK":
+        if b"<VOTABLE" not in body[:2000] and body[:9] != b"SIMPLE  =":
+            words = re.sub(r"<[^>]+>", " ", body[:400].decode("utf-8", "replace"))
+            raise ArchiveError(f"{url} sent no epochs: {printable(' '.join(words.split()))[:200]}")
+        return [("answer", body)]
+    try:
+        with zipfile.ZipFile(io.BytesIO(body)) as packed:
+            inside = [each for each in packed.infolist() if not each.is_dir()]
+            if sum(each.file_size for each in inside) > _MOST:
+                raise ArchiveError(f"{url} sent more than {_MOST} bytes in one batch: ask for fewer sources (batch)")
+            members = [(each.filename, packed.read(each)) for each in inside]
+    except (zipfile.BadZipFile, OSError, NotImplementedError, RuntimeError) as error:
+        raise ArchiveError(f"{url} sent no whole archive ({error}): the same call fetches it again") from error
+    if not members:
+        raise ArchiveError(f"{url} sent an empty archive: none of these sources has epochs")
+    return members
+
+
+def read_ids(source: Any) -> list[int]:
+    """Read source_id from a table that has a column of that name, or from a text with one a line.
+
+    Parameters
+    ----------
+    source : path or table
+        The list.
+
+    Raises
+    ------
+    ArchiveError
+        If there are none, or some are no whole numbers.
+    """
+    if isinstance(source, (str, Path)) and Path(source).suffix.lower() in ("", ".txt", ".lis", ".list", ".ids"):
+        text = Path(source).read_text(encoding="utf-8-sig").splitlines()
+        words = [word for line in text if (word := line.partition("#")[0].strip())]
+    else:
+        opened = tables.open_table(source)
+        if "source_id" not in opened.names:
+            raise ArchiveError(f"{opened.label} has no column source_id: the table has {', '.join(opened.names[:50])}")
+        values, mask = opened.columns(("source_id",))["source_id"]
+        words = list(map(str, np.asarray(values) if mask is None else np.asarray(values)[~mask]))
+    wrong = [word for word in words if not re.fullmatch(r"\d{1,19}", word)]
+    if wrong or not words:
+        raise ArchiveError(
+            f"{len(wrong)} of {len(words)} source_id are no whole numbers"
+            if wrong
+            else "the list of source_id is empty"
+        )
+    return [int(word) for word in words]

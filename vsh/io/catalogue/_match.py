@@ -9,7 +9,7 @@ import numpy as np
 from vsh.field import MEASURED, Field
 from vsh.io import tables
 from vsh.io.catalogue._columns import Chosen, missing_column, unit_factor
-from vsh.sky.positions import Positions
+from vsh.sky.frames import Positions
 from vsh.sky.sphere import triad
 from vsh.tools.arguments import explained, positive
 from vsh.tools.bad_rows import select_usable

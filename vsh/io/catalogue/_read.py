@@ -1,17 +1,18 @@
-"""From a table to a Field: columns, units, masks, and counts of what was refused."""
+"""From a table to a Field: columns, units, masks, and counts of what was refused; and all else a fit may be given."""
 
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import replace
 from logging import getLogger
+from pathlib import Path
 from time import perf_counter
 from typing import Any
 from warnings import warn
 
 import numpy as np
 
-from vsh.field import Field
+from vsh.field import Field, Weighed
 from vsh.io import tables
 from vsh.io.archive import DR4
 from vsh.io.catalogue._columns import (
@@ -35,12 +36,11 @@ from vsh.io.catalogue._columns import (
     unit_factor,
 )
 from vsh.io.catalogue._names import ASSUMED, REQUIRED, USUAL_UNITS, Columns, derived, with_derived
-from vsh.io.parts import OPTIONAL
+from vsh.io.parts import OPTIONAL, Parts
 from vsh.scalars import ScalarField
 from vsh.tools.arguments import explained, positive, whole
 from vsh.tools.bad_rows import PLACEHOLDER, as_floats, placeholders
-from vsh.tools.errors import NothingLeftError, NothingSelectedError, TableError, VshWarning
-from vsh.tools.logs import log_result
+from vsh.tools.errors import FieldError, NothingLeftError, NothingSelectedError, TableError, VshWarning
 from vsh.tools.notes import (
     ASSUMED_MOTIONS,
     DOUBT,
@@ -52,7 +52,7 @@ from vsh.tools.notes import (
     has_code,
     merge_notes,
 )
-from vsh.tools.printing import printable
+from vsh.tools.printing import log_result, printable
 from vsh.tools.types import FloatArray, OnBad
 from vsh.vector import Vector
 
@@ -501,4 +501,29 @@ def read_scalars(
         frame=frame_of({}, frame, opened.meta),
         on_bad=on_bad,
         notes=notes,
+    )
+
+
+def is_readable(value: Any) -> bool:
+    """Whether a field can be read from it: a path, or a table with columns by their names."""
+    return isinstance(value, str | Path) or any(
+        hasattr(value, each) for each in ("colnames", "columns", "column_names")
+    )
+
+
+def as_field(name: str, value: Any) -> Any:
+    """A field or parts as they are; a path or a table in memory, read.
+
+    name : str
+        The argument's, for messages.
+    value : Field, Parts, ScalarField, path or table
+        A table is anything with columns by their names: astropy, pandas, polars, Arrow.
+    """
+    if isinstance(value, Weighed | Parts):
+        return value
+    if is_readable(value):
+        return read_field(value)
+    raise FieldError(
+        f"{name} is a Field, parts of one (vsh.io.catalogue.parts), a path or a table of a catalogue, not "
+        f"{type(value).__name__}"
     )

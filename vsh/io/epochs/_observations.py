@@ -1,5 +1,14 @@
-"""Observations along scan from files of epoch astrometry, in the columns of the draft of Gaia DR4's data model."""
+"""Observations along scan from files of epoch astrometry, in the columns of the draft of Gaia DR4's data model.
 
+Columns of arrays become one matrix each, from every container of tables: lists, masked arrays, words of JSON. The field
+of view is told by the code of `transit_id`, which the times between transits decide. Bits 15 and 16 of a transit_id
+tell the field of view. A draft of the numbering (GAIA-C3-TN-UB-JP-011, p. 9) has 1 for the preceding one and 2 for the
+following one; the published epochs of Gaia BH3 have 0 and 1. Gaia turns once in six hours, and its fields are 106.5°
+apart: a source is seen 106.5 minutes after the preceding field in the following one, and 253.5 minutes after that in
+the preceding one again.
+"""
+
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -11,16 +20,230 @@ from vsh.field import Field
 from vsh.io import tables
 from vsh.io.archive import DR4
 from vsh.io.catalogue import missing_column, unit_factor
-from vsh.io.epochs._arrays import matrix_of
 from vsh.io.epochs._solve import design_row, solve_epochs
-from vsh.io.epochs._views import views_of
 from vsh.tools.arguments import explained
 from vsh.tools.bad_rows import select_usable
 from vsh.tools.errors import NothingLeftError, TableError
 from vsh.tools.notebook import Frozen
 from vsh.tools.notes import DroppedRows
-from vsh.tools.types import FloatArray, IntArray, OnBad, PathName
+from vsh.tools.types import BoolArray, FloatArray, IntArray, OnBad, PathName
 from vsh.tools.units import DEGREE, JULIAN_YEAR, MAS
+
+#: How truth is written in words.
+_TRUTH = {"true": True, "t": True, "yes": True, "false": False, "f": False, "no": False}
+#: A field that stands for nothing.
+_NOTHING = ("", "null", "none", "nan", "--", "na", "<na>")
+
+
+def matrix_of(values: Any, mask: Any, name: str, label: str) -> tuple[Any, BoolArray | None, BoolArray | None]:
+    """Turn a column into numbers: (n,), or (n, k) where a row holds several, shorter rows padded.
+
+    Parameters
+    ----------
+    values : (n,) or (n, k) array
+        Numbers; or objects: lists, tuples, (masked) arrays, None, one number each; or text: numbers, words for truth,
+        or lists in JSON, as ECSV keeps arrays of any length.
+    mask : (n,) or (n, k) bool array or None
+        What is missing.
+    name, label : str
+        The column and the table, for messages.
+
+    Returns
+    -------
+    values : array
+        Numbers or bools.
+    mask : bool array or None
+        What is missing, of the same shape.
+    padding : (n, k) bool array or None
+        Where a row had no entry: not a missing value, but none at all.
+
+    Raises
+    ------
+    TableError
+        If an entry is no number.
+    """
+    values = np.asarray(values)
+    if values.dtype.kind in "iufb":
+        return values, None if mask is None else _spread(mask, values.shape), None
+    missing = (
+        np.zeros(len(values), bool) if mask is None else np.asarray(mask, bool).reshape(len(values), -1).all(axis=1)
+    )
+    if values.dtype.kind in "SU":
+        words = np.char.decode(values, "utf-8", "replace") if values.dtype.kind == "S" else values
+        entries = [_of_text(each, name, label) for each in words]
+    elif values.dtype.kind == "O" and values.ndim == 1:
+        entries = list(values)
+    else:
+        raise TableError(f"{label}: column {name!r} holds {values.dtype.name}, not numbers")
+    missing = missing | np.array([entry is None for entry in entries], bool)
+    entries = [None if gone else entry for gone, entry in zip(missing, entries, strict=True)]
+    if all(entry is None or np.ndim(entry) == 0 for entry in entries):
+        numbers, lost = _numbers(entries, name, label)
+        return numbers, lost if lost.any() else None, None
+    rows = [_row(entry) for entry in entries]
+    lengths = np.array([len(row) for row in rows])
+    inside = np.arange(lengths.max()) < lengths[:, None]
+    filled = [row for row in rows if len(row)]
+    if all(row.dtype.kind in "iufb" for row in filled) and len({row.dtype.kind for row in filled}) == 1:
+        flat = np.concatenate([row.data for row in filled])
+        lost = np.concatenate([np.ma.getmaskarray(row) for row in filled])
+    else:
+        flat, lost = _numbers([x for row in filled for x in _listed(row)], name, label)
+    matrix, absent = np.zeros(inside.shape, flat.dtype), np.zeros(inside.shape, bool)
+    matrix[inside], absent[inside] = flat, lost
+    # A row without a list, as of a transit whose arrays are null, is missing and no padding.
+    absent[missing] = True
+    padding = ~inside & ~missing[:, None]
+    return matrix, absent if absent.any() else None, padding if padding.any() else None
+
+
+def _spread(mask, shape):
+    """A mask of rows, or of every number, in the shape of the values."""
+    mask = np.asarray(mask, bool)
+    return np.broadcast_to(mask.reshape(mask.shape + (1,) * (len(shape) - mask.ndim)), shape)
+
+
+def _row(entry):
+    """One row's entries as a masked array; none of None."""
+    if entry is None:
+        return np.ma.array(np.zeros(0))
+    return np.ma.atleast_1d(np.ma.asarray(entry)).ravel()
+
+
+def _listed(row):
+    """The entries of a row, None where they are masked."""
+    return [None if gone else x for x, gone in zip(row.data.tolist(), np.ma.getmaskarray(row), strict=True)]
+
+
+def _numbers(entries, name, label):
+    """Numbers or bools of a list of them, and where there is none; integers keep all their digits."""
+    lost = np.array([_is_nothing(each) for each in entries], bool)
+    some = [_parsed(each) for each, gone in zip(entries, lost, strict=True) if not gone]
+    kinds = {"b" if isinstance(each, (bool, np.bool_)) else np.asarray(each).dtype.kind for each in some}
+    if not kinds <= set("iufb"):
+        wrong = next(each for each in some if np.asarray(each).dtype.kind not in "iufb")
+        raise TableError(f"{label}: column {name!r} holds {wrong!r}, which is no number")
+    dtype: Any = bool if kinds == {"b"} else np.int64 if kinds <= set("iu") and kinds else float
+    numbers = np.zeros(len(entries), dtype)
+    if dtype is float:
+        numbers[lost] = np.nan
+    numbers[~lost] = np.array(some, dtype) if some else numbers[~lost]
+    return numbers, lost
+
+
+def _is_nothing(entry):
+    if entry is None or entry is np.ma.masked or type(entry).__name__ in ("NAType", "NaTType"):
+        return True
+    return isinstance(entry, str) and entry.strip().lower() in _NOTHING
+
+
+def _parsed(entry):
+    """A number of a word."""
+    if not isinstance(entry, str):
+        return entry
+    word = entry.strip().lower()
+    if word in _TRUTH:
+        return _TRUTH[word]
+    try:
+        return int(word)
+    except ValueError:
+        try:
+            return float(word)
+        except ValueError:
+            return entry
+
+
+def _of_text(text, name, label):
+    """A word, or the list that it writes out."""
+    text = str(text).strip()
+    if not text.startswith(("[", "(", "{")):
+        return text
+    inner = "[" + text[1:-1] + "]"
+    try:
+        return json.loads(inner.replace("True", "true").replace("False", "false").replace("None", "null"))
+    except ValueError:
+        if "," not in inner:  # as NumPy prints arrays
+            return inner[1:-1].split()
+        raise TableError(f"{label}: column {name!r} holds {text[:40]!r}, which is no list of numbers") from None
+
+
+#: From the preceding field to the following one, and back [minutes]; and by how much a pair may be off.
+_SHORT, _LONG, _CLOSE = 106.5, 253.5, 4.0
+#: Codes of the preceding and of the following field where times decide nothing.
+_KNOWN = {(0, 1): "as in the epochs of Gaia BH3", (1, 2): "as in the draft of DR4's data model"}
+
+
+def views_of(transit: Any, source: Any, time: Any) -> tuple[Any, str | None]:
+    """Find the field of view of each observation.
+
+    Parameters
+    ----------
+    transit : (k,) int array
+        transit_id.
+    source : (k,) array
+        Source of each observation.
+    time : (k,) array
+        [ns]
+
+    Returns
+    -------
+    view : (k,) int array or None
+        +1 the preceding field, −1 the following one; None where it cannot be told.
+    note : str or None
+        How it was decided.
+    """
+    code = (np.asarray(transit, np.int64) >> 15) & 3
+    codes = tuple(int(each) for each in np.unique(code))
+    if len(codes) > 2:
+        return None, (
+            f"transit_id has the codes {', '.join(map(str, codes))} in bits 15 and 16, more than there are fields of "
+            "view: it is not taken from there"
+        )
+    first, last, gap = _neighbours(transit, source, time)
+    near_short, near_long = np.abs(gap - _SHORT) < _CLOSE, np.abs(gap - _LONG) < _CLOSE
+    # Which code comes first of a short pair, or last of a long one, is that of the preceding field.
+    leading = np.r_[code[first[near_short]], code[last[near_long]]]
+    trailing = np.r_[code[last[near_short]], code[first[near_long]]]
+    apart = leading != trailing
+    if apart.any():
+        values, counts = np.unique(leading[apart], return_counts=True)
+        preceding, agreeing = int(values[counts.argmax()]), int(counts.max())
+        if agreeing < 0.9 * len(leading):
+            return None, (
+                f"transit_id contradicts the times between transits in {len(leading) - agreeing} of {len(leading)} "
+                "pairs: the field of view is not taken from there"
+            )
+        words = (
+            f"fields of view: code {preceding} of transit_id is the preceding one, by {agreeing} of {len(leading)} "
+            "pairs of transits 106.5 or 253.5 minutes apart"
+        )
+        return np.where(code == preceding, 1, -1), words
+    if codes in _KNOWN:
+        return np.where(code == codes[0], 1, -1), (
+            f"fields of view: code {codes[0]} of transit_id is taken for the preceding one, {_KNOWN[codes]}; no two "
+            "transits are near enough to tell"
+        )
+    if codes in ((0,), (2,)):
+        return np.full(len(code), 1 if codes == (0,) else -1), (
+            f"fields of view: all transits have code {codes[0]} of transit_id, taken for the "
+            f"{'preceding' if codes == (0,) else 'following'} one"
+        )
+    return None, (
+        f"transit_id has code {' and '.join(map(str, codes))} alone in bits 15 and 16, which is the preceding field of "
+        "view by one numbering and the following one by another: it is not taken from there"
+    )
+
+
+def _neighbours(transit, source, time):
+    """Observations of each source's transits and of the next one, and the time between them. [minutes]"""
+    order = np.lexsort([time, source])
+    new = np.ones(len(order), bool)
+    new[1:] = (np.diff(np.asarray(transit)[order]) != 0) | (source[order][1:] != source[order][:-1])
+    at = order[new]
+    same = source[at][1:] == source[at][:-1]
+    gap = np.diff(time[at]) / 6e10
+    return at[:-1][same], at[1:][same], gap[same]
+
 
 #: What is needed of each observation; arrays of the CCDs of a transit, or a row each.
 _COLUMNS = (

@@ -10,8 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from vsh.io.tables._packed import plain_file
-from vsh.io.tables._source import TableSource
+from vsh.io.tables._source import TableSource, plain_file
 from vsh.tools.errors import TableError, first_line
 from vsh.tools.parallel import cores
 from vsh.tools.types import PathName

@@ -1,17 +1,236 @@
-"""CSV and ECSV, line by line: only the fields that are wanted become values, and no line is longer than it may be."""
+"""Tables of text: their layout from the first lines (separators, names, units), then CSV and ECSV line by line.
+
+Only the fields that are wanted become values, and no line is longer than it may be.
+
+Lists of positions from VLBI (ICRF2 and ICRF3, the .crf and .sou of IVS analysis centres, RFC, VieVS) have a source in a
+line: names and flags, right ascension in hours and declination in degrees, each as three numbers, and behind them the
+errors of both and their correlation. Errors of right ascension are without cos δ in all of them.
+
+References: IERS Technical Note 35 (ICRF2); Charlot et al. 2020, A&A 644, A159 (ICRF3); Petrov & Kovalev 2025, ApJS 276,
+38 (RFC); for getpar's .sou and the .crf of the IVS, what their headers say.
+"""
 
 import csv
 import io
+import re
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from itertools import chain, islice
 from operator import itemgetter
 
 import numpy as np
 
-from vsh.io.tables._layout import Layout, check_repeated, layout_of
-from vsh.io.tables._packed import DAMAGE, unpacked
-from vsh.io.tables._source import TableSource
+from vsh.io.tables._source import DAMAGE, TableSource, open_other, unpacked
 from vsh.tools.errors import TableError, first_line
+from vsh.tools.printing import printable
 from vsh.tools.types import PathName
+
+#: Lines of comments above a table; VizieR writes one a column, and more.
+MOST_COMMENTS = 20_000
+#: Lines below the comments that are looked at.
+_LOOK = 12
+_DELIMITERS = (",", ";", "\t", "|")
+_RULE = re.compile(r"[-=\s;|,\t+]*(--|==)[-=\s;|,\t+]*")
+_DASHES = re.compile(r"-+")
+_NUMBER = re.compile(r"[+-]?(\d+[.,]?\d*|[.,]\d+)([eEdD][+-]?\d+)?")
+_DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
+
+
+@dataclass(frozen=True)
+class Layout:
+    """The layout of a table of text.
+
+    Rows are fields between a delimiter, or between blanks (delimiter ""), or stand in fixed columns (`spans`).
+    """
+
+    names: list[str]
+    skip: int
+    delimiter: str = ","
+    spans: tuple[slice, ...] = ()
+    units: dict[str, str] = field(default_factory=dict)
+    decimal_comma: bool = False
+    notes: tuple[str, ...] = ()
+
+    def fields(self, line: str) -> list[str] | None:
+        """The fields of a line that no delimiter divides; None where text stands outside the columns."""
+        if not self.spans:
+            return _fields(line, " ") if '"' in line else line.split()
+        gaps = zip(self.spans, self.spans[1:])
+        if line[: self.spans[0].start].strip() or any(line[a.stop : b.start].strip() for a, b in gaps):
+            return None
+        return [line[span].strip() for span in self.spans]
+
+
+def layout_of(lines: Iterator[str], label: str) -> Layout:
+    """The layout of the table whose lines these are."""
+    comments: list[str] = []
+    skip, body = 0, []
+    for line in lines:
+        text = line.lstrip("\ufeff").rstrip("\r\n")
+        if not body and (not text.strip() or text.startswith("#")):
+            comments += [text.lstrip("#")] if text.startswith("#") else []
+            skip += 1
+            if skip > MOST_COMMENTS:
+                raise TableError(f"{label} is no table: {MOST_COMMENTS} lines of comments, and no row")
+            continue
+        body.append(text)
+        if len(body) == _LOOK:
+            break
+    if not body:
+        raise TableError(f"{label} is empty" if not comments else f"{label} has a header and no table")
+    top = 1 if len(body) > 2 and _RULE.fullmatch(body[0]) else 0  # a rule above the names
+    rule = next((k for k in range(top + 1, len(body)) if _RULE.fullmatch(body[k])), None)
+    if rule is not None and rule - top <= 6:
+        return _ruled(body[top:rule], body[rule], skip + rule + 1, label)
+    return _plain(body, comments, skip, label)
+
+
+def _ruled(above, rule, skip, label):
+    """Names, units and a rule of dashes below them, as VizieR writes them."""
+    delimiter = next((d for d in (";", "\t", "|", ",") if d in rule and d in above[0]), None)
+    if delimiter:
+        names, *units = (_fields(line, delimiter) for line in above)
+        units = [" ".join(part).strip() for part in zip(*(_padded(row, len(names)) for row in units))]
+        return _with_units(Layout(_named(names, label), skip, delimiter), units)
+    spans = [slice(match.start(), match.end()) for match in _DASHES.finditer(rule.replace("=", "-"))]
+    # The last column may be longer than its dashes; text between two columns belongs to none.
+    spans[-1] = slice(spans[-1].start, None)
+    names, *units = ([line[span].strip() for span in spans] for line in above)
+    units = ["".join(part) for part in zip(*units)]
+    return _with_units(Layout(_named(names, label), skip, "", tuple(spans)), units)
+
+
+def _plain(body, comments, skip, label):
+    """Names in the first line, behind a #, or nowhere."""
+    rows = [line for line in body if line.strip()]
+    delimiter = _delimiter(rows)
+    first = _fields(rows[0], delimiter)
+    if _looks_like_data(first) and not _quoted_name(rows[0]):
+        names = _names_in_comment(comments, len(first), delimiter)
+        notes: tuple[str, ...] = ()
+        if names is None:
+            names = [f"col{k + 1}" for k in range(len(first))]
+            notes = (f"{label} has no line of names: its columns are called col1 to col{len(first)}",)
+        return _with_comma(Layout(_named(names, label), skip, delimiter, notes=notes), rows)
+    below = [_fields(line, delimiter) for line in rows[1:]]
+    blank = bool(delimiter) and below and all(len(row) == 1 for row in below)
+    if blank and all(len(line.split()) == len(first) for line in rows[1:]):  # names between ; over rows between blanks
+        return Layout(_named(first, label), skip + 1, "")
+    units = []
+    if len(below) > 1 and len(below[0]) == len(first) and _are_units(below[0]) and _looks_like_data(below[1]):
+        units, skip = below[0], skip + 1
+        rows = [rows[0], *rows[2:]]
+    return _with_units(_with_comma(Layout(_named(first, label), skip + 1, delimiter), rows[1:]), units)
+
+
+def _delimiter(rows):
+    """What stands between fields: the delimiter of which the lines have equally many, or blanks."""
+    best = ""
+    for delimiter in _DELIMITERS:
+        counts = [len(_fields(line, delimiter)) for line in rows]
+        if counts[0] < 2 or counts[0] <= (len(_fields(rows[0], best)) if best else 1):
+            continue
+        # A line that is damaged does not change what the others have.
+        alike = sum(count == counts[0] for count in counts[1:])
+        named = not _looks_like_data(_fields(rows[0], delimiter))
+        if len(counts) == 1 or alike >= (len(counts) - 1) / 2 or named:
+            best = delimiter
+    return best
+
+
+def _fields(line, delimiter):
+    if not delimiter:
+        return line.split()
+    try:
+        return [each.strip() for each in next(csv.reader([line], delimiter=delimiter, skipinitialspace=True), [])]
+    except csv.Error:
+        return [each.strip() for each in line.split(delimiter)]
+
+
+def _named(names, label):
+    """Names without blanks around them; a column without one is called by its number."""
+    names = [name.strip().strip('"').strip() or f"col{k + 1}" for k, name in enumerate(names)]
+    check_repeated(names, label)
+    return names
+
+
+def check_repeated(names: Iterable[str], label: str) -> None:
+    """Refuse columns of one name.
+
+    Raises
+    ------
+    TableError
+        If there are such.
+    """
+    repeated = sorted(name for name, times in Counter(names).items() if times > 1)
+    if repeated:
+        raise TableError(f"{label} is damaged: several columns are called {', '.join(map(repr, repeated))}")
+
+
+def _names_in_comment(comments, count, delimiter):
+    """The names behind a # right above the rows, where they are as many as the columns."""
+    for comment in reversed(comments[-3:]):
+        for names in (_fields(comment, delimiter), comment.split(), _fields(comment, ",")):
+            if len(names) == count and not _looks_like_data(names):
+                return names
+    return None
+
+
+def _looks_like_data(fields: Sequence[str]) -> bool:
+    """Whether a third of the fields, and at least two, are numbers."""
+    numbers = sum(bool(_NUMBER.fullmatch(each)) for each in fields)
+    return numbers >= 2 and 3 * numbers >= len(fields)
+
+
+def _quoted_name(line):
+    return line.lstrip().startswith('"') and not any(_NUMBER.fullmatch(f) for f in line.split(","))
+
+
+def _are_units(fields):
+    """Whether a line below the names holds units: no numbers, and most of it units that astropy knows."""
+    words = [each.strip('()[] "') for each in fields if each.strip('()[] "-')]
+    if not words or any(_NUMBER.fullmatch(word) for word in words):
+        return False
+    return sum(_is_unit(word) for word in words) * 2 > len(words)
+
+
+def _is_unit(word):
+    if word in ("h:m:s", "d:m:s"):
+        return True
+    from astropy import units as u
+
+    for form in ("generic", "cds"):
+        try:
+            u.Unit(word, format=form)
+            return True
+        except (ValueError, TypeError):
+            continue
+    return False
+
+
+def _padded(row, count):
+    return (row + [""] * count)[:count]
+
+
+def _with_units(layout, units):
+    words = [unit.strip().strip('"').strip() for unit in units]
+    words = [unit[1:-1].strip() if unit[:1] + unit[-1:] in ("()", "[]") else unit for unit in words]
+    return replace(layout, units={name: unit for name, unit in zip(layout.names, words) if unit.strip("-")})
+
+
+def _with_comma(layout, rows):
+    """The layout with decimal commas, where fields have them and none has a point."""
+    if layout.delimiter in (",", ""):
+        return layout
+    values = [each for line in rows for each in _fields(line, layout.delimiter)]
+    commas = sum(bool(_DECIMAL_COMMA.fullmatch(each)) for each in values)
+    points = sum("." in each and bool(_NUMBER.fullmatch(each)) for each in values)
+    if not commas or points:
+        return layout
+    notes = (*layout.notes, "numbers are written with decimal commas")
+    return replace(layout, decimal_comma=True, notes=notes)
+
 
 #: Longer lines are damage, or no table. [characters]
 LINE = 2**22
@@ -163,13 +382,17 @@ def _block(names, picked, types, label, first_line_number, decimal_comma=False):
             raise TableError(
                 f"{label}, line {row}: a field of {longest} characters in column {name!r}, at most {FIELD} are read"
             )
-        text = np.array(column)
-        values, mask = _values(np.char.replace(text, ",", ".") if decimal_comma else text, types.get(name))
-        if values.dtype.kind == "U" and name not in types:  # blanks around a field are no part of it
-            stripped = np.char.strip(text)
-            values, mask = (values, mask) if (stripped == text).all() and not decimal_comma else _values(stripped, None)
-        block[name] = values, mask
+        block[name] = _parsed(np.array(column), types.get(name), name in types, decimal_comma)
     return block
+
+
+def _parsed(text, kind, is_typed, decimal_comma=False):
+    """Values and mask of a column of text, whose header says a type or not."""
+    values, mask = _values(np.char.replace(text, ",", ".") if decimal_comma else text, kind)
+    if values.dtype.kind == "U" and not is_typed:  # blanks around a field are no part of it
+        stripped = np.char.strip(text)
+        values, mask = (values, mask) if (stripped == text).all() and not decimal_comma else _values(stripped, None)
+    return values, mask
 
 
 def _values(text, kind):
@@ -220,3 +443,127 @@ def _ecsv_header(comments, label):
     if special or "__serialized_columns__" in meta:
         meta["__special__"] = True
     return types, units, meta, delimiter, descriptions
+
+
+#: Names and flags, hours, minutes and seconds, sign, degrees, minutes and seconds, and the rest.
+_ROW = re.compile(
+    r"(?P<names>.*?)(?:^|\s)(?P<h>\d+)[ :]+(?P<m>\d+)[ :]+(?P<s>\d+(?:\.\d*)?)\s+"
+    r"(?P<sign>[-+]?)\s*(?P<d>\d+)[ :]+(?P<dm>\d+)[ :]+(?P<ds>\d+(?:\.\d*)?)(?P<rest>.*)"
+)
+#: The lines of getpar: SOU_GCO:  0002+051  R: 00_05_20.21559171 -+  0.1234  D: +05_24_10.8001234 -+  0.1234  C: 0.12 …
+_GETPAR = re.compile(
+    r"SOU_GCO:\s+(?P<names>\S+)\s+R:\s*(?P<h>\d+)_(?P<m>\d+)_(?P<s>[\d.]+)\s+-\+\s+(?P<e1>\S+)\s+"
+    r"D:\s*(?P<sign>[-+]?)(?P<d>\d+)_(?P<dm>\d+)_(?P<ds>[\d.]+)\s+-\+(?P<rest>.*)"
+)
+_SIGNED = re.compile(r"[-+]?\d*\.?\d+")
+_COMMENT = ("#", "*", "!", "%", "$")
+_DESIGNATION = re.compile(r"J\d{4}\S*")
+_MAS_WORDS = ("VLBI SOURCE POSITION CATALOGUE", "Radio Fundamental Catalogue", "RFC J")
+#: No list of compact radio sources is as uncertain as this in the median: its errors are in another unit. [arcsec]
+_LARGEST = 2.0
+
+
+def open_vlbi(path: PathName, label: str) -> TableSource:
+    """A list of positions as a table: names, D marks, degrees, and errors in mas, of right ascension times cos δ."""
+    with open_lines(path, label) as opened:
+        lines = list(opened)
+    numbered = [(k, line.rstrip("\r\n")) for k, line in enumerate(lines, 1)]
+    getpar = any(line.startswith("SOU_GCO:") for _, line in numbered)
+    pattern = _GETPAR if getpar else _ROW
+    rows = [(k, line) for k, line in numbered if line.strip() and not line.startswith(_COMMENT)]
+    first = next((i for i, (_, line) in enumerate(rows) if pattern.match(line) or _like_a_row(line)), None)
+    if first is None:
+        raise TableError(f"{label} has no line with a position in hours and degrees: is it a list of VLBI positions?")
+    # Above the first source is the heading; below it, every line that is not blank is a source.
+    rows = [(k, line) for k, line in rows[first:] if any(map(str.isalnum, line))]
+    icrf = rows[0][1].startswith("ICRF J")
+    parsed = [_parse(label, k, line, pattern, icrf) for k, line in rows]
+    mas = getpar or any(word in line for _, line in numbered for word in _MAS_WORDS)
+    return _table(label, rows, parsed, mas)
+
+
+def _like_a_row(line):
+    """Whether a line is a source, perhaps a damaged one, and no heading: so many numbers stand in no heading."""
+    return line.startswith("ICRF J") or sum(_SIGNED.fullmatch(word) is not None for word in line.split()) > 6
+
+
+def _table(label, rows, parsed, mas):
+    names, positions, rests = zip(*parsed, strict=True)
+    if len(rests) > 2 and len(rests[-1]) < min(map(len, rests[:-1])):
+        number, line = rows[-1]
+        shown = printable(line.strip()[:80])
+        raise TableError(f"{label}, line {number} is damaged: the list ends within it: {shown!r}")
+    lon, lat = np.array(positions).T
+    columns = {
+        "icrf": np.array([icrf for icrf, _, _ in names]),
+        "iers": np.array([name for _, name, _ in names]),
+        "defining": np.where([mark for *_, mark in names], "D", ""),
+        "ra": lon,
+        "dec": lat,
+    }
+    units = {"ra": "deg", "dec": "deg"}
+    notes: tuple[str, ...] = ()
+    epochs = [len(rest) > 0 and re.fullmatch(r"(19|20)\d\d(\.\d*)?", rest[0]) is not None for rest in rests]
+    if all(epochs) or not any(rests):  # the catalogue of VieVS has an epoch there, and no errors
+        notes = ("the list has no errors",)
+    else:
+        errors = np.array([_errors(label, k, line, rest) for (k, line), rest in zip(rows, rests, strict=True)])
+        scale = 1.0 if mas else 1000.0
+        if np.median(errors[:, 1]) * scale > 1000 * _LARGEST:
+            raise TableError(
+                f"{label}: errors of declination are {np.median(errors[:, 1]) * scale / 1000:.3g} arcsec in the median "
+                f"if in {'mas' if mas else 'arcsec'}: another unit? Make it a table with units (CSV, ECSV)"
+            )
+        east = errors[:, 0] * scale * (1.0 if mas else 15.0) * np.cos(np.radians(lat))
+        columns |= {"ra_error": east, "dec_error": errors[:, 1] * scale, "ra_dec_corr": errors[:, 2]}
+        units |= {"ra_error": "mas", "dec_error": "mas"}
+        which = "mas" if mas else "seconds of time and arcsec"
+        notes = (
+            f"errors of the list taken in {which}, of right ascension without cos δ, by which they were multiplied",
+        )
+    table = replace(open_other(columns), label=label, units=units)
+    return replace(table, notes=notes)
+
+
+def _parse(label, number, line, pattern, icrf):
+    """Names, the position [deg], and the words behind it."""
+    shown = printable(line.strip()[:80])
+    if icrf and not re.match(r"\s*(ICRF(\s|$)|-\s|\s)", line + " "):
+        raise TableError(f"{label}, line {number} is damaged: it does not begin with 'ICRF J': {shown!r}")
+    match = pattern.match(line)
+    if match is None:
+        raise TableError(f"{label}, line {number} is damaged: {shown!r}")
+    hours, minutes, degrees, arcmin = (int(match[key]) for key in ("h", "m", "d", "dm"))
+    seconds, arcsec = float(match["s"]), float(match["ds"])
+    lon = 15 * (hours + minutes / 60 + seconds / 3600)
+    size = degrees + arcmin / 60 + arcsec / 3600
+    whole = hours < 24 and minutes < 60 and seconds < 60 and arcmin < 60 and arcsec < 60
+    if not (whole and size <= 90):
+        raise TableError(f"{label}, line {number} has no position on the sky: {shown!r}")
+    rest = match["rest"].split()
+    if pattern is _GETPAR:
+        rest = [match["e1"], *(word for word in rest if word != "C:")]
+    return _names(match["names"]), (lon, -size if match["sign"] == "-" else size), rest
+
+
+def _names(text):
+    """Designation by J2000.0 coordinates, the other name, and whether the source is defining."""
+    words = [word for word in text.split() if word not in ("ICRF", "RFC", "-")]
+    mark = "D" in words[1:]
+    words = [word for k, word in enumerate(words) if k == 0 or len(word) > 1]
+    words = [word for k, word in enumerate(words) if len(word) > 1 or len(words) == 1]
+    designation = next((word for word in words if _DESIGNATION.fullmatch(word)), "")
+    others = [word for word in words if word != designation]
+    return designation, others[-1] if others else designation, mark
+
+
+def _errors(label, number, line, rest):
+    shown = printable(line.strip()[:80])
+    try:
+        errors = [float(word) for word in rest[:3]]
+        east, north, rho = errors
+    except ValueError:
+        raise TableError(f"{label}, line {number} is damaged: {shown!r}") from None
+    if not (np.isfinite(errors).all() and east > 0 and north > 0 and abs(rho) < 1):
+        raise TableError(f"{label}, line {number} has no usable errors: {shown!r}")
+    return errors

@@ -5,8 +5,7 @@ import warnings
 
 import numpy as np
 
-from vsh.io.tables._packed import plain_file
-from vsh.io.tables._source import TableSource
+from vsh.io.tables._source import TableSource, plain_file
 from vsh.tools.errors import TableError, first_line
 from vsh.tools.printing import printable
 from vsh.tools.types import PathName

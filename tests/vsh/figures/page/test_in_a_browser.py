@@ -17,7 +17,7 @@ from fit.commands.fit import main
 from vsh import Field
 from vsh.figures.page import bundle
 from vsh.figures.plot import even_grid, sky_axes
-from vsh.figures.plot._arrows import arrow_lines
+from vsh.figures.plot._field import arrow_lines
 from vsh.io import catalogue
 from vsh.sky.sphere import triad
 

@@ -18,7 +18,7 @@ def solved():
 
 def test_a_page_in_a_frame(solved, monkeypatch):
     monkeypatch.setattr("vsh.figures.page._page.bundle", lambda: "//")
-    monkeypatch.setattr("vsh.figures.page._widget.find_spec", lambda name: None)
+    monkeypatch.setattr("vsh.figures.page._page.find_spec", lambda name: None)
     solution, field = solved
     html = solution.widget(field, height=500)._repr_html_()
     assert html.startswith('<iframe srcdoc="')
@@ -30,7 +30,7 @@ def test_a_page_in_a_frame(solved, monkeypatch):
 
 def test_a_widget_where_there_are_some(solved, monkeypatch):
     monkeypatch.setattr("vsh.figures.page._page.bundle", lambda: "//")
-    monkeypatch.setattr("vsh.figures.page._widget.find_spec", lambda name: object())
+    monkeypatch.setattr("vsh.figures.page._page.find_spec", lambda name: object())
     monkeypatch.setitem(sys.modules, "ipywidgets", SimpleNamespace(HTML=lambda html: ("widget", html)))
     kind, html = solved[0].widget(solved[1])
     assert kind == "widget"
@@ -39,7 +39,7 @@ def test_a_widget_where_there_are_some(solved, monkeypatch):
 
 def test_a_figure_where_nothing_turns(solved, monkeypatch):
     monkeypatch.setattr("vsh.figures.page._page.bundle", lambda: "")
-    monkeypatch.setattr("vsh.figures.page._widget.find_spec", lambda name: None)
+    monkeypatch.setattr("vsh.figures.page._page.find_spec", lambda name: None)
     html = solved[0].widget(solved[1])._repr_html_()
     assert "data:image/png;base64," in html
     assert "cannot be turned" in html

@@ -88,7 +88,7 @@ def test_correlations_have_names_a_reader_knows():
 
 
 def test_degree_one_of_the_matrix_is_that_of_the_vectors():
-    from fit.output._figures import _known_names
+    from fit.results.output._figures import _known_names
 
     solution = fit.fit_field(random_field(3000, seed=1), 2)
     names, matrix, _ = _known_names(solution)

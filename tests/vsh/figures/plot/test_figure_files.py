@@ -39,12 +39,12 @@ def test_the_same_figure_twice_is_the_same_file(tmp_path, ending):
 
 
 def test_commands_offer_what_can_be_written():
-    from vsh.commands import values
+    from vsh.commands import parsing
     from vsh.figures.plot import FORMATS
     from vsh.tools.formats import WRITTEN
 
-    assert values.FIGURE_FORMATS == FORMATS
-    assert {f".{ending}" for ending in values.TABLE_FORMATS} <= set(WRITTEN)
+    assert parsing.FIGURE_FORMATS == FORMATS
+    assert {f".{ending}" for ending in parsing.TABLE_FORMATS} <= set(WRITTEN)
 
 
 def test_bad_ones(tmp_path):

@@ -171,7 +171,7 @@ def test_a_run_that_was_killed_in_its_first_batch_goes_on(transits, tmp_path, mo
 
     with serving(lambda path, form: (200, packed(transits, form["ID"].split(",")))) as (url, _):
         with monkeypatch.context() as patch:
-            patch.setattr("vsh.io.archive._epochs.digest", killed)
+            patch.setattr("vsh.io.archive._queries.digest", killed)
             with pytest.raises(KeyboardInterrupt):
                 fetch_epochs([1, 2, 3], tmp_path / "epochs", f"{url}/data", batch=2, progress=False)
         (tmp_path / "epochs" / ".vsh-unfinished-abc-epochs-00000-00000.vot").write_text("hal")

@@ -125,6 +125,6 @@ def test_names_of_vizier():
     ],
 )
 def test_columns_as_they_are_typed(typed, meant):
-    from vsh.commands.options.fit import make_parser
+    from fit.commands.fit import make_parser
 
     assert make_parser().parse_args(["x.fits", "--columns", typed]).columns == meant

@@ -8,7 +8,7 @@ import fit
 from vsh import Coefficients, Modes
 from vsh.conventions import to_icrf3
 from vsh.io.catalogue import match, read_icrf
-from vsh.sky.positions import Positions
+from vsh.sky.frames import Positions
 from vsh.tools.errors import FieldError, FrameError, TableError
 from vsh.tools.units import UAS
 

@@ -10,7 +10,7 @@ from astropy.table import Column, MaskedColumn, Table
 
 import sim
 from vsh.io.epochs import read_epochs, read_observations, solve_epochs
-from vsh.io.epochs._arrays import matrix_of
+from vsh.io.epochs._observations import matrix_of
 from vsh.tools.errors import TableError
 
 _KINDS = {"i8": "long", "f8": "double", "b1": "boolean"}

@@ -144,7 +144,7 @@ def test_a_scheduler_that_is_away(monkeypatch):
     pytest.importorskip("distributed")
     with pytest.raises(TableError, match=r"nowhere\.json is neither an address such as"):
         parts(FIELDS, scheduler="nowhere.json").sum(len)
-    monkeypatch.setattr("vsh.io.parts._dask.PATIENCE", 1)
+    monkeypatch.setattr("vsh.io.parts._engines.PATIENCE", 1)
     with pytest.raises(TableError, match="127.0.0.1:9 cannot be reached"):
         parts(FIELDS, scheduler="tcp://127.0.0.1:9").sum(len)
 

@@ -1,0 +1,12 @@
+"""Catalogues against each other: a pair, a chain of several, and the link of frames at all magnitudes."""
+
+from typing import TYPE_CHECKING
+
+from vsh.tools.modules import lazily
+
+if TYPE_CHECKING:
+    from fit.frames import chain, compare, link
+
+__all__ = ["chain", "compare", "link"]
+
+__getattr__, __dir__ = lazily(__name__, __all__, {})

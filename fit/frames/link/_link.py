@@ -1,0 +1,351 @@
+"""The link of frames: orientation and spin of catalogues against one of them, and the magnitude where a frame jumps."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from scipy.special import logsumexp
+
+from fit.frames.link._likelihood import FAMILIES, FEWER, NORMAL, Node, nodes
+from fit.frames.link._rows import LinkPrior, Unknowns, equations
+from fit.frames.link._solution import LinkSolution, made
+from fit.results.output import Answer
+from fit.results.quality import SEEN, printed_p_value
+from fit.results.storage import Result
+from vsh.io import tables
+from vsh.sky.astrometry import AstrometryRows
+from vsh.tools import arguments
+from vsh.tools.errors import DegeneracyError, ParameterError
+from vsh.tools.printing import logged
+from vsh.tools.types import Axes, FloatArray, Table
+from vsh.vector import GAIA_EDR3, Vector
+
+#: The epoch that ICRF3's positions are given for (Charlot et al. 2020, A&A 644, A159).
+ICRF3_EPOCH = 2015.0
+#: Sizes of an excess noise that are tried, in units of the median error of the positions of the reference.
+_EXCESS = (0.2, 0.5, 1.0, 2.0, 4.0, 8.0)
+#: Across a jet in units of along it.
+_ACROSS = (1.0, 0.3, 0.1)
+#: Correlations beyond this cannot be told apart.
+_ALIKE = 1e-10
+
+
+@logged("link")
+@arguments.accepts(astrometry=arguments.a(AstrometryRows), scale=arguments.positive)
+def link(
+    astrometry: AstrometryRows,
+    reference: str | None = None,
+    unknowns: Sequence[str] = ("orientation", "spin"),
+    *,
+    steps: Sequence[float] = (),
+    order: int = 0,
+    colour_order: int = 0,
+    epoch: float = 2016.0,
+    priors: Sequence[LinkPrior] = (),
+    robust: bool = True,
+    scale: float | None = None,
+    excess: bool | None = None,
+    fixed: Mapping[str, float] | None = None,
+    aberration: Vector | None = GAIA_EDR3,
+    parallax: bool = True,
+    light_time: bool = True,
+) -> LinkSolution:
+    """Find how frames of catalogues are turned, and turn, against that of one, from sources that they share.
+
+    Parameters
+    ----------
+    astrometry : AstrometryRows
+        Rows of all catalogues. The true parameters of a source are eliminated; they need not be known.
+    reference : str, optional
+        The catalogue that is not turned; the one called vlbi or icrf… unless given.
+    unknowns : sequence of str
+        Some of "orientation", "spin" and "acceleration".
+    steps : sequence of float
+        Magnitudes at which the frame jumps.
+    order, colour_order : int
+        Powers of (G − 13) and (colour − 1) that orientation and spin have.
+    epoch : float
+        The epoch of the orientation. [Julian year]
+    priors : sequence of LinkPrior
+        What is known of orientation or spin from elsewhere.
+    robust : bool
+        Heavy tails and outliers, both found from the data; otherwise normal errors.
+    scale : float, optional
+        By which all errors are multiplied; found from the data unless given.
+    excess : bool
+        Whether an offset between radio and optical positions is sought too: one a source, of a size common to all,
+        along the jet where its direction is given; structure, and errors of calibrators, are such offsets too. Where
+        the reference has positions, unless given.
+    fixed : dict, optional
+        Catalogues whose stars are measured against calibrators with fixed positions, and the epoch of these; the
+        reference, at 2015.0, unless given.
+    aberration : Vector, optional
+        Acceleration of the Solar System, for what the calibrators drift and quasars move; None leaves it out.
+    parallax, light_time : bool
+        Whether positions of single epochs are displaced by parallax, and motions changed by the time light needs: to
+        see what they do.
+
+    Returns
+    -------
+    LinkSolution
+        Orientation ε and spin ω: what a catalogue gives is turned against the reference by ε + ω (t − epoch).
+
+    Raises
+    ------
+    ParameterError
+        If a catalogue or an unknown is not known.
+    FieldError
+        If sources lack what the unknowns depend on, or positions of one name are apart.
+    DegeneracyError
+        If the sources cannot tell the unknowns apart.
+
+    Notes
+    -----
+    D = K x of Lindegren (2020, A&A 633, A1), for any number of catalogues and rows; ε and ω have the signs of his, and
+    of `fit.solve_frame`. Errors of sources are independent of each other here: stars that share a calibrator are not.
+    """
+    given = _reference(astrometry, reference)
+    sought = Unknowns(
+        tuple(unknowns), tuple(each for each in astrometry.catalogues if each != given), tuple(map(float, steps)),
+        order, colour_order, float(epoch),
+    )  # fmt: skip
+    fixed = {given: ICRF3_EPOCH} if fixed is None else dict(fixed)
+    strange = [each for each in fixed if each not in astrometry.catalogues]
+    if strange:
+        raise ParameterError(f"fixed: no row is of {', '.join(strange)}; there are {', '.join(astrometry.catalogues)}")
+    raw, notes = equations(
+        astrometry, sought, fixed=fixed, aberration=aberration, parallax=parallax, light_time=light_time
+    )
+    known = _prior(priors, sought)
+    rows = raw.eliminated()
+    _check(rows, known, sought.names)
+    if excess is None:
+        excess = robust and bool(((astrometry.catalogue == given) & astrometry.measured[:, 0]).any())
+    families = (FAMILIES if not excess else FEWER) if robust else (NORMAL,)
+    listed: list[Node] = []
+    offsets: list[tuple[float, float]] = _offsets(astrometry, given) if excess else [(0.0, 1.0)]
+    tried = {offset: rows if not offset[0] else raw.eliminated(*offset, given) for offset in offsets}
+    for (size, ratio), more in tried.items():
+        # As likely as not there is none; all sizes are alike then.
+        chance = -np.log(len(offsets) - 1) if size else 0.0
+        for node in nodes(more, known, families, scale):
+            evidence = node.evidence - more.log_determinant + chance
+            listed.append(replace(node, evidence=evidence, excess=size, across=ratio))
+    best = max(listed, key=lambda node: node.evidence)
+    return made(listed, tried[best.excess, best.across], known, sought, given, (*astrometry.notes, *notes))
+
+
+def _offsets(astrometry, reference):
+    """Sizes of the excess noise, and ratios across jets, that are tried."""
+    mine = (astrometry.catalogue == reference) & astrometry.measured[:, 0]
+    if not mine.any():
+        raise ParameterError(f"an excess noise is of positions, and {reference} has none with errors")
+    unit = float(np.sqrt(np.median(astrometry.covariance[mine][:, [0, 1], [0, 1]])))
+    ratios = _ACROSS if np.isfinite(astrometry.jet[mine]).any() else (1.0,)
+    return [(0.0, 1.0), *((unit * size, ratio) for size in _EXCESS for ratio in ratios)]
+
+
+def _prior(priors, unknowns):
+    """What is known from elsewhere as a normal matrix and its right-hand side."""
+    p = len(unknowns.names)
+    matrix, rhs = np.zeros((p, p)), np.zeros(p)
+    for each in priors:
+        turned = unknowns.turned
+        catalogue = each.catalogue or (turned[0] if len(turned) == 1 else None)
+        if catalogue not in turned or each.vector not in unknowns.vectors:
+            what = f"the {each.vector} of {catalogue or 'a catalogue that is not named'}"
+            raise ParameterError(f"a prior is of {what}, which is not sought here")
+        a = unknowns.combination(each.vector, catalogue, each.magnitude, each.colour)
+        weighted = np.linalg.solve(each.covariance, a)
+        matrix += a.T @ weighted
+        rhs += weighted.T @ each.value
+    return matrix, rhs
+
+
+def _check(rows, prior, names):
+    """Raise DegeneracyError, with the names, where the sources cannot tell unknowns apart."""
+    matrix = rows.design.T @ rows.design + prior[0]
+    size = np.sqrt(np.diag(matrix))
+    lost = [name for name, length in zip(names, size, strict=True) if not length > 0]
+    if not lost:
+        values, vectors = np.linalg.eigh(matrix / np.outer(size, size))
+        if values[0] < _ALIKE or len(rows.rhs) < len(names) - np.linalg.matrix_rank(prior[0]):
+            part = np.abs(vectors[:, 0])
+            lost = [name for name, share in zip(names, part, strict=True) if share > 0.1]
+    if lost:
+        raise DegeneracyError(
+            f"{len(rows.names)} sources with {len(rows.rhs)} differences cannot tell apart {', '.join(lost)}: leave "
+            "out unknowns or steps, or give priors"
+        )
+
+
+def _reference(astrometry, reference):
+    names = astrometry.catalogues
+    likely = [each for each in names if each.lower().startswith(("vlbi", "icrf"))]
+    chosen = reference or (likely[0] if len(likely) == 1 else None)
+    if chosen not in names:
+        said = f"no catalogue is called {chosen}" if chosen else "which of the catalogues is the reference"
+        raise ParameterError(f"{said}: there are {', '.join(names)}; say reference= (--reference)")
+    if len(names) == 1 and not astrometry.still.any():
+        raise ParameterError(f"all rows are of {names[0]}: a link needs another catalogue")
+    return chosen
+
+
+#: Places that are tried unless given, and how many sources are left to either side.
+_PLACES, _BESIDE = 12, 6
+
+
+@dataclass(frozen=True, eq=False)
+class StepSearch(Result):
+    """How probable each magnitude is as the place of a jump, and whether there is one.
+
+    Attributes
+    ----------
+    places : (m,) array
+        Magnitudes from which on the frame is turned otherwise, rising.
+    probability : (m,) array
+        That of each, if there is one jump, at one of them.
+    p_values : (m,) array
+        That of no jump at each, of all components together, as if no other had been tried.
+    p_value : float
+        That of no jump anywhere: the smallest, allowing for all.
+    solution : LinkSolution
+        The link with the most probable step.
+    whole : LinkSolution
+        The link without a step.
+    """
+
+    places: FloatArray
+    probability: FloatArray
+    p_values: FloatArray
+    p_value: float
+    solution: LinkSolution
+    whole: LinkSolution
+
+    def __repr__(self) -> str:
+        return f"<StepSearch: {len(self.places)} places, G = {self.place:.4g} most probable, p = {self.p_value:.2g}>"
+
+    @property
+    def answer(self) -> Answer:
+        """The result to quote: the link without a step where no jump is detected, and the jump after all places."""
+        with_step = dict(self.solution.answer.lines)
+        jump = {label: words for label, words in with_step.items() if label.startswith("jump")}
+        if self.p_value < SEEN:
+            return self.solution.answer
+        lines = dict(self.whole.answer.lines)
+        errors = lines.pop("errors")
+        return Answer(tuple((lines | jump | {"errors": f"{errors}, without a jump"}).items()))
+
+    @property
+    def verdict(self) -> str:
+        """The result to quote in one sentence."""
+        return self.answer.sentence
+
+    @property
+    def place(self) -> float:
+        """The most probable magnitude."""
+        return float(self.places[self.probability.argmax()])
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """What the most probable places that hold 68 % together span, each half way to those beside it."""
+        order = np.argsort(-self.probability, kind="stable")
+        held = np.searchsorted(np.cumsum(self.probability[order]), 0.68) + 1
+        chosen = order[:held]
+        edges = np.r_[self.places[0], (self.places[1:] + self.places[:-1]) / 2, self.places[-1]]
+        return float(edges[chosen.min()]), float(edges[chosen.max() + 1])
+
+    def report(self, *, long: bool = False) -> str:
+        """Whether there is a jump and where, as text.
+
+        Parameters
+        ----------
+        long : bool
+            Add each place, and what `LinkSolution.report` adds.
+        """
+        low, high = self.interval
+        lines = [
+            f"p = {printed_p_value(self.p_value)} of a jump as large by chance, at any of {len(self.places)} places",
+            f"if there is one, G = {self.place:.4g} is most probable; 68 %: {low:.4g} to {high:.4g}",
+        ]
+        if long:
+            lines.append(f"{'fainter than':>12}{'probability':>14}{'p of no jump':>14}")
+            lines += [
+                f"{place:12.2f}{probability:14.3f}{printed_p_value(float(p)):>14}"
+                for place, probability, p in zip(self.places, self.probability, self.p_values, strict=True)
+            ]
+            lines.append(f"{printed_p_value(float(self.p_values.min()))} for the largest jump alone")
+        return "\n".join(lines) + "\n\nWith a jump at the most probable place: " + self.solution.report(long=long)
+
+    def to_table(self) -> Table:
+        """The places as an astropy Table, a row each."""
+        columns = {"magnitude": self.places, "probability": self.probability, "p_value": self.p_values}
+        return tables.table_of(columns, {"p_value": self.p_value}, {"magnitude": "mag"})
+
+    def plot(self, *, ax: Axes | None = None) -> Axes:
+        """Probability of each place, on matplotlib axes."""
+        from fit.frames.link._plot import plot_steps
+
+        return plot_steps(self, ax=ax)
+
+
+@arguments.accepts(astrometry=arguments.a(AstrometryRows))
+def find_step(astrometry: AstrometryRows, places: Sequence[float] | None = None, **options: Any) -> StepSearch:
+    """Find the magnitude at which a frame jumps, in orientation and spin.
+
+    Parameters
+    ----------
+    astrometry : AstrometryRows
+        Rows of all catalogues, as for `link`.
+    places : sequence of float, optional
+        Magnitudes to try; 12 between those of the sources, as many to the left of each as to the right of the one
+        before, unless given.
+    **options
+        As `link` takes them.
+
+    Returns
+    -------
+    StepSearch
+        The probability of each place if there is a jump, and that of no jump.
+
+    Raises
+    ------
+    ParameterError
+        If `steps` are given beside it, or there are fewer than two places.
+    DegeneracyError
+        If there are too few sources, or as `link` does.
+
+    Notes
+    -----
+    Places are weighed by the evidence of the link with a step there, the jump beforehand as wide as its errors times
+    one factor for all places (Zellner's g): flat in the jump, the few sources beyond a place near the ends would win
+    by what they do not know. The p-value is the smallest times the number of places (Šidák): too large where
+    neighbouring ones hold nearly the same sources.
+    """
+    if "steps" in options:
+        raise ParameterError("steps are what is sought: say at which magnitudes with places")
+    tried = _between(astrometry) if places is None else np.unique(np.asarray(places, float))
+    if tried.ndim != 1 or len(tried) < 2 or not np.isfinite(tried).all():
+        raise ParameterError(f"two magnitudes at least are wanted as places of a jump, not {places!r}")
+    solutions = [link(astrometry, steps=[float(place)], **options) for place in tried]
+    unknown = [np.linalg.slogdet(each.jump_covariance(x))[1] for each, x in zip(solutions, tried.tolist(), strict=True)]
+    evidence = np.array([each.log_evidence for each in solutions]) - np.array(unknown) / 2
+    best = solutions[int(evidence.argmax())]
+    each = np.array([solution.jump_p_values(place) for solution, place in zip(solutions, tried.tolist(), strict=True)])
+    together = -np.expm1(len(tried) * np.log1p(-np.minimum(each.min(axis=0), 1 - 1e-16)))
+    whole = link(astrometry, **options)
+    best = replace(best, searched=tuple(map(float, together)))
+    return StepSearch(tried, np.exp(evidence - logsumexp(evidence)), each[:, 0], float(together[0]), best, whole)
+
+
+def _between(astrometry):
+    """Magnitudes between those of the sources, some of these left to either side."""
+    _, first = np.unique(astrometry.source, return_index=True)
+    known = np.sort(astrometry.magnitude[first][np.isfinite(astrometry.magnitude[first])])
+    if len(known) < 2 * _BESIDE + 2:
+        raise DegeneracyError(
+            f"{len(known)} sources with a magnitude are too few to look for a jump among: {2 * _BESIDE + 2} at least"
+        )
+    at = np.unique(np.linspace(_BESIDE, len(known) - _BESIDE, _PLACES).astype(int))
+    return np.unique((known[at - 1] + known[at]) / 2)

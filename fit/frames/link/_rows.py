@@ -1,0 +1,581 @@
+"""The rows of a link: what several catalogues tell of frames whatever the true parameters of the sources are.
+
+Frames are turned by orientation and spin, in steps and powers of magnitude and colour (`Unknowns`); what is known of
+them from elsewhere (binaries, clusters, quasars) is a `LinkPrior`.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from itertools import pairwise
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from vsh.io import tables
+from vsh.io.catalogue import missing_column, unit_factor
+from vsh.sky.astrometry import AstrometryRows, earth, propagate
+from vsh.sky.sphere import triad
+from vsh.tools.arguments import choice, covariance, float_array
+from vsh.tools.bad_rows import as_floats
+from vsh.tools.errors import DegeneracyError, FieldError, ParameterError, TableError
+from vsh.tools.notebook import InNotebook
+from vsh.tools.printing import in_a_line
+from vsh.tools.types import ArrayLike, FloatArray, IntArray
+from vsh.tools.units import AU_PER_YEAR, UAS
+from vsh.vector import Vector
+
+
+@dataclass(frozen=True, eq=False)
+class LinkPrior(InNotebook):
+    """Orientation or spin of a catalogue at a magnitude, from elsewhere.
+
+    Attributes
+    ----------
+    vector : str
+        "orientation", "spin" or "acceleration".
+    value : (3,) array
+        [µas or µas/yr]
+    covariance : (3, 3) array
+    magnitude, colour : float, optional
+        Those of the sources it is from; of the brightest, without steps and powers, unless given.
+    catalogue : str, optional
+        Whose; of the one that is turned unless given.
+    """
+
+    vector: str
+    value: FloatArray
+    covariance: FloatArray = field(repr=False)
+    magnitude: float | None = None
+    colour: float | None = None
+    catalogue: str | None = None
+
+    def __post_init__(self) -> None:
+        """Check what a caller may have mixed up."""
+        choice("vector", self.vector, tuple(VECTORS))
+        object.__setattr__(self, "value", float_array("the value of a prior", self.value, (3,)))
+        object.__setattr__(self, "covariance", covariance("the covariance of a prior", self.covariance, 3))
+
+
+def read_priors(source: Any) -> list[LinkPrior]:
+    """Read priors from a table, a row each.
+
+    Parameters
+    ----------
+    source : path, or table
+        Columns `x`, `y`, `z`, `x_error` …, and where known `x_y_corr`, `x_z_corr`, `y_z_corr`, `vector` ("spin" unless
+        given), `magnitude`, `colour`, `catalogue`; in µas and µas/yr where the table does not say.
+
+    Raises
+    ------
+    TableError
+        If a column is missing.
+    ParameterError
+        If a row has an error that is none.
+    """
+    opened = tables.open_table(source)
+    for name in (*"xyz", *(f"{axis}_error" for axis in "xyz")):
+        if name not in opened.names:
+            raise TableError(f"{opened.label}: {missing_column(name, opened)}")
+    data = {name: _numbers(opened, name) for name in opened.names if name in _NUMBERS}
+    words = {name: np.asarray(opened.columns((name,))[name][0]).astype(str) for name in _WORDS if name in opened.names}
+    priors = []
+    for row in range(len(data["x"])):
+        unit = "uas" if words.get("vector", ["spin"] * (row + 1))[row] == "orientation" else "uas / yr"
+
+        def number(name, row=row, unit=unit):
+            factor = (
+                unit_factor(name, opened.units.get(name), unit) if name[:1] in "xyz" and "corr" not in name else 1.0
+            )
+            return float(data[name][row]) * factor if name in data else 0.0
+
+        sigma = np.array([number(f"{axis}_error") for axis in "xyz"])
+        matrix = np.eye(3)
+        for name, (i, j) in {"x_y_corr": (0, 1), "x_z_corr": (0, 2), "y_z_corr": (1, 2)}.items():
+            matrix[i, j] = matrix[j, i] = number(name)
+        known = {name: float(data[name][row]) for name in ("magnitude", "colour") if name in data}
+        known = {name: value for name, value in known.items() if np.isfinite(value)}
+        priors.append(
+            LinkPrior(
+                str(words["vector"][row]) if "vector" in words else "spin",
+                np.array([number(axis) for axis in "xyz"]),
+                matrix * np.outer(sigma, sigma),
+                catalogue=str(words["catalogue"][row]) if "catalogue" in words else None,
+                **known,
+            )
+        )
+    return priors
+
+
+_NUMBERS = (*"xyz", *(f"{axis}_error" for axis in "xyz"), "x_y_corr", "x_z_corr", "y_z_corr", "magnitude", "colour")
+_WORDS = ("vector", "catalogue")
+
+
+def _numbers(opened, name):
+    """A column, nan where nothing is."""
+    values, mask = opened.columns((name,))[name]
+    floats, missing = as_floats(name, values)
+    return np.where(missing if mask is None else missing | np.asarray(mask, bool), np.nan, floats)
+
+
+_AXES = "xyz"
+#: Vectors that can be unknown: their names, and the unit of each.
+VECTORS = {"orientation": ("epsilon", "µas"), "spin": ("omega", "µas/yr"), "acceleration": ("a", "µas/yr")}
+#: Magnitude and colour from which powers are counted.
+_ZERO = {"magnitude": 13.0, "colour": 1.0}
+
+
+@dataclass(frozen=True)
+class Unknowns(InNotebook):
+    """Which vectors are sought, and how those of the frame change with magnitude and colour.
+
+    Attributes
+    ----------
+    vectors : tuple of str
+        Some of "orientation", "spin" and "acceleration". The acceleration is that of the Solar System: one for all.
+    turned : tuple of str
+        The catalogues that are turned against the reference.
+    steps : tuple of float
+        Magnitudes from which on (fainter) a frame is turned by so much more.
+    order : int
+        Powers of (G − 13 mag), each.
+    colour_order : int
+        Powers of (colour − 1 mag), each.
+    epoch : float
+        The epoch of the orientation. [Julian year]
+    """
+
+    vectors: tuple[str, ...]
+    turned: tuple[str, ...]
+    steps: tuple[float, ...] = ()
+    order: int = 0
+    colour_order: int = 0
+    epoch: float = 2016.0
+
+    def __post_init__(self) -> None:
+        """Check what a caller may have mixed up."""
+        wrong = [each for each in self.vectors if each not in VECTORS]
+        if wrong or not self.vectors:
+            raise ParameterError(f"unknowns are of {', '.join(VECTORS)}, not {', '.join(map(str, wrong)) or 'none'}")
+        if len(set(self.steps)) < len(self.steps) or not np.isfinite(self.steps).all():
+            raise ParameterError(f"steps are different magnitudes, not {self.steps}")
+
+    @property
+    def terms(self) -> tuple[str, ...]:
+        """Names of the functions of magnitude and colour; that of the constant is empty."""
+        return (
+            "",
+            *(f" at {step:g}" for step in self.steps),
+            *(f"[(G-13)^{k}]" for k in range(1, self.order + 1)),
+            *(f"[(colour-1)^{k}]" for k in range(1, self.colour_order + 1)),
+        )
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the parameters, that of a catalogue before them where several are turned."""
+        names = []
+        for catalogue in self.turned:
+            before = f"{catalogue}:" if len(self.turned) > 1 else ""
+            for vector in self.vectors:
+                if vector != "acceleration":
+                    names += [_name(before, vector, axis, term) for term in self.terms for axis in _AXES]
+        return (*names, *(f"a_{axis}" for axis in _AXES if "acceleration" in self.vectors))
+
+    @property
+    def levels(self) -> tuple[tuple[str, float | None], ...]:
+        """Ranges of magnitude between the steps, in words, each with a magnitude within it."""
+        edges = sorted(self.steps)
+        if not edges:
+            return (("", None),)
+        between = [f"{low:g} ≤ G < {high:g}" for low, high in pairwise(edges)]
+        inside = [np.nextafter(edges[0], -np.inf), *edges]
+        return tuple(zip([f"G < {edges[0]:g}", *between, f"G ≥ {edges[-1]:g}"], inside, strict=True))
+
+    def functions(self, magnitude: ArrayLike, colour: ArrayLike | None = None) -> FloatArray:
+        """The functions of `terms` at each `magnitude` and `colour`, (k, n); nan where that is not known."""
+        magnitude = np.atleast_1d(np.asarray(magnitude, float))
+        colour = np.full(magnitude.shape, np.nan) if colour is None else np.atleast_1d(np.asarray(colour, float))
+        unknown = np.where(np.isnan(magnitude), np.nan, 0.0)
+        rows = [np.ones(magnitude.shape), *((magnitude >= step) + unknown for step in self.steps)]
+        rows += [(magnitude - _ZERO["magnitude"]) ** k for k in range(1, self.order + 1)]
+        rows += [(colour - _ZERO["colour"]) ** k for k in range(1, self.colour_order + 1)]
+        return np.array(rows)
+
+    def jump(self, vector: str, catalogue: str, step: float) -> FloatArray:
+        """What of the parameters makes the jump of a `vector` of one `catalogue` at a `step`, (3, p)."""
+        at = self.combination(vector, catalogue, step)
+        return at - self.combination(vector, catalogue, np.nextafter(step, -np.inf))
+
+    def combination(
+        self, vector: str, catalogue: str, magnitude: float | None = None, colour: float | None = None
+    ) -> FloatArray:
+        """What of the parameters makes a vector of one catalogue at a magnitude, (3, p); the constants unless given.
+
+        Parameters
+        ----------
+        vector : str
+            "orientation", "spin" or "acceleration".
+        catalogue : str
+            The one that is turned.
+        magnitude, colour : float, optional
+            Where.
+
+        Raises
+        ------
+        ParameterError
+            If the frame depends on colour and none is given.
+        """
+        values = self.functions(np.nan if magnitude is None else magnitude, None if colour is None else [colour])[:, 0]
+        if magnitude is None:
+            values = np.where(np.isnan(values), 0.0, values)
+        if np.isnan(values).any():
+            raise ParameterError("the frame depends on colour here: say at which")
+        names = self.names
+        before = f"{catalogue}:" if len(self.turned) > 1 else ""
+        matrix = np.zeros((3, len(names)))
+        terms = self.terms if vector != "acceleration" else ("",)
+        for k, axis in enumerate(_AXES):
+            for term, value in zip(terms, values, strict=False):
+                name = _name("" if vector == "acceleration" else before, vector, axis, term)
+                matrix[k, names.index(name)] = value
+        return matrix
+
+    def design(
+        self, lon: FloatArray, lat: FloatArray, epoch: FloatArray, functions: FloatArray, catalogue: str
+    ) -> FloatArray:
+        """Derivatives of Δα*, Δδ, ϖ, µ_α*, µ_δ by the parameters, for rows of one catalogue, (n, 5, p).
+
+        The frame turns what it gives by ε + ω (t − epoch) (`fit.frame`): Δα* = q·ε, Δδ = −p·ε.
+
+        Parameters
+        ----------
+        lon, lat, epoch : (n,) arrays
+            Places [rad] and epochs of the rows. [Julian year]
+        functions : (k, n) array
+            The functions of `terms` there.
+        catalogue : str
+            The one that they are of.
+        """
+        n, names = len(lon), self.names
+        design = np.zeros((n, 5, len(names)))
+        if catalogue not in self.turned:
+            return design
+        p, q, _ = triad(lon, lat)
+        turn = np.stack([q.T, -p.T], 1)  # (n, 2, 3)
+        start = self.turned.index(catalogue) * sum(3 * len(self.terms) for v in self.vectors if v != "acceleration")
+        for vector in self.vectors:
+            if vector == "acceleration":
+                continue
+            for values in functions:
+                part = slice(start, start + 3)
+                if vector == "orientation":
+                    design[:, :2, part] = values[:, None, None] * turn
+                else:
+                    design[:, :2, part] = (values * (epoch - self.epoch))[:, None, None] * turn
+                    design[:, 3:, part] = values[:, None, None] * turn
+                start += 3
+        return design
+
+
+def _name(before, vector, axis, term):
+    """The name of a parameter: what a step adds is a jump, not the value beyond it."""
+    component = f"{before}{VECTORS[vector][0]}_{axis}{term}"
+    return f"jump {component}" if term.startswith(" at ") else component
+
+
+#: Singular values of a source's whitened equations below so much of the largest are none.
+_RANK = 1e-9
+#: Positions farther from what was expected than so much are of another source. [rad]
+_FAR = np.radians(1 / 60)
+#: Sources that are eliminated together.
+_TOGETHER = 4096
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """Differences that hold no true parameter, of unit variance and independent of each other.
+
+    Attributes
+    ----------
+    design, rhs : (m, p) and (m,) arrays
+        rhs = design · x + noise.
+    source : (m,) int array
+        The source of each.
+    names : tuple of str
+        The sources that tell anything.
+    magnitude : (n,) array
+    rows : (n,) int array
+        How many rows of the catalogues each source has.
+    log_determinant : float
+        Half of that of the covariances of the differences: what unit variance leaves out of a likelihood.
+    """
+
+    design: FloatArray
+    rhs: FloatArray
+    source: IntArray
+    names: tuple[str, ...]
+    magnitude: FloatArray
+    rows: IntArray
+    log_determinant: float
+
+    @cached_property
+    def dims(self) -> IntArray:
+        """How many differences each source has."""
+        return np.bincount(self.source, minlength=len(self.names))
+
+    @property
+    def parts(self) -> list[slice]:
+        """Where the differences of each source are: they stand together."""
+        ends = np.cumsum(self.dims)
+        return [slice(end - size, end) for end, size in zip(ends.tolist(), self.dims.tolist(), strict=True)]
+
+
+class _Left(NamedTuple):
+    """What one group leaves: its number, differences of unit variance, and half of ln of the determinant."""
+
+    group: int
+    design: FloatArray
+    rhs: FloatArray
+    size: float
+
+
+@dataclass(frozen=True, eq=False)
+class Equations:
+    """Equations of every row, before true parameters are eliminated.
+
+    Attributes
+    ----------
+    rows : tuple of (j, ) int arrays
+        The rows of the astrometry that each source has, or all sources of one calibrator together.
+    residual : (n, 5), design : (n, 5, p), truth : (n, 5, 5) arrays
+        For each row: measured less expected, and derivatives by the frame and by the source's true parameters.
+    data : AstrometryRows
+    """
+
+    rows: tuple[IntArray, ...]
+    residual: FloatArray
+    design: FloatArray
+    truth: FloatArray
+    data: AstrometryRows
+
+    @cached_property
+    def source(self) -> IntArray:
+        """The number of each row's source."""
+        return self.data.source
+
+    def eliminated(self, excess: float = 0.0, across: float = 1.0, reference: str = "") -> Rows:
+        """The differences that are left, with an offset of `excess` between the reference and the others added.
+
+        Along the jet where there is one and `across` times as much across it, the same in all rows of the reference
+        that are of one source, or of one calibrator.
+        """
+        left = [piece for some in self._alike for piece in self._left(some, excess, across, reference)]
+        left = [each for each in left if each.design.size and np.abs(each.design).max() > 0]
+        left.sort(key=lambda each: each.group)
+        if not left:
+            first = {each: self.data.name[self.data.catalogue == each][0] for each in self.data.catalogues}
+            called = ", ".join(f"{name} in {each}" for each, name in first.items())
+            raise DegeneracyError(
+                "no source tells anything of the frame: none is in two catalogues, and none is a quasar with a motion "
+                f"(sources are matched by name: {called} …)"
+            )
+        groups = [self.rows[each.group] for each in left]
+        return Rows(
+            np.concatenate([each.design for each in left]),
+            np.concatenate([each.rhs for each in left]),
+            np.repeat(np.arange(len(left)), [len(each.rhs) for each in left]),
+            tuple(map(self._called, groups)),
+            np.array([self._magnitude(rows) for rows in groups]),
+            np.array([len(rows) for rows in groups]),
+            float(sum(each.size for each in left)),
+        )
+
+    @cached_property
+    def _alike(self):
+        """Groups whose rows measure the same, of the same catalogues and sources: their equations have one shape."""
+        measured = self.data.measured
+        catalogue = np.unique(self.data.catalogue, return_inverse=True)[1].ravel()
+        alike: dict[Any, list[int]] = {}
+        for k, rows in enumerate(self.rows):
+            which = np.unique(self.source[rows], return_inverse=True)[1] if len(rows) > 1 else np.zeros(1, int)
+            key = measured[rows].tobytes(), catalogue[rows].tobytes(), which.tobytes()
+            alike.setdefault(key, []).append(k)
+        return [
+            np.array(members[i : i + _TOGETHER])
+            for members in alike.values()
+            for i in range(0, len(members), _TOGETHER)
+        ]
+
+    def _left(self, members, excess, across, reference):
+        """What is left of groups of one shape when their true parameters are eliminated."""
+        data, rows = self.data, np.array([self.rows[k] for k in members])
+        keep = data.measured[rows[0]]
+        n, m = len(rows), int(keep.sum())
+        sigma = np.zeros((n, m, m))
+        at = np.cumsum([0, *keep.sum(1)])
+        for j, mask in enumerate(keep):
+            sigma[:, at[j] : at[j + 1], at[j] : at[j + 1]] = data.covariance[rows[:, j]][:, mask][:, :, mask]
+        if excess:
+            jets = data.jet[rows]
+            known = np.isfinite(jets)
+            some, first = known.any(1), jets[np.arange(n), known.argmax(1)]
+            angle, ratio = np.where(some, first, 0.0), np.where(some, across, 1.0)
+            sin, cos = np.sin(angle), np.cos(angle)
+            offset = np.zeros((n, *keep.shape, 2))
+            theirs = data.catalogue[rows[0]] == reference
+            turned = np.array([[sin, ratio * cos], [cos, -ratio * sin]])
+            offset[:, theirs, :2] = excess * np.moveaxis(turned, 2, 0)[:, None]
+            flat = offset[:, keep]
+            sigma += flat @ flat.transpose(0, 2, 1)
+        factor = np.linalg.cholesky(sigma)
+        a, y = np.linalg.solve(factor, self.design[rows][:, keep]), self.residual[rows][:, keep]
+        y = np.linalg.solve(factor, y[..., None])[..., 0]
+        size = np.log(np.diagonal(factor, axis1=1, axis2=2)).sum(1)
+        truth = self._truths(rows)[:, keep]
+        length = np.linalg.norm(truth, axis=1, keepdims=True)
+        if truth.size:
+            u, s, _ = np.linalg.svd(np.linalg.solve(factor, truth / np.where(length > 0, length, 1.0)))
+            kept = (s > _RANK * s[:, :1]) & (s > 0)
+        else:
+            u, s, kept = np.tile(np.eye(m), (n, 1, 1)), np.ones((n, 0)), np.zeros((n, 0), bool)
+        size += np.log(np.where(kept, s, 1.0)).sum(1)
+        for i, rank in enumerate(kept.sum(1)):
+            free = u[i, :, rank:].T
+            yield _Left(int(members[i]), free @ a[i], free @ y[i], float(size[i]))
+
+    def _magnitude(self, rows):
+        """That of a source, or the mean of several."""
+        known = self.data.magnitude[rows][np.isfinite(self.data.magnitude[rows])]
+        return known.mean() if known.size else np.nan
+
+    def _truths(self, rows):
+        """Derivatives by the true parameters of all sources that stand together, (n, j, 5, 5 s)."""
+        which = np.unique(self.source[rows[0]], return_inverse=True)[1].ravel()
+        out = np.zeros((*rows.shape, 5, which.max() + 1, 5))
+        out[:, np.arange(len(which)), :, which] = np.moveaxis(self.truth[rows], 1, 0)
+        return out.reshape(*rows.shape, 5, -1)
+
+    def _called(self, rows):
+        """The name of a source, or of the first of several and how many more there are."""
+        sources = np.unique(self.source[rows])
+        first = str(self.data.name[rows[0]])
+        return first if len(sources) == 1 else f"{first} and {len(sources) - 1} more"
+
+
+def equations(
+    data: AstrometryRows,
+    unknowns: Unknowns,
+    *,
+    fixed: Mapping[str, float],
+    aberration: Vector | None,
+    parallax: bool = True,
+    light_time: bool = True,
+) -> tuple[Equations, tuple[str, ...]]:
+    """Expected parameters of each row from the best-known ones of its source, and what is left; with notes."""
+    number, n = data.source, len(data)
+    order = np.argsort(number, kind="stable")
+    groups = tuple(np.split(order, np.flatnonzero(np.diff(number[order])) + 1))
+    together = _of_one_calibrator(data, groups)
+    # The colour and the magnitude of a source are those of any of its rows.
+    values = {role: np.full(n, np.nan) for role in ("magnitude", "colour", "radial_velocity")}
+    start = np.zeros((5, n))
+    epoch = np.zeros(n)
+    still = np.zeros(n, bool)
+    measured = data.measured
+    for rows in groups:
+        for role, column in values.items():
+            known = getattr(data, role)[rows]
+            known = known[np.isfinite(known)]
+            column[rows] = known[0] if known.size else np.nan
+        still[rows] = data.still[rows].any()
+        first = rows[np.argmax(measured[rows].sum(1) + 0.5 * np.isfinite(data.lon[rows]))]
+        if not np.isfinite(data.lon[first]):
+            raise FieldError(f"no row of {in_a_line(data.name[first])} has a position, if without an error")
+        start[0, rows], start[1, rows], epoch[rows] = data.lon[first], data.lat[first], data.epoch[first]
+        if not still[rows[0]]:
+            for k in (2, 3, 4):
+                with_it = rows[np.isfinite(data.values[k, rows])]
+                place = first if np.isfinite(data.values[k, first]) else with_it[0] if with_it.size else -1
+                start[k, rows] = data.values[k, place] if place >= 0 else 0.0
+    notes = _moving_without_velocity(data, values["radial_velocity"], still)
+    later, jacobian = propagate(
+        start, np.nan_to_num(values["radial_velocity"]), epoch, data.epoch, light_time=light_time
+    )
+    p, q, r = triad(later[0], later[1])
+    _, _, there = triad(np.where(measured[:, 0], data.lon, later[0]), np.where(measured[:, 0], data.lat, later[1]))
+    if (np.sum(there * r, 0) < np.cos(_FAR)).any():
+        bad = np.flatnonzero(np.sum(there * r, 0) < np.cos(_FAR))
+        raise FieldError(
+            f"positions more than 1' from where the source should be: {len(bad)} ({in_a_line(data.name[bad[0]])} in "
+            f"{data.catalogue[bad[0]]}, row {bad[0]}): names that are given twice, or a wrong epoch or motion"
+        )
+    residual = np.stack(
+        [np.sum(p * there, 0) / UAS, np.sum(q * there, 0) / UAS, data.parallax - later[2], *(data.motion - later[3:])]
+    ).T
+    truth = jacobian.copy()
+    truth[still, :, 2:] = 0.0
+    if parallax and (data.displaced & measured[:, 0]).any():
+        b = earth(data.epoch)
+        factors = -np.stack([np.sum(p * b, 0), np.sum(q * b, 0)])
+        factors[:, ~data.displaced] = 0.0
+        residual[:, :2] -= (factors * later[2]).T
+        truth[:, :2, 2] += factors.T * np.where(still, 0.0, 1.0)[:, None]
+    functions = unknowns.functions(values["magnitude"], values["colour"])
+    design = np.zeros((n, 5, len(unknowns.names)))
+    for catalogue in data.catalogues:
+        mine = data.catalogue == catalogue
+        design[mine] = unknowns.design(later[0, mine], later[1, mine], data.epoch[mine], functions[:, mine], catalogue)
+    if np.isnan(design).any():
+        lost = data.name[np.isnan(design).any((1, 2))]
+        raise FieldError(
+            f"{len(np.unique(lost))} sources have no magnitude or colour, which the frame is to depend on: "
+            f"{in_a_line(lost[0])} for one"
+        )
+    # Apparent motions follow the acceleration of the Solar System. A catalogue that is fixed to calibrators at an
+    # epoch does not: there stars move against it.
+    shift = np.zeros((n, 5, 3))
+    axes = np.stack([p.T, q.T], 1)
+    quasars = still & measured[:, 3]
+    shift[quasars, 3:] += axes[quasars]
+    shift[still, :2] += (data.epoch - epoch)[still, None, None] * axes[still]
+    for catalogue, when in fixed.items():
+        mine = data.catalogue == catalogue
+        shift[mine & ~still, :2] -= (data.epoch - when)[mine & ~still, None, None] * axes[mine & ~still]
+        shift[mine & ~still, 3:] -= axes[mine & ~still]
+    if "acceleration" in unknowns.vectors:
+        design[:, :, -3:] = shift
+    elif aberration is not None:
+        residual -= shift @ aberration.to_frame("icrs").value
+    residual[~measured] = 0.0
+    return Equations(together, residual, design, truth, data), notes
+
+
+def _of_one_calibrator(data, groups):
+    """Rows of sources that share a calibrator, joined: its error is in all of them."""
+    named = data.calibrator != ""
+    if not named.any():
+        return groups
+    called, place = np.unique(data.calibrator[named], return_inverse=True)
+    graph = coo_array(
+        (np.ones(int(named.sum())), (data.source[named], place.ravel())), shape=(len(groups), len(called))
+    ).tocsr()
+    _, part = connected_components(graph @ graph.T, directed=False)
+    return tuple(
+        np.concatenate([groups[k] for k in np.flatnonzero(part == each)]) for each in dict.fromkeys(part.tolist())
+    )
+
+
+def _moving_without_velocity(data, velocity, still):
+    """A note on fast stars near us whose radial velocity is not known."""
+    with np.errstate(invalid="ignore"):
+        # Perspective acceleration of 50 km/s over twenty years, 2 µ v ϖ t / A. [µas/yr]
+        change = np.hypot(*data.motion) * 50 * data.parallax * UAS * 2 * 20 / AU_PER_YEAR
+        doubtful = np.unique(data.name[~still & np.isnan(velocity) & (change > 20)])
+    if not doubtful.size:
+        return ()
+    return (
+        f"warning: {doubtful.size} near, fast stars without a radial velocity, {in_a_line(doubtful[0])} for one: "
+        "50 km/s change their motion by more than 20 µas/yr in twenty years",
+    )

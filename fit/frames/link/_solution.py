@@ -1,0 +1,526 @@
+"""A link of frames: orientation and spin at any magnitude, what each source does to it, and what to observe next."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.special import logsumexp
+
+from fit.frames.link._likelihood import NORMAL, Node, Tails, influence_of, mixed
+from fit.frames.link._rows import VECTORS, Rows, Unknowns, equations
+from fit.results.output import Answer
+from fit.results.quality import SEEN, f_p_value, hint_of, printed_p_value
+from fit.results.solution import NamedSolution
+from fit.results.storage import Result
+from vsh.field import Field
+from vsh.io import tables
+from vsh.sky.astrometry import AstrometryRows
+from vsh.tools import arguments
+from vsh.tools.errors import FieldError, ParameterError
+from vsh.tools.notes import note_lines
+from vsh.tools.printing import in_a_line
+from vsh.tools.types import Axes, AxesArray, FloatArray, IntArray, OnAxes, Table
+from vsh.vector import Vector
+
+#: Sources that the report lists, of the most doubtful and of the most influential.
+_LISTED = 8
+#: A source that moves a parameter by more than so many errors is said to.
+_HEAVY = 2.0
+
+
+@dataclass(frozen=True, eq=False)
+class LinkSolution(NamedSolution):
+    """Orientation and spin of catalogues against a reference.
+
+    Attributes
+    ----------
+    names, values, covariance, chi2, n_data, frame, notes
+        As a `NamedSolution`'s: `epsilon_x` … [µas] and `omega_x` … [µas/yr], with a jump or a power in brackets and
+        the catalogue before a colon where there are several. χ² is that of errors as quoted.
+    unknowns : Unknowns
+    reference : str
+    sources : tuple of str
+        The sources that tell anything of the frame.
+    magnitude : (n,) array
+        Their magnitudes.
+    rows : (n,) int array
+        How many rows of the catalogues each has.
+    distances : (n,) array
+        √χ² of each per difference, by errors as quoted.
+    outlier : (n,) array
+        Probability that its errors are more than three times those of the others.
+    influence : (n, p) array
+        By how many errors each parameter would change without it.
+    tails : Tails
+        What the errors are like where the posterior is highest: degrees of freedom ν of Student's t (1e6 is a normal
+        distribution), the share of outliers and how many times larger their errors are.
+    scale : float
+        By which errors were multiplied there, with outliers counted apart.
+    excess : float
+        Offset between the reference's and other positions. [µas]
+    information : (p, p) array
+        What one source tells of the parameters, in the mean.
+    log_evidence : float
+        ln of the evidence, flat in the parameters: of links with as many of them by the same data.
+    searched : tuple of float
+        Where the place of the step was searched for: p-values of no jump after allowing for all places, of all vectors
+        together and then of each. Empty where the step was given.
+    """
+
+    unknowns: Any = None
+    reference: str = ""
+    sources: tuple[str, ...] = ()
+    magnitude: FloatArray = None  # type: ignore[assignment]
+    rows: IntArray = None  # type: ignore[assignment]
+    distances: FloatArray = None  # type: ignore[assignment]
+    outlier: FloatArray = None  # type: ignore[assignment]
+    influence: FloatArray = None  # type: ignore[assignment]
+    tails: Tails = NORMAL
+    scale: float = 1.0
+    excess: float = 0.0
+    information: FloatArray = None  # type: ignore[assignment]
+    log_evidence: float = float("nan")
+    searched: tuple[float, ...] = ()
+
+    def __repr__(self) -> str:
+        return (
+            f"<LinkSolution: {', '.join(self.unknowns.turned)} against {self.reference}, {len(self.sources)} sources>"
+        )
+
+    def vector(
+        self, name: str, magnitude: float | None = None, colour: float | None = None, catalogue: str | None = None
+    ) -> Vector:
+        """Orientation, spin or acceleration, at a magnitude and a colour.
+
+        Parameters
+        ----------
+        name : str
+            "orientation", "spin" or "acceleration".
+        magnitude, colour : float, optional
+            The constant terms alone unless given.
+        catalogue : str, optional
+            Whose; the one that is turned, or the first of several, unless given.
+
+        Raises
+        ------
+        ParameterError
+            If the vector was not sought, or the catalogue is not turned.
+        """
+        whose = catalogue or (self.unknowns.turned[0] if self.unknowns.turned else "")
+        if name not in self.unknowns.vectors or (name != "acceleration" and whose not in self.unknowns.turned):
+            raise ParameterError(f"the {name} of {whose} was not sought: {', '.join(self.unknowns.vectors)} were")
+        a = self.unknowns.combination(name, whose, magnitude, colour)
+        return Vector(a @ self.values, a @ self.covariance @ a.T, self.frame, VECTORS[name][1])
+
+    def jump(self, step: float, vector: str = "spin", catalogue: str | None = None) -> tuple[Vector, float]:
+        """The jump at a magnitude, and the probability of as large a one by chance.
+
+        Parameters
+        ----------
+        step : float
+            One of the steps that were sought.
+        vector : str
+            "orientation" or "spin".
+        catalogue : str, optional
+            As for `vector`.
+
+        Raises
+        ------
+        ParameterError
+            If no such step was sought.
+        """
+        if step not in self.unknowns.steps:
+            raise ParameterError(
+                f"no step at {step:g} was sought: {', '.join(map(str, self.unknowns.steps)) or 'none'}"
+            )
+        value, covariance, p = self._tested(self.unknowns.jump(vector, catalogue or self.unknowns.turned[0], step))
+        return Vector(value, covariance, self.frame, VECTORS[vector][1]), p
+
+    def jump_covariance(self, step: float) -> FloatArray:
+        """Covariance of the jumps of all vectors and catalogues at a step, (k, k).
+
+        Parameters
+        ----------
+        step : float
+            One of the steps that were sought.
+        """
+        return self._tested(self._jumps(step))[1]
+
+    def _jumps(self, step, vectors=None):
+        """Rows from the parameters to the jumps of some vectors, all unless given, of all catalogues."""
+        unknowns, vectors = self.unknowns, vectors or self._jumping
+        return np.concatenate([unknowns.jump(each, where, step) for where in unknowns.turned for each in vectors])
+
+    @property
+    def _jumping(self):
+        """The vectors that jump at a step."""
+        return [each for each in self.unknowns.vectors if each != "acceleration"]
+
+    def _tested(self, a):
+        """A combination of the parameters, its covariance, and the probability of as much by chance."""
+        value, covariance = a @ self.values, a @ self.covariance @ a.T
+        size = value @ np.linalg.solve(covariance, value)
+        return value, covariance, f_p_value(float(size), len(a), self.dof)
+
+    def model(self, field: Field) -> FloatArray:
+        """The motions by which the first catalogue turns at the sources of a field, (2, n). [µas/yr]
+
+        Parameters
+        ----------
+        field : Field
+            The sources, with magnitudes where the frame depends on them.
+
+        Raises
+        ------
+        FieldError
+            If it depends on what the sources do not have.
+        """
+        magnitude = np.full(len(field), np.nan) if field.magnitude is None else field.magnitude
+        functions = self.unknowns.functions(magnitude)
+        if np.isnan(functions).any():
+            raise FieldError("the frame depends on magnitude or colour, which the sources do not have")
+        epoch = np.full(len(field), self.unknowns.epoch)
+        design = self.unknowns.design(field.lon, field.lat, epoch, functions, self.unknowns.turned[0])
+        return (design[:, 3:] @ self.values).T
+
+    @property
+    def quiet_epoch(self) -> float:
+        """The epoch at which orientation and spin are correlated least, of the first catalogue. [Julian year]"""
+        if not {"orientation", "spin"} <= set(self.unknowns.vectors):
+            return self.unknowns.epoch
+        one, two = (self.unknowns.combination(each, self.unknowns.turned[0]) for each in ("orientation", "spin"))
+        return self.unknowns.epoch - float(
+            np.trace(one @ self.covariance @ two.T) / np.trace(two @ self.covariance @ two.T)
+        )
+
+    def at_epoch(self, epoch: float, magnitude: float | None = None, catalogue: str | None = None) -> Vector:
+        """The orientation at an epoch.
+
+        Parameters
+        ----------
+        epoch : float
+            [Julian year]
+        magnitude, catalogue
+            As for `vector`.
+        """
+        whose = catalogue or self.unknowns.turned[0]
+        a = self.unknowns.combination("orientation", whose, magnitude)
+        if "spin" in self.unknowns.vectors:
+            a = a + (epoch - self.unknowns.epoch) * self.unknowns.combination("spin", whose, magnitude)
+        return Vector(a @ self.values, a @ self.covariance @ a.T, self.frame, "µas")
+
+    def with_more(self, count: int) -> FloatArray:
+        """Errors that the parameters would have with so many more sources like these, (p,).
+
+        Parameters
+        ----------
+        count : int
+            How many more.
+        """
+        return np.sqrt(np.diag(np.linalg.inv(np.linalg.inv(self.covariance) + count * self.information)))
+
+    def report(self, *, long: bool = False) -> str:
+        """The link as text.
+
+        Parameters
+        ----------
+        long : bool
+            Add the jumps themselves, the epoch of independence, and what each source has to do with the result.
+        """
+        unknowns = self.unknowns
+        n, several = len(self.sources), int(np.sum(self.outlier > 0.5))
+        lines = [
+            f"{', '.join(unknowns.turned) or self.reference} against {self.reference}: {n} sources, {self.n_data} "
+            f"differences free of their own positions, parallaxes and motions ({self.frame} axes)",
+            "turned by ε + ω (t − "
+            f"{unknowns.epoch:g}): Δα* = q·ε, Δδ = −p·ε, turned less reference; ICRF3's R1, R2, R3 are −ε",
+        ]
+        shown = list(zip(self.names, self.values, self.sigma, strict=True))
+        if unknowns.steps and not long:
+            shown = []  # the levels below say it in fewer lines
+        else:
+            lines.append(f"{'':24}{'value':>12}{'±':>10}")
+        for name, value, sigma in shown:
+            unit = "µas" if "epsilon" in name else "µas/yr"
+            lines.append(f"{name:24}{value:+12.2f}{sigma:10.2f} {unit}")
+        lines += self._levels(long)
+        if long and {"orientation", "spin"} <= set(unknowns.vectors):
+            quiet = self.quiet_epoch
+            if abs(quiet - unknowns.epoch) > 0.05:
+                there = self.at_epoch(quiet)
+                each = ", ".join(f"{v:+.1f} ± {s:.1f}" for v, s in zip(there.value, there.sigma, strict=True))
+                lines.append(f"orientation at {quiet:.1f}, where it is independent of the spin: {each} µas")
+        lines.append(f"χ²/dof by errors as quoted {self.chi2:.5g} / {self.dof} = {self.reduced_chi2:.3g}")
+        if self.excess:
+            lines.append(f"offset of positions of {self.reference}: {self.excess:.3g} µas a coordinate")
+        order = np.argsort(-self.outlier, kind="stable")[: max(several, 3)][:_LISTED]
+        largest = np.abs(self.influence).max(1)
+        if long:
+            more = np.mean(self.with_more(10) / self.sigma)
+            lines.append(f"with 10 more such sources errors would be {more:.2f} of these")
+            lines.append(
+                f"probable outliers: {several} of {n}" + (" (errors more than three times as large)" * (several > 0))
+            )
+            lines += [
+                f"  {in_a_line(self.sources[i]):24} P = {self.outlier[i]:.2f}, {self.distances[i]:.1f} errors as quoted"
+                for i in order
+            ]
+            lines.append("most influence on a parameter, in its errors, were it left out:")
+            for i in np.argsort(-largest, kind="stable")[:3]:
+                worst = int(np.abs(self.influence[i]).argmax())
+                lines.append(
+                    f"  {in_a_line(self.sources[i]):24} {self.influence[i, worst]:+.2f} of {self.names[worst]}"
+                )
+        elif several:
+            names = ", ".join(in_a_line(self.sources[i]) for i in order[:several])
+            lines.append(f"probable outliers (errors more than three times as large): {several} of {n}: {names}")
+        heavy = [in_a_line(self.sources[i]) for i in np.argsort(-largest, kind="stable") if largest[i] > _HEAVY]
+        if heavy:
+            lines.append(
+                f"warning: {', '.join(heavy[:3])} alone move{'s' * (len(heavy) == 1)} a parameter by more than "
+                f"{_HEAVY:g} of its errors: with errors that are too small the whole answer is theirs"
+            )
+        return "\n".join([*lines, *note_lines(self.notes)]) + "\n"
+
+    @property
+    def answer(self) -> Answer:
+        """The result to quote: whether frames are turned, and whether they jump, a line each."""
+        steps, powers = self.unknowns.steps, self.unknowns.order
+        at = f", brighter than {min(steps):.4g} mag" if steps else ", at G = 13" if powers else ""
+        several = len(self.unknowns.turned) > 1
+        lines = [
+            (f"{name}, {catalogue}" if several else name, f"{self._in_words(name, catalogue)} ({catalogue}{at})")
+            for catalogue in self.unknowns.turned
+            for name in ("orientation", "spin")
+            if name in self.unknowns.vectors
+        ]
+        for step in steps:
+            together, *each = self.jump_p_values(step)
+            words = [
+                f"{vector} {'' if p < SEEN else 'not '}detected (p = {printed_p_value(p)})"
+                for vector, p in zip(self._jumping, each, strict=True)
+            ]
+            hint = hint_of(together)
+            if len(each) > 1:
+                words.append(f"both together p = {printed_p_value(together)}{hint and f' ({hint})'}")
+            lines.append(
+                (f"jump at {step:.4g}", ", ".join(words) + ("; p-values allow for all places" if self.searched else ""))
+            )
+        lines.append(
+            ("errors", f"{self._tails()}, times {self.scale:.3g}: from the residuals of {len(self.sources)} sources")
+        )
+        return Answer(tuple(lines))
+
+    @property
+    def verdict(self) -> str:
+        """The result to quote in one sentence."""
+        return self.answer.sentence
+
+    def jump_p_values(self, step: float) -> tuple[float, ...]:
+        """Probability of as large a jump by chance: of all vectors and catalogues together, then of each vector.
+
+        Parameters
+        ----------
+        step : float
+            One of the steps that were sought; where its place was searched for, after allowing for all places.
+        """
+        if self.searched:
+            return self.searched
+        jumps = [self._jumps(step), *(self._jumps(step, [vector]) for vector in self._jumping)]
+        return tuple(self._tested(each)[2] for each in jumps)
+
+    def _levels(self, long):
+        """The value of each vector between the steps, and the p-values of the jumps."""
+        lines, unknowns = [], self.unknowns
+        if not unknowns.steps:
+            return lines
+        for catalogue in unknowns.turned:
+            for vector in self._jumping:
+                for words, magnitude in unknowns.levels:
+                    level = self.vector(vector, magnitude, catalogue=catalogue)
+                    values = ", ".join(f"{v:+.1f} ± {s:.1f}" for v, s in zip(level.value, level.sigma, strict=True))
+                    lines.append(f"{vector} of {catalogue}, {words}: {values} {level.unit}")
+        for step in unknowns.steps if long else ():
+            together, *each = self.jump_p_values(step)
+            listed = [f"{vector} {printed_p_value(p)}" for vector, p in zip(self._jumping, each, strict=True)]
+            how = "after allowing for all places" if self.searched else "as if the place were known in advance"
+            listed += [f"together {printed_p_value(together)}"] * (len(each) > 1)
+            lines.append(f"p-values of no jump at {step:.4g} mag, {how}: {', '.join(listed)}")
+        return lines
+
+    def _in_words(self, name, catalogue):
+        vector = self.vector(name, catalogue=catalogue)
+        p = self._tested(self.unknowns.combination(name, catalogue))[2]
+        if p < SEEN:
+            size = f"{vector.amplitude:.3g} ± {vector.amplitude_error:.2g} {vector.unit}"
+            return f"{size}, p = {printed_p_value(p)}"
+        return f"not detected: < {vector.amplitude_limit():.3g} {vector.unit} (95 %), p = {printed_p_value(p)}"
+
+    def to_table(self) -> Table:
+        """Parameters with their errors, units and correlations as an astropy Table, a row each; tests in its meta."""
+        table = super().to_table()
+        units = ["uas" if "epsilon" in name else "uas / yr" for name in self.names]
+        table.add_column(units, 3, "unit")
+        table.meta |= {"reference": self.reference, "epoch": self.unknowns.epoch, "n_sources": len(self.sources)}
+        table.meta |= {"chi2": self.chi2, "dof": self.dof, "summary": self.verdict}
+        for step in self.unknowns.steps:
+            for name, p in zip(("", *(f"_{each}" for each in self._jumping)), self.jump_p_values(step), strict=True):
+                table.meta[f"p_value_jump_{step:g}{name}"] = p
+        return table
+
+    def _tails(self):
+        nu, share = self.tails.nu, self.tails.share
+        words = "normal" if nu > 1e5 else f"Student's t, ν = {nu:g}"
+        return words + (f", and {self.tails.times:g} times as large for {100 * share:.0f} %" if share else "")
+
+    def sources_table(self) -> Table:
+        """A row for each source: magnitude, rows, distance, probability of an outlier, influence; an astropy Table."""
+        columns: dict[str, Any] = {
+            "source": np.array(self.sources, dtype=str), "magnitude": self.magnitude, "rows": self.rows,
+            "distance": self.distances, "outlier": self.outlier, "influence": np.abs(self.influence).max(1),
+        }  # fmt: skip
+        columns["on"] = np.array(self.names, dtype=str)[np.abs(self.influence).argmax(1)]
+        return tables.table_of(columns, {"frame": self.frame, "reference": self.reference})
+
+    def plot(self, *, ax: OnAxes | None = None) -> AxesArray:
+        """Orientation and spin against magnitude, and influence and distance of the sources."""
+        from fit.frames.link._plot import plot_link
+
+        return plot_link(self, ax=ax)
+
+
+def made(
+    listed: Sequence[Node],
+    rows: Rows,
+    prior: tuple[FloatArray, FloatArray],
+    unknowns: Unknowns,
+    reference: str,
+    notes: tuple[str, ...],
+) -> LinkSolution:
+    """The solution of nodes of the likelihood, with what each source has to do with it."""
+    values, covariance, share = mixed(listed)
+    best = listed[int(np.argmax(share))]
+    outlier = np.sum([w * each.outlier for w, each in zip(share, listed, strict=True)], axis=0)
+    d = rows.dims
+    left = rows.rhs - rows.design @ values
+    size = np.bincount(rows.source, left**2, minlength=len(d))
+    influence = influence_of(listed, share, rows, prior, values) / np.sqrt(np.diag(covariance))
+    information = (np.linalg.inv(covariance) - prior[0]) / len(d)
+    return LinkSolution(
+        unknowns.names, values, covariance, float(size.sum()), len(rows.rhs), "icrs", notes,
+        unknowns=unknowns, reference=reference, sources=rows.names, magnitude=rows.magnitude, rows=rows.rows,
+        distances=np.sqrt(size / d), outlier=outlier, influence=influence, tails=best.tails, scale=best.scale,
+        excess=best.excess, information=information,
+        log_evidence=float(logsumexp([each.evidence for each in listed])),
+    )  # fmt: skip
+
+
+#: How many candidates a short report lists.
+_PLANNED = 8
+
+
+@dataclass(frozen=True, eq=False)
+class LinkPlan(Result):
+    """Candidates in the order in which they tell most of a link, each after those before it.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Names of the parameters.
+    candidates : tuple of str
+        Names of the sources, the best first.
+    gain : (n,) array
+        ln of the factor by which the volume of the parameters' errors shrinks with each.
+    sigma : (n, p) array
+        Errors of the parameters when it and all before it have been observed.
+    before : (p,) array
+        Errors today.
+    """
+
+    names: tuple[str, ...]
+    candidates: tuple[str, ...]
+    gain: FloatArray
+    sigma: FloatArray
+    before: FloatArray
+
+    def __repr__(self) -> str:
+        return f"<LinkPlan: {len(self.candidates)} candidates, {self.candidates[0]} first>"
+
+    def report(self, *, long: bool = False) -> str:
+        """The first candidates in their order, as text.
+
+        Parameters
+        ----------
+        long : bool
+            All of them.
+        """
+        lines = [f"{'observe next':24}{'gain':>8}   errors of {', '.join(self.names)}"]
+        lines.append(f"{'(today)':24}{'':8}   " + " ".join(f"{each:.3g}" for each in self.before))
+        shown = len(self.candidates) if long else _PLANNED
+        for name, gain, sigma in list(zip(self.candidates, self.gain, self.sigma, strict=True))[:shown]:
+            lines.append(f"{name:24}{gain:8.3f}   " + " ".join(f"{each:.3g}" for each in sigma))
+        return "\n".join(lines) + "\n"
+
+    def to_table(self) -> Table:
+        """The candidates as an astropy Table, a row each."""
+        columns: dict[str, Any] = {"source": np.array(self.candidates, dtype=str), "gain": self.gain}
+        columns |= {f"sigma_{name}": column for name, column in zip(self.names, self.sigma.T, strict=True)}
+        return tables.table_of(columns, {})
+
+    def plot(self, *, ax: Axes | None = None) -> Axes:
+        """Errors against the number of candidates that have been observed, on matplotlib axes."""
+        from fit.frames.link._plot import plot_plan
+
+        return plot_plan(self, ax=ax)
+
+
+@arguments.accepts(solution=arguments.a(LinkSolution), candidates=arguments.a(AstrometryRows))
+def forecast(solution: LinkSolution, candidates: AstrometryRows) -> LinkPlan:
+    """Order candidates by what their astrometry, as planned, would add to a link.
+
+    Parameters
+    ----------
+    solution : LinkSolution
+        The link today.
+    candidates : AstrometryRows
+        Rows of all catalogues that the candidates have or will have: places, epochs and covariances count, values do
+        not.
+
+    Returns
+    -------
+    LinkPlan
+        The candidates that tell anything, the best first.
+
+    Raises
+    ------
+    FieldError
+        As `link` does.
+    DegeneracyError
+        If no candidate tells anything.
+
+    Notes
+    -----
+    Each step takes the candidate with the largest gain of ln det of the inverse covariance. Errors are those that were
+    found, tails and size, in the mean over skies.
+    """
+    fixed = {solution.reference: 2015.0} if solution.reference in candidates.catalogues else {}
+    raw, _ = equations(candidates, solution.unknowns, fixed=fixed, aberration=None)
+    rows = raw.eliminated(solution.excess, 1.0, solution.reference)
+    tails, d = solution.tails, rows.dims
+    ratio = (1 - tails.share) * (tails.nu + d) / (tails.nu + d + 2) / solution.scale**2
+    blocks = [weight * rows.design[mine].T @ rows.design[mine] for weight, mine in zip(ratio, rows.parts, strict=True)]
+    matrix = np.linalg.inv(solution.covariance)
+    left = list(range(len(blocks)))
+    order, gains, sigmas = [], [], []
+    while left:
+        now = np.linalg.slogdet(matrix)[1]
+        gain = np.array([np.linalg.slogdet(matrix + blocks[i])[1] - now for i in left]) / 2
+        best = int(gain.argmax())
+        order.append(left.pop(best))
+        gains.append(gain[best])
+        matrix = matrix + blocks[order[-1]]
+        sigmas.append(np.sqrt(np.diag(np.linalg.inv(matrix))))
+    return LinkPlan(
+        solution.names, tuple(rows.names[i] for i in order), np.array(gains), np.array(sigmas), solution.sigma
+    )

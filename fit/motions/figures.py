@@ -1,0 +1,73 @@
+"""Figures of an acceleration in the Galaxy, and of an expansion on the sky (matplotlib)."""
+
+from typing import Any
+
+import numpy as np
+
+from vsh.coefficients import Coefficients
+from vsh.figures.plot import (
+    COLOURS,
+    SkyAxes,
+    arrow_grid,
+    draw_points,
+    draw_vectors,
+    legend_above,
+    panels,
+    sky_axes,
+    styled,
+)
+from vsh.sky.sphere import angles
+from vsh.tools.types import Axes
+
+
+@styled
+def plot_orbit(galactic_orbit: Any, circular: float, *, ax: Axes | None = None) -> Axes:
+    """The three components with their errors, and the acceleration of a circular orbit."""
+    (axes,) = panels(ax)
+    axes.errorbar(
+        range(3),
+        galactic_orbit.acceleration.value,
+        galactic_orbit.acceleration.sigma,
+        fmt="o",
+        color=COLOURS[0],
+        label="found",
+    )
+    axes.scatter(
+        range(3),
+        [circular, 0, 0],
+        marker="_",
+        s=400,
+        color=COLOURS[1],
+        label="circular orbit, motion of Sgr A*",
+        zorder=1,
+    )
+    axes.axhline(0, color="0.6", linewidth=0.6)
+    axes.set_xlim(-0.5, 2.5)
+    axes.set_xticks(range(3), ["towards the\ncentre", "along\nrotation", "towards the\nnorth pole"])
+    axes.set_ylabel("acceleration ã  [µas/yr]")
+    legend_above(axes)
+    return axes
+
+
+@styled
+def plot_shear(tensor: Any, coefficients: Coefficients, *, ax: Axes | None = None) -> SkyAxes:
+    """The motions of the fitted expansion, of these coefficients, and where its principal axes point."""
+    axes = sky_axes(tensor.frame, ax, below=0.55)
+    lon, lat = arrow_grid(axes)
+    motion = coefficients.at(lon, lat)
+    draw_vectors(axes, lon, lat, motion, color="0.45")
+    colours = (COLOURS[0], "0.2", COLOURS[1])
+    for rate, error, axis, colour in zip(
+        tensor.eigenvalues, tensor.eigenvalue_errors, tensor.axes, colours, strict=True
+    ):
+        there, up = angles(np.stack([axis, -axis], axis=1))
+        draw_points(axes, there, up, s=36, color=colour, edgecolor="white", label=f"{rate:+.2f} ± {error:.2f}")
+    axes.legend(
+        loc="upper center",
+        bbox_to_anchor=(0.5, -0.02),
+        ncols=3,
+        title="rate along the axis  [µas/yr]",
+        title_fontsize=7,
+    )
+    axes.set_title(f"expansion of degree 2: motions to {np.hypot(*motion).max():.2g} µas/yr")
+    return axes

@@ -1,0 +1,315 @@
+"""What the acceleration of the Solar System says of our Galaxy: circular speed, distance of its centre, potentials.
+
+On a circular orbit acceleration, speed and radius follow any one of them from two.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from fit.results.quality import printed_p_value
+from fit.results.storage import Result
+from vsh.io import tables
+from vsh.tools.arguments import explained, not_negative, number, positive
+from vsh.tools.errors import ParameterError
+from vsh.tools.types import Axes, FloatArray, Table
+from vsh.tools.units import AU_PER_YEAR, JULIAN_YEAR, KM_S_MYR
+from vsh.vector import Vector, probability_of
+
+__all__ = ["R0", "GalacticOrbit", "circular_speed", "distance_of_centre", "expected_acceleration", "orbit"]
+
+
+#: Distance of the Galactic centre and its error [kpc]: GRAVITY Collaboration (2021, A&A 647, A59), with systematics.
+R0 = (8.275, 0.034)
+#: Motion of Sgr A* along Galactic longitude, towards lower ones, and its error [mas/yr]: Reid & Brunthaler (2020, ApJ
+#: 892, 39).
+SGR_A = (6.411, 0.008)
+#: The Sun's own speed along Galactic rotation [km/s]: Schönrich, Binney & Dehnen (2010, MNRAS 403, 1829), 12.24 ± 0.47
+#: with systematics of 2.
+SOLAR_SPEED = 12.24
+SOLAR_SPEED_ERROR = 2.1
+#: By which that speed is divided. [kpc]
+_R0_OF_SPEED = 8.178
+#: (km/s)²/kpc in km/s/Myr.
+_PER_KPC = 1e6 * JULIAN_YEAR / 3.0856775814913673e16
+
+
+def _square_over_radius(acceleration):
+    """V²/R of an apparent acceleration. [(km/s)²/kpc]"""
+    return acceleration / (KM_S_MYR * _PER_KPC)
+
+
+def circular_speed(
+    acceleration: float, acceleration_error: float = 0.0, r0: float = R0[0], r0_error: float = 0.0
+) -> tuple[float, float]:
+    """V0 = √(a R0), and its error.
+
+    Parameters
+    ----------
+    acceleration, acceleration_error : float
+        Towards the centre. [µas/yr]
+    r0, r0_error : float
+        Distance of the centre; `R0` has its error. [kpc]
+
+    Returns
+    -------
+    tuple of float
+        [km/s]
+
+    Examples
+    --------
+    >>> "{:.1f} ± {:.1f}".format(*circular_speed(5.05, 0.35))
+    '243.7 ± 8.4'
+    """
+    acceleration, r0 = positive("acceleration", acceleration), positive("r0", r0)
+    error = not_negative("acceleration_error", acceleration_error), not_negative("r0_error", r0_error)
+    speed = np.sqrt(_square_over_radius(acceleration) * r0)
+    return float(speed), float(speed / 2 * np.hypot(error[0] / acceleration, error[1] / r0))
+
+
+def angular_speed(motion: float = SGR_A[0], solar_speed: float = SOLAR_SPEED, r0: float = _R0_OF_SPEED) -> float:
+    """Ω0 = V0/R0, from the motion of Sgr A*, which is at rest in the centre, less that of the Sun's own speed."""
+    return number("motion", motion) * AU_PER_YEAR - number("solar_speed", solar_speed) / positive("r0", r0)
+
+
+def angular_speed_error() -> float:
+    """The error of `angular_speed`: of the motion of Sgr A* and of the Sun's own speed. [km/s/kpc]"""
+    return float(np.hypot(SGR_A[1] * AU_PER_YEAR, SOLAR_SPEED_ERROR / _R0_OF_SPEED))
+
+
+def distance_of_centre(
+    acceleration: float, acceleration_error: float = 0.0, speed: float | None = None, speed_error: float | None = None
+) -> tuple[float, float]:
+    """R0 = a/Ω0², and its error: no distance goes in, but for the one by which the Sun's own speed is divided in Ω0.
+
+    Parameters
+    ----------
+    acceleration, acceleration_error : float
+        Towards the centre. [µas/yr]
+    speed, speed_error : float
+        Ω0 and its error, `angular_speed()` and `angular_speed_error()` unless given: the motion of Sgr A* less the
+        Sun's own speed over R0, whose ± 2.1 km/s make ± 0.26 km/s/kpc. That R0 is 8.178 kpc; 5 % more of it change the
+        result by half a per cent. [km/s/kpc]
+
+    Returns
+    -------
+    tuple of float
+        [kpc]
+
+    Examples
+    --------
+    >>> "{:.2f} ± {:.2f}".format(*distance_of_centre(5.05, 0.35))
+    '8.60 ± 0.62'
+    """
+    acceleration = positive("acceleration", acceleration)
+    if speed_error is None:
+        speed_error = angular_speed_error() if speed is None else 0.0
+    speed = angular_speed() if speed is None else positive("speed", speed)
+    errors = not_negative("acceleration_error", acceleration_error), not_negative("speed_error", speed_error)
+    distance = _square_over_radius(acceleration) / speed**2
+    return float(distance), float(distance * np.hypot(errors[0] / acceleration, 2 * errors[1] / speed))
+
+
+@explained
+def expected_acceleration(r0: float = R0[0], speed: float | None = None) -> float:
+    """a = Ω0² R0. [µas/yr]
+
+    Parameters
+    ----------
+    r0 : float
+        Distance of the centre. [kpc]
+    speed : float, optional
+        Ω0, `angular_speed()` unless given. [km/s/kpc]
+
+    Examples
+    --------
+    >>> round(expected_acceleration(8.178), 3)
+    4.804
+    """
+    speed = angular_speed() if speed is None else positive("speed", speed)
+    return float(speed**2 * positive("r0", r0) * KM_S_MYR * _PER_KPC)
+
+
+_NAMES = ("towards the centre", "along rotation", "towards the north pole")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class GalacticOrbit(Result):
+    """The acceleration of the Solar System, and the orbit that it belongs to.
+
+    Attributes
+    ----------
+    acceleration : Vector
+        In Galactic axes: towards the centre, along rotation, towards the north pole. [µas/yr]
+    r0, r0_error : float
+        The distance of the centre that a speed is computed with. [kpc]
+    notes : tuple of str
+    """
+
+    acceleration: Vector
+    r0: float
+    r0_error: float
+    notes: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        value, error = self.inward
+        return f"<GalacticOrbit: {value:.3g} ± {error:.2g} µas/yr towards the centre>"
+
+    @property
+    def inward(self) -> tuple[float, float]:
+        """The component towards the centre and its error; noise does not make it larger. [µas/yr]"""
+        return float(self.acceleration.value[0]), float(self.acceleration.sigma[0])
+
+    @property
+    def amplitude_bias(self) -> float:
+        """By how much noise makes the amplitude too large on average, to first order: (tr C − rᵀCr)/2a. [µas/yr]"""
+        vector = self.acceleration
+        along = vector.value / vector.amplitude
+        return float((np.trace(vector.covariance) - along @ vector.covariance @ along) / (2 * vector.amplitude))
+
+    @property
+    def circular_speed(self) -> tuple[float, float]:
+        """V0 = √(a R0) of the component towards the centre, and its error. [km/s]"""
+        value, error = self._inward_seen()
+        return circular_speed(value, error, self.r0, self.r0_error)
+
+    @property
+    def distance_of_centre(self) -> tuple[float, float]:
+        """R0 = a/Ω0² with the motion of Sgr A*, and its error. [kpc]"""
+        return distance_of_centre(*self._inward_seen())
+
+    def _inward_seen(self) -> tuple[float, float]:
+        value, error = self.inward
+        if not value > 0:
+            raise ParameterError(
+                f"this acceleration does not point to the centre ({value:.3g} ± {error:.2g} µas/yr towards it): no "
+                "orbit"
+            )
+        return value, error
+
+    @property
+    def across_p_value(self) -> float:
+        """Probability of as much along rotation and north from noise alone, with the component inward as it is."""
+        values, covariance = self.acceleration.value[1:], self.acceleration.covariance[1:, 1:]
+        return probability_of(float(values @ np.linalg.solve(covariance, values)), 2, self.acceleration.dof)
+
+    def compared(self, potential: Callable[[FloatArray], Any], *, height: float = 0.021) -> tuple[Vector, float]:
+        """An acceleration from a model of the Galaxy, and how probable ours is in its light.
+
+        Parameters
+        ----------
+        potential : function of a position
+            From galactocentric x, y, z [kpc; the Sun at (−R0, 0, height), x towards the centre, y along rotation] to an
+            acceleration along the same axes, (3,) [km/s/Myr, or a Quantity of any acceleration]. Of gala it is
+            ``lambda x: potential.acceleration(x * u.kpc)``; of galpy (fr x/R, fr y/R, fz) of `evaluateRforces` and
+            `evaluatezforces` at R = hypot(x, y), in km/s/Myr.
+        height : float
+            Height of the Sun above the plane. [kpc]
+
+        Returns
+        -------
+        expected : Vector
+            Without errors, along the Galactic axes. [µas/yr]
+        p_value : float
+            Probability of a difference as large as ours or larger.
+
+        Raises
+        ------
+        ParameterError
+            If the function does not give three finite numbers.
+        """
+        if not callable(potential):
+            raise ParameterError(f"potential is a function of a position, not {type(potential).__name__}")
+        force = potential(np.array([-self.r0, 0.0, number("height", height)]))
+        if hasattr(force, "to_value"):
+            try:
+                force = force.to_value("km / (s Myr)")
+            except (ValueError, TypeError) as error:  # astropy's UnitConversionError is one
+                raise ParameterError(f"the potential gives no acceleration: {error}") from None
+        force = np.asarray(force, float).ravel()
+        if force.shape != (3,) or not np.isfinite(force).all():
+            raise ParameterError(f"the potential must give three finite components of an acceleration, not {force}")
+        expected = force * KM_S_MYR
+        away = replace(self.acceleration, value=self.acceleration.value - expected)
+        return Vector(expected, np.zeros((3, 3)), "galactic"), away.p_value
+
+    def report(self) -> str:
+        """The orbit as text."""
+        vector = self.acceleration
+        lines = ["Acceleration of the Solar System in the Galaxy [µas/yr]"]
+        lines += [
+            f"  {name:24}{v:+.3f} ± {s:.3f}" for name, v, s in zip(_NAMES, vector.value, vector.sigma, strict=True)
+        ]
+        lines.append(
+            f"  amplitude               {vector.amplitude:.3f} ± {vector.amplitude_error:.3f}, on average "
+            f"{self.amplitude_bias:.3f} too large"
+        )
+        lines.append(
+            f"  along rotation and north: p = {printed_p_value(self.across_p_value)} of as much from noise alone"
+        )
+        if self.inward[0] > 0:
+            speed, centre = self.circular_speed, self.distance_of_centre
+            lines += [
+                (
+                    f"circular speed          {speed[0]:.1f} ± {speed[1]:.1f} km/s with R0 = {self.r0:g} ± "
+                    f"{self.r0_error:g} kpc"
+                ),
+                (
+                    f"distance of the centre  {centre[0]:.2f} ± {centre[1]:.2f} kpc with the motion of Sgr A*, no R0 "
+                    "assumed"
+                ),
+                (
+                    f"expected inward         {expected_acceleration(self.r0):.3f} µas/yr with that motion and R0 = "
+                    f"{self.r0:g} kpc"
+                ),
+            ]
+        else:
+            lines.append("it does not point to the centre: no circular speed, no distance")
+        return "\n".join([*lines, *(f"  - {note}" for note in self.notes)]) + "\n"
+
+    def to_table(self) -> Table:
+        """A row for each component, as an astropy Table."""
+        columns = {"component": list(_NAMES), "value": self.acceleration.value, "sigma": self.acceleration.sigma}
+        return tables.table_of(columns, {"frame": "galactic"}, dict.fromkeys(("value", "sigma"), "uas / yr"))
+
+    def plot(self, *, ax: Axes | None = None) -> Axes:
+        """The components, with what is expected, on matplotlib axes."""
+
+        from fit.motions.figures import plot_orbit
+
+        return plot_orbit(self, expected_acceleration(self.r0), ax=ax)
+
+
+def orbit(acceleration: Any, *, r0: float = R0[0], r0_error: float = R0[1]) -> GalacticOrbit:
+    """What an acceleration says of our orbit in the Galaxy.
+
+    Parameters
+    ----------
+    acceleration : Solution, or Vector
+        A solution for spin and acceleration, by harmonics or the frame solver; or the acceleration. [µas/yr]
+    r0, r0_error : float
+        Distance of the Galactic centre. [kpc]
+
+    Raises
+    ------
+    ParameterError
+        If it is neither, or R0 is not above zero.
+
+    Notes
+    -----
+    Gaia Collaboration, Klioner et al. (2021, A&A 649, A9), Bovy (2020, arXiv:2012.02169). The Galaxy's companions add
+    to the acceleration (`sim.effects.attractions`): the LMC today's 0.18 µas/yr, which no error here holds.
+    """
+    vector = getattr(acceleration, "acceleration", acceleration)
+    if not isinstance(vector, Vector):
+        raise ParameterError(
+            "an orbit follows from a solution with an acceleration, or from a Vector, not a "
+            f"{type(acceleration).__name__}"
+        )
+    if vector.unit != "µas/yr":
+        raise ParameterError(f"an acceleration in µas/yr is wanted, not in {vector.unit}")
+    error = number("r0_error", r0_error)
+    notes = tuple(map(str, getattr(acceleration, "notes", ())))
+    return GalacticOrbit(vector.to_frame("galactic"), positive("r0", r0), abs(error), notes)

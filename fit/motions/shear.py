@@ -1,0 +1,270 @@
+"""Expansion that differs from axis to axis: the traceless tensor behind the spheroidal coefficients of degree 2."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import chdtrc
+
+from fit.results.quality import printed_p_value
+from fit.results.solution import HarmonicSolution
+from fit.results.storage import Result
+from vsh.coefficients import Coefficients
+from vsh.io import tables
+from vsh.length import length_limits
+from vsh.modes import Modes
+from vsh.sky.frames import check_frame, rotation_matrix
+from vsh.sky.sphere import angles
+from vsh.tools import arguments
+from vsh.tools.arguments import between, covariance, explained, float_array, positive, read_only
+from vsh.tools.errors import ModesError, ParameterError
+from vsh.tools.notes import note_lines
+from vsh.tools.types import ArrayLike, Axes, FloatArray, Table
+from vsh.tools.units import hubble_rate
+
+__all__ = ["Shear", "coefficients_of", "expansion", "tensor_of"]
+
+
+#: The five coefficients (2,0), (2,1,re), (2,1,im), (2,2,re), (2,2,im) from Σ_zz, Σ_xz, Σ_yz, Σ_xx − Σ_yy, Σ_xy.
+_FACTORS = np.sqrt(np.pi / 5) * np.array([np.sqrt(6), -2, 2, 1, -2])
+#: Σ_xx, Σ_yy, Σ_zz, Σ_xy, Σ_xz, Σ_yz from the coefficients.
+TO_TENSOR = (
+    np.array([
+        [-0.5, 0, 0, 0.5, 0], [-0.5, 0, 0, -0.5, 0], [1, 0, 0, 0, 0], [0, 0, 0, 0, 1], [0, 1, 0, 0, 0], [0, 0, 1, 0, 0],
+    ]) / _FACTORS
+)  # fmt: skip
+PLACES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+
+
+def coefficients_of(tensor: ArrayLike) -> Coefficients:
+    """The coefficients of µ = Σ r − (rᵀ Σ r) r, which is of degree 2 and spheroidal.
+
+    Parameters
+    ----------
+    tensor : (3, 3) array
+        Σ, symmetric; a trace makes no difference. [µas/yr]
+
+    Returns
+    -------
+    Coefficients
+        Coefficients of degree 2.
+
+    Raises
+    ------
+    ParameterError
+        If the tensor is not symmetric.
+
+    Examples
+    --------
+    >>> bool(np.isclose(coefficients_of(np.diag([-1, -1, 2])).values[11], np.sqrt(6 * np.pi / 5) * 2))
+    True
+    """
+    tensor = float_array("the tensor", tensor, (3, 3))
+    if not np.allclose(tensor, tensor.T, rtol=1e-12, atol=1e-12 * np.abs(tensor).max()):
+        raise ParameterError("the tensor of an expansion is symmetric")
+    (xx, xy, xz), (_, yy, yz), (_, _, zz) = tensor - np.eye(3) * np.trace(tensor) / 3
+    values = np.zeros(16)
+    values[Modes(2).slice_of("S", 2)] = _FACTORS * np.array([zz, xz, yz, xx - yy, xy])
+    return Coefficients(Modes(2), values)
+
+
+@explained
+def tensor_of(coefficients: Coefficients) -> FloatArray:
+    """Σ, traceless, of the spheroidal coefficients of degree 2. [µas/yr]
+
+    Parameters
+    ----------
+    coefficients : Coefficients
+        To degree 2 at least.
+
+    Raises
+    ------
+    ModesError
+        If there is no degree 2.
+    """
+    return matrix_of(TO_TENSOR @ coefficients.values[degree_two(coefficients.modes)])
+
+
+def degree_two(modes: Modes) -> slice:
+    """Where the spheroidal coefficients of degree 2 are stored."""
+    if modes.lmax < 2 or modes.components != 2:
+        raise ModesError("an expansion that differs from axis to axis is of degree 2: fit motions to degree 2 at least")
+    return modes.slice_of("S", 2)
+
+
+def matrix_of(six: FloatArray) -> FloatArray:
+    """A symmetric matrix of its components xx, yy, zz, xy, xz, yz."""
+    out = np.empty((3, 3))
+    for (i, j), value in zip(PLACES, six, strict=True):
+        out[i, j] = out[j, i] = value
+    return out
+
+
+_NAMES = ("xx", "yy", "zz", "xy", "xz", "yz")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Shear(Result):
+    """An expansion that differs from axis to axis.
+
+    Attributes
+    ----------
+    tensor : (3, 3) array
+        Σ, traceless: the rate along each axis less the mean. [µas/yr]
+    covariance : (6, 6) array
+        Covariance of Σ_xx, Σ_yy, Σ_zz, Σ_xy, Σ_xz, Σ_yz; of rank 5. [(µas/yr)²]
+    p_value : float
+        Probability of as much from noise alone.
+    hubble : float
+        To which rates are compared. [km/s/Mpc]
+    frame : str
+        Frame of the axes.
+    n_data : int
+    notes : tuple of str
+    """
+
+    tensor: FloatArray
+    covariance: FloatArray
+    p_value: float
+    hubble: float
+    frame: str
+    n_data: int
+    notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Check what a file or a caller may have mixed up."""
+        check_frame(self.frame)
+        object.__setattr__(self, "tensor", read_only(float_array("the tensor", self.tensor, (3, 3))))
+        object.__setattr__(self, "covariance", covariance("the covariance of a tensor", self.covariance, 6))
+        super().__post_init__()
+
+    def __repr__(self) -> str:
+        return f"<Shear: |Σ| = {self.norm:.3g} µas/yr, p = {printed_p_value(self.p_value)}>"
+
+    @property
+    def values(self) -> FloatArray:
+        """Σ_xx, Σ_yy, Σ_zz, Σ_xy, Σ_xz, Σ_yz, (6,). [µas/yr]"""
+        return np.array([self.tensor[place] for place in PLACES])
+
+    @property
+    def sigma(self) -> FloatArray:
+        """Their standard errors, (6,). [µas/yr]"""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def norm(self) -> float:
+        """|Σ|, the root of the sum of squares; noise makes it too large. P_S2 = (4π/5) |Σ|². [µas/yr]"""
+        return float(np.linalg.norm(self.tensor))
+
+    @property
+    def eigenvalues(self) -> FloatArray:
+        """Rates along the principal axes less their mean, the largest first, (3,). [µas/yr]"""
+        return np.linalg.eigh(self.tensor)[0][::-1]
+
+    @property
+    def axes(self) -> FloatArray:
+        """Principal axes in rows, (3, 3), without sign; undetermined where two rates are equal within errors."""
+        vectors = np.linalg.eigh(self.tensor)[1][:, ::-1].T
+        return vectors * np.where(vectors[:, 2:] < 0, -1, 1)
+
+    @property
+    def eigenvalue_errors(self) -> FloatArray:
+        """Standard errors of the rates, (3,), to first order. [µas/yr]
+
+        Good where the rates are several of them apart; two that are closer push each other apart, and scatter less.
+        """
+        products = np.array([[v[i] * v[j] * (1 + (i != j)) for i, j in PLACES] for v in self.axes])
+        return np.sqrt(np.einsum("ki,ij,kj->k", products, self.covariance, products))
+
+    def limit(self, probability: float = 0.95) -> float:
+        """Upper limit of |Σ|: a larger one would have been found larger with `probability`. [µas/yr]
+
+        Its coverage is at least this probability at any signal to noise (`vsh.length.length_limits`).
+        """
+        between("probability", probability, 0, 1)
+        root = np.sqrt([1, 1, 1, 2, 2, 2])
+        covariance = np.outer(root, root) * self.covariance
+        return float(length_limits((root * self.values)[None], covariance[None], probability)[0])
+
+    def percent(self, rate: ArrayLike) -> FloatArray:
+        """A `rate` [µas/yr] in per cent of H0."""
+        return 100 * np.asarray(rate, float) / hubble_rate(self.hubble)
+
+    def to_frame(self, name: str) -> FloatArray:
+        """Σ along the axes of the frame `name` (icrs, galactic, ecliptic), (3, 3). [µas/yr]"""
+        matrix = rotation_matrix(self.frame, name)
+        return matrix @ self.tensor @ matrix.T
+
+    def report(self) -> str:
+        """The expansion as text."""
+        lines = [
+            (
+                f"Expansion that differs from axis to axis, from degree 2 of {self.n_data // 2} sources ({self.frame} "
+                "axes)"
+            ),
+            "tensor [µas/yr]  "
+            + "  ".join(f"{n} {v:+.3f} ± {s:.3f}" for n, v, s in zip(_NAMES, self.values, self.sigma, strict=True)),
+            f"p-value          {printed_p_value(self.p_value)} of as much from noise alone",
+            (
+                f"|Σ|              {self.norm:.3g} µas/yr as found, {self.percent(self.norm):.3g} % of H0 = "
+                f"{self.hubble:g}; below {self.limit():.3g} µas/yr, {self.percent(self.limit()):.3g} % (95 %)"
+            ),
+            f"{'principal axes':17}{'rate [µas/yr]':>20}{'% of H0':>10}{'l':>8}{'b':>8}",
+        ]
+        matrix = rotation_matrix(self.frame, "galactic")
+        for rate, error, axis in zip(self.eigenvalues, self.eigenvalue_errors, self.axes, strict=True):
+            lon, lat = (float(np.degrees(each)) for each in angles(matrix @ axis))
+            lines.append(
+                f"{'':17}{f'{rate:+.3f} ± {error:.3f}':>20}{self.percent(rate):+10.3g}{lon % 360:8.1f}{lat:+8.1f}"
+            )
+        return "\n".join([*lines, *note_lines(self.notes)]) + "\n"
+
+    def to_table(self) -> Table:
+        """A row for each component, as an astropy Table."""
+        columns = {"component": list(_NAMES), "value": self.values, "sigma": self.sigma}
+        return tables.table_of(columns, self._plain_facts(), dict.fromkeys(("value", "sigma"), "uas / yr"))
+
+    def plot(self, *, ax: Axes | None = None) -> Axes:
+        """The motions and the principal axes on the sky, on matplotlib axes."""
+        from fit.motions.figures import plot_shear
+
+        return plot_shear(self, coefficients_of(self.tensor), ax=ax)
+
+
+@arguments.accepts(solution=arguments.a(HarmonicSolution))
+def expansion(solution: HarmonicSolution, *, hubble: float = 70.0) -> Shear:
+    """The expansion that differs from axis to axis behind a fit of motions: µ = Σ r − (rᵀ Σ r) r.
+
+    Parameters
+    ----------
+    solution : Solution
+        To degree 2 at least. Its errors are taken as they are, of a robust fit where some are wrong; of a fit with a
+        floor or another prior it is the fit without, for a prior would shrink what is sought. What sources share is
+        not in these errors: the toroidal part of degree 2 is no expansion, and as large only if neither is one.
+    hubble : float
+        To which rates are compared. [km/s/Mpc]
+
+    Raises
+    ------
+    ModesError
+        If the solution has no degree 2.
+
+    Notes
+    -----
+    Quercellini et al. (2009, PRL 102, 151302), Fontanini et al. (2009); Darling (2014, MNRAS 442, L66) found less than
+    7 % of H0.
+    """
+    degree_two(solution.modes)
+    values, matrix = solution.of_degree("S", 2)
+    six, spread = TO_TENSOR @ values, TO_TENSOR @ matrix @ TO_TENSOR.T
+    p_value = solution.p_value("S", 2)
+    if np.isnan(p_value):
+        p_value = float(chdtrc(5, values @ np.linalg.pinv(matrix) @ values))
+    return Shear(
+        matrix_of(six),
+        (spread + spread.T) / 2,
+        p_value,
+        positive("hubble", hubble),
+        solution.frame,
+        solution.n_data,
+        solution.notes,
+    )

@@ -1,0 +1,302 @@
+"""The motion of the Sun, and Oort's constants, from motions of stars, clusters or masers at known distances.
+
+To first order in the distance d the velocity of sources at d r with respect to the Sun is −v + M d r: their mean motion
+past us, and a gradient (Ogorodnikov 1932, Z. Astrophys. 4, 190; Milne 1935, MNRAS 95, 560). Proper motions tell its
+rotation and its shear:
+
+    µ = (−v_⊥/d + ω × r + (S r)_⊥) / 4.740470,
+
+and nothing of an expansion alike in all directions. In Galactic axes (x to the centre, y along the rotation, z north)
+
+    A = S_xy,  B = ω_z,  C = (S_xx − S_yy)/2,  K = (S_xx + S_yy)/2 − S_zz.
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from fit.distances import measured_rates
+from fit.results.solution import NamedSolution
+from vsh.field import Field
+from vsh.sky.sphere import triad
+from vsh.tools import arguments
+from vsh.tools.arguments import choice, not_negative
+from vsh.tools.errors import DegeneracyError, ParameterError
+from vsh.tools.types import FloatArray
+from vsh.tools.units import AU_PER_YEAR, SPEED_OF_LIGHT
+from vsh.vector import Vector
+
+_V = ("v_x", "v_y", "v_z")
+_GRADIENT = ("w_x", "w_y", "w_z", "A", "C", "K", "S_xz", "S_yz")
+#: From km/s/kpc to µas/yr.
+_PER_KPC = 1000 / AU_PER_YEAR
+#: Symmetric tensors of A, C, K, S_xz and S_yz; K is of the plane against the pole.
+_TENSORS = np.array([
+    [[0, 1, 0], [1, 0, 0], [0, 0, 0]],
+    [[1, 0, 0], [0, -1, 0], [0, 0, 0]],
+    [[1, 0, 0], [0, 1, 0], [0, 0, 0]],
+    [[0, 0, 1], [0, 0, 0], [1, 0, 0]],
+    [[0, 0, 0], [0, 0, 1], [0, 1, 0]],
+], float)  # fmt: skip
+#: Largest velocity dispersion that is tried. [km/s]
+_WIDEST = 3000.0
+
+
+@dataclass(frozen=True, eq=False)
+class Kinematics(NamedSolution):
+    """Our velocity with respect to sources at known distances, and the gradient of their velocities.
+
+    Attributes
+    ----------
+    names : tuple of str
+        v_x, v_y, v_z [km/s]; with a gradient also w_x, w_y, w_z, A, C, K, S_xz, S_yz [km/s/kpc].
+    values : (p,) array
+    covariance : (p, p) array
+        From the scatter of the sources about the model, source by source.
+    chi2 : float
+        For the dispersion that was found.
+    n_data : int
+    frame : str
+    notes : tuple of str
+    dispersion : float
+        Dispersion of the velocities about the model, in each component. [km/s]
+    length : float
+        Scale length of the density of sources, by which distances were inverted. [kpc]
+
+    Examples
+    --------
+    >>> from vsh import Field
+    >>> rng = np.random.default_rng(1)
+    >>> lon, lat = rng.uniform(0, 6.28, 500), np.arcsin(rng.uniform(-1, 1, 500))
+    >>> field = Field(lon, lat, 30 * rng.normal(size=(2, 500)), np.full((2, 500), 30.0))
+    >>> from dataclasses import replace
+    >>> near = replace(field, distance=np.full(500, 1e-3), distance_error=np.full(500, 1e-5))
+    >>> kinematics(near, gradient=True, dispersion=10.0).values.shape
+    (11,)
+    """
+
+    dispersion: float = np.nan
+    length: float = np.nan
+
+    @property
+    def velocity(self) -> Vector:
+        """Our velocity with respect to the sources, toward its apex, a Vector in km/s."""
+        return self._vector("v", "km/s")
+
+    @property
+    def rotation(self) -> Vector | None:
+        """ω of the velocities, a Vector in km/s/kpc; None without a gradient."""
+        return self._vector("w", "km/s/kpc") if "w_x" in self.names else None
+
+    @property
+    def oort(self) -> dict[str, tuple[float, float]]:
+        """A, B, C and K with their errors; empty without a gradient. [km/s/kpc]"""
+        if "A" not in self.names:
+            return {}
+        where = {"A": "A", "B": "w_z", "C": "C", "K": "K"}
+        at = {name: self.names.index(column) for name, column in where.items()}
+        return {name: (float(self.values[i]), float(self.sigma[i])) for name, i in at.items()}
+
+    @property
+    def vertex(self) -> tuple[float, float] | None:
+        """The longitude of the vertex, tan 2l = −C/A, and its error; None without a gradient. [deg]"""
+        if "A" not in self.names:
+            return None
+        pick = [self.names.index("A"), self.names.index("C")]
+        a, c = self.values[pick]
+        slope = np.array([c, -a]) / (2 * (a * a + c * c))
+        error = np.sqrt(slope @ self.covariance[np.ix_(pick, pick)] @ slope)
+        return float(np.degrees(np.arctan2(-c, a) / 2)), float(np.degrees(error))
+
+    def model(self, field: Field) -> FloatArray:
+        """The motions of the model at the sources of a `field` with distances or parallaxes, (2, n). [µas/yr]"""
+        rates = measured_rates(field, self.length / 1000)
+        return np.tensordot(self.values, _design(field, rates.mean, "A" in self.names), 1)
+
+    def report(self, source: str = "") -> str:
+        """The velocity, the gradient and how well they are known, as text.
+
+        Parameters
+        ----------
+        source : str
+            The catalogue, as the report names it.
+        """
+        lines = [
+            f"Our velocity with respect to sources at known distances ({self.frame} axes)",
+            *([f"catalogue      {source}"] if source else []),
+            f"sources        {self.n_data // 2}",
+            f"dispersion     {self.dispersion:.1f} km/s in each component about the model",
+            f"χ²/dof         {self.chi2:.6g} / {self.dof} = {self.reduced_chi2:.3f}",
+        ]
+        for name, value, sigma in zip(self.names, self.values, self.sigma, strict=True):
+            unit = "km/s" if name in _V else "km/s/kpc"
+            lines.append(f"{name:12}{value:+12.3f} ± {sigma:.3f} {unit}")
+        if self.velocity.amplitude > SPEED_OF_LIGHT:
+            lines.insert(2, "warning        faster than light: are distances and motions in the unit that was taken?")
+        lon, lat = self.velocity.direction
+        lines.append(f"speed        {self.velocity.amplitude:.2f} km/s toward {lon:.1f}°, {lat:+.1f}° ({self.frame})")
+        if self.oort:
+            listed = "  ".join(f"{name} = {value:+.2f} ± {error:.2f}" for name, (value, error) in self.oort.items())
+            lines.append(f"Oort         {listed} km/s/kpc")
+            assert self.vertex is not None
+            lines.append("vertex       {:.1f}° ± {:.1f}°".format(*self.vertex))
+        return "\n".join([*lines, *(f"  - {note}" for note in self.notes)]) + "\n"
+
+
+@arguments.accepts(field=arguments.a(Field))
+def kinematics(
+    field: Field,
+    *,
+    gradient: bool = True,
+    dispersion: float | Literal["free"] = "free",
+    length: float | None = None,
+    frame: str = "galactic",
+) -> Kinematics:
+    """The Sun's motion and Oort's constants from proper motions at known distances.
+
+    Parameters
+    ----------
+    field : Field
+        With `distance` and `distance_error` [Mpc], or `parallax` and `parallax_error` [mas], for each source.
+    gradient : bool
+        Whether velocities change with place to first order: rotation and shear (Oort's A, B, C, K); else our velocity
+        alone.
+    dispersion : float or "free"
+        Dispersion of the sources' velocities about that, in each component, that of greatest (restricted) likelihood
+        unless given. [km/s]
+    length : float, optional
+        Scale length of the density of sources, d² exp(−d/L); that of greatest likelihood unless given. [Mpc]
+    frame : {"galactic", "icrs", "ecliptic"}
+        Axes of the result; Oort's constants are defined in Galactic ones.
+
+    Raises
+    ------
+    FieldError
+        If a source has neither a distance nor a parallax.
+    DegeneracyError
+        If the sources cannot tell the parameters apart.
+
+    Notes
+    -----
+    Errors are from the scatter of the sources (a sandwich, HC3), so they also hold where velocities scatter more along
+    one axis than another, or with distance; not where groups of sources move together. Stars that are not the same
+    in all directions and depths also see the curvature of the rotation: A and B are then means over their volume.
+
+    References
+    ----------
+    Ogorodnikov 1932; Milne 1935; Bovy 2017, MNRAS 468, L63.
+
+    Examples
+    --------
+    >>> from vsh import Field
+    >>> rng = np.random.default_rng(1)
+    >>> lon, lat = rng.uniform(0, 6.28, 500), np.arcsin(rng.uniform(-1, 1, 500))
+    >>> field = Field(lon, lat, 30 * rng.normal(size=(2, 500)), np.full((2, 500), 30.0))
+    >>> from dataclasses import replace
+    >>> near = replace(field, distance=np.full(500, 1e-3), distance_error=np.full(500, 1e-5))
+    >>> solution = kinematics(near, gradient=False, dispersion=10.0)
+    >>> solution.names
+    ('v_x', 'v_y', 'v_z')
+    """
+    choice("frame", frame, ("galactic", "icrs", "ecliptic"))
+    field = field.to_frame(frame)
+    rates = measured_rates(field, length)
+    names = (*_V, *_GRADIENT) if gradient else _V
+    design = _design(field, rates.mean, gradient)
+    if 2 * len(field) <= len(names):
+        raise DegeneracyError(f"{len(field)} sources cannot determine {len(names)} parameters")
+    errors = _errors(field)
+    model = np.zeros((2, len(field)))
+    free = isinstance(dispersion, str)
+    if free and dispersion != "free":
+        raise ParameterError(f"a dispersion is a number [km/s], or 'free', not {dispersion!r}")
+    spread = 0.0 if free else not_negative("dispersion", dispersion)
+    for _ in range(4):  # what an unsure distance adds depends on the velocity
+        across = model / np.where(rates.mean > 0, rates.mean, 1.0)
+        fixed = errors + rates.variance * np.stack([across[0] ** 2, across[1] ** 2, across[0] * across[1]])
+        if free:
+            _check(_normal_equations(design, field.motion, _weights(fixed, 0.0, rates)[0])[0], names)
+            spread = _dispersion(design, field.motion, fixed, rates)
+        weights, _ = _weights(fixed, spread, rates)
+        normal, rhs = _normal_equations(design, field.motion, weights)
+        _check(normal, names)
+        values = np.linalg.solve(normal, rhs)
+        model = np.tensordot(values[:3], design[:3], 1)
+    covariance, chi2 = _sandwich(design, field.motion, values, weights, normal)
+    notes = [*field.notes]
+    if rates.n_parallaxes:
+        thinning = f"sources that thin out with exp(−d/{1000 * rates.length:.3g} kpc)"
+        notes.append(f"{rates.n_parallaxes} distances by parallax, for {thinning}")
+    return Kinematics(
+        names, values, covariance, chi2, 2 * len(field), frame, tuple(notes), float(spread), 1000 * rates.length
+    )
+
+
+def _design(field, rate, gradient):
+    """Motions by one of each parameter, (p, 2, n)."""
+    p, q, r = triad(field.lon, field.lat)
+    columns = [np.stack([-rate * p[i], -rate * q[i]]) for i in range(3)]
+    if gradient:
+        columns += [_PER_KPC * np.stack([q[i], -p[i]]) for i in range(3)]
+        columns += [_PER_KPC * np.stack([np.sum(p * (s @ r), 0), np.sum(q * (s @ r), 0)]) for s in _TENSORS]
+    return np.array(columns)
+
+
+def _errors(field):
+    s1, s2 = field.sigma
+    return np.stack([s1**2, s2**2, field.rho * s1 * s2])
+
+
+def _weights(fixed, spread, rates):
+    """Inverse covariances of each source, (3, n), and their log determinant."""
+    added = spread**2 * (rates.mean**2 + rates.variance)
+    a, b, c = fixed[0] + added, fixed[1] + added, fixed[2]
+    determinant = a * b - c * c
+    return np.stack([b, a, -c]) / determinant, float(np.log(determinant).sum())
+
+
+def _times(weights, vectors):
+    """W x of each source, for (…, 2, n)."""
+    a, b, c = weights
+    x, y = vectors[..., 0, :], vectors[..., 1, :]
+    return np.stack([a * x + c * y, c * x + b * y], axis=-2)
+
+
+def _normal_equations(design, motion, weights):
+    weighted = _times(weights, design).reshape(len(design), -1)
+    return weighted @ design.reshape(len(design), -1).T, weighted @ motion.ravel()
+
+
+def _dispersion(design, motion, fixed, rates):
+    """The dispersion of greatest restricted likelihood. [km/s]"""
+    from scipy.optimize import minimize_scalar  # slow to import
+
+    def minus_two_log(spread):
+        weights, logdet = _weights(fixed, spread, rates)
+        normal, rhs = _normal_equations(design, motion, weights)
+        chi2 = np.sum(motion * _times(weights, motion)) - rhs @ np.linalg.solve(normal, rhs)
+        return logdet + chi2 + np.linalg.slogdet(normal)[1]
+
+    # Its logarithm first, so that a large range costs little; then whether none at all is likelier.
+    grid = np.geomspace(0.1, _WIDEST, 25)
+    best = int(np.argmin([minus_two_log(each) for each in grid]))
+    low, high = grid[max(best - 1, 0)], grid[min(best + 1, 24)]
+    found = minimize_scalar(minus_two_log, bounds=(low, high), method="bounded", options={"xatol": 1e-3 * low})
+    return 0.0 if minus_two_log(0.0) <= found.fun else float(found.x)
+
+
+def _check(normal, names):
+    scale = np.sqrt(np.diag(normal))
+    if not (scale > 0).all() or np.linalg.cond(normal / np.outer(scale, scale)) > 1e12:
+        raise DegeneracyError(f"these sources cannot tell {', '.join(names)} apart: too few, or too close together")
+
+
+def _sandwich(design, motion, values, weights, normal):
+    """Covariance from the residuals of each source (HC3), and χ²."""
+    residual = motion - np.tensordot(values, design, 1)
+    weighted = _times(weights, design)
+    inverse = np.linalg.inv(normal)
+    leverage = np.einsum("pin,pq,qin->n", weighted, inverse, design, optimize=True) / 2
+    scores = np.einsum("pin,in->pn", weighted, residual) / (1 - np.minimum(leverage, 0.99))
+    return inverse @ (scores @ scores.T) @ inverse, float(np.sum(residual * _times(weights, residual)))

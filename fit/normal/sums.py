@@ -1,0 +1,530 @@
+"""Sums over sources: three ways to the same normal equations, and the sandwich of residuals.
+
+The design matrix, a block of sources at a time, is the definition: exact to rounding at any degree, and the reference
+for the faster ways. Degree 1 is ω × r + g − (g·r) r, six fields that need no recurrence. The sums stay in one thread: a
+block takes some microseconds a step, and threads lose more at handing the interpreter round than they gain
+(docs/performance.md).
+
+From a few thousand sources on, moments of the weights are faster. A source's inverse covariance [[a, c], [c, b]] enters
+N in products of two harmonics, which are trigonometric polynomials of degree 2L in α and in δ. So N needs of the
+catalogue no more than the Fourier moments of a, b and c to that degree,
+
+    F(M, n) = Σ w e^{−i(Mα + nδ)},   |M|, |n| ≤ 2L,
+
+and b those of the weighted motions to degree L. The moments are the only sums over sources.
+
+Longitude by longitude they are put back on 2L + 1 rings of latitude: the rings of a grid of 4L + 2 points around a
+whole meridian, of which the far half, where both e_α and e_δ have turned over, falls on the near one at α + π. On the
+rings N is a product of small matrices, one for each pair of orders, since Σ w cos mα cos m'α and its like are moments
+of M = m ± m'.
+
+Σ Aᵀ X A for any symmetric 2 × 2 matrix X at each source is a normal matrix with X for the weights. The covariance of an
+estimate whose score is Σ Aᵀ ψ and whose slope is H is then H⁻¹ (Σ Aᵀ ψψᵀ A) H⁻¹ (Huber 1967; White 1980, Econometrica
+48, 817), whatever the errors are at whatever place.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial, reduce
+from typing import Any
+
+import numpy as np
+
+from vsh.basis import harmonics, scalar_harmonics, toroidal_harmonics
+from vsh.coefficients import FIRST_DEGREE
+from vsh.field import Field, weighed
+from vsh.io.parts import Parts, added
+from vsh.modes import Mode, Modes, ScalarModes
+from vsh.sky.sphere import sin_cos
+from vsh.tools.parallel import map_blocks
+from vsh.tools.types import ComplexArray, FloatArray
+
+
+def design_matrix_sums(field: Any, modes: Modes, threads: int | None = None) -> tuple[FloatArray, FloatArray, float]:
+    """N, b and Σ yᵀ C⁻¹ y of a field: what `fit.normal_equations` adds up."""
+    p = len(modes)
+    # Enough sources to keep NumPy busy, 64 MiB of whitened basis at most.
+    size = max(256, min(2**16, 2**22 // p))
+    matrix, rhs, chi2_null = np.zeros((p, p)), np.zeros(p), 0.0
+    for n, b, chi2 in map_blocks(
+        lambda part: _block(field[part], modes), len(field), size, threads, "normal equations"
+    ):
+        matrix += n
+        rhs += b
+        chi2_null += chi2
+    return matrix, rhs, chi2_null
+
+
+def _block(field, modes):
+    """N, b and Σ yᵀ C⁻¹ y of a few sources, from the basis in units of each source's error."""
+    if isinstance(modes, ScalarModes):
+        a, y = scalar_harmonics(field.lon, field.lat, modes.lmax) / field.sigma, field.values / field.sigma
+        return a @ a.T, a @ y, float(y @ y)
+    s1, s2 = field.sigma
+    root = np.sqrt(1 - field.rho**2)
+    # L⁻¹ with L Lᵀ = C: rows (east, 0) and (mix, north).
+    east, north, mix = 1 / s1, 1 / (s2 * root), -field.rho / (s1 * root)
+
+    toroidal = toroidal_harmonics(field.lon, field.lat, modes.lmax)
+    t_east, t_north = toroidal[:, 0], toroidal[:, 1]
+    half, n = t_east.shape
+    a = np.empty((2 * half, 2, n))
+    np.multiply(t_east, east, out=a[:half, 0])
+    np.multiply(t_north, north, out=a[:half, 1])
+    a[:half, 1] += t_east * mix
+    # S is T turned by +90°: (e, n) -> (-n, e).
+    np.multiply(t_north, -east, out=a[half:, 0])
+    np.multiply(t_east, north, out=a[half:, 1])
+    a[half:, 1] -= t_north * mix
+
+    a = a.reshape(2 * half, 2 * n)
+    y = np.concatenate([field.motion[0] * east, field.motion[0] * mix + field.motion[1] * north])
+    return a @ a.T, a @ y, float(y @ y)
+
+
+def design_matrix_up_to(modes: Modes) -> int:
+    """The number of sources up to which the direct sum is the faster one, as measured (docs/performance.md)."""
+    return max(1000, 2**18 // max(modes.lmax, 1) ** 2)
+
+
+#: Sources in a block: all of its scratch, 1 MiB a dozen rows, stays in the cache.
+DIPOLE_BLOCK = 2**14
+
+
+def _take():
+    """From the order and signs of rows to (ω_x, ω_y, ω_z, g_x, g_y, g_z), and from vectors to coefficients; and χ²."""
+    take = np.zeros((7, 7))
+    take[range(7), [3, 2, 4, 0, 1, 5, 6]] = [-1, -1, 1, -1, 1, 1, 1]
+    take[:6] = np.kron(np.eye(2), np.linalg.inv(FIRST_DEGREE).T) @ take[:6]
+    return take
+
+
+_TAKE = _take()
+
+
+def dipole_sums(field: Any) -> tuple[FloatArray, FloatArray, float]:
+    """N, b and Σ yᵀ C⁻¹ y of degree 1: what `fit.normal_equations` adds up."""
+    size = min(DIPOLE_BLOCK, len(field))
+    scratch, rows = np.empty((20, size)), np.empty((7, 2, size))
+    gram = np.zeros((7, 7))
+    columns = field.lon, field.lat, field.rho, field.sigma, field.motion
+    for start in range(0, len(field), size):
+        part = [column[..., start : start + size] for column in columns]
+        if len(part[0]) < size:
+            scratch, rows = np.empty((20, len(part[0]))), np.empty((7, 2, len(part[0])))
+        _fill(part, scratch, rows)
+        flat = rows.reshape(7, -1)
+        for i in range(7):  # a matrix times a vector: three times as fast as the small product A Aᵀ
+            gram[i, : i + 1] += flat[: i + 1] @ flat[i]
+    gram = gram + np.tril(gram, -1).T
+    gram = _TAKE @ gram @ _TAKE.T
+    return gram[:6, :6], gram[:6, 6], float(gram[6, 6])
+
+
+def _fill(columns, scratch, rows):
+    """The seven rows (six fields and the motions), each decorrelated and of unit weight.
+
+    With s = sin and c = cos of α and δ, the fields and their signs are
+
+        −g_x: (sα, sδ cα)   g_y: (cα, −sδ sα)   −ω_y: (sδ sα, cα)   −ω_x: (sδ cα, −sα)
+        ω_z: (cδ, 0)        g_z: (0, cδ)
+    """
+    lon, lat, rho, sigma, motion = columns
+    half, square, sin, cos = scratch[:8].reshape(4, 2, -1)
+    p, mixed, root, inverse = scratch[8:12], scratch[12:16], scratch[16], scratch[17:20]
+    # Sine and cosine by the tangent of half the angle, as in vsh.sphere.sin_cos, without new memory.
+    np.multiply(lon, 0.5, out=half[0])
+    np.multiply(lat, 0.5, out=half[1])
+    np.tan(half, out=half)
+    np.multiply(half, half, out=square)
+    np.add(square, 1, out=sin)
+    np.divide(1, sin, out=sin)
+    np.subtract(1, square, out=cos)
+    cos *= sin
+    sin *= half
+    sin += sin
+    p[0], p[1] = sin[0], cos[0]
+    np.multiply(p[:2], sin[1], out=p[2:])
+
+    # L⁻¹ with L Lᵀ = C: 1/σ_1, 1/(σ_2 √(1 − ρ²)) and ρ/(σ_1 √(1 − ρ²)).
+    np.multiply(rho, rho, out=root)
+    np.subtract(1, root, out=root)
+    np.sqrt(root, out=root)
+    inverse[0] = sigma[0]
+    np.multiply(sigma[1], root, out=inverse[1])
+    np.divide(1, inverse[:2], out=inverse[:2])
+    np.multiply(rho, inverse[0], out=inverse[2])
+    inverse[2] /= root
+
+    east, north = rows[:, 0], rows[:, 1]
+    np.multiply(p, inverse[0], out=east[:4])
+    np.multiply(cos[1], inverse[0], out=east[4])
+    east[5] = 0
+    np.multiply(p[::-1], inverse[1], out=north[:4])
+    np.negative(north[1:4:2], out=north[1:4:2])
+    np.multiply(p, inverse[2], out=mixed)
+    north[:4] -= mixed
+    np.multiply(cos[1], inverse[2], out=north[4])
+    np.negative(north[4], out=north[4])
+    np.multiply(cos[1], inverse[1], out=north[5])
+    np.multiply(motion[0], inverse[0], out=east[6])
+    np.multiply(motion[1], inverse[1], out=north[6])
+    np.multiply(motion[0], inverse[2], out=mixed[0])
+    north[6] -= mixed[0]
+
+
+#: Sources in a block.
+BLOCK = 2**16
+
+
+def compressed_sums(field: Any, modes: Modes, threads: int | None = None) -> tuple[FloatArray, FloatArray, float]:
+    """N, b and Σ yᵀ C⁻¹ y of a field: what `fit.normal_equations` adds up, at any degree."""
+    weights, motions, chi2_null = fourier_sums(field, modes.lmax, threads)
+    rings = rings_of(modes)
+    return rings.matrix(weights), rings.rhs(motions), chi2_null
+
+
+def rings_of(modes: Modes) -> Rings:
+    """The rings on which moments for these modes are put back."""
+    return (ScalarRings if isinstance(modes, ScalarModes) else Rings)(modes.lmax)
+
+
+def fourier_sums(field: Any, lmax: int, threads: int | None = None) -> tuple[ComplexArray, ComplexArray, float]:
+    """All that a fit to degree L needs of the sources: sums over them, which add."""
+    moments = _moments_by_products if lmax <= PRODUCTS else _moments
+    parts = map_blocks(lambda part: moments(field[part], lmax), len(field), BLOCK, threads, "normal equations")
+    weights: Any = 0
+    motions: Any = 0
+    chi2_null = 0.0
+    for w, z, chi2 in parts:
+        weights, motions, chi2_null = weights + w, motions + z, chi2_null + float(chi2)
+    return weights, motions, chi2_null
+
+
+def _moments(field, lmax):
+    """Fourier moments of a, b, c for 0 ≤ M ≤ 2L, of the motions for 0 ≤ M ≤ L; and χ²."""
+    from vsh.transform import fourier_moments
+
+    weights = field.weights
+    motions = weighed(weights, field.data)
+    chi2 = np.vdot(motions, field.data)
+    # Two real fields travel as one complex one.
+    columns = np.concatenate([weights, motions])
+    pairs = [(0, 1), (2, None), (3, 4)] if len(weights) == 3 else [(0, 1)]
+    packed = np.zeros((len(pairs), len(field)), complex)
+    for row, (real, imaginary) in zip(packed, pairs, strict=True):
+        row.real = columns[real]
+        if imaginary is not None:
+            row.imag = columns[imaginary]
+    f = fourier_moments(field.lon, field.lat, packed, 2 * lmax)
+    mirrored = np.conj(f[:, ::-1, ::-1])
+    halves = (f + mirrored) / 2, (f - mirrored) / 2j
+    sums = np.stack(
+        [part[row] for row, pair in enumerate(pairs) for part, k in zip(halves, pair, strict=True) if k is not None]
+    )
+    half, near = 2 * lmax, slice(lmax, 3 * lmax + 1)
+    return sums[: len(weights), half:], sums[len(weights) :, half : half + lmax + 1, near], chi2
+
+
+#: Up to this degree the moments are products of matrices, with sines and cosines of the sources for their rows.
+PRODUCTS = 4
+
+#: Sources in a product: their rows stay in the cache.
+_IN_CACHE = 2**12
+
+
+def _moments_by_products(field, lmax):
+    """What `_moments` gives: faster at low degrees, and exact to rounding."""
+    most = 2 * lmax
+    low = np.r_[: lmax + 1, most + 1 : most + 1 + lmax]
+    w = field.weights
+    z = weighed(w, field.data)
+    weights: Any = 0.0
+    motions: Any = 0.0
+    for start in range(0, len(field), _IN_CACHE):
+        some = slice(start, start + _IN_CACHE)
+        a, d = _rows(field.lon[some], most), _rows(field.lat[some], most)
+        weights = weights + _products(w[:, some], a, d)
+        motions = motions + _products(z[:, some], a[low], d[low])
+    return _by_exponentials(weights), _by_exponentials(motions), np.vdot(z, field.data)
+
+
+def _rows(x, most):
+    """1, cos x, … cos Kx, sin x, … sin Kx, (2K + 1, n); in place, for K so low that the recurrence loses nothing."""
+    rows = np.ones((2 * most + 1, x.size))
+    if not most:
+        return rows
+    sin, cos = sin_cos(x)
+    rows[1], rows[most + 1] = cos, sin
+    twice = 2 * cos
+    for k in range(2, most + 1):
+        np.multiply(twice, rows[k - 1], out=rows[k])
+        rows[k] -= rows[k - 2]
+        np.multiply(twice, rows[most + k - 1], out=rows[most + k])
+        if k > 2:
+            rows[most + k] -= rows[most + k - 2]
+    return rows
+
+
+def _products(values, a, d):
+    """Σ values · (rows in α) · (rows in δ), (values, rows, rows)."""
+    left = (values[:, None] * a).reshape(-1, a.shape[1])
+    return (left @ d.T).reshape(len(values), len(a), len(d))
+
+
+def _by_exponentials(sums):
+    """Σ w e^{−i(Mα + nδ)} from sums of cosines and sines, (values, M ≥ 0, n)."""
+    most = (sums.shape[-1] - 1) // 2
+    sine = np.zeros((len(sums), most + 1, sums.shape[-1]))
+    sine[:, 1:] = sums[:, most + 1 :]
+    turned = sums[:, : most + 1] - 1j * sine
+    even, odd = turned[..., : most + 1], np.zeros_like(turned[..., : most + 1])
+    odd[..., 1:] = turned[..., most + 1 :]
+    return np.concatenate([(even + 1j * odd)[..., :0:-1], even - 1j * odd], axis=-1)
+
+
+class Rings:
+    """The 2L + 1 rings of latitude on which the moments are put back."""
+
+    def __init__(self, lmax: int) -> None:
+        self.lmax = lmax
+        count = 2 * lmax + 1
+        self.lat = -np.pi / 2 + (np.arange(count) + 0.5) * np.pi / count
+        # The harmonics at α = 0: T_lm = (B cos mα, A sin mα) and (−B sin mα, A cos mα).
+        toroidal = toroidal_harmonics(np.zeros(count), self.lat, lmax)
+        modes = Modes(lmax)
+        pairs = [(l, m) for m in range(lmax + 1) for l in range(max(m, 1), lmax + 1)]
+        self.m = np.array([m for _, m in pairs])
+        self.re = np.array([modes.index(Mode("T", l, m)) for l, m in pairs])
+        self.im = self.re + 1  # where m > 0
+        self.size = len(modes) // 2
+        self.b = toroidal[self.re, 0]
+        self.a = np.where(self.m[:, None] > 0, toroidal[np.minimum(self.im, len(toroidal) - 1), 1], 0.0)
+
+    def spectra(self, moments: ComplexArray, turns_over: bool) -> ComplexArray:
+        """Σ w e^{−iMα} on each ring, (k, M, ring), from the Fourier moments in δ.
+
+        A function that goes with e^{iMα} is even or odd about the pole like M, or unlike M
+        where it is a component of a vector, which `turns_over` there.
+        """
+        most = moments.shape[-1] // 2
+        n = np.arange(-most, most + 1)[:, None]
+        near = np.exp(1j * n * self.lat) / (4 * self.lmax + 2)
+        far = (-1.0) ** n * np.conj(near)
+        sign = (-1.0) ** np.arange(moments.shape[1]) * (-1 if turns_over else 1)
+        return moments @ near + sign[:, None] * (moments @ far)
+
+    def on_grid(self, weights: ComplexArray) -> FloatArray:
+        """a, b, c on a grid of 2L + 1 rings by 4L + 2 longitudes from α = 0, (3, 2L + 1, 4L + 2).
+
+        The grid with these weights, some of them negative, has the normal matrix of the catalogue.
+        """
+        spectra = np.swapaxes(self.spectra(weights, turns_over=False), 1, 2)
+        return np.fft.irfft(spectra, 4 * self.lmax + 2)
+
+    def matrix(self, weights: ComplexArray) -> FloatArray:
+        """N from the moments of a, b, c."""
+        a, b, c = self.spectra(weights, turns_over=False)
+        # S is T turned by +90°, J = [[0, −1], [1, 0]]: N_SS has Jᵀ W J in place of W, N_TS has W J.
+        tt = self.form(a, c, c, b)
+        ss = self.form(b, -c, -c, a)
+        ts = self.form(c, -a, b, -c)
+        return np.block([[tt, ts], [ts.T, ss]])
+
+    def rhs(self, motions: ComplexArray) -> FloatArray:
+        """b from the moments of the weighted motions."""
+        east, north = (z[self.m] for z in self.spectra(motions, turns_over=True))
+        out = np.zeros((2, self.size))
+        positive = self.m > 0
+        for row, (e, n) in zip(out, ((east, north), (north, -east)), strict=True):  # S·z = T·(Jᵀz)
+            row[self.re] = np.sum(self.b * e.real - self.a * n.imag, axis=1)
+            row[self.im[positive]] = np.sum(self.b * e.imag + self.a * n.real, axis=1)[positive]
+        return out.ravel()
+
+    def form(self, ee: Any, en: Any, ne: Any, nn: Any) -> FloatArray:
+        """Σ T_iᵀ W T_j for weights W = [[ee, en], [ne, nn]] on the rings, in the order of the modes."""
+        spectra = np.stack([ee, en, ne, nn])
+        real, sine = spectra.real, -spectra.imag  # Σ w cos Mα, Σ w sin Mα
+        out = np.zeros((self.size, self.size))
+        for m in range(self.lmax + 1):
+            mine = self.m == m
+            left = np.concatenate([self.b[mine], self.a[mine]], axis=1)
+            plus, minus = m + self.m, np.abs(m - self.m)
+            sign = np.sign(m - self.m)[:, None]
+            c_plus, c_minus = real[:, plus], real[:, minus]
+            s_plus, s_minus = sine[:, plus], sign * sine[:, minus]
+            cc, ss = (c_minus + c_plus) / 2, (c_minus - c_plus) / 2
+            sc, cs = (s_plus + s_minus) / 2, (s_plus - s_minus) / 2  # first of m, then of m'
+
+            def product(on_b, on_a, left=left):
+                """[B A] · [on_b; on_a], both (pairs, rings) on the right."""
+                return left @ np.concatenate([on_b, on_a], axis=1).T
+
+            b, a = self.b, self.a
+            blocks = {
+                ("re", "re"): product(cc[0] * b + cs[1] * a, sc[2] * b + ss[3] * a),
+                ("re", "im"): product(cc[1] * a - cs[0] * b, sc[3] * a - ss[2] * b),
+                ("im", "re"): product(-sc[0] * b - ss[1] * a, cc[2] * b + cs[3] * a),
+                ("im", "im"): product(ss[0] * b - sc[1] * a, cc[3] * a - cs[2] * b),
+            }
+            for (i, j), block in blocks.items():
+                if i == "im" and m == 0:
+                    continue
+                rows, columns = (self.re if i == "re" else self.im)[mine], self.re if j == "re" else self.im
+                there = slice(None) if j == "re" else self.m > 0
+                out[np.ix_(rows, columns[there])] = block[:, there]
+        return out
+
+
+class ScalarRings(Rings):
+    """The same for scalar fields: their harmonics are those of an east component alone, B cos mα and −B sin mα."""
+
+    def __init__(self, lmax: int) -> None:
+        self.lmax = lmax
+        count = 2 * lmax + 1
+        self.lat = -np.pi / 2 + (np.arange(count) + 0.5) * np.pi / count
+        modes = ScalarModes(lmax)
+        pairs = [(l, m) for m in range(lmax + 1) for l in range(m, lmax + 1)]
+        self.m = np.array([m for _, m in pairs])
+        self.re = np.array([modes.index(Mode("F", l, m)) for l, m in pairs])
+        self.im = self.re + 1  # where m > 0
+        self.size = len(modes)
+        self.b = scalar_harmonics(np.zeros(count), self.lat, lmax)[self.re]
+        self.a = np.zeros_like(self.b)
+
+    def matrix(self, weights: ComplexArray) -> FloatArray:
+        """N from the moments of the weights."""
+        (w,) = self.spectra(weights, turns_over=False)
+        return self.form(w, 0 * w, 0 * w, 0 * w)
+
+    def rhs(self, motions: ComplexArray) -> FloatArray:
+        """b from the moments of the weighted values."""
+        values = self.spectra(motions, turns_over=False)[0][self.m]
+        out, positive = np.zeros(self.size), self.m > 0
+        out[self.re] = np.sum(self.b * values.real, axis=1)
+        out[self.im[positive]] = np.sum(self.b * values.imag, axis=1)[positive]
+        return out
+
+
+#: Work up to which the leverage of each source is computed exactly: sources times coefficients squared.
+EXACT = 2e9
+
+
+@dataclass(frozen=True, eq=False)
+class _Weighted:
+    """Sources with matrices in place of errors: what the sums look at of a field."""
+
+    lon: FloatArray
+    lat: FloatArray
+    weights: FloatArray
+    data: FloatArray
+
+    def __len__(self):
+        return self.lon.size
+
+    def __getitem__(self, part):
+        return _Weighted(self.lon[part], self.lat[part], self.weights[:, part], self.data[:, part])
+
+
+def weighted_sums(
+    field: Field, weights: FloatArray, modes: Modes, threads: int | None = None
+) -> tuple[FloatArray, FloatArray, float]:
+    """Σ Aᵀ X A, Σ Aᵀ X y and Σ yᵀ X y with any symmetric X = [[a, c], [c, b]] at each source."""
+    sources = _Weighted(field.lon, field.lat, np.asarray(weights, float), field.data)
+    if len(sources) > design_matrix_up_to(modes):
+        return compressed_sums(sources, modes, threads)
+
+    def block(part):
+        basis, some = harmonics(field.lon[part], field.lat[part], modes), sources[part]
+        flat = weighed(some.weights, basis).reshape(len(modes), -1)
+        square = np.vdot(some.data, weighed(some.weights, some.data))
+        return basis.reshape(len(modes), -1) @ flat.T, flat @ some.data.ravel(), float(square)
+
+    return reduce(added, map_blocks(block, len(sources), max(64, 2**21 // len(modes)), threads))
+
+
+def weighted_matrix(field: Field, weights: FloatArray, modes: Modes, threads: int | None = None) -> FloatArray:
+    """Σ Aᵀ [[a, c], [c, b]] A over the sources, (p, p)."""
+    return weighted_sums(field, weights, modes, threads)[0]
+
+
+def leverage(
+    field: Field,
+    modes: Modes,
+    inverse: FloatArray,
+    factors: FloatArray | float = 1.0,
+    *,
+    total: tuple[int, float] | None = None,
+    threads: int | None = None,
+) -> FloatArray:
+    """How much of its own fitted motion each source makes, (n,): between 0 and 1, p/2n on average (p/n of scalars).
+
+    Notes
+    -----
+    Exact for small problems. For large ones p tr W/(2 Σ tr W), which is exact on a uniform sky by the addition theorem.
+    """
+    p = len(modes)
+    weights, components = field.weights * factors, field.components
+    trace = weights[:components].sum(0)
+    n_sources, whole = (len(field), trace.sum()) if total is None else total
+    if n_sources * p * p > EXACT:
+        return np.minimum(p * trace / whole / components, 0.9)
+
+    def block(part):
+        basis = harmonics(field.lon[part], field.lat[part], modes)
+        left = np.tensordot(inverse, basis, 1)
+        return np.einsum("pkn,pkn->n", left, weighed(weights[:, part], basis)) / components
+
+    leverages = np.concatenate(list(map_blocks(block, len(field), max(64, 2**20 // p), threads)))
+    return np.clip(leverages, 0.0, 0.9)
+
+
+def outer_products(field: Field, residual: FloatArray, factors: FloatArray) -> FloatArray:
+    """factors² C⁻¹ΔΔᵀC⁻¹ of each source as (3, n), or (1, n) of scalars: the scatter of the scores ψ = factors C⁻¹Δ."""
+    score = weighed(field.weights, residual)
+    if len(score) == 1:
+        return score**2 * factors**2
+    east, north = score
+    return np.stack([east * east, north * north, east * north]) * factors**2
+
+
+def sandwich(
+    sky: Parts,
+    scores: Callable[[Field], tuple[FloatArray, FloatArray, FloatArray]],
+    modes: Modes,
+    *,
+    power: float = 0.75,
+    words: str = "errors",
+) -> FloatArray:
+    """H⁻¹ M H⁻¹, (p, p): the covariance of a fit whose scores are Σ Aᵀ u C⁻¹Δ."""
+    # The fitted matrix is for exact leverages, which large problems do without.
+    exact = sky.in_memory is None or len(sky.in_memory) * len(modes) ** 2 <= EXACT
+    slopes = sky.sum(partial(_slopes, scores=scores, modes=modes, exact=exact), roles=(), words=words)
+    slope = np.linalg.inv(slopes["slope"])
+    fitted = np.linalg.inv(slopes["fitted"]) if exact else slope
+    total = (slopes["sources"], slopes["trace"])
+    middle = sky.sum(
+        partial(_scores, scores=scores, modes=modes, inverse=fitted, total=total, power=power), roles=(), words=words
+    )
+    covariance = slope @ middle @ slope
+    return (covariance + covariance.T) / 2
+
+
+def _slopes(field, scores, modes, exact):
+    """Sums over some sources: the matrices with weights u and with their slopes, Σ u tr W, and how many they are."""
+    _, u, slopes = scores(field)
+    return {
+        "fitted": weighted_matrix(field, field.weights * u, modes) if exact else 0.0,
+        "slope": weighted_matrix(field, field.weights * slopes, modes),
+        "trace": float(np.sum(field.information * u)),
+        "sources": len(field),
+    }
+
+
+def _scores(field, scores, modes, inverse, total, power):
+    """Σ AᵀψψᵀA of some sources."""
+    residual, u, _ = scores(field)
+    own = leverage(field, modes, inverse, u, total=total)
+    return weighted_matrix(field, outer_products(field, residual, u / (1 - own) ** power), modes)

@@ -1,0 +1,56 @@
+"""What is shown of a solution: text, page, figures, files and notebooks."""
+
+from typing import TYPE_CHECKING
+
+from fit.results.output._files import (
+    draw_figures,
+    latex_of,
+    sources_table,
+    write_correlation,
+    write_figures,
+    write_html,
+    write_tables,
+)
+from fit.results.output._text import (
+    WIDTH,
+    Answer,
+    amplitude,
+    answer_of,
+    cell,
+    components,
+    direction,
+    html_of,
+    is_seen,
+    power_rows,
+    powers_table,
+    pulls,
+    report,
+    report_check,
+    vector_rows,
+    vectors_of,
+    vectors_table,
+    warnings_of,
+)
+from fit.results.output._text import words_of as words_of
+from fit.results.quality import printed_p_value as p_value
+from vsh.tools.modules import lazily
+from vsh.tools.notes import note_lines
+
+if TYPE_CHECKING:
+    from fit.results.output._figures import plot_correlation, plot_power, plot_residuals, plot_spectrum, plot_terms
+    from fit.results.output._html import html_report
+
+__all__ = [
+    "Answer",
+    "answer_of",
+    "html_report",
+    "plot_correlation",
+    "plot_power",
+    "plot_residuals",
+    "plot_spectrum",
+    "write_html",
+]
+
+# matplotlib is imported when a figure is first asked for.
+_FIGURES = ["plot_correlation", "plot_power", "plot_residuals", "plot_spectrum", "plot_terms"]
+__getattr__, __dir__ = lazily(__name__, __all__, {"_figures": _FIGURES, "_html": ["html_report"]})

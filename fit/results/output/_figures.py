@@ -1,0 +1,257 @@
+"""Figures of a solution: its spectrum, its correlations and its residuals (matplotlib)."""
+
+from collections.abc import Mapping
+from functools import partial
+from typing import Any
+
+import numpy as np
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+
+from fit.results.output._text import squared
+from fit.results.quality import ErrorSource
+from fit.results.spectrum import spectrum, wilson_hilferty
+from vsh.coefficients import FIRST_DEGREE
+from vsh.field import Field, Weighed
+from vsh.figures.plot import (
+    COLOURS,
+    DIVERGING,
+    KIND_COLOURS,
+    KIND_NAMES,
+    WIDTH,
+    colour_bar,
+    draw_matrix,
+    legend_above,
+    log_ticks,
+    panels,
+    plot_map,
+    styled,
+    symbol,
+)
+from vsh.io.parts import Parts, as_parts
+from vsh.modes import KINDS
+from vsh.scalars import ScalarField
+from vsh.sky.pixels import pixels_of
+from vsh.tools.types import Axes, FloatArray
+from vsh.vector import correlation_of
+
+#: A degree whose p-value is above this is shown as a limit.
+_SIGNAL = 0.05
+
+
+@styled
+def plot_spectrum(solution: Any, *, ax: Axes | None = None) -> Axes:
+    """Power by degree and kind: with its error where there is a signal, as an upper limit where there need be none.
+
+    An arrow begins at the limit (95 %) of what the power may be where p > 5 %; dotted is what noise alone gives on
+    average. The axis at the right is the root of the power.
+
+    Parameters
+    ----------
+    solution : Solution
+        What was found.
+    ax : matplotlib axes, optional
+        Where to draw; a new figure unless given.
+
+    Notes
+    -----
+    Limits are those of `fit.spectrum.Degree.limit`.
+    """
+    (axes,) = panels(ax, size=(WIDTH, 2.7))
+    rows = spectrum(solution)
+    levels, handles = [], []
+    for kind, side in zip(solution.modes.kinds, (-1, 1), strict=False):
+        colour, marker = KIND_COLOURS[kind], "o" if kind == "T" else "s"
+        own = [row for row in rows if row.kind == kind]
+        l = np.array([row.l for row in own]) + side * 0.09
+        power, error, noise, p = (
+            np.array([getattr(row, x) for row in own], float) for x in ("power", "error", "noise", "p_value")
+        )
+        seen = np.isfinite(power)
+        signal = seen & (p <= _SIGNAL)
+        limited = seen & ~signal & (noise > 0)
+        axes.errorbar(l[signal], power[signal], error[signal], fmt=marker, color=colour)
+        limit = np.array([row.limit() if shown else np.nan for row, shown in zip(own, limited, strict=True)])
+        axes.errorbar(
+            l[limited],
+            limit[limited],
+            0.45 * limit[limited],
+            uplims=True,
+            fmt="none",
+            capsize=2.5,
+            color=colour,
+            elinewidth=0.8,
+        )
+        axes.hlines(noise, l - 0.2, l + 0.2, color=colour, linestyle=":")
+        handles.append(Line2D([], [], color=colour, marker=marker, linestyle="none", label=KIND_NAMES[kind]))
+        levels += [*power[signal], *(power + error)[signal], *limit[limited], *(0.5 * limit[limited]), *noise]
+    if solution.floor is not None and solution.includes_floor:
+        levels += _draw_floor(axes, solution.floor, handles)
+    # An error as large as the power has no lower end on a logarithmic axis: its bar runs out of it.
+    axes.set_yscale("log", nonpositive="clip")
+    known = np.array(levels)[np.isfinite(levels) & (np.array(levels) > 0)]
+    reach = (known.min() / 2, known.max() * 2) if known.size else (0.5, 2.0)
+    axes.set_ylim(reach)
+    log_ticks(axes.yaxis, *reach)
+    if solution.modes.lmax <= 12:
+        axes.set_xticks(np.unique([row.l for row in rows]))
+    axes.set_xlabel("degree")
+    axes.set_ylabel(f"power  {squared(solution)}")
+    roots = axes.secondary_yaxis("right", functions=(lambda x: np.sqrt(np.maximum(x, 0)), np.square))
+    roots.set_ylabel(f"√power  [{solution.unit}]" if solution.unit else "√power")
+    log_ticks(roots.yaxis, *np.sqrt(reach))
+    handles.append(Line2D([], [], color="0.3", marker=r"$\downarrow$", linestyle="none", label="95 % limit"))
+    handles.append(Line2D([], [], color="0.3", linestyle=":", label="noise alone"))
+    legend_above(axes, 2, handles=handles)
+    return axes
+
+
+def _draw_floor(axes, floor, handles):
+    """The systematic floor of degree 1, the likeliest 68 % of its power, as a band at its side; and its levels."""
+    levels = []
+    for kind, side, interval in (("T", -1, floor.spin_interval), ("S", 1, floor.acceleration_interval)):
+        # Power of a vector v is 8π v²/3, of three components.
+        low, high = 8 * np.pi * np.square(interval)
+        axes.fill_between([1 + side * 0.3 - 0.08, 1 + side * 0.3 + 0.08], max(low, high / 30), high, alpha=0.35,
+                          color=KIND_COLOURS[kind], linewidth=0)  # fmt: skip
+        levels += [max(low, high / 30), high]
+    handles.append(Patch(color="0.6", alpha=0.6, linewidth=0, label="floor, 68 %"))
+    return levels
+
+
+@styled
+def plot_power(solution: Any, *, ax: Axes | None = None) -> Axes:
+    """Power by degree and kind as fitted, for a solution without a covariance.
+
+    Parameters
+    ----------
+    solution : MatrixFreeSolution
+        What to draw.
+    ax : matplotlib axes, optional
+        Where to draw; a new figure unless given.
+    """
+    (axes,) = panels(ax)
+    l = np.arange(1, solution.modes.lmax + 1)
+    for kind in KINDS:
+        power = [solution.coefficients.power(kind, int(each)) for each in l]
+        axes.semilogy(l, power, "o-", color=KIND_COLOURS[kind], markersize=2, label=KIND_NAMES[kind])
+    axes.set_xlabel("degree")
+    axes.set_ylabel("power as fitted  [(µas/yr)²]")
+    legend_above(axes)
+    return axes
+
+
+@styled
+def plot_correlation(solution: Any, *, ax: Axes | None = None) -> Axes:
+    """The correlation matrix of the fit, components of spin and acceleration in place of degree 1.
+
+    Parameters
+    ----------
+    solution : Solution
+        What was found.
+    ax : matplotlib axes, optional
+        Where to draw; a new figure unless given.
+    """
+    (axes,) = panels(ax, size=(WIDTH, 3.7))
+    if hasattr(solution, "coefficients"):
+        names, matrix, groups = _known_names(solution)
+        title = (
+            "; ".join(f"{kind}: {KIND_NAMES[kind]}" for kind in solution.modes.kinds) if solution.modes.lmax > 1 else ""
+        )
+        axes.set_title(f"{f'{title}; ' if title else ''}{solution.frame} axes")
+    else:
+        names, matrix, groups = [symbol(name) for name in solution.names], solution.correlation, None
+        axes.set_title(f"{solution.frame} axes")
+    colour_bar(axes, draw_matrix(axes, matrix, names, groups), "correlation")
+    return axes
+
+
+def _known_names(solution):
+    """Names, correlations and degrees of the coefficients, degree 1 turned into vectors along the axes."""
+    modes = solution.modes
+    names, turn = [symbol(str(mode)) for mode in modes], np.eye(len(modes))
+    back = np.linalg.inv(FIRST_DEGREE)
+    for kind, vector in zip(KINDS, ("omega", "a"), strict=True):
+        if kind in modes.kinds:
+            place = modes.slice_of(kind, 1)
+            turn[place, place] = back
+            glide = "omega" if vector == "omega" else "a" if solution.unit == "µas/yr" else "g"
+            names[place] = [symbol(f"{glide}_{axis}") if glide != "g" else f"$g_{axis}$" for axis in "xyz"]
+    matrix = correlation_of(turn @ solution.covariance @ turn.T)
+    return names, matrix, [f"{mode.kind}{mode.l}" for mode in modes]
+
+
+@styled
+def plot_terms(terms: Mapping[str, Mapping[str, tuple[float, float]]], unit: str, *, ax: Axes | None = None) -> Axes:
+    """Values and errors of named terms, side by side for each label."""
+    (axes,) = panels(ax, size=(WIDTH, 2.6))
+    for k, (label, each) in enumerate(terms.items()):
+        x = np.arange(len(each)) + 0.7 * ((k + 0.5) / len(terms) - 0.5)
+        values, errors = np.transpose(list(each.values()))
+        axes.errorbar(x, values, errors, fmt="o", ms=3, color=COLOURS[k % len(COLOURS)], label=label)
+    names = list(next(iter(terms.values())))
+    axes.axhline(0, color="0.6", linewidth=0.6, zorder=0)
+    axes.set_xticks(range(len(names)), names, rotation=60 if len(names) > 6 else 0)
+    axes.set_ylabel(unit)
+    legend_above(axes, 3)
+    return axes
+
+
+@styled
+def plot_residuals(
+    solution: Any,
+    field: Field | ScalarField | Parts,
+    *,
+    nside: int | None = None,
+    weights: FloatArray | None = None,
+    ax: Axes | None = None,
+) -> Axes:
+    """Where residuals are larger or smaller than their errors say, as a normal deviate of χ² in each HEALPix pixel.
+
+    Between −2 and 2 in 95 % of the pixels where the errors are right.
+
+    Parameters
+    ----------
+    solution : Solution
+        What was found.
+    field : Field, ScalarField or Parts
+        In the solution's frame.
+    nside : int, optional
+        Resolution of the pixels; at least ten sources in each on average unless given.
+    weights : (n,) array, optional
+        Factors on the inverse covariances of a robust fit, of sources in memory: residuals are those of their errors
+        over √weight, scaled to a mean of 1.
+    ax : matplotlib axes, optional
+        Axes whose place the map takes; a new figure unless given.
+    """
+    nside = nside or 2 ** int(np.clip(np.log2(max(1, solution.n_sources / 120)) / 2, 0, 6))
+    if weights is not None:
+        field = _with_weights(solution, field, weights)
+    work = partial(_residual_sums, solution=solution, nside=nside)
+    chi2, sources = as_parts(field, Weighed).sum(work, roles=(), words="residuals")
+    dof = sources * solution.modes.components
+    with np.errstate(divide="ignore", invalid="ignore"):
+        deviate = np.where(dof > 0, wilson_hilferty(chi2, dof), np.nan)
+    seen = deviate[np.isfinite(deviate)]
+    reach = float(np.clip(np.percentile(np.abs(seen), 98), 3, None)) if seen.size else 3.0
+    whose = " by the errors of the robust fit" if weights is not None else " by the catalogue's errors"
+    whose = "" if weights is None and solution.error_source == ErrorSource.CATALOGUE else whose
+    label = f"χ² of residuals{whose}:\ntoo large or too small, in σ; χ²/n = {chi2.sum() / max(1, dof.sum()):.2f}"
+    title = f"residuals of {int(sources.sum())} sources, pixels of {58.6 / nside:.1f}°"
+    return plot_map(
+        deviate, label, frame=solution.frame, cmap=DIVERGING, title=title, ax=ax, vmin=-reach, vmax=reach, extend="both"
+    )
+
+
+def _with_weights(solution, field, weights):
+    """The sources with errors by which a robust fit weighs them, and their χ² is the degrees of freedom."""
+    share = np.asarray(weights) / np.mean(weights)
+    chi2 = solution.residuals(field).chi2 @ share
+    sigma = field.sigma * np.sqrt(chi2 / (solution.modes.components * len(field)) / np.maximum(share, 1e-12))
+    return field.with_errors(sigma, field.rho)
+
+
+def _residual_sums(field, solution, nside):
+    """χ² and sources by pixel."""
+    pixel = pixels_of(field.lon, field.lat, nside)
+    return np.array([np.bincount(pixel, each, 12 * nside**2) for each in (solution.residuals(field).chi2, None)])

@@ -1,0 +1,306 @@
+"""A solution as files: report, tables with their provenance, figures, and a LaTeX table with caption and label."""
+
+import re
+from collections.abc import Mapping
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fit.results.output._text import (
+    Answer,
+    amplitude,
+    answer_of,
+    components,
+    is_scalar,
+    p_value,
+    powers_table,
+    vectors_of,
+    vectors_table,
+)
+from fit.results.spectrum import spectrum
+from vsh.field import Field
+from vsh.io import tables
+from vsh.io.parts import Parts, sample_of
+from vsh.io.tables import two_digits
+from vsh.scalars import ScalarField
+from vsh.tools.arguments import choice, explained
+from vsh.tools.types import FloatArray, PathName, Table
+
+_SYMBOLS = {"spin": r"Spin $\omega$", "acceleration": r"Acceleration $\tilde a$"}
+#: Rules of each style: above, within and below; siunitx takes those of booktabs.
+_RULES = {
+    "booktabs": (r"\toprule", r"\midrule", r"\bottomrule"),
+    "siunitx": (r"\toprule", r"\midrule", r"\bottomrule"),
+    "aa": (r"\hline\hline", r"\hline", r"\hline"),
+    "mnras": (r"\hline", r"\hline", r"\hline"),
+    "aastex": ("", r"\hline", ""),
+}
+#: Signs of a sentence in LaTeX.
+_SIGNS = {
+    "%": r"\%", "_": r"\_", "&": r"\&", "#": r"\#", "χ²": r"$\chi^2$", "±": r"$\pm$", "°": r"$^\circ$",
+    "α": r"$\alpha$", "δ": r"$\delta$", "λ": r"$\lambda$", "β": r"$\beta$", "σ": r"$\sigma$", "−": "$-$",
+    "µas/yr": r"$\mu$as\,yr$^{-1}$", "µas": r"$\mu$as", "…": r"\ldots ", "<": "$<$", ">": "$>$",
+}  # fmt: skip
+_STYLES = tuple(_RULES)
+
+
+def latex_of(solution: Any, style: str = "booktabs", *, full: bool = False, answer: Answer | None = None) -> str:
+    """Acceleration and spin, or mean and dipole of a scalar field, as a LaTeX table.
+
+    Parameters
+    ----------
+    solution : Solution
+        What was fitted.
+    style : {"booktabs", "siunitx", "aastex", "aa", "mnras"}
+        As for `Solution.latex`.
+    full : bool
+        Add the power of each degree.
+    answer : Answer, optional
+        The lines to quote, for the caption; those of the solution unless given.
+    """
+    above, within, below = _RULES[choice("style", style, _STYLES)]
+    unit = _unit(solution.unit)
+    head = r" & $x$ & $y$ & $z$ & amplitude \\"
+    units = rf" & \multicolumn{{4}}{{c}}{{({unit})}} \\" if unit else ""
+    body = []
+    if is_scalar(solution):
+        value, error = solution.mean
+        body.append(rf"Mean & ${value:.4g} \pm {error:.2g}$ & & & \\")
+    for name, vector in reversed(vectors_of(solution).items()):
+        cells = [_number(cell, style) for cell in (*components(vector), amplitude(vector))]
+        body.append(rf"{_SYMBOLS.get(name, name.capitalize())} & " + " & ".join(cells) + r" \\")
+    if full:
+        body += [within, *_powers(solution, style)]
+    caption = _caption(solution, answer_of(solution) if answer is None else answer)
+    label = r"\label{tab:vsh}"
+    if style == "aastex":
+        heads = " & ".join(rf"\colhead{{{each}}}" for each in ("", "$x$", "$y$", "$z$", "amplitude"))
+        more = rf"\\ \colhead{{}} & \multicolumn4c{{({unit})}}" if unit else ""
+        lines = [
+            r"\begin{deluxetable*}{lcccc}",
+            rf"\tablecaption{{{caption}{label}}}",
+            rf"\tablehead{{{heads}{more}}}",
+            r"\startdata",
+            *body[:-1],
+            body[-1].removesuffix(r" \\"),
+            r"\enddata",
+            r"\end{deluxetable*}",
+        ]
+    else:
+        lines = [r"\begin{table*}", rf"\caption{{{caption}}}", label, r"\centering", r"\begin{tabular}{lcccc}"]
+        lines += [above, head, units, within, *body, below, r"\end{tabular}", r"\end{table*}"]
+    return "\n".join(line for line in lines if line) + "\n"
+
+
+def _powers(solution, style):
+    """Rows of the power of each degree, without its noise."""
+    lines = [rf"Power & noise-debiased & error & $p$-value & {_squared(solution.unit)} \\"]
+    for power in spectrum(solution):
+        digits = two_digits(power.error)
+        shown = (*(f"{each:.{digits}f}" for each in (power.debiased, power.error)), p_value(power.p_value))
+        cells = " & ".join(_number(c, style) for c in shown)
+        lines.append(rf"$P^{{\rm {power.kind}}}_{{{power.l}}}$ & {cells} & \\")
+    return lines
+
+
+def _caption(solution, answer):
+    """What was fitted to what, and the answer where the vectors have one."""
+    what = " and ".join(reversed(vectors_of(solution))).capitalize()
+    frame = "ICRS" if solution.frame == "icrs" else solution.frame
+    facts = [
+        f"{what} of {solution.n_sources} sources, {frame} axes, "
+        f"degrees {solution.modes.lowest} to {solution.modes.lmax}, χ²/dof = {solution.reduced_chi2:.3f}"
+    ]
+    facts += [f"{label.capitalize() if label.islower() else label}: {text}" for label, text in answer.lines]
+    return " ".join(f"{_powers_of_ten(_words(fact))}." for fact in facts)
+
+
+def _words(text):
+    """Words as LaTeX has them."""
+    for sign, tex in _SIGNS.items():
+        text = text.replace(sign, tex)
+    return text
+
+
+def _powers_of_ten(text):
+    return re.sub(r"(\d(?:\.\d+)?)e([+-]?\d+)", lambda m: rf"${m[1]} \times 10^{{{int(m[2])}}}$", text)
+
+
+def _unit(unit):
+    return _words(unit)
+
+
+def _squared(unit):
+    """The unit of powers."""
+    return rf"(({_words(unit)})$^2$)" if unit else ""
+
+
+def _number(cell, style):
+    """A printed number, or one with its error, in a style."""
+    both = re.fullmatch(r"([+-]?[\d.]+(?:e[+-]?\d+)?)(?: ± ([\d.]+))?", cell)
+    if style == "siunitx" and both:
+        return rf"\num{{{both[1]}{f' +- {both[2]}' if both[2] else ''}}}"
+    limit = re.fullmatch(r"< +([\d.e+-]+) \((\d+) %\)", cell)
+    return rf"$<{_tex(limit[1])}$ ({limit[2]}\,\%)" if limit else f"${_tex(cell)}$"
+
+
+def _tex(cell):
+    """A printed number as LaTeX has it: ±, powers of ten, per cent."""
+    cell = cell.replace("±", r"\pm").replace("…", r"\ldots").replace("%", r"\%").replace("<", "< ")
+    return re.sub(r"(\d)e([+-]?\d+)", lambda m: rf"{m.group(1)} \times 10^{{{int(m.group(2))}}}", cell)
+
+
+def write_correlation(solution: Any, path: PathName, meta: dict[str, Any] | None = None) -> None:
+    """Write the correlation matrix as a table, a row and a column for each coefficient."""
+    names = [str(mode) for mode in solution.modes]
+    columns = {"coefficient": names} | dict(zip(names, np.asarray(solution.correlation)))
+    tables.write(path, columns, meta)
+
+
+#: So many sources have a row each in a folder of results; a table of more is as large as the catalogue.
+_MOST_ROWS = 100_000
+
+
+def sources_table(solution: Any, field: Field, weights: FloatArray | None = None) -> Table:
+    """The sources as an astropy Table, a row each: place, motion less the fit, errors, weight, χ² of two components.
+
+    Parameters
+    ----------
+    solution : Solution
+        What was fitted.
+    field : Field
+        The sources, in the frame of the solution.
+    weights : (n,) array, optional
+        Factor on each source's inverse covariance in the fit; 1 unless given.
+    """
+    left = solution.residuals(field)
+    east, north = left.motion
+    columns: dict[str, Any] = {} if field.name is None else {"name": np.asarray(field.name)}
+    lon, lat = ("ra", "dec") if field.frame == "icrs" else ("lon", "lat")
+    columns |= {lon: np.degrees(field.lon), lat: np.degrees(field.lat), "residual_east": east, "residual_north": north}
+    columns |= {"error_east": field.sigma[0], "error_north": field.sigma[1]}
+    columns |= {"weight": np.ones(len(field)) if weights is None else np.asarray(weights), "chi2": left.chi2}
+    motions = ("residual_east", "residual_north", "error_east", "error_north")
+    units = dict.fromkeys(motions, "uas / yr") | dict.fromkeys((lon, lat), "deg")
+    return tables.table_of(columns, {"frame": field.frame}, units)
+
+
+def write_tables(
+    solution: Any,
+    field: Field | Parts,
+    folder: Path,
+    meta: dict[str, Any] | None = None,
+    weights: FloatArray | None = None,
+) -> None:
+    """Write vectors, powers and sources as tables, and a LaTeX table.
+
+    Parameters
+    ----------
+    solution : Solution
+        What was fitted.
+    field : Field or Parts
+        The sources; in parts, or more than 100 000, they have no rows.
+    folder : Path
+        Where to.
+    meta : dict, optional
+        Provenance.
+    weights : (n,) array, optional
+        As for `sources_table`.
+    """
+    tables.write_table(vectors_table(solution), folder / "vectors.ecsv", meta)
+    tables.write_table(powers_table(solution), folder / "powers.ecsv", meta)
+    if isinstance(field, Field) and len(field) <= _MOST_ROWS:
+        tables.write_table(sources_table(solution, field, weights), folder / "sources.ecsv", meta)
+    (folder / "table.tex").write_text(latex_of(solution), encoding="utf-8")
+
+
+def draw_figures(
+    solution: Any, field: Field | ScalarField | Parts, weights: FloatArray | None = None
+) -> dict[str, Any]:
+    """The sky, the spectrum, the correlations and the residuals: matplotlib axes by name; `weights` of a robust fit."""
+    from fit.results.output._figures import plot_correlation, plot_residuals, plot_spectrum
+    from vsh.figures.plot import plot_field, plot_scalar_field
+
+    title = f"{solution.n_sources} sources and the field fitted to degree {solution.modes.lmax}"
+    seen: Any = sample_of(field) if isinstance(field, Parts) else field
+    draw: Any = plot_scalar_field
+    if not isinstance(seen, ScalarField):
+        draw = partial(plot_field, covariance=solution.covariance, unit=solution.unit)
+    return {
+        "sky": draw(seen, solution.coefficients, title=title),
+        "spectrum": plot_spectrum(solution),
+        "correlation": plot_correlation(solution),
+        "residuals": plot_residuals(solution, field, weights=weights if isinstance(field, Field) else None),
+    }
+
+
+def write_figures(
+    solution: Any, field: Field | ScalarField | Parts, folder: PathName, *, format: str = "png", dpi: float = 300
+) -> list[Path]:
+    """Draw the sky, the spectrum, the correlations and the residuals into files; returns their paths."""
+    from vsh.figures.plot import save_figures
+
+    return save_figures(draw_figures(solution, field), folder, format=format, dpi=dpi)
+
+
+@explained
+def write_html(
+    solution: Any,
+    field: Field | ScalarField | Parts,
+    path: PathName,
+    *,
+    beside: Mapping[str, tuple[Any, Field]] | None = None,
+    figures: Mapping[str, Any] | None = None,
+    further: Mapping[str, Any] | None = None,
+    **about: Any,
+) -> None:
+    """Write a self-contained page with everything, its sky one that can be turned.
+
+    Parameters
+    ----------
+    solution : Solution
+        What was found.
+    field : Field, ScalarField or Parts
+        The sources.
+    path : str or Path
+        The file.
+    beside : dict of str to (Solution, Field), optional
+        One other solution in the same frame with its sources, by its label: its sky stands beside.
+    figures : dict of str to matplotlib axes, optional
+        Those of `draw_figures` where they are drawn already; they stay open.
+    further : dict of str to matplotlib axes, optional
+        More figures, by name.
+    **about
+        What else the page says, as for `fit.output.html_report`.
+    """
+    from fit.results.output._html import html_report
+    from vsh.figures.page import write_page
+    from vsh.figures.plot import close_figures
+
+    own = draw_figures(solution, field) if figures is None else {}
+    page = html_report(
+        solution, {**own, **(figures or {}), **(further or {})}, skies=_skies(solution, field, beside or {}), **about
+    )
+    close_figures(own.values())
+    write_page(path, page)
+
+
+def _skies(solution, field, beside):
+    from vsh.figures.page import Shown
+
+    if isinstance(field, ScalarField):
+        return ()
+    own = f"degree {solution.modes.lmax}, errors from {solution.errors_from}" if beside else ""
+    return [
+        Shown(
+            label,
+            sample_of(sources) if isinstance(sources, Parts) else sources,
+            each.coefficients,
+            each.covariance,
+            each.unit,
+            each.n_sources,
+        )
+        for label, (each, sources) in {own: (solution, field), **beside}.items()
+    ]

@@ -1,0 +1,173 @@
+"""A self-contained page about a solution, of the panels of `vsh.figures.page`."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from fit.results.output._text import (
+    AGREE,
+    Answer,
+    amplitude,
+    answer_of,
+    components,
+    direction,
+    is_scalar,
+    power_rows,
+    squared,
+    vector_rows,
+    vectors_of,
+    warnings_of,
+    what_of,
+)
+from fit.results.quality import ErrorSource
+from vsh.figures import page
+from vsh.tools.arguments import explained
+from vsh.tools.types import Table
+
+_CAPTIONS = {
+    "sky": ("The sources, and the motions that were fitted to them: as dark as they are sure, grey below 2 σ."),
+    "spectrum": (
+        "Power by degree; arrows: 95 % limits where there is no signal; dotted: what noise alone gives on average."
+    ),
+    "correlation": "Correlations of spin, acceleration and the coefficients of higher degrees.",
+    "residuals": "Where residuals are larger (red) or smaller (blue) than their errors say, in standard deviations.",
+}
+
+
+@explained
+def html_report(
+    solution: Any,
+    figures: Mapping[str, Any],
+    *,
+    check: Any = None,
+    truth: dict[str, Any] | None = None,
+    source: str = "",
+    provenance: dict[str, Any] | None = None,
+    command: Sequence[str] | None = None,
+    title: str | None = None,
+    sections: Mapping[str, Table] | None = None,
+    captions: Mapping[str, str] | None = None,
+    skies: Sequence[page.Shown] = (),
+    answer: Answer | None = None,
+) -> str:
+    """A self-contained page about a solution.
+
+    Parameters
+    ----------
+    solution : Solution
+        What was found.
+    figures : dict of str to matplotlib axes
+        Embedded as PNG.
+    check : CrossCheck, optional
+        Both solvers at degree 1.
+    truth : dict of str to Vector, optional
+        Truth of a simulated catalogue.
+    source : str
+        What was fitted.
+    provenance : dict, optional
+        Files, counts, versions.
+    command : list of str, optional
+        That repeats the run.
+    title : str, optional
+        Title of the page.
+    sections : dict of str to astropy Table, optional
+        Further tables by their headings.
+    captions : dict of str to str, optional
+        Captions of further figures, by name.
+    skies : sequence of vsh.figures.page.Shown
+        One or two solutions on a sky that can be turned, in place of the figure "sky".
+    answer : Answer, optional
+        The lines to quote; those of the solution unless given.
+
+    Returns
+    -------
+    str
+        HTML that asks for nothing from any network.
+    """
+    answer = answer_of(solution) if answer is None else answer
+    turned = page.sky(*skies) if skies else page.Panel("")
+    shown = {name: drawn for name, drawn in figures.items() if not (turned.html and name == "sky")}
+    texts = {**_CAPTIONS, **(captions or {})}
+    static = page.words(f"The sky of this page {page.STATIC}." if skies and not turned.html else "", "faint")
+    vectors = vectors_of(solution)
+    panels = [
+        page.answer(answer.lines),
+        _cards(solution),
+        page.words(_warnings(solution), "warning"),
+        page.heading("The sky", turned),
+        page.heading(" and ".join(vectors).capitalize(), *_vectors(solution, truth or {})),
+        _check(check),
+        _powers(solution),
+        *(page.sheet(heading, columns) for heading, columns in (sections or {}).items()),
+        page.heading("Figures", page.figures(shown, texts), static),
+        _coefficients(solution),
+        page.notes(solution.notes),
+        page.provenance(provenance or {}, command),
+    ]
+    modes = solution.modes
+    lead = (
+        f"{f'{source} — ' if source else ''}{solution.n_sources} sources, degree {modes.lowest} to {modes.lmax} "
+        f"({len(modes)} coefficients), {solution.frame} axes"
+    )
+    return page.page(title or what_of(solution), panels, lead=lead)
+
+
+def _cards(solution):
+    items = []
+    if is_scalar(solution):
+        value, error = solution.mean
+        items.append(("Mean", f"{value:.4g} ± {error:.2g} {solution.unit}", ""))
+    for name, vector in reversed(vectors_of(solution).items()):
+        items.append((name.capitalize(), f"{amplitude(vector)} {solution.unit}", direction(vector)))
+    more = f"{solution.chi2:.6g} / {solution.dof}; errors from {solution.errors_from}"
+    whose = "" if solution.error_source == ErrorSource.CATALOGUE else ", by the catalogue's errors"
+    return page.cards([*items, (f"χ² per degree of freedom{whose}", f"{solution.reduced_chi2:.3f}", more)])
+
+
+def _warnings(solution):
+    lines = [f"{label}: {text}" if label == "warning" else text for label, text in warnings_of(solution)]
+    return ". ".join(lines) + "." if lines else ""
+
+
+def _vectors(solution, truth):
+    rows = [
+        [f"truth of the {name}" if row.is_truth else row.name, *row.cells, row.amplitude]
+        for name in vectors_of(solution)
+        for row in vector_rows({name: vectors_of(solution)[name]}, truth)
+    ]
+    heads = [f"[{solution.unit}]", "x", "y", "z", "amplitude"]
+    return (page.table(heads, rows),) if rows else ()
+
+
+def _check(check):
+    if check is None:
+        return page.Panel("")
+    agree = check.largest < AGREE
+    text = (
+        "Plain least squares of degree 1 on the same sources by two solvers without a common formula: "
+        f"{'they agree' if agree else 'THEY DO NOT AGREE'}; largest difference {check.largest:.1e} σ."
+    )
+    rows = [
+        [f"{name}, {solver}", *components(getattr(result, name))]
+        for name in ("spin", "acceleration")
+        for solver, result in (("harmonics", check.harmonics), ("frame solver", check.frame))
+    ]
+    both = () if agree else (page.table(["[µas/yr]", "x", "y", "z"], rows),)
+    return page.heading("Cross-check", page.words(text), *both)
+
+
+def _powers(solution):
+    rows = [
+        [row.degree, row.power, row.debiased, row.error, row.p_value, row.z, row.mk_z] for row in power_rows(solution)
+    ]
+    heads = ["degree", f"power {squared(solution)}", "noise-debiased", "±", "p-value", "z", "M&K Z"]
+    hint = page.words("Click a heading to sort.", "faint")
+    return page.heading("Power by degree", hint, page.table(heads, rows, sortable=True))
+
+
+def _coefficients(solution):
+    rows = [
+        [str(mode), f"{value:+.5g}", f"{error:.3g}", f"{value / error:+.2f}"]
+        for mode, value, error in zip(solution.modes, solution.coefficients.values, solution.sigma, strict=True)
+    ]
+    heads = ["coefficient", f"value [{solution.unit}]", "σ", "value/σ"]
+    return page.heading("Coefficients", page.table(heads, rows, sortable=True, summary=f"{len(rows)} coefficients"))

@@ -1,0 +1,565 @@
+"""A solution as text: the four lines to quote, the rows of vectors and powers, the report, and a summary in a table.
+
+Text, page, notebook, LaTeX and JSON take their rows from here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from html import escape
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from scipy.special import ndtri
+
+from fit.results.quality import ONE_SIDE, SEEN, ErrorSource, hint_of, printed_p_value, solution_of
+from fit.results.quality import printed_p_value as p_value
+from fit.results.spectrum import spectrum
+from vsh.io import tables
+from vsh.io.tables import three_digits, two_digits
+from vsh.sky.frames import ANGLES
+from vsh.tools.arguments import explained
+from vsh.tools.notes import codes_of
+from vsh.tools.printing import labelled, printable
+from vsh.tools.types import FloatArray, Table
+from vsh.vector import GAIA_EDR3, Vector
+
+if TYPE_CHECKING:
+    pass
+
+
+class VectorRow(NamedTuple):
+    """One line of the table of vectors."""
+
+    name: str
+    cells: tuple
+    amplitude: str
+    is_truth: bool
+
+
+def vector_rows(vectors: Mapping[str, Vector], truth: Mapping[str, Vector] | None = None) -> list[VectorRow]:
+    """Rows of the table of vectors."""
+    rows = []
+    for name, vector in vectors.items():
+        rows.append(VectorRow(name, components(vector), amplitude(vector), False))
+        true = (truth or {}).get(name)
+        if true is not None:
+            true = true.to_frame(vector.frame)
+            cells = zip(true.value, pulls(vector, true), strict=True)
+            digits = two_digits(vector.sigma)
+            shown = tuple(f"{t:+.{digits}f} ({d:+.1f}σ)" for t, d in cells)
+            rows.append(VectorRow("truth", shown, f"{true.amplitude:.{digits}f}", True))
+    return rows
+
+
+def vectors_of(solution: Any) -> dict[str, Vector]:
+    """Spin and acceleration of a solution by name; rotation and glide of positions, the dipole of a scalar field."""
+    if is_scalar(solution):
+        return {"dipole": solution.dipole} if solution.modes.lmax > 0 else {}
+    names = ("rotation", "glide") if solution.unit == "µas" else ("spin", "acceleration")
+    return dict(zip(names, (solution.spin, solution.acceleration), strict=True))
+
+
+def is_scalar(solution: Any) -> bool:
+    """Whether it is of a scalar field, which has a mean and a dipole in place of spin and acceleration."""
+    return solution.modes.components == 1
+
+
+def squared(solution: Any) -> str:
+    """The unit of powers, in brackets; nothing of pure numbers."""
+    return f"[({solution.unit})²]" if solution.unit else ""
+
+
+def pulls(vector: Vector, true: Vector) -> FloatArray:
+    """How far a fit is from the truth in its own errors, (3,): positive where the fit is larger."""
+    return (vector.value - true.to_frame(vector.frame).value) / vector.sigma
+
+
+def components(vector: Vector) -> tuple[str, ...]:
+    """Three components with their errors, of which the smallest has two digits."""
+    digits = two_digits(vector.sigma)
+    pairs = zip(vector.value, vector.sigma, strict=True)
+    return tuple(f"± {s:.{digits}f}" if np.isnan(v) else f"{v:+.{digits}f} ± {s:.{digits}f}" for v, s in pairs)
+
+
+def amplitude(vector: Vector) -> str:
+    """Length with its error where the vector is detected, otherwise its upper limit."""
+    if np.isnan(vector.amplitude):  # errors of a fit that is to come
+        return ""
+    if not vector.amplitude_error > 0:
+        return f"{vector.amplitude:.3f}"
+    if is_seen(vector):
+        digits = two_digits(vector.amplitude_error)
+        return f"{vector.amplitude:.{digits}f} ± {vector.amplitude_error:.{digits}f}"
+    return f"< {three_digits(vector.amplitude_limit(0.95))} (95 %)"
+
+
+def is_seen(vector: Vector) -> bool:
+    """Whether a vector is detected: whether there is an amplitude and a direction to speak of."""
+    return bool(vector.p_value < SEEN)
+
+
+def place(vector: Vector) -> str:
+    """Where a vector points, with its cone of 68 %: "α = 269°, δ = −28° (± 7°)"."""
+    names = ANGLES[vector.frame]
+    listed = ", ".join(f"{name} = {value:.0f}°" for name, value in zip(names, vector.direction, strict=True))
+    return f"{listed} (± {vector.direction_cone():.0f}°)"
+
+
+def direction(vector: Vector) -> str:
+    """Where a vector points, named after the frame: with errors, or with a cone where they are large."""
+    names = ANGLES[vector.frame]
+    errors = vector.direction_error
+    if not vector.amplitude_error > 0 or (is_seen(vector) and max(errors) <= 40):
+        pairs = zip(names, vector.direction, errors, strict=True)
+        return "towards " + ", ".join(f"{name} = {value:.1f} ± {error:.1f}°" for name, value, error in pairs)
+    return f"towards {place(vector)}" if is_seen(vector) else "direction not determined"
+
+
+class PowerRow(NamedTuple):
+    """One line of the table of powers, as text."""
+
+    degree: str
+    power: str
+    debiased: str
+    error: str
+    root: str
+    p_value: str
+    z: str
+    mk_z: str
+
+
+def power_rows(solution: Any) -> list[PowerRow]:
+    """Rows of the table of powers."""
+    return [
+        PowerRow(
+            f"{d.kind}{d.l}",
+            f"{d.power:.5g}",
+            f"{d.debiased:.5g}",
+            f"{d.error:.3g}",
+            f"{np.sqrt(d.power):.3g}",
+            p_value(d.p_value),
+            f"{d.z:.2f}",
+            f"{d.mk_z:.2f}",
+        )
+        for d in spectrum(solution)
+    ]
+
+
+def cell(value: Any) -> str:
+    """A number of a table for reading: four digits, none behind the point from a thousand on, nothing for nan."""
+    if not isinstance(value, float):
+        return str(value)
+    return "" if value != value else f"{value:.0f}" if abs(value) >= 1e3 else f"{value:.4g}"
+
+
+def vectors_table(solution: Any) -> Table:
+    """Spin and acceleration (rotation and glide; a dipole) as an astropy Table, a row each.
+
+    Errors are those of the result; formal ones, N⁻¹ by the weights of the fit, stand beside them. lon and lat are nan
+    where the vector is not detected; fitted_lon and fitted_lat are there always.
+    """
+    vectors, formal = vectors_of(solution), vectors_of(solution.formal)
+    lengths = ("amplitude", "amplitude_error", "debiased_amplitude", "low_68", "high_68", "limit_95")
+    angles = ("lon", "lat", "lon_error", "lat_error", "fitted_lon", "fitted_lat")
+    rows = [
+        (
+            *v.value,
+            *v.sigma,
+            *formal[name].sigma,
+            *v.covariance[np.triu_indices(3, 1)],
+            v.amplitude,
+            v.amplitude_error,
+            v.debiased_amplitude if is_seen(v) else np.nan,
+            *v.amplitude_interval(0.68),
+            v.amplitude_limit(0.95),
+            *((*v.direction, *v.direction_error) if is_seen(v) else (np.nan,) * 4),
+            *v.direction,
+            v.p_value,
+        )
+        for name, v in vectors.items()
+    ]
+    axes = ("x", "y", "z")
+    components = (*axes, *(f"sigma_{axis}" for axis in axes), *(f"formal_sigma_{axis}" for axis in axes))
+    products = ("cov_xy", "cov_xz", "cov_yz")
+    heads = (*components, *products, *lengths, *angles, "p_value")
+    values = np.array(rows, float).reshape(-1, len(heads)).T
+    unit = solution.unit.replace("µ", "u")  # as astropy writes it
+    units = dict.fromkeys((*components, *lengths), unit) | dict.fromkeys(products, _squared(unit))
+    units |= dict.fromkeys(angles, "deg")
+    meta = {
+        "frame": solution.frame,
+        "lmax": solution.modes.lmax,
+        "n_sources": solution.n_sources,
+        "n_data": solution.n_data,
+        "chi2": float(solution.chi2),
+        "reduced_chi2": float(solution.reduced_chi2),
+        "errors_from": solution.errors_from,
+        "error_source": str(solution.error_source),
+        "includes_floor": bool(solution.includes_floor),
+    }
+    columns = {"name": np.array(list(vectors), str)} | dict(zip(heads, values, strict=True))
+    columns["detected"] = np.array([is_seen(v) for v in vectors.values()], bool)
+    return tables.table_of(columns, meta, {name: each for name, each in units.items() if each})
+
+
+def powers_table(solution: Any) -> Table:
+    """Power by degree and kind as an astropy Table, with errors, chances, and roots of the powers."""
+    degrees = spectrum(solution)
+    numbers = ("power", "debiased", "error", "p_value", "z", "mk_z")
+    columns = {"kind": np.array([d.kind for d in degrees]), "l": np.array([d.l for d in degrees])}
+    columns |= {name: np.array([getattr(d, name) for d in degrees], float) for name in numbers}
+    unit = _squared(solution.unit.replace("µ", "u"))
+    return tables.table_of(columns, {"frame": solution.frame}, dict.fromkeys(numbers[:3], unit) if unit else {})
+
+
+def _squared(unit):
+    """As astropy writes it: uas2 / yr2."""
+    return " / ".join(f"{part.strip()}2" for part in unit.split("/")) if unit else ""
+
+
+#: How the errors of a fit are named.
+_NAMES = {
+    ErrorSource.CATALOGUE: "least squares, formal errors",
+    ErrorSource.SCALED: "least squares, errors scaled by √(χ²/dof)",
+    ErrorSource.FLOWS: "least squares, formal errors and those of flows",
+    ErrorSource.EXCESS_NOISE: "excess noise, errors from the residuals",
+    ErrorSource.RESIDUALS: "robust fit, errors from the residuals",
+    ErrorSource.BOOTSTRAP: "errors from the bootstrap",
+    ErrorSource.JACKKNIFE: "errors from the jackknife",
+    ErrorSource.JOINT: "joint fit",
+}
+#: By how much residuals exceed errors where a unit is wrong rather than an error.
+_WRONG = 30.0
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a fit says of acceleration and spin.
+
+    Attributes
+    ----------
+    lines : tuple of (str, str)
+        Labels with their text: acceleration, spin, the distance from Gaia EDR3's acceleration, and what the errors
+        are, which comes first where it is not the fit to quote. None where the fit is not of proper motions.
+
+    Examples
+    --------
+    >>> answer = Answer((("acceleration", "not detected"), ("spin", "not detected")))
+    >>> print(answer)
+    acceleration   not detected
+    spin           not detected
+    >>> answer.sentence
+    'acceleration not detected; spin not detected'
+    """
+
+    lines: tuple[tuple[str, str], ...] = ()
+
+    def __str__(self) -> str:
+        return labelled(self.lines)
+
+    @property
+    def sentence(self) -> str:
+        """All lines as one."""
+        return "; ".join(f"{label} {text}" for label, text in self.lines)
+
+
+@explained
+def answer_of(solution: Any) -> Answer:
+    """What a fit says of acceleration and spin, with the errors of its own table.
+
+    Parameters
+    ----------
+    solution : Solution
+        A fit of proper motions; of anything else the answer has no lines.
+    """
+    solution = solution_of(solution, "answer")
+    if solution.unit != "µas/yr" or not np.isfinite([*solution.covariance.diagonal(), *solution.values]).all():
+        return Answer()
+    factor = error_factor(solution)
+    if factor > _WRONG:
+        words = f"no result: residuals are {factor:.3g} times the errors. Are both in the units that were assumed?"
+        return Answer((("acceleration", words),))
+    if solution.covariance_dof < 3:
+        words = f"no result: {solution.covariance_dof + 1:.0f} replicates are too few for the errors of a vector"
+        return Answer((("acceleration", words),))
+    errors = ("errors" if solution.is_recommended else "this fit", _errors(solution))
+    lines = [
+        ("acceleration", words_of(solution.acceleration)),
+        ("spin", words_of(solution.spin)),
+        ("Gaia EDR3", _distance(solution.acceleration)),
+    ]
+    return Answer((*lines, errors) if solution.is_recommended else (errors, *lines))
+
+
+def error_factor(solution: Any) -> float:
+    """By how much residuals exceed the errors of the catalogue; 1 where χ² does not contradict those."""
+    return max(solution.quality.factor, 1.0) if solution.error_source == ErrorSource.CATALOGUE else 1.0
+
+
+def words_of(vector: Vector) -> str:
+    """Size, place and p-value of a vector; an upper limit where it is not detected."""
+    p = printed_p_value(vector.p_value)
+    if vector.p_value < SEEN:
+        return f"{amplitude(vector)} {vector.unit} towards {place(vector)}, p = {p}"
+    limit = f"< {three_digits(vector.amplitude_limit())} {vector.unit} (95 %)"
+    hint = f" ({hint})" if (hint := hint_of(vector.p_value)) else ""
+    return f"not detected: {limit}, p = {p}{hint}"
+
+
+def _distance(acceleration: Vector) -> str:
+    """How far an acceleration is from that of Gaia EDR3, in standard deviations of both together."""
+    gaia = GAIA_EDR3.to_frame(acceleration.frame)
+    whole = acceleration.covariance + gaia.covariance
+    dof = acceleration.dof * (np.trace(whole) / np.trace(acceleration.covariance)) ** 2  # Satterthwaite (1946)
+    away = replace(acceleration, value=acceleration.value - gaia.value, covariance=whole, dof=float(dof))
+    p = away.p_value
+    hint = ": is it the instrument? (docs/instrument.md)" if p < SEEN else ""
+    size = f"{gaia.amplitude:.2f} ± {gaia.amplitude_error:.2f} {gaia.unit}"
+    return f"{abs(ndtri(max(p, 1e-300) / 2)):.1f} σ from its acceleration of {size} (p = {printed_p_value(p)}){hint}"
+
+
+def _errors(solution: Any) -> str:
+    """What the errors are, what they leave out, and what to be careful of."""
+    words = f"{_NAMES[ErrorSource(solution.error_source)]}, degree {solution.modes.lmax}"
+    if solution.error_source == ErrorSource.SCALED and not solution.includes_floor:
+        words += f", {solution.quality.factor:.3g} times the formal errors"
+    if solution.floor is not None and solution.includes_floor:
+        floor = solution.floor
+        words += f", systematic floor of ± {floor.acceleration_error:.2g} (spin ± {floor.spin_error:.2g}) included"
+    elif solution.includes_floor:
+        words += ", systematic errors included"
+    elif solution.is_recommended:
+        words += "; the systematic floor is not known" + (" below degree 3" if solution.modes.lmax < 3 else "")
+    if (factor := error_factor(solution)) > 1:
+        words += f"; residuals are {factor:.3g} times as large"
+    if solution.modes.lmax > 1 and not solution.includes_floor and ONE_SIDE in codes_of(solution.notes):
+        words += "; one side of the sky has no sources, and degree 1 depends on the degrees above it"
+    if not solution.is_recommended:
+        words += "; to quote: fit.recommended (vsh-fit without --method)"
+    return words
+
+
+WIDTH = 88
+
+
+def report(
+    solution: Any,
+    *,
+    check: Any = None,
+    truth: dict[str, Any] | None = None,
+    source: str | None = None,
+    long: bool = False,
+    answer: bool = True,
+) -> str:
+    """The text of a solution, perhaps with a cross-check, the truth of a simulation, and what was fitted.
+
+    With `long` it has formal errors, where the errors come from, and powers with their normal deviates; without
+    `answer` it lacks the lines to quote.
+    """
+    solution = solution_of(solution, "report")
+    lines = str(answer_of(solution)) if answer else ""
+    sections = [lines] if lines else []
+    sections.append(_heading(solution, source, long))
+    if np.isnan(solution.coefficients.values).all():
+        sections.append(_predicted(solution))
+    else:
+        sections += [_vectors(solution, truth or {}, long), _degrees(solution) if long else _powers(solution)]
+    if check is not None and (long or not check.largest < AGREE):
+        sections.append(report_check(check))
+    if solution.notes:
+        sections.append("Notes\n" + "\n".join(f"  - {note}" for note in solution.notes))
+    return "\n\n".join(sections) + "\n"
+
+
+def _heading(solution, source, long):
+    modes = solution.modes
+    named = f"{printable(source)}: " if source else ""
+    facts = f"{solution.n_sources} sources, {solution.frame} axes, degrees {modes.lowest} to {modes.lmax}"
+    if np.isfinite(solution.chi2):
+        facts += f", χ²/dof = {solution.reduced_chi2:.3f}"
+    lines = [f"{named}{facts}"]
+    if long:
+        lines.insert(0, what_of(solution))
+        lines.append(f"{'coefficients':15}{len(modes)}")
+        if np.isfinite(solution.chi2):
+            whose = "" if solution.error_source == ErrorSource.CATALOGUE else " (by the catalogue's errors)"
+            lines.append(f"{'χ²/dof':15}{solution.chi2:.6g} / {solution.dof}{whose}")
+        lines.append(f"{'errors from':15}{solution.errors_from}")
+    lines += [f"{label:15}{text}" for label, text in warnings_of(solution)]
+    return "\n".join(lines)
+
+
+def what_of(solution: Any) -> str:
+    """The title of a report."""
+    if is_scalar(solution):
+        return f"Spherical harmonics of a scalar field{', in ' * bool(solution.unit)}{solution.unit}"
+    return f"Vector spherical harmonics of {'differences of position' if solution.unit == 'µas' else 'proper motions'}"
+
+
+#: A fit of fewer numbers for each coefficient is warned of.
+_FEW = 4
+
+
+def warnings_of(solution: Any) -> list[tuple[str, str]]:
+    """What the reader of any form of a solution should know of its errors: pairs of a label and a sentence."""
+    warnings = []
+    warning = solution.quality.warning()
+    if warning and solution.error_source == ErrorSource.CATALOGUE:
+        warnings.append(("warning", f"{warning}; those below are not scaled"))
+    lost = [l for l in range(solution.modes.lowest, solution.modes.lmax + 1) if solution.covariance_dof < 2 * l + 1]
+    if lost:
+        warnings.append(
+            (
+                "warning",
+                (
+                    f"{solution.covariance_dof + 1:.0f} replicates are too few for the 2l + 1 coefficients of degree "
+                    f"{lost[0]} and above: p-values are nan there"
+                ),
+            )
+        )
+    if len(solution.modes) <= solution.dof < _FEW * len(solution.modes):
+        words = f"{len(solution.modes)} coefficients of {solution.n_data} numbers: errors grow with every degree"
+        warnings.append(("warning", f"{words}; a lower --lmax is enough for spin and acceleration"))
+    if 0 < solution.dof < len(solution.modes):
+        warnings.append(
+            (
+                "warning",
+                (
+                    f"{solution.dof} degrees of freedom for {len(solution.modes)} coefficients: χ² says little of the "
+                    "errors"
+                ),
+            )
+        )
+    return warnings
+
+
+def _predicted(solution):
+    """What a solution says that has errors and no values yet."""
+    lines = [f"{'errors [µas/yr]':16}{'x':>10}{'y':>10}{'z':>10}"]
+    for name, vector in vectors_of(solution).items():
+        lines.append(f"{name:16}" + "".join(f"{s:>10.3f}" for s in vector.sigma))
+    lines += ["", "Power of noise by degree, ∫|V|²dΩ [(µas/yr)²]"]
+    for l in range(1, solution.modes.lmax + 1):
+        lines.append(f"{f'T{l}, S{l}':16}{solution.noise_power('T', l):>10.3g}{solution.noise_power('S', l):>10.3g}")
+    return "\n".join(lines)
+
+
+def _vectors(solution, truth, long):
+    vectors = vectors_of(solution)
+    rows = list(vector_rows(vectors, truth))
+    lines = []
+    if is_scalar(solution):
+        value, error = solution.mean
+        lines = [f"{'mean':14}{value:+.4g} ± {error:.2g} {solution.unit}"]
+    if not rows:
+        return "\n".join(lines)
+    formal = vectors_of(solution.formal) if long and solution.formal is not solution else {}
+    wide = max(16, *(len(cell) + 2 for row in rows for cell in row.cells))  # large values do not run together
+    last = max(22, *(len(row.amplitude) + 2 for row in rows))
+    lines.append(f"{f'[{solution.unit}]':14}" + "".join(f"{axis:>{wide}}" for axis in "xyz") + f"{'amplitude':>{last}}")
+    for row in rows:
+        label = f"  {row.name}" if row.is_truth else row.name
+        lines.append(f"{label:14}" + "".join(f"{cell:>{wide}}" for cell in row.cells) + f"{row.amplitude:>{last}}")
+        if not row.is_truth and row.name in formal:
+            cells = (cell.partition("± ")[2] for cell in components(formal[row.name]))
+            lines.append(f"{'  formal error':14}" + "".join(f"{f'± {cell}':>{wide}}" for cell in cells))
+    for name, vector in vectors.items() if long else ():
+        if is_seen(vector) or not vector.amplitude_error > 0:
+            other = vector.to_frame("galactic" if vector.frame != "galactic" else "icrs")
+            lines.append(f"{name:14}{direction(vector)}; {direction(other).removeprefix('towards ')}")
+    return "\n".join(lines)
+
+
+def _powers(solution):
+    """The power of each degree without its noise, and its p-value: a line a degree."""
+    kinds = {"T": "toroidal", "S": "spheroidal", "F": "power"}
+    powers = {(each.kind, each.l): each for each in spectrum(solution)}
+    shown = [kind for kind in kinds if any(kind == each for each, _ in powers)]
+    unit = f" {squared(solution)}" if squared(solution) else ""
+    lines = [f"Power by degree{unit} without its noise, and the p-value of as much from noise alone"]
+    lines.append(f"{'degree':8}" + "".join(f"{kinds[kind]:>20}{'p':>10}" for kind in shown))
+    for l in sorted({l for _, l in powers}):
+        cells = [_power(powers[kind, l]) if (kind, l) in powers else f"{'':30}" for kind in shown]
+        lines.append(f"{l:<8}{''.join(cells)}".rstrip())
+    return "\n".join(lines)
+
+
+def _power(power):
+    """The power of a degree with its error and its p-value."""
+    digits = two_digits(power.error)
+    value = f"{power.debiased:.{digits}f} ± {power.error:.{digits}f}"
+    return f"{value:>20}{printed_p_value(power.p_value):>10}"
+
+
+def _degrees(solution):
+    law = "exact χ², any sky" if np.isinf(solution.covariance_dof) else "Hotelling's T²: the errors are estimates"
+    lines = [
+        (
+            f"Power by degree, ∫{'|V|' if solution.modes.components == 2 else 'f'}²dΩ {squared(solution)}: as fitted, "
+            "noise-debiased, its error; the p-value of as much"
+        ),
+        f"from noise alone ({law}) and its normal deviate z; Mignard & Klioner's Z (uniform sky)",
+        f"{'':8}{'power':>13}{'debiased':>13}{'±':>11}{'√power':>9}{'p-value':>11}{'z':>8}{'M&K Z':>8}",
+    ]
+    for row in power_rows(solution):
+        lines.append(
+            f"{row.degree:8}{row.power:>13}{row.debiased:>13}{row.error:>11}{row.root:>9}{row.p_value:>11}"
+            f"{row.z:>8}{row.mk_z:>8}"
+        )
+    return "\n".join(lines)
+
+
+def report_check(check: Any) -> str:
+    """Whether two solvers agree, as text."""
+    if check.largest < AGREE:
+        return (
+            "Cross-check: two independent least-squares solvers of degree 1, "
+            f"on the same {check.frame.n_sources} sources with the\n"
+            f"catalogue's errors, agree to {check.largest:.0e} σ. This tests the solvers, not the errors above."
+        )
+    lines = [
+        (
+            f"CROSS-CHECK FAILED: degree 1 on the same {check.frame.n_sources} sources by two solvers differs by "
+            f"{check.largest:.1e} σ"
+        ),
+        f"{'[µas/yr]':26}{'x':>16}{'y':>16}{'z':>16}",
+    ]
+    for name in ("spin", "acceleration"):
+        for solver, result in (("harmonics", check.harmonics), ("frame, QR", check.frame)):
+            lines.append(f"{name:14}{solver:12}" + "".join(f"{c:>16}" for c in components(getattr(result, name))))
+    return "\n".join(lines)
+
+
+#: Differences of the two solvers below this are rounding. [σ]
+AGREE = 1e-6
+
+
+def html_of(solution: Any) -> str:
+    """Spin, acceleration and powers as HTML tables, for a notebook."""
+    rows = "".join(
+        f"<tr><th>{row.name}</th>{_cells(row.cells)}<td>{escape(row.amplitude)}</td></tr>"
+        for row in vector_rows(vectors_of(solution))
+    )
+    powers = "".join(
+        f"<tr><th>{row.degree}</th>{_cells((row.power, row.debiased, row.error, row.p_value))}</tr>"
+        for row in power_rows(solution)
+        if row.power != "nan"  # errors of a fit that is to come
+    )
+    warned = [f"{label}: {words}" for label, words in warnings_of(solution) if label == "warning"]
+    notes = "".join(f"<li>{escape(str(note))}</li>" for note in (*warned, *solution.notes))
+    answer = "".join(f"<tr><th>{label}</th><td>{escape(text)}</td></tr>" for label, text in answer_of(solution).lines)
+    return (
+        f"<table>{answer}</table><p><b>Vector spherical harmonics</b>, degree 1 to {solution.modes.lmax}: "
+        f"{solution.n_sources} sources, "
+        f"{escape(solution.frame)} axes, χ²/dof {solution.reduced_chi2:.3f}, errors from "
+        f"{escape(solution.errors_from)}</p><table><tr><th>[µas/yr]</th><th>x</th><th>y</th><th>z</th>"
+        f"<th>amplitude</th></tr>{rows}</table><table><tr><th>degree</th><th>power"
+        f" [(µas/yr)²]</th><th>noise-debiased</th><th>±</th><th>p-value</th></tr>{powers}</table>"
+        + (f"<ul>{notes}</ul>" if notes else "")
+    )
+
+
+def _cells(cells):
+    return "".join(f"<td>{escape(cell)}</td>" for cell in cells)

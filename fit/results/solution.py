@@ -1,0 +1,752 @@
+"""What a fit found, and all that can be read off it; solutions whose parameters have names of their own."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass, fields, replace
+from difflib import get_close_matches
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from fit.results.quality import ErrorSource, Quality
+from fit.results.storage import Result, coefficient_columns, count, decoded, encoded, exact, number, words
+from vsh.coefficients import FIRST_DEGREE, Coefficients, vector_of
+from vsh.field import Field
+from vsh.io import tables
+from vsh.modes import Modes
+from vsh.scalars import DIPOLE, ScalarCoefficients
+from vsh.sky.frames import check_frame
+from vsh.tools.arguments import covariance, float_array, generator, whole
+from vsh.tools.errors import DegeneracyError, ParameterError, TableError
+from vsh.tools.notes import coded, codes_of
+from vsh.tools.types import ArrayLike, Axes, FloatArray, Kind, Rng, Table
+from vsh.vector import Vector, correlation_of, probability_of
+
+if TYPE_CHECKING:
+    from fit.results.output import Answer
+
+
+class LinearSolution(Result):
+    """A least-squares solution: parameters with a covariance, and how well they fit."""
+
+    names: Any
+    values: Any
+    covariance: Any
+    chi2: float
+    n_data: int
+    frame: str
+    notes: tuple[str, ...]
+
+    @abstractmethod
+    def model(self, field: Field) -> FloatArray:
+        """The motions that the solution predicts at the sources of a field, (2, n). [µas/yr]"""
+
+    def __getitem__(self, name: str) -> Any:
+        """A vector ("spin", "acceleration", "orientation") as a Vector, or a parameter as (value, sigma)."""
+        vectors, names = ["spin", "acceleration", "orientation"], [str(each) for each in self.names]
+        if name in vectors:
+            with suppress(AttributeError, ValueError):  # what is not among the parameters of a solution
+                if (vector := getattr(self, name)) is not None:
+                    return vector
+        if name in names:
+            place = names.index(name)
+            return float(self.values[place]), float(self.sigma[place])
+        near = [each for each in get_close_matches(str(name), [*vectors, *names], n=3) if each != name]
+        raise ParameterError(
+            f"nothing of this solution is called {name!r}" + (f": is it {' or '.join(near)}?" if near else "")
+        )
+
+    @property
+    def n_sources(self) -> int:
+        """How many sources were fitted."""
+        return self.n_data // 2
+
+    @property
+    def sigma(self) -> FloatArray:
+        """Standard error of each parameter, (p,)."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def correlation(self) -> FloatArray:
+        """Correlation matrix of the parameters, (p, p)."""
+        return correlation_of(self.covariance)
+
+    @property
+    def dof(self) -> int:
+        """Degrees of freedom: data points less parameters."""
+        return self.n_data - len(self.names)
+
+    @property
+    def quality(self) -> Quality:
+        """What χ² says of the errors, a `fit.quality.Quality`."""
+        return Quality(self.chi2, self.dof)
+
+    @property
+    def reduced_chi2(self) -> float:
+        """χ² per degree of freedom; nan where there is none."""
+        return self.quality.reduced
+
+    def residuals(self, field: Field) -> Field:
+        """The field less the model: a Field, whose `chi2` is that of each source.
+
+        Its `.whitened` are the residuals decorrelated and in units of their errors.
+        """
+        field.check_frame(self.frame)
+        return field.minus(self.model(field))
+
+
+class HarmonicSolution(LinearSolution):
+    """What a solution for coefficients says, with or without their full covariance."""
+
+    coefficients: Coefficients
+    #: Where the covariance is from, in words and as a member of `ErrorSource`; of a solution that has one.
+    errors_from: str
+    error_source: ErrorSource
+    #: Whether the systematic floor is in the covariance.
+    includes_floor: bool = False
+    #: Degrees of freedom of a covariance that was not estimated from replicates.
+    covariance_dof: float = float("inf")
+    #: Unit of the coefficients.
+    unit: str = "µas/yr"
+    # The systematic floor in the covariance.
+    floor: Any = None
+
+    @property
+    def modes(self) -> Modes:
+        """The Modes that were fitted."""
+        return self.coefficients.modes
+
+    @property
+    def n_sources(self) -> int:
+        """How many sources were fitted."""
+        return self.n_data // self.modes.components
+
+    @property
+    def scaled(self) -> HarmonicSolution:
+        """The same solution; one with a covariance may scale its errors."""
+        return self
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """Names of the coefficients, (p,)."""
+        return tuple(map(str, self.modes))
+
+    @property
+    def values(self) -> FloatArray:
+        """The coefficients as an array, (p,). [µas/yr]"""
+        return self.coefficients.values
+
+    def model(self, field: Any) -> FloatArray:
+        """What the solution predicts at the sources of a field, (2, n), or (n,) of a scalar field. [µas/yr]"""
+        return at_sources(self.coefficients, field)
+
+    @property
+    def spin(self) -> Vector:
+        """The spin ω of the frame, a Vector. [µas/yr]"""
+        return self._first_degree("T", FIRST_DEGREE, self.unit)
+
+    @property
+    def acceleration(self) -> Vector:
+        """The acceleration ã of the Solar System, in apparent motion, a Vector. [µas/yr]"""
+        return self._first_degree("S", FIRST_DEGREE, self.unit)
+
+    def power(self, kind: Kind, l: int | None = None, *, debiased: bool = True) -> Any:
+        """Power of one kind and degree, ∫ |V_l|² dΩ; without `l` of all degrees, an array. [(µas/yr)²]
+
+        Noise adds Σ σ² (with the weights of the power) on average; it is taken away
+        unless `debiased` is false, so that a small power may come out negative.
+        """
+        if l is None:
+            return np.array([self.power(kind, each, debiased=debiased) for each in np.unique(self.modes.degrees)])
+        values, _ = self.of_degree(kind, l)
+        power = float(self._power_weights(l) @ values**2)
+        return power - self.noise_power(kind, l) if debiased else power
+
+    def of_degree(self, kind: Kind, l: int) -> tuple[FloatArray, FloatArray]:
+        """Coefficients of one kind and degree, (2l + 1,), with their covariance: what its power and p-value are of."""
+        degree = self.modes.slice_of(kind, l)
+        return self.coefficients.values[degree], self.covariance[degree, degree]
+
+    def noise_power(self, kind: Kind, l: int) -> float:
+        """The power that noise alone gives on average. [(µas/yr)²]"""
+        return float(np.trace(self._weighted_covariance(kind, l)))
+
+    def power_error(self, kind: Kind, l: int) -> float:
+        """Standard error of the power. [(µas/yr)²]
+
+        For Gaussian errors var(cᵀ W c) = 4 µᵀ W C W µ + 2 tr (W C)², with W the weights 1 and
+        2 of the power; µᵀ W C W µ is estimated without bias, and taken for zero where the degree is not
+        significant at 5 %: otherwise errors of powers without a signal come out a quarter too large.
+        """
+        values, covariance = self.of_degree(kind, l)
+        wc = self._weighted_covariance(kind, l)
+        wcwc = np.trace(wc @ wc)
+        wc_c = self._power_weights(l) * values
+        signal = max(0.0, wc_c @ covariance @ wc_c - wcwc)
+        if not self.p_value(kind, l) <= 0.05:
+            signal = 0.0
+        return float(np.sqrt(4 * signal + 2 * wcwc))
+
+    def p_value(self, kind: Kind, l: int) -> float:
+        """Probability that noise alone gives this degree as much signal or more.
+
+        W̃ = cᵀ C⁻¹ c over the 2l + 1 coefficients is χ² with 2l + 1 degrees of freedom
+        when the true ones are zero, whatever the sky coverage. Where C was estimated from replicates, it is
+        Hotelling's T²; nan where they are too few to determine it.
+        """
+        return probability_of(self.chi2_of_degree(kind, l), 2 * l + 1, self.covariance_dof)
+
+    def chi2_of_degree(self, kind: Kind, l: int) -> float:
+        """W̃ = cᵀ C⁻¹ c over the coefficients of one kind and degree; nan where too few replicates determine C."""
+        if self.covariance_dof < 2 * l + 1:
+            return float("nan")
+        values, covariance = self.of_degree(kind, l)
+        return float(values @ np.linalg.solve(covariance, values))
+
+    def _first_degree(self, kind, rows, unit):
+        degree = self.modes.slice_of(kind, 1)
+        vector = vector_of(rows, self.coefficients.values[degree], self.covariance[degree, degree], self.frame, unit)
+        return replace(vector, dof=self.covariance_dof)
+
+    def _weighted_covariance(self, kind, l):
+        return self._power_weights(l)[:, None] * self.of_degree(kind, l)[1]
+
+    @staticmethod
+    def _power_weights(l):
+        return np.array([1.0] + 2 * l * [2.0])
+
+
+def at_sources(coefficients: Coefficients, field: Field) -> FloatArray:
+    """The motions of coefficients at the sources of a field, (2, n); by the transform for many of them."""
+    if len(field) < 10_000:
+        return coefficients.at(field.lon, field.lat)
+    from vsh.transform import synthesis
+
+    return synthesis(coefficients, field.lon, field.lat)
+
+
+class Summarised:
+    """The mixin of solutions for coefficients of motions."""
+
+    coefficients: Coefficients
+    covariance: FloatArray
+    covariance_dof: float
+    chi2: float
+    n_data: int
+    by_prior: float
+    frame: str
+    unit: str
+    formal: Any
+    model: Callable[[Field], FloatArray]
+
+    def summary(self) -> Table:
+        """Spin and acceleration as an astropy Table: a row for each component, with errors and 68 % intervals."""
+        from fit.results.output import vectors_of
+
+        formal = vectors_of(self.formal)
+        rows: list[Any] = [
+            (f"{name}_{axis}", value, error, alone, value - error, value + error)
+            for name, vector in vectors_of(self).items()
+            for axis, value, error, alone in zip("xyz", vector.value, vector.sigma, formal[name].sigma, strict=True)
+        ]
+        names = ("parameter", "value", "error", "formal_error", "low_68", "high_68")
+        columns = dict(zip(names, map(np.array, zip(*rows, strict=True)), strict=True))
+        unit = self.unit.replace("µ", "u")
+        return tables.table_of(columns, {"frame": self.frame}, dict.fromkeys(names[1:], unit) if unit else {})
+
+    def predict(self, lon: ArrayLike | Field, lat: ArrayLike | None = None) -> FloatArray:
+        """The fitted motions at places, (2, n): east and north component. [µas/yr]
+
+        Parameters
+        ----------
+        lon, lat : (n,) arrays
+            Places in the frame of the solution [rad]; or a Field alone, whose sources are taken.
+
+        Raises
+        ------
+        ParameterError
+            If there is a longitude without a latitude.
+        """
+        if isinstance(lon, Field):
+            lon.check_frame(self.frame)
+            return self.model(lon)
+        if lat is None:
+            raise ParameterError("predict takes lon and lat in radians, or a Field")
+        return self.coefficients.at(lon, lat)
+
+    def sample(self, n: int, *, rng: Rng = 1) -> FloatArray:
+        """Draw coefficients from their distribution, (n, p): normal, or Student's t where replicates gave the errors.
+
+        Parameters
+        ----------
+        n : int
+            How many draws.
+        rng : Generator or int
+            The source of all randomness.
+        """
+        random, values = generator(rng), self.coefficients.values
+        draws = random.multivariate_normal(np.zeros(len(values)), self.covariance, size=whole("n", n))
+        if np.isfinite(self.covariance_dof):
+            draws /= np.sqrt(random.chisquare(self.covariance_dof, (n, 1)) / self.covariance_dof)
+        return values + draws
+
+    @property
+    def bic(self) -> float:
+        """The Bayesian information criterion, χ² + k ln n, up to a constant of the data: smaller is better.
+
+        It compares degrees by the catalogue's errors; `fit.background.evidence` compares them without that assumption.
+        """
+        k = len(self.coefficients.values) - self.by_prior
+        return float(self.chi2 + k * np.log(self.n_data))
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Solution(Summarised, HarmonicSolution):
+    """Coefficients with their covariance.
+
+    Attributes
+    ----------
+    coefficients : Coefficients
+        The best fit. [µas/yr]
+    covariance : (p, p) array
+        N⁻¹, from the catalogue's errors alone, unless `error_source` says otherwise. [(µas/yr)²]
+    chi2 : float
+        χ² of the residuals of the data, without the penalty of a prior.
+    n_data : int
+        How many numbers were fitted: two a source. A prior does not count.
+    frame : str
+        Frame of the axes.
+    notes : tuple of str
+        What the reader should know of the data.
+    errors_from : str
+        Where the covariance comes from, in words.
+    covariance_dof : float
+        Degrees of freedom with which the covariance was estimated; inf where it follows from the errors of the
+        sources, the number of replicates less one where it was resampled. p-values allow for them.
+    by_prior : float
+        How many of the coefficients a prior determined in place of the data, tr(C P) with P its inverse covariance;
+        the others cost a degree of freedom each.
+    unshrunk : Solution or None
+        The same without the prior of a floor: what the powers and p-values of degrees beyond 1 are taken from.
+    unit : str
+        Unit of the coefficients: "µas/yr" of motions, "µas" of differences of position.
+    floor : fit.background.Floor or None
+        The systematic floor that is in the covariance; None where there is none.
+    error_source : ErrorSource
+        Where the covariance comes from, as one of a few: what decides whether χ² scales the errors.
+    includes_floor : bool
+        Whether the systematic floor is in the covariance.
+    is_recommended : bool
+        Whether it is the recommended fit, `fit.recommended`.
+    formal_covariance : (p, p) array or None
+        N⁻¹ by the weights of the fit, where `covariance` is another: it has no noise of its own, and is what a
+        systematic floor is estimated from, scaled to the size of `covariance`. [(µas/yr)²]
+
+    Examples
+    --------
+    >>> from vsh import Field
+    >>> rng = np.random.default_rng(1)
+    >>> lon, lat = rng.uniform(0, 6.28, 500), np.arcsin(rng.uniform(-1, 1, 500))
+    >>> field = Field(lon, lat, 30 * rng.normal(size=(2, 500)), np.full((2, 500), 30.0))
+    >>> from fit import fit_field
+    >>> solution = fit_field(field, 1)
+    >>> solution.acceleration.value.shape, solution.n_sources
+    ((3,), 500)
+    >>> print(dict(solution.answer.lines)["acceleration"].partition(',')[0])
+    not detected: < 5.27 µas/yr (95 %)
+    """
+
+    coefficients: Coefficients
+    covariance: FloatArray
+    chi2: float
+    n_data: int
+    frame: str = "icrs"
+    notes: tuple[str, ...] = ()
+    errors_from: str = "the catalogue"
+    covariance_dof: float = float("inf")
+    by_prior: float = 0.0
+    unshrunk: Solution | None = None
+    unit: str = "µas/yr"
+    floor: Any = None
+    formal_covariance: FloatArray | None = None
+    error_source: ErrorSource = ErrorSource.CATALOGUE
+    includes_floor: bool = False
+    is_recommended: bool = False
+
+    _coefficients = Coefficients
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__}: {self._lines()}>"
+
+    def _lines(self):
+        """What the repr says: what was fitted, and its vectors, a line each."""
+        first = f"degree {self.modes.lmax}, {self.n_sources} sources, {self.frame}, errors: {self.error_source.value}"
+        first += " and systematic floor" * self.includes_floor
+        names = ("spin", "acceleration") if self.modes.components == 2 and self.modes.lowest == 1 else ()
+        return "\n ".join([first, *(f"{name} {getattr(self, name).in_numbers()}" for name in names)])
+
+    def report(
+        self, *, check: Any = None, truth: dict[str, Any] | None = None, source: str | None = None, long: bool = False
+    ) -> str:
+        """A page of text, the result to quote first.
+
+        Parameters
+        ----------
+        check : CrossCheck, optional
+            Both solvers at degree 1.
+        truth : dict, optional
+            Truth of a simulated catalogue, by name.
+        source : str, optional
+            What was fitted.
+        long : bool
+            Add formal errors, the source of the errors and the powers with their noise.
+        """
+        from fit.results.output import report
+
+        return report(self, check=check, truth=truth, source=source, long=long)
+
+    def plot(self, *, ax: Axes | None = None) -> Axes:
+        """Power by degree on matplotlib axes."""
+        from fit.results.output import plot_spectrum
+
+        return plot_spectrum(self, ax=ax)
+
+    def to_table(self) -> Table:
+        """The coefficients with their errors as an astropy Table, a row each."""
+        columns = coefficient_columns(self.modes) | {"value": self.values, "sigma": self.sigma}
+        return tables.table_of(
+            columns, {"frame": self.frame}, {name: self._units[name] for name in ("value", "sigma") if self._units}
+        )
+
+    def _repr_html_(self) -> str:
+        from fit.results.output import html_of
+
+        return html_of(self)
+
+    @property
+    def answer(self) -> Answer:
+        """The result to quote: an `Answer` of four labelled lines, with the errors of this solution."""
+        from fit.results.output import answer_of
+
+        return answer_of(self)
+
+    @property
+    def verdict(self) -> str:
+        """The result to quote as text, a line each for acceleration, spin, Gaia EDR3 and the errors."""
+        return str(self.answer)
+
+    @property
+    def formal(self) -> Solution:
+        """The same values with formal errors: N⁻¹ by the weights of the fit."""
+        if self.formal_covariance is None:
+            return self
+        return replace(
+            self,
+            covariance=self.formal_covariance,
+            errors_from="the weights of the fit",
+            error_source=ErrorSource.CATALOGUE,
+            covariance_dof=float("inf"),
+            includes_floor=False,
+            unshrunk=None,
+        )
+
+    def latex(
+        self, style: Literal["booktabs", "siunitx", "aastex", "aa", "mnras"] = "booktabs", *, full: bool = False
+    ) -> str:
+        """Acceleration and spin as a LaTeX table for a paper: one float, with caption and label.
+
+        Parameters
+        ----------
+        style : {"booktabs", "siunitx", "aastex", "aa", "mnras"}
+            Packages and class that it is for: numbers by siunitx, a deluxetable of AASTeX, tables of A&A and MNRAS.
+        full : bool
+            Add the power of each degree.
+        """
+        from fit.results.output import latex_of
+
+        return latex_of(self, style, full=full)
+
+    def of_degree(self, kind: Kind, l: int) -> tuple[FloatArray, FloatArray]:
+        """Coefficients of one kind and degree with their covariance: what its power and p-value are of.
+
+        Parameters
+        ----------
+        kind : {"T", "S"}
+            Toroidal or spheroidal.
+        l : int
+            The degree; beyond 1, of the solution without the prior of a floor, if there is one.
+
+        Returns
+        -------
+        tuple[array, array]
+            [µas/yr], [(µas/yr)²]
+        """
+        if self.unshrunk is not None and l > 1:
+            return self.unshrunk.of_degree(kind, l)
+        return super().of_degree(kind, l)
+
+    @property
+    def dof(self) -> int:
+        """Degrees of freedom of χ²: data points less the parameters they determined, rounded where a prior helped."""
+        return self.n_data - len(self.modes) + round(self.by_prior)
+
+    @property
+    def scaled(self) -> Solution:
+        """The same solution with errors multiplied by √(χ²/dof) where χ² contradicts them, and only there."""
+        factor = self.quality.factor
+        if factor == 1.0 or self.error_source != ErrorSource.CATALOGUE:
+            return self
+        return replace(
+            self,
+            covariance=self.covariance * factor**2,
+            formal_covariance=self.covariance,
+            errors_from=f"the catalogue, times {factor:.3g}",
+            error_source=ErrorSource.SCALED,
+        )
+
+    def __post_init__(self) -> None:
+        """Check what a file or a caller may have mixed up."""
+        object.__setattr__(self, "covariance", covariance("the covariance", self.covariance, len(self.modes)))
+        if (self.covariance.diagonal() == 0).any():
+            raise DegeneracyError(
+                f"the errors from {self.errors_from} are zero: the motions have no scatter (are they all alike?). "
+                "Take the catalogue's own errors"
+            )
+        super().__post_init__()
+
+    def widget(self, field: Field, *, height: int = 720) -> Any:
+        """The fit and its sources on a sky that can be turned, for a notebook; a figure where it cannot.
+
+        Parameters
+        ----------
+        field : Field
+            The sources that were fitted.
+        height : int
+            [pixels]
+        """
+        from vsh.figures.page import Shown, widget
+        from vsh.figures.plot import picture_of, plot_field
+
+        field, covariance = field.to_frame(self.frame), self.covariance
+        shown = Shown("fit", field, self.coefficients, covariance, self.unit)
+        return widget(
+            shown,
+            height=height,
+            static=lambda: picture_of(plot_field(field, self.coefficients, covariance=covariance, unit=self.unit)),
+        )
+
+    def _pack(self):
+        columns = coefficient_columns(self.modes) | {
+            "value": self.coefficients.values,
+            "sigma": self.sigma,
+            "covariance": self.covariance,
+        }
+        rest = {
+            "lmax": self.modes.lmax,
+            "chi2": exact(self.chi2),
+            "n_data": int(self.n_data),
+            "frame": self.frame,
+            "notes": list(map(str, self.notes)),
+            "note_codes": list(codes_of(self.notes)),
+            "errors_from": self.errors_from,
+            "covariance_dof": exact(self.covariance_dof),
+            "by_prior": exact(self.by_prior),
+            "unshrunk": encoded(self.unshrunk),
+            "unit": self.unit,
+            "floor": encoded(self.floor),
+            "formal_covariance": encoded(self.formal_covariance),
+            "error_source": str(self.error_source),
+            "includes_floor": bool(self.includes_floor),
+            "is_recommended": bool(self.is_recommended),
+        }
+        return columns, rest, self._units
+
+    @property
+    def _units(self):
+        """Units of the columns, where they are ones that tables know."""
+        known = {"µas/yr": ("uas / yr", "uas2 / yr2"), "µas": ("uas", "uas2")}
+        if self.unit not in known:
+            return {}
+        one, squared = known[self.unit]
+        return {"value": one, "sigma": one, "covariance": squared}
+
+    @classmethod
+    def _unpack(cls, columns, rest):
+        float_array("value", columns["value"])
+        return cls(*cls._plain(columns, rest))
+
+    @classmethod
+    def _plain(cls, columns, rest):
+        """What every solution is made of, in the order of its attributes."""
+        coefficients = cls._coefficients(rest["lmax"], columns["value"])
+        return (
+            coefficients,
+            columns["covariance"],
+            number(rest["chi2"]),
+            count(rest["n_data"]),
+            check_frame(rest["frame"]),
+            coded(words(rest["notes"]), words(rest["note_codes"])),
+            str(rest["errors_from"]),
+            number(rest["covariance_dof"]),
+            number(rest["by_prior"]),
+            decoded(rest["unshrunk"]),
+            str(rest["unit"]),
+            decoded(rest.get("floor")),
+            decoded(rest.get("formal_covariance")),
+            ErrorSource(rest["error_source"]),
+            rest["includes_floor"] is True,
+            rest["is_recommended"] is True,
+        )
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ScalarSolution(Solution):
+    """Coefficients of a scalar field with their covariance."""
+
+    unit: str = ""
+
+    _coefficients = ScalarCoefficients
+
+    @property
+    def mean(self) -> tuple[float, float]:
+        """The mean over the sky with its error, f_00/√4π; for degree 0 the weighted mean of the sources."""
+        value, variance = self.coefficients.values[0], self.covariance[0, 0]
+        return float(value / np.sqrt(4 * np.pi)), float(np.sqrt(variance / (4 * np.pi)))
+
+    @property
+    def dipole(self) -> Vector:
+        """d of the part d·r, a Vector in `unit`."""
+        return self._first_degree("F", DIPOLE, self.unit)
+
+    def _repr_html_(self) -> str:
+        return Result._repr_html_(self)
+
+
+class AboutSolution(Result):
+    """A result about a solution: text, table, figure and vectors are those of the solution to quote."""
+
+    solution: Solution
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__}: {self.quoted._lines()}>"
+
+    @property
+    def quoted(self) -> Solution:
+        """The solution with the errors of this result."""
+        return self.solution
+
+    @property
+    def spin(self) -> Vector:
+        """The spin, a Vector with the errors of this result. [µas/yr]"""
+        return self.quoted.spin
+
+    @property
+    def acceleration(self) -> Vector:
+        """The acceleration, a Vector with the errors of this result. [µas/yr]"""
+        return self.quoted.acceleration
+
+    @property
+    def answer(self) -> Answer:
+        """The result to quote: an `Answer` of four labelled lines."""
+        return self.quoted.answer
+
+    @property
+    def verdict(self) -> str:
+        """The result to quote as text, a line each for acceleration, spin, Gaia EDR3 and the errors."""
+        return self.quoted.verdict
+
+    def summary(self) -> Table:
+        """Spin and acceleration as an astropy Table, a row for each component."""
+        return self.quoted.summary()
+
+    def report(self, *, long: bool = False) -> str:
+        """The solution as text.
+
+        Parameters
+        ----------
+        long : bool
+            As for `Solution.report`.
+        """
+        return self.quoted.report(long=long)
+
+    def to_table(self) -> Table:
+        """The coefficients with their errors as an astropy Table, a row each."""
+        return self.quoted.to_table()
+
+    def plot(self, *, ax: Axes | None = None) -> Axes:
+        """Power by degree on matplotlib axes."""
+        return self.quoted.plot(ax=ax)
+
+
+@dataclass(frozen=True, eq=False)
+class NamedSolution(LinearSolution):
+    """A least-squares solution for named parameters."""
+
+    names: tuple[str, ...]
+    values: FloatArray
+    covariance: FloatArray
+    chi2: float
+    n_data: int
+    frame: str
+    notes: tuple = ()
+
+    def __post_init__(self) -> None:
+        """Check what a file or a caller may have mixed up."""
+        size = len(self.names)
+        object.__setattr__(self, "values", float_array("the values", self.values, (size,), finite=False))
+        object.__setattr__(self, "covariance", covariance("the covariance", self.covariance, size))
+        super().__post_init__()
+
+    def _pack(self):
+        columns = {
+            "parameter": list(self.names),
+            "value": self.values,
+            "sigma": self.sigma,
+            "covariance": self.covariance,
+        }
+        rest = {
+            entry.name: encoded(getattr(self, entry.name))
+            for entry in fields(self)
+            if entry.name not in ("names", "values", "covariance")
+        }
+        return columns, {"fields": rest}, {}
+
+    @classmethod
+    def _unpack(cls, columns, rest):
+        options = {name: decoded(value) for name, value in rest["fields"].items()}
+        options["n_data"], options["frame"] = count(options["n_data"]), check_frame(options["frame"])
+        names = tuple(columns["parameter"].tolist())
+        if len(set(names)) < len(names):
+            raise TableError("names of parameters repeat")
+        return cls(names=names, values=columns["value"], covariance=columns["covariance"], **options)
+
+    @property
+    def spin(self) -> Vector | None:
+        """ω, a Vector in µas/yr, or None where it is not among the parameters."""
+        return self._vector("omega") if "omega_x" in self.names else None
+
+    @property
+    def acceleration(self) -> Vector:
+        """ã, a Vector in µas/yr."""
+        return self._vector("a")
+
+    def to_table(self) -> Table:
+        """Parameters with their errors and correlations as an astropy Table, a row each."""
+        columns = {"parameter": list(self.names), "value": self.values, "sigma": self.sigma}
+        columns |= {f"correlation_{name}": column for name, column in zip(self.names, self.correlation.T, strict=True)}
+        return tables.table_of(columns, {"frame": self.frame, "notes": list(map(str, self.notes))})
+
+    def plot(self, *, ax: Any = None) -> Any:  # a link's has panels
+        """The correlation matrix of the parameters on matplotlib axes."""
+        from fit.results.output import plot_correlation
+
+        return plot_correlation(self, ax=ax)
+
+    def _vector(self, name, unit="µas/yr"):
+        start = self.names.index(f"{name}_x")
+        part = slice(start, start + 3)
+        return Vector(self.values[part], self.covariance[part, part], self.frame, unit)

@@ -1,0 +1,91 @@
+"""Power by degree, and how surprising it would be if there were only noise."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.special import ndtri
+
+from fit.results.quality import norm_limit, normal_deviate, solution_of
+from vsh.tools.arguments import explained
+
+__all__ = ["Degree", "spectrum"]
+
+
+class Degree(NamedTuple):
+    """One kind and degree of a solution.
+
+    `power` is as fitted, `noise` what noise alone gives on average, `error` the standard error [(µas/yr)²]; `p_value`
+    the exact probability of as much signal from noise and `z` the same as a one-sided normal deviate; `mk_w` and `mk_z`
+    the W and Z of Mignard & Klioner (2012, sect. 5.2), which hold for a uniform sky only.
+    """
+
+    kind: str
+    l: int
+    power: float
+    noise: float
+    error: float
+    p_value: float
+    z: float
+    mk_w: float
+    mk_z: float
+
+    @property
+    def debiased(self) -> float:
+        """Power less what noise gives on average. [(µas/yr)²]"""
+        return self.power - self.noise
+
+    def limit(self, probability: float = 0.95) -> float:
+        """Upper limit of the true power: a larger one would have given a larger fit with `probability`. [(µas/yr)²]
+
+        Never below that of noise alone (CLs). Exact where all coefficients of the degree have one error; on the sky of
+        the demo and on one without latitudes below 30° limits of 95 % hold 94 to 100 % of powers, from none to thirty
+        times the noise.
+        """
+        n = 2 * self.l + 1
+        norm, sigma = np.sqrt([self.power]), np.sqrt([self.noise / n])
+        return float(norm_limit(norm, sigma, n, probability)[0] ** 2)
+
+
+@explained
+def spectrum(solution: Any) -> list[Degree]:
+    """Every kind and degree of a solution, a list of Degree: T first, then S; from degree 0 on of a scalar field.
+
+    Parameters
+    ----------
+    solution : Solution
+        What was found.
+    """
+    solution = solution_of(solution, "spectrum")
+    modes = solution.modes
+    return [_degree(solution, kind, l) for kind in modes.kinds for l in range(modes.lowest, modes.lmax + 1)]
+
+
+def wilson_hilferty(w: float, n: float) -> float:
+    """Z = √(9n/2) [(W/n)^⅓ − (1 − 2/(9n))]: nearly normal when W is χ² with n degrees of freedom."""
+    return np.sqrt(4.5 * n) * (np.cbrt(w / n) - (1 - 2 / (9 * n)))
+
+
+def _degree(solution, kind, l):
+    n = 2 * l + 1
+    w = solution.chi2_of_degree(kind, l)
+    p_value = solution.p_value(kind, l)
+    power = solution.power(kind, l, debiased=False)
+    mk_w = power / solution.of_degree(kind, l)[1][0, 0]
+    return Degree(
+        kind,
+        l,
+        power,
+        solution.noise_power(kind, l),
+        solution.power_error(kind, l),
+        p_value,
+        _deviate(solution, w, n, p_value),
+        float(mk_w),
+        float(wilson_hilferty(mk_w, n)),
+    )
+
+
+def _deviate(solution, w, n, p_value):
+    """z of the p-value; from χ² itself where there is one, since p rounds to 0 and 1."""
+    if np.isinf(solution.covariance_dof):
+        return float(normal_deviate(w, n))
+    return float(-ndtri(p_value))

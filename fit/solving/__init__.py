@@ -1,0 +1,227 @@
+"""The solution of normal equations."""
+
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve, eigh
+from scipy.linalg.lapack import dpocon
+
+from fit.normal import NormalEquations, normal_equations
+from fit.results.quality import ONE_SIDE
+from fit.results.solution import ScalarSolution, Solution
+from vsh import Coefficients, Field
+from vsh.io.parts import Parts
+from vsh.models.covariance import Covariance
+from vsh.modes import Modes, ScalarModes
+from vsh.scalars import ScalarCoefficients, ScalarField, modes_for
+from vsh.sky.frames import ANGLES
+from vsh.sky.sphere import widest_gap
+from vsh.tools import arguments
+from vsh.tools.arguments import explained
+from vsh.tools.errors import DegeneracyError, ParameterError
+from vsh.tools.notes import CodedNote, spoken
+from vsh.tools.printing import logged
+from vsh.tools.types import FloatArray
+
+_LOST = "warning: values are a million times their errors, so χ² is lost to rounding: take a model away first"
+#: The degree unless another is named.
+_DEGREE = 3
+#: Beyond this condition number of the scaled matrix, fewer than six digits are left.
+MAX_CONDITION = 1e10
+
+
+@logged("solved")
+@arguments.accepts(prior=arguments.a(NormalEquations), max_condition=arguments.positive)
+def solve(
+    normal: NormalEquations,
+    prior: NormalEquations | None = None,
+    *,
+    floor: Any = None,
+    max_condition: float = MAX_CONDITION,
+) -> Solution:
+    """Solve normal equations for the coefficients and their covariance.
+
+    Parameters
+    ----------
+    normal : NormalEquations
+        What to solve.
+    prior : NormalEquations, optional
+        Added to them, `fit.gaussian_prior(…)` say.
+    floor : Floor, optional
+        Errors that sources share, of `fit.background.floor(normal)`: a prior on the higher degrees, and part of the
+        errors of degree 1. `errors_from` says so.
+    max_condition : float
+        Largest condition of N scaled to a unit diagonal, in the 1-norm.
+
+    Returns
+    -------
+    Solution
+        A ScalarSolution of a scalar field.
+
+    Raises
+    ------
+    DegeneracyError
+        If the condition number exceeds `max_condition`: the sources leave some combination of modes unseen.
+
+    Examples
+    --------
+    >>> from vsh import Field, Modes
+    >>> rng = np.random.default_rng(1)
+    >>> lon, lat = rng.uniform(0, 6.28, 100), np.arcsin(rng.uniform(-1, 1, 100))
+    >>> spin = Coefficients.from_vectors(rotation=(1, 2, 3)).at(lon, lat)
+    >>> field = Field(lon, lat, spin, np.ones((2, 100)))
+    >>> solve(normal_equations(field, Modes(1))).spin.value.round(9)
+    array([1., 2., 3.])
+    """
+    if not isinstance(normal, NormalEquations):
+        raise ParameterError(
+            f"solve takes normal equations, not a {type(normal).__name__}: fit.normal_equations(field, modes)"
+        )
+    if floor is not None:
+        if not hasattr(floor, "allowed_for"):
+            raise ParameterError(f"floor is what fit.background.floor(normal) gives, not a {type(floor).__name__}")
+        return floor.allowed_for(partial(solve, prior=prior, max_condition=max_condition), normal)
+    if prior is not None:
+        normal = normal + prior
+    factor, scale = _factor(normal, max_condition)
+    covariance = cho_solve(factor, np.diag(scale)) * scale[:, None]
+    values = scale * cho_solve(factor, scale * normal.rhs)
+    chi2, notes = float(normal.chi2_null - values @ normal.rhs), spoken(normal.notes)
+    if normal.templates:
+        names = ", ".join(each.name for each in normal.templates)
+        notes = (*notes, f"templates are not in this fit, but in that of fit.background.shared: {names}")
+    by_prior = 0.0
+    if (assumed := normal.prior) is not None:
+        by_prior = float(np.sum(covariance * assumed.matrix))
+        chi2 -= float(assumed.chi2_null - 2 * values @ assumed.rhs + values @ assumed.matrix @ values)
+    if chi2 < 1e-11 * normal.chi2_null and normal.n_data > len(normal.modes):
+        # The difference of two numbers that are equal to eleven digits.
+        chi2, notes = max(chi2, 0.0), (*notes, _LOST)
+    about: dict[str, Any] = {
+        "covariance": (covariance + covariance.T) / 2,
+        "chi2": chi2,
+        "n_data": normal.n_data,
+        "frame": normal.frame or "icrs",
+        "notes": notes,
+        "by_prior": by_prior,
+    }
+    if isinstance(normal.modes, ScalarModes):
+        return ScalarSolution(ScalarCoefficients(normal.modes, values), **about, unit=normal.unit or "")
+    return Solution(Coefficients(normal.modes, values), **about, unit=normal.unit or "µas/yr")
+
+
+@explained
+def fit_field(
+    field: Any,
+    modes: Modes | int | None = None,
+    *,
+    lmax: int | None = None,
+    covariance: Covariance | FloatArray | None = None,
+) -> Solution:
+    """Fit all modes to a degree to a field by linear least squares: normal equations, solved.
+
+    Its errors are formal ones. The fit to quote is `fit.recommended`.
+
+    Parameters
+    ----------
+    field : Field, ScalarField, iterable of Fields, path or table
+        The sources; a path or a table is read by `vsh.read_field`.
+    modes : Modes, or the degree lmax
+        What to fit; ScalarModes of a ScalarField.
+    lmax : int, optional
+        The degree, in place of `modes`; 3 unless either is given.
+    covariance : Covariance or (2n, 2n) array, optional
+        As for `normal_equations`.
+
+    Raises
+    ------
+    DegeneracyError
+        If the sources cannot tell the modes apart.
+    ParameterError
+        If both modes and a degree are given.
+
+    Examples
+    --------
+    >>> from vsh import Field
+    >>> rng = np.random.default_rng(1)
+    >>> lon, lat = rng.uniform(0, 6.28, 500), np.arcsin(rng.uniform(-1, 1, 500))
+    >>> field = Field(lon, lat, 30 * rng.normal(size=(2, 500)), np.full((2, 500), 30.0))
+    >>> solution = fit_field(field, 3)
+    >>> solution.values.shape
+    (30,)
+    """
+    if modes is not None and lmax is not None:
+        raise ParameterError("what is to be fitted: modes, or the degree lmax, one of the two")
+    sought = modes if modes is not None else _DEGREE if lmax is None else lmax
+    if not isinstance(field, Field | ScalarField | Parts):
+        from vsh.io.catalogue import as_field, is_readable
+
+        field = as_field("field", field) if is_readable(field) else field
+    if isinstance(field, Field | ScalarField):
+        sought = modes_for(field, sought)
+        if sought.components * len(field) < len(sought):
+            raise DegeneracyError(_too_few(len(field), sought))
+    return with_coverage(solve(normal_equations(field, sought, covariance=covariance)), field)
+
+
+#: A part of the sky without sources that is wider than this is worth a word [rad], of so many sources.
+_WIDE, _KNOWN = np.radians(60), 100
+
+
+def with_coverage(solution: Any, field: Any) -> Any:
+    """The solution with a note where a large part of the sky has no source: a cut file, perhaps."""
+    if not isinstance(field, Field | ScalarField) or len(field) < _KNOWN:
+        return solution
+    radius, lon, lat = widest_gap(field.lon, field.lat)
+    if radius < _WIDE:
+        return solution
+    names = ANGLES[field.frame]
+    place = ", ".join(f"{name} = {np.degrees(x):.0f}°" for name, x in zip(names, (lon, lat), strict=True))
+    note = CodedNote(
+        f"warning: no source within {np.degrees(radius):.0f}° of {place}: a part of a file, or of the sky? What is "
+        "said of the whole sky rests on the other part",
+        ONE_SIDE,
+    )
+    return solution if note in solution.notes else replace(solution, notes=(*solution.notes, note))
+
+
+def _too_few(sources, modes, why=""):
+    return (
+        f"{sources} sources cannot separate {len(modes)} modes{why}: lower lmax from {modes.lmax}, widen the "
+        "sky coverage, or add fit.gaussian_prior to the normal equations"
+    )
+
+
+def _factor(normal, max_condition):
+    """The Cholesky factor of N scaled to a unit diagonal, and the scale."""
+    diagonal = np.diag(normal.matrix)
+    if (normal.n_data == 0 and normal.prior is None) or not (diagonal > 0).all():
+        _raise_degenerate(normal, np.inf, max_condition, "")
+    scale = 1 / np.sqrt(diagonal)
+    scaled = normal.matrix * np.outer(scale, scale)
+    try:
+        factor = cho_factor(scaled, lower=True)
+        reciprocal, _ = dpocon(factor[0], np.abs(scaled).sum(0).max(), uplo="L")
+    except np.linalg.LinAlgError:
+        reciprocal = 0.0
+    if not reciprocal * max_condition > 1:
+        _raise_degenerate(
+            normal, 1 / reciprocal if reciprocal else np.inf, max_condition, _weakest(scaled, normal.modes)
+        )
+    return factor, scale
+
+
+def _raise_degenerate(normal, condition, max_condition, weakest):
+    raise DegeneracyError(
+        _too_few(normal.n_sources, normal.modes, f" (condition {condition:.1e} > {max_condition:.0e}{weakest})")
+    )
+
+
+def _weakest(scaled, modes, most=4):
+    """The modes that make up the combination the data see least."""
+    vector = eigh(scaled, subset_by_index=[0, 0])[1][:, 0]
+    order = np.argsort(-np.abs(vector))[:most]
+    names = [str(mode) for mode in modes]
+    return ", worst in " + ", ".join(names[i] for i in order)

@@ -1,0 +1,99 @@
+"""Figures of a joint solution (matplotlib)."""
+
+import numpy as np
+
+from sim.agis._results import AgisSolution, ratio_by
+from vsh.figures.plot import COLOURS, SkyAxes, legend_above, panels, plot_map, styled
+from vsh.sky.pixels import pixels_of
+from vsh.tools.types import ArrayLike, Axes, FloatArray, IntArray
+
+_PARAMETERS = ("α*", "δ", "ϖ", "µα*", "µδ")
+_MARKS = "os^Dv"
+
+
+@styled
+def plot_convergence(solution: AgisSolution, stop: float = 0.05, *, ax: Axes | None = None) -> Axes:
+    """How far the low degrees are from where they end, iteration by iteration."""
+    away = np.abs(solution.history - solution.history[-1])[:-1] / np.sqrt(np.diag(solution.formal_low))
+    (axes,) = panels(ax)
+    steps = np.arange(1, len(away) + 1)
+    for degree, colour in zip(range(1, solution.modes.lmax + 1), COLOURS, strict=False):
+        most = away[:, solution.modes.degrees == degree].max(axis=1)
+        axes.semilogy(steps, np.where(most > 0, most, np.nan), color=colour, label=f"degree {degree}")
+    size = solution.updates / np.sqrt(np.median(solution.formal[solution.solved, 2, 2]))
+    axes.semilogy(steps[: len(size)], size[: len(away)], color="0.6", linestyle="--", label="parallax updates, rms")
+    axes.axhline(stop, color="0.3", linewidth=0.6, label=f"{stop:g}: converged")
+    axes.set(xlabel="iteration", ylabel="distance from the last [formal errors]")
+    legend_above(axes, 2)
+    return axes
+
+
+@styled
+def plot_errors_by_magnitude(
+    solution: AgisSolution, magnitude: ArrayLike, sources: ArrayLike | None = None, *, ax: Axes | None = None
+) -> Axes:
+    """True over formal errors of the five parameters by magnitude, from this draw of the noise."""
+    kept = solution.solved if sources is None else solution.solved & np.asarray(sources)
+    g = np.asarray(magnitude)[kept]
+    edges = np.arange(np.floor(2 * g.min()) / 2, np.ceil(2 * g.max()) / 2 + 0.5, 0.5)
+    group = np.clip(np.searchsorted(edges, g, side="right") - 1, 0, len(edges) - 2)
+    (axes,) = panels(ax)
+    for column, name in enumerate(_PARAMETERS):
+        ratio, counts = ratio_by(
+            solution.sources[kept, column], np.sqrt(solution.formal[kept, column, column]), group, len(edges) - 1
+        )
+        axes.errorbar(
+            (edges[:-1] + edges[1:]) / 2 + 0.03 * (column - 2),
+            ratio,
+            ratio / np.sqrt(2 * np.maximum(counts, 1)),
+            marker=_MARKS[column],
+            label=name,
+            color=COLOURS[column],
+        )
+    axes.axhline(1, color="0.3", linewidth=0.6)
+    axes.set_yscale("log")
+    low, high = axes.get_ylim()
+    ticks = [tick for tick in (0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50) if low <= tick <= high]
+    axes.set_yticks(ticks, [f"{tick:g}" for tick in ticks])
+    axes.set_yticks([], minor=True)
+    axes.set(xlabel="G", ylabel="true / formal error")
+    legend_above(axes, 5)
+    return axes
+
+
+@styled
+def plot_correlation(
+    angle: FloatArray, correlation: FloatArray, pairs: IntArray, draws: int = 1, *, ax: Axes | None = None
+) -> Axes:
+    """Correlation of errors by the angle between two sources."""
+    (axes,) = panels(ax)
+    middle = np.degrees((angle[:-1] + angle[1:]) / 2)
+    axes.errorbar(middle, correlation, 1 / np.sqrt(np.maximum(pairs, 1) * draws), marker="o", color=COLOURS[0])
+    axes.axhline(0, color="0.3", linewidth=0.6)
+    if middle[-1] > 30 * middle[0]:
+        axes.set_xscale("log")
+    axes.set(xlabel="angle between sources [deg]", ylabel="correlation of parallax errors")
+    return axes
+
+
+def plot_ratio_map(
+    solution: AgisSolution, nside: int = 8, sources: ArrayLike | None = None, *, ax: Axes | None = None
+) -> SkyAxes:
+    """True over formal errors of the motions over the sky, from this draw of the noise."""
+    kept = solution.solved if sources is None else solution.solved & np.asarray(sources)
+    pixel = pixels_of(solution.lon[kept], solution.lat[kept], nside)
+    squares = []
+    for column in (3, 4):
+        sigma = np.sqrt(solution.formal[kept, column, column])
+        squares.append(ratio_by(solution.sources[kept, column], sigma, pixel, 12 * nside**2)[0] ** 2)
+    ratio = np.sqrt(np.mean(squares, axis=0))
+    seen = ratio[np.isfinite(ratio)]
+    return plot_map(
+        ratio,
+        "true / formal error of the motions",
+        frame=solution.frame,
+        ax=ax,
+        extend="max",
+        vmin=min(1.0, seen.min()),
+        vmax=np.percentile(seen, 98),
+    )

@@ -1,0 +1,279 @@
+"""What a joint solution found, and what its errors are like: by magnitude and place, and what neighbours share."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal
+
+import numpy as np
+
+from sim.signal import Signal, as_signal
+from vsh import Field
+from vsh.coefficients import Coefficients
+from vsh.modes import Modes
+from vsh.sky.sphere import triad
+from vsh.tools import arguments
+from vsh.tools.errors import ParameterError
+from vsh.tools.notebook import Frozen
+from vsh.tools.types import ArrayLike, BoolArray, FloatArray, IntArray
+
+#: Up to which angle neighbours are looked up; beyond, pairs with some of the sources are enough. [rad]
+_NEAR = 0.03
+_PIVOTS, _ROWS = 2000, 200
+
+
+def correlation_by_angle(
+    errors: ArrayLike, lon: ArrayLike, lat: ArrayLike, edges: ArrayLike, *, sigma: ArrayLike | None = None
+) -> tuple[FloatArray, IntArray]:
+    """Correlation of the errors of one parameter, in bins of the angle between two sources.
+
+    Notes
+    -----
+    Bins below 1.7° use all pairs, others those with at most 2000 of the sources, evenly picked.
+    """
+    lon, lat, edges = (arguments.dimension(1)(*each) for each in (("lon", lon), ("lat", lat), ("edges", edges)))
+    scaled = np.atleast_2d(arguments.float_array("errors", errors))
+    if scaled.shape[1:] != lon.shape or lat.shape != lon.shape:
+        raise ParameterError(f"errors have shape {scaled.shape}, expected (draws, {len(lon)})")
+    if len(edges) < 2 or (np.diff(edges) <= 0).any():
+        raise ParameterError("edges of bins of angle must rise")
+    if sigma is None:
+        if len(scaled) < 10:
+            raise ParameterError(f"{len(scaled)} draws do not tell the size of errors: give sigma")
+        sigma = np.sqrt(np.mean(scaled**2, axis=0))
+    scaled = scaled / arguments.float_array("sigma", sigma, lon.shape)
+    place = triad(lon, lat)[2].T
+    total, pairs = np.zeros(len(edges) - 1), np.zeros(len(edges) - 1, int)
+
+    def count(angle, product):
+        where = np.searchsorted(edges, angle, side="right") - 1
+        inside = (where >= 0) & (where < len(total))
+        total[:] += np.bincount(where[inside], product[inside], len(total))
+        pairs[:] += np.bincount(where[inside], minlength=len(total))
+
+    near = edges[-1] <= _NEAR
+    if near:
+        from scipy.spatial import cKDTree  # slow to import
+
+        first, second = cKDTree(place).query_pairs(2 * np.sin(edges[-1] / 2), output_type="ndarray").T
+        chord = np.linalg.norm(place[first] - place[second], axis=1)
+        count(2 * np.arcsin(chord / 2), np.mean(scaled[:, first] * scaled[:, second], axis=0))
+    else:
+        pivots = np.unique(np.linspace(0, len(lon) - 1, min(_PIVOTS, len(lon))).astype(int))
+        for start in range(0, len(pivots), _ROWS):
+            some = pivots[start : start + _ROWS]
+            product = scaled[:, some].T @ scaled / len(scaled)
+            angle = np.arccos(np.clip(place[some] @ place.T, -1, 1))
+            angle[np.arange(len(some)), some] = np.inf  # not with itself
+            count(angle.ravel(), product.ravel())
+    return np.divide(total, pairs, out=np.full(len(total), np.nan), where=pairs > 0), pairs
+
+
+def ratio_by(
+    errors: ArrayLike, sigma: ArrayLike, group: ArrayLike, n_groups: int | None = None
+) -> tuple[FloatArray, IntArray]:
+    """True over formal errors of groups of sources: the rms of error over standard error."""
+    labels: IntArray = _groups(group)
+    values = np.atleast_2d(arguments.float_array("errors", errors))
+    if values.shape[1:] != labels.shape:
+        raise ParameterError(f"errors of {values.shape[-1]} sources, and groups of {labels.size}")
+    square = np.mean((values / arguments.float_array("sigma", sigma, labels.shape)) ** 2, axis=0)
+    used = labels >= 0
+    counts = np.bincount(labels[used], minlength=n_groups or 0)
+    total = np.bincount(labels[used], square[used], len(counts))
+    return np.sqrt(np.divide(total, counts, out=np.full(len(counts), np.nan), where=counts > 0)), counts
+
+
+def _groups(group):
+    dimension = arguments.dimension(1)("group", group)
+    if not (np.isfinite(dimension).all() and (dimension == np.floor(dimension)).all() and (dimension < 1e9).all()):
+        raise ParameterError("groups are whole numbers")
+    return dimension.astype(int)
+
+
+_COLUMNS = {"position": slice(0, 2), "motion": slice(3, 5)}
+
+
+@dataclass(frozen=True, eq=False)
+class AgisSolution(Frozen):
+    """Corrections to sources and attitude: estimate less truth, where the observations were noise alone.
+
+    Attributes
+    ----------
+    sources : (n, 5) array
+        α*, δ, ϖ, µ_α*, µ_δ; nan for sources with too few transits. [µas, µas/yr]
+    attitude : (coefficients, 3) array
+        Coefficients of the spline, along the axes of `frame`. [µas]
+    iterations : int
+        Updates of the sources, the first among them.
+    converged : bool
+        By the rule that was asked for.
+    history : (iterations, p) array
+        Coefficients of the low degrees after each. [µas/yr]
+    updates : (iterations − 1,) array
+        Preconditioned residuals of the parallax, rms. [µas]
+    modes, formal_low : Modes, (p, p) array
+        Modes of the history; its covariance as quoted.
+    formal : (n, 5, 5) array
+        Covariances of each source for itself, the attitude taken for known: as quoted.
+    solved : (n,) bool array
+        Which sources have a solution.
+    lon, lat, frame
+        Positions of the sources.
+    global_parameters : (k,) array or None
+        Parameters of a global motion.
+    notes : tuple of str
+        What became of it since.
+    """
+
+    sources: FloatArray
+    attitude: FloatArray
+    iterations: int
+    converged: bool
+    history: FloatArray
+    updates: FloatArray
+    modes: Modes
+    formal_low: FloatArray
+    formal: FloatArray
+    solved: BoolArray
+    lon: FloatArray
+    lat: FloatArray
+    frame: str
+    global_parameters: FloatArray | None = None
+    notes: tuple[str, ...] = field(default=())
+
+    def field(
+        self,
+        truth: Signal | Coefficients | None = None,
+        *,
+        sources: ArrayLike | None = None,
+        kind: Literal["motion", "position"] = "motion",
+        redshift: ArrayLike | None = None,
+        magnitude: ArrayLike | None = None,
+    ) -> Field:
+        """The motions, or the position offsets, of some sources with the errors that would be quoted.
+
+        Quoted errors are those of each source for itself, as catalogues have them: sources that share a piece of the
+        attitude share errors that these do not tell. `System.true_covariance` does.
+
+        Parameters
+        ----------
+        truth : Signal or Coefficients, optional
+            True motions to which the errors are added; none unless given. [µas/yr]
+        sources : indices or mask, optional
+            All unless given.
+        kind : {"motion", "position"}
+            Which two of the five parameters.
+        redshift, magnitude : (n,) arrays, optional
+            Redshifts and magnitudes of all sources.
+
+        Returns
+        -------
+        Field
+            The sources that are solved; a note counts the others.
+
+        Raises
+        ------
+        ParameterError
+            If the kind is unknown, or there are no such sources.
+        """
+        columns = _COLUMNS[arguments.choice("kind", kind, tuple(_COLUMNS))]
+        n = len(self.lon)
+        chosen = arguments.indices("sources", sources, n)
+        kept = chosen[self.solved[chosen]]
+        if not len(kept):
+            raise ParameterError(f"none of {len(chosen)} sources is solved")
+        notes = [
+            (
+                f"simulated: sources and attitude solved together in {self.iterations} iterations; errors are those of "
+                "each source alone"
+            ),
+            *self.notes,
+        ]
+        if not self.converged:
+            notes.append("the joint solution had not come to rest: large scales are not what they will be")
+        if len(kept) < len(chosen):
+            notes.append(
+                f"left out {len(chosen) - len(kept)} of {len(chosen)} sources: too few transits for five parameters"
+            )
+        z, g = (
+            None if each is None else arguments.float_array(name, each, (n,), finite=False)[kept]
+            for name, each in (("redshift", redshift), ("magnitude", magnitude))
+        )
+        covariance = self.formal[kept][:, columns, columns]
+        sigma = np.sqrt(np.stack([covariance[:, 0, 0], covariance[:, 1, 1]]))
+        motion = self.sources[kept][:, columns].T
+        if truth is not None:
+            motion = motion + as_signal(truth)(self.lon[kept], self.lat[kept], z)
+        rho = covariance[:, 0, 1] / (sigma[0] * sigma[1])
+        return Field(
+            self.lon[kept],
+            self.lat[kept],
+            motion,
+            sigma,
+            rho,
+            redshift=z,
+            magnitude=g,
+            frame=self.frame,
+            notes=tuple(notes),
+        )
+
+    def rotated(self, orientation: ArrayLike, spin: ArrayLike, note: str = "") -> AgisSolution:
+        """The same solution in a frame turned back by ε₀ + ω t.
+
+        Parameters
+        ----------
+        orientation, spin : (3,) arrays
+            ε₀ and ω, taken away from positions and motions. [µas, µas/yr]
+        note : str
+            Why.
+        """
+        p, q, _ = triad(self.lon, self.lat)
+        sources = self.sources.copy()
+        for columns, name, given in ((slice(0, 2), "orientation", orientation), (slice(3, 5), "spin", spin)):
+            vector = arguments.float_array(name, given, (3,))
+            sources[:, columns] -= np.stack([vector @ q, -(vector @ p)], axis=1)
+        return replace(self, sources=sources, notes=(*self.notes, note) if note else self.notes)
+
+
+def rotate_frame(
+    solution: AgisSolution,
+    vlbi: ArrayLike,
+    quasars: ArrayLike | None = None,
+    *,
+    radio: float = 100.0,
+    own: float = 10.0,
+    rng: Any = None,
+) -> tuple[AgisSolution, FloatArray, FloatArray]:
+    """The frame rotator that ends a solution: ε₀ from radio positions, ω with a glide from motions of quasars.
+
+    As Bachchan, Hobbs & Lindegren (2016, section 4): positions of VLBI quasars are known with an error, motions of
+    quasars are zero but for a glide and a scatter of their own.
+    """
+    arguments.a(AgisSolution)("solution", solution)
+    offsets, sigma = [], []
+    n = len(solution.lon)
+    chosen = arguments.indices("vlbi", vlbi, n), arguments.indices("quasars", quasars, n)
+    for columns, which, spread in zip((slice(0, 2), slice(3, 5)), chosen, (radio, own), strict=True):
+        which = which[solution.solved[which]]
+        if len(which) < 3:
+            raise ParameterError(f"a frame rotator needs three solved sources of each kind, not {len(which)}")
+        spread = arguments.not_negative("radio or own", spread)
+        p, q, _ = triad(solution.lon[which], solution.lat[which])
+        design = [np.stack([q, -p], axis=1)]  # (3, 2, m)
+        if columns.start:
+            design.append(np.stack([p, q], axis=1))  # a glide g: g·p east, g·q north
+        rows = np.concatenate(design)
+        motion = solution.sources[which][:, columns].T
+        if columns.start == 0 and rng is not None:
+            motion = motion - spread * arguments.generator(rng).standard_normal(motion.shape)
+        weights = np.linalg.inv(solution.formal[which][:, columns, columns] + spread**2 * np.eye(2))
+        weighted = np.einsum("nij,pjn->pin", weights, rows)
+        covariance = np.linalg.inv(np.einsum("pin,qin->pq", weighted, rows))
+        offsets.append((covariance @ np.einsum("pin,in->p", weighted, motion))[:3])
+        sigma.append(np.sqrt(np.diag(covariance))[:3])
+    words = (
+        f"frame rotated: ε₀ = {np.round(offsets[0], 2).tolist()} µas, ω = {np.round(offsets[1], 3).tolist()} µas/yr "
+        "taken away"
+    )
+    return solution.rotated(offsets[0], offsets[1], words), np.concatenate(offsets), np.concatenate(sigma)

@@ -1,0 +1,105 @@
+"""`vsh-forecast`: what catalogues to come will tell, on the command line."""
+
+import argparse
+import sys
+
+from vsh.commands import finishing, parsing, reading, running
+from vsh.tools.errors import VshError
+
+
+def make_parser() -> argparse.ArgumentParser:
+    """The parser of its options."""
+    parser = parsing.make(
+        prog="vsh-forecast",
+        description=(
+            "Forecast uncertainties of spin, acceleration, R0, gravitational waves, shear, our velocity and H0: for "
+            "Gaia DR3, DR4, DR5, a successor in the near infrared, VLBI, and your own survey."
+        ),
+        examples=(
+            "vsh-forecast",
+            'vsh-forecast --only "Gaia DR4" --output forecast',
+            'vsh-forecast --only "Gaia DR4" --survey mine=5000,3.0',
+        ),
+    )
+    parser.add_argument("--only", type=_names, metavar="NAME,…", help="some of the known surveys")
+    parser.add_argument(
+        "--survey",
+        type=_surveys,
+        metavar="NAME=N,SIGMA",
+        help="a survey of your own: number of quasars, and their error in µas/yr",
+    )
+    parser.add_argument(
+        "--sky",
+        type=_sky,
+        default="uniform",
+        metavar="{uniform,gums,igql}",
+        help=(
+            "distribution of the quasars: uniform, without the Galactic plane, or that of the known ones (default: "
+            "uniform)"
+        ),
+    )
+    parser.add_argument("--no-flows", action="store_true", help="leave out velocity and H0 with flows as unknowns")
+    parser.add_argument("--output", metavar="DIR", help="write report, table and figure to this folder")
+    reading.add_figures(parser)
+    parsing.add_overwrite(parser)
+    parsing.add_common(parser)
+    return parser
+
+
+def _sky(text):
+    if text == "even":
+        print("vsh-forecast: note: --sky even is now --sky uniform", file=sys.stderr)
+        text = "uniform"
+    if text not in ("uniform", "gums", "igql"):
+        raise argparse.ArgumentTypeError(f"invalid choice: {text!r} (choose from uniform, gums, igql)")
+    return text
+
+
+def _names(text):
+    return tuple(name.strip() for name in text.split(","))
+
+
+def _surveys(text):
+    name, _, numbers = text.partition("=")
+    try:
+        n, sigma = parsing.numbers(numbers)
+    except (ValueError, argparse.ArgumentTypeError):
+        n, sigma = 0.5, 0.0
+    if not name.strip() or n < 1 or n != int(n) or not sigma > 0:
+        raise argparse.ArgumentTypeError(f"NAME=N,SIGMA is wanted, a whole number and an error in µas/yr, not {text!r}")
+    return {name.strip(): (int(n), sigma)}
+
+
+def _run(options):
+    finishing.check(options)
+    from study.forecast import SURVEYS, Survey, forecast_surveys
+
+    surveys = dict(SURVEYS)
+    for name in options.only or ():
+        if name not in surveys:
+            raise VshError(f"no survey is called {name!r}: {', '.join(surveys)} are")
+    surveys = {name: surveys[name] for name in options.only or surveys}
+    for name, (n, sigma) in (options.survey or {}).items():
+        surveys[name] = Survey(n, sigma=sigma, says="as given")
+    forecast = forecast_surveys(surveys, sky=options.sky, flows=not options.no_flows)
+    finishing.finish(
+        options,
+        finishing.RunResult(
+            lambda long: forecast.report(long=long),
+            lambda: {"Errors to come": forecast.to_table()},
+            answer=forecast.answer,
+        ),
+        provenance=lambda: running.provenance([], options),
+        draw=lambda: {"forecast": forecast.plot()},
+        write=lambda folder, meta: _write(folder, forecast, meta),
+        title="What catalogues to come will tell",
+    )
+
+
+def _write(folder, forecast, meta):
+    from vsh.io import tables
+
+    tables.write_table(forecast.to_table(), folder / "forecast.ecsv", meta)
+
+
+main, run = running.make_entry(__name__, _run)

@@ -1,0 +1,82 @@
+"""`vsh-referee`: every published analysis of quasar motions from one catalogue, on the command line."""
+
+import argparse
+
+from vsh.commands import finishing, parsing, reading, running
+from vsh.tools.notes import dropped
+
+
+def make_parser() -> argparse.ArgumentParser:
+    """The parser of its options."""
+    parser = parsing.make(
+        prog="vsh-referee",
+        description=(
+            "Repeat every published analysis of the motions of quasars on one catalogue, with the errors that sources "
+            "share, and ask what a referee would: is it the sky, or the instrument?"
+        ),
+        examples=(
+            "vsh-referee crf3.fits --on-bad drop --output referee --html referee.html",
+            "vsh-referee crf4.fits --on-bad drop --earlier crf3.fits",
+            'vsh-referee crf3.fits --on-bad drop --where "phot_g_mean_mag < 19"',
+        ),
+    )
+    parser.add_argument("catalogue", help=parsing.A_TABLE)
+    parser.add_argument(
+        "--earlier",
+        metavar="FILE",
+        help="motions of the same sources in an earlier release, by source_id: is the acceleration the same there?",
+    )
+    parser.add_argument("--seed", type=int, default=1, help="of all that is drawn (default: 1)")
+    parsing.add_threads(parser)
+    reading.add_reading(parser)
+    parsing.add_common(parser)
+    return parser
+
+
+def _run(options):
+    finishing.check(options)
+    source = reading.open_catalogue(options.catalogue, options)
+    from study.referee import read_quasars, referee
+
+    quasars = read_quasars(source, axes=options.frame, **reading.arguments(options) | {"format": None})
+    earlier = None
+    if options.earlier:
+        from vsh.io.catalogue import read_field
+
+        earlier = read_field(options.earlier, roles=("name",), on_bad=options.on_bad)
+    answer = referee(quasars, options.seed, earlier=earlier)
+    counts = {"rows_used": len(quasars.whole), "rows_refused": dropped(quasars.field.notes)}
+
+    def draw():
+        from study.referee.page import draw
+
+        return draw(answer)
+
+    def write(folder, meta):
+        from vsh.io import tables
+
+        for name, table in answer.tables().items():
+            tables.write_table(table, folder / f"{name}.ecsv", meta)
+        answer.headline.solution.write(folder / "solution.ecsv", meta)
+        for name, result in answer.results().items():
+            result.write(folder / f"{name}.ecsv", meta)
+
+    def page(drawn, meta):
+        from study.referee.page import html
+        from vsh.figures.page import write_page
+
+        write_page(options.html, html(answer, drawn.drawn, provenance=meta, command=options.command))
+
+    finishing.finish(
+        options,
+        finishing.RunResult(answer.details, answer.tables, quasars.field.notes, answer=answer.answer.lines),
+        provenance=lambda: running.provenance(
+            [options.catalogue, options.earlier] if options.earlier else options.catalogue, options, **counts
+        ),
+        draw=draw,
+        write=write,
+        page=page,
+    )
+
+
+main, run = running.make_entry(__name__, _run)

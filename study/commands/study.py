@@ -1,0 +1,179 @@
+"""`vsh-study`: a simulation study from a TOML file, on the command line."""
+
+import argparse
+import shutil
+from functools import partial
+from pathlib import Path
+
+from vsh.commands import finishing, parsing, reading, running
+from vsh.io import tables
+from vsh.tools.files import atomic_write
+from vsh.tools.notes import dropped
+
+
+def make_parser() -> argparse.ArgumentParser:
+    """The parser of its options."""
+    parser = parsing.make(
+        prog="vsh-study",
+        description=(
+            "Simulate many skies with a known truth, fit each, and compare: a TOML file in, a folder of results out. "
+            "An interrupted study resumes where it stopped."
+        ),
+        examples=(
+            "vsh-study study.toml --output results",
+            "vsh-study study.toml --output results --workers 2",
+            "vsh-study --gaia crf3.fits --output gaia",
+        ),
+    )
+    parser.add_argument("configuration", nargs="?", help="a TOML file (docs/study.md)")
+    parser.add_argument(
+        "--gaia",
+        metavar="FILE",
+        help=(
+            "the acceleration paper of Gaia Collaboration, Klioner et al. (2021), from a file of "
+            "vsh-archive gaia-crf3 or vsh-sim crf3"
+        ),
+    )
+    parser.add_argument("--output", required=True, metavar="DIR", help="a new folder, or that of the same study")
+    parser.add_argument("--n-realisations", type=parsing.count(1), metavar="N", help="in place of the configuration's")
+    parser.add_argument("--workers", type=parsing.count(1), metavar="N", help="processes; one a core unless given")
+    parser.add_argument("--lmax", type=parsing.count(3), default=10, help="--gaia: the highest degree (default: 10)")
+    parser.add_argument(
+        "--n-bootstrap",
+        type=parsing.count(10),
+        default=500,
+        metavar="N",
+        help="--gaia: draws of each fit (default: 500)",
+    )
+    parser.add_argument("--seed", type=int, default=1, help="--gaia: of the bootstrap (default: 1)")
+    parsing.add_threads(parser)
+    reading.add_figures(parser)
+    parsing.add_overwrite(parser)
+    parsing.add_common(parser)
+    return parser
+
+
+def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
+    """End with what contradicts itself."""
+    if bool(options.configuration) + bool(options.gaia) != 1:
+        parser.error("name a configuration, or --gaia FILE")
+
+
+#: How many parameters a short report lists.
+_LISTED = 15
+_CAPTIONS = {
+    "calibration": (
+        "Mean less truth, scatter over formal errors, and how often intervals of 68 and 95 % hold the truth, each with "
+        "the error that the number of realisations leaves."
+    )
+}
+
+
+def _act(options):
+    return _gaia(options) if options.gaia else _run(options)
+
+
+def _gaia(options):
+    finishing.check(options)
+    from study.gaia import read_gaia, run_gaia, write_gaia
+    from vsh.io.catalogue import truth_of
+
+    sources, truth = read_gaia(options.gaia), truth_of(options.gaia)
+    study = run_gaia(sources, max_lmax=options.lmax, n_replicates=options.n_bootstrap, rng=options.seed)
+    counts = {"rows_used": len(sources.field), "rows_refused": dropped(sources.field.notes)}
+    meta = running.provenance(options.gaia, options, **counts)
+    with finishing.results_folder(options, meta) as folder:
+        formats = parsing.figure_formats(options.format)
+        drawn = None if options.no_figures else {"format": formats, "dpi": options.dpi}
+        text = write_gaia(study, folder, truth=truth, provenance=meta, figures=drawn)
+    written = sorted(Path(options.output).glob("*.ecsv"))
+    finishing.print_result(
+        options,
+        finishing.RunResult(
+            text, lambda: {path.stem: tables.read_table(path) for path in written}, sources.field.notes
+        ),
+    )
+    finishing.print_line(options, running.written(options.output, (x.name for x in Path(options.output).iterdir())))
+    if options.html:
+        with atomic_write(options.html) as new:
+            shutil.copyfile(Path(options.output) / "gaia.html", new)
+        finishing.print_line(options, finishing.of_page(options.html))
+
+
+def _run(options):
+    if options.html:
+        finishing.check_file(options.html, options.overwrite, "--html")
+    from study.config import load
+    from study.run import read_realisations, run, summary, table_of
+
+    study = load(options.configuration)
+    count = options.n_realisations or study.n_realisations
+    folder = run(study, options.output, n_realisations=count, workers=options.workers)
+    rows = summary(study, read_realisations(study, Path(folder), count))
+    drawn = finishing.Figures(lambda: _draw(rows))
+    drawn.write(folder, options)
+    with atomic_write(folder / parsing.NAME) as new:
+        new.write_text(finishing.repeats(options), encoding="utf-8")
+    result = finishing.RunResult(
+        partial(_text, study, rows),
+        lambda: {"Truth, mean, scatter, errors, coverage": table_of(rows)},
+        answer=_answer(rows),
+    )
+    finishing.print_result(options, result)
+    finishing.print_line(options, running.written(folder, [x.name for x in Path(folder).iterdir() if x.is_file()]))
+    if options.html:
+        finishing.write_page(
+            options.html,
+            f"A simulation study: {study.settings['name']}",
+            _text(study, rows, True),
+            drawn,
+            captions=_CAPTIONS,
+            sheets=result.tables,
+            provenance=running.provenance([], options),
+            command=options.command,
+            answer=result.answer,
+            lead=f"{count} realisations of each case, {study.settings['frame']} axes",
+        )
+        finishing.print_line(options, f"written to {options.html}")
+
+
+def _answer(rows):
+    """Which 68 % intervals have their coverage, within three errors of so few realisations, and which have not."""
+    wrong = [row for row in rows if abs(row["within_68"] - 0.6827) > 3 * max(row["within_68_error"], 1e-9)]
+    if not wrong:
+        return [("coverage", f"68 % intervals of all {len(rows)} parameters cover as they should")]
+    worst = max(wrong, key=lambda row: abs(row["within_68"] - 0.6827))
+    listed = ", ".join(f"{row['parameter']} of {row['case']}" for row in wrong[:6])
+    more = f" and {len(wrong) - 6} more" if len(wrong) > 6 else ""
+    right = f"68 % intervals of {len(rows) - len(wrong)} of {len(rows)} parameters cover as they should"
+    words = f"{right}; not of {listed}{more}"
+    return [("coverage", f"{words} (worst: {worst['parameter']} of {worst['case']}, {100 * worst['within_68']:.0f} %)")]
+
+
+def _draw(rows):
+    from study.run import plot_calibration
+
+    return {"calibration": plot_calibration(rows)}
+
+
+def _text(study, rows, long):
+    """Truth, mean and coverage of every parameter; short, of those that are farthest from their coverage."""
+    more = max(len(rows) - _LISTED, 0)
+    if not long and more:
+        rows = sorted(rows, key=lambda row: -abs(row["within_68"] - 0.6827))[:_LISTED]
+    width = max(6, *(len(case["name"]) + 2 for case in study.cases))
+    lines = [
+        f"{'case':{width}}{'parameter':14}{'truth':>10}{'mean':>12}{'scatter':>12}{'formal σ':>12}{'off/s.e.':>10}"
+        f"{'68 %':>7}{'95 %':>7}"
+    ]
+    for row in rows:
+        lines.append(
+            f"{row['case']:{width}}{row['parameter']:14}{row['truth']:10.3f}{row['mean']:12.4f}{row['std']:12.4f}{row['sigma']:12.4f}"
+            f"{row['off']:+10.2f}{100 * row['within_68']:6.0f}%{100 * row['within_95']:6.0f}%"
+        )
+    if not long and more:
+        lines.append(f"the {_LISTED} of {_LISTED + more} parameters that are farthest from 68 %")
+    return "\n".join(lines)
+
+
+main, run = running.make_entry(__name__, _act)

@@ -1,0 +1,239 @@
+"""`vsh-waves`: waves and backgrounds within the mission from epoch astrometry, on the command line.
+
+It knows both the fits and the scanning law whose attitude took a part of what is looked for.
+"""
+
+import argparse
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import vsh
+from vsh.commands import finishing, parsing, reading, running
+from vsh.io import tables
+from vsh.io.archive import DR4
+from vsh.sky.frames import rotation_matrix
+from vsh.sky.sphere import triad
+from vsh.tools.errors import DegeneracyError, TableError
+from vsh.tools.printing import printable
+from vsh.tools.units import DEGREE
+
+
+def make_parser() -> argparse.ArgumentParser:
+    """The parser of its options."""
+    parser = parsing.make(
+        prog="vsh-waves",
+        description=(
+            "Look for gravitational waves within the mission in epoch astrometry: limits by frequency, backgrounds, and"
+            " fields that change with time, with what an attitude solved from the same sky took of them."
+        ),
+        examples=(
+            "vsh-waves epochs.fits --frequencies 0.25:4:16 --output waves",
+            "vsh-waves epochs.fits --frequencies 2 --background --in-time 4",
+            "vsh-waves epochs.fits --frequencies 2 --attitude known",
+        ),
+    )
+    add = parser.add_argument
+    add("epochs", help="a file of epoch astrometry in DR4's columns, or a folder of them")
+    add(
+        "--frequencies",
+        type=_frequencies,
+        default=_frequencies("0.25:4:16"),
+        metavar="LOW:HIGH:N",
+        help="of single waves, a year; or some of them, as 0.5,1,2 (default: 0.25:4:16)",
+    )
+    add(
+        "--attitude",
+        choices=["solved", "known"],
+        default="solved",
+        help="solved from the same sky, as Gaia's is, or known from elsewhere (default: solved)",
+    )
+    add("--law", metavar="FILE", help="the scanning law, Gaia's commanded_scan_law; a nominal one unless given")
+    add("--law-nside", type=parsing.nside, default=8, metavar="NSIDE", help="of what stars take up of it (default: 8)")
+    add("--positions", metavar="FILE", help="source_id, ra and dec, for epochs without ra0 and dec0")
+    add("--lmax", type=parsing.count(2, 20), default=5, help="highest degree (default: 5)")
+    add("--nside", type=parsing.nside, default=8, help="of the map of directions (default: 8)")
+    add("--skies", type=parsing.count(1), default=1000, metavar="N", help="of noise, for p-values (default: 1000)")
+    add("--background", action="store_true", help="powers of a background in bands of .5, 1, 2 and 4 a year")
+    add("--in-time", type=parsing.count(2, 60), metavar="K", help="fields by Legendre polynomials of time to K")
+    add("--seed", type=int, default=1, help="the same seed, the same p-values (default: 1)")
+    parsing.add_threads(parser)
+    add("--output", metavar="DIR", help="write report, tables and figures to this folder")
+    reading.add_figures(parser)
+    parsing.add_overwrite(parser)
+    parsing.add_common(parser)
+    return parser
+
+
+def _frequencies(text):
+    if ":" not in text:
+        each = parsing.numbers(text)
+        if not all(f > 0 for f in each):
+            raise argparse.ArgumentTypeError(f"frequencies above zero are wanted, not {text!r}")
+        return each
+    try:
+        low, high, count = text.split(":")
+        limits = float(low), float(high), int(count)
+    except ValueError:
+        limits = (0.0, 0.0, 0)
+    if not (0 < limits[0] < limits[1] and 1 < limits[2] <= 10_000):
+        raise argparse.ArgumentTypeError(f"LOW:HIGH:N with 0 < LOW < HIGH is wanted, as 0.25:4:16, not {text!r}")
+    low_f, high_f, n = limits
+    return tuple(low_f + (high_f - low_f) * i / (n - 1) for i in range(n))
+
+
+#: Bands of the background [1/yr]; the mean axis may be so far from the law's before it is said. [deg]
+_BANDS, _FAR = (0.5, 1.0, 2.0, 4.0), 1.0
+CAPTIONS = {
+    "waves": "The strain that one wave can have, with 95 %, against its frequency: median and range over directions.",
+    "background": "A stochastic background by band of frequency: 68 % and the 95 % limit.",
+    "in_time": "√power by function of time and degree, beside what noise gives (dotted): T above, S below.",
+}
+_MOVING = "Displacements over the span of the epochs, as they were fitted: where errors are large, mostly noise."
+
+
+def _run(options):
+    finishing.check(options)
+    from fit import in_time
+    from fit.waves import search_in_time
+
+    files = vsh.io.epochs.epoch_files(options.epochs)
+    parts = [vsh.io.epochs.read_observations(path, positions=options.positions).by_transit() for path in files]
+    span = float(min(each.time.min() for each in parts)), float(max(each.time.max() for each in parts))
+    attitude, notes = ("known", []) if options.attitude == "known" else _response(parts, span, options)
+    search = search_in_time(
+        parts, options.frequencies, attitude=attitude, lmax=options.lmax, nside=options.nside, n_skies=options.skies,
+        rng=options.seed, threads=options.threads,
+    )  # fmt: skip
+    results: dict[str, Any] = {"Waves": search}
+    if options.background:
+        bands = [f for f in _BANDS if f > 1 / (span[1] - span[0])]
+        if not bands:
+            raise DegeneracyError(f"epochs over {span[1] - span[0]:.2g} years tell of no band up to 4 a year")
+        functions = in_time.waves(*bands, span=span)
+        equations = in_time.normal_equations(parts, 3, functions, attitude=attitude, threads=options.threads)
+        results["Background"] = in_time.background(equations, rng=options.seed)
+    if options.in_time:
+        functions = in_time.legendre(options.in_time, span=span)
+        equations = in_time.normal_equations(parts, 3, functions, attitude=attitude, threads=options.threads)
+        results["In time"] = in_time.solve(equations)
+    movie = cache(lambda: _movie(results))
+
+    def text(long):
+        others = [each.report() for each in results.values() if each is not search]
+        return "\n".join([search.report(long=long), *others, *(notes if long else ())])
+
+    finishing.finish(
+        options,
+        finishing.RunResult(
+            text,
+            lambda: {name: each.to_table() for name, each in results.items()},
+            (*search.notes, *notes),
+            answer=[line for each in results.values() for line in getattr(each, "answer", ())],
+        ),
+        provenance=lambda: running.provenance([*files], options, sources=sum(len(each.lon) for each in parts)),
+        draw=lambda: {_file(name): each.plot() for name, each in results.items()},
+        write=lambda folder, meta: _write(folder, results, meta, movie),
+        movies=movie,
+        captions=CAPTIONS,
+        title=f"Waves in {Path(options.epochs).name}",
+    )
+
+
+def _file(name):
+    return name.lower().replace(" ", "_")
+
+
+def _movie(results):
+    """The sky that moves, by its caption."""
+    return {_MOVING: results["In time"].movie_bytes()} if "In time" in results else {}
+
+
+def _write(folder, results, meta, movie):
+    for name, each in results.items():
+        each.write(folder / f"{_file(name)}.ecsv", meta)
+    for moving in movie().values():
+        (folder / "in_time.gif").write_bytes(moving)
+
+
+def _response(parts, span, options):
+    """What the attitude takes, by the law of a table or a nominal one that is laid through the epochs."""
+    from sim import TabulatedLaw, gaps_of
+    from sim.agis import Response
+
+    if any(each.view is None for each in parts) and not options.law:
+        raise TableError(
+            f"{printable(options.epochs)} does not say in which field of view a source was seen (transit_id does): "
+            "an attitude that was solved needs it. --law FILE, Gaia's commanded scanning law, tells it from the times"
+        )
+    if options.law:
+        law: Any = _tabulated(options.law, TabulatedLaw)
+        if law.start > DR4.epoch + span[0] or law.start + law.years < DR4.epoch + span[1]:
+            raise TableError(
+                f"{printable(options.law)} goes from {law.start:.2f} to {law.start + law.years:.2f}, the epochs from "
+                f"{DR4.epoch + span[0]:.2f} to {DR4.epoch + span[1]:.2f}"
+            )
+    else:
+        times = np.sort(np.concatenate([each.time for each in parts]))
+        longest = max(0.003, 30 * float(np.median(np.diff(times))))
+        start = DR4.epoch + span[0]
+        law = _nominal(parts, start, span[1] - span[0], gaps_of(DR4.epoch + times, start, longest=longest))
+    away = np.degrees(np.median([_away(each, law) for each in parts]))
+    note = f"spin axis of the scanning law: {away:.2g}° from that of the transits, median"
+    if away > _FAR:
+        note = f"warning: {note}; --law takes the law as it was commanded"
+    return Response(law, nside=options.law_nside, epoch=DR4.epoch), [note]
+
+
+def _nominal(parts, start, years, gaps):
+    """A nominal law whose axis is, at the first transit, where it was seen: r × m of the scan."""
+    from sim import NominalScanningLaw
+    from sim.scanning import sun_position
+
+    first = min(parts, key=lambda each: each.time.min())
+    axis, time = _axes(first)
+    k = int(np.argmin(time))
+    longitude, _ = sun_position(start, np.zeros(1))
+    east = np.array([-np.sin(longitude[0]), np.cos(longitude[0]), 0.0])
+    seen = rotation_matrix("icrs", "ecliptic") @ axis[:, k]
+    return NominalScanningLaw(
+        start=start, years=years, precession_phase=float(np.arctan2(seen[2], seen @ east)), gaps=tuple(gaps)
+    )
+
+
+def _axes(observations):
+    """The spin axis at every transit, r × m, (3, k), and the times."""
+    p, q, r = triad(observations.lon[observations.source], observations.lat[observations.source])
+    m = p * observations.design[0] + q * observations.design[1]
+    return np.cross(r, m / np.linalg.norm(m, axis=0), axis=0), observations.time
+
+
+def _away(observations, law):
+    """By how much the axis of the law is off, median. [rad]"""
+    axis, time = _axes(observations)
+    z = law.attitude(np.clip(time + (DR4.epoch - law.start), 0, law.years))[0]
+    return np.median(np.arccos(np.clip(np.sum(axis * z, 0), -1, 1)))
+
+
+def _tabulated(path, kind):
+    """The columns of Gaia's commanded_scan_law, or time [Julian years] in place of its days."""
+    opened = tables.open_table(path)
+    names = ("ra_fov1", "dec_fov1", "ra_fov2", "dec_fov2")
+    time = next((name for name in ("jd_time", "time") if name in opened.names), None)
+    missing = [name for name in names if name not in opened.names] + ([] if time else ["jd_time"])
+    if missing:
+        raise TableError(
+            f"{opened.label}: a scanning law has jd_time, {', '.join(names)}; missing: {', '.join(missing)}"
+        )
+    values = {name: np.asarray(opened.columns((name,))[name][0], float) for name in (*names, str(time))}
+    when = values[str(time)]
+    # Days since J2010.0 in Gaia's table, whole Julian dates elsewhere, years where the column says so.
+    years = when if time == "time" else 2010.0 + (when - (2455197.5 if when[0] > 1e6 else 0.0)) / 365.25
+    order = np.argsort(years, kind="stable")
+    views = [np.array([values[f"{axis}_fov{k}"][order] for axis in ("ra", "dec")]) * DEGREE for k in (1, 2)]
+    return kind(years[order], *views)
+
+
+main, run = running.make_entry(__name__, _run)

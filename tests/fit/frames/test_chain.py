@@ -1,0 +1,189 @@
+"""Chains of catalogues: frames that are put in, noise that is shared, differences that close."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from conftest import few_or_many, real_catalogue
+from scipy.stats import kstest
+
+import sim
+from fit.background import shared
+from fit.frames.chain import chain_catalogues
+from fit.frames.compare import compare_catalogues
+from fit.normal import normal_equations
+from fit.results.storage import read
+from vsh import DegeneracyError, Field, FieldError, FrameError, Modes, ParameterError
+from vsh.conventions import icrf3_terms
+from vsh.io.catalogue import read_icrf
+from vsh.models.covariance import Spectrum
+
+SPINS = {"a": (0.0, 0.0, 0.0), "b": (10.0, -20.0, 5.0), "c": (-15.0, 0.0, 30.0)}
+
+
+def catalogues(seed, shared=0.0, n=300, frames=SPINS, names=None):
+    """Catalogues of one sky, each with its own rotation; a part of the noise in all of them."""
+    rng = np.random.default_rng([7, seed])
+    lon, lat = sim.uniform_sky(n, rng)
+    true = rng.normal(size=(2, n)) * 500
+    common = rng.normal(size=(2, n))
+    out = {}
+    for label, spin in frames.items():
+        sigma = rng.uniform(20, 80, (2, n))
+        noise = np.sqrt(shared) * common + np.sqrt(1 - shared) * rng.normal(size=(2, n))
+        motion = true + sigma * noise + sim.spin(spin)(lon, lat)
+        out[label] = Field(lon, lat, motion, sigma, name=np.arange(n) if names is None else names)
+    return out
+
+
+def test_frames_come_back_and_close():
+    listed = catalogues(1, 0.4)
+    rng = np.random.default_rng(2)
+    listed["c"] = listed["c"][np.sort(rng.choice(300, 220, replace=False))]  # some are in two alone
+    chain = chain_catalogues(listed, 2, clip=False)
+    for label, spin in SPINS.items():
+        if label != "a":
+            vector = chain.difference(label).spin
+            assert np.abs((vector.value - spin) / vector.sigma).max() < 4
+    one, two, both = chain.difference("b"), chain.difference("c", "b"), chain.difference("c")
+    np.testing.assert_allclose(one.values + two.values, both.values, atol=1e-12)
+    assert chain.common.tolist() == [[300, 300, 220], [300, 300, 220], [220, 220, 220]]
+    assert np.abs(chain.correlation[np.triu_indices(3, 1)] - 0.4).max() < 0.15
+    assert chain.p_value("b") < 1e-3
+    assert chain.p_value("b", beyond=1) > 0.001
+
+
+def test_two_independent_ones_are_a_comparison():
+    listed = catalogues(3)
+    chain = chain_catalogues({"b": listed["b"], "a": listed["a"]}, 2, shared_noise=False, clip=False)
+    plain, _ = compare_catalogues(listed["a"], listed["b"], 2, threshold=50.0)
+    np.testing.assert_allclose(chain.values[0], plain.solution.values, atol=1e-8)
+    scale = chain.factor**2 if chain.factor > 1 else 1.0
+    np.testing.assert_allclose(chain.covariance, plain.solution.covariance * scale, rtol=1e-7, atol=1e-12)
+
+
+@few_or_many(20, 200, "n_skies")
+@pytest.mark.parametrize("shared", [0.0, 0.5, 0.9])
+def test_p_values_of_noise_that_is_shared(shared, n_skies):
+    p = []
+    for seed in range(n_skies):
+        chain = chain_catalogues(catalogues(seed, shared, 200, dict.fromkeys("abc", (0.0, 0.0, 0.0))), 2)
+        p += [chain.p_value("b"), chain.p_value("c", "b", beyond=1)]
+    assert kstest(p[::2], "uniform").pvalue > 0.01
+    assert kstest(p[1::2], "uniform").pvalue > 0.01
+
+
+def test_outliers_are_left_out():
+    listed = catalogues(5)
+    listed["b"].motion.setflags(write=True)
+    listed["b"].motion[:, 17] += 5000
+    chain = chain_catalogues(listed, 1)
+    assert chain.names[0] == "17"
+    assert len(chain.names) <= 3  # half a source is left out of a catalogue that has no outliers
+    assert chain.distances[0] > 30
+    assert "sources left out, the farthest (in errors): 17" in chain.report()
+
+
+def test_degree_four_and_files(tmp_path):
+    chain = chain_catalogues(catalogues(6), Modes(4), clip=False)
+    assert chain.values.shape == (2, 48)
+    chain.write(tmp_path / "chain.ecsv")
+    assert read(tmp_path / "chain.ecsv") == chain
+    assert "a and b: 300 sources in common" in chain.report()
+    table = chain.to_table()
+    assert len(table) == 3 * 48
+    last = table[-48:]
+    assert (last["catalogue"][0], last["less"][0]) == ("c", "b")
+    solution = chain.difference("c", "b")
+    np.testing.assert_array_equal(last["value"], solution.values)
+    np.testing.assert_array_equal(last["sigma"], solution.sigma)
+
+
+def test_three_icrf_like_catalogues():
+    """ICRF2 and ICRF3 share most of their noise, and their rotation is that of the comparison of two."""
+    one, two = (read_icrf(real_catalogue(name)) for name in ("icrf3sx.txt", "icrf2-all.txt"))
+    chain = chain_catalogues({"icrf3": one, "icrf2": two}, 2)
+    plain, _ = compare_catalogues(two, one, 2)
+    rotation = chain.difference("icrf2").spin
+    assert np.abs((rotation.value - plain.solution.spin.value) / plain.solution.spin.sigma).max() < 1.5
+    assert 0.02 < chain.correlation[0, 1] < 0.995
+    assert len(chain.names) > 10
+
+
+def bent(seed, power, n=300):
+    """Catalogues with one frame, each with a field of its own to degree 10 beside its noise, half of it shared."""
+    listed = catalogues(seed, 0.5, n, dict.fromkeys("abc", (0.0, 0.0, 0.0)))
+    rng = np.random.default_rng([9, seed])
+    return {
+        label: replace(each, motion=each.motion + sim.systematics(power**2 * Spectrum.flat(), rng)(each.lon, each.lat))
+        for label, each in listed.items()
+    }
+
+
+@pytest.mark.slow
+@few_or_many(4, 200)
+@pytest.mark.parametrize("power", [0.0, 20.0])
+def test_frames_with_what_sources_share_over_the_sky(power, n_skies):
+    p, plain = [], []
+    for seed in range(n_skies):
+        chain = chain_catalogues(bent(seed, power), 1, floor=True)
+        p += [chain.frame_p_value(kind, "c", "b") for kind in "TS"]
+        plain.append(chain.p_value("c", "b"))
+    scatter = np.sqrt(0.05 * 0.95 / len(p))
+    assert np.mean(np.array(p) < 0.05) < 0.06 + 2 * scatter
+    if power:
+        assert np.mean(np.array(plain) < 0.05) > 0.2
+
+
+@pytest.mark.parametrize("power", [0.0, 20.0])
+def test_two_catalogues_have_the_floor_of_their_difference(power):
+    """Of one class alone the matrix may stand in any order of memory, and is what `shared` makes of it."""
+    a, b = (bent(3, power)[label] for label in "ab")
+    chain = chain_catalogues({"a": a, "b": b}, 1, floor=True, shared_noise=False, clip=False)
+    sigma = np.hypot(a.sigma, b.sigma)
+    rho = (a.rho * a.sigma.prod(0) + b.rho * b.sigma.prod(0)) / sigma.prod(0)
+    alone = shared([normal_equations(Field(a.lon, a.lat, b.motion - a.motion, sigma, rho), 5)], labels=["b"], rng=1)
+    np.testing.assert_allclose(chain.frames("b").values, alone.combination([1.0]).values, rtol=1e-4)
+    np.testing.assert_allclose(chain.frames("b").sigma, alone.combination([1.0]).sigma, rtol=1e-4)
+    assert min(chain.shared.effective) > 100
+
+
+def test_frames_close_with_what_sources_share():
+    chain = chain_catalogues(bent(3, 8.0), 2, floor=True, rng=2)
+    one, two, both = chain.frames("b"), chain.frames("c", "b"), chain.frames("c")
+    last = chain.to_table()[-len(chain.modes) :]
+    of_frame = chain.modes.degrees == 1
+    np.testing.assert_array_equal(last["value_floor"][of_frame], two.values)
+    np.testing.assert_array_equal(last["sigma_floor"][of_frame], two.sigma)
+    assert np.isnan(last["sigma_floor"][~of_frame]).all()
+    np.testing.assert_allclose(one.values + two.values, both.values, atol=1e-10)
+    bars = chain.plot().containers[0].lines[2][0].get_segments()
+    half = [np.ptp(bar[:, 1]) / 2 for bar in bars]
+    names = list(icrf3_terms(one.coefficients, one.sigma))
+    np.testing.assert_allclose(half[: len(names)], [icrf3_terms(one.coefficients, one.sigma)[k][1] for k in names])
+    np.testing.assert_allclose(chain.frames("a", "b").values, -one.values, atol=1e-12)
+    assert chain.frame_p_value("T", "b", "a") == pytest.approx(chain.frame_p_value("T", "a", "b"), rel=1e-9)
+    # Errors are larger than those without, and the report says both.
+    assert (one.sigma > chain.difference("b").sigma[[0, 1, 2, 8, 9, 10]]).all()
+    assert "with what sources share over the sky, degrees 2 to 5" in chain.report()
+    assert chain_catalogues(bent(3, 8.0), 2).shared is None
+    with pytest.raises(ParameterError, match="floor=True"):
+        chain_catalogues(bent(3, 8.0), 2).frames("b")
+
+
+def test_messages():
+    listed = catalogues(1)
+    with pytest.raises(ParameterError, match="two catalogues at least"):
+        chain_catalogues({"a": listed["a"]})
+    with pytest.raises(FrameError, match="galactic, icrs axes"):
+        chain_catalogues({"a": listed["a"], "b": listed["b"].to_frame("galactic")})
+    bare = Field(listed["b"].lon, listed["b"].lat, listed["b"].motion, listed["b"].sigma)
+    with pytest.raises(FieldError, match="b has no names"):
+        chain_catalogues({"a": listed["a"], "b": bare})
+    twice = catalogues(1, names=np.arange(300) // 2)
+    with pytest.raises(FieldError, match="150 names stand twice in a"):
+        chain_catalogues(twice)
+    with pytest.raises(DegeneracyError, match="do not determine all frames of a, b"):
+        chain_catalogues({"a": listed["a"][:2], "b": listed["b"][:2]})
+    with pytest.raises(ParameterError, match="no catalogue is called 'd': a, b, c"):
+        chain_catalogues(listed, 1).difference("d")

@@ -1,1 +1,0 @@
-"""The options of every command, which are parsed before anything else is imported."""

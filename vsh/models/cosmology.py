@@ -1,0 +1,406 @@
+"""Distances, usable redshifts, and our own motion through the Universe.
+
+Distances are by a flat cosmology of our own or any of astropy's; our motion is that of the dipole of the microwave
+background, or as users give it. A redshift that an observer measures holds the source's own velocity and the
+observer's: (1 + z_obs) = (1 + z) (1 + v_r/c)/(1 + v·r/c), with v the observer's velocity with respect to the microwave
+background, toward the apex. Frames differ by that observer.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from scipy.special import hyp2f1
+
+from vsh.field import Field
+from vsh.sky.frames import TRUE, check_frame, check_redshift_frame, rotation_matrix
+from vsh.sky.sphere import triad
+from vsh.tools.arguments import between as between_limits
+from vsh.tools.arguments import explained, float_array, number
+from vsh.tools.errors import ConvergenceError, FieldError, NothingLeftError, ParameterError
+from vsh.tools.notes import WithoutRedshift
+from vsh.tools.printing import in_a_line
+from vsh.tools.types import ArrayLike, BoolArray, Cosmology, FloatArray, Quantity
+from vsh.tools.units import SPEED_OF_LIGHT
+from vsh.vector import Vector
+
+__all__ = [
+    "BACHCHAN_2016",
+    "CMB_VELOCITY_PLANCK18",
+    "FLAT_PLANCK13",
+    "distance_modulus",
+    "to_cmb",
+    "transverse_distance",
+    "velocity_from_apex",
+    "with_redshift",
+]
+
+
+@dataclass(frozen=True)
+class FlatLCDM:
+    """A flat cosmology of matter and a cosmological constant, without astropy.cosmology's second to import.
+
+    `H0` and `comoving_transverse_distance` are those of astropy's `FlatLambdaCDM(hubble, omega_m)`, which `to_astropy`
+    gives.
+    """
+
+    hubble: float
+    omega_m: float
+    Ok0 = 0.0
+
+    def distance(self, redshift: FloatArray) -> FloatArray:
+        """Transverse comoving distance [Mpc]: Baes, Camps & Van De Putte (2017, MNRAS 468, 927), eq. 15."""
+        s = ((1 - self.omega_m) / self.omega_m) ** (1 / 3)
+
+        def integral(x):
+            return 2 * np.sqrt(x) * hyp2f1(1 / 6, 1 / 2, 7 / 6, -(x**3))
+
+        scale = SPEED_OF_LIGHT / self.hubble / np.sqrt(s * self.omega_m)
+        return scale * (integral(s) - integral(s / (redshift + 1)))
+
+    @property
+    def H0(self) -> Quantity:
+        """The Hubble constant as astropy's Quantity."""
+        from astropy import units as u
+
+        return self.hubble * u.km / u.s / u.Mpc
+
+    def comoving_transverse_distance(self, redshift: ArrayLike) -> Quantity:
+        """`distance` as astropy's Quantity."""
+        from astropy import units as u
+
+        return self.distance(np.asarray(redshift, float)) * u.Mpc
+
+    def to_astropy(self) -> Any:
+        """The same cosmology as astropy's `FlatLambdaCDM`."""
+        from astropy.cosmology import FlatLambdaCDM
+
+        return FlatLambdaCDM(self.hubble, self.omega_m)
+
+
+#: Flat, Ω_m = 0.315, H0 = 67.3 km/s/Mpc: Bachchan, Hobbs & Lindegren (2016).
+FLAT_PLANCK13 = FlatLCDM(67.3, 0.315)
+#: More redshifts than this are interpolated.
+_EXACT = 1000
+
+
+@explained
+def transverse_distance(
+    redshift: ArrayLike | None, cosmology: Cosmology | None = None, *, hubble: float | None = None
+) -> FloatArray:
+    """Transverse comoving distance d_M, (n,). [Mpc]
+
+    Parameters
+    ----------
+    redshift : (n,) array
+        One for each source.
+    cosmology : astropy cosmology, optional
+        Its shape; its H0 too unless `hubble` is given; flat, Ω_m = 0.315, H0 = 67.3 unless given.
+    hubble : float, optional
+        H0, to which distances are inversely proportional [km/s/Mpc]
+
+    Raises
+    ------
+    FieldError
+        If any redshift is missing, not positive, or below the flow (z < 1e-4): astropy would
+        return 0 Mpc for a nan and a negative distance for a negative redshift.
+
+    Notes
+    -----
+    More than a thousand redshifts are interpolated, to 1e-9 of the distance or better.
+
+    Examples
+    --------
+    >>> transverse_distance(np.array([0.001, 0.01, 1.0])).round(2)
+    array([   4.45,   44.44, 3406.32])
+    """
+    if redshift is None:
+        raise FieldError("these sources have no redshifts, which a distance needs")
+    cosmology = FLAT_PLANCK13 if cosmology is None else _checked(cosmology)
+    redshift = float_array("redshift", redshift, finite=False)
+    if not redshift.size:
+        raise FieldError("there are no redshifts to take distances of")
+    good = usable(redshift)
+    if not good.all():
+        raise FieldError(
+            f"{(~good).sum()} of {redshift.size} redshifts give no distance: {count_unusable(redshift)}. "
+            "Leave those sources out first: vsh.models.cosmology.with_redshift(field), or --on-bad drop"
+        )
+    farthest = _exact(np.linspace(redshift.min(), redshift.max(), 64), cosmology)
+    if not (farthest > 0).all():
+        raise FieldError(
+            f"redshifts up to {redshift.max():.3g} reach beyond the antipode of this closed cosmology, where distances "
+            "are not positive: leave them out, or lower its densities"
+        )
+    distance = (_interpolated if redshift.size > _EXACT else _exact)(redshift, cosmology)
+    return distance if hubble is None else distance * (hubble_value(cosmology) / hubble)
+
+
+@explained
+def distance_modulus(distance: ArrayLike, redshift: ArrayLike) -> FloatArray:
+    """Apparent less absolute magnitude, 5 lg(d_M (1 + z)) + 25.
+
+    Parameters
+    ----------
+    distance : (n,) array
+        Transverse comoving distance. [Mpc]
+    redshift : (n,) array
+        One for each source.
+    """
+    return 5 * np.log10(np.asarray(distance) * (1 + np.asarray(redshift))) + 25
+
+
+def redshift_of(distance: ArrayLike, cosmology: Cosmology | None = None) -> FloatArray:
+    """The redshift at each transverse comoving distance [Mpc], (n,); nan where the distance is.
+
+    To the antipode of a closed cosmology, and to z = 1000.
+    """
+    cosmology = FLAT_PLANCK13 if cosmology is None else cosmology
+    from scipy.interpolate import make_interp_spline  # slow to import
+
+    grid = np.geomspace(FLOW_LIMIT, 1000.0, 4000)
+    known = _exact(grid, cosmology)
+    rising = slice(0, int(np.argmax(known)) + 1)
+    spline = make_interp_spline(np.log(known[rising]), np.log(grid[rising]), k=3)
+    distance = np.asarray(distance, float)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.exp(spline(np.clip(np.log(distance), np.log(known[0]), np.log(known[rising][-1]))))
+
+
+def flat(omega_m: float) -> Cosmology:
+    """A flat cosmology with a cosmological constant; ParameterError unless 0.001 < Ω_m < 2."""
+    between_limits("omega_m", omega_m, 0.001, 2)
+    return FlatLCDM(FLAT_PLANCK13.hubble, omega_m)
+
+
+def hubble_value(cosmology: Cosmology) -> float:
+    """The Hubble constant of a cosmology. [km/s/Mpc]"""
+    if isinstance(cosmology, FlatLCDM):
+        return cosmology.hubble
+    return float(_checked(cosmology).H0.to_value("km / (s Mpc)"))
+
+
+def parallax_factor(distance: ArrayLike, cosmology: Cosmology | None = None) -> FloatArray:
+    """By what sources move more by our own motion than at the same transverse distance in flat space: d_M/d_P, (n,).
+
+    Our velocity moves a source by v/d_P with d_P = d_M/√(1 + Ω_k (d_M H0/c)²), its own by v/d_M (Weinberg 1972,
+    Gravitation and Cosmology, sect. 14.4).
+    """
+    distance = np.asarray(distance, float)
+    if cosmology is None or not _checked(cosmology).Ok0:
+        return np.ones_like(distance)
+    curvature = float(cosmology.Ok0)
+    return np.sqrt(np.maximum(1 + curvature * (distance * hubble_value(cosmology) / SPEED_OF_LIGHT) ** 2, 0.0))
+
+
+def _checked(cosmology):
+    if isinstance(cosmology, FlatLCDM):  # whose H0 would load astropy's units
+        return cosmology
+    if not (hasattr(cosmology, "H0") and hasattr(cosmology, "comoving_transverse_distance")):
+        raise ParameterError(
+            f"cosmology is one of astropy's, FlatLambdaCDM(H0=70, Om0=0.3) say, not a {type(cosmology).__name__} "
+            "(CMB_VELOCITY_PLANCK18 of vsh.models.cosmology is our velocity, that of vsh.models.flows a theory of "
+            "flows)"
+        )
+    return cosmology
+
+
+def _exact(redshift, cosmology):
+    if isinstance(cosmology, FlatLCDM):
+        return cosmology.distance(redshift)
+    return cosmology.comoving_transverse_distance(redshift).to_value("Mpc")
+
+
+def _interpolated(redshift, cosmology, accuracy=1e-9):
+    """By a quintic spline of log(d/z) in log(1 + z), refined until it holds between its nodes."""
+    low, high = np.log1p(redshift.min()), np.log1p(redshift.max()) + 1e-12
+    from scipy.interpolate import make_interp_spline  # slow to import
+
+    nodes = 32
+    while nodes <= 4096:
+        x = np.linspace(low, high, nodes + 1)
+        z = np.expm1(x)
+        spline = make_interp_spline(x, np.log(_exact(z, cosmology) / z), k=5)
+        between = (x[1:] + x[:-1]) / 2
+        z = np.expm1(between)
+        if np.abs(spline(between) - np.log(_exact(z, cosmology) / z)).max() < accuracy / 4:
+            return redshift * np.exp(spline(np.log1p(redshift)))
+        nodes *= 2
+    raise ConvergenceError(f"the distances of {cosmology} are too rough to interpolate")
+
+
+#: Planck Collaboration (2020, A&A 641, A1), table 3: toward the apex. [km/s]
+CMB_VELOCITY_PLANCK18 = Vector.from_spherical(369.82, 264.021, 48.253, (0.11, 0.011, 0.005), "galactic", "km/s")
+#: What Bachchan, Hobbs & Lindegren (2016, A&A 589, A71) put into their simulations. [km/s]
+BACHCHAN_2016 = Vector.from_spherical(369.0, 263.99, 48.26, frame="galactic", unit="km/s")
+#: Velocities that have names, in every command and study.
+VELOCITIES = {"planck": CMB_VELOCITY_PLANCK18, "paper": BACHCHAN_2016}
+
+
+def velocity_along(value: Any, frame: str) -> Vector:
+    """A velocity along the axes of `frame`."""
+    check_frame(frame)
+    if isinstance(value, str):
+        if value not in VELOCITIES:
+            raise ParameterError(
+                f"no velocity is called {value!r}; there are {', '.join(VELOCITIES)}, or give three numbers in km/s"
+            )
+        value = VELOCITIES[value]
+    if not isinstance(value, Vector):
+        try:
+            three = np.asarray(value, float)
+        except (TypeError, ValueError):
+            three = np.empty(0)
+        if three.shape != (3,):
+            raise ParameterError(f"a velocity has three components, not {value!r}")
+        if not (np.isfinite(three).all() and three.any()):
+            raise ParameterError(
+                f"a velocity of {three} km/s has no direction: a secular parallax cannot be scaled by it"
+            )
+        value = Vector(three, np.zeros((3, 3)), frame, "km/s")
+    if not value.amplitude > 0:
+        raise ParameterError(
+            f"a velocity of {value.amplitude} km/s has no direction: a secular parallax cannot be scaled by it"
+        )
+    return replace(value.to_frame(frame), unit="km/s")
+
+
+def velocity_from_apex(speed: float, l: float, b: float) -> Vector:
+    """A velocity of so many km/s toward Galactic longitude and latitude [deg], without error.
+
+    Parameters
+    ----------
+    speed : float
+        [km/s]
+    l : float
+        Galactic longitude. [deg]
+    b : float
+        Galactic latitude. [deg]
+
+    Raises
+    ------
+    ParameterError
+        If the speed is not above zero, or the direction is none.
+    """
+    speed, l, b = (number(name, x) for name, x in (("speed", speed), ("l", l), ("b", b)))
+    if not (0 < speed < 3e5 and abs(l) <= 360 and abs(b) <= 90):
+        raise ParameterError(
+            f"a velocity is SPEED,L,B: km/s above zero, Galactic longitude and latitude of the apex in degrees; not "
+            f"{speed:g},{l:g},{b:g}"
+        )
+    return Vector.from_spherical(speed, l, b, frame="galactic", unit="km/s")
+
+
+#: Karachentsev & Makarov (1996, AJ 111, 794): the Sun's velocity with respect to the Local Group. [km/s]
+SUN_IN_LOCAL_GROUP = Vector.from_spherical(316.0, 93.0, -4.0, frame="galactic", unit="km/s")
+#: Kogut et al. (1993, ApJ 419, 1): the velocity of the Local Group in the microwave background. [km/s]
+LOCAL_GROUP = Vector.from_spherical(627.0, 276.0, 30.0, (22.0, 3.0, 3.0), "galactic", "km/s")
+_NONE = Vector(np.zeros(3), np.zeros((3, 3)), "galactic", "km/s")
+#: The Sun's velocity with respect to the observer at rest in each frame of redshifts. [km/s]
+REDSHIFT_FRAMES = {"heliocentric": _NONE, "cmb": CMB_VELOCITY_PLANCK18, "local-group": SUN_IN_LOCAL_GROUP}
+
+
+@explained
+def to_cmb(redshift: FloatArray, lon: FloatArray, lat: FloatArray, frame: str, redshift_frame: str) -> FloatArray:
+    """Redshifts as an observer at rest in the microwave background would measure them.
+
+    With the velocity of Planck (2018), never one that was fitted: what is fitted would bear on itself.
+
+    Parameters
+    ----------
+    redshift : (n,) array
+        As measured.
+    lon, lat : (n,) arrays
+        Positions. [rad]
+    frame : str
+        Axes of the positions.
+    redshift_frame : str
+        One of `REDSHIFT_FRAMES`; "true" redshifts stay as they are.
+
+    Examples
+    --------
+    >>> apex = CMB_VELOCITY_PLANCK18.to_frame("icrs").direction
+    >>> float(to_cmb(np.array([0.01]), *np.radians([[apex[0]], [apex[1]]]), "icrs", "heliocentric")[0].round(6))
+    0.011246
+    """
+    redshift = np.asarray(redshift, float)
+    if redshift_frame == TRUE:
+        return redshift
+    r = triad(lon, lat)[2]
+    turn = rotation_matrix("galactic", frame)
+    toward = {name: turn @ REDSHIFT_FRAMES[name].value @ r / SPEED_OF_LIGHT for name in ("cmb", redshift_frame)}
+    return (1 + redshift) * (1 + toward["cmb"]) / (1 + toward[redshift_frame]) - 1
+
+
+#: Below this redshift a source moves with its neighbours, not with the expansion.
+FLOW_LIMIT = 1e-4
+
+
+def usable(redshift: ArrayLike, min_redshift: float = FLOW_LIMIT) -> BoolArray:
+    """Which redshifts are finite, positive and at least `min_redshift`: a mask."""
+    redshift = np.asarray(redshift, float)
+    return np.isfinite(redshift) & (redshift > 0) & (redshift >= min_redshift)
+
+
+def count_unusable(redshift: ArrayLike, min_redshift: float = FLOW_LIMIT) -> str:
+    """How many redshifts cannot be used, and why, in words."""
+    counts = reasons_unusable(redshift, min_redshift)
+    return ", ".join(f"{count} {reason}" for reason, count in counts.items() if count)
+
+
+def reasons_unusable(redshift: ArrayLike, min_redshift: float = FLOW_LIMIT) -> dict[str, int]:
+    """How many redshifts cannot be used, by reason."""
+    redshift = np.asarray(redshift, float)
+    return {
+        "missing": int((~np.isfinite(redshift)).sum()),
+        "zero or negative": int((np.isfinite(redshift) & (redshift <= 0)).sum()),
+        f"below {min_redshift:g}": int(((redshift > 0) & (redshift < min_redshift)).sum()),
+    }
+
+
+@explained
+def with_redshift(
+    field: Field, min_redshift: float = FLOW_LIMIT, redshift_frame: str | None = None, *, missing_only: bool = False
+) -> Field:
+    """The sources of a field whose redshift can be used; a note counts the others and names the first.
+
+    Where it is known in which frame the redshifts stand, those at rest in the microwave background count.
+
+    Parameters
+    ----------
+    field : Field
+        The sources.
+    min_redshift : float
+        The smallest redshift of use.
+    redshift_frame : str, optional
+        The field's own unless given.
+    missing_only : bool
+        Leave out those without a value alone: one that is there and wrong is for the reader of the table to see.
+
+    Raises
+    ------
+    FieldError
+        If the field has no redshifts, or none that can be used.
+    """
+    if field.redshift is None:
+        raise FieldError("these sources have no redshifts: the table needs a column of them (--columns redshift=NAME)")
+    frame = redshift_frame or field.redshift_frame
+    redshift = np.asarray(field.redshift)
+    if frame is not None:
+        redshift = to_cmb(redshift, field.lon, field.lat, field.frame, check_redshift_frame(frame))
+    good = np.isfinite(redshift) if missing_only else usable(redshift, min_redshift)
+    if good.all():
+        return field
+    redshift = np.where(good, min_redshift, redshift) if missing_only else redshift
+    bad = ~good
+    names = () if field.name is None else tuple(in_a_line(name) for name in field.name[bad][:5])
+    reasons = reasons_unusable(redshift, min_redshift)
+    note = WithoutRedshift.of_table(reasons, len(field), field.lon, field.redshift, names=names)
+    if bad.all():
+        error = NothingLeftError(
+            f"{bad.sum()} of {len(field)} sources without a usable redshift: "
+            f"{count_unusable(redshift, min_redshift)}. No source is left"
+        )
+        error.notes = (note,)
+        raise error
+    return field[good].add_note(note)
