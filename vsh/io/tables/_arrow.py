@@ -2,7 +2,9 @@
 
 import os
 import re
-from collections.abc import Sequence
+from codecs import getincrementaldecoder
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, closing
 from typing import Any
 
 import numpy as np
@@ -253,3 +255,110 @@ def _header(schema):
         return units, dict(header.get("meta") or {}), descriptions
     except Exception as error:  # whatever a damaged header makes of YAML
         raise TableError(f"the metadata that astropy wrote are damaged: {first_line(error)}") from error
+
+
+class NotPlain(Exception):
+    """The rest of a table of text is more than rows of fields between delimiters, or is damaged."""
+
+
+#: What Arrow reads of a table of text before it decides on types. [bytes]
+_CSV_BLOCK = 2**24
+#: From here on a double does not tell neighbouring integers apart.
+_EXACT = 2.0**53
+#: Longer fields are refused, and longer lines, by the reader that says where they stand. [characters]
+_LONG = 1000
+
+
+def csv_blocks(
+    opened: Callable[[], Any], layout: Any, types: Mapping[str, str], wanted: Sequence[str], rows: int
+) -> Iterator[dict[str, Any]]:
+    """Rows of a table of text in blocks, four times as fast as line by line: masked numbers, or text.
+
+    Raises
+    ------
+    NotPlain
+        Where pyarrow is missing, or a row is not what the first ones are: whoever reads line by line says what it is.
+    """
+    try:
+        import pyarrow as pa
+        from pyarrow import csv
+    except ImportError:
+        raise NotPlain from None
+    text: set[str] = {name for name, kind in types.items() if not kind.startswith(("int", "uint", "float"))}
+    numbers = {name: pa.float64() if kind.startswith("float") else pa.int64() for name, kind in types.items()}
+    kept = (pa.int64(), pa.float64(), pa.string(), pa.null())
+    try:
+        with ExitStack() as files:
+            while True:
+                file = files.enter_context(closing(_Plain(opened(), layout.delimiter)))
+                convert = csv.ConvertOptions(
+                    include_columns=list(wanted), null_values=["", "null", "NULL"], true_values=[], false_values=[],
+                    column_types=numbers | dict.fromkeys(text, pa.string()),
+                )  # fmt: skip
+                form = csv.ReadOptions(column_names=layout.names, skip_rows=layout.skip, block_size=_CSV_BLOCK)
+                reader = csv.open_csv(
+                    pa.PythonFile(file, "r"), form, csv.ParseOptions(delimiter=layout.delimiter), convert
+                )
+                if not (others := {field.name for field in reader.schema if field.type not in kept}):
+                    break
+                text |= others  # times, which are text to us
+            waiting: list[Any] = []
+            for batch in reader:
+                waiting.append(batch)
+                while sum(map(len, waiting)) >= rows:
+                    table = pa.Table.from_batches(waiting)
+                    yield _as_arrays(table.slice(0, rows), pa)
+                    waiting = table.slice(rows).to_batches()
+            if any(map(len, waiting)):
+                yield _as_arrays(pa.Table.from_batches(waiting), pa)
+    except (pa.ArrowException, UnicodeDecodeError, OSError, EOFError) as error:
+        raise NotPlain from error
+
+
+class _Plain:
+    """A file whose bytes are UTF-8 as far as they are read, or UnicodeDecodeError; NotPlain where a number has a plus.
+
+    Arrow takes an integer with a plus for a fraction.
+    """
+
+    closed = False
+
+    def __init__(self, file: Any, delimiter: str) -> None:
+        self.file, self.check, self.last = file, getincrementaldecoder("utf-8")(), b"\n"
+        self.plus = (delimiter.encode() + b"+", b"\n+")
+
+    def read(self, size: int = -1) -> bytes:
+        """Some bytes more."""
+        part: bytes = self.file.read(size)
+        self.check.decode(part, final=not part)
+        if any(plus in self.last + part for plus in self.plus):
+            raise NotPlain
+        self.last = part[-1:]
+        return part
+
+    def close(self) -> None:
+        """Close the file."""
+        self.file.close()
+
+
+def _as_arrays(table, pa):
+    out = {}
+    for name in table.column_names:
+        column = table.column(name)
+        if pa.types.is_string(column.type):
+            values = column.to_numpy().astype(str)
+            if values.dtype.itemsize > 4 * _LONG:
+                raise NotPlain
+            out[name] = values
+            continue
+        mask = column.is_null().to_numpy()
+        if pa.types.is_null(column.type):
+            out[name] = np.ma.MaskedArray(np.zeros(len(column)), mask)
+            continue
+        values = column.fill_null(0).to_numpy()
+        if values.dtype.kind == "f":
+            high = np.abs(values) >= _EXACT  # perhaps integers of more digits than a double has, or too long for one
+            if np.isinf(values).any() or (high.any() and (values == np.rint(values)).all()):
+                raise NotPlain
+        out[name] = np.ma.MaskedArray(values, mask)
+    return out

@@ -12,15 +12,18 @@ References: IERS Technical Note 35 (ICRF2); Charlot et al. 2020, A&A 644, A159 (
 
 import csv
 import io
+import os
 import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from itertools import chain, islice
 from operator import itemgetter
 
 import numpy as np
 
+from vsh.io.tables._arrow import NotPlain, csv_blocks
 from vsh.io.tables._source import DAMAGE, TableSource, open_other, unpacked
 from vsh.tools.errors import TableError, first_line
 from vsh.tools.printing import printable
@@ -234,6 +237,8 @@ def _with_comma(layout, rows):
 
 #: Longer lines are damage, or no table. [characters]
 LINE = 2**22
+#: Files of fewer bytes are read before pyarrow is imported.
+LARGE = 2**22
 #: A field that is wanted is a number or a name. [characters]
 FIELD = 1000
 #: What stands for a missing value; Gaia's archive writes null.
@@ -255,6 +260,15 @@ def open_text(path: PathName, label: str) -> TableSource:
 
     def read(wanted, rows):
         places = [names.index(name) for name in wanted]
+        count = 0
+        if layout.delimiter and not layout.decimal_comma and os.path.getsize(path) >= LARGE:
+            with suppress(NotPlain):
+                for columns in csv_blocks(lambda: unpacked(path, label), layout, types, wanted, rows):
+                    block = {name: _from_arrow(column, name, types) for name, column in columns.items()}
+                    yield block
+                    count += len(next(iter(block.values()))[0])
+                if count:
+                    return
         with open_lines(path, label) as lines:
             for _ in islice(lines, layout.skip):
                 pass
@@ -262,7 +276,8 @@ def open_text(path: PathName, label: str) -> TableSource:
                 records = _records(lines, places, width, layout.delimiter, label, layout.skip)
             else:
                 records = _columned(lines, places, layout, label)
-            count = 0
+            for _ in islice(records, count):
+                pass
             while picked := list(islice(records, rows)):
                 yield _block(wanted, picked, types, label, layout.skip + count, layout.decimal_comma)
                 count += len(picked)
@@ -393,6 +408,16 @@ def _parsed(text, kind, is_typed, decimal_comma=False):
         stripped = np.char.strip(text)
         values, mask = (values, mask) if (stripped == text).all() and not decimal_comma else _values(stripped, None)
     return values, mask
+
+
+def _from_arrow(column, name, types):
+    """Values and mask of a column that Arrow has read as numbers, or as text where it is not sure of numbers."""
+    if column.dtype.kind == "U":
+        return _parsed(column, types.get(name), name in types)
+    mask = np.ma.getmaskarray(column)
+    if mask.all():
+        return np.full(len(column), np.nan), mask
+    return column.data, mask if mask.any() else None
 
 
 def _values(text, kind):
