@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from importlib import import_module  # of what knows fields itself
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, Self, cast
 
 import numpy as np
 
+import vsh  # its face: what draws and reads fields knows them itself
 from vsh.tools.errors import FrameError
 from vsh.tools.types import Axes, FloatArray, Table
 from vsh.tools.units import DEGREE, MAS
@@ -110,8 +110,7 @@ class ByColumns:
         ax : matplotlib axes, optional
             Sky axes of `vsh.figures.plot.sky_axes`; a new figure unless given.
         """
-        axes: Axes = import_module("vsh.figures.plot").plot_sources(self, ax=ax)
-        return axes
+        return vsh.figures.plot.plot_sources(cast("vsh.Field", self), ax=ax)
 
     @classmethod
     def read(cls, source: Any, **reading: Any) -> Self:
@@ -124,7 +123,7 @@ class ByColumns:
         **reading
             Its arguments: columns, units, on_bad, frame, where, format.
         """
-        field: Any = import_module("vsh.io.catalogue").read_field(source, **reading)
+        field: Any = vsh.read_field(source, **reading)
         return field
 
     @classmethod
