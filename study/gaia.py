@@ -15,6 +15,7 @@ from fit.results.spectrum import spectrum
 from fit.robust import clip
 from study.papers import papers
 from vsh import Field
+from vsh.classes import Classes
 from vsh.commands.finishing import without_windows
 from vsh.figures.page import Shown, write_page
 from vsh.figures.plot import (
@@ -31,9 +32,7 @@ from vsh.figures.plot import (
 from vsh.io import tables
 from vsh.io.archive import DR3, DR4
 from vsh.io.catalogue import Columns, missing_column, read_field
-from vsh.sky.frames import rotation_matrix
 from vsh.sky.pixels import pixels_of
-from vsh.sky.sphere import angles, triad
 from vsh.tools.arguments import generator
 from vsh.tools.errors import DegeneracyError, TableError, VshError
 from vsh.tools.notebook import InNotebook
@@ -142,13 +141,7 @@ def subsets(sources: Sources) -> dict[str, BoolArray]:
     field, five = sources.field, ~sources.six
     chosen = {"five parameters": five, "six parameters": sources.six, "all": five | sources.six}
     if field.magnitude is not None:
-        g = field.magnitude
-        chosen |= {
-            "G ≤ 18": five & (g <= 18),
-            "18 < G ≤ 19": five & (g > 18) & (g <= 19),
-            "19 < G ≤ 20": five & (g > 19) & (g <= 20),
-            "G > 20": five & (g > 20),
-        }
+        chosen |= dict(Classes.by_edges("G", (18, 19, 20), field.magnitude, closed="right").within(five))
     if sources.wavenumber is not None and np.isfinite(sources.wavenumber[five]).any():
         nu = sources.wavenumber
         low, high = np.nanquantile(nu[five], [1 / 3, 2 / 3])
@@ -164,25 +157,16 @@ def subsets(sources: Sources) -> dict[str, BoolArray]:
 
 
 def _places(field):
-    def latitude(frame):
-        return angles(rotation_matrix("icrs", frame) @ triad(field.lon, field.lat)[2])
-
-    l, b = latitude("galactic")
-    beta = latitude("ecliptic")[1]
-    plane = np.abs(np.sin(b)) < PLANE
-    return {
-        "without the Galactic plane": ~plane,
+    galactic = field.to_frame("galactic")
+    l, b = galactic.lon, galactic.lat
+    places = {
+        "without the Galactic plane": np.abs(np.sin(b)) >= PLANE,
         "|b| < 30°": np.abs(b) < np.pi / 6,
         "|b| ≥ 30°": np.abs(b) >= np.pi / 6,
-        "north Galactic half": b >= 0,
-        "south Galactic half": b < 0,
-        "north ecliptic half": beta >= 0,
-        "south ecliptic half": beta < 0,
-        "north celestial half": field.lat >= 0,
-        "south celestial half": field.lat < 0,
-        "half toward the centre": np.cos(l) >= 0,
-        "half away from it": np.cos(l) < 0,
     }
+    for frame in ("galactic", "ecliptic", "icrs"):
+        places |= dict(Classes.by_halves(frame).of(field))
+    return places | {"half toward the centre": np.cos(l) >= 0, "half away from it": np.cos(l) < 0}
 
 
 #: The degree of the paper's main fit.

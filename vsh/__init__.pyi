@@ -1,6 +1,7 @@
 """What `vsh` holds: for type checkers, and for whoever asks (lazy_loader reads the imports here)."""
 
 from . import conventions, figures, io, models, rotate, sky, transform
+from .classes import Classes
 from .coefficients import Coefficients
 from .field import Field
 from .io.catalogue import read_field
@@ -31,6 +32,7 @@ __version__: str
 __all__ = [
     "ArchiveError",
     "CheckpointError",
+    "Classes",
     "Coefficients",
     "ConvergenceError",
     "CovarianceError",

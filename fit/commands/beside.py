@@ -5,19 +5,14 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 import fit
+import vsh
 from vsh.commands import parsing, reading
-from vsh.field import Field
 from vsh.io.parts import as_parts
-from vsh.tools.errors import ModesError, NothingLeftError, NothingSelectedError, ParameterError, VshError
-
-_HALVES = ("icrs", "galactic", "ecliptic")
+from vsh.tools.errors import ModesError, NothingSelectedError, ParameterError, VshError
 
 
 def shared_by(
@@ -32,18 +27,14 @@ def shared_by(
 
     Those of `n_sources` that are in no class are counted.
     """
-    name, _, rest = options.classes.partition(":")
-    if name == "halves":
-        if rest not in _HALVES:
-            raise ParameterError(f"--classes halves:FRAME, where the frame is {', '.join(_HALVES)}, not {rest!r}")
-        whole = _read(source, path, options, options.where)
-        labels = ["northern half", "southern half"]
-        parts = [_of_half(whole, rest, north) for north in (True, False)]
+    classes = vsh.Classes.from_text(options.classes)
+    parts: list[Any]
+    if classes.frame:
+        parts = list(classes.split(_read(source, path, options, options.where)))
     else:
-        labels, conditions = _conditions(options.classes)
-        parts = [_class(source, path, options, label, condition) for label, condition in zip(labels, conditions)]
+        parts = [_class(source, path, options, *each) for each in zip(classes.labels, classes.conditions)]
         if ";" in options.classes:
-            _check_apart(source, path, options, labels, conditions, parts)
+            _check_apart(source, path, options, classes, parts)
     lmax, inside = estimate.solution.modes.lmax, 0
     method, value = parsing.method_and_value(options.method)
     if method == "clip":
@@ -53,34 +44,13 @@ def shared_by(
     make = partial(estimate.equations, templates=templates)
     normals = [make(part, lmax) for part in parts]
     normals = fit.background.widened(normals, make, parts)
-    classes = fit.background.shared(
-        normals, range(2, lmax + 1), labels=labels, noise_scale=estimate.is_scaled, rng=options.seed
+    together = fit.background.shared(
+        normals, range(2, lmax + 1), labels=classes.labels, noise_scale=estimate.is_scaled, rng=options.seed
     )
     inside, notes = inside or sum(each.n_sources for each in normals), []
     if n_sources > inside:
         notes.append(f"{n_sources - inside} of {n_sources} sources are in no class: no value, or between conditions")
-    return replace(classes, notes=(*classes.notes, *notes, estimate.class_note))
-
-
-def _conditions(text: str) -> tuple[list[str], list[str]]:
-    """Labels of the classes and the conditions of their rows: COLUMN:EDGE,EDGE, or conditions between semicolons."""
-    if ";" in text:
-        conditions = [part.strip() for part in text.split(";") if part.strip()]
-        return conditions, conditions
-    name, _, rest = text.rpartition(":")
-    try:
-        edges = [float(each) for each in rest.split(",")]
-    except ValueError:
-        edges = []
-    if not name.strip() or not edges or not (np.diff(edges) > 0).all():
-        raise ParameterError(
-            f"--classes is COLUMN:EDGE,EDGE with edges that rise, conditions between semicolons, or halves:FRAME, not "
-            f"{text!r}"
-        )
-    name = name.strip()
-    inner = [f"{low:g} <= {name} < {high:g}" for low, high in pairwise(edges)]
-    conditions = [f"{name} < {edges[0]:g}", *inner, f"{name} >= {edges[-1]:g}"]
-    return [condition.replace("<=", "≤").replace(">=", "≥") for condition in conditions], conditions
+    return replace(together, notes=(*together.notes, *notes, estimate.class_note))
 
 
 def _read(source, path, options, where):
@@ -99,30 +69,16 @@ def _class(source, path, options, label, condition):
         raise ParameterError(f"the class {label} is empty: choose other edges, or leave it out") from None
 
 
-def _check_apart(source, path, options, labels, conditions, parts):
+def _check_apart(source, path, options, classes, parts):
     """Raise ParameterError where a source is in two classes."""
-    whole = _class(source, path, options, "all", " or ".join(f"({condition})" for condition in conditions))
+    whole = _class(source, path, options, "all", " or ".join(f"({condition})" for condition in classes.conditions))
     counts = [as_parts(part).sum(len) for part in parts]
     total = as_parts(whole).sum(len)
     if sum(counts) > total:
         raise ParameterError(
-            f"{sum(counts) - total} sources are in more than one of the classes {'; '.join(labels)}: make them exclude "
-            "each other"
+            f"{sum(counts) - total} sources are in more than one of the classes {'; '.join(classes.labels)}: make them "
+            "exclude each other"
         )
-
-
-def _of_half(whole, frame, north):
-    if isinstance(whole, Field):
-        return _half(whole, frame, north)
-    return whole.map(partial(_half, frame=frame, north=north))
-
-
-def _half(field, frame, north):
-    lat = field.to_frame(frame).lat
-    keep = lat >= 0 if north else lat < 0
-    if not keep.any():
-        raise NothingLeftError("this part of the catalogue lies in the other half of the sky")
-    return field[keep]
 
 
 #: Waves beside a floor are looked for to this degree.

@@ -6,7 +6,6 @@ That is the degree, the way outliers are met, a single source.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -20,15 +19,14 @@ from fit.results.solution import Solution
 from fit.robust import Clipped, clip, student_t
 from fit.solving import fit_field, solve
 from vsh.basis import harmonics
+from vsh.classes import Classes
 from vsh.coefficients import FIRST_DEGREE
 from vsh.field import Field
 from vsh.io import catalogue, tables
-from vsh.sky.frames import rotation_matrix
-from vsh.sky.sphere import angles, triad
 from vsh.tools.arguments import generator
 from vsh.tools.errors import ConvergenceError, DegeneracyError, TableError
 from vsh.tools.notebook import InNotebook
-from vsh.tools.types import BoolArray, FloatArray, Rng
+from vsh.tools.types import FloatArray, Rng
 
 #: Columns that checks split the sources by, of Gaia's archive and of tables of VLBI: the first that is there.
 _COLUMNS = {
@@ -197,7 +195,6 @@ _DEGREE, FEWEST = 5, 100
 _DRAWS = 200
 #: Skies behind a p-value, which is multiplied by the number of checks: 1/40 000 is the smallest.
 _SKIES = 40_000
-Split = dict[str, BoolArray]
 
 
 @dataclass(frozen=True, eq=False)
@@ -229,15 +226,15 @@ def _first(solution):
     return solution.values[at], solution.covariance[np.ix_(at, at)]
 
 
-def compare(quasars: Quasars, split: Split, rng: Rng = 1, lmax: int | None = None) -> Compared:
+def compare(quasars: Quasars, classes: Classes, rng: Rng = 1, lmax: int | None = None) -> Compared:
     """Compare classes of sources.
 
     Parameters
     ----------
     quasars : Quasars
         The sources.
-    split : dict of (n,) masks
-        The classes, by name.
+    classes : Classes
+        With masks of the sources.
     rng : Generator or int
         The source of all randomness.
     lmax : int, optional
@@ -248,47 +245,18 @@ def compare(quasars: Quasars, split: Split, rng: Rng = 1, lmax: int | None = Non
     DegeneracyError
         If a class has too few sources.
     """
-    kept = {name: mask for name, mask in split.items() if mask.sum() >= FEWEST}
+    kept = classes.of_at_least(FEWEST)
     if len(kept) < 2:
-        counts = ", ".join(f"{name}: {mask.sum()}" for name, mask in split.items())
+        counts = ", ".join(f"{name}: {mask.sum()}" for name, mask in classes)
         raise DegeneracyError(f"fewer than two classes of {FEWEST} sources ({counts})")
-    degree = degree_for(min(mask.sum() for mask in kept.values()), _DEGREE, least=3)
-    normals = [quasars.equations(mask, degree) for mask in kept.values()]
-    plain = [solve(quasars.plain_equations(mask, lmax or degree)) for mask in kept.values()]
-    wide = widened(normals, quasars.equations, kept.values())
+    degree = degree_for(min(mask.sum() for _, mask in kept), _DEGREE, least=3)
+    normals = [quasars.equations(mask, degree) for _, mask in kept]
+    plain = [solve(quasars.plain_equations(mask, lmax or degree)) for _, mask in kept]
+    wide = widened(normals, quasars.equations, [mask for _, mask in kept])
     compared = shared(
-        wide, range(2, degree + 1), labels=list(kept), draws=_DRAWS, noise_scale=quasars.is_scaled, rng=rng
+        wide, range(2, degree + 1), labels=kept.labels, draws=_DRAWS, noise_scale=quasars.is_scaled, rng=rng
     )
     return Compared(plain, compared)
-
-
-def by_edges(values: FloatArray, edges: Sequence[float], name: str) -> Split:
-    """Classes between edges."""
-    inner = {f"{low:g} ≤ {name} < {high:g}": (values >= low) & (values < high) for low, high in pairwise(edges)}
-    return {f"{name} < {edges[0]:g}": values < edges[0]} | inner | {f"{name} ≥ {edges[-1]:g}": values >= edges[-1]}
-
-
-def by_parts(values: FloatArray, k: int, name: str) -> Split:
-    """Classes of about as many sources each; sources without a value are in none."""
-    known = np.unique(values[np.isfinite(values)])
-    if len(known) < 2:
-        raise DegeneracyError(f"{name} is the same for all sources")
-    if len(known) <= k:
-        return {f"{name} {value:g}": values == value for value in known}
-    edges = np.unique(np.nanquantile(values, np.arange(1, k) / k))
-    return by_edges(values, [float(f"{edge:.4g}") for edge in edges], name)
-
-
-def halves(quasars: Quasars, frame: str) -> Split:
-    """The two halves of the sky beside the equator of a frame."""
-    lat = latitude(quasars, frame)
-    return {f"northern {frame} half": lat >= 0, f"southern {frame} half": lat < 0}
-
-
-def latitude(quasars: Quasars, frame: str) -> FloatArray:
-    """Latitude of each source. [rad]"""
-    field = quasars.field
-    return angles(rotation_matrix(field.frame, frame) @ triad(field.lon, field.lat)[2])[1]
 
 
 #: Random parts of the sources, and the least number in each.

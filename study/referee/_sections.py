@@ -16,20 +16,9 @@ from fit.results.spectrum import spectrum
 from fit.secular_parallax import observer_velocity
 from fit.solving import fit_field, solve
 from study.papers import papers
-from study.referee._quasars import (
-    Quasars,
-    by_degree,
-    by_edges,
-    by_method,
-    by_parts,
-    by_source,
-    clipped_of,
-    compare,
-    degree_for,
-    halves,
-    latitude,
-)
+from study.referee._quasars import Quasars, by_degree, by_method, by_source, clipped_of, compare, degree_for
 from study.referee._rows import NONE, Check, Headline, Row, Section, Value, judged
+from vsh.classes import Classes
 from vsh.field import Field
 from vsh.models.cosmology import CMB_VELOCITY_PLANCK18, with_redshift
 from vsh.tools.errors import DegeneracyError, VshError
@@ -71,20 +60,20 @@ def _answered(key, question, act):
 
 
 def _by_column(quasars, name, k, rng):
-    return _split(quasars, by_parts(quasars.column(name), k, name), rng)
+    return _split(quasars, Classes.by_parts(name, quasars.column(name), k), rng)
 
 
 def _by_latitude(quasars, rng):
-    low = np.abs(latitude(quasars, "galactic")) < np.pi / 6
-    return _split(quasars, {"|b| < 30°": low, "|b| ≥ 30°": ~low}, rng)
+    low = np.abs(quasars.field.to_frame("galactic").lat) < np.pi / 6
+    return _split(quasars, Classes(("|b| < 30°", "|b| ≥ 30°"), np.array([low, ~low])), rng)
 
 
 def _by_half(quasars, frame, rng):
-    return _split(quasars, halves(quasars, frame), rng)
+    return _split(quasars, Classes.by_halves(frame).of(quasars.field), rng)
 
 
-def _split(quasars, split, rng) -> dict[str, Any]:
-    compared = compare(quasars, split, rng)
+def _split(quasars, classes, rng) -> dict[str, Any]:
+    compared = compare(quasars, classes, rng)
     verdict = compared.verdict
     labels = compared.shared.labels
     away = compared.shared.difference(0, len(labels) - 1).acceleration
@@ -247,7 +236,7 @@ def _frame(asked: Asked) -> dict[str, Any]:
             )
         )  # fmt: skip
     try:
-        compared = compare(quasars, by_edges(quasars.column("G"), _G_EDGES, "G"), asked.rng)
+        compared = compare(quasars, Classes.by_edges("G", _G_EDGES, quasars.column("G")), asked.rng)
         rows.append(_p_row("one spin, bright and faint", compared.at_face_value("T"), compared.shared.equality("T")))
         results["magnitudes"] = compared.shared
     except VshError as error:
@@ -261,8 +250,7 @@ def _frame(asked: Asked) -> dict[str, Any]:
 def _learnt_redshifts(asked: Asked) -> dict[str, Any]:
     """Three bins of redshift, degree 3: Makarov 2025."""
     z = asked.quasars.column("redshift")
-    split = {name: mask & (z >= 1) for name, mask in by_edges(z, _Z_EDGES, "z").items()}
-    compared = compare(asked.quasars, split, asked.rng, lmax=3)
+    compared = compare(asked.quasars, Classes.by_edges("z", _Z_EDGES, z).within(z >= 1), asked.rng, lmax=3)
     return _by_redshift(compared, papers()["makarov2025"].words)
 
 
@@ -282,7 +270,7 @@ def _by_redshift(compared, words):
 def _position_drift(asked: Asked) -> dict[str, Any]:
     """Dipole and quadrupole by redshift: Tsigkas Kouvelis et al. 2025."""
     quasars = asked.quasars
-    compared = compare(quasars, by_parts(quasars.column("redshift"), 4, "z"), asked.rng, lmax=2)
+    compared = compare(quasars, Classes.by_parts("z", quasars.column("redshift"), 4), asked.rng, lmax=2)
     made = _by_redshift(compared, papers()["tsigkas2025"].words)
     row, quoted, p = _quadrupole(quasars, asked.headline)
     made["rows"].append(row)

@@ -27,7 +27,7 @@ def path(tmp_path_factory):
         ("magnitude:18.5,19.5", ("magnitude < 18.5", "18.5 ≤ magnitude < 19.5", "magnitude ≥ 19.5")),
         ("phot_g_mean_mag:19", ("phot_g_mean_mag < 19", "phot_g_mean_mag ≥ 19")),
         ("magnitude < 19; magnitude >= 19", ("magnitude < 19", "magnitude >= 19")),
-        ("halves:galactic", ("northern half", "southern half")),
+        ("halves:galactic", ("northern galactic half", "southern galactic half")),
     ],
 )
 def test_every_way_to_say_classes(classes, labels, path, tmp_path, capsys):
@@ -65,7 +65,7 @@ def test_sources_in_no_class_are_counted(path, tmp_path, capsys):
     [
         ("magnitude:20,18", "edges that rise"),
         ("magnitude", "COLUMN:EDGE,EDGE"),
-        ("halves:equatorial", "halves:FRAME"),
+        ("halves:equatorial", "unknown frame 'equatorial'"),
         ("magnitude < 19; magnitude < 20", "sources are in more than one of the classes"),
         ("magnitude:3,19", "the class magnitude < 3 is empty"),
         ("nothing:3", "no column 'nothing'"),

@@ -1,0 +1,86 @@
+"""Classes of sources: whoever asks for them, the same labels and the same sources."""
+
+import numpy as np
+import pytest
+
+from vsh import Classes, Field
+from vsh.io.catalogue import parts, read_field
+from vsh.tools.errors import DegeneracyError, FrameError, ParameterError
+
+VALUES = np.array([17.0, 18.0, 18.5, 19.0, 21.0, np.nan])
+
+
+@pytest.fixture
+def field():
+    rng = np.random.default_rng(1)
+    lon, lat = rng.uniform(0, 6.28, 400), np.arcsin(rng.uniform(-1, 1, 400))
+    return Field(lon, lat, rng.normal(size=(2, 400)), np.ones((2, 400)))
+
+
+def counts(classes):
+    return [int(mask.sum()) for _, mask in classes]
+
+
+def test_edges_belong_to_one_class():
+    left, right = (Classes.by_edges("G", (18, 19), VALUES, closed=side) for side in ("left", "right"))
+    assert left.labels == ("G < 18", "18 ≤ G < 19", "G ≥ 19")
+    assert right.labels == ("G ≤ 18", "18 < G ≤ 19", "G > 19")
+    assert counts(left) == [1, 2, 2]
+    assert counts(right) == [2, 2, 1]
+
+
+def test_conditions_select_what_masks_do(field, tmp_path):
+    """The same text of a command and edges of a column: no source in two classes, none without a value."""
+    path = tmp_path / "c.fits"
+    table = field.to_table()
+    table["g"] = np.resize(VALUES, len(field))
+    table.write(path)
+    classes = Classes.from_text("g:18, 19")
+    assert classes.labels == Classes.by_edges("g", (18, 19)).labels
+    masks = Classes.by_edges("g", (18, 19), table["g"]).masks
+    read = [read_field(path, where=condition) for condition in classes.conditions]
+    assert [len(each) for each in read] == masks.sum(1).tolist()
+    np.testing.assert_allclose(read[1].lon, field.lon[masks[1]], atol=1e-12)
+
+
+def test_parts_have_as_many_sources_each():
+    values = np.arange(1000.0)
+    assert max(counts(Classes.by_parts("z", values, 4))) - min(counts(Classes.by_parts("z", values, 4))) <= 1
+    assert Classes.by_parts("periods", np.array([1.0, 2, 2]), 4).labels == ("periods 1", "periods 2")
+    with pytest.raises(DegeneracyError, match="z is the same for all sources"):
+        Classes.by_parts("z", np.ones(5), 4)
+
+
+def test_halves_in_memory_and_in_parts(field, tmp_path):
+    halves = Classes.by_halves("galactic")
+    assert halves.labels == ("northern galactic half", "southern galactic half")
+    north, south = halves.split(field)
+    assert (north.to_frame("galactic").lat >= 0).all()
+    assert len(north) + len(south) == len(field)
+    path = tmp_path / "c.fits"
+    field.write(path)
+    assert [each.sum(len) for each in halves.split(parts(path))] == [len(north), len(south)]
+    assert counts(halves.of(field).within(field.lat > 0)) == [
+        int(((field.to_frame("galactic").lat >= 0) == side)[field.lat > 0].sum()) for side in (True, False)
+    ]
+
+
+def test_small_classes_are_left_out():
+    classes = Classes.by_edges("G", (18, 19), VALUES)
+    assert classes.of_at_least(2).labels == ("18 ≤ G < 19", "G ≥ 19")
+    assert len(classes.of_at_least(7)) == 0
+
+
+@pytest.mark.parametrize(
+    ("make", "error", "words"),
+    [
+        (lambda: Classes.from_text("magnitude"), ParameterError, "COLUMN:EDGE"),
+        (lambda: Classes.from_text("magnitude:19,18"), ParameterError, "edges that rise"),
+        (lambda: Classes.by_edges("G", (19, 18)), ParameterError, "numbers that rise"),
+        (lambda: Classes.by_halves("equatorial"), FrameError, "unknown frame"),
+        (lambda: list(Classes.by_edges("G", (18,))), ParameterError, "have no masks"),
+    ],
+)
+def test_what_is_wrong_is_said(make, error, words):
+    with pytest.raises(error, match=words):
+        make()

@@ -1,0 +1,197 @@
+"""Classes of sources: between edges of a column, parts of as many sources, halves of the sky, conditions on a table."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import pairwise
+
+import numpy as np
+
+from vsh.field import Field
+from vsh.io.parts import Parts
+from vsh.sky.frames import check_frame, rotation_matrix
+from vsh.sky.sphere import triad
+from vsh.tools.errors import DegeneracyError, NothingLeftError, ParameterError
+from vsh.tools.notebook import InNotebook
+from vsh.tools.types import ArrayLike, BoolArray
+
+
+@dataclass(frozen=True, eq=False)
+class Classes(InNotebook):
+    """Classes that sources are divided into: fitted each by itself, or together with the errors that they share.
+
+    Attributes
+    ----------
+    labels : tuple of str
+        What they are called.
+    masks : (k, n) array, or None
+        Which of n sources are in each; None where conditions or a frame tell it of any.
+    conditions : tuple of str
+        The rows of each in a table, as `where` of the readers has them.
+    frame : str
+        Its northern and southern half of the sky are the classes.
+
+    Examples
+    --------
+    >>> magnitude = np.array([17.2, 18.0, 18.4, 20.1])
+    >>> classes = Classes.by_edges("G", (18, 19), magnitude)
+    >>> classes.labels
+    ('G < 18', '18 ≤ G < 19', 'G ≥ 19')
+    >>> [int(mask.sum()) for _, mask in classes]
+    [1, 2, 1]
+    >>> Classes.by_edges("phot_g_mean_mag", (18,)).conditions
+    ('phot_g_mean_mag < 18', 'phot_g_mean_mag >= 18')
+    """
+
+    labels: tuple[str, ...]
+    masks: BoolArray | None = None
+    conditions: tuple[str, ...] = ()
+    frame: str = ""
+
+    def __len__(self) -> int:
+        return len(self.labels)
+
+    def __iter__(self) -> Iterator[tuple[str, BoolArray]]:
+        return zip(self.labels, self._masks())
+
+    def _masks(self) -> BoolArray:
+        if self.masks is None:
+            raise ParameterError("these classes have no masks: .of(field) gives those of halves, values others")
+        return self.masks
+
+    @classmethod
+    def by_edges(
+        cls, name: str, edges: Sequence[float], values: ArrayLike | None = None, *, closed: str = "left"
+    ) -> Classes:
+        """Classes between edges, below the first and beyond the last.
+
+        Parameters
+        ----------
+        name : str
+            What the values are called; of a column, where they are not given.
+        edges : sequence of float
+            Rising.
+        values : (n,) array, optional
+            One for each source; those that are nan are in no class. Without them the classes are conditions.
+        closed : {"left", "right"}
+            Which edge belongs to a class.
+
+        Raises
+        ------
+        ParameterError
+            If there is no edge, or they do not rise.
+        """
+        if not len(edges) or not (np.diff(edges) > 0).all():
+            raise ParameterError(f"edges of classes are numbers that rise, not {edges!r}")
+        below, above = ("<", ">=") if closed == "left" else ("<=", ">")
+        after = "<=" if closed == "left" else "<"
+        inner = [f"{low:g} {after} {name} {below} {high:g}" for low, high in pairwise(edges)]
+        conditions = (f"{name} {below} {edges[0]:g}", *inner, f"{name} {above} {edges[-1]:g}")
+        labels = tuple(each.replace("<=", "≤").replace(">=", "≥") for each in conditions)
+        if values is None:
+            return cls(labels, conditions=conditions)
+        known = np.asarray(values, float)
+        place = np.where(np.isnan(known), -1, np.searchsorted(edges, known, "right" if closed == "left" else "left"))
+        return cls(labels, place == np.arange(len(labels))[:, None])
+
+    @classmethod
+    def by_parts(cls, name: str, values: ArrayLike, k: int) -> Classes:
+        """Classes of about as many sources each.
+
+        Parameters
+        ----------
+        name : str
+            What the values are called.
+        values : (n,) array
+            One for each source; those that are nan are in no class.
+        k : int
+            How many; as many as there are values where these are fewer.
+
+        Raises
+        ------
+        DegeneracyError
+            If all sources have the same value.
+        """
+        given = np.asarray(values, float)
+        known = np.unique(given[np.isfinite(given)])
+        if len(known) < 2:
+            raise DegeneracyError(f"{name} is the same for all sources")
+        if len(known) <= k:
+            return cls(tuple(f"{name} {value:g}" for value in known), given == known[:, None])
+        edges = np.unique(np.nanquantile(given, np.arange(1, k) / k))
+        return cls.by_edges(name, [float(f"{edge:.4g}") for edge in edges], given)
+
+    @classmethod
+    def by_halves(cls, frame: str) -> Classes:
+        """The two halves of the sky beside the equator of a `frame`: "icrs", "galactic", "ecliptic"."""
+        check_frame(frame)
+        return cls((f"northern {frame} half", f"southern {frame} half"), frame=frame)
+
+    @classmethod
+    def from_text(cls, text: str) -> Classes:
+        """Classes as `vsh-fit --classes` takes them.
+
+        Parameters
+        ----------
+        text : str
+            COLUMN:EDGE,EDGE; conditions between semicolons; or halves:FRAME.
+
+        Raises
+        ------
+        ParameterError
+            If it is none of these.
+        """
+        if ";" in text:
+            conditions = tuple(part.strip() for part in text.split(";") if part.strip())
+            return cls(conditions, conditions=conditions)
+        name, _, rest = text.rpartition(":")
+        if name.strip() == "halves":
+            return cls.by_halves(rest.strip())
+        try:
+            edges = [float(each) for each in rest.split(",")]
+        except ValueError:
+            edges = []
+        if not name.strip() or not edges or not (np.diff(edges) > 0).all():
+            raise ParameterError(
+                "classes are COLUMN:EDGE,EDGE with edges that rise, conditions between semicolons, or halves:FRAME, "
+                f"not {text!r}"
+            )
+        return cls.by_edges(name.strip(), edges)
+
+    def of(self, field: Field) -> Classes:
+        """Halves of the sky as masks of the sources of a `field`; other classes as they are."""
+        if not self.frame:
+            return self
+        north = (rotation_matrix(field.frame, self.frame) @ triad(field.lon, field.lat)[2])[2] >= 0
+        return replace(self, masks=np.array([north, ~north]), frame="")
+
+    def within(self, mask: BoolArray) -> Classes:
+        """The same classes of the sources of a `mask`, (n,)."""
+        return replace(self, masks=self._masks() & mask)
+
+    def of_at_least(self, n: int) -> Classes:
+        """Those that have `n` sources or more."""
+        kept = self._masks().sum(1) >= n
+        return replace(self, labels=tuple(np.array(self.labels)[kept].tolist()), masks=self._masks()[kept])
+
+    def split(self, sources: Field | Parts) -> list[Field] | list[Parts]:
+        """The sources of each class, in memory or in parts; by masks in memory alone.
+
+        Parameters
+        ----------
+        sources : Field or Parts
+            All of them.
+        """
+        if isinstance(sources, Parts):
+            return [sources.map(partial(_class_of, classes=self, i=i)) for i in range(len(self))]
+        return [sources[mask] for _, mask in self.of(sources)]
+
+
+def _class_of(field, classes, i):
+    """The sources of class i in one part."""
+    chosen = field[classes.of(field).masks[i]]
+    if not len(chosen):
+        raise NothingLeftError(f"this part of the catalogue has no source in the {classes.labels[i]}")
+    return chosen
