@@ -475,7 +475,7 @@ def clustered_galaxies(
 
     Examples
     --------
-    >>> sky, flow = clustered_galaxies(200, 1)
+    >>> sky, flow = clustered_galaxies(200, 1, size=40)
     >>> len(sky)
     200
     """

@@ -1,14 +1,15 @@
 """Published analyses of quasar motions, each repeated its own way, and checks: is it the sky, or the instrument?"""
 
 from collections.abc import Callable
-from functools import partial
+from dataclasses import dataclass
+from functools import cached_property, partial
 from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.special import chdtrc
 
 from fit import pairs
-from fit.background import SHAPES, Template, cross_powers, floor, shared, wave_limit
+from fit.background import SHAPES, Template, WaveLimit, cross_powers, floor, shared, wave_limit
 from fit.frames.chain import chain_catalogues
 from fit.normal import normal_equations, template_fields
 from fit.results.quality import SEEN
@@ -162,12 +163,21 @@ _NEAR, _GALAXIES = 0.1, 1000
 _BINS = 14
 
 
-class Asked(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Asked:
     """What a section works with."""
 
     quasars: Quasars
     headline: Headline
     rng: Rng
+
+    @cached_property
+    def wave_limit(self) -> WaveLimit:
+        """With degrees from 2 on, beside both spectra of what sources share."""
+        normal = self.quasars.normal
+        if normal.modes.lmax < 3:
+            raise DegeneracyError("degree 2 alone does not tell waves from what sources share")
+        return wave_limit(normal, range(2, normal.modes.lmax + 1), systematics=list(SHAPES.values()))
 
 
 def _published(paper, name):
@@ -306,7 +316,7 @@ def _chi2_p(values, covariance):
 def _waves(asked: Asked) -> dict[str, Any]:
     """Waves longer than the observations, by harmonics and by pairs: Jaraba et al. 2023, Darling 2024."""
     theirs = wave_limit(normal_equations(asked.quasars.whole, 2)).limit(prior="coefficients")
-    shared = _wave_limit(asked.quasars.normal)
+    shared = asked.wave_limit
     rows = [
         Row("h70² Ω, Gaia DR3 (Jaraba)", _published("jaraba2023", "h70² Ω, Gaia"), Value(theirs, kind="limit")),
         Row("h70² Ω, VLBA (Jaraba)", _published("jaraba2023", "h70² Ω, VLBA"), Value(theirs, kind="limit")),
@@ -319,13 +329,6 @@ def _waves(asked: Asked) -> dict[str, Any]:
     return {"rows": rows, "verdict": verdict, "results": {"waves": shared}}
 
 
-def _wave_limit(normal):
-    """With degrees from 2 on, beside both spectra of what sources share."""
-    if normal.modes.lmax < 3:
-        raise DegeneracyError("degree 2 alone does not tell waves from what sources share")
-    return wave_limit(normal, range(2, normal.modes.lmax + 1), systematics=list(SHAPES.values()))
-
-
 def _pairs(asked: Asked) -> dict[str, Any]:
     """Waves by pairs beside harmonics: Akhmetov et al. 2026, Darling 2024."""
     quasars = asked.quasars
@@ -333,7 +336,7 @@ def _pairs(asked: Asked) -> dict[str, Any]:
     fitted = correlation.fit()
     k = fitted.names.index("waves")
     (low, high), value = fitted.interval()[k], Value(*fitted["waves"])
-    harmonics = _wave_limit(quasars.normal)
+    harmonics = asked.wave_limit
     rows = [
         Row("h70² Ω by pairs", theirs=value),
         Row("h70² Ω by pairs, 95 %", _published("darling2024", "h70² Ω, pairs"), Value(high, kind="limit")),
@@ -397,10 +400,10 @@ _ANALYSES = (
 
 def sections(quasars: Quasars, headline: Headline, rng: Rng) -> list[Section]:
     """All of them; one that cannot be done says why."""
-    done = []
+    done, asked = [], Asked(quasars, headline, rng)
     for key, title, act in _ANALYSES:
         try:
-            made = act(Asked(quasars, headline, rng))
+            made = act(asked)
         except VshError as error:
             done.append(Section(title, papers()[key], lacking=str(error)))
         else:

@@ -230,6 +230,7 @@ def test_the_chain_agrees_with_the_grid_for_the_flat_product():
     assert grid(field, "flat", Normal(67.3, 2.0, low=40.0)).mean("H0") < 67.3
 
 
+@pytest.mark.slow
 def test_block_lengths_are_compared():
     """Nside 4 was recommended without a word on the length of correlation."""
     rng = np.random.default_rng(1)

@@ -109,6 +109,7 @@ def test_pulls_of_500_fits_are_standard_normal():
     assert np.abs(found.std(0) - 1).max() < 4 / np.sqrt(2 * 500)
 
 
+@pytest.mark.slow
 def test_pulls_show_a_correlation_that_was_ignored():
     found = pulls(500, correlated=False)
     assert np.abs(found.std(0) - 1).max() > 6 / np.sqrt(2 * 500)

@@ -66,6 +66,7 @@ def test_truth_and_errors():
     assert np.mean(chi2) == pytest.approx(1, abs=0.02)
 
 
+@pytest.mark.slow
 def test_without_a_signal_p_values_are_uniform():
     rng = np.random.default_rng(1)
     field, _ = sky(200)

@@ -62,13 +62,18 @@ MODULES = {module(path): path for path in FILES}
 
 
 @functools.cache
+def parsed(path):
+    """The tree of a file."""
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
+@functools.cache
 def imported(path, everywhere=True, types=True):
     """The modules that a file imports: at its top, or with `everywhere` within its functions too; perhaps for types."""
-    tree = ast.parse(path.read_text(encoding="utf-8"))
-    if not types:
-        tree.body = list(_top(tree))
+    tree = parsed(path)
+    body = list(tree.body) if types else list(_top(tree))
     found = set()
-    for node in ast.walk(tree) if everywhere else _top(tree):
+    for node in (each for part in body for each in ast.walk(part)) if everywhere else _top(tree):
         if isinstance(node, ast.Import):
             found |= {each.name for each in node.names}
         elif isinstance(node, ast.ImportFrom):
@@ -149,6 +154,7 @@ def test_imports_within_functions_earn_it(path):
         assert LATE.match(each) or name(path) in FIRST or any(map(LATE.match, _reached(each))), each
 
 
+@functools.cache
 def _reached(start):
     """All that is imported when a module is."""
     found, wait = set(), [start]

@@ -1,6 +1,7 @@
 """Every public signature is typed; the docstring of a promised name has every argument, in one form; the rest has a line."""
 
 import ast
+import functools
 import importlib
 import inspect
 import re
@@ -62,9 +63,15 @@ for _folder, _names in faces():
 ENTRY = re.compile(r"^([*\w][\w, *]*?)(?: : .*)?$")
 
 
+@functools.cache
+def parsed(path):
+    """The tree of a file, which every test looks at."""
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
 def public(path):
     """The public functions of a file, and the public methods of its public classes: pairs of a name and a node."""
-    for node in ast.parse(path.read_text(encoding="utf-8")).body:
+    for node in parsed(path).body:
         if isinstance(node, ast.FunctionDef) and not node.name.startswith("_"):
             yield node.name, node
         elif isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
@@ -158,7 +165,7 @@ def test_docstrings_say_what_they_speak_of(path):
     """No entry begins with a preposition that nothing stands before, and none under Returns is a type alone."""
     text = path.read_text(encoding="utf-8")
     assert re.findall(r'(?m)^\s*(?:"""|#:? )?(?:Of|Whose) .*$', text) == []
-    for node in ast.walk(ast.parse(text)):
+    for node in ast.walk(parsed(path)):
         if isinstance(node, ast.FunctionDef) and ast.get_docstring(node):
             lines = [*ast.get_docstring(node).splitlines(), ""]
             if "Returns" in lines and " : " not in lines[lines.index("Returns") + 2]:

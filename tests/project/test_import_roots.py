@@ -62,7 +62,7 @@ def test_what_hides_a_package_is_named(python, form, name, tmp_path):
 
 
 @pytest.mark.parametrize(
-    "form", [pytest.param(form, marks=[pytest.mark.slow] * form.startswith("folder")) for form in FORMS]
+    "form", [pytest.param(form, marks=[pytest.mark.slow] * (form != "editable-file")) for form in FORMS]
 )
 def test_commands_run_beside_what_hides_a_package(python, form, tmp_path):
     for name in ("fit", "sim", "study"):

@@ -79,6 +79,7 @@ def test_errors_have_the_covariance_that_is_quoted():
     assert len(PARAMETERS) == 5
 
 
+@pytest.mark.slow
 def test_variability_spreads_motions_as_predicted():
     """A⁺ C A⁺ᵀ to 2 %, and quoted on request."""
     n, variability = 40_000, Variability(100.0, 2.0)

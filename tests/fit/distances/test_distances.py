@@ -164,7 +164,7 @@ def whole_likelihood(field, dispersion):
     return found[:3] * 100
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_against_the_whole_marginal_likelihood(seed):
     field, _ = seen(2500, seed, release="DR5")
     found = observer_velocity(

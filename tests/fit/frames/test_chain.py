@@ -63,7 +63,9 @@ def test_two_independent_ones_are_a_comparison():
 
 
 @few_or_many(20, 200, "n_skies")
-@pytest.mark.parametrize("shared", [0.0, 0.5, 0.9])
+@pytest.mark.parametrize(
+    "shared", [pytest.param(0.0, marks=pytest.mark.slow), 0.5, pytest.param(0.9, marks=pytest.mark.slow)]
+)
 def test_p_values_of_noise_that_is_shared(shared, n_skies):
     p = []
     for seed in range(n_skies):

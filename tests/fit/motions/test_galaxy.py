@@ -55,6 +55,7 @@ def test_the_bias_of_the_amplitude():
     assert found.amplitude_bias == pytest.approx(np.mean(lengths) - 2, abs=0.02)
 
 
+@pytest.mark.slow
 def test_errors_on_simulated_skies():
     """V0 and R0 of 200 skies with a known acceleration: pulls 1."""
     truth = np.array([galaxy.expected_acceleration(8.2, 29.0), 0, 0])

@@ -72,6 +72,7 @@ def test_limits_hold_at_any_signal():
         assert np.mean(held) > 0.9
 
 
+@pytest.mark.slow
 def test_p_values_of_noise():
     p = [expansion(fit.fit_field(sky(200, seed, np.zeros((3, 3))), 2)).p_value for seed in range(200)]
     assert np.mean(np.array(p) < 0.2) == pytest.approx(0.2, abs=0.09)

@@ -55,6 +55,7 @@ def test_errors_hold(skies):
     assert np.abs(pulls.mean(0)).max() < 4.2 / np.sqrt(skies)
 
 
+@pytest.mark.slow
 def test_oorts_constants_and_the_vertex():
     solution = fit.kinematics(stars(np.random.default_rng(1), 20_000))
     for name, true in (("A", A), ("B", B), ("C", C), ("K", K)):

@@ -106,6 +106,7 @@ def test_a_chain_with_free_dispersion_against_the_grid():
     assert abs(product.mean() / (700 * 67.3) - 1) < 0.15
 
 
+@pytest.mark.slow
 def test_excess_noise_is_found():
     field = galaxies(sigma=3.0)
     quieter = field.with_errors(field.sigma / 2)  # 3 in truth, 1.5 as told: √(9 − 2.25) is missing

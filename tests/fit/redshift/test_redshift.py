@@ -329,6 +329,7 @@ def test_bins_with_errors_that_they_share(tmp_path, capsys):
     assert "flows are in these errors" in with_flows.notes
 
 
+@pytest.mark.slow
 def test_a_bin_of_few_sources_does_not_bear_higher_degrees(tmp_path, capsys):
     """Three degrees more than sixty sources determine: the answer is by fewer, and a note says what that means."""
     from fit.commands.redshift import main

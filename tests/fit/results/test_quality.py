@@ -77,6 +77,7 @@ def test_lost_chi2_is_said():
     assert solution.chi2 >= 0
 
 
+@pytest.mark.slow
 def test_errors_of_powers_without_a_signal():
     """23 to 30 % too large on average."""
     ratio = []

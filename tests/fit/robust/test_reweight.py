@@ -113,6 +113,7 @@ def noisy(seed, extra, factor=1.0):
     return Field(field.lon, field.lat, motion, sigma, rho)
 
 
+@pytest.mark.slow
 def test_excess_noise_is_recovered():
     found = [fit.robust.excess_noise(noisy(seed, 15.0), Modes(1)) for seed in range(60)]
     pulls = np.array([(f.excess_noise - 15) / f.excess_noise_error for f in found])

@@ -31,6 +31,7 @@ def whitened(field, lmax=4):
     return Whitened.of(normal.matrix, normal.rhs, normal.modes.degrees > 1), normal.modes
 
 
+@pytest.mark.slow
 def test_noise_is_chi_square_and_p_values_are_uniform():
     white, modes = whitened(sky())
     rng, one, chances = np.random.default_rng(1), [], []

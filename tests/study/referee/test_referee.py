@@ -126,7 +126,7 @@ def test_sections_without_their_columns_say_which(table):
     assert "not asked" in answer.report(long=True)
 
 
-@pytest.mark.parametrize("n", [12, 60, pytest.param(150, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("n", [12, *(pytest.param(n, marks=pytest.mark.slow) for n in (60, 150))])
 def test_few_sources_say_what_can_be_said(table, n):
     answer = referee(read_quasars(table[:n]), 1)
     assert "µas/yr" in answer.report().splitlines()[0]

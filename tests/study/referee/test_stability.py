@@ -24,6 +24,7 @@ def sky(rng, n=N, factor=1.0):
     return Field(LON[:n], LAT[:n], motion, SIGMA[:, :n], RHO[:n])
 
 
+@pytest.mark.slow
 def test_by_degree_is_exact():
     """The move is that of the two fits, its covariance what skies scatter by."""
     from fit import fit_field

@@ -22,6 +22,12 @@ from vsh.tools import formats
 HEAVY = ("scipy", "astropy", "matplotlib", "healpy", "emcee")
 
 
+#: One command of each package; the others among the slow tests.
+FEW = [
+    pytest.param(each, marks=[pytest.mark.slow] * (each not in ("fit", "sim", "referee"))) for each in commands.COMMANDS
+]
+
+
 def modules_after(words):
     """What is loaded when a command has printed what it was asked for, and ended."""
     code = (
@@ -43,7 +49,7 @@ def modules_after(words):
     return run.stdout.split("loaded ")[-1].split()
 
 
-@pytest.mark.parametrize("command", commands.COMMANDS)
+@pytest.mark.parametrize("command", FEW)
 @pytest.mark.parametrize("asked", ["--help", "--version", "--citation"])
 def test_what_needs_no_data_loads_no_library(command, asked):
     """NumPy, and of ours what tells the options of a command: a third of a second in place of one."""

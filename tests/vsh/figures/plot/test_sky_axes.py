@@ -21,7 +21,9 @@ from vsh.figures.plot import (
 )
 from vsh.sky.pixels import centres
 
-CENTRES = [(0, 0), (180, 0), (257, -12), (40, 60), (257, -60), (120, 89), (10, -90), (0, 90), (300, 33), (77.7, -5)]
+CENTRES = [(0, 0), (257, -12), (120, 89), (180, 0), (40, 60), (257, -60), (10, -90), (0, 90), (300, 33), (77.7, -5)]
+#: Three of them each time, all among the slow tests.
+SOME = [pytest.param(each, marks=[pytest.mark.slow] * (i > 2)) for i, each in enumerate(CENTRES)]
 
 
 @pytest.fixture(autouse=True)
@@ -31,7 +33,7 @@ def close_figures():
 
 
 @pytest.mark.parametrize("projection", PROJECTIONS)
-@pytest.mark.parametrize("centre", CENTRES)
+@pytest.mark.parametrize("centre", SOME)
 def test_labels_lie_on_the_map_and_not_on_each_other(projection, centre):
     """At 9 cm: the width of a column."""
     axes = sky_axes(projection=projection, centre=centre)
