@@ -22,6 +22,7 @@ INTERNAL = {
     "sim.agis.passes",
     "sim.commands",
     "fit.commands",
+    "fit.solving",
     "study.commands",
     "vsh.figures",
     "vsh.io",

@@ -79,10 +79,10 @@ def test_a_format(house, tmp_path):
         table.write(tmp_path / name, format="ascii.basic", delimiter="|", overwrite=True)
     plain = table.copy()
     plain.write(tmp_path / "sky.csv", format="ascii.csv")
-    expected = run(house, "-m", "vsh", "fit", str(tmp_path / "sky.csv"), "--lmax", "1").split("\n")[5:]
+    expected = run(house, "-m", "vsh", "fit", str(tmp_path / "sky.csv"), "--lmax", "1").split("\n")[6:]
     for words in (["sky.bars"], ["noname"], ["noname", "--input-format", "bars"]):
         report = run(house, "-m", "vsh", "fit", str(tmp_path / words[0]), "--lmax", "1", *words[1:])
-        assert report.split("\n")[5:] == expected
+        assert report.split("\n")[6:] == expected
     assert "a table (bars, FITS, " in " ".join(run(house, "-m", "vsh", "fit", "--help").split())
     broken = tmp_path / "broken.bars"
     broken.write_text("|".join((tmp_path / "sky.bars").read_text().split("|")[:-3]))
