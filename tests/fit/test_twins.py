@@ -79,7 +79,18 @@ def test_velocity_and_bins_from_the_shell(vlba, capsys):
     assert "4 of 659 redshifts give no distance" in capsys.readouterr().err
     assert (
         redshift(
-            [str(vlba), "--bins", "0.01,0.5,1,1.5,7", "--h0", "67.4", "--on-bad", "drop", "--redshift-frame", "true"]
+            [
+                str(vlba),
+                "--bins",
+                "0.01,0.5,1,1.5,7",
+                "--h0",
+                "67.4",
+                "--on-bad",
+                "drop",
+                "--redshift-frame",
+                "true",
+                "--long",
+            ]
         )
         == 0
     )

@@ -157,15 +157,16 @@ def test_coverage(strength, n):
 @pytest.mark.parametrize("power", [0.0, 12.0])
 def test_coverage_where_errors_are_wrong_by_place(power):
     """100 skies, errors four times too small on half of each: after a robust fit and after a plain one, which covers a third."""
-    quasars, pulls = sim.quasars(1000, 7), {"plain": [], "floor": [], "robust": []}
+    quasars, pulls = sim.quasars(1000, 7), {"plain": [], "floor": [], "robust": [], "average": []}
     for seed in range(100):
         field = sim.observe(quasars, sim.systematics(power * Spectrum.flat(), seed + 500, lmax=3), seed, sigma=50.0)
         field = field.with_errors(np.where(field.lon < np.pi, field.sigma / 4, field.sigma))
         plain, robust = fit.fit_field(field, 3), fit.robust.student_t(field, 3).solution
         for name, found, shared in (
             ("plain", plain, None),
-            ("floor", plain, floor(plain)),
-            ("robust", robust, floor(robust)),
+            ("floor", plain, floor(plain, shapes=("flat",))),
+            ("robust", robust, floor(robust, shapes=("flat",))),
+            ("average", robust, floor(robust)),
         ):
             solution = found if shared is None else fit.solve(fit.background.equations_of(found), floor=shared)
             pulls[name].append([np.abs(v.value / v.sigma) for v in (solution.spin, solution.acceleration)])
@@ -173,7 +174,10 @@ def test_coverage_where_errors_are_wrong_by_place(power):
     assert inside["plain"] < 0.45
     assert 0.63 < inside["robust"] < 0.80
     assert 0.63 < inside["floor"] < 0.80
+    # The default holds shapes that are not flat, too, and is wider, as where errors are right.
+    assert inside["robust"] - 0.02 < inside["average"] < 0.84
     assert 0.92 < np.mean(np.array(pulls["robust"]) < 1.96) < 0.98
+    assert 0.92 < np.mean(np.array(pulls["average"]) < 1.96) <= 0.99
 
 
 def test_two_shapes_are_averaged_by_their_evidence(tmp_path):

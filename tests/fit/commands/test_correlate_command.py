@@ -20,7 +20,7 @@ def paths(tmp_path_factory):
 def test_two_catalogues(paths, tmp_path, capsys):
     out = tmp_path / "out"
     arguments = ["--influence", "omega_y,a_x", "--influence", "a_z", "--leakage", "4", "--frame", "galactic"]
-    assert main([*paths, *arguments, "--nside", "8", "--output", str(out)]) == 0
+    assert main([*paths, *arguments, "--nside", "8", "--long", "--output", str(out)]) == 0
     text = capsys.readouterr().out
     for words in ("upper gums, lower igql", "The direct frame solver gives the same", "depends most on the sky around",
                   "would help most around", "igql: degrees 2 to 4 left out", "of the information of a uniform sky"):  # fmt: skip
