@@ -17,17 +17,19 @@ from fit.secular_parallax._equations import (
 from fit.secular_parallax._estimate import (
     LEFT_DISPERSION,
     DistanceOptions,
+    VelocityForecast,
     by_frame,
     dispersion_of,
     flow_theory,
+    forecast_velocity,
     hubble_constant,
     modes_within,
     noted,
     observer_velocity,
     parallax_equations,
+    predict_errors,
     undeclared,
 )
-from fit.secular_parallax._forecast import VelocityForecast, forecast_velocity, predict_errors
 from fit.secular_parallax._solution import HubbleSolution, ParallaxSolution, VelocitySolution
 
 __all__ = [

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 import vsh
-from vsh.commands import citing, parsing, running
+from vsh.commands import parsing, running
 from vsh.commands.parsing import NOT_KEPT, NUMBER
 from vsh.io.tables import printed
 from vsh.tools.errors import VshError
@@ -111,7 +111,7 @@ def results_folder(options: argparse.Namespace, provenance: dict[str, Any]) -> I
         yield folder
         _copy_tables(folder, parsing.table_formats(getattr(options, "format", "")))
         (folder / parsing.NAME).write_text(repeats(options, provenance), encoding="utf-8")
-        (folder / "citation.bib").write_text(citing.bibtex(options.program, options.given) + "\n", encoding="utf-8")
+        (folder / "citation.bib").write_text(parsing.bibtex(options.program, options.given) + "\n", encoding="utf-8")
         files = {x.name: digest(x) for x in sorted(folder.iterdir())}
         mark = {"command": options.program, "files": files} | provenance
         (folder / MARK).write_text(json.dumps(mark, indent=1, default=str, ensure_ascii=False) + "\n", encoding="utf-8")

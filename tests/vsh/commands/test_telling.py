@@ -18,7 +18,7 @@ from fit.commands import compare, correlate, pairs, redshift
 from fit.commands.fit import main
 from sim.commands import simulate
 from study.commands import forecast
-from vsh.commands import citing
+from vsh.commands import parsing
 from vsh.io import catalogue
 
 
@@ -162,17 +162,17 @@ def test_citations(command, capsys):
     assert out.count("{") == out.count("}")
     assert "VERSION" not in out
     # Every entry has a title, and is there once.
-    assert out.count("\n@") + 1 == out.count("  title") == len(citing.keys(f"vsh-{command}", {}))
+    assert out.count("\n@") + 1 == out.count("  title") == len(parsing.citation_keys(f"vsh-{command}", {}))
 
 
 def test_citations_of_what_is_asked_for():
-    plain = citing.keys("vsh-redshift", {})
+    plain = parsing.citation_keys("vsh-redshift", {})
     assert "foremanmackey2013" not in plain
-    assert "foremanmackey2013" in citing.keys("vsh-redshift", {"posterior": True})
-    assert "hunter2007" in citing.keys("vsh-fit", {"output": "x"})
-    assert "hunter2007" not in citing.keys("vsh-fit", {"output": "x", "no-figures": True})
-    assert "planck2020overview" in citing.keys("vsh-sim", {"velocity": "planck"})
-    assert "gorski2005" in citing.keys("vsh-pairs", {})  # what the command itself uses, whatever is asked for
+    assert "foremanmackey2013" in parsing.citation_keys("vsh-redshift", {"posterior": True})
+    assert "hunter2007" in parsing.citation_keys("vsh-fit", {"output": "x"})
+    assert "hunter2007" not in parsing.citation_keys("vsh-fit", {"output": "x", "no-figures": True})
+    assert "planck2020overview" in parsing.citation_keys("vsh-sim", {"velocity": "planck"})
+    assert "gorski2005" in parsing.citation_keys("vsh-pairs", {})  # what the command itself uses, whatever is asked for
 
 
 class Piped:
