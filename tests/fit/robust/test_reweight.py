@@ -7,9 +7,10 @@ from conftest import few_or_many, real_catalogue
 import fit
 import sim
 from fit.robust import _reweight
-from fit.robust._reweight import Permissive, Share, StudentT
+from fit.robust._reweight import ERRORS_TOO_SMALL, Permissive, Share, StudentT
 from vsh import Field, Modes
 from vsh.io.catalogue import read_field
+from vsh.tools.notes import codes_of
 
 TRUTH = np.array([1.0, 2, 3, 0, 4, 0])
 SKY = sim.Population(*sim.plane_avoiding_sky(1500, rng=1), None)
@@ -206,3 +207,15 @@ def test_classes_of_excess_noise_have_it():
     rho = part.rho * np.prod(part.sigma, 0) / np.sqrt(np.prod(wide, 0))
     expected = fit.normal_equations(Field(part.lon, part.lat, part.motion, np.sqrt(wide), rho), 1)
     np.testing.assert_allclose(own.matrix, expected.matrix, rtol=1e-12)
+
+
+@pytest.mark.parametrize(("least", "noted"), [(0.0, True), (0.05, True), (0.3, False), (1.0, False)])
+def test_errors_that_say_nothing_of_the_scatter_are_told(least, noted):
+    """The same scatter for all sources: where many errors are far too small, so are those of the fit."""
+    rng = np.random.default_rng(3)
+    lon, lat = rng.uniform(0, 2 * np.pi, 3000), np.arcsin(rng.uniform(-1, 1, 3000))
+    sigma = 1000 * rng.uniform(least, 1, (2, 3000))
+    field = Field(lon, lat, 1000 * rng.normal(size=(2, 3000)), sigma)
+    robust = fit.robust.student_t(field, 1)
+    assert (ERRORS_TOO_SMALL in codes_of(robust.solution.notes)) == noted
+    assert ("several times too small" in fit.recommended(field, 1).solution.report()) == noted
