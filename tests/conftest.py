@@ -1,5 +1,6 @@
 """What the tests share: random fields, and real catalogues where they are at hand."""
 
+import ast
 import functools
 import gc
 import json
@@ -114,6 +115,12 @@ def nonuniform(n=3000, seed=1, uniform_errors=False, frame="galactic"):
     sigma = np.full((2, n), 300.0) if uniform_errors else 10 ** rng.uniform(2, 3, (2, n))
     rho = np.zeros(n) if uniform_errors else rng.uniform(-0.8, 0.8, n)
     return Field(quasars.lon, quasars.lat, np.zeros((2, n)), sigma, rho).to_frame(frame)
+
+
+@functools.cache
+def parsed(path):
+    """The tree of a file, which many tests look at."""
+    return ast.parse(path.read_text(encoding="utf-8"))
 
 
 def for_each(things, label=str):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
@@ -149,16 +150,13 @@ class Classes(InNotebook):
         name, _, rest = text.rpartition(":")
         if name.strip() == "halves":
             return cls.by_halves(rest.strip())
-        try:
-            edges = [float(each) for each in rest.split(",")]
-        except ValueError:
-            edges = []
-        if not name.strip() or not edges or not (np.diff(edges) > 0).all():
-            raise ParameterError(
-                "classes are COLUMN:EDGE,EDGE with edges that rise, conditions between semicolons, or halves:FRAME, "
-                f"not {text!r}"
-            )
-        return cls.by_edges(name.strip(), edges)
+        if name.strip():
+            with suppress(ValueError):  # no number, or edges that do not rise
+                return cls.by_edges(name.strip(), [float(each) for each in rest.split(",")])
+        raise ParameterError(
+            "classes are COLUMN:EDGE,EDGE with edges that rise, conditions between semicolons, or halves:FRAME, not "
+            f"{text!r}"
+        )
 
     def of(self, field: Field) -> Classes:
         """Halves of the sky as masks of the sources of a `field`; other classes as they are."""

@@ -85,9 +85,8 @@ class ClassEquations:
         """Classes whose noise is shared, from their normal equations, (K, p, K, p) and (K, p)."""
         k, low = len(rhs), np.tile(modes.degrees == 1, len(rhs))
         size = rhs.size
-        first, leverage, inner, left = _degree_one_apart(matrix.reshape(size, size), rhs.ravel(), low)
-        if first is None:
-            raise DegeneracyError("sources in common do not determine rotation and glide of all catalogues")
+        why = "sources in common do not determine rotation and glide of all catalogues"
+        first, leverage, inner, left = _degree_one_apart(matrix.reshape(size, size), rhs.ravel(), low, why)
         q = len(left) // k
         return cls(
             inner.reshape(k, q, k, q), left.reshape(k, q), first, rhs.ravel()[low], leverage.reshape(-1, k, q),
@@ -95,11 +94,11 @@ class ClassEquations:
         )  # fmt: skip
 
 
-def _degree_one_apart(matrix, rhs, low):
-    """The matrix of degree 1 (None if singular), what it takes of the rest, and N and b of the rest without it."""
+def _degree_one_apart(matrix, rhs, low, why):
+    """The matrix of degree 1, what it takes of the rest, N and b without it; DegeneracyError with `why` if singular."""
     first, across = matrix[np.ix_(low, low)], matrix[np.ix_(low, ~low)]
     if np.linalg.cond(first) > 1e12:
-        return None, None, None, None
+        raise DegeneracyError(why)
     leverage = np.linalg.solve(first, across)
     return first, leverage, matrix[np.ix_(~low, ~low)] - across.T @ leverage, rhs[~low] - leverage.T @ rhs[low]
 
@@ -126,9 +125,8 @@ def reduced(normal: NormalEquations, modes: Modes, scaled: bool = True) -> Class
     also = np.vstack([np.eye(len(at)), templates])  # EᵀNE and Eᵀb
     matrix, rhs = also @ matrix @ also.T / tau, also @ rhs / tau
     one = np.r_[modes.degrees == 1, np.zeros(len(templates), bool)]
-    first, leverage, inner, left = _degree_one_apart(matrix, rhs, one)
-    if first is None:
-        raise DegeneracyError("a class does not determine its spin and acceleration: merge it with another")
+    why = "a class does not determine its spin and acceleration: merge it with another"
+    first, leverage, inner, left = _degree_one_apart(matrix, rhs, one, why)
     return ClassEquations(
         inner[None], left[None], first, rhs[one], leverage[:, None], (float(np.sqrt(tau)),), (condition,)
     )

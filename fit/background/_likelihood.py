@@ -125,6 +125,9 @@ class Amplitudes(InNotebook):
 
     def on_tensor(self, roots: list[FloatArray]) -> FloatArray:
         """ln|K| and Q on the tensor of the `roots` of the amplitudes, (2, …)."""
+        if self._eigen is not None:
+            values, squares = (roots[0][:, None] ** 2 * each for each in self._eigen)
+            return np.array([np.log1p(values).sum(1), np.sum(squares / (1 + values), 1)])
         values = np.empty((2, *map(len, roots)))
         for index in np.ndindex(*map(len, roots)):
             amplitudes = np.array([axis[i] ** 2 for axis, i in zip(roots, index, strict=True)])

@@ -11,7 +11,6 @@ from typing import Any
 import fit
 import vsh
 from vsh.commands import parsing, reading
-from vsh.io.parts import as_parts
 from vsh.tools.errors import ModesError, NothingSelectedError, ParameterError, VshError
 
 
@@ -38,7 +37,7 @@ def shared_by(
     lmax, inside = estimate.solution.modes.lmax, 0
     method, value = parsing.method_and_value(options.method)
     if method == "clip":
-        inside = sum(as_parts(part).sum(len) for part in parts)
+        inside = sum(vsh.io.parts.as_parts(part).sum(len) for part in parts)
         parts = [fit.estimate(part, lmax, method, value).sources for part in parts]
     parts = [part.to_frame(options.frame) for part in parts]
     make = partial(estimate.equations, templates=templates)
@@ -72,8 +71,8 @@ def _class(source, path, options, label, condition):
 def _check_apart(source, path, options, classes, parts):
     """Raise ParameterError where a source is in two classes."""
     whole = _class(source, path, options, "all", " or ".join(f"({condition})" for condition in classes.conditions))
-    counts = [as_parts(part).sum(len) for part in parts]
-    total = as_parts(whole).sum(len)
+    counts = [vsh.io.parts.as_parts(part).sum(len) for part in parts]
+    total = vsh.io.parts.as_parts(whole).sum(len)
     if sum(counts) > total:
         raise ParameterError(
             f"{sum(counts) - total} sources are in more than one of the classes {'; '.join(classes.labels)}: make them "

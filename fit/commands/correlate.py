@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
+import vsh
 from vsh.commands import finishing, parsing, reading, running
 from vsh.commands.parsing import FRAME
-from vsh.io.parts import Parts
 from vsh.tools.errors import VshError
 
 
@@ -130,11 +130,11 @@ def _run(options):
 
 
 def _notes(field):
-    return next(iter(field)).notes if isinstance(field, Parts) else field.notes
+    return next(iter(field)).notes if isinstance(field, vsh.io.parts.Parts) else field.notes
 
 
 def _count(field):
-    return field.counted() if isinstance(field, Parts) else len(field)
+    return field.counted() if isinstance(field, vsh.io.parts.Parts) else len(field)
 
 
 def _answer(matrices):

@@ -13,7 +13,6 @@ import numpy as np
 import fit
 import vsh
 from vsh.commands import finishing, parsing, reading, running
-from vsh.io.parts import Parts
 from vsh.io.tables import three_digits
 from vsh.tools.errors import ConvergenceError, DegeneracyError, VshError
 from vsh.tools.notes import dropped, unselected
@@ -302,7 +301,7 @@ def _run(options):
             "distances or parallaxes are known. "
             f"The table has {', '.join(source.names)}"
         )
-    stated = next(iter(whole)).redshift_frame if isinstance(whole, Parts) else whole.redshift_frame
+    stated = next(iter(whole)).redshift_frame if isinstance(whole, vsh.io.parts.Parts) else whole.redshift_frame
     frame = options.redshift_frame or stated or "not known"
     lines = [
         f"redshifts       {frame}" + ("" if frame in ("true", "not known") else ", taken to the microwave background")
@@ -310,7 +309,7 @@ def _run(options):
     if options.redshift_frame and stated and stated != options.redshift_frame:
         lines.append(f"warning         the table says that its redshifts are {stated}; --redshift-frame prevails")
     counts = {}
-    if not isinstance(whole, Parts):
+    if not isinstance(whole, vsh.io.parts.Parts):
         refused = dropped(whole.notes)
         counts = {"rows": len(whole) + refused + unselected(whole.notes), "rows_read": len(whole)}
     if options.clip:
@@ -333,7 +332,7 @@ def _run(options):
     if options.h0 or options.velocity or options.posterior:
         field = whole
         step = partial(with_redshift, redshift_frame=options.redshift_frame, missing_only=options.on_bad != "drop")
-        field = whole.map(step) if isinstance(whole, Parts) else step(whole)
+        field = whole.map(step) if isinstance(whole, vsh.io.parts.Parts) else step(whole)
         _ask_for_frame(field, options, common, source.label)
     if options.h0:
         results["velocity"] = observer_velocity(field, options.h0, **common)
@@ -359,7 +358,7 @@ def _run(options):
         finishing.RunResult(
             text,
             lambda: _tables(results, truth),
-            () if isinstance(whole, Parts) else whole.notes,
+            () if isinstance(whole, vsh.io.parts.Parts) else whole.notes,
             answer=_answer(results),
         ),
         provenance=lambda: running.provenance(options.catalogue, options, **counts),

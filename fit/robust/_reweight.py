@@ -387,20 +387,20 @@ def _with_errors(sky, plain, solution, share, name, rounds, power):
         f"{inflation:.2f} times those of the catalogue; most downweighted: "
         f"{', '.join(f'{label} ({u / most:.2g})' for u, label in facts['least'].few)}"
     )
-    notes = (*plain.notes, note)
+    warnings = []
     if share.weight.nu is not None and share.weight.nu < _LEAST_NU:
         words = (
             f"warning: ν = {share.weight.nu:.2g}: many of the errors quoted are several times too small for the "
             "scatter of the motions, and those of this fit may be; fit with a noise beside them (excess-noise)"
         )
-        notes = (*plain.notes, CodedNote(words, ERRORS_TOO_SMALL), note)
+        warnings.append(CodedNote(words, ERRORS_TOO_SMALL))
     solution = replace(
         solution,
         covariance=covariance,
         formal_covariance=solution.covariance,
         chi2=facts["chi2"],
         n_data=plain.n_data,
-        notes=notes,
+        notes=(*plain.notes, *warnings, note),
         errors_from="the residuals of the robust fit, source by source",
         error_source=ErrorSource.RESIDUALS,
     )

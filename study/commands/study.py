@@ -5,8 +5,8 @@ import shutil
 from functools import partial
 from pathlib import Path
 
+import vsh
 from vsh.commands import finishing, parsing, reading, running
-from vsh.io import tables
 from vsh.tools.files import atomic_write
 from vsh.tools.notes import dropped
 
@@ -90,7 +90,7 @@ def _gaia(options):
     finishing.print_result(
         options,
         finishing.RunResult(
-            text, lambda: {path.stem: tables.read_table(path) for path in written}, sources.field.notes
+            text, lambda: {path.stem: vsh.io.tables.read_table(path) for path in written}, sources.field.notes
         ),
     )
     finishing.print_line(options, running.written(options.output, (x.name for x in Path(options.output).iterdir())))

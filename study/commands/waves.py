@@ -12,7 +12,6 @@ import numpy as np
 
 import vsh
 from vsh.commands import finishing, parsing, reading, running
-from vsh.io import tables
 from vsh.io.archive import DR4
 from vsh.sky.frames import rotation_matrix
 from vsh.sky.sphere import triad
@@ -219,7 +218,7 @@ def _away(observations, law):
 
 def _tabulated(path, kind):
     """The columns of Gaia's commanded_scan_law, or time [Julian years] in place of its days."""
-    opened = tables.open_table(path)
+    opened = vsh.io.tables.open_table(path)
     names = ("ra_fov1", "dec_fov1", "ra_fov2", "dec_fov2")
     time = next((name for name in ("jd_time", "time") if name in opened.names), None)
     missing = [name for name in names if name not in opened.names] + ([] if time else ["jd_time"])

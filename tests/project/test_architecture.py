@@ -13,7 +13,7 @@ import sys
 from configparser import ConfigParser
 from fnmatch import fnmatch
 
-from conftest import ROOT, for_each
+from conftest import ROOT, for_each, parsed
 
 MAY_IMPORT = {"vsh": {"vsh"}, "sim": {"sim", "vsh"}, "fit": {"fit", "vsh"}, "study": {"study", "sim", "fit", "vsh"}}
 FILES = sorted(path for package in MAY_IMPORT for path in (ROOT / package).rglob("*.py"))
@@ -59,12 +59,6 @@ def module(path):
 
 
 MODULES = {module(path): path for path in FILES}
-
-
-@functools.cache
-def parsed(path):
-    """The tree of a file."""
-    return ast.parse(path.read_text(encoding="utf-8"))
 
 
 @functools.cache

@@ -1,12 +1,11 @@
 """Every public signature is typed; the docstring of a promised name has every argument, in one form; the rest has a line."""
 
 import ast
-import functools
 import importlib
 import inspect
 import re
 
-from conftest import ROOT, for_each
+from conftest import ROOT, for_each, parsed
 
 FILES = [path for package in ("vsh", "sim", "fit", "study") for path in sorted((ROOT / package).rglob("*.py"))]
 
@@ -61,12 +60,6 @@ PROMISED: dict = {}
 for _folder, _names in faces():
     PROMISED[_folder] = PROMISED.get(_folder, set()) | _names
 ENTRY = re.compile(r"^([*\w][\w, *]*?)(?: : .*)?$")
-
-
-@functools.cache
-def parsed(path):
-    """The tree of a file, which every test looks at."""
-    return ast.parse(path.read_text(encoding="utf-8"))
 
 
 def public(path):

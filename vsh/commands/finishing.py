@@ -22,7 +22,6 @@ import numpy as np
 import vsh
 from vsh.commands import parsing, running
 from vsh.commands.parsing import NOT_KEPT, NUMBER
-from vsh.io.tables import printed
 from vsh.tools.errors import VshError
 from vsh.tools.files import UNFINISHED, as_recorded, atomic_folder, check_not_read, digest, is_ours
 from vsh.tools.formats import is_address
@@ -374,7 +373,7 @@ def as_latex(table: Table, caption: str = "") -> str:
     from astropy.io import ascii
     from astropy.table import Table
 
-    heads, rows = printed(table[[name for name in table.colnames if not name.startswith("correlation_")]])
+    heads, rows = vsh.io.tables.printed(table[[name for name in table.colnames if not name.startswith("correlation_")]])
     whole = ": ".join(each for each in (caption, str(table.meta.get("summary", ""))) if each)
     form = {"tabletype": "table", "header_start": r"\toprule", "header_end": r"\midrule", "data_end": r"\bottomrule"}
     form |= {"col_align": "l" + "c" * (len(heads) - 1)}

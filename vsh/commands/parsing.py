@@ -14,7 +14,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Any, NoReturn, Protocol
+from typing import Any, NoReturn
 
 import vsh
 from vsh.commands import COMMANDS
@@ -431,13 +431,6 @@ def _quoted(text):
 
 
 _NEGATIVE = re.compile(r"-[\d.]")
-
-
-class Words(Protocol):
-    """The module of a command; its `check(parser, options)` refuses options that contradict each other."""
-
-    def make_parser(self) -> argparse.ArgumentParser:
-        """The parser of its options."""
 
 
 def parse(module: Any, arguments: Sequence[str] | None = None) -> argparse.Namespace:

@@ -1,6 +1,5 @@
 """The help of every command ends with three examples that are understood, and that run."""
 
-import importlib
 import os
 import re
 import shlex
@@ -12,6 +11,7 @@ import pytest
 from conftest import DATA, ROOT
 
 import sim
+from vsh.__main__ import module_of
 from vsh.commands import COMMANDS, parsing
 from vsh.io.astrometry import write_astrometry
 
@@ -24,10 +24,6 @@ def examples(command):
     assert lines[-1] == f"more of it: docs/commands/vsh-{command}.md"
     assert (ROOT / "docs" / "commands" / f"vsh-{command}.md").exists()
     return [line.strip() for line in lines if line.startswith("  vsh-")]
-
-
-def module_of(command):
-    return importlib.import_module(MODULES[command])
 
 
 @pytest.mark.parametrize("command", MODULES)

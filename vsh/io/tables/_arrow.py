@@ -265,8 +265,10 @@ class NotPlain(Exception):
 _CSV_BLOCK = 2**24
 #: From here on a double does not tell neighbouring integers apart.
 _EXACT = 2.0**53
-#: Longer fields are refused, and longer lines, by the reader that says where they stand. [characters]
-_LONG = 1000
+#: A field that is wanted is a number or a name. [characters]
+FIELD = 1000
+#: What stands for a missing value; Gaia's archive writes null.
+NULLS = ("", "null", "NULL")
 
 
 def csv_blocks(
@@ -292,7 +294,7 @@ def csv_blocks(
             while True:
                 file = files.enter_context(closing(_Plain(opened(), layout.delimiter)))
                 convert = csv.ConvertOptions(
-                    include_columns=list(wanted), null_values=["", "null", "NULL"], true_values=[], false_values=[],
+                    include_columns=list(wanted), null_values=list(NULLS), true_values=[], false_values=[],
                     column_types=numbers | dict.fromkeys(text, pa.string()),
                 )  # fmt: skip
                 form = csv.ReadOptions(column_names=layout.names, skip_rows=layout.skip, block_size=_CSV_BLOCK)
@@ -347,7 +349,7 @@ def _as_arrays(table, pa):
         column = table.column(name)
         if pa.types.is_string(column.type):
             values = column.to_numpy().astype(str)
-            if values.dtype.itemsize > 4 * _LONG:
+            if values.dtype.itemsize > 4 * FIELD:
                 raise NotPlain
             out[name] = values
             continue

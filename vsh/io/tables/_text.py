@@ -23,7 +23,7 @@ from operator import itemgetter
 
 import numpy as np
 
-from vsh.io.tables._arrow import NotPlain, csv_blocks
+from vsh.io.tables._arrow import FIELD, NULLS, NotPlain, csv_blocks
 from vsh.io.tables._source import DAMAGE, TableSource, open_other, unpacked
 from vsh.tools.errors import TableError, first_line
 from vsh.tools.printing import printable
@@ -239,10 +239,6 @@ def _with_comma(layout, rows):
 LINE = 2**22
 #: Files of fewer bytes are read before pyarrow is imported.
 LARGE = 2**22
-#: A field that is wanted is a number or a name. [characters]
-FIELD = 1000
-#: What stands for a missing value; Gaia's archive writes null.
-NULLS = ("", "null", "NULL")
 _INTEGERS = {f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)}
 
 
