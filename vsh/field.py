@@ -423,6 +423,14 @@ class Weighed(Frozen):
         """The trace of each source's inverse covariance, (n,): its weight in sums. [(yr/µas)²]"""
         return self.weights[: self.components].sum(0)
 
+    @property
+    def log_determinants(self) -> FloatArray:
+        """ln of the determinant of each source's covariance, (n,)."""
+        if self.components == 1:
+            return -np.log(self.weights[0])
+        a, b, c = self.weights
+        return -np.log(a * b) - np.log1p(-(c**2) / (a * b))
+
 
 def weighed(weights: FloatArray, values: FloatArray) -> FloatArray:
     """W x of each source."""

@@ -312,7 +312,7 @@ class ExcessNoise(AboutSolution):
         field, modes, templates
             As for `Reweighted.equations`.
         """
-        enlarged = as_parts(field).map(_Enlarged(self.excess_noise**2, self.scale**2))
+        enlarged = as_parts(field).map(Enlarged(self.excess_noise**2, self.scale**2))
         return normal_equations(enlarged, as_modes(modes), templates=templates)
 
 
@@ -396,13 +396,15 @@ def _scores(field, solution):
 
 
 @dataclass(frozen=True)
-class _Enlarged:
+class Enlarged:
     """A step: the field with errors f² C + s² I."""
 
     noise: float
     factor: float
 
     def __call__(self, field):
+        if isinstance(field, ScalarField):
+            return field.with_errors(np.sqrt(self.factor * field.sigma**2 + self.noise))
         (s1, s2), rho = field.sigma, field.rho
         sigma = np.sqrt(self.factor * field.sigma**2 + self.noise)
         return field.with_errors(sigma, self.factor * rho * s1 * s2 / (sigma[0] * sigma[1]))
@@ -418,13 +420,12 @@ def _sums(field, enlarged, modes):
     a, b, c = field.weights
     # 1 − s² W, the share of the catalogue's own errors: from sums of W it would be lost to rounding where s is large.
     own = np.stack([1 - enlarged.noise * a, 1 - enlarged.noise * b, -enlarged.noise * c])
-    (s1, s2), rho = field.sigma, field.rho
     squared = np.stack([a * a + c * c, b * b + c * c, c * (a + b)])
     # C⁻¹ ∂C: W for s², (1 − s² W)/f² for f². Their products' traces are the expected information.
     return {
         "normal": normal_equations(field, modes),
         "squared": weighted_sums(field, squared, modes),
-        "logdet": float(np.sum(2 * np.log(s1 * s2) + np.log1p(-(rho**2)))),
+        "logdet": float(field.log_determinants.sum()),
         "trace": float(np.sum(a + b)),
         "trace of squares": float(np.sum(squared[0] + squared[1])),
         "cross": float(np.sum(a * own[0] + b * own[1] + 2 * c * own[2])),
@@ -444,7 +445,7 @@ class _Restricted:
 
     def enlarged(self, parameters):
         """The step to the field with errors f² C + s² I."""
-        return _Enlarged(float(parameters[0]) * self.unit**2, float(parameters[1]) if self.scale else 1.0)
+        return Enlarged(float(parameters[0]) * self.unit**2, float(parameters[1]) if self.scale else 1.0)
 
     def sums(self, parameters):
         """Those over all sources, kept for whoever asks for the same again."""

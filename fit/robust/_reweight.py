@@ -20,6 +20,7 @@ from fit.normal import NormalEquations, Template, normal_equations, template_fie
 from fit.normal.sums import sandwich
 from fit.results.quality import ErrorSource
 from fit.results.solution import AboutSolution, Solution
+from fit.robust._clip import Enlarged
 from fit.solving import solve
 from vsh.field import Field, Weighed
 from vsh.io.parts import Parts, as_parts
@@ -156,14 +157,19 @@ def _log_terms(field, share):
     return step * len(x2), step * np.array([np.log1p(x2 / nu).sum() for nu in nus])
 
 
+def _log_t(nu, components, mean_log):
+    """The mean of ln of the t density of k components, (1 + X²/ν)^{−(ν+k)/2} with its constant, from ⟨ln(1 + X²/ν)⟩."""
+    constant = gammaln((nu + components) / 2) - gammaln(nu / 2) - components / 2 * np.log(nu)
+    return constant - (nu + components) / 2 * mean_log
+
+
 def _likeliest_nu(mean_logs, components):
-    """ν of the t distribution of k components, p(X²) ∝ (1 + X²/ν)^{−(ν+k)/2}, that makes the X² likeliest."""
+    """The ν that makes the X² likeliest."""
     terms = chebyshev.chebfit(_NODES, mean_logs, len(_NODES) - 1)
 
     def loss(log_nu):
-        nu = np.exp(log_nu)
-        constant = gammaln((nu + components) / 2) - gammaln(nu / 2) - components / 2 * np.log(nu)
-        return -(constant - (nu + components) / 2 * chebyshev.chebval(2 * (log_nu - _LOW) / (_HIGH - _LOW) - 1, terms))
+        mean_log = chebyshev.chebval(2 * (log_nu - _LOW) / (_HIGH - _LOW) - 1, terms)
+        return -_log_t(np.exp(log_nu), components, mean_log)
 
     from scipy.optimize import minimize_scalar  # slow to import
 
@@ -197,6 +203,11 @@ class Reweighted(AboutSolution):
         Degrees of freedom of the Student-t distribution.
     share : callable
         Computes the weights of any of its sources from their residuals.
+    noise : float
+        Standard deviation that was added in quadrature to every error before. [µas/yr]
+    log_likelihood : float
+        ln of the likelihood of a Student-t fit at its maximum, up to a constant that depends on the number of sources
+        alone; nan of the permissive fit.
     """
 
     solution: Solution
@@ -206,6 +217,8 @@ class Reweighted(AboutSolution):
     effective: float
     nu: float | None = None
     share: Share | None = None
+    noise: float = 0.0
+    log_likelihood: float = np.nan
 
     def equations(
         self, field: Field | Parts, modes: Modes | int, *, templates: Sequence[Template] = ()
@@ -233,7 +246,7 @@ class Reweighted(AboutSolution):
         solution Newton's step from that of all sources: weights that are taken about the fit of all sources draw the
         values of a class towards it, by a third where ν = 1.6.
         """
-        modes, sky = as_modes(modes, type(self.solution.modes)), as_parts(field, Weighed)
+        modes, sky = as_modes(modes, type(self.solution.modes)), _with_noise(field, self.noise)
         words = "weights of the classes"
         sums = sky.sum(partial(_class_sums, share=self.share), roles=(), words=words)
         factor = sums["u"] * sums["ψ²"] / (modes.components * sums["ψ'"] ** 2)
@@ -262,6 +275,7 @@ class Reweighted(AboutSolution):
     nu=arguments.positive,
     tolerance=arguments.positive,
     max_rounds=arguments.whole,
+    noise=arguments.not_negative,
 )
 def student_t(
     field: Field | ScalarField | Parts,
@@ -270,6 +284,7 @@ def student_t(
     nu: float | None = None,
     tolerance: float = 1e-4,
     max_rounds: int = 500,
+    noise: float = 0.0,
 ) -> Reweighted:
     """Fit with a Student-t likelihood of each source's residual, both components of a motion together.
 
@@ -285,13 +300,15 @@ def student_t(
         The fit has settled when no coefficient moves by so much of its error.
     max_rounds : int
         Largest number of rounds.
+    noise : float
+        Standard deviation to add in quadrature to every error before the fit, such as that of `excess_noise`. [µas/yr]
 
     Raises
     ------
     ConvergenceError
         If the weights have not settled.
     ParameterError
-        If nu, tolerance or max_rounds is not positive.
+        If nu, tolerance or max_rounds is not positive, or the noise negative.
 
     Notes
     -----
@@ -300,11 +317,13 @@ def student_t(
     sandwich, source by source: right for symmetric errors of any distribution at any place (pulls within 5 % at degree
     6 on 400 sources, and with errors 5 times too small on half the sky), not for errors that neighbours share, and not
     where errors say nothing of the scatter: with the same scatter for all, pulls are 1.08 for errors from 0.2 to 1 of
-    it (ν = 1.7), 1.5 from 0.05 (ν = 1.05), 6 from 0 (ν = .8). Where ν is below 1.3 a note says so.
+    it (ν = 1.7), 1.5 from 0.05 (ν = 1.05), 6 from 0 (ν = .8). Where ν is below 1.3 a note says so; `fit.recommended`
+    then adds an excess noise.
     """
-    modes, sky = modes_for(field, modes), as_parts(field, Weighed)
+    modes, sky = modes_for(field, modes), _with_noise(field, noise)
     weight = StudentT(4.0 if nu is None else nu, estimated=nu is None, components=modes.components)
-    return _reweighted(sky, modes, weight, "Student-t", tolerance, max_rounds, 0.75)
+    fitted = _reweighted(sky, modes, weight, "Student-t", tolerance, max_rounds, 0.75)
+    return replace(fitted, noise=float(noise), log_likelihood=_log_likelihood(sky, fitted.share))
 
 
 @logged("permissive")
@@ -407,6 +426,24 @@ def _with_errors(sky, plain, solution, share, name, rounds, power):
     weights = None if sky.in_memory is None else share(sky.in_memory)[1]
     share.last.clear()
     return Reweighted(solution, weights, rounds, inflation, float(effective), share.weight.nu, share)
+
+
+def _with_noise(field, noise):
+    """The sources in parts, with a noise in their errors."""
+    sky = as_parts(field, Weighed)
+    return sky.map(Enlarged(float(noise) ** 2, 1.0)) if noise else sky
+
+
+def _log_likelihood(sky, share):
+    """ln of the likelihood of a Student-t fit."""
+    sums = sky.sum(partial(_likelihood_terms, share=share), roles=(), words="Student-t, likelihood")
+    mean = _log_t(share.weight.nu, share.weight.components, sums["log"] / sums["sources"])
+    return float(sums["sources"] * mean - sums["logdet"] / 2)
+
+
+def _likelihood_terms(field, share):
+    logs = np.log1p(share(field)[0] / share.weight.nu)
+    return {"log": float(logs.sum()), "logdet": float(field.log_determinants.sum()), "sources": len(field)}
 
 
 def _plain(field, modes):

@@ -218,4 +218,47 @@ def test_errors_that_say_nothing_of_the_scatter_are_told(least, noted):
     field = Field(lon, lat, 1000 * rng.normal(size=(2, 3000)), sigma)
     robust = fit.robust.student_t(field, 1)
     assert (ERRORS_TOO_SMALL in codes_of(robust.solution.notes)) == noted
-    assert ("several times too small" in fit.recommended(field, 1).solution.report()) == noted
+    recommended = fit.recommended(field, 1)
+    assert ("an excess noise of" in recommended.solution.report()) == noted
+    assert (recommended.weights.noise > 0) == noted
+
+
+def _too_small(rng, kind, n):
+    """Scatters and quoted errors of sources: errors that say little of the scatter, and heavy tails that are real."""
+    if kind == "uniform":
+        return np.ones(n), rng.uniform(0, 1, n)
+    if kind == "outliers":
+        return np.where(rng.uniform(size=n) < 0.05, 20, 1), rng.uniform(0, 1, n)
+    if kind == "a half":
+        return np.ones(n), np.where(rng.uniform(size=n) < 0.5, 1, 0.02)
+    return 1 / np.abs(rng.normal(size=n)), np.ones(n)  # Cauchy, with errors that are right
+
+
+@pytest.mark.parametrize(
+    "kind", ["uniform", *(pytest.param(kind, marks=pytest.mark.slow) for kind in ("outliers", "a half", "Cauchy"))]
+)
+def test_recommended_covers_zero_where_errors_are_far_too_small(kind):
+    pulls, noises = [], []
+    for seed in range(6):
+        rng = np.random.default_rng(seed)
+        lon, lat = rng.uniform(0, 2 * np.pi, 2000), np.arcsin(rng.uniform(-1, 1, 2000))
+        scatter, sigma = _too_small(rng, kind, 2000)
+        field = Field(lon, lat, scatter * rng.normal(size=(2, 2000)), sigma * np.ones((2, 1)))
+        fitted = fit.recommended(field, 2)  # below the degree from which a floor covers more
+        pulls += [*(fitted.solution.values / fitted.solution.sigma)]
+        noises.append(fitted.weights.noise)
+    assert np.sqrt(np.mean(np.square(pulls))) < 1.2  # 96 pulls: 1 ± .07; those of Student's t alone are 1.5 and more
+    assert all(noise == 0 for noise in noises) if kind == "Cauchy" else all(0.3 < noise < 2 for noise in noises)
+
+
+def test_noise_of_student_t_is_added_in_quadrature():
+    field = spoilt(2, share=0.1, factor=5.0)
+    wide = np.hypot(field.sigma, 30.0)
+    rho = field.rho * np.prod(field.sigma, 0) / np.prod(wide, 0)
+    one = fit.robust.student_t(field, 1, noise=30.0)
+    two = fit.robust.student_t(Field(field.lon, field.lat, field.motion, wide, rho), 1)
+    np.testing.assert_allclose(one.solution.values, two.solution.values, rtol=1e-9)
+    np.testing.assert_allclose(one.log_likelihood, two.log_likelihood, rtol=1e-12)
+    np.testing.assert_allclose(
+        one.equations(field, 1).matrix, two.equations(field.with_errors(wide, rho), 1).matrix, rtol=1e-9
+    )
