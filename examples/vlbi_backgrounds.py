@@ -15,6 +15,7 @@ beforehand, as Jaraba et al. 2023 have it: 0.024), and degree 3 is wanted.
 """
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import matplotlib.pyplot as plt
@@ -43,7 +44,7 @@ print(solution.report(source=Path(sys.argv[1]).name))
 # Gravitational waves longer than the observations move sources in degree 2. The scale of the errors is marginalised; the
 # three limits differ by what they take for equally likely.
 limit = wave_limit(fit.normal_equations(field, 2))
-print(limit.report(years=22.6))
+print(replace(limit, years=22.6).report())
 limit.plot()
 plt.savefig("vlbi_waves.png", dpi=300)
 

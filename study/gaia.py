@@ -32,6 +32,7 @@ from vsh.figures.plot import (
 from vsh.io import tables
 from vsh.io.archive import DR3, DR4
 from vsh.io.catalogue import Columns, missing_column, read_field
+from vsh.io.sections import Section
 from vsh.sky.pixels import pixels_of
 from vsh.tools.arguments import generator
 from vsh.tools.errors import DegeneracyError, TableError, VshError
@@ -469,7 +470,7 @@ def write_gaia(
         source=study.sources.label,
         provenance=dict(provenance or {}),
         title="The acceleration of the Solar System from Gaia's quasars",
-        sections={_HEADINGS[name]: table for name, table in made.items()},
+        sections=[Section(_HEADINGS[name], (), table) for name, table in made.items()],
         captions=CAPTIONS,
         skies=[
             Shown("degree 3, errors from the bootstrap", five, main.solution.coefficients, main.resampled.covariance)

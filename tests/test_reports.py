@@ -109,7 +109,7 @@ def test_the_answer_of_waves_in_time():
         np.array([0.5, 1.0, 2.0]), np.array([4.0, 90.0, 5.0]), zero, zero, zero, limits, np.array([0.5, 1e-9, 0.4]),
         1e-3, zero, 999, 400, (2, 3),
     )  # fmt: skip
-    (_, wave), (_, strain) = spectrum.answer
+    (_, wave), (_, strain) = spectrum.answer.lines
     assert wave.startswith("detected at 3 frequencies")
     assert wave.endswith("the largest at 1 per year")
     assert strain.startswith("< 2.4e-10 to 2.4e-10")

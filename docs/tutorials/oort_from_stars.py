@@ -48,7 +48,7 @@ stars = Field(
 # The fit needs no cut in parallax: the mean of 1/d given the parallax, negative ones among them, stands in its place, with the scale length that the
 # catalogue itself has. A cut would choose stars by their errors, and bias.
 solution = fit.kinematics(stars)
-print(solution.report("simulated stars"))
+print(solution.report())
 
 # %%
 # Along the plane, A and B are a wave and an offset in longitude: µ_l = (A cos 2l + B)/4.74 beyond what our own motion adds.

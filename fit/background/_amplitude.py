@@ -29,11 +29,11 @@ from fit.normal import NormalEquations
 from fit.results.solution import HarmonicSolution
 from fit.results.storage import Result
 from vsh.io import tables
+from vsh.io.sections import Section
 from vsh.models.covariance import Spectrum
 from vsh.tools.arguments import between, choice
 from vsh.tools.errors import ModesError
 from vsh.tools.notebook import Frozen
-from vsh.tools.notes import note_lines
 from vsh.tools.parallel import blas_for
 from vsh.tools.types import ArrayLike, Axes, FloatArray, Table
 
@@ -253,22 +253,14 @@ class Background(Result):
         """Standard error of each amplitude, (k,)."""
         return np.sqrt(np.diag(self.covariance))
 
-    def report(self) -> str:
-        """The amplitudes as text."""
-        wide = max(len(name) for name in self.names) + 2
-        lines = [
-            f"Backgrounds in degrees {words_of(self.degrees)} of {self.n_data // 2} sources"
-            + (f", degrees {words_of(self.free)} fitted freely" if self.free else ""),
-            f"{'':{wide}}{'amplitude':>24}{'68 %':>24}",
-        ]
-        for name, value, error, (low, high) in zip(
-            self.names, self.amplitudes, self.sigma, self.intervals, strict=True
-        ):
-            lines.append(f"{name:{wide}}{f'{value:.4g} ± {error:.2g}':>24}{f'{low:.4g} … {high:.4g}':>24}")
+    def _sections(self, long):
+        free = f"; degrees {words_of(self.free)} fitted freely" if self.free else ""
+        facts = [("degrees", words_of(self.degrees) + free), ("sources", f"{self.n_data // 2}")]
         if self.noise_scale_error:
-            lines.append(f"scale of the errors   {self.noise_scale:.4f} ± {self.noise_scale_error:.4f}")
-        lines.append(f"relative to no background: ln L {self.log_likelihood:+.2f}, ln Z {self.log_evidence:+.2f}")
-        return "\n".join([*lines, *note_lines(self.notes)]) + "\n"
+            facts.append(("errors", f"scaled by {self.noise_scale:.4f} ± {self.noise_scale_error:.4f}"))
+        relative = f"relative to no background: ln L {self.log_likelihood:+.2f}, ln Z {self.log_evidence:+.2f}"
+        facts.append(("evidence", relative))
+        return (Section("Amplitudes of the backgrounds", facts, self.to_table(), notes=self.notes),)
 
     def to_table(self) -> Table:
         """A row for each spectrum as an astropy Table."""

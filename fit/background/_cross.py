@@ -9,6 +9,7 @@ from fit.normal import TemplateField
 from fit.results.solution import HarmonicSolution
 from fit.results.storage import Result
 from vsh.io import tables
+from vsh.io.sections import Section
 from vsh.models.covariance import Spectrum
 from vsh.tools.arguments import explained
 from vsh.tools.errors import ParameterError
@@ -46,19 +47,15 @@ class CrossPowers(Result):
     def __repr__(self) -> str:
         return f"<CrossPowers: {len(set(self.templates))} templates, degrees to {int(max(self.degrees))}>"
 
-    def report(self) -> str:
-        """The projections as text."""
-        lines = [
-            f"{'Along each template, by degree':44}{'µas/yr, rms':>14}{'±':>9}{'± with floor':>14}{'in errors':>11}"
+    def _sections(self, long):
+        seen = (np.abs(self.values) > _SEEN * self.errors_with_floor) & (self.degrees > 1)
+        pairs = zip(self.templates, self.degrees, seen, strict=True)
+        listed = ", ".join(f"{name} (l = {l:.0f})" for name, l, is_seen in pairs if is_seen)
+        remarks = [
+            f"More than three errors with the floor: {listed or 'none'}. Degree 1 contains spin and acceleration "
+            "themselves and is not judged."
         ]
-        rows = zip(self.templates, self.degrees, self.values, self.errors, self.errors_with_floor, strict=True)
-        for name, l, value, error, wide in rows:
-            mark = " *" if abs(value) > _SEEN * wide and l > 1 else ""
-            lines.append(
-                f"{name:38}{f'l = {l:.0f}':>6}{value:>+14.3f}{error:>9.3f}{wide:>14.3f}{value / wide:>+11.1f}{mark}"
-            )
-        lines.append("* more than three errors; degree 1 holds spin and acceleration themselves, and is not judged")
-        return "\n".join(lines) + "\n"
+        return (Section("Motions along each template, by degree (rms)", (), self.to_table(), remarks=remarks),)
 
     def to_table(self) -> Table:
         """A row for each template and degree as an astropy Table."""

@@ -21,6 +21,7 @@ from fit.normal import NormalEquations
 from fit.results.solution import HarmonicSolution
 from fit.results.storage import Result
 from vsh.io import tables
+from vsh.io.sections import Section
 from vsh.models.covariance import Spectrum
 from vsh.tools.arguments import a, number, positive
 from vsh.tools.errors import ParameterError
@@ -126,19 +127,12 @@ class Comparison(Result):
         """The probability of each model, where all are equally likely beforehand, (n,)."""
         return np.exp(self.log_evidence - logsumexp(self.log_evidence))
 
-    def report(self) -> str:
-        """The models with their evidences as text, the best first."""
-        wide = max(len(name) for name in self.names) + 2
-        lines = [f"{'model':{wide}}{'ln Z':>10}{'less the best':>16}{'probability':>14}"]
-        for i in np.argsort(-self.log_evidence, kind="stable"):
-            below = self.log_evidence[i] - self.log_evidence.max()
-            lines.append(
-                f"{self.names[i]:{wide}}{self.log_evidence[i]:>10.2f}{below:>16.2f}{self.probability[i]:>14.3g}"
-            )
-        lines.append(
-            "probabilities: of these models alone, all equally likely beforehand; ln Z depends on the assumed power"
-        )
-        return "\n".join(lines) + "\n"
+    def _sections(self, long):
+        order = np.argsort(-self.log_evidence, kind="stable").tolist()
+        remarks = [
+            "Probabilities are of these models alone, all equally likely beforehand; ln Z depends on the assumed power."
+        ]
+        return (Section("Models by their evidence", (), self.to_table(), rows=order, remarks=remarks),)
 
     def to_table(self) -> Table:
         """A row for each model as an astropy Table."""

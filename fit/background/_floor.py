@@ -25,6 +25,7 @@ from fit.results.quality import ErrorSource
 from fit.results.solution import HarmonicSolution
 from fit.results.storage import Result
 from vsh.io import tables
+from vsh.io.sections import Section
 from vsh.models.covariance import LINDEGREN_2021, Spectrum
 from vsh.modes import Modes
 from vsh.tools.arguments import explained
@@ -173,34 +174,23 @@ class Floor(Result):
         low, high = np.asarray(self.probability or (1.0,)) @ np.array(ends)
         return float(low), float(high)
 
-    def report(self) -> str:
-        """The floor as text."""
-        lines = [
-            (
-                f"Errors that sources share, from the power of degrees {words_of(self.degrees)} ({self.n_data // 2} "
-                "sources)"
-            ),
-            f"{'':12}{'power of a mode [(µas/yr)²]':>34}{'68 %':>22}{'floor [µas/yr]':>18}",
+    def _sections(self, long):
+        facts = [
+            ("estimated from", f"the power of degrees {words_of(self.degrees)} of {self.n_data // 2} sources"),
+            ("parities", f"differ with a p-value of {self.parity_p_value:.3g}; ln L gains {self.log_likelihood:.2f}"),
         ]
-        for name, value, interval, error in self._rows():
-            low, high = interval
-            lines.append(f"{name:14}{value:>32.4g}{f'{low:.4g} … {high:.4g}':>22}{error:>18.3f}")
-        lines.append(
-            f"the two parities differ with a p-value of {self.parity_p_value:.3g}; ln L gains {self.log_likelihood:.2f}"
-        )
-        if self.parts:
-            lines.append("the floor is of the mean power over its posterior, averaged over the spectra:")
-            for part, p in zip(self.parts, self.probability, strict=True):
-                errors = f"spin ± {part.spin_error:.3g}, acceleration ± {part.acceleration_error:.3g} µas/yr"
-                lines.append(f"spectrum {part.shape:10}{100 * p:>4.0f} %: {errors}")
-        else:
-            lines.append(
-                "a spectrum that rises towards degree 1, as Gaia EDR3's published one does, makes the floor too small:"
-                " true errors are then 1.2, 1.5, 1.8 times those with it from degree 3, 7, 10"
-            )
+        for part, p in zip(self.parts, self.probability, strict=True) if self.parts else ():
+            errors = f"spin ± {part.spin_error:.3g}, acceleration ± {part.acceleration_error:.3g} µas/yr"
+            facts.append((f"spectrum {part.shape}", f"{100 * p:.0f} %: {errors}"))
         if self.noise_scale != 1:
-            lines.append(f"the catalogue's errors were scaled by {self.noise_scale:.4f} along with it")
-        return "\n".join(lines) + "\n"
+            facts.append(("errors", f"the catalogue's, scaled by {self.noise_scale:.4f} in the same fit"))
+        remark = (
+            "The floor is the mean over the posterior of the power, averaged over the spectra."
+            if self.parts
+            else "A spectrum that rises towards degree 1, as the published one of Gaia EDR3 does, makes the floor too "
+            "small: true errors are then 1.2, 1.5, 1.8 times those with the floor from degree 3, 7, 10."
+        )
+        return (Section("Systematic floor", facts, self.to_table(), remarks=[remark]),)
 
     def to_table(self) -> Table:
         """A row for each parity as an astropy Table."""

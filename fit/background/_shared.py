@@ -23,16 +23,17 @@ from fit.background._blocks import EFFECTIVE, ClassEquations, Lot, condition_of,
 from fit.background._floor import SHAPES, usual_shapes
 from fit.background._likelihood import equations_of, is_scaled, words_of
 from fit.normal import NormalEquations, eliminated
+from fit.results.output import components
 from fit.results.quality import ErrorSource, gls
 from fit.results.solution import HarmonicSolution, Solution
 from fit.results.storage import Result
 from vsh.coefficients import Coefficients
 from vsh.io import tables
+from vsh.io.sections import Section
 from vsh.models.covariance import Spectrum
 from vsh.modes import Modes
 from vsh.tools.arguments import choice, explained, generator, whole
 from vsh.tools.errors import DegeneracyError, FrameError, ModesError, ParameterError
-from vsh.tools.notes import note_lines
 from vsh.tools.parallel import blas_for
 from vsh.tools.printing import logged
 from vsh.tools.types import ArrayLike, AxesArray, FloatArray, OnAxes, Rng, Table
@@ -250,42 +251,31 @@ class SharedErrors(Result):
         low, middle, high = np.quantile(errors, [0.16, 0.5, 0.84])
         return float(middle), float(low), float(high)
 
-    def report(self, what: str = "class", *, long: bool = False) -> str:
-        """The classes, what they share, and the verdict, as text.
-
-        Parameters
-        ----------
-        what : str
-            What classes are made by: "redshift", say.
-        long : bool
-            Add the spectra of what is shared, and what is assumed.
-        """
-        names = ("spin", "acceleration") if self.unit == "µas/yr" else ("rotation", "glide")
-        whose = "classes of sources" if len(self) > 1 else "sources"
-        wide = max(24, *(len(label) + 2 for label in self.labels))
-        lines = [
-            f"Errors that {whose} share, by degrees {words_of(self.degrees)} ({self.frame} axes)",
-            f"{f'[{self.unit}]':{wide}}{'sources':>10}{names[0]:>27}{names[1]:>27}{'its size':>10}",
-        ]
-        for label, solution, n in zip(self.labels, self.solutions, self.n_sources, strict=True):
-            lines.append(f"{label:{wide}}{n:>10}{_cells(solution)}")
-        if len(self) > 1:
-            lines.append(f"{'together':{wide}}{sum(self.n_sources):>10}{_cells(self.together())}")
-            lines.append(f"{'last − first':{wide}}{'':>10}{_cells(self.difference(0, len(self) - 1))}")
-        spectra = ", ".join(f"{name} {100 * p:.0f} %" for name, p in zip(self.shapes, self.probability, strict=True))
-        if long:
-            lines.append(f"spectrum: {spectra}; effective draws: {', '.join(f'{x:.0f}' for x in self.effective)}")
-        if len(self) > 1:
-            lines.append(self.verdict_words(what))
+    def _sections(self, long):
+        facts = [("degrees", f"{words_of(self.degrees)}, {self.frame} axes")]
         sigma = np.sqrt(np.diag(self.amplitude_covariance))
         for name, value, error in zip(self.templates, self.amplitudes, sigma, strict=True):
-            lines.append(f"template {name:32}{value:+10.2f} ±{error:8.2f} {self.unit}{value / error:+8.1f} errors")
+            words = f"{value:+.2f} ± {error:.2f} {self.unit}, {value / error:+.1f} errors"
+            facts.append((f"template {name}", words))
         if long:
-            lines.append(
-                "This assumes that what is shared has one of these spectra: no higher degree shows what degree 1 has "
-                "alone."
+            spectra = ", ".join(
+                f"{name} {100 * p:.0f} %" for name, p in zip(self.shapes, self.probability, strict=True)
             )
-        return "\n".join([*lines, *note_lines(self.notes)]) + "\n"
+            facts.append(("spectra", f"{spectra}; effective draws: {', '.join(f'{x:.0f}' for x in self.effective)}"))
+        remarks = [self.verdict_words()] if len(self) > 1 else []
+        if len(self) > 1:
+            change = self.difference(0, len(self) - 1)
+            both = zip(("spin", "acceleration"), (change.spin, change.acceleration), strict=True)
+            facts.append(
+                ("last − first", "; ".join(f"{name} {', '.join(components(vector))}" for name, vector in both))
+            )
+        if long:
+            remarks.append(
+                "The shared errors are assumed to have one of these spectra: no higher degree shows a part that "
+                "degree 1 alone has."
+            )
+        title = f"Errors that {'classes of sources' if len(self) > 1 else 'sources'} share"
+        return (Section(title, facts, self.to_table(), remarks=remarks, notes=self.notes),)
 
     @cached_property
     def _tests(self):
@@ -407,15 +397,6 @@ class SharedErrors(Result):
             for row, name in rows
             for kind, word in (("T", "spin"), ("S", "acceleration"))
         ]
-
-
-def _cells(solution):
-    spin, acceleration = solution.spin, solution.acceleration
-    parts = [
-        f"  {' '.join(f'{x:+.1f}' for x in vector.value):>17} ±{np.sqrt(np.mean(vector.sigma**2)):>6.2f}"
-        for vector in (spin, acceleration)
-    ]
-    return "".join(f"{part:>27}" for part in parts) + f"{acceleration.amplitude:>10.2f}"
 
 
 @logged("shared errors")

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -17,14 +17,14 @@ from fit.background._likelihood import (
     words_of,
 )
 from fit.normal import NormalEquations
-from fit.results.quality import printed_p_value
 from fit.results.solution import HarmonicSolution
 from fit.results.storage import Result
 from vsh.io import tables
+from vsh.io.sections import Answer, Section
+from vsh.io.tables import printed_p_value
 from vsh.models.covariance import Spectrum
 from vsh.tools.arguments import between, choice, positive
 from vsh.tools.errors import ModesError, ParameterError
-from vsh.tools.notes import note_lines
 from vsh.tools.types import ArrayLike, Axes, FloatArray, Table
 from vsh.tools.units import JULIAN_YEAR, hubble_rate
 
@@ -61,6 +61,8 @@ class WaveLimit(Result):
     n_data : int
         How many numbers were fitted.
     notes : tuple of str
+    years : float, optional
+        T, over which the motions were measured, for the band of frequency and the strain in the report. [yr]
     """
 
     amplitude: Amplitude
@@ -74,6 +76,7 @@ class WaveLimit(Result):
     parity_p_value: float
     n_data: int
     notes: tuple[str, ...] = ()
+    years: float | None = None
 
     def __repr__(self) -> str:
         return f"<WaveLimit: h70² Ω < {self.limit():.3g} (95 %, flat in Ω), degrees {words_of(self.degrees)}>"
@@ -147,57 +150,33 @@ class WaveLimit(Result):
         return float(np.sqrt(1.5 * self.limit(probability, prior)) * rate / (np.pi * self.frequency(years)))
 
     @property
-    def answer(self) -> tuple[tuple[str, str], ...]:
+    def answer(self) -> Answer:
         """The line to quote: the limit on the energy in waves."""
         name = "h70² Ω" if self.hubble == 70 else "Ω"
-        return (
-            (
-                "waves",
-                f"{name} < {self.limit():.3g} (95 %, flat in Ω), degree{'s' * (len(self.degrees) > 1)} "
-                f"{words_of(self.degrees)}",
-            ),
-        )
+        degrees = f"degree{'s' * (len(self.degrees) > 1)} {words_of(self.degrees)}"
+        return Answer((("waves", f"{name} < {self.limit():.3g} (95 %, flat in Ω), {degrees}"),))
 
-    def report(self, years: float | None = None) -> str:
-        """The limits as text, each with what it takes for equally likely.
-
-        Parameters
-        ----------
-        years : float, optional
-            T, over which the motions were measured. [yr]
-        """
+    def _sections(self, long):
         low, high = self.interval
         name = "h70² Ω" if self.hubble == 70 else "Ω"
-        lines = [
-            (
-                f"Gravitational waves longer than the observations: {name} from degree{'s' * (len(self.degrees) > 1)} "
-                f"{words_of(self.degrees)} of {self.n_data // 2} sources"
-            ),
-            f"likeliest      {self.maximum:.4g} ({low:.4g} … {high:.4g}, 68 %, flat in Ω)",
-            "upper limits, 95 %",
+        known = {prior: prior != "coefficients" or np.isfinite(self.squares).all() for prior in KINDS}
+        limits: list[Any] = [self.limit(0.95, prior) if known[prior] else np.nan for prior in KINDS]  # type: ignore[arg-type]
+        p = printed_p_value(self.parity_p_value)
+        systematics = f"; marginalised: systematics, {', '.join(self.systematics)}" if self.systematics else ""
+        band = "f < 1/T with T the time over which the motions were measured"
+        if self.years is not None:
+            band = f"f < 1/T = {self.frequency(self.years) * 1e9:.3g} nHz (T = {self.years:g} yr)"
+            band += f"; if all of it is there, h_c < {self.strain(self.years):.2e} (95 %, flat in Ω)"
+        facts = [
+            ("from", f"degree{'s' * (len(self.degrees) > 1)} {words_of(self.degrees)} of {self.n_data // 2} sources"),
+            ("likeliest", f"{self.maximum:.4g} ({low:.4g} … {high:.4g}, 68 %, flat in Ω)"),
+            ("P_2", f"{self.power:.4g} (µas/yr)², of which noise gives {self.noise_power:.4g} on average"),
+            ("parity", f"P_T2 and P_S2, equal for waves, differ with a p-value of {p}"),
+            ("errors", f"scaled by {self.noise_scale:.4g}{systematics}"),
+            ("band", band),
         ]
-        for prior, words in KINDS.items():
-            known = prior != "coefficients" or np.isfinite(self.squares).all()
-            lines.append(f"  {words:52}{f'{self.limit(0.95, prior):.4g}' if known else 'not determined':>14}")  # type: ignore[arg-type]
-        lines.append(
-            f"P_2            {self.power:.4g} (µas/yr)², of which noise gives {self.noise_power:.4g} on average"
-        )
-        lines.append(
-            "parity         P_T2 and P_S2, equal for waves, differ with a p-value of "
-            f"{printed_p_value(self.parity_p_value)}"
-        )
-        lines.append(
-            f"errors         scaled by {self.noise_scale:.4g}"
-            + (f"; marginalised: systematics, {', '.join(self.systematics)}" if self.systematics else "")
-        )
-        if years is None:
-            lines.append("band           f < 1/T with T the time that the motions were measured over")
-        else:
-            lines.append(
-                f"band           f < 1/T = {self.frequency(years) * 1e9:.3g} nHz (T = {years:g} yr); all of it there, "
-                f"h_c < {self.strain(years):.2e} (95 %, flat in Ω)"
-            )
-        return "\n".join([*lines, *note_lines(self.notes)]) + "\n"
+        table = tables.table_of({"prior": list(KINDS.values()), f"{name} below (95 %)": limits})
+        return (Section(f"Gravitational waves longer than the observations: {name}", facts, table, notes=self.notes),)
 
     def to_table(self) -> Table:
         """The likelihood of Ω as an astropy Table."""

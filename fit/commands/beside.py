@@ -1,9 +1,8 @@
 """What `vsh-fit` does beside the fit: classes of sources, backgrounds (floor, waves), and templates of systematics."""
 
-import argparse
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -15,30 +14,28 @@ from vsh.tools.errors import ModesError, NothingSelectedError, ParameterError, V
 
 
 def shared_by(
-    source: Any,
-    path: str,
-    options: argparse.Namespace,
-    estimate: Any,
-    templates: Sequence[Any] = (),
-    n_sources: int = 0,
+    run: Any, source: Any, path: str, estimate: Any, templates: Sequence[Any] = (), n_sources: int = 0
 ) -> Any:
-    """Normal equations of each class by the weights of the `estimate`, and what they share.
+    """Normal equations of each class by the weights of the `estimate`, and the errors that the classes share.
 
     Those of `n_sources` that are in no class are counted.
     """
+    options = run.options
     classes = vsh.Classes.from_text(options.classes)
+    read = partial(run.read, source, path, roles=())
     parts: list[Any]
     if classes.frame:
-        parts = list(classes.split(_read(source, path, options, options.where)))
+        parts = list(classes.split(read()))
     else:
-        parts = [_class(source, path, options, *each) for each in zip(classes.labels, classes.conditions)]
+        within = [_and(options.where, condition) for condition in classes.conditions]
+        parts = [_class(read, *each) for each in zip(classes.labels, within, strict=True)]
         if ";" in options.classes:
-            _check_apart(source, path, options, classes, parts)
+            either = " or ".join(f"({condition})" for condition in classes.conditions)
+            _check_apart(read(where=_and(options.where, either)), classes, parts)
     lmax, inside = estimate.solution.modes.lmax, 0
-    method, value = parsing.method_and_value(options.method)
-    if method == "clip":
+    if estimate.method == "clip":
         inside = sum(vsh.io.parts.as_parts(part).sum(len) for part in parts)
-        parts = [fit.estimate(part, lmax, method, value).sources for part in parts]
+        parts = [fit.estimate(part, lmax, *parsing.method_and_value(options.method)).sources for part in parts]
     parts = [part.to_frame(options.frame) for part in parts]
     make = partial(estimate.equations, templates=templates)
     normals = [make(part, lmax) for part in parts]
@@ -52,25 +49,20 @@ def shared_by(
     return replace(together, notes=(*together.notes, *notes, estimate.class_note))
 
 
-def _read(source, path, options, where):
-    from vsh.io import catalogue
-
-    if reading.in_parts(options):
-        return catalogue.parts(path, **reading.reading_parts(options) | {"where": where})
-    return catalogue.read_field(source, **reading.arguments(options) | {"where": where}, roles=())
+def _and(where, condition):
+    """The rows that are wanted, and of those the ones that fulfil a condition."""
+    return condition if where is None else f"({where}) and ({condition})"
 
 
-def _class(source, path, options, label, condition):
-    where = condition if options.where is None else f"({options.where}) and ({condition})"
+def _class(read, label, where):
     try:
-        return _read(source, path, options, where)
+        return read(where=where)
     except NothingSelectedError:
         raise ParameterError(f"the class {label} is empty: choose other edges, or leave it out") from None
 
 
-def _check_apart(source, path, options, classes, parts):
+def _check_apart(whole, classes, parts):
     """Raise ParameterError where a source is in two classes."""
-    whole = _class(source, path, options, "all", " or ".join(f"({condition})" for condition in classes.conditions))
     counts = [vsh.io.parts.as_parts(part).sum(len) for part in parts]
     total = vsh.io.parts.as_parts(whole).sum(len)
     if sum(counts) > total:
@@ -84,63 +76,31 @@ def _check_apart(source, path, options, classes, parts):
 _HIGHEST = 7
 
 
-@dataclass(frozen=True)
-class Backgrounds:
-    """What was found of backgrounds."""
-
-    solution: Any
-    results: dict[str, Any]
-    years: float | None = None
-
-    def texts(self, long: bool) -> list[str]:
-        """The floor and the limit on waves as text; short, the lines to quote have them."""
-        if not long:
-            return []
-        shown = [self.solution.floor.report()] if self.solution.floor is not None else []
-        if "waves" in self.results:  # whose notes are those of the report above
-            shown.append(replace(self.results["waves"], notes=()).report(self.years))
-        return shown
-
-    def write(self, folder: Path, meta: dict[str, Any]) -> None:
-        """Write each result as a table."""
-        for name, result in self.results.items():
-            result.write(folder / f"{name}.ecsv", meta)
-
-    def draw(self) -> dict[str, Any]:
-        """Axes by name of file."""
-        return {name: result.plot() for name, result in self.results.items() if name != "floor"}
-
-    @property
-    def captions(self) -> dict[str, str]:
-        """Captions of the figures, for the page."""
-        return {
-            "shared": "Spin and acceleration of the classes, with errors that they share.",
-            "cross_powers": "What of the solution follows each template, by degree, in errors with the floor.",
-            "waves": "Energy in gravitational waves: posteriors and 95 % limits.",
-        }
+#: Captions of the figures.
+CAPTIONS = {
+    "shared": "Spin and acceleration of the classes, with errors that they share.",
+    "cross_powers": "What of the solution follows each template, by degree, in errors with the floor.",
+    "waves": "Energy in gravitational waves: posteriors and 95 % limits.",
+}
 
 
-def backgrounds_of(estimate: Any, options: argparse.Namespace) -> Backgrounds:
-    """Compute the wave limit and the systematic floor that the options ask for, or that the estimate has."""
-    solution, plain = estimate.solution, estimate.plain
-    results: dict[str, Any] = {}
-    if options.waves:
-        if plain.modes.lmax < 2:
-            raise ModesError("gravitational waves begin at degree 2: take --lmax 2 or higher")
-        beside: dict[str, Any] = {}
-        has_floor = options.floor or solution.includes_floor
-        if has_floor and plain.modes.lmax >= 3:  # the higher degrees tell what of degree 2 is no wave
-            shapes = list(fit.background.SHAPES.values())
-            beside = {"degrees": range(2, min(plain.modes.lmax, _HIGHEST) + 1), "systematics": shapes}
-        results["waves"] = fit.background.wave_limit(plain, **beside)
-    if options.floor and not solution.includes_floor:
-        if plain.modes.lmax < 3:
-            raise ModesError(f"degree {plain.modes.lmax} says nothing of a floor: take --lmax 3 or higher")
-        solution = fit.solve(fit.background.equations_of(plain), floor=fit.background.floor(plain))
-        solution = replace(solution, formal_covariance=plain.formal.covariance)
-    if solution.floor is not None:
-        results["floor"] = solution.floor
-    return Backgrounds(solution, results, options.years)
+def limit_on_waves(plain: Any, has_floor: bool, years: float | None) -> Any:
+    """The limit on gravitational waves from a fit without a floor, systematics beside them where there is a floor."""
+    if plain.modes.lmax < 2:
+        raise ModesError("gravitational waves begin at degree 2: take --lmax 2 or higher")
+    systematics: dict[str, Any] = {}
+    if has_floor and plain.modes.lmax >= 3:  # the higher degrees show which power of degree 2 is no wave
+        shapes = list(fit.background.SHAPES.values())
+        systematics = {"degrees": range(2, min(plain.modes.lmax, _HIGHEST) + 1), "systematics": shapes}
+    return replace(fit.background.wave_limit(plain, **systematics), years=years)
+
+
+def with_floor(plain: Any) -> Any:
+    """A fit with the systematic floor in its errors."""
+    if plain.modes.lmax < 3:
+        raise ModesError(f"degree {plain.modes.lmax} says nothing of a floor: take --lmax 3 or higher")
+    solution = fit.solve(fit.background.equations_of(plain), floor=fit.background.floor(plain))
+    return replace(solution, formal_covariance=plain.formal.covariance)
 
 
 #: A floor beside templates is estimated up to this degree.
@@ -149,12 +109,8 @@ _MAPPED = 10
 _DENSITY = "density"
 
 
-def templates_of(source: Any, path: str, field: Any, options: argparse.Namespace) -> list[Any]:
-    """The templates that are named: `density`, HEALPix maps (FITS), solutions of motions (ECSV), columns."""
-    return [_template(word, source, path, field, options) for word in options.templates]
-
-
-def _template(word, source, path, field, options):
+def template(word: str, run: Any, source: Any, path: str, field: Any) -> Any:
+    """The template of a name: `density`, a HEALPix map (FITS), a solution of motions (ECSV), or a column."""
     if word == _DENSITY:
         return fit.background.Template.density(_DENSITY, field)
     if Path(word).is_file():
@@ -170,19 +126,19 @@ def _template(word, source, path, field, options):
             f"--templates {word}: there is no such file, and no such column in {source.label}; density is that of the "
             "sources"
         )
-    return _column(word, source, options)
+    return _column(word, run, source, path)
 
 
-def _column(name, source, options):
+def _column(name, run, source, path):
     """Numbers of a column at the places of the sources that are read."""
     from vsh.io import catalogue
 
-    given = reading.arguments(options)
-    if reading.in_parts(options):
+    given = reading.arguments(run.options)
+    if reading.in_parts(run.options):
         parts = catalogue.stream_columns(source, [name], **given)
         placed = ((field.to_frame("icrs"), columns[name]) for field, columns in parts)
         return fit.background.Template.of_parts(name, ((field.lon, field.lat, values) for field, values in placed))
-    field = catalogue.read_field(source, **given, roles=())
+    field = run.read(source, path, roles=())
     return fit.background.Template.of_sources(
         name, field.lon, field.lat, catalogue.read_columns(source, [name], **given)[name], field.frame
     )

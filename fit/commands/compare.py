@@ -1,10 +1,12 @@
 """`vsh-compare`: two catalogues of one sky, on the command line."""
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from vsh.commands import finishing, parsing, reading, running
+from vsh.io.sections import Answer, Section
 from vsh.tools.errors import TableError, VshError
 from vsh.tools.notes import merge_notes
 
@@ -108,7 +110,7 @@ def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
 
 
 def _run(options):
-    finishing.check(options)
+    run = finishing.Run(options)
     from fit.frames.compare import compare_catalogues
 
     paths = [options.catalogue, options.catalogue2, *options.others]
@@ -137,13 +139,14 @@ def _run(options):
     comparisons = [comparison for comparison, _ in compared.values()]
     together = _together({labels[0]: first} | others, options) if len(compared) > 1 else None
 
-    def text(long):
-        texts = [comparison.report(long=long) for comparison in comparisons]
+    def sections(long):
+        made = [section for comparison in comparisons for section in comparison.sections(long=long)]
         if together is not None:
-            texts.append(together.report(long=long).rstrip("\n"))
+            made += together.sections(long=long)
         elif len(compared) > 1:
-            texts.append(f"Errors of {labels[0]} are in all of these differences: they are not independent.")
-        return "\n\n".join(texts)
+            words = f"Errors of {labels[0]} are in all of these differences: they are not independent."
+            made[-1] = replace(made[-1], remarks=[*made[-1].remarks, words])
+        return made
 
     def sheets():
         from fit.results.output import vectors_table
@@ -160,30 +163,31 @@ def _run(options):
                 tables[f"Sources that were left out{of}"] = comparison.outliers_table()
         return tables
 
-    finishing.finish(
-        options,
-        finishing.RunResult(
-            text,
-            sheets,
-            merge_notes(*(comparison.solution.notes for comparison in comparisons)),
-            lambda: "\n\n".join(_latex(comparison) for comparison in comparisons),
-            answer=[
-                (f"{label}: {name}" if len(compared) > 1 else name, words)
-                for label, (comparison, _) in compared.items()
-                for name, words in comparison.answer.lines
-            ],
-        ),
-        provenance=lambda: running.provenance(paths, options, **_counts(list(compared.values()))),
-        draw=lambda: (
+    several = len(compared) > 1
+    answer = [
+        (f"{label}: {name}" if several else name, words)
+        for label, (comparison, _) in compared.items()
+        for name, words in comparison.answer.lines
+    ]
+    run.finish(
+        (),
+        sections=sections,
+        tables=sheets,
+        notes=merge_notes(*(comparison.solution.notes for comparison in comparisons)),
+        latex=lambda: "\n\n".join(_latex(comparison) for comparison in comparisons),
+        answer=Answer(tuple(answer)),
+        paths=paths,
+        counts=_counts(list(compared.values())),
+        figures=lambda: (
             {
                 f"{name}{_of(label, compared)}": axes
-                for label, (comparison, kept) in compared.items()
-                for name, axes in _draw(comparison, kept).items()
+                for label, (comparison, selected) in compared.items()
+                for name, axes in _draw(comparison, selected).items()
             }
             | ({} if together is None else {"chain": together.plot()})
         ),
-        write=lambda folder, meta: _write(folder, compared, together, meta),
-        page=(lambda drawn, meta: _page(*compared[labels[1]], options, meta, drawn)) if len(compared) == 1 else None,
+        files=lambda folder, meta: _write(folder, compared, together, meta),
+        page=None if several else lambda drawn, meta: _page(*compared[labels[1]], options, meta, drawn),
         title=f"{labels[0]} beside {', '.join(labels[1:])}",
     )
 
@@ -249,12 +253,15 @@ def _draw(comparison, kept):
 def _page(comparison, kept, options, meta, drawn):
     from fit.results.output import write_html
 
-    left_out = {"Sources that were left out": comparison.outliers_table()} if comparison.names else {}
+    sections = [Section("Under the names of the ICRF3 papers", (), comparison.parameters_table())]
+    if comparison.shared is not None:
+        sections += comparison.shared.sections(long=True)
+    if comparison.names:
+        sections.append(Section("Sources that were left out", (), comparison.outliers_table()))
     captions = {
         "catalogues": "Correlations of the coefficients by the errors of either catalogue, one in each triangle.",
         "shared": "Rotation and glide with the errors that sources share over the sky.",
     }
-    shared = {} if comparison.shared is None else {"With what sources share": comparison.shared.to_table()}
     write_html(
         comparison.best,
         kept,
@@ -265,7 +272,7 @@ def _page(comparison, kept, options, meta, drawn):
         answer=comparison.answer,
         figures=drawn.drawn,
         captions=captions,
-        sections={"Under the names of the ICRF3 papers": comparison.parameters_table()} | shared | left_out,
+        sections=sections,
     )
 
 

@@ -2,6 +2,7 @@
 
 import argparse
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,7 @@ import numpy as np
 import vsh
 from vsh.commands import finishing, parsing, reading, running
 from vsh.commands.parsing import FRAME
+from vsh.io.sections import Answer, Section
 from vsh.tools.errors import VshError
 
 
@@ -81,7 +83,7 @@ def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
 
 
 def _run(options):
-    finishing.check(options)
+    run = finishing.Run(options)
     paths = [path for path in (options.catalogue, options.catalogue2) if path]
     sources = [reading.open_catalogue(path, options) for path in paths]
     from fit import correlation
@@ -94,36 +96,38 @@ def _run(options):
     labels = _labels(paths)
     what: Any = FRAME if options.parameters == FRAME else options.lmax
     matrices = correlation.correlation_matrices(fields, what, labels=labels)
-    lines, checked = [], []
+    checked = []
     if what == FRAME:
         direct = correlation.correlation_matrices(fields, what, labels=labels, solver="frame")
         most = max(np.abs(a - b).max() for a, b in zip(matrices.matrices, direct.matrices, strict=True))
-        checked.append(f"The direct frame solver gives the same to {most:.0e}.\n")
-    influences, leaks = [], []
+        checked.append(f"The direct frame solver gives the same to {most:.0e}.")
+    influences, leaks, more = [], [], []
     for field, label in zip(fields, labels, strict=True):
-        lines.append(_sky(correlation, field, label, options))
+        more.append(_sky(correlation, field, label, options.lmax))
         for pair in options.influence or []:
             values = correlation.influence_map(field, options.lmax, pair, options.nside)
             influences.append((label, pair, field, values))
-            lines.append(_blame(correlation, field, label, pair, options))
+            more.append(_influence(correlation, field, label, pair, options.lmax, options.add_sources))
         if options.leakage:
             leaks.append((label, correlation.leakage(field, options.lmax, options.leakage)))
-            lines.append(_leak(leaks[-1][1], label, options))
-    notes = [f"  - {label}: {note}" for field, label in zip(fields, labels, strict=True) for note in _notes(field)]
+            more.append(_leak(leaks[-1][1], label, options.power_per_degree))
+    notes = [f"{label}: {note}" for field, label in zip(fields, labels, strict=True) for note in _notes(field)]
 
-    def text(long):
-        below = ["Notes", *notes, ""] if notes else []
-        return "\n".join([matrices.report(16, long=long), *(checked if long else ()), *lines, *below])
+    def sections(long):
+        (first,) = matrices.sections(long=long)
+        first = replace(first, remarks=[*first.remarks, *(checked if long else ())])
+        return [first, *more[:-1], replace(more[-1], notes=notes)]
 
-    def sheets():
-        return {"Correlations": matrices.to_table()} | {f"Leakage, {label}": leak.to_table() for label, leak in leaks}
-
-    finishing.finish(
-        options,
-        finishing.RunResult(text, sheets, [note.removeprefix("  - ") for note in notes], answer=_answer(matrices)),
-        provenance=lambda: running.provenance(paths, options, sources=[_count(f) for f in fields]),
-        draw=lambda: _draw(matrices, influences, leaks),
-        write=lambda folder, meta: _write(folder, matrices, influences, leaks, meta),
+    run.finish(
+        (),
+        sections=sections,
+        tables=lambda: {"Correlations": matrices.to_table()} | {f"Leakage, {x}": leak.to_table() for x, leak in leaks},
+        answer=Answer(tuple(_answer(matrices))),
+        notes=notes,
+        paths=paths,
+        counts={"sources": [_count(f) for f in fields]},
+        figures=lambda: _draw(matrices, influences, leaks),
+        files=lambda folder, meta: _write(folder, matrices, influences, leaks, meta),
         title=f"What the sky of {' and '.join(labels)} cannot tell apart",
         captions=_caption,
     )
@@ -161,39 +165,41 @@ def _labels(paths):
     return names if len(set(names)) == len(names) else [str(path) for path in paths]
 
 
-def _sky(correlation, field, label, options):
-    rows = correlation.lmax_table(field, max(5, options.lmax))
-    prediction = correlation.predict_covariance(field, options.lmax)
-    lines = [f"{label}: {prediction.n_sources} sources", f"{'degree':>8}{'condition':>12}{'largest correlation':>22}"]
-    lines += [f"{lmax:8d}{condition:12.4g}{largest:22.3f}" for lmax, condition, largest in rows]
-    lines.append(
-        f"{label}: errors of a fit of degree {options.lmax}: spin {_three(prediction.spin.sigma)}, acceleration "
-        f"{_three(prediction.acceleration.sigma)} µas/yr; {100 * prediction.efficiency:.0f} % of the information of a "
-        "uniform sky of the same weight"
+def _sky(correlation, field, label, lmax):
+    rows = correlation.lmax_table(field, max(5, lmax))
+    prediction = correlation.predict_covariance(field, lmax)
+    columns = dict(zip(("degree", "condition", "largest correlation"), map(list, zip(*rows, strict=True)), strict=True))
+    errors = f"spin {_three(prediction.spin.sigma)}, acceleration {_three(prediction.acceleration.sigma)} µas/yr"
+    efficiency = f"{100 * prediction.efficiency:.0f} % of the information of a uniform sky of the same weight"
+    facts = [("sources", f"{prediction.n_sources}"), (f"errors, degree {lmax}", f"{errors}; {efficiency}")]
+    forms = {"condition": ".4g", "largest correlation": ".3f"}
+    return Section(
+        f"{label}: by the highest degree that is fitted", facts, vsh.io.tables.table_of(columns), forms=forms
     )
-    return "\n".join(lines) + "\n"
 
 
-def _blame(correlation, field, label, pair, options):
+def _influence(correlation, field, label, pair, lmax, count):
     from vsh.sky.pixels import centres
 
     # Regions of some 30°: single pixels of a fine map say little.
-    coarse, (lon, lat) = correlation.influence_map(field, options.lmax, pair, 2), np.degrees(centres(2))
+    coarse, (lon, lat) = correlation.influence_map(field, lmax, pair, 2), np.degrees(centres(2))
     k = int(np.argmax(np.abs(coarse)))
-    added = correlation.gain_of_sources(field, options.lmax, pair, 2, n_sources=options.add_sources)
+    added = correlation.gain_of_sources(field, lmax, pair, 2, n_sources=count)
     if len(pair) == 2:
-        now = _correlation_of(correlation, field, options.lmax, pair)
+        now = _correlation_of(correlation, field, lmax, pair)
         what, left = f"correlation of {pair[0]} and {pair[1]}, {now:+.4f}", np.abs(now + added)
     else:
         what, left = f"ln σ² of {pair[0]}", added
     at = int(np.argmin(left))
-    return (
-        f"{label}: {what}\n"
-        f"  depends most on the sky around {lon[k]:.0f}°, {lat[k]:+.0f}°: {coarse[k]:+.4f} if the weight of 29° there "
-        "were doubled\n"
-        f"  {options.add_sources} more sources of median error would help most around "
-        f"{lon[at]:.0f}°, {lat[at]:+.0f}°: {added[at]:+.4f}\n"
-    )
+    region = f"the sky around {lon[k]:.0f}°, {lat[k]:+.0f}°"
+    facts = [
+        ("depends most on", f"{region}: {coarse[k]:+.4f} if the weight of 29° there were doubled"),
+        (
+            f"{count} more sources",
+            f"of median error help most around {lon[at]:.0f}°, {lat[at]:+.0f}°: {added[at]:+.4f}",
+        ),
+    ]
+    return Section(f"{label}: {what}", facts)
 
 
 def _correlation_of(correlation, field, lmax, pair):
@@ -203,17 +209,16 @@ def _correlation_of(correlation, field, lmax, pair):
     return correlation_of(named(pair, lmax).covariance(correlation.predict_covariance(field, lmax).covariance))[0, 1]
 
 
-def _leak(leak, label, options):
+def _leak(leak, label, power):
     from fit.correlation import parameters_of
 
     names = parameters_of("spin+acceleration").names
-    biases = leak.bias_of(names, options.power_per_degree)
+    biases = leak.bias_of(names, power)
     cells = ", ".join(f"{name} {value:.3g}" for name, value in biases.items())
     first = leak.fitted.lmax + 1
-    return (
-        f"{label}: degrees {first} to {leak.unmodelled.lmax} left out, each of T and S with a power of "
-        f"{options.power_per_degree:g} (µas/yr)², bias the fit by (rms, µas/yr)\n  {cells}\n"
-    )
+    title = f"{label}: bias of the fit by degrees {first} to {leak.unmodelled.lmax}, which are left out"
+    facts = [("power", f"{power:g} (µas/yr)² in each of T and S"), ("bias", f"{cells} µas/yr (rms)")]
+    return Section(title, facts)
 
 
 def _three(values):

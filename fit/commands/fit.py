@@ -9,6 +9,7 @@ from typing import Any
 import fit
 from fit.commands import beside
 from vsh.commands import finishing, parsing, reading, running
+from vsh.io.sections import Answer
 from vsh.tools.notes import dropped, unselected
 
 
@@ -117,98 +118,49 @@ _HEADINGS = {
 
 
 def _run(options):
-    finishing.check(options)
-    path = files("fit") / DEMO if options.demo else options.catalogue
-    source = reading.open_catalogue(str(path), options)
+    run = finishing.Run(options)
+    path = str(files("fit") / DEMO if options.demo else options.catalogue)
+    source = run.open(path)
     from vsh.io import catalogue, tables
 
-    whole: Any
-    if reading.in_parts(options):
-        whole = catalogue.parts(str(path), **reading.reading_parts(options))
-    else:
-        source = tables.remembered(source) if options.classes else source  # each class reads its rows
-        # Names tell of sources that stand there twice, and are in the report; no fit looks at the rest.
-        whole = catalogue.read_field(source, **reading.arguments(options), roles=("name",))
-    field = whole.to_frame(options.frame)
+    # Each class reads its rows; names tell of sources that stand there twice, and no fit looks at further columns.
+    source = tables.remembered(source) if options.classes and not reading.in_parts(options) else source
+    field = run.read(source, path, roles=("name",)).to_frame(options.frame)
     estimate = fit.estimate(field, options.lmax, *parsing.method_and_value(options.method), rng=options.seed)
-    sources, clipped = estimate.sources, estimate.n_clipped
-    backgrounds = beside.backgrounds_of(estimate, options)
-    lmax = estimate.solution.modes.lmax
-    solution = backgrounds.solution
-    results = dict(backgrounds.results)
-    maps = []
-    if options.templates:
-        maps = beside.templates_of(source, str(path), field, options)
+    solution, sources, plain = estimate.solution, estimate.sources, estimate.plain
+    results: dict[str, Any] = {}
+    if options.waves:
+        has_floor = options.floor or solution.includes_floor
+        results["waves"] = beside.limit_on_waves(plain, has_floor, options.years)
+    if options.floor and not solution.includes_floor:
+        solution = beside.with_floor(plain)
+    if solution.floor is not None:
+        results["floor"] = solution.floor
+    maps = [beside.template(word, run, source, path, field) for word in options.templates or ()]
     if options.classes:
-        n_sources = solution.n_sources + (clipped or 0)
-        results["shared"] = beside.shared_by(source, str(path), options, estimate, maps, n_sources)
+        n_sources = solution.n_sources + (estimate.n_clipped or 0)
+        results["shared"] = beside.shared_by(run, source, path, estimate, maps, n_sources)
     elif maps:
-        normal = estimate.equations(sources, lmax, templates=maps)
-        shared = fit.background.shared(
-            [normal], labels=["all sources"], noise_scale=estimate.is_scaled, rng=options.seed
-        )
-        results["shared"] = replace(shared, notes=(*shared.notes, estimate.class_note))
+        results["shared"] = _with_templates(estimate, maps, options.seed)
     if maps:
-        results["cross_powers"] = beside.cross_powers_of(estimate.plain, solution.floor, maps)
-    backgrounds = replace(backgrounds, results=results)
+        results["cross_powers"] = beside.cross_powers_of(plain, solution.floor, maps)
     name = "the simulated catalogue of the demo" if options.demo else source.label
-    check, truth = fit.cross_check(sources), catalogue.truth_of(source)
-    answer = [*solution.answer.lines, *(results["waves"].answer if "waves" in results else ())]
-    if options.classes:
-        from fit.results.quality import SEEN, printed_p_value
-
-        p = results["shared"].verdict().p_value
-        words = f"{'a change' if p < SEEN else 'no change'} from class to class is detected (p = {printed_p_value(p)})"
-        answer.append(("classes", words))
-
-    def text(long):
-        about = fit.output.report(solution, check=check, truth=truth, source=name, long=long, answer=False)
-        more = [results["shared"].report(long=long)] if "shared" in results else []
-        more += [results["cross_powers"].report()] if "cross_powers" in results else []
-        return "\n".join([about, *backgrounds.texts(long), *more])
-
-    lines = [f"{label}: {words}" for label, words in fit.output.warnings_of(solution)]
-
-    def sheets():
-        tables = {
-            "vectors": fit.output.vectors_table(solution),
-            "powers": fit.output.powers_table(solution),
-            "coefficients": solution.to_table(),
-        }
-        return tables | {name: result.to_table() for name, result in backgrounds.results.items()}
+    about: dict[str, Any] = {"check": fit.cross_check(sources), "truth": catalogue.truth_of(source), "source": name}
+    answer = _answer(solution, results, options.classes)
+    captions = {each: words for each, words in beside.CAPTIONS.items() if each in results}
 
     def further():
-        return {_HEADINGS.get(name, name): result.to_table() for name, result in backgrounds.results.items()}
+        return {_HEADINGS.get(each, each): result.to_table() for each, result in results.items()}
 
     def latex():
         more = (finishing.as_latex(table, head) for head, table in further().items()) if options.long else ()
         return "\n\n".join([fit.output.latex_of(solution, full=options.long), *more])
 
-    def provenance():
-        refused, out, used = dropped(solution.notes), unselected(solution.notes), solution.n_sources
-        counts = {
-            "rows": used + clipped + refused + out,
-            "rows_used": used,
-            "rows_refused": refused,
-            "rows_clipped": clipped,
-        }
-        counts |= {"rows_not_selected": out} if options.where else {}
-        return running.provenance(path, options, **counts)
-
     def write(folder, meta):
-        solution.write(folder / "solution.ecsv", meta)
         fit.output.write_tables(solution, sources, folder, meta, estimate.source_weights)
         fit.output.write_correlation(solution, folder / "correlation.ecsv", meta)
-        backgrounds.write(folder, meta)
 
     def page(drawn, meta):
-        about = {
-            "check": check,
-            "truth": truth,
-            "source": Path(name).name,
-            "provenance": meta,
-            "answer": fit.output.Answer(tuple(answer)),
-        }
         plain = (fit.fit_field(field, options.lmax), field) if options.beside else None
         fit.output.write_html(
             solution,
@@ -216,20 +168,78 @@ def _run(options):
             options.html,
             figures=drawn.drawn,
             command=options.command,
-            captions=backgrounds.captions,
+            captions=captions,
             beside={"plain least squares, all sources": plain} if plain else {},
-            sections=further(),
-            **about,
+            sections=_sections(results, True),
+            provenance=meta,
+            answer=answer,
+            **about | {"source": Path(name).name},
         )
 
-    finishing.finish(
-        options,
-        finishing.RunResult(text, sheets, [*lines, *solution.notes], latex, answer=answer),
-        provenance=provenance,
-        write=write,
+    warned = [f"{label}: {words}" for label, words in fit.output.warnings_of(solution)]
+    run.finish(
+        [finishing.Part("solution", solution), *(finishing.Part(each, result) for each, result in results.items())],
+        sections=lambda long: [*solution.sections(long=long, **about), *_sections(results, long)],
+        tables=lambda: (
+            {
+                "vectors": fit.output.vectors_table(solution),
+                "powers": fit.output.powers_table(solution),
+                "coefficients": solution.to_table(),
+            }
+            | {each: result.to_table() for each, result in results.items()}
+        ),
+        latex=latex,
+        answer=answer,
+        notes=[*warned, *solution.notes],
+        paths=path,
+        counts=_counts(solution, estimate.n_clipped, options.where),
+        files=write,
+        figures=lambda: (
+            fit.output.draw_figures(solution, sources, estimate.source_weights)
+            | {each: result.plot() for each, result in results.items() if each != "floor"}
+        ),
         page=page,
-        draw=lambda: fit.output.draw_figures(solution, sources, estimate.source_weights) | backgrounds.draw(),
     )
+
+
+def _with_templates(estimate, maps, seed):
+    """Spin and acceleration of all sources with the templates fitted."""
+    normal = estimate.equations(estimate.sources, estimate.solution.modes.lmax, templates=maps)
+    shared = fit.background.shared([normal], labels=["all sources"], noise_scale=estimate.is_scaled, rng=seed)
+    return replace(shared, notes=(*shared.notes, estimate.class_note))
+
+
+def _answer(solution, results, has_classes):
+    """The lines to quote: those of the fit, the limit on waves, and whether classes differ."""
+    from fit.results.quality import SEEN
+    from vsh.io.tables import printed_p_value
+
+    lines = [*solution.answer.lines, *(results["waves"].answer.lines if "waves" in results else ())]
+    if has_classes:
+        p = results["shared"].verdict().p_value
+        words = f"{'a change' if p < SEEN else 'no change'} from class to class is detected (p = {printed_p_value(p)})"
+        lines.append(("classes", words))
+    return Answer(tuple(lines))
+
+
+def _sections(results, long):
+    """The sections below those of the solution; short, the lines to quote have the floor and the limit on waves."""
+    shown = [name for name in ("floor", "waves", "shared", "cross_powers") if name in results]
+    shown = [name for name in shown if long or name not in ("floor", "waves")]
+    given = [replace(results[name], notes=()) if name == "waves" else results[name] for name in shown]  # said above
+    return [section for each in given for section in each.sections(long=long)]
+
+
+def _counts(solution, clipped, where):
+    """Rows of the table, by what became of them."""
+    refused, out, used = dropped(solution.notes), unselected(solution.notes), solution.n_sources
+    counts = {
+        "rows": used + clipped + refused + out,
+        "rows_used": used,
+        "rows_refused": refused,
+        "rows_clipped": clipped,
+    }
+    return counts | ({"rows_not_selected": out} if where else {})
 
 
 main, run = running.make_entry(__name__, _run)

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from vsh.commands import finishing, parsing, reading, running
+from vsh.io.sections import Section
 from vsh.tools.errors import ParameterError
 
 
@@ -72,9 +73,10 @@ def make_parser() -> argparse.ArgumentParser:
 
 
 def _run(options):
-    finishing.check(options)
+    run = finishing.Run(options)
     from fit.frames.link import find_step, forecast, link, read_priors
     from vsh.io.astrometry import read_astrometry
+    from vsh.io.tables import write_table
 
     epochs = {name: _epoch(text, "--epochs") for name, text in (options.epochs or {}).items()}
     labels = [Path(path).name.split(".")[0] for path in options.catalogues]
@@ -109,34 +111,25 @@ def _run(options):
     if options.candidates:
         results["plan"] = forecast(solution, read_astrometry(options.candidates))
 
-    def text(long):
-        shown = [each for name, each in results.items() if name != "link" or "steps" not in results]
-        reports = [each.report(long=long) for each in shown]
-        return "\n".join([*reports, *_truth(solution, options.catalogues[0])])
-
-    paths = [*options.catalogues, *(each for each in (options.priors, options.candidates) if each)]
-    finishing.finish(
-        options,
-        finishing.RunResult(
-            text,
-            lambda: {
-                **({"Place of the jump": results["steps"].to_table()} if "steps" in results else {}),
-                "Link": solution.to_table(),
-                "Sources": solution.sources_table(),
-                **({"Observe next": results["plan"].to_table()} if "plan" in results else {}),
-            },
-            solution.notes,
-            answer=results.get("steps", solution).answer.lines,
-        ),
-        provenance=lambda: running.provenance(paths, options, sources=len(solution.sources)),
-        draw=lambda: {name: each.plot() for name, each in results.items()},
-        write=lambda folder, meta: _write(folder, results, meta),
+    truth = _truth(solution, options.catalogues[0])
+    headings = {"steps": "Place of the jump", "link": "Link", "plan": "Observe next"}
+    parts = [finishing.Part(name, each, headings[name]) for name, each in results.items()]
+    shown = [each for name, each in results.items() if name != "link" or "steps" not in results]
+    run.finish(
+        parts,
+        sections=lambda long: [*(section for each in shown for section in each.sections(long=long)), *truth],
+        tables=lambda: {part.heading: part.result.to_table() for part in parts} | {"Sources": solution.sources_table()},
+        answer=results.get("steps", solution).answer,
+        notes=solution.notes,
+        paths=[*options.catalogues, *(each for each in (options.priors, options.candidates) if each)],
+        counts={"sources": len(solution.sources)},
+        files=lambda folder, meta: write_table(solution.sources_table(), folder / "sources.ecsv", meta),
         title=f"{', '.join(solution.unknowns.turned)} against {solution.reference}",
     )
 
 
 def _truth(solution, path):
-    """What a simulated table was made with, beside what was found."""
+    """The truth of a simulated table, with how many errors the solution is from it, as a section."""
     from vsh.io import catalogue
 
     truth = catalogue.truth_of(path) or {}
@@ -145,14 +138,12 @@ def _truth(solution, path):
     vectors = {name: solution.vector(name) for name in ("orientation", "spin") if name in solution.unknowns.vectors}
     if len(solution.unknowns.steps) == 1 and "spin" in vectors:
         vectors["jump"], _ = solution.jump(solution.unknowns.steps[0])
-    lines = ["truth, and how many errors the solution is from it"]
+    facts = []
     for name, vector in vectors.items():
         true = truth[name].to_frame(solution.frame).value
         pairs = zip(true, (vector.value - true) / vector.sigma, strict=True)
-        lines.append(
-            f"{name:24}" + "".join(f"{value:+10.2f} ({away:+.1f}σ)" for value, away in pairs) + f" {vector.unit}"
-        )
-    return ["\n".join(lines) + "\n"]
+        facts.append((name, ", ".join(f"{value:+.2f} ({away:+.1f}σ)" for value, away in pairs) + f" {vector.unit}"))
+    return [Section("Truth, and how many errors the solution is from it", facts)]
 
 
 def _epoch(text, option):
@@ -160,14 +151,6 @@ def _epoch(text, option):
         return float(text)
     except ValueError:
         raise ParameterError(f"{option} wants NAME=EPOCH, as vlbi=2015, not {text!r}") from None
-
-
-def _write(folder, results, meta):
-    from vsh.io import tables
-
-    for name, each in results.items():
-        each.write(folder / f"{name}.ecsv", meta)
-    tables.write_table(results["link"].sources_table(), folder / "sources.ecsv", meta)
 
 
 main, run = running.make_entry(__name__, _run)

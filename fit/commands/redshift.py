@@ -13,7 +13,8 @@ import numpy as np
 import fit
 import vsh
 from vsh.commands import finishing, parsing, reading, running
-from vsh.io.tables import three_digits
+from vsh.io.sections import Answer, Section
+from vsh.io.tables import printed_p_value, three_digits
 from vsh.tools.errors import ConvergenceError, DegeneracyError, VshError
 from vsh.tools.notes import dropped, unselected
 
@@ -276,64 +277,61 @@ _CAPTIONS = {
 
 
 def _run(options):
-    finishing.check(options)
+    run = finishing.Run(options)
     options.flows = not options.no_flows  # as provenance has it
-    source = reading.open_catalogue(options.catalogue, options)
+    source = run.open(options.catalogue)
     from fit.secular_parallax import hubble_constant, observer_velocity
     from vsh.io import catalogue
     from vsh.models.cosmology import with_redshift
 
     if options.distances:
-        _by_distances(source, options)
+        _by_distances(run, source)
         return
-    whole: Any
-    if reading.in_parts(options):
-        whole = catalogue.parts(options.catalogue, **reading.reading_parts(options))
-        known = whole.has("redshift")
-    else:
-        whole = catalogue.read_field(source, **reading.arguments(options))
-        known = whole.redshift is not None
+    whole = run.read(source, options.catalogue).to_frame(options.frame)
+    is_parts = isinstance(whole, vsh.io.parts.Parts)
+    if not is_parts:
         reading.refuse_velocities(whole.notes, source.label)
-    whole = whole.to_frame(options.frame)
-    if not known:
-        raise VshError(
-            f"{source.label} has no column of redshifts: name it, --columns redshift=NAME; or use --distances, where "
-            "distances or parallaxes are known. "
-            f"The table has {', '.join(source.names)}"
-        )
-    stated = next(iter(whole)).redshift_frame if isinstance(whole, vsh.io.parts.Parts) else whole.redshift_frame
-    frame = options.redshift_frame or stated or "not known"
-    lines = [
-        f"redshifts       {frame}" + ("" if frame in ("true", "not known") else ", taken to the microwave background")
-    ]
-    if options.redshift_frame and stated and stated != options.redshift_frame:
-        lines.append(f"warning         the table says that its redshifts are {stated}; --redshift-frame prevails")
+    frame = _frame_of_redshifts(whole, source, options.redshift_frame)
     counts = {}
-    if not isinstance(whole, vsh.io.parts.Parts):
+    if not is_parts:
         refused = dropped(whole.notes)
         counts = {"rows": len(whole) + refused + unselected(whole.notes), "rows_read": len(whole)}
     if options.clip:
         whole = _clipped(whole, options.clip)
-    velocity, cosmology = reading.velocity_of(options.velocity), _cosmology(options)
+    velocity = reading.velocity_of(options.velocity)
     ours = velocity or vsh.models.cosmology.CMB_VELOCITY_PLANCK18
-    results, truth, p_values, shared_words = {}, catalogue.truth_of(source), None, ""
-    if options.bins:
-        results["bins"] = _binned(whole, options, options.lmax)
-        asked = options.floor or (results["bins"].counts.sum() >= fit.quality.MANY and not options.no_floor)
-        # Permutations know nothing of what sources share: they have no word where that is asked for.
-        p_values = None if asked else _p_values(whole, results["bins"], options, ours)
-        shared_words = _add_shared(results, whole, options) if asked else _left_out(whole, results["bins"])
+    results, truth, p_values, remark = {}, catalogue.truth_of(source), None, ""
     common = {
-        "cosmology": cosmology,
+        "cosmology": _cosmology(options.omega_m),
         "peculiar_dispersion": options.peculiar_dispersion,
         "spin": "free" if options.free_spin else None,
         "acceleration": _known(options.acceleration),
-    } | _distances(options)
+        "redshift_frame": options.redshift_frame,
+        "magnitudes": False if options.no_magnitudes else None,
+        "flows": "linear" if options.flows else None,
+        "n_modes": options.n_modes,
+    } | _reconstruction(options.reconstruction, options.reconstruction_error)
+    if options.bins:
+        bin_options = {name: common[name] for name in ("redshift_frame", "flows", "n_modes")}
+        dispersion = None if options.peculiar_dispersion == "free" else options.peculiar_dispersion
+        bin_options |= {"peculiar_dispersion": dispersion, "shared_higher_degrees": options.shared_higher_degrees}
+        bin_options |= {"threads": options.threads, "rng": options.seed}
+        method, value = parsing.method_and_value(options.estimator or "least-squares")
+        edges = int(options.bins[0]) if len(options.bins) == 1 else options.bins
+        bin_up_to = partial(_binned, whole, edges, bin_options | {"method": method, "value": value})
+        results["bins"] = bins = bin_up_to(options.lmax)
+        asked = options.floor or (bins.counts.sum() >= fit.quality.MANY and not options.no_floor)
+        if asked:  # permutations know nothing of the errors that sources share
+            shared, remark = _shared(bin_up_to, bins, options.lmax, options.seed, options.floor)
+            results |= {} if shared is None else {"shared": shared}
+        else:
+            p_values = _p_values(whole, bins, ours, options.redshift_frame, dispersion)
+            remark = _left_out(whole, bins)
     if options.h0 or options.velocity or options.posterior:
         field = whole
         step = partial(with_redshift, redshift_frame=options.redshift_frame, missing_only=options.on_bad != "drop")
-        field = whole.map(step) if isinstance(whole, vsh.io.parts.Parts) else step(whole)
-        _ask_for_frame(field, options, common, source.label)
+        field = whole.map(step) if is_parts else step(whole)
+        _ask_for_frame(field, options.redshift_frame, options.h0 or 67.4, common, source.label)
     if options.h0:
         results["velocity"] = observer_velocity(field, options.h0, **common)
     if options.velocity:
@@ -341,29 +339,32 @@ def _run(options):
     unfinished = None
     if options.posterior:
         try:
-            results["posterior"] = _posterior(field, options, common)
-        except ConvergenceError as error:  # what else was found is written all the same
+            results["posterior"] = _posterior(field, options, ours, common)
+        except ConvergenceError as error:  # every other result is written all the same
             unfinished = error
 
-    def text(long):
-        parts = ["\n".join(lines) + "\n"]
+    def sections(long):
+        shown = []
         if "bins" in results:
-            parts.append(results["bins"].report(ours, p_values, long=long))
-        shared = results["shared"].report(what="redshift", long=long) if "shared" in results else ""
-        parts += [shared_words + shared, "" if unfinished is None else f"posterior: {unfinished}\n"]
-        return "\n".join(filter(None, [*parts, _of_estimates(results, source.label, truth, long)]))
+            shown += results["bins"].sections(velocity=ours, p_values=p_values, long=long)
+            if remark:
+                shown[-1] = replace(shown[-1], remarks=[*shown[-1].remarks, remark])
+            shown += results["shared"].sections(long=long) if "shared" in results else ()
+        shown += _of_estimates(results, source.label, truth, long)
+        if unfinished is not None:
+            shown.append(Section("Posterior", [("not finished", str(unfinished))]))
+        return [replace(shown[0], facts=[*frame, *shown[0].facts]), *shown[1:]] if shown else [Section("", frame)]
 
-    finishing.finish(
-        options,
-        finishing.RunResult(
-            text,
-            lambda: _tables(results, truth),
-            () if isinstance(whole, vsh.io.parts.Parts) else whole.notes,
-            answer=_answer(results),
-        ),
-        provenance=lambda: running.provenance(options.catalogue, options, **counts),
-        draw=lambda: _draw(results, truth, ours),
-        write=lambda folder, meta: _write(results, folder, meta),
+    run.finish(
+        (),
+        sections=sections,
+        tables=lambda: _tables(results, truth),
+        notes=() if is_parts else whole.notes,
+        answer=Answer(tuple(_answer(results))),
+        paths=options.catalogue,
+        counts=counts,
+        figures=lambda: _draw(results, truth, ours),
+        files=lambda folder, meta: _write(results, folder, meta),
         title=f"Motions against redshift: {source.label}",
         captions=_CAPTIONS,
         cards=lambda: _cards(results),
@@ -372,19 +373,38 @@ def _run(options):
         raise unfinished
 
 
+def _frame_of_redshifts(whole, source, given):
+    """The frame that redshifts are taken to be in, as facts; VshError where there are none."""
+    is_parts = isinstance(whole, vsh.io.parts.Parts)
+    if not (whole.has("redshift") if is_parts else whole.redshift is not None):
+        raise VshError(
+            f"{source.label} has no column of redshifts: name it, --columns redshift=NAME; or use --distances, where "
+            "distances or parallaxes are known. "
+            f"The table has {', '.join(source.names)}"
+        )
+    stated = next(iter(whole)).redshift_frame if is_parts else whole.redshift_frame
+    frame = given or stated or "not known"
+    facts = [("redshifts", frame + ("" if frame in ("true", "not known") else ", taken to the microwave background"))]
+    if given and stated and stated != given:
+        facts.append(("warning", f"the table says that its redshifts are {stated}; --redshift-frame prevails"))
+    return facts
+
+
 def _of_estimates(results, label, truth, long):
-    """Our velocity, H0, the flow and the posterior as text; short, the posterior alone where there is one."""
-    lines = []
+    """Our velocity, H0, the flow and the posterior as sections; short, the posterior alone where there is one."""
+    sections = []
     posterior = results.get("posterior")
     if posterior is not None:
-        lines.append(f"{posterior.report(long=long)}\n{_truth_words(_truths(truth, posterior), posterior)}")
+        sections += posterior.sections(long=long)
+        words = _truth_words(_truths(truth, posterior), posterior)
+        sections[-1] = replace(sections[-1], remarks=[*sections[-1].remarks, *words])
     if posterior is None or long:
         named = [results[name] for name in ("velocity", "hubble") if name in results]
-        lines += [each.report(source=label, truth=truth, long=long) for each in named]
+        sections += [section for each in named for section in each.sections(source=label, truth=truth, long=long)]
     flow = _flow_of(results)
     if flow is not None and long:
-        lines.append(flow.report())
-    return "\n".join(lines)
+        sections += flow.sections()
+    return sections
 
 
 #: H0 is said to depend on its prior where medians differ by such a factor.
@@ -469,15 +489,16 @@ def _of_posterior(posterior):
 
 def _p(p):
     hint = fit.quality.hint_of(p)
-    return f"p = {fit.quality.printed_p_value(p)}{hint and f', {hint}'}"
+    return f"p = {printed_p_value(p)}{hint and f', {hint}'}"
 
 
-def _by_distances(source, options):
+def _by_distances(run, source):
     """Our velocity, and Oort's constants where asked for, from measured distances."""
     from fit.distances import has_distances
     from fit.motions.stars import kinematics
     from vsh.io import catalogue
 
+    options = run.options
     given = reading.arguments(options) | {"columns": catalogue.with_distances(options.columns, source)}
     field = catalogue.read_field(source, **given)
     counts = {"rows": len(field) + dropped(field.notes) + unselected(field.notes), "rows_read": len(field)}
@@ -488,17 +509,16 @@ def _by_distances(source, options):
     # Oort's constants are of Galactic axes; ICRS is what --frame says where nobody said anything.
     frame = "galactic" if options.frame == "icrs" else options.frame
     solution = kinematics(field, gradient=options.oort, dispersion=dispersion, frame=frame)
-    finishing.finish(
-        options,
-        finishing.RunResult(
-            solution.report(source.label),
-            lambda: {"Motions at known distances": solution.to_table()},
-            field.notes,
-            answer=[("velocity", fit.output.words_of(solution.velocity))],
-        ),
-        provenance=lambda: running.provenance(options.catalogue, options, **counts),
-        draw=lambda: {"correlations": solution.plot()},
-        write=lambda folder, meta: _write({"kinematics": solution}, folder, meta),
+    run.finish(
+        (),
+        sections=lambda long: solution.sections(long=long),
+        tables=lambda: {"Motions at known distances": solution.to_table()},
+        notes=field.notes,
+        answer=Answer((("velocity", fit.output.words_of(solution.velocity)),)),
+        paths=options.catalogue,
+        counts=counts,
+        figures=lambda: {"correlations": solution.plot()},
+        files=lambda folder, meta: _write({"kinematics": solution}, folder, meta),
         title=f"Motions at known distances: {source.label}",
         captions={"correlations": "Correlations of the parameters."},
     )
@@ -509,39 +529,27 @@ def _known(acceleration):
     return None if acceleration is None else vsh.Vector(np.array(acceleration[:3]), acceleration[3] ** 2 * np.eye(3))
 
 
-def _cosmology(options):
-    if options.omega_m is None:
+def _cosmology(omega_m):
+    if omega_m is None:
         return None
     from vsh.models.cosmology import flat
 
-    return flat(options.omega_m)
+    return flat(omega_m)
 
 
-def _distances(options):
-    """How distances follow from redshifts, as the estimators take it."""
+def _reconstruction(path, error):
+    """How distances follow from a reconstructed velocity field."""
     from vsh.models.flows import read_velocity_grid
 
-    grid = None if options.reconstruction is None else read_velocity_grid(options.reconstruction)
-    options_given = {
-        "redshift_frame": options.redshift_frame,
-        "magnitudes": False if options.no_magnitudes else None,
-    } | _flows(options)
-    if grid is not None:
-        options_given |= {"reconstruction": grid, "reconstruction_error": options.reconstruction_error}
-    return options_given
+    return {} if path is None else {"reconstruction": read_velocity_grid(path), "reconstruction_error": error}
 
 
-def _flows(options):
-    return {"flows": None if options.no_flows else "linear", "n_modes": options.n_modes}
-
-
-def _ask_for_frame(field, options, common, label):
+def _ask_for_frame(field, redshift_frame, hubble, common, label):
     """Say what hangs on the frame of the redshifts where nobody told it, and stop."""
     from fit.secular_parallax import by_frame, observer_velocity, undeclared
 
-    if not undeclared(field, options.redshift_frame):
+    if not undeclared(field, redshift_frame):
         return
-    hubble = options.h0 or 67.4
 
     def found(frame):
         v = observer_velocity(field, hubble, **common | {"redshift_frame": frame}).velocity
@@ -556,22 +564,22 @@ def _ask_for_frame(field, options, common, label):
     )
 
 
-def _add_shared(results, whole, options):
-    """Add what bins share to the results; returns the words that stand before it, or in its place."""
+def _shared(bin_up_to, bins, lmax, seed, is_asked):
+    """The errors that bins share, or None; and a remark on the p-values without them."""
     from fit.background import BEYOND, sees_part
 
-    degree = options.lmax if options.lmax >= 3 else _DEGREE
-    bins = results["bins"] if options.lmax >= 3 else _binned(whole, options, degree)
+    degree = lmax if lmax >= 3 else _DEGREE
+    bins = bins if lmax >= 3 else bin_up_to(degree)
     if any(sees_part(each, degree) for each in bins.normals):
         with suppress(DegeneracyError):  # a bin of few sources does not bear so many, and a note says what that means
-            bins = replace(bins, normals=_binned(whole, options, degree + BEYOND).normals)
+            bins = replace(bins, normals=bin_up_to(degree + BEYOND).normals)
     try:
-        results["shared"] = bins.shared(range(2, degree + 1), rng=options.seed)
+        shared = bins.shared(range(2, degree + 1), rng=seed)
     except VshError as error:
-        if options.floor:
+        if is_asked:
             raise
-        return f"errors above are without systematic errors, which are not known: {error}\n"
-    return "p-values above are for independent errors; with systematic errors:\n\n"
+        return None, f"Errors are without systematic errors, which are not known: {error}"
+    return shared, "These p-values are for independent errors; those with systematic errors follow."
 
 
 def _left_out(whole, bins):
@@ -586,36 +594,15 @@ def _left_out(whole, bins):
     except VshError:  # of few sources, or on little of the sky, it is not known
         return ""
     return (
-        f"not in these errors: what sources share over the sky, spin ± {floor.spin_error:.3g}, acceleration ± "
-        f"{floor.acceleration_error:.3g} µas/yr by degrees 2 to {_DEGREE} of all; --floor includes it\n"
+        f"The systematic floor is not in these errors: spin ± {floor.spin_error:.3g}, acceleration ± "
+        f"{floor.acceleration_error:.3g} µas/yr from degrees 2 to {_DEGREE} of all sources; --floor includes it."
     )
 
 
-def _binned(field, options, lmax):
+def _binned(field, edges, options, lmax):
     from fit.redshift import binned
 
-    edges = int(options.bins[0]) if len(options.bins) == 1 else options.bins
-    return binned(
-        field,
-        lmax,
-        edges,
-        shared_higher_degrees=options.shared_higher_degrees,
-        threads=options.threads,
-        rng=options.seed,
-        **_estimator(options),
-        **_frame(options),
-        **_flows(options),
-    )
-
-
-def _estimator(options):
-    method, value = parsing.method_and_value(options.estimator or "least-squares")
-    return {"method": method, "value": value}
-
-
-def _frame(options):
-    dispersion = None if options.peculiar_dispersion == "free" else options.peculiar_dispersion
-    return {"redshift_frame": options.redshift_frame, "peculiar_dispersion": dispersion}
+    return binned(field, lmax, edges, **options)
 
 
 def _clipped(field, kappa):
@@ -625,17 +612,18 @@ def _clipped(field, kappa):
     return clip(field, vsh.Modes(1), kappa).sources(field)
 
 
-def _p_values(field, bins, options, velocity):
+def _p_values(field, bins, velocity, redshift_frame, dispersion):
     """By permuting redshifts, for up to so many sources."""
     from fit.redshift import FLOW_MATTERS, permutation_test
 
     few = isinstance(field, vsh.Field) and len(field) <= 20_000
     wanted = bins.modes.lmax == 1 and len(bins) > 1 and few and bins.flow_share <= FLOW_MATTERS
     known = velocity if np.isfinite(bins.mean_inverse_distance).all() else None
-    return permutation_test(field, bins, velocity=known, **_frame(options)) if wanted else None
+    given = {"redshift_frame": redshift_frame, "peculiar_dispersion": dispersion}
+    return permutation_test(field, bins, velocity=known, **given) if wanted else None
 
 
-def _posterior(field, options, common):
+def _posterior(field, options, prior, common):
     from fit.posterior import Flat, Normal, sample
 
     hubble: Any = Normal(options.h0, options.h0_error) if options.h0 and options.h0_error else "flat"
@@ -648,7 +636,6 @@ def _posterior(field, options, common):
     )
     if widest:
         common = common | {"peculiar_dispersion": Flat(0.0, widest)}
-    prior = reading.velocity_of(options.velocity) or vsh.models.cosmology.CMB_VELOCITY_PLANCK18
     if not prior.covariance.any():  # a speed without an error is taken to a thousandth, a direction to 0.001°
         l, b = prior.direction
         prior = vsh.Vector.from_spherical(
@@ -669,13 +656,9 @@ def _posterior(field, options, common):
 
 def _truth_words(truths, posterior):
     """The truth of a simulated catalogue, and where in its posterior each number lies."""
-    if not truths:
-        return ""
-    said = []
-    for name, value in truths.items():
-        below = np.mean(posterior.samples[name] < value)
-        said.append(f"{name} {value:.4g} ({100 * below:.0f} %)")
-    return f"truth, and how many of the samples are below: {', '.join(said)}\n"
+    shares = {name: 100 * np.mean(posterior.samples[name] < value) for name, value in (truths or {}).items()}
+    listed = ", ".join(f"{name} {truths[name]:.4g} ({share:.0f} %)" for name, share in shares.items())
+    return [f"Truth, and the share of the samples below it: {listed}"] if listed else []
 
 
 def _tables(results, truth):
@@ -722,7 +705,7 @@ def _cards(results):
         v = solution.velocity
         size = f"{three_digits(v.amplitude)} ± {three_digits(v.amplitude_error)} km/s"
         size = size if v.p_value < fit.quality.SEEN else f"< {three_digits(v.amplitude_limit())} km/s (95 %)"
-        more = f"p = {fit.quality.printed_p_value(v.p_value)} for none; for H0 = {solution.assumed_hubble:g} km/s/Mpc"
+        more = f"p = {printed_p_value(v.p_value)} for none; for H0 = {solution.assumed_hubble:g} km/s/Mpc"
         cards.append(("Our velocity", size, more))
     if "hubble" in results:
         solution = results["hubble"]

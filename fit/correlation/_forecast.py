@@ -15,6 +15,7 @@ from vsh.coefficients import FIRST_DEGREE, Coefficients
 from vsh.field import Field
 from vsh.io import tables
 from vsh.io.parts import as_parts
+from vsh.io.sections import Section
 from vsh.models.covariance import Spectrum
 from vsh.modes import KINDS, Modes, as_modes
 from vsh.tools import arguments
@@ -227,17 +228,14 @@ class Downweighted(Result):
     before: Prediction
     after: Prediction
 
-    def report(self) -> str:
-        """What it costs and what it gains, as text."""
-        lines = [f"{np.nanmean(self.factors):.0%} of the weight is kept"]
+    def _sections(self, long):
+        facts = [("weight kept", f"{np.nanmean(self.factors):.0%}")]
         for words, prediction in (("before", self.before), ("after", self.after)):
             value, pair = prediction.largest
-            lines.append(
-                f"{words:7} largest correlation {value:+.3f}, of {pair[0]} and {pair[1]}; errors of spin "
-                f"{np.sqrt(np.mean(prediction.spin.sigma**2)):.3g}, of acceleration "
-                f"{np.sqrt(np.mean(prediction.acceleration.sigma**2)):.3g} µas/yr"
-            )
-        return "\n".join(lines) + "\n"
+            spin, acceleration = (np.sqrt(np.mean(v.sigma**2)) for v in (prediction.spin, prediction.acceleration))
+            size = f"errors of spin {spin:.3g}, of acceleration {acceleration:.3g} µas/yr"
+            facts.append((words, f"largest correlation {value:+.3f}, of {pair[0]} and {pair[1]}; {size}"))
+        return (Section("Sources downweighted for a smaller correlation", facts),)
 
     def to_table(self) -> Table:
         """Share of the weight to keep in each pixel, as an astropy Table in ring order."""

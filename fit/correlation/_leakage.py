@@ -12,6 +12,7 @@ from fit.results.storage import Result, words
 from fit.solving import solve
 from vsh import Coefficients, Modes
 from vsh.io import tables
+from vsh.io.sections import Section
 from vsh.modes import as_modes
 from vsh.sky.frames import check_frame
 from vsh.tools import arguments
@@ -81,10 +82,10 @@ class Leakage(Result):
         columns = {"coefficient": list(self.names)} | dict(zip(self.unmodelled_names, self.matrix.T, strict=True))
         return tables.table_of(columns, {"frame": self.frame})
 
-    def report(self) -> str:
-        """What a power of 1 (µas/yr)² in each unmodelled degree and kind does to spin and acceleration, as text."""
-        cells = ", ".join(f"{name} {value:.3g}" for name, value in self.bias_of(FRAME_NAMES, 1.0).items())
-        return f"{self!r}: rms bias by a power of 1 (µas/yr)² in each [µas/yr]\n  {cells}\n"
+    def _sections(self, long):
+        biases = self.bias_of(FRAME_NAMES, 1.0)
+        table = tables.table_of({"parameter": list(biases), "bias": list(biases.values())}, {}, {"bias": "uas / yr"})
+        return (Section(f"{self!r}: rms bias by a power of 1 (µas/yr)² in each", (), table),)
 
     def plot(self, *, ax: OnAxes | None = None) -> AxesArray:
         """The matrix as a picture."""

@@ -19,6 +19,7 @@ from vsh.coefficients import FIRST_DEGREE
 from vsh.field import Field
 from vsh.io import tables
 from vsh.io.parts import Parts, as_parts
+from vsh.io.sections import Section
 from vsh.modes import KINDS, Modes, as_modes
 from vsh.sky.frames import check_frame
 from vsh.sky.sphere import triad
@@ -109,6 +110,10 @@ def without_motions(sources: Any, sigma: ArrayLike | None = None) -> Field | Par
     return sources if sigma is None else sources.map(partial(Field.without_motions, sigma=positive("sigma", sigma)))
 
 
+#: Matrices of more parameters are in the files alone.
+_LARGEST = 16
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class CorrelationMatrices(Result):
     """Correlations of the same parameters on one or several skies.
@@ -167,31 +172,20 @@ class CorrelationMatrices(Result):
             {"parameter": list(self.names)} | dict(zip(self.names, self.combined().T, strict=True)), meta
         )
 
-    def report(self, max_size: int = 12, *, long: bool = True) -> str:
-        """The matrix as text, if it is not too large, and what explains its largest elements.
-
-        Parameters
-        ----------
-        max_size : int
-            The largest matrix that is printed.
-        long : bool
-            Whether the largest elements and what explains them follow the matrix.
-        """
-        lines = [
-            f"Correlations in {self.frame} axes: "
-            + ("upper {}, lower {}".format(*self.labels[:2]) if len(self.labels) > 1 else self.labels[0])
-        ]
-        if len(self.names) <= max_size:
-            width = max(9, max(map(len, self.names)) + 2)
-            lines.append(" " * width + "".join(f"{name:>{width}}" for name in self.names))
-            for name, row in zip(self.names, self.combined(), strict=True):
-                lines.append(f"{name:{width}}" + "".join(f"{value:{width}.3f}" for value in row))
-        for i, label in enumerate(self.labels if long else ()):
+    def _sections(self, long):
+        upper, lower = self.labels[0], self.labels[min(1, len(self.labels) - 1)]
+        facts = [("axes", self.frame)] + (
+            [("above diagonal", upper), ("below diagonal", lower)] if upper != lower else []
+        )
+        for i, label in enumerate(self.labels):
             value, pair = self.largest(i)
-            lines.append(f"{label}: largest {value:+.3f}, of {pair[0]} and {pair[1]}")
-            if {"omega_x", "a_x"} <= set(self.names):
-                lines += self._explanation(i)
-        return "\n".join(lines) + "\n"
+            facts.append((label, f"largest correlation {value:+.3f}, of {pair[0]} and {pair[1]}"))
+        remarks = []
+        if long and {"omega_x", "a_x"} <= set(self.names):
+            remarks = [line for i in range(len(self.labels)) for line in self._explanation(i)]
+        small = len(self.names) <= _LARGEST
+        table, forms = self.to_table() if small else None, dict.fromkeys(self.names, ".3f")
+        return (Section("Correlations", facts, table, forms=forms, remarks=remarks),)
 
     def plot(self, *, ax: Axes | None = None) -> Axes:
         """The matrix as a picture, one or two catalogues in it."""
@@ -471,20 +465,22 @@ class Eigenmodes(Result):
     fields: list
     frame: str
 
-    def report(self) -> str:
-        """How well the best and the worst are measured, as text."""
+    def _sections(self, long):
         error = 1 / np.sqrt(self.information)
-        lines = [
-            f"Fields that this sky measures independently ({self.frame} axes): {len(error)}, with errors of "
-            f"{error[-1]:.3f} (best) to {error[0]:.3g} (worst) times those of the same weight on a uniform sky",
-            "The worst, with what they are made of:",
-        ]
-        for i, field in enumerate(self.fields[:3]):
-            names = list(map(str, field.modes))
+        names = [str(mode) for mode in self.fields[0].modes]
+        made = []
+        for field in self.fields[:3]:
             largest = np.argsort(-np.abs(field.values))[:3]
-            made = ", ".join(f"{field.values[k]:+.2f} {names[k]}" for k in largest)
-            lines.append(f"  {error[i]:>8.3g} × the error   {made}")
-        return "\n".join(lines) + "\n"
+            made.append(", ".join(f"{field.values[k]:+.2f} {names[k]}" for k in largest))
+        facts = [
+            ("fields", f"{len(error)} that this sky measures independently ({self.frame} axes)"),
+            (
+                "errors",
+                f"{error[-1]:.3f} (best) to {error[0]:.3g} (worst) times those of a uniform sky of the same weight",
+            ),
+        ]
+        table = tables.table_of({"error": error[:3], "worst fields": made})
+        return (Section("Fields of independent errors", facts, table),)
 
     def to_table(self) -> Table:
         """Information of each as an astropy Table, from the worst to the best."""

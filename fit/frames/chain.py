@@ -7,7 +7,7 @@ ICRF and the one before, differ by less than their errors say. Differences of an
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Any
 
@@ -16,7 +16,7 @@ from scipy.special import chdtrc
 
 from fit.background import SharedErrors, shared_jointly
 from fit.normal import normal_equations
-from fit.results.quality import MANY, SEEN, ErrorSource, printed_p_value
+from fit.results.quality import MANY, SEEN, ErrorSource
 from fit.results.solution import Solution
 from fit.results.storage import Result
 from vsh.basis import harmonics
@@ -24,12 +24,14 @@ from vsh.coefficients import Coefficients
 from vsh.conventions import icrf3_terms
 from vsh.field import Field
 from vsh.io import tables
+from vsh.io.sections import Section
+from vsh.io.tables import printed_p_value
 from vsh.modes import Modes, as_modes
 from vsh.sky.frames import Positions
 from vsh.sky.sphere import triad
 from vsh.tools.arguments import explained
 from vsh.tools.errors import DegeneracyError, FieldError, FrameError, ParameterError
-from vsh.tools.notes import merge_notes, note_lines
+from vsh.tools.notes import merge_notes
 from vsh.tools.printing import logged
 from vsh.tools.types import Axes, FloatArray, Rng, Table
 from vsh.tools.units import UAS
@@ -195,70 +197,57 @@ class Chain(Result):
             raise ParameterError("what sources share over the sky was not sought: chain_catalogues(…, floor=True)")
         return self.shared
 
-    def report(self, *, long: bool = False) -> str:
-        """The catalogues, what they share, and each against the reference, as text.
-
-        Parameters
-        ----------
-        long : bool
-            Add the quadrupoles.
-        """
+    def _sections(self, long):
         first, *others = self.labels
-        what = "position" if self.unit == "µas" else "motion"
-        used = ", ".join(f"{name} {int(n)}" for name, n in zip(self.labels, np.diag(self.common), strict=True))
-        lines = [f"Differences of {what} of {len(self.labels)} catalogues in one solution; sources: {used}"]
-        lines += [
-            f"{a} and {b}: {int(self.common[i, j])} sources in common, {100 * self.correlation[i, j]:.0f} % of noise"
-            for (i, a), (j, b) in combinations(enumerate(self.labels), 2)
-            if self.common[i, j]
-        ]
-        solutions = [self.difference(first, name) for name in others]
-        parts = [icrf3_terms(each.coefficients, each.sigma) for each in solutions]
-        names = [term for term in parts[0] if long or term[0] in "RD"]
-        heads = [f"{first} − {name}" for name in others]
-        widths = [max(24, len(head) + 2) for head in heads]
-        lines.append(f"{'ICRF3 names':12}" + "".join(f"{head:>{w}}" for head, w in zip(heads, widths, strict=True)))
-        for term in names:
-            cells = [f"{part[term][0]:+.2f} ± {part[term][1]:<6.2f}" for part in parts]
-            row = f"{term:12}" + "".join(f"{cell:>{w}}" for cell, w in zip(cells, widths, strict=True))
-            lines.append(row.rstrip())
-        lines.append(f"[{self.unit}] R1, R2, R3 are the rotation with the other sign: they turn the axes")
-        if self.shared is not None:
-            lines.append("not in these errors: what sources share over the sky; rotation and glide with it are below")
+        counts = ", ".join(f"{name} {int(n)}" for name, n in zip(self.labels, np.diag(self.common), strict=True))
+        larger = "; the errors above are multiplied by it" if self.factor > 1 else ""
+        facts = [("sources", counts)]
+        for (i, a), (j, b) in combinations(enumerate(self.labels), 2):
+            if self.common[i, j]:
+                words = f"{int(self.common[i, j])} sources in common, {100 * self.correlation[i, j]:.0f} % of the noise"
+                facts.append((f"{a} and {b}", words))
+        facts.append(("residuals", f"{self.factor:.3g} times the errors with the common noise{larger}"))
+        columns: dict[str, Any] = {}
+        for name in others:
+            solution = self.difference(first, name)
+            terms = icrf3_terms(solution.coefficients, solution.sigma)
+            shown = [term for term in terms if long or term[0] in "RD"]
+            columns.setdefault("ICRF3 term", shown)
+            columns[f"{first} − {name}"] = [terms[term][0] for term in shown]
+            columns[f"{first} − {name}_error"] = [terms[term][1] for term in shown]
+        unit = "uas" if self.unit == "µas" else "uas / yr"
+        table = tables.table_of(columns, {}, {name: unit for name in columns if " − " in name})
+        remarks = ["R1, R2, R3 are the rotation with the other sign: they turn the axes, not the sources."]
         for a, b in combinations(self.labels, 2):
             turned, bent = self.p_value(a, b), self.p_value(a, b, beyond=1)
             seen = "differ" if turned < SEEN else "agree"
             more = f"; beyond rotation and glide p = {printed_p_value(bent)}" if np.isfinite(bent) else ""
-            lines.append(f"{a} − {b}: frames {seen}, p = {printed_p_value(turned)}{more}")
-        lines.append(
-            f"residuals are {self.factor:.3g} times the errors with the noise that is shared"
-            + ("; the errors above are multiplied by it" if self.factor > 1 else "")
-        )
-        if self.shared is not None:
-            lines += self._frame_lines()
+            remarks.append(f"{a} − {b}: frames {seen}, p = {printed_p_value(turned)}{more}")
         if self.names:
             far = ", ".join(f"{n} ({d:.0f})" for n, d in list(zip(self.names, self.distances, strict=True))[:8])
-            lines.append(f"{len(self.names)} sources left out, the farthest (in errors): {far}")
-        of_shared = () if self.shared is None else self.shared.notes
-        return "\n".join([*lines, *note_lines(merge_notes(self.notes, of_shared))]) + "\n"
+            remarks.append(f"{len(self.names)} sources left out, the farthest (in errors): {far}")
+        notes = merge_notes(self.notes, () if self.shared is None else self.shared.notes)
+        what = "position" if self.unit == "µas" else "motion"
+        title = f"Differences of {what} of {len(self.labels)} catalogues in one solution"
+        if self.shared is None:
+            return (Section(title, facts, table, remarks=remarks, notes=notes),)
+        remarks.append("The systematic floor is not in these errors: rotation and glide with it are below.")
+        return (Section(title, facts, table, remarks=remarks), replace(self._with_floor(), notes=notes))
 
-    def _frame_lines(self):
-        """Rotation and glide of any two, with what sources share over the sky."""
-        names = ("spin", "glide") if self.unit == "µas/yr" else ("rotation (−R1, −R2, −R3)", "glide (D1, D2, D3)")
-        pairs = [f"{a} − {b}" for a, b in combinations(self.labels, 2)]
-        width = 2 + max(map(len, pairs))
-        lines = [
-            "with what sources share over the sky, degrees 2 to "
-            f"{max(self._sought().degrees)} of all differences in one model:",
-            f"{f'[{self.unit}]':{width}}" + "".join(f"{name:>40}{'p':>9}" for name in names),
-        ]
-        for (a, b), words in zip(combinations(self.labels, 2), pairs, strict=True):
-            solution, cells = self.frames(a, b), ""
-            for vector, kind in ((solution.spin, "T"), (solution.acceleration, "S")):
-                each = "  ".join(f"{x:+.1f} ± {s:.1f}" for x, s in zip(vector.value, vector.sigma, strict=True))
-                cells += f"{each:>40}{printed_p_value(self.frame_p_value(kind, a, b)):>9}"
-            lines.append(f"{words:{width}}{cells}")
-        return lines
+    def _with_floor(self):
+        """Rotation and glide of any two catalogues with the systematic floor, as a section."""
+        unit = "uas" if self.unit == "µas" else "uas / yr"
+        columns: dict[str, Any] = {"catalogues": [f"{a} − {b}" for a, b in combinations(self.labels, 2)]}
+        solutions = [(pair, self.frames(*pair)) for pair in combinations(self.labels, 2)]
+        for name, kind in (("rotation", "T"), ("glide", "S")):
+            vectors = [solution.spin if kind == "T" else solution.acceleration for _, solution in solutions]
+            for k, axis in enumerate("xyz"):
+                columns[f"{name}_{axis}"] = [vector.value[k] for vector in vectors]
+                columns[f"{name}_{axis}_error"] = [vector.sigma[k] for vector in vectors]
+            columns[f"p_value_{name}"] = [self.frame_p_value(kind, *pair) for pair, _ in solutions]
+        units = {name: unit for name in columns if name.startswith(("rotation", "glide"))}
+        title = f"Rotation and glide with the systematic floor, from degrees 2 to {max(self._sought().degrees)}"
+        return Section(title, (), tables.table_of(columns, {}, units))
 
     def to_table(self) -> Table:
         """A row for each two catalogues and coefficient as an astropy Table; degree 1 with its floor where sought."""

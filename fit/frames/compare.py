@@ -13,21 +13,22 @@ from fit.background import floor as background_floor
 from fit.correlation import CorrelationMatrices, correlation_matrices
 from fit.methods import METHODS
 from fit.normal import normal_equations
-from fit.results.output import Answer, report, words_of
-from fit.results.quality import FEW, MANY, SEEN, ErrorSource, f_p_value, printed_p_value
+from fit.results.output import words_of
+from fit.results.quality import FEW, MANY, SEEN, ErrorSource, f_p_value
 from fit.results.solution import AboutSolution, Solution
 from fit.robust import clip, student_t
 from vsh.conventions import ICRF3, icrf3_terms
 from vsh.field import Field
 from vsh.io import tables
 from vsh.io.catalogue import counterparts, match
+from vsh.io.sections import Answer, Section
+from vsh.io.tables import printed_p_value
 from vsh.modes import Modes, as_modes
 from vsh.sky.frames import Positions
 from vsh.tools import arguments
 from vsh.tools.arguments import explained
 from vsh.tools.errors import ParameterError, VshError
 from vsh.tools.notebook import Frozen
-from vsh.tools.notes import note_lines
 from vsh.tools.printing import in_a_line
 from vsh.tools.types import FloatArray, IntArray, Rng, Table
 
@@ -290,80 +291,85 @@ class FrameComparison(AboutSolution):
         dof = self.solution.dof if factor != 1 else np.inf  # the factor is an estimate
         return f_p_value(chi2, int(beyond.sum()), dof)
 
-    def report(self, *, long: bool = False) -> str:
-        """The comparison as text.
-
-        Parameters
-        ----------
-        long : bool
-            Add the quadrupoles, p-values with other errors, each outlier, and the report of the solution.
-        """
-        solution, (a, b) = self.solution, self.labels
-        what = "position" if solution.unit == "µas" else "motion"
-        lines = [
-            f"{a} − {b}: differences of {what} of {solution.n_sources} sources, {len(self.names)} left out",
-            f"{'ICRF3 names':12}{'[' + solution.unit + ']':>12}{'±':>10}{'in errors':>12}{'± quoted':>12}",
-        ]
-        quoted = self.parameters
-        best = self.best
-        for name, (value, error) in icrf3_terms(best.coefficients, best.sigma).items():
-            if not long and name[0] not in "RD":
-                continue
-            lines.append(f"{name:12}{value:+12.2f}{error:10.2f}{value / error:+12.1f}{quoted[name][1]:12.2f}")
-        lines.append("R1, R2, R3 are the rotation with the other sign: they turn the axes, not the sources")
+    def _sections(self, long):
+        solution, (a, b), best, quoted = self.solution, self.labels, self.best, self.parameters
+        terms = icrf3_terms(best.coefficients, best.sigma)
+        shown = [name for name in terms if long or name[0] in "RD"]
+        unit = "uas" if solution.unit == "µas" else "uas / yr"
+        columns = {
+            "ICRF3 term": shown,
+            "value": [terms[name][0] for name in shown],
+            "sigma": [terms[name][1] for name in shown],
+            "in errors": [terms[name][0] / terms[name][1] for name in shown],
+            "formal error": [quoted[name][1] for name in shown],
+        }
+        table = tables.table_of(columns, {}, dict.fromkeys(("value", "sigma", "formal error"), unit))
+        facts = [("sources", f"{solution.n_sources}, {len(self.names)} left out"), *self._about_errors(long)]
+        remarks = ["R1, R2, R3 are the rotation with the other sign: they turn the axes, not the sources."]
         if self.alone is not None:
-            listed = ", ".join(
-                f"{name} {value:+.2f} ± {error:.2f}" for name, (value, error) in self.parameters_alone.items()
-            )
-            lines.append(f"these alone, all others held at zero: {listed} {solution.unit} (errors scaled in classes)")
+            pairs = ", ".join(f"{name} {v:+.2f} ± {s:.2f}" for name, (v, s) in self.parameters_alone.items())
+            remarks.append(f"These alone, all others held at zero (errors scaled in classes): {pairs} {solution.unit}")
+        if self.names and not long:
+            nearest = zip(self.names[:_FEW_LISTED], self.distances, strict=False)
+            listed = ", ".join(f"{in_a_line(name)} ({x:.1f} errors)" for name, x in nearest)
+            remarks.append(f"Farthest off, of {len(self.names)} left out: {listed}")
+        what = "position" if solution.unit == "µas" else "motion"
+        notes = () if long else solution.notes
+        forms = {"in errors": "+.1f", "formal error": ".2f"}
+        title = f"{a} − {b}: differences of {what}"
+        sections = [Section(title, facts, table, forms=forms, remarks=remarks, notes=notes)]
+        if long and self.names:
+            east, north = np.transpose(self.offsets[:_LISTED])
+            far = {
+                "source": list(self.names[:_LISTED]),
+                "east": east,
+                "north": north,
+                "errors": self.distances[:_LISTED],
+            }
+            units = dict.fromkeys(("east", "north"), unit)
+            forms = dict.fromkeys(("east", "north", "errors"), ".1f")
+            title = f"Farthest off, of {len(self.names)} left out"
+            sections.append(Section(title, (), tables.table_of(far, {}, units), forms=forms))
+        if long:
+            sections += self.shared.sections(long=True) if self.shared is not None else ()
+            sections += best.sections(long=True)
+        return tuple(sections)
+
+    def _about_errors(self, long):
+        """Where the errors come from and what they leave out, as labels with words."""
+        solution, facts = self.solution, []
         if self.method:
-            lines.append(f"values and errors by {self.method}; ± quoted is the same")
+            facts.append(("method", f"{self.method}, its formal errors beside"))
         if self.by_class is not None and long:
             factors = ", ".join(f"{each:.2f}" for each in self.by_class.factors)
             count = len(self.by_class.factors)
             classes = f"{count} classes of their size" if count > 1 else "one class"
-            lines.append(f"errors ± are scaled by residuals in {classes}, by {factors} from the smallest on")
+            facts.append(("errors", f"scaled by residuals in {classes}, by {factors} from the smallest on"))
         if solution.modes.lmax > 1 and long:
             p = self.deformation_p_value_by_class
-            lines.append(
-                f"deformation (degrees 2 to {solution.modes.lmax}): p = "
-                + (f"{printed_p_value(p)} of as much from noise alone; " if np.isfinite(p) else "")
-                + f"{printed_p_value(self.deformation_p_value)} by the errors quoted"
-                + (f", {printed_p_value(self.deformation_p_value_scaled)} by one factor" if self.factor != 1 else "")
-            )
-        if self.factor > 1:
-            lines.append(f"over all sources residuals are {self.factor:.3g} times the errors quoted")
-        if self.factor < 1:
-            lines.append(
-                f"over all sources residuals are {self.factor:.3g} times the errors quoted: the catalogues share "
-                "observations, or errors are too large; what is wrong in both alike is in no error here"
-            )
+            chances = [f"{printed_p_value(p)} of as much from noise alone"] * bool(np.isfinite(p))
+            chances.append(f"{printed_p_value(self.deformation_p_value)} by the formal errors")
+            if self.factor != 1:
+                chances.append(f"{printed_p_value(self.deformation_p_value_scaled)} by one factor")
+            facts.append(("deformation", f"degrees 2 to {solution.modes.lmax}, p = {'; '.join(chances)}"))
+        if self.factor != 1:
+            words = f"{self.factor:.3g} times the formal errors, over all sources"
+            if self.factor < 1:
+                words += (
+                    ": the catalogues share observations, or errors are too large; errors that both have alike are "
+                    "not in these"
+                )
+            facts.append(("residuals", words))
         if self.shared is not None:
-            lines.append("R and D have the errors that sources share over the sky as well: by the model below")
+            facts.append(("R and D", "with the errors that sources share over the sky, from the model below"))
         if self.floor is not None and long:
             spin, glide = self.floor.spin_error, self.floor.acceleration_error
-            lines.append(
-                f"R and D have the size of what sources share over the sky as well: rotation ± {spin:.3g}, glide ± "
-                f"{glide:.3g} {solution.unit} by degrees 2 to {max(self.floor.degrees)}; --floor fits with it"
-            )
-        for label, index in ((a, 0), (b, 1)) if long else ():
+            words = f"rotation ± {spin:.3g}, glide ± {glide:.3g} {solution.unit}, in the errors of R and D"
+            facts.append(("floor", f"{words}, from degrees 2 to {max(self.floor.degrees)}; --floor fits with it"))
+        for label, index in zip(self.labels, (0, 1), strict=True) if long else ():
             value, pair = self.correlations.largest(index)
-            lines.append(f"largest correlation by the errors of {label} alone: {value:+.3f} of {pair[0]} and {pair[1]}")
-        if self.names and not long:
-            nearest = zip(self.names[:_FEW_LISTED], self.distances, strict=False)
-            listed = ", ".join(f"{in_a_line(name)} ({x:.1f} errors)" for name, x in nearest)
-            lines.append(f"farthest off, of {len(self.names)} left out: {listed}")
-        elif self.names:
-            lines.append(f"farthest off, of {len(self.names)} left out:")
-            rows = zip(self.names, self.offsets, self.distances, strict=True)
-            lines += [
-                f"  {n:24}{east:+12.1f}, {north:+.1f} {solution.unit}, {x:.1f} times its error"
-                for n, (east, north), x in list(rows)[:_LISTED]
-            ]
-        if not long:
-            return "\n".join([*lines, *note_lines(dict.fromkeys(solution.notes))]) + "\n"
-        shared_errors = [] if self.shared is None else [self.shared.report(what="", long=True)]
-        return "\n\n".join(["\n".join(lines), *shared_errors, report(self.best, long=long, answer=False)])
+            facts.append((f"errors of {label}", f"largest correlation {value:+.3f}, of {pair[0]} and {pair[1]}"))
+        return facts
 
     def parameters_table(self) -> Table:
         """`parameters` as the report has them, a row each: with the errors of the verdict, and as quoted."""

@@ -19,11 +19,11 @@ from fit.normal import eliminated
 from fit.results.quality import Quality
 from fit.results.storage import Result
 from vsh.io import tables
+from vsh.io.sections import Answer, Section
 from vsh.models.covariance import Spectrum, wave_fractions
 from vsh.tools import arguments
 from vsh.tools.arguments import generator
 from vsh.tools.errors import DegeneracyError, ModesError, ParameterError
-from vsh.tools.notes import note_lines
 from vsh.tools.types import Axes, FloatArray, Rng, Table
 from vsh.tools.units import UAS
 
@@ -101,25 +101,18 @@ class TimeBackground(Result):
         return self.limits(probability) * UAS / np.sqrt(_WAVE)
 
     @property
-    def answer(self) -> tuple[tuple[str, str], ...]:
+    def answer(self) -> Answer:
         """The line to quote: the limit of each band, and the evidence."""
         limits = ", ".join(f"{x:.3g} µas in {band}" for band, x in zip(self.bands, self.limits(), strict=True))
-        return (("background", f"√P < {limits} (95 %); ln of the evidence {self.evidence:+.2f}"),)
+        return Answer((("background", f"√P < {limits} (95 %); ln of the evidence {self.evidence:+.2f}"),))
 
-    def report(self) -> str:
-        """Powers and limits of the bands as text."""
-        lines = [
-            f"Backgrounds in time, {self.spectrum}: degrees {self.degrees[0]} to {self.degrees[-1]} of "
-            f"{self.n_sources} sources, degree 1 free",
-            f"{'band':24}{'√P [µas], 68 %':>24}{'95 % limit':>14}{'strain':>12}",
+    def _sections(self, long):
+        facts = [
+            ("degrees", f"{self.degrees[0]} to {self.degrees[-1]} of {self.n_sources} sources, degree 1 free"),
+            ("evidence", f"ln Z {self.evidence:+.2f} against no background; √P has a flat prior"),
+            ("errors", f"scaled by {self.noise_scale:.4g}; {self.effective_draws:.0f} effective draws"),
         ]
-        for band, (low, high), limit, strain in zip(
-            self.bands, self.interval(), self.limits(), self.strain(), strict=True
-        ):
-            lines.append(f"{band:24}{f'{low:.3g} … {high:.3g}':>24}{limit:>14.3g}{strain:>12.2e}")
-        lines.append(f"ln of the evidence against no background {self.evidence:+.2f}; √P flat beforehand")
-        lines.append(f"errors scaled by {self.noise_scale:.4g}; {self.effective_draws:.0f} effective draws")
-        return "\n".join([*lines, *note_lines(self.notes)]) + "\n"
+        return (Section(f"Backgrounds in time, {self.spectrum}: √P by band", facts, self.to_table(), notes=self.notes),)
 
     def to_table(self) -> Table:
         """A row for each band as an astropy Table."""

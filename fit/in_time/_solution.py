@@ -12,17 +12,18 @@ from typing import Any
 import numpy as np
 from scipy.special import eval_legendre
 
-from fit.results.quality import Quality, f_p_value, printed_p_value
+from fit.results.quality import Quality, f_p_value
 from fit.results.storage import Result, coefficient_columns
 from vsh.coefficients import Coefficients
 from vsh.io import tables
+from vsh.io.sections import Section
+from vsh.io.tables import printed_p_value
 from vsh.modes import Modes
 from vsh.tools import arguments
 from vsh.tools.arguments import covariance, explained, float_array
 from vsh.tools.errors import ModesError, ParameterError
 from vsh.tools.files import atomic_write
 from vsh.tools.notebook import Frozen
-from vsh.tools.notes import note_lines
 from vsh.tools.types import ArrayLike, AxesArray, FloatArray, Kind, OnAxes, PathName, Table
 from vsh.vector import Vector
 
@@ -365,45 +366,43 @@ class TimeSolution(Result):
         chi2, rank = _test(self.values.ravel()[at], self.covariance[np.ix_(at, at)], self.seen.ravel()[at] > SEEN)
         return chi2, rank, f_p_value(chi2, rank, self.dof) if rank else float("nan")
 
-    def report(self) -> str:
-        """Powers by function and degree, and whether the frame is at rest, as text."""
+    def _sections(self, long):
         start, end = self.functions.span
-        lines = [
-            f"Displacements that change with time: {len(self.functions)} functions × degrees 1 to {self.modes.lmax}, "
-            f"{self.n_sources} sources",
-            f"from {start:+.2f} to {end:+.2f} yr about the reference epoch; attitude "
-            + ("known from elsewhere" if self.attitude == "known" else f"solved from the same sky, {self.attitude}"),
-            f"χ²/dof           {self.quality.reduced:.4f} with {self.dof} degrees of freedom",
+        attitude = "known from elsewhere" if self.attitude == "known" else f"solved from the same sky, {self.attitude}"
+        facts = [
+            ("sources", f"{self.n_sources}, {len(self.functions)} functions × degrees 1 to {self.modes.lmax}"),
+            ("time", f"from {start:+.2f} to {end:+.2f} yr about the reference epoch"),
+            ("attitude", attitude),
+            ("χ²/dof", f"{self.quality.reduced:.4f} with {self.dof} degrees of freedom"),
         ]
-        warning = self.quality.warning()
-        if warning:
-            lines.append(f"warning: {warning}")
+        if warning := self.quality.warning():
+            facts.append(("warning", warning))
         for kind, what in (("S", "glide"), ("T", "rotation")):
             chi2, rank, p_value = self.rest(kind)  # type: ignore[arg-type]
-            label = f"{what} in time"
-            if rank:
-                lines.append(f"{label:16} χ² {chi2:.1f} of {rank} unknowns, p = {printed_p_value(p_value)}")
-            else:
-                lines.append(f"{label:16} not seen: an attitude solved from the same sky takes all of it")
-        lines.append(f"{'function':12}{'degree':>8}{'√power [µas]':>14}{'√noise':>10}{'p':>10}")
-        for name in self.functions.names:
-            for l in range(1, self.modes.lmax + 1):
-                for kind in "TS":
-                    power, noise, p_value = self.power(name, kind, l)  # type: ignore[arg-type]
-                    if np.isfinite(p_value):
-                        lines.append(
-                            f"{name:12}{f'{kind}{l}':>8}{np.sqrt(power):>14.3g}{np.sqrt(noise):>10.3g}"
-                            f"{printed_p_value(p_value):>10}"
-                        )
+            words = f"χ² {chi2:.1f} of {rank} unknowns, p = {printed_p_value(p_value)}"
+            unseen = "not seen: an attitude solved from the same sky takes all of it"
+            facts.append((f"{what} in time", words if rank else unseen))
+        tested = [
+            (name, f"{kind}{l}", *self.power(name, kind, l))  # type: ignore[arg-type]
+            for name in self.functions.names
+            for l in range(1, self.modes.lmax + 1)
+            for kind in "TS"
+        ]
+        seen = [row for row in tested if np.isfinite(row[-1])]
+        columns: dict[str, Any] = {"function": [row[0] for row in seen], "degree": [row[1] for row in seen]}
+        columns |= {name: [float(np.sqrt(row[k])) for row in seen] for k, name in ((2, "√power"), (3, "√noise"))}
+        columns["p_value"] = [row[-1] for row in seen]
+        table = tables.table_of(columns, {}, {"√power": "uas", "√noise": "uas"})
+        remarks = []
         if self.lost:
-            lines.append(
-                f"{len(self.lost)} combinations are taken by the sources' own positions, parallaxes and motions, "
-                "and held at zero:"
-            )
-            lines += [f"  {each}" for each in self.lost[:5]]
-            if len(self.lost) > 5:
-                lines.append(f"  and {len(self.lost) - 5} more")
-        return "\n".join([*lines, *note_lines(self.notes)]) + "\n"
+            more = f"; and {len(self.lost) - 5} more" if len(self.lost) > 5 else ""
+            remarks = [
+                f"{len(self.lost)} combinations are taken by the sources' own positions, parallaxes and motions, and "
+                f"held at zero: {'; '.join(self.lost[:5])}{more}"
+            ]
+        forms = dict.fromkeys(("√power", "√noise"), ".3g")
+        title = "Displacements that change with time: power by function and degree"
+        return (Section(title, facts, table, forms=forms, remarks=remarks, notes=self.notes),)
 
     def to_table(self) -> Table:
         """A row for each function and coefficient, as an astropy Table."""

@@ -9,9 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from fit.results.quality import printed_p_value
 from fit.results.storage import Result
 from vsh.io import tables
+from vsh.io.sections import Section
+from vsh.io.tables import printed_p_value
 from vsh.tools.arguments import explained, not_negative, number, positive
 from vsh.tools.errors import ParameterError
 from vsh.tools.types import Axes, FloatArray, Table
@@ -235,39 +236,31 @@ class GalacticOrbit(Result):
         away = replace(self.acceleration, value=self.acceleration.value - expected)
         return Vector(expected, np.zeros((3, 3)), "galactic"), away.p_value
 
-    def report(self) -> str:
-        """The orbit as text."""
-        vector = self.acceleration
-        lines = ["Acceleration of the Solar System in the Galaxy [µas/yr]"]
-        lines += [
-            f"  {name:24}{v:+.3f} ± {s:.3f}" for name, v, s in zip(_NAMES, vector.value, vector.sigma, strict=True)
+    def _sections(self, long):
+        vector, remarks = self.acceleration, []
+        facts = [
+            (
+                "amplitude",
+                f"{vector.amplitude:.3f} ± {vector.amplitude_error:.3f} µas/yr, on average "
+                f"{self.amplitude_bias:.3f} too large",
+            ),
+            (
+                "across",
+                f"p = {printed_p_value(self.across_p_value)} of as much along rotation and north from noise alone",
+            ),
         ]
-        lines.append(
-            f"  amplitude               {vector.amplitude:.3f} ± {vector.amplitude_error:.3f}, on average "
-            f"{self.amplitude_bias:.3f} too large"
-        )
-        lines.append(
-            f"  along rotation and north: p = {printed_p_value(self.across_p_value)} of as much from noise alone"
-        )
         if self.inward[0] > 0:
-            speed, centre = self.circular_speed, self.distance_of_centre
-            lines += [
-                (
-                    f"circular speed          {speed[0]:.1f} ± {speed[1]:.1f} km/s with R0 = {self.r0:g} ± "
-                    f"{self.r0_error:g} kpc"
-                ),
-                (
-                    f"distance of the centre  {centre[0]:.2f} ± {centre[1]:.2f} kpc with the motion of Sgr A*, no R0 "
-                    "assumed"
-                ),
-                (
-                    f"expected inward         {expected_acceleration(self.r0):.3f} µas/yr with that motion and R0 = "
-                    f"{self.r0:g} kpc"
-                ),
+            speed, centre, expected = self.circular_speed, self.distance_of_centre, expected_acceleration(self.r0)
+            r0 = f"R0 = {self.r0:g} ± {self.r0_error:g} kpc"
+            facts += [
+                ("circular speed", f"{speed[0]:.1f} ± {speed[1]:.1f} km/s with {r0}"),
+                ("centre", f"{centre[0]:.2f} ± {centre[1]:.2f} kpc away by the motion of Sgr A*, no R0 assumed"),
+                ("expected", f"{expected:.3f} µas/yr inward with that motion and R0 = {self.r0:g} kpc"),
             ]
         else:
-            lines.append("it does not point to the centre: no circular speed, no distance")
-        return "\n".join([*lines, *(f"  - {note}" for note in self.notes)]) + "\n"
+            remarks.append("It does not point to the centre: no circular speed, no distance.")
+        title = "Acceleration of the Solar System in the Galaxy"
+        return (Section(title, facts, self.to_table(), remarks=remarks, notes=self.notes),)
 
     def to_table(self) -> Table:
         """A row for each component, as an astropy Table."""

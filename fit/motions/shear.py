@@ -5,11 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import chdtrc
 
-from fit.results.quality import printed_p_value
 from fit.results.solution import HarmonicSolution
 from fit.results.storage import Result
 from vsh.coefficients import Coefficients
 from vsh.io import tables
+from vsh.io.sections import Section
+from vsh.io.tables import printed_p_value
 from vsh.length import length_limits
 from vsh.modes import Modes
 from vsh.sky.frames import check_frame, rotation_matrix
@@ -17,7 +18,6 @@ from vsh.sky.sphere import angles
 from vsh.tools import arguments
 from vsh.tools.arguments import between, covariance, explained, float_array, positive, read_only
 from vsh.tools.errors import ModesError, ParameterError
-from vsh.tools.notes import note_lines
 from vsh.tools.types import ArrayLike, Axes, FloatArray, Table
 from vsh.tools.units import hubble_rate
 
@@ -194,29 +194,27 @@ class Shear(Result):
         matrix = rotation_matrix(self.frame, name)
         return matrix @ self.tensor @ matrix.T
 
-    def report(self) -> str:
-        """The expansion as text."""
-        lines = [
-            (
-                f"Expansion that differs from axis to axis, from degree 2 of {self.n_data // 2} sources ({self.frame} "
-                "axes)"
-            ),
-            "tensor [µas/yr]  "
-            + "  ".join(f"{n} {v:+.3f} ± {s:.3f}" for n, v, s in zip(_NAMES, self.values, self.sigma, strict=True)),
-            f"p-value          {printed_p_value(self.p_value)} of as much from noise alone",
-            (
-                f"|Σ|              {self.norm:.3g} µas/yr as found, {self.percent(self.norm):.3g} % of H0 = "
-                f"{self.hubble:g}; below {self.limit():.3g} µas/yr, {self.percent(self.limit()):.3g} % (95 %)"
-            ),
-            f"{'principal axes':17}{'rate [µas/yr]':>20}{'% of H0':>10}{'l':>8}{'b':>8}",
+    def _sections(self, long):
+        seen, limit = self.norm, self.limit()
+        size = f"{seen:.3g} µas/yr as fitted, {self.percent(seen):.3g} % of H0 = {self.hubble:g}"
+        facts = [
+            ("sources", f"{self.n_data // 2}, degree 2, {self.frame} axes"),
+            ("p-value", f"{printed_p_value(self.p_value)} of as much from noise alone"),
+            ("|Σ|", f"{size}; below {limit:.3g} µas/yr, {self.percent(limit):.3g} % (95 %)"),
         ]
-        matrix = rotation_matrix(self.frame, "galactic")
-        for rate, error, axis in zip(self.eigenvalues, self.eigenvalue_errors, self.axes, strict=True):
-            lon, lat = (float(np.degrees(each)) for each in angles(matrix @ axis))
-            lines.append(
-                f"{'':17}{f'{rate:+.3f} ± {error:.3f}':>20}{self.percent(rate):+10.3g}{lon % 360:8.1f}{lat:+8.1f}"
-            )
-        return "\n".join([*lines, *note_lines(self.notes)]) + "\n"
+        there = np.array([angles(rotation_matrix(self.frame, "galactic") @ axis) for axis in self.axes])
+        lon, lat = np.degrees(there).T
+        columns = {
+            "rate": self.eigenvalues,
+            "rate_error": self.eigenvalue_errors,
+            "% of H0": self.percent(self.eigenvalues),
+        }
+        axes = tables.table_of(columns | {"l": lon % 360, "b": lat}, {}, {"rate": "uas / yr", "l": "deg", "b": "deg"})
+        forms = {"% of H0": "+.3g", "l": ".1f", "b": "+.1f"}
+        return (
+            Section("Expansion that differs from axis to axis: the tensor Σ", facts, self.to_table()),
+            Section("Principal axes", (), axes, forms=forms, notes=self.notes),
+        )
 
     def to_table(self) -> Table:
         """A row for each component, as an astropy Table."""

@@ -19,6 +19,8 @@ import numpy as np
 from fit.distances import measured_rates
 from fit.results.solution import NamedSolution
 from vsh.field import Field
+from vsh.io import tables
+from vsh.io.sections import Section
 from vsh.sky.sphere import triad
 from vsh.tools import arguments
 from vsh.tools.arguments import choice, not_negative
@@ -114,34 +116,23 @@ class Kinematics(NamedSolution):
         rates = measured_rates(field, self.length / 1000)
         return np.tensordot(self.values, _design(field, rates.mean, "A" in self.names), 1)
 
-    def report(self, source: str = "") -> str:
-        """The velocity, the gradient and how well they are known, as text.
-
-        Parameters
-        ----------
-        source : str
-            The catalogue, as the report names it.
-        """
-        lines = [
-            f"Our velocity with respect to sources at known distances ({self.frame} axes)",
-            *([f"catalogue      {source}"] if source else []),
-            f"sources        {self.n_data // 2}",
-            f"dispersion     {self.dispersion:.1f} km/s in each component about the model",
-            f"χ²/dof         {self.chi2:.6g} / {self.dof} = {self.reduced_chi2:.3f}",
+    def _sections(self, long):
+        speed, (lon, lat) = self.velocity.amplitude, self.velocity.direction
+        facts = [
+            ("sources", f"{self.n_data // 2} at known distances, {self.frame} axes"),
+            ("dispersion", f"{self.dispersion:.1f} km/s in each component about the model"),
+            ("χ²/dof", f"{self.chi2:.6g} / {self.dof} = {self.reduced_chi2:.3f}"),
+            ("speed", f"{speed:.2f} km/s toward {lon:.1f}°, {lat:+.1f}°"),
         ]
-        for name, value, sigma in zip(self.names, self.values, self.sigma, strict=True):
-            unit = "km/s" if name in _V else "km/s/kpc"
-            lines.append(f"{name:12}{value:+12.3f} ± {sigma:.3f} {unit}")
-        if self.velocity.amplitude > SPEED_OF_LIGHT:
-            lines.insert(2, "warning        faster than light: are distances and motions in the unit that was taken?")
-        lon, lat = self.velocity.direction
-        lines.append(f"speed        {self.velocity.amplitude:.2f} km/s toward {lon:.1f}°, {lat:+.1f}° ({self.frame})")
+        if speed > SPEED_OF_LIGHT:
+            facts.append(("warning", "faster than light: are distances and motions in the unit that was taken?"))
         if self.oort:
-            listed = "  ".join(f"{name} = {value:+.2f} ± {error:.2f}" for name, (value, error) in self.oort.items())
-            lines.append(f"Oort         {listed} km/s/kpc")
+            listed = ", ".join(f"{name} = {value:+.2f} ± {error:.2f}" for name, (value, error) in self.oort.items())
             assert self.vertex is not None
-            lines.append("vertex       {:.1f}° ± {:.1f}°".format(*self.vertex))
-        return "\n".join([*lines, *(f"  - {note}" for note in self.notes)]) + "\n"
+            facts += [("Oort constants", f"{listed} km/s/kpc"), ("vertex", "{:.1f}° ± {:.1f}°".format(*self.vertex))]
+        columns = {"parameter": list(self.names), "value": self.values, "sigma": self.sigma}
+        columns["unit"] = ["km/s" if name in _V else "km/s/kpc" for name in self.names]
+        return (Section("Our velocity with respect to stars", facts, tables.table_of(columns), notes=self.notes),)
 
 
 @arguments.accepts(field=arguments.a(Field))

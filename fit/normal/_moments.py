@@ -13,6 +13,7 @@ from fit.normal.sums import fourier_sums, rings_of
 from fit.results.storage import Result, count, exact, number, words
 from vsh.field import Field
 from vsh.io.parts import Parts
+from vsh.io.sections import Section
 from vsh.modes import Modes, ScalarModes, as_modes
 from vsh.scalars import ScalarField, modes_for
 from vsh.sky.frames import check_frame
@@ -256,17 +257,16 @@ class Moments(Result):
         weight = rings.on_grid(self.weights)[:components].mean(0)
         return rings.lat, weight / (np.cos(rings.lat) * 2 * np.pi**2 / weight.size)[:, None]
 
-    def report(self) -> str:
-        """What the moments hold, as text."""
+    def _sections(self, long):
         weight = self.weights[: self.kind.components, 0].sum(0)[2 * self.lmax].real / self.n_data
-        lines = [
-            f"Moments of {self.n_sources} sources to degree {self.lmax} ({self.frame} axes): "
-            f"{(self.weights.nbytes + self.motions.nbytes) / 1e3:.4g} kB",
-            f"weighted mean error  {1 / np.sqrt(weight) if weight > 0 else np.inf:.4g} {self.unit}",
-            f"χ² of nothing        {self.chi2_null:.6g} of {self.n_data} numbers",
-            *(f"  - {note}" for note in self.notes),
+        error = 1 / np.sqrt(weight) if weight > 0 else np.inf
+        facts = [
+            ("sources", f"{self.n_sources}, {self.frame} axes"),
+            ("size", f"{(self.weights.nbytes + self.motions.nbytes) / 1e3:.4g} kB"),
+            ("mean error", f"{error:.4g} {self.unit}, weighted"),
+            ("χ² of nothing", f"{self.chi2_null:.6g} of {self.n_data} numbers"),
         ]
-        return "\n".join(lines) + "\n"
+        return (Section(f"Moments of a catalogue to degree {self.lmax}", facts, notes=self.notes),)
 
     def plot(self, *, ax: Axes | None = None) -> Axes:
         """The weight of the sources on the sky, on matplotlib axes."""

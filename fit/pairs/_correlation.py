@@ -13,11 +13,11 @@ from fit.results.storage import Result
 from vsh.field import Field
 from vsh.io import tables
 from vsh.io.parts import Parts
+from vsh.io.sections import Section
 from vsh.models.covariance import d_minus, d_plus
 from vsh.tools import arguments
 from vsh.tools.arguments import between, float_array
 from vsh.tools.errors import ParameterError
-from vsh.tools.notes import note_lines
 from vsh.tools.types import ArrayLike, Axes, AxesArray, FloatArray, OnAxes, Table
 from vsh.tools.units import hubble_rate
 
@@ -119,16 +119,14 @@ class TemplateFit(Result):
         limits = [_limit_words(name, high) for name, (_, high) in zip(self.names, self.interval(), strict=True)]
         return f"pairs show none of these: {', '.join(limits)} (95 %)"
 
-    def report(self) -> str:
-        """Amplitudes as text."""
-        lines = [
-            "Templates in the correlation of motions (errors from the scatter of blocks of the sky; 95 % as squares "
-            "scatter)"
+    def _sections(self, long):
+        table = self.to_table()
+        table["meaning"] = [TEMPLATES.get(name, "") for name in self.names]
+        facts = [
+            ("errors", "from the scatter of blocks of the sky; the 95 % intervals allow for squares of coefficients")
         ]
-        for name, value, error, (low, high) in zip(self.names, self.values, self.sigma, self.interval(), strict=True):
-            cells = f"{value:+12.4g} ± {error:<10.2g}95 %: {low:.3g} … {high:<10.3g}"
-            lines.append(f"  {name:10}{cells}{TEMPLATES.get(name, '')}")
-        return "\n".join(lines) + "\n"
+        forms = dict.fromkeys(("low95", "high95"), ".3g")
+        return (Section("Templates in the correlation of motions", facts, table, forms=forms),)
 
     def to_table(self) -> Table:
         """A row for each template, as an astropy Table."""
@@ -336,22 +334,16 @@ class Correlation(Result):
         """
         return fitted(self, names_of(templates, arguments.positive("hubble", hubble)))
 
-    def report(self) -> str:
-        """The correlation by angle as text."""
-        lines = [
-            (
-                f"Correlation of motions by angle: {self.n_data // 2} sources, sums to degree {self.lmax}, no pair of a"
-                " source with itself"
-            ),
-            f"ξ± = ⟨u∥u∥'⟩ ± ⟨u⊥u⊥'⟩ [(µas/yr)²]; errors from the scatter of {self.n_blocks} blocks of the sky",
-            f"{'angle':>8}{'pairs':>12}{'ξ+':>12}{'±':>10}{'ξ−':>12}{'±':>10}",
+    def _sections(self, long):
+        facts = [
+            ("sources", f"{self.n_data // 2}, sums to degree {self.lmax}; no source is paired with itself"),
+            ("ξ±", "⟨u∥u∥'⟩ ± ⟨u⊥u⊥'⟩; errors from the scatter of " + f"{self.n_blocks} blocks of the sky"),
         ]
-        for row in zip(
-            np.degrees(self.theta), self.n_pairs, self.plus, self.sigma_plus, self.minus, self.sigma_minus, strict=True
-        ):
-            angle, pairs, plus, one, minus, two = row
-            lines.append(f"{angle:7.2f}°{pairs:12.4g}{plus:12.4g}{one:10.2g}{minus:12.4g}{two:10.2g}")
-        return "\n".join([*lines, *note_lines(self.notes)]) + "\n"
+        shown = ("theta", "n_pairs", "plus", "sigma_plus", "minus", "sigma_minus")
+        forms = {"theta": ".2f", "n_pairs": ".4g"}
+        return (
+            Section("Correlation of motions by angle", facts, self.to_table(), shown, forms=forms, notes=self.notes),
+        )
 
     def to_table(self) -> Table:
         """A row for each bin, as an astropy Table."""

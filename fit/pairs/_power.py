@@ -29,13 +29,14 @@ from fit.results.storage import Result
 from vsh.field import Field
 from vsh.io import tables
 from vsh.io.parts import Parts
+from vsh.io.sections import Section
 from vsh.models.covariance import d_minus, d_plus
 from vsh.modes import Modes, ScalarModes
 from vsh.sky.pixels import pixels_of
 from vsh.tools import arguments
 from vsh.tools.arguments import explained, float_array
 from vsh.tools.errors import DegeneracyError, FieldError, ParameterError
-from vsh.tools.notes import merge_notes, note_lines, spoken
+from vsh.tools.notes import merge_notes, spoken
 from vsh.tools.parallel import map_blocks
 from vsh.tools.types import ArrayLike, Axes, FloatArray, Table
 
@@ -210,21 +211,12 @@ class PairPower(Result):
         """Standard errors of both, (2, lmax). [(µas/yr)²]"""
         return np.sqrt(np.diag(self.covariance)).reshape(2, -1)
 
-    def report(self) -> str:
-        """The powers as text."""
-        lines = [
-            (
-                f"Power by degree from pairs of {self.n_data // 2} sources [(µas/yr)²]: no noise in it, whatever the "
-                "errors;"
-            ),
-            f"errors from the scatter of {self.n_blocks} blocks of the sky",
-            f"{'degree':>8}{'toroidal':>14}{'±':>10}{'spheroidal':>14}{'±':>10}",
+    def _sections(self, long):
+        facts = [
+            ("sources", f"{self.n_data // 2}; pairs of different sources have no noise in common, whatever the errors"),
+            ("errors", f"from the scatter of {self.n_blocks} blocks of the sky"),
         ]
-        for l, row in enumerate(
-            zip(self.toroidal, self.errors[0], self.spheroidal, self.errors[1], strict=True), start=1
-        ):
-            lines.append("{:8d}{:14.4g}{:10.2g}{:14.4g}{:10.2g}".format(l, *row))
-        return "\n".join([*lines, *note_lines(self.notes)]) + "\n"
+        return (Section("Power by degree from pairs", facts, self.to_table(), notes=self.notes),)
 
     def to_table(self) -> Table:
         """A row for each degree, as an astropy Table."""

@@ -16,8 +16,10 @@ from scipy.special import logsumexp
 
 from fit.posterior._model import MixtureModel, ParallaxModel
 from fit.posterior._priors import HUBBLE_LIMITS, UNITS, ModelPriors
-from fit.posterior._summary import SampleResult, Samples, text_of
+from fit.posterior._summary import SampleResult, Samples, sections_of
 from fit.sampling import ENOUGH, Flat, Normal, autocorrelation, inference_data, split_r_hat
+from vsh.io import tables
+from vsh.io.sections import Section
 from vsh.io.tables import three_digits
 from vsh.tools.errors import ConvergenceError, ParameterError
 from vsh.tools.types import AxesArray, FloatArray, OnAxes, PathName
@@ -279,15 +281,9 @@ class Posterior(SampleResult):
         kept = self.chain[self.burn_in :: self.thinning]
         return self.model.to_samples(kept.reshape(-1, kept.shape[-1]), np.random.default_rng([self.seed, 1]))
 
-    def report(self, *, long: bool = False) -> str:
-        """The summary as text.
-
-        Parameters
-        ----------
-        long : bool
-            Add the priors, the chain, and H0 under other priors.
-        """
-        return "\n".join([text_of(self, long), *(_sensitivity_lines(self.hubble_by_prior) if long else [])])
+    def _sections(self, long):
+        others = self.hubble_by_prior if long else {}
+        return (*sections_of(self, long), *([_sensitivity(others)] if others else []))
 
     @cached_property
     def hubble_by_prior(self) -> dict[str, HubbleQuantiles]:
@@ -465,14 +461,17 @@ def _hubble_by_prior(model):
     return quantiles
 
 
-def _sensitivity_lines(quantiles: dict[str, HubbleQuantiles]) -> list[str]:
-    """A table of H0 under several priors, as lines; none where there are no quantiles."""
-    if not quantiles:
-        return []
-    lines = ["H0 under other priors [km/s/Mpc], between 1 and 1000; one-sided limits"]
-    lines.append(f"{'':18}{'median':>10}{'68 %':>22}{'95 % below':>14}{'95 % above':>12}")
-    for name, each in quantiles.items():
-        remark = "  (leans on the limits)" if each.at_limits else ""
-        cells = [three_digits(value) for value in each[:5]]
-        lines.append(f"{name:18}{cells[0]:>10}{cells[1]:>11} …{cells[2]:>9}{cells[3]:>14}{cells[4]:>12}{remark}")
-    return lines
+def _sensitivity(quantiles: dict[str, HubbleQuantiles]) -> Section:
+    """H0 under several priors, as a section."""
+    cells = [[three_digits(value) for value in each[:5]] for each in quantiles.values()]
+    columns = {
+        "prior": list(quantiles),
+        "median": [row[0] for row in cells],
+        "68 %": [f"{row[1]} … {row[2]}" for row in cells],
+        "95 % below": [row[3] for row in cells],
+        "95 % above": [row[4] for row in cells],
+    }
+    leaning = [name for name, each in quantiles.items() if each.at_limits]
+    remarks = [f"Leans on the limits: {', '.join(leaning)}."] if leaning else []
+    title = "H0 under other priors [km/s/Mpc], between 1 and 1000; one-sided limits"
+    return Section(title, (), tables.table_of(columns), remarks=remarks)

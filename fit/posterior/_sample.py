@@ -26,6 +26,7 @@ from fit.secular_parallax import (
 from vsh.field import MEASURED, Field
 from vsh.io import tables
 from vsh.io.parts import Parts
+from vsh.io.sections import Section
 from vsh.tools import arguments
 from vsh.tools.arguments import choice, generator
 from vsh.tools.errors import ParameterError
@@ -247,13 +248,11 @@ class GridPosterior(Result):
     probability: FloatArray
     velocity: Vector
 
-    def report(self) -> str:
-        """Means and standard deviations as text."""
+    def _sections(self, long):
         v = self.velocity
-        lines = [f"Posterior on a grid ({v.frame} axes, velocity toward the apex)"]
-        lines += [f"{name:22}{self.mean(name):.4g} ± {self.sigma(name):.2g}" for name in self.names]
-        lines += [f"v_{axis:20}{x:+.1f} ± {s:.1f} km/s" for axis, x, s in zip("xyz", v.value, v.sigma, strict=True)]
-        return "\n".join(lines) + "\n"
+        facts = [(name, f"{self.mean(name):.4g} ± {self.sigma(name):.2g}") for name in self.names]
+        facts += [(f"v_{axis}", f"{x:+.1f} ± {s:.1f} km/s") for axis, x, s in zip("xyz", v.value, v.sigma, strict=True)]
+        return (Section(f"Posterior on a grid ({v.frame} axes, velocity toward the apex)", facts),)
 
     def to_table(self) -> Table:
         """Marginal probabilities as an astropy Table: for each quantity its values and their probabilities."""

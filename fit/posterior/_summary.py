@@ -1,16 +1,16 @@
 """Samples in a few numbers: our own, since libraries change what an interval is."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from fit.posterior._priors import FITS_UNITS, SHORT_NAMES, UNITS
-from fit.results.output import note_lines
 from fit.results.storage import Result, count, words
 from fit.sampling import autocorrelation, inference_data, split_r_hat
 from vsh.io import tables
+from vsh.io.sections import Section
 from vsh.io.tables import three_digits
 from vsh.sky.frames import check_frame
 from vsh.tools.arguments import float_array
@@ -164,9 +164,8 @@ class Samples(SampleResult):
     def __repr__(self) -> str:
         return f"<Samples: {len(self.samples['H0'])} of {', '.join(self.samples)}, {self.frame}>"
 
-    def report(self) -> str:
-        """The summary as text."""
-        return "\n".join([*heading(self.frame, self.priors), *table_lines(self)]) + "\n"
+    def _sections(self, long):
+        return (replace(summary_section(self, prior_facts(self.priors)), notes=self.notes),)
 
     def _pack(self):
         units = {name: FITS_UNITS[UNITS[name]] for name in self.samples if UNITS.get(name)}
@@ -195,59 +194,45 @@ def _walkers(samples, rest):
     return walkers
 
 
-def text_of(posterior: Any, long: bool = True) -> str:
-    """A page of text on a posterior."""
-    lines = heading(posterior.frame, posterior.model.priors.in_words())
-    lines = [*lines, *_origin(posterior)] if long else lines[:1]
-    lines += [
-        *table_lines(posterior, _given(posterior.model.priors)),
-        *_at_limits(posterior),
-        *_product(posterior),
-        *note_lines(posterior.notes),
-    ]
-    return "\n".join(lines)
+def sections_of(posterior: Any, long: bool = True) -> tuple[Section, ...]:
+    """A posterior as sections."""
+    facts = prior_facts(posterior.model.priors.in_words()) + _origin(posterior) if long else []
+    remarks = [*_at_limits(posterior), *_product(posterior)]
+    section = summary_section(posterior, facts, _given(posterior.model.priors))
+    return (replace(section, remarks=remarks, notes=posterior.notes),)
 
 
 def _origin(posterior):
-    """Where the samples come from, as lines."""
+    """Where the samples come from, as labels with words."""
     steps, walkers, _ = posterior.chain.shape
-    kept = len(posterior.samples["H0"])
+    count = len(posterior.samples["H0"])
     if posterior.method == "grid":
-        return [f"samples        {kept}, independent draws from a grid"]
-    lines = [
-        f"chain          {steps} steps of {walkers} walkers = {steps / max(posterior.autocorrelation.values()):.0f} "
-        "autocorrelation times",
-        f"               {kept} samples kept after burn-in and thinning",
-    ]
+        return [("samples", f"{count}, independent draws from a grid")]
+    lengths = f"{steps / max(posterior.autocorrelation.values()):.0f} autocorrelation times"
+    facts = [("chain", f"{steps} steps of {walkers} walkers = {lengths}; {count} samples after burn-in and thinning")]
     if posterior.cells is None:
-        return lines
+        return facts
     mean, sigma = posterior.cells.hubble
-    chain, error = np.mean(posterior.samples["H0"]), sigma / np.sqrt(posterior.effective_size["H0"])
-    apart = (chain - mean) / error
-    return [
-        *lines,
-        f"               mean H0 {apart:+.1f} of its Monte Carlo errors from that on a grid, {mean:.4g} ± {sigma:.2g}",
-    ]
+    error = sigma / np.sqrt(posterior.effective_size["H0"])
+    apart = (np.mean(posterior.samples["H0"]) - mean) / error
+    words = f"mean H0 is {apart:+.1f} of its Monte Carlo errors from that on a grid, {mean:.4g} ± {sigma:.2g}"
+    return [*facts, ("check", words)]
 
 
-def heading(frame: str, priors: Mapping[str, str]) -> list[str]:
-    """The first lines of a report on a posterior: its priors in words."""
+def prior_facts(priors: Mapping[str, str]) -> list[tuple[str, str]]:
+    """The priors, as labels with words."""
     dispersion = priors["peculiar_dispersion"]
-    fixed = (
-        "fixed: in the weights alone"
-        if dispersion.replace(".", "").isdigit()
-        else "free: the scatter bears on its product with H0"
-    )
+    is_fixed = dispersion.replace(".", "").isdigit()
+    fixed = "fixed: in the weights alone" if is_fixed else "free: the scatter bears on its product with H0"
     flow = priors.get("flow_amplitude", "1")
-    return [
-        f"Posterior ({frame} axes, velocity toward the apex)",
-        f"priors         velocity: {priors['velocity']}",
-        f"               H0: {priors['hubble']} km/s/Mpc",
-        f"               peculiar velocities: dispersion {dispersion} km/s ({fixed})",
-        f"               flows: {priors.get('flows', 'none that galaxies share')}",
-        f"               excess noise: {priors['excess_noise']} µas/yr",
-        *([] if flow == "1" else [f"               amplitude of the flow: {flow} (the flow bears on H0)"]),
+    facts = [
+        ("prior: velocity", priors["velocity"]),
+        ("prior: H0", f"{priors['hubble']} km/s/Mpc"),
+        ("prior: peculiar velocities", f"dispersion {dispersion} km/s ({fixed})"),
+        ("prior: flows", priors.get("flows", "none that galaxies share")),
+        ("prior: excess noise", f"{priors['excess_noise']} µas/yr"),
     ]
+    return facts + ([] if flow == "1" else [("prior: amplitude of the flow", f"{flow} (the flow bears on H0)")])
 
 
 #: A prior on a velocity is sharp where its error is so many times smaller than it.
@@ -261,22 +246,20 @@ def _given(priors):
     return ["v_x", "v_y", "v_z", "speed"] if sharp else []
 
 
-def table_lines(result: SampleResult, given: Sequence[str] = ()) -> list[str]:
-    """The table of medians and intervals of a SampleResult, as lines; those that were given are marked as priors."""
+def summary_section(result: SampleResult, facts: Sequence[tuple[str, str]] = (), given: Sequence[str] = ()) -> Section:
+    """Medians and intervals of a SampleResult; those that were given are marked as priors."""
     size, r_hat = result._effective(), result._r_hat()
-    lines = [
-        (
-            f"effective      {min(size.values()):.0f} independent samples at least, R̂ {max(r_hat.values()):.3f} at "
-            "most; digits are those they have"
-        ),
-        f"{'':18}{'median':>10}{'68 %':>22}{'95 %':>22}",
-    ]
-    for name, cells in result.print_summary().items():
-        label = SHORT_NAMES.get(name, name) + (" (prior)" if name in given else "")
-        lines.append(
-            f"{label:18}{cells[0]:>10}{cells[1]:>11} …{cells[2]:>9}{cells[3]:>11} …{cells[4]:>9}  {UNITS[name]}"
-        )
-    return lines
+    effective = f"{min(size.values()):.0f} independent samples at least, R̂ {max(r_hat.values()):.3f} at most"
+    rows = result.print_summary()
+    columns = {
+        "quantity": [SHORT_NAMES.get(name, name) + (" (prior)" if name in given else "") for name in rows],
+        "median": [cells[0] for cells in rows.values()],
+        "68 %": [f"{cells[1]} … {cells[2]}" for cells in rows.values()],
+        "95 %": [f"{cells[3]} … {cells[4]}" for cells in rows.values()],
+        "unit": [UNITS[name] for name in rows],
+    }
+    title = f"Posterior ({result.frame} axes, velocity toward the apex)"
+    return Section(title, [*facts, ("effective", f"{effective}; digits are those they have")], tables.table_of(columns))
 
 
 def _as_sure(row, effective):
@@ -297,9 +280,8 @@ def _product(posterior):
     low, high = posterior.hubble_limits
     product = posterior.product
     return [
-        f"v · H0            {product[0]:10.0f}{product[1]:11.0f} …{product[2]:9.0f}  (km/s)²/Mpc",
-        f"H0                below {three_digits(high)} with 95 %, above {three_digits(low)} with 95 % (one-sided)"
-        "  km/s/Mpc",
+        f"v · H0: median {product[0]:.0f}, 68 % {product[1]:.0f} … {product[2]:.0f} (km/s)²/Mpc",
+        f"H0 is below {three_digits(high)} with 95 %, above {three_digits(low)} with 95 % (one-sided) km/s/Mpc",
     ]
 
 
@@ -316,7 +298,7 @@ def _at_limits(posterior, near=0.02, share=1e-3):
         if np.mean(leaning) > share:
             who = "of the prior" if limit == given else "of the sampler"
             lines.append(
-                f"warning        {100 * np.mean(leaning):.2g} % of the samples lie next to H0 = {limit:g}, a limit "
+                f"warning: {100 * np.mean(leaning):.2g} % of the samples lie next to H0 = {limit:g}, a limit "
                 f"{who}: the result depends on where it is"
             )
     return lines

@@ -17,7 +17,7 @@ from scipy.special import chdtrc
 
 from fit.background import SharedErrors, shared
 from fit.distances import flow_counts, flow_limits
-from fit.results.output import amplitude, components, note_lines, p_value
+from fit.results.output import amplitude
 from fit.results.quality import Quality, f_p_value, gls
 from fit.results.storage import Result
 from fit.secular_parallax import LEFT_DISPERSION, modes_within
@@ -26,6 +26,8 @@ from vsh.coefficients import FIRST_DEGREE
 from vsh.field import Field
 from vsh.io import tables
 from vsh.io.parts import Parts, as_parts
+from vsh.io.sections import Section
+from vsh.io.tables import printed_p_value
 from vsh.models.cosmology import CMB_VELOCITY_PLANCK18, FLAT_PLANCK13, FLOW_LIMIT, hubble_value, usable
 from vsh.models.flows import FlowModes, LinearTheory
 from vsh.modes import KINDS, Modes
@@ -75,14 +77,10 @@ class Trend(Result):
     spin: Vector
     acceleration: Vector
 
-    def report(self) -> str:
-        """The slopes and their test as text."""
-        lines = [
-            f"slopes of {name:14}" + "".join(f"{x:+10.3f} ± {s:.3f}" for x, s in zip(v.value, v.sigma, strict=True))
-            for name, v in (("spin", self.spin), ("acceleration", self.acceleration))
-        ]
-        lines.append(f"no slope: χ² = {self.test.chi2:.2f} for {self.test.dof}, p-value {self.test.p_value:.4g}")
-        return "\n".join(lines) + "\n"
+    def _sections(self, long):
+        test = self.test
+        facts = [("no slope", f"χ² = {test.chi2:.2f} for {test.dof}, p = {printed_p_value(test.p_value)}")]
+        return (Section("Slopes of spin and acceleration with redshift", facts, self.to_table()),)
 
     def to_table(self) -> Table:
         """The slopes of spin and acceleration with their errors as an astropy Table."""
@@ -91,7 +89,7 @@ class Trend(Result):
             {
                 "parameter": names,
                 "slope": np.concatenate([self.spin.value, self.acceleration.value]),
-                "sigma": np.concatenate([self.spin.sigma, self.acceleration.sigma]),
+                "slope_error": np.concatenate([self.spin.sigma, self.acceleration.sigma]),
             }
         )
 
@@ -203,69 +201,74 @@ _REMARKABLE = 0.0027
 _MANY = 100_000
 
 
-def text_of(
+def sections_of(
     binned: Any, velocity: Vector | None, p_values: Mapping[str, float] | None = None, long: bool = False
-) -> str:
-    """Dipoles in bins of redshift as text: a table, and whether the bins differ.
+) -> tuple[Section, ...]:
+    """Dipoles in bins of redshift as sections: a table, and whether the bins differ.
 
     Every hypothesis is tested three ways: with errors as quoted, with the errors of each bin multiplied by
     the root of its own χ²/dof, and by permuting redshifts. It is called contradicted where both of the last
     two say so (the second alone where there are no permutations).
     """
-    lines = [f"Bins of redshift ({binned.frame} axes, degree 1 to {binned.modes.lmax})"]
-    lines.append(f"{'z':>17}{'sources':>9}{'χ²/dof':>8}{'spin':>26}{'acceleration [µas/yr]':>28}")
-    for b, solution in enumerate(binned.solutions):
-        edges = f"{binned.edges[b]:.4g} – {binned.edges[b + 1]:.4g}"
-        cells = list(zip(components(solution.spin), components(solution.acceleration), strict=True))
-        if not long:
-            sizes = f"{amplitude(solution.spin):>26}{amplitude(solution.acceleration):>28}"
-            lines.append(f"{edges:>17}{binned.counts[b]:9d}{solution.reduced_chi2:8.2f}{sizes}")
-            continue
-        for row, (axis, pair) in enumerate(zip("xyz", cells, strict=True)):
-            left = f"{edges:>17}{binned.counts[b]:9d}{solution.reduced_chi2:8.2f}" if row == 0 else " " * 34
-            lines.append(f"{left}   {axis}{pair[0]:>22}{pair[1]:>27}")
-    for b, solution in enumerate(binned.solutions):
-        if solution.quality.warning():
-            lines.append(f"warning: bin {b + 1}: {solution.quality.warning()}")
+    warnings = [
+        f"warning: bin {b + 1}: {solution.quality.warning()}"
+        for b, solution in enumerate(binned.solutions)
+        if solution.quality.warning()
+    ]
     if any(solution.dof < 34 for solution in binned.solutions):
-        lines.append("warning: a bin has fewer than 20 sources, too few to tell the scale of its errors")
+        warnings.append("warning: a bin has fewer than 20 sources, too few to tell the scale of its errors")
+    if binned.counts.sum() >= _MANY and binned.modes.lmax < 7:
+        warnings.append(
+            "warning: errors that sources share over the sky, as those of Gaia, are not in the p-values: with them p < "
+            "0.05 on 11 to 14 % of skies at degrees 1 to 3. --lmax 7 (degree 7) gives 3 to 7 % where the bins cover "
+            "the same sky; where they cover different skies it does not help"
+        )
+    if binned.flow_share > 0.01:
+        warnings.append(f"Errors and p-values contain flows that galaxies share: {binned.flow}")
+    title = f"Bins of redshift ({binned.frame} axes, degree 1 to {binned.modes.lmax})"
+    table = binned.to_table()
+    if not long:
+        for name in ("spin", "acceleration"):
+            table[f"|{name}| [µas/yr]"] = [amplitude(getattr(solution, name)) for solution in binned.solutions]
+    shown = [name for name in table.colnames if long or not name.startswith(("spin", "acceleration"))]
+    first = Section(title, (), table, shown, forms={"chi2_dof": ".2f"}, remarks=warnings)
+    return (first, _tests_section(binned, velocity, p_values))
+
+
+def _tests_section(binned, velocity, p_values):
+    """Whether the bins differ, each hypothesis with its p-values."""
     tests = {"T": ("spin alike in all bins", binned.equality("T", 1))}
     tests["S"] = ("acceleration alike in all bins", binned.equality("S", 1))
     if len(binned) > 1:
         tests["trend"] = ("no slope of either with redshift", binned.trend(first=True).test)
     if velocity is not None and np.isfinite(binned.mean_inverse_distance).all():
-        tests["secular_parallax"] = (
-            f"constant ã − v/d, |v| = {velocity.amplitude:.0f} km/s",
-            binned.secular_parallax(velocity)[1],
-        )
-    if binned.counts.sum() >= _MANY and binned.modes.lmax < 7:
-        lines.append(
-            "warning: errors that sources share over the sky, as Gaia's, are not in the p-values: with them p < 0.05 on"
-            " 11 to 14 % of skies at degrees 1 to 3. --lmax 7 (degree 7) gives 3 to 7 % where the bins cover the same "
-            "sky; where they cover different skies it does not help"
-        )
-    if binned.flow_share > 0.01:
-        lines.append(f"errors and p-values hold flows that galaxies share: {binned.flow}")
-    lines += ["", f"{'p-values':36}{'χ² (dof)':>16}{'as quoted':>11}{'scaled':>9}{'permuted':>10}"]
-    for key, (name, test) in tests.items():
-        if test.dof == 0:
-            continue
-        permuted = (p_values or {}).get(key)
-        believed = test.p_value if permuted is None else max(test.p_value, permuted)
-        line = (
-            f"{name:36}{test.quoted:10.2f} ({test.dof:3d}){p_value(test.p_value_quoted):>11}{p_value(test.p_value):>9}"
-        )
-        line += f"{'–' if permuted is None else p_value(permuted):>10}"
-        lines.append(f"{line}  {'contradicted' if believed < _REMARKABLE else 'not contradicted'}")
-    if p_values is None and binned.flow_share > FLOW_MATTERS and binned.modes.lmax == 1 and len(binned) > 1:
-        lines.append("permuted: not computed, since redshifts dealt out anew tear the flow apart that neighbours share")
-    elif p_values is None and binned.modes.lmax == 1 and len(binned) > 1:
-        lines.append(
-            "permuted: not computed here (fit.redshift.permutation_test does; vsh-redshift up to 20000 sources)"
-        )
-    elif p_values is None and len(binned) > 1:
-        lines.append("permuted: computed with --lmax 1 alone")
-    return "\n".join([*lines, *note_lines(binned.notes)]) + "\n"
+        words = f"constant ã − v/d, |v| = {velocity.amplitude:.0f} km/s"
+        tests["secular_parallax"] = (words, binned.secular_parallax(velocity)[1])
+    rows = [(name, test, (p_values or {}).get(key, np.nan)) for key, (name, test) in tests.items() if test.dof]
+    believed = [test.p_value if np.isnan(p) else max(test.p_value, p) for _, test, p in rows]
+    columns = {
+        "hypothesis": [name for name, _, _ in rows],
+        "χ²": [test.quoted for _, test, _ in rows],
+        "dof": [test.dof for _, test, _ in rows],
+        "p_value as quoted": [test.p_value_quoted for _, test, _ in rows],
+        "p_value scaled": [test.p_value for _, test, _ in rows],
+        "p_value permuted": [p for _, _, p in rows],
+        "verdict": ["contradicted" if p < _REMARKABLE else "not contradicted" for p in believed],
+    }
+    remarks = [f"permuted: {why}"] if (why := _not_permuted(binned, p_values)) else []
+    table, forms = tables.table_of(columns), {"χ²": ".2f"}
+    return Section("Do the bins differ?", (), table, forms=forms, remarks=remarks, notes=binned.notes)
+
+
+def _not_permuted(binned, p_values):
+    """Why redshifts were not permuted; nothing where they were."""
+    if p_values is not None or len(binned) == 1:
+        return ""
+    if binned.modes.lmax > 1:
+        return "computed with --lmax 1 alone"
+    if binned.flow_share > FLOW_MATTERS:
+        return "not computed, since redshifts dealt out anew tear the flow apart that neighbours share"
+    return "not computed here (fit.redshift.permutation_test does; vsh-redshift up to 20000 sources)"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -473,25 +476,25 @@ class BinnedSolution(Result):
         units = {name: "uas / yr" for name in columns if name.startswith(("spin", "acceleration"))}
         return tables.table_of(columns, {"frame": self.frame, "notes": list(self.notes)}, units)
 
-    def report(
+    def sections(
         self,
-        velocity: Vector | None = CMB_VELOCITY_PLANCK18,
-        p_values: Mapping[str, float] | None = None,
         *,
         long: bool = False,
-    ) -> str:
-        """Spin and acceleration in each bin, and whether the bins differ, as text.
+        velocity: Vector | None = CMB_VELOCITY_PLANCK18,
+        p_values: Mapping[str, float] | None = None,
+    ) -> tuple[Section, ...]:
+        """The bins, and whether they differ.
 
         Parameters
         ----------
-        velocity : Vector or None
-            Our velocity, whose secular parallax the bins are compared with. [km/s]
-        p_values : dict of str to float, optional
-            From `fit.redshift.permutation_test`.
         long : bool
-            Give components in place of sizes.
+            Give the components of each bin in place of the amplitudes.
+        velocity : Vector, optional
+            Our velocity, to test the secular parallax. [km/s]
+        p_values : dict of str to float, optional
+            Those of `permutation_test`.
         """
-        return text_of(self, velocity, p_values, long)
+        return sections_of(self, velocity, p_values, long)
 
     def shared(self, degrees: Iterable[int] | None = None, **options: Any) -> SharedErrors:
         """Spin and acceleration of the bins with errors that they share, from the power of their higher degrees.

@@ -140,11 +140,6 @@ def hint_of(p: float) -> str:
     return f"a hint; detections have p < {SEEN}" if SEEN <= p < 0.05 else ""
 
 
-def printed_p_value(p: float) -> str:
-    """A probability as it is printed."""
-    return f"{p:.4f}" if p > 1e-3 else f"{p:.1e}" if p > 0 else "<1e-300" if p == 0 else "nan"
-
-
 def gls(values: FloatArray, covariance: FloatArray, design: FloatArray) -> tuple[FloatArray, float, FloatArray]:
     """Generalised least squares of values (B, q) = design (B, k) · θ (k, q): θ flat, χ² and θ's covariance."""
     q = values.shape[1]

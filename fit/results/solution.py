@@ -8,7 +8,7 @@ from contextlib import suppress
 from dataclasses import dataclass, fields, replace
 from difflib import get_close_matches
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from fit.results.storage import Result, coefficient_columns, count, decoded, enc
 from vsh.coefficients import FIRST_DEGREE, Coefficients, vector_of
 from vsh.field import Field
 from vsh.io import tables
+from vsh.io.sections import Answer, Section
 from vsh.modes import Modes
 from vsh.scalars import DIPOLE, ScalarCoefficients
 from vsh.sky.frames import check_frame
@@ -25,9 +26,6 @@ from vsh.tools.errors import DegeneracyError, ParameterError, TableError
 from vsh.tools.notes import coded, codes_of
 from vsh.tools.types import ArrayLike, Axes, FloatArray, Kind, Rng, Table
 from vsh.vector import Vector, correlation_of, probability_of
-
-if TYPE_CHECKING:
-    from fit.results.output import Answer
 
 
 class LinearSolution(Result):
@@ -389,25 +387,25 @@ class Solution(Summarised, HarmonicSolution):
         names = ("spin", "acceleration") if self.modes.components == 2 and self.modes.lowest == 1 else ()
         return "\n ".join([first, *(f"{name} {getattr(self, name).in_numbers()}" for name in names)])
 
-    def report(
-        self, *, check: Any = None, truth: dict[str, Any] | None = None, source: str | None = None, long: bool = False
-    ) -> str:
-        """A page of text, the result to quote first.
+    def sections(
+        self, *, long: bool = False, check: Any = None, truth: dict[str, Any] | None = None, source: str | None = None
+    ) -> tuple[Section, ...]:
+        """Spin and acceleration, and the power of each degree.
 
         Parameters
         ----------
+        long : bool
+            Add formal errors, the source of the errors and the powers with their noise.
         check : CrossCheck, optional
             Both solvers at degree 1.
         truth : dict, optional
             Truth of a simulated catalogue, by name.
         source : str, optional
             What was fitted.
-        long : bool
-            Add formal errors, the source of the errors and the powers with their noise.
         """
-        from fit.results.output import report
+        from fit.results.output import sections_of
 
-        return report(self, check=check, truth=truth, source=source, long=long)
+        return sections_of(self, check=check, truth=truth, source=source, long=long)
 
     def plot(self, *, ax: Axes | None = None) -> Axes:
         """Power by degree on matplotlib axes."""
@@ -421,11 +419,6 @@ class Solution(Summarised, HarmonicSolution):
         return tables.table_of(
             columns, {"frame": self.frame}, {name: self._units[name] for name in ("value", "sigma") if self._units}
         )
-
-    def _repr_html_(self) -> str:
-        from fit.results.output import html_of
-
-        return html_of(self)
 
     @property
     def answer(self) -> Answer:
@@ -622,9 +615,6 @@ class ScalarSolution(Solution):
         """d of the part d·r, a Vector in `unit`."""
         return self._first_degree("F", DIPOLE, self.unit)
 
-    def _repr_html_(self) -> str:
-        return Result._repr_html_(self)
-
 
 class AboutSolution(Result):
     """A result about a solution: text, table, figure and vectors are those of the solution to quote."""
@@ -663,15 +653,8 @@ class AboutSolution(Result):
         """Spin and acceleration as an astropy Table, a row for each component."""
         return self.quoted.summary()
 
-    def report(self, *, long: bool = False) -> str:
-        """The solution as text.
-
-        Parameters
-        ----------
-        long : bool
-            As for `Solution.report`.
-        """
-        return self.quoted.report(long=long)
+    def _sections(self, long):
+        return self.quoted.sections(long=long)
 
     def to_table(self) -> Table:
         """The coefficients with their errors as an astropy Table, a row each."""

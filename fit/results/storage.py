@@ -18,13 +18,13 @@ import textwrap
 import zlib
 from contextlib import suppress
 from dataclasses import fields, is_dataclass
-from html import escape
 from importlib import import_module
 from typing import Any, Self, cast
 
 import numpy as np
 
 from vsh.io import tables
+from vsh.io.sections import Answer, Section, text_of
 from vsh.modes import Modes
 from vsh.tools.errors import TableError, VshError
 from vsh.tools.notebook import Frozen
@@ -168,14 +168,34 @@ _OURS = re.compile(r"fit(\.\w+)+")
 class Result(Frozen):
     """What every result can do: report, table, figure, file, notebook.
 
-    A class gives `report()`, `plot()` and, where its arrays are not its table, `to_table()`. It is packed
+    A class gives `_sections(long)`, `plot()` and, where its arrays are not its table, `to_table()`. It is packed
     attribute by attribute unless it says otherwise: `_pack()` → (columns, the rest as plain values, units of
     columns) and the class method `_unpack(columns, rest)`, which may raise anything on what is not right.
     """
 
-    def report(self) -> str:
-        """The result as text."""
+    def sections(self, *, long: bool = False) -> tuple[Section, ...]:
+        """The parts of the result that its text, page and files are made from.
+
+        Parameters
+        ----------
+        long : bool
+            Everything there is to say, and not only what most readers need.
+        """
+        return self._sections(long)
+
+    def _sections(self, long):
         raise NotImplementedError
+
+    def report(self, *, long: bool = False, **about: Any) -> str:
+        """The result as text: the lines to quote, and the sections.
+
+        Parameters
+        ----------
+        long, about
+            As for `sections`.
+        """
+        answer: Any = getattr(self, "answer", Answer())
+        return "\n\n".join([str(answer)] * bool(answer.lines) + [text_of(self.sections(long=long, **about))])
 
     def plot(self, *, ax: Any = None) -> Any:  # axes, or an array of them: each result says which
         """The result on matplotlib axes.
@@ -202,8 +222,12 @@ class Result(Frozen):
         return f"<{type(self).__name__}: {textwrap.shorten(', '.join(parts), 200, placeholder=' …')}>"
 
     def _repr_html_(self) -> str:
-        """The report, for a notebook."""
-        return f"<pre>{escape(self.report())}</pre>"
+        """The lines to quote and the sections, for a notebook."""
+        from vsh.figures import page
+
+        answer: Any = getattr(self, "answer", Answer())
+        panels = [page.answer(answer.lines), *map(page.section, self.sections())]
+        return "\n".join(panel.html for panel in panels)
 
     def _plain_facts(self):
         """What any reader of the table should see in its header."""

@@ -437,6 +437,7 @@ def _with_noise(field, noise):
 def _log_likelihood(sky, share):
     """ln of the likelihood of a Student-t fit."""
     sums = sky.sum(partial(_likelihood_terms, share=share), roles=(), words="Student-t, likelihood")
+    share.last.clear()
     mean = _log_t(share.weight.nu, share.weight.components, sums["log"] / sums["sources"])
     return float(sums["sources"] * mean - sums["logdet"] / 2)
 

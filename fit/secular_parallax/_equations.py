@@ -23,11 +23,11 @@ from typing import Any, Literal
 import numpy as np
 
 from fit.distances import Calibration, inverse_distances
-from fit.results.output import WIDTH, amplitude, components, direction
 from fit.results.storage import Result
 from vsh.field import Field
 from vsh.io import tables
 from vsh.io.parts import DISTANCES, Parts
+from vsh.io.sections import Section
 from vsh.models.cosmology import CMB_VELOCITY_PLANCK18, hubble_value, parallax_factor
 from vsh.models.flows import FlowModes, LinearTheory, VelocityGrid
 from vsh.sky.sphere import across_and_along, triad
@@ -408,18 +408,9 @@ class Flow(Result):
         rows = _shell_mean(self.modes, positive("radius", radius))
         return Vector(rows @ self.values, rows @ self.covariance @ rows.T, self.frame, "km/s")
 
-    def report(self) -> str:
-        """The bulk flow by distance as text."""
-        lines = [
-            f"The flow of galaxies, {self.modes.theory.name} as its prior, {len(self.modes)} modes",
-            "─" * WIDTH,
-            f"{'Mpc/h':>8}  mean velocity of a shell, {self.frame} axes [km/s]",
-        ]
-        for radius in self._radii():
-            v = self.bulk(radius)
-            cells = "".join(f"{cell:>17}" for cell in components(v))
-            lines.append(f"{radius:8.0f}{cells}  |V| {amplitude(v)}  {direction(v.to_frame('galactic'))}")
-        return "\n".join(lines) + "\n"
+    def _sections(self, long):
+        facts = [("prior", f"{self.modes.theory.name}, {len(self.modes)} modes"), ("axes", self.frame)]
+        return (Section("The flow of galaxies: mean velocity of shells", facts, self.to_table()),)
 
     def to_table(self) -> Table:
         """Mean velocities of shells as an astropy Table, a row each."""
@@ -429,7 +420,8 @@ class Flow(Result):
         for i, axis in enumerate("xyz"):
             columns[f"v_{axis}"] = [v.value[i] for v in bulks]
             columns[f"v_{axis}_error"] = [v.sigma[i] for v in bulks]
-        return tables.table_of(columns, {"frame": self.frame})
+        units = {name: "km / s" for name in columns if name.startswith("v_")} | {"distance": "Mpc"}
+        return tables.table_of(columns, {"frame": self.frame}, units)
 
     def plot(self, *, ax: OnAxes | None = None) -> AxesArray:
         """The radial velocities that were found on three shells, on matplotlib axes."""

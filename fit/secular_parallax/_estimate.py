@@ -15,7 +15,6 @@ import numpy as np
 
 from fit.distances import WHOLE_DISPERSION, calibrate, has_distances
 from fit.motions.stars import Kinematics, kinematics
-from fit.results.output import WIDTH
 from fit.results.storage import Result
 from fit.secular_parallax._equations import (
     OMEGA,
@@ -32,6 +31,7 @@ from fit.secular_parallax._solution import HubbleSolution, VelocitySolution, fre
 from vsh.field import Field
 from vsh.io import tables
 from vsh.io.parts import Parts
+from vsh.io.sections import Section
 from vsh.models.cosmology import FLAT_PLANCK13, LOCAL_GROUP, hubble_value, transverse_distance, velocity_along
 from vsh.models.flows import FARTHEST, LINEAR_PLANCK18, FlowModes, LinearTheory, VelocityGrid, flow_modes
 from vsh.tools import arguments
@@ -532,26 +532,15 @@ class VelocityForecast(Result):
     velocity: Any
     hubble: Any
 
-    def report(self) -> str:
-        """The table as text."""
-        lines = [
-            (
-                "Errors to come: a component of our velocity [km/s] / H0 [km/s/Mpc], with the cosmic variance of linear"
-                " flows"
-            ),
-            "─" * WIDTH,
-            f"{'':8}{'z below':>8}{'sources':>9}" + "".join(f"{name:>16}" for name in self.known),
+    def _sections(self, long):
+        table = self.to_table()
+        forms = {name: ".0f" if name.startswith("velocity") else ".1f" for name in table.colnames[3:]}
+        facts = [("errors", "of a component of our velocity [km/s], and of H0 [km/s/Mpc]")]
+        remarks = [
+            "Errors contain the cosmic variance of linear flows. With the Local Group's motion v is not independent of "
+            "it; H0 is, and is fitted together with the flow."
         ]
-        for i, catalogue in enumerate(self.catalogues):
-            for j, limit in enumerate(self.limits):
-                cells = "".join(
-                    f"{v:8.0f} /{h:5.1f} " for v, h in zip(self.velocity[i, j], self.hubble[i, j], strict=True)
-                )
-                lines.append(f"{catalogue:8}{limit:8.3g}{self.sources[i, j]:9d}{cells}")
-        lines.append(
-            "With the Local Group's motion v is not independent of it; H0 is, and is fitted together with the flow."
-        )
-        return "\n".join(lines) + "\n"
+        return (Section("Errors to come", facts, table, forms=forms, remarks=remarks),)
 
     def to_table(self) -> Table:
         """A row for each catalogue and limit, as an astropy Table."""

@@ -13,11 +13,13 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.special import chdtrc, ndtri
 
-from fit.results.output import amplitude, components, direction, is_seen, note_lines, p_value, pulls
+from fit.results.output import amplitude, components, direction, is_seen, p_value, pulls
 from fit.results.solution import NamedSolution
 from fit.secular_parallax._equations import OMEGA, Flow, ParallaxEquations, with_acceleration, with_flow, without_flow
 from vsh import Coefficients
 from vsh.field import Field
+from vsh.io import tables
+from vsh.io.sections import Section
 from vsh.models.cosmology import CMB_VELOCITY_PLANCK18, transverse_distance
 from vsh.sky.sphere import triad
 from vsh.tools.errors import ParameterError
@@ -27,69 +29,88 @@ from vsh.tools.units import AU_PER_YEAR, SPEED_OF_LIGHT
 from vsh.vector import Vector
 
 
-def text_of(solution: Any, source: str | None = None, truth: dict[str, Any] | None = None, long: bool = False) -> str:
-    """A velocity or a Hubble constant as text."""
-    velocity = hasattr(solution, "velocity")
-    what = "Our velocity" if velocity else "The Hubble constant"
-    quality = solution.quality
-    named = f"{printable(source)}: " if source else ""
+def sections_of(
+    solution: Any, source: str | None = None, truth: dict[str, Any] | None = None, long: bool = False
+) -> tuple[Section, ...]:
+    """A velocity or a Hubble constant as sections."""
+    is_velocity, quality = hasattr(solution, "velocity"), solution.quality
+    what = "Our velocity" if is_velocity else "The Hubble constant"
     fitted = f", χ²/dof = {quality.reduced:.3f}" if np.isfinite(quality.reduced) else ""
-    lines = [
-        f"{what} from the secular parallax of galaxies: {_cosmic(solution)}",
-        f"{named}{solution.n_sources} sources, {solution.frame} axes{fitted}",
-    ]
+    named = f"{printable(source)}: " if source else ""
+    facts = [("sources", f"{named}{solution.n_sources} sources, {solution.frame} axes{fitted}")]
+    facts.append(("flows", _cosmic(solution)))
     is_warned, about = _dispersion(solution)
     if long:
-        lines.append(
-            f"dispersion     {solution.peculiar_dispersion:g} km/s of peculiar velocities in each component, in the "
-            "weights" + (", beside the flow" if solution.flow is not None else "")
+        beside = ", with the flow" if solution.flow is not None else ""
+        words = (
+            f"{solution.peculiar_dispersion:g} km/s of peculiar velocities in each component, in the weights{beside}"
         )
-    if long or is_warned:
-        lines += about
+        facts.append(("dispersion", words))
+    if about and (long or is_warned):
+        facts.append(("warning" if is_warned else "residuals", about))
+    correlations = {"parameter": list(solution.names)} | dict(zip(solution.names, solution.correlation.T, strict=True))
+    forms = dict.fromkeys(solution.names, "+.3f")
+    below = Section("Correlations", (), tables.table_of(correlations), forms=forms, notes=solution.notes)
     if np.isnan(solution.values).all():
-        lines += ["", "errors that a fit would have"]
-        lines += [f"{name:14}{sigma:>12.4g}" for name, sigma in zip(solution.names, solution.sigma, strict=True)]
-        return "\n".join([*lines, *_correlations(solution), *note_lines(solution.notes)]) + "\n"
+        errors = tables.table_of({"parameter": list(solution.names), "error": solution.sigma})
+        return (Section(f"{what} from the secular parallax of galaxies: errors of a fit", facts, errors), below)
     if long:
-        lines.append(f"χ²/dof         {solution.chi2:.6g} / {solution.dof}")
+        facts.append(("χ²/dof", f"{solution.chi2:.6g} / {solution.dof}"))
     if quality.warning():
-        lines.append(f"warning        {quality.warning()}")
-        if quality.factor > 1:
-            lines.append("               errors below are as quoted; p-values are given for both")
-    if velocity and solution.velocity.amplitude > SPEED_OF_LIGHT:
-        lines.append("warning        faster than light: are redshifts and motions in the unit that was taken?")
-    rows = _velocity(solution, quality, long) if velocity else _hubble(solution, quality)
-    if truth and "velocity" in truth:
-        rows.insert(2 if velocity else len(rows), _truth(solution, truth))  # below the components, or H0
-    lines += ["", *rows] + [""] * long
+        scaled = "; errors below are as quoted, p-values are given for both" if quality.factor > 1 else ""
+        facts.append(("warning", f"{quality.warning()}{scaled}"))
+    if is_velocity and solution.velocity.amplitude > SPEED_OF_LIGHT:
+        facts.append(("warning", "faster than light: are redshifts and motions in the unit that was taken?"))
+    facts += _velocity_facts(solution, quality, long) if is_velocity else _hubble_facts(solution, quality, truth)
     a = solution.acceleration
-    lines.append(f"{'acceleration':14}{_cells(components(a))}  |ã| {_equal(amplitude(a))} µas/yr")
-    if truth and "acceleration" in truth:
-        true = truth["acceleration"].to_frame(solution.frame)
-        pairs = zip(true.value, pulls(a, true), strict=True)
-        lines.append(f"{'  truth':14}{_cells(f'{value:+.3f} ({away:+.1f}σ)' for value, away in pairs)}")
-    if is_seen(a) and (long or velocity):
-        lines.append(f"{'':14}{direction(a.to_frame('galactic'))}")
-    correlations = _correlations(solution) if long else []
-    return "\n".join([*lines, *_left_out(solution), *correlations, *note_lines(solution.notes)]) + "\n"
+    if is_seen(a) and (long or is_velocity):
+        facts.append(("acceleration", direction(a.to_frame("galactic"))))
+    title = f"{what} from the secular parallax of galaxies"
+    first = Section(title, facts, _vector_rows(solution, truth or {}, long), remarks=_left_out(solution))
+    return (first, below) if long else (replace(first, notes=solution.notes),)
+
+
+def _vector_rows(solution, truth, long):
+    """Velocity and acceleration by component, with the truth of a simulation, as a table of text."""
+    rows = []
+    if hasattr(solution, "velocity"):
+        v = solution.velocity
+        rows.append(("velocity [km/s]", *components(v), amplitude(v)))
+        if "velocity" in truth:
+            true = truth["velocity"].to_frame(solution.frame)
+            expected = replace(true, value=true.value * truth["hubble"] / solution.assumed_hubble)
+            is_other = truth["hubble"] != solution.assumed_hubble
+            rows.append(_true_row(v, expected, "+.1f", f"(simulated with H0 = {truth['hubble']:g})" * is_other))
+        if long:
+            galactic = v.to_frame("galactic")
+            rows.append(("  galactic axes", *components(galactic), ""))
+    a = solution.acceleration
+    rows.append(("acceleration [µas/yr]", *components(a), amplitude(a)))
+    if "acceleration" in truth:
+        rows.append(_true_row(a, truth["acceleration"].to_frame(solution.frame), "+.3f"))
+    heads = ("vector", "x", "y", "z", "amplitude")
+    return tables.table_of({name: list(cells) for name, cells in zip(heads, zip(*rows, strict=True), strict=True)})
+
+
+def _true_row(vector, true, form, remark=""):
+    cells = (f"{x:{form}} ({away:+.1f}σ)" for x, away in zip(true.value, pulls(vector, true), strict=True))
+    return ("  truth", *cells, remark)
 
 
 def _dispersion(solution):
     """Whether the residuals contradict the dispersion, and what they say of it."""
     preferred = solution.preferred
     if preferred is None:
-        return False, []
+        return False, ""
     if solution.quality.factor > 1.2:
-        return False, ["               the residuals do not tell it: they contradict the errors themselves"]
+        return False, "do not determine the dispersion: they contradict the errors themselves"
     if not preferred.constrained:
-        return False, ["               the residuals do not tell it"]
-    prefer = f"the residuals prefer {preferred.low:.0f} to {preferred.high:.0f} km/s (68 %)"
+        return False, "do not determine the dispersion"
+    prefer = f"prefer {preferred.low:.0f} to {preferred.high:.0f} km/s (68 %)"
     if preferred.gain < 4.5:  # ln L of three standard deviations
-        return False, [f"               {prefer}"]
-    return True, [
-        f"warning        {prefer}: results are biased where the dispersion is wrong,",
-        '               --peculiar-dispersion free ("free") takes what they prefer',
-    ]
+        return False, prefer
+    remedy = '--peculiar-dispersion free ("free") takes what they prefer'
+    return True, f"the residuals {prefer}: results are biased where the dispersion is wrong, {remedy}"
 
 
 def _left_out(solution):
@@ -105,12 +126,8 @@ def _left_out(solution):
     at = solution.names.index("a_x")
     glide = np.sqrt(np.mean(size[at : at + 3] ** 2))
     return [
-        "",
-        f"warning        not in the errors above: flows of linear theory, which galaxies share, add ± {first}",
-        (
-            f"               and ± {glide:.2g} µas/yr in each component of the acceleration; without --no-flows they "
-            "are fitted"
-        ),
+        f"warning: not in the errors above: flows of linear theory, which galaxies share, add ± {first} and ± "
+        f"{glide:.2g} µas/yr in each component of the acceleration; without --no-flows they are fitted"
     ]
 
 
@@ -121,38 +138,28 @@ def _cosmic(solution):
     if solution.flow is None:
         return "errors without flows that galaxies share"
     modes = solution.flow.modes
-    return (
-        f"{100 * solution.cosmic_share:.0f} % of the error's variance is cosmic ({len(modes)} modes of "
-        f"{modes.theory.name})"
-    )
+    share = f"{100 * solution.cosmic_share:.0f} % of the error's variance is cosmic"
+    return f"{share} ({len(modes)} modes of {modes.theory.name})"
 
 
-def _correlations(solution):
-    lines = ["", "Correlations", f"{'':8}" + "".join(f"{name:>8}" for name in solution.names)]
-    for name, row in zip(solution.names, solution.correlation, strict=True):
-        lines.append(f"{name:8}" + "".join(f"{value:+8.3f}" for value in row))
-    return lines
-
-
-def _velocity(solution, quality, long):
-    v = solution.velocity
-    galactic = v.to_frame("galactic")
-    from_planck = solution.against(CMB_VELOCITY_PLANCK18)[0]
-    from_none = float(v.value @ np.linalg.solve(v.covariance, v.value))
-    lines = [
-        f"for H0 = {solution.assumed_hubble:g} km/s/Mpc; toward the apex (galaxies move toward the antapex) [km/s]",
-        f"{'velocity':14}{_cells(components(v))}  |v| {_equal(amplitude(v))}",
+def _velocity_facts(solution, quality, long):
+    v, galactic = solution.velocity, solution.velocity.to_frame("galactic")
+    facts = [
+        (
+            "velocity",
+            f"for H0 = {solution.assumed_hubble:g} km/s/Mpc, toward the apex (galaxies move toward the antapex)",
+        )
     ]
-    if not long:
-        return [*lines, *([f"{'apex':14}{direction(galactic)}"] if is_seen(v) else [])]
-    return [
-        *lines,
-        f"{'galactic':14}{_cells(components(galactic))}",
-        f"{'apex':14}{direction(galactic)}"
-        + (f"; noise-debiased |v| {v.debiased_amplitude:.1f}" if is_seen(v) else ""),
-        f"zero velocity: {_both(from_none, 3, quality)}",
-        f"the microwave background's {CMB_VELOCITY_PLANCK18.amplitude:.1f} km/s: {_both(from_planck, 3, quality)}",
-    ]
+    if is_seen(v) or long:
+        debiased = f"; noise-debiased |v| {v.debiased_amplitude:.1f}" if is_seen(v) and long else ""
+        facts.append(("apex", f"{direction(galactic)}{debiased}"))
+    if long:
+        from_planck = solution.against(CMB_VELOCITY_PLANCK18)[0]
+        from_none = float(v.value @ np.linalg.solve(v.covariance, v.value))
+        facts.append(("against zero", _both(from_none, 3, quality)))
+        against = f"{CMB_VELOCITY_PLANCK18.amplitude:.1f} km/s of the microwave background: "
+        facts.append(("against the", against + _both(from_planck, 3, quality)))
+    return facts
 
 
 def _both(chi2, dof, quality):
@@ -163,28 +170,6 @@ def _both(chi2, dof, quality):
     return line
 
 
-def _equal(text):
-    return text if text.startswith("<") else f"= {text}"
-
-
-def _cells(cells):
-    return "".join(f"{cell:>19}" for cell in cells)
-
-
-def _truth(solution, truth):
-    """The true value in the units of the result: of the product, for what was assumed."""
-    true = truth["velocity"].to_frame(solution.frame)
-    if hasattr(solution, "velocity"):
-        expected = replace(true, value=true.value * truth["hubble"] / solution.assumed_hubble)
-        away = pulls(solution.velocity, expected)
-        cells = _cells(f"{value:+.1f} ({d:+.1f}σ)" for value, d in zip(expected.value, away, strict=True))
-        note = "" if truth["hubble"] == solution.assumed_hubble else f" (simulated with H0 = {truth['hubble']:g})"
-        return f"{'  truth':14}{cells}{note}"
-    if not true.amplitude:
-        return f"{'  truth':14}no velocity was simulated"
-    return f"{'  truth':14}{truth['hubble']:.2f} ({(solution.hubble - truth['hubble']) / solution.hubble_error:+.1f}σ)"
-
-
 def _limits(low, high):
     if high <= 0:
         return "negative, beyond its 95 % limit: no positive one is allowed by the motions"
@@ -192,27 +177,24 @@ def _limits(low, high):
     return f"below {high:.1f} km/s/Mpc with 95 %, {lower}"
 
 
-def _hubble(solution, quality):
+def _hubble_facts(solution, quality, truth):
     v = solution.assumed_velocity.to_frame("galactic")
     pull = solution.hubble / solution.hubble_error
+    facts = [("velocity", f"{v.amplitude:.2f} km/s {direction(v)}, assumed")]
     if pull < 3:  # the error is no longer a ±
-        product = (
-            solution.assumed_velocity.amplitude * solution.hubble,
-            solution.assumed_velocity.amplitude * solution.hubble_error,
-        )
-        return [
-            f"for a velocity of {v.amplitude:.2f} km/s {direction(v)}",
-            f"{'v · H0':14}{product[0]:.0f}, standard error {product[1]:.0f} (km/s)²/Mpc: {pull:.1f} of them from zero",
-            f"{'H0':14}{_limits(*solution.hubble_limits)}; least squares {solution.hubble:.1f}",
-        ]
-    scaled = f"; {pull / quality.factor:.1f} with scaled errors" if quality.factor > 1 else ""
-    return [
-        f"for a velocity of {v.amplitude:.2f} km/s {direction(v)}",
-        (
-            f"{'H0':14}{solution.hubble:.2f} ± {solution.hubble_error:.2f} km/s/Mpc, {pull:.1f} standard errors from "
-            f"zero{scaled}"
-        ),
-    ]
+        product, error = (v.amplitude * each for each in (solution.hubble, solution.hubble_error))
+        size = f"{product:.0f}, standard error {error:.0f} (km/s)²/Mpc: {pull:.1f} of them from zero"
+        facts.append(("v · H0", size))
+        facts.append(("H0", f"{_limits(*solution.hubble_limits)}; least squares {solution.hubble:.1f}"))
+    else:
+        scaled = f"; {pull / quality.factor:.1f} with scaled errors" if quality.factor > 1 else ""
+        size = f"{solution.hubble:.2f} ± {solution.hubble_error:.2f} km/s/Mpc"
+        facts.append(("H0", f"{size}, {pull:.1f} standard errors from zero{scaled}"))
+    if truth and "velocity" in truth:
+        true = truth["hubble"]
+        away = f"{true:.2f} ({(solution.hubble - true) / solution.hubble_error:+.1f}σ)"
+        facts.append(("truth", away if truth["velocity"].amplitude else "no velocity was simulated"))
+    return facts
 
 
 #: Dispersions that are tried. [km/s]
@@ -362,19 +344,21 @@ class ParallaxSolution(NamedSolution):
         table.add_column([units.get(name.partition("_")[0], "uas / yr") for name in self.names], 3, "unit")
         return table
 
-    def report(self, *, source: str | None = None, truth: dict[str, Any] | None = None, long: bool = False) -> str:
-        """The result as text.
+    def sections(
+        self, *, long: bool = False, source: str | None = None, truth: dict[str, Any] | None = None
+    ) -> tuple[Section, ...]:
+        """The velocity or H0, and the acceleration.
 
         Parameters
         ----------
+        long : bool
+            Add the dispersion, tests against none and against the microwave background, and correlations.
         source : str, optional
             What was fitted.
         truth : dict, optional
-            "velocity" and "hubble" of a simulated catalogue, printed beside what was found.
-        long : bool
-            Add the dispersion, tests against none and against the microwave background, and correlations.
+            "velocity" and "hubble" of a simulated catalogue, printed below the fitted ones.
         """
-        return text_of(self, source, truth, long)
+        return sections_of(self, source, truth, long)
 
     def _tests(self):
         """p-values and limits by name."""

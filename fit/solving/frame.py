@@ -24,6 +24,7 @@ from fit.solving import solve
 from vsh.field import Field
 from vsh.io import tables
 from vsh.io.parts import Parts, added, as_parts
+from vsh.io.sections import Section
 from vsh.models.covariance import Covariance, as_covariance
 from vsh.modes import Modes
 from vsh.sky.sphere import sin_cos, triad
@@ -68,16 +69,12 @@ class FrameSolution(NamedSolution):
     (('omega_x', 'omega_y', 'omega_z', 'a_x', 'a_y', 'a_z'), (3,))
     """
 
-    def report(self) -> str:
-        """Orientation, spin and acceleration with their correlations as text."""
-        lines = [
-            f"Orientation, spin and acceleration by the direct frame solver ({self.frame} axes)",
-            f"χ²/dof         {self.chi2:.6g} / {self.dof} = {self.reduced_chi2:.3f}",
-        ]
-        for name, value, sigma in zip(self.names, self.values, self.sigma, strict=True):
-            lines.append(f"{name:12}{value:+12.4f} ± {sigma:.4f} {'µas' if name.startswith('epsilon') else 'µas/yr'}")
-        lines += ["correlations", *("".join(f"{x:+8.3f}" for x in row) for row in self.correlation)]
-        return "\n".join([*lines, *(f"  - {note}" for note in self.notes)]) + "\n"
+    def _sections(self, long):
+        facts = [("axes", self.frame), ("χ²/dof", f"{self.chi2:.6g} / {self.dof} = {self.reduced_chi2:.3f}")]
+        table = self.to_table()
+        table["unit"] = ["µas" if name.startswith("epsilon") else "µas/yr" for name in self.names]
+        title = "Orientation, spin and acceleration by the direct frame solver"
+        return (Section(title, facts, table, notes=self.notes),)
 
     def model(self, field: Field) -> FloatArray:
         """The motions by spin and acceleration at the sources of a `field`, (2, n). [µas/yr]"""
@@ -242,11 +239,10 @@ class CrossCheck(Result):
     frame: FrameSolution
     largest: float
 
-    def report(self) -> str:
-        """Whether the two solvers agree, as text."""
-        from fit.results.output import report_check
+    def _sections(self, long):
+        from fit.results.output import check_sections
 
-        return report_check(self) + "\n"
+        return check_sections(self)
 
     def to_table(self) -> Table:
         """Both solutions as an astropy Table: a row for each component of spin and acceleration."""

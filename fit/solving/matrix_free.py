@@ -18,6 +18,7 @@ from fit.results.storage import coefficient_columns
 from vsh import Coefficients, Field, Mode, Modes
 from vsh.io import tables
 from vsh.io.parts import field_or_fields
+from vsh.io.sections import Section
 from vsh.modes import as_modes
 from vsh.tools import arguments
 from vsh.tools.arguments import explained
@@ -139,22 +140,21 @@ class MatrixFreeSolution(HarmonicSolution):
             "coefficients with errors_of=[Mode(…), …], or use fit.solve at a lower degree"
         )
 
-    def report(self) -> str:
-        """Powers by degree as text, with what is known of errors."""
-        lines = [
-            f"Vector spherical harmonics to degree {self.modes.lmax}, matrix-free",
-            f"sources        {self.n_sources}",
-            f"frame          {self.frame}",
-            f"χ²/dof         {self.chi2:.6g} / {self.dof} = {self.reduced_chi2:.3f}",
-            "",
-            "Power by degree as fitted, noise included [(µas/yr)²]",
-            f"{'degree':>8}{'toroidal':>14}{'spheroidal':>14}",
+    def _sections(self, long):
+        facts = [
+            ("sources", f"{self.n_sources}, {self.frame} axes"),
+            ("χ²/dof", f"{self.chi2:.6g} / {self.dof} = {self.reduced_chi2:.3f}"),
         ]
-        for l in range(1, self.modes.lmax + 1):
-            lines.append(f"{l:8d}{self.coefficients.power('T', l):14.5g}{self.coefficients.power('S', l):14.5g}")
         for mode, error in self.errors.items():
-            lines.append(f"{mode!s:12}{self.values[self.modes.index(mode)]:+.4g} ± {error:.2g} µas/yr")
-        return "\n".join([*lines, *(f"  - {note}" for note in self.notes)]) + "\n"
+            facts.append((str(mode), f"{self.values[self.modes.index(mode)]:+.4g} ± {error:.2g} µas/yr"))
+        degrees = range(1, self.modes.lmax + 1)
+        columns: dict[str, Any] = {"degree": list(degrees)}
+        kinds: Any = (("T", "toroidal"), ("S", "spheroidal"))
+        for kind, name in kinds:
+            columns[name] = [self.coefficients.power(kind, l) for l in degrees]
+        table = tables.table_of(columns, {}, dict.fromkeys(("toroidal", "spheroidal"), "uas2 / yr2"))
+        title = f"Matrix-free fit to degree {self.modes.lmax}: power as fitted, noise included"
+        return (Section(title, facts, table, notes=self.notes),)
 
     def to_table(self) -> Table:
         """The coefficients as an astropy Table, a row each; errors are nan where they were not asked for."""

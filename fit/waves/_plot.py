@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from fit.results.quality import printed_p_value
 from vsh.figures.plot import COLOURS, WIDTH, draw_points, legend_above, log_ticks, panels, plot_map, styled
+from vsh.io.tables import printed_p_value
 from vsh.tools.types import Axes, AxesArray, OnAxes
 
 

@@ -16,10 +16,12 @@ from scipy.linalg import cho_factor, cho_solve, cholesky, solve_triangular
 from fit.background import equations_of
 from fit.in_time import TimeEquations, normal_equations, waves
 from fit.normal import NormalEquations
-from fit.results.quality import SEEN, hint_of, printed_p_value
+from fit.results.quality import SEEN, hint_of
 from fit.results.solution import HarmonicSolution
 from fit.results.storage import Result
 from vsh.io import tables
+from vsh.io.sections import Answer, Section
+from vsh.io.tables import printed_p_value
 from vsh.length import length_limits
 from vsh.models.waves import strain_of, wave_templates
 from vsh.modes import Modes, as_modes
@@ -30,7 +32,7 @@ from vsh.tools import arguments
 from vsh.tools.arguments import explained, generator
 from vsh.tools.errors import DegeneracyError, ModesError, NothingLeftError, ParameterError
 from vsh.tools.notebook import Frozen
-from vsh.tools.notes import merge_notes, note_lines
+from vsh.tools.notes import merge_notes
 from vsh.tools.types import Axes, AxesArray, BoolArray, FloatArray, OnAxes, Rng, Table
 from vsh.tools.units import UAS
 from vsh.vector import Vector
@@ -217,38 +219,35 @@ class WaveSearch(Result):
             raise ParameterError("the rate of a strain is seen: a frequency [nHz] makes it a strain, strain(frequency)")
         return strain_of(values, frequency)
 
-    def report(self) -> str:
-        """What was found, as text."""
+    def _sections(self, long):
         lon, lat = self.direction
         there = Vector.from_spherical(1.0, lon, lat, frame=self.frame)
-        lines = [
-            f"One gravitational wave, in degrees {self.degrees[0]} to {self.degrees[-1]} of {self.n_data} numbers"
-            + (f", at {self.frequency:.4g} a year" if self.frequency else ", longer than the observations"),
-            (
-                f"largest 2F       {self.statistic.max():.2f} of {len(self.statistic)} directions; χ² of "
-                f"{len(self.amplitudes)} each from noise alone"
-            ),
-            f"p-value          {p_in_words(self.p_value, self.n_skies)} that noise alone gives as much anywhere "
-            f"({self.n_skies} simulated skies)",
-        ]
+        places = []
         for frame in dict.fromkeys((self.frame, "galactic")):
             place = there.to_frame(frame).direction
-            place_text = ", ".join(f"{name} = {value:.1f}°" for name, value in zip(ANGLES[frame], place, strict=True))
-            lines.append(f"travels to       {place_text}" if frame == self.frame else f"                 {place_text}")
+            places.append(", ".join(f"{name} = {value:.1f}°" for name, value in zip(ANGLES[frame], place, strict=True)))
         best = self.amplitudes[:, np.argmax(self.statistic)]
         kinds = ("plus", "cross") if len(best) == 2 else ("plus cos", "cross cos", "plus sin", "cross sin")
-        lines.append(
-            "best wave        "
-            + ", ".join(f"{kind} {value:+.4g}" for kind, value in zip(kinds, best, strict=True))
-            + f" {self.unit}"
-        )
+        wave = ", ".join(f"{kind} {value:+.4g}" for kind, value in zip(kinds, best, strict=True))
         low, middle, high = np.quantile(self.limits, [0, 0.5, 1])
-        lines.append(f"95 % limits      {low:.4g} … {high:.4g} {self.unit} by direction, median {middle:.4g}")
+        strain = f"{strain_of(middle, 1.0):.3g} (1 nHz/f)"
         if self.unit == "µas":
-            lines.append(f"                 a strain of {float(self._strains(np.array(middle), None)):.3g}")
-        else:
-            lines.append(f"                 a strain of {strain_of(middle, 1.0):.3g} (1 nHz/f)")
-        return "\n".join([*lines, *note_lines(self.notes)]) + "\n"
+            strain = f"{float(self._strains(np.array(middle), None)):.3g}"
+        of_all = f"{self.statistic.max():.2f} of {len(self.statistic)} directions"
+        p = p_in_words(self.p_value, self.n_skies)
+        at = f"at {self.frequency:.4g} a year" if self.frequency else "longer than the observations"
+        facts = [
+            ("data", f"degrees {self.degrees[0]} to {self.degrees[-1]} of {self.n_data} numbers"),
+            ("largest 2F", f"{of_all}; χ² of {len(self.amplitudes)} each from noise alone"),
+            ("p-value", f"{p} that noise alone gives as much anywhere ({self.n_skies} simulated skies)"),
+            ("travels to", "; ".join(places)),
+            ("best wave", f"{wave} {self.unit}"),
+            (
+                "95 % limits",
+                f"{low:.4g} … {high:.4g} {self.unit} by direction, median {middle:.4g}, a strain of {strain}",
+            ),
+        ]
+        return (Section(f"One gravitational wave, {at}", facts, notes=self.notes),)
 
     def to_table(self) -> Table:
         """A row for each direction, as an astropy Table."""
@@ -398,7 +397,7 @@ class WaveSpectrum(Result):
         return self.limits * UAS
 
     @property
-    def answer(self) -> tuple[tuple[str, str], ...]:
+    def answer(self) -> Answer:
         """The lines to quote: whether a wave is detected, and how strong one can be."""
         best = int(np.argmax(self.statistic))
         p = p_in_words(self.p_value, self.n_skies)
@@ -410,34 +409,38 @@ class WaveSpectrum(Result):
             words += f" ({hint})"
         medians = self.strain_limits[:, 1]
         low, high = (f"{value:.2g}" for value in (medians.min(), medians.max()))
-        return (("wave", words), ("strain", f"< {low} to {high} (95 %, median of directions, by frequency)"))
+        return Answer((("wave", words), ("strain", f"< {low} to {high} (95 %, median of directions, by frequency)")))
 
-    def report(self, *, long: bool = False) -> str:
-        """Limits by frequency as text, and how likely noise alone is.
-
-        Parameters
-        ----------
-        long : bool
-            All frequencies; otherwise those with the smallest p-values.
-        """
+    def _sections(self, long):
         best = int(np.argmax(self.statistic))
-        lines = [
-            f"One gravitational wave at {len(self.frequencies)} frequencies, degrees {self.degrees[0]} to "
-            f"{self.degrees[-1]} of {self.n_data} numbers",
-            f"largest 2F       {self.statistic[best]:.2f} at {self.frequencies[best]:.4g} a year, towards α = "
-            f"{np.degrees(self.lon[best]) % 360:.1f}°, δ = {np.degrees(self.lat[best]):.1f}°",
-            f"p-value          {p_in_words(self.p_value, self.n_skies)} "
-            f"with all directions and frequencies looked at ({self.n_skies} simulated skies)",
-            f"{'1/yr':>8}{'2F':>8}{'p alone':>10}{'95 % limit [µas] by direction':>32}{'strain, median':>16}",
+        lon, lat = np.degrees(self.lon[best]) % 360, np.degrees(self.lat[best])
+        place = f"at {self.frequencies[best]:.4g} a year, towards α = {lon:.1f}°, δ = {lat:.1f}°"
+        p = p_in_words(self.p_value, self.n_skies)
+        facts = [
+            ("data", f"degrees {self.degrees[0]} to {self.degrees[-1]} of {self.n_data} numbers"),
+            ("largest 2F", f"{self.statistic[best]:.2f} {place}"),
+            ("p-value", f"{p} with all directions and frequencies looked at ({self.n_skies} simulated skies)"),
         ]
+        table = self.to_table()
+        table["strain"] = self.limits[:, 1] * UAS
         smallest = np.sort(np.argsort(self.p_values, kind="stable")[:_LISTED])
-        for i in range(len(self.frequencies)) if long else smallest:
-            f, statistic, p, limit = self.frequencies[i], self.statistic[i], float(self.p_values[i]), self.limits[i]
-            spread = f"{limit[1]:.3g} ({limit[0]:.3g} … {limit[2]:.3g})"
-            lines.append(f"{f:>8.4g}{statistic:>8.2f}{printed_p_value(p):>10}{spread:>32}{limit[1] * UAS:>16.2e}")
-        if not long and len(self.frequencies) > _LISTED:
-            lines.append(f"the {_LISTED} of {len(self.frequencies)} frequencies with the smallest p-values")
-        return "\n".join([*lines, *note_lines(self.notes)]) + "\n"
+        rows = None if long else smallest.tolist()
+        count = len(self.frequencies)
+        remarks = [f"The {_LISTED} of {count} frequencies with the smallest p-values."] * (not long and count > _LISTED)
+        shown = ("frequency", "statistic", "p_value", "limit_median", "limit_low", "limit_high", "strain")
+        forms = dict.fromkeys(("limit_median", "limit_low", "limit_high"), ".3g") | {
+            "statistic": ".2f",
+            "strain": ".2e",
+        }
+        remarks.append(
+            "Limits are 95 %, the median and the extremes over directions [µas]; p-values are those of one frequency "
+            "alone."
+        )
+        return (
+            Section(
+                f"One gravitational wave at {count} frequencies", facts, table, shown, rows, forms, remarks, self.notes
+            ),
+        )
 
     def to_table(self) -> Table:
         """A row for each frequency, as an astropy Table."""

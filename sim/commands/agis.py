@@ -14,6 +14,7 @@ import numpy as np
 import sim
 import vsh
 from vsh.commands import finishing, parsing, reading, running
+from vsh.io.sections import Answer, Section
 from vsh.tools.files import exclusive
 from vsh.tools.types import Table
 from vsh.tools.units import AU_PER_YEAR, JULIAN_YEAR
@@ -226,56 +227,54 @@ CAPTIONS = {
 }
 
 
-def report(
+def sections_of(
     system: sim.agis.System,
     solution: sim.agis.AgisSolution,
     notes: list[str],
     mixture: sim.agis.Mixture,
     options: Any,
     exact: dict[str, Any],
-) -> str:
+) -> list[Section]:
     """What is printed."""
+    from vsh.io.tables import table_of
+
     scans = system.scans
     counts = ", ".join(f"{np.sum(mixture.are(kind))} {kind}" for kind in sim.agis.KINDS if mixture.are(kind).any())
     sigma = np.sqrt(np.einsum("nii->ni", solution.formal))
-    lines = [
-        "Sources and attitude solved together",
-        "",
-        f"sources      {counts}; {system.solved.sum()} solved",
-        f"transits     {len(scans)}, {options.across:g} times the error across the scan",
-        f"attitude     {scans.intervals} intervals of {scans.spacing * JULIAN_YEAR:.4g} s, "
-        + ("solved" if system.prior is None else f"known to {system.prior:g} µas"),
-        f"iterations   {solution.iterations}, "
-        + ("at rest" if solution.converged else "NOT at rest: large scales are not what they will be"),
-        *(f"note         {note}" for note in notes),
-        "",
-        "True over formal error, this draw of the noise (rms over sources)",
-        f"{'':12}{'α*':>8}{'δ':>8}{'ϖ':>8}{'µα*':>8}{'µδ':>8}",
+    attitude = "solved" if system.prior is None else f"known to {system.prior:g} µas"
+    rest = "at rest" if solution.converged else "NOT at rest: large scales are not what they will be"
+    facts = [
+        ("sources", f"{counts}; {system.solved.sum()} solved"),
+        ("transits", f"{len(scans)}, {options.across:g} times the error across the scan"),
+        ("attitude", f"{scans.intervals} intervals of {scans.spacing * JULIAN_YEAR:.4g} s, {attitude}"),
+        ("iterations", f"{solution.iterations}, {rest}"),
     ]
-    for kind in sim.agis.KINDS:
+    kinds = [kind for kind in sim.agis.KINDS if (mixture.are(kind) & system.solved).any()]
+    pulls = []
+    for kind in kinds:
         here = mixture.are(kind) & system.solved
-        if here.any():
-            pulls = np.sqrt(np.mean((solution.sources[here] / sigma[here]) ** 2, axis=0))
-            lines.append(f"{kind:12}" + "".join(f"{x:8.3f}" for x in pulls))
+        pulls.append(np.sqrt(np.mean((solution.sources[here] / sigma[here]) ** 2, axis=0)))
+    names = ("α*", "δ", "ϖ", "µα*", "µδ")
+    ratios = table_of({"sources": kinds} | dict(zip(names, np.transpose(pulls), strict=True)))
+    sections = [
+        Section("Sources and attitude solved together", facts, notes=notes),
+        Section("True over formal error, this draw of the noise (rms over sources)", (), ratios,
+                forms=dict.fromkeys(names, ".3f")),
+    ]  # fmt: skip
     if solution.global_parameters is not None and system.motion is not None:
-        lines += [
-            "",
-            f"Global parameters [{'km/s for v, else ' if options.motions == 'velocity' else ''}µas/yr], truth 0",
-        ]
-        lines += [
-            f"  {name:12}{value:+10.4f}"
-            for name, value in zip(system.motion.names, solution.global_parameters, strict=True)
-        ]
+        unit = "km/s for v, else µas/yr" if options.motions == "velocity" else "µas/yr"
+        table = table_of({"parameter": list(system.motion.names), "value": solution.global_parameters})
+        sections.append(Section(f"Global parameters [{unit}], truth 0", (), table, forms={"value": "+.4f"}))
     if exact:
-        lines += [
-            "",
-            "Exact errors of a fit of degree 1 to the quasars [µas/yr, coefficients]",
-            f"{'':18}{'formal':>10}{'true':>10}{'ratio':>8}",
-        ]
-        lines += [f"{name:18}{formal:10.4f}{true:10.4f}{true / formal:8.3f}" for name, (formal, true) in exact.items()]
+        errors = np.array(list(exact.values()))
+        columns = {"parameter": list(exact), "formal": errors[:, 0], "true": errors[:, 1]}
+        columns["ratio"] = errors[:, 1] / errors[:, 0]
         formal, true = np.array([exact[str(mode)] for mode in vsh.Modes(1)][3:]).T
-        lines.append(f"acceleration: true/formal {np.sqrt(np.sum(true**2) / np.sum(formal**2)):.3f}")
-    return "\n".join(lines) + "\n"
+        remarks = [f"acceleration: true/formal {np.sqrt(np.sum(true**2) / np.sum(formal**2)):.3f}"]
+        forms = {"formal": ".4f", "true": ".4f", "ratio": ".3f"}
+        title = "Exact errors of a fit of degree 1 to the quasars [µas/yr, coefficients]"
+        sections.append(Section(title, (), table_of(columns), forms=forms, remarks=remarks))
+    return sections
 
 
 def write(
@@ -349,8 +348,7 @@ GALAXIES_EXCESS = 215.0
 
 
 def _run(options):
-    if not options.plan:
-        finishing.check(options)
+    run = None if options.plan else finishing.Run(options)
     # A stream of its own for each step, so that one option does not shift what another draws.
     gaps, sky, galaxies, stars, chosen, noise, start, radio = np.random.default_rng(options.seed).spawn(8)
     law = sim.NominalScanningLaw(years=options.years, dead_time=options.dead_time, rng=gaps)
@@ -364,10 +362,10 @@ def _run(options):
         star_error=options.star_error,
     )
     full = sim.agis.FULL if options.scale else None
-    if options.plan:
+    if run is None:
         wide, knots, _ = sim.agis.as_whole(law, options.quasars, options.knots, full)
         finishing.print_result(
-            options, finishing.RunResult(str(sim.agis.plan(wide, mixture.lon, mixture.lat, knots, ccds=options.ccds)))
+            options, finishing.message(str(sim.agis.plan(wide, mixture.lon, mixture.lat, knots, ccds=options.ccds)))
         )
         return
     # What a killed run goes on from.
@@ -375,14 +373,15 @@ def _run(options):
     work.mkdir(parents=True, exist_ok=True)
     try:
         with exclusive(work / "checkpoint.npz"):
-            _solve(options, law, mixture, full, work, (noise, start, chosen, radio))
+            _solve(run, law, mixture, full, work, (noise, start, chosen, radio))
     finally:
         with suppress(OSError):  # not empty: a checkpoint, or somebody else's files
             work.rmdir()
 
 
-def _solve(options, law, mixture, full, work, streams):
+def _solve(run, law, mixture, full, work, streams):
     """The joint solution, from transits to a folder of results."""
+    options = run.options
     noise, start, chosen, radio = streams
     quasars = mixture.are("quasars")
     system, notes = sim.agis.joint_system(
@@ -423,16 +422,15 @@ def _solve(options, law, mixture, full, work, streams):
     )
     solution, rotated = _framed(system, solution, options, quasars, chosen, radio)
     exact = _exact(system, mixture) if options.exact else {}
-    text = report(system, solution, notes + rotated, mixture, options, exact)
-    result = finishing.RunResult(
-        text, lambda: tables_of(system, solution, mixture), notes + rotated, answer=_answer(system, solution, mixture)
-    )
-    finishing.finish(
-        options,
-        result,
-        provenance=lambda: running.provenance([], options),
-        draw=lambda: draw(system, solution, mixture),
-        write=lambda folder, meta: write(folder, solution, mixture, result.tables, options),
+    named = tables_of(system, solution, mixture)
+    run.finish(
+        (),
+        sections=lambda _: sections_of(system, solution, notes + rotated, mixture, options, exact),
+        tables=lambda: named,
+        notes=notes + rotated,
+        answer=Answer(tuple(_answer(system, solution, mixture))),
+        figures=lambda: draw(system, solution, mixture),
+        files=lambda folder, meta: write(folder, solution, mixture, named, options),
         title=f"{options.quasars} quasars and the attitude, solved together",
         captions=CAPTIONS,
     )

@@ -395,7 +395,7 @@ def _finish(options, notes, meta, what):
             "truth": table_of({"name": np.array(list(numbers), str), "value": np.array(list(numbers.values()), float)})
         }
 
-    finishing.print_result(options, finishing.RunResult(text, truth, notes))
+    finishing.print_result(options, finishing.message(text, truth, notes))
 
 
 def _repeats(options):

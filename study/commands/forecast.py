@@ -71,7 +71,7 @@ def _surveys(text):
 
 
 def _run(options):
-    finishing.check(options)
+    run = finishing.Run(options)
     from study.forecast import SURVEYS, Survey, forecast_surveys
 
     surveys = dict(SURVEYS)
@@ -82,16 +82,13 @@ def _run(options):
     for name, (n, sigma) in (options.survey or {}).items():
         surveys[name] = Survey(n, sigma=sigma, says="as given")
     forecast = forecast_surveys(surveys, sky=options.sky, flows=not options.no_flows)
-    finishing.finish(
-        options,
-        finishing.RunResult(
-            lambda long: forecast.report(long=long),
-            lambda: {"Errors to come": forecast.to_table()},
-            answer=forecast.answer,
-        ),
-        provenance=lambda: running.provenance([], options),
-        draw=lambda: {"forecast": forecast.plot()},
-        write=lambda folder, meta: _write(folder, forecast, meta),
+    run.finish(
+        (),
+        sections=lambda long: forecast.sections(long=long),
+        tables=lambda: {"Errors to come": forecast.to_table()},
+        answer=forecast.answer,
+        figures=lambda: {"forecast": forecast.plot()},
+        files=lambda folder, meta: _write(folder, forecast, meta),
         title="What catalogues to come will tell",
     )
 

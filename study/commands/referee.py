@@ -34,7 +34,7 @@ def make_parser() -> argparse.ArgumentParser:
 
 
 def _run(options):
-    finishing.check(options)
+    run = finishing.Run(options)
     source = reading.open_catalogue(options.catalogue, options)
     from study.referee import read_quasars, referee
 
@@ -67,14 +67,16 @@ def _run(options):
 
         write_page(options.html, html(answer, drawn.drawn, provenance=meta, command=options.command))
 
-    finishing.finish(
-        options,
-        finishing.RunResult(answer.details, answer.tables, quasars.field.notes, answer=answer.answer.lines),
-        provenance=lambda: running.provenance(
-            [options.catalogue, options.earlier] if options.earlier else options.catalogue, options, **counts
-        ),
-        draw=draw,
-        write=write,
+    run.finish(
+        (),
+        sections=answer.details,
+        tables=answer.tables,
+        notes=quasars.field.notes,
+        answer=answer.answer,
+        paths=[options.catalogue, options.earlier] if options.earlier else options.catalogue,
+        counts=counts,
+        figures=draw,
+        files=write,
         page=page,
     )
 

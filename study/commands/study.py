@@ -7,6 +7,7 @@ from pathlib import Path
 
 import vsh
 from vsh.commands import finishing, parsing, reading, running
+from vsh.io.sections import Answer, Section
 from vsh.tools.files import atomic_write
 from vsh.tools.notes import dropped
 
@@ -89,7 +90,7 @@ def _gaia(options):
     written = sorted(Path(options.output).glob("*.ecsv"))
     finishing.print_result(
         options,
-        finishing.RunResult(
+        finishing.message(
             text, lambda: {path.stem: vsh.io.tables.read_table(path) for path in written}, sources.field.notes
         ),
     )
@@ -115,9 +116,9 @@ def _run(options):
     with atomic_write(folder / parsing.NAME) as new:
         new.write_text(finishing.repeats(options), encoding="utf-8")
     result = finishing.RunResult(
-        partial(_text, study, rows),
+        partial(_sections, rows),
         lambda: {"Truth, mean, scatter, errors, coverage": table_of(rows)},
-        answer=_answer(rows),
+        answer=Answer(tuple(_answer(rows))),
     )
     finishing.print_result(options, result)
     finishing.print_line(options, running.written(folder, [x.name for x in Path(folder).iterdir() if x.is_file()]))
@@ -125,10 +126,9 @@ def _run(options):
         finishing.write_page(
             options.html,
             f"A simulation study: {study.settings['name']}",
-            _text(study, rows, True),
+            _sections(rows, True),
             drawn,
             captions=_CAPTIONS,
-            sheets=result.tables,
             provenance=running.provenance([], options),
             command=options.command,
             answer=result.answer,
@@ -156,24 +156,17 @@ def _draw(rows):
     return {"calibration": plot_calibration(rows)}
 
 
-def _text(study, rows, long):
+def _sections(rows, long):
     """Truth, mean and coverage of every parameter; short, of those that are farthest from their coverage."""
-    more = max(len(rows) - _LISTED, 0)
-    if not long and more:
-        rows = sorted(rows, key=lambda row: -abs(row["within_68"] - 0.6827))[:_LISTED]
-    width = max(6, *(len(case["name"]) + 2 for case in study.cases))
-    lines = [
-        f"{'case':{width}}{'parameter':14}{'truth':>10}{'mean':>12}{'scatter':>12}{'formal σ':>12}{'off/s.e.':>10}"
-        f"{'68 %':>7}{'95 %':>7}"
-    ]
-    for row in rows:
-        lines.append(
-            f"{row['case']:{width}}{row['parameter']:14}{row['truth']:10.3f}{row['mean']:12.4f}{row['std']:12.4f}{row['sigma']:12.4f}"
-            f"{row['off']:+10.2f}{100 * row['within_68']:6.0f}%{100 * row['within_95']:6.0f}%"
-        )
-    if not long and more:
-        lines.append(f"the {_LISTED} of {_LISTED + more} parameters that are farthest from 68 %")
-    return "\n".join(lines)
+    from study.run import table_of
+
+    order = sorted(range(len(rows)), key=lambda k: -abs(rows[k]["within_68"] - 0.6827))[:_LISTED]
+    names = ("case", "parameter", "truth", "mean", "std", "sigma", "off", "within_68", "within_95")
+    forms = dict.fromkeys(("truth", "mean", "std", "sigma"), ".4f") | {"off": "+.2f"}
+    forms |= dict.fromkeys(("within_68", "within_95"), ".2f")
+    shown = None if long or len(rows) <= _LISTED else order
+    remarks = [f"The {_LISTED} of {len(rows)} parameters that are farthest from 68 %."] if shown else []
+    return [Section("Truth, mean, scatter, errors, coverage", (), table_of(rows), names, shown, forms, remarks)]
 
 
 main, run = running.make_entry(__name__, _act)

@@ -13,6 +13,7 @@ import numpy as np
 import vsh
 from vsh.commands import finishing, parsing, reading, running
 from vsh.io.archive import DR4
+from vsh.io.sections import Answer, Section
 from vsh.sky.frames import rotation_matrix
 from vsh.sky.sphere import triad
 from vsh.tools.errors import DegeneracyError, TableError
@@ -94,7 +95,7 @@ _MOVING = "Displacements over the span of the epochs, as they were fitted: where
 
 
 def _run(options):
-    finishing.check(options)
+    run = finishing.Run(options)
     from fit import in_time
     from fit.waves import search_in_time
 
@@ -120,21 +121,18 @@ def _run(options):
         results["In time"] = in_time.solve(equations)
     movie = cache(lambda: _movie(results))
 
-    def text(long):
-        others = [each.report() for each in results.values() if each is not search]
-        return "\n".join([search.report(long=long), *others, *(notes if long else ())])
+    def sections(long):
+        shown = [section for each in results.values() for section in each.sections(long=long)]
+        return [*shown, *([Section("The attitude", remarks=notes)] if notes and long else ())]
 
-    finishing.finish(
-        options,
-        finishing.RunResult(
-            text,
-            lambda: {name: each.to_table() for name, each in results.items()},
-            (*search.notes, *notes),
-            answer=[line for each in results.values() for line in getattr(each, "answer", ())],
-        ),
-        provenance=lambda: running.provenance([*files], options, sources=sum(len(each.lon) for each in parts)),
-        draw=lambda: {_file(name): each.plot() for name, each in results.items()},
-        write=lambda folder, meta: _write(folder, results, meta, movie),
+    run.finish(
+        [finishing.Part(_file(name), each, name) for name, each in results.items()],
+        sections=sections,
+        answer=Answer(tuple(line for each in results.values() for line in getattr(each, "answer", Answer()).lines)),
+        notes=(*search.notes, *notes),
+        paths=[*files],
+        counts={"sources": sum(len(each.lon) for each in parts)},
+        files=lambda folder, meta: _write(folder, movie),
         movies=movie,
         captions=CAPTIONS,
         title=f"Waves in {Path(options.epochs).name}",
@@ -150,9 +148,7 @@ def _movie(results):
     return {_MOVING: results["In time"].movie_bytes()} if "In time" in results else {}
 
 
-def _write(folder, results, meta, movie):
-    for name, each in results.items():
-        each.write(folder / f"{_file(name)}.ecsv", meta)
+def _write(folder, movie):
     for moving in movie().values():
         (folder / "in_time.gif").write_bytes(moving)
 

@@ -18,6 +18,7 @@ from fit.secular_parallax import predict_errors as predict_velocity
 from sim.astrometry import gaia_errors
 from sim.population import CRF3_COUNTS, SIX_PARAMETERS, crf3_magnitudes, galaxies
 from vsh import Coefficients, Field
+from vsh.io.sections import Answer, Section, text_of
 from vsh.models.cosmology import FLAT_PLANCK13, transverse_distance
 from vsh.models.covariance import LINDEGREN_2021, Spectrum
 from vsh.modes import Modes
@@ -161,50 +162,53 @@ class SurveyForecast(InNotebook):
     def __str__(self) -> str:
         return self.report()
 
-    def report(self, *, long: bool = False) -> str:
-        """The table as text.
+    def sections(self, *, long: bool = False) -> tuple[Section, ...]:
+        """The errors to come, a column for each survey.
 
         Parameters
         ----------
         long : bool
             Give every quantity, and the source of each survey.
         """
-        wide = max(12, *(len(name) + 2 for name in self.surveys))
-        lines = [
-            (
-                f"Errors to come (68 %), quasars on a sky that is {self.sky}, galaxies to z = 0.03 (errors of faint "
-                "ones as Gaia's)"
-            ),
-            f"{'':42}" + "".join(f"{name:>{wide}}" for name in self.surveys),
-            f"{'quasars':42}" + "".join(f"{survey.n_quasars:>{wide}}" for survey in self.surveys.values()),
-            f"{'galaxies':42}" + "".join(f"{survey.n_galaxies or '':>{wide}}" for survey in self.surveys.values()),
+        from vsh.io import tables
+
+        rows = [
+            ("quasars", *(str(survey.n_quasars) for survey in self.surveys.values())),
+            ("galaxies", *(str(survey.n_galaxies or "") for survey in self.surveys.values())),
         ]
         for name, (words, unit) in QUANTITIES.items():
-            if not long and name not in _QUOTED:
-                continue
-            cells = (self.values[survey][name] for survey in self.surveys)
-            shown = "".join(
-                f"{'' if np.isnan(x) else f'{x:.0f}' if name == 'degree' else f'{x:.3g}':>{wide}}" for x in cells
-            )
-            lines.append(f"{words + (f' [{unit}]' if unit else ''):42}{shown}")
-        if not long:
-            return (
-                "\n".join([*lines, "floors are an assumption; H0 by linear theory, one sky's cosmic variance"]) + "\n"
-            )
-        lines += [f"  {name}: {survey.says}; floor {survey.floor:g} µas/yr" for name, survey in self.surveys.items()]
-        lines.append(
-            "floors are an assumption, and direction, V0, R0 and Ω hold them; DR3's law of angles (Lindegren et al. "
-            f"2021, 292 exp(−θ/12°)) put to degree 1 gives {_LAW:.1f} µas/yr, ten times as much, which the "
-            "acceleration that DR3 measured (5.05 for 4.8) excludes"
-        )
-        lines.append(
-            "velocity and H0 without flows: independent velocities of 300 km/s; with them: linear theory, one sky's "
-            "cosmic variance"
-        )
-        return "\n".join(lines) + "\n"
+            if long or name in _QUOTED:
+                cells = (self.values[survey][name] for survey in self.surveys)
+                form = ".0f" if name == "degree" else ".3g"
+                label = words + (f" [{unit}]" if unit else "")
+                rows.append((label, *("" if np.isnan(x) else f"{x:{form}}" for x in cells)))
+        heads = ("errors to come (68 %)", *self.surveys)
+        table = tables.table_of({name: list(each) for name, each in zip(heads, zip(*rows, strict=True), strict=True)})
+        facts = [("sky", f"{self.sky} for quasars; galaxies to z = 0.03, errors of faint ones as those of Gaia")]
+        remarks = ["Floors are an assumption; H0 is by linear theory, with the cosmic variance of one sky."]
+        if long:
+            facts += [(name, f"{survey.says}; floor {survey.floor:g} µas/yr") for name, survey in self.surveys.items()]
+            remarks = [
+                "Floors are an assumption; direction, V0, R0 and Ω contain them. DR3's law of angles (Lindegren et al. "
+                f"2021, 292 exp(−θ/12°)) put to degree 1 gives {_LAW:.1f} µas/yr, ten times as much, which the "
+                "acceleration that DR3 measured (5.05 for 4.8) excludes.",
+                "Velocity and H0 without flows: independent velocities of 300 km/s; with them: linear theory, with the "
+                "cosmic variance of one sky.",
+            ]
+        return (Section("Forecast of surveys", facts, table, remarks=remarks),)
+
+    def report(self, *, long: bool = False) -> str:
+        """The lines to quote and the table as text.
+
+        Parameters
+        ----------
+        long : bool
+            As for `sections`.
+        """
+        return f"{self.answer}\n\n{text_of(self.sections(long=long))}"
 
     @property
-    def answer(self) -> tuple[tuple[str, str], ...]:
+    def answer(self) -> Answer:
         """The lines to quote: errors of acceleration and H0 by survey, with what nature adds to the noise."""
         quoted = (
             ("acceleration_floor", "acceleration, with the systematic floor"),
@@ -215,7 +219,7 @@ class SurveyForecast(InNotebook):
             known = [(words, self.values[name][key], QUANTITIES[key][1]) for key, words in quoted]
             parts = [f"{words} ± {value:.2g} {unit}" for words, value, unit in known if np.isfinite(value)]
             lines.append((name, "; ".join(parts) or "nothing to quote"))
-        return tuple(lines)
+        return Answer(tuple(lines))
 
     def to_table(self) -> Table:
         """A row for each survey, as an astropy Table."""

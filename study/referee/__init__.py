@@ -2,6 +2,6 @@
 
 from study.referee._quasars import Quasars, read_quasars
 from study.referee._referee import Referee, referee
-from study.referee._rows import Check, Row, Section, Value
+from study.referee._rows import Analysis, Check, Row, Value
 
-__all__ = ["Check", "Quasars", "Referee", "Row", "Section", "Value", "read_quasars", "referee"]
+__all__ = ["Analysis", "Check", "Quasars", "Referee", "Row", "Value", "read_quasars", "referee"]

@@ -5,13 +5,14 @@ from typing import Any
 
 import numpy as np
 
-from fit.results.output import Answer
-from fit.results.quality import SEEN, printed_p_value
+from fit.results.quality import SEEN
 from study.referee._quasars import Quasars
-from study.referee._rows import HINT, Check, Headline, Section, headline
+from study.referee._rows import HINT, Analysis, Check, Headline, headline
 from study.referee._sections import checks, sections
 from vsh.field import Field
 from vsh.io import tables
+from vsh.io.sections import Answer, Section, text_of
+from vsh.io.tables import printed_p_value
 from vsh.tools.arguments import generator
 from vsh.tools.notebook import InNotebook
 from vsh.tools.types import Rng, Table
@@ -21,6 +22,20 @@ _WIDTH = 40
 _QUOTED = "klioner2021"
 #: How many checks a short report lists, those with the smallest p-values.
 _LISTED = 4
+
+
+def _numbers(section):
+    """The numbers of an analysis with the published ones."""
+    title = f"{section.title} — {section.paper.reference}"
+    if section.lacking:
+        return Section(title, [("not done", section.lacking)])
+    columns = {
+        "quantity": [row.quantity for row in section.rows],
+        "published": [str(row.published) for row in section.rows],
+        "their way": [str(row.theirs) for row in section.rows],
+        "with shared errors": [str(row.shared) for row in section.rows],
+    }
+    return Section(title, [("result", section.verdict)], tables.table_of(columns))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -33,7 +48,7 @@ class Referee(InNotebook):
         The sources.
     headline : Headline
         The acceleration with every error that is known of.
-    sections : list of Section
+    sections : list of Analysis
         Published analyses, each repeated.
     checks : list of Check
         Whether it is the sky or the instrument.
@@ -41,7 +56,7 @@ class Referee(InNotebook):
 
     quasars: Quasars
     headline: Headline
-    sections: list[Section]
+    sections: list[Analysis]
     checks: list[Check]
 
     def __repr__(self) -> str:
@@ -76,60 +91,49 @@ class Referee(InNotebook):
         return f"{seen}, where it should be {worst.question} ({rest})"
 
     def report(self, *, long: bool = False) -> str:
-        """The result to quote, what became of each analysis, and the checks, as text.
+        """The result to quote, the verdict of each analysis, and the checks, as text.
 
         Parameters
         ----------
         long : bool
-            Add the numbers of each analysis beside the published ones, and every check.
+            Add the numbers of each analysis with the published ones, and every check.
         """
-        return f"{self.answer}\n\n{self.details(long)}"
+        return f"{self.answer}\n\n{text_of(self.details(long))}"
 
-    def details(self, long: bool = True) -> str:
-        """What stands below the result to quote, as text.
+    def details(self, long: bool = True) -> tuple[Section, ...]:
+        """The sections below the result to quote.
 
         Parameters
         ----------
         long : bool
             As for `report`.
         """
-        quasars = self.quasars
-        lines = [
-            (
-                f"{quasars.label}: {len(quasars.whole)} sources, {quasars.n_clipped} of them clipped where least "
-                f"squares are used; {self.headline.solution.frame} axes; errors that sources share to degree "
-                f"{self.headline.solution.modes.lmax}"
-            )
+        quasars, solution = self.quasars, self.headline.solution
+        facts = [
+            ("sources", f"{len(quasars.whole)}, {quasars.n_clipped} of them clipped where least squares are used"),
+            ("fit", f"{solution.frame} axes; shared errors from degrees 2 to {solution.modes.lmax}"),
         ]
-        for section in self.sections if long else ():
-            lines += ["", f"{section.title} — {section.paper.reference}"]
-            if section.lacking:
-                lines.append(f"  not done: {section.lacking}")
-                continue
-            lines.append(f"  {'':{_WIDTH}}{'published':>20}{'their way':>20}{'with shared errors':>20}")
-            lines += [
-                f"  {row.quantity:{_WIDTH}}{row.published!s:>20}{row.theirs!s:>20}{row.shared!s:>20}"
-                for row in section.rows
-            ]
-            lines.append(f"  result: {section.verdict}")
+        others = [each for each in self.sections if each.paper.key != _QUOTED]
         if not long:
-            lines.append("")
-            others = [each for each in self.sections if each.paper.key != _QUOTED]
-            lines += [f"{each.paper.short}: {each.lacking or each.verdict}" for each in others]
-        lines += ["", "Checks: p-values with systematic errors; in brackets by the formal errors alone"]
+            facts += [(each.paper.short, each.lacking or each.verdict) for each in others]
+        return (Section(quasars.label, facts), *(map(_numbers, self.sections) if long else ()), self._checks(long))
+
+    def _checks(self, long):
+        """The checks with their p-values; short, those with the smallest."""
         asked = sorted((each for each in self.checks if not each.lacking), key=lambda each: _order(each.p_value))
-        for check in self.checks if long else asked[:_LISTED]:
-            if check.lacking:
-                lines.append(f"  {check.question:{_WIDTH + 6}}{'–':>10}  not asked: {check.lacking}")
-                continue
-            face = f"({printed_p_value(check.at_face_value)})" if np.isfinite(check.at_face_value) else ""
-            p = printed_p_value(check.p_value)
-            lines.append(f"  {check.question:{_WIDTH + 6}}{p:>10} {face:>10}  {check.answer}")
+        shown = self.checks if long else asked[:_LISTED]
+        columns = {
+            "check": [each.question for each in shown],
+            "p_value": [each.p_value for each in shown],
+            "p_value, formal errors": [each.at_face_value for each in shown],
+            "answer": [f"not asked: {each.lacking}" if each.lacking else each.answer for each in shown],
+        }
+        remarks = []
         if not long:
             lacking = len(self.checks) - len(asked)
-            shown = f"  the {min(_LISTED, len(asked))} of {len(asked)} checks with the smallest p-values"
-            lines.append(shown + (f"; {lacking} more need columns that this table has not" if lacking else ""))
-        return "\n".join(lines) + "\n"
+            more = f"; {lacking} more need columns that this table lacks" if lacking else ""
+            remarks = [f"The {len(shown)} of {len(asked)} checks with the smallest p-values{more}."]
+        return Section("Checks: p-values with systematic errors", (), tables.table_of(columns), remarks=remarks)
 
     def tables(self) -> dict[str, Table]:
         """Sections and checks as astropy Tables, by name."""

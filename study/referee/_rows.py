@@ -7,10 +7,11 @@ import numpy as np
 
 from fit.background import Floor
 from fit.methods import Recommended
-from fit.results.quality import SEEN, printed_p_value
+from fit.results.quality import SEEN
 from fit.results.solution import Solution
 from study.papers import Paper
 from study.referee._quasars import Quasars
+from vsh.io.tables import printed_p_value
 from vsh.tools.notebook import InNotebook
 from vsh.vector import Vector
 
@@ -54,7 +55,7 @@ class Row(InNotebook):
 
 
 @dataclass(frozen=True, eq=False)
-class Section(InNotebook):
+class Analysis(InNotebook):
     """A published analysis, repeated.
 
     Attributes

@@ -18,7 +18,7 @@ from fit.secular_parallax import observer_velocity
 from fit.solving import fit_field, solve
 from study.papers import papers
 from study.referee._quasars import Quasars, by_degree, by_method, by_source, clipped_of, compare, degree_for
-from study.referee._rows import NONE, Check, Headline, Row, Section, Value, judged
+from study.referee._rows import NONE, Analysis, Check, Headline, Row, Value, judged
 from vsh.classes import Classes
 from vsh.field import Field
 from vsh.models.cosmology import CMB_VELOCITY_PLANCK18, with_redshift
@@ -398,14 +398,14 @@ _ANALYSES = (
 )
 
 
-def sections(quasars: Quasars, headline: Headline, rng: Rng) -> list[Section]:
+def sections(quasars: Quasars, headline: Headline, rng: Rng) -> list[Analysis]:
     """All of them; one that cannot be done says why."""
     done, asked = [], Asked(quasars, headline, rng)
     for key, title, act in _ANALYSES:
         try:
             made = act(asked)
         except VshError as error:
-            done.append(Section(title, papers()[key], lacking=str(error)))
+            done.append(Analysis(title, papers()[key], lacking=str(error)))
         else:
-            done.append(Section(title, papers()[key], **made | {"rows": tuple(made["rows"])}))
+            done.append(Analysis(title, papers()[key], **made | {"rows": tuple(made["rows"])}))
     return done

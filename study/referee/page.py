@@ -6,11 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from fit.results.quality import SEEN, printed_p_value
+from fit.results.quality import SEEN
 from study.referee._referee import Referee
-from study.referee._rows import HINT, Check, Section, Value
+from study.referee._rows import HINT, Analysis, Check, Value
 from vsh.figures import page
 from vsh.figures.plot import COLOURS, WIDTH, legend_above, many_figures, panels, plot_field, styled
+from vsh.io.tables import printed_p_value
 from vsh.tools.types import Axes
 
 
@@ -27,7 +28,7 @@ def draw(referee: Referee) -> dict[str, Any]:
 
 
 @styled
-def plot_accelerations(sections: Sequence[Section], *, ax: Axes | None = None) -> Axes:
+def plot_accelerations(sections: Sequence[Analysis], *, ax: Axes | None = None) -> Axes:
     """Components of g by each paper that has them: published, and ours its way; and the recommended fit, once."""
     (axes,) = panels(ax, size=(WIDTH, 2.6))
     lines: list[tuple[str, list[Value]]] = []
@@ -94,7 +95,6 @@ def html(
         *(_section(section, drawn) for section in referee.sections),
         page.heading("Is it the instrument?", page.words(_CHECKS, "faint"), _checks(referee)),
         page.heading("Figures", page.figures(drawn, {})),
-        page.heading("Report", page.preformatted(referee.report())),
         page.notes(quasars.field.notes),
         page.provenance(dict(provenance), command),
     ]
@@ -113,7 +113,7 @@ _CHECKS = (
 )
 
 
-def _section(section: Section, drawn: dict[str, Any]) -> page.Panel:
+def _section(section: Analysis, drawn: dict[str, Any]) -> page.Panel:
     """Published, ours their way, ours with shared errors; the figures behind it."""
     about = page.words(f"{section.paper.reference}; {section.paper.data}", "faint")
     if section.lacking:

@@ -11,13 +11,13 @@ from conftest import ROOT
 PACKAGES = ("vsh", "fit", "sim", "study")
 #: Lines of code (no docstrings, comments or blank lines) that a room may have.
 BUDGET = {
-    "fit": 745, "fit/background": 2247, "fit/commands": 1717, "fit/correlation": 791, "fit/distances": 704,
-    "fit/frames": 1874, "fit/in_time": 724, "fit/motions": 515, "fit/normal": 912, "fit/pairs": 587,
-    "fit/posterior": 1378, "fit/redshift": 758, "fit/results": 1766, "fit/robust": 592,
-    "fit/secular_parallax": 1350, "fit/solving": 474, "fit/waves": 395, "sim": 950, "sim/agis": 1977,
-    "sim/commands": 858, "sim/gaia": 474, "sim/scanning": 454, "sim/signal": 357, "study": 1125,
-    "study/commands": 487, "study/forecast": 274, "study/referee": 860, "vsh": 1538, "vsh/commands": 1181,
-    "vsh/figures": 1087, "vsh/io": 5162, "vsh/models": 903, "vsh/sky": 409, "vsh/tools": 1507,
+    "fit": 745, "fit/background": 2200, "fit/commands": 1654, "fit/correlation": 795, "fit/distances": 704,
+    "fit/frames": 1910, "fit/in_time": 718, "fit/motions": 506, "fit/normal": 913, "fit/pairs": 574,
+    "fit/posterior": 1367, "fit/redshift": 756, "fit/results": 1671, "fit/robust": 593,
+    "fit/secular_parallax": 1321, "fit/solving": 473, "fit/waves": 406, "sim": 950, "sim/agis": 1977,
+    "sim/commands": 855, "sim/gaia": 474, "sim/scanning": 454, "sim/signal": 357, "study": 1126,
+    "study/commands": 474, "study/forecast": 269, "study/referee": 860, "vsh": 1538, "vsh/commands": 1214,
+    "vsh/figures": 1094, "vsh/io": 5230, "vsh/models": 903, "vsh/sky": 409, "vsh/tools": 1507,
 }  # fmt: skip
 _NO_CODE = {
     tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT, tokenize.ENCODING,

@@ -91,7 +91,8 @@ def _run(options):
     if options.check:
         checked = check_schema(options.check, options.url)
         finishing.print_result(
-            options, finishing.RunResult(checked.report(), lambda: {"Names that are missing": checked.to_table()})
+            options,
+            finishing.RunResult(lambda _: checked.sections(), lambda: {"Names that are missing": checked.to_table()}),
         )
         return
     if options.what == "epochs":
@@ -99,7 +100,7 @@ def _run(options):
         return
     adql = QUERIES[options.what] if options.what in QUERIES else _text(options)
     if options.show:
-        finishing.print_result(options, finishing.RunResult(adql))
+        finishing.print_result(options, finishing.message(adql))
         return
     there = Path(options.output).exists() and not options.overwrite
     check_not_read(options.output, f"--output {printable(options.output)}")
@@ -115,7 +116,7 @@ def _run(options):
     beside = Path(f"{path}.{parsing.NAME}")
     with atomic_write(beside) as new:
         new.write_text(finishing.repeats(options, name=beside.name), encoding="utf-8")
-    finishing.print_result(options, finishing.RunResult(was if there else f"written to {path}"))
+    finishing.print_result(options, finishing.message(was if there else f"written to {path}"))
 
 
 def _epochs(options):
@@ -129,9 +130,7 @@ def _epochs(options):
     url = DATA_SERVER if options.url == ESA else options.url
     folder = fetch_epochs(ids, options.output, url, patience=options.patience, progress=not options.quiet, **more)
     count = sum(1 for each in folder.iterdir() if each.is_file())
-    finishing.print_result(
-        options, finishing.RunResult(f"written to {folder}: {count} files of {len(set(ids))} sources")
-    )
+    finishing.print_result(options, finishing.message(f"written to {folder}: {count} files of {len(set(ids))} sources"))
 
 
 def _text(options):

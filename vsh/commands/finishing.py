@@ -12,7 +12,7 @@ import sys
 import tempfile
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,16 +20,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 import vsh
-from vsh.commands import parsing, running
+from vsh.commands import parsing, reading, running
 from vsh.commands.parsing import NOT_KEPT, NUMBER
+from vsh.io.sections import Answer, Section, text_of
 from vsh.tools.errors import VshError
 from vsh.tools.files import UNFINISHED, as_recorded, atomic_folder, check_not_read, digest, is_ours
 from vsh.tools.formats import is_address
-from vsh.tools.printing import labelled, printable
+from vsh.tools.printing import printable
 from vsh.tools.types import PathName
 
 if TYPE_CHECKING:
     from vsh.tools.types import Table
+
 
 #: The file by which a command knows its own folders; it holds where the results come from, too.
 MARK = "provenance.json"
@@ -207,29 +209,27 @@ def without_windows() -> None:
 def write_page(
     path: PathName,
     title: str,
-    text: str,
+    sections: Iterable[Section],
     figures: Figures,
     *,
-    sheets: Mapping[str, Any] | None = None,
     captions: Mapping[str, str] | None = None,
     movies: Mapping[str, bytes] | None = None,
     lead: str = "",
-    answer: Sequence[tuple[str, str]] = (),
+    answer: Answer | None = None,
     cards: Sequence[tuple[str, str, str]] = (),
     provenance: Mapping[str, Any] | None = None,
     command: Sequence[str] | None = None,
 ) -> None:
-    """Write a page of a run: its main results, figures, tables that sort, what was printed, and where it comes from."""
+    """Write a page of a run: its main results, figures, sections with tables that sort, and where it comes from."""
     from vsh.figures import page
 
     moving = [page.figure(each, caption) for caption, each in (movies or {}).items()]
     panels = [
-        page.answer(answer),
+        page.answer(answer.lines if answer else ()),
         page.cards(cards),
         page.heading("Figures", page.figures(figures.drawn, captions or {})),
         page.heading("What moves", page.pictures(moving)),
-        *(page.sheet(heading, columns) for heading, columns in (sheets or {}).items()),
-        page.heading("Report", page.preformatted(text.strip("\n"))),
+        *map(page.section, sections),
         page.provenance(provenance or {}, command),
     ]
     figures.close()
@@ -257,35 +257,36 @@ _NUMBERS = re.compile(r"[+-]?[\d.]+( ± [\d.]+)?")
 class RunResult:
     """The result of a run, in whatever form it is printed.
 
-    `answer` has the lines to quote, each with its label. `text` is what stands below them, or a function that gives it
-    in full length (of True: --long, the folder, the page) or short (of False).
+    `answer` has the lines to quote. `sections` are what stands below them, or a function that gives them in full length
+    (of True: --long, the folder, the page) or short (of False).
     """
 
-    text: str | Callable[[bool], str]
+    sections: Callable[[bool], Sequence[Section]]
     make_tables: Callable[[], Mapping[str, Table]] = dict
     notes: Iterable[str] = ()
     latex: Callable[[], str] | None = None
-    answer: Sequence[tuple[str, str]] = ()
-
-    def __post_init__(self) -> None:
-        # Screen, file and page alike: no name of a source may be a terminal's escape.
-        object.__setattr__(self, "answer", tuple((printable(label), printable(text)) for label, text in self.answer))
+    answer: Answer = field(default_factory=Answer)
 
     def body(self, long: bool) -> str:
         """The text below the lines to quote, whole or short."""
-        return printable(self.text(long) if callable(self.text) else self.text)
+        return printable(text_of(self.sections(long)))
 
     def report(self, long: bool = True) -> str:
         """The lines to quote and the text, whole or short; a short one says where the whole is."""
         text = self.body(long)
         if not long and text != self.body(True):
             text = f"{text.rstrip()}\nmore: --long, or --output DIR\n"
-        return f"{labelled(self.answer)}\n\n{text}" if self.answer else text
+        return f"{self.answer}\n\n{text}" if self.answer.lines else text
 
     @cached_property
     def tables(self) -> Mapping[str, Table]:
-        """By heading: of --json, --latex and the page; made when they are first asked for."""
+        """By heading: of --json and --latex; made when they are first asked for."""
         return self.make_tables()
+
+
+def message(text: str, make_tables: Callable[[], Mapping[str, Table]] = dict, notes: Iterable[str] = ()) -> RunResult:
+    """The result of a run that has little to say."""
+    return RunResult(lambda _: [Section(text)], make_tables, notes)
 
 
 def print_result(options: argparse.Namespace, result: RunResult) -> None:
@@ -305,52 +306,151 @@ def print_line(options: argparse.Namespace, text: str) -> None:
         running.print_text(text)
 
 
-def finish(
-    options: argparse.Namespace,
-    result: RunResult,
-    *,
-    provenance: Callable[[], dict[str, Any]],
-    draw: Callable[[], Mapping[str, Any]],
-    write: Callable[[Path, dict[str, Any]], None],
-    title: str = "",
-    captions: Mapping[str, str] | Callable[[str], str] | None = None,
-    cards: Callable[[], Sequence[tuple[str, str, str]]] = tuple,
-    page: Callable[[Figures, dict[str, Any]], None] | None = None,
-    movies: Callable[[], Mapping[str, bytes]] = dict,
-) -> None:
-    """Tell what was found, and write what was asked for: a folder, a page."""
-    print_result(options, result)
-    if not (options.output or options.html):
-        return
-    meta = provenance()
-    drawn = Figures(draw)
-    if options.output:
-        with results_folder(options, meta) as folder:
-            (folder / "report.txt").write_text(result.report(), encoding="utf-8")
-            write(folder, meta)
-            drawn.write(folder, options)
-        print_line(options, running.written(options.output, (x.name for x in Path(options.output).iterdir())))
-    if options.html:
+@dataclass(frozen=True)
+class Part:
+    """One result of a run, with all that is made from it.
+
+    Attributes
+    ----------
+    name : str
+        The name of its file and its figure.
+    result : Result
+        It has `sections`, `to_table`, `write` and `plot`.
+    heading : str
+        Heading of its table in JSON and LaTeX; nothing where it has none there.
+    caption : str
+        Caption of its figure, on the page.
+    sections, plot : callable, optional
+        In place of its own.
+    is_long : bool
+        The short text is without it.
+    """
+
+    name: str
+    result: Any
+    heading: str = ""
+    caption: str = ""
+    sections: Callable[[bool], Sequence[Section]] | None = None
+    plot: Callable[[], Any] | None = None
+    is_long: bool = False
+
+    def shown(self, long: bool) -> Sequence[Section]:
+        """Its sections, whole or short."""
+        if self.is_long and not long:
+            return ()
+        return self.result.sections(long=long) if self.sections is None else self.sections(long)
+
+    def drawn(self) -> dict[str, Any]:
+        """Its figure by name; none where it draws nothing."""
+        axes = self.result.plot() if self.plot is None else self.plot()
+        return {} if axes is None else {self.name: axes}
+
+
+class Run:
+    """A run of a command: where its results go is checked first, it opens and reads catalogues, and writes results.
+
+    Parameters
+    ----------
+    options : argparse.Namespace
+        What was asked for.
+    """
+
+    def __init__(self, options: argparse.Namespace) -> None:
+        self.options = options
+        check(options)
+
+    def open(self, path: str) -> Any:
+        """Open a catalogue."""
+        return reading.open_catalogue(path, self.options)
+
+    def read(self, source: Any, path: str = "", **more: Any) -> Any:
+        """A catalogue that is open, as a field, or in parts where that is asked for; `more` as for `read_field`."""
+        from vsh.io import catalogue
+
+        given = reading.arguments(self.options) | more
+        if not reading.in_parts(self.options):
+            return catalogue.read_field(source, **given)
+        given.pop("roles", None)
+        return catalogue.parts(path, **reading.reading_parts(self.options) | given)
+
+    def finish(
+        self,
+        parts: Sequence[Part],
+        *,
+        title: str = "",
+        answer: Answer | None = None,
+        notes: Iterable[str] = (),
+        paths: Any = None,
+        counts: Mapping[str, Any] | None = None,
+        sections: Callable[[bool], Sequence[Section]] | None = None,
+        tables: Callable[[], Mapping[str, Table]] | None = None,
+        latex: Callable[[], str] | None = None,
+        files: Callable[[Path, dict[str, Any]], object] | None = None,
+        figures: Callable[[], Mapping[str, Any]] | None = None,
+        captions: Mapping[str, str] | Callable[[str], str] | None = None,
+        cards: Callable[[], Sequence[tuple[str, str, str]]] = tuple,
+        page: Callable[[Figures, dict[str, Any]], None] | None = None,
+        movies: Callable[[], Mapping[str, bytes]] = dict,
+    ) -> None:
+        """Print the result, and write what was asked for: a folder, a page.
+
+        Parameters
+        ----------
+        parts : sequence of Part
+            The results, in the order of the text.
+        title : str
+            Title of the page.
+        answer : Answer, optional
+            The lines to quote.
+        notes : iterable of str
+            For JSON.
+        paths : str or list of str, optional
+            What was read.
+        counts : dict, optional
+            Numbers of rows, for the provenance.
+        sections, tables, figures : callable, optional
+            In place of those of the parts: the text, tables by heading, axes by name.
+        latex, page : callable, optional
+            In place of LaTeX of the tables and of a page of the sections.
+        files : callable, optional
+            Writes further files into a folder, or all of them where there are no parts.
+        captions : dict or callable, optional
+            Captions of further figures, by name.
+        cards, movies : callable, optional
+            The main results, large, and what moves, for the page.
+        """
+        options = self.options
+        shown = sections or (lambda long: [section for part in parts for section in part.shown(long)])
+        made = tables or (lambda: {part.heading: part.result.to_table() for part in parts if part.heading})
+        result = RunResult(shown, made, notes, latex, answer or Answer())
+        print_result(options, result)
+        if not (options.output or options.html):
+            return
+        meta = running.provenance(paths or [], options, **(counts or {}))
+        drawn = Figures(figures or (lambda: {name: axes for part in parts for name, axes in part.drawn().items()}))
+        if options.output:
+            with results_folder(options, meta) as folder:
+                (folder / "report.txt").write_text(result.report(), encoding="utf-8")
+                for part in parts:
+                    part.result.write(folder / f"{part.name}.ecsv", meta)
+                if files is not None:
+                    files(folder, meta)
+                drawn.write(folder, options)
+            print_line(options, running.written(options.output, (x.name for x in Path(options.output).iterdir())))
+        if not options.html:
+            return
         if page is not None:
             page(drawn, meta)
             drawn.close()
             print_line(options, of_page(options.html))
-        else:
-            shown = {name: captions(name) for name in drawn.drawn} if callable(captions) else captions
-            write_page(
-                options.html,
-                title,
-                result.body(True),
-                drawn,
-                sheets=result.tables,
-                captions=shown,
-                movies=movies(),
-                provenance=meta,
-                command=options.command,
-                answer=result.answer,
-                cards=cards(),
-            )
-            print_line(options, f"written to {options.html}")
+            return
+        own = {part.name: part.caption for part in parts if part.caption}
+        more = {name: captions(name) for name in drawn.drawn} if callable(captions) else captions or {}
+        write_page(
+            options.html, title, shown(True), drawn, captions={**own, **more}, movies=movies(), provenance=meta,
+            command=options.command, answer=result.answer, cards=cards(),
+        )  # fmt: skip
+        print_line(options, f"written to {options.html}")
 
 
 def as_json(options: argparse.Namespace, result: RunResult) -> str:
@@ -359,7 +459,7 @@ def as_json(options: argparse.Namespace, result: RunResult) -> str:
         "command": options.program,
         "version": vsh.__version__,
         "options": {name: _typed(value) for name, value in options.given.items() if name not in NOT_KEPT},
-        "answer": dict(result.answer) or None,
+        "answer": dict(result.answer.lines) or None,
         "notes": [str(note) for note in result.notes],
         "tables": {name: _columns(table) for name, table in result.tables.items()},
         "written": [str(path) for path in (options.output, getattr(options, "html", None)) if path],

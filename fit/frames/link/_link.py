@@ -10,10 +10,11 @@ from scipy.special import logsumexp
 from fit.frames.link._likelihood import FAMILIES, FEWER, NORMAL, Node, nodes
 from fit.frames.link._rows import LinkPrior, Unknowns, equations
 from fit.frames.link._solution import LinkSolution, made
-from fit.results.output import Answer
-from fit.results.quality import SEEN, printed_p_value
+from fit.results.quality import SEEN
 from fit.results.storage import Result
 from vsh.io import tables
+from vsh.io.sections import Answer, Section
+from vsh.io.tables import printed_p_value
 from vsh.sky.astrometry import AstrometryRows
 from vsh.tools import arguments
 from vsh.tools.errors import DegeneracyError, ParameterError
@@ -256,27 +257,19 @@ class StepSearch(Result):
         edges = np.r_[self.places[0], (self.places[1:] + self.places[:-1]) / 2, self.places[-1]]
         return float(edges[chosen.min()]), float(edges[chosen.max() + 1])
 
-    def report(self, *, long: bool = False) -> str:
-        """Whether there is a jump and where, as text.
-
-        Parameters
-        ----------
-        long : bool
-            Add each place, and what `LinkSolution.report` adds.
-        """
+    def _sections(self, long):
         low, high = self.interval
-        lines = [
-            f"p = {printed_p_value(self.p_value)} of a jump as large by chance, at any of {len(self.places)} places",
-            f"if there is one, G = {self.place:.4g} is most probable; 68 %: {low:.4g} to {high:.4g}",
+        facts = [
+            (
+                "jump",
+                f"p = {printed_p_value(self.p_value)} of one as large by chance, at any of {len(self.places)} places",
+            ),
+            ("place", f"G = {self.place:.4g} is most probable if there is one; 68 %: {low:.4g} to {high:.4g}"),
+            ("largest", f"p = {printed_p_value(float(self.p_values.min()))} of that jump alone, without the search"),
         ]
-        if long:
-            lines.append(f"{'fainter than':>12}{'probability':>14}{'p of no jump':>14}")
-            lines += [
-                f"{place:12.2f}{probability:14.3f}{printed_p_value(float(p)):>14}"
-                for place, probability, p in zip(self.places, self.probability, self.p_values, strict=True)
-            ]
-            lines.append(f"{printed_p_value(float(self.p_values.min()))} for the largest jump alone")
-        return "\n".join(lines) + "\n\nWith a jump at the most probable place: " + self.solution.report(long=long)
+        rest = self.solution.sections(long=long)
+        first = replace(rest[0], title=f"With a jump at the most probable place: {rest[0].title}")
+        return (Section("Search for a jump", facts, self.to_table() if long else None), first, *rest[1:])
 
     def to_table(self) -> Table:
         """The places as an astropy Table, a row each."""

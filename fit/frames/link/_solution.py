@@ -9,16 +9,16 @@ from scipy.special import logsumexp
 
 from fit.frames.link._likelihood import NORMAL, Node, Tails, influence_of, mixed
 from fit.frames.link._rows import VECTORS, Rows, Unknowns, equations
-from fit.results.output import Answer
-from fit.results.quality import SEEN, f_p_value, hint_of, printed_p_value
+from fit.results.quality import SEEN, f_p_value, hint_of
 from fit.results.solution import NamedSolution
 from fit.results.storage import Result
 from vsh.field import Field
 from vsh.io import tables
+from vsh.io.sections import Answer, Section
+from vsh.io.tables import printed_p_value
 from vsh.sky.astrometry import AstrometryRows
 from vsh.tools import arguments
 from vsh.tools.errors import FieldError, ParameterError
-from vsh.tools.notes import note_lines
 from vsh.tools.printing import in_a_line
 from vsh.tools.types import Axes, AxesArray, FloatArray, IntArray, OnAxes, Table
 from vsh.vector import Vector
@@ -220,68 +220,93 @@ class LinkSolution(NamedSolution):
         """
         return np.sqrt(np.diag(np.linalg.inv(np.linalg.inv(self.covariance) + count * self.information)))
 
-    def report(self, *, long: bool = False) -> str:
-        """The link as text.
-
-        Parameters
-        ----------
-        long : bool
-            Add the jumps themselves, the epoch of independence, and what each source has to do with the result.
-        """
-        unknowns = self.unknowns
-        n, several = len(self.sources), int(np.sum(self.outlier > 0.5))
-        lines = [
-            f"{', '.join(unknowns.turned) or self.reference} against {self.reference}: {n} sources, {self.n_data} "
-            f"differences free of their own positions, parallaxes and motions ({self.frame} axes)",
-            "turned by ε + ω (t − "
-            f"{unknowns.epoch:g}): Δα* = q·ε, Δδ = −p·ε, turned less reference; ICRF3's R1, R2, R3 are −ε",
+    def _sections(self, long):
+        unknowns, n = self.unknowns, len(self.sources)
+        turned = ", ".join(unknowns.turned) or self.reference
+        facts = [
+            ("sources", f"{n}, with {self.n_data} differences free of their own positions, parallaxes and motions"),
+            (
+                "model",
+                f"Δα* = q·ε, Δδ = −p·ε with ε + ω (t − {unknowns.epoch:g}), turned less reference ({self.frame} axes)",
+            ),
+            ("χ²/dof", f"{self.chi2:.5g} / {self.dof} = {self.reduced_chi2:.3g} by errors as quoted"),
         ]
-        shown = list(zip(self.names, self.values, self.sigma, strict=True))
-        if unknowns.steps and not long:
-            shown = []  # the levels below say it in fewer lines
-        else:
-            lines.append(f"{'':24}{'value':>12}{'±':>10}")
-        for name, value, sigma in shown:
-            unit = "µas" if "epsilon" in name else "µas/yr"
-            lines.append(f"{name:24}{value:+12.2f}{sigma:10.2f} {unit}")
-        lines += self._levels(long)
+        if self.excess:
+            facts.append(("offset", f"{self.excess:.3g} µas a coordinate, of positions of {self.reference}"))
+        levels = [line.partition(": ") for line in self._levels(long)]
+        facts += [(label, words) for label, _, words in levels]
         if long and {"orientation", "spin"} <= set(unknowns.vectors):
             quiet = self.quiet_epoch
             if abs(quiet - unknowns.epoch) > 0.05:
                 there = self.at_epoch(quiet)
                 each = ", ".join(f"{v:+.1f} ± {s:.1f}" for v, s in zip(there.value, there.sigma, strict=True))
-                lines.append(f"orientation at {quiet:.1f}, where it is independent of the spin: {each} µas")
-        lines.append(f"χ²/dof by errors as quoted {self.chi2:.5g} / {self.dof} = {self.reduced_chi2:.3g}")
-        if self.excess:
-            lines.append(f"offset of positions of {self.reference}: {self.excess:.3g} µas a coordinate")
-        order = np.argsort(-self.outlier, kind="stable")[: max(several, 3)][:_LISTED]
-        largest = np.abs(self.influence).max(1)
+                facts.append((f"orientation at {quiet:.1f}", f"{each} µas, where it is independent of the spin"))
         if long:
-            more = np.mean(self.with_more(10) / self.sigma)
-            lines.append(f"with 10 more such sources errors would be {more:.2f} of these")
-            lines.append(
-                f"probable outliers: {several} of {n}" + (" (errors more than three times as large)" * (several > 0))
-            )
-            lines += [
-                f"  {in_a_line(self.sources[i]):24} P = {self.outlier[i]:.2f}, {self.distances[i]:.1f} errors as quoted"
-                for i in order
-            ]
-            lines.append("most influence on a parameter, in its errors, were it left out:")
-            for i in np.argsort(-largest, kind="stable")[:3]:
-                worst = int(np.abs(self.influence[i]).argmax())
-                lines.append(
-                    f"  {in_a_line(self.sources[i]):24} {self.influence[i, worst]:+.2f} of {self.names[worst]}"
+            facts.append(
+                (
+                    "10 more sources",
+                    f"like these would give {np.mean(self.with_more(10) / self.sigma):.2f} of these errors",
                 )
-        elif several:
-            names = ", ".join(in_a_line(self.sources[i]) for i in order[:several])
-            lines.append(f"probable outliers (errors more than three times as large): {several} of {n}: {names}")
+            )
+        table = None if unknowns.steps and not long else self.to_table()  # else the levels say it in fewer lines
+        remarks = [*self._influences(), "ICRF3's R1, R2, R3 are −ε."]
+        sections = [
+            Section(
+                f"{turned} against {self.reference}",
+                facts,
+                table,
+                ("parameter", "value", "sigma", "unit"),
+                remarks=remarks,
+                notes=self.notes,
+            )
+        ]
+        return (*sections, *(self._by_source() if long else ()))
+
+    def _influences(self):
+        """Sentences on probable outliers, and on sources that the answer hangs on."""
+        several = int(np.sum(self.outlier > 0.5))
+        order = np.argsort(-self.outlier, kind="stable")[:several]
+        lines = []
+        if several:
+            names = ", ".join(in_a_line(self.sources[i]) for i in order[:_LISTED])
+            lines.append(
+                f"Probable outliers (errors more than three times as large): {several} of {len(self.sources)}: {names}."
+            )
+        largest = np.abs(self.influence).max(1)
         heavy = [in_a_line(self.sources[i]) for i in np.argsort(-largest, kind="stable") if largest[i] > _HEAVY]
         if heavy:
             lines.append(
                 f"warning: {', '.join(heavy[:3])} alone move{'s' * (len(heavy) == 1)} a parameter by more than "
                 f"{_HEAVY:g} of its errors: with errors that are too small the whole answer is theirs"
             )
-        return "\n".join([*lines, *note_lines(self.notes)]) + "\n"
+        return lines
+
+    def _by_source(self):
+        """The sources that are most probably outliers, and those with most influence, a section each."""
+        outliers = np.argsort(-self.outlier, kind="stable")[: max(int(np.sum(self.outlier > 0.5)), 3)][:_LISTED]
+        columns = {
+            "source": [in_a_line(self.sources[i]) for i in outliers],
+            "probability": self.outlier[outliers],
+            "errors as quoted": self.distances[outliers],
+        }
+        heaviest = np.argsort(-np.abs(self.influence).max(1), kind="stable")[:3]
+        worst = np.abs(self.influence[heaviest]).argmax(1)
+        moved = {
+            "source": [in_a_line(self.sources[i]) for i in heaviest],
+            "parameter": [self.names[k] for k in worst],
+            "errors": self.influence[heaviest, worst],
+        }
+        return (
+            Section(
+                "Sources most probably outliers",
+                (),
+                tables.table_of(columns),
+                forms={"probability": ".2f", "errors as quoted": ".1f"},
+            ),
+            Section(
+                "Sources with most influence, were they left out", (), tables.table_of(moved), forms={"errors": "+.2f"}
+            ),
+        )
 
     @property
     def answer(self) -> Answer:
@@ -447,20 +472,14 @@ class LinkPlan(Result):
     def __repr__(self) -> str:
         return f"<LinkPlan: {len(self.candidates)} candidates, {self.candidates[0]} first>"
 
-    def report(self, *, long: bool = False) -> str:
-        """The first candidates in their order, as text.
-
-        Parameters
-        ----------
-        long : bool
-            All of them.
-        """
-        lines = [f"{'observe next':24}{'gain':>8}   errors of {', '.join(self.names)}"]
-        lines.append(f"{'(today)':24}{'':8}   " + " ".join(f"{each:.3g}" for each in self.before))
-        shown = len(self.candidates) if long else _PLANNED
-        for name, gain, sigma in list(zip(self.candidates, self.gain, self.sigma, strict=True))[:shown]:
-            lines.append(f"{name:24}{gain:8.3f}   " + " ".join(f"{each:.3g}" for each in sigma))
-        return "\n".join(lines) + "\n"
+    def _sections(self, long):
+        today = ", ".join(f"{name} {each:.3g}" for name, each in zip(self.names, self.before, strict=True))
+        rows = range(len(self.candidates) if long else min(_PLANNED, len(self.candidates)))
+        return (
+            Section(
+                "What to observe next", [("errors today", today)], self.to_table(), rows=rows, forms={"gain": ".3f"}
+            ),
+        )
 
     def to_table(self) -> Table:
         """The candidates as an astropy Table, a row each."""

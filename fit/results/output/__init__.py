@@ -13,35 +13,31 @@ from fit.results.output._files import (
 )
 from fit.results.output._text import (
     WIDTH,
-    Answer,
     amplitude,
     answer_of,
     cell,
+    check_sections,
     components,
     direction,
-    html_of,
     is_seen,
     power_rows,
     powers_table,
     pulls,
-    report,
-    report_check,
+    sections_of,
     vector_rows,
     vectors_of,
     vectors_table,
     warnings_of,
 )
 from fit.results.output._text import words_of as words_of
-from fit.results.quality import printed_p_value as p_value
+from vsh.io.tables import printed_p_value as p_value
 from vsh.tools.modules import lazily
-from vsh.tools.notes import note_lines
 
 if TYPE_CHECKING:
     from fit.results.output._figures import plot_correlation, plot_power, plot_residuals, plot_spectrum, plot_terms
     from fit.results.output._html import html_report
 
 __all__ = [
-    "Answer",
     "answer_of",
     "html_report",
     "plot_correlation",

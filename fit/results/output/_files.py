@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from fit.results.output._text import (
-    Answer,
     amplitude,
     answer_of,
     components,
@@ -23,6 +22,7 @@ from fit.results.spectrum import spectrum
 from vsh.field import Field
 from vsh.io import tables
 from vsh.io.parts import Parts, sample_of
+from vsh.io.sections import Answer
 from vsh.io.tables import two_digits
 from vsh.scalars import ScalarField
 from vsh.tools.arguments import choice, explained

@@ -3,25 +3,11 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from fit.results.output._text import (
-    AGREE,
-    Answer,
-    amplitude,
-    answer_of,
-    components,
-    direction,
-    is_scalar,
-    power_rows,
-    squared,
-    vector_rows,
-    vectors_of,
-    warnings_of,
-    what_of,
-)
+from fit.results.output._text import amplitude, answer_of, direction, is_scalar, vectors_of, warnings_of, what_of
 from fit.results.quality import ErrorSource
 from vsh.figures import page
+from vsh.io.sections import Answer, Section
 from vsh.tools.arguments import explained
-from vsh.tools.types import Table
 
 _CAPTIONS = {
     "sky": ("The sources, and the motions that were fitted to them: as dark as they are sure, grey below 2 σ."),
@@ -44,7 +30,7 @@ def html_report(
     provenance: dict[str, Any] | None = None,
     command: Sequence[str] | None = None,
     title: str | None = None,
-    sections: Mapping[str, Table] | None = None,
+    sections: Sequence[Section] = (),
     captions: Mapping[str, str] | None = None,
     skies: Sequence[page.Shown] = (),
     answer: Answer | None = None,
@@ -69,8 +55,8 @@ def html_report(
         That repeats the run.
     title : str, optional
         Title of the page.
-    sections : dict of str to astropy Table, optional
-        Further tables by their headings.
+    sections : sequence of vsh.io.sections.Section
+        Further sections.
     captions : dict of str to str, optional
         Captions of further figures, by name.
     skies : sequence of vsh.figures.page.Shown
@@ -88,19 +74,15 @@ def html_report(
     shown = {name: drawn for name, drawn in figures.items() if not (turned.html and name == "sky")}
     texts = {**_CAPTIONS, **(captions or {})}
     static = page.words(f"The sky of this page {page.STATIC}." if skies and not turned.html else "", "faint")
-    vectors = vectors_of(solution)
     panels = [
         page.answer(answer.lines),
         _cards(solution),
         page.words(_warnings(solution), "warning"),
         page.heading("The sky", turned),
-        page.heading(" and ".join(vectors).capitalize(), *_vectors(solution, truth or {})),
-        _check(check),
-        _powers(solution),
-        *(page.sheet(heading, columns) for heading, columns in (sections or {}).items()),
+        *map(page.section, solution.sections(long=True, check=check, truth=truth, source=source)),
+        *map(page.section, sections),
         page.heading("Figures", page.figures(shown, texts), static),
         _coefficients(solution),
-        page.notes(solution.notes),
         page.provenance(provenance or {}, command),
     ]
     modes = solution.modes
@@ -126,42 +108,6 @@ def _cards(solution):
 def _warnings(solution):
     lines = [f"{label}: {text}" if label == "warning" else text for label, text in warnings_of(solution)]
     return ". ".join(lines) + "." if lines else ""
-
-
-def _vectors(solution, truth):
-    rows = [
-        [f"truth of the {name}" if row.is_truth else row.name, *row.cells, row.amplitude]
-        for name in vectors_of(solution)
-        for row in vector_rows({name: vectors_of(solution)[name]}, truth)
-    ]
-    heads = [f"[{solution.unit}]", "x", "y", "z", "amplitude"]
-    return (page.table(heads, rows),) if rows else ()
-
-
-def _check(check):
-    if check is None:
-        return page.Panel("")
-    agree = check.largest < AGREE
-    text = (
-        "Plain least squares of degree 1 on the same sources by two solvers without a common formula: "
-        f"{'they agree' if agree else 'THEY DO NOT AGREE'}; largest difference {check.largest:.1e} σ."
-    )
-    rows = [
-        [f"{name}, {solver}", *components(getattr(result, name))]
-        for name in ("spin", "acceleration")
-        for solver, result in (("harmonics", check.harmonics), ("frame solver", check.frame))
-    ]
-    both = () if agree else (page.table(["[µas/yr]", "x", "y", "z"], rows),)
-    return page.heading("Cross-check", page.words(text), *both)
-
-
-def _powers(solution):
-    rows = [
-        [row.degree, row.power, row.debiased, row.error, row.p_value, row.z, row.mk_z] for row in power_rows(solution)
-    ]
-    heads = ["degree", f"power {squared(solution)}", "noise-debiased", "±", "p-value", "z", "M&K Z"]
-    hint = page.words("Click a heading to sort.", "faint")
-    return page.heading("Power by degree", hint, page.table(heads, rows, sortable=True))
 
 
 def _coefficients(solution):

@@ -6,22 +6,22 @@ Text, page, notebook, LaTeX and JSON take their rows from here.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from html import escape
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from scipy.special import ndtri
 
-from fit.results.quality import ONE_SIDE, SEEN, ErrorSource, hint_of, printed_p_value, solution_of
-from fit.results.quality import printed_p_value as p_value
+from fit.results.quality import ONE_SIDE, SEEN, ErrorSource, hint_of, solution_of
 from fit.results.spectrum import spectrum
 from vsh.io import tables
-from vsh.io.tables import three_digits, two_digits
+from vsh.io.sections import Answer, Section
+from vsh.io.tables import printed_p_value, three_digits, two_digits
+from vsh.io.tables import printed_p_value as p_value
 from vsh.sky.frames import ANGLES
 from vsh.tools.arguments import explained
 from vsh.tools.notes import codes_of
-from vsh.tools.printing import labelled, printable
+from vsh.tools.printing import printable
 from vsh.tools.types import FloatArray, Table
 from vsh.vector import GAIA_EDR3, Vector
 
@@ -234,37 +234,6 @@ _NAMES = {
 _WRONG = 30.0
 
 
-@dataclass(frozen=True)
-class Answer:
-    """What a fit says of acceleration and spin.
-
-    Attributes
-    ----------
-    lines : tuple of (str, str)
-        Labels with their text: acceleration, spin, the distance from Gaia EDR3's acceleration, and what the errors
-        are, which comes first where it is not the fit to quote. None where the fit is not of proper motions.
-
-    Examples
-    --------
-    >>> answer = Answer((("acceleration", "not detected"), ("spin", "not detected")))
-    >>> print(answer)
-    acceleration   not detected
-    spin           not detected
-    >>> answer.sentence
-    'acceleration not detected; spin not detected'
-    """
-
-    lines: tuple[tuple[str, str], ...] = ()
-
-    def __str__(self) -> str:
-        return labelled(self.lines)
-
-    @property
-    def sentence(self) -> str:
-        """All lines as one."""
-        return "; ".join(f"{label} {text}" for label, text in self.lines)
-
-
 @explained
 def answer_of(solution: Any) -> Answer:
     """What a fit says of acceleration and spin, with the errors of its own table.
@@ -344,55 +313,52 @@ def _errors(solution: Any) -> str:
 WIDTH = 88
 
 
-def report(
+def sections_of(
     solution: Any,
     *,
     check: Any = None,
     truth: dict[str, Any] | None = None,
     source: str | None = None,
     long: bool = False,
-    answer: bool = True,
-) -> str:
-    """The text of a solution, perhaps with a cross-check, the truth of a simulation, and what was fitted.
+) -> tuple[Section, ...]:
+    """The sections of a solution, perhaps with a cross-check, the truth of a simulation, and what was fitted.
 
-    With `long` it has formal errors, where the errors come from, and powers with their normal deviates; without
-    `answer` it lacks the lines to quote.
+    With `long` they have formal errors, where the errors come from, and powers with their normal deviates.
     """
     solution = solution_of(solution, "report")
-    lines = str(answer_of(solution)) if answer else ""
-    sections = [lines] if lines else []
-    sections.append(_heading(solution, source, long))
+    facts = [*(_details(solution) if long else ()), *warnings_of(solution)]
+    title = _title(solution, source)
     if np.isnan(solution.coefficients.values).all():
-        sections.append(_predicted(solution))
+        sections = [Section(title, facts, _errors_table(solution)), _noise_powers(solution)]
     else:
-        sections += [_vectors(solution, truth or {}, long), _degrees(solution) if long else _powers(solution)]
+        vectors = _vectors(solution, truth or {}, long)
+        directions = _directions(solution) if long else ()
+        sections = [Section(title, facts, vectors, remarks=directions)]
+        sections.append(_degrees(solution) if long else _powers(solution))
     if check is not None and (long or not check.largest < AGREE):
-        sections.append(report_check(check))
-    if solution.notes:
-        sections.append("Notes\n" + "\n".join(f"  - {note}" for note in solution.notes))
-    return "\n\n".join(sections) + "\n"
+        sections += check.sections()
+    sections[-1] = replace(sections[-1], notes=solution.notes)
+    return tuple(sections)
 
 
-def _heading(solution, source, long):
+def _title(solution, source):
     modes = solution.modes
     named = f"{printable(source)}: " if source else ""
-    facts = f"{solution.n_sources} sources, {solution.frame} axes, degrees {modes.lowest} to {modes.lmax}"
+    title = f"{named}{solution.n_sources} sources, {solution.frame} axes, degrees {modes.lowest} to {modes.lmax}"
+    return title + (f", χ²/dof = {solution.reduced_chi2:.3f}" if np.isfinite(solution.chi2) else "")
+
+
+def _details(solution):
+    """What was fitted and where the errors come from, as labels with words."""
+    facts = [("fit", what_of(solution)), ("coefficients", f"{len(solution.modes)}")]
     if np.isfinite(solution.chi2):
-        facts += f", χ²/dof = {solution.reduced_chi2:.3f}"
-    lines = [f"{named}{facts}"]
-    if long:
-        lines.insert(0, what_of(solution))
-        lines.append(f"{'coefficients':15}{len(modes)}")
-        if np.isfinite(solution.chi2):
-            whose = "" if solution.error_source == ErrorSource.CATALOGUE else " (by the catalogue's errors)"
-            lines.append(f"{'χ²/dof':15}{solution.chi2:.6g} / {solution.dof}{whose}")
-        lines.append(f"{'errors from':15}{solution.errors_from}")
-    lines += [f"{label:15}{text}" for label, text in warnings_of(solution)]
-    return "\n".join(lines)
+        whose = "" if solution.error_source == ErrorSource.CATALOGUE else " (by the catalogue's errors)"
+        facts.append(("χ²/dof", f"{solution.chi2:.6g} / {solution.dof}{whose}"))
+    return [*facts, ("errors from", solution.errors_from)]
 
 
 def what_of(solution: Any) -> str:
-    """The title of a report."""
+    """What a solution is of, as the first words of its page."""
     if is_scalar(solution):
         return f"Spherical harmonics of a scalar field{', in ' * bool(solution.unit)}{solution.unit}"
     return f"Vector spherical harmonics of {'differences of position' if solution.unit == 'µas' else 'proper motions'}"
@@ -435,131 +401,102 @@ def warnings_of(solution: Any) -> list[tuple[str, str]]:
     return warnings
 
 
-def _predicted(solution):
-    """What a solution says that has errors and no values yet."""
-    lines = [f"{'errors [µas/yr]':16}{'x':>10}{'y':>10}{'z':>10}"]
-    for name, vector in vectors_of(solution).items():
-        lines.append(f"{name:16}" + "".join(f"{s:>10.3f}" for s in vector.sigma))
-    lines += ["", "Power of noise by degree, ∫|V|²dΩ [(µas/yr)²]"]
-    for l in range(1, solution.modes.lmax + 1):
-        lines.append(f"{f'T{l}, S{l}':16}{solution.noise_power('T', l):>10.3g}{solution.noise_power('S', l):>10.3g}")
-    return "\n".join(lines)
+def _errors_table(solution):
+    """The errors that a fit would have, of a solution without values."""
+    vectors = vectors_of(solution)
+    columns = {"vector": list(vectors)}
+    columns |= {f"error {axis}": [vector.sigma[k] for vector in vectors.values()] for k, axis in enumerate("xyz")}
+    return tables.table_of(columns, {}, {f"error {axis}": solution.unit.replace("µ", "u") for axis in "xyz"})
+
+
+def _noise_powers(solution):
+    degrees = range(1, solution.modes.lmax + 1)
+    columns = {"degree": list(degrees)}
+    columns |= {kind: [solution.noise_power(kind, l) for l in degrees] for kind in "TS"}
+    forms = dict.fromkeys("TS", ".3g")
+    return Section(f"Power of noise by degree, ∫|V|²dΩ {squared(solution)}", (), tables.table_of(columns), forms=forms)
 
 
 def _vectors(solution, truth, long):
+    """Spin and acceleration by component, with the truth of a simulation below them."""
     vectors = vectors_of(solution)
-    rows = list(vector_rows(vectors, truth))
-    lines = []
+    rows: list[tuple[str, ...]] = []
+    formal = vectors_of(solution.formal) if long and solution.formal is not solution else {}
     if is_scalar(solution):
         value, error = solution.mean
-        lines = [f"{'mean':14}{value:+.4g} ± {error:.2g} {solution.unit}"]
-    if not rows:
-        return "\n".join(lines)
-    formal = vectors_of(solution.formal) if long and solution.formal is not solution else {}
-    wide = max(16, *(len(cell) + 2 for row in rows for cell in row.cells))  # large values do not run together
-    last = max(22, *(len(row.amplitude) + 2 for row in rows))
-    lines.append(f"{f'[{solution.unit}]':14}" + "".join(f"{axis:>{wide}}" for axis in "xyz") + f"{'amplitude':>{last}}")
-    for row in rows:
-        label = f"  {row.name}" if row.is_truth else row.name
-        lines.append(f"{label:14}" + "".join(f"{cell:>{wide}}" for cell in row.cells) + f"{row.amplitude:>{last}}")
+        rows.append(("mean", "", "", "", f"{value:+.4g} ± {error:.2g}"))
+    for row in vector_rows(vectors, truth):
+        rows.append((f"  {row.name}" if row.is_truth else row.name, *row.cells, row.amplitude))
         if not row.is_truth and row.name in formal:
-            cells = (cell.partition("± ")[2] for cell in components(formal[row.name]))
-            lines.append(f"{'  formal error':14}" + "".join(f"{f'± {cell}':>{wide}}" for cell in cells))
-    for name, vector in vectors.items() if long else ():
+            errors = (cell.partition("± ")[2] for cell in components(formal[row.name]))
+            rows.append(("  formal error", *(f"± {error}" for error in errors), ""))
+    heads = (f"[{solution.unit}]" if solution.unit else "vector", "x", "y", "z", "amplitude")
+    return tables.table_of({name: list(column) for name, column in zip(heads, zip(*rows, strict=True), strict=True)})
+
+
+def _directions(solution):
+    """Where the vectors that are detected point, in two frames."""
+    lines = []
+    for name, vector in vectors_of(solution).items():
         if is_seen(vector) or not vector.amplitude_error > 0:
             other = vector.to_frame("galactic" if vector.frame != "galactic" else "icrs")
             lines.append(f"{name:14}{direction(vector)}; {direction(other).removeprefix('towards ')}")
-    return "\n".join(lines)
+    return lines
 
 
 def _powers(solution):
-    """The power of each degree without its noise, and its p-value: a line a degree."""
+    """The power of each degree without its noise, and its p-value."""
     kinds = {"T": "toroidal", "S": "spheroidal", "F": "power"}
     powers = {(each.kind, each.l): each for each in spectrum(solution)}
     shown = [kind for kind in kinds if any(kind == each for each, _ in powers)]
-    unit = f" {squared(solution)}" if squared(solution) else ""
-    lines = [f"Power by degree{unit} without its noise, and the p-value of as much from noise alone"]
-    lines.append(f"{'degree':8}" + "".join(f"{kinds[kind]:>20}{'p':>10}" for kind in shown))
-    for l in sorted({l for _, l in powers}):
-        cells = [_power(powers[kind, l]) if (kind, l) in powers else f"{'':30}" for kind in shown]
-        lines.append(f"{l:<8}{''.join(cells)}".rstrip())
-    return "\n".join(lines)
+    degrees = sorted({l for _, l in powers})
+    columns: dict[str, Any] = {"degree": [str(l) for l in degrees]}
+    for kind in shown:
+        each = [powers.get((kind, l)) for l in degrees]
+        columns[kinds[kind]] = [_power(power) if power else "" for power in each]
+        columns[f"p ({kinds[kind]})"] = [printed_p_value(power.p_value) if power else "" for power in each]
+    title = f"Power by degree {squared(solution)}".rstrip()
+    title += " less that of noise, and the p-value of as much from noise alone"
+    return Section(title, (), tables.table_of(columns))
 
 
 def _power(power):
-    """The power of a degree with its error and its p-value."""
+    """The power of a degree with its error."""
     digits = two_digits(power.error)
-    value = f"{power.debiased:.{digits}f} ± {power.error:.{digits}f}"
-    return f"{value:>20}{printed_p_value(power.p_value):>10}"
+    return f"{power.debiased:.{digits}f} ± {power.error:.{digits}f}"
 
 
 def _degrees(solution):
     law = "exact χ², any sky" if np.isinf(solution.covariance_dof) else "Hotelling's T²: the errors are estimates"
-    lines = [
-        (
-            f"Power by degree, ∫{'|V|' if solution.modes.components == 2 else 'f'}²dΩ {squared(solution)}: as fitted, "
-            "noise-debiased, its error; the p-value of as much"
-        ),
-        f"from noise alone ({law}) and its normal deviate z; Mignard & Klioner's Z (uniform sky)",
-        f"{'':8}{'power':>13}{'debiased':>13}{'±':>11}{'√power':>9}{'p-value':>11}{'z':>8}{'M&K Z':>8}",
+    field = "|V|" if solution.modes.components == 2 else "f"
+    heads = ("degree", "power", "debiased", "±", "√power", "p-value", "z", "M&K Z")
+    columns = {name: list(each) for name, each in zip(heads, zip(*power_rows(solution), strict=True), strict=True)}
+    remarks = [
+        f"p-values are of as much from noise alone ({law}), z is their normal deviate; M&K Z, Mignard & Klioner's, "
+        "holds for a uniform sky."
     ]
-    for row in power_rows(solution):
-        lines.append(
-            f"{row.degree:8}{row.power:>13}{row.debiased:>13}{row.error:>11}{row.root:>9}{row.p_value:>11}"
-            f"{row.z:>8}{row.mk_z:>8}"
-        )
-    return "\n".join(lines)
+    title = f"Power by degree, ∫{field}²dΩ {squared(solution)}"
+    return Section(title, (), tables.table_of(columns), remarks=remarks)
 
 
-def report_check(check: Any) -> str:
-    """Whether two solvers agree, as text."""
+def check_sections(check: Any) -> tuple[Section, ...]:
+    """Whether two solvers agree, as a section."""
+    on = f"on the same {check.frame.n_sources} sources"
     if check.largest < AGREE:
-        return (
-            "Cross-check: two independent least-squares solvers of degree 1, "
-            f"on the same {check.frame.n_sources} sources with the\n"
-            f"catalogue's errors, agree to {check.largest:.0e} σ. This tests the solvers, not the errors above."
+        words = (
+            f"Two independent solvers of degree 1, {on} with the catalogue's errors, agree to {check.largest:.0e} σ."
         )
-    lines = [
-        (
-            f"CROSS-CHECK FAILED: degree 1 on the same {check.frame.n_sources} sources by two solvers differs by "
-            f"{check.largest:.1e} σ"
-        ),
-        f"{'[µas/yr]':26}{'x':>16}{'y':>16}{'z':>16}",
+        return (Section("Cross-check", remarks=[words, "This tests the solvers, not the errors above."]),)
+    rows = [
+        (name, solver, *components(getattr(result, name)))
+        for name in ("spin", "acceleration")
+        for solver, result in (("harmonics", check.harmonics), ("frame, QR", check.frame))
     ]
-    for name in ("spin", "acceleration"):
-        for solver, result in (("harmonics", check.harmonics), ("frame, QR", check.frame)):
-            lines.append(f"{name:14}{solver:12}" + "".join(f"{c:>16}" for c in components(getattr(result, name))))
-    return "\n".join(lines)
+    heads = ("[µas/yr]", "solver", "x", "y", "z")
+    columns = {name: list(column) for name, column in zip(heads, zip(*rows, strict=True), strict=True)}
+    title = f"CROSS-CHECK FAILED: degree 1 {on} by two solvers differs by {check.largest:.1e} σ"
+    return (Section(title, (), tables.table_of(columns)),)
 
 
 #: Differences of the two solvers below this are rounding. [σ]
 AGREE = 1e-6
-
-
-def html_of(solution: Any) -> str:
-    """Spin, acceleration and powers as HTML tables, for a notebook."""
-    rows = "".join(
-        f"<tr><th>{row.name}</th>{_cells(row.cells)}<td>{escape(row.amplitude)}</td></tr>"
-        for row in vector_rows(vectors_of(solution))
-    )
-    powers = "".join(
-        f"<tr><th>{row.degree}</th>{_cells((row.power, row.debiased, row.error, row.p_value))}</tr>"
-        for row in power_rows(solution)
-        if row.power != "nan"  # errors of a fit that is to come
-    )
-    warned = [f"{label}: {words}" for label, words in warnings_of(solution) if label == "warning"]
-    notes = "".join(f"<li>{escape(str(note))}</li>" for note in (*warned, *solution.notes))
-    answer = "".join(f"<tr><th>{label}</th><td>{escape(text)}</td></tr>" for label, text in answer_of(solution).lines)
-    return (
-        f"<table>{answer}</table><p><b>Vector spherical harmonics</b>, degree 1 to {solution.modes.lmax}: "
-        f"{solution.n_sources} sources, "
-        f"{escape(solution.frame)} axes, χ²/dof {solution.reduced_chi2:.3f}, errors from "
-        f"{escape(solution.errors_from)}</p><table><tr><th>[µas/yr]</th><th>x</th><th>y</th><th>z</th>"
-        f"<th>amplitude</th></tr>{rows}</table><table><tr><th>degree</th><th>power"
-        f" [(µas/yr)²]</th><th>noise-debiased</th><th>±</th><th>p-value</th></tr>{powers}</table>"
-        + (f"<ul>{notes}</ul>" if notes else "")
-    )
-
-
-def _cells(cells):
-    return "".join(f"<td>{escape(cell)}</td>" for cell in cells)

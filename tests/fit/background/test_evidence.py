@@ -101,7 +101,7 @@ def test_comparisons():
     found = compare_models({"nothing": 0.0, "a dipole": (fit.normal_equations(FIELD, 1), 10 * PER_DEGREE),
                      "any power": (fit.normal_equations(FIELD, 1), PER_DEGREE, (1,), {"amplitudes": (1, 100)})})  # fmt: skip
     assert found.probability.sum() == pytest.approx(1)
-    assert found.best in found.report().splitlines()[1]
+    assert found.best in found.report().splitlines()[2]
     for bad in ({}, {"x": "y"}, {"x": np.nan}, 3):
         with pytest.raises(ParameterError):
             compare_models(bad)

@@ -115,7 +115,7 @@ def test_the_same_seed_gives_the_same_result(three):
 def test_results_are_told_written_and_drawn(three, tmp_path):
     report = three.report(long=True)
     assert "Does the dipole change with class?" in report
-    assert "spectrum: flat" in report
+    assert "spectra        flat" in report
     assert "last − first" in report
     three.write(tmp_path / "shared.ecsv")
     assert vsh.read(tmp_path / "shared.ecsv") == three

@@ -202,10 +202,12 @@ def test_cross_powers_are_the_amplitude_by_degree():
     assert np.sqrt(np.mean((powers.values[~own] / powers.errors[~own]) ** 2)) < 2.0
     assert len(powers.to_table()) == len(powers.values)
     lines = powers.report().splitlines()
-    assert len(lines) == len(powers.values) + 2
-    marked = [line for line in lines[1:-1] if line.endswith(" *")]
-    assert marked
-    assert not any("l = 1" in line or "across" in line for line in marked)
+    assert len(lines) == len(powers.values) + 3
+    assert lines[-1].startswith("More than three errors with the floor: ")
+    listed = lines[-1].partition(". ")[0]
+    assert "l = 2" in listed
+    assert "l = 1" not in listed
+    assert "across" not in listed
 
 
 def test_maps_of_a_mission_are_templates():

@@ -1,5 +1,7 @@
 """The limit on gravitational waves: published numbers, ranks of known truths, other ways to the same quantile."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from conftest import random_field, real_catalogue
@@ -113,8 +115,8 @@ def test_strain_and_band():
     assert found.frequency(34 / 12) == pytest.approx(11.2e-9, rel=0.01)
     expected = np.sqrt(1.5 * found.limit()) * 2.2685455e-18 / (np.pi * found.frequency(10))
     assert found.strain(10) == pytest.approx(expected, rel=1e-6)
-    assert "f < 1/T = 3.17 nHz (T = 10 yr)" in found.report(years=10)
-    assert "T the time that the motions were measured over" in found.report()
+    assert "f < 1/T = 3.17 nHz (T = 10 yr)" in replace(found, years=10).report()
+    assert "T the time over which the motions were measured" in found.report()
 
 
 def test_quadratic_forms():
@@ -144,5 +146,5 @@ def test_messages():
     few = wave_limit(fit.normal_equations(random_field(7, 1), 2), noise_scale=False, systematics=[Spectrum.flat()])
     with pytest.raises(ParameterError, match="do not determine every coefficient of degree 2"):
         few.limit(0.95, "coefficients")
-    assert "not determined" in few.report()
+    assert few.report().rstrip().endswith("–")
     few.plot()

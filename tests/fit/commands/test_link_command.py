@@ -26,8 +26,8 @@ def test_two_files(stars, tmp_path, capsys):
     words = [str(stars / "gaia.csv"), str(stars / "vlbi.csv"), "--output", str(tmp_path / "out"), "--format", "png"]
     assert main([*words, "--candidates", str(stars / "planned.ecsv")]) == 0
     text = capsys.readouterr().out
-    assert "gaia against vlbi: 30 sources" in text
-    assert "observe next" in text
+    assert "gaia against vlbi\nsources        30, with" in text
+    assert "What to observe next" in text
     solution = fit.storage.read(tmp_path / "out" / "link.ecsv")
     assert np.abs((solution.spin.value - [20, -30, 50]) / solution.spin.sigma).max() < 4
     for name in ("sources.ecsv", "plan.ecsv", "link.png", "plan.png", "report.txt"):
@@ -95,7 +95,7 @@ def test_the_truth_of_a_simulated_link_stands_below(tmp_path, capsys):
     assert simulate(["link", "--number", "60", "--spin", "20,-30,50", "--jump", "50,0,0", "--output", path]) == 0
     capsys.readouterr()
     assert main([path, "--steps", "13"]) == 0
-    lines = capsys.readouterr().out.partition("truth, and how many errors")[2].splitlines()
+    lines = capsys.readouterr().out.partition("Truth, and how many errors")[2].splitlines()
     assert [line.split()[:2] for line in lines[1:4]] == [
         ["orientation", "+0.00"],
         ["spin", "+20.00"],

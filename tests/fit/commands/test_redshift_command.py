@@ -228,8 +228,8 @@ def test_the_truth_of_a_simulated_table_stands_beside_the_result(tmp_path, capsy
     assert simulate([*arguments, "--h0", "70"]) == 0
     capsys.readouterr()
     assert main([path, "--h0", "70", "--velocity", "planck", "--frame", "galactic"]) == 0
-    lines = [line for line in capsys.readouterr().out.splitlines() if line.startswith("  truth")]
-    assert len(lines) == 4  # our velocity, H0, and the acceleration with each
+    lines = [line for line in capsys.readouterr().out.splitlines() if line.strip().startswith("truth")]
+    assert len(lines) == 4  # our velocity and the acceleration, H0 and the acceleration
     assert "-25.3" in lines[0] or "-24." in lines[0] or "-25." in lines[0]
     assert lines[2].split()[1] == "70.00"
     assert lines[1].split()[1] == "+4.300"  # toward the Galactic centre

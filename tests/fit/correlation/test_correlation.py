@@ -73,8 +73,8 @@ def test_two_catalogues_in_one_matrix():
     table = both.to_table()
     assert table.meta["upper"] == "A"
     np.testing.assert_allclose([table[name][0] for name in both.names], matrix[0])
-    text = both.report()
-    assert "upper A, lower B" in text
+    text = both.report(long=True)
+    assert "above diagonal  A\nbelow diagonal  B" in text
     assert "by the dipole along z" in text
     assert abs(both.largest(0)[0]) == pytest.approx(0.45, abs=0.08)
     assert "A, B" in repr(both)

@@ -91,7 +91,7 @@ def test_degree_four_and_files(tmp_path):
     assert chain.values.shape == (2, 48)
     chain.write(tmp_path / "chain.ecsv")
     assert read(tmp_path / "chain.ecsv") == chain
-    assert "a and b: 300 sources in common" in chain.report()
+    assert "a and b        300 sources in common" in chain.report()
     table = chain.to_table()
     assert len(table) == 3 * 48
     last = table[-48:]
@@ -167,7 +167,7 @@ def test_frames_close_with_what_sources_share():
     assert chain.frame_p_value("T", "b", "a") == pytest.approx(chain.frame_p_value("T", "a", "b"), rel=1e-9)
     # Errors are larger than those without, and the report says both.
     assert (one.sigma > chain.difference("b").sigma[[0, 1, 2, 8, 9, 10]]).all()
-    assert "with what sources share over the sky, degrees 2 to 5" in chain.report()
+    assert "Rotation and glide with the systematic floor, from degrees 2 to 5" in chain.report()
     assert chain_catalogues(bent(3, 8.0), 2).shared is None
     with pytest.raises(ParameterError, match="floor=True"):
         chain_catalogues(bent(3, 8.0), 2).frames("b")

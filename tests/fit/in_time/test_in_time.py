@@ -130,7 +130,7 @@ def test_what_a_response_leaves_has_no_rotation():
     equations = normal_equations(some, 2, functions, attitude=response)
     assert equations.unseen.sum() == 6
     solution = solve(equations)
-    assert "rotation in time not seen" in solution.report()
+    assert "rotation in time  not seen" in solution.report()
     assert solution.rest("T")[1] == 0
     assert (solution.values[:, Modes(2).slice_of("T", 1)] == 0).all()
     # The view of the transits is the nearer field.

@@ -93,7 +93,7 @@ def test_other_priors_begin_with_the_one_that_was_given(setting):
     weak = galaxies(400, spread=300.0, sigma=20.0)
     known = {"hubble_prior": Flat(10, 300)} | FREE[setting]
     found = sample(weak, method="grid", n_samples=40_000, rng=1, **COMMON, **known)
-    row = next(line for line in found.report(long=True).splitlines() if line.startswith("as given")).split()
+    row = next(line for line in found.report(long=True).splitlines() if line.startswith("  as given")).split()
     numbers = [float(each) for each in row[2:6] if each != "…"]
     mine = found.summary()["H0"]
     width = mine.high68 - mine.low68

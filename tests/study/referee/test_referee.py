@@ -11,7 +11,6 @@ from astropy.table import Table
 from conftest import ROOT, real_catalogue
 
 import sim
-from fit.results.quality import printed_p_value
 from study.commands.referee import main
 from study.papers import papers
 from study.referee import Quasars, Referee, read_quasars, referee
@@ -19,6 +18,7 @@ from study.referee._rows import Value, headline, judged
 from study.referee._sections import Asked, _answered, _earlier, _galaxies, checks
 from vsh import Field
 from vsh.figures.page import bundle
+from vsh.io.tables import printed_p_value
 from vsh.tools.errors import DegeneracyError, TableError
 
 TRUTH = sim.acceleration((0, -40, -20))

@@ -17,6 +17,7 @@ from vsh.figures.page._page import (
     pictures,
     preformatted,
     provenance,
+    section,
     sheet,
     sky,
     table,

@@ -21,6 +21,7 @@ from vsh.basis import harmonics
 from vsh.coefficients import Coefficients
 from vsh.field import Field
 from vsh.figures.plot import LONGEST, SURE, even_grid, picture_of
+from vsh.io.sections import Section
 from vsh.io.tables import printed
 from vsh.sky.frames import ANGLES
 from vsh.tools.arguments import explained
@@ -99,6 +100,14 @@ def sheet(title: str, columns: Table, *, most: int = 200) -> Panel:
     more = f"The first {most} of {len(columns)} rows; the files have all." if len(columns) > most else ""
     above, below = words(str(columns.meta.get("summary", "")), "faint"), words(more, "faint")
     return heading(title, above, table(heads, rows, sortable=True), below)
+
+
+def section(part: Section) -> Panel:
+    """A section of a result: its title, facts, table, remarks and notes."""
+    facts = table(["", ""], [list(each) for each in part.facts]) if part.facts else Panel("")
+    shown = Panel("") if part.shown is None else table(*printed(part.shown, part.forms), sortable=True)
+    listed = "".join(f"<li>{escape(str(each))}</li>" for each in dict.fromkeys(map(str, part.notes)))
+    return heading(part.title, facts, shown, *map(words, part.remarks), Panel(f"<ul>{listed}</ul>" if listed else ""))
 
 
 def figure(picture: bytes, caption: str) -> Panel:

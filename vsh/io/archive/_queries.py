@@ -19,6 +19,7 @@ import numpy as np
 
 from vsh.io import tables
 from vsh.io.archive._tap import ESA, _open, _read, _some, _write
+from vsh.io.sections import Section, text_of
 from vsh.tools.arguments import explained, positive, whole
 from vsh.tools.errors import ArchiveError
 from vsh.tools.files import atomic_write, digest, exclusive, remove_unfinished
@@ -193,13 +194,15 @@ class SchemaCheck(InNotebook):
     n_columns: int
     missing: dict[str, tuple[tuple[str, str | None], ...]]
 
+    def sections(self) -> tuple[Section, ...]:
+        """Which queries run, and the names that changed."""
+        facts = [(name, "does not run" if absent else "runs") for name, absent in self.missing.items()]
+        table = self.to_table() if any(self.missing.values()) else None
+        return (Section(f"{self.schema}: {self.n_tables} tables, {self.n_columns} columns", facts, table),)
+
     def report(self) -> str:
-        """The queries as text, a line each, and below those that do not run the names that changed."""
-        lines = [f"{self.schema}: {self.n_tables} tables, {self.n_columns} columns"]
-        for name, absent in self.missing.items():
-            lines.append(f"{name}: {'does not run' if absent else 'runs'}")
-            lines += [f"  no {each}{f'; nearest: {near}' if near else ''}" for each, near in absent]
-        return "\n".join(lines) + "\n"
+        """The queries as text, and below them the names that changed."""
+        return text_of(self.sections())
 
     def to_table(self) -> Table:
         """A row for each name that is missing, as an astropy Table."""

@@ -1,6 +1,7 @@
 """A table as a reader wants it printed: a value with its error in one cell, digits by the error, units in the head."""
 
 import re
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -23,8 +24,15 @@ def three_digits(value: float) -> str:
     return f"{value:.0f}" if abs(value) >= 100 else f"{value:#.3g}"
 
 
-def printed(table: Table) -> tuple[list[str], list[list[str]]]:
+def printed(table: Table, forms: Mapping[str, str] | None = None) -> tuple[list[str], list[list[str]]]:
     """Heads and rows of text: `value` and `sigma`, or `x` and `x_error`, are one cell with two digits of the error.
+
+    Parameters
+    ----------
+    table : Table
+        Any.
+    forms : dict of str to str, optional
+        Formats of columns, by name.
 
     Returns
     -------
@@ -33,16 +41,25 @@ def printed(table: Table) -> tuple[list[str], list[list[str]]]:
     rows : list of list of str
         As many cells each.
     """
-    errors = {name: f"{name}_error" for name in table.colnames if f"{name}_error" in table.colnames}
+    spelled = ("{}_error", "sigma_{}")
+    errors = {
+        name: each.format(name) for name in table.colnames for each in spelled if each.format(name) in table.colnames
+    }
     if {"value", "sigma"} <= set(table.colnames):
         errors["value"] = "sigma"
     heads, columns = [], []
     for name in table.colnames:
         if name in errors.values():
             continue
-        values = table[name].tolist()
-        if name in errors:
+        unit, values = table[name].unit, table[name].tolist()
+        if unit == "rad":  # read in degrees
+            unit, values = "deg", np.degrees(values).tolist()
+        if name in (forms or {}):
+            cells = [format(each, (forms or {})[name]) for each in values]
+        elif name in errors:
             cells = [_with_error(*each) for each in zip(values, table[errors[name]].tolist(), strict=True)]
+        elif name.startswith("p_value"):
+            cells = list(map(printed_p_value, values))
         elif name == "unit":
             cells = list(map(unit_words, values))
         elif name.startswith("correlation_"):
@@ -51,11 +68,15 @@ def printed(table: Table) -> tuple[list[str], list[list[str]]]:
             cells = [_rounded(*each) for each in zip(values, table["sigma"].tolist(), strict=True)]
         else:
             cells = list(map(cell, values))
-        unit = table[name].unit
         head = f"r({name.removeprefix('correlation_')})" if name.startswith("correlation_") else name.replace("_", " ")
         heads.append(f"{head} [{unit_words(unit)}]" if unit else head)
         columns.append(cells)
     return heads, [list(row) for row in zip(*columns, strict=True)]
+
+
+def printed_p_value(p: float) -> str:
+    """A probability as it is printed."""
+    return f"{p:.4f}" if p > 1e-3 else f"{p:.1e}" if p > 0 else "<1e-300" if p == 0 else "–"
 
 
 def cell(value: Any) -> str:
@@ -83,4 +104,6 @@ def _rounded(value, error):
 
 def unit_words(unit: Any) -> str:
     """A unit as a report has it: µas/yr, km/s/Mpc."""
+    if str(unit) == "uas2 / yr2":
+        return "(µas/yr)²"
     return _MANY.sub(lambda m: "/" + "/".join(m[1].split()), str(unit).replace("uas", "µas")).replace(" / ", "/")

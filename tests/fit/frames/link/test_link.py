@@ -40,7 +40,7 @@ def test_a_jump_is_found_with_its_error():
     assert p < 1e-3
     assert np.abs((jump.value - [50, 0, 0]) / jump.sigma).max() < 3.5
     assert np.allclose(solution.vector("spin", 14.0).value - solution.vector("spin", 12.0).value, jump.value)
-    assert "spin of gaia, G ≥ 13: " in solution.report()
+    assert "spin of gaia, G ≥ 13 " in solution.report()
 
 
 def test_powers_of_magnitude():
@@ -82,7 +82,7 @@ def test_binaries_are_told_from_others():
     solution = link(data, excess=False)
     assert 1 <= np.sum(solution.outlier > 0.9) <= 14
     assert solution.distances[solution.outlier > 0.9].min() > np.median(solution.distances)
-    assert "probable outliers" in solution.report()
+    assert "Probable outliers" in solution.report()
 
 
 def test_influence_is_what_leaving_one_out_does():
@@ -401,7 +401,7 @@ def test_the_place_of_a_jump_is_found():
     assert quoted["spin"] == dict(nothing.whole.answer.lines)["spin"] != dict(nothing.solution.answer.lines)["spin"]
     assert quoted["errors"].endswith("without a jump")
     assert search.solution.to_table().meta["p_value_jump_12.9"] == search.p_value
-    assert search.report().startswith("p = ")
+    assert "p = " in search.report()
     np.testing.assert_allclose(search.solution.values, link(stars, steps=[12.9], excess=False).values)
 
 
@@ -442,10 +442,10 @@ def test_values_of_both_sides_of_a_step_are_printed():
     solution = link(sim.link(2, 80, jump=(60.0, 0, 0), tails=4), steps=[13.0], excess=False)
     assert "jump omega_x at 13" in solution.names
     bright, faint = (solution.vector("spin", magnitude) for magnitude in (12.0, 14.0))
-    lines = solution.report().splitlines()
+    lines = [" ".join(line.split()) for line in solution.report().splitlines()]
     for words, level in (("G < 13", bright), ("G ≥ 13", faint)):
         values = ", ".join(f"{v:+.1f} ± {s:.1f}" for v, s in zip(level.value, level.sigma, strict=True))
-        assert f"spin of gaia, {words}: {values} µas/yr" in lines
+        assert f"spin of gaia, {words} {values} µas/yr" in lines
     jump = solution.values[solution.names.index("jump omega_x at 13")]
     assert faint.value[0] - bright.value[0] == pytest.approx(jump)
 

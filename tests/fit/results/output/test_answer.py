@@ -17,9 +17,9 @@ from fit.commands.fit import main
 from fit.frames.compare import compare_catalogues
 from fit.resample import bootstrap
 from fit.results.output import answer_of
-from fit.results.quality import printed_p_value
 from sim.commands.simulate import main as simulate
 from study.referee import read_quasars, referee
+from vsh.io.tables import printed_p_value
 from vsh.vector import GAIA_EDR3
 
 
