@@ -2,11 +2,12 @@
 
 from typing import TYPE_CHECKING
 
+from fit.frames.results import FrameResult
 from vsh.tools.modules import lazily
 
 if TYPE_CHECKING:
     from fit.frames import chain, compare, link
 
-__all__ = ["chain", "compare", "link"]
+__all__ = ["FrameResult", "chain", "compare", "link"]
 
 __getattr__, __dir__ = lazily(__name__, __all__, {})

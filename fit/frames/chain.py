@@ -15,10 +15,10 @@ import numpy as np
 from scipy.special import chdtrc
 
 from fit.background import SharedErrors, shared_jointly
+from fit.frames.results import FrameResult
 from fit.normal import normal_equations
 from fit.results.quality import MANY, SEEN, ErrorSource
 from fit.results.solution import Solution
-from fit.results.storage import Result
 from vsh.basis import harmonics
 from vsh.coefficients import Coefficients
 from vsh.conventions import icrf3_terms
@@ -35,6 +35,7 @@ from vsh.tools.notes import merge_notes
 from vsh.tools.printing import logged
 from vsh.tools.types import Axes, FloatArray, Rng, Table
 from vsh.tools.units import UAS
+from vsh.vector import Vector
 
 __all__ = ["Chain", "chain_catalogues"]
 #: The most noise that two catalogues may share: of all of it nothing would be left to compare.
@@ -48,7 +49,7 @@ _TOGETHER = 2**15
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Chain(Result):
+class Chain(FrameResult):
     """Frames of several catalogues against one of them.
 
     Attributes
@@ -99,6 +100,23 @@ class Chain(Result):
 
     def __repr__(self) -> str:
         return f"<Chain: {', '.join(self.labels)}, degree {self.modes.lmax}, {len(self.names)} sources left out>"
+
+    @property
+    def pairs(self) -> tuple[tuple[str, str], ...]:
+        """Any two of the catalogues."""
+        return tuple(combinations(self.labels, 2))
+
+    def vectors(self, one: str | None = None, two: str | None = None) -> dict[str, Vector]:
+        """Rotation and glide of a pair by name, with the systematic floor in their errors where it was estimated.
+
+        Parameters
+        ----------
+        one, two : str, optional
+            The catalogue, and the one that is subtracted; the first two unless given.
+        """
+        pair = (one or self.labels[0], two or (self.labels[1] if one is None else self.labels[0]))
+        solution = self.difference(*pair) if self.shared is None else self.frames(*pair)
+        return {"rotation": solution.spin, "glide": solution.acceleration}
 
     def difference(self, catalogue: str, other: str | None = None) -> Solution:
         """One catalogue less another, the reference unless given: a `Solution` with its covariance.
@@ -236,18 +254,8 @@ class Chain(Result):
 
     def _with_floor(self):
         """Rotation and glide of any two catalogues with the systematic floor, as a section."""
-        unit = "uas" if self.unit == "µas" else "uas / yr"
-        columns: dict[str, Any] = {"catalogues": [f"{a} − {b}" for a, b in combinations(self.labels, 2)]}
-        solutions = [(pair, self.frames(*pair)) for pair in combinations(self.labels, 2)]
-        for name, kind in (("rotation", "T"), ("glide", "S")):
-            vectors = [solution.spin if kind == "T" else solution.acceleration for _, solution in solutions]
-            for k, axis in enumerate("xyz"):
-                columns[f"{name}_{axis}"] = [vector.value[k] for vector in vectors]
-                columns[f"{name}_{axis}_error"] = [vector.sigma[k] for vector in vectors]
-            columns[f"p_value_{name}"] = [self.frame_p_value(kind, *pair) for pair, _ in solutions]
-        units = {name: unit for name in columns if name.startswith(("rotation", "glide"))}
         title = f"Rotation and glide with the systematic floor, from degrees 2 to {max(self._sought().degrees)}"
-        return Section(title, (), tables.table_of(columns, {}, units))
+        return Section(title, (), self.frames_table())
 
     def to_table(self) -> Table:
         """A row for each two catalogues and coefficient as an astropy Table; degree 1 with its floor where sought."""

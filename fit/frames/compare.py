@@ -4,16 +4,16 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 import numpy as np
 
 from fit.background import Floor, SharedErrors, shared
 from fit.background import floor as background_floor
 from fit.correlation import CorrelationMatrices, correlation_matrices
+from fit.frames.results import FrameResult
 from fit.methods import METHODS
 from fit.normal import normal_equations
-from fit.results.output import words_of
 from fit.results.quality import FEW, MANY, SEEN, ErrorSource, f_p_value
 from fit.results.solution import AboutSolution, Solution
 from fit.robust import clip, student_t
@@ -31,6 +31,7 @@ from vsh.tools.errors import ParameterError, VshError
 from vsh.tools.notebook import Frozen
 from vsh.tools.printing import in_a_line
 from vsh.tools.types import FloatArray, IntArray, Rng, Table
+from vsh.vector import Vector
 
 __all__ = ["FrameComparison", "compare_catalogues"]
 #: Outliers that the report lists.
@@ -49,15 +50,6 @@ _BLOCKS = 2
 PARAMETERS = {"orientation": "T", "spin": "T", "glide": "S", "degree": ""}
 #: Where values and errors may come from.
 _METHODS = ("least-squares", "student", "excess-noise", "bootstrap", "jackknife")
-
-
-class _Sums(NamedTuple):
-    """Normal equations of some of the coefficients."""
-
-    matrix: FloatArray
-    rhs: FloatArray
-    chi2_null: float
-    n_data: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,7 +88,7 @@ def by_error_class(differences: Field, modes: Modes, chosen: IntArray | None = N
         return None
     order = np.argsort(np.sum(differences.sigma**2, axis=0), kind="stable")
     normals = [
-        _Sums(each.matrix[np.ix_(chosen, chosen)], each.rhs[chosen], each.chi2_null, each.n_data)
+        replace(each, matrix=each.matrix[np.ix_(chosen, chosen)], rhs=each.rhs[chosen])
         for each in (normal_equations(differences[np.sort(part)], modes) for part in np.array_split(order, count))
     ]
     tau = np.ones(count)
@@ -122,7 +114,7 @@ def by_error_class(differences: Field, modes: Modes, chosen: IntArray | None = N
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class FrameComparison(AboutSolution):
+class FrameComparison(FrameResult, AboutSolution):
     """One catalogue less another.
 
     Attributes
@@ -241,17 +233,26 @@ class FrameComparison(AboutSolution):
     @property
     def answer(self) -> Answer:
         """The result to quote: rotation, glide, whether one frame is deformed against the other, and the errors."""
-        best = self.best
-        lines = [("rotation", words_of(best.spin)), ("glide", words_of(best.acceleration))]
+        lines = list(super().answer.lines)
         p = self.deformation_p_value if self.by_class is None else self.deformation_p_value_by_class
         if np.isfinite(p):
             lines.append(("deformation", f"{'' if p < SEEN else 'not '}detected, p = {printed_p_value(p)}"))
-        return Answer((*lines, ("errors", best.errors_from)))
+        return Answer((*lines, ("errors", self.best.errors_from)))
 
     @property
-    def verdict(self) -> str:
-        """The result to quote, as one sentence."""
-        return self.answer.sentence
+    def pairs(self) -> tuple[tuple[str, str], ...]:
+        """The first catalogue, less the second."""
+        return (self.labels,)
+
+    def vectors(self, one: str | None = None, two: str | None = None) -> dict[str, Vector]:
+        """Rotation and glide with the errors of the result, by name.
+
+        Parameters
+        ----------
+        one, two : str, optional
+            The two catalogues, or neither.
+        """
+        return {"rotation": self.best.spin, "glide": self.best.acceleration}
 
     @property
     def deformation_p_value_by_class(self) -> float:

@@ -10,8 +10,8 @@ from scipy.special import logsumexp
 from fit.frames.link._likelihood import FAMILIES, FEWER, NORMAL, Node, nodes
 from fit.frames.link._rows import LinkPrior, Unknowns, equations
 from fit.frames.link._solution import LinkSolution, made
+from fit.frames.results import FrameResult
 from fit.results.quality import SEEN
-from fit.results.storage import Result
 from vsh.io import tables
 from vsh.io.sections import Answer, Section
 from vsh.io.tables import printed_p_value
@@ -198,7 +198,7 @@ _PLACES, _BESIDE = 12, 6
 
 
 @dataclass(frozen=True, eq=False)
-class StepSearch(Result):
+class StepSearch(FrameResult):
     """How probable each magnitude is as the place of a jump, and whether there is one.
 
     Attributes
@@ -239,9 +239,19 @@ class StepSearch(Result):
         return Answer(tuple((lines | jump | {"errors": f"{errors}, without a jump"}).items()))
 
     @property
-    def verdict(self) -> str:
-        """The result to quote in one sentence."""
-        return self.answer.sentence
+    def pairs(self) -> tuple[tuple[str, str], ...]:
+        """Each catalogue that is turned, less the reference."""
+        return self.solution.pairs
+
+    def vectors(self, one: str | None = None, two: str | None = None) -> dict[str, Vector]:
+        """Orientation and spin of the fit that is quoted, by name.
+
+        Parameters
+        ----------
+        one, two : str, optional
+            As for `LinkSolution.vectors`.
+        """
+        return (self.solution if self.p_value < SEEN else self.whole).vectors(one, two)
 
     @property
     def place(self) -> float:

@@ -9,6 +9,7 @@ from scipy.special import logsumexp
 
 from fit.frames.link._likelihood import NORMAL, Node, Tails, influence_of, mixed
 from fit.frames.link._rows import VECTORS, Rows, Unknowns, equations
+from fit.frames.results import FrameResult
 from fit.results.quality import SEEN, f_p_value, hint_of
 from fit.results.solution import NamedSolution
 from fit.results.storage import Result
@@ -30,7 +31,7 @@ _HEAVY = 2.0
 
 
 @dataclass(frozen=True, eq=False)
-class LinkSolution(NamedSolution):
+class LinkSolution(FrameResult, NamedSolution):
     """Orientation and spin of catalogues against a reference.
 
     Attributes
@@ -338,9 +339,19 @@ class LinkSolution(NamedSolution):
         return Answer(tuple(lines))
 
     @property
-    def verdict(self) -> str:
-        """The result to quote in one sentence."""
-        return self.answer.sentence
+    def pairs(self) -> tuple[tuple[str, str], ...]:
+        """Each catalogue that is turned, less the reference."""
+        return tuple((name, self.reference) for name in self.unknowns.turned)
+
+    def vectors(self, one: str | None = None, two: str | None = None) -> dict[str, Vector]:
+        """Orientation and spin of a catalogue at the constant terms, by name; the acceleration where it was fitted.
+
+        Parameters
+        ----------
+        one, two : str, optional
+            The catalogue that is turned, the first unless given; and the reference.
+        """
+        return {name: self.vector(name, catalogue=one) for name in self.unknowns.vectors}
 
     def jump_p_values(self, step: float) -> tuple[float, ...]:
         """Probability of as large a jump by chance: of all vectors and catalogues together, then of each vector.

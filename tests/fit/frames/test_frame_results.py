@@ -1,0 +1,57 @@
+"""All results on frames give their pairs, vectors, answer and table alike."""
+
+import numpy as np
+import pytest
+
+import sim
+from fit.frames.chain import chain_catalogues
+from fit.frames.compare import compare_catalogues
+from fit.frames.link import find_step, link
+
+TURNED = (0, 0, 5.0)
+
+
+@pytest.fixture(scope="module")
+def catalogues():
+    quasars = sim.quasars(400, rng=1)
+    names = np.arange(400).astype(str)
+    fields = [
+        sim.observe(quasars, sim.spin(spin), rng=k, sigma=1.0)._with(name=names)
+        for k, spin in enumerate((TURNED, (0, 0, 0), TURNED))
+    ]
+    return dict(zip("abc", fields, strict=True))
+
+
+@pytest.fixture(scope="module")
+def results(catalogues):
+    a, b, _ = catalogues.values()
+    stars = sim.link(1, 60, spin=TURNED)
+    return {
+        "compare": compare_catalogues(a, b, 1, labels=("a", "b"))[0],
+        "chain": chain_catalogues(catalogues, 1, floor=False),
+        "link": link(stars),
+        "steps": find_step(stars, [12.0, 13.0]),
+    }
+
+
+@pytest.mark.parametrize("name", ["compare", "chain", "link", "steps"])
+def test_frame_result_gives_every_pair(name, results):
+    result = results[name]
+    table = result.frames_table()
+    assert len(result.pairs) == (3 if name == "chain" else 1)
+    assert len(table) == 2 * len(result.pairs)
+    assert result.verdict == result.answer.sentence
+    for (one, two), rows in zip(result.pairs, np.split(np.arange(len(table)), len(result.pairs)), strict=True):
+        vectors = result.vectors(one, two)
+        assert table["catalogue"][rows].tolist() == [one, one]
+        assert table["vector"][rows].tolist() == list(vectors)
+        np.testing.assert_array_equal(table["z"][rows], [vector.value[2] for vector in vectors.values()])
+        np.testing.assert_array_equal(table["z_error"][rows], [vector.sigma[2] for vector in vectors.values()])
+
+
+def test_chain_and_comparison_find_one_rotation(results):
+    for name in ("compare", "chain"):
+        rotation = results[name].vectors()["rotation"]
+        assert np.abs((rotation.value - TURNED) / rotation.sigma).max() < 4
+    assert np.abs(results["chain"].vectors("c", "a")["rotation"].value).max() < 1
+    assert [label for label, _ in results["chain"].answer.lines][:2] == ["a − b: rotation", "a − b: glide"]
