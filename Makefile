@@ -28,6 +28,7 @@ paper: $(VENV)/installed  ## every table and figure of the paper: paper/comparis
 test: $(VENV)/installed-test  ## set up, and pass the tests
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
+	$(BIN)/codespell
 	$(BIN)/mypy & types=$$!; $(BIN)/pytest -m "not slow" -n auto --dist worksteal; passed=$$?; wait $$types && exit $$passed
 
 test-slow: $(VENV)/installed-test  ## the tests that take long
