@@ -316,7 +316,7 @@ class FrameComparison(FrameResult, AboutSolution):
             remarks.append(f"Farthest off, of {len(self.names)} left out: {listed}")
         what = "position" if solution.unit == "µas" else "motion"
         notes = () if long else solution.notes
-        forms = {"in errors": "+.1f", "formal error": ".2f"}
+        forms = {"value": "+.2f", "in errors": "+.1f", "formal error": ".2f"}
         title = f"{a} − {b}: differences of {what}"
         sections = [Section(title, facts, table, forms=forms, remarks=remarks, notes=notes)]
         if long and self.names:

@@ -109,18 +109,18 @@ SURVEYS = {
 QUANTITIES = {
     "spin": ("spin, a component", "µas/yr"),
     "acceleration": ("acceleration, a component", "µas/yr"),
-    "acceleration_floor": ("  with the floor", "µas/yr"),
+    "acceleration_floor": ("  systematic floor included", "µas/yr"),
     "acceleration_law": ("  with DR3's law of angles", "µas/yr"),
-    "direction": ("  its direction, with the floor", "°"),
-    "speed": ("circular speed V0, with the floor", "km/s"),
-    "r0": ("R0 with Sgr A*'s motion, with the floor", "kpc"),
-    "waves": ("h70² Ω of waves, 95 %, with the floor", ""),
+    "direction": ("  its direction, floor included", "°"),
+    "speed": ("circular speed V0, floor included", "km/s"),
+    "r0": ("R0 with Sgr A*'s motion, floor included", "kpc"),
+    "waves": ("limit on h70² Ω of waves (95 %), floor included", ""),
     "wave": ("  one wave, its rate, of noise", "µas/yr"),
     "shear": ("shear, a component", "% of H0"),
     "degree": ("degrees with DR3's systematics", ""),
     "velocity": ("our velocity, a component", "km/s"),
     "hubble": ("H0", "km/s/Mpc"),
-    "velocity_flows": ("  velocity, flows unknown", "km/s"),
+    "velocity_flows": ("  our velocity, flows unknown", "km/s"),
     "hubble_flows": ("  H0, flows unknown", "km/s/Mpc"),
 }
 
@@ -211,13 +211,13 @@ class SurveyForecast(InNotebook):
     def answer(self) -> Answer:
         """The lines to quote: errors of acceleration and H0 by survey, with what nature adds to the noise."""
         quoted = (
-            ("acceleration_floor", "acceleration, with the systematic floor"),
-            ("hubble_flows", "H0, flows unknown"),
+            ("acceleration_floor", "acceleration", ", systematic floor included"),
+            ("hubble_flows", "H0", ", flows unknown"),
         )
         lines = []
         for name in self.surveys:
-            known = [(words, self.values[name][key], QUANTITIES[key][1]) for key, words in quoted]
-            parts = [f"{words} ± {value:.2g} {unit}" for words, value, unit in known if np.isfinite(value)]
+            known = [(words, self.values[name][key], QUANTITIES[key][1], how) for key, words, how in quoted]
+            parts = [f"{words} ± {value:.2g} {unit}{how}" for words, value, unit, how in known if np.isfinite(value)]
             lines.append((name, "; ".join(parts) or "nothing to quote"))
         return Answer(tuple(lines))
 

@@ -190,7 +190,7 @@ def test_joint_solution(tmp_path):
 @pytest.mark.slow
 def test_vlbi_backgrounds(tmp_path):
     text = run("vlbi_backgrounds.py", ROOT / "fit" / "demo.fits", folder=tmp_path)
-    assert "systematic floor of ±" in text
+    assert "systematic floor included (acceleration ±" in text
     assert "f < 1/T = 1.4 nHz" in text
     assert (tmp_path / "vlbi_waves.png").stat().st_size > 10_000
 

@@ -37,10 +37,10 @@ def house(tmp_path_factory):
     return house
 
 
-def run(house, *words):
+def run(house, *words, folder=None):
     done = subprocess.run(
         [sys.executable, *words],
-        cwd=house,
+        cwd=folder or house,
         env=os.environ | {"PYTHONPATH": str(house)},
         capture_output=True,
         text=True,
@@ -93,11 +93,15 @@ def test_a_format(house, tmp_path):
     assert "1 of 300 rows cannot be used" in done.stderr
 
 
+#: The line to quote, and the section.
+COUNTED = "sources        30 in sky.csv\n\nSources\n  sources\n       30\n"
+
+
 @pytest.mark.slow
 def test_a_command(house, tmp_path):
     rng = np.random.default_rng(1)
     Field(*rng.uniform(0, 1.5, (2, 30)), rng.normal(size=(2, 30)), np.ones((2, 30))).write(tmp_path / "sky.csv")
-    assert run(house, "-m", "vsh", "count", str(tmp_path / "sky.csv")) == "30 sources\n\n"
+    assert run(house, "-m", "vsh", "count", "sky.csv", folder=tmp_path).startswith(COUNTED)
     assert '"sources"' in run(house, "-m", "vsh", "count", str(tmp_path / "sky.csv"), "--json")
     run(house, "-m", "vsh", "count", str(tmp_path / "sky.csv"), "--output", str(tmp_path / "out"))
     assert {path.name for path in (tmp_path / "out").iterdir()} >= {

@@ -138,7 +138,7 @@ def add_workers(parser: argparse.ArgumentParser) -> None:
 
 def in_parts(options: argparse.Namespace) -> bool:
     """Whether a command was asked to go through its catalogue in parts."""
-    return options.workers is not None or options.scheduler is not None
+    return any(getattr(options, name, None) is not None for name in ("workers", "scheduler"))
 
 
 def reading_parts(options: argparse.Namespace) -> dict[str, Any]:

@@ -284,9 +284,9 @@ def _distance(acceleration: Vector) -> str:
     dof = acceleration.dof * (np.trace(whole) / np.trace(acceleration.covariance)) ** 2  # Satterthwaite (1946)
     away = replace(acceleration, value=acceleration.value - gaia.value, covariance=whole, dof=float(dof))
     p = away.p_value
-    hint = ": is it the instrument? (docs/instrument.md)" if p < SEEN else ""
+    hint = ": is it the instrument? (docs/quoting.md)" if p < SEEN else ""
     size = f"{gaia.amplitude:.2f} ± {gaia.amplitude_error:.2f} {gaia.unit}"
-    return f"{abs(ndtri(max(p, 1e-300) / 2)):.1f} σ from its acceleration of {size} (p = {printed_p_value(p)}){hint}"
+    return f"this acceleration is {abs(ndtri(max(p, 1e-300) / 2)):.1f} σ from {size} (p = {printed_p_value(p)}){hint}"
 
 
 def _errors(solution: Any) -> str:
@@ -296,7 +296,8 @@ def _errors(solution: Any) -> str:
         words += f", {solution.quality.factor:.3g} times the formal errors"
     if solution.floor is not None and solution.includes_floor:
         floor = solution.floor
-        words += f", systematic floor of ± {floor.acceleration_error:.2g} (spin ± {floor.spin_error:.2g}) included"
+        size = f"acceleration ± {floor.acceleration_error:.2g}, spin ± {floor.spin_error:.2g}"
+        words += f", systematic floor included ({size})"
     elif solution.includes_floor:
         words += ", systematic errors included"
     elif solution.is_recommended:

@@ -232,7 +232,7 @@ def test_reports():
     with_it, without = fit.solve(LOUD, floor=found), fit.solve(LOUD)
     assert with_it.includes_floor
     assert with_it.floor is found
-    assert f"systematic floor of ± {found.acceleration_error:.2g}" in with_it.report()
+    assert f"systematic floor included (acceleration ± {found.acceleration_error:.2g}" in with_it.report()
     assert "with the floor of degrees 2 to 5" in with_it.report(long=True)
     assert without.floor is None
     assert "systematic floor" not in without.report()

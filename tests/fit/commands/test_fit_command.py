@@ -48,12 +48,12 @@ def test_demo_finds_its_truth(tmp_path, capsys):
     "options", ["", "--method least-squares --lmax 1", "--method clip=3 --lmax 1", "--method student --lmax 3"]
 )
 def test_a_page_quotes_what_is_printed_of_the_vlba(options, capsys):
-    """Steps of docs/instrument.md: the block after each command has lines that it prints."""
-    page = (ROOT / "docs" / "instrument.md").read_text(encoding="utf-8")
+    """Steps of docs/quoting.md: the block after each command has lines that it prints."""
+    page = (ROOT / "docs" / "quoting.md").read_text(encoding="utf-8")
     assert main([str(real_catalogue("td2017_vlba_proper_motions.ecsv")), *options.split()]) == 0
     printed = capsys.readouterr().out.splitlines()
     _, _, after = page.partition(
-        f"`vsh-fit td.ecsv {options}`" if "least" in options else f"{options}`" if options else "`vsh-fit td.ecsv`"
+        f"`vsh-fit td.ecsv {options}`" if options else "[systematic floor](backgrounds.md), `vsh-fit td.ecsv`"
     )
     block = after.partition(":\n\n")[2].partition("\n\n")[0].splitlines()
     assert block
@@ -61,8 +61,8 @@ def test_a_page_quotes_what_is_printed_of_the_vlba(options, capsys):
 
 
 def test_what_is_added_to_the_motions_of_the_vlba_is_found():
-    """Step 5 of docs/instrument.md: the method would see Gaia's acceleration."""
-    page = (ROOT / "docs" / "instrument.md").read_text(encoding="utf-8")
+    """docs/quoting.md: the method would see Gaia's acceleration."""
+    page = (ROOT / "docs" / "quoting.md").read_text(encoding="utf-8")
     field = vsh.io.catalogue.read_field(real_catalogue("td2017_vlba_proper_motions.ecsv"))
     added = sim.acceleration(GAIA_EDR3.to_frame("icrs").value)(field.lon, field.lat)
     answer = fit.recommended(replace(field, motion=field.motion + added)).acceleration

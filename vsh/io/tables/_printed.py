@@ -54,8 +54,11 @@ def printed(table: Table, forms: Mapping[str, str] | None = None) -> tuple[list[
         unit, values = table[name].unit, table[name].tolist()
         if unit == "rad":  # read in degrees
             unit, values = "deg", np.degrees(values).tolist()
-        if name in (forms or {}):
-            cells = [format(each, (forms or {})[name]) for each in values]
+        if (form := (forms or {}).get(name)) and name in errors:
+            pairs = zip(values, table[errors[name]].tolist(), strict=True)
+            cells = [f"{value:{form}} ± {error:{form.lstrip('+')}}" for value, error in pairs]
+        elif form:
+            cells = [format(each, form) for each in values]
         elif name in errors:
             cells = [_with_error(*each) for each in zip(values, table[errors[name]].tolist(), strict=True)]
         elif name.startswith("p_value"):
