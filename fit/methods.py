@@ -261,7 +261,7 @@ class Estimate(Weighted):
 
     @property
     def is_scaled(self) -> bool:
-        """Whether χ² scales the errors of `equations`: not where they come from residuals already."""
+        """Return whether χ² scales the errors of `equations`: not where they come from residuals already."""
         return not isinstance(self.weights, Reweighted)
 
     @property
@@ -271,7 +271,7 @@ class Estimate(Weighted):
 
     @property
     def class_note(self) -> str:
-        """Which estimator the numbers of classes and templates have."""
+        """Note on the estimator of classes and templates."""
         if not self.is_scaled:
             return "classes and templates are summed by the weights of the robust fit, errors from their own residuals"
         if isinstance(self.weights, ExcessNoise):

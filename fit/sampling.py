@@ -47,7 +47,7 @@ class Axis:
         return chebyshev.chebvander((2 * np.arcsinh(value / self.scale) - a - b) / (b - a), self.count - 1)
 
     def to_coefficients(self, table: FloatArray, axis: int) -> FloatArray:
-        """From values at the nodes, along one axis of a table, to Chebyshev coefficients."""
+        """Convert values at the nodes, along one axis of a table, to Chebyshev coefficients."""
         vander = self.basis(self.nodes)
         return np.moveaxis(np.tensordot(np.linalg.inv(vander), table, (1, axis)), 0, axis)
 
@@ -81,7 +81,7 @@ class Prior(Protocol):
 
     @property
     def proper(self) -> bool:
-        """Whether its integral is finite."""
+        """Return whether its integral is finite."""
 
     def log(self, x: FloatArray) -> FloatArray:
         """Log-density at x, any shape."""
@@ -110,7 +110,7 @@ class Flat(InNotebook):
 
     @property
     def proper(self) -> bool:
-        """Whether its integral is finite."""
+        """Return whether its integral is finite."""
         return bool(np.isfinite(self.high - self.low))
 
     def log(self, x: FloatArray) -> FloatArray:
@@ -162,7 +162,7 @@ class Density(InNotebook):
 
 
 def integrable_over_cube(prior: Prior) -> bool:
-    """Whether ∫ p(x)/x³ dx over x > 0 is finite at zero."""
+    """Return whether ∫ p(x)/x³ dx over x > 0 is finite at zero."""
     if prior.low > 0:
         return True
     # The share of each decade must fall: x p(x)/x³ from 1e-2 down to 1e-8 of the prior's own scale.
@@ -200,7 +200,7 @@ _STATE = ("key", "position", "has_gauss", "gauss")
 
 
 def fingerprint(arrays: Iterable[ArrayLike], about: str, model: dict[str, str]) -> dict[str, str]:
-    """What a chain belongs to: a hash of the data, and the model in words."""
+    """Fingerprint of a chain: a hash of the data, and the model in words."""
     digest = sha256()
     for array in arrays:
         digest.update(np.ascontiguousarray(array).tobytes())
@@ -283,7 +283,7 @@ _BY_DRAWS = 0.8
 
 
 class Run:
-    """One chain: `resume_from` ties it to a checkpoint, `run` runs it.
+    """A chain: `resume_from` ties it to a checkpoint, `run` runs it.
 
     Moves are by differential evolution, one in ten of them from mode to mode; where `propose` gives draws of nearly the
     posterior itself, four of five are to such a draw. A chain that has fewer than 50 autocorrelation times after
@@ -355,7 +355,7 @@ class Run:
             self.log_probability = np.concatenate([self.log_probability, np.empty((more, self.chain.shape[1]))])
 
     def _go_on(self, target):
-        """To a step, saving on the way."""
+        """Run to a step, saving on the way."""
         last, cost = time.monotonic(), 0.0
         bar = progress_bar(None, target, "chain", self.progress, " steps", initial=self.done)
         with bar:

@@ -93,7 +93,7 @@ class Astrometry(Frozen):
 
     @property
     def solved(self) -> BoolArray:
-        """Which sources have a solution, (n,)."""
+        """Mask of the sources with a solution, (n,)."""
         return np.isfinite(self.covariance[:, 0, 0])
 
 

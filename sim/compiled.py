@@ -19,5 +19,5 @@ def kept(**options: Any) -> Callable[[Any], Any]:
 
 
 def there() -> bool:
-    """Whether numba is installed."""
+    """Return whether numba is installed."""
     return find_spec("numba") is not None

@@ -61,7 +61,7 @@ class Mission(InNotebook):
 
     @property
     def is_solved(self) -> bool:
-        """Whether the attitude is solved together with the sources."""
+        """Return whether the attitude is solved together with the sources."""
         return self.attitude == "solved"
 
     @property

@@ -144,7 +144,7 @@ def observe(
 
 
 def _with_redshifts(field, signal, frame, error, rng):
-    """The same field with redshifts as they are observed; `field` has the true ones."""
+    """Replace the redshifts by observed ones; `field` has the true ones."""
     if field.redshift is None:
         if frame != "true" or np.any(error != 0.0):
             raise ParameterError("these sources have no redshifts that could be observed")
@@ -259,7 +259,7 @@ def _through_mission(population, rng, mission, variability, excess_noise, quote,
 
 
 def _solved_together(population, rng, mission, variability, excess_noise, quote, threads, progress, columns):
-    """The same where the attitude is solved as well, so that neighbours share errors."""
+    """Observe with an attitude that is solved as well, so that neighbours share errors."""
     if quote:
         raise ParameterError(
             "a joint solution quotes the errors of its measurements alone: quote_variability is for an attitude in µas"

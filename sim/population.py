@@ -176,7 +176,7 @@ REDSHIFT_BY_MAGNITUDE = 0.243
 
 
 def by_magnitude(redshift: FloatArray, magnitude: FloatArray, rng: Rng) -> FloatArray:
-    """The same redshifts, dealt out so that their ranks follow those of the magnitudes as they do in SDSS."""
+    """Assign the redshifts so that their ranks follow those of the magnitudes as they do in SDSS."""
     rho = 2 * np.sin(np.pi * REDSHIFT_BY_MAGNITUDE / 6)  # Pearson's, of normal numbers with these ranks
     ranks = np.argsort(np.argsort(magnitude, kind="stable"), kind="stable")
     score = rho * ndtri((ranks + 0.5) / len(ranks)) + np.sqrt(1 - rho**2) * generator(rng).standard_normal(len(ranks))

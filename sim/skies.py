@@ -82,7 +82,7 @@ def _gums():
 
 
 def _igql():
-    """Each survey's footprint, filled evenly with its share of the sources."""
+    """Fill the footprint of each survey evenly with its share of the sources."""
     b = _galactic()[1]
     ra, dec = _equatorial()
     outside = np.abs(b) > 15

@@ -45,7 +45,7 @@ class Variability(InNotebook):
 
 
 def markov_chain(times: FloatArray, sigma: float, tau: float, rng: Rng, source: IntArray | None = None) -> FloatArray:
-    """One draw of the chain at irregular times."""
+    """Draw the chain at irregular times."""
     Variability(sigma, tau)
     times = np.asarray(times, float)
     source = np.zeros(times.shape, int) if source is None else np.asarray(source)

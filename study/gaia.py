@@ -50,7 +50,7 @@ KAPPA = 3.0
 
 @dataclass(frozen=True, eq=False)
 class DegreeOrSubset(InNotebook):
-    """What one fit found, or why it found nothing."""
+    """Result of one fit, or why there is none."""
 
     name: str
     n_sources: int
@@ -176,7 +176,7 @@ LMAX = 3
 
 @dataclass(frozen=True, eq=False)
 class GaiaStudy(InNotebook):
-    """What was found."""
+    """Results of the study."""
 
     sources: Sources
     degrees: list[DegreeOrSubset]
@@ -392,7 +392,7 @@ def correlation_table(study: GaiaStudy) -> Table:
 
 
 def published_table(study: GaiaStudy) -> Table:
-    """Each published number beside ours."""
+    """Tabulate published numbers with ours."""
     main: Any = study.main
     g: Vector = main.resampled.acceleration
     paper = papers()["klioner2021"]
@@ -546,7 +546,7 @@ def _with_floor(degrees, g):
 
 
 def _shown(name, table):
-    """What a page is wide enough for; the files have all."""
+    """Columns that fit on a page; the files have all."""
     if name not in ("degrees", "subsets"):
         return table
     kept = [column for column in table.colnames if not (column.startswith("spin") or column.endswith("_formal"))]

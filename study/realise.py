@@ -151,7 +151,7 @@ def _make_joint(study, case, scans, progress):
 
 
 def solved_errors(study: Study, case: dict[str, Any], path: Path, rng: np.random.Generator) -> dict[str, Field]:
-    """One draw of all observations, solved: errors of motions and of radio offsets, by kind of source."""
+    """Solve one draw of all observations: errors of motions and of radio offsets, by kind of source."""
     system, mixture, vlbi = _system(path, json.dumps(study.mission, sort_keys=True))
     noise, radio = rng.spawn(2)
     quasars = case["quasars"]
@@ -295,7 +295,7 @@ def _moved(errors, signal):
 
 
 def _as_seen(study, index, galaxies, signal, options, values, sigma):
-    """The same galaxies with redshifts as the Sun sees them: names end in @seen."""
+    """Galaxies with redshifts as the Sun sees them: names end in @seen."""
     truth, sources = study.truth, study.cases[index]["galaxies"]
     redshift = signal.observed_redshift(galaxies.lon, galaxies.lat, galaxies.redshift, "heliocentric")
     seen = with_redshift(replace(galaxies, redshift=redshift, redshift_frame="heliocentric"), sources["min_redshift"])

@@ -86,7 +86,7 @@ def summary(study: Study, realisations: Any) -> list[dict[str, Any]]:
 
 
 def chance(reach: float) -> float:
-    """How often a normal deviate is within `reach` standard deviations."""
+    """Probability that a normal deviate is within `reach` standard deviations."""
     return float(2 * ndtr(reach) - 1)
 
 
@@ -212,7 +212,7 @@ def run(
 
 
 def _run(study, folder, n_realisations, workers, progress):
-    """The same while no other process works in the folder."""
+    """Run while no other process works in the folder."""
     _claim(study, folder)
     count = n_realisations or study.n_realisations
     tasks = []
@@ -263,7 +263,7 @@ def _collect(waiting, done, bar):
 
 
 def _one(study, folder, task):
-    """One realisation, in a process of its own: computed, and written whole."""
+    """Compute a realisation in a process of its own, and write it whole."""
     index, files, number = task
     with threadpool_limits(1):
         outcome = realise(study, index, files, number)

@@ -35,7 +35,7 @@ def module_of(command: str) -> ModuleType:
 
 
 def about(command: str) -> str:
-    """What a command does, in a few words."""
+    """Describe a command in a few words."""
     return re.split(r"[:.] ", module_of(command).make_parser().description)[0].rstrip(".")
 
 

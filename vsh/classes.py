@@ -166,11 +166,11 @@ class Classes(InNotebook):
         return replace(self, masks=np.array([north, ~north]), frame="")
 
     def within(self, mask: BoolArray) -> Classes:
-        """The same classes of the sources of a `mask`, (n,)."""
+        """Restrict the classes to the sources of a `mask`, (n,)."""
         return replace(self, masks=self._masks() & mask)
 
     def of_at_least(self, n: int) -> Classes:
-        """Those that have `n` sources or more."""
+        """Select the classes that have `n` sources or more."""
         kept = self._masks().sum(1) >= n
         return replace(self, labels=tuple(np.array(self.labels)[kept].tolist()), masks=self._masks()[kept])
 

@@ -154,7 +154,7 @@ class Coefficients(Frozen):
         return out
 
     def to_degree(self, lmax: int) -> Coefficients:
-        """The same field with modes to degree `lmax`: new ones are zero, those above are cut off."""
+        """Change the highest degree to `lmax`: new modes are zero, those above are cut off."""
         modes = as_modes(lmax, self._kind)
         values = np.zeros(len(modes))
         for kind in modes.kinds:

@@ -279,7 +279,7 @@ def _from_alm(alm, modes):
 
 @lru_cache(maxsize=8)
 def _healpy_order(lmax, lowest):
-    """For each mode of one kind: its place in an alm array, and whether it is an imaginary part."""
+    """Places of the modes of one kind in an alm array, and which are imaginary parts."""
     degrees = np.arange(lowest, lmax + 1)
     l = np.repeat(degrees, 2 * degrees + 1)
     within = np.arange(len(l)) - (l * l - lowest**2)

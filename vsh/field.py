@@ -47,7 +47,7 @@ if TYPE_CHECKING:
 
 
 class ByColumns:
-    """What a field knows by the names of its table: positions in degrees, motions in mas/yr.
+    """Attributes of a field by the names of its table: positions in degrees, motions in mas/yr.
 
     Attributes inside are `lon`, `lat` in radians, `motion` and `sigma` in µas/yr.
     """
@@ -327,7 +327,7 @@ def _both(one, other, name):
 
 
 class Weighed(Frozen):
-    """What a noun with values and errors knows of their weights; each source has `components` of them."""
+    """Base of sources with values and errors: weights, information, whitened values."""
 
     components: ClassVar[int]
     frame: str
@@ -402,11 +402,11 @@ class Weighed(Frozen):
             raise FrameError(f'the fit is in {frame}, the field in {self.frame}: use .to_frame("{frame}")')
 
     def add_note(self, *notes: str) -> Self:
-        """The same with more that its reader should know."""
+        """Add notes that its reader should know."""
         return self._with(notes=merge_notes((*self.notes, *notes))) if notes else self
 
     def _with(self, **changes: Any) -> Self:
-        """The same with other attributes."""
+        """Copy with other attributes."""
         raise NotImplementedError
 
     def inner(self, x: FloatArray, y: FloatArray) -> FloatArray:
@@ -442,7 +442,7 @@ def weighed(weights: FloatArray, values: FloatArray) -> FloatArray:
 
 
 class Tabled(Weighed):
-    """What a noun of sources knows of tables; `_table` gives its columns, their units, and plain facts, all by name."""
+    """Base of sources that are written as tables; `_table` gives columns, units and plain facts."""
 
     units_shown: ClassVar[dict[str, str]] = {
         "lon": "rad",
@@ -706,11 +706,11 @@ class Field(ByColumns, Tabled):
         return self._with(**joined(self, other)) if isinstance(other, Field) else NotImplemented
 
     def minus(self, model: ArrayLike) -> Field:
-        """What is left when a model's motions, `model` (2, n) [µas/yr], are taken away."""
+        """Subtract the motions of a model, `model` (2, n) [µas/yr]."""
         return self._with(motion=self.motion - float_array("model", model, self.motion.shape, broadcast=True))
 
     def with_errors(self, sigma: ArrayLike, rho: ArrayLike | None = None) -> Field:
-        """The same motions with other standard errors, (2, n) [µas/yr], and perhaps correlations, (n,).
+        """Replace the standard errors, (2, n) [µas/yr], and perhaps correlations, (n,).
 
         Parameters
         ----------
@@ -727,7 +727,8 @@ class Field(ByColumns, Tabled):
         return self._with(sigma=sigma, rho=rho)
 
     def to_frame(self, name: str) -> Field:
-        """The same sources in the frame `name` (icrs, galactic, ecliptic); motions and covariances turn."""
+        """Turn positions, motions and covariances to the frame `name` (icrs, galactic, ecliptic); motions and
+        covariances turn."""
         if check_frame(name) == self.frame:
             return self
         matrix = rotation_matrix(self.frame, name)

@@ -152,7 +152,7 @@ def _error_scales(dof: float, size: int) -> FloatArray:
 
 
 def _reach(dof: float, size: int) -> float:
-    """How far beyond its length a vector may be, in its largest errors."""
+    """Distance beyond its length that a vector may have, in its largest errors."""
     return 6.0 if np.isinf(dof) else 6.0 + 60.0 / max(dof - size + 1, 1.0)
 
 
@@ -197,7 +197,7 @@ class _Profile:
         return tails
 
     def _tails_at(self, truth: FloatArray, noise: FloatArray, lengths: FloatArray, observed: FloatArray) -> FloatArray:
-        """The same for given true vectors, (k, m, 1), and points of the noise, (k, n)."""
+        """Tail probabilities for given true vectors, (k, m, 1), and points of the noise, (k, n)."""
         _, profile = self._nearest(truth + noise[:, None, :], lengths)
         if np.isinf(self.dof):
             return np.mean(profile >= observed, axis=1)

@@ -24,7 +24,7 @@ from vsh.tools.types import FloatArray, IntArray, Kind
 
 
 class Mode(NamedTuple):
-    """One real parameter: toroidal ("T"), spheroidal ("S") or of a scalar field ("F"), degree, order, part.
+    """A real parameter of a field: toroidal ("T"), spheroidal ("S") or of a scalar field ("F"), degree, order, part.
 
     Examples
     --------
@@ -129,7 +129,7 @@ class Modes(InNotebook):
         return np.tile(out, len(self.kinds))
 
     def index(self, mode: tuple[str, int, int, str]) -> int:
-        """Where `mode` is stored; degrees below l fill the first l² − lowest² places of its kind.
+        """Index of `mode`; degrees below l fill the first l² − lowest² places of its kind.
 
         Raises
         ------

@@ -22,7 +22,7 @@ __all__ = ["degree_matrix", "rotate"]
 
 @arguments.accepts(coefficients=arguments.a(Coefficients))
 def rotate(coefficients: Coefficients, to: str, *, covariance: ArrayLike | None = None, frame: str = "icrs") -> Any:
-    """The same field along the axes of another frame.
+    """Rotate a field to the axes of another frame.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ def rotate(coefficients: Coefficients, to: str, *, covariance: ArrayLike | None 
 
 @explained
 def degree_matrix(l: int, vector: FloatArray) -> FloatArray:
-    """How one degree's real coefficients (c_0, c_1^R, c_1^I, …) turn, (2l + 1, 2l + 1).
+    """Rotation matrix of the real coefficients (c_0, c_1^R, c_1^I, …) of one degree, (2l + 1, 2l + 1).
 
     Parameters
     ----------

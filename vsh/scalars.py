@@ -255,15 +255,15 @@ class ScalarField(Tabled):
         return self.data / self.sigma
 
     def minus(self, model: ArrayLike) -> ScalarField:
-        """What is left when a model's values, `model` (n,) in `unit`, are taken away."""
+        """Subtract the values of a model, `model` (n,) in `unit`."""
         return self._with(values=self.values - float_array("model", model, self.values.shape, broadcast=True))
 
     def with_errors(self, sigma: ArrayLike) -> ScalarField:
-        """The same values with other standard errors `sigma`, (n,). [`unit`]"""
+        """Replace the standard errors `sigma`, (n,). [`unit`]"""
         return replace(self, sigma=float_array("sigma", sigma, finite=False))
 
     def to_frame(self, name: str) -> ScalarField:
-        """The same sources in the frame `name` (icrs, galactic, ecliptic): the numbers stay, the places turn."""
+        """Turn the positions to the frame `name` (icrs, galactic, ecliptic); the values stay."""
         if check_frame(name) == self.frame:
             return self
         lon, lat = angles(rotation_matrix(self.frame, name) @ triad(self.lon, self.lat)[2])

@@ -210,7 +210,7 @@ class Vector(Frozen):
         return float(length_limits(self.value[None], self.covariance[None], probability, self.dof)[0])
 
     def _has_errors(self) -> bool:
-        """Whether the covariance has a length that a limit can rest on."""
+        """Return whether the covariance has a length that a limit can rest on."""
         return bool(np.isfinite(self.value).all() and self.dof >= 3 and np.trace(self.covariance) > 0)
 
     def direction_cone(self, probability: float = 0.68) -> float:
@@ -262,7 +262,7 @@ class Vector(Frozen):
         return float(np.degrees(east)), float(np.degrees(north))
 
     def to_frame(self, name: str) -> Vector:
-        """The same vector along the axes of the frame `name`: icrs, galactic or ecliptic."""
+        """Turn the vector to the axes of the frame `name`: icrs, galactic or ecliptic."""
         matrix = rotation_matrix(self.frame, name)
         return replace(self, value=matrix @ self.value, covariance=matrix @ self.covariance @ matrix.T, frame=name)
 

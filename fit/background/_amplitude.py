@@ -139,7 +139,7 @@ _POINTS = 401
 def posteriors(
     likelihood: Likelihood, best: Maximum, which: Sequence[int] | None = None
 ) -> tuple[list[Amplitude], float]:
-    """What the data say of each amplitude, all others marginalised, and ln of the evidence relative to no background.
+    """Posterior of each amplitude, all others marginalised, and ln of the evidence relative to no background.
 
     Notes
     -----

@@ -392,7 +392,7 @@ class Lot(NamedTuple):
 
     @property
     def effective(self) -> float:
-        """How many of the draws count."""
+        """Effective number of draws."""
         return float(1 / np.sum(self.weight**2))
 
 

@@ -21,7 +21,7 @@ _SEEN = 3.0
 
 @dataclass(frozen=True, eq=False, repr=False)
 class CrossPowers(Result):
-    """What of a solution follows each template, by degree: its projection on the template's part of that degree.
+    """Projection of a solution on templates, by degree: its projection on the template's part of that degree.
 
     Attributes
     ----------

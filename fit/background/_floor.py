@@ -66,7 +66,7 @@ def shape_probabilities(names: Sequence[str], log_evidence: ArrayLike) -> FloatA
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Floor(Result):
-    """What the power of the higher degrees says of errors that sources share, and what it implies for degree 1.
+    """Systematic floor: the power of the higher degrees, and the error that it implies for degree 1.
 
     Attributes
     ----------
@@ -124,12 +124,12 @@ class Floor(Result):
 
     @property
     def spin_error(self) -> float:
-        """What is implied for the spin in each component, for one shape √(3 s/8π). [µas/yr]"""
+        """Floor of the spin in each component, for one shape √(3 s/8π). [µas/yr]"""
         return self._mixed_error([part._of_degree_one.spin_error for part in self._shapes])
 
     @property
     def acceleration_error(self) -> float:
-        """What is implied for the acceleration in each component, for one shape √(3 s/8π). [µas/yr]"""
+        """Floor of the acceleration in each component, for one shape √(3 s/8π). [µas/yr]"""
         return self._mixed_error([part._of_degree_one.acceleration_error for part in self._shapes])
 
     @property
@@ -229,7 +229,7 @@ class Floor(Result):
         return gaussian_prior(modes, np.sqrt(variances))
 
     def added(self, modes: Modes) -> FloatArray:
-        """What it adds to the variances of the coefficients of degree 1 among `modes`, zero for the others, (p,)."""
+        """Addition to the variances of the coefficients of degree 1 among `modes`, zero for the others, (p,)."""
         odd, even = Spectrum.odd(), Spectrum.even()
         spin, glide = self.spin_error / odd.spin_error, self.acceleration_error / even.acceleration_error
         return np.where(modes.degrees == 1, (spin**2 * odd + glide**2 * even).variances(modes), 0.0)
@@ -308,7 +308,7 @@ class Floor(Result):
 
     @property
     def _source(self):
-        """Where errors with this floor come from: those of the catalogue are scaled already."""
+        """Source of errors with this floor: those of the catalogue are scaled already."""
         return ErrorSource.SCALED if self.error_source == ErrorSource.CATALOGUE else self.error_source
 
     def _rows(self):

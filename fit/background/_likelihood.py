@@ -61,7 +61,7 @@ def kernel(matrix: FloatArray, variances: FloatArray) -> tuple[FloatArray, Float
 
 @dataclass(frozen=True, eq=False)
 class Maximum:
-    """Where the likelihood is largest."""
+    """Maximum of the likelihood."""
 
     amplitudes: FloatArray
     noise_scale: float
@@ -259,7 +259,7 @@ class Likelihood(Amplitudes):
         return at
 
     def maximum(self) -> Maximum:
-        """Where it is largest."""
+        """Amplitude of the maximum."""
         with blas_for(len(self.rhs)):
             return self._maximum()
 
@@ -277,7 +277,7 @@ class Likelihood(Amplitudes):
         return max(scaled - float(self.of_parts(0.0, 0.0, self.scale(0.0))), 0.0)
 
     def _search(self, x):
-        """Where the loss is least for 0 ≤ x ≤ 60, by Newton's method with differences of its slope."""
+        """Minimise the loss for 0 ≤ x ≤ 60, by Newton's method with differences of its slope."""
         loss, slope = self._loss(x)
         for _ in range(100):
             free = ~((x <= 0) & (slope > 0) | (x >= 60) & (slope < 0))
@@ -343,7 +343,7 @@ def _determined(normal, first, where):
 
 
 def _eigen(matrix, rhs, shape):
-    """For one spectrum: the eigenvalues λ of D^½ N' D^½, and the squares of the right-hand side along them."""
+    """Eigenvalues λ of D^½ N' D^½, and the squares of the right-hand side along them."""
     root = np.sqrt(shape)
     values, vectors = np.linalg.eigh(matrix * np.outer(root, root))
     return np.maximum(values, 0.0), (vectors.T @ (root * rhs)) ** 2
@@ -365,7 +365,7 @@ def gauss_nodes(number: int, low: float, high: float) -> tuple[FloatArray, Float
 
 
 def span_of(likelihood: Likelihood, best: Maximum, k: int) -> tuple[float, float]:
-    """From where to where √A_k is followed, the others where they are likeliest."""
+    """Range in which √A_k is followed, the others at their maximum."""
     tau = best.noise_scale**2
     highest = likelihood.profile(best.amplitudes / tau)
 
@@ -433,13 +433,13 @@ def equations_of(source: Any) -> NormalEquations:
 
 
 def errors_of(source: Any) -> tuple[str, ErrorSource]:
-    """Where the errors come from, in words and as one of a few; normal equations have those of the catalogue."""
+    """Source of the errors, in words and as an ErrorSource; normal equations have those of the catalogue."""
     about = _about(source)
     return (getattr(about, "errors_from", "the catalogue"), getattr(about, "error_source", ErrorSource.CATALOGUE))
 
 
 def is_scaled(source: Any, noise_scale: bool | None) -> bool:
-    """Whether the scale of the errors is estimated: as told, or where the errors are the catalogue's."""
+    """Return whether the scale of the errors is estimated: as told, or where the errors are the catalogue's."""
     scaled = choice("noise_scale", noise_scale, (None, True, False))
     return errors_of(source)[1] == ErrorSource.CATALOGUE if scaled is None else scaled
 
@@ -460,7 +460,7 @@ def fitted_degrees(modes: Modes, degrees: Any, name: str = "degrees") -> tuple[i
 
 
 def places(modes: Modes, degrees: Iterable[int]) -> IntArray:
-    """Where the coefficients of some degrees are stored."""
+    """Indices of the coefficients of some degrees."""
     return np.flatnonzero(np.isin(modes.degrees, list(degrees)))
 
 

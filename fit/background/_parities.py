@@ -80,7 +80,7 @@ class Parities(Likelihood):
         return float(logdet), float(g @ g + side @ solved)
 
     def _left(self, ratios):
-        """What `exact` has beyond first order, in single precision: it is small, and is interpolated.
+        """Terms of `exact` beyond first order, in single precision: it is small, and is interpolated.
 
         With h = f − S g and (I − M) z = h, where M = S Sᵀ: ln|I − M| + tr M and (Sᵀh)ᵀ(Sᵀz) − |Sᵀf|².
         """
@@ -129,7 +129,7 @@ class Parities(Likelihood):
             return self._above(*self.exact(np.full(2, root[top] ** 2)))
 
     def _highest(self, k):
-        """Where the interpolated region of an amplitude ends."""
+        """End of the interpolated region of an amplitude."""
         assert self._rest is not None
         return self.unit[k] * np.sinh(self._rest.ends[k][1]) ** 2
 
@@ -180,7 +180,8 @@ class Parities(Likelihood):
         return *self.parts(amplitudes), by_logdet + rest[0], by_gain + rest[1]
 
     def _rest_by(self, ratios):
-        """What the rest of ln|K| and of Q changes by with each ratio, (2, 2): it is smooth, and differences will do."""
+        """Derivatives of the remainder of ln|K| and of Q by each ratio, (2, 2): it is smooth, and differences will
+        do."""
         assert self._rest is not None
         out = np.zeros((2, 2))
         for i, step in enumerate(np.maximum(1e-3 * self.unit, 1e-6 * ratios)):
@@ -194,7 +195,7 @@ class Parities(Likelihood):
         return list(np.arcsinh(np.sqrt(ratios / self.unit))[:, None])
 
     def _region(self, best):
-        """Where the likelihood is followed to, along each axis."""
+        """Ends of the likelihood's region along each axis."""
         taus, _ = scales_of(self, best)
         spans = [span_of(self, best, k) for k in range(2)]
         return [
@@ -224,7 +225,7 @@ class Parities(Likelihood):
 
 
 class _Rest:
-    """Two quantities between ends of two places by Chebyshev polynomials: zero unless given, constant beyond."""
+    """Chebyshev interpolation of two quantities: zero unless given, constant beyond."""
 
     def __init__(
         self, series: FloatArray | None = None, ends: Sequence[tuple[float, float]] = ((0, 1), (0, 1))
@@ -232,14 +233,14 @@ class _Rest:
         self.series, self.ends = np.zeros((2, 1, 1)) if series is None else series, ends
 
     def holds(self, ends):
-        """Whether a region lies within its own."""
+        """Return whether a region lies within its own."""
         return bool(np.any(self.series)) and all(
             low >= mine[0] and high <= mine[1] for (low, high), mine in zip(ends, self.ends, strict=True)
         )
 
     @classmethod
     def through(cls, function, ends, number):
-        """Those through `number` × `number` values of a function that remembers them."""
+        """Interpolate through `number` × `number` values of a function that remembers them."""
         node = chebyshev.chebpts2(number).round(15)
         axes = [low + (high - low) * (node + 1) / 2 for low, high in ends]
         values = np.array([[function(x, y) for y in axes[1]] for x in axes[0]])

@@ -72,7 +72,7 @@ def plot_comparison(comparison: Any, *, ax: Axes | None = None) -> Axes:
 
 
 def _intervals(names, values, intervals, labels, point, ax):
-    """One axis for each amplitude: they have units of their own."""
+    """Draw one axis for each amplitude: they have units of their own."""
     drawn = panels(ax, len(names), 1, size=(WIDTH, 0.5 + 0.75 * len(names)))
     for axes, name, value, (low, high), label in zip(drawn, names, values, intervals, labels, strict=True):
         axes.hlines(0, low, high, color=COLOURS[0], linewidth=2, label="68 %")

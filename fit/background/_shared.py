@@ -48,7 +48,7 @@ _CAP = 1e5
 
 
 class Verdict(NamedTuple):
-    """Whether classes differ, after allowing for all comparisons that were looked at.
+    """Test of whether classes differ, after allowing for all comparisons.
 
     Attributes
     ----------
@@ -149,7 +149,7 @@ class SharedErrors(Result):
         return self.combination(row, 2 * (self.n_sources[i] + self.n_sources[j]))
 
     def together(self) -> Solution:
-        """One spin and acceleration for all classes, by generalised least squares."""
+        """Fit one spin and acceleration to all classes, by generalised least squares."""
         values, _, covariance = gls(self.values, self.covariance, np.ones((len(self), 1)))
         return self._harmonic(values, covariance, 2 * sum(self.n_sources))
 
@@ -205,7 +205,7 @@ class SharedErrors(Result):
         return self._p_value(kind, at)
 
     def verdict(self, n: int = 4000, rng: Rng = 1) -> Verdict:
-        """Whether the dipole changes along the classes: the largest difference, after allowing for the search.
+        """Test whether the dipole changes along the classes: the largest difference, after allowing for the search.
 
         Every edge between neighbouring classes, and a slope, for spin and acceleration, are contrasts of the same
         parameters; skies on which classes are alike are drawn from the posterior.
@@ -283,7 +283,7 @@ class SharedErrors(Result):
         return self.verdict(), self.equality("T"), self.equality("S")
 
     def verdict_words(self, what: str = "class") -> str:
-        """One sentence that says whether the dipole changes from class to class.
+        """State in one sentence whether the dipole changes from class to class.
 
         Parameters
         ----------
@@ -527,7 +527,7 @@ def _leaking(equations, classes, names, modes):
 def drawn(
     lots: Sequence[Lot], modes: Modes, rng: np.random.Generator, *, notes: Sequence[str] = (), **facts: Any
 ) -> SharedErrors:
-    """What classes share, the mean over draws of its amplitudes and over shapes."""
+    """Shared errors of the classes, averaged over draws of their amplitudes and over spectra."""
     classes = lots[0].likelihood.classes
     with blas_for(len(classes) * len(modes)):
         means, covariances, shares, (amplitudes, spread) = kept_of(lots, rng)
@@ -597,7 +597,7 @@ def shared_jointly(
     rng: Rng = 1,
     **facts: Any,
 ) -> SharedErrors:
-    """As `shared`, from the normal equations of all classes together, (K, p, K, p) and (K, p)."""
+    """Compute `shared` from the normal equations of all classes together, (K, p, K, p) and (K, p)."""
     classes = ClassEquations.jointly(matrix, rhs, modes)
     draw, spectra = generator(rng), spectra_of(usual_shapes(modes.lmax) if shapes is None else shapes)
     return drawn(lots_of(classes, modes, spectra, "each", draws, draw), modes, draw, **facts)
@@ -614,7 +614,8 @@ def widened(
 
 
 def sees_part(normal: NormalEquations, lmax: int) -> bool:
-    """Whether sources are so few, or see so small a part of the sky, that higher degrees leak into those to `lmax`."""
+    """Return whether sources are so few, or see so small a part of the sky, that higher degrees leak into those to
+    `lmax`."""
     at = np.flatnonzero(normal.modes.degrees <= lmax)
     try:
         return condition_of(normal.matrix[np.ix_(at, at)]) > PART

@@ -37,7 +37,7 @@ KINDS = {"flat": "exact likelihood, flat in Ω", "root": "exact likelihood, flat
 
 @dataclass(frozen=True, eq=False, repr=False)
 class WaveLimit(Result):
-    """What proper motions say of h70² Ω_GW, waves longer than the observations.
+    """Limit on h70² Ω_GW, the energy in waves longer than the observations.
 
     Attributes
     ----------

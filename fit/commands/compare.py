@@ -193,12 +193,12 @@ def _run(options):
 
 
 def _floor(options):
-    """Whether what sources share is taken in; None where the number of sources says."""
+    """Choose whether the floor is included; None where the number of sources decides."""
     return True if options.floor else False if options.no_floor else None
 
 
 def _of(label, compared):
-    """What a file is called behind its name where there are several catalogues."""
+    """Suffix of a file name where there are several catalogues."""
     return f"_{label}" if len(compared) > 1 else ""
 
 
@@ -235,7 +235,8 @@ def _write(folder, compared, together, meta):
 
 
 def _latex(comparison):
-    """What a paper has: parameters under their names with the errors of the verdict, then vectors and powers."""
+    """Format tables for a paper: parameters under their names with the errors of the verdict, then vectors and
+    powers."""
     from fit.results.output import latex_of
 
     table = comparison.parameters_table()["ICRF3", "value", "sigma"]

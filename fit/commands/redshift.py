@@ -448,7 +448,7 @@ def _of_hubble(solution):
 
 
 def _away(value, error):
-    """How far a Hubble constant is from the published ones, in its errors."""
+    """Distance of a Hubble constant from the published ones, in its errors."""
     low, high = _PUBLISHED
     distance = max(low - value, value - high, 0.0) / error
     return f"{distance:.1f} σ from 67 to 73" if distance else "between or at 67 and 73"
@@ -538,7 +538,7 @@ def _cosmology(omega_m):
 
 
 def _reconstruction(path, error):
-    """How distances follow from a reconstructed velocity field."""
+    """Options of distances from a reconstructed velocity field."""
     from vsh.models.flows import read_velocity_grid
 
     return {} if path is None else {"reconstruction": read_velocity_grid(path), "reconstruction_error": error}
@@ -613,7 +613,7 @@ def _clipped(field, kappa):
 
 
 def _p_values(field, bins, velocity, redshift_frame, dispersion):
-    """By permuting redshifts, for up to so many sources."""
+    """Permute redshifts of up to so many sources, for p-values."""
     from fit.redshift import FLOW_MATTERS, permutation_test
 
     few = isinstance(field, vsh.Field) and len(field) <= 20_000
@@ -662,7 +662,7 @@ def _truth_words(truths, posterior):
 
 
 def _tables(results, truth):
-    """Every result as a table, by heading, and what it is of; the truth of a simulated catalogue beside it."""
+    """Tabulate every result, by heading; the truth of a simulated catalogue beside it."""
     made = {_HEADINGS[name]: result.to_table() for name, result in results.items()}
     for name in ("velocity", "hubble", "posterior"):
         if name not in results:
@@ -677,7 +677,7 @@ def _tables(results, truth):
 
 
 def _summary(solution):
-    """What a velocity, or H0, is of, in a line."""
+    """Summarise a velocity, or H0, in a line."""
     if hasattr(solution, "velocity"):
         known = f"for H0 = {solution.assumed_hubble:g} km/s/Mpc"
     else:
@@ -693,12 +693,12 @@ def _summary(solution):
 
 
 def _is_told(solution):
-    """Whether H0 is a number with an error, rather than a limit."""
+    """Return whether H0 is a number with an error, rather than a limit."""
     return solution.hubble > 3 * solution.hubble_error
 
 
 def _cards(results):
-    """What was found, large: our velocity, H0, and χ² of both."""
+    """Main results, large: our velocity, H0, and χ² of both."""
     cards = []
     if "velocity" in results:
         solution = results["velocity"]

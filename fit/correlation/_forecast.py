@@ -142,7 +142,7 @@ def _information(field):
 def compare_cuts(
     sources: Any, cases: Mapping[str, Any], modes: Modes | int = 1, *, sigma: ArrayLike | None = None
 ) -> Table:
-    """What a cut, a mask or a reweighting would give, side by side.
+    """Compare the errors after cuts, masks or reweightings.
 
     Parameters
     ----------
@@ -211,7 +211,7 @@ def reweighted(field: Field, case: ArrayLike | None) -> Field:
 
 @dataclass(frozen=True, eq=False)
 class Downweighted(Result):
-    """How much of each part of the sky to keep.
+    """Weights of each part of the sky.
 
     Attributes
     ----------
@@ -248,7 +248,7 @@ class Downweighted(Result):
         return plot_shares(self.keep, self.after.frame, ax=ax)
 
     def mask(self, rng: Rng) -> BoolArray:
-        """Which sources to keep, (n,), if whole ones are drawn by `rng` with these shares."""
+        """Draw a mask of sources to keep, (n,), by `rng` with these shares."""
         return generator(rng).uniform(size=len(self.factors)) < self.factors
 
 

@@ -24,7 +24,7 @@ from vsh.vector import correlation_of
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Leakage(Result):
-    """How unmodelled coefficients c_u change the fitted ones: bias = matrix · c_u.
+    """Leakage of unmodelled coefficients c_u into the fitted ones: bias = matrix · c_u.
 
     Attributes
     ----------

@@ -145,7 +145,7 @@ class CorrelationMatrices(Result):
         return self.matrices[i]
 
     def combined(self, upper: int = 0, lower: int = 1) -> FloatArray:
-        """Two catalogues in one matrix: `upper` above the diagonal, `lower` below."""
+        """Combine two catalogues in one matrix: `upper` above the diagonal, `lower` below."""
         if len(self.matrices) == 1:
             return self.matrices[0]
         k = len(self.names)
@@ -319,7 +319,7 @@ def influence_map(
     quantity: Literal["value"] | None = None,
     sigma: ArrayLike | None = None,
 ) -> FloatArray:
-    """How a result changes with the weight of each HEALPix pixel; exact, from the normal matrix.
+    """Derivative of a result by the weight of each HEALPix pixel; exact, from the normal matrix.
 
     Parameters
     ----------
@@ -365,7 +365,7 @@ def gain_of_sources(
     sigma: float | None = None,
     quantity: Literal["value"] | None = None,
 ) -> FloatArray:
-    """How a result would change if new sources were added in each pixel.
+    """Change of a result if new sources were added in each pixel.
 
     Notes
     -----

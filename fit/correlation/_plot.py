@@ -87,7 +87,8 @@ def plot_shares(keep: FloatArray, frame: str, *, ax: Axes | None = None) -> SkyA
 
 @styled
 def plot_leakage(leakage: Any, *, ax: OnAxes | None = None) -> AxesArray:
-    """What each unmodelled degree does to spin and acceleration: their rms bias by a power of 1 (µas/yr)² in it."""
+    """Plot the bias of spin and acceleration by each unmodelled degree: their rms bias by a power of 1 (µas/yr)² in
+    it."""
     drawn = panels(ax, 2, 1, size=(WIDTH, 3.6), sharex=True)
     degrees = np.arange(leakage.fitted.lmax + 1, leakage.unmodelled.lmax + 1)
     for axes, vector, name in zip(drawn, ("omega", "a"), ("spin", "acceleration"), strict=True):

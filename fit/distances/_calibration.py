@@ -60,7 +60,7 @@ from vsh.tools.units import AU_PER_YEAR, SPEED_OF_LIGHT
 
 @dataclass(frozen=True, eq=False)
 class Calibration(InNotebook):
-    """How the distances of a catalogue follow from its redshifts.
+    """Calibration of the distances of a catalogue by its redshifts.
 
     Attributes
     ----------
@@ -95,7 +95,7 @@ class Calibration(InNotebook):
 
     @property
     def exact(self) -> bool:
-        """Whether redshifts hold the expansion alone."""
+        """Return whether redshifts hold the expansion alone."""
         return self.frame == TRUE
 
     def redshift(self, field: Field) -> FloatArray:
@@ -173,7 +173,7 @@ _CELLS, _FARTHEST, _KNOTS = 8192, np.log(40.0), 3000
 
 @dataclass(frozen=True, eq=False)
 class InverseDistances(InNotebook):
-    """What is known of 1/d of each source, as the motion that 1 km/s gives."""
+    """Estimates of 1/d of each source, as the motion that 1 km/s gives."""
 
     mean: FloatArray
     variance: FloatArray
@@ -380,7 +380,7 @@ def calibrate(
     luminosity: Callable[[FloatArray], FloatArray] | None = None,
     magnitudes: bool | None = None,
 ) -> Calibration:
-    """How the distances of a catalogue follow from its redshifts.
+    """Calibrate the distances of a catalogue by its redshifts.
 
     Parameters
     ----------
@@ -544,7 +544,7 @@ def _frame_of(sky):
 
 
 def _facts(field, calibration):
-    """What of some sources bears on the calibration of all."""
+    """Sums over some sources for the calibration of all."""
     z = calibration.redshift(field)
     spread = calibration.spread(field, z)
     modulus = distance_modulus(transverse_distance(z, calibration.cosmology), z)

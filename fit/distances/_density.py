@@ -39,7 +39,7 @@ class LogCurve:
 
 
 def curve_basis(knots: FloatArray, x: FloatArray) -> FloatArray:
-    """What each value at a knot adds to the curve, (n, k)."""
+    """Basis of the curve, one function per knot, (n, k)."""
     return np.stack([LogCurve(knots, unit)(x) for unit in np.eye(len(knots))], axis=1)
 
 
@@ -153,7 +153,7 @@ _OWN = 300.0
 
 
 def flow_counts(redshift: FloatArray, weight: FloatArray) -> FloatArray:
-    """What sources tell of a velocity by redshift, a table that adds over parts; `weight` is of their motions.
+    """Information of sources on a velocity by redshift, a table that adds over parts; `weight` is of their motions.
 
     1/(s² + (4.74 d)²/w) each, of distances d to s/H0 at best, s the velocity that a galaxy has of its own: else a few
     that are next to us, by their redshifts, would be all that is followed, and flows of the others independent noise.
@@ -471,7 +471,7 @@ def _length(data, error, of_parallax):
 
 
 def has_distances(field: Field) -> BoolArray:
-    """Which sources have a distance, or a parallax with its error, (n,)."""
+    """Mask of sources with a distance, or a parallax with its error, (n,)."""
     known = np.zeros(len(field), bool) if field.distance is None else np.isfinite(field.distance)
     if field.parallax is None or field.parallax_error is None:
         return known

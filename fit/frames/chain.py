@@ -119,7 +119,7 @@ class Chain(FrameResult):
         return {"rotation": solution.spin, "glide": solution.acceleration}
 
     def difference(self, catalogue: str, other: str | None = None) -> Solution:
-        """One catalogue less another, the reference unless given: a `Solution` with its covariance.
+        """Difference of two catalogues, the second the reference unless given: a `Solution` with its covariance.
 
         Parameters
         ----------
@@ -210,7 +210,7 @@ class Chain(FrameResult):
         return self._sought().p_value(kind, i - 1, j - 1 if j else None)
 
     def _sought(self):
-        """What sources share over the sky; ParameterError where it was not sought."""
+        """Shared errors; ParameterError where they were not estimated."""
         if self.shared is None:
             raise ParameterError("what sources share over the sky was not sought: chain_catalogues(…, floor=True)")
         return self.shared
@@ -476,7 +476,7 @@ class _Sky:
         self.notes = (f"in one catalogue only, and not used: {', '.join(alone)}",)
 
     def left(self, values, modes):
-        """What frames leave of the places, (k, 2, n)."""
+        """Residuals of the places after the frames, (k, 2, n)."""
         fields = [Coefficients(modes, each).at(self.lon, self.lat) for each in values]
         return self.x - np.stack([np.zeros((2, self.n)), *fields])
 
@@ -531,7 +531,7 @@ def _solve(sky, modes, correlation, kept, labels):
 
 
 def _solved(sky, modes, normal, kept, labels):
-    """The same of normal equations that are at hand."""
+    """Solve normal equations that are at hand."""
     k, p = len(labels), len(modes)
     matrix, rhs, weights = normal
     n = matrix[1:, :, 1:].reshape((k - 1) * p, -1)
@@ -550,7 +550,7 @@ def _solved(sky, modes, normal, kept, labels):
 
 
 def _difference(sky, i, j, at, rho):
-    """What one catalogue gives less what another does, with the noise that they share, as a field."""
+    """Differences of two catalogues with the noise that they share, as a field."""
     own, cross = _spreads(sky, i, j, at)
     v = own - rho * cross
     sigma = np.sqrt(np.stack([v[:, 0, 0], v[:, 1, 1]]))

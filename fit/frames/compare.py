@@ -115,7 +115,7 @@ def by_error_class(differences: Field, modes: Modes, chosen: IntArray | None = N
 
 @dataclass(frozen=True, eq=False, repr=False)
 class FrameComparison(FrameResult, AboutSolution):
-    """One catalogue less another.
+    """Comparison of two catalogues.
 
     Attributes
     ----------
@@ -275,7 +275,7 @@ class FrameComparison(FrameResult, AboutSolution):
 
     @property
     def deformation_p_value_scaled(self) -> float:
-        """The same with errors multiplied by `factor`, which residuals suggest.
+        """P-value of the deformation with errors multiplied by `factor`, which residuals suggest.
 
         Right where noise is shared, or errors are wrong, by one factor for all sources. Where the faint share and the
         bright do not, or errors are wrong by more for some, neither is: with all noise of the fainter half shared 0.05
@@ -337,7 +337,7 @@ class FrameComparison(FrameResult, AboutSolution):
         return tuple(sections)
 
     def _about_errors(self, long):
-        """Where the errors come from and what they leave out, as labels with words."""
+        """Facts on the errors: their source and what they leave out."""
         solution, facts = self.solution, []
         if self.method:
             facts.append(("method", f"{self.method}, its formal errors beside"))

@@ -75,7 +75,7 @@ class TimeBackground(Result):
 
     @property
     def effective_draws(self) -> float:
-        """How many equal draws those with weights are worth."""
+        """Effective number of draws with weights."""
         return float(1 / np.sum(self.weights**2))
 
     def quantile(self, probability: float) -> FloatArray:
@@ -233,7 +233,7 @@ def _bare(name):
 
 
 def _called(names):
-    """What a band is called."""
+    """Label of a band."""
     bare = {_bare(name) for name in names}
     return f"{bare.pop()} a year" if len(bare) == 1 and len(names) == 2 else ", ".join(names)
 

@@ -95,7 +95,7 @@ class TimeEquations(Frozen):
         return self if other == 0 else NotImplemented  # the start of sum()
 
     def combinations(self) -> tuple[IntArray, FloatArray, FloatArray, BoolArray]:
-        """What the observations determine, of those unknowns that are seen at all.
+        """Combinations of the unknowns that the observations determine.
 
         Returns
         -------
@@ -120,7 +120,7 @@ class TimeEquations(Frozen):
 
     @property
     def unseen(self) -> BoolArray:
-        """Which unknowns nothing is seen of, (F p,): where the attitude was solved, a rotation in time."""
+        """Mask of unknowns that nothing determines, (F p,): where the attitude was solved, a rotation in time."""
         size = np.diag(self.matrix)
         first = np.tile(self.modes.degrees == 1, len(self.functions))
         return (size <= 0) | (first & (size < 1e-3 * np.median(size)))
@@ -192,7 +192,7 @@ def normal_equations(
 
 
 def _parts(observations: Any) -> Iterator[Observations]:
-    """Every part, read when its turn comes."""
+    """Iterate over the parts, each read when its turn comes."""
     if isinstance(observations, Observations):
         yield observations
     elif isinstance(observations, str | Path):

@@ -107,7 +107,7 @@ class Functions(Frozen):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """What a report calls them."""
+        """Names in reports."""
         shown = {"legendre": "P{:g}", "spline": "spline {:g}"}
         return tuple(shown.get(kind, f"{kind} {{:.6g}}").format(number) for kind, number in self.terms)
 
@@ -284,12 +284,12 @@ class TimeSolution(Result):
 
     @property
     def quality(self) -> Quality:
-        """What χ² says of the errors."""
+        """Quality of the fit by χ²."""
         return Quality(self.chi2, self.dof)
 
     @property
     def scaled(self) -> TimeSolution:
-        """The same with errors scaled by √(χ²/dof)."""
+        """Scale the errors by √(χ²/dof)."""
         return replace(self, covariance=self.covariance * self.quality.reduced, chi2=float(self.dof))
 
     def at(self, time: float) -> tuple[Coefficients, FloatArray]:
@@ -354,7 +354,7 @@ class TimeSolution(Result):
         )
 
     def rest(self, kind: Kind) -> tuple[float, int, float]:
-        """Whether degree 1 changes with time, all functions together: χ², unknowns, p-value.
+        """Test whether degree 1 changes with time, all functions together: χ², unknowns, p-value.
 
         Parameters
         ----------
@@ -434,7 +434,7 @@ class TimeSolution(Result):
             out.write_bytes(moving)
 
     def movie_bytes(self, frames: int = 40) -> bytes:
-        """The same as the bytes of a GIF of so many `frames`, for a page."""
+        """Movie as the bytes of a GIF of so many `frames`, for a page."""
         from fit.in_time._plot import movie_of
 
         return movie_of(self, frames)

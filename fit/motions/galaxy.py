@@ -165,7 +165,7 @@ class GalacticOrbit(Result):
 
     @property
     def amplitude_bias(self) -> float:
-        """By how much noise makes the amplitude too large on average, to first order: (tr C − rᵀCr)/2a. [µas/yr]"""
+        """Bias of the amplitude by noise, to first order: (tr C − rᵀCr)/2a. [µas/yr]"""
         vector = self.acceleration
         along = vector.value / vector.amplitude
         return float((np.trace(vector.covariance) - along @ vector.covariance @ along) / (2 * vector.amplitude))
@@ -276,7 +276,7 @@ class GalacticOrbit(Result):
 
 
 def orbit(acceleration: Any, *, r0: float = R0[0], r0_error: float = R0[1]) -> GalacticOrbit:
-    """What an acceleration says of our orbit in the Galaxy.
+    """Derive our orbit in the Galaxy from an acceleration.
 
     Parameters
     ----------

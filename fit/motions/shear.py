@@ -85,7 +85,7 @@ def tensor_of(coefficients: Coefficients) -> FloatArray:
 
 
 def degree_two(modes: Modes) -> slice:
-    """Where the spheroidal coefficients of degree 2 are stored."""
+    """Indices of the spheroidal coefficients of degree 2."""
     if modes.lmax < 2 or modes.components != 2:
         raise ModesError("an expansion that differs from axis to axis is of degree 2: fit motions to degree 2 at least")
     return modes.slice_of("S", 2)

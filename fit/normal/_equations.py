@@ -18,7 +18,7 @@ from vsh.tools.types import ArrayLike, FloatArray
 
 
 class TemplateField(NamedTuple):
-    """One field of motions that a template may cause, of 1 µas/yr rms over the sky, cut to a degree."""
+    """A field of motions that a template may cause, of 1 µas/yr rms over the sky, cut to a degree."""
 
     name: str
     values: FloatArray
@@ -82,7 +82,7 @@ class NormalEquations(Frozen):
 
     @property
     def n_sources(self) -> int:
-        """How many sources went in."""
+        """Number of sources."""
         return self.n_data // self.modes.components
 
     def __add__(self, other: NormalEquations) -> NormalEquations:
@@ -96,7 +96,7 @@ class NormalEquations(Frozen):
         return self if other == 0 else NotImplemented  # the start of sum()
 
     def add_note(self, *notes: str) -> NormalEquations:
-        """The same equations with `notes`: more lines that the reader of a result should know."""
+        """Add `notes` that the reader of a result should know."""
         return replace(self, notes=merge_notes((*self.notes, *notes)))
 
     def _combine(self, other, sign):

@@ -142,12 +142,12 @@ class Moments(Result):
 
     @property
     def kind(self) -> type[Modes]:
-        """What they are for: `Modes`, or `ScalarModes` of a scalar field."""
+        """Kind of modes: `Modes`, or `ScalarModes` of a scalar field."""
         return ScalarModes if len(self.weights) == 1 else Modes
 
     @property
     def n_sources(self) -> int:
-        """How many sources went in."""
+        """Number of sources."""
         return self.n_data // self.kind.components
 
     @classmethod
@@ -191,7 +191,7 @@ class Moments(Result):
         return self if other == 0 else NotImplemented
 
     def to_degree(self, lmax: Modes | int) -> Moments:
-        """Those to the lower degree `lmax`, which are among them.
+        """Cut to the lower degree `lmax`.
 
         Raises
         ------
@@ -240,7 +240,7 @@ class Moments(Result):
         )
 
     def add_note(self, *notes: str) -> Moments:
-        """The same moments with `notes`: more lines that the reader of a result should know."""
+        """Add `notes` that the reader of a result should know."""
         return replace(self, notes=merge_notes((*self.notes, *notes)))
 
     def on_sky(self) -> tuple[FloatArray, FloatArray]:

@@ -10,7 +10,7 @@ from vsh.tools.types import Axes
 
 
 def plot_moments(moments: Any, *, ax: Axes | None = None) -> SkyAxes:
-    """Where on the sky the weight of the sources is, as smooth as their moments have it."""
+    """Plot the weight of the sources on the sky, as smooth as their moments have it."""
     lat, weight = moments.on_sky()
     lon_of, lat_of = centres(32)
     ring = np.abs(lat_of[:, None] - lat).argmin(1)

@@ -43,7 +43,7 @@ class WhiteRows(Frozen):
 
     @classmethod
     def of(cls, field: Field, modes: Modes, covariance: Any) -> WhiteRows:
-        """Those of a field."""
+        """Sum the moments of a field."""
         shared = as_covariance(covariance, field)
         p, n = len(modes), len(field)
         rows = shared.whiten(harmonics(field.lon, field.lat, modes).reshape(p, 2 * n)).reshape(p, 2, n)

@@ -108,7 +108,7 @@ class Template(Frozen):
     def of_parts(
         cls, name: str, parts: Iterable[tuple[ArrayLike, ArrayLike, ArrayLike]], frame: str = "icrs", nside: int = 128
     ) -> "Template":
-        """The same of a catalogue in parts: means over the sources of each HEALPix pixel, at their mean place.
+        """Make a template of a catalogue in parts: means over the sources of each HEALPix pixel, at their mean place.
 
         Parameters
         ----------

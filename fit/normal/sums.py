@@ -94,7 +94,8 @@ DIPOLE_BLOCK = 2**14
 
 
 def _take():
-    """From the order and signs of rows to (ω_x, ω_y, ω_z, g_x, g_y, g_z), and from vectors to coefficients; and χ²."""
+    """Convert the order and signs of rows to (ω_x, ω_y, ω_z, g_x, g_y, g_z), and from vectors to coefficients; and
+    χ²."""
     take = np.zeros((7, 7))
     take[range(7), [3, 2, 4, 0, 1, 5, 6]] = [-1, -1, 1, -1, 1, 1, 1]
     take[:6] = np.kron(np.eye(2), np.linalg.inv(FIRST_DEGREE).T) @ take[:6]
@@ -236,7 +237,7 @@ _IN_CACHE = 2**12
 
 
 def _moments_by_products(field, lmax):
-    """What `_moments` gives: faster at low degrees, and exact to rounding."""
+    """Compute `_moments` by products: faster at low degrees, and exact to rounding."""
     most = 2 * lmax
     low = np.r_[: lmax + 1, most + 1 : most + 1 + lmax]
     w = field.weights
@@ -379,7 +380,7 @@ class Rings:
 
 
 class ScalarRings(Rings):
-    """The same for scalar fields: their harmonics are those of an east component alone, B cos mα and −B sin mα."""
+    """Rings for scalar fields: their harmonics are those of an east component alone, B cos mα and −B sin mα."""
 
     def __init__(self, lmax: int) -> None:
         self.lmax = lmax
@@ -459,7 +460,7 @@ def leverage(
     total: tuple[int, float] | None = None,
     threads: int | None = None,
 ) -> FloatArray:
-    """How much of its own fitted motion each source makes, (n,): between 0 and 1, p/2n on average (p/n of scalars).
+    """Leverage of each source on its own fitted motion, (n,): between 0 and 1, p/2n on average (p/n of scalars).
 
     Notes
     -----

@@ -109,7 +109,7 @@ class TemplateFit(Result):
 
     @property
     def verdict(self) -> str:
-        """Which templates are seen in the pairs, in a sentence: as large by chance in less than 0.27 % each."""
+        """State which templates are detected in the pairs: as large by chance in less than 0.27 % each."""
         seen = [name for name, (low, _) in zip(self.names, self.interval(1 - SEEN), strict=True) if low > 0]
         if seen:
             return (

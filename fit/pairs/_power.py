@@ -73,7 +73,7 @@ class PairSums:
 
 
 class Gathered(NamedTuple):
-    """What one pass over the sources gives."""
+    """Sums of one pass over the sources."""
 
     total: PairSums
     blocks: list[PairSums]
@@ -315,7 +315,8 @@ class Windows:
 
     @property
     def by_degree(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """What sums each bin from spectra of T + S, T − S and of weights: (k, lmax), (k, lmax), (k, lmax + 1)."""
+        """Matrices that sum each bin from spectra of T + S, T − S and of weights: (k, lmax), (k, lmax), (k, lmax +
+        1)."""
         plus, minus, scalar = (2 * np.pi * self.values @ each.T for each in (self.plus, self.minus, self.scalar))
         return plus, minus, scalar
 

@@ -78,7 +78,7 @@ class CompressedLikelihood:
 
 @dataclass(frozen=True, eq=False)
 class Tabulated:
-    """What is tabulated: the functions of s, x and q."""
+    """Tables of the functions of s, x and q."""
 
     rows: ParallaxEquations | ParallaxParts
     spin: Literal["free"] | Vector | None
@@ -341,7 +341,7 @@ class ParallaxModel:
         return mean, root, np.log(np.einsum("nii->ni", root)).sum(1)
 
     def to_samples(self, theta: FloatArray, rng: np.random.Generator) -> dict[str, FloatArray]:
-        """What a user asks for, by name: v, H0, the others, and ã, drawn given them."""
+        """Convert the samples to quantities by name: v, H0, the others, and ã, drawn given them."""
         numbers = theta[:, 3:]
         spreads, _ = self.spreads(numbers)
         u, v = self.velocities(theta)
@@ -375,7 +375,7 @@ def parallax_model(
 
 
 def _is_known(velocity, table):
-    """Whether the prior on the velocity says more than the data, where they say most."""
+    """Return whether the prior on the velocity says more than the data, where they say most."""
     if not (velocity.gaussian and velocity.proper):
         return False
     _, _, matrix = table(np.array([[axis.low] for axis in table.axes]))
@@ -408,7 +408,7 @@ class MixtureModel:
 
     @property
     def priors(self) -> ModelPriors:
-        """Those of the model without outliers."""
+        """Priors of the model without outliers."""
         return self.base.priors
 
     @property
@@ -472,7 +472,7 @@ class MixtureModel:
         return np.column_stack([theta, fraction, *linear])
 
     def to_samples(self, theta: FloatArray, rng: np.random.Generator) -> dict[str, FloatArray]:
-        """What a user asks for, by name."""
+        """Convert the samples to quantities by name."""
         k = len(self.base.names)
         samples = self.base.to_samples(theta[:, :k], rng)
         return samples | dict(zip(self.names[k:], theta[:, k:].T))

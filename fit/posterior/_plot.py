@@ -37,7 +37,7 @@ def plot_corner(
     truths: Mapping[str, float] | None = None,
     ax: OnAxes | None = None,
 ) -> AxesArray:
-    """Every pair of quantities, with 68 and 95 % contours."""
+    """Plot every pair of quantities, with 68 and 95 % contours."""
     samples = posterior.samples
     chosen = list(samples) if names is None else list(names)
     unknown = [name for name in (*chosen, *(truths or {})) if name not in samples]

@@ -53,7 +53,7 @@ class Cells:
 
     @classmethod
     def of(cls, model: ParallaxModel, count: int | None = None) -> Cells:
-        """Those of a model: `count` of equal size along each number, or closer where the density is high."""
+        """Cells of a model: `count` of equal size along each number, or closer where the density is high."""
         limits = [model.priors.limits(name) for name in model.priors.free]
         few, many = _COUNTS[len(limits)]
         edges = [np.linspace(*pair, (count or few) + 1) for pair in limits]
@@ -246,7 +246,7 @@ class Posterior(SampleResult):
 
     @property
     def n_walkers(self) -> int:
-        """How many walkers there are."""
+        """Number of walkers."""
         return self.chain.shape[1]
 
     @cached_property
@@ -256,7 +256,7 @@ class Posterior(SampleResult):
 
     @property
     def effective_size(self) -> dict[str, float]:
-        """How many independent samples each coordinate's are worth after the burn-in, by name."""
+        """Effective number of independent samples of each coordinate after the burn-in, by name."""
         steps, walkers, _ = self._after_burn_in().shape
         return {name: steps * walkers / time for name, time in self.autocorrelation.items()}
 

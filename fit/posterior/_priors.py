@@ -27,17 +27,17 @@ class VelocityPrior:
 
     @property
     def proper(self) -> bool:
-        """Whether its integral is finite."""
+        """Return whether its integral is finite."""
         return self.name not in ("flat", "flat-product")
 
     @property
     def in_product(self) -> bool:
-        """Whether the density is flat in u = v H0, not in v: p(v, H0) = p(H0) H0³."""
+        """Return whether the density is flat in u = v H0, not in v: p(v, H0) = p(H0) H0³."""
         return self.name == "flat-product"
 
     @property
     def gaussian(self) -> bool:
-        """Whether it is a Gaussian, the flat one (precision zero) among them."""
+        """Return whether it is a Gaussian, the flat one (precision zero) among them."""
         return self.function is None
 
     def log(self, v: FloatArray) -> FloatArray:
@@ -88,7 +88,7 @@ FITS_UNITS = {"km/s": "km / s", "km/s/Mpc": "km / (Mpc s)", "µas/yr": "uas / yr
 
 
 class NoiseOptions(DistanceOptions, total=False):
-    """What `Priors` holds besides the velocity and H0, and how distances follow: keywords of `sample` and `grid`."""
+    """Options of `Priors` besides the velocity and H0, and of distances: keywords of `sample` and `grid`."""
 
     peculiar_dispersion: float | Prior
     flow_amplitude: Prior | tuple[float, float]
@@ -105,7 +105,7 @@ DISTANCES = frozenset(DistanceOptions.__annotations__)
 
 @dataclass(frozen=True)
 class Priors(InNotebook):
-    """What is known before, as users say it.
+    """Priors of a posterior, as users give them.
 
     Attributes
     ----------
@@ -216,13 +216,13 @@ class ModelPriors:
         return prior.mean if isinstance(prior, Normal) else (low + high) / 2
 
     def describe(self) -> dict[str, str]:
-        """Every digit of them, for the fingerprint of a chain."""
+        """Describe them to the last digit, for the fingerprint of a chain."""
         return {"velocity": self.velocity.name} | {
             name: repr(getattr(self, name)) for name in ("hubble", *_NUMBERS, "acceleration")
         }
 
     def in_words(self) -> dict[str, str]:
-        """For reports."""
+        """Describe them for reports."""
         return {"velocity": self.velocity.words or self.velocity.name, "flows": self.flows} | {
             name: _in_words(getattr(self, name)) for name in ("hubble", *_NUMBERS)
         }

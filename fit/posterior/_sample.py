@@ -37,7 +37,7 @@ from vsh.vector import Vector
 
 
 def distances_of(options: dict[str, Any]) -> DistanceOptions:
-    """Those of the keywords that say how distances follow from redshifts."""
+    """Select the keywords on distances from redshifts."""
     return DistanceOptions(**{name: value for name, value in options.items() if name in DISTANCES})  # type: ignore[typeddict-item]
 
 
@@ -62,7 +62,7 @@ def posterior_equations(
 
 
 def _left_out(rows, given):
-    """What flows that were left out would add, as a note."""
+    """Note on what omitted flows would add."""
     sums = rows.left_out.sums(given.typical_dispersion, 0.0, rows.n_data // 2)
     size = np.sqrt(np.diag(flow_covariance(sums, np.eye(9)[:, : OMEGA.start], 1.0)))
     return (
@@ -218,7 +218,7 @@ def _data(field, rows):
 
 
 def _in_words(distances):
-    """How distances follow from redshifts, the same text in every run."""
+    """Describe how distances follow from redshifts, the same text in every run."""
     return str(
         {
             name: named_function(value) if callable(value) and not isinstance(value, type) else repr(value)
@@ -326,7 +326,7 @@ def grid(
 
 
 def of_cells(cells: Cells) -> GridPosterior:
-    """What cells say."""
+    """Summarise the cells."""
     weight, mean = cells.probability.ravel(), cells.mean
     centre = weight @ mean
     away = mean - centre

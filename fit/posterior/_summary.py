@@ -20,7 +20,7 @@ from vsh.vector import Vector
 
 
 class Interval(NamedTuple):
-    """What samples say of one quantity; the intervals leave equal parts on both sides."""
+    """Summary of the samples of a quantity; the intervals have equal tails."""
 
     median: float
     low68: float
@@ -42,7 +42,7 @@ def intervals(samples: Mapping[str, FloatArray]) -> dict[str, Interval]:
 
 
 class SampleResult(Result):
-    """What samples of velocity, H0 and acceleration say."""
+    """Samples of velocity, H0 and acceleration."""
 
     samples: Any
     frame: str
@@ -50,11 +50,11 @@ class SampleResult(Result):
 
     @property
     def n_walkers(self) -> int:
-        """How many chains the samples come from, step by step and within a step walker by walker."""
+        """Number of chains that the samples come from, step by step and within a step walker by walker."""
         raise NotImplementedError
 
     def _effective(self):
-        """How many independent samples those of each quantity are worth, by name."""
+        """Effective number of independent samples of each quantity, by name."""
         return {
             name: values.size / float(autocorrelation(self._chains(name))[0]) for name, values in self.samples.items()
         }
@@ -72,7 +72,8 @@ class SampleResult(Result):
 
     @property
     def hubble_limits(self) -> tuple[float, float] | None:
-        """One-sided 95 % limits of H0, lower and upper, where its error is too large for a ±; else None. [km/s/Mpc]"""
+        """Limits of H0: one-sided 95 % limits of H0, lower and upper, where its error is too large for a ±; else None.
+        [km/s/Mpc]"""
         low, middle, high = np.percentile(self.samples["H0"], [5, 50, 95]).tolist()
         return None if np.std(self.samples["H0"]) < _WIDE * middle else (low, high)
 
@@ -147,7 +148,7 @@ class Samples(SampleResult):
 
     @property
     def n_walkers(self) -> int:
-        """How many chains the samples come from."""
+        """Number of chains that the samples come from."""
         return self.walkers
 
     def to_arviz(self) -> Any:
@@ -203,7 +204,7 @@ def sections_of(posterior: Any, long: bool = True) -> tuple[Section, ...]:
 
 
 def _origin(posterior):
-    """Where the samples come from, as labels with words."""
+    """Facts on the origin of the samples."""
     steps, walkers, _ = posterior.chain.shape
     count = len(posterior.samples["H0"])
     if posterior.method == "grid":
@@ -286,7 +287,7 @@ def _product(posterior):
 
 
 def _at_limits(posterior, near=0.02, share=1e-3):
-    """Where the samples lean against a limit that neither data nor priors give."""
+    """Warnings where samples lean against a limit that neither data nor priors give."""
     prior, samples = posterior.model.priors.hubble, posterior.samples["H0"]
     low, high = posterior.model.priors.limits("H0")
     lines = []

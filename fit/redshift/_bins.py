@@ -226,7 +226,7 @@ def _usable_column(field, column):
 
 
 def _reach(field):
-    """How many sources have a redshift, and lists of the least and the largest, one of each part."""
+    """Count the sources with a redshift, and list the least and the largest, one of each part."""
     z = _usable_column(field, "redshift")
     return len(z), [z.min()] if z.size else [], [z.max()] if z.size else []
 
@@ -238,7 +238,7 @@ def _moments(field, rate):
 
 
 def _apart(normals, edges, columns):
-    """Each bin for itself: solutions, the covariance of their noise, which modes are free, what the flow adds."""
+    """Solve each bin by itself: solutions, the covariance of their noise, which modes are free, what the flow adds."""
     solutions = []
     for b, normal in enumerate(normals):
         try:

@@ -101,7 +101,7 @@ class Trend(Result):
 
 
 def welch(binned: Any, steps: int) -> tuple[float, float]:
-    """By what a scaled χ² is divided, and the degrees of freedom of its scale (Welch 1951), for `steps` contrasts."""
+    """Divisor of a scaled χ², and the degrees of freedom of its scale (Welch 1951), for `steps` contrasts."""
     weight, dof = information(binned)
     share = weight / weight.sum()
     spread = np.sum((1 - share) ** 2 / dof)
@@ -236,7 +236,7 @@ def sections_of(
 
 
 def _tests_section(binned, velocity, p_values):
-    """Whether the bins differ, each hypothesis with its p-values."""
+    """Section on whether the bins differ, each hypothesis with its p-values."""
     tests = {"T": ("spin alike in all bins", binned.equality("T", 1))}
     tests["S"] = ("acceleration alike in all bins", binned.equality("S", 1))
     if len(binned) > 1:
@@ -261,7 +261,7 @@ def _tests_section(binned, velocity, p_values):
 
 
 def _not_permuted(binned, p_values):
-    """Why redshifts were not permuted; nothing where they were."""
+    """Reason why redshifts were not permuted; nothing where they were."""
     if p_values is not None or len(binned) == 1:
         return ""
     if binned.modes.lmax > 1:
@@ -332,7 +332,7 @@ class BinnedSolution(Result):
 
     @property
     def quality(self) -> Quality:
-        """What χ² of all bins together says of the errors, a `fit.quality.Quality`."""
+        """Quality of all bins together by χ², a `fit.quality.Quality`."""
         return Quality(sum(s.chi2 for s in self.solutions), sum(s.dof for s in self.solutions))
 
     @property

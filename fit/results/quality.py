@@ -26,7 +26,7 @@ MANY, FEW = 100_000, 200
 
 
 class ErrorSource(StrEnum):
-    """Where the covariance of a solution comes from: what decides how its errors are named and scaled."""
+    """Source of the covariance of a solution, which decides how its errors are named and scaled."""
 
     CATALOGUE = "catalogue"
     SCALED = "catalogue, scaled"
@@ -40,7 +40,7 @@ class ErrorSource(StrEnum):
 
 @dataclass(frozen=True)
 class Quality:
-    """What a χ² says of the errors it was formed with.
+    """Test of the errors by χ².
 
     Attributes
     ----------
@@ -58,12 +58,12 @@ class Quality:
 
     @property
     def deviations(self) -> float:
-        """How far χ² is from its expectation, as a normal deviate: positive where residuals are too large."""
+        """Deviation of χ² from its expectation, as a normal deviate: positive where residuals are too large."""
         return float(normal_deviate(self.chi2, self.dof)) if self.dof > 0 and self.chi2 >= 0 else 0.0
 
     @property
     def contradicted(self) -> bool:
-        """Whether the residuals contradict the errors, in either direction."""
+        """Return whether the residuals contradict the errors, in either direction."""
         return abs(self.deviations) > SIGNIFICANT
 
     @property
@@ -72,7 +72,7 @@ class Quality:
         return float(np.sqrt(self.reduced)) if self.contradicted and self.chi2 > 0 else 1.0
 
     def warning(self) -> str | None:
-        """What a report says, or None."""
+        """Warning for a report, or None."""
         if self.dof <= 0:
             return "no degrees of freedom are left: the residuals say nothing of the errors"
         if not self.contradicted:
@@ -136,7 +136,7 @@ def norm_limit(norms: FloatArray, sigma: FloatArray, size: int, probability: flo
 
 
 def hint_of(p: float) -> str:
-    """What is said of a probability that is small, and not small enough; empty of any other."""
+    """Remark on a probability that is small, but not small enough; empty for any other."""
     return f"a hint; detections have p < {SEEN}" if SEEN <= p < 0.05 else ""
 
 

@@ -60,7 +60,7 @@ class LinearSolution(Result):
 
     @property
     def n_sources(self) -> int:
-        """How many sources were fitted."""
+        """Number of sources that were fitted."""
         return self.n_data // 2
 
     @property
@@ -80,7 +80,7 @@ class LinearSolution(Result):
 
     @property
     def quality(self) -> Quality:
-        """What χ² says of the errors, a `fit.quality.Quality`."""
+        """Quality of the fit by χ², a `fit.quality.Quality`."""
         return Quality(self.chi2, self.dof)
 
     @property
@@ -98,7 +98,7 @@ class LinearSolution(Result):
 
 
 class HarmonicSolution(LinearSolution):
-    """What a solution for coefficients says, with or without their full covariance."""
+    """Base of solutions for coefficients, with or without their full covariance."""
 
     coefficients: Coefficients
     #: Where the covariance is from, in words and as a member of `ErrorSource`; of a solution that has one.
@@ -120,12 +120,12 @@ class HarmonicSolution(LinearSolution):
 
     @property
     def n_sources(self) -> int:
-        """How many sources were fitted."""
+        """Number of sources that were fitted."""
         return self.n_data // self.modes.components
 
     @property
     def scaled(self) -> HarmonicSolution:
-        """The same solution; one with a covariance may scale its errors."""
+        """Return the solution; one with a covariance may scale its errors."""
         return self
 
     @cached_property
@@ -139,7 +139,7 @@ class HarmonicSolution(LinearSolution):
         return self.coefficients.values
 
     def model(self, field: Any) -> FloatArray:
-        """What the solution predicts at the sources of a field, (2, n), or (n,) of a scalar field. [µas/yr]"""
+        """Predict the motions at the sources of a field, (2, n), or (n,) of a scalar field. [µas/yr]"""
         return at_sources(self.coefficients, field)
 
     @property
@@ -381,7 +381,7 @@ class Solution(Summarised, HarmonicSolution):
         return f"<{type(self).__name__}: {self._lines()}>"
 
     def _lines(self):
-        """What the repr says: what was fitted, and its vectors, a line each."""
+        """Lines of the repr: what was fitted, and its vectors, a line each."""
         first = f"degree {self.modes.lmax}, {self.n_sources} sources, {self.frame}, errors: {self.error_source.value}"
         first += " and systematic floor" * self.includes_floor
         names = ("spin", "acceleration") if self.modes.components == 2 and self.modes.lowest == 1 else ()
@@ -434,7 +434,7 @@ class Solution(Summarised, HarmonicSolution):
 
     @property
     def formal(self) -> Solution:
-        """The same values with formal errors: N⁻¹ by the weights of the fit."""
+        """Solution with formal errors: N⁻¹ by the weights of the fit."""
         if self.formal_covariance is None:
             return self
         return replace(
@@ -489,7 +489,7 @@ class Solution(Summarised, HarmonicSolution):
 
     @property
     def scaled(self) -> Solution:
-        """The same solution with errors multiplied by √(χ²/dof) where χ² contradicts them, and only there."""
+        """Solution with errors multiplied by √(χ²/dof) where χ² contradicts them, and only there."""
         factor = self.quality.factor
         if factor == 1.0 or self.error_source != ErrorSource.CATALOGUE:
             return self
@@ -574,7 +574,7 @@ class Solution(Summarised, HarmonicSolution):
 
     @classmethod
     def _plain(cls, columns, rest):
-        """What every solution is made of, in the order of its attributes."""
+        """Attributes of every solution, in their order."""
         coefficients = cls._coefficients(rest["lmax"], columns["value"])
         return (
             coefficients,

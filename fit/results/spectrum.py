@@ -12,7 +12,7 @@ __all__ = ["Degree", "spectrum"]
 
 
 class Degree(NamedTuple):
-    """One kind and degree of a solution.
+    """Power of one kind and degree of a solution.
 
     `power` is as fitted, `noise` what noise alone gives on average, `error` the standard error [(µas/yr)²]; `p_value`
     the exact probability of as much signal from noise and `z` the same as a one-sided normal deviate; `mk_w` and `mk_z`
@@ -48,7 +48,8 @@ class Degree(NamedTuple):
 
 @explained
 def spectrum(solution: Any) -> list[Degree]:
-    """Every kind and degree of a solution, a list of Degree: T first, then S; from degree 0 on of a scalar field.
+    """Compute the power of every kind and degree of a solution, a list of Degree: T first, then S; from degree 0 on of
+    a scalar field.
 
     Parameters
     ----------

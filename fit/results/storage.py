@@ -35,7 +35,7 @@ __all__ = ["Result", "read"]
 
 
 def same(one: Any, two: Any) -> bool:
-    """Whether two values, arrays and sequences of them among them, are equal; nan equals nan."""
+    """Return whether two values, arrays and sequences of them among them, are equal; nan equals nan."""
     if isinstance(one, np.ndarray) or isinstance(two, np.ndarray):
         one, two = np.asarray(one), np.asarray(two)
         return one.shape == two.shape and np.array_equal(one, two, equal_nan=one.dtype.kind == "f")
@@ -82,7 +82,7 @@ def _attributes(kind):
 
 
 def decoded(plain: Any) -> Any:
-    """What `encoded` wrote."""
+    """Decode what `encoded` wrote."""
     if not isinstance(plain, dict):
         return plain
     if "array" in plain:
@@ -141,7 +141,7 @@ def exact(x: Any) -> str:
 
 
 def number(text: Any) -> Any:
-    """What `exact` wrote, as a number; anything else as it is."""
+    """Convert what `exact` wrote to a number; anything else as it is."""
     return float.fromhex(text) if isinstance(text, str) else text
 
 
@@ -166,7 +166,7 @@ _OURS = re.compile(r"fit(\.\w+)+")
 
 
 class Result(Frozen):
-    """What every result can do: report, table, figure, file, notebook.
+    """Base of all results: report, table, figure, file, notebook.
 
     A class gives `_sections(long)`, `plot()` and, where its arrays are not its table, `to_table()`. It is packed
     attribute by attribute unless it says otherwise: `_pack()` → (columns, the rest as plain values, units of
@@ -230,7 +230,7 @@ class Result(Frozen):
         return "\n".join(panel.html for panel in panels)
 
     def _plain_facts(self):
-        """What any reader of the table should see in its header."""
+        """Facts for the header of the table."""
         facts = {"frame": getattr(self, "frame", None), "n_data": getattr(self, "n_data", None)}
         return {key: value for key, value in facts.items() if isinstance(value, str | int)}
 
@@ -300,7 +300,7 @@ class Result(Frozen):
         return stored
 
     def __eq__(self, other: object) -> bool:
-        """Whether two results are of one kind and the same in every number."""
+        """Return whether two results are of one kind and the same in every number."""
         if type(other) is not type(self):
             return NotImplemented
         return all(same(getattr(self, entry.name), getattr(other, entry.name)) for entry in fields(cast(Any, self)))

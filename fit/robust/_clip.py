@@ -63,7 +63,7 @@ class Clipped(AboutSolution):
     n_clipped: int = 0
 
     def select(self, field: Field) -> Field:
-        """Those sources of a `field` in the solution's frame that agree with the fit; a step for `Parts.map`."""
+        """Select the sources of a `field` in the solution's frame that agree with the fit; a step for `Parts.map`."""
         return _select(field, partial(_distances, solution=self.solution), self.limit)
 
     def sources(self, field: Field | Parts) -> Field | Parts:
@@ -73,7 +73,7 @@ class Clipped(AboutSolution):
 
     @property
     def scatter_factor(self) -> float:
-        """By which a covariance is multiplied that was estimated from the scatter of the kept sources.
+        """Factor on a covariance that was estimated from the scatter of the kept sources.
 
         They were kept because they fit: their scatter is too small, and so seems their influence.
         """
@@ -249,13 +249,13 @@ def _select(field, distances, limit):
 
 
 def _differing(field, one, two):
-    """How many sources one fit keeps and the other does not."""
+    """Count the sources that one fit keeps and the other does not."""
     kept, before = (distances(field) <= limit for distances, limit in (one, two or one))
     return int((kept != before).sum())
 
 
 def _within(field, distances, limit):
-    """How many sources are kept, and a sum of hashes that tells one choice from another."""
+    """Count the sources that are kept, and a sum of hashes that tells one choice from another."""
     kept = distances(field) <= limit
     places = np.stack([field.lon[kept], field.lat[kept]]).view(np.uint64)
     # The finaliser of SplitMix64 (Steele et al. 2014) mixes the bits of each source's place; sums are modulo 2⁶⁴.
@@ -273,7 +273,7 @@ class _Mark(int):
 
 
 def truncation(q: float, components: int = 2) -> tuple[float, float]:
-    """What a cut at X²/2 = q does to Gaussian residuals: factors on variance and on χ²."""
+    """Effect of a cut at X²/2 = q on Gaussian residuals: factors on variance and on χ²."""
     # For two, 1 − e^{−q} and 1 − (1 + q) e^{−q}.
     kept, slope = chdtr(components, 2 * q), chdtr(components + 2, 2 * q)
     return float(kept / slope), float(slope / kept)
@@ -448,7 +448,7 @@ class _Restricted:
         return Enlarged(float(parameters[0]) * self.unit**2, float(parameters[1]) if self.scale else 1.0)
 
     def sums(self, parameters):
-        """Those over all sources, kept for whoever asks for the same again."""
+        """Sums over all sources, cached."""
         key = tuple(map(float, parameters))
         if key != self.last[0]:
             self.n_rounds += 1

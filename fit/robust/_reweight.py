@@ -84,7 +84,7 @@ class StudentT:
         return np.asarray(2 * most / (b + np.sqrt(b**2 - 4 * self.nu * most)), float)
 
     def fitted(self, sky: Parts, share: Share, words: str) -> StudentT:
-        """These weights with the likeliest ν, from the residuals and leverages at the current ν."""
+        """Update the weights with the likeliest ν, from the residuals and leverages at the current ν."""
         if not self.estimated:
             return self
         n, logs = sky.sum(partial(_log_terms, share=share), roles=(), words=words)
@@ -111,13 +111,13 @@ class Permissive:
     share_of = _share_by_steps
 
     def fitted(self, sky: Parts, share: Share, words: str) -> Permissive:
-        """The same: there is no parameter to fit."""
+        """Return the weights: there is no parameter to fit."""
         return self
 
 
 @dataclass(frozen=True)
 class Share:
-    """What weighs each source: its residual from a solution, and its share in its own fit."""
+    """Weights of the sources: for each: its residual from a solution, and its share in its own fit."""
 
     solution: Solution
     weight: Any
@@ -150,7 +150,7 @@ _MOST = 50_000
 
 
 def _log_terms(field, share):
-    """How many sources, and Σ ln(1 + X²/ν) at the nodes of ln ν, from every so many of them."""
+    """Count of sources, and Σ ln(1 + X²/ν) at the nodes of ln ν, from every so many of them."""
     step = -(-len(field) // _MOST)
     x2 = share(field if step == 1 else field[::step])[0]
     nus = np.exp(_LOW + (_HIGH - _LOW) * (_NODES + 1) / 2)

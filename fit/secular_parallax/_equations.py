@@ -79,7 +79,7 @@ class ParallaxEquations:
 
     @property
     def n_data(self) -> int:
-        """How many equations: two a source."""
+        """Number of equations: two per source."""
         return len(self.motion)
 
     @property
@@ -98,7 +98,7 @@ class ParallaxEquations:
         return float(self.rate.max())
 
     def most_sensitive(self, n_sources: int) -> ParallaxEquations:
-        """Those of so many sources whose motions tell most of peculiar velocities, by distance and error alone."""
+        """Select the sources that are most sensitive to peculiar velocities, by distance and error alone."""
         n = self.n_data // 2
         if n <= n_sources:
             return self
@@ -254,7 +254,7 @@ def _axes(field, calibration, k):
 
 @dataclass(frozen=True, eq=False)
 class ParallaxParts:
-    """The same of a catalogue in parts: the equations stay where the parts are, sums come back."""
+    """Equations of a catalogue in parts: the equations stay where the parts are, sums come back."""
 
     sky: Parts
     calibration: Calibration
@@ -270,7 +270,7 @@ class ParallaxParts:
 
     @property
     def modes(self) -> FlowModes | None:
-        """Those of the flow."""
+        """Modes of the flow."""
         return self.options.get("modes")
 
     @classmethod
@@ -296,7 +296,7 @@ class ParallaxParts:
     def sums(
         self, spread: ArrayLike = 0.0, excess_noise: ArrayLike = 0.0, *, ratio: float = 1.0, threads: int | None = None
     ) -> ParallaxSums:
-        """As `ParallaxEquations.sums`."""
+        """Compute the sums of `ParallaxEquations.sums`."""
         given = {"spread": spread, "excess_noise": excess_noise, "ratio": ratio, "threads": threads}
         work = partial(_sums_of, calibration=self.calibration, options=self.options, given=given)
         return self.sky.sum(work, roles=DISTANCES, words="secular parallax")
@@ -344,7 +344,7 @@ class FlowRows:
     sin: FloatArray
 
     def only(self, index: IntArray) -> FlowRows:
-        """Those of some sources."""
+        """Equations of some sources."""
         names = ("lon", "lat", "distance", "rate", "cos", "sin")
         return FlowRows(self.modes, *(getattr(self, name)[index] for name in names))
 
@@ -435,7 +435,7 @@ class Flow(Result):
 
 
 def _shell_mean(modes, radius):
-    """What every mode adds to the mean velocity over a shell, (3, p): (f_r + 2 f_t)/3 e for degree 1, else nothing."""
+    """Mean velocity over a shell by each mode, (3, p): (f_r + 2 f_t)/3 e for degree 1, else nothing."""
     places, quarter, far = np.array([0.0, np.pi / 2, 0.0]), np.array([0.0, 0.0, np.pi / 2]), np.full(3, radius)
     along = modes.at(places, quarter, far)[1]  # outwards on the axes x, y, z
     across = modes.at(places[:2], quarter[:2], far[:2])[0]  # on x, east is y and north z; on y, east is −x
@@ -457,7 +457,7 @@ def flow_of(
 
 
 def with_acceleration(sums: ParallaxSums, acceleration: Vector | None, frame: str) -> ParallaxSums:
-    """The same with the acceleration known from elsewhere, from quasars say."""
+    """Add a prior on the acceleration, from quasars for example."""
     if acceleration is None:
         return sums
     if not isinstance(acceleration, Vector):
@@ -473,7 +473,7 @@ def with_acceleration(sums: ParallaxSums, acceleration: Vector | None, frame: st
 
 
 def with_flow(sums: ParallaxSums, width: int, scale: FloatArray | float) -> ParallaxSums:
-    """The same with amplitudes of the modes that are `scale` on average."""
+    """Scale the prior amplitudes of the modes by `scale`."""
     matrix = sums.matrix.copy()
     modes = np.arange(width, matrix.shape[-1])
     matrix[..., modes, modes] += 1 / np.asarray(scale)[..., None] ** 2
@@ -483,7 +483,7 @@ def with_flow(sums: ParallaxSums, width: int, scale: FloatArray | float) -> Para
 
 @dataclass(frozen=True, eq=False)
 class Amplitudes:
-    """What the motions tell of a flow's modes, given the other parameters θ: mean − slope θ, and a covariance."""
+    """Estimate of the modes of a flow, given the other parameters θ: mean − slope θ, and a covariance."""
 
     mean: FloatArray
     slope: FloatArray

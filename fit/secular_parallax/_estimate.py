@@ -47,7 +47,7 @@ _MODES_LEFT_OUT = 100
 
 
 class DistanceOptions(TypedDict, total=False):
-    """How distances follow from redshifts, and what flows galaxies share: keywords of the estimators."""
+    """Options of distances and flows: keywords of the estimators."""
 
     redshift_frame: str | None
     flows: Literal["linear"] | LinearTheory | None
@@ -169,7 +169,7 @@ def modes_within(
 
 
 def undeclared(field: Field | Parts, redshift_frame: str | None) -> bool:
-    """Whether the frame of the redshifts is not given."""
+    """Return whether the frame of the redshifts is not given."""
     if redshift_frame is not None:
         return False
     first = field if isinstance(field, Field) else next(iter(field))
@@ -177,7 +177,7 @@ def undeclared(field: Field | Parts, redshift_frame: str | None) -> bool:
 
 
 def by_frame(words: Callable[[str], str], frames: Sequence[str]) -> dict[str, tuple[bool, str]]:
-    """What would be found were the redshifts in each of some frames: whether it is found, and words."""
+    """Results if the redshifts were in each of some frames."""
     words_by_frame = {}
     for frame in frames:
         try:
@@ -337,7 +337,7 @@ def _left_out(rows, dispersion, excess_noise, ratio):
 
 
 def _preferred(rows, dispersion, excess_noise, acceleration, ratio, spin):
-    """What the residuals say of the dispersion; of parts they are not at hand."""
+    """Dispersion that the residuals prefer; None for parts."""
     if not isinstance(rows, ParallaxEquations):
         return None
     return preferred_dispersion(rows, dispersion, excess_noise, acceleration, ratio, spin)

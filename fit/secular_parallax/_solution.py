@@ -98,7 +98,7 @@ def _true_row(vector, true, form, remark=""):
 
 
 def _dispersion(solution):
-    """Whether the residuals contradict the dispersion, and what they say of it."""
+    """Return whether the residuals contradict the dispersion, with words."""
     preferred = solution.preferred
     if preferred is None:
         return False, ""
@@ -132,7 +132,7 @@ def _left_out(solution):
 
 
 def _cosmic(solution):
-    """What flows that galaxies share do to the error."""
+    """Share of flows in the error, in words."""
     if solution.flow is None and solution.flow_covariance is None:
         return "too far for flows that galaxies share"
     if solution.flow is None:
@@ -213,7 +213,8 @@ class Preferred:
 
     @property
     def constrained(self) -> bool:
-        """Whether residuals constrain it: 68 % of the likelihood within a third of what was tried, not at its end."""
+        """Return whether residuals constrain it: 68 % of the likelihood within a third of what was tried, not at its
+        end."""
         return self.high - self.low < GRID[-1] / 3 and self.high < 0.95 * GRID[-1]
 
 
@@ -249,7 +250,7 @@ def preferred_dispersion(
 
 
 def _summary(log: FloatArray, taken: float) -> Preferred:
-    """From ln L on the grid."""
+    """Summarise ln L on the grid."""
     curve = CubicSpline(GRID, log)
     fine = np.linspace(0, GRID[-1], 1401)
     values = curve(fine)
@@ -294,7 +295,7 @@ def freed(estimate: Callable[..., Any], field: Any, word: str, most: float = flo
 
 @dataclass(frozen=True, eq=False)
 class ParallaxSolution(NamedSolution):
-    """What both fits have in common.
+    """Base of both fits.
 
     Attributes
     ----------
@@ -330,7 +331,7 @@ class ParallaxSolution(NamedSolution):
 
     @property
     def cosmic_share(self) -> float | None:
-        """Which share of the variance of v, or of H0, is by flows that galaxies share; None where none were fitted."""
+        """Share of the variance of v, or of H0, that is due to flows; None where none were fitted."""
         if self.flow is None or self.noise_covariance is None:
             return None
         size = 3 if self.names[0] == "v_x" else 1
@@ -365,7 +366,7 @@ class ParallaxSolution(NamedSolution):
         return {}
 
     def _motions(self, field, velocity, hubble):
-        """What a velocity and H0 predict, with acceleration and spin, (2, n)."""
+        """Predict the motions by a velocity and H0, with acceleration and spin, (2, n)."""
         p, q, _ = triad(field.lon, field.lat)
         rate = 1 / (AU_PER_YEAR * transverse_distance(field.redshift, None, hubble=hubble))
         spin = self.spin

@@ -63,7 +63,7 @@ def conjugate_gradients(
 
 
 def _condition(alphas, betas):
-    """From the coefficients of the iteration, by the Lanczos matrix they make up."""
+    """Estimate the condition from the coefficients of the iteration, by the Lanczos matrix they make up."""
     if not alphas:
         return 1.0
     alphas, betas = np.array(alphas), np.array(betas)

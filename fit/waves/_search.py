@@ -48,7 +48,7 @@ class Whitened(Frozen):
 
     @classmethod
     def of(cls, matrix: FloatArray, rhs: FloatArray, kept: BoolArray) -> Whitened:
-        """From normal equations."""
+        """Make it from normal equations."""
         try:
             free = cho_factor(matrix[np.ix_(~kept, ~kept)])
             across = matrix[np.ix_(~kept, kept)]
@@ -118,7 +118,7 @@ def p_in_words(p_value: float, n_skies: int) -> str:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class WaveSearch(Result):
-    """Every direction that one wave may travel to.
+    """Search for one wave over all directions.
 
     Attributes
     ----------
@@ -173,13 +173,13 @@ class WaveSearch(Result):
 
     @property
     def direction(self) -> tuple[float, float]:
-        """Where the best wave travels to: longitude and latitude. [deg]"""
+        """Direction that the best wave travels to: longitude and latitude. [deg]"""
         lon, lat = (float(np.degrees(each[np.argmax(self.statistic)])) for each in centres(self.nside))
         return lon % 360, lat
 
     @property
     def vector(self) -> FloatArray:
-        """The same as a unit vector k, (3,)."""
+        """Direction as a unit vector k, (3,)."""
         return triad(*np.radians(self.direction))[2]
 
     @property
@@ -559,7 +559,7 @@ def search_in_time(
 
 
 def _search(equations: TimeEquations, frequency, nside, n_skies, rng):
-    """One frequency: the search, the largest 2F of each sky of noise, and how many combinations are lost."""
+    """Search one frequency: the search, the largest 2F of each sky of noise, and how many combinations are lost."""
     modes, unseen = equations.modes, equations.unseen
     free, values, directions, kept = equations.combinations()
     if values[-1] <= 0 or kept.sum() < len(free) / 2:

@@ -72,7 +72,7 @@ def observations(
 def start_errors(
     scans: Scans, rng: Rng, *, random: float = 1e5, systematic: float = 1e4, attitude: float = 10.0
 ) -> tuple[FloatArray, FloatArray]:
-    """With which errors a solution begins; those of Bachchan, Hobbs & Lindegren (2016, section 4) unless given."""
+    """Errors with which a solution begins; those of Bachchan, Hobbs & Lindegren (2016, section 4) unless given."""
     rng = generator(rng)
     start = random * rng.standard_normal((scans.n_sources, 5))
     fields = harmonics(scans.lon, scans.lat, 3)
@@ -260,7 +260,7 @@ class Mixture(Frozen):
         return len(self.lon)
 
     def are(self, kind: str) -> BoolArray:
-        """Which sources are of a `kind`, (n,): quasars, galaxies or stars."""
+        """Mask of the sources of a `kind`, (n,): quasars, galaxies or stars."""
         return self.kind == KINDS.index(arguments.choice("kind", kind, KINDS))
 
 

@@ -13,7 +13,7 @@ _MARKS = "os^Dv"
 
 @styled
 def plot_convergence(solution: AgisSolution, stop: float = 0.05, *, ax: Axes | None = None) -> Axes:
-    """How far the low degrees are from where they end, iteration by iteration."""
+    """Plot the distance of the low degrees from where they end, iteration by iteration."""
     away = np.abs(solution.history - solution.history[-1])[:-1] / np.sqrt(np.diag(solution.formal_low))
     (axes,) = panels(ax)
     steps = np.arange(1, len(away) + 1)

@@ -72,7 +72,7 @@ def share_left(l: int, kind: Kind, basic_angle: float = np.radians(106.5)) -> fl
 
 
 class Response(InNotebook):
-    """What the attitude of a mission takes of any template, factored once.
+    """Response of the attitude of a mission to templates, factored once.
 
     Parameters
     ----------
@@ -195,7 +195,7 @@ class Response(InNotebook):
         *,
         view: IntArray | None = None,
     ) -> FloatArray:
-        """What is left along scan of every function times every mode, (k, F p), functions outermost.
+        """Compute what is left along scan of every function times every mode, (k, F p), functions outermost.
 
         Parameters
         ----------
@@ -230,7 +230,7 @@ class Response(InNotebook):
         return left
 
     def taken(self, modes: Modes, functions: Functions) -> FloatArray:
-        """What stars take up of each of the `functions` times each of the `modes`, (60 nside², F p).
+        """Compute what stars take up of each of the `functions` times each of the `modes`, (60 nside², F p).
 
         Behind it what the calibration of the basic angle takes, where it is free.
         """
@@ -291,7 +291,7 @@ class Response(InNotebook):
 
 
 def template_key(modes: Modes, functions: Functions) -> tuple[Modes, bytes]:
-    """By what templates are known: their modes, and the values of the functions of time."""
+    """Key of templates: their modes, and the values of the functions of time."""
     return modes, functions(np.linspace(-1.0, 1.0, 7)).tobytes()
 
 
@@ -301,7 +301,7 @@ def _checked(order, days):
 
 
 def _along(r, m, modes):
-    """Every mode along the scan m at r, (p, k)."""
+    """Modes along the scan m at r, (p, k)."""
     lon, lat = angles(r)
     p, q, _ = triad(lon, lat)
     basis = harmonics(lon, lat, modes)
@@ -318,7 +318,7 @@ _TOGETHER = 8
 
 
 class ExactResponse(InNotebook):
-    """What the attitude took of any template, solved for: for small problems, and to try `Response` on.
+    """Response of the attitude to templates by the joint solution: for small problems, and to try `Response` on.
 
     Parameters
     ----------
@@ -363,7 +363,8 @@ class ExactResponse(InNotebook):
         *,
         view: IntArray | None = None,  # as of Response; an attitude serves both fields of view
     ) -> FloatArray:
-        """What is left along the scan of every function of time × mode, (k, F p); arguments as of `Response.left`.
+        """Compute what is left along the scan of every function of time × mode, (k, F p); arguments as of
+        `Response.left`.
 
         Parameters
         ----------
@@ -392,7 +393,7 @@ class ExactResponse(InNotebook):
         return left
 
     def taken(self, modes: Modes, functions: Functions) -> FloatArray:
-        """What the attitude takes of each of the `functions` times each of the `modes`, kept for the next time.
+        """Compute what the attitude takes of each of the `functions` times each of the `modes`, kept for the next time.
 
         Parameters
         ----------

@@ -219,7 +219,7 @@ class AgisSolution(Frozen):
         )
 
     def rotated(self, orientation: ArrayLike, spin: ArrayLike, note: str = "") -> AgisSolution:
-        """The same solution in a frame turned back by ε₀ + ω t.
+        """Turn the solution back by ε₀ + ω t.
 
         Parameters
         ----------

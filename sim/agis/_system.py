@@ -96,7 +96,7 @@ class Equations(InNotebook):
         return of_sources - self.passes.to_sources(self.attitude_of(of_attitude)[..., None])[..., 0]
 
     def precondition(self, r: FloatArray) -> FloatArray:
-        """Each source solved for itself, with what holds global motions."""
+        """Solve each source by itself, with the constraints on global motions."""
         z = self.start @ r
         if self.motion is not None:
             g = self.motion.design
@@ -121,7 +121,7 @@ class Equations(InNotebook):
 
     @property
     def defect(self) -> int:
-        """How many motions of `null_space` no observation sees: six, three where motions are held, or none."""
+        """Number of motions of `null_space` that no observation sees: six, three where motions are held, or none."""
         if self.prior is not None:
             return 0
         return 6 if self.motion is None or self.motion.spins else 3
@@ -198,7 +198,7 @@ def _few(blocks):
 
 
 def _determinate(blocks):
-    """Whether a source's own observations determine its parameters."""
+    """Return whether a source's own observations determine its parameters."""
     scale = np.sqrt(np.maximum(np.einsum("nii->ni", blocks), 1e-300))
     return np.linalg.eigvalsh(blocks / (scale[:, :, None] * scale[:, None]))[:, 0] > _LEAST
 
@@ -297,7 +297,8 @@ class ExactErrors(Equations):
         return right
 
     def _varying(self, solved, variability, variable):
-        """What varying photocentres add: Σ over sources of aᵀ C a, a the weight of each observation in a functional."""
+        """Contribution of varying photocentres: Σ over sources of aᵀ C a, a the weight of each observation in a
+        functional."""
         scans = self.scans
         order = np.argsort(scans.source, kind="stable")  # of a source, in the order of time
         if variable is not None:
@@ -408,7 +409,7 @@ class System(ExactErrors):
         super().__init__(scans, prior, float(smoothing), motion, threads, compiled)
 
     def predict(self, sources: ArrayLike, attitude: ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """What `sources` (n, 5) and `attitude` (coefficients, 3) make of the observations. [µas, µas/yr]
+        """Predict the observations by `sources` (n, 5) and `attitude` (coefficients, 3). [µas, µas/yr]
 
         Returns
         -------
@@ -552,7 +553,7 @@ class Iteration:
         return float(np.sqrt(np.max(np.abs(self.rz) / start)))
 
     def step(self) -> None:
-        """One pass through sources and attitude."""
+        """Pass once through sources and attitude."""
         moving = self.rz > 0
         if self.conjugate:
             q = self.equations.apply(self.p)
@@ -711,7 +712,7 @@ def solve_observations(
 
 
 def _held(equations, x):
-    """What a global motion asks of parameters, (n, 5)."""
+    """Constraints of a global motion on parameters, (n, 5)."""
     out = np.zeros_like(x)
     if equations.motion is not None:
         out[:, 3:] = equations.motion.weights[:, None] * x[:, 3:] - equations.motion.pull(x[..., None])[..., 0]
@@ -719,6 +720,6 @@ def _held(equations, x):
 
 
 def _moved(history, sigma):
-    """By how many formal errors a low degree has moved in the last iterations, at most."""
+    """Largest motion of a low degree in formal errors in the last iterations, at most."""
     last = np.array(history[-REST - 1 :])
     return float(np.max(np.ptp(last, axis=0) / sigma))

@@ -235,7 +235,7 @@ def sections_of(
     options: Any,
     exact: dict[str, Any],
 ) -> list[Section]:
-    """What is printed."""
+    """Sections of the report."""
     from vsh.io.tables import table_of
 
     scans = system.scans
@@ -452,7 +452,7 @@ def _answer(system, solution, mixture):
 
 
 def _global(options, mixture):
-    """What the motions of quasars, and of galaxies, follow."""
+    """Global motion that quasars, and galaxies, follow."""
     if options.motions is None:
         return None
     factors, scatter = None, np.where(mixture.are("quasars"), options.scatter, np.inf)

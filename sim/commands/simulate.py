@@ -332,7 +332,7 @@ def _frame(options):
 
 
 def _epochs(options):
-    """Every transit of quasars, in the columns of DR4's epoch astrometry."""
+    """Write the transits of quasars, in the columns of DR4's epoch astrometry."""
     from vsh.io import tables
     from vsh.vector import Vector
 
@@ -399,13 +399,13 @@ def _finish(options, notes, meta, what):
 
 
 def _repeats(options):
-    """Beside the table: its name with run.toml for the ending."""
+    """Path of the configuration: its name with run.toml for the ending."""
     path = Path(options.output)
     return path.with_name(f"{path.name}.{parsing.NAME}")
 
 
 def _truth(vectors, options):
-    """What the table's metadata say it was made with."""
+    """Metadata with the truth of the table."""
     meta = {
         f"{name}_{axis}": float(value)
         for name, vector in vectors.items()

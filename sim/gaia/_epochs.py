@@ -53,7 +53,7 @@ def epochs(
     complete: bool = False,
     threads: int | None = None,
 ) -> Table:
-    """Every transit of a population as DR4 will publish it: a row a transit, arrays of its CCDs.
+    """Simulate the transits of a population as DR4 will publish them: one row per transit, arrays of its CCDs.
 
     Parameters
     ----------
@@ -174,7 +174,7 @@ def _identifiers(transits, time):
 
 
 def _taken(law, population, truth, transits, error, scatter, stars, rng, threads):
-    """What an attitude solved together with all sources takes of each transit. [µas]"""
+    """Part of each transit that an attitude solved together with all sources takes. [µas]"""
     from sim.agis import System, observations, scans  # numba and sparse matrices, for this alone
 
     places, measured = rng.spawn(2)
@@ -254,7 +254,7 @@ def _complete(columns: dict[str, Any], transits: Transits, magnitude: FloatArray
 
 
 def _roemer(law, time, lon, lat):
-    """By how much a signal is seen earlier at Gaia than at the Sun. [ns]"""
+    """Time by which a signal is seen earlier at Gaia than at the Sun. [ns]"""
     longitude, distance = sun_position(law.start, time)
     toward_sun = rotation_matrix("ecliptic", "icrs") @ triad(longitude, np.zeros_like(longitude))[2]
     # Gaia stands 1 % beyond the Earth, away from the Sun.

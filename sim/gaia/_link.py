@@ -210,7 +210,7 @@ _PERIOD = 4.0 / 365.25
 
 
 def colour_of(z: FloatArray) -> FloatArray:
-    """How the wavenumber follows the redshift [µm⁻¹]: emission lines, and no light beyond Lyman α from z = 2.5.
+    """Wavenumber by redshift [µm⁻¹]: emission lines, and no light beyond Lyman α from z = 2.5.
 
     A stand-in of the right size, of no table.
     """

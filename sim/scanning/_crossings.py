@@ -111,7 +111,7 @@ class Spins:
 
     @classmethod
     def of(cls, times: FloatArray, z: FloatArray, u: FloatArray, w: FloatArray) -> "Spins":
-        """From the axes at the starts."""
+        """Make it from the axes at the starts."""
         bend = float(np.abs(np.diff(z, 2)).max() / 8) if z.shape[1] > 2 else 0.0
         spin = np.arange(0, max(len(times) - 1, 1), CHUNK)[:, None] + np.arange(CHUNK + 1)
         chunks = z[:, np.minimum(spin, len(times) - 1)]
@@ -164,7 +164,7 @@ class Spins:
         return owner[order], time[order], views[order]
 
     def _near(self, r, wide):
-        """Which sources are near the scan circle in which spins, and their heights at the start and the end of each."""
+        """Find the sources near the scan circle in which spins, and their heights at the start and the end of each."""
         # Height above the circle at every eighth spin: z moves a degree in one.
         start = self.z[:, ::CHUNK][:, : len(self.reach)]
         source, chunk = np.nonzero(np.abs(r.T @ start) < wide + self.reach)
@@ -212,7 +212,7 @@ def draw_gaps(years: float, dead_time: float, rng: Rng | None) -> FloatArray:
 
 
 def alive(time: FloatArray, gaps: FloatArray) -> BoolArray:
-    """Which times lie in no gap, (n,)."""
+    """Mask of the times in no gap, (n,)."""
     before = np.searchsorted(gaps[:, 0], time, side="right") - 1
     return (before < 0) | (time >= np.append(gaps[:, 1], 0.0)[before])
 

@@ -112,7 +112,7 @@ class Precession:
         return nu
 
     def lag(self, start: float, nu: FloatArray) -> FloatArray:
-        """What Ω lacks of an even turn while ν went from `start` to `nu`. [rad]"""
+        """Part of Ω that is missing from an even turn while ν went from `start` to `nu`. [rad]"""
         return -np.cos(self.xi) * (nu - start) - np.sin(self.xi) * (self._sine(nu) - self._sine(start))
 
 
@@ -131,7 +131,7 @@ class Transits(Frozen):
         return len(self.source)
 
     def counts(self, n: int) -> IntArray:
-        """How many each of n sources has, (n,)."""
+        """Number per source, (n,)."""
         return np.bincount(self.source, minlength=n)
 
 
@@ -147,7 +147,7 @@ _MANY = 20_000
 
 @dataclass(frozen=True, eq=False)
 class NominalScanningLaw(Frozen):
-    """Where Gaia looks.
+    """The nominal scanning law of Gaia.
 
     Parameters
     ----------
@@ -277,11 +277,12 @@ class NominalScanningLaw(Frozen):
         )
 
     def compiles(self, n: int) -> bool:
-        """Whether transits of `n` sources are looked for by a compiled loop: they are many, and numba is installed."""
+        """Return whether transits of `n` sources are looked for by a compiled loop: they are many, and numba is
+        installed."""
         return n >= _MANY and there()
 
     def transits_of_block(self, lon: ArrayLike, lat: ArrayLike, *, compiled: bool = False) -> Transits:
-        """The same in one thread, for few enough `lon`, `lat` [rad] that each may meet every spin at once.
+        """Find transits in one thread, for few enough `lon`, `lat` [rad] that each may meet every spin at once.
 
         Parameters
         ----------

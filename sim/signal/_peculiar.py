@@ -265,7 +265,7 @@ def secular_parallax(velocity: ArrayLike, *, cosmology: Cosmology | None = None,
 
 @dataclass(frozen=True)
 class SwingingWave(TimeDependent):
-    """One plane gravitational wave of a frequency within the mission."""
+    """A plane gravitational wave of a frequency within the mission."""
 
     direction: FloatArray
     frequency: float
@@ -296,7 +296,7 @@ class AnyInTime(TimeDependent):
 def wave_in_time(
     direction: ArrayLike, frequency: float, plus: float, cross: float = 0.0, *, phase: float = 0.0
 ) -> Signal:
-    """One plane gravitational wave that swings within the mission, for `sim.epochs`.
+    """Make a plane gravitational wave that swings within the mission, for `sim.epochs`.
 
     Parameters
     ----------

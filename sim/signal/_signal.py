@@ -64,12 +64,12 @@ class Signal(InNotebook):
 
     @property
     def steady(self) -> Signal:
-        """What of it are proper motions."""
+        """Part that is proper motion."""
         return Signal(tuple(part for part in self.parts if not isinstance(part, TimeDependent)))
 
     @property
     def changes(self) -> bool:
-        """Whether something of it changes within the mission."""
+        """Return whether something of it changes within the mission."""
         return any(isinstance(part, TimeDependent) for part in self.parts)
 
     def displacement(self, lon: ArrayLike, lat: ArrayLike, time: ArrayLike) -> FloatArray:
@@ -125,7 +125,7 @@ class Signal(InNotebook):
         return Signal(self.parts + as_signal(other).parts)
 
     def __mul__(self, factor: Any) -> Signal:
-        """The same field, so many times as large."""
+        """Multiply the field by a number."""
         if not isinstance(factor, (int, float, np.number)):
             return NotImplemented
         return Signal(tuple(_scaled(part, number("the factor of a signal", factor)) for part in self.parts))
@@ -402,7 +402,7 @@ def random_field(power: ArrayLike, rng: Rng) -> Signal:
 
 
 def wave_background(omega: float, rng: Rng, *, hubble: float = 70.0, lmax: int = 12) -> Signal:
-    """One draw of a stochastic background of gravitational waves longer than the observations.
+    """Draw a stochastic background of gravitational waves longer than the observations.
 
     Its mean square motion is H0² Ω_GW, so that the quadrupole obeys
     Ω_GW = (6/5) P_2/(4π H0²), half of P_2 in T and half in S.
@@ -439,7 +439,7 @@ class PlaneWave:
 
 
 def plane_wave(direction: ArrayLike, plus: float, cross: float = 0.0) -> Signal:
-    """One plane gravitational wave, much longer than the observations: its motions at the Earth, exactly.
+    """Make a plane gravitational wave, much longer than the observations: its motions at the Earth, exactly.
 
     Parameters
     ----------

@@ -138,7 +138,7 @@ def _run(options):
 
 
 def _answer(rows):
-    """Which 68 % intervals have their coverage, within three errors of so few realisations, and which have not."""
+    """Name the 68 % intervals that have their coverage within three errors, and those that have not."""
     wrong = [row for row in rows if abs(row["within_68"] - 0.6827) > 3 * max(row["within_68_error"], 1e-9)]
     if not wrong:
         return [("coverage", f"68 % intervals of all {len(rows)} parameters cover as they should")]

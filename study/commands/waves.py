@@ -154,7 +154,7 @@ def _write(folder, movie):
 
 
 def _response(parts, span, options):
-    """What the attitude takes, by the law of a table or a nominal one that is laid through the epochs."""
+    """Response of the attitude, by the law of a table or a nominal one that is laid through the epochs."""
     from sim import TabulatedLaw, gaps_of
     from sim.agis import Response
 
@@ -206,7 +206,7 @@ def _axes(observations):
 
 
 def _away(observations, law):
-    """By how much the axis of the law is off, median. [rad]"""
+    """Median offset of the axis of the law. [rad]"""
     axis, time = _axes(observations)
     z = law.attitude(np.clip(time + (DR4.epoch - law.start), 0, law.years))[0]
     return np.median(np.arccos(np.clip(np.sum(axis * z, 0), -1, 1)))

@@ -244,7 +244,7 @@ class SurveyForecast(InNotebook):
         )
 
     def plot(self, *, ax: OnAxes | None = None) -> AxesArray:
-        """Every quantity by survey, a panel each; on matplotlib axes."""
+        """Plot every quantity by survey, a panel each; on matplotlib axes."""
         from study.forecast._plot import plot_forecast
 
         return plot_forecast(self, ax=ax)

@@ -126,7 +126,7 @@ class Quasars(InNotebook):
 
     @property
     def is_scaled(self) -> bool:
-        """Whether χ² scales the errors of `equations`: not where a robust fit has settled."""
+        """Return whether χ² scales the errors of `equations`: not where a robust fit has settled."""
         return self.recommended.weights is None
 
     def equations(self, chosen: Any, lmax: int, *, templates: Sequence[Template] = ()) -> NormalEquations:
@@ -268,7 +268,7 @@ _ANGLES = np.cos((np.arange(32) + 0.5) * np.pi / 32) ** 2
 
 
 def by_degree(field: Field, low: int, high: int, floor: Floor | None) -> tuple[FloatArray, FloatArray, float]:
-    """How the acceleration moves from a fit of degree `low` to one of degree `high`.
+    """Check how the acceleration moves from a fit of degree `low` to one of degree `high`.
 
     Both are linear in the same data: with M the matrix of one less the other, the move M b has the covariance
     M (τ² N + s² N₂ + N S N) Mᵀ: τ² and s² the scatter of the residuals, which holds what lies beyond the higher degree,
@@ -316,7 +316,7 @@ def _squared(field):
 
 
 def by_method(field: Field, rng: Rng = 1) -> tuple[FloatArray, FloatArray, float]:
-    """How the acceleration of degree 1 moves from least squares to Student's t, on random parts of the sources.
+    """Check how the acceleration of degree 1 moves from least squares to Student's t, on random parts of the sources.
 
     Each part gives the difference of the two; Hotelling's T² of their mean asks nothing of the errors.
 
@@ -386,12 +386,12 @@ def by_source(field: Field, lmax: int) -> tuple[int, float, float]:
 
 
 def _moves(residual, modes, whiten):
-    """By how many errors each source moves the acceleration, squared."""
+    """Squared influence of each source on the acceleration, in errors."""
     return np.sum(np.einsum("ajp,jp->ap", _seen(residual, modes, whiten), residual.whitened) ** 2, 0)
 
 
 def _seen(residual, modes, whiten):
-    """How a whitened residual moves the whitened acceleration, (3, 2, n)."""
+    """Derivative of the whitened acceleration, (3, 2, n)."""
     g = np.tensordot(whiten, harmonics(residual.lon, residual.lat, modes), 1)
     return np.einsum("aip,jip->ajp", g, _root(residual))
 

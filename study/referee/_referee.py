@@ -40,7 +40,7 @@ def _numbers(section):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Referee(InNotebook):
-    """What a careful colleague finds in a catalogue of motions of quasars.
+    """Report of a referee on a catalogue of motions of quasars.
 
     Attributes
     ----------
@@ -79,7 +79,7 @@ class Referee(InNotebook):
 
     @property
     def conclusion(self) -> str:
-        """What the checks say together."""
+        """Conclusion of all checks."""
         worst, p = self.smallest
         n = sum(bool(np.isfinite(each.p_value)) for each in self.checks)
         if worst is None:
@@ -162,7 +162,7 @@ class Referee(InNotebook):
         }
 
     def results(self) -> dict[str, Any]:
-        """Every result behind the numbers, by the name of its file."""
+        """Results behind the numbers, by the name of its file."""
         listed = {f"{each.paper.key}_{name}": result for each in self.sections for name, result in each.results.items()}
         for each in self.checks:
             listed |= {f"check_{each.key.replace(' ', '_')}_{of}": result for of, result in each.results.items()}

@@ -84,7 +84,7 @@ class Analysis(InNotebook):
 
 @dataclass(frozen=True, eq=False)
 class Check(InNotebook):
-    """One question of a referee.
+    """A question of a referee.
 
     Attributes
     ----------

@@ -165,7 +165,7 @@ _BINS = 14
 
 @dataclass(frozen=True, eq=False)
 class Asked:
-    """What a section works with."""
+    """Input of a section."""
 
     quasars: Quasars
     headline: Headline
@@ -173,7 +173,7 @@ class Asked:
 
     @cached_property
     def wave_limit(self) -> WaveLimit:
-        """With degrees from 2 on, beside both spectra of what sources share."""
+        """Limit waves with degrees from 2 on and the spectra of systematic errors."""
         normal = self.quasars.normal
         if normal.modes.lmax < 3:
             raise DegeneracyError("degree 2 alone does not tell waves from what sources share")

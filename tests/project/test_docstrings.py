@@ -196,3 +196,17 @@ def test_all_that_a_face_gives_has_an_example(face):
         and ">>>" not in (each.__doc__ or "")
     ]
     assert not lacking
+
+
+#: Openings that name no thing and no action.
+WEAK = re.compile(
+    r"(What|Which|How|Where|Whether|Why|That|It|They|The same|Those|These|So|As|By|In|Of|To|For|From|With|Up|On|At|Beside"
+    r"|Nothing|Every|Each|One|Two)\b"
+)
+
+
+@for_each(FILES, lambda path: path.relative_to(ROOT).as_posix())
+def test_docstrings_open_with_a_verb_or_a_noun(path):
+    kinds = ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef
+    nodes = [node for node in ast.walk(parsed(path)) if isinstance(node, kinds)]
+    assert [node.name for node in nodes if WEAK.match(ast.get_docstring(node) or "")] == []

@@ -237,7 +237,7 @@ def write_page(
 
 
 def of_page(path: PathName) -> str:
-    """What is said of a page with a sky that was written, and if its sky cannot be turned."""
+    """Message on a page that was written, and on a sky that cannot be turned."""
     from vsh.figures.page import STATIC, bundle
 
     return f"written to {path}" if bundle() else f"written to {path}; its sky {STATIC}"
@@ -280,7 +280,7 @@ class RunResult:
 
     @cached_property
     def tables(self) -> Mapping[str, Table]:
-        """By heading: of --json and --latex; made when they are first asked for."""
+        """Tables by heading, for --json and --latex; made when they are first asked for."""
         return self.make_tables()
 
 
@@ -308,7 +308,7 @@ def print_line(options: argparse.Namespace, text: str) -> None:
 
 @dataclass(frozen=True)
 class Part:
-    """One result of a run, with all that is made from it.
+    """A result of a run, with all that is made from it.
 
     Attributes
     ----------

@@ -160,7 +160,7 @@ def not_negative(text: str) -> float:
 
 
 def fraction(text: str) -> float:
-    """From 0 to 1."""
+    """Parse a number from 0 to 1."""
     return _number(text, lambda value: 0 <= value <= 1, "a share from 0 to 1 is wanted")
 
 
@@ -233,12 +233,12 @@ def formats(text: str) -> str:
 
 
 def figure_formats(text: str) -> list[str]:
-    """Those of `formats` that figures have; PNG where none is said."""
+    """Select the formats of figures among `formats`; PNG where there is none."""
     return [name for name in text.split(",") if name in FIGURE_FORMATS] or ["png"]
 
 
 def table_formats(text: str) -> list[str]:
-    """Those of `formats` that tables have."""
+    """Select the formats of tables among `formats`."""
     return [name for name in text.split(",") if name in TABLE_FORMATS]
 
 
@@ -289,7 +289,7 @@ NUMBER = re.compile(r"-?(0|[1-9]\d*)(\.\d+)?([eE][+-]?\d+)?")
 
 @dataclass(frozen=True)
 class Configuration:
-    """What a run was asked for."""
+    """Options of a run that can be written and read."""
 
     command: str
     options: Mapping[str, Any]
@@ -333,7 +333,7 @@ def configuration_of(path: str, command: str) -> Configuration:
 
 
 def given(parser: argparse.ArgumentParser, words: Sequence[str]) -> dict[str, Any]:
-    """What words say, as text, by the names of options without their dashes; nothing is asked for or checked."""
+    """Collect the options of a command line as text, by name; nothing is checked."""
     actions = parser._actions
     parser.usage = parser.format_usage().split(": ", 1)[1].strip()  # of the parser as it was
     for action in actions:
@@ -383,7 +383,7 @@ def merged(
 
 
 def name_of(action: argparse.Action) -> str:
-    """What a configuration calls an option: its name without dashes."""
+    """Name of an option in a configuration, without dashes."""
     return (
         action.option_strings[-1 if len(action.option_strings) < 2 else 0].lstrip("-")
         if action.option_strings
@@ -478,7 +478,7 @@ def without_folder(text: str) -> str:
 
 
 def _says(option, words):
-    """Whether an option is among the words, perhaps shortened."""
+    """Return whether an option is among the words, perhaps shortened."""
     heads = {word.partition("=")[0] for word in words}
     return any(len(head) > 4 and option.startswith(head) for head in heads)
 
@@ -501,7 +501,7 @@ def _told(word):
 
 
 def _without_secrets(value):
-    """What an option was given, its addresses without their passwords."""
+    """Value of an option, its addresses without their passwords."""
     if isinstance(value, tuple):
         return tuple(map(shown_address, value))
     return shown_address(value) if isinstance(value, str) else value

@@ -122,7 +122,7 @@ def standard_input(options: argparse.Namespace) -> Iterator[None]:
 
 
 def add_workers(parser: argparse.ArgumentParser) -> None:
-    """Where a catalogue is read and summed in parts, in every command that reads one."""
+    """Add --workers and --scheduler, to every command that reads a catalogue."""
     parser.add_argument(
         "--workers",
         type=parsing.count(1),
@@ -137,7 +137,7 @@ def add_workers(parser: argparse.ArgumentParser) -> None:
 
 
 def in_parts(options: argparse.Namespace) -> bool:
-    """Whether a command was asked to go through its catalogue in parts."""
+    """Return whether a command was asked to go through its catalogue in parts."""
     return any(getattr(options, name, None) is not None for name in ("workers", "scheduler"))
 
 

@@ -93,7 +93,7 @@ def run_safely(options: argparse.Namespace, action: Callable[[], object]) -> int
 
 
 def _inputs(options):
-    """What a run reads: files and folders that its options name, but for those it writes."""
+    """List the files and folders that a run reads."""
     named = [value for name, value in vars(options).items() if name not in (*_WRITTEN, *_NOT_ASKED)]
     texts = [each for value in named for each in (value if isinstance(value, (tuple, list)) else (value,))]
     return [text for text in texts if isinstance(text, (str, Path)) and text not in ("", "-") and os.path.lexists(text)]
@@ -134,7 +134,7 @@ def _check_log(options):
 
 @contextmanager
 def logged(options: argparse.Namespace) -> Iterator[None]:
-    """What our packages log goes to the file of --log meanwhile, begun by the command and ended by how it ended."""
+    """Write the log of our packages to the file of --log, with the command and how it ended."""
     if options.log is None:
         yield
         return
@@ -189,12 +189,12 @@ def print_text(text: object) -> None:
 
 
 def written(path: object, files: Iterable[str]) -> str:
-    """What the last line of a command says of its folder."""
+    """Last line of a command, which names its folder."""
     return f"written to {path}: {', '.join(sorted(files))}"
 
 
 def provenance(paths: Any, options: argparse.Namespace, **counts: Any) -> dict[str, Any]:
-    """Where a result comes from: files and their hashes, counts of rows, options, versions."""
+    """Provenance of a result: files and their hashes, counts of rows, options, versions."""
     import astropy
     import scipy
 

@@ -152,7 +152,7 @@ class _Rows:
         return np.array([each.decode() if isinstance(each, bytes) else str(each) for each in np.asarray(values)])
 
     def names_of_calibrators(self, n):
-        """What each row was measured against; empty where nothing says."""
+        """Names of the calibrators of the rows; empty where there is none."""
         if "calibrator" not in self.names:
             return np.full(n, "")
         _, mask = self.data[self.names["calibrator"]]

@@ -17,7 +17,7 @@ __all__ = ["Answer", "Section", "text_of"]
 
 @dataclass(frozen=True)
 class Answer:
-    """What a fit says of acceleration and spin.
+    """The lines to quote of a result.
 
     Attributes
     ----------
@@ -53,7 +53,7 @@ class Answer:
 
 @dataclass(frozen=True, eq=False)
 class Section(InNotebook):
-    """One part of a result.
+    """A section of a result.
 
     Attributes
     ----------

@@ -72,7 +72,7 @@ class FlatLCDM:
         return self.distance(np.asarray(redshift, float)) * u.Mpc
 
     def to_astropy(self) -> Any:
-        """The same cosmology as astropy's `FlatLambdaCDM`."""
+        """Convert to astropy's `FlatLambdaCDM`."""
         from astropy.cosmology import FlatLambdaCDM
 
         return FlatLambdaCDM(self.hubble, self.omega_m)
@@ -181,7 +181,7 @@ def hubble_value(cosmology: Cosmology) -> float:
 
 
 def parallax_factor(distance: ArrayLike, cosmology: Cosmology | None = None) -> FloatArray:
-    """By what sources move more by our own motion than at the same transverse distance in flat space: d_M/d_P, (n,).
+    """Ratio d_M/d_P by which our own motion moves sources more than in flat space, (n,).
 
     Our velocity moves a source by v/d_P with d_P = d_M/√(1 + Ω_k (d_M H0/c)²), its own by v/d_M (Weinberg 1972,
     Gravitation and Cosmology, sect. 14.4).
@@ -212,7 +212,7 @@ def _exact(redshift, cosmology):
 
 
 def _interpolated(redshift, cosmology, accuracy=1e-9):
-    """By a quintic spline of log(d/z) in log(1 + z), refined until it holds between its nodes."""
+    """Interpolate with a quintic spline of log(d/z) in log(1 + z), refined until it holds between its nodes."""
     low, high = np.log1p(redshift.min()), np.log1p(redshift.max()) + 1e-12
     from scipy.interpolate import make_interp_spline  # slow to import
 
@@ -337,19 +337,19 @@ FLOW_LIMIT = 1e-4
 
 
 def usable(redshift: ArrayLike, min_redshift: float = FLOW_LIMIT) -> BoolArray:
-    """Which redshifts are finite, positive and at least `min_redshift`: a mask."""
+    """Mask of redshifts that are finite, positive and at least `min_redshift`."""
     redshift = np.asarray(redshift, float)
     return np.isfinite(redshift) & (redshift > 0) & (redshift >= min_redshift)
 
 
 def count_unusable(redshift: ArrayLike, min_redshift: float = FLOW_LIMIT) -> str:
-    """How many redshifts cannot be used, and why, in words."""
+    """Describe how many redshifts cannot be used, and why."""
     counts = reasons_unusable(redshift, min_redshift)
     return ", ".join(f"{count} {reason}" for reason, count in counts.items() if count)
 
 
 def reasons_unusable(redshift: ArrayLike, min_redshift: float = FLOW_LIMIT) -> dict[str, int]:
-    """How many redshifts cannot be used, by reason."""
+    """Count the redshifts that cannot be used, by reason."""
     redshift = np.asarray(redshift, float)
     return {
         "missing": int((~np.isfinite(redshift)).sum()),

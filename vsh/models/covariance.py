@@ -120,12 +120,12 @@ def wave_fractions(lmax: int) -> FloatArray:
 
 
 def both(power: FloatArray) -> FloatArray:
-    """One power for T and S."""
+    """Spectrum with the same power for T and S."""
     return np.stack([power, power])
 
 
 def is_odd(lmax: int) -> IntArray:
-    """Whether the fields of T and S of each degree are those of a spin's parity, (2, lmax)."""
+    """Return whether the fields of T and S of each degree are those of a spin's parity, (2, lmax)."""
     odd = np.arange(1, lmax + 1) % 2 == 1
     return np.stack([odd, ~odd])
 
@@ -138,7 +138,7 @@ def cut(power: FloatArray, lmax: int, name: str) -> FloatArray:
 
 
 def without_rounding(power: FloatArray) -> FloatArray:
-    """What is negative by the rounding of an integral alone is zero."""
+    """Set to zero what is negative by the rounding of an integral alone."""
     return np.where(np.abs(power) < 1e-10 * np.abs(power).max(), 0.0, power)
 
 
@@ -190,17 +190,17 @@ class Spectrum(InNotebook):
 
     @classmethod
     def flat(cls) -> Spectrum:
-        """One power for each mode, of whatever degree: P_l = 2l + 1 in each kind."""
+        """Spectrum with the same power in every mode: P_l = 2l + 1 in each kind."""
         return cls("flat", lambda lmax: both(2 * np.arange(1.0, lmax + 1) + 1))
 
     @classmethod
     def odd(cls) -> Spectrum:
-        """One power for each mode of the fields that a spin belongs to: T of odd degrees, S of even ones."""
+        """Spectrum with the same power in every mode of the parity of a spin: T of odd degrees, S of even ones."""
         return replace(cls.flat().only("odd"), name="odd parity")
 
     @classmethod
     def even(cls) -> Spectrum:
-        """One power for each mode of the fields that a glide belongs to: S of odd degrees, T of even ones."""
+        """Spectrum with the same power in every mode of the parity of a glide: S of odd degrees, T of even ones."""
         return replace(cls.flat().only("even"), name="even parity")
 
     @classmethod
@@ -322,12 +322,12 @@ class Spectrum(InNotebook):
 
     @property
     def spin_error(self) -> float:
-        """How large a spin such a field has in each component: √(P_T1/8π). [µas/yr]"""
+        """Standard deviation of each component of the spin of such a field: √(P_T1/8π). [µas/yr]"""
         return float(np.sqrt(self.power(1)[0, 0] / (8 * np.pi)))
 
     @property
     def acceleration_error(self) -> float:
-        """How large a glide such a field has in each component: √(P_S1/8π). [µas/yr]"""
+        """Standard deviation of each component of the glide of such a field: √(P_S1/8π). [µas/yr]"""
         return float(np.sqrt(self.power(1)[1, 0] / (8 * np.pi)))
 
     def __add__(self, other: Any) -> Spectrum:
@@ -451,7 +451,7 @@ class Covariance(Frozen):
 
 
 def as_covariance(value: Any, field: Any) -> Covariance:
-    """What a user gives for the covariance of a field: a matrix or a Covariance, of as many sources."""
+    """Interpret a covariance of a field: a matrix or a Covariance, of as many sources."""
     if not isinstance(field, Field):
         raise ParameterError(f"a dense covariance is of the sources of one Field, not of {type(field).__name__}")
     matrix = value if isinstance(value, Covariance) else Covariance(value)
@@ -530,7 +530,7 @@ def of_errors(field: Field) -> Covariance:
 
 @arguments.accepts(field=arguments.a(Field))
 def from_function(field: Field, function: Callable[[FloatArray], FloatArray]) -> Covariance:
-    """What sources share that lie at an angle θ: V(θ), with motions carried along the great circle.
+    """Covariance of sources at an angle θ, V(θ), with motions carried along the great circle.
 
     Parameters
     ----------
@@ -583,7 +583,7 @@ def from_function(field: Field, function: Callable[[FloatArray], FloatArray]) ->
 
 @arguments.accepts(field=arguments.a(Field), spectrum=arguments.a(Spectrum))
 def from_spectrum(field: Field, spectrum: Spectrum, lmax: int) -> Covariance:
-    """What a random field of a given spectrum, cut at a degree, gives sources to share: A D Aᵀ.
+    """Covariance of a random field with a given spectrum, cut at a degree: A D Aᵀ.
 
     Parameters
     ----------
@@ -608,7 +608,7 @@ def from_spectrum(field: Field, spectrum: Spectrum, lmax: int) -> Covariance:
 
 @arguments.accepts(n_sources=arguments.whole)
 def from_blocks(blocks: Iterable[tuple[ArrayLike, Any]], n_sources: int) -> Covariance:
-    """What groups of sources share: those of an experiment, of a station, of a field of view."""
+    """Covariance that is common to groups of sources: of an experiment, a station, a field of view."""
     check_size(n_sources)
     matrix = np.zeros((2 * n_sources, 2 * n_sources))
     if not isinstance(blocks, Iterable):

@@ -341,7 +341,7 @@ class FlowModes(Frozen):
         )
 
     def at(self, lon: FloatArray, lat: FloatArray, distance: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """What every mode adds to the velocities of sources.
+        """Velocities of sources by each mode.
 
         Parameters
         ----------
@@ -362,7 +362,7 @@ class FlowModes(Frozen):
         return self._combined(np.asarray(lon, float), np.asarray(lat, float), across, along)
 
     def at_origin(self) -> FloatArray:
-        """What every mode adds to the velocity where we are, (3, p), along the axes of the positions. [km/s]"""
+        """Velocity where we are by each mode, (3, p), along the axes of the positions. [km/s]"""
         lon, lat = np.array([0.0, np.pi / 2, 0.0]), np.array([0.0, 0.0, np.pi / 2])  # along x, y and z
         here = np.broadcast_to(self.origin, (3, self.origin.size))
         return self._combined(lon, lat, np.zeros_like(here), here)[1]
@@ -387,7 +387,7 @@ class FlowModes(Frozen):
         return np.maximum(total - across**2 @ share / 2, 0.0), np.maximum(total - along**2 @ share, 0.0)
 
     def left_at_origin(self) -> float:
-        """The same where we are. [(km/s)²]"""
+        """Variance that is left out, where we are. [(km/s)²]"""
         return float(max(self.theory.sigma**2 - 3 / (4 * np.pi) * np.sum(self.origin**2), 0.0))
 
     @cached_property
@@ -405,7 +405,7 @@ class FlowModes(Frozen):
         return np.split(values, 2, axis=1)
 
     def _beyond(self, distance):
-        """Which distances are beyond the last radius, where no mode is."""
+        """Mask of distances beyond the last radius, where no mode is."""
         return distance > self.radii[-1] * (1 + 1e-9)
 
     def columns(self, lon: FloatArray, lat: FloatArray, distance: FloatArray, turn: FloatArray) -> FloatArray:

@@ -139,7 +139,7 @@ _SINGULAR = 1e-9
 
 @dataclass(frozen=True, eq=False, repr=False)
 class AstrometryRows(Frozen):
-    """Up to five parameters of a source, in each of n rows, by one of several catalogues (ICRS).
+    """Rows of up to five parameters of a source, in each of n rows, by one of several catalogues (ICRS).
 
     What was not measured is nan: a row may hold a position alone, or motions without a position.
 
@@ -308,7 +308,7 @@ class AstrometryRows(Frozen):
 
     @property
     def measured(self) -> BoolArray:
-        """Which of the five parameters a row has with an error, (n, 5)."""
+        """Mask of the parameters that a row has with an error, (n, 5)."""
         with np.errstate(invalid="ignore"):
             return np.isfinite(self.values.T) & (np.diagonal(self.covariance, axis1=1, axis2=2) > 0)
 

@@ -176,7 +176,7 @@ class Positions(Frozen):
         return Positions(**picked)
 
     def at_epoch(self, epoch: float | None) -> Positions:
-        """The same sources, moved to `epoch` [Julian year] along straight lines; those without motion stay.
+        """Move the sources to `epoch` [Julian year] along straight lines; those without motion stay.
 
         Raises
         ------

@@ -88,7 +88,7 @@ def random_positions(density: ArrayLike, n: int, rng: Rng) -> tuple[FloatArray, 
 
 
 def missing_pixels(values: ArrayLike) -> int:
-    """How many pixels of a map have no value: nan, masked, or healpy's UNSEEN."""
+    """Count the pixels of a map without a value: nan, masked, or healpy's UNSEEN."""
     return int(_valueless(np.ma.filled(np.ma.asarray(values, float), np.nan)).sum())
 
 

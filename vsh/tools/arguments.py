@@ -70,7 +70,7 @@ def whole(name: str, value: Any, least: int = 1) -> int:
 
 
 def choice(name: str, value: Any, choices: Sequence[Any]) -> Any:
-    """One of some words."""
+    """Check that a value is one of some words."""
     if not isinstance(choices, (tuple, list)):
         raise ParameterError(f"choices are a tuple, not {type(choices).__name__}")
     for choice in choices:
@@ -205,7 +205,7 @@ def indices(name: str, value: Any, n: int) -> IntArray:
 
 
 def read_only(array: ArrayLike) -> FloatArray:
-    """The same array through a view that cannot be written to."""
+    """View of an array that cannot be written to."""
     view = np.asarray(array).view()
     view.flags.writeable = False
     return view
@@ -264,7 +264,7 @@ def explained(function: Callable[P, T]) -> Callable[P, T]:
 
 
 def _mistyped(function, arguments, options):
-    """What to say of the first argument that is not of its annotated type, or None."""
+    """Message on the first argument that is not of its annotated type, or None."""
     try:
         bound = signature(function).bind(*arguments, **options).arguments
         hints = typing.get_type_hints(function)
@@ -278,7 +278,7 @@ def _mistyped(function, arguments, options):
 
 
 def _fits(value, hint):
-    """Whether a value may be of a type, as far as that is cheap to see."""
+    """Return whether a value may be of a type, as far as that is cheap to see."""
     if hint is Any or isinstance(hint, (TypeVar, str)):
         return True
     if hint is None or hint is type(None):
@@ -316,7 +316,7 @@ def _fits(value, hint):
 
 
 def _is_arraylike(value):
-    """Whether numbers can be made of a value; names in an array are let pass."""
+    """Return whether numbers can be made of a value; names in an array are let pass."""
     if isinstance(value, (str, bytes, bool)) or value is None:
         return False
     try:
@@ -336,7 +336,7 @@ def _is_number(value, hint):
 
 
 def _numeric(array):
-    """Whether an array of objects or of text is one of numbers after all."""
+    """Return whether an array of objects or of text is one of numbers after all."""
     if array.dtype.kind not in "OUS":
         return True
     try:

@@ -87,7 +87,8 @@ def invalid_rows(
     what: str = "proper motion",
     spans: Mapping[str, Span] | None = None,
 ) -> dict[str, BoolArray]:
-    """Why sources cannot be used: each source under its first reason; `spans` of the arrays where they are known."""
+    """Reasons why sources cannot be used: each source under its first reason; `spans` of the arrays where they are
+    known."""
     reasons: dict[str, Any] = dict(further or {})
     marks = [*reasons.values(), *([] if placeholders is None else [placeholders])]
     limits = {
@@ -133,18 +134,18 @@ def span_of(values: FloatArray) -> Span:
 
 
 def joint_span(spans: Mapping[str, Span], names: Sequence[str], factor: float) -> Span:
-    """That of several columns multiplied by a factor; nan where one is."""
+    """Span of several columns multiplied by a factor; nan where one is."""
     low, high = np.transpose([spans[name] for name in names]) * factor
     return float(low.min()), float(high.max())
 
 
 def _marks(mask):
-    """Whether a mask marks any row; where one number stands for all, it is looked at once."""
+    """Return whether a mask marks any row; where one number stands for all, it is looked at once."""
     return bool(mask[:1].any() if mask.strides == (0,) else mask.any())
 
 
 def within(span: Span, low: float, high: float) -> bool:
-    """Whether all values lie between two limits; not where one is not a number."""
+    """Return whether all values lie between two limits; not where one is not a number."""
     return bool(span[0] > low and span[1] < high)
 
 

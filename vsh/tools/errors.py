@@ -159,7 +159,7 @@ def no_name(module: str, name: str, names: list[str], otherwise: AttributeError)
 
 
 def unknown_argument(function: Callable[..., Any], error: TypeError) -> TypeError:
-    """The same error with the name that an unknown argument may have here."""
+    """Add to an error the name that an unknown argument may have."""
     given = re.fullmatch(r".*\(\) got an unexpected keyword argument '(\w+)'", str(error))
     if given is None:
         return error

@@ -110,7 +110,7 @@ def atomic_write(path: PathName) -> Iterator[Path]:
 
 
 def is_ours(path: PathName) -> bool:
-    """Whether a file carries our mark, or this process wrote it and nobody changed it since."""
+    """Return whether a file carries our mark, or this process wrote it and nobody changed it since."""
     path = Path(os.path.realpath(path))
     if not path.is_file():
         return False
@@ -125,7 +125,8 @@ def is_ours(path: PathName) -> bool:
 
 
 def as_recorded(path: PathName) -> bool | None:
-    """Whether a file is as the note or configuration beside it says, by its hash; None where none says anything."""
+    """Return whether a file is as the note or configuration beside it says, by its hash; None where none says
+    anything."""
     path = Path(path)
     notes = [path.with_name(f"{path.name}.{ending}") for ending in ("run.toml", "json")]
     hashes = [text for note in notes if note.is_file() for text in _HASH.findall(note.read_bytes()[:_LOOKED_AT])]

@@ -71,7 +71,7 @@ _ADDRESS = re.compile(_SCHEMES.pattern + r"[^\s'\"]+")
 
 
 def is_address(text: str) -> bool:
-    """Whether a text is an address."""
+    """Return whether a text is an address."""
     return _SCHEMES.match(text) is not None
 
 
@@ -86,7 +86,7 @@ def shown_addresses(text: str) -> str:
 
 
 def _shown(link):
-    """One link of a chain of addresses."""
+    """Text of one address of a chain."""
     scheme, separator, rest = link.partition("://")
     if not separator:
         return link

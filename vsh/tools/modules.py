@@ -20,7 +20,7 @@ _ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__
 
 
 def hidden() -> dict[str, str]:
-    """What hides a package of ours: its place, by the package's name."""
+    """Modules that hide our packages: their places, by name."""
     hiding = {}
     for name in _OTHERS:
         try:

@@ -40,7 +40,7 @@ class InNotebook:
         return as_html(type(self).__name__, {**rows, **self._facts()}, heading=self._heading())
 
     def _heading(self) -> str:
-        """In one line; nothing unless the class says it."""
+        """Heading in one line; nothing unless the class has one."""
         text = repr(self)  # dataclasses write their fields, which the rows say better; our own forms stand in < >
         return text.strip("<>") if text.startswith("<") and type(self).__repr__ is not object.__repr__ else ""
 

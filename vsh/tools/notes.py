@@ -50,7 +50,7 @@ class CountedNote(str):
 
     @staticmethod
     def words(counts: Mapping[str, int], total: int, names: Sequence[str]) -> str:
-        """What the note says."""
+        """Text of the note."""
         raise NotImplementedError
 
     @classmethod
@@ -79,7 +79,7 @@ class CodedNote(str):
 
 
 def has_code(note: object, *codes: str) -> bool:
-    """Whether a note has one of some codes."""
+    """Return whether a note has one of some codes."""
     return getattr(note, "code", None) in codes
 
 
@@ -99,7 +99,7 @@ class DroppedRows(CountedNote):
 
     @staticmethod
     def words(counts: Mapping[str, int], total: int, names: Sequence[str]) -> str:
-        """What the note says."""
+        """Text of the note."""
         listed = "; ".join(f"{reason}: {count}" for reason, count in counts.items())
         return f"left out {sum(counts.values())} of {total} rows{': ' if listed else ''}{listed}"
 
@@ -113,7 +113,7 @@ class NotSelected(CountedNote):
 
     @staticmethod
     def words(counts: Mapping[str, int], total: int, names: Sequence[str]) -> str:
-        """What the note says."""
+        """Text of the note."""
         missing = counts.get(MISSING, 0)
         more = f", {missing} of the others with a value missing" if missing else ""
         return f"selected {total - sum(counts.values())} of {total} rows, where {names[0]}{more}"
@@ -126,7 +126,7 @@ class WithoutRedshift(CountedNote):
 
     @staticmethod
     def words(counts: Mapping[str, int], total: int, names: Sequence[str]) -> str:
-        """What the note says."""
+        """Text of the note."""
         lost = sum(counts.values())
         listed = ", ".join(f"{count} {reason}" for reason, count in counts.items() if count)
         named = f" ({', '.join(names[:5])}{', …' if lost > 5 else ''})" if names else ""
@@ -177,12 +177,12 @@ def spoken(notes: Iterable[str]) -> tuple[str, ...]:
 
 
 def dropped(notes: Iterable[str]) -> int:
-    """How many rows the notes say were left out."""
+    """Number of rows that were left out, from the notes."""
     return _counted(notes, DroppedRows)
 
 
 def unselected(notes: Iterable[str]) -> int:
-    """How many rows the notes say a condition left out."""
+    """Number of rows that a condition left out, from the notes."""
     return _counted(notes, NotSelected)
 
 

@@ -53,7 +53,7 @@ def progress_bar(
 
 
 class _NoBar:
-    """What is used of a progress bar, where nobody sees one."""
+    """Stand-in for a progress bar that nobody sees."""
 
     def __init__(self, things: Iterable[Any] | None) -> None:
         self._things = things
@@ -90,7 +90,7 @@ def limited(threads: int | None = None) -> Iterator[None]:
 
 
 def cores(threads: int | None = None) -> int:
-    """How many threads to use: `threads`, the limit that is set, or one for each core this process may run on."""
+    """Number of threads to use: `threads`, the limit that is set, or one for each core this process may run on."""
     wanted = threads or _LIMIT.get()
     if wanted:
         return wanted
@@ -154,7 +154,7 @@ def ended_if_interrupted() -> Iterator[None]:
 
 
 def ahead(things: Iterator[T]) -> Iterator[T]:
-    """The same things, each made in a thread while the one before it is used."""
+    """Iterate over items, each made in a thread while the one before it is used."""
     with ThreadPoolExecutor(1) as pool:
         following = pool.submit(next, things, _NOTHING)
         while (thing := following.result()) is not _NOTHING:

@@ -61,7 +61,7 @@ def printing() -> Iterator[None]:
 
 
 def silence() -> None:
-    """Nothing more goes to standard output, and what waits to go there goes nowhere, not when Python ends either."""
+    """Discard what is or waits to be written to standard output, also when Python ends."""
     nowhere = os.open(os.devnull, os.O_WRONLY)
     with contextlib.suppress(OSError, ValueError, AttributeError):
         os.dup2(nowhere, sys.stdout.fileno())
@@ -78,7 +78,7 @@ def silence_if_broken() -> None:
 
 
 def system_words(error: OSError) -> str:
-    """What the system says, and of which file."""
+    """Message of the system, with its file."""
     place = f": {error.filename}" if error.filename else ""
     if error.errno == errno.ENOSPC:
         return f"the disk is full{place}"
@@ -153,12 +153,12 @@ def logged(words: str) -> Callable[[Callable[_P, _T]], Callable[_P, _T]]:
 
 
 def log_result(logger: logging.Logger, words: str, result: object, begin: float) -> None:
-    """The same where a decorator would stand between a warning and whom it is for."""
+    """Log a result where a decorator would stand between a warning and its caller."""
     if not _INSIDE.get():
         logger.info("%s: %s, %.3g s", words, _short(result), time.perf_counter() - begin)
 
 
 def _short(result):
-    """In one line."""
+    """Shorten to one line."""
     lines = repr(result).strip("<>").splitlines()
     return lines[0] if len(lines) == 1 and len(lines[0]) < 200 else type(result).__name__

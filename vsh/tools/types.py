@@ -22,7 +22,7 @@ else:  # not imported for their names
 
 
 class Cosmology(Protocol):
-    """What is asked of a cosmology: one of astropy's, or `FLAT_PLANCK13` and its like."""
+    """Interface of a cosmology: one of astropy's, or `FLAT_PLANCK13` and its like."""
 
     @property
     def H0(self) -> Any:

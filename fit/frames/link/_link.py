@@ -148,7 +148,7 @@ def _offsets(astrometry, reference):
 
 
 def _prior(priors, unknowns):
-    """What is known from elsewhere as a normal matrix and its right-hand side."""
+    """Prior as a normal matrix and its right-hand side."""
     p = len(unknowns.names)
     matrix, rhs = np.zeros((p, p)), np.zeros(p)
     for each in priors:
@@ -199,7 +199,7 @@ _PLACES, _BESIDE = 12, 6
 
 @dataclass(frozen=True, eq=False)
 class StepSearch(FrameResult):
-    """How probable each magnitude is as the place of a jump, and whether there is one.
+    """Search for the magnitude of a jump, and whether there is one.
 
     Attributes
     ----------
@@ -240,7 +240,7 @@ class StepSearch(FrameResult):
 
     @property
     def pairs(self) -> tuple[tuple[str, str], ...]:
-        """Each catalogue that is turned, less the reference."""
+        """Pairs of each catalogue that is turned with the reference."""
         return self.solution.pairs
 
     def vectors(self, one: str | None = None, two: str | None = None) -> dict[str, Vector]:
@@ -260,7 +260,7 @@ class StepSearch(FrameResult):
 
     @property
     def interval(self) -> tuple[float, float]:
-        """What the most probable places that hold 68 % together span, each half way to those beside it."""
+        """Range of the most probable places with 68 % together, each half way to those beside it."""
         order = np.argsort(-self.probability, kind="stable")
         held = np.searchsorted(np.cumsum(self.probability[order]), 0.68) + 1
         chosen = order[:held]

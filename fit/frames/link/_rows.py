@@ -129,7 +129,7 @@ _ZERO = {"magnitude": 13.0, "colour": 1.0}
 
 @dataclass(frozen=True)
 class Unknowns(InNotebook):
-    """Which vectors are sought, and how those of the frame change with magnitude and colour.
+    """Unknowns of a link: its vectors, and how they change with magnitude and colour.
 
     Attributes
     ----------
@@ -204,14 +204,15 @@ class Unknowns(InNotebook):
         return np.array(rows)
 
     def jump(self, vector: str, catalogue: str, step: float) -> FloatArray:
-        """What of the parameters makes the jump of a `vector` of one `catalogue` at a `step`, (3, p)."""
+        """Linear combination of the parameters for the jump of a `vector` of one `catalogue` at a `step`, (3, p)."""
         at = self.combination(vector, catalogue, step)
         return at - self.combination(vector, catalogue, np.nextafter(step, -np.inf))
 
     def combination(
         self, vector: str, catalogue: str, magnitude: float | None = None, colour: float | None = None
     ) -> FloatArray:
-        """What of the parameters makes a vector of one catalogue at a magnitude, (3, p); the constants unless given.
+        """Linear combination of the parameters for a vector of one catalogue at a magnitude, (3, p); the constants
+        unless given.
 
         Parameters
         ----------
@@ -322,18 +323,18 @@ class Rows:
 
     @cached_property
     def dims(self) -> IntArray:
-        """How many differences each source has."""
+        """Number of differences per source."""
         return np.bincount(self.source, minlength=len(self.names))
 
     @property
     def parts(self) -> list[slice]:
-        """Where the differences of each source are: they stand together."""
+        """Slices of the differences of each source: they stand together."""
         ends = np.cumsum(self.dims)
         return [slice(end - size, end) for end, size in zip(ends.tolist(), self.dims.tolist(), strict=True)]
 
 
 class _Left(NamedTuple):
-    """What one group leaves: its number, differences of unit variance, and half of ln of the determinant."""
+    """Data that one group leaves: its number, differences of unit variance, and half of ln of the determinant."""
 
     group: int
     design: FloatArray
@@ -409,7 +410,7 @@ class Equations:
         ]
 
     def _left(self, members, excess, across, reference):
-        """What is left of groups of one shape when their true parameters are eliminated."""
+        """Eliminate the true parameters of groups of one shape."""
         data, rows = self.data, np.array([self.rows[k] for k in members])
         keep = data.measured[rows[0]]
         n, m = len(rows), int(keep.sum())
@@ -446,7 +447,7 @@ class Equations:
             yield _Left(int(members[i]), free @ a[i], free @ y[i], float(size[i]))
 
     def _magnitude(self, rows):
-        """That of a source, or the mean of several."""
+        """Magnitude of a source, or the mean of several."""
         known = self.data.magnitude[rows][np.isfinite(self.data.magnitude[rows])]
         return known.mean() if known.size else np.nan
 

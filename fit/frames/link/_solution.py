@@ -340,7 +340,7 @@ class LinkSolution(FrameResult, NamedSolution):
 
     @property
     def pairs(self) -> tuple[tuple[str, str], ...]:
-        """Each catalogue that is turned, less the reference."""
+        """Pairs of each catalogue that is turned with the reference."""
         return tuple((name, self.reference) for name in self.unknowns.turned)
 
     def vectors(self, one: str | None = None, two: str | None = None) -> dict[str, Vector]:

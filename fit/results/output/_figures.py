@@ -206,7 +206,7 @@ def plot_residuals(
     weights: FloatArray | None = None,
     ax: Axes | None = None,
 ) -> Axes:
-    """Where residuals are larger or smaller than their errors say, as a normal deviate of χ² in each HEALPix pixel.
+    """Map where residuals are larger or smaller than their errors, as a normal deviate of χ² in each HEALPix pixel.
 
     Between −2 and 2 in 95 % of the pixels where the errors are right.
 

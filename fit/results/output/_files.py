@@ -106,7 +106,7 @@ def _powers(solution, style):
 
 
 def _caption(solution, answer):
-    """What was fitted to what, and the answer where the vectors have one."""
+    """Caption: what was fitted to what, and the answer where the vectors have one."""
     what = " and ".join(reversed(vectors_of(solution))).capitalize()
     frame = "ICRS" if solution.frame == "icrs" else solution.frame
     facts = [

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 
 class VectorRow(NamedTuple):
-    """One line of the table of vectors."""
+    """A row of the table of vectors."""
 
     name: str
     cells: tuple
@@ -62,7 +62,7 @@ def vectors_of(solution: Any) -> dict[str, Vector]:
 
 
 def is_scalar(solution: Any) -> bool:
-    """Whether it is of a scalar field, which has a mean and a dipole in place of spin and acceleration."""
+    """Return whether it is of a scalar field, which has a mean and a dipole in place of spin and acceleration."""
     return solution.modes.components == 1
 
 
@@ -72,7 +72,7 @@ def squared(solution: Any) -> str:
 
 
 def pulls(vector: Vector, true: Vector) -> FloatArray:
-    """How far a fit is from the truth in its own errors, (3,): positive where the fit is larger."""
+    """Deviation of a fit from the truth in its own errors, (3,): positive where the fit is larger."""
     return (vector.value - true.to_frame(vector.frame).value) / vector.sigma
 
 
@@ -96,19 +96,19 @@ def amplitude(vector: Vector) -> str:
 
 
 def is_seen(vector: Vector) -> bool:
-    """Whether a vector is detected: whether there is an amplitude and a direction to speak of."""
+    """Return whether a vector is detected: whether there is an amplitude and a direction to speak of."""
     return bool(vector.p_value < SEEN)
 
 
 def place(vector: Vector) -> str:
-    """Where a vector points, with its cone of 68 %: "α = 269°, δ = −28° (± 7°)"."""
+    """Direction of a vector with its cone of 68 %: "α = 269°, δ = −28° (± 7°)"."""
     names = ANGLES[vector.frame]
     listed = ", ".join(f"{name} = {value:.0f}°" for name, value in zip(names, vector.direction, strict=True))
     return f"{listed} (± {vector.direction_cone():.0f}°)"
 
 
 def direction(vector: Vector) -> str:
-    """Where a vector points, named after the frame: with errors, or with a cone where they are large."""
+    """Direction of a vector, named after the frame: with errors, or with a cone where they are large."""
     names = ANGLES[vector.frame]
     errors = vector.direction_error
     if not vector.amplitude_error > 0 or (is_seen(vector) and max(errors) <= 40):
@@ -118,7 +118,7 @@ def direction(vector: Vector) -> str:
 
 
 class PowerRow(NamedTuple):
-    """One line of the table of powers, as text."""
+    """A row of the table of powers, as text."""
 
     degree: str
     power: str
@@ -215,7 +215,7 @@ def powers_table(solution: Any) -> Table:
 
 
 def _squared(unit):
-    """As astropy writes it: uas2 / yr2."""
+    """Square a unit as astropy writes it: uas2 / yr2."""
     return " / ".join(f"{part.strip()}2" for part in unit.split("/")) if unit else ""
 
 
@@ -236,7 +236,7 @@ _WRONG = 30.0
 
 @explained
 def answer_of(solution: Any) -> Answer:
-    """What a fit says of acceleration and spin, with the errors of its own table.
+    """Lines to quote on acceleration and spin, with the errors of its own table.
 
     Parameters
     ----------
@@ -263,7 +263,7 @@ def answer_of(solution: Any) -> Answer:
 
 
 def error_factor(solution: Any) -> float:
-    """By how much residuals exceed the errors of the catalogue; 1 where χ² does not contradict those."""
+    """Factor by which residuals exceed the errors of the catalogue; 1 where χ² does not contradict those."""
     return max(solution.quality.factor, 1.0) if solution.error_source == ErrorSource.CATALOGUE else 1.0
 
 
@@ -278,7 +278,7 @@ def words_of(vector: Vector) -> str:
 
 
 def _distance(acceleration: Vector) -> str:
-    """How far an acceleration is from that of Gaia EDR3, in standard deviations of both together."""
+    """Distance of an acceleration from that of Gaia EDR3, in standard deviations of both together."""
     gaia = GAIA_EDR3.to_frame(acceleration.frame)
     whole = acceleration.covariance + gaia.covariance
     dof = acceleration.dof * (np.trace(whole) / np.trace(acceleration.covariance)) ** 2  # Satterthwaite (1946)
@@ -290,7 +290,7 @@ def _distance(acceleration: Vector) -> str:
 
 
 def _errors(solution: Any) -> str:
-    """What the errors are, what they leave out, and what to be careful of."""
+    """Describe the errors, what they leave out, and what to be careful of."""
     words = f"{_NAMES[ErrorSource(solution.error_source)]}, degree {solution.modes.lmax}"
     if solution.error_source == ErrorSource.SCALED and not solution.includes_floor:
         words += f", {solution.quality.factor:.3g} times the formal errors"
@@ -350,7 +350,7 @@ def _title(solution, source):
 
 
 def _details(solution):
-    """What was fitted and where the errors come from, as labels with words."""
+    """Facts on the fit and the source of its errors."""
     facts = [("fit", what_of(solution)), ("coefficients", f"{len(solution.modes)}")]
     if np.isfinite(solution.chi2):
         whose = "" if solution.error_source == ErrorSource.CATALOGUE else " (by the catalogue's errors)"
@@ -359,7 +359,7 @@ def _details(solution):
 
 
 def what_of(solution: Any) -> str:
-    """What a solution is of, as the first words of its page."""
+    """Subject of a solution, the title of its page."""
     if is_scalar(solution):
         return f"Spherical harmonics of a scalar field{', in ' * bool(solution.unit)}{solution.unit}"
     return f"Vector spherical harmonics of {'differences of position' if solution.unit == 'µas' else 'proper motions'}"
@@ -370,7 +370,7 @@ _FEW = 4
 
 
 def warnings_of(solution: Any) -> list[tuple[str, str]]:
-    """What the reader of any form of a solution should know of its errors: pairs of a label and a sentence."""
+    """Warnings on the errors of a solution, for all of its forms: pairs of a label and a sentence."""
     warnings = []
     warning = solution.quality.warning()
     if warning and solution.error_source == ErrorSource.CATALOGUE:
@@ -436,7 +436,7 @@ def _vectors(solution, truth, long):
 
 
 def _directions(solution):
-    """Where the vectors that are detected point, in two frames."""
+    """Directions of the detected vectors, in two frames."""
     lines = []
     for name, vector in vectors_of(solution).items():
         if is_seen(vector) or not vector.amplitude_error > 0:
@@ -481,7 +481,7 @@ def _degrees(solution):
 
 
 def check_sections(check: Any) -> tuple[Section, ...]:
-    """Whether two solvers agree, as a section."""
+    """Section on whether two solvers agree."""
     on = f"on the same {check.frame.n_sources} sources"
     if check.largest < AGREE:
         words = (

@@ -33,7 +33,7 @@ class CompiledPasses:
         self.bounds = list(pairwise(bounds.tolist()))
 
     def _transits(self, part=slice(None)):
-        """What kernels take of some transits, which they count from zero."""
+        """Arguments of the kernels for some transits, which they count from zero."""
         return (*(column[part] for column in self.columns), self.table, self.spacing, self.middle)
 
     def _map(self, work: Callable[[int, int, int, int], Any]):
@@ -75,7 +75,7 @@ class CompiledPasses:
         return _sum(self._map(work))[self.rank]
 
     def predict(self, x: FloatArray, h: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """What the parameters make of the observations."""
+        """Predict the observations by the parameters."""
         along, across = (self.array(len(self.columns[0])) for _ in range(2))
         x, h, transits = x[self.order][..., None], np.ascontiguousarray(h)[..., None], self._transits()
         parts = self._map(lambda start, stop, first, last: _kernels.predict(start, stop, x, h, along, across, transits))

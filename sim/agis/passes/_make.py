@@ -64,7 +64,7 @@ class SparsePasses:
         return (self.sources.T @ seen).reshape(-1, 5, h.shape[-1])
 
     def predict(self, x: FloatArray, h: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """What the parameters make of the observations."""
+        """Predict the observations by the parameters."""
         along, across = np.split(self.sources @ x.ravel() + self.attitude @ h.ravel(), 2)
         return along, across
 
@@ -94,7 +94,7 @@ class SparsePasses:
 
 
 class Passes(Protocol):
-    """What passes over the observations of some transits do; x are of sources, h of the attitude."""
+    """Passes over the observations of some transits; x are of sources, h of the attitude."""
 
     def to_attitude(self, x: FloatArray) -> FloatArray:
         """Cᵀ x, (coefficients, 3, K)."""
@@ -105,7 +105,7 @@ class Passes(Protocol):
         ...
 
     def predict(self, x: FloatArray, h: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """What parameters make of the observations: along and across, (k,) each."""
+        """Predict the observations by the parameters: along and across, (k,) each."""
         ...
 
     def adjoint(

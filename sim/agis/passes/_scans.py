@@ -45,7 +45,7 @@ _SAMPLE = 300
 
 @dataclass(frozen=True)
 class Plan(InNotebook):
-    """What a joint solution would take."""
+    """Cost of a joint solution."""
 
     transits: float
     coefficients: float
@@ -56,7 +56,7 @@ class Plan(InNotebook):
 
     @property
     def memory_on_disk(self) -> float:
-        """The same where transits, observations and the factor of the attitude are on disk. [bytes]"""
+        """Memory where transits, observations and the factor of the attitude are on disk. [bytes]"""
         return self.memory - self.disk
 
     def __str__(self) -> str:
@@ -75,7 +75,7 @@ class Plan(InNotebook):
     knots=arguments.positive,
 )
 def plan(law: NominalScanningLaw, lon: ArrayLike, lat: ArrayLike, knots: float = 30.0, *, ccds: int = 1) -> Plan:
-    """What the joint solution of some sources would take.
+    """Estimate the cost of the joint solution of some sources.
 
     Parameters
     ----------
@@ -211,7 +211,7 @@ class Scans(Frozen):
 
     @property
     def n_sources(self) -> int:
-        """How many sources, n."""
+        """Number of sources, n."""
         return len(self.lon)
 
     @property
@@ -274,7 +274,7 @@ def scans(
     threads: int | None = None,
     progress: bool = False,
 ) -> Scans:
-    """Every transit of some sources through a mission, in the order of time.
+    """Compute the transits of some sources through a mission, in the order of time.
 
     Parameters
     ----------

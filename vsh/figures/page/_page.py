@@ -145,7 +145,7 @@ def preformatted(text: str, label: str = "report") -> Panel:
 
 
 def provenance(facts: Mapping[str, Any], command: Sequence[str] | None = None) -> Panel:
-    """Where a result comes from, and the command that repeats it."""
+    """Show the provenance of a result, and the command that repeats it."""
     if not facts:
         return Panel("")
     rows = []
@@ -191,7 +191,7 @@ $scripts
 
 @explained
 def page(title: str, panels: Iterable[Panel], *, lead: str = "") -> str:
-    """One HTML file of panels, which asks for nothing from any network.
+    """Assemble panels into one HTML file that needs no network.
 
     Parameters
     ----------
@@ -250,7 +250,7 @@ def write_page(path: PathName, text: str) -> None:
 
 
 def is_page(path: PathName) -> bool:
-    """Whether a file is a page that `write_page` wrote, and as it was written."""
+    """Return whether a file is a page that `write_page` wrote, and as it was written."""
     try:
         text = Path(path).read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError):
@@ -292,7 +292,7 @@ class Shown:
 
 
 def sky(*shown: Shown) -> Panel:
-    """One or two solutions on a sky that can be turned; nothing where the package was built without d3.
+    """Show one or two solutions on a sky that can be turned; nothing where the package was built without d3.
 
     Parameters
     ----------
@@ -441,7 +441,7 @@ class Framed:
 
 
 def widget(*shown: Shown, height: int = 720, static: Callable[[], bytes] | None = None) -> Any:
-    """One or two solutions on a sky that can be turned, for the last line of a notebook's cell.
+    """Show one or two solutions on a sky that can be turned, as the last line of a notebook's cell.
 
     Parameters
     ----------

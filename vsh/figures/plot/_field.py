@@ -137,7 +137,7 @@ def draw_key(axes: SkyAxes, largest: float, unit: str, longest: float = LONGEST)
 def arrow_lines(
     axes: SkyAxes, lon: FloatArray, lat: FloatArray, motion: FloatArray, length: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Each arrow's points on the map, tail to tip."""
+    """Points of each arrow on the map, tail to tip."""
     p, q, r = triad(lon, lat)
     east, north = motion / np.hypot(*motion)
     along = east * p + north * q
@@ -237,7 +237,7 @@ def significance_of(motion: FloatArray, basis: FloatArray, covariance: FloatArra
 
 
 def _is_seen(values: FloatArray, covariance: FloatArray) -> bool:
-    """Whether noise alone gives such coefficients in less than 0.27 % of skies."""
+    """Return whether noise alone gives such coefficients in less than 0.27 % of skies."""
     if not np.isfinite(covariance).all():
         return False
     return bool(chdtrc(len(values), values @ np.linalg.solve(covariance, values)) < SEEN)

@@ -56,7 +56,7 @@ class SkyAxes(WCSAxes):
 
     @property
     def is_whole(self) -> bool:
-        """Whether all of the sky is shown, and not the half about the centre."""
+        """Return whether all of the sky is shown, and not the half about the centre."""
         return self.projection_name in _WHOLE
 
     def project(self, lon: ArrayLike, lat: ArrayLike) -> tuple[FloatArray, FloatArray]:
@@ -81,7 +81,7 @@ class SkyAxes(WCSAxes):
         return xy.reshape(*lon.shape, 2), native.reshape(lon.shape)
 
     def sky_of(self, x: ArrayLike, y: ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """Where on the sky the pixels `x`, `y` of the map are, (n,).
+        """Positions on the sky of the pixels `x`, `y` of the map, (n,).
 
         Returns
         -------
@@ -93,7 +93,7 @@ class SkyAxes(WCSAxes):
         return lon, lat
 
     def of_native(self, phi: ArrayLike, theta: ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """Where on the sky a place of the map's own coordinates is.
+        """Position on the sky of a place in the map's own coordinates.
 
         Parameters
         ----------
@@ -259,7 +259,7 @@ def _graticule(axes):
 
 
 def _inside(axes, x, y, half):
-    """Whether a label is within the map's ellipse."""
+    """Return whether a label is within the map's ellipse."""
     high, wide = axes.wcs.array_shape
     reach = max(abs(x - half - wide / 2), abs(x + half - wide / 2)) / (wide / 2)
     return reach**2 + ((abs(y - high / 2) + 0.5 * _SIZE * _POINT) / (high / 2)) ** 2 < 1
@@ -316,7 +316,7 @@ def draw_line(axes: SkyAxes, lon: FloatArray, lat: FloatArray, **style: Any) -> 
 def draw_direction(
     axes: SkyAxes, vector: Vector, label: str, color: str = "#d55e00", *, probability: float = 0.68
 ) -> Any:
-    """Where a vector points, and the cone that holds its true direction; nothing where that is not known.
+    """Mark the direction of a vector with its cone of confidence; nothing where it is not known.
 
     Parameters
     ----------

@@ -31,7 +31,7 @@ from vsh.tools.types import PathName, Table
 
 @dataclass(frozen=True)
 class DataRelease(InNotebook):
-    """What one release calls things, and when it was observed.
+    """A data release: the names of its tables, and its epoch.
 
     Attributes
     ----------
@@ -178,7 +178,7 @@ _ALIASED = re.compile(r"\b([A-Za-z])\.([A-Za-z_]\w*)")
 
 @dataclass(frozen=True)
 class SchemaCheck(InNotebook):
-    """Which of our queries run in a schema, and which names are not there.
+    """Check of a schema: which queries run, and which names are missing.
 
     Attributes
     ----------
@@ -195,7 +195,7 @@ class SchemaCheck(InNotebook):
     missing: dict[str, tuple[tuple[str, str | None], ...]]
 
     def sections(self) -> tuple[Section, ...]:
-        """Which queries run, and the names that changed."""
+        """Sections on the queries that run and the names that changed."""
         facts = [(name, "does not run" if absent else "runs") for name, absent in self.missing.items()]
         table = self.to_table() if any(self.missing.values()) else None
         return (Section(f"{self.schema}: {self.n_tables} tables, {self.n_columns} columns", facts, table),)
@@ -260,7 +260,7 @@ def _columns(schema, url):
 
 
 def _missing(adql, schema, known):
-    """What a query asks of a schema that it lacks, with the nearest names."""
+    """Names of a query that a schema lacks, with the nearest ones."""
     absent: list[tuple[str, str | None]] = []
     places = {alias: table.lower() for table, alias in _TABLES.findall(adql) if table.lower().startswith(f"{schema}.")}
     for table in dict.fromkeys(places.values()):
@@ -367,7 +367,7 @@ def _is_whole(path, sha):
 
 
 def _one(ids, k, folder, asked, patience):
-    """One batch: its files, and their hashes."""
+    """Fetch a batch: its files, and their hashes."""
     form = {
         "ID": ",".join(map(str, ids)), "RETRIEVAL_TYPE": asked["retrieval_type"], "FORMAT": "votable",
         "DATA_STRUCTURE": asked["structure"], "RELEASE": asked["release"], "VALID_DATA": "false",

@@ -202,7 +202,7 @@ def _soon(end=None):
 
 
 def _some(answer, size, end):
-    """At most so many bytes of an answer; one that trickles is given up at `end`."""
+    """Read a limited number of bytes of an answer, until `end` at the latest."""
     body = b""
     while len(body) < size and (more := answer.read1(size - len(body))):
         body += more
@@ -277,7 +277,7 @@ def _check_room(size, part, most):
 
 
 def _rows(part, max_rows):
-    """How many rows the table has, once it is known to be whole."""
+    """Count the rows of the table, once it is known to be complete."""
     with part.open("rb") as file:
         start = file.read(_BLOCK)
     if start.lstrip()[:5] in (b"<?xml", b"<VOTA"):  # TAP's way to say that something is wrong
@@ -329,7 +329,7 @@ def _open(url, form=None, end=None):
 
 
 def _message(body):
-    """What a VOTable, XML or plain text says of an error, in one line."""
+    """Extract the error message of a VOTable, XML or plain text, in one line."""
     text = body.decode("utf-8", "replace")
     try:
         elements = list(ElementTree.fromstring(text).iter())

@@ -47,7 +47,7 @@ _OTHER_FRAMES |= dict.fromkeys(("elon", "elat", "ecl_lon", "ecl_lat"), "ecliptic
 
 
 def as_columns(columns: Any) -> Wanted:
-    """What a user says of columns: None (whatever set of names fits), the name of a set, role to name, or Columns."""
+    """Interpret a choice of columns: None (any known set of names), the name of a set, role to name, or Columns."""
     if columns is None:
         return Wanted()
     if isinstance(columns, Wanted):
@@ -73,7 +73,7 @@ def as_columns(columns: Any) -> Wanted:
 
 
 def locate(wanted: Wanted, source: TableSource) -> tuple[dict[str, str], list[str]]:
-    """From what a field needs to the names of a table's columns, and notes."""
+    """Find the columns of a table that a field needs, and notes."""
     where, notes, absent = {}, [], []
     columns, known = wanted.among(source.names)
     for f in fields(Columns):
@@ -152,7 +152,7 @@ def redshift_frame_of(where: Mapping[str, str], source: TableSource) -> str | No
 
 
 def missing_column(name: str | None, source: TableSource) -> str:
-    """What is said of a column that is not there, with the names nearest to it."""
+    """Message on a column that is missing, with the nearest names."""
     names = [each for each in source.names if not each.startswith(ASSUMED)]
     near = [each for each in names if each.lower() == str(name).lower()]
     near = near or get_close_matches(str(name), names[:2000], n=3, cutoff=0.6)
@@ -265,7 +265,7 @@ def nothing_selected(notes: Iterable[str]) -> NothingSelectedError:
 def factors(
     where: Mapping[str, str], units: Mapping[str, Any] | None, source: TableSource, usual: str | None = None
 ) -> Any:
-    """By which each column of positions, motions and errors is multiplied, and notes on units that were assumed."""
+    """Factors on the columns of positions, motions and errors, and notes on units that were assumed."""
     units = {str(name).strip(): unit for name, unit in (units or {}).items()}
     for name in units:
         if name not in source.names:
@@ -347,7 +347,7 @@ def _parsed(unit):
 
 
 def unit_factor(name: str, unit: Any, wanted: str) -> float:
-    """By which a column in a unit is multiplied to be in another; 1 where it has none."""
+    """Factor from one unit to another; 1 where a column has none."""
     return 1.0 if unit is None or not str(unit).strip() else _factor(name, unit, u.Unit(wanted), False)
 
 

@@ -20,7 +20,7 @@ from vsh.tools.units import DEGREE, MAS, UAS
 
 
 class Counterparts(NamedTuple):
-    """Which sources of two catalogues are the same.
+    """Sources that two catalogues have in common.
 
     Attributes
     ----------
@@ -36,7 +36,7 @@ class Counterparts(NamedTuple):
 
 
 def counterparts(a: Any, b: Any, *, by: Literal["name", "position"] = "name", radius: Any = None) -> Counterparts:
-    """Which sources of two catalogues are the same, one to one, in the order of the first."""
+    """Match the sources of two catalogues one to one, in the order of the first."""
     kinds = {type(each) for each in (a, b)}
     if kinds not in ({Positions}, {Field}):
         raise FieldError(
@@ -172,7 +172,7 @@ def _offsets(a, b, i, j):
 
 
 def _apart(a, b, i, j):
-    """How far apart two fields have their sources, less what these move in a century: (k,). [µas]"""
+    """Separations of the sources of two fields, less their motion in a century, (k,). [µas]"""
     away = triad(a.lon[i], a.lat[i])[2] - triad(b.lon[j], b.lat[j])[2]
     return np.linalg.norm(away, axis=0) / UAS - 100 * np.hypot(*a.motion[:, i])
 

@@ -22,7 +22,7 @@ _PAIRS = (("ra", "dec"), ("pmra", "pmdec"), ("pmra_error", "pmdec_error"))
 
 @dataclass(frozen=True)
 class Columns(InNotebook):
-    """Where a table keeps what a field needs: a new survey is a new value of this.
+    """Names of the columns that a field needs: a new survey is a new value of this.
 
     The first six must be there. The others may be left out with None; of several names in
     a tuple the first that the table has is taken, and none need be there. Where there is a `solution`, sources
@@ -212,7 +212,7 @@ def _in(name, names, index):
 
 
 def _has(candidates, names):
-    """Whether a table has the column of a role."""
+    """Return whether a table has the column of a role."""
     return any(each in names for each in ((candidates,) if isinstance(candidates, str) else candidates or ()))
 
 
@@ -225,7 +225,7 @@ _DISTANCES = (
 
 
 def with_distances(columns: Any, source: TableSource) -> Any:
-    """What a user says of columns, with those of distances or parallaxes where nothing is said of them.
+    """Add the columns of distances or parallaxes to a choice of columns that names none.
 
     Raises
     ------

@@ -103,7 +103,7 @@ _WORTH_A_THREAD = 2**15
 
 @dataclass(frozen=True)
 class Reader:
-    """From a piece to its fields, a block of sources at a time."""
+    """Reader of the fields of a piece, a block of sources at a time."""
 
     columns: Wanted
     units: Mapping[str, Any] | None
@@ -147,7 +147,7 @@ class Reader:
 
 
 def _layout(opened, columns):
-    """Which of the columns a table has, and in which units."""
+    """Columns that a table has, and their units."""
     return _layout_of(tuple(opened.names), tuple((name, str(unit)) for name, unit in opened.units.items()), columns)
 
 
@@ -184,7 +184,7 @@ def _engine(pieces, workers, scheduler) -> Engine:
 
 
 def _pieces(source, columns, motions, format, where):
-    """What the parts are read from, a tuple."""
+    """Pieces that the parts are read from, a tuple."""
     if isinstance(source, (str, os.PathLike)) or is_address(source):
         return tuple(files_of(source, format))
     if isinstance(source, Parts):

@@ -172,7 +172,7 @@ def stream_columns(
 
 
 def _with_columns(source, names, reading):
-    """What makes fields of a table that has some further columns."""
+    """Maker of fields of a table with further columns."""
     given = {"columns": None, "units": None, "on_bad": "raise", "frame": None, "where": None} | reading
     opened = tables.open_table(source, given.pop("format", None))
     for name in names:
@@ -244,7 +244,7 @@ def _fields(make, rows):
 
 
 class _maker:
-    """What turns columns of one table into fields."""
+    """Maker of fields from the columns of one table."""
 
     def __init__(self, source, columns, units, on_bad, frame, roles=OPTIONAL, where=None):
         self.source = source = with_derived(source)
@@ -393,7 +393,7 @@ def without_motions(
 
 
 def truth_of(source: Any) -> dict[str, Any] | None:
-    """What a simulated table was made with, by its metadata, or None: spin, acceleration, and what else it has.
+    """Truth of a simulated table by its metadata, or None: spin, acceleration and further parameters.
 
     Galaxies have our velocity and H0, the stars of a link an orientation and a jump of the spin.
     """
@@ -505,7 +505,7 @@ def read_scalars(
 
 
 def is_readable(value: Any) -> bool:
-    """Whether a field can be read from it: a path, or a table with columns by their names."""
+    """Return whether a field can be read from it: a path, or a table with columns by their names."""
     return isinstance(value, str | Path) or any(
         hasattr(value, each) for each in ("colnames", "columns", "column_names")
     )

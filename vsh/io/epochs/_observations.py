@@ -104,7 +104,7 @@ def _spread(mask, shape):
 
 
 def _row(entry):
-    """One row's entries as a masked array; none of None."""
+    """Entries of a row as a masked array; none of None."""
     if entry is None:
         return np.ma.array(np.zeros(0))
     return np.ma.atleast_1d(np.ma.asarray(entry)).ravel()
@@ -299,7 +299,7 @@ class Observations(Frozen):
     view: IntArray | None = None
 
     def by_transit(self, gap: float = 60.0) -> "Observations":
-        """The same with one observation for each crossing of the field: the weighted mean of its CCDs.
+        """Average the CCDs of each crossing of the field, weighted, into one observation.
 
         Parameters
         ----------
@@ -497,7 +497,7 @@ def _observations(
 
 
 def _matrices(table, opened):
-    """Every column as numbers, a row or a matrix of the CCDs each, and where a transit has fewer CCDs than another."""
+    """Convert columns to numbers, one row or matrix of CCDs per transit, and a mask of missing CCDs."""
     columns: dict[str, Any] = {}
     padding, width, first = None, 0, ""
     for name, (values, mask) in table.items():

@@ -51,7 +51,7 @@ class FiveParameters(Frozen):
 
     @property
     def solved(self) -> BoolArray:
-        """Which sources have a solution, (n,)."""
+        """Mask of the sources with a solution, (n,)."""
         return np.isfinite(self.values[:, 0])
 
 

@@ -38,7 +38,7 @@ BRANCHES = 8
 
 
 def added(first: Any, second: Any) -> Any:
-    """Two sums as one: None is nothing, dicts add key by key, tuples item by item, all else by `+`."""
+    """Add two sums: None is nothing, dicts add key by key, tuples item by item, all else by `+`."""
     if first is None or second is None:
         return second if first is None else first
     if isinstance(first, dict):
@@ -94,7 +94,7 @@ class Tree:
 
 
 def label_of(piece: Any) -> str:
-    """What a message calls a part."""
+    """Label of a part in messages."""
     if hasattr(piece, "__fspath__") or isinstance(piece, str):
         return str(piece)
     key = getattr(piece, "key", None)
@@ -106,7 +106,7 @@ ATTEMPTS = 2
 
 
 class Engine(InNotebook):
-    """What computes the sums of parts and adds them up in a fixed tree."""
+    """Engine that computes the sums of parts and adds them up in a fixed tree."""
 
     #: How many threads a sum may use where it is computed; None for one a core.
     threads: int | None = 1
@@ -121,7 +121,7 @@ class Engine(InNotebook):
 
 
 class Here(Engine):
-    """In this process, one part after the other, with as many threads as there are cores."""
+    """Engine in this process, one part after the other, with one thread per core."""
 
     def __init__(self) -> None:
         self.threads = None
@@ -139,7 +139,7 @@ class Here(Engine):
 
 
 class Processes(Engine):
-    """In a pool of processes, each with one thread, a part at a time. They stay as long as the engine does.
+    """Engine with a pool of processes, each with one thread, which stay as long as the engine does.
 
     Parameters
     ----------
@@ -251,7 +251,7 @@ def _through(steps, field):
 
 
 def left_by(steps: tuple[Callable[[Field], Field], ...], block: Field) -> tuple[Field | None, LostNotes]:
-    """What the steps leave of a block, None for nothing; and notes on what had no sources."""
+    """Apply the steps to a block: the sources that are left, or None, and notes on empty blocks."""
     try:
         field = _through(steps, block)
     except NothingLeftError as error:  # there may be more in other blocks
@@ -267,7 +267,7 @@ class LostNotes(list):
 
 
 def _named(piece, error):
-    """What an error says, with the file that it is about."""
+    """Message of an error, with its file."""
     name = label_of(piece)
     return str(error) if name in str(error) or isinstance(piece, Field) else f"{name}: {error}"
 
@@ -322,14 +322,15 @@ _KEY = "vsh-part-"
 
 
 def is_delayed(thing: Any) -> bool:
-    """Whether an object is one value of Dask's that is computed when it is asked for, not a collection of them."""
+    """Return whether an object is one value of Dask's that is computed when it is asked for, not a collection of
+    them."""
     kind = type(thing)  # a delayed object itself has any attribute that is asked for
     return hasattr(kind, "__dask_graph__") and not hasattr(kind, "to_delayed")
 
 
 @dataclass(frozen=True)
 class Dask(Engine):
-    """By Dask: on the cluster at an address, on the client that is open, or else on this machine.
+    """Engine by Dask: on the cluster at an address, on the client that is open, or else on this machine.
 
     Attributes
     ----------
@@ -489,7 +490,7 @@ def _on_cluster(client, work, pieces, done):
 
 
 def _first_that_fails(pieces):
-    """Which part's own graph raises, and a word on it."""
+    """Find the part whose own graph raises, with a word on it."""
     for number, piece in enumerate(pieces):
         if is_delayed(piece):
             try:
@@ -500,7 +501,7 @@ def _first_that_fails(pieces):
 
 
 def _in_our_words(compute, guilty):
-    """What a graph of Dask's own raises before a part is ours to read, as an error of ours."""
+    """Convert an error of Dask's own graph into one of ours."""
     from distributed.scheduler import KilledWorker
 
     try:

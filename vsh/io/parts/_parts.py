@@ -60,7 +60,7 @@ class Parts(InNotebook):
                     yield field
 
     def map(self, step: Callable[[Field], Field]) -> Parts:
-        """The same parts with a further step, done where the parts are when they are read.
+        """Add a step, which is done where the parts are when they are read.
 
         Parameters
         ----------
@@ -78,11 +78,11 @@ class Parts(InNotebook):
         return replace(self, steps=(*self.steps, step))
 
     def to_frame(self, name: str) -> Parts:
-        """The same sources in the frame `name`: icrs, galactic or ecliptic."""
+        """Turn the sources to the frame `name`: icrs, galactic or ecliptic."""
         return self.map(_InFrame(check_frame(name)))
 
     def add_note(self, *notes: str) -> Parts:
-        """The same sources with `notes`: more lines that the reader of a result should know."""
+        """Add `notes` that the reader of a result should know."""
         return self.map(_WithNotes(notes))
 
     def sum(
@@ -147,7 +147,7 @@ class Parts(InNotebook):
         return total
 
     def has(self, role: str) -> bool:
-        """Whether the first part has a `role`: names, magnitudes, redshifts, …"""
+        """Return whether the first part has a `role`: names, magnitudes, redshifts, …"""
         return getattr(next(iter(self)), role) is not None
 
     @property
@@ -157,7 +157,7 @@ class Parts(InNotebook):
         return first if isinstance(first, Weighed) and not others and not self.steps else None
 
     def counted(self) -> int:
-        """How many sources there are; reads all of them."""
+        """Count the sources; reads all of them."""
         return self.sum(len, roles=(), words="counting")
 
 
@@ -221,7 +221,7 @@ def weighted_quantiles(
     roles: Iterable[str] = (),
     words: str = "quantiles",
 ) -> FloatArray:
-    """For each share, the least number up to which sources hold that share of the weight."""
+    """Weighted quantiles: for each share, the least value up to which sources have that share of the weight."""
     counts = sky.sum(partial(_histogram, numbers=numbers, weights=weights), roles=roles, words=words)
     return _found(sky, numbers, weights, counts, np.asarray(shares) * counts.sum(), roles, words)
 

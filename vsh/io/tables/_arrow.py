@@ -37,7 +37,7 @@ def open_parquet(paths: PathName | Sequence[PathName], label: str) -> TableSourc
 
 
 def _open_one(arrow, path, label):
-    """One file: a dataset of it would take twice as long to open and to begin."""
+    """Open a file; a dataset of it would take twice as long."""
     from pyarrow.parquet import ParquetFile
 
     try:

@@ -109,7 +109,7 @@ def _check_row(header, lengths, label):
 
 
 def fits_rows(path: PathName, label: str) -> int:
-    """How many rows the first table of a FITS file has, once the file is known to be whole."""
+    """Count the rows of the first table of a FITS file, once the file is known to be complete."""
     for header in check_layout(path, label):
         if header.get("XTENSION") in ("BINTABLE", "TABLE"):
             return int(header["NAXIS2"])
@@ -210,7 +210,7 @@ def _column(part, values, column):
 
 
 def _text_null(raw, null):
-    """In tables written as text, nulls are words or blank."""
+    """Null values of text columns: words or blanks."""
     if raw.dtype.kind != "S":
         return np.zeros(len(raw), bool)
     words = np.char.strip(raw)

@@ -40,7 +40,7 @@ CONNECT, ANSWER = 10.0, 60.0
 
 
 def is_address(source: Any) -> bool:
-    """Whether a source is an address, s3://bucket/folder say, or an fsspec path (UPath)."""
+    """Return whether a source is an address, s3://bucket/folder say, or an fsspec path (UPath)."""
     if isinstance(source, str):
         return formats.is_address(source)
     return any(c.__name__ == "UPath" for c in type(source).__mro__) and bool(source.protocol)
@@ -60,7 +60,7 @@ class Place(NamedTuple):
 
 
 def place_of(source: Any) -> Place:
-    """Where an address leads."""
+    """File system and path of an address."""
     text = source if isinstance(source, str) else f"{source.protocol}://{source.path.lstrip('/')}"
     label = printable(formats.shown_address(text))
     try:
@@ -107,7 +107,7 @@ def _below(text):
 
 
 def _anonymous(text, credentials):
-    """Whether no credentials are used: asked for, or none are set up."""
+    """Return whether no credentials are used: asked for, or none are set up."""
     return urlsplit(text).netloc.rpartition("@")[0] == "anonymous" or not credentials
 
 
@@ -299,7 +299,7 @@ def _kind(path, label):
 
 
 def _described(path):
-    """Whether a file ReadMe of the CDS lies beside a file, and describes it."""
+    """Return whether a file ReadMe of the CDS lies beside a file, and describes it."""
     readme = path.with_name("ReadMe")
     name = path.stem if path.suffix.lower() in PACKED else path.name
     try:

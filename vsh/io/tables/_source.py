@@ -28,7 +28,7 @@ _MAGIC = {b"\x1f\x8b": "gzip", b"BZh": "bzip2", b"\xfd7zXZ\0": "xz", b"\x28\xb5\
 
 
 def packing(begin: bytes) -> str | None:
-    """How a file is packed that begins so; None where it is not."""
+    """Packing of a file by its first bytes; None where it is not packed."""
     return next((name for magic, name in _MAGIC.items() if begin.startswith(magic)), None)
 
 
@@ -94,7 +94,7 @@ ROWS = 2**20
 
 @dataclass(frozen=True)
 class TableSource(InNotebook):
-    """What every format opens as; nothing but the columns that are asked for is read."""
+    """An open table of any format; only the requested columns are read."""
 
     label: str
     names: tuple[str, ...]
@@ -147,7 +147,7 @@ def chained(label: str, sources: Sequence[TableSource]) -> TableSource:
 
 
 def remembered(source: TableSource) -> TableSource:
-    """The same table, each of whose columns is read once and kept: for what asks for rows again and again."""
+    """Cache the columns of a table, each of which is then read once."""
     known: dict[str, Any] = {}
 
     def read(names, rows):
@@ -227,7 +227,7 @@ def open_other(thing: Any) -> TableSource:
 
 
 def is_frame(thing: Any) -> bool:
-    """Whether an object is pandas' DataFrame or made from it; pandas need not be installed."""
+    """Return whether an object is pandas' DataFrame or made from it; pandas need not be installed."""
     return any(c.__name__ == "DataFrame" and c.__module__.split(".")[0] == "pandas" for c in type(thing).__mro__)
 
 

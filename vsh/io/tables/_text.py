@@ -128,7 +128,7 @@ def _plain(body, comments, skip, label):
 
 
 def _delimiter(rows):
-    """What stands between fields: the delimiter of which the lines have equally many, or blanks."""
+    """Find the delimiter that all lines have equally often, or blanks."""
     best = ""
     for delimiter in _DELIMITERS:
         counts = [len(_fields(line, delimiter)) for line in rows]
@@ -181,7 +181,7 @@ def _names_in_comment(comments, count, delimiter):
 
 
 def _looks_like_data(fields: Sequence[str]) -> bool:
-    """Whether a third of the fields, and at least two, are numbers."""
+    """Return whether a third of the fields, and at least two, are numbers."""
     numbers = sum(bool(_NUMBER.fullmatch(each)) for each in fields)
     return numbers >= 2 and 3 * numbers >= len(fields)
 
@@ -191,7 +191,7 @@ def _quoted_name(line):
 
 
 def _are_units(fields):
-    """Whether a line below the names holds units: no numbers, and most of it units that astropy knows."""
+    """Return whether a line below the names holds units: no numbers, and most of it units that astropy knows."""
     words = [each.strip('()[] "') for each in fields if each.strip('()[] "-')]
     if not words or any(_NUMBER.fullmatch(word) for word in words):
         return False
@@ -504,7 +504,7 @@ def open_vlbi(path: PathName, label: str) -> TableSource:
 
 
 def _like_a_row(line):
-    """Whether a line is a source, perhaps a damaged one, and no heading: so many numbers stand in no heading."""
+    """Return whether a line is a source, perhaps a damaged one, and no heading: so many numbers stand in no heading."""
     return line.startswith("ICRF J") or sum(_SIGNED.fullmatch(word) is not None for word in line.split()) > 6
 
 

@@ -70,7 +70,7 @@ class Where(InNotebook):
                 )
 
     def rows(self, block: Mapping[str, Any]) -> tuple[BoolArray, BoolArray]:
-        """Which rows are selected, and of which that is not known for a missing value: those are not."""
+        """Mask of the selected rows, and of rows with missing values, which are not selected."""
         n = len(next(iter(block.values()))[0])
         with np.errstate(all="ignore"):
             value, unknown = self._of(self._tree, block)
@@ -191,7 +191,7 @@ class Where(InNotebook):
         return np.asarray(value, bool), unknown
 
     def _among(self, left, members, node, block):
-        """Whether each value is one of a list, or of the names in a file."""
+        """Return whether each value is one of a list, or of the names in a file."""
         path = _listed_file(members)
         if path is not None:
             return np.isin(left[0], _as_those(left[0], names_in(path), path))
