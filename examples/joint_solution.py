@@ -49,7 +49,7 @@ ax.legend()
 plt.savefig("joint_solution.png", dpi=300)
 
 # %%
-# One draw of the noise, solved: what neighbours share.
+# One draw of the noise, solved: systematic errors.
 
 solution, system, _ = agis.solve_mission(law, quasars.lon, quasars.lat, sigma, rng=2)
 print(f"{solution.iterations} iterations, degrees 1 to 3 at rest: {solution.converged}")

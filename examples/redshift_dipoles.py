@@ -3,7 +3,7 @@ Dipoles in bins of redshift
 ===========================
 
 The acceleration of the Solar System moves every source alike; our motion through the Universe
-moves near ones more, and so do the flows that galaxies share. Galaxies and quasars with all three, and
+moves near ones more, and so do coherent flows. Galaxies and quasars with all three, and
 a frame that spins, are cut into bins of redshift: what do the bins say of each?
 """
 

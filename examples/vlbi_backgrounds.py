@@ -49,7 +49,7 @@ limit.plot()
 plt.savefig("vlbi_waves.png", dpi=300)
 
 # %%
-# Which degree does the catalogue want? The answer depends on the power that is expected beforehand, so it is marginalised
+# Which degree does the catalogue want? The answer depends on the power that is expected a priori, so it is marginalised
 # between 1 and 1000 (µas/yr)² in each kind and degree.
 kept = field[fit.clip(field, 2, kappa=2).kept]
 normal = fit.normal_equations(kept, 4)

@@ -126,7 +126,7 @@ def recommended(field: Any, lmax: int | None = None, *, rng: Rng = 1) -> Recomme
         The sources; what is no Field is read by `vsh.read_field`.
     lmax : int, optional
         The highest degree; 5 unless given. It is lowered, with a note, where the sources are too few, or see too little
-        of the sky to tell the modes apart: below degree 3 there is no floor.
+        of the sky to separate the modes: below degree 3 there is no floor.
     rng : Generator or int
         As for the other estimators of `fit.METHODS`; nothing is drawn.
 

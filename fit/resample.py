@@ -123,7 +123,7 @@ def bootstrap(
 ) -> Resampled:
     """Draw the sources again, each a Poisson number of times with mean 1.
 
-    Its errors hold for sources whose errors are wrong in any way, but independent of each other.
+    Its errors are right for sources whose errors are wrong in any way, but independent of each other.
 
     Parameters
     ----------

@@ -131,7 +131,7 @@ def transverse_motion(speed: Quantity, distance: Quantity) -> Any:
 def lensing_depth(density: Quantity, mass: Quantity, lens_distance: Quantity, source_distance: Quantity) -> Any:
     """Photometric optical depth τ = π θ_E² N of lenses along the way to a source (appendix).
 
-    θ_E² = (4GM/c²)(1/D_L − 1/D_Q), and N = n D_L² D_Q lenses to the steradian, taken for all of the
+    θ_E² = (4GM/c²)(1/D_L − 1/D_Q), and N = n D_L² D_Q lenses to the steradian, taken as all of the
     way to be at the distance D_L.
     """
     einstein = 4 * constants.G * mass / constants.c**2 * (1 / lens_distance - 1 / source_distance)

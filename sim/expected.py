@@ -39,7 +39,7 @@ def expected_covariances(
     population : Population
         In the mission's frame.
     mission : Mission or NominalScanningLaw
-        As for `sim.observe`; the attitude's error is taken for independent from transit to transit.
+        As for `sim.observe`; the attitude's error is taken as independent from transit to transit.
     kind : {"motion", "position"}
         Which two of the five parameters.
     variability : Variability, optional

@@ -252,7 +252,7 @@ def vlbi_quasars(quasars: Population, n: int, rng: Rng) -> Population:
     100
     """
     if not 0 < n <= len(quasars):
-        raise ParameterError(f"{n} of {len(quasars)} quasars cannot be chosen")
+        raise ParameterError(f"{n} quasars cannot be chosen from {len(quasars)}")
     return quasars[np.sort(generator(rng).choice(len(quasars), n, replace=False))]
 
 
@@ -390,7 +390,7 @@ def stars(
     Notes
     -----
     0.34, 26, 250 and 1000 million stars are brighter than 10, 15, 18 and 20 (Perryman et al. 2001, A&A 369, 339, table
-    1); in between the logarithm of the counts is taken for linear.
+    1); in between the logarithm of the counts is taken as linear.
 
     Examples
     --------

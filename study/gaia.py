@@ -127,7 +127,7 @@ def read_gaia(path: Any) -> Sources:
     kept = np.asarray(field.name)
     lacking = [f"no column {name}: no subsets by it" for name in _FURTHER[1:] if name not in opened.names]
     if solution is None:
-        lacking.append(f"warning: no column {DR3.solution}: all sources are taken for five-parameter solutions")
+        lacking.append(f"warning: no column {DR3.solution}: all sources are taken as five-parameter solutions")
     field = field.add_note(*lacking)
 
     def column(name, fill):
@@ -237,7 +237,7 @@ def run_gaia(
     return study
 
 
-#: What sources share is taken from this degree or lower ones: higher ones tell less of degree 1.
+#: Systematic errors is taken from this degree or lower ones: higher ones tell less of degree 1.
 _HIGHEST = 7
 CAPTIONS = {
     "acceleration_by_degree": (
@@ -530,7 +530,7 @@ def _report(study, made, truth):
 
 
 def _with_floor(degrees, g):
-    """The first line: the acceleration with errors that sources share, from the highest of the degrees up to 7."""
+    """The first line: the acceleration with systematic errors, from the highest of the degrees up to 7."""
     solution: Any = next(row.solution for row in reversed(degrees[:_HIGHEST]) if row.solution is not None)
     try:
         shared = floor(solution)
@@ -540,7 +540,7 @@ def _with_floor(degrees, g):
     low, high = shared.acceleration_interval
     return (
         f"**g = ({', '.join(f'{v:+.2f} ± {s:.2f}' for v, s in zip(whole.value, whole.sigma, strict=True))}) µas/yr** "
-        f"with what sources share, ± {shared.acceleration_error:.2f} µas/yr in each component ({low:.2f} … {high:.2f}, "
+        f"with systematic errors, ± {shared.acceleration_error:.2f} µas/yr in each component ({low:.2f} … {high:.2f}, "
         f"68 %) from the power of degrees 2 to {solution.modes.lmax}."
     )
 

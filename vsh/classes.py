@@ -21,7 +21,7 @@ from vsh.tools.types import ArrayLike, BoolArray
 
 @dataclass(frozen=True, eq=False)
 class Classes(InNotebook):
-    """Classes that sources are divided into: fitted each by itself, or together with the errors that they share.
+    """Classes that sources are divided into: fitted each by itself, or together with their common systematic errors.
 
     Attributes
     ----------

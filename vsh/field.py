@@ -273,10 +273,12 @@ def skycoord_columns(coord: Any) -> tuple[dict[str, Any], str]:
     """Positions and motions of an astropy SkyCoord as `from_columns` takes them, and the frame."""
     frame = getattr(coord, "frame", None)
     if frame is None or not hasattr(coord, "spherical"):
-        raise FieldError(f"a SkyCoord is wanted, not {type(coord).__name__}")
+        raise FieldError(f"a SkyCoord is expected, not {type(coord).__name__}")
     known = {theirs: ours for ours, theirs in FRAMES.items()}
     if frame.name not in known:
-        raise FrameError(f"coordinates in {frame.name} are no field: take {', '.join(known)}, coord.icrs say")
+        raise FrameError(
+            f"coordinates in {frame.name} are not supported: convert to {', '.join(known)}, as with coord.icrs"
+        )
     if "s" not in frame.data.differentials:
         raise FieldError("the SkyCoord has no proper motions: give it pm_ra_cosdec and pm_dec")
     seen, moves = coord.spherical, coord.sphericalcoslat.differentials["s"]
@@ -346,7 +348,7 @@ class Weighed(Frozen):
     def __array__(self, dtype: Any = None, copy: Any = None) -> FloatArray:
         """Refuse: a field is no array, and NumPy would take its sources for fields within fields."""
         data = "motion" if self.components == 2 else "values"
-        raise FieldError(f"a {type(self).__name__} is no array: name what is wanted of it: {data}, lon, lat or sigma")
+        raise FieldError(f"a {type(self).__name__} is no array: name an attribute of it: {data}, lon, lat or sigma")
 
     def __getitem__(self, keep: Any) -> Self:
         """The sources picked by a mask, a slice or indices."""

@@ -131,7 +131,7 @@ class ScalarField(Tabled):
 
     components: ClassVar[int] = 1
     units_shown: ClassVar[dict[str, str]] = {"lon": "rad", "lat": "rad"}
-    #: Said where a Field is wanted.
+    #: Said where a Field is expected.
     not_taken: ClassVar[str] = ": it holds numbers, not motions"
 
     def __post_init__(self) -> None:

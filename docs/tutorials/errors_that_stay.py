@@ -71,7 +71,7 @@ floor.plot()
 # Two more witnesses
 # ------------------
 #
-# *Blocks of the sky.* A jackknife over large blocks asks the scatter between regions, and sees what is shared within one.
+# *Blocks of the sky.* A jackknife over large blocks asks the scatter between regions, and sees the systematic errors within one.
 #
 # *The other kind.* A spin that nobody expects, as large as the acceleration's floor, says that the pattern is there: a rotating frame is
 # adjusted away in real catalogues, so what is left is the adjustment's error.

@@ -5,7 +5,7 @@ H0, honestly
 We move at 370 km/s against the microwave background. Nearby galaxies therefore drift backwards over the sky, by our velocity over their
 distance; and since distances follow from redshifts by the Hubble constant, the drift tells the product of the two. With our velocity known, it
 tells H0 without any ladder of distances. This page measures it on a simulated sky of Gaia's fifth release, first naively, and then with
-the three things that make the naive error wrong: the frame of the redshifts, flows that galaxies share, and the prior.
+the three things that make the naive error wrong: the frame of the redshifts, coherent flows, and the prior.
 """
 
 import numpy as np

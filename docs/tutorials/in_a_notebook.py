@@ -2,7 +2,7 @@
 Every object in a notebook
 ==========================
 
-What is printed when an object stands alone in the last line of a cell: nouns by what they hold, results by their report. Arrays are told by their
+What is printed when an object stands alone in the last line of a cell: nouns by what they hold, results by their report. Arrays are determined by their
 shape and range; notes are listed; what is not known is left out.
 """
 
@@ -153,7 +153,7 @@ show(robust.excess_noise(field, 1))
 show(resample.bootstrap(field, 1, 20, rng=1))
 
 # %%
-# What sources share
+# Systematic errors
 # ------------------
 shared = show(covariance.Spectrum.flat())
 shared

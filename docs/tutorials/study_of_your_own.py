@@ -55,7 +55,7 @@ study
 # ----
 #
 # For every parameter: truth, mean, scatter, the error that was quoted. If errors are right, scatter over error is 1, the mean is off by no more
-# than the error of a mean, and 68 % of intervals hold the truth.
+# than the error of a mean, and 68 % of intervals cover the truth.
 rows = [row for row in summary(study, read_realisations(study, results, 40)) if "@" not in row["parameter"]]
 print(f"{'case':10}{'parameter':12}{'truth':>8}{'mean':>9}{'scatter':>9}{'quoted':>9}{'68 %':>7}")
 for row in rows:

@@ -37,7 +37,7 @@ from vsh.tools.notebook import Frozen
 from vsh.tools.parallel import blas_for
 from vsh.tools.types import ArrayLike, Axes, FloatArray, Table
 
-#: Densities that an amplitude A is given beforehand: 1, A^−½, 1/A.
+#: Densities that an amplitude A is given a priori: 1, A^−½, 1/A.
 Prior: TypeAlias = Literal["flat", "root", "log"]
 _POWERS = {"flat": 1, "root": 0, "log": -1}
 
@@ -220,7 +220,7 @@ class Background(Result):
     log_likelihood : float
         Logarithm of the likelihood of these amplitudes, relative to no background.
     log_evidence : float
-        ln of the mean likelihood, relative to no background, for amplitudes A whose A/(A + u) is uniform beforehand, u
+        ln of the mean likelihood, relative to no background, for amplitudes A whose A/(A + u) is uniform a priori, u
         the amplitude that is seen at one standard error.
     degrees, free : tuple of int
         Where the background is, and which degrees were fitted without a prior.
@@ -334,7 +334,7 @@ def fit_amplitudes(
     left = [l for l in range(1, modes.lmax + 1) if l not in flat]
     degrees = fitted_degrees(modes, left if degrees is None else degrees)
     if both := set(degrees) & set(flat):
-        raise ModesError(f"degree {min(both)} is both free and of the background: name other degrees, or another free=")
+        raise ModesError(f"degree {min(both)} is in both degrees= and free=: remove it from one of them")
     scaled = is_scaled(normal, noise_scale)
     likelihood = Likelihood(equations, listed, degrees, flat, scaled)
     best = likelihood.maximum()

@@ -11,7 +11,7 @@ share their noise: A has blocks between any two then, a is what the reference ha
 it show, and b_i what catalogue i has. Amplitudes of templates stand behind the modes, with one variance for all of
 them, the same in all classes.
 
-The amplitudes a, b_i are drawn by importance sampling, flat in each beforehand; ln L is even in them.
+The amplitudes a, b_i are drawn by importance sampling, flat in each a priori; ln L is even in them.
 """
 
 from collections.abc import Sequence
@@ -121,7 +121,7 @@ def reduced(normal: NormalEquations, modes: Modes, scaled: bool = True) -> Class
     left = normal.chi2_null - rhs @ np.linalg.solve(matrix + ridge, rhs)
     tau = left / (normal.n_data - len(at)) if scaled and normal.n_data > 1.5 * len(at) else 1.0
     if not tau > 0:
-        raise DegeneracyError("its motions have no scatter at all: are they differences of the same numbers?")
+        raise DegeneracyError("all residuals are zero: was a catalogue compared with itself?")
     also = np.vstack([np.eye(len(at)), templates])  # EᵀNE and Eᵀb
     matrix, rhs = also @ matrix @ also.T / tau, also @ rhs / tau
     one = np.r_[modes.degrees == 1, np.zeros(len(templates), bool)]
@@ -339,7 +339,7 @@ class ClassAmplitudes:
         return plain.reshape(k, 6), covariance
 
     def template_amplitudes(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Amplitudes of the templates beside what is shared, free beforehand, and their covariance."""
+        """Amplitudes of the templates beside the systematic errors, free a priori, and their covariance."""
         n = self.n_modes
         if n == self.size:
             return np.zeros(0), np.zeros((0, 0))

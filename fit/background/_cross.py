@@ -34,7 +34,7 @@ class CrossPowers(Result):
     errors : (n,) array
         What the covariance of the solution makes of it. [µas/yr]
     errors_with_floor : (n,) array
-        The same with what sources share, where a spectrum of it was given: what a template that causes nothing scatters
+        The same with systematic errors, where a spectrum of it was given: what a template that causes nothing scatters
         by. [µas/yr]
     """
 
@@ -88,7 +88,7 @@ def cross_powers(
     templates : sequence of TemplateField
         `normal.templates` of the normal equations it was solved from.
     spectrum : Spectrum, optional
-        That of what sources share, `Floor.spectrum` say: the power that is there whatever a template does.
+        That of systematic errors, `Floor.spectrum` say: the power that is there whatever a template does.
 
     Raises
     ------

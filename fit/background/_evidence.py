@@ -4,7 +4,7 @@ With coefficients c ~ N(0, D) and K = I + D^½ N D^½, z = D^½ b, the evidence 
 
     ln Z = ½ zᵀ K⁻¹ z − ½ ln|K|.
 
-No sampler is needed. ln Z depends on the power that is assumed beforehand, the less power the less is lost by a degree
+No sampler is needed. ln Z depends on the power that is assumed a priori, the less power the less is lost by a degree
 that is not there: print it with the result, or marginalise it.
 """
 
@@ -47,13 +47,13 @@ def evidence(
     normal : NormalEquations, Solution, or sequence of NormalEquations
         What was summed or fitted; of several bins of redshift, say.
     spectrum : Spectrum
-        The power beforehand, such as `10 * Spectrum.power_law(0)`: 10 (µas/yr)² in each kind and degree.
+        The power a priori, such as `10 * Spectrum.power_law(0)`: 10 (µas/yr)² in each kind and degree.
     degrees : iterable of int, optional
         Which are there; all that were fitted unless given. Other coefficients are zero.
     amplitudes : (float, float), optional
-        Marginalise a factor on the spectrum between these two, uniform in its logarithm beforehand.
+        Marginalise a factor on the spectrum between these two, uniform in its logarithm a priori.
     varying : Spectrum, optional
-        Let each of the normal equations have coefficients of its own, with this power beforehand.
+        Let each of the normal equations have coefficients of its own, with this power a priori.
     noise_scale : float
         Factor on the catalogue's errors, √(χ²/dof) say.
 
@@ -124,13 +124,13 @@ class Comparison(Result):
 
     @property
     def probability(self) -> FloatArray:
-        """The probability of each model, where all are equally likely beforehand, (n,)."""
+        """The probability of each model, where all are equally likely a priori, (n,)."""
         return np.exp(self.log_evidence - logsumexp(self.log_evidence))
 
     def _sections(self, long):
         order = np.argsort(-self.log_evidence, kind="stable").tolist()
         remarks = [
-            "Probabilities are of these models alone, all equally likely beforehand; ln Z depends on the assumed power."
+            "Probabilities are of these models alone, all equally likely a priori; ln Z depends on the assumed power."
         ]
         return (Section("Models by their evidence", (), self.to_table(), rows=order, remarks=remarks),)
 

@@ -327,11 +327,11 @@ def floor(
     shapes: Iterable[str] | None = None,
     noise_scale: bool | None = None,
 ) -> Floor:
-    """Estimate errors that sources share from the power of the higher degrees, and what they do to degree 1.
+    """Estimate systematic errors from the power of the higher degrees, and what they do to degree 1.
 
-    Systematics are taken for a Gaussian field with one power for each mode of either parity: T of odd and S of even
+    Systematics are taken as a Gaussian field with one power for each mode of either parity: T of odd and S of even
     degrees, to which a spin belongs, and T of even and S of odd ones, to which a glide does. Degree 1 is fitted freely;
-    the powers shown are medians of the exact posterior, flat in the root of each beforehand, the other power and the
+    the powers shown are medians of the exact posterior, flat in the root of each a priori, the other power and the
     scale of the errors marginalised.
 
     Parameters
@@ -363,7 +363,7 @@ def floor(
     power of the size of the noise, drawn from Gaia EDR3's published covariance, from a flat spectrum and from one that
     falls as 1/(3 + l²), the scatter of spin and acceleration is 0.8 to 1.05 of their errors at degrees 3 to 7, and
     95 % intervals have 93 to 99 % coverage; without the steep spectrum 1.2 and 89 % on the last of these skies. Where
-    the power is far above the noise the data tell the spectra apart. Degree 5 is a good choice: degree 3 has errors
+    the power is far above the noise the data determine the spectrum. Degree 5 is a good choice: degree 3 has errors
     that are a tenth larger.
     Systematics of degrees that are not fitted leak into those that are, and make the powers larger than they are, not
     the coverage. Of one shape alone the median of the posterior covers better than the largest likelihood where modes

@@ -1,8 +1,8 @@
-"""Errors that classes of sources share: bins of redshift, magnitudes, halves of the sky, catalogues, in one model.
+"""Systematic errors of classes of sources: bins of redshift, magnitudes, halves of the sky, catalogues, in one model.
 
-Each class has a spin and an acceleration of its own; degrees 2 and higher hold nothing but what sources share, which is
-common to all classes or each one's own in a proportion that the data tell. What that does to degree 1, and to the
-differences of classes, follows.
+Each class has a spin and an acceleration of its own; degrees 2 and higher contain nothing but systematic errors, which
+are common to all classes or each one's own in a proportion that the data determine. Errors of
+degree 1, and of differences of classes, follow.
 
 A class that does not see the whole sky takes systematics of higher degrees for its own lower ones: on two caps beyond
 latitude 40° degrees 6 to 16 put 170 times the power of degree 1 into it. Where the normal equations hold degrees beyond
@@ -43,7 +43,7 @@ from vsh.tools.types import ArrayLike, AxesArray, FloatArray, OnAxes, Rng, Table
 PART = 100.0
 #: Equations of so many degrees more allow for that.
 BEYOND = 3
-#: Beyond this condition of its normal matrix a class sees too little of the sky to tell degrees apart.
+#: Beyond this condition of its normal matrix a class sees too little of the sky to separate degrees.
 _CAP = 1e5
 
 
@@ -70,20 +70,20 @@ class Verdict(NamedTuple):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SharedErrors(Result):
-    """Spin and acceleration of classes of sources, with the errors that they share.
+    """Spin and acceleration of classes of sources, with their common systematic errors.
 
     Attributes
     ----------
     labels : tuple of str
         The classes.
     means, covariances : (s, K, 6) and (s, K, 6, K, 6) arrays
-        Degree 1 of each class (T, then S) for draws of equal weight of what is shared.
+        Degree 1 of each class (T, then S) for draws of equal weight of the systematic errors.
     shares : (s, 2, K, K) array
         C of these draws: the power of each mode that classes have in common, of the parity of a spin and of a glide.
     shapes : tuple of str
         Shapes of the spectrum that were averaged.
     probability : tuple of float
-        How probable each shape is, with odds of three to one for Gaia's beforehand.
+        How probable each shape is, with odds of three to one for Gaia's a priori.
     effective : tuple of float
         How many draws of each shape count.
     degrees : tuple of int
@@ -96,8 +96,8 @@ class SharedErrors(Result):
     templates : tuple of str
         Names of the templates, cut to the highest degree.
     amplitudes, amplitude_covariance : (t,) and (t, t) arrays
-        How much of each is in the motions, the same in all classes, beside what is shared; rms over the sky, of the
-        degrees that are looked at. Free beforehand: nothing shrinks them. [`unit`]
+        How much of each is in the motions, the same in all classes, beside the systematic errors; rms over the sky,
+        of the degrees that are used. Free a priori: nothing shrinks them. [`unit`]
     unit : str
         "µas/yr" of motions, "µas" of positions.
     """
@@ -139,7 +139,7 @@ class SharedErrors(Result):
 
     @property
     def solutions(self) -> list[Solution]:
-        """A Solution of degree 1 for each class, its errors with what classes share."""
+        """A Solution of degree 1 for each class, its errors with systematic errors."""
         return [self.combination(np.eye(len(self))[i], 2 * self.n_sources[i]) for i in range(len(self))]
 
     def difference(self, i: int, j: int) -> Solution:
@@ -295,7 +295,7 @@ class SharedErrors(Result):
         return (
             f"Does the dipole change with {what}? spin p = {spin:.2g}, acceleration p = "
             f"{acceleration:.2g}; the largest of {verdict.looked_at} comparisons ({verdict.comparison}) p = "
-            f"{verdict.p_value:.2g} after allowing for all ({verdict.face_value:.2g} at face value): one dipole for "
+            f"{verdict.p_value:.2g} after allowing for all ({verdict.face_value:.2g} before that): one dipole for "
             f"all is {words}."
         )
 
@@ -347,7 +347,7 @@ class SharedErrors(Result):
         return self._harmonic(values, covariance, n_data)
 
     def _harmonic(self, values, covariance, n_data):
-        shown = f"normal equations, with what classes share, degrees {words_of(self.degrees)}"
+        shown = f"normal equations, with systematic errors, degrees {words_of(self.degrees)}"
         return Solution(
             Coefficients(Modes(1), values),
             covariance,
@@ -361,7 +361,7 @@ class SharedErrors(Result):
 
     def _p_value(self, kind, x):
         if len(self) < 2:
-            raise ParameterError("one class has nothing to be compared with")
+            raise ParameterError("a comparison needs two classes at least, not one")
         part = {None: slice(0, 6), "T": slice(0, 3), "S": slice(3, 6)}[
             None if kind is None else choice("kind", kind, ("T", "S"))
         ]
@@ -378,7 +378,7 @@ class SharedErrors(Result):
         """Edges between neighbours, low against high by their information, and a slope, for spin and acceleration."""
         k = len(self)
         if k < 2:
-            raise ParameterError("one class has nothing to be compared with")
+            raise ParameterError("a comparison needs two classes at least, not one")
         weight = 1 / np.diag(self.covariance).reshape(k, 6).mean(1)
         place = np.arange(k) - weight @ np.arange(k) / weight.sum()
         rows = []
@@ -412,7 +412,7 @@ def shared(
     noise_scale: bool | None = None,
     rng: Rng = 1,
 ) -> SharedErrors:
-    """Spin and acceleration of classes of sources, with errors that they share: bins, magnitudes, halves of the sky.
+    """Spin and acceleration of classes of sources, with common systematic errors: bins, magnitudes, halves of the sky.
 
     Parameters
     ----------
@@ -440,7 +440,7 @@ def shared(
     Raises
     ------
     ModesError
-        If degrees are not 2, 3, …, or not fitted: degrees 1 and 2 alone say nothing of what classes share.
+        If degrees are not 2, 3, …, or not fitted: degrees 1 and 2 alone contain no information on systematic errors.
     FrameError
         If classes stand in different frames.
     DegeneracyError
@@ -448,7 +448,7 @@ def shared(
 
     Notes
     -----
-    It cannot work where what is shared lives in degree 1 alone, or rises towards it more steeply than any shape: a
+    It cannot work where the systematic errors are in degree 1 alone, or rises towards it more steeply than any shape: a
     spectrum of l⁻² makes errors twice too small. Coverage on simulated skies: docs/backgrounds.md.
 
     Examples
@@ -532,7 +532,7 @@ def drawn(
     with blas_for(len(classes) * len(modes)):
         means, covariances, shares, (amplitudes, spread) = kept_of(lots, rng)
     if min(each.effective for each in lots if each.probability > 0.05) < EFFECTIVE:
-        notes = [*notes, "few draws of what is shared count: give more of them (draws=), or merge classes"]
+        notes = [*notes, "few draws of the systematic errors count: give more of them (draws=), or merge classes"]
     return SharedErrors(
         means=means, covariances=covariances, shares=shares, shapes=tuple(each.shape for each in lots),
         probability=tuple(each.probability for each in lots), effective=tuple(each.effective for each in lots),
@@ -548,11 +548,11 @@ def _highest(equations, degrees):
     else:
         wanted = sorted({int(l) for l in ([degrees] if isinstance(degrees, int) else degrees)})
         if not wanted or wanted != list(range(2, wanted[-1] + 1)):
-            raise ModesError(f"what is shared is looked for in degrees 2, 3, … without a gap, not {wanted}")
+            raise ModesError(f"systematic errors are estimated in degrees 2, 3, … without a gap, not {wanted}")
         highest = wanted[-1]
     if highest < 3:
         raise ModesError(
-            "degrees 1 and 2 say nothing of what classes share: fit to degree 3 at least, 5 where there are several"
+            "degrees 1 and 2 contain no information on systematic errors: fit degree 3 or more, 5 for classes"
         )
     if highest > most:
         raise ModesError(f"degree {highest} is not fitted in every class: the least goes to {most}")

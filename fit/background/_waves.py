@@ -30,7 +30,7 @@ from vsh.tools.units import JULIAN_YEAR, hubble_rate
 
 #: km in a megaparsec.
 _MPC = 3.0856775814913673e19
-#: What each kind of limit takes for equally likely beforehand.
+#: What each kind of limit takes for equally likely a priori.
 KINDS = {"flat": "exact likelihood, flat in Ω", "root": "exact likelihood, flat in √Ω",
          "coefficients": "coefficients flat: quantile of (6/5) P_2/(4π H0²)"}  # fmt: skip
 
@@ -54,7 +54,7 @@ class WaveLimit(Result):
     power, noise_power : float
         P_2 as fitted, T and S together, and what noise gives on average. [(µas/yr)²]
     squares : (2, m) array
-        Variances and shifts of the squares whose sum P_2 is, for coefficients that are equally likely beforehand.
+        Variances and shifts of the squares whose sum P_2 is, for coefficients that are equally likely a priori.
         [(µas/yr)², none]
     parity_p_value : float
         Probability of P_T2 and P_S2 as different as they are, where they are the same on average.
@@ -207,7 +207,7 @@ def wave_limit(
         that are not named, degree 1 among them, are fitted freely.
     degrees : iterable of int
         Where waves are looked for. General relativity gives 5/6 of the power to degree 2; each higher one has little
-        signal and the errors that sources share, which pass for waves.
+        signal and the systematic errors, which pass for waves.
     hubble : float
         H0 for which Ω is meant; the default gives h70² Ω. [km/s/Mpc]
     noise_scale : bool, optional

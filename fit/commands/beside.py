@@ -16,7 +16,7 @@ from vsh.tools.errors import ModesError, NothingSelectedError, ParameterError, V
 def shared_by(
     run: Any, source: Any, path: str, estimate: Any, templates: Sequence[Any] = (), n_sources: int = 0
 ) -> Any:
-    """Normal equations of each class by the weights of the `estimate`, and the errors that the classes share.
+    """Normal equations of each class by the weights of the `estimate`, and the systematic errors.
 
     Those of `n_sources` that are in no class are counted.
     """
@@ -50,7 +50,7 @@ def shared_by(
 
 
 def _and(where, condition):
-    """The rows that are wanted, and of those the ones that fulfil a condition."""
+    """The rows that are expected, and of those the ones that fulfil a condition."""
     return condition if where is None else f"({where}) and ({condition})"
 
 
@@ -78,7 +78,7 @@ _HIGHEST = 7
 
 #: Captions of the figures.
 CAPTIONS = {
-    "shared": "Spin and acceleration of the classes, with errors that they share.",
+    "shared": "Spin and acceleration of the classes, with common systematic errors.",
     "cross_powers": "What of the solution follows each template, by degree, in errors with the floor.",
     "waves": "Energy in gravitational waves: posteriors and 95 % limits.",
 }
@@ -98,7 +98,7 @@ def limit_on_waves(plain: Any, has_floor: bool, years: float | None) -> Any:
 def with_floor(plain: Any) -> Any:
     """A fit with the systematic floor in its errors."""
     if plain.modes.lmax < 3:
-        raise ModesError(f"degree {plain.modes.lmax} says nothing of a floor: take --lmax 3 or higher")
+        raise ModesError(f"degree {plain.modes.lmax} cannot determine a systematic floor: use --lmax 3 or higher")
     solution = fit.solve(fit.background.equations_of(plain), floor=fit.background.floor(plain))
     return replace(solution, formal_covariance=plain.formal.covariance)
 
@@ -145,7 +145,7 @@ def _column(name, run, source, path):
 
 
 def cross_powers_of(solution: Any, floor: Any, templates: list[Any]) -> Any:
-    """Project a solution without a prior on the templates; errors hold the systematic floor, of the run if it has one.
+    """Project a solution without a prior on the templates; errors include the floor, of the run if it has one.
 
     The same equations as the floor's, so that the errors do not depend on whether the floor was put into the solution.
     """

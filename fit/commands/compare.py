@@ -77,12 +77,12 @@ def make_parser() -> argparse.ArgumentParser:
         "--floor",
         action="store_true",
         help=(
-            "rotation and glide with the errors that sources share over the sky as well, from degrees 2 to 5 of the "
+            "rotation and glide with systematic errors as well, from degrees 2 to 5 of the "
             "differences; from 100000 sources on that is done unasked"
         ),
     )
     floors.add_argument("--no-floor", action="store_true", help="leave them out: the report has their size")
-    parser.add_argument("--seed", type=int, default=1, help="of the draws of what sources share (default: 1)")
+    parser.add_argument("--seed", type=int, default=1, help="of the draws of systematic errors (default: 1)")
     parser.add_argument(
         "--where2",
         metavar="CONDITION",
@@ -158,7 +158,7 @@ def _run(options):
             tables[f"Vectors{of}"] = vectors_table(comparison.best)
             tables[f"Coefficients{of}"] = comparison.best.to_table()
             if comparison.shared is not None:
-                tables[f"With what sources share{of}"] = comparison.shared.to_table()
+                tables[f"With systematic errors{of}"] = comparison.shared.to_table()
             if comparison.names:
                 tables[f"Sources that were left out{of}"] = comparison.outliers_table()
         return tables
@@ -209,7 +209,7 @@ def _counts(compared):
 
 
 def _together(catalogues, options):
-    """All catalogues in one solution with the noise that they share; None where sources have no names to go by."""
+    """All catalogues in one solution with their common noise; None where sources have no names to go by."""
     if options.by == "position":
         return None
     from fit.frames.chain import chain_catalogues
@@ -261,7 +261,7 @@ def _page(comparison, kept, options, meta, drawn):
         sections.append(Section("Sources that were left out", (), comparison.outliers_table()))
     captions = {
         "catalogues": "Correlations of the coefficients by the errors of either catalogue, one in each triangle.",
-        "shared": "Rotation and glide with the errors that sources share over the sky.",
+        "shared": "Rotation and glide with systematic errors.",
     }
     write_html(
         comparison.best,

@@ -1,4 +1,4 @@
-"""`vsh-correlate`: what a catalogue's sky cannot tell apart, on the command line."""
+"""`vsh-correlate`: what a catalogue's sky cannot separate, on the command line."""
 
 import argparse
 import re
@@ -70,7 +70,7 @@ def make_parser() -> argparse.ArgumentParser:
 def _pair(text):
     parameters = tuple(name.strip() for name in re.findall(r"[^,()]+(?:\([^)]*\))?", text))
     if len(parameters) not in (1, 2) or not all(parameters) or len(set(parameters)) != len(parameters):
-        raise argparse.ArgumentTypeError(f"one or two different names are wanted, not {text!r}")
+        raise argparse.ArgumentTypeError(f"one or two different names are expected, not {text!r}")
     return parameters
 
 
@@ -128,7 +128,7 @@ def _run(options):
         counts={"sources": [_count(f) for f in fields]},
         figures=lambda: _draw(matrices, influences, leaks),
         files=lambda folder, meta: _write(folder, matrices, influences, leaks, meta),
-        title=f"What the sky of {' and '.join(labels)} cannot tell apart",
+        title=f"What the sky of {' and '.join(labels)} cannot separate",
         captions=_caption,
     )
 
@@ -243,7 +243,7 @@ def _name(label, pair):
 
 def _caption(name):
     if name == "correlation":
-        return "Correlations of the errors: what a fit to this sky cannot tell apart."
+        return "Correlations of the errors: what a fit to this sky cannot separate."
     if name.startswith("leakage"):
         return (
             "What degrees that are not fitted do to spin and acceleration: their rms bias by a power of 1 (µas/yr)² in "

@@ -46,7 +46,7 @@ def make_parser() -> argparse.ArgumentParser:
         "--classes",
         metavar="COLUMN:EDGE,…",
         help=(
-            "compare classes of sources, with errors that they share (--lmax 5 is best): by a column, magnitude:18,20, "
+            "compare classes of sources, systematic errors included (--lmax 5 is best): by a column, magnitude:18,20, "
             "by conditions between semicolons, or halves:galactic"
         ),
     )
@@ -77,7 +77,7 @@ def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
     if options.lmax is None:
         options.lmax = 5 if options.method == "recommended" else 3
     if options.classes and options.lmax < 3:
-        parser.error("--classes needs --lmax 3 or more: degrees 1 and 2 say nothing of what classes share")
+        parser.error("--classes needs --lmax 3 or more: degrees 1 and 2 contain no information on systematic errors")
     if options.templates and options.lmax < 3:
         parser.error("--templates needs --lmax 3 or more, 5 is best: degrees 1 and 2 alone tell them from nothing")
     if options.years and not options.waves:
@@ -87,7 +87,7 @@ def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
 
 
 def _add_backgrounds(parser):
-    group = parser.add_argument_group("what sources share")
+    group = parser.add_argument_group("systematic errors")
     group.add_argument(
         "--floor",
         action="store_true",
@@ -110,8 +110,8 @@ def _add_backgrounds(parser):
 DEMO = "demo.fits"
 #: Headings of tables beside those of the solution.
 _HEADINGS = {
-    "floor": "What sources share",
-    "shared": "Classes with errors that they share",
+    "floor": "Systematic errors",
+    "shared": "Classes with common systematic errors",
     "waves": "Gravitational waves",
     "cross_powers": "Templates beside the degrees",
 }

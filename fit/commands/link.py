@@ -23,47 +23,59 @@ def make_parser() -> argparse.ArgumentParser:
             "vsh-link gaia.csv vlbi.csv --no-offset --html link.html",
         ),
     )
-    add = parser.add_argument
-    add(
+    parser.add_argument(
         "catalogues",
         nargs="+",
         metavar="TABLE",
-        help="names, epochs, and what was measured of ra, dec, parallax, pmra, pmdec with their errors; a catalogue "
-        "each, or all in one (a column catalogue, or columns with a suffix such as _VLBI)",
+        help="table with source names, epochs and any of ra, dec, parallax, pmra, pmdec with their errors; one table "
+        "per catalogue, or one with a column 'catalogue' or with suffixes of columns (_VLBI)",
     )
-    add("--reference", metavar="NAME", help="the catalogue that is not turned (default: vlbi… or icrf…)")
+    add = parser.add_argument_group("frame model").add_argument
+    add("--reference", metavar="NAME", help="catalogue that defines the frame (default: that called vlbi… or icrf…)")
     add(
         "--unknowns",
         type=parsing.names,
         default=["orientation", "spin"],
         metavar="NAMES",
-        help="of orientation, spin, acceleration (default: orientation,spin)",
+        help="vectors to fit, any of orientation, spin, acceleration (default: orientation,spin)",
     )
-    add("--steps", type=parsing.numbers, default=(), metavar="G,…", help="magnitudes at which the frame jumps")
+    add("--epoch", type=float, default=2016.0, help="epoch of the orientation (default: 2016)")
+    add("--steps", type=parsing.numbers, default=(), metavar="G,…", help="magnitudes at which the frame may jump")
     add(
         "--seek-step",
         type=parsing.numbers,
         nargs="?",
         const=(),
         metavar="G,…",
-        help="find the magnitude at which the frame jumps, among these (default: 12 between those of the sources)",
+        help="search for the magnitude of a jump, among these (default: 12 within the magnitudes of the sources)",
     )
-    add("--order", type=parsing.count(0, 6), default=0, help="powers of (G − 13) that it has (default: 0)")
-    add("--colour-order", type=parsing.count(0, 6), default=0, help="powers of (colour − 1) that it has (default: 0)")
-    add("--epoch", type=float, default=2016.0, help="of the orientation (default: 2016)")
-    add("--priors", metavar="FILE", help="spins or orientations from elsewhere: x, y, z, x_error …, magnitude")
-    add("--no-robust", action="store_true", help="normal errors in place of tails found from the data")
+    add("--order", type=parsing.count(0, 6), default=0, help="degree of the polynomial in (G − 13) (default: 0)")
     add(
-        "--scale", type=parsing.positive, metavar="X", help="by which all errors are multiplied, in place of finding it"
+        "--colour-order",
+        type=parsing.count(0, 6),
+        default=0,
+        help="degree of the polynomial in (colour − 1) (default: 0)",
     )
-    add("--epochs", type=parsing.pairs, metavar="NAME=EPOCH", help="of tables without such a column (icrf3sx=2015)")
-    add("--quasars", type=parsing.names, default=(), metavar="NAME,…", help="tables of quasars alone, where none says")
-    add("--fixed", type=parsing.pairs, metavar="NAME=EPOCH", help="catalogues tied to calibrators with fixed places")
-    add("--no-aberration", action="store_true", help="leave out what the Solar System's acceleration does")
-    add("--no-parallax", action="store_true", help="positions of single epochs are free of parallax")
-    add("--no-light-time", action="store_true", help="stars move as if light needed no time")
-    add("--no-offset", action="store_true", help="no offset between the reference's positions and the others is sought")
-    add("--candidates", metavar="FILE", help="planned astrometry: which of its sources would tell most")
+    add("--priors", metavar="FILE", help="table of known spins or orientations: x, y, z, x_error …, magnitude")
+    add = parser.add_argument_group("error model").add_argument
+    add("--no-robust", action="store_true", help="assume normal errors instead of heavy tails and outliers")
+    add("--scale", type=parsing.positive, metavar="X", help="multiply all errors by X instead of estimating the factor")
+    add("--no-offset", action="store_true", help="fit no offsets between positions of the reference and the others")
+    add = parser.add_argument_group("catalogues").add_argument
+    add("--epochs", type=parsing.pairs, metavar="NAME=EPOCH", help="epochs of tables without a column (icrf3sx=2015)")
+    add("--quasars", type=parsing.names, default=(), metavar="NAME,…", help="tables that contain quasars only")
+    add(
+        "--fixed",
+        type=parsing.pairs,
+        metavar="NAME=EPOCH",
+        help="catalogues whose calibrators have fixed positions, with the epoch of these",
+    )
+    add = parser.add_argument_group("effects to leave out, for tests").add_argument
+    add("--no-aberration", action="store_true", help="leave out the acceleration of the Solar System")
+    add("--no-parallax", action="store_true", help="leave out the parallax in positions of single epochs")
+    add("--no-light-time", action="store_true", help="leave out the light travel time")
+    add = parser.add_argument_group("planning and output").add_argument
+    add("--candidates", metavar="FILE", help="planned astrometry, to be ranked by the information that it would add")
     parsing.add_threads(parser)
     add("--output", metavar="DIR", help="write report, tables and figures to this folder")
     reading.add_figures(parser)
@@ -150,7 +162,7 @@ def _epoch(text, option):
     try:
         return float(text)
     except ValueError:
-        raise ParameterError(f"{option} wants NAME=EPOCH, as vlbi=2015, not {text!r}") from None
+        raise ParameterError(f"{option} is NAME=EPOCH, such as vlbi=2015, not {text!r}") from None
 
 
 main, run = running.make_entry(__name__, _run)

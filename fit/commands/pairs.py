@@ -52,7 +52,7 @@ def make_parser() -> argparse.ArgumentParser:
 def _angle(text):
     number = parsing.positive(text)
     if number > 180:
-        raise argparse.ArgumentTypeError(f"an angle up to 180 degrees is wanted, not {text!r}")
+        raise argparse.ArgumentTypeError(f"an angle up to 180 degrees is expected, not {text!r}")
     return number
 
 
@@ -61,7 +61,7 @@ def _templates(text):
         return ()
     templates = tuple(name.strip() for name in text.split(","))
     if not set(templates) <= set(parsing.TEMPLATES):
-        raise argparse.ArgumentTypeError(f"none, or some of {', '.join(parsing.TEMPLATES)} are wanted, not {text!r}")
+        raise argparse.ArgumentTypeError(f"none, or some of {', '.join(parsing.TEMPLATES)} are expected, not {text!r}")
     return templates
 
 

@@ -53,7 +53,7 @@ def make_parser() -> argparse.ArgumentParser:
         "--floor",
         action="store_true",
         help=(
-            "with --bins: errors that sources share, from the power of degrees 2 to --lmax (to 5 where that is 1), and "
+            "with --bins: systematic errors, from the power of degrees 2 to --lmax (to 5 where that is 1), and "
             "whether the dipole changes with redshift; from 100000 sources on that is done unasked"
         ),
     )
@@ -93,7 +93,7 @@ def make_parser() -> argparse.ArgumentParser:
         metavar="X,Y,Z,ERROR",
         help="the acceleration known from quasars: ICRS, µas/yr (default: free)",
     )
-    distances = parser.add_argument_group("redshifts, and flows that galaxies share")
+    distances = parser.add_argument_group("redshifts, and coherent flows")
     distances.add_argument(
         "--redshift-frame",
         choices=parsing.REDSHIFT_FRAMES,
@@ -103,7 +103,7 @@ def make_parser() -> argparse.ArgumentParser:
     distances.add_argument(
         "--no-flows",
         action="store_true",
-        help="leave out the flows that galaxies share: errors are then several times too small on the real sky",
+        help="leave out coherent flows: errors are then several times too small on the real sky",
     )
     distances.add_argument(
         "--flows", action="store_true", help="the default: fit the flow that linear theory expects as well"
@@ -191,7 +191,7 @@ def _edges(text):
 def _range(text):
     limits = parsing.numbers(text)
     if len(limits) != 2 or not 0 < limits[0] < limits[1]:
-        raise argparse.ArgumentTypeError(f"two rising numbers above zero are wanted, not {text!r}")
+        raise argparse.ArgumentTypeError(f"two rising numbers above zero are expected, not {text!r}")
     return limits
 
 
@@ -206,14 +206,14 @@ def _known_vector(text):
     """Three components along ICRS axes, and one error."""
     limits = parsing.numbers(text)
     if len(limits) != 4 or not limits[3] > 0:
-        raise argparse.ArgumentTypeError(f"three components and an error above zero are wanted, not {text!r}")
+        raise argparse.ArgumentTypeError(f"three components and an error above zero are expected, not {text!r}")
     return limits
 
 
 def _amplitude(text):
     limits = parsing.numbers(text)
     if len(limits) != 2 or not min(limits) > 0:
-        raise argparse.ArgumentTypeError(f"a mean and an error above zero are wanted, not {text!r}")
+        raise argparse.ArgumentTypeError(f"a mean and an error above zero are expected, not {text!r}")
     return limits
 
 
@@ -238,7 +238,7 @@ def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
             parser.error(f"--{name.replace('_', '-')} needs --{needs}")
     wanted = options.h0 or options.velocity or options.bins or options.posterior
     if options.floor and options.lmax == 2:
-        parser.error("--floor needs --lmax 3 or more: degrees 1 and 2 say nothing of what bins share")
+        parser.error("--floor needs --lmax 3 or more: degrees 1 and 2 contain no information on systematic errors")
     for name in ("floor", "no_floor", "estimator"):
         if getattr(options, name) and not options.bins:
             parser.error(f"--{name.replace('_', '-')} is for --bins")
@@ -247,7 +247,7 @@ def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
     if options.distances and (wanted or options.workers or options.scheduler or options.clip or options.free_spin):
         parser.error("--distances stands alone: it takes no --h0, --velocity, --bins, --posterior, --clip, --workers")
     if not (wanted or options.distances):
-        parser.error("say what is wanted: --h0 H0, --velocity planck, --bins EDGES, --posterior, --distances")
+        parser.error("nothing to do: give --h0 H0, --velocity planck, --bins EDGES, --posterior, --distances")
     if (
         options.checkpoint
         and options.output
@@ -262,14 +262,14 @@ _WIDEST = {True: 400.0, False: 1000.0}
 _DEGREE = 5
 _HEADINGS = {
     "bins": "Bins of redshift",
-    "shared": "Bins with errors that they share",
+    "shared": "Bins with common systematic errors",
     "velocity": "Our velocity",
     "hubble": "The Hubble constant",
     "posterior": "Posterior",
 }
 _CAPTIONS = {
     "bins": "Acceleration and spin in bins of redshift; dashed: what our motion past nearby galaxies adds.",
-    "shared": "Spin and acceleration of the bins, with errors that they share.",
+    "shared": "Spin and acceleration of the bins, with common systematic errors.",
     "flow": "Flow of the galaxies on shells: away from us (colours) and across (arrows).",
     "corner": "Every pair of quantities, with 68 and 95 % contours; dashed: the prior on H0.",
     "trace": "Walkers against steps; grey: left out. R̂ near 1 and a large effective size: the chain has converged.",
@@ -321,7 +321,7 @@ def _run(options):
         bin_up_to = partial(_binned, whole, edges, bin_options | {"method": method, "value": value})
         results["bins"] = bins = bin_up_to(options.lmax)
         asked = options.floor or (bins.counts.sum() >= fit.quality.MANY and not options.no_floor)
-        if asked:  # permutations know nothing of the errors that sources share
+        if asked:  # permutations know nothing of the systematic errors
             shared, remark = _shared(bin_up_to, bins, options.lmax, options.seed, options.floor)
             results |= {} if shared is None else {"shared": shared}
         else:
@@ -565,7 +565,7 @@ def _ask_for_frame(field, redshift_frame, hubble, common, label):
 
 
 def _shared(bin_up_to, bins, lmax, seed, is_asked):
-    """The errors that bins share, or None; and a remark on the p-values without them."""
+    """the systematic errors, or None; and a remark on the p-values without them."""
     from fit.background import BEYOND, sees_part
 
     degree = lmax if lmax >= 3 else _DEGREE
@@ -688,7 +688,7 @@ def _summary(solution):
         known = f"for our velocity of {ours:.1f} km/s, H0{error} {limits} km/s/Mpc with 95 %"
     return (
         f"{solution.n_sources} sources, {solution.frame} axes, {known}, χ²/dof = {solution.quality.reduced:.3f}, "
-        f"{'flows that galaxies share in the errors' if solution.flow is not None else 'errors without flows'}"
+        f"{'coherent flows in the errors' if solution.flow is not None else 'errors without flows'}"
     )
 
 

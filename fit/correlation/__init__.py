@@ -1,4 +1,4 @@
-"""What a sky cannot tell apart, why, and what leaks into a fit."""
+"""What a sky cannot separate, why, and what leaks into a fit."""
 
 from typing import TYPE_CHECKING
 

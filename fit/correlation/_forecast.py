@@ -93,13 +93,13 @@ def predict_covariance(
     Raises
     ------
     DegeneracyError
-        If the sources cannot tell the modes apart.
+        If the sources cannot separate the modes.
     ModesError
         If the floor was estimated from degrees that are not fitted.
 
     Examples
     --------
-    What sources share adds to the errors of degree 1:
+    Systematic errors adds to the errors of degree 1:
 
     >>> quasars = Field([0.1, 2.0, 4.0], [0.3, -0.7, 0.2], np.zeros((2, 3)), np.ones((2, 3)))
     >>> alone, shared = (predict_covariance(quasars, floor=floor) for floor in (None, 4 * Spectrum.flat()))
@@ -121,7 +121,7 @@ def predict_covariance(
         solution.n_data,
         solution.frame,
         solution.notes,
-        "the predicted weights" + ("" if floor is None else ", with errors that sources share"),
+        "the predicted weights" + ("" if floor is None else ", with systematic errors"),
         _weight=as_parts(field).sum(_information, roles=(), words="weights"),
         _alone=to_coefficients.T @ normal.matrix @ to_coefficients,
     )
@@ -198,7 +198,7 @@ def reweighted(field: Field, case: ArrayLike | None) -> Field:
         return field
     case = np.asarray(case)
     if case.dtype.kind not in "bif":
-        raise FieldError(f"a case is None, a mask or factors on weights, not {case.dtype}")
+        raise FieldError(f"each case is None, a mask or factors on the weights, not {case.dtype}")
     if case.shape != (len(field),):
         raise FieldError(f"a mask or weights have one value a source, {len(field)}, not shape {case.shape}")
     if case.dtype == bool:

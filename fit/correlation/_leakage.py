@@ -119,13 +119,13 @@ class Leakage(Result):
         if isinstance(power, dict):
             for l, value in power.items():
                 if not first <= l <= modes.lmax:
-                    raise ParameterError(f"degree {l} is not among the unmodelled ones, {first} to {modes.lmax}")
+                    raise ParameterError(f"degree {l} is none of the unmodelled degrees {first} to {modes.lmax}")
                 spectrum[:, l] = value
         else:
             power = np.asarray(power, float)
             if power.ndim and power.shape[-1] != modes.lmax + 1 - first:
                 raise ParameterError(
-                    f"a power for each degree from {first} to {modes.lmax} is wanted, not {power.shape}"
+                    f"a power for each degree from {first} to {modes.lmax} is expected, not {power.shape}"
                 )
             spectrum[:, first:] = power
         if not (spectrum >= 0).all():

@@ -87,7 +87,7 @@ def named(names: Sequence[str], what: Modes | int | str) -> Parameters:
 def check_lower(fitted: Modes, unmodelled: Modes) -> None:
     """Raise ModesError unless the second degree is the higher one."""
     if not unmodelled.lmax > fitted.lmax:
-        raise ModesError(f"what is not fitted must lie above degree {fitted.lmax}: {unmodelled.lmax} does not")
+        raise ModesError(f"unmodelled degrees are above the fitted degree {fitted.lmax}, not {unmodelled.lmax}")
 
 
 def without_motions(sources: Any, sigma: ArrayLike | None = None) -> Field | Parts:
@@ -262,7 +262,7 @@ def correlation_matrices(
     FrameError
         If the catalogues stand in different frames.
     DegeneracyError
-        If one of them cannot tell the parameters apart.
+        If one of them cannot separate the parameters.
     """
     if isinstance(fields, dict):
         labels, fields = list(fields), list(fields.values())
@@ -424,10 +424,10 @@ def _change(covariance, first, second, g, h, field):
 
 def _prepared(field, modes, parameters):
     if not isinstance(parameters, (str, tuple, list)) or not all(isinstance(name, str) for name in parameters):
-        raise ParameterError(f"one or two names of parameters are wanted, not {parameters!r}")
+        raise ParameterError(f"one or two names of parameters are expected, not {parameters!r}")
     names = (parameters,) if isinstance(parameters, str) else tuple(parameters)
     if len(names) not in (1, 2) or len(set(names)) != len(names):
-        raise ParameterError(f"one or two different parameters are wanted, not {parameters!r}")
+        raise ParameterError(f"name one parameter or two different ones, not {parameters!r}")
     modes = as_modes(1 if isinstance(modes, str) and modes == FRAME else modes)
     chosen = named(names, modes)
     covariance = solve(normal_equations(field, modes)).covariance

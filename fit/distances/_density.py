@@ -360,7 +360,7 @@ _SOURCES = 4000
 
 
 class MeasuredRates(NamedTuple):
-    """The motion that 1 km/s gives to each source, its mean and variance, and the scale length they were taken for.
+    """The motion that 1 km/s gives to each source, its mean and variance, and the scale length they were taken as.
 
     Attributes
     ----------

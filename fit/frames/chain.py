@@ -1,4 +1,4 @@
-"""Several catalogues of one sky in one solution, with the noise that they share estimated.
+"""Several catalogues of one sky in one solution, with their common noise estimated.
 
 Catalogue k sees source s at x_ks = x_s + A_s c_k + e_ks, with c the coefficients of its frame against the reference's
 and Cov(e_js, e_ks) = ρ_jk S_js S_ks, S² the covariance that each quotes. The true places x_s are eliminated source by
@@ -40,7 +40,7 @@ from vsh.vector import Vector
 __all__ = ["Chain", "chain_catalogues"]
 #: The most noise that two catalogues may share: of all of it nothing would be left to compare.
 _MOST = 0.995
-#: Rounds of noise that is shared and of outliers; what is left out has a chance of less than this in all the catalogue.
+#: Rounds of common noise and of outliers; what is left out has a chance of less than this in all the catalogue.
 _ROUNDS, _CHANCE = 12, 0.5
 #: What catalogues share over the sky is looked for to this degree.
 _FLOOR = Modes(5)
@@ -62,11 +62,11 @@ class Chain(FrameResult):
     covariance : ((K − 1) p, (K − 1) p) array
         That of all of them, errors multiplied by `factor` where it is above one.
     correlation : (K, K) array
-        ρ, the noise that catalogues share, of errors as quoted.
+        ρ, the common noise, of formal errors.
     common : (K, K) array
         How many sources any two have in common; on the diagonal how many of each are used.
     chi2 : float
-        With the noise that is shared.
+        With the common noise.
     n_data : int
         Numbers that were fitted, those that true places take left out.
     factor : float
@@ -78,7 +78,7 @@ class Chain(FrameResult):
     frame, unit : str
     notes : tuple of str
     shared : SharedErrors or None
-        Rotation and glide of each against the reference with the errors that sources share over the sky, in one model:
+        Rotation and glide of each against the reference with systematic errors, in one model:
         what the reference has is in all differences from it.
     """
 
@@ -142,7 +142,7 @@ class Chain(FrameResult):
             n_data=int(2 * both),
             frame=self.frame,
             notes=self.notes,
-            errors_from="all catalogues together, with the noise that they share",
+            errors_from="all catalogues together, with their common noise",
             error_source=ErrorSource.JOINT,
             unit=self.unit,
         )
@@ -177,7 +177,7 @@ class Chain(FrameResult):
         return float(chdtrc(at.size, chi2))
 
     def frames(self, catalogue: str, other: str | None = None) -> Solution:
-        """Rotation and glide of one catalogue less another's with the errors that sources share over the sky.
+        """Rotation and glide of one catalogue less another's with systematic errors.
 
         Parameters
         ----------
@@ -187,12 +187,12 @@ class Chain(FrameResult):
         Raises
         ------
         ParameterError
-            If they are not, or what they share was not sought (`floor=True`).
+            If they are not, or systematic errors were not estimated (`floor=True`).
         """
         return self._sought().combination(self._row(catalogue, other)[1:])
 
     def frame_p_value(self, kind: str, catalogue: str, other: str | None = None) -> float:
-        """Probability of as large a rotation, or glide, of two catalogues with one frame, with what sources share.
+        """Probability of as large a rotation, or glide, of two catalogues with one frame, with systematic errors.
 
         Parameters
         ----------
@@ -212,7 +212,7 @@ class Chain(FrameResult):
     def _sought(self):
         """Shared errors; ParameterError where they were not estimated."""
         if self.shared is None:
-            raise ParameterError("what sources share over the sky was not sought: chain_catalogues(…, floor=True)")
+            raise ParameterError("systematic errors were not estimated: chain_catalogues(…, floor=True)")
         return self.shared
 
     def _sections(self, long):
@@ -280,7 +280,7 @@ class Chain(FrameResult):
     def plot(self, *, ax: Axes | None = None) -> Axes:
         """The terms of each catalogue against the reference with their errors, on matplotlib axes.
 
-        Rotation and glide have what sources share over the sky in theirs, where that was sought.
+        Rotation and glide have systematic errors in theirs, where that was sought.
         """
         from fit.results.output import plot_terms
 
@@ -291,7 +291,7 @@ class Chain(FrameResult):
             terms[f"{name} − {self.labels[0]}"] = own[0] | own[-1]
         axes = plot_terms(terms, self.unit, ax=ax)
         if self.shared is not None:
-            axes.set_xlabel("R and D with what sources share over the sky")
+            axes.set_xlabel("R and D with systematic errors")
         return axes
 
     def _row(self, catalogue, other):
@@ -318,7 +318,7 @@ def chain_catalogues(
     floor: bool | None = None,
     rng: Rng = 1,
 ) -> Chain:
-    """Compare any number of catalogues in one solution, with the noise that they share.
+    """Compare any number of catalogues in one solution, with their common noise.
 
     Parameters
     ----------
@@ -332,10 +332,10 @@ def chain_catalogues(
     clip : bool
         Whether sources are left out that have a chance of less than one half to be in a catalogue of this size.
     floor : bool, optional
-        Whether rotation and glide are also found with the errors that sources share over the sky, from degrees 2 to 5
+        Whether rotation and glide are also found with systematic errors, from degrees 2 to 5
         of all differences in one model; where there are 100 000 sources or more unless given.
     rng : Generator or int
-        The source of all randomness in the draws of what they share.
+        The source of all randomness in the draws of systematic errors.
 
     Raises
     ------
@@ -372,7 +372,9 @@ def chain_catalogues(
     if len(listed) < 2 or len(kinds) != 1 or not kinds <= {Positions, Field}:
         raise ParameterError("a chain is two catalogues at least, all Positions or all Fields")
     if len({each.frame for each in listed}) > 1:
-        raise FrameError(f"catalogues stand in {', '.join(sorted({each.frame for each in listed}))} axes: take one")
+        raise FrameError(
+            f"catalogues are in different frames ({', '.join(sorted({each.frame for each in listed}))}): use to_frame"
+        )
     sky = _Sky(labels, listed)
     correlation, kept = np.eye(len(labels)), np.ones(sky.n, bool)
     wanted = sky.n >= MANY if floor is None else floor
@@ -413,7 +415,7 @@ def chain_catalogues(
 
 
 def _over_the_sky(sky, correlation, kept, labels, rng):
-    """Rotation and glide with what is shared over the sky; errors multiplied by √(χ²/dof) of the fit to degree 5."""
+    """Rotation and glide with systematic errors; errors multiplied by √(χ²/dof) of the fit to degree 5."""
     normal = _normal(sky, _FLOOR, correlation, kept)
     *_, chi2, dof = _solved(sky, _FLOOR, normal, kept, labels)
     matrix, rhs, _ = normal
@@ -550,7 +552,7 @@ def _solved(sky, modes, normal, kept, labels):
 
 
 def _difference(sky, i, j, at, rho):
-    """Differences of two catalogues with the noise that they share, as a field."""
+    """Differences of two catalogues with their common noise, as a field."""
     own, cross = _spreads(sky, i, j, at)
     v = own - rho * cross
     sigma = np.sqrt(np.stack([v[:, 0, 0], v[:, 1, 1]]))

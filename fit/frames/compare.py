@@ -137,9 +137,9 @@ class FrameComparison(FrameResult, AboutSolution):
     by_class : ByErrorClass or None
         The same fit with errors scaled in classes of their size, each by its own residuals.
     shared : SharedErrors or None
-        Rotation and glide with the errors that sources share over the sky, where that was asked for.
+        Rotation and glide with systematic errors, where that was asked for.
     floor : Floor or None
-        The size of what sources share, where it is in no error above.
+        The size of systematic errors, where it is in no error above.
     alone : ByErrorClass or None
         Rotation or glide alone, the rest held at zero, where that was asked for.
     alone_names : tuple of str
@@ -194,7 +194,7 @@ class FrameComparison(FrameResult, AboutSolution):
 
     @cached_property
     def best(self) -> Solution:
-        """The solution with the errors of the verdict: in classes, and of rotation and glide with what sources share.
+        """The solution with the errors of the verdict: in classes, and of rotation and glide with systematic errors.
 
         Where sources share errors, rotation and glide are taken as independent of the higher degrees.
         """
@@ -210,11 +210,11 @@ class FrameComparison(FrameResult, AboutSolution):
             values[first] = alone.values
             covariance[first] = covariance[:, first] = 0.0
             covariance[np.ix_(first, first)] = alone.covariance
-            errors += ", of rotation and glide with what sources share"
+            errors += ", of rotation and glide with systematic errors"
             includes_floor = True
         elif self.floor is not None:
             covariance += np.diag(self.floor.added(solution.modes))
-            errors += ", of rotation and glide with the size of what sources share"
+            errors += ", of rotation and glide with the size of the systematic floor"
             includes_floor = True
         return replace(
             solution,
@@ -266,7 +266,7 @@ class FrameComparison(FrameResult, AboutSolution):
 
     @property
     def deformation_p_value(self) -> float:
-        """Probability of as much beyond rotation and glide from noise alone, by the errors quoted.
+        """Probability of as much beyond rotation and glide from noise alone, with formal errors.
 
         Right where the errors are and the two catalogues share no noise; too large where they do (half of it shared:
         below 0.05 on no sky).
@@ -362,7 +362,7 @@ class FrameComparison(FrameResult, AboutSolution):
                 )
             facts.append(("residuals", words))
         if self.shared is not None:
-            facts.append(("R and D", "with the errors that sources share over the sky, from the model below"))
+            facts.append(("R and D", "with systematic errors, from the model below"))
         if self.floor is not None and long:
             spin, glide = self.floor.spin_error, self.floor.acceleration_error
             words = f"rotation ± {spin:.3g}, glide ± {glide:.3g} {solution.unit}, in the errors of R and D"
@@ -433,7 +433,7 @@ def compare_catalogues(
     labels : two str
         What the catalogues are called.
     floor : bool, optional
-        Whether rotation and glide are also given with the errors that sources share over the sky, from the power of
+        Whether rotation and glide are also given with systematic errors, from the power of
         degrees 2 to 5 of the differences; from 100 000 sources on unless given. Otherwise its size is given.
     parameters : {"degree", "orientation", "spin", "glide"}
         What is also fitted alone, the rest held at zero: the rotation (of positions an orientation, of motions a spin),
@@ -468,7 +468,7 @@ def compare_catalogues(
     A&A 644, A159) compare ICRF3 with ICRF2 like this.
     """
     if len(labels) != 2 or not all(isinstance(label, str) for label in labels):
-        raise ParameterError(f"labels are two names, not {labels!r}")
+        raise ParameterError(f"labels= are two names, not {labels!r}")
     arguments.choice("parameters", parameters, tuple(PARAMETERS))
     arguments.choice("method", method, _METHODS)
     modes = as_modes(modes)
@@ -523,7 +523,7 @@ def _by_method(fitted, modes, method, replicates, rng):
 
 
 def _with_floor(comparison, fitted, wanted, replicates, rng):
-    """The comparison with what sources share in its errors, or its size beside them."""
+    """The comparison with systematic errors in its errors, or its size beside them."""
     if wanted is None:
         wanted = len(fitted) >= MANY
     if not wanted and len(fitted) < FEW:

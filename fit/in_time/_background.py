@@ -3,7 +3,7 @@
 Coefficients of a band's functions are c ~ N(0, P_b D), D the shares of degrees and kinds, beside noise of covariance
 N⁻¹; degree 1 is free: `fit.background.Amplitudes` has the likelihood.
 
-√P_b is flat beforehand. Draws come from the product of what each band says with all others free, weighted by L.
+√P_b is flat a priori. Draws come from the product of what each band says with all others free, weighted by L.
 """
 
 from collections.abc import Sequence
@@ -171,7 +171,7 @@ def background(
 
     Notes
     -----
-    On skies drawn with √P of 0 to 3 times the noise 68 % intervals hold .66 to .70 of the truths. Errors are scaled by
+    On skies drawn with √P of 0 to 3 times the noise 68 % intervals cover .66 to .70 of the truths. Errors are scaled by
     √(χ²/dof). The likelihood is that of `fit.background.fit_amplitudes`, in as many blocks as there are functions.
     """
     arguments.a(TimeEquations)("equations", equations)

@@ -167,7 +167,7 @@ def normal_equations(
     """
     if attitude is None:
         raise ParameterError(
-            "say what the attitude is: sim.agis.Response(law) where it was solved from the same sky, as in Gaia's "
+            "attitude= is missing: sim.agis.Response(law) where it was solved from the same sky, as in Gaia's "
             'releases, or attitude="known"'
         )
     if isinstance(attitude, str):

@@ -172,7 +172,7 @@ def waves(*frequencies: float, span: tuple[float, float] = DR4_SPAN) -> Function
         If there is none, or one twice.
     """
     if not frequencies:
-        raise ParameterError("a frequency at least is wanted [1/yr]")
+        raise ParameterError("a frequency at least is expected [1/yr]")
     numbers = [arguments.positive("frequency", each) for each in frequencies]
     return Functions(tuple((kind, each) for each in numbers for kind in ("cos", "sin")), (span[0], span[1]))
 
@@ -194,7 +194,7 @@ def legendre(highest: int, span: tuple[float, float] = DR4_SPAN) -> Functions:
         If the highest degree is below 2.
     """
     if arguments.whole("highest", highest) < 2:
-        raise ParameterError("degrees 0 and 1 are the sources' positions and motions: highest of 2 or more")
+        raise ParameterError("degrees 0 and 1 are positions and motions of the sources: set highest to 2 or more")
     return Functions(tuple(("legendre", float(k)) for k in range(2, highest + 1)), (span[0], span[1]))
 
 

@@ -302,7 +302,7 @@ def orbit(acceleration: Any, *, r0: float = R0[0], r0_error: float = R0[1]) -> G
             f"{type(acceleration).__name__}"
         )
     if vector.unit != "µas/yr":
-        raise ParameterError(f"an acceleration in µas/yr is wanted, not in {vector.unit}")
+        raise ParameterError(f"the acceleration must be in µas/yr, not in {vector.unit}")
     error = number("r0_error", r0_error)
     notes = tuple(map(str, getattr(acceleration, "notes", ())))
     return GalacticOrbit(vector.to_frame("galactic"), positive("r0", r0), abs(error), notes)

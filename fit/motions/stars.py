@@ -166,7 +166,7 @@ def kinematics(
     FieldError
         If a source has neither a distance nor a parallax.
     DegeneracyError
-        If the sources cannot tell the parameters apart.
+        If the sources cannot separate the parameters.
 
     Notes
     -----
@@ -280,7 +280,7 @@ def _dispersion(design, motion, fixed, rates):
 def _check(normal, names):
     scale = np.sqrt(np.diag(normal))
     if not (scale > 0).all() or np.linalg.cond(normal / np.outer(scale, scale)) > 1e12:
-        raise DegeneracyError(f"these sources cannot tell {', '.join(names)} apart: too few, or too close together")
+        raise DegeneracyError(f"these sources cannot separate {', '.join(names)}: too few, or too close together")
 
 
 def _sandwich(design, motion, values, weights, normal):

@@ -106,7 +106,9 @@ class NormalEquations(Frozen):
             mine, theirs = (
                 each.lmax if type(self.modes) is type(other.modes) else each for each in (self.modes, other.modes)
             )
-            raise ModesError(f"cannot add normal equations of degree {mine} and {theirs}: fit both to one degree")
+            raise ModesError(
+                f"normal equations of degree {mine} and {theirs} cannot be added: use the same lmax for both"
+            )
         if None not in (self.unit, other.unit) and self.unit != other.unit:
             raise ModesError(
                 f"cannot add normal equations of values in {self.unit or 'no unit'} and {other.unit or 'no unit'}"

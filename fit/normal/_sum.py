@@ -165,7 +165,7 @@ def normal_equations(
 
 def _of_stream(fields, work):
     if isinstance(fields, np.ndarray) or not hasattr(fields, "__iter__"):
-        raise FieldError(f"a Field, a ScalarField, or a stream of them, is wanted, not {type(fields).__name__}")
+        raise FieldError(f"a Field, a ScalarField, or a stream of them, is expected, not {type(fields).__name__}")
     total: Any = sum(map(work, fields))
     if isinstance(total, int):
         raise FieldError("the stream of fields is empty: there are no sources to use")

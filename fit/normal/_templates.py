@@ -6,7 +6,7 @@ fitted, t = Σ t_k V_k: normal equations with it as a further unknown are EᵀNE
 looked at again. Its amplitude has a variance of its own, or it could not be told from the modes.
 
 Structure beyond degree L is left out on purpose: it lines up with systematics beyond L, which no prior holds, and its
-amplitude would be taken for better known than it is.
+amplitude would be taken as better known than it is.
 """
 
 from collections.abc import Iterable, Sequence

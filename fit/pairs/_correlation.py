@@ -97,7 +97,7 @@ class TemplateFit(Result):
 
         Notes
         -----
-        Where there is nothing but noise, 95 % hold zero on 93 to 99 % of skies (1500 sources all over the sky, on
+        Where there is nothing but noise, 95 % cover zero on 93 to 99 % of skies (1500 sources all over the sky, on
         half of it, in clusters, 8 that dominate, errors three times too small on a third of the sky; 60 sources),
         where value ± 1.96 errors holds it on 84 to 95.
         """
@@ -113,7 +113,7 @@ class TemplateFit(Result):
         seen = [name for name, (low, _) in zip(self.names, self.interval(1 - SEEN), strict=True) if low > 0]
         if seen:
             return (
-                f"pairs show {', '.join(seen)}, of the sky or of what sources share, which pairs do not tell apart: "
+                f"pairs show {', '.join(seen)}, of the sky or of systematic errors, which pairs do not separate: "
                 "harmonics beside a floor do (vsh-fit --floor --waves)"
             )
         limits = [_limit_words(name, high) for name, (_, high) in zip(self.names, self.interval(), strict=True)]

@@ -258,7 +258,7 @@ def power(
     Raises
     ------
     DegeneracyError
-        If the pairs cannot tell the degrees apart: part of the sky alone.
+        If the pairs cannot separate the degrees: part of the sky alone.
 
     Notes
     -----

@@ -9,7 +9,7 @@ the scatter of the galaxies measure σ_pec H0, and H0 as well as that prior allo
 known number would determine H0 to a few per cent.
 
 Where a fraction f of the sources is not to be trusted, each source's motion comes from its own error ellipse with
-probability 1 − f, or, with probability f, from one widened by B in each axis. Nothing can be summed beforehand: a
+probability 1 − f, or, with probability f, from one widened by B in each axis. Nothing can be summed a priori: a
 sample costs one look at every source, and ã (and ω, if free) are sampled with the rest.
 
 The likelihood of the secular parallax is compressed: Gaussian in u = v H0/H_ref, smooth in all else. For given spread s

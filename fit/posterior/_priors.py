@@ -270,6 +270,6 @@ def checked_priors(priors: Priors, frame: str, distances: DistanceOptions | None
 def _number_or_prior(value, name):
     if isinstance(value, (int, float, np.number)):
         if not 0 <= value < np.inf:
-            raise ParameterError(f"{name} cannot be {value}: zero or more, or a prior, is wanted")
+            raise ParameterError(f"{name} cannot be {value}: zero or more, or a prior, is expected")
         return float(value)
     return as_prior(value, name)

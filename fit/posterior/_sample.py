@@ -161,7 +161,7 @@ def sample(
     model: Any = parallax_model(rows, given, spin, threads)
     if outliers is not None:
         if not isinstance(rows, ParallaxEquations):
-            raise ParameterError("outliers are told apart source by source, in memory: give a Field, not parts")
+            raise ParameterError("outliers are separated source by source, in memory: give a Field, not parts")
         width = 10 * float(np.median(np.sqrt(rows.variance))) if outlier_width is None else float(outlier_width)
         model = MixtureModel(model, rows, as_prior(outliers, "outliers"), width, spin, threads)
     n_walkers = n_walkers or (128 if outliers is None else 64)

@@ -87,7 +87,7 @@ def binned(
     ParameterError
         If the edges do not rise, or are too few; or if the method is none for these sources.
     DegeneracyError
-        If a bin is empty, or cannot tell the modes apart.
+        If a bin is empty, or cannot separate the modes.
     FieldError
         If there are no redshifts.
     """
@@ -259,7 +259,7 @@ def _apart(normals, edges, columns):
 
 
 def _with_flow(solution, carried):
-    """A solution whose errors hold a flow that was not fitted."""
+    """A solution whose errors are right a flow that was not fitted."""
     return replace(
         solution,
         covariance=solution.covariance + carried @ carried.T,
@@ -273,7 +273,7 @@ def _joint(normals, edges, columns):
     modes, bins = normals[0].modes, len(normals)
     own = np.array([i for i, mode in enumerate(modes) if mode.l == 1])
     rest = np.array([i for i, mode in enumerate(modes) if mode.l > 1])
-    for b, normal in enumerate(normals):  # a bin that cannot bear its own degree 1 is told by name
+    for b, normal in enumerate(normals):  # a bin that cannot bear its own degree 1 is determined by name
         one = NormalEquations(as_modes(1), normal.matrix[np.ix_(own, own)], normal.rhs[own], 0.0, normal.n_data)
         try:
             solve(one)
@@ -370,7 +370,7 @@ def permutation_test(
     Raises
     ------
     ParameterError
-        If the bins are not of degree 1, or of galaxies near enough for flows that they share.
+        If the bins are not of degree 1, or of galaxies near enough for coherent flows.
 
     Notes
     -----

@@ -1,4 +1,4 @@
-"""Solutions in bins of redshift, the questions one asks of them, and the flows that bins share.
+"""Solutions in bins of redshift, the questions one asks of them, and coherent flows.
 
 A flow moves whole neighbourhoods: it does not average out over the sources of a bin, and neighbouring bins share it. Of
 every bin's normal equations N c = b it changes b by X a, with X = Σ Aᵀ W F over its sources, F the modes of a flow, and
@@ -197,7 +197,7 @@ def shared_flow(
 
 #: A p-value below this is called a difference; the Gaussian's three σ.
 _REMARKABLE = 0.0027
-#: From so many sources on what they share over the sky matters beside their noise.
+#: From so many sources on systematic errors over the sky matters beside their noise.
 _MANY = 100_000
 
 
@@ -206,7 +206,7 @@ def sections_of(
 ) -> tuple[Section, ...]:
     """Dipoles in bins of redshift as sections: a table, and whether the bins differ.
 
-    Every hypothesis is tested three ways: with errors as quoted, with the errors of each bin multiplied by
+    Every hypothesis is tested three ways: with formal errors, with the errors of each bin multiplied by
     the root of its own χ²/dof, and by permuting redshifts. It is called contradicted where both of the last
     two say so (the second alone where there are no permutations).
     """
@@ -219,12 +219,12 @@ def sections_of(
         warnings.append("warning: a bin has fewer than 20 sources, too few to tell the scale of its errors")
     if binned.counts.sum() >= _MANY and binned.modes.lmax < 7:
         warnings.append(
-            "warning: errors that sources share over the sky, as those of Gaia, are not in the p-values: with them p < "
+            "warning: systematic errors, as those of Gaia, are not in the p-values: with them p < "
             "0.05 on 11 to 14 % of skies at degrees 1 to 3. --lmax 7 (degree 7) gives 3 to 7 % where the bins cover "
             "the same sky; where they cover different skies it does not help"
         )
     if binned.flow_share > 0.01:
-        warnings.append(f"Errors and p-values contain flows that galaxies share: {binned.flow}")
+        warnings.append(f"Errors and p-values contain coherent flows: {binned.flow}")
     title = f"Bins of redshift ({binned.frame} axes, degree 1 to {binned.modes.lmax})"
     table = binned.to_table()
     if not long:
@@ -250,7 +250,7 @@ def _tests_section(binned, velocity, p_values):
         "hypothesis": [name for name, _, _ in rows],
         "χ²": [test.quoted for _, test, _ in rows],
         "dof": [test.dof for _, test, _ in rows],
-        "p_value as quoted": [test.p_value_quoted for _, test, _ in rows],
+        "p_value formal": [test.p_value_quoted for _, test, _ in rows],
         "p_value scaled": [test.p_value for _, test, _ in rows],
         "p_value permuted": [p for _, _, p in rows],
         "verdict": ["contradicted" if p < _REMARKABLE else "not contradicted" for p in believed],
@@ -294,7 +294,7 @@ class BinnedSolution(Result):
         Mean of 1/d_M of the sources beyond the flow, weighted by information; nan where there is none. [1/Mpc]
     notes : tuple of str
     flow_covariance : (B q, B q) array or None
-        What flows that galaxies share add to it; None without flows. Errors of the `solutions` hold it.
+        What coherent flows add to it; None without flows. Errors of the `solutions` hold it.
     flow : str
         The flow in words.
     is_scaled : bool
@@ -497,7 +497,7 @@ class BinnedSolution(Result):
         return sections_of(self, velocity, p_values, long)
 
     def shared(self, degrees: Iterable[int] | None = None, **options: Any) -> SharedErrors:
-        """Spin and acceleration of the bins with errors that they share, from the power of their higher degrees.
+        """Spin and acceleration of the bins with common systematic errors, from the power of their higher degrees.
 
         Parameters
         ----------

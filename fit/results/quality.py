@@ -21,7 +21,7 @@ __all__ = ["ErrorSource", "Quality"]
 SIGNIFICANT = 3.0
 #: The code of the note that a fit leaves where a large part of the sky has no source.
 ONE_SIDE = "one side of the sky"
-#: From so many sources on what they share is in the errors unasked; below so few its size is not known.
+#: From so many sources on systematic errors are included by default; below so few they cannot be estimated.
 MANY, FEW = 100_000, 200
 
 

@@ -177,7 +177,7 @@ class HarmonicSolution(LinearSolution):
         """Standard error of the power. [(µas/yr)²]
 
         For Gaussian errors var(cᵀ W c) = 4 µᵀ W C W µ + 2 tr (W C)², with W the weights 1 and
-        2 of the power; µᵀ W C W µ is estimated without bias, and taken for zero where the degree is not
+        2 of the power; µᵀ W C W µ is estimated without bias, and taken as zero where the degree is not
         significant at 5 %: otherwise errors of powers without a signal come out a quarter too large.
         """
         values, covariance = self.of_degree(kind, l)

@@ -38,7 +38,7 @@ class Degree(NamedTuple):
         """Upper limit of the true power: a larger one would have given a larger fit with `probability`. [(µas/yr)²]
 
         Never below that of noise alone (CLs). Exact where all coefficients of the degree have one error; on the sky of
-        the demo and on one without latitudes below 30° limits of 95 % hold 94 to 100 % of powers, from none to thirty
+        the demo and on one without latitudes below 30° limits of 95 % cover 94 to 100 % of powers, from none to thirty
         times the noise.
         """
         n = 2 * self.l + 1

@@ -148,7 +148,7 @@ def number(text: Any) -> Any:
 def words(values: Any) -> tuple[str, ...]:
     """A list of strings, checked, as a tuple."""
     if not isinstance(values, list) or not all(isinstance(value, str) for value in values):
-        raise TableError(f"{values!r} is no list of words")
+        raise TableError(f"a list of words is expected, not {values!r}")
     return tuple(values)
 
 

@@ -173,7 +173,7 @@ def clip(
             return _corrected(solution, mask, rounds, limit, q, note, n_sources - n_kept)
         if components * chosen["sources"] < len(modes):
             raise ConvergenceError(
-                f"the clip keeps {chosen['sources']} of {n_sources} sources, too few for {len(modes)} coefficients: "
+                f"clipping leaves {chosen['sources']} of {n_sources} sources, too few for {len(modes)} coefficients: "
                 f"take a larger {'kappa' if threshold is None else 'threshold'} than {given:g}"
             )
         kept, n_kept = chosen["mark"], chosen["sources"]

@@ -38,10 +38,10 @@ _STEPS = 10
 _NODES = chebyshev.chebpts1(36)
 #: The range of ln ν.
 _LOW, _HIGH = np.log([0.5, 200.0])
-#: Below it the errors quoted say so little of the scatter that those of a fit by them are too small.
+#: Below it the quoted errors say so little of the scatter that those of a fit by them are too small.
 _LEAST_NU = 1.3
 #: The code of the note on that.
-ERRORS_TOO_SMALL = "errors quoted are too small"
+ERRORS_TOO_SMALL = "quoted errors are too small"
 
 
 def _share_by_steps(weight, chi2, largest):
@@ -315,7 +315,7 @@ def student_t(
     Weights u = (ν + k)/(ν + X²) for k components: Lange, Little & Taylor (1989, JASA 84, 881), with X² divided by one
     less the source's leverage, so that ν is estimated from residuals as large as the errors. The covariance is a
     sandwich, source by source: right for symmetric errors of any distribution at any place (pulls within 5 % at degree
-    6 on 400 sources, and with errors 5 times too small on half the sky), not for errors that neighbours share, and not
+    6 on 400 sources, and with errors 5 times too small on half the sky), not for systematic errors, and not
     where errors say nothing of the scatter: with the same scatter for all, pulls are 1.08 for errors from 0.2 to 1 of
     it (ν = 1.7), 1.5 from 0.05 (ν = 1.05), 6 from 0 (ν = .8). Where ν is below 1.3 a note says so; `fit.recommended`
     then adds an excess noise.
@@ -409,7 +409,7 @@ def _with_errors(sky, plain, solution, share, name, rounds, power):
     warnings = []
     if share.weight.nu is not None and share.weight.nu < _LEAST_NU:
         words = (
-            f"warning: ν = {share.weight.nu:.2g}: many of the errors quoted are several times too small for the "
+            f"warning: ν = {share.weight.nu:.2g}: many of the quoted errors are several times too small for the "
             "scatter of the motions, and those of this fit may be; fit with a noise beside them (excess-noise)"
         )
         warnings.append(CodedNote(words, ERRORS_TOO_SMALL))

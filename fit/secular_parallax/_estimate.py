@@ -1,8 +1,7 @@
 """Our velocity for a known Hubble constant, or the Hubble constant for a known velocity; of catalogues to come, too.
 
-Least squares as in Bachchan, Hobbs & Lindegren (2016, A&A 589, A71), sect. 4, with redshifts as they are and flows that
-galaxies share. Velocities are ours with respect to the background and point toward the apex; galaxies move the other
-way.
+Least squares as in Bachchan, Hobbs & Lindegren (2016, A&A 589, A71), sect. 4, with redshifts as they are and coherent
+flows. Velocities are ours with respect to the background and point toward the apex; galaxies move the other way.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -257,7 +256,7 @@ def observer_velocity(
     Raises
     ------
     DegeneracyError
-        Without a Hubble constant, or if the sources cannot tell the parameters apart.
+        Without a Hubble constant, or if the sources cannot separate the parameters.
     ParameterError
         If H0 is not positive, a frame or flow unknown, or a dispersion counts the flows twice.
     FieldError
@@ -267,10 +266,10 @@ def observer_velocity(
     Notes
     -----
     Flows of linear theory are unknowns unless flows=None: on the real sky they are nearly the whole error. On simulated
-    skies with such flows, 10⁴ galaxies to z = 0.03 and heliocentric redshifts, 68 and 95 % intervals hold 0.71 and
+    skies with such flows, 10⁴ galaxies to z = 0.03 and heliocentric redshifts, 68 and 95 % intervals cover 0.71 and
     0.96, those of `hubble_constant` 0.73 and 0.98 (benchmarks/flows_by_default.py). Without them, on skies of
     independent velocities of 300 and 750 km/s, pulls are 1.0 and the bias below 0.2 standard errors, with magnitudes
-    and without; `flow_covariance` then says what flows would add. A dispersion that is wrong biases: 300 km/s taken for
+    and without; `flow_covariance` then says what flows would add. A dispersion that is wrong biases: 300 km/s taken as
     450 gives pulls of 1.2; `preferred` says what the residuals prefer.
     """
     if isinstance(field, Field) and field.redshift is None and has_distances(field).all():
@@ -589,7 +588,7 @@ def forecast_velocity(
     n_modes: int = 250,
     redshift_frame: str = "cmb",
 ) -> VelocityForecast:
-    """Errors of our velocity and of H0 for catalogues to come, with and without the flows that galaxies share.
+    """Errors of our velocity and of H0 for catalogues to come, with and without coherent flows.
 
     Parameters
     ----------

@@ -134,9 +134,9 @@ def _left_out(solution):
 def _cosmic(solution):
     """Share of flows in the error, in words."""
     if solution.flow is None and solution.flow_covariance is None:
-        return "too far for flows that galaxies share"
+        return "too far for coherent flows"
     if solution.flow is None:
-        return "errors without flows that galaxies share"
+        return "errors without coherent flows"
     modes = solution.flow.modes
     share = f"{100 * solution.cosmic_share:.0f} % of the error's variance is cosmic"
     return f"{share} ({len(modes)} modes of {modes.theory.name})"

@@ -138,7 +138,7 @@ def fit_field(
     Raises
     ------
     DegeneracyError
-        If the sources cannot tell the modes apart.
+        If the sources cannot separate the modes.
     ParameterError
         If both modes and a degree are given.
 

@@ -109,7 +109,7 @@ def solve_frame(
     Raises
     ------
     DegeneracyError
-        If the sources cannot tell the parameters apart.
+        If the sources cannot separate the parameters.
     FrameError
         If the two fields stand in different frames.
 

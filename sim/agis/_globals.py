@@ -112,7 +112,7 @@ def global_motion(
     lat = arguments.float_array("lat", lat, lon.shape)
     spread = arguments.float_array("scatter", scatter, lon.shape, finite=False, broadcast=True)
     if not (spread > 0).all():
-        raise ParameterError(f"{np.sum(~(spread > 0))} scatters of motions are not above zero")
+        raise ParameterError(f"{np.sum(~(spread > 0))} scatters of motions are zero or negative")
     field = harmonics(lon, lat, modes)
     names = [str(mode) for mode in modes]
     if not spin:

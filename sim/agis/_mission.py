@@ -147,7 +147,7 @@ def joint_system(
     )
     if smoothing < ROUGH:
         notes.append(
-            f"smoothing of {smoothing:g} µas is a statement on the attitude: errors hold only where it bends no more"
+            f"smoothing of {smoothing:g} µas is a statement on the attitude: errors are right where it bends no more"
         )
     scan = scans(
         law,

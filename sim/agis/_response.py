@@ -180,7 +180,7 @@ class Response(InNotebook):
         options = {"calibration": (int(order), float(days)) if days else None} | options
         response = cls(law, stored["weights"], nside, **options)
         if len(response._time) != int(stored["steps"]):
-            raise ParameterError("this factor is of another law, or of other steps")
+            raise ParameterError("this factor belongs to another scanning law or to other steps: compute it again")
         response._factor = (stored["factor"], False)
         return response
 

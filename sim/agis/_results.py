@@ -1,4 +1,4 @@
-"""What a joint solution found, and what its errors are like: by magnitude and place, and what neighbours share."""
+"""What a joint solution found, and what its errors are like: by magnitude and place, and systematic errors."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def correlation_by_angle(
         raise ParameterError("edges of bins of angle must rise")
     if sigma is None:
         if len(scaled) < 10:
-            raise ParameterError(f"{len(scaled)} draws do not tell the size of errors: give sigma")
+            raise ParameterError(f"{len(scaled)} draws are too few to estimate the errors: give sigma")
         sigma = np.sqrt(np.mean(scaled**2, axis=0))
     scaled = scaled / arguments.float_array("sigma", sigma, lon.shape)
     place = triad(lon, lat)[2].T
@@ -115,7 +115,7 @@ class AgisSolution(Frozen):
     modes, formal_low : Modes, (p, p) array
         Modes of the history; its covariance as quoted.
     formal : (n, 5, 5) array
-        Covariances of each source for itself, the attitude taken for known: as quoted.
+        Covariances of each source for itself, the attitude taken as known: as quoted.
     solved : (n,) bool array
         Which sources have a solution.
     lon, lat, frame

@@ -401,7 +401,7 @@ class System(ExactErrors):
         prior = None if prior is None else arguments.positive("prior", prior)
         if arguments.positive("smoothing", smoothing) < ROUGH:
             warnings.warn(
-                f"smoothing of {smoothing:g} µas is a statement on the attitude: errors hold only where its "
+                f"smoothing of {smoothing:g} µas is a statement on the attitude: errors are right only where its "
                 f"coefficients really bend no more; {ROUGH:g} and more bridge gaps alone",
                 VshWarning,
                 stacklevel=2,

@@ -191,7 +191,7 @@ def make_parser() -> argparse.ArgumentParser:
 def _two(text):
     days = parsing.numbers(text)
     if len(days) != 2 or min(days) < 0:
-        raise argparse.ArgumentTypeError(f"two numbers that are not negative are wanted, not {text!r}")
+        raise argparse.ArgumentTypeError(f"two numbers that are not negative are expected, not {text!r}")
     return days
 
 
@@ -203,7 +203,7 @@ def _motions(text):
     if text.isdecimal() and int(text) > 0:
         return int(text)
     if text not in ("acceleration", "velocity"):
-        raise argparse.ArgumentTypeError(f"acceleration, velocity or a degree is wanted, not {text!r}")
+        raise argparse.ArgumentTypeError(f"acceleration, velocity or a degree is expected, not {text!r}")
     return text
 
 
@@ -212,9 +212,9 @@ def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
     if not options.plan and not options.output:
         parser.error("say where results go, --output DIR, or --plan, which only tells what they would take")
     if options.vlbi > options.quasars:
-        parser.error(f"--vlbi: {options.vlbi} of {options.quasars} quasars cannot be chosen")
+        parser.error(f"--vlbi: {options.vlbi} quasars cannot be chosen from {options.quasars}")
     if options.motions == "velocity" and not options.galaxies:
-        parser.error("--global velocity is told by galaxies: say --galaxies N")
+        parser.error("--global velocity is determined by galaxies: say --galaxies N")
 
 
 #: Edges of bins of angle, in heights of a field: within it, about it, far beyond.

@@ -2,6 +2,7 @@
 
 import argparse
 import json
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -27,6 +28,8 @@ NOT_OF_CRF3 = (
 #: What radio stars take of the other kinds' options, and what is theirs alone.
 NOT_OF_LINK = (*(each for each in NOT_OF_CRF3 if each != "orientation"), "tau")
 OF_LINK = ("jump", "binaries", "single", "quasars")
+#: Options of galaxies alone.
+OF_GALAXIES = ("velocity", "h0", "peculiar_dispersion", "flow", "redshift_range")
 
 
 def make_parser() -> argparse.ArgumentParser:
@@ -56,88 +59,133 @@ def make_parser() -> argparse.ArgumentParser:
         "--number",
         type=parsing.count(1),
         metavar="N",
-        help="how many (default: 10000; link: 40; crf3, crf4: 1215942 with five parameters, and those with six in "
+        help="number (default: 10000; link: 40; crf3, crf4: 1215942 with five parameters, and those with six in "
         "proportion)",
     )
-    parser.add_argument("--output", required=True, metavar="FILE", help="FITS, ECSV, CSV, VOTable or Parquet")
+    parser.add_argument(
+        "--output", required=True, metavar="FILE", help="table to write: FITS, ECSV, CSV, VOTable or Parquet"
+    )
     parsing.add_overwrite(parser)
     parser.add_argument(
         "--positions",
         metavar="FILE",
-        help="quasars, galaxies: positions, redshifts and magnitudes of a table of your own, in place of drawn ones "
+        help="quasars, galaxies: table with positions, redshifts and magnitudes to use instead of drawn ones "
         "(magnitudes are drawn where it has none)",
     )
     parser.add_argument(
-        "--columns", type=parsing.columns, metavar="ROLE=NAME,…", help="names of its columns: redshift=cz"
-    )
-    parser.add_argument("--units", type=parsing.pairs, metavar="NAME=UNIT,…", help="their units: cz=km/s")
-    parser.add_argument("--sky", choices=parsing.SKIES, help="default: uniform")
-    parser.add_argument("--selection", metavar="MAP", help="a HEALPix map (FITS) of their density")
-    parser.add_argument(
-        "--map-frame", choices=["icrs", "galactic", "ecliptic"], help="of the map; its header's, or icrs"
+        "--columns",
+        type=parsing.columns,
+        metavar="ROLE=NAME,…",
+        help="names of the columns of --positions: redshift=cz",
     )
     parser.add_argument(
-        "--spin", type=parsing.vector, default=(0.0, 0.0, 0.0), metavar="X,Y,Z", help="ICRS, µas/yr (default: none)"
+        "--units", type=parsing.pairs, metavar="NAME=UNIT,…", help="units of the columns of --positions: cz=km/s"
+    )
+    parser.add_argument(
+        "--sky", choices=parsing.SKIES, help="distribution of the sources on the sky (default: uniform)"
+    )
+    parser.add_argument("--selection", metavar="MAP", help="HEALPix map (FITS) of the density of the sources")
+    parser.add_argument(
+        "--map-frame",
+        choices=["icrs", "galactic", "ecliptic"],
+        help="frame of the map (default: that of its header, or icrs)",
+    )
+    parser.add_argument(
+        "--spin",
+        type=parsing.vector,
+        default=(0.0, 0.0, 0.0),
+        metavar="X,Y,Z",
+        help="true spin, ICRS, µas/yr (default: none)",
     )
     parser.add_argument(
         "--acceleration",
         type=parsing.vector,
         default=parsing.vector(ACCELERATION),
         metavar="X,Y,Z",
-        help="ICRS, µas/yr (default: 4.3 towards the Galactic centre)",
+        help="true acceleration, ICRS, µas/yr (default: 4.3 towards the Galactic centre)",
     )
     parser.add_argument(
-        "--orientation", type=parsing.vector, default=(0.0, 0.0, 0.0), metavar="X,Y,Z", help="vlbi, link: ICRS, µas"
+        "--orientation",
+        type=parsing.vector,
+        default=(0.0, 0.0, 0.0),
+        metavar="X,Y,Z",
+        help="vlbi, link: true orientation, ICRS, µas",
     )
     parser.add_argument(
         "--jump",
         type=parsing.vector,
         default=(0.0, 0.0, 0.0),
         metavar="X,Y,Z",
-        help="link: what the spin of those fainter than G = 13 is more, µas/yr",
+        help="link: difference of the spin of sources fainter than G = 13, µas/yr",
     )
-    parser.add_argument("--binaries", type=parsing.fraction, default=0.1, help="link: their share (default: 0.1)")
+    parser.add_argument("--binaries", type=parsing.fraction, default=0.1, help="link: share of binaries (default: 0.1)")
     parser.add_argument(
-        "--single", type=parsing.fraction, default=0.0, metavar="SHARE", help="link: seen at single epochs (default: 0)"
+        "--single",
+        type=parsing.fraction,
+        default=0.0,
+        metavar="SHARE",
+        help="link: share of stars with single epochs of VLBI (default: 0)",
     )
-    parser.add_argument("--quasars", type=parsing.count(0), default=0, metavar="N", help="link: beside the stars")
+    parser.add_argument(
+        "--quasars",
+        type=parsing.count(0),
+        default=0,
+        metavar="N",
+        help="link: number of quasars in addition to the stars",
+    )
     parser.add_argument(
         "--velocity",
         type=parsing.velocity,
         metavar="planck|SPEED,L,B",
-        help="galaxies: ours, km/s toward Galactic degrees",
+        help="galaxies: true velocity of the Solar System, km/s toward Galactic degrees",
     )
-    parser.add_argument("--h0", type=parsing.positive, default=67.3, help="km/s/Mpc (default: 67.3)")
+    parser.add_argument(
+        "--h0", type=parsing.positive, default=67.3, help="true Hubble constant, km/s/Mpc (default: 67.3)"
+    )
     parser.add_argument(
         "--peculiar-dispersion",
         type=parsing.not_negative,
         default=0.0,
         metavar="SIGMA",
-        help="galaxies: dispersion, km/s",
+        help="galaxies: dispersion of peculiar velocities, km/s",
     )
-    parser.add_argument("--flow", choices=["linear"], help="galaxies: add the flow of linear theory, which they share")
+    parser.add_argument("--flow", choices=["linear"], help="galaxies: add the coherent flow of linear theory")
     parser.add_argument(
         "--redshifts",
         choices=["true", "heliocentric", "cmb"],
         default="true",
-        help="of the expansion alone, or as they are seen, with velocities in them (default: true)",
+        help="redshifts of the expansion alone, or observed ones with velocities (default: true)",
     )
     parser.add_argument(
-        "--redshift-error", type=_redshift_error, default=0.0, metavar="SIGMA", help="or spectroscopic, photometric"
+        "--redshift-error",
+        type=_redshift_error,
+        default=0.0,
+        metavar="SIGMA",
+        help="error of the redshifts, or spectroscopic, photometric",
     )
     parser.add_argument(
-        "--variability", type=parsing.not_negative, default=0.0, metavar="SIGMA", help="of photocentres, µas"
+        "--variability",
+        type=parsing.not_negative,
+        default=0.0,
+        metavar="SIGMA",
+        help="variability of photocentres, µas",
     )
-    parser.add_argument("--tau", type=parsing.positive, default=2.0, help="its correlation time, yr (default: 2)")
+    parser.add_argument(
+        "--tau", type=parsing.positive, default=2.0, help="correlation time of the variability, yr (default: 2)"
+    )
     parser.add_argument(
         "--attitude",
         type=_attitude,
         default=10.0,
         metavar="SIGMA|solved",
-        help="noise, µas (default: 10); or solved together with the sources, see vsh-agis",
+        help="noise of the attitude, µas (default: 10), or solved together with the sources (vsh-agis)",
     )
     parser.add_argument(
-        "--excess-noise", type=parsing.not_negative, default=0.0, metavar="SIGMA", help="added to every transit, µas"
+        "--excess-noise",
+        type=parsing.not_negative,
+        default=0.0,
+        metavar="SIGMA",
+        help="noise added to every transit, µas",
     )
     parser.add_argument(
         "--years",
@@ -147,39 +195,67 @@ def make_parser() -> argparse.ArgumentParser:
             f"{', '.join(f'{name} {years:g}' for name, years in YEARS.items())})"
         ),
     )
-    parser.add_argument("--redshift-range", type=_range, metavar="LOW,HIGH", help="of galaxies (default: 0.001,0.03)")
     parser.add_argument(
-        "--dead-time", type=parsing.not_negative, default=0.06, metavar="FRACTION", help="default: 0.06"
+        "--redshift-range", type=_range, metavar="LOW,HIGH", help="galaxies: range of redshifts (default: 0.001,0.03)"
     )
-    parser.add_argument("--release", choices=["DR3", "DR4", "DR5", "paper"], default="DR4", help="whose errors")
+    parser.add_argument(
+        "--dead-time",
+        type=parsing.not_negative,
+        default=0.06,
+        metavar="FRACTION",
+        help="fraction of the mission without observations (default: 0.06)",
+    )
+    parser.add_argument(
+        "--release",
+        choices=["DR3", "DR4", "DR5", "paper"],
+        default="DR4",
+        help="release whose errors are simulated (default: DR4)",
+    )
     parser.add_argument(
         "--table",
         choices=parsing.ASTROMETRY,
         default="gaia_source",
-        help="crf4: which table of DR4: the best model of each source, or the core solution of all",
+        help="crf4: table of DR4, with the best model of each source or the core solution of all",
     )
     parser.add_argument(
         "--traps",
         action="store_true",
-        help="crf3, crf4: with errors that sources share, stars among the quasars, and faint errors that are too small",
+        help="crf3, crf4: with systematic errors, stars among the quasars, and faint errors that are too small",
     )
     parser.add_argument(
         "--wave",
         type=parsing.numbers,
         metavar="F,PLUS,CROSS,L,B",
-        help="epochs: a gravitational wave of F a year, strains in µas, that travels to ICRS degrees L, B",
+        help="epochs: gravitational wave of frequency F per year, with strains in µas, toward ICRS degrees L, B",
     )
-    parser.add_argument("--no-transits", action="store_true", help="errors by place and magnitude, without transits")
-    parser.add_argument("--seed", type=int, default=1, help="the same seed, the same table (default: 1)")
+    parser.add_argument(
+        "--no-transits", action="store_true", help="simulate errors by place and magnitude, without transits"
+    )
+    parser.add_argument("--seed", type=int, default=1, help="seed (default: 1)")
     parsing.add_threads(parser)
     parsing.add_common(parser, "list of what was written")
     return parser
 
 
+def narrow(parser: argparse.ArgumentParser, words: Sequence[str]) -> None:
+    """Hide the options that the kind among the `words` does not take, for its --help."""
+    kind = next((word for word in words if not word.startswith("-")), None)
+    orbits = (*OF_GALAXIES, "orientation")
+    others = {"quasars": orbits, "vlbi": OF_GALAXIES, "galaxies": ("orientation",), "epochs": (*NOT_OF_EPOCHS, *orbits)}
+    others |= {"link": (*NOT_OF_LINK, "h0", "positions"), "crf3": NOT_OF_CRF3, "crf4": NOT_OF_CRF3}
+    alone = {"link": OF_LINK, "crf4": ("table",), "epochs": ("wave",)}
+    if kind not in ("crf3", "crf4"):
+        alone["crf3, crf4"] = ("traps",)
+    hidden = {*others.get(kind or "", ()), *(name for own, names in alone.items() if own != kind for name in names)}
+    for action in parser._actions if kind in others else ():
+        if action.dest in hidden:
+            action.help = argparse.SUPPRESS
+
+
 def _range(text):
     low, *high = parsing.numbers(text)
     if len(high) != 1 or not 0 < low < high[0]:
-        raise argparse.ArgumentTypeError(f"two rising redshifts above zero are wanted, not {text!r}")
+        raise argparse.ArgumentTypeError(f"two rising redshifts above zero are expected, not {text!r}")
     return low, high[0]
 
 

@@ -61,7 +61,7 @@ def crf3(
     n_six : int, optional
         With six; in CRF3's proportion unless given.
     traps : bool
-        With what could deceive: errors that sources share, partly by magnitude and by colour (`sim.gaia._link`); stars
+        With what could deceive: systematic errors, partly by magnitude and by colour (`sim.gaia._link`); stars
         among the quasars; quoted errors that are too small for faint sources.
 
     Returns

@@ -194,7 +194,7 @@ def _rows(rows, magnitude, velocity, still, called):
     return AstrometryRows(**joined)
 
 
-#: By how much what sources share is smaller than Gaia EDR3 published (Lindegren et al. 2021), whose quasars show about
+#: By how much systematic errors are smaller than Gaia EDR3 published (Lindegren et al. 2021), whose quasars show about
 #: a third of it; as proper motions improve, with the mission's length to the power of 1.5.
 TRAPS = {"DR3": 1 / 3, "DR4": (34 / 66) ** 1.5 / 3}
 #: Its parts: the same for all sources, of the faint, of the blue. Their squares add up to one for those that have all.

@@ -129,7 +129,7 @@ class Spins:
             Directions of the sources, in the axes of z.
         wide : float
             Height above the scan circle, to either side, within which a source is met; between the starts of two spins
-            heights are taken for linear.
+            heights are taken as linear.
         half : float
             Half the basic angle. [rad]
         compiled : bool

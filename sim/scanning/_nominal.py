@@ -294,7 +294,7 @@ class NominalScanningLaw(Frozen):
         p, q, r = (rotation_matrix(self.frame, "ecliptic") @ v for v in triad(lon, lat))
         spins: Spins = self._state["spins"]
         limit = np.sin(self.half_height)
-        # Between spins the height is taken for linear, good to 20 arcsec; hence a margin, and a second look.
+        # Between spins the height is taken as linear, good to 20 arcsec; hence a margin, and a second look.
         wide = limit * 1.03 if spins.bend < _BEND else limit + 1.5 * spins.bend
         owner, time, views = spins.crossings(r, wide, self.basic_angle / 2, compiled=compiled)
         if spins.bend >= _BEND:

@@ -142,7 +142,7 @@ def peculiar(
     n_modes: int = 2000,
     frame: str = "icrs",
 ) -> Signal:
-    """Velocities of the galaxies: random ones, and the flows that they share.
+    """Velocities of the galaxies: random ones, and coherent flows.
 
     They move sources, and their redshifts too where `sim.observe` is told so.
 

@@ -66,7 +66,9 @@ def _surveys(text):
     except (ValueError, argparse.ArgumentTypeError):
         n, sigma = 0.5, 0.0
     if not name.strip() or n < 1 or n != int(n) or not sigma > 0:
-        raise argparse.ArgumentTypeError(f"NAME=N,SIGMA is wanted, a whole number and an error in µas/yr, not {text!r}")
+        raise argparse.ArgumentTypeError(
+            f"NAME=N,SIGMA is expected, a whole number and an error in µas/yr, not {text!r}"
+        )
     return {name.strip(): (int(n), sigma)}
 
 

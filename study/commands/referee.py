@@ -11,8 +11,8 @@ def make_parser() -> argparse.ArgumentParser:
     parser = parsing.make(
         prog="vsh-referee",
         description=(
-            "Repeat every published analysis of the motions of quasars on one catalogue, with the errors that sources "
-            "share, and ask what a referee would: is it the sky, or the instrument?"
+            "Repeat every published analysis of the motions of quasars on one catalogue, with systematic errors "
+            "included, and check whether a signal is the sky or the instrument."
         ),
         examples=(
             "vsh-referee crf3.fits --on-bad drop --output referee --html referee.html",

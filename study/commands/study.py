@@ -64,7 +64,7 @@ def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
 _LISTED = 15
 _CAPTIONS = {
     "calibration": (
-        "Mean less truth, scatter over formal errors, and how often intervals of 68 and 95 % hold the truth, each with "
+        "Mean less truth, scatter over formal errors, and the coverage of 68 and 95 % intervals, each with "
         "the error that the number of realisations leaves."
     )
 }

@@ -42,23 +42,44 @@ def make_parser() -> argparse.ArgumentParser:
         type=_frequencies,
         default=_frequencies("0.25:4:16"),
         metavar="LOW:HIGH:N",
-        help="of single waves, a year; or some of them, as 0.5,1,2 (default: 0.25:4:16)",
+        help="frequencies to search, N per year from LOW to HIGH, or a list such as 0.5,1,2 (default: 0.25:4:16)",
     )
     add(
         "--attitude",
         choices=["solved", "known"],
         default="solved",
-        help="solved from the same sky, as Gaia's is, or known from elsewhere (default: solved)",
+        help="attitude that was solved from the same sky, as that of Gaia, or known from elsewhere (default: solved)",
     )
-    add("--law", metavar="FILE", help="the scanning law, Gaia's commanded_scan_law; a nominal one unless given")
-    add("--law-nside", type=parsing.nside, default=8, metavar="NSIDE", help="of what stars take up of it (default: 8)")
-    add("--positions", metavar="FILE", help="source_id, ra and dec, for epochs without ra0 and dec0")
+    add("--law", metavar="FILE", help="scanning law, the commanded_scan_law of Gaia (default: a nominal one)")
+    add(
+        "--law-nside",
+        type=parsing.nside,
+        default=8,
+        metavar="NSIDE",
+        help="NSIDE of the map of the stars' response (default: 8)",
+    )
+    add("--positions", metavar="FILE", help="table of source_id, ra and dec, for epochs without ra0 and dec0")
     add("--lmax", type=parsing.count(2, 20), default=5, help="highest degree (default: 5)")
-    add("--nside", type=parsing.nside, default=8, help="of the map of directions (default: 8)")
-    add("--skies", type=parsing.count(1), default=1000, metavar="N", help="of noise, for p-values (default: 1000)")
-    add("--background", action="store_true", help="powers of a background in bands of .5, 1, 2 and 4 a year")
-    add("--in-time", type=parsing.count(2, 60), metavar="K", help="fields by Legendre polynomials of time to K")
-    add("--seed", type=int, default=1, help="the same seed, the same p-values (default: 1)")
+    add("--nside", type=parsing.nside, default=8, help="NSIDE of the map of directions (default: 8)")
+    add(
+        "--skies",
+        type=parsing.count(1),
+        default=1000,
+        metavar="N",
+        help="number of simulated skies of noise, for p-values (default: 1000)",
+    )
+    add(
+        "--background",
+        action="store_true",
+        help="estimate the power of a background in bands of 0.5, 1, 2 and 4 per year",
+    )
+    add(
+        "--in-time",
+        type=parsing.count(2, 60),
+        metavar="K",
+        help="fit fields that change with time, by Legendre polynomials to degree K",
+    )
+    add("--seed", type=int, default=1, help="seed of the simulated skies (default: 1)")
     parsing.add_threads(parser)
     add("--output", metavar="DIR", help="write report, tables and figures to this folder")
     reading.add_figures(parser)
@@ -71,7 +92,7 @@ def _frequencies(text):
     if ":" not in text:
         each = parsing.numbers(text)
         if not all(f > 0 for f in each):
-            raise argparse.ArgumentTypeError(f"frequencies above zero are wanted, not {text!r}")
+            raise argparse.ArgumentTypeError(f"frequencies above zero are expected, not {text!r}")
         return each
     try:
         low, high, count = text.split(":")
@@ -79,7 +100,7 @@ def _frequencies(text):
     except ValueError:
         limits = (0.0, 0.0, 0)
     if not (0 < limits[0] < limits[1] and 1 < limits[2] <= 10_000):
-        raise argparse.ArgumentTypeError(f"LOW:HIGH:N with 0 < LOW < HIGH is wanted, as 0.25:4:16, not {text!r}")
+        raise argparse.ArgumentTypeError(f"LOW:HIGH:N with 0 < LOW < HIGH is expected, as 0.25:4:16, not {text!r}")
     low_f, high_f, n = limits
     return tuple(low_f + (high_f - low_f) * i / (n - 1) for i in range(n))
 

@@ -46,7 +46,7 @@ class Survey(InNotebook):
     n_galaxies : int
         Within z = 0.03; 0 where there are none.
     floor : float
-        What sources share: an error of each component of spin and acceleration that no number of them lowers. [µas/yr]
+        Systematic errors: an error of each component of spin and acceleration that no number of them lowers. [µas/yr]
     says : str
         Where the numbers come from.
     """

@@ -111,7 +111,7 @@ class Quasars(InNotebook):
 
     @property
     def degree(self) -> int:
-        """The degree that what sources share is looked for to."""
+        """Highest degree from which systematic errors are estimated."""
         return degree_for(len(self.field), _HIGHEST)
 
     @cached_property
@@ -134,7 +134,7 @@ class Quasars(InNotebook):
         return self.recommended.equations(self.field[chosen], lmax, templates=templates)
 
     def plain_equations(self, chosen: Any, lmax: int) -> NormalEquations:
-        """Sum those `chosen` to degree `lmax` by the errors quoted, as published analyses do."""
+        """Sum those `chosen` to degree `lmax` with formal errors, as published analyses do."""
         return normal_equations(self.field[chosen], lmax)
 
 
@@ -191,7 +191,7 @@ def read_quasars(source: Any, *, axes: str = "icrs", **reading: Any) -> Quasars:
 
 #: What classes share is looked for to this degree, in no class of fewer sources.
 _DEGREE, FEWEST = 5, 100
-#: Draws of what is shared, again where few of them count: p-values of 200 and of 800 differ by a tenth of themselves.
+#: Draws of the systematic errors, repeated where few have weight: p-values of 200 and of 800 differ by a tenth.
 _DRAWS = 200
 #: Skies behind a p-value, which is multiplied by the number of checks: 1/40 000 is the smallest.
 _SKIES = 40_000
@@ -199,7 +199,7 @@ _SKIES = 40_000
 
 @dataclass(frozen=True, eq=False)
 class Compared(InNotebook):
-    """Classes: each fitted alone by the errors quoted, and all with what they share."""
+    """Classes: each fitted alone with formal errors, and all with systematic errors."""
 
     plain: list[Solution]
     shared: SharedErrors
@@ -210,7 +210,7 @@ class Compared(InNotebook):
         return self.shared.verdict(_SKIES)
 
     def at_face_value(self, kind: str | None = None) -> float:
-        """p-value of spins ("T"), accelerations ("S") or both that are alike, by errors quoted and nothing shared."""
+        """p-value of spins ("T"), accelerations ("S") or both that are alike, with formal errors and nothing shared."""
         part = {None: slice(0, 6), "T": slice(0, 3), "S": slice(3, 6)}[kind]
         values = np.array([_first(each)[0][part] for each in self.plain])
         covariance = np.zeros(2 * values.shape)
@@ -272,7 +272,7 @@ def by_degree(field: Field, low: int, high: int, floor: Floor | None) -> tuple[F
 
     Both are linear in the same data: with M the matrix of one less the other, the move M b has the covariance
     M (τ² N + s² N₂ + N S N) Mᵀ: τ² and s² the scatter of the residuals, which holds what lies beyond the higher degree,
-    N₂ the normal matrix with squared weights, S the spectrum of what sources share.
+    N₂ the normal matrix with squared weights, S the spectrum of systematic errors.
 
     Parameters
     ----------
@@ -281,7 +281,7 @@ def by_degree(field: Field, low: int, high: int, floor: Floor | None) -> tuple[F
     low, high : int
         The degrees.
     floor : Floor, optional
-        What sources share; errors are as quoted, up to one factor, unless given.
+        Systematic errors; errors are as quoted, up to one factor, unless given.
 
     Returns
     -------
@@ -357,7 +357,7 @@ def by_source(field: Field, lmax: int) -> tuple[int, float, float]:
 
     A source moves g by VᵀW r times the covariance, which in errors of g is a quadratic form of its residual r; the
     probability that none of them moves it further is the product over all. Errors may be wrong by one factor, and have
-    a part that is the same for all sources: what they share beyond the degree of the fit.
+    a part that is the same for all sources: systematic errors beyond the degree of the fit.
 
     Parameters
     ----------

@@ -46,7 +46,7 @@ NONE = Value(float("nan"))
 
 @dataclass(frozen=True)
 class Row(InNotebook):
-    """A number of a section: published, ours done their way, and with the errors that sources share."""
+    """A number of a section: published, ours done their way, and with the systematic errors."""
 
     quantity: str
     published: Value = NONE
@@ -94,9 +94,9 @@ class Check(InNotebook):
     answer : str
         The number behind the p-value, in words.
     p_value : float
-        Probability of as much by chance, with what sources share; nan where it could not be asked.
+        Probability of as much by chance, with systematic errors; nan where it could not be asked.
     at_face_value : float
-        The same by the errors quoted; nan where there is none.
+        The same with formal errors; nan where there is none.
     lacking : str
         Why it could not be asked.
     results : dict of str to Result
@@ -117,7 +117,7 @@ def judged(p: float, nothing: str, something: str) -> str:
     if p >= HINT:
         return f"{nothing} ({shown})"
     if p >= SEEN:
-        return f"a hint, no more: {something} ({shown}; one look in {1 / p:.0f} gives as much)"
+        return f"weak evidence: {something} ({shown}; by chance in one test of {1 / p:.0f})"
     return f"{something} ({shown})"
 
 

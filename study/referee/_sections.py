@@ -109,7 +109,7 @@ def _source(quasars) -> dict[str, Any]:
 
 
 def _earlier(quasars, earlier, rng) -> dict[str, Any]:
-    """Differences of sources in both, with the noise that the two share and what is systematic in one alone."""
+    """Differences of sources in both, with their common noise and what is systematic in one alone."""
     field = quasars.field
     if field.name is None or earlier.name is None:
         raise VshError("no names (source_id) to find the same sources by")
@@ -176,7 +176,7 @@ class Asked:
         """Limit waves with degrees from 2 on and the spectra of systematic errors."""
         normal = self.quasars.normal
         if normal.modes.lmax < 3:
-            raise DegeneracyError("degree 2 alone does not tell waves from what sources share")
+            raise DegeneracyError("degree 2 alone does not tell waves from systematic errors")
         return wave_limit(normal, range(2, normal.modes.lmax + 1), systematics=list(SHAPES.values()))
 
 
@@ -285,14 +285,14 @@ def _position_drift(asked: Asked) -> dict[str, Any]:
     row, quoted, p = _quadrupole(quasars, asked.headline)
     made["rows"].append(row)
     if np.isfinite(p):
-        nothing = "no quadrupole is seen" if quoted >= SEEN else "the quadrupole is what sources share"
-        said = judged(p, nothing, "a quadrupole beyond what sources share")
+        nothing = "no quadrupole is seen" if quoted >= SEEN else "the quadrupole is systematic errors"
+        said = judged(p, nothing, "a quadrupole beyond systematic errors")
         made["verdict"] = f"{said}; {made['verdict']}"
     return made
 
 
 def _quadrupole(quasars, headline):
-    """p-values of no quadrupole: by the errors quoted, and as one of the degrees that sources share."""
+    """p-values of no quadrupole: with formal errors, and as one of the degrees that sources share."""
     plain = solve(quasars.normal)
     at = np.flatnonzero(plain.modes.degrees == 2)
     values = plain.values[at]
@@ -300,7 +300,7 @@ def _quadrupole(quasars, headline):
     theirs = _chi2_p(values, covariance)
     if plain.modes.lmax < 4:
         return _p_row("no quadrupole", theirs, float("nan")), theirs, float("nan")
-    # Degrees from 3 on tell what sources share; the quadrupole must not judge itself.
+    # Degrees from 3 on tell systematic errors; the quadrupole must not judge itself.
     others = floor(plain, range(3, plain.modes.lmax + 1))
     scaled = covariance * others.noise_scale**2 + np.diag(others.spectrum.variances(plain.modes)[at])
     p = _chi2_p(values, scaled)
@@ -325,7 +325,7 @@ def _waves(asked: Asked) -> dict[str, Any]:
             Value(shared.limit(), kind="limit"),
         ),
     ]  # fmt: skip
-    verdict = f"h70² Ω < {shared.limit():.3g} (95 %), what sources share taken away"
+    verdict = f"h70² Ω < {shared.limit():.3g} (95 %), systematic errors taken away"
     return {"rows": rows, "verdict": verdict, "results": {"waves": shared}}
 
 
@@ -344,7 +344,7 @@ def _pairs(asked: Asked) -> dict[str, Any]:
     ]
     verdict = (
         f"pairs see {'something' if low > 0 else 'nothing'} between {low:.2g} and {high:.2g} (95 %), which holds waves "
-        f"and what sources share alike; harmonics, beside it, nothing above {harmonics.limit():.2g}"
+        f"and systematic errors alike; harmonics, beside it, nothing above {harmonics.limit():.2g}"
     )
     return {"rows": rows, "verdict": verdict, "results": {"pairs": correlation}}
 
@@ -357,7 +357,7 @@ def _spectrum(asked: Asked) -> dict[str, Any]:
     wider = float(np.mean(ours.sigma / clipped_of(quasars.whole).solution.acceleration.sigma))
     rows.append(Row("errors, in those of degree 3", shared=Value(wider)))
     low, high = (papers()["nguyen2026"][f"errors, {word}"].value for word in ("at least", "at most"))
-    verdict = f"errors with what sources share are {wider:.2f} times those quoted; published: {low:g} to {high:g} times"
+    verdict = f"errors with systematic errors are {wider:.2f} times those quoted; published: {low:g} to {high:g} times"
     results = {} if asked.headline.floor is None else {"floor": asked.headline.floor}
     return {"rows": rows, "verdict": verdict, "results": results}
 

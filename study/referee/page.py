@@ -80,9 +80,9 @@ def plot_checks(checks: Sequence[Check], *, ax: Axes | None = None) -> Axes:
 def html(
     referee: Referee, figures: Mapping[str, Any], *, provenance: Mapping[str, Any], command: Sequence[str] | None = None
 ) -> str:
-    """The page: first the acceleration with what sources share, then a section for each analysis, then the checks."""
+    """The page: first the acceleration with systematic errors, then a section for each analysis, then the checks."""
     solution, quasars = referee.headline.solution, referee.quasars
-    shown = page.Shown("with what sources share", quasars.field, solution.coefficients, solution.covariance)
+    shown = page.Shown("with systematic errors", quasars.field, solution.coefficients, solution.covariance)
     drawn = dict(figures)
     overview = {name: drawn.pop(name) for name in _CAPTIONS if name in drawn}
     turned = page.sky(shown)
@@ -105,11 +105,11 @@ def html(
 
 _CAPTIONS = {
     "accelerations": "Accelerations: published, and of these sources.",
-    "checks": "p-values of the checks, with what sources share (dots) and as quoted (crosses); lines: .05 and .0027.",
+    "checks": "p-values of the checks, with systematic errors (dots) and as quoted (crosses); lines: .05 and .0027.",
 }
 _CHECKS = (
-    "Each row: the acceleration and the spin do not depend on it. p-values with the errors that sources share; beside "
-    "them those by the errors quoted alone, which cry wolf where errors are shared."
+    "Each row: the acceleration and the spin do not depend on it. p-values with the systematic errors; beside "
+    "them those with formal errors alone, which cry wolf where errors are shared."
 )
 
 

@@ -24,7 +24,7 @@ def test_truth_is_within_its_errors(quasars):
     away = answer.acceleration.value - TRUTH
     assert away @ np.linalg.solve(answer.acceleration.covariance, away) < 16
     assert answer.spin.p_value > 1e-3
-    # What sources share is in the errors, and not in those of the plain fit.
+    # Systematic errors is in the errors, and not in those of the plain fit.
     assert (answer.acceleration.sigma >= answer.plain.acceleration.sigma).all()
     assert answer.acceleration.p_value < 0.0027 < answer.spin.p_value
 

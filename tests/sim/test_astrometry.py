@@ -192,7 +192,7 @@ def test_formal_errors_and_correlations_of_the_paper():
     field = sim.observe(
         galaxies, sim.spin((0, 0, 0)), 2, mission=law, release="paper", progress=False, excess_noise=215.0
     )
-    # The paper's errors are without flows that galaxies share.
+    # The paper's errors are without coherent flows.
     found = observer_velocity(field.to_frame("galactic"), 67.3, flows=None)
     np.testing.assert_allclose(found.sigma, [98.7, 97.8, 97.2, 0.27, 0.27, 0.27], rtol=0.15)
     assert hubble_constant(field, BACHCHAN_2016, flows=None).hubble_error == pytest.approx(18.15, rel=0.15)

@@ -58,7 +58,7 @@ def test_columns_of_scans_and_redshifts(both):
 
 
 def test_what_is_shared(both):
-    """The difference of both skies: what sources share, stars within five errors, noise of faint ones a tenth larger."""
+    """The difference of both skies: systematic errors, stars within five errors, noise of faint ones a tenth larger."""
     clean, trapped = (read_field(table) for table in both)
     away = trapped.motion - clean.motion
     noise = clean.motion * (too_small(clean.magnitude) - 1)

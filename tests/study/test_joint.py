@@ -35,7 +35,7 @@ def test_every_kind_of_source_is_fitted(finished):
     table = Table.read(finished / "summary.ecsv")
     rows = {row["parameter"]: row for row in table}
     assert {"epsilon_x", "omega_z", "a_x@1", "g_a_y", "v_x"} <= set(rows)
-    # The truth is there, within what neighbours share of errors.
+    # The truth is there, within systematic errors of errors.
     assert abs(rows["epsilon_x"]["mean"] - 200) < 8 * rows["epsilon_x"]["sigma"]
     assert abs(rows["a_x"]["mean"] - 4.3) < 12 * rows["a_x"]["sigma"]
 

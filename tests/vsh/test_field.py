@@ -67,7 +67,7 @@ def test_integers_and_float32_and_big_endian_are_numbers():
 
 
 def test_columns_of_a_table_of_rows_are_columns():
-    """A strided column, and single numbers where columns are wanted."""
+    """A strided column, and single numbers where columns are expected."""
     table = np.array([GOOD[name] for name in GOOD]).T.copy()
     field = Field.from_columns(**{name: table[:, k] for k, name in enumerate(GOOD)})
     np.testing.assert_array_equal(field.motion, Field.from_columns(**GOOD).motion)

@@ -37,7 +37,7 @@ def test_other_frames_turn_as_astropy_turns_them():
 
 
 def test_columns_of_a_table_keep_their_units():
-    """Found by a newcomer: errors in µas/yr were taken for mas/yr."""
+    """Found by a newcomer: errors in µas/yr were taken as mas/yr."""
     table = Table(
         {"pmra_error": ERRORS[0], "pmdec_error": ERRORS[1]},
         units=dict.fromkeys(["pmra_error", "pmdec_error"], "uas/yr"),
@@ -61,9 +61,13 @@ def test_numbers_that_stand_for_none_are_no_motions():
 @pytest.mark.parametrize(
     ("coord", "error", "words"),
     [
-        (COORD.fk5, FrameError, "coordinates in fk5 are no field: take icrs, galactic, barycentricmeanecliptic"),
+        (
+            COORD.fk5,
+            FrameError,
+            "coordinates in fk5 are not supported: convert to icrs, galactic, barycentricmeanecliptic",
+        ),
         (SkyCoord(COORD.ra, COORD.dec), FieldError, "has no proper motions: give it pm_ra_cosdec and pm_dec"),
-        ([1, 2], FieldError, "a SkyCoord is wanted, not list"),
+        ([1, 2], FieldError, "a SkyCoord is expected, not list"),
     ],
 )
 def test_what_is_no_field(coord, error, words):
@@ -83,7 +87,7 @@ def test_bad_sources_of_a_skycoord_are_counted():
 @pytest.mark.parametrize("ending", ["fits", "ecsv", "csv", "vot", "parquet"])
 @pytest.mark.parametrize("frame", ["icrs", "galactic"])
 def test_written_and_read(ending, frame, tmp_path):
-    """The frame too, where a format keeps metadata: else the axes would be taken for another's."""
+    """The frame too, where a format keeps metadata: else the axes would be taken as another's."""
     if ending == "parquet":
         pytest.importorskip("pyarrow")
     field = Field.from_skycoord(COORD, *ERRORS, np.full(N, -0.2), magnitude=np.full(N, 18.5)).to_frame(frame)

@@ -91,7 +91,7 @@ def test_a_search_that_finds_nothing_has_the_limit_of_noise():
 @pytest.mark.slow
 @pytest.mark.parametrize("dof", [3, 7, 30])
 def test_few_replicates_make_hotelling_of_chi2(dof):
-    """Null vectors with a covariance from few replicates: p is uniform, limits and intervals hold."""
+    """Null vectors with a covariance from few replicates: p is uniform, limits and intervals cover."""
     rng, n, truth = np.random.default_rng(dof), 2000, np.array([1.5, 0, 0])
     spread = np.einsum("nki,nkj->nij", *[rng.normal(size=(n, dof, 3))] * 2) / dof
     null = [Vector(v, c, dof=dof) for v, c in zip(rng.normal(size=(n, 3)), spread, strict=True)]

@@ -116,9 +116,9 @@ def count(least: int, most: int = 10**12) -> Callable[[str], int]:
 
     def whole(text):
         if not text.isdecimal() or int(text) < least:
-            raise argparse.ArgumentTypeError(f"a whole number of at least {least} is wanted, not {text!r}")
+            raise argparse.ArgumentTypeError(f"a whole number of at least {least} is expected, not {text!r}")
         if len(text) > 30 or int(text) > most:
-            raise argparse.ArgumentTypeError(f"a whole number of at most {most} is wanted, not {text[:40]!r}")
+            raise argparse.ArgumentTypeError(f"a whole number of at most {most} is expected, not {text[:40]!r}")
         return int(text)
 
     return whole
@@ -128,14 +128,14 @@ def method(text: str) -> str:
     """The type of an estimator, NAME or NAME=VALUE."""
     name, _, value = text.partition("=")
     if name not in METHODS:
-        raise argparse.ArgumentTypeError(f"one of {', '.join(METHODS)} is wanted, not {text!r}")
+        raise argparse.ArgumentTypeError(f"one of {', '.join(METHODS)} is expected, not {text!r}")
     if not value:
         return name
     if name not in WITH_VALUE:
         raise argparse.ArgumentTypeError(f"{name} takes no value: {text!r}")
     if name == "excess-noise":
         if value != "scale":
-            raise argparse.ArgumentTypeError(f"excess-noise or excess-noise=scale is wanted, not {text!r}")
+            raise argparse.ArgumentTypeError(f"excess-noise or excess-noise=scale is expected, not {text!r}")
     else:
         {"clip": positive, "bootstrap": count(2), "jackknife": nside}[name](value)
     return text
@@ -150,7 +150,7 @@ def method_and_value(text: str) -> tuple[str, str | None]:
 def nside(text: str) -> int:
     """The type of a power of two from 1 to 8192."""
     if not text.isdecimal() or int(text) not in (2**k for k in range(14)):
-        raise argparse.ArgumentTypeError(f"a power of two from 1 to 8192 is wanted, not {text!r}")
+        raise argparse.ArgumentTypeError(f"a power of two from 1 to 8192 is expected, not {text!r}")
     return int(text)
 
 
@@ -161,7 +161,7 @@ def not_negative(text: str) -> float:
 
 def fraction(text: str) -> float:
     """Parse a number from 0 to 1."""
-    return _number(text, lambda value: 0 <= value <= 1, "a share from 0 to 1 is wanted")
+    return _number(text, lambda value: 0 <= value <= 1, "a share from 0 to 1 is expected")
 
 
 def positive(text: str) -> float:
@@ -175,7 +175,7 @@ def _number(text, fits, wanted):
     except ValueError:
         number = math.nan
     if not fits(number):
-        raise argparse.ArgumentTypeError(f"{wanted} is wanted, not {text!r}")
+        raise argparse.ArgumentTypeError(f"{wanted} is expected, not {text!r}")
     return number
 
 
@@ -186,7 +186,7 @@ def numbers(text: str) -> tuple[float, ...]:
     except ValueError:
         parts = (float("nan"),)
     if not all(map(math.isfinite, parts)):
-        raise argparse.ArgumentTypeError(f"numbers separated by commas are wanted, not {text!r}")
+        raise argparse.ArgumentTypeError(f"numbers separated by commas are expected, not {text!r}")
     return parts
 
 
@@ -197,7 +197,7 @@ def vector(text: str) -> tuple[float, ...]:
     except argparse.ArgumentTypeError:
         components = ()
     if len(components) != 3:
-        raise argparse.ArgumentTypeError(f"three numbers separated by commas are wanted, not {text!r}")
+        raise argparse.ArgumentTypeError(f"three numbers separated by commas are expected, not {text!r}")
     return components
 
 
@@ -211,7 +211,7 @@ def velocity(text: str) -> str | tuple[float, ...]:
         speed, l, b = 0.0, 0.0, 0.0
     if not (0 < speed < 3e5 and abs(l) <= 360 and abs(b) <= 90):
         raise argparse.ArgumentTypeError(
-            f"{' or '.join(VELOCITIES)}, or SPEED,L,B is wanted (km/s above zero; Galactic longitude and latitude of "
+            f"{' or '.join(VELOCITIES)}, or SPEED,L,B is expected (km/s above zero; Galactic longitude and latitude of "
             f"the apex, degrees), not {text!r}"
         )
     return speed, l, b
@@ -453,6 +453,8 @@ def parse(module: Any, arguments: Sequence[str] | None = None) -> argparse.Names
             parser.error(f"argument {word[:-3]}: '--' is no value")
     kept = None
     asks = {"-h", "--help", "--version"} & set(joined)
+    if hasattr(module, "narrow") and asks - {"--version"}:
+        module.narrow(parser, joined)
     if _says("--citation", joined) and not asks:
         print(bibtex(parser.prog, given(module.make_parser(), joined)))
         parser.exit()

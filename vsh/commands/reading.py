@@ -167,7 +167,7 @@ def velocity_of(value: str | tuple[float, ...] | None) -> Vector | None:
 def _dpi(text):
     number = parsing.positive(text)
     if not 20 <= number <= 2400:
-        raise argparse.ArgumentTypeError(f"20 to 2400 dots an inch are wanted, not {text!r}")
+        raise argparse.ArgumentTypeError(f"20 to 2400 dots an inch are expected, not {text!r}")
     return number
 
 

@@ -133,7 +133,7 @@ def is_odd(lmax: int) -> IntArray:
 def cut(power: FloatArray, lmax: int, name: str) -> FloatArray:
     """The first degrees of a given spectrum, (2, lmax)."""
     if lmax > power.shape[1]:
-        raise ModesError(f"the spectrum {name} is given to degree {power.shape[1]}, and degree {lmax} is wanted")
+        raise ModesError(f"the spectrum {name} is given to degree {power.shape[1]}, and degree {lmax} is expected")
     return power[:, :lmax]
 
 
@@ -612,10 +612,10 @@ def from_blocks(blocks: Iterable[tuple[ArrayLike, Any]], n_sources: int) -> Cova
     check_size(n_sources)
     matrix = np.zeros((2 * n_sources, 2 * n_sources))
     if not isinstance(blocks, Iterable):
-        raise ParameterError(f"blocks are pairs of sources and what they share, not {blocks!r}")
+        raise ParameterError(f"blocks are pairs of sources and systematic errors, not {blocks!r}")
     for number, block in enumerate(blocks):
         if not isinstance(block, tuple | list) or len(block) != 2:
-            raise ParameterError(f"block {number} is no pair of sources and what they share")
+            raise ParameterError(f"block {number} is no pair of sources and systematic errors")
         sources, shared = block
         try:
             rows = np.arange(n_sources)[np.asarray(sources)]
@@ -629,7 +629,7 @@ def from_blocks(blocks: Iterable[tuple[ArrayLike, Any]], n_sources: int) -> Cova
             value = np.kron(np.eye(2), np.full((k, k), value))
         if value.shape != (2 * k, 2 * k):
             raise ParameterError(
-                f"block {number} has {k} sources and a covariance of shape {value.shape}: ({2 * k}, {2 * k}) is wanted"
+                f"block {number} has {k} sources and a covariance of shape {value.shape}, not ({2 * k}, {2 * k})"
             )
         both = np.concatenate([rows, rows + n_sources])
         matrix[np.ix_(both, both)] += value

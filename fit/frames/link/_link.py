@@ -28,7 +28,7 @@ ICRF3_EPOCH = 2015.0
 _EXCESS = (0.2, 0.5, 1.0, 2.0, 4.0, 8.0)
 #: Across a jet in units of along it.
 _ACROSS = (1.0, 0.3, 0.1)
-#: Correlations beyond this cannot be told apart.
+#: Correlations beyond this cannot be separated.
 _ALIKE = 1e-10
 
 
@@ -99,7 +99,7 @@ def link(
     FieldError
         If sources lack what the unknowns depend on, or positions of one name are apart.
     DegeneracyError
-        If the sources cannot tell the unknowns apart.
+        If the sources cannot separate the unknowns.
 
     Notes
     -----
@@ -114,7 +114,9 @@ def link(
     fixed = {given: ICRF3_EPOCH} if fixed is None else dict(fixed)
     strange = [each for each in fixed if each not in astrometry.catalogues]
     if strange:
-        raise ParameterError(f"fixed: no row is of {', '.join(strange)}; there are {', '.join(astrometry.catalogues)}")
+        raise ParameterError(
+            f"fixed= names unknown catalogues {', '.join(strange)}; known are {', '.join(astrometry.catalogues)}"
+        )
     raw, notes = equations(
         astrometry, sought, fixed=fixed, aberration=aberration, parallax=parallax, light_time=light_time
     )
@@ -165,7 +167,7 @@ def _prior(priors, unknowns):
 
 
 def _check(rows, prior, names):
-    """Raise DegeneracyError, with the names, where the sources cannot tell unknowns apart."""
+    """Raise DegeneracyError, with the names, where the sources cannot separate unknowns."""
     matrix = rows.design.T @ rows.design + prior[0]
     size = np.sqrt(np.diag(matrix))
     lost = [name for name, length in zip(names, size, strict=True) if not length > 0]
@@ -176,7 +178,7 @@ def _check(rows, prior, names):
             lost = [name for name, share in zip(names, part, strict=True) if share > 0.1]
     if lost:
         raise DegeneracyError(
-            f"{len(rows.names)} sources with {len(rows.rhs)} differences cannot tell apart {', '.join(lost)}: leave "
+            f"{len(rows.names)} sources with {len(rows.rhs)} differences cannot separate {', '.join(lost)}: leave "
             "out unknowns or steps, or give priors"
         )
 
@@ -321,7 +323,7 @@ def find_step(astrometry: AstrometryRows, places: Sequence[float] | None = None,
 
     Notes
     -----
-    Places are weighed by the evidence of the link with a step there, the jump beforehand as wide as its errors times
+    Places are weighed by the evidence of the link with a step there, the jump a priori as wide as its errors times
     one factor for all places (Zellner's g): flat in the jump, the few sources beyond a place near the ends would win
     by what they do not know. The p-value is the smallest times the number of places (Šidák): too large where
     neighbouring ones hold nearly the same sources.
@@ -330,7 +332,7 @@ def find_step(astrometry: AstrometryRows, places: Sequence[float] | None = None,
         raise ParameterError("steps are what is sought: say at which magnitudes with places")
     tried = _between(astrometry) if places is None else np.unique(np.asarray(places, float))
     if tried.ndim != 1 or len(tried) < 2 or not np.isfinite(tried).all():
-        raise ParameterError(f"two magnitudes at least are wanted as places of a jump, not {places!r}")
+        raise ParameterError(f"two magnitudes at least are expected as places of a jump, not {places!r}")
     solutions = [link(astrometry, steps=[float(place)], **options) for place in tried]
     unknown = [np.linalg.slogdet(each.jump_covariance(x))[1] for each, x in zip(solutions, tried.tolist(), strict=True)]
     evidence = np.array([each.log_evidence for each in solutions]) - np.array(unknown) / 2

@@ -379,7 +379,7 @@ class Equations:
             first = {each: self.data.name[self.data.catalogue == each][0] for each in self.data.catalogues}
             called = ", ".join(f"{name} in {each}" for each, name in first.items())
             raise DegeneracyError(
-                "no source tells anything of the frame: none is in two catalogues, and none is a quasar with a motion "
+                "no source constrains the frame: none is in two catalogues, and none is a quasar with a motion "
                 f"(sources are matched by name: {called} …)"
             )
         groups = [self.rows[each.group] for each in left]

@@ -38,7 +38,7 @@ class LinkSolution(FrameResult, NamedSolution):
     ----------
     names, values, covariance, chi2, n_data, frame, notes
         As a `NamedSolution`'s: `epsilon_x` … [µas] and `omega_x` … [µas/yr], with a jump or a power in brackets and
-        the catalogue before a colon where there are several. χ² is that of errors as quoted.
+        the catalogue before a colon where there are several. χ² is that of formal errors.
     unknowns : Unknowns
     reference : str
     sources : tuple of str
@@ -48,7 +48,7 @@ class LinkSolution(FrameResult, NamedSolution):
     rows : (n,) int array
         How many rows of the catalogues each has.
     distances : (n,) array
-        √χ² of each per difference, by errors as quoted.
+        √χ² of each per difference, with formal errors.
     outlier : (n,) array
         Probability that its errors are more than three times those of the others.
     influence : (n, p) array
@@ -133,7 +133,7 @@ class LinkSolution(FrameResult, NamedSolution):
         """
         if step not in self.unknowns.steps:
             raise ParameterError(
-                f"no step at {step:g} was sought: {', '.join(map(str, self.unknowns.steps)) or 'none'}"
+                f"no step was fitted at {step:g}; fitted are {', '.join(map(str, self.unknowns.steps)) or 'none'}"
             )
         value, covariance, p = self._tested(self.unknowns.jump(vector, catalogue or self.unknowns.turned[0], step))
         return Vector(value, covariance, self.frame, VECTORS[vector][1]), p
@@ -230,7 +230,7 @@ class LinkSolution(FrameResult, NamedSolution):
                 "model",
                 f"Δα* = q·ε, Δδ = −p·ε with ε + ω (t − {unknowns.epoch:g}), turned less reference ({self.frame} axes)",
             ),
-            ("χ²/dof", f"{self.chi2:.5g} / {self.dof} = {self.reduced_chi2:.3g} by errors as quoted"),
+            ("χ²/dof", f"{self.chi2:.5g} / {self.dof} = {self.reduced_chi2:.3g} with formal errors"),
         ]
         if self.excess:
             facts.append(("offset", f"{self.excess:.3g} µas a coordinate, of positions of {self.reference}"))
@@ -288,7 +288,7 @@ class LinkSolution(FrameResult, NamedSolution):
         columns = {
             "source": [in_a_line(self.sources[i]) for i in outliers],
             "probability": self.outlier[outliers],
-            "errors as quoted": self.distances[outliers],
+            "formal errors": self.distances[outliers],
         }
         heaviest = np.argsort(-np.abs(self.influence).max(1), kind="stable")[:3]
         worst = np.abs(self.influence[heaviest]).argmax(1)
@@ -302,7 +302,7 @@ class LinkSolution(FrameResult, NamedSolution):
                 "Sources most probably outliers",
                 (),
                 tables.table_of(columns),
-                forms={"probability": ".2f", "errors as quoted": ".1f"},
+                forms={"probability": ".2f", "formal errors": ".1f"},
             ),
             Section(
                 "Sources with most influence, were they left out", (), tables.table_of(moved), forms={"errors": "+.2f"}

@@ -308,7 +308,7 @@ def scans(
     across = arguments.float_array("sigma_across", across, shape, finite=False, broadcast=True)
     if not ((along > 0).all() and (across > 0).all()):
         bad = int(np.sum(~(along > 0)) + np.sum(~(across > 0)))
-        raise ParameterError(f"{bad} errors of transits are not above zero")
+        raise ParameterError(f"{bad} errors of transits are zero or negative")
     arguments.choice("ccds", ccds, (1, CCDS))
     spacing = knots / JULIAN_YEAR
     if spacing >= law.years:

@@ -206,7 +206,7 @@ def test_messages():
     normal = fit.normal_equations(FIELD, 3)
     with pytest.raises(ModesError, match="degree 5 is not fitted: these normal equations go from degree 1 to 3"):
         fit_background(normal, Spectrum.flat(), degrees=(2, 5))
-    with pytest.raises(ModesError, match="degree 2 is both free and of the background"):
+    with pytest.raises(ModesError, match="degree 2 is in both degrees= and free="):
         fit_background(normal, Spectrum.flat(), degrees=(2, 3), free=(1, 2))
     with pytest.raises(ParameterError, match="a list of fit.background.Spectrum, one at least"):
         fit_background(normal, [])

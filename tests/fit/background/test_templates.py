@@ -1,4 +1,4 @@
-"""Templates: their fields, their amplitudes beside what is shared, and what is refused."""
+"""Templates: their fields, their amplitudes beside the systematic errors, and what is refused."""
 
 import healpy
 import numpy as np

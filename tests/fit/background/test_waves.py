@@ -64,7 +64,7 @@ def test_ranks_of_known_truths_are_uniform():
 
 @pytest.mark.slow
 def test_without_waves_intervals_begin_at_zero():
-    """200 skies without waves: at least 68 and 95 % of the intervals include zero, and limits hold."""
+    """200 skies without waves: at least 68 and 95 % of the intervals include zero, and limits cover."""
     found = [wave_limit(injected(0.0, seed)) for seed in range(200)]
     assert np.mean([each.interval[0] == 0 for each in found]) > 0.68
     assert np.mean([each.amplitude.interval(0.95)[0] == 0 for each in found]) > 0.95
@@ -73,7 +73,7 @@ def test_without_waves_intervals_begin_at_zero():
 
 @pytest.mark.slow
 def test_errors_that_are_wrong_by_place():
-    """120 skies without waves, errors four times too small on half of each: the robust fit's intervals hold zero."""
+    """120 skies without waves, errors four times too small on half of each: the robust fit's intervals cover zero."""
     quasars, away = sim.quasars(1000, 7), {"plain": 0, "robust": 0}
     for seed in range(120):
         field = sim.observe(quasars, sim.spin((3, -2, 1)), seed, sigma=50.0)

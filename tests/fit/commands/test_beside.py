@@ -79,7 +79,7 @@ def test_what_is_wrong_is_said(classes, words, path, capsys):
 def test_degrees_are_needed(path, capsys):
     with pytest.raises(SystemExit):
         main([str(path), "--lmax", "2", "--classes", "magnitude:19"])
-    assert "say nothing of what classes share" in capsys.readouterr().err
+    assert "contain no information on systematic errors" in capsys.readouterr().err
 
 
 def spoilt(tmp_path):

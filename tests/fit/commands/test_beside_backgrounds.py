@@ -26,7 +26,7 @@ def test_floor_and_waves(tmp_path, capsys):
     assert (out / "report.txt").read_text(encoding="utf-8").count("Gravitational waves longer") == 1
     html = page.read_text(encoding="utf-8")
     assert "95 % limits" in html
-    assert "What sources share" in html
+    assert "Systematic errors" in html
 
 
 def test_the_floor_is_included_unasked(tmp_path, capsys):
@@ -38,7 +38,7 @@ def test_the_floor_is_included_unasked(tmp_path, capsys):
 
 
 @pytest.mark.parametrize(("options", "words"), [
-    (["--method", "student", "--floor", "--lmax", "2"], "degree 2 says nothing of a floor: take --lmax 3 or higher"),
+    (["--method", "student", "--floor", "--lmax", "2"], "degree 2 cannot determine a systematic floor: use --lmax 3 or higher"),
     (["--waves", "--lmax", "1"], "gravitational waves begin at degree 2: take --lmax 2 or higher"),
 ])  # fmt: skip
 def test_messages(options, words, capsys):

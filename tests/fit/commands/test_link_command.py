@@ -56,8 +56,8 @@ def test_json_and_options(stars, capsys):
     ("words", "message"),
     [
         (["--reference", "hip"], "no catalogue is called hip"),
-        (["--fixed", "vlbi=now"], "--fixed wants NAME=EPOCH"),
-        (["--steps", "1"], "cannot tell apart"),
+        (["--fixed", "vlbi=now"], "--fixed is NAME=EPOCH"),
+        (["--steps", "1"], "cannot separate"),
     ],
 )
 def test_what_is_wrong_is_said(stars, capsys, words, message):

@@ -109,10 +109,10 @@ def test_other_options(path, capsys):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        ([], "say what is wanted"),
+        ([], "nothing to do: give"),
         (["--h0", "0"], "a positive number"),
-        (["--velocity", "0,1,2"], "SPEED,L,B is wanted"),
-        (["--velocity", "cobe"], "SPEED,L,B is wanted"),
+        (["--velocity", "0,1,2"], "SPEED,L,B is expected"),
+        (["--velocity", "cobe"], "SPEED,L,B is expected"),
         (["--bins", "1,0.1"], "edges must rise"),
         (["--bins", "0"], "a whole number of at least 1"),
         (["--bins", "a,b"], "numbers separated by commas"),

@@ -1,4 +1,4 @@
-"""Chains of catalogues: frames that are put in, noise that is shared, differences that close."""
+"""Chains of catalogues: frames that are put in, common noise, differences that close."""
 
 from dataclasses import replace
 
@@ -177,7 +177,7 @@ def test_messages():
     listed = catalogues(1)
     with pytest.raises(ParameterError, match="two catalogues at least"):
         chain_catalogues({"a": listed["a"]})
-    with pytest.raises(FrameError, match="galactic, icrs axes"):
+    with pytest.raises(FrameError, match="in different frames .galactic, icrs"):
         chain_catalogues({"a": listed["a"], "b": listed["b"].to_frame("galactic")})
     bare = Field(listed["b"].lon, listed["b"].lat, listed["b"].motion, listed["b"].sigma)
     with pytest.raises(FieldError, match="b has no names"):

@@ -56,7 +56,7 @@ def test_messages_of_functions():
         waves(1.0, 1.0)
     with pytest.raises(ParameterError, match="frequency"):
         waves()
-    with pytest.raises(ParameterError, match="highest of 2"):
+    with pytest.raises(ParameterError, match="set highest to 2"):
         legendre(1)
     with pytest.raises(ParameterError, match="knots rise"):
         splines((9.0,))
@@ -148,7 +148,7 @@ def test_parallaxes_at_one_a_year_are_named():
 
 def test_messages(tmp_path):
     some, functions = observed(20), waves(2.0, span=SPAN)
-    with pytest.raises(ParameterError, match="say what the attitude is"):
+    with pytest.raises(ParameterError, match="attitude= is missing"):
         normal_equations(some, 2, functions)
     with pytest.raises(ParameterError, match="files of epochs"):
         normal_equations(3, 2, functions, attitude="known")
@@ -185,7 +185,7 @@ def test_the_likelihood_of_a_background_is_that_of_the_coefficients():
 
 @pytest.mark.slow
 def test_powers_of_bands_hold():
-    """√P drawn from 0 to 3 times the noise: ranks are uniform, 68 % hold so many."""
+    """√P drawn from 0 to 3 times the noise: ranks are uniform, 68 % cover so many."""
     functions = waves(1.5, 2.5, span=SPAN)
     equations = normal_equations(observed(200, own=0.0), 2, functions, attitude="known")
     n = equations.n_data - 5 * equations.n_sources

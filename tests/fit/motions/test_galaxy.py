@@ -104,7 +104,7 @@ def test_messages():
         _ = outward.circular_speed
     with pytest.raises(ParameterError, match="a solution with an acceleration"):
         galaxy.orbit(5.0)
-    with pytest.raises(ParameterError, match="in µas/yr is wanted"):
+    with pytest.raises(ParameterError, match="must be in µas/yr"):
         galaxy.orbit(Vector([1, 0, 0], np.eye(3), unit="km/s"))
     with pytest.raises(ParameterError, match="r0 must be above zero"):
         galaxy.orbit(EDR3, r0=0)

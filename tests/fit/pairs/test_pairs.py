@@ -295,7 +295,7 @@ def test_limits_of_templates_invert_the_chance_of_squares():
     # Of thousands of effective sources and a strong signal, where scipy's function is nan below 1e-28.
     for k, power in ((13.0, 10.0), (35.0, 3.0), (35.0, 30.0)):
         known, thousands = (_limits(power, 1.0, k, 0.025, dof) for dof in (np.inf, 1e4))
-        assert_allclose(thousands, known, rtol=1e-12)  # 10⁴ is where the degrees of freedom are taken for all
+        assert_allclose(thousands, known, rtol=1e-12)  # 10⁴ is where the degrees of freedom are taken as all
         assert_allclose(thousands, _limits(power, 1.0, k, 0.025, 3e3), rtol=0.02)
 
 
@@ -306,6 +306,6 @@ def test_the_verdict_sees_what_is_there():
     seen = pairs.correlation_function(noisy(1500, 1, sim.acceleration((0, 120, 0))), edges, lmax=40).fit().verdict
     assert seen.startswith("pairs show ")
     assert "glide" in seen.split(", of the sky")[0]
-    assert "do not tell apart" in seen
+    assert "do not separate" in seen
     found = [pairs.correlation_function(noisy(800, seed), edges, lmax=40).fit().verdict for seed in range(20)]
     assert sum(each.startswith("pairs show none") for each in found) >= 19

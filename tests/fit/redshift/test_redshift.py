@@ -317,7 +317,7 @@ def test_bins_with_errors_that_they_share(tmp_path, capsys):
     assert (tmp_path / "out" / "shared.ecsv").exists()
     with pytest.raises(SystemExit):
         main([*words, "--lmax", "2", "--floor"])
-    assert "degrees 1 and 2 say nothing of what bins share" in capsys.readouterr().err
+    assert "degrees 1 and 2 contain no information on systematic errors" in capsys.readouterr().err
     near = sim.galaxies(3000, 1, min_redshift=0.003, max_redshift=0.03)
     seen = sim.observe(near, sim.spin((0, 0, 0)), 2, sigma=30.0)
     flowing = binned(seen, 3, np.array([0.003, 0.02, 0.03]), n_modes=30)
@@ -359,8 +359,8 @@ def test_bins_of_many_have_what_they_share_unasked(tmp_path, capsys, monkeypatch
     words = [str(tmp_path / "q.fits"), "--bins", "0.1,1.2,6", "--redshift-frame", "true", "--no-flows"]
     assert main(words) == 0
     few = capsys.readouterr().out
-    assert "not in these errors: what sources share over the sky, spin ±" in few
-    assert float(few.split("what sources share over the sky, spin ± ")[1].split(",")[0]) > 5
+    assert "not in these errors: systematic errors, spin ±" in few
+    assert float(few.split("systematic errors, spin ± ")[1].split(",")[0]) > 5
     monkeypatch.setattr(command, "MANY", 3000)
     assert main(words) == 0
     many = capsys.readouterr().out
@@ -370,7 +370,7 @@ def test_bins_of_many_have_what_they_share_unasked(tmp_path, capsys, monkeypatch
     assert main([*words, "--no-floor"]) == 0
     without = capsys.readouterr().out
     assert "Does the dipole change" not in without
-    assert "not in these errors: what sources share" in without
+    assert "not in these errors: systematic errors" in without
     with pytest.raises(SystemExit):
         main([str(tmp_path / "q.fits"), "--h0", "70", "--no-floor"])
     assert "--no-floor is for --bins" in capsys.readouterr().err

@@ -142,7 +142,7 @@ def test_bins_hold_the_dense_covariance_of_the_flow():
     assert np.abs(cross).max() > 0.1 * np.sqrt(
         found.flow_covariance[3:6, 3:6].max() * found.flow_covariance[9:, 9:].max()
     )
-    assert "Errors and p-values contain flows that galaxies share:" in found.report()
+    assert "Errors and p-values contain coherent flows:" in found.report()
     with pytest.raises(ParameterError, match="tear flows apart"):
         permutation_test(field, found)
     free = binned(field, 1, [0.003, 0.012, 0.031], flows=None)

@@ -1,4 +1,4 @@
-"""The search for one wave: noise is χ², what is put in is found, limits hold."""
+"""The search for one wave: noise is χ², what is put in is found, limits cover."""
 
 from dataclasses import replace
 

@@ -94,11 +94,11 @@ def test_a_plan_makes_nothing(tmp_path, capsys):
     ("options", "words"),
     [
         ([], "--output DIR, or --plan"),
-        (["--output", "x", "--vlbi", "6000"], "6000 of 5000 quasars"),
+        (["--output", "x", "--vlbi", "6000"], "6000 quasars cannot be chosen from 5000"),
         (["--output", "x", "--global", "velocity"], "say --galaxies N"),
         (["--output", "x", "--global", "spin"], "acceleration, velocity or a degree"),
         (["--output", "x", "--start", "1"], "two numbers that are not negative"),
-        (["--output", "x", "--attitude", "perfect"], "a positive number is wanted"),
+        (["--output", "x", "--attitude", "perfect"], "a positive number is expected"),
     ],
 )
 def test_bad_usage(options, words, capsys):

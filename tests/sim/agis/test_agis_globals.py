@@ -53,7 +53,7 @@ def test_global_motions_spare_free_sources_and_rotations():
     back = turning.blocks @ z
     back[:, 3:] += turning.motion.weights[:, None, None] * z[:, 3:] - turning.motion.pull(z)
     np.testing.assert_allclose(back, r, atol=1e-9 * np.abs(r).max())
-    with pytest.raises(ParameterError, match="scatters of motions are not above zero"):
+    with pytest.raises(ParameterError, match="scatters of motions are zero or negative"):
         agis.global_motion(lon, lat, scatter=0.0)
     with pytest.raises(ParameterError, match="a global motion of 2 sources, and scans of 300"):
         agis.System(scans, motion=agis.global_motion(lon[:2], lat[:2]))

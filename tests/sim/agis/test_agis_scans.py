@@ -149,7 +149,7 @@ def test_messages(monkeypatch):
         System(make(knots=30.0))
     with pytest.raises(VshWarning, match="is a statement on the attitude"):
         System(make(), smoothing=100.0)
-    with pytest.raises(ParameterError, match="2 errors of transits are not above zero"):
+    with pytest.raises(ParameterError, match="2 errors of transits are zero or negative"):
         make(along=np.r_[0.0, -1.0, np.ones(298)])
     with pytest.raises(ParameterError, match="knots .* in a mission of 1 years"):
         make(knots=4e7)

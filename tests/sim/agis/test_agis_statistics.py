@@ -33,7 +33,7 @@ def test_correlations_of_a_known_field():
 def test_one_draw_needs_its_errors():
     lon, lat = sim.uniform_sky(100, 1)
     errors = np.random.default_rng(1).standard_normal(100)
-    with pytest.raises(ParameterError, match="1 draws do not tell the size of errors"):
+    with pytest.raises(ParameterError, match="1 draws are too few to estimate the errors"):
         agis.correlation_by_angle(errors, lon, lat, [0.0, 1.0])
     found, _ = agis.correlation_by_angle(errors, lon, lat, [0.0, np.pi], sigma=np.ones(100))
     assert abs(found[0]) < 0.1

@@ -40,7 +40,7 @@ def epochs(system, fields):
 
 
 def test_fields_come_back(system):
-    """Coefficients of two functions of time, to 1e-4 of their size; taken for known, the attitude has its share."""
+    """Coefficients of two functions of time, to 1e-4 of their size; taken as known, the attitude has its share."""
     scans, modes = system.scans, Modes(2)
     functions = in_time.waves(2.3, span=(-0.5, 0.5))
     true = np.random.default_rng(4).normal(size=(2, len(modes))) * np.where(modes.degrees == 1, 0.0, 100.0)

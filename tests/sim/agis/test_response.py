@@ -199,7 +199,7 @@ def test_a_search_knows_the_response(coarse):
     assert np.abs(found.amplitudes[1:, place]).max() < 1.0
     assert "attitude solved from the same sky" in found.report()
     assert search_in_time(noisy, 2.3, attitude="known", nside=4, n_skies=20).amplitudes[0, place] < 65.0
-    with pytest.raises(ParameterError, match="say what the attitude is"):
+    with pytest.raises(ParameterError, match="attitude= is missing"):
         search_in_time(noisy, 2.3)
     with pytest.raises(ParameterError, match="known"):
         search_in_time(noisy, 2.3, attitude="solved")

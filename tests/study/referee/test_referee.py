@@ -162,7 +162,7 @@ def test_values_in_words():
     assert str(Value(1215942.0)) == "1 215 942"
     assert str(Value(float("nan"))) == "–"
     assert judged(0.4, "nothing", "something") == "nothing (p = 0.4000)"
-    assert judged(0.02, "nothing", "something").startswith("a hint, no more: something")
+    assert judged(0.02, "nothing", "something").startswith("weak evidence: something")
     assert judged(0.001, "nothing", "something").startswith("something (p = ")
 
 
@@ -198,7 +198,7 @@ def test_the_command(run, capsys):
 
 
 def _rows_of_p_values(page):
-    """The rows of a page's table of p-values: what of, by the errors quoted, with what sources share."""
+    """The rows of a page's table of p-values: what of, with formal errors, with systematic errors."""
     for line in page.read_text(encoding="utf-8").splitlines():
         cells = [each.strip() for each in line.strip("|").split("|")]
         if len(cells) == 3 and all(re.fullmatch(r"\d[\d.e-]*", each) for each in cells[1:]):
@@ -207,7 +207,7 @@ def _rows_of_p_values(page):
 
 @pytest.mark.slow
 def test_the_vlba_sees_no_acceleration():
-    """What looks like ten standard errors, and like changes with redshift, is what sources share."""
+    """What looks like ten standard errors, and like changes with redshift, is systematic errors."""
     answer = referee(read_quasars(real_catalogue("td2017_vlba_proper_motions.ecsv")), 1)
     page = (ROOT / "docs" / "quoting.md").read_text(encoding="utf-8")
     (block,) = re.findall(r"## How to read the result\n\n((?:    .*\n)+)", page)

@@ -62,7 +62,7 @@ def test_by_source():
     assert kstest(p, "uniform").pvalue > 0.01
     p = [by_source(sky(np.random.default_rng(k), factor=1.7), 2)[2] for k in range(60)]
     assert kstest(p, "uniform").pvalue > 0.01
-    # What sources share beyond the degree of the fit is scatter of the best ones.
+    # Systematic errors beyond the degree of the fit is scatter of the best ones.
     p = []
     for seed in range(60):
         shared = sim.systematics(15 * Spectrum.flat(), seed)(LON, LAT)

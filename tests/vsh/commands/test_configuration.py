@@ -116,7 +116,7 @@ def test_written_by_hand(tmp_path):
         ("lmax = 3", "lmax? A configuration has command, version, [options] and [files]"),
         ("options = 3", "options and files? A configuration"),
         ("[options]\nlmaxx = 3", "vsh-fit has no option 'lmaxx'; nearest: lmax"),
-        ("[options]\nlmax = 0", "a whole number of at least 1 is wanted, not '0'"),
+        ("[options]\nlmax = 0", "a whole number of at least 1 is expected, not '0'"),
         ("[options]\nlmax = false", "lmax is text, a number, true, or several of them, not False"),
         ("[options]\nconfig = 'x.toml'", "no option 'config'"),
         ("[options]\nwhen = 2020-01-01", "when is text, a number"),

@@ -96,3 +96,20 @@ def test_an_error_of_use_is_two_lines(capsys):
         "vsh-fit: error: unrecognized arguments: --lmx 3 (is it --lmax?)",
         "vsh-fit --help lists the options",
     ]
+
+
+@pytest.mark.parametrize(
+    ("kind", "there", "not_there"),
+    [
+        ("link", ["--jump", "--binaries", "--orientation"], ["--wave", "--flow", "--release", "--table"]),
+        ("galaxies", ["--flow", "--velocity", "--h0"], ["--jump", "--wave", "--table"]),
+        ("crf4", ["--table", "--traps"], ["--jump", "--sky", "--redshift-range"]),
+        ("epochs", ["--wave", "--release"], ["--flow", "--jump", "--orientation"]),
+    ],
+)
+def test_help_of_a_kind_shows_its_options(kind, there, not_there, capsys):
+    with pytest.raises(SystemExit):
+        module_of("sim").main([kind, "--help"])
+    text = capsys.readouterr().out
+    assert all(option in text for option in there)
+    assert not [option for option in not_there if re.search(rf"{option}\b", text.partition("examples:")[0])]

@@ -111,7 +111,7 @@ def test_links_and_permissions_stay(tmp_path):
 
 
 def test_only_our_own_leftovers_go(tmp_path):
-    """Hidden files with a dash in their name were taken for ours."""
+    """Hidden files with a dash in their name were taken as ours."""
     for name in (".pre-commit-config.yaml", ".env-production", ".vsh-unfinished-1-x.json"):
         (tmp_path / name).write_text("x")
     remove_unfinished(tmp_path)

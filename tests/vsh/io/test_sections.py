@@ -84,7 +84,7 @@ def test_sections_are_apart_by_an_empty_line():
 def test_an_answer_is_printable():
     answer = Answer((("spin", "0\x1b[31m"), ("errors", "as quoted")))
     assert str(answer) == "spin           0\\x1b[31m\nerrors         as quoted"
-    assert answer.sentence == "spin 0\\x1b[31m; errors as quoted"
+    assert answer.sentence == "spin 0\\x1b[31m; formal errors"
 
 
 @pytest.mark.parametrize("degree", [1, 3])

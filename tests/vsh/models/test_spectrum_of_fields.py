@@ -97,7 +97,7 @@ def test_systematics_have_their_spectrum():
 def test_what_is_no_spectrum_is_refused():
     with pytest.raises(ParameterError, match="one power of at least zero for each degree"):
         Spectrum.given([1.0, -2.0])
-    with pytest.raises(ModesError, match="is given to degree 2, and degree 3 is wanted"):
+    with pytest.raises(ModesError, match="is given to degree 2, and degree 3 is expected"):
         Spectrum.given([1.0, 2.0]).power(3)
     with pytest.raises(ParameterError, match=r"the power of T\d is -.* no field has a negative power"):
         Spectrum.from_covariance(lambda theta: -np.exp(-theta)).power(4)

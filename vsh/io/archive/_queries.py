@@ -344,7 +344,9 @@ def fetch_epochs(
         if known and any(known.get(key) != value for key, value in asked.items()):
             raise ArchiveError(f"{printable(folder)} holds the answer to another request: name another folder")
         if not known and folder.exists() and any(folder.iterdir()):
-            raise ArchiveError(f"{printable(folder)} is there, and no note beside it says what it holds: name another")
+            raise ArchiveError(
+                f"{printable(folder)} exists without its note, so its contents are unknown: name another"
+            )
         files: dict[str, str] = dict(known.get("files", {}))
         if not known:  # first of all: who is killed in the first batch goes on as well
             _write(note, asked | {"files": files})

@@ -127,10 +127,12 @@ def _answer(path, asked, patience, interval, max_bytes, overwrite, progress):
 def _check_as_fetched(path, known):
     """Raise ArchiveError where a file is not the one that its note is about."""
     if not known.get("query"):
-        raise ArchiveError(f"{printable(path)} is there, and no note beside it says what it answers: take another name")
+        raise ArchiveError(
+            f"{printable(path)} exists without its note, so its query is unknown: choose another name, or delete it"
+        )
     if not known.get("sha256"):
         raise ArchiveError(
-            f"{printable(path)} is there, and its note has no hash of it: take another name, or delete it"
+            f"{printable(path)} is there, and its note has no hash of it: choose another name, or delete it"
         )
     if digest(path) != known["sha256"]:
         raise ArchiveError(
@@ -141,14 +143,14 @@ def _check_as_fetched(path, known):
 def _check_same(path, known, asked):
     """Raise ArchiveError where a file is the answer to something else."""
     if known.get("query") != asked["query"]:
-        raise ArchiveError(f"{printable(path)} is the answer to another query: take another name, or overwrite it")
+        raise ArchiveError(f"{printable(path)} is the answer to another query: choose another name, or overwrite it")
     if known.get("url") != asked["url"]:
         raise ArchiveError(
-            f"{printable(path)} is the answer of {printable(known.get('url'))}: take another name, or overwrite it"
+            f"{printable(path)} is the answer of {printable(known.get('url'))}: choose another name, or overwrite it"
         )
     if known.get("max_rows") != asked["max_rows"]:
         raise ArchiveError(
-            f"{printable(path)} was asked for with another limit of rows: take another name, or overwrite it"
+            f"{printable(path)} was asked for with another limit of rows: choose another name, or overwrite it"
         )
 
 
@@ -158,7 +160,7 @@ def _rows_of(path):
         return tables.fits_rows(path, path.name)
     except TableError as error:
         raise ArchiveError(
-            f"{printable(path)} is there, but no whole FITS table ({error}): overwrite it, or take another name"
+            f"{printable(path)} is there, but no whole FITS table ({error}): overwrite it, or choose another name"
         ) from error
 
 

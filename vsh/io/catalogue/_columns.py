@@ -39,7 +39,7 @@ FURTHER_UNITS = {
     "redshift_error": u.dimensionless_unscaled, "distance": u.Mpc, "distance_error": u.Mpc,
     "parallax": u.mas, "parallax_error": u.mas,
 }  # fmt: skip
-#: Those whose unit is asked for where a table does not tell it: nobody would see that kpc were taken for Mpc.
+#: Those whose unit is asked for where a table does not tell it: nobody would see that kpc were taken as Mpc.
 MUST_SAY = ("distance", "distance_error", "parallax", "parallax_error")
 #: Names that positions have in other frames than the equatorial one.
 _OTHER_FRAMES = dict.fromkeys(("l", "b", "glon", "glat", "gal_lon", "gal_lat"), "galactic")
@@ -372,7 +372,7 @@ def _factor(name, unit, wanted, given):
             f"if the table is wrong, say what it is, units={{{name!r}: {str(wanted)!r}}} (--units {name}=…)"
         ) from None
     if not 0 < factor < np.inf:
-        raise TableError(f"column {name!r} is in {printable(unit)!r}, a unit that is not positive: signs would turn")
+        raise TableError(f"column {name!r} is in {printable(unit)!r}, a negative unit: correct it, --units")
     return factor
 
 
@@ -384,7 +384,7 @@ def _further(role, name, unit, wanted, given):
         if wanted == u.dimensionless_unscaled and str(unit).strip().lower() in _NO_UNIT:
             return 1.0
         return _factor(name, unit, wanted, given)  # which says what is wrong
-    if role == "magnitude":  # of any zero point: magnitudes are told apart by their differences alone
+    if role == "magnitude":  # of any zero point: magnitudes are separated by their differences alone
         if parsed == u.dimensionless_unscaled or parsed == u.mag or isinstance(parsed, u.MagUnit):
             return 1.0
     elif role in ("redshift", "redshift_error"):

@@ -92,7 +92,7 @@ def read_field(
         Axes of positions and motions; ICRS unless given. Columns called l, b, glon, … in place of ra and
         dec ask for it.
     roles : iterable of str
-        Those of name, redshift, magnitude, redshift_error, distance, distance_error that are wanted.
+        Those of name, redshift, magnitude, redshift_error, distance, distance_error that are expected.
     where : str, optional
         A condition on the table's columns, in its units: "phot_g_mean_mag < 19 and 0.5 < redshift < 2"; see
         `vsh.io.tables.Where`. Rows with a missing value in it are not selected; a note counts all that are left out.

@@ -1,7 +1,8 @@
 """Observations along scan from files of epoch astrometry, in the columns of the draft of Gaia DR4's data model.
 
 Columns of arrays become one matrix each, from every container of tables: lists, masked arrays, words of JSON. The field
-of view is told by the code of `transit_id`, which the times between transits decide. Bits 15 and 16 of a transit_id
+of view is determined by the code of `transit_id`, which the times between transits
+decide. Bits 15 and 16 of a transit_id
 tell the field of view. A draft of the numbering (GAIA-C3-TN-UB-JP-011, p. 9) has 1 for the preceding one and 2 for the
 following one; the published epochs of Gaia BH3 have 0 and 1. Gaia turns once in six hours, and its fields are 106.5°
 apart: a source is seen 106.5 minutes after the preceding field in the following one, and 253.5 minutes after that in
@@ -220,12 +221,12 @@ def views_of(transit: Any, source: Any, time: Any) -> tuple[Any, str | None]:
         return np.where(code == preceding, 1, -1), words
     if codes in _KNOWN:
         return np.where(code == codes[0], 1, -1), (
-            f"fields of view: code {codes[0]} of transit_id is taken for the preceding one, {_KNOWN[codes]}; no two "
+            f"fields of view: code {codes[0]} of transit_id is taken as the preceding one, {_KNOWN[codes]}; no two "
             "transits are near enough to tell"
         )
     if codes in ((0,), (2,)):
         return np.full(len(code), 1 if codes == (0,) else -1), (
-            f"fields of view: all transits have code {codes[0]} of transit_id, taken for the "
+            f"fields of view: all transits have code {codes[0]} of transit_id, taken as the "
             f"{'preceding' if codes == (0,) else 'following'} one"
         )
     return None, (
@@ -430,7 +431,7 @@ def _joined(identifiers, positions):
         )
     place = np.asarray(ra, float)[order][at], np.asarray(dec, float)[order][at]
     if not (np.isfinite(place).all() and (np.abs(place[1]) <= 90).all()):
-        raise TableError(f"{opened.label}: some positions are no directions: ra and dec in degrees are wanted")
+        raise TableError(f"{opened.label}: some positions are no directions: ra and dec in degrees are expected")
     return place[0] * DEGREE, place[1] * DEGREE
 
 

@@ -549,7 +549,7 @@ def delayed_of(collection: Any, columns: Sequence[str]) -> list[Any]:
     """Some columns of a collection of Dask or LSDB, as delayed partitions.
 
     LSDB reads all columns of a catalogue that was opened with them, and chooses then: as long as nothing else was done
-    to it, it is opened again with those that are wanted. What fits into a gibibyte is read once, and kept for the
+    to it, it is opened again with those that are expected. What fits into a gibibyte is read once, and kept for the
     passes to come.
     """
     wanted = list(dict.fromkeys(columns))

@@ -33,7 +33,7 @@ class Parts(InNotebook):
     pieces : tuple
         What the parts are read from: paths, tables, Fields, delayed objects of Dask.
     read : function
-        (piece, roles) → iterator of Fields; `roles` are those of name, redshift, magnitude, … that are wanted.
+        (piece, roles) → iterator of Fields; `roles` are those of name, redshift, magnitude, … that are expected.
     steps : tuple of functions
         Field → Field, applied to every block as it is read.
     engine : vsh.io.parts.Engine
@@ -167,7 +167,9 @@ def as_parts(field: Any, kind: type = Field) -> Parts:
         return field
     fields = (field,) if isinstance(field, kind) else tuple(field) if isinstance(field, list | tuple) else ()
     if not fields or not all(isinstance(field, kind) for field in fields):
-        raise FieldError(f"a Field, a list of Fields, or parts of a catalogue, are wanted, not {type(field).__name__}")
+        raise FieldError(
+            f"a Field, a list of Fields, or parts of a catalogue, are expected, not {type(field).__name__}"
+        )
     return Parts(fields, itself)
 
 

@@ -63,7 +63,7 @@ def _open_one(arrow, path, label):
 
 
 def open_parquet_at(filesystem: Any, path: str, label: str) -> TableSource:
-    """A Parquet file of a pyarrow filesystem: of the columns that are wanted, the byte ranges are fetched."""
+    """A Parquet file of a pyarrow filesystem: of the columns that are expected, the byte ranges are fetched."""
     from pyarrow.parquet import ParquetFile
 
     def opened(footer=None):
@@ -103,7 +103,7 @@ def open_dataset(dataset: Any, label: str) -> TableSource:
 
 
 def open_lazy(frame: Any, label: str) -> TableSource:
-    """A LazyFrame of polars: what is wanted of it is collected when it is."""
+    """A LazyFrame of polars: what is expected of it is collected when it is."""
     _arrow(label)  # polars's own way to it, for pyarrow before 16 does not know polars
     try:
         names = list(frame.collect_schema())
@@ -265,7 +265,7 @@ class NotPlain(Exception):
 _CSV_BLOCK = 2**24
 #: From here on a double does not tell neighbouring integers apart.
 _EXACT = 2.0**53
-#: A field that is wanted is a number or a name. [characters]
+#: A field that is expected is a number or a name. [characters]
 FIELD = 1000
 #: What stands for a missing value; Gaia's archive writes null.
 NULLS = ("", "null", "NULL")

@@ -1,6 +1,6 @@
 """Tables of text: their layout from the first lines (separators, names, units), then CSV and ECSV line by line.
 
-Only the fields that are wanted become values, and no line is longer than it may be.
+Only the fields that are expected become values, and no line is longer than it may be.
 
 Lists of positions from VLBI (ICRF2 and ICRF3, the .crf and .sou of IVS analysis centres, RFC, VieVS) have a source in a
 line: names and flags, right ascension in hours and declination in degrees, each as three numbers, and behind them the

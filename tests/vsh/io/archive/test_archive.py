@@ -190,7 +190,7 @@ def test_a_file_that_is_there_but_no_answer(tap, tmp_path, capsys):
     path = tmp_path / "sky.fits"
     for overwrite in (False, True):  # a file that somebody else put there is neither believed nor replaced
         path.write_bytes(service.table)
-        with pytest.raises(ArchiveError, match="no note beside it says what it answers"):
+        with pytest.raises(ArchiveError, match="exists without its note"):
             ask(url, path, overwrite=overwrite)
     path.unlink()
     ask(url, path)

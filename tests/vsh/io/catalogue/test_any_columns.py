@@ -53,7 +53,7 @@ def test_what_is_no_column_of_numbers(table):
 
 
 def test_a_template_of_large_numbers(table, tmp_path, capsys):
-    """Numbers beyond 50 were taken for missing magnitudes."""
+    """Numbers beyond 50 were taken as missing magnitudes."""
     from fit.commands.fit import main
 
     rng = np.random.default_rng(2)

@@ -1,4 +1,4 @@
-"""Units of every column are converted or refused: nobody sees that kpc were taken for Mpc."""
+"""Units of every column are converted or refused: nobody sees that kpc were taken as Mpc."""
 
 import astropy.units as u
 import numpy as np

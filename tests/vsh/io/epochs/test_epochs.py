@@ -79,8 +79,8 @@ def test_field_of_view_is_decided_by_times_between_transits(transits, first, sec
 
 
 @pytest.mark.parametrize(("codes", "view", "words"), [
-    ((0,), 1, "taken for the preceding one"),
-    ((2,), -1, "taken for the following one"),
+    ((0,), 1, "taken as the preceding one"),
+    ((2,), -1, "taken as the following one"),
     ((1,), None, "the preceding field of view by one numbering and the following one by another"),
     ((0, 1), (1, -1), "as in the epochs of Gaia BH3"),
     ((1, 2), (1, -1), "as in the draft of DR4's data model"),
