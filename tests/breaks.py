@@ -811,7 +811,7 @@ BREAKS = [
     ),
     ("vsh/io/sections.py", "printed(self.shown, self.forms)", "printed(self.table, self.forms)", "test_sections.py"),
     ("vsh/io/sections.py", "dict.fromkeys(map(str, self.notes))", "self.notes", "test_sections.py"),
-    ("vsh/figures/page/_page.py", "printed(part.shown, part.forms)", "printed(part.table)", "test_sections.py"),
+    ("vsh/figures/page/_page.py", "printed(rows[:_ROWS], part.forms)", "printed(part.table)", "test_sections.py"),
     (
         "vsh/commands/finishing.py",
         "if self.is_long and not long:",

@@ -192,8 +192,3 @@ def _counted(notes, kind):
 
 def _hash(line):
     return blake2b(line.encode("utf-8", "replace"), digest_size=6).hexdigest()
-
-
-def note_lines(notes: Iterable[str]) -> list[str]:
-    """Notes as the last lines of a report."""
-    return ["", "Notes", *(f"  - {note}" for note in notes)] if notes else []

@@ -2,15 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-from fit.results.output._files import (
-    draw_figures,
-    latex_of,
-    sources_table,
-    write_correlation,
-    write_figures,
-    write_html,
-    write_tables,
-)
+from fit.results.output._files import draw_figures, latex_of, sources_table, write_correlation, write_html, write_tables
 from fit.results.output._text import (
     WIDTH,
     amplitude,

@@ -236,15 +236,6 @@ def draw_figures(
     }
 
 
-def write_figures(
-    solution: Any, field: Field | ScalarField | Parts, folder: PathName, *, format: str = "png", dpi: float = 300
-) -> list[Path]:
-    """Draw the sky, the spectrum, the correlations and the residuals into files; returns their paths."""
-    from vsh.figures.plot import save_figures
-
-    return save_figures(draw_figures(solution, field), folder, format=format, dpi=dpi)
-
-
 @explained
 def write_html(
     solution: Any,

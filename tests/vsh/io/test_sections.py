@@ -20,7 +20,7 @@ POWER = {
 }
 SECTION = Section(
     "Power by degree",
-    [("sources", "713"), ("errors", "as quoted")],
+    [("sources", "713"), ("errors", "robust")],
     table_of(POWER, {}, {"power": "uas2 / yr2", "sigma_power": "uas2 / yr2"}),
     remarks=["Degree 1 contains spin and acceleration."],
     notes=["one note", "one note"],
@@ -31,7 +31,7 @@ def test_text_pairs_values_with_errors():
     assert str(SECTION).splitlines() == [
         "Power by degree",
         "sources        713",
-        "errors         as quoted",
+        "errors         robust",
         "  degree   power [(µas/yr)²]   p value",
         "       1         5.00 ± 0.51   1.0e-05",
         "       2        -3.25 ± 0.50    0.5000",
@@ -49,7 +49,7 @@ def test_page_has_each_cell_of_the_text():
     assert len(cells) == 9
     for cell in cells:
         assert f">{cell}<" in html
-    for words in ("Power by degree", "713", "as quoted", "Degree 1 contains", "<li>one note</li>"):
+    for words in ("Power by degree", "713", "robust", "Degree 1 contains", "<li>one note</li>"):
         assert words in html
 
 
@@ -82,9 +82,9 @@ def test_sections_are_apart_by_an_empty_line():
 
 
 def test_an_answer_is_printable():
-    answer = Answer((("spin", "0\x1b[31m"), ("errors", "as quoted")))
-    assert str(answer) == "spin           0\\x1b[31m\nerrors         as quoted"
-    assert answer.sentence == "spin 0\\x1b[31m; formal errors"
+    answer = Answer((("spin", "0\x1b[31m"), ("errors", "robust")))
+    assert str(answer) == "spin           0\\x1b[31m\nerrors         robust"
+    assert answer.sentence == "spin 0\\x1b[31m; errors robust"
 
 
 @pytest.mark.parametrize("degree", [1, 3])

@@ -18,7 +18,6 @@ from vsh.figures.page._page import (
     preformatted,
     provenance,
     section,
-    sheet,
     sky,
     table,
     widget,

@@ -27,7 +27,7 @@ from vsh.sky.frames import ANGLES
 from vsh.tools.arguments import explained
 from vsh.tools.errors import ParameterError
 from vsh.tools.files import atomic_write
-from vsh.tools.types import FloatArray, PathName, Table
+from vsh.tools.types import FloatArray, PathName
 
 
 class Panel(NamedTuple):
@@ -94,20 +94,23 @@ def _row(row):
     return f"<tr><th scope='row'>{escape(first)}</th>" + "".join(f"<td>{escape(each)}</td>" for each in rest) + "</tr>"
 
 
-def sheet(title: str, columns: Table, *, most: int = 200) -> Panel:
-    """An astropy Table under a heading, sortable; with a "summary" of what it is of, if its meta has one."""
-    heads, rows = printed(columns[:most])
-    more = f"The first {most} of {len(columns)} rows; the files have all." if len(columns) > most else ""
-    above, below = words(str(columns.meta.get("summary", "")), "faint"), words(more, "faint")
-    return heading(title, above, table(heads, rows, sortable=True), below)
+#: Rows of a table that a page shows.
+_ROWS = 200
 
 
 def section(part: Section) -> Panel:
     """A section of a result: its title, facts, table, remarks and notes."""
     facts = table(["", ""], [list(each) for each in part.facts]) if part.facts else Panel("")
-    shown = Panel("") if part.shown is None else table(*printed(part.shown, part.forms), sortable=True)
+    shown = more = Panel("")
+    if (rows := part.shown) is not None:
+        shown = table(*printed(rows[:_ROWS], part.forms), sortable=True)
+        more = words(
+            f"The first {_ROWS} of {len(rows)} rows; the files have all." if len(rows) > _ROWS else "", "faint"
+        )
     listed = "".join(f"<li>{escape(str(each))}</li>" for each in dict.fromkeys(map(str, part.notes)))
-    return heading(part.title, facts, shown, *map(words, part.remarks), Panel(f"<ul>{listed}</ul>" if listed else ""))
+    return heading(
+        part.title, facts, shown, more, *map(words, part.remarks), Panel(f"<ul>{listed}</ul>" if listed else "")
+    )
 
 
 def figure(picture: bytes, caption: str) -> Panel:

@@ -10,6 +10,7 @@ from astropy.table import Table
 
 from vsh.figures import page
 from vsh.figures.page._page import Panel
+from vsh.io.sections import Section
 
 
 class Reader(HTMLParser):
@@ -48,7 +49,7 @@ NASTY = "<b>&\"'</script>"
 def test_a_page_of_everything_is_whole():
     columns = Table({"a_b": [1.0, np.nan], NASTY: [NASTY, "x"]})
     panels = [
-        page.cards([("Spin", "1 ± 2", NASTY)]), page.words(NASTY, "warning"), page.words(""), page.sheet(NASTY, columns),
+        page.cards([("Spin", "1 ± 2", NASTY)]), page.words(NASTY, "warning"), page.words(""), page.section(Section(NASTY, (), columns)),
         page.table(["x", ""], [[NASTY, "1"]], sortable=True, summary=NASTY), page.figure(b"png", NASTY), page.notes([NASTY, 3]),
         page.pictures([page.figure(b"png", "one"), page.figure(b"png", "two")]), page.preformatted(NASTY),
         page.provenance({"file": NASTY, "versions": {"numpy": "2"}}, ["vsh-fit", NASTY]), page.heading("empty", Panel("")),
@@ -76,6 +77,6 @@ def test_the_policy_allows_what_is_there_and_nothing_else():
 
 
 def test_long_tables_say_what_is_left_out():
-    html = page.sheet("Rows", Table({"x": np.arange(500)}), most=10).html
-    assert html.count("<tr>") == 11
-    assert "The first 10 of 500 rows" in html
+    html = page.section(Section("Rows", (), Table({"x": np.arange(500)}))).html
+    assert html.count("<tr>") == 201
+    assert "The first 200 of 500 rows" in html
