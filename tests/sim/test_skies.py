@@ -77,7 +77,7 @@ def test_vlbi_is_a_subset():
     chosen = sim.vlbi_quasars(quasars, 50, 2)
     assert len(chosen) == 50
     assert np.isin(chosen.magnitude, quasars.magnitude).all()
-    with pytest.raises(ValueError, match="2000 of 1000"):
+    with pytest.raises(ValueError, match="2000 quasars cannot be chosen from 1000"):
         sim.vlbi_quasars(quasars, 2000, 1)
 
 

@@ -78,7 +78,7 @@ def test_forecasts_with_what_sources_share():
     ratio = np.sqrt(np.diag(told.covariance) / np.diag(wanted.covariance))
     assert 0.9 < ratio.min() <= ratio.max() < 1 + 1e-9
     assert told.acceleration.sigma.mean() > 1.1 * predict_covariance(seen, 4).acceleration.sigma.mean()
-    assert "share" in told.errors_from
+    assert "systematic errors" in told.errors_from
 
 
 def test_recommended_degree():

@@ -184,6 +184,7 @@ def found():
 def test_every_kind_of_result_is_tried(found):
     """Another kind of result joins the list above, or says here why not."""
     bases = {
+        "FrameResult",
         "LinearSolution",
         "NamedSolution",
         "HarmonicSolution",
