@@ -28,7 +28,7 @@ def main(n=500_000):
     field = Field(quasars.lon, quasars.lat, np.zeros((2, n)), sigma, rho).to_frame("galactic")
     print(correlation_matrices(field).report())
 
-    true = Field.without_motions(field)._with(motion=sim.acceleration(TRUTH)(field.lon, field.lat))
+    true = Field.from_positions(field)._with(motion=sim.acceleration(TRUTH)(field.lon, field.lat))
     rng = np.random.default_rng(3)
     found = []
     for _ in range(SKIES):

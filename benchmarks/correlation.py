@@ -10,7 +10,7 @@ from vsh import Field
 
 
 def main(n=1_600_000):
-    field = Field.without_motions(sim.quasars(n, 1, "igql"), 300.0)
+    field = Field.from_positions(sim.quasars(n, 1, "igql"), 300.0)
     total = time.perf_counter()
     for words, call in (
         ("correlation matrices, degree 10", lambda: correlation_matrices(field, 10)),

@@ -29,7 +29,7 @@ from scipy.stats import kstest
 
 import sim
 from fit import in_time
-from fit.in_time._background import _bands, _reduced, _shares
+from fit.in_time._background import _bands, _reduce_to_bands, _shares
 from fit.waves import search_in_time
 from sim import agis
 from vsh import Modes
@@ -63,7 +63,7 @@ def background(skies=300):
     equations = in_time.normal_equations(observed(), 3, functions, attitude=response)
     n = equations.n_data - 5 * equations.n_sources
     equations = replace(equations, chi2_null=float(n))
-    matrix, _, shapes, _ = _reduced(equations, _bands(None, functions.names), None)
+    matrix, _, shapes, _ = _reduce_to_bands(equations, _bands(None, functions.names), None)
     high = np.tile(equations.modes.degrees > 1, len(functions))
     noise = np.linalg.cholesky(equations.matrix + 1e-12 * np.diag(equations.matrix).max() * np.eye(len(high)))
     # √P that is seen at one standard error, band by band.
@@ -233,7 +233,7 @@ def resolved(stars=20_000, nside=12):
         cpu = (time.process_time() - start) / 1500
         solution = in_time.solve(equations)
         two = modes.degrees == 2
-        free = ~equations.unseen
+        free = ~equations.unconstrained_terms
         away = (solution.values - true).ravel()[free]
         chi2 = away @ equations.matrix[np.ix_(free, free)] @ away / free.sum()
         slope = np.sum(solution.values[:, two] * true[:, two]) / np.sum(true[:, two] ** 2)

@@ -23,14 +23,14 @@ from .motions.stars import Kinematics, kinematics
 from .normal import Moments, NormalEquations, gaussian_prior, normal_equations
 from .results import output, quality, spectrum, storage
 from .results.solution import Solution
-from .robust import Clipped, clip
+from .robust import ClippedFit, clip
 from .solving import fit_field, frame, solve
 from .solving.frame import CrossCheck, FrameSolution, cross_check, solve_frame
 from .solving.matrix_free import MatrixFreeSolution, solve_matrix_free
 
 __all__ = [
     "METHODS",
-    "Clipped",
+    "ClippedFit",
     "CrossCheck",
     "Estimate",
     "FrameSolution",

@@ -15,7 +15,7 @@ from fit.background import Floor, equations_of, floor
 from fit.normal import NormalEquations, Template, normal_equations
 from fit.resample import bootstrap, compare_blocks, jackknife
 from fit.results.solution import AboutSolution, Solution
-from fit.robust import ERRORS_TOO_SMALL, ExcessNoise, Reweighted, clip, excess_noise, permissive, student_t
+from fit.robust import ERRORS_TOO_SMALL, ExcessNoise, ReweightedFit, clip, excess_noise, permissive, student_t
 from fit.solving import fit_field, solve, with_coverage
 from vsh.field import Field
 from vsh.io.catalogue import as_field
@@ -45,7 +45,7 @@ _LEAST = 3
 class Weighted(AboutSolution):
     """A fit whose weights sum other equations, too: of classes, of other degrees, with templates."""
 
-    weights: Reweighted | ExcessNoise | None
+    weights: ReweightedFit | ExcessNoise | None
 
     def equations(
         self, field: Field | Parts, modes: Modes | int, *, templates: Sequence[Template] = ()
@@ -55,7 +55,7 @@ class Weighted(AboutSolution):
         Parameters
         ----------
         field, modes, templates
-            As for `fit.robust.Reweighted.equations`.
+            As for `fit.robust.ReweightedFit.equations`.
         """
         if self.weights is None:
             return normal_equations(field, modes, templates=templates)
@@ -72,7 +72,7 @@ class Recommended(Weighted):
         With the floor in its errors, where there is one.
     plain : Solution
         The robust fit without it.
-    weights : Reweighted or None
+    weights : ReweightedFit or None
         The robust fit; None where it did not settle, and least squares stands in its place.
 
     Examples
@@ -87,7 +87,7 @@ class Recommended(Weighted):
 
     solution: Solution
     plain: Solution
-    weights: Reweighted | None
+    weights: ReweightedFit | None
 
     @property
     def floor(self) -> Floor | None:
@@ -176,7 +176,7 @@ def recommended(field: Any, lmax: int | None = None, *, rng: Rng = 1) -> Recomme
 
 def _robust(field, degree):
     """Student's t, with an excess noise where the quoted errors need one; least squares where no weights settle."""
-    fits: list[Reweighted] = []
+    fits: list[ReweightedFit] = []
     reason = ""
     try:
         fits.append(student_t(field, degree))
@@ -234,7 +234,7 @@ class Estimate(Weighted):
         The same without a systematic floor in its errors.
     n_clipped : int
         How many sources were clipped.
-    weights : Reweighted, ExcessNoise or None
+    weights : ReweightedFit, ExcessNoise or None
         The fit whose weights classes and templates are summed with; None of least squares.
 
     Examples
@@ -252,7 +252,7 @@ class Estimate(Weighted):
     sources: Field | Parts
     plain: Solution
     n_clipped: int = 0
-    weights: Reweighted | ExcessNoise | None = None
+    weights: ReweightedFit | ExcessNoise | None = None
 
     @property
     def floor(self) -> Floor | None:
@@ -262,12 +262,12 @@ class Estimate(Weighted):
     @property
     def is_scaled(self) -> bool:
         """Return whether χ² scales the errors of `equations`: not where they come from residuals already."""
-        return not isinstance(self.weights, Reweighted)
+        return not isinstance(self.weights, ReweightedFit)
 
     @property
     def source_weights(self) -> FloatArray | None:
         """Factor on each source's inverse covariance, (n,); None of least squares and of parts."""
-        return self.weights.weights if isinstance(self.weights, Reweighted) else None
+        return self.weights.weights if isinstance(self.weights, ReweightedFit) else None
 
     @property
     def class_note(self) -> str:
@@ -279,7 +279,7 @@ class Estimate(Weighted):
         return "classes and templates are fitted by least squares, errors scaled by the χ²/dof of each"
 
 
-def _recommended(field, lmax, value, rng):
+def _run_recommended(field, lmax, value, rng):
     result = recommended(field, lmax, rng=rng)
     return Estimate(result.solution, "recommended", field, result.plain, 0, result.weights)
 
@@ -333,7 +333,7 @@ def _plain(method, solution, sources, n_clipped=0, weights=None):
 #: gives an `Estimate`. The value is κ of the clipping, "scale" of the excess noise (a factor on the errors as well),
 #: the number of bootstrap replicates, the NSIDE of the jackknife's blocks.
 METHODS: dict[str, Callable[[Any, Any, Any, Rng], Estimate]] = {
-    "recommended": _recommended,
+    "recommended": _run_recommended,
     "least-squares": _least_squares,
     "clip": _clip,
     "student": _student,

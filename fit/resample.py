@@ -21,7 +21,7 @@ from fit.results.quality import ErrorSource
 from fit.results.solution import AboutSolution, Solution
 from fit.solving import solve
 from vsh.basis import harmonics
-from vsh.field import Field, Weighed, weighed
+from vsh.field import Field, SourcesWithErrors, multiply_weights
 from vsh.io.parts import Parts, as_parts
 from vsh.models.covariance import Covariance
 from vsh.modes import Modes, as_modes
@@ -34,11 +34,11 @@ from vsh.tools.parallel import map_blocks, progress_bar
 from vsh.tools.printing import logged
 from vsh.tools.types import FloatArray, Rng
 
-__all__ = ["Resampled", "block_bootstrap", "bootstrap", "compare_blocks", "jackknife", "parametric_bootstrap"]
+__all__ = ["ResampledFit", "block_bootstrap", "bootstrap", "compare_blocks", "jackknife", "parametric_bootstrap"]
 
 
 @dataclass(frozen=True, eq=False)
-class Resampled(AboutSolution):
+class ResampledFit(AboutSolution):
     """A solution and its replicates from resampled sources.
 
     Attributes
@@ -120,7 +120,7 @@ def bootstrap(
     method: Literal["auto", "full", "one-step"] = "auto",
     covariance: Covariance | FloatArray | None = None,
     progress: bool = True,
-) -> Resampled:
+) -> ResampledFit:
     """Draw the sources again, each a Poisson number of times with mean 1.
 
     Its errors are right for sources whose errors are wrong in any way, but independent of each other.
@@ -138,7 +138,7 @@ def bootstrap(
     method : {"auto", "full", "one-step"}
         "one-step" takes the first step from the fit to the solution of a draw, N⁻¹ Σ (k − 1) Aᵀ C⁻¹ Δ/(1 − leverage)^¾,
         all draws in one pass; "full" solves again for every draw, and its errors are too large where few sources have
-        most of the weight. "auto" takes one step. `Resampled.method` says which it was.
+        most of the weight. "auto" takes one step. `ResampledFit.method` says which it was.
     covariance : Covariance or (2n, 2n) array, optional
         Covariance of the motions, all east components first, in place of the field's errors (`fit.normal_equations`).
         Motions are whitened first, and drawn as what each source says that those before it do not.
@@ -163,7 +163,7 @@ def bootstrap(
         return _of_rows(WhiteRows.of(cast(Field, field), modes, covariance), n_replicates, rng, progress)
     solution = solve(normal_equations(field, modes))
     if method != "full":
-        return _one_step(as_parts(field, Weighed), solution, n_replicates, rng, progress)
+        return _one_step(as_parts(field, SourcesWithErrors), solution, n_replicates, rng, progress)
     if isinstance(field, Parts):
         raise ParameterError('a catalogue in parts is drawn in one step: method="one-step"')
     replicates = np.empty((n_replicates, len(modes)))
@@ -173,14 +173,14 @@ def bootstrap(
         # Drawn k times is measured k times as well: errors smaller by √k.
         again = drawn.with_errors(drawn.sigma / np.sqrt(times))
         replicate[:] = solve(normal_equations(again, modes)).coefficients.values
-    return Resampled("bootstrap", solution, replicates, np.cov(replicates, rowvar=False))
+    return ResampledFit("bootstrap", solution, replicates, np.cov(replicates, rowvar=False))
 
 
 def _of_rows(rows, n_replicates, rng, progress):
     replicates = np.empty((n_replicates, len(rows.modes)))
     for replicate in progress_bar(replicates, words="bootstrap", shown=progress):
         replicate[:] = solve(rows.normal_equations(rng.poisson(1.0, len(rows)))).coefficients.values
-    return Resampled("bootstrap", solve(rows.normal_equations()), replicates, np.cov(replicates, rowvar=False))
+    return ResampledFit("bootstrap", solve(rows.normal_equations()), replicates, np.cov(replicates, rowvar=False))
 
 
 def _one_step(sky, solution, n_replicates, rng, progress):
@@ -190,7 +190,7 @@ def _one_step(sky, solution, n_replicates, rng, progress):
     steps = sky.sum(work, roles=(), words="bootstrap", progress=progress)
     # The catalogue's own N⁻¹, also where the solution's covariance is another.
     replicates = solution.values + steps @ solution.covariance
-    return Resampled("one-step bootstrap", solution, replicates, np.cov(replicates, rowvar=False))
+    return ResampledFit("one-step bootstrap", solution, replicates, np.cov(replicates, rowvar=False))
 
 
 def _size(field):
@@ -208,7 +208,7 @@ def _drawn_scores(
         # Seeded by the sources: the same draws however many threads, parts or workers there are.
         digest = blake2b(some.lon.tobytes() + some.lat.tobytes(), digest_size=16).digest()
         rng = np.random.default_rng([seed, int.from_bytes(digest, "big")])
-        own = weighed(some.weights, solution.residuals(some).data) / (1 - share[part]) ** _POWER
+        own = multiply_weights(some.weights, solution.residuals(some).data) / (1 - share[part]) ** _POWER
         scores = np.einsum("pkn,kn->pn", harmonics(some.lon, some.lat, solution.modes), own)
         # Single precision, relative to the largest: a millionth of what the draws scatter by.
         size = np.abs(scores).max(1, keepdims=True)
@@ -230,7 +230,7 @@ def parametric_bootstrap(
     rng: Rng,
     *,
     covariance: Covariance | FloatArray | None = None,
-) -> Resampled:
+) -> ResampledFit:
     """Draw the motions again, from the fit and the catalogue's errors.
 
     The fit is linear and the errors are Gaussian, so the replicates are N(c, N⁻¹) exactly
@@ -245,7 +245,7 @@ def parametric_bootstrap(
     solution = solve(normal_equations(field, modes, covariance=covariance))
     draws = generator(rng).standard_normal((n_replicates, len(modes)))
     replicates = solution.coefficients.values + draws @ np.linalg.cholesky(solution.covariance).T
-    return Resampled("parametric bootstrap", solution, replicates, np.cov(replicates, rowvar=False))
+    return ResampledFit("parametric bootstrap", solution, replicates, np.cov(replicates, rowvar=False))
 
 
 #: Beyond this, the normal matrices of all blocks are not kept at once. [bytes]
@@ -267,7 +267,7 @@ def block_bootstrap(
     *,
     covariance: Covariance | FloatArray | None = None,
     progress: bool = True,
-) -> Resampled:
+) -> ResampledFit:
     """Bootstrap over HEALPix blocks of the sky: errors that allow for correlations between neighbours.
 
     Parameters
@@ -300,7 +300,7 @@ def block_bootstrap(
         times = rng.multinomial(len(normals), np.full(len(normals), 1 / len(normals))).astype(float)
         drawn = NormalEquations(modes, (times @ matrices).reshape(p, p), times @ sides, 0.0, total.n_data, total.frame)
         replicate[:] = solve(drawn).coefficients.values
-    return Resampled("block bootstrap", solution, replicates, np.cov(replicates, rowvar=False))
+    return ResampledFit("block bootstrap", solution, replicates, np.cov(replicates, rowvar=False))
 
 
 @logged("jackknife")
@@ -312,7 +312,7 @@ def jackknife(
     *,
     covariance: Covariance | FloatArray | None = None,
     progress: bool = True,
-) -> Resampled:
+) -> ResampledFit:
     """Leave out one HEALPix block of the sky after the other.
 
     Parameters
@@ -332,7 +332,7 @@ def jackknife(
 
     Returns
     -------
-    Resampled
+    ResampledFit
         Its covariance is (B − 1)/B Σ (c_b − c̄)(c_b − c̄)ᵀ over the B blocks.
 
     Raises
@@ -348,7 +348,7 @@ def jackknife(
         replicate[:] = solve(whole_sky - normal).coefficients.values
     away = replicates - replicates.mean(0)
     scatter = (len(blocks) - 1) / len(blocks) * away.T @ away
-    return Resampled("jackknife", solve(whole_sky), replicates, scatter)
+    return ResampledFit("jackknife", solve(whole_sky), replicates, scatter)
 
 
 class normals_of_blocks:

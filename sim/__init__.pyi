@@ -16,7 +16,7 @@ from .population import (
     uniform_sky,
     vlbi_quasars,
 )
-from .scanning import NominalScanningLaw, TabulatedLaw, gaps_of
+from .scanning import NominalScanningLaw, TabulatedLaw, find_gaps
 from .signal import (
     Signal,
     acceleration,
@@ -52,11 +52,11 @@ __all__ = [
     "effects",
     "epochs",
     "expected_covariances",
+    "find_gaps",
     "from_coefficients",
     "gaia",
     "gaia_errors",
     "galaxies",
-    "gaps_of",
     "in_time",
     "link",
     "observe",

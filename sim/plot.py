@@ -4,7 +4,7 @@ import numpy as np
 
 from sim.population import Population
 from sim.variability import Variability, markov_chain
-from vsh.figures.plot import COLOURS, WIDTH, SkyAxes, draw_line, panels, plot_map, styled
+from vsh.figures.plot import COLOURS, WIDTH, SkyAxes, apply_style, draw_line, panels, plot_map
 from vsh.models.cosmology import FLAT_PLANCK13, transverse_distance
 from vsh.sky.frames import rotation_matrix
 from vsh.sky.pixels import mean_map, pixels_of
@@ -16,7 +16,7 @@ from vsh.tools.units import AU_PER_YEAR
 __all__ = ["plot_density", "plot_distance_and_parallax", "plot_histograms", "plot_tracks", "plot_transits"]
 
 
-@styled
+@apply_style
 def plot_density(
     population: Population, nside: int = 16, title: str | None = None, *, ax: Axes | None = None
 ) -> SkyAxes:
@@ -71,7 +71,7 @@ def plot_transits(population: Population, counts: FloatArray, nside: int = 16, *
     )
 
 
-@styled
+@apply_style
 def plot_histograms(population: Population, *, ax: OnAxes | None = None) -> AxesArray:
     """Magnitudes and redshifts.
 
@@ -91,7 +91,7 @@ def plot_histograms(population: Population, *, ax: OnAxes | None = None) -> Axes
     return drawn
 
 
-@styled
+@apply_style
 def plot_tracks(
     times: FloatArray, variability: Variability, rng: Rng, n_tracks: int = 3, *, ax: Axes | None = None
 ) -> Axes:
@@ -121,7 +121,7 @@ def plot_tracks(
     return axes
 
 
-@styled
+@apply_style
 def plot_distance_and_parallax(
     speed: float = 369.0, cosmology: Cosmology = FLAT_PLANCK13, *, ax: OnAxes | None = None
 ) -> AxesArray:

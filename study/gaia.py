@@ -17,17 +17,17 @@ from study.papers import papers
 from vsh import Field
 from vsh.classes import Classes
 from vsh.commands.finishing import without_windows
-from vsh.figures.page import Shown, write_page
+from vsh.figures.page import ShownPage, write_page
 from vsh.figures.plot import (
     COLOURS,
     WIDTH,
+    apply_style,
     close_figures,
     legend_above,
     panels,
     plot_field,
     plot_map,
     save_figures,
-    styled,
 )
 from vsh.io import tables
 from vsh.io.archive import DR3, DR4
@@ -151,13 +151,13 @@ def subsets(sources: Sources) -> dict[str, BoolArray]:
             "middle third": five & (nu >= low) & (nu < high),
             "blue third": five & (nu >= high),
         }
-    chosen |= {name: five & mask for name, mask in _places(field).items()}
+    chosen |= {name: five & mask for name, mask in _position_errors(field).items()}
     if sources.for_spin is not None:
         chosen["used for the frame's spin"] = five & sources.for_spin
     return chosen
 
 
-def _places(field):
+def _position_errors(field):
     galactic = field.to_frame("galactic")
     l, b = galactic.lon, galactic.lat
     places = {
@@ -268,7 +268,7 @@ def draw(study: GaiaStudy, truth: Mapping[str, Any] | None = None) -> dict[str, 
     }
 
 
-@styled
+@apply_style
 def _by_degree(rows, truth):
     (axes,) = panels(None, size=(WIDTH, 2.7))
     good = [(i + 1, row) for i, row in enumerate(rows) if row.resampled is not None]
@@ -297,7 +297,7 @@ def _by_degree(rows, truth):
     return axes
 
 
-@styled
+@apply_style
 def _by_subset(rows: Sequence[DegreeOrSubset]) -> Any:
     good: list[Any] = [row for row in rows if row.resampled is not None]
     drawn = panels(None, 1, 3, size=(WIDTH, 0.16 * max(len(good), 3) + 0.7), sharey=True)
@@ -351,13 +351,13 @@ def row_table(rows: Sequence[DegreeOrSubset], truth: Mapping[str, Any] | None = 
     for k, name in enumerate(("ra", "dec")):
         columns |= {name: [v.direction[k] for v in g], f"{name}_error": [v.direction_error[k] for v in g]}
     if truth:
-        columns["chi2_truth_of_6"] = [_against(row.resampled, truth) for row in good]
+        columns["chi2_truth_of_6"] = [_compare_with_truth(row.resampled, truth) for row in good]
     return tables.table_of(
         columns, {"frame": "icrs"}, {name: "uas / yr" for name in columns if name[:2] in ("g_", "sp", "am")}
     )
 
 
-def _against(solution, truth):
+def _compare_with_truth(solution, truth):
     """χ² of spin and acceleration against the truth, by the bootstrap's covariance of all six."""
     return float(sum(_chi2(getattr(solution, name), truth[name]) for name in ("spin", "acceleration")))
 
@@ -473,7 +473,9 @@ def write_gaia(
         sections=[Section(_HEADINGS[name], (), table) for name, table in made.items()],
         captions=CAPTIONS,
         skies=[
-            Shown("degree 3, errors from the bootstrap", five, main.solution.coefficients, main.resampled.covariance)
+            ShownPage(
+                "degree 3, errors from the bootstrap", five, main.solution.coefficients, main.resampled.covariance
+            )
         ],
     )
     close_figures(drawn.values())
@@ -513,7 +515,7 @@ def _report(study, made, truth):
             ),
         ]
     for name, table in made.items():
-        lines += ["", f"## {_HEADINGS[name]}", "", *_markdown(_shown(name, table))]
+        lines += ["", f"## {_HEADINGS[name]}", "", *_format_markdown(_format_table(name, table))]
     lines += [
         "",
         (
@@ -545,7 +547,7 @@ def _with_floor(degrees, g):
     )
 
 
-def _shown(name, table):
+def _format_table(name, table):
     """Columns that fit on a page; the files have all."""
     if name not in ("degrees", "subsets"):
         return table
@@ -553,7 +555,7 @@ def _shown(name, table):
     return table[kept]
 
 
-def _markdown(table: Table) -> list[str]:
+def _format_markdown(table: Table) -> list[str]:
     lines = [
         "| " + " | ".join(name.replace("_", " ") for name in table.colnames) + " |",
         "|" + "---|" * len(table.colnames),

@@ -23,7 +23,7 @@ from vsh.models.cosmology import transverse_distance, with_redshift
 from vsh.tools.files import read_arrays, write_arrays
 
 
-def prepared(
+def prepare_realisation(
     study: Study,
     case: dict[str, Any],
     kind: Literal["quasars", "vlbi", "galaxies"],
@@ -90,7 +90,7 @@ def _make(study, case, kind, progress):
         radio = case["vlbi"]["radio"] ** 2 * np.eye(2)
         formal, true = np.broadcast_to(radio, formal.shape), true + radio
     frame = study.settings["frame"]
-    quoted, scattered = (_turned(population, each, frame) for each in (formal, true))
+    quoted, scattered = (_rotate_errors(population, each, frame) for each in (formal, true))
     s1, s2 = scattered.sigma
     arrays = {
         "lon": quoted.lon,
@@ -103,7 +103,7 @@ def _make(study, case, kind, progress):
     return arrays | ({"redshift": population.redshift, "magnitude": population.magnitude} if kind == "galaxies" else {})
 
 
-def _turned(population, covariance, frame):
+def _rotate_errors(population, covariance, frame):
     sigma = np.sqrt(np.stack([covariance[:, 0, 0], covariance[:, 1, 1]]))
     rho = covariance[:, 0, 1] / (sigma[0] * sigma[1])
     field = Field(population.lon, population.lat, np.zeros_like(sigma), sigma, rho, frame=population.frame)
@@ -214,7 +214,7 @@ def realise(study: Study, index: int, files: dict[str, Path], number: int) -> di
             "galaxies": lambda: _galaxy_signal(study, index, frame, streams["galaxies"]),
         }[kind]()
         signals[kind] = signal
-        fields[kind] = _moved(fields[kind], signal) if joint else _draw(files[kind], signal, frame, streams[kind])
+        fields[kind] = _add_signal(fields[kind], signal) if joint else _draw(files[kind], signal, frame, streams[kind])
     values: dict[str, float] = {}
     sigma: dict[str, float] = {}
 
@@ -224,7 +224,7 @@ def realise(study: Study, index: int, files: dict[str, Path], number: int) -> di
     for degree in sorted({1, study.settings["lmax"]}):
         solution = fit.solve(fit.normal_equations(fields["quasars"], Modes(degree), threads=1))
         for name, vector in (("omega", solution.spin), ("a", solution.acceleration)):
-            _put(values, sigma, name, vector, f"@{degree}")
+            _put_vector(values, sigma, name, vector, f"@{degree}")
     if "galaxies" in fields:
         at = slice(first := direct.names.index("omega_x"), first + 3)
         spin_covariance = direct.covariance[at, at] * study.settings["propagate_spin"]
@@ -235,8 +235,8 @@ def realise(study: Study, index: int, files: dict[str, Path], number: int) -> di
             "flows": None,
         }
         estimate = observer_velocity(fields["galaxies"], truth["hubble"], **options)
-        _put(values, sigma, "v", estimate.velocity)
-        _put(values, sigma, "g_a", estimate.acceleration)
+        _put_vector(values, sigma, "v", estimate.velocity)
+        _put_vector(values, sigma, "g_a", estimate.acceleration)
         velocity = true_velocity(study)
         if velocity.amplitude > 0:
             hubble = hubble_constant(fields["galaxies"], velocity, hubble=truth["hubble"], **options)
@@ -289,7 +289,7 @@ def _draw(path, signal, frame, rng):
     )
 
 
-def _moved(errors, signal):
+def _add_signal(errors, signal):
     """True motions with errors that are given."""
     return replace(errors, motion=errors.motion + signal(errors.lon, errors.lat, errors.redshift))
 
@@ -300,21 +300,21 @@ def _as_seen(study, index, galaxies, signal, options, values, sigma):
     redshift = signal.observed_redshift(galaxies.lon, galaxies.lat, galaxies.redshift, "heliocentric")
     seen = with_redshift(replace(galaxies, redshift=redshift, redshift_frame="heliocentric"), sources["min_redshift"])
     limits = transverse_distance(np.array([sources["min_redshift"], sources["max_redshift"]]))
-    options = options | {"density": partial(_between, low=limits[0], high=limits[1])}
+    options = options | {"density": partial(_clip_distances, low=limits[0], high=limits[1])}
     solution = observer_velocity(seen, truth["hubble"], **options)
-    _put(values, sigma, "v", solution.velocity, "@seen")
-    _put(values, sigma, "g_a", solution.acceleration, "@seen")
+    _put_vector(values, sigma, "v", solution.velocity, "@seen")
+    _put_vector(values, sigma, "g_a", solution.acceleration, "@seen")
     velocity = true_velocity(study)
     if velocity.amplitude > 0:
         hubble = hubble_constant(seen, velocity, hubble=truth["hubble"], **options)
         values["H0@seen"], sigma["H0@seen"] = hubble.hubble, hubble.hubble_error
 
 
-def _between(distance, low, high):
+def _clip_distances(distance, low, high):
     """Galaxies evenly in volume between two distances, as they are drawn."""
     return (distance >= low) & (distance <= high)
 
 
-def _put(values, sigma, name, vector, suffix=""):
+def _put_vector(values, sigma, name, vector, suffix=""):
     for axis, value, error in zip("xyz", vector.value, vector.sigma, strict=True):
         values[f"{name}_{axis}{suffix}"], sigma[f"{name}_{axis}{suffix}"] = value, error

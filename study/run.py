@@ -14,11 +14,11 @@ from scipy.special import ndtr
 from threadpoolctl import threadpool_limits
 
 from study.config import Study, StudyError
-from study.realise import prepared, prepared_sources, realise
-from vsh.figures.plot import COLOURS, WIDTH, legend_above, panels, styled, symbol
+from study.realise import prepare_realisation, prepared_sources, realise
+from vsh.figures.plot import COLOURS, WIDTH, apply_style, legend_above, panels, symbol
 from vsh.io import tables
 from vsh.tools.files import atomic_write, exclusive, remove_unfinished
-from vsh.tools.parallel import cores, ended_if_interrupted, process_pool, progress_bar, uninterrupted
+from vsh.tools.parallel import cores, delay_interrupts, ended_if_interrupted, process_pool, progress_bar
 from vsh.tools.printing import printable
 from vsh.tools.types import AxesArray, OnAxes, PathName, Table
 
@@ -131,7 +131,7 @@ def _symbol(name):
     return symbol(parameter) + (f", $L = {degree}$" if degree else "")
 
 
-@styled
+@apply_style
 def plot_calibration(rows: Sequence[Mapping[str, Any]], *, ax: OnAxes | None = None) -> AxesArray:
     """Off mean, scatter over formal error, and coverage of every parameter, with the errors of so few realisations."""
     cases = list(dict.fromkeys(row["case"] for row in rows))
@@ -221,7 +221,9 @@ def _run(study, folder, n_realisations, workers, progress):
             files = {"joint": prepared_sources(study, case, folder / "prepared", progress)}
         else:
             files = {
-                kind: prepared(study, case, kind, folder / "prepared", progress) for kind in case if kind != "name"
+                kind: prepare_realisation(study, case, kind, folder / "prepared", progress)
+                for kind in case
+                if kind != "name"
             }
         tasks += [(index, files, number) for number in range(count) if not _path(folder, case, number).exists()]
     tasks.sort(key=lambda task: (task[2], task[0]))  # every case gets on alike
@@ -238,14 +240,14 @@ def _work(study, folder, tasks, workers, progress):
     if workers == 1:  # here: scripts without `if __name__ == "__main__"` may ask for it
         with bar:
             for task in tasks:
-                _one(study, folder, task)
+                _run_realisation(study, folder, task)
                 bar.update()
         return
     with bar, process_pool(min(workers, len(tasks))) as pool, ended_if_interrupted():
         waiting, left = {}, iter(tasks)
         for task in left:
-            with uninterrupted():
-                waiting[pool.submit(_one, study, folder, task)] = task
+            with delay_interrupts():
+                waiting[pool.submit(_run_realisation, study, folder, task)] = task
             if len(waiting) < 2 * workers:
                 continue
             done, _ = wait(waiting, return_when=FIRST_COMPLETED)
@@ -262,7 +264,7 @@ def _collect(waiting, done, bar):
         bar.update()
 
 
-def _one(study, folder, task):
+def _run_realisation(study, folder, task):
     """Compute a realisation in a process of its own, and write it whole."""
     index, files, number = task
     with threadpool_limits(1):

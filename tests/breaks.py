@@ -452,7 +452,7 @@ BREAKS = [
     ("fit/commands/beside.py", "if floor is None:\n        with", "if False:\n        with", "test_beside.py"),
     ("fit/results/solution.py", "if (self.covariance.diagonal() == 0).any():", "if False:", "test_fit.py"),
     ("fit/results/storage.py", 'module.partition("._")[0]', "module", "test_storage.py"),
-    ("fit/results/solution.py", "if self.unshrunk is not None and l > 1:", "if False:", "test_floor.py"),
+    ("fit/results/solution.py", "if self.without_prior is not None and l > 1:", "if False:", "test_floor.py"),
     ("vsh/tools/formats.py", 'rb"PAR1"', 'rb"PAR2"', "test_input_formats.py"),
     ("vsh/tools/files.py", "new.write_bytes(gzip.compress(new.read_bytes(), mtime=0))", "pass", "test_readers.py"),
     ("vsh/tools/files.py", '{"datatype": "long"}', '{"datatype": "double"}', "test_readers.py"),

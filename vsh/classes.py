@@ -14,7 +14,7 @@ from vsh.field import Field
 from vsh.io.parts import Parts
 from vsh.sky.frames import check_frame, rotation_matrix
 from vsh.sky.sphere import triad
-from vsh.tools.errors import DegeneracyError, NothingLeftError, ParameterError
+from vsh.tools.errors import DegeneracyError, EmptyFieldError, ParameterError
 from vsh.tools.notebook import InNotebook
 from vsh.tools.types import ArrayLike, BoolArray
 
@@ -191,5 +191,5 @@ def _class_of(field, classes, i):
     """The sources of class i in one part."""
     chosen = field[classes.of(field).masks[i]]
     if not len(chosen):
-        raise NothingLeftError(f"this part of the catalogue has no source in the {classes.labels[i]}")
+        raise EmptyFieldError(f"this part of the catalogue has no source in the {classes.labels[i]}")
     return chosen

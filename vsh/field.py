@@ -302,7 +302,7 @@ def table_columns(field: Any) -> tuple[dict[str, Any], dict[str, str], dict[str,
     return columns, {name: unit for name, unit in units.items() if name in columns}, facts
 
 
-def joined(one: Any, other: Any) -> dict[str, Any]:
+def concatenate_columns(one: Any, other: Any) -> dict[str, Any]:
     """The attributes of a field with the sources of two; what one of them does not know is missing."""
     if other.frame != one.frame:
         raise FrameError(f"the fields are in {one.frame} and {other.frame}: take both to one frame")
@@ -310,11 +310,11 @@ def joined(one: Any, other: Any) -> dict[str, Any]:
     if len(frames) > 1:
         raise FieldError(f"redshifts stand in {' and '.join(map(str, frames))}: take them to one frame first")
     names = ("lon", "lat", "motion", "sigma", "rho", *MEASURED, "name")
-    columns = {name: _both(one, other, name) for name in names}
+    columns = {name: _concatenate_column(one, other, name) for name in names}
     return columns | {"redshift_frame": next(iter(frames), None), "notes": merge_notes(one.notes, other.notes)}
 
 
-def _both(one, other, name):
+def _concatenate_column(one, other, name):
     """A column of two fields; NaN, or no name, for the sources of which it is not known."""
     columns = [getattr(each, name) for each in (one, other)]
     if all(column is None for column in columns):
@@ -328,7 +328,7 @@ def _both(one, other, name):
     return np.concatenate(columns, axis=-1)
 
 
-class Weighed(Frozen):
+class SourcesWithErrors(Frozen):
     """Base of sources with values and errors: weights, information, whitened values."""
 
     components: ClassVar[int]
@@ -413,7 +413,7 @@ class Weighed(Frozen):
 
     def inner(self, x: FloatArray, y: FloatArray) -> FloatArray:
         """xᵀ C⁻¹ y of each source, (n,), for two sets of values."""
-        return np.sum(x * weighed(self.weights, y), axis=0)
+        return np.sum(x * multiply_weights(self.weights, y), axis=0)
 
     @property
     def chi2(self) -> FloatArray:
@@ -434,7 +434,7 @@ class Weighed(Frozen):
         return -np.log(a * b) - np.log1p(-(c**2) / (a * b))
 
 
-def weighed(weights: FloatArray, values: FloatArray) -> FloatArray:
+def multiply_weights(weights: FloatArray, values: FloatArray) -> FloatArray:
     """W x of each source."""
     if len(weights) == 1:
         return weights * values
@@ -443,7 +443,7 @@ def weighed(weights: FloatArray, values: FloatArray) -> FloatArray:
     return np.stack([a * x + c * y, c * x + b * y], axis=-2)
 
 
-class Tabled(Weighed):
+class TableIO(SourcesWithErrors):
     """Base of sources that are written as tables; `_table` gives columns, units and plain facts."""
 
     units_shown: ClassVar[dict[str, str]] = {
@@ -467,7 +467,7 @@ class Tabled(Weighed):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Field(ByColumns, Tabled):
+class Field(ByColumns, TableIO):
     """Proper motions of n sources, with their errors; checked once, here. Its arrays are read-only.
 
     Attributes
@@ -649,7 +649,7 @@ class Field(ByColumns, Tabled):
         )
 
     @classmethod
-    def without_motions(cls, sources: Any, sigma: ArrayLike | None = None) -> Field:
+    def from_positions(cls, sources: Any, sigma: ArrayLike | None = None) -> Field:
         """Positions and errors as a Field whose motions are zero; a Field as it is.
 
         Parameters
@@ -705,7 +705,7 @@ class Field(ByColumns, Tabled):
 
     def __add__(self, other: Field) -> Field:
         """The sources of both, one after the other, in one frame; what one does not know of its sources is missing."""
-        return self._with(**joined(self, other)) if isinstance(other, Field) else NotImplemented
+        return self._with(**concatenate_columns(self, other)) if isinstance(other, Field) else NotImplemented
 
     def minus(self, model: ArrayLike) -> Field:
         """Subtract the motions of a model, `model` (2, n) [µas/yr]."""

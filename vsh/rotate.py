@@ -46,7 +46,7 @@ def rotate(coefficients: Coefficients, to: str, *, covariance: ArrayLike | None 
     >>> acceleration.glide.round(3)
     array([-0.236, -3.756, -2.08 ])
     """
-    matrix = rotation_matrix(frame, to) if isinstance(to, str) else _checked(to)
+    matrix = rotation_matrix(frame, to) if isinstance(to, str) else _check_matrix(to)
     from scipy.spatial.transform import Rotation  # a tenth of what a small job takes
 
     vector = Rotation.from_matrix(np.array(matrix)).as_rotvec()
@@ -98,7 +98,7 @@ def degree_matrix(l: int, vector: FloatArray) -> FloatArray:
     return out
 
 
-def _checked(matrix):
+def _check_matrix(matrix):
     try:
         matrix = np.asarray(matrix, float)
     except (TypeError, ValueError):

@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from vsh.coefficients import Coefficients
-from vsh.field import Tabled
+from vsh.field import TableIO
 from vsh.modes import Modes, ScalarModes, as_modes
 from vsh.sky.frames import FRAME_KEY, check_frame, rotation_matrix
 from vsh.sky.sphere import angles, triad
@@ -88,7 +88,7 @@ class ScalarCoefficients(Coefficients):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ScalarField(Tabled):
+class ScalarField(TableIO):
     """Numbers of n sources, with their errors: parallaxes, differences of magnitudes or colours, logarithms of ratios.
 
     A field is checked once, here. Its arrays are read-only.

@@ -30,7 +30,7 @@ from sim import agis
 from study.forecast import SURVEYS
 from study.forecast import forecast_surveys as survey_forecast
 from vsh.io import archive, catalogue, tables
-from vsh.io.parts import Here
+from vsh.io.parts import InProcess
 from vsh.models import covariance, flows
 from vsh.models.cosmology import CMB_VELOCITY_PLANCK18
 from vsh.sky.frames import Positions
@@ -113,7 +113,7 @@ sky
 show(archive.DR4)
 
 # %%
-show(Here())
+show(InProcess())
 
 # %%
 # Fits

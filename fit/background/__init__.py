@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from fit.background._cross import CrossPowers, cross_powers
     from fit.background._evidence import Comparison, compare_models, evidence
     from fit.background._shared import BEYOND as BEYOND
-    from fit.background._shared import SharedErrors, Verdict, shared
+    from fit.background._shared import ClassComparison, Verdict, shared
     from fit.background._shared import sees_part as sees_part
     from fit.background._shared import shared_jointly as shared_jointly
     from fit.background._shared import widened as widened
@@ -27,10 +27,10 @@ __all__ = [
     "Amplitude",
     "Amplitudes",
     "Background",
+    "ClassComparison",
     "Comparison",
     "CrossPowers",
     "Floor",
-    "SharedErrors",
     "Template",
     "Verdict",
     "WaveLimit",
@@ -50,7 +50,7 @@ __getattr__, __dir__ = lazily(
     {
         "_cross": ["CrossPowers", "cross_powers"],
         "_evidence": ["Comparison", "compare_models", "evidence"],
-        "_shared": ["BEYOND", "SharedErrors", "Verdict", "sees_part", "shared", "shared_jointly", "widened"],
+        "_shared": ["BEYOND", "ClassComparison", "Verdict", "sees_part", "shared", "shared_jointly", "widened"],
         "_waves": ["WaveLimit", "wave_limit"],
     },
 )

@@ -179,7 +179,7 @@ class _Grid:
         # Contracting the last axis first, the target stays.
         sums = reduce(np.matmul, reversed(weights), total)
         target = nodes[k]
-        evidence = float(np.log(trapezoids(sums * self._prior(k, target), target)[-1]) + highest) - self._nothing()
+        evidence = float(np.log(trapezoids(sums * self._prior(k, target), target)[-1]) + highest) - self._zero_row()
         logarithm = np.log(sums + 1e-300)
         return Amplitude(target, logarithm - logarithm.max()), evidence
 
@@ -195,7 +195,7 @@ class _Grid:
         u = self._unit(k) ** 2
         return 2 * root * u / (u + root**2) ** 2
 
-    def _nothing(self):
+    def _zero_row(self):
         """ln of the likelihood of no background, summed over κ alike."""
         half, chi2 = self.likelihood.n_data / 2, self.likelihood.chi2 / 2
         return float(gammaln(half) - half * np.log(chi2)) if self.likelihood.noise_scale else -chi2

@@ -111,7 +111,7 @@ def condition_of(matrix: FloatArray) -> float:
     return float(np.linalg.cond(matrix / np.outer(size, size)))
 
 
-def reduced(normal: NormalEquations, modes: Modes, scaled: bool = True) -> ClassEquations:
+def reduce_to_classes(normal: NormalEquations, modes: Modes, scaled: bool = True) -> ClassEquations:
     """The equations of a class to the degree of `modes`; errors scaled by its own χ²/dof where that is known."""
     at = np.flatnonzero(normal.modes.degrees <= modes.lmax)
     matrix, rhs = normal.matrix[np.ix_(at, at)], normal.rhs[at]
@@ -289,7 +289,7 @@ class ClassAmplitudes:
         """
         middle, covariance = self._peak()
         for count in (n // 2, n // 2, n, 2 * n, 4 * n):
-            x, log_density = _folded(middle, 1.2 * covariance, count, rng)
+            x, log_density = _fold_negatives(middle, 1.2 * covariance, count, rng)
             log = self.log_likelihoods(x) - log_density
             weight = np.exp(log - log.max())
             evidence = float(np.log(weight.mean()) + log.max())
@@ -355,7 +355,7 @@ class ClassAmplitudes:
         return covariance @ (self.rhs[:, n:].sum(0) - z[:, :-1].T @ z[:, -1]), covariance
 
 
-def _folded(middle, covariance, n, rng) -> tuple[FloatArray, FloatArray]:
+def _fold_negatives(middle, covariance, n, rng) -> tuple[FloatArray, FloatArray]:
     """|x| of a multivariate t, and ln of its density: all signs of what lies near zero are summed over."""
     size = len(middle)
     root = np.linalg.cholesky(covariance + 1e-12 * np.eye(size))

@@ -76,7 +76,7 @@ def evidence(
     True
     """
     several = isinstance(normal, Sequence) and not isinstance(normal, (str, bytes))
-    groups = [_chosen(each, degrees) for each in (normal if several else [normal])]  # type: ignore[union-attr]
+    groups = [_select_degrees(each, degrees) for each in (normal if several else [normal])]  # type: ignore[union-attr]
     if not groups:
         raise ParameterError("evidence needs normal equations, one at least")
     a(Spectrum)("spectrum", spectrum)
@@ -180,7 +180,7 @@ def compare_models(models: Mapping[str, Any]) -> Comparison:
     return Comparison(tuple(map(str, models)), np.array(evidences))
 
 
-def _chosen(normal, degrees):
+def _select_degrees(normal, degrees):
     """Normal equations of some degrees alone, and where they stand among all."""
     equations = equations_of(normal)
     modes = equations.modes

@@ -245,7 +245,7 @@ class Floor(Result):
             Normal equations of the data.
         """
         if self.parts:
-            return self._mixed(solve, normal)
+            return self._average_over_shapes(solve, normal)
         modes, tau = normal.modes, self.noise_scale**2
         data = equations_of(normal)
         scaled = replace(data, matrix=data.matrix / tau, rhs=data.rhs / tau, chi2_null=data.chi2_null / tau)
@@ -269,7 +269,7 @@ class Floor(Result):
             solution,
             covariance=covariance,
             chi2=solution.chi2 * tau,
-            unshrunk=plain,
+            without_prior=plain,
             formal_covariance=formal,
             notes=(*solution.notes, note),
             errors_from=(
@@ -281,7 +281,7 @@ class Floor(Result):
             floor=self,
         )
 
-    def _mixed(self, solve, normal):
+    def _average_over_shapes(self, solve, normal):
         """The mean over the shapes, its covariance with their scatter."""
         solutions = [part.allowed_for(solve, normal) for part in self.parts]
         weights = np.array(self.probability)

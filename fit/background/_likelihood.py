@@ -23,7 +23,7 @@ from scipy.linalg import cho_factor, cho_solve, cholesky, solve_triangular
 from scipy.linalg.lapack import dposv
 from scipy.special import chdtrc
 
-from fit.normal import NormalEquations, eliminated
+from fit.normal import NormalEquations, eliminate
 from fit.results.quality import ErrorSource
 from fit.results.solution import HarmonicSolution, Solution
 from vsh.models.covariance import Spectrum
@@ -31,7 +31,7 @@ from vsh.modes import Modes
 from vsh.tools.arguments import choice
 from vsh.tools.errors import DegeneracyError, ModesError, ParameterError
 from vsh.tools.notebook import InNotebook
-from vsh.tools.notes import spoken
+from vsh.tools.notes import format_notes
 from vsh.tools.parallel import blas_for
 from vsh.tools.types import FloatArray, IntArray
 
@@ -139,7 +139,7 @@ class Amplitudes(InNotebook):
         own = self.shares[k] > 0
         matrix, rhs = self.matrix, self.rhs
         if not own.all():
-            matrix, rhs, _ = eliminated(matrix, rhs, own, ~own)
+            matrix, rhs, _ = eliminate(matrix, rhs, own, ~own)
         return Amplitudes(matrix, rhs, self.shares[k : k + 1, own])
 
     def slopes(self, amplitudes: FloatArray) -> tuple[float, float, FloatArray, FloatArray]:
@@ -196,7 +196,7 @@ class Likelihood(Amplitudes):
                 raise ParameterError(f"the spectrum {each.name} has no power in degrees {words_of(degrees)}")
         where, shapes = where[shapes.any(0)], shapes[:, shapes.any(0)]
         first = places(modes, free)
-        matrix, rhs, self.chi2 = _determined(normal, first, where)
+        matrix, rhs, self.chi2 = _eliminate_free_degrees(normal, first, where)
         super().__init__(matrix, rhs, shapes)
         self.n_data = normal.n_data - len(first)
         if noise_scale and self.n_data <= 0:
@@ -269,9 +269,9 @@ class Likelihood(Amplitudes):
         ratios[best < 1e-6] = 0.0  # rounding of the search is no background
         logdet, gain = self.parts(ratios)
         tau = self.scale(gain)
-        return Maximum(ratios * tau, float(np.sqrt(tau)), self._above(logdet, gain))
+        return Maximum(ratios * tau, float(np.sqrt(tau)), self._log_likelihood_excess(logdet, gain))
 
-    def _above(self, logdet, gain):
+    def _log_likelihood_excess(self, logdet, gain):
         """ln L with κ where it is likeliest, relative to no background: there K = I, and Q = 0."""
         scaled = float(self.of_parts(logdet, gain, self.scale(gain)))
         return max(scaled - float(self.of_parts(0.0, 0.0, self.scale(0.0))), 0.0)
@@ -328,7 +328,7 @@ def parity_p_value(apart: float, together: float) -> float:
     return float(chdtrc(1, max(2 * (apart - together), 0.0)))
 
 
-def _determined(normal, first, where):
+def _eliminate_free_degrees(normal, first, where):
     """N', b', χ0' of the places `where`, with the places `first` fitted freely: DegeneracyError if they cannot be."""
     if not len(first):
         return normal.matrix[np.ix_(where, where)], normal.rhs[where], float(normal.chi2_null)
@@ -338,7 +338,7 @@ def _determined(normal, first, where):
         raise DegeneracyError(
             f"{normal.n_sources} sources do not determine the {len(first)} coefficients that are fitted freely"
         )
-    matrix, rhs, gain = eliminated(normal.matrix, normal.rhs, where, first)
+    matrix, rhs, gain = eliminate(normal.matrix, normal.rhs, where, first)
     return matrix, rhs, float(normal.chi2_null - gain)
 
 
@@ -429,7 +429,9 @@ def equations_of(source: Any) -> NormalEquations:
         ) from None
     rhs = matrix @ source.values
     chi2_null = float(source.chi2 + rhs @ source.values)
-    return NormalEquations(source.modes, matrix, rhs, chi2_null, source.n_data, source.frame, spoken(source.notes))
+    return NormalEquations(
+        source.modes, matrix, rhs, chi2_null, source.n_data, source.frame, format_notes(source.notes)
+    )
 
 
 def errors_of(source: Any) -> tuple[str, ErrorSource]:

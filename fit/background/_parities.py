@@ -44,7 +44,7 @@ class Parities(Likelihood):
         If the sky mixes the parities too much for it: half of it empty, say.
     """
 
-    _rest: "_Rest | None" = None
+    _rest: "_Remainder | None" = None
 
     def __init__(
         self,
@@ -57,18 +57,18 @@ class Parities(Likelihood):
         spectrum = Spectrum.flat() if shape is None else shape
         super().__init__(normal, [spectrum.only("odd"), spectrum.only("even")], degrees, free, noise_scale)
         with blas_for(len(self.rhs)):
-            self._rest = _Rest()
+            self._rest = _Remainder()
             for _ in range(_ROUNDS):
                 best = self._maximum()
                 ends = self._region(best)
                 if self._rest.holds(ends):
                     return
-                self._rest = self._interpolated(ends, best.noise_scale**2)
+                self._rest = self._interpolate(ends, best.noise_scale**2)
         raise ConvergenceError(_MIXED)
 
     def exact(self, ratios: FloatArray) -> tuple[float, float]:
         """ln|K| and Q of one pair of ratios."""
-        (a, b), (odd, even, c, x, y) = ratios, self._turned
+        (a, b), (odd, even, c, x, y) = ratios, self._diagonal_blocks
         w, v = a / (1 + a * odd), b / (1 + b * even)
         s = np.sqrt(w)[:, None] * c * np.sqrt(v)
         f, g = np.sqrt(w) * x, np.sqrt(v) * y
@@ -84,7 +84,7 @@ class Parities(Likelihood):
 
         With h = f − S g and (I − M) z = h, where M = S Sᵀ: ln|I − M| + tr M and (Sᵀh)ᵀ(Sᵀz) − |Sᵀf|².
         """
-        (a, b), (odd, even, _, x, y) = ratios, self._turned
+        (a, b), (odd, even, _, x, y) = ratios, self._diagonal_blocks
         w, v = np.sqrt(a / (1 + a * odd)).astype("f4"), np.sqrt(b / (1 + b * even)).astype("f4")
         s = w[:, None] * self._single * v
         f, g = w * x.astype("f4"), v * y.astype("f4")
@@ -126,7 +126,7 @@ class Parities(Likelihood):
                 tau = np.maximum((self.chi2 - gain) / self.n_data, 1e-300) if self.noise_scale else 1.0
                 top = int(np.argmax(self.of_parts(logdet, gain, tau)))
                 low, high = root[max(top - 1, 0)], root[min(top + 1, 31)]
-            return self._above(*self.exact(np.full(2, root[top] ** 2)))
+            return self._log_likelihood_excess(*self.exact(np.full(2, root[top] ** 2)))
 
     def _highest(self, k):
         """End of the interpolated region of an amplitude."""
@@ -134,7 +134,7 @@ class Parities(Likelihood):
         return self.unit[k] * np.sinh(self._rest.ends[k][1]) ** 2
 
     @cached_property
-    def _turned(self):
+    def _diagonal_blocks(self):
         """λ and μ, C, and the right-hand sides x and y along their axes."""
         root = np.sqrt(self.shares.sum(0))
         matrix, side = root[:, None] * self.matrix * root, root * self.rhs
@@ -145,15 +145,15 @@ class Parities(Likelihood):
 
     @cached_property
     def _squares(self):
-        return self._turned[2] ** 2
+        return self._diagonal_blocks[2] ** 2
 
     @cached_property
     def _single(self):
-        return self._turned[2].astype("f4")
+        return self._diagonal_blocks[2].astype("f4")
 
     def _near(self, a, b):
         """ln|K| and Q to first order on the tensor of ratios a and b, (2, a, b)."""
-        odd, even, c, x, y = self._turned
+        odd, even, c, x, y = self._diagonal_blocks
         w, v = a[:, None] / (1 + np.outer(a, odd)), b[:, None] / (1 + np.outer(b, even))
         logdet = np.log1p(np.outer(a, odd)).sum(1)[:, None] + np.log1p(np.outer(b, even)).sum(1)
         logdet -= w @ (self._squares @ v.T)
@@ -163,7 +163,7 @@ class Parities(Likelihood):
 
     def slopes(self, amplitudes: FloatArray) -> tuple[float, float, FloatArray, FloatArray]:
         """ln|K|, Q, and what they change by with each ratio."""
-        (a, b), (odd, even, c, x, y) = amplitudes, self._turned
+        (a, b), (odd, even, c, x, y) = amplitudes, self._diagonal_blocks
         w, v = a / (1 + a * odd), b / (1 + b * even)
         dw, dv = 1 / (1 + a * odd) ** 2, 1 / (1 + b * even) ** 2
         h, k = (w * x) @ c, c @ (v * y)
@@ -203,7 +203,7 @@ class Parities(Likelihood):
             for (low, high), u in zip(spans, np.sqrt(self.unit), strict=True)
         ]
 
-    def _interpolated(self, ends, tau):
+    def _interpolate(self, ends, tau):
         """The rest in a region, and some way around it."""
         ends = [(0.9 * low, high + 0.1) for low, high in ends]
 
@@ -217,14 +217,14 @@ class Parities(Likelihood):
         tried = [low + np.array(part) * (high - low) for part in _BETWEEN]
         wanted = [left(*place) for place in tried]
         for number in _NODES:
-            rest = _Rest.through(left, ends, number)
+            rest = _Remainder.through(left, ends, number)
             away = np.array([rest.at(list(place[:, None]))[:, 0, 0] for place in tried]) - wanted
             if (np.abs(away) @ [0.5, 0.5 / tau]).max() < _ACCURACY:
                 return rest
         raise ConvergenceError(_MIXED)
 
 
-class _Rest:
+class _Remainder:
     """Chebyshev interpolation of two quantities: zero unless given, constant beyond."""
 
     def __init__(

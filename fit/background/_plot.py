@@ -4,13 +4,13 @@ from typing import Any
 
 import numpy as np
 
-from vsh.figures.plot import COLOURS, WIDTH, legend_above, panels, styled
+from vsh.figures.plot import COLOURS, WIDTH, apply_style, legend_above, panels
 from vsh.tools.types import Axes, AxesArray, OnAxes
 
 _LABELS = {"flat": "flat in Ω", "root": "flat in √Ω", "coefficients": "coefficients flat"}
 
 
-@styled
+@apply_style
 def plot_waves(limit: Any, *, ax: Axes | None = None) -> Axes:
     """The posteriors of Ω for priors flat in Ω and in √Ω, with the upper limits."""
     (axes,) = panels(ax, size=(WIDTH, 2.9))
@@ -40,7 +40,7 @@ def _colour(prior):
     return COLOURS[list(_LABELS).index(prior)]
 
 
-@styled
+@apply_style
 def plot_floor(floor: Any, *, ax: Axes | None = None) -> Axes:
     """The power of a mode of either parity, with 68 % intervals."""
     names = [
@@ -51,14 +51,14 @@ def plot_floor(floor: Any, *, ax: Axes | None = None) -> Axes:
     return _intervals(names, [floor.odd, floor.even], intervals, [label, label], "median", ax)
 
 
-@styled
+@apply_style
 def plot_amplitudes(background: Any, *, ax: Axes | None = None) -> Axes:
     """The amplitudes of the spectra with 68 % intervals."""
     labels = ["amplitude"] * len(background.names)
     return _intervals(background.names, background.amplitudes, background.intervals, labels, "largest likelihood", ax)
 
 
-@styled
+@apply_style
 def plot_comparison(comparison: Any, *, ax: Axes | None = None) -> Axes:
     """The evidences less the best."""
     (axes,) = panels(ax, size=(WIDTH, 0.7 + 0.25 * len(comparison.names)))
@@ -86,7 +86,7 @@ def _intervals(names, values, intervals, labels, point, ax):
     return drawn
 
 
-@styled
+@apply_style
 def plot_cross(powers: Any, *, ax: Axes | None = None) -> Axes:
     """Projections on templates by degree, in units of their errors with the floor; degree 1 has what is looked for."""
     (axes,) = panels(ax, size=(WIDTH, 2.9))
@@ -105,7 +105,7 @@ def plot_cross(powers: Any, *, ax: Axes | None = None) -> Axes:
     return axes
 
 
-@styled
+@apply_style
 def plot_shared(classes: Any, *, ax: OnAxes | None = None) -> AxesArray:
     """Spin and acceleration of each class, component by component, with their errors; all together at the bottom."""
     labels, solutions = list(classes.labels), classes.solutions

@@ -7,7 +7,7 @@ degree 1, and of differences of classes, follow.
 A class that does not see the whole sky takes systematics of higher degrees for its own lower ones: on two caps beyond
 latitude 40° degrees 6 to 16 put 170 times the power of degree 1 into it. Where the normal equations hold degrees beyond
 those in which something shared is looked for, these have a prior of the power that the class has by a first estimate,
-and are marginalised (`fit.normal.eliminated`), class by class: what classes that see the same part share of these would
+and are marginalised (`fit.normal.eliminate`), class by class: what classes that see the same part share of these would
 cancel in their differences, whose errors are then larger than need be.
 """
 
@@ -19,10 +19,19 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.special import chdtrc
 
-from fit.background._blocks import EFFECTIVE, ClassEquations, Lot, condition_of, kept_of, lots_of, parities, reduced
+from fit.background._blocks import (
+    EFFECTIVE,
+    ClassEquations,
+    Lot,
+    condition_of,
+    kept_of,
+    lots_of,
+    parities,
+    reduce_to_classes,
+)
 from fit.background._floor import SHAPES, usual_shapes
 from fit.background._likelihood import equations_of, is_scaled, words_of
-from fit.normal import NormalEquations, eliminated
+from fit.normal import NormalEquations, eliminate
 from fit.results.output import components
 from fit.results.quality import ErrorSource, gls
 from fit.results.solution import HarmonicSolution, Solution
@@ -69,7 +78,7 @@ class Verdict(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class SharedErrors(Result):
+class ClassComparison(Result):
     """Spin and acceleration of classes of sources, with their common systematic errors.
 
     Attributes
@@ -123,7 +132,7 @@ class SharedErrors(Result):
         return len(self.labels)
 
     def __repr__(self) -> str:
-        return f"<SharedErrors: {len(self)} classes, degrees {words_of(self.degrees)}>"
+        return f"<ClassComparison: {len(self)} classes, degrees {words_of(self.degrees)}>"
 
     @property
     def values(self) -> FloatArray:
@@ -411,7 +420,7 @@ def shared(
     draws: int = 400,
     noise_scale: bool | None = None,
     rng: Rng = 1,
-) -> SharedErrors:
+) -> ClassComparison:
     """Spin and acceleration of classes of sources, with common systematic errors: bins, magnitudes, halves of the sky.
 
     Parameters
@@ -526,14 +535,14 @@ def _leaking(equations, classes, names, modes):
 
 def drawn(
     lots: Sequence[Lot], modes: Modes, rng: np.random.Generator, *, notes: Sequence[str] = (), **facts: Any
-) -> SharedErrors:
+) -> ClassComparison:
     """Shared errors of the classes, averaged over draws of their amplitudes and over spectra."""
     classes = lots[0].likelihood.classes
     with blas_for(len(classes) * len(modes)):
         means, covariances, shares, (amplitudes, spread) = kept_of(lots, rng)
     if min(each.effective for each in lots if each.probability > 0.05) < EFFECTIVE:
         notes = [*notes, "few draws of the systematic errors count: give more of them (draws=), or merge classes"]
-    return SharedErrors(
+    return ClassComparison(
         means=means, covariances=covariances, shares=shares, shapes=tuple(each.shape for each in lots),
         probability=tuple(each.probability for each in lots), effective=tuple(each.effective for each in lots),
         degrees=tuple(range(2, modes.lmax + 1)), noise_scale=classes.noise_scale,
@@ -576,7 +585,7 @@ def _classes(equations, names, modes, scaled) -> tuple[ClassEquations, list[str]
         if not normal.n_data:
             raise DegeneracyError(f"the class {name} is empty: leave it out")
         try:
-            classes.append(reduced(normal, modes, own_scale))
+            classes.append(reduce_to_classes(normal, modes, own_scale))
         except DegeneracyError as error:
             raise DegeneracyError(f"{name}: {error}") from None
         if classes[-1].condition[0] > _CAP:
@@ -596,7 +605,7 @@ def shared_jointly(
     draws: int = 400,
     rng: Rng = 1,
     **facts: Any,
-) -> SharedErrors:
+) -> ClassComparison:
     """Compute `shared` from the normal equations of all classes together, (K, p, K, p) and (K, p)."""
     classes = ClassEquations.jointly(matrix, rhs, modes)
     draw, spectra = generator(rng), spectra_of(usual_shapes(modes.lmax) if shapes is None else shapes)
@@ -636,18 +645,18 @@ def powers_beyond(lots: Sequence[Lot], modes: Modes) -> FloatArray:
 def marginalised(normal: NormalEquations, modes: Modes, variances: FloatArray, noise_scale: float) -> NormalEquations:
     """The equations of `modes`, all higher degrees marginalised with a prior of so much power, (p,)."""
     low, high = (np.flatnonzero(at) for at in (normal.modes.degrees <= modes.lmax, normal.modes.degrees > modes.lmax))
-    matrix, rhs, gain = eliminated(normal.matrix, normal.rhs, low, high, variances[high] / noise_scale**2)
+    matrix, rhs, gain = eliminate(normal.matrix, normal.rhs, low, high, variances[high] / noise_scale**2)
     return replace(
         normal,
         modes=modes,
         matrix=matrix,
         rhs=rhs,
         chi2_null=float(normal.chi2_null - gain),
-        templates=tuple(_cut(each, low, modes) for each in normal.templates),
+        templates=tuple(_remove_degree_one(each, low, modes) for each in normal.templates),
     )
 
 
-def _cut(template, low, modes):
+def _remove_degree_one(template, low, modes):
     """A template of these modes alone, of 1 µas/yr rms over the sky."""
     values = template.values[low]
     return template._replace(values=values / np.sqrt(values**2 @ modes.norm2 / (4 * np.pi)))

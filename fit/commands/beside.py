@@ -10,10 +10,10 @@ from typing import Any
 import fit
 import vsh
 from vsh.commands import parsing, reading
-from vsh.tools.errors import ModesError, NothingSelectedError, ParameterError, VshError
+from vsh.tools.errors import EmptySelectionError, ModesError, ParameterError, VshError
 
 
-def shared_by(
+def compare_subsets(
     run: Any, source: Any, path: str, estimate: Any, templates: Sequence[Any] = (), n_sources: int = 0
 ) -> Any:
     """Normal equations of each class by the weights of the `estimate`, and the systematic errors.
@@ -57,7 +57,7 @@ def _and(where, condition):
 def _class(read, label, where):
     try:
         return read(where=where)
-    except NothingSelectedError:
+    except EmptySelectionError:
         raise ParameterError(f"the class {label} is empty: choose other edges, or leave it out") from None
 
 

@@ -137,7 +137,7 @@ def _run(options):
             rng=options.seed,
         )
     comparisons = [comparison for comparison, _ in compared.values()]
-    together = _together({labels[0]: first} | others, options) if len(compared) > 1 else None
+    together = _compare_several({labels[0]: first} | others, options) if len(compared) > 1 else None
 
     def sections(long):
         made = [section for comparison in comparisons for section in comparison.sections(long=long)]
@@ -208,13 +208,13 @@ def _counts(compared):
     return {"matched": matched, "left_out": out} if len(compared) > 1 else {"matched": matched[0], "left_out": out[0]}
 
 
-def _together(catalogues, options):
+def _compare_several(catalogues, options):
     """All catalogues in one solution with their common noise; None where sources have no names to go by."""
     if options.by == "position":
         return None
-    from fit.frames.chain import chain_catalogues
+    from fit.frames.chain import combine_frames
 
-    return chain_catalogues(catalogues, options.lmax, floor=_floor(options), rng=options.seed)
+    return combine_frames(catalogues, options.lmax, floor=_floor(options), rng=options.seed)
 
 
 def _write(folder, compared, together, meta):

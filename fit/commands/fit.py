@@ -10,7 +10,7 @@ import fit
 from fit.commands import beside
 from vsh.commands import finishing, parsing, reading, running
 from vsh.io.sections import Answer
-from vsh.tools.notes import dropped, unselected
+from vsh.tools.notes import count_unselected, dropped
 
 
 def make_parser() -> argparse.ArgumentParser:
@@ -124,7 +124,7 @@ def _run(options):
     from vsh.io import catalogue, tables
 
     # Each class reads its rows; names tell of sources that stand there twice, and no fit looks at further columns.
-    source = tables.remembered(source) if options.classes and not reading.in_parts(options) else source
+    source = tables.cache_rows(source) if options.classes and not reading.in_parts(options) else source
     field = run.read(source, path, roles=("name",)).to_frame(options.frame)
     estimate = fit.estimate(field, options.lmax, *parsing.method_and_value(options.method), rng=options.seed)
     solution, sources, plain = estimate.solution, estimate.sources, estimate.plain
@@ -139,7 +139,7 @@ def _run(options):
     maps = [beside.template(word, run, source, path, field) for word in options.templates or ()]
     if options.classes:
         n_sources = solution.n_sources + (estimate.n_clipped or 0)
-        results["shared"] = beside.shared_by(run, source, path, estimate, maps, n_sources)
+        results["shared"] = beside.compare_subsets(run, source, path, estimate, maps, n_sources)
     elif maps:
         results["shared"] = _with_templates(estimate, maps, options.seed)
     if maps:
@@ -232,7 +232,7 @@ def _sections(results, long):
 
 def _counts(solution, clipped, where):
     """Rows of the table, by what became of them."""
-    refused, out, used = dropped(solution.notes), unselected(solution.notes), solution.n_sources
+    refused, out, used = dropped(solution.notes), count_unselected(solution.notes), solution.n_sources
     counts = {
         "rows": used + clipped + refused + out,
         "rows_used": used,

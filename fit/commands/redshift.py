@@ -16,7 +16,7 @@ from vsh.commands import finishing, parsing, reading, running
 from vsh.io.sections import Answer, Section
 from vsh.io.tables import printed_p_value, three_digits
 from vsh.tools.errors import ConvergenceError, DegeneracyError, VshError
-from vsh.tools.notes import dropped, unselected
+from vsh.tools.notes import count_unselected, dropped
 
 
 def make_parser() -> argparse.ArgumentParser:
@@ -295,9 +295,9 @@ def _run(options):
     counts = {}
     if not is_parts:
         refused = dropped(whole.notes)
-        counts = {"rows": len(whole) + refused + unselected(whole.notes), "rows_read": len(whole)}
+        counts = {"rows": len(whole) + refused + count_unselected(whole.notes), "rows_read": len(whole)}
     if options.clip:
-        whole = _clipped(whole, options.clip)
+        whole = _clip_field(whole, options.clip)
     velocity = reading.velocity_of(options.velocity)
     ours = velocity or vsh.models.cosmology.CMB_VELOCITY_PLANCK18
     results, truth, p_values, remark = {}, catalogue.truth_of(source), None, ""
@@ -305,7 +305,7 @@ def _run(options):
         "cosmology": _cosmology(options.omega_m),
         "peculiar_dispersion": options.peculiar_dispersion,
         "spin": "free" if options.free_spin else None,
-        "acceleration": _known(options.acceleration),
+        "acceleration": _resolve_acceleration(options.acceleration),
         "redshift_frame": options.redshift_frame,
         "magnitudes": False if options.no_magnitudes else None,
         "flows": "linear" if options.flows else None,
@@ -318,11 +318,11 @@ def _run(options):
         bin_options |= {"threads": options.threads, "rng": options.seed}
         method, value = parsing.method_and_value(options.estimator or "least-squares")
         edges = int(options.bins[0]) if len(options.bins) == 1 else options.bins
-        bin_up_to = partial(_binned, whole, edges, bin_options | {"method": method, "value": value})
+        bin_up_to = partial(_fit_bins, whole, edges, bin_options | {"method": method, "value": value})
         results["bins"] = bins = bin_up_to(options.lmax)
         asked = options.floor or (bins.counts.sum() >= fit.quality.MANY and not options.no_floor)
         if asked:  # permutations know nothing of the systematic errors
-            shared, remark = _shared(bin_up_to, bins, options.lmax, options.seed, options.floor)
+            shared, remark = _estimate_shared_floor(bin_up_to, bins, options.lmax, options.seed, options.floor)
             results |= {} if shared is None else {"shared": shared}
         else:
             p_values = _p_values(whole, bins, ours, options.redshift_frame, dispersion)
@@ -444,10 +444,10 @@ def _of_hubble(solution):
         limit = solution.hubble_limits[1]
         beside = "which allows" if limit > _PUBLISHED[0] else "which excludes"
         return f"not determined: < {three_digits(limit)} km/s/Mpc (95 %), {beside} 67 to 73"
-    return f"{value:.3g} ± {error:.2g} km/s/Mpc, {_away(value, error)}"
+    return f"{value:.3g} ± {error:.2g} km/s/Mpc, {_format_deviation(value, error)}"
 
 
-def _away(value, error):
+def _format_deviation(value, error):
     """Distance of a Hubble constant from the published ones, in its errors."""
     low, high = _PUBLISHED
     distance = max(low - value, value - high, 0.0) / error
@@ -463,7 +463,7 @@ def _hubble_of(posterior):
     h0 = posterior.summary()["H0"]
     error = (h0.median - h0.low68) if h0.median > _PUBLISHED[1] else (h0.high68 - h0.median)
     median, low, high, *_ = posterior.print_summary()["H0"]
-    return f"{median} km/s/Mpc ({low} to {high}, 68 %)", _away(h0.median, error)
+    return f"{median} km/s/Mpc ({low} to {high}, 68 %)", _format_deviation(h0.median, error)
 
 
 def _of_posterior(posterior):
@@ -501,7 +501,7 @@ def _by_distances(run, source):
     options = run.options
     given = reading.arguments(options) | {"columns": catalogue.with_distances(options.columns, source)}
     field = catalogue.read_field(source, **given)
-    counts = {"rows": len(field) + dropped(field.notes) + unselected(field.notes), "rows_read": len(field)}
+    counts = {"rows": len(field) + dropped(field.notes) + count_unselected(field.notes), "rows_read": len(field)}
     known = has_distances(field)
     if options.on_bad == "drop" and known.any() and not known.all():
         field = field[known].add_note(f"left out {(~known).sum()} sources without a distance or parallax")
@@ -524,7 +524,7 @@ def _by_distances(run, source):
     )
 
 
-def _known(acceleration):
+def _resolve_acceleration(acceleration):
     """A Vector along ICRS axes from three components and one error."""
     return None if acceleration is None else vsh.Vector(np.array(acceleration[:3]), acceleration[3] ** 2 * np.eye(3))
 
@@ -546,9 +546,9 @@ def _reconstruction(path, error):
 
 def _ask_for_frame(field, redshift_frame, hubble, common, label):
     """Say what hangs on the frame of the redshifts where nobody told it, and stop."""
-    from fit.secular_parallax import by_frame, observer_velocity, undeclared
+    from fit.secular_parallax import by_frame, is_frame_undeclared, observer_velocity
 
-    if not undeclared(field, redshift_frame):
+    if not is_frame_undeclared(field, redshift_frame):
         return
 
     def found(frame):
@@ -564,7 +564,7 @@ def _ask_for_frame(field, redshift_frame, hubble, common, label):
     )
 
 
-def _shared(bin_up_to, bins, lmax, seed, is_asked):
+def _estimate_shared_floor(bin_up_to, bins, lmax, seed, is_asked):
     """the systematic errors, or None; and a remark on the p-values without them."""
     from fit.background import BEYOND, sees_part
 
@@ -599,13 +599,13 @@ def _left_out(whole, bins):
     )
 
 
-def _binned(field, edges, options, lmax):
+def _fit_bins(field, edges, options, lmax):
     from fit.redshift import binned
 
     return binned(field, lmax, edges, **options)
 
 
-def _clipped(field, kappa):
+def _clip_field(field, kappa):
     """The sources that agree with a fit of degree 1."""
     from fit.robust import clip
 

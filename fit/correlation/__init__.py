@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-from fit.correlation._forecast import Downweighted, Prediction, compare_cuts, downweight, predict_covariance
+from fit.correlation._forecast import DownweightResult, Prediction, compare_cuts, downweight, predict_covariance
 from fit.correlation._leakage import Leakage, leakage, lmax_table, recommend_lmax
 from fit.correlation._matrices import (
     FRAME,
@@ -11,12 +11,12 @@ from fit.correlation._matrices import (
     correlation_matrices,
     dipole,
     eigenmodes,
+    field_from_positions,
     gain_of_sources,
     influence_map,
     most_influential,
     named,
     parameters_of,
-    without_motions,
 )
 from vsh.tools.modules import lazily
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "CorrelationMatrices",
-    "Downweighted",
+    "DownweightResult",
     "Eigenmodes",
     "Leakage",
     "Prediction",
@@ -33,11 +33,11 @@ __all__ = [
     "correlation_matrices",
     "downweight",
     "eigenmodes",
+    "field_from_positions",
     "influence_map",
     "leakage",
     "predict_covariance",
     "recommend_lmax",
-    "without_motions",
 ]
 
 # matplotlib is imported when a figure is first asked for.

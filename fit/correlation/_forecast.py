@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from fit.correlation._matrices import FRAME_NAMES, named, without_motions
+from fit.correlation._matrices import FRAME_NAMES, field_from_positions, named
 from fit.normal import gaussian_prior, normal_equations
 from fit.results.solution import Solution, at_sources
 from fit.results.storage import Result, exact, number
@@ -107,7 +107,7 @@ def predict_covariance(
     True
     """
     modes = as_modes(modes)
-    field = without_motions(sources, sigma)
+    field = field_from_positions(sources, sigma)
     normal = normal_equations(field, modes)
     solution = _with_spectrum(normal, floor) if isinstance(floor, Spectrum) else solve(normal, floor=floor)
     # N of the six vectors, from that of the degree-1 coefficients: c = F v.
@@ -170,10 +170,10 @@ def compare_cuts(
 
     if not cases:
         raise ParameterError("there are no cases to compare")
-    field = Field.without_motions(sources, sigma)
+    field = Field.from_positions(sources, sigma)
     rows = []
     for name, case in cases.items():
-        prediction = predict_covariance(reweighted(field, case), modes)
+        prediction = predict_covariance(reweight_field(field, case), modes)
         worst, pair = prediction.largest
         rows.append(
             (
@@ -192,7 +192,7 @@ def compare_cuts(
     )
 
 
-def reweighted(field: Field, case: ArrayLike | None) -> Field:
+def reweight_field(field: Field, case: ArrayLike | None) -> Field:
     """The field with a mask, or factors on its weights, or as it is."""
     if case is None:
         return field
@@ -210,7 +210,7 @@ def reweighted(field: Field, case: ArrayLike | None) -> Field:
 
 
 @dataclass(frozen=True, eq=False)
-class Downweighted(Result):
+class DownweightResult(Result):
     """Weights of each part of the sky.
 
     Attributes
@@ -253,7 +253,9 @@ class Downweighted(Result):
 
 
 @arguments.accepts(max_correlation=arguments.number, nside=arguments.whole)
-def downweight(sources: Any, max_correlation: float, *, nside: int = 4, sigma: ArrayLike | None = None) -> Downweighted:
+def downweight(
+    sources: Any, max_correlation: float, *, nside: int = 4, sigma: ArrayLike | None = None
+) -> DownweightResult:
     """Shares of the weight in each pixel that bring all correlations of spin and acceleration under a bound.
 
     Parameters
@@ -281,7 +283,7 @@ def downweight(sources: Any, max_correlation: float, *, nside: int = 4, sigma: A
 
     if not 0 < max_correlation < 1:
         raise ParameterError(f"a bound on correlations lies between 0 and 1, not at {max_correlation}")
-    field = Field.without_motions(sources, sigma)
+    field = Field.from_positions(sources, sigma)
     pixels = pixels_of(field.lon, field.lat, nside)
     used, index = np.unique(pixels, return_inverse=True)
     parts = _normal_by_pixel(field, index, len(used))
@@ -333,8 +335,8 @@ def downweight(sources: Any, max_correlation: float, *, nside: int = 4, sigma: A
         )
     full = np.full(12 * nside**2, np.nan)
     full[used] = keep
-    return Downweighted(
-        full, keep[index], predict_covariance(field, 1), predict_covariance(reweighted(field, keep[index]), 1)
+    return DownweightResult(
+        full, keep[index], predict_covariance(field, 1), predict_covariance(reweight_field(field, keep[index]), 1)
     )
 
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from fit.correlation._matrices import FRAME_NAMES, check_lower, named, without_motions
+from fit.correlation._matrices import FRAME_NAMES, check_lower, field_from_positions, named
 from fit.normal import normal_equations
 from fit.results.storage import Result, words
 from fit.solving import solve
@@ -149,7 +149,7 @@ def leakage(sources: Any, fitted: Modes | int, unmodelled: Modes | int, *, sigma
     """
     fitted, unmodelled = as_modes(fitted), as_modes(unmodelled)
     check_lower(fitted, unmodelled)
-    normal = normal_equations(without_motions(sources, sigma), unmodelled)
+    normal = normal_equations(field_from_positions(sources, sigma), unmodelled)
     inside = np.array([mode.l <= fitted.lmax for mode in unmodelled])
     own = normal.matrix[np.ix_(inside, inside)]
     part = replace(normal, modes=fitted, matrix=own, rhs=normal.rhs[inside])
@@ -163,7 +163,7 @@ def leakage(sources: Any, fitted: Modes | int, unmodelled: Modes | int, *, sigma
 def lmax_table(sources: Any, max_lmax: int = 10, *, sigma: ArrayLike | None = None) -> list[tuple[int, float, float]]:
     """(lmax, condition, correlation) of fits of every degree; inf where the sources do not determine the fit."""
     modes = Modes(max_lmax)
-    normal = normal_equations(without_motions(sources, sigma), modes)
+    normal = normal_equations(field_from_positions(sources, sigma), modes)
     rows = []
     for lmax in range(1, max_lmax + 1):
         inside = np.array([mode.l <= lmax for mode in modes])

@@ -90,7 +90,7 @@ def check_lower(fitted: Modes, unmodelled: Modes) -> None:
         raise ModesError(f"unmodelled degrees are above the fitted degree {fitted.lmax}, not {unmodelled.lmax}")
 
 
-def without_motions(sources: Any, sigma: ArrayLike | None = None) -> Field | Parts:
+def field_from_positions(sources: Any, sigma: ArrayLike | None = None) -> Field | Parts:
     """Sources whose positions and errors are enough, as a Field or as Parts.
 
     Parameters
@@ -106,8 +106,8 @@ def without_motions(sources: Any, sigma: ArrayLike | None = None) -> Field | Par
         If the sources have no positions, or no errors and none are given.
     """
     if not isinstance(sources, Parts):
-        return Field.without_motions(sources, sigma)
-    return sources if sigma is None else sources.map(partial(Field.without_motions, sigma=positive("sigma", sigma)))
+        return Field.from_positions(sources, sigma)
+    return sources if sigma is None else sources.map(partial(Field.from_positions, sigma=positive("sigma", sigma)))
 
 
 #: Matrices of more parameters are in the files alone.
@@ -266,7 +266,9 @@ def correlation_matrices(
     """
     if isinstance(fields, dict):
         labels, fields = list(fields), list(fields.values())
-    fields = [without_motions(field, sigma) for field in (fields if isinstance(fields, (list, tuple)) else [fields])]
+    fields = [
+        field_from_positions(field, sigma) for field in (fields if isinstance(fields, (list, tuple)) else [fields])
+    ]
     if not fields:
         raise ParameterError("there are no catalogues to take correlations of")
     labels = tuple(labels or (f"catalogue {i + 1}" for i in range(len(fields))))
@@ -349,7 +351,7 @@ def influence_map(
     """
     from vsh.sky.pixels import pixels_of
 
-    field = Field.without_motions(sources, sigma)
+    field = Field.from_positions(sources, sigma)
     pixels = pixels_of(field.lon, field.lat, nside)
     return np.bincount(pixels, _by_source(field, modes, parameters, quantity), 12 * nside**2).astype(float)
 
@@ -376,10 +378,10 @@ def gain_of_sources(
 
     if quantity == "value":
         raise ParameterError("added sources have no motions: the change of a value cannot be predicted")
-    field = Field.without_motions(sources)
+    field = Field.from_positions(sources)
     sigma = float(np.median(field.sigma)) if sigma is None else sigma
     lon, lat = centres(nside)
-    covariance, first, second, chosen = _prepared(field, modes, parameters)
+    covariance, first, second, chosen = _prepare_influence(field, modes, parameters)
     v = harmonics(lon, lat, chosen.modes)
     inner = np.linalg.inv(
         np.einsum("pin,pq,qjn->nij", v, covariance, v, optimize=True) + sigma**2 / n_sources * np.eye(2)
@@ -398,7 +400,7 @@ def gain_of_sources(
 
 def _by_source(field, modes, parameters, quantity):
     """The derivative by each source's own weight, (n,)."""
-    covariance, first, second, chosen = _prepared(field, modes, parameters)
+    covariance, first, second, chosen = _prepare_influence(field, modes, parameters)
     g = at_sources(Coefficients(chosen.modes, covariance @ first), field)
     if quantity == "value":
         if len(chosen) != 1:
@@ -422,7 +424,7 @@ def _change(covariance, first, second, g, h, field):
     return -field.inner(g, h) / np.sqrt(c_ii * c_jj) + rho / 2 * own
 
 
-def _prepared(field, modes, parameters):
+def _prepare_influence(field, modes, parameters):
     if not isinstance(parameters, (str, tuple, list)) or not all(isinstance(name, str) for name in parameters):
         raise ParameterError(f"one or two names of parameters are expected, not {parameters!r}")
     names = (parameters,) if isinstance(parameters, str) else tuple(parameters)
@@ -519,7 +521,7 @@ def eigenmodes(sources: Any, modes: Modes | int, *, sigma: ArrayLike | None = No
         Solutions of N v = λ M v, M the normal matrix of a uniform sky of the same total weight.
     """
     modes = as_modes(modes)
-    field = Field.without_motions(sources, sigma)
+    field = Field.from_positions(sources, sigma)
     normal = normal_equations(field, modes).matrix
     # ∫ |V|² dΩ = Σ norm2 c²; a uniform sky measures its mean, by half the trace of the weights.
     norm = np.diag(modes.norm2.astype(float))

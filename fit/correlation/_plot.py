@@ -13,6 +13,7 @@ from vsh.figures.plot import (
     KIND_NAMES,
     WIDTH,
     SkyAxes,
+    apply_style,
     arrow_grid,
     colour_bar,
     draw_map,
@@ -23,18 +24,17 @@ from vsh.figures.plot import (
     panels,
     plot_map,
     sky_axes,
-    styled,
     symbol,
 )
 from vsh.modes import KINDS
-from vsh.sky.pixels import smoothed
+from vsh.sky.pixels import smooth_map
 from vsh.tools.types import Axes, AxesArray, FloatArray, OnAxes
 
 #: A map of influence has so many sources within its smoothing.
 _TOGETHER = 30
 
 
-@styled
+@apply_style
 def plot_matrix(correlations: Any, *, ax: Axes | None = None) -> Axes:
     """The matrix of one catalogue, or of two in its two triangles, with numbers where there is room."""
     (axes,) = panels(ax, size=(WIDTH, 3.8))
@@ -51,7 +51,7 @@ def plot_matrix(correlations: Any, *, ax: Axes | None = None) -> Axes:
     return axes
 
 
-@styled
+@apply_style
 def plot_influence(
     values: FloatArray,
     field: Field,
@@ -65,7 +65,7 @@ def plot_influence(
     """A map of influence on the sky with the sources, as smooth as they can tell."""
     if smooth is None:
         smooth = float(np.clip(2 * np.degrees(np.sqrt(4 * _TOGETHER / max(1, len(field)))), 0.0, 60.0))
-    shown = smoothed(values, smooth) if smooth > 0 else np.asarray(values, float)
+    shown = smooth_map(values, smooth) if smooth > 0 else np.asarray(values, float)
     axes = sky_axes(field.frame, ax, below=0.45 + 0.14 * title.count("\n"))
     reach = float(np.percentile(np.abs(shown[shown != 0]), 99)) if np.any(shown) else 1.0
     power = int(np.floor(np.log10(reach))) if reach < 0.01 else 0
@@ -85,7 +85,7 @@ def plot_shares(keep: FloatArray, frame: str, *, ax: Axes | None = None) -> SkyA
     return plot_map(keep, "share of the weight that is kept", frame=frame, ax=ax, vmin=0, vmax=1)
 
 
-@styled
+@apply_style
 def plot_leakage(leakage: Any, *, ax: OnAxes | None = None) -> AxesArray:
     """Plot the bias of spin and acceleration by each unmodelled degree: their rms bias by a power of 1 (µas/yr)² in
     it."""
@@ -108,7 +108,7 @@ def plot_leakage(leakage: Any, *, ax: OnAxes | None = None) -> AxesArray:
     return drawn
 
 
-@styled
+@apply_style
 def plot_eigenmodes(eigen: Any, n_fields: int = 2, *, ax: OnAxes | None = None) -> AxesArray:
     """The worst and the best measured fields of a sky, as arrows."""
     count = min(n_fields, len(eigen.fields) // 2)

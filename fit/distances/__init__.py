@@ -12,12 +12,18 @@ from fit.distances._calibration import (
 from fit.distances._density import (
     ErrorsByRedshift,
     LuminosityFunction,
-    MeasuredRates,
+    MeasuredInverseDistances,
     SourceDensity,
     flow_counts,
     flow_limits,
     has_distances,
-    measured_rates,
+    inverse_distances_from_measurements,
 )
 
-__all__ = ["Calibration", "MeasuredRates", "calibrate", "inverse_distances", "measured_rates"]
+__all__ = [
+    "Calibration",
+    "MeasuredInverseDistances",
+    "calibrate",
+    "inverse_distances",
+    "inverse_distances_from_measurements",
+]

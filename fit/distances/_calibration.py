@@ -25,8 +25,8 @@ from fit.distances._density import (
     LogCurve,
     LuminosityFunction,
     SourceDensity,
+    complete_density,
     complete_to,
-    completed,
     errors_by_redshift,
     fit_density,
     fit_luminosity,
@@ -51,7 +51,7 @@ from vsh.models.cosmology import (
     with_redshift,
 )
 from vsh.sky.frames import TRUE, check_redshift_frame
-from vsh.tools.errors import FieldError, NothingLeftError, ParameterError
+from vsh.tools.errors import EmptyFieldError, FieldError, ParameterError
 from vsh.tools.notebook import InNotebook
 from vsh.tools.parallel import map_blocks
 from vsh.tools.types import BoolArray, Cosmology, FloatArray
@@ -507,7 +507,7 @@ def calibrate_if_known(
     usable_ones = sky.map(partial(with_redshift, redshift_frame=frame))
     try:
         known, n = usable_ones.sum(_magnitudes, roles=DISTANCES, words="magnitudes")
-    except NothingLeftError:  # no source is beyond the flow
+    except EmptyFieldError:  # no source is beyond the flow
         return None
     return calibrate(
         usable_ones,
@@ -534,7 +534,7 @@ def _density(density, limit, facts, calibration):
     fitted = fit_density(facts["counts"], calibration.log_distance, calibration.limits, cut)
     if limit is None:
         return fitted
-    return completed(fitted, calibration.luminosity, limit, calibration.log_distance)
+    return complete_density(fitted, calibration.luminosity, limit, calibration.log_distance)
 
 
 def _frame_of(sky):

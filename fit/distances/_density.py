@@ -100,7 +100,7 @@ class GivenDensity:
 
 
 @dataclass(frozen=True, eq=False)
-class Completed:
+class CompletedDensity:
     """The density of all sources, from that of those which a catalogue complete to a magnitude holds."""
 
     curve: LogCurve
@@ -112,7 +112,7 @@ class Completed:
         return self.curve(log_distance) - share(np.clip(log_distance, *self.log_distance[[0, -1]]))
 
 
-def completed(density: SourceDensity, luminosity: Any, limit: float, log_distance: Any) -> SourceDensity:
+def complete_density(density: SourceDensity, luminosity: Any, limit: float, log_distance: Any) -> SourceDensity:
     """The density of all sources behind that of a magnitude-limited catalogue."""
     x = np.geomspace(1e-4, np.log(30.0), 600)
     log_d, _ = log_distance(x)
@@ -122,7 +122,7 @@ def completed(density: SourceDensity, luminosity: Any, limit: float, log_distanc
     with np.errstate(divide="ignore"):  # no source is so bright
         share = np.interp(faintest, magnitude, np.log(np.cumsum(np.exp(log - log.max()))))
     known = np.isfinite(share)
-    return SourceDensity(Completed(density.curve, log_d[known], share[known]), density.words)
+    return SourceDensity(CompletedDensity(density.curve, log_d[known], share[known]), density.words)
 
 
 #: Classes of the error of ln(1 + z), a factor of two each, in which redshifts are counted: spectroscopic redshifts are
@@ -359,7 +359,7 @@ _SURE = 6.0
 _SOURCES = 4000
 
 
-class MeasuredRates(NamedTuple):
+class MeasuredInverseDistances(NamedTuple):
     """The motion that 1 km/s gives to each source, its mean and variance, and the scale length they were taken as.
 
     Attributes
@@ -379,7 +379,7 @@ class MeasuredRates(NamedTuple):
     n_parallaxes: int
 
 
-def measured_rates(field: Field, length: float | None = None) -> MeasuredRates:
+def inverse_distances_from_measurements(field: Field, length: float | None = None) -> MeasuredInverseDistances:
     """Mean and variance of the inverse distances of a field with distances, or parallaxes.
 
     Parameters
@@ -422,7 +422,7 @@ def measured_rates(field: Field, length: float | None = None) -> MeasuredRates:
         return _moments(data[part], error[part], of_parallax[part], length)[:2]
 
     mean, variance = np.concatenate(list(map_blocks(block, len(field), _BLOCK)), axis=1)
-    return MeasuredRates(mean, variance, length, int(of_parallax.sum()))
+    return MeasuredInverseDistances(mean, variance, length, int(of_parallax.sum()))
 
 
 def _moments(data, error, of_parallax, length):

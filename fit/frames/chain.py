@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from scipy.special import chdtrc
 
-from fit.background import SharedErrors, shared_jointly
+from fit.background import ClassComparison, shared_jointly
 from fit.frames.results import FrameResult
 from fit.normal import normal_equations
 from fit.results.quality import MANY, SEEN, ErrorSource
@@ -37,7 +37,7 @@ from vsh.tools.types import Axes, FloatArray, Rng, Table
 from vsh.tools.units import UAS
 from vsh.vector import Vector
 
-__all__ = ["Chain", "chain_catalogues"]
+__all__ = ["FrameNetwork", "combine_frames"]
 #: The most noise that two catalogues may share: of all of it nothing would be left to compare.
 _MOST = 0.995
 #: Rounds of common noise and of outliers; what is left out has a chance of less than this in all the catalogue.
@@ -49,7 +49,7 @@ _TOGETHER = 2**15
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Chain(FrameResult):
+class FrameNetwork(FrameResult):
     """Frames of several catalogues against one of them.
 
     Attributes
@@ -77,7 +77,7 @@ class Chain(FrameResult):
         √χ² of each.
     frame, unit : str
     notes : tuple of str
-    shared : SharedErrors or None
+    shared : ClassComparison or None
         Rotation and glide of each against the reference with systematic errors, in one model:
         what the reference has is in all differences from it.
     """
@@ -96,10 +96,10 @@ class Chain(FrameResult):
     frame: str
     unit: str
     notes: tuple[str, ...] = ()
-    shared: SharedErrors | None = None
+    shared: ClassComparison | None = None
 
     def __repr__(self) -> str:
-        return f"<Chain: {', '.join(self.labels)}, degree {self.modes.lmax}, {len(self.names)} sources left out>"
+        return f"<FrameNetwork: {', '.join(self.labels)}, degree {self.modes.lmax}, {len(self.names)} sources left out>"
 
     @property
     def pairs(self) -> tuple[tuple[str, str], ...]:
@@ -189,7 +189,7 @@ class Chain(FrameResult):
         ParameterError
             If they are not, or systematic errors were not estimated (`floor=True`).
         """
-        return self._sought().combination(self._row(catalogue, other)[1:])
+        return self._sections_of_pairs().combination(self._row(catalogue, other)[1:])
 
     def frame_p_value(self, kind: str, catalogue: str, other: str | None = None) -> float:
         """Probability of as large a rotation, or glide, of two catalogues with one frame, with systematic errors.
@@ -207,12 +207,12 @@ class Chain(FrameResult):
             As for `frames`.
         """
         i, j = sorted((self._place(catalogue), self._place(self.labels[0] if other is None else other)), reverse=True)
-        return self._sought().p_value(kind, i - 1, j - 1 if j else None)
+        return self._sections_of_pairs().p_value(kind, i - 1, j - 1 if j else None)
 
-    def _sought(self):
+    def _sections_of_pairs(self):
         """Shared errors; ParameterError where they were not estimated."""
         if self.shared is None:
-            raise ParameterError("systematic errors were not estimated: chain_catalogues(…, floor=True)")
+            raise ParameterError("systematic errors were not estimated: combine_frames(…, floor=True)")
         return self.shared
 
     def _sections(self, long):
@@ -254,7 +254,9 @@ class Chain(FrameResult):
 
     def _with_floor(self):
         """Rotation and glide of any two catalogues with the systematic floor, as a section."""
-        title = f"Rotation and glide with the systematic floor, from degrees 2 to {max(self._sought().degrees)}"
+        title = (
+            f"Rotation and glide with the systematic floor, from degrees 2 to {max(self._sections_of_pairs().degrees)}"
+        )
         return Section(title, (), self.frames_table())
 
     def to_table(self) -> Table:
@@ -309,7 +311,7 @@ class Chain(FrameResult):
 
 @logged("chain of catalogues")
 @explained
-def chain_catalogues(
+def combine_frames(
     catalogues: Mapping[str, Positions | Field],
     lmax: int | Modes = 2,
     *,
@@ -317,7 +319,7 @@ def chain_catalogues(
     clip: bool = True,
     floor: bool | None = None,
     rng: Rng = 1,
-) -> Chain:
+) -> FrameNetwork:
     """Compare any number of catalogues in one solution, with their common noise.
 
     Parameters
@@ -362,7 +364,7 @@ def chain_catalogues(
     ...     Field(lon, lat, motion + 30 * rng.normal(size=(2, 400)), np.full((2, 400), 30.0), name=np.arange(400))
     ...     for motion in turned
     ... )
-    >>> chain = chain_catalogues({"one": one, "two": two}, 1)
+    >>> chain = combine_frames({"one": one, "two": two}, 1)
     >>> bool(abs(chain.difference("two").spin.value[2] - 20) < 10)
     True
     """
@@ -384,7 +386,7 @@ def chain_catalogues(
         before = correlation, kept
         values, _, chi2_of, chi2, dof = _solve(sky, wide, correlation, kept, labels)
         if shared_noise:
-            correlation = _shared(sky, wide, values, kept)
+            correlation = _estimate_common_noise(sky, wide, values, kept)
         if clip:
             scale = max(1.0, chi2 / max(dof, 1))
             kept = chdtrc(np.maximum(sky.contrasts, 1), chi2_of / scale) > _CHANCE / max(sky.n, 1)
@@ -395,7 +397,7 @@ def chain_catalogues(
     factor = float(np.sqrt(chi2 / dof)) if dof > 0 else float("nan")
     order = np.flatnonzero(~kept)[np.argsort(-chi2_of[~kept], kind="stable")]
     seen = sky.seen[:, kept].astype(int)
-    return Chain(
+    return FrameNetwork(
         labels,
         modes,
         values,
@@ -417,7 +419,7 @@ def chain_catalogues(
 def _over_the_sky(sky, correlation, kept, labels, rng):
     """Rotation and glide with systematic errors; errors multiplied by √(χ²/dof) of the fit to degree 5."""
     normal = _normal(sky, _FLOOR, correlation, kept)
-    *_, chi2, dof = _solved(sky, _FLOOR, normal, kept, labels)
+    *_, chi2, dof = _solve_network(sky, _FLOOR, normal, kept, labels)
     matrix, rhs, _ = normal
     tau = chi2 / dof if dof > 0 else 1.0
     both = sky.seen[1:, kept] & sky.seen[0, kept]
@@ -529,10 +531,10 @@ def _normal(sky, modes, correlation, kept):
 
 def _solve(sky, modes, correlation, kept, labels):
     """Coefficients, their covariance, χ² of each source, in all, and the degrees of freedom."""
-    return _solved(sky, modes, _normal(sky, modes, correlation, kept), kept, labels)
+    return _solve_network(sky, modes, _normal(sky, modes, correlation, kept), kept, labels)
 
 
-def _solved(sky, modes, normal, kept, labels):
+def _solve_network(sky, modes, normal, kept, labels):
     """Solve normal equations that are at hand."""
     k, p = len(labels), len(modes)
     matrix, rhs, weights = normal
@@ -576,7 +578,7 @@ def _weights(root, correlation):
     return w - np.einsum("miab,mbc,mjdc->miajd", once, np.linalg.inv(once.sum(1)), once, optimize=True)
 
 
-def _shared(sky, modes, values, kept):
+def _estimate_common_noise(sky, modes, values, kept):
     """ρ of each pair by the likelihood of its differences; the nearest that all can have together."""
     from scipy.optimize import minimize_scalar  # slow to import
 

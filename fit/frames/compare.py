@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from fit.background import Floor, SharedErrors, shared
+from fit.background import ClassComparison, Floor, shared
 from fit.background import floor as background_floor
 from fit.correlation import CorrelationMatrices, correlation_matrices
 from fit.frames.results import FrameResult
@@ -136,7 +136,7 @@ class FrameComparison(FrameResult, AboutSolution):
         Correlations of the coefficients, by the errors of either catalogue alone at the sources they have in common.
     by_class : ByErrorClass or None
         The same fit with errors scaled in classes of their size, each by its own residuals.
-    shared : SharedErrors or None
+    shared : ClassComparison or None
         Rotation and glide with systematic errors, where that was asked for.
     floor : Floor or None
         The size of systematic errors, where it is in no error above.
@@ -156,7 +156,7 @@ class FrameComparison(FrameResult, AboutSolution):
     factor: float
     correlations: CorrelationMatrices
     by_class: "ByErrorClass | None" = None
-    shared: SharedErrors | None = None
+    shared: ClassComparison | None = None
     floor: Floor | None = None
     alone: "ByErrorClass | None" = None
     alone_names: tuple[str, ...] = ()

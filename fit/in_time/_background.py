@@ -15,7 +15,7 @@ from scipy.linalg import cho_factor, cho_solve
 
 from fit.background import Amplitudes, trapezoids
 from fit.in_time._equations import TimeEquations
-from fit.normal import eliminated
+from fit.normal import eliminate
 from fit.results.quality import Quality
 from fit.results.storage import Result
 from vsh.io import tables
@@ -179,7 +179,7 @@ def background(
     if modes.lmax < 2:
         raise ModesError("backgrounds have degrees from 2 on: lmax of 2 or more")
     chosen = _bands(bands, names)
-    matrix, rhs, shapes, scale = _reduced(equations, chosen, spectrum)
+    matrix, rhs, shapes, scale = _reduce_to_bands(equations, chosen, spectrum)
     likelihood = Amplitudes(matrix, rhs, shapes)
     rng = generator(rng)
     proposals = [_proposal(likelihood.alone(b)) for b in range(len(chosen))]
@@ -188,7 +188,7 @@ def background(
     logs: Any = np.empty(0)
     count = arguments.whole("draws", draws)
     for _ in range(5):
-        drawn, density = zip(*(_drawn(root, density, count, rng) for root, density in proposals), strict=True)
+        drawn, density = zip(*(_draw_amplitudes(root, density, count, rng) for root, density in proposals), strict=True)
         more = np.stack(drawn, axis=1)
         roots = np.concatenate([roots, more])
         logs = np.concatenate([logs, [likelihood.log_likelihood(each**2) for each in more] - np.sum(density, axis=0)])
@@ -199,7 +199,7 @@ def background(
         count = len(roots)
     evidence = float(np.log(np.mean(np.exp(logs - logs.max()))) + logs.max() - np.log(reach).sum())
     return TimeBackground(
-        tuple(_called([names[i] for i in band]) for band in chosen),
+        tuple(_format_names([names[i] for i in band]) for band in chosen),
         roots,
         weights,
         evidence,
@@ -232,26 +232,26 @@ def _bare(name):
     return name.removeprefix("cos ").removeprefix("sin ")
 
 
-def _called(names):
+def _format_names(names):
     """Label of a band."""
     bare = {_bare(name) for name in names}
     return f"{bare.pop()} a year" if len(bare) == 1 and len(names) == 2 else ", ".join(names)
 
 
-def _reduced(equations, bands, spectrum):
+def _reduce_to_bands(equations, bands, spectrum):
     """N and b of the bands' degrees from 2 on, all else free, the shares of each band, and the scale of the errors."""
     modes, f = equations.modes, len(equations.functions)
     variances = _shares(modes, spectrum)
     banded = np.zeros(f, bool)
     banded[[i for band in bands for i in band]] = True
     high = np.repeat(banded, len(modes)) & np.tile(modes.degrees > 1, f)
-    seen = ~equations.unseen
+    seen = ~equations.unconstrained_terms
     free = ~high & seen
     ridge = 1e-9 * np.diag(np.diag(equations.matrix))  # what parallaxes take tells of nothing
     whole = equations.matrix + ridge
     try:
         best = cho_solve(cho_factor(whole[np.ix_(seen, seen)]), equations.rhs[seen])
-        matrix, rhs, _ = eliminated(whole, equations.rhs, high, free)
+        matrix, rhs, _ = eliminate(whole, equations.rhs, high, free)
     except np.linalg.LinAlgError:
         raise DegeneracyError(
             f"{equations.n_sources} sources do not determine the functions that are fitted freely"
@@ -296,7 +296,7 @@ def _proposal(likelihood):
     return root, density / trapezoids(density, root)[-1]
 
 
-def _drawn(root, density, n, rng):
+def _draw_amplitudes(root, density, n, rng):
     """Draws from a density on a grid, straight between its points, and ln of it there."""
     share = trapezoids(density, root)
     drawn = np.interp(rng.random(n) * share[-1], share, root)

@@ -23,7 +23,7 @@ from vsh.basis import harmonics
 from vsh.io.epochs import Observations, epoch_files, read_observations
 from vsh.modes import Modes, as_modes
 from vsh.tools import arguments
-from vsh.tools.errors import DegeneracyError, ModesError, NothingLeftError, ParameterError, TableError
+from vsh.tools.errors import DegeneracyError, EmptyFieldError, ModesError, ParameterError, TableError
 from vsh.tools.notebook import Frozen
 from vsh.tools.notes import merge_notes
 from vsh.tools.parallel import map_blocks
@@ -106,7 +106,7 @@ class TimeEquations(Frozen):
         kept : (k,) bool array
             Which are determined; sources' own positions, parallaxes and motions take the others.
         """
-        free = np.flatnonzero(~self.unseen)
+        free = np.flatnonzero(~self.unconstrained_terms)
         matrix = self.matrix[np.ix_(free, free)]
         scale = np.sqrt(np.diag(matrix))
         values, directions = np.linalg.eigh(matrix / np.outer(scale, scale))
@@ -119,7 +119,7 @@ class TimeEquations(Frozen):
         return ", ".join(f"{direction[i]:+.2f} {names[free[i]]}" for i in largest)
 
     @property
-    def unseen(self) -> BoolArray:
+    def unconstrained_terms(self) -> BoolArray:
         """Mask of unknowns that nothing determines, (F p,): where the attitude was solved, a rotation in time."""
         size = np.diag(self.matrix)
         first = np.tile(self.modes.degrees == 1, len(self.functions))
@@ -157,7 +157,7 @@ def normal_equations(
         If nothing is said of the attitude, or these are no observations.
     TableError
         If a source stands in two parts.
-    NothingLeftError
+    EmptyFieldError
         If no source has more observations than parameters of its own.
 
     Notes
@@ -176,7 +176,7 @@ def normal_equations(
     modes = as_modes(lmax)
     total: TimeEquations | None = None
     names: set[Any] = set()
-    for part in _parts(observations):
+    for part in _iterate_chunks(observations):
         mine = set(np.asarray(part.name).tolist())
         if twice := names & mine:
             raise TableError(
@@ -187,11 +187,11 @@ def normal_equations(
         one = _sum(part, modes, functions, attitude, threads)
         total = one if total is None else total + one
     if total is None or total.n_sources == 0:
-        raise NothingLeftError("no source has more observations than five parameters of its own: none tells of time")
+        raise EmptyFieldError("no source has more observations than five parameters of its own: none tells of time")
     return total
 
 
-def _parts(observations: Any) -> Iterator[Observations]:
+def _iterate_chunks(observations: Any) -> Iterator[Observations]:
     """Iterate over the parts, each read when its turn comes."""
     if isinstance(observations, Observations):
         yield observations
@@ -200,7 +200,7 @@ def _parts(observations: Any) -> Iterator[Observations]:
             yield read_observations(path).by_transit()
     elif isinstance(observations, Iterable):
         for each in observations:
-            yield from _parts(each)
+            yield from _iterate_chunks(each)
     else:
         raise ParameterError(f"observations must be Observations or files of epochs, not {observations!r}")
 

@@ -7,12 +7,22 @@ import matplotlib.pyplot as plt
 import numpy as np
 from PIL import Image
 
-from vsh.figures.plot import COLOURS, STYLE, WIDTH, arrow_grid, draw_vectors, legend_above, panels, sky_axes, styled
+from vsh.figures.plot import (
+    COLOURS,
+    STYLE,
+    WIDTH,
+    apply_style,
+    arrow_grid,
+    draw_vectors,
+    legend_above,
+    panels,
+    sky_axes,
+)
 from vsh.tools.files import MARK
 from vsh.tools.types import Axes, AxesArray, OnAxes
 
 
-@styled
+@apply_style
 def plot_in_time(solution: Any, *, ax: OnAxes | None = None) -> AxesArray:
     """√power of every function, a line a degree, beside what noise gives; T above, S below."""
     drawn = panels(ax, 2, 1, size=(WIDTH, 4.6), sharex=True)
@@ -35,7 +45,7 @@ def plot_in_time(solution: Any, *, ax: OnAxes | None = None) -> AxesArray:
     return drawn
 
 
-@styled
+@apply_style
 def plot_bands(background: Any, *, ax: Axes | None = None) -> Axes:
     """√P of each band: 68 % and the 95 % limit."""
     (axes,) = panels(ax, size=(WIDTH, 2.8))

@@ -8,19 +8,19 @@ from vsh.coefficients import Coefficients
 from vsh.figures.plot import (
     COLOURS,
     SkyAxes,
+    apply_style,
     arrow_grid,
     draw_points,
     draw_vectors,
     legend_above,
     panels,
     sky_axes,
-    styled,
 )
 from vsh.sky.sphere import angles
 from vsh.tools.types import Axes
 
 
-@styled
+@apply_style
 def plot_orbit(galactic_orbit: Any, circular: float, *, ax: Axes | None = None) -> Axes:
     """The three components with their errors, and the acceleration of a circular orbit."""
     (axes,) = panels(ax)
@@ -49,7 +49,7 @@ def plot_orbit(galactic_orbit: Any, circular: float, *, ax: Axes | None = None) 
     return axes
 
 
-@styled
+@apply_style
 def plot_shear(tensor: Any, coefficients: Coefficients, *, ax: Axes | None = None) -> SkyAxes:
     """The motions of the fitted expansion, of these coefficients, and where its principal axes point."""
     axes = sky_axes(tensor.frame, ax, below=0.55)

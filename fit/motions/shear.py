@@ -21,7 +21,7 @@ from vsh.tools.errors import ModesError, ParameterError
 from vsh.tools.types import ArrayLike, Axes, FloatArray, Table
 from vsh.tools.units import hubble_rate
 
-__all__ = ["Shear", "coefficients_of", "expansion", "tensor_of"]
+__all__ = ["Shear", "expansion", "from_tensor", "to_tensor"]
 
 
 #: The five coefficients (2,0), (2,1,re), (2,1,im), (2,2,re), (2,2,im) from Σ_zz, Σ_xz, Σ_yz, Σ_xx − Σ_yy, Σ_xy.
@@ -35,7 +35,7 @@ TO_TENSOR = (
 PLACES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 
 
-def coefficients_of(tensor: ArrayLike) -> Coefficients:
+def from_tensor(tensor: ArrayLike) -> Coefficients:
     """The coefficients of µ = Σ r − (rᵀ Σ r) r, which is of degree 2 and spheroidal.
 
     Parameters
@@ -68,7 +68,7 @@ def coefficients_of(tensor: ArrayLike) -> Coefficients:
 
 
 @explained
-def tensor_of(coefficients: Coefficients) -> FloatArray:
+def to_tensor(coefficients: Coefficients) -> FloatArray:
     """Σ, traceless, of the spheroidal coefficients of degree 2. [µas/yr]
 
     Parameters
@@ -225,7 +225,7 @@ class Shear(Result):
         """The motions and the principal axes on the sky, on matplotlib axes."""
         from fit.motions.figures import plot_shear
 
-        return plot_shear(self, coefficients_of(self.tensor), ax=ax)
+        return plot_shear(self, from_tensor(self.tensor), ax=ax)
 
 
 @arguments.accepts(solution=arguments.a(HarmonicSolution))

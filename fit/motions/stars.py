@@ -16,7 +16,7 @@ from typing import Literal
 
 import numpy as np
 
-from fit.distances import measured_rates
+from fit.distances import inverse_distances_from_measurements
 from fit.results.solution import NamedSolution
 from vsh.field import Field
 from vsh.io import tables
@@ -113,7 +113,7 @@ class Kinematics(NamedSolution):
 
     def model(self, field: Field) -> FloatArray:
         """The motions of the model at the sources of a `field` with distances or parallaxes, (2, n). [µas/yr]"""
-        rates = measured_rates(field, self.length / 1000)
+        rates = inverse_distances_from_measurements(field, self.length / 1000)
         return np.tensordot(self.values, _design(field, rates.mean, "A" in self.names), 1)
 
     def _sections(self, long):
@@ -192,7 +192,7 @@ def kinematics(
     """
     choice("frame", frame, ("galactic", "icrs", "ecliptic"))
     field = field.to_frame(frame)
-    rates = measured_rates(field, length)
+    rates = inverse_distances_from_measurements(field, length)
     names = (*_V, *_GRADIENT) if gradient else _V
     design = _design(field, rates.mean, gradient)
     if 2 * len(field) <= len(names):

@@ -1,6 +1,6 @@
 """Normal equations, and the moments of the sources that they are made of: both add."""
 
-from fit.normal._equations import NormalEquations, TemplateField, eliminated, gaussian_prior
+from fit.normal._equations import NormalEquations, TemplateField, eliminate, gaussian_prior
 from fit.normal._moments import Moments
 from fit.normal._sum import WhiteRows, normal_equations
 from fit.normal._templates import Template, template_fields

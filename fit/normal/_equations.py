@@ -138,10 +138,10 @@ class NormalEquations(Frozen):
     def _prior_with(self, other, sign):
         if other.prior is None:
             return self.prior
-        return (self.prior or _nothing(other.prior))._combine(other.prior, sign)
+        return (self.prior or _empty_equations(other.prior))._combine(other.prior, sign)
 
 
-def eliminated(
+def eliminate(
     matrix: FloatArray, rhs: FloatArray, kept: ArrayLike, free: ArrayLike, variances: FloatArray | None = None
 ) -> tuple[FloatArray, FloatArray, float]:
     """N and b of the unknowns `kept`, those that are `free` eliminated, and by how much that lowers χ².
@@ -170,7 +170,7 @@ def eliminated(
     return (schur + schur.T) / 2, rhs[kept] - across.T @ known[:, -1], float(rhs[free] @ known[:, -1])
 
 
-def _nothing(like):
+def _empty_equations(like):
     return replace(like, matrix=0 * like.matrix, rhs=0 * like.rhs, chi2_null=0.0, notes=())
 
 

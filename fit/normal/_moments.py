@@ -18,7 +18,7 @@ from vsh.modes import Modes, ScalarModes, as_modes
 from vsh.scalars import ScalarField, modes_for
 from vsh.sky.frames import check_frame
 from vsh.tools import arguments
-from vsh.tools.errors import FrameError, ModesError, NothingLeftError, TableError
+from vsh.tools.errors import EmptyFieldError, FrameError, ModesError, TableError
 from vsh.tools.notes import merge_notes
 from vsh.tools.types import Axes, ComplexArray, FloatArray
 
@@ -172,7 +172,7 @@ class Moments(Result):
         if isinstance(field, Parts):
             return field.sum(partial(cls.of, lmax=lmax), roles=(), words="moments")
         if not len(arguments.a(Field, ScalarField, Parts)("field", field)):
-            raise NothingLeftError("the field is empty: there are no sources to use")
+            raise EmptyFieldError("the field is empty: there are no sources to use")
         sums = fourier_sums(field, lmax, threads)
         return cls(lmax, *sums, field.components * len(field), field.frame, field.notes, field.unit)
 

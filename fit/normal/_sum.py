@@ -15,7 +15,7 @@ from fit.normal._moments import Moments
 from fit.normal._templates import Template, template_fields
 from fit.normal.sums import compressed_sums, design_matrix_sums, design_matrix_up_to, dipole_sums
 from vsh.basis import harmonics
-from vsh.field import Field, Weighed
+from vsh.field import Field, SourcesWithErrors
 from vsh.io.parts import Parts
 from vsh.models.covariance import Covariance, as_covariance
 from vsh.modes import Modes
@@ -136,7 +136,7 @@ def normal_equations(
         return replace(plain, templates=template_fields(templates, plain.modes, plain.frame or "icrs"))
     if isinstance(field, (str, PathLike)):
         raise FieldError(f"{field} is a path: read it first, with vsh.io.catalogue.read_field or parts")
-    if not isinstance(field, Weighed | Parts) and covariance is None:
+    if not isinstance(field, SourcesWithErrors | Parts) and covariance is None:
         return _of_stream(field, partial(normal_equations, modes=modes, method=method, threads=threads))
     sources, modes = cast(Any, field), modes_for(field, modes)
     if len(modes) ** 2 * 8 > MEMORY:

@@ -101,7 +101,7 @@ class Template(Frozen):
         frame : str
             Axes of the positions.
         """
-        lon, lat, numbers = _known(lon, lat, values)
+        lon, lat, numbers = _check_map(lon, lat, values)
         return cls(name, ScalarField(lon, lat, numbers, np.ones(len(numbers)), frame=frame), frame)
 
     @classmethod
@@ -130,7 +130,7 @@ class Template(Frozen):
 
         sums = np.zeros((5, 12 * nside**2))
         for part in parts:
-            lon, lat, numbers = _known(*part)
+            lon, lat, numbers = _check_map(*part)
             if not len(numbers):
                 continue
             pixel = pixels_of(lon, lat, nside)
@@ -184,7 +184,7 @@ class Template(Frozen):
             if self.frame != frame:
                 raise FrameError(f"the template {self.name} is of {self.frame} axes, the fit of {frame} ones")
             least = Modes(min(modes.lmax, self.source.modes.lmax))
-            vectors = {self.name: _padded(self.source.to_degree(least.lmax), modes)}
+            vectors = {self.name: _pad_coefficients(self.source.to_degree(least.lmax), modes)}
         else:
             scalar = self._scalar(modes.lmax, frame)
             nothing = np.zeros_like(scalar)
@@ -245,14 +245,14 @@ class Template(Frozen):
         return values, named or self.frame
 
 
-def _known(lon: ArrayLike, lat: ArrayLike, values: ArrayLike) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _check_map(lon: ArrayLike, lat: ArrayLike, values: ArrayLike) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Positions and numbers of the sources whose number is finite and not masked."""
     numbers = np.asarray(np.ma.filled(np.ma.asarray(values, float), np.nan))
     known = np.isfinite(numbers)
     return (float_array("lon", lon, known.shape)[known], float_array("lat", lat, known.shape)[known], numbers[known])
 
 
-def _padded(coefficients, modes):
+def _pad_coefficients(coefficients, modes):
     """Values among modes of a higher degree, zeros above their own."""
     values = np.zeros(len(modes))
     for kind in KINDS:

@@ -34,7 +34,7 @@ import numpy as np
 
 from vsh.basis import harmonics, scalar_harmonics, toroidal_harmonics
 from vsh.coefficients import FIRST_DEGREE
-from vsh.field import Field, weighed
+from vsh.field import Field, multiply_weights
 from vsh.io.parts import Parts, added
 from vsh.modes import Mode, Modes, ScalarModes
 from vsh.sky.sphere import sin_cos
@@ -209,7 +209,7 @@ def _moments(field, lmax):
     from vsh.transform import fourier_moments
 
     weights = field.weights
-    motions = weighed(weights, field.data)
+    motions = multiply_weights(weights, field.data)
     chi2 = np.vdot(motions, field.data)
     # Two real fields travel as one complex one.
     columns = np.concatenate([weights, motions])
@@ -241,7 +241,7 @@ def _moments_by_products(field, lmax):
     most = 2 * lmax
     low = np.r_[: lmax + 1, most + 1 : most + 1 + lmax]
     w = field.weights
-    z = weighed(w, field.data)
+    z = multiply_weights(w, field.data)
     weights: Any = 0.0
     motions: Any = 0.0
     for start in range(0, len(field), _IN_CACHE):
@@ -439,8 +439,8 @@ def weighted_sums(
 
     def block(part):
         basis, some = harmonics(field.lon[part], field.lat[part], modes), sources[part]
-        flat = weighed(some.weights, basis).reshape(len(modes), -1)
-        square = np.vdot(some.data, weighed(some.weights, some.data))
+        flat = multiply_weights(some.weights, basis).reshape(len(modes), -1)
+        square = np.vdot(some.data, multiply_weights(some.weights, some.data))
         return basis.reshape(len(modes), -1) @ flat.T, flat @ some.data.ravel(), float(square)
 
     return reduce(added, map_blocks(block, len(sources), max(64, 2**21 // len(modes)), threads))
@@ -476,7 +476,7 @@ def leverage(
     def block(part):
         basis = harmonics(field.lon[part], field.lat[part], modes)
         left = np.tensordot(inverse, basis, 1)
-        return np.einsum("pkn,pkn->n", left, weighed(weights[:, part], basis)) / components
+        return np.einsum("pkn,pkn->n", left, multiply_weights(weights[:, part], basis)) / components
 
     leverages = np.concatenate(list(map_blocks(block, len(field), max(64, 2**20 // p), threads)))
     return np.clip(leverages, 0.0, 0.9)
@@ -484,7 +484,7 @@ def leverage(
 
 def outer_products(field: Field, residual: FloatArray, factors: FloatArray) -> FloatArray:
     """factors² C⁻¹ΔΔᵀC⁻¹ of each source as (3, n), or (1, n) of scalars: the scatter of the scores ψ = factors C⁻¹Δ."""
-    score = weighed(field.weights, residual)
+    score = multiply_weights(field.weights, residual)
     if len(score) == 1:
         return score**2 * factors**2
     east, north = score

@@ -4,14 +4,14 @@ from typing import Any
 
 import numpy as np
 
-from vsh.figures.plot import KIND_COLOURS, KIND_NAMES, WIDTH, legend_above, panels, styled
+from vsh.figures.plot import KIND_COLOURS, KIND_NAMES, WIDTH, apply_style, legend_above, panels
 from vsh.tools.types import Axes, AxesArray, OnAxes
 
 _PLUS, _MINUS = KIND_COLOURS["S"], KIND_COLOURS["T"]
 _ANGLE, _VALUE = "angle between the sources  [°]", "correlation of motions  [(µas/yr)²]"
 
 
-@styled
+@apply_style
 def plot_pairs(correlation: Any, fit: Any = None, *, ax: OnAxes | None = None) -> AxesArray:
     """ξ± with errors and the fitted templates above, the pairs in each bin below."""
     axes, below = drawn = panels(ax, 2, 1, size=(WIDTH, 3.3), sharex=True, height_ratios=(3, 1))
@@ -40,7 +40,7 @@ def plot_pairs(correlation: Any, fit: Any = None, *, ax: OnAxes | None = None) -
     return drawn
 
 
-@styled
+@apply_style
 def plot_curves(fit: Any, *, ax: Axes | None = None) -> Axes:
     """The curves of fitted templates."""
     (axes,) = panels(ax)
@@ -53,7 +53,7 @@ def plot_curves(fit: Any, *, ax: Axes | None = None) -> Axes:
     return axes
 
 
-@styled
+@apply_style
 def plot_power(power: Any, *, ax: Axes | None = None) -> Axes:
     """Power by degree with its errors, of either sign."""
     (axes,) = panels(ax)

@@ -36,7 +36,7 @@ from vsh.sky.pixels import pixels_of
 from vsh.tools import arguments
 from vsh.tools.arguments import explained, float_array
 from vsh.tools.errors import DegeneracyError, FieldError, ParameterError
-from vsh.tools.notes import merge_notes, spoken
+from vsh.tools.notes import format_notes, merge_notes
 from vsh.tools.parallel import map_blocks
 from vsh.tools.types import ArrayLike, Axes, FloatArray, Table
 
@@ -103,7 +103,7 @@ def sums_of(field: Field | Parts, lmax: int, nside: int, weights: ArrayLike | No
         total = total + block
     if total.alone[2] < 2:
         raise FieldError("pairs need two sources at least")
-    return Gathered(total, blocks, sums["frames"][0], spoken(merge_notes(*sums["notes"])))
+    return Gathered(total, blocks, sums["frames"][0], format_notes(merge_notes(*sums["notes"])))
 
 
 def _of_part(field, lmax, nside, weights=None, threads=1):
@@ -141,7 +141,7 @@ def covariance_of(blocks: Sequence[PairSums], plus: FloatArray, minus: FloatArra
     count = len(blocks)
     if count < 4:
         return np.full((len(plus),) * 2, np.nan)
-    between = _between(blocks, plus, minus, weight)
+    between = _cross_terms(blocks, plus, minus, weight)
     itself = np.einsum("bkk->bk", between)
     pairs = 2 * between
     pairs[:, range(count), range(count)] = 0.0
@@ -159,7 +159,7 @@ def covariance_of(blocks: Sequence[PairSums], plus: FloatArray, minus: FloatArra
     return jackknife * np.outer(shrink, shrink)
 
 
-def _between(blocks, plus, minus, weight):
+def _cross_terms(blocks, plus, minus, weight):
     """R_km: the functions for pairs of one source in block k and another in block m, (k, blocks, blocks)."""
     lmax = blocks[0].lmax
     modes, scalar = Modes(lmax), ScalarModes(lmax)

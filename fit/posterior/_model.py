@@ -77,7 +77,7 @@ class CompressedLikelihood:
 
 
 @dataclass(frozen=True, eq=False)
-class Tabulated:
+class TabulatedDensity:
     """Tables of the functions of s, x and q."""
 
     rows: ParallaxEquations | ParallaxParts
@@ -115,7 +115,7 @@ def compress_likelihood(
     noise = float(np.sqrt(rows.smallest_variance))
     limits = ((spread, scale), (excess_noise, noise), (flow, flow[1]))
     axes = [Axis(*pair, size, 1 if pair[0] == pair[1] else 12) for pair, size in limits]
-    what = Tabulated(rows, spin, acceleration, threads)
+    what = TabulatedDensity(rows, spin, acceleration, threads)
     _check(rows, spread[1], excess_noise[1], spin, threads)
     for i in range(3):  # each axis along the sharp edge of the others
         edge = [Axis(axis.low, axis.low, axis.scale, 1) for axis in axes]

@@ -8,7 +8,7 @@ import numpy as np
 
 from fit.posterior._priors import UNITS
 from fit.sampling import Normal
-from vsh.figures.plot import COLOURS, WIDTH, figure_of, panels, styled
+from vsh.figures.plot import COLOURS, WIDTH, apply_style, figure_of, panels
 from vsh.io.tables import two_digits
 from vsh.tools.errors import ParameterError
 from vsh.tools.printing import import_quietly
@@ -29,7 +29,7 @@ def label(name: str) -> str:
     return _LABELS.get(name, name) + unit
 
 
-@styled
+@apply_style
 def plot_corner(
     posterior: Any,
     names: Sequence[str] | None = None,
@@ -125,7 +125,7 @@ def _draw_prior(drawn, posterior, names):
         axes.plot(x, density / density.max() * 0.9 * axes.get_ylim()[1], color="0.4", linestyle="--", linewidth=0.8)
 
 
-@styled
+@apply_style
 def plot_trace(posterior: Any, n_shown: int = 40, *, ax: OnAxes | None = None) -> AxesArray:
     """Coordinates of some walkers against steps; the burn-in shaded, R̂ and the effective size beside each."""
     names, chain = posterior.model.names, posterior.chain
@@ -149,7 +149,7 @@ def plot_trace(posterior: Any, n_shown: int = 40, *, ax: OnAxes | None = None) -
     return drawn
 
 
-@styled
+@apply_style
 def plot_marginals(grid: Any, *, ax: OnAxes | None = None) -> AxesArray:
     """The marginal density of each quantity on a grid."""
     drawn = panels(ax, len(grid.names), 1, size=(WIDTH, 1.9 * len(grid.names)))

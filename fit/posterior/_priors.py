@@ -179,11 +179,11 @@ class ModelPriors:
     @property
     def free(self) -> dict[str, Prior]:
         """Names and priors of the free numbers besides the velocity; H0 comes first."""
-        return {name: prior for name, prior in self._named().items() if not isinstance(prior, float)}
+        return {name: prior for name, prior in self._by_name().items() if not isinstance(prior, float)}
 
     def limits(self, name: str) -> tuple[float, float]:
         """The smallest and largest value of one of them that is ever asked for."""
-        prior = self._named()[name]
+        prior = self._by_name()[name]
         if isinstance(prior, float):
             return prior, prior
         low, high = prior.low, prior.high
@@ -203,7 +203,7 @@ class ModelPriors:
             total += np.where((column >= low) & (column <= high), prior.log(column), -np.inf)
         return total
 
-    def _named(self):
+    def _by_name(self):
         return {"H0": self.hubble} | {name: getattr(self, name) for name in _NUMBERS}
 
     @property

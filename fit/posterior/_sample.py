@@ -19,8 +19,8 @@ from fit.secular_parallax import (
     DistanceOptions,
     ParallaxEquations,
     ParallaxParts,
+    collect_notes,
     flow_covariance,
-    noted,
     parallax_equations,
 )
 from vsh.field import MEASURED, Field
@@ -53,7 +53,7 @@ def posterior_equations(
             f"{rows.n_own} sources have distances in Mpc, of which the motions tell v, not v · H0: the posterior takes "
             "redshifts alone. Leave those distances out, or fit with fit.secular_parallax.observer_velocity"
         )
-    rows = noted(rows, field, distances.get("redshift_frame"))
+    rows = collect_notes(rows, field, distances.get("redshift_frame"))
     if rows.left_out is not None:
         rows = replace(rows, notes=(_left_out(rows, given), *rows.notes))
     if rows.modes is not None:
@@ -174,7 +174,7 @@ def sample(
     if method == "grid":
         theta, log = Cells.of(model).independent(np.random.default_rng(seed), steps * n_walkers)
         draws = theta.reshape(steps, n_walkers, -1), log.reshape(steps, n_walkers)
-        return _logged(Posterior(*draws, model, rows.frame, rows.notes, seed, method), begun)
+        return _log_run(Posterior(*draws, model, rows.frame, rows.notes, seed, method), begun)
     cells, start = in_cells(model), np.random.default_rng(seed)
     begin = model.start(start, n_walkers) if cells is None else cells.independent(start, n_walkers)[0]
     most = 16 * steps if max_samples is None else int(max_samples) // n_walkers
@@ -200,10 +200,10 @@ def sample(
         if checkpoint is not None:
             run.resume_from(checkpoint, identity)
         chain, log_probability = run.run()
-    return _logged(Posterior(chain, log_probability, model, rows.frame, rows.notes, seed, cells=cells), begun)
+    return _log_run(Posterior(chain, log_probability, model, rows.frame, rows.notes, seed, cells=cells), begun)
 
 
-def _logged(posterior, begun):
+def _log_run(posterior, begun):
     log_result(_LOG, "chain", posterior, begun)
     return posterior
 

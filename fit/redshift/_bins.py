@@ -13,7 +13,7 @@ from fit.normal import NormalEquations, normal_equations
 from fit.redshift._solution import FLOW_MATTERS, BinnedSolution, equality_chi2, shared_flow, slope_chi2
 from fit.results.quality import ErrorSource
 from fit.results.solution import Solution
-from fit.robust import Reweighted
+from fit.robust import ReweightedFit
 from fit.secular_parallax import flow_theory
 from fit.solving import solve
 from vsh import Coefficients
@@ -26,8 +26,8 @@ from vsh.modes import KINDS, Modes, as_modes
 from vsh.sky.sphere import triad
 from vsh.tools import arguments
 from vsh.tools.arguments import generator
-from vsh.tools.errors import DegeneracyError, NothingLeftError, ParameterError
-from vsh.tools.notes import merge_notes, spoken
+from vsh.tools.errors import DegeneracyError, EmptyFieldError, ParameterError
+from vsh.tools.notes import format_notes, merge_notes
 from vsh.tools.types import ArrayLike, FloatArray, Rng
 from vsh.tools.units import AU_PER_YEAR
 from vsh.vector import Vector
@@ -111,7 +111,7 @@ def binned(
     theory, calibration = flow_theory({"flows": flows}), None
     weights, remarks = None, ()
     if method != "least-squares":
-        field, weights, remarks = _weighted(field, modes, edges, method, value, theory, rng)
+        field, weights, remarks = _fit_weighted_bins(field, modes, edges, method, value, theory, rng)
         theory = None  # these sources are too far for flows
     flow = None if theory is None else shared_flow(field, edges, theory, peculiar_dispersion, n_modes)
     if isinstance(field, Field | Parts):
@@ -123,7 +123,7 @@ def binned(
         summed = field.sum(work, roles=("redshift",), words="bins of redshift")
     else:
         summed = reduce(added, map(work, [field] if isinstance(field, Field) else field), {})
-    notes = [*spoken(merge_notes(*summed.get("notes", ()))), *remarks]
+    notes = [*format_notes(merge_notes(*summed.get("notes", ()))), *remarks]
     if summed.get("outside"):
         notes.append(f"left out {summed['outside']} sources with redshifts outside {edges[0]:g} … {edges[-1]:g}")
     for b in range(bins):
@@ -134,7 +134,7 @@ def binned(
     normals, sums = [summed[b][0] for b in range(bins)], np.array([summed[b][1] for b in range(bins)])
     counts = sums[:, 0].astype(int)
     columns = None if flow is None else [summed[b][2] for b in range(bins)]
-    solve_bins = _joint if shared_higher_degrees and modes.lmax > 1 else _apart
+    solve_bins = _joint if shared_higher_degrees and modes.lmax > 1 else _split_bins
     solutions, covariance, free, flow_covariance = solve_bins(normals, edges, columns)
     with np.errstate(invalid="ignore", divide="ignore"):
         mean_inverse_distance = sums[:, 3] / sums[:, 4]
@@ -154,11 +154,11 @@ def binned(
             if flow is None
             else f"{len(flow.modes)} modes of {flow.theory.name}, and {flow.dispersion:g} km/s beside them"
         ),
-        not isinstance(weights, Reweighted),
+        not isinstance(weights, ReweightedFit),
     )
 
 
-def _weighted(field, modes, edges, method, value, theory, rng):
+def _fit_weighted_bins(field, modes, edges, method, value, theory, rng):
     """The sources, the fit whose weights sum the bins, and a note of it."""
     if not isinstance(field, Field | Parts):
         raise ParameterError(f"the method {method} needs the whole field, or parts")
@@ -178,7 +178,7 @@ def _by_bin(field, edges, modes, calibration, flow, sums_of):
     """Some sources by bin: normal equations, moments of the redshifts, columns of the flow; and what was left out."""
     try:
         good = with_redshift(field, 0.0)
-    except NothingLeftError as error:  # other parts may have some
+    except EmptyFieldError as error:  # other parts may have some
         return {"notes": [(*field.notes, *error.notes)]}
     place = np.searchsorted(edges, np.asarray(good.redshift), side="right") - 1
     bins = len(edges) - 1
@@ -237,7 +237,7 @@ def _moments(field, rate):
     return np.array([len(field), weight.sum(), weight @ z, AU_PER_YEAR * (weight @ rate), weight[rate > 0].sum()])
 
 
-def _apart(normals, edges, columns):
+def _split_bins(normals, edges, columns):
     """Solve each bin by itself: solutions, the covariance of their noise, which modes are free, what the flow adds."""
     solutions = []
     for b, normal in enumerate(normals):
@@ -421,20 +421,20 @@ def permutation_test(
 
 def _statistics(sums, sources, binned, with_velocity):
     degree = {kind: np.arange(6)[Modes(1).slice_of(kind, 1)] for kind in KINDS}
-    values, covariance = _solved(sums, sources, 6)
+    values, covariance = _solve_bins(sums, sources, 6)
     statistics: dict[str, Any] = {
         kind: equality_chi2(values[:, at], covariance[:, at][:, :, at]) for kind, at in degree.items()
     }
     if len(binned) > 1:
         statistics["trend"] = slope_chi2(values, covariance, binned.redshift)
     if with_velocity:
-        values, covariance = _solved(sums, sources, 7)
+        values, covariance = _solve_bins(sums, sources, 7)
         at = degree["S"]
         statistics["secular_parallax"] = equality_chi2(values[:, at], covariance[:, at][:, :, at])
     return statistics
 
 
-def _solved(sums, sources, column):
+def _solve_bins(sums, sources, column):
     """Coefficients of each bin, and their covariance times the bin's χ²/dof."""
     inverse = np.linalg.inv(sums[:, :6, :6])
     rhs = sums[:, :6, column]

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from vsh.figures.plot import COLOURS, WIDTH, figure_of, legend_above, log_ticks, panels, styled
+from vsh.figures.plot import COLOURS, WIDTH, apply_style, figure_of, legend_above, log_ticks, panels
 from vsh.models.cosmology import FLOW_LIMIT, transverse_distance, velocity_along
 from vsh.tools.errors import ParameterError
 from vsh.tools.types import Axes, AxesArray, OnAxes
@@ -12,7 +12,7 @@ from vsh.tools.units import AU_PER_YEAR
 from vsh.vector import Vector
 
 
-@styled
+@apply_style
 def plot_bins(binned: Any, velocity: str | Vector | None = "planck", *, ax: OnAxes | None = None) -> AxesArray:
     """Spin and acceleration, components and amplitude, in each bin."""
     drawn = panels(ax, 4, 1, size=(WIDTH, 6.6), sharex=True, height_ratios=(2, 1, 2, 1))
@@ -93,7 +93,7 @@ def _draw_prediction(binned, velocity, drawn):
     amplitude.set_ylim(0, 1.3 * top)
 
 
-@styled
+@apply_style
 def plot_trend(trend: Any, *, ax: Axes | None = None) -> Axes:
     """Slopes of spin and acceleration with redshift."""
     (axes,) = panels(ax)

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.linalg import eigh
 from scipy.special import chdtrc
 
-from fit.background import SharedErrors, shared
+from fit.background import ClassComparison, shared
 from fit.distances import flow_counts, flow_limits
 from fit.results.output import amplitude
 from fit.results.quality import Quality, f_p_value, gls
@@ -391,7 +391,7 @@ class BinnedSolution(Result):
         Scales estimated from few sources are allowed for as in Welch's (1951, Biometrika 38, 330) test of
         means with unequal variances.
         """
-        return self._compared(kind, l, np.ones((len(self), 1)))[0]
+        return self._compare_with_model(kind, l, np.ones((len(self), 1)))[0]
 
     def trend(self, x: ArrayLike | None = None, *, first: bool = False) -> Trend:
         """Do they change with x? A straight line through the bins.
@@ -414,13 +414,13 @@ class BinnedSolution(Result):
         if len(self) < 2 or np.ptp(x) == 0:
             raise ParameterError("a trend needs at least two bins")
         l = 1 if first else None
-        values, covariance, free, _ = self._chosen(None, l)
+        values, covariance, free, _ = self._select_series(None, l)
         q = values.shape[1]
         line = np.stack([np.ones(len(self)), x - x.mean()], 1)
         theta, _, spread = gls(values, covariance, line)
         slopes, error = theta[q:], spread[q:, q:]
         vectors = [_vector(self.modes, kind, slopes, error, free, self.frame) for kind in KINDS]
-        misfit, scaled, quoted = self._compared(None, l, line)
+        misfit, scaled, quoted = self._compare_with_model(None, l, line)
         explained = slope_of(scaled, q), slope_of(quoted, q)
         # Satterthwaite's (1946) degrees of freedom of a slope's scale, from each bin's share in its variance.
         weight, dof = information(self)
@@ -452,11 +452,11 @@ class BinnedSolution(Result):
             raise ParameterError(
                 "a secular parallax needs a distance in every bin, and some bin has no source with z ≥ 1e-4"
             )
-        values, covariance, free, _ = self._chosen("S", 1)
+        values, covariance, free, _ = self._select_series("S", 1)
         rows = FIRST_DEGREE @ -velocity.to_frame(self.frame).value / AU_PER_YEAR
         constant, parallaxes = np.ones((len(self), 1)), np.outer(self.mean_inverse_distance, rows)
         theta, _, spread = gls(values - parallaxes, covariance, constant)
-        test, _, _ = self._compared("S", 1, constant, parallaxes)
+        test, _, _ = self._compare_with_model("S", 1, constant, parallaxes)
         return _vector(self.modes, "S", theta, spread, free, self.frame), test
 
     def to_table(self) -> Table:
@@ -496,7 +496,7 @@ class BinnedSolution(Result):
         """
         return sections_of(self, velocity, p_values, long)
 
-    def shared(self, degrees: Iterable[int] | None = None, **options: Any) -> SharedErrors:
+    def shared(self, degrees: Iterable[int] | None = None, **options: Any) -> ClassComparison:
         """Spin and acceleration of the bins with common systematic errors, from the power of their higher degrees.
 
         Parameters
@@ -540,7 +540,7 @@ class BinnedSolution(Result):
 
         return plot_bins(self, velocity, ax=ax)
 
-    def _chosen(self, kind, l):
+    def _select_series(self, kind, l):
         """Values (B, q) of some of the free coefficients, their covariance, which they are, and what of it is noise."""
         modes = list(self.modes)
         keep = [i for i, k in enumerate(self.free) if kind in (None, modes[k].kind) and l in (None, modes[k].l)]
@@ -554,9 +554,9 @@ class BinnedSolution(Result):
         total = noise if self.flow_covariance is None else noise + self.flow_covariance[np.ix_(index, index)]
         return values, total, free, noise
 
-    def _compared(self, kind, l, design, model=0.0):
+    def _compare_with_model(self, kind, l, design, model=0.0):
         """A test of the bins about a linear design; and what the fit gave, scaled and as quoted: (θ, χ², errors)."""
-        values, covariance, _, noise = self._chosen(kind, l)
+        values, covariance, _, noise = self._select_series(kind, l)
         q = values.shape[1]
         root = np.repeat(np.sqrt(self.scales), q)
         scaled = gls(values - model, noise * np.outer(root, root) + (covariance - noise), design)

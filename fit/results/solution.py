@@ -13,7 +13,7 @@ from typing import Any, Literal
 import numpy as np
 
 from fit.results.quality import ErrorSource, Quality
-from fit.results.storage import Result, coefficient_columns, count, decoded, encoded, exact, number, words
+from fit.results.storage import Result, coefficient_columns, count, decoded, encode, exact, number, words
 from vsh.coefficients import FIRST_DEGREE, Coefficients, vector_of
 from vsh.field import Field
 from vsh.io import tables
@@ -227,7 +227,7 @@ def at_sources(coefficients: Coefficients, field: Field) -> FloatArray:
     return synthesis(coefficients, field.lon, field.lat)
 
 
-class Summarised:
+class SolutionSummary:
     """The mixin of solutions for coefficients of motions."""
 
     coefficients: Coefficients
@@ -303,7 +303,7 @@ class Summarised:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Solution(Summarised, HarmonicSolution):
+class Solution(SolutionSummary, HarmonicSolution):
     """Coefficients with their covariance.
 
     Attributes
@@ -328,7 +328,7 @@ class Solution(Summarised, HarmonicSolution):
     by_prior : float
         How many of the coefficients a prior determined in place of the data, tr(C P) with P its inverse covariance;
         the others cost a degree of freedom each.
-    unshrunk : Solution or None
+    without_prior : Solution or None
         The same without the prior of a floor: what the powers and p-values of degrees beyond 1 are taken from.
     unit : str
         Unit of the coefficients: "µas/yr" of motions, "µas" of differences of position.
@@ -367,7 +367,7 @@ class Solution(Summarised, HarmonicSolution):
     errors_from: str = "the catalogue"
     covariance_dof: float = float("inf")
     by_prior: float = 0.0
-    unshrunk: Solution | None = None
+    without_prior: Solution | None = None
     unit: str = "µas/yr"
     floor: Any = None
     formal_covariance: FloatArray | None = None
@@ -444,7 +444,7 @@ class Solution(Summarised, HarmonicSolution):
             error_source=ErrorSource.CATALOGUE,
             covariance_dof=float("inf"),
             includes_floor=False,
-            unshrunk=None,
+            without_prior=None,
         )
 
     def latex(
@@ -478,8 +478,8 @@ class Solution(Summarised, HarmonicSolution):
         tuple[array, array]
             [µas/yr], [(µas/yr)²]
         """
-        if self.unshrunk is not None and l > 1:
-            return self.unshrunk.of_degree(kind, l)
+        if self.without_prior is not None and l > 1:
+            return self.without_prior.of_degree(kind, l)
         return super().of_degree(kind, l)
 
     @property
@@ -521,11 +521,11 @@ class Solution(Summarised, HarmonicSolution):
         height : int
             [pixels]
         """
-        from vsh.figures.page import Shown, widget
+        from vsh.figures.page import ShownPage, widget
         from vsh.figures.plot import picture_of, plot_field
 
         field, covariance = field.to_frame(self.frame), self.covariance
-        shown = Shown("fit", field, self.coefficients, covariance, self.unit)
+        shown = ShownPage("fit", field, self.coefficients, covariance, self.unit)
         return widget(
             shown,
             height=height,
@@ -548,10 +548,10 @@ class Solution(Summarised, HarmonicSolution):
             "errors_from": self.errors_from,
             "covariance_dof": exact(self.covariance_dof),
             "by_prior": exact(self.by_prior),
-            "unshrunk": encoded(self.unshrunk),
+            "without_prior": encode(self.without_prior),
             "unit": self.unit,
-            "floor": encoded(self.floor),
-            "formal_covariance": encoded(self.formal_covariance),
+            "floor": encode(self.floor),
+            "formal_covariance": encode(self.formal_covariance),
             "error_source": str(self.error_source),
             "includes_floor": bool(self.includes_floor),
             "is_recommended": bool(self.is_recommended),
@@ -586,7 +586,7 @@ class Solution(Summarised, HarmonicSolution):
             str(rest["errors_from"]),
             number(rest["covariance_dof"]),
             number(rest["by_prior"]),
-            decoded(rest["unshrunk"]),
+            decoded(rest["without_prior"]),
             str(rest["unit"]),
             decoded(rest.get("floor")),
             decoded(rest.get("formal_covariance")),
@@ -692,7 +692,7 @@ class NamedSolution(LinearSolution):
             "covariance": self.covariance,
         }
         rest = {
-            entry.name: encoded(getattr(self, entry.name))
+            entry.name: encode(getattr(self, entry.name))
             for entry in fields(self)
             if entry.name not in ("names", "values", "covariance")
         }

@@ -52,7 +52,7 @@ def same(one: Any, two: Any) -> bool:
     return bool(one == two)
 
 
-def encoded(value: Any) -> Any:
+def encode(value: Any) -> Any:
     """A value as plain JSON, every bit of it: arrays as compressed bytes, results and nouns by their attributes."""
     if isinstance(value, np.ndarray):
         array = np.ascontiguousarray(value).astype(value.dtype.newbyteorder("<"))
@@ -60,15 +60,15 @@ def encoded(value: Any) -> Any:
         return {"array": data, "kind": array.dtype.str, "shape": list(array.shape)}
     if type(value).__module__.split(".")[0] in ("fit", "vsh") and (is_dataclass(value) or hasattr(value, "_fields")):
         about = {"type": type(value).__name__, "module": type(value).__module__}
-        return about | {"fields": {name: encoded(getattr(value, name)) for name in _attributes(type(value))}}
+        return about | {"fields": {name: encode(getattr(value, name)) for name in _attributes(type(value))}}
     if isinstance(value, (bool, int, np.integer)) or value is None:
         return value if value is None or isinstance(value, (bool, int)) else int(value)
     if isinstance(value, (float, np.floating)):
         return {"float": exact(float(value))}
     if isinstance(value, dict):
-        return {"dict": [[encoded(key), encoded(each)] for key, each in value.items()]}
+        return {"dict": [[encode(key), encode(each)] for key, each in value.items()]}
     if isinstance(value, (list, tuple)):
-        return {"list" if isinstance(value, list) else "tuple": [encoded(each) for each in value]}
+        return {"list" if isinstance(value, list) else "tuple": [encode(each) for each in value]}
     return str(value)
 
 
@@ -82,7 +82,7 @@ def _attributes(kind):
 
 
 def decoded(plain: Any) -> Any:
-    """Decode what `encoded` wrote."""
+    """Decode what `encode` wrote."""
     if not isinstance(plain, dict):
         return plain
     if "array" in plain:
@@ -240,7 +240,7 @@ class Result(Frozen):
         units = {name: str(table[name].unit) for name in table.colnames if table[name].unit is not None}
         return (
             columns,
-            {"fields": {entry.name: encoded(getattr(self, entry.name)) for entry in fields(cast(Any, self))}},
+            {"fields": {entry.name: encode(getattr(self, entry.name)) for entry in fields(cast(Any, self))}},
             units,
         )
 

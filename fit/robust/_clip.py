@@ -13,7 +13,7 @@ from fit.normal.sums import sandwich, weighted_sums
 from fit.results.quality import ErrorSource
 from fit.results.solution import AboutSolution, Solution
 from fit.solving import solve
-from vsh.field import Field, Weighed
+from vsh.field import Field, SourcesWithErrors
 from vsh.io.parts import Parts, as_parts, median
 from vsh.models.covariance import Covariance, as_covariance
 from vsh.modes import Modes, as_modes
@@ -26,7 +26,7 @@ from vsh.tools.types import BoolArray, FloatArray
 
 
 @dataclass(frozen=True, eq=False)
-class Clipped(AboutSolution):
+class ClippedFit(AboutSolution):
     """A fit to the sources that agree with it.
 
     Attributes
@@ -92,7 +92,7 @@ def clip(
     *,
     max_rounds: int = 100,
     covariance: Covariance | FloatArray | None = None,
-) -> Clipped:
+) -> ClippedFit:
     """Fit, leave out what lies too far from the fit, and fit again until nothing changes.
 
     The distance is X = √(Δᵀ C⁻¹ Δ), Δ the residual of a source, C its covariance. Every round looks at all sources
@@ -144,7 +144,7 @@ def clip(
     """
     modes = modes_for(field, modes)
     shared = None if covariance is None else as_covariance(covariance, field)
-    sky = as_parts(field if shared is None else shared.own_errors(cast(Field, field)), Weighed)
+    sky = as_parts(field if shared is None else shared.own_errors(cast(Field, field)), SourcesWithErrors)
     given = positive("kappa", kappa) if threshold is None else threshold
     normal = normal_equations(field, modes, covariance=shared)
     n_sources = n_kept = normal.n_sources
@@ -159,9 +159,11 @@ def clip(
         solution = solve(normal)
         distances = partial(_distances, solution=solution)
         if sky.in_memory is not None:  # once a round, for the median and the choice alike
-            distances = partial(_known, values=distances(sky.in_memory))
+            distances = partial(_check_start, values=distances(sky.in_memory))
         limit = threshold or in_medians * float(median(sky, distances, f"clip, round {rounds}"))
-        chosen = sky.sum(partial(_within, distances=distances, limit=limit), roles=(), words=f"clip, round {rounds}")
+        chosen = sky.sum(
+            partial(_select_within, distances=distances, limit=limit), roles=(), words=f"clip, round {rounds}"
+        )
         if chosen["mark"] == kept or (kept is None and chosen["sources"] == n_sources):
             rule = (
                 f"κ = {kappa:g}{'' if components == 2 else f', {in_medians:.3g}'} times the median"
@@ -170,7 +172,7 @@ def clip(
             )
             note = f"clipped {n_sources - n_kept} of {n_sources} sources with X > {limit:.3g} ({rule}; {rounds} rounds)"
             mask = distances(sky.in_memory) <= limit if sky.in_memory is not None else None
-            return _corrected(solution, mask, rounds, limit, q, note, n_sources - n_kept)
+            return _correct_bias(solution, mask, rounds, limit, q, note, n_sources - n_kept)
         if components * chosen["sources"] < len(modes):
             raise ConvergenceError(
                 f"clipping leaves {chosen['sources']} of {n_sources} sources, too few for {len(modes)} coefficients: "
@@ -180,7 +182,7 @@ def clip(
         if kept in seen or rounds == max_rounds:
             swing = sky.sum(partial(_differing, one=(distances, limit), two=before), roles=(), words="clip")
         if kept in seen and swing <= max(1, n_sources // 1000):
-            return _settled(sky, modes, shared, (distances, limit), before, rounds, swing, q)
+            return _find_fixed_point(sky, modes, shared, (distances, limit), before, rounds, swing, q)
         if kept in seen:
             raise ConvergenceError(
                 f"the clipping oscillates after {rounds} rounds: {swing} sources are alternately clipped and kept at "
@@ -199,7 +201,7 @@ def clip(
     )
 
 
-def _settled(sky, modes, shared, one, two, rounds, swing, q):
+def _find_fixed_point(sky, modes, shared, one, two, rounds, swing, q):
     """The fit to what both choices keep between which a few sources swing."""
     both = partial(_larger, one=one, two=two)
     select = partial(_select, distances=both, limit=1.0)
@@ -215,7 +217,7 @@ def _settled(sky, modes, shared, one, two, rounds, swing, q):
         f"clipped {n_sources - n_kept} of {n_sources} sources with X > {limit:.3g} ({rounds} rounds; {swing} of them "
         f"{'was' if swing == 1 else 'were'} alternately clipped and kept)"
     )
-    return _corrected(solve(normal), mask, rounds, limit, q, note, n_sources - n_kept)
+    return _correct_bias(solve(normal), mask, rounds, limit, q, note, n_sources - n_kept)
 
 
 def _larger(field, one, two):
@@ -223,7 +225,7 @@ def _larger(field, one, two):
     return np.maximum(*(distances(field) / limit for distances, limit in (one, two)))
 
 
-def _corrected(solution, kept, rounds, limit, q, note, n_clipped):
+def _correct_bias(solution, kept, rounds, limit, q, note, n_clipped):
     """The clipped solution, its errors and χ² corrected for the choice by residuals up to X²/2 = q."""
     variance, share = truncation(q, solution.modes.components)
     if variance > 1.001:
@@ -231,7 +233,7 @@ def _corrected(solution, kept, rounds, limit, q, note, n_clipped):
     solution = replace(
         solution, covariance=solution.covariance * variance, chi2=solution.chi2 / share, notes=(*solution.notes, note)
     )
-    return Clipped(solution, kept, rounds, limit, float(np.sqrt(variance)), n_clipped)
+    return ClippedFit(solution, kept, rounds, limit, float(np.sqrt(variance)), n_clipped)
 
 
 def _distances(field, solution):
@@ -239,7 +241,7 @@ def _distances(field, solution):
     return np.sqrt(solution.residuals(field).chi2)
 
 
-def _known(field, values):
+def _check_start(field, values):
     """X of the field in memory, which was computed before."""
     return values
 
@@ -254,7 +256,7 @@ def _differing(field, one, two):
     return int((kept != before).sum())
 
 
-def _within(field, distances, limit):
+def _select_within(field, distances, limit):
     """Count the sources that are kept, and a sum of hashes that tells one choice from another."""
     kept = distances(field) <= limit
     places = np.stack([field.lon[kept], field.lat[kept]]).view(np.uint64)
@@ -310,9 +312,9 @@ class ExcessNoise(AboutSolution):
         Parameters
         ----------
         field, modes, templates
-            As for `Reweighted.equations`.
+            As for `ReweightedFit.equations`.
         """
-        enlarged = as_parts(field).map(Enlarged(self.excess_noise**2, self.scale**2))
+        enlarged = as_parts(field).map(EnlargedErrors(self.excess_noise**2, self.scale**2))
         return normal_equations(enlarged, as_modes(modes), templates=templates)
 
 
@@ -350,7 +352,7 @@ def excess_noise(
     not right where errors of neighbours are correlated: `fit.resample` tells.
     """
     modes, sky = as_modes(modes), as_parts(field)
-    problem = _Restricted(sky, modes, bool(scale))
+    problem = _RestrictedErrors(sky, modes, bool(scale))
     parameters = problem.maximum(max_rounds, tolerance)
     _, slope = problem.loss(parameters)
     errors = problem.errors(parameters)
@@ -396,7 +398,7 @@ def _scores(field, solution):
 
 
 @dataclass(frozen=True)
-class Enlarged:
+class EnlargedErrors:
     """A step: the field with errors f² C + s² I."""
 
     noise: float
@@ -433,7 +435,7 @@ def _sums(field, enlarged, modes):
     }
 
 
-class _Restricted:
+class _RestrictedErrors:
     """−ln of the restricted likelihood a source, of s² (in units of the mean variance by weight) and f²."""
 
     def __init__(self, sky, modes, scale):
@@ -445,7 +447,7 @@ class _Restricted:
 
     def enlarged(self, parameters):
         """The step to the field with errors f² C + s² I."""
-        return Enlarged(float(parameters[0]) * self.unit**2, float(parameters[1]) if self.scale else 1.0)
+        return EnlargedErrors(float(parameters[0]) * self.unit**2, float(parameters[1]) if self.scale else 1.0)
 
     def sums(self, parameters):
         """Sums over all sources, cached."""

@@ -20,9 +20,9 @@ from fit.normal import NormalEquations, Template, normal_equations, template_fie
 from fit.normal.sums import sandwich
 from fit.results.quality import ErrorSource
 from fit.results.solution import AboutSolution, Solution
-from fit.robust._clip import Enlarged
+from fit.robust._clip import EnlargedErrors
 from fit.solving import solve
-from vsh.field import Field, Weighed
+from vsh.field import Field, SourcesWithErrors
 from vsh.io.parts import Parts, as_parts
 from vsh.modes import Modes, as_modes
 from vsh.scalars import ScalarField, modes_for
@@ -184,7 +184,7 @@ _ADAPTING = 15
 
 
 @dataclass(frozen=True, eq=False)
-class Reweighted(AboutSolution):
+class ReweightedFit(AboutSolution):
     """A fit in which sources with large residuals have less weight.
 
     Attributes
@@ -285,7 +285,7 @@ def student_t(
     tolerance: float = 1e-4,
     max_rounds: int = 500,
     noise: float = 0.0,
-) -> Reweighted:
+) -> ReweightedFit:
     """Fit with a Student-t likelihood of each source's residual, both components of a motion together.
 
     Parameters
@@ -322,7 +322,7 @@ def student_t(
     """
     modes, sky = modes_for(field, modes), _with_noise(field, noise)
     weight = StudentT(4.0 if nu is None else nu, estimated=nu is None, components=modes.components)
-    fitted = _reweighted(sky, modes, weight, "Student-t", tolerance, max_rounds, 0.75)
+    fitted = _iterate_weights(sky, modes, weight, "Student-t", tolerance, max_rounds, 0.75)
     return replace(fitted, noise=float(noise), log_likelihood=_log_likelihood(sky, fitted.share))
 
 
@@ -332,7 +332,7 @@ def student_t(
 )
 def permissive(
     field: Field | ScalarField | Parts, modes: Modes | int, *, tolerance: float = 1e-4, max_rounds: int = 500
-) -> Reweighted:
+) -> ReweightedFit:
     """Fit taking every error for a lower bound: Sivia's conservative formulation.
 
     The true errors are s ≥ 1 times the stated ones, with probability density 1/s². For two
@@ -353,8 +353,8 @@ def permissive(
     Sivia & Skilling (2006, Data Analysis, sect. 8.3.1), there for one component. The covariance is the same
     sandwich as that of `student_t`.
     """
-    modes, sky = modes_for(field, modes), as_parts(field, Weighed)
-    return _reweighted(
+    modes, sky = modes_for(field, modes), as_parts(field, SourcesWithErrors)
+    return _iterate_weights(
         sky,
         modes,
         Permissive(components=modes.components),
@@ -365,7 +365,7 @@ def permissive(
     )
 
 
-def _reweighted(sky, modes, weight, name, tolerance, max_rounds, power):
+def _iterate_weights(sky, modes, weight, name, tolerance, max_rounds, power):
     """Iterate the weighted fit until no coefficient moves by `tolerance` of its error."""
     normal, information = sky.sum(partial(_plain, modes=modes), roles=(), words=name)
     plain = solution = solve(normal)
@@ -374,7 +374,7 @@ def _reweighted(sky, modes, weight, name, tolerance, max_rounds, power):
         words = f"{name}, round {rounds}"
         weight = weight.fitted(sky, Share(solution, weight, leverage), words)
         share = Share(solution, weight, leverage)
-        weighted = sky.sum(partial(_weighted, share=share, modes=modes), roles=(), words=words)
+        weighted = sky.sum(partial(_weight_field, share=share, modes=modes), roles=(), words=words)
         solution = solve(weighted["normal"])
         if plain.n_data >= _MANY:
             # Newton's step for the scores: that of the weights alone falls short where these follow the residuals.
@@ -425,13 +425,13 @@ def _with_errors(sky, plain, solution, share, name, rounds, power):
     )
     weights = None if sky.in_memory is None else share(sky.in_memory)[1]
     share.last.clear()
-    return Reweighted(solution, weights, rounds, inflation, float(effective), share.weight.nu, share)
+    return ReweightedFit(solution, weights, rounds, inflation, float(effective), share.weight.nu, share)
 
 
 def _with_noise(field, noise):
     """The sources in parts, with a noise in their errors."""
-    sky = as_parts(field, Weighed)
-    return sky.map(Enlarged(float(noise) ** 2, 1.0)) if noise else sky
+    sky = as_parts(field, SourcesWithErrors)
+    return sky.map(EnlargedErrors(float(noise) ** 2, 1.0)) if noise else sky
 
 
 def _log_likelihood(sky, share):
@@ -451,7 +451,7 @@ def _plain(field, modes):
     return normal_equations(field, modes), float(field.information.sum())
 
 
-def _weighted(field, share, modes):
+def _weight_field(field, share, modes):
     _, u, _, _ = share(field)
     normal = normal_equations(field.with_errors(field.sigma / np.sqrt(u)), modes)
     return {"normal": normal} | _class_sums(field, share)

@@ -19,16 +19,16 @@ from fit.secular_parallax._estimate import (
     DistanceOptions,
     VelocityForecast,
     by_frame,
+    collect_notes,
     dispersion_of,
     flow_theory,
     forecast_velocity,
     hubble_constant,
+    is_frame_undeclared,
     modes_within,
-    noted,
     observer_velocity,
     parallax_equations,
     predict_errors,
-    undeclared,
 )
 from fit.secular_parallax._solution import HubbleSolution, ParallaxSolution, VelocitySolution
 

@@ -26,7 +26,7 @@ from fit.secular_parallax._equations import (
     equations,
     solve_for,
 )
-from fit.secular_parallax._solution import HubbleSolution, VelocitySolution, freed, preferred_dispersion
+from fit.secular_parallax._solution import HubbleSolution, VelocitySolution, fit_free_scale, preferred_dispersion
 from vsh.field import Field
 from vsh.io import tables
 from vsh.io.parts import Parts
@@ -148,11 +148,11 @@ def _theory_left(options) -> LinearTheory | None:
     error = options.get("reconstruction_error", 0.5)
     if not 0 < error <= 1:
         raise ParameterError(f"a reconstruction errs by a fraction of the flow above 0, at most 1, not {error!r}")
-    return _scaled(theory, float(error))
+    return _scale_theory(theory, float(error))
 
 
 @lru_cache(maxsize=8)
-def _scaled(theory, error):
+def _scale_theory(theory, error):
     return replace(theory, growth_rate=theory.growth_rate * error, name=f"{theory.name}, {error:g} of it")
 
 
@@ -167,7 +167,7 @@ def modes_within(
     return flow_modes(0.5 * low, 1.2 * high, n_modes, theory)
 
 
-def undeclared(field: Field | Parts, redshift_frame: str | None) -> bool:
+def is_frame_undeclared(field: Field | Parts, redshift_frame: str | None) -> bool:
     """Return whether the frame of the redshifts is not given."""
     if redshift_frame is not None:
         return False
@@ -187,11 +187,11 @@ def by_frame(words: Callable[[str], str], frames: Sequence[str]) -> dict[str, tu
     return words_by_frame
 
 
-def noted(
+def collect_notes(
     rows: Any, field: Field | Parts, redshift_frame: str | None, words: Callable[[str], str] | None = None
 ) -> Any:
     """The equations, with a note and a warning where the frame of the redshifts is not given."""
-    if not undeclared(field, redshift_frame):
+    if not is_frame_undeclared(field, redshift_frame):
         return rows
     changes = ["what it would change fit.secular_parallax.observer_velocity tells"]
     if words is not None:
@@ -294,7 +294,7 @@ def observer_velocity(
     }
     estimate = partial(observer_velocity, field, hubble, **known, **distances)
     if isinstance(peculiar_dispersion, str):
-        return freed(estimate, field, peculiar_dispersion, most_beside(flow_theory(distances)))
+        return fit_free_scale(estimate, field, peculiar_dispersion, most_beside(flow_theory(distances)))
     dispersion = dispersion_of(peculiar_dispersion, distances)
     given: dict[str, Any] = {"cosmology": cosmology, "peculiar_dispersion": dispersion} | distances
 
@@ -302,7 +302,9 @@ def observer_velocity(
         return _in_words(estimate(peculiar_dispersion=dispersion, redshift_frame=frame).velocity)
 
     ratio = hubble / hubble_value(FLAT_PLANCK13 if cosmology is None else cosmology)
-    rows = noted(parallax_equations(field, ratio=ratio, **given), field, distances.get("redshift_frame"), as_frame)
+    rows = collect_notes(
+        parallax_equations(field, ratio=ratio, **given), field, distances.get("redshift_frame"), as_frame
+    )
     return velocity_from(rows, hubble, dispersion, spin, acceleration, excess_noise)
 
 
@@ -324,7 +326,7 @@ def velocity_from(
     names = ("v_x", "v_y", "v_z", "a_x", "a_y", "a_z")
     group = local_group_of(local_group, rows)
     left_out = _left_out(rows, dispersion, excess_noise, ratio)
-    best = _preferred(rows, dispersion, excess_noise, acceleration, ratio, spin) if preferred else None
+    best = _select_preferred(rows, dispersion, excess_noise, acceleration, ratio, spin) if preferred else None
     solved = solve_for(sums, to_u[:, : OMEGA.start], names, spin, rows, acceleration, ratio, group, left_out=left_out)
     return VelocitySolution(**solved, preferred=best, peculiar_dispersion=dispersion, assumed_hubble=hubble)
 
@@ -335,7 +337,7 @@ def _left_out(rows, dispersion, excess_noise, ratio):
     return None if rest is None else rest.sums(dispersion * ratio, excess_noise, rows.n_data // 2)
 
 
-def _preferred(rows, dispersion, excess_noise, acceleration, ratio, spin):
+def _select_preferred(rows, dispersion, excess_noise, acceleration, ratio, spin):
     """Dispersion that the residuals prefer; None for parts."""
     if not isinstance(rows, ParallaxEquations):
         return None
@@ -390,7 +392,7 @@ def hubble_constant(
     known |= {"hubble": hubble, "local_group": local_group}
     estimate = partial(hubble_constant, field, velocity, **known, **distances)
     if isinstance(peculiar_dispersion, str):
-        return freed(estimate, field, peculiar_dispersion, most_beside(flow_theory(distances)))
+        return fit_free_scale(estimate, field, peculiar_dispersion, most_beside(flow_theory(distances)))
     dispersion = dispersion_of(peculiar_dispersion, distances)
     given: dict[str, Any] = {"cosmology": cosmology, "peculiar_dispersion": dispersion} | distances
 
@@ -398,7 +400,9 @@ def hubble_constant(
         solution = estimate(peculiar_dispersion=dispersion, redshift_frame=frame)
         return f"H0 = {solution.hubble:.1f} ± {solution.hubble_error:.1f} km/s/Mpc"
 
-    rows = noted(parallax_equations(field, apart=True, **given), field, distances.get("redshift_frame"), as_frame)
+    rows = collect_notes(
+        parallax_equations(field, apart=True, **given), field, distances.get("redshift_frame"), as_frame
+    )
     return hubble_from(rows, velocity, dispersion, spin, acceleration, excess_noise, hubble, local_group)
 
 
@@ -420,7 +424,7 @@ def hubble_from(
     sums = rows.sums(dispersion * ratio, excess_noise, ratio=ratio)
     names = ("H0", "a_x", "a_y", "a_z")
     left_out = _left_out(rows, dispersion, excess_noise, ratio)
-    best = _preferred(rows, dispersion, excess_noise, acceleration, ratio, spin) if preferred else None
+    best = _select_preferred(rows, dispersion, excess_noise, acceleration, ratio, spin) if preferred else None
 
     def at(v):
         to_u = np.zeros((12, 4))
@@ -488,7 +492,7 @@ def predict_errors(
     **options
         Those of `fit.secular_parallax.observer_velocity`, but hubble: flows="linear", acceleration=Vector, …
     """
-    still = Field.without_motions(sources, sigma)
+    still = Field.from_positions(sources, sigma)
     still = still.minus(still.motion)
     options = {"redshift_frame": still.redshift_frame or "true"} | options
     apart = {name: options[name] for name in ("spin", "acceleration", "excess_noise") if name in options}

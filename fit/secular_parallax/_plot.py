@@ -8,6 +8,7 @@ from vsh.figures.plot import (
     COLOURS,
     DIVERGING,
     WIDTH,
+    apply_style,
     arrow_grid,
     draw_key,
     draw_map,
@@ -16,7 +17,6 @@ from vsh.figures.plot import (
     log_ticks,
     panels,
     sky_axes,
-    styled,
 )
 from vsh.sky.pixels import centres
 from vsh.tools.types import AxesArray, OnAxes
@@ -26,7 +26,7 @@ _NSIDE = 16
 _LONGEST = 16.0
 
 
-@styled
+@apply_style
 def plot_flow(flow: Any, *, ax: OnAxes | None = None) -> AxesArray:
     """Velocities on shells: radial ones as colours, tangential ones as arrows; faint where the fit knows nothing."""
     last = flow.modes.radii[-1]
@@ -43,14 +43,14 @@ def plot_flow(flow: Any, *, ax: OnAxes | None = None) -> AxesArray:
         tangential, _ = flow.at(*grid, np.full(grid[0].size, radius))
         draw_vectors(axes, *grid, tangential, scale=reach, longest=_LONGEST, color="0.1")
         draw_key(axes, reach, "km/s across", _LONGEST)
-        sure = _known(flow, radius)
+        sure = _tabulate_flow(flow, radius)
         axes.set_title(f"{radius:.0f} Mpc/h: {sure:.0%} of the flow's variance known from the motions")
     bar = axes.figure.colorbar(image, ax=list(drawn), orientation="horizontal", shrink=0.7, pad=0.02, aspect=30)
     bar.set_label("velocity away from us  [km/s], in the frame of the CMB")
     return drawn
 
 
-def _known(flow, radius, places=48):
+def _tabulate_flow(flow, radius, places=48):
     """The share of the modes' variance that the fit took away, over directions."""
     lon, lat = even_grid(30.0)
     lon, lat = lon[:: max(1, lon.size // places)], lat[:: max(1, lat.size // places)]
@@ -60,7 +60,7 @@ def _known(flow, radius, places=48):
     return max(0.0, 1 - after.sum() / np.sum(rows**2))
 
 
-@styled
+@apply_style
 def plot_forecast(forecast: Any, *, ax: OnAxes | None = None) -> AxesArray:
     """Errors of H0 against the redshift limit."""
     count = len(forecast.catalogues)

@@ -156,13 +156,13 @@ def _velocity_facts(solution, quality, long):
     if long:
         from_planck = solution.against(CMB_VELOCITY_PLANCK18)[0]
         from_none = float(v.value @ np.linalg.solve(v.covariance, v.value))
-        facts.append(("against zero", _both(from_none, 3, quality)))
+        facts.append(("against zero", _format_chi2(from_none, 3, quality)))
         against = f"{CMB_VELOCITY_PLANCK18.amplitude:.1f} km/s of the microwave background: "
-        facts.append(("against the", against + _both(from_planck, 3, quality)))
+        facts.append(("against the", against + _format_chi2(from_planck, 3, quality)))
     return facts
 
 
-def _both(chi2, dof, quality):
+def _format_chi2(chi2, dof, quality):
     """A χ² with its p-value as quoted, and with errors scaled where χ²/dof asks for it."""
     line = f"χ² = {chi2:.2f} for {dof}, p-value {p_value(chdtrc(dof, chi2))}"
     if quality.factor > 1:
@@ -203,7 +203,7 @@ _SOURCES = 4000
 
 
 @dataclass(frozen=True)
-class Preferred:
+class PreferredScale:
     """The dispersion that the residuals prefer."""
 
     best: float
@@ -225,7 +225,7 @@ def preferred_dispersion(
     acceleration: Vector | None,
     ratio: float,
     spin: Literal["free"] | Vector | None = None,
-) -> Preferred:
+) -> PreferredScale:
     """The likelihood of the dispersion beside the flow and the spin; `taken` is that of the estimate. [km/s]"""
     few = rows.most_sensitive(_SOURCES)
     sums = with_acceleration(few.sums(GRID * ratio, excess_noise, ratio=ratio), acceleration, rows.frame)
@@ -249,7 +249,7 @@ def preferred_dispersion(
     return _summary(log, taken)
 
 
-def _summary(log: FloatArray, taken: float) -> Preferred:
+def _summary(log: FloatArray, taken: float) -> PreferredScale:
     """Summarise ln L on the grid."""
     curve = CubicSpline(GRID, log)
     fine = np.linspace(0, GRID[-1], 1401)
@@ -258,10 +258,10 @@ def _summary(log: FloatArray, taken: float) -> Preferred:
     share = np.cumsum(np.exp(values - values[best]))
     low, high = np.interp([0.15865525, 0.84134475], share / share[-1], fine)
     gain = values[best] - float(curve(min(taken, GRID[-1])))
-    return Preferred(float(fine[best]), float(low), float(high), float(max(gain, 0.0)))
+    return PreferredScale(float(fine[best]), float(low), float(high), float(max(gain, 0.0)))
 
 
-def freed(estimate: Callable[..., Any], field: Any, word: str, most: float = float("inf")) -> Any:
+def fit_free_scale(estimate: Callable[..., Any], field: Any, word: str, most: float = float("inf")) -> Any:
     """An estimate with the dispersion that its residuals prefer, `most` at most; its uncertainty adds to the errors."""
     if word != "free":
         raise ParameterError(f"a dispersion is a number [km/s], or 'free', not {word!r}")
@@ -327,7 +327,7 @@ class ParallaxSolution(NamedSolution):
     flow: Flow | None = None
     noise_covariance: FloatArray | None = None
     flow_covariance: FloatArray | None = None
-    preferred: Preferred | None = None
+    preferred: PreferredScale | None = None
 
     @property
     def cosmic_share(self) -> float | None:

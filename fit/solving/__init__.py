@@ -21,7 +21,7 @@ from vsh.sky.sphere import widest_gap
 from vsh.tools import arguments
 from vsh.tools.arguments import explained
 from vsh.tools.errors import DegeneracyError, ParameterError
-from vsh.tools.notes import CodedNote, spoken
+from vsh.tools.notes import CodedNote, format_notes
 from vsh.tools.printing import logged
 from vsh.tools.types import FloatArray
 
@@ -88,7 +88,7 @@ def solve(
     factor, scale = _factor(normal, max_condition)
     covariance = cho_solve(factor, np.diag(scale)) * scale[:, None]
     values = scale * cho_solve(factor, scale * normal.rhs)
-    chi2, notes = float(normal.chi2_null - values @ normal.rhs), spoken(normal.notes)
+    chi2, notes = float(normal.chi2_null - values @ normal.rhs), format_notes(normal.notes)
     if normal.templates:
         names = ", ".join(each.name for each in normal.templates)
         notes = (*notes, f"templates are not in this fit, but in that of fit.background.shared: {names}")

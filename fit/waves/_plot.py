@@ -6,12 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from vsh.figures.plot import COLOURS, WIDTH, draw_points, legend_above, log_ticks, panels, plot_map, styled
+from vsh.figures.plot import COLOURS, WIDTH, apply_style, draw_points, legend_above, log_ticks, panels, plot_map
 from vsh.io.tables import printed_p_value
 from vsh.tools.types import Axes, AxesArray, OnAxes
 
 
-@styled
+@apply_style
 def plot_search(search: Any, *, ax: OnAxes | None = None) -> AxesArray:
     """2F and the limit of every direction that a wave may travel to."""
     heading = (
@@ -28,7 +28,7 @@ def plot_search(search: Any, *, ax: OnAxes | None = None) -> AxesArray:
     return drawn
 
 
-@styled
+@apply_style
 def plot_spectrum(spectrum: Any, *, ax: Axes | None = None) -> Axes:
     """The strain that a wave can have, with 95 %, against its frequency: median and range over directions."""
     (axes,) = panels(ax, size=(WIDTH, 3.0))

@@ -30,7 +30,7 @@ from vsh.sky.pixels import centres
 from vsh.sky.sphere import triad
 from vsh.tools import arguments
 from vsh.tools.arguments import explained, generator
-from vsh.tools.errors import DegeneracyError, ModesError, NothingLeftError, ParameterError
+from vsh.tools.errors import DegeneracyError, EmptyFieldError, ModesError, ParameterError
 from vsh.tools.notebook import Frozen
 from vsh.tools.notes import merge_notes
 from vsh.tools.types import Axes, AxesArray, BoolArray, FloatArray, OnAxes, Rng, Table
@@ -39,7 +39,7 @@ from vsh.vector import Vector
 
 
 @dataclass(frozen=True, eq=False)
-class Whitened(Frozen):
+class WhitenedData(Frozen):
     """Equations of unit noise for some coefficients, all others free."""
 
     kept: BoolArray
@@ -47,7 +47,7 @@ class Whitened(Frozen):
     values: FloatArray
 
     @classmethod
-    def of(cls, matrix: FloatArray, rhs: FloatArray, kept: BoolArray) -> Whitened:
+    def of(cls, matrix: FloatArray, rhs: FloatArray, kept: BoolArray) -> WhitenedData:
         """Make it from normal equations."""
         try:
             free = cho_factor(matrix[np.ix_(~kept, ~kept)])
@@ -70,7 +70,7 @@ def templates(lmax: int, nside: int) -> FloatArray:
     return templates
 
 
-def map_of(white: Whitened, modes: Modes, nside: int, copies: int = 1) -> tuple[FloatArray, FloatArray, FloatArray]:
+def map_of(white: WhitenedData, modes: Modes, nside: int, copies: int = 1) -> tuple[FloatArray, FloatArray, FloatArray]:
     """2F, the best amplitudes, (2 copies, n), and their covariance, (n, 2 copies, 2 copies), for every direction."""
     seen, inverse = _basis(white, modes, nside, copies)
     g = np.tensordot(white.values, seen, axes=(0, 1))
@@ -89,7 +89,7 @@ def _basis(white, modes, nside, copies):
     return seen, np.linalg.inv(np.einsum("iqn,jqn->nij", seen, seen))
 
 
-def chance(white: Whitened, modes: Modes, nside: int, largest: float, n_skies: int, rng: Rng) -> float:
+def chance(white: WhitenedData, modes: Modes, nside: int, largest: float, n_skies: int, rng: Rng) -> float:
     """Probability that noise alone gives as large a 2F anywhere."""
     return share_beyond(chances(white, modes, nside, n_skies, rng), largest)
 
@@ -99,7 +99,7 @@ def share_beyond(maxima: FloatArray, largest: float) -> float:
     return (1 + int(np.sum(maxima >= largest))) / (1 + len(maxima))
 
 
-def chances(white: Whitened, modes: Modes, nside: int, n_skies: int, rng: Rng, copies: int = 1) -> FloatArray:
+def chances(white: WhitenedData, modes: Modes, nside: int, n_skies: int, rng: Rng, copies: int = 1) -> FloatArray:
     """The largest 2F of each of so many skies of noise."""
     seen, inverse = _basis(white, modes, nside, copies)
     root = np.linalg.cholesky(inverse)
@@ -313,7 +313,7 @@ def search(
     wanted = tuple(sorted(set(degrees))) if degrees is not None else tuple(range(2, modes.lmax + 1))
     if not wanted or wanted[0] < 2 or wanted[-1] > modes.lmax:
         raise ModesError(f"waves have degrees from 2 on, and {modes.lmax} are fitted: not {wanted or 'none'}")
-    white = Whitened.of(equations.matrix, equations.rhs, np.isin(modes.degrees, wanted))
+    white = WhitenedData.of(equations.matrix, equations.rhs, np.isin(modes.degrees, wanted))
     statistic, amplitudes, covariance = map_of(white, modes, nside)
     search = WaveSearch(
         statistic,
@@ -530,7 +530,7 @@ def search_in_time(
     for each in frequencies:
         try:
             equations = normal_equations(observations, modes, waves(each), attitude=attitude, threads=threads)
-        except NothingLeftError as error:
+        except EmptyFieldError as error:
             raise DegeneracyError(str(error)) from None
         one, maxima, missing = _search(equations, each, nside, n_skies, rng)
         searches.append(one)
@@ -560,7 +560,7 @@ def search_in_time(
 
 def _search(equations: TimeEquations, frequency, nside, n_skies, rng):
     """Search one frequency: the search, the largest 2F of each sky of noise, and how many combinations are lost."""
-    modes, unseen = equations.modes, equations.unseen
+    modes, unseen = equations.modes, equations.unconstrained_terms
     free, values, directions, kept = equations.combinations()
     if values[-1] <= 0 or kept.sum() < len(free) / 2:
         raise DegeneracyError(
@@ -569,7 +569,7 @@ def _search(equations: TimeEquations, frequency, nside, n_skies, rng):
     size = np.diag(equations.matrix)
     # A rotation is attitude: any prior does.
     matrix = equations.matrix + np.diag(np.where(unseen, np.median(size), 1e-9 * size))
-    white = Whitened.of(matrix, equations.rhs, np.tile(modes.degrees >= 2, 2))
+    white = WhitenedData.of(matrix, equations.rhs, np.tile(modes.degrees >= 2, 2))
     statistic, amplitudes, covariance = map_of(white, modes, nside, copies=2)
     maxima = chances(white, modes, nside, n_skies, rng, copies=2)
     notes = (*equations.notes, SOLVED_ATTITUDE if equations.attitude != "known" else KNOWN_ATTITUDE)

@@ -12,7 +12,7 @@ from sim.plot import plot_density, plot_distance_and_parallax
 from sim.variability import markov_chain
 from study.config import Study
 from vsh.commands.finishing import without_windows
-from vsh.figures.plot import COLOURS, WIDTH, panels, save_figures, styled
+from vsh.figures.plot import COLOURS, WIDTH, apply_style, panels, save_figures
 from vsh.models.cosmology import transverse_distance
 from vsh.tools.units import AU_PER_YEAR
 
@@ -30,7 +30,7 @@ def write_figures(study: Study, folder: Path) -> list[Path]:
     return save_figures({name: draw() for name, draw in figures.items()}, folder, format=("png", "pdf"))
 
 
-@styled
+@apply_style
 def _tracks(study):
     """Fig. 2: variable photocentres with correlation times of 2 and 10 years, three draws of each."""
     years = study.mission["years"]
@@ -48,7 +48,7 @@ def _tracks(study):
     return drawn
 
 
-@styled
+@apply_style
 def _galaxies(study):
     """Fig. 3: weight and number of galaxies by magnitude; redshifts and the secular parallax."""
     case = next(case["galaxies"] for case in study.cases if "galaxies" in case)

@@ -53,12 +53,12 @@ def _write_text(path, text):
 
 def _correlation(study, folder, name):
     """The formal (9, 9) correlation matrix of ε, ω and ã for one case."""
-    from study.realise import prepared
+    from study.realise import prepare_realisation
 
     case = next(case for case in study.cases if case["name"] == name)
     fields = []
     for kind in ("quasars", "vlbi"):
-        with np.load(prepared(study, case, kind, folder / "prepared", progress=False)) as file:
+        with np.load(prepare_realisation(study, case, kind, folder / "prepared", progress=False)) as file:
             still = np.zeros_like(file["sigma"])
             fields.append(
                 Field(file["lon"], file["lat"], still, file["sigma"], file["rho"], frame=study.settings["frame"])

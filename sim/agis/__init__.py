@@ -16,7 +16,7 @@ from sim.agis._mission import (
     solve_mission,
     start_errors,
 )
-from sim.agis._response import ExactResponse, Response, share_left
+from sim.agis._response import ExactResponse, Response, power_after_attitude_solution
 from sim.agis._results import AgisSolution, correlation_by_angle, ratio_by, rotate_frame
 from sim.agis._system import System
 from sim.agis.passes import FULL, Plan, Scans, plan, scaled, scans
@@ -36,8 +36,8 @@ __all__ = [
     "mixture",
     "observations",
     "plan",
+    "power_after_attitude_solution",
     "scans",
-    "share_left",
     "solve_mission",
 ]
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from sim.agis._results import AgisSolution, ratio_by
-from vsh.figures.plot import COLOURS, SkyAxes, legend_above, panels, plot_map, styled
+from vsh.figures.plot import COLOURS, SkyAxes, apply_style, legend_above, panels, plot_map
 from vsh.sky.pixels import pixels_of
 from vsh.tools.types import ArrayLike, Axes, FloatArray, IntArray
 
@@ -11,7 +11,7 @@ _PARAMETERS = ("α*", "δ", "ϖ", "µα*", "µδ")
 _MARKS = "os^Dv"
 
 
-@styled
+@apply_style
 def plot_convergence(solution: AgisSolution, stop: float = 0.05, *, ax: Axes | None = None) -> Axes:
     """Plot the distance of the low degrees from where they end, iteration by iteration."""
     away = np.abs(solution.history - solution.history[-1])[:-1] / np.sqrt(np.diag(solution.formal_low))
@@ -28,7 +28,7 @@ def plot_convergence(solution: AgisSolution, stop: float = 0.05, *, ax: Axes | N
     return axes
 
 
-@styled
+@apply_style
 def plot_errors_by_magnitude(
     solution: AgisSolution, magnitude: ArrayLike, sources: ArrayLike | None = None, *, ax: Axes | None = None
 ) -> Axes:
@@ -61,7 +61,7 @@ def plot_errors_by_magnitude(
     return axes
 
 
-@styled
+@apply_style
 def plot_correlation(
     angle: FloatArray, correlation: FloatArray, pairs: IntArray, draws: int = 1, *, ax: Axes | None = None
 ) -> Axes:

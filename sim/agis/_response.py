@@ -46,7 +46,7 @@ Functions = Callable[[FloatArray], FloatArray]
 _STEPS = 20_000
 
 
-def share_left(l: int, kind: Kind, basic_angle: float = np.radians(106.5)) -> float:
+def power_after_attitude_solution(l: int, kind: Kind, basic_angle: float = np.radians(106.5)) -> float:
     """The share of the power along scan of an isotropic field that two fields of view leave, stars held fixed.
 
     Harmonic m along the scan circle keeps sin²(mΓ/2) of its power; T moves along it as dP_lm/dθ at the equator, S as m
@@ -77,7 +77,7 @@ class Response(InNotebook):
     Parameters
     ----------
     law : NominalScanningLaw or TabulatedLaw
-        The scanning law, in ICRS, with the gaps of the data (`sim.gaps_of`).
+        The scanning law, in ICRS, with the gaps of the data (`sim.find_gaps`).
     weights : (12 nside²,) array, optional
         Σ 1/σ² of the stars that hold the attitude, by pixel in ring order; even unless given, which for stars as
         crowded to the Galactic plane as 21 : 1 is better by 1 % than counts in small pixels: give a smooth density.
@@ -139,7 +139,7 @@ class Response(InNotebook):
         rows = 10 * np.arange(len(time) + 1)
         shape = (len(time), 5 * len(self.weights))
         self._design = csr_matrix((np.concatenate(values, 1).ravel(), np.concatenate(columns, 1).ravel(), rows), shape)
-        self.calibration = None if calibration is None else _checked(*calibration)
+        self.calibration = None if calibration is None else _check_response(*calibration)
         if self.calibration is not None:
             self._design = hstack([self._design, self._angle(self._time)], format="csr")
         self._factor: Any = None
@@ -153,7 +153,7 @@ class Response(InNotebook):
 
     def save(self, path: PathName) -> None:
         """Write what was factored to `path`, an NPZ file of 8 (60 nside²)² bytes, for `read`."""
-        stored = {"factor": self._factored()[0], "weights": self.weights, "steps": np.array(len(self._time))}
+        stored = {"factor": self._factorise()[0], "weights": self.weights, "steps": np.array(len(self._time))}
         write_arrays(path, stored | {"calibration": np.array(self.calibration or (0.0, 0.0))})
 
     @classmethod
@@ -243,10 +243,10 @@ class Response(InNotebook):
                 fields = [_along(r[:, some], m[:, some], modes) for r, m in self._seen]
                 difference = _outer(functions(self._time[some]), fields[0] - fields[1])
                 right = right + self._design[some].T @ (self._difference[some, None] * difference)
-            self._taken = {key: cho_solve(self._factored(), right, check_finite=False)}
+            self._taken = {key: cho_solve(self._factorise(), right, check_finite=False)}
         return self._taken[key]
 
-    def _factored(self):
+    def _factorise(self):
         if self._factor is None:
             normal = (self._design.T @ self._design.multiply(self._difference[:, None]).tocsr()).toarray()
             scale = np.diag(normal).copy()
@@ -295,7 +295,7 @@ def template_key(modes: Modes, functions: Functions) -> tuple[Modes, bytes]:
     return modes, functions(np.linspace(-1.0, 1.0, 7)).tobytes()
 
 
-def _checked(order, days):
+def _check_response(order, days):
     """A calibration: the highest harmonic, and for how many days its coefficients stand."""
     return arguments.whole("the order of a calibration", order, 0), arguments.positive("days", days)
 

@@ -58,7 +58,7 @@ class Equations(InNotebook):
             "the normal equations",
             "take fewer sources, or knots farther apart, or give scans a folder",
         )
-        self.passes, blocks, band, self.solved = self._determined(threads, compiled)
+        self.passes, blocks, band, self.solved = self._is_determined(threads, compiled)
         self._check_numbers()
         blocks[~self.solved] = np.eye(5)
         self.formal = _inverse(blocks)
@@ -74,7 +74,7 @@ class Equations(InNotebook):
         smooth(band, 1 / smoothing**2)
         if prior is not None:
             band[0] += 1 / prior**2
-        self.factor = self._factored(band)
+        self.factor = self._factorise(band)
 
     def apply(self, x: FloatArray) -> FloatArray:
         """(S − C A⁻¹ Cᵀ) x, with what holds global motions."""
@@ -162,7 +162,7 @@ class Equations(InNotebook):
                 f"unknowns ({scans.intervals} intervals). Take {longer}more sources, sim.agis.scaled, or a prior"
             )
 
-    def _determined(self, threads, compiled):
+    def _is_determined(self, threads, compiled):
         """Passes, blocks and band of the sources that have transits enough."""
         scans = self.scans
         solved = scans.counts > 5
@@ -179,7 +179,7 @@ class Equations(InNotebook):
             )
         return passes, blocks, band, solved
 
-    def _factored(self, band):
+    def _factorise(self, band):
         try:
             return cholesky_banded(band, overwrite_ab=True, lower=True, check_finite=False)
         except LinAlgError as error:
@@ -279,7 +279,9 @@ class ExactErrors(Equations):
         with bar, blas_for(0):
             for start in range(0, right.shape[-1], TOGETHER):
                 here = slice(start, start + TOGETHER)
-                solved[..., here] = _solved(self, np.ascontiguousarray(right[..., here]), tolerance, iterations, bar)
+                solved[..., here] = _solve_system(
+                    self, np.ascontiguousarray(right[..., here]), tolerance, iterations, bar
+                )
         k = right.shape[-1]
         out = right.reshape(-1, k).T @ solved.reshape(-1, k)
         if variability is not None and variability.sigma > 0:
@@ -315,7 +317,7 @@ class ExactErrors(Equations):
         return variability.sigma**2 * products
 
 
-def _solved(equations, right, tolerance, iterations, bar):
+def _solve_system(equations, right, tolerance, iterations, bar):
     work = Iteration(equations, right)
     total, gains = np.zeros(right.shape[-1]), []
     for _ in range(iterations):
@@ -416,7 +418,7 @@ class System(ExactErrors):
         along, across : (k,) arrays
             [µas]
         """
-        return self.passes.predict(*self._shaped(sources, attitude))
+        return self.passes.predict(*self._reshape_unknowns(sources, attitude))
 
     def adjoint(self, along: ArrayLike, across: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """The weighted transpose of `predict`: right-hand sides of observations `along` and `across`, (k,). [µas]"""
@@ -489,7 +491,7 @@ class System(ExactErrors):
         n = self.scans.n_sources
         start = np.zeros((n, 5)) if start is None else start
         attitude = np.zeros((self.coefficients, 3)) if attitude is None else attitude
-        first_start, first_attitude = self._shaped(start, attitude)
+        first_start, first_attitude = self._reshape_unknowns(start, attitude)
         if known is not None:
             if self.prior is None:
                 raise ParameterError("known= is what a prior says of the attitude: give System a prior")
@@ -524,7 +526,7 @@ class System(ExactErrors):
         shape = (len(self.scans),)
         return arguments.float_array("along", along, shape), arguments.float_array("across", across, shape)
 
-    def _shaped(self, sources, attitude):
+    def _reshape_unknowns(self, sources, attitude):
         x = arguments.float_array("sources", sources, (self.scans.n_sources, 5))
         return x, arguments.float_array("attitude", attitude, (self.coefficients, 3))
 
@@ -644,11 +646,11 @@ def solve_observations(
     x = start
     if first == "sources":
         of_sources, _ = passes.adjoint(along, across, x, attitude)
-        x = x + equations.precondition((of_sources - _held(equations, x))[..., None])[..., 0]
+        x = x + equations.precondition((of_sources - _constrain(equations, x))[..., None])[..., 0]
     of_sources, of_attitude = passes.adjoint(along, across, x, np.zeros_like(attitude))
     if known is not None:
         of_attitude += known / equations.prior**2
-    right = equations.reduce(of_sources, of_attitude) - _held(equations, x)
+    right = equations.reduce(of_sources, of_attitude) - _constrain(equations, x)
     right[~equations.solved] = 0
     work = Iteration(equations, right[..., None], conjugate)
 
@@ -675,7 +677,7 @@ def solve_observations(
         while True:
             if watch is not None:
                 watch(len(history), x + work.x[..., 0])
-            rested = stop is not None and len(history) > REST and _moved(history, sigma) < stop
+            rested = stop is not None and len(history) > REST and _largest_update(history, sigma) < stop
             if rested or len(history) >= iterations or work.residual < _SOLVED:
                 break
             work.step()
@@ -683,7 +685,8 @@ def solve_observations(
             updates.append(float(np.sqrt(np.mean(work.z[equations.solved, 2] ** 2))))
             bar.update()
             bar.set_postfix_str(
-                f"low degrees moved by {_moved(history, sigma):.2g} σ in {min(REST, len(history) - 1)}", refresh=False
+                f"low degrees moved by {_largest_update(history, sigma):.2g} σ in {min(REST, len(history) - 1)}",
+                refresh=False,
             )
             if len(history) % _EVERY == 0:
                 keep()
@@ -711,7 +714,7 @@ def solve_observations(
     )
 
 
-def _held(equations, x):
+def _constrain(equations, x):
     """Constraints of a global motion on parameters, (n, 5)."""
     out = np.zeros_like(x)
     if equations.motion is not None:
@@ -719,7 +722,7 @@ def _held(equations, x):
     return out
 
 
-def _moved(history, sigma):
+def _largest_update(history, sigma):
     """Largest motion of a low degree in formal errors in the last iterations, at most."""
     last = np.array(history[-REST - 1 :])
     return float(np.max(np.ptp(last, axis=0) / sigma))

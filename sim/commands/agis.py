@@ -420,7 +420,7 @@ def _solve(run, law, mixture, full, work, streams):
         checkpoint=work / "checkpoint.npz",
         progress=True,
     )
-    solution, rotated = _framed(system, solution, options, quasars, chosen, radio)
+    solution, rotated = _fix_frame(system, solution, options, quasars, chosen, radio)
     exact = _exact(system, mixture) if options.exact else {}
     named = tables_of(system, solution, mixture)
     run.finish(
@@ -484,7 +484,7 @@ def _exact(system, mixture):
     return rows
 
 
-def _framed(system, solution, options, quasars, chosen, radio):
+def _fix_frame(system, solution, options, quasars, chosen, radio):
     """The solution in a frame of its own, by radio positions and the motions of quasars, and what was done."""
     if options.vlbi:
         which = np.sort(chosen.choice(np.flatnonzero(quasars), options.vlbi, replace=False))

@@ -341,7 +341,7 @@ def _run(options):
         return
     # A stream of its own for each step, so that one option does not shift what another draws.
     sky, chosen, gaps, observed, noise = np.random.default_rng(options.seed).spawn(5)
-    population, notes = _own(options, sky) if options.positions else (_population(options, sky, chosen), [])
+    population, notes = _simulate_own(options, sky) if options.positions else (_population(options, sky, chosen), [])
     signal = sim.spin(options.spin) + sim.acceleration(options.acceleration)
     ours = reading.velocity_of(options.velocity)
     velocity = np.zeros(3) if ours is None else ours.to_frame("icrs").value
@@ -513,7 +513,7 @@ def _population(options, rng, chosen):
     return sim.quasars(options.number, rng, sky, map_frame=frame)
 
 
-def _own(options, rng):
+def _simulate_own(options, rng):
     """The sources of a user's own table, and what is to be said of them."""
     from vsh.io.catalogue import read_sources
     from vsh.models.cosmology import with_redshift

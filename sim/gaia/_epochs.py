@@ -137,7 +137,7 @@ def epochs(
         raise ParameterError(f"{np.sum(~(excess >= 0))} excess noises are below zero")
     scatter = np.hypot(sigma * wrong, excess[source][:, None]) * noise.standard_normal(shape)
     if attitude == "solved":
-        place -= _taken(law, population, truth, transits, error, scatter.mean(1), stars, others, threads)
+        place -= _observe_epochs(law, population, truth, transits, error, scatter.mean(1), stars, others, threads)
     centroid = place[:, None] + scatter
     roemer = _roemer(law, transits.time, population.lon[source], population.lat[source])
     steps = (np.arange(CCDS) - (CCDS - 1) / 2) * _STEP
@@ -173,7 +173,7 @@ def _identifiers(transits, time):
     return (tick >> 2 << 17) | (view << 15) | (np.arange(len(time), dtype=np.int64) % 2**15)
 
 
-def _taken(law, population, truth, transits, error, scatter, stars, rng, threads):
+def _observe_epochs(law, population, truth, transits, error, scatter, stars, rng, threads):
     """Part of each transit that an attitude solved together with all sources takes. [µas]"""
     from sim.agis import System, observations, scans  # numba and sparse matrices, for this alone
 

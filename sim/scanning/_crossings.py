@@ -142,7 +142,7 @@ class Spins:
                 np.ascontiguousarray(r.T), np.ascontiguousarray(self.z.T), np.ascontiguousarray(self.u.T),
                 np.ascontiguousarray(self.w.T), self.times, self.reach, CHUNK, wide, half,
             )  # fmt: skip
-        source, spin, h0, h1 = self._near(r, wide)
+        source, spin, h0, h1 = self._near_scan(r, wide)
         here = r[:, source]
         azimuth = np.arctan2(dot(here, self.w[:, spin]), dot(here, self.u[:, spin]))
         turn = np.arctan2(dot(here, self.w[:, spin + 1]), dot(here, self.u[:, spin + 1])) - azimuth
@@ -163,7 +163,7 @@ class Spins:
         order = np.argsort(owner + time / (self.times[-1] + 1), kind="stable")
         return owner[order], time[order], views[order]
 
-    def _near(self, r, wide):
+    def _near_scan(self, r, wide):
         """Find the sources near the scan circle in which spins, and their heights at the start and the end of each."""
         # Height above the circle at every eighth spin: z moves a degree in one.
         start = self.z[:, ::CHUNK][:, : len(self.reach)]
@@ -218,7 +218,7 @@ def alive(time: FloatArray, gaps: FloatArray) -> BoolArray:
 
 
 @explained
-def gaps_of(time: ArrayLike, start: float, *, longest: float = 0.003) -> tuple[tuple[float, float], ...]:
+def find_gaps(time: ArrayLike, start: float, *, longest: float = 0.003) -> tuple[tuple[float, float], ...]:
     """Gaps of a mission from the times of what was observed, for `NominalScanningLaw(gaps=…)`.
 
     Parameters
@@ -232,7 +232,7 @@ def gaps_of(time: ArrayLike, start: float, *, longest: float = 0.003) -> tuple[t
 
     Examples
     --------
-    >>> [tuple(round(each, 6) for each in gap) for gap in gaps_of([2015.0, 2015.001, 2015.1], 2015.0)]
+    >>> [tuple(round(each, 6) for each in gap) for gap in find_gaps([2015.0, 2015.001, 2015.1], 2015.0)]
     [(0.001, 0.1)]
     """
     times = np.sort(float_array("time", time)) - number("start", start)

@@ -298,7 +298,7 @@ class NominalScanningLaw(Frozen):
         wide = limit * 1.03 if spins.bend < _BEND else limit + 1.5 * spins.bend
         owner, time, views = spins.crossings(r, wide, self.basic_angle / 2, compiled=compiled)
         if spins.bend >= _BEND:
-            time = self._refined(r[:, owner], time, views)
+            time = self._refine_crossings(r[:, owner], time, views)
         keep = alive(time, self._state["gaps"])
         owner, time, views = owner[keep], time[keep], views[keep]
         z, sun, distance = self._spin_axis(time)
@@ -341,7 +341,7 @@ class NominalScanningLaw(Frozen):
             times -= (self._phase(times) - turns) / (rate + slow.slope(times))
         self._state["spins"] = Spins.of(times, *self._axes(times))
 
-    def _refined(self, here, time, views):
+    def _refine_crossings(self, here, time, views):
         """Times at which the fields really pass, by Newton steps: in a long spin its axis does not move straight."""
         last = np.nextafter(self.years, 0)
         for _ in range(4):

@@ -128,7 +128,7 @@ class Signal(InNotebook):
         """Multiply the field by a number."""
         if not isinstance(factor, (int, float, np.number)):
             return NotImplemented
-        return Signal(tuple(_scaled(part, number("the factor of a signal", factor)) for part in self.parts))
+        return Signal(tuple(_scale_signal(part, number("the factor of a signal", factor)) for part in self.parts))
 
     __rmul__ = __mul__
 
@@ -136,19 +136,19 @@ class Signal(InNotebook):
         return self * -1.0
 
 
-def _scaled(part, factor):
+def _scale_signal(part, factor):
     """A part of a signal, so many times as large; our own velocity stays one, for redshifts."""
     if isinstance(part, Observer):
         return replace(cast(Any, part), velocity=factor * np.asarray(part.velocity, float))
-    if isinstance(part, Scaled):
+    if isinstance(part, ScaledSignal):
         return replace(part, factor=factor * part.factor)
     if hasattr(part, "radial"):
         raise ParameterError(f"a {type(part).__name__} has redshifts beside its motions, which cannot be multiplied")
-    return (ScaledInTime if isinstance(part, TimeDependent) else Scaled)(part, factor)
+    return (ScaledInTime if isinstance(part, TimeDependent) else ScaledSignal)(part, factor)
 
 
 @dataclass(frozen=True)
-class Scaled:
+class ScaledSignal:
     """A field, so many times as large."""
 
     part: Any
@@ -180,7 +180,7 @@ def as_signal(truth: Any) -> Signal:
 
 
 @dataclass(frozen=True)
-class BandLimited:
+class BandLimitedSignal:
     """A field of harmonics."""
 
     coefficients: Coefficients
@@ -211,7 +211,7 @@ def from_coefficients(coefficients: Coefficients) -> Signal:
     """
     if not isinstance(coefficients, Coefficients):
         raise ParameterError(f"a field is made of Coefficients, not {type(coefficients).__name__}")
-    return Signal((BandLimited(coefficients),))
+    return Signal((BandLimitedSignal(coefficients),))
 
 
 def spin(vector: ArrayLike) -> Signal:

@@ -176,7 +176,7 @@ def _write(folder, movie):
 
 def _response(parts, span, options):
     """Response of the attitude, by the law of a table or a nominal one that is laid through the epochs."""
-    from sim import TabulatedLaw, gaps_of
+    from sim import TabulatedLaw, find_gaps
     from sim.agis import Response
 
     if any(each.view is None for each in parts) and not options.law:
@@ -185,7 +185,7 @@ def _response(parts, span, options):
             "an attitude that was solved needs it. --law FILE, Gaia's commanded scanning law, tells it from the times"
         )
     if options.law:
-        law: Any = _tabulated(options.law, TabulatedLaw)
+        law: Any = _read_spectrum(options.law, TabulatedLaw)
         if law.start > DR4.epoch + span[0] or law.start + law.years < DR4.epoch + span[1]:
             raise TableError(
                 f"{printable(options.law)} goes from {law.start:.2f} to {law.start + law.years:.2f}, the epochs from "
@@ -195,8 +195,8 @@ def _response(parts, span, options):
         times = np.sort(np.concatenate([each.time for each in parts]))
         longest = max(0.003, 30 * float(np.median(np.diff(times))))
         start = DR4.epoch + span[0]
-        law = _nominal(parts, start, span[1] - span[0], gaps_of(DR4.epoch + times, start, longest=longest))
-    away = np.degrees(np.median([_away(each, law) for each in parts]))
+        law = _nominal(parts, start, span[1] - span[0], find_gaps(DR4.epoch + times, start, longest=longest))
+    away = np.degrees(np.median([_attitude_option(each, law) for each in parts]))
     note = f"spin axis of the scanning law: {away:.2g}° from that of the transits, median"
     if away > _FAR:
         note = f"warning: {note}; --law takes the law as it was commanded"
@@ -226,14 +226,14 @@ def _axes(observations):
     return np.cross(r, m / np.linalg.norm(m, axis=0), axis=0), observations.time
 
 
-def _away(observations, law):
+def _attitude_option(observations, law):
     """Median offset of the axis of the law. [rad]"""
     axis, time = _axes(observations)
     z = law.attitude(np.clip(time + (DR4.epoch - law.start), 0, law.years))[0]
     return np.median(np.arccos(np.clip(np.sum(axis * z, 0), -1, 1)))
 
 
-def _tabulated(path, kind):
+def _read_spectrum(path, kind):
     """The columns of Gaia's commanded_scan_law, or time [Julian years] in place of its days."""
     opened = vsh.io.tables.open_table(path)
     names = ("ra_fov1", "dec_fov1", "ra_fov2", "dec_fov2")

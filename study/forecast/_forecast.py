@@ -13,7 +13,7 @@ from scipy.special import chdtri
 
 from fit.correlation import predict_covariance
 from fit.motions.galaxy import R0, circular_speed, distance_of_centre, expected_acceleration
-from fit.motions.shear import tensor_of
+from fit.motions.shear import to_tensor
 from fit.secular_parallax import predict_errors as predict_velocity
 from sim.astrometry import gaia_errors
 from sim.population import CRF3_COUNTS, SIX_PARAMETERS, crf3_magnitudes, galaxies
@@ -286,7 +286,7 @@ def forecast_surveys(
     arguments.choice("sky", sky, ("uniform", "gums", "igql"))
     near = arguments.generator(rng)
     (places,) = near.spawn(1)
-    lon, lat = _places(sky, places)
+    lon, lat = _draw_positions(sky, places)
     still = np.zeros((2, len(lon)))
     power = Spectrum.from_covariance(LINDEGREN_2021).power(_DEGREES)[0]
     some = galaxies(_GALAXIES, near)
@@ -300,7 +300,7 @@ def forecast_surveys(
     return SurveyForecast(surveys, values, sky)
 
 
-def _places(sky, rng):
+def _draw_positions(sky, rng):
     """Positions of the quasars that stand for all."""
     if sky != "uniform":
         from sim.skies import draw_positions  # healpy, for maps alone
@@ -320,7 +320,7 @@ def _of_quasars(field, survey, power):
     # A floor of degree 1 has as much power in each mode of degree 2; of the published law it is a share.
     floored, mode = float(np.hypot(acceleration, survey.floor)), 8 * np.pi / 3 * survey.floor**2
     law = _LAW * survey.floor / SURVEYS["Gaia DR3"].floor if survey.release else survey.floor
-    tensors = [tensor_of(Coefficients(Modes(2), row)) for row in np.linalg.cholesky(prediction.covariance).T]
+    tensors = [to_tensor(Coefficients(Modes(2), row)) for row in np.linalg.cholesky(prediction.covariance).T]
     degrees = np.arange(1, _DEGREES + 1)
     return {
         "spin": spin,

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from vsh.figures.plot import COLOURS, WIDTH, legend_above, log_ticks, panels, styled
+from vsh.figures.plot import COLOURS, WIDTH, apply_style, legend_above, log_ticks, panels
 from vsh.tools.types import AxesArray, OnAxes
 
 #: What each panel shows: its label, and quantities with what they are.
@@ -14,7 +14,7 @@ _SHOWN = (
 )
 
 
-@styled
+@apply_style
 def plot_forecast(forecast: Any, *, ax: OnAxes | None = None) -> AxesArray:
     """Errors of the acceleration and of H0 by survey: of noise alone, and with what nature adds."""
     drawn = panels(ax, 1, 2, size=(WIDTH, 2.7))

@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 from scipy.special import chdtrc, fdtrc
 
-from fit.background import Floor, SharedErrors, Verdict, shared, widened
+from fit.background import ClassComparison, Floor, Verdict, shared, widened
 from fit.methods import Recommended, degree_for, recommended
 from fit.normal import NormalEquations, Template, normal_equations
 from fit.results.quality import gls
 from fit.results.solution import Solution
-from fit.robust import Clipped, clip, student_t
+from fit.robust import ClippedFit, clip, student_t
 from fit.solving import fit_field, solve
 from vsh.basis import harmonics
 from vsh.classes import Classes
@@ -86,7 +86,7 @@ class Quasars(InNotebook):
         label : str
             Where they are from.
         """
-        clipped = clipped_of(field)
+        clipped = clip_quasars(field)
         kept = clipped.kept
         values = {name: np.asarray(each, float)[kept] for name, each in columns.items()}
         return cls(field[kept], values, names, label, clipped.n_clipped, field)
@@ -138,7 +138,7 @@ class Quasars(InNotebook):
         return normal_equations(self.field[chosen], lmax)
 
 
-def clipped_of(field: Field) -> Clipped:
+def clip_quasars(field: Field) -> ClippedFit:
     """Clip at κ = 3 to degree 3, or what few sources bear; where that oscillates, at the limit of a first fit."""
     lmax = degree_for(len(field), 3)
     try:
@@ -163,7 +163,7 @@ def read_quasars(source: Any, *, axes: str = "icrs", **reading: Any) -> Quasars:
     Returns
     -------
     Quasars
-        Clipped at κ = 3; columns that are not there are left out.
+        ClippedFit at κ = 3; columns that are not there are left out.
 
     Raises
     ------
@@ -198,11 +198,11 @@ _SKIES = 40_000
 
 
 @dataclass(frozen=True, eq=False)
-class Compared(InNotebook):
+class Comparison(InNotebook):
     """Classes: each fitted alone with formal errors, and all with systematic errors."""
 
     plain: list[Solution]
-    shared: SharedErrors
+    shared: ClassComparison
 
     @cached_property
     def verdict(self) -> Verdict:
@@ -212,21 +212,21 @@ class Compared(InNotebook):
     def at_face_value(self, kind: str | None = None) -> float:
         """p-value of spins ("T"), accelerations ("S") or both that are alike, with formal errors and nothing shared."""
         part = {None: slice(0, 6), "T": slice(0, 3), "S": slice(3, 6)}[kind]
-        values = np.array([_first(each)[0][part] for each in self.plain])
+        values = np.array([_degree_one(each)[0][part] for each in self.plain])
         covariance = np.zeros(2 * values.shape)
         for i, each in enumerate(self.plain):
-            covariance[i, :, i, :] = _first(each)[1][part, part]
+            covariance[i, :, i, :] = _degree_one(each)[1][part, part]
         misfit = gls(values, covariance.reshape(values.size, values.size), np.ones((len(values), 1)))[1]
         return float(chdtrc(values.size - values.shape[1], misfit))
 
 
-def _first(solution):
+def _degree_one(solution):
     """Degree 1 of a solution, and its covariance."""
     at = np.flatnonzero(solution.modes.degrees == 1)
     return solution.values[at], solution.covariance[np.ix_(at, at)]
 
 
-def compare(quasars: Quasars, classes: Classes, rng: Rng = 1, lmax: int | None = None) -> Compared:
+def compare(quasars: Quasars, classes: Classes, rng: Rng = 1, lmax: int | None = None) -> Comparison:
     """Compare classes of sources.
 
     Parameters
@@ -256,7 +256,7 @@ def compare(quasars: Quasars, classes: Classes, rng: Rng = 1, lmax: int | None =
     compared = shared(
         wide, range(2, degree + 1), labels=kept.labels, draws=_DRAWS, noise_scale=quasars.is_scaled, rng=rng
     )
-    return Compared(plain, compared)
+    return Comparison(plain, compared)
 
 
 #: Random parts of the sources, and the least number in each.
@@ -300,14 +300,14 @@ def by_degree(field: Field, low: int, high: int, floor: Floor | None) -> tuple[F
         noise = normal.matrix * solution.quality.factor**2
     else:
         scale, added = _scatter(solution.residuals(field))
-        noise = scale * normal.matrix + added * normal_equations(_squared(field), high).matrix
+        noise = scale * normal.matrix + added * normal_equations(_excess_chi2(field), high).matrix
         noise = noise + normal.matrix @ np.diag(floor.spectrum.variances(modes)) @ normal.matrix
     move, covariance = m @ normal.rhs, m @ noise @ m.T
     chi2 = move @ np.linalg.pinv(covariance, hermitian=True) @ move
     return move, np.sqrt(np.diag(covariance)), float(chdtrc(3, chi2))
 
 
-def _squared(field):
+def _excess_chi2(field):
     """The sources with the square of each covariance for a covariance: weights W² in place of W."""
     (s1, s2), rho = field.sigma, field.rho
     a, b, c = s1**2, s2**2, rho * s1 * s2

@@ -111,7 +111,7 @@ class Check(InNotebook):
     results: dict[str, Any] = field(default_factory=dict)
 
 
-def judged(p: float, nothing: str, something: str) -> str:
+def format_verdict(p: float, nothing: str, something: str) -> str:
     """A verdict in words by its p-value."""
     shown = f"p = {printed_p_value(p)}"
     if p >= HINT:

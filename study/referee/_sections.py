@@ -10,15 +10,15 @@ from scipy.special import chdtrc
 
 from fit import pairs
 from fit.background import SHAPES, Template, WaveLimit, cross_powers, floor, shared, wave_limit
-from fit.frames.chain import chain_catalogues
+from fit.frames.chain import combine_frames
 from fit.normal import normal_equations, template_fields
 from fit.results.quality import SEEN
 from fit.results.spectrum import spectrum
 from fit.secular_parallax import observer_velocity
 from fit.solving import fit_field, solve
 from study.papers import papers
-from study.referee._quasars import Quasars, by_degree, by_method, by_source, clipped_of, compare, degree_for
-from study.referee._rows import NONE, Analysis, Check, Headline, Row, Value, judged
+from study.referee._quasars import Quasars, by_degree, by_method, by_source, clip_quasars, compare, degree_for
+from study.referee._rows import NONE, Analysis, Check, Headline, Row, Value, format_verdict
 from vsh.classes import Classes
 from vsh.field import Field
 from vsh.models.cosmology import CMB_VELOCITY_PLANCK18, with_redshift
@@ -49,10 +49,10 @@ def checks(quasars: Quasars, headline: Headline, rng: Rng = 1, earlier: Field | 
     ]  # fmt: skip
     if earlier is not None:
         asked.append(("earlier", "the same in an earlier release", partial(_earlier, quasars, earlier, rng)))
-    return [_answered(*each) for each in asked]
+    return [_answer_question(*each) for each in asked]
 
 
-def _answered(key, question, act):
+def _answer_question(key, question, act):
     try:
         made = act()
     except VshError as error:
@@ -61,19 +61,19 @@ def _answered(key, question, act):
 
 
 def _by_column(quasars, name, k, rng):
-    return _split(quasars, Classes.by_parts(name, quasars.column(name), k), rng)
+    return _split_classes(quasars, Classes.by_parts(name, quasars.column(name), k), rng)
 
 
 def _by_latitude(quasars, rng):
     low = np.abs(quasars.field.to_frame("galactic").lat) < np.pi / 6
-    return _split(quasars, Classes(("|b| < 30°", "|b| ≥ 30°"), np.array([low, ~low])), rng)
+    return _split_classes(quasars, Classes(("|b| < 30°", "|b| ≥ 30°"), np.array([low, ~low])), rng)
 
 
 def _by_half(quasars, frame, rng):
-    return _split(quasars, Classes.by_halves(frame).of(quasars.field), rng)
+    return _split_classes(quasars, Classes.by_halves(frame).of(quasars.field), rng)
 
 
-def _split(quasars, classes, rng) -> dict[str, Any]:
+def _split_classes(quasars, classes, rng) -> dict[str, Any]:
     compared = compare(quasars, classes, rng)
     verdict = compared.verdict
     labels = compared.shared.labels
@@ -116,7 +116,7 @@ def _earlier(quasars, earlier, rng) -> dict[str, Any]:
     both = np.intersect1d(np.asarray(field.name, str), np.asarray(earlier.name, str))
     catalogues = {"earlier": earlier.to_frame(field.frame), "now": field}
     chosen = {name: each[np.isin(np.asarray(each.name, str), both)] for name, each in catalogues.items()}
-    chain = chain_catalogues(chosen, degree_for(len(both), 5, 3))
+    chain = combine_frames(chosen, degree_for(len(both), 5, 3))
     compared = shared([chain.difference("now")], labels=["now less earlier"], noise_scale=False, rng=rng)
     moved = compared.solutions[0].acceleration
     listed = ", ".join(f"{v:+.2f} ± {s:.2f}" for v, s in zip(moved.value, moved.sigma, strict=True))
@@ -164,7 +164,7 @@ _BINS = 14
 
 
 @dataclass(frozen=True, eq=False)
-class Asked:
+class SectionInput:
     """Input of a section."""
 
     quasars: Quasars
@@ -180,7 +180,7 @@ class Asked:
         return wave_limit(normal, range(2, normal.modes.lmax + 1), systematics=list(SHAPES.values()))
 
 
-def _published(paper, name):
+def _published_value(paper, name):
     number = papers()[paper].numbers.get(name)
     if number is None:
         return NONE
@@ -193,12 +193,12 @@ def _vectors(paper, letter, theirs, shared):
     rows = [
         Row(
             f"{letter}_{axis} [µas/yr]",
-            _published(paper, f"{letter}_{axis}") if theirs.frame == "icrs" else NONE,
+            _published_value(paper, f"{letter}_{axis}") if theirs.frame == "icrs" else NONE,
             Value(theirs.value[k], theirs.sigma[k]), Value(shared.value[k], shared.sigma[k]),
         )
         for k, axis in enumerate("xyz")
     ]  # fmt: skip
-    return [*rows, Row(f"|{letter}| [µas/yr]", _published(paper, f"|{letter}|"), _size(theirs), _size(shared))]
+    return [*rows, Row(f"|{letter}| [µas/yr]", _published_value(paper, f"|{letter}|"), _size(theirs), _size(shared))]
 
 
 def _size(vector):
@@ -212,23 +212,23 @@ def _p_row(quantity, theirs, shared):
     return Row(f"p, {quantity}", theirs=Value(theirs, kind="p"), shared=Value(shared, kind="p"))
 
 
-def _acceleration(asked: Asked) -> dict[str, Any]:
-    """Clipped, degree 3, errors by the scatter: Klioner et al. 2021."""
+def _acceleration(asked: SectionInput) -> dict[str, Any]:
+    """ClippedFit, degree 3, errors by the scatter: Klioner et al. 2021."""
     quasars = asked.quasars
-    clipped = clipped_of(quasars.whole)
+    clipped = clip_quasars(quasars.whole)
     theirs = clipped.solution.scaled.acceleration
     ours = asked.headline.acceleration
     rows = _vectors("klioner2021", "g", theirs, ours)
     for k, name in enumerate(("ra", "dec")):
         if ours.frame == "icrs":
             values = (Value(each.direction[k], each.direction_error[k]) for each in (theirs, ours))
-            rows.append(Row(f"{name} [deg]", _published("klioner2021", name), *values))
+            rows.append(Row(f"{name} [deg]", _published_value("klioner2021", name), *values))
     counts = (Value(float(n)) for n in (clipped.solution.n_sources, len(quasars.whole)))
-    rows.append(Row("sources", _published("klioner2021", "sources"), *counts))
+    rows.append(Row("sources", _published_value("klioner2021", "sources"), *counts))
     return {"rows": rows, "verdict": asked.headline.verdict, "p_value": asked.headline.p_acceleration}
 
 
-def _frame(asked: Asked) -> dict[str, Any]:
+def _frame(asked: SectionInput) -> dict[str, Any]:
     """Spin, what is systematic, bright and faint: Gaia-CRF3."""
     quasars, headline = asked.quasars, asked.headline
     theirs = fit_field(quasars.field, degree_for(len(quasars.field), 3)).scaled
@@ -241,7 +241,8 @@ def _frame(asked: Asked) -> dict[str, Any]:
         by_floor = float(np.sqrt(sum(shared.spectrum.variances(plain.modes)[plain.modes.degrees > 1]) / (4 * np.pi)))
         rows.append(
             Row(
-                f"motions of degrees 2–{plain.modes.lmax}, rms [µas/yr]", _published("crf3", "systematic motions"),
+                f"motions of degrees 2–{plain.modes.lmax}, rms [µas/yr]",
+                _published_value("crf3", "systematic motions"),
                 spread, Value(by_floor),
             )
         )  # fmt: skip
@@ -253,11 +254,11 @@ def _frame(asked: Asked) -> dict[str, Any]:
         more = f"; bright and faint not compared: {error}"
     p = headline.p_spin
     below = headline.solution.spin.amplitude_limit()
-    verdict = judged(p, f"no spin is seen, below {below:.3g} µas/yr (95 %)", "the frame of these sources turns")
+    verdict = format_verdict(p, f"no spin is seen, below {below:.3g} µas/yr (95 %)", "the frame of these sources turns")
     return {"rows": rows, "verdict": verdict + more, "p_value": p, "results": results}
 
 
-def _learnt_redshifts(asked: Asked) -> dict[str, Any]:
+def _learnt_redshifts(asked: SectionInput) -> dict[str, Any]:
     """Three bins of redshift, degree 3: Makarov 2025."""
     z = asked.quasars.column("redshift")
     compared = compare(asked.quasars, Classes.by_edges("z", _Z_EDGES, z).within(z >= 1), asked.rng, lmax=3)
@@ -270,14 +271,16 @@ def _by_redshift(compared, words):
         _p_row(f"one {name} at all redshifts", compared.at_face_value(kind), compared.shared.equality(kind))
         for kind, name in (("T", "spin"), ("S", "acceleration"))
     ]
-    said = judged(verdict.p_value, "no change with redshift", f"spin or acceleration changes: {verdict.comparison}")
+    said = format_verdict(
+        verdict.p_value, "no change with redshift", f"spin or acceleration changes: {verdict.comparison}"
+    )
     return {
         "rows": rows, "verdict": f"{said}; published: {words}", "p_value": verdict.p_value,
         "results": {"classes": compared.shared},
     }  # fmt: skip
 
 
-def _position_drift(asked: Asked) -> dict[str, Any]:
+def _position_drift(asked: SectionInput) -> dict[str, Any]:
     """Dipole and quadrupole by redshift: Tsigkas Kouvelis et al. 2025."""
     quasars = asked.quasars
     compared = compare(quasars, Classes.by_parts("z", quasars.column("redshift"), 4), asked.rng, lmax=2)
@@ -286,7 +289,7 @@ def _position_drift(asked: Asked) -> dict[str, Any]:
     made["rows"].append(row)
     if np.isfinite(p):
         nothing = "no quadrupole is seen" if quoted >= SEEN else "the quadrupole is systematic errors"
-        said = judged(p, nothing, "a quadrupole beyond systematic errors")
+        said = format_verdict(p, nothing, "a quadrupole beyond systematic errors")
         made["verdict"] = f"{said}; {made['verdict']}"
     return made
 
@@ -313,15 +316,15 @@ def _chi2_p(values, covariance):
     return float(chdtrc(len(values), values @ np.linalg.solve(covariance, values)))
 
 
-def _waves(asked: Asked) -> dict[str, Any]:
+def _waves(asked: SectionInput) -> dict[str, Any]:
     """Waves longer than the observations, by harmonics and by pairs: Jaraba et al. 2023, Darling 2024."""
     theirs = wave_limit(normal_equations(asked.quasars.whole, 2)).limit(prior="coefficients")
     shared = asked.wave_limit
     rows = [
-        Row("h70² Ω, Gaia DR3 (Jaraba)", _published("jaraba2023", "h70² Ω, Gaia"), Value(theirs, kind="limit")),
-        Row("h70² Ω, VLBA (Jaraba)", _published("jaraba2023", "h70² Ω, VLBA"), Value(theirs, kind="limit")),
+        Row("h70² Ω, Gaia DR3 (Jaraba)", _published_value("jaraba2023", "h70² Ω, Gaia"), Value(theirs, kind="limit")),
+        Row("h70² Ω, VLBA (Jaraba)", _published_value("jaraba2023", "h70² Ω, VLBA"), Value(theirs, kind="limit")),
         Row(
-            "h70² Ω, degree 2", _published("darling2024", "h70² Ω, degree 2"), Value(theirs, kind="limit"),
+            "h70² Ω, degree 2", _published_value("darling2024", "h70² Ω, degree 2"), Value(theirs, kind="limit"),
             Value(shared.limit(), kind="limit"),
         ),
     ]  # fmt: skip
@@ -329,7 +332,7 @@ def _waves(asked: Asked) -> dict[str, Any]:
     return {"rows": rows, "verdict": verdict, "results": {"waves": shared}}
 
 
-def _pairs(asked: Asked) -> dict[str, Any]:
+def _pairs(asked: SectionInput) -> dict[str, Any]:
     """Waves by pairs beside harmonics: Akhmetov et al. 2026, Darling 2024."""
     quasars = asked.quasars
     correlation = pairs.correlation_function(quasars.field, np.linspace(0, np.pi, _BINS + 2))
@@ -339,7 +342,7 @@ def _pairs(asked: Asked) -> dict[str, Any]:
     harmonics = asked.wave_limit
     rows = [
         Row("h70² Ω by pairs", theirs=value),
-        Row("h70² Ω by pairs, 95 %", _published("darling2024", "h70² Ω, pairs"), Value(high, kind="limit")),
+        Row("h70² Ω by pairs, 95 %", _published_value("darling2024", "h70² Ω, pairs"), Value(high, kind="limit")),
         Row("h70² Ω by harmonics", shared=Value(harmonics.limit(), kind="limit")),
     ]
     verdict = (
@@ -349,12 +352,12 @@ def _pairs(asked: Asked) -> dict[str, Any]:
     return {"rows": rows, "verdict": verdict, "results": {"pairs": correlation}}
 
 
-def _spectrum(asked: Asked) -> dict[str, Any]:
+def _spectrum(asked: SectionInput) -> dict[str, Any]:
     """The acceleration with all higher degrees free, and how far its errors grow: Nguyen & Murray 2026."""
     quasars, ours = asked.quasars, asked.headline.acceleration
     theirs = solve(quasars.normal).acceleration
     rows = _vectors("nguyen2026", "g", theirs, ours)
-    wider = float(np.mean(ours.sigma / clipped_of(quasars.whole).solution.acceleration.sigma))
+    wider = float(np.mean(ours.sigma / clip_quasars(quasars.whole).solution.acceleration.sigma))
     rows.append(Row("errors, in those of degree 3", shared=Value(wider)))
     low, high = (papers()["nguyen2026"][f"errors, {word}"].value for word in ("at least", "at most"))
     verdict = f"errors with systematic errors are {wider:.2f} times those quoted; published: {low:g} to {high:g} times"
@@ -362,7 +365,7 @@ def _spectrum(asked: Asked) -> dict[str, Any]:
     return {"rows": rows, "verdict": verdict, "results": results}
 
 
-def _galaxies(asked: Asked) -> dict[str, Any]:
+def _galaxies(asked: SectionInput) -> dict[str, Any]:
     """Our motion past galaxies: Maloney et al. 2026."""
     z = asked.quasars.column("redshift")
     near = (z > 0.002) & (z < _NEAR)
@@ -377,13 +380,13 @@ def _galaxies(asked: Asked) -> dict[str, Any]:
             shared=Value(flowing.value[k], flowing.sigma[k])) for k, axis in enumerate("xyz")
     ]  # fmt: skip
     p = flowing.p_value
-    return {"rows": rows, "verdict": judged(p, "no motion is seen", "our motion is seen"), "p_value": p}
+    return {"rows": rows, "verdict": format_verdict(p, "no motion is seen", "our motion is seen"), "p_value": p}
 
 
 class _Analysis(NamedTuple):
     key: str
     title: str
-    act: Callable[[Asked], dict[str, Any]]
+    act: Callable[[SectionInput], dict[str, Any]]
 
 
 _ANALYSES = (
@@ -400,7 +403,7 @@ _ANALYSES = (
 
 def sections(quasars: Quasars, headline: Headline, rng: Rng) -> list[Analysis]:
     """All of them; one that cannot be done says why."""
-    done, asked = [], Asked(quasars, headline, rng)
+    done, asked = [], SectionInput(quasars, headline, rng)
     for key, title, act in _ANALYSES:
         try:
             made = act(asked)

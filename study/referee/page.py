@@ -10,7 +10,7 @@ from fit.results.quality import SEEN
 from study.referee._referee import Referee
 from study.referee._rows import HINT, Analysis, Check, Value
 from vsh.figures import page
-from vsh.figures.plot import COLOURS, WIDTH, legend_above, many_figures, panels, plot_field, styled
+from vsh.figures.plot import COLOURS, WIDTH, apply_style, legend_above, many_figures, panels, plot_field
 from vsh.io.tables import printed_p_value
 from vsh.tools.types import Axes
 
@@ -27,7 +27,7 @@ def draw(referee: Referee) -> dict[str, Any]:
         return drawn | {name: result.plot() for name, result in referee.results().items()}
 
 
-@styled
+@apply_style
 def plot_accelerations(sections: Sequence[Analysis], *, ax: Axes | None = None) -> Axes:
     """Components of g by each paper that has them: published, and ours its way; and the recommended fit, once."""
     (axes,) = panels(ax, size=(WIDTH, 2.6))
@@ -54,7 +54,7 @@ def plot_accelerations(sections: Sequence[Analysis], *, ax: Axes | None = None) 
     return axes
 
 
-@styled
+@apply_style
 def plot_checks(checks: Sequence[Check], *, ax: Axes | None = None) -> Axes:
     """p-values of the checks, with systematic errors and by the formal errors alone."""
     asked = [each for each in checks if np.isfinite(each.p_value)]
@@ -82,7 +82,7 @@ def html(
 ) -> str:
     """The page: first the acceleration with systematic errors, then a section for each analysis, then the checks."""
     solution, quasars = referee.headline.solution, referee.quasars
-    shown = page.Shown("with systematic errors", quasars.field, solution.coefficients, solution.covariance)
+    shown = page.ShownPage("with systematic errors", quasars.field, solution.coefficients, solution.covariance)
     drawn = dict(figures)
     overview = {name: drawn.pop(name) for name in _CAPTIONS if name in drawn}
     turned = page.sky(shown)

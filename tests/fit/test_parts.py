@@ -15,7 +15,7 @@ from fit.secular_parallax import hubble_constant, observer_velocity
 from vsh import Field, Modes
 from vsh.io.parts import as_parts
 from vsh.models.cosmology import CMB_VELOCITY_PLANCK18, with_redshift
-from vsh.tools.errors import DegeneracyError, FieldError, FrameError, ModesError, NothingLeftError, ParameterError
+from vsh.tools.errors import DegeneracyError, EmptyFieldError, FieldError, FrameError, ModesError, ParameterError
 
 RNG = np.random.default_rng(20)
 
@@ -86,7 +86,7 @@ def test_moments_say_what_they_cannot():
         Moments(2, np.zeros((3, 5, 9)), np.zeros((2, 3, 4)), 0.0, 0)
     with pytest.raises(ParameterError, match="must be Field or ScalarField or Parts"):
         Moments.of("sky.fits", 2)
-    with pytest.raises(NothingLeftError, match="the field is empty"):
+    with pytest.raises(EmptyFieldError, match="the field is empty"):
         Moments.of(FIELD[:0], 2)
 
 
@@ -240,7 +240,7 @@ def test_velocity_and_the_hubble_constant(galaxies):
 
 
 def test_no_part_with_sources():
-    with pytest.raises(NothingLeftError, match="no part holds a source"):
+    with pytest.raises(EmptyFieldError, match="no part holds a source"):
         fit.normal_equations(PARTS.map(lambda field: field[field.lat > 4]), 1)
     with pytest.raises(FieldError, match="parts of a catalogue, are expected, not str"):
         as_parts("sky.fits")

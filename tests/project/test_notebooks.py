@@ -10,8 +10,8 @@ from conftest import ROOT
 
 #: What nobody holds in a notebook: parts of the machinery, panels of pages, axes (matplotlib shows them).
 INTERNAL = {
-    "Axis", "Prior", "Run", "DistanceOptions", "ParallaxEquations", "ParallaxParts", "ParallaxSums", "Rings", "Passes", "Panel", "Shown", "Tree",
-    "SkyAxes", "Answer", "Tabled", "Weighed", "Frozen",
+    "Axis", "Prior", "Run", "DistanceOptions", "ParallaxEquations", "ParallaxParts", "ParallaxSums", "Rings", "Passes", "Panel", "ShownPage", "Tree",
+    "SkyAxes", "Answer", "TableIO", "SourcesWithErrors", "Frozen",
 }  # fmt: skip
 
 

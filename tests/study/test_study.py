@@ -114,17 +114,17 @@ def test_what_is_finished_is_not_done_again_and_leftovers_go(finished):
 
 
 def test_the_noise_has_the_true_covariance(tmp_path):
-    from study.realise import prepared
+    from study.realise import prepare_realisation
 
     still = study.load(changed(mission={"attitude": 0.0}))
-    with np.load(prepared(still, still.cases[0], "quasars", tmp_path, progress=False)) as file:
+    with np.load(prepare_realisation(still, still.cases[0], "quasars", tmp_path, progress=False)) as file:
         l11, l21, l22 = file["noise"]
         sigma, rho = file["sigma"], file["rho"]
     np.testing.assert_allclose([l11, np.hypot(l21, l22)], sigma, rtol=1e-12)
     np.testing.assert_allclose(l21 / np.hypot(l21, l22), rho, rtol=1e-9, atol=1e-12)
     assert np.abs(rho).max() > 0.3
     wandering = study.load(SMALL)
-    with np.load(prepared(wandering, wandering.cases[1], "quasars", tmp_path, progress=False)) as file:
+    with np.load(prepare_realisation(wandering, wandering.cases[1], "quasars", tmp_path, progress=False)) as file:
         assert (file["noise"][0] > file["sigma"][0]).all()
 
 

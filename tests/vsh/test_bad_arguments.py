@@ -84,7 +84,7 @@ CALLS = {
     SYSTEM.covariance_of: (np.ones((60, 5, 1)),), agis.rotate_frame: (SOLVED, np.arange(20)), SOLVED.rotated: ((1, 2, 3), (1, 2, 3)),
     fit.pairs.correlation_function: (FIELD, np.radians([0, 60, 120, 180])), fit.pairs.power: (FIELD, 1), PAIRS.fit: (("waves",),), fit.pairs.waves_curve: ([0.1],),
     sim.plane_wave: ((0, 0, 1), 1.0), wave_coefficients: ((0, 0, 1), 1.0), strain_of: (1.0, 1.0), fit.waves.search: (NORMAL_3,),
-    fit.shear.expansion: (fit.solve(NORMAL_3),), fit.shear.coefficients_of: (np.eye(3),), fit.galaxy.orbit: (fit.solve(NORMAL),),
+    fit.shear.expansion: (fit.solve(NORMAL_3),), fit.shear.from_tensor: (np.eye(3),), fit.galaxy.orbit: (fit.solve(NORMAL),),
     fit.galaxy.circular_speed: (5.0, 0.3), fit.galaxy.distance_of_centre: (5.0, 0.3), fit.galaxy.expected_acceleration: (8.2,), fit.compare.compare_catalogues: (NAMED, NAMED, 1),
     ScalarField: (FIELD.lon, FIELD.lat, FIELD.lat, FIELD.rho + 1), ScalarCoefficients: (1, np.zeros(4)), ScalarModes: (1,),
     ScalarCoefficients.from_moments: (1.0, (1, 2, 3)), forecast_surveys: ({"one": Survey(100, sigma=1.0)},), Survey: (100, None, 1.0, 2.0), read_scalars: ({"ra": [1.0]},), read_positions: ({"ra": [1.0]},),

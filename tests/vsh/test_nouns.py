@@ -40,7 +40,7 @@ NOUNS = {
     "Solution": fit.fit_field(FIELD, 2),
     "FrameSolution": fit.solve_frame(FIELD),
     "MatrixFreeSolution": fit.solve_matrix_free(FIELD, 2, progress=False),
-    "Clipped": fit.clip(FIELD, 1),
+    "ClippedFit": fit.clip(FIELD, 1),
     "CrossCheck": fit.cross_check(FIELD),
     "BinnedSolution": binned(FIELD, 1, 2),
     "VelocitySolution": observer_velocity(FIELD, 70.0),
@@ -49,7 +49,7 @@ NOUNS = {
     "Leakage": leakage(FIELD, 1, 2),
     "Eigenmodes": eigenmodes(FIELD, 1),
     "Prediction": predict_covariance(FIELD, 1),
-    "Resampled": fit.resample.bootstrap(FIELD, 1, 5, 1),
+    "ResampledFit": fit.resample.bootstrap(FIELD, 1, 5, 1),
     "Student": fit.robust.student_t(FIELD, 1),
     "ExcessNoise": fit.robust.excess_noise(FIELD, 1),
     "matched": match(FIELD[:20], FIELD[:20], by="position"),
@@ -103,7 +103,7 @@ def test_signals_and_laws_are_the_same_after_a_pickle():
     signal, law = pickle.loads(pickle.dumps(NOUNS["Signal"])), pickle.loads(pickle.dumps(LAW))
     np.testing.assert_array_equal(signal(lon, lat, z), NOUNS["Signal"](lon, lat, z))
     np.testing.assert_array_equal(law.transits(lon, lat).time, LAW.transits(lon, lat).time)
-    assert repr(signal).startswith("<Signal: BandLimited + SecularParallax + Peculiar")
+    assert repr(signal).startswith("<Signal: BandLimitedSignal + SecularParallax + Peculiar")
 
 
 def test_rows_left_out_count_once_however_they_come_in():

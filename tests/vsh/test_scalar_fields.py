@@ -141,7 +141,7 @@ def test_messages():
     with pytest.raises(FieldError, match="the column is field.values"):
         ScalarField(ones, 0 * ones, ones, ones)["values"]
     with pytest.raises(FieldError, match="no motions"):
-        Field.without_motions(ScalarField(ones, 0 * ones, ones, ones))
+        Field.from_positions(ScalarField(ones, 0 * ones, ones, ones))
 
 
 def test_a_copy_is_as_frozen():

@@ -458,7 +458,7 @@ def as_json(options: argparse.Namespace, result: RunResult) -> str:
     document = {
         "command": options.program,
         "version": vsh.__version__,
-        "options": {name: _typed(value) for name, value in options.given.items() if name not in NOT_KEPT},
+        "options": {name: _json_value(value) for name, value in options.given.items() if name not in NOT_KEPT},
         "answer": dict(result.answer.lines) or None,
         "notes": [str(note) for note in result.notes],
         "tables": {name: _columns(table) for name, table in result.tables.items()},
@@ -500,7 +500,7 @@ def _columns(table):
     return {"meta": meta, "columns": columns}
 
 
-def _typed(value):
+def _json_value(value):
     """A word as a number, where it is one."""
     return json.loads(value) if isinstance(value, str) and NUMBER.fullmatch(value) else value
 

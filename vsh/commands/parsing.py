@@ -304,10 +304,10 @@ class Configuration:
         lines += [f"{name} = {_toml(value)}" for name, value in self.options.items() if name not in NOT_KEPT]
         if self.files:
             lines += ["", "# SHA-256 of what was read", "[files]"]
-            lines += [f"{_quoted(name)} = {_toml(sha)}" for name, sha in self.files.items()]
+            lines += [f"{_quote(name)} = {_toml(sha)}" for name, sha in self.files.items()]
         if self.written:
             lines += ["", "# SHA-256 of what was written: a file that was changed since is not replaced", "[written]"]
-            lines += [f"{_quoted(name)} = {_toml(sha)}" for name, sha in self.written.items()]
+            lines += [f"{_quote(name)} = {_toml(sha)}" for name, sha in self.written.items()]
         return "\n".join(lines) + "\n"
 
 
@@ -328,7 +328,7 @@ def configuration_of(path: str, command: str) -> Configuration:
         raise argparse.ArgumentTypeError(f"{path}: {what}? A configuration has command, version, [options] and [files]")
     if raw.get("command", command) != command:
         raise argparse.ArgumentTypeError(f"{path} is a configuration of {raw['command']}, not of {command}")
-    options = {str(name): _said(path, name, value) for name, value in raw.get("options", {}).items()}
+    options = {str(name): _format_setting(path, name, value) for name, value in raw.get("options", {}).items()}
     return Configuration(command, options, str(raw.get("version", "")), raw.get("files", {}))
 
 
@@ -379,7 +379,7 @@ def merged(
         names = {name_of(action) for action in exclusive._group_actions}
         excluded |= names if names & set(here) else set()
     options = {name: value for name, value in kept.options.items() if name not in excluded}
-    return [word for name, value in options.items() for word in _words(known[name], value)] + list(words), kept
+    return [word for name, value in options.items() for word in _format_value(known[name], value)] + list(words), kept
 
 
 def name_of(action: argparse.Action) -> str:
@@ -391,7 +391,7 @@ def name_of(action: argparse.Action) -> str:
     )
 
 
-def _words(action, value):
+def _format_value(action, value):
     if not action.option_strings:
         return [value] if isinstance(value, str) else list(value)
     option = f"--{name_of(action)}"
@@ -403,16 +403,16 @@ def _words(action, value):
     return [f"{option}={value}"]
 
 
-def _said(path, name, value):
+def _format_setting(path, name, value):
     """A value of the file as words have it."""
     if value is True or isinstance(value, str):
         return value
     if isinstance(value, int) and not isinstance(value, bool):
         return str(value)
     if isinstance(value, list):
-        return tuple(str(_said(path, name, each)) for each in value)
+        return tuple(str(_format_setting(path, name, each)) for each in value)
     if isinstance(value, dict):
-        return ",".join(f"{key}={_said(path, name, each)}" for key, each in value.items())
+        return ",".join(f"{key}={_format_setting(path, name, each)}" for key, each in value.items())
     raise argparse.ArgumentTypeError(
         f"{path}: {name} is text, a number, true, or several of them, not {value!r}; what is not wanted is left out"
     )
@@ -423,10 +423,10 @@ def _toml(value):
         return "true"
     if isinstance(value, (tuple, list)):
         return f"[{', '.join(map(_toml, value))}]"
-    return value if NUMBER.fullmatch(value) else _quoted(value)
+    return value if NUMBER.fullmatch(value) else _quote(value)
 
 
-def _quoted(text):
+def _quote(text):
     return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
@@ -455,10 +455,10 @@ def parse(module: Any, arguments: Sequence[str] | None = None) -> argparse.Names
     asks = {"-h", "--help", "--version"} & set(joined)
     if hasattr(module, "narrow") and asks - {"--version"}:
         module.narrow(parser, joined)
-    if _says("--citation", joined) and not asks:
+    if _option_error("--citation", joined) and not asks:
         print(bibtex(parser.prog, given(module.make_parser(), joined)))
         parser.exit()
-    if _says("--config", joined) and not asks:
+    if _option_error("--config", joined) and not asks:
         joined, kept = merged(parser, module.make_parser, joined)
     options = parser.parse_args(joined)
     if hasattr(module, "check"):
@@ -467,7 +467,7 @@ def parse(module: Any, arguments: Sequence[str] | None = None) -> argparse.Names
     options.expected = {} if kept is None else dict(kept.files)
     chosen = given(module.make_parser(), joined)
     options.given = {name: _without_secrets(value) for name, value in chosen.items()}
-    options.command = [parser.prog, *map(_told, words if kept is None else _without_config(joined))]
+    options.command = [parser.prog, *map(_explain_word, words if kept is None else _without_config(joined))]
     return options
 
 
@@ -479,7 +479,7 @@ def without_folder(text: str) -> str:
     return path.name if path.is_absolute() or ("/" in text and os.path.lexists(path)) else text
 
 
-def _says(option, words):
+def _option_error(option, words):
     """Return whether an option is among the words, perhaps shortened."""
     heads = {word.partition("=")[0] for word in words}
     return any(len(head) > 4 and option.startswith(head) for head in heads)
@@ -489,14 +489,14 @@ def _without_config(words):
     """The words, without those that name a configuration: what it says is among them."""
     left, skip = [], False
     for word in words:
-        if skip or _says("--config", [word]):
+        if skip or _option_error("--config", [word]):
             skip = not skip and "=" not in word  # its value is the next word
         else:
             left.append(word)
     return left
 
 
-def _told(word):
+def _explain_word(word):
     """A word of the command as a page may hold it, the value of --option=value too."""
     option, equals, value = word.partition("=") if word.startswith("--") else ("", "", word)
     return option + equals + without_folder(value)

@@ -50,7 +50,9 @@ def add_reading(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--where", metavar="CONDITION", help="rows to use: 'phot_g_mean_mag < 19 and 0.5 < redshift < 2'"
     )
-    parser.add_argument("--output", metavar="DIR", type=_named, help="write report, tables and figures to this folder")
+    parser.add_argument(
+        "--output", metavar="DIR", type=_parse_names, help="write report, tables and figures to this folder"
+    )
     add_figures(parser)
     parsing.add_overwrite(parser)
 
@@ -171,7 +173,7 @@ def _dpi(text):
     return number
 
 
-def _named(text):
+def _parse_names(text):
     if not text:
         raise argparse.ArgumentTypeError("names no folder")
     return text

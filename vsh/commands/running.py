@@ -78,17 +78,17 @@ def run_safely(options: argparse.Namespace, action: Callable[[], object]) -> int
             _say_what_changed(options)
             action()
     except MemoryError:
-        return _failed(program, "error: not enough memory: lower the degree, or read fewer sources")
+        return _report_failure(program, "error: not enough memory: lower the degree, or read fewer sources")
     except BrokenPipeError:  # whoever read our output has seen enough
         silence()
         return 0
     except OSError as error:
         silence_if_broken()
-        return _failed(program, f"error: {system_words(error)}")
+        return _report_failure(program, f"error: {system_words(error)}")
     except VshError as error:
-        return _failed(program, f"error: {error}")
+        return _report_failure(program, f"error: {error}")
     except KeyboardInterrupt:
-        return _failed(program, "interrupted")
+        return _report_failure(program, "interrupted")
     return 0
 
 
@@ -176,7 +176,7 @@ def _say_what_changed(options):
             print(printable(line), file=sys.stderr)
 
 
-def _failed(program, reason):
+def _report_failure(program, reason):
     print(
         f"{program}: {printable(shown_addresses(str(reason)))}".replace("\n", r"\n"), file=sys.stderr
     )  # one line, whatever a name holds

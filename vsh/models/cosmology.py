@@ -17,7 +17,7 @@ from vsh.sky.frames import TRUE, check_frame, check_redshift_frame, rotation_mat
 from vsh.sky.sphere import triad
 from vsh.tools.arguments import between as between_limits
 from vsh.tools.arguments import explained, float_array, number
-from vsh.tools.errors import ConvergenceError, FieldError, NothingLeftError, ParameterError
+from vsh.tools.errors import ConvergenceError, EmptyFieldError, FieldError, ParameterError
 from vsh.tools.notes import WithoutRedshift
 from vsh.tools.printing import in_a_line
 from vsh.tools.types import ArrayLike, BoolArray, Cosmology, FloatArray, Quantity
@@ -116,7 +116,7 @@ def transverse_distance(
     """
     if redshift is None:
         raise FieldError("these sources have no redshifts, which a distance needs")
-    cosmology = FLAT_PLANCK13 if cosmology is None else _checked(cosmology)
+    cosmology = FLAT_PLANCK13 if cosmology is None else _check_cosmology(cosmology)
     redshift = float_array("redshift", redshift, finite=False)
     if not redshift.size:
         raise FieldError("there are no redshifts to take distances of")
@@ -132,7 +132,7 @@ def transverse_distance(
             f"redshifts up to {redshift.max():.3g} reach beyond the antipode of this closed cosmology, where distances "
             "are not positive: leave them out, or lower its densities"
         )
-    distance = (_interpolated if redshift.size > _EXACT else _exact)(redshift, cosmology)
+    distance = (_interpolate_distance if redshift.size > _EXACT else _exact)(redshift, cosmology)
     return distance if hubble is None else distance * (hubble_value(cosmology) / hubble)
 
 
@@ -177,7 +177,7 @@ def hubble_value(cosmology: Cosmology) -> float:
     """The Hubble constant of a cosmology. [km/s/Mpc]"""
     if isinstance(cosmology, FlatLCDM):
         return cosmology.hubble
-    return float(_checked(cosmology).H0.to_value("km / (s Mpc)"))
+    return float(_check_cosmology(cosmology).H0.to_value("km / (s Mpc)"))
 
 
 def parallax_factor(distance: ArrayLike, cosmology: Cosmology | None = None) -> FloatArray:
@@ -187,13 +187,13 @@ def parallax_factor(distance: ArrayLike, cosmology: Cosmology | None = None) -> 
     Gravitation and Cosmology, sect. 14.4).
     """
     distance = np.asarray(distance, float)
-    if cosmology is None or not _checked(cosmology).Ok0:
+    if cosmology is None or not _check_cosmology(cosmology).Ok0:
         return np.ones_like(distance)
     curvature = float(cosmology.Ok0)
     return np.sqrt(np.maximum(1 + curvature * (distance * hubble_value(cosmology) / SPEED_OF_LIGHT) ** 2, 0.0))
 
 
-def _checked(cosmology):
+def _check_cosmology(cosmology):
     if isinstance(cosmology, FlatLCDM):  # whose H0 would load astropy's units
         return cosmology
     if not (hasattr(cosmology, "H0") and hasattr(cosmology, "comoving_transverse_distance")):
@@ -211,7 +211,7 @@ def _exact(redshift, cosmology):
     return cosmology.comoving_transverse_distance(redshift).to_value("Mpc")
 
 
-def _interpolated(redshift, cosmology, accuracy=1e-9):
+def _interpolate_distance(redshift, cosmology, accuracy=1e-9):
     """Interpolate with a quintic spline of log(d/z) in log(1 + z), refined until it holds between its nodes."""
     low, high = np.log1p(redshift.min()), np.log1p(redshift.max()) + 1e-12
     from scipy.interpolate import make_interp_spline  # slow to import
@@ -397,7 +397,7 @@ def with_redshift(
     reasons = reasons_unusable(redshift, min_redshift)
     note = WithoutRedshift.of_table(reasons, len(field), field.lon, field.redshift, names=names)
     if bad.all():
-        error = NothingLeftError(
+        error = EmptyFieldError(
             f"{bad.sum()} of {len(field)} sources without a usable redshift: "
             f"{count_unusable(redshift, min_redshift)}. No source is left"
         )

@@ -475,40 +475,40 @@ def read_matrix(path: PathName, check_shape: Callable[[tuple[int, ...]], Any]) -
     path = Path(path)
     ending = path.suffix.lower()
     if ending == ".npy":
-        with _refused(path):
+        with _refuse_file(path):
             matrix = np.load(path, mmap_mode="r", allow_pickle=False)
         check_shape(matrix.shape)
     elif ending in (".fits", ".fit"):
         matrix = _from_fits(path, check_shape)
     else:
-        with _refused(path):
+        with _refuse_file(path):
             matrix = np.loadtxt(path, ndmin=2)
         check_shape(matrix.shape)
-    with _refused(path):
+    with _refuse_file(path):
         return np.array(matrix, float)
 
 
 def _from_fits(path, check_shape):
     from astropy.io import fits
 
-    with _refused(path):
+    with _refuse_file(path):
         units = fits.open(path)
     with units:
-        with _refused(path):
+        with _refuse_file(path):
             images = [
                 unit for unit in units if unit.is_image and unit.header.get("NAXIS") == 2 and "NAXIS2" in unit.header
             ]
             if not images:
                 raise TableError(f"{path} holds no image of two axes")
-        with _refused(path):
+        with _refuse_file(path):
             shape = images[0].shape
         check_shape(shape)
-        with _refused(path):
+        with _refuse_file(path):
             return np.array(images[0].data, float)
 
 
 @contextmanager
-def _refused(path):
+def _refuse_file(path):
     try:
         yield
     except TableError:

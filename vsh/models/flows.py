@@ -359,13 +359,13 @@ class FlowModes(Frozen):
         """
         distance = np.asarray(distance, float)
         across, along = self._functions(distance)
-        return self._combined(np.asarray(lon, float), np.asarray(lat, float), across, along)
+        return self._combine_components(np.asarray(lon, float), np.asarray(lat, float), across, along)
 
     def at_origin(self) -> FloatArray:
         """Velocity where we are by each mode, (3, p), along the axes of the positions. [km/s]"""
         lon, lat = np.array([0.0, np.pi / 2, 0.0]), np.array([0.0, 0.0, np.pi / 2])  # along x, y and z
         here = np.broadcast_to(self.origin, (3, self.origin.size))
-        return self._combined(lon, lat, np.zeros_like(here), here)[1]
+        return self._combine_components(lon, lat, np.zeros_like(here), here)[1]
 
     def left(self, distance: FloatArray) -> tuple[FloatArray, FloatArray]:
         """The variance of velocities that the modes leave, in each tangential component and in the radial one.
@@ -401,10 +401,10 @@ class FlowModes(Frozen):
     def _functions(self, distance):
         """The functions of distance at sources: two (n, f) arrays; zero beyond the last radius."""
         values = self._spline(np.log(np.clip(distance, self.radii[0], self.radii[-1])))
-        values[self._beyond(distance)] = 0.0
+        values[self._beyond_sphere(distance)] = 0.0
         return np.split(values, 2, axis=1)
 
-    def _beyond(self, distance):
+    def _beyond_sphere(self, distance):
         """Mask of distances beyond the last radius, where no mode is."""
         return distance > self.radii[-1] * (1 + 1e-9)
 
@@ -427,7 +427,7 @@ class FlowModes(Frozen):
         """
         distance = np.asarray(distance, float)
         across = self._tangential(np.log(np.clip(distance, self.radii[0], self.radii[-1])))
-        across[self._beyond(distance)] = 0.0
+        across[self._beyond_sphere(distance)] = 0.0
         t = toroidal_harmonics(lon, lat, max(len(self.counts) - 1, 1))
         turned = np.empty_like(t)
         for axis in range(2):  # S is (−n, e) of T
@@ -435,7 +435,7 @@ class FlowModes(Frozen):
             turned[:, axis] -= turn[axis, 0] * t[:, 1]
         return self._times(turned, across, 1)
 
-    def _combined(self, lon, lat, across, along):
+    def _combine_components(self, lon, lat, across, along):
         """Functions of distance times harmonics, normalised to one over the sphere."""
         top = len(self.counts) - 1
         y = scalar_harmonics(lon, lat, top)

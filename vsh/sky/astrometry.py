@@ -11,7 +11,7 @@ import numpy as np
 
 from vsh.sky.sphere import angles, triad
 from vsh.tools.bad_rows import as_floats, check_shapes
-from vsh.tools.errors import FieldError, NothingLeftError
+from vsh.tools.errors import EmptyFieldError, FieldError
 from vsh.tools.notebook import Frozen
 from vsh.tools.notes import merge_notes
 from vsh.tools.printing import in_a_line
@@ -201,7 +201,7 @@ class AstrometryRows(Frozen):
         name = np.asarray(self.name).astype(str)
         n = name.size
         if n == 0:
-            raise NothingLeftError("there is no row of astrometry")
+            raise EmptyFieldError("there is no row of astrometry")
         given: dict[str, Any] = {"name": name, "catalogue": np.asarray(self.catalogue).astype(str)}
         for column in ("epoch", "lon", "lat", "parallax", "motion", "covariance"):
             given[column] = _floats(column, getattr(self, column))

@@ -96,7 +96,7 @@ def _valueless(values):
     return np.isnan(values) | (values < -1e30)
 
 
-def smoothed(values: ArrayLike, width: float) -> FloatArray:
+def smooth_map(values: ArrayLike, width: float) -> FloatArray:
     """A map smoothed by a Gaussian; its sum stays, to a thousandth."""
     import healpy  # slow to import, with matplotlib
 

@@ -253,7 +253,7 @@ def explained(function: Callable[P, T]) -> Callable[P, T]:
         except VshError:
             raise
         except _ENDS as error:
-            words = _mistyped(function, arguments, options)
+            words = _find_mistyped(function, arguments, options)
             if words is not None:
                 raise ParameterError(words) from error
             if isinstance(error, TypeError):
@@ -263,7 +263,7 @@ def explained(function: Callable[P, T]) -> Callable[P, T]:
     return checked
 
 
-def _mistyped(function, arguments, options):
+def _find_mistyped(function, arguments, options):
     """Message on the first argument that is not of its annotated type, or None."""
     try:
         bound = signature(function).bind(*arguments, **options).arguments
@@ -273,7 +273,7 @@ def _mistyped(function, arguments, options):
     for name, value in bound.items():
         hint = hints.get(name, Any)
         if not _fits(value, hint):
-            return f"{name} must be {_words(hint)}, not {_shown(value)}"
+            return f"{name} must be {_describe_hint(hint)}, not {_format_argument(value)}"
     return None
 
 
@@ -346,13 +346,13 @@ def _numeric(array):
     return True
 
 
-def _words(hint):
+def _describe_hint(hint):
     """A type as a reader knows it."""
     if hint == ArrayLike:
         return "numbers"
     origin, inside = typing.get_origin(hint), typing.get_args(hint)
     if origin in (typing.Union, types.UnionType):
-        return " or ".join(dict.fromkeys(map(_words, inside)))
+        return " or ".join(dict.fromkeys(map(_describe_hint, inside)))
     if origin is typing.Literal:
         return " or ".join(map(repr, inside))
     if origin is np.ndarray or hint is np.ndarray or hint == ArrayLike:
@@ -364,6 +364,6 @@ def _words(hint):
     return getattr(hint, "__name__", str(hint)) if origin is None else str(hint).replace("collections.abc.", "")
 
 
-def _shown(value):
+def _format_argument(value):
     """A value by its type, and as it is where that is short."""
     return repr(value) if isinstance(value, (int, float, str, bool, type(None))) else type(value).__name__

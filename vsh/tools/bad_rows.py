@@ -6,7 +6,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from vsh.tools.errors import FieldError, NothingLeftError
+from vsh.tools.errors import EmptyFieldError, FieldError
 from vsh.tools.notes import DOUBT, CodedNote, DroppedRows
 from vsh.tools.types import BoolArray, FloatArray, OnBad
 
@@ -226,7 +226,7 @@ def select_usable(
 ) -> tuple[Any, tuple[str, ...]]:
     """The sources to keep, and a note about the others; those set `aside` are no error, whatever `on_bad` is."""
     if n == 0:
-        raise NothingLeftError("the catalogue is empty: there are no sources to use")
+        raise EmptyFieldError("the catalogue is empty: there are no sources to use")
     out = np.zeros(n, bool)
     for mask in (aside or {}).values():
         out |= mask
@@ -242,7 +242,7 @@ def select_usable(
     counts = {reason: int(mask.sum()) for reason, mask in invalid.items()}
     note = DroppedRows.of_table(counts, n, np.packbits(bad), *mark)
     if count == n:
-        error = NothingLeftError(f"{message}. No row is left")
+        error = EmptyFieldError(f"{message}. No row is left")
         error.notes = (note,)
         raise error
     if on_bad == "raise" and wrong:

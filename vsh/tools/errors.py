@@ -23,7 +23,7 @@ class FieldError(VshError, ValueError):
     """A field's arrays disagree in shape, or hold values that are not possible on the sky."""
 
 
-class NothingLeftError(FieldError):
+class EmptyFieldError(FieldError):
     """No row of a table can be used.
 
     Attributes
@@ -35,7 +35,7 @@ class NothingLeftError(FieldError):
     notes: tuple[str, ...] = ()
 
 
-class NothingSelectedError(NothingLeftError):
+class EmptySelectionError(EmptyFieldError):
     """A condition selects no row of a table."""
 
 

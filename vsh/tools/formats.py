@@ -82,10 +82,14 @@ def shown_address(text: str) -> str:
 
 def shown_addresses(text: str) -> str:
     """A message, each address in it without passwords and keys: for whatever is printed, logged or written."""
-    return _ADDRESS.sub(lambda address: "::".join(map(_shown, address[0].split("::"))), text) if "://" in text else text
+    return (
+        _ADDRESS.sub(lambda address: "::".join(map(_format_link, address[0].split("::"))), text)
+        if "://" in text
+        else text
+    )
 
 
-def _shown(link):
+def _format_link(link):
     """Text of one address of a chain."""
     scheme, separator, rest = link.partition("://")
     if not separator:

@@ -19,7 +19,7 @@ _OTHERS = ("sim", "fit", "study")
 _ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
 
 
-def hidden() -> dict[str, str]:
+def find_shadowed_packages() -> dict[str, str]:
     """Modules that hide our packages: their places, by name."""
     hiding = {}
     for name in _OTHERS:
@@ -43,7 +43,7 @@ def warn_if_hidden() -> None:
     """Warn in one sentence where something of the user's hides a package of ours."""
     if os.path.dirname(sys.argv[0]) == os.path.join(_ROOT, "vsh") or sys.argv[:1] == ["-m"]:
         return  # `python -m vsh` finds ours whatever hides them
-    for name, place in hidden().items():
+    for name, place in find_shadowed_packages().items():
         from vsh.tools.errors import VshWarning  # NumPy comes with it
 
         warnings.warn(
@@ -56,7 +56,7 @@ def warn_if_hidden() -> None:
 
 def import_ours() -> None:
     """Import our packages where something of the user's hides them: commands do not depend on the folder."""
-    for name in hidden():
+    for name in find_shadowed_packages():
         spec = PathFinder.find_spec(name, [_ROOT])
         if spec is not None and spec.loader is not None:
             sys.modules[name] = module_from_spec(spec)

@@ -100,17 +100,17 @@ class Frozen(InNotebook):
         for entry in fields(cast(Any, self)):
             value = getattr(self, entry.name)
             if isinstance(value, (np.ndarray, list)):
-                object.__setattr__(self, entry.name, _frozen(value))
+                object.__setattr__(self, entry.name, _freeze(value))
 
     def __setstate__(self, state):
         # NumPy gives back arrays that can be written to.
         for name, value in state.items():
-            object.__setattr__(self, name, _frozen(value))
+            object.__setattr__(self, name, _freeze(value))
 
 
-def _frozen(value):
+def _freeze(value):
     if isinstance(value, np.ndarray):
         return read_only(value)
     if isinstance(value, list):
-        return [_frozen(each) for each in value]
+        return [_freeze(each) for each in value]
     return value

@@ -169,7 +169,7 @@ def merge_notes(*groups: Iterable[str]) -> tuple[str, ...]:
     return (*lines, *(kind(parts) for kind, parts in counted.items()), *([MoreNotes(hidden)] if hidden else []))
 
 
-def spoken(notes: Iterable[str]) -> tuple[str, ...]:
+def format_notes(notes: Iterable[str]) -> tuple[str, ...]:
     """The notes of a result: without those that count nothing, which are there for the sum of several parts."""
     return tuple(
         note for note in notes if not (isinstance(note, CountedNote) and len(note.parts) > 1 and not note.counts)
@@ -178,15 +178,15 @@ def spoken(notes: Iterable[str]) -> tuple[str, ...]:
 
 def dropped(notes: Iterable[str]) -> int:
     """Number of rows that were left out, from the notes."""
-    return _counted(notes, DroppedRows)
+    return _count(notes, DroppedRows)
 
 
-def unselected(notes: Iterable[str]) -> int:
+def count_unselected(notes: Iterable[str]) -> int:
     """Number of rows that a condition left out, from the notes."""
-    return _counted(notes, NotSelected)
+    return _count(notes, NotSelected)
 
 
-def _counted(notes, kind):
+def _count(notes, kind):
     return sum((sum(note.counts.values()) for note in notes if isinstance(note, kind)), 0)
 
 

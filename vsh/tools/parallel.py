@@ -114,7 +114,7 @@ def end_with_parent() -> None:
 
 
 def process_pool(workers: int) -> "ProcessPoolExecutor":
-    """Processes that leave an interrupt to their parent, and end with it; submit to them within `uninterrupted`."""
+    """Processes that leave an interrupt to their parent, and end with it; submit to them within `delay_interrupts`."""
     from concurrent.futures import ProcessPoolExecutor
     from multiprocessing import get_context
 
@@ -128,7 +128,7 @@ def _begin():
 
 
 @contextmanager
-def uninterrupted() -> Iterator[None]:
+def delay_interrupts() -> Iterator[None]:
     """Processes that start within it never see an interrupt; this one sees it afterwards."""
     if not hasattr(signal, "pthread_sigmask"):  # Windows
         yield

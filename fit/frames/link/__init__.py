@@ -4,16 +4,16 @@ from typing import TYPE_CHECKING
 
 from fit.frames.link._link import StepSearch, find_step, link
 from fit.frames.link._rows import LinkPrior, Unknowns, read_priors
-from fit.frames.link._solution import LinkPlan, LinkSolution, forecast
+from fit.frames.link._solution import FrameTie, LinkPlan, forecast
 from vsh.tools.modules import lazily
 
 if TYPE_CHECKING:
     from fit.frames.link._plot import plot_link
 
 __all__ = [
+    "FrameTie",
     "LinkPlan",
     "LinkPrior",
-    "LinkSolution",
     "StepSearch",
     "Unknowns",
     "find_step",

@@ -114,7 +114,7 @@ def nodes(
             yield Node(tails, s, values, covariance, evidence, weight, tails.outlier(size, d, s))
 
 
-def mixed(listed: Sequence[Node]) -> tuple[FloatArray, FloatArray, FloatArray]:
+def combine_nodes(listed: Sequence[Node]) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Mean and covariance of all nodes together, and the probability of each."""
     evidence = np.array([each.evidence for each in listed])
     share = np.exp(evidence - logsumexp(evidence))

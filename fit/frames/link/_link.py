@@ -9,7 +9,7 @@ from scipy.special import logsumexp
 
 from fit.frames.link._likelihood import FAMILIES, FEWER, NORMAL, Node, nodes
 from fit.frames.link._rows import LinkPrior, Unknowns, equations
-from fit.frames.link._solution import LinkSolution, made
+from fit.frames.link._solution import FrameTie, made
 from fit.frames.results import FrameResult
 from fit.results.quality import SEEN
 from vsh.io import tables
@@ -51,7 +51,7 @@ def link(
     aberration: Vector | None = GAIA_EDR3,
     parallax: bool = True,
     light_time: bool = True,
-) -> LinkSolution:
+) -> FrameTie:
     """Find how frames of catalogues are turned, and turn, against that of one, from sources that they share.
 
     Parameters
@@ -89,7 +89,7 @@ def link(
 
     Returns
     -------
-    LinkSolution
+    FrameTie
         Orientation ε and spin ω: what a catalogue gives is turned against the reference by ε + ω (t − epoch).
 
     Raises
@@ -121,14 +121,14 @@ def link(
         astrometry, sought, fixed=fixed, aberration=aberration, parallax=parallax, light_time=light_time
     )
     known = _prior(priors, sought)
-    rows = raw.eliminated()
+    rows = raw.eliminate_stars()
     _check(rows, known, sought.names)
     if excess is None:
         excess = robust and bool(((astrometry.catalogue == given) & astrometry.measured[:, 0]).any())
     families = (FAMILIES if not excess else FEWER) if robust else (NORMAL,)
     listed: list[Node] = []
     offsets: list[tuple[float, float]] = _offsets(astrometry, given) if excess else [(0.0, 1.0)]
-    tried = {offset: rows if not offset[0] else raw.eliminated(*offset, given) for offset in offsets}
+    tried = {offset: rows if not offset[0] else raw.eliminate_stars(*offset, given) for offset in offsets}
     for (size, ratio), more in tried.items():
         # As likely as not there is none; all sizes are alike then.
         chance = -np.log(len(offsets) - 1) if size else 0.0
@@ -213,9 +213,9 @@ class StepSearch(FrameResult):
         That of no jump at each, of all components together, as if no other had been tried.
     p_value : float
         That of no jump anywhere: the smallest, allowing for all.
-    solution : LinkSolution
+    solution : FrameTie
         The link with the most probable step.
-    whole : LinkSolution
+    whole : FrameTie
         The link without a step.
     """
 
@@ -223,8 +223,8 @@ class StepSearch(FrameResult):
     probability: FloatArray
     p_values: FloatArray
     p_value: float
-    solution: LinkSolution
-    whole: LinkSolution
+    solution: FrameTie
+    whole: FrameTie
 
     def __repr__(self) -> str:
         return f"<StepSearch: {len(self.places)} places, G = {self.place:.4g} most probable, p = {self.p_value:.2g}>"
@@ -251,7 +251,7 @@ class StepSearch(FrameResult):
         Parameters
         ----------
         one, two : str, optional
-            As for `LinkSolution.vectors`.
+            As for `FrameTie.vectors`.
         """
         return (self.solution if self.p_value < SEEN else self.whole).vectors(one, two)
 
@@ -330,7 +330,7 @@ def find_step(astrometry: AstrometryRows, places: Sequence[float] | None = None,
     """
     if "steps" in options:
         raise ParameterError("steps are what is sought: say at which magnitudes with places")
-    tried = _between(astrometry) if places is None else np.unique(np.asarray(places, float))
+    tried = _mean_epochs(astrometry) if places is None else np.unique(np.asarray(places, float))
     if tried.ndim != 1 or len(tried) < 2 or not np.isfinite(tried).all():
         raise ParameterError(f"two magnitudes at least are expected as places of a jump, not {places!r}")
     solutions = [link(astrometry, steps=[float(place)], **options) for place in tried]
@@ -344,7 +344,7 @@ def find_step(astrometry: AstrometryRows, places: Sequence[float] | None = None,
     return StepSearch(tried, np.exp(evidence - logsumexp(evidence)), each[:, 0], float(together[0]), best, whole)
 
 
-def _between(astrometry):
+def _mean_epochs(astrometry):
     """Magnitudes between those of the sources, some of these left to either side."""
     _, first = np.unique(astrometry.source, return_index=True)
     known = np.sort(astrometry.magnitude[first][np.isfinite(astrometry.magnitude[first])])

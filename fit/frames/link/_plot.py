@@ -5,11 +5,11 @@ from typing import Any
 
 import numpy as np
 
-from vsh.figures.plot import COLOURS, WIDTH, legend_above, log_ticks, panels, styled
+from vsh.figures.plot import COLOURS, WIDTH, apply_style, legend_above, log_ticks, panels
 from vsh.tools.types import Axes, AxesArray, OnAxes
 
 
-@styled
+@apply_style
 def plot_link(solution: Any, *, ax: OnAxes | None = None) -> AxesArray:
     """Orientation and spin against magnitude with standard errors, and influence and distance of each source."""
     vectors = [each for each in ("orientation", "spin") if each in solution.unknowns.vectors]
@@ -55,7 +55,7 @@ def plot_link(solution: Any, *, ax: OnAxes | None = None) -> AxesArray:
     return drawn
 
 
-@styled
+@apply_style
 def plot_steps(search: Any, *, ax: Axes | None = None) -> Axes:
     """Probability of each place of a jump, and what lies between."""
     (axes,) = panels(ax, size=(WIDTH, 2.6))
@@ -68,7 +68,7 @@ def plot_steps(search: Any, *, ax: Axes | None = None) -> Axes:
     return axes
 
 
-@styled
+@apply_style
 def plot_plan(plan: Any, *, ax: Axes | None = None) -> Axes:
     """Errors of the parameters after each candidate, in those of today."""
     (axes,) = panels(ax, size=(WIDTH, 3.0))

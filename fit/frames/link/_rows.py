@@ -333,7 +333,7 @@ class Rows:
         return [slice(end - size, end) for end, size in zip(ends.tolist(), self.dims.tolist(), strict=True)]
 
 
-class _Left(NamedTuple):
+class _Eliminated(NamedTuple):
     """Data that one group leaves: its number, differences of unit variance, and half of ln of the determinant."""
 
     group: int
@@ -366,7 +366,7 @@ class Equations:
         """The number of each row's source."""
         return self.data.source
 
-    def eliminated(self, excess: float = 0.0, across: float = 1.0, reference: str = "") -> Rows:
+    def eliminate_stars(self, excess: float = 0.0, across: float = 1.0, reference: str = "") -> Rows:
         """The differences that are left, with an offset of `excess` between the reference and the others added.
 
         Along the jet where there is one and `across` times as much across it, the same in all rows of the reference
@@ -387,7 +387,7 @@ class Equations:
             np.concatenate([each.design for each in left]),
             np.concatenate([each.rhs for each in left]),
             np.repeat(np.arange(len(left)), [len(each.rhs) for each in left]),
-            tuple(map(self._called, groups)),
+            tuple(map(self._label, groups)),
             np.array([self._magnitude(rows) for rows in groups]),
             np.array([len(rows) for rows in groups]),
             float(sum(each.size for each in left)),
@@ -444,7 +444,7 @@ class Equations:
         size += np.log(np.where(kept, s, 1.0)).sum(1)
         for i, rank in enumerate(kept.sum(1)):
             free = u[i, :, rank:].T
-            yield _Left(int(members[i]), free @ a[i], free @ y[i], float(size[i]))
+            yield _Eliminated(int(members[i]), free @ a[i], free @ y[i], float(size[i]))
 
     def _magnitude(self, rows):
         """Magnitude of a source, or the mean of several."""
@@ -458,7 +458,7 @@ class Equations:
         out[:, np.arange(len(which)), :, which] = np.moveaxis(self.truth[rows], 1, 0)
         return out.reshape(*rows.shape, 5, -1)
 
-    def _called(self, rows):
+    def _label(self, rows):
         """The name of a source, or of the first of several and how many more there are."""
         sources = np.unique(self.source[rows])
         first = str(self.data.name[rows[0]])

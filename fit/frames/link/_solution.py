@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from scipy.special import logsumexp
 
-from fit.frames.link._likelihood import NORMAL, Node, Tails, influence_of, mixed
+from fit.frames.link._likelihood import NORMAL, Node, Tails, combine_nodes, influence_of
 from fit.frames.link._rows import VECTORS, Rows, Unknowns, equations
 from fit.frames.results import FrameResult
 from fit.results.quality import SEEN, f_p_value, hint_of
@@ -31,7 +31,7 @@ _HEAVY = 2.0
 
 
 @dataclass(frozen=True, eq=False)
-class LinkSolution(FrameResult, NamedSolution):
+class FrameTie(FrameResult, NamedSolution):
     """Orientation and spin of catalogues against a reference.
 
     Attributes
@@ -85,9 +85,7 @@ class LinkSolution(FrameResult, NamedSolution):
     searched: tuple[float, ...] = ()
 
     def __repr__(self) -> str:
-        return (
-            f"<LinkSolution: {', '.join(self.unknowns.turned)} against {self.reference}, {len(self.sources)} sources>"
-        )
+        return f"<FrameTie: {', '.join(self.unknowns.turned)} against {self.reference}, {len(self.sources)} sources>"
 
     def vector(
         self, name: str, magnitude: float | None = None, colour: float | None = None, catalogue: str | None = None
@@ -135,7 +133,9 @@ class LinkSolution(FrameResult, NamedSolution):
             raise ParameterError(
                 f"no step was fitted at {step:g}; fitted are {', '.join(map(str, self.unknowns.steps)) or 'none'}"
             )
-        value, covariance, p = self._tested(self.unknowns.jump(vector, catalogue or self.unknowns.turned[0], step))
+        value, covariance, p = self._test_amplitude(
+            self.unknowns.jump(vector, catalogue or self.unknowns.turned[0], step)
+        )
         return Vector(value, covariance, self.frame, VECTORS[vector][1]), p
 
     def jump_covariance(self, step: float) -> FloatArray:
@@ -146,7 +146,7 @@ class LinkSolution(FrameResult, NamedSolution):
         step : float
             One of the steps that were sought.
         """
-        return self._tested(self._jumps(step))[1]
+        return self._test_amplitude(self._jumps(step))[1]
 
     def _jumps(self, step, vectors=None):
         """Rows from the parameters to the jumps of some vectors, all unless given, of all catalogues."""
@@ -158,7 +158,7 @@ class LinkSolution(FrameResult, NamedSolution):
         """The vectors that jump at a step."""
         return [each for each in self.unknowns.vectors if each != "acceleration"]
 
-    def _tested(self, a):
+    def _test_amplitude(self, a):
         """A combination of the parameters, its covariance, and the probability of as much by chance."""
         value, covariance = a @ self.values, a @ self.covariance @ a.T
         size = value @ np.linalg.solve(covariance, value)
@@ -364,7 +364,7 @@ class LinkSolution(FrameResult, NamedSolution):
         if self.searched:
             return self.searched
         jumps = [self._jumps(step), *(self._jumps(step, [vector]) for vector in self._jumping)]
-        return tuple(self._tested(each)[2] for each in jumps)
+        return tuple(self._test_amplitude(each)[2] for each in jumps)
 
     def _levels(self, long):
         """The value of each vector between the steps, and the p-values of the jumps."""
@@ -387,7 +387,7 @@ class LinkSolution(FrameResult, NamedSolution):
 
     def _in_words(self, name, catalogue):
         vector = self.vector(name, catalogue=catalogue)
-        p = self._tested(self.unknowns.combination(name, catalogue))[2]
+        p = self._test_amplitude(self.unknowns.combination(name, catalogue))[2]
         if p < SEEN:
             size = f"{vector.amplitude:.3g} ± {vector.amplitude_error:.2g} {vector.unit}"
             return f"{size}, p = {printed_p_value(p)}"
@@ -433,9 +433,9 @@ def made(
     unknowns: Unknowns,
     reference: str,
     notes: tuple[str, ...],
-) -> LinkSolution:
+) -> FrameTie:
     """The solution of nodes of the likelihood, with what each source has to do with it."""
-    values, covariance, share = mixed(listed)
+    values, covariance, share = combine_nodes(listed)
     best = listed[int(np.argmax(share))]
     outlier = np.sum([w * each.outlier for w, each in zip(share, listed, strict=True)], axis=0)
     d = rows.dims
@@ -443,7 +443,7 @@ def made(
     size = np.bincount(rows.source, left**2, minlength=len(d))
     influence = influence_of(listed, share, rows, prior, values) / np.sqrt(np.diag(covariance))
     information = (np.linalg.inv(covariance) - prior[0]) / len(d)
-    return LinkSolution(
+    return FrameTie(
         unknowns.names, values, covariance, float(size.sum()), len(rows.rhs), "icrs", notes,
         unknowns=unknowns, reference=reference, sources=rows.names, magnitude=rows.magnitude, rows=rows.rows,
         distances=np.sqrt(size / d), outlier=outlier, influence=influence, tails=best.tails, scale=best.scale,
@@ -505,13 +505,13 @@ class LinkPlan(Result):
         return plot_plan(self, ax=ax)
 
 
-@arguments.accepts(solution=arguments.a(LinkSolution), candidates=arguments.a(AstrometryRows))
-def forecast(solution: LinkSolution, candidates: AstrometryRows) -> LinkPlan:
+@arguments.accepts(solution=arguments.a(FrameTie), candidates=arguments.a(AstrometryRows))
+def forecast(solution: FrameTie, candidates: AstrometryRows) -> LinkPlan:
     """Order candidates by what their astrometry, as planned, would add to a link.
 
     Parameters
     ----------
-    solution : LinkSolution
+    solution : FrameTie
         The link today.
     candidates : AstrometryRows
         Rows of all catalogues that the candidates have or will have: places, epochs and covariances count, values do
@@ -536,7 +536,7 @@ def forecast(solution: LinkSolution, candidates: AstrometryRows) -> LinkPlan:
     """
     fixed = {solution.reference: 2015.0} if solution.reference in candidates.catalogues else {}
     raw, _ = equations(candidates, solution.unknowns, fixed=fixed, aberration=None)
-    rows = raw.eliminated(solution.excess, 1.0, solution.reference)
+    rows = raw.eliminate_stars(solution.excess, 1.0, solution.reference)
     tails, d = solution.tails, rows.dims
     ratio = (1 - tails.share) * (tails.nu + d) / (tails.nu + d + 2) / solution.scale**2
     blocks = [weight * rows.design[mine].T @ rows.design[mine] for weight, mine in zip(ratio, rows.parts, strict=True)]

@@ -8,24 +8,24 @@ import numpy as np
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from fit.results.output._text import squared
+from fit.results.output._text import format_squared
 from fit.results.quality import ErrorSource
 from fit.results.spectrum import spectrum, wilson_hilferty
 from vsh.coefficients import FIRST_DEGREE
-from vsh.field import Field, Weighed
+from vsh.field import Field, SourcesWithErrors
 from vsh.figures.plot import (
     COLOURS,
     DIVERGING,
     KIND_COLOURS,
     KIND_NAMES,
     WIDTH,
+    apply_style,
     colour_bar,
     draw_matrix,
     legend_above,
     log_ticks,
     panels,
     plot_map,
-    styled,
     symbol,
 )
 from vsh.io.parts import Parts, as_parts
@@ -39,7 +39,7 @@ from vsh.vector import correlation_of
 _SIGNAL = 0.05
 
 
-@styled
+@apply_style
 def plot_spectrum(solution: Any, *, ax: Axes | None = None) -> Axes:
     """Power by degree and kind: with its error where there is a signal, as an upper limit where there need be none.
 
@@ -96,7 +96,7 @@ def plot_spectrum(solution: Any, *, ax: Axes | None = None) -> Axes:
     if solution.modes.lmax <= 12:
         axes.set_xticks(np.unique([row.l for row in rows]))
     axes.set_xlabel("degree")
-    axes.set_ylabel(f"power  {squared(solution)}")
+    axes.set_ylabel(f"power  {format_squared(solution)}")
     roots = axes.secondary_yaxis("right", functions=(lambda x: np.sqrt(np.maximum(x, 0)), np.square))
     roots.set_ylabel(f"√power  [{solution.unit}]" if solution.unit else "√power")
     log_ticks(roots.yaxis, *np.sqrt(reach))
@@ -119,7 +119,7 @@ def _draw_floor(axes, floor, handles):
     return levels
 
 
-@styled
+@apply_style
 def plot_power(solution: Any, *, ax: Axes | None = None) -> Axes:
     """Power by degree and kind as fitted, for a solution without a covariance.
 
@@ -141,7 +141,7 @@ def plot_power(solution: Any, *, ax: Axes | None = None) -> Axes:
     return axes
 
 
-@styled
+@apply_style
 def plot_correlation(solution: Any, *, ax: Axes | None = None) -> Axes:
     """The correlation matrix of the fit, components of spin and acceleration in place of degree 1.
 
@@ -181,7 +181,7 @@ def _known_names(solution):
     return names, matrix, [f"{mode.kind}{mode.l}" for mode in modes]
 
 
-@styled
+@apply_style
 def plot_terms(terms: Mapping[str, Mapping[str, tuple[float, float]]], unit: str, *, ax: Axes | None = None) -> Axes:
     """Values and errors of named terms, side by side for each label."""
     (axes,) = panels(ax, size=(WIDTH, 2.6))
@@ -197,7 +197,7 @@ def plot_terms(terms: Mapping[str, Mapping[str, tuple[float, float]]], unit: str
     return axes
 
 
-@styled
+@apply_style
 def plot_residuals(
     solution: Any,
     field: Field | ScalarField | Parts,
@@ -228,7 +228,7 @@ def plot_residuals(
     if weights is not None:
         field = _with_weights(solution, field, weights)
     work = partial(_residual_sums, solution=solution, nside=nside)
-    chi2, sources = as_parts(field, Weighed).sum(work, roles=(), words="residuals")
+    chi2, sources = as_parts(field, SourcesWithErrors).sum(work, roles=(), words="residuals")
     dof = sources * solution.modes.components
     with np.errstate(divide="ignore", invalid="ignore"):
         deviate = np.where(dof > 0, wilson_hilferty(chi2, dof), np.nan)

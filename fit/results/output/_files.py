@@ -96,7 +96,7 @@ def latex_of(solution: Any, style: str = "booktabs", *, full: bool = False, answ
 
 def _powers(solution, style):
     """Rows of the power of each degree, without its noise."""
-    lines = [rf"Power & noise-debiased & error & $p$-value & {_squared(solution.unit)} \\"]
+    lines = [rf"Power & noise-debiased & error & $p$-value & {_square_unit(solution.unit)} \\"]
     for power in spectrum(solution):
         digits = two_digits(power.error)
         shown = (*(f"{each:.{digits}f}" for each in (power.debiased, power.error)), p_value(power.p_value))
@@ -114,10 +114,10 @@ def _caption(solution, answer):
         f"degrees {solution.modes.lowest} to {solution.modes.lmax}, χ²/dof = {solution.reduced_chi2:.3f}"
     ]
     facts += [f"{label.capitalize() if label.islower() else label}: {text}" for label, text in answer.lines]
-    return " ".join(f"{_powers_of_ten(_words(fact))}." for fact in facts)
+    return " ".join(f"{_powers_of_ten(_check_text(fact))}." for fact in facts)
 
 
-def _words(text):
+def _check_text(text):
     """Words as LaTeX has them."""
     for sign, tex in _SIGNS.items():
         text = text.replace(sign, tex)
@@ -129,12 +129,12 @@ def _powers_of_ten(text):
 
 
 def _unit(unit):
-    return _words(unit)
+    return _check_text(unit)
 
 
-def _squared(unit):
+def _square_unit(unit):
     """The unit of powers."""
-    return rf"(({_words(unit)})$^2$)" if unit else ""
+    return rf"(({_check_text(unit)})$^2$)" if unit else ""
 
 
 def _number(cell, style):
@@ -279,13 +279,13 @@ def write_html(
 
 
 def _skies(solution, field, beside):
-    from vsh.figures.page import Shown
+    from vsh.figures.page import ShownPage
 
     if isinstance(field, ScalarField):
         return ()
     own = f"degree {solution.modes.lmax}, errors from {solution.errors_from}" if beside else ""
     return [
-        Shown(
+        ShownPage(
             label,
             sample_of(sources) if isinstance(sources, Parts) else sources,
             each.coefficients,

@@ -32,7 +32,7 @@ def html_report(
     title: str | None = None,
     sections: Sequence[Section] = (),
     captions: Mapping[str, str] | None = None,
-    skies: Sequence[page.Shown] = (),
+    skies: Sequence[page.ShownPage] = (),
     answer: Answer | None = None,
 ) -> str:
     """A self-contained page about a solution.
@@ -59,7 +59,7 @@ def html_report(
         Further sections.
     captions : dict of str to str, optional
         Captions of further figures, by name.
-    skies : sequence of vsh.figures.page.Shown
+    skies : sequence of vsh.figures.page.ShownPage
         One or two solutions on a sky that can be turned, in place of the figure "sky".
     answer : Answer, optional
         The lines to quote; those of the solution unless given.

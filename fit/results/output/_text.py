@@ -66,7 +66,7 @@ def is_scalar(solution: Any) -> bool:
     return solution.modes.components == 1
 
 
-def squared(solution: Any) -> str:
+def format_squared(solution: Any) -> str:
     """The unit of powers, in brackets; nothing of pure numbers."""
     return f"[({solution.unit})²]" if solution.unit else ""
 
@@ -415,7 +415,9 @@ def _noise_powers(solution):
     columns = {"degree": list(degrees)}
     columns |= {kind: [solution.noise_power(kind, l) for l in degrees] for kind in "TS"}
     forms = dict.fromkeys("TS", ".3g")
-    return Section(f"Power of noise by degree, ∫|V|²dΩ {squared(solution)}", (), tables.table_of(columns), forms=forms)
+    return Section(
+        f"Power of noise by degree, ∫|V|²dΩ {format_squared(solution)}", (), tables.table_of(columns), forms=forms
+    )
 
 
 def _vectors(solution, truth, long):
@@ -456,7 +458,7 @@ def _powers(solution):
         each = [powers.get((kind, l)) for l in degrees]
         columns[kinds[kind]] = [_power(power) if power else "" for power in each]
         columns[f"p ({kinds[kind]})"] = [printed_p_value(power.p_value) if power else "" for power in each]
-    title = f"Power by degree {squared(solution)}".rstrip()
+    title = f"Power by degree {format_squared(solution)}".rstrip()
     title += " less that of noise, and the p-value of as much from noise alone"
     return Section(title, (), tables.table_of(columns))
 
@@ -476,7 +478,7 @@ def _degrees(solution):
         f"p-values are of as much from noise alone ({law}), z is their normal deviate; M&K Z, Mignard & Klioner's, "
         "holds for a uniform sky."
     ]
-    title = f"Power by degree, ∫{field}²dΩ {squared(solution)}"
+    title = f"Power by degree, ∫{field}²dΩ {format_squared(solution)}"
     return Section(title, (), tables.table_of(columns), remarks=remarks)
 
 

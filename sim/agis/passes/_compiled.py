@@ -46,7 +46,7 @@ class CompiledPasses:
             for start in range(0, len(arguments), self.threads):
                 yield from pool.map(lambda piece: work(*piece), arguments[start : start + self.threads])
 
-    def _joined(self, parts, out):
+    def _join_passes(self, parts, out):
         """Sums of parts that overlap by the three coefficients at their ends."""
         for (first, last), part in zip(self.knots, parts, strict=True):
             out[first : last + 3] += part
@@ -61,7 +61,7 @@ class CompiledPasses:
             _kernels.to_attitude(start, stop, first, lengths, x, out, transits)
             return out
 
-        return self._joined(self._map(work), np.zeros((self.coefficients, 3, len(lengths))))
+        return self._join_passes(self._map(work), np.zeros((self.coefficients, 3, len(lengths))))
 
     def to_sources(self, h: FloatArray) -> FloatArray:
         """C h."""

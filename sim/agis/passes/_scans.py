@@ -330,11 +330,11 @@ def scans(
         check_memory(
             2 * _RECORD.itemsize * expected_transits(law, lon, lat) * ccds, "transits", "give a folder= for them"
         )
-        return Scans(**fixed, **_sorted(_followed(law, lon, lat, ccds, threads, progress, None), fixed, None))
+        return Scans(**fixed, **_sorted(_follow_law(law, lon, lat, ccds, threads, progress, None), fixed, None))
     place = _ours(Path(folder))
     if not (place / f"{key}.json").exists():
         with atomic_folder(place) as new:
-            _sorted(_followed(law, lon, lat, ccds, threads, progress, new), fixed, new)
+            _sorted(_follow_law(law, lon, lat, ccds, threads, progress, new), fixed, new)
             for part in new.glob("part-*.npy"):
                 part.unlink()
             (new / f"{key}.json").write_text(json.dumps({"sources": n, "knots": knots, "ccds": ccds}), encoding="utf-8")
@@ -356,7 +356,7 @@ def _ours(folder):
     return folder
 
 
-def _followed(law, lon, lat, ccds, threads, progress, folder):
+def _follow_law(law, lon, lat, ccds, threads, progress, folder):
     """Transits of blocks of sources, each block in the order of time: arrays, or the files that hold them."""
     turn = rotation_matrix("ecliptic", law.frame)
     # Not over the edges of the mission: the end is an edge of the last interval.

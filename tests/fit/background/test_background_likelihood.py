@@ -65,7 +65,7 @@ def test_fewer_sources_than_coefficients():
     assert np.isfinite([found.odd, found.even, found.parity_p_value]).all()
     solution = fit.solve(fit.normal_equations(field, modes), floor=found)
     assert np.isfinite(solution.sigma).all()
-    assert solution.unshrunk is None
+    assert solution.without_prior is None
 
 
 def test_one_spectrum_by_its_eigenvalues_is_the_same():

@@ -10,7 +10,7 @@ import fit
 import sim
 import vsh
 from fit.background import Spectrum, shared, shared_jointly
-from fit.background._blocks import ClassAmplitudes, ClassEquations, parities, reduced
+from fit.background._blocks import ClassAmplitudes, ClassEquations, parities, reduce_to_classes
 from vsh import DegeneracyError, Field, FrameError, Modes, ModesError, ParameterError
 
 
@@ -32,7 +32,7 @@ def three():
 
 def test_the_gradient_is_that_of_the_likelihood():
     modes = Modes(4)
-    parts = ClassEquations.beside([reduced(each, modes) for each in classes(lmax=4, k=2)])
+    parts = ClassEquations.beside([reduce_to_classes(each, modes) for each in classes(lmax=4, k=2)])
     for own in ("each", "one"):
         blocks = ClassAmplitudes(parts, modes, Spectrum.flat().variances(modes), own)
         x = np.linspace(0.7, 1.9, blocks.unit.size)
@@ -48,7 +48,7 @@ def test_the_gradient_is_that_of_the_likelihood():
 def test_the_likelihood_is_that_of_the_dense_covariance():
     """ln L of degrees 2 … L by the covariance of all coefficients' right-hand sides."""
     modes = Modes(3)
-    parts = ClassEquations.beside([reduced(each, modes, False) for each in classes(lmax=3, k=2, n=500)])
+    parts = ClassEquations.beside([reduce_to_classes(each, modes, False) for each in classes(lmax=3, k=2, n=500)])
     variances = Spectrum.flat().variances(modes)
     blocks = ClassAmplitudes(parts, modes, variances, "each")
     x = np.array([1.0, 0.5, 2.0, 0.7, 1.1, 0.2])

@@ -16,7 +16,7 @@ from fit.correlation import (
     parameters_of,
 )
 from vsh import Field
-from vsh.sky.pixels import smoothed
+from vsh.sky.pixels import smooth_map
 from vsh.sky.sphere import triad
 from vsh.tools.errors import DegeneracyError, FieldError, FrameError, ModesError, ParameterError
 
@@ -91,7 +91,7 @@ def test_orientation_in_front():
 def test_positions_are_enough():
     quasars = sim.quasars(2000, 1, "igql")
     found = correlation_matrices(quasars, sigma=300.0)
-    still = Field.without_motions(quasars, 300.0)
+    still = Field.from_positions(quasars, 300.0)
     np.testing.assert_allclose(found.matrix(0), correlation_matrices(still).matrix(0))
     with pytest.raises(FieldError, match="without errors need sigma="):
         correlation_matrices(quasars)
@@ -138,8 +138,8 @@ def test_figures():
     for smooth in (None, 0.0):
         image = plot_influence(values, field, "title", "label", smooth=smooth).images[0]
         assert image.norm.vmin == -image.norm.vmax
-    assert smoothed(values, 20.0).sum() == pytest.approx(values.sum(), abs=1e-3 * np.abs(values).sum())
-    assert smoothed(values, 20.0).std() < 0.8 * values.std()
-    np.testing.assert_allclose(smoothed(np.ones(192), 30.0), 1, atol=2e-3)  # healpy's transform
+    assert smooth_map(values, 20.0).sum() == pytest.approx(values.sum(), abs=1e-3 * np.abs(values).sum())
+    assert smooth_map(values, 20.0).std() < 0.8 * values.std()
+    np.testing.assert_allclose(smooth_map(np.ones(192), 30.0), 1, atol=2e-3)  # healpy's transform
     assert len(leakage(field, 1, 3).plot()) == 2
     assert len(eigenmodes(field, 1).plot()) == 4

@@ -4,7 +4,7 @@ from conftest import nonuniform
 
 import fit
 from fit.correlation import correlation_matrices, gain_of_sources, influence_map, most_influential, named, parameters_of
-from fit.correlation._forecast import reweighted
+from fit.correlation._forecast import reweight_field
 from vsh import Field, Modes
 from vsh.sky.pixels import pixels_of
 from vsh.vector import correlation_of
@@ -14,7 +14,7 @@ def finite_difference(field, modes, pair, pixels, pixel, step=1e-4, quantity=Non
     values = []
     for sign in (1, -1):
         factor = np.where(pixels == pixel, 1 + sign * step, 1.0)
-        solution = fit.solve(fit.normal_equations(reweighted(field, factor), modes, method="design-matrix"))
+        solution = fit.solve(fit.normal_equations(reweight_field(field, factor), modes, method="design-matrix"))
         chosen = named((pair,) if isinstance(pair, str) else pair, modes)
         covariance = chosen.covariance(solution.covariance)
         if quantity == "value":
@@ -63,10 +63,10 @@ def test_thousands_of_sources_take_the_transform():
 
 def influence_of_part(field, keep):
     """The same sum over some of the sources, evaluated by the harmonics."""
-    from fit.correlation._matrices import _change, _prepared
+    from fit.correlation._matrices import _change, _prepare_influence
     from vsh import Coefficients
 
-    covariance, first, second, chosen = _prepared(field, 2, ("omega_x", "a_y"))
+    covariance, first, second, chosen = _prepare_influence(field, 2, ("omega_x", "a_y"))
     part = field[keep]
     g, h = (Coefficients(chosen.modes, covariance @ row).at(part.lon, part.lat) for row in (first, second))
     return np.bincount(pixels_of(part.lon, part.lat, 4), _change(covariance, first, second, g, h, part), 192)
@@ -81,7 +81,7 @@ def test_removing_the_most_influential_region_lowers_the_correlation_as_predicte
     assert 1 < mask.sum() < 96
     # A tenth of its weight: what the derivative predicts; all of it: lower still.
     factor = np.where(mask[pixels], 0.9, 1.0)
-    after = correlation_matrices(reweighted(field, factor)).matrix(0)[0, 4]
+    after = correlation_matrices(reweight_field(field, factor)).matrix(0)[0, 4]
     assert after - before == pytest.approx(-0.1 * values[mask].sum(), rel=0.05)
     assert after < before
     assert abs(correlation_matrices(field[~mask[pixels]]).matrix(0)[0, 4]) < before - 0.1

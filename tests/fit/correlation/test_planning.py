@@ -7,7 +7,7 @@ from conftest import nonuniform
 import fit
 import sim
 from fit.correlation import compare_cuts, correlation_matrices, downweight, predict_covariance
-from fit.correlation._forecast import reweighted
+from fit.correlation._forecast import reweight_field
 from fit.secular_parallax import hubble_constant, observer_velocity
 from fit.secular_parallax import predict_errors as predict_parallax
 from vsh import Field
@@ -51,7 +51,7 @@ def test_plans_side_by_side():
 def test_predicted_velocity_and_hubble():
     galaxies = sim.galaxies(500, rng=1)
     velocity, hubble = predict_parallax(galaxies, 70.0, sigma=5.0, peculiar_dispersion=300.0)
-    field = replace(Field.without_motions(galaxies, 5.0), redshift_frame="true")
+    field = replace(Field.from_positions(galaxies, 5.0), redshift_frame="true")
     np.testing.assert_allclose(velocity.sigma, observer_velocity(field, 70.0, peculiar_dispersion=300.0).sigma)
     assert hubble.hubble_error == pytest.approx(
         hubble_constant(field, "planck", peculiar_dispersion=300.0, hubble=70.0).hubble_error, rel=1e-3
@@ -73,7 +73,7 @@ def test_thinning_reaches_its_bound_at_little_cost(bound):
     pixels = pixels_of(field.lon, field.lat, 4)
     weight = np.bincount(pixels, field.weights[:2].sum(0), 192)
     flat = np.minimum(1, np.quantile(weight[weight > 0], 0.5) / weight[pixels])
-    plain = predict_covariance(reweighted(field, flat), 1)
+    plain = predict_covariance(reweight_field(field, flat), 1)
     assert ratio < 1.35
     if abs(plain.largest[0]) >= bound:
         assert ratio < np.sqrt(np.mean(plain.acceleration.sigma**2) / np.mean(found.before.acceleration.sigma**2)) * 1.2

@@ -9,7 +9,7 @@ from scipy.stats import kstest
 
 import sim
 from fit.background import shared
-from fit.frames.chain import chain_catalogues
+from fit.frames.chain import combine_frames
 from fit.frames.compare import compare_catalogues
 from fit.normal import normal_equations
 from fit.results.storage import read
@@ -40,7 +40,7 @@ def test_frames_come_back_and_close():
     listed = catalogues(1, 0.4)
     rng = np.random.default_rng(2)
     listed["c"] = listed["c"][np.sort(rng.choice(300, 220, replace=False))]  # some are in two alone
-    chain = chain_catalogues(listed, 2, clip=False)
+    chain = combine_frames(listed, 2, clip=False)
     for label, spin in SPINS.items():
         if label != "a":
             vector = chain.difference(label).spin
@@ -55,7 +55,7 @@ def test_frames_come_back_and_close():
 
 def test_two_independent_ones_are_a_comparison():
     listed = catalogues(3)
-    chain = chain_catalogues({"b": listed["b"], "a": listed["a"]}, 2, shared_noise=False, clip=False)
+    chain = combine_frames({"b": listed["b"], "a": listed["a"]}, 2, shared_noise=False, clip=False)
     plain, _ = compare_catalogues(listed["a"], listed["b"], 2, threshold=50.0)
     np.testing.assert_allclose(chain.values[0], plain.solution.values, atol=1e-8)
     scale = chain.factor**2 if chain.factor > 1 else 1.0
@@ -69,7 +69,7 @@ def test_two_independent_ones_are_a_comparison():
 def test_p_values_of_noise_that_is_shared(shared, n_skies):
     p = []
     for seed in range(n_skies):
-        chain = chain_catalogues(catalogues(seed, shared, 200, dict.fromkeys("abc", (0.0, 0.0, 0.0))), 2)
+        chain = combine_frames(catalogues(seed, shared, 200, dict.fromkeys("abc", (0.0, 0.0, 0.0))), 2)
         p += [chain.p_value("b"), chain.p_value("c", "b", beyond=1)]
     assert kstest(p[::2], "uniform").pvalue > 0.01
     assert kstest(p[1::2], "uniform").pvalue > 0.01
@@ -79,7 +79,7 @@ def test_outliers_are_left_out():
     listed = catalogues(5)
     listed["b"].motion.setflags(write=True)
     listed["b"].motion[:, 17] += 5000
-    chain = chain_catalogues(listed, 1)
+    chain = combine_frames(listed, 1)
     assert chain.names[0] == "17"
     assert len(chain.names) <= 3  # half a source is left out of a catalogue that has no outliers
     assert chain.distances[0] > 30
@@ -87,7 +87,7 @@ def test_outliers_are_left_out():
 
 
 def test_degree_four_and_files(tmp_path):
-    chain = chain_catalogues(catalogues(6), Modes(4), clip=False)
+    chain = combine_frames(catalogues(6), Modes(4), clip=False)
     assert chain.values.shape == (2, 48)
     chain.write(tmp_path / "chain.ecsv")
     assert read(tmp_path / "chain.ecsv") == chain
@@ -104,7 +104,7 @@ def test_degree_four_and_files(tmp_path):
 def test_three_icrf_like_catalogues():
     """ICRF2 and ICRF3 share most of their noise, and their rotation is that of the comparison of two."""
     one, two = (read_icrf(real_catalogue(name)) for name in ("icrf3sx.txt", "icrf2-all.txt"))
-    chain = chain_catalogues({"icrf3": one, "icrf2": two}, 2)
+    chain = combine_frames({"icrf3": one, "icrf2": two}, 2)
     plain, _ = compare_catalogues(two, one, 2)
     rotation = chain.difference("icrf2").spin
     assert np.abs((rotation.value - plain.solution.spin.value) / plain.solution.spin.sigma).max() < 1.5
@@ -128,7 +128,7 @@ def bent(seed, power, n=300):
 def test_frames_with_what_sources_share_over_the_sky(power, n_skies):
     p, plain = [], []
     for seed in range(n_skies):
-        chain = chain_catalogues(bent(seed, power), 1, floor=True)
+        chain = combine_frames(bent(seed, power), 1, floor=True)
         p += [chain.frame_p_value(kind, "c", "b") for kind in "TS"]
         plain.append(chain.p_value("c", "b"))
     scatter = np.sqrt(0.05 * 0.95 / len(p))
@@ -141,7 +141,7 @@ def test_frames_with_what_sources_share_over_the_sky(power, n_skies):
 def test_two_catalogues_have_the_floor_of_their_difference(power):
     """Of one class alone the matrix may stand in any order of memory, and is what `shared` makes of it."""
     a, b = (bent(3, power)[label] for label in "ab")
-    chain = chain_catalogues({"a": a, "b": b}, 1, floor=True, shared_noise=False, clip=False)
+    chain = combine_frames({"a": a, "b": b}, 1, floor=True, shared_noise=False, clip=False)
     sigma = np.hypot(a.sigma, b.sigma)
     rho = (a.rho * a.sigma.prod(0) + b.rho * b.sigma.prod(0)) / sigma.prod(0)
     alone = shared([normal_equations(Field(a.lon, a.lat, b.motion - a.motion, sigma, rho), 5)], labels=["b"], rng=1)
@@ -151,7 +151,7 @@ def test_two_catalogues_have_the_floor_of_their_difference(power):
 
 
 def test_frames_close_with_what_sources_share():
-    chain = chain_catalogues(bent(3, 8.0), 2, floor=True, rng=2)
+    chain = combine_frames(bent(3, 8.0), 2, floor=True, rng=2)
     one, two, both = chain.frames("b"), chain.frames("c", "b"), chain.frames("c")
     last = chain.to_table()[-len(chain.modes) :]
     of_frame = chain.modes.degrees == 1
@@ -168,24 +168,24 @@ def test_frames_close_with_what_sources_share():
     # Errors are larger than those without, and the report says both.
     assert (one.sigma > chain.difference("b").sigma[[0, 1, 2, 8, 9, 10]]).all()
     assert "Rotation and glide with the systematic floor, from degrees 2 to 5" in chain.report()
-    assert chain_catalogues(bent(3, 8.0), 2).shared is None
+    assert combine_frames(bent(3, 8.0), 2).shared is None
     with pytest.raises(ParameterError, match="floor=True"):
-        chain_catalogues(bent(3, 8.0), 2).frames("b")
+        combine_frames(bent(3, 8.0), 2).frames("b")
 
 
 def test_messages():
     listed = catalogues(1)
     with pytest.raises(ParameterError, match="two catalogues at least"):
-        chain_catalogues({"a": listed["a"]})
+        combine_frames({"a": listed["a"]})
     with pytest.raises(FrameError, match="in different frames .galactic, icrs"):
-        chain_catalogues({"a": listed["a"], "b": listed["b"].to_frame("galactic")})
+        combine_frames({"a": listed["a"], "b": listed["b"].to_frame("galactic")})
     bare = Field(listed["b"].lon, listed["b"].lat, listed["b"].motion, listed["b"].sigma)
     with pytest.raises(FieldError, match="b has no names"):
-        chain_catalogues({"a": listed["a"], "b": bare})
+        combine_frames({"a": listed["a"], "b": bare})
     twice = catalogues(1, names=np.arange(300) // 2)
     with pytest.raises(FieldError, match="150 names stand twice in a"):
-        chain_catalogues(twice)
+        combine_frames(twice)
     with pytest.raises(DegeneracyError, match="do not determine all frames of a, b"):
-        chain_catalogues({"a": listed["a"][:2], "b": listed["b"][:2]})
+        combine_frames({"a": listed["a"][:2], "b": listed["b"][:2]})
     with pytest.raises(ParameterError, match="no catalogue is called 'd': a, b, c"):
-        chain_catalogues(listed, 1).difference("d")
+        combine_frames(listed, 1).difference("d")

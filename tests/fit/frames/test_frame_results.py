@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import sim
-from fit.frames.chain import chain_catalogues
+from fit.frames.chain import combine_frames
 from fit.frames.compare import compare_catalogues
 from fit.frames.link import find_step, link
 
@@ -28,7 +28,7 @@ def results(catalogues):
     stars = sim.link(1, 60, spin=TURNED)
     return {
         "compare": compare_catalogues(a, b, 1, labels=("a", "b"))[0],
-        "chain": chain_catalogues(catalogues, 1, floor=False),
+        "chain": combine_frames(catalogues, 1, floor=False),
         "link": link(stars),
         "steps": find_step(stars, [12.0, 13.0]),
     }

@@ -8,13 +8,13 @@ from scipy.stats import kstest
 
 import sim
 from fit.in_time import Functions, background, legendre, normal_equations, solve, splines, waves
-from fit.in_time._background import _bands, _reduced
+from fit.in_time._background import _bands, _reduce_to_bands
 from fit.results.storage import read
 from sim.agis import Response
 from vsh import Coefficients, DegeneracyError, Modes, ModesError, ParameterError
 from vsh.basis import harmonics
 from vsh.io.epochs import Observations, design_row, read_observations
-from vsh.tools.errors import NothingLeftError, TableError
+from vsh.tools.errors import EmptyFieldError, TableError
 
 YEARS = 3.0
 LAW = sim.NominalScanningLaw(years=YEARS)
@@ -128,7 +128,7 @@ def test_what_a_response_leaves_has_no_rotation():
     functions, some = waves(2.3, span=SPAN), observed(60)
     response = Response(LAW, nside=2, steps=20_000)
     equations = normal_equations(some, 2, functions, attitude=response)
-    assert equations.unseen.sum() == 6
+    assert equations.unconstrained_terms.sum() == 6
     solution = solve(equations)
     assert "rotation in time  not seen" in solution.report()
     assert solution.rest("T")[1] == 0
@@ -156,7 +156,7 @@ def test_messages(tmp_path):
         solve(normal_equations(observed(2), 8, functions, attitude="known"))
     few = replace(some, source=some.source[:3], time=some.time[:3], design=some.design[:, :3], position=some.position[:3],
                   error=some.error[:3], view=None)  # fmt: skip
-    with pytest.raises(NothingLeftError, match="five parameters"):
+    with pytest.raises(EmptyFieldError, match="five parameters"):
         normal_equations(few, 2, functions, attitude="known")
     equations = normal_equations(some, 2, functions, attitude="known")
     with pytest.raises(ModesError, match="is no function"):
@@ -169,7 +169,7 @@ def test_the_likelihood_of_a_background_is_that_of_the_coefficients():
     """Against the density of the fitted coefficients, N(0, C + P D)."""
     functions = waves(1.5, 2.5, span=SPAN)
     equations = normal_equations(observed(200), 2, functions, attitude="known")
-    matrix, rhs, shapes, _ = _reduced(equations, _bands(None, functions.names), None)
+    matrix, rhs, shapes, _ = _reduce_to_bands(equations, _bands(None, functions.names), None)
     from fit.background import Amplitudes
 
     likelihood, covariance = Amplitudes(matrix, rhs, shapes), np.linalg.inv(matrix)
@@ -189,7 +189,7 @@ def test_powers_of_bands_hold():
     functions = waves(1.5, 2.5, span=SPAN)
     equations = normal_equations(observed(200, own=0.0), 2, functions, attitude="known")
     n = equations.n_data - 5 * equations.n_sources
-    matrix, _, shapes, _ = _reduced(replace(equations, chi2_null=float(n)), _bands(None, functions.names), None)
+    matrix, _, shapes, _ = _reduce_to_bands(replace(equations, chi2_null=float(n)), _bands(None, functions.names), None)
     unit = np.array([(2 / np.sum((matrix * np.sqrt(np.outer(s, s))) ** 2)) ** 0.25 for s in shapes])
     high, ranks = np.tile(equations.modes.degrees > 1, 4), []
     noise = np.linalg.cholesky(equations.matrix)

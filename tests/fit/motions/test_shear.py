@@ -7,7 +7,7 @@ from numpy.testing import assert_allclose
 
 import fit
 import sim
-from fit.motions.shear import coefficients_of, expansion, tensor_of
+from fit.motions.shear import expansion, from_tensor, to_tensor
 from vsh import Field, Mode, ModesError, ParameterError
 
 SHEAR = np.array([[0.9, -0.4, 0.3], [-0.4, -1.3, 0.7], [0.3, 0.7, 0.4]])
@@ -31,18 +31,18 @@ def test_the_five_relations():
     """Exactly: a fit without noise of the field that sim makes, and the conversion both ways."""
     field = sky(sigma=1e-3)
     clean = field.minus(field.motion - sim.anisotropic_expansion(SHEAR)(field.lon, field.lat))
-    solution, made = fit.fit_field(clean, 3), coefficients_of(SHEAR)
+    solution, made = fit.fit_field(clean, 3), from_tensor(SHEAR)
     for mode in solution.modes:
         expected = RELATIONS.get(mode, 0.0)
         assert solution.values[solution.modes.index(mode)] == pytest.approx(expected, abs=1e-12)
         if mode.l < 3:
             assert made.values[made.modes.index(mode)] == pytest.approx(expected, abs=1e-12)
-    assert_allclose(tensor_of(made), SHEAR, atol=1e-12)
+    assert_allclose(to_tensor(made), SHEAR, atol=1e-12)
     assert made.power("S", 2) == pytest.approx(4 * np.pi / 5 * np.sum(SHEAR**2), rel=1e-12)
 
 
 def test_a_trace_makes_no_difference():
-    assert_allclose(coefficients_of(SHEAR + 3 * np.eye(3)).values, coefficients_of(SHEAR).values, atol=1e-12)
+    assert_allclose(from_tensor(SHEAR + 3 * np.eye(3)).values, from_tensor(SHEAR).values, atol=1e-12)
 
 
 @few_or_many(30, 200)
@@ -104,7 +104,7 @@ def test_messages():
     with pytest.raises(ModesError, match="degree 2 at least"):
         expansion(fit.fit_field(sky(), 1))
     with pytest.raises(ParameterError, match="symmetric"):
-        coefficients_of(np.triu(np.ones((3, 3))))
+        from_tensor(np.triu(np.ones((3, 3))))
     with pytest.raises(ParameterError, match="must be HarmonicSolution"):
         expansion(sky())
     with pytest.raises(ParameterError, match="hubble must be above zero"):

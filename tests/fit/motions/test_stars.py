@@ -6,7 +6,7 @@ from conftest import few_or_many
 from scipy import stats
 
 import fit
-from fit.distances import measured_rates
+from fit.distances import inverse_distances_from_measurements
 from vsh import DegeneracyError, Field, FieldError, ParameterError
 from vsh.sky.sphere import triad
 from vsh.tools.units import AU_PER_YEAR
@@ -129,7 +129,7 @@ def test_the_frame_does_not_matter():
 
 def test_rates_of_sure_distances_are_their_inverse():
     field = stars(np.random.default_rng(5), 50, relative=1e-4)
-    rates = measured_rates(field)
+    rates = inverse_distances_from_measurements(field)
     np.testing.assert_allclose(rates.mean, 1 / (AU_PER_YEAR * field.distance), rtol=1e-6)
     np.testing.assert_allclose(np.sqrt(rates.variance) / rates.mean, 1e-4, rtol=2e-3)
 
@@ -142,7 +142,7 @@ def test_rates_of_parallaxes_against_a_fine_sum(signal):
     rate = 1 / (AU_PER_YEAR * d)
     mean = np.sum(weight * rate) / weight.sum()
     field = Field([0.1], [0.2], [[1.0], [1.0]], [[1.0], [1.0]], parallax=[plx], parallax_error=[error])
-    rates = measured_rates(field, length)
+    rates = inverse_distances_from_measurements(field, length)
     assert rates.mean[0] == pytest.approx(mean, rel=1e-5)
     assert rates.variance[0] == pytest.approx(np.sum(weight * (rate - mean) ** 2) / weight.sum(), rel=1e-4)
 

@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose
 
 import sim
 from fit import pairs
-from fit.pairs._power import _between, covariance_of, sums_of
+from fit.pairs._power import _cross_terms, covariance_of, sums_of
 from vsh import Coefficients, DegeneracyError, Field, FieldError, ParameterError
 from vsh.io.parts import as_parts
 from vsh.models.covariance import Spectrum, wave_fractions
@@ -165,7 +165,7 @@ def test_pairs_of_blocks_add_up_to_the_whole():
     field = noisy(400)
     total, blocks, _, _ = sums_of(field, 20, 1, None, None)
     plus, minus, weight = np.ones((1, 20)), np.zeros((1, 20)), np.zeros((1, 21))
-    assert _between(blocks, plus, minus, weight).sum() == pytest.approx(total.spectra[0].sum(), rel=1e-10)
+    assert _cross_terms(blocks, plus, minus, weight).sum() == pytest.approx(total.spectra[0].sum(), rel=1e-10)
     assert np.isnan(covariance_of(blocks[:3], plus, minus, weight)).all()
 
 
@@ -176,7 +176,7 @@ def test_what_errors_come_from_is_zero_for_all_sources_together(name, monkeypatc
     monkeypatch.setattr(f"fit.pairs.{name}.covariance_of", lambda *arguments: seen.append(arguments) or np.eye(2))
     with contextlib.suppress(ValueError, ParameterError):
         pairs.power(noisy(400), 3) if name == "_power" else pairs.correlation_function(noisy(400), WIDE, lmax=40)
-    between = _between(*seen[0])
+    between = _cross_terms(*seen[0])
     assert np.abs(between.sum((1, 2))).max() < 1e-9 * np.abs(between).sum((1, 2)).max()
 
 

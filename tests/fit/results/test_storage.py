@@ -63,7 +63,7 @@ def results():
         "shear": fit.shear.expansion(fit.fit_field(field, 2)),
         "orbit": fit.galaxy.orbit(Vector([5.0, 0.1, 0.2], 0.1 * np.eye(3), "galactic")),
         "frames": fit.compare.compare_catalogues(*two_catalogues(field), 1, labels=("one", "two"))[0],
-        "chain": fit.chain.chain_catalogues(dict(zip("ab", two_catalogues(field), strict=True)), 1),
+        "chain": fit.chain.combine_frames(dict(zip("ab", two_catalogues(field), strict=True)), 1),
         "in time": in_time.solve(in_time_equations()),
         "bands in time": in_time.background(in_time_equations(), draws=40),
         "link": fit.link.link(sim.link(1, 12), excess=False),

@@ -77,11 +77,14 @@ def test_weights_are_those_of_the_likelihood():
 
     expected = -(log_permissive(x2 + step) - log_permissive(x2 - step)) / step
     seen = {}
-    _reweight._reweighted, kept = (lambda field, modes, weight, *_: seen.update(weight=weight), _reweight._reweighted)
+    _reweight._iterate_weights, kept = (
+        lambda field, modes, weight, *_: seen.update(weight=weight),
+        _reweight._iterate_weights,
+    )
     try:
         fit.robust.permissive(spoilt(1), 1)
     finally:
-        _reweight._reweighted = kept
+        _reweight._iterate_weights = kept
     u, slope = seen["weight"](x2)
     np.testing.assert_allclose(u, expected, rtol=1e-5)
     numeric = (seen["weight"](x2 + step)[0] - seen["weight"](x2 - step)[0]) / (2 * step)

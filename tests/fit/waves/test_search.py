@@ -9,7 +9,7 @@ from scipy.stats import kstest
 import fit
 import sim
 from fit.waves import search, search_in_time
-from fit.waves._search import Whitened, _basis, chance, map_of
+from fit.waves._search import WhitenedData, _basis, chance, map_of
 from vsh import DegeneracyError, Field, ModesError, ParameterError
 from vsh.io.epochs import Observations, read_observations
 from vsh.length import length_limits
@@ -28,7 +28,7 @@ def sky(n=3000, seed=1, signal=None, lowest=-0.8):
 
 def whitened(field, lmax=4):
     normal = fit.normal_equations(field, lmax)
-    return Whitened.of(normal.matrix, normal.rhs, normal.modes.degrees > 1), normal.modes
+    return WhitenedData.of(normal.matrix, normal.rhs, normal.modes.degrees > 1), normal.modes
 
 
 @pytest.mark.slow

@@ -6,7 +6,7 @@ import pytest
 import sim
 from fit.waves import search_in_time
 from sim import agis
-from sim.agis import Response, share_left
+from sim.agis import Response, power_after_attitude_solution
 from vsh import FrameError, Modes, ParameterError
 from vsh.basis import harmonics
 from vsh.io.epochs import Observations, design_row
@@ -51,11 +51,11 @@ def test_the_closed_form_is_that_of_a_scan_circle(l):
             whole += np.sum(fields[0] ** 2)
             left += np.sum((fields[0] - fields[1]) ** 2) / 4
         # Summed over all orders the circle does not matter.
-        assert left / whole == pytest.approx(share_left(l, kind), abs=1e-12)
-    assert share_left(1, "T") < 1e-30
-    assert share_left(1, "S") == pytest.approx(0.642, abs=1e-3)
+        assert left / whole == pytest.approx(power_after_attitude_solution(l, kind), abs=1e-12)
+    assert power_after_attitude_solution(1, "T") < 1e-30
+    assert power_after_attitude_solution(1, "S") == pytest.approx(0.642, abs=1e-3)
     with pytest.raises(ParameterError):
-        share_left(2, "E")
+        power_after_attitude_solution(2, "E")
 
 
 def test_a_rotation_in_time_is_attitude_and_a_glide_is_seen(coarse):
@@ -91,7 +91,7 @@ def test_a_rotation_in_time_is_attitude_and_a_glide_is_seen(coarse):
     assert size[:, glide].min() > 0.6
     assert size[:, glide].max() < 0.95
     assert np.sqrt(np.mean(size[:, modes.degrees == 2] ** 2)) == pytest.approx(
-        np.sqrt((share_left(2, "T") + share_left(2, "S")) / 2), abs=0.12
+        np.sqrt((power_after_attitude_solution(2, "T") + power_after_attitude_solution(2, "S")) / 2), abs=0.12
     )
 
 

@@ -14,8 +14,8 @@ import sim
 from study.commands.referee import main
 from study.papers import papers
 from study.referee import Quasars, Referee, read_quasars, referee
-from study.referee._rows import Value, headline, judged
-from study.referee._sections import Asked, _answered, _earlier, _galaxies, checks
+from study.referee._rows import Value, format_verdict, headline
+from study.referee._sections import SectionInput, _answer_question, _earlier, _galaxies, checks
 from vsh import Field
 from vsh.figures.page import bundle
 from vsh.io.tables import printed_p_value
@@ -161,9 +161,9 @@ def test_values_in_words():
     assert str(Value(0.0231, kind="limit")) == "< 0.0231"
     assert str(Value(1215942.0)) == "1 215 942"
     assert str(Value(float("nan"))) == "–"
-    assert judged(0.4, "nothing", "something") == "nothing (p = 0.4000)"
-    assert judged(0.02, "nothing", "something").startswith("weak evidence: something")
-    assert judged(0.001, "nothing", "something").startswith("something (p = ")
+    assert format_verdict(0.4, "nothing", "something") == "nothing (p = 0.4000)"
+    assert format_verdict(0.02, "nothing", "something").startswith("weak evidence: something")
+    assert format_verdict(0.001, "nothing", "something").startswith("something (p = ")
 
 
 @pytest.mark.slow
@@ -243,19 +243,19 @@ def test_an_earlier_release(table, tmp_path):
     for glide in ((0, 0, 0), (0, 80, 0)):
         motion = true + noise + sim.acceleration(glide)(whole.lon, whole.lat)
         earlier = Field(whole.lon, whole.lat, motion, 2 * whole.sigma, name=whole.name)
-        asked = _answered("earlier", "", lambda earlier=earlier: _earlier(quasars, earlier, 1))
+        asked = _answer_question("earlier", "", lambda earlier=earlier: _earlier(quasars, earlier, 1))
         assert "% of noise" in asked.answer
         assert asked.results["chain"].correlation[0, 1] == pytest.approx(0.7, abs=0.1)
         p.append(asked.p_value)
     assert p[0] > 0.01
     assert p[1] < 1e-6
     bare = Field(whole.lon, whole.lat, motion, whole.sigma)
-    assert "no names" in _answered("earlier", "", lambda: _earlier(quasars, bare, 1)).lacking
+    assert "no names" in _answer_question("earlier", "", lambda: _earlier(quasars, bare, 1)).lacking
 
 
 def test_our_velocity_is_expected_in_the_axes_of_the_catalogue():
     """The microwave background's dipole in ICRS; it once stood there in Galactic axes."""
     field = sim.observe(sim.galaxies(1500, 1), sim.spin((0, 0, 0)), 2, sigma=50.0)
     quasars = Quasars.of(field, {"redshift": field.redshift}, {}, "galaxies")
-    made = _galaxies(Asked(quasars, None, 1))
+    made = _galaxies(SectionInput(quasars, None, 1))
     assert [row.quantity.split()[2] for row in made["rows"]] == ["-359", "+77", "-45"]

@@ -142,7 +142,7 @@ def notes(lines: Iterable[object]) -> Panel:
     return heading("Notes", Panel(f"<ul>{inner}</ul>" if inner else ""))
 
 
-def preformatted(text: str, label: str = "report") -> Panel:
+def preformatted_panel(text: str, label: str = "report") -> Panel:
     """Text as a terminal shows it."""
     return Panel(f'<pre tabindex="0" role="group" aria-label="{escape(label)}">{escape(text)}</pre>' if text else "")
 
@@ -159,7 +159,7 @@ def provenance(facts: Mapping[str, Any], command: Sequence[str] | None = None) -
         rows.append(
             f"<tr><th scope='row'>{escape(key.replace('_', ' '))}</th><td class='broken'>{escape(inner)}</td></tr>"
         )
-    again = [words("To repeat the run:"), preformatted(shlex.join(command), "command")] if command else []
+    again = [words("To repeat the run:"), preformatted_panel(shlex.join(command), "command")] if command else []
     return heading(
         "Where this comes from", *again, Panel(f"<div class='wide'><table><tbody>{''.join(rows)}</tbody></table></div>")
     )
@@ -283,7 +283,7 @@ _KINDS = ("TS", "T", "S")
 
 
 @dataclass(frozen=True)
-class Shown:
+class ShownPage:
     """A solution on the interactive sky."""
 
     label: str
@@ -294,12 +294,12 @@ class Shown:
     n_sources: int | None = None
 
 
-def sky(*shown: Shown) -> Panel:
+def sky(*shown: ShownPage) -> Panel:
     """Show one or two solutions on a sky that can be turned; nothing where the package was built without d3.
 
     Parameters
     ----------
-    *shown : Shown
+    *shown : ShownPage
         In one frame and unit; two are turned together.
 
     Raises
@@ -433,7 +433,7 @@ def _floats(values: Any) -> str:
     return base64.b64encode(np.ascontiguousarray(values, dtype="<f4").tobytes()).decode()
 
 
-class Framed:
+class FramedPage:
     """A page of its own within a notebook's: it asks for nothing from any network, and its styles stay inside."""
 
     def __init__(self, html: str) -> None:
@@ -443,12 +443,12 @@ class Framed:
         return self.html
 
 
-def widget(*shown: Shown, height: int = 720, static: Callable[[], bytes] | None = None) -> Any:
+def widget(*shown: ShownPage, height: int = 720, static: Callable[[], bytes] | None = None) -> Any:
     """Show one or two solutions on a sky that can be turned, as the last line of a notebook's cell.
 
     Parameters
     ----------
-    *shown : Shown
+    *shown : ShownPage
         As for `sky`.
     height : int
         That of the frame. [pixels]
@@ -472,7 +472,7 @@ def widget(*shown: Shown, height: int = 720, static: Callable[[], bytes] | None 
     else:
         html = figure(static(), f"The sky {STATIC}").html if static else f"<p>The sky {escape(STATIC)}.</p>"
     if find_spec("ipywidgets") is None:
-        return Framed(html)
+        return FramedPage(html)
     import ipywidgets
 
     return ipywidgets.HTML(html)

@@ -36,6 +36,7 @@ from vsh.figures.plot._style import (
     SIGNIFICANCE,
     STYLE,
     WIDTH,
+    apply_style,
     close_figures,
     colour_bar,
     figure_of,
@@ -45,7 +46,6 @@ from vsh.figures.plot._style import (
     panels,
     picture_of,
     save_figures,
-    styled,
 )
 
 __all__ = [
@@ -61,5 +61,5 @@ __all__ = [
     "plot_sources",
     "save_figures",
     "sky_axes",
-    "styled",
+    "apply_style",
 ]

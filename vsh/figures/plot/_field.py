@@ -23,7 +23,7 @@ from vsh.figures.plot._sky_axes import (
     plot_map,
     sky_axes,
 )
-from vsh.figures.plot._style import COLOURS, DIVERGING, FADED, SIGNIFICANCE, colour_bar, styled
+from vsh.figures.plot._style import COLOURS, DIVERGING, FADED, SIGNIFICANCE, apply_style, colour_bar
 from vsh.scalars import ScalarCoefficients, ScalarField
 from vsh.sky.pixels import centres
 from vsh.sky.sphere import angles, triad
@@ -193,10 +193,10 @@ def even_grid(step: float = 12.0) -> tuple[FloatArray, FloatArray]:
 
 def arrow_grid(axes: SkyAxes, step: float = 12.0) -> tuple[FloatArray, FloatArray]:
     """Positions evenly placed on a map, half a step off its rim: as many wherever its centre is."""
-    return axes.of_native(*(_whole(step) if axes.is_whole else _half(step)))
+    return axes.of_native(*(_round_step(step) if axes.is_whole else _half(step)))
 
 
-def _whole(step):
+def _round_step(step):
     """Rows of native latitude, each from half a step after the seam to half a step before it."""
     phi, theta = [], []
     for degrees in np.arange(-90 + step / 2, 90, step):
@@ -243,7 +243,7 @@ def _is_seen(values: FloatArray, covariance: FloatArray) -> bool:
     return bool(chdtrc(len(values), values @ np.linalg.solve(covariance, values)) < SEEN)
 
 
-@styled
+@apply_style
 def plot_field(
     field: Field,
     coefficients: Coefficients,
@@ -327,7 +327,7 @@ def plot_field(
     return axes
 
 
-@styled
+@apply_style
 def plot_sources(field: Field, *, n_arrows: int = 300, ax: Axes | None = None) -> SkyAxes:
     """The sources of a field as dots, and the motions that are surest in their errors as arrows.
 
@@ -372,7 +372,7 @@ def _directions(axes, coefficients, covariance, names):
     return handles, "arrows: all degrees together; they need not meet at a star" if others else None
 
 
-@styled
+@apply_style
 def plot_scalar_field(
     field: ScalarField, coefficients: ScalarCoefficients, *, title: str | None = None, ax: Axes | None = None
 ) -> SkyAxes:

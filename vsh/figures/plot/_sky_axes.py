@@ -13,7 +13,7 @@ from astropy.wcs import WCS
 from matplotlib.patheffects import withStroke
 from scipy.spatial import cKDTree
 
-from vsh.figures.plot._style import DIVERGING, SEQUENTIAL, WIDTH, colour_bar, styled
+from vsh.figures.plot._style import DIVERGING, SEQUENTIAL, WIDTH, apply_style, colour_bar
 from vsh.sky.frames import ANGLES, check_frame
 from vsh.sky.pixels import pixels_of
 from vsh.sky.sphere import angles, triad
@@ -113,7 +113,7 @@ class SkyAxes(WCSAxes):
         return self.sky_of(x, y)
 
 
-@styled
+@apply_style
 def sky_axes(
     frame: str = "icrs",
     ax: Axes | None = None,
@@ -439,7 +439,7 @@ def draw_map(axes: SkyAxes, values: ArrayLike, cmap: str = SEQUENTIAL, **style: 
     return axes.imshow(picture.reshape(high, wide), cmap=cmap, **style)
 
 
-@styled
+@apply_style
 def plot_map(
     values: ArrayLike,
     label: str,

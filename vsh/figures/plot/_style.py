@@ -65,7 +65,7 @@ STYLE: Any = {
 }
 
 
-def styled(draw: Callable[P, R]) -> Callable[P, R]:
+def apply_style(draw: Callable[P, R]) -> Callable[P, R]:
     """A function that draws in `STYLE`.
 
     Parameters

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from vsh.io import tables
-from vsh.io.archive._tap import ESA, _open, _read, _some, _write
+from vsh.io.archive._tap import ESA, _open, _read, _read_some, _write
 from vsh.io.sections import Section, text_of
 from vsh.tools.arguments import explained, positive, whole
 from vsh.tools.errors import ArchiveError
@@ -93,7 +93,7 @@ def _columns_of(release):
     return (*columns, *_FURTHER.get(release.name, ()))
 
 
-def _solved(release, prefix="g"):
+def _solution_columns(release, prefix="g"):
     return f"{prefix}.{release.solution} IN ({', '.join(map(str, release.accepted))})"
 
 
@@ -105,7 +105,7 @@ FROM gaiadr3.gaia_source AS g
 JOIN (SELECT DISTINCT source_id FROM gaiadr3.agn_cross_id) AS c ON g.source_id = c.source_id
 LEFT JOIN gaiadr3.qso_candidates AS q ON g.source_id = q.source_id
 LEFT JOIN gaiadr3.frame_rotator_source AS f ON g.source_id = f.source_id
-WHERE {_solved(DR3)}"""
+WHERE {_solution_columns(DR3)}"""
 #: The same sources as EDR3 had them: those of the acceleration paper (Gaia Collaboration, Klioner et al. 2021, A&A 649,
 #: A9).
 GAIA_EDR3_QSO = f"""\
@@ -113,13 +113,13 @@ SELECT {_listed(DR3)}, f.used_for_reference_frame_spin
 FROM gaiaedr3.gaia_source AS g
 JOIN (SELECT DISTINCT source_id FROM gaiaedr3.agn_cross_id) AS c ON g.source_id = c.source_id
 LEFT JOIN gaiaedr3.frame_rotator_source AS f ON g.source_id = f.source_id
-WHERE {_solved(DR3)}"""
+WHERE {_solution_columns(DR3)}"""
 #: DR3's candidates for galaxies that have a redshift from its own spectra.
 GAIA_DR3_GALAXIES = f"""\
 SELECT {_listed(DR3)}, x.redshift_ugc AS redshift
 FROM gaiadr3.gaia_source AS g
 JOIN gaiadr3.galaxy_candidates AS x ON g.source_id = x.source_id
-WHERE {_solved(DR3)} AND x.redshift_ugc IS NOT NULL"""
+WHERE {_solution_columns(DR3)} AND x.redshift_ugc IS NOT NULL"""
 #: By the names that `vsh-archive` takes.
 QUERIES = {"gaia-crf3": GAIA_CRF3, "gaia-edr3-qso": GAIA_EDR3_QSO, "gaia-dr3-galaxies": GAIA_DR3_GALAXIES}
 
@@ -248,7 +248,7 @@ def _columns(schema, url):
     adql = f"SELECT table_name, column_name FROM TAP_SCHEMA.columns WHERE table_name LIKE '{schema}.%'"
     form = {"REQUEST": "doQuery", "LANG": "ADQL", "FORMAT": "csv", "QUERY": adql}
     with _open(f"{url}/sync", form) as answer:
-        text = _some(answer, _SCHEMA_BYTES, time.monotonic() + 120).decode("utf-8", "replace")
+        text = _read_some(answer, _SCHEMA_BYTES, time.monotonic() + 120).decode("utf-8", "replace")
     rows = list(csv.reader(io.StringIO(text)))
     if not rows or [each.strip().lower() for each in rows[0]] != ["table_name", "column_name"]:
         raise ArchiveError(f"{url} sent no list of columns: {printable(text[:80])}")
@@ -358,7 +358,7 @@ def fetch_epochs(
                 own = {name: sha for name, sha in files.items() if name.startswith(f"epochs-{k:05d}")}
                 if not own or any(not _is_whole(folder / name, sha) for name, sha in own.items()):
                     files = {name: sha for name, sha in files.items() if name not in own}
-                    files |= _one(part, k, folder, asked, positive("patience", patience))
+                    files |= _fetch_piece(part, k, folder, asked, positive("patience", patience))
                     _write(note, asked | {"files": files})
                 bar.update(1)
     return folder
@@ -368,7 +368,7 @@ def _is_whole(path, sha):
     return path.is_file() and digest(path) == sha
 
 
-def _one(ids, k, folder, asked, patience):
+def _fetch_piece(ids, k, folder, asked, patience):
     """Fetch a batch: its files, and their hashes."""
     form = {
         "ID": ",".join(map(str, ids)), "RETRIEVAL_TYPE": asked["retrieval_type"], "FORMAT": "votable",
@@ -377,7 +377,7 @@ def _one(ids, k, folder, asked, patience):
     }  # fmt: skip
     end = time.monotonic() + patience
     with _open(asked["url"], form, end) as answer:
-        body = _some(answer, _MOST, end)
+        body = _read_some(answer, _MOST, end)
     written = {}
     for number, (name, content) in enumerate(_members(body, asked["url"])):
         kind = ".fits" if content[:9] == b"SIMPLE  =" else ".csv" if name.lower().endswith(".csv") else ".vot"

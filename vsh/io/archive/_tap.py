@@ -88,7 +88,7 @@ def query(
     >>> query(GAIA_CRF3, "crf3.fits")  # doctest: +SKIP
     PosixPath('crf3.fits')
     """
-    path, adql, url = Path(path), _checked(adql), str(url).rstrip("/")
+    path, adql, url = Path(path), _check_query(adql), str(url).rstrip("/")
     if tables.format_of(path) != "fits" or path.suffix == ".gz":
         raise ArchiveError(f"{printable(path)}: answers are kept as .fits")
     if not path.absolute().parent.is_dir():
@@ -112,7 +112,7 @@ def _answer(path, asked, patience, interval, max_bytes, overwrite, progress):
             return path
     known = {} if overwrite else known
     job = known.get("job") if all(known.get(key) == value for key, value in asked.items()) else None
-    job = _still_there(job) or _submitted(adql, url, None if max_rows is None else whole("max_rows", max_rows))
+    job = _still_there(job) or _submit(adql, url, None if max_rows is None else whole("max_rows", max_rows))
     before = {"sha256": known["sha256"]} if path.exists() and "sha256" in known else {}
     _write(note, asked | {"job": job} | before)
     _wait(job, positive("patience", patience), positive("interval", interval), progress)
@@ -164,13 +164,13 @@ def _rows_of(path):
         ) from error
 
 
-def _checked(adql):
+def _check_query(adql):
     if not isinstance(adql, str) or not adql.strip():
         raise ArchiveError(f"a query is text in ADQL, not {adql!r}")
     return adql.strip()
 
 
-def _submitted(adql, url, max_rows):
+def _submit(adql, url, max_rows):
     """The address of a new job."""
     form = {"REQUEST": "doQuery", "LANG": "ADQL", "FORMAT": "fits", "QUERY": adql, "PHASE": "RUN"}
     if max_rows is not None:
@@ -194,7 +194,7 @@ def _still_there(job):
 
 def _phase(job, end=None):
     with _open(f"{job}/phase", end=end) as answer:
-        return _some(answer, 1000, _soon(end)).decode("utf-8", "replace").strip()
+        return _read_some(answer, 1000, _soon(end)).decode("utf-8", "replace").strip()
 
 
 def _soon(end=None):
@@ -203,7 +203,7 @@ def _soon(end=None):
     return soon if end is None else min(soon, max(end, time.monotonic() + 1.0))
 
 
-def _some(answer, size, end):
+def _read_some(answer, size, end):
     """Read a limited number of bytes of an answer, until `end` at the latest."""
     body = b""
     while len(body) < size and (more := answer.read1(size - len(body))):
@@ -236,7 +236,7 @@ def _wait(job, patience, interval, progress):
             interval = min(1.3 * interval, 30.0)
     if phase != "COMPLETED":
         with _open(f"{job}/error") as answer:
-            message = _message(_some(answer, _BLOCK, _soon()))
+            message = _message(_read_some(answer, _BLOCK, _soon()))
         raise ArchiveError(f"the query ended {phase.lower()}: {message or 'the server does not say why'}")
 
 
@@ -322,7 +322,7 @@ def _open(url, form=None, end=None):
         return answer
     if isinstance(answer, urllib.error.HTTPError):
         with answer:
-            message = _message(_some(answer, _BLOCK, _soon()))
+            message = _message(_read_some(answer, _BLOCK, _soon()))
         raise _RefusedError(f"{url} answered {answer.code}: {message or answer.reason}") from answer
     if isinstance(answer, (OSError, http.client.HTTPException, ValueError)):
         reason = getattr(answer, "reason", None) or answer

@@ -1,7 +1,7 @@
 """Catalogues: from tables to fields and back, whole or in parts; ICRF's positions, two catalogues matched."""
 
 from vsh.io.catalogue._columns import as_columns, missing_column, unit_factor
-from vsh.io.catalogue._match import Counterparts, counterparts, match, read_icrf, read_positions
+from vsh.io.catalogue._match import MatchResult, counterparts, match, read_icrf, read_positions
 from vsh.io.catalogue._names import GAIA, NAMED, REQUIRED, Columns, with_distances
 from vsh.io.catalogue._parts import parts
 from vsh.io.catalogue._read import as_field as as_field
@@ -11,7 +11,7 @@ from vsh.io.catalogue._read import read_columns, read_field, read_scalars, read_
 __all__ = [
     "GAIA",
     "Columns",
-    "Counterparts",
+    "MatchResult",
     "match",
     "parts",
     "read_columns",

@@ -12,11 +12,11 @@ import numpy as np
 from astropy import units as u
 
 from vsh.io import tables
-from vsh.io.catalogue._names import ASSUMED, NAMED, REQUIRED, Columns, Wanted, like_correlations, name_and_unit
+from vsh.io.catalogue._names import ASSUMED, NAMED, REQUIRED, Columns, Request, like_correlations, name_and_unit
 from vsh.io.tables import TableSource
 from vsh.sky.frames import FRAME_KEY, FRAMES, REDSHIFT_FRAME_KEY, REDSHIFT_FRAME_NAMES, check_frame, redshift_frame_in
 from vsh.tools.bad_rows import as_floats, span_of, within
-from vsh.tools.errors import FieldError, NothingSelectedError, TableError
+from vsh.tools.errors import EmptySelectionError, FieldError, TableError
 from vsh.tools.notes import (
     ASSUMED_MOTIONS,
     DOUBT,
@@ -46,14 +46,14 @@ _OTHER_FRAMES = dict.fromkeys(("l", "b", "glon", "glat", "gal_lon", "gal_lat"), 
 _OTHER_FRAMES |= dict.fromkeys(("elon", "elat", "ecl_lon", "ecl_lat"), "ecliptic")
 
 
-def as_columns(columns: Any) -> Wanted:
+def as_columns(columns: Any) -> Request:
     """Interpret a choice of columns: None (any known set of names), the name of a set, role to name, or Columns."""
     if columns is None:
-        return Wanted()
-    if isinstance(columns, Wanted):
+        return Request()
+    if isinstance(columns, Request):
         return columns
     if isinstance(columns, Columns):
-        return Wanted(columns, None)
+        return Request(columns, None)
     columns = {"names": columns} if isinstance(columns, str) else columns
     if not isinstance(columns, dict):
         raise TableError(
@@ -69,10 +69,10 @@ def as_columns(columns: Any) -> Wanted:
     wrong = [str(role) for role in chosen if role not in roles]
     if wrong:
         raise TableError(f"columns: nothing is called {', '.join(wrong)}; there are {', '.join(roles)}")
-    return Wanted(replace(NAMED[known], **chosen), None if "names" in columns else tuple(chosen))
+    return Request(replace(NAMED[known], **chosen), None if "names" in columns else tuple(chosen))
 
 
-def locate(wanted: Wanted, source: TableSource) -> tuple[dict[str, str], list[str]]:
+def locate(wanted: Request, source: TableSource) -> tuple[dict[str, str], list[str]]:
     """Find the columns of a table that a field needs, and notes."""
     where, notes, absent = {}, [], []
     columns, known = wanted.among(source.names)
@@ -96,7 +96,7 @@ def locate(wanted: Wanted, source: TableSource) -> tuple[dict[str, str], list[st
         also = f"; missing too: {', '.join(printable(other) for _, other in others)}" if others else ""
         if all(re.fullmatch(r"col\d+", each) for each in source.names):
             also += "; it has no line of names, so its columns are called by their numbers"
-        best, known = Wanted().among(source.names)
+        best, known = Request().among(source.names)
         fits = known and all(getattr(best, each) in source.names for each in REQUIRED)
         wish = known if fits else ",".join(f"{role}=…" for role, _ in absent)
         said = f"columns={known!r}" if fits else f"columns={{{role!r}: …}}"
@@ -219,7 +219,7 @@ def _doubtful_motions(error, size):
     return notes
 
 
-class Chosen:
+class ChosenColumns:
     """A condition on one table."""
 
     def __init__(self, where: str, source: tables.TableSource, roles: Mapping[str, str] | None = None) -> None:
@@ -255,9 +255,9 @@ class Chosen:
         return kept, first_row + rows, [note]
 
 
-def nothing_selected(notes: Iterable[str]) -> NothingSelectedError:
+def nothing_selected(notes: Iterable[str]) -> EmptySelectionError:
     """The error of a table without a selected row."""
-    error = NothingSelectedError("no row is left by --where: " + "; ".join(map(str, notes)))
+    error = EmptySelectionError("no row is left by --where: " + "; ".join(map(str, notes)))
     error.notes = tuple(notes)
     return error
 
@@ -326,7 +326,7 @@ def differing_units(where: Mapping[str, str], units: Mapping[str, Any]) -> list[
 
 def parse_unit(unit: Any) -> Any:
     """A unit from what a table or a user says: in astropy's own spelling, that of FITS, VOTable or CDS."""
-    return _parsed(unit) if isinstance(unit, str) else u.Unit(unit)
+    return _parse_unit(unit) if isinstance(unit, str) else u.Unit(unit)
 
 
 #: How units are written that astropy does not know so.
@@ -336,7 +336,7 @@ _SPELLED |= dict.fromkeys(("h:m:s", "d:m:s", '"h:m:s"', '"d:m:s"'), "deg")
 
 
 @lru_cache(1000)
-def _parsed(unit):
+def _parse_unit(unit):
     unit = _SPELLED.get(unit.strip().lower(), unit)
     for form in ("generic", "vounit", "cds", "ogip"):
         try:

@@ -8,7 +8,7 @@ import numpy as np
 
 from vsh.field import MEASURED, Field
 from vsh.io import tables
-from vsh.io.catalogue._columns import Chosen, missing_column, unit_factor
+from vsh.io.catalogue._columns import ChosenColumns, missing_column, unit_factor
 from vsh.sky.frames import Positions
 from vsh.sky.sphere import triad
 from vsh.tools.arguments import explained, positive
@@ -19,7 +19,7 @@ from vsh.tools.types import IntArray, OnBad, PathName
 from vsh.tools.units import DEGREE, MAS, UAS
 
 
-class Counterparts(NamedTuple):
+class MatchResult(NamedTuple):
     """Sources that two catalogues have in common.
 
     Attributes
@@ -35,7 +35,7 @@ class Counterparts(NamedTuple):
     ambiguous: int
 
 
-def counterparts(a: Any, b: Any, *, by: Literal["name", "position"] = "name", radius: Any = None) -> Counterparts:
+def counterparts(a: Any, b: Any, *, by: Literal["name", "position"] = "name", radius: Any = None) -> MatchResult:
     """Match the sources of two catalogues one to one, in the order of the first."""
     kinds = {type(each) for each in (a, b)}
     if kinds not in ({Positions}, {Field}):
@@ -54,7 +54,7 @@ def counterparts(a: Any, b: Any, *, by: Literal["name", "position"] = "name", ra
         raise TableError(
             f"the catalogues have no source in common ({len(a)} and {len(b)}, matched by {by}): match them by {other}"
         )
-    return Counterparts(i, j, ambiguous)
+    return MatchResult(i, j, ambiguous)
 
 
 #: A larger part of the pairs that is far apart is no slip of a few names.
@@ -63,7 +63,7 @@ _FAR_APART = 0.02
 
 @explained
 def match(
-    a: Any, b: Any, *, by: Literal["name", "position"] = "name", radius: Any = None, pairs: Counterparts | None = None
+    a: Any, b: Any, *, by: Literal["name", "position"] = "name", radius: Any = None, pairs: MatchResult | None = None
 ) -> Field:
     """The differences a − b of two catalogues, with the sum of their covariances.
 
@@ -76,7 +76,7 @@ def match(
         By identifiers that are equal, or by the nearest position.
     radius : float, optional
         How far apart two positions of one source may be; 1 unless given. [arcsec]
-    pairs : Counterparts, optional
+    pairs : MatchResult, optional
         Result of `counterparts` with the same `by`, where it is known already.
 
     Returns
@@ -103,7 +103,7 @@ def match(
     left = f"{len(a) - len(i)} of {len(a)} and {len(b) - len(j)} of {len(b)}"
     notes = [f"matched {len(i)} sources by {by}; left over {left}, {ambiguous} of them with several counterparts"]
     if by == "name":
-        away = np.hypot(*difference) if positions else _apart(a, b, i, j)
+        away = np.hypot(*difference) if positions else _separation(a, b, i, j)
         far = int((away > 1e6).sum())
         if far > max(_FAR_APART * len(i), 3):
             k = int(np.argmax(away > 1e6))
@@ -171,7 +171,7 @@ def _offsets(a, b, i, j):
     return np.stack([np.sum(away * p, 0), np.sum(away * q, 0)]) / UAS
 
 
-def _apart(a, b, i, j):
+def _separation(a, b, i, j):
     """Separations of the sources of two fields, less their motion in a century, (k,). [µas]"""
     away = triad(a.lon[i], a.lat[i])[2] - triad(b.lon[j], b.lat[j])[2]
     return np.linalg.norm(away, axis=0) / UAS - 100 * np.hypot(*a.motion[:, i])
@@ -210,10 +210,10 @@ def read_icrf(path: PathName, name: str | None = "icrf") -> Positions:
     """
     if name not in ("icrf", "iers"):
         raise TableError(f"sources are named by icrf or iers, not {name!r}")
-    return _listed(tables.open_table(path, "icrf"), name)
+    return _read_names(tables.open_table(path, "icrf"), name)
 
 
-def _listed(opened, name):
+def _read_names(opened, name):
     """The positions of a list from VLBI."""
     if "ra_error" not in opened.names:
         raise TableError(f"{opened.label} has no errors: give one for all, sigma= (--position-error)")
@@ -256,7 +256,7 @@ def read_positions(
     opened = tables.open_table(source, format)
     listed = {"icrf", "iers", "defining"} <= set(opened.names)
     if listed and where is None and not columns and "ra_error" in opened.names:
-        positions = _listed(opened, designation)
+        positions = _read_names(opened, designation)
         return positions if sigma is None else _with_sigma(positions, sigma)
     wrong = [str(role) for role in columns if role not in (*_COLUMNS, *_OPTIONAL)]
     if wrong:
@@ -276,7 +276,7 @@ def read_positions(
             also = "; or one error for all, sigma= (--position-error)" if role.endswith("error") else ""
             raise TableError(missing_column(roles[role], opened) + also)
     roles = {role: name for role, name in roles.items() if name in opened.names}
-    clause = None if where is None else Chosen(where, opened)
+    clause = None if where is None else ChosenColumns(where, opened)
     table = opened.columns(tuple(dict.fromkeys([*roles.values(), *(clause.names if clause else ())])))
     rows: Any = 0
     if clause:

@@ -137,7 +137,7 @@ def name_and_unit(name: str) -> tuple[str, str | None]:
     return name, None
 
 
-class Wanted(NamedTuple):
+class Request(NamedTuple):
     """The names that a user wants: those of a set, or of whatever set a table has where none was asked for."""
 
     columns: Columns = GAIA
@@ -146,18 +146,18 @@ class Wanted(NamedTuple):
 
     def among(self, names: Iterable[str]) -> tuple[Columns, str | None]:
         """The names that a table has for each role, and the set that was chosen, where it is not Gaia's."""
-        return _chosen(self, tuple(names))
+        return _choose_names(self, tuple(names))
 
 
 @lru_cache
-def _chosen(wanted, names):
+def _choose_names(wanted, names):
     index = _index(names)
     if wanted.asked is None:
-        return _settled(wanted.columns, names, index), None
+        return _resolve_names(wanted.columns, names, index), None
     given = {role: getattr(wanted.columns, role) for role in wanted.asked}
-    best, most, chosen = "gaia", -1, _settled(wanted.columns, names, index)
+    best, most, chosen = "gaia", -1, _resolve_names(wanted.columns, names, index)
     for known, named in NAMED.items():
-        settled = _settled(replace(named, **given), names, index)
+        settled = _resolve_names(replace(named, **given), names, index)
         count = sum(getattr(settled, role) in names for role in REQUIRED)
         if {settled.ra, settled.dec} <= set(names) and count > most:
             best, most, chosen = known, count, settled
@@ -165,7 +165,7 @@ def _chosen(wanted, names):
     return chosen, None if plain else best
 
 
-def _settled(columns, names, index):
+def _resolve_names(columns, names, index):
     """Columns with one name a role: that of the table where it has one of those wanted, in pairs."""
     changed: dict[str, Any] = {}
     for roles in _PAIRS:
@@ -290,10 +290,10 @@ def with_derived(source: TableSource) -> TableSource:
         notes.append(f"of errors of two sides the larger is taken: {', '.join(sided)}")
     if ellipse := next((inputs for inputs in made.values() if len(inputs) == 3), None):
         notes.append(f"errors and correlations of the motions by the ellipses {', '.join(ellipse)}")
-    return derived(source, recipes, notes)
+    return derive_columns(source, recipes, notes)
 
 
-def derived(source: TableSource, made: Mapping[str, Any], notes: Iterable[str] = ()) -> TableSource:
+def derive_columns(source: TableSource, made: Mapping[str, Any], notes: Iterable[str] = ()) -> TableSource:
     """A table with further columns: name → (the columns it is made of, function of their values, unit)."""
 
     def read(names, rows):
@@ -301,14 +301,14 @@ def derived(source: TableSource, made: Mapping[str, Any], notes: Iterable[str] =
         own = tuple(dict.fromkeys([name for name in names if name not in made] + inputs))
         for block in source.read(own or source.names[:1], rows):
             count = len(next(iter(block.values()))[0])
-            yield {name: _made(made[name], block, count) if name in made else block[name] for name in names}
+            yield {name: _apply_recipe(made[name], block, count) if name in made else block[name] for name in names}
 
     units = source.units | {name: unit for name, (_, _, unit) in made.items() if unit}
     names = (*source.names, *(name for name in made if name not in source.names))
     return replace(source, names=names, read=read, units=units, notes=(*source.notes, *notes))
 
 
-def _made(recipe, block, count):
+def _apply_recipe(recipe, block, count):
     inputs, function, _ = recipe
     masks = [block[name][1] for name in inputs if block[name][1] is not None]
     with np.errstate(all="ignore"):

@@ -10,9 +10,9 @@ from typing import Any
 
 from vsh.field import Field
 from vsh.io.catalogue._columns import as_columns
-from vsh.io.catalogue._names import REQUIRED, Columns, Wanted, derived_from
-from vsh.io.catalogue._read import stream_fields, without_motions
-from vsh.io.parts import Dask, Engine, Here, Parts, Processes, delayed_of, is_delayed
+from vsh.io.catalogue._names import REQUIRED, Columns, Request, derived_from
+from vsh.io.catalogue._read import open_positions, stream_fields
+from vsh.io.parts import Dask, Engine, InProcess, Parts, Processes, delayed_of, is_delayed
 from vsh.io.tables import Place, TableSource, Where, check_alike, files_of, is_address, open_table
 from vsh.tools.arguments import whole
 from vsh.tools.errors import ParameterError, TableError
@@ -105,7 +105,7 @@ _WORTH_A_THREAD = 2**15
 class Reader:
     """Reader of the fields of a piece, a block of sources at a time."""
 
-    columns: Wanted
+    columns: Request
     units: Mapping[str, Any] | None
     on_bad: OnBad
     frame: str | None
@@ -128,7 +128,7 @@ class Reader:
             _check_same_columns(piece, columns, *self.like)
         notes: tuple[str, ...] = ()
         if not self.motions:
-            piece, wanted, notes = without_motions(open_table(piece), columns, self.sigma)
+            piece, wanted, notes = open_positions(open_table(piece), columns, self.sigma)
         fields = stream_fields(
             piece,
             self.rows,
@@ -180,7 +180,7 @@ def _engine(pieces, workers, scheduler) -> Engine:
         return Dask(None, None if workers is None else whole("workers", workers))
     if workers is not None and whole("workers", workers) > 1:
         return Processes(workers)
-    return Here()
+    return InProcess()
 
 
 def _pieces(source, columns, motions, format, where):

@@ -12,12 +12,12 @@ from warnings import warn
 
 import numpy as np
 
-from vsh.field import Field, Weighed
+from vsh.field import Field, SourcesWithErrors
 from vsh.io import tables
 from vsh.io.archive import DR4
 from vsh.io.catalogue._columns import (
     MODULUS,
-    Chosen,
+    ChosenColumns,
     as_columns,
     differing_units,
     doubt_positions,
@@ -35,12 +35,12 @@ from vsh.io.catalogue._columns import (
     sexagesimal,
     unit_factor,
 )
-from vsh.io.catalogue._names import ASSUMED, REQUIRED, USUAL_UNITS, Columns, derived, with_derived
+from vsh.io.catalogue._names import ASSUMED, REQUIRED, USUAL_UNITS, Columns, derive_columns, with_derived
 from vsh.io.parts import OPTIONAL, Parts
 from vsh.scalars import ScalarField
 from vsh.tools.arguments import explained, positive, whole
 from vsh.tools.bad_rows import PLACEHOLDER, as_floats, placeholders
-from vsh.tools.errors import FieldError, NothingLeftError, NothingSelectedError, TableError, VshWarning
+from vsh.tools.errors import EmptyFieldError, EmptySelectionError, FieldError, TableError, VshWarning
 from vsh.tools.notes import (
     ASSUMED_MOTIONS,
     DOUBT,
@@ -152,7 +152,7 @@ def read_columns(source: Any, names: Iterable[str], **reading: Any) -> dict[str,
     """
     names = list(names)
     make = _with_columns(source, names, reading)
-    _, values = _beside(make, make.source.columns(make.names), names, 0)
+    _, values = _append_columns(make, make.source.columns(make.names), names, 0)
     return values
 
 
@@ -164,9 +164,9 @@ def stream_columns(
     make = _with_columns(source, names, reading)
     for block in make.source.blocks(make.names, whole("rows", rows)):
         try:
-            yield _beside(make, block, names, first)
-        except NothingLeftError as error:
-            if make.on_bad == "raise" and not isinstance(error, NothingSelectedError):
+            yield _append_columns(make, block, names, first)
+        except EmptyFieldError as error:
+            if make.on_bad == "raise" and not isinstance(error, EmptySelectionError):
                 raise
         first += len(next(iter(block.values()))[0])
 
@@ -184,17 +184,17 @@ def _with_columns(source, names, reading):
     return make
 
 
-def _beside(make, block, names, first):
+def _append_columns(make, block, names, first):
     """The field of a block, and numbers of columns at its rows."""
     block = dict(block)
-    values = {name: as_floats(name, np.ma.MaskedArray(*_masked(block[name]))) for name in names}
+    values = {name: as_floats(name, np.ma.MaskedArray(*_mask_of(block[name]))) for name in names}
     block[_ROW] = np.arange(len(next(iter(block.values()))[0])), None
     field = make(block, first)
     kept = np.asarray(field.name, int)
     return field, {name: np.where(missing, np.nan, array)[kept] for name, (array, missing) in values.items()}
 
 
-def _masked(column):
+def _mask_of(column):
     """Values of a column and their mask."""
     values, mask = column
     return values, (False if mask is None else mask)
@@ -225,8 +225,8 @@ def _fields(make, rows):
     for block in make.source.blocks(make.names, rows):
         try:
             field = make(block, first)
-        except NothingLeftError as error:
-            if make.on_bad == "raise" and not isinstance(error, NothingSelectedError):
+        except EmptyFieldError as error:
+            if make.on_bad == "raise" and not isinstance(error, EmptySelectionError):
                 raise
             lost, last = merge_notes(lost, error.notes), error
         else:
@@ -249,7 +249,7 @@ class _maker:
     def __init__(self, source, columns, units, on_bad, frame, roles=OPTIONAL, where=None):
         self.source = source = with_derived(source)
         located, self.notes = locate(as_columns(columns), self.source)
-        self.chosen = None if where is None else Chosen(where, self.source, located)
+        self.chosen = None if where is None else ChosenColumns(where, self.source, located)
         self.where = {role: name for role, name in located.items() if role not in OPTIONAL or role in roles}
         self.frame = frame_of(self.where, frame, self.source.meta)
         self.redshift_frame = redshift_frame_of(self.where, self.source)
@@ -354,11 +354,11 @@ def read_sources(
     format: str | None = None,
 ) -> Field:
     """Read positions and errors; what the table lacks of motions is zero."""
-    opened, chosen, notes = without_motions(tables.open_table(source, format), columns, sigma)
+    opened, chosen, notes = open_positions(tables.open_table(source, format), columns, sigma)
     return read_field(opened, chosen, units, on_bad=on_bad, frame=frame, where=where).add_note(*notes)
 
 
-def without_motions(
+def open_positions(
     opened: tables.TableSource, columns: Any, sigma: float | None = None
 ) -> tuple[tables.TableSource, Columns, tuple[str, ...]]:
     """A table with zeros for the motions that it lacks, and errors where it has none: table, its columns, and notes.
@@ -389,7 +389,7 @@ def without_motions(
         return opened, wanted, ()
     names = {role: f"{ASSUMED}{role}" for role in made}
     settled = replace(wanted, **{role: names.get(role, getattr(wanted, role)) for role in Columns.__dataclass_fields__})
-    return derived(opened, {names[role]: recipe for role, recipe in made.items()}), settled, notes
+    return derive_columns(opened, {names[role]: recipe for role, recipe in made.items()}), settled, notes
 
 
 def truth_of(source: Any) -> dict[str, Any] | None:
@@ -461,7 +461,7 @@ def read_scalars(
     array([-20.])
     """
     opened = tables.open_table(source, format)
-    chosen = None if where is None else Chosen(where, opened)
+    chosen = None if where is None else ChosenColumns(where, opened)
     error = error or f"{value}_error"
     wanted = [ra, dec, value, error] + ([name] if name else [])
     for column in wanted:
@@ -519,7 +519,7 @@ def as_field(name: str, value: Any) -> Any:
     value : Field, Parts, ScalarField, path or table
         A table is anything with columns by their names: astropy, pandas, polars, Arrow.
     """
-    if isinstance(value, Weighed | Parts):
+    if isinstance(value, SourcesWithErrors | Parts):
         return value
     if is_readable(value):
         return read_field(value)

@@ -24,7 +24,7 @@ from vsh.io.catalogue import missing_column, unit_factor
 from vsh.io.epochs._solve import design_row, solve_epochs
 from vsh.tools.arguments import explained
 from vsh.tools.bad_rows import select_usable
-from vsh.tools.errors import NothingLeftError, TableError
+from vsh.tools.errors import EmptyFieldError, TableError
 from vsh.tools.notebook import Frozen
 from vsh.tools.notes import DroppedRows
 from vsh.tools.types import BoolArray, FloatArray, IntArray, OnBad, PathName
@@ -65,7 +65,7 @@ def matrix_of(values: Any, mask: Any, name: str, label: str) -> tuple[Any, BoolA
     """
     values = np.asarray(values)
     if values.dtype.kind in "iufb":
-        return values, None if mask is None else _spread(mask, values.shape), None
+        return values, None if mask is None else _spread_mask(mask, values.shape), None
     missing = (
         np.zeros(len(values), bool) if mask is None else np.asarray(mask, bool).reshape(len(values), -1).all(axis=1)
     )
@@ -89,7 +89,7 @@ def matrix_of(values: Any, mask: Any, name: str, label: str) -> tuple[Any, BoolA
         flat = np.concatenate([row.data for row in filled])
         lost = np.concatenate([np.ma.getmaskarray(row) for row in filled])
     else:
-        flat, lost = _numbers([x for row in filled for x in _listed(row)], name, label)
+        flat, lost = _numbers([x for row in filled for x in _as_list(row)], name, label)
     matrix, absent = np.zeros(inside.shape, flat.dtype), np.zeros(inside.shape, bool)
     matrix[inside], absent[inside] = flat, lost
     # A row without a list, as of a transit whose arrays are null, is missing and no padding.
@@ -98,7 +98,7 @@ def matrix_of(values: Any, mask: Any, name: str, label: str) -> tuple[Any, BoolA
     return matrix, absent if absent.any() else None, padding if padding.any() else None
 
 
-def _spread(mask, shape):
+def _spread_mask(mask, shape):
     """A mask of rows, or of every number, in the shape of the values."""
     mask = np.asarray(mask, bool)
     return np.broadcast_to(mask.reshape(mask.shape + (1,) * (len(shape) - mask.ndim)), shape)
@@ -111,7 +111,7 @@ def _row(entry):
     return np.ma.atleast_1d(np.ma.asarray(entry)).ravel()
 
 
-def _listed(row):
+def _as_list(row):
     """The entries of a row, None where they are masked."""
     return [None if gone else x for x, gone in zip(row.data.tolist(), np.ma.getmaskarray(row), strict=True)]
 
@@ -119,7 +119,7 @@ def _listed(row):
 def _numbers(entries, name, label):
     """Numbers or bools of a list of them, and where there is none; integers keep all their digits."""
     lost = np.array([_is_nothing(each) for each in entries], bool)
-    some = [_parsed(each) for each, gone in zip(entries, lost, strict=True) if not gone]
+    some = [_parse_entry(each) for each, gone in zip(entries, lost, strict=True) if not gone]
     kinds = {"b" if isinstance(each, (bool, np.bool_)) else np.asarray(each).dtype.kind for each in some}
     if not kinds <= set("iufb"):
         wrong = next(each for each in some if np.asarray(each).dtype.kind not in "iufb")
@@ -138,7 +138,7 @@ def _is_nothing(entry):
     return isinstance(entry, str) and entry.strip().lower() in _NOTHING
 
 
-def _parsed(entry):
+def _parse_entry(entry):
     """A number of a word."""
     if not isinstance(entry, str):
         return entry
@@ -386,7 +386,7 @@ def read_observations(
     if positions is None:
         lon, lat = flat["ra0"][first] * DEGREE, flat["dec0"][first] * DEGREE
     else:
-        lon, lat = _joined(identifiers, positions)
+        lon, lat = _join_positions(identifiers, positions)
     view = None
     if "view" in flat:
         view, words = views_of(flat.pop("view"), number, flat["obs_time_tcb"])
@@ -408,7 +408,7 @@ def read_observations(
     )
 
 
-def _joined(identifiers, positions):
+def _join_positions(identifiers, positions):
     """Positions of sources by their source_id, from another table."""
     opened = tables.open_table(positions)
     names = ("source_id", "ra", "dec")
@@ -449,7 +449,7 @@ def _observations(
     """Columns with a value for each observation that can be used, and a note that counts the others."""
     label = opened.label
     columns, padding = _matrices(table, opened)
-    repeated = _repeated(columns)
+    repeated = _repeat_rows(columns)
     shape = max((np.shape(values) for values, _ in columns.values()), key=len)
     flat: dict[str, Any] = {}
     bad = np.zeros(shape, bool)
@@ -489,7 +489,7 @@ def _observations(
     keep = ~(bad | unused)
     note = DroppedRows.of_table({reason: count for reason, count in counts.items() if count}, keep.size, keep)
     if not keep.any():
-        error = NothingLeftError(f"{label}: no observation can be used: {note}")
+        error = EmptyFieldError(f"{label}: no observation can be used: {note}")
         error.notes = (note,)
         raise error
     if any(counts.values()):
@@ -524,7 +524,7 @@ def _date(values, mask, unit):
     return next((name for name, origin in _ORIGINS.items() if abs(middle - origin) < _FAR), None)
 
 
-def _repeated(columns):
+def _repeat_rows(columns):
     """A note on transits that stand in the table twice, where rows are transits."""
     if "transit_id" not in columns or np.ndim(columns["centroid_pos_al"][0]) < 2:
         return ()

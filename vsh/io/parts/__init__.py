@@ -1,6 +1,6 @@
 """Sources in parts: files, partitions on a cluster, blocks of a stream, and sums over them."""
 
-from vsh.io.parts._engines import Dask, Engine, Here, Processes, Tree, added, delayed_of, is_delayed
+from vsh.io.parts._engines import Dask, Engine, InProcess, Processes, Tree, added, delayed_of, is_delayed
 from vsh.io.parts._parts import (
     DISTANCES,
     OPTIONAL,

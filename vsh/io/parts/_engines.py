@@ -20,9 +20,9 @@ from weakref import finalize
 from vsh.field import Field
 from vsh.tools import arguments
 from vsh.tools.errors import (
+    EmptyFieldError,
+    EmptySelectionError,
     FieldError,
-    NothingLeftError,
-    NothingSelectedError,
     ParameterError,
     TableError,
     VshError,
@@ -30,7 +30,7 @@ from vsh.tools.errors import (
 )
 from vsh.tools.notebook import InNotebook
 from vsh.tools.notes import merge_notes
-from vsh.tools.parallel import limited, process_pool, uninterrupted
+from vsh.tools.parallel import delay_interrupts, limited, process_pool
 from vsh.tools.printing import printable
 
 #: So many sums are added up at a time, level by level.
@@ -120,7 +120,7 @@ class Engine(InNotebook):
         return piece
 
 
-class Here(Engine):
+class InProcess(Engine):
     """Engine in this process, one part after the other, with one thread per core."""
 
     def __init__(self) -> None:
@@ -185,13 +185,13 @@ class Processes(Engine):
         while waiting or suspects:
             # After a process was killed, the parts that were under way go one by one: the guilty one is known then.
             if suspects:
-                ready[suspects[0]] = self._alone(work, pieces, suspects[0], single)
+                ready[suspects[0]] = self._run_alone(work, pieces, suspects[0], single)
                 done()
                 del suspects[0]
                 if not suspects and single:
                     single.pop().shutdown()
             else:
-                for number, result in self._together(work, pieces, waiting, suspects):
+                for number, result in self._run_together(work, pieces, waiting, suspects):
                     ready[number] = result
                     done()
                     while following in ready:
@@ -201,7 +201,7 @@ class Processes(Engine):
                 yield ready.pop(following)
                 following += 1
 
-    def _together(self, work, pieces, waiting, suspects):
+    def _run_together(self, work, pieces, waiting, suspects):
         """Numbers and results as they come; what a broken pool leaves undone goes to `suspects`."""
         running = {}
         if self._running is None:
@@ -210,7 +210,7 @@ class Processes(Engine):
         try:
             while waiting or running:
                 while waiting and len(running) < 2 * self.workers:
-                    with uninterrupted():
+                    with delay_interrupts():
                         running[self._running.submit(work, pieces[waiting[0]])] = waiting[0]
                     del waiting[0]
                 for future in wait(running, return_when=FIRST_COMPLETED).done:
@@ -225,13 +225,13 @@ class Processes(Engine):
                 future.cancel()
             raise
 
-    def _alone(self, work, pieces, number, single):
+    def _run_alone(self, work, pieces, number, single):
         """The result of one part by itself; `single` holds the process that is used again until a part ends it."""
         for _ in range(ATTEMPTS):
             if not single:
                 single.append(process_pool(1))
             try:
-                with uninterrupted():
+                with delay_interrupts():
                     future = single[0].submit(work, pieces[number])
                 return future.result()
             except BrokenExecutor:
@@ -254,7 +254,7 @@ def left_by(steps: tuple[Callable[[Field], Field], ...], block: Field) -> tuple[
     """Apply the steps to a block: the sources that are left, or None, and notes on empty blocks."""
     try:
         field = _through(steps, block)
-    except NothingLeftError as error:  # there may be more in other blocks
+    except EmptyFieldError as error:  # there may be more in other blocks
         return None, LostNotes(error.notes)
     return (field, LostNotes()) if len(field) else (None, LostNotes(field.notes))
 
@@ -266,7 +266,7 @@ class LostNotes(list):
         return LostNotes(merge_notes(self, other))
 
 
-def _named(piece, error):
+def _name_piece(piece, error):
     """Message of an error, with its file."""
     name = label_of(piece)
     return str(error) if name in str(error) or isinstance(piece, Field) else f"{name}: {error}"
@@ -274,7 +274,7 @@ def _named(piece, error):
 
 def _left_out(piece, error):
     """The error of a part all of whose rows are bad, with what can be done."""
-    empty = NothingLeftError(f'{_named(piece, error)}. Leave them out with on_bad="drop" (--on-bad drop)')
+    empty = EmptyFieldError(f'{_name_piece(piece, error)}. Leave them out with on_bad="drop" (--on-bad drop)')
     empty.notes = error.notes
     return empty
 
@@ -299,15 +299,15 @@ class Work:
                     notes = notes + lost
                     if field is not None:
                         total, sources = added(total, self.function(field)), sources + len(field)
-            except NothingLeftError as error:  # of the whole part: a reader hands on what is lost of some of it
-                chosen = isinstance(error, NothingSelectedError)  # other parts may hold some
+            except EmptyFieldError as error:  # of the whole part: a reader hands on what is lost of some of it
+                chosen = isinstance(error, EmptySelectionError)  # other parts may hold some
                 if error.notes and not chosen and getattr(self.read, "on_bad", "drop") == "raise":
                     raise _left_out(piece, error) from error
                 notes = notes + LostNotes(error.notes)
             except FieldError as error:
-                raise FieldError(_named(piece, error)) from error
+                raise FieldError(_name_piece(piece, error)) from error
             except TableError as error:
-                raise TableError(_named(piece, error)) from error
+                raise TableError(_name_piece(piece, error)) from error
             except VshError:
                 raise
             except Exception as error:  # of a step or of what is summed
@@ -383,7 +383,7 @@ class Dask(Engine):
                 client.close()
 
     def _local(self, work, pieces, done):
-        root = _grown(_leaves(work, pieces))
+        root = _merge_level(_leaves(work, pieces))
         from dask.callbacks import Callback
 
         def after(key, *_):
@@ -457,7 +457,7 @@ def _leaves(work, pieces):
     return [leaf(piece, dask_key_name=f"{_KEY}{i}-{run}") for i, piece in enumerate(pieces)]
 
 
-def _grown(level):
+def _merge_level(level):
     """The tree over them, delayed."""
     add = _dask().delayed(total_of, pure=False)
     while len(level) > 1:
@@ -471,7 +471,7 @@ def _on_cluster(client, work, pieces, done):
 
     leaves = _leaves(work, pieces)
     try:
-        return _in_our_words(lambda: _gathered(client, leaves, done), lambda: _first_that_fails(pieces))
+        return _in_our_words(lambda: _gather(client, leaves, done), lambda: _first_that_fails(pieces))
     except KilledWorker as error:
         key = str(error.task)
     # Parts that waited at the same worker are blamed too. Alone, the guilty one does it again, and it alone.
@@ -484,7 +484,7 @@ def _on_cluster(client, work, pieces, done):
             name = f"part {number + 1} of {len(pieces)}, {label_of(pieces[number])}"
             raise TableError(f"{name}, ended every worker that computed it ({error})") from error
     try:
-        return _gathered(client, _leaves(work, pieces), lambda: None)
+        return _gather(client, _leaves(work, pieces), lambda: None)
     except KilledWorker as error:
         raise TableError(f"workers ended while they computed {error.task} ({error})") from error
 
@@ -513,10 +513,10 @@ def _in_our_words(compute, guilty):
         raise TableError(f"{words}: {type(own or error).__name__}: {first_line(own or error)}") from error
 
 
-def _gathered(client, leaves, done):
+def _gather(client, leaves, done):
     from distributed import as_completed
 
-    *futures, total = client.compute([*leaves, _grown(leaves)])
+    *futures, total = client.compute([*leaves, _merge_level(leaves)])
     # Each is let go when it is done: the tree keeps what it still needs.
     finished = as_completed(futures, loop=client.loop)
     del futures

@@ -9,15 +9,15 @@ from typing import Any
 
 import numpy as np
 
-from vsh.field import MEASURED, Field, Weighed
-from vsh.io.parts._engines import Engine, Here, LostNotes, Work, left_by
+from vsh.field import MEASURED, Field, SourcesWithErrors
+from vsh.io.parts._engines import Engine, InProcess, LostNotes, Work, left_by
 from vsh.sky.frames import check_frame
-from vsh.tools.errors import FieldError, NothingLeftError, ParameterError
+from vsh.tools.errors import EmptyFieldError, FieldError, ParameterError
 from vsh.tools.notebook import InNotebook
 from vsh.tools.parallel import progress_bar
 from vsh.tools.types import ArrayLike, FloatArray, IntArray
 
-HERE = Here()
+HERE = InProcess()
 #: What of a source is not needed for its motion.
 OPTIONAL = ("name", *MEASURED)
 #: What tells how far a source is.
@@ -115,7 +115,7 @@ class Parts(InNotebook):
 
         Raises
         ------
-        NothingLeftError
+        EmptyFieldError
             If no part has a source that can be used.
         FieldError
             If the function does not return what adds.
@@ -135,9 +135,7 @@ class Parts(InNotebook):
         total: Any
         total, notes, sources = (None, LostNotes(), 0) if summed is None else summed
         if not sources:
-            error = NothingLeftError(
-                "no part holds a source that can be used: " + ("; ".join(notes) or "all are empty")
-            )
+            error = EmptyFieldError("no part holds a source that can be used: " + ("; ".join(notes) or "all are empty"))
             error.notes = tuple(notes)
             raise error
         if notes and hasattr(total, "add_note"):
@@ -154,7 +152,7 @@ class Parts(InNotebook):
     def in_memory(self) -> Any:
         """The field itself, where it is all in one and in memory; None otherwise."""
         (first, *others) = self.pieces or (None,)
-        return first if isinstance(first, Weighed) and not others and not self.steps else None
+        return first if isinstance(first, SourcesWithErrors) and not others and not self.steps else None
 
     def counted(self) -> int:
         """Count the sources; reads all of them."""
@@ -211,7 +209,7 @@ def median(sky: Parts, numbers: Callable[[Field], FloatArray], words: str = "med
     counts = sky.sum(partial(_histogram, numbers=numbers, weights=None), roles=(), words=words)
     n = int(counts.sum())
     middle = [(n + 1) // 2, n // 2 + 1]
-    return float(np.mean(_found(sky, numbers, None, counts, middle, (), words)))
+    return float(np.mean(_find_targets(sky, numbers, None, counts, middle, (), words)))
 
 
 def weighted_quantiles(
@@ -225,10 +223,10 @@ def weighted_quantiles(
 ) -> FloatArray:
     """Weighted quantiles: for each share, the least value up to which sources have that share of the weight."""
     counts = sky.sum(partial(_histogram, numbers=numbers, weights=weights), roles=roles, words=words)
-    return _found(sky, numbers, weights, counts, np.asarray(shares) * counts.sum(), roles, words)
+    return _find_targets(sky, numbers, weights, counts, np.asarray(shares) * counts.sum(), roles, words)
 
 
-def _found(sky, numbers, weights, counts, targets, roles, words):
+def _find_targets(sky, numbers, weights, counts, targets, roles, words):
     """The numbers at which the cumulative weight reaches the targets."""
     reached = np.cumsum(counts)
     bins = np.minimum(np.searchsorted(reached, targets), BINS - 1)

@@ -122,21 +122,21 @@ def open_lazy(frame: Any, label: str) -> TableSource:
 def open_stream(thing: Any, label: str) -> TableSource:
     """An object with `__arrow_c_stream__` or `__arrow_c_array__`: of pyarrow, polars, DuckDB, …"""
     arrow, _ = _arrow(label)
-    reader = _again(arrow, thing, label)
+    reader = _reopen(arrow, thing, label)
     _check_names(reader.schema.names, label)
 
     streams = [reader]
 
     def batches(names, rows):
         # A table gives as many streams as are asked for; what streams once gives the one that is open.
-        stream = streams.pop() if streams else _again(arrow, thing, label)
+        stream = streams.pop() if streams else _reopen(arrow, thing, label)
         for batch in stream:
             yield batch.select(list(names))
 
     return _source(label, reader.schema, batches)
 
 
-def _again(arrow, thing, label):
+def _reopen(arrow, thing, label):
     try:
         if hasattr(thing, "__arrow_c_stream__"):
             return arrow.RecordBatchReader.from_stream(thing)
@@ -168,7 +168,7 @@ def _check_names(names, label):
 def _source(label, schema, batches):
     def read(names, rows):
         held, count, empty = [], 0, True
-        for batch in _guarded(batches(names, rows), label):
+        for batch in _wrap_read_errors(batches(names, rows), label):
             while batch.num_rows:
                 take = min(rows - count, batch.num_rows)
                 held.append(batch.slice(0, take))
@@ -184,7 +184,7 @@ def _source(label, schema, batches):
     return TableSource(label, tuple(schema.names), read, units, meta, descriptions=descriptions)
 
 
-def _guarded(batches, label):
+def _wrap_read_errors(batches, label):
     import pyarrow
 
     try:

@@ -128,7 +128,7 @@ def open_fits(path: PathName, label: str) -> TableSource:
     if not tables:
         raise TableError(f"{label} holds no table")
     chosen = tables[0]
-    with _guarded(label), _open(plain.name) as hdus:
+    with _wrap_read_errors(label), _open(plain.name) as hdus:
         columns = list(hdus[chosen].columns)
         meta = _meta(hdus[chosen].header)
         descriptions = {
@@ -146,11 +146,11 @@ def open_fits(path: PathName, label: str) -> TableSource:
 
     def read(wanted, rows):
         # `plain` is kept by this function: the unpacked copy goes when nobody reads it any more.
-        with _guarded(label):
+        with _wrap_read_errors(label):
             hdus = _open(plain.name)
         with hdus:
             for start in range(0, max(1, units[chosen]["NAXIS2"]), rows):
-                with _guarded(label):
+                with _wrap_read_errors(label):
                     if hdus[chosen].data is None:
                         raise TableError(f"{label} is damaged: its table holds no data")
                     part = hdus[chosen].data[start : start + rows]
@@ -174,7 +174,7 @@ def open_fits(path: PathName, label: str) -> TableSource:
 
 
 @contextmanager
-def _guarded(label):
+def _wrap_read_errors(label):
     """Whatever goes wrong within, and whatever astropy says of damage, is a TableError."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")

@@ -19,7 +19,7 @@ from urllib.parse import urlsplit
 from vsh.io.tables._arrow import open_dataset, open_lazy, open_parquet, open_parquet_at, open_stream
 from vsh.io.tables._source import (
     TableSource,
-    chained,
+    concatenate_sources,
     first_bytes,
     in_folder,
     is_frame,
@@ -257,7 +257,7 @@ def open_table(source: Any, format: str | None = None) -> TableSource:
 
 
 def _open_fetched(path, label, kind):
-    return _open_file(path, label, kind or _kind(path, label))
+    return _open_file(path, label, kind or _find_format(path, label))
 
 
 def _open_path(path, format):
@@ -272,7 +272,7 @@ def _open_path(path, format):
             return _open_folder(path, label, format)
         if not path.is_file():
             raise TableError(f"{label}: no such file" if not path.exists() else f"{label} is no regular file")
-        kind = BY_NAME[format].kind if format else _kind(path, label)
+        kind = BY_NAME[format].kind if format else _find_format(path, label)
         return _open_file(path, label, kind)
     except (OSError, ValueError) as error:
         if isinstance(error, TableError):
@@ -280,12 +280,12 @@ def _open_path(path, format):
         raise TableError(f"{label} cannot be read: {getattr(error, 'strerror', None) or error}") from error
 
 
-def _kind(path, label):
+def _find_format(path, label):
     """The format of a file by its ending, or by its first bytes."""
     try:
         return format_of(path, READ)
     except TableError:
-        if _described(path):
+        if _describe_folder(path):
             return "ascii.cds"
         begin = first_bytes(path, label)
         for row in FORMATS:
@@ -298,7 +298,7 @@ def _kind(path, label):
         ) from None
 
 
-def _described(path):
+def _describe_folder(path):
     """Return whether a file ReadMe of the CDS lies beside a file, and describes it."""
     readme = path.with_name("ReadMe")
     name = path.stem if path.suffix.lower() in PACKED else path.name
@@ -312,7 +312,7 @@ def _open_folder(path, label, format):
     kind, files = _tables_in(path, label, format)
     if kind == "parquet":
         return open_parquet(files, label)  # one dataset
-    return chained(label, [_open_file(file, printable(file), kind) for file in files])
+    return concatenate_sources(label, [_open_file(file, printable(file), kind) for file in files])
 
 
 def files_of(path: PathName, format: str | None = None) -> list[Any]:

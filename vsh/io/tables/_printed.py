@@ -68,7 +68,7 @@ def printed(table: Table, forms: Mapping[str, str] | None = None) -> tuple[list[
         elif name.startswith("correlation_"):
             cells = [f"{each:+.3f}" for each in values]
         elif (name.startswith(_ALIKE) and "sigma" in table.colnames) or name == "sigma":
-            cells = [_rounded(*each) for each in zip(values, table["sigma"].tolist(), strict=True)]
+            cells = [_round_to_error(*each) for each in zip(values, table["sigma"].tolist(), strict=True)]
         else:
             cells = list(map(cell, values))
         head = f"r({name.removeprefix('correlation_')})" if name.startswith("correlation_") else name.replace("_", " ")
@@ -93,14 +93,14 @@ def cell(value: Any) -> str:
 
 def _with_error(value, error):
     if not (isinstance(value, float) and isinstance(error, float) and np.isfinite(value) and error > 0):
-        return _rounded(value, error)
+        return _round_to_error(value, error)
     if not 1e-6 < error < 1e6:
         return f"{value:.5g} ± {error:.2g}"
     digits = two_digits(error)
     return f"{value:.{digits}f} ± {error:.{digits}f}"
 
 
-def _rounded(value, error):
+def _round_to_error(value, error):
     known = isinstance(value, float) and isinstance(error, float) and np.isfinite(value) and 1e-6 < error < 1e6
     return f"{value:.{two_digits(error)}f}" if known else cell(value)
 

@@ -118,7 +118,7 @@ class TableSource(InNotebook):
         parts = list(self.blocks(names, self.whole))
         if len(parts) == 1:
             return parts[0]
-        return {name: _joined([part[name] for part in parts]) for name in parts[0]}
+        return {name: _join_blocks([part[name] for part in parts]) for name in parts[0]}
 
     def to_table(self) -> Table:
         """The whole as an astropy Table."""
@@ -133,7 +133,7 @@ class TableSource(InNotebook):
         return table
 
 
-def chained(label: str, sources: Sequence[TableSource]) -> TableSource:
+def concatenate_sources(label: str, sources: Sequence[TableSource]) -> TableSource:
     """Several tables with the same columns, one after the other, as one."""
     first = sources[0]
 
@@ -146,7 +146,7 @@ def chained(label: str, sources: Sequence[TableSource]) -> TableSource:
     return TableSource(label, first.names, read, first.units, first.meta, notes, descriptions=first.descriptions)
 
 
-def remembered(source: TableSource) -> TableSource:
+def cache_rows(source: TableSource) -> TableSource:
     """Cache the columns of a table, each of which is then read once."""
     known: dict[str, Any] = {}
 
@@ -179,7 +179,7 @@ def _with_mask(block, name):
     return values, further if mask is None else mask | further
 
 
-def _joined(parts):
+def _join_blocks(parts):
     values = np.concatenate([values for values, _ in parts])
     if all(mask is None for _, mask in parts):
         return values, None

@@ -85,23 +85,23 @@ def layout_of(lines: Iterator[str], label: str) -> Layout:
     top = 1 if len(body) > 2 and _RULE.fullmatch(body[0]) else 0  # a rule above the names
     rule = next((k for k in range(top + 1, len(body)) if _RULE.fullmatch(body[k])), None)
     if rule is not None and rule - top <= 6:
-        return _ruled(body[top:rule], body[rule], skip + rule + 1, label)
+        return _split_by_rule(body[top:rule], body[rule], skip + rule + 1, label)
     return _plain(body, comments, skip, label)
 
 
-def _ruled(above, rule, skip, label):
+def _split_by_rule(above, rule, skip, label):
     """Names, units and a rule of dashes below them, as VizieR writes them."""
     delimiter = next((d for d in (";", "\t", "|", ",") if d in rule and d in above[0]), None)
     if delimiter:
         names, *units = (_fields(line, delimiter) for line in above)
-        units = [" ".join(part).strip() for part in zip(*(_padded(row, len(names)) for row in units))]
-        return _with_units(Layout(_named(names, label), skip, delimiter), units)
+        units = [" ".join(part).strip() for part in zip(*(_pad_row(row, len(names)) for row in units))]
+        return _with_units(Layout(_check_heading(names, label), skip, delimiter), units)
     spans = [slice(match.start(), match.end()) for match in _DASHES.finditer(rule.replace("=", "-"))]
     # The last column may be longer than its dashes; text between two columns belongs to none.
     spans[-1] = slice(spans[-1].start, None)
     names, *units = ([line[span].strip() for span in spans] for line in above)
     units = ["".join(part) for part in zip(*units)]
-    return _with_units(Layout(_named(names, label), skip, "", tuple(spans)), units)
+    return _with_units(Layout(_check_heading(names, label), skip, "", tuple(spans)), units)
 
 
 def _plain(body, comments, skip, label):
@@ -115,16 +115,16 @@ def _plain(body, comments, skip, label):
         if names is None:
             names = [f"col{k + 1}" for k in range(len(first))]
             notes = (f"{label} has no line of names: its columns are called col1 to col{len(first)}",)
-        return _with_comma(Layout(_named(names, label), skip, delimiter, notes=notes), rows)
+        return _with_comma(Layout(_check_heading(names, label), skip, delimiter, notes=notes), rows)
     below = [_fields(line, delimiter) for line in rows[1:]]
     blank = bool(delimiter) and below and all(len(row) == 1 for row in below)
     if blank and all(len(line.split()) == len(first) for line in rows[1:]):  # names between ; over rows between blanks
-        return Layout(_named(first, label), skip + 1, "")
+        return Layout(_check_heading(first, label), skip + 1, "")
     units = []
     if len(below) > 1 and len(below[0]) == len(first) and _are_units(below[0]) and _looks_like_data(below[1]):
         units, skip = below[0], skip + 1
         rows = [rows[0], *rows[2:]]
-    return _with_units(_with_comma(Layout(_named(first, label), skip + 1, delimiter), rows[1:]), units)
+    return _with_units(_with_comma(Layout(_check_heading(first, label), skip + 1, delimiter), rows[1:]), units)
 
 
 def _delimiter(rows):
@@ -151,7 +151,7 @@ def _fields(line, delimiter):
         return [each.strip() for each in line.split(delimiter)]
 
 
-def _named(names, label):
+def _check_heading(names, label):
     """Names without blanks around them; a column without one is called by its number."""
     names = [name.strip().strip('"').strip() or f"col{k + 1}" for k, name in enumerate(names)]
     check_repeated(names, label)
@@ -212,7 +212,7 @@ def _is_unit(word):
     return False
 
 
-def _padded(row, count):
+def _pad_row(row, count):
     return (row + [""] * count)[:count]
 
 
@@ -271,7 +271,7 @@ def open_text(path: PathName, label: str) -> TableSource:
             if layout.delimiter:
                 records = _records(lines, places, width, layout.delimiter, label, layout.skip)
             else:
-                records = _columned(lines, places, layout, label)
+                records = _cut_columns(lines, places, layout, label)
             for _ in islice(records, count):
                 pass
             while picked := list(islice(records, rows)):
@@ -292,7 +292,7 @@ def _ecsv(first, lines, label):
     if not line.strip():
         raise TableError(f"{label} has a header and no table")
     types, units, meta, delimiter, descriptions = _ecsv_header(comments, label)
-    names = _split(line, delimiter, label)
+    names = _split_line(line, delimiter, label)
     if list(types) != names:
         raise TableError(f"{label} is damaged: its header describes other columns than the line of names")
     check_repeated(names, label)
@@ -328,7 +328,7 @@ class open_lines:
             raise TableError(f"{self.label} cannot be unpacked: {first_line(error)}. Fetch it again") from error
 
 
-def _split(line, delimiter, label):
+def _split_line(line, delimiter, label):
     try:
         return next(csv.reader([line.rstrip("\r\n")], delimiter=delimiter, strict=True), [])
     except csv.Error as error:
@@ -346,7 +346,7 @@ def _records(lines, places, width, delimiter, label, number):
             row = line.rstrip("\r\n").split(delimiter, last)
             picked = pick(row)
             # Quoted fields without a delimiter within, which the count has just shown.
-            yield tuple(_unquoted(each) for each in picked) if quotes else picked
+            yield tuple(_unquote(each) for each in picked) if quotes else picked
             continue
         if not line.strip() or line.startswith("#"):  # VizieR ends with #END#
             continue
@@ -357,13 +357,13 @@ def _records(lines, places, width, delimiter, label, number):
             if not more or len(line) > LINE:
                 raise TableError(f"{label}, line {start}: a quotation mark is not closed")
             line += more
-        row = _split(line, delimiter, f"{label}, line {start}")
+        row = _split_line(line, delimiter, f"{label}, line {start}")
         if len(row) != width:
             raise TableError(f"{label}, line {start} is damaged: {len(row)} fields where the table has {width} columns")
         yield pick(row)
 
 
-def _columned(lines, places, layout, label):
+def _cut_columns(lines, places, layout, label):
     """The wanted fields of each row of fields between blanks, or in fixed columns."""
     for number, line in enumerate(lines, layout.skip + 1):
         if not line.strip() or line.startswith("#"):
@@ -378,7 +378,7 @@ def _columned(lines, places, layout, label):
         yield tuple(row[place] for place in places)
 
 
-def _unquoted(field):
+def _unquote(field):
     if len(field) > 1 and field[0] == field[-1] == '"':
         return field[1:-1].replace('""', '"')
     return field
@@ -393,11 +393,11 @@ def _block(names, picked, types, label, first_line_number, decimal_comma=False):
             raise TableError(
                 f"{label}, line {row}: a field of {longest} characters in column {name!r}, at most {FIELD} are read"
             )
-        block[name] = _parsed(np.array(column), types.get(name), name in types, decimal_comma)
+        block[name] = _parse_column(np.array(column), types.get(name), name in types, decimal_comma)
     return block
 
 
-def _parsed(text, kind, is_typed, decimal_comma=False):
+def _parse_column(text, kind, is_typed, decimal_comma=False):
     """Values and mask of a column of text, whose header says a type or not."""
     values, mask = _values(np.char.replace(text, ",", ".") if decimal_comma else text, kind)
     if values.dtype.kind == "U" and not is_typed:  # blanks around a field are no part of it
@@ -409,7 +409,7 @@ def _parsed(text, kind, is_typed, decimal_comma=False):
 def _from_arrow(column, name, types):
     """Values and mask of a column that Arrow has read as numbers, or as text where it is not sure of numbers."""
     if column.dtype.kind == "U":
-        return _parsed(column, types.get(name), name in types)
+        return _parse_column(column, types.get(name), name in types)
     mask = np.ma.getmaskarray(column)
     if mask.all():
         return np.full(len(column), np.nan), mask

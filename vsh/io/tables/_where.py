@@ -46,7 +46,7 @@ class Where(InNotebook):
                 "two conditions are (a > 1) & (b < 2)"
             ) from None
         _check_size(self._tree)
-        self.names = tuple(dict.fromkeys(self._named(self._tree)))
+        self.names = tuple(dict.fromkeys(self._column_names(self._tree)))
 
     @property
     def shown(self) -> str:
@@ -79,7 +79,7 @@ class Where(InNotebook):
         value, unknown = np.broadcast_to(value, n), np.broadcast_to(unknown, n)
         return value & ~unknown, unknown.copy()
 
-    def _named(self, node) -> Iterator[str]:
+    def _column_names(self, node) -> Iterator[str]:
         """The columns, in order; and that there is nothing that is not allowed."""
         match node:
             case ast.Constant(value=bool() | int() | float() | str()):
@@ -92,19 +92,19 @@ class Where(InNotebook):
                 if len(args) != (2 if name == "hypot" else 1):
                     raise TableError(f"--where: {name}() takes {2 if name == 'hypot' else 1} argument")
                 for value in args:
-                    yield from self._named(value)
+                    yield from self._column_names(value)
             case ast.UnaryOp(op=ast.USub() | ast.UAdd() | ast.Not() | ast.Invert(), operand=inner):
-                yield from self._named(inner)
+                yield from self._column_names(inner)
             case ast.BinOp(left=left, op=op, right=right) if type(op) in (*_NUMBERS, ast.Pow, ast.BitAnd, ast.BitOr):
                 if isinstance(op, ast.Pow) and not _small(right):
                     raise TableError(f"--where: a power is a number between −{MAX_POWER:g} and {MAX_POWER:g}")
-                yield from self._named(left)
-                yield from self._named(right)
+                yield from self._column_names(left)
+                yield from self._column_names(right)
             case ast.BoolOp(values=values):
                 for value in values:
-                    yield from self._named(value)
+                    yield from self._column_names(value)
             case ast.Compare(left=left, ops=ops, comparators=others):
-                yield from self._named(left)
+                yield from self._column_names(left)
                 for sign, value in zip(ops, others, strict=True):
                     if isinstance(sign, ast.In | ast.NotIn):
                         if _listed_file(value) is not None:
@@ -113,13 +113,13 @@ class Where(InNotebook):
                         if not isinstance(value, ast.Tuple | ast.List) or not value.elts:
                             raise TableError("--where: what stands behind `in` is a list: in (1, 2)")
                         for one in value.elts:
-                            yield from self._named(one)
+                            yield from self._column_names(one)
                     elif type(sign) in _ORDER:
-                        yield from self._named(value)
+                        yield from self._column_names(value)
                     else:
-                        raise _refused(node)
+                        raise _refuse_node(node)
             case _:
-                raise _refused(node)
+                raise _refuse_node(node)
 
     def _of(self, node, block):
         """Values, and which of them are not known."""
@@ -139,13 +139,13 @@ class Where(InNotebook):
             case ast.UnaryOp(op=op, operand=inner):
                 return self._numbers(np.negative if isinstance(op, ast.USub) else np.positive, [inner], block)
             case ast.BinOp(left=left, op=ast.BitAnd() | ast.BitOr() as op, right=right):
-                return self._joined(isinstance(op, ast.BitAnd), [left, right], block)
+                return self._join_conditions(isinstance(op, ast.BitAnd), [left, right], block)
             case ast.BinOp(left=left, op=op, right=right):
                 return self._numbers(np.power if isinstance(op, ast.Pow) else _NUMBERS[type(op)], [left, right], block)
             case ast.BoolOp(op=op, values=values):
-                return self._joined(isinstance(op, ast.And), values, block)
+                return self._join_conditions(isinstance(op, ast.And), values, block)
             case ast.Compare():
-                return self._compared(node, block)
+                return self._evaluate_comparison(node, block)
 
     def _numbers(self, function, nodes, block):
         conditions = [self._of(node, block) for node in nodes]
@@ -166,7 +166,7 @@ class Where(InNotebook):
             )
         return np.asarray(value), np.asarray(unknown)
 
-    def _joined(self, both, nodes, block):
+    def _join_conditions(self, both, nodes, block):
         """Kleene's logic: what is false whatever the missing value is, is false."""
         conditions = [self._condition(node, block) for node in nodes]
         value, unknown = conditions[0]
@@ -176,7 +176,7 @@ class Where(InNotebook):
             value = value & other if both else value | other
         return value, unknown
 
-    def _compared(self, node, block):
+    def _evaluate_comparison(self, node, block):
         value, unknown = np.True_, np.False_
         left = self._of(node.left, block)
         for op, each in zip(node.ops, node.comparators, strict=True):
@@ -186,7 +186,7 @@ class Where(InNotebook):
                 holds = ~holds if isinstance(op, ast.NotIn) else holds
             else:
                 right = self._of(each, block)
-                holds, lost = _ordered(op, left, right, node), left[1] | right[1]
+                holds, lost = _order_operands(op, left, right, node), left[1] | right[1]
             value, unknown, left = value & holds, unknown | lost, right
         return np.asarray(value, bool), unknown
 
@@ -200,7 +200,7 @@ class Where(InNotebook):
         text = np.asarray(left[0]).dtype.kind in "US"
         if len(constants) == len(members.elts) and kinds == {text}:
             return np.isin(left[0], np.array(constants))
-        among = [_ordered(ast.Eq(), left, self._of(one, block), node) for one in members.elts]
+        among = [_order_operands(ast.Eq(), left, self._of(one, block), node) for one in members.elts]
         return np.logical_or.reduce(np.broadcast_arrays(*among))
 
 
@@ -261,7 +261,7 @@ def _as_those(values, names, path):
         raise TableError(f"--where: the column holds numbers, and {printable(path)} has lines that are none") from None
 
 
-def _ordered(op, left, right, node):
+def _order_operands(op, left, right, node):
     kinds = {"text" if np.asarray(each).dtype.kind in "USO" else "number" for each, _ in (left, right)}
     if len(kinds) > 1:
         raise TableError(f"--where: {printable(ast.unparse(node))} compares a text with a number")
@@ -290,7 +290,7 @@ def _small(node):
     )
 
 
-def _refused(node):
+def _refuse_node(node):
     return TableError(
         f"--where: {printable(ast.unparse(node))[:80]} is not allowed; there are columns, numbers, text, comparisons, "
         f"and, or, not, in, column(), ismissing(), file(), {', '.join(f'{name}()' for name in FUNCTIONS)}"

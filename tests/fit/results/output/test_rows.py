@@ -126,7 +126,7 @@ def test_the_cross_check_takes_one_line_unless_it_fails(solution):
 
 
 def test_a_report_is_for_coefficients():
-    """Each ended in an AttributeError; Clipped has a solution to report."""
+    """Each ended in an AttributeError; ClippedFit has a solution to report."""
     field = random_field(200, 1)
     clipped = fit.clip(field, 1)
     assert text_of(sections_of(clipped)) in clipped.report()

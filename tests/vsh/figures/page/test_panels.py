@@ -51,7 +51,7 @@ def test_a_page_of_everything_is_whole():
     panels = [
         page.cards([("Spin", "1 ± 2", NASTY)]), page.words(NASTY, "warning"), page.words(""), page.section(Section(NASTY, (), columns)),
         page.table(["x", ""], [[NASTY, "1"]], sortable=True, summary=NASTY), page.figure(b"png", NASTY), page.notes([NASTY, 3]),
-        page.pictures([page.figure(b"png", "one"), page.figure(b"png", "two")]), page.preformatted(NASTY),
+        page.pictures([page.figure(b"png", "one"), page.figure(b"png", "two")]), page.preformatted_panel(NASTY),
         page.provenance({"file": NASTY, "versions": {"numpy": "2"}}, ["vsh-fit", NASTY]), page.heading("empty", Panel("")),
     ]  # fmt: skip
     html = page.page(NASTY, panels, lead=NASTY)

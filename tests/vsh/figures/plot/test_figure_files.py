@@ -8,10 +8,10 @@ mpl.use("agg")
 import matplotlib.pyplot as plt
 
 from vsh import ParameterError
-from vsh.figures.plot import panels, save_figures, styled
+from vsh.figures.plot import apply_style, panels, save_figures
 
 
-@styled
+@apply_style
 def drawn():
     (axes,) = panels()
     axes.plot(np.arange(3))

@@ -15,7 +15,7 @@ from gaia_table import N, check, table
 from vsh.io import tables
 from vsh.io.catalogue import read_field, read_icrf, read_sources
 from vsh.io.catalogue._read import stream_fields
-from vsh.tools.errors import FieldError, NothingLeftError, TableError
+from vsh.tools.errors import EmptyFieldError, FieldError, TableError
 
 
 def gaia_bulk(path, wide=True, first=0):
@@ -293,7 +293,7 @@ def test_a_block_without_a_usable_row_is_no_end(tmp_path):
     assert notes == ("left out 15 of 30 rows: proper motion not finite: 15",)
     t["pmra"] = np.nan
     tables.write_table(t, tmp_path / "none.fits")
-    with pytest.raises(NothingLeftError, match="No row is left"):
+    with pytest.raises(EmptyFieldError, match="No row is left"):
         list(stream_fields(tmp_path / "none.fits", rows=5, on_bad="drop"))
 
 

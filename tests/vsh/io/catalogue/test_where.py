@@ -8,11 +8,11 @@ from astropy.table import MaskedColumn, Table
 
 import fit
 from fit.commands.fit import main
-from vsh import Field, FieldError, NothingSelectedError, TableError, VshError
+from vsh import EmptySelectionError, Field, FieldError, TableError, VshError
 from vsh.io.catalogue import parts, read_field, read_positions, read_sources
 from vsh.io.catalogue._read import stream_fields
 from vsh.io.tables import Where
-from vsh.tools.notes import NotSelected, unselected
+from vsh.tools.notes import NotSelected, count_unselected
 
 N = 200
 
@@ -126,7 +126,7 @@ def test_every_format(ending, tmp_path):
     field = read_field(path, where="g < 19 and 0.5 < z < 2")
     expected = (G < 19) & (Z > 0.5) & (Z < 2) & ~GAP
     np.testing.assert_allclose(np.degrees(field.lon), np.array(TABLE["ra"])[expected])
-    assert unselected(field.notes) == N - expected.sum()
+    assert count_unselected(field.notes) == N - expected.sum()
 
 
 def test_the_rest_is_counted():
@@ -135,7 +135,7 @@ def test_the_rest_is_counted():
     kept = ((Z > 0.5) & (Z < 2) & ~GAP).sum()
     assert note == f"selected {kept} of {N} rows, where 0.5 < z < 2, 20 of the others with a value missing"
     assert len(field) == kept
-    with pytest.raises(NothingSelectedError, match="selected 0 of 200 rows, where g < 3"):
+    with pytest.raises(EmptySelectionError, match="selected 0 of 200 rows, where g < 3"):
         read_field(TABLE, where="g < 3")
 
 
@@ -164,7 +164,7 @@ def test_parts_and_blocks_give_what_the_whole_gives(tmp_path):
         other = fit.normal_equations(fields, 1)
         np.testing.assert_allclose(other.matrix, one.matrix, atol=1e-12 * np.abs(one.matrix).max())
         assert other.n_data == one.n_data
-        assert unselected(other.notes) == unselected(whole.notes)
+        assert count_unselected(other.notes) == count_unselected(whole.notes)
     # Most parts are empty, and one is not.
     few = parts(tmp_path, where="name == 'J0007'")
     assert few.counted() == 1

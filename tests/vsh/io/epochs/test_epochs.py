@@ -9,7 +9,7 @@ from astropy.table import Table
 
 import sim
 from vsh.io.epochs import design_row, downweight, read_epochs, read_observations, solve_epochs
-from vsh.tools.errors import FieldError, NothingLeftError, ParameterError, TableError
+from vsh.tools.errors import EmptyFieldError, FieldError, ParameterError, TableError
 
 
 @pytest.fixture(scope="module")
@@ -206,7 +206,7 @@ def test_what_cannot_be_solved_is_said(transits):
     assert 2 not in field.name
     nothing = both.copy()
     nothing["centroid_pos_al"] = np.nan
-    with pytest.raises(NothingLeftError, match="no observation can be used"):
+    with pytest.raises(EmptyFieldError, match="no observation can be used"):
         read_epochs(nothing)
 
 

@@ -15,7 +15,7 @@ from vsh import Field
 from vsh.io import tables
 from vsh.io.catalogue import parts, read_field
 from vsh.io.parts import Processes, Tree, as_parts, median, weighted_quantiles
-from vsh.tools.errors import FieldError, NothingLeftError, ParameterError, TableError
+from vsh.tools.errors import EmptyFieldError, FieldError, ParameterError, TableError
 
 
 def sky(n, seed):
@@ -205,9 +205,9 @@ def test_rows_that_cannot_be_used(tmp_path):
     assert note.startswith(f"left out {3 + len(FIELDS[1])} of {sum(map(len, FIELDS[:3]))} rows: ")
     with pytest.raises(FieldError, match="3 of 300 rows cannot be used"):
         fit.normal_equations(parts(tmp_path), 2)
-    with pytest.raises(NothingLeftError, match="No row is left"):
+    with pytest.raises(EmptyFieldError, match="No row is left"):
         fit.normal_equations(parts([tmp_path / "1.parquet"]), 2)
-    with pytest.raises(NothingLeftError, match="no part holds a source that can be used: left out"):
+    with pytest.raises(EmptyFieldError, match="no part holds a source that can be used: left out"):
         fit.normal_equations(parts([tmp_path / "1.parquet"], on_bad="drop"), 2)
 
 
