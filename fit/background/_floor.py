@@ -177,7 +177,13 @@ class Floor(Result):
     def _sections(self, long):
         facts = [
             ("estimated from", f"the power of degrees {words_of(self.degrees)} of {self.n_data // 2} sources"),
-            ("parities", f"differ with a p-value of {self.parity_p_value:.3g}; ln L gains {self.log_likelihood:.2f}"),
+            (
+                "parities",
+                (
+                    f"p = {self.parity_p_value:.3g} for equal power in both parities (ln L "
+                    f"increases by {self.log_likelihood:.2f} if they differ)"
+                ),
+            ),
         ]
         for part, p in zip(self.parts, self.probability, strict=True) if self.parts else ():
             errors = f"spin ± {part.spin_error:.3g}, acceleration ± {part.acceleration_error:.3g} µas/yr"
@@ -185,7 +191,7 @@ class Floor(Result):
         if self.noise_scale != 1:
             facts.append(("errors", f"the catalogue's, scaled by {self.noise_scale:.4f} in the same fit"))
         remark = (
-            "The floor is the mean over the posterior of the power, averaged over the spectra."
+            "The floor is the posterior mean, averaged over the spectra weighted by their probability."
             if self.parts
             else "A spectrum that rises towards degree 1, as the published one of Gaia EDR3 does, makes the floor too "
             "small: true errors are then 1.2, 1.5, 1.8 times those with the floor from degree 3, 7, 10."
@@ -255,8 +261,8 @@ class Floor(Result):
         first = places(modes, (1,))
         covariance[first, first] += self.added(modes)[first]
         note = (
-            f"coefficients of degrees {words_of(self.degrees)} are shrunk by their prior; their powers and p-values are"
-            " of the fit without it"
+            f"a prior reduces the coefficients of degrees {words_of(self.degrees)}; their powers and "
+            "p-values are from the fit without it"
         )
         try:
             plain = solve(normal)

@@ -16,8 +16,10 @@ def make_parser() -> argparse.ArgumentParser:
     parser = parsing.make(
         prog="vsh-compare",
         description=(
-            "Match two catalogues of one sky and fit their differences, with both covariances: how one frame is turned "
-            "against the other, drifts and is deformed, and which sources do not fit."
+            "Match the sources of two catalogues and fit vector spherical harmonics to their "
+            "differences, with both covariances: rotation, glide and deformation of one frame "
+            "relative to the other, and a list of outliers. Three or more catalogues are also solved "
+            "together."
         ),
         examples=(
             "vsh-compare icrf3sx.txt icrf2-all.txt --output comparison --html comparison.html",
@@ -26,13 +28,13 @@ def make_parser() -> argparse.ArgumentParser:
         ),
     )
     parser.add_argument("catalogue", help=f"ICRF2 or ICRF3 as the IERS distributes them, or {parsing.A_TABLE}")
-    parser.add_argument("catalogue2", help="the one that is subtracted")
+    parser.add_argument("catalogue2", help="the catalogue that is subtracted from the first")
     parser.add_argument(
         "others",
         nargs="*",
         default=[],
         metavar="catalogue3",
-        help="more that are subtracted from the first, each by itself",
+        help=("further catalogues: each is subtracted from the first, and all are combined in one solution"),
     )
     parser.add_argument("--lmax", type=parsing.count(1), default=2, help="highest degree of the fit (default: 2)")
     parser.add_argument(
@@ -44,17 +46,23 @@ def make_parser() -> argparse.ArgumentParser:
         "--by", choices=["name", "position"], default="name", help="how sources are matched (default: name)"
     )
     parser.add_argument(
-        "--radius", type=parsing.positive, metavar="ARCSEC", help="of a match by position, arcsec (default: 1)"
+        "--radius",
+        type=parsing.positive,
+        metavar="ARCSEC",
+        help="largest separation of a match by position, arcsec (default: 1)",
     )
     parser.add_argument(
         "--threshold",
         type=parsing.positive,
         default=5.0,
         metavar="X",
-        help="differences beyond so many errors are left out and listed (default: 5)",
+        help=("sources whose difference exceeds X standard errors are excluded from the fit and listed (default: 5)"),
     )
     parser.add_argument(
-        "--position-error", type=parsing.positive, metavar="UAS", help="one error for all positions, µas"
+        "--position-error",
+        type=parsing.positive,
+        metavar="UAS",
+        help="error of all positions, µas (for catalogues without errors)",
     )
     parser.add_argument(
         "--parameters",
@@ -68,8 +76,8 @@ def make_parser() -> argparse.ArgumentParser:
         default="least-squares",
         metavar="NAME[=VALUE]",
         help=(
-            "estimator: least-squares (default; errors scaled in classes of their size), student, excess-noise, "
-            "bootstrap=N or jackknife"
+            "estimator: least-squares (default; errors are rescaled in classes of sources with "
+            "similar formal errors), student, excess-noise, bootstrap=N or jackknife"
         ),
     )
     floors = parser.add_mutually_exclusive_group()
@@ -77,16 +85,21 @@ def make_parser() -> argparse.ArgumentParser:
         "--floor",
         action="store_true",
         help=(
-            "rotation and glide with systematic errors as well, from degrees 2 to 5 of the "
-            "differences; from 100000 sources on that is done unasked"
+            "solve with the systematic floor, estimated from degrees 2 to 5 of the differences; the "
+            "default for 100000 sources or more. For fewer sources its size is added to the errors "
+            "of rotation and glide if it can be estimated"
         ),
     )
-    floors.add_argument("--no-floor", action="store_true", help="leave them out: the report has their size")
-    parser.add_argument("--seed", type=int, default=1, help="of the draws of systematic errors (default: 1)")
+    floors.add_argument(
+        "--no-floor", action="store_true", help="do not solve with systematic errors; the report only states their size"
+    )
+    parser.add_argument(
+        "--seed", type=int, default=1, help="seed of the random numbers of the systematic errors (default: 1)"
+    )
     parser.add_argument(
         "--where2",
         metavar="CONDITION",
-        help="rows of the second catalogue, and those behind it, to use (default: as --where)",
+        help="rows to use of the second and all further catalogues (default: as --where)",
     )
     parsing.add_threads(parser)
     reading.add_reading(parser)

@@ -20,8 +20,9 @@ def make_parser() -> argparse.ArgumentParser:
     parser = parsing.make(
         prog="vsh-correlate",
         description=(
-            "Show which parameters are correlated on a catalogue's sky: which part of the sky causes it, and what leaks"
-            " into a fit from degrees that were left out. Positions and errors are enough; no motions are needed."
+            "Show which parameters are correlated for the positions and errors of a catalogue's "
+            "sources, which part of the sky causes a correlation, and how much power of unfitted "
+            "degrees leaks into the fit. Positions and errors are enough; no motions are needed."
         ),
         examples=(
             "vsh-correlate catalogue.fits --lmax 2",
@@ -30,7 +31,11 @@ def make_parser() -> argparse.ArgumentParser:
         ),
     )
     parser.add_argument("catalogue", help=parsing.A_TABLE)
-    parser.add_argument("catalogue2", nargs="?", help="a second one, for the other triangle of the matrix")
+    parser.add_argument(
+        "catalogue2",
+        nargs="?",
+        help=("second catalogue; its correlations are shown in the other triangle of the matrix"),
+    )
     parser.add_argument("--lmax", type=parsing.count(1), default=1, help="highest degree of the fit (default: 1)")
     parser.add_argument(
         "--parameters",
@@ -45,19 +50,28 @@ def make_parser() -> argparse.ArgumentParser:
         metavar="NAME,NAME",
         help="map what drives the correlation of two parameters, or the variance of one: omega_y,a_x; may be repeated",
     )
-    parser.add_argument("--nside", type=parsing.nside, default=16, help="of these maps (default: 16)")
     parser.add_argument(
-        "--add-sources", type=parsing.count(1), default=1000, metavar="N", help="sources to add (default: 1000)"
+        "--nside", type=parsing.nside, default=16, help="HEALPix nside of the maps of --influence (default: 16)"
     )
     parser.add_argument(
-        "--leakage", type=parsing.count(2), metavar="L", help="bias of the fit by degrees up to L that are not fitted"
+        "--add-sources",
+        type=parsing.count(1),
+        default=1000,
+        metavar="N",
+        help=("with --influence: find where N additional sources would change the correlation most (default: 1000)"),
+    )
+    parser.add_argument(
+        "--leakage",
+        type=parsing.count(2),
+        metavar="L",
+        help="compute the bias of the fit that is caused by unfitted degrees up to L",
     )
     parser.add_argument(
         "--power-per-degree",
         type=parsing.not_negative,
         default=1.0,
         metavar="P",
-        help="their power a degree and kind, (µas/yr)² (default: 1)",
+        help=("with --leakage: power in each degree and kind (T, S) that is not fitted, (µas/yr)² (default: 1)"),
     )
     parser.add_argument("--sigma", type=parsing.positive, help="one error for all sources, µas/yr")
     parsing.add_threads(parser)
@@ -100,7 +114,7 @@ def _run(options):
     if what == FRAME:
         direct = correlation.correlation_matrices(fields, what, labels=labels, solver="frame")
         most = max(np.abs(a - b).max() for a, b in zip(matrices.matrices, direct.matrices, strict=True))
-        checked.append(f"The direct frame solver gives the same to {most:.0e}.")
+        checked.append(f"The independent solver of degree 1 gives the same correlations to {most:.0e}.")
     influences, leaks, more = [], [], []
     for field, label in zip(fields, labels, strict=True):
         more.append(_sky(correlation, field, label, options.lmax))
@@ -170,7 +184,9 @@ def _sky(correlation, field, label, lmax):
     prediction = correlation.predict_covariance(field, lmax)
     columns = dict(zip(("degree", "condition", "largest correlation"), map(list, zip(*rows, strict=True)), strict=True))
     errors = f"spin {_three(prediction.spin.sigma)}, acceleration {_three(prediction.acceleration.sigma)} µas/yr"
-    efficiency = f"{100 * prediction.efficiency:.0f} % of the information of a uniform sky of the same weight"
+    efficiency = (
+        f"{100 * prediction.efficiency:.0f} % of the information of uniformly distributed sources of the same weight"
+    )
     facts = [("sources", f"{prediction.n_sources}"), (f"errors, degree {lmax}", f"{errors}; {efficiency}")]
     forms = {"condition": ".4g", "largest correlation": ".3f"}
     return Section(
@@ -193,10 +209,16 @@ def _influence(correlation, field, label, pair, lmax, count):
     at = int(np.argmin(left))
     region = f"the sky around {lon[k]:.0f}°, {lat[k]:+.0f}°"
     facts = [
-        ("depends most on", f"{region}: {coarse[k]:+.4f} if the weight of 29° there were doubled"),
+        (
+            "depends most on",
+            (
+                f"{region}: doubling the weight of the sources in the pixel there (29° "
+                f"wide) changes it by {coarse[k]:+.4f}"
+            ),
+        ),
         (
             f"{count} more sources",
-            f"of median error help most around {lon[at]:.0f}°, {lat[at]:+.0f}°: {added[at]:+.4f}",
+            (f"of median error reduce it most around {lon[at]:.0f}°, {lat[at]:+.0f}°: by {added[at]:+.4f}"),
         ),
     ]
     return Section(f"{label}: {what}", facts)
@@ -249,7 +271,7 @@ def _caption(name):
             "What degrees that are not fitted do to spin and acceleration: their rms bias by a power of 1 (µas/yr)² in "
             "one."
         )
-    return "Where on the sky it comes from: the change if the weight of what is there were doubled."
+    return "Which part of the sky causes it: the change if the weight of the sources there were doubled."
 
 
 def _draw(matrices, influences, leaks):

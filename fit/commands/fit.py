@@ -29,16 +29,16 @@ def make_parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("catalogue", nargs="?", help=parsing.A_TABLE)
     parser.add_argument("--demo", action="store_true", help="run on a simulated catalogue that comes with the package")
-    parser.add_argument("--lmax", type=parsing.count(1), help="highest degree (default: 5; with --method 3)")
+    parser.add_argument("--lmax", type=parsing.count(1), help="highest degree (default: 5; if --method is given: 3)")
     parser.add_argument(
         "--method",
         type=parsing.method,
         default="recommended",
         metavar="NAME[=VALUE]",
         help=(
-            "estimator (default: recommended, which is Student's t with the systematic floor in the errors, to a "
-            "degree that the sources bear): least-squares, clip=KAPPA, student, permissive, excess-noise[=scale], "
-            "bootstrap=N or jackknife[=NSIDE]"
+            "estimator (default: recommended, i.e. Student's t with the systematic floor included in "
+            "the errors; the maximum degree is reduced if there are too few sources): least-squares, "
+            "clip=KAPPA, student, permissive, excess-noise[=scale], bootstrap=N or jackknife[=NSIDE]"
         ),
     )
     _add_backgrounds(parser)
@@ -55,16 +55,24 @@ def make_parser() -> argparse.ArgumentParser:
         type=parsing.names,
         metavar="MAP,…",
         help=(
-            "how far motions follow maps, cut to --lmax: HEALPix maps (FITS), solutions (ECSV), columns of the "
-            "catalogue, or density, that of the sources"
+            "fit the amplitude of systematic errors of a known pattern, truncated at degree --lmax: "
+            "a HEALPix map (FITS), a solution (ECSV), a column of the catalogue, or density, the "
+            "number density of the sources"
         ),
     )
-    parser.add_argument("--seed", type=int, default=1, help="of the bootstrap and of the classes (default: 1)")
+    parser.add_argument(
+        "--seed",
+        type=int,
+        default=1,
+        help=("seed of the random numbers of the bootstrap and of the comparison of classes (default: 1)"),
+    )
     parsing.add_threads(parser)
     reading.add_workers(parser)
     reading.add_reading(parser)
     parser.add_argument(
-        "--beside", action="store_true", help="in the page of --html, also show plain least squares of all sources"
+        "--beside",
+        action="store_true",
+        help=("in the page of --html, also show the result of ordinary least squares on all sources"),
     )
     parsing.add_common(parser)
     return parser
@@ -92,18 +100,28 @@ def _add_backgrounds(parser):
         "--floor",
         action="store_true",
         help=(
-            "put the systematic floor into the errors of another --method than the recommended one, estimated from "
-            "degrees 2 to --lmax (3 at least), with a prior of that power on those degrees"
+            "with another --method than recommended: include the systematic floor in the errors. It "
+            "is estimated from degrees 2 to --lmax (at least 3), and the coefficients of those "
+            "degrees get a prior of that power"
         ),
     )
     group.add_argument(
-        "--waves", action="store_true", help="limit the energy in gravitational waves by degree 2, of three kinds"
+        "--waves",
+        action="store_true",
+        help=(
+            "upper limits on the energy density of gravitational "
+            "waves from the power of degree 2, for three choices of "
+            "the prior"
+        ),
     )
     group.add_argument(
         "--years",
         type=parsing.positive,
         metavar="T",
-        help="with --waves: how long the motions were measured, for the band of frequency and the strain",
+        help=(
+            "with --waves: length of the observations in years, from which the frequency band and "
+            "the strain are calculated"
+        ),
     )
 
 
@@ -113,7 +131,7 @@ _HEADINGS = {
     "floor": "Systematic errors",
     "shared": "Classes with common systematic errors",
     "waves": "Gravitational waves",
-    "cross_powers": "Templates beside the degrees",
+    "cross_powers": "Cross-powers with the templates",
 }
 
 

@@ -14,8 +14,9 @@ def make_parser() -> argparse.ArgumentParser:
     parser = parsing.make(
         prog="vsh-pairs",
         description=(
-            "Correlate the motions of pairs of sources by the angle between them: of any number of sources, and without"
-            " bias from their errors. Spin, glide and gravitational waves are fitted to the curves."
+            "Compute the two-point correlation of proper motions as a function of angular "
+            "separation, for any number of sources and without bias from their errors. Spin, glide "
+            "and gravitational waves are fitted to the curves."
         ),
         examples=(
             "vsh-pairs catalogue.fits",
@@ -24,12 +25,16 @@ def make_parser() -> argparse.ArgumentParser:
         ),
     )
     parser.add_argument("catalogue", help=parsing.A_TABLE)
-    parser.add_argument("--bins", type=parsing.count(1, 2000), default=14, help="of angle (default: 14)")
+    parser.add_argument(
+        "--bins", type=parsing.count(1, 2000), default=14, help="number of bins in angular separation (default: 14)"
+    )
     parser.add_argument(
         "--up-to", type=_angle, default=180.0, metavar="DEG", help="the largest angle, degrees (default: 180)"
     )
     parser.add_argument(
-        "--lmax", type=parsing.count(1), help="highest degree of the sums; what resolves the bins unless given"
+        "--lmax",
+        type=parsing.count(1),
+        help=("highest degree of the harmonic sums (default: high enough to resolve the bins)"),
     )
     parser.add_argument(
         "--templates",
@@ -38,9 +43,14 @@ def make_parser() -> argparse.ArgumentParser:
         metavar="NAME,…",
         help=f"what is fitted: some of {', '.join(parsing.TEMPLATES)}, or none (default: all)",
     )
-    parser.add_argument("--powers", type=parsing.count(1), metavar="L", help="powers by degree up to L from pairs, too")
     parser.add_argument(
-        "--nside", type=parsing.nside, default=2, help="of the blocks of the sky that errors come from (default: 2)"
+        "--powers", type=parsing.count(1), metavar="L", help="also estimate the power of degrees 1 to L from pairs"
+    )
+    parser.add_argument(
+        "--nside",
+        type=parsing.nside,
+        default=2,
+        help=("HEALPix nside of the blocks of the sky from whose scatter the errors are estimated (default: 2)"),
     )
     parsing.add_threads(parser)
     reading.add_workers(parser)

@@ -45,7 +45,10 @@ def make_parser() -> argparse.ArgumentParser:
         help="fit H0 for this velocity: planck, or its speed in km/s and Galactic apex in degrees",
     )
     parser.add_argument(
-        "--bins", type=_edges, metavar="N|Z,Z,…", help="spin and acceleration in bins of redshift: edges, or how many"
+        "--bins",
+        type=_edges,
+        metavar="N|Z,Z,…",
+        help=("fit spin and acceleration in bins of redshift: the number of bins, or their edges"),
     )
     parser.add_argument("--lmax", type=parsing.count(1), default=1, help="highest degree in the bins (default: 1)")
     floors = parser.add_mutually_exclusive_group()
@@ -53,12 +56,19 @@ def make_parser() -> argparse.ArgumentParser:
         "--floor",
         action="store_true",
         help=(
-            "with --bins: systematic errors, from the power of degrees 2 to --lmax (to 5 where that is 1), and "
-            "whether the dipole changes with redshift; from 100000 sources on that is done unasked"
+            "with --bins: include systematic errors, estimated from the power of degrees 2 to --lmax "
+            "(to degree 5 if --lmax is 1), and test whether the dipole changes with redshift; the "
+            "default for 100000 sources or more"
         ),
     )
-    floors.add_argument("--no-floor", action="store_true", help="leave them out: the report has their size")
-    parser.add_argument("--shared-higher-degrees", action="store_true", help="degrees above 1 the same in all bins")
+    floors.add_argument(
+        "--no-floor", action="store_true", help="do not include systematic errors; the report only states their size"
+    )
+    parser.add_argument(
+        "--shared-higher-degrees",
+        action="store_true",
+        help="fit one common set of coefficients above degree 1 for all bins",
+    )
     parser.add_argument(
         "--peculiar-dispersion",
         type=_dispersion,
@@ -82,8 +92,8 @@ def make_parser() -> argparse.ArgumentParser:
         type=parsing.method,
         metavar="NAME[=VALUE]",
         help=(
-            "of the bins, where they hold no near galaxies: least-squares (default), recommended, clip=KAPPA, student, "
-            "permissive or excess-noise"
+            "estimator in the bins, allowed only if they contain no nearby galaxies: least-squares "
+            "(default), recommended, clip=KAPPA, student, permissive or excess-noise"
         ),
     )
     parser.add_argument("--free-spin", action="store_true", help="fit the spin of the frame as well")
@@ -99,14 +109,21 @@ def make_parser() -> argparse.ArgumentParser:
         choices=parsing.REDSHIFT_FRAMES,
         help="frame of the redshifts, if the table does not specify it; true: cosmological redshifts",
     )
-    distances.add_argument("--no-magnitudes", action="store_true", help="distances follow from redshifts alone")
+    distances.add_argument(
+        "--no-magnitudes",
+        action="store_true",
+        help=(
+            "derive distances from the redshifts alone, without magnitudes (for magnitudes "
+            "that are not Gaia's G, such as K)"
+        ),
+    )
     distances.add_argument(
         "--no-flows",
         action="store_true",
-        help="leave out coherent flows: errors are then several times too small on the real sky",
+        help=("do not fit coherent flows; for the real Universe the errors are then several times too small"),
     )
     distances.add_argument(
-        "--flows", action="store_true", help="the default: fit the flow that linear theory expects as well"
+        "--flows", action="store_true", help=("fit the flow that linear theory predicts as well (the default)")
     )
     distances.add_argument(
         "--n-modes", type=parsing.count(3), default=250, metavar="N", help="number of modes of the flow (default: 250)"
@@ -127,18 +144,25 @@ def make_parser() -> argparse.ArgumentParser:
     distances.add_argument(
         "--reconstruction",
         metavar="FILE",
-        help="velocities on a grid, .npz or .npy as 2M++'s; the flow that is fitted is then its error",
+        help=(
+            "reconstructed velocity field on a grid (.npz, or .npy like that of 2M++); the fitted "
+            "flow then describes only the error of the reconstruction"
+        ),
     )
     distances.add_argument(
-        "--reconstruction-error", type=parsing.positive, default=0.5, metavar="X", help="of the flow (default: 0.5)"
+        "--reconstruction-error",
+        type=parsing.positive,
+        default=0.5,
+        metavar="X",
+        help=("error of the reconstruction, as a fraction of the rms flow of linear theory (default: 0.5)"),
     )
     measured = parser.add_argument_group("distances that are measured: clusters, masers, stars")
     measured.add_argument(
         "--distances",
         action="store_true",
         help=(
-            "fit our velocity with respect to sources at measured distances or parallaxes, without redshifts or H0; in "
-            "Galactic axes, or with --frame ecliptic in those"
+            "fit our velocity relative to sources with measured distances or parallaxes, without "
+            "redshifts or H0; in Galactic axes, or with --frame ecliptic in ecliptic axes"
         ),
     )
     measured.add_argument(
@@ -148,19 +172,37 @@ def make_parser() -> argparse.ArgumentParser:
     posterior.add_argument(
         "--posterior",
         action="store_true",
-        help="sample it; prior on the velocity: Planck's or --velocity; on H0: flat, or by --h0-error or --h0-range",
+        help=(
+            "sample the posterior of H0 and the velocity. Prior on the velocity: that of Planck, or "
+            "--velocity; prior on H0: flat, or --h0-error or --h0-range"
+        ),
     )
     posterior.add_argument(
         "--method",
         choices=("emcee", "grid"),
-        help="a chain (emcee, the default), or independent draws at once, where H0 and one more at most are free",
+        help=(
+            "emcee: a Markov chain (default); grid: independent samples without a chain, possible "
+            "if besides H0 at most one other parameter is free"
+        ),
     )
-    posterior.add_argument("--n-samples", type=parsing.count(1), default=100_000, metavar="N", help="default: 100000")
+    posterior.add_argument(
+        "--n-samples", type=parsing.count(1), default=100_000, metavar="N", help="number of samples (default: 100000)"
+    )
     posterior.add_argument(
         "--checkpoint", metavar="FILE", help="keep the chain here; an interrupted run resumes from it"
     )
-    posterior.add_argument("--h0-error", type=parsing.positive, metavar="SIGMA", help="prior H0 ± SIGMA (or flat)")
-    posterior.add_argument("--h0-range", type=_range, metavar="LOW,HIGH", help="a prior flat between limits")
+    posterior.add_argument(
+        "--h0-error",
+        type=parsing.positive,
+        metavar="SIGMA",
+        help=(
+            "Gaussian prior of this width about --h0; without it the prior on H0 is flat, "
+            "and --h0 is used by the fit of the velocity only"
+        ),
+    )
+    posterior.add_argument(
+        "--h0-range", type=_range, metavar="LOW,HIGH", help="prior on H0 that is flat between two limits, km/s/Mpc"
+    )
     posterior.add_argument(
         "--peculiar-dispersion-max",
         type=parsing.positive,
@@ -429,7 +471,7 @@ def _answer(results):
         words = "a change" if p < fit.quality.SEEN else "no change"
         lines.append(("dipole", f"{words} with redshift is detected, {_p(p)}, systematic errors included"))
     elif "bins" in results and len(results["bins"]) > 1:
-        words = "whether it changes with redshift is not known without systematic errors: add --floor"
+        words = "a change with redshift is not tested, because systematic errors are not included: add --floor"
         lines.append(("dipole", words))
     left = [results[name] for name in ("velocity", "hubble") if name in results]
     if any(each.flow_covariance is not None for each in left):

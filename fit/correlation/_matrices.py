@@ -217,7 +217,10 @@ class CorrelationMatrices(Result):
         start, end = self.names.index("omega_x"), self.names.index("a_x")
         block = self.matrices[i][start : start + 3, end : end + 3]
         lines = [
-            f"  weighted mean direction: ({x:+.3f}, {y:+.3f}, {z:+.3f}); the correlations that this dipole predicts:"
+            (
+                f"  weighted mean unit vector of the sources: ({x:+.3f}, {y:+.3f}, {z:+.3f}); "
+                "correlations expected from this dipole:"
+            )
         ]
         explained = self.dipole_prediction(i)
         order = np.argsort(-np.abs(block), axis=None)[:3]
@@ -225,7 +228,7 @@ class CorrelationMatrices(Result):
             third = "xyz"[3 - row - column] if row != column else "none"
             lines.append(
                 f"  omega_{'xyz'[row]} and a_{'xyz'[column]}: {block[row, column]:+.3f}, of which "
-                f"{explained[row, column]:+.3f} by the dipole along {third}"
+                f"{explained[row, column]:+.3f} is explained by the dipole along {third}"
             )
         return lines
 

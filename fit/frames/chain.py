@@ -235,7 +235,7 @@ class FrameNetwork(FrameResult):
             columns[f"{first} − {name}_error"] = [terms[term][1] for term in shown]
         unit = "uas" if self.unit == "µas" else "uas / yr"
         table = tables.table_of(columns, {}, {name: unit for name in columns if " − " in name})
-        remarks = ["R1, R2, R3 are the rotation with the other sign: they turn the axes, not the sources."]
+        remarks = [("R1, R2, R3 are the rotation with the opposite sign: they rotate the axes, not the sources.")]
         for a, b in combinations(self.labels, 2):
             turned, bent = self.p_value(a, b), self.p_value(a, b, beyond=1)
             seen = "differ" if turned < SEEN else "agree"
@@ -243,7 +243,7 @@ class FrameNetwork(FrameResult):
             remarks.append(f"{a} − {b}: frames {seen}, p = {printed_p_value(turned)}{more}")
         if self.names:
             far = ", ".join(f"{n} ({d:.0f})" for n, d in list(zip(self.names, self.distances, strict=True))[:8])
-            remarks.append(f"{len(self.names)} sources left out, the farthest (in errors): {far}")
+            remarks.append(f"{len(self.names)} sources excluded, the largest deviations (in standard errors): {far}")
         notes = merge_notes(self.notes, () if self.shared is None else self.shared.notes)
         what = "position" if self.unit == "µas" else "motion"
         title = f"Differences of {what} of {len(self.labels)} catalogues in one solution"

@@ -203,7 +203,7 @@ class FrameComparison(FrameResult, AboutSolution):
         values, covariance = np.array(solution.values), np.array(solution.covariance)
         if self.by_class is not None and not self.method:
             values, covariance = np.array(self.by_class.values), np.array(self.by_class.covariance)
-            errors, source = "residuals, in classes of their size", ErrorSource.RESIDUALS
+            errors, source = "from the scatter of residuals in classes of similar formal errors", ErrorSource.RESIDUALS
         first = np.flatnonzero(solution.modes.degrees == 1)
         if self.shared is not None:
             alone = self.shared.solutions[0]
@@ -301,19 +301,19 @@ class FrameComparison(FrameResult, AboutSolution):
             "ICRF3 term": shown,
             "value": [terms[name][0] for name in shown],
             "sigma": [terms[name][1] for name in shown],
-            "in errors": [terms[name][0] / terms[name][1] for name in shown],
+            "value / error": [terms[name][0] / terms[name][1] for name in shown],
             "formal error": [quoted[name][1] for name in shown],
         }
         table = tables.table_of(columns, {}, dict.fromkeys(("value", "sigma", "formal error"), unit))
         facts = [("sources", f"{solution.n_sources}, {len(self.names)} left out"), *self._about_errors(long)]
-        remarks = ["R1, R2, R3 are the rotation with the other sign: they turn the axes, not the sources."]
+        remarks = [("R1, R2, R3 are the rotation with the opposite sign: they rotate the axes, not the sources.")]
         if self.alone is not None:
             pairs = ", ".join(f"{name} {v:+.2f} ± {s:.2f}" for name, (v, s) in self.parameters_alone.items())
             remarks.append(f"These alone, all others held at zero (errors scaled in classes): {pairs} {solution.unit}")
         if self.names and not long:
             nearest = zip(self.names[:_FEW_LISTED], self.distances, strict=False)
             listed = ", ".join(f"{in_a_line(name)} ({x:.1f} errors)" for name, x in nearest)
-            remarks.append(f"Farthest off, of {len(self.names)} left out: {listed}")
+            remarks.append(f"Largest deviations, of {len(self.names)} excluded sources: {listed}")
         what = "position" if solution.unit == "µas" else "motion"
         notes = () if long else solution.notes
         forms = {"value": "+.2f", "in errors": "+.1f", "formal error": ".2f"}
@@ -329,7 +329,7 @@ class FrameComparison(FrameResult, AboutSolution):
             }
             units = dict.fromkeys(("east", "north"), unit)
             forms = dict.fromkeys(("east", "north", "errors"), ".1f")
-            title = f"Farthest off, of {len(self.names)} left out"
+            title = f"Largest deviations, of {len(self.names)} excluded sources"
             sections.append(Section(title, (), tables.table_of(far, {}, units), forms=forms))
         if long:
             sections += self.shared.sections(long=True) if self.shared is not None else ()
@@ -348,13 +348,13 @@ class FrameComparison(FrameResult, AboutSolution):
             facts.append(("errors", f"scaled by residuals in {classes}, by {factors} from the smallest on"))
         if solution.modes.lmax > 1 and long:
             p = self.deformation_p_value_by_class
-            chances = [f"{printed_p_value(p)} of as much from noise alone"] * bool(np.isfinite(p))
+            chances = [f"{printed_p_value(p)} from noise alone"] * bool(np.isfinite(p))
             chances.append(f"{printed_p_value(self.deformation_p_value)} by the formal errors")
             if self.factor != 1:
                 chances.append(f"{printed_p_value(self.deformation_p_value_scaled)} by one factor")
             facts.append(("deformation", f"degrees 2 to {solution.modes.lmax}, p = {'; '.join(chances)}"))
         if self.factor != 1:
-            words = f"{self.factor:.3g} times the formal errors, over all sources"
+            words = f"residuals scatter by {self.factor:.3g} times the formal errors"
             if self.factor < 1:
                 words += (
                     ": the catalogues share observations, or errors are too large; errors that both have alike are "

@@ -117,13 +117,19 @@ class TemplateFit(Result):
                 "harmonics beside a floor do (vsh-fit --floor --waves)"
             )
         limits = [_limit_words(name, high) for name, (_, high) in zip(self.names, self.interval(), strict=True)]
-        return f"pairs show none of these: {', '.join(limits)} (95 %)"
+        return f"none of the templates is detected (p < 0.0027): {', '.join(limits)} (95 %)"
 
     def _sections(self, long):
         table = self.to_table()
         table["meaning"] = [TEMPLATES.get(name, "") for name in self.names]
         facts = [
-            ("errors", "from the scatter of blocks of the sky; the 95 % intervals allow for squares of coefficients")
+            (
+                "errors",
+                (
+                    "from the scatter between blocks of the sky; the 95 % intervals allow for the "
+                    "distribution of sums of squares"
+                ),
+            )
         ]
         forms = dict.fromkeys(("low95", "high95"), ".3g")
         return (Section("Templates in the correlation of motions", facts, table, forms=forms),)
@@ -336,7 +342,13 @@ class Correlation(Result):
 
     def _sections(self, long):
         facts = [
-            ("sources", f"{self.n_data // 2}, sums to degree {self.lmax}; no source is paired with itself"),
+            (
+                "sources",
+                (
+                    f"{self.n_data // 2}; harmonic sums to degree {self.lmax}; pairs of a source "
+                    "with itself are excluded"
+                ),
+            ),
             ("ξ±", "⟨u∥u∥'⟩ ± ⟨u⊥u⊥'⟩; errors from the scatter of " + f"{self.n_blocks} blocks of the sky"),
         ]
         shown = ("theta", "n_pairs", "plus", "sigma_plus", "minus", "sigma_minus")

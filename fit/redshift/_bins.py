@@ -152,7 +152,10 @@ def binned(
         (
             ""
             if flow is None
-            else f"{len(flow.modes)} modes of {flow.theory.name}, and {flow.dispersion:g} km/s beside them"
+            else (
+                f"{len(flow.modes)} modes of {flow.theory.name}, and an independent dispersion of "
+                f"{flow.dispersion:g} km/s"
+            )
         ),
         not isinstance(weights, ReweightedFit),
     )
@@ -384,8 +387,9 @@ def permutation_test(
         raise ParameterError(f"permutations are for bins of degree 1, not {binned.modes.lmax}")
     if binned.flow_share > FLOW_MATTERS:
         raise ParameterError(
-            "redshifts dealt out anew tear flows apart that near galaxies share, and every p-value is then too small: "
-            "the bins' own tests hold them (or permute bins that were fitted with flows=None)"
+            "a permutation of the redshifts destroys the coherent flows of near galaxies, and every "
+            "p-value is then too small:  the bins' own tests hold them (or permute bins that were "
+            "fitted with flows=None)"
         )
     rng = generator(rng)
     field = with_redshift(field, 0.0)

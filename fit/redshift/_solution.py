@@ -240,9 +240,9 @@ def _tests_section(binned, velocity, p_values):
     tests = {"T": ("spin alike in all bins", binned.equality("T", 1))}
     tests["S"] = ("acceleration alike in all bins", binned.equality("S", 1))
     if len(binned) > 1:
-        tests["trend"] = ("no slope of either with redshift", binned.trend(first=True).test)
+        tests["trend"] = ("neither has a linear trend with redshift", binned.trend(first=True).test)
     if velocity is not None and np.isfinite(binned.mean_inverse_distance).all():
-        words = f"constant ã − v/d, |v| = {velocity.amplitude:.0f} km/s"
+        words = f"constant acceleration plus secular parallax, |v| = {velocity.amplitude:.0f} km/s"
         tests["secular_parallax"] = (words, binned.secular_parallax(velocity)[1])
     rows = [(name, test, (p_values or {}).get(key, np.nan)) for key, (name, test) in tests.items() if test.dof]
     believed = [test.p_value if np.isnan(p) else max(test.p_value, p) for _, test, p in rows]
@@ -267,7 +267,9 @@ def _not_permuted(binned, p_values):
     if binned.modes.lmax > 1:
         return "computed with --lmax 1 alone"
     if binned.flow_share > FLOW_MATTERS:
-        return "not computed, since redshifts dealt out anew tear the flow apart that neighbours share"
+        return (
+            "not computed, because a permutation of the redshifts destroys the coherent flow of neighbouring galaxies"
+        )
     return "not computed here (fit.redshift.permutation_test does; vsh-redshift up to 20000 sources)"
 
 

@@ -402,9 +402,10 @@ def _with_errors(sky, plain, solution, share, name, rounds, power):
     effective = facts["u"] ** 2 / facts["u²"]
     most = max(facts["most"])
     note = (
-        f"{name}: {rounds} rounds, weight of {effective:.1f} equal sources of {facts['sources']}; errors are "
-        f"{inflation:.2f} times those of the catalogue; most downweighted: "
-        f"{', '.join(f'{label} ({u / most:.2g})' for u, label in facts['least'].few)}"
+        f"{name}: converged in {rounds} iterations; effective number of sources {effective:.1f} of "
+        f"{facts['sources']}; errors are {inflation:.2f} times those of the catalogue; sources with "
+        "the lowest weights: "
+        f"{', '.join((f'{label} ({u / most:.2g})' for u, label in facts['least'].few))}"
     )
     warnings = []
     if share.weight.nu is not None and share.weight.nu < _LEAST_NU:

@@ -138,7 +138,7 @@ def _cosmic(solution):
     if solution.flow is None:
         return "errors without coherent flows"
     modes = solution.flow.modes
-    share = f"{100 * solution.cosmic_share:.0f} % of the error's variance is cosmic"
+    share = f"{100 * solution.cosmic_share:.0f} % of the error's variance is due to coherent flows"
     return f"{share} ({len(modes)} modes of {modes.theory.name})"
 
 
@@ -156,9 +156,9 @@ def _velocity_facts(solution, quality, long):
     if long:
         from_planck = solution.against(CMB_VELOCITY_PLANCK18)[0]
         from_none = float(v.value @ np.linalg.solve(v.covariance, v.value))
-        facts.append(("against zero", _format_chi2(from_none, 3, quality)))
-        against = f"{CMB_VELOCITY_PLANCK18.amplitude:.1f} km/s of the microwave background: "
-        facts.append(("against the", against + _format_chi2(from_planck, 3, quality)))
+        facts.append(("test of zero velocity", _format_chi2(from_none, 3, quality)))
+        against = f"{CMB_VELOCITY_PLANCK18.amplitude:.1f} km/s relative to the microwave background: "
+        facts.append(("test of Planck's velocity", against + _format_chi2(from_planck, 3, quality)))
     return facts
 
 

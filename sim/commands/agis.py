@@ -28,8 +28,9 @@ def make_parser() -> argparse.ArgumentParser:
     parser = parsing.make(
         prog="vsh-agis",
         description=(
-            "Solve quasars, galaxies and stars together with the attitude of the satellite that sees them, by conjugate"
-            " gradients. A run that is killed goes on where it was when it is started again."
+            "Solve quasars, galaxies and stars together with the attitude of the satellite that sees "
+            "them, by conjugate gradients. A run that was killed resumes where it stopped when it is "
+            "started again."
         ),
         examples=(
             "vsh-agis --quasars 20000 --sky igql --exact --output igql",
@@ -38,106 +39,131 @@ def make_parser() -> argparse.ArgumentParser:
         ),
     )
     add = parser.add_argument
-    add("--quasars", type=parsing.count(1), default=_QUASARS, metavar="N", help=f"how many (default: {_QUASARS})")
+    add(
+        "--quasars",
+        type=parsing.count(1),
+        default=_QUASARS,
+        metavar="N",
+        help=f"number of quasars (default: {_QUASARS})",
+    )
     add(
         "--stars",
         type=parsing.count(0),
         default=0,
         metavar="N",
-        help="of the background, by counts of magnitude (default: none)",
+        help="number of additional stars, with magnitudes drawn from star counts (default: none)",
     )
     add(
         "--star-error",
         type=parsing.positive,
         metavar="SIGMA",
-        help="of a star's transit, µas; by magnitude unless given",
+        help="error of a star's transit, µas (default: by magnitude)",
     )
-    add("--galaxies", type=parsing.count(0), default=0, metavar="N", help="how many (default: none)")
+    add("--galaxies", type=parsing.count(0), default=0, metavar="N", help="number of galaxies (default: none)")
     add(
         "--vlbi",
         type=parsing.count(0),
         default=0,
         metavar="N",
-        help="quasars with radio positions, which end it with a frame rotator",
+        help=("number of quasars with radio positions; if given, the solution is rotated to their frame"),
     )
-    add("--sky", choices=parsing.SKIES, default="uniform", help="of the quasars (default: uniform)")
+    add("--sky", choices=parsing.SKIES, default="uniform", help="distribution of the quasars (default: uniform)")
     add(
         "--knots",
         type=parsing.positive,
         default=30.0,
         metavar="SECONDS",
-        help="of the whole mission's attitude (default: 30)",
+        help="interval of the knots of the attitude spline, seconds, before scaling (default: 30)",
     )
     add(
         "--no-scaling",
         dest="scale",
         action="store_false",
-        help="of the mission to the number of sources; half a million are the whole",
+        help=("do not scale fields of view and knots to the number of sources; half a million sources need no scaling"),
     )
     add(
         "--start",
         type=_two,
         default=(1e5, 1e4),
         metavar="RANDOM,SYSTEMATIC",
-        help="errors to begin with, µas (default: 100000,10000)",
+        help="initial errors of the sources, µas (default: 100000,10000)",
     )
     add(
         "--start-attitude",
         type=parsing.not_negative,
         default=10.0,
         metavar="SIGMA",
-        help="the attitude's, µas (default: 10)",
+        help="initial error of the attitude, µas (default: 10)",
     )
     add(
         "--attitude",
         type=_attitude,
         default="solved",
         metavar="solved|SIGMA",
-        help="solved, or known from elsewhere to so many µas",
+        help=("solve for the attitude (default), or treat it as known independently with this error, µas"),
     )
     add(
         "--smoothing",
         type=parsing.positive,
         default=1e6,
         metavar="SIGMA",
-        help="of second differences, µas: bridges gaps (default: 1e6)",
+        help=(
+            "prior standard deviation of the attitude's second differences, µas: a weak constraint "
+            "across gaps in the observations (default: 1e6)"
+        ),
     )
     add(
         "--global",
         dest="motions",
         type=_motions,
         metavar="acceleration|DEGREE|velocity",
-        help="parameters inside the solution that motions follow",
+        help=(
+            "global parameters of the proper motions in the same solution: an acceleration, "
+            "harmonics up to a degree, or the velocity of the Solar System"
+        ),
     )
     add(
         "--scatter",
         type=parsing.positive,
         default=10.0,
         metavar="SIGMA",
-        help="of motions about --global, µas/yr (default: 10)",
+        help="dispersion of the proper motions about --global, µas/yr (default: 10)",
     )
     add("--first", choices=["sources", "attitude"], default="sources", help="what is updated first (default: sources)")
     add(
         "--method",
         choices=["conjugate", "simple"],
         default="conjugate",
-        help="gradients, or the simple iteration, which creeps",
+        help="conjugate gradients (default), or the simple iteration, which converges slowly",
     )
-    add("--iterations", type=parsing.count(1), default=500, metavar="N", help="at most (default: 500)")
+    add(
+        "--iterations",
+        type=parsing.count(1),
+        default=500,
+        metavar="N",
+        help="largest number of iterations (default: 500)",
+    )
     add(
         "--stop",
         type=parsing.positive,
         default=0.05,
         metavar="ERRORS",
-        help="by which degrees 1 to 3 may move in ten iterations (default: 0.05)",
+        help=(
+            "stop when no coefficient of degrees 1 to 3 changes by more than this many formal "
+            "errors in ten iterations (default: 0.05)"
+        ),
     )
-    add("--exact", action="store_true", help="exact errors of spin and acceleration besides, by six more solutions")
+    add(
+        "--exact",
+        action="store_true",
+        help=("also compute the exact errors of spin and acceleration, with six more solutions"),
+    )
     add(
         "--across",
         type=parsing.positive,
         default=5.0,
         metavar="FACTOR",
-        help="errors across the scan in those along (default: 5)",
+        help="ratio of the errors across the scan to those along it (default: 5)",
     )
     add("--ccds", type=int, choices=[1, 9], default=1, help="observations in a transit (default: 1)")
     add(
@@ -145,41 +171,48 @@ def make_parser() -> argparse.ArgumentParser:
         type=parsing.not_negative,
         default=0.0,
         metavar="SIGMA",
-        help="of the quasars' photocentres, µas",
+        help="variability of the quasars' photocentres, µas",
     )
-    add("--tau", type=parsing.positive, default=2.0, help="its correlation time, yr (default: 2)")
+    add("--tau", type=parsing.positive, default=2.0, help=("correlation time of --variability, yr (default: 2)"))
     add("--years", type=parsing.positive, default=5.0, help="length of the mission (default: 5)")
     add("--dead-time", type=parsing.not_negative, default=0.06, metavar="FRACTION", help="default: 0.06")
-    add("--release", choices=["DR3", "DR4", "DR5", "paper"], default="DR4", help="whose errors")
+    add(
+        "--release",
+        choices=["DR3", "DR4", "DR5", "paper"],
+        default="DR4",
+        help="Gaia release whose errors are used (default: DR4)",
+    )
     add(
         "--spin",
         type=parsing.vector,
         default=(0.0, 0.0, 0.0),
         metavar="X,Y,Z",
-        help="true, of motions.fits, ICRS, µas/yr",
+        help="true spin that is added to the motions of motions.fits, ICRS, µas/yr",
     )
     add(
         "--acceleration",
         type=parsing.vector,
         default=(0.0, 0.0, 0.0),
         metavar="X,Y,Z",
-        help="true, of motions.fits, ICRS, µas/yr",
+        help="true acceleration that is added to the motions of motions.fits, ICRS, µas/yr",
     )
     add(
         "--map",
         action="store_true",
-        help="keep transits, observations and the attitude's factor on disk while it runs, beside DIR: memory is then"
-        " 1.1 kB a source",
+        help=(
+            "keep transits, observations and the factored attitude matrix on disk during the run, "
+            "next to DIR; memory is then 1.1 kB per source and 0.7 GiB"
+        ),
     )
-    add("--plan", action="store_true", help="only say what memory and time it would take")
-    add("--seed", type=int, default=1, help="the same seed, the same results (default: 1)")
+    add("--plan", action="store_true", help="only print the memory and time that the run would take")
+    add("--seed", type=int, default=1, help="seed of the random numbers (default: 1)")
     add(
         "--workers",
         "--threads",
         dest="threads",
         type=parsing.count(1),
         metavar="N",
-        help="one a core unless given; changes no digit of the results",
+        help="number of threads (default: one per core); does not affect the results",
     )
     add("--output", metavar="DIR", help="a new folder for report, motions, sources and figures")
     reading.add_figures(parser)

@@ -32,8 +32,8 @@ def _numbers(section):
     columns = {
         "quantity": [row.quantity for row in section.rows],
         "published": [str(row.published) for row in section.rows],
-        "their way": [str(row.theirs) for row in section.rows],
-        "with shared errors": [str(row.shared) for row in section.rows],
+        "published method": [str(row.theirs) for row in section.rows],
+        "systematic errors included": [str(row.shared) for row in section.rows],
     }
     return Section(title, [("result", section.verdict)], tables.table_of(columns))
 
@@ -110,7 +110,10 @@ class Referee(InNotebook):
         """
         quasars, solution = self.quasars, self.headline.solution
         facts = [
-            ("sources", f"{len(quasars.whole)}, {quasars.n_clipped} of them clipped where least squares are used"),
+            (
+                "sources",
+                (f"{len(quasars.whole)}; {quasars.n_clipped} outliers are excluded where least squares are used"),
+            ),
             ("fit", f"{solution.frame} axes; shared errors from degrees 2 to {solution.modes.lmax}"),
         ]
         others = [each for each in self.sections if each.paper.key != _QUOTED]
@@ -126,7 +129,7 @@ class Referee(InNotebook):
             "check": [each.question for each in shown],
             "p_value": [each.p_value for each in shown],
             "p_value, formal errors": [each.at_face_value for each in shown],
-            "answer": [f"not asked: {each.lacking}" if each.lacking else each.answer for each in shown],
+            "answer": [f"not tested: {each.lacking}" if each.lacking else each.answer for each in shown],
         }
         remarks = []
         if not long:
@@ -153,7 +156,7 @@ class Referee(InNotebook):
             "question": [each.question for each in self.checks],
             "p_value": [each.p_value for each in self.checks],
             "p_at_face_value": [each.at_face_value for each in self.checks],
-            "answer": [(each.lacking and f"not asked: {each.lacking}") or each.answer for each in self.checks],
+            "answer": [(each.lacking and f"not tested: {each.lacking}") or each.answer for each in self.checks],
         }
         return {
             "numbers": tables.table_of(dict(zip(names, zip(*rows, strict=True), strict=True)) if rows else {}),

@@ -43,9 +43,9 @@ def checks(quasars: Quasars, headline: Headline, rng: Rng = 1, earlier: Field | 
         *((frame, f"the same in both {frame} halves of the sky", partial(_by_half, quasars, frame, rng))
           for frame in _FRAMES),
         ("degree", "the same whatever the degree", partial(_degree, quasars, headline)),
-        ("robust", "the same by Student's t as by least squares", partial(_method, quasars, rng)),
+        ("robust", "the same with Student's t and with least squares", partial(_method, quasars, rng)),
         ("one source", "not made by a single source", partial(_source, quasars)),
-        ("maps", "not made by what maps of the survey cause", partial(_templates, quasars, headline, rng)),
+        ("maps", "not explained by maps of the survey's properties", partial(_templates, quasars, headline, rng)),
     ]  # fmt: skip
     if earlier is not None:
         asked.append(("earlier", "the same in an earlier release", partial(_earlier, quasars, earlier, rng)))
@@ -78,7 +78,9 @@ def _split_classes(quasars, classes, rng) -> dict[str, Any]:
     verdict = compared.verdict
     labels = compared.shared.labels
     away = compared.shared.difference(0, len(labels) - 1).acceleration
-    words = f"{len(labels)} classes, last less first {away.amplitude:.2g} µas/yr in the acceleration"
+    words = (
+        f"{len(labels)} classes; the acceleration of the last minus that of the first is {away.amplitude:.2g} µas/yr"
+    )
     return {
         "answer": f"{words}; most: {verdict.comparison}", "p_value": verdict.p_value,
         "at_face_value": compared.at_face_value(), "results": {"classes": compared.shared},
@@ -91,21 +93,21 @@ def _degree(quasars, headline) -> dict[str, Any]:
         raise VshError(f"the sources bear no more than degree {quasars.degree}")
     move, _, p = by_degree(quasars.field, low, quasars.degree, headline.floor)
     plain = by_degree(quasars.field, low, quasars.degree, None)[2]
-    words = f"from degree {low} to {quasars.degree} it moves by ({', '.join(f'{x:+.2f}' for x in move)}) µas/yr"
+    words = f"from degree {low} to {quasars.degree} it changes by ({', '.join(f'{x:+.2f}' for x in move)}) µas/yr"
     return {"answer": words, "p_value": p, "at_face_value": plain}
 
 
 def _method(quasars, rng) -> dict[str, Any]:
     move, error, p = by_method(quasars.whole, rng)
     listed = ", ".join(f"{x:+.2f} ± {e:.2f}" for x, e in zip(move, error, strict=True))
-    return {"answer": f"in random parts it moves by ({listed}) µas/yr", "p_value": p}
+    return {"answer": f"Student's t minus least squares, mean of random subsamples: ({listed}) µas/yr", "p_value": p}
 
 
 def _source(quasars) -> dict[str, Any]:
     field = quasars.field
     row, size, p = by_source(field, degree_for(len(field), 3))
     name = f"row {row}" if field.name is None else in_a_line(field.name[row])
-    return {"answer": f"{name} moves it by {size:.2f} of its errors, more than any other", "p_value": p}
+    return {"answer": f"the most influential source, {name}, changes it by {size:.2f} standard errors", "p_value": p}
 
 
 def _earlier(quasars, earlier, rng) -> dict[str, Any]:
@@ -117,12 +119,12 @@ def _earlier(quasars, earlier, rng) -> dict[str, Any]:
     catalogues = {"earlier": earlier.to_frame(field.frame), "now": field}
     chosen = {name: each[np.isin(np.asarray(each.name, str), both)] for name, each in catalogues.items()}
     chain = combine_frames(chosen, degree_for(len(both), 5, 3))
-    compared = shared([chain.difference("now")], labels=["now less earlier"], noise_scale=False, rng=rng)
+    compared = shared([chain.difference("now")], labels=["now minus earlier"], noise_scale=False, rng=rng)
     moved = compared.solutions[0].acceleration
     listed = ", ".join(f"{v:+.2f} ± {s:.2f}" for v, s in zip(moved.value, moved.sigma, strict=True))
     words = (
-        f"of {len(both)} sources in both, which share {100 * chain.correlation[0, 1]:.0f} % of noise, it moves by "
-        f"({listed}) µas/yr"
+        f"of {len(both)} sources in both, whose noise is correlated by "
+        f"{100 * chain.correlation[0, 1]:.0f} %, it changes by ({listed}) µas/yr"
     )
     quoted = chain.difference("now").acceleration.p_value
     return {
@@ -248,7 +250,13 @@ def _frame(asked: SectionInput) -> dict[str, Any]:
         )  # fmt: skip
     try:
         compared = compare(quasars, Classes.by_edges("G", _G_EDGES, quasars.column("G")), asked.rng)
-        rows.append(_p_row("one spin, bright and faint", compared.at_face_value("T"), compared.shared.equality("T")))
+        rows.append(
+            _p_row(
+                "bright and faint sources have the same spin",
+                compared.at_face_value("T"),
+                compared.shared.equality("T"),
+            )
+        )
         results["magnitudes"] = compared.shared
     except VshError as error:
         more = f"; bright and faint not compared: {error}"
@@ -358,9 +366,12 @@ def _spectrum(asked: SectionInput) -> dict[str, Any]:
     theirs = solve(quasars.normal).acceleration
     rows = _vectors("nguyen2026", "g", theirs, ours)
     wider = float(np.mean(ours.sigma / clip_quasars(quasars.whole).solution.acceleration.sigma))
-    rows.append(Row("errors, in those of degree 3", shared=Value(wider)))
+    rows.append(Row("errors of the headline / formal errors of degree 3", shared=Value(wider)))
     low, high = (papers()["nguyen2026"][f"errors, {word}"].value for word in ("at least", "at most"))
-    verdict = f"errors with systematic errors are {wider:.2f} times those quoted; published: {low:g} to {high:g} times"
+    verdict = (
+        f"errors that include systematic errors are {wider:.2f} times the formal errors of "
+        f"degree 3 of this catalogue; published: {low:g} to {high:g} times"
+    )
     results = {} if asked.headline.floor is None else {"floor": asked.headline.floor}
     return {"rows": rows, "verdict": verdict, "results": results}
 
@@ -370,7 +381,7 @@ def _galaxies(asked: SectionInput) -> dict[str, Any]:
     z = asked.quasars.column("redshift")
     near = (z > 0.002) & (z < _NEAR)
     if near.sum() < _GALAXIES:
-        raise DegeneracyError(f"{near.sum()} sources nearer than z = {_NEAR:g}, and {_GALAXIES} are needed")
+        raise DegeneracyError(f"only {near.sum()} sources with z < {_NEAR:g}; at least {_GALAXIES} are needed")
     galaxies = with_redshift(asked.quasars.field[near], redshift_frame="heliocentric")
     quoted, flowing = (observer_velocity(galaxies, 67.4, flows=flows).velocity for flows in (None, "linear"))
     # What the paper saw none of; the microwave background's dipole says what there is.
@@ -391,7 +402,7 @@ class _Analysis(NamedTuple):
 
 _ANALYSES = (
     _Analysis("klioner2021", "The acceleration of the Solar System", _acceleration),
-    _Analysis("crf3", "The frame: spin, what is systematic, bright and faint", _frame),
+    _Analysis("crf3", "The reference frame: spin, systematic errors, bright and faint sources", _frame),
     _Analysis("makarov2025", "Three bins of redshift", _learnt_redshifts),
     _Analysis("tsigkas2025", "Dipole and quadrupole by redshift", _position_drift),
     _Analysis("darling2024", "Gravitational waves by harmonics", _waves),

@@ -36,7 +36,7 @@ def plot_accelerations(sections: Sequence[Analysis], *, ax: Axes | None = None) 
     for section in sections:
         rows = {row.quantity[:3]: row for row in section.rows if row.quantity.startswith("g_")}
         if len(rows) == 3:
-            for of, words in (("published", section.paper.short), ("theirs", "here, their way")):
+            for of, words in (("published", section.paper.short), ("theirs", "here, published method")):
                 lines.append((words, [getattr(rows[f"g_{axis}"], of) for axis in "xyz"]))
             recommended = [("here, recommended fit", [rows[f"g_{axis}"].shared for axis in "xyz"])]
     lines += recommended
@@ -119,7 +119,7 @@ def _section(section: Analysis, drawn: dict[str, Any]) -> page.Panel:
     if section.lacking:
         return page.heading(section.title, about, page.words(f"Not done: {section.lacking}."))
     rows = [[row.quantity, *map(str, (row.published, row.theirs, row.shared))] for row in section.rows]
-    heads = ["", "published", "ours, their way", "ours, with shared errors"]
+    heads = ["", "published", "ours, published method", "ours, systematic errors included"]
     names = [f"{section.paper.key}_{name}" for name in section.results]
     own = {name: drawn.pop(name) for name in names if name in drawn}
     captions = {name: name.partition("_")[2].replace("_", " ") for name in own}
@@ -135,7 +135,7 @@ def _checks(referee):
             each.question,
             printed_p_value(each.p_value) if np.isfinite(each.p_value) else "–",
             printed_p_value(each.at_face_value) if np.isfinite(each.at_face_value) else "–",
-            f"not asked: {each.lacking}" if each.lacking else each.answer,
+            f"not tested: {each.lacking}" if each.lacking else each.answer,
         ]
         for each in referee.checks
     ]

@@ -121,7 +121,7 @@ def test_two_icrf_catalogues_differ_by_what_was_put_in(tmp_path):
     a, b = read_icrf(tmp_path / "three.txt", "iers"), read_icrf(tmp_path / "two.txt", "iers")
     assert a.defining.sum() == np.sum(np.arange(n - 20) % 3 > 0)
     field = match(a, b)
-    assert "matched 380 sources by name; left over 0 of 380 and 20 of 400" in " ".join(field.notes)
+    assert "matched 380 sources by name; unmatched: 0 of 380 and 20 of 400" in " ".join(field.notes)
     found = fit.fit_field(field, 1).coefficients
     # Positions are written to 1e-8 s and 1e-7 arcsec: 0.1 µas.
     np.testing.assert_allclose(np.r_[found.rotation, found.glide], [30, -20, 10, -21, -65, -93], atol=0.1)

@@ -136,14 +136,14 @@ def test_compare_catalogues(tmp_path):
     rows = [line.split() for line in text.splitlines() if " truth " in line]
     assert len(rows) == 16
     assert max(abs(float(row[1]) - float(row[4])) / float(row[2]) for row in rows) < 3.5
-    assert "left over 100 of 3000 and 0 of 2900" in text
+    assert "unmatched: 100 of 3000 and 0 of 2900" in text
 
 
 @pytest.mark.slow
 def test_compare_real_catalogues(tmp_path):
     paths = [real_catalogue(name) for name in ("icrf3sx.txt", "icrf2-all.txt")]
     text = run("compare_catalogues.py", *paths, folder=tmp_path)
-    assert "matched 3410 sources by name; left over 1126 of 4536 and 4 of 3414" in text
+    assert "matched 3410 sources by name; unmatched: 1126 of 4536 and 4 of 3414" in text
     assert "1936+095" in text
 
 

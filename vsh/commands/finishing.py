@@ -275,7 +275,7 @@ class RunResult:
         """The lines to quote and the text, whole or short; a short one says where the whole is."""
         text = self.body(long)
         if not long and text != self.body(True):
-            text = f"{text.rstrip()}\nmore: --long, or --output DIR\n"
+            text = f"{text.rstrip()}\nfull report: --long, or --output DIR\n"
         return f"{self.answer}\n\n{text}" if self.answer.lines else text
 
     @cached_property

@@ -524,7 +524,7 @@ _EXAMPLES = "examples:\n"
 def make(prog: str, description: str, examples: Sequence[str]) -> argparse.ArgumentParser:
     """The parser of a command, whose help ends with examples and the place of its page."""
     lines = "".join(f"  {example}\n" for example in examples)
-    epilog = f"{_EXAMPLES}{lines}\nmore of it: docs/commands/{prog}.md"
+    epilog = f"{_EXAMPLES}{lines}\nfull documentation: docs/commands/{prog}.md"
     return _Parser(prog=prog, description=description, epilog=epilog, formatter_class=_Lines)
 
 
@@ -546,7 +546,10 @@ def add_common(parser: argparse.ArgumentParser, tells: str = "report") -> None:
     group.add_argument(
         "--config",
         metavar="FILE",
-        help="options from a TOML file, as every run writes one (run.toml); those on the command line take precedence",
+        help=(
+            "read options from a TOML file, such as the run.toml that every run with --output "
+            "writes; options on the command line take precedence"
+        ),
     )
     how = group.add_mutually_exclusive_group()
     how.add_argument("--json", action="store_true", help=f"print the result as JSON in place of the {tells}")

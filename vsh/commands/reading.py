@@ -39,13 +39,17 @@ def add_reading(parser: argparse.ArgumentParser) -> None:
         "--input-format",
         choices=parsing.INPUT_FORMATS,
         help=(
-            "format of the catalogue, if not clear from its name; mrt and cds are the journals' tables, ascii lets "
-            "astropy guess"
+            "format of the catalogue, if it is not recognised from the name of the file; mrt: "
+            "machine-readable tables of the AAS journals; cds: tables of the CDS; ascii: astropy "
+            "guesses the format"
         ),
     )
     parser.add_argument("--units", type=parsing.pairs, metavar="NAME=UNIT,…", help="units of columns: mu_ra=uas/yr")
     parser.add_argument(
-        "--on-bad", choices=["raise", "drop"], default="raise", help="rows that cannot be used (default: raise)"
+        "--on-bad",
+        choices=["raise", "drop"],
+        default="raise",
+        help=("rows that cannot be used: end with an error, or leave them out with a count (default: raise)"),
     )
     parser.add_argument(
         "--where", metavar="CONDITION", help="rows to use: 'phot_g_mean_mag < 19 and 0.5 < redshift < 2'"
@@ -70,7 +74,7 @@ def add_figures(parser: argparse.ArgumentParser) -> None:
         "--dpi", type=_dpi, default=300, help="resolution of the figures in dots per inch, 20 to 2400 (default: 300)"
     )
     parser.add_argument("--no-figures", action="store_true", help="write no figures into the folder of --output")
-    parser.add_argument("--html", metavar="FILE", help="write everything into one page that needs no network")
+    parser.add_argument("--html", metavar="FILE", help=("write everything into one HTML page that needs no network"))
 
 
 def arguments(options: argparse.Namespace) -> dict[str, Any]:
@@ -129,12 +133,10 @@ def add_workers(parser: argparse.ArgumentParser) -> None:
         "--workers",
         type=parsing.count(1),
         metavar="N",
-        help="go through the catalogue in parts, of any size, with N processes; without this it is read whole",
+        help=("process a catalogue of any size in parts, with N processes; by default it is read into memory"),
     )
     parser.add_argument(
-        "--scheduler",
-        metavar="ADDRESS",
-        help="the same on the cluster of Dask at this address, or of this scheduler file",
+        "--scheduler", metavar="ADDRESS", help="as --workers, on the Dask cluster with this address or scheduler file"
     )
 
 

@@ -459,7 +459,7 @@ def _powers(solution):
         columns[kinds[kind]] = [_power(power) if power else "" for power in each]
         columns[f"p ({kinds[kind]})"] = [printed_p_value(power.p_value) if power else "" for power in each]
     title = f"Power by degree {format_squared(solution)}".rstrip()
-    title += " less that of noise, and the p-value of as much from noise alone"
+    title += " minus that of noise, and the p-value: the probability that noise alone gives at least this power"
     return Section(title, (), tables.table_of(columns))
 
 
@@ -475,8 +475,11 @@ def _degrees(solution):
     heads = ("degree", "power", "debiased", "±", "√power", "p-value", "z", "M&K Z")
     columns = {name: list(each) for name, each in zip(heads, zip(*power_rows(solution), strict=True), strict=True)}
     remarks = [
-        f"p-values are of as much from noise alone ({law}), z is their normal deviate; M&K Z, Mignard & Klioner's, "
-        "holds for a uniform sky."
+        (
+            f"p-values are the probability that noise alone gives at least this power ({law}); z is the "
+            "equivalent normal deviate; M&K Z, the statistic of Mignard & Klioner (2012),  holds for a "
+            "uniform sky."
+        )
     ]
     title = f"Power by degree, ∫{field}²dΩ {format_squared(solution)}"
     return Section(title, (), tables.table_of(columns), remarks=remarks)
@@ -489,7 +492,15 @@ def check_sections(check: Any) -> tuple[Section, ...]:
         words = (
             f"Two independent solvers of degree 1, {on} with the catalogue's errors, agree to {check.largest:.0e} σ."
         )
-        return (Section("Cross-check", remarks=[words, "This tests the solvers, not the errors above."]),)
+        return (
+            Section(
+                "Cross-check",
+                remarks=[
+                    words,
+                    ("This agreement tests the numerical solution only; it does not validate the errors above."),
+                ],
+            ),
+        )
     rows = [
         (name, solver, *components(getattr(result, name)))
         for name in ("spin", "acceleration")

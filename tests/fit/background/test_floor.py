@@ -228,7 +228,7 @@ def test_an_average_is_the_mean_over_what_may_be_shared(strength, within):
 
 def test_reports():
     found = floor(LOUD)
-    assert "parities        differ with a p-value of " in found.report()
+    assert "for equal power in both parities" in found.report()
     with_it, without = fit.solve(LOUD, floor=found), fit.solve(LOUD)
     assert with_it.includes_floor
     assert with_it.floor is found

@@ -66,7 +66,7 @@ def test_what_is_added_to_the_motions_of_the_vlba_is_found():
     field = vsh.io.catalogue.read_field(real_catalogue("td2017_vlba_proper_motions.ecsv"))
     added = sim.acceleration(GAIA_EDR3.to_frame("icrs").value)(field.lon, field.lat)
     answer = fit.recommended(replace(field, motion=field.motion + added)).acceleration
-    assert f"are found at {answer.amplitude:.1f} ± {answer.amplitude_error:.1f} (" in page
+    assert f"`fit.recommended` measures {answer.amplitude:.1f} ± {answer.amplitude_error:.1f} µas/yr" in page
 
 
 def test_solution_can_be_read_and_says_where_it_is_from(tmp_path):

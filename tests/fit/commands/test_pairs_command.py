@@ -60,4 +60,4 @@ def test_usage(catalogue, capsys):
 def test_vlba_table(capsys):
     path = str(real_catalogue("td2017_vlba_proper_motions.ecsv"))
     assert main([path, "--bins", "9"]) == 0
-    assert "sources        713, sums" in capsys.readouterr().out
+    assert "sources        713; harmonic sums" in capsys.readouterr().out

@@ -302,7 +302,7 @@ def test_flows_and_all_that_goes_with_them(seen, tmp_path, capsys):
     ]  # fmt: skip
     assert main([str(each) for each in arguments]) == 0
     text = capsys.readouterr().out
-    assert re.search(r"Our velocity .*: \d+ % of the error's variance is cosmic", text)
+    assert re.search(r"Our velocity .*: \d+ % of the error's variance is due to coherent flows", text)
     assert "km/s/Mpc with 95 %, " in text or "standard errors from zero" in text
     assert "The flow of galaxies, linear ΛCDM, Planck 2018, 0.6 of it" in text
     assert {"flow.ecsv", "flow.png", "velocity.ecsv", "hubble.ecsv"} <= {each.name for each in out.iterdir()}

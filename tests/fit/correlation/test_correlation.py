@@ -75,7 +75,7 @@ def test_two_catalogues_in_one_matrix():
     np.testing.assert_allclose([table[name][0] for name in both.names], matrix[0])
     text = both.report(long=True)
     assert "above diagonal  A\nbelow diagonal  B" in text
-    assert "by the dipole along z" in text
+    assert "is explained by the dipole along z" in text
     assert abs(both.largest(0)[0]) == pytest.approx(0.45, abs=0.08)
     assert "A, B" in repr(both)
 

@@ -61,7 +61,7 @@ def test_the_worst_sources_are_named(method):
     found = method(Field(field.lon, field.lat, motion, field.sigma, field.rho, name=names), Modes(1))
     assert found.most_downweighted(1)[0] == 77
     assert found.weights.argmin() == 77
-    assert "most downweighted: Q77 (" in found.solution.notes[-1]
+    assert "sources with the lowest weights: Q77 (" in found.solution.notes[-1]
     assert 0.5 * len(SKY) < found.effective < len(SKY)
     assert found.solution.errors_from == "the residuals of the robust fit, source by source"
 

@@ -209,7 +209,7 @@ def test_the_flow_is_a_result():
     found = observer_velocity(field, 67.3, flows="linear", n_modes=120)
     assert 0 < found.cosmic_share < 1
     first = found.report().splitlines()[2]
-    assert f"{100 * found.cosmic_share:.0f} % of the error's variance is cosmic" in first
+    assert f"{100 * found.cosmic_share:.0f} % of the error's variance is due to coherent flows" in first
     bulk = found.flow.bulk(40.0)
     # A mean over the shell, summed over directions.
     lon, lat = sim.uniform_sky(40_000, 1)

@@ -123,7 +123,7 @@ def test_sections_without_their_columns_say_which(table):
     frame = next(section for section in answer.sections if section.paper.key == "crf3")
     assert "phot_g_mean_mag" in frame.verdict
     assert "visibility_periods_used" in next(each for each in answer.checks if each.key == "visibility periods").lacking
-    assert "not asked" in answer.report(long=True)
+    assert "not tested" in answer.report(long=True)
 
 
 @pytest.mark.parametrize("n", [12, *(pytest.param(n, marks=pytest.mark.slow) for n in (60, 150))])

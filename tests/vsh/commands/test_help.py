@@ -21,7 +21,7 @@ MODULES = {name.removeprefix("vsh-"): each.module for name, each in COMMANDS.ite
 def examples(command):
     options = module_of(command)
     lines = options.make_parser().epilog.splitlines()
-    assert lines[-1] == f"more of it: docs/commands/vsh-{command}.md"
+    assert lines[-1] == f"full documentation: docs/commands/vsh-{command}.md"
     assert (ROOT / "docs" / "commands" / f"vsh-{command}.md").exists()
     return [line.strip() for line in lines if line.startswith("  vsh-")]
 

@@ -50,6 +50,7 @@ from vsh.figures.plot._style import (
 
 __all__ = [
     "SkyAxes",
+    "apply_style",
     "draw_direction",
     "draw_map",
     "draw_points",
@@ -61,5 +62,4 @@ __all__ = [
     "plot_sources",
     "save_figures",
     "sky_axes",
-    "apply_style",
 ]

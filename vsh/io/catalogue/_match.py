@@ -101,7 +101,7 @@ def match(
     covariance = _covariance(a, i) + _covariance(b, j)
     sigma = np.sqrt(covariance[:2])
     left = f"{len(a) - len(i)} of {len(a)} and {len(b) - len(j)} of {len(b)}"
-    notes = [f"matched {len(i)} sources by {by}; left over {left}, {ambiguous} of them with several counterparts"]
+    notes = [(f"matched {len(i)} sources by {by}; unmatched: {left}, {ambiguous} of them with several counterparts")]
     if by == "name":
         away = np.hypot(*difference) if positions else _separation(a, b, i, j)
         far = int((away > 1e6).sum())

@@ -56,7 +56,7 @@ def test_what_is_left_over_and_ambiguous_is_counted():
     b = replace(b, name=np.where(np.arange(len(b)) < 3, "Q7", b.name))  # four of that name now
     field = match(a, b[:400])
     assert (
-        "matched 396 sources by name; left over 104 of 500 and 4 of 400, 4 of them with several counterparts"
+        "matched 396 sources by name; unmatched: 104 of 500 and 4 of 400, 4 of them with several counterparts"
         in field.notes
     )
     twin = Positions(
@@ -171,7 +171,7 @@ def test_icrf3_against_icrf2():
     a, b = (read_icrf(real_catalogue(name), "iers") for name in ("icrf3sx.txt", "icrf2-all.txt"))
     assert (len(a), len(b), a.defining.sum(), b.defining.sum()) == (4536, 3414, 303, 295)
     field = match(a, b)
-    assert "matched 3410 sources by name; left over 1126 of 4536 and 4 of 3414" in "\n".join(field.notes)
+    assert "matched 3410 sources by name; unmatched: 1126 of 4536 and 4 of 3414" in "\n".join(field.notes)
     clipped = fit.robust.clip(field, Modes(2), threshold=5)
     found = to_icrf3(clipped.solution.coefficients)
     assert max(abs(found[name]) for name in ("R1", "R2", "R3")) < 20
