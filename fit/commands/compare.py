@@ -16,10 +16,9 @@ def make_parser() -> argparse.ArgumentParser:
     parser = parsing.make(
         prog="vsh-compare",
         description=(
-            "Match the sources of two catalogues and fit vector spherical harmonics to their "
-            "differences, with both covariances: rotation, glide and deformation of one frame "
-            "relative to the other, and a list of outliers. Three or more catalogues are also solved "
-            "together."
+            "Match the sources of two catalogues and fit vector spherical harmonics to their differences, with both "
+            "covariances: rotation, glide and deformation of one frame relative to the other, and a list of outliers. "
+            "Three or more catalogues are also solved together."
         ),
         examples=(
             "vsh-compare icrf3sx.txt icrf2-all.txt --output comparison --html comparison.html",

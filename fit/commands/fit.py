@@ -55,9 +55,8 @@ def make_parser() -> argparse.ArgumentParser:
         type=parsing.names,
         metavar="MAP,…",
         help=(
-            "fit the amplitude of systematic errors of a known pattern, truncated at degree --lmax: "
-            "a HEALPix map (FITS), a solution (ECSV), a column of the catalogue, or density, the "
-            "number density of the sources"
+            "fit the amplitude of systematic errors of a known pattern, truncated at degree --lmax: a HEALPix map "
+            "(FITS), a solution (ECSV), a column of the catalogue, or density, the number density of the sources"
         ),
     )
     parser.add_argument(
@@ -100,18 +99,16 @@ def _add_backgrounds(parser):
         "--floor",
         action="store_true",
         help=(
-            "with another --method than recommended: include the systematic floor in the errors. It "
-            "is estimated from degrees 2 to --lmax (at least 3), and the coefficients of those "
-            "degrees get a prior of that power"
+            "with another --method than recommended: include the systematic floor in the errors. It is estimated from "
+            "degrees 2 to --lmax (at least 3), and the coefficients of those degrees get a prior of that power"
         ),
     )
     group.add_argument(
         "--waves",
         action="store_true",
         help=(
-            "upper limits on the energy density of gravitational "
-            "waves from the power of degree 2, for three choices of "
-            "the prior"
+            "upper limits on the energy density of gravitational waves from the power of degree 2, for three choices "
+            "of the prior"
         ),
     )
     group.add_argument(

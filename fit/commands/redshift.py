@@ -56,9 +56,8 @@ def make_parser() -> argparse.ArgumentParser:
         "--floor",
         action="store_true",
         help=(
-            "with --bins: include systematic errors, estimated from the power of degrees 2 to --lmax "
-            "(to degree 5 if --lmax is 1), and test whether the dipole changes with redshift; the "
-            "default for 100000 sources or more"
+            "with --bins: include systematic errors, estimated from the power of degrees 2 to --lmax (to degree 5 if "
+            "--lmax is 1), and test whether the dipole changes with redshift; the default for 100000 sources or more"
         ),
     )
     floors.add_argument(

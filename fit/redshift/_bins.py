@@ -387,9 +387,8 @@ def permutation_test(
         raise ParameterError(f"permutations are for bins of degree 1, not {binned.modes.lmax}")
     if binned.flow_share > FLOW_MATTERS:
         raise ParameterError(
-            "a permutation of the redshifts destroys the coherent flows of near galaxies, and every "
-            "p-value is then too small:  the bins' own tests hold them (or permute bins that were "
-            "fitted with flows=None)"
+            "a permutation of the redshifts destroys the coherent flows of near galaxies, and every p-value is then "
+            "too small:  the bins' own tests hold them (or permute bins that were fitted with flows=None)"
         )
     rng = generator(rng)
     field = with_redshift(field, 0.0)

@@ -28,9 +28,8 @@ def make_parser() -> argparse.ArgumentParser:
     parser = parsing.make(
         prog="vsh-agis",
         description=(
-            "Solve quasars, galaxies and stars together with the attitude of the satellite that sees "
-            "them, by conjugate gradients. A run that was killed resumes where it stopped when it is "
-            "started again."
+            "Solve quasars, galaxies and stars together with the attitude of the satellite that sees them, by "
+            "conjugate gradients. A run that was killed resumes where it stopped when it is started again."
         ),
         examples=(
             "vsh-agis --quasars 20000 --sky igql --exact --output igql",

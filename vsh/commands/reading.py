@@ -39,9 +39,8 @@ def add_reading(parser: argparse.ArgumentParser) -> None:
         "--input-format",
         choices=parsing.INPUT_FORMATS,
         help=(
-            "format of the catalogue, if it is not recognised from the name of the file; mrt: "
-            "machine-readable tables of the AAS journals; cds: tables of the CDS; ascii: astropy "
-            "guesses the format"
+            "format of the catalogue, if it is not recognised from the name of the file; mrt: machine-readable tables "
+            "of the AAS journals; cds: tables of the CDS; ascii: astropy guesses the format"
         ),
     )
     parser.add_argument("--units", type=parsing.pairs, metavar="NAME=UNIT,…", help="units of columns: mu_ra=uas/yr")

@@ -225,7 +225,7 @@ def test_the_slope_that_is_printed_is_of_degree_one():
     found = binned(quasars(3000, 4), 3, 3, flows=None)
     assert (found.trend().test.dof, found.trend(first=True).test.dof) == (30, 6)
     row = next(line for line in found.report().splitlines() if line.startswith("  neither has a linear trend"))
-    assert row.split()[7] == "6"  # below the degrees of freedom
+    assert row.split()[8] == "6"  # below the degrees of freedom
     np.testing.assert_allclose(found.trend(first=True).acceleration.value, found.trend().acceleration.value, rtol=0.3)
     assert "permuted: computed with --lmax 1 alone" in found.report()
 

@@ -244,7 +244,7 @@ def test_an_earlier_release(table, tmp_path):
         motion = true + noise + sim.acceleration(glide)(whole.lon, whole.lat)
         earlier = Field(whole.lon, whole.lat, motion, 2 * whole.sigma, name=whole.name)
         asked = _answer_question("earlier", "", lambda earlier=earlier: _earlier(quasars, earlier, 1))
-        assert "% of noise" in asked.answer
+        assert "whose noise is correlated by" in asked.answer
         assert asked.results["chain"].correlation[0, 1] == pytest.approx(0.7, abs=0.1)
         p.append(asked.p_value)
     assert p[0] > 0.01
