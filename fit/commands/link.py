@@ -56,7 +56,17 @@ def make_parser() -> argparse.ArgumentParser:
         default=0,
         help="degree of the polynomial in (colour − 1) (default: 0)",
     )
-    add("--priors", metavar="FILE", help="table of known spins or orientations: x, y, z, x_error …, magnitude")
+    add(
+        "--priors",
+        metavar="FILE",
+        help=(
+            "table of known spins or orientations (x, y, z, x_error …, vector, magnitude), or the folder that vsh-fit "
+            "--output wrote, for the spin of quasars"
+        ),
+    )
+    add(
+        "--prior-magnitude", type=float, metavar="G", help="magnitude of priors that have none (default: the brightest)"
+    )
     add = parser.add_argument_group("error model").add_argument
     add("--no-robust", action="store_true", help="assume normal errors instead of heavy tails and outliers")
     add("--scale", type=parsing.positive, metavar="X", help="multiply all errors by X instead of estimating the factor")
@@ -84,9 +94,16 @@ def make_parser() -> argparse.ArgumentParser:
     return parser
 
 
+def _priors(options):
+    """What is known of the frames from elsewhere."""
+    from fit.frames.link import read_priors
+
+    return read_priors(options.priors, options.prior_magnitude) if options.priors else ()
+
+
 def _run(options):
     run = finishing.Run(options)
-    from fit.frames.link import find_step, forecast, link, read_priors
+    from fit.frames.link import find_step, forecast, link
     from vsh.io.astrometry import read_astrometry
     from vsh.io.tables import write_table
 
@@ -108,7 +125,7 @@ def _run(options):
     more |= {
         "reference": options.reference, "unknowns": options.unknowns, "order": options.order,
         "colour_order": options.colour_order, "epoch": options.epoch, "robust": not options.no_robust,
-        "scale": options.scale, "priors": read_priors(options.priors) if options.priors else (), "fixed": fixed,
+        "scale": options.scale, "priors": _priors(options), "fixed": fixed,
         "parallax": not options.no_parallax, "light_time": not options.no_light_time,
     }  # fmt: skip
     results: dict[str, Any] = {}

@@ -210,12 +210,15 @@ class FrameComparison(FrameResult, AboutSolution):
             values[first] = alone.values
             covariance[first] = covariance[:, first] = 0.0
             covariance[np.ix_(first, first)] = alone.covariance
-            errors += ", of rotation and glide with systematic errors"
+            errors += "; rotation and glide include systematic errors"
             includes_floor = True
         elif self.floor is not None:
             covariance += np.diag(self.floor.added(solution.modes))
-            errors += ", of rotation and glide with the size of the systematic floor"
+            spin, glide = self.floor.spin_error, self.floor.acceleration_error
+            errors += f"; systematic floor included (rotation ± {spin:.3g}, glide ± {glide:.3g} {solution.unit})"
             includes_floor = True
+        elif solution.n_sources < FEW:
+            errors += f"; without systematic errors, because there are fewer than {FEW} sources: --floor includes them"
         return replace(
             solution,
             coefficients=replace(solution.coefficients, values=values),
@@ -223,6 +226,7 @@ class FrameComparison(FrameResult, AboutSolution):
             errors_from=errors,
             error_source=source,
             includes_floor=includes_floor,
+            formal_covariance=solution.formal.covariance,
         )
 
     @property
@@ -316,7 +320,7 @@ class FrameComparison(FrameResult, AboutSolution):
             remarks.append(f"Largest deviations, of {len(self.names)} excluded sources: {listed}")
         what = "position" if solution.unit == "µas" else "motion"
         notes = () if long else solution.notes
-        forms = {"value": "+.2f", "in errors": "+.1f", "formal error": ".2f"}
+        forms = {"value": "+.2f", "value / error": "+.1f", "formal error": ".2f"}
         title = f"{a} − {b}: differences of {what}"
         sections = [Section(title, facts, table, forms=forms, remarks=remarks, notes=notes)]
         if long and self.names:
@@ -344,8 +348,10 @@ class FrameComparison(FrameResult, AboutSolution):
         if self.by_class is not None and long:
             factors = ", ".join(f"{each:.2f}" for each in self.by_class.factors)
             count = len(self.by_class.factors)
-            classes = f"{count} classes of their size" if count > 1 else "one class"
-            facts.append(("errors", f"scaled by residuals in {classes}, by {factors} from the smallest on"))
+            classes = f"{count} classes of similar formal errors" if count > 1 else "one class"
+            facts.append(
+                ("errors", f"rescaled by the scatter of residuals in {classes}, by {factors} from the smallest on")
+            )
         if solution.modes.lmax > 1 and long:
             p = self.deformation_p_value_by_class
             chances = [f"{printed_p_value(p)} from noise alone"] * bool(np.isfinite(p))
@@ -354,19 +360,19 @@ class FrameComparison(FrameResult, AboutSolution):
                 chances.append(f"{printed_p_value(self.deformation_p_value_scaled)} by one factor")
             facts.append(("deformation", f"degrees 2 to {solution.modes.lmax}, p = {'; '.join(chances)}"))
         if self.factor != 1:
-            words = f"residuals scatter by {self.factor:.3g} times the formal errors"
+            words = f"they scatter by {self.factor:.3g} times the formal errors"
             if self.factor < 1:
                 words += (
-                    ": the catalogues share observations, or errors are too large; errors that both have alike are "
-                    "not in these"
+                    ": the catalogues have observations in common, or the formal errors are too large; errors common "
+                    "to both catalogues cancel in the differences and are not included"
                 )
             facts.append(("residuals", words))
         if self.shared is not None:
             facts.append(("R and D", "with systematic errors, from the model below"))
         if self.floor is not None and long:
             spin, glide = self.floor.spin_error, self.floor.acceleration_error
-            words = f"rotation ± {spin:.3g}, glide ± {glide:.3g} {solution.unit}, in the errors of R and D"
-            facts.append(("floor", f"{words}, from degrees 2 to {max(self.floor.degrees)}; --floor fits with it"))
+            words = f"rotation ± {spin:.3g}, glide ± {glide:.3g} {solution.unit}, included in the errors of R and D; "
+            facts.append(("floor", f"{words}estimated from degrees 2 to {max(self.floor.degrees)}, for each parity"))
         for label, index in zip(self.labels, (0, 1), strict=True) if long else ():
             value, pair = self.correlations.largest(index)
             facts.append((f"errors of {label}", f"largest correlation {value:+.3f}, of {pair[0]} and {pair[1]}"))

@@ -55,7 +55,7 @@ def from_tensor(tensor: ArrayLike) -> Coefficients:
 
     Examples
     --------
-    >>> bool(np.isclose(coefficients_of(np.diag([-1, -1, 2])).values[11], np.sqrt(6 * np.pi / 5) * 2))
+    >>> bool(np.isclose(from_tensor(np.diag([-1, -1, 2])).values[11], np.sqrt(6 * np.pi / 5) * 2))
     True
     """
     tensor = float_array("the tensor", tensor, (3, 3))

@@ -8,6 +8,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise
+from os import PathLike
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,6 +19,7 @@ from scipy.sparse.csgraph import connected_components
 from vsh.io import tables
 from vsh.io.catalogue import missing_column, unit_factor
 from vsh.sky.astrometry import AstrometryRows, earth, propagate
+from vsh.sky.frames import rotation_matrix
 from vsh.sky.sphere import triad
 from vsh.tools.arguments import choice, covariance, float_array
 from vsh.tools.bad_rows import as_floats
@@ -59,14 +62,17 @@ class LinkPrior(InNotebook):
         object.__setattr__(self, "covariance", covariance("the covariance of a prior", self.covariance, 3))
 
 
-def read_priors(source: Any) -> list[LinkPrior]:
-    """Read priors from a table, a row each.
+def read_priors(source: Any, magnitude: float | None = None) -> list[LinkPrior]:
+    """Read priors from a table, a row each, or from the results of `vsh-fit`.
 
     Parameters
     ----------
     source : path, or table
         Columns `x`, `y`, `z`, `x_error` …, and where known `x_y_corr`, `x_z_corr`, `y_z_corr`, `vector` ("spin" unless
-        given), `magnitude`, `colour`, `catalogue`; in µas and µas/yr where the table does not say.
+        given), `magnitude`, `colour`, `catalogue`; in µas and µas/yr where the table does not say. Or the folder that
+        `vsh-fit --output` wrote, or its `vectors.ecsv`: the spin of the motions of its sources, turned to ICRS axes.
+    magnitude : float, optional
+        Magnitude of all priors for which the table has none.
 
     Raises
     ------
@@ -75,7 +81,11 @@ def read_priors(source: Any) -> list[LinkPrior]:
     ParameterError
         If a row has an error that is none.
     """
+    if isinstance(source, str | PathLike) and Path(source, _OF_A_FIT).is_file():
+        source = Path(source, _OF_A_FIT)
     opened = tables.open_table(source)
+    if {"x", "sigma_x", "name"} <= {*opened.names}:
+        return _priors_of_fit(opened, magnitude)
     for name in (*"xyz", *(f"{axis}_error" for axis in "xyz")):
         if name not in opened.names:
             raise TableError(f"{opened.label}: {missing_column(name, opened)}")
@@ -97,6 +107,8 @@ def read_priors(source: Any) -> list[LinkPrior]:
             matrix[i, j] = matrix[j, i] = number(name)
         known = {name: float(data[name][row]) for name in ("magnitude", "colour") if name in data}
         known = {name: value for name, value in known.items() if np.isfinite(value)}
+        if magnitude is not None:
+            known.setdefault("magnitude", magnitude)
         priors.append(
             LinkPrior(
                 str(words["vector"][row]) if "vector" in words else "spin",
@@ -109,6 +121,28 @@ def read_priors(source: Any) -> list[LinkPrior]:
     return priors
 
 
+def _priors_of_fit(opened, magnitude):
+    """The spin of a fit to motions, from the table of its vectors."""
+    names = np.asarray(opened.columns(("name",))["name"][0]).astype(str)
+    if "spin" not in names:
+        raise TableError(f"{opened.label}: no row is called spin; there are {', '.join(names)}")
+    row = int(np.flatnonzero(names == "spin")[0])
+
+    def number(name):
+        return float(_numbers(opened, name)[row])
+
+    if any(unit_factor(axis, opened.units.get(axis), "uas / yr") != 1 for axis in "xyz"):
+        raise TableError(f"{opened.label}: the spin is not in µas/yr")
+    matrix = np.diag([number(f"sigma_{axis}") ** 2 for axis in "xyz"])
+    for name, (i, j) in {"cov_xy": (0, 1), "cov_xz": (0, 2), "cov_yz": (1, 2)}.items():
+        matrix[i, j] = matrix[j, i] = number(name)
+    turn = rotation_matrix(str(opened.meta.get("frame", "icrs")), "icrs")
+    value = turn @ np.array([number(axis) for axis in "xyz"])
+    return [LinkPrior("spin", value, turn @ matrix @ turn.T, magnitude=magnitude)]
+
+
+#: The table of a fit's spin and acceleration, in its folder of results.
+_OF_A_FIT = "vectors.ecsv"
 _NUMBERS = (*"xyz", *(f"{axis}_error" for axis in "xyz"), "x_y_corr", "x_z_corr", "y_z_corr", "magnitude", "colour")
 _WORDS = ("vector", "catalogue")
 

@@ -324,7 +324,7 @@ class FrameTie(FrameResult, NamedSolution):
         for step in steps:
             together, *each = self.jump_p_values(step)
             words = [
-                f"{vector} {'' if p < SEEN else 'not '}detected (p = {printed_p_value(p)})"
+                f"{vector} {self._components(step, vector) if p < SEEN else 'not detected'} (p = {printed_p_value(p)})"
                 for vector, p in zip(self._jumping, each, strict=True)
             ]
             hint = hint_of(together)
@@ -337,6 +337,14 @@ class FrameTie(FrameResult, NamedSolution):
             ("errors", f"{self._tails()}, times {self.scale:.3g}: from the residuals of {len(self.sources)} sources")
         )
         return Answer(tuple(lines))
+
+    def _components(self, step, vector):
+        """The jump of a vector at a step, by its components where there is one catalogue."""
+        if len(self.unknowns.turned) > 1:
+            return "detected"
+        jump = self.jump(step, vector)[0]
+        listed = ", ".join(f"{v:+.3g} ± {s:.2g}" for v, s in zip(jump.value, jump.sigma, strict=True))
+        return f"detected: ({listed}) {jump.unit}"
 
     @property
     def pairs(self) -> tuple[tuple[str, str], ...]:

@@ -98,7 +98,7 @@ def test_influence_is_what_leaving_one_out_does():
 def test_a_verdict_and_tests_beside_the_table():
     solution = link(sim.link(2, 120, **FRAME, jump=(50, 0, 0)), steps=[13.0])
     assert dict(solution.answer.lines)["spin"].partition(" ")[0].replace(".", "").isdecimal()
-    assert "spin detected (p = " in dict(solution.answer.lines)["jump at 13"]
+    assert "spin detected: (" in dict(solution.answer.lines)["jump at 13"]
     assert "both together p = " in solution.verdict
     table = solution.to_table()
     assert table.meta["p_value_jump_13"] == solution.jump_p_values(13.0)[0]
@@ -167,6 +167,18 @@ def test_priors(tmp_path):
     table.write_text("x,y,z,x_error\n1,2,3,4\n")
     with pytest.raises(TableError, match="y_error"):
         read_priors(table)
+
+
+@pytest.mark.parametrize("frame", ["icrs", "galactic"])
+def test_priors_are_read_from_the_results_of_a_fit(tmp_path, frame):
+    quasars = sim.observe(sim.quasars(500, rng=1), sim.spin(OMEGA), rng=2, release="DR5")
+    solution = fit.fit_field(quasars.to_frame(frame), 1)
+    fit.output.vectors_table(solution).write(tmp_path / "vectors.ecsv")
+    (prior,) = read_priors(tmp_path, 19.0)
+    assert (prior.vector, prior.magnitude) == ("spin", 19.0)
+    expected = fit.fit_field(quasars, 1).spin
+    np.testing.assert_allclose(prior.value, expected.value, atol=1e-9)
+    np.testing.assert_allclose(prior.covariance, expected.covariance, atol=1e-9)
 
 
 def test_what_each_effect_does():
