@@ -17,7 +17,11 @@ CASES = [
         'without_folder("/home/me/catalogue.fits"), without_folder("pmra / pmra_error < 5"), without_folder("mu=uas/yr")',
         "('catalogue.fits', 'pmra / pmra_error < 5', 'mu=uas/yr')",
     ),
-    ("vsh.field", "multiply_weights(np.array([[2.0], [3.0], [0.5]]), np.array([[1.0], [2.0]])).ravel()", "array([3. , 6.5])"),
+    (
+        "vsh.field",
+        "multiply_weights(np.array([[2.0], [3.0], [0.5]]), np.array([[1.0], [2.0]])).ravel()",
+        "array([3. , 6.5])",
+    ),
     (
         "vsh.io.archive._queries",
         'of_table("user_me.galaxies", ["redshift"]).rpartition(", ")[2].splitlines()',

@@ -483,8 +483,7 @@ def _of_hubble(solution):
     value, error = solution.hubble, solution.hubble_error
     if not _is_told(solution):
         limit = solution.hubble_limits[1]
-        beside = "which allows" if limit > _PUBLISHED[0] else "which excludes"
-        return f"not determined: < {three_digits(limit)} km/s/Mpc (95 %), {beside} 67 to 73"
+        return f"not determined: < {three_digits(limit)} km/s/Mpc (95 %), {_beside_published(limit)}"
     return f"{value:.3g} ± {error:.2g} km/s/Mpc, {_format_deviation(value, error)}"
 
 
@@ -492,15 +491,23 @@ def _format_deviation(value, error):
     """Distance of a Hubble constant from the published ones, in its errors."""
     low, high = _PUBLISHED
     distance = max(low - value, value - high, 0.0) / error
-    return f"{distance:.1f} σ from 67 to 73" if distance else "between or at 67 and 73"
+    return (
+        f"{distance:.1f} σ outside the published range of 67 to 73"
+        if distance
+        else "within the published range of 67 to 73"
+    )
+
+
+def _beside_published(limit):
+    """Whether an upper limit leaves room for the published values."""
+    return f"{'consistent with' if limit > _PUBLISHED[0] else 'excludes'} the published 67 to 73"
 
 
 def _hubble_of(posterior):
     """H0 by the posterior, with its interval or as a limit; and how it stands to the published values."""
     if posterior.hubble_limits is not None:
         _, below = posterior.hubble_limits
-        beside = "allows" if below > _PUBLISHED[0] else "excludes"
-        return f"not determined: < {three_digits(below)} km/s/Mpc (95 %)", f"{beside} 67 to 73"
+        return f"not determined: < {three_digits(below)} km/s/Mpc (95 %)", _beside_published(below)
     h0 = posterior.summary()["H0"]
     error = (h0.median - h0.low68) if h0.median > _PUBLISHED[1] else (h0.high68 - h0.median)
     median, low, high, *_ = posterior.print_summary()["H0"]
@@ -524,7 +531,12 @@ def _of_posterior(posterior):
     if medians and max(medians) > _BY_PRIOR * min(medians):
         limits = [each.below for each in posterior.hubble_by_prior.values()]
         words = f"{three_digits(min(limits))} to {three_digits(max(limits))} km/s/Mpc"
-        lines.append(("caution", f"the motions determine H0 poorly: its limit is {words} under other priors"))
+        lines.append(
+            (
+                "caution",
+                (f"the motions determine H0 poorly: its 95 % upper limit ranges over {words} with other priors"),
+            )
+        )
     return lines
 
 

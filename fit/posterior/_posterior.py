@@ -199,6 +199,10 @@ class HubbleQuantiles(NamedTuple):
     at_limits: bool = False
 
 
+#: Independent samples that 95 % intervals need: their limits then scatter by a tenth of the standard deviation.
+_FEWEST = 1000
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Posterior(SampleResult):
     """A chain and what it says.
@@ -234,8 +238,8 @@ class Posterior(SampleResult):
 
     @cached_property
     def autocorrelation(self) -> dict[str, float]:
-        """Integrated autocorrelation time of each coordinate, by name. [steps]"""
-        times = autocorrelation(self.chain)
+        """Integrated autocorrelation time of each coordinate, by name; 1 of independent draws. [steps]"""
+        times = autocorrelation(self.chain) if self.method == "emcee" else np.ones(len(self.model.names))
         return dict(zip(self.model.names, map(float, times)))
 
     @property
@@ -379,6 +383,13 @@ class Posterior(SampleResult):
 
     def _check_length(self):
         steps, walkers, _ = self.chain.shape
+        if self.method == "grid":
+            if steps * walkers < _FEWEST:
+                raise ConvergenceError(
+                    f"{steps * walkers} samples are too few for 95 % intervals: ask for {_FEWEST} or more (n_samples=, "
+                    "--n-samples)"
+                )
+            return
         slowest = self._slowest()
         if steps >= ENOUGH * slowest:
             return
@@ -386,8 +397,9 @@ class Posterior(SampleResult):
         length = f"{steps / slowest:.1f} autocorrelation times" if known else "so few that some walkers never moved"
         wanted = int(np.ceil(2.5 * ENOUGH * slowest)) if known else 10 * steps
         raise ConvergenceError(
-            f"{steps} steps are {length}; {ENOUGH} times are needed for a result. Ask for n_samples={wanted * walkers} "
-            "or more, or max_samples= (a chain with a checkpoint goes on from where it is)"
+            f"{steps} steps are {length}; {ENOUGH} times are needed for a result. Ask for {wanted * walkers} samples or "
+            "more (n_samples=, --n-samples; in Python also max_samples=); a chain with a checkpoint goes on from where "
+            "it is"
         )
 
 

@@ -137,7 +137,10 @@ def make_parser() -> argparse.ArgumentParser:
         "--velocity",
         type=parsing.velocity,
         metavar="planck|SPEED,L,B",
-        help="galaxies: true velocity of the Solar System, km/s toward Galactic degrees",
+        help=(
+            "galaxies: true velocity of the Solar System, km/s toward Galactic degrees (default: 0, "
+            "so no secular parallax is simulated)"
+        ),
     )
     parser.add_argument(
         "--h0", type=parsing.positive, default=67.3, help="true Hubble constant, km/s/Mpc (default: 67.3)"
@@ -147,7 +150,7 @@ def make_parser() -> argparse.ArgumentParser:
         type=parsing.not_negative,
         default=0.0,
         metavar="SIGMA",
-        help="galaxies: dispersion of peculiar velocities, km/s",
+        help="galaxies: dispersion of peculiar velocities in each component, km/s (default: 0)",
     )
     parser.add_argument("--flow", choices=["linear"], help="galaxies: add the coherent flow of linear theory")
     parser.add_argument(
