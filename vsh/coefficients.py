@@ -12,8 +12,8 @@ from vsh.tools.arguments import float_array
 from vsh.tools.errors import ModesError
 from vsh.tools.notebook import Frozen
 from vsh.tools.parallel import map_blocks
-from vsh.tools.types import ArrayLike, FloatArray, Kind
-from vsh.vector import Vector
+from vsh.tools.types import ArrayLike, FloatArray, Kind, Quantity
+from vsh.vector import Vector, as_quantity
 
 #: Degree 1 is a rigid rotation (T) or a glide (S): rows (1,0), (1,1,re), (1,1,im) of its
 #: coefficients from x, y, z of the vector (docs/conventions.md).
@@ -59,6 +59,21 @@ class Coefficients(Frozen):
             f"<{type(self).__name__}: {len(self.modes)}, degrees {self.modes.lowest} to {self.modes.lmax}, rms "
             f"{np.sqrt(np.mean(self.values**2)):.3g}, largest {largest}>"
         )
+
+    def to(self, unit: str) -> Quantity:
+        """The coefficients as astropy's Quantity, (p,).
+
+        Parameters
+        ----------
+        unit : str or astropy Unit
+            A unit of proper motions, "mas/yr" say.
+
+        Examples
+        --------
+        >>> Coefficients.from_vectors(rotation=(0, 0, 3)).to("mas/yr").max().round(5)
+        <Quantity 0.00868 mas / yr>
+        """
+        return as_quantity(self.values, "µas/yr").to(str(unit).replace("µ", "u"))
 
     def __post_init__(self) -> None:
         modes = as_modes(self.modes, self._kind)

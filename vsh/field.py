@@ -286,6 +286,11 @@ def skycoord_columns(coord: Any) -> tuple[dict[str, Any], str]:
     return {name: np.ravel(values) for name, values in columns.items()}, known[frame.name]
 
 
+def _broadcast(value, shape):
+    """A column, or one number or Quantity for all sources."""
+    return np.broadcast_to(value, shape, subok=True) if np.ndim(value) == 0 else value
+
+
 def table_columns(field: Any) -> tuple[dict[str, Any], dict[str, str], dict[str, Any]]:
     """A field in Gaia's names: columns, their units, and plain facts."""
     columns = {"source_id": np.arange(1, len(field) + 1) if field.name is None else field.name}
@@ -461,6 +466,12 @@ class TableIO(SourcesWithErrors):
         columns, units, facts = self._table()
         return table_of(columns, facts, units)
 
+    def to_qtable(self) -> Table:
+        """The sources as an astropy QTable, whose columns are Quantities."""
+        from astropy.table import QTable
+
+        return QTable(self.to_table())
+
     def write(self, path: PathName, meta: dict[str, Any] | None = None) -> None:
         """Write the sources as a table, which `vsh.io.catalogue` reads."""
         write_table(self.to_table(), path, meta)
@@ -624,7 +635,7 @@ class Field(ByColumns, TableIO):
         ----------
         coord : SkyCoord
             In ICRS, galactic or barycentricmeanecliptic coordinates; the field is in that frame.
-        pmra_error, pmdec_error : (n,) arrays
+        pmra_error, pmdec_error : (n,) arrays, or one number for all
             Errors of the motion in longitude, cos(latitude) included, and latitude. [mas/yr, or Quantities]
         pmra_pmdec_corr : (n,) array, optional
             Their correlation; zero unless given.
@@ -639,10 +650,11 @@ class Field(ByColumns, TableIO):
             If it is in another frame.
         """
         columns, frame = skycoord_columns(coord)
+        shape = np.shape(columns["ra"])
         return cls.from_columns(
             **columns,
-            pmra_error=pmra_error,
-            pmdec_error=pmdec_error,
+            pmra_error=_broadcast(pmra_error, shape),
+            pmdec_error=_broadcast(pmdec_error, shape),
             pmra_pmdec_corr=pmra_pmdec_corr,
             frame=frame,
             **further,

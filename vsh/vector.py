@@ -21,6 +21,13 @@ from vsh.tools.types import FloatArray, Quantity
 SEEN = 0.0027
 
 
+def as_quantity(values: FloatArray, unit: str) -> Quantity:
+    """Numbers as astropy's Quantity; µ may stand in the unit."""
+    from astropy.units import Quantity
+
+    return Quantity(values, unit.replace("µ", "u"))
+
+
 @dataclass(frozen=True, eq=False)
 class Vector(Frozen):
     """A 3-vector along the axes of a frame.
@@ -116,9 +123,35 @@ class Vector(Frozen):
     @property
     def quantity(self) -> Quantity:
         """The components as astropy's Quantity, (3,)."""
-        from astropy.units import Quantity
+        return as_quantity(self.value, self.unit)
 
-        return Quantity(self.value, self.unit.replace("µ", "u"))
+    def to(self, unit: str) -> Vector:
+        """Convert the vector and its covariance to another unit.
+
+        Parameters
+        ----------
+        unit : str or astropy Unit
+            "mas/yr" say.
+
+        Raises
+        ------
+        ParameterError
+            If it is no unit, or of another kind.
+
+        Examples
+        --------
+        >>> Vector([0, 0, 300], np.eye(3)).to("mas/yr").value
+        array([0. , 0. , 0.3])
+        """
+        from astropy import units
+
+        try:
+            new = units.Unit(str(unit).replace("µ", "u"))
+            factor = float(units.Unit(self.unit.replace("µ", "u")).to(new))
+        except (ValueError, TypeError) as error:
+            raise ParameterError(f"a vector in {self.unit} cannot be turned into {unit}: {error}") from None
+        shown = str(unit) if isinstance(unit, str) else new.to_string().replace(" ", "").replace("uas", "µas")
+        return replace(self, value=factor * self.value, covariance=factor**2 * self.covariance, unit=shown)
 
     @property
     def x(self) -> float:

@@ -65,6 +65,12 @@ def make_parser() -> argparse.ArgumentParser:
         default=1,
         help=("seed of the random numbers of the bootstrap and of the comparison of classes (default: 1)"),
     )
+    parser.add_argument(
+        "--sigma",
+        type=parsing.positive,
+        metavar="S",
+        help="use this error for all motions, µas/yr (for tables without)",
+    )
     parsing.add_threads(parser)
     reading.add_workers(parser)
     reading.add_reading(parser)

@@ -95,7 +95,7 @@ def make_parser() -> argparse.ArgumentParser:
 
 
 def _priors(options):
-    """What is known of the frames from elsewhere."""
+    """Read what is known of the frames from elsewhere."""
     from fit.frames.link import read_priors
 
     return read_priors(options.priors, options.prior_magnitude) if options.priors else ()

@@ -324,6 +324,23 @@ class Posterior(SampleResult):
         """Samples that `write` wrote to an ECSV or FITS file `path`, a `Samples`."""
         return Samples.read(path)
 
+    def to_getdist(self) -> Any:
+        """The samples as getdist's MCSamples.
+
+        Raises
+        ------
+        ImportError
+            If getdist is not installed.
+        ConvergenceError
+            If the chain is too short.
+        """
+        try:
+            from getdist import MCSamples
+        except ImportError:
+            raise ImportError("getdist is not installed: pip install getdist") from None
+        samples = self.samples
+        return MCSamples(samples=np.column_stack(list(samples.values())), names=list(samples), labels=list(samples))
+
     def to_arviz(self) -> Any:
         """The samples as arviz' InferenceData (its DataTree from version 1 on), a chain for each walker.
 
@@ -397,9 +414,9 @@ class Posterior(SampleResult):
         length = f"{steps / slowest:.1f} autocorrelation times" if known else "so few that some walkers never moved"
         wanted = int(np.ceil(2.5 * ENOUGH * slowest)) if known else 10 * steps
         raise ConvergenceError(
-            f"{steps} steps are {length}; {ENOUGH} times are needed for a result. Ask for {wanted * walkers} samples or "
-            "more (n_samples=, --n-samples; in Python also max_samples=); a chain with a checkpoint goes on from where "
-            "it is"
+            f"{steps} steps are {length}; {ENOUGH} times are needed for a result. Ask for {wanted * walkers} samples "
+            "or more (n_samples=, --n-samples; in Python also max_samples=); a chain with a checkpoint goes on from "
+            "where it is"
         )
 
 

@@ -8,9 +8,10 @@ from contextlib import suppress
 from dataclasses import dataclass, fields, replace
 from difflib import get_close_matches
 from functools import cached_property
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
+from scipy.linalg import solve_triangular
 
 from fit.results.quality import ErrorSource, Quality
 from fit.results.storage import Result, coefficient_columns, count, decoded, encode, exact, number, words
@@ -26,6 +27,25 @@ from vsh.tools.errors import DegeneracyError, ParameterError, TableError
 from vsh.tools.notes import coded, codes_of
 from vsh.tools.types import ArrayLike, Axes, FloatArray, Kind, Rng, Table
 from vsh.vector import Vector, correlation_of, probability_of
+
+
+class Gaussian(NamedTuple):
+    """A Gaussian likelihood of parameters, as samplers take it."""
+
+    #: Names of the parameters, (p,).
+    names: tuple[str, ...]
+    #: Their estimates, (p,).
+    mean: FloatArray
+    #: Covariance of the estimates, (p, p).
+    covariance: FloatArray
+
+    def log_density(self, parameters: ArrayLike) -> FloatArray:
+        """Logarithm of the normalised density at parameters, (…, p) → (…)."""
+        factor = np.linalg.cholesky(self.covariance)
+        away = np.asarray(parameters, float) - self.mean
+        white = solve_triangular(factor, away.reshape(-1, len(self.mean)).T, lower=True)
+        constant = np.log(np.diag(factor)).sum() + len(self.mean) / 2 * np.log(2 * np.pi)
+        return (-0.5 * (white**2).sum(0) - constant).reshape(away.shape[:-1])
 
 
 class LinearSolution(Result):
@@ -67,6 +87,10 @@ class LinearSolution(Result):
     def sigma(self) -> FloatArray:
         """Standard error of each parameter, (p,)."""
         return np.sqrt(np.diag(self.covariance))
+
+    def gaussian(self) -> Gaussian:
+        """Names, estimates and covariance of the parameters, for a sampler or another code's likelihood."""
+        return Gaussian(tuple(map(str, self.names)), np.array(self.values), np.array(self.covariance))
 
     @property
     def correlation(self) -> FloatArray:
@@ -648,6 +672,10 @@ class AboutSolution(Result):
     def verdict(self) -> str:
         """The result to quote as text, a line each for acceleration, spin, Gaia EDR3 and the errors."""
         return self.quoted.verdict
+
+    def gaussian(self) -> Gaussian:
+        """Names, estimates and covariance of the coefficients, for a sampler or another code's likelihood."""
+        return self.quoted.gaussian()
 
     def summary(self) -> Table:
         """Spin and acceleration as an astropy Table, a row for each component."""

@@ -43,7 +43,7 @@ HEAVY = {
 }  # fmt: skip
 #: What a function may import instead of its file: what is heavy, and what is imported only if it is asked for.
 LATE = re.compile(
-    r"(matplotlib|healpy|ducc0|emcee|astropy|arviz|corner|pandas|pyarrow|scipy|dask|distributed|numba|ipywidgets|importlib|multiprocessing|threadpoolctl|tqdm|fsspec|aiohttp|lsdb|platform|tomllib|resource|xml|h5py|fcntl)\b"
+    r"(matplotlib|healpy|ducc0|emcee|astropy|arviz|corner|pandas|pyarrow|scipy|dask|distributed|numba|ipywidgets|importlib|multiprocessing|threadpoolctl|tqdm|fsspec|aiohttp|lsdb|platform|tomllib|resource|xml|h5py|fcntl|getdist)\b"
 )
 #: Files that run before anything is imported, or as something is told to be wrong at once: they import even our own late.
 FIRST = ("vsh/__main__.py", "vsh/tools/modules.py", "vsh/commands/reading.py", "vsh/commands/parsing.py")

@@ -368,6 +368,8 @@ class Run:
         from vsh.io import catalogue
 
         given = reading.arguments(self.options) | more
+        if getattr(self.options, "sigma", None) is not None:
+            given["sigma"] = self.options.sigma
         if not reading.in_parts(self.options):
             return catalogue.read_field(source, **given)
         given.pop("roles", None)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import re
 import shutil
 import sys
 import tempfile
@@ -102,7 +103,8 @@ def standard_input(options: argparse.Namespace) -> Iterator[None]:
 
     others = getattr(options, "others", [])
     for path in [getattr(options, "catalogue", None), getattr(options, "catalogue2", None), *others]:
-        if path not in (None, "-") and "://" not in path and not Path(path).exists():
+        bare = re.sub(r"#\d+$", "", path or "")  # one of several tables in a file
+        if path not in (None, "-") and "://" not in path and not (Path(path).exists() or Path(bare).exists()):
             raise TableError(f"{path}: no such file")
     asked = [name for name in ("catalogue", "catalogue2") if getattr(options, name, None) == "-"]
     if "-" in others:

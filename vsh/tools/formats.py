@@ -34,6 +34,7 @@ FORMATS = (
     Format("votable", "votable", (".vot", ".votable", ".xml"),
            re.compile(rb"(\xef\xbb\xbf)?\s*(<\?xml|<!--|<VOTABLE)"), _TABLES + "_votable:open_votable", "VOTable",
            True),
+    Format("votable-overflow", "votable.overflow", (), None, _TABLES + "_votable:open_overflow"),
     Format("ecsv", "ascii.ecsv", (".ecsv",), re.compile(rb"(\xef\xbb\xbf)?#\s*%ECSV", re.IGNORECASE),
            _TABLES + "_text:open_text", "ECSV", True),
     Format("mrt", "ascii.mrt", (".mrt",), re.compile(rb"[\s\S]*^(# ?)?Byte-by-byte Description", re.MULTILINE),
@@ -49,6 +50,9 @@ FORMATS = (
            "VizieR"),
     Format("icrf", "ascii.icrf", (".crf", ".sou"), re.compile(_VLBI, re.MULTILINE), _TABLES + "_text:open_vlbi",
            "VLBI"),
+    Format("ipac", "ascii.ipac", (".tbl",), re.compile(rb"(\\\\[^\n]*\n)*\|[^\n]*\|\s*\n\|"), _TABLES
+           + "_source:open_ipac",
+           "IPAC"),
     Format("ascii", "ascii", (), None, _TABLES + "_source:open_ascii"),
     Format("text", "ascii.text", (".tsv", ".tab"), re.compile(rb"(?!\s*<)[\t\n\r\x20-\x7e\x80-\xff]+\Z"),
            _TABLES + "_text:open_text", "text"),

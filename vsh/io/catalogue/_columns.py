@@ -96,6 +96,8 @@ def locate(wanted: Request, source: TableSource) -> tuple[dict[str, str], list[s
         also = f"; missing too: {', '.join(printable(other) for _, other in others)}" if others else ""
         if all(re.fullmatch(r"col\d+", each) for each in source.names):
             also += "; it has no line of names, so its columns are called by their numbers"
+        if {role for role, _ in absent} == {"pmra_error", "pmdec_error"}:
+            also += "; for a table without errors, sigma=100 (--sigma 100) gives all motions the same error in µas/yr"
         best, known = Request().among(source.names)
         fits = known and all(getattr(best, each) in source.names for each in REQUIRED)
         wish = known if fits else ",".join(f"{role}=…" for role, _ in absent)
@@ -155,7 +157,8 @@ def missing_column(name: str | None, source: TableSource) -> str:
     """Message on a column that is missing, with the nearest names."""
     names = [each for each in source.names if not each.startswith(ASSUMED)]
     near = [each for each in names if each.lower() == str(name).lower()]
-    near = near or get_close_matches(str(name), names[:2000], n=3, cutoff=0.6)
+    others = [each for each in names[:2000] if each.lower() not in REQUIRED]  # those are what they are called
+    near = near or get_close_matches(str(name), others, n=3, cutoff=0.6)
     hint = f"; nearest: {', '.join(map(printable, near))}" if near else ""
     shown = list(map(printable, names[:200]))
     more = f" and {len(names) - 200} more" if len(names) > 200 else ""
@@ -273,15 +276,23 @@ def factors(
     stated: dict[str, Any] = {}
     assumed: dict[str, list[str]] = {}
     lacking: dict[str, str] = {}
+    # Motions and errors without a unit are all in that of pmra.
+    like_gaia = REQUIRED[3:] if where.get("pmra", "").lower() == "pmra" else ()
     for role in [role for role in (*REQUIRED, *FURTHER_UNITS) if role in where]:
         name, wanted = where[role], UNITS.get(role, FURTHER_UNITS.get(role))
         unit = unit_of(name, units, source)
         if unit is not None:
             stated[role] = (_factor if role in REQUIRED else partial(_further, role))(name, unit, wanted, name in units)
+        elif role in _UNIT_OF and unit_of(where[_UNIT_OF[role]], units, source) is not None:
+            # An error is in the unit of what it is the error of, unless the table states another.
+            motion = where[_UNIT_OF[role]]
+            unit = unit_of(motion, units, source)
+            assumed.setdefault(f"{_text(unit)}, the unit of {printable(motion)}", []).append(name)
+            stated[role] = _factor(motion, unit, wanted, motion in units)
         elif usual is not None and role in REQUIRED[2:]:
             assumed.setdefault(usual, []).append(name)
             stated[role] = _factor(name, usual, wanted, False)
-        elif role in ("ra", "dec") or (role in _GAIA_UNITS and name.lower() == role):
+        elif role in ("ra", "dec") or (role in _GAIA_UNITS and name.lower() == role) or role in like_gaia:
             assumed.setdefault(_text(wanted), []).append(name)
             stated[role] = 1.0
         elif role in REQUIRED or role in MUST_SAY:
@@ -293,10 +304,17 @@ def factors(
             else f"column {next(iter(lacking))!r} has"
         )
         hint = shlex.quote(",".join(f"{name}={unit.replace(' ', '')}" for name, unit in lacking.items()))
-        raise TableError(f"{several} no unit: say which, units={lacking!r} (--units {hint})")
+        lengths = (
+            ", or kpc or pc"
+            if any(role.startswith("distance") and where.get(role) in lacking for role in MUST_SAY)
+            else ""
+        )
+        raise TableError(f"{several} no unit: say which, units={lacking!r}{lengths} (--units {hint})")
     return stated, assumed
 
 
+#: The motions whose units their errors have.
+_UNIT_OF = {"pmra_error": "pmra", "pmdec_error": "pmdec"}
 #: Columns that are taken in Gaia's units where they have its names and no unit; positions are in any case.
 _GAIA_UNITS = (*REQUIRED, "parallax", "parallax_error")
 

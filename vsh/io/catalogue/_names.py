@@ -56,9 +56,12 @@ class Columns(InNotebook):
 #: Gaia's archive names.
 GAIA = Columns()
 _VIZIER = Columns(
-    ra=("RA_ICRS", "RAICRS", "RAdeg", "RArad", "_RA.icrs", "_RA_icrs", "_RAJ2000", "RAJ2000", "_RA", "RA"),
-    dec=("DE_ICRS", "DEICRS", "DEdeg", "DErad", "_DE.icrs", "_DE_icrs", "_DEJ2000", "DEJ2000", "_DE", "DE"),
-    pmra=("pmRA", "pmRA*"), pmdec=("pmDE", "pmDE"), pmra_error=("e_pmRA", "e_pmRA*"), pmdec_error=("e_pmDE", "e_pmDE"),
+    ra=("RA_ICRS", "RAICRS", "RAdeg", "RArad", "_RA.icrs", "_RA_icrs", "_RAJ2000", "RAJ2000", "_RA", "RA",
+        "X_RA.icrs", "X_RA_icrs", "X_RAJ2000", "ra"),
+    dec=("DE_ICRS", "DEICRS", "DEdeg", "DErad", "_DE.icrs", "_DE_icrs", "_DEJ2000", "DEJ2000", "_DE", "DE",
+         "X_DE.icrs", "X_DE_icrs", "X_DEJ2000", "dec"),
+    pmra=("pmRA", "pmRA*"), pmdec=("pmDE", "pmDE"), pmra_error=("e_pmRA", "e_pmRA*", "pmRA_error", "pmRA_err"),
+    pmdec_error=("e_pmDE", "e_pmDE", "pmDE_error", "pmDE_err"),
     pmra_pmdec_corr=("pmRApmDEcor", "pmDE:pmRA", "pmRA:pmDE", "pmRApmDEcorr", "r_pmRApmDE"),
     name=("Source", "ID", "HIP", "ICRF", "IERS", "Name"), magnitude=("Gmag", "Hpmag"),
     redshift=("z", "zsp", "Redshift"), redshift_error=("e_z", "e_zsp"), solution=("Solved",),

@@ -53,7 +53,7 @@ def parts(
     motions : bool
         Whether there must be motions and errors: false for skies of which only positions, or errors, matter.
     sigma : float, optional
-        Without motions: one error for all, in place of the table's. [µas/yr]
+        One error for all motions, in place of the table's. [µas/yr]
     workers : int, optional
         So many processes on this machine; one, with a thread a core, unless given.
     scheduler : str, optional
@@ -138,6 +138,7 @@ class Reader:
             frame=self.frame,
             roles=roles,
             where=self.where,
+            sigma=self.sigma if self.motions else None,
         )
         first = next(fields)
         if len(first) >= _WORTH_A_THREAD:

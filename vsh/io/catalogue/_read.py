@@ -71,6 +71,7 @@ def read_field(
     roles: Iterable[str] = OPTIONAL,
     where: str | None = None,
     format: str | None = None,
+    sigma: float | None = None,
 ) -> Field:
     """Read a field from a table.
 
@@ -98,6 +99,8 @@ def read_field(
         `vsh.io.tables.Where`. Rows with a missing value in it are not selected; a note counts all that are left out.
     format : str, optional
         Where the ending does not tell it: fits, votable, ecsv, mrt, csv, parquet, hdf5, cds, ascii or icrf.
+    sigma : float, optional
+        One error for all motions in place of those of the table, which may have none. [µas/yr]
 
     Returns
     -------
@@ -119,7 +122,7 @@ def read_field(
     'no unit in the table, so taken in deg: ra, dec'
     """
     begin = perf_counter()
-    make = _maker(tables.open_table(source, format), columns, units, on_bad, frame, roles, where)
+    make = _maker(tables.open_table(source, format), columns, units, on_bad, frame, roles, where, sigma)
     field = make(make.source.columns(make.names))
     log_result(_LOG, f"read {make.source.label}", field, begin)
     return field
@@ -173,7 +176,7 @@ def stream_columns(
 
 def _with_columns(source, names, reading):
     """Maker of fields of a table with further columns."""
-    given = {"columns": None, "units": None, "on_bad": "raise", "frame": None, "where": None} | reading
+    given = {"columns": None, "units": None, "on_bad": "raise", "frame": None, "where": None, "sigma": None} | reading
     opened = tables.open_table(source, given.pop("format", None))
     for name in names:
         if name not in opened.names:
@@ -211,10 +214,11 @@ def stream_fields(
     roles: Iterable[str] = OPTIONAL,
     where: str | None = None,
     format: str | None = None,
+    sigma: float | None = None,
 ) -> Iterator[Field]:
     """A catalogue larger than memory, as fields of at most `rows` sources; options as for `read_field`."""
     rows = whole("rows", rows)
-    make = _maker(tables.open_table(source, format), columns, units, on_bad, frame, roles, where)
+    make = _maker(tables.open_table(source, format), columns, units, on_bad, frame, roles, where, sigma)
     return _fields(make, rows)
 
 
@@ -246,9 +250,14 @@ def _fields(make, rows):
 class _maker:
     """Maker of fields from the columns of one table."""
 
-    def __init__(self, source, columns, units, on_bad, frame, roles=OPTIONAL, where=None):
+    def __init__(self, source, columns, units, on_bad, frame, roles=OPTIONAL, where=None, sigma=None):
         self.source = source = with_derived(source)
+        assumed_errors: tuple[str, ...] = ()
+        if sigma is not None:
+            source, columns, assumed_errors = _with_sigma(source, as_columns(columns).among(source.names)[0], sigma)
+            self.source = source
         located, self.notes = locate(as_columns(columns), self.source)
+        self.notes = [*assumed_errors, *self.notes]
         self.chosen = None if where is None else ChosenColumns(where, self.source, located)
         self.where = {role: name for role, name in located.items() if role not in OPTIONAL or role in roles}
         self.frame = frame_of(self.where, frame, self.source.meta)
@@ -271,19 +280,22 @@ class _maker:
 
     def __call__(self, block, first_row=0):
         columns, raw, notes = {}, {}, list(self.notes)
+        aside: dict[str, Any] = {}
         if self.chosen:
             block, first_row, note = self.chosen.of(block, first_row)
             notes += note
         for role, name in self.where.items():
             values, mask = block[name]
             if role == "solution":
-                columns["aside"] = _other_solutions(name, values, mask)
+                aside = _other_solutions(name, values, mask)
             elif role == "name":
                 columns[role], more = identifiers(printable(name), np.asarray(values), mask)
                 notes += more
             else:
                 degrees = sexagesimal(role, values, mask)
                 columns[role] = plain(name, values if degrees is None else degrees, mask)
+                if role in _ERRORS and columns[role].size:
+                    _check_positive(name, columns[role])
                 if self.other_units and role in REQUIRED[2:]:
                     raw[role] = np.ma.filled(np.ma.asarray(columns[role], float), np.nan)
                 if degrees is None and self.factors.get(role, 1.0) not in (1.0, MODULUS):
@@ -297,6 +309,7 @@ class _maker:
         with np.errstate(invalid="ignore", over="ignore"):
             field = Field.from_columns(
                 **columns,
+                aside=_missing_values(self.where, block, aside),
                 frame=self.frame,
                 redshift_frame=self.redshift_frame,
                 on_bad=self.on_bad,
@@ -308,6 +321,43 @@ class _maker:
             if has_code(warning, DOUBT, NO_REDSHIFTS, UNUSED_CORRELATIONS):
                 warn(warning, VshWarning, stacklevel=3)
         return field.add_note(*doubts) if doubts else field
+
+
+def _check_positive(name, errors):
+    """Raise FieldError where no error of a column is above zero."""
+    with np.errstate(invalid="ignore"):
+        if errors.dtype.kind in "iuf" and np.all(np.ma.filled(errors <= 0, False)):
+            column = printable(name.removeprefix(f"{ASSUMED}pm"))  # of positions, where these stand for motions
+            raise FieldError(
+                f"column {column!r} is zero or negative in all rows, so there are no errors: sigma=100 (--sigma 100) "
+                "gives all sources the same error in µas/yr"
+            )
+
+
+def _with_sigma(opened, chosen, sigma):
+    """A table with one error for all motions: table, its columns, and a note."""
+    size = positive("sigma", sigma)
+    names = {role: f"{ASSUMED}{role}" for role in _ERRORS}
+    opened = derive_columns(opened, {name: ((), lambda: size, "uas / yr") for name in names.values()})
+    note = CodedNote(f"errors of {size:g} µas/yr for every source (as asked)", ASSUMED_MOTIONS)
+    return opened, replace(chosen, **names, pmra_pmdec_corr=None), (note,)
+
+
+def _missing_values(where, block, aside):
+    """Reasons to leave rows out that are no mistake: other models, and positions or motions that are marked missing.
+
+    What is missing in a source is missing as a whole: a row with one component of a motion is a mistake.
+    """
+    for what, roles in (("position", REQUIRED[:2]), ("proper motion", REQUIRED[2:4])):
+        masks = [np.asarray(block[where[role]][1]) for role in roles if block[where[role]][1] is not None]
+        if len(masks) < 2 or any(mask.ndim != 1 for mask in masks):
+            continue
+        missing = np.logical_and.reduce(masks)
+        for mask in aside.values():
+            missing &= ~mask
+        if missing.any():
+            aside = aside | {f"{what} missing": missing}
+    return aside
 
 
 def _other_solutions(name, values, mask):
@@ -370,7 +420,8 @@ def open_positions(
     absent = {role for role in (*_MOTIONS, *_ERRORS) if getattr(wanted, role) not in opened.names}
     made: dict[str, Any] = {}
     notes: tuple[str, ...] = ()
-    if absent >= set(_MOTIONS):  # one of two is a mistake, not a table without them
+    one_alone = len(absent & set(_MOTIONS)) == 1  # a mistake, not a table without them
+    if not one_alone and (absent >= set(_MOTIONS) or sigma is not None):  # rows are kept whose motion is missing
         made |= {role: ((), lambda: 0.0, "uas / yr") for role in _MOTIONS}
     of_positions = {f"pm{name}": name for name in ("ra_error", "dec_error")}
     if sigma is None and absent == {*_MOTIONS, *_ERRORS} and set(of_positions.values()) <= set(opened.names):

@@ -26,7 +26,10 @@ from vsh.io.tables._source import (
     open_astropy,
     open_frame,
     open_other,
+    open_skycoord,
+    open_xarray,
 )
+from vsh.io.tables._text import open_numbered
 from vsh.tools import formats
 from vsh.tools.arguments import explained
 from vsh.tools.errors import TableError, first_line
@@ -224,8 +227,9 @@ def open_table(source: Any, format: str | None = None) -> TableSource:
 
     Parameters
     ----------
-    source : path of a file or a folder of files, astropy Table, pandas DataFrame (or a class made from
-        it), an object with `__arrow_c_stream__` (pyarrow, polars, DuckDB), dict or structured array The table.
+    source : path of a file or a folder of files, astropy Table or SkyCoord, pandas DataFrame (or a class made from
+        it), an object with `__arrow_c_stream__` (pyarrow, polars, DuckDB), xarray Dataset, dict or structured array
+        The table.
     format : str, optional
         Format of a file by its name in `vsh.tools.formats.FORMATS`; its ending or its first bytes tell it unless given.
 
@@ -242,6 +246,10 @@ def open_table(source: Any, format: str | None = None) -> TableSource:
         return _open_path(source, format)
     if is_frame(source):
         return open_frame(source)
+    if any(c.__name__ == "SkyCoord" for c in type(source).__mro__):
+        return open_skycoord(source)
+    if type(source).__name__ == "Dataset" and type(source).__module__.startswith("xarray"):
+        return open_xarray(source)
     if any(c.__name__ == "Table" and c.__module__.startswith("astropy.table") for c in type(source).__mro__):
         return open_astropy(source)
     if hasattr(source, "__arrow_c_stream__") or hasattr(source, "__arrow_c_array__"):
@@ -260,6 +268,10 @@ def _open_fetched(path, label, kind):
     return _open_file(path, label, kind or _find_format(path, label))
 
 
+#: A file with several tables, and the number of one: tables.tsv#2.
+_NUMBERED = re.compile(r"(.+)#(\d+)")
+
+
 def _open_path(path, format):
     if format is not None and format not in BY_NAME:
         raise TableError(f"no format is called {format!r}: {', '.join(BY_NAME)} are")
@@ -270,6 +282,8 @@ def _open_path(path, format):
     try:
         if path.is_dir():
             return _open_folder(path, label, format)
+        if (numbered := _NUMBERED.fullmatch(text)) and not path.exists() and Path(numbered[1]).is_file():
+            return open_numbered(Path(numbered[1]), int(numbered[2]), label)
         if not path.is_file():
             raise TableError(f"{label}: no such file" if not path.exists() else f"{label} is no regular file")
         kind = BY_NAME[format].kind if format else _find_format(path, label)

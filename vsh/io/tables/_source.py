@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from vsh.sky.frames import FRAME_KEY, FRAMES
 from vsh.tools.errors import TableError, first_line
 from vsh.tools.notebook import InNotebook
 from vsh.tools.types import PathName, Table
@@ -187,7 +188,16 @@ def _join_blocks(parts):
 
 
 def open_astropy(table: Any) -> TableSource:
-    """An astropy Table or QTable."""
+    """An astropy Table or QTable; a column of coordinates gives positions, motions and distances."""
+    coordinates = [name for name in table.colnames if hasattr(table[name], "spherical")]
+    if coordinates:
+        plain = table[[name for name in table.colnames if name not in coordinates]]
+        columns, frame = _of_skycoord(table[coordinates[0]])
+        for name, values in columns.items():
+            if name not in plain.colnames:
+                plain[name] = values
+        plain.meta[FRAME_KEY] = frame
+        return open_astropy(plain)
     names = tuple(table.colnames)
     units = {name: table[name].unit for name in names if getattr(table[name], "unit", None) is not None}
 
@@ -197,6 +207,47 @@ def open_astropy(table: Any) -> TableSource:
 
     descriptions = {name: table[name].description for name in names if getattr(table[name], "description", None)}
     return TableSource("the table", names, read, units, dict(table.meta), descriptions=descriptions)
+
+
+def open_skycoord(coord: Any) -> TableSource:
+    """An astropy SkyCoord: positions, and motions and distances where it has them."""
+    from astropy.table import Table
+
+    columns, frame = _of_skycoord(coord)
+    return open_astropy(Table(columns, meta={FRAME_KEY: frame}))
+
+
+def _of_skycoord(coord):
+    """Columns of coordinates in the names of Gaia's archive, and their frame."""
+    from astropy import units as u
+
+    known = {theirs: ours for ours, theirs in FRAMES.items()}
+    frame = coord.frame.name
+    if frame not in known:
+        raise TableError(f"coordinates in {frame} are not supported: convert to {', '.join(known)}, as with coord.icrs")
+    if coord.isscalar:
+        raise TableError("the SkyCoord holds one position: give it arrays")
+    place = coord.spherical
+    columns = {"ra": place.lon.to(u.deg), "dec": place.lat.to(u.deg)}
+    if "s" in coord.frame.data.differentials:
+        moves = coord.sphericalcoslat.differentials["s"]
+        columns |= {"pmra": moves.d_lon_coslat.to(u.mas / u.yr), "pmdec": moves.d_lat.to(u.mas / u.yr)}
+    if place.distance.unit.is_equivalent(u.m):
+        columns["distance"] = place.distance
+    return {name: u.Quantity(np.ravel(values)) for name, values in columns.items()}, known[frame]
+
+
+def open_xarray(dataset: Any) -> TableSource:
+    """An xarray Dataset of one dimension; units are in the attributes of its variables."""
+    from astropy.table import Table
+
+    variables = {str(name): dataset[name] for name in (*dataset.data_vars, *dataset.coords) if dataset[name].ndim == 1}
+    sizes = {each.size for each in variables.values()}
+    if len(sizes) != 1:
+        raise TableError(f"the Dataset has {len(sizes)} lengths of variables with one dimension: one is expected")
+    table = Table({name: np.asarray(each.values) for name, each in variables.items()}, meta=dict(dataset.attrs))
+    units = {name: str(each.attrs["units"]) for name, each in variables.items() if each.attrs.get("units")}
+    return replace(open_astropy(table), label="the Dataset", units=units)
 
 
 def open_frame(frame: Any) -> TableSource:
@@ -211,7 +262,9 @@ def open_frame(frame: Any) -> TableSource:
             yield {name: _series(frame.iloc[start : start + rows, at[name]], name) for name in wanted}
 
     meta = {str(key): value for key, value in getattr(frame, "attrs", {}).items()}
-    return TableSource("the table", names, read, {}, meta)
+    stated = meta.get("units")  # as users of pandas keep them
+    units = {name: str(stated[name]) for name in names if name in stated} if isinstance(stated, Mapping) else {}
+    return TableSource("the table", names, read, units, meta)
 
 
 def open_other(thing: Any) -> TableSource:
@@ -350,6 +403,8 @@ def _text(path, label, kind):
         raise TableError(f"{label} is no text")
     if kind == "ascii":
         return ascii.read(plain.name, format=None, guess=True)
+    if kind == "ascii.ipac":
+        return ascii.read(plain.name, format="ipac", guess=False)
     if b"Byte-by-byte" not in begin:
         if not readme.is_file():
             raise TableError(f"{label} does not describe its columns, and there is no file ReadMe beside it that does")
@@ -377,4 +432,5 @@ def _with_degrees(table):
 open_hdf5 = partial(open_whole, kind="hdf5")
 open_mrt = partial(open_whole, kind="ascii.mrt")
 open_cds = partial(open_whole, kind="ascii.cds")
+open_ipac = partial(open_whole, kind="ascii.ipac")
 open_ascii = partial(open_whole, kind="ascii")

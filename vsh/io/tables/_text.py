@@ -20,11 +20,12 @@ from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from itertools import chain, islice
 from operator import itemgetter
+from pathlib import Path
 
 import numpy as np
 
 from vsh.io.tables._arrow import FIELD, NULLS, NotPlain, csv_blocks
-from vsh.io.tables._source import DAMAGE, TableSource, open_other, unpacked
+from vsh.io.tables._source import DAMAGE, TableSource, in_folder, open_other, unpacked
 from vsh.tools.errors import TableError, first_line
 from vsh.tools.printing import printable
 from vsh.tools.types import PathName
@@ -105,7 +106,12 @@ def _split_by_rule(above, rule, skip, label):
 
 
 def _plain(body, comments, skip, label):
-    """Names in the first line, behind a #, or nowhere."""
+    """Names in the first line, behind a #, or nowhere; lines above the names are left out with a note."""
+    titles = _titles(body)
+    if titles:
+        layout = _plain(body[titles:], comments, skip + titles, label)
+        words = f"{titles} line{'s' * (titles > 1)} above the names of the columns left out: {printable(body[0][:60])}"
+        return replace(layout, notes=(*layout.notes, words))
     rows = [line for line in body if line.strip()]
     delimiter = _delimiter(rows)
     first = _fields(rows[0], delimiter)
@@ -115,7 +121,8 @@ def _plain(body, comments, skip, label):
         if names is None:
             names = [f"col{k + 1}" for k in range(len(first))]
             notes = (f"{label} has no line of names: its columns are called col1 to col{len(first)}",)
-        return _with_comma(Layout(_check_heading(names, label), skip, delimiter, notes=notes), rows)
+        layout = _with_comma(Layout(_check_heading(names, label), skip, delimiter, notes=notes), rows)
+        return _with_units(layout, _units_in_comment(comments, len(first), delimiter))
     below = [_fields(line, delimiter) for line in rows[1:]]
     blank = bool(delimiter) and below and all(len(row) == 1 for row in below)
     if blank and all(len(line.split()) == len(first) for line in rows[1:]):  # names between ; over rows between blanks
@@ -125,6 +132,26 @@ def _plain(body, comments, skip, label):
         units, skip = below[0], skip + 1
         rows = [rows[0], *rows[2:]]
     return _with_units(_with_comma(Layout(_check_heading(first, label), skip + 1, delimiter), rows[1:]), units)
+
+
+def _titles(body):
+    """Number of lines above the names: a title, or headings of several columns, where the rows have more fields."""
+    for k, line in enumerate(body[1:6], 1):
+        below = [each for each in body[k:] if each.strip()]
+        if not below:
+            return 0
+        delimiter = _delimiter(below)
+        fields = _fields(line, delimiter)
+        if not _looks_like_data(fields) or len(fields) < 4:
+            continue
+        top = k - 1
+        if top and _are_units(_fields(body[top], delimiter)):
+            top -= 1
+        above, names = _fields(body[0], delimiter), _fields(body[top], delimiter)
+        is_named = len(names) == len(fields) and all(names[1:]) and not _looks_like_data(names)
+        is_title = len(above) != len(fields) or not all(above[1:])
+        return top if top and is_named and is_title and not _looks_like_data(above) else 0
+    return 0
 
 
 def _delimiter(rows):
@@ -173,11 +200,20 @@ def check_repeated(names: Iterable[str], label: str) -> None:
 
 def _names_in_comment(comments, count, delimiter):
     """The names behind a # right above the rows, where they are as many as the columns."""
-    for comment in reversed(comments[-3:]):
+    for comment in reversed(comments[-5:]):
         for names in (_fields(comment, delimiter), comment.split(), _fields(comment, ",")):
-            if len(names) == count and not _looks_like_data(names):
+            if len(names) == count and not _looks_like_data(names) and not _are_units(names):
                 return names
     return None
+
+
+def _units_in_comment(comments, count, delimiter):
+    """The units behind a # right above the rows, where they are as many as the columns."""
+    for comment in reversed(comments[-3:]):
+        for units in (_fields(comment, delimiter), comment.split()):
+            if len(units) == count and _are_units(units):
+                return units
+    return []
 
 
 def _looks_like_data(fields: Sequence[str]) -> bool:
@@ -349,6 +385,7 @@ def _records(lines, places, width, delimiter, label, number):
             yield tuple(_unquote(each) for each in picked) if quotes else picked
             continue
         if not line.strip() or line.startswith("#"):  # VizieR ends with #END#
+            _check_second(line, number, label)
             continue
         start = number
         while line.count('"') % 2:  # a field may hold line breaks
@@ -367,6 +404,7 @@ def _cut_columns(lines, places, layout, label):
     """The wanted fields of each row of fields between blanks, or in fixed columns."""
     for number, line in enumerate(lines, layout.skip + 1):
         if not line.strip() or line.startswith("#"):
+            _check_second(line, number, label)
             continue
         row = layout.fields(line.rstrip("\r\n"))
         if row is None:
@@ -376,6 +414,34 @@ def _cut_columns(lines, places, layout, label):
                 f"{label}, line {number} is damaged: {len(row)} fields where the table has {len(layout.names)} columns"
             )
         yield tuple(row[place] for place in places)
+
+
+#: The line with which VizieR begins each table of a file.
+_TABLE = re.compile(r"#\s*Table\b", re.IGNORECASE)
+
+
+def _check_second(line, number, label):
+    """Raise TableError where another table of VizieR begins below the rows."""
+    if _TABLE.match(line):
+        raise TableError(
+            f"{label} holds several tables; another begins in line {number}: {printable(line.strip()[:60])}. Say which "
+            f"is meant, by its number: {label}#1"
+        )
+
+
+def open_numbered(path: PathName, number: int, label: str) -> TableSource:
+    """Open one of several tables that VizieR writes into a file, by its number from 1."""
+    copy = in_folder("table.tsv")
+    count = 0
+    with open_lines(path, label) as lines, open(copy.name, "w", encoding="utf-8") as file:
+        for line in lines:
+            count += bool(_TABLE.match(line))
+            if count == number:
+                file.write(line)
+    if count < number or number < 1:
+        raise TableError(f"{label} holds {count} tables of VizieR: there is no number {number}")
+    opened = open_text(Path(copy.name), label)
+    return replace(opened, read=lambda names, rows: opened.read(names, rows) if copy.name else iter(()))
 
 
 def _unquote(field):

@@ -18,8 +18,13 @@ _DECLARED = re.compile(rb"""\s*<\?xml\b[^>]*\bencoding\s*=\s*["']([^"']*)["']"""
 _LOSSES = re.compile(r"\b(E\d\d|W46|W51|W53)\b")
 
 
-def open_votable(path: PathName, label: str) -> TableSource:
-    """The first table of a VOTable."""
+def open_overflow(path: PathName, label: str) -> TableSource:
+    """The first table of a VOTable that an archive cut off at its limit of rows, with a note."""
+    return open_votable(path, label, overflow=True)
+
+
+def open_votable(path: PathName, label: str, overflow: bool = False) -> TableSource:
+    """The first table of a VOTable; one that was cut off by the archive where `overflow` accepts it."""
     from astropy.io import votable
 
     plain = plain_file(path, label)
@@ -40,10 +45,10 @@ def open_votable(path: PathName, label: str) -> TableSource:
         if _LOSSES.search(str(warning.message)) or "truncated" in str(warning.message):
             raise TableError(f"{label} is damaged: {first_line(warning.message)}. Fetch it again")
     for info in state:
-        if str(info.value).upper() == "OVERFLOW":
+        if str(info.value).upper() == "OVERFLOW" and not overflow:
             raise TableError(
-                f"{label} is a part of its query's result: the archive cut it off (QUERY_STATUS OVERFLOW). "
-                "Ask again for more rows, or in parts"
+                f"{label} is a part of its query's result: the archive cut it off (QUERY_STATUS OVERFLOW). Ask again "
+                "for more rows, or accept a part of the rows: --input-format votable-overflow (format=)"
             )
         if str(info.value).upper() == "ERROR":
             raise TableError(f"{label} holds an archive's error, not a table: {first_line(info.content or info.value)}")
@@ -56,7 +61,9 @@ def open_votable(path: PathName, label: str) -> TableSource:
     kept = dict(zip(names, table.fields, strict=True))
     array = table.array
     units = {name: str(column.unit) for name, column in kept.items() if column.unit is not None}
-    notes = () if len(tables) == 1 else (f"{label} holds {len(tables)} tables; the first was read",)
+    notes: tuple[str, ...] = () if len(tables) == 1 else (f"{label} holds {len(tables)} tables; the first was read",)
+    if overflow and any(str(info.value).upper() == "OVERFLOW" for info in state):
+        notes += (f"warning: {label} has a part of the rows of its query (QUERY_STATUS OVERFLOW)",)
 
     def read(wanted, rows):
         for start in range(0, max(1, len(array)), rows):
