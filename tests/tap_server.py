@@ -52,6 +52,19 @@ class Service:
         return [form for method, path, form in self.asked if method == "POST" and path.endswith("/async")]
 
 
+def form_of(body, kind):
+    """The fields of a form, whose files stay bytes."""
+    if not kind.startswith("multipart/form-data"):
+        return dict(urllib.parse.parse_qsl(body.decode()))
+    mark = kind.partition("boundary=")[2].encode()
+    form = {}
+    for part in body.split(b"--" + mark)[1:-1]:
+        head, _, value = part.partition(b"\r\n\r\n")
+        name = re.search(rb' name="([^"]+)"', head)[1].decode()
+        form[name] = value.removesuffix(b"\r\n") if b"filename" in head else value.removesuffix(b"\r\n").decode()
+    return form
+
+
 class Handler(BaseHTTPRequestHandler):
     def log_message(self, *_):
         pass
@@ -68,7 +81,7 @@ class Handler(BaseHTTPRequestHandler):
     def do_POST(self):
         service, path = self.server.service, self.path
         length = int(self.headers.get("Content-Length") or 0)
-        form = dict(urllib.parse.parse_qsl(self.rfile.read(length).decode()))
+        form = form_of(self.rfile.read(length), self.headers.get("Content-Type") or "")
         service.asked.append(("POST", path, form))
         if path.endswith("/sync"):
             return self.answer(columns_of_ours(form["QUERY"]))

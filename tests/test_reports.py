@@ -35,8 +35,8 @@ def check(main, options, capsys, most=LINES, first=None):
     if first is not None:
         assert text.startswith(first)
     long = printed(main, [*options, "--long"], capsys)
-    assert "more: --long" in text
-    assert "more: --long" not in long
+    assert "full report: --long" in text
+    assert "full report: --long" not in long
     assert len(long) > len(text)
     assert long.partition("\n\n")[0] == text.partition("\n\n")[0]
     return text

@@ -388,7 +388,7 @@ def permutation_test(
     if binned.flow_share > FLOW_MATTERS:
         raise ParameterError(
             "a permutation of the redshifts destroys the coherent flows of near galaxies, and every p-value is then "
-            "too small:  the bins' own tests hold them (or permute bins that were fitted with flows=None)"
+            "too small. Quote the tests of the bins, which include the flows, or permute bins fitted with flows=None"
         )
     rng = generator(rng)
     field = with_redshift(field, 0.0)

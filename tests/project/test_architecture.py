@@ -38,12 +38,12 @@ HEAVY = {
     "astropy.cosmology": ["vsh/models/cosmology.py"],
     "astropy": [
         "vsh/io/tables/_*.py", "vsh/tools/files.py", "vsh/models/covariance.py", "vsh/models/cosmology.py", "vsh/io/catalogue/_columns.py", "vsh/io/catalogue/_names.py", "vsh/commands/*.py", "vsh/figures/plot/_sky_axes.py", "vsh/vector.py", "vsh/field.py",
-        "sim/effects.py", "fit/results/storage.py",
+        "sim/effects.py", "fit/results/storage.py", "vsh/io/samp.py",
     ],
 }  # fmt: skip
 #: What a function may import instead of its file: what is heavy, and what is imported only if it is asked for.
 LATE = re.compile(
-    r"(matplotlib|healpy|ducc0|emcee|astropy|arviz|corner|pandas|pyarrow|scipy|dask|distributed|numba|ipywidgets|importlib|multiprocessing|threadpoolctl|tqdm|fsspec|aiohttp|lsdb|platform|tomllib|resource|xml|h5py|fcntl|getdist)\b"
+    r"(matplotlib|healpy|ducc0|emcee|astropy|arviz|corner|pandas|pyarrow|scipy|dask|distributed|numba|ipywidgets|importlib|multiprocessing|threadpoolctl|tqdm|fsspec|aiohttp|lsdb|platform|tomllib|resource|xml|h5py|fcntl|getdist|pyvo)\b"
 )
 #: Files that run before anything is imported, or as something is told to be wrong at once: they import even our own late.
 FIRST = ("vsh/__main__.py", "vsh/tools/modules.py", "vsh/commands/reading.py", "vsh/commands/parsing.py")

@@ -188,7 +188,7 @@ def test_the_command_from_simulation_to_page(tmp_path, capsys):
 def test_what_is_wrong_is_said(tmp_path, capsys, table):
     lacking = table.copy()
     lacking.remove_column("pmra_error")
-    with pytest.raises(TableError, match="no column 'pmra_error'.*nearest: pmdec_error"):
+    with pytest.raises(TableError, match="no column 'pmra_error'"):
         read_gaia(lacking)
     assert main(["--gaia", str(tmp_path / "no.fits"), "--output", str(tmp_path / "out")]) == 1
     assert "no such file" in capsys.readouterr().err

@@ -5,7 +5,20 @@ import re
 from pathlib import Path
 
 from vsh.commands import finishing, parsing, running
-from vsh.io.archive import DATA_SERVER, ESA, QUERIES, RELEASES, check_schema, fetch_epochs, of_table, query, read_ids
+from vsh.io.archive import (
+    DATA_SERVER,
+    ESA,
+    QUERIES,
+    RELEASES,
+    UPLOADED,
+    check_schema,
+    fetch_epochs,
+    of_positions,
+    of_table,
+    query,
+    read_ids,
+    upload_of,
+)
 from vsh.tools.errors import ArchiveError
 from vsh.tools.files import atomic_write, check_not_read
 from vsh.tools.printing import printable
@@ -21,8 +34,8 @@ def make_parser() -> argparse.ArgumentParser:
         ),
         examples=(
             "vsh-archive gaia-crf3 --output qso.fits",
+            "vsh-archive --upload quasars.csv --output mine.fits",
             "vsh-archive epochs --ids quasars.fits --output epochs",
-            "vsh-archive --check gaiadr4",
         ),
     )
     parser.add_argument(
@@ -37,6 +50,15 @@ def make_parser() -> argparse.ArgumentParser:
         "--check",
         metavar="SCHEMA",
         help="ask for the tables and columns of a schema, gaiadr4 say, and print which queries run and what changed",
+    )
+    parser.add_argument(
+        "--upload",
+        metavar="LIST",
+        help=(
+            "send a list of sources with the query, which calls it tap_upload.list: a table with source_id, or with ra "
+            "and dec in degrees, or a text with one source_id per line. Without a query, the astrometry of the list is "
+            "fetched: by source_id, or of the sources within 1 arcsec"
+        ),
     )
     group = parser.add_argument_group("epoch astrometry (DataLink)")
     group.add_argument("--ids", metavar="FILE", help="source_id, a column of a table or one a line of a text")
@@ -72,8 +94,10 @@ def make_parser() -> argparse.ArgumentParser:
 
 def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
     """End with what contradicts itself."""
-    if bool(options.what) == bool(options.check):
+    if bool(options.what or options.upload) == bool(options.check):
         parser.error("say what to fetch, or --check SCHEMA")
+    if options.upload and options.what in ("epochs", *QUERIES):
+        parser.error("--upload goes with a query of your own, or alone")
     if options.check:
         return
     given = [name for name in ("ids", "retrieval_type", "structure", "batch") if getattr(options, name) is not None]
@@ -98,7 +122,13 @@ def _run(options):
     if options.what == "epochs":
         _epochs(options)
         return
-    adql = QUERIES[options.what] if options.what in QUERIES else _text(options)
+    upload, by_name = upload_of(options.upload) if options.upload else (None, True)
+    if options.what is None and not by_name:
+        adql = of_positions(release=RELEASES[options.release])
+    elif options.what is None:
+        adql = of_table(UPLOADED, release=RELEASES[options.release], astrometry=options.table)
+    else:
+        adql = QUERIES[options.what] if options.what in QUERIES else _text(options)
     if options.show:
         finishing.print_result(options, finishing.message(adql))
         return
@@ -111,6 +141,7 @@ def _run(options):
         patience=options.patience,
         max_rows=options.max_rows,
         overwrite=options.overwrite,
+        upload=upload,
     )
     was = f"{path} was there already, as it was fetched: nothing was asked"
     beside = Path(f"{path}.{parsing.NAME}")

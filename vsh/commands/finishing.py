@@ -297,7 +297,7 @@ def print_result(options: argparse.Namespace, result: RunResult) -> None:
         tables = (as_latex(table, heading) for heading, table in result.tables.items())
         running.print_text(result.latex() if result.latex else "\n\n".join(tables))
     elif not options.quiet:
-        running.print_text(result.report(options.long))
+        running.print_text(result.report(options.long).rstrip("\n"))
 
 
 def print_line(options: argparse.Namespace, text: str) -> None:

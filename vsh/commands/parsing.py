@@ -279,9 +279,9 @@ def _with_none(text):
 
 
 #: What says where results go and how they are told, not what they are.
-NOT_KEPT = ("config", "output", "html", "overwrite", "json", "latex", "quiet", "log", "citation", "scheduler")
+NOT_KEPT = ("config", "output", "html", "overwrite", "json", "latex", "quiet", "log", "citation", "scheduler", "samp")
 #: What a configuration may not say: where to write, what to replace, whom to connect to. It may be a stranger's.
-_NOT_TAKEN = ("output", "html", "overwrite", "log", "scheduler")
+_NOT_TAKEN = ("output", "html", "overwrite", "log", "scheduler", "samp")
 #: What a run writes its configuration to, in its folder of results.
 NAME = "run.toml"
 NUMBER = re.compile(r"-?(0|[1-9]\d*)(\.\d+)?([eE][+-]?\d+)?")

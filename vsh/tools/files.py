@@ -379,9 +379,11 @@ def _write_votable(table, path):
     from astropy.io.votable.tree import Param
 
     document = from_table(table)
+    document.version = "1.4"
     element = document.get_first_table()
     for entry in element.fields:
         entry.ucd = UCDS.get(str(entry.name))
+    _add_systems(document, element, table.meta)
     for key, value in table.meta.items():
         options = {"datatype": "unicodeChar", "arraysize": "*"}
         if isinstance(value, (list, tuple, dict)):
@@ -397,6 +399,45 @@ def _write_votable(table, path):
         element.params.append(Param(document, name=key, value=value, **options))
     # The compiled writer writes beyond its buffer where the text of a row just fills it (astropy issue 20419).
     document.to_xml(str(path), _debug_python_based_parser=True)
+
+
+#: Columns of positions and motions, and of times, in the order of barycentric coordinate time since 2010 (Gaia DR4).
+_ON_THE_SKY = ("ra", "dec", "pmra", "pmdec", "pmra_error", "pmdec_error", "lon", "lat")
+_TIMES = ("obs_time_tcb",)
+#: IVOA's names of the frames (COOSYS of VOTable 1.4), and the Julian date (TCB) that DR4's times are counted from.
+_SYSTEMS = {"icrs": "ICRS", "galactic": "galactic", "ecliptic": "ecl_FK5"}
+_DR4_ORIGIN = 2455197.5
+_UCD_OF_FRAME = {
+    "galactic": {"pos.eq.ra": "pos.galactic.lon", "pos.eq.dec": "pos.galactic.lat"},
+    "ecl_FK5": {"pos.eq.ra": "pos.ecliptic.lon", "pos.eq.dec": "pos.ecliptic.lat"},
+}
+
+
+def _add_systems(document, element, meta):
+    """State the coordinate frame, its epoch where it is known, and the time scale of a VOTable."""
+    from astropy.io.votable.tree import CooSys, TimeSys
+
+    resource = document.resources[0]
+    places = [each for each in element.fields if each.name in _ON_THE_SKY]
+    facts = {str(key).upper(): value for key, value in meta.items()}
+    if places:
+        epoch = facts.get("REF_EPOCH") or facts.get("EPOCH")
+        system = _SYSTEMS.get(str(facts.get("FRAME", "icrs")).lower(), "ICRS")
+        options = {"epoch": f"J{float(epoch):.3f}"} if isinstance(epoch, (int, float)) else {}
+        config = {"version_1_2_or_later": True, "version_1_4_or_later": True}
+        resource.coordinate_systems.append(CooSys(ID="frame", system=system, config=config, **options))
+        axes = _UCD_OF_FRAME.get(system, {})
+        for each in places:
+            each.ref = "frame"
+            for ours, theirs in axes.items():
+                each.ucd = each.ucd and each.ucd.replace(ours, theirs)
+    times = [each for each in element.fields if each.name in _TIMES]
+    if times:
+        config = {"version_1_4_or_later": True}
+        resource.time_systems.append(TimeSys(ID="time", timeorigin=_DR4_ORIGIN, timescale="TCB",
+                                             refposition="BARYCENTER", config=config))  # fmt: skip
+        for each in times:
+            each.ref = "time"
 
 
 def check_writable(path: PathName) -> None:

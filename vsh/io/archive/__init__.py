@@ -10,12 +10,15 @@ from vsh.io.archive._queries import (
     GAIA_EDR3_QSO,
     QUERIES,
     RELEASES,
+    UPLOADED,
     DataRelease,
     SchemaCheck,
     check_schema,
     fetch_epochs,
+    of_positions,
     of_table,
     read_ids,
+    upload_of,
 )
 from vsh.io.archive._tap import ESA, query
 

@@ -7,6 +7,7 @@ import csv
 import hashlib
 import io
 import re
+import tempfile
 import time
 import zipfile
 from collections.abc import Iterable
@@ -166,6 +167,66 @@ def of_table(
         f"SELECT {listed}{further}\nFROM {table} AS t\n"
         f"JOIN {release.schema}.{astrometry} AS g ON g.source_id = t.source_id\n"
         f"LEFT JOIN {release.schema}.{_PHOTOMETRY_OF_ALL} AS s ON s.source_id = t.source_id"
+    )
+
+
+#: Sources that are matched by position lie closer than this. [arcsec]
+MATCH_RADIUS = 1.0
+#: The table that is sent with a query, by its name in ADQL.
+UPLOADED = "tap_upload.list"
+
+
+def upload_of(source: Any) -> tuple[bytes, bool]:
+    """Make the VOTable that is sent with a query from a list of sources of one's own.
+
+    Parameters
+    ----------
+    source : path or table
+        A list with a column source_id, a text with one a line, or positions: columns ra and dec in degrees.
+
+    Returns
+    -------
+    bytes
+        A VOTable with source_id, or with ra and dec (and name where there is one).
+    bool
+        Whether it names the sources by source_id.
+
+    Raises
+    ------
+    ArchiveError
+        If there is neither source_id nor ra and dec.
+    """
+    is_text = isinstance(source, (str, Path)) and Path(source).suffix.lower() in _TEXTS
+    opened = None if is_text else tables.open_table(source)
+    if opened is None or "source_id" in opened.names:
+        columns = {"source_id": np.array(read_ids(source), np.int64)}
+        return _as_votable(columns), True
+    missing = {"ra", "dec"} - set(opened.names)
+    if missing:
+        raise ArchiveError(
+            f"{opened.label} has neither source_id nor ra and dec: the table has {', '.join(opened.names[:50])}"
+        )
+    names = [name for name in ("name", "ra", "dec") if name in opened.names]
+    block = opened.columns(names)
+    if any(mask is not None and mask.any() for _, mask in block.values()):
+        raise ArchiveError(f"{opened.label}: positions or names are missing")
+    return _as_votable({name: np.asarray(values) for name, (values, _) in block.items()}), False
+
+
+def _as_votable(columns):
+    """A VOTable of columns, as bytes."""
+    table = tables.table_of(columns, {}, {name: "deg" for name in columns if name in ("ra", "dec")})
+    with tempfile.TemporaryDirectory(prefix="vsh-") as folder:
+        tables.write_table(table, Path(folder, "list.vot"))
+        return Path(folder, "list.vot").read_bytes()
+
+
+def of_positions(*, release: DataRelease = DR3) -> str:
+    """The query for the sources within an arcsecond of the positions that are sent with it."""
+    circle = f"CIRCLE('ICRS', t.ra, t.dec, {MATCH_RADIUS}/3600)"
+    return (
+        f"SELECT {_listed(release)}, t.ra AS list_ra, t.dec AS list_dec\nFROM {UPLOADED} AS t\n"
+        f"JOIN {release.schema}.gaia_source AS g ON 1 = CONTAINS(POINT('ICRS', g.ra, g.dec), {circle})"
     )
 
 
@@ -410,6 +471,10 @@ def _members(body, url):
     return members
 
 
+#: Endings of texts with a source_id a line.
+_TEXTS = ("", ".txt", ".lis", ".list", ".ids")
+
+
 def read_ids(source: Any) -> list[int]:
     """Read source_id from a table that has a column of that name, or from a text with one a line.
 
@@ -423,7 +488,7 @@ def read_ids(source: Any) -> list[int]:
     ArchiveError
         If there are none, or some are no whole numbers.
     """
-    if isinstance(source, (str, Path)) and Path(source).suffix.lower() in ("", ".txt", ".lis", ".list", ".ids"):
+    if isinstance(source, (str, Path)) and Path(source).suffix.lower() in _TEXTS:
         text = Path(source).read_text(encoding="utf-8-sig").splitlines()
         words = [word for line in text if (word := line.partition("#")[0].strip())]
     else:

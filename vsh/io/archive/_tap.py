@@ -4,6 +4,7 @@ A job runs at the server (IVOA's TAP 1.1 and UWS 1.1). Beside the file that is t
 whoever was interrupted waits on for the same one; a file that is there is the answer, and nothing is asked.
 """
 
+import hashlib
 import http.client
 import json
 import queue
@@ -45,6 +46,7 @@ def query(
     max_bytes: float = 1e11,
     overwrite: bool = False,
     progress: bool = True,
+    upload: bytes | None = None,
 ) -> Path:
     """Fetch the answer to a query as a FITS file, unless it is there already.
 
@@ -68,6 +70,8 @@ def query(
         Ask again though the file is there; one that is not as it was fetched is never replaced.
     progress : bool
         Show bars, after two seconds.
+    upload : bytes, optional
+        A VOTable that is sent with the query, which calls it tap_upload.list: `upload_of(…)`.
 
     Returns
     -------
@@ -96,13 +100,15 @@ def query(
     if not url.startswith(("http://", "https://")):
         raise ArchiveError(f"{printable(url)} is no address of a service: https://…/tap")
     asked = {"query": adql, "url": url, "max_rows": max_rows}
+    if upload is not None:
+        asked["upload"] = hashlib.sha256(upload).hexdigest()
     with exclusive(path):
-        return _answer(path, asked, patience, interval, max_bytes, overwrite, progress)
+        return _answer(path, asked, upload, patience, interval, max_bytes, overwrite, progress)
 
 
-def _answer(path, asked, patience, interval, max_bytes, overwrite, progress):
+def _answer(path, asked, upload, patience, interval, max_bytes, overwrite, progress):
     """The file, while no other process fetches it."""
-    note, (adql, url, max_rows) = path.with_name(f"{path.name}.json"), asked.values()
+    note, (adql, url, max_rows, *_) = path.with_name(f"{path.name}.json"), asked.values()
     known = _read(note)
     if path.exists():
         _check_as_fetched(path, known)
@@ -112,7 +118,8 @@ def _answer(path, asked, patience, interval, max_bytes, overwrite, progress):
             return path
     known = {} if overwrite else known
     job = known.get("job") if all(known.get(key) == value for key, value in asked.items()) else None
-    job = _still_there(job) or _submit(adql, url, None if max_rows is None else whole("max_rows", max_rows))
+    most = None if max_rows is None else whole("max_rows", max_rows)
+    job = _still_there(job) or _submit(adql, url, most, upload)
     before = {"sha256": known["sha256"]} if path.exists() and "sha256" in known else {}
     _write(note, asked | {"job": job} | before)
     _wait(job, positive("patience", patience), positive("interval", interval), progress)
@@ -148,6 +155,10 @@ def _check_same(path, known, asked):
         raise ArchiveError(
             f"{printable(path)} is the answer of {printable(known.get('url'))}: choose another name, or overwrite it"
         )
+    if known.get("upload") != asked.get("upload"):
+        raise ArchiveError(
+            f"{printable(path)} is the answer for another list of sources: choose another name, or overwrite it"
+        )
     if known.get("max_rows") != asked["max_rows"]:
         raise ArchiveError(
             f"{printable(path)} was asked for with another limit of rows: choose another name, or overwrite it"
@@ -170,12 +181,14 @@ def _check_query(adql):
     return adql.strip()
 
 
-def _submit(adql, url, max_rows):
+def _submit(adql, url, max_rows, upload=None):
     """The address of a new job."""
     form = {"REQUEST": "doQuery", "LANG": "ADQL", "FORMAT": "fits", "QUERY": adql, "PHASE": "RUN"}
     if max_rows is not None:
         form["MAXREC"] = str(max_rows)
-    with _open(f"{url}/async", form) as answer:
+    if upload is not None:
+        form["UPLOAD"] = "list,param:list"
+    with _open(f"{url}/async", form, upload=upload) as answer:
         job = answer.geturl()
     if job.rstrip("/").endswith("/async"):
         raise ArchiveError(f"{url} took no job: is it the address of a TAP service?")
@@ -301,10 +314,27 @@ class _RefusedError(ArchiveError):
     """The server was there and said no."""
 
 
-def _open(url, form=None, end=None):
+def _multipart(form, upload):
+    """Body and type of a form with a file, as browsers send them (RFC 7578)."""
+    mark = f"vsh{hashlib.sha256(upload).hexdigest()}"
+    fields = [(f'form-data; name="{name}"', "", str(value).encode()) for name, value in form.items()]
+    fields.append(
+        ('form-data; name="list"; filename="list.vot"', "Content-Type: application/x-votable+xml\r\n", upload)
+    )
+    parts = [
+        f"--{mark}\r\nContent-Disposition: {head}\r\n{kind}\r\n".encode() + value + b"\r\n"
+        for head, kind, value in fields
+    ]
+    return b"".join([*parts, f"--{mark}--\r\n".encode()]), f"multipart/form-data; boundary={mark}"
+
+
+def _open(url, form=None, end=None, upload=None):
     """The answer to a request, once its head is there; in a thread, since a head that trickles obeys no time limit."""
+    head = {"User-Agent": "vsh-astrometry"}
     body = None if form is None else urllib.parse.urlencode(form).encode()
-    request = urllib.request.Request(url, body, {"User-Agent": "vsh-astrometry"})
+    if upload is not None:
+        body, head["Content-Type"] = _multipart(form, upload)
+    request = urllib.request.Request(url, body, head)
     answers: queue.SimpleQueue[Any] = queue.SimpleQueue()
 
     def ask():

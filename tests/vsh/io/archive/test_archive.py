@@ -227,3 +227,33 @@ def test_the_command(tap, tmp_path, capsys):
     assert "FROM gaiadr3.gaia_source" in capsys.readouterr().out
     with pytest.raises(SystemExit):
         main(["gaia-crf3"])
+
+
+def test_a_list_is_sent_with_the_query(tap, table, tmp_path):
+    from io import BytesIO
+
+    from astropy.table import Table
+
+    url, service = tap
+    (tmp_path / "mine.txt").write_text("12\n34  # the second\n")
+    assert main(["--upload", str(tmp_path / "mine.txt"), "--output", str(tmp_path / "a.fits"), "--url", url]) == 0
+    (form,) = service.submitted()
+    assert form["UPLOAD"] == "list,param:list"
+    assert "FROM tap_upload.list AS t" in form["QUERY"]
+    assert "g.source_id = t.source_id" in form["QUERY"]
+    np.testing.assert_array_equal(Table.read(BytesIO(form["list"]), format="votable")["source_id"], [12, 34])
+    assert (tmp_path / "a.fits").read_bytes() == table
+    (tmp_path / "mine.txt").write_text("12\n35\n")  # another list is another question
+    assert main(["--upload", str(tmp_path / "mine.txt"), "--output", str(tmp_path / "a.fits"), "--url", url]) == 1
+
+
+def test_positions_are_sent_with_the_query(tap, tmp_path, capsys):
+    url, service = tap
+    (tmp_path / "mine.csv").write_text("name,ra,dec\na,10.5,-3.25\n")
+    assert main(["--upload", str(tmp_path / "mine.csv"), "--output", str(tmp_path / "a.fits"), "--url", url]) == 0
+    (form,) = service.submitted()
+    assert "CIRCLE('ICRS', t.ra, t.dec, 1.0/3600)" in form["QUERY"]
+    assert b"-3.25" in form["list"]
+    (tmp_path / "none.csv").write_text("a,b\n1,2\n")
+    assert main(["--upload", str(tmp_path / "none.csv"), "--output", str(tmp_path / "b.fits"), "--url", url]) == 1
+    assert "has neither source_id nor ra and dec" in capsys.readouterr().err
