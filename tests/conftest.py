@@ -73,6 +73,8 @@ def no_figures_stay_open():
 
 
 ROOT = Path(__file__).parents[1]
+#: Tests of signals, links, permissions and shells.
+POSIX = pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such signals, links or shells")
 
 
 def few_or_many(few, many, name="n_skies"):

@@ -4,12 +4,12 @@ import argparse
 import contextlib
 import os
 import random
-import resource
 import shutil
 import sys
 import traceback
 
 import pytest
+from conftest import POSIX
 
 import sim
 from vsh.__main__ import COMMANDS, module_of, run
@@ -100,6 +100,8 @@ def child(command, words, folder, told):
         for number, name in ((1, "out"), (2, "err")):
             os.dup2(os.open(told / name, os.O_CREAT | os.O_TRUNC | os.O_WRONLY), number)
         sys.stdin, sys.stdout, sys.stderr = open(folder / "g.ecsv"), open(1, "w"), open(2, "w")  # noqa: SIM115
+        import resource
+
         resource.setrlimit(resource.RLIMIT_CPU, (100, 110))
         resource.setrlimit(resource.RLIMIT_AS, (8 * 2**30,) * 2)
         status = 99
@@ -115,6 +117,7 @@ def child(command, words, folder, told):
     os._exit(98)
 
 
+@POSIX
 @pytest.mark.parametrize("n", [int(os.environ.get("OPTION_RUNS", "14")), pytest.param(300, marks=pytest.mark.slow)])
 def test_no_combination_hurts_a_file_or_ends_in_a_traceback(n, precious, tmp_path, monkeypatch):
     for name in ("http_proxy", "https_proxy"):

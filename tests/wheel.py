@@ -16,7 +16,7 @@ JOBS = (
     "vsh-fit --demo --output demo --html demo.html",
     "vsh-sim quasars --number 500 --output q.fits",
     "vsh-sim galaxies --number 500 --no-transits --output g.fits",
-    "vsh-fit q.fits --recommended --json",
+    "vsh-fit q.fits --json",
     "vsh-redshift g.fits --on-bad drop --bins 2",
     "vsh-correlate q.fits",
     "vsh-pairs q.fits",

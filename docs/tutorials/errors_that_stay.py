@@ -76,4 +76,4 @@ floor.plot()
 # *The other kind.* A spin that nobody expects, as large as the acceleration's floor, says that the pattern is there: a rotating frame is
 # adjusted away in real catalogues, so what is left is the adjustment's error.
 #
-# From a shell: ``vsh-fit catalogue.fits --lmax 6 --floor``. The formulas, and how well the floor is calibrated: :doc:`../backgrounds`.
+# From a shell: ``vsh-fit catalogue.fits --lmax 6``. The formulas, and how well the floor is calibrated: :doc:`../backgrounds`.

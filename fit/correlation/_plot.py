@@ -1,5 +1,6 @@
 """Figures of correlations, influence and leakage (matplotlib)."""
 
+from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
@@ -62,9 +63,10 @@ def plot_influence(
     smooth: float | None = None,
     ax: Axes | None = None,
 ) -> SkyAxes:
-    """A map of influence on the sky with the sources, as smooth as they can tell."""
+    """A map of influence on the sky with the sources, as smooth as they can tell; not smoothed without healpy."""
     if smooth is None:
         smooth = float(np.clip(2 * np.degrees(np.sqrt(4 * _TOGETHER / max(1, len(field)))), 0.0, 60.0))
+    smooth = smooth if find_spec("healpy") else 0.0  # there is none for Windows
     shown = smooth_map(values, smooth) if smooth > 0 else np.asarray(values, float)
     axes = sky_axes(field.frame, ax, below=0.45 + 0.14 * title.count("\n"))
     reach = float(np.percentile(np.abs(shown[shown != 0]), 99)) if np.any(shown) else 1.0

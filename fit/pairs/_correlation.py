@@ -114,7 +114,7 @@ class TemplateFit(Result):
         if seen:
             return (
                 f"pairs show {', '.join(seen)}, of the sky or of systematic errors, which pairs do not separate: "
-                "harmonics beside a floor do (vsh-fit --floor --waves)"
+                "a fit of harmonics does (vsh-fit --waves)"
             )
         limits = [_limit_words(name, high) for name, (_, high) in zip(self.names, self.interval(), strict=True)]
         return f"none of the templates is detected (p < 0.0027): {', '.join(limits)} (95 %)"

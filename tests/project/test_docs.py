@@ -165,7 +165,10 @@ def test_the_recipe_for_conda_needs_what_setup_cfg_says():
     config.read(ROOT / "setup.cfg")
     theirs = {"astropy": "astropy-base", "matplotlib": "matplotlib-base", "lazy-loader": "lazy_loader"}
     wanted = set()
-    for line in config["options"]["install_requires"].split():
+    for line in config["options"]["install_requires"].split("\n"):
+        line = line.partition(";")[0].strip()  # conda has no package for Windows, whose marker goes
+        if not line or line.startswith("#"):
+            continue
         name, bound = line.split(">=")
         wanted.add(f"{theirs.get(name, name)} >={bound}")
     assert listed == wanted
@@ -178,4 +181,7 @@ def test_actions_are_pinned():
         text = path.read_text(encoding="utf-8")
         assert "permissions:" in text, path
         for line in re.findall(r"uses: (.*)", text):
-            assert re.fullmatch(r"[\w./-]+@[0-9a-f]{40}  # v[\d.]+", line), (path, line)
+            assert re.fullmatch(r"[\w./-]+@[0-9a-f]{40}  # v[\d.]+( # zizmor: ignore\[artipacked\])?", line), (
+                path,
+                line,
+            )

@@ -8,7 +8,7 @@ import sys
 
 import numpy as np
 import pytest
-from conftest import ROOT
+from conftest import POSIX, ROOT
 from tap_server import serving
 
 from vsh import Field
@@ -81,6 +81,7 @@ def run(text, home):
     assert done.returncode == 0, done.stderr[-2000:]
 
 
+@POSIX
 @pytest.mark.slow
 def test_the_job_for_one_node_runs(home, tmp_path):
     """SLURM's lines are comments to bash."""

@@ -2,7 +2,6 @@
 
 import warnings
 
-import healpy
 import numpy as np
 
 from vsh.io.tables import fits_checked
@@ -29,6 +28,10 @@ def read_map(path: PathName) -> tuple[FloatArray, str | None]:
         If the file cannot be read, is damaged, or holds no map.
     """
     label = printable(path)
+    try:
+        import healpy
+    except ImportError as error:
+        raise TableError(f"{label}: maps need healpy, which is not installed; there is none for Windows") from error
     with fits_checked(path, label) as plain:
         try:
             with warnings.catch_warnings():

@@ -4,7 +4,6 @@ import contextlib
 
 import numpy as np
 import pytest
-import treecorr
 from conftest import triad
 from numpy.testing import assert_allclose
 
@@ -231,6 +230,7 @@ def test_messages():
 
 
 def test_treecorr():
+    treecorr = pytest.importorskip("treecorr", reason="there is no wheel of TreeCorr for Windows")
     """TreeCorr's pairs of a field with spin, glide and noise: its first component points west."""
     field = noisy(3000, 7, sim.spin((100, 0, 60)) + sim.acceleration((0, 0, 150)))
     catalogue = treecorr.Catalog(
@@ -273,7 +273,7 @@ def test_intervals_of_templates_hold_as_squares_scatter():
     assert np.mean(held) > np.mean(plain)
     wide = templates.interval(0.997)
     assert (wide[:, 1] >= high).all()
-    assert "95 %:" in templates.report()
+    assert "95 % intervals" in templates.report()
     assert {"low95", "high95"} < set(templates.to_table().colnames)
 
 
@@ -308,4 +308,4 @@ def test_the_verdict_sees_what_is_there():
     assert "glide" in seen.split(", of the sky")[0]
     assert "do not separate" in seen
     found = [pairs.correlation_function(noisy(800, seed), edges, lmax=40).fit().verdict for seed in range(20)]
-    assert sum(each.startswith("pairs show none") for each in found) >= 19
+    assert sum(each.startswith("none of the templates is detected") for each in found) >= 19

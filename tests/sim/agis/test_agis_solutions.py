@@ -7,6 +7,7 @@ import textwrap
 
 import numpy as np
 import pytest
+from conftest import POSIX
 
 import fit
 import sim
@@ -129,6 +130,7 @@ def test_killed_and_resumed_is_the_same_to_the_last_bit(tmp_path, system, observ
         system.solve(*observed, checkpoint=path)
 
 
+@POSIX
 @pytest.mark.slow
 def test_killed_by_the_system_too(tmp_path):
     """A process killed in its iterations; another goes on, and ends in the bytes of one that was not."""

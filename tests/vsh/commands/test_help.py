@@ -8,7 +8,7 @@ import sys
 
 import numpy as np
 import pytest
-from conftest import DATA, ROOT
+from conftest import DATA, POSIX, ROOT
 
 import sim
 from vsh.__main__ import module_of
@@ -63,6 +63,7 @@ def folder(tmp_path_factory):
     return folder
 
 
+@POSIX
 @pytest.mark.slow
 @pytest.mark.parametrize("line", [line for command in MODULES for line in examples(command)])
 def test_examples_run(line, folder, tmp_path):

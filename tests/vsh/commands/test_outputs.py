@@ -10,7 +10,7 @@ import time
 
 import numpy as np
 import pytest
-from conftest import ROOT
+from conftest import POSIX, ROOT
 from gaia_table import table
 
 from fit.commands.fit import main
@@ -98,6 +98,7 @@ def test_many_writers_of_one_file(tmp_path):
     assert [x.name for x in tmp_path.iterdir()] == ["x.txt"]
 
 
+@POSIX
 def test_links_and_permissions_stay(tmp_path):
     """--html replaced a link by a file."""
     (tmp_path / "real.txt").write_text("<!-- written by vsh-astrometry -->")
@@ -234,6 +235,7 @@ def test_the_truth_travels_or_its_loss_is_said(ending, tmp_path, capsys):
         np.testing.assert_array_equal(truth_of(path)["spin"].value, [-1, 2, 3])
 
 
+@POSIX
 def test_folders_that_cannot_be(tmp_path):
     if os.getuid() == 0:
         pytest.skip("root may write everywhere")
@@ -250,6 +252,7 @@ def interrupted(command, seconds):
     return process.communicate(timeout=60)
 
 
+@POSIX
 @pytest.mark.parametrize("tries", [1, pytest.param(24, marks=pytest.mark.slow)])
 def test_interrupts_end_in_one_line(tries, catalogue, tmp_path):
     """4 of 24 ended in a traceback."""

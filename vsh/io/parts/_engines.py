@@ -425,7 +425,7 @@ class Dask(Engine):
                 return distributed.Client(**where, timeout=PATIENCE, set_as_default=False), True
         except (OSError, ValueError, TimeoutError) as error:
             raise TableError(
-                f"the scheduler {self.address} cannot be reached: {error or type(error).__name__}"
+                f"the scheduler {self.address} cannot be reached: {str(error) or type(error).__name__}"
             ) from error
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import POSIX
 
 import fit
 from fit import Moments
@@ -103,6 +104,7 @@ class Deadly:
         return Moments.of(field, 4)
 
 
+@POSIX
 @pytest.mark.slow
 def test_a_worker_that_is_killed_changes_no_bit(folder, tmp_path):
     here = Moments.of(parts(folder), 4)
