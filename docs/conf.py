@@ -48,6 +48,8 @@ intersphinx_mapping = (
         "numpy": ("https://numpy.org/doc/stable", None),
         "scipy": ("https://docs.scipy.org/doc/scipy", None),
         "astropy": ("https://docs.astropy.org/en/stable", None),
+        "arviz": ("https://python.arviz.org/en/stable", None),
+        "healpy": ("https://healpy.readthedocs.io/en/stable", None),
         "matplotlib": ("https://matplotlib.org/stable", None),
     }
     if os.environ.get("READTHEDOCS")
@@ -90,11 +92,18 @@ sphinx_gallery_conf = {
     "reset_argv": "gallery_arguments.arguments_of",
     "within_subsection_order": "FileNameSortKey",
     "abort_on_example_error": True,
-    "download_all_examples": False,
+    "download_all_examples": True,  # notebooks of all tutorials, in one archive
     "show_memory": False,
     "plot_gallery": True,
     "remove_config_comments": True,
 }
+# Where the repository is public, `owner/name` there opens every example in Binder (.binder/ has what it installs).
+if repository := os.environ.get("BINDER_REPOSITORY"):
+    owner, name = repository.split("/")
+    sphinx_gallery_conf["binder"] = {
+        "org": owner, "repo": name, "branch": os.environ.get("BINDER_BRANCH", "main"), "use_jupyter_lab": True,
+        "binderhub_url": "https://mybinder.org", "dependencies": str(ROOT / ".binder" / "requirements.txt"),
+    }  # fmt: skip
 
 
 def setup(app):

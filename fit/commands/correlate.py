@@ -166,12 +166,13 @@ def _answer(matrices):
 
 def _sources(path, source, options):
     """Positions and errors, whole or in parts."""
-    from vsh.io.catalogue import parts, read_sources
+    from vsh.io.catalogue import is_map, parts, read_sources
 
     if reading.in_parts(options):
         options_of_parts = reading.reading_parts(options)
         return parts(path, motions=False, sigma=options.sigma, **options_of_parts).to_frame(options.frame)
-    return read_sources(source, sigma=options.sigma, **reading.arguments(options)).to_frame(options.frame)
+    catalogue = path if is_map(source) else source
+    return read_sources(catalogue, sigma=options.sigma, **reading.arguments(options)).to_frame(options.frame)
 
 
 def _labels(paths):

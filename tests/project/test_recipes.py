@@ -14,13 +14,14 @@ from tap_server import serving
 from vsh import Field
 from vsh.commands import COMMANDS
 
-PAGES = [ROOT / "docs" / name for name in ("large_catalogues.md", "archive.md")]
+PAGES = [ROOT / "docs" / name for name in ("large_catalogues.md", "archive.md", "samplers.md")]
 RECIPES = {
     found.group(1): found.group(0)
     for page in PAGES
     for found in re.finditer(r"# recipe: (\w+)\n.*?(?=\n```)", page.read_text(encoding="utf-8"), re.DOTALL)
 }
 NEEDS = {"dask": "dask.dataframe", "cluster": "distributed", "lsdb": "lsdb"}
+SAMPLERS = ("dynesty", "numpyro", "cobaya")
 
 
 def field(seed):
@@ -43,11 +44,27 @@ def home(tmp_path_factory):
 
 
 def test_no_recipe_is_forgotten():
-    assert set(RECIPES) == {"folder", "choose", "dask", "cluster", "lsdb", "archive", "epochs"}
+    assert set(RECIPES) == {
+        "folder",
+        "choose",
+        "dask",
+        "cluster",
+        "lsdb",
+        "archive",
+        "epochs",
+        "likelihood",
+        "dynesty",
+        "numpyro",
+        "cobaya",
+    }
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=[pytest.mark.slow] * (name in (*NEEDS, "epochs"))) for name in sorted(RECIPES)]
+    "name",
+    [
+        pytest.param(name, marks=[pytest.mark.slow] * (name in (*NEEDS, "epochs")))
+        for name in sorted(set(RECIPES) - {*SAMPLERS})
+    ],
 )
 def test_recipe(name, home):
     if name in NEEDS:
@@ -79,6 +96,28 @@ def run(text, home):
         check=False,
     )
     assert done.returncode == 0, done.stderr[-2000:]
+    return done.stdout
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", SAMPLERS)
+def test_a_sampler_takes_a_result(name, tmp_path):
+    """Mean and width of the angular speed are those of the posterior on a grid."""
+    pytest.importorskip(name)
+    (tmp_path / "likelihood.py").write_text(RECIPES["likelihood"], encoding="utf-8")
+    printed = run(RECIPES[name], tmp_path)
+    mean, sigma = (float(word) for word in printed.split("omega")[-1].split())
+    code = """
+from likelihood import log_likelihood, np
+omega, r0 = np.linspace(20, 40, 801), 8.178 + 0.026 * np.linspace(-5, 5, 41)
+weight = np.array([[log_likelihood((a, b)) - ((b - 8.178) / 0.026) ** 2 / 2 for b in r0] for a in omega])
+weight = np.exp(weight - weight.max()).sum(1)
+mean = np.average(omega, weights=weight)
+print(mean, np.sqrt(np.average((omega - mean) ** 2, weights=weight)))
+"""
+    expected, width = map(float, run(code, tmp_path).split())
+    assert mean == pytest.approx(expected, abs=0.15 * width)
+    assert sigma == pytest.approx(width, rel=0.15)
 
 
 @POSIX

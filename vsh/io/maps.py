@@ -4,13 +4,15 @@ import warnings
 
 import numpy as np
 
+from vsh.field import Field
 from vsh.io.tables import fits_checked
-from vsh.tools.arguments import explained
+from vsh.sky.pixels import centres
+from vsh.tools.arguments import explained, positive
 from vsh.tools.errors import TableError, first_line
 from vsh.tools.printing import printable
 from vsh.tools.types import FloatArray, PathName
 
-__all__ = ["read_map"]
+__all__ = ["read_density", "read_map"]
 
 
 @explained
@@ -45,3 +47,48 @@ def read_map(path: PathName) -> tuple[FloatArray, str | None]:
     frames = {"C": "icrs", "G": "galactic", "E": "ecliptic", "ICRS": "icrs", "GALACTIC": "galactic"}
     named = str(dict(header).get("COORDSYS", "")).strip().upper()
     return values, frames.get(named)
+
+
+@explained
+def read_density(path: PathName, sigma: float = 1000.0, frame: str | None = None) -> Field:
+    """A HEALPix map of numbers of sources as a field: one source per pixel, with the weight of those in it.
+
+    Parameters
+    ----------
+    path : str or Path
+        A map whose values are proportional to the number of sources in each pixel.
+    sigma : float
+        Error of each of these sources. [µas/yr]
+    frame : str, optional
+        Frame of the map, where its header does not state it.
+
+    Returns
+    -------
+    Field
+        Positions are the centres of the pixels with sources, motions are zero, errors are ``sigma`` divided by the
+        square root of the number of sources.
+
+    Raises
+    ------
+    TableError
+        If the file is no map, a value is negative, all are zero, or the frame is not known.
+    """
+    values, stated = read_map(path)
+    frame = frame or stated
+    label = printable(path)
+    if frame is None:
+        raise TableError(f"{label} does not state its frame: say frame='icrs' (--catalogue-frame icrs), or another")
+    missing = ~(values > -1e30)  # healpy's UNSEEN, and nan
+    if (values[~missing] < 0).any():
+        raise TableError(f"{label}: {(values[~missing] < 0).sum()} pixels have a negative number of sources")
+    filled = ~missing & (values > 0)
+    if not filled.any():
+        raise TableError(f"{label}: no pixel has sources")
+    lon, lat = (axis[filled] for axis in centres(round(np.sqrt(values.size / 12)), any_size=True))
+    errors = np.broadcast_to(positive("sigma", sigma) / np.sqrt(values[filled]), (2, lon.size))
+    notes = [
+        f"a map of densities: {filled.sum()} pixels with {values[filled].sum():.6g} sources, each of {sigma:g} µas/yr"
+    ]
+    if missing.any():
+        notes.append(f"{missing.sum()} of {values.size} pixels of the map have no value and count as empty")
+    return Field(lon, lat, np.zeros((2, lon.size)), errors, frame=frame, notes=tuple(notes))

@@ -5,8 +5,16 @@ from vsh.io.catalogue._match import MatchResult, counterparts, match, read_icrf,
 from vsh.io.catalogue._names import GAIA, NAMED, REQUIRED, Columns, with_distances
 from vsh.io.catalogue._parts import parts
 from vsh.io.catalogue._read import as_field as as_field
+from vsh.io.catalogue._read import (
+    is_map,
+    read_columns,
+    read_field,
+    read_scalars,
+    read_sources,
+    stream_columns,
+    truth_of,
+)
 from vsh.io.catalogue._read import is_readable as is_readable
-from vsh.io.catalogue._read import read_columns, read_field, read_scalars, read_sources, stream_columns, truth_of
 
 __all__ = [
     "GAIA",

@@ -36,6 +36,7 @@ from vsh.io.catalogue._columns import (
     unit_factor,
 )
 from vsh.io.catalogue._names import ASSUMED, REQUIRED, USUAL_UNITS, Columns, derive_columns, with_derived
+from vsh.io.maps import read_density
 from vsh.io.parts import OPTIONAL, Parts
 from vsh.scalars import ScalarField
 from vsh.tools.arguments import explained, positive, whole
@@ -403,9 +404,19 @@ def read_sources(
     where: str | None = None,
     format: str | None = None,
 ) -> Field:
-    """Read positions and errors; what the table lacks of motions is zero."""
-    opened, chosen, notes = open_positions(tables.open_table(source, format), columns, sigma)
+    """Read positions and errors; what the table lacks of motions is zero. A HEALPix map is a density of sources."""
+    opened = tables.open_table(source, format)
+    if isinstance(source, (str, Path)) and is_map(opened):
+        if columns is not None or where is not None:
+            raise TableError(f"{opened.label} is a HEALPix map, which has neither columns nor rows to select")
+        return read_density(source, 1000.0 if sigma is None else sigma, frame)
+    opened, chosen, notes = open_positions(opened, columns, sigma)
     return read_field(opened, chosen, units, on_bad=on_bad, frame=frame, where=where).add_note(*notes)
+
+
+def is_map(opened: tables.TableSource) -> bool:
+    """Tell whether an open table is a HEALPix map rather than a catalogue."""
+    return str(opened.meta.get("PIXTYPE", "")).upper() == "HEALPIX" and not {"ra", "lon"} & set(opened.names)
 
 
 def open_positions(
