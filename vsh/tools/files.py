@@ -10,7 +10,6 @@ Tables are written with units and provenance by astropy.table.
 import ctypes
 import gzip
 import hashlib
-import json
 import logging
 import os
 import re
@@ -33,6 +32,7 @@ from vsh.tools.errors import ParameterError, TableError, WriteError
 from vsh.tools.formats import BY_KIND, PACKED, WRITTEN
 from vsh.tools.printing import printable
 from vsh.tools.types import FloatArray, PathName, Table
+from vsh.tools.votables import write_votable
 
 if os.name == "posix":
     import fcntl
@@ -342,7 +342,7 @@ def write_table(table: Table, path: PathName, meta: dict[str, Any] | None = None
     with atomic_write(path) as new, warnings.catch_warnings():
         warnings.simplefilter("ignore")  # astropy warns about units that a format spells in its own way
         if kind == "votable":
-            _write_votable(table, new)
+            write_votable(table, new)
         elif kind == "hdf5":
             table.write(new, format=kind, path="table", serialize_meta=True, overwrite=True)
         else:
@@ -358,86 +358,6 @@ def _plain(value: Any) -> Any:
     if isinstance(value, (list, tuple)):
         return [_plain(item) for item in value]
     return str(value) if isinstance(value, str) else value
-
-
-#: What columns are, in the words of the IVOA (UCD1+ controlled vocabulary 1.5).
-UCDS = {
-    "source_id": "meta.id;meta.main", "name": "meta.id;meta.main", "ra": "pos.eq.ra;meta.main",
-    "dec": "pos.eq.dec;meta.main", "pmra": "pos.pm;pos.eq.ra", "pmdec": "pos.pm;pos.eq.dec",
-    "pmra_error": "stat.error;pos.pm;pos.eq.ra", "pmdec_error": "stat.error;pos.pm;pos.eq.dec",
-    "pmra_pmdec_corr": "stat.correlation;pos.pm;pos.eq.ra;pos.pm;pos.eq.dec", "phot_g_mean_mag": "phot.mag;em.opt",
-    "redshift": "src.redshift", "redshift_error": "stat.error;src.redshift", "distance": "pos.distance",
-    "distance_error": "stat.error;pos.distance", "parallax": "pos.parallax",
-    "parallax_error": "stat.error;pos.parallax", "parameter": "meta.id", "value": "stat.fit.param",
-    "sigma": "stat.error;stat.fit.param", "covariance": "stat.covariance", "correlation": "stat.correlation",
-}  # fmt: skip
-
-
-def _write_votable(table, path):
-    """A VOTable with metadata as parameters, which astropy's own writer leaves out: lists and dicts as JSON."""
-    from astropy.io.votable import from_table
-    from astropy.io.votable.tree import Param
-
-    document = from_table(table)
-    document.version = "1.4"
-    element = document.get_first_table()
-    for entry in element.fields:
-        entry.ucd = UCDS.get(str(entry.name))
-    _add_systems(document, element, table.meta)
-    for key, value in table.meta.items():
-        options = {"datatype": "unicodeChar", "arraysize": "*"}
-        if isinstance(value, (list, tuple, dict)):
-            value = json.dumps(value, ensure_ascii=False, default=str)
-        elif isinstance(value, (int, np.integer)) and not isinstance(value, bool) and abs(int(value)) < 2**63:
-            options = {"datatype": "long"}
-        elif isinstance(value, (float, np.floating)):
-            options = {"datatype": "double"}
-        elif value is None:
-            continue
-        else:
-            value = str(value)
-        element.params.append(Param(document, name=key, value=value, **options))
-    # The compiled writer writes beyond its buffer where the text of a row just fills it (astropy issue 20419).
-    document.to_xml(str(path), _debug_python_based_parser=True)
-
-
-#: Columns of positions and motions, and of times, in the order of barycentric coordinate time since 2010 (Gaia DR4).
-_ON_THE_SKY = ("ra", "dec", "pmra", "pmdec", "pmra_error", "pmdec_error", "lon", "lat")
-_TIMES = ("obs_time_tcb",)
-#: IVOA's names of the frames (COOSYS of VOTable 1.4), and the Julian date (TCB) that DR4's times are counted from.
-_SYSTEMS = {"icrs": "ICRS", "galactic": "galactic", "ecliptic": "ecl_FK5"}
-_DR4_ORIGIN = 2455197.5
-_UCD_OF_FRAME = {
-    "galactic": {"pos.eq.ra": "pos.galactic.lon", "pos.eq.dec": "pos.galactic.lat"},
-    "ecl_FK5": {"pos.eq.ra": "pos.ecliptic.lon", "pos.eq.dec": "pos.ecliptic.lat"},
-}
-
-
-def _add_systems(document, element, meta):
-    """State the coordinate frame, its epoch where it is known, and the time scale of a VOTable."""
-    from astropy.io.votable.tree import CooSys, TimeSys
-
-    resource = document.resources[0]
-    places = [each for each in element.fields if each.name in _ON_THE_SKY]
-    facts = {str(key).upper(): value for key, value in meta.items()}
-    if places:
-        epoch = facts.get("REF_EPOCH") or facts.get("EPOCH")
-        system = _SYSTEMS.get(str(facts.get("FRAME", "icrs")).lower(), "ICRS")
-        options = {"epoch": f"J{float(epoch):.3f}"} if isinstance(epoch, (int, float)) else {}
-        config = {"version_1_2_or_later": True, "version_1_4_or_later": True}
-        resource.coordinate_systems.append(CooSys(ID="frame", system=system, config=config, **options))
-        axes = _UCD_OF_FRAME.get(system, {})
-        for each in places:
-            each.ref = "frame"
-            for ours, theirs in axes.items():
-                each.ucd = each.ucd and each.ucd.replace(ours, theirs)
-    times = [each for each in element.fields if each.name in _TIMES]
-    if times:
-        config = {"version_1_4_or_later": True}
-        resource.time_systems.append(TimeSys(ID="time", timeorigin=_DR4_ORIGIN, timescale="TCB",
-                                             refposition="BARYCENTER", config=config))  # fmt: skip
-        for each in times:
-            each.ref = "time"
 
 
 def check_writable(path: PathName) -> None:

@@ -2,6 +2,8 @@
 
 import contextlib
 import io
+import shutil
+import subprocess
 
 import numpy as np
 import pytest
@@ -31,7 +33,7 @@ def test_a_catalogue_states_its_frame(tmp_path, frame, system, ucd):
     (coordinates,) = document.resources[0].coordinate_systems
     assert (document.version, coordinates.system, coordinates.epoch) == ("1.4", system, "J2016.000")
     fields = {each.name: each for each in document.get_first_table().fields}
-    assert (fields["ra"].ucd, fields["ra"].ref, str(fields["ra"].unit)) == (ucd, "frame", "deg")
+    assert (fields["ra"].ucd, fields["ra"].ref, str(fields["ra"].unit)) == (ucd, "vsh_frame", "deg")
     assert fields["redshift"].ref is None
     np.testing.assert_allclose(read_field(tmp_path / "field.vot").motion, field.motion, rtol=1e-12)
 
@@ -41,3 +43,51 @@ def test_epochs_state_their_time_scale(tmp_path):
     (times,) = document.resources[0].time_systems
     assert (times.timescale, times.refposition, float(times.timeorigin)) == ("TCB", "BARYCENTER", 2455197.5)
     assert not document.resources[0].coordinate_systems
+
+
+def test_units_are_those_of_vounit(tmp_path):
+    table = Table({"power": [1.0], "motion": [2.0], "kind": ["T"]})
+    table["power"].unit, table["motion"].unit = "uas2 / yr2", "uas / yr"
+    write_table(table, tmp_path / "units.vot")
+    text = (tmp_path / "units.vot").read_text()
+    assert 'unit="uarcsec**2.yr**-2"' in text
+    assert 'unit="uarcsec.yr**-1"' in text
+    assert 'arraysize="1"' not in text
+    read = Table.read(tmp_path / "units.vot")
+    assert read["power"].quantity.to_value("uas2 / yr2") == [1.0]
+    assert read["kind"].tolist() == ["T"]
+
+
+def test_an_empty_table_is_read(tmp_path):
+    write_table(Table({"name": np.zeros(0), "east": np.zeros(0)}), tmp_path / "empty.vot")
+    read = Table.read(tmp_path / "empty.vot")
+    assert (len(read), read.colnames) == (0, ["name", "east"])
+
+
+@pytest.mark.skipif(shutil.which("stilts") is None, reason="STILTS is not installed")
+@pytest.mark.slow
+def test_stilts_reads_what_commands_write(tmp_path):
+    """Without an error of its checker, and with as many rows."""
+    from vsh.__main__ import module_of
+
+    galaxies, quasars = str(tmp_path / "galaxies.vot"), str(tmp_path / "quasars.vot")
+    common = ["--format", "vot", "--no-figures", "--quiet", "--output"]
+    for command, *words in (
+        ["sim", "galaxies", "--number", "800", "--no-transits", "--quiet", "--output", galaxies],
+        ["sim", "quasars", "--number", "300", "--quiet", "--output", quasars],
+        ["sim", "epochs", "--number", "5", "--quiet", "--output", str(tmp_path / "epochs.vot")],
+        ["fit", quasars, *common, str(tmp_path / "fit")],
+        ["compare", quasars, quasars, *common, str(tmp_path / "compare")],
+        ["pairs", quasars, *common, str(tmp_path / "pairs")],
+        ["correlate", quasars, "--leakage", "2", *common, str(tmp_path / "correlate")],
+        ["redshift", galaxies, "--on-bad", "drop", "--bins", "2", "--no-flows", *common, str(tmp_path / "redshift")],
+    ):
+        assert module_of(command).main(words) == 0
+    files = sorted(tmp_path.rglob("*.vot"))
+    assert len(files) > 12
+    for path in files:
+        done = subprocess.run(["stilts", "votlint", f"votable={path}"], capture_output=True, text=True, check=True)
+        assert done.stdout + done.stderr == "", path.name
+        command = ["stilts", "tpipe", f"in={path}", "omode=count"]
+        done = subprocess.run(command, capture_output=True, text=True, check=True)
+        assert done.stdout.split()[-1] == str(len(Table.read(path))), path.name
