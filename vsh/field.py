@@ -117,8 +117,12 @@ class ByColumns:
         return self.to_table()[:n]
 
     def to_pandas(self) -> Any:
-        """The sources as a pandas DataFrame in the names and units of Gaia's archive."""
-        return self.to_table().to_pandas()
+        """The sources as a pandas DataFrame in the names and units of Gaia's archive; `attrs` has units and frame."""
+        table = self.to_table()
+        data = table.to_pandas()
+        units = {name: str(table[name].unit) for name in table.colnames if table[name].unit}
+        data.attrs |= {"units": units} | dict(table.meta)
+        return data
 
     def to_skycoord(self) -> Any:
         """The sources as an astropy SkyCoord with positions and proper motions."""

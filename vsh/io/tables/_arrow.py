@@ -1,5 +1,6 @@
 """Parquet files, folders of them, and everything that gives itself as an Arrow stream."""
 
+import json
 import os
 import re
 from codecs import getincrementaldecoder
@@ -9,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from vsh.io.tables._source import TableSource, plain_file
+from vsh.io.tables._source import FRAME_KEY, TableSource, plain_file
 from vsh.tools.errors import TableError, first_line
 from vsh.tools.types import PathName
 
@@ -243,7 +244,8 @@ def _header(schema):
             descriptions[field.name] = field.metadata[b"description"].decode("utf-8", "replace")
     text = (schema.metadata or {}).get(b"table_meta_yaml")
     if not text:
-        return units, {}, descriptions
+        meta = _pandas_attributes(schema)
+        return dict(meta.pop("units", {})) | units, meta, descriptions
     from astropy.table.meta import get_header_from_yaml
 
     try:
@@ -255,6 +257,17 @@ def _header(schema):
         return units, dict(header.get("meta") or {}), descriptions
     except Exception as error:  # whatever a damaged header makes of YAML
         raise TableError(f"the metadata that astropy wrote are damaged: {first_line(error)}") from error
+
+
+def _pandas_attributes(schema):
+    """The attributes of the DataFrame that a schema is made from, and a frame that stands there by itself."""
+    stored = schema.metadata or {}
+    try:
+        attributes = dict(json.loads(stored.get(b"pandas") or b"{}").get("attributes") or {})
+    except ValueError as error:
+        raise TableError(f"the metadata that pandas wrote are damaged: {first_line(error)}") from error
+    frame = stored.get(FRAME_KEY.encode())
+    return attributes | ({FRAME_KEY: frame.decode("utf-8", "replace")} if frame else {})
 
 
 class NotPlain(Exception):

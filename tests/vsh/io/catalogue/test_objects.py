@@ -109,3 +109,57 @@ def test_a_solution_is_a_gaussian_likelihood():
     assert np.ndim(gaussian.log_density(points[0])) == 0
     recommended = fit.recommended(FIELD, 1)
     np.testing.assert_array_equal(recommended.gaussian().mean, recommended.solution.values)
+
+
+@pytest.mark.parametrize("frame", ["icrs", "galactic"])
+def test_data_frames_keep_units_and_frame(frame, tmp_path):
+    pandas = pytest.importorskip("pandas")
+    field = FIELD.to_frame(frame)
+    data = field.to_pandas()
+    data["pmra"] *= 1000
+    data.attrs["units"]["pmra"] = "uas/yr"
+    read = read_field(data)
+    assert read.frame == frame
+    same(read, field)
+    pytest.importorskip("pyarrow")
+    data.to_parquet(tmp_path / "data.parquet")
+    read = read_field(tmp_path / "data.parquet")
+    assert read.frame == frame
+    same(read, field)
+    assert isinstance(data, pandas.DataFrame)
+
+
+@pytest.mark.parametrize("through", ["pyarrow", "polars", "capsule"])
+def test_arrow_streams_keep_units_and_frame(through):
+    pyarrow = pytest.importorskip("pyarrow")
+    table = FIELD.to_frame("galactic").to_table()
+    names = ("ra", "dec", "pmra", "pmdec", "pmra_error", "pmdec_error")
+    schema = pyarrow.schema(
+        [pyarrow.field(name, pyarrow.float64(), metadata={"unit": str(table[name].unit)}) for name in names],
+        metadata={"FRAME": "galactic"},
+    )
+    data = pyarrow.table({name: np.asarray(table[name]) for name in names}, schema=schema)
+    if through == "polars":  # which has no metadata: the frame is said
+        data = pytest.importorskip("polars").from_arrow(data)
+    elif through == "capsule":
+        data = Stream(data)
+    read = read_field(data, frame="galactic" if through == "polars" else None)
+    assert read.frame == "galactic"
+    same(read, FIELD.to_frame("galactic"))
+
+
+class Stream:
+    """An object of which nothing is known but its Arrow stream."""
+
+    def __init__(self, table):
+        self.table = table
+
+    def __arrow_c_stream__(self, requested_schema=None):
+        return self.table.__arrow_c_stream__(requested_schema)
+
+
+def test_alm_of_healpy_go_out_and_in():
+    from vsh.conventions import from_healpy, to_healpy
+
+    coefficients = fit.fit_field(FIELD, 3).coefficients
+    np.testing.assert_allclose(from_healpy(to_healpy(coefficients)).values, coefficients.values, rtol=1e-12)
