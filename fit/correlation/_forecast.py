@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from fit.correlation._matrices import FRAME_NAMES, field_from_positions, named
+from fit.correlation._matrices import FRAME_NAMES, field_from_positions, largest_correlation, named
 from fit.normal import gaussian_prior, normal_equations
 from fit.results.solution import Solution, at_sources
 from fit.results.storage import Result, exact, number
@@ -46,8 +46,7 @@ class Prediction(Solution):
         """The largest correlation among spin and acceleration, and the pair it is of."""
         pair = named(FRAME_NAMES, self.modes)
         correlation = correlation_of(pair.covariance(self.covariance))
-        i, j = np.unravel_index(np.argmax(np.abs(correlation - np.eye(6))), (6, 6))
-        return float(correlation[i, j]), (pair.names[i], pair.names[j])
+        return largest_correlation(correlation, pair.names)
 
     def _pack(self):
         columns, rest, units = super()._pack()

@@ -35,6 +35,13 @@ FRAME: Literal["spin+acceleration"] = "spin+acceleration"
 FRAME_NAMES = tuple(f"{vector}_{axis}" for vector in ("omega", "a") for axis in "xyz")
 
 
+def largest_correlation(matrix: FloatArray, names: Sequence[str]) -> tuple[float, tuple[str, str]]:
+    """The largest correlation off the diagonal of a matrix, and the pair of names that it is of."""
+    rows, columns = np.triu_indices(len(names), 1)
+    k = int(np.argmax(np.abs(matrix[rows, columns])))
+    return float(matrix[rows[k], columns[k]]), (names[rows[k]], names[columns[k]])
+
+
 @dataclass(frozen=True, eq=False)
 class Parameters(Frozen):
     """Linear functions of coefficients."""
@@ -158,10 +165,7 @@ class CorrelationMatrices(Result):
 
     def largest(self, i: int = 0) -> tuple[float, tuple[str, str]]:
         """The largest correlation of catalogue `i`, and the pair it is of."""
-        off = np.abs(self.matrices[i] - np.eye(len(self.names)))
-        row, column = np.unravel_index(np.argmax(off), off.shape)
-        row, column = sorted((row, column))
-        return float(self.matrices[i][row, column]), (self.names[row], self.names[column])
+        return largest_correlation(self.matrices[i], self.names)
 
     def to_table(self) -> Table:
         """The matrix, of two catalogues in its two triangles, as an astropy Table."""

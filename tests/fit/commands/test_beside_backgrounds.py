@@ -14,9 +14,9 @@ def test_floor_and_waves(tmp_path, capsys):
     assert main([*EVERYTHING, "--output", str(out), "--html", str(page)]) == 0
     text = capsys.readouterr().out
     for words in ("errors from    the catalogue times 1.", "with the floor of degrees 2, 3 (flat ", "exact likelihood, flat in √Ω",
-                  "coefficients flat: quantile", "f < 1/T = 3.17 nHz (T = 10 yr)", "the two parities differ"):  # fmt: skip
+                  "coefficients flat: quantile", "f < 1/T = 3.17 nHz (T = 10 yr)", "for equal power in both parities"):  # fmt: skip
         assert words in text
-    assert text.count("Errors that sources share") == 1
+    assert text.count("\nSystematic floor\n") == 1
     assert {"floor.ecsv", "waves.ecsv", "waves.png"} <= {each.name for each in out.iterdir()}
     found, limit = read(out / "floor.ecsv"), read(out / "waves.ecsv")
     assert isinstance(found, Floor)
@@ -26,7 +26,7 @@ def test_floor_and_waves(tmp_path, capsys):
     assert (out / "report.txt").read_text(encoding="utf-8").count("Gravitational waves longer") == 1
     html = page.read_text(encoding="utf-8")
     assert "95 % limits" in html
-    assert "Systematic errors" in html
+    assert "Systematic floor" in html
 
 
 def test_the_floor_is_included_unasked(tmp_path, capsys):

@@ -81,8 +81,8 @@ def test_command_seeks_and_simulates(tmp_path, capsys):
     assert len(read_astrometry(path)) == 86
     assert main([str(path), "--seek-step", "8,13", "--no-offset", "--output", str(tmp_path / "out")]) == 0
     out = capsys.readouterr().out
-    assert "spin detected (p = " in next(line for line in out.splitlines() if line.startswith("jump at 13"))
-    assert "if there is one, G = 13 is most probable" in out
+    assert "spin detected: (+2" in next(line for line in out.splitlines() if line.startswith("jump at 13"))
+    assert "G = 13 is most probable if there is one" in out
     assert {"steps.ecsv", "steps.png", "link.ecsv"} <= {each.name for each in (tmp_path / "out").iterdir()}
     assert main([str(path), "--seek-step", "--steps", "13"]) == 1
     assert "give one of the two" in capsys.readouterr().err

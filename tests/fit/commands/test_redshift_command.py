@@ -181,10 +181,13 @@ def test_a_real_catalogue(capsys):
     text = capsys.readouterr().out
     assert ": contradicted" not in text
     assert "the residuals suggest errors 2.68 times as large" in text
-    assert re.search(r"zero velocity: χ² = 27\.6\d for 3, p-value 4\.\de-06; with scaled errors 0\.2(78|79)", text)
+    assert re.search(r"zero velocity +χ² = 27\.6\d for 3, p-value 4\.\de-06; with scaled errors 0\.2(78|79)", text)
     # As true redshifts, which they are not, near sources would say more than they know.
     assert main([path, "--h0", "67.4", "--on-bad", "drop", "--redshift-frame", "true", "--no-flows", "--long"]) == 0
-    assert "zero velocity: χ² = 41.30 for 3, p-value 5.6e-09; with scaled errors 0.13" in capsys.readouterr().out
+    found = re.search(
+        r"zero velocity +χ² = 41\.30 for 3, p-value 5\.6e-09; with scaled errors 0\.13", capsys.readouterr().out
+    )
+    assert found
 
 
 @pytest.mark.slow
@@ -302,9 +305,9 @@ def test_flows_and_all_that_goes_with_them(seen, tmp_path, capsys):
     ]  # fmt: skip
     assert main([str(each) for each in arguments]) == 0
     text = capsys.readouterr().out
-    assert re.search(r"Our velocity .*: \d+ % of the error's variance is due to coherent flows", text)
+    assert re.search(r"\d+ % of the error's variance is due to coherent flows", text)
     assert "km/s/Mpc with 95 %, " in text or "standard errors from zero" in text
-    assert "The flow of galaxies, linear ΛCDM, Planck 2018, 0.6 of it" in text
+    assert "prior          linear ΛCDM, Planck 2018, 0.6 of it" in text
     assert {"flow.ecsv", "flow.png", "velocity.ecsv", "hubble.ecsv"} <= {each.name for each in out.iterdir()}
 
 
@@ -316,7 +319,7 @@ def test_a_posterior_with_flows(seen, capsys):
     ]  # fmt: skip
     assert main([str(each) for each in arguments]) == 0
     text = capsys.readouterr().out
-    assert "amplitude of the flow: 1 ± 0.1" in text
+    assert re.search(r"prior: amplitude of the flow +1 ± 0\.1", text)
     assert "H0 under other priors" in text
 
 

@@ -62,3 +62,12 @@ def test_vsh_correlate_reads_a_map(field, tmp_path, capsys):
     path = write(counts, tmp_path / "map.fits", coord="G")
     assert main([str(path), "--sigma", "300", "--long"]) == 0
     assert "a map of densities" in capsys.readouterr().out
+
+
+def test_the_largest_correlation_is_off_the_diagonal(tmp_path, capsys):
+    """A sky without any correlation had one of 1, of a parameter with itself."""
+    assert main([str(write(np.ones(12 * 8**2), tmp_path / "map.fits", coord="C"))]) == 0
+    line = capsys.readouterr().out.splitlines()[0]
+    value, (_, pair) = line.split()[3], line.split(", of ")
+    assert abs(float(value.rstrip(","))) < 0.01
+    assert len(set(pair.split(" and "))) == 2

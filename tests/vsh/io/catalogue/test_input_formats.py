@@ -117,6 +117,39 @@ def test_a_table_of_the_cds_with_its_readme(tmp_path):
         np.testing.assert_array_equal(catalogue.read_field(path).motion, field.motion)
 
 
+HIPPARCOS = """\
+I/239              The Hipparcos and Tycho Catalogues (ESA 1997)
+================================================================================
+Byte-by-byte Description of file: hip_main.dat
+--------------------------------------------------------------------------------
+   Bytes Format Units   Label     Explanations
+--------------------------------------------------------------------------------
+   1-  6  I6    ---     HIP       Identifier
+   8- 19  F12.8 deg     RAICRS    ? alpha, degrees (ICRS, Epoch=J1991.25)
+  21- 32  F12.8 deg     DEICRS    ? delta, degrees (ICRS, Epoch=J1991.25)
+  34- 41  F8.2  mas/yr  pmRA      ? Proper motion mu_alpha.cos(delta), ICRS
+  43- 50  F8.2  mas/yr  pmDE      ? Proper motion mu_delta, ICRS
+  52- 57  F6.2  mas/yr  e_pmRA    ? Standard error in pmRA
+  59- 64  F6.2  mas/yr  e_pmDE    ? Standard error in pmDE
+  66- 70  F5.2  ---     pmDE:pmRA [-1/1]? Correlation
+--------------------------------------------------------------------------------
+"""
+
+
+def test_hipparcos_beside_its_readme(tmp_path):
+    """The row whose position is blank is left out and counted."""
+    (tmp_path / "ReadMe").write_text(HIPPARCOS)
+    row = "{:6d} {:12.8f} {:12.8f} {:8.2f} {:8.2f} {:6.2f} {:6.2f} {:5.2f}\n"
+    rows = [row.format(i, 10.0 * i, -5.0 * i, i, -i, 1.05, 0.8, 0.12) for i in (1, 2, 4)]
+    rows.insert(2, f"{3:6d}{'':64}\n")
+    (tmp_path / "hip_main.dat").write_text("".join(rows))
+    field = catalogue.read_field(tmp_path / "hip_main.dat")
+    np.testing.assert_allclose(np.degrees(field.lon), [10, 20, 40])
+    np.testing.assert_allclose(field.motion, [[1000, 2000, 4000], [-1000, -2000, -4000]])
+    np.testing.assert_allclose(field.rho, 0.12)
+    assert "left out 1 of 4 rows: position missing: 1" in field.notes
+
+
 def test_the_lists_of_the_iers(capsys):
     path = str(real_catalogue("icrf3sx.txt"))
     opened = tables.open_table(path, "icrf")
