@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from fit.background._evidence import Comparison, compare_models, evidence
     from fit.background._shared import BEYOND as BEYOND
     from fit.background._shared import ClassComparison, Verdict, shared
+    from fit.background._shared import kept_of as kept_of
+    from fit.background._shared import sampled_lots as sampled_lots
     from fit.background._shared import sees_part as sees_part
     from fit.background._shared import shared_jointly as shared_jointly
     from fit.background._shared import widened as widened
@@ -50,7 +52,17 @@ __getattr__, __dir__ = lazily(
     {
         "_cross": ["CrossPowers", "cross_powers"],
         "_evidence": ["Comparison", "compare_models", "evidence"],
-        "_shared": ["BEYOND", "ClassComparison", "Verdict", "sees_part", "shared", "shared_jointly", "widened"],
+        "_shared": [
+            "BEYOND",
+            "ClassComparison",
+            "Verdict",
+            "kept_of",
+            "sampled_lots",
+            "sees_part",
+            "shared",
+            "shared_jointly",
+            "widened",
+        ],
         "_waves": ["WaveLimit", "wave_limit"],
     },
 )

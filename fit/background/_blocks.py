@@ -1,8 +1,9 @@
 """The likelihood of what classes of sources share, and draws from its posterior.
 
-Class i sees c_i = θ_i + s_i: degree 1 free and its own, and systematics with Cov(s_i, s_j) = C_ij S, parity by parity,
-for one shape S; C = a² 11ᵀ + diag(b_i²) is what all share and what each has for itself. With A the normal matrix of
-degrees 2 … L, degree 1 eliminated class by class, β its right-hand sides, Σ = C ⊗ S = R Rᵀ and G = 1 + Rᵀ A R = Λ Λᵀ,
+Class i sees c_i = θ_i + s_i: degree 1, and whatever else is looked for, free and its own, and systematics with
+Cov(s_i, s_j) = C_ij S, parity by parity, for one shape S; C = a² 11ᵀ + diag(b_i²) is what all share and what each has
+for itself. With A the normal matrix of the other modes to L, the free ones eliminated class by class, β its right-hand
+sides, Σ = C ⊗ S = R Rᵀ and G = 1 + Rᵀ A R = Λ Λᵀ,
 
     ln L = ½ wᵀ w − Σ ln Λ_kk,   w = Λ⁻¹ Rᵀ β.
 
@@ -30,7 +31,7 @@ from vsh.models.covariance import Spectrum
 from vsh.modes import Modes
 from vsh.tools.errors import DegeneracyError
 from vsh.tools.parallel import blas_for
-from vsh.tools.types import FloatArray, IntArray
+from vsh.tools.types import BoolArray, FloatArray, IntArray
 
 #: Degrees of freedom of the proposals.
 _TAIL = 5.0
@@ -44,10 +45,10 @@ _KEPT = 60
 
 @dataclass(frozen=True, eq=False)
 class ClassEquations:
-    """Normal equations of degrees 2 … L of K classes with degree 1 eliminated, and degree 1 by itself.
+    """Normal equations of K classes with the modes that are free in each of them eliminated, and these by themselves.
 
-    `matrix` is (K, q, q), or (K, q, K, q) where classes share their noise; `rhs` (K, q), `first` (6 K, 6 K),
-    `first_rhs` (6 K,), and `leverage` first⁻¹ times the part between, (6 K, K, q).
+    `matrix` is (K, q, q), or (K, q, K, q) where classes share their noise; `rhs` (K, q), `first` (f K, f K),
+    `first_rhs` (f K,), and `leverage` first⁻¹ times the part between, (f K, K, q). `free` tells the f free modes, (p,).
     """
 
     matrix: FloatArray
@@ -57,6 +58,7 @@ class ClassEquations:
     leverage: FloatArray
     noise_scale: tuple[float, ...]
     condition: tuple[float, ...]
+    free: BoolArray
 
     def __len__(self) -> int:
         return len(self.rhs)
@@ -77,25 +79,26 @@ class ClassEquations:
             np.concatenate([each.matrix for each in classes]), np.concatenate([each.rhs for each in classes]),
             block_diag(*(each.first for each in classes)), np.concatenate([each.first_rhs for each in classes]),
             leverage.reshape(k * size, k, q), sum((each.noise_scale for each in classes), ()),
-            sum((each.condition for each in classes), ()),
+            sum((each.condition for each in classes), ()), classes[0].free,
         )  # fmt: skip
 
     @classmethod
     def jointly(cls, matrix: FloatArray, rhs: FloatArray, modes: Modes) -> "ClassEquations":
         """Classes whose noise is shared, from their normal equations, (K, p, K, p) and (K, p)."""
-        k, low = len(rhs), np.tile(modes.degrees == 1, len(rhs))
+        free = modes.degrees == 1
+        k, low = len(rhs), np.tile(free, len(rhs))
         size = rhs.size
         why = "sources in common do not determine rotation and glide of all catalogues"
-        first, leverage, inner, left = _degree_one_apart(matrix.reshape(size, size), rhs.ravel(), low, why)
+        first, leverage, inner, left = _free_apart(matrix.reshape(size, size), rhs.ravel(), low, why)
         q = len(left) // k
         return cls(
             inner.reshape(k, q, k, q), left.reshape(k, q), first, rhs.ravel()[low], leverage.reshape(-1, k, q),
-            (1.0,) * k, (1.0,) * k,
+            (1.0,) * k, (1.0,) * k, free,
         )  # fmt: skip
 
 
-def _degree_one_apart(matrix, rhs, low, why):
-    """The matrix of degree 1, what it takes of the rest, N and b without it; DegeneracyError with `why` if singular."""
+def _free_apart(matrix, rhs, low, why):
+    """N of what is free, what it takes of the rest, N and b without it; DegeneracyError with `why` if singular."""
     first, across = matrix[np.ix_(low, low)], matrix[np.ix_(low, ~low)]
     if np.linalg.cond(first) > 1e12:
         raise DegeneracyError(why)
@@ -111,8 +114,14 @@ def condition_of(matrix: FloatArray) -> float:
     return float(np.linalg.cond(matrix / np.outer(size, size)))
 
 
-def reduce_to_classes(normal: NormalEquations, modes: Modes, scaled: bool = True) -> ClassEquations:
-    """The equations of a class to the degree of `modes`; errors scaled by its own χ²/dof where that is known."""
+def reduce_to_classes(
+    normal: NormalEquations, modes: Modes, scaled: bool = True, free: BoolArray | None = None
+) -> ClassEquations:
+    """The equations of a class to the degree of `modes`; errors scaled by its own χ²/dof where that is known.
+
+    Degree 1 is free unless `free`, (p,), says more.
+    """
+    free = modes.degrees == 1 if free is None else free
     at = np.flatnonzero(normal.modes.degrees <= modes.lmax)
     matrix, rhs = normal.matrix[np.ix_(at, at)], normal.rhs[at]
     templates = np.reshape([each.values[at] for each in normal.templates], (-1, len(at)))
@@ -124,11 +133,11 @@ def reduce_to_classes(normal: NormalEquations, modes: Modes, scaled: bool = True
         raise DegeneracyError("all residuals are zero: was a catalogue compared with itself?")
     also = np.vstack([np.eye(len(at)), templates])  # EᵀNE and Eᵀb
     matrix, rhs = also @ matrix @ also.T / tau, also @ rhs / tau
-    one = np.r_[modes.degrees == 1, np.zeros(len(templates), bool)]
+    one = np.r_[free, np.zeros(len(templates), bool)]
     why = "a class does not determine its spin and acceleration: merge it with another"
-    first, leverage, inner, left = _degree_one_apart(matrix, rhs, one, why)
+    first, leverage, inner, left = _free_apart(matrix, rhs, one, why)
     return ClassEquations(
-        inner[None], left[None], first, rhs[one], leverage[:, None], (float(np.sqrt(tau)),), (condition,)
+        inner[None], left[None], first, rhs[one], leverage[:, None], (float(np.sqrt(tau)),), (condition,), free
     )
 
 
@@ -142,7 +151,7 @@ class ClassAmplitudes:
     """ln L of the amplitudes x = (a, b_1 … b_K) of both parities, in their units, for one shape of the spectrum."""
 
     def __init__(self, classes: ClassEquations, modes: Modes, variances: FloatArray, own: str) -> None:
-        high, one = modes.degrees > 1, modes.degrees == 1
+        one, high = classes.free, ~classes.free
         group = parities(modes)
         self.classes, self.own = classes, own
         self.n_classes, self.n_modes = len(classes), int(high.sum())
@@ -156,6 +165,7 @@ class ClassAmplitudes:
         self.whole = classes.matrix[:, order][:, :, :, order] if classes.matrix.ndim == 4 else None
         shape = np.r_[variances[high], among][order]
         self.root, self.first = np.sqrt(shape), variances[one]
+        self.dipole = variances[modes.degrees == 1]
         scaled = self.matrices * self.root[:, None] * self.root
         ends = np.searchsorted(self.group, range(2 + (among.size > 0) + 1))
         self.groups = [slice(low, high) for low, high in pairwise(ends)]
@@ -325,18 +335,19 @@ class ClassAmplitudes:
         values, turn = np.linalg.eigh((bend + bend.T) / 2)
         return middle, turn / np.maximum(values, 0.25) @ turn.T  # never wider than two units
 
-    def degree_one(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """θ of all classes, (K, 6), and its covariance, (K, 6, K, 6): what degrees 2 … L leave, and C ⊗ S_1."""
+    def free_modes(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """θ of all classes, (K, f), and its covariance, (K, f, K, f): what the other modes leave, and C ⊗ S."""
         r, lower, w = self.factor(x)
         k, q = self.n_classes, self.size
         across = np.einsum("mjk,amk->jka", r, self.leverage).reshape(k * q, -1)
         z = solve_triangular(lower, across, lower=True, check_finite=False)
-        covariance = (z.T @ z + np.linalg.inv(self.classes.first)).reshape(k, 6, k, 6)
+        size = self.first.size
+        covariance = (z.T @ z + np.linalg.inv(self.classes.first)).reshape(k, size, k, size)
         plain = np.linalg.solve(self.classes.first, self.classes.first_rhs) - z.T @ w
-        shares, at = self.shares(x)[self.first_group], np.arange(6)
+        shares, at = self.shares(x)[self.first_group], np.arange(size)
         for i, j in np.ndindex(k, k):
             covariance[i, at, j, at] += shares[:, i, j] * self.first
-        return plain.reshape(k, 6), covariance
+        return plain.reshape(k, size), covariance
 
     def template_amplitudes(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Amplitudes of the templates beside the systematic errors, free a priori, and their covariance."""
@@ -405,8 +416,8 @@ def lots_of(
     rng: np.random.Generator,
 ) -> list[Lot]:
     """Draws of the amplitudes for each shape, again where too few of them count."""
-    high = modes.degrees > 1
     squares: Any = sum(classes.own**2)
+    high = ~classes.free
     flat = Spectrum.flat().variances(modes)[high]
     squares = squares[: len(flat), : len(flat)]  # without templates
     lots, evidences = [], []
@@ -424,7 +435,7 @@ def lots_of(
 
 
 def kept_of(lots: Sequence[Lot], rng: np.random.Generator) -> tuple[Any, Any, Any, Any]:
-    """Draws of equal weight by systematic resampling: degree 1, its covariance, C by the flat one, templates."""
+    """Draws of equal weight by systematic resampling: free modes, their covariance, C by the flat one, templates."""
     weight = np.concatenate([lot.probability * lot.weight for lot in lots])
     where = [(lot, i) for lot in lots for i in range(len(lot.x))]
     at = (np.arange(_KEPT) + rng.random()) / _KEPT
@@ -433,10 +444,10 @@ def kept_of(lots: Sequence[Lot], rng: np.random.Generator) -> tuple[Any, Any, An
     for k in chosen:
         if k not in done:
             lot, i = where[k]
-            power = lot.likelihood.first.reshape(2, 3).mean(1)[[0, 1]]
+            power = lot.likelihood.dipole.reshape(2, 3).mean(1)[[0, 1]]
             unit = Spectrum.flat().variances(Modes(1)).reshape(2, 3).mean(1)
             shares = lot.likelihood.shares(lot.x[i])[:2] * (power / unit)[:, None, None]
-            done[k] = (*lot.likelihood.degree_one(lot.x[i]), shares, *lot.likelihood.template_amplitudes(lot.x[i]))
+            done[k] = (*lot.likelihood.free_modes(lot.x[i]), shares, *lot.likelihood.template_amplitudes(lot.x[i]))
     means, covariances, shares, values, spreads = (np.array([done[k][part] for k in chosen]) for part in range(5))
     away = values - values.mean(0)
     return means, covariances, shares, (values.mean(0), spreads.mean(0) + away.T @ away / len(away))

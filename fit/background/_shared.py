@@ -45,7 +45,7 @@ from vsh.tools.arguments import choice, explained, generator, whole
 from vsh.tools.errors import DegeneracyError, FrameError, ModesError, ParameterError
 from vsh.tools.parallel import blas_for
 from vsh.tools.printing import logged
-from vsh.tools.types import ArrayLike, AxesArray, FloatArray, OnAxes, Rng, Table
+from vsh.tools.types import ArrayLike, AxesArray, BoolArray, FloatArray, OnAxes, Rng, Table
 
 #: Beyond this condition of its normal matrix a class takes higher degrees for lower ones: the sky outside the Galactic
 #: plane has 14 at degree 5, two caps beyond latitude 40° have 1300.
@@ -471,6 +471,29 @@ def shared(
     >>> bool(classes.equality() > 0.01)
     True
     """
+    generator_ = generator(rng)
+    lots, modes, notes, facts = sampled_lots(
+        normals, degrees, labels=labels, shapes=shapes, own=own, draws=draws, noise_scale=noise_scale, rng=generator_
+    )
+    return drawn(lots, modes, generator_, notes=notes, **facts)
+
+
+def sampled_lots(
+    normals: Any,
+    degrees: Iterable[int] | None,
+    *,
+    labels: Sequence[str] | None,
+    shapes: Sequence[str | Spectrum] | None,
+    own: str,
+    draws: int,
+    noise_scale: bool | None,
+    rng: np.random.Generator,
+    free: Callable[[Modes], BoolArray] | None = None,
+) -> tuple[list[Lot], Modes, list[str], dict[str, Any]]:
+    """Draws of the systematic errors of classes, as `shared` takes them; the modes, notes, and facts of the classes.
+
+    `free` tells the modes that each class has for itself; degree 1 unless given.
+    """
     choice("own", own, ("each", "one"))
     listed = [normals] if isinstance(normals, NormalEquations | HarmonicSolution) else list(normals)
     if not listed:
@@ -488,22 +511,23 @@ def shared(
     if len(names) != len(listed):
         raise ParameterError(f"{len(names)} labels for {len(listed)} classes")
     modes = Modes(_highest(equations, degrees))
-    generator_, spectra = generator(rng), spectra_of(usual_shapes(modes.lmax) if shapes is None else shapes)
-    draws = whole("draws", draws)
+    spectra = spectra_of(usual_shapes(modes.lmax) if shapes is None else shapes)
+    draws, own_modes = whole("draws", draws), None if free is None else free(modes)
 
     def sampled(classes):
-        return lots_of(classes, modes, spectra, own, draws, generator_)
+        return lots_of(classes, modes, spectra, own, draws, rng)
 
-    classes, notes = _classes(equations, names, modes, scaled)
+    classes, notes = _classes(equations, names, modes, scaled, own_modes)
     notes += _leaking(equations, classes, names, modes) if len(classes) > 1 else []
     lots = sampled(classes)
     if any(each.modes.lmax > modes.lmax for each in equations):
         equations = _without_leakage(equations, lots, modes)
-        lots = sampled(_classes(equations, names, modes, scaled)[0])  # what was noted of them above stays
-    return drawn(
-        lots, modes, generator_, labels=names, notes=notes, n_sources=tuple(each.n_data // 2 for each in equations),
-        frame=equations[0].frame or "icrs", templates=tuple(each.name for each in equations[0].templates),
-    )  # fmt: skip
+        lots = sampled(_classes(equations, names, modes, scaled, own_modes)[0])  # what was noted of them above stays
+    facts = {
+        "labels": names, "n_sources": tuple(each.n_data // 2 for each in equations),
+        "frame": equations[0].frame or "icrs", "templates": tuple(each.name for each in equations[0].templates),
+    }  # fmt: skip
+    return lots, modes, notes, facts
 
 
 def _without_leakage(equations, lots, modes):
@@ -579,13 +603,13 @@ def spectra_of(shapes: Any) -> list[tuple[str, Spectrum]]:
     return [(shape.name, shape) if isinstance(shape, Spectrum) else (shape, SHAPES[shape]) for shape in listed]
 
 
-def _classes(equations, names, modes, scaled) -> tuple[ClassEquations, list[str]]:
+def _classes(equations, names, modes, scaled, free=None) -> tuple[ClassEquations, list[str]]:
     classes, notes = [], []
     for normal, name, own_scale in zip(equations, names, scaled, strict=True):
         if not normal.n_data:
             raise DegeneracyError(f"the class {name} is empty: leave it out")
         try:
-            classes.append(reduce_to_classes(normal, modes, own_scale))
+            classes.append(reduce_to_classes(normal, modes, own_scale, free))
         except DegeneracyError as error:
             raise DegeneracyError(f"{name}: {error}") from None
         if classes[-1].condition[0] > _CAP:

@@ -19,6 +19,9 @@ from vsh.figures.plot import (
 from vsh.sky.sphere import angles
 from vsh.tools.types import Axes
 
+#: The components xx, yy, zz, xy, xz, yz by how often they stand in a symmetric tensor.
+_TWICE = np.diag([1, 1, 1, 2, 2, 2])
+
 
 @apply_style
 def plot_orbit(galactic_orbit: Any, circular: float, *, ax: Axes | None = None) -> Axes:
@@ -70,4 +73,22 @@ def plot_shear(tensor: Any, coefficients: Coefficients, *, ax: Axes | None = Non
         title_fontsize=7,
     )
     axes.set_title(f"expansion of degree 2: motions to {np.hypot(*motion).max():.2g} µas/yr")
+    return axes
+
+
+@apply_style
+def plot_shear_by_class(result: Any, *, ax: Axes | None = None) -> Axes:
+    """The size of the tensor in each class, its limit, and what noise with systematic errors shows on average."""
+    (axes,) = panels(ax)
+    x = np.arange(len(result))
+    size = [shear.norm for shear in result.shears]
+    expected = [np.sqrt(np.trace(shear.covariance * _TWICE)) for shear in result.shears]
+    axes.bar(x, expected, width=0.8, color="0.88", label="expected without an expansion")
+    axes.plot(x, size, "o", color=COLOURS[0], label="estimate")
+    limits = [shear.limit() for shear in result.shears]
+    axes.plot(x, limits, "v", color=COLOURS[1], markersize=4, label="upper limit (95 %)")
+    axes.set_xticks(x, result.labels)
+    axes.set_ylim(0)
+    axes.set_ylabel("|Σ|  [µas/yr]")
+    legend_above(axes)
     return axes

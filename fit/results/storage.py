@@ -191,7 +191,7 @@ class Result(Frozen):
 
         Parameters
         ----------
-        long, about
+        long, **about
             As for `sections`.
         """
         answer: Any = getattr(self, "answer", Answer())

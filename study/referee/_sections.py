@@ -9,15 +9,16 @@ import numpy as np
 from scipy.special import chdtrc
 
 from fit import pairs
-from fit.background import SHAPES, Template, WaveLimit, cross_powers, floor, shared, wave_limit
+from fit.background import SHAPES, Template, WaveLimit, cross_powers, floor, shared, wave_limit, widened
 from fit.frames.chain import combine_frames
+from fit.motions.shear import compare_expansions, expansion
 from fit.normal import normal_equations, template_fields
 from fit.results.quality import SEEN
 from fit.results.spectrum import spectrum
 from fit.secular_parallax import observer_velocity
 from fit.solving import fit_field, solve
 from study.papers import papers
-from study.referee._quasars import Quasars, by_degree, by_method, by_source, clip_quasars, compare, degree_for
+from study.referee._quasars import FEWEST, Quasars, by_degree, by_method, by_source, clip_quasars, compare, degree_for
 from study.referee._rows import NONE, Analysis, Check, Headline, Row, Value, format_verdict
 from vsh.classes import Classes
 from vsh.field import Field
@@ -159,6 +160,7 @@ def _templates(quasars, headline, rng) -> dict[str, Any]:
 
 #: Bins of learnt redshift (Makarov 2025), and of magnitude (Gaia-CRF3).
 _Z_EDGES, _G_EDGES = (2.0, 3.0), (18.0, 19.0, 20.0)
+_EXPANSION_EDGES = (1.0, 1.5, 2.0, 2.5)
 #: A galaxy is nearer than this, and there must be so many.
 _NEAR, _GALAXIES = 0.1, 1000
 #: Pairs are sorted into so many bins of angle.
@@ -324,6 +326,38 @@ def _chi2_p(values, covariance):
     return float(chdtrc(len(values), values @ np.linalg.solve(covariance, values)))
 
 
+def _expansion(asked: SectionInput) -> dict[str, Any]:
+    """Anisotropic expansion in five bins of redshift: Makarov, Heinesen & Schücker 2026."""
+    quasars = asked.quasars
+    z = quasars.column("redshift")
+    classes = Classes.by_edges("z", _EXPANSION_EDGES, z).within((z >= 0.5) & (z < 3)).of_at_least(FEWEST)
+    if len(classes) < 2:
+        raise DegeneracyError(f"fewer than two bins of {FEWEST} sources with redshifts from 0.5 to 3")
+    degree = degree_for(min(mask.sum() for _, mask in classes), 5, least=3)
+    masks = [mask for _, mask in classes]
+    normals = widened([quasars.equations(mask, degree) for mask in masks], quasars.equations, masks)
+    result = compare_expansions(
+        normals, [float(z[mask].mean()) for mask in masks], degrees=range(2, degree + 1), labels=classes.labels,
+        noise_scale=quasars.is_scaled, rng=asked.rng,
+    )  # fmt: skip
+    plain = [expansion(solve(quasars.plain_equations(mask, 2))) for mask in masks]
+    rows = [
+        Row(f"|Σ|, {label} [µas/yr]", theirs=Value(each.norm), shared=Value(shear.limit(), kind="limit"))
+        for label, each, shear in zip(classes.labels, plain, result.shears, strict=True)
+    ]
+    smallest = min(range(len(result)), key=result.p_value)
+    rows += [
+        _p_row(f"no expansion, {classes.labels[smallest]}", plain[smallest].p_value, result.p_value(smallest)),
+        _p_row("the same in all bins", float("nan"), result.equality()),
+        _p_row("no growth with redshift", float("nan"), result.growth()),
+    ]
+    p = min(1.0, len(result) * result.p_value(smallest))
+    growth = format_verdict(result.growth(), "no growth with redshift", "it changes with redshift")
+    quadrupole = format_verdict(p, "no expansion beyond systematic errors", "the expansion differs from axis to axis")
+    words = f"{quadrupole}; {growth}; published: {papers()['makarov2026'].words}"
+    return {"rows": rows, "verdict": words, "p_value": p, "results": {"expansion": result}}
+
+
 def _waves(asked: SectionInput) -> dict[str, Any]:
     """Waves longer than the observations, by harmonics and by pairs: Jaraba et al. 2023, Darling 2024."""
     theirs = wave_limit(normal_equations(asked.quasars.whole, 2)).limit(prior="coefficients")
@@ -405,6 +439,7 @@ _ANALYSES = (
     _Analysis("crf3", "The reference frame: spin, systematic errors, bright and faint sources", _frame),
     _Analysis("makarov2025", "Three bins of redshift", _learnt_redshifts),
     _Analysis("tsigkas2025", "Dipole and quadrupole by redshift", _position_drift),
+    _Analysis("makarov2026", "Anisotropic expansion by redshift", _expansion),
     _Analysis("darling2024", "Gravitational waves by harmonics", _waves),
     _Analysis("akhmetov2026", "Gravitational waves by pairs", _pairs),
     _Analysis("nguyen2026", "The spectrum, and wider errors", _spectrum),

@@ -22,7 +22,7 @@ COMMANDS = {
     "correlate": Command("fit.commands.correlate", (*_FIT, "bachchan2016")),
     "pairs": Command("fit.commands.pairs", (*_FIT, *_PIXELS, "book2011")),
     "compare": Command("fit.commands.compare", (*_FIT, "charlot2020")),
-    "link": Command("fit.commands.link", (*_FIT, "lindegren2020")),
+    "link": Command("fit.commands.link", (*_FIT, "lindegren2020", "lunz2023", "zhang2025")),
     "sim": Command("sim.commands.simulate", ("bachchan2016",)),
     "agis": Command("sim.commands.agis", ("lindegren2012", "bachchan2016", "lam2015", *_PIXELS, *_FIT)),
     "study": Command("study.commands.study", (*_FIT, "bachchan2016")),

@@ -215,7 +215,7 @@ def test_classes_that_share_no_noise_are_classes_of_their_own():
     for k in range(x.size):
         up, down = (blocks.loss(np.sqrt(x**2 + step * np.eye(x.size)[k]))[0] for step in (1e-5, -1e-5))
         assert (up - down) / 2e-5 == pytest.approx(slope[k], rel=1e-5, abs=1e-7)
-    mean, covariance = blocks.degree_one(x)
+    mean, covariance = blocks.free_modes(x)
     share = blocks.shares(x)[parities(modes)] * variances[:, None, None]
     prior = np.einsum("pij,pq->ipjq", share, np.eye(len(modes))).reshape(mixed.shape)
     low = np.tile(modes.degrees == 1, 3)
