@@ -108,6 +108,10 @@ def locate(wanted: Request, source: TableSource) -> tuple[dict[str, str], list[s
     if known:
         listed = ", ".join(f"{role} = {printable(where[role])}" for role in REQUIRED if role in where)
         notes.insert(0, f"columns by their names ({known}): {listed}")
+    for name in dict.fromkeys(where.values()):
+        roles = [role for role in REQUIRED if where.get(role) == name]
+        if len(roles) > 1:
+            notes.append(f"column {printable(name)} is used for {' and '.join(roles)}")
     return where, notes
 
 

@@ -143,3 +143,11 @@ def test_a_number_behind_a_file_name_is_not_a_table_where_such_a_file_is(tmp_pat
     path = tmp_path / "table.csv#1"
     path.write_text(GAIA + body(","))
     assert open_table(path, "csv").names == tuple(GAIA.strip().split(","))
+
+
+def test_a_column_that_is_used_twice_is_noted(tmp_path):
+    lines = ["ra,dec,pmra,pmdec,error", *(f"{i},{i - 5},{i},{-i},0.5" for i in range(10))]
+    (tmp_path / "one.csv").write_text("\n".join(lines))
+    columns = {"names": "gaia", "pmra_error": "error", "pmdec_error": "error"}
+    field = read_field(tmp_path / "one.csv", columns, units={"error": "mas/yr"})
+    assert "column error is used for pmra_error and pmdec_error" in field.notes
