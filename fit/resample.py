@@ -313,7 +313,7 @@ def jackknife(
     covariance: Covariance | FloatArray | None = None,
     progress: bool = True,
 ) -> ResampledFit:
-    """Leave out one HEALPix block of the sky after the other.
+    """Repeat a fit leaving out one HEALPix block of the sky after the other.
 
     Parameters
     ----------
@@ -323,8 +323,9 @@ def jackknife(
         What to fit.
     nside : int
         Resolution of the blocks, 58.6°/nside wide: several times the length over which errors are correlated.
-        With noise correlated over 10° pulls were 2.1 at nside 4, 1.5 at 2 and 1.3 at 1 (formal errors: 10).
-        Take at least twice as many blocks as coefficients: with fewer, errors come out too large.
+        In a test with noise correlated over 10°, the rms of (estimate − truth)/error was 2.1 at nside 4, 1.5 at nside
+        2 and 1.3 at nside 1 (10 with formal errors). Take at least twice as many blocks as coefficients: with fewer,
+        errors come out too large.
     covariance : Covariance or (2n, 2n) array, optional
         As for `bootstrap`.
     progress : bool

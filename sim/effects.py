@@ -158,13 +158,13 @@ def effects(redshift: float = 0.01) -> dict[str, Any]:
     Parameters
     ----------
     redshift : float
-        At which secular parallax and peculiar motion are taken.
+        Redshift for which secular parallax and peculiar motion are computed.
 
     Returns
     -------
     dict
-        From the effect to a pair (least, largest); where one number is all there is, twice the same.
-        That of the void is the paper's own, from a model that is not solved here.
+        Mapping from effect to (minimum, maximum); if the paper gives one number, both are equal. The value of the void
+        is the paper's own; its model is not computed here.
     """
     from sim.signal import hubble_rate
 

@@ -278,7 +278,7 @@ def galaxies(
     spread: float = 1.5,
     map_frame: str = "icrs",
 ) -> Population:
-    """n galaxies, evenly in the volume between two redshifts, as far as they are bright enough.
+    """Draw n galaxies uniformly in volume between two redshifts, keeping those brighter than the magnitude limit.
 
     Parameters
     ----------

@@ -192,7 +192,7 @@ class Coefficients(Frozen):
 
 
 def vector_of(rows: FloatArray, values: FloatArray, covariance: FloatArray, frame: str, unit: str) -> Vector:
-    """The vector whose components along the axes make the three coefficients of degree 1."""
+    """The Cartesian vector that corresponds to the three coefficients of degree 1."""
     # The rows are orthogonal, but not of one length: the inverse, then.
     inverse = np.linalg.inv(rows)
     return Vector(inverse @ values, inverse @ covariance @ inverse.T, frame, unit)

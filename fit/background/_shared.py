@@ -426,23 +426,27 @@ def shared(
     Parameters
     ----------
     normals : sequence of NormalEquations
-        One a class, all to degree 3 at least, in one frame; no source in two of them.
+        Normal equations of each class, all to degree 3 or higher and in the same frame. No source may belong to two
+        classes.
     degrees : iterable of int, optional
-        From 2 on, without a gap; to the highest that all have unless given. 5 to 7 are best for one or two classes, 5
-        for three to five. Where a class sees a part of the sky alone, give equations of three degrees more than these:
-        higher ones, with the power that a first estimate gives them, are marginalised, or they would leak.
+        Consecutive degrees starting with 2; default: up to the highest degree that all classes have. 5 to 7 are best
+        for one or two classes, 5 for three to five. If a class covers only part of the sky, give normal equations with
+        three more degrees than `degrees`. The additional degrees are marginalised, with a prior power from a first
+        estimate; otherwise they would leak into the lower ones.
     labels : sequence of str, optional
         Names of the classes.
     shapes : sequence of "flat", "gaia", "steep" or Spectrum, optional
         Spectra, averaged by their evidence and prior odds, as in `floor`.
     own : {"each", "one"}
-        Whether each class has a power of its own beside the common one, or one for all: "one" is sharper, and wrong
-        where one class is worse than the others.
+        Whether each class has a power of its own in addition to the common one ("each"), or one power for the
+        class-specific errors of all classes ("one"). "one" gives smaller errors, but wrong ones if one class has
+        larger systematic errors than the others.
     draws : int
-        Draws of the amplitudes for each shape; more are drawn where few of them count.
+        Number of random draws of the amplitudes for each spectrum; it is increased if the effective number of draws is
+        small.
     noise_scale : bool, optional
-        Whether each class's errors are scaled by its own χ²/dof. Unless given they are, but for a solution whose errors
-        come from residuals or replicates, and are not scaled again.
+        Whether each class's errors are scaled by its own χ²/dof. Default: yes, except for solutions whose errors
+        already come from residuals or replicates.
     rng : Generator or int
         The source of all randomness.
 
@@ -457,8 +461,8 @@ def shared(
 
     Notes
     -----
-    It cannot work where the systematic errors are in degree 1 alone, or rises towards it more steeply than any shape: a
-    spectrum of l⁻² makes errors twice too small. Coverage on simulated skies: docs/backgrounds.md.
+    The method fails if systematic errors are present only in degree 1, or if their spectrum rises towards degree 1
+    more steeply than the assumed spectra. Coverage on simulated skies: docs/backgrounds.md.
 
     Examples
     --------

@@ -187,7 +187,7 @@ def recommend_lmax(
     max_lmax: int = 10,
     sigma: ArrayLike | None = None,
 ) -> int:
-    """The largest degree whose fit, and that of every lower one, stays under both bounds.
+    """The largest degree such that the fits to this and to every lower degree stay below both bounds.
 
     Parameters
     ----------
@@ -205,7 +205,7 @@ def recommend_lmax(
     Raises
     ------
     DegeneracyError
-        If not even degree 1 does.
+        If even a fit of degree 1 exceeds one of the bounds.
     """
     best = 0
     for lmax, condition, correlation in lmax_table(sources, max_lmax, sigma=sigma):

@@ -325,17 +325,18 @@ def combine_frames(
     Parameters
     ----------
     catalogues : mapping of str to Positions, or of str to Field
-        By name, the reference first; sources are matched by theirs. Positions are compared at the epoch of the
-        reference where they have motions.
+        Mapping from catalogue name to catalogue, the reference first; sources are matched by source name. Positions
+        are compared at the epoch of the reference where they have motions.
     lmax : int or Modes
         The highest degree: 1 for rotation and glide, 2 for the sixteen terms of the ICRF3 papers, 4 for 48.
     shared_noise : bool
         Whether the correlations of the catalogues' errors are estimated; independent otherwise.
     clip : bool
-        Whether sources are left out that have a chance of less than one half to be in a catalogue of this size.
+        Whether outliers are excluded: sources whose deviation is so large that fewer than 0.5 such sources are
+        expected in a catalogue of this size.
     floor : bool, optional
-        Whether rotation and glide are also found with systematic errors, from degrees 2 to 5
-        of all differences in one model; where there are 100 000 sources or more unless given.
+        Whether rotation and glide are also given with systematic errors, estimated jointly from degrees 2 to 5 of all
+        differences. Default: yes for 100 000 sources or more.
     rng : Generator or int
         The source of all randomness in the draws of systematic errors.
 

@@ -91,7 +91,7 @@ def normal_equations(
     Parameters
     ----------
     field : Field, ScalarField, Parts or iterable of Fields
-        The sources. Parts are summed where they are, and send the moments of their sources.
+        The sources. Parts are summed on the machine that holds them; only the moments are transferred.
     modes : Modes, or the degree lmax
         What to fit; ScalarModes of a ScalarField.
     method : {"auto", "design-matrix", "compressed"}
@@ -99,8 +99,8 @@ def normal_equations(
         the weights and is as good to 1e-12, in a time that hardly grows with the degree.
         "auto" takes what was measured to be faster (docs/performance.md).
     threads : int, optional
-        How many; one a core unless given. The sum is taken in the order of the sources,
-        so the number of threads does not change a bit of it.
+        Number of threads (default: one per core). The sum is always taken in the order of the sources, so the result
+        does not depend on the number of threads.
     covariance : Covariance or (2n, 2n) array, optional
         Covariance of the motions of a field, all east components first, in place of the errors that the field has; for
         at most 10 000 sources (`vsh.models.covariance`). [(µas/yr)²]

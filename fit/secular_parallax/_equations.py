@@ -652,7 +652,7 @@ def solve_for(
 
 
 def check_determined(matrix: FloatArray, names: Sequence[str], sources: int, limit: float = 1e10) -> None:
-    """Raise DegeneracyError where the data leave a combination of parameters unseen."""
+    """Raise DegeneracyError if the data do not determine some combination of the parameters."""
     diagonal = np.diag(matrix)
     if 2 * sources >= len(names) and (diagonal > 0).all():
         scaled = matrix / np.sqrt(np.outer(diagonal, diagonal))

@@ -597,7 +597,8 @@ def forecast_velocity(
     Parameters
     ----------
     catalogues : dict of str to Field
-        Galaxies with their errors to be, by name; motions do not matter.
+        Simulated future catalogues by name: galaxies with their expected errors; the values of the motions are not
+        used.
     limits : sequence of float
         Redshifts up to which sources are used.
     hubble : float
@@ -605,7 +606,7 @@ def forecast_velocity(
     n_modes : int
         Unknowns of the flow.
     redshift_frame : str
-        With redshifts as they will be seen; "true" for ones without velocities.
+        Frame in which the redshifts will be measured; "true": cosmological redshifts without peculiar velocities.
 
     Returns
     -------

@@ -48,12 +48,12 @@ def solve(
     normal : NormalEquations
         What to solve.
     prior : NormalEquations, optional
-        Added to them, `fit.gaussian_prior(…)` say.
+        Normal equations of a prior, e.g. `fit.gaussian_prior(…)`, added to `normal`.
     floor : Floor, optional
-        Errors that sources share, of `fit.background.floor(normal)`: a prior on the higher degrees, and part of the
-        errors of degree 1. `errors_from` says so.
+        Systematic floor returned by `fit.background.floor(normal)`: it gives a prior on the higher degrees and is
+        included in the errors of degree 1. The attribute `errors_from` records this.
     max_condition : float
-        Largest condition of N scaled to a unit diagonal, in the 1-norm.
+        Largest allowed 1-norm condition number of the normal matrix scaled to unit diagonal.
 
     Returns
     -------
@@ -63,7 +63,7 @@ def solve(
     Raises
     ------
     DegeneracyError
-        If the condition number exceeds `max_condition`: the sources leave some combination of modes unseen.
+        If the condition number exceeds `max_condition`: the sources do not determine some combination of modes.
 
     Examples
     --------

@@ -273,7 +273,7 @@ def cross_check(field: Field | Parts, *, covariance: Covariance | FloatArray | N
     Raises
     ------
     DegeneracyError
-        If the sources cannot tell spin and acceleration apart.
+        If spin and acceleration cannot be separated with these sources.
 
     Examples
     --------

@@ -286,7 +286,8 @@ def search(
         What was summed or fitted, to degree 2 at least. Errors are taken as they are there: give a robust solution, or
         `solution.scaled`, where the residuals contradict the catalogue's. Degree 1 is fitted freely.
     degrees : iterable of int, optional
-        Where waves are looked for; all from 2 on unless given. Fitted ones that are not named are left free.
+        Degrees in which waves are searched for (default: all fitted degrees ≥ 2). Fitted degrees not listed here are
+        fitted freely.
     nside : int
         Resolution of the HEALPix map of directions; 16 has 3072.
     n_skies : int
@@ -304,9 +305,10 @@ def search(
     Notes
     -----
     2F = gᵀF⁻¹g of the coefficients, with all others free: the F-statistic of pulsar timing (Babak & Sesana 2012, PRD
-    85, 044034). Of noise alone χ² with two degrees of freedom in any one direction. A wave at the limit of what is seen
-    is found within some 30° of its direction or its opposite's ring: low degrees resolve no more. Errors that sources
-    share pass for waves, as any field of low degree does: see what `fit.background.floor` says first.
+    85, 044034). For noise alone, 2F in any fixed direction follows χ² with two degrees of freedom. A wave close to
+    the limit of detection is located to within about 30°, up to the symmetry of the response: low degrees do not
+    resolve more. Systematic errors, like any field of low degree, look like waves: check first how large they are
+    with `fit.background.floor`.
     """
     equations = equations_of(normal)
     modes = equations.modes

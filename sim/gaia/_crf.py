@@ -103,8 +103,8 @@ def crf4(
     rng, signal, n_five, n_six, traps
         As for `crf3`.
     table : {"gaia_source", "all_source_astrometry"}
-        DR4's best model of each source, those of stars that are not single among them, by which one quasar in 250 is
-        lost (a guess: nobody knows how many); or the core solution of all.
+        "gaia_source": the best model of each source, including non-single-star models, which loses one quasar in 250
+        (this fraction is a guess); "all_source_astrometry": the core solution of every source.
 
     Returns
     -------

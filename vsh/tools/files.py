@@ -291,7 +291,7 @@ CREATOR = "CREATOR"
 
 
 def format_of(path: PathName, known: Mapping[str, str] = WRITTEN) -> str:
-    """astropy's name of the format that the ending of a name tells; TableError where it tells none."""
+    """Return astropy's name of the format of a file name extension; raise TableError if it is unknown."""
     path = Path(path)
     suffixes = [suffix.lower() for suffix in path.suffixes]
     packed = PACKED[:1] if known is WRITTEN else PACKED

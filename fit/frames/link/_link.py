@@ -52,7 +52,7 @@ def link(
     parallax: bool = True,
     light_time: bool = True,
 ) -> FrameTie:
-    """Find how frames of catalogues are turned, and turn, against that of one, from sources that they share.
+    """Determine orientation and spin of the frames of catalogues relative to a reference catalogue.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ def link(
     steps : sequence of float
         Magnitudes at which the frame jumps.
     order, colour_order : int
-        Powers of (G − 13) and (colour − 1) that orientation and spin have.
+        Degree of the polynomial in (G − 13) and in (colour − 1) by which orientation and spin vary.
     epoch : float
         The epoch of the orientation. [Julian year]
     priors : sequence of LinkPrior
@@ -75,14 +75,15 @@ def link(
     scale : float, optional
         By which all errors are multiplied; found from the data unless given.
     excess : bool
-        Whether an offset between radio and optical positions is sought too: one a source, of a size common to all,
-        along the jet where its direction is given; structure, and errors of calibrators, are such offsets too. Where
-        the reference has positions, unless given.
+        Whether a radio–optical offset of each source is included in the model: drawn from a distribution with one size
+        for all sources, and along the jet if its direction is given. Source structure and calibrator errors are
+        absorbed as well. Default: yes, if the reference has positions.
     fixed : dict, optional
         Catalogues whose stars are measured against calibrators with fixed positions, and the epoch of these; the
         reference, at 2015.0, unless given.
     aberration : Vector, optional
-        Acceleration of the Solar System, for what the calibrators drift and quasars move; None leaves it out.
+        Acceleration of the Solar System, used to correct the apparent drift of calibrators and the proper motions of
+        quasars; None: no correction.
     parallax, light_time : bool
         Whether positions of single epochs are displaced by parallax, and motions changed by the time light needs: to
         see what they do.

@@ -522,13 +522,13 @@ def forecast(solution: FrameTie, candidates: AstrometryRows) -> LinkPlan:
     solution : FrameTie
         The link today.
     candidates : AstrometryRows
-        Rows of all catalogues that the candidates have or will have: places, epochs and covariances count, values do
-        not.
+        Rows of the candidates in all catalogues, existing or planned. Only positions, epochs and covariances are used,
+        not the values.
 
     Returns
     -------
     LinkPlan
-        The candidates that tell anything, the best first.
+        The candidates that contribute information, the best first.
 
     Raises
     ------
@@ -539,8 +539,8 @@ def forecast(solution: FrameTie, candidates: AstrometryRows) -> LinkPlan:
 
     Notes
     -----
-    Each step takes the candidate with the largest gain of ln det of the inverse covariance. Errors are those that were
-    found, tails and size, in the mean over skies.
+    Each step takes the candidate with the largest gain of ln det of the inverse covariance. The error model (tails
+    and scale) is that found in `solution`, averaged over simulated skies.
     """
     fixed = {solution.reference: 2015.0} if solution.reference in candidates.catalogues else {}
     raw, _ = equations(candidates, solution.unknowns, fixed=fixed, aberration=None)

@@ -222,7 +222,7 @@ def plot_residuals(
         Factors on the inverse covariances of a robust fit, of sources in memory: residuals are those of their errors
         over √weight, scaled to a mean of 1.
     ax : matplotlib axes, optional
-        Axes whose place the map takes; a new figure unless given.
+        Axes that the map replaces; a new figure unless given.
     """
     nside = nside or 2 ** int(np.clip(np.log2(max(1, solution.n_sources / 120)) / 2, 0, 6))
     if weights is not None:

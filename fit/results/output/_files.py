@@ -201,7 +201,7 @@ def write_tables(
     solution : Solution
         What was fitted.
     field : Field or Parts
-        The sources; in parts, or more than 100 000, they have no rows.
+        The sources. The table of sources is not written if they are given in parts or if there are more than 100 000.
     folder : Path
         Where to.
     meta : dict, optional

@@ -295,7 +295,7 @@ class ShownPage:
 
 
 def sky(*shown: ShownPage) -> Panel:
-    """Show one or two solutions on a sky that can be turned; nothing where the package was built without d3.
+    """Show one or two solutions on an interactive globe; shows nothing if the package was built without d3.
 
     Parameters
     ----------

@@ -365,8 +365,8 @@ def fetch_epochs(
     ids : iterable of int
         source_id of each.
     folder : str or Path
-        The folder, new or of an earlier call. Its neighbour, with .json behind the name, has what was asked and the
-        SHA-256 of every file.
+        The folder, new or of an earlier call. A file of the same name with .json appended records the request and the
+        SHA-256 checksum of every file.
     url : str
         Address of the data server.
     retrieval_type, structure, release : str
@@ -387,7 +387,7 @@ def fetch_epochs(
     ------
     ArchiveError
         If the server cannot be reached, refuses, or sends nothing that can be unpacked; if the folder holds the answer
-        to another list. What has come is kept: the same call goes on where it was.
+        to another list. Batches already received are kept; the same call resumes after them.
     """
     numbers = sorted({int(each) for each in ids})
     if not numbers or numbers[0] < 0:
@@ -486,7 +486,7 @@ def read_ids(source: Any) -> list[int]:
     Raises
     ------
     ArchiveError
-        If there are none, or some are no whole numbers.
+        If the list is empty, or some entries are not integers.
     """
     if isinstance(source, (str, Path)) and Path(source).suffix.lower() in _TEXTS:
         text = Path(source).read_text(encoding="utf-8-sig").splitlines()
