@@ -333,7 +333,7 @@ def sections_of(
         sections = [Section(title, facts, _errors_table(solution)), _noise_powers(solution)]
     else:
         vectors = _vectors(solution, truth or {}, long)
-        directions = _directions(solution) if long else ()
+        directions = [*_directions(solution), *_FREE * solution.includes_floor] if long else ()
         sections = [Section(title, facts, vectors, remarks=directions)]
         sections.append(_degrees(solution) if long else _powers(solution))
     if check is not None and (long or not check.largest < AGREE):
@@ -365,6 +365,11 @@ def what_of(solution: Any) -> str:
     return f"Vector spherical harmonics of {'differences of position' if solution.unit == 'µas' else 'proper motions'}"
 
 
+#: Why formal errors may be larger than those that include more.
+_FREE = (
+    "Formal errors are of the fit without the floor, with all degrees free: they may be larger than errors with the "
+    "floor, which is also a prior on the degrees above 1.",
+)
 #: A fit of fewer numbers for each coefficient is warned of.
 _FEW = 4
 
