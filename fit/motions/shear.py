@@ -414,6 +414,7 @@ def compare_expansions(
     degrees: Iterable[int] | None = None,
     labels: Sequence[str] | None = None,
     hubble: float = 70.0,
+    own: str = "each",
     draws: int = 400,
     noise_scale: bool | None = None,
     rng: Rng = 1,
@@ -432,6 +433,9 @@ def compare_expansions(
         Names of the classes.
     hubble : float
         To which rates are compared. [km/s/Mpc]
+    own : {"each", "one"}
+        Whether the systematic errors that are specific to each class have a power for each, or one for all, as
+        `fit.background.shared` has. "one" is more sensitive, and wrong if one class is worse than the others.
     draws : int
         Draws of the systematic errors for each shape of their spectrum.
     noise_scale : bool, optional
@@ -471,7 +475,7 @@ def compare_expansions(
     """
     generator_ = generator(rng)
     lots, modes, notes, facts = sampled_lots(
-        normals, degrees, labels=labels, shapes=None, own="each", draws=draws, noise_scale=noise_scale, rng=generator_,
+        normals, degrees, labels=labels, shapes=None, own=own, draws=draws, noise_scale=noise_scale, rng=generator_,
         free=_own_modes,
     )  # fmt: skip
     number = len(facts["labels"])
