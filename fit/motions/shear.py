@@ -483,8 +483,7 @@ def compare_expansions(
     if number > 1 and not np.ptp(at) > 0:
         raise ParameterError(f"a test of growth needs a place for each of {number} classes, not all the same")
     means, covariances = kept_of(lots, generator_)[:2]
-    own = _own_modes(modes)
-    five = np.flatnonzero(own).searchsorted(np.arange(len(modes))[degree_two(modes)])
+    five = np.flatnonzero(_own_modes(modes)).searchsorted(np.arange(len(modes))[degree_two(modes)])
     six = np.einsum("ab,nkb->nka", TO_TENSOR, means[:, :, five])
     spread = np.einsum("ab,nibjc,dc->niajd", TO_TENSOR, covariances[:, :, five][..., five], TO_TENSOR)
     formal = [expansion(solve(each)).p_value for each in normals]
