@@ -34,7 +34,7 @@ def test_compressed_is_direct(lmax):
     np.testing.assert_allclose(compressed.rhs, direct.rhs, atol=1e-11 * np.abs(direct.rhs).max(), rtol=0)
     assert compressed.chi2_null == pytest.approx(direct.chi2_null, rel=1e-13)
     one, two = fit.solve(direct), fit.solve(compressed)
-    # Moments good to 1e-13 and a condition of N below 1e3 here: see docs/performance.md for where this ends.
+    # Moments good to 1e-13 and a condition of N below 1e3 here: see benchmarks/results.md for where this ends.
     np.testing.assert_allclose(two.coefficients.values / one.sigma, one.coefficients.values / one.sigma, atol=1e-9)
     np.testing.assert_allclose(two.sigma, one.sigma, rtol=1e-9)
 
