@@ -2,13 +2,15 @@
 The acceleration from a table of Gaia
 =====================================
 
-Quasars are so far that none of them should move. In Gaia's catalogue they do, by some five microarcseconds a year, all towards one point
-near the centre of our Galaxy: the Solar System is accelerated towards it, and the direction in which we see a source shifts as our velocity
-changes. This page measures that acceleration as Gaia Collaboration, Klioner et al. (2021, A&A 649, A9) did, from a table in the archive's own
-columns, and looks at every step at what could be wrong.
+Quasars are so distant that they should show no proper motion. In the catalogue of Gaia they do, by about five
+microarcseconds per year towards a point near the centre of our Galaxy: the Solar System is accelerated in this
+direction, and the direction in which we see a source changes with our velocity. This tutorial measures the
+acceleration as Gaia Collaboration, Klioner et al. (2021, A&A 649, A9) did, from a table with the columns of the Gaia
+archive, and checks at each step what could be wrong.
 
-With a network, ``vsh-archive gaia-crf3 --output crf3.fits`` fetches the real table. Here one is simulated, so that the truth is known: an
-acceleration of 5.05 µas/yr towards the Galactic centre and a frame that spins.
+With a network connection, ``vsh-archive gaia-crf3 --output crf3.fits`` downloads the real table. Here a table is
+simulated, so that the truth is known: an acceleration of 5.05 µas/yr towards the Galactic centre, and a frame that
+rotates.
 """
 
 from pathlib import Path
@@ -34,9 +36,10 @@ table["ra", "dec", "pmra", "pmdec", "pmra_error"][:5]
 # Reading
 # -------
 #
-# ``read_field`` knows Gaia's names and units. A row that cannot be used is an error unless you say what to do about it; with
-# ``on_bad="drop"`` the field's notes count what was left out, and why. Here that is what the archive has no motion for. Solutions with two
-# parameters have none; those with six have a colour that was fitted as well, and are used.
+# ``read_field`` recognises the column names and units of the Gaia archive. A row that cannot be used raises an error
+# by default; with ``on_bad="drop"`` it is left out, and the notes of the field count such rows by reason. In this
+# table they are the sources without a proper motion (two-parameter solutions). Six-parameter solutions, in which the
+# colour of the source was fitted as well, are used.
 field = read_field(folder / "crf3.fits", on_bad="drop")
 for note in field.notes:
     print(note)
@@ -46,31 +49,35 @@ field
 # A first fit
 # -----------
 #
-# Degree 1 holds just what we are after: three components of the spin (toroidal), three of the acceleration (spheroidal). The report puts
-# their errors beside them, and a second solver, which shares no formula with the first, checks the result.
+# Degree 1 contains the two vectors that we want: the three components of the spin (toroidal) and the three of the
+# acceleration (spheroidal). The report lists them with their errors. A second solver, which has no formula in common
+# with the first, checks the result.
 solution = fit.fit_field(field, 1)
 print(solution.report(check=fit.cross_check(field), source="crf3.fits"))
 
 # %%
-# What the catalogue does not say
-# -------------------------------
+# Are the errors right?
+# ---------------------
 #
-# Two things decide whether the errors above are the true ones.
+# Three questions decide whether the errors above can be trusted.
 #
-# *Are there more patterns than two?* A fit to a higher degree tells: the power of a degree, with the chance that noise alone gives as much. In
-# this table there are none but those of degree 1. In the real one there are, small ones: the scanning law leaves traces.
+# *Is there signal in higher degrees?* A fit to a higher degree gives the power of each degree, and the probability
+# that noise alone gives as much. In this table only degree 1 has significant power. In the real table higher degrees
+# have some, because the scanning law leaves systematic errors.
 solution = fit.fit_field(field, 4)
 plot_spectrum(solution)
 
 # %%
-# *Do sources share errors?* What they share does not fall with their number, and no formal error knows of it. The power of degrees 2 and
-# higher is the only witness: from it the floor is estimated under spin and acceleration. :doc:`errors_that_stay` is about this.
+# *Are there systematic errors?* Errors that neighbouring sources have in common do not decrease with the number of
+# sources, and the formal errors do not include them. They are estimated from the power of degrees 2 and higher, and
+# extrapolated to the spin and the acceleration: the systematic floor. See :doc:`errors_that_stay`.
 floor = fit.background.floor(fit.normal_equations(field, 4))
 print(floor.report())
 
 # %%
-# *And outliers?* Structure, companions and wrong identifications make motions that are no noise. ``fit.robust.clip`` leaves out what lies
-# farther from the fit than five times the median; if the result moves by more than its error, look at what was clipped.
+# *Are there outliers?* Source structure, companions and wrong identifications cause motions that are not noise.
+# ``fit.robust.clip`` leaves out the sources that deviate from the fit by more than five times the median deviation.
+# If the result changes by more than its error, examine the sources that were clipped.
 clipped = fit.robust.clip(field, 4, kappa=5)
 moved = clipped.solution.acceleration.value - solution.acceleration.value
 print(
@@ -81,28 +88,26 @@ print(
 # What to publish
 # ---------------
 #
-# A vector with its covariance, in the frame people think in. Along Galactic axes almost all of it should be in the first component.
+# Publish the vector with its covariance, in the frame that readers expect. In Galactic axes almost all of the
+# acceleration should be in the first component.
 acceleration = solution.acceleration.to_frame("galactic")
 acceleration
 
 # %%
-# The truth, of course, is known only here:
+# Only here is the truth known:
 pulls = (solution.acceleration.value - TRUE_ACCELERATION) / solution.acceleration.sigma
-print("found − true, in errors:", pulls.round(1))
+print("(estimate − truth) / error:", pulls.round(1))
 
 # %%
-# The map, in Galactic coordinates: arrows are coloured by how sure they are, and hatched is where no source stands.
+# The map in Galactic coordinates: the colour of an arrow shows its significance; regions without sources are hatched.
 galactic = fit.fit_field(field.to_frame("galactic"), 1)
 plot_field(
-    field.to_frame("galactic"),
-    galactic.coefficients,
-    covariance=galactic.covariance,
-    title="What the sky of quasars does",
+    field.to_frame("galactic"), galactic.coefficients, covariance=galactic.covariance, title="Proper motions of quasars"
 )
 
 # %%
-# From a shell all of it is one line::
+# The same from the command line::
 #
 #     vsh-fit crf3.fits --on-bad drop --frame galactic --output results --html results.html
 #
-# ``results/run.toml`` repeats the run, ``results/citation.bib`` says whom to cite.
+# ``results/run.toml`` repeats the run, and ``results/citation.bib`` lists the publications to cite.

@@ -2,8 +2,10 @@
 Errors that more sources do not remove
 ======================================
 
-Formal errors fall as one over the root of the number of sources. If all sources share an error, a pattern left by the scanning law or by the attitude, the
-true error does not follow: at some number it stays where it is, and quoted errors go on falling. This page shows it happen, and what to do.
+Formal errors decrease as one over the square root of the number of sources. Systematic errors that are common to
+neighbouring sources, such as a pattern caused by the scanning law or by the attitude of the satellite, do not: beyond
+some number of sources the true error remains constant while the formal error continues to decrease. This tutorial
+demonstrates the effect, and how to include it in the errors.
 """
 
 import matplotlib.pyplot as plt
@@ -18,8 +20,8 @@ from vsh.figures.plot import COLOURS, STYLE
 # A pattern on the sky
 # --------------------
 #
-# A random field of degrees 1 to 6, the same power in each mode: rms 3.2 µas/yr in every coefficient. Nobody sees it in a single source, whose
-# error is thirty times as large.
+# The systematic errors are a random field of degrees 1 to 6 with the same power in each mode: 3.2 µas/yr rms in every
+# coefficient. They cannot be seen in a single source, whose error is thirty times as large.
 PATTERN = 10 * Spectrum.flat()
 numbers, skies = (1_000, 10_000, 100_000), 12
 
@@ -42,7 +44,8 @@ for number in numbers:
 means = np.array(rows)
 
 # %%
-# The truth is no acceleration at all: what is found is the error. With 100 000 sources it is about three times what the plain fit quotes.
+# The true acceleration is zero, so the estimate is the error. With 100 000 sources it is about three times the error
+# that the plain fit quotes.
 print("    sources   plain: true  quoted   with the floor: true  quoted   [µas/yr]")
 for number, (true, quoted, kept, known) in zip(numbers, means, strict=True):
     print(f"{number:11d}{true:14.2f}{quoted:8.2f}{kept:23.2f}{known:8.2f}")
@@ -59,21 +62,24 @@ axes.set_ylabel("error of the acceleration  [µas/yr]")
 axes.legend()
 
 # %%
-# How the floor is known
-# ----------------------
+# How the floor is estimated
+# --------------------------
 #
-# Degrees 2 to 6 hold no signal that anybody expects: what power they have above noise is the pattern's. If degree 1 has its share of it, as here, that
-# is the floor. It is an assumption, and the report says so; where the pattern is known to be of another shape, say it: ``floor(normal, spectrum)``.
+# No signal is expected in degrees 2 to 6, so their power above that of noise is attributed to systematic errors. If
+# degree 1 has systematic errors of the same spectrum, as here, this determines the floor. It is an assumption, which
+# the report states. If another spectrum is known to be appropriate, pass it: ``floor(normal, spectrum)``.
 print(floor.report())
 floor.plot()
 
 # %%
-# Two more witnesses
-# ------------------
+# Two other indications
+# ---------------------
 #
-# *Blocks of the sky.* A jackknife over large blocks asks the scatter between regions, and sees the systematic errors within one.
+# *Blocks of the sky.* A jackknife over large blocks uses the scatter between regions, and is sensitive to systematic
+# errors within a region.
 #
-# *The other kind.* A spin that nobody expects, as large as the acceleration's floor, says that the pattern is there: a rotating frame is
-# adjusted away in real catalogues, so what is left is the adjustment's error.
+# *The spin.* A significant spin that is not expected, of the size of the floor of the acceleration, indicates
+# systematic errors: real catalogues are adjusted so that quasars do not rotate, and what remains is the error of the
+# adjustment.
 #
-# From a shell: ``vsh-fit catalogue.fits --lmax 6``. The formulas, and how well the floor is calibrated: :doc:`../backgrounds`.
+# From the command line: ``vsh-fit catalogue.fits --lmax 6``. Formulas and coverage: :doc:`../backgrounds`.

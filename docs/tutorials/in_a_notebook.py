@@ -2,8 +2,8 @@
 Every object in a notebook
 ==========================
 
-What is printed when an object stands alone in the last line of a cell: nouns by what they hold, results by their report. Arrays are determined by their
-shape and range; notes are listed; what is not known is left out.
+How each object is displayed in the last line of a notebook cell. Data are summarised by size, range and frame;
+results are displayed as their report; notes are listed, and unknown properties are omitted.
 """
 
 import numpy as np

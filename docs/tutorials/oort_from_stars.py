@@ -2,11 +2,13 @@
 Oort's constants from a star catalogue
 ======================================
 
-Stars near the Sun stream past it, because the Sun moves, and their streaming changes with place, because the Galaxy turns faster inside than outside.
-To first order in the distance four numbers in the Galactic plane say how: Oort's A and B, shear and rotation, and C and K, which are zero where orbits
-are circles. Proper motions and parallaxes are enough.
+Stars near the Sun show a mean streaming motion, because the Sun moves, and the motion changes with position, because
+the Galaxy rotates differentially. To first order in the distance, four numbers describe the change in the Galactic
+plane: the Oort constants A (shear) and B (rotation), and C and K, which are zero for circular orbits. Proper motions
+and parallaxes are sufficient to measure them.
 
-With a file of one's own: ``vsh-redshift stars.fits --distances --oort``. Here a catalogue is simulated, so that the answer is known.
+With a file of your own: ``vsh-redshift stars.fits --distances --oort``. Here a catalogue is simulated, so that the
+truth is known.
 """
 
 import matplotlib.pyplot as plt
@@ -19,8 +21,9 @@ from vsh.sky.sphere import triad
 from vsh.tools.units import AU_PER_YEAR
 
 # %%
-# Stars that thin out with exp(−d/L), L = 300 pc, with a velocity ellipsoid of 35, 25 and 20 km/s, in the field of A = 15.3, B = −11.9, C = −3.2 and
-# K = −3.3 km/s/kpc, the values of Bovy (2017). Parallaxes are known to 0.3 mas: a third of them to no better than 5 standard errors.
+# The density of stars decreases as exp(−d/L) with L = 300 pc; velocity dispersions are 35, 25 and 20 km/s; A = 15.3,
+# B = −11.9, C = −3.2 and K = −3.3 km/s/kpc are the values of Bovy (2017). The error of the parallaxes is 0.3 mas, so
+# that a third of them have less than 5 standard errors.
 TRUTH = {"A": 15.3, "B": -11.9, "C": -3.2, "K": -3.3}
 SUN = np.array([11.1, 12.24, 7.25])
 rng = np.random.default_rng(1)
@@ -45,13 +48,15 @@ stars = Field(
 )
 
 # %%
-# The fit needs no cut in parallax: the mean of 1/d given the parallax, negative ones among them, stands in its place, with the scale length that the
-# catalogue itself has. A cut would choose stars by their errors, and bias.
+# The fit needs no cut in parallax, which would select stars by their errors and bias the result. Instead of
+# 1/parallax it uses the expectation of 1/d given the parallax, negative ones included, with the scale length
+# estimated from the catalogue.
 solution = fit.kinematics(stars)
 print(solution.report())
 
 # %%
-# Along the plane, A and B are a wave and an offset in longitude: µ_l = (A cos 2l + B)/4.74 beyond what our own motion adds.
+# In the plane, A and B are a sine wave and an offset in longitude: µ_l = (A cos 2l + B)/4.74, in addition to the
+# effect of our own motion.
 plt.rcParams.update(STYLE)
 figure, axes = plt.subplots()
 names = list(TRUTH)

@@ -1,10 +1,11 @@
 """
-A study of one's own
-====================
+A simulation study
+==================
 
-Whether an error bar is true is not argued, it is tried: simulate a sky with a known truth, fit it, look how far off the fit is, in its errors; do
-this many times. A study is a file that says which sky, which truth, how often. Here one asks: does an acceleration from 3000 quasars come out
-right on a sky that is not even?
+To find out whether error bars are right, simulate a sky with a known truth, fit it, compare the estimate with the
+truth in units of the error, and repeat this many times. A study is a configuration file with the skies, the truth and
+the number of realisations. This one asks whether the acceleration from 3000 quasars is estimated correctly if the
+sources are not distributed uniformly.
 """
 
 from pathlib import Path
@@ -44,18 +45,19 @@ quasars = { number = 3000, sky = "igql" }
 # Run it
 # ------
 #
-# Every transit of the satellite is followed once; each realisation draws noise with the covariances that come out. Realisations are kept in files of their
-# own: a study that is killed goes on where it was, and the same seed gives the same bytes.
+# The transits of the satellite are computed once; each realisation draws noise with the resulting covariances.
+# Realisations are stored in files of their own: an interrupted study resumes, and the same seed gives the same bytes.
 study = load(folder / "study.toml")
 results = run(study, folder / "results", workers=1, progress=False)
 study
 
 # %%
-# Look
-# ----
+# The result
+# ----------
 #
-# For every parameter: truth, mean, scatter, the error that was quoted. If errors are right, scatter over error is 1, the mean is off by no more
-# than the error of a mean, and 68 % of intervals cover the truth.
+# For every parameter the table lists the truth, the mean and the scatter of the estimates, and the quoted error. If
+# the errors are right, the scatter equals the quoted error, the mean differs from the truth by no more than its own
+# error, and 68 % of the intervals contain the truth.
 rows = [row for row in summary(study, read_realisations(study, results, 40)) if "@" not in row["parameter"]]
 print(f"{'case':10}{'parameter':12}{'truth':>8}{'mean':>9}{'scatter':>9}{'quoted':>9}{'68 %':>7}")
 for row in rows:
@@ -67,11 +69,11 @@ for row in rows:
 plot_calibration(rows)
 
 # %%
-# Both cases are calibrated: what an uneven sky costs is in its errors. With 40 realisations a scatter is known to 11 %; before you call something wrong,
-# raise ``n_realisations`` (the study goes on).
+# Both cases have correct errors; those of the non-uniform sky are larger. With 40 realisations the scatter is known
+# to 11 %: increase ``n_realisations`` before drawing conclusions (the study resumes).
 #
-# From a shell::
+# From the command line::
 #
 #     vsh-study study.toml --output results
 #
-# All keys of the file: :doc:`../study`.
+# All keys of the configuration file: :doc:`../study`.

@@ -2,12 +2,13 @@
 Two catalogues of radio positions
 =================================
 
-A reference frame is made again every ten years, from more observations. Has it turned in the meantime? Is it bent? The differences of
-position between two catalogues of the same sources are a vector field on the sky, and answer: their toroidal degree 1 is a rotation of one
-frame against the other, their spheroidal degree 1 a glide, degree 2 a quadrupole.
+A reference frame is realised anew about every ten years, from more observations. Is the new realisation rotated or
+deformed relative to the old one? The differences of position between two catalogues of the same sources are a vector
+field on the sky: its toroidal degree 1 is a rotation of one frame relative to the other, its spheroidal degree 1 a
+glide, and degree 2 quadrupole deformations.
 
-With the two files of the IERS (icrf3sx.txt, icrf2-all.txt) you would write ``read_icrf("icrf3sx.txt")``. Here two catalogues are
-simulated, the older one turned, stretched, and with a few sources that moved because their structure did.
+With the files of the IERS (icrf3sx.txt, icrf2-all.txt) use ``read_icrf("icrf3sx.txt")``. Here two catalogues are
+simulated; the older one is rotated and deformed, and has a few sources that moved because their structure changed.
 """
 
 import numpy as np
@@ -33,17 +34,18 @@ older = Positions(lon - differences[0] * UAS / np.cos(lat), lat - differences[1]
 newer
 
 # %%
-# Matching, and what does not fit
-# -------------------------------
+# Matching and outliers
+# ---------------------
 #
-# Sources are matched by designation (``by="position"`` matches within a radius). Both covariances enter each difference. The fit leaves out what lies
-# beyond five errors and fits again, until nothing changes; whom it left out is a result, too.
+# Sources are matched by designation (``by="position"`` matches within a radius). The covariances of both catalogues
+# are added for each difference. Sources that deviate by more than five standard errors are excluded and the fit is
+# repeated until nothing changes; the list of these sources is part of the result.
 comparison, kept = compare_catalogues(newer, older, 2, labels=("newer", "older"))
 print(comparison.report())
 
 # %%
-# Under the names of the papers
-# -----------------------------
+# The parameters of the ICRF3 papers
+# ----------------------------------
 #
 # The papers on ICRF3 (Charlot et al. 2020, A&A 644, A159) call the parameters R (rotation), D (glide), E and M (quadrupoles).
 print(f"{'':6}{'[µas]':>8}{'±':>7}{'truth':>8}")
@@ -51,27 +53,28 @@ for name, (value, error) in comparison.parameters.items():
     print(f"{name:6}{value:8.1f}{error:7.1f}{TRUTH.get(name, 0.0):8.1f}")
 
 # %%
-# Is it real?
-# -----------
+# Are the errors right?
+# ---------------------
 #
-# χ²/dof tells whether the errors of both catalogues are right. Here they are. Between the real ICRF3 and ICRF2 it is 2.8 with all sources, and
-# 0.8 once those beyond five errors are left out: a few sources have moved, and errors of the rest are rather too large. Where it is above one in what is
-# left, quoted errors are worth as much as the catalogues' own: a bootstrap over sources, or ``excess_noise``, asks the scatter instead.
+# χ²/dof shows whether the errors of both catalogues are right. Here they are. For the real ICRF3 and ICRF2 it is 2.8
+# with all sources, and 0.8 without those that deviate by more than five errors: a few sources have moved, and the
+# errors of the others are somewhat too large. If it exceeds one without outliers, use errors from the scatter: a
+# bootstrap over sources, or ``excess_noise``.
 print(
-    f"χ²/dof {comparison.solution.reduced_chi2:.3f} with {len(kept)} sources; left out: {', '.join(comparison.names[:6])}, …"
+    f"χ²/dof {comparison.solution.reduced_chi2:.3f} with {len(kept)} sources; excluded: {', '.join(comparison.names[:6])}, …"
 )
 
 # %%
-# A glide of 100 µas between ICRF3 and ICRF2 comes from the acceleration of the Solar System, which ICRF3 takes into account and ICRF2 does not,
-# and from errors of the troposphere in the south. The arrows:
+# The glide of 100 µas between ICRF3 and ICRF2 is caused by the acceleration of the Solar System, which ICRF3 takes
+# into account and ICRF2 does not, and by errors of the troposphere in the south. The fitted field:
 solution = comparison.solution
 plot_field(
     kept, solution.coefficients, covariance=solution.covariance, title="newer − older, degrees 1 and 2", unit="µas"
 )
 
 # %%
-# From a shell::
+# From the command line::
 #
 #     vsh-compare icrf3sx.txt icrf2-all.txt --lmax 2 --output comparison --html comparison.html
 #
-# and, with the sources that define both, ``--input-format icrf --where 'defining == "D"'``.
+# and, for the defining sources of both, ``--input-format icrf --where 'defining == "D"'``.
