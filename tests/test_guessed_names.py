@@ -14,7 +14,7 @@ def field():
     return sim.observe(sim.quasars(300, 1), sim.spin((1, 2, 3)), rng=1)
 
 
-def test_a_degree_by_its_name(field):
+def test_degree_by_its_name(field):
     assert fit.fit_field(field, lmax=1) == fit.fit_field(field, 1)
     assert fit.fit_field(field) == fit.fit_field(field, 3)
     with pytest.raises(ParameterError, match="one of the two"):
@@ -48,7 +48,7 @@ def test_degrees_are_refused_at_once():
         sim.Population(np.array([10.0]), np.array([45.0]), np.array([18.0]))
 
 
-def test_a_word_that_is_near():
+def test_word_that_is_near():
     with pytest.raises(AttributeError, match="did you mean solve"):
         getattr(fit, "sovle")  # noqa: B009
 
@@ -59,6 +59,6 @@ def test_results_print_in_three_lines(field):
         assert str(result).count("\n") in (0, 2)
 
 
-def test_a_field_is_drawn(field):
+def test_field_is_drawn(field):
     axes = plot_sources(field)
     assert axes.get_title().startswith("300 sources")

@@ -42,7 +42,7 @@ def check(main, options, capsys, most=LINES, first=None):
     return text
 
 
-def test_a_fit(capsys):
+def test_fit(capsys):
     check(fit.main, [DEMO], capsys, LINES + 1, "acceleration")  # the truth of a simulation takes two
 
 
@@ -59,11 +59,11 @@ def test_pairs(capsys):
 
 
 @pytest.mark.slow
-def test_a_forecast(capsys):
+def test_forecast(capsys):
     check(forecast.main, [], capsys, first="Gaia DR3")
 
 
-def test_a_link(tmp_path, capsys):
+def test_link(tmp_path, capsys):
     path = str(tmp_path / "link.fits")
     assert simulate.main(["link", "--number", "30", "--quiet", "--output", path]) == 0
     capsys.readouterr()
@@ -76,7 +76,7 @@ def test_velocity_and_constant(galaxies, capsys):
     check(redshift.main, [galaxies, "--velocity", "planck", "--no-flows"], capsys, first="H0")
 
 
-def test_the_posterior_stands_alone_where_it_was_asked_for(galaxies, capsys):
+def test_posterior_stands_alone_where_it_was_asked_for(galaxies, capsys):
     """No other H0 is printed below the one to quote."""
     given = ["--velocity", "planck", "--no-flows", "--posterior", "--method", "grid"]
     text = check(redshift.main, [galaxies, *given], capsys, LINES + 2, "H0")
@@ -99,7 +99,7 @@ def test_real_catalogues(command, capsys):
     check(module.main, [str(real_catalogue(name)) for name in names], capsys)
 
 
-def test_the_answer_of_waves_in_time():
+def test_answer_of_waves_in_time():
     """A wave that is put in is told first, with where its frequency lies."""
     from fit.waves import WaveSpectrum
 

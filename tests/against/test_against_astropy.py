@@ -67,5 +67,5 @@ def test_galactic_centre_in_icrs():
     np.testing.assert_allclose(found, [-0.235965, -3.755779, -2.080491], atol=5e-7)
 
 
-def test_a_micro_arcsecond_is_astropys():
+def test_micro_arcsecond_is_astropys():
     assert pytest.approx((1 * u.uas).to_value("rad"), rel=1e-14) == UAS

@@ -31,7 +31,7 @@ def test_orientation_and_spin():
     np.testing.assert_allclose(found.acceleration.value, 0, atol=5e-3)
 
 
-def test_the_signs_are_those_of_the_harmonics():
+def test_signs_are_those_of_the_harmonics():
     offsets, motions = fk5_minus_hipparcos()
     for field, vector in ((offsets, (-19900.0, -9100.0, 22900.0)), (motions, (-300.0, 600.0, 700.0))):
         np.testing.assert_allclose(fit.fit_field(field, 1).spin.value, vector, atol=5e-3)

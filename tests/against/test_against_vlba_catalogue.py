@@ -14,7 +14,7 @@ def vlba():
     return read_field(real_catalogue("td2017_vlba_proper_motions.ecsv"))
 
 
-def test_the_table_is_read_whole():
+def test_table_is_read_whole():
     field = vlba()
     assert len(field) == 713
     assert np.isfinite(field.redshift).sum() == 659

@@ -93,7 +93,7 @@ def test_excess_noise_is_unbiased():
     assert np.mean([x.excess_noise for x in both]) == pytest.approx(5.0, abs=0.15)
 
 
-def test_the_sandwich_by_its_definition():
+def test_sandwich_by_its_definition():
     field, modes = sky(60, 1), Modes(2)
     basis = harmonics(field.lon, field.lat, modes)
     rng = np.random.default_rng(2)
@@ -180,7 +180,7 @@ def test_p_values_of_bins(case, skies):
     assert contradicted < 0.02 * max(skies, 51)
 
 
-def test_a_difference_is_still_found():
+def test_difference_is_still_found():
     field, rng = quasars(1, "everywhere")
     moved = Field(
         field.lon,
@@ -200,7 +200,7 @@ def galaxies():
 
 
 @pytest.mark.parametrize("sigma", [15.0, 20.0])
-def test_the_prior_on_h0_comes_back_or_is_refused(sigma, monkeypatch):
+def test_prior_on_h0_comes_back_or_is_refused(sigma, monkeypatch):
     """67.3 ± 15 gave 44.6 ± 24.9, or 4.4, or 49.3, by where the sampler was cut off."""
 
     field = galaxies()
@@ -220,7 +220,7 @@ def test_the_prior_on_h0_comes_back_or_is_refused(sigma, monkeypatch):
 
 
 @pytest.mark.slow
-def test_the_chain_agrees_with_the_grid_for_the_flat_product():
+def test_chain_agrees_with_the_grid_for_the_flat_product():
     field = galaxies()
     found = sample(field, "flat-product", (67.3, 15.0), n_samples=150_000, rng=3, progress=False)
     assert found.summary()["H0"].mean == pytest.approx(67.3, abs=1.2)
@@ -248,7 +248,7 @@ def test_block_lengths_are_compared():
     assert rows[0].ratio < best.ratio
 
 
-def test_the_jackknife_by_its_definition():
+def test_jackknife_by_its_definition():
     """A survivor of deliberate breaks: (B − 1)/B."""
     field = sky(400, 4)
     found = fit.resample.jackknife(field, 1, 1, progress=False)

@@ -50,7 +50,7 @@ def test_weights_are_the_inverse_covariance():
 
 @given(seed=st.integers(0, 1000), cut=st.integers(1, 199), lmax=st.integers(1, 4))
 @settings(max_examples=30)
-def test_the_whole_is_the_sum_of_its_parts(seed, cut, lmax):
+def test_whole_is_the_sum_of_its_parts(seed, cut, lmax):
     field = random_field(200, seed)
     whole = fit.normal_equations(field, Modes(lmax))
     total = sum([fit.normal_equations(part, Modes(lmax)) for part in (field[:cut], field[cut:])])
@@ -66,7 +66,7 @@ def test_the_whole_is_the_sum_of_its_parts(seed, cut, lmax):
 @pytest.mark.slow
 @given(seed=st.integers(0, 1000))
 @settings(max_examples=20)
-def test_the_order_of_the_rows_does_not_matter(seed):
+def test_order_of_the_rows_does_not_matter(seed):
     field = random_field(300, seed)
     shuffled = field[np.random.default_rng(seed).permutation(300)]
     one, two = (fit.fit_field(f, 3) for f in (field, shuffled))
@@ -131,7 +131,7 @@ def test_too_few_sources_say_what_to_do():
     assert np.isfinite(fit.solve(normal, prior=prior).sigma).all()
 
 
-def test_a_blind_spot_is_named():
+def test_blind_spot_is_named():
     """Sources within arc seconds of the pole cannot tell a spin about x from a glide along y."""
     rng = np.random.default_rng(1)
     lon, lat = rng.uniform(0, 6, 200), np.pi / 2 - rng.uniform(0, 1e-5, 200)
@@ -151,7 +151,7 @@ def test_different_degrees_and_frames_do_not_add():
         fit.solve(one).residuals(field.to_frame("galactic"))
 
 
-def test_a_prior_counts_no_data():
+def test_prior_counts_no_data():
     """χ² and its degrees of freedom are those of the sources: with a prior that says nothing, and with one that says all."""
     field, modes = random_field(500, seed=1), Modes(3)
     normal = fit.normal_equations(field, modes)
@@ -174,7 +174,7 @@ def test_a_prior_counts_no_data():
     )
 
 
-def test_a_prior_alone_comes_back():
+def test_prior_alone_comes_back():
     modes = Modes(2)
     prior = fit.gaussian_prior(modes, sigma=np.arange(1.0, 17.0), mean=3.0)
     found = fit.solve(prior)
@@ -190,7 +190,7 @@ def test_a_prior_alone_comes_back():
         fit.gaussian_prior(modes, sigma=0)
 
 
-def test_the_frame_of_the_fit_does_not_matter_to_the_vectors():
+def test_frame_of_the_fit_does_not_matter_to_the_vectors():
     field = random_field(500, seed=8)
     icrs, galactic = fit.fit_field(field, 1), fit.fit_field(field.to_frame("galactic"), 1)
     for name in ("spin", "acceleration"):

@@ -97,7 +97,7 @@ def test_moments_are_small():
         assert (moments.weights.nbytes + moments.motions.nbytes) / 1e3 == pytest.approx(kilobytes, rel=1e-3)
 
 
-def test_the_weight_on_the_sky():
+def test_weight_on_the_sky():
     """Its integral is the sum of the weights."""
     moments = Moments.of(FIELD, 8)
     lat, weight = moments.on_sky()
@@ -212,7 +212,7 @@ def test_correlations_and_leakage():
     np.testing.assert_allclose(lmax_table(PARTS, 3, sigma=100.0), lmax_table(FIELD, 3, sigma=100.0), rtol=1e-10)
 
 
-def test_the_frame_solver_and_the_cross_check():
+def test_frame_solver_and_the_cross_check():
     one, two = fit.solve_frame(PARTS), fit.solve_frame(FIELD)
     np.testing.assert_allclose(one.values, two.values, rtol=1e-9)
     assert one.chi2 == pytest.approx(two.chi2)

@@ -29,7 +29,7 @@ def test_truth_is_within_its_errors(quasars):
     assert answer.acceleration.p_value < 0.0027 < answer.spin.p_value
 
 
-def test_the_command_says_the_same(quasars, tmp_path, capsys):
+def test_command_says_the_same(quasars, tmp_path, capsys):
     quasars.write(tmp_path / "q.fits")
     assert main([str(tmp_path / "q.fits"), "--no-figures"]) == 0
     assert capsys.readouterr().out.startswith(fit.recommended(quasars).verdict + "\n")
@@ -57,7 +57,7 @@ def test_few_sources_lower_the_degree_and_say_so(n):
     assert bool(lowered) == (answer.solution.modes.lmax < 5)
 
 
-def test_a_part_of_the_sky_lowers_the_degree():
+def test_part_of_the_sky_lowers_the_degree():
     """Within 15° of a pole degree 5 cannot be told from lower ones."""
     rng = np.random.default_rng(1)
     lon, lat = rng.uniform(0, 2 * np.pi, 400), np.arcsin(rng.uniform(np.cos(np.radians(15)), 1, 400))

@@ -66,7 +66,7 @@ def test_numbers_of_draws_are_poisson():
 
 
 @pytest.mark.parametrize("method", ["bootstrap", "block bootstrap", "parametric bootstrap"])
-def test_the_seed_is_all_there_is(method):
+def test_seed_is_all_there_is(method):
     one, two, other = (METHODS[method](observed(1), seed).samples for seed in (5, 5, 6))
     np.testing.assert_array_equal(one, two)
     assert not np.array_equal(one, other)
@@ -82,7 +82,7 @@ def test_jackknife_leaves_out_one_block_after_the_other():
     np.testing.assert_allclose(found.replicates[3], expected, rtol=1e-9)
 
 
-def test_what_cannot_be_resampled_is_said():
+def test_fits_that_cannot_be_resampled():
     field = observed(3)
     near = field[pixels_of(field.lon, field.lat, 1) == 0]
     with pytest.raises(DegeneracyError, match="all sources lie in one block of nside 1"):

@@ -40,7 +40,7 @@ def vlba(tmp_path_factory):
     return path
 
 
-def test_a_table_of_radio_sources_is_read_whole(vlba):
+def test_table_of_radio_sources_is_read_whole(vlba):
     field = read_field(vlba)
     assert len(field) == 713
     assert np.isfinite(field.redshift).sum() == 659
@@ -127,7 +127,7 @@ def test_two_icrf_catalogues_differ_by_what_was_put_in(tmp_path):
     np.testing.assert_allclose(np.r_[found.rotation, found.glide], [30, -20, 10, -21, -65, -93], atol=0.1)
 
 
-def test_a_selection_function_from_a_file(tmp_path, capsys):
+def test_selection_function_from_a_file(tmp_path, capsys):
     healpy = pytest.importorskip("healpy", reason="there is no healpy for Windows")
 
     from sim.commands.simulate import main as simulate

@@ -180,7 +180,7 @@ def test_small_folders(folder):
     assert len(list(folder.glob("*.py"))) <= 15
 
 
-def test_the_tests_mirror_the_packages():
+def test_tests_mirror_the_packages():
     """Each folder of tests is one of the code, but for those about the project as a whole."""
     folders = {path.relative_to(ROOT / "tests") for path in FOLDERS if path.is_relative_to(ROOT / "tests")}
     packages = {path.relative_to(ROOT) for path in FOLDERS if not path.is_relative_to(ROOT / "tests")}

@@ -54,14 +54,14 @@ def rooms():
 
 
 @pytest.mark.parametrize("room", sorted({*BUDGET, *rooms()}))
-def test_a_room_keeps_its_budget(room):
+def test_room_keeps_its_budget(room):
     assert room in BUDGET, f"{room} is new: give it a budget, and say what goes for it"
     count = rooms()[room]
     assert count <= BUDGET[room], f"{room} has {count} lines of code, and {BUDGET[room]} are its budget"
     assert count >= BUDGET[room] - 25, f"{room} has {count} lines of code: lower its budget from {BUDGET[room]}"
 
 
-def test_what_counts_as_code(tmp_path):
+def test_lines_of_code_are_counted(tmp_path):
     path = tmp_path / "some.py"
     path.write_text(
         '"""What it is."""\n\n# why\nx = (\n    1,\n)\n\n\ndef f():\n    """One line."""\n    return """a\nb"""\n'

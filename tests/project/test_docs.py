@@ -67,7 +67,7 @@ def test_every_promised_name_stands_on_a_page():
 
 
 @for_each(sorted(faces()))
-def test_what_a_face_promises_is_there(face):
+def test_faces_have_what_they_promise(face):
     module = importlib.import_module(face)
     for each in getattr(module, "__all__", ()):
         assert getattr(module, each) is not None, f"{face}.{each}"
@@ -120,13 +120,13 @@ def test_options_that_the_pages_name_exist(command):
                 assert set(re.findall(r"(?<= )--[a-z0-9-]+", options)) <= known, (path.name, line)
 
 
-def test_the_python_in_the_pages_is_python():
+def test_python_in_the_pages_is_python():
     for path in PAGES:
         for block in re.findall(r"```python\n(.*?)```", path.read_text(encoding="utf-8"), re.DOTALL):
             compile(block, path.name, "exec")
 
 
-def test_the_python_of_the_readme_runs():
+def test_python_of_the_readme_runs():
     text = (ROOT / "README.md").read_text(encoding="utf-8")
     (block,) = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
     done = subprocess.run([sys.executable, "-c", block], cwd=ROOT, capture_output=True, text=True, check=False)
@@ -143,7 +143,7 @@ def test_readme_is_short():
         assert word in first
 
 
-def test_the_version_is_said_once():
+def test_version_is_said_once():
     cited = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
     assert cited["version"] == vsh.__version__
     said = re.compile(rf"version\s*[:=]+\s*[\"']?{re.escape(vsh.__version__)}")
@@ -157,7 +157,7 @@ def test_the_version_is_said_once():
         assert not said.search(path.read_text(encoding="utf-8")), path.name
 
 
-def test_the_recipe_for_conda_needs_what_setup_cfg_says():
+def test_recipe_for_conda_needs_what_setup_cfg_says():
     """Names differ in three cases, bounds in none; the version is the package's."""
     recipe = (ROOT / "requirements" / "conda" / "recipe.yaml").read_text(encoding="utf-8")
     listed = set(re.findall(r"^    - (\S+ >=[\d.]+)$", recipe.partition("  run:")[2], re.MULTILINE))

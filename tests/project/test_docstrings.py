@@ -119,7 +119,7 @@ def anything(node):
 
 
 @for_each(FILES, path_name)
-def test_what_may_be_anything_has_a_reason(path):
+def test_untyped_values_have_a_reason(path):
     for name, node in promised(path):
         if isinstance(node, ast.FunctionDef):
             said = {each.arg for each in arguments(node) if anything(each.annotation)}

@@ -51,7 +51,7 @@ def run(house, *words, folder=None):
 
 
 @pytest.mark.slow
-def test_an_estimator_and_a_signal(tmp_path):
+def test_estimator_and_a_signal(tmp_path):
     free = [block for block in BLOCKS if not block.startswith("#")]
     assert len(free) == 2
     script = tmp_path / "mine.py"
@@ -70,7 +70,7 @@ print(trimmed.report())
 
 
 @pytest.mark.slow
-def test_a_format(house, tmp_path):
+def test_format(house, tmp_path):
     rng = np.random.default_rng(1)
     field = Field(*rng.uniform(0, 1.5, (2, 300)), rng.normal(size=(2, 300)), np.ones((2, 300)))
     table = field.to_table()
@@ -98,7 +98,7 @@ COUNTED = "sources        30 in sky.csv\n\nSources\n  sources\n       30\n"
 
 
 @pytest.mark.slow
-def test_a_command(house, tmp_path):
+def test_command(house, tmp_path):
     rng = np.random.default_rng(1)
     Field(*rng.uniform(0, 1.5, (2, 30)), rng.normal(size=(2, 30)), np.ones((2, 30))).write(tmp_path / "sky.csv")
     assert run(house, "-m", "vsh", "count", "sky.csv", folder=tmp_path).startswith(COUNTED)

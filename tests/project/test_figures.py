@@ -19,7 +19,7 @@ def test_there_are_figures():
 
 
 @pytest.mark.parametrize(("path", "name", "node"), DRAWING, ids=lambda each: each if isinstance(each, str) else "")
-def test_it_takes_and_returns_axes(path, name, node):
+def test_figures_take_and_return_axes(path, name, node):
     assert "ax" in [each.arg for each in node.args.kwonlyargs]
     assert ast.unparse(node.returns) in ("Axes", "AxesArray", "SkyAxes", "Any")
     assert ast.get_docstring(node)

@@ -33,7 +33,7 @@ def test_mutants_of_each(files, number):
     assert not broken
 
 
-def test_the_fuzzer_sees_what_breaks(tmp_path):
+def test_fuzzer_sees_what_breaks(tmp_path):
     (tmp_path / "x").write_bytes(b"content")
 
     def careless(path):

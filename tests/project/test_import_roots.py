@@ -53,7 +53,7 @@ def _write(folder, form, name):
 
 @pytest.mark.parametrize("form", FORMS)
 @pytest.mark.parametrize("name", ["fit", "sim", "study"])
-def test_what_hides_a_package_is_named(python, form, name, tmp_path):
+def test_warning_names_what_hides_a_package(python, form, name, tmp_path):
     _write(tmp_path, form, name)
     done = python(tmp_path, "import vsh")
     assert done.returncode == 0, done.stderr
@@ -78,7 +78,7 @@ def test_commands_run_beside_what_hides_a_package(python, form, tmp_path):
     assert "spin" in done.stdout
 
 
-def test_nothing_hides_what_is_ours(python, tmp_path):
+def test_packages_are_not_hidden(python, tmp_path):
     done = python(tmp_path, "import vsh, sim, fit, study; print(fit.fit_field, sim.quasars, study.run)")
     assert done.returncode == 0, done.stderr
     assert done.stderr == ""

@@ -48,7 +48,7 @@ class Balanced(HTMLParser):
 
 
 @pytest.mark.slow
-def test_the_notebook_of_every_object_runs():
+def test_notebook_of_every_object_runs():
     """The page of the gallery that shows them all, executed; each form is whole HTML."""
     source = ROOT / "docs" / "tutorials" / "in_a_notebook.py"
     space = {"__name__": "notebook"}

@@ -31,7 +31,7 @@ def test_yaml_is_valid(path):
 
 
 @for_each(JOBS)
-def test_the_jobs_of_the_wheel_are_understood(job):
+def test_jobs_of_the_wheel_are_understood(job):
     program, *words = shlex.split(job)
     assert parsing.parse(module_of(program.removeprefix("vsh-")), words) is not None
 

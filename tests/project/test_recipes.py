@@ -101,7 +101,7 @@ def run(text, home):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", SAMPLERS)
-def test_a_sampler_takes_a_result(name, tmp_path):
+def test_sampler_takes_a_result(name, tmp_path):
     """Mean and width of the angular speed are those of the posterior on a grid."""
     pytest.importorskip(name)
     (tmp_path / "likelihood.py").write_text(RECIPES["likelihood"], encoding="utf-8")
@@ -122,7 +122,7 @@ print(mean, np.sqrt(np.average((omega - mean) ** 2, weights=weight)))
 
 @POSIX
 @pytest.mark.slow
-def test_the_job_for_one_node_runs(home, tmp_path):
+def test_job_for_one_node_runs(home, tmp_path):
     """SLURM's lines are comments to bash."""
     page = PAGES[0].read_text(encoding="utf-8")
     one, several = re.findall(r"```bash\n(.*?)```", page, re.DOTALL)
@@ -157,13 +157,13 @@ def run_line(line, *more):
     return import_module(module).main([*words, *more])
 
 
-def test_the_page_has_eight_steps():
+def test_page_has_eight_steps():
     assert len(re.findall(r"^\d+\. ", DAY, re.MULTILINE)) == 8
     assert len(LINES) == 13
 
 
 @pytest.mark.slow
-def test_the_day(tmp_path, monkeypatch, capsys):
+def test_day(tmp_path, monkeypatch, capsys):
     """Every line of the page on tables of 8000 sources, but the archive's, which is not asked."""
     monkeypatch.chdir(tmp_path)
     for line in LINES:
@@ -180,7 +180,7 @@ def test_the_day(tmp_path, monkeypatch, capsys):
     }
 
 
-def test_the_cheatsheet_runs(tmp_path, monkeypatch):
+def test_cheatsheet_runs(tmp_path, monkeypatch):
     """All twenty lines, one after the other."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("MPLBACKEND", "agg")

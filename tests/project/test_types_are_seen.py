@@ -46,7 +46,7 @@ solution.plot(ax=solution)  # no axes
 
 
 @pytest.mark.slow
-def test_what_is_read_and_drawn_is_typed(tmp_path):
+def test_readers_and_figures_are_typed(tmp_path):
     (tmp_path / "mine.py").write_text(READ_BACK)
     done = subprocess.run(
         [sys.executable, "-m", "mypy", "mine.py"], cwd=tmp_path, capture_output=True, text=True, check=False

@@ -16,7 +16,7 @@ from vsh.models.cosmology import BACHCHAN_2016
 LAW = sim.NominalScanningLaw()
 
 
-def test_the_chain_has_its_variance_and_its_memory():
+def test_chain_has_its_variance_and_its_memory():
     """At irregular times, over many draws: σ² at each, e^{−Δt/τ} between any two, Gaussian."""
     times = np.array([0.0, 0.1, 0.15, 1.0, 3.0, 3.01])
     n = 20_000
@@ -29,7 +29,7 @@ def test_the_chain_has_its_variance_and_its_memory():
         assert stats.kstest(column / 100, "norm").pvalue > 1e-3
 
 
-def test_the_chain_is_its_recursion():
+def test_chain_is_its_recursion():
     times, sigma, tau = np.sort(np.random.default_rng(1).uniform(0, 5, 50)), 3.0, 0.7
     x = markov_chain(times, sigma, tau, rng=9)
     g = np.random.default_rng(9).standard_normal(50)
@@ -121,7 +121,7 @@ def test_too_few_transits_are_no_solution():
         sim.observe(sim.quasars(10, 1), sim.spin((0, 0, 0)), 2, mission=sim.NominalScanningLaw(years=0.1))
 
 
-def test_the_short_way_has_the_errors_of_the_long_one():
+def test_short_way_has_the_errors_of_the_long_one():
     quasars = sim.quasars(2000, rng=1)
     long = sim.observe(quasars, sim.spin((0, 0, 0)), 2, mission=LAW, release="DR4")
     sigma, rho = errors_by_place(quasars.magnitude, quasars.lon, quasars.lat, LAW, release="DR4")

@@ -85,7 +85,7 @@ def test_linear_flows_have_the_correlations_of_the_theory(exact):
         assert np.abs(one - two).max() < max(bound * LINEAR_PLANCK18.sigma**2, 3.5 * scatter)
 
 
-def test_a_flow_from_a_grid():
+def test_flow_from_a_grid():
     uniform = VelocityGrid(
         np.broadcast_to(np.array([100.0, 0, 0])[:, None, None, None], (3, 4, 4, 4)).copy(), 200.0, "icrs"
     )
@@ -99,7 +99,7 @@ def test_a_flow_from_a_grid():
         signal(lon, lat, np.full(100, 0.2))
 
 
-def test_what_is_refused():
+def test_bad_arguments_are_refused():
     lon, lat, z = places(10)
     with pytest.raises(ParameterError, match='a flow is "linear"'):
         sim.peculiar(0.0, 1, flow="cubic")

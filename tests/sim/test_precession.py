@@ -30,7 +30,7 @@ def test_both_equations_hold(precessions, xi, start):
 
 
 @pytest.mark.parametrize(("precessions", "xi"), [(5.8, 0.7854), (1.7, 0.7854), (400.0, 0.5)])
-def test_it_goes_round_so_often(precessions, xi):
+def test_precession_has_its_period(precessions, xi):
     """In one turn of the Sun ν gains 2π for each precession, exactly."""
     found = Precession(precessions, xi)
     np.testing.assert_allclose(found.phase(0.3, 2 * np.pi * np.arange(4) / precessions), 0.3 + 2 * np.pi * np.arange(4))
@@ -42,7 +42,7 @@ def test_too_slow_an_axis_is_refused():
 
 
 @pytest.mark.parametrize("quiet", [0.0, 28.0])
-def test_a_law_follows_its_equations_between_steps(quiet):
+def test_law_follows_its_equations_between_steps(quiet):
     """The spin axis at any time stands where the closed form has it, to two milliarcseconds: steps are half a day."""
     law = NominalScanningLaw(years=2.0, pole_days=quiet)
     time = np.random.default_rng(1).uniform((quiet + 1) / 365.25, 2, 3000)

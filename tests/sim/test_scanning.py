@@ -19,7 +19,7 @@ def ecliptic(vectors):
     return rotation_matrix("icrs", "ecliptic") @ vectors
 
 
-def test_the_speed_follows_from_the_precessions():
+def test_speed_follows_from_the_precessions():
     assert pytest.approx(4.220745, abs=5e-7) == LAW.speed
 
 
@@ -55,7 +55,7 @@ def test_scan_rate_is_sixty_arcsec_a_second():
     np.testing.assert_allclose(np.degrees(turn) * 3600 / 10, 60, rtol=1e-5)
 
 
-def test_the_sun_is_astropys():
+def test_sun_is_astropys():
     from astropy.coordinates import get_sun
     from astropy.time import Time
 
@@ -91,7 +91,7 @@ def test_transits_are_where_the_views_are():
     ],
     ids=["nominal", "days", "long spins", "poles and gaps"],
 )
-def test_a_compiled_loop_finds_the_same(law):
+def test_compiled_loop_finds_the_same(law):
     pytest.importorskip("numba")
     lon, lat = sim.uniform_sky(400, rng=4)
     lat[:2] = np.pi / 2, -np.pi / 2
@@ -225,7 +225,7 @@ def test_fields_pass_when_spins_are_long():
         NominalScanningLaw(dead_time=1.5, rng=1)
 
 
-def test_the_first_month_looks_at_the_ecliptic_poles():
+def test_first_month_looks_at_the_ecliptic_poles():
     law = NominalScanningLaw(pole_days=28, years=0.5)
     pole = rotation_matrix("ecliptic", "icrs") @ [[0], [0], [1.0]]
     lat, lon = np.arcsin(pole[2]), np.arctan2(pole[1], pole[0])

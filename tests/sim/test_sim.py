@@ -28,7 +28,7 @@ def test_magnitudes_have_the_published_counts():
     assert magnitude.max() <= 21
 
 
-def test_the_plane_is_avoided():
+def test_plane_is_avoided():
     lon, lat = sim.plane_avoiding_sky(10_000, rng=1, latitude=20)
     r = np.array([np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)])
     sin_b = (rotation_matrix("icrs", "galactic") @ r)[2]
@@ -51,7 +51,7 @@ def test_noise_has_the_covariance_that_is_stated():
     assert abs(np.mean(field.chi2) - 2) < 4 * 2 / np.sqrt(100_000)
 
 
-def test_the_seed_is_all_there_is():
+def test_seed_is_all_there_is():
     quasars = sim.quasars(50, rng=1)
     one, two, other = (sim.observe(quasars, sim.spin((1, 0, 0)), rng=seed).motion for seed in (5, 5, 6))
     np.testing.assert_array_equal(one, two)
@@ -67,7 +67,7 @@ def test_wrong_names_are_told_the_right_ones():
         sim.quasars(10, rng=1, max_magnitude=25)
 
 
-def test_the_demo_is_what_its_script_makes():
+def test_demo_is_what_its_script_makes():
     table = Table.read(ROOT / "fit" / "demo.fits")
     for name, column in make_demo_catalogue.demo_columns().items():
         np.testing.assert_allclose(table[name], column, rtol=1e-6, err_msg=name)

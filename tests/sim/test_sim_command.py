@@ -122,7 +122,7 @@ def test_bad_data_is_status_1(arguments, message, tmp_path, monkeypatch, capsys)
 
 
 @pytest.mark.slow
-def test_a_killed_run_leaves_no_broken_file(tmp_path):
+def test_killed_run_leaves_no_broken_file(tmp_path):
     path = tmp_path / "q.fits"
     for wait in (0.7, 1.5, 2.5):
         run = subprocess.Popen(
@@ -135,7 +135,7 @@ def test_a_killed_run_leaves_no_broken_file(tmp_path):
         assert not path.exists()
 
 
-def test_a_release_has_its_errors(tmp_path):
+def test_release_has_its_errors(tmp_path):
     """Found by a newcomer: DR5 had ten years' transits in five."""
     for release in ("DR3", "DR4", "DR5"):
         path = tmp_path / f"{release}.fits"
@@ -190,7 +190,7 @@ def test_positions_of_ones_own(tmp_path, capsys):
         assert "takes the sources of a table" in capsys.readouterr().err
 
 
-def test_what_it_writes_is_read(tmp_path, capsys):
+def test_output_of_vsh_sim_is_read(tmp_path, capsys):
     """A few of the nearest galaxies come towards us: none is in the table that no distance follows from."""
     from fit.commands.redshift import main as redshift
 

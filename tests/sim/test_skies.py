@@ -42,7 +42,7 @@ def test_named_skies(sky):
     assert len(sim.quasars(100, 1, sky)) == 100
 
 
-def test_the_igql_is_northern():
+def test_igql_is_northern():
     lat = sim.quasars(20_000, 1, "igql").lat
     assert (lat > 0).mean() > 0.7
     assert (lat < np.radians(-40)).mean() < 0.02

@@ -57,7 +57,7 @@ def test_columns_of_scans_and_redshifts(both):
     assert abs(spearmanr(z[known], table["bp_rp"][known])[0]) > 0.03
 
 
-def test_what_is_shared(both):
+def test_traps_are_shared_by_sources(both):
     """The difference of both skies: systematic errors, stars within five errors, noise of faint ones a tenth larger."""
     clean, trapped = (read_field(table) for table in both)
     away = trapped.motion - clean.motion
@@ -72,7 +72,7 @@ def test_what_is_shared(both):
 
 
 @pytest.mark.slow
-def test_the_command_says_traps(tmp_path, capsys):
+def test_command_says_traps(tmp_path, capsys):
     path = tmp_path / "crf4.fits"
     assert simulate(["crf4", "--traps", "--number", "1000", "--output", str(path)]) == 0
     with pytest.raises(SystemExit):

@@ -21,7 +21,7 @@ def table():
     return sim.crf3(1, TRUTH, n_five=12_000)
 
 
-def test_the_table_is_like_the_archives(table):
+def test_table_is_like_the_archives(table):
     assert len(table) == 12_000 + round(12_000 * 398_231 / 1_215_942)
     assert len(np.unique(table["source_id"])) == len(table)
     five = table["astrometric_params_solved"] == 31
@@ -56,7 +56,7 @@ def test_its_errors_are_right(table):
 
 
 @pytest.mark.slow
-def test_a_rehearsal_of_dr4(tmp_path, capsys):
+def test_rehearsal_of_dr4(tmp_path, capsys):
     """DR4's columns and epoch; its core solutions keep the quasars whose best model is another."""
     best, core = (sim.crf4(1, TRUTH, n_five=4000, table=name) for name in ("gaia_source", "all_source_astrometry"))
     assert core.meta["REFEPOCH"] == 2017.5
@@ -102,7 +102,7 @@ def _vector(values):
     return Vector(np.array(values, float), np.zeros((3, 3)))
 
 
-def test_the_same_seed_gives_the_same_table(table):
+def test_same_seed_gives_the_same_table(table):
     again = sim.crf3(1, TRUTH, n_five=12_000)
     np.testing.assert_array_equal(again["pmra"], table["pmra"])
 
@@ -112,7 +112,7 @@ def study(table):
     return run_gaia(read_gaia(table), max_lmax=4, n_replicates=60, progress=False)
 
 
-def test_the_truth_is_within_the_errors_of_every_table(study):
+def test_truth_is_within_the_errors_of_every_table(study):
     true = np.array([30.0, -20.0, 10.0, -10.0, 40.0, 5.0])
     rows = [*study.degrees, *study.subsets]
     assert len(rows) > 20
@@ -162,7 +162,7 @@ def test_magnitudes_and_colours_share_out_the_sources(table):
 
 
 @pytest.mark.slow
-def test_the_command_from_simulation_to_page(tmp_path, capsys):
+def test_command_from_simulation_to_page(tmp_path, capsys):
     path = tmp_path / "crf3.fits"
     assert simulate(["crf3", "--number", "6000", "--spin", "1,2,3", "--output", str(path)]) == 0
     assert "6000 sources with five parameters, 1965 with six" in capsys.readouterr().out
@@ -185,7 +185,7 @@ def test_the_command_from_simulation_to_page(tmp_path, capsys):
     assert "use --overwrite" in capsys.readouterr().err
 
 
-def test_what_is_wrong_is_said(tmp_path, capsys, table):
+def test_messages_name_the_error(tmp_path, capsys, table):
     lacking = table.copy()
     lacking.remove_column("pmra_error")
     with pytest.raises(TableError, match="no column 'pmra_error'"):

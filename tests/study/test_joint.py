@@ -41,7 +41,7 @@ def test_every_kind_of_source_is_fitted(finished):
 
 
 @pytest.mark.slow
-def test_the_same_bytes_again_and_by_more_workers(finished, tmp_path):
+def test_same_bytes_again_and_by_more_workers(finished, tmp_path):
     study.run(study.load(TOLD), tmp_path / "again", workers=2, progress=False)
     assert files_of(tmp_path / "again") == files_of(finished)
 

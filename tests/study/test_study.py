@@ -59,7 +59,7 @@ def test_results_hold_everything(finished):
 
 
 @pytest.mark.slow
-def test_the_same_bytes_whatever_the_number_of_workers(finished, tmp_path):
+def test_same_bytes_whatever_the_number_of_workers(finished, tmp_path):
     study.run(study.load(SMALL), tmp_path / "other", workers=1, progress=False)
     assert files_of(tmp_path / "other") == files_of(finished)
 
@@ -81,7 +81,7 @@ def kill_and_go_on(folder, moments):
 
 
 @pytest.mark.slow
-def test_a_killed_study_goes_on(finished, tmp_path):
+def test_killed_study_goes_on(finished, tmp_path):
     assert kill_and_go_on(tmp_path / "killed", (1.6, 1.8)) >= 1
     assert files_of(tmp_path / "killed") == files_of(finished)
 
@@ -97,7 +97,7 @@ def test_killed_twenty_times(finished, tmp_path):
 
 
 @pytest.mark.slow
-def test_what_is_finished_is_not_done_again_and_leftovers_go(finished):
+def test_finished_realisations_are_not_repeated(finished):
     before = {
         path: path.stat().st_mtime_ns for path in finished.rglob("*.*") if path.parent.name in ("A", "D", "prepared")
     }
@@ -113,7 +113,7 @@ def test_what_is_finished_is_not_done_again_and_leftovers_go(finished):
     assert len(before) == 24 + 4
 
 
-def test_the_noise_has_the_true_covariance(tmp_path):
+def test_noise_has_the_true_covariance(tmp_path):
     from study.realise import prepare_realisation
 
     still = study.load(changed(mission={"attitude": 0.0}))
@@ -210,7 +210,7 @@ def test_bad_files_and_skies(tmp_path):
         study.run(study.load(bad), tmp_path / "bad", progress=False)
 
 
-def test_the_command(tmp_path, capsys):
+def test_command(tmp_path, capsys):
     path = tmp_path / "small.toml"
     path.write_text("""[study]
 name = "tiny"
@@ -264,7 +264,7 @@ def test_coverage_is_that_of_the_draws():
 
 
 @pytest.mark.slow
-def test_the_paper_in_small(tmp_path):
+def test_paper_in_small(tmp_path):
     """The paper's configuration with fewer sources: every table and figure is written."""
     import tomllib
 
@@ -362,7 +362,7 @@ def test_expected_covariances_are_those_of_the_draws():
         sim.expected_covariances(one, law, "parallax")
 
 
-def test_the_attitude_is_added_to_every_transit():
+def test_attitude_is_added_to_every_transit():
     law, one = sim.NominalScanningLaw(years=3.0, rng=1), sim.quasars(5, 3)
     from sim.astrometry import transit_error
 

@@ -29,7 +29,7 @@ def test_order_is_t_then_s_then_l_m_part():
 
 
 @pytest.mark.parametrize("lmax", [0, -1, 1.5, "3", None])
-def test_a_degree_is_a_positive_whole_number(lmax):
+def test_degree_is_a_positive_whole_number(lmax):
     with pytest.raises(ModesError, match="at least 1"):
         Modes(lmax)
 

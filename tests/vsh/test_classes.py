@@ -81,6 +81,6 @@ def test_small_classes_are_left_out():
         (lambda: list(Classes.by_edges("G", (18,))), ParameterError, "have no masks"),
     ],
 )
-def test_what_is_wrong_is_said(make, error, words):
+def test_messages_name_the_error(make, error, words):
     with pytest.raises(error, match=words):
         make()

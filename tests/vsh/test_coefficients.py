@@ -9,7 +9,7 @@ from vsh.sky.pixels import centres
 
 @pytest.mark.parametrize("kind", ["T", "S"])
 @pytest.mark.parametrize("l", [1, 2, 4])
-def test_the_power_is_the_integral_of_the_square(kind, l):
+def test_power_is_the_integral_of_the_square(kind, l):
     modes = Modes(5)
     values = np.zeros(len(modes))
     degree = modes.slice_of(kind, l)

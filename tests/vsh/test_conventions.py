@@ -168,7 +168,7 @@ def test_errors_on_a_uniform_sky():
         np.testing.assert_allclose(vector.sigma, np.sqrt(1.5 / n) * 100, rtol=0.02)
 
 
-def test_the_reports_numbers_are_the_solutions():
+def test_reports_numbers_are_the_solutions():
     solution = fit.fit_field(random_field(500, seed=1), 2)
     text = solution.report(long=True)
     assert f"{solution.spin.value[0]:+.2f} ± {solution.spin.sigma[0]:.2f}" in text

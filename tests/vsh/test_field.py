@@ -50,7 +50,7 @@ def test_masks_slices_and_indices_keep_every_column():
     assert len(field[1]) == 1
 
 
-def test_a_field_cannot_be_changed_and_changes_nothing():
+def test_field_cannot_be_changed_and_changes_nothing():
     motion = np.ones((2, 3))
     field = Field(np.zeros(3), np.zeros(3), motion, np.ones((2, 3)))
     with pytest.raises(ValueError, match="read-only"):
@@ -97,7 +97,7 @@ def test_every_fault_is_counted_once():
     assert field.notes[0].startswith("left out 7 of 10 rows: pmra missing: 1;")
 
 
-def test_the_poles_are_on_the_sky():
+def test_poles_are_on_the_sky():
     columns = GOOD | {"dec": [90.0, -90.0, 0.0]}
     assert len(Field.from_columns(**columns)) == 3
 
@@ -112,7 +112,7 @@ def test_the_poles_are_on_the_sky():
         ({"frame": "B1950"}, "unknown frame 'B1950'"),
     ],
 )
-def test_the_constructor_has_the_same_checks(change, message):
+def test_constructor_has_the_same_checks(change, message):
     good = {"lon": np.zeros(3), "lat": np.zeros(3), "motion": np.zeros((2, 3)), "sigma": np.ones((2, 3))}
     with pytest.raises(ValueError, match=message):
         Field(**(good | change))
@@ -141,7 +141,7 @@ def test_fields_add():
         one + 1
 
 
-def test_what_one_field_does_not_know_is_missing_in_the_sum():
+def test_sum_of_fields_has_missing_values():
     from dataclasses import replace
 
     one = replace(random_field(3, seed=1), magnitude=np.arange(3.0), name=np.array([7, 8, 9])).add_note("from A")

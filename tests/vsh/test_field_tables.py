@@ -70,7 +70,7 @@ def test_numbers_that_stand_for_none_are_no_motions():
         ([1, 2], FieldError, "a SkyCoord is expected, not list"),
     ],
 )
-def test_what_is_no_field(coord, error, words):
+def test_tables_that_are_no_field(coord, error, words):
     with pytest.raises(error, match=words):
         Field.from_skycoord(coord, *ERRORS)
 

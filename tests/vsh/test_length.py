@@ -62,7 +62,7 @@ def test_value_along_fewer_axes_than_errors_are_zero():
     np.testing.assert_allclose(length_interval([0, 3.0, 0], flat), length_interval([3.0, 0], np.eye(2)), rtol=1e-2)
 
 
-def test_an_interval_allows_for_directions_that_the_data_allow():
+def test_interval_allows_for_directions_that_the_data_allow():
     """A length has the largest tail over the best direction and others: never less than by the best alone."""
     profile = _Profile(np.array([3.0, 4.0, -2.0]), np.diag([1.0, 16.0, 16.0]), np.inf)
     lengths = np.linspace(0.2, 3.0, 12)

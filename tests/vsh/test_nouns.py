@@ -127,7 +127,7 @@ def test_notes_of_one_table_are_all_kept():
     assert merge_notes(lines) == lines
 
 
-def test_a_process_pool_takes_fields_with_bad_rows(tmp_path):
+def test_process_pool_takes_fields_with_bad_rows(tmp_path):
     from concurrent.futures import ProcessPoolExecutor
     from multiprocessing import get_context
 

@@ -21,7 +21,7 @@ def random_covariance():
     return a @ a.T
 
 
-def test_the_field_is_the_same_field():
+def test_field_is_the_same_field():
     field = random_field(100, seed=1)
     field = Field(field.lon, field.lat, C.at(field.lon, field.lat), field.sigma)
     for frame in ("galactic", "ecliptic"):
@@ -59,7 +59,7 @@ def test_any_rotation(vector):
     np.testing.assert_allclose(rotate(rotate(C, matrix), matrix).values, rotate(C, matrix @ matrix).values, atol=1e-12)
 
 
-def test_a_fit_in_another_frame_is_the_fit_rotated():
+def test_fit_in_another_frame_is_the_fit_rotated():
     field = random_field(500, seed=3)
     icrs, galactic = fit.fit_field(field, 3), fit.fit_field(field.to_frame("galactic"), 3)
     turned, covariance = rotate(icrs.coefficients, "galactic", covariance=icrs.covariance)
@@ -68,19 +68,19 @@ def test_a_fit_in_another_frame_is_the_fit_rotated():
 
 
 @pytest.mark.parametrize("to", [np.eye(2), np.diag([1, 1, -1.0]), 2 * np.eye(3)])
-def test_what_is_no_rotation_is_refused(to):
+def test_matrices_that_are_no_rotation_are_refused(to):
     with pytest.raises(FrameError, match="rotation matrix"):
         rotate(C, to)
 
 
-def test_a_covariance_of_the_wrong_shape_is_refused():
+def test_covariance_of_the_wrong_shape_is_refused():
     with pytest.raises(ValueError, match="covariance has shape"):
         rotate(C, "galactic", covariance=np.eye(3))
 
 
 @pytest.mark.parametrize("to", ["icrs", "galactic", "ecliptic"])
 @pytest.mark.parametrize("frame", ["icrs", "galactic", "ecliptic"])
-def test_the_matrices_are_astropys(frame, to):
+def test_matrices_are_astropys(frame, to):
     axes = SkyCoord(CartesianRepresentation(np.eye(3)), frame=FRAMES[frame])
     np.testing.assert_allclose(
         rotation_matrix(frame, to), axes.transform_to(FRAMES[to]).cartesian.xyz.value, atol=3e-16

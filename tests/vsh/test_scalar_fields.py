@@ -48,7 +48,7 @@ def test_harmonics_are_those_of_scipy(lmax):
     assert_allclose(harmonics(LON, LAT, modes)[:, 0], expected, atol=1e-11)
 
 
-def test_a_spheroidal_mode_is_the_gradient_of_a_scalar_one():
+def test_spheroidal_mode_is_the_gradient_of_a_scalar_one():
     step = 1e-5
     north = (harmonics(LON, LAT + step, ScalarModes(4)) - harmonics(LON, LAT - step, ScalarModes(4)))[:, 0] / (2 * step)
     l = ScalarModes(4).degrees[1:]
@@ -111,7 +111,7 @@ def test_vector_and_scalar_do_not_mix():
     assert (some(2) + some(3)).modes == ScalarModes(3)
 
 
-def test_a_table_with_units_and_masks():
+def test_table_with_units_and_masks():
     table = QTable({"ra": [10.0, 20.0, 30.0] * u.deg, "dec": [0.0, 1.0, 2.0] * u.deg})
     table["parallax"], table["parallax_error"] = [-0.02, 0.01, 0.3] * u.mas, [100.0, 200.0, 300.0] * u.uas
     field = read_scalars(table, unit="uas")
@@ -144,7 +144,7 @@ def test_messages():
         Field.from_positions(ScalarField(ones, 0 * ones, ones, ones))
 
 
-def test_a_copy_is_as_frozen():
+def test_copy_is_as_frozen():
     field = ScalarField(LON, LAT, LON, np.ones(40), "mag", name=np.arange(40), notes=("one",))
     again = pickle.loads(pickle.dumps(field))[:10].minus(1.0).with_errors(np.full(10, 2.0)).add_note("two")
     assert again.unit == "mag"

@@ -43,7 +43,7 @@ def test_another_frame_keeps_the_vector():
     np.testing.assert_allclose(back.covariance, COVARIANCE, atol=1e-12)
 
 
-def test_a_null_vector_has_no_direction_but_no_crash():
+def test_null_vector_has_no_direction_but_no_crash():
     null = Vector([0, 0, 0], COVARIANCE)
     assert null.amplitude == 0
     assert np.isnan(null.amplitude_error)
@@ -81,7 +81,7 @@ def test_intervals_limits_and_cones_cover(covariance, signal_to_noise, n):
     assert inside / n < 0.74 + error
 
 
-def test_a_search_that_finds_nothing_has_the_limit_of_noise():
+def test_search_that_finds_nothing_has_the_limit_of_noise():
     """CLs of no length at all: e^{−a²/2} is what a true length a leaves of the probability of noise."""
     for length in (0.0, 1e-4, 1e-2):
         limit = Vector([length, 0, 0], np.eye(3)).amplitude_limit(0.95)

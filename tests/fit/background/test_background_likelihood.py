@@ -38,13 +38,13 @@ CASES = [((0.1, 3.0), 1.2), ((0.0, 50.0), 0.9), ((1.0, 0.0), 2.0), ((0.02, 200.0
 
 
 @pytest.mark.parametrize(("amplitudes", "noise_scale"), CASES)
-def test_it_is_the_dense_likelihood(amplitudes, noise_scale):
+def test_likelihood_is_the_dense_one(amplitudes, noise_scale):
     likelihood = Likelihood(fit.normal_equations(FIELD, MODES), SPECTRA, (2, 3, 4), (1,))
     expected = dense(FIELD, amplitudes, noise_scale) - dense(FIELD, (0, 0), 1)
     assert likelihood(amplitudes, noise_scale) == pytest.approx(expected, abs=1e-9)
 
 
-def test_it_adds_and_knows_no_frame():
+def test_likelihood_adds_and_depends_on_no_frame():
     spectra = [Spectrum.odd(), Spectrum.even()]
     whole = fit_background(fit.normal_equations(FIELD, MODES), spectra)
     halves = fit.normal_equations(FIELD[:70], MODES) + fit.normal_equations(FIELD[70:], MODES)
@@ -83,7 +83,7 @@ def loud():
     return fit.normal_equations(field, 4)
 
 
-def test_the_maximum_is_the_highest_point(loud):
+def test_maximum_is_the_highest_point(loud):
     likelihood = Likelihood(loud, [Spectrum.odd(), Spectrum.even()], (2, 3, 4), (1,))
     best = likelihood.maximum()
     ratios, top = best.amplitudes / best.noise_scale**2, None
@@ -98,7 +98,7 @@ def test_the_maximum_is_the_highest_point(loud):
     assert likelihood(best.amplitudes, 1.01 * best.noise_scale) < top
 
 
-def test_the_information_is_the_mean_curvature():
+def test_information_is_the_mean_curvature():
     """The expected information against second differences of the likelihood, averaged over skies of its own model."""
     modes = Modes(4)
     normal = fit.normal_equations(random_field(400, seed=9), modes)
@@ -177,7 +177,7 @@ def test_two_amplitudes_are_marginalised(loud):
     assert evidence == pytest.approx(np.log(whole) + best.log_likelihood, abs=0.02)
 
 
-def test_a_solution_in_place_of_normal_equations():
+def test_solution_in_place_of_normal_equations():
     normal = fit.normal_equations(FIELD, 3)
     one = fit_background(normal, [Spectrum.flat()])
     two = fit_background(fit.solve(normal), [Spectrum.flat()])

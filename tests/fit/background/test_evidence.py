@@ -26,14 +26,14 @@ def gaussian(field, variances, modes):
 
 
 @pytest.mark.parametrize("degrees", [(1,), (1, 2, 3), (2,), (1, 3)])
-def test_it_is_the_dense_gaussian(degrees):
+def test_evidence_is_that_of_the_dense_gaussian(degrees):
     modes, spectrum = Modes(3), 50 * PER_DEGREE
     variances = np.where(np.isin(modes.degrees, degrees), spectrum.variances(modes), 0)
     expected = gaussian(FIELD, variances, modes) - gaussian(FIELD, 0 * variances, modes)
     assert evidence(fit.normal_equations(FIELD, 3), spectrum, degrees) == pytest.approx(expected, abs=1e-9)
 
 
-def test_a_dipole_that_changes():
+def test_dipole_that_changes():
     """Two halves with coefficients in common and of their own: the dense Gaussian of both."""
     modes, halves = Modes(1), [FIELD[:80], FIELD[80:]]
     rows = [harmonics(half.lon, half.lat, modes).reshape(6, -1).T for half in halves]
@@ -52,7 +52,7 @@ def test_a_dipole_that_changes():
     assert evidence(normals, common) == pytest.approx(evidence(fit.normal_equations(FIELD, 1), common), abs=1e-9)
 
 
-def test_it_adds_over_shapes_that_do_not_meet():
+def test_evidence_adds_over_shapes_that_do_not_overlap():
     """A sky on which T and S of degree 1 are orthogonal: their evidences add."""
     modes = Modes(2)
     matrix = np.diag(np.arange(1.0, 17.0))
@@ -64,7 +64,7 @@ def test_it_adds_over_shapes_that_do_not_meet():
 @pytest.mark.parametrize(
     ("power", "table"), [(10.0, (20.40, 23.60, 28.59, 27.73)), (50.0, (17.39, 15.03, 14.84, 6.71))]
 )
-def test_the_vlba_table(power, table):
+def test_vlba_table(power, table):
     field = read_field(real_catalogue("td2017_vlba_proper_motions.ecsv"))
     kept = field[fit.clip(field, 2, 2).kept]
     assert len(kept) == 580
@@ -73,7 +73,7 @@ def test_the_vlba_table(power, table):
     np.testing.assert_allclose(found, table, atol=0.01)
 
 
-def test_the_power_marginalised():
+def test_power_marginalised():
     normal = fit.normal_equations(FIELD, 2)
     mean = quad(lambda t: np.exp(evidence(normal, np.exp(t) * PER_DEGREE)), np.log(1), np.log(1e4))[0] / np.log(1e4)
     assert evidence(normal, PER_DEGREE, amplitudes=(1, 1e4)) == pytest.approx(np.log(mean), abs=0.02)

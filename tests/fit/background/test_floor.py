@@ -24,7 +24,7 @@ def sky(strength=1.0, seed=1, n=4000, sigma=40.0, lmax=5):
 LOUD = fit.normal_equations(sky(), 5)
 
 
-def test_what_a_floor_is():
+def test_floor_is_the_power_of_degree_one():
     found = floor(LOUD, degrees=range(2, 6), shapes=("flat",))
     assert found.degrees == (2, 3, 4, 5)
     assert found.odd_interval[0] < found.odd < found.odd_interval[1]
@@ -38,7 +38,7 @@ def test_what_a_floor_is():
     assert found.noise_scale == pytest.approx(1, abs=0.05)
 
 
-def test_it_knows_no_frame_and_no_order():
+def test_floor_depends_on_no_frame_and_no_order():
     field = sky()
     one = floor(LOUD)
     for other in (
@@ -50,7 +50,7 @@ def test_it_knows_no_frame_and_no_order():
             assert getattr(other, name) == pytest.approx(getattr(one, name), rel=1e-5)
 
 
-def test_a_solution_holds_it_and_says_so():
+def test_solution_holds_it_and_says_so():
     found = floor(LOUD, shapes=("flat",))
     plain, solution = fit.solve(LOUD), fit.solve(LOUD, floor=found)
     assert (solution.spin.sigma > found.spin_error).all()
@@ -77,7 +77,7 @@ def test_a_solution_holds_it_and_says_so():
     assert 0 < solution.by_prior < 64
 
 
-def test_a_fixed_scale_and_a_dense_truth():
+def test_fixed_scale_and_a_dense_truth():
     """The prior with the floor is least squares with the dense covariance of the same field, degree 1 of it too."""
     field = random_field(300, seed=4)
     normal = fit.normal_equations(field, 3)
@@ -212,7 +212,7 @@ def test_two_shapes_are_averaged_by_their_evidence(tmp_path):
 
 
 @pytest.mark.parametrize(("strength", "within"), [(0.0, 0.04), (1.0, 0.08)])
-def test_an_average_is_the_mean_over_what_may_be_shared(strength, within):
+def test_average_is_the_mean_over_what_may_be_shared(strength, within):
     """As the draws of `shared` have it: the mean power adds to degree 1, where one shape alone adds its median."""
     normal = fit.normal_equations(sky(strength), 5)
     solution = fit.solve(normal, floor=floor(normal))
@@ -241,7 +241,7 @@ def test_reports():
     assert "formal error" in with_it.report(long=True)
 
 
-def test_a_solution_with_a_floor_is_stored_whole(tmp_path):
+def test_solution_with_a_floor_is_stored_whole(tmp_path):
     solution = fit.solve(LOUD, floor=floor(LOUD))
     solution.write(tmp_path / "solution.ecsv")
     again = read(tmp_path / "solution.ecsv")
@@ -249,7 +249,7 @@ def test_a_solution_with_a_floor_is_stored_whole(tmp_path):
     assert again.power("S", 3) == solution.power("S", 3)
 
 
-def test_the_vlba_table():
+def test_vlba_table():
     """713 sources: no parity, and a floor of some 0.4 µas/yr."""
     field = read_field(real_catalogue("td2017_vlba_proper_motions.ecsv"))
     found = floor(fit.robust.student_t(field, 3))

@@ -25,7 +25,7 @@ def equations(lmax, odd, even, latitude=0.0, n=6000, south=-1.0):
 
 
 @pytest.mark.parametrize(("odd", "even"), [(0.0, 0.0), (40.0, 8.0), (0.0, 300.0)])
-def test_the_expansion_is_the_likelihood(odd, even):
+def test_expansion_is_the_likelihood(odd, even):
     """Maxima, their ln L, and quantiles of both powers to a thousandth; a tenth of the sky is empty."""
     normal, degrees = equations(13, odd, even, latitude=6.0), range(2, 14)
     expanded = Parities(normal, degrees, (1,))
@@ -54,7 +54,7 @@ def test_slopes_are_those_of_the_parts():
 
 
 @pytest.mark.parametrize(("lmax", "south", "power"), [(13, 0.0, 2000.0), (13, 0.0, 1e5), (16, -0.5, 2000.0)])
-def test_a_strong_field_on_a_part_of_the_sky_has_its_floor(lmax, south, power):
+def test_strong_field_on_a_part_of_the_sky_has_its_floor(lmax, south, power):
     """Where I − S Sᵀ is singular to rounding the expansion gives way to the plain likelihood."""
     normal = equations(lmax, power, power, south=south)
     with pytest.raises(ConvergenceError, match="mixes the parities"):
@@ -65,7 +65,7 @@ def test_a_strong_field_on_a_part_of_the_sky_has_its_floor(lmax, south, power):
 
 
 @pytest.mark.slow
-def test_a_sky_that_mixes_the_parities_is_taken_as_it_is(monkeypatch):
+def test_sky_that_mixes_the_parities_is_taken_as_it_is(monkeypatch):
     """Three tenths of the sky: the expansion says so, and the floor is that of the plain likelihood."""
     normal = equations(13, 1000.0, 1.0, south=0.4)
     with pytest.raises(ConvergenceError, match="mixes the parities"):

@@ -30,7 +30,7 @@ def three():
     return shared(classes(), labels=["near", "middle", "far"], draws=200)
 
 
-def test_the_gradient_is_that_of_the_likelihood():
+def test_gradient_is_that_of_the_likelihood():
     modes = Modes(4)
     parts = ClassEquations.beside([reduce_to_classes(each, modes) for each in classes(lmax=4, k=2)])
     for own in ("each", "one"):
@@ -45,7 +45,7 @@ def test_the_gradient_is_that_of_the_likelihood():
             assert 2 * x[k] * slope[k] == pytest.approx(numeric, rel=1e-4, abs=1e-6)
 
 
-def test_the_likelihood_is_that_of_the_dense_covariance():
+def test_likelihood_is_that_of_the_dense_covariance():
     """ln L of degrees 2 … L by the covariance of all coefficients' right-hand sides."""
     modes = Modes(3)
     parts = ClassEquations.beside([reduce_to_classes(each, modes, False) for each in classes(lmax=3, k=2, n=500)])
@@ -84,7 +84,7 @@ def test_classes_alike_are_not_contradicted(three):
     assert three.power("T")[0] > 0
 
 
-def test_a_change_is_found():
+def test_change_is_found():
     result = shared(classes(change=(60.0, 0.0, 0.0)), draws=200)
     assert result.equality("S") < 0.0027
     assert result.equality("T") > 0.01
@@ -108,7 +108,7 @@ def test_p_values_of_classes_alike():
     assert np.mean(np.array(wrong) < 1.96) > 0.88
 
 
-def test_the_same_seed_gives_the_same_result(three):
+def test_same_seed_gives_the_same_result(three):
     assert shared(classes(), labels=["near", "middle", "far"], draws=200) == three
 
 
@@ -152,12 +152,12 @@ def test_one_class_is_a_floor():
         (lambda n: shared(n).trend([1.0, 1.0]), ParameterError, "a place for each"),
     ],
 )
-def test_what_is_wrong_is_said(call, error, words):
+def test_messages_name_the_error(call, error, words):
     with pytest.raises(error, match=words):
         call(classes(k=2, n=300, lmax=4))
 
 
-def test_a_class_on_a_cap_is_named():
+def test_class_on_a_cap_is_named():
     field = random_field(4000, 1)
     cap = field[field.lat > 1.2]
     result = shared([fit.normal_equations(field, 4), fit.normal_equations(cap, 4)], labels=["sky", "cap"], draws=60)
@@ -167,7 +167,7 @@ def test_a_class_on_a_cap_is_named():
         shared([fit.normal_equations(field, 4), fit.normal_equations(one_place, 4)])
 
 
-def test_the_covariance_is_that_of_the_mixture(three):
+def test_covariance_is_that_of_the_mixture(three):
     """Mean of the covariances of all draws, and the scatter of their means."""
     size = 18
     inner = three.covariances.mean(0).reshape(size, size)

@@ -24,7 +24,7 @@ def whole_and_caps(seed, lmax, n=8000, power=300.0):
     return [fit.normal_equations(each, lmax) for each in (field[::2], double[caps][::2])]
 
 
-def test_what_is_marginalised_is_a_fit_with_a_prior():
+def test_marginalising_is_a_fit_with_a_prior():
     normal = whole_and_caps(1, 7)[1]
     variances = Spectrum.flat().variances(normal.modes) * 30
     at = normal.modes.degrees <= 5
@@ -53,7 +53,7 @@ def test_differences_of_caps_are_within_their_errors(skies):
     assert rms[5] > 1.3 * rms[8]
 
 
-def test_a_part_of_the_sky_is_told():
+def test_part_of_the_sky_is_told():
     normals = whole_and_caps(1, 8)
     assert [sees_part(each, 5) for each in normals] == [False, True]
     at = np.flatnonzero(normals[0].modes.degrees <= 5)
@@ -66,7 +66,7 @@ def test_a_part_of_the_sky_is_told():
     assert not _leaks(shared(low[1], draws=50))  # with nothing to be compared with, its own floor holds
 
 
-def test_a_spectrum_that_ends_leaks_nothing():
+def test_spectrum_that_ends_leaks_nothing():
     ends = Spectrum("to degree 5", lambda lmax: np.where(np.arange(1, lmax + 1) < 6, 1.0, 0.0) * np.ones((2, 1)))
     normals = whole_and_caps(1, 7)
     assert np.isfinite(shared(normals, range(2, 6), shapes=[ends], draws=50).covariance).all()

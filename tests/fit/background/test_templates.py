@@ -26,7 +26,7 @@ def fields_of(template, lmax=5, frame="icrs"):
     return [Coefficients(Modes(lmax), each.values) for each in template.fields(Modes(lmax), frame)]
 
 
-def test_a_map_moves_along_its_slope_and_across():
+def test_map_moves_along_its_slope_and_across():
     along, across = fields_of(Template("scans", MAP))
     lon, lat = sim.uniform_sky(500, 1)
     step = 1e-5
@@ -93,7 +93,7 @@ def test_amplitudes_come_back(sigma):
     assert 0.7 < np.sqrt(np.mean(first**2)) < 1.2
 
 
-def test_a_template_in_degree_one_is_taken_from_the_acceleration():
+def test_template_in_degree_one_is_taken_from_the_acceleration():
     """A density that leans to one pole moves motions in degree 1 too: without the template that is acceleration."""
     leaning = Template("lean", np.sin(LAT) + 0.8 * np.sin(2 * LAT) ** 2 * np.cos(LON) + np.sin(3 * LAT))
     biased, right = [], []
@@ -135,7 +135,7 @@ def test_equations_with_templates_add(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_column_of_a_catalogue_in_parts(tmp_path, capsys):
+def test_column_of_a_catalogue_in_parts(tmp_path, capsys):
     """Its means by pixel are the column: coefficients to 1e-3 of it, and what the command prints of it."""
     from astropy.table import Table
 

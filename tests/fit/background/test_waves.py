@@ -23,7 +23,7 @@ VLBA = [
 
 
 @pytest.mark.parametrize(("kappa", "scaled", "limits"), VLBA)
-def test_the_vlba_table(kappa, scaled, limits):
+def test_vlba_table(kappa, scaled, limits):
     field = read_field(real_catalogue("td2017_vlba_proper_motions.ecsv"))
     if kappa:
         field = field[fit.clip(field, 2, kappa).kept]

@@ -71,7 +71,7 @@ def test_sources_in_no_class_are_counted(path, tmp_path, capsys):
         ("nothing:3", "no column 'nothing'"),
     ],
 )
-def test_what_is_wrong_is_said(classes, words, path, capsys):
+def test_messages_name_the_error(classes, words, path, capsys):
     assert main([str(path), "--lmax", "4", "--classes", classes]) == 1
     assert words in capsys.readouterr().err
 

@@ -47,7 +47,7 @@ def test_demo_finds_its_truth(tmp_path, capsys):
 @pytest.mark.parametrize(
     "options", ["", "--method least-squares --lmax 1", "--method clip=3 --lmax 1", "--method student --lmax 3"]
 )
-def test_a_page_quotes_what_is_printed_of_the_vlba(options, capsys):
+def test_page_quotes_what_is_printed_of_the_vlba(options, capsys):
     """Steps of docs/quoting.md: the block after each command has lines that it prints."""
     page = (ROOT / "docs" / "quoting.md").read_text(encoding="utf-8")
     assert main([str(real_catalogue("td2017_vlba_proper_motions.ecsv")), *options.split()]) == 0
@@ -60,7 +60,7 @@ def test_a_page_quotes_what_is_printed_of_the_vlba(options, capsys):
     assert {line.removeprefix("    ") for line in block} <= set(printed)
 
 
-def test_what_is_added_to_the_motions_of_the_vlba_is_found():
+def test_signal_added_to_the_vlba_is_recovered():
     """docs/quoting.md: the method would see Gaia's acceleration."""
     page = (ROOT / "docs" / "quoting.md").read_text(encoding="utf-8")
     field = vsh.io.catalogue.read_field(real_catalogue("td2017_vlba_proper_motions.ecsv"))
@@ -205,7 +205,7 @@ def test_clipped_is_not_refused(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_catalogue_in_parts(tmp_path, capsys):
+def test_catalogue_in_parts(tmp_path, capsys):
     """The same report, tables and counts with --workers as with the catalogue read whole; figures are drawn, too."""
     rng = np.random.default_rng(8)
     home = tmp_path / "sky"

@@ -60,7 +60,7 @@ def test_json_and_options(stars, capsys):
         (["--steps", "1"], "cannot separate"),
     ],
 )
-def test_what_is_wrong_is_said(stars, capsys, words, message):
+def test_messages_name_the_error(stars, capsys, words, message):
     assert main([str(stars / "gaia.csv"), str(stars / "vlbi.csv"), *words]) == 1
     assert message in capsys.readouterr().err
 
@@ -88,7 +88,7 @@ def test_command_seeks_and_simulates(tmp_path, capsys):
     assert "give one of the two" in capsys.readouterr().err
 
 
-def test_the_truth_of_a_simulated_link_stands_below(tmp_path, capsys):
+def test_truth_of_a_simulated_link_stands_below(tmp_path, capsys):
     from sim.commands.simulate import main as simulate
 
     path = str(tmp_path / "stars.ecsv")

@@ -158,7 +158,7 @@ def test_redshifts_missing_and_absent(path, tmp_path, capsys):
 
 
 @pytest.mark.slow
-def test_a_real_catalogue(capsys):
+def test_real_catalogue(capsys):
     path = str(real_catalogue("td2017_vlba_proper_motions.ecsv"))
     assert (
         main(
@@ -212,7 +212,7 @@ def test_simulate_and_bin_on_real_redshifts(name, column, edges, tmp_path, capsy
     assert "spin alike in all bins" in capsys.readouterr().out
 
 
-def test_the_truth_of_a_simulated_table_stands_beside_the_result(tmp_path, capsys):
+def test_truth_of_a_simulated_table_stands_beside_the_result(tmp_path, capsys):
     from sim.commands.simulate import main as simulate
 
     path = str(tmp_path / "galaxies.fits")
@@ -277,7 +277,7 @@ def seen(tmp_path_factory):
 
 
 @pytest.mark.slow
-def test_a_frame_that_nobody_told_is_asked_for(seen, capsys):
+def test_frame_that_nobody_told_is_asked_for(seen, capsys):
     path = str(seen / "untold.ecsv")
     assert main([path, "--h0", "67.4", "--on-bad", "drop"]) == 1
     error = capsys.readouterr().err
@@ -312,7 +312,7 @@ def test_flows_and_all_that_goes_with_them(seen, tmp_path, capsys):
 
 
 @pytest.mark.slow
-def test_a_posterior_with_flows(seen, capsys):
+def test_posterior_with_flows(seen, capsys):
     arguments = [
         seen / "told.fits", "--posterior", "--on-bad", "drop", "--flows", "--n-modes", "30", "--h0", "67.4", "--h0-error", "10",
         "--flow-amplitude", "1,0.1", "--n-samples", "150000", "--long",

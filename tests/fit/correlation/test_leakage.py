@@ -47,7 +47,7 @@ def test_mean_squared_bias_of_2000_skies():
     assert set(vector) == {"a_x", "a_y", "a_z"}
 
 
-def test_an_even_sky_leaks_nothing():
+def test_even_sky_leaks_nothing():
     from vsh.sky.pixels import centres
 
     lon, lat = centres(16)

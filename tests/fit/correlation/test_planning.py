@@ -15,7 +15,7 @@ from vsh.sky.pixels import pixels_of
 from vsh.tools.errors import FieldError
 
 
-def test_a_prediction_is_the_covariance_of_the_fit_to_come():
+def test_prediction_is_the_covariance_of_the_fit_to_come():
     field = nonuniform()
     found, solution = predict_covariance(field, 3), fit.fit_field(field, 3)
     np.testing.assert_array_equal(found.covariance, solution.covariance)

@@ -50,7 +50,7 @@ def test_deviate_of_complete_samples_is_normal(n_skies):
     assert min(deviates) > -3.5
 
 
-def test_a_sample_that_fades_out_is_complete_to_a_brighter_magnitude():
+def test_sample_that_fades_out_is_complete_to_a_brighter_magnitude():
     field = galaxies(1, n=4000, softness=1.0)
     limit, brighter = complete_to(table(field), field.magnitude.max())
     assert 11 < limit < 12.8

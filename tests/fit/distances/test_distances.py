@@ -68,7 +68,7 @@ def test_mean_variance_and_slope_by_a_sum_over_a_fine_grid(error, magnitudes):
 
 
 @pytest.mark.parametrize(("dispersion", "error"), [(300.0, 0.0), (750.0, 0.0), (300.0, 0.003)])
-def test_the_mean_is_that_of_galaxies_that_were_drawn(dispersion, error):
+def test_mean_is_that_of_galaxies_that_were_drawn(dispersion, error):
     """E[k − m | z_obs, G] is zero, near and far, bright and faint; and the variance is right."""
     field, true = seen(40_000, 3, dispersion, error)
     found = inverse_distances(field, calibrate(field, dispersion=dispersion, density="volume"))
@@ -90,7 +90,7 @@ def test_the_mean_is_that_of_galaxies_that_were_drawn(dispersion, error):
     assert abs(naive[near].mean()) > 3 * abs(off[near].mean())
 
 
-def test_the_luminosity_function_comes_back():
+def test_luminosity_function_comes_back():
     field, _ = seen(40_000, 2)
     curve = calibrate(field).luminosity
     magnitude = np.linspace(-21.0, -15.8, 30)
@@ -99,7 +99,7 @@ def test_the_luminosity_function_comes_back():
     assert "galaxies to magnitude 2" in curve.words or "galaxies to magnitude 19.9" in curve.words
 
 
-def test_a_curve_goes_on_straight():
+def test_curve_goes_on_straight():
     curve = LogCurve(np.array([0.0, 1.0, 2.0, 3.0]), np.array([0.0, 1.0, 0.5, 0.2]))
     x = np.array([-3.0, -2.0, -1.0, 4.0, 5.0, 6.0])
     steps = np.diff(curve(x))
@@ -198,7 +198,7 @@ def test_parts_give_the_same():
         ({"few": True}, {}, DegeneracyError, "20 galaxies with magnitudes say nothing"),
     ],
 )  # fmt: skip
-def test_what_is_refused(change, options, error, words):
+def test_bad_arguments_are_refused(change, options, error, words):
     field, _ = seen(300)
     if change.get("magnitude", 0) is True:
         field = replace(field, magnitude=np.r_[np.nan, field.magnitude[1:]])

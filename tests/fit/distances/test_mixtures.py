@@ -48,7 +48,7 @@ def test_one_uncertain_redshift_moves_nothing():
 
 
 @pytest.mark.parametrize(("error", "noted"), [(np.nan, 0), (0.003, 1), (0.03, 1)])
-def test_a_mixture_is_noted(error, noted):
+def test_mixture_is_noted(error, noted):
     notes = observer_velocity(galaxies(1, error=error), 70.0, flows=None, peculiar_dispersion=0.0).notes
     assert sum("times the typical one, as photometric ones have" in str(note) for note in notes) == noted
 

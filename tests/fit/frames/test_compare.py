@@ -39,7 +39,7 @@ def two(n=1500, seed=1, truth=TRUTH, outliers=0):
 
 
 @pytest.mark.slow
-def test_what_was_done_is_found():
+def test_differences_put_in_are_recovered():
     pulls, p = [], []
     for seed in range(40):
         found, kept = compare_catalogues(*two(seed=seed))
@@ -223,7 +223,7 @@ def test_p_values_where_some_share_noise(faint):
     assert max(found.factors) > 3 * min(found.factors)
 
 
-def test_the_p_value_allows_for_factors_that_are_estimated():
+def test_p_value_allows_for_factors_that_are_estimated():
     """F with the degrees of freedom of the classes, weighed by their information: larger than χ² has it."""
     from scipy.stats import chi2
 
@@ -268,7 +268,7 @@ def sharing(seed, n=1500, power=900.0):
 
 
 @pytest.mark.slow
-def test_what_sources_share_is_beside_a_comparison_or_in_it(tmp_path, capsys, monkeypatch):
+def test_floor_is_reported_with_a_comparison_or_included(tmp_path, capsys, monkeypatch):
     a, b = sharing(1)
     few, _ = compare_catalogues(a, b, 2)
     assert few.shared is None

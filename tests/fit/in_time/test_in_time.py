@@ -66,7 +66,7 @@ def test_messages_of_functions():
         waves(1.0) + waves(2.0, span=SPAN)
 
 
-def test_what_is_put_in_comes_back_and_errors_hold():
+def test_signal_is_recovered_with_its_errors():
     functions = waves(1.3, span=SPAN) + legendre(3, span=SPAN)
     rng = np.random.default_rng(4)
     true = 100 * rng.normal(size=(len(functions), len(Modes(2))))
@@ -124,7 +124,7 @@ def test_sums_add_and_do_not_depend_on_order_or_threads():
         whole + normal_equations(some, 2, waves(1.0, span=SPAN), attitude="known")
 
 
-def test_what_a_response_leaves_has_no_rotation():
+def test_response_leaves_no_rotation():
     functions, some = waves(2.3, span=SPAN), observed(60)
     response = Response(LAW, nside=2, steps=20_000)
     equations = normal_equations(some, 2, functions, attitude=response)
@@ -165,7 +165,7 @@ def test_messages(tmp_path):
         background(normal_equations(some, 1, functions, attitude="known"))
 
 
-def test_the_likelihood_of_a_background_is_that_of_the_coefficients():
+def test_likelihood_of_a_background_is_that_of_the_coefficients():
     """Against the density of the fitted coefficients, N(0, C + P D)."""
     functions = waves(1.5, 2.5, span=SPAN)
     equations = normal_equations(observed(200), 2, functions, attitude="known")
@@ -233,7 +233,7 @@ def test_files_and_figures(tmp_path):
     assert (tmp_path / "sky.gif").read_bytes().startswith(b"GIF89a")
 
 
-def test_a_folder_is_read_file_by_file(tmp_path):
+def test_folder_is_read_file_by_file(tmp_path):
     population = sim.quasars(24, 1)
     table = sim.epochs(population, sim.spin((0, 0, 0)), 1, mission=LAW)
     for k in range(2):

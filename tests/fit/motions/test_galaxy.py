@@ -21,7 +21,7 @@ def test_published_numbers():
     assert f"{galaxy.angular_speed(solar_speed=0):.2f}" == "30.39"
 
 
-def test_the_three_relations_are_one():
+def test_three_relations_are_one():
     a = galaxy.expected_acceleration(8.3, 29.0)
     assert galaxy.distance_of_centre(a, 0.1, 29.0)[0] == pytest.approx(8.3, rel=1e-12)
     assert galaxy.circular_speed(a, 0.1, 8.3)[0] == pytest.approx(29.0 * 8.3, rel=1e-12)
@@ -46,7 +46,7 @@ def test_errors_from_few_replicates_are_no_evidence():
     assert p == Vector(orbit.acceleration.value - expected.value, 0.1 * np.eye(3), "galactic", dof=11).p_value
 
 
-def test_the_bias_of_the_amplitude():
+def test_bias_of_the_amplitude():
     rng = np.random.default_rng(1)
     true = np.array([2.0, 0.0, 0.0])
     covariance = np.diag([0.3, 0.5, 0.6]) ** 2
@@ -74,7 +74,7 @@ def test_errors_on_simulated_skies():
     assert np.abs(np.mean(pulls, 0)).max() < 0.25
 
 
-def test_a_potential():
+def test_potential():
     """A flat rotation curve of 238 km/s in km/s/Myr, and as a Quantity of any unit."""
 
     def plain(x):

@@ -31,7 +31,7 @@ def sky(n=500, seed=1, shear=SHEAR, sigma=5.0):
     return Field(lon, lat, sim.anisotropic_expansion(shear)(lon, lat) + errors * rng.normal(size=(2, n)), errors)
 
 
-def test_the_five_relations():
+def test_five_relations():
     """Exactly: a fit without noise of the field that sim makes, and the conversion both ways."""
     field = sky(sigma=1e-3)
     clean = field.minus(field.motion - sim.anisotropic_expansion(SHEAR)(field.lon, field.lat))
@@ -45,7 +45,7 @@ def test_the_five_relations():
     assert made.power("S", 2) == pytest.approx(4 * np.pi / 5 * np.sum(SHEAR**2), rel=1e-12)
 
 
-def test_a_trace_makes_no_difference():
+def test_trace_makes_no_difference():
     assert_allclose(from_tensor(SHEAR + 3 * np.eye(3)).values, from_tensor(SHEAR).values, atol=1e-12)
 
 
@@ -82,7 +82,7 @@ def test_p_values_of_noise():
     assert np.mean(np.array(p) < 0.2) == pytest.approx(0.2, abs=0.09)
 
 
-def test_a_prior_does_not_shrink_what_is_sought():
+def test_prior_does_not_shrink_what_is_sought():
     """Of a fit with a floor the tensor is that without, as its p-value is."""
     equations = fit.normal_equations(sky(2000, sigma=60.0, shear=4 * SHEAR), 5)
     plain, shrunk = fit.solve(equations), fit.solve(equations, floor=fit.background.floor(equations))
@@ -153,7 +153,7 @@ def test_free_modes_by_the_dense_covariance():
     assert_allclose(mean.ravel(), (solved @ (both.T @ rhs))[:33], atol=1e-5 * np.abs(mean).max())
 
 
-def test_a_tensor_that_grows_is_recovered(tmp_path):
+def test_tensor_that_grows_is_recovered(tmp_path):
     result = compare_expansions(bins(n=8000, grows=25.0), [0.5, 1.0, 1.5], labels=["near", "middle", "far"])
     for i, shear in enumerate(result.shears):
         pull = (shear.values - 25.0 * i * SHEAR[tuple(np.transpose(PLACES))]) / shear.sigma
@@ -170,7 +170,7 @@ def test_a_tensor_that_grows_is_recovered(tmp_path):
     result.plot()
 
 
-def test_what_bins_share_is_no_expansion():
+def test_systematic_errors_are_no_expansion():
     """Systematic errors of 5 µas/yr in every coefficient: tiny formal p-values, and none with what bins share."""
     result = compare_expansions(bins(n=8000, sigma=30.0, shared=5.0))
     assert result.formal.min() < 1e-4

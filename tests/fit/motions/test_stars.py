@@ -118,7 +118,7 @@ def test_clusters_find_the_suns_motion_around_the_centre():
     assert np.abs(np.mean(pulls, 0)).max() < 4 / np.sqrt(20)
 
 
-def test_the_frame_does_not_matter():
+def test_frame_does_not_matter():
     field = stars(np.random.default_rng(3), 800)
     a, b = fit.kinematics(field), fit.kinematics(field.to_frame("icrs"))
     np.testing.assert_allclose(a.values, b.values, rtol=1e-6, atol=1e-8)
@@ -147,7 +147,7 @@ def test_rates_of_parallaxes_against_a_fine_sum(signal):
     assert rates.variance[0] == pytest.approx(np.sum(weight * (rate - mean) ** 2) / weight.sum(), rel=1e-4)
 
 
-def test_what_is_wrong_is_said():
+def test_messages_name_the_error():
     field = stars(np.random.default_rng(1), 200)
     with pytest.raises(FieldError, match="200 of 200 sources have neither a distance nor a parallax"):
         fit.kinematics(Field(field.lon, field.lat, field.motion, field.sigma))
@@ -163,7 +163,7 @@ def test_what_is_wrong_is_said():
         fit.kinematics(same)
 
 
-def test_the_command(tmp_path, capsys):
+def test_command(tmp_path, capsys):
     from fit.commands.redshift import main
     from vsh.io.tables import read_table
 

@@ -25,7 +25,7 @@ def test_independent_errors_are_the_ordinary_fit():
         assert (dense.n_data, dense.frame) == (400, "icrs")
 
 
-def test_a_process_cut_at_a_degree_is_a_prior():
+def test_process_cut_at_a_degree_is_a_prior():
     """A dense field of degrees 2 … 4 gives degree 1 what a prior on those degrees gives it."""
     field, spectrum = random_field(300, seed=2), 40 * Spectrum.given([0.0, 3, 2, 1])
     covariance = shared.of_errors(field) + shared.from_spectrum(field, spectrum, 4)

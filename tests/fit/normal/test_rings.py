@@ -60,7 +60,7 @@ def test_compressed_is_direct_for_any_catalogue(seed, lmax, n):
 
 
 @pytest.mark.parametrize("n", [1, 100, 40_000])
-def test_the_short_cut_for_degree_one_is_direct(n):
+def test_short_cut_for_degree_one_is_direct(n):
     field = cut_sky(n + 2, 7)
     direct, short = (fit.normal_equations(field, Modes(1), method=method) for method in ("design-matrix", "auto"))
     np.testing.assert_allclose(short.matrix, direct.matrix, atol=1e-13 * np.abs(direct.matrix).max(), rtol=0)
@@ -84,7 +84,7 @@ def test_auto_is_one_of_the_two():
         fit.normal_equations(few, Modes(1), method="fast")
 
 
-def test_a_stream_of_fields_is_their_sum():
+def test_stream_of_fields_is_their_sum():
     field = cut_sky(5000, 3)
     stream = (field[start : start + 700] for start in range(0, 5000, 700))
     whole, streamed = fit.normal_equations(field, Modes(3)), fit.normal_equations(stream, Modes(3))

@@ -76,7 +76,7 @@ def test_other_weights():
 
 
 @pytest.mark.parametrize("kind", ["spin", "glide"])
-def test_a_dipole_follows_its_law(kind):
+def test_dipole_follows_its_law(kind):
     """T1: ⟨∥∥⟩ = P/8π, ⟨⊥⊥⟩ = P cos θ/8π; S1 the other way round; P = 8π/3 of the square of the vector."""
     rng = np.random.default_rng(4)
     lon, lat = rng.uniform(0, 2 * np.pi, 20000), np.arcsin(rng.uniform(-1, 1, 20000))
@@ -102,7 +102,7 @@ def _mean(function, edges):
     return np.sum(hat * function(theta)) / hat.sum()
 
 
-def test_the_curve_of_waves():
+def test_curve_of_waves():
     from vsh.models.covariance import d_plus
 
     theta = np.array([0.2, 0.8, 1.3, 2.0, 2.7])
@@ -169,7 +169,7 @@ def test_pairs_of_blocks_add_up_to_the_whole():
 
 
 @pytest.mark.parametrize("name", ["_power", "_correlation"])
-def test_what_errors_come_from_is_zero_for_all_sources_together(name, monkeypatch):
+def test_jackknife_sums_are_zero_for_all_sources(name, monkeypatch):
     """Of each estimate, what blocks and pairs of them have more than it expects adds up to nothing."""
     seen = []
     monkeypatch.setattr(f"fit.pairs.{name}.covariance_of", lambda *arguments: seen.append(arguments) or np.eye(2))
@@ -300,7 +300,7 @@ def test_limits_of_templates_invert_the_chance_of_squares():
 
 
 @pytest.mark.slow
-def test_the_verdict_sees_what_is_there():
+def test_verdict_sees_what_is_there():
     """A glide of twenty errors is seen, and said to be no proof; noise shows nothing on nearly every sky."""
     edges = np.radians([0, 30, 60, 90, 120, 150, 180])
     seen = pairs.correlation_function(noisy(1500, 1, sim.acceleration((0, 120, 0))), edges, lmax=40).fit().verdict

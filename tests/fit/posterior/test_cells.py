@@ -62,7 +62,7 @@ def test_draws_are_independent_and_of_the_posterior(field):
     )
 
 
-def test_the_density_of_draws_is_what_they_are_drawn_with(field, free):
+def test_density_of_draws_is_what_they_are_drawn_with(field, free):
     """What `draw` says of its draws is what `log_density` says; and it integrates to one along H0."""
     cells = sample(field, n_samples=2000, max_samples=2000, rng=1, **COMMON, **free).cells
     theta, log = cells.draw(np.random.default_rng(1), 500)
@@ -73,7 +73,7 @@ def test_the_density_of_draws_is_what_they_are_drawn_with(field, free):
 
 
 @pytest.mark.slow
-def test_the_chain_mends_what_the_draws_do_not_know(field):
+def test_chain_mends_what_the_draws_do_not_know(field):
     """Moves to draws of another posterior, twice as wide: the chain is still that of this one."""
     exact = grid(field, CMB_VELOCITY_PLANCK18, n_points=400, flows=None)
     found = sample(field, CMB_VELOCITY_PLANCK18, n_samples=2000, max_samples=2000, rng=1, **COMMON)
@@ -100,7 +100,7 @@ def test_other_priors_begin_with_the_one_that_was_given(setting):
     np.testing.assert_allclose(numbers, [mine.median, mine.low68, mine.high68], atol=0.02 * width)
 
 
-def test_what_a_grid_cannot_hold(field):
+def test_grids_have_limits(field):
     wide = {"peculiar_dispersion": Flat(0, 900), "excess_noise": Flat(0, 20)}
     with pytest.raises(ParameterError, match="is too large: fix all but two, or sample with emcee"):
         sample(field, method="grid", rng=1, **COMMON, **wide)
@@ -120,7 +120,7 @@ def test_what_a_grid_cannot_hold(field):
 
 
 @pytest.mark.slow
-def test_a_chain_that_is_too_short_goes_on(field):
+def test_chain_that_is_too_short_goes_on(field):
     """Three free numbers are moved by differential evolution: a hundred steps are some three autocorrelation times."""
     wide = {"peculiar_dispersion": Flat(0, 900), "excess_noise": Flat(0, 20)}
     chain = sample(field, CMB_VELOCITY_PLANCK18, Flat(20, 150), n_samples=12_800, rng=1, **COMMON, **wide).chain

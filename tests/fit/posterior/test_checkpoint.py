@@ -29,7 +29,7 @@ def field():
     return sim.observe(sim.galaxies(300, rng=1), truth, rng=2, sigma=3.0)
 
 
-def test_a_chain_goes_on_bit_for_bit(field, tmp_path):
+def test_chain_goes_on_bit_for_bit(field, tmp_path):
     whole = sample(field, **COMMON)
     path = tmp_path / "chain.npz"
     sample(field, **COMMON | {"n_samples": 1000}, checkpoint=path)
@@ -42,7 +42,7 @@ def test_a_chain_goes_on_bit_for_bit(field, tmp_path):
     assert (shorter.chain == whole.chain[:50]).all()
 
 
-def test_the_same_seed_gives_the_same_chain(field):
+def test_same_seed_gives_the_same_chain(field):
     one, two = (sample(field, **COMMON) for _ in range(2))
     assert (one.chain == two.chain).all()
     other = sample(field, **COMMON | {"rng": 4})
@@ -69,7 +69,7 @@ def test_another_model_is_refused(field, tmp_path, change, words):
         sample(field, **COMMON | change, checkpoint=path)
 
 
-def test_a_function_that_changed_is_refused(field, tmp_path):
+def test_function_that_changed_is_refused(field, tmp_path):
     path = tmp_path / "chain.npz"
 
     def of(width):
@@ -115,7 +115,7 @@ def test_damaged_files_are_refused(field, tmp_path):
         sample(field, **COMMON, checkpoint=tmp_path)
 
 
-def test_a_file_is_whole_or_not_there(tmp_path):
+def test_file_is_whole_or_not_there(tmp_path):
     path = tmp_path / "file"
     with atomic_write(path) as new:
         new.write_text("old")
@@ -183,7 +183,7 @@ def test_killed_at_sixty_moments(tmp_path):
     assert kill_many(tmp_path, groups) >= 60
 
 
-def test_a_prior_that_differs_by_its_numbers_only_is_told(field, tmp_path):
+def test_prior_that_differs_by_its_numbers_only_is_told(field, tmp_path):
     path = tmp_path / "chain.npz"
     sample(field, **COMMON | {"hubble_prior": Normal(70, 5)}, checkpoint=path)
     with pytest.raises(CheckpointError, match="hubble: there"):

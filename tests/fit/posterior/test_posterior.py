@@ -72,7 +72,7 @@ def test_against_the_closed_form_and_the_grid(seed):
 
 
 @pytest.mark.slow
-def test_the_ridge_with_flat_priors():
+def test_ridge_with_flat_priors():
     """Flat in v, flat in H0 between limits: p(H0) ∝ H0⁻³ whatever the data, and u is as by least squares."""
     field = galaxies(sigma=3.0)
     found = sample(field, "flat", Flat(40, 100), n_samples=1_500_000, peculiar_dispersion=0.0, **SETTINGS)
@@ -89,7 +89,7 @@ def test_the_ridge_with_flat_priors():
 
 
 @pytest.mark.slow
-def test_a_chain_with_free_dispersion_against_the_grid():
+def test_chain_with_free_dispersion_against_the_grid():
     field = galaxies(sigma=2.0, spread=700.0)
     settings = {
         "velocity_prior": CMB_VELOCITY_PLANCK18,
@@ -118,7 +118,7 @@ def test_excess_noise_is_found():
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_the_table_is_the_likelihood(seed):
+def test_table_is_the_likelihood(seed):
     """Interpolated against the full covariance, source by source, at random parameters."""
     rng = np.random.default_rng(seed)
     field = galaxies(60, seed=seed, sigma=4.0, spread=500.0)
@@ -164,7 +164,7 @@ def test_outliers_are_told_apart():
 
 
 @pytest.mark.slow
-def test_a_callable_prior_is_the_gaussian_it_computes():
+def test_callable_prior_is_the_gaussian_it_computes():
     field = galaxies()
     turned = Vector(CMB_VELOCITY_PLANCK18.value, 1600 * np.eye(3), "galactic", "km/s").to_frame("icrs")
 
@@ -182,7 +182,7 @@ def test_a_callable_prior_is_the_gaussian_it_computes():
         grid(field, by_hand, hubble)
 
 
-def test_a_spin_with_errors_is_a_prior():
+def test_spin_with_errors_is_a_prior():
     field = galaxies(500)
     free = grid(field, "flat", Normal(67.3, 1e-3), spin="free", peculiar_dispersion=0.0, flows=None).velocity
     loose = grid(
@@ -213,7 +213,7 @@ def test_a_spin_with_errors_is_a_prior():
     )
 
 
-def test_a_short_chain_reports_nothing_but_keeps_its_samples():
+def test_short_chain_reports_nothing_but_keeps_its_samples():
     found = sample(galaxies(300), CMB_VELOCITY_PLANCK18, Flat(20, 150), n_samples=5000, max_samples=5000, **SETTINGS)
     assert found.chain.shape == (40, 128, 4)
     for report in (found.summary, found.report, found.to_arviz, found.corner, lambda: found.samples):
@@ -257,7 +257,7 @@ def test_figures_and_tables():
 
 
 @pytest.mark.slow
-def test_an_axis_of_what_is_never_negative_begins_at_zero():
+def test_axis_of_what_is_never_negative_begins_at_zero():
     rng = np.random.default_rng(1)
     weak = Samples({"H0": rng.exponential(30, 4000), "v_x": rng.normal(0, 30, 4000)}, "galactic", (), {}, 1)
     drawn = weak.plot()
@@ -307,7 +307,7 @@ def test_samples_of_getdist_are_those_of_the_posterior():
 
 
 @pytest.mark.slow
-def test_a_posterior_without_limits_says_so():
+def test_posterior_without_limits_says_so():
     field = galaxies(30, sigma=200.0)
     found = sample(field, CMB_VELOCITY_PLANCK18, "flat", n_samples=400_000, **SETTINGS)
     assert "next to H0 = 1000, a limit of the sampler" in found.report()
@@ -386,7 +386,7 @@ def test_simulation_based_calibration():
         assert kstest((column + 0.5) / 100, "uniform").pvalue > 1e-3
 
 
-def test_a_chain_that_is_too_short_goes_on():
+def test_chain_that_is_too_short_goes_on():
     field = galaxies(300)
     found = sample(field, CMB_VELOCITY_PLANCK18, Flat(20, 150), n_samples=6000, **SETTINGS)
     steps = len(found.chain)
@@ -412,7 +412,7 @@ def test_digits_are_those_that_the_sample_has():
 
 
 @pytest.mark.parametrize("velocity", ["flat", "flat-product"])
-def test_the_conditional_is_the_integral_over_velocities(velocity):
+def test_conditional_is_the_integral_over_velocities(velocity):
     """ln of a Gaussian's integral over u is its density at the peak less half of ln det: for each H0, up to one constant."""
     field = galaxies(300)
     calibration = parallax_equations(field, peculiar_dispersion=300.0, flows=None)

@@ -66,7 +66,7 @@ def test_ranks_of_the_truth_are_uniform():
 
 
 @pytest.mark.slow
-def test_a_sample_and_a_grid_with_flows():
+def test_sample_and_a_grid_with_flows():
     field = seen(np.random.default_rng(1), 300)
     options = OPTIONS | {"acceleration": Vector(GLIDE, 0.04 * np.eye(3))}
     found = sample(field, "planck", Normal(70, 20, low=0), n_samples=200_000, rng=1, **options)
@@ -83,7 +83,7 @@ def test_a_sample_and_a_grid_with_flows():
 
 
 @pytest.mark.slow
-def test_the_amplitude_of_the_flow_is_a_ruler_only_where_it_is_asked_for():
+def test_amplitude_of_the_flow_is_a_ruler_only_where_it_is_asked_for():
     field = seen(np.random.default_rng(2), 400, sigma=0.3)
     options = {key: value for key, value in OPTIONS.items() if key != "progress"}
     off, on = (
@@ -95,7 +95,7 @@ def test_the_amplitude_of_the_flow_is_a_ruler_only_where_it_is_asked_for():
 
 
 @pytest.mark.slow
-def test_the_report_says_the_prior_and_shows_others_beside_it():
+def test_report_says_the_prior_and_shows_others_beside_it():
     field = seen(np.random.default_rng(3), 200)
     found = sample(field, "planck", "flat", n_samples=100_000, rng=1, **OPTIONS)
     text = found.report()
@@ -121,7 +121,7 @@ def test_the_report_says_the_prior_and_shows_others_beside_it():
     assert "v · H0   " not in narrow
 
 
-def test_what_is_refused_or_asked_for():
+def test_flows_that_are_refused_or_requested():
     field = seen(np.random.default_rng(4), 100)
     with pytest.raises(ParameterError, match="needs a flow"):
         sample(field, flow_amplitude=Normal(1, 0.1), n_samples=1000, progress=False, flows=None)

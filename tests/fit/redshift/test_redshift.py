@@ -27,7 +27,7 @@ def quasars(n, seed, truth=None, edges=(0.1, 4.0), frame="icrs"):
     return sim.observe(population, truth or sim.spin((0, 0, 0)), rng, sigma=sigma, rho=rho)
 
 
-def test_the_sum_of_the_bins_is_the_whole():
+def test_sum_of_the_bins_is_the_whole():
     field = quasars(2000, 1)
     found = binned(field, 3, [0.1, 1.0, 2.0, 4.0], flows=None)
     whole, total = fit.normal_equations(field, Modes(3)), sum(found.normals)
@@ -108,7 +108,7 @@ def test_equality_and_trend_are_chi2_where_nothing_changes(shared, n_skies):
         assert abs(p.mean() - 0.5) < 4 * np.sqrt(1 / 12 / n_skies)
 
 
-def test_a_secular_parallax_is_found_by_the_trend_and_not_by_equality_alone():
+def test_secular_parallax_is_found_by_the_trend_and_not_by_equality_alone():
     velocity = Vector([4000.0, 0, 0], np.zeros((3, 3)), unit="km/s")
     population = sim.galaxies(30_000, rng=1)
     field = sim.observe(
@@ -127,7 +127,7 @@ def test_a_secular_parallax_is_found_by_the_trend_and_not_by_equality_alone():
     assert found.secular_parallax(BACHCHAN_2016)[1].p_value < 1e-6
 
 
-def test_a_trend_of_one_component_is_that_component():
+def test_trend_of_one_component_is_that_component():
     def growing(lon, lat, z):
         return sim.acceleration((0, 0, 7.0))(lon, lat) * z
 
@@ -220,7 +220,7 @@ def test_shuffling_begins_with_the_same_chi2():
     assert slope_chi2(values, scaled, found.redshift) == pytest.approx(found.trend().test.chi2)
 
 
-def test_the_slope_that_is_printed_is_of_degree_one():
+def test_slope_that_is_printed_is_of_degree_one():
     """Whatever else is fitted: its row stands below those of spin and acceleration."""
     found = binned(quasars(3000, 4), 3, 3, flows=None)
     assert (found.trend().test.dof, found.trend(first=True).test.dof) == (30, 6)
@@ -230,7 +230,7 @@ def test_the_slope_that_is_printed_is_of_degree_one():
     assert "permuted: computed with --lmax 1 alone" in found.report()
 
 
-def test_a_real_catalogue_claims_nothing():
+def test_real_catalogue_claims_nothing():
     field = catalogue.read_field(real_catalogue("td2017_vlba_proper_motions.ecsv"), {"redshift": "z"})
     found = binned(field, 1, [0.01, 0.5, 1, 1.5, 7])
     assert found.counts.sum() == 655
@@ -257,7 +257,7 @@ def test_markers_stand_where_a_bin_measures():
     assert np.abs((first.value - at_mean[0]) / first.sigma).max() > 4
 
 
-def test_the_flow_of_bins_against_a_design_matrix():
+def test_flow_of_bins_against_a_design_matrix():
     """C N⁻¹ Σ AᵀWF of every bin, with errors that hold each source's own motion, written out."""
     from fit.redshift._solution import shared_flow
     from vsh.basis import harmonics
@@ -330,7 +330,7 @@ def test_bins_with_errors_that_they_share(tmp_path, capsys):
 
 
 @pytest.mark.slow
-def test_a_bin_of_few_sources_does_not_bear_higher_degrees(tmp_path, capsys):
+def test_bin_of_few_sources_does_not_bear_higher_degrees(tmp_path, capsys):
     """Three degrees more than sixty sources determine: the answer is by fewer, and a note says what that means."""
     from fit.commands.redshift import main
 

@@ -78,7 +78,7 @@ def test_no_text_of_a_fit_is_cut():
         plt.close(figure)
 
 
-def test_a_collision_is_seen():
+def test_collision_is_seen():
     figure, axes = plt.subplots()
     axes.text(0.5, 0.5, "here")
     axes.text(0.5, 0.5, "and there")

@@ -37,7 +37,7 @@ def test_deviates_are_those_of_scipy_and_never_infinite():
     assert f_p_value(20.0, 5, np.inf) == pytest.approx(stats.chi2.sf(20, 5))
 
 
-def test_the_rule_errs_as_often_as_it_says():
+def test_rule_errs_as_often_as_it_says():
     """χ² of 2000 sets of right errors: 3 σ twice in 740."""
     rng = np.random.default_rng(1)
     for dof in (5, 500):

@@ -59,7 +59,7 @@ def test_mignard_and_klioners_w_is_power_over_the_zonal_variance():
     assert row.mk_w == pytest.approx(solution.coefficients.power("S", 2) / solution.sigma[zonal] ** 2)
 
 
-def test_a_limit_is_that_of_a_norm_with_the_mean_error():
+def test_limit_is_that_of_a_norm_with_the_mean_error():
     """Where there is nothing: noise is the sum of squares of 2l + 1 errors."""
     for row in fit.spectrum.spectrum(next(skies(1, TRUTH))):
         n = 2 * row.l + 1

@@ -262,7 +262,7 @@ def test_there_and_back(name, ending, found, tmp_path):
     assert plain.meta["ORIGIN"] == "a test"
 
 
-def test_a_plain_table_says_what_is_in_it(found, tmp_path):
+def test_plain_table_says_what_is_in_it(found, tmp_path):
     solution = found["solution"]
     solution.write(tmp_path / "solution.ecsv")
     table = Table.read(tmp_path / "solution.ecsv")
@@ -271,7 +271,7 @@ def test_a_plain_table_says_what_is_in_it(found, tmp_path):
     np.testing.assert_array_equal(table["covariance"], solution.covariance)
 
 
-def test_what_cannot_be_read(found, tmp_path):
+def test_files_that_cannot_be_read(found, tmp_path):
     Table({"x": [1.0]}).write(tmp_path / "other.ecsv")
     with pytest.raises(TableError, match="holds no result of a fit"):
         read(tmp_path / "other.ecsv")

@@ -14,7 +14,7 @@ def field():
     return sim.observe(sim.quasars(800, 1), sim.spin((0, 40, 0)), rng=2, sigma=100.0)
 
 
-def test_a_summary_has_the_errors_of_the_result(field):
+def test_summary_has_the_errors_of_the_result(field):
     for result in (fit.fit_field(field), fit.recommended(field), fit.estimate(field, 2, "student")):
         table = result.summary()
         assert list(table["parameter"][:3]) == ["spin_x", "spin_y", "spin_z"]

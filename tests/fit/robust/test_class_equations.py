@@ -19,7 +19,7 @@ def heavy(quasars, rng, acceleration=(0, 0, 0)):
 
 
 @pytest.mark.parametrize("part", [0.25, pytest.param(0.5, marks=pytest.mark.slow)])
-def test_the_vector_of_a_class_is_not_drawn_to_that_of_all(part):
+def test_vector_of_a_class_is_not_drawn_to_that_of_all(part):
     """Weights are taken about the fit of all: without a correction the difference was a third too small."""
     rng, quasars, seen, errors = np.random.default_rng(2), sim.quasars(2000, 3), [], []
     for _ in range(30):
@@ -34,7 +34,7 @@ def test_the_vector_of_a_class_is_not_drawn_to_that_of_all(part):
     assert np.std(seen) / np.mean(errors) == pytest.approx(1, abs=0.3)
 
 
-def test_the_whole_has_the_solution_of_the_fit():
+def test_whole_has_the_solution_of_the_fit():
     field = heavy(sim.quasars(1000, 3), np.random.default_rng(1), (0, 100, 0))
     fitted = student_t(field, 2, tolerance=1e-9)
     np.testing.assert_allclose(fit.solve(fitted.equations(field, 2)).values, fitted.solution.values, atol=1e-5)

@@ -53,7 +53,7 @@ def test_good_errors_cost_little(method):
 
 
 @pytest.mark.parametrize("method", ROBUST)
-def test_the_worst_sources_are_named(method):
+def test_worst_sources_are_named(method):
     names = np.array([f"Q{i}" for i in range(len(SKY))])
     field = spoilt(1, share=0, names=names)
     motion = field.motion.copy()

@@ -41,7 +41,7 @@ def test_outliers_are_left_out_and_said():
     assert any("clipped 40" in note and "κ = 4" in note for note in found.notes)
 
 
-def test_an_absolute_threshold():
+def test_absolute_threshold():
     field = noisy(3)
     clipped = fit.robust.clip(field, Modes(1), threshold=2.0)
     x = np.sqrt(clipped.solution.residuals(field).chi2)
@@ -50,7 +50,7 @@ def test_an_absolute_threshold():
     assert 1 - clipped.kept.mean() == pytest.approx(np.exp(-2), abs=0.01)
 
 
-def test_a_source_may_come_back():
+def test_source_may_come_back():
     """Beside huge outliers of one sign the first fit throws out good sources; they return."""
     field = noisy(4, outliers=3000)
     clipped = fit.robust.clip(field, Modes(1), threshold=5.0)
@@ -59,14 +59,14 @@ def test_a_source_may_come_back():
     assert clipped.n_rounds > 2
 
 
-def test_an_unsettled_clip_is_never_returned():
+def test_unsettled_clip_is_never_returned():
     with pytest.raises(ConvergenceError, match="not settled after 1 rounds"):
         fit.robust.clip(noisy(5, outliers=100), Modes(1), max_rounds=1)
     with pytest.raises(ValueError, match="kappa must be above zero"):
         fit.robust.clip(noisy(5), Modes(1), kappa=0)
 
 
-def test_a_clip_in_circles_says_so(monkeypatch):
+def test_clip_in_circles_says_so(monkeypatch):
     """Two sets of sources that send for one another."""
     field = noisy(6)[:1000]
     far = {"one": np.r_[np.full(500, 1.0), np.full(500, 9.0)], "two": np.r_[np.full(500, 9.0), np.full(500, 1.0)]}

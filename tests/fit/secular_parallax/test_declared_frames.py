@@ -19,7 +19,7 @@ def galaxies(n, seed=1):
     return sim.observe(sim.galaxies(n, seed), truth, [seed, 2], sigma=2.0, rho=0.3)
 
 
-def test_a_frame_that_nobody_told_is_asked_for_once():
+def test_frame_that_nobody_told_is_asked_for_once():
     field = galaxies(200)
     bare = Field(
         field.lon, field.lat, field.motion, field.sigma, field.rho, redshift=field.redshift, magnitude=field.magnitude

@@ -28,7 +28,7 @@ def galaxies(n=400, seed=1, hubble=67.3, sigma=2.0, **flow):
     return sim.observe(sim.galaxies(n, seed), truth, [seed, 2], sigma=sigma, rho=0.3)
 
 
-def test_the_schur_complement_is_the_dense_covariance_of_the_modes():
+def test_schur_complement_is_the_dense_covariance_of_the_modes():
     field = galaxies(500)
     found = observer_velocity(field, 67.3, flows="linear", n_modes=475)
     rows = parallax_equations(field, flows="linear", n_modes=475)
@@ -47,7 +47,7 @@ def test_the_schur_complement_is_the_dense_covariance_of_the_modes():
     np.testing.assert_allclose(found.flow.values, expected, rtol=1e-7, atol=1e-9)
 
 
-def test_the_velocity_errs_as_under_the_whole_covariance():
+def test_velocity_errs_as_under_the_whole_covariance():
     field = galaxies(400)
     p, q, u = triad(field.lon, field.lat)
     r = transverse_distance(field.redshift) * LITTLE_H
@@ -124,7 +124,7 @@ def test_pulls_on_skies_drawn_from_the_modes(n_skies):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("hubble", [pytest.param(67.3, marks=pytest.mark.slow), 110.0])
-def test_the_local_group_leads_back_to_no_assumed_hubble_constant(hubble):
+def test_local_group_leads_back_to_no_assumed_hubble_constant(hubble):
     still = galaxies(300, sigma=1.0)
     rng = np.random.default_rng(8)
     pulls, errors = [], []
@@ -142,7 +142,7 @@ def test_the_local_group_leads_back_to_no_assumed_hubble_constant(hubble):
     assert np.mean(errors) < 0.95
 
 
-def test_a_known_glide_is_data():
+def test_known_glide_is_data():
     field = galaxies(400, flow="linear", n_modes=100)
     known = Vector(ACCELERATION, 0.1**2 * np.eye(3))
     free, given = (
@@ -161,7 +161,7 @@ def test_a_known_glide_is_data():
 
 
 @pytest.mark.slow
-def test_a_reconstruction_lowers_the_errors_and_they_hold():
+def test_reconstruction_lowers_the_errors_and_they_hold():
     """The flow is known but for half of it: errors are smaller, and pulls one."""
     still = galaxies(300, sigma=1.0)
     rng = np.random.default_rng(3)
@@ -204,7 +204,7 @@ def test_a_reconstruction_lowers_the_errors_and_they_hold():
     assert np.mean(gain) < 0.75
 
 
-def test_the_flow_is_a_result():
+def test_flow_is_a_result():
     field = galaxies(2000, sigma=0.2, flow="linear", n_modes=60)
     found = observer_velocity(field, 67.3, flows="linear", n_modes=120)
     assert 0 < found.cosmic_share < 1
@@ -273,7 +273,7 @@ def test_bad_flows(options, words):
         observer_velocity(galaxies(60), 67.3, **options)
 
 
-def test_the_local_group_needs_a_flow():
+def test_local_group_needs_a_flow():
     with pytest.raises(ParameterError, match="needs galaxies with a flow"):
         hubble_constant(galaxies(60), "planck", local_group=True, flows=None)
     with pytest.raises(ParameterError, match="is a Vector in km/s"):

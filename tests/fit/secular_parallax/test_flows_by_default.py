@@ -49,7 +49,7 @@ def test_errors_hold_with_nothing_said(skies):
     assert np.abs(pulls.mean(0)).max() < 4 / np.sqrt(n)
 
 
-def test_a_few_next_to_us_do_not_carry_the_result():
+def test_few_next_to_us_do_not_carry_the_result():
     """By their redshifts they are within 2 Mpc: the flow was followed to 20 Mpc/h alone, and errors were a quarter."""
     rng = np.random.default_rng(5)
     signal = sim.secular_parallax(OURS) + sim.peculiar(150.0, rng, flow="linear")
@@ -69,7 +69,7 @@ def test_bins_do_not_contradict_a_true_velocity(skies):
     assert abs(p_values.mean() - 0.5) < 4 * np.sqrt(1 / 12 / len(p_values))
 
 
-def test_what_flows_would_add_is_said_where_they_are_left_out():
+def test_report_states_the_flows_that_are_left_out():
     field = galaxies(1)
     with_flow, without = observer_velocity(field, 67.3), observer_velocity(field, 67.3, flows=None)
     added = np.sqrt(np.diag(without.flow_covariance))[:3]
@@ -83,7 +83,7 @@ def test_what_flows_would_add_is_said_where_they_are_left_out():
 
 
 @pytest.mark.slow
-def test_what_flows_add_is_the_scatter_of_skies():
+def test_flow_covariance_is_the_scatter_of_skies():
     """Estimates without flows, of one set of places, scatter over flows as `flow_covariance` says."""
     population = sim.galaxies(600, np.random.default_rng(5), min_redshift=0.005)
     seen = []
@@ -100,7 +100,7 @@ def test_what_flows_add_is_the_scatter_of_skies():
     np.testing.assert_allclose(np.std(seen, 0), expected, rtol=0.33)
 
 
-def test_a_catalogue_that_reaches_far_keeps_its_near_flow():
+def test_catalogue_that_reaches_far_keeps_its_near_flow():
     """With quasars among them errors were 1.5 times too small: the modes were spread over all distances."""
     near = galaxies(2)
     quasars = sim.observe(sim.quasars(2000, rng=4), sim.acceleration(GLIDE), 5, sigma=10.0)
@@ -150,7 +150,7 @@ def test_bins_hold_the_dense_covariance_of_the_flow():
 
 
 @pytest.mark.parametrize("taken", [100.0, 300.0])
-def test_the_residuals_say_which_dispersion_they_prefer(taken):
+def test_residuals_say_which_dispersion_they_prefer(taken):
     rng = np.random.default_rng(6)
     signal = sim.secular_parallax(OURS) + sim.acceleration(GLIDE) + sim.peculiar(450.0, rng)
     field = sim.observe(sim.galaxies(3000, rng, min_redshift=0.002), signal, rng, sigma=3.0)
@@ -180,7 +180,7 @@ def test_residuals_that_tell_nothing_say_so():
         observer_velocity(as_parts(field), 67.3, peculiar_dispersion="free")
 
 
-def test_a_curved_space_moves_sources_by_the_parallax_distance():
+def test_curved_space_moves_sources_by_the_parallax_distance():
     from astropy.cosmology import LambdaCDM
 
     curved = LambdaCDM(67.3, 0.315, 0.785)
@@ -196,7 +196,7 @@ def test_a_curved_space_moves_sources_by_the_parallax_distance():
 
 
 @pytest.mark.slow
-def test_a_cut_in_heliocentric_redshifts_leaves_densities_unbiased():
+def test_cut_in_heliocentric_redshifts_leaves_densities_unbiased():
     """0.002 < z < 0.01 as observed gave 415 ± 8 km/s for 370: directions are cut at other distances."""
     along = []
     for seed in range(12):
@@ -212,7 +212,7 @@ def test_a_cut_in_heliocentric_redshifts_leaves_densities_unbiased():
     assert np.mean(along) == pytest.approx(369.8, abs=4 * np.std(along) / np.sqrt(12))
 
 
-def test_what_is_left_out_does_not_depend_on_how_a_catalogue_is_divided(monkeypatch):
+def test_selection_does_not_depend_on_the_parts(monkeypatch):
     """From every part at least one source is taken: small parts weighed more than large ones."""
     monkeypatch.setattr("fit.secular_parallax._equations._SOURCES", 100)
     field = sim.observe(sim.galaxies(2000, 1), sim.secular_parallax((300, 0, 0)), rng=1, sigma=5.0)
@@ -225,7 +225,7 @@ def test_what_is_left_out_does_not_depend_on_how_a_catalogue_is_divided(monkeypa
     np.testing.assert_allclose(divided, whole, rtol=0.5)
 
 
-def test_the_spin_is_no_dispersion():
+def test_spin_is_no_dispersion():
     """Motions of a turning frame are none of galaxies: free, or known with and without errors, it is allowed for."""
     rng = np.random.default_rng(8)
     turning = np.array([2.0, -1.0, 3.0])
@@ -242,7 +242,7 @@ def test_the_spin_is_no_dispersion():
     assert loose.best == pytest.approx(free.best, abs=3)
 
 
-def test_a_dispersion_beyond_the_flows_is_taken_at_its_largest():
+def test_dispersion_beyond_the_flows_is_taken_at_its_largest():
     field = galaxies(5, n=2000, flow=None, dispersion=600.0)
     solution = observer_velocity(field, 67.3, peculiar_dispersion="free")
     assert solution.peculiar_dispersion < 450

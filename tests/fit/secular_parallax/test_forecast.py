@@ -35,7 +35,7 @@ def test_knowledge_lowers_errors_and_flows_raise_them(found):
     assert found.sources[0].tolist() == found.sources[1].tolist()
 
 
-def test_it_is_a_result_like_any_other(found, tmp_path):
+def test_forecast_is_a_result(found, tmp_path):
     assert len(found.report().splitlines()) == 8
     assert len(found.to_table()) == 4
     found.write(tmp_path / "forecast.ecsv")
@@ -46,7 +46,7 @@ def test_it_is_a_result_like_any_other(found, tmp_path):
 
 
 @pytest.mark.slow
-def test_the_published_table():
+def test_published_table():
     """Errors of 100 000 galaxies at z < 0.03, within 5 %: worked out before in another program."""
     galaxies = sim.galaxies(100_000, 1)
     found = forecast_velocity(
@@ -57,7 +57,7 @@ def test_the_published_table():
     np.testing.assert_allclose(found.hubble[:, 0, :2], [[12.6, 51.4], [6.1, 49.0], [3.0, 45.7]], rtol=0.05)
 
 
-def test_a_prediction_is_the_covariance_of_the_fit_to_come():
+def test_prediction_is_the_covariance_of_the_fit_to_come():
     galaxies = sim.observe(sim.galaxies(300, 1), sim.spin((0, 0, 0)), 2, sigma=3.0)
     velocity, hubble = predict_errors(galaxies, 67.3, flows="linear", n_modes=30)
     assert velocity.flow is not None

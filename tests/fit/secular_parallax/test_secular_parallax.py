@@ -86,7 +86,7 @@ def test_against_the_plain_design_matrix(seed):
     np.testing.assert_allclose(free.spin.covariance, np.linalg.inv(normal)[6:, 6:], rtol=1e-9, atol=1e-12)
 
 
-def test_a_known_spin_is_taken_away_and_its_errors_carried_on():
+def test_known_spin_is_taken_away_and_its_errors_carried_on():
     truth = sim.secular_parallax(VELOCITY) + sim.acceleration(ACCELERATION) + sim.spin(SPIN)
     field = exact(galaxies(300, 2), truth)
     known = Vector(SPIN, np.zeros((3, 3)))
@@ -106,7 +106,7 @@ def test_a_known_spin_is_taken_away_and_its_errors_carried_on():
     assert plain.chi2 == pytest.approx(0, abs=1e-6)
 
 
-def test_the_frame_does_not_matter():
+def test_frame_does_not_matter():
     field = galaxies(400, 3)
     here, there = observer_velocity(field, 67.3), observer_velocity(field.to_frame("galactic"), 67.3)
     np.testing.assert_allclose(there.velocity.value, here.velocity.to_frame("galactic").value, rtol=1e-9)
@@ -157,7 +157,7 @@ def test_pulls_with_peculiar_velocities(n_skies):
     assert ignored.chi2 / ignored.dof > 1.5
 
 
-def test_the_background_as_a_test():
+def test_background_as_a_test():
     field = galaxies(2000, 6, sigma=1.0)
     found = observer_velocity(field, 67.3)
     chi2, p = found.against(BACHCHAN_2016)
@@ -204,7 +204,7 @@ def test_bad_input(call, error, words):
 
 
 @pytest.mark.parametrize("spin", [None, "free"])
-def test_the_residuals_are_those_of_chi2(spin):
+def test_residuals_are_those_of_chi2(spin):
     field = galaxies(300, 3)
     velocity = observer_velocity(field, 67.3, peculiar_dispersion=0.0, spin=spin, flows=None)
     hubble = hubble_constant(field, VELOCITY, peculiar_dispersion=0.0, spin=spin, flows=None)

@@ -69,7 +69,7 @@ def test_without_offsets_there_is_no_orientation():
     assert len(found.names) == 6
 
 
-def test_what_cannot_be_told_apart_is_an_error():
+def test_degenerate_parameters_are_an_error():
     motions, offsets = simulated(1)
     with pytest.raises(DegeneracyError, match="2 sources cannot separate omega_x"):
         fit.frame.solve_frame(motions[:2])

@@ -28,7 +28,7 @@ def test_is_the_dense_solution(lmax):
     assert free.residual <= 1e-11
 
 
-def test_a_prior_is_the_dense_prior():
+def test_prior_is_the_dense_prior():
     field, modes = random_field(400, seed=1), Modes(8)
     l = np.arange(1, 9)
     power = 1000.0 / l**2
@@ -42,7 +42,7 @@ def test_a_prior_is_the_dense_prior():
         fit.solve_matrix_free(field, modes, prior_power=0)
 
 
-def test_what_it_lacks_it_says():
+def test_missing_attributes_are_named():
     free = fit.solve_matrix_free(random_field(5000, seed=1), Modes(4))
     for name in ("covariance", "sigma", "correlation", "spin", "acceleration"):
         with pytest.raises(CovarianceError, match="has no covariance matrix: ask for the errors of some"):
@@ -51,7 +51,7 @@ def test_what_it_lacks_it_says():
     assert "matrix-free: " in free.notes[-1]
 
 
-def test_a_stream_is_read_once():
+def test_stream_is_read_once():
     field = random_field(5000, seed=2)
     whole = fit.solve_matrix_free(field, Modes(5), tolerance=1e-11)
     stream = (part for part in (field[:1000], field[1000:]))
@@ -74,7 +74,7 @@ def simulated(lmax, n, latitude, seed=1):
     return truth, Field(lon, lat, motion, sigma)
 
 
-def test_an_empty_band_is_named_or_bridged_by_a_prior():
+def test_empty_band_is_named_or_bridged_by_a_prior():
     truth, field = simulated(60, 30_000, latitude=15)
     with pytest.raises(ConvergenceError, match=r"condition at least .* degrees .* of the sky is empty.*prior_power"):
         fit.solve_matrix_free(field, truth.modes, max_iterations=60, progress=False)
@@ -94,7 +94,7 @@ def test_degree_200_of_a_million_sources():
     assert abs(free.chi2 / free.dof - 1) < 5 * np.sqrt(2 / free.dof)
 
 
-def test_the_condition_is_that_of_the_preconditioned_matrix():
+def test_condition_is_that_of_the_preconditioned_matrix():
     """Extreme eigenvalues of the dense matrix, by operating on unit vectors."""
     field = random_field(900, 3)
     modes = Modes(14)

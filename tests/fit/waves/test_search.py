@@ -55,7 +55,7 @@ def test_all_other_coefficients_are_free():
 
 
 @pytest.mark.slow
-def test_a_wave_is_found():
+def test_wave_is_found():
     found = [
         search(fit.fit_field(sky(seed=seed, signal=sim.plane_wave(K, 15.0, -8.0)), 5), n_skies=200) for seed in range(8)
     ]
@@ -70,7 +70,7 @@ def test_a_wave_is_found():
     assert abs(np.linalg.norm(amplitudes[:, at]) - 17) < 4 * np.sqrt(np.trace(covariance[at]) / 2)
 
 
-def test_the_error_of_an_amplitude_on_an_even_sky():
+def test_error_of_an_amplitude_on_an_even_sky():
     """σ(ḣ) = σ_µ √(6/N), with all degrees; those to 5 hold 99 %."""
     white, modes = whitened(sky(20000, lowest=-1), 5)
     spread = np.sqrt(np.einsum("nii->n", map_of(white, modes, 2)[2]) / 2)
@@ -148,7 +148,7 @@ def observations(n=150, seed=1, frequency=1.3, amplitude=0.0):
 
 
 @pytest.mark.slow
-def test_a_wave_in_time_is_found_and_noise_is_not():
+def test_wave_in_time_is_found_and_noise_is_not():
     found = search_in_time(observations(amplitude=40.0), 1.3, lmax=4, n_skies=100, attitude="known")
     assert found.p_value == pytest.approx(1 / 101)
     assert np.degrees(np.arccos(found.vector @ K)) < 25

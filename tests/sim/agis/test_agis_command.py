@@ -21,7 +21,7 @@ def run(tmp_path, *more):
 
 
 @pytest.mark.slow
-def test_a_folder_of_results(tmp_path, capsys):
+def test_folder_of_results(tmp_path, capsys):
     assert run(tmp_path, "--vlbi", "100", "--exact", "--acceleration", "5,0,0") == 0
     said = capsys.readouterr().out
     folder = tmp_path / "out"
@@ -68,7 +68,7 @@ def test_stars_galaxies_and_global_velocity(tmp_path, capsys):
 
 
 @pytest.mark.slow
-def test_a_known_attitude_and_nine_ccds(tmp_path, capsys):
+def test_known_attitude_and_nine_ccds(tmp_path, capsys):
     assert run(tmp_path, "--attitude", "10", "--ccds", "9", "--variability", "100", "--method", "simple") == 0
     said = capsys.readouterr().out
     assert "known to 10 µas" in said
@@ -82,7 +82,7 @@ def test_iterations_that_do_not_do_are_said(tmp_path, capsys):
     assert "NOT at rest" in capsys.readouterr().out
 
 
-def test_a_plan_makes_nothing(tmp_path, capsys):
+def test_plan_makes_nothing(tmp_path, capsys):
     assert main(["--quasars", "500000", "--stars", "2500000", "--plan"]) == 0
     said = capsys.readouterr().out
     assert "million transits" in said

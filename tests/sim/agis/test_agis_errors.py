@@ -66,7 +66,7 @@ def test_solved_attitudes(low, high, options):
 
 
 @pytest.mark.slow
-def test_the_uneven_sky():
+def test_uneven_sky():
     assert 16 < ratio(*make(20_000, "igql")) < 19
 
 

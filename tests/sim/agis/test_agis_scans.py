@@ -107,7 +107,7 @@ def test_from_a_folder_to_the_byte(tmp_path, monkeypatch):
     assert names == {".npy", ".json"}  # what was only for this run has no name
 
 
-def test_a_full_disk_is_said_at_once(tmp_path, monkeypatch):
+def test_full_disk_is_said_at_once(tmp_path, monkeypatch):
     made = make(folder=tmp_path / "scans")
 
     def full(*_):
@@ -118,7 +118,7 @@ def test_a_full_disk_is_said_at_once(tmp_path, monkeypatch):
         System(made, compiled=True)
 
 
-def test_a_folder_of_something_else_is_left_alone(tmp_path):
+def test_folder_of_something_else_is_left_alone(tmp_path):
     (tmp_path / "thesis.tex").write_text("years of work")
     with pytest.raises(ParameterError, match=r"holds other files \(thesis.tex"):
         make(folder=tmp_path)

@@ -42,7 +42,7 @@ def test_sources_first_forgets_the_start(system, observed):
     assert sizes["attitude"][0] > 1e5
 
 
-def test_the_rule_stops_near_the_end(system, observed):
+def test_rule_stops_near_the_end(system, observed):
     found = system.solve(*observed)
     last = system.solve(*observed, stop=None, iterations=2000)
     assert found.converged
@@ -54,7 +54,7 @@ def test_the_rule_stops_near_the_end(system, observed):
     assert (np.ptp(found.history[-12:-1], axis=0) / np.sqrt(np.diag(found.formal_low))).max() >= 0.05
 
 
-def test_a_run_that_is_not_at_rest_says_so(system, observed):
+def test_run_that_is_not_at_rest_says_so(system, observed):
     with pytest.warns(VshWarning, match="not converged after 3 iterations"):
         found = system.solve(*observed, iterations=3)
     assert not found.converged
@@ -85,7 +85,7 @@ def test_rotated_takes_a_rotation_away(system, observed):
     np.testing.assert_allclose(back.sources, found.sources, atol=1e-5)
 
 
-def test_the_frame_rotator_finds_the_frame(system, observed):
+def test_frame_rotator_finds_the_frame(system, observed):
     own = agis.in_own_frame(system, system.solve(*observed))
     turn = np.array([50.0, -20.0, 30.0, 5.0, 2.0, -4.0])
     turned = dataclasses.replace(own, sources=own.sources + np.einsum("k,kni->ni", turn, system.null_space()))
@@ -199,7 +199,7 @@ def test_observe_with_a_solved_attitude():
         sim.expected_covariances(quasars, sim.Mission(sim.NominalScanningLaw(), "DR4", "solved"))
 
 
-def test_a_number_as_attitude_is_that_of_the_mission():
+def test_number_as_attitude_is_that_of_the_mission():
     quasars = sim.quasars(50, 1)
     mission = sim.Mission(sim.NominalScanningLaw(years=1.0), "DR4", 300.0)
     wanted = sim.observe(quasars, sim.spin((0, 0, 0)), 2, mission=mission)

@@ -91,7 +91,7 @@ def test_exact_errors_are_those_of_the_pseudo_inverse(system):
     np.testing.assert_allclose(system.covariance_of(g, tolerance=1e-9), flat.T @ inverse @ flat, rtol=1e-6)
 
 
-def test_a_rotation_of_the_truth_changes_no_observation(system):
+def test_rotation_of_the_truth_changes_no_observation(system):
     rng = np.random.default_rng(5)
     turn = rng.standard_normal(6)
     x = np.einsum("k,kni->ni", turn, system.null_space())
@@ -121,7 +121,7 @@ def test_threads_change_nothing(threads):
     np.testing.assert_array_equal(one.solve(along, across).sources, more.solve(along, across).sources)
 
 
-def test_the_compiled_passes_are_the_sparse_ones():
+def test_compiled_passes_are_the_sparse_ones():
     compiled, plain = make(compiled=True), make(compiled=False)
     np.testing.assert_allclose(compiled.blocks, plain.blocks, rtol=1e-6, atol=1e-12)
     np.testing.assert_allclose(compiled.formal_covariance(2), plain.formal_covariance(2), rtol=1e-6, atol=1e-9)
@@ -140,7 +140,7 @@ def test_formal_covariance_is_that_of_independent_sources(system):
     np.testing.assert_allclose(system.formal_covariance(1), wanted, rtol=1e-6, atol=1e-9)
 
 
-def test_a_prior_of_ten_microarcseconds_is_the_shortcut():
+def test_prior_of_ten_microarcseconds_is_the_shortcut():
     """Sources of 100 µas a transit: an attitude known to 10 µas adds a per cent in quadrature at most."""
     system = make(n=200, knots=86400.0, prior=10.0)
     ratio = np.sqrt(np.diag(system.true_covariance(1, tolerance=1e-6)) / np.diag(system.formal_covariance(1)))

@@ -28,7 +28,7 @@ def coarse():
 
 
 @pytest.mark.parametrize("l", [1, 2, 3, 4, 5])
-def test_the_closed_form_is_that_of_a_scan_circle(l):
+def test_closed_form_is_that_of_a_scan_circle(l):
     """A field of random coefficients along many great circles, and its difference at two places Γ apart."""
     rng, modes, gamma = np.random.default_rng(l), Modes(5), np.radians(106.5)
     for kind in "TS":
@@ -58,7 +58,7 @@ def test_the_closed_form_is_that_of_a_scan_circle(l):
         power_after_attitude_solution(2, "E")
 
 
-def test_a_rotation_in_time_is_attitude_and_a_glide_is_seen(coarse):
+def test_rotation_in_time_is_attitude_and_a_glide_is_seen(coarse):
     rng = np.random.default_rng(3)
     time = rng.uniform(-YEARS / 2, YEARS / 2, 4000)
     _, preceding, _ = LAW.attitude(time + YEARS / 2)
@@ -95,7 +95,7 @@ def test_a_rotation_in_time_is_attitude_and_a_glide_is_seen(coarse):
     )
 
 
-def test_a_factor_is_kept(coarse, tmp_path):
+def test_factor_is_kept(coarse, tmp_path):
     modes, functions = Modes(2), swing(10.0)
     first = coarse.taken(modes, functions)
     assert Response(LAW, nside=3, steps=20_000).taken(modes, functions).shape == (5 * 12 * 9, 2 * len(modes))
@@ -115,7 +115,7 @@ def test_a_factor_is_kept(coarse, tmp_path):
 @pytest.mark.parametrize(
     ("free", "glide", "second"), [((0, 5.0), (0.9, 1.01), (0.9, 1.01)), ((1, 5.0), (0.005, 0.06), (0.4, 0.75))]
 )
-def test_a_calibration_of_the_basic_angle_takes_what_is_left(free, glide, second):
+def test_calibration_of_the_basic_angle_takes_what_is_left(free, glide, second):
     """The power that is left with it, over that without: .015 to .027 of a glide, .58 to .60 of degree 2 with (1, 5)."""
     rng, modes, functions = np.random.default_rng(2), Modes(2), swing(2 * np.pi * 2.0)
     lon, lat = rng.uniform(0, 2 * np.pi, 80), np.arcsin(rng.uniform(-1, 1, 80))
@@ -163,7 +163,7 @@ def through_a_solution(stars, quasars, period, strain=300.0, place=200, seed=5):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("period", [0.25, 0.5, 2.0])
-def test_a_wave_through_a_global_solution_comes_back(period):
+def test_wave_through_a_global_solution_comes_back(period):
     """As if the attitude were known .6 of it is found, and a 95 % limit below it; with the response all but 4 %."""
     seen, place, strain = through_a_solution(20_000, 500, period)
     known = search_in_time(seen, 1 / period, attitude="known", n_skies=2)
@@ -175,7 +175,7 @@ def test_a_wave_through_a_global_solution_comes_back(period):
     assert solved.limits[place] > strain
 
 
-def test_a_search_knows_the_response(coarse):
+def test_search_knows_the_response(coarse):
     """A wave of which the attitude took its share, by the response itself: found whole, as a known attitude is not."""
     rng, n = np.random.default_rng(7), 60
     lon, lat = rng.uniform(0, 2 * np.pi, n), np.arcsin(rng.uniform(-1, 1, n))

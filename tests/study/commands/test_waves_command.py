@@ -20,7 +20,7 @@ def epochs(tmp_path_factory):
     return path
 
 
-def test_a_file_of_all_columns(epochs):
+def test_file_of_all_columns(epochs):
     from astropy.table import Table
 
     table = Table.read(epochs)
@@ -38,7 +38,7 @@ def test_a_file_of_all_columns(epochs):
 
 
 @pytest.mark.slow
-def test_a_wave_is_found_in_a_file(epochs, tmp_path, capsys):
+def test_wave_is_found_in_a_file(epochs, tmp_path, capsys):
     words = [str(epochs), "--frequencies", "2,3", "--lmax", "3", "--nside", "4", "--skies", "50", "--law-nside", "2"]
     assert main([*words, "--background", "--in-time", "3", "--output", str(tmp_path / "out"), "--json",
                  "--html", str(tmp_path / "w.html")]) == 0  # fmt: skip
@@ -55,7 +55,7 @@ def test_a_wave_is_found_in_a_file(epochs, tmp_path, capsys):
 
 
 @pytest.mark.slow
-def test_a_law_from_a_table(epochs, tmp_path, capsys):
+def test_law_from_a_table(epochs, tmp_path, capsys):
     from astropy.table import Table
 
     law = sim.NominalScanningLaw(years=3.0)

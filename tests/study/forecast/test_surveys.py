@@ -30,7 +30,7 @@ def test_numbers_of_even_skies(found):
             ), (name, survey)
 
 
-def test_what_follows_from_the_acceleration(found):
+def test_quantities_that_follow_from_the_acceleration(found):
     for survey, values in found.values.items():
         a = values["acceleration_floor"]
         assert values["direction"] == pytest.approx(np.degrees(a / fit.galaxy.expected_acceleration(8.275)), rel=1e-9)
@@ -44,7 +44,7 @@ def test_what_follows_from_the_acceleration(found):
         assert values["wave"] == pytest.approx(2 * values["acceleration"], rel=0.02)
 
 
-def test_a_survey_of_few_sources_beside_its_own_fit():
+def test_survey_of_few_sources_beside_its_own_fit():
     """400 simulated skies of the same sources: scatter as forecast."""
     survey = Survey(500, sigma=20.0)
     values = forecast_surveys({"mine": survey}).values["mine"]

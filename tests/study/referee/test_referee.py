@@ -51,7 +51,7 @@ def answer(run):
     return run[0]
 
 
-def test_the_first_line_is_the_acceleration_with_what_sources_share(answer):
+def test_first_line_is_the_acceleration_with_what_sources_share(answer):
     g = answer.headline.acceleration
     away = g.value - (0, -40, -20)
     assert away @ np.linalg.solve(g.covariance, away) < 16
@@ -59,7 +59,7 @@ def test_the_first_line_is_the_acceleration_with_what_sources_share(answer):
     assert answer.headline.floor is not None
 
 
-def test_the_spin_has_one_p_value(answer):
+def test_spin_has_one_p_value(answer):
     """That of its draws, in the first line as in the section on the frame."""
     assert f"p = {printed_p_value(answer.headline.p_spin)}" in answer.report().splitlines()[1]
 
@@ -99,7 +99,7 @@ def test_checks_are_silent_where_nothing_is_wrong(answer):
 
 
 @pytest.mark.slow
-def test_an_instrument_is_seen(table):
+def test_instrument_is_seen(table):
     """Faint sources turn against bright ones."""
     bent = table.copy()
     faint = bent["phot_g_mean_mag"] > 19.5
@@ -176,7 +176,7 @@ def test_figures_and_page_of_the_command(table, tmp_path, capsys):
     assert capsys.readouterr().out.splitlines()[0][9:60] in page.read_text(encoding="utf-8")
 
 
-def test_the_page(answer):
+def test_page(answer):
     from study.referee.page import html
 
     page = html(answer, {}, provenance={})
@@ -185,7 +185,7 @@ def test_the_page(answer):
     assert ('class="sky"' in page) == bool(bundle())
 
 
-def test_the_command(run, capsys):
+def test_command(run, capsys):
     answer, printed, folder = run
     names = {each.name for each in (folder / "out").iterdir()}
     assert {"report.txt", "numbers.ecsv", "verdicts.ecsv", "checks.ecsv", "solution.ecsv"} <= names
@@ -206,7 +206,7 @@ def _rows_of_p_values(page):
 
 
 @pytest.mark.slow
-def test_the_vlba_sees_no_acceleration():
+def test_vlba_sees_no_acceleration():
     """What looks like ten standard errors, and like changes with redshift, is systematic errors."""
     answer = referee(read_quasars(real_catalogue("td2017_vlba_proper_motions.ecsv")), 1)
     page = (ROOT / "docs" / "quoting.md").read_text(encoding="utf-8")
@@ -233,7 +233,7 @@ def test_the_vlba_sees_no_acceleration():
     assert next(each for each in answer.checks if each.key == "last epoch").p_value > 0.05
 
 
-def test_an_earlier_release(table, tmp_path):
+def test_earlier_release(table, tmp_path):
     """Noise that two releases share is told from a change of the acceleration."""
     quasars = read_quasars(table)
     whole, rng = quasars.whole, np.random.default_rng(3)

@@ -31,7 +31,7 @@ def contents(folder):
 
 
 @pytest.mark.slow
-def test_it_repeats_the_run_to_the_byte(catalogue, tmp_path):
+def test_configuration_repeats_the_run_to_the_byte(catalogue, tmp_path):
     """Report, tables, figures, provenance, citations, and the configuration itself."""
     first = [catalogue, "--lmax", "2", "--method=clip=4", "--frame", "galactic", "--threads", "2"]
     assert main([*first, "--where", "pmra_error < 3 and ra > 1.5", "--output", str(tmp_path / "a")]) == 0
@@ -45,7 +45,7 @@ def test_it_repeats_the_run_to_the_byte(catalogue, tmp_path):
     assert contents(tmp_path / "b") == contents(tmp_path / "a")
 
 
-def test_what_is_on_the_line_prevails(catalogue, tmp_path):
+def test_command_line_takes_precedence(catalogue, tmp_path):
     assert main([catalogue, "--lmax", "2", "--method", "clip=4", "--output", str(tmp_path / "a"), "--no-figures"]) == 0
     config = ["--config", str(tmp_path / "a" / "run.toml")]
     assert main([*config, "--lmax", "1", "--method", "clip=9", "--output", str(tmp_path / "b")]) == 0
@@ -126,7 +126,7 @@ def test_written_by_hand(tmp_path):
         (None, "No such file"),
     ],
 )
-def test_what_is_wrong_with_it(text, words_of_it, tmp_path, capsys):
+def test_configurations_with_errors(text, words_of_it, tmp_path, capsys):
     path = tmp_path / "run.toml"
     if text is not None:
         path.write_text(text, encoding="latin-1")
@@ -136,7 +136,7 @@ def test_what_is_wrong_with_it(text, words_of_it, tmp_path, capsys):
     assert words_of_it in capsys.readouterr().err
 
 
-def test_a_shortened_option_is_seen(tmp_path):
+def test_shortened_option_is_seen(tmp_path):
     path = tmp_path / "run.toml"
     path.write_text("[options]\ndemo = true\nlmax = 2\n")
     assert parsing.parse(options_module, ["--conf", str(path)]).lmax == 2

@@ -36,7 +36,7 @@ def shell(*words, environment=(), stdout=subprocess.PIPE):
 @pytest.mark.parametrize(
     "words", [("--citation",), ("--lmax", "1"), ("--lmax", "1", "--json"), ("--lmax", "6", "--json")]
 )
-def test_a_full_disk_is_said_in_one_line(words, catalogue):
+def test_full_disk_is_said_in_one_line(words, catalogue):
     with open("/dev/full", "w") as full:
         done = shell("fit", catalogue, *words, stdout=full)
     assert done.returncode == 1
@@ -46,7 +46,7 @@ def test_a_full_disk_is_said_in_one_line(words, catalogue):
 
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="there is no full disk to write to")
 @pytest.mark.parametrize("letters", [10, 3000, 8190, 8193, 20000])  # shorter than what Python holds back, and longer
-def test_a_full_disk_is_not_said_again_by_what_waits_to_be_printed(letters):
+def test_full_disk_is_not_said_again_by_what_waits_to_be_printed(letters):
     code = (
         "import argparse, sys\nfrom vsh.commands.running import run_safely\nfrom vsh.tools.printing import printing\n"
         "options = argparse.Namespace(program='vsh-fit', log=None, quiet=True, expected={})\n"
@@ -71,7 +71,7 @@ def test_letters_that_a_terminal_cannot_take(catalogue):
 
 
 @pytest.mark.slow
-def test_a_backend_that_there_is_not(catalogue, tmp_path):
+def test_backend_that_there_is_not(catalogue, tmp_path):
     done = shell(
         "fit",
         catalogue,
@@ -110,7 +110,7 @@ def test_no_column_may_be_named(catalogue, capsys):
     assert main([catalogue, "--lmax", "1", "--columns", "solution=,magnitude="]) == 0
 
 
-def test_a_mark_of_the_byte_order_before_ecsv(tmp_path):
+def test_mark_of_the_byte_order_before_ecsv(tmp_path):
     field = random_field(10, 1)
     field.write(tmp_path / "t.ecsv")
     (tmp_path / "b.ecsv").write_bytes(b"\xef\xbb\xbf" + (tmp_path / "t.ecsv").read_bytes())

@@ -89,7 +89,7 @@ def test_examples_run(line, folder, tmp_path):
     assert done.returncode == 0, done.stderr[-600:]
 
 
-def test_an_error_of_use_is_two_lines(capsys):
+def test_error_of_use_is_two_lines(capsys):
     with pytest.raises(SystemExit) as end:
         parsing.parse(module_of("fit"), ["catalogue.fits", "--lmx", "3"])
     assert end.value.code == 2

@@ -82,7 +82,7 @@ def test_no_command_is_forgotten():
 @pytest.mark.parametrize(
     "job", [pytest.param(job, marks=[pytest.mark.slow] * (job not in ("fit", "sim", "archive"))) for job in JOBS]
 )
-def test_nothing_is_loaded_that_is_not_needed(job, folder):
+def test_imports_load_only_what_is_needed(job, folder):
     words, needed = JOBS[job]
     code = (
         "import runpy, sys\nsys.argv = ['vsh', *sys.argv[1:]]\n"

@@ -51,14 +51,14 @@ def modules_after(words):
 
 @pytest.mark.parametrize("command", FEW)
 @pytest.mark.parametrize("asked", ["--help", "--version", "--citation"])
-def test_what_needs_no_data_loads_no_library(command, asked):
+def test_options_without_data_load_no_library(command, asked):
     """NumPy, and of ours what tells the options of a command: a third of a second in place of one."""
     loaded = modules_after([command, asked])
     assert not {each.split(".")[0] for each in loaded} & set(HEAVY)
     assert len([each for each in loaded if each.split(".")[0] in ("vsh", "fit", "sim", "study")]) < 35
 
 
-def test_a_file_that_is_not_there_is_told_before_anything_is_loaded_that_fits(tmp_path):
+def test_file_that_is_not_there_is_told_before_anything_is_loaded_that_fits(tmp_path):
     code = "import sys; from fit.commands.fit import main; code = main([sys.argv[1]]); print(code, *sys.modules)"
     for content in (None, b"no table"):
         path = tmp_path / "c.fits"
@@ -73,7 +73,7 @@ def test_a_file_that_is_not_there_is_told_before_anything_is_loaded_that_fits(tm
         assert not {"vsh.io.catalogue", "fit.solving", "matplotlib", "scipy.special"} & set(loaded)
 
 
-def test_the_names_that_options_choose_from_are_those_of_the_packages():
+def test_names_that_options_choose_from_are_those_of_the_packages():
     assert tuple(FRAMES) == names.FRAMES
     assert names.REDSHIFT_FRAMES == REDSHIFT_FRAME_NAMES
     assert set(names.COLUMNS) == set(NAMED)

@@ -25,7 +25,7 @@ def catalogue(tmp_path):
     return str(tmp_path / "c.fits")
 
 
-def test_nothing_is_replaced_unasked(catalogue, tmp_path, capsys):
+def test_files_are_not_replaced_by_default(catalogue, tmp_path, capsys):
     out = tmp_path / "out"
     arguments = [catalogue, "--lmax", "1", "--output", str(out), "--no-figures"]
     assert main(arguments) == 0
@@ -66,7 +66,7 @@ def test_provenance_is_kept(catalogue, tmp_path):
     assert set(mark["files"]) | {"provenance.json"} == {x.name for x in (tmp_path / "out").iterdir()}
 
 
-def test_a_folder_that_fails_leaves_the_old_one(tmp_path):
+def test_folder_that_fails_leaves_the_old_one(tmp_path):
     for content in ("old", "new"):
         with atomic_folder(tmp_path / "out") as folder:
             (folder / "x").write_text(content)
@@ -182,7 +182,7 @@ def test_vectors_and_velocities_from_the_shell():
             parsed("--velocity", wrong)
 
 
-def test_the_page_does_not_show_where_its_author_works(catalogue, tmp_path):
+def test_page_does_not_show_where_its_author_works(catalogue, tmp_path):
     assert main([catalogue, "--lmax", "1", "--html", str(tmp_path / "page.html")]) == 0
     page = (tmp_path / "page.html").read_text(encoding="utf-8")
     assert str(tmp_path) not in page
@@ -200,14 +200,14 @@ def test_no_bar_in_a_log(capfd):
     assert capfd.readouterr().err == ""
 
 
-def test_a_reader_that_has_seen_enough_is_no_error(catalogue):
+def test_reader_that_has_seen_enough_is_no_error(catalogue):
     command = f"{sys.executable} -m vsh fit {catalogue} --lmax 1 | head -1"
     done = subprocess.run(command, shell=True, cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.stdout.startswith("acceleration ")
     assert "Traceback" not in done.stderr
 
 
-def test_what_cannot_be_written_is_told_before_the_work(tmp_path, monkeypatch, capsys):
+def test_unwritable_outputs_are_errors_before_the_work(tmp_path, monkeypatch, capsys):
     """31 lines of traceback after the simulation."""
     import importlib.util
 
@@ -220,7 +220,7 @@ def test_what_cannot_be_written_is_told_before_the_work(tmp_path, monkeypatch, c
 
 
 @pytest.mark.parametrize("ending", ["fits", "ecsv", "vot", "parquet", "csv"])
-def test_the_truth_travels_or_its_loss_is_said(ending, tmp_path, capsys):
+def test_truth_travels_or_its_loss_is_said(ending, tmp_path, capsys):
     """Lost without a word in .csv and .vot."""
     from sim.commands.simulate import main as simulate
     from vsh.io.catalogue import truth_of
@@ -332,7 +332,7 @@ def test_no_option_shows_where_its_author_works(catalogue, tmp_path):
     assert told == {"catalogue": "c.fits", "checkpoint": "c.npz", "units": {"a": "uas/yr"}, "frame": "icrs"}
 
 
-def test_the_command_of_a_page_repeats_the_run(tmp_path):
+def test_command_of_a_page_repeats_the_run(tmp_path):
     """Folders go, what only looks like a path stays: a quotient, a unit, an address."""
     from fit.commands import redshift
 

@@ -25,7 +25,7 @@ def catalogue(tmp_path):
         (["--output", "{folder}/out", "--log", "{folder}/out/log.txt", "--no-figures"], "which the run writes"),
     ],
 )
-def test_what_is_read_or_not_ours_stays(options, words, catalogue, tmp_path, capsys):
+def test_inputs_and_foreign_files_stay(options, words, catalogue, tmp_path, capsys):
     mine = tmp_path / "mine.txt"
     mine.write_text("precious")
     before = digest(catalogue)
@@ -37,7 +37,7 @@ def test_what_is_read_or_not_ours_stays(options, words, catalogue, tmp_path, cap
     assert not (tmp_path / "out").exists()
 
 
-def test_a_simulation_replaces_its_own_table_alone(catalogue, tmp_path, capsys):
+def test_simulation_replaces_its_own_table_alone(catalogue, tmp_path, capsys):
     again = ["quasars", "--number", "50", "--no-transits", "--output"]
     assert simulate([*again, str(catalogue), "--overwrite"]) == 0
     copy = tmp_path / "copy.fits"  # a copy of ours is the user's
@@ -72,7 +72,7 @@ def test_results_that_were_changed_stay(catalogue, tmp_path, capsys):
     assert "is not as this program wrote it" in capsys.readouterr().err
 
 
-def test_a_log_goes_on_and_says_where_it_could_not(catalogue, tmp_path, capsys):
+def test_log_goes_on_and_says_where_it_could_not(catalogue, tmp_path, capsys):
     log = tmp_path / "log.txt"
     for _ in range(2):
         assert fit_main([str(catalogue), "--lmax", "1", "--log", str(log)]) == 0

@@ -53,7 +53,7 @@ def test_json_is_the_result(capsys):
     np.testing.assert_array_equal(told["tables"]["coefficients"]["columns"]["value"]["values"], solution.values)
 
 
-def test_what_a_person_is_warned_of_a_program_is_told(tmp_path, capsys):
+def test_warnings_are_in_the_json(tmp_path, capsys):
     """Found by a newcomer: errors that χ² contradicts, chances that forget how few replicates there were."""
     field = sim.observe(sim.quasars(300, 1), sim.spin((0, 0, 5)), 2, sigma=10.0)
     field.with_errors(field.sigma / 3).write(tmp_path / "f.fits")
@@ -95,7 +95,7 @@ def test_every_command_tells(command, how, galaxies, tmp_path, capsys):
     assert (tmp_path / "out" / "report.txt").stat().st_size > 200
 
 
-def test_the_others(galaxies, tmp_path, capsys):
+def test_others(galaxies, tmp_path, capsys):
     for run, words, heading in (
         (compare.main, [galaxies, galaxies, "--lmax", "1"], "Coefficients"),
         (forecast.main, ["--survey", "mine=3000,3.0", "--only", "VLBI", "--no-flows"], "Errors to come"),
@@ -110,7 +110,7 @@ def test_the_others(galaxies, tmp_path, capsys):
     assert told["written"] == [str(tmp_path / "s.fits")]
 
 
-def test_an_error_stays_an_error(capsys):
+def test_error_stays_an_error(capsys):
     assert main(["nowhere.fits", "--json"]) == 1
     out, err = capsys.readouterr()
     assert out == ""
@@ -123,7 +123,7 @@ def test_one_way_of_telling_at_a_time(capsys):
     assert "not allowed with" in capsys.readouterr().err
 
 
-def test_the_log(tmp_path, capsys):
+def test_log(tmp_path, capsys):
     log = tmp_path / "run.log"
     before = {name: logging.getLogger(name).level for name in ("vsh", "fit")}
     assert main(["--demo", "--method", "least-squares", "--lmax", "1", "--log", str(log)]) == 0

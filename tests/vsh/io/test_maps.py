@@ -27,7 +27,7 @@ def write(values, path, **options):
 
 
 @pytest.mark.parametrize("nested", [False, True])
-def test_a_map_of_counts_predicts_the_covariance_of_the_sources(field, tmp_path, nested):
+def test_map_of_counts_predicts_the_covariance_of_the_sources(field, tmp_path, nested):
     counts = np.bincount(pixels_of(field.lon, field.lat, NSIDE), minlength=12 * NSIDE**2).astype(float)
     path = write(healpy.reorder(counts, r2n=True) if nested else counts, tmp_path / "map.fits", nest=nested, coord="G")
     density = read_sources(path, sigma=300.0)
@@ -64,7 +64,7 @@ def test_vsh_correlate_reads_a_map(field, tmp_path, capsys):
     assert "a map of densities" in capsys.readouterr().out
 
 
-def test_the_largest_correlation_is_off_the_diagonal(tmp_path, capsys):
+def test_largest_correlation_is_off_the_diagonal(tmp_path, capsys):
     """A sky without any correlation had one of 1, of a parameter with itself."""
     assert main([str(write(np.ones(12 * 8**2), tmp_path / "map.fits", coord="C"))]) == 0
     line = capsys.readouterr().out.splitlines()[0]

@@ -14,7 +14,7 @@ def test_cells(value, text):
     assert cell(value) == text
 
 
-def test_a_value_has_two_digits_of_its_error():
+def test_value_has_two_digits_of_its_error():
     table = Table({"parameter": ["a", "b", "c"], "value": [-515.86, 0.01234, 3.0], "sigma": [266.44, 0.00567, np.nan]})
     heads, rows = printed(table)
     assert heads == ["parameter", "value"]
@@ -23,7 +23,7 @@ def test_a_value_has_two_digits_of_its_error():
     assert printed(table)[1] == [["1.234e+09 ± 2e+07"], ["–"]]
 
 
-def test_what_stands_beside_a_value_has_its_digits():
+def test_errors_have_the_digits_of_values():
     table = Table({"median": [85.812], "low68": [41.93], "mean": [88.01], "sigma": [43.8], "r_hat": [1.00123]})
     assert printed(table)[1] == [["86", "42", "88", "44", "1.0012"]]
 

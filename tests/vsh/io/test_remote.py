@@ -103,7 +103,7 @@ def test_only_the_columns_that_are_wanted_are_fetched(server, folder):
     assert handler.sent < 1.3 * os.path.getsize(folder / "narrow.parquet")
 
 
-def test_a_server_that_dies_is_said_and_started_again_it_goes_on(server, folder, capsys):
+def test_server_that_dies_is_said_and_started_again_it_goes_on(server, folder, capsys):
     address, handler = server
     handler.dies_after = 20_000
     assert main([f"{address}/one.fits", "--lmax", "1"]) == 1
@@ -155,7 +155,7 @@ def test_memory_and_folders(folder):
     memory.rm("/catalogue", recursive=True)
 
 
-def test_a_path_of_fsspec(folder):
+def test_path_of_fsspec(folder):
     upath = pytest.importorskip("upath")
     field = read_field(upath.UPath(f"file://{folder}/part0.parquet"))
     np.testing.assert_array_equal(field.motion, read_field(folder / "part0.parquet").motion)

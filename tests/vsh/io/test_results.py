@@ -36,7 +36,7 @@ def test_results_fields_and_tables_come_back(tmp_path):
 
 
 @pytest.mark.parametrize("ending", ["fits", "vot", "ecsv", "csv", "parquet", "hdf5", "h5"])
-def test_a_field_is_written_in_every_format_of_columns(ending, tmp_path):
+def test_field_is_written_in_every_format_of_columns(ending, tmp_path):
     field = random_field(50, 2)
     field.write(tmp_path / f"t.{ending}")
     back = vsh.read(tmp_path / f"t.{ending}")
@@ -46,7 +46,7 @@ def test_a_field_is_written_in_every_format_of_columns(ending, tmp_path):
         assert not any("no unit" in note for note in back.notes)
 
 
-def test_a_votable_says_what_its_columns_are(tmp_path):
+def test_votable_says_what_its_columns_are(tmp_path):
     random_field(5, 1).write(tmp_path / "t.vot")
     fields = votable.parse(tmp_path / "t.vot").get_first_table().fields
     ucds = {entry.name: entry.ucd for entry in fields}

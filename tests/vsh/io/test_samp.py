@@ -44,7 +44,7 @@ def receiver(hub):
     client.disconnect()
 
 
-def test_a_table_is_received(receiver):
+def test_table_is_received(receiver):
     assert samp.send(Table({"ra": [1.0, 2.0]}), "mine") == ["receiver"]
     ((name, table),) = receiver
     assert name == "mine"

@@ -81,14 +81,14 @@ def test_sections_are_apart_by_an_empty_line():
     assert text_of([Section("one"), Section("two")]) == "one\n\ntwo\n"
 
 
-def test_an_answer_is_printable():
+def test_answer_is_printable():
     answer = Answer((("spin", "0\x1b[31m"), ("errors", "robust")))
     assert str(answer) == "spin           0\\x1b[31m\nerrors         robust"
     assert answer.sentence == "spin 0\\x1b[31m; errors robust"
 
 
 @pytest.mark.parametrize("degree", [1, 3])
-def test_a_result_prints_its_answer_and_its_sections(degree):
+def test_result_prints_its_answer_and_its_sections(degree):
     rng = np.random.default_rng(1)
     lon, lat = rng.uniform(0, 6.28, 300), np.arcsin(rng.uniform(-1, 1, 300))
     solution = fit.fit_field(Field(lon, lat, 30 * rng.normal(size=(2, 300)), np.full((2, 300), 30.0)), degree)

@@ -118,7 +118,7 @@ def test_redshifts_from_distances():
 
 
 @pytest.mark.parametrize("curvature", [-0.2, 0.0, 0.15])
-def test_the_parallax_distance_of_a_curved_space(curvature):
+def test_parallax_distance_of_a_curved_space(curvature):
     """d_P = R tan(χ/R) on a sphere of radius R, R tanh(χ/R) where it is open; d_M = R sin, or sinh (χ/R)."""
     from astropy.cosmology import LambdaCDM
 

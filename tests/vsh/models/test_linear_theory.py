@@ -14,7 +14,7 @@ def places(n=400, seed=2, near=6.0, far=90.0):
     return lon, lat, np.cbrt(rng.uniform(near**3, far**3, n))
 
 
-def test_the_dispersion_and_bulk_flows():
+def test_dispersion_and_bulk_flows():
     assert pytest.approx(306.0, abs=0.1) == LINEAR_PLANCK18.sigma
     found = [LINEAR_PLANCK18.bulk_flow(radius) for radius in (20, 45, 100)]
     np.testing.assert_allclose(found, [406, 316, 215], atol=0.6)
@@ -27,7 +27,7 @@ def test_correlations_by_separation():
     assert [float(each) for each in LINEAR_PLANCK18.correlation(1e5)] == [0, 0]
 
 
-def test_a_potential_flow_has_correlations_that_belong_together():
+def test_potential_flow_has_correlations_that_belong_together():
     """Ψ∥ = d(r Ψ⊥)/dr for any power spectrum (Górski 1988)."""
     r = np.linspace(2, 150, 400)
     along, across = LINEAR_PLANCK18.correlation(r)
@@ -35,7 +35,7 @@ def test_a_potential_flow_has_correlations_that_belong_together():
     np.testing.assert_allclose(slope[2:-2], along[2:-2], atol=0.002 * LINEAR_PLANCK18.sigma**2)
 
 
-def test_the_power_is_that_of_colossus():
+def test_power_is_that_of_colossus():
     cosmology = pytest.importorskip("colossus.cosmology.cosmology")
     planck = cosmology.setCosmology("planck18", persistence="")
     k = np.geomspace(1e-4, 10, 300)
@@ -90,7 +90,7 @@ def test_modes_hold_the_covariance(n_modes, bound):
     assert np.allclose(np.diag(found), LINEAR_PLANCK18.sigma**2, rtol=0.06)
 
 
-def test_the_flow_where_we_are_is_the_limit_of_small_distances():
+def test_flow_where_we_are_is_the_limit_of_small_distances():
     modes = flow_modes(2.0, 92.0, 250)
     axes = np.array([0.0, np.pi / 2, 0.0]), np.array([0.0, 0.0, np.pi / 2])
     _, radial = modes.at(*axes, np.full(3, 2.0))
@@ -128,7 +128,7 @@ def linear_grid(size=9, half_width=50.0, frame="galactic"):
     return VelocityGrid(grid * np.array([1, 2, -1])[:, None, None, None], half_width, frame)
 
 
-def test_a_grid_is_interpolated_in_its_own_axes():
+def test_grid_is_interpolated_in_its_own_axes():
     grid = linear_grid()
     lon, lat, r = places(50, far=40.0)
     x, y, z = triad(lon, lat)[2] * r
@@ -168,7 +168,7 @@ def test_grids_are_written_and_read(tmp_path):
 
 
 @pytest.mark.parametrize(("nearest", "farthest", "n_modes"), [(300, 310, 3), (500, 600, 10), (1, 100, 3), (5, 90, 60)])
-def test_the_bulk_flow_is_always_among_the_modes(nearest, farthest, n_modes):
+def test_bulk_flow_is_always_among_the_modes(nearest, farthest, n_modes):
     """Between far distances a monopole has more power than any dipole: three modes were one, and no bulk flow."""
     modes = flow_modes(nearest, farthest, n_modes)
     assert modes.counts[1] >= 1

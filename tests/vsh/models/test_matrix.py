@@ -19,7 +19,7 @@ def test_own_errors_there_and_back():
     np.testing.assert_allclose(found.rho, FIELD.rho, atol=1e-14)
 
 
-def test_a_function_is_the_field_of_its_spectrum():
+def test_function_is_the_field_of_its_spectrum():
     """V(θ) carried along great circles, against the harmonics of the same power: two ways to one matrix."""
     spectrum = 7 * Spectrum.power_law(-1.5)
     by_angle = shared.from_function(FIELD, lambda theta: spectrum.covariance(theta, 8))
@@ -60,13 +60,13 @@ def test_files(ending, tmp_path):
         shared.read_covariance(tmp_path / "none.npy")
 
 
-def test_a_large_file_is_refused_before_it_is_read(tmp_path):
+def test_large_file_is_refused_before_it_is_read(tmp_path):
     np.lib.format.open_memmap(tmp_path / "large.npy", "w+", float, (40_000, 40_000))
     with pytest.raises(ParameterError, match="of 20000 sources takes 12 GiB"):
         shared.read_covariance(tmp_path / "large.npy")
 
 
-def test_what_is_no_covariance_is_refused():
+def test_matrices_that_are_no_covariance_are_refused():
     with pytest.raises(ParameterError, match=r"has shape \(2n, 2n\), all east components first, not \(3, 3\)"):
         Covariance(np.eye(3))
     with pytest.raises(ParameterError, match="not symmetric"):

@@ -25,7 +25,7 @@ def test_heliocentric_redshifts_grow_toward_the_apex():
     np.testing.assert_allclose(found, expected, rtol=1e-9)
 
 
-def test_the_frame_of_the_positions_does_not_matter():
+def test_frame_of_the_positions_does_not_matter():
     lon, lat = sim.uniform_sky(50, 1)
     z = np.full(50, 0.02)
     galactic = SkyCoord(lon, lat, unit="rad").galactic
@@ -37,7 +37,7 @@ def test_the_frame_of_the_positions_does_not_matter():
     np.testing.assert_array_equal(to_cmb(z, lon, lat, "icrs", "true"), z)
 
 
-def test_the_local_group_by_the_sun_in_it():
+def test_local_group_by_the_sun_in_it():
     """The Sun's velocity in the Local Group and the Group's in the background add up to the Sun's."""
     sun, group = REDSHIFT_FRAMES["local-group"].value, LOCAL_GROUP.value
     assert np.abs(sun + group - CMB_VELOCITY_PLANCK18.value).max() < 80  # two measurements, some tens of km/s apart
@@ -65,7 +65,7 @@ def test_names():
 
 
 @pytest.mark.parametrize("ending", ["fits", "ecsv", "vot", "parquet"])
-def test_a_table_keeps_the_frame_and_what_is_known_of_distances(ending, tmp_path):
+def test_table_keeps_the_frame_and_what_is_known_of_distances(ending, tmp_path):
     field = sim.observe(sim.galaxies(20, 1), sim.spin((0, 0, 1)), 2, redshifts="heliocentric", redshift_error=1e-4)
     distance = np.where(np.arange(20) < 5, 30.0, np.nan)
     field = replace(field, distance=distance, distance_error=0.1 * distance)
@@ -79,7 +79,7 @@ def test_a_table_keeps_the_frame_and_what_is_known_of_distances(ending, tmp_path
 
 
 @pytest.mark.parametrize("ending", ["ecsv", "vot", "parquet", "fits"])
-def test_the_description_of_a_column_tells_the_frame(ending, tmp_path):
+def test_description_of_a_column_tells_the_frame(ending, tmp_path):
     field = sim.observe(sim.galaxies(20, 1), sim.spin((0, 0, 1)), 2)
     field.write(tmp_path / "galaxies.ecsv")
     table = Table.read(tmp_path / "galaxies.ecsv")
@@ -120,7 +120,7 @@ def test_usable_redshifts_are_those_in_the_frame_of_the_background():
         ({"redshift_frame": "galactic"}, "a redshift's frame is heliocentric"),
     ],
 )
-def test_what_a_field_refuses(columns, words):
+def test_field_refuses_unknown_frames(columns, words):
     given = {"redshift": [0.01, 0.02]} | columns
     with pytest.raises((FieldError, ParameterError), match=words):
         Field([0.1, 0.2], [0.0, 0.1], np.zeros((2, 2)), np.ones((2, 2)), **given)

@@ -94,7 +94,7 @@ def test_systematics_have_their_spectrum():
     assert (np.abs(powers / 400 - expected) < 4 * scatter).all()
 
 
-def test_what_is_no_spectrum_is_refused():
+def test_values_that_are_no_spectrum_are_refused():
     with pytest.raises(ParameterError, match="one power of at least zero for each degree"):
         Spectrum.given([1.0, -2.0])
     with pytest.raises(ModesError, match="is given to degree 2, and degree 3 is expected"):

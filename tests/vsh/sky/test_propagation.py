@@ -49,7 +49,7 @@ def test_derivatives():
         assert np.abs(change - jacobian[:, :, k].T).max() < 1e-4
 
 
-def test_a_star_without_parallax_moves_on_a_circle():
+def test_star_without_parallax_moves_on_a_circle():
     parameters = np.array([[1.0], [0.5], [0.0], [1e5], [2e5]])
     later, _ = propagate(parameters, 0.0, 2016.0, 2000.0)
     plain, _ = propagate(parameters, 0.0, 2016.0, 2000.0, light_time=False)
@@ -57,7 +57,7 @@ def test_a_star_without_parallax_moves_on_a_circle():
     assert later[2] == 0
 
 
-def test_the_earth():
+def test_earth():
     epochs = np.linspace(1985, 2030, 20)
     theirs = get_body_barycentric("earth", Time(epochs, format="jyear", scale="tdb")).xyz.to_value("au")
     assert np.abs(earth(epochs) - theirs).max() < 1e-10

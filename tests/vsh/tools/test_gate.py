@@ -18,7 +18,7 @@ from vsh.models.flows import VelocityGrid
 from vsh.tools.files import MARK, as_recorded, atomic_write, check_not_read, exclusive, is_ours, read_arrays, reading
 
 
-def test_what_is_not_ours_is_not_replaced(tmp_path):
+def test_foreign_files_are_not_replaced(tmp_path):
     for name, content in (("a.txt", b"mine"), ("q.fits", b"SIMPLE  ="), ("x.npz", b"PK")):
         path = tmp_path / name
         path.write_bytes(content)
@@ -69,7 +69,7 @@ def test_other_writers_leave_the_mark_as_well(tmp_path):
     assert MARK not in read_arrays(tmp_path / "grid.npz")
 
 
-def test_nothing_is_written_to_what_is_read(tmp_path):
+def test_inputs_are_not_overwritten(tmp_path):
     source = tmp_path / "folder" / "q.fits"
     source.parent.mkdir()
     random_field(5, 1).write(source)
@@ -108,7 +108,7 @@ def test_two_processes_lock_each_other_out(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_page_knows_that_it_was_changed(tmp_path):
+def test_page_knows_that_it_was_changed(tmp_path):
     path = tmp_path / "p.html"
     write_page(path, "<html><body>one</body></html>\n")
     assert is_page(path)

@@ -27,7 +27,7 @@ def written(table, path, meta=None):
     [("icrs", "ICRS", "pos.eq.ra;meta.main"), ("galactic", "galactic", "pos.galactic.lon;meta.main"),
      ("ecliptic", "ecl_FK5", "pos.ecliptic.lon;meta.main")],
 )  # fmt: skip
-def test_a_catalogue_states_its_frame(tmp_path, frame, system, ucd):
+def test_catalogue_states_its_frame(tmp_path, frame, system, ucd):
     field = sim.observe(sim.quasars(20, rng=1), sim.spin((0, 0, 3)), rng=2, release="DR5").to_frame(frame)
     document = written(field.to_table(), tmp_path / "field.vot", {"REF_EPOCH": 2016.0})
     (coordinates,) = document.resources[0].coordinate_systems
@@ -58,7 +58,7 @@ def test_units_are_those_of_vounit(tmp_path):
     assert read["kind"].tolist() == ["T"]
 
 
-def test_an_empty_table_is_read(tmp_path):
+def test_empty_table_is_read(tmp_path):
     write_table(Table({"name": np.zeros(0), "east": np.zeros(0)}), tmp_path / "empty.vot")
     read = Table.read(tmp_path / "empty.vot")
     assert (len(read), read.colnames) == (0, ["name", "east"])

@@ -13,7 +13,7 @@ for length in range(180, 300):
 """
 
 
-def test_a_votable_row_of_any_length_is_written_whole(tmp_path):
+def test_votable_row_of_any_length_is_written_whole(tmp_path):
     """The compiled writer of astropy writes one byte beyond its buffer where the text of a row just fills it."""
     place = os.environ | {"PYTHONMALLOC": "debug", "PYTHONPATH": os.pathsep.join(sys.path)}
     done = subprocess.run([sys.executable, "-c", CODE], cwd=tmp_path, env=place, capture_output=True, check=False)

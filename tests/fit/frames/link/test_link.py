@@ -33,7 +33,7 @@ def test_without_noise_the_frame_comes_back(sky):
     assert np.abs(solution.values - np.r_[EPSILON, OMEGA]).max() < 0.05
 
 
-def test_a_jump_is_found_with_its_error():
+def test_jump_is_found_with_its_error():
     data = sim.link(2, 120, **FRAME, jump=(50, 0, 0))
     solution = link(data, steps=[13.0])
     jump, p = solution.jump(13.0)
@@ -95,7 +95,7 @@ def test_influence_is_what_leaving_one_out_does():
     )  # ν = 10⁶ is not infinite
 
 
-def test_a_verdict_and_tests_beside_the_table():
+def test_verdict_and_tests_beside_the_table():
     solution = link(sim.link(2, 120, **FRAME, jump=(50, 0, 0)), steps=[13.0])
     assert dict(solution.answer.lines)["spin"].partition(" ")[0].replace(".", "").isdecimal()
     assert "spin detected: (" in dict(solution.answer.lines)["jump at 13"]
@@ -181,7 +181,7 @@ def test_priors_are_read_from_the_results_of_a_fit(tmp_path, frame):
     np.testing.assert_allclose(prior.covariance, expected.covariance, atol=1e-9)
 
 
-def test_what_each_effect_does():
+def test_effects_have_their_size():
     """Switched off, parallax and aberration change the answer; light-time hardly."""
     data = sim.link(10, 40, **FRAME, **EXACT, single=0.5, aberration=AT)
     options = {"robust": False, "scale": 1.0}
@@ -197,7 +197,7 @@ def test_what_each_effect_does():
 
 
 @pytest.mark.slow
-def test_an_offset_of_positions_is_found():
+def test_offset_of_positions_is_found():
     data = sim.link(11, 10, quasars=80, offset=300.0, binaries=0.0)
     solution = link(data)
     assert 150 < solution.excess < 600
@@ -213,7 +213,7 @@ def test_parts_by_name():
         solution["acceleration"]
 
 
-def test_the_quiet_epoch():
+def test_quiet_epoch():
     solution = link(sim.link(12, 40), excess=False)
     errors = [np.sum(solution.at_epoch(solution.quiet_epoch + years).sigma ** 2) for years in (-1, 0, 1)]
     assert errors[1] < min(errors[0], errors[2])
@@ -231,12 +231,12 @@ class TestBadInput:
         with pytest.raises(DegeneracyError, match=r"jump omega_x at 13"):
             link(data, steps=[13.0])
 
-    def test_nothing_in_common(self):
+    def test_catalogues_without_common_sources(self):
         data = sim.link(1, 10)
         with pytest.raises(DegeneracyError, match="no source constrains"):
             link(data[np.r_[0:5, 15:20]])
 
-    def test_a_row_twice_an_epoch_missing_a_covariance_that_is_none(self):
+    def test_row_twice_an_epoch_missing_a_covariance_that_is_none(self):
         data = sim.link(1, 5)
         with pytest.raises(FieldError, match="the same row twice: 2"):
             data + data[:1]
@@ -250,7 +250,7 @@ class TestBadInput:
         with pytest.raises(FieldError, match="not positive definite: 1 .*row 3"):
             AstrometryRows(**rows, covariance=bad)
 
-    def test_a_name_given_to_another(self):
+    def test_name_given_to_another(self):
         data = sim.link(1, 5)
         lon = data.lon.copy()
         lon[7] += 0.1
@@ -342,7 +342,7 @@ def test_two_catalogues_side_by_side(tmp_path):
     assert np.allclose(np.sqrt(data.covariance[0, 0, 0]), 20)
 
 
-def test_a_list_of_quasars_without_epochs(tmp_path):
+def test_list_of_quasars_without_epochs(tmp_path):
     table = tmp_path / "icrf3.csv"
     table.write_text("icrf,ra,dec,ra_error,dec_error\nJ000020.3-322101,.1,-32,.1,.2\n")
     data = read_astrometry(table, epoch=2015.0, still=True)
@@ -394,7 +394,7 @@ def test_one_source_a_calibrator_changes_nothing():
 
 
 @pytest.mark.slow
-def test_the_place_of_a_jump_is_found():
+def test_place_of_a_jump_is_found():
     stars = sim.link(2, 80, jump=(120.0, 0.0, -60.0), tails=4)
     search = find_step(stars, [8.0, 11.0, 12.9, 15.0], excess=False)
     assert search.place == 12.9
@@ -418,7 +418,7 @@ def test_the_place_of_a_jump_is_found():
 
 
 @few_or_many(6, 60, "skies")
-def test_the_place_is_not_where_least_is_known(skies):
+def test_place_is_not_where_least_is_known(skies):
     """The few beyond the ends know least, and do not win by it; intervals cover the place of jumps of two errors."""
     options = {"excess": False, "robust": False, "scale": 1.0}
     held, ends = [], []
@@ -439,7 +439,7 @@ def test_no_jump_is_found_where_there_is_none(skies):
     assert np.mean(np.array(p) < 0.05) < 0.05 + 2.5 * np.sqrt(0.05 * 0.95 / skies)
 
 
-def test_what_cannot_be_sought():
+def test_steps_that_cannot_be_sought():
     stars = sim.link(1, 20)
     with pytest.raises(ParameterError, match="steps are what is sought"):
         find_step(stars, steps=[13.0])

@@ -37,12 +37,12 @@ def line(result, label):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("power", "wrong"), [(0.0, 1.5), (200.0, 1.0)])
-def test_it_sees_nothing_where_nothing_is(power, wrong):
+def test_answer_without_a_signal_is_a_limit(power, wrong):
     answers = [fit.recommended(observed(seed, power=power, wrong=wrong)) for seed in range(20)]
     assert sum(line(each, "acceleration").startswith("not detected") for each in answers) >= 19
 
 
-def test_it_sees_what_is_there():
+def test_answer_detects_a_signal():
     field = observed(1, (0, 0, 60.0), n=2000)
     answer = fit.recommended(field)
     assert re.match(r"\d+\.\d ± \d\.\d µas/yr towards α = ", line(answer, "acceleration"))
@@ -102,13 +102,13 @@ def coefficients_of_gaia():
                   for row in np.eye(3)]).T, GAIA_EDR3.value)  # fmt: skip
 
 
-def test_a_spin_is_told_as_well():
+def test_spin_is_told_as_well():
     field = sim.observe(sim.quasars(2000, 1), sim.spin((0, 50.0, 0)), rng=1, sigma=200.0)
     assert "µas/yr towards" in line(fit.fit_field(field, 3), "spin")
     assert line(fit.fit_field(observed(1), 3), "spin").startswith("not detected: < ")
 
 
-def test_nothing_is_said_by_units_that_cannot_be():
+def test_impossible_units_have_no_answer():
     solution = fit.fit_field(observed(1, wrong=1000.0), 3)
     assert solution.verdict.startswith("acceleration   no result: residuals are ")
     assert "units" in solution.verdict
@@ -122,7 +122,7 @@ def test_one_side_of_the_sky_is_cautioned():
     assert caution not in line(fit.fit_field(field[field.lat > 0], 1), "errors")
 
 
-def test_an_empty_part_of_the_sky_is_said():
+def test_empty_part_of_the_sky_is_said():
     field = observed(2)
     half = field[field.lon < np.pi]
     noted = [str(each) for each in fit.fit_field(half, 1).notes if "no source within" in str(each)]
@@ -131,7 +131,7 @@ def test_an_empty_part_of_the_sky_is_said():
     assert not any("no source within" in str(each) for each in fit.fit_field(field, 1).notes)
 
 
-def test_what_is_not_of_motions_has_no_answer():
+def test_scalars_have_no_answer():
     """Positions, scalar fields and fits that are to come."""
     solution = fit.fit_field(random_field(100, 1), 1)
     assert answer_of(replace(solution, unit="µas")).lines == ()
@@ -192,7 +192,7 @@ def test_every_output_has_the_same_numbers(catalogue, tmp_path, capsys):
 
 
 @pytest.mark.slow
-def test_the_referee_has_the_same_lines(catalogue):
+def test_referee_has_the_same_lines(catalogue):
     """Whatever the sources are that it is given."""
     quasars = read_quasars(catalogue)
     if len(quasars.whole) > 100_000:
@@ -202,7 +202,7 @@ def test_the_referee_has_the_same_lines(catalogue):
 
 
 @pytest.mark.slow
-def test_a_comparison_has_the_same_numbers(tmp_path, capsys):
+def test_comparison_has_the_same_numbers(tmp_path, capsys):
     """ICRF3 and ICRF2: text, page, LaTeX, JSON and tables of their differences."""
     paths = [str(real_catalogue(name)) for name in ("icrf3sx.txt", "icrf2-all.txt")]
     out, page = tmp_path / "out", tmp_path / "page.html"

@@ -34,7 +34,7 @@ class Reader(HTMLParser):
         assert self.open.pop() == tag
 
 
-def test_the_page_is_whole_and_asks_for_nothing(page):
+def test_page_is_whole_and_asks_for_nothing(page):
     reader = Reader()
     reader.feed(page)
     assert not reader.open
@@ -44,14 +44,14 @@ def test_the_page_is_whole_and_asks_for_nothing(page):
     assert not re.search(r"https?://|url\(|@import|fetch\(|XMLHttpRequest", code)
 
 
-def test_it_says_what_the_report_says(page):
+def test_page_agrees_with_the_report(page):
     for words in ("Acceleration", "truth", "Power by degree", "agree to", "sha256", "vsh-fit", "--lmax 2",
                   "prefers-color-scheme: dark", "width=device-width"):  # fmt: skip
         assert words in page
     assert page.count('class="sortable"') == 3
 
 
-def test_what_a_table_says_cannot_break_the_page(tmp_path, capsys):
+def test_page_escapes_what_a_table_contains(tmp_path, capsys):
     from astropy.table import Table
 
     table = Table.read(ROOT / "fit" / "demo.fits")[:300]

@@ -109,7 +109,7 @@ def test_low_signal_to_noise_is_said_as_such():
     assert "direction not determined" in direction(none)
 
 
-def test_the_cross_check_takes_one_line_unless_it_fails(solution):
+def test_cross_check_takes_one_line_unless_it_fails(solution):
     from dataclasses import replace
 
     rng = np.random.default_rng(2)
@@ -125,7 +125,7 @@ def test_the_cross_check_takes_one_line_unless_it_fails(solution):
     assert "CROSS-CHECK FAILED" in html_report(solution, {}, check=replace(check, largest=1e-3))
 
 
-def test_a_report_is_for_coefficients():
+def test_report_is_for_coefficients():
     """Each ended in an AttributeError; ClippedFit has a solution to report."""
     field = random_field(200, 1)
     clipped = fit.clip(field, 1)

@@ -87,7 +87,7 @@ def page_of(pages, name):
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 @pytest.mark.parametrize("width", [1280, 390])
 @pytest.mark.parametrize("name", NAMES)
-def test_it_works_asks_for_nothing_and_can_be_used_by_all(browser, pages, name, width, scheme):
+def test_page_works_offline_and_is_accessible(browser, pages, name, width, scheme):
     path = page_of(pages, name)
     assert path.stat().st_size < 2e6
     tab, said = opened(browser, path, width, scheme)
@@ -124,7 +124,7 @@ def test_it_works_asks_for_nothing_and_can_be_used_by_all(browser, pages, name, 
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_it_is_soon_there_and_follows_the_hand(browser, pages, name):
+def test_page_loads_quickly_and_follows_the_pointer(browser, pages, name):
     """Under a second, and under three at a quarter of the speed; a turned frame under 150 ms."""
     path = page_of(pages, name)
     for slower, most in ((1, 1000), (4, 3000)):

@@ -46,7 +46,7 @@ def read(html):
 NASTY = "<b>&\"'</script>"
 
 
-def test_a_page_of_everything_is_whole():
+def test_page_of_everything_is_whole():
     columns = Table({"a_b": [1.0, np.nan], NASTY: [NASTY, "x"]})
     panels = [
         page.cards([("Spin", "1 ± 2", NASTY)]), page.words(NASTY, "warning"), page.words(""), page.section(Section(NASTY, (), columns)),
@@ -64,7 +64,7 @@ def test_a_page_of_everything_is_whole():
     assert html.count("<script>") == 1  # of the tables
 
 
-def test_the_policy_allows_what_is_there_and_nothing_else():
+def test_policy_allows_what_is_there_and_nothing_else():
     html = page.page("t", [page.table(["x"], [["1"]], sortable=True)])
     policy = re.search(r'Content-Security-Policy" content="([^"]*)"', html).group(1)
     assert policy.startswith("default-src 'none'; img-src data:;")

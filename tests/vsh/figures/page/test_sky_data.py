@@ -61,7 +61,7 @@ def test_fields_and_their_errors_are_exact():
     assert alone == pytest.approx(basis[:, 0] @ solution.covariance[np.ix_(only, only)] @ basis[:, 0], rel=1e-4)
 
 
-def test_the_most_significant_sources_are_sent_and_counted():
+def test_most_significant_sources_are_sent_and_counted():
     field = random_field(MAX_SOURCES + 500, seed=1)
     one, solution = shown(field, 1)
     panel = sky(one)

@@ -16,7 +16,7 @@ def solved():
     return fit.fit_field(field, 2), field
 
 
-def test_a_page_in_a_frame(solved, monkeypatch):
+def test_page_in_a_frame(solved, monkeypatch):
     monkeypatch.setattr("vsh.figures.page._page.bundle", lambda: "//")
     monkeypatch.setattr("vsh.figures.page._page.find_spec", lambda name: None)
     solution, field = solved
@@ -28,7 +28,7 @@ def test_a_page_in_a_frame(solved, monkeypatch):
     assert "http://" not in inner.replace("http://www.w3.org", "")
 
 
-def test_a_widget_where_there_are_some(solved, monkeypatch):
+def test_widget_where_there_are_some(solved, monkeypatch):
     monkeypatch.setattr("vsh.figures.page._page.bundle", lambda: "//")
     monkeypatch.setattr("vsh.figures.page._page.find_spec", lambda name: object())
     monkeypatch.setitem(sys.modules, "ipywidgets", SimpleNamespace(HTML=lambda html: ("widget", html)))
@@ -37,7 +37,7 @@ def test_a_widget_where_there_are_some(solved, monkeypatch):
     assert "<iframe" in html
 
 
-def test_a_figure_where_nothing_turns(solved, monkeypatch):
+def test_figure_where_nothing_turns(solved, monkeypatch):
     monkeypatch.setattr("vsh.figures.page._page.bundle", lambda: "")
     monkeypatch.setattr("vsh.figures.page._page.find_spec", lambda name: None)
     html = solved[0].widget(solved[1])._repr_html_()

@@ -97,7 +97,7 @@ def test_arrows_keep_off_the_rim_and_fill_the_map(projection):
     assert np.abs(native).max() < 175
 
 
-def test_an_arrow_at_the_seam_is_moved_not_lost():
+def test_arrow_at_the_seam_is_moved_not_lost():
     axes = sky_axes()
     lon, lat = np.radians([179.9, 180.1, 0.0, 180.0]), np.radians([0.0, 40.0, 89.0, -80.0])
     for heading in np.linspace(0, 2 * np.pi, 16, endpoint=False):
@@ -121,6 +121,6 @@ def test_lengths_and_colours_are_those_of_the_motions():
         draw_vectors(axes, np.zeros(3), np.zeros(3), np.zeros((3, 2)))
 
 
-def test_the_grid_is_even():
+def test_grid_is_even():
     lon, lat = even_grid(5.0)
     assert np.abs(np.mean(triad(lon, lat)[2], axis=1)).max() < 1e-3

@@ -30,7 +30,7 @@ def test_formats(tmp_path):
 
 
 @pytest.mark.parametrize("ending", ["png", "pdf", "svg"])
-def test_the_same_figure_twice_is_the_same_file(tmp_path, ending):
+def test_same_figure_twice_is_the_same_file(tmp_path, ending):
     files = []
     for name in ("one", "two"):
         (tmp_path / name).mkdir()

@@ -71,7 +71,7 @@ def test_there_and_back():
         np.testing.assert_allclose(back[1], lat[shown], atol=1e-6)
 
 
-def test_a_curve_is_cut_at_the_seam():
+def test_curve_is_cut_at_the_seam():
     axes = sky_axes(centre=(100, 30))
     line = draw_line(axes, np.linspace(0, 2 * np.pi, 721), np.zeros(721))
     steps = np.hypot(*np.diff(np.asarray(line.get_data()), axis=1))
@@ -79,7 +79,7 @@ def test_a_curve_is_cut_at_the_seam():
     assert np.nanmax(steps) < 20
 
 
-def test_a_map_shows_each_pixel_where_it_is():
+def test_map_shows_each_pixel_where_it_is():
     axes = sky_axes("galactic", centre=(200, 20))
     lon, lat = centres(4)
     picture = draw_map(axes, np.arange(192.0)).get_array()

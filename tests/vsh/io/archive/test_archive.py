@@ -54,7 +54,7 @@ def test_success_and_the_second_run_offline(tap, table, tmp_path):
     assert sorted(each.name for each in tmp_path.iterdir()) == ["sky.fits", "sky.fits.json"]
 
 
-def test_a_query_that_is_refused(tap, tmp_path):
+def test_query_that_is_refused(tap, tmp_path):
     url, service = tap
     service.refuse = "table gaiadr4.nosuch not found"
     with pytest.raises(ArchiveError, match="answered 400: table gaiadr4.nosuch not found"):
@@ -63,7 +63,7 @@ def test_a_query_that_is_refused(tap, tmp_path):
 
 
 @pytest.mark.parametrize("phase", ["ERROR", "ABORTED"])
-def test_a_job_that_fails(tap, tmp_path, phase):
+def test_job_that_fails(tap, tmp_path, phase):
     url, service = tap
     service.phases = ["EXECUTING", phase]
     with pytest.raises(ArchiveError, match=f"the query ended {phase.lower()}: no such column"):
@@ -73,7 +73,7 @@ def test_a_job_that_fails(tap, tmp_path, phase):
     assert len(service.submitted()) == 2
 
 
-def test_an_answer_that_was_cut_off(tap, tmp_path, monkeypatch):
+def test_answer_that_was_cut_off(tap, tmp_path, monkeypatch):
     url, service = tap
     with pytest.raises(ArchiveError, match="cut off at 400 rows: ask for more"):
         ask(url, tmp_path / "sky.fits", max_rows=400)
@@ -88,12 +88,12 @@ def test_an_answer_that_was_cut_off(tap, tmp_path, monkeypatch):
     monkeypatch.setattr("vsh.io.archive._tap._LIMITS", ())
 
 
-def test_a_server_that_is_away(tmp_path):
+def test_server_that_is_away(tmp_path):
     with pytest.raises(ArchiveError, match=r"127\.0\.0\.1:9/tap/async cannot be reached: .*refused.*Are you online"):
         ask("http://127.0.0.1:9/tap", tmp_path / "sky.fits")
 
 
-def test_a_connection_that_is_cut_and_goes_on(tap, table, tmp_path):
+def test_connection_that_is_cut_and_goes_on(tap, table, tmp_path):
     url, service = tap
     service.send = None
     real = Cut(service)
@@ -140,7 +140,7 @@ def test_patience_ends_and_the_same_job_is_waited_for(tap, tmp_path):
     assert len(service.submitted()) == 1
 
 
-def test_a_job_that_the_server_forgot_is_sent_again(tap, tmp_path):
+def test_job_that_the_server_forgot_is_sent_again(tap, tmp_path):
     url, service = tap
     (tmp_path / "sky.fits.json").write_text(
         json.dumps({"program": "vsh-astrometry", "query": ADQL, "url": url, "max_rows": None, "job": f"{url}/async/77"})
@@ -149,7 +149,7 @@ def test_a_job_that_the_server_forgot_is_sent_again(tap, tmp_path):
     assert len(service.submitted()) == 1
 
 
-def test_what_is_no_query(tap, tmp_path):
+def test_invalid_queries_are_refused(tap, tmp_path):
     url, _ = tap
     path = ask(url, tmp_path / "sky.fits")
     for wrong, said in [
@@ -185,7 +185,7 @@ def test_queries():
         of_table("user_me.x", release="DR4")
 
 
-def test_a_file_that_is_there_but_no_answer(tap, tmp_path, capsys):
+def test_file_that_is_there_but_no_answer(tap, tmp_path, capsys):
     url, service = tap
     path = tmp_path / "sky.fits"
     for overwrite in (False, True):  # a file that somebody else put there is neither believed nor replaced
@@ -208,7 +208,7 @@ def test_a_file_that_is_there_but_no_answer(tap, tmp_path, capsys):
     assert archive.RELEASES["DR4"].parallax_bias == "tentative_parallax_bias"
 
 
-def test_the_command(tap, tmp_path, capsys):
+def test_command(tap, tmp_path, capsys):
     url, service = tap
     path = tmp_path / "qso.fits"
     assert main(["gaia-crf3", "--output", str(path), "--url", url]) == 0
@@ -229,7 +229,7 @@ def test_the_command(tap, tmp_path, capsys):
         main(["gaia-crf3"])
 
 
-def test_a_list_is_sent_with_the_query(tap, table, tmp_path):
+def test_list_is_sent_with_the_query(tap, table, tmp_path):
     from io import BytesIO
 
     from astropy.table import Table

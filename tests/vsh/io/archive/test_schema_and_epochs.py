@@ -163,7 +163,7 @@ def test_epochs_come_in_batches_and_are_resumed(transits, tmp_path):
     assert sorted(names) == ids
 
 
-def test_a_run_that_was_killed_in_its_first_batch_goes_on(transits, tmp_path, monkeypatch):
+def test_run_that_was_killed_in_its_first_batch_goes_on(transits, tmp_path, monkeypatch):
     """A file was there and no note of it, or half a file under its unfinished name: refused, or left for ever."""
 
     def killed(path):

@@ -45,14 +45,14 @@ def test_blocks_are_the_whole(table):
         list(stream_columns(table[20:30], ["periods"], 10))
 
 
-def test_what_is_no_column_of_numbers(table):
+def test_columns_that_are_no_numbers(table):
     with pytest.raises(TableError, match="no column 'nothing'"):
         read_columns(table, ["nothing"])
     with pytest.raises(FieldError, match="text"):
         read_columns(table, ["sort"])
 
 
-def test_a_template_of_large_numbers(table, tmp_path, capsys):
+def test_template_of_large_numbers(table, tmp_path, capsys):
     """Numbers beyond 50 were taken as missing magnitudes."""
     from fit.commands.fit import main
 

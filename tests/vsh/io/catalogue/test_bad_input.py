@@ -174,7 +174,7 @@ def test_file(kind, tmp_path, capsys):
     assert capsys.readouterr().err.startswith("vsh-fit: error: ")
 
 
-def test_an_unknown_unit_can_be_overridden(tmp_path):
+def test_unknown_unit_can_be_overridden(tmp_path):
     assert len(read_field(unknown_unit(tmp_path), units={"pmra": "mas/yr"})) == N
 
 
@@ -195,7 +195,7 @@ def test_radians_with_their_unit_are_fine():
     np.testing.assert_allclose(field.lon, t["ra"].value)
 
 
-def test_a_small_field_in_degrees_is_fine():
+def test_small_field_in_degrees_is_fine():
     """A survey of two degrees about the origin is no list of radians, once it says so."""
     t = radians(table(units=False))
     assert len(read_field(t, units={"ra": "deg", "dec": "deg"})) == N
@@ -216,7 +216,7 @@ def test_wrong_arguments(arguments, message):
         read_field(table(), **arguments)
 
 
-def test_what_is_no_table():
+def test_objects_that_are_no_table():
     with pytest.raises(TableError, match="a float is no table"):
         read_field(3.0)
 
@@ -244,7 +244,7 @@ def test_every_missing_column_is_named():
 
 @pytest.mark.parametrize("column", ["pmra", "pmdec_error"])
 @pytest.mark.parametrize("mark", [-9999.0, 99999.0, 1e20])
-def test_what_marks_missing_values_does_so_in_any_unit(column, mark):
+def test_sentinels_are_recognised_in_any_unit(column, mark):
     """Found by a newcomer: in µas/yr −9999 was a motion."""
     made = table()
     for name in ("pmra", "pmdec", "pmra_error", "pmdec_error"):

@@ -66,7 +66,7 @@ def test_errors_of_redshifts_need_redshifts_and_are_named():
     assert any("errors of the redshifts are in column z_error" in note for note in field.notes)
 
 
-def test_a_redshift_whose_error_says_that_it_is_not_known_is_missing():
+def test_redshift_whose_error_says_that_it_is_not_known_is_missing():
     errors = 1e-4 * Z
     errors[[3, 7, 11]] = [20.0, 9.99, 99.0]
     field = read_field(table(z=Z, z_error=errors))
@@ -76,7 +76,7 @@ def test_a_redshift_whose_error_says_that_it_is_not_known_is_missing():
     )
 
 
-def test_a_redshift_that_is_not_read_is_named():
+def test_redshift_that_is_not_read_is_named():
     field = read_field(table(photometric_redshift=Z, photometric_redshift_err=ERROR))
     assert field.redshift is None
     assert any("the table has photometric_redshift: --columns redshift=" in note for note in field.notes)

@@ -81,7 +81,7 @@ def test_hdf5_by_columns(tmp_path):
         tables.open_table(path)
 
 
-def test_the_tables_of_journals(tmp_path):
+def test_tables_of_journals(tmp_path):
     """Sexagesimal positions, a gap, units that survive."""
     from astropy.coordinates import SkyCoord
     from astropy.table import MaskedColumn
@@ -100,7 +100,7 @@ def test_the_tables_of_journals(tmp_path):
     assert (field.lat < 0).sum() == (wanted.lat < 0).sum()
 
 
-def test_a_table_of_the_cds_with_its_readme(tmp_path):
+def test_table_of_the_cds_with_its_readme(tmp_path):
     made().write(tmp_path / "whole.mrt", format="ascii.mrt")
     head, rows = readme((tmp_path / "whole.mrt").read_text(), "table1.dat")
     (tmp_path / "table1.dat").write_text(rows)
@@ -150,7 +150,7 @@ def test_hipparcos_beside_its_readme(tmp_path):
     assert "left out 1 of 4 rows: position missing: 1" in field.notes
 
 
-def test_the_lists_of_the_iers(capsys):
+def test_lists_of_the_iers(capsys):
     path = str(real_catalogue("icrf3sx.txt"))
     opened = tables.open_table(path, "icrf")
     assert opened.names == ("icrf", "iers", "defining", "ra", "dec", "ra_error", "dec_error", "ra_dec_corr")
@@ -208,7 +208,7 @@ def test_damaged_files(kind, tmp_path):
     assert seen > 5
 
 
-def test_a_folder_in_a_format_that_is_told(tmp_path):
+def test_folder_in_a_format_that_is_told(tmp_path):
     for k in range(2):
         WRITERS["ascii"](made()[k::2], tmp_path / f"part{k}.dat")
     assert len(catalogue.read_field(tmp_path, format="ascii", units=UNITS)) == len(made())

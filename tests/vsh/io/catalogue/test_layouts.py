@@ -122,7 +122,7 @@ def test_every_layout_gives_the_same_numbers(name, tmp_path):
 
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize("name", ["vizier with tabs", "vizier ascii table", "blanks after commas", "behind a #"])
-def test_a_damaged_line_is_named(name, tmp_path):
+def test_damaged_line_is_named(name, tmp_path):
     file, text = LAYOUTS[name]
     lines = text.splitlines()
     lines[-5] = lines[-5][: len(lines[-5]) // 2] + "x" + lines[-5][len(lines[-5]) // 2 :]
@@ -135,7 +135,7 @@ def test_a_damaged_line_is_named(name, tmp_path):
         read_field(tmp_path / file)
 
 
-def test_a_table_without_names(tmp_path):
+def test_table_without_names(tmp_path):
     path = tmp_path / "bare.txt"
     path.write_text(delimited(head=False, between=" "))
     with pytest.raises(TableError, match="has no line of names, so its columns are called by their numbers"):
@@ -173,7 +173,7 @@ def test_errors_of_two_sides_and_ellipses():
     assert field.sigma[0, 1] == pytest.approx(np.sqrt((0.2**2 + 0.1**2) / 2) * 1000)
 
 
-def test_a_correlation_of_another_name_is_named():
+def test_correlation_of_another_name_is_named():
     made = {name: column for name, column in zip(NAMES, rows().T)} | {"rho(pmRA,pmDE)": np.full(len(rows()), 0.5)}
     with pytest.warns(match=r"the table has rho\(pmRA,pmDE\): if it is that, say --columns 'pmra_pmdec_corr=rho"):
         read_field(made)
@@ -234,7 +234,7 @@ def test_lists_of_vlbi(kind, tmp_path):
         assert positions.defining.all()
 
 
-def test_a_list_without_errors(tmp_path):
+def test_list_without_errors(tmp_path):
     path = tmp_path / "vievsCrf.txt"
     path.write_text(listed("vievs"))
     with pytest.raises(TableError, match="no column 'ra_error'.*one error for all, sigma="):
@@ -244,7 +244,7 @@ def test_a_list_without_errors(tmp_path):
     assert (read_positions(path, sigma=100.0).sigma == 100).all()
 
 
-def test_what_is_no_list_of_positions(tmp_path):
+def test_files_that_are_no_list_of_positions(tmp_path):
     path = tmp_path / "list.crf"
     path.write_text("no\nsources\n")
     with pytest.raises(TableError, match="no line with a position in hours and degrees"):

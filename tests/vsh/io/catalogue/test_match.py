@@ -51,7 +51,7 @@ def test_offsets_come_out(by):
     np.testing.assert_allclose(fit.fit_field(field, 2).coefficients.values, np.arange(16.0), atol=1e-3)
 
 
-def test_what_is_left_over_and_ambiguous_is_counted():
+def test_unmatched_and_ambiguous_sources_are_counted():
     a, b = positions(), positions()
     b = replace(b, name=np.where(np.arange(len(b)) < 3, "Q7", b.name))  # four of that name now
     field = match(a, b[:400])
@@ -132,7 +132,7 @@ def test_names_of_two_kinds():
         match(a, b)
 
 
-def test_the_layout_of_the_iers(tmp_path):
+def test_layout_of_the_iers(tmp_path):
     path = tmp_path / "icrf.txt"
     path.write_text(LINES)
     found = read_icrf(path)

@@ -20,7 +20,7 @@ def same(field, other=FIELD, names=COLUMNS):
 
 
 @pytest.mark.parametrize("frame", ["icrs", "galactic", "ecliptic"])
-def test_a_skycoord_goes_out_and_in(frame):
+def test_skycoord_goes_out_and_in(frame):
     field = FIELD.to_frame(frame)
     read = read_field(field.to_skycoord(), sigma=100)
     assert read.frame == frame
@@ -28,14 +28,14 @@ def test_a_skycoord_goes_out_and_in(frame):
     np.testing.assert_allclose(read.sigma, 100)
 
 
-def test_a_qtable_with_a_column_of_coordinates():
+def test_qtable_with_a_column_of_coordinates():
     table = QTable({"sky": FIELD.to_skycoord(), "pmra_error": FIELD.sigma[0] * u.uas / u.yr,
                     "pmdec_error": FIELD.sigma[1] * u.uas / u.yr})  # fmt: skip
     same(read_field(table))
     assert "sky" in table.colnames  # which is left as it was
 
 
-def test_a_skycoord_with_one_error_for_all():
+def test_skycoord_with_one_error_for_all():
     field = Field.from_skycoord(FIELD.to_skycoord(), 100 * u.uas / u.yr, 0.1)
     np.testing.assert_allclose(field.sigma, 100)
 
@@ -56,13 +56,13 @@ def test_distances_of_a_skycoord():
     np.testing.assert_allclose(field.distance_error, 0.01)
 
 
-def test_a_qtable_has_units():
+def test_qtable_has_units():
     table = FIELD.to_qtable()
     np.testing.assert_allclose(table["pmra"].to_value("uas/yr"), FIELD.motion[0], rtol=1e-12)
     same(read_field(table))
 
 
-def test_an_xarray_dataset():
+def test_xarray_dataset():
     xarray = pytest.importorskip("xarray")
     columns = {name: FIELD.to_table()[name] for name in ("ra", "dec", "pmra", "pmdec", "pmra_error", "pmdec_error")}
     data = {name: ("source", np.asarray(column), {"units": str(column.unit)}) for name, column in columns.items()}
@@ -97,7 +97,7 @@ def test_vectors_and_coefficients_have_units():
     np.testing.assert_allclose(true, sim.spin((0, 0, 3))(FIELD.lon, FIELD.lat))
 
 
-def test_a_solution_is_a_gaussian_likelihood():
+def test_solution_is_a_gaussian_likelihood():
     from scipy.stats import multivariate_normal
 
     solution = fit.fit_field(FIELD, 1)

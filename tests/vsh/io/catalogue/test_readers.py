@@ -55,7 +55,7 @@ def test_gaia_bulk_files_are_known_by_their_first_bytes(tmp_path):
 
 
 @pytest.mark.parametrize("ending", ["fits", "fits.gz", "ecsv", "csv", "csv.gz", "vot", "parquet"])
-def test_the_stream_is_the_whole(tmp_path, ending):
+def test_stream_is_the_whole(tmp_path, ending):
     path = tmp_path / f"c.{ending}"
     tables.write_table(table(), path)
     whole, parts = read_field(path), list(stream_fields(path, rows=7))
@@ -157,14 +157,14 @@ def test_right_ascension_in_hours_is_doubted():
     assert read_field(t, units={"ra": "deg"}).lon.max() < 0.5
 
 
-def test_a_velocity_is_no_redshift():
+def test_velocity_is_no_redshift():
     t = table()
     t["cz"] = 3000.0 * u.km / u.s
     with pytest.raises(TableError, match="'cz' is in 'km / s', not a redshift"):
         read_field(t, {"redshift": "cz"})
 
 
-def test_the_first_of_several_tables_is_said(tmp_path):
+def test_first_of_several_tables_is_said(tmp_path):
     hdus = [fits.table_to_hdu(table(units=False)) for _ in range(3)]
     fits.HDUList([fits.PrimaryHDU(), *hdus]).writeto(tmp_path / "c.fits")
     for field in (read_field(tmp_path / "c.fits"), next(stream_fields(tmp_path / "c.fits"))):
@@ -172,7 +172,7 @@ def test_the_first_of_several_tables_is_said(tmp_path):
 
 
 @pytest.mark.parametrize("state", ["OVERFLOW", "ERROR"])
-def test_a_truncated_archive_result_is_refused(tmp_path, state):
+def test_truncated_archive_result_is_refused(tmp_path, state):
     path = tmp_path / "c.vot"
     table().write(path, format="votable")
     info = f'<INFO name="QUERY_STATUS" value="{state}">too many rows</INFO>'
@@ -183,7 +183,7 @@ def test_a_truncated_archive_result_is_refused(tmp_path, state):
     check(read_field(path))
 
 
-def test_a_lowered_count_of_rows_is_seen(tmp_path):
+def test_lowered_count_of_rows_is_seen(tmp_path):
     """Iter_fields took it."""
     tables.write_table(table(), tmp_path / "c.fits")
     content = (tmp_path / "c.fits").read_bytes()
@@ -208,7 +208,7 @@ def test_declared_sizes_are_held_against_the_file(tmp_path, packed):
         read_field(path)
 
 
-def test_a_giant_field_is_refused_before_it_is_stored(tmp_path):
+def test_giant_field_is_refused_before_it_is_stored(tmp_path):
     """3 MB took 4.8 GB."""
     path = tmp_path / "c.csv"
     table(units=False).write(path)
@@ -280,7 +280,7 @@ def test_only_the_columns_that_are_needed_are_read(tmp_path):
     assert set(asked[0]) == set(table().colnames)
 
 
-def test_a_block_without_a_usable_row_is_no_end(tmp_path):
+def test_block_without_a_usable_row_is_no_end(tmp_path):
     t = table()
     t["pmra"][10:20] = np.nan
     t["pmra"][25:] = np.nan
@@ -305,7 +305,7 @@ def test_rows_are_numbered_through_the_file(tmp_path):
         list(stream_fields(tmp_path / "c.fits", rows=5))
 
 
-def test_an_address_where_nobody_answers():
+def test_address_where_nobody_answers():
     """'https:/…: no such file'; and no password in a message."""
     with pytest.raises(TableError, match="^https://127.0.0.1:9/c.fits ") as error:
         read_field("https://me:secret@127.0.0.1:9/c.fits?key=secret")
@@ -347,7 +347,7 @@ def test_damaged_lines_of_icrf_are_refused(tmp_path, old, new, message):
 
 
 @pytest.mark.parametrize("ending", ["ecsv", "csv", "fits", "vot"])
-def test_a_name_with_gz_is_a_compressed_file(tmp_path, ending):
+def test_name_with_gz_is_a_compressed_file(tmp_path, ending):
     tables.write(tmp_path / f"t.{ending}.gz", {"x": [1.5, 2.5]})
     assert (tmp_path / f"t.{ending}.gz").read_bytes()[:2] == b"\x1f\x8b"
     assert tables.read_table(tmp_path / f"t.{ending}.gz")["x"].tolist() == [1.5, 2.5]

@@ -49,7 +49,7 @@ def test_solutions_of_parts_add_up():
     )
 
 
-def test_a_missing_solution_and_words():
+def test_missing_solution_and_words():
     values = np.ma.MaskedArray([31, 31, 95], [False, True, False])
     assert len(read_field(table("astrometric_params_solved", values))) == 3  # which one it was is not known: used
     with pytest.raises(TableError, match="not numbers of astrometric models"):

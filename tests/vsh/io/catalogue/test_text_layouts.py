@@ -45,7 +45,7 @@ LAYOUTS = {
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)
-def test_a_layout_is_read_as_the_plain_table_is(tmp_path, layout):
+def test_layout_is_read_as_the_plain_table_is(tmp_path, layout):
     path = tmp_path / "table.txt"
     path.write_text(LAYOUTS[layout])
     field = read_field(path)
@@ -115,7 +115,7 @@ def test_ipac_tables_are_read(tmp_path):
         np.testing.assert_allclose(read_field(tmp_path / name).motion, 1000 * MOTION, rtol=1e-9)
 
 
-def test_an_overflow_is_accepted_in_so_many_words(tmp_path):
+def test_overflow_is_accepted_in_so_many_words(tmp_path):
     from astropy.io.votable import from_table
     from astropy.io.votable.tree import Info
     from astropy.table import Table
@@ -139,13 +139,13 @@ def test_distances_without_a_unit_may_be_of_any_length():
         read_field(table, columns={"distance": "dist", "distance_error": "e_dist"})
 
 
-def test_a_number_behind_a_file_name_is_not_a_table_where_such_a_file_is(tmp_path):
+def test_number_behind_a_file_name_is_not_a_table_where_such_a_file_is(tmp_path):
     path = tmp_path / "table.csv#1"
     path.write_text(GAIA + body(","))
     assert open_table(path, "csv").names == tuple(GAIA.strip().split(","))
 
 
-def test_a_column_that_is_used_twice_is_noted(tmp_path):
+def test_column_that_is_used_twice_is_noted(tmp_path):
     lines = ["ra,dec,pmra,pmdec,error", *(f"{i},{i - 5},{i},{-i},0.5" for i in range(10))]
     (tmp_path / "one.csv").write_text("\n".join(lines))
     columns = {"names": "gaia", "pmra_error": "error", "pmdec_error": "error"}

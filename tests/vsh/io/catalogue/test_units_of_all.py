@@ -42,7 +42,7 @@ def test_lengths_are_converted(unit, factor):
         (None, r"'dist', 'disterr' have no unit: say which.*--units dist=Mpc,disterr=Mpc"),
     ],
 )
-def test_what_is_no_length_is_refused(unit, words):
+def test_units_that_are_no_length_are_refused(unit, words):
     given = {"dist": unit, "disterr": unit} if unit == "furlong" else None
     with pytest.raises(TableError, match=words):
         read_field(table(None if given else unit), TOLD, units=given)
@@ -100,7 +100,7 @@ def test_every_role_with_every_kind_of_unit(role):
                 value(unit)
 
 
-def test_what_is_not_linear_must_be_asked_for():
+def test_nonlinear_units_are_requested():
     made = Table(PLAIN | {"cz": np.full(N, 2997.92458), "mu": np.full(N, 30.0), "e_mu": np.full(N, 0.1)})
     made["cz"].unit, made["mu"].unit, made["e_mu"].unit = "km/s", "mag", "mag"
     with pytest.raises(TableError, match=r"if it is c z, say so, --units cz=km/s"):

@@ -61,7 +61,7 @@ G, Z, GAP = np.array(TABLE["g"]), np.array(TABLE["z"].filled(-1)), np.array(TABL
         ("log10(z) > 0", (Z > 1) & ~GAP),
     ],
 )
-def test_what_is_selected(text, expected):
+def test_conditions_select_rows(text, expected):
     where = Where(text)
     selected, unknown = where.rows(
         {name: (np.ma.getdata(TABLE[name]), np.ma.getmaskarray(TABLE[name])) for name in where.names}
@@ -91,7 +91,7 @@ def test_nan_and_none_are_missing():
         ("g\x00 < 1", "cannot be understood"), ("b'a' == name", "not allowed"), ("... < g", "not allowed"),
     ],
 )  # fmt: skip
-def test_nothing_but_conditions(text, said):
+def test_conditions_allow_no_other_syntax(text, said):
     """Attributes, calls, huge powers, deep nesting: refused at once, and in words."""
     start = time.process_time()
     with pytest.raises(TableError, match=said):
@@ -129,7 +129,7 @@ def test_every_format(ending, tmp_path):
     assert count_unselected(field.notes) == N - expected.sum()
 
 
-def test_the_rest_is_counted():
+def test_rest_is_counted():
     field = read_field(TABLE, where="0.5 < z < 2")
     note = next(note for note in field.notes if isinstance(note, NotSelected))
     kept = ((Z > 0.5) & (Z < 2) & ~GAP).sum()

@@ -130,7 +130,7 @@ def test_outliers_have_less_weight(with_outliers):
     assert any("have a weight below 0.2" in note for note in robust.notes)
 
 
-def test_the_weights_join_smoothly():
+def test_weights_join_smoothly():
     for z in (2.0, 3.0):
         below, above = downweight(np.array([z - 1e-9, z + 1e-9]))
         assert below == pytest.approx(above, abs=1e-8)
@@ -193,7 +193,7 @@ def test_observations_that_are_not_used_are_counted(transits):
     assert not np.array_equal(field.motion, read_epochs(transits).motion)
 
 
-def test_what_cannot_be_solved_is_said(transits):
+def test_epochs_that_cannot_be_solved(transits):
     with pytest.raises(TableError, match="no column 'scan_pos_angle'"):
         read_epochs({name: transits[name] for name in transits.colnames if name != "scan_pos_angle"})
     one = transits[np.flatnonzero(transits["source_id"] == 2)[:1]]  # nine observations in one direction
@@ -210,12 +210,12 @@ def test_what_cannot_be_solved_is_said(transits):
         read_epochs(nothing)
 
 
-def test_the_reference_epoch_changes_no_motion(transits):
+def test_reference_epoch_changes_no_motion(transits):
     one, two = read_epochs(transits, robust=False), read_epochs(transits, robust=False, epoch=2016.0)
     np.testing.assert_allclose(one.motion, two.motion, atol=1e-6 * one.sigma.min())
 
 
-def test_a_solution_says_what_it_is():
+def test_solution_says_what_it_is():
     rng = np.random.default_rng(1)
     source = np.repeat([0, 1], [40, 4])
     row = design_row(rng.uniform(0, 6, 44), rng.uniform(-1, 1, 44), rng.uniform(-2, 2, 44))
@@ -240,7 +240,7 @@ def test_units_are_turned(transits):
         read_epochs(changed)
 
 
-def test_what_is_doubtful_is_noted(transits):
+def test_doubtful_epochs_are_noted(transits):
     twice = Table({name: np.concatenate([np.asarray(transits[name])] * 2) for name in transits.colnames})
     assert f"warning: {len(transits)} transits stand in the table twice and count as two" in read_epochs(twice).notes
     bare = transits.copy()

@@ -106,7 +106,7 @@ class Deadly:
 
 @POSIX
 @pytest.mark.slow
-def test_a_worker_that_is_killed_changes_no_bit(folder, tmp_path):
+def test_worker_that_is_killed_changes_no_bit(folder, tmp_path):
     here = Moments.of(parts(folder), 4)
     found = parts(folder, workers=2).sum(Deadly(70_000, str(tmp_path / "killed")))
     assert (tmp_path / "killed").exists()
@@ -114,7 +114,7 @@ def test_a_worker_that_is_killed_changes_no_bit(folder, tmp_path):
 
 
 @pytest.mark.slow
-def test_a_part_that_kills_every_worker_is_named(folder):
+def test_part_that_kills_every_worker_is_named(folder):
     with pytest.raises(TableError, match=r"part 8 of 20, .*part07\.parquet, ended the process that read it 3 times"):
         parts(folder, workers=2).sum(Deadly(70_000))
 
@@ -129,7 +129,7 @@ def cluster():
 
 
 @pytest.mark.slow
-def test_a_cluster_by_its_address(folder, whole, cluster, tmp_path):
+def test_cluster_by_its_address(folder, whole, cluster, tmp_path):
     here = Moments.of(parts(folder), 4)
     by_address = parts(folder, scheduler=cluster.scheduler_address)
     assert "by Dask at tcp://" in repr(by_address)
@@ -142,7 +142,7 @@ def test_a_cluster_by_its_address(folder, whole, cluster, tmp_path):
         by_address.sum(Deadly(70_000))
 
 
-def test_a_scheduler_that_is_away(monkeypatch):
+def test_scheduler_that_is_away(monkeypatch):
     pytest.importorskip("distributed")
     with pytest.raises(TableError, match=r"nowhere\.json is neither an address such as"):
         parts(FIELDS, scheduler="nowhere.json").sum(len)
@@ -167,7 +167,7 @@ def test_only_what_is_wanted_is_read(folder):
     assert seen == {(True, False): 20}
 
 
-def test_what_adds(folder):
+def test_sums_over_parts_add(folder):
     found = parts(folder).sum(lambda field: ({"n": len(field), len(field): [1]}, field.information.sum(), None))
     assert found[0]["n"] == sum(map(len, FIELDS))
     assert set(found[0]) == {"n", *map(len, FIELDS)}
@@ -179,7 +179,7 @@ def test_what_adds(folder):
     assert tree.total() == list(range(1000))
 
 
-def test_the_tree_is_the_same_however_it_is_grown():
+def test_tree_is_the_same_however_it_is_grown():
     """Dask's levels and the one that grows leaf by leaf add up the same pairs: the same rounding."""
     from vsh.io.parts._engines import BRANCHES, total_of
 
@@ -253,7 +253,7 @@ def test_errors_name_the_part(folder, tmp_path):
     assert "part00.parquet" in caught.value.__notes__[0]
 
 
-def test_a_stream_that_was_read_says_so():
+def test_stream_that_was_read_says_so():
     import pyarrow
 
     stream = parts(pyarrow.table({name: np.arange(1.0, 9.0) for name in
@@ -263,13 +263,13 @@ def test_a_stream_that_was_read_says_so():
         stream.counted()
 
 
-def test_nothing_left_out_is_nothing_said(folder):
+def test_complete_parts_have_no_note(folder):
     for sky in (parts(folder, on_bad="drop"), parts(folder)):
         notes = fit.solve(fit.normal_equations(sky, 1)).notes
         assert not any(note.startswith("left out") for note in notes)
 
 
-def test_what_is_no_catalogue_in_parts(folder):
+def test_objects_that_are_no_parts(folder):
     for wrong, said in [
         ("nowhere.fits", "no such file"), (iter(FIELDS), "read only once"), (parts(folder), "in parts already"),
     ]:  # fmt: skip
@@ -290,7 +290,7 @@ def test_what_is_no_catalogue_in_parts(folder):
         parts([])
 
 
-def test_a_hats_folder_is_read_without_its_thumbnail(tmp_path):
+def test_hats_folder_is_read_without_its_thumbnail(tmp_path):
     home = tmp_path / "sky" / "dataset" / "Norder=0" / "Dir=0"
     home.mkdir(parents=True)
     for i, field in enumerate(FIELDS[:3]):
@@ -348,7 +348,7 @@ def test_quantiles_are_exact():
 
 
 @pytest.mark.slow
-def test_a_pool_needs_no_thread_of_ours(folder):
+def test_pool_needs_no_thread_of_ours(folder):
     """Sums in a thread other than the first: notebooks and servers do so."""
     found = []
     thread = threading.Thread(target=lambda: found.append(parts(folder, workers=2).sum(partial(Moments.of, lmax=2))))

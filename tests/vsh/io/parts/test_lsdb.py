@@ -36,7 +36,7 @@ def close(one, two):
     assert one.n_data == two.n_data
 
 
-def test_a_catalogue(catalog):
+def test_catalogue(catalog):
     whole = Moments.of(Field.from_columns(*(TABLE[name] for name in ROLES)), 5)
     opened = lsdb.open_catalog(catalog)
     sky = parts(opened)
@@ -46,7 +46,7 @@ def test_a_catalogue(catalog):
     close(Moments.of(parts(catalog), 5), whole)  # its folder, without LSDB
 
 
-def test_a_cone_and_a_join(catalog):
+def test_cone_and_a_join(catalog):
     opened = lsdb.open_catalog(catalog)
     cone = opened.cone_search(ra=10.0, dec=20.0, radius_arcsec=40 * 3600)
     near = TABLE[np.cos(np.radians(40)) < np.sin(np.radians(TABLE.dec)) * np.sin(np.radians(20)) + np.cos(

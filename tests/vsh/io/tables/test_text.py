@@ -81,7 +81,7 @@ def test_damage_below_many_rows_is_named_by_its_line(tmp_path):
         read(path)
 
 
-def test_a_number_of_too_many_digits_is_refused(tmp_path):
+def test_number_of_too_many_digits_is_refused(tmp_path):
     path = tmp_path / "t.csv"
     path.write_text("a,b\n" + "1" * 1500 + ",1\n2.5,2\n")
     with pytest.raises(TableError, match="line 2: a field of 1500 characters in column 'a'"):
