@@ -47,7 +47,7 @@ MARK = "vsh-astrometry"
 _MARKS = tuple(
     (re.compile(begin, re.DOTALL), re.compile(mark, re.DOTALL | re.MULTILINE))
     for begin, mark in (
-        (rb"# %ECSV", rb"^# *-? *\{? *CREATOR: vsh-astrometry \d"),
+        (rb"# %ECSV", rb"^# *(meta:)? *-? *\{? *CREATOR: vsh-astrometry \d"),
         (rb"SIMPLE  =", rb"CREATOR = 'vsh-astrometry \d[^']*'"),
         (
             rb"<\?xml[^>]*>\s*(<!--[^>]*-->\s*)?<VOTABLE",

@@ -2,6 +2,7 @@
 
 import contextlib
 import io
+import re
 import shutil
 import subprocess
 
@@ -50,8 +51,8 @@ def test_units_are_those_of_vounit(tmp_path):
     table["power"].unit, table["motion"].unit = "uas2 / yr2", "uas / yr"
     write_table(table, tmp_path / "units.vot")
     text = (tmp_path / "units.vot").read_text()
-    assert 'unit="uarcsec**2.yr**-2"' in text
-    assert 'unit="uarcsec.yr**-1"' in text
+    units = re.findall(r'unit="([^"]*)"', text)  # of VOUnit, or of older versions of astropy
+    assert set(units) in ({"uarcsec**2.yr**-2", "uarcsec.yr**-1"}, {"uarcsec2.yr-2", "uarcsec.yr-1"})
     assert 'arraysize="1"' not in text
     read = Table.read(tmp_path / "units.vot")
     assert read["power"].quantity.to_value("uas2 / yr2") == [1.0]

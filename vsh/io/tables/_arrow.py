@@ -263,7 +263,8 @@ def _pandas_attributes(schema):
     """The attributes of the DataFrame that a schema is made from, and a frame that stands there by itself."""
     stored = schema.metadata or {}
     try:
-        attributes = dict(json.loads(stored.get(b"pandas") or b"{}").get("attributes") or {})
+        attributes = dict(json.loads(stored.get(b"PANDAS_ATTRS") or b"{}"))  # as pandas 2 has them
+        attributes |= json.loads(stored.get(b"pandas") or b"{}").get("attributes") or {}
     except ValueError as error:
         raise TableError(f"the metadata that pandas wrote are damaged: {first_line(error)}") from error
     frame = stored.get(FRAME_KEY.encode())
