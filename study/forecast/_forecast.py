@@ -178,14 +178,23 @@ class SurveyForecast(InNotebook):
         ]
         for name, (words, unit) in QUANTITIES.items():
             if long or name in _QUOTED:
-                cells = (self.values[survey][name] for survey in self.surveys)
+                cells = [self.values[survey][name] for survey in self.surveys]
+                if np.isnan(cells).all():  # not asked for, or no survey has galaxies
+                    continue
                 form = ".0f" if name == "degree" else ".3g"
                 label = words + (f" [{unit}]" if unit else "")
                 rows.append((label, *("" if np.isnan(x) else f"{x:{form}}" for x in cells)))
         heads = ("errors to come (68 %)", *self.surveys)
         table = tables.table_of({name: list(each) for name, each in zip(heads, zip(*rows, strict=True), strict=True)})
         facts = [("sky", f"{self.sky} for quasars; galaxies to z = 0.03, errors of faint ones as those of Gaia")]
-        remarks = ["Floors are an assumption; H0 is by linear theory, with the cosmic variance of one sky."]
+        of_flows = np.isfinite([each["hubble_flows"] for each in self.values.values()]).any()
+        velocities = (
+            "velocities and H0 with unknown flows include the cosmic variance of one sky in linear theory"
+            if of_flows
+            else "velocities and H0 are for independent peculiar velocities of 300 km/s: flows make errors several "
+            "times larger on the real sky"
+        )
+        remarks = [f"Floors are an assumption; {velocities}."]
         if long:
             facts += [(name, f"{survey.says}; floor {survey.floor:g} µas/yr") for name, survey in self.surveys.items()]
             remarks = [
