@@ -83,11 +83,11 @@ def plot_shear_by_class(result: Any, *, ax: Axes | None = None) -> Axes:
     x = np.arange(len(result))
     size = [shear.norm for shear in result.shears]
     expected = [np.sqrt(np.trace(shear.covariance * _TWICE)) for shear in result.shears]
-    axes.bar(x, expected, width=0.8, color="0.88", label="expected without an expansion")
+    axes.bar(x, expected, width=0.8, color="0.88", label="noise, expected")
     axes.plot(x, size, "o", color=COLOURS[0], label="estimate")
     limits = [shear.limit() for shear in result.shears]
-    axes.plot(x, limits, "v", color=COLOURS[1], markersize=4, label="upper limit (95 %)")
-    axes.set_xticks(x, result.labels)
+    axes.plot(x, limits, "v", color=COLOURS[1], markersize=4, label="95 % limit")
+    axes.set_xticks(x, [label.replace(" ≤ z < ", "–") for label in result.labels], rotation=20)
     axes.set_ylim(0)
     axes.set_ylabel("|Σ|  [µas/yr]")
     legend_above(axes)
