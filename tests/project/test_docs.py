@@ -185,3 +185,11 @@ def test_actions_are_pinned():
                 path,
                 line,
             )
+
+
+def test_validation_ends_with_what_the_benchmarks_printed():
+    """Copied by docs/make_validation.py, or by hand after another benchmark."""
+    coverage = (ROOT / "benchmarks" / "coverage.md").read_text(encoding="utf-8").strip()
+    text = (DOCS / "validation.md").read_text(encoding="utf-8").strip()
+    assert text.startswith("# Validation")
+    assert text.endswith(coverage)
