@@ -554,7 +554,7 @@ BREAKS = [
         "test_shared.py",
     ),
     ("fit/background/_shared.py", "largest = np.max(sizes, axis=0)", "largest = np.array(sizes[0])", "test_shared.py"),
-    ("fit/background/_shared.py", "+ away.T @ away / len(away)", "", "test_shared.py"),
+    ("fit/background/_shared.py", '+ np.einsum("nia,njb->iajb", away, away) / len(away)', "", "test_shared.py"),
     (
         "fit/background/_floor.py",
         'covariance = covariance + np.einsum("s,si,sj->ij", weights, away, away)',
@@ -851,6 +851,6 @@ BREAKS = [
         'data.attrs |= {"units": units}',
         "test_objects.py",
     ),
-    ("vsh/io/archive/_tap.py", 'form["UPLOAD"] = "list,param:list"', "pass", "test_archive.py"),
+    ("vsh/io/archive/_tap.py", 'form["UPLOAD"] = f"{SENT},param:{SENT}"', "pass", "test_archive.py"),
     ("vsh/io/archive/_tap.py", 'asked["upload"] = hashlib.sha256(upload).hexdigest()', "pass", "test_archive.py"),
 ]

@@ -18,7 +18,9 @@ if TYPE_CHECKING:
     from fit.background._evidence import Comparison, compare_models, evidence
     from fit.background._shared import BEYOND as BEYOND
     from fit.background._shared import ClassComparison, Verdict, shared
+    from fit.background._shared import contrast_p_value as contrast_p_value
     from fit.background._shared import kept_of as kept_of
+    from fit.background._shared import pool_draws as pool_draws
     from fit.background._shared import sampled_lots as sampled_lots
     from fit.background._shared import sees_part as sees_part
     from fit.background._shared import shared_jointly as shared_jointly
@@ -56,7 +58,9 @@ __getattr__, __dir__ = lazily(
             "BEYOND",
             "ClassComparison",
             "Verdict",
+            "contrast_p_value",
             "kept_of",
+            "pool_draws",
             "sampled_lots",
             "sees_part",
             "shared",

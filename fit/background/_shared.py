@@ -142,9 +142,8 @@ class ClassComparison(Result):
     @property
     def covariance(self) -> FloatArray:
         """Covariance of degree 1 of all classes, (6 K, 6 K). [(µas/yr)²]"""
-        away = (self.means - self.values).reshape(len(self.means), -1)
         size = 6 * len(self)
-        return self.covariances.mean(0).reshape(size, size) + away.T @ away / len(away)
+        return pool_draws(self.means, self.covariances).reshape(size, size)
 
     @property
     def solutions(self) -> list[Solution]:
@@ -188,10 +187,7 @@ class ClassComparison(Result):
         """
         part = {"T": slice(0, 3), "S": slice(3, 6)}[choice("kind", kind, ("T", "S"))]
         row = np.eye(len(self))[i] - (0 if less is None else np.eye(len(self))[less])
-        values = np.einsum("i,nia->na", row, self.means[:, :, part])
-        spread = np.einsum("i,niajb,j->nab", row, self.covariances[:, :, part][:, :, :, :, part], row)
-        solved = np.linalg.solve(spread, values[..., None])[..., 0]
-        return float(np.mean(chdtrc(3, np.sum(values * solved, 1))))
+        return contrast_p_value(self.means[:, :, part], self.covariances[:, :, part][..., part], row[None])
 
     def trend(self, x: Iterable[float] | None = None, kind: str | None = None) -> float:
         """p-value of no slope along the classes.
@@ -406,6 +402,20 @@ class ClassComparison(Result):
             for row, name in rows
             for kind, word in (("T", "spin"), ("S", "acceleration"))
         ]
+
+
+def pool_draws(means: FloatArray, covariances: FloatArray) -> FloatArray:
+    """Covariance over draws of equal weight, (K, f, K, f): the mean of theirs, and the scatter of their means."""
+    away = means - means.mean(0)
+    return covariances.mean(0) + np.einsum("nia,njb->iajb", away, away) / len(away)
+
+
+def contrast_p_value(means: FloatArray, covariances: FloatArray, rows: FloatArray) -> float:
+    """p-value of combinations of classes, (r, K), that are all zero: the mean over draws of (K, f) parameters."""
+    values = np.einsum("ri,nia->nra", rows, means).reshape(len(means), -1)
+    spread = np.einsum("ri,niajb,sj->nrasb", rows, covariances, rows).reshape(*values.shape, -1)
+    solved = np.linalg.solve(spread, values[..., None])[..., 0]
+    return float(np.mean(chdtrc(values.shape[1], np.sum(values * solved, 1))))
 
 
 @logged("shared errors")

@@ -219,7 +219,7 @@ def _influence(correlation, field, label, pair, lmax, count):
         ),
         (
             f"{count} more sources",
-            (f"of median error reduce it most around {lon[at]:.0f}°, {lat[at]:+.0f}°: by {added[at]:+.4f}"),
+            f"of median error reduce it most around {lon[at]:.0f}°, {lat[at]:+.0f}°: by {added[at]:+.4f}",
         ),
     ]
     return Section(f"{label}: {what}", facts)

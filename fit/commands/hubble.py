@@ -88,12 +88,8 @@ def _of_posterior(posterior):
     if medians and max(medians) > _BY_PRIOR * min(medians):
         limits = [each.below for each in posterior.hubble_by_prior.values()]
         words = f"{three_digits(min(limits))} to {three_digits(max(limits))} km/s/Mpc"
-        lines.append(
-            (
-                "caution",
-                (f"the motions determine H0 poorly: its 95 % upper limit ranges over {words} with other priors"),
-            )
-        )
+        caution = f"the motions determine H0 poorly: its 95 % upper limit ranges over {words} with other priors"
+        lines.append(("caution", caution))
     return lines
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from scipy.special import chdtrc
 
-from fit.background import kept_of, sampled_lots
+from fit.background import contrast_p_value, kept_of, pool_draws, sampled_lots
 from fit.normal import NormalEquations
 from fit.results.solution import HarmonicSolution
 from fit.results.storage import Result
@@ -321,9 +321,7 @@ class ShearByClass(Result):
     @cached_property
     def shears(self) -> tuple[Shear, ...]:
         """The tensor of each class, its errors with the systematic ones."""
-        values = self.means.mean(0)
-        away = self.means - values
-        spread = self.covariances.mean(0) + np.einsum("nia,njb->iajb", away, away) / len(away)
+        values, spread = self.means.mean(0), pool_draws(self.means, self.covariances)
         return tuple(
             Shear(
                 matrix_of(values[i]), spread[i, :, i], self.p_value(i), self.hubble, self.frame, 2 * self.n_sources[i]
@@ -355,12 +353,7 @@ class ShearByClass(Result):
         if not len(rows):
             return np.nan
         at = list(_INDEPENDENT)
-        total = 0.0
-        for mean, spread in zip(self.means[:, :, at], self.covariances[:, :, at][..., at], strict=True):
-            values = (rows @ mean).ravel()
-            matrix = np.einsum("ri,iajc,sj->rasc", rows, spread, rows).reshape(values.size, -1)
-            total += chdtrc(values.size, values @ np.linalg.solve(matrix, values))
-        return float(total / len(self.means))
+        return contrast_p_value(self.means[:, :, at], self.covariances[:, :, at][..., at], rows)
 
     @property
     def slope(self) -> FloatArray:

@@ -163,7 +163,7 @@ def read_quasars(source: Any, *, axes: str = "icrs", **reading: Any) -> Quasars:
     Returns
     -------
     Quasars
-        ClippedFit at κ = 3; columns that are not there are left out.
+        Clipped at κ = 3; columns that are not there are left out.
 
     Raises
     ------

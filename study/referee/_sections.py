@@ -217,7 +217,7 @@ def _p_row(quantity, theirs, shared):
 
 
 def _acceleration(asked: SectionInput) -> dict[str, Any]:
-    """ClippedFit, degree 3, errors by the scatter: Klioner et al. 2021."""
+    """Clipped, degree 3, errors by the scatter: Klioner et al. 2021."""
     quasars = asked.quasars
     clipped = clip_quasars(quasars.whole)
     theirs = clipped.solution.scaled.acceleration

@@ -11,13 +11,13 @@ from conftest import ROOT
 PACKAGES = ("vsh", "fit", "sim", "study")
 #: Lines of code (no docstrings, comments or blank lines) that a room may have.
 BUDGET = {
-    "fit": 745, "fit/background": 2254, "fit/commands": 1809, "fit/correlation": 804, "fit/distances": 710,
-    "fit/frames": 1993, "fit/in_time": 728, "fit/motions": 638, "fit/normal": 915, "fit/pairs": 586,
+    "fit": 745, "fit/background": 2262, "fit/commands": 1805, "fit/correlation": 804, "fit/distances": 710,
+    "fit/frames": 1993, "fit/in_time": 728, "fit/motions": 631, "fit/normal": 915, "fit/pairs": 586,
     "fit/posterior": 1383, "fit/redshift": 761, "fit/results": 1691, "fit/robust": 596,
     "fit/secular_parallax": 1325, "fit/solving": 473, "fit/waves": 406, "sim": 950, "sim/agis": 1980,
     "sim/commands": 962, "sim/gaia": 474, "sim/scanning": 454, "sim/signal": 357, "study": 1130,
     "study/commands": 497, "study/forecast": 278, "study/referee": 909, "vsh": 1563, "vsh/commands": 1257,
-    "vsh/figures": 1096, "vsh/io": 5563, "vsh/models": 903, "vsh/sky": 409, "vsh/tools": 1565,
+    "vsh/figures": 1096, "vsh/io": 5564, "vsh/models": 903, "vsh/sky": 409, "vsh/tools": 1565,
 }  # fmt: skip
 _NO_CODE = {
     tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT, tokenize.ENCODING,

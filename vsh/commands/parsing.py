@@ -455,10 +455,10 @@ def parse(module: Any, arguments: Sequence[str] | None = None) -> argparse.Names
     asks = {"-h", "--help", "--version"} & set(joined)
     if hasattr(module, "narrow") and asks - {"--version"}:
         module.narrow(parser, joined)
-    if _option_error("--citation", joined) and not asks:
+    if _is_given("--citation", joined) and not asks:
         print(bibtex(parser.prog, given(module.make_parser(), joined)))
         parser.exit()
-    if _option_error("--config", joined) and not asks:
+    if _is_given("--config", joined) and not asks:
         joined, kept = merged(parser, module.make_parser, joined)
     options = parser.parse_args(joined)
     if hasattr(module, "check"):
@@ -467,7 +467,7 @@ def parse(module: Any, arguments: Sequence[str] | None = None) -> argparse.Names
     options.expected = {} if kept is None else dict(kept.files)
     chosen = given(module.make_parser(), joined)
     options.given = {name: _without_secrets(value) for name, value in chosen.items()}
-    options.command = [parser.prog, *map(_explain_word, words if kept is None else _without_config(joined))]
+    options.command = [parser.prog, *map(_without_folders, words if kept is None else _without_config(joined))]
     return options
 
 
@@ -479,7 +479,7 @@ def without_folder(text: str) -> str:
     return path.name if path.is_absolute() or ("/" in text and os.path.lexists(path)) else text
 
 
-def _option_error(option, words):
+def _is_given(option, words):
     """Return whether an option is among the words, perhaps shortened."""
     heads = {word.partition("=")[0] for word in words}
     return any(len(head) > 4 and option.startswith(head) for head in heads)
@@ -489,14 +489,14 @@ def _without_config(words):
     """The words, without those that name a configuration: what it says is among them."""
     left, skip = [], False
     for word in words:
-        if skip or _option_error("--config", [word]):
+        if skip or _is_given("--config", [word]):
             skip = not skip and "=" not in word  # its value is the next word
         else:
             left.append(word)
     return left
 
 
-def _explain_word(word):
+def _without_folders(word):
     """A word of the command as a page may hold it, the value of --option=value too."""
     option, equals, value = word.partition("=") if word.startswith("--") else ("", "", word)
     return option + equals + without_folder(value)

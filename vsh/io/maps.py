@@ -6,7 +6,7 @@ import numpy as np
 
 from vsh.field import Field
 from vsh.io.tables import fits_checked
-from vsh.sky.pixels import centres
+from vsh.sky.pixels import centres, is_valueless
 from vsh.tools.arguments import explained, positive
 from vsh.tools.errors import TableError, first_line
 from vsh.tools.printing import printable
@@ -78,7 +78,7 @@ def read_density(path: PathName, sigma: float = 1000.0, frame: str | None = None
     label = printable(path)
     if frame is None:
         raise TableError(f"{label} does not state its frame: say frame='icrs' (--catalogue-frame icrs), or another")
-    missing = ~(values > -1e30)  # healpy's UNSEEN, and nan
+    missing = is_valueless(values)
     if (values[~missing] < 0).any():
         raise TableError(f"{label}: {(values[~missing] < 0).sum()} pixels have a negative number of sources")
     filled = ~missing & (values > 0)

@@ -6,7 +6,7 @@ from ducc0.healpix import Healpix_Base
 from vsh.tools import arguments
 from vsh.tools.arguments import generator
 from vsh.tools.errors import FieldError
-from vsh.tools.types import ArrayLike, FloatArray, IntArray, Rng
+from vsh.tools.types import ArrayLike, BoolArray, FloatArray, IntArray, Rng
 
 __all__ = ["centres", "pixels_of"]
 
@@ -71,7 +71,7 @@ def random_positions(density: ArrayLike, n: int, rng: Rng) -> tuple[FloatArray, 
     density = np.ma.filled(np.ma.asarray(density, float), 0.0).ravel()
     if np.isinf(density).any():
         raise FieldError(f"{np.isinf(density).sum()} pixels of the map are infinite: all sources would stand there")
-    density = np.where(_valueless(density), 0.0, density)
+    density = np.where(is_valueless(density), 0.0, density)
     nside = round(np.sqrt(density.size / 12))
     if nside < 1 or 12 * nside**2 != density.size:
         raise FieldError(f"a map of {density.size} pixels is no HEALPix map")
@@ -89,10 +89,11 @@ def random_positions(density: ArrayLike, n: int, rng: Rng) -> tuple[FloatArray, 
 
 def missing_pixels(values: ArrayLike) -> int:
     """Count the pixels of a map without a value: nan, masked, or healpy's UNSEEN."""
-    return int(_valueless(np.ma.filled(np.ma.asarray(values, float), np.nan)).sum())
+    return int(is_valueless(np.ma.filled(np.ma.asarray(values, float), np.nan)).sum())
 
 
-def _valueless(values):
+def is_valueless(values: FloatArray) -> BoolArray:
+    """Find the pixels without a value: nan, or healpy's UNSEEN."""
     return np.isnan(values) | (values < -1e30)
 
 

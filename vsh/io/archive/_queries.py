@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from vsh.io import tables
-from vsh.io.archive._tap import ESA, _open, _read, _read_some, _write
+from vsh.io.archive._tap import ESA, SENT, _open, _read, _read_some, _write
 from vsh.io.sections import Section, text_of
 from vsh.tools.arguments import explained, positive, whole
 from vsh.tools.errors import ArchiveError
@@ -173,7 +173,7 @@ def of_table(
 #: Sources that are matched by position lie closer than this. [arcsec]
 MATCH_RADIUS = 1.0
 #: The table that is sent with a query, by its name in ADQL.
-UPLOADED = "tap_upload.list"
+UPLOADED = f"tap_upload.{SENT}"
 
 
 def upload_of(source: Any) -> tuple[bytes, bool]:

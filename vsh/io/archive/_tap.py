@@ -28,6 +28,8 @@ from vsh.tools.types import PathName
 
 #: ESA's archive of Gaia.
 ESA = "https://gea.esac.esa.int/tap-server/tap"
+#: The table that is sent with a query, by its name in the form.
+SENT = "list"
 #: What ESA's archive gives somebody who is not logged in, at most; an answer of exactly so many rows was cut off.
 _LIMITS = (2_000_000, 3_000_000)
 _WAITING = ("PENDING", "QUEUED", "EXECUTING", "HELD", "SUSPENDED", "UNKNOWN")
@@ -187,7 +189,7 @@ def _submit(adql, url, max_rows, upload=None):
     if max_rows is not None:
         form["MAXREC"] = str(max_rows)
     if upload is not None:
-        form["UPLOAD"] = "list,param:list"
+        form["UPLOAD"] = f"{SENT},param:{SENT}"
     with _open(f"{url}/async", form, upload=upload) as answer:
         job = answer.geturl()
     if job.rstrip("/").endswith("/async"):
@@ -319,7 +321,7 @@ def _multipart(form, upload):
     mark = f"vsh{hashlib.sha256(upload).hexdigest()}"
     fields = [(f'form-data; name="{name}"', "", str(value).encode()) for name, value in form.items()]
     fields.append(
-        ('form-data; name="list"; filename="list.vot"', "Content-Type: application/x-votable+xml\r\n", upload)
+        (f'form-data; name="{SENT}"; filename="{SENT}.vot"', "Content-Type: application/x-votable+xml\r\n", upload)
     )
     parts = [
         f"--{mark}\r\nContent-Disposition: {head}\r\n{kind}\r\n".encode() + value + b"\r\n"
