@@ -152,8 +152,8 @@ def recommended(field: Any, lmax: int | None = None, *, rng: Rng = 1) -> Recomme
     (5, True)
     """
     n_sources = as_parts(field).sum(len)
-    asked = _DEGREE if lmax is None else arguments.whole("lmax", lmax)
-    degree, why = degree_for(max(n_sources, 12), asked), f"{n_sources} sources do not bear more"
+    max_degree = _DEGREE if lmax is None else arguments.whole("lmax", lmax)
+    degree, reason = degree_for(max(n_sources, 12), max_degree), f"{n_sources} sources do not bear more"
     while True:
         try:
             weights, solution = _robust(field, degree)
@@ -161,9 +161,9 @@ def recommended(field: Any, lmax: int | None = None, *, rng: Rng = 1) -> Recomme
         except DegeneracyError:
             if degree == 1:
                 raise
-            degree, why = degree - 1, f"the {n_sources} sources see too little of the sky for more"
-    if degree < asked:
-        note = f"fitted to degree {degree} instead of {asked}: {why}"
+            degree, reason = degree - 1, f"the {n_sources} sources see too little of the sky for more"
+    if degree < max_degree:
+        note = f"fitted to degree {degree} instead of {max_degree}: {reason}"
         solution = replace(solution, notes=(*solution.notes, note))
     plain = with_coverage(solution, field)
     systematic = _floor(plain)
@@ -185,20 +185,20 @@ def _robust(field, degree):
     except ConvergenceError as error:
         reason = str(error)
     with suppress(ConvergenceError, DegeneracyError):
-        most = excess_noise(field, degree).excess_noise  # outliers enlarge it
+        max_noise = excess_noise(field, degree).excess_noise  # outliers enlarge it
         for share in _NOISES:
-            fits.append(student_t(field, degree, noise=share * most, max_rounds=_ROUNDS))
+            fits.append(student_t(field, degree, noise=share * max_noise, max_rounds=_ROUNDS))
             if fits[-1].log_likelihood < fits[-2:][0].log_likelihood and share < 1:
                 break
     if not fits:
         solution = fit_field(field, degree)
         note = f"warning: least squares in place of Student's t ({reason})"
         return None, replace(solution, notes=(*solution.notes, note))
-    best = max(fits, key=lambda each: each.log_likelihood)
+    best = max(fits, key=lambda fit: fit.log_likelihood)
     solution = best.solution
     if best.noise:
-        words = "many quoted errors are several times too small: an excess noise of {:.4g} µas/yr was added to each"
-        note = CodedNote(f"{words.format(best.noise)} in quadrature", ERRORS_TOO_SMALL)
+        text = "many quoted errors are several times too small: an excess noise of {:.4g} µas/yr was added to each"
+        note = CodedNote(f"{text.format(best.noise)} in quadrature", ERRORS_TOO_SMALL)
         solution = replace(solution, notes=(*solution.notes, note))
     return best, solution
 
@@ -289,9 +289,9 @@ def _least_squares(field, lmax, value, rng):
 
 
 def _clip(field, lmax, value, rng):
-    clipped = clip(field, lmax, 3.0 if value is None else float(value))
-    sources = clipped.sources(field)
-    return _plain("clip", clipped.solution, sources, clipped.n_clipped)
+    result = clip(field, lmax, 3.0 if value is None else float(value))
+    sources = result.sources(field)
+    return _plain("clip", result.solution, sources, result.n_clipped)
 
 
 def _student(field, lmax, value, rng):
@@ -310,8 +310,8 @@ def _excess_noise(field, lmax, value, rng):
 
 
 def _bootstrap(field, lmax, value, rng):
-    resampled = bootstrap(field, lmax, 100 if value is None else int(value), rng)
-    return _plain("bootstrap", resampled.resampled_solution, field)
+    result = bootstrap(field, lmax, 100 if value is None else int(value), rng)
+    return _plain("bootstrap", result.resampled_solution, field)
 
 
 def _jackknife(field, lmax, value, rng):

@@ -169,10 +169,10 @@ def bootstrap(
     replicates = np.empty((n_replicates, len(modes)))
     for replicate in progress_bar(replicates, words="bootstrap", shown=progress):
         times = rng.poisson(1.0, len(field))
-        drawn, times = field[times > 0], times[times > 0]
+        sample, times = field[times > 0], times[times > 0]
         # Drawn k times is measured k times as well: errors smaller by √k.
-        again = drawn.with_errors(drawn.sigma / np.sqrt(times))
-        replicate[:] = solve(normal_equations(again, modes)).coefficients.values
+        weighted_sample = sample.with_errors(sample.sigma / np.sqrt(times))
+        replicate[:] = solve(normal_equations(weighted_sample, modes)).coefficients.values
     return ResampledFit("bootstrap", solution, replicates, np.cov(replicates, rowvar=False))
 
 
@@ -203,17 +203,17 @@ def _drawn_scores(
     """Σ (k − 1) Aᵀ C⁻¹ Δ/(1 − leverage)^¾ over some sources, (replicates, p), for numbers k drawn for each."""
     share = leverage(field, solution.modes, solution.covariance, total=total)
 
-    def block(part):
-        some = field[part]
+    def block(chunk):
+        sources = field[chunk]
         # Seeded by the sources: the same draws however many threads, parts or workers there are.
-        digest = blake2b(some.lon.tobytes() + some.lat.tobytes(), digest_size=16).digest()
+        digest = blake2b(sources.lon.tobytes() + sources.lat.tobytes(), digest_size=16).digest()
         rng = np.random.default_rng([seed, int.from_bytes(digest, "big")])
-        own = multiply_weights(some.weights, solution.residuals(some).data) / (1 - share[part]) ** _POWER
-        scores = np.einsum("pkn,kn->pn", harmonics(some.lon, some.lat, solution.modes), own)
+        residuals = multiply_weights(sources.weights, solution.residuals(sources).data) / (1 - share[chunk]) ** _POWER
+        scores = np.einsum("pkn,kn->pn", harmonics(sources.lon, sources.lat, solution.modes), residuals)
         # Single precision, relative to the largest: a millionth of what the draws scatter by.
         size = np.abs(scores).max(1, keepdims=True)
         scores /= np.where(size > 0, size, 1.0)
-        times = _POISSON[rng.integers(0, 2**16, (n_replicates, len(some)), dtype=np.uint16)]
+        times = _POISSON[rng.integers(0, 2**16, (n_replicates, len(sources)), dtype=np.uint16)]
         return (times @ scores.T.astype(np.float32)).astype(float) * size.T
 
     size = max(64, min(2**24 // n_replicates, 2**22 // len(solution.modes)))
@@ -298,8 +298,10 @@ def block_bootstrap(
     replicates = np.empty((n_replicates, p))
     for replicate in progress_bar(replicates, words="block bootstrap", shown=progress):
         times = rng.multinomial(len(normals), np.full(len(normals), 1 / len(normals))).astype(float)
-        drawn = NormalEquations(modes, (times @ matrices).reshape(p, p), times @ sides, 0.0, total.n_data, total.frame)
-        replicate[:] = solve(drawn).coefficients.values
+        equations = NormalEquations(
+            modes, (times @ matrices).reshape(p, p), times @ sides, 0.0, total.n_data, total.frame
+        )
+        replicate[:] = solve(equations).coefficients.values
     return ResampledFit("block bootstrap", solution, replicates, np.cov(replicates, rowvar=False))
 
 
@@ -347,8 +349,8 @@ def jackknife(
     replicates = np.empty((len(blocks), len(modes)))
     for replicate, normal in zip(replicates, blocks, strict=True):
         replicate[:] = solve(whole_sky - normal).coefficients.values
-    away = replicates - replicates.mean(0)
-    scatter = (len(blocks) - 1) / len(blocks) * away.T @ away
+    deviations = replicates - replicates.mean(0)
+    scatter = (len(blocks) - 1) / len(blocks) * deviations.T @ deviations
     return ResampledFit("jackknife", solve(whole_sky), replicates, scatter)
 
 
@@ -391,7 +393,7 @@ class normals_of_blocks:
 
 def _by_block(field, modes, nside):
     pixel = pixels_of(field.lon, field.lat, nside)
-    return {int(each): Moments.of(field[pixel == each], modes) for each in np.unique(pixel)}
+    return {int(block): Moments.of(field[pixel == block], modes) for block in np.unique(pixel)}
 
 
 #: Blocks for each coefficient, at least: with fewer, leaving one out nearly undoes some coefficient, and errors
@@ -446,21 +448,21 @@ def compare_blocks(
         If no size can be used.
     """
     modes = as_modes(modes)
-    needed, rows, failed = BLOCKS_PER_COEFFICIENT * len(modes), [], None
+    min_blocks, rows, failure = BLOCKS_PER_COEFFICIENT * len(modes), [], None
     for nside in nsides:
         blocks = len(as_parts(field).sum(partial(_pixels, nside=nside), roles=(), words="blocks"))
-        if blocks < needed:
-            failed = DegeneracyError(
+        if blocks < min_blocks:
+            failure = DegeneracyError(
                 f"{blocks} blocks of nside {nside} are too few for {len(modes)} coefficients; "
-                f"{needed} are needed: fit a lower degree, or take smaller blocks"
+                f"{min_blocks} are needed: fit a lower degree, or take smaller blocks"
             )
             continue
         try:
             rows.append(_length(jackknife(field, modes, nside, progress=progress), nside))
         except DegeneracyError as error:
-            failed = error
+            failure = error
     if not rows:
-        raise failed or DegeneracyError("no sizes of blocks were given")
+        raise failure or DegeneracyError("no sizes of blocks were given")
     best = next(row for i, row in enumerate(rows) if all(not _grows(row, later) for later in rows[i + 1 :]))
     return rows, best, _advice(rows, best)
 
@@ -472,9 +474,9 @@ def _pixels(field, nside):
 
 def _length(growth, nside):
     formal = np.concatenate([growth.solution.spin.sigma, growth.solution.acceleration.sigma])
-    seen = np.concatenate([growth.spin.sigma, growth.acceleration.sigma])
+    errors = np.concatenate([growth.spin.sigma, growth.acceleration.sigma])
     blocks = len(growth.replicates)
-    ratio = float(np.sqrt(np.mean((seen / formal) ** 2)))
+    ratio = float(np.sqrt(np.mean((errors / formal) ** 2)))
     # Six variances of B − 1 degrees of freedom each.
     return BlockLength(nside, 58.6 / nside, blocks, ratio, ratio / np.sqrt(2 * 6 * (blocks - 1)), growth)
 

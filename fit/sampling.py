@@ -175,14 +175,14 @@ def integrable_over_cube(prior: Prior) -> bool:
 
 def as_prior(value: Any, name: str, named: Mapping[str, Prior] | tuple[()] = ()) -> Any:
     """A prior of one positive number: a prior, a pair (mean, σ), or one of the names."""
-    known = dict(named)
+    priors = dict(named)
     if isinstance(value, str):
-        if value not in known:
-            raise ParameterError(f"no prior on {name} is called {value!r}; there are {', '.join(known)}")
-        value = known[value]
+        if value not in priors:
+            raise ParameterError(f"no prior on {name} is called {value!r}; there are {', '.join(priors)}")
+        value = priors[value]
     elif isinstance(value, tuple) and len(value) == 2:
         value = Normal(*value)
-    if not all(hasattr(value, each) for each in ("log", "low", "high")):
+    if not all(hasattr(value, attribute) for attribute in ("log", "low", "high")):
         raise ParameterError(f"the prior on {name} must be Flat(low, high), Normal(mean, sigma), Density(f, low, high)")
     if not value.high > 0:
         raise ParameterError(f"the prior on {name} leaves nothing above zero: {value}")
@@ -224,16 +224,20 @@ def load(path: PathName, fingerprint: dict[str, str]) -> tuple[FloatArray, Float
         return None
     try:
         file = read_arrays(path)
-        stored = json.loads(bytes(file["fingerprint"]).decode())
+        file_fingerprint = json.loads(bytes(file["fingerprint"]).decode())
         chain, log_probability = file["chain"], file["log_probability"]
         state = ("MT19937", *(file[name] if name == "key" else file[name].item() for name in _STATE))
     except Exception as error:  # whatever a damaged file makes of zip and NumPy's headers
         raise CheckpointError(
             f"{path} is no chain of this program, or damaged ({type(error).__name__}): name another file, or delete it"
         ) from error
-    other = [key for key in sorted({*fingerprint, *stored}) if fingerprint.get(key) != stored.get(key)]
-    if other:
-        differences = "; ".join(f"{key}: there {stored.get(key)}, here {fingerprint.get(key)}" for key in other)
+    mismatches = [
+        key for key in sorted({*fingerprint, *file_fingerprint}) if fingerprint.get(key) != file_fingerprint.get(key)
+    ]
+    if mismatches:
+        differences = "; ".join(
+            f"{key}: there {file_fingerprint.get(key)}, here {fingerprint.get(key)}" for key in mismatches
+        )
         raise CheckpointError(f"{path} holds a chain of another run ({differences}): name another file, or delete it")
     return chain, log_probability, state
 
@@ -268,8 +272,8 @@ def split_r_hat(chain: FloatArray) -> FloatArray:
     half = len(chain) // 2
     halves = np.concatenate([chain[:half], chain[half : 2 * half]], axis=1)
     with np.errstate(invalid="ignore", divide="ignore"):
-        within, between = halves.var(axis=0, ddof=1).mean(0), halves.mean(axis=0).var(axis=0, ddof=1)
-        return np.sqrt((half - 1) / half + between / within)
+        within_variance, between_variance = halves.var(axis=0, ddof=1).mean(0), halves.mean(axis=0).var(axis=0, ddof=1)
+        return np.sqrt((half - 1) / half + between_variance / within_variance)
 
 
 #: A chain shorter than this many autocorrelation times says nothing certain, not even about its length.
@@ -306,11 +310,13 @@ class Run:
         if propose is not None:
             moves = [(emcee.moves.MHMove(propose), _BY_DRAWS)] + [(move, (1 - _BY_DRAWS) * w) for move, w in moves]
         self.sampler = emcee.EnsembleSampler(*begin.shape, model.log_probability, vectorize=True, moves=moves)
-        first = model.log_probability(begin)
-        if not np.isfinite(first).all():
-            raise ParameterError(f"{(~np.isfinite(first)).sum()} of {len(begin)} walkers would start at zero density")
-        self.state = emcee.State(begin, log_prob=first, random_state=np.random.RandomState(seed).get_state())
-        self.start = begin, first
+        log_density = model.log_probability(begin)
+        if not np.isfinite(log_density).all():
+            raise ParameterError(
+                f"{(~np.isfinite(log_density)).sum()} of {len(begin)} walkers would start at zero density"
+            )
+        self.state = emcee.State(begin, log_prob=log_density, random_state=np.random.RandomState(seed).get_state())
+        self.start = begin, log_density
         self.steps, self.most = steps, max(steps, most)
         self.chain, self.log_probability = np.empty((steps, *begin.shape)), np.empty((steps, len(begin)))
         self.done = 0
@@ -321,10 +327,10 @@ class Run:
     def resume_from(self, path: PathName, fingerprint: dict[str, str]) -> None:
         """Go on from a checkpoint, if it is there, and write to it from now on."""
         self.path, self.fingerprint = path, fingerprint | {"start": f"{self.start[1].sum():.17g}"}
-        stored = load(path, self.fingerprint)
-        if stored is None:
+        checkpoint = load(path, self.fingerprint)
+        if checkpoint is None:
             return
-        chain, log_probability, random_state = stored
+        chain, log_probability, random_state = checkpoint
         if chain.shape[1:] != self.chain.shape[1:] or log_probability.shape != chain.shape[:2] or not len(chain):
             raise CheckpointError(f"{path} holds a chain of shape {chain.shape}: name another file, or delete it")
         self._make_room(len(chain))
@@ -349,14 +355,14 @@ class Run:
         return self.chain[:target], self.log_probability[:target]
 
     def _make_room(self, steps):
-        more = steps - len(self.chain)
-        if more > 0:
-            self.chain = np.concatenate([self.chain, np.empty((more, *self.chain.shape[1:]))])
-            self.log_probability = np.concatenate([self.log_probability, np.empty((more, self.chain.shape[1]))])
+        extra_steps = steps - len(self.chain)
+        if extra_steps > 0:
+            self.chain = np.concatenate([self.chain, np.empty((extra_steps, *self.chain.shape[1:]))])
+            self.log_probability = np.concatenate([self.log_probability, np.empty((extra_steps, self.chain.shape[1]))])
 
     def _go_on(self, target):
         """Run to a step, saving on the way."""
-        last, cost = time.monotonic(), 0.0
+        save_time, cost = time.monotonic(), 0.0
         bar = progress_bar(None, target, "chain", self.progress, " steps", initial=self.done)
         with bar:
             for state in self.sampler.sample(
@@ -367,19 +373,19 @@ class Run:
                 self.state = state
                 bar.update()
                 # Long chains take long to write: never more than a twentieth of the time.
-                if self.path and time.monotonic() - last > max(self.save_every, 20 * cost):
+                if self.path and time.monotonic() - save_time > max(self.save_every, 20 * cost):
                     begun = time.monotonic()
                     self._save()
-                    last = time.monotonic()
-                    cost = last - begun
+                    save_time = time.monotonic()
+                    cost = save_time - begun
             if self.path:
                 self._save()
 
     def _save(self):
-        done = slice(0, self.done)
+        rows = slice(0, self.done)
         state = self.sampler.random_state
         assert self.path is not None
-        save(self.path, self.fingerprint, self.chain[done], self.log_probability[done], state)
+        save(self.path, self.fingerprint, self.chain[rows], self.log_probability[rows], state)
 
 
 _AXES = ("x", "y", "z")
@@ -396,16 +402,16 @@ def inference_data(
     variables = dict(samples)
     about = {name: {"unit": units.get(name, "")} for name in variables}
     for vector, letter in (("velocity", "v"), ("acceleration", "a")):
-        parts = [f"{letter}_{axis}" for axis in _AXES]
-        if set(parts) <= set(samples):
-            variables[vector] = np.stack([samples[part] for part in parts], axis=-1)
-            about[vector] = {"unit": units.get(parts[0], ""), "frame": frame}
+        components = [f"{letter}_{axis}" for axis in _AXES]
+        if set(components) <= set(samples):
+            variables[vector] = np.stack([samples[component] for component in components], axis=-1)
+            about[vector] = {"unit": units.get(components[0], ""), "frame": frame}
     vectors = [name for name, values in variables.items() if np.ndim(values) == 3]
-    where = {"coords": {"axis": list(_AXES)}, "dims": {name: ["axis"] for name in vectors}}
+    layout = {"coords": {"axis": list(_AXES)}, "dims": {name: ["axis"] for name in vectors}}
     groups: dict[str, Any] = {"posterior": variables}
     groups |= {} if log_probability is None else {"sample_stats": {"lp": log_probability}}
-    new = int(arviz.__version__.split(".")[0]) >= 1
-    data = arviz.from_dict(groups, **where) if new else arviz.from_dict(**groups, **where)
+    has_datatree = int(arviz.__version__.split(".")[0]) >= 1
+    data = arviz.from_dict(groups, **layout) if has_datatree else arviz.from_dict(**groups, **layout)
     for name, facts in about.items():
         data["posterior"][name].attrs.update(facts)
     return data

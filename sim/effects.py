@@ -62,8 +62,8 @@ def _in(unit: Any, or_number: bool = False) -> Any:
                 return value
         except u.UnitConversionError:
             pass
-        kind = value.unit if isinstance(value, u.Quantity) else type(value).__name__
-        raise ParameterError(f"{name} must be a Quantity that can be converted to {unit}, not {kind}")
+        description = value.unit if isinstance(value, u.Quantity) else type(value).__name__
+        raise ParameterError(f"{name} must be a Quantity that can be converted to {unit}, not {description}")
 
     return check
 
@@ -116,7 +116,7 @@ def attractions(masses: Any = None) -> dict[str, Any]:
     """
     masses = ATTRACTORS if masses is None else masses
     if not isinstance(masses, dict) or not all(
-        isinstance(each, (tuple, list)) and len(each) == 2 for each in masses.values()
+        isinstance(entry, (tuple, list)) and len(entry) == 2 for entry in masses.values()
     ):
         raise ParameterError("masses must be a dict from names to pairs of a mass and a distance")
     masses = {name: [positive(f"masses[{name!r}]", x) for x in pair] for name, pair in masses.items()}

@@ -86,16 +86,16 @@ def expected_covariances(
         return np.zeros((0, 2, 2)), np.zeros((0, 2, 2))
     error = mission.transit_error(population.magnitude, excess_noise)
 
-    law, compiled = mission.scanning_law, mission.scanning_law.compiles(len(population))
+    law, is_compiled = mission.scanning_law, mission.scanning_law.compiles(len(population))
 
-    def block(part):
-        transits = law.transits_of_block(population.lon[part], population.lat[part], compiled=compiled)
+    def block(chunk):
+        transits = law.transits_of_block(population.lon[chunk], population.lat[chunk], compiled=is_compiled)
         return expected_solution_covariances(
-            transits, error[part], years=mission.years, variability=variability, attitude=float(mission.attitude)
+            transits, error[chunk], years=mission.years, variability=variability, attitude=float(mission.attitude)
         )
 
-    parts = list(map_blocks(block, len(population), BLOCK, threads, "transits" if progress else None))
-    formal, true = (np.concatenate(blocks)[:, columns, columns] for blocks in zip(*parts, strict=True))
+    covariances = list(map_blocks(block, len(population), BLOCK, threads, "transits" if progress else None))
+    formal, true = (np.concatenate(blocks)[:, columns, columns] for blocks in zip(*covariances, strict=True))
     return formal, true
 
 
@@ -139,10 +139,10 @@ def errors_by_place(
     from vsh.sky.pixels import centres, pixels_of  # healpy
 
     mission = as_mission(mission, release)
-    seen, pixel = np.unique(pixels_of(lon, lat, nside), return_inverse=True)
-    middle = [angle[seen] for angle in centres(nside)]
-    there = solve_astrometry(mission.scanning_law.transits(*middle), np.ones(len(seen)), 0, years=mission.years)
-    covariance = there.covariance[pixel][:, 3:, 3:]
+    pixels, pixel = np.unique(pixels_of(lon, lat, nside), return_inverse=True)
+    middle = [angle[pixels] for angle in centres(nside)]
+    solution = solve_astrometry(mission.scanning_law.transits(*middle), np.ones(len(pixels)), 0, years=mission.years)
+    covariance = solution.covariance[pixel][:, 3:, 3:]
     lost = ~np.isfinite(covariance).all((1, 2))
     if lost.any():
         raise ParameterError(

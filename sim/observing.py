@@ -108,8 +108,8 @@ def observe(
     rng = generator(rng)
     n = len(population)
     if attitude is not None:
-        given = as_mission(NominalScanningLaw() if mission is None else mission, release)
-        mission = replace(given, attitude=attitude)
+        base_mission = as_mission(NominalScanningLaw() if mission is None else mission, release)
+        mission = replace(base_mission, attitude=attitude)
     if mission is not None:
         mission = as_mission(mission, release)
         errors, covariance, keep, notes = _through_mission(
@@ -158,10 +158,10 @@ def _with_redshifts(field, signal, frame, error, rng):
     error = arguments.float_array("redshift_error", error, (len(field),), broadcast=True)
     if (error < 0).any():
         raise ParameterError("redshift_error must be zero or more")
-    sure = None
+    redshift_error = None
     if error.any():
-        redshift, sure = redshift + error * rng.standard_normal(len(field)), error
-    return replace(field, redshift=redshift, redshift_error=sure, redshift_frame=frame)
+        redshift, redshift_error = redshift + error * rng.standard_normal(len(field)), error
+    return replace(field, redshift=redshift, redshift_error=redshift_error, redshift_frame=frame)
 
 
 def observe_offsets(
@@ -229,28 +229,33 @@ def _through_mission(population, rng, mission, variability, excess_noise, quote,
         return _solved_together(population, rng, mission, variability, excess_noise, quote, threads, progress, columns)
     # A seed of its own for every block: threads may take them in any order.
     seeds = rng.spawn(-(-len(population) // BLOCK) + 1)
-    shared = mission.attitude_noise(seeds[-1])
+    attitude_errors = mission.attitude_noise(seeds[-1])
     error = mission.transit_error(population.magnitude, excess_noise)
 
-    law, compiled = mission.scanning_law, mission.scanning_law.compiles(len(population))
+    law, is_compiled = mission.scanning_law, mission.scanning_law.compiles(len(population))
 
-    def block(part):
-        transits = law.transits_of_block(population.lon[part], population.lat[part], compiled=compiled)
-        seed = seeds[part.start // BLOCK]
-        solved = solve_astrometry(
+    def block(chunk):
+        transits = law.transits_of_block(population.lon[chunk], population.lat[chunk], compiled=is_compiled)
+        seed = seeds[chunk.start // BLOCK]
+        solution = solve_astrometry(
             transits,
-            error[part],
+            error[chunk],
             seed,
             years=mission.years,
             variability=variability,
-            attitude=shared,
+            attitude=attitude_errors,
             quote_variability=quote,
         )
-        return solved.errors[:, columns].T, solved.covariance[:, columns][:, :, columns], solved.solved, len(transits)
+        return (
+            solution.errors[:, columns].T,
+            solution.covariance[:, columns][:, :, columns],
+            solution.solved,
+            len(transits),
+        )
 
-    words = "transits" if progress else None
-    parts = list(map_blocks(block, len(population), BLOCK, threads, words))
-    of_errors, of_covariance, of_keep, counts = zip(*parts, strict=True)
+    label = "transits" if progress else None
+    results = list(map_blocks(block, len(population), BLOCK, threads, label))
+    of_errors, of_covariance, of_keep, counts = zip(*results, strict=True)
     errors, covariance, keep = np.concatenate(of_errors, axis=1), np.concatenate(of_covariance), np.concatenate(of_keep)
     notes = [f"simulated: {sum(counts)} transits in {mission.years:g} years, errors of {mission.release}"]
     if not keep.all():

@@ -84,11 +84,11 @@ def plot_histograms(population: Population, *, ax: OnAxes | None = None) -> Axes
     """
     columns = {"G": population.magnitude, "redshift": population.redshift}
     columns = {name: values for name, values in columns.items() if values is not None}
-    drawn = panels(ax, 1, len(columns), size=(WIDTH, 1.9))
-    for axes, (name, values) in zip(drawn, columns.items(), strict=True):
+    subplots = panels(ax, 1, len(columns), size=(WIDTH, 1.9))
+    for axes, (name, values) in zip(subplots, columns.items(), strict=True):
         axes.hist(values, bins=60, color=COLOURS[0])
         axes.set(xlabel=name, ylabel="sources")
-    return drawn
+    return subplots
 
 
 @apply_style
@@ -138,9 +138,9 @@ def plot_distance_and_parallax(
     """
     z = np.geomspace(1e-3, 6, 400)
     distance = transverse_distance(z, cosmology)
-    above, below = drawn = panels(ax, 2, 1, size=(WIDTH, 3.8), sharex=True)
-    above.loglog(z, distance, color=COLOURS[0])
-    above.set_ylabel("transverse comoving\ndistance [Mpc]")
-    below.loglog(z, speed / (AU_PER_YEAR * distance), color=COLOURS[1])
-    below.set(xlabel="redshift", ylabel=f"secular parallax at 90°\nfrom {speed:g} km/s [µas/yr]")
-    return drawn
+    upper, lower = subplots = panels(ax, 2, 1, size=(WIDTH, 3.8), sharex=True)
+    upper.loglog(z, distance, color=COLOURS[0])
+    upper.set_ylabel("transverse comoving\ndistance [Mpc]")
+    lower.loglog(z, speed / (AU_PER_YEAR * distance), color=COLOURS[1])
+    lower.set(xlabel="redshift", ylabel=f"secular parallax at 90°\nfrom {speed:g} km/s [µas/yr]")
+    return subplots

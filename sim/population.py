@@ -49,9 +49,9 @@ class Population(Frozen):
         for name in ("lon", "lat", "magnitude", "redshift"):
             if getattr(self, name) is not None:
                 object.__setattr__(self, name, np.array(as_floats(name, getattr(self, name))[0]))
-        for name, most in (("lat", np.pi / 2), ("lon", 4 * np.pi)):
+        for name, limit in (("lat", np.pi / 2), ("lon", 4 * np.pi)):
             column = getattr(self, name)
-            if column is not None and np.size(column) and np.nanmax(np.abs(column)) > most * (1 + 1e-12):
+            if column is not None and np.size(column) and np.nanmax(np.abs(column)) > limit * (1 + 1e-12):
                 raise FieldError(
                     f"{name} is in radians: {np.nanmax(np.abs(column)):.6g} is too much (np.radians turns degrees)"
                 )
@@ -155,8 +155,8 @@ def quasar_magnitudes(n: int, rng: Rng, max_magnitude: float = 20.0) -> FloatArr
     slope = log_count[1] - log_count[0]
     magnitude, log_count = np.insert(magnitude, 0, 12.0), np.insert(log_count, 0, log_count[0] - 6 * slope)
     top = np.interp(max_magnitude, magnitude, log_count)
-    drawn = top + np.log10(1 - generator(rng).uniform(0, 1, n))
-    return np.interp(drawn, log_count, magnitude)
+    draws = top + np.log10(1 - generator(rng).uniform(0, 1, n))
+    return np.interp(draws, log_count, magnitude)
 
 
 def crf3_magnitudes(n_five: int, n_six: int, rng: Rng) -> FloatArray:
@@ -180,9 +180,9 @@ def by_magnitude(redshift: FloatArray, magnitude: FloatArray, rng: Rng) -> Float
     rho = 2 * np.sin(np.pi * REDSHIFT_BY_MAGNITUDE / 6)  # Pearson's, of normal numbers with these ranks
     ranks = np.argsort(np.argsort(magnitude, kind="stable"), kind="stable")
     score = rho * ndtri((ranks + 0.5) / len(ranks)) + np.sqrt(1 - rho**2) * generator(rng).standard_normal(len(ranks))
-    dealt = np.empty_like(redshift)
-    dealt[np.argsort(score, kind="stable")] = np.sort(redshift)
-    return dealt
+    ranked_redshift = np.empty_like(redshift)
+    ranked_redshift[np.argsort(score, kind="stable")] = np.sort(redshift)
+    return ranked_redshift
 
 
 #: Magnitudes, and millions of stars that are brighter, over the whole sky.
@@ -346,8 +346,8 @@ def magnitudes_at(
     """
     redshift = np.asarray(redshift, float)
     typical = distance_modulus(transverse_distance(redshift), redshift) + absolute
-    seen = ndtr((max_magnitude - typical) / spread)
-    return typical + spread * ndtri(np.maximum(generator(rng).uniform(size=redshift.shape) * seen, 1e-300))
+    fraction = ndtr((max_magnitude - typical) / spread)
+    return typical + spread * ndtri(np.maximum(generator(rng).uniform(size=redshift.shape) * fraction, 1e-300))
 
 
 @arguments.accepts(
@@ -405,8 +405,8 @@ def stars(
     rng = generator(rng)
     lon, lat = _positions(n, rng, sky, map_frame)
     magnitudes, counts = STAR_COUNTS[0], np.log(STAR_COUNTS[1])
-    low, high = np.exp(np.interp((min_magnitude, max_magnitude), magnitudes, counts))
-    return Population(lon, lat, np.interp(np.log(rng.uniform(low, high, n)), counts, magnitudes))
+    lower, upper = np.exp(np.interp((min_magnitude, max_magnitude), magnitudes, counts))
+    return Population(lon, lat, np.interp(np.log(rng.uniform(lower, upper, n)), counts, magnitudes))
 
 
 def _positions(n, rng, sky, map_frame):
@@ -485,34 +485,34 @@ def clustered_galaxies(
         raise ParameterError(f"redshifts must rise, not from {min_redshift} to {max_redshift}")
     rng = generator(rng)
     h = hubble_value(FLAT_PLANCK13) / 100
-    near, far = transverse_distance(np.array([min_redshift, max_redshift])) * h
-    half = 1.6 * far
-    density, velocity = _linear(theory, rng, size, half, low=0.0)
+    min_distance, max_distance = transverse_distance(np.array([min_redshift, max_redshift])) * h
+    half = 1.6 * max_distance
+    density, velocity = _linear(theory, rng, size, half, min_wavenumber=0.0)
     # Waves longer than the box carry galaxies along without clustering them.
-    _, large = _linear(theory, rng, 48, 8 * half, low=0.0, high=np.pi / half / 2)
+    _, large = _linear(theory, rng, 48, 8 * half, min_wavenumber=0.0, max_wavenumber=np.pi / half / 2)
     x = np.linspace(-half, half, size, endpoint=False) + half / size
     cells = np.stack(np.meshgrid(x, x, x, indexing="ij")).reshape(3, -1)
-    wide = VelocityGrid(large, 8 * half * (1 - 1 / 48), "icrs")
+    coarse_grid = VelocityGrid(large, 8 * half * (1 - 1 / 48), "icrs")
     lon, lat = angles(cells)
-    velocity = velocity.reshape(3, -1) + wide.at(lon, lat, np.linalg.norm(cells, axis=0), "icrs")[0]
+    velocity = velocity.reshape(3, -1) + coarse_grid.at(lon, lat, np.linalg.norm(cells, axis=0), "icrs")[0]
     grid = VelocityGrid(velocity.reshape(3, size, size, size), half * (1 - 1 / size), "icrs")
     chance = np.exp(bias * density.ravel() - bias**2 * density.var() / 2)
-    chance = np.cumsum(np.where(np.linalg.norm(cells, axis=0) < far + 2 * half / size, chance, 0.0))
+    chance = np.cumsum(np.where(np.linalg.norm(cells, axis=0) < max_distance + 2 * half / size, chance, 0.0))
     columns: list[list[np.ndarray]] = [[], [], [], []]
     while sum(map(len, columns[0])) < n:
-        chosen = np.searchsorted(chance, rng.uniform(0, chance[-1], 2 * n))
-        place = cells[:, chosen] + rng.uniform(-half / size, half / size, (3, 2 * n))
-        r = np.linalg.norm(place, axis=0)
+        indices = np.searchsorted(chance, rng.uniform(0, chance[-1], 2 * n))
+        positions = cells[:, indices] + rng.uniform(-half / size, half / size, (3, 2 * n))
+        r = np.linalg.norm(positions, axis=0)
         z = redshift_of(r / h)
         g = distance_modulus(r / h, z) + rng.normal(absolute, spread, 2 * n)
-        keep = (r > near) & (r < far) & (g < max_magnitude)
-        for each, values in zip(columns, (*angles(place), g, z), strict=True):
-            each.append(values[keep])
+        keep = (r > min_distance) & (r < max_distance) & (g < max_magnitude)
+        for chunks, values in zip(columns, (*angles(positions), g, z), strict=True):
+            chunks.append(values[keep])
     lon, lat, magnitude, redshift = (np.concatenate(column)[:n] for column in columns)
     return Population(lon, lat, magnitude, redshift), grid
 
 
-def _linear(theory, rng, size, half, low, high=np.inf):
+def _linear(theory, rng, size, half, min_wavenumber, max_wavenumber=np.inf):
     """Density contrast and velocity on a periodic grid, of the waves between two wave numbers."""
     step = 2 * half / size
     waves = 2 * np.pi * np.fft.fftfreq(size, step)
@@ -520,9 +520,11 @@ def _linear(theory, rng, size, half, low, high=np.inf):
     k[2] = np.abs(k[2])
     length = np.sqrt(np.sum(k**2, 0))
     length[0, 0, 0] = 1.0
-    power = np.where((np.abs(k).max(0) > low) & (np.abs(k).max(0) < high), theory.power_at(length), 0.0)
+    power = np.where(
+        (np.abs(k).max(0) > min_wavenumber) & (np.abs(k).max(0) < max_wavenumber), theory.power_at(length), 0.0
+    )
     power[0, 0, 0] = 0.0
     wave = np.fft.rfftn(rng.standard_normal((size, size, size))) * np.sqrt(power / step**3)
     density = np.fft.irfftn(wave, (size,) * 3, axes=(0, 1, 2))
     pull = 1j * theory.growth_rate * HUBBLE * wave / length**2
-    return density, np.stack([np.fft.irfftn(pull * each, (size,) * 3, axes=(0, 1, 2)) for each in k])
+    return density, np.stack([np.fft.irfftn(pull * component, (size,) * 3, axes=(0, 1, 2)) for component in k])

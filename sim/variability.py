@@ -50,34 +50,34 @@ def markov_chain(times: FloatArray, sigma: float, tau: float, rng: Rng, source: 
     times = np.asarray(times, float)
     source = np.zeros(times.shape, int) if source is None else np.asarray(source)
     draws = generator(rng).standard_normal(len(times))
-    first = np.r_[True, source[1:] != source[:-1]] if len(times) else np.zeros(0, bool)
+    is_start = np.r_[True, source[1:] != source[:-1]] if len(times) else np.zeros(0, bool)
     gap = np.diff(times, prepend=0.0)
-    if (gap[~first] < 0).any():
+    if (gap[~is_start] < 0).any():
         raise ParameterError("the times of a chain must rise")
-    keep = np.where(first, 0.0, np.exp(-np.where(first, 0.0, gap) / tau))
-    out = sigma * np.sqrt(1 - keep**2) * draws
-    for step in _steps(first):
-        out[step] += keep[step] * out[step - 1]
-    return out
+    keep = np.where(is_start, 0.0, np.exp(-np.where(is_start, 0.0, gap) / tau))
+    chain = sigma * np.sqrt(1 - keep**2) * draws
+    for step in _steps(is_start):
+        chain[step] += keep[step] * chain[step - 1]
+    return chain
 
 
 def chain_products(weights: FloatArray, source: IntArray, times: FloatArray, tau: float) -> FloatArray:
     """Covariances of weighted sums of chains of unit variance: Σ over sources of aᵀ C a', C_ij = e^{−|t_i − t_j|/τ}."""
-    first = np.r_[True, source[1:] != source[:-1]] if len(times) else np.zeros(0, bool)
-    keep = np.where(first, 0.0, np.exp(-np.where(first, 0.0, np.diff(times, prepend=0.0)) / tau))
+    is_start = np.r_[True, source[1:] != source[:-1]] if len(times) else np.zeros(0, bool)
+    keep = np.where(is_start, 0.0, np.exp(-np.where(is_start, 0.0, np.diff(times, prepend=0.0)) / tau))
     # What all earlier observations of a source amount to at each: one step of the chain after the other.
     earlier = np.zeros_like(weights)
-    for step in _steps(first):
+    for step in _steps(is_start):
         earlier[..., step] = keep[step] * (earlier[..., step - 1] + weights[..., step - 1])
-    both = np.einsum("aik,bik->ab", weights, earlier)
-    return np.einsum("aik,bik->ab", weights, weights) + both + both.T
+    cross_products = np.einsum("aik,bik->ab", weights, earlier)
+    return np.einsum("aik,bik->ab", weights, weights) + cross_products + cross_products.T
 
 
-def _steps(first):
+def _steps(is_start):
     """Indices of all second observations of a source, then of all third ones, …: chains step together."""
-    starts = np.flatnonzero(first)
-    rank = np.arange(len(first)) - np.repeat(starts, np.diff(np.r_[starts, len(first)]))
+    starts = np.flatnonzero(is_start)
+    rank = np.arange(len(is_start)) - np.repeat(starts, np.diff(np.r_[starts, len(is_start)]))
     order = np.argsort(rank, kind="stable")
-    ends = np.cumsum(np.bincount(rank)) if len(first) else []
+    ends = np.cumsum(np.bincount(rank)) if len(is_start) else []
     for begin, end in pairwise(ends):
         yield order[begin:end]

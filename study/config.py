@@ -102,47 +102,49 @@ def load(source: PathName | dict[str, Any]) -> Study:
             raise StudyError(f"{printable(source)} cannot be read: {error.strerror}") from error
         except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
             raise StudyError(f"{printable(source)} is not TOML: {error}") from error
-    unknown = set(source) - {*_SECTIONS, "case"}
-    if unknown:
-        raise StudyError(f"unknown sections {', '.join(sorted(unknown))}; known sections: {', '.join(_SECTIONS)}, case")
+    extras = set(source) - {*_SECTIONS, "case"}
+    if extras:
+        raise StudyError(f"unknown sections {', '.join(sorted(extras))}; known sections: {', '.join(_SECTIONS)}, case")
     sections = {name: _section(name, source.get(name, {}), keys) for name, keys in _SECTIONS.items()}
     cases = source.get("case", [])
     if not isinstance(cases, list) or not all(isinstance(case, dict) for case in cases):
         raise StudyError("cases must be tables [[case]], in double brackets")
     if not cases:
         raise StudyError("a study needs at least one [[case]]")
-    checked = [_case(case) for case in cases]
-    names = [case["name"] for case in checked]
+    case_settings = [_case(case) for case in cases]
+    names = [case["name"] for case in case_settings]
     if len(set(names)) < len(names):
         raise StudyError(f"names of cases must differ: {', '.join(names)}")
     _check(sections)
-    return Study(sections["study"], sections["mission"], sections["truth"], checked)
+    return Study(sections["study"], sections["mission"], sections["truth"], case_settings)
 
 
 def _case(case):
     name = case.get("name")
     if not isinstance(name, str) or not name.isalnum():
         raise StudyError(f"every [[case]] needs a name of letters and digits, not {name!r}")
-    unknown = set(case) - {"name", *_SOURCES}
-    if unknown:
-        raise StudyError(f"case {name}: unknown {', '.join(sorted(unknown))}; known: {', '.join(_SOURCES)}")
+    extras = set(case) - {"name", *_SOURCES}
+    if extras:
+        raise StudyError(f"case {name}: unknown {', '.join(sorted(extras))}; known: {', '.join(_SOURCES)}")
     if "quasars" not in case:
         raise StudyError(f"case {name}: [case.quasars] with a number is required")
-    checked = {"name": name} | {
-        kind: _section(f"case {name}, {kind}", case[kind], _SOURCES[kind]) for kind in _SOURCES if kind in case
+    settings = {"name": name} | {
+        section: _section(f"case {name}, {section}", case[section], _SOURCES[section])
+        for section in _SOURCES
+        if section in case
     }
-    redshifts = checked.get("galaxies", {}).get("redshifts", "true")
+    redshifts = settings.get("galaxies", {}).get("redshifts", "true")
     if redshifts not in ("true", "both"):
         raise StudyError(
             f'case {name}, galaxies: redshifts must be "true", or "both" (observed ones, too), not {redshifts!r}'
         )
-    for kind, values in checked.items():
-        if kind != "name":
-            _check_sources(f"case {name}, {kind}", values)
-    return checked
+    for section, values in settings.items():
+        if section != "name":
+            _check_sources(f"case {name}, {section}", values)
+    return settings
 
 
-def _check_sources(place, values):
+def _check_sources(label, values):
     """Numbers that would fail much later, or never."""
     for key, least in (
         ("number", 1),
@@ -152,23 +154,23 @@ def _check_sources(place, values):
         ("peculiar_dispersion", 0),
     ):
         if not values.get(key, least) >= least:
-            raise StudyError(f"{place}: {key} must be at least {least:g}, not {values[key]}")
+            raise StudyError(f"{label}: {key} must be at least {least:g}, not {values[key]}")
     if values.get("sky", "uniform") not in SKIES:
-        raise StudyError(f"{place}: sky must be one of {', '.join(SKIES)}, not {values['sky']!r}")
+        raise StudyError(f"{label}: sky must be one of {', '.join(SKIES)}, not {values['sky']!r}")
     if not values.get("min_redshift", 0) < values.get("max_redshift", 1):
-        raise StudyError(f"{place}: max_redshift must exceed min_redshift")
+        raise StudyError(f"{label}: max_redshift must exceed min_redshift")
 
 
-def _section(name, given, keys):
-    if not isinstance(given, dict):
-        raise StudyError(f"{name} is a section, [{name}], not {given!r}")
-    unknown = set(given) - set(keys)
-    if unknown:
-        raise StudyError(f"{name}: unknown key {', '.join(sorted(unknown))}; known: {', '.join(keys)}")
-    missing = [key for key, default in keys.items() if default is None and key not in given]
+def _section(name, values, keys):
+    if not isinstance(values, dict):
+        raise StudyError(f"{name} is a section, [{name}], not {values!r}")
+    extras = set(values) - set(keys)
+    if extras:
+        raise StudyError(f"{name}: unknown key {', '.join(sorted(extras))}; known: {', '.join(keys)}")
+    missing = [key for key, default in keys.items() if default is None and key not in values]
     if missing:
         raise StudyError(f"{name}: {', '.join(missing)} must be given")
-    section = {key: given.get(key, default) for key, default in keys.items()}
+    section = {key: values.get(key, default) for key, default in keys.items()}
     for key, value in tuple(section.items()):
         default = keys[key]
         if isinstance(default, bool):
@@ -206,8 +208,8 @@ def _three(name, key, value):
 def _velocity(value):
     """A name, or SPEED, L, B; no velocity is a speed of zero."""
     if isinstance(value, str) and value in VELOCITIES:
-        named = VELOCITIES[value]
-        return [named.amplitude, *named.to_frame("galactic").direction]
+        velocity = VELOCITIES[value]
+        return [velocity.amplitude, *velocity.to_frame("galactic").direction]
     components = _three("truth", f"velocity ({' or '.join(map(repr, VELOCITIES))}, or speed, l, b)", value)
     if components[0] != 0:
         try:

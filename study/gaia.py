@@ -63,13 +63,13 @@ class DegreeOrSubset(InNotebook):
 def fit_sources(name: str, field: Field, lmax: int, n_replicates: int, rng: Rng) -> DegreeOrSubset:
     """Clip, fit and draw again."""
     try:
-        clipped = clip(field, lmax, KAPPA)
-        solution = bootstrap(clipped.sources(field), lmax, n_replicates, rng, progress=False).resampled_solution
+        fit = clip(field, lmax, KAPPA)
+        solution = bootstrap(fit.sources(field), lmax, n_replicates, rng, progress=False).resampled_solution
     except VshError as error:
         return DegreeOrSubset(name, len(field), 0, None, None, str(error))
-    covariance, quality = solution.covariance * clipped.scatter_factor, clipped.solution
+    covariance, quality = solution.covariance * fit.scatter_factor, fit.solution
     solution = replace(solution, covariance=covariance, chi2=quality.chi2, notes=quality.notes)
-    return DegreeOrSubset(name, len(field), clipped.n_clipped, quality, solution)
+    return DegreeOrSubset(name, len(field), fit.n_clipped, quality, solution)
 
 
 _NEEDED = ("ra", "dec", "pmra", "pmdec", "pmra_error", "pmdec_error")
@@ -111,63 +111,63 @@ def read_gaia(path: Any) -> Sources:
     FieldError
         If no source can be used.
     """
-    opened = tables.open_table(path)
+    table_source = tables.open_table(path)
     for name in _NEEDED:
-        if name not in opened.names:
-            raise TableError(f"{opened.label}: {missing_column(name, opened)}")
-    solution = next((name for name in (DR4.solution, DR3.solution) if name in opened.names), None)
-    wanted = [*_NEEDED, *(name for name in _FURTHER if name in opened.names), *([solution] if solution else [])]
-    columns = opened.columns(wanted)
+        if name not in table_source.names:
+            raise TableError(f"{table_source.label}: {missing_column(name, table_source)}")
+    solution = next((name for name in (DR4.solution, DR3.solution) if name in table_source.names), None)
+    names = [*_NEEDED, *(name for name in _FURTHER if name in table_source.names), *([solution] if solution else [])]
+    columns = table_source.columns(names)
     table = {
         name: np.ma.MaskedArray(values, False if mask is None else mask) for name, (values, mask) in columns.items()
     }
     rows = np.arange(len(table["ra"]))
-    units = {name: unit for name, unit in opened.units.items() if name in _NEEDED}
+    units = {name: unit for name, unit in table_source.units.items() if name in _NEEDED}
     field = read_field(table | {"row": rows}, Columns(name="row", redshift=None), units, on_bad="drop")
-    kept = np.asarray(field.name)
-    lacking = [f"no column {name}: no subsets by it" for name in _FURTHER[1:] if name not in opened.names]
+    indices = np.asarray(field.name)
+    notes = [f"no column {name}: no subsets by it" for name in _FURTHER[1:] if name not in table_source.names]
     if solution is None:
-        lacking.append(f"warning: no column {DR3.solution}: all sources are taken as five-parameter solutions")
-    field = field.add_note(*lacking)
+        notes.append(f"warning: no column {DR3.solution}: all sources are taken as five-parameter solutions")
+    field = field.add_note(*notes)
 
     def column(name, fill):
-        return None if name not in table else np.ma.filled(table[name].astype(type(fill)), fill)[kept]
+        return None if name not in table else np.ma.filled(table[name].astype(type(fill)), fill)[indices]
 
-    six = np.zeros(len(kept), bool) if solution is None else np.ma.filled(table[solution], 0)[kept] == 95
-    return Sources(field, six, column(_FURTHER[2], np.nan), column(_FURTHER[3], False), opened.label)
+    six = np.zeros(len(indices), bool) if solution is None else np.ma.filled(table[solution], 0)[indices] == 95
+    return Sources(field, six, column(_FURTHER[2], np.nan), column(_FURTHER[3], False), table_source.label)
 
 
 def subsets(sources: Sources) -> dict[str, BoolArray]:
     """The parts of the sky and of the sources that are fitted, by name, (n,) masks each."""
     field, five = sources.field, ~sources.six
-    chosen = {"five parameters": five, "six parameters": sources.six, "all": five | sources.six}
+    masks = {"five parameters": five, "six parameters": sources.six, "all": five | sources.six}
     if field.magnitude is not None:
-        chosen |= dict(Classes.by_edges("G", (18, 19, 20), field.magnitude, closed="right").within(five))
+        masks |= dict(Classes.by_edges("G", (18, 19, 20), field.magnitude, closed="right").within(five))
     if sources.wavenumber is not None and np.isfinite(sources.wavenumber[five]).any():
         nu = sources.wavenumber
-        low, high = np.nanquantile(nu[five], [1 / 3, 2 / 3])
-        chosen |= {
-            "red third": five & (nu < low),
-            "middle third": five & (nu >= low) & (nu < high),
-            "blue third": five & (nu >= high),
+        lower, upper = np.nanquantile(nu[five], [1 / 3, 2 / 3])
+        masks |= {
+            "red third": five & (nu < lower),
+            "middle third": five & (nu >= lower) & (nu < upper),
+            "blue third": five & (nu >= upper),
         }
-    chosen |= {name: five & mask for name, mask in _position_errors(field).items()}
+    masks |= {name: five & mask for name, mask in _position_errors(field).items()}
     if sources.for_spin is not None:
-        chosen["used for the frame's spin"] = five & sources.for_spin
-    return chosen
+        masks["used for the frame's spin"] = five & sources.for_spin
+    return masks
 
 
 def _position_errors(field):
     galactic = field.to_frame("galactic")
     l, b = galactic.lon, galactic.lat
-    places = {
+    masks = {
         "without the Galactic plane": np.abs(np.sin(b)) >= PLANE,
         "|b| < 30°": np.abs(b) < np.pi / 6,
         "|b| ≥ 30°": np.abs(b) >= np.pi / 6,
     }
     for frame in ("galactic", "ecliptic", "icrs"):
-        places |= dict(Classes.by_halves(frame).of(field))
-    return places | {"half toward the centre": np.cos(l) >= 0, "half away from it": np.cos(l) < 0}
+        masks |= dict(Classes.by_halves(frame).of(field))
+    return masks | {"half toward the centre": np.cos(l) >= 0, "half away from it": np.cos(l) < 0}
 
 
 #: The degree of the paper's main fit.
@@ -213,11 +213,11 @@ def run_gaia(
         If the five-parameter sources cannot bear the main fit.
     """
     five = sources.field[~sources.six]
-    chosen = subsets(sources)
+    masks = subsets(sources)
     if not len(five):
         raise DegeneracyError(f"{sources.label} holds no five-parameter solutions, which the study is about")
     work: list[Any] = [(f"degree {lmax}", five, lmax) for lmax in range(1, max_lmax + 1)]
-    enough = {name: mask for name, mask in chosen.items() if mask.sum() >= FEWEST}
+    enough = {name: mask for name, mask in masks.items() if mask.sum() >= FEWEST}
     work += [(name, sources.field[mask], 1 if "half" in name else LMAX) for name, mask in enough.items()]
     # A stream for each row, so that one more does not shift the others.
     streams = generator(rng).spawn(len(work))
@@ -225,13 +225,13 @@ def run_gaia(
     bar = progress_bar(list(zip(work, streams, strict=True)), words="fits", shown=progress)
     for (name, field, lmax), stream in bar:
         rows.append(fit_sources(name, field, lmax, n_replicates, stream))
-    degrees, others = rows[:max_lmax], rows[max_lmax:]
-    others += [
+    degrees, subset_rows = rows[:max_lmax], rows[max_lmax:]
+    subset_rows += [
         DegreeOrSubset(name, int(mask.sum()), 0, None, None, f"{mask.sum()} sources, fewer than {FEWEST}")
-        for name, mask in chosen.items()
+        for name, mask in masks.items()
         if name not in enough
     ]
-    study = GaiaStudy(sources, degrees, others, cross_check(five))
+    study = GaiaStudy(sources, degrees, subset_rows, cross_check(five))
     if study.main.solution is None:
         raise DegeneracyError(f"the fit of degree {LMAX} to the five-parameter sources: {study.main.said}")
     return study
@@ -272,8 +272,8 @@ def draw(study: GaiaStudy, truth: Mapping[str, Any] | None = None) -> dict[str, 
 def _by_degree(rows, truth):
     (axes,) = panels(None, size=(WIDTH, 2.7))
     good = [(i + 1, row) for i, row in enumerate(rows) if row.resampled is not None]
-    published = [papers()["klioner2021"][f"g_{axis}"] for axis in "xyz"]
-    known = truth["acceleration"].value if truth else [each.value for each in published]
+    published_numbers = [papers()["klioner2021"][f"g_{axis}"] for axis in "xyz"]
+    reference = truth["acceleration"].value if truth else [number.value for number in published_numbers]
     for k, (axis, colour) in enumerate(zip("xyz", COLOURS, strict=False)):
         x = np.array([lmax for lmax, _ in good]) + (k - 1) * 0.15
         value = [row.resampled.acceleration.value[k] for _, row in good]
@@ -284,10 +284,10 @@ def _by_degree(rows, truth):
             x, value, thick, fmt="os^"[k], color=colour, linewidth=1.8, capsize=0, alpha=0.7, label=f"$g_{axis}$"
         )
         if truth:
-            axes.axhline(known[k], color=colour, linestyle=":")
+            axes.axhline(reference[k], color=colour, linestyle=":")
         else:
-            error = published[k].error
-            axes.axhspan(known[k] - error, known[k] + error, color=colour, alpha=0.12, linewidth=0)
+            error = published_numbers[k].error
+            axes.axhspan(reference[k] - error, reference[k] + error, color=colour, alpha=0.12, linewidth=0)
     axes.set_xticks([lmax for lmax, _ in good])
     axes.set(xlabel="highest degree of the fit", ylabel="acceleration  [µas/yr]")
     legend_above(axes, 3)
@@ -300,12 +300,12 @@ def _by_degree(rows, truth):
 @apply_style
 def _by_subset(rows: Sequence[DegreeOrSubset]) -> Any:
     good: list[Any] = [row for row in rows if row.resampled is not None]
-    drawn = panels(None, 1, 3, size=(WIDTH, 0.16 * max(len(good), 3) + 0.7), sharey=True)
+    axes_array = panels(None, 1, 3, size=(WIDTH, 0.16 * max(len(good), 3) + 0.7), sharey=True)
     if not good:  # no subset has sources enough
-        drawn[1].set_title("no subset has sources enough", fontsize=6.5)
-        return drawn
+        axes_array[1].set_title("no subset has sources enough", fontsize=6.5)
+        return axes_array
     y = -np.arange(len(good))
-    for k, (axes, axis, colour) in enumerate(zip(drawn, "xyz", COLOURS, strict=False)):
+    for k, (axes, axis, colour) in enumerate(zip(axes_array, "xyz", COLOURS, strict=False)):
         value = np.array([row.resampled.acceleration.value[k] for row in good])
         error = np.array([row.resampled.acceleration.sigma[k] for row in good])
         axes.errorbar(value, y, xerr=error, fmt="os^"[k], color=colour, markersize=2.5)
@@ -314,16 +314,16 @@ def _by_subset(rows: Sequence[DegreeOrSubset]) -> Any:
         reach = 6 * np.median(error)
         axes.set_xlim(value[0] - reach, value[0] + reach)
         axes.set_xlabel(f"$g_{axis}$  [µas/yr]")
-    drawn[0].set_yticks(y, [f"{row.name} ({row.n_sources})" for row in good], fontsize=5.5)
-    return drawn
+    axes_array[0].set_yticks(y, [f"{row.name} ({row.n_sources})" for row in good], fontsize=5.5)
+    return axes_array
 
 
 def _density(field):
     nside = 2 ** int(np.clip(np.log2(len(field) / 120) / 2, 2, 6))  # ten sources in a pixel
     counts = np.bincount(pixels_of(field.lon, field.lat, nside), minlength=12 * nside**2) / (41253 / (12 * nside**2))
-    shown = np.where(counts > 0, counts, np.nan)
+    density = np.where(counts > 0, counts, np.nan)
     return plot_map(
-        shown, "sources a square degree", frame=field.frame, vmin=0, vmax=np.percentile(counts, 99), extend="max"
+        density, "sources a square degree", frame=field.frame, vmin=0, vmax=np.percentile(counts, 99), extend="max"
     )
 
 
@@ -363,8 +363,8 @@ def _compare_with_truth(solution, truth):
 
 
 def _chi2(vector, true):
-    away = vector.value - true.value
-    return away @ np.linalg.solve(vector.covariance, away)
+    difference = vector.value - true.value
+    return difference @ np.linalg.solve(vector.covariance, difference)
 
 
 def power_table(study: GaiaStudy) -> Table:
@@ -446,31 +446,31 @@ def write_gaia(
         As for `vsh.figures.plot.save_figures`: format and dpi; None for no files of figures.
     """
     without_windows()
-    made = {
+    result_tables = {
         "published": published_table(study),
         "degrees": row_table(study.degrees, truth),
         "subsets": row_table(study.subsets, truth),
         "powers": power_table(study),
         "correlations": correlation_table(study),
     }
-    for name, table in made.items():
+    for name, table in result_tables.items():
         tables.write_table(table, folder / f"{name}.ecsv")
-    drawn = draw(study, truth)
+    plots = draw(study, truth)
     if figures is not None:
-        save_figures(drawn, folder, **figures, close=False)
-    text = _report(study, made, truth)
+        save_figures(plots, folder, **figures, close=False)
+    text = _report(study, result_tables, truth)
     (folder / "report.md").write_text(text, encoding="utf-8")
     main: Any = study.main
     five = study.sources.field[~study.sources.six]
     page = html_report(
         main.resampled,
-        drawn,
+        plots,
         check=study.check,
         truth=None if truth is None else dict(truth),
         source=study.sources.label,
         provenance=dict(provenance or {}),
         title="The acceleration of the Solar System from Gaia's quasars",
-        sections=[Section(_HEADINGS[name], (), table) for name, table in made.items()],
+        sections=[Section(_HEADINGS[name], (), table) for name, table in result_tables.items()],
         captions=CAPTIONS,
         skies=[
             ShownPage(
@@ -478,12 +478,12 @@ def write_gaia(
             )
         ],
     )
-    close_figures(drawn.values())
+    close_figures(plots.values())
     write_page(folder / "gaia.html", page)
     return text
 
 
-def _report(study, made, truth):
+def _report(study, result_tables, truth):
     main, g = study.main, study.main.resampled.acceleration
     lines = [
         "# The acceleration of the Solar System from Gaia's quasars",
@@ -504,17 +504,19 @@ def _report(study, made, truth):
         ),
     ]
     if truth:
-        listed = ", ".join(f"{v:+.3f}" for v in truth["acceleration"].value)
+        components = ", ".join(f"{v:+.3f}" for v in truth["acceleration"].value)
         draws = main.resampled.covariance_dof
-        expected = 6 * draws / (draws - 4)  # of three numbers with a covariance from so many draws, twice
+        expected_chi2 = 6 * draws / (draws - 4)  # of three numbers with a covariance from so many draws, twice
         lines += [
             "",
             (
-                f"A simulated catalogue; the truth is g = ({listed}) µas/yr. The last column of the tables is χ² of "
-                f"spin and g against it, {expected:.1f} ± {np.sqrt(12) * expected / 6:.1f} where the errors are right."
+                f"A simulated catalogue; the truth is g = ({components}) µas/yr. The last column of the tables is χ² "
+                "of "
+                f"spin and g against it, {expected_chi2:.1f} ± {np.sqrt(12) * expected_chi2 / 6:.1f} where the errors "
+                "are right."
             ),
         ]
-    for name, table in made.items():
+    for name, table in result_tables.items():
         lines += ["", f"## {_HEADINGS[name]}", "", *_format_markdown(_format_table(name, table))]
     lines += [
         "",
@@ -523,9 +525,9 @@ def _report(study, made, truth):
             "to degree 1."
         ),
     ]
-    failed = [row for row in (*study.degrees, *study.subsets) if row.solution is None]
-    if failed:
-        lines += ["", "## Without a result", "", *(f"* {row.name}: {row.said}" for row in failed)]
+    failures = [row for row in (*study.degrees, *study.subsets) if row.solution is None]
+    if failures:
+        lines += ["", "## Without a result", "", *(f"* {row.name}: {row.said}" for row in failures)]
     notes = study.sources.field.notes
     lines += ["", "## Notes", "", *(f"* {note}" for note in notes)] if notes else []
     return "\n".join(lines) + "\n"
@@ -535,15 +537,16 @@ def _with_floor(degrees, g):
     """The first line: the acceleration with systematic errors, from the highest of the degrees up to 7."""
     solution: Any = next(row.solution for row in reversed(degrees[:_HIGHEST]) if row.solution is not None)
     try:
-        shared = floor(solution)
+        systematic_floor = floor(solution)
     except VshError:
         return "**Errors that sources share are in no number here: there are too few sources to estimate them.**"
-    whole = replace(g, covariance=g.covariance + shared.acceleration_error**2 * np.eye(3))
-    low, high = shared.acceleration_interval
+    acceleration = replace(g, covariance=g.covariance + systematic_floor.acceleration_error**2 * np.eye(3))
+    lower, upper = systematic_floor.acceleration_interval
+    components = ", ".join(f"{v:+.2f} ± {s:.2f}" for v, s in zip(acceleration.value, acceleration.sigma, strict=True))
     return (
-        f"**g = ({', '.join(f'{v:+.2f} ± {s:.2f}' for v, s in zip(whole.value, whole.sigma, strict=True))}) µas/yr** "
-        f"with systematic errors, ± {shared.acceleration_error:.2f} µas/yr in each component ({low:.2f} … {high:.2f}, "
-        f"68 %) from the power of degrees 2 to {solution.modes.lmax}."
+        f"**g = ({components}) µas/yr** "
+        f"with systematic errors, ± {systematic_floor.acceleration_error:.2f} µas/yr in each component ({lower:.2f} … "
+        f"{upper:.2f}, 68 %) from the power of degrees 2 to {solution.modes.lmax}."
     )
 
 
@@ -551,8 +554,8 @@ def _format_table(name, table):
     """Columns that fit on a page; the files have all."""
     if name not in ("degrees", "subsets"):
         return table
-    kept = [column for column in table.colnames if not (column.startswith("spin") or column.endswith("_formal"))]
-    return table[kept]
+    columns = [column for column in table.colnames if not (column.startswith("spin") or column.endswith("_formal"))]
+    return table[columns]
 
 
 def _format_markdown(table: Table) -> list[str]:
@@ -561,5 +564,5 @@ def _format_markdown(table: Table) -> list[str]:
         "|" + "---|" * len(table.colnames),
     ]
     for row in zip(*(table[name].tolist() for name in table.colnames), strict=True):
-        lines.append("| " + " | ".join(cell(each).replace("|", "\\|") for each in row) + " |")
+        lines.append("| " + " | ".join(cell(value).replace("|", "\\|") for value in row) + " |")
     return lines

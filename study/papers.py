@@ -35,8 +35,8 @@ class Paper(InNotebook):
     @property
     def short(self) -> str:
         """Its authors and year: the reference up to the year."""
-        found = re.match(r"(?:Gaia Collaboration, )?(.*?\d{4})", self.reference)
-        return found[1] if found else self.reference
+        match = re.match(r"(?:Gaia Collaboration, )?(.*?\d{4})", self.reference)
+        return match[1] if match else self.reference
 
     def __getitem__(self, name: str) -> Number:
         return self.numbers[name]
@@ -45,11 +45,11 @@ class Paper(InNotebook):
 @cache
 def papers() -> dict[str, Paper]:
     """The papers by key, in the order of the file."""
-    listed = tomllib.loads((files("study") / "published.toml").read_text(encoding="utf-8"))
+    entries = tomllib.loads((files("study") / "published.toml").read_text(encoding="utf-8"))
     return {
         key: Paper(
             key, entry["reference"], entry["arxiv"], entry["data"], entry.get("words", ""),
-            {one["of"]: Number(**{"error": float("nan"), **one}) for one in entry.get("numbers", [])},
+            {number["of"]: Number(**{"error": float("nan"), **number}) for number in entry.get("numbers", [])},
         )
-        for key, entry in listed.items()
+        for key, entry in entries.items()
     }  # fmt: skip

@@ -31,11 +31,13 @@ def prepare_realisation(
     progress: bool = True,
 ) -> Path:
     """The file with the sources of one kind, made if it is not there."""
-    wanted = {"kind": kind, "sources": case[kind], "mission": study.mission, "seed": study.settings["seed"]}
+    specification = {"kind": kind, "sources": case[kind], "mission": study.mission, "seed": study.settings["seed"]}
     if kind == "galaxies":  # how they are seen is no matter of theirs
-        wanted["sources"] = {key: value for key, value in case[kind].items() if key != "redshifts"} | {"columns": 2}
-    wanted |= {"frame": study.settings["frame"]} | ({"quasars": case["quasars"]} if kind == "vlbi" else {})
-    return kept(folder, kind, wanted, lambda _: _make(study, case, kind, progress))
+        specification["sources"] = {key: value for key, value in case[kind].items() if key != "redshifts"} | {
+            "columns": 2
+        }
+    specification |= {"frame": study.settings["frame"]} | ({"quasars": case["quasars"]} if kind == "vlbi" else {})
+    return kept(folder, kind, specification, lambda _: _make(study, case, kind, progress))
 
 
 def kept(folder: Path, kind: str, wanted: dict[str, Any], make: Callable[[Path], dict[str, Any]]) -> Path:
@@ -51,9 +53,9 @@ def kept(folder: Path, kind: str, wanted: dict[str, Any], make: Callable[[Path],
 def streams_and_law(study: Study) -> tuple[np.random.Generator, np.random.Generator, sim.NominalScanningLaw]:
     """The streams of positions and of chosen sources, the same in all cases, and the scanning law with its gaps."""
     # A stream for each thing, the same in all cases: what differs between them is what they say.
-    skies, chosen, gaps = np.random.default_rng(study.settings["seed"]).spawn(3)
+    skies, selection, gaps = np.random.default_rng(study.settings["seed"]).spawn(3)
     mission = study.mission
-    return skies, chosen, sim.NominalScanningLaw(years=mission["years"], dead_time=mission["dead_time"], rng=gaps)
+    return skies, selection, sim.NominalScanningLaw(years=mission["years"], dead_time=mission["dead_time"], rng=gaps)
 
 
 def galaxies_of(case: dict[str, Any], skies: np.random.Generator) -> sim.Population:
@@ -63,44 +65,46 @@ def galaxies_of(case: dict[str, Any], skies: np.random.Generator) -> sim.Populat
     return sim.galaxies(galaxies["number"], skies.spawn(1)[0], galaxies["sky"], **limits)
 
 
-def _make(study, case, kind, progress):
+def _make(study, case, source_type, progress):
     mission = study.mission
-    skies, chosen, law = streams_and_law(study)
+    skies, selection, law = streams_and_law(study)
     quasars, options = case["quasars"], {"progress": progress}
-    seen = sim.Mission(law, mission["release"], mission["attitude"])
+    sim_mission = sim.Mission(law, mission["release"], mission["attitude"])
     try:
-        if kind == "galaxies":
+        if source_type == "galaxies":
             population = galaxies_of(case, skies)
             options["excess_noise"] = case["galaxies"]["excess_noise"]
         else:
             population = sim.quasars(quasars["number"], skies, quasars["sky"])
-            if kind == "vlbi":
-                population = sim.vlbi_quasars(population, case["vlbi"]["number"], chosen)
+            if source_type == "vlbi":
+                population = sim.vlbi_quasars(population, case["vlbi"]["number"], selection)
             if quasars["variability"]:
                 options["variability"] = sim.Variability(quasars["variability"], quasars["tau"])
-        parameters: Any = "position" if kind == "vlbi" else "motion"
-        formal, true = sim.expected_covariances(population, seen, parameters, **options)
+        parameters: Any = "position" if source_type == "vlbi" else "motion"
+        formal, true = sim.expected_covariances(population, sim_mission, parameters, **options)
     except ValueError as error:
-        raise StudyError(f"case {case['name']}, {kind}: {error}") from error
+        raise StudyError(f"case {case['name']}, {source_type}: {error}") from error
     good = np.isfinite(formal[:, 0, 0])
     population, formal, true = population[good], formal[good], true[good]
-    if kind == "vlbi":
+    if source_type == "vlbi":
         # The radio positions scatter, and theirs are the errors that are quoted: what the paper's formal
         # errors of ε are (100 µas / √(3300 · 2/3) = 2.1 µas), and why its scatter is half as large again.
         radio = case["vlbi"]["radio"] ** 2 * np.eye(2)
         formal, true = np.broadcast_to(radio, formal.shape), true + radio
     frame = study.settings["frame"]
-    quoted, scattered = (_rotate_errors(population, each, frame) for each in (formal, true))
-    s1, s2 = scattered.sigma
+    formal_field, true_field = (_rotate_errors(population, covariance, frame) for covariance in (formal, true))
+    s1, s2 = true_field.sigma
     arrays = {
-        "lon": quoted.lon,
-        "lat": quoted.lat,
-        "sigma": quoted.sigma,
-        "rho": quoted.rho,
+        "lon": formal_field.lon,
+        "lat": formal_field.lat,
+        "sigma": formal_field.sigma,
+        "rho": formal_field.rho,
         # L of the true covariance, L Lᵀ: noise is L times unit normals.
-        "noise": np.stack([s1, scattered.rho * s2, s2 * np.sqrt(1 - scattered.rho**2)]),
+        "noise": np.stack([s1, true_field.rho * s2, s2 * np.sqrt(1 - true_field.rho**2)]),
     }
-    return arrays | ({"redshift": population.redshift, "magnitude": population.magnitude} if kind == "galaxies" else {})
+    return arrays | (
+        {"redshift": population.redshift, "magnitude": population.magnitude} if source_type == "galaxies" else {}
+    )
 
 
 def _rotate_errors(population, covariance, frame):
@@ -112,28 +116,28 @@ def _rotate_errors(population, covariance, frame):
 
 def prepared_sources(study: Study, case: dict[str, Any], folder: Path, progress: bool = True) -> Path:
     """The file with all sources of a case and the folder with their transits, made if they are not there."""
-    wanted = {
+    specification = {
         "sources": {key: value for key, value in case.items() if key != "name"},
         "mission": study.mission,
         "seed": study.settings["seed"],
     }
-    return kept(folder, "joint", wanted, lambda path: _make_joint(study, case, path.with_suffix(""), progress))
+    return kept(folder, "joint", specification, lambda path: _make_joint(study, case, path.with_suffix(""), progress))
 
 
 def _make_joint(study, case, scans, progress):
     """The sources of a case, and the folder of their transits."""
     mission = study.mission
-    skies, chosen, law = streams_and_law(study)
-    seen = sim.Mission(law, mission["release"], "solved", mission["knots"])
+    skies, selection, law = streams_and_law(study)
+    sim_mission = sim.Mission(law, mission["release"], "solved", mission["knots"])
     try:
         quasars = sim.quasars(case["quasars"]["number"], skies, case["quasars"]["sky"])
         galaxies, excess = None, 0.0
         if "galaxies" in case:
             galaxies, excess = galaxies_of(case, skies), case["galaxies"]["excess_noise"]
-        mixture = agis.mixture(seen, quasars, galaxies, excess_noise=excess)
+        mixture = agis.mixture(sim_mission, quasars, galaxies, excess_noise=excess)
         vlbi = np.zeros(0, int)
         if "vlbi" in case:
-            vlbi = np.sort(chosen.choice(len(quasars), case["vlbi"]["number"], replace=False))
+            vlbi = np.sort(selection.choice(len(quasars), case["vlbi"]["number"], replace=False))
         agis.joint_system(
             law,
             mixture.lon,
@@ -169,7 +173,7 @@ def solved_errors(study: Study, case: dict[str, Any], path: Path, rng: np.random
         # The radio positions scatter, and theirs are the errors that are quoted, as in `study.prepare`.
         motion = offsets.motion + sigma * radio.standard_normal(sigma.shape)
         fields["vlbi"] = replace(offsets, motion=motion, sigma=sigma, rho=np.zeros(len(offsets)))
-    return {kind: field.to_frame(frame) for kind, field in fields.items()}
+    return {source_type: field.to_frame(frame) for source_type, field in fields.items()}
 
 
 @lru_cache(maxsize=1)
@@ -200,21 +204,26 @@ def realise(study: Study, index: int, files: dict[str, Path], number: int) -> di
     """Draw and fit one realisation."""
     truth, frame = study.truth, study.settings["frame"]
     streams = {
-        kind: np.random.default_rng([study.settings["seed"], 7, index, number, k]) for k, kind in enumerate(_KINDS)
+        source_type: np.random.default_rng([study.settings["seed"], 7, index, number, k])
+        for k, source_type in enumerate(_KINDS)
     }
     fields, signals = {}, {}
     joint = "joint" in files
     if joint:
         stream = np.random.default_rng([study.settings["seed"], 7, index, number, len(_KINDS)])
         fields = solved_errors(study, study.cases[index], files["joint"], stream)
-    for kind in list(fields if joint else files):
+    for source_type in list(fields if joint else files):
         signal = {
             "quasars": lambda: sim.spin(truth["spin"]) + sim.acceleration(truth["acceleration"]),
             "vlbi": lambda: sim.spin(truth["orientation"]),
             "galaxies": lambda: _galaxy_signal(study, index, frame, streams["galaxies"]),
-        }[kind]()
-        signals[kind] = signal
-        fields[kind] = _add_signal(fields[kind], signal) if joint else _draw(files[kind], signal, frame, streams[kind])
+        }[source_type]()
+        signals[source_type] = signal
+        fields[source_type] = (
+            _add_signal(fields[source_type], signal)
+            if joint
+            else _draw(files[source_type], signal, frame, streams[source_type])
+        )
     values: dict[str, float] = {}
     sigma: dict[str, float] = {}
 
@@ -226,7 +235,7 @@ def realise(study: Study, index: int, files: dict[str, Path], number: int) -> di
         for name, vector in (("omega", solution.spin), ("a", solution.acceleration)):
             _put_vector(values, sigma, name, vector, f"@{degree}")
     if "galaxies" in fields:
-        at = slice(first := direct.names.index("omega_x"), first + 3)
+        at = slice(start := direct.names.index("omega_x"), start + 3)
         spin_covariance = direct.covariance[at, at] * study.settings["propagate_spin"]
         spin = Vector(direct.values[at], spin_covariance, frame)
         options = {
@@ -244,7 +253,7 @@ def realise(study: Study, index: int, files: dict[str, Path], number: int) -> di
         if study.cases[index]["galaxies"]["redshifts"] == "both":
             _as_seen(study, index, fields["galaxies"], signals["galaxies"], options, values, sigma)
     return {
-        each: {name: float(x) for name, x in table.items()} for each, table in (("values", values), ("sigma", sigma))
+        label: {name: float(x) for name, x in table.items()} for label, table in (("values", values), ("sigma", sigma))
     }
 
 
@@ -298,21 +307,23 @@ def _as_seen(study, index, galaxies, signal, options, values, sigma):
     """Galaxies with redshifts as the Sun sees them: names end in @seen."""
     truth, sources = study.truth, study.cases[index]["galaxies"]
     redshift = signal.observed_redshift(galaxies.lon, galaxies.lat, galaxies.redshift, "heliocentric")
-    seen = with_redshift(replace(galaxies, redshift=redshift, redshift_frame="heliocentric"), sources["min_redshift"])
+    catalogue = with_redshift(
+        replace(galaxies, redshift=redshift, redshift_frame="heliocentric"), sources["min_redshift"]
+    )
     limits = transverse_distance(np.array([sources["min_redshift"], sources["max_redshift"]]))
-    options = options | {"density": partial(_clip_distances, low=limits[0], high=limits[1])}
-    solution = observer_velocity(seen, truth["hubble"], **options)
+    options = options | {"density": partial(_clip_distances, lower=limits[0], upper=limits[1])}
+    solution = observer_velocity(catalogue, truth["hubble"], **options)
     _put_vector(values, sigma, "v", solution.velocity, "@seen")
     _put_vector(values, sigma, "g_a", solution.acceleration, "@seen")
     velocity = true_velocity(study)
     if velocity.amplitude > 0:
-        hubble = hubble_constant(seen, velocity, hubble=truth["hubble"], **options)
+        hubble = hubble_constant(catalogue, velocity, hubble=truth["hubble"], **options)
         values["H0@seen"], sigma["H0@seen"] = hubble.hubble, hubble.hubble_error
 
 
-def _clip_distances(distance, low, high):
+def _clip_distances(distance, lower, upper):
     """Galaxies evenly in volume between two distances, as they are drawn."""
-    return (distance >= low) & (distance <= high)
+    return (distance >= lower) & (distance <= upper)
 
 
 def _put_vector(values, sigma, name, vector, suffix=""):

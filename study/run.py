@@ -30,8 +30,8 @@ def read_realisations(study: Study, folder: Path, n_realisations: int) -> Any:
         paths = [folder / "realisations" / case["name"] / f"{number:05d}.json" for number in range(n_realisations)]
         rows = [json.loads(path.read_text(encoding="utf-8")) for path in paths]
         realisations[case["name"]] = tuple(
-            {name: np.array([row[part][name] for row in rows]) for name in rows[0][part]}
-            for part in ("values", "sigma")
+            {name: np.array([row[quantity][name] for row in rows]) for name in rows[0][quantity]}
+            for quantity in ("values", "sigma")
         )
     return realisations
 
@@ -66,7 +66,7 @@ def summary(study: Study, realisations: Any) -> list[dict[str, Any]]:
             true = truth_of(study, name)
             scatter = float(np.std(value, ddof=1)) if len(value) > 1 else float("nan")
             error = scatter / np.sqrt(len(value))
-            n, away = len(value), np.abs(value - true) / sigma[name]
+            n, deviation = len(value), np.abs(value - true) / sigma[name]
             row = {
                 "case": case,
                 "parameter": name,
@@ -79,7 +79,7 @@ def summary(study: Study, realisations: Any) -> list[dict[str, Any]]:
                 "std_error": float(scatter / np.sqrt(2 * max(1, n - 1))),
             }
             for share, reach in ((68, 1.0), (95, 1.959963984540054)):
-                row[f"within_{share}"] = float((away <= reach).mean())
+                row[f"within_{share}"] = float((deviation <= reach).mean())
                 row[f"within_{share}_error"] = float(np.sqrt(chance(reach) * (1 - chance(reach)) / n))
             rows.append(row)
     return rows
@@ -103,8 +103,8 @@ def truth_of(study: Study, name: str) -> float:
     if name == "H0":
         return truth["hubble"]
     vector, axis = name.rsplit("_", 1)
-    named = {"epsilon": "orientation", "omega": "spin", "a": "acceleration"}
-    values = true_velocity(study).value if vector == "v" else truth[named[vector]]
+    vector_names = {"epsilon": "orientation", "omega": "spin", "a": "acceleration"}
+    values = true_velocity(study).value if vector == "v" else truth[vector_names[vector]]
     return float(values["xyz".index(axis)])
 
 
@@ -115,14 +115,14 @@ _NAMED = 24
 
 def _distinct(rows):
     """The parameters, without those that have the numbers of one before them: degree 1 alone where that is all."""
-    known: dict[str, list[Any]] = {}
+    statistics: dict[str, list[Any]] = {}
     for row in rows:
         numbers = [f"{row[key]:.6g}" for key in ("mean", "std", "sigma")]
-        known.setdefault(row["parameter"], []).append((row["case"], *numbers))
-    first: dict[Any, str] = {}
-    for name, all_numbers in known.items():
-        first.setdefault(tuple(all_numbers), name)
-    return list(first.values())
+        statistics.setdefault(row["parameter"], []).append((row["case"], *numbers))
+    representatives: dict[Any, str] = {}
+    for name, all_numbers in statistics.items():
+        representatives.setdefault(tuple(all_numbers), name)
+    return list(representatives.values())
 
 
 def _symbol(name):
@@ -137,12 +137,16 @@ def plot_calibration(rows: Sequence[Mapping[str, Any]], *, ax: OnAxes | None = N
     cases = list(dict.fromkeys(row["case"] for row in rows))
     names = _distinct(rows)
     width = max(WIDTH, 0.16 * len(names) + 0.8)
-    off, scatter, coverage = drawn = panels(ax, 3, 1, size=(width, 4.6), sharex=True)
+    off, scatter, coverage = axes_array = panels(ax, 3, 1, size=(width, 4.6), sharex=True)
     for i, case in enumerate(cases):
-        own = [row for row in rows if row["case"] == case and row["parameter"] in names]
+        case_rows = [row for row in rows if row["case"] == case and row["parameter"] in names]
         shift = (i - (len(cases) - 1) / 2) * 0.6 / max(1, len(cases))
-        x = np.array([names.index(row["parameter"]) for row in own]) + shift
-        value = {key: np.array([row[key] for row in own], float) for key in own[0] if key not in ("case", "parameter")}
+        x = np.array([names.index(row["parameter"]) for row in case_rows]) + shift
+        value = {
+            key: np.array([row[key] for row in case_rows], float)
+            for key in case_rows[0]
+            if key not in ("case", "parameter")
+        }
         colour, mark = COLOURS[i % len(COLOURS)], _MARKS[i % len(_MARKS)]
         n = value["n"]
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -163,7 +167,7 @@ def plot_calibration(rows: Sequence[Mapping[str, Any]], *, ax: OnAxes | None = N
     step = -(-len(names) // _NAMED) if len(names) > 4 * _NAMED else 1
     coverage.set_xticks(range(0, len(names), step), [_symbol(name) for name in names[::step]], rotation=90, fontsize=6)
     legend_above(off, 4)
-    return drawn
+    return axes_array
 
 
 def run(
@@ -203,8 +207,8 @@ def run(
     folder = Path(folder)
     _check_folder(folder)
     try:
-        for each in ("prepared", *(f"realisations/{case['name']}" for case in study.cases)):
-            (folder / each).mkdir(parents=True, exist_ok=True)
+        for subfolder in ("prepared", *(f"realisations/{case['name']}" for case in study.cases)):
+            (folder / subfolder).mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise StudyError(f"{folder} cannot be made a folder: {error.strerror}") from error
     with exclusive(folder / "study.json"):
@@ -221,9 +225,9 @@ def _run(study, folder, n_realisations, workers, progress):
             files = {"joint": prepared_sources(study, case, folder / "prepared", progress)}
         else:
             files = {
-                kind: prepare_realisation(study, case, kind, folder / "prepared", progress)
-                for kind in case
-                if kind != "name"
+                source_type: prepare_realisation(study, case, source_type, folder / "prepared", progress)
+                for source_type in case
+                if source_type != "name"
             }
         tasks += [(index, files, number) for number in range(count) if not _path(folder, case, number).exists()]
     tasks.sort(key=lambda task: (task[2], task[0]))  # every case gets on alike
@@ -244,21 +248,21 @@ def _work(study, folder, tasks, workers, progress):
                 bar.update()
         return
     with bar, process_pool(min(workers, len(tasks))) as pool, ended_if_interrupted():
-        waiting, left = {}, iter(tasks)
-        for task in left:
+        waiting, queue = {}, iter(tasks)
+        for task in queue:
             with delay_interrupts():
                 waiting[pool.submit(_run_realisation, study, folder, task)] = task
             if len(waiting) < 2 * workers:
                 continue
-            done, _ = wait(waiting, return_when=FIRST_COMPLETED)
-            _collect(waiting, done, bar)
+            futures, _ = wait(waiting, return_when=FIRST_COMPLETED)
+            _collect(waiting, futures, bar)
         while waiting:
-            done, _ = wait(waiting, return_when=FIRST_COMPLETED)
-            _collect(waiting, done, bar)
+            futures, _ = wait(waiting, return_when=FIRST_COMPLETED)
+            _collect(waiting, futures, bar)
 
 
-def _collect(waiting, done, bar):
-    for future in done:
+def _collect(waiting, futures, bar):
+    for future in futures:
         waiting.pop(future)
         future.result()
         bar.update()
@@ -270,8 +274,8 @@ def _run_realisation(study, folder, task):
     with threadpool_limits(1):
         outcome = realise(study, index, files, number)
     path = _path(folder, study.cases[index], number)
-    with atomic_write(path) as new:
-        new.write_text(json.dumps(outcome, indent=1), encoding="utf-8")
+    with atomic_write(path) as output:
+        output.write_text(json.dumps(outcome, indent=1), encoding="utf-8")
 
 
 def _path(folder, case, number):
@@ -280,37 +284,37 @@ def _path(folder, case, number):
 
 def _check_folder(folder):
     """Raise StudyError if a folder holds anything but a study."""
-    shown = printable(folder)
+    label = printable(folder)
     if folder.exists() and not folder.is_dir():
-        raise StudyError(f"{shown} is a file, not a folder")
+        raise StudyError(f"{label} is a file, not a folder")
     if folder.is_dir() and any(folder.iterdir()) and not (folder / "study.json").is_file():
-        raise StudyError(f"{shown} holds files that are no study's: name a new folder")
+        raise StudyError(f"{label} holds files that are no study's: name a new folder")
 
 
 def _claim(study, folder):
     """Write the configuration into a new folder; compare it with that of an old one."""
     path, plain = folder / "study.json", study.plain()
     if not path.exists():
-        with atomic_write(path) as new:
-            new.write_text(json.dumps(plain, indent=1), encoding="utf-8")
+        with atomic_write(path) as output:
+            output.write_text(json.dumps(plain, indent=1), encoding="utf-8")
         return
     try:
-        old = json.loads(path.read_text(encoding="utf-8"))
+        configuration = json.loads(path.read_text(encoding="utf-8"))
     except (ValueError, RecursionError):
         raise StudyError(f"{path} is damaged: take another folder, or delete this one") from None
-    differences = list(_differences(old, plain))
+    differences = list(_differences(configuration, plain))
     if differences:
         raise StudyError(
             f"{folder} holds another study ({'; '.join(differences[:5])}): take another folder, or delete it"
         )
 
 
-def _differences(old, new, where=""):
-    if isinstance(old, dict) and isinstance(new, dict):
-        for key in sorted({*old, *new}):
-            yield from _differences(old.get(key), new.get(key), f"{where}{'.' if where else ''}{key}")
-    elif isinstance(old, list) and isinstance(new, list) and len(old) == len(new):
-        for i, pair in enumerate(zip(old, new, strict=True)):
-            yield from _differences(*pair, f"{where}[{i}]")
-    elif old != new:
-        yield f"{where}: there {old}, here {new}"
+def _differences(stored_value, value, key_path=""):
+    if isinstance(stored_value, dict) and isinstance(value, dict):
+        for key in sorted({*stored_value, *value}):
+            yield from _differences(stored_value.get(key), value.get(key), f"{key_path}{'.' if key_path else ''}{key}")
+    elif isinstance(stored_value, list) and isinstance(value, list) and len(stored_value) == len(value):
+        for i, pair in enumerate(zip(stored_value, value, strict=True)):
+            yield from _differences(*pair, f"{key_path}[{i}]")
+    elif stored_value != value:
+        yield f"{key_path}: there {stored_value}, here {value}"

@@ -61,30 +61,30 @@ def run(command: str, arguments: Sequence[str] | None = None) -> NoReturn:
     sys.exit(status)
 
 
-def _without_secrets(kind, error, traceback):
+def _without_secrets(error_type, error, traceback):
     """Print what went wrong with us, without the passwords of addresses that may stand in it."""
     from traceback import format_exception
 
     from vsh.tools.formats import shown_addresses
 
-    sys.stderr.write(shown_addresses("".join(format_exception(kind, error, traceback))))
+    sys.stderr.write(shown_addresses("".join(format_exception(error_type, error, traceback))))
 
 
 def main(arguments: Sequence[str] | None = None) -> NoReturn:
     """`python -m vsh COMMAND …`"""
     import vsh
 
-    words = list(sys.argv[1:] if arguments is None else arguments)
-    first = words[0].removeprefix("vsh-") if words else "--help"
-    if first == "--version":
+    tokens = list(sys.argv[1:] if arguments is None else arguments)
+    command = tokens[0].removeprefix("vsh-") if tokens else "--help"
+    if command == "--version":
         print(f"vsh-astrometry {vsh.__version__}")
         sys.exit(0)
-    if first in ("-h", "--help"):
+    if command in ("-h", "--help"):
         print(_USAGE.format(commands="\n".join(f"  {name:10} {about(name)}" for name in COMMANDS)))
         sys.exit(0)
-    if first not in COMMANDS:
-        sys.exit(f"python -m vsh: there is no command {words[0]!r}: {', '.join(COMMANDS)} are")
-    run(first, words[1:])
+    if command not in COMMANDS:
+        sys.exit(f"python -m vsh: there is no command {tokens[0]!r}: {', '.join(COMMANDS)} are")
+    run(command, tokens[1:])
 
 
 def __getattr__(name: str) -> Callable[[], NoReturn]:

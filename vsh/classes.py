@@ -86,16 +86,18 @@ class Classes(InNotebook):
         """
         if not len(edges) or not (np.diff(edges) > 0).all():
             raise ParameterError(f"edges of classes are numbers that rise, not {edges!r}")
-        below, above = ("<", ">=") if closed == "left" else ("<=", ">")
+        below, greater_sign = ("<", ">=") if closed == "left" else ("<=", ">")
         after = "<=" if closed == "left" else "<"
-        inner = [f"{low:g} {after} {name} {below} {high:g}" for low, high in pairwise(edges)]
-        conditions = (f"{name} {below} {edges[0]:g}", *inner, f"{name} {above} {edges[-1]:g}")
-        labels = tuple(each.replace("<=", "≤").replace(">=", "≥") for each in conditions)
+        inner = [f"{lower:g} {after} {name} {below} {upper:g}" for lower, upper in pairwise(edges)]
+        conditions = (f"{name} {below} {edges[0]:g}", *inner, f"{name} {greater_sign} {edges[-1]:g}")
+        labels = tuple(condition.replace("<=", "≤").replace(">=", "≥") for condition in conditions)
         if values is None:
             return cls(labels, conditions=conditions)
-        known = np.asarray(values, float)
-        place = np.where(np.isnan(known), -1, np.searchsorted(edges, known, "right" if closed == "left" else "left"))
-        return cls(labels, place == np.arange(len(labels))[:, None])
+        numbers = np.asarray(values, float)
+        indices = np.where(
+            np.isnan(numbers), -1, np.searchsorted(edges, numbers, "right" if closed == "left" else "left")
+        )
+        return cls(labels, indices == np.arange(len(labels))[:, None])
 
     @classmethod
     def by_parts(cls, name: str, values: ArrayLike, k: int) -> Classes:
@@ -115,14 +117,14 @@ class Classes(InNotebook):
         DegeneracyError
             If all sources have the same value.
         """
-        given = np.asarray(values, float)
-        known = np.unique(given[np.isfinite(given)])
-        if len(known) < 2:
+        numbers = np.asarray(values, float)
+        levels = np.unique(numbers[np.isfinite(numbers)])
+        if len(levels) < 2:
             raise DegeneracyError(f"{name} is the same for all sources")
-        if len(known) <= k:
-            return cls(tuple(f"{name} {value:g}" for value in known), given == known[:, None])
-        edges = np.unique(np.nanquantile(given, np.arange(1, k) / k))
-        return cls.by_edges(name, [float(f"{edge:.4g}") for edge in edges], given)
+        if len(levels) <= k:
+            return cls(tuple(f"{name} {value:g}" for value in levels), numbers == levels[:, None])
+        edges = np.unique(np.nanquantile(numbers, np.arange(1, k) / k))
+        return cls.by_edges(name, [float(f"{edge:.4g}") for edge in edges], numbers)
 
     @classmethod
     def by_halves(cls, frame: str) -> Classes:
@@ -145,14 +147,14 @@ class Classes(InNotebook):
             If it is none of these.
         """
         if ";" in text:
-            conditions = tuple(part.strip() for part in text.split(";") if part.strip())
+            conditions = tuple(condition.strip() for condition in text.split(";") if condition.strip())
             return cls(conditions, conditions=conditions)
-        name, _, rest = text.rpartition(":")
+        name, _, remainder = text.rpartition(":")
         if name.strip() == "halves":
-            return cls.by_halves(rest.strip())
+            return cls.by_halves(remainder.strip())
         if name.strip():
             with suppress(ValueError):  # no number, or edges that do not rise
-                return cls.by_edges(name.strip(), [float(each) for each in rest.split(",")])
+                return cls.by_edges(name.strip(), [float(edge) for edge in remainder.split(",")])
         raise ParameterError(
             "classes are COLUMN:EDGE,EDGE with edges that rise, conditions between semicolons, or halves:FRAME, not "
             f"{text!r}"
@@ -171,8 +173,8 @@ class Classes(InNotebook):
 
     def of_at_least(self, n: int) -> Classes:
         """Select the classes that have `n` sources or more."""
-        kept = self._masks().sum(1) >= n
-        return replace(self, labels=tuple(np.array(self.labels)[kept].tolist()), masks=self._masks()[kept])
+        selection = self._masks().sum(1) >= n
+        return replace(self, labels=tuple(np.array(self.labels)[selection].tolist()), masks=self._masks()[selection])
 
     def split(self, sources: Field | Parts) -> list[Field] | list[Parts]:
         """The sources of each class, in memory or in parts; by masks in memory alone.
@@ -189,7 +191,7 @@ class Classes(InNotebook):
 
 def _class_of(field, classes, i):
     """The sources of class i in one part."""
-    chosen = field[classes.of(field).masks[i]]
-    if not len(chosen):
+    sources = field[classes.of(field).masks[i]]
+    if not len(sources):
         raise EmptyFieldError(f"this part of the catalogue has no source in the {classes.labels[i]}")
-    return chosen
+    return sources

@@ -133,9 +133,9 @@ class Coefficients(Frozen):
         unit : str
             Unit of the coefficients.
         """
-        place = self.modes.slice_of(kind, 1)
-        own = np.zeros((3, 3)) if covariance is None else np.asarray(covariance)[place, place]
-        return vector_of(FIRST_DEGREE, self.values[place], own, frame, unit)
+        indices = self.modes.slice_of(kind, 1)
+        covariance_block = np.zeros((3, 3)) if covariance is None else np.asarray(covariance)[indices, indices]
+        return vector_of(FIRST_DEGREE, self.values[indices], covariance_block, frame, unit)
 
     def power(self, kind: Kind, l: int) -> float:
         """∫ |V_l|² dΩ of one kind and degree. [(µas/yr)²]
@@ -157,16 +157,16 @@ class Coefficients(Frozen):
     def at(self, lon: ArrayLike, lat: ArrayLike) -> FloatArray:
         """The field at `lon`, `lat` [rad], (n,): east and north component, (2, n). [µas/yr]"""
         lon, lat = np.broadcast_arrays(np.atleast_1d(lon).astype(float), np.atleast_1d(lat).astype(float))
-        out = np.empty((self.modes.components, lon.size))
+        field_values = np.empty((self.modes.components, lon.size))
         block = max(1, min(8192, 2**24 // len(self.modes)))  # at most 256 MiB of basis
 
-        def fill(part):
-            basis = harmonics(lon[part], lat[part], self.modes)
-            out[:, part] = np.tensordot(self.values, basis, axes=1)
+        def fill(chunk):
+            basis = harmonics(lon[chunk], lat[chunk], self.modes)
+            field_values[:, chunk] = np.tensordot(self.values, basis, axes=1)
 
         for _ in map_blocks(fill, lon.size, block):
             pass
-        return out
+        return field_values
 
     def to_degree(self, lmax: int) -> Coefficients:
         """Change the highest degree to `lmax`: new modes are zero, those above are cut off."""

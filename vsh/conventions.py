@@ -103,9 +103,9 @@ def from_icrf3(parameters: Mapping[str, float]) -> Coefficients:
     ModesError
         If a name is not one of ICRF3's.
     """
-    unknown = [name for name in parameters if name not in ICRF3]
-    if unknown:
-        raise ModesError(f"ICRF3 has no parameter {', '.join(unknown)}; it has {', '.join(ICRF3)}")
+    invalid_names = [name for name in parameters if name not in ICRF3]
+    if invalid_names:
+        raise ModesError(f"ICRF3 has no parameter {', '.join(invalid_names)}; it has {', '.join(ICRF3)}")
     modes = Modes(max((ICRF3[name][0].l for name in parameters), default=1))
     values = np.zeros(len(modes))
     for name, value in parameters.items():
@@ -143,8 +143,8 @@ def to_vityazev(coefficients: Coefficients) -> dict[str, float]:
     >>> [round(theirs[name], 3) for name in ("t_1.1.1", "t_1.1.0", "t_1.0.1")]
     [2.894, 5.789, 8.683]
     """
-    named = [_of_vityazev(mode) for mode in coefficients.modes]
-    return {name: float(factor * v) for (name, factor), v in zip(named, coefficients.values, strict=True)}
+    terms = [_of_vityazev(mode) for mode in coefficients.modes]
+    return {name: float(factor * v) for (name, factor), v in zip(terms, coefficients.values, strict=True)}
 
 
 @explained
@@ -167,14 +167,16 @@ def from_vityazev(parameters: Mapping[str, float]) -> Coefficients:
     1.0
     """
     degrees = [re.fullmatch(r"[ts]_(\d+)\.\d+\.[01]", name) for name in parameters]
-    modes = Modes(max([int(each[1]) for each in degrees if each], default=1))
-    known = {name: (i, factor) for i, (name, factor) in enumerate(map(_of_vityazev, modes))}
-    unknown = [name for name in parameters if name not in known]
-    if unknown:
-        raise ModesError(f"no harmonic is called {', '.join(unknown)}: t_2.1.0 is T of degree 2, order 1, the sine")
+    modes = Modes(max([int(match[1]) for match in degrees if match], default=1))
+    terms = {name: (i, factor) for i, (name, factor) in enumerate(map(_of_vityazev, modes))}
+    invalid_names = [name for name in parameters if name not in terms]
+    if invalid_names:
+        raise ModesError(
+            f"no harmonic is called {', '.join(invalid_names)}: t_2.1.0 is T of degree 2, order 1, the sine"
+        )
     values = np.zeros(len(modes))
     for name, value in parameters.items():
-        i, factor = known[name]
+        i, factor = terms[name]
         values[i] = value / factor
     return Coefficients(modes, values)
 
@@ -266,15 +268,15 @@ def _lmax_of(alm):
 
 def _to_alm(values, modes):
     alm = np.zeros((modes.lmax + 1) * (modes.lmax + 2) // 2, complex)
-    place, is_im = _healpy_order(modes.lmax, modes.lowest)
-    alm.real[place[~is_im]] = values[~is_im]
-    alm.imag[place[is_im]] = values[is_im]
+    indices, is_im = _healpy_order(modes.lmax, modes.lowest)
+    alm.real[indices[~is_im]] = values[~is_im]
+    alm.imag[indices[is_im]] = values[is_im]
     return alm
 
 
 def _from_alm(alm, modes):
-    place, is_im = _healpy_order(modes.lmax, modes.lowest)
-    return np.where(is_im, alm[place].imag, alm[place].real)
+    indices, is_im = _healpy_order(modes.lmax, modes.lowest)
+    return np.where(is_im, alm[indices].imag, alm[indices].real)
 
 
 @lru_cache(maxsize=8)
@@ -282,6 +284,6 @@ def _healpy_order(lmax, lowest):
     """Places of the modes of one kind in an alm array, and which are imaginary parts."""
     degrees = np.arange(lowest, lmax + 1)
     l = np.repeat(degrees, 2 * degrees + 1)
-    within = np.arange(len(l)) - (l * l - lowest**2)
-    m = (within + 1) // 2
-    return m * (2 * lmax + 1 - m) // 2 + l, (within > 0) & (within % 2 == 0)
+    offset = np.arange(len(l)) - (l * l - lowest**2)
+    m = (offset + 1) // 2
+    return m * (2 * lmax + 1 - m) // 2 + l, (offset > 0) & (offset % 2 == 0)

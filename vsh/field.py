@@ -132,10 +132,10 @@ class ByColumns:
         names = ("ra", "dec") if self.frame == "icrs" else ("l", "b") if self.frame == "galactic" else ("lon", "lat")
         east = f"pm_{names[0]}_cos{names[1]}"
         degrees, motions = (self.lon / DEGREE, self.lat / DEGREE), self.motion / MAS * units.mas / units.yr
-        given: dict[str, Any] = {name: angle * units.deg for name, angle in zip(names, degrees, strict=True)}
-        given |= {east: motions[0], f"pm_{names[1]}": motions[1]}
+        keywords: dict[str, Any] = {name: angle * units.deg for name, angle in zip(names, degrees, strict=True)}
+        keywords |= {east: motions[0], f"pm_{names[1]}": motions[1]}
         frame = "barycentricmeanecliptic" if self.frame == "ecliptic" else self.frame
-        return SkyCoord(**given, frame=frame)
+        return SkyCoord(**keywords, frame=frame)
 
     def plot(self, *, ax: Axes | None = None) -> Axes:
         """The sources on the sky, on matplotlib axes.
@@ -214,19 +214,19 @@ def usable_columns(
         columns["name"] = np.asarray(name)
     check_shapes(columns, lambda column: (n,))
 
-    scaled = np.empty((6, n))  # at once: the memory of a large block comes in large pages
-    for column, row in zip(("ra", "dec", *_MOTIONS), scaled, strict=True):
+    block = np.empty((6, n))  # at once: the memory of a large block comes in large pages
+    for column, row in zip(("ra", "dec", *_MOTIONS), block, strict=True):
         np.multiply(columns[column], DEGREE if column in ("ra", "dec") else MAS, out=row)
-    (lon, lat), motion, sigma = scaled[:2], scaled[2:4], scaled[4:]
+    (lon, lat), motion, sigma = block[:2], block[2:4], block[4:]
     rho = columns["pmra_pmdec_corr"]
-    for column, (low, high) in _PLAUSIBLE.items():
+    for column, (lower, upper) in _PLAUSIBLE.items():
         if column in columns:
             values = np.where(missing[column], np.nan, columns[column])
-            odd = np.isfinite(values) & ~((values > low) & (values < high))
+            odd = np.isfinite(values) & ~((values > lower) & (values < upper))
             if odd.any():
                 speeds = column == "redshift" and 2 * odd.sum() > odd.size
-                words = f"{odd.sum()} values of {column} beyond {low:g} … {high:g} taken as missing"
-                notes = (*notes, CodedNote(f"{words}: {VELOCITIES}", NO_REDSHIFTS) if speeds else words)
+                text = f"{odd.sum()} values of {column} beyond {lower:g} … {upper:g} taken as missing"
+                notes = (*notes, CodedNote(f"{text}: {VELOCITIES}", NO_REDSHIFTS) if speeds else text)
             columns[column] = np.where(odd | np.isinf(values), np.nan, values)
     if "redshift" in columns and "redshift_error" in columns:
         notes = (*notes, *_set_unknown(columns, first_row))
@@ -238,26 +238,26 @@ def usable_columns(
         spans={"motion": joint_span(spans, _MOTIONS[:2], MAS), "sigma": joint_span(spans, _MOTIONS[2:], MAS)},
     )  # fmt: skip
     keep, added_notes = select_usable(invalid, n, on_bad, first_row, (lon, lat), aside)
-    kept = {"lon": lon[keep], "lat": lat[keep], "motion": motion[:, keep], "sigma": sigma[:, keep], "rho": rho[keep]}
-    kept |= {c: columns[c][keep] for c in (*MEASURED, "name") if c in columns}
+    arrays = {"lon": lon[keep], "lat": lat[keep], "motion": motion[:, keep], "sigma": sigma[:, keep], "rho": rho[keep]}
+    arrays |= {c: columns[c][keep] for c in (*MEASURED, "name") if c in columns}
     of_all = spans if isinstance(keep, slice) else None
-    return kept, (*notes, *doubtful({c: columns[c][keep] for c in ("pmra", "pmdec")}, of_all), *added_notes)
+    return arrays, (*notes, *doubtful({c: columns[c][keep] for c in ("pmra", "pmdec")}, of_all), *added_notes)
 
 
 def _set_unknown(columns, first_row):
     """Make redshifts missing whose error says that they are not known; a note counts them and names the first."""
     with np.errstate(invalid="ignore"):
-        unknown = columns["redshift_error"] >= 1 + columns["redshift"]
-    if not unknown.any():
+        mask = columns["redshift_error"] >= 1 + columns["redshift"]
+    if not mask.any():
         return ()
-    first = int(np.argmax(unknown))
-    words = (
-        f"{unknown.sum()} redshifts with an error of 1 + z or more are taken as missing (first: row "
-        f"{first_row + first}, {columns['redshift'][first]:.4g} ± {columns['redshift_error'][first]:.4g})"
+    index = int(np.argmax(mask))
+    text = (
+        f"{mask.sum()} redshifts with an error of 1 + z or more are taken as missing (first: row "
+        f"{first_row + index}, {columns['redshift'][index]:.4g} ± {columns['redshift_error'][index]:.4g})"
     )
     for column in ("redshift", "redshift_error"):
-        columns[column] = np.where(unknown, np.nan, columns[column])
-    return (words,)
+        columns[column] = np.where(mask, np.nan, columns[column])
+    return (text,)
 
 
 def still_columns(sources: Any, sigma: ArrayLike | None) -> dict[str, Any]:
@@ -278,16 +278,16 @@ def skycoord_columns(coord: Any) -> tuple[dict[str, Any], str]:
     frame = getattr(coord, "frame", None)
     if frame is None or not hasattr(coord, "spherical"):
         raise FieldError(f"a SkyCoord is expected, not {type(coord).__name__}")
-    known = {theirs: ours for ours, theirs in FRAMES.items()}
-    if frame.name not in known:
+    frame_names = {theirs: ours for ours, theirs in FRAMES.items()}
+    if frame.name not in frame_names:
         raise FrameError(
-            f"coordinates in {frame.name} are not supported: convert to {', '.join(known)}, as with coord.icrs"
+            f"coordinates in {frame.name} are not supported: convert to {', '.join(frame_names)}, as with coord.icrs"
         )
     if "s" not in frame.data.differentials:
         raise FieldError("the SkyCoord has no proper motions: give it pm_ra_cosdec and pm_dec")
-    seen, moves = coord.spherical, coord.sphericalcoslat.differentials["s"]
-    columns = {"ra": seen.lon, "dec": seen.lat, "pmra": moves.d_lon_coslat, "pmdec": moves.d_lat}
-    return {name: np.ravel(values) for name, values in columns.items()}, known[frame.name]
+    positions, moves = coord.spherical, coord.sphericalcoslat.differentials["s"]
+    columns = {"ra": positions.lon, "dec": positions.lat, "pmra": moves.d_lon_coslat, "pmdec": moves.d_lat}
+    return {name: np.ravel(values) for name, values in columns.items()}, frame_names[frame.name]
 
 
 def _broadcast(value, shape):
@@ -315,7 +315,7 @@ def concatenate_columns(one: Any, other: Any) -> dict[str, Any]:
     """The attributes of a field with the sources of two; what one of them does not know is missing."""
     if other.frame != one.frame:
         raise FrameError(f"the fields are in {one.frame} and {other.frame}: take both to one frame")
-    frames = {each.redshift_frame for each in (one, other) if each.redshift is not None}
+    frames = {field.redshift_frame for field in (one, other) if field.redshift is not None}
     if len(frames) > 1:
         raise FieldError(f"redshifts stand in {' and '.join(map(str, frames))}: take them to one frame first")
     names = ("lon", "lat", "motion", "sigma", "rho", *MEASURED, "name")
@@ -323,17 +323,20 @@ def concatenate_columns(one: Any, other: Any) -> dict[str, Any]:
     return columns | {"redshift_frame": next(iter(frames), None), "notes": merge_notes(one.notes, other.notes)}
 
 
-def _concatenate_column(one, other, name):
+def _concatenate_column(first_field, second_field, name):
     """A column of two fields; NaN, or no name, for the sources of which it is not known."""
-    columns = [getattr(each, name) for each in (one, other)]
+    columns = [getattr(field, name) for field in (first_field, second_field)]
     if all(column is None for column in columns):
         return None
     if name == "name" and len({None if column is None else column.dtype.kind for column in columns}) > 1:
         columns = [
-            np.full(len(each), "") if column is None else column.astype(str)
-            for each, column in zip((one, other), columns)
+            np.full(len(field), "") if column is None else column.astype(str)
+            for field, column in zip((first_field, second_field), columns)
         ]
-    columns = [np.full(len(each), np.nan) if column is None else column for each, column in zip((one, other), columns)]
+    columns = [
+        np.full(len(field), np.nan) if column is None else column
+        for field, column in zip((first_field, second_field), columns)
+    ]
     return np.concatenate(columns, axis=-1)
 
 
@@ -365,8 +368,8 @@ class SourcesWithErrors(Frozen):
             keep = [keep]
         if isinstance(keep, str):
             raise FieldError(f"sources are picked by a mask, a slice or indices; the column is field.{keep}")
-        own = ((entry.name, getattr(self, entry.name)) for entry in fields(cast(Any, self)))
-        return self._with(**{name: value[..., keep] for name, value in own if isinstance(value, np.ndarray)})
+        attributes = ((entry.name, getattr(self, entry.name)) for entry in fields(cast(Any, self)))
+        return self._with(**{name: value[..., keep] for name, value in attributes if isinstance(value, np.ndarray)})
 
     def select(self, which: Any) -> Self:
         """The sources of a mask, or of these names.
@@ -392,20 +395,20 @@ class SourcesWithErrors(Frozen):
         if isinstance(which, slice):
             return self[which]
         which = np.atleast_1d(np.asarray(which))
-        own = getattr(self, "name", None)
+        source_names = getattr(self, "name", None)
         if which.dtype.kind == "b":
             if which.shape != (len(self),):  # type: ignore[arg-type]
                 raise FieldError(f"a mask has one value a source: {which.shape} for {len(self)}")  # type: ignore[arg-type]
             return self[which]
-        if own is None:
+        if source_names is None:
             raise FieldError("these sources have no names to select them by: give a mask, or use field[indices]")
-        if which.dtype.kind == "U" and own.dtype.kind in "iu":
-            own = own.astype(str)
-        lost = which[~np.isin(which, own)]
+        if which.dtype.kind == "U" and source_names.dtype.kind in "iu":
+            source_names = source_names.astype(str)
+        lost = which[~np.isin(which, source_names)]
         if lost.size:
             names = ", ".join(map(str, lost[:5]))
             raise FieldError(f"{lost.size} of {which.size} names are not among the sources: {names}")
-        return self[np.isin(own, which)]
+        return self[np.isin(source_names, which)]
 
     def check_frame(self, frame: str) -> None:
         """Raise FrameError unless the sources are in a frame."""
@@ -613,7 +616,7 @@ class Field(ByColumns, TableIO):
         >>> field.motion.ravel()
         array([100., 200.])
         """
-        given = {
+        main_columns = {
             "ra": ra,
             "dec": dec,
             "pmra": pmra,
@@ -626,7 +629,7 @@ class Field(ByColumns, TableIO):
             raise FieldError(
                 f"no column is called {', '.join(set(measured) - set(MEASURED))}: {', '.join(MEASURED)} are"
             )
-        columns, added_notes = usable_columns(given | measured, name, on_bad, first_row, unusable, aside)
+        columns, added_notes = usable_columns(main_columns | measured, name, on_bad, first_row, unusable, aside)
         return cls(**columns, frame=frame, redshift_frame=redshift_frame, notes=(*notes, *added_notes))
 
     @classmethod
@@ -716,8 +719,8 @@ class Field(ByColumns, TableIO):
         return np.stack([east, (north - self.rho * east) / np.sqrt(1 - self.rho**2)])
 
     def __repr__(self) -> str:
-        known = [name for name in (*MEASURED, "name") if getattr(self, name) is not None]
-        return f"<Field: {len(self)} sources, {self.frame}{', with ' if known else ''}{', '.join(known)}>"
+        columns = [name for name in (*MEASURED, "name") if getattr(self, name) is not None]
+        return f"<Field: {len(self)} sources, {self.frame}{', with ' if columns else ''}{', '.join(columns)}>"
 
     def __add__(self, other: Field) -> Field:
         """The sources of both, one after the other, in one frame; what one does not know of its sources is missing."""
@@ -762,7 +765,7 @@ class Field(ByColumns, TableIO):
 
     def _with(self, **changes):
         """A field derived from this one, which has been checked already."""
-        new = object.__new__(Field)
+        field = object.__new__(Field)
         for name, value in {**vars(self), **changes}.items():
-            new._set(name, value)
-        return new
+            field._set(name, value)
+        return field

@@ -62,8 +62,8 @@ def length_interval(
     """
     profile = _Profile(value, covariance, dof)
     tail = 1 - probability
-    low = 0.0 if profile.tails(np.zeros(1))[0] >= tail else profile.end(profile.lowest, profile.norm, tail)
-    return low, profile.end(profile.highest, profile.norm, tail)
+    lower = 0.0 if profile.tails(np.zeros(1))[0] >= tail else profile.end(profile.lowest, profile.norm, tail)
+    return lower, profile.end(profile.highest, profile.norm, tail)
 
 
 def length_limits(
@@ -108,15 +108,18 @@ def length_limits(
     square = np.sum(components**2, axis=1)
     relative, unit = variances / variances[:, -1:], sigma[:, -1]
     null = _shorter(square, variances, np.zeros_like(components), dof)
-    low, high = np.sqrt(square), np.sqrt(square) + _reach(dof, components.shape[1]) * unit
+    lower, upper = np.sqrt(square), np.sqrt(square) + _reach(dof, components.shape[1]) * unit
     for _ in range(30):
-        middle = (low + high) / 2
+        middle = (lower + upper) / 2
         mu = _multiplier(components.T, relative.T, middle)
         truth = components / (1 + mu[:, None] * relative)
         chance = _shorter(square, variances, truth, dof)
-        allowed = np.any([one > (1 - probability) * two for one, two in zip(chance, null, strict=True)], axis=0)
-        low, high = np.where(allowed, middle, low), np.where(allowed, high, middle)
-    return high
+        is_allowed = np.any(
+            [signal_tail > (1 - probability) * null_tail for signal_tail, null_tail in zip(chance, null, strict=True)],
+            axis=0,
+        )
+        lower, upper = np.where(is_allowed, middle, lower), np.where(is_allowed, upper, middle)
+    return upper
 
 
 def _shorter(square: FloatArray, variances: FloatArray, truth: FloatArray, dof: float) -> tuple[FloatArray, FloatArray]:
@@ -132,14 +135,14 @@ def _shorter(square: FloatArray, variances: FloatArray, truth: FloatArray, dof: 
     # Jensen & Solomon: (|v|²/c₁)^h is nearly normal.
     h = 1 - 2 * c1 * c3 / (3 * c2**2)
     h = np.where(np.abs(h) < 1e-3, 1e-3, h)
-    mean, spread = 1 + c2 * h * (h - 1) / c1**2, np.sqrt(2 * c2) * np.abs(h) / c1
+    mean, scatter = 1 + c2 * h * (h - 1) / c1**2, np.sqrt(2 * c2) * np.abs(h) / c1
     sums = [np.zeros_like(square), np.zeros_like(square)]
     scales = _error_scales(dof, truth.shape[1])
     for scale in scales:
         x = square * scale
-        matched = (x - c1) / np.sqrt(2 * c2) * np.sqrt(2) * a + degrees + delta
-        sums[0] += chndtr(np.maximum(matched, 0.0), degrees, delta)
-        sums[1] += ndtr(np.sign(h) * ((x / c1) ** h - mean) / spread)
+        statistic = (x - c1) / np.sqrt(2 * c2) * np.sqrt(2) * a + degrees + delta
+        sums[0] += chndtr(np.maximum(statistic, 0.0), degrees, delta)
+        sums[1] += ndtr(np.sign(h) * ((x / c1) ** h - mean) / scatter)
     return np.maximum(sums[0] / len(scales), 1e-9), np.maximum(sums[1] / len(scales), 1e-9)
 
 
@@ -147,8 +150,8 @@ def _error_scales(dof: float, size: int) -> FloatArray:
     """Equally likely factors between estimated and true variances: Hotelling's of k components, one of a known one."""
     if np.isinf(dof):
         return np.ones(1)
-    free = dof - size + 1
-    return chdtri(free, (np.arange(16) + 0.5) / 16) / dof
+    degrees = dof - size + 1
+    return chdtri(degrees, (np.arange(16) + 0.5) / 16) / dof
 
 
 def _reach(dof: float, size: int) -> float:
@@ -164,10 +167,10 @@ class _Profile:
         self.unit = float(np.sqrt(variances[-1]))
         components = axes.T @ np.asarray(value, float) / self.unit
         # Axes along which there is neither a value nor an error, as of the trace of a shear, are none.
-        used = (variances > 1e-12 * variances[-1]) | (np.abs(components) > 1e-9 * np.abs(components).max())
-        self.variances = np.maximum(variances[used] / variances[-1], 1e-12)
+        mask = (variances > 1e-12 * variances[-1]) | (np.abs(components) > 1e-9 * np.abs(components).max())
+        self.variances = np.maximum(variances[mask] / variances[-1], 1e-12)
         small = 1e-6 * np.sqrt(self.variances)  # as in `length_limits`
-        self.value = np.where(np.abs(components[used]) < small, small, components[used])
+        self.value = np.where(np.abs(components[mask]) < small, small, components[mask])
         self.norm = float(np.linalg.norm(self.value))
         ratio = 1 / np.sqrt(self.variances.min())
         self.unequal = float(np.clip((ratio - 1) / 3, 0.0, 1.0))
@@ -185,15 +188,15 @@ class _Profile:
         nearest, observed = self._nearest(self.value[:, None, None], lengths)
         tails = self._tails_at(nearest, self.noise, lengths, observed)
         noise = self.noise[:, None, :: _POINTS // _DIRECTIONS]
-        away = _AWAY * self.unequal * np.clip((_FAR - lengths) / (_FAR - _NEAR), 0.0, 1.0)
-        tried = away > 0
-        if not tried.any():
+        distance = _AWAY * self.unequal * np.clip((_FAR - lengths) / (_FAR - _NEAR), 0.0, 1.0)
+        mask = distance > 0
+        if not mask.any():
             return tails
-        allowed, _ = self._nearest(self.value[:, None, None] + away[tried, None] * noise, lengths[tried])
+        vectors, _ = self._nearest(self.value[:, None, None] + distance[mask, None] * noise, lengths[mask])
         fewer = self.noise[:, 1 :: _POINTS // _FEWER]
-        for k in range(allowed.shape[2]):
-            there = self._tails_at(allowed[:, :, k : k + 1], fewer, lengths[tried], observed[tried])
-            tails[tried] = np.maximum(tails[tried], there)
+        for k in range(vectors.shape[2]):
+            direction_tails = self._tails_at(vectors[:, :, k : k + 1], fewer, lengths[mask], observed[mask])
+            tails[mask] = np.maximum(tails[mask], direction_tails)
         return tails
 
     def _tails_at(self, truth: FloatArray, noise: FloatArray, lengths: FloatArray, observed: FloatArray) -> FloatArray:
@@ -203,23 +206,23 @@ class _Profile:
             return np.mean(profile >= observed, axis=1)
         return chdtr(self.free, self.dof * profile / np.maximum(observed, 1e-300)).mean(axis=1)
 
-    def end(self, low: float, high: float, tail: float) -> float:
+    def end(self, lower: float, upper: float, tail: float) -> float:
         """The length between two at which the tail is `tail`, nearest to the one that the data do not allow.
 
-        low : float
+        lower : float
             Not allowed, in units of the largest error.
-        high : float
+        upper : float
             Allowed.
         """
         for number in (_COARSE, _FINE):
-            lengths = np.linspace(low, high, number)
+            lengths = np.linspace(lower, upper, number)
             deviate = ndtri(np.clip(self.tails(lengths), 1e-9, 1 - 1e-9)) - ndtri(tail)
             k = int(np.argmax(deviate > 0))
             if k == 0:
                 return float(lengths[0] if deviate[0] > 0 else lengths[-1]) * self.unit
-            low, high = lengths[k - 1], lengths[k]
+            lower, upper = lengths[k - 1], lengths[k]
         share = deviate[k - 1] / (deviate[k - 1] - deviate[k])
-        return float(low + share * (high - low)) * self.unit
+        return float(lower + share * (upper - lower)) * self.unit
 
     def _nearest(self, vectors: FloatArray, lengths: FloatArray) -> tuple[FloatArray, FloatArray]:
         """The vectors of given lengths next to `vectors` in their errors, (k, m, n), and the profile there, (m, n)."""

@@ -124,9 +124,9 @@ class Modes(InNotebook):
     def norm2(self) -> FloatArray:
         """∫ |V_i|² dΩ of each mode, a (p,) array: 1, and 2 where the mode stands for ±m."""
         l = np.arange(self.lowest, self.lmax + 1)
-        out = np.full(len(self) // len(self.kinds), 2.0)
-        out[l * l - self.lowest**2] = 1.0
-        return np.tile(out, len(self.kinds))
+        norms = np.full(len(self) // len(self.kinds), 2.0)
+        norms[l * l - self.lowest**2] = 1.0
+        return np.tile(norms, len(self.kinds))
 
     def index(self, mode: tuple[str, int, int, str]) -> int:
         """Index of `mode`; degrees below l fill the first l² − lowest² places of its kind.
@@ -146,8 +146,8 @@ class Modes(InNotebook):
             raise ModesError(f"{tuple(mode)} is no mode of degree {self.lowest} … {self.lmax}")
         if m == 0 and part == "im":
             raise ModesError(f"order 0 has no imaginary part: {tuple(mode)}")
-        within = 2 * m - (m > 0) + (part == "im")
-        return self.kinds.index(kind) * len(self) // len(self.kinds) + l * l - self.lowest**2 + within
+        offset = 2 * m - (m > 0) + (part == "im")
+        return self.kinds.index(kind) * len(self) // len(self.kinds) + l * l - self.lowest**2 + offset
 
     def slice_of(self, kind: Kind, l: int) -> slice:
         """The slice that holds every order of degree `l` of one `kind`."""
@@ -189,6 +189,6 @@ def as_modes(modes: Modes | int, kind: type[Modes] | None = Modes) -> Modes:
     if not isinstance(modes, Modes):
         return (kind or Modes)(modes)
     if kind is not None and type(modes) is not kind:
-        what = "a scalar field is" if kind is ScalarModes else "vector fields, such as motions, are"
-        raise ModesError(f"{what} expanded in {kind.__name__}, not in {type(modes).__name__}")
+        subject = "a scalar field is" if kind is ScalarModes else "vector fields, such as motions, are"
+        raise ModesError(f"{subject} expanded in {kind.__name__}, not in {type(modes).__name__}")
     return modes

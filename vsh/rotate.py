@@ -52,19 +52,19 @@ def rotate(coefficients: Coefficients, to: str, *, covariance: ArrayLike | None 
     vector = Rotation.from_matrix(np.array(matrix)).as_rotvec()
     modes = coefficients.modes
     values = coefficients.values.copy()
-    turned = None if covariance is None else np.array(covariance, float)
-    if turned is not None and turned.shape != (len(modes), len(modes)):
-        raise ModesError(f"the covariance has shape {turned.shape}, expected {(len(modes), len(modes))}")
+    rotated_covariance = None if covariance is None else np.array(covariance, float)
+    if rotated_covariance is not None and rotated_covariance.shape != (len(modes), len(modes)):
+        raise ModesError(f"the covariance has shape {rotated_covariance.shape}, expected {(len(modes), len(modes))}")
     for l in range(modes.lowest, modes.lmax + 1):
         block = degree_matrix(l, vector)
         for kind in modes.kinds:
             degree = modes.slice_of(kind, l)
             values[degree] = block @ values[degree]
-            if turned is not None:
-                turned[degree] = block @ turned[degree]
-                turned[:, degree] = turned[:, degree] @ block.T
-    rotated = type(coefficients)(modes, values)
-    return rotated if turned is None else (rotated, turned)
+            if rotated_covariance is not None:
+                rotated_covariance[degree] = block @ rotated_covariance[degree]
+                rotated_covariance[:, degree] = rotated_covariance[:, degree] @ block.T
+    result = type(coefficients)(modes, values)
+    return result if rotated_covariance is None else (result, rotated_covariance)
 
 
 @explained
@@ -91,11 +91,11 @@ def degree_matrix(l: int, vector: FloatArray) -> FloatArray:
         sign = (-1) ** order
         to_complex[l + order, 2 * order - 1 : 2 * order + 1] = 1, 1j
         to_complex[l - order, 2 * order - 1 : 2 * order + 1] = sign, -1j * sign
-    mixed = complex_matrix @ to_complex
-    out = np.empty((2 * l + 1, 2 * l + 1))
-    out[0] = mixed[l].real
-    out[1::2], out[2::2] = mixed[l + 1 :].real, mixed[l + 1 :].imag
-    return out
+    product = complex_matrix @ to_complex
+    matrix = np.empty((2 * l + 1, 2 * l + 1))
+    matrix[0] = product[l].real
+    matrix[1::2], matrix[2::2] = product[l + 1 :].real, product[l + 1 :].imag
+    return matrix
 
 
 def _check_matrix(matrix):

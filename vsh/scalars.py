@@ -196,13 +196,13 @@ class ScalarField(TableIO):
         """
         unit = unit or str(getattr(values, "unit", None) or "")
         columns, missing = {}, {}
-        for column, given, of in (
+        for column, array, of in (
             ("ra", ra, "deg"),
             ("dec", dec, "deg"),
             ("values", values, unit),
             ("errors", errors, unit),
         ):
-            columns[column], missing[column] = as_floats(column, _with_unit(given), of)
+            columns[column], missing[column] = as_floats(column, _with_unit(array), of)
         if name is not None:
             columns["name"] = np.asarray(name)
         check_shapes(columns, lambda column: (columns["ra"].size,))
@@ -271,9 +271,9 @@ class ScalarField(TableIO):
 
     def _with(self, **changes):
         """A field derived from this one, which has been checked already."""
-        new = object.__new__(ScalarField)
-        new.__setstate__({entry.name: changes.get(entry.name, getattr(self, entry.name)) for entry in fields(self)})
-        return new
+        field = object.__new__(ScalarField)
+        field.__setstate__({entry.name: changes.get(entry.name, getattr(self, entry.name)) for entry in fields(self)})
+        return field
 
 
 def _invalid(lon, lat, values, sigma, further=None, turns=2):

@@ -116,17 +116,17 @@ def fourier_moments(
     lon: ArrayLike, lat: ArrayLike, values: FloatArray, max_order: int, threads: int | None = 1
 ) -> FloatArray:
     """Σ over the sources of values · e^{−i(Mα + nδ)}, a non-uniform Fourier transform."""
-    out = np.empty((len(values), 2 * max_order + 1, 2 * max_order + 1), complex)
+    moments = np.empty((len(values), 2 * max_order + 1, 2 * max_order + 1), complex)
     ducc0.nufft.nu2u(
         points=np.ascontiguousarray(values, complex),
         coord=np.stack([lon, lat], axis=1),
         forward=True,
         epsilon=EPSILON,
         nthreads=threads,
-        out=out,
+        out=moments,
         periodicity=2 * np.pi,
     )
-    return out
+    return moments
 
 
 def synthesis_on_rings(coefficients: Coefficients, shape: tuple[int, ...], threads: int | None = None) -> FloatArray:

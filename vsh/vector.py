@@ -75,7 +75,7 @@ class Vector(Frozen):
 
     def in_numbers(self) -> str:
         """Components with their errors, the unit and the frame, as a repr has them."""
-        values, errors = (", ".join(f"{x:.3g}" for x in each) for each in (self.value, self.sigma))
+        values, errors = (", ".join(f"{x:.3g}" for x in components) for components in (self.value, self.sigma))
         return f"({values}) ± ({errors}) {self.unit}, {self.frame}"
 
     @classmethod
@@ -109,9 +109,9 @@ class Vector(Frozen):
         array([4.3, 0. , 0. ])
         """
         amplitude, lon, lat = number("amplitude", amplitude), number("lon", lon), number("lat", lat)
-        spread = float_array("errors", errors, (3,))
+        sigma = float_array("errors", errors, (3,))
         p, q, r = triad(np.radians(lon), np.radians(lat))
-        along, east, north = spread[0], *(np.radians(spread[1:]) * amplitude)
+        along, east, north = sigma[0], *(np.radians(sigma[1:]) * amplitude)
         steps = np.stack([along * r, east * np.cos(np.radians(lat)) * p, north * q])
         return cls(amplitude * r, steps.T @ steps, frame, unit)
 
@@ -146,12 +146,12 @@ class Vector(Frozen):
         from astropy import units
 
         try:
-            new = units.Unit(str(unit).replace("µ", "u"))
-            factor = float(units.Unit(self.unit.replace("µ", "u")).to(new))
+            target = units.Unit(str(unit).replace("µ", "u"))
+            factor = float(units.Unit(self.unit.replace("µ", "u")).to(target))
         except (ValueError, TypeError) as error:
             raise ParameterError(f"a vector in {self.unit} cannot be turned into {unit}: {error}") from None
-        shown = str(unit) if isinstance(unit, str) else new.to_string().replace(" ", "").replace("uas", "µas")
-        return replace(self, value=factor * self.value, covariance=factor**2 * self.covariance, unit=shown)
+        label = str(unit) if isinstance(unit, str) else target.to_string().replace(" ", "").replace("uas", "µas")
+        return replace(self, value=factor * self.value, covariance=factor**2 * self.covariance, unit=label)
 
     @property
     def x(self) -> float:
@@ -272,8 +272,8 @@ class Vector(Frozen):
         b = np.einsum("iab,ij,j->ab", n, precision, self.value)
         log = b * b / a / 2 - np.log(a) / 2 + log_ndtr(b / np.sqrt(a))
         density = np.exp(log - log.max()).sum(1) * np.sin(angle)
-        held = np.concatenate([[0.0], np.cumsum((density[1:] + density[:-1]) / 2)])
-        return float(np.degrees(np.interp(probability, held / held[-1], angle)))
+        cumulative = np.concatenate([[0.0], np.cumsum((density[1:] + density[:-1]) / 2)])
+        return float(np.degrees(np.interp(probability, cumulative / cumulative[-1], angle)))
 
     @property
     def direction(self) -> tuple[float, float]:
@@ -304,8 +304,8 @@ class Vector(Frozen):
         lon, lat = self.direction
         size = f"{self.amplitude:.4g} ± {self.amplitude_error:.2g} {self.unit}"
         value = ", ".join(f"{x:+.4g} ± {s:.2g}" for x, s in zip(self.value, self.sigma, strict=True))
-        where = f"{lon:.1f}°, {lat:+.1f}° ({self.frame})"
-        return {"value": f"({value}) {self.unit}", "amplitude": size, "direction": where}
+        direction = f"{lon:.1f}°, {lat:+.1f}° ({self.frame})"
+        return {"value": f"({value}) {self.unit}", "amplitude": size, "direction": direction}
 
     def _unit_vector(self):
         with np.errstate(invalid="ignore"):
@@ -316,8 +316,12 @@ def probability_of(square: float, size: int, dof: float = float("inf")) -> float
     """Probability of as large a vᵀ C⁻¹ v by chance: of χ², or of Hotelling's T² where C has degrees of freedom."""
     if np.isinf(dof):
         return float(chdtrc(size, square))
-    free = dof - size + 1
-    return float(fdtrc(size, free, square * free / (size * dof))) if free > 0 else float("nan")
+    denominator_dof = dof - size + 1
+    return (
+        float(fdtrc(size, denominator_dof, square * denominator_dof / (size * dof)))
+        if denominator_dof > 0
+        else float("nan")
+    )
 
 
 def correlation_of(covariance: FloatArray) -> FloatArray:

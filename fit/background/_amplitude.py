@@ -149,7 +149,7 @@ def posteriors(
     with blas_for(len(likelihood.rhs)):
         grid = _Grid(likelihood, best)
     summaries = [grid.of(k) for k in (range(len(likelihood)) if which is None else which)]
-    return [each for each, _ in summaries], summaries[0][1]
+    return [amplitude for amplitude, _ in summaries], summaries[0][1]
 
 
 class _Grid:
@@ -254,8 +254,8 @@ class Background(Result):
         return np.sqrt(np.diag(self.covariance))
 
     def _sections(self, long):
-        free = f"; degrees {words_of(self.free)} fitted freely" if self.free else ""
-        facts = [("degrees", words_of(self.degrees) + free), ("sources", f"{self.n_data // 2}")]
+        suffix = f"; degrees {words_of(self.free)} fitted freely" if self.free else ""
+        facts = [("degrees", words_of(self.degrees) + suffix), ("sources", f"{self.n_data // 2}")]
         if self.noise_scale_error:
             facts.append(("errors", f"scaled by {self.noise_scale:.4f} ± {self.noise_scale_error:.4f}"))
         relative = f"relative to no background: ln L {self.log_likelihood:+.2f}, ln Z {self.log_evidence:+.2f}"
@@ -329,21 +329,21 @@ def fit_amplitudes(
     """
     equations = equations_of(normal)
     modes = equations.modes
-    listed = [spectra] if isinstance(spectra, Spectrum) else spectra
+    spectrum_list = [spectra] if isinstance(spectra, Spectrum) else spectra
     flat = fitted_degrees(modes, free, "free") if not _is_empty(free) else ()
-    left = [l for l in range(1, modes.lmax + 1) if l not in flat]
-    degrees = fitted_degrees(modes, left if degrees is None else degrees)
-    if both := set(degrees) & set(flat):
-        raise ModesError(f"degree {min(both)} is in both degrees= and free=: remove it from one of them")
-    scaled = is_scaled(normal, noise_scale)
-    likelihood = Likelihood(equations, listed, degrees, flat, scaled)
+    default_degrees = [l for l in range(1, modes.lmax + 1) if l not in flat]
+    degrees = fitted_degrees(modes, default_degrees if degrees is None else degrees)
+    if overlap := set(degrees) & set(flat):
+        raise ModesError(f"degree {min(overlap)} is in both degrees= and free=: remove it from one of them")
+    fit_scale = is_scaled(normal, noise_scale)
+    likelihood = Likelihood(equations, spectrum_list, degrees, flat, fit_scale)
     best = likelihood.maximum()
     covariance = likelihood.covariance(best)
     amplitudes, evidence = posteriors(likelihood, best)
     k = len(likelihood)
-    error = float(np.sqrt(covariance[k, k]) / (2 * best.noise_scale)) if scaled else 0.0
+    error = float(np.sqrt(covariance[k, k]) / (2 * best.noise_scale)) if fit_scale else 0.0
     return Background(
-        tuple(spectrum.name for spectrum in listed),
+        tuple(spectrum.name for spectrum in spectrum_list),
         best.amplitudes,
         covariance[:k, :k],
         np.array([amplitude.interval(0.68) for amplitude in amplitudes]),
@@ -359,5 +359,5 @@ def fit_amplitudes(
     )
 
 
-def _is_empty(free):
-    return not isinstance(free, (int, np.integer)) and isinstance(free, Iterable) and not list(free)
+def _is_empty(degrees):
+    return not isinstance(degrees, (int, np.integer)) and isinstance(degrees, Iterable) and not list(degrees)

@@ -73,37 +73,40 @@ class ClassEquations:
         """Classes that have no source in common."""
         k, (size, q) = len(classes), classes[0].leverage.shape[::2]
         leverage = np.zeros((k, size, k, q))
-        for i, each in enumerate(classes):
-            leverage[i, :, i] = each.leverage[:, 0]
+        for i, equations in enumerate(classes):
+            leverage[i, :, i] = equations.leverage[:, 0]
         return cls(
-            np.concatenate([each.matrix for each in classes]), np.concatenate([each.rhs for each in classes]),
-            block_diag(*(each.first for each in classes)), np.concatenate([each.first_rhs for each in classes]),
-            leverage.reshape(k * size, k, q), sum((each.noise_scale for each in classes), ()),
-            sum((each.condition for each in classes), ()), classes[0].free,
+            np.concatenate([equations.matrix for equations in classes]),
+            np.concatenate([equations.rhs for equations in classes]),
+            block_diag(*(equations.first for equations in classes)),
+            np.concatenate([equations.first_rhs for equations in classes]),
+            leverage.reshape(k * size, k, q), sum((equations.noise_scale for equations in classes), ()),
+            sum((equations.condition for equations in classes), ()), classes[0].free,
         )  # fmt: skip
 
     @classmethod
     def jointly(cls, matrix: FloatArray, rhs: FloatArray, modes: Modes) -> "ClassEquations":
         """Classes whose noise is shared, from their normal equations, (K, p, K, p) and (K, p)."""
-        free = modes.degrees == 1
-        k, low = len(rhs), np.tile(free, len(rhs))
+        is_free = modes.degrees == 1
+        k, mask = len(rhs), np.tile(is_free, len(rhs))
         size = rhs.size
-        why = "sources in common do not determine rotation and glide of all catalogues"
-        first, leverage, inner, left = _free_apart(matrix.reshape(size, size), rhs.ravel(), low, why)
-        q = len(left) // k
+        message = "sources in common do not determine rotation and glide of all catalogues"
+        free_block, leverage, inner, reduced_rhs = _free_apart(matrix.reshape(size, size), rhs.ravel(), mask, message)
+        q = len(reduced_rhs) // k
         return cls(
-            inner.reshape(k, q, k, q), left.reshape(k, q), first, rhs.ravel()[low], leverage.reshape(-1, k, q),
-            (1.0,) * k, (1.0,) * k, free,
+            inner.reshape(k, q, k, q), reduced_rhs.reshape(k, q), free_block, rhs.ravel()[mask],
+            leverage.reshape(-1, k, q),
+            (1.0,) * k, (1.0,) * k, is_free,
         )  # fmt: skip
 
 
-def _free_apart(matrix, rhs, low, why):
-    """N of what is free, what it takes of the rest, N and b without it; DegeneracyError with `why` if singular."""
-    first, across = matrix[np.ix_(low, low)], matrix[np.ix_(low, ~low)]
-    if np.linalg.cond(first) > 1e12:
-        raise DegeneracyError(why)
-    leverage = np.linalg.solve(first, across)
-    return first, leverage, matrix[np.ix_(~low, ~low)] - across.T @ leverage, rhs[~low] - leverage.T @ rhs[low]
+def _free_apart(matrix, rhs, mask, message):
+    """N of what is free, what it takes of the rest, N and b without it; DegeneracyError with `message` if singular."""
+    free_block, across = matrix[np.ix_(mask, mask)], matrix[np.ix_(mask, ~mask)]
+    if np.linalg.cond(free_block) > 1e12:
+        raise DegeneracyError(message)
+    leverage = np.linalg.solve(free_block, across)
+    return free_block, leverage, matrix[np.ix_(~mask, ~mask)] - across.T @ leverage, rhs[~mask] - leverage.T @ rhs[mask]
 
 
 def condition_of(matrix: FloatArray) -> float:
@@ -124,20 +127,27 @@ def reduce_to_classes(
     free = modes.degrees == 1 if free is None else free
     at = np.flatnonzero(normal.modes.degrees <= modes.lmax)
     matrix, rhs = normal.matrix[np.ix_(at, at)], normal.rhs[at]
-    templates = np.reshape([each.values[at] for each in normal.templates], (-1, len(at)))
+    templates = np.reshape([template.values[at] for template in normal.templates], (-1, len(at)))
     condition = condition_of(matrix)
     ridge = 1e-9 * np.diag(np.diag(matrix))  # of few sources the matrix may be singular
-    left = normal.chi2_null - rhs @ np.linalg.solve(matrix + ridge, rhs)
-    tau = left / (normal.n_data - len(at)) if scaled and normal.n_data > 1.5 * len(at) else 1.0
+    remainder = normal.chi2_null - rhs @ np.linalg.solve(matrix + ridge, rhs)
+    tau = remainder / (normal.n_data - len(at)) if scaled and normal.n_data > 1.5 * len(at) else 1.0
     if not tau > 0:
         raise DegeneracyError("all residuals are zero: was a catalogue compared with itself?")
-    also = np.vstack([np.eye(len(at)), templates])  # EᵀNE and Eᵀb
-    matrix, rhs = also @ matrix @ also.T / tau, also @ rhs / tau
-    one = np.r_[free, np.zeros(len(templates), bool)]
-    why = "a class does not determine its spin and acceleration: merge it with another"
-    first, leverage, inner, left = _free_apart(matrix, rhs, one, why)
+    extension = np.vstack([np.eye(len(at)), templates])  # EᵀNE and Eᵀb
+    matrix, rhs = extension @ matrix @ extension.T / tau, extension @ rhs / tau
+    mask = np.r_[free, np.zeros(len(templates), bool)]
+    message = "a class does not determine its spin and acceleration: merge it with another"
+    free_block, leverage, inner, remainder = _free_apart(matrix, rhs, mask, message)
     return ClassEquations(
-        inner[None], left[None], first, rhs[one], leverage[:, None], (float(np.sqrt(tau)),), (condition,), free
+        inner[None],
+        remainder[None],
+        free_block,
+        rhs[mask],
+        leverage[:, None],
+        (float(np.sqrt(tau)),),
+        (condition,),
+        free,
     )
 
 
@@ -151,27 +161,27 @@ class ClassAmplitudes:
     """ln L of the amplitudes x = (a, b_1 … b_K) of both parities, in their units, for one shape of the spectrum."""
 
     def __init__(self, classes: ClassEquations, modes: Modes, variances: FloatArray, own: str) -> None:
-        one, high = classes.free, ~classes.free
+        is_free, high = classes.free, ~classes.free
         group = parities(modes)
         self.classes, self.own = classes, own
         self.n_classes, self.n_modes = len(classes), int(high.sum())
         among = np.ones(classes.rhs.shape[1] - self.n_modes)
-        behind = np.r_[group[high], np.full(among.size, 2)]
-        order = np.argsort(behind, kind="stable")  # one parity, the other, templates
-        self.group, self.first_group, self.size = behind[order], group[one], order.size
+        group_index = np.r_[group[high], np.full(among.size, 2)]
+        order = np.argsort(group_index, kind="stable")  # one parity, the other, templates
+        self.group, self.first_group, self.size = group_index[order], group[is_free], order.size
         self.matrices = classes.own[:, order][:, :, order]
         self.rhs, self.leverage = classes.rhs[:, order], classes.leverage[:, :, order]
         #: A of all classes, (K, q, K, q), where there is anything between them.
         self.whole = classes.matrix[:, order][:, :, :, order] if classes.matrix.ndim == 4 else None
         shape = np.r_[variances[high], among][order]
-        self.root, self.first = np.sqrt(shape), variances[one]
+        self.root, self.first = np.sqrt(shape), variances[is_free]
         self.dipole = variances[modes.degrees == 1]
-        scaled = self.matrices * self.root[:, None] * self.root
+        scaled_matrices = self.matrices * self.root[:, None] * self.root
         ends = np.searchsorted(self.group, range(2 + (among.size > 0) + 1))
         self.groups = [slice(low, high) for low, high in pairwise(ends)]
         #: √S A √S of the classes, flat, for each pair of groups.
         self.scaled = {
-            (g, h): scaled[:, rows, columns].reshape(self.n_classes, -1)
+            (g, h): scaled_matrices[:, rows, columns].reshape(self.n_classes, -1)
             for g, rows in enumerate(self.groups)
             for h, columns in enumerate(self.groups)
         }
@@ -194,11 +204,13 @@ class ClassAmplitudes:
         """C of both parities, and of templates where there are some, (…, 2 or 3, K, K), for x of shape (…, d)."""
         squares = (x * self.units) ** 2
         of_modes = squares[..., : self.unit.size].reshape(*squares.shape[:-1], *self.unit.shape)
-        ones = np.ones((self.n_classes, self.n_classes))
-        common = np.concatenate([of_modes[..., 0], squares[..., self.unit.size :]], -1)[..., None, None] * ones
+        ones_matrix = np.ones((self.n_classes, self.n_classes))
+        common = np.concatenate([of_modes[..., 0], squares[..., self.unit.size :]], -1)[..., None, None] * ones_matrix
         if self.n_classes > 1:
-            own = of_modes[..., 1:] if self.own == "each" else np.repeat(of_modes[..., 1:2], self.n_classes, -1)
-            common[..., :2, :, :] += own[..., None] * np.eye(self.n_classes)
+            class_squares = (
+                of_modes[..., 1:] if self.own == "each" else np.repeat(of_modes[..., 1:2], self.n_classes, -1)
+            )
+            common[..., :2, :, :] += class_squares[..., None] * np.eye(self.n_classes)
         return common
 
     def _root_of(self, x):
@@ -211,10 +223,10 @@ class ClassAmplitudes:
     def _fill(self, gram: FloatArray, root: FloatArray) -> None:
         """Set Rᵀ A R of each draw, (n, K, q, K, q), on and above the diagonal: a product for each pair of groups."""
         if self.whole is not None:
-            for each, one in zip(gram, root, strict=True):
+            for draw_gram, one in zip(gram, root, strict=True):
                 r = one[self.group].transpose(1, 2, 0) * self.root
                 half = np.einsum("nil,mknl->mkil", r, self.whole, optimize=True)
-                each[...] = np.einsum("mjk,mkil->jkil", r, half, optimize=True)
+                draw_gram[...] = np.einsum("mjk,mkil->jkil", r, half, optimize=True)
             return
         i, j = np.triu_indices(self.n_classes)
         for (g, h), matrix in self.scaled.items():
@@ -239,9 +251,9 @@ class ClassAmplitudes:
         square[:, :-1, -1] = np.einsum("nmjk,mk->njk", r, self.rhs).reshape(n, -1)
         square[:, -1, -1] = 1e300  # the corner of the factor is not used, and must be larger than w·w
         lower = square.swapaxes(1, 2)  # each in the order that LAPACK overwrites, three times as fast as a stack
-        for each in lower:
-            _, failed = dpotrf(each, lower=1, clean=0, overwrite_a=1)
-            if failed:  # cannot be: it is the identity and more
+        for matrix in lower:
+            _, info = dpotrf(matrix, lower=1, clean=0, overwrite_a=1)
+            if info:  # cannot be: it is the identity and more
                 raise DegeneracyError("the normal matrix of a class is not positive: it is no sum over sources")
         return r, lower
 
@@ -252,13 +264,13 @@ class ClassAmplitudes:
 
     def log_likelihoods(self, x: FloatArray) -> FloatArray:
         """ln L of each draw, (n, d), relative to no systematics."""
-        together = max(1, _TOGETHER // (self.n_classes * self.size) ** 2)
-        parts = []
-        for start in range(0, len(x), together):
-            _, lower = self._factors(x[start : start + together])
+        chunk_size = max(1, _TOGETHER // (self.n_classes * self.size) ** 2)
+        values = []
+        for start in range(0, len(x), chunk_size):
+            _, lower = self._factors(x[start : start + chunk_size])
             w, size = lower[:, -1, :-1], np.einsum("nii->ni", lower)[:, :-1]
-            parts.append(np.einsum("ni,ni->n", w, w) / 2 - np.log(size).sum(1))
-        return np.concatenate(parts)
+            values.append(np.einsum("ni,ni->n", w, w) / 2 - np.log(size).sum(1))
+        return np.concatenate(values)
 
     def loss(self, x: FloatArray) -> tuple[float, FloatArray]:
         """−ln L and its gradient by the squares of x.
@@ -268,17 +280,17 @@ class ClassAmplitudes:
         r, lower, w = self.factor(x)
         k, q = self.n_classes, self.size
         across, own_trace = self._seen(r)
-        solved = solve_triangular(lower, across, lower=True, check_finite=False)
-        left = (self.rhs.ravel() - solved.T @ w).reshape(k, q)
-        solved = solved.reshape(-1, k, q)
-        trace = -np.einsum("zik,zjk->ijk", solved, solved)
-        slope = (left[:, None] * left[None] - trace - own_trace) * self.root**2 / 2
+        solution = solve_triangular(lower, across, lower=True, check_finite=False)
+        residual = (self.rhs.ravel() - solution.T @ w).reshape(k, q)
+        solution = solution.reshape(-1, k, q)
+        trace = -np.einsum("zik,zjk->ijk", solution, solution)
+        slope = (residual[:, None] * residual[None] - trace - own_trace) * self.root**2 / 2
         by_group = np.stack([slope[:, :, self.group == g].sum(2) for g in range(3)])
-        own = np.einsum("gii->gi", by_group)[:2]
+        diagonal = np.einsum("gii->gi", by_group)[:2]
         common = by_group.sum((1, 2))
         gradient = common[:2, None]
         if k > 1:
-            gradient = np.c_[gradient, own if self.own == "each" else own.sum(1)]
+            gradient = np.c_[gradient, diagonal if self.own == "each" else diagonal.sum(1)]
         gradient = np.r_[gradient.ravel(), common[2:]][: self.units.size]
         return float(np.log(np.diag(lower)).sum() - w @ w / 2), -gradient * self.units**2
 
@@ -305,10 +317,12 @@ class ClassAmplitudes:
             evidence = float(np.log(weight.mean()) + log.max())
             weight /= weight.sum()
             few = 1 / np.sum(weight**2) < 2 * middle.size
-            kind = weight**0.3 / np.sum(weight**0.3) if few else weight  # too few count: flatten the weights, and widen
-            middle = kind @ x
-            spread = np.einsum("n,ni,nj->ij", kind, x - middle, x - middle)
-            covariance = spread + 0.1 * covariance if few else 1.1 * spread
+            proposal_weight = (
+                weight**0.3 / np.sum(weight**0.3) if few else weight
+            )  # too few count: flatten the weights, and widen
+            middle = proposal_weight @ x
+            scatter = np.einsum("n,ni,nj->ij", proposal_weight, x - middle, x - middle)
+            covariance = scatter + 0.1 * covariance if few else 1.1 * scatter
             if count >= n and 1 / np.sum(weight**2) >= least:
                 break
         return x, weight, evidence
@@ -359,8 +373,8 @@ class ClassAmplitudes:
         modes, across = self.matrices[:, :n, :n], self.matrices[:, :n, n:]
         gram = np.einsum("mjk,mkl,mil->jkil", root, modes, root, optimize=True).reshape(k * n, k * n)
         lower = cholesky(gram + np.eye(k * n), lower=True, check_finite=False)
-        both = np.concatenate([across, self.rhs[:, :n, None]], 2)
-        z = solve_triangular(lower, np.einsum("mjk,mkt->jkt", root, both).reshape(k * n, -1), lower=True)
+        sides = np.concatenate([across, self.rhs[:, :n, None]], 2)
+        z = solve_triangular(lower, np.einsum("mjk,mkt->jkt", root, sides).reshape(k * n, -1), lower=True)
         precision = self.matrices[:, n:, n:].sum(0) - z[:, :-1].T @ z[:, :-1]
         covariance = np.linalg.inv(precision)
         return covariance @ (self.rhs[:, n:].sum(0) - z[:, :-1].T @ z[:, -1]), covariance
@@ -372,9 +386,9 @@ def _fold_negatives(middle, covariance, n, rng) -> tuple[FloatArray, FloatArray]
     root = np.linalg.cholesky(covariance + 1e-12 * np.eye(size))
     scale = np.sqrt(rng.chisquare(_TAIL, size=(n, 1)) / _TAIL)
     x = np.abs(middle + (rng.normal(size=(n, size)) @ root.T) / scale)
-    near = np.flatnonzero(middle < 6 * np.sqrt(np.diag(covariance)))
-    signs: Any = np.ones((2 ** len(near), size))
-    signs[:, near] = list(product((1, -1), repeat=len(near)))
+    indices = np.flatnonzero(middle < 6 * np.sqrt(np.diag(covariance)))
+    signs: Any = np.ones((2 ** len(indices), size))
+    signs[:, indices] = list(product((1, -1), repeat=len(indices)))
     inverse = np.linalg.inv(root)
     precision = inverse.T @ inverse
     constant = gammaln((_TAIL + size) / 2) - gammaln(_TAIL / 2) - size / 2 * np.log(_TAIL * np.pi)
@@ -383,9 +397,9 @@ def _fold_negatives(middle, covariance, n, rng) -> tuple[FloatArray, FloatArray]
     pairs, twice = signs[:, a] * signs[:, b], np.where(a == b, 1.0, 2.0) * precision[a, b]
     pull = precision @ middle
     for start in range(0, n, 64):  # many signs of many draws would fill the memory
-        part = x[start : start + 64]
+        chunk = x[start : start + 64]
         # (s x − µ)ᵀ P (s x − µ) of all signs s at once.
-        square = pairs @ (part[:, a] * part[:, b] * twice).T - 2 * signs @ (part * pull).T + middle @ pull
+        square = pairs @ (chunk[:, a] * chunk[:, b] * twice).T - 2 * signs @ (chunk * pull).T + middle @ pull
         density[start : start + 64] = logsumexp(-(_TAIL + size) / 2 * np.log1p(np.maximum(square, 0) / _TAIL), axis=0)
     return x, density - np.log(np.diag(root)).sum() + constant
 
@@ -417,15 +431,15 @@ def lots_of(
 ) -> list[Lot]:
     """Draws of the amplitudes for each shape, again where too few of them count."""
     squares: Any = sum(classes.own**2)
-    high = ~classes.free
-    flat = Spectrum.flat().variances(modes)[high]
+    is_higher = ~classes.free
+    flat = Spectrum.flat().variances(modes)[is_higher]
     squares = squares[: len(flat), : len(flat)]  # without templates
     lots, evidences = [], []
     with blas_for(len(classes) * len(modes)):
         for name, spectrum in spectra:
             variances = spectrum.variances(modes)
             # All shapes as well seen as the flat one, or their evidence would depend on units.
-            scale = np.sqrt((flat @ squares @ flat) / (variances[high] @ squares @ variances[high]))
+            scale = np.sqrt((flat @ squares @ flat) / (variances[is_higher] @ squares @ variances[is_higher]))
             likelihood = ClassAmplitudes(classes, modes, variances * scale, own)
             x, weight, evidence = likelihood.sample(draws, rng, EFFECTIVE)
             lots.append(Lot(name, spectrum, np.nan, likelihood, float(scale), x, weight))
@@ -437,17 +451,17 @@ def lots_of(
 def kept_of(lots: Sequence[Lot], rng: np.random.Generator) -> tuple[Any, Any, Any, Any]:
     """Draws of equal weight by systematic resampling: free modes, their covariance, C by the flat one, templates."""
     weight = np.concatenate([lot.probability * lot.weight for lot in lots])
-    where = [(lot, i) for lot in lots for i in range(len(lot.x))]
+    draws = [(lot, i) for lot in lots for i in range(len(lot.x))]
     at = (np.arange(_KEPT) + rng.random()) / _KEPT
-    chosen = np.minimum(np.searchsorted(np.cumsum(weight) / weight.sum(), at), len(weight) - 1)
-    done: dict[int, Any] = {}
-    for k in chosen:
-        if k not in done:
-            lot, i = where[k]
+    indices = np.minimum(np.searchsorted(np.cumsum(weight) / weight.sum(), at), len(weight) - 1)
+    results: dict[int, Any] = {}
+    for k in indices:
+        if k not in results:
+            lot, i = draws[k]
             power = lot.likelihood.dipole.reshape(2, 3).mean(1)[[0, 1]]
             unit = Spectrum.flat().variances(Modes(1)).reshape(2, 3).mean(1)
             shares = lot.likelihood.shares(lot.x[i])[:2] * (power / unit)[:, None, None]
-            done[k] = (*lot.likelihood.free_modes(lot.x[i]), shares, *lot.likelihood.template_amplitudes(lot.x[i]))
-    means, covariances, shares, values, spreads = (np.array([done[k][part] for k in chosen]) for part in range(5))
-    away = values - values.mean(0)
-    return means, covariances, shares, (values.mean(0), spreads.mean(0) + away.T @ away / len(away))
+            results[k] = (*lot.likelihood.free_modes(lot.x[i]), shares, *lot.likelihood.template_amplitudes(lot.x[i]))
+    means, covariances, shares, values, spreads = (np.array([results[k][index] for k in indices]) for index in range(5))
+    deviations = values - values.mean(0)
+    return means, covariances, shares, (values.mean(0), spreads.mean(0) + deviations.T @ deviations / len(deviations))

@@ -48,11 +48,11 @@ class CrossPowers(Result):
         return f"<CrossPowers: {len(set(self.templates))} templates, degrees to {int(max(self.degrees))}>"
 
     def _sections(self, long):
-        seen = (np.abs(self.values) > _SEEN * self.errors_with_floor) & (self.degrees > 1)
-        pairs = zip(self.templates, self.degrees, seen, strict=True)
-        listed = ", ".join(f"{name} (l = {l:.0f})" for name, l, is_seen in pairs if is_seen)
+        is_significant = (np.abs(self.values) > _SEEN * self.errors_with_floor) & (self.degrees > 1)
+        pairs = zip(self.templates, self.degrees, is_significant, strict=True)
+        text = ", ".join(f"{name} (l = {l:.0f})" for name, l, is_seen in pairs if is_seen)
         remarks = [
-            f"More than three errors with the floor: {listed or 'none'}. Degree 1 contains spin and acceleration "
+            f"More than three errors with the floor: {text or 'none'}. Degree 1 contains spin and acceleration "
             "themselves and is not judged."
         ]
         return (Section("Motions along each template, by degree (rms)", (), self.to_table(), remarks=remarks),)
@@ -101,19 +101,19 @@ def cross_powers(
     Gaia's quasar motions with maps of scans, densities and stars in this sense.
     """
     modes = solution.modes
-    if not templates or any(len(each.values) != len(modes) for each in templates):
+    if not templates or any(len(template.values) != len(modes) for template in templates):
         raise ParameterError("cross-powers need templates cut to the degree of the solution: those of normal.templates")
-    wide = np.array(solution.covariance)
+    total_covariance = np.array(solution.covariance)
     if spectrum is not None:
-        wide[np.diag_indices(len(modes))] += spectrum.variances(modes)
+        total_covariance[np.diag_indices(len(modes))] += spectrum.variances(modes)
     names, degrees, rows = [], [], []
-    for each in templates:
-        weight = each.values * modes.norm2
+    for template in templates:
+        weight = template.values * modes.norm2
         for l in range(1, modes.lmax + 1):
             at = np.where(modes.degrees == l, weight, 0.0)
-            size = np.sqrt(4 * np.pi * at @ each.values)
+            size = np.sqrt(4 * np.pi * at @ template.values)
             if size > 1e-6:
-                names.append(each.name)
+                names.append(template.name)
                 degrees.append(float(l))
                 rows.append(at / size)
     row = np.array(rows)
@@ -122,5 +122,5 @@ def cross_powers(
         np.array(degrees),
         row @ solution.values,
         np.sqrt(np.einsum("nk,kl,nl->n", row, solution.covariance, row)),
-        np.sqrt(np.einsum("nk,kl,nl->n", row, wide, row)),
+        np.sqrt(np.einsum("nk,kl,nl->n", row, total_covariance, row)),
     )

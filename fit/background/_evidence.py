@@ -76,27 +76,32 @@ def evidence(
     True
     """
     several = isinstance(normal, Sequence) and not isinstance(normal, (str, bytes))
-    groups = [_select_degrees(each, degrees) for each in (normal if several else [normal])]  # type: ignore[union-attr]
+    groups = [_select_degrees(equations, degrees) for equations in (normal if several else [normal])]  # type: ignore[union-attr]
     if not groups:
         raise ParameterError("evidence needs normal equations, one at least")
     a(Spectrum)("spectrum", spectrum)
     tau = positive("noise_scale", noise_scale) ** 2
-    matrices, sides = [each.matrix / tau for each, _ in groups], [each.rhs / tau for each, _ in groups]
-    modes, where = groups[0][0].modes, groups[0][1]
-    if any(each.modes != modes for each, _ in groups):
+    matrices, sides = (
+        [equations.matrix / tau for equations, _ in groups],
+        [equations.rhs / tau for equations, _ in groups],
+    )
+    modes, indices = groups[0][0].modes, groups[0][1]
+    if any(equations.modes != modes for equations, _ in groups):
         raise ParameterError("the normal equations go to different degrees: fit all of them to one")
-    variances = spectrum.variances(modes)[where]
-    matrix, rhs, own = sum(matrices), sum(sides), np.zeros(0)
+    variances = spectrum.variances(modes)[indices]
+    matrix, rhs, varying_variances = sum(matrices), sum(sides), np.zeros(0)
     if varying is not None:
         a(Spectrum)("varying", varying)
         across = np.concatenate(matrices, axis=1)
         matrix = np.block([[matrix, across], [across.T, block_diag(*matrices)]])
         rhs = np.concatenate([rhs, *sides])
-        own = np.tile(varying.variances(modes)[where], len(groups))
+        varying_variances = np.tile(varying.variances(modes)[indices], len(groups))
     if amplitudes is None:
-        return _log_evidence(matrix, rhs, np.concatenate([variances, own]))
+        return _log_evidence(matrix, rhs, np.concatenate([variances, varying_variances]))
     factors = _grid(amplitudes)
-    evidences = [_log_evidence(matrix, rhs, np.concatenate([factor * variances, own])) for factor in factors]
+    evidences = [
+        _log_evidence(matrix, rhs, np.concatenate([factor * variances, varying_variances])) for factor in factors
+    ]
     return float(logsumexp(evidences) - np.log(len(evidences)))
 
 
@@ -174,8 +179,8 @@ def compare_models(models: Mapping[str, Any]) -> Comparison:
     evidences = []
     for name, model in models.items():
         if isinstance(model, tuple) and 2 <= len(model) <= 4:
-            *given, options = model if isinstance(model[-1], dict) else (*model, {})
-            model = evidence(*given, **options)
+            *arguments, options = model if isinstance(model[-1], dict) else (*model, {})
+            model = evidence(*arguments, **options)
         evidences.append(number(f"the evidence of {name!r}", model))
     return Comparison(tuple(map(str, models)), np.array(evidences))
 
@@ -184,9 +189,9 @@ def _select_degrees(normal, degrees):
     """Normal equations of some degrees alone, and where they stand among all."""
     equations = equations_of(normal)
     modes = equations.modes
-    wanted = range(1, modes.lmax + 1) if degrees is None else degrees
-    where = places(modes, fitted_degrees(modes, wanted))
-    return replace(equations, matrix=equations.matrix[np.ix_(where, where)], rhs=equations.rhs[where]), where
+    request = range(1, modes.lmax + 1) if degrees is None else degrees
+    indices = places(modes, fitted_degrees(modes, request))
+    return replace(equations, matrix=equations.matrix[np.ix_(indices, indices)], rhs=equations.rhs[indices]), indices
 
 
 def _log_evidence(matrix, rhs, variances):
@@ -196,9 +201,9 @@ def _log_evidence(matrix, rhs, variances):
 
 def _grid(amplitudes):
     try:
-        low, high = (positive("an amplitude", amplitude) for amplitude in amplitudes)
+        lower, upper = (positive("an amplitude", amplitude) for amplitude in amplitudes)
     except (TypeError, ValueError):
-        low = high = 0.0
-    if not 0 < low < high:
+        lower = upper = 0.0
+    if not 0 < lower < upper:
         raise ParameterError(f"amplitudes are the lowest and the highest, above zero, not {amplitudes!r}")
-    return np.geomspace(low, high, max(2, int(np.ceil(_A_DECADE * np.log10(high / low))) + 1))
+    return np.geomspace(lower, upper, max(2, int(np.ceil(_A_DECADE * np.log10(upper / lower))) + 1))

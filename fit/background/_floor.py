@@ -125,12 +125,12 @@ class Floor(Result):
     @property
     def spin_error(self) -> float:
         """Floor of the spin in each component, for one shape √(3 s/8π). [µas/yr]"""
-        return self._mixed_error([part._of_degree_one.spin_error for part in self._shapes])
+        return self._mixed_error([shape_floor._of_degree_one.spin_error for shape_floor in self._shapes])
 
     @property
     def acceleration_error(self) -> float:
         """Floor of the acceleration in each component, for one shape √(3 s/8π). [µas/yr]"""
-        return self._mixed_error([part._of_degree_one.acceleration_error for part in self._shapes])
+        return self._mixed_error([shape_floor._of_degree_one.acceleration_error for shape_floor in self._shapes])
 
     @property
     def spin_interval(self) -> tuple[float, float]:
@@ -168,11 +168,11 @@ class Floor(Result):
     def _interval(self, parity, error):
         """Ends of the 68 % intervals of the shapes, as degree 1 has them, averaged by probability."""
         ends = []
-        for part in self._shapes:
-            unit = getattr(part._spectrum_of(1.0, 1.0), error)
-            ends.append([unit * np.sqrt(end) for end in getattr(part, f"{parity}_interval")])
-        low, high = np.asarray(self.probability or (1.0,)) @ np.array(ends)
-        return float(low), float(high)
+        for shape_floor in self._shapes:
+            unit = getattr(shape_floor._spectrum_of(1.0, 1.0), error)
+            ends.append([unit * np.sqrt(end) for end in getattr(shape_floor, f"{parity}_interval")])
+        lower, upper = np.asarray(self.probability or (1.0,)) @ np.array(ends)
+        return float(lower), float(upper)
 
     def _sections(self, long):
         facts = [
@@ -185,9 +185,9 @@ class Floor(Result):
                 ),
             ),
         ]
-        for part, p in zip(self.parts, self.probability, strict=True) if self.parts else ():
-            errors = f"spin ± {part.spin_error:.3g}, acceleration ± {part.acceleration_error:.3g} µas/yr"
-            facts.append((f"spectrum {part.shape}", f"{100 * p:.0f} %: {errors}"))
+        for shape_floor, p in zip(self.parts, self.probability, strict=True) if self.parts else ():
+            errors = f"spin ± {shape_floor.spin_error:.3g}, acceleration ± {shape_floor.acceleration_error:.3g} µas/yr"
+            facts.append((f"spectrum {shape_floor.shape}", f"{100 * p:.0f} %: {errors}"))
         if self.noise_scale != 1:
             facts.append(("errors", f"the catalogue's, scaled by {self.noise_scale:.4f} in the same fit"))
         remark = (
@@ -254,12 +254,12 @@ class Floor(Result):
             return self._average_over_shapes(solve, normal)
         modes, tau = normal.modes, self.noise_scale**2
         data = equations_of(normal)
-        scaled = replace(data, matrix=data.matrix / tau, rhs=data.rhs / tau, chi2_null=data.chi2_null / tau)
-        assumed = self.prior(modes) if normal.prior is None else self.prior(modes) + normal.prior
-        solution = solve(scaled + assumed)
+        scaled_data = replace(data, matrix=data.matrix / tau, rhs=data.rhs / tau, chi2_null=data.chi2_null / tau)
+        prior = self.prior(modes) if normal.prior is None else self.prior(modes) + normal.prior
+        solution = solve(scaled_data + prior)
         covariance = np.array(solution.covariance)
-        first = places(modes, (1,))
-        covariance[first, first] += self.added(modes)[first]
+        indices = places(modes, (1,))
+        covariance[indices, indices] += self.added(modes)[indices]
         note = (
             f"a prior reduces the coefficients of degrees {words_of(self.degrees)}; their powers and "
             "p-values are from the fit without it"
@@ -289,22 +289,24 @@ class Floor(Result):
 
     def _average_over_shapes(self, solve, normal):
         """The mean over the shapes, its covariance with their scatter."""
-        solutions = [part.allowed_for(solve, normal) for part in self.parts]
+        solutions = [shape_floor.allowed_for(solve, normal) for shape_floor in self.parts]
         weights = np.array(self.probability)
         values = np.array([solution.coefficients.values for solution in solutions])
         mean = weights @ values
-        away = values - mean
+        deviations = values - mean
         covariance = np.tensordot(weights, [solution.covariance for solution in solutions], 1)
-        covariance = covariance + np.einsum("s,si,sj->ij", weights, away, away)
-        likeliest = solutions[int(np.argmax(weights))]
-        listed = ", ".join(f"{part.shape} {100 * p:.0f} %" for part, p in zip(self.parts, weights, strict=True))
+        covariance = covariance + np.einsum("s,si,sj->ij", weights, deviations, deviations)
+        best_solution = solutions[int(np.argmax(weights))]
+        text = ", ".join(
+            f"{shape_floor.shape} {100 * p:.0f} %" for shape_floor, p in zip(self.parts, weights, strict=True)
+        )
         scale = "" if self.noise_scale == 1 else f" times {self.noise_scale:.4g}"
         return replace(
-            likeliest,
-            coefficients=replace(likeliest.coefficients, values=mean),
+            best_solution,
+            coefficients=replace(best_solution.coefficients, values=mean),
             covariance=covariance,
             errors_from=(
-                f"{self.errors_from}{scale}, with the floor of degrees {words_of(self.degrees)} ({listed}): spin ± "
+                f"{self.errors_from}{scale}, with the floor of degrees {words_of(self.degrees)} ({text}): spin ± "
                 f"{self.spin_error:.3g}, acceleration ± {self.acceleration_error:.3g} µas/yr in each component"
             ),
             error_source=self._source,
@@ -397,23 +399,28 @@ def floor(
     degrees = fitted_degrees(modes, range(2, modes.lmax + 1) if degrees is None else degrees)
     if degrees[0] == 1:
         raise ModesError("degree 1 holds the spin and the acceleration: a floor is estimated from higher degrees")
-    listed = [shapes] if isinstance(shapes, str) else list(usual_shapes(degrees[-1]) if shapes is None else shapes)
-    if not listed or not all(isinstance(shape, str) and shape in SHAPES for shape in listed):
+    shape_names = [shapes] if isinstance(shapes, str) else list(usual_shapes(degrees[-1]) if shapes is None else shapes)
+    if not shape_names or not all(isinstance(shape, str) and shape in SHAPES for shape in shape_names):
         raise ParameterError(f"shapes of the spectrum are {', '.join(map(repr, SHAPES))}, not {shapes!r}")
-    free = tuple(l for l in range(1, modes.lmax + 1) if l not in degrees)
-    scaled = is_scaled(normal, noise_scale)
-    found = [_of_shape(shape, equations, degrees, free, scaled, errors_of(normal)) for shape in listed]
-    if len(found) == 1:
-        return replace(found[0][0], mean=None)
-    probability = shape_probabilities(listed, [each for _, each in found])
+    free_degrees = tuple(l for l in range(1, modes.lmax + 1) if l not in degrees)
+    fit_scale = is_scaled(normal, noise_scale)
+    estimates = [
+        _of_shape(shape, equations, degrees, free_degrees, fit_scale, errors_of(normal)) for shape in shape_names
+    ]
+    if len(estimates) == 1:
+        return replace(estimates[0][0], mean=None)
+    probability = shape_probabilities(shape_names, [evidence for _, evidence in estimates])
     return replace(
-        found[0][0], mean=None, parts=tuple(part for part, _ in found), probability=tuple(map(float, probability))
+        estimates[0][0],
+        mean=None,
+        parts=tuple(shape_floor for shape_floor, _ in estimates),
+        probability=tuple(map(float, probability)),
     )
 
 
-def _of_shape(name, equations, degrees, free, scaled, errors):
+def _of_shape(name, equations, degrees, free_degrees, fit_scale, errors):
     """The floor for one shape of the spectrum, and ln of its evidence."""
-    likelihood, common = _likelihood(equations, degrees, free, scaled, SHAPES[name])
+    likelihood, common = _likelihood(equations, degrees, free_degrees, fit_scale, SHAPES[name])
     best = likelihood.maximum()
     amplitudes, evidence = posteriors(likelihood, best)
     odd, even = (amplitude.quantile(0.5, "root") for amplitude in amplitudes)
@@ -437,12 +444,12 @@ def _of_shape(name, equations, degrees, free, scaled, errors):
     return estimate, evidence
 
 
-def _likelihood(equations, degrees, free, scaled, shape):
+def _likelihood(equations, degrees, free_degrees, fit_scale, shape):
     """ln L of the two powers, and its largest value for one power in both parities."""
     if degrees[-1] > _AS_IT_IS:
         with suppress(ConvergenceError):
-            expanded = Parities(equations, degrees, free, scaled, shape)
-            return expanded, expanded.together()
-    apart, one = [shape.only("odd"), shape.only("even")], [shape]
-    together = Likelihood(equations, one, degrees, free, scaled).maximum()
-    return Likelihood(equations, apart, degrees, free, scaled), together.log_likelihood
+            expansion = Parities(equations, degrees, free_degrees, fit_scale, shape)
+            return expansion, expansion.together()
+    parity_spectra, common_spectra = [shape.only("odd"), shape.only("even")], [shape]
+    common_maximum = Likelihood(equations, common_spectra, degrees, free_degrees, fit_scale).maximum()
+    return Likelihood(equations, parity_spectra, degrees, free_degrees, fit_scale), common_maximum.log_likelihood

@@ -45,10 +45,10 @@ def parts_of(matrix: FloatArray, rhs: FloatArray, variances: FloatArray) -> tupl
     """ln|K| and Q of coefficients with variances D, for errors of scale one."""
     root, k = kernel(matrix, variances)
     side = root * rhs
-    factor, solved, failed = dposv(k, side, lower=1, overwrite_a=1)
-    if failed:  # cannot be: K is the identity and more
+    factor, solution, info = dposv(k, side, lower=1, overwrite_a=1)
+    if info:  # cannot be: K is the identity and more
         raise DegeneracyError("the normal matrix is not positive: it is no sum over sources")
-    return 2 * float(np.log(factor.diagonal()).sum()), float(side @ solved)
+    return 2 * float(np.log(factor.diagonal()).sum()), float(side @ solution)
 
 
 def kernel(matrix: FloatArray, variances: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -126,7 +126,7 @@ class Amplitudes(InNotebook):
     def on_tensor(self, roots: list[FloatArray]) -> FloatArray:
         """ln|K| and Q on the tensor of the `roots` of the amplitudes, (2, …)."""
         if self._eigen is not None:
-            values, squares = (roots[0][:, None] ** 2 * each for each in self._eigen)
+            values, squares = (roots[0][:, None] ** 2 * array for array in self._eigen)
             return np.array([np.log1p(values).sum(1), np.sum(squares / (1 + values), 1)])
         values = np.empty((2, *map(len, roots)))
         for index in np.ndindex(*map(len, roots)):
@@ -136,39 +136,39 @@ class Amplitudes(InNotebook):
 
     def alone(self, k: int) -> "Amplitudes":
         """The likelihood of amplitude `k` with the coefficients of all other fields free."""
-        own = self.shares[k] > 0
+        support = self.shares[k] > 0
         matrix, rhs = self.matrix, self.rhs
-        if not own.all():
-            matrix, rhs, _ = eliminate(matrix, rhs, own, ~own)
-        return Amplitudes(matrix, rhs, self.shares[k : k + 1, own])
+        if not support.all():
+            matrix, rhs, _ = eliminate(matrix, rhs, support, ~support)
+        return Amplitudes(matrix, rhs, self.shares[k : k + 1, support])
 
     def slopes(self, amplitudes: FloatArray) -> tuple[float, float, FloatArray, FloatArray]:
         """ln|K|, Q, and what they change by with each of the `amplitudes`, (k,)."""
         if self._eigen is not None:
             values, squares = self._eigen
-            left = 1 / (1 + amplitudes[0] * values)
-            return (*self.parts(amplitudes), np.sum(values * left), np.sum(squares * left**2))
+            remainder = 1 / (1 + amplitudes[0] * values)
+            return (*self.parts(amplitudes), np.sum(values * remainder), np.sum(squares * remainder**2))
         factor, w, t = self._solved(amplitudes)
-        left = self.rhs - w @ t
+        remainder = self.rhs - w @ t
         diagonal = np.diag(self.matrix) - np.sum(t * t, 0)
-        return 2 * np.log(np.diag(factor)).sum(), w @ w, self.shares @ diagonal, self.shares @ left**2
+        return 2 * np.log(np.diag(factor)).sum(), w @ w, self.shares @ diagonal, self.shares @ remainder**2
 
     def information(self, amplitudes: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Tr(D_j M D_k M) and Tr(D_k M) of the information M = N − N R K⁻¹ R N that some `amplitudes` leave."""
         if self._eigen is not None:
-            left = self._eigen[0] / (1 + amplitudes[0] * self._eigen[0])
-            return np.array([[np.sum(left**2)]]), np.array([np.sum(left)])
+            remainder = self._eigen[0] / (1 + amplitudes[0] * self._eigen[0])
+            return np.array([[np.sum(remainder**2)]]), np.array([np.sum(remainder)])
         t = self._solved(amplitudes)[-1]
-        left = self.matrix - t.T @ t
-        return self.shares @ left**2 @ self.shares.T, self.shares @ np.diag(left)
+        remainder = self.matrix - t.T @ t
+        return self.shares @ remainder**2 @ self.shares.T, self.shares @ np.diag(remainder)
 
     def _solved(self, amplitudes):
         """L of K = L Lᵀ, L⁻¹ R b, and the T = L⁻¹ R N of the information N − TᵀT that is left."""
         root, k = kernel(self.matrix, amplitudes @ self.shares)
         factor = cholesky(k, lower=True, overwrite_a=True, check_finite=False)
         sides = np.column_stack([root * self.rhs, root[:, None] * self.matrix])
-        solved = solve_triangular(factor, sides, lower=True, check_finite=False)
-        return factor, solved[:, 0], solved[:, 1:]
+        solution = solve_triangular(factor, sides, lower=True, check_finite=False)
+        return factor, solution[:, 0], solution[:, 1:]
 
 
 class Likelihood(Amplitudes):
@@ -187,18 +187,18 @@ class Likelihood(Amplitudes):
     ) -> None:
         modes = normal.modes
         spectra = list(spectra) if isinstance(spectra, Iterable) else []
-        if not spectra or not all(isinstance(each, Spectrum) for each in spectra):
+        if not spectra or not all(isinstance(spectrum, Spectrum) for spectrum in spectra):
             raise ParameterError("a background needs a list of fit.background.Spectrum, one at least")
-        where = places(modes, degrees)
-        shapes = np.array([each.variances(modes)[where] for each in spectra])
-        for each, shape in zip(spectra, shapes, strict=True):
+        indices = places(modes, degrees)
+        shapes = np.array([spectrum.variances(modes)[indices] for spectrum in spectra])
+        for spectrum, shape in zip(spectra, shapes, strict=True):
             if not shape.any():
-                raise ParameterError(f"the spectrum {each.name} has no power in degrees {words_of(degrees)}")
-        where, shapes = where[shapes.any(0)], shapes[:, shapes.any(0)]
-        first = places(modes, free)
-        matrix, rhs, self.chi2 = _eliminate_free_degrees(normal, first, where)
+                raise ParameterError(f"the spectrum {spectrum.name} has no power in degrees {words_of(degrees)}")
+        indices, shapes = indices[shapes.any(0)], shapes[:, shapes.any(0)]
+        free_indices = places(modes, free)
+        matrix, rhs, self.chi2 = _eliminate_free_degrees(normal, free_indices, indices)
         super().__init__(matrix, rhs, shapes)
-        self.n_data = normal.n_data - len(first)
+        self.n_data = normal.n_data - len(free_indices)
         if noise_scale and self.n_data <= 0:
             raise DegeneracyError(f"{normal.n_data} numbers do not tell the scale of their errors: noise_scale=False")
         self.noise_scale = bool(noise_scale)
@@ -236,14 +236,14 @@ class Likelihood(Amplitudes):
             return self.on_tensor
         units = np.sqrt(self.unit)
         ends = [
-            (np.arcsinh(low / np.sqrt(taus[-1]) / u), np.arcsinh(high / np.sqrt(taus[0]) / u))
-            for (low, high), u in zip(spans, units, strict=True)
+            (np.arcsinh(lower / np.sqrt(taus[-1]) / u), np.arcsinh(upper / np.sqrt(taus[0]) / u))
+            for (lower, upper), u in zip(spans, units, strict=True)
         ]
         number = {2: 20, 3: 12}.get(len(spans), 8)
         if len(self.rhs) > 300:  # where the degree is high, amplitudes are known well, and the spans short
             number = min(number, 12)
         node = chebyshev.chebpts1(number)
-        axes = [low + (high - low) * (node + 1) / 2 for low, high in ends]
+        axes = [lower + (upper - lower) * (node + 1) / 2 for lower, upper in ends]
         values = self.on_tensor([u * np.sinh(axis) for u, axis in zip(units, axes, strict=True)])
         inverse = np.linalg.inv(chebyshev.chebvander(node, number - 1))
         # Contracting the first axis behind the two quantities once an amplitude comes back to the order of the axes.
@@ -251,8 +251,8 @@ class Likelihood(Amplitudes):
 
         def at(roots):
             array = series
-            for x, u, (low, high) in zip(roots, units, ends, strict=True):
-                vander = chebyshev.chebvander(2 * (np.arcsinh(x / u) - low) / (high - low) - 1, number - 1)
+            for x, u, (lower, upper) in zip(roots, units, ends, strict=True):
+                vander = chebyshev.chebvander(2 * (np.arcsinh(x / u) - lower) / (upper - lower) - 1, number - 1)
                 array = np.moveaxis(np.tensordot(vander, array, (1, 1)), 0, -1)
             return array
 
@@ -273,28 +273,28 @@ class Likelihood(Amplitudes):
 
     def _log_likelihood_excess(self, logdet, gain):
         """ln L with κ where it is likeliest, relative to no background: there K = I, and Q = 0."""
-        scaled = float(self.of_parts(logdet, gain, self.scale(gain)))
-        return max(scaled - float(self.of_parts(0.0, 0.0, self.scale(0.0))), 0.0)
+        log_likelihood = float(self.of_parts(logdet, gain, self.scale(gain)))
+        return max(log_likelihood - float(self.of_parts(0.0, 0.0, self.scale(0.0))), 0.0)
 
     def _search(self, x):
         """Minimise the loss for 0 ≤ x ≤ 60, by Newton's method with differences of its slope."""
         loss, slope = self._loss(x)
         for _ in range(100):
-            free = ~((x <= 0) & (slope > 0) | (x >= 60) & (slope < 0))
-            if np.abs(slope[free]).max(initial=0.0) < 1e-8:
+            is_free = ~((x <= 0) & (slope > 0) | (x >= 60) & (slope < 0))
+            if np.abs(slope[is_free]).max(initial=0.0) < 1e-8:
                 break
             bend = np.array([self._loss(x + 1e-5 * axis)[1] - slope for axis in np.eye(len(x))]) / 1e-5
-            values, vectors = np.linalg.eigh((bend + bend.T)[np.ix_(free, free)] / 2)
+            values, vectors = np.linalg.eigh((bend + bend.T)[np.ix_(is_free, is_free)] / 2)
             step = np.zeros(len(x))
-            step[free] = -vectors @ (vectors.T @ slope[free] / np.maximum(np.abs(values), 1e-8))
+            step[is_free] = -vectors @ (vectors.T @ slope[is_free] / np.maximum(np.abs(values), 1e-8))
             for shorter in 0.5 ** np.arange(30):
-                there = np.clip(x + shorter * np.clip(step, -3, 3), 0, 60)
-                value, its_slope = self._loss(there)
-                if value <= loss + 1e-4 * slope @ (there - x):
+                trial = np.clip(x + shorter * np.clip(step, -3, 3), 0, 60)
+                value, its_slope = self._loss(trial)
+                if value <= loss + 1e-4 * slope @ (trial - x):
                     break
             else:
                 break  # no lower in double precision
-            x, loss, slope = there, value, its_slope
+            x, loss, slope = trial, value, its_slope
         return x
 
     def _loss(self, x):
@@ -315,11 +315,11 @@ class Likelihood(Amplitudes):
         information[:k, :k] = cross
         information[:k, k] = information[k, :k] = single - cross @ ratios
         information[k, k] = self.n_data - 2 * ratios @ single + ratios @ cross @ ratios
-        known = slice(None) if self.noise_scale else slice(k)
-        scale = np.sqrt(np.diag(information)[known])
+        block = slice(None) if self.noise_scale else slice(k)
+        scale = np.sqrt(np.diag(information)[block])
         scale = np.outer(scale, scale)
         covariance = np.full((k + 1, k + 1), np.nan)
-        covariance[known, known] = 2 * tau**2 * np.linalg.pinv(information[known, known] / scale) / scale
+        covariance[block, block] = 2 * tau**2 * np.linalg.pinv(information[block, block] / scale) / scale
         return covariance
 
 
@@ -328,17 +328,17 @@ def parity_p_value(apart: float, together: float) -> float:
     return float(chdtrc(1, max(2 * (apart - together), 0.0)))
 
 
-def _eliminate_free_degrees(normal, first, where):
-    """N', b', χ0' of the places `where`, with the places `first` fitted freely: DegeneracyError if they cannot be."""
-    if not len(first):
-        return normal.matrix[np.ix_(where, where)], normal.rhs[where], float(normal.chi2_null)
-    inner = normal.matrix[np.ix_(first, first)]
+def _eliminate_free_degrees(normal, free_indices, indices):
+    """Reduced N', b', χ0' of `indices`, with `free_indices` fitted freely: DegeneracyError if they cannot be."""
+    if not len(free_indices):
+        return normal.matrix[np.ix_(indices, indices)], normal.rhs[indices], float(normal.chi2_null)
+    inner = normal.matrix[np.ix_(free_indices, free_indices)]
     scale = np.sqrt(np.maximum(np.diag(inner), 0))
     if not (scale > 0).all() or np.linalg.eigvalsh(inner / np.outer(scale, scale))[0] < 1e-10:
         raise DegeneracyError(
-            f"{normal.n_sources} sources do not determine the {len(first)} coefficients that are fitted freely"
+            f"{normal.n_sources} sources do not determine the {len(free_indices)} coefficients that are fitted freely"
         )
-    matrix, rhs, gain = eliminate(normal.matrix, normal.rhs, where, first)
+    matrix, rhs, gain = eliminate(normal.matrix, normal.rhs, indices, free_indices)
     return matrix, rhs, float(normal.chi2_null - gain)
 
 
@@ -376,17 +376,17 @@ def span_of(likelihood: Likelihood, best: Maximum, k: int) -> tuple[float, float
 
     top = np.sqrt(best.amplitudes[k])
     step = np.sqrt(likelihood.unit[k] * tau)
-    high = top + step
-    while not fallen(high) and high < 1e6 * (top + step):
-        high = top + 1.5 * (high - top)
-    return (0.0 if not fallen(0.0) else _edge(fallen, 0.0, top)), high
+    upper = top + step
+    while not fallen(upper) and upper < 1e6 * (top + step):
+        upper = top + 1.5 * (upper - top)
+    return (0.0 if not fallen(0.0) else _edge(fallen, 0.0, top)), upper
 
 
-def _edge(fallen, out, inside):
+def _edge(is_outside, outside, inside):
     for _ in range(6):
-        middle = (out + inside) / 2
-        out, inside = (middle, inside) if fallen(middle) else (out, middle)
-    return out
+        middle = (outside + inside) / 2
+        outside, inside = (middle, inside) if is_outside(middle) else (outside, middle)
+    return outside
 
 
 def equations_of(source: Any) -> NormalEquations:
@@ -442,23 +442,23 @@ def errors_of(source: Any) -> tuple[str, ErrorSource]:
 
 def is_scaled(source: Any, noise_scale: bool | None) -> bool:
     """Return whether the scale of the errors is estimated: as told, or where the errors are the catalogue's."""
-    scaled = choice("noise_scale", noise_scale, (None, True, False))
-    return errors_of(source)[1] == ErrorSource.CATALOGUE if scaled is None else scaled
+    option = choice("noise_scale", noise_scale, (None, True, False))
+    return errors_of(source)[1] == ErrorSource.CATALOGUE if option is None else option
 
 
 def fitted_degrees(modes: Modes, degrees: Any, name: str = "degrees") -> tuple[int, ...]:
     """Degrees that are among those fitted, in order, each once."""
     try:
-        listed = list(degrees) if isinstance(degrees, Iterable) else [degrees]
-        chosen = sorted({int(degree) for degree in listed if int(degree) == degree})
+        values = list(degrees) if isinstance(degrees, Iterable) else [degrees]
+        unique_degrees = sorted({int(degree) for degree in values if int(degree) == degree})
     except (TypeError, ValueError, OverflowError, np.ma.MaskError):
-        chosen = []
-    if not chosen or len(chosen) != len(set(listed)):
+        unique_degrees = []
+    if not unique_degrees or len(unique_degrees) != len(set(values)):
         raise ModesError(f"{name} must be whole numbers from 1 on, one at least, not {degrees!r}")
-    missing = [each for each in chosen if not 1 <= each <= modes.lmax]
+    missing = [l for l in unique_degrees if not 1 <= l <= modes.lmax]
     if missing:
         raise ModesError(f"degree {missing[0]} is not fitted: these normal equations go from degree 1 to {modes.lmax}")
-    return tuple(chosen)
+    return tuple(unique_degrees)
 
 
 def places(modes: Modes, degrees: Iterable[int]) -> IntArray:

@@ -73,11 +73,11 @@ class Parities(Likelihood):
         s = np.sqrt(w)[:, None] * c * np.sqrt(v)
         f, g = np.sqrt(w) * x, np.sqrt(v) * y
         side = f - s @ g
-        factor, solved, failed = dposv(_less_square(dsyrk, s), side, lower=1, overwrite_a=1)
-        if failed:
+        factor, solution, info = dposv(_less_square(dsyrk, s), side, lower=1, overwrite_a=1)
+        if info:
             raise ConvergenceError(_MIXED)
         logdet = np.log1p(a * odd).sum() + np.log1p(b * even).sum() + 2 * np.log(factor.diagonal()).sum()
-        return float(logdet), float(g @ g + side @ solved)
+        return float(logdet), float(g @ g + side @ solution)
 
     def _left(self, ratios):
         """Terms of `exact` beyond first order, in single precision: it is small, and is interpolated.
@@ -89,10 +89,10 @@ class Parities(Likelihood):
         s = w[:, None] * self._single * v
         f, g = w * x.astype("f4"), v * y.astype("f4")
         h = f - s @ g
-        left = _less_square(ssyrk, s)
-        trace = len(s) - left.trace(dtype=float)
-        factor, z, failed = sposv(left, h, lower=1, overwrite_a=1)
-        if failed:  # a strong field on a part of the sky: I − S Sᵀ is nearly singular, and rounded below
+        matrix = _less_square(ssyrk, s)
+        trace = len(s) - matrix.trace(dtype=float)
+        factor, z, info = sposv(matrix, h, lower=1, overwrite_a=1)
+        if info:  # a strong field on a part of the sky: I − S Sᵀ is nearly singular, and rounded below
             raise ConvergenceError(_MIXED)
         logdet = 2 * np.log(factor.diagonal(), dtype=float).sum() + trace
         return np.array([logdet, np.vdot(h @ s, z @ s) - np.sum((f @ s) ** 2)], dtype=float)
@@ -112,20 +112,20 @@ class Parities(Likelihood):
 
     def on_tensor(self, roots: list[FloatArray]) -> FloatArray:
         """ln|K| and Q on the tensor of two √a, (2, …)."""
-        places = [np.arcsinh(x / unit) for x, unit in zip(roots, np.sqrt(self.unit), strict=True)]
+        positions = [np.arcsinh(x / unit) for x, unit in zip(roots, np.sqrt(self.unit), strict=True)]
         assert self._rest is not None
-        return self._near(roots[0] ** 2, roots[1] ** 2) + self._rest.at(places)
+        return self._near(roots[0] ** 2, roots[1] ** 2) + self._rest.at(positions)
 
     def together(self) -> float:
         """ln L where it is largest for one power in both parities, relative to none."""
         with blas_for(len(self.rhs)):
-            low, high = 0.0, 3 * np.sqrt(self.unit.max() + max(self._highest(k) for k in range(2)))
+            lower, upper = 0.0, 3 * np.sqrt(self.unit.max() + max(self._highest(k) for k in range(2)))
             for _ in range(4):
-                root = np.linspace(low, high, 32)
-                logdet, gain = (np.diagonal(each) for each in self.on_tensor([root, root]))
+                root = np.linspace(lower, upper, 32)
+                logdet, gain = (np.diagonal(array) for array in self.on_tensor([root, root]))
                 tau = np.maximum((self.chi2 - gain) / self.n_data, 1e-300) if self.noise_scale else 1.0
                 top = int(np.argmax(self.of_parts(logdet, gain, tau)))
-                low, high = root[max(top - 1, 0)], root[min(top + 1, 31)]
+                lower, upper = root[max(top - 1, 0)], root[min(top + 1, 31)]
             return self._log_likelihood_excess(*self.exact(np.full(2, root[top] ** 2)))
 
     def _highest(self, k):
@@ -139,9 +139,9 @@ class Parities(Likelihood):
         root = np.sqrt(self.shares.sum(0))
         matrix, side = root[:, None] * self.matrix * root, root * self.rhs
         odd, even = (np.flatnonzero(shape) for shape in self.shares)
-        (one, u), (two, v) = (np.linalg.eigh(matrix[np.ix_(rows, rows)]) for rows in (odd, even))
+        (odd_values, u), (even_values, v) = (np.linalg.eigh(matrix[np.ix_(rows, rows)]) for rows in (odd, even))
         c = u.T @ matrix[np.ix_(odd, even)] @ v
-        return np.maximum(one, 0.0), np.maximum(two, 0.0), c, u.T @ side[odd], v.T @ side[even]
+        return np.maximum(odd_values, 0.0), np.maximum(even_values, 0.0), c, u.T @ side[odd], v.T @ side[even]
 
     @cached_property
     def _squares(self):
@@ -167,29 +167,29 @@ class Parities(Likelihood):
         w, v = a / (1 + a * odd), b / (1 + b * even)
         dw, dv = 1 / (1 + a * odd) ** 2, 1 / (1 + b * even) ** 2
         h, k = (w * x) @ c, c @ (v * y)
-        mixed = self._squares @ v
+        mixing = self._squares @ v
         by_logdet = np.array(
-            [np.sum(odd / (1 + a * odd)) - dw @ mixed, np.sum(even / (1 + b * even)) - w @ self._squares @ dv]
+            [np.sum(odd / (1 + a * odd)) - dw @ mixing, np.sum(even / (1 + b * even)) - w @ self._squares @ dv]
         )
         dh, dk = (dw * x) @ c, c @ (dv * y)
         by_gain = np.array([
             dw @ x**2 - 2 * dh @ (v * y) + 2 * v @ (h * dh) + dw @ k**2,
             dv @ y**2 - 2 * h @ (dv * y) + dv @ h**2 + 2 * w @ (k * dk),
         ])  # fmt: skip
-        rest = self._rest_by(amplitudes)
-        return *self.parts(amplitudes), by_logdet + rest[0], by_gain + rest[1]
+        remainder = self._rest_by(amplitudes)
+        return *self.parts(amplitudes), by_logdet + remainder[0], by_gain + remainder[1]
 
     def _rest_by(self, ratios):
         """Derivatives of the remainder of ln|K| and of Q by each ratio, (2, 2): it is smooth, and differences will
         do."""
         assert self._rest is not None
-        out = np.zeros((2, 2))
+        derivatives = np.zeros((2, 2))
         for i, step in enumerate(np.maximum(1e-3 * self.unit, 1e-6 * ratios)):
-            low, high = np.array(ratios), np.array(ratios)
-            low[i], high[i] = max(ratios[i] - step, 0.0), ratios[i] + step
-            change = self._rest.at(self._places(high)) - self._rest.at(self._places(low))
-            out[:, i] = change[:, 0, 0] / (high[i] - low[i])
-        return out
+            lower, upper = np.array(ratios), np.array(ratios)
+            lower[i], upper[i] = max(ratios[i] - step, 0.0), ratios[i] + step
+            change = self._rest.at(self._places(upper)) - self._rest.at(self._places(lower))
+            derivatives[:, i] = change[:, 0, 0] / (upper[i] - lower[i])
+        return derivatives
 
     def _places(self, ratios):
         return list(np.arcsinh(np.sqrt(ratios / self.unit))[:, None])
@@ -199,28 +199,28 @@ class Parities(Likelihood):
         taus, _ = scales_of(self, best)
         spans = [span_of(self, best, k) for k in range(2)]
         return [
-            (np.arcsinh(low / np.sqrt(taus[-1]) / u), np.arcsinh(high / np.sqrt(taus[0]) / u))
-            for (low, high), u in zip(spans, np.sqrt(self.unit), strict=True)
+            (np.arcsinh(lower / np.sqrt(taus[-1]) / u), np.arcsinh(upper / np.sqrt(taus[0]) / u))
+            for (lower, upper), u in zip(spans, np.sqrt(self.unit), strict=True)
         ]
 
     def _interpolate(self, ends, tau):
         """The rest in a region, and some way around it."""
-        ends = [(0.9 * low, high + 0.1) for low, high in ends]
+        ends = [(0.9 * lower, upper + 0.1) for lower, upper in ends]
 
         @cache
-        def left(*places):
-            if 0.0 in places:  # one parity without power: there is nothing to mix
+        def left(*coordinates):
+            if 0.0 in coordinates:  # one parity without power: there is nothing to mix
                 return np.zeros(2)
-            return self._left(self.unit * np.sinh(places) ** 2)
+            return self._left(self.unit * np.sinh(coordinates) ** 2)
 
-        low, high = np.array(ends).T
-        tried = [low + np.array(part) * (high - low) for part in _BETWEEN]
-        wanted = [left(*place) for place in tried]
+        lower, upper = np.array(ends).T
+        points = [lower + np.array(fraction) * (upper - lower) for fraction in _BETWEEN]
+        exact_values = [left(*point) for point in points]
         for number in _NODES:
-            rest = _Remainder.through(left, ends, number)
-            away = np.array([rest.at(list(place[:, None]))[:, 0, 0] for place in tried]) - wanted
-            if (np.abs(away) @ [0.5, 0.5 / tau]).max() < _ACCURACY:
-                return rest
+            remainder = _Remainder.through(left, ends, number)
+            residuals = np.array([remainder.at(list(point[:, None]))[:, 0, 0] for point in points]) - exact_values
+            if (np.abs(residuals) @ [0.5, 0.5 / tau]).max() < _ACCURACY:
+                return remainder
         raise ConvergenceError(_MIXED)
 
 
@@ -235,29 +235,29 @@ class _Remainder:
     def holds(self, ends):
         """Return whether a region lies within its own."""
         return bool(np.any(self.series)) and all(
-            low >= mine[0] and high <= mine[1] for (low, high), mine in zip(ends, self.ends, strict=True)
+            lower >= mine[0] and upper <= mine[1] for (lower, upper), mine in zip(ends, self.ends, strict=True)
         )
 
     @classmethod
     def through(cls, function, ends, number):
         """Interpolate through `number` × `number` values of a function that remembers them."""
         node = chebyshev.chebpts2(number).round(15)
-        axes = [low + (high - low) * (node + 1) / 2 for low, high in ends]
+        axes = [lower + (upper - lower) * (node + 1) / 2 for lower, upper in ends]
         values = np.array([[function(x, y) for y in axes[1]] for x in axes[0]])
         inverse = np.linalg.inv(chebyshev.chebvander(node, number - 1))
         return cls(np.einsum("ai,bj,ijk->kab", inverse, inverse, values), ends)
 
-    def at(self, places):
+    def at(self, positions):
         """Both on the tensor of places along each axis, (2, m, n)."""
         left, right = (
-            chebyshev.chebvander(np.clip(2 * (x - low) / (high - low) - 1, -1, 1), self.series.shape[1] - 1)
-            for x, (low, high) in zip(places, self.ends, strict=True)
+            chebyshev.chebvander(np.clip(2 * (x - lower) / (upper - lower) - 1, -1, 1), self.series.shape[1] - 1)
+            for x, (lower, upper) in zip(positions, self.ends, strict=True)
         )
         return left @ self.series @ right.T
 
 
 def _less_square(syrk, s):
     """I − S Sᵀ, on and below its diagonal: half the work."""
-    left = syrk(-1.0, s.T, trans=1, lower=1)
-    left.ravel("K")[:: len(s) + 1] += 1
-    return left
+    matrix = syrk(-1.0, s.T, trans=1, lower=1)
+    matrix.ravel("K")[:: len(s) + 1] += 1
+    return matrix

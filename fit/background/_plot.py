@@ -14,8 +14,8 @@ _LABELS = {"flat": "flat in Ω", "root": "flat in √Ω", "coefficients": "coeff
 def plot_waves(limit: Any, *, ax: Axes | None = None) -> Axes:
     """The posteriors of Ω for priors flat in Ω and in √Ω, with the upper limits."""
     (axes,) = panels(ax, size=(WIDTH, 2.9))
-    shown = [each for each in _LABELS if each != "coefficients" or np.isfinite(limit.squares).all()]
-    limits = {prior: limit.limit(0.95, prior) for prior in shown}
+    priors = [key for key in _LABELS if key != "coefficients" or np.isfinite(limit.squares).all()]
+    limits = {prior: limit.limit(0.95, prior) for prior in priors}
     top = max(1.35 * limits["flat"], 1.05 * min(max(limits.values()), 3 * limits["flat"]))
     omega = np.linspace(0, top, 1500)[1:]
     for prior in ("flat", "root"):
@@ -63,37 +63,37 @@ def plot_comparison(comparison: Any, *, ax: Axes | None = None) -> Axes:
     """The evidences less the best."""
     (axes,) = panels(ax, size=(WIDTH, 0.7 + 0.25 * len(comparison.names)))
     below = comparison.log_evidence - comparison.log_evidence.max()
-    place = np.arange(len(below))[::-1]
-    axes.barh(place, below, color=COLOURS[0], height=0.6)
-    axes.plot(np.zeros(len(below)), place, "|", color="0.3", markersize=6)
-    axes.set_yticks(place, comparison.names)
+    positions = np.arange(len(below))[::-1]
+    axes.barh(positions, below, color=COLOURS[0], height=0.6)
+    axes.plot(np.zeros(len(below)), positions, "|", color="0.3", markersize=6)
+    axes.set_yticks(positions, comparison.names)
     axes.set_xlabel("ln Z less that of the best")
     return axes
 
 
 def _intervals(names, values, intervals, labels, point, ax):
     """Draw one axis for each amplitude: they have units of their own."""
-    drawn = panels(ax, len(names), 1, size=(WIDTH, 0.5 + 0.75 * len(names)))
-    for axes, name, value, (low, high), label in zip(drawn, names, values, intervals, labels, strict=True):
-        axes.hlines(0, low, high, color=COLOURS[0], linewidth=2, label="68 %")
+    subplots = panels(ax, len(names), 1, size=(WIDTH, 0.5 + 0.75 * len(names)))
+    for axes, name, value, (lower, upper), label in zip(subplots, names, values, intervals, labels, strict=True):
+        axes.hlines(0, lower, upper, color=COLOURS[0], linewidth=2, label="68 %")
         axes.plot(value, 0, "o", color=COLOURS[1], markersize=5, label=point)
         axes.set_title(name, loc="left")
-        axes.set_xlim(-0.02 * high, 1.15 * max(high, value, 1e-30))
+        axes.set_xlim(-0.02 * upper, 1.15 * max(upper, value, 1e-30))
         axes.set_yticks([])
         axes.set_xlabel(label)
         axes.spines["left"].set_visible(False)
-    drawn[0].legend(ncols=2, loc="lower right", bbox_to_anchor=(1, 0.9))
-    return drawn
+    subplots[0].legend(ncols=2, loc="lower right", bbox_to_anchor=(1, 0.9))
+    return subplots
 
 
 @apply_style
 def plot_cross(powers: Any, *, ax: Axes | None = None) -> Axes:
     """Projections on templates by degree, in units of their errors with the floor; degree 1 has what is looked for."""
     (axes,) = panels(ax, size=(WIDTH, 2.9))
-    listed = list(dict.fromkeys(powers.templates))
-    for k, name in enumerate(listed):
-        at = np.array([each == name for each in powers.templates]) & (powers.degrees > 1)
-        x = powers.degrees[at] + 0.6 * ((k + 0.5) / len(listed) - 0.5)
+    names = list(dict.fromkeys(powers.templates))
+    for k, name in enumerate(names):
+        at = np.array([template == name for template in powers.templates]) & (powers.degrees > 1)
+        x = powers.degrees[at] + 0.6 * ((k + 0.5) / len(names) - 0.5)
         size = powers.values[at] / powers.errors_with_floor[at]
         colour, marker = COLOURS[k % len(COLOURS)], "os^D"[k // len(COLOURS) % 4]
         axes.errorbar(x, size, 1.0, fmt=marker, markersize=3, color=colour, label=name)
@@ -111,20 +111,20 @@ def plot_shared(classes: Any, *, ax: OnAxes | None = None) -> AxesArray:
     labels, solutions = list(classes.labels), classes.solutions
     if len(classes) > 1:
         labels, solutions = [*labels, "together"], [*solutions, classes.together()]
-    both = panels(ax, 1, 2, size=(WIDTH, 1.3 + 0.36 * len(labels)))
+    subplots = panels(ax, 1, 2, size=(WIDTH, 1.3 + 0.36 * len(labels)))
     names = ("spin", "acceleration") if classes.unit == "µas/yr" else ("rotation", "glide")
-    place = np.arange(len(labels))
-    for axes, attribute, name in zip(both, ("spin", "acceleration"), names, strict=True):
+    positions = np.arange(len(labels))
+    for axes, attribute, name in zip(subplots, ("spin", "acceleration"), names, strict=True):
         vectors = [getattr(solution, attribute) for solution in solutions]
         for k, axis in enumerate("xyz"):
             values = [vector.value[k] for vector in vectors]
             errors = [vector.sigma[k] for vector in vectors]
             axes.errorbar(
-                values, place + 0.2 * (k - 1), xerr=errors, fmt="o", markersize=3, color=COLOURS[k], label=axis
+                values, positions + 0.2 * (k - 1), xerr=errors, fmt="o", markersize=3, color=COLOURS[k], label=axis
             )
         axes.axvline(0, color="0.7", linewidth=0.8)
         axes.set_ylim(len(labels) - 0.5, -0.5)
-        axes.set_yticks(place, labels if axes is both[0] else [""] * len(labels))
+        axes.set_yticks(positions, labels if axes is subplots[0] else [""] * len(labels))
         axes.set_xlabel(f"{name}\n[{classes.unit}]")
-    legend_above(both[0], 3)
-    return both
+    legend_above(subplots[0], 3)
+    return subplots

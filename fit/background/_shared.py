@@ -185,9 +185,9 @@ class ClassComparison(Result):
         less : int, optional
             Number of another that is subtracted: whether the two are alike.
         """
-        part = {"T": slice(0, 3), "S": slice(3, 6)}[choice("kind", kind, ("T", "S"))]
+        block = {"T": slice(0, 3), "S": slice(3, 6)}[choice("kind", kind, ("T", "S"))]
         row = np.eye(len(self))[i] - (0 if less is None else np.eye(len(self))[less])
-        return contrast_p_value(self.means[:, :, part], self.covariances[:, :, part][..., part], row[None])
+        return contrast_p_value(self.means[:, :, block], self.covariances[:, :, block][..., block], row[None])
 
     def trend(self, x: Iterable[float] | None = None, kind: str | None = None) -> float:
         """p-value of no slope along the classes.
@@ -228,18 +228,18 @@ class ClassComparison(Result):
         for covariance in self.covariances.reshape(-1, size, size):
             root = np.linalg.cholesky(covariance + 1e-12 * np.trace(covariance) * np.eye(size))
             skies.append(draw.normal(size=(per, size)) @ root.T)
-        drawn = np.concatenate(skies).reshape(-1, len(self), 6)
-        sizes, words = [], []
+        draws = np.concatenate(skies).reshape(-1, len(self), 6)
+        sizes, names = [], []
         for row, kind, name in self._contrasts():
-            part = slice(0, 3) if kind == "T" else slice(3, 6)
-            own = np.einsum("i,iajb,j->ab", row, self._blocks()[:, part][:, :, :, part], row)
-            away = np.einsum("i,nia->na", row, drawn[:, :, part])
-            sizes.append(np.einsum("na,ab,nb->n", away, np.linalg.inv(own), away))
-            words.append(name)
+            block = slice(0, 3) if kind == "T" else slice(3, 6)
+            contrast_covariance = np.einsum("i,iajb,j->ab", row, self._blocks()[:, block][:, :, :, block], row)
+            differences = np.einsum("i,nia->na", row, draws[:, :, block])
+            sizes.append(np.einsum("na,ab,nb->n", differences, np.linalg.inv(contrast_covariance), differences))
+            names.append(name)
         largest = np.max(sizes, axis=0)
-        which = int(np.argmax([size[0] for size in sizes]))
+        index = int(np.argmax([size[0] for size in sizes]))
         p = float((1 + np.sum(largest[1:] >= largest[0])) / len(largest))
-        return Verdict(p, float(chdtrc(3, largest[0])), words[which], len(words))
+        return Verdict(p, float(chdtrc(3, largest[0])), names[index], len(names))
 
     def power(self, kind: str) -> tuple[float, float, float]:
         """Median and 68 % interval of what classes have in common, as it adds to a component. [µas/yr]
@@ -253,15 +253,15 @@ class ClassComparison(Result):
         common = self.shares[:, group]
         smallest = common.min((1, 2)) if len(self) > 1 else common[:, 0, 0]
         errors = np.sqrt(np.maximum(smallest, 0)) * Spectrum.flat().spin_error
-        low, middle, high = np.quantile(errors, [0.16, 0.5, 0.84])
-        return float(middle), float(low), float(high)
+        lower, middle, upper = np.quantile(errors, [0.16, 0.5, 0.84])
+        return float(middle), float(lower), float(upper)
 
     def _sections(self, long):
         facts = [("degrees", f"{words_of(self.degrees)}, {self.frame} axes")]
         sigma = np.sqrt(np.diag(self.amplitude_covariance))
         for name, value, error in zip(self.templates, self.amplitudes, sigma, strict=True):
-            words = f"{value:+.2f} ± {error:.2f} {self.unit}, {value / error:+.1f} errors"
-            facts.append((f"template {name}", words))
+            text = f"{value:+.2f} ± {error:.2f} {self.unit}, {value / error:+.1f} errors"
+            facts.append((f"template {name}", text))
         if long:
             spectra = ", ".join(
                 f"{name} {100 * p:.0f} %" for name, p in zip(self.shapes, self.probability, strict=True)
@@ -270,9 +270,9 @@ class ClassComparison(Result):
         remarks = [self.verdict_words()] if len(self) > 1 else []
         if len(self) > 1:
             change = self.difference(0, len(self) - 1)
-            both = zip(("spin", "acceleration"), (change.spin, change.acceleration), strict=True)
+            pairs = zip(("spin", "acceleration"), (change.spin, change.acceleration), strict=True)
             facts.append(
-                ("last − first", "; ".join(f"{name} {', '.join(components(vector))}" for name, vector in both))
+                ("last − first", "; ".join(f"{name} {', '.join(components(vector))}" for name, vector in pairs))
             )
         if long:
             remarks.append(
@@ -296,12 +296,12 @@ class ClassComparison(Result):
             What classes are made by: "redshift", say.
         """
         verdict, spin, acceleration = self._tests
-        words = "not contradicted" if verdict.p_value > 0.0027 else "contradicted"
+        phrase = "not contradicted" if verdict.p_value > 0.0027 else "contradicted"
         return (
             f"Does the dipole change with {what}? spin p = {spin:.2g}, acceleration p = "
             f"{acceleration:.2g}; the largest of {verdict.looked_at} comparisons ({verdict.comparison}) p = "
             f"{verdict.p_value:.2g} after allowing for all ({verdict.face_value:.2g} before that): one dipole for "
-            f"all is {words}."
+            f"all is {phrase}."
         )
 
     def to_table(self) -> Table:
@@ -352,14 +352,14 @@ class ClassComparison(Result):
         return self._harmonic(values, covariance, n_data)
 
     def _harmonic(self, values, covariance, n_data):
-        shown = f"normal equations, with systematic errors, degrees {words_of(self.degrees)}"
+        errors_from = f"normal equations, with systematic errors, degrees {words_of(self.degrees)}"
         return Solution(
             Coefficients(Modes(1), values),
             covariance,
             float("nan"),
             int(n_data),
             self.frame,
-            errors_from=shown,
+            errors_from=errors_from,
             error_source=ErrorSource.JOINT,
             includes_floor=True,
         )
@@ -367,15 +367,15 @@ class ClassComparison(Result):
     def _p_value(self, kind, x):
         if len(self) < 2:
             raise ParameterError("a comparison needs two classes at least, not one")
-        part = {None: slice(0, 6), "T": slice(0, 3), "S": slice(3, 6)}[
+        block = {None: slice(0, 6), "T": slice(0, 3), "S": slice(3, 6)}[
             None if kind is None else choice("kind", kind, ("T", "S"))
         ]
-        one, total = np.ones((len(self), 1)), 0.0
-        for mean, covariance in zip(self.means[:, :, part], self.covariances[:, :, part][..., part], strict=True):
+        design, total = np.ones((len(self), 1)), 0.0
+        for mean, covariance in zip(self.means[:, :, block], self.covariances[:, :, block][..., block], strict=True):
             flat, width = covariance.reshape(mean.size, mean.size), mean.shape[1]
-            misfit, dof = gls(mean, flat, one)[1], mean.size - width
+            misfit, dof = gls(mean, flat, design)[1], mean.size - width
             if x is not None:
-                misfit, dof = misfit - gls(mean, flat, np.c_[one, x - x.mean()])[1], width
+                misfit, dof = misfit - gls(mean, flat, np.c_[design, x - x.mean()])[1], width
             total += chdtrc(dof, max(misfit, 0.0))
         return float(total / len(self.means))
 
@@ -385,37 +385,37 @@ class ClassComparison(Result):
         if k < 2:
             raise ParameterError("a comparison needs two classes at least, not one")
         weight = 1 / np.diag(self.covariance).reshape(k, 6).mean(1)
-        place = np.arange(k) - weight @ np.arange(k) / weight.sum()
+        positions = np.arange(k) - weight @ np.arange(k) / weight.sum()
         rows = []
         for edge in range(1, k):
-            low, high = weight[:edge].sum(), weight[edge:].sum()
+            lower, upper = weight[:edge].sum(), weight[edge:].sum()
             name = (
                 f"{self.labels[edge]} and above against below"
                 if k > 2
                 else f"{self.labels[1]} against {self.labels[0]}"
             )
-            rows.append((np.where(np.arange(k) < edge, -weight / low, weight / high), name))
+            rows.append((np.where(np.arange(k) < edge, -weight / lower, weight / upper), name))
         if k > 2:
-            rows.append((weight * place, "a slope"))
+            rows.append((weight * positions, "a slope"))
         return [
-            (row, kind, f"{name}, {word}")
+            (row, kind, f"{name}, {label}")
             for row, name in rows
-            for kind, word in (("T", "spin"), ("S", "acceleration"))
+            for kind, label in (("T", "spin"), ("S", "acceleration"))
         ]
 
 
 def pool_draws(means: FloatArray, covariances: FloatArray) -> FloatArray:
     """Covariance over draws of equal weight, (K, f, K, f): the mean of theirs, and the scatter of their means."""
-    away = means - means.mean(0)
-    return covariances.mean(0) + np.einsum("nia,njb->iajb", away, away) / len(away)
+    deviations = means - means.mean(0)
+    return covariances.mean(0) + np.einsum("nia,njb->iajb", deviations, deviations) / len(deviations)
 
 
 def contrast_p_value(means: FloatArray, covariances: FloatArray, rows: FloatArray) -> float:
     """p-value of combinations of classes, (r, K), that are all zero: the mean over draws of (K, f) parameters."""
     values = np.einsum("ri,nia->nra", rows, means).reshape(len(means), -1)
-    spread = np.einsum("ri,niajb,sj->nrasb", rows, covariances, rows).reshape(*values.shape, -1)
-    solved = np.linalg.solve(spread, values[..., None])[..., 0]
-    return float(np.mean(chdtrc(values.shape[1], np.sum(values * solved, 1))))
+    covariance = np.einsum("ri,niajb,sj->nrasb", rows, covariances, rows).reshape(*values.shape, -1)
+    solution = np.linalg.solve(covariance, values[..., None])[..., 0]
+    return float(np.mean(chdtrc(values.shape[1], np.sum(values * solution, 1))))
 
 
 @logged("shared errors")
@@ -509,21 +509,22 @@ def sampled_lots(
     `free` tells the modes that each class has for itself; degree 1 unless given.
     """
     choice("own", own, ("each", "one"))
-    listed = [normals] if isinstance(normals, NormalEquations | HarmonicSolution) else list(normals)
-    if not listed:
+    inputs = [normals] if isinstance(normals, NormalEquations | HarmonicSolution) else list(normals)
+    if not inputs:
         raise ParameterError("there are no classes: give normal equations, one a class")
-    equations = [equations_of(each) for each in listed]
+    equations = [equations_of(each) for each in inputs]
     frames = {each.frame for each in equations}
     if len(frames) > 1:
         raise FrameError(f"classes are in {' and '.join(sorted(map(str, frames)))}: take all to one frame")
     if any(
-        [each.name for each in one.templates] != [each.name for each in equations[0].templates] for one in equations
+        [each.name for each in normal.templates] != [each.name for each in equations[0].templates]
+        for normal in equations
     ):
         raise ParameterError("classes have different templates: give all of them the same maps")
-    scaled = [is_scaled(each, noise_scale) for each in listed]
-    names = tuple(f"class {k + 1}" for k in range(len(listed))) if labels is None else tuple(map(str, labels))
-    if len(names) != len(listed):
-        raise ParameterError(f"{len(names)} labels for {len(listed)} classes")
+    scale_flags = [is_scaled(each, noise_scale) for each in inputs]
+    names = tuple(f"class {k + 1}" for k in range(len(inputs))) if labels is None else tuple(map(str, labels))
+    if len(names) != len(inputs):
+        raise ParameterError(f"{len(names)} labels for {len(inputs)} classes")
     modes = Modes(_highest(equations, degrees))
     spectra = spectra_of(usual_shapes(modes.lmax) if shapes is None else shapes)
     draws, own_modes = whole("draws", draws), None if free is None else free(modes)
@@ -531,12 +532,14 @@ def sampled_lots(
     def sampled(classes):
         return lots_of(classes, modes, spectra, own, draws, rng)
 
-    classes, notes = _classes(equations, names, modes, scaled, own_modes)
+    classes, notes = _classes(equations, names, modes, scale_flags, own_modes)
     notes += _leaking(equations, classes, names, modes) if len(classes) > 1 else []
     lots = sampled(classes)
     if any(each.modes.lmax > modes.lmax for each in equations):
         equations = _without_leakage(equations, lots, modes)
-        lots = sampled(_classes(equations, names, modes, scaled, own_modes)[0])  # what was noted of them above stays
+        lots = sampled(
+            _classes(equations, names, modes, scale_flags, own_modes)[0]
+        )  # what was noted of them above stays
     facts = {
         "labels": names, "n_sources": tuple(each.n_data // 2 for each in equations),
         "frame": equations[0].frame or "icrs", "templates": tuple(each.name for each in equations[0].templates),
@@ -546,27 +549,28 @@ def sampled_lots(
 
 def _without_leakage(equations, lots, modes):
     """Equations of `modes` alone: higher degrees have the power that a first estimate, `lots`, gives them."""
-    wide = max((each.modes for each in equations), key=len)
-    powers = powers_beyond(lots, wide)
+    all_modes = max((normal.modes for normal in equations), key=len)
+    powers = powers_beyond(lots, all_modes)
     return [
-        marginalised(each, modes, power[wide.degrees <= each.modes.lmax], scale)
-        if each.modes.lmax > modes.lmax
-        else each
-        for each, scale, power in zip(equations, lots[0].likelihood.classes.noise_scale, powers, strict=True)
+        marginalised(normal, modes, power[all_modes.degrees <= normal.modes.lmax], scale)
+        if normal.modes.lmax > modes.lmax
+        else normal
+        for normal, scale, power in zip(equations, lots[0].likelihood.classes.noise_scale, powers, strict=True)
     ]
 
 
 def _leaking(equations, classes, names, modes):
     """A note on classes into which higher degrees leak, and what to do."""
-    parts = [
+    leaky_classes = [
         name
         for normal, condition, name in zip(equations, classes.condition, names, strict=True)
         if PART < condition <= _CAP and normal.modes.lmax < modes.lmax + BEYOND
     ]
-    if not parts:
+    if not leaky_classes:
         return []
     return [
-        f"{', '.join(parts)}: a part of the sky, or few sources, into whose degrees higher ones leak; give normal "
+        f"{', '.join(leaky_classes)}: a part of the sky, or few sources, into whose degrees higher ones leak; give "
+        "normal "
         f"equations to degree {modes.lmax + BEYOND} and degrees=range(2, {modes.lmax + 1}), and that is allowed for"
     ]
 
@@ -577,53 +581,53 @@ def drawn(
     """Shared errors of the classes, averaged over draws of their amplitudes and over spectra."""
     classes = lots[0].likelihood.classes
     with blas_for(len(classes) * len(modes)):
-        means, covariances, shares, (amplitudes, spread) = kept_of(lots, rng)
-    if min(each.effective for each in lots if each.probability > 0.05) < EFFECTIVE:
+        means, covariances, shares, (amplitudes, amplitude_covariance) = kept_of(lots, rng)
+    if min(lot.effective for lot in lots if lot.probability > 0.05) < EFFECTIVE:
         notes = [*notes, "few draws of the systematic errors count: give more of them (draws=), or merge classes"]
     return ClassComparison(
-        means=means, covariances=covariances, shares=shares, shapes=tuple(each.shape for each in lots),
-        probability=tuple(each.probability for each in lots), effective=tuple(each.effective for each in lots),
+        means=means, covariances=covariances, shares=shares, shapes=tuple(lot.shape for lot in lots),
+        probability=tuple(lot.probability for lot in lots), effective=tuple(lot.effective for lot in lots),
         degrees=tuple(range(2, modes.lmax + 1)), noise_scale=classes.noise_scale,
-        notes=tuple(notes), amplitudes=amplitudes, amplitude_covariance=spread, **facts,
+        notes=tuple(notes), amplitudes=amplitudes, amplitude_covariance=amplitude_covariance, **facts,
     )  # fmt: skip
 
 
 def _highest(equations, degrees):
-    most = min(each.modes.lmax for each in equations)
+    limit = min(normal.modes.lmax for normal in equations)
     if degrees is None:
-        highest = most
+        highest = limit
     else:
-        wanted = sorted({int(l) for l in ([degrees] if isinstance(degrees, int) else degrees)})
-        if not wanted or wanted != list(range(2, wanted[-1] + 1)):
-            raise ModesError(f"systematic errors are estimated in degrees 2, 3, … without a gap, not {wanted}")
-        highest = wanted[-1]
+        unique_degrees = sorted({int(l) for l in ([degrees] if isinstance(degrees, int) else degrees)})
+        if not unique_degrees or unique_degrees != list(range(2, unique_degrees[-1] + 1)):
+            raise ModesError(f"systematic errors are estimated in degrees 2, 3, … without a gap, not {unique_degrees}")
+        highest = unique_degrees[-1]
     if highest < 3:
         raise ModesError(
             "degrees 1 and 2 contain no information on systematic errors: fit degree 3 or more, 5 for classes"
         )
-    if highest > most:
-        raise ModesError(f"degree {highest} is not fitted in every class: the least goes to {most}")
+    if highest > limit:
+        raise ModesError(f"degree {highest} is not fitted in every class: the least goes to {limit}")
     return highest
 
 
 def spectra_of(shapes: Any) -> list[tuple[str, Spectrum]]:
     """Names and spectra of shapes; ParameterError where one is none."""
-    listed = [shapes] if isinstance(shapes, str | Spectrum) else list(shapes)
-    for shape in listed:
+    shape_list = [shapes] if isinstance(shapes, str | Spectrum) else list(shapes)
+    for shape in shape_list:
         if not isinstance(shape, Spectrum) and shape not in SHAPES:
             raise ParameterError(f"a shape is {', '.join(map(repr, SHAPES))} or a Spectrum, not {shape!r}")
-    if not listed:
+    if not shape_list:
         raise ParameterError("a shape of the spectrum is needed: 'flat', 'gaia' or a Spectrum")
-    return [(shape.name, shape) if isinstance(shape, Spectrum) else (shape, SHAPES[shape]) for shape in listed]
+    return [(shape.name, shape) if isinstance(shape, Spectrum) else (shape, SHAPES[shape]) for shape in shape_list]
 
 
-def _classes(equations, names, modes, scaled, free=None) -> tuple[ClassEquations, list[str]]:
+def _classes(equations, names, modes, scale_flags, is_free=None) -> tuple[ClassEquations, list[str]]:
     classes, notes = [], []
-    for normal, name, own_scale in zip(equations, names, scaled, strict=True):
+    for normal, name, own_scale in zip(equations, names, scale_flags, strict=True):
         if not normal.n_data:
             raise DegeneracyError(f"the class {name} is empty: leave it out")
         try:
-            classes.append(reduce_to_classes(normal, modes, own_scale, free))
+            classes.append(reduce_to_classes(normal, modes, own_scale, is_free))
         except DegeneracyError as error:
             raise DegeneracyError(f"{name}: {error}") from None
         if classes[-1].condition[0] > _CAP:
@@ -675,26 +679,30 @@ def powers_beyond(lots: Sequence[Lot], modes: Modes) -> FloatArray:
     total: FloatArray = np.zeros(())
     for lot in lots:
         shares = [lot.likelihood.shares(x)[:2].diagonal(axis1=1, axis2=2) for x in lot.x]  # (2, K)
-        own = np.tensordot(lot.weight, shares, 1)
-        total = total + lot.probability * own[parities(modes)].T * lot.scale * lot.spectrum.variances(modes)
+        mean_shares = np.tensordot(lot.weight, shares, 1)
+        total = total + lot.probability * mean_shares[parities(modes)].T * lot.scale * lot.spectrum.variances(modes)
     return total
 
 
 def marginalised(normal: NormalEquations, modes: Modes, variances: FloatArray, noise_scale: float) -> NormalEquations:
     """The equations of `modes`, all higher degrees marginalised with a prior of so much power, (p,)."""
-    low, high = (np.flatnonzero(at) for at in (normal.modes.degrees <= modes.lmax, normal.modes.degrees > modes.lmax))
-    matrix, rhs, gain = eliminate(normal.matrix, normal.rhs, low, high, variances[high] / noise_scale**2)
+    low_indices, high_indices = (
+        np.flatnonzero(at) for at in (normal.modes.degrees <= modes.lmax, normal.modes.degrees > modes.lmax)
+    )
+    matrix, rhs, gain = eliminate(
+        normal.matrix, normal.rhs, low_indices, high_indices, variances[high_indices] / noise_scale**2
+    )
     return replace(
         normal,
         modes=modes,
         matrix=matrix,
         rhs=rhs,
         chi2_null=float(normal.chi2_null - gain),
-        templates=tuple(_remove_degree_one(each, low, modes) for each in normal.templates),
+        templates=tuple(_remove_degree_one(template, low_indices, modes) for template in normal.templates),
     )
 
 
-def _remove_degree_one(template, low, modes):
+def _remove_degree_one(template, low_indices, modes):
     """A template of these modes alone, of 1 µas/yr rms over the sky."""
-    values = template.values[low]
+    values = template.values[low_indices]
     return template._replace(values=values / np.sqrt(values**2 @ modes.norm2 / (4 * np.pi)))

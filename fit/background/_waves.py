@@ -157,10 +157,10 @@ class WaveLimit(Result):
         return Answer((("waves", f"{name} < {self.limit():.3g} (95 %, flat in Ω), {degrees}"),))
 
     def _sections(self, long):
-        low, high = self.interval
+        lower, upper = self.interval
         name = "h70² Ω" if self.hubble == 70 else "Ω"
-        known = {prior: prior != "coefficients" or np.isfinite(self.squares).all() for prior in KINDS}
-        limits: list[Any] = [self.limit(0.95, prior) if known[prior] else np.nan for prior in KINDS]  # type: ignore[arg-type]
+        has_limit = {prior: prior != "coefficients" or np.isfinite(self.squares).all() for prior in KINDS}
+        limits: list[Any] = [self.limit(0.95, prior) if has_limit[prior] else np.nan for prior in KINDS]  # type: ignore[arg-type]
         p = printed_p_value(self.parity_p_value)
         systematics = f"; marginalised: systematics, {', '.join(self.systematics)}" if self.systematics else ""
         band = "f < 1/T with T the time over which the motions were measured"
@@ -169,7 +169,7 @@ class WaveLimit(Result):
             band += f"; if all of it is there, h_c < {self.strain(self.years):.2e} (95 %, flat in Ω)"
         facts = [
             ("from", f"degree{'s' * (len(self.degrees) > 1)} {words_of(self.degrees)} of {self.n_data // 2} sources"),
-            ("likeliest", f"{self.maximum:.4g} ({low:.4g} … {high:.4g}, 68 %, flat in Ω)"),
+            ("likeliest", f"{self.maximum:.4g} ({lower:.4g} … {upper:.4g}, 68 %, flat in Ω)"),
             ("P_2", f"{self.power:.4g} (µas/yr)², of which noise gives {self.noise_power:.4g} on average"),
             ("parity", f"P_T2 and P_S2, equal for waves, differ with a p-value of {p}"),
             ("errors", f"scaled by {self.noise_scale:.4g}{systematics}"),
@@ -235,28 +235,28 @@ def wave_limit(
     degrees = fitted_degrees(equations.modes, degrees)
     if degrees[0] < 2:
         raise ModesError("gravitational waves have no power in degree 1: name degrees from 2 on")
-    scaled = is_scaled(normal, noise_scale)
-    free = tuple(l for l in range(1, degrees[-1]) if l not in degrees)
-    others = list(systematics) if systematics is not None else [Spectrum.flat()] if degrees != (2,) else []
-    likelihood = Likelihood(equations, [Spectrum.waves(hubble), *others], degrees, free, scaled)
+    fit_scale = is_scaled(normal, noise_scale)
+    free_degrees = tuple(l for l in range(1, degrees[-1]) if l not in degrees)
+    backgrounds = list(systematics) if systematics is not None else [Spectrum.flat()] if degrees != (2,) else []
+    likelihood = Likelihood(equations, [Spectrum.waves(hubble), *backgrounds], degrees, free_degrees, fit_scale)
     best = likelihood.maximum()
     (amplitude,), _ = posteriors(likelihood, best, [0])
     # In degree 2 alone the odd spectrum is that of S, and the even one that of T.
-    apart, together = (
-        Likelihood(equations, each, (2,), (1,), scaled).maximum()
-        for each in ([Spectrum.odd(), Spectrum.even()], [Spectrum.flat()])
+    separate_maximum, common_maximum = (
+        Likelihood(equations, spectra, (2,), (1,), fit_scale).maximum()
+        for spectra in ([Spectrum.odd(), Spectrum.even()], [Spectrum.flat()])
     )
-    power, noise, squares = squares_of(equations, degrees[-1], scaled)
+    power, noise, squares = squares_of(equations, degrees[-1], fit_scale)
     return WaveLimit(
         amplitude,
         degrees,
         float(hubble),
-        tuple(other.name for other in others),
+        tuple(background.name for background in backgrounds),
         best.noise_scale,
         power,
         noise,
         squares,
-        parity_p_value(apart.log_likelihood, together.log_likelihood),
+        parity_p_value(separate_maximum.log_likelihood, common_maximum.log_likelihood),
         equations.n_data,
         equations.notes,
     )
@@ -292,25 +292,27 @@ def quantile(probability: float, variances: FloatArray, shifts: FloatArray) -> f
     from scipy.optimize import brentq  # slow to import
 
     mean = np.sum(variances * (1 + shifts**2))
-    spread = np.sqrt(np.sum(2 * variances**2 * (1 + 2 * shifts**2)))
-    high = mean + 3 * spread
-    while probability_above(high, variances, shifts) > 1 - probability:
-        high += 3 * spread
-    return float(brentq(lambda x: 1 - probability - probability_above(x, variances, shifts), 0, high, xtol=1e-9 * high))
+    dispersion = np.sqrt(np.sum(2 * variances**2 * (1 + 2 * shifts**2)))
+    upper = mean + 3 * dispersion
+    while probability_above(upper, variances, shifts) > 1 - probability:
+        upper += 3 * dispersion
+    return float(
+        brentq(lambda x: 1 - probability - probability_above(x, variances, shifts), 0, upper, xtol=1e-9 * upper)
+    )
 
 
 def squares_of(equations: NormalEquations, lmax: int, scaled: bool) -> tuple[float, float, FloatArray]:
     """P_2, its noise, variances and shifts of its terms, (2, 10), fitted with all degrees to lmax, or nan."""
     modes = equations.modes
-    where = places(modes, range(1, lmax + 1))
-    matrix, rhs = equations.matrix[np.ix_(where, where)], equations.rhs[where]
-    second = np.flatnonzero(modes.degrees[where] == 2)
-    if equations.n_data <= len(where) or np.linalg.cond(matrix) > 1e12:
-        return float("nan"), float("nan"), np.full((2, len(second)), np.nan)
+    indices = places(modes, range(1, lmax + 1))
+    matrix, rhs = equations.matrix[np.ix_(indices, indices)], equations.rhs[indices]
+    quadrupole = np.flatnonzero(modes.degrees[indices] == 2)
+    if equations.n_data <= len(indices) or np.linalg.cond(matrix) > 1e12:
+        return float("nan"), float("nan"), np.full((2, len(quadrupole)), np.nan)
     covariance = np.linalg.inv(matrix)
     values = covariance @ rhs
-    scale = (equations.chi2_null - values @ rhs) / (equations.n_data - len(where)) if scaled else 1.0
-    root = np.sqrt(modes.norm2[where][second])
-    variances, vectors = np.linalg.eigh(scale * covariance[np.ix_(second, second)] * np.outer(root, root))
-    shifts = vectors.T @ (root * values[second]) / np.sqrt(variances)
+    scale = (equations.chi2_null - values @ rhs) / (equations.n_data - len(indices)) if scaled else 1.0
+    root = np.sqrt(modes.norm2[indices][quadrupole])
+    variances, vectors = np.linalg.eigh(scale * covariance[np.ix_(quadrupole, quadrupole)] * np.outer(root, root))
+    shifts = vectors.T @ (root * values[quadrupole]) / np.sqrt(variances)
     return float(np.sum(variances * shifts**2)), float(variances.sum()), np.array([variances, shifts])

@@ -23,48 +23,48 @@ def compare_subsets(
     options = run.options
     classes = vsh.Classes.from_text(options.classes)
     read = partial(run.read, source, path, roles=())
-    parts: list[Any]
+    subsets: list[Any]
     if classes.frame:
-        parts = list(classes.split(read()))
+        subsets = list(classes.split(read()))
     else:
-        within = [_and(options.where, condition) for condition in classes.conditions]
-        parts = [_class(read, *each) for each in zip(classes.labels, within, strict=True)]
+        conditions = [_and(options.where, condition) for condition in classes.conditions]
+        subsets = [_class(read, *item) for item in zip(classes.labels, conditions, strict=True)]
         if ";" in options.classes:
             either = " or ".join(f"({condition})" for condition in classes.conditions)
-            _check_apart(read(where=_and(options.where, either)), classes, parts)
+            _check_apart(read(where=_and(options.where, either)), classes, subsets)
     lmax, inside = estimate.solution.modes.lmax, 0
     if estimate.method == "clip":
-        inside = sum(vsh.io.parts.as_parts(part).sum(len) for part in parts)
-        parts = [fit.estimate(part, lmax, *parsing.method_and_value(options.method)).sources for part in parts]
-    parts = [part.to_frame(options.frame) for part in parts]
+        inside = sum(vsh.io.parts.as_parts(subset).sum(len) for subset in subsets)
+        subsets = [fit.estimate(subset, lmax, *parsing.method_and_value(options.method)).sources for subset in subsets]
+    subsets = [subset.to_frame(options.frame) for subset in subsets]
     make = partial(estimate.equations, templates=templates)
-    normals = [make(part, lmax) for part in parts]
-    normals = fit.background.widened(normals, make, parts)
-    together = fit.background.shared(
+    normals = [make(subset, lmax) for subset in subsets]
+    normals = fit.background.widened(normals, make, subsets)
+    comparison = fit.background.shared(
         normals, range(2, lmax + 1), labels=classes.labels, noise_scale=estimate.is_scaled, rng=options.seed
     )
-    inside, notes = inside or sum(each.n_sources for each in normals), []
+    inside, notes = inside or sum(item.n_sources for item in normals), []
     if n_sources > inside:
         notes.append(f"{n_sources - inside} of {n_sources} sources are in no class: no value, or between conditions")
-    return replace(together, notes=(*together.notes, *notes, estimate.class_note))
+    return replace(comparison, notes=(*comparison.notes, *notes, estimate.class_note))
 
 
-def _and(where, condition):
+def _and(selection, condition):
     """The rows that are expected, and of those the ones that fulfil a condition."""
-    return condition if where is None else f"({where}) and ({condition})"
+    return condition if selection is None else f"({selection}) and ({condition})"
 
 
-def _class(read, label, where):
+def _class(read, label, condition):
     try:
-        return read(where=where)
+        return read(where=condition)
     except EmptySelectionError:
         raise ParameterError(f"the class {label} is empty: choose other edges, or leave it out") from None
 
 
-def _check_apart(whole, classes, parts):
+def _check_apart(union, classes, subsets):
     """Raise ParameterError where a source is in two classes."""
-    counts = [vsh.io.parts.as_parts(part).sum(len) for part in parts]
-    total = vsh.io.parts.as_parts(whole).sum(len)
+    counts = [vsh.io.parts.as_parts(subset).sum(len) for subset in subsets]
+    total = vsh.io.parts.as_parts(union).sum(len)
     if sum(counts) > total:
         raise ParameterError(
             f"{sum(counts) - total} sources are in more than one of the classes {'; '.join(classes.labels)}: make them "
@@ -133,14 +133,14 @@ def _column(name, run, source, path):
     """Numbers of a column at the places of the sources that are read."""
     from vsh.io import catalogue
 
-    given = reading.arguments(run.options)
+    arguments = reading.arguments(run.options)
     if reading.in_parts(run.options):
-        parts = catalogue.stream_columns(source, [name], **given)
-        placed = ((field.to_frame("icrs"), columns[name]) for field, columns in parts)
-        return fit.background.Template.of_parts(name, ((field.lon, field.lat, values) for field, values in placed))
+        chunks = catalogue.stream_columns(source, [name], **arguments)
+        pairs = ((field.to_frame("icrs"), columns[name]) for field, columns in chunks)
+        return fit.background.Template.of_parts(name, ((field.lon, field.lat, values) for field, values in pairs))
     field = run.read(source, path, roles=())
     return fit.background.Template.of_sources(
-        name, field.lon, field.lat, catalogue.read_columns(source, [name], **given)[name], field.frame
+        name, field.lon, field.lat, catalogue.read_columns(source, [name], **arguments)[name], field.frame
     )
 
 

@@ -126,17 +126,17 @@ def _run(options):
     from fit.frames.compare import compare_catalogues
 
     paths = [options.catalogue, options.catalogue2, *options.others]
-    what = options.what or ("motions" if all(_has_motions(path, options) for path in paths) else "positions")
+    quantity = options.what or ("motions" if all(_has_motions(path, options) for path in paths) else "positions")
     labels = _labels(paths)
-    first = _read(paths[0], what, options, options.where)
-    compared, others = {}, {}
+    reference = _read(paths[0], quantity, options, options.where)
+    results, fields = {}, {}
     method: Any
     method, value = parsing.method_and_value(options.method)
     for path, label in zip(paths[1:], labels[1:], strict=True):
-        others[label] = _read(path, what, options, options.where2 or options.where)
-        compared[label] = compare_catalogues(
-            first,
-            others[label],
+        fields[label] = _read(path, quantity, options, options.where2 or options.where)
+        results[label] = compare_catalogues(
+            reference,
+            fields[label],
             options.lmax,
             by=options.by,
             radius=options.radius,
@@ -148,24 +148,24 @@ def _run(options):
             replicates=int(value or 1000),
             rng=options.seed,
         )
-    comparisons = [comparison for comparison, _ in compared.values()]
-    together = _compare_several({labels[0]: first} | others, options) if len(compared) > 1 else None
+    comparisons = [comparison for comparison, _ in results.values()]
+    network = _compare_several({labels[0]: reference} | fields, options) if len(results) > 1 else None
 
     def sections(long):
-        made = [section for comparison in comparisons for section in comparison.sections(long=long)]
-        if together is not None:
-            made += together.sections(long=long)
-        elif len(compared) > 1:
-            words = f"Errors of {labels[0]} are in all of these differences: they are not independent."
-            made[-1] = replace(made[-1], remarks=[*made[-1].remarks, words])
-        return made
+        report = [section for comparison in comparisons for section in comparison.sections(long=long)]
+        if network is not None:
+            report += network.sections(long=long)
+        elif len(results) > 1:
+            remark = f"Errors of {labels[0]} are in all of these differences: they are not independent."
+            report[-1] = replace(report[-1], remarks=[*report[-1].remarks, remark])
+        return report
 
     def sheets():
         from fit.results.output import vectors_table
 
-        tables = {} if together is None else {"All catalogues in one solution": together.to_table()}
-        for label, (comparison, _) in compared.items():
-            of = f": {label}" if len(compared) > 1 else ""
+        tables = {} if network is None else {"All catalogues in one solution": network.to_table()}
+        for label, (comparison, _) in results.items():
+            of = f": {label}" if len(results) > 1 else ""
             tables[f"Under the names of the ICRF3 papers{of}"] = comparison.parameters_table()
             tables[f"Vectors{of}"] = vectors_table(comparison.best)
             tables[f"Coefficients{of}"] = comparison.best.to_table()
@@ -175,11 +175,11 @@ def _run(options):
                 tables[f"Sources that were left out{of}"] = comparison.outliers_table()
         return tables
 
-    several = len(compared) > 1
+    several = len(results) > 1
     answer = [
-        (f"{label}: {name}" if several else name, words)
-        for label, (comparison, _) in compared.items()
-        for name, words in comparison.answer.lines
+        (f"{label}: {name}" if several else name, text)
+        for label, (comparison, _) in results.items()
+        for name, text in comparison.answer.lines
     ]
     run.finish(
         (),
@@ -189,17 +189,17 @@ def _run(options):
         latex=lambda: "\n\n".join(_latex(comparison) for comparison in comparisons),
         answer=Answer(tuple(answer)),
         paths=paths,
-        counts=_counts(list(compared.values())),
+        counts=_counts(list(results.values())),
         figures=lambda: (
             {
-                f"{name}{_of(label, compared)}": axes
-                for label, (comparison, selected) in compared.items()
-                for name, axes in _draw(comparison, selected).items()
+                f"{name}{_of(label, results)}": axes
+                for label, (comparison, differences) in results.items()
+                for name, axes in _draw(comparison, differences).items()
             }
-            | ({} if together is None else {"chain": together.plot()})
+            | ({} if network is None else {"chain": network.plot()})
         ),
-        files=lambda folder, meta: _write(folder, compared, together, meta),
-        page=None if several else lambda drawn, meta: _page(*compared[labels[1]], options, meta, drawn),
+        files=lambda folder, meta: _write(folder, results, network, meta),
+        page=None if several else lambda figures, meta: _page(*results[labels[1]], options, meta, figures),
         title=f"{labels[0]} beside {', '.join(labels[1:])}",
     )
 
@@ -209,15 +209,19 @@ def _floor(options):
     return True if options.floor else False if options.no_floor else None
 
 
-def _of(label, compared):
+def _of(label, results):
     """Suffix of a file name where there are several catalogues."""
-    return f"_{label}" if len(compared) > 1 else ""
+    return f"_{label}" if len(results) > 1 else ""
 
 
-def _counts(compared):
-    matched = [len(kept) + len(comparison.names) for comparison, kept in compared]
-    out = [len(comparison.names) for comparison, _ in compared]
-    return {"matched": matched, "left_out": out} if len(compared) > 1 else {"matched": matched[0], "left_out": out[0]}
+def _counts(results):
+    match_counts = [len(differences) + len(comparison.names) for comparison, differences in results]
+    outlier_counts = [len(comparison.names) for comparison, _ in results]
+    return (
+        {"matched": match_counts, "left_out": outlier_counts}
+        if len(results) > 1
+        else {"matched": match_counts[0], "left_out": outlier_counts[0]}
+    )
 
 
 def _compare_several(catalogues, options):
@@ -229,14 +233,14 @@ def _compare_several(catalogues, options):
     return combine_frames(catalogues, options.lmax, floor=_floor(options), rng=options.seed)
 
 
-def _write(folder, compared, together, meta):
+def _write(folder, results, network, meta):
     from fit.results.output import write_correlation
     from vsh.io import tables
 
-    if together is not None:
-        together.write(folder / "chain.ecsv", meta)
-    for label, (comparison, _) in compared.items():
-        of = _of(label, compared)
+    if network is not None:
+        network.write(folder / "chain.ecsv", meta)
+    for label, (comparison, _) in results.items():
+        of = _of(label, results)
         comparison.write(folder / f"comparison{of}.ecsv", meta)
         comparison.solution.write(folder / f"solution{of}.ecsv", meta)
         write_correlation(comparison.solution, folder / f"correlation{of}.ecsv", meta)
@@ -256,14 +260,14 @@ def _latex(comparison):
     return f"{terms}\n\n{latex_of(comparison.best, answer=comparison.answer)}"
 
 
-def _draw(comparison, kept):
+def _draw(comparison, differences):
     from fit.results.output import draw_figures
 
-    drawn = draw_figures(comparison.best, kept) | {"catalogues": comparison.correlations.plot()}
-    return drawn if comparison.shared is None else drawn | {"shared": comparison.shared.plot()}
+    figures = draw_figures(comparison.best, differences) | {"catalogues": comparison.correlations.plot()}
+    return figures if comparison.shared is None else figures | {"shared": comparison.shared.plot()}
 
 
-def _page(comparison, kept, options, meta, drawn):
+def _page(comparison, differences, options, meta, figures):
     from fit.results.output import write_html
 
     sections = [Section("Under the names of the ICRF3 papers", (), comparison.parameters_table())]
@@ -277,13 +281,13 @@ def _page(comparison, kept, options, meta, drawn):
     }
     write_html(
         comparison.best,
-        kept,
+        differences,
         options.html,
         command=options.command,
         source=" − ".join(comparison.labels),
         provenance=meta,
         answer=comparison.answer,
-        figures=drawn.drawn,
+        figures=figures.drawn,
         captions=captions,
         sections=sections,
     )
@@ -294,18 +298,18 @@ def _has_motions(path, options):
 
     try:
         names = tables.open_table(path, options.input_format).names
-        wanted, _ = catalogue.as_columns(options.columns).among(names)
-        return {wanted.pmra, wanted.pmdec} <= set(names)
+        columns, _ = catalogue.as_columns(options.columns).among(names)
+        return {columns.pmra, columns.pmdec} <= set(names)
     except TableError:  # ICRF's fixed columns, or columns of positions
         return False
 
 
-def _read(path, what, options, where):
+def _read(path, quantity, options, condition):
     from vsh.io.catalogue import read_field, read_positions
 
-    if what == "motions":
-        given = reading.arguments(options) | {"where": where}
-        return read_field(path, roles=("name",), **given).to_frame(options.frame)
+    if quantity == "motions":
+        arguments = reading.arguments(options) | {"where": condition}
+        return read_field(path, roles=("name",), **arguments).to_frame(options.frame)
     if options.frame != (options.catalogue_frame or "icrs"):
         raise VshError(f"positions are compared in the axes they are given in: leave out --frame {options.frame}")
     return read_positions(
@@ -314,7 +318,7 @@ def _read(path, what, options, where):
         sigma=options.position_error,
         on_bad=options.on_bad,
         frame=options.catalogue_frame or "icrs",
-        where=where,
+        where=condition,
         format=options.input_format,
     )
 

@@ -108,29 +108,29 @@ def _run(options):
         )
     fields = [_sources(*pair, options) for pair in zip(paths, sources, strict=True)]
     labels = _labels(paths)
-    what: Any = FRAME if options.parameters == FRAME else options.lmax
-    matrices = correlation.correlation_matrices(fields, what, labels=labels)
-    checked = []
-    if what == FRAME:
-        direct = correlation.correlation_matrices(fields, what, labels=labels, solver="frame")
-        most = max(np.abs(a - b).max() for a, b in zip(matrices.matrices, direct.matrices, strict=True))
-        checked.append(f"The independent solver of degree 1 gives the same correlations to {most:.0e}.")
-    influences, leaks, more = [], [], []
+    parameters: Any = FRAME if options.parameters == FRAME else options.lmax
+    matrices = correlation.correlation_matrices(fields, parameters, labels=labels)
+    remarks = []
+    if parameters == FRAME:
+        direct = correlation.correlation_matrices(fields, parameters, labels=labels, solver="frame")
+        difference = max(np.abs(a - b).max() for a, b in zip(matrices.matrices, direct.matrices, strict=True))
+        remarks.append(f"The independent solver of degree 1 gives the same correlations to {difference:.0e}.")
+    influences, leaks, details = [], [], []
     for field, label in zip(fields, labels, strict=True):
-        more.append(_sky(correlation, field, label, options.lmax))
+        details.append(_sky(correlation, field, label, options.lmax))
         for pair in options.influence or []:
             values = correlation.influence_map(field, options.lmax, pair, options.nside)
             influences.append((label, pair, field, values))
-            more.append(_influence(correlation, field, label, pair, options.lmax, options.add_sources))
+            details.append(_influence(correlation, field, label, pair, options.lmax, options.add_sources))
         if options.leakage:
             leaks.append((label, correlation.leakage(field, options.lmax, options.leakage)))
-            more.append(_leak(leaks[-1][1], label, options.power_per_degree))
+            details.append(_leak(leaks[-1][1], label, options.power_per_degree))
     notes = [f"{label}: {note}" for field, label in zip(fields, labels, strict=True) for note in _notes(field)]
 
     def sections(long):
-        (first,) = matrices.sections(long=long)
-        first = replace(first, remarks=[*first.remarks, *(checked if long else ())])
-        return [first, *more[:-1], replace(more[-1], notes=notes)]
+        (section,) = matrices.sections(long=long)
+        section = replace(section, remarks=[*section.remarks, *(remarks if long else ())])
+        return [section, *details[:-1], replace(details[-1], notes=notes)]
 
     run.finish(
         (),
@@ -159,8 +159,8 @@ def _answer(matrices):
     """The parameters that each sky determines together worst."""
     lines = []
     for k, label in enumerate(matrices.labels):
-        value, (one, two) = matrices.largest(k)
-        lines.append((label, f"largest correlation {value:+.3f}, of {one} and {two}"))
+        value, (parameter_a, parameter_b) = matrices.largest(k)
+        lines.append((label, f"largest correlation {value:+.3f}, of {parameter_a} and {parameter_b}"))
     return lines
 
 
@@ -201,13 +201,13 @@ def _influence(correlation, field, label, pair, lmax, count):
     # Regions of some 30°: single pixels of a fine map say little.
     coarse, (lon, lat) = correlation.influence_map(field, lmax, pair, 2), np.degrees(centres(2))
     k = int(np.argmax(np.abs(coarse)))
-    added = correlation.gain_of_sources(field, lmax, pair, 2, n_sources=count)
+    gains = correlation.gain_of_sources(field, lmax, pair, 2, n_sources=count)
     if len(pair) == 2:
         now = _correlation_of(correlation, field, lmax, pair)
-        what, left = f"correlation of {pair[0]} and {pair[1]}, {now:+.4f}", np.abs(now + added)
+        quantity, objective = f"correlation of {pair[0]} and {pair[1]}, {now:+.4f}", np.abs(now + gains)
     else:
-        what, left = f"ln σ² of {pair[0]}", added
-    at = int(np.argmin(left))
+        quantity, objective = f"ln σ² of {pair[0]}", gains
+    at = int(np.argmin(objective))
     region = f"the sky around {lon[k]:.0f}°, {lat[k]:+.0f}°"
     facts = [
         (
@@ -219,10 +219,10 @@ def _influence(correlation, field, label, pair, lmax, count):
         ),
         (
             f"{count} more sources",
-            f"of median error reduce it most around {lon[at]:.0f}°, {lat[at]:+.0f}°: by {added[at]:+.4f}",
+            f"of median error reduce it most around {lon[at]:.0f}°, {lat[at]:+.0f}°: by {gains[at]:+.4f}",
         ),
     ]
-    return Section(f"{label}: {what}", facts)
+    return Section(f"{label}: {quantity}", facts)
 
 
 def _correlation_of(correlation, field, lmax, pair):
@@ -238,8 +238,8 @@ def _leak(leak, label, power):
     names = parameters_of("spin+acceleration").names
     biases = leak.bias_of(names, power)
     cells = ", ".join(f"{name} {value:.3g}" for name, value in biases.items())
-    first = leak.fitted.lmax + 1
-    title = f"{label}: bias of the fit by degrees {first} to {leak.unmodelled.lmax}, which are left out"
+    lowest_degree = leak.fitted.lmax + 1
+    title = f"{label}: bias of the fit by degrees {lowest_degree} to {leak.unmodelled.lmax}, which are left out"
     facts = [("power", f"{power:g} (µas/yr)² in each of T and S"), ("bias", f"{cells} µas/yr (rms)")]
     return Section(title, facts)
 
@@ -278,14 +278,14 @@ def _caption(name):
 def _draw(matrices, influences, leaks):
     from fit.correlation import plot_influence, symbol
 
-    drawn = {"correlation": matrices.plot()}
+    figures = {"correlation": matrices.plot()}
     for label, pair, field, values in influences:
-        words = " and ".join(map(symbol, pair))
-        what = f"correlation of {words}" if len(pair) == 2 else f"ln σ² of {words}"
-        drawn[_name(label, pair)] = plot_influence(
-            values, field, f"{label}:\nwhat drives the {what}", "change per doubling of weight"
+        symbols = " and ".join(map(symbol, pair))
+        quantity = f"correlation of {symbols}" if len(pair) == 2 else f"ln σ² of {symbols}"
+        figures[_name(label, pair)] = plot_influence(
+            values, field, f"{label}:\nwhat drives the {quantity}", "change per doubling of weight"
         )
-    return drawn | {f"leakage_{label}": leak.plot() for label, leak in leaks}
+    return figures | {f"leakage_{label}": leak.plot() for label, leak in leaks}
 
 
 main, run = running.make_entry(__name__, _run)

@@ -164,7 +164,7 @@ def _run(options):
         solution = beside.with_floor(plain)
     if solution.floor is not None:
         results["floor"] = solution.floor
-    maps = [beside.template(word, run, source, path, field) for word in options.templates or ()]
+    maps = [beside.template(template, run, source, path, field) for template in options.templates or ()]
     if options.classes:
         n_sources = solution.n_sources + (estimate.n_clipped or 0)
         results["shared"] = beside.compare_subsets(run, source, path, estimate, maps, n_sources)
@@ -175,26 +175,26 @@ def _run(options):
     name = "the simulated catalogue of the demo" if options.demo else source.label
     about: dict[str, Any] = {"check": fit.cross_check(sources), "truth": catalogue.truth_of(source), "source": name}
     answer = _answer(solution, results, options.classes)
-    captions = {each: words for each, words in beside.CAPTIONS.items() if each in results}
+    captions = {key: text for key, text in beside.CAPTIONS.items() if key in results}
 
     def further():
-        return {_HEADINGS.get(each, each): result.to_table() for each, result in results.items()}
+        return {_HEADINGS.get(key, key): result.to_table() for key, result in results.items()}
 
     def latex():
-        more = (finishing.as_latex(table, head) for head, table in further().items()) if options.long else ()
-        return "\n\n".join([fit.output.latex_of(solution, full=options.long), *more])
+        extra_tables = (finishing.as_latex(table, head) for head, table in further().items()) if options.long else ()
+        return "\n\n".join([fit.output.latex_of(solution, full=options.long), *extra_tables])
 
     def write(folder, meta):
         fit.output.write_tables(solution, sources, folder, meta, estimate.source_weights)
         fit.output.write_correlation(solution, folder / "correlation.ecsv", meta)
 
-    def page(drawn, meta):
+    def page(figures, meta):
         plain = (fit.fit_field(field, options.lmax), field) if options.beside else None
         fit.output.write_html(
             solution,
             sources,
             options.html,
-            figures=drawn.drawn,
+            figures=figures.drawn,
             command=options.command,
             captions=captions,
             beside={"plain least squares, all sources": plain} if plain else {},
@@ -204,9 +204,9 @@ def _run(options):
             **about | {"source": Path(name).name},
         )
 
-    warned = [f"{label}: {words}" for label, words in fit.output.warnings_of(solution)]
+    warnings = [f"{label}: {text}" for label, text in fit.output.warnings_of(solution)]
     run.finish(
-        [finishing.Part("solution", solution), *(finishing.Part(each, result) for each, result in results.items())],
+        [finishing.Part("solution", solution), *(finishing.Part(key, result) for key, result in results.items())],
         sections=lambda long: [*solution.sections(long=long, **about), *_sections(results, long)],
         tables=lambda: (
             {
@@ -214,17 +214,17 @@ def _run(options):
                 "powers": fit.output.powers_table(solution),
                 "coefficients": solution.to_table(),
             }
-            | {each: result.to_table() for each, result in results.items()}
+            | {key: result.to_table() for key, result in results.items()}
         ),
         latex=latex,
         answer=answer,
-        notes=[*warned, *solution.notes],
+        notes=[*warnings, *solution.notes],
         paths=path,
         counts=_counts(solution, estimate.n_clipped, options.where),
         files=write,
         figures=lambda: (
             fit.output.draw_figures(solution, sources, estimate.source_weights)
-            | {each: result.plot() for each, result in results.items() if each != "floor"}
+            | {key: result.plot() for key, result in results.items() if key != "floor"}
         ),
         page=page,
     )
@@ -236,8 +236,8 @@ def _run(options):
 def _with_templates(estimate, maps, seed):
     """Spin and acceleration of all sources with the templates fitted."""
     normal = estimate.equations(estimate.sources, estimate.solution.modes.lmax, templates=maps)
-    shared = fit.background.shared([normal], labels=["all sources"], noise_scale=estimate.is_scaled, rng=seed)
-    return replace(shared, notes=(*shared.notes, estimate.class_note))
+    comparison = fit.background.shared([normal], labels=["all sources"], noise_scale=estimate.is_scaled, rng=seed)
+    return replace(comparison, notes=(*comparison.notes, estimate.class_note))
 
 
 def _answer(solution, results, has_classes):
@@ -248,29 +248,29 @@ def _answer(solution, results, has_classes):
     lines = [*solution.answer.lines, *(results["waves"].answer.lines if "waves" in results else ())]
     if has_classes:
         p = results["shared"].verdict().p_value
-        words = f"{'a change' if p < SEEN else 'no change'} from class to class is detected (p = {printed_p_value(p)})"
-        lines.append(("classes", words))
+        text = f"{'a change' if p < SEEN else 'no change'} from class to class is detected (p = {printed_p_value(p)})"
+        lines.append(("classes", text))
     return Answer(tuple(lines))
 
 
 def _sections(results, long):
     """The sections below those of the solution; short, the lines to quote have the floor and the limit on waves."""
-    shown = [name for name in ("floor", "waves", "shared", "cross_powers") if name in results]
-    shown = [name for name in shown if long or name not in ("floor", "waves")]
-    given = [replace(results[name], notes=()) if name == "waves" else results[name] for name in shown]  # said above
-    return [section for each in given for section in each.sections(long=long)]
+    names = [name for name in ("floor", "waves", "shared", "cross_powers") if name in results]
+    names = [name for name in names if long or name not in ("floor", "waves")]
+    selection = [replace(results[name], notes=()) if name == "waves" else results[name] for name in names]  # said above
+    return [section for result in selection for section in result.sections(long=long)]
 
 
-def _counts(solution, clipped, where):
+def _counts(solution, n_clipped, condition):
     """Rows of the table, by what became of them."""
-    refused, out, used = dropped(solution.notes), count_unselected(solution.notes), solution.n_sources
+    n_refused, n_unselected, n_sources = dropped(solution.notes), count_unselected(solution.notes), solution.n_sources
     counts = {
-        "rows": used + clipped + refused + out,
-        "rows_used": used,
-        "rows_refused": refused,
-        "rows_clipped": clipped,
+        "rows": n_sources + n_clipped + n_refused + n_unselected,
+        "rows_used": n_sources,
+        "rows_refused": n_refused,
+        "rows_clipped": n_clipped,
     }
-    return counts | ({"rows_not_selected": out} if where else {})
+    return counts | ({"rows_not_selected": n_unselected} if condition else {})
 
 
 main, run = running.make_entry(__name__, _run)

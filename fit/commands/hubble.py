@@ -20,17 +20,17 @@ def answer_lines(results: dict[str, Any]) -> list[tuple[str, str]]:
         lines.append(("H0", _of_hubble(results["hubble"])))
     if "velocity" in results:
         solution = results["velocity"]
-        words = f"{fit.output.words_of(solution.velocity)}, for H0 = {solution.assumed_hubble:g} km/s/Mpc"
-        lines.append(("velocity", words))
+        text = f"{fit.output.words_of(solution.velocity)}, for H0 = {solution.assumed_hubble:g} km/s/Mpc"
+        lines.append(("velocity", text))
     if "shared" in results and len(results["shared"]) > 1:
         p = results["shared"].verdict().p_value
-        words = "a change" if p < fit.quality.SEEN else "no change"
-        lines.append(("dipole", f"{words} with redshift is detected, {_p(p)}, systematic errors included"))
+        text = "a change" if p < fit.quality.SEEN else "no change"
+        lines.append(("dipole", f"{text} with redshift is detected, {_p(p)}, systematic errors included"))
     elif "bins" in results and len(results["bins"]) > 1:
-        words = "a change with redshift is not tested, because systematic errors are not included: add --floor"
-        lines.append(("dipole", words))
-    left = [results[name] for name in ("velocity", "hubble") if name in results]
-    if any(each.flow_covariance is not None for each in left):
+        text = "a change with redshift is not tested, because systematic errors are not included: add --floor"
+        lines.append(("dipole", text))
+    estimates = [results[name] for name in ("velocity", "hubble") if name in results]
+    if any(estimate.flow_covariance is not None for estimate in estimates):
         lines.append(("errors", "do not include flows that galaxies have in common"))
     return lines
 
@@ -46,8 +46,8 @@ def _of_hubble(solution):
 
 def _format_deviation(value, error):
     """Distance of a Hubble constant from the published ones, in its errors."""
-    low, high = _PUBLISHED
-    distance = max(low - value, value - high, 0.0) / error
+    lower, upper = _PUBLISHED
+    distance = max(lower - value, value - upper, 0.0) / error
     return (
         f"{distance:.1f} σ outside the published range of 67 to 73"
         if distance
@@ -67,28 +67,28 @@ def hubble_of(posterior: Any) -> tuple[str, str]:
         return f"not determined: < {three_digits(below)} km/s/Mpc (95 %)", _beside_published(below)
     h0 = posterior.summary()["H0"]
     error = (h0.median - h0.low68) if h0.median > _PUBLISHED[1] else (h0.high68 - h0.median)
-    median, low, high, *_ = posterior.print_summary()["H0"]
-    return f"{median} km/s/Mpc ({low} to {high}, 68 %)", _format_deviation(h0.median, error)
+    median, lower, upper, *_ = posterior.print_summary()["H0"]
+    return f"{median} km/s/Mpc ({lower} to {upper}, 68 %)", _format_deviation(h0.median, error)
 
 
 def _of_posterior(posterior):
     """H0 and the speed by the posterior, medians with 68 % intervals, and the priors they rest on."""
-    rows, printed = posterior.summary(), posterior.print_summary()
+    rows, texts = posterior.summary(), posterior.print_summary()
     lines = [("H0", "{}, posterior; {}".format(*hubble_of(posterior)))]
     if posterior.hubble_limits is not None:
         product = [f"{value:.0f}" for value in posterior.product]
         lines.append(("v · H0", f"{product[0]} (km/s)²/Mpc ({product[1]} to {product[2]}, 68 %)"))
     v = rows.get("speed")
     if v is not None and v.high68 - v.low68 > 0.02 * v.median:  # otherwise it is the prior's
-        median, low, high, *_ = printed["speed"]
-        lines.append(("speed", f"{median} km/s ({low} to {high}, 68 %), posterior"))
+        median, lower, upper, *_ = texts["speed"]
+        lines.append(("speed", f"{median} km/s ({lower} to {upper}, 68 %), posterior"))
     priors = posterior.model.priors.in_words()
     lines.append(("prior", f"H0 {priors['hubble']}; velocity {priors['velocity']}"))
-    medians = [each.median for each in posterior.hubble_by_prior.values()]
+    medians = [quantiles.median for quantiles in posterior.hubble_by_prior.values()]
     if medians and max(medians) > _BY_PRIOR * min(medians):
-        limits = [each.below for each in posterior.hubble_by_prior.values()]
-        words = f"{three_digits(min(limits))} to {three_digits(max(limits))} km/s/Mpc"
-        caution = f"the motions determine H0 poorly: its 95 % upper limit ranges over {words} with other priors"
+        limits = [quantiles.below for quantiles in posterior.hubble_by_prior.values()]
+        interval = f"{three_digits(min(limits))} to {three_digits(max(limits))} km/s/Mpc"
+        caution = f"the motions determine H0 poorly: its 95 % upper limit ranges over {interval} with other priors"
         lines.append(("caution", caution))
     return lines
 

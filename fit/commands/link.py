@@ -112,29 +112,31 @@ def _run(options):
     strange = sorted({*epochs, *options.quasars} - {*labels})
     if strange:
         raise ParameterError(f"no table is called {', '.join(strange)}: there are {', '.join(labels)}")
-    first, *others = (
+    astrometry, *remainder = (
         read_astrometry(path, epoch=epochs.get(label), still=label in options.quasars)
         for path, label in zip(options.catalogues, labels, strict=True)
     )
-    for each in others:
-        first = first + each
-    fixed = None if options.fixed is None else {name: _epoch(text, "--fixed") for name, text in options.fixed.items()}
-    more: dict[str, Any] = {"aberration": None} if options.no_aberration else {}
+    for item in remainder:
+        astrometry = astrometry + item
+    fixed_epochs = (
+        None if options.fixed is None else {name: _epoch(text, "--fixed") for name, text in options.fixed.items()}
+    )
+    keywords: dict[str, Any] = {"aberration": None} if options.no_aberration else {}
     if options.no_offset:
-        more["excess"] = False
-    more |= {
+        keywords["excess"] = False
+    keywords |= {
         "reference": options.reference, "unknowns": options.unknowns, "order": options.order,
         "colour_order": options.colour_order, "epoch": options.epoch, "robust": not options.no_robust,
-        "scale": options.scale, "priors": _priors(options), "fixed": fixed,
+        "scale": options.scale, "priors": _priors(options), "fixed": fixed_epochs,
         "parallax": not options.no_parallax, "light_time": not options.no_light_time,
     }  # fmt: skip
     results: dict[str, Any] = {}
     if options.seek_step is None:
-        solution = link(first, steps=options.steps, **more)
+        solution = link(astrometry, steps=options.steps, **keywords)
     else:
         if options.steps:
             raise ParameterError("--steps says where the frame jumps, --seek-step asks where: give one of the two")
-        results["steps"] = find_step(first, options.seek_step or None, **more)
+        results["steps"] = find_step(astrometry, options.seek_step or None, **keywords)
         solution = results["steps"].solution
     results["link"] = solution
     if options.candidates:
@@ -142,15 +144,17 @@ def _run(options):
 
     truth = _truth(solution, options.catalogues[0])
     headings = {"steps": "Place of the jump", "link": "Link", "plan": "Observe next"}
-    parts = [finishing.Part(name, each, headings[name]) for name, each in results.items()]
-    shown = [each for name, each in results.items() if name != "link" or "steps" not in results]
+    parts = [finishing.Part(name, item, headings[name]) for name, item in results.items()]
+    selection = [item for name, item in results.items() if name != "link" or "steps" not in results]
     run.finish(
         parts,
-        sections=lambda long: [*(section for each in shown for section in each.sections(long=long)), *truth],
-        tables=lambda: {part.heading: part.result.to_table() for part in parts} | {"Sources": solution.sources_table()},
+        sections=lambda long: [*(section for item in selection for section in item.sections(long=long)), *truth],
+        tables=lambda: (
+            {output.heading: output.result.to_table() for output in parts} | {"Sources": solution.sources_table()}
+        ),
         answer=results.get("steps", solution).answer,
         notes=solution.notes,
-        paths=[*options.catalogues, *(each for each in (options.priors, options.candidates) if each)],
+        paths=[*options.catalogues, *(item for item in (options.priors, options.candidates) if item)],
         counts={"sources": len(solution.sources)},
         files=lambda folder, meta: write_table(solution.sources_table(), folder / "sources.ecsv", meta),
         title=f"{', '.join(solution.unknowns.turned)} against {solution.reference}",
@@ -171,7 +175,9 @@ def _truth(solution, path):
     for name, vector in vectors.items():
         true = truth[name].to_frame(solution.frame).value
         pairs = zip(true, (vector.value - true) / vector.sigma, strict=True)
-        facts.append((name, ", ".join(f"{value:+.2f} ({away:+.1f}σ)" for value, away in pairs) + f" {vector.unit}"))
+        facts.append(
+            (name, ", ".join(f"{value:+.2f} ({deviation:+.1f}σ)" for value, deviation in pairs) + f" {vector.unit}")
+        )
     return [Section("Truth, and how many errors the solution is from it", facts)]
 
 

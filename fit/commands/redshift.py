@@ -156,8 +156,8 @@ def make_parser() -> argparse.ArgumentParser:
         metavar="X",
         help=("error of the reconstruction, as a fraction of the rms flow of linear theory (default: 0.5)"),
     )
-    measured = parser.add_argument_group("distances that are measured: clusters, masers, stars")
-    measured.add_argument(
+    measurements = parser.add_argument_group("distances that are measured: clusters, masers, stars")
+    measurements.add_argument(
         "--distances",
         action="store_true",
         help=(
@@ -165,7 +165,7 @@ def make_parser() -> argparse.ArgumentParser:
             "redshifts or H0; in Galactic axes, or with --frame ecliptic in ecliptic axes"
         ),
     )
-    measured.add_argument(
+    measurements.add_argument(
         "--oort", action="store_true", help="with --distances: rotation and shear as well (Oort's A, B, C, K)"
     )
     posterior = parser.add_argument_group("posterior of our velocity and H0")
@@ -278,7 +278,7 @@ def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
     ):
         if getattr(options, name) and not getattr(options, needs):
             parser.error(f"--{name.replace('_', '-')} needs --{needs}")
-    wanted = options.h0 or options.velocity or options.bins or options.posterior
+    task = options.h0 or options.velocity or options.bins or options.posterior
     if options.floor and options.lmax == 2:
         parser.error("--floor needs --lmax 3 or more: degrees 1 and 2 contain no information on systematic errors")
     for name in ("floor", "no_floor", "estimator"):
@@ -286,9 +286,9 @@ def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
             parser.error(f"--{name.replace('_', '-')} is for --bins")
     if options.oort and not options.distances:
         parser.error("--oort needs --distances")
-    if options.distances and (wanted or options.workers or options.scheduler or options.clip or options.free_spin):
+    if options.distances and (task or options.workers or options.scheduler or options.clip or options.free_spin):
         parser.error("--distances stands alone: it takes no --h0, --velocity, --bins, --posterior, --clip, --workers")
-    if not (wanted or options.distances):
+    if not (task or options.distances):
         parser.error("nothing to do: give --h0 H0, --velocity planck, --bins EDGES, --posterior, --distances")
     if (
         options.checkpoint
@@ -329,17 +329,17 @@ def _run(options):
     if options.distances:
         _by_distances(run, source)
         return
-    whole = run.read(source, options.catalogue).to_frame(options.frame)
-    is_parts = isinstance(whole, vsh.io.parts.Parts)
+    sky = run.read(source, options.catalogue).to_frame(options.frame)
+    is_parts = isinstance(sky, vsh.io.parts.Parts)
     if not is_parts:
-        reading.refuse_velocities(whole.notes, source.label)
-    frame = _frame_of_redshifts(whole, source, options.redshift_frame)
+        reading.refuse_velocities(sky.notes, source.label)
+    frame = _frame_of_redshifts(sky, source, options.redshift_frame)
     counts = {}
     if not is_parts:
-        refused = dropped(whole.notes)
-        counts = {"rows": len(whole) + refused + count_unselected(whole.notes), "rows_read": len(whole)}
+        n_refused = dropped(sky.notes)
+        counts = {"rows": len(sky) + n_refused + count_unselected(sky.notes), "rows_read": len(sky)}
     if options.clip:
-        whole = _clip_field(whole, options.clip)
+        sky = _clip_field(sky, options.clip)
     velocity = reading.velocity_of(options.velocity)
     ours = velocity or vsh.models.cosmology.CMB_VELOCITY_PLANCK18
     results, truth, p_values, remark = {}, catalogue.truth_of(source), None, ""
@@ -360,48 +360,48 @@ def _run(options):
         bin_options |= {"threads": options.threads, "rng": options.seed}
         method, value = parsing.method_and_value(options.estimator or "least-squares")
         edges = int(options.bins[0]) if len(options.bins) == 1 else options.bins
-        bin_up_to = partial(_fit_bins, whole, edges, bin_options | {"method": method, "value": value})
+        bin_up_to = partial(_fit_bins, sky, edges, bin_options | {"method": method, "value": value})
         results["bins"] = bins = bin_up_to(options.lmax)
-        asked = options.floor or (bins.counts.sum() >= fit.quality.MANY and not options.no_floor)
-        if asked:  # permutations know nothing of the systematic errors
-            shared, remark = _estimate_shared_floor(bin_up_to, bins, options.lmax, options.seed, options.floor)
-            results |= {} if shared is None else {"shared": shared}
+        has_floor = options.floor or (bins.counts.sum() >= fit.quality.MANY and not options.no_floor)
+        if has_floor:  # permutations know nothing of the systematic errors
+            comparison, remark = _estimate_shared_floor(bin_up_to, bins, options.lmax, options.seed, options.floor)
+            results |= {} if comparison is None else {"shared": comparison}
         else:
-            p_values = _p_values(whole, bins, ours, options.redshift_frame, dispersion)
-            remark = _left_out(whole, bins)
+            p_values = _p_values(sky, bins, ours, options.redshift_frame, dispersion)
+            remark = _left_out(sky, bins)
     if options.h0 or options.velocity or options.posterior:
-        field = whole
+        field = sky
         step = partial(with_redshift, redshift_frame=options.redshift_frame, missing_only=options.on_bad != "drop")
-        field = whole.map(step) if is_parts else step(whole)
+        field = sky.map(step) if is_parts else step(sky)
         _ask_for_frame(field, options.redshift_frame, options.h0 or 67.4, common, source.label)
     if options.h0:
         results["velocity"] = observer_velocity(field, options.h0, **common)
     if options.velocity:
         results["hubble"] = hubble_constant(field, velocity, local_group=options.local_group, **common)
-    unfinished = None
+    failure = None
     if options.posterior:
         try:
             results["posterior"] = _posterior(field, options, ours, common)
         except ConvergenceError as error:  # every other result is written all the same
-            unfinished = error
+            failure = error
 
     def sections(long):
-        shown = []
+        report = []
         if "bins" in results:
-            shown += results["bins"].sections(velocity=ours, p_values=p_values, long=long)
+            report += results["bins"].sections(velocity=ours, p_values=p_values, long=long)
             if remark:
-                shown[-1] = replace(shown[-1], remarks=[*shown[-1].remarks, remark])
-            shown += results["shared"].sections(long=long) if "shared" in results else ()
-        shown += _of_estimates(results, source.label, truth, long)
-        if unfinished is not None:
-            shown.append(Section("Posterior", [("not finished", str(unfinished))]))
-        return [replace(shown[0], facts=[*frame, *shown[0].facts]), *shown[1:]] if shown else [Section("", frame)]
+                report[-1] = replace(report[-1], remarks=[*report[-1].remarks, remark])
+            report += results["shared"].sections(long=long) if "shared" in results else ()
+        report += _of_estimates(results, source.label, truth, long)
+        if failure is not None:
+            report.append(Section("Posterior", [("not finished", str(failure))]))
+        return [replace(report[0], facts=[*frame, *report[0].facts]), *report[1:]] if report else [Section("", frame)]
 
     run.finish(
         (),
         sections=sections,
         tables=lambda: _tables(results, truth),
-        notes=() if is_parts else whole.notes,
+        notes=() if is_parts else sky.notes,
         answer=Answer(tuple(answer_lines(results))),
         paths=options.catalogue,
         counts=counts,
@@ -411,24 +411,24 @@ def _run(options):
         captions=_CAPTIONS,
         cards=lambda: _cards(results),
     )
-    if unfinished is not None:
-        raise unfinished
+    if failure is not None:
+        raise failure
 
 
-def _frame_of_redshifts(whole, source, given):
+def _frame_of_redshifts(sky, source, redshift_frame):
     """The frame that redshifts are taken to be in, as facts; VshError where there are none."""
-    is_parts = isinstance(whole, vsh.io.parts.Parts)
-    if not (whole.has("redshift") if is_parts else whole.redshift is not None):
+    is_parts = isinstance(sky, vsh.io.parts.Parts)
+    if not (sky.has("redshift") if is_parts else sky.redshift is not None):
         raise VshError(
             f"{source.label} has no column of redshifts: name it, --columns redshift=NAME; or use --distances, where "
             "distances or parallaxes are known. "
             f"The table has {', '.join(source.names)}"
         )
-    stated = next(iter(whole)).redshift_frame if is_parts else whole.redshift_frame
-    frame = given or stated or "not known"
+    table_frame = next(iter(sky)).redshift_frame if is_parts else sky.redshift_frame
+    frame = redshift_frame or table_frame or "not known"
     facts = [("redshifts", frame + ("" if frame in ("true", "not known") else ", taken to the microwave background"))]
-    if given and stated and stated != given:
-        facts.append(("warning", f"the table says that its redshifts are {stated}; --redshift-frame prevails"))
+    if redshift_frame and table_frame and table_frame != redshift_frame:
+        facts.append(("warning", f"the table says that its redshifts are {table_frame}; --redshift-frame prevails"))
     return facts
 
 
@@ -438,11 +438,13 @@ def _of_estimates(results, label, truth, long):
     posterior = results.get("posterior")
     if posterior is not None:
         sections += posterior.sections(long=long)
-        words = _truth_words(_truths(truth, posterior), posterior)
-        sections[-1] = replace(sections[-1], remarks=[*sections[-1].remarks, *words])
+        remarks = _truth_words(_truths(truth, posterior), posterior)
+        sections[-1] = replace(sections[-1], remarks=[*sections[-1].remarks, *remarks])
     if posterior is None or long:
-        named = [results[name] for name in ("velocity", "hubble") if name in results]
-        sections += [section for each in named for section in each.sections(source=label, truth=truth, long=long)]
+        estimates = [results[name] for name in ("velocity", "hubble") if name in results]
+        sections += [
+            section for estimate in estimates for section in estimate.sections(source=label, truth=truth, long=long)
+        ]
     flow = _flow_of(results)
     if flow is not None and long:
         sections += flow.sections()
@@ -456,12 +458,12 @@ def _by_distances(run, source):
     from vsh.io import catalogue
 
     options = run.options
-    given = reading.arguments(options) | {"columns": catalogue.with_distances(options.columns, source)}
-    field = catalogue.read_field(source, **given)
+    arguments = reading.arguments(options) | {"columns": catalogue.with_distances(options.columns, source)}
+    field = catalogue.read_field(source, **arguments)
     counts = {"rows": len(field) + dropped(field.notes) + count_unselected(field.notes), "rows_read": len(field)}
-    known = has_distances(field)
-    if options.on_bad == "drop" and known.any() and not known.all():
-        field = field[known].add_note(f"left out {(~known).sum()} sources without a distance or parallax")
+    mask = has_distances(field)
+    if options.on_bad == "drop" and mask.any() and not mask.all():
+        field = field[mask].add_note(f"left out {(~mask).sum()} sources without a distance or parallax")
     dispersion: Any = "free" if options.peculiar_dispersion is None else options.peculiar_dispersion
     # Oort's constants are of Galactic axes; ICRS is what --frame says where nobody said anything.
     frame = "galactic" if options.frame == "icrs" else options.frame
@@ -527,19 +529,19 @@ def _estimate_shared_floor(bin_up_to, bins, lmax, seed, is_asked):
 
     degree = lmax if lmax >= 3 else _DEGREE
     bins = bins if lmax >= 3 else bin_up_to(degree)
-    if any(sees_part(each, degree) for each in bins.normals):
+    if any(sees_part(normal, degree) for normal in bins.normals):
         with suppress(DegeneracyError):  # a bin of few sources does not bear so many, and a note says what that means
             bins = replace(bins, normals=bin_up_to(degree + BEYOND).normals)
     try:
-        shared = bins.shared(range(2, degree + 1), rng=seed)
+        comparison = bins.shared(range(2, degree + 1), rng=seed)
     except VshError as error:
         if is_asked:
             raise
         return None, f"Errors are without systematic errors, which are not known: {error}"
-    return shared, "These p-values are for independent errors; those with systematic errors follow."
+    return comparison, "These p-values are for independent errors; those with systematic errors follow."
 
 
-def _left_out(whole, bins):
+def _left_out(sky, bins):
     """The size of what errors of bins leave out, in words."""
     import fit
     from fit.redshift import FLOW_MATTERS
@@ -547,7 +549,7 @@ def _left_out(whole, bins):
     if bins.counts.sum() < fit.quality.FEW or bins.flow_share > FLOW_MATTERS:
         return ""
     try:
-        floor = fit.background.floor(fit.fit_field(whole, _DEGREE))
+        floor = fit.background.floor(fit.fit_field(sky, _DEGREE))
     except VshError:  # of few sources, or on little of the sky, it is not known
         return ""
     return (
@@ -574,10 +576,10 @@ def _p_values(field, bins, velocity, redshift_frame, dispersion):
     from fit.redshift import FLOW_MATTERS, permutation_test
 
     few = isinstance(field, vsh.Field) and len(field) <= 20_000
-    wanted = bins.modes.lmax == 1 and len(bins) > 1 and few and bins.flow_share <= FLOW_MATTERS
-    known = velocity if np.isfinite(bins.mean_inverse_distance).all() else None
-    given = {"redshift_frame": redshift_frame, "peculiar_dispersion": dispersion}
-    return permutation_test(field, bins, velocity=known, **given) if wanted else None
+    is_testable = bins.modes.lmax == 1 and len(bins) > 1 and few and bins.flow_share <= FLOW_MATTERS
+    test_velocity = velocity if np.isfinite(bins.mean_inverse_distance).all() else None
+    options = {"redshift_frame": redshift_frame, "peculiar_dispersion": dispersion}
+    return permutation_test(field, bins, velocity=test_velocity, **options) if is_testable else None
 
 
 def _posterior(field, options, prior, common):
@@ -614,37 +616,37 @@ def _posterior(field, options, prior, common):
 def _truth_words(truths, posterior):
     """The truth of a simulated catalogue, and where in its posterior each number lies."""
     shares = {name: 100 * np.mean(posterior.samples[name] < value) for name, value in (truths or {}).items()}
-    listed = ", ".join(f"{name} {truths[name]:.4g} ({share:.0f} %)" for name, share in shares.items())
-    return [f"Truth, and the share of the samples below it: {listed}"] if listed else []
+    text = ", ".join(f"{name} {truths[name]:.4g} ({share:.0f} %)" for name, share in shares.items())
+    return [f"Truth, and the share of the samples below it: {text}"] if text else []
 
 
 def _tables(results, truth):
     """Tabulate every result, by heading; the truth of a simulated catalogue beside it."""
-    made = {_HEADINGS[name]: result.to_table() for name, result in results.items()}
+    sheets = {_HEADINGS[name]: result.to_table() for name, result in results.items()}
     for name in ("velocity", "hubble", "posterior"):
         if name not in results:
             continue
-        table = made[_HEADINGS[name]]
+        table = sheets[_HEADINGS[name]]
         if truths := _truths(truth, results[name]):
-            beside = table.colnames.index("sigma") + 1
-            table.add_column([truths.get(each, np.nan) for each in table.columns[0]], beside, "truth")
+            position = table.colnames.index("sigma") + 1
+            table.add_column([truths.get(parameter, np.nan) for parameter in table.columns[0]], position, "truth")
         if name != "posterior":
             table.meta["summary"] = _summary(results[name])
-    return made
+    return sheets
 
 
 def _summary(solution):
     """Summarise a velocity, or H0, in a line."""
     if hasattr(solution, "velocity"):
-        known = f"for H0 = {solution.assumed_hubble:g} km/s/Mpc"
+        phrase = f"for H0 = {solution.assumed_hubble:g} km/s/Mpc"
     else:
-        low, high = solution.hubble_limits
-        limits = f"below {three_digits(high)}" + (f", above {three_digits(low)}" if low > 0 else "")
+        lower, upper = solution.hubble_limits
+        limits = f"below {three_digits(upper)}" + (f", above {three_digits(lower)}" if lower > 0 else "")
         error = "" if is_determined(solution) else " (its error is too large for a ±)"
         ours = solution.assumed_velocity.amplitude
-        known = f"for our velocity of {ours:.1f} km/s, H0{error} {limits} km/s/Mpc with 95 %"
+        phrase = f"for our velocity of {ours:.1f} km/s, H0{error} {limits} km/s/Mpc with 95 %"
     return (
-        f"{solution.n_sources} sources, {solution.frame} axes, {known}, χ²/dof = {solution.quality.reduced:.3f}, "
+        f"{solution.n_sources} sources, {solution.frame} axes, {phrase}, χ²/dof = {solution.quality.reduced:.3f}, "
         f"{'coherent flows in the errors' if solution.flow is not None else 'errors without flows'}"
     )
 
@@ -657,8 +659,8 @@ def _cards(results):
         v = solution.velocity
         size = f"{three_digits(v.amplitude)} ± {three_digits(v.amplitude_error)} km/s"
         size = size if v.p_value < fit.quality.SEEN else f"< {three_digits(v.amplitude_limit())} km/s (95 %)"
-        more = f"p = {printed_p_value(v.p_value)} for none; for H0 = {solution.assumed_hubble:g} km/s/Mpc"
-        cards.append(("Our velocity", size, more))
+        remark = f"p = {printed_p_value(v.p_value)} for none; for H0 = {solution.assumed_hubble:g} km/s/Mpc"
+        cards.append(("Our velocity", size, remark))
     if "hubble" in results and "posterior" not in results:  # one limit on H0, that of the lines to quote
         solution = results["hubble"]
         size = f"{solution.hubble:.3g} ± {solution.hubble_error:.2g} km/s/Mpc"
@@ -700,23 +702,23 @@ def _truths(truth, result):
     """The truth of a simulated catalogue, by the names of a result."""
     if not truth or "velocity" not in truth:
         return None
-    named = {"H0": truth["hubble"]}
+    values = {"H0": truth["hubble"]}
     for name, letter in (("velocity", "v"), ("acceleration", "a")):
         vector = truth[name].to_frame(result.frame)
-        named |= {f"{letter}_{axis}": float(value) for axis, value in zip("xyz", vector.value, strict=True)}
+        values |= {f"{letter}_{axis}": float(value) for axis, value in zip("xyz", vector.value, strict=True)}
     names = result.samples if hasattr(result, "samples") else result.names
-    return {name: value for name, value in named.items() if name in names}
+    return {name: value for name, value in values.items() if name in names}
 
 
 def _draw(results, truth, velocity):
-    drawn = {"bins": results["bins"].plot(velocity)} if "bins" in results else {}
-    drawn |= {"shared": results["shared"].plot()} if "shared" in results else {}
+    figures = {"bins": results["bins"].plot(velocity)} if "bins" in results else {}
+    figures |= {"shared": results["shared"].plot()} if "shared" in results else {}
     flow = _flow_of(results)
-    drawn |= {} if flow is None else {"flow": flow.plot()}
+    figures |= {} if flow is None else {"flow": flow.plot()}
     if "posterior" in results:
         posterior = results["posterior"]
-        drawn |= {"corner": posterior.corner(truths=_truths(truth, posterior)), "trace": posterior.trace()}
-    return drawn
+        figures |= {"corner": posterior.corner(truths=_truths(truth, posterior)), "trace": posterior.trace()}
+    return figures
 
 
 main, run = running.make_entry(__name__, _run)

@@ -38,8 +38,10 @@ class Prediction(Solution):
 
         The sixth root of the ratio of determinants of their normal equations of degree 1 alone.
         """
-        even = self._weight / 3 * np.eye(6)  # N of degree 1 on a uniform sky: two thirds of the mean weight a source
-        return float(np.exp((np.linalg.slogdet(self._alone)[1] - np.linalg.slogdet(even)[1]) / 6))
+        uniform_matrix = (
+            self._weight / 3 * np.eye(6)
+        )  # N of degree 1 on a uniform sky: two thirds of the mean weight a source
+        return float(np.exp((np.linalg.slogdet(self._alone)[1] - np.linalg.slogdet(uniform_matrix)[1]) / 6))
 
     @property
     def largest(self) -> tuple[float, tuple[str, str]]:
@@ -49,18 +51,18 @@ class Prediction(Solution):
         return largest_correlation(correlation, pair.names)
 
     def _pack(self):
-        columns, rest, units = super()._pack()
+        columns, metadata, units = super()._pack()
         return (
             columns,
-            rest | {"weight": exact(self._weight), "alone": [[exact(x) for x in row] for row in self._alone]},
+            metadata | {"weight": exact(self._weight), "alone": [[exact(x) for x in row] for row in self._alone]},
             units,
         )
 
     @classmethod
-    def _unpack(cls, columns, rest):
-        alone = np.array([[number(x) for x in row] for row in rest["alone"]])
-        more: Any = {"_weight": number(rest["weight"]), "_alone": covariance("alone", alone, 6)}
-        return cls(*cls._plain(columns, rest), **more)
+    def _unpack(cls, columns, metadata):
+        normal_matrix = np.array([[number(x) for x in row] for row in metadata["alone"]])
+        attributes: Any = {"_weight": number(metadata["weight"]), "_alone": covariance("alone", normal_matrix, 6)}
+        return cls(*cls._plain(columns, metadata), **attributes)
 
     # What `predict` found on the way: total weight Σ tr W, and N of spin and acceleration alone.
     _weight: float = 0.0
@@ -128,9 +130,9 @@ def predict_covariance(
 
 def _with_spectrum(normal, spectrum):
     """The solution with errors of a known spectrum: a prior from degree 2 on, and more of degree 1."""
-    variances, first = spectrum.variances(normal.modes), normal.modes.degrees == 1
-    solution = solve(normal + gaussian_prior(normal.modes, np.sqrt(np.where(first, np.inf, variances))))
-    return replace(solution, covariance=solution.covariance + np.diag(np.where(first, variances, 0.0)))
+    variances, degree_one = spectrum.variances(normal.modes), normal.modes.degrees == 1
+    solution = solve(normal + gaussian_prior(normal.modes, np.sqrt(np.where(degree_one, np.inf, variances))))
+    return replace(solution, covariance=solution.covariance + np.diag(np.where(degree_one, variances, 0.0)))
 
 
 def _information(field):
@@ -204,8 +206,8 @@ def reweight_field(field: Field, case: ArrayLike | None) -> Field:
         return field[case]
     if not (np.isfinite(case) & (case >= 0)).all():
         raise FieldError("factors on weights are finite and not negative")
-    kept = field[case > 0]
-    return kept.with_errors(kept.sigma / np.sqrt(case[case > 0]))
+    selection = field[case > 0]
+    return selection.with_errors(selection.sigma / np.sqrt(case[case > 0]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -229,11 +231,11 @@ class DownweightResult(Result):
 
     def _sections(self, long):
         facts = [("weight kept", f"{np.nanmean(self.factors):.0%}")]
-        for words, prediction in (("before", self.before), ("after", self.after)):
+        for label, prediction in (("before", self.before), ("after", self.after)):
             value, pair = prediction.largest
             spin, acceleration = (np.sqrt(np.mean(v.sigma**2)) for v in (prediction.spin, prediction.acceleration))
             size = f"errors of spin {spin:.3g}, of acceleration {acceleration:.3g} µas/yr"
-            facts.append((words, f"largest correlation {value:+.3f}, of {pair[0]} and {pair[1]}; {size}"))
+            facts.append((label, f"largest correlation {value:+.3f}, of {pair[0]} and {pair[1]}; {size}"))
         return (Section("Sources downweighted for a smaller correlation", facts),)
 
     def to_table(self) -> Table:
@@ -284,17 +286,17 @@ def downweight(
         raise ParameterError(f"a bound on correlations lies between 0 and 1, not at {max_correlation}")
     field = Field.from_positions(sources, sigma)
     pixels = pixels_of(field.lon, field.lat, nside)
-    used, index = np.unique(pixels, return_inverse=True)
-    parts = _normal_by_pixel(field, index, len(used))
-    parts /= np.trace(parts.sum(0)) / 6
+    unique_pixels, index = np.unique(pixels, return_inverse=True)
+    matrices = _normal_by_pixel(field, index, len(unique_pixels))
+    matrices /= np.trace(matrices.sum(0)) / 6
     pairs = np.triu_indices(6, 1)
 
     def covariance(keep):
-        return np.linalg.inv(np.tensordot(keep, parts, 1))
+        return np.linalg.inv(np.tensordot(keep, matrices, 1))
 
     def cost(keep):
         c = covariance(keep)
-        return np.linalg.slogdet(c)[1], -np.einsum("ij,kji->k", c, parts)
+        return np.linalg.slogdet(c)[1], -np.einsum("ij,kji->k", c, matrices)
 
     def slack(keep):
         rho = correlation_of(covariance(keep))[pairs]
@@ -303,7 +305,7 @@ def downweight(
     def slope(keep):
         c = covariance(keep)
         sigma = np.sqrt(np.diag(c))
-        change = -c @ parts @ c
+        change = -c @ matrices @ c
         rho = correlation_of(c)
         relative = np.einsum("kii->ki", change) / np.diag(c)
         d_rho = change / np.outer(sigma, sigma) - rho / 2 * (relative[:, :, None] + relative[:, None, :])
@@ -311,9 +313,9 @@ def downweight(
         return np.concatenate([-d_rho, d_rho])
 
     # The bound is lowered step by step, each from the last solution: at once, it is often out of sight.
-    keep, limit = np.full(len(used), 0.999), np.array(max_correlation)
-    first = np.abs(correlation_of(covariance(keep))[pairs]).max()
-    for bound in np.geomspace(max(first, max_correlation), max_correlation, 12):
+    keep, limit = np.full(len(unique_pixels), 0.999), np.array(max_correlation)
+    largest = np.abs(correlation_of(covariance(keep))[pairs]).max()
+    for bound in np.geomspace(max(largest, max_correlation), max_correlation, 12):
         limit[()] = bound
         from scipy.optimize import minimize  # slow to import
 
@@ -322,7 +324,7 @@ def downweight(
             keep,
             jac=True,
             method="SLSQP",
-            bounds=[(1e-6, 1.0)] * len(used),
+            bounds=[(1e-6, 1.0)] * len(unique_pixels),
             constraints={"type": "ineq", "fun": slack, "jac": slope},
             options={"maxiter": 200, "ftol": 1e-8},
         )
@@ -333,7 +335,7 @@ def downweight(
             f"no weights bring all correlations under {max_correlation:g} ({minimum.message}): take a larger bound"
         )
     full = np.full(12 * nside**2, np.nan)
-    full[used] = keep
+    full[unique_pixels] = keep
     return DownweightResult(
         full, keep[index], predict_covariance(field, 1), predict_covariance(reweight_field(field, keep[index]), 1)
     )
@@ -345,8 +347,8 @@ def _normal_by_pixel(field, index, count):
     vectors = [Coefficients.from_vectors(rotation=axis) for axis in axes]
     vectors += [Coefficients.from_vectors(glide=axis) for axis in axes]
     basis = [at_sources(vector, field) for vector in vectors]
-    parts = np.empty((count, 6, 6))
+    matrices = np.empty((count, 6, 6))
     for i in range(6):
         for j in range(i + 1):
-            parts[:, i, j] = parts[:, j, i] = np.bincount(index, field.inner(basis[i], basis[j]), count)
-    return parts
+            matrices[:, i, j] = matrices[:, j, i] = np.bincount(index, field.inner(basis[i], basis[j]), count)
+    return matrices

@@ -74,8 +74,8 @@ class Leakage(Result):
 
     def bias_of(self, names: Sequence[str], power: float | Mapping[int, float] | ArrayLike) -> dict[str, float]:
         """Rms bias by `names`, omega_x … a_z or coefficients, for a `power` as in `bias`: a dict. [µas/yr]"""
-        chosen = named(names, self.fitted)
-        return dict(zip(names, np.sqrt(np.diag(chosen.covariance(self.covariance(power)))).tolist(), strict=True))
+        parameters = named(names, self.fitted)
+        return dict(zip(names, np.sqrt(np.diag(parameters.covariance(self.covariance(power)))).tolist(), strict=True))
 
     def to_table(self) -> Table:
         """The matrix as an astropy Table: a row a fitted coefficient."""
@@ -95,44 +95,48 @@ class Leakage(Result):
 
     def _pack(self):
         columns = {"coefficient": list(self.names), "matrix": self.matrix}
-        rest = {"fitted": self.fitted.lmax, "unmodelled": self.unmodelled.lmax, "names": list(self.unmodelled_names)}
-        return columns, rest | {"frame": self.frame}, {}
+        metadata = {
+            "fitted": self.fitted.lmax,
+            "unmodelled": self.unmodelled.lmax,
+            "names": list(self.unmodelled_names),
+        }
+        return columns, metadata | {"frame": self.frame}, {}
 
     @classmethod
-    def _unpack(cls, columns, rest):
-        fitted, unmodelled = Modes(rest["fitted"]), Modes(rest["unmodelled"])
+    def _unpack(cls, columns, metadata):
+        fitted, unmodelled = Modes(metadata["fitted"]), Modes(metadata["unmodelled"])
         check_lower(fitted, unmodelled)
-        expected = tuple(str(mode) for mode in unmodelled if mode.l > fitted.lmax)
+        unmodelled_names = tuple(str(mode) for mode in unmodelled if mode.l > fitted.lmax)
         names = tuple(columns["coefficient"].tolist())
-        if names != tuple(map(str, fitted)) or words(rest["names"]) != expected:
+        if names != tuple(map(str, fitted)) or words(metadata["names"]) != unmodelled_names:
             raise TableError("names of coefficients")
-        matrix = float_array("matrix", columns["matrix"], (len(names), len(expected)))
-        return cls(matrix, fitted, unmodelled, names, expected, check_frame(rest["frame"]))
+        matrix = float_array("matrix", columns["matrix"], (len(names), len(unmodelled_names)))
+        return cls(matrix, fitted, unmodelled, names, unmodelled_names, check_frame(metadata["frame"]))
 
     def _columns(self, values):
         return values[[i for i, mode in enumerate(self.unmodelled) if mode.l > self.fitted.lmax]]
 
     def _variances(self, power):
         modes = self.unmodelled
-        first = self.fitted.lmax + 1
+        lmin = self.fitted.lmax + 1
         spectrum = np.zeros((2, modes.lmax + 1))
         if isinstance(power, dict):
             for l, value in power.items():
-                if not first <= l <= modes.lmax:
-                    raise ParameterError(f"degree {l} is none of the unmodelled degrees {first} to {modes.lmax}")
+                if not lmin <= l <= modes.lmax:
+                    raise ParameterError(f"degree {l} is none of the unmodelled degrees {lmin} to {modes.lmax}")
                 spectrum[:, l] = value
         else:
             power = np.asarray(power, float)
-            if power.ndim and power.shape[-1] != modes.lmax + 1 - first:
+            if power.ndim and power.shape[-1] != modes.lmax + 1 - lmin:
                 raise ParameterError(
-                    f"a power for each degree from {first} to {modes.lmax} is expected, not {power.shape}"
+                    f"a power for each degree from {lmin} to {modes.lmax} is expected, not {power.shape}"
                 )
-            spectrum[:, first:] = power
+            spectrum[:, lmin:] = power
         if not (spectrum >= 0).all():
             raise ParameterError("a power cannot be negative")
-        kinds = np.array([mode.kind == "S" for mode in modes], int)
+        rows = np.array([mode.kind == "S" for mode in modes], int)
         degrees = np.array([mode.l for mode in modes])
-        return spectrum[kinds, degrees] / (2 * degrees + 1) / modes.norm2
+        return spectrum[rows, degrees] / (2 * degrees + 1) / modes.norm2
 
 
 def leakage(sources: Any, fitted: Modes | int, unmodelled: Modes | int, *, sigma: ArrayLike | None = None) -> Leakage:
@@ -151,10 +155,10 @@ def leakage(sources: Any, fitted: Modes | int, unmodelled: Modes | int, *, sigma
     check_lower(fitted, unmodelled)
     normal = normal_equations(field_from_positions(sources, sigma), unmodelled)
     inside = np.array([mode.l <= fitted.lmax for mode in unmodelled])
-    own = normal.matrix[np.ix_(inside, inside)]
-    part = replace(normal, modes=fitted, matrix=own, rhs=normal.rhs[inside])
-    solve(part)  # tells what such a fit cannot separate
-    matrix = np.linalg.solve(own, normal.matrix[np.ix_(inside, ~inside)])
+    block = normal.matrix[np.ix_(inside, inside)]
+    equations = replace(normal, modes=fitted, matrix=block, rhs=normal.rhs[inside])
+    solve(equations)  # tells what such a fit cannot separate
+    matrix = np.linalg.solve(block, normal.matrix[np.ix_(inside, ~inside)])
     names = np.array([str(mode) for mode in unmodelled])
     return Leakage(matrix, fitted, unmodelled, tuple(names[inside]), tuple(names[~inside]), normal.frame or "icrs")
 
@@ -167,14 +171,14 @@ def lmax_table(sources: Any, max_lmax: int = 10, *, sigma: ArrayLike | None = No
     rows = []
     for lmax in range(1, max_lmax + 1):
         inside = np.array([mode.l <= lmax for mode in modes])
-        part = normal.matrix[np.ix_(inside, inside)]
-        diagonal = np.sqrt(np.diag(part))
-        values = np.linalg.eigvalsh(part / np.outer(diagonal, diagonal)) if (diagonal > 0).all() else np.zeros(2)
+        block = normal.matrix[np.ix_(inside, inside)]
+        diagonal = np.sqrt(np.diag(block))
+        values = np.linalg.eigvalsh(block / np.outer(diagonal, diagonal)) if (diagonal > 0).all() else np.zeros(2)
         if values[0] <= 1e-12 * values[-1] or normal.n_data < inside.sum():
             rows.append((lmax, float("inf"), 1.0))
             continue
-        correlation = correlation_of(np.linalg.inv(part))
-        rows.append((lmax, float(values[-1] / values[0]), float(np.abs(correlation - np.eye(len(part))).max())))
+        correlation = correlation_of(np.linalg.inv(block))
+        rows.append((lmax, float(values[-1] / values[0]), float(np.abs(correlation - np.eye(len(block))).max())))
     return rows
 
 

@@ -68,27 +68,27 @@ def parameters_of(what: Modes | int | str) -> Parameters:
     return Parameters(tuple(map(str, modes)), modes, np.eye(len(modes)))
 
 
-def named(names: Sequence[str], what: Modes | int | str) -> Parameters:
+def named(names: Sequence[str], parameters: Modes | int | str) -> Parameters:
     """Some parameters of a fit by name: coefficients, "t(1,0)" say, or omega_x … a_z."""
-    if isinstance(what, str):
-        if what != FRAME:
-            raise ParameterError(f"parameters are of {FRAME!r}, a degree or Modes, not {what!r}")
-        what = 1
-    modes = as_modes(what)
-    known = {str(mode): row for mode, row in zip(modes, np.eye(len(modes)), strict=True)}
+    if isinstance(parameters, str):
+        if parameters != FRAME:
+            raise ParameterError(f"parameters are of {FRAME!r}, a degree or Modes, not {parameters!r}")
+        parameters = 1
+    modes = as_modes(parameters)
+    rows = {str(mode): row for mode, row in zip(modes, np.eye(len(modes)), strict=True)}
     inverse = np.linalg.inv(FIRST_DEGREE)
     for kind, vector in zip(KINDS, ("omega", "a"), strict=True):
         for axis, row in zip("xyz", inverse, strict=True):
             full = np.zeros(len(modes))
             full[modes.slice_of(kind, 1)] = row
-            known[f"{vector}_{axis}"] = full
-    unknown = [name for name in names if name not in known]
-    if unknown:
+            rows[f"{vector}_{axis}"] = full
+    missing = [name for name in names if name not in rows]
+    if missing:
         raise ParameterError(
-            f"no parameter is called {', '.join(unknown)}; there are {', '.join(FRAME_NAMES)}, "
+            f"no parameter is called {', '.join(missing)}; there are {', '.join(FRAME_NAMES)}, "
             f"{', '.join(map(str, modes))}"
         )
-    return Parameters(tuple(names), modes, np.stack([known[name] for name in names]))
+    return Parameters(tuple(names), modes, np.stack([rows[name] for name in names]))
 
 
 def check_lower(fitted: Modes, unmodelled: Modes) -> None:
@@ -200,13 +200,13 @@ class CorrelationMatrices(Result):
     def _pack(self):
         columns = {"parameter": list(self.names)} | {f"matrix_{i}": matrix for i, matrix in enumerate(self.matrices)}
         dipoles = [[exact(x) for x in d] for d in self.dipoles]
-        rest = {"labels": list(self.labels), "frame": self.frame, "dipoles": dipoles}
-        return columns, rest, {}
+        metadata = {"labels": list(self.labels), "frame": self.frame, "dipoles": dipoles}
+        return columns, metadata, {}
 
     @classmethod
-    def _unpack(cls, columns, rest):
-        labels, names = words(rest["labels"]), tuple(columns["parameter"].tolist())
-        dipoles = [float_array("dipole", [number(x) for x in d], (3,)) for d in rest["dipoles"]]
+    def _unpack(cls, columns, metadata):
+        labels, names = words(metadata["labels"]), tuple(columns["parameter"].tolist())
+        dipoles = [float_array("dipole", [number(x) for x in d], (3,)) for d in metadata["dipoles"]]
         matrices = [covariance(f"matrix_{i}", columns[f"matrix_{i}"], len(names)) for i in range(len(labels))]
         if (
             len(dipoles) != len(labels)
@@ -214,7 +214,7 @@ class CorrelationMatrices(Result):
             or len(set(names)) < len(names)
         ):
             raise TableError("labels, names or correlations")
-        return cls(names, matrices, labels, dipoles, check_frame(rest["frame"]))
+        return cls(names, matrices, labels, dipoles, check_frame(metadata["frame"]))
 
     def _explanation(self, i):
         x, y, z = self.dipoles[i]
@@ -226,13 +226,13 @@ class CorrelationMatrices(Result):
                 "correlations expected from this dipole:"
             )
         ]
-        explained = self.dipole_prediction(i)
+        prediction = self.dipole_prediction(i)
         order = np.argsort(-np.abs(block), axis=None)[:3]
         for row, column in zip(*np.unravel_index(order, (3, 3)), strict=True):
-            third = "xyz"[3 - row - column] if row != column else "none"
+            axis_name = "xyz"[3 - row - column] if row != column else "none"
             lines.append(
                 f"  omega_{'xyz'[row]} and a_{'xyz'[column]}: {block[row, column]:+.3f}, of which "
-                f"{explained[row, column]:+.3f} is explained by the dipole along {third}"
+                f"{prediction[row, column]:+.3f} is explained by the dipole along {axis_name}"
             )
         return lines
 
@@ -283,23 +283,23 @@ def correlation_matrices(
         raise ParameterError(f"{len(labels)} labels for {len(fields)} catalogues")
     if solver not in ("harmonics", "frame"):
         raise ParameterError(f'solver is "harmonics" or "frame", not {solver!r}')
-    wanted = parameters_of(parameters)
+    selection = parameters_of(parameters)
     if (solver == "frame" or offsets is not None) and parameters != FRAME:
         raise ParameterError("the direct frame solver, and offsets, are for the parameters of the frame")
     if offsets is not None:
-        each: list[Any] = list(offsets) if isinstance(offsets, (list, tuple)) else [offsets] * len(fields)
-        if len(each) != len(fields):
-            raise ParameterError(f"{len(each)} fields of offsets for {len(fields)} catalogues")
-    matrices, names, dipoles, frames = [], wanted.names, [], []
+        offset_fields: list[Any] = list(offsets) if isinstance(offsets, (list, tuple)) else [offsets] * len(fields)
+        if len(offset_fields) != len(fields):
+            raise ParameterError(f"{len(offset_fields)} fields of offsets for {len(fields)} catalogues")
+    matrices, names, dipoles, frames = [], selection.names, [], []
     for i, field in enumerate(fields):
         if solver == "frame" or offsets is not None:
-            one = solve_frame(field, None if offsets is None else each[i])
-            matrices.append(one.correlation)
-            names = one.names
-            frames.append(one.frame)
+            frame_solution = solve_frame(field, None if offsets is None else offset_fields[i])
+            matrices.append(frame_solution.correlation)
+            names = frame_solution.names
+            frames.append(frame_solution.frame)
         else:
-            solution = solve(normal_equations(field, wanted.modes))
-            matrices.append(correlation_of(wanted.covariance(solution.covariance)))
+            solution = solve(normal_equations(field, selection.modes))
+            matrices.append(correlation_of(selection.covariance(solution.covariance)))
             frames.append(solution.frame)
         dipoles.append(dipole(field))
         if frames[i] != frames[0]:
@@ -388,8 +388,8 @@ def gain_of_sources(
     field = Field.from_positions(sources)
     sigma = float(np.median(field.sigma)) if sigma is None else sigma
     lon, lat = centres(nside)
-    covariance, first, second, chosen = _prepare_influence(field, modes, parameters)
-    v = harmonics(lon, lat, chosen.modes)
+    covariance, row_i, row_j, selection = _prepare_influence(field, modes, parameters)
+    v = harmonics(lon, lat, selection.modes)
     inner = np.linalg.inv(
         np.einsum("pin,pq,qjn->nij", v, covariance, v, optimize=True) + sigma**2 / n_sources * np.eye(2)
     )
@@ -399,36 +399,36 @@ def gain_of_sources(
             "in,nij,jn->n", np.tensordot(covariance @ f, v, 1), inner, np.tensordot(covariance @ g, v, 1)
         )
 
-    if second is None:
-        return np.log(after(first, first) / (first @ covariance @ first))
-    before = (first @ covariance @ second) / np.sqrt((first @ covariance @ first) * (second @ covariance @ second))
-    return after(first, second) / np.sqrt(after(first, first) * after(second, second)) - before
+    if row_j is None:
+        return np.log(after(row_i, row_i) / (row_i @ covariance @ row_i))
+    before = (row_i @ covariance @ row_j) / np.sqrt((row_i @ covariance @ row_i) * (row_j @ covariance @ row_j))
+    return after(row_i, row_j) / np.sqrt(after(row_i, row_i) * after(row_j, row_j)) - before
 
 
 def _by_source(field, modes, parameters, quantity):
     """The derivative by each source's own weight, (n,)."""
-    covariance, first, second, chosen = _prepare_influence(field, modes, parameters)
-    g = at_sources(Coefficients(chosen.modes, covariance @ first), field)
+    covariance, row_i, row_j, selection = _prepare_influence(field, modes, parameters)
+    g = at_sources(Coefficients(selection.modes, covariance @ row_i), field)
     if quantity == "value":
-        if len(chosen) != 1:
+        if len(selection) != 1:
             raise ParameterError('quantity="value" is of one parameter')
-        residual = solve(normal_equations(field, chosen.modes)).residuals(field).motion
+        residual = solve(normal_equations(field, selection.modes)).residuals(field).motion
         return field.inner(g, residual)
     if quantity is not None:
         raise ParameterError(f'quantity is None or "value", not {quantity!r}')
-    h = None if second is None else at_sources(Coefficients(chosen.modes, covariance @ second), field)
-    return _change(covariance, first, second, g, h, field)
+    h = None if row_j is None else at_sources(Coefficients(selection.modes, covariance @ row_j), field)
+    return _change(covariance, row_i, row_j, g, h, field)
 
 
-def _change(covariance, first, second, g, h, field):
+def _change(covariance, row_i, row_j, g, h, field):
     """dρ, or d ln σ² where there is one parameter only."""
-    c_ii = first @ covariance @ first
-    if second is None:
+    c_ii = row_i @ covariance @ row_i
+    if row_j is None:
         return -field.inner(g, g) / c_ii
-    c_jj, c_ij = second @ covariance @ second, first @ covariance @ second
+    c_jj, c_ij = row_j @ covariance @ row_j, row_i @ covariance @ row_j
     rho = c_ij / np.sqrt(c_ii * c_jj)
-    own = field.inner(g, g) / c_ii + field.inner(h, h) / c_jj
-    return -field.inner(g, h) / np.sqrt(c_ii * c_jj) + rho / 2 * own
+    variance_change = field.inner(g, g) / c_ii + field.inner(h, h) / c_jj
+    return -field.inner(g, h) / np.sqrt(c_ii * c_jj) + rho / 2 * variance_change
 
 
 def _prepare_influence(field, modes, parameters):
@@ -438,9 +438,9 @@ def _prepare_influence(field, modes, parameters):
     if len(names) not in (1, 2) or len(set(names)) != len(names):
         raise ParameterError(f"name one parameter or two different ones, not {parameters!r}")
     modes = as_modes(1 if isinstance(modes, str) and modes == FRAME else modes)
-    chosen = named(names, modes)
+    selection = named(names, modes)
     covariance = solve(normal_equations(field, modes)).covariance
-    return covariance, chosen.rows[0], chosen.rows[1] if len(names) == 2 else None, chosen
+    return covariance, selection.rows[0], selection.rows[1] if len(names) == 2 else None, selection
 
 
 def most_influential(influence: ArrayLike, fraction: float = 0.5) -> BoolArray:
@@ -449,12 +449,12 @@ def most_influential(influence: ArrayLike, fraction: float = 0.5) -> BoolArray:
     if not 0 < fraction <= 1:
         raise ParameterError(f"a fraction lies between 0 and 1, not at {fraction}")
     positive, negative = m[m > 0].sum(), -m[m < 0].sum()
-    signed = m if positive >= negative else -m
-    order = np.argsort(-signed)
-    held = np.cumsum(np.maximum(signed[order], 0))
+    strength = m if positive >= negative else -m
+    order = np.argsort(-strength)
+    cumulative = np.cumsum(np.maximum(strength[order], 0))
     mask = np.zeros(m.size, bool)
-    mask[order[: np.searchsorted(held, fraction * held[-1]) + 1]] = True
-    return mask & (signed > 0)
+    mask[order[: np.searchsorted(cumulative, fraction * cumulative[-1]) + 1]] = True
+    return mask & (strength > 0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -477,10 +477,10 @@ class Eigenmodes(Result):
     def _sections(self, long):
         error = 1 / np.sqrt(self.information)
         names = [str(mode) for mode in self.fields[0].modes]
-        made = []
+        descriptions = []
         for field in self.fields[:3]:
             largest = np.argsort(-np.abs(field.values))[:3]
-            made.append(", ".join(f"{field.values[k]:+.2f} {names[k]}" for k in largest))
+            descriptions.append(", ".join(f"{field.values[k]:+.2f} {names[k]}" for k in largest))
         facts = [
             ("fields", f"{len(error)} that this sky measures independently ({self.frame} axes)"),
             (
@@ -488,7 +488,7 @@ class Eigenmodes(Result):
                 f"{error[-1]:.3f} (best) to {error[0]:.3g} (worst) times those of a uniform sky of the same weight",
             ),
         ]
-        table = tables.table_of({"error": error[:3], "worst fields": made})
+        table = tables.table_of({"error": error[:3], "worst fields": descriptions})
         return (Section("Fields of independent errors", facts, table),)
 
     def to_table(self) -> Table:
@@ -533,5 +533,5 @@ def eigenmodes(sources: Any, modes: Modes | int, *, sigma: ArrayLike | None = No
     # ∫ |V|² dΩ = Σ norm2 c²; a uniform sky measures its mean, by half the trace of the weights.
     norm = np.diag(modes.norm2.astype(float))
     values, vectors = eigh(normal, norm)
-    even = field.information.sum() / 2 / (4 * np.pi)
-    return Eigenmodes(values / even, [Coefficients(modes, v) for v in vectors.T], field.frame)
+    weight_density = field.information.sum() / 2 / (4 * np.pi)
+    return Eigenmodes(values / weight_density, [Coefficients(modes, v) for v in vectors.T], field.frame)

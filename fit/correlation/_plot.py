@@ -67,12 +67,12 @@ def plot_influence(
     if smooth is None:
         smooth = float(np.clip(2 * np.degrees(np.sqrt(4 * _TOGETHER / max(1, len(field)))), 0.0, 60.0))
     smooth = smooth if find_spec("healpy") else 0.0  # there is none for Windows
-    shown = smooth_map(values, smooth) if smooth > 0 else np.asarray(values, float)
+    sky_map = smooth_map(values, smooth) if smooth > 0 else np.asarray(values, float)
     axes = sky_axes(field.frame, ax, below=0.45 + 0.14 * title.count("\n"))
-    reach = float(np.percentile(np.abs(shown[shown != 0]), 99)) if np.any(shown) else 1.0
+    reach = float(np.percentile(np.abs(sky_map[sky_map != 0]), 99)) if np.any(sky_map) else 1.0
     power = int(np.floor(np.log10(reach))) if reach < 0.01 else 0
-    reach, shown = reach / 10.0**power, shown / 10.0**power
-    image = draw_map(axes, shown, cmap=DIVERGING, vmin=-reach, vmax=reach)
+    reach, sky_map = reach / 10.0**power, sky_map / 10.0**power
+    image = draw_map(axes, sky_map, cmap=DIVERGING, vmin=-reach, vmax=reach)
     draw_sources(axes, field.lon, field.lat, max_sources=max_sources, color="0.15", alpha=0.4)
     label += f", smoothed over {smooth:.0f}°" if smooth > 0 else ""
     bar = colour_bar(axes, image, f"{label}  [$10^{{{power}}}$]" if power else label, extend="both")
@@ -91,9 +91,9 @@ def plot_shares(keep: FloatArray, frame: str, *, ax: Axes | None = None) -> SkyA
 def plot_leakage(leakage: Any, *, ax: OnAxes | None = None) -> AxesArray:
     """Plot the bias of spin and acceleration by each unmodelled degree: their rms bias by a power of 1 (µas/yr)² in
     it."""
-    drawn = panels(ax, 2, 1, size=(WIDTH, 3.6), sharex=True)
+    axes_array = panels(ax, 2, 1, size=(WIDTH, 3.6), sharex=True)
     degrees = np.arange(leakage.fitted.lmax + 1, leakage.unmodelled.lmax + 1)
-    for axes, vector, name in zip(drawn, ("omega", "a"), ("spin", "acceleration"), strict=True):
+    for axes, vector, name in zip(axes_array, ("omega", "a"), ("spin", "acceleration"), strict=True):
         for row, kind in enumerate(KINDS):
             rms = []
             for i in range(len(degrees)):
@@ -104,23 +104,23 @@ def plot_leakage(leakage: Any, *, ax: OnAxes | None = None) -> AxesArray:
             axes.plot(degrees, rms, "os"[row] + "-", color=KIND_COLOURS[kind], label=f"from {KIND_NAMES[kind]} degrees")
         axes.set_ylabel(f"{name}  [µas/yr]")
         axes.set_ylim(bottom=0)
-    legend_above(drawn[0])
-    drawn[1].set_xlabel("degree left out, of power 1 (µas/yr)²: its rms bias")
-    drawn[1].xaxis.set_major_locator(MaxNLocator(integer=True))
-    return drawn
+    legend_above(axes_array[0])
+    axes_array[1].set_xlabel("degree left out, of power 1 (µas/yr)²: its rms bias")
+    axes_array[1].xaxis.set_major_locator(MaxNLocator(integer=True))
+    return axes_array
 
 
 @apply_style
 def plot_eigenmodes(eigen: Any, n_fields: int = 2, *, ax: OnAxes | None = None) -> AxesArray:
     """The worst and the best measured fields of a sky, as arrows."""
     count = min(n_fields, len(eigen.fields) // 2)
-    drawn = panels(ax, 2 * count, 1, size=(WIDTH, 2.1 * 2 * count))
-    chosen = [*range(count), *range(len(eigen.fields) - count, len(eigen.fields))]
-    for place, i in enumerate(chosen):
-        axes = drawn[place] = sky_axes(eigen.frame, drawn[place])
+    axes_array = panels(ax, 2 * count, 1, size=(WIDTH, 2.1 * 2 * count))
+    indices = [*range(count), *range(len(eigen.fields) - count, len(eigen.fields))]
+    for panel, i in enumerate(indices):
+        axes = axes_array[panel] = sky_axes(eigen.frame, axes_array[panel])
         grid = arrow_grid(axes, 14.0)
-        draw_vectors(axes, *grid, eigen.fields[i].at(*grid), color=COLOURS[1] if place < count else COLOURS[0])
-        words = "worst" if place < count else "best"
+        draw_vectors(axes, *grid, eigen.fields[i].at(*grid), color=COLOURS[1] if panel < count else COLOURS[0])
+        label = "worst" if panel < count else "best"
         error = 1 / np.sqrt(eigen.information[i])
-        axes.set_title(f"{words} measured: {error:.2f} times the error on a uniform sky")
-    return drawn
+        axes.set_title(f"{label} measured: {error:.2f} times the error on a uniform sky")
+    return axes_array

@@ -109,17 +109,17 @@ class Calibration(InNotebook):
         if field.redshift is None or self.frame in (TRUE, "cmb"):
             transverse_distance(field.redshift, self.cosmology)  # which says what is missing
         assert field.redshift is not None
-        corrected = to_cmb(field.redshift, field.lon, field.lat, field.frame, self.frame)
-        lost = ~usable(corrected)
+        redshift = to_cmb(field.redshift, field.lon, field.lat, field.frame, self.frame)
+        lost = ~usable(redshift)
         if lost.any():
             at = lost.argmax()
             raise FieldError(
                 f"{lost.sum()} of {len(field)} redshifts give no distance once they are taken from {self.frame} ones to"
-                f" the frame of the microwave background: {count_unusable(corrected)} (first: row {at}, "
-                f"{field.redshift[at]:.6f} → {corrected[at]:.6f}). Leave those sources out: "
+                f" the frame of the microwave background: {count_unusable(redshift)} (first: row {at}, "
+                f"{field.redshift[at]:.6f} → {redshift[at]:.6f}). Leave those sources out: "
                 "vsh.models.cosmology.with_redshift(field), or --on-bad drop"
             )
-        return corrected
+        return redshift
 
     def log_distance(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """ln d [Mpc] at `x` = ln(1 + z), and the logarithm of the volume for each x, but for a factor."""
@@ -132,8 +132,8 @@ class Calibration(InNotebook):
     def _spline(self):
         """ln d − ln x as a function of ln x, x = ln(1 + z), with its slope."""
         log_x = np.linspace(np.log(FLOW_LIMIT / 2), np.log(np.log(40.0)), 400)
-        known = np.log(_distance(np.expm1(np.exp(log_x)), self.cosmology)) - log_x
-        spline = make_interp_spline(log_x, known, k=5)
+        log_ratio = np.log(_distance(np.expm1(np.exp(log_x)), self.cosmology)) - log_x
+        spline = make_interp_spline(log_x, log_ratio, k=5)
         return spline, spline.derivative()
 
     def spread(self, field: Field, redshift: FloatArray) -> FloatArray:
@@ -207,35 +207,35 @@ def inverse_distances(field: Field, calibration: Calibration, threads: int | Non
     redshift = calibration.redshift(field)
     mean = 1 / (AU_PER_YEAR * transverse_distance(redshift, calibration.cosmology))
     variance, slope = np.zeros(len(field)), np.zeros(len(field))
-    spread = calibration.spread(field, redshift)
-    unsure = np.flatnonzero(spread > 0)
+    error = calibration.spread(field, redshift)
+    indices = np.flatnonzero(error > 0)
     magnitude = None if calibration.luminosity is None else np.asarray(field.magnitude)
 
-    if unsure.size:
-        x, s = np.log1p(redshift[unsure]), spread[unsure]
-        g = None if magnitude is None else magnitude[unsure]
+    if indices.size:
+        x, s = np.log1p(redshift[indices]), error[indices]
+        g = None if magnitude is None else magnitude[indices]
         moments = _moments_by_x(calibration, x, s) if g is None else _moments(calibration)
 
-        def block(part):
-            return moments(x[part], s[part], None if g is None else g[part])
+        def block(chunk):
+            return moments(x[chunk], s[chunk], None if g is None else g[chunk])
 
-        blocks = list(map_blocks(block, unsure.size, _BLOCK, threads))
-        mean[unsure], variance[unsure], slope[unsure] = np.concatenate(blocks, axis=1)
+        blocks = list(map_blocks(block, indices.size, _BLOCK, threads))
+        mean[indices], variance[indices], slope[indices] = np.concatenate(blocks, axis=1)
     if calibration.exact:
         slope[:] = 0.0
-    own = np.zeros(len(field), bool) if field.distance is None else np.isfinite(field.distance)
-    if own.any():
+    has_distance = np.zeros(len(field), bool) if field.distance is None else np.isfinite(field.distance)
+    if has_distance.any():
         assert field.distance is not None
         assert field.distance_error is not None
-        mean[own], variance[own] = _by_distance(
+        mean[has_distance], variance[has_distance] = _by_distance(
             calibration,
-            field.distance[own],
-            field.distance_error[own],
-            redshift[own],
-            None if magnitude is None else magnitude[own],
+            field.distance[has_distance],
+            field.distance_error[has_distance],
+            redshift[has_distance],
+            None if magnitude is None else magnitude[has_distance],
         )
-        slope[own] = 0.0
-    return InverseDistances(mean, variance, slope, own, redshift)
+        slope[has_distance] = 0.0
+    return InverseDistances(mean, variance, slope, has_distance, redshift)
 
 
 def mean_rates(field: Field, calibration: Calibration | None) -> FloatArray:
@@ -244,37 +244,37 @@ def mean_rates(field: Field, calibration: Calibration | None) -> FloatArray:
     redshift = field.redshift
     if calibration is not None:
         redshift = to_cmb(redshift, field.lon, field.lat, field.frame, calibration.frame)
-    far, rate = usable(redshift), np.zeros(len(field))
-    if far.any():
+    is_usable, rate = usable(redshift), np.zeros(len(field))
+    if is_usable.any():
         if calibration is None:
-            rate[far] = 1 / (AU_PER_YEAR * transverse_distance(redshift[far]))
+            rate[is_usable] = 1 / (AU_PER_YEAR * transverse_distance(redshift[is_usable]))
         else:
-            rate[far] = inverse_distances(field[far], calibration).mean
+            rate[is_usable] = inverse_distances(field[is_usable], calibration).mean
     return rate
 
 
 class _Cubics:
     """Smooth functions of one variable as cubics on an even grid: a lookup and three products at each place."""
 
-    def __init__(self, low: float, high: float, function: Callable[[FloatArray], Sequence[FloatArray]]) -> None:
-        grid = np.linspace(low, high, _CELLS + 1)
-        self._low, self._per_cell = low, _CELLS / (high - low)
+    def __init__(self, lower: float, upper: float, function: Callable[[FloatArray], Sequence[FloatArray]]) -> None:
+        grid = np.linspace(lower, upper, _CELLS + 1)
+        self._low, self._per_cell = lower, _CELLS / (upper - lower)
         powers = CubicSpline(grid, np.array(function(grid)), axis=1).c
         powers /= self._per_cell ** np.arange(3, -1, -1)[:, None, None]
         self._powers = np.ascontiguousarray(np.moveaxis(powers, 2, 0))
 
     def __call__(self, x: FloatArray) -> list[FloatArray]:
-        place = (x - self._low) * self._per_cell
-        cell = place.astype(np.int32)
+        position = (x - self._low) * self._per_cell
+        cell = position.astype(np.int32)
         np.clip(cell, 0, _CELLS - 1, out=cell)
-        place -= cell
-        return [self._one(powers, cell, place) for powers in self._powers]
+        position -= cell
+        return [self._one(powers, cell, position) for powers in self._powers]
 
     @staticmethod
-    def _one(powers, cell, place):
+    def _one(powers, cell, position):
         value = powers[0].take(cell)
         for power in powers[1:]:
-            value *= place
+            value *= position
             value += power.take(cell)
         return value
 
@@ -304,23 +304,23 @@ class _Moments:
         assert self.calibration.luminosity is not None
         return (self.calibration.luminosity.log(magnitude),)
 
-    def __call__(self, x: FloatArray, spread: FloatArray, magnitude: FloatArray | None) -> FloatArray:
+    def __call__(self, x: FloatArray, error: FloatArray, magnitude: FloatArray | None) -> FloatArray:
         """(3, n), for x = ln(1 + z)."""
         lowest = np.log1p(FLOW_LIMIT)
-        low, high = np.maximum(x - _REACH * spread, lowest), np.maximum(x, lowest) + _REACH * spread
-        nodes = (high + low) / 2 + (high - low) / 2 * _NODES[:, None]
-        away = nodes - x
+        lower, upper = np.maximum(x - _REACH * error, lowest), np.maximum(x, lowest) + _REACH * error
+        nodes = (upper + lower) / 2 + (upper - lower) / 2 * _NODES[:, None]
+        offset = nodes - x
         weight, rate, modulus = self.curves(np.log(nodes))
-        weight -= (away / spread) ** 2 / 2
+        weight -= (offset / error) ** 2 / 2
         if magnitude is not None:
             weight += self.log_luminosity(magnitude - modulus)[0]
         weight = _normal(weight)
-        mean, centre = np.einsum("qn,qn->n", weight, rate), np.einsum("qn,qn->n", weight, away)
+        mean, centre = np.einsum("qn,qn->n", weight, rate), np.einsum("qn,qn->n", weight, offset)
         rate -= mean
-        away -= centre
+        offset -= centre
         share = weight * rate
-        variance, slope = np.einsum("qn,qn->n", share, rate), np.einsum("qn,qn->n", share, away)
-        return np.stack([mean, variance, slope / spread**2])
+        variance, slope = np.einsum("qn,qn->n", share, rate), np.einsum("qn,qn->n", share, offset)
+        return np.stack([mean, variance, slope / error**2])
 
 
 @lru_cache(maxsize=8)  # parts, and skies of one study, share a calibration
@@ -328,20 +328,20 @@ def _moments(calibration):
     return _Moments(calibration)
 
 
-def _moments_by_x(calibration, x, spread):
+def _moments_by_x(calibration, x, error):
     """Moments without magnitudes: of many sources of one spread they are functions of x alone."""
     moments = _moments(calibration)
-    if np.ptp(spread) > 0 or len(x) < 2 * _KNOTS:
+    if np.ptp(error) > 0 or len(x) < 2 * _KNOTS:
         return moments
     knots = np.linspace(np.log(x.min()), np.log(x.max()) + 1e-12, _KNOTS)
-    spline = CubicSpline(knots, moments(np.exp(knots), np.full(_KNOTS, spread[0]), None), axis=1)
-    return lambda x, spread, magnitude: spline(np.log(x))
+    spline = CubicSpline(knots, moments(np.exp(knots), np.full(_KNOTS, error[0]), None), axis=1)
+    return lambda x, error, magnitude: spline(np.log(x))
 
 
 def _by_distance(calibration, distance, error, redshift, magnitude):
     """Mean and variance of the rate where the distance itself was measured, (2, n)."""
-    low, high = np.maximum(distance - _REACH * error, 1e-3 * distance), distance + _REACH * error
-    nodes = (high + low) / 2 + (high - low) / 2 * _NODES[:, None]
+    lower, upper = np.maximum(distance - _REACH * error, 1e-3 * distance), distance + _REACH * error
+    nodes = (upper + lower) / 2 + (upper - lower) / 2 * _NODES[:, None]
     log_d = np.log(nodes)
     log_weight = 2 * log_d - ((nodes - distance) / error) ** 2 / 2
     weight = _normal(log_weight + _log_prior(calibration, log_d, np.log1p(redshift), magnitude))
@@ -418,19 +418,20 @@ def calibrate(
         return bare
     typical = median_spread(facts["counts"])
     _check_size(bare, facts, dispersion)
-    known, n = facts["magnitudes"], facts["n"]
-    if magnitudes is None and 0 < known < n:
+    n_magnitudes, n = facts["magnitudes"], facts["n"]
+    if magnitudes is None and 0 < n_magnitudes < n:
         raise FieldError(
-            f"{n - known} of {n} sources have no magnitude: leave those out (field[np.isfinite(field.magnitude)]), or "
+            f"{n - n_magnitudes} of {n} sources have no magnitude: leave those out "
+            "(field[np.isfinite(field.magnitude)]), or "
             "use no magnitudes (magnitudes=False, --no-magnitudes)"
         )
-    if magnitudes and known < n:
-        raise ParameterError(f"magnitudes are asked for, and {n - known} of {n} sources have none")
-    use = known == n if magnitudes is None else bool(magnitudes)
+    if magnitudes and n_magnitudes < n:
+        raise ParameterError(f"magnitudes are asked for, and {n - n_magnitudes} of {n} sources have none")
+    use = n_magnitudes == n if magnitudes is None else bool(magnitudes)
     notes = _mixture(facts["counts"], typical)
-    given = luminosity is not None
+    has_luminosity = luminosity is not None
     bright, complete = _far_enough(facts["bright"], typical, cosmology), max(facts["faintest"], default=np.nan)
-    if use and not given:
+    if use and not has_luminosity:
         limit, brighter = complete_to(bright, complete)
         if np.isnan(limit) and magnitudes is None:
             use = False
@@ -447,18 +448,18 @@ def calibrate(
             work = partial(_counts_to, calibration=bare, limit=limit)
             facts |= {"counts": sky.sum(work, roles=DISTANCES, words="redshifts of the complete part")}
     if use:
-        measured = (
+        luminosity_function = (
             LuminosityFunction(luminosity, "luminosity function as given")
             if luminosity is not None
             else fit_luminosity(bright, complete)
         )
-        bare = replace(bare, luminosity=measured)
-        if not given:
+        bare = replace(bare, luminosity=luminosity_function)
+        if not has_luminosity:
             notes.append(
                 "magnitudes tell distances by a luminosity function fitted to the catalogue, which is to be complete "
                 "to its faintest one: magnitudes=False (--no-magnitudes) where it is not"
             )
-    elif given:
+    elif has_luminosity:
         raise ParameterError("a luminosity function needs magnitudes, which are not used")
     else:
         errors = errors_by_redshift(facts["variances"])
@@ -485,12 +486,12 @@ _UNSURE, _MANY = 2.0, 0.02
 def _mixture(counts, typical):
     """A note where some redshifts are much less certain than most, as photometric ones among spectroscopic ones."""
     number = counts[:, 1:].sum(axis=1)
-    spread = np.sqrt(counts[:, 0] / np.maximum(number, 1.0))
-    unsure = int(number[spread > _UNSURE * typical].sum())
-    if unsure < _MANY * number.sum():
+    error = np.sqrt(counts[:, 0] / np.maximum(number, 1.0))
+    n_uncertain = int(number[error > _UNSURE * typical].sum())
+    if n_uncertain < _MANY * number.sum():
         return []
     return [
-        f"{unsure} of {int(number.sum())} redshifts have errors more than {_UNSURE:g} times the typical one, as "
+        f"{n_uncertain} of {int(number.sum())} redshifts have errors more than {_UNSURE:g} times the typical one, as "
         "photometric ones have: with galaxies as near as z = 0.002 the errors of a velocity are then up to 15 % too "
         "small (docs/validation.md). Leave those sources out where that matters (--where, field[mask])"
     ]
@@ -506,14 +507,14 @@ def calibrate_if_known(
         return None
     usable_ones = sky.map(partial(with_redshift, redshift_frame=frame))
     try:
-        known, n = usable_ones.sum(_magnitudes, roles=DISTANCES, words="magnitudes")
+        n_magnitudes, n = usable_ones.sum(_magnitudes, roles=DISTANCES, words="magnitudes")
     except EmptyFieldError:  # no source is beyond the flow
         return None
     return calibrate(
         usable_ones,
         frame,
         WHOLE_DISPERSION if dispersion is None else dispersion,
-        magnitudes=None if known == n else False,
+        magnitudes=None if n_magnitudes == n else False,
     )
 
 
@@ -529,9 +530,9 @@ def _density(density, limit, facts, calibration):
     if density not in (None, "fitted"):
         raise ParameterError(f'a density is "volume", "fitted" or a function of distance, not {density!r}')
     # A catalogue that was cut in redshifts as observed lacks, next to its limits, sources of some directions.
-    low, high, shift = min(facts["lowest seen"]), max(facts["highest seen"]), max(facts["shift"])
-    cut = (float(np.expm1(np.log1p(low) + shift)), float(np.expm1(np.log1p(high) - shift)))
-    fitted = fit_density(facts["counts"], calibration.log_distance, calibration.limits, cut)
+    lower, upper, shift = min(facts["lowest seen"]), max(facts["highest seen"]), max(facts["shift"])
+    inner_limits = (float(np.expm1(np.log1p(lower) + shift)), float(np.expm1(np.log1p(upper) - shift)))
+    fitted = fit_density(facts["counts"], calibration.log_distance, calibration.limits, inner_limits)
     if limit is None:
         return fitted
     return complete_density(fitted, calibration.luminosity, limit, calibration.log_distance)
@@ -546,10 +547,10 @@ def _frame_of(sky):
 def _facts(field, calibration):
     """Sums over some sources for the calibration of all."""
     z = calibration.redshift(field)
-    spread = calibration.spread(field, z)
+    error = calibration.spread(field, z)
     modulus = distance_modulus(transverse_distance(z, calibration.cosmology), z)
-    known = np.zeros(len(field), bool) if field.magnitude is None else np.isfinite(field.magnitude)
-    bright = field.magnitude[known] if known.any() else np.empty(0)
+    has_magnitude = np.zeros(len(field), bool) if field.magnitude is None else np.isfinite(field.magnitude)
+    bright = field.magnitude[has_magnitude] if has_magnitude.any() else np.empty(0)
     return {
         "n": len(field),
         "lowest": [z.min()],
@@ -557,11 +558,11 @@ def _facts(field, calibration):
         "lowest seen": [field.redshift.min()],
         "highest seen": [field.redshift.max()],
         "shift": [np.abs(np.log1p(z) - np.log1p(field.redshift)).max()],
-        "lost": int(np.sum(spread > np.log1p(z))),
-        "magnitudes": int(known.sum()),
-        "faintest": [bright.max()] if known.any() else [],
-        "bright": magnitude_counts(bright, modulus[known]),
-        "counts": redshift_counts(z, spread),
+        "lost": int(np.sum(error > np.log1p(z))),
+        "magnitudes": int(has_magnitude.sum()),
+        "faintest": [bright.max()] if has_magnitude.any() else [],
+        "bright": magnitude_counts(bright, modulus[has_magnitude]),
+        "counts": redshift_counts(z, error),
         "flow": flow_counts(z, field.information),
         "variances": variance_sums(z, field.sigma),
     }
@@ -583,9 +584,9 @@ def _check_size(calibration, facts, dispersion):
         )
 
 
-def _far_enough(counts, spread, cosmology):
+def _far_enough(counts, error, cosmology):
     """Counts of sources whose absolute magnitudes are not blurred by the errors of redshifts, where they are enough."""
-    z = 10 * spread
+    z = 10 * error
     modulus = distance_modulus(transverse_distance(np.array([max(z, FLOW_LIMIT)]), cosmology)[0], z)
-    far = counts * (modulus <= MODULI)
-    return far if far.sum() >= max(1000, 0.2 * counts.sum()) else counts
+    far_counts = counts * (modulus <= MODULI)
+    return far_counts if far_counts.sum() >= max(1000, 0.2 * counts.sum()) else counts

@@ -45,7 +45,7 @@ def curve_basis(knots: FloatArray, x: FloatArray) -> FloatArray:
 
 def fit_log_curve(basis: FloatArray, counts: FloatArray, shares: FloatArray, smooth: float = 1e-3) -> FloatArray:
     """The values at the knots that make counts most probable: group b is in cell a as shares[b, a] exp(curve)."""
-    second = np.diff(np.eye(basis.shape[1]), 2, axis=0)
+    bends = np.diff(np.eye(basis.shape[1]), 2, axis=0)
     total = counts.sum()
 
     def misfit(theta):
@@ -56,17 +56,18 @@ def fit_log_curve(basis: FloatArray, counts: FloatArray, shares: FloatArray, smo
             value = np.sum(counts.sum(1) * np.log(np.maximum(norm, 1e-300))) - np.sum(counts.sum(0) * np.log(curve))
             slope = curve * (shares.T @ inner) - counts.sum(0)
         else:  # cells are seen through a kernel
-            seen = shares @ curve
-            norm = seen.sum(1)
+            prediction = shares @ curve
+            norm = prediction.sum(1)
             inner = counts.sum(1) / norm
-            value = np.sum(counts.sum(1) * np.log(norm)) - np.sum(counts * np.log(np.maximum(seen, 1e-300)))
+            value = np.sum(counts.sum(1) * np.log(norm)) - np.sum(counts * np.log(np.maximum(prediction, 1e-300)))
             slope = curve * (
-                np.einsum("bam,b->m", shares, inner) - np.einsum("bam,ba->m", shares, counts / np.maximum(seen, 1e-300))
+                np.einsum("bam,b->m", shares, inner)
+                - np.einsum("bam,ba->m", shares, counts / np.maximum(prediction, 1e-300))
             )
-        bent = second @ theta
+        bent = bends @ theta
         return (
             value / total + smooth * bent @ bent + 1e-6 * theta.mean() ** 2,
-            basis.T @ slope / total + 2 * smooth * second.T @ bent + 2e-6 * theta.mean() / len(theta),
+            basis.T @ slope / total + 2 * smooth * bends.T @ bent + 2e-6 * theta.mean() / len(theta),
         )
 
     return minimize(misfit, np.zeros(basis.shape[1]), jac=True, method="BFGS", options={"gtol": 1e-6}).x
@@ -121,8 +122,8 @@ def complete_density(density: SourceDensity, luminosity: Any, limit: float, log_
     log = luminosity.log(magnitude)
     with np.errstate(divide="ignore"):  # no source is so bright
         share = np.interp(faintest, magnitude, np.log(np.cumsum(np.exp(log - log.max()))))
-    known = np.isfinite(share)
-    return SourceDensity(CompletedDensity(density.curve, log_d[known], share[known]), density.words)
+    is_finite = np.isfinite(share)
+    return SourceDensity(CompletedDensity(density.curve, log_d[is_finite], share[is_finite]), density.words)
 
 
 #: Classes of the error of ln(1 + z), a factor of two each, in which redshifts are counted: spectroscopic redshifts are
@@ -167,37 +168,37 @@ def flow_counts(redshift: FloatArray, weight: FloatArray) -> FloatArray:
 def flow_limits(counts: FloatArray) -> tuple[float, float]:
     """Redshifts between which all but a hundredth of that lies: a flow beyond them moves no estimate."""
     share = np.cumsum(counts) / max(counts.sum(), 1e-300)
-    first, last = np.argmax(share > 1e-4), np.argmax(share > 0.99)
-    return float(np.exp(EDGES[first])), float(np.exp(EDGES[last + 1]))
+    lower_cell, upper_cell = np.argmax(share > 1e-4), np.argmax(share > 0.99)
+    return float(np.exp(EDGES[lower_cell])), float(np.exp(EDGES[upper_cell + 1]))
 
 
 def fit_density(
     table: FloatArray, log_distance: Any, limits: tuple[float, float], cut: tuple[float, float] | None = None
 ) -> SourceDensity:
     """The density by which a catalogue's redshifts are most probable, with the errors and velocities of each class."""
-    number, spread = table[:, 1:].sum(axis=1), median_spread(table)
+    number, typical_error = table[:, 1:].sum(axis=1), median_spread(table)
     spreads = np.sqrt(table[:, 0] / np.maximum(number, 1))
     # Those that are much less certain than most say nothing of the density that most do not say.
-    classes = (number > 0) & (spreads < _WIDER * max(spread, 1e-9))
+    classes = (number > 0) & (spreads < _WIDER * max(typical_error, 1e-9))
     spreads, by_class = spreads[classes], table[classes, 1:]
     counts = by_class.sum(axis=0)
     if cut is not None and cut[1] > cut[0] > 0:
         inner = np.searchsorted(EDGES, np.log(cut)) - 1
         if inner[1] - inner[0] > 8 and counts[inner[0] : inner[1]].sum() > 0.2 * counts.sum():
             limits = cut
-    first, last = np.searchsorted(EDGES, np.log(limits)) - 1
-    if last - first > 8:  # cells at the ends are cut by the catalogue's own limits
-        first, last = first + 1, last - 1
-    first = max(first, 0)
-    cells, seen = slice(first, last + 1), np.log1p(np.exp(EDGES[first : last + 2]))
+    lower_cell, upper_cell = np.searchsorted(EDGES, np.log(limits)) - 1
+    if upper_cell - lower_cell > 8:  # cells at the ends are cut by the catalogue's own limits
+        lower_cell, upper_cell = lower_cell + 1, upper_cell - 1
+    lower_cell = max(lower_cell, 0)
+    cells, edges = slice(lower_cell, upper_cell + 1), np.log1p(np.exp(EDGES[lower_cell : upper_cell + 2]))
     widest = spreads.max()
-    true = np.linspace(max(np.log1p(1e-4), seen[0] - 5 * widest), seen[-1] + 5 * widest, 600)
+    true = np.linspace(max(np.log1p(1e-4), edges[0] - 5 * widest), edges[-1] + 5 * widest, 600)
     from scipy.special import ndtr
 
-    kernel = np.diff(ndtr((seen[:, None] - true) / np.maximum(spreads, 1e-9)[:, None, None]), axis=1)
+    kernel = np.diff(ndtr((edges[:, None] - true) / np.maximum(spreads, 1e-9)[:, None, None]), axis=1)
     log_d, log_volume = log_distance(true)
     # Beyond what is seen the curve goes on straight.
-    inner = log_d[(true >= seen[0]) & (true <= seen[-1])]
+    inner = log_d[(true >= edges[0]) & (true <= edges[-1])]
     knots = np.linspace(inner[0], inner[-1], int(np.clip(np.ceil(inner[-1] - inner[0]) + 1, 4, 8)))
     volume = np.exp(log_volume - log_volume.max())
     inside = by_class[:, cells]
@@ -228,7 +229,7 @@ class LuminosityFunction(InNotebook):
 
 def magnitude_counts(magnitude: FloatArray, modulus: FloatArray) -> FloatArray:
     """Sources by absolute magnitude and distance modulus, a table that adds over parts."""
-    edges = [np.r_[each, each[-1] + _STEP] for each in (MAGNITUDES, MODULI)]
+    edges = [np.r_[lower_edges, lower_edges[-1] + _STEP] for lower_edges in (MAGNITUDES, MODULI)]
     return np.histogram2d(magnitude - modulus, modulus, bins=edges)[0]
 
 
@@ -256,10 +257,10 @@ def completeness_deviate(counts: FloatArray, limit: float) -> float:
     brighter = np.cumsum(nearer, axis=0)
     # The last class of magnitude that is bright enough as a whole, at the far edge of the class of distance.
     faintest = np.searchsorted(MAGNITUDES, limit - (MODULI[columns] + _STEP) + 1e-9, side="right") - 2
-    known = faintest >= rows
-    rows, columns, faintest = rows[known], columns[known], faintest[known]
-    own = nearer[rows, columns]
-    rank = brighter[rows, columns] - own / 2
+    valid = faintest >= rows
+    rows, columns, faintest = rows[valid], columns[valid], faintest[valid]
+    ties = nearer[rows, columns]
+    rank = brighter[rows, columns] - ties / 2
     total = brighter[faintest, columns]
     number = counts[rows, columns]
     share, variance = rank / total, (total - 1) / (12 * (total + 1))
@@ -296,14 +297,14 @@ def fit_luminosity(counts: FloatArray, limit: float) -> LuminosityFunction:
         )
     by_magnitude = counts.sum(1)
     share = np.cumsum(by_magnitude) / total
-    low, high = MAGNITUDES[np.searchsorted(share, [0.005, 0.995])]
-    knots = np.linspace(low, max(high, low + 1.0), 8 if total > 1000 else 5)
+    lower, upper = MAGNITUDES[np.searchsorted(share, [0.005, 0.995])]
+    knots = np.linspace(lower, max(upper, lower + 1.0), 8 if total > 1000 else 5)
     middle = MAGNITUDES + _STEP / 2
-    used = (middle > low - 3) & (middle < high + 3)
-    far = counts.sum(0) > 0
-    open_to = (middle[used] + MODULI[far, None] <= limit).astype(float)
-    seen = counts[used][:, far].T * open_to
-    values = fit_log_curve(curve_basis(knots, middle[used]), seen, open_to)
+    magnitude_mask = (middle > lower - 3) & (middle < upper + 3)
+    modulus_mask = counts.sum(0) > 0
+    visibility = (middle[magnitude_mask] + MODULI[modulus_mask, None] <= limit).astype(float)
+    visible_counts = counts[magnitude_mask][:, modulus_mask].T * visibility
+    values = fit_log_curve(curve_basis(knots, middle[magnitude_mask]), visible_counts, visibility)
     return LuminosityFunction(
         LogCurve(knots, values), f"luminosity function of {total:.0f} galaxies to magnitude {limit:.2f}"
     )
@@ -333,22 +334,22 @@ def variance_sums(redshift: FloatArray, sigma: FloatArray) -> FloatArray:
 
 def errors_by_redshift(sums: FloatArray, knots: int = 6) -> ErrorsByRedshift:
     """The local mean of the variances, which are taken as exponentially distributed about it."""
-    held = sums[0] > 0
-    counts, totals = sums[:, held]
-    x = (EDGES[1:] + EDGES[:-1])[held] / 2
-    places = np.linspace(x[0], max(x[-1], x[0] + 0.1), knots)
-    basis, n, scale = curve_basis(places, x), counts.sum(), totals.sum() / counts.sum()
+    has_sources = sums[0] > 0
+    counts, totals = sums[:, has_sources]
+    x = (EDGES[1:] + EDGES[:-1])[has_sources] / 2
+    knot_positions = np.linspace(x[0], max(x[-1], x[0] + 0.1), knots)
+    basis, n, scale = curve_basis(knot_positions, x), counts.sum(), totals.sum() / counts.sum()
     bends = np.diff(np.eye(knots), 2, axis=0)
 
     def misfit(theta):
         log = basis @ theta
-        part = totals / scale * np.exp(-log)
+        ratio = totals / scale * np.exp(-log)
         bent = bends @ theta
-        value = np.sum(part + counts * log) / n + 1e-4 * bent @ bent
-        return value, basis.T @ (counts - part) / n + 2e-4 * bends.T @ bent
+        value = np.sum(ratio + counts * log) / n + 1e-4 * bent @ bent
+        return value, basis.T @ (counts - ratio) / n + 2e-4 * bends.T @ bent
 
     shape = minimize(misfit, np.zeros(knots), jac=True, method="BFGS", options={"gtol": 1e-7}).x
-    return ErrorsByRedshift(LogCurve(places, shape + np.log(scale)))
+    return ErrorsByRedshift(LogCurve(knot_positions, shape + np.log(scale)))
 
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(96)
@@ -395,10 +396,10 @@ def inverse_distances_from_measurements(field: Field, length: float | None = Non
         If some source has neither; the message counts them.
     """
     by_distance = np.zeros(len(field), bool) if field.distance is None else np.isfinite(field.distance)
-    known = np.zeros(len(field), bool)
+    has_parallax = np.zeros(len(field), bool)
     if field.parallax is not None and field.parallax_error is not None:
-        known = np.isfinite(field.parallax) & np.isfinite(field.parallax_error)
-    lost = ~(by_distance | known)
+        has_parallax = np.isfinite(field.parallax) & np.isfinite(field.parallax_error)
+    lost = ~(by_distance | has_parallax)
     if lost.any():
         raise FieldError(
             f"{lost.sum()} of {len(field)} sources have neither a distance nor a parallax with its error (first: row "
@@ -418,8 +419,8 @@ def inverse_distances_from_measurements(field: Field, length: float | None = Non
         error[of_parallax] = 1000 * field.parallax_error[of_parallax]
     length = _length(data, error, of_parallax) if length is None else float(length)
 
-    def block(part):
-        return _moments(data[part], error[part], of_parallax[part], length)[:2]
+    def block(chunk):
+        return _moments(data[chunk], error[chunk], of_parallax[chunk], length)[:2]
 
     mean, variance = np.concatenate(list(map_blocks(block, len(field), _BLOCK)), axis=1)
     return MeasuredInverseDistances(mean, variance, length, int(of_parallax.sum()))
@@ -427,28 +428,28 @@ def inverse_distances_from_measurements(field: Field, length: float | None = Non
 
 def _moments(data, error, of_parallax, length):
     """Mean and variance of the rate, and the logarithm of the density of the data, (3, n)."""
-    sure = np.where(of_parallax, data > _SURE * error, True)
+    is_precise = np.where(of_parallax, data > _SURE * error, True)
     step = _REACH * error
-    low, high = data - step, data + step
+    lower, upper = data - step, data + step
     # Surely measured, the datum itself is integrated over; a parallax that is not, in ln d.
     floor = np.where(of_parallax, 1e-3 * np.abs(data), 1e-3 * data)
-    low = np.where(sure, np.maximum(low, floor), np.log(1 / np.maximum(high, 1e-12)))
-    high = np.where(sure, high, np.log(40 * length))
-    high = np.maximum(high, low + 1.0 * ~sure)
-    nodes = (high + low) / 2 + (high - low) / 2 * _NODES[:, None]
+    lower = np.where(is_precise, np.maximum(lower, floor), np.log(1 / np.maximum(upper, 1e-12)))
+    upper = np.where(is_precise, upper, np.log(40 * length))
+    upper = np.maximum(upper, lower + 1.0 * ~is_precise)
+    nodes = (upper + lower) / 2 + (upper - lower) / 2 * _NODES[:, None]
     with np.errstate(over="ignore"):
-        distance = np.where(sure, np.where(of_parallax, 1 / nodes, nodes), np.exp(nodes))
-        jacobian = np.where(sure, np.where(of_parallax, 2 * np.log(distance), 0.0), nodes)  # ln |dd/dnode|
-        seen = np.where(of_parallax, 1 / distance, distance)
-    log = 2 * np.log(distance) - distance / length - ((seen - data) / error) ** 2 / 2 + jacobian
-    most = log.max(0)
-    weight = np.exp(log - most) * _WEIGHTS[:, None]
+        distance = np.where(is_precise, np.where(of_parallax, 1 / nodes, nodes), np.exp(nodes))
+        jacobian = np.where(is_precise, np.where(of_parallax, 2 * np.log(distance), 0.0), nodes)  # ln |dd/dnode|
+        prediction = np.where(of_parallax, 1 / distance, distance)
+    log = 2 * np.log(distance) - distance / length - ((prediction - data) / error) ** 2 / 2 + jacobian
+    peak = log.max(0)
+    weight = np.exp(log - peak) * _WEIGHTS[:, None]
     total = weight.sum(0)
     rate = 1 / (distance * AU_PER_YEAR)
     mean = (weight * rate).sum(0) / total
     variance = (weight * (rate - mean) ** 2).sum(0) / total
     # d² exp(−d/L)/(2 L³) is the density; the rest does not depend on L.
-    return np.stack([mean, variance, np.log(total * (high - low) / 2) + most - 3 * np.log(length)])
+    return np.stack([mean, variance, np.log(total * (upper - lower) / 2) + peak - 3 * np.log(length)])
 
 
 def _length(data, error, of_parallax):
@@ -461,18 +462,18 @@ def _length(data, error, of_parallax):
         return -_moments(data, error, of_parallax, np.exp(log_length))[2].sum()
 
     grid = np.log(np.median(typical) / 3) + np.linspace(-4, 4, 33)
-    best = int(np.argmin([minus(each) for each in grid]))
-    low, high = grid[max(best - 1, 0)], grid[min(best + 1, 32)]
-    golden = (np.sqrt(5) - 1) / 2
-    while high - low > 1e-3:
-        a, b = high - golden * (high - low), low + golden * (high - low)
-        low, high = (low, b) if minus(a) < minus(b) else (a, high)
-    return float(np.exp((low + high) / 2))
+    best = int(np.argmin([minus(point) for point in grid]))
+    lower, upper = grid[max(best - 1, 0)], grid[min(best + 1, 32)]
+    golden_ratio = (np.sqrt(5) - 1) / 2
+    while upper - lower > 1e-3:
+        a, b = upper - golden_ratio * (upper - lower), lower + golden_ratio * (upper - lower)
+        lower, upper = (lower, b) if minus(a) < minus(b) else (a, upper)
+    return float(np.exp((lower + upper) / 2))
 
 
 def has_distances(field: Field) -> BoolArray:
     """Mask of sources with a distance, or a parallax with its error, (n,)."""
-    known = np.zeros(len(field), bool) if field.distance is None else np.isfinite(field.distance)
+    mask = np.zeros(len(field), bool) if field.distance is None else np.isfinite(field.distance)
     if field.parallax is None or field.parallax_error is None:
-        return known
-    return known | (np.isfinite(field.parallax) & np.isfinite(field.parallax_error))
+        return mask
+    return mask | (np.isfinite(field.parallax) & np.isfinite(field.parallax_error))

@@ -133,13 +133,13 @@ class FrameNetwork(FrameResult):
         """
         row = self._row(catalogue, other)
         p = len(self.modes)
-        spread = np.einsum("i,iajb,j->ab", row[1:], self.covariance.reshape(len(row) - 1, p, -1, p), row[1:])
-        both = self.common[self._place(catalogue), self._place(self.labels[0] if other is None else other)]
+        covariance = np.einsum("i,iajb,j->ab", row[1:], self.covariance.reshape(len(row) - 1, p, -1, p), row[1:])
+        n_common = self.common[self._place(catalogue), self._place(self.labels[0] if other is None else other)]
         return Solution(
             Coefficients(self.modes, row[1:] @ self.values),
-            spread,
+            covariance,
             chi2=float("nan"),
-            n_data=int(2 * both),
+            n_data=int(2 * n_common),
             frame=self.frame,
             notes=self.notes,
             errors_from="all catalogues together, with their common noise",
@@ -216,37 +216,39 @@ class FrameNetwork(FrameResult):
         return self.shared
 
     def _sections(self, long):
-        first, *others = self.labels
+        reference, *catalogues = self.labels
         counts = ", ".join(f"{name} {int(n)}" for name, n in zip(self.labels, np.diag(self.common), strict=True))
         larger = "; the errors above are multiplied by it" if self.factor > 1 else ""
         facts = [("sources", counts)]
         for (i, a), (j, b) in combinations(enumerate(self.labels), 2):
             if self.common[i, j]:
-                words = f"{int(self.common[i, j])} sources in common, {100 * self.correlation[i, j]:.0f} % of the noise"
-                facts.append((f"{a} and {b}", words))
+                text = f"{int(self.common[i, j])} sources in common, {100 * self.correlation[i, j]:.0f} % of the noise"
+                facts.append((f"{a} and {b}", text))
         facts.append(("residuals", f"{self.factor:.3g} times the errors with the common noise{larger}"))
         columns: dict[str, Any] = {}
-        for name in others:
-            solution = self.difference(first, name)
+        for name in catalogues:
+            solution = self.difference(reference, name)
             terms = icrf3_terms(solution.coefficients, solution.sigma)
-            shown = [term for term in terms if long or term[0] in "RD"]
-            columns.setdefault("ICRF3 term", shown)
-            columns[f"{first} − {name}"] = [terms[term][0] for term in shown]
-            columns[f"{first} − {name}_error"] = [terms[term][1] for term in shown]
+            term_names = [term for term in terms if long or term[0] in "RD"]
+            columns.setdefault("ICRF3 term", term_names)
+            columns[f"{reference} − {name}"] = [terms[term][0] for term in term_names]
+            columns[f"{reference} − {name}_error"] = [terms[term][1] for term in term_names]
         unit = "uas" if self.unit == "µas" else "uas / yr"
         table = tables.table_of(columns, {}, {name: unit for name in columns if " − " in name})
         remarks = [("R1, R2, R3 are the rotation with the opposite sign: they rotate the axes, not the sources.")]
         for a, b in combinations(self.labels, 2):
-            turned, bent = self.p_value(a, b), self.p_value(a, b, beyond=1)
-            seen = "differ" if turned < SEEN else "agree"
-            more = f"; beyond rotation and glide p = {printed_p_value(bent)}" if np.isfinite(bent) else ""
-            remarks.append(f"{a} − {b}: frames {seen}, p = {printed_p_value(turned)}{more}")
+            p_value, bent = self.p_value(a, b), self.p_value(a, b, beyond=1)
+            verdict = "differ" if p_value < SEEN else "agree"
+            suffix = f"; beyond rotation and glide p = {printed_p_value(bent)}" if np.isfinite(bent) else ""
+            remarks.append(f"{a} − {b}: frames {verdict}, p = {printed_p_value(p_value)}{suffix}")
         if self.names:
-            far = ", ".join(f"{n} ({d:.0f})" for n, d in list(zip(self.names, self.distances, strict=True))[:8])
-            remarks.append(f"{len(self.names)} sources excluded, the largest deviations (in standard errors): {far}")
+            outliers = ", ".join(f"{n} ({d:.0f})" for n, d in list(zip(self.names, self.distances, strict=True))[:8])
+            remarks.append(
+                f"{len(self.names)} sources excluded, the largest deviations (in standard errors): {outliers}"
+            )
         notes = merge_notes(self.notes, () if self.shared is None else self.shared.notes)
-        what = "position" if self.unit == "µas" else "motion"
-        title = f"Differences of {what} of {len(self.labels)} catalogues in one solution"
+        quantity = "position" if self.unit == "µas" else "motion"
+        title = f"Differences of {quantity} of {len(self.labels)} catalogues in one solution"
         if self.shared is None:
             return (Section(title, facts, table, remarks=remarks, notes=notes),)
         remarks.append("The systematic floor is not in these errors: rotation and glide with it are below.")
@@ -268,14 +270,17 @@ class FrameNetwork(FrameResult):
             "catalogue": np.repeat([late for late, _ in pairs], p).tolist(),
             "less": np.repeat([early for _, early in pairs], p).tolist(),
             "coefficient": [str(mode) for mode in self.modes] * len(pairs),
-            "value": np.concatenate([each.values for each in solutions]),
-            "sigma": np.concatenate([each.sigma for each in solutions]),
+            "value": np.concatenate([solution.values for solution in solutions]),
+            "sigma": np.concatenate([solution.sigma for solution in solutions]),
         }
         if self.shared is not None:
-            first, frames = np.tile(self.modes.degrees == 1, len(pairs)), [self.frames(*pair) for pair in pairs]
-            for name, numbers in (("value", [each.values for each in frames]), ("sigma", [x.sigma for x in frames])):
-                columns[f"{name}_floor"] = np.full(first.size, np.nan)
-                columns[f"{name}_floor"][first] = np.concatenate(numbers)
+            is_degree_one, frames = np.tile(self.modes.degrees == 1, len(pairs)), [self.frames(*pair) for pair in pairs]
+            for name, numbers in (
+                ("value", [solution.values for solution in frames]),
+                ("sigma", [x.sigma for x in frames]),
+            ):
+                columns[f"{name}_floor"] = np.full(is_degree_one.size, np.nan)
+                columns[f"{name}_floor"][is_degree_one] = np.concatenate(numbers)
         units = {name: unit for name in columns if name.startswith(("value", "sigma"))}
         return tables.table_of(columns, {"reference": self.labels[0], "frame": self.frame}, units)
 
@@ -289,18 +294,18 @@ class FrameNetwork(FrameResult):
         terms = {}
         for name in self.labels[1:]:
             solutions = [self.difference(name), *([] if self.shared is None else [self.frames(name)])]
-            own = [icrf3_terms(each.coefficients, each.sigma) for each in solutions]
-            terms[f"{name} − {self.labels[0]}"] = own[0] | own[-1]
+            parameters = [icrf3_terms(solution.coefficients, solution.sigma) for solution in solutions]
+            terms[f"{name} − {self.labels[0]}"] = parameters[0] | parameters[-1]
         axes = plot_terms(terms, self.unit, ax=ax)
         if self.shared is not None:
             axes.set_xlabel("R and D with systematic errors")
         return axes
 
-    def _row(self, catalogue, other):
+    def _row(self, catalogue, reference):
         """1 for a catalogue and −1 for the other, (K,)."""
         row = np.zeros(len(self.labels))
         row[self._place(catalogue)] += 1
-        row[self._place(self.labels[0] if other is None else other)] -= 1
+        row[self._place(self.labels[0] if reference is None else reference)] -= 1
         return row
 
     def _place(self, label):
@@ -370,41 +375,42 @@ def combine_frames(
     True
     """
     modes, labels = as_modes(lmax), tuple(catalogues)
-    listed = list(catalogues.values())
-    kinds = {type(each) for each in listed}
-    if len(listed) < 2 or len(kinds) != 1 or not kinds <= {Positions, Field}:
+    catalogue_list = list(catalogues.values())
+    types = {type(catalogue) for catalogue in catalogue_list}
+    if len(catalogue_list) < 2 or len(types) != 1 or not types <= {Positions, Field}:
         raise ParameterError("a chain is two catalogues at least, all Positions or all Fields")
-    if len({each.frame for each in listed}) > 1:
+    if len({catalogue.frame for catalogue in catalogue_list}) > 1:
         raise FrameError(
-            f"catalogues are in different frames ({', '.join(sorted({each.frame for each in listed}))}): use to_frame"
+            "catalogues are in different frames "
+            f"({', '.join(sorted({catalogue.frame for catalogue in catalogue_list}))}): use to_frame"
         )
-    sky = _Sky(labels, listed)
-    correlation, kept = np.eye(len(labels)), np.ones(sky.n, bool)
-    wanted = sky.n >= MANY if floor is None else floor
+    sky = _Sky(labels, catalogue_list)
+    correlation, selection = np.eye(len(labels)), np.ones(sky.n, bool)
+    has_floor = sky.n >= MANY if floor is None else floor
     # What is shared over the sky is neither noise nor an outlier.
-    wide = _FLOOR if wanted and modes.lmax < _FLOOR.lmax else modes
+    noise_modes = _FLOOR if has_floor and modes.lmax < _FLOOR.lmax else modes
     for _ in range(_ROUNDS):
-        before = correlation, kept
-        values, _, chi2_of, chi2, dof = _solve(sky, wide, correlation, kept, labels)
+        before = correlation, selection
+        values, _, chi2_of, chi2, dof = _solve(sky, noise_modes, correlation, selection, labels)
         if shared_noise:
-            correlation = _estimate_common_noise(sky, wide, values, kept)
+            correlation = _estimate_common_noise(sky, noise_modes, values, selection)
         if clip:
             scale = max(1.0, chi2 / max(dof, 1))
-            kept = chdtrc(np.maximum(sky.contrasts, 1), chi2_of / scale) > _CHANCE / max(sky.n, 1)
-        if np.allclose(before[0], correlation, atol=1e-4) and (before[1] == kept).all():
+            selection = chdtrc(np.maximum(sky.contrasts, 1), chi2_of / scale) > _CHANCE / max(sky.n, 1)
+        if np.allclose(before[0], correlation, atol=1e-4) and (before[1] == selection).all():
             break
-    errors = _over_the_sky(sky, correlation, kept, labels, rng) if wanted else None
-    values, covariance, chi2_of, chi2, dof = _solve(sky, modes, correlation, kept, labels)
+    errors = _over_the_sky(sky, correlation, selection, labels, rng) if has_floor else None
+    values, covariance, chi2_of, chi2, dof = _solve(sky, modes, correlation, selection, labels)
     factor = float(np.sqrt(chi2 / dof)) if dof > 0 else float("nan")
-    order = np.flatnonzero(~kept)[np.argsort(-chi2_of[~kept], kind="stable")]
-    seen = sky.seen[:, kept].astype(int)
+    order = np.flatnonzero(~selection)[np.argsort(-chi2_of[~selection], kind="stable")]
+    membership = sky.seen[:, selection].astype(int)
     return FrameNetwork(
         labels,
         modes,
         values,
         covariance * (factor**2 if factor > 1 else 1.0),
         correlation,
-        (seen @ seen.T).astype(float),
+        (membership @ membership.T).astype(float),
         float(chi2),
         int(dof + values.size),
         factor,
@@ -417,20 +423,20 @@ def combine_frames(
     )
 
 
-def _over_the_sky(sky, correlation, kept, labels, rng):
+def _over_the_sky(sky, correlation, selection, labels, rng):
     """Rotation and glide with systematic errors; errors multiplied by √(χ²/dof) of the fit to degree 5."""
-    normal = _normal(sky, _FLOOR, correlation, kept)
-    *_, chi2, dof = _solve_network(sky, _FLOOR, normal, kept, labels)
+    normal = _normal(sky, _FLOOR, correlation, selection)
+    *_, chi2, dof = _solve_network(sky, _FLOOR, normal, selection, labels)
     matrix, rhs, _ = normal
     tau = chi2 / dof if dof > 0 else 1.0
-    both = sky.seen[1:, kept] & sky.seen[0, kept]
+    is_common = sky.seen[1:, selection] & sky.seen[0, selection]
     return shared_jointly(
         matrix[1:, :, 1:] / tau,
         rhs[1:] / tau,
         _FLOOR,
         rng=rng,
-        labels=tuple(f"{each} − {labels[0]}" for each in labels[1:]),
-        n_sources=tuple(map(int, both.sum(1))),
+        labels=tuple(f"{label} − {labels[0]}" for label in labels[1:]),
+        n_sources=tuple(map(int, is_common.sum(1))),
         frame=sky.frame,
         unit=sky.unit,
     )
@@ -440,56 +446,56 @@ class _Sky:
     """Sources that two catalogues at least have: where each sees them, and the root of its covariance."""
 
     def __init__(self, labels, catalogues):
-        first = catalogues[0]
-        positions = isinstance(first, Positions)
-        self.frame, self.unit = first.frame, "µas" if positions else "µas/yr"
-        for label, each in zip(labels, catalogues, strict=True):
-            if each.name is None:
+        reference = catalogues[0]
+        positions = isinstance(reference, Positions)
+        self.frame, self.unit = reference.frame, "µas" if positions else "µas/yr"
+        for label, catalogue in zip(labels, catalogues, strict=True):
+            if catalogue.name is None:
                 raise FieldError(f"{label} has no names to match its sources by")
-            if len(np.unique(each.name)) < len(each):
-                raise FieldError(f"{len(each) - len(np.unique(each.name))} names stand twice in {label}")
+            if len(np.unique(catalogue.name)) < len(catalogue):
+                raise FieldError(f"{len(catalogue) - len(np.unique(catalogue.name))} names stand twice in {label}")
         if positions:
-            catalogues = [each.at_epoch(first.epoch) for each in catalogues]
+            catalogues = [catalogue.at_epoch(reference.epoch) for catalogue in catalogues]
         names, counts = np.unique(
-            np.concatenate([np.asarray(each.name, str) for each in catalogues]), return_counts=True
+            np.concatenate([np.asarray(catalogue.name, str) for catalogue in catalogues]), return_counts=True
         )
         self.names = names[counts > 1]
         self.n, k = len(self.names), len(catalogues)
         self.seen = np.zeros((k, self.n), bool)
         self.lon, self.lat = np.full((2, self.n), np.nan)
         self.x, self.root = np.zeros((k, 2, self.n)), np.zeros((k, self.n, 2, 2))
-        for i, each in enumerate(catalogues):
-            called = np.asarray(each.name, str)
-            at = np.minimum(np.searchsorted(self.names, called), max(self.n - 1, 0))
-            mine = np.flatnonzero(self.names[at] == called) if self.n else np.zeros(0, int)
+        for i, catalogue in enumerate(catalogues):
+            source_names = np.asarray(catalogue.name, str)
+            at = np.minimum(np.searchsorted(self.names, source_names), max(self.n - 1, 0))
+            mine = np.flatnonzero(self.names[at] == source_names) if self.n else np.zeros(0, int)
             at = at[mine]
             self.seen[i, at] = True
-            new = np.isnan(self.lon[at])
-            self.lon[at[new]], self.lat[at[new]] = each.lon[mine[new]], each.lat[mine[new]]
+            is_new = np.isnan(self.lon[at])
+            self.lon[at[is_new]], self.lat[at[is_new]] = catalogue.lon[mine[is_new]], catalogue.lat[mine[is_new]]
             if positions:
                 p, q, r = triad(self.lon[at], self.lat[at])
-                away = triad(each.lon[mine], each.lat[mine])[2] - r
-                self.x[i][:, at] = np.stack([np.sum(away * p, 0), np.sum(away * q, 0)]) / UAS
+                offset = triad(catalogue.lon[mine], catalogue.lat[mine])[2] - r
+                self.x[i][:, at] = np.stack([np.sum(offset * p, 0), np.sum(offset * q, 0)]) / UAS
             else:
-                self.x[i][:, at] = each.motion[:, mine]
-            self.root[i, at] = _root(each.sigma[:, mine], each.rho[mine])
+                self.x[i][:, at] = catalogue.motion[:, mine]
+            self.root[i, at] = _root(catalogue.sigma[:, mine], catalogue.rho[mine])
         self.contrasts = 2 * (self.seen.sum(0) - 1)
-        alone = [
-            f"{label} {int(len(each) - seen.sum())}"
-            for label, each, seen in zip(labels, catalogues, self.seen, strict=True)
+        single_counts = [
+            f"{label} {int(len(catalogue) - membership.sum())}"
+            for label, catalogue, membership in zip(labels, catalogues, self.seen, strict=True)
         ]
-        self.notes = (f"in one catalogue only, and not used: {', '.join(alone)}",)
+        self.notes = (f"in one catalogue only, and not used: {', '.join(single_counts)}",)
 
     def left(self, values, modes):
         """Residuals of the places after the frames, (k, 2, n)."""
-        fields = [Coefficients(modes, each).at(self.lon, self.lat) for each in values]
+        fields = [Coefficients(modes, coefficients).at(self.lon, self.lat) for coefficients in values]
         return self.x - np.stack([np.zeros((2, self.n)), *fields])
 
-    def patterns(self, kept):
+    def patterns(self, selection):
         """Sources that the same catalogues have: which catalogues, which sources."""
         codes = (2 ** np.arange(len(self.seen))) @ self.seen
-        for code in np.unique(codes[kept]):
-            rows = np.flatnonzero(kept & (codes == code))
+        for code in np.unique(codes[selection]):
+            rows = np.flatnonzero(selection & (codes == code))
             yield np.flatnonzero(self.seen[:, rows[0]]), rows
 
 
@@ -501,7 +507,7 @@ def _root(sigma, rho):
     return np.moveaxis(np.array([[a + s, c], [c, b + s]]) / t, -1, 0)
 
 
-def _normal(sky, modes, correlation, kept):
+def _normal(sky, modes, correlation, selection):
     """Normal equations of all catalogues, (K, p, K, p) and (K, p), and the weights of the sources' differences."""
     k, p = len(sky.seen), len(modes)
     matrix, rhs = np.zeros((k, p, k, p)), np.zeros((k, p))
@@ -510,32 +516,32 @@ def _normal(sky, modes, correlation, kept):
         w = _weights(sky.root[has][:, rows], correlation[np.ix_(has, has)])
         weights.append((has, rows, w))
         if len(has) == 2:  # their difference is all that counts: the sums of a field, whatever its size
-            (i, j), at = has, rows[kept[rows]]
+            (i, j), at = has, rows[selection[rows]]
             if len(at):
                 normal = normal_equations(_difference(sky, i, j, at, correlation[i, j]), modes)
-                for one, two, sign in ((i, i, 1), (j, j, 1), (i, j, -1), (j, i, -1)):
-                    matrix[one, :, two] += sign * normal.matrix
+                for row, column, sign in ((i, i, 1), (j, j, 1), (i, j, -1), (j, i, -1)):
+                    matrix[row, :, column] += sign * normal.matrix
                 rhs[i] += normal.rhs
                 rhs[j] -= normal.rhs
             continue
         for start in range(0, len(rows), _TOGETHER):
-            some = slice(start, start + _TOGETHER)
-            at, part = rows[some][kept[rows[some]]], w[some][kept[rows[some]]]
+            chunk = slice(start, start + _TOGETHER)
+            at, chunk_weights = rows[chunk][selection[rows[chunk]]], w[chunk][selection[rows[chunk]]]
             a, x = harmonics(sky.lon[at], sky.lat[at], modes), sky.x[has][:, :, at]
-            for i, one in enumerate(has):
-                for j, two in enumerate(has):
-                    weighted = np.einsum("pam,mab->pbm", a, part[:, i, :, j])
-                    matrix[one, :, two] += weighted.reshape(p, -1) @ a.reshape(p, -1).T
-                    rhs[one] += weighted.reshape(p, -1) @ x[j].ravel()
+            for i, row in enumerate(has):
+                for j, column in enumerate(has):
+                    product = np.einsum("pam,mab->pbm", a, chunk_weights[:, i, :, j])
+                    matrix[row, :, column] += product.reshape(p, -1) @ a.reshape(p, -1).T
+                    rhs[row] += product.reshape(p, -1) @ x[j].ravel()
     return matrix, rhs, weights
 
 
-def _solve(sky, modes, correlation, kept, labels):
+def _solve(sky, modes, correlation, selection, labels):
     """Coefficients, their covariance, χ² of each source, in all, and the degrees of freedom."""
-    return _solve_network(sky, modes, _normal(sky, modes, correlation, kept), kept, labels)
+    return _solve_network(sky, modes, _normal(sky, modes, correlation, selection), selection, labels)
 
 
-def _solve_network(sky, modes, normal, kept, labels):
+def _solve_network(sky, modes, normal, selection, labels):
     """Solve normal equations that are at hand."""
     k, p = len(labels), len(modes)
     matrix, rhs, weights = normal
@@ -548,16 +554,24 @@ def _solve_network(sky, modes, normal, kept, labels):
         )
     covariance = np.linalg.inv(n)
     values = (covariance @ rhs[1:].ravel()).reshape(k - 1, p)
-    chi2_of, left = np.zeros(sky.n), sky.left(values, modes)
+    chi2_of, residuals = np.zeros(sky.n), sky.left(values, modes)
     for has, rows, w in weights:
-        chi2_of[rows] = np.einsum("iam,miajb,jbm->m", left[has][:, :, rows], w, left[has][:, :, rows], optimize=True)
-    return values, covariance, chi2_of, float(chi2_of[kept].sum()), float(sky.contrasts[kept].sum() - values.size)
+        chi2_of[rows] = np.einsum(
+            "iam,miajb,jbm->m", residuals[has][:, :, rows], w, residuals[has][:, :, rows], optimize=True
+        )
+    return (
+        values,
+        covariance,
+        chi2_of,
+        float(chi2_of[selection].sum()),
+        float(sky.contrasts[selection].sum() - values.size),
+    )
 
 
 def _difference(sky, i, j, at, rho):
     """Differences of two catalogues with their common noise, as a field."""
-    own, cross = _spreads(sky, i, j, at)
-    v = own - rho * cross
+    total, cross = _spreads(sky, i, j, at)
+    v = total - rho * cross
     sigma = np.sqrt(np.stack([v[:, 0, 0], v[:, 1, 1]]))
     d = sky.x[i][:, at] - sky.x[j][:, at]
     return Field(sky.lon[at], sky.lat[at], d, sigma, v[:, 0, 1] / (sigma[0] * sigma[1]))
@@ -579,28 +593,30 @@ def _weights(root, correlation):
     return w - np.einsum("miab,mbc,mjdc->miajd", once, np.linalg.inv(once.sum(1)), once, optimize=True)
 
 
-def _estimate_common_noise(sky, modes, values, kept):
+def _estimate_common_noise(sky, modes, values, selection):
     """ρ of each pair by the likelihood of its differences; the nearest that all can have together."""
     from scipy.optimize import minimize_scalar  # slow to import
 
     k, p = len(sky.seen), len(modes)
-    out, left = np.eye(k), sky.left(values, modes)
+    correlation, residuals = np.eye(k), sky.left(values, modes)
     for i, j in combinations(range(k), 2):
-        both = np.flatnonzero(kept & sky.seen[i] & sky.seen[j])
-        if 2 * len(both) <= 2 * p:
+        common = np.flatnonzero(selection & sky.seen[i] & sky.seen[j])
+        if 2 * len(common) <= 2 * p:
             continue
-        d = left[i][:, both] - left[j][:, both]
-        d *= np.sqrt(2 * len(both) / (2 * len(both) - p))  # the fit has taken its part
-        own, cross = _spreads(sky, i, j, both)
+        d = residuals[i][:, common] - residuals[j][:, common]
+        d *= np.sqrt(2 * len(common) / (2 * len(common) - p))  # the fit has taken its part
+        total, cross = _spreads(sky, i, j, common)
 
-        def loss(rho, own=own, cross=cross, d=d):
+        def loss(rho, own=total, cross=cross, d=d):
             v = own - rho * cross
             det = v[:, 0, 0] * v[:, 1, 1] - v[:, 0, 1] ** 2
             chi2 = (v[:, 1, 1] * d[0] ** 2 - 2 * v[:, 0, 1] * d[0] * d[1] + v[:, 0, 0] * d[1] ** 2) / det
             return float(np.sum(chi2 + np.log(det)))
 
-        out[i, j] = out[j, i] = minimize_scalar(loss, bounds=(0.0, _MOST), method="bounded", options={"xatol": 1e-5}).x
-    weight, axes = np.linalg.eigh(out)
+        correlation[i, j] = correlation[j, i] = minimize_scalar(
+            loss, bounds=(0.0, _MOST), method="bounded", options={"xatol": 1e-5}
+        ).x
+    weight, axes = np.linalg.eigh(correlation)
     if weight[0] < 1e-3:
-        out = axes * np.maximum(weight, 1e-3) @ axes.T
-    return out / np.sqrt(np.outer(np.diag(out), np.diag(out)))
+        correlation = axes * np.maximum(weight, 1e-3) @ axes.T
+    return correlation / np.sqrt(np.outer(np.diag(correlation), np.diag(correlation)))

@@ -72,44 +72,48 @@ class ByErrorClass(Frozen):
     p_value: float
 
 
-def by_error_class(differences: Field, modes: Modes, chosen: IntArray | None = None) -> ByErrorClass | None:
+def by_error_class(differences: Field, modes: Modes, indices: IntArray | None = None) -> ByErrorClass | None:
     """Fit differences with a factor on the errors of each of five classes of quoted error; None where residuals vanish.
 
-    Only the coefficients `chosen` are fitted, the others held at zero.
+    Only the coefficients `indices` are fitted, the others held at zero.
 
     The factors are χ² of each class over the degrees of freedom that the fit leaves it, the coefficients common to all.
     One factor for all sources is wrong where the faint share noise and the bright do not.
     """
     n = len(differences)
-    chosen = np.arange(len(modes)) if chosen is None else chosen
-    p = len(chosen)
+    indices = np.arange(len(modes)) if indices is None else indices
+    p = len(indices)
     count = max(1, min(_CLASSES, n // max(_FEWEST, 2 * p)))
     if 2 * n <= p:
         return None
     order = np.argsort(np.sum(differences.sigma**2, axis=0), kind="stable")
     normals = [
-        replace(each, matrix=each.matrix[np.ix_(chosen, chosen)], rhs=each.rhs[chosen])
-        for each in (normal_equations(differences[np.sort(part)], modes) for part in np.array_split(order, count))
+        replace(normal, matrix=normal.matrix[np.ix_(indices, indices)], rhs=normal.rhs[indices])
+        for normal in (
+            normal_equations(differences[np.sort(members)], modes) for members in np.array_split(order, count)
+        )
     ]
     tau = np.ones(count)
     for _ in range(6):
-        matrix = sum((each.matrix / t for each, t in zip(normals, tau, strict=True)), np.zeros((p, p)))
-        rhs = sum((each.rhs / t for each, t in zip(normals, tau, strict=True)), np.zeros(p))
+        matrix = sum((normal.matrix / t for normal, t in zip(normals, tau, strict=True)), np.zeros((p, p)))
+        rhs = sum((normal.rhs / t for normal, t in zip(normals, tau, strict=True)), np.zeros(p))
         covariance = np.linalg.inv(matrix)
         values = covariance @ rhs
         chi2 = np.array([e.chi2_null - 2 * e.rhs @ values + values @ e.matrix @ values for e in normals])
-        left = np.array([e.n_data - np.sum(covariance * e.matrix) / t for e, t in zip(normals, tau, strict=True)])
-        new = chi2 / left
-        if not (new > 1e-12).all():
+        dof = np.array([e.n_data - np.sum(covariance * e.matrix) / t for e, t in zip(normals, tau, strict=True)])
+        reduced_chi2 = chi2 / dof
+        if not (reduced_chi2 > 1e-12).all():
             return None
-        tau = new
-    beyond = modes.degrees[chosen] > 1
+        tau = reduced_chi2
+    is_deformation = modes.degrees[indices] > 1
     p_value = float("nan")
-    if beyond.any():
-        size = values[beyond] @ np.linalg.solve(covariance[np.ix_(beyond, beyond)], values[beyond])
+    if is_deformation.any():
+        size = values[is_deformation] @ np.linalg.solve(
+            covariance[np.ix_(is_deformation, is_deformation)], values[is_deformation]
+        )
         share = np.array([np.trace(e.matrix) / t for e, t in zip(normals, tau, strict=True)])
         share /= share.sum()
-        p_value = f_p_value(float(size), int(beyond.sum()), 1 / np.sum(share**2 / left))
+        p_value = f_p_value(float(size), int(is_deformation.sum()), 1 / np.sum(share**2 / dof))
     return ByErrorClass(values, np.asarray(covariance, float), tuple(map(float, np.sqrt(tau))), float(p_value))
 
 
@@ -204,12 +208,12 @@ class FrameComparison(FrameResult, AboutSolution):
         if self.by_class is not None and not self.method:
             values, covariance = np.array(self.by_class.values), np.array(self.by_class.covariance)
             errors, source = "from the scatter of residuals in classes of similar formal errors", ErrorSource.RESIDUALS
-        first = np.flatnonzero(solution.modes.degrees == 1)
+        degree_one = np.flatnonzero(solution.modes.degrees == 1)
         if self.shared is not None:
-            alone = self.shared.solutions[0]
-            values[first] = alone.values
-            covariance[first] = covariance[:, first] = 0.0
-            covariance[np.ix_(first, first)] = alone.covariance
+            shared_solution = self.shared.solutions[0]
+            values[degree_one] = shared_solution.values
+            covariance[degree_one] = covariance[:, degree_one] = 0.0
+            covariance[np.ix_(degree_one, degree_one)] = shared_solution.covariance
             errors += "; rotation and glide include systematic errors"
             includes_floor = True
         elif self.floor is not None:
@@ -288,25 +292,28 @@ class FrameComparison(FrameResult, AboutSolution):
         return self._deformation_p_value(self.factor)
 
     def _deformation_p_value(self, factor):
-        beyond = self.solution.modes.degrees > 1
-        if not beyond.any():
+        is_deformation = self.solution.modes.degrees > 1
+        if not is_deformation.any():
             return float("nan")
-        values, matrix = self.solution.values[beyond], self.solution.covariance[np.ix_(beyond, beyond)]
+        values, matrix = (
+            self.solution.values[is_deformation],
+            self.solution.covariance[np.ix_(is_deformation, is_deformation)],
+        )
         chi2 = values @ np.linalg.solve(matrix, values) / factor**2
         dof = self.solution.dof if factor != 1 else np.inf  # the factor is an estimate
-        return f_p_value(chi2, int(beyond.sum()), dof)
+        return f_p_value(chi2, int(is_deformation.sum()), dof)
 
     def _sections(self, long):
-        solution, (a, b), best, quoted = self.solution, self.labels, self.best, self.parameters
+        solution, (a, b), best, parameters = self.solution, self.labels, self.best, self.parameters
         terms = icrf3_terms(best.coefficients, best.sigma)
-        shown = [name for name in terms if long or name[0] in "RD"]
+        term_names = [name for name in terms if long or name[0] in "RD"]
         unit = "uas" if solution.unit == "µas" else "uas / yr"
         columns = {
-            "ICRF3 term": shown,
-            "value": [terms[name][0] for name in shown],
-            "sigma": [terms[name][1] for name in shown],
-            "value / error": [terms[name][0] / terms[name][1] for name in shown],
-            "formal error": [quoted[name][1] for name in shown],
+            "ICRF3 term": term_names,
+            "value": [terms[name][0] for name in term_names],
+            "sigma": [terms[name][1] for name in term_names],
+            "value / error": [terms[name][0] / terms[name][1] for name in term_names],
+            "formal error": [parameters[name][1] for name in term_names],
         }
         table = tables.table_of(columns, {}, dict.fromkeys(("value", "sigma", "formal error"), unit))
         facts = [("sources", f"{solution.n_sources}, {len(self.names)} left out"), *self._about_errors(long)]
@@ -316,16 +323,16 @@ class FrameComparison(FrameResult, AboutSolution):
             remarks.append(f"These alone, all others held at zero (errors scaled in classes): {pairs} {solution.unit}")
         if self.names and not long:
             nearest = zip(self.names[:_FEW_LISTED], self.distances, strict=False)
-            listed = ", ".join(f"{in_a_line(name)} ({x:.1f} errors)" for name, x in nearest)
-            remarks.append(f"Largest deviations, of {len(self.names)} excluded sources: {listed}")
-        what = "position" if solution.unit == "µas" else "motion"
+            outliers = ", ".join(f"{in_a_line(name)} ({x:.1f} errors)" for name, x in nearest)
+            remarks.append(f"Largest deviations, of {len(self.names)} excluded sources: {outliers}")
+        quantity = "position" if solution.unit == "µas" else "motion"
         notes = () if long else solution.notes
         forms = {"value": "+.2f", "value / error": "+.1f", "formal error": ".2f"}
-        title = f"{a} − {b}: differences of {what}"
+        title = f"{a} − {b}: differences of {quantity}"
         sections = [Section(title, facts, table, forms=forms, remarks=remarks, notes=notes)]
         if long and self.names:
             east, north = np.transpose(self.offsets[:_LISTED])
-            far = {
+            outlier_columns = {
                 "source": list(self.names[:_LISTED]),
                 "east": east,
                 "north": north,
@@ -334,7 +341,7 @@ class FrameComparison(FrameResult, AboutSolution):
             units = dict.fromkeys(("east", "north"), unit)
             forms = dict.fromkeys(("east", "north", "errors"), ".1f")
             title = f"Largest deviations, of {len(self.names)} excluded sources"
-            sections.append(Section(title, (), tables.table_of(far, {}, units), forms=forms))
+            sections.append(Section(title, (), tables.table_of(outlier_columns, {}, units), forms=forms))
         if long:
             sections += self.shared.sections(long=True) if self.shared is not None else ()
             sections += best.sections(long=True)
@@ -346,7 +353,7 @@ class FrameComparison(FrameResult, AboutSolution):
         if self.method:
             facts.append(("method", f"{self.method}, its formal errors beside"))
         if self.by_class is not None and long:
-            factors = ", ".join(f"{each:.2f}" for each in self.by_class.factors)
+            factors = ", ".join(f"{factor:.2f}" for factor in self.by_class.factors)
             count = len(self.by_class.factors)
             classes = f"{count} classes of similar formal errors" if count > 1 else "one class"
             facts.append(
@@ -360,19 +367,19 @@ class FrameComparison(FrameResult, AboutSolution):
                 chances.append(f"{printed_p_value(self.deformation_p_value_scaled)} by one factor")
             facts.append(("deformation", f"degrees 2 to {solution.modes.lmax}, p = {'; '.join(chances)}"))
         if self.factor != 1:
-            words = f"they scatter by {self.factor:.3g} times the formal errors"
+            text = f"they scatter by {self.factor:.3g} times the formal errors"
             if self.factor < 1:
-                words += (
+                text += (
                     ": the catalogues have observations in common, or the formal errors are too large; errors common "
                     "to both catalogues cancel in the differences and are not included"
                 )
-            facts.append(("residuals", words))
+            facts.append(("residuals", text))
         if self.shared is not None:
             facts.append(("R and D", "with systematic errors, from the model below"))
         if self.floor is not None and long:
             spin, glide = self.floor.spin_error, self.floor.acceleration_error
-            words = f"rotation ± {spin:.3g}, glide ± {glide:.3g} {solution.unit}, included in the errors of R and D; "
-            facts.append(("floor", f"{words}estimated from degrees 2 to {max(self.floor.degrees)}, for each parity"))
+            text = f"rotation ± {spin:.3g}, glide ± {glide:.3g} {solution.unit}, included in the errors of R and D; "
+            facts.append(("floor", f"{text}estimated from degrees 2 to {max(self.floor.degrees)}, for each parity"))
         for label, index in zip(self.labels, (0, 1), strict=True) if long else ():
             value, pair = self.correlations.largest(index)
             facts.append((f"errors of {label}", f"largest correlation {value:+.3f}, of {pair[0]} and {pair[1]}"))
@@ -482,38 +489,39 @@ def compare_catalogues(
     differences = match(a, b, by=by, pairs=pairs)
     unit = "µas" if isinstance(a, Positions) else "µas/yr"
     # A few that are off by thousands of errors would carry a first fit away: none of them goes into it.
-    near = np.ones(len(differences), bool)
+    is_near = np.ones(len(differences), bool)
     if differences.motion.any():  # a catalogue beside itself has no scatter
-        near = _distances(student_t(differences, modes).solution, differences) <= _FAR * threshold
-    clipped = clip(differences[near] if near.any() else differences, modes, threshold=threshold)
-    kept = near.copy()
-    kept[near] = clipped.kept
-    far = _distances(clipped.solution, differences)
-    order = np.flatnonzero(~kept)[np.argsort(-far[~kept], kind="stable")]
-    called = differences.name if differences.name is not None else np.arange(len(differences))
-    fitted = differences[kept]
-    given = _by_method(fitted, modes, method, replicates, rng) or clipped.solution
-    notes = given.notes
-    if not near.all():
+        is_near = _distances(student_t(differences, modes).solution, differences) <= _FAR * threshold
+    clipping = clip(differences[is_near] if is_near.any() else differences, modes, threshold=threshold)
+    selection = is_near.copy()
+    selection[is_near] = clipping.kept
+    distances = _distances(clipping.solution, differences)
+    order = np.flatnonzero(~selection)[np.argsort(-distances[~selection], kind="stable")]
+    source_names = differences.name if differences.name is not None else np.arange(len(differences))
+    fitted = differences[selection]
+    estimate = _by_method(fitted, modes, method, replicates, rng) or clipping.solution
+    notes = estimate.notes
+    if not is_near.all():
         notes = (
             *notes,
-            f"{int((~near).sum())} of {len(near)} pairs are more than {_FAR * threshold:g} errors from a robust fit: "
+            f"{int((~is_near).sum())} of {len(is_near)} pairs are more than {_FAR * threshold:g} errors from a robust "
+            "fit: "
             "left out before the first plain one",
         )
-    solution = replace(given, unit=unit, notes=notes)
+    solution = replace(estimate, unit=unit, notes=notes)
     names = tuple(name for name, (mode, _) in ICRF3.items() if mode.l == 1 and mode.kind in PARAMETERS[parameters])
-    chosen = np.array([modes.index(ICRF3[each][0]) for each in names], int)
-    sources = [_with_own_errors(each, chosen[kept], fitted) for each, chosen in ((a, pairs.a), (b, pairs.b))]
+    indices = np.array([modes.index(ICRF3[each][0]) for each in names], int)
+    sources = [_with_own_errors(each, indices[selection], fitted) for each, indices in ((a, pairs.a), (b, pairs.b))]
     comparison = FrameComparison(
         (labels[0], labels[1]),
         solution,
-        tuple(str(called[i]) for i in order),
+        tuple(str(source_names[i]) for i in order),
         differences.motion[:, order].T,
-        far[order],
+        distances[order],
         solution.quality.factor,
         correlation_matrices(sources, modes.lmax, labels=list(labels)),
         by_error_class(fitted, modes) if method == "least-squares" else None,
-        alone=by_error_class(fitted, modes, chosen) if names else None,
+        alone=by_error_class(fitted, modes, indices) if names else None,
         alone_names=names,
         method="" if method == "least-squares" else method,
     )
@@ -528,15 +536,15 @@ def _by_method(fitted, modes, method, replicates, rng):
     return METHODS[method](fitted, modes, value, rng).plain
 
 
-def _with_floor(comparison, fitted, wanted, replicates, rng):
+def _with_floor(comparison, fitted, floor, replicates, rng):
     """The comparison with systematic errors in its errors, or its size beside them."""
-    if wanted is None:
-        wanted = len(fitted) >= MANY
-    if not wanted and len(fitted) < FEW:
+    if floor is None:
+        floor = len(fitted) >= MANY
+    if not floor and len(fitted) < FEW:
         return comparison
     degree = as_modes(max(_DEGREE, comparison.solution.modes.lmax))
     normal = _by_method(fitted, degree, comparison.method, replicates, rng) or normal_equations(fitted, degree)
-    if wanted:
+    if floor:
         errors = shared([normal], range(2, _DEGREE + 1), labels=[" − ".join(comparison.labels)], rng=rng)
         return replace(comparison, shared=replace(errors, unit=comparison.solution.unit))
     with suppress(VshError):  # without noise, or on too little of the sky, there is none to be known
@@ -550,6 +558,6 @@ def _distances(solution, field):
     return np.sqrt(solution.residuals(field).chi2)
 
 
-def _with_own_errors(catalogue, chosen, kept):
+def _with_own_errors(catalogue, indices, differences):
     """The sources that were fitted, with the errors of one catalogue."""
-    return kept.minus(kept.motion).with_errors(catalogue.sigma[:, chosen], catalogue.rho[chosen])
+    return differences.minus(differences.motion).with_errors(catalogue.sigma[:, indices], catalogue.rho[indices])

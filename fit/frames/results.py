@@ -52,9 +52,9 @@ class FrameResult(Result):
         """The result to quote: the vectors of each pair."""
         several = len(self.pairs) > 1
         lines = [
-            (f"{one} − {two}: {name}" if several else name, words_of(vector))
-            for one, two in self.pairs
-            for name, vector in self.vectors(one, two).items()
+            (f"{catalogue} − {reference}: {name}" if several else name, words_of(vector))
+            for catalogue, reference in self.pairs
+            for name, vector in self.vectors(catalogue, reference).items()
         ]
         return Answer(tuple(lines))
 
@@ -65,7 +65,11 @@ class FrameResult(Result):
 
     def frames_table(self) -> Table:
         """The vectors of all pairs with their errors and p-values, as an astropy Table, a row each."""
-        rows = [(one, two, name, vector) for one, two in self.pairs for name, vector in self.vectors(one, two).items()]
+        rows = [
+            (catalogue, reference, name, vector)
+            for catalogue, reference in self.pairs
+            for name, vector in self.vectors(catalogue, reference).items()
+        ]
         columns: dict[str, Any] = {
             "catalogue": [row[0] for row in rows],
             "less": [row[1] for row in rows],

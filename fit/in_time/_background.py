@@ -70,7 +70,7 @@ class TimeBackground(Result):
     notes: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
-        limits = ", ".join(f"{band} < {each:.3g} µas" for band, each in zip(self.bands, self.limits(), strict=True))
+        limits = ", ".join(f"{band} < {limit:.3g} µas" for band, limit in zip(self.bands, self.limits(), strict=True))
         return f"<TimeBackground: {limits} (95 %)>"
 
     @property
@@ -81,12 +81,12 @@ class TimeBackground(Result):
     def quantile(self, probability: float) -> FloatArray:
         """√P of each band, (B,), below which it lies with a `probability`. [µas]"""
         level = arguments.between("probability", probability, 0, 1)
-        out = []
+        values = []
         for root in self.roots.T:
             order = np.argsort(root)
             share = np.cumsum(self.weights[order]) - self.weights[order] / 2
-            out.append(float(np.interp(level, share, root[order])))
-        return np.array(out)
+            values.append(float(np.interp(level, share, root[order])))
+        return np.array(values)
 
     def interval(self, probability: float = 0.68) -> FloatArray:
         """Lower and upper √P of each band, (B, 2), with equal tails and a `probability` between them. [µas]"""
@@ -178,20 +178,24 @@ def background(
     modes, names = equations.modes, equations.functions.names
     if modes.lmax < 2:
         raise ModesError("backgrounds have degrees from 2 on: lmax of 2 or more")
-    chosen = _bands(bands, names)
-    matrix, rhs, shapes, scale = _reduce_to_bands(equations, chosen, spectrum)
+    band_indices = _bands(bands, names)
+    matrix, rhs, shapes, scale = _reduce_to_bands(equations, band_indices, spectrum)
     likelihood = Amplitudes(matrix, rhs, shapes)
     rng = generator(rng)
-    proposals = [_proposal(likelihood.alone(b)) for b in range(len(chosen))]
+    proposals = [_proposal(likelihood.alone(b)) for b in range(len(band_indices))]
     reach = np.array([root[-1] for root, _ in proposals])
-    roots: Any = np.empty((0, len(chosen)))
+    roots: Any = np.empty((0, len(band_indices)))
     logs: Any = np.empty(0)
     count = arguments.whole("draws", draws)
     for _ in range(5):
-        drawn, density = zip(*(_draw_amplitudes(root, density, count, rng) for root, density in proposals), strict=True)
-        more = np.stack(drawn, axis=1)
-        roots = np.concatenate([roots, more])
-        logs = np.concatenate([logs, [likelihood.log_likelihood(each**2) for each in more] - np.sum(density, axis=0)])
+        columns, density = zip(
+            *(_draw_amplitudes(root, density, count, rng) for root, density in proposals), strict=True
+        )
+        new_roots = np.stack(columns, axis=1)
+        roots = np.concatenate([roots, new_roots])
+        logs = np.concatenate(
+            [logs, [likelihood.log_likelihood(row**2) for row in new_roots] - np.sum(density, axis=0)]
+        )
         weights = np.exp(logs - logs.max())
         weights /= weights.sum()
         if 1 / np.sum(weights**2) >= min(least, draws / 2):
@@ -199,7 +203,7 @@ def background(
         count = len(roots)
     evidence = float(np.log(np.mean(np.exp(logs - logs.max()))) + logs.max() - np.log(reach).sum())
     return TimeBackground(
-        tuple(_format_names([names[i] for i in band]) for band in chosen),
+        tuple(_format_names([names[i] for i in band]) for band in band_indices),
         roots,
         weights,
         evidence,
@@ -215,15 +219,15 @@ def background(
 def _bands(bands, names):
     """Indices of the functions of every band."""
     if bands is None:
-        own: dict[str, list[int]] = {}
+        groups: dict[str, list[int]] = {}
         for i, name in enumerate(names):
-            own.setdefault(_bare(name), []).append(i)
-        return list(own.values())
+            groups.setdefault(_bare(name), []).append(i)
+        return list(groups.values())
     flat = [name for band in bands for name in band]
-    unknown = [name for name in flat if name not in names]
-    if unknown or len(set(flat)) < len(flat) or not all(len(band) for band in bands):
-        what = f"{unknown[0]!r} is no function" if unknown else "a function stands in two bands, or a band is empty"
-        raise ModesError(f"bands name functions, each once: {what}; there are {', '.join(names)}")
+    missing = [name for name in flat if name not in names]
+    if missing or len(set(flat)) < len(flat) or not all(len(band) for band in bands):
+        reason = f"{missing[0]!r} is no function" if missing else "a function stands in two bands, or a band is empty"
+        raise ModesError(f"bands name functions, each once: {reason}; there are {', '.join(names)}")
     return [[names.index(name) for name in band] for band in bands]
 
 
@@ -242,24 +246,24 @@ def _reduce_to_bands(equations, bands, spectrum):
     """N and b of the bands' degrees from 2 on, all else free, the shares of each band, and the scale of the errors."""
     modes, f = equations.modes, len(equations.functions)
     variances = _shares(modes, spectrum)
-    banded = np.zeros(f, bool)
-    banded[[i for band in bands for i in band]] = True
-    high = np.repeat(banded, len(modes)) & np.tile(modes.degrees > 1, f)
-    seen = ~equations.unconstrained_terms
-    free = ~high & seen
+    has_band = np.zeros(f, bool)
+    has_band[[i for band in bands for i in band]] = True
+    is_background = np.repeat(has_band, len(modes)) & np.tile(modes.degrees > 1, f)
+    is_determined = ~equations.unconstrained_terms
+    is_free = ~is_background & is_determined
     ridge = 1e-9 * np.diag(np.diag(equations.matrix))  # what parallaxes take tells of nothing
-    whole = equations.matrix + ridge
+    full_matrix = equations.matrix + ridge
     try:
-        best = cho_solve(cho_factor(whole[np.ix_(seen, seen)]), equations.rhs[seen])
-        matrix, rhs, _ = eliminate(whole, equations.rhs, high, free)
+        best = cho_solve(cho_factor(full_matrix[np.ix_(is_determined, is_determined)]), equations.rhs[is_determined])
+        matrix, rhs, _ = eliminate(full_matrix, equations.rhs, is_background, is_free)
     except np.linalg.LinAlgError:
         raise DegeneracyError(
             f"{equations.n_sources} sources do not determine the functions that are fitted freely"
         ) from None
-    dof = equations.n_data - 5 * equations.n_sources - int(seen.sum())
-    quality = Quality(equations.chi2_null - float(equations.rhs[seen] @ best), dof)
+    dof = equations.n_data - 5 * equations.n_sources - int(is_determined.sum())
+    quality = Quality(equations.chi2_null - float(equations.rhs[is_determined] @ best), dof)
     tau = quality.reduced if dof > 0 else 1.0
-    owner, all_variances = np.repeat(np.arange(f), len(modes))[high], np.tile(variances, f)[high]
+    owner, all_variances = np.repeat(np.arange(f), len(modes))[is_background], np.tile(variances, f)[is_background]
     shapes = np.array([np.where(np.isin(owner, band), all_variances, 0.0) for band in bands])
     return matrix / tau, rhs / tau, shapes, float(np.sqrt(tau))
 
@@ -287,10 +291,10 @@ def _proposal(likelihood):
         logdet, gain = likelihood.on_tensor([root])
         return (gain - logdet) / 2
 
-    high = 4 * unit
-    while log(np.array([high]))[0] > log(np.linspace(0, high, _POINTS)).max() - 12 and high < 1e8 * unit:
-        high *= 1.5
-    root = np.linspace(0, high, 2 * _POINTS)
+    upper = 4 * unit
+    while log(np.array([upper]))[0] > log(np.linspace(0, upper, _POINTS)).max() - 12 and upper < 1e8 * unit:
+        upper *= 1.5
+    root = np.linspace(0, upper, 2 * _POINTS)
     density = log(root)
     density = np.exp(0.8 * (density - density.max())) + 1e-4
     return root, density / trapezoids(density, root)[-1]
@@ -299,8 +303,8 @@ def _proposal(likelihood):
 def _draw_amplitudes(root, density, n, rng):
     """Draws from a density on a grid, straight between its points, and ln of it there."""
     share = trapezoids(density, root)
-    drawn = np.interp(rng.random(n) * share[-1], share, root)
-    at = np.clip(np.searchsorted(root, drawn, side="right") - 1, 0, len(root) - 2)
+    draws = np.interp(rng.random(n) * share[-1], share, root)
+    at = np.clip(np.searchsorted(root, draws, side="right") - 1, 0, len(root) - 2)
     # np.interp of the shares is exact for a density constant between points.
     level = (share[at + 1] - share[at]) / (root[at + 1] - root[at]) / share[-1]
-    return drawn, np.log(level)
+    return draws, np.log(level)

@@ -106,11 +106,11 @@ class TimeEquations(Frozen):
         kept : (k,) bool array
             Which are determined; sources' own positions, parallaxes and motions take the others.
         """
-        free = np.flatnonzero(~self.unconstrained_terms)
-        matrix = self.matrix[np.ix_(free, free)]
+        indices = np.flatnonzero(~self.unconstrained_terms)
+        matrix = self.matrix[np.ix_(indices, indices)]
         scale = np.sqrt(np.diag(matrix))
         values, directions = np.linalg.eigh(matrix / np.outer(scale, scale))
-        return free, values, directions, (values > 0) & (values > _LOST * values[-1])
+        return indices, values, directions, (values > 0) & (values > _LOST * values[-1])
 
     def named(self, free: IntArray, direction: FloatArray, most: int = 3) -> str:
         """A combination of the unknowns `free` by the coefficients that are `most` of its `direction`."""
@@ -122,8 +122,8 @@ class TimeEquations(Frozen):
     def unconstrained_terms(self) -> BoolArray:
         """Mask of unknowns that nothing determines, (F p,): where the attitude was solved, a rotation in time."""
         size = np.diag(self.matrix)
-        first = np.tile(self.modes.degrees == 1, len(self.functions))
-        return (size <= 0) | (first & (size < 1e-3 * np.median(size)))
+        is_dipole = np.tile(self.modes.degrees == 1, len(self.functions))
+        return (size <= 0) | (is_dipole & (size < 1e-3 * np.median(size)))
 
 
 def normal_equations(
@@ -176,16 +176,16 @@ def normal_equations(
     modes = as_modes(lmax)
     total: TimeEquations | None = None
     names: set[Any] = set()
-    for part in _iterate_chunks(observations):
-        mine = set(np.asarray(part.name).tolist())
+    for chunk in _iterate_chunks(observations):
+        mine = set(np.asarray(chunk.name).tolist())
         if twice := names & mine:
             raise TableError(
                 f"{len(twice)} sources stand in two parts ({printable(min(twice))}, …): the five parameters of a source"
                 " need all of its observations together"
             )
         names |= mine
-        one = _sum(part, modes, functions, attitude, threads)
-        total = one if total is None else total + one
+        equations = _sum(chunk, modes, functions, attitude, threads)
+        total = equations if total is None else total + equations
     if total is None or total.n_sources == 0:
         raise EmptyFieldError("no source has more observations than five parameters of its own: none tells of time")
     return total
@@ -199,8 +199,8 @@ def _iterate_chunks(observations: Any) -> Iterator[Observations]:
         for path in epoch_files(observations):
             yield read_observations(path).by_transit()
     elif isinstance(observations, Iterable):
-        for each in observations:
-            yield from _iterate_chunks(each)
+        for entry in observations:
+            yield from _iterate_chunks(entry)
     else:
         raise ParameterError(f"observations must be Observations or files of epochs, not {observations!r}")
 
@@ -209,18 +209,20 @@ def _sum(observations, modes, functions, attitude, threads):
     """The sums of one part."""
     n, size = len(observations.lon), len(functions) * len(modes)
     bounds = np.searchsorted(observations.source, np.arange(n + 1))
-    solved = not isinstance(attitude, str)
-    if solved:
+    has_response = not isinstance(attitude, str)
+    if has_response:
         attitude.taken(modes, functions)  # once, before threads ask for it
 
-    def block(part):
-        return _block(observations, bounds, part.start, part.stop, modes, functions, attitude if solved else None)
+    def block(selection):
+        return _block(
+            observations, bounds, selection.start, selection.stop, modes, functions, attitude if has_response else None
+        )
 
     matrix: Any = np.zeros((size + 1, size + 1))
-    used = sources = 0
+    n_data = sources = 0
     for products, count, number in map_blocks(block, n, _SOURCES, threads):
         matrix += products
-        used, sources = used + count, sources + number
+        n_data, sources = n_data + count, sources + number
     lost = n - sources
     notes = observations.notes
     if lost:
@@ -231,18 +233,18 @@ def _sum(observations, modes, functions, attitude, threads):
         np.array(matrix[:-1, :-1]),
         np.array(matrix[:-1, -1]),
         float(matrix[-1, -1]),
-        used,
+        n_data,
         sources,
-        repr(attitude) if solved else "known",
+        repr(attitude) if has_response else "known",
         notes,
     )
 
 
 def _block(observations, bounds, start, stop, modes, functions, attitude):
     """Products of the templates and positions of some sources, their five parameters taken out."""
-    own = slice(bounds[start], bounds[stop])
+    transits = slice(bounds[start], bounds[stop])
     size = len(functions) * len(modes) + 1
-    source, design, time = observations.source[own], observations.design[:, own], observations.time[own]
+    source, design, time = observations.source[transits], observations.design[:, transits], observations.time[transits]
     if not len(source):
         return np.zeros((size, size)), 0, 0
     lon, lat, scan = observations.lon[source], observations.lat[source], design[:2]
@@ -252,25 +254,25 @@ def _block(observations, bounds, start, stop, modes, functions, attitude):
         along = fields[:, 0] * scan[0] + fields[:, 1] * scan[1]
         columns[:, :-1] = np.einsum("fk,pk->kfp", functions(time), along).reshape(len(time), -1)
     else:
-        view = None if observations.view is None else observations.view[own]
+        view = None if observations.view is None else observations.view[transits]
         columns[:, :-1] = attitude.left(lon, lat, scan, time, modes, functions, view=view)
-    columns[:, -1] = observations.position[own]
-    columns /= observations.error[own][:, None]
-    rows = (design / observations.error[own]).T
+    columns[:, -1] = observations.position[transits]
+    columns /= observations.error[transits][:, None]
+    rows = (design / observations.error[transits]).T
     counts = np.bincount(source - start, minlength=stop - start)
-    first = np.concatenate([[0], np.cumsum(counts)])
-    used = sources = 0
+    row_starts = np.concatenate([[0], np.cumsum(counts)])
+    n_data = sources = 0
     for k in range(stop - start):
-        mine = slice(first[k], first[k + 1])
+        mine = slice(row_starts[k], row_starts[k + 1])
         if counts[k] > 5:
             five = rows[mine]
             root, triangle = np.linalg.qr(five / np.maximum(np.linalg.norm(five, axis=0), 1e-300))
             if np.abs(np.diag(triangle)).min() > 1e-5:
                 columns[mine] -= root @ (root.T @ columns[mine])
-                used, sources = used + int(counts[k]), sources + 1
+                n_data, sources = n_data + int(counts[k]), sources + 1
                 continue
         columns[mine] = 0.0
-    return columns.T @ columns, used, sources
+    return columns.T @ columns, n_data, sources
 
 
 def solve(equations: TimeEquations) -> TimeSolution:
@@ -294,31 +296,32 @@ def solve(equations: TimeEquations) -> TimeSolution:
     """
     arguments.a(TimeEquations)("equations", equations)
     modes, functions = equations.modes, equations.functions
-    free, values, turn, kept = equations.combinations()
-    scale = np.sqrt(np.diag(equations.matrix)[free])
-    if kept.sum() < len(free) / 2:
+    indices, values, turn, is_determined = equations.combinations()
+    scale = np.sqrt(np.diag(equations.matrix)[indices])
+    if is_determined.sum() < len(indices) / 2:
         raise DegeneracyError(
-            f"{equations.n_sources} sources determine {kept.sum()} of {len(free)} combinations of these functions: "
+            f"{equations.n_sources} sources determine {is_determined.sum()} of {len(indices)} combinations of these "
+            "functions: "
             "take fewer functions, a lower degree, or more sources"
         )
-    half = turn[:, kept] / np.sqrt(values[kept]) / scale[:, None]
+    half = turn[:, is_determined] / np.sqrt(values[is_determined]) / scale[:, None]
     size = len(functions) * len(modes)
     solution, covariance = np.zeros(size), np.zeros((size, size))
-    solution[free] = half @ (half.T @ equations.rhs[free])
-    covariance[np.ix_(free, free)] = half @ half.T
-    seen = np.zeros(size)
-    seen[free] = np.sum(turn[:, kept] ** 2, 1)
-    lost = tuple(equations.named(free, turn[:, i]) for i in np.flatnonzero(~kept))
+    solution[indices] = half @ (half.T @ equations.rhs[indices])
+    covariance[np.ix_(indices, indices)] = half @ half.T
+    shares = np.zeros(size)
+    shares[indices] = np.sum(turn[:, is_determined] ** 2, 1)
+    lost = tuple(equations.named(indices, turn[:, i]) for i in np.flatnonzero(~is_determined))
     return TimeSolution(
         modes,
         functions,
         solution.reshape(len(functions), -1),
         covariance,
         float(equations.chi2_null - equations.rhs @ solution),
-        equations.n_data - 5 * equations.n_sources - int(kept.sum()),
+        equations.n_data - 5 * equations.n_sources - int(is_determined.sum()),
         equations.n_sources,
         equations.attitude,
-        seen.reshape(len(functions), -1),
+        shares.reshape(len(functions), -1),
         lost,
         equations.notes,
     )

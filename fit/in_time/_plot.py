@@ -25,24 +25,24 @@ from vsh.tools.types import Axes, AxesArray, OnAxes
 @apply_style
 def plot_in_time(solution: Any, *, ax: OnAxes | None = None) -> AxesArray:
     """√power of every function, a line a degree, beside what noise gives; T above, S below."""
-    drawn = panels(ax, 2, 1, size=(WIDTH, 4.6), sharex=True)
+    subplots = panels(ax, 2, 1, size=(WIDTH, 4.6), sharex=True)
     names = solution.functions.names
     x = np.arange(len(names))
-    for axes, kind, label in zip(drawn, "TS", ("toroidal", "spheroidal"), strict=True):
+    for axes, kind, label in zip(subplots, "TS", ("toroidal", "spheroidal"), strict=True):
         for l in range(1, solution.modes.lmax + 1):
             power, noise, p_value = np.array([solution.power(name, kind, l) for name in names]).T
-            seen = np.isfinite(p_value)
-            if not seen.any():
+            is_finite = np.isfinite(p_value)
+            if not is_finite.any():
                 continue
             colour = COLOURS[(l - 1) % len(COLOURS)]
-            axes.plot(x[seen], np.sqrt(power[seen]), "o-", ms=3, color=colour, label=f"degree {l}")
-            axes.plot(x[seen], np.sqrt(noise[seen]), ":", color=colour, linewidth=0.9)
+            axes.plot(x[is_finite], np.sqrt(power[is_finite]), "o-", ms=3, color=colour, label=f"degree {l}")
+            axes.plot(x[is_finite], np.sqrt(noise[is_finite]), ":", color=colour, linewidth=0.9)
         axes.set_ylabel(f"{label}, √power  [µas]")
         axes.set_ylim(bottom=0)
-    legend_above(drawn[0], 5, handles=drawn[1].get_legend_handles_labels()[0])
-    drawn[1].set_xticks(x, names, rotation=60 if len(names) > 6 else 0, ha="right" if len(names) > 6 else "center")
-    drawn[1].set_xlabel("function of time (dotted: what noise gives)")
-    return drawn
+    legend_above(subplots[0], 5, handles=subplots[1].get_legend_handles_labels()[0])
+    subplots[1].set_xticks(x, names, rotation=60 if len(names) > 6 else 0, ha="right" if len(names) > 6 else "center")
+    subplots[1].set_xlabel("function of time (dotted: what noise gives)")
+    return subplots
 
 
 @apply_style
@@ -78,15 +78,15 @@ def movie_of(solution: Any, frames: int = 40) -> bytes:
         title = axes.set_title(titles[0])
         figure.canvas.draw()
         figure.set_layout_engine("none")
-        place = title.get_position()
+        position = title.get_position()
         title.set_text("")
         figure.canvas.draw()
         still, before = figure.canvas.copy_from_bbox(figure.bbox), len(axes.collections)
-        title.set_position(place)
-        for words, field in zip(titles, fields, strict=True):
+        title.set_position(position)
+        for text, field in zip(titles, fields, strict=True):
             figure.canvas.restore_region(still)
             draw_vectors(axes, lon, lat, field, scale=largest)
-            title.set_text(words)
+            title.set_text(text)
             for artist in (title, *axes.collections[before:]):
                 axes.draw_artist(artist)
             for artist in list(axes.collections[before:]):
@@ -94,7 +94,7 @@ def movie_of(solution: Any, frames: int = 40) -> bytes:
             picture = Image.fromarray(np.array(figure.canvas.buffer_rgba())[..., :3])
             pictures.append(picture.convert("P", palette=Image.Palette.ADAPTIVE, colors=64))
         plt.close(figure)
-    out = io.BytesIO()
-    how: Any = {"format": "GIF", "save_all": True, "duration": 120, "loop": 0, "comment": MARK.encode()}
-    pictures[0].save(out, append_images=pictures[1:], **how)
-    return out.getvalue()
+    buffer = io.BytesIO()
+    options: Any = {"format": "GIF", "save_all": True, "duration": 120, "loop": 0, "comment": MARK.encode()}
+    pictures[0].save(buffer, append_images=pictures[1:], **options)
+    return buffer.getvalue()

@@ -64,10 +64,10 @@ class Functions(Frozen):
     _made: dict = field(default_factory=dict, init=False, repr=False)
 
     def __post_init__(self) -> None:
-        start, end = (arguments.number("span", each) for each in self.span)
+        start, end = (arguments.number("span", edge) for edge in self.span)
         if not start < end:
             raise ParameterError(f"a span goes from a start to a later end, not {self.span!r}")
-        if not self.terms or any(kind not in _KINDS for kind, _ in self.terms):
+        if not self.terms or any(family not in _KINDS for family, _ in self.terms):
             raise ParameterError(f"terms are pairs of one of {', '.join(_KINDS)} and a number, not {self.terms!r}")
         if len(set(self.terms)) < len(self.terms):
             raise ParameterError("a function stands among the terms twice: it could not be told from itself")
@@ -77,10 +77,10 @@ class Functions(Frozen):
         line = np.array([np.full_like(node, np.sqrt(0.5)), node * np.sqrt(1.5)])
         if self.knots:
             basis = self._splines(time)
-            left = basis - (basis * weight) @ line.T @ line
-            values, turn = np.linalg.eigh((left * weight) @ left.T)
+            residuals = basis - (basis * weight) @ line.T @ line
+            values, turn = np.linalg.eigh((residuals * weight) @ residuals.T)
             self._made["turn"] = turn[:, 2:] * np.sqrt(self._half / values[2:])  # two of them are lines
-            if {i for kind, i in self.terms if kind == "spline"} - set(range(1, self._made["turn"].shape[1] + 1)):
+            if {i for family, i in self.terms if family == "spline"} - set(range(1, self._made["turn"].shape[1] + 1)):
                 raise ParameterError(f"{len(self.knots)} knots make {self._made['turn'].shape[1]} splines")
         self._made["line"] = (self._plain(time) * weight) @ line.T
 
@@ -108,8 +108,8 @@ class Functions(Frozen):
     @property
     def names(self) -> tuple[str, ...]:
         """Names in reports."""
-        shown = {"legendre": "P{:g}", "spline": "spline {:g}"}
-        return tuple(shown.get(kind, f"{kind} {{:.6g}}").format(number) for kind, number in self.terms)
+        formats = {"legendre": "P{:g}", "spline": "spline {:g}"}
+        return tuple(formats.get(family, f"{family} {{:.6g}}").format(number) for family, number in self.terms)
 
     def __call__(self, time: ArrayLike) -> FloatArray:
         """Their values, (F, k), at `time` since the reference epoch, (k,). [yr]"""
@@ -128,16 +128,16 @@ class Functions(Frozen):
         return (self.span[1] - self.span[0]) / 2
 
     def _plain(self, time):
-        out: Any = np.empty((len(self.terms), len(time)))
+        values: Any = np.empty((len(self.terms), len(time)))
         splines: Any = self._made["turn"].T @ self._splines(time) if self.knots else None
-        for row, (kind, number) in zip(out, self.terms, strict=True):
-            if kind == "legendre":
+        for row, (family, number) in zip(values, self.terms, strict=True):
+            if family == "legendre":
                 row[:] = eval_legendre(int(number), (time - self._middle) / self._half)
-            elif kind == "spline":
+            elif family == "spline":
                 row[:] = splines[int(number) - 1]
             else:
-                row[:] = (np.cos if kind == "cos" else np.sin)(2 * np.pi * number * time)
-        return out
+                row[:] = (np.cos if family == "cos" else np.sin)(2 * np.pi * number * time)
+        return values
 
     def _splines(self, time):
         from scipy.interpolate import BSpline  # slow to import
@@ -173,8 +173,10 @@ def waves(*frequencies: float, span: tuple[float, float] = DR4_SPAN) -> Function
     """
     if not frequencies:
         raise ParameterError("a frequency at least is expected [1/yr]")
-    numbers = [arguments.positive("frequency", each) for each in frequencies]
-    return Functions(tuple((kind, each) for each in numbers for kind in ("cos", "sin")), (span[0], span[1]))
+    numbers = [arguments.positive("frequency", frequency) for frequency in frequencies]
+    return Functions(
+        tuple((family, frequency) for frequency in numbers for family in ("cos", "sin")), (span[0], span[1])
+    )
 
 
 @explained
@@ -309,13 +311,13 @@ class TimeSolution(Result):
         """
         weight = self.functions([arguments.number("time", time)])[:, 0]
         f, p = self.values.shape
-        spread = np.einsum("f,fpgq,g->pq", weight, self.covariance.reshape(f, p, f, p), weight)
-        return Coefficients(self.modes, weight @ self.values), spread
+        coefficient_covariance = np.einsum("f,fpgq,g->pq", weight, self.covariance.reshape(f, p, f, p), weight)
+        return Coefficients(self.modes, weight @ self.values), coefficient_covariance
 
     def vector(self, kind: Kind, time: float) -> Vector:
         """The `kind` "T", a rotation, or "S", a glide, at a `time` since the reference epoch [yr], a Vector in µas."""
-        coefficients, spread = self.at(time)
-        return coefficients.vector(kind, spread, self.frame, "µas")
+        coefficients, coefficient_covariance = self.at(time)
+        return coefficients.vector(kind, coefficient_covariance, self.frame, "µas")
 
     def power(self, function: str, kind: Kind, l: int) -> tuple[float, float, float]:
         """Power of one function, kind and degree.
@@ -342,14 +344,14 @@ class TimeSolution(Result):
         if function not in self.functions.names:
             raise ModesError(f"there is no function {function!r}: {', '.join(self.functions.names)}")
         row = self.functions.names.index(function)
-        place = np.arange(len(self.modes))[self.modes.slice_of(kind, l)]
-        norm = self.modes.norm2[place]
-        at = row * len(self.modes) + place
-        own = self.covariance[np.ix_(at, at)]
-        chi2, rank = _test(self.values[row, place], own, self.seen[row, place] > SEEN)
+        indices = np.arange(len(self.modes))[self.modes.slice_of(kind, l)]
+        norm = self.modes.norm2[indices]
+        at = row * len(self.modes) + indices
+        block = self.covariance[np.ix_(at, at)]
+        chi2, rank = _test(self.values[row, indices], block, self.seen[row, indices] > SEEN)
         return (
-            float(norm @ self.values[row, place] ** 2),
-            float(norm @ np.diag(own)),
+            float(norm @ self.values[row, indices] ** 2),
+            float(norm @ np.diag(block)),
             f_p_value(chi2, rank, self.dof) if rank else float("nan"),
         )
 
@@ -361,8 +363,8 @@ class TimeSolution(Result):
         kind : {"T", "S"}
             The rotation, which is seen where the attitude is known, or the glide.
         """
-        place = np.arange(len(self.modes))[self.modes.slice_of(kind, 1)]
-        at = (np.arange(len(self.functions))[:, None] * len(self.modes) + place).ravel()
+        indices = np.arange(len(self.modes))[self.modes.slice_of(kind, 1)]
+        at = (np.arange(len(self.functions))[:, None] * len(self.modes) + indices).ravel()
         chi2, rank = _test(self.values.ravel()[at], self.covariance[np.ix_(at, at)], self.seen.ravel()[at] > SEEN)
         return chi2, rank, f_p_value(chi2, rank, self.dof) if rank else float("nan")
 
@@ -377,28 +379,31 @@ class TimeSolution(Result):
         ]
         if warning := self.quality.warning():
             facts.append(("warning", warning))
-        for kind, what in (("S", "glide"), ("T", "rotation")):
+        for kind, quantity in (("S", "glide"), ("T", "rotation")):
             chi2, rank, p_value = self.rest(kind)  # type: ignore[arg-type]
-            words = f"χ² {chi2:.1f} of {rank} unknowns, p = {printed_p_value(p_value)}"
-            unseen = "not seen: an attitude solved from the same sky takes all of it"
-            facts.append((f"{what} in time", words if rank else unseen))
-        tested = [
+            text = f"χ² {chi2:.1f} of {rank} unknowns, p = {printed_p_value(p_value)}"
+            message = "not seen: an attitude solved from the same sky takes all of it"
+            facts.append((f"{quantity} in time", text if rank else message))
+        rows = [
             (name, f"{kind}{l}", *self.power(name, kind, l))  # type: ignore[arg-type]
             for name in self.functions.names
             for l in range(1, self.modes.lmax + 1)
             for kind in "TS"
         ]
-        seen = [row for row in tested if np.isfinite(row[-1])]
-        columns: dict[str, Any] = {"function": [row[0] for row in seen], "degree": [row[1] for row in seen]}
-        columns |= {name: [float(np.sqrt(row[k])) for row in seen] for k, name in ((2, "√power"), (3, "√noise"))}
-        columns["p_value"] = [row[-1] for row in seen]
+        finite_rows = [row for row in rows if np.isfinite(row[-1])]
+        columns: dict[str, Any] = {
+            "function": [row[0] for row in finite_rows],
+            "degree": [row[1] for row in finite_rows],
+        }
+        columns |= {name: [float(np.sqrt(row[k])) for row in finite_rows] for k, name in ((2, "√power"), (3, "√noise"))}
+        columns["p_value"] = [row[-1] for row in finite_rows]
         table = tables.table_of(columns, {}, {"√power": "uas", "√noise": "uas"})
         remarks = []
         if self.lost:
-            more = f"; and {len(self.lost) - 5} more" if len(self.lost) > 5 else ""
+            suffix = f"; and {len(self.lost) - 5} more" if len(self.lost) > 5 else ""
             remarks = [
                 f"{len(self.lost)} combinations are taken by the sources' own positions, parallaxes and motions, and "
-                f"held at zero: {'; '.join(self.lost[:5])}{more}"
+                f"held at zero: {'; '.join(self.lost[:5])}{suffix}"
             ]
         forms = dict.fromkeys(("√power", "√noise"), ".3g")
         title = "Displacements that change with time: power by function and degree"
@@ -407,9 +412,9 @@ class TimeSolution(Result):
     def to_table(self) -> Table:
         """A row for each function and coefficient, as an astropy Table."""
         f, p = self.values.shape
-        each = coefficient_columns(self.modes)
+        mode_columns = coefficient_columns(self.modes)
         columns: dict[str, Any] = {"function": np.repeat(self.functions.names, p).tolist()}
-        columns |= {name: list(values) * f for name, values in each.items()}
+        columns |= {name: list(values) * f for name, values in mode_columns.items()}
         columns |= {"value": self.values.ravel(), "sigma": self.sigma.ravel(), "seen": self.seen.ravel()}
         return tables.table_of(columns, self._plain_facts(), {"value": "uas", "sigma": "uas"})
 
@@ -430,8 +435,8 @@ class TimeSolution(Result):
             How many pictures.
         """
         moving = self.movie_bytes(frames)
-        with atomic_write(path) as out:
-            out.write_bytes(moving)
+        with atomic_write(path) as target:
+            target.write_bytes(moving)
 
     def movie_bytes(self, frames: int = 40) -> bytes:
         """Movie as the bytes of a GIF of so many `frames`, for a page."""
@@ -440,9 +445,9 @@ class TimeSolution(Result):
         return movie_of(self, frames)
 
 
-def _test(values, spread, seen):
+def _test(values, coefficient_covariance, mask):
     """χ² against zero of the coefficients that are seen, and how many those are."""
-    at = np.flatnonzero(seen)
+    at = np.flatnonzero(mask)
     if not len(at):
         return 0.0, 0
-    return float(values[at] @ np.linalg.solve(spread[np.ix_(at, at)], values[at])), len(at)
+    return float(values[at] @ np.linalg.solve(coefficient_covariance[np.ix_(at, at)], values[at])), len(at)

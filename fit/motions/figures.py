@@ -63,8 +63,10 @@ def plot_shear(tensor: Any, coefficients: Coefficients, *, ax: Axes | None = Non
     for rate, error, axis, colour in zip(
         tensor.eigenvalues, tensor.eigenvalue_errors, tensor.axes, colours, strict=True
     ):
-        there, up = angles(np.stack([axis, -axis], axis=1))
-        draw_points(axes, there, up, s=36, color=colour, edgecolor="white", label=f"{rate:+.2f} ± {error:.2f}")
+        longitudes, latitudes = angles(np.stack([axis, -axis], axis=1))
+        draw_points(
+            axes, longitudes, latitudes, s=36, color=colour, edgecolor="white", label=f"{rate:+.2f} ± {error:.2f}"
+        )
     axes.legend(
         loc="upper center",
         bbox_to_anchor=(0.5, -0.02),
@@ -82,8 +84,8 @@ def plot_shear_by_class(result: Any, *, ax: Axes | None = None) -> Axes:
     (axes,) = panels(ax)
     x = np.arange(len(result))
     size = [shear.norm for shear in result.shears]
-    expected = [np.sqrt(np.trace(shear.covariance * _TWICE)) for shear in result.shears]
-    axes.bar(x, expected, width=0.8, color="0.88", label="noise, expected")
+    noise = [np.sqrt(np.trace(shear.covariance * _TWICE)) for shear in result.shears]
+    axes.bar(x, noise, width=0.8, color="0.88", label="noise, expected")
     axes.plot(x, size, "o", color=COLOURS[0], label="estimate")
     limits = [shear.limit() for shear in result.shears]
     axes.plot(x, limits, "v", color=COLOURS[1], markersize=4, label="95 % limit")

@@ -232,9 +232,9 @@ class GalacticOrbit(Result):
         force = np.asarray(force, float).ravel()
         if force.shape != (3,) or not np.isfinite(force).all():
             raise ParameterError(f"the potential must give three finite components of an acceleration, not {force}")
-        expected = force * KM_S_MYR
-        away = replace(self.acceleration, value=self.acceleration.value - expected)
-        return Vector(expected, np.zeros((3, 3)), "galactic"), away.p_value
+        prediction = force * KM_S_MYR
+        residual = replace(self.acceleration, value=self.acceleration.value - prediction)
+        return Vector(prediction, np.zeros((3, 3)), "galactic"), residual.p_value
 
     def _sections(self, long):
         vector, remarks = self.acceleration, []
@@ -250,12 +250,12 @@ class GalacticOrbit(Result):
             ),
         ]
         if self.inward[0] > 0:
-            speed, centre, expected = self.circular_speed, self.distance_of_centre, expected_acceleration(self.r0)
+            speed, centre, prediction = self.circular_speed, self.distance_of_centre, expected_acceleration(self.r0)
             r0 = f"R0 = {self.r0:g} ± {self.r0_error:g} kpc"
             facts += [
                 ("circular speed", f"{speed[0]:.1f} ± {speed[1]:.1f} km/s with {r0}"),
                 ("centre", f"{centre[0]:.2f} ± {centre[1]:.2f} kpc away by the motion of Sgr A*, no R0 assumed"),
-                ("expected", f"{expected:.3f} µas/yr inward with that motion and R0 = {self.r0:g} kpc"),
+                ("expected", f"{prediction:.3f} µas/yr inward with that motion and R0 = {self.r0:g} kpc"),
             ]
         else:
             remarks.append("It does not point to the centre: no circular speed, no distance.")

@@ -99,10 +99,10 @@ def degree_two(modes: Modes) -> slice:
 
 def matrix_of(six: FloatArray) -> FloatArray:
     """A symmetric matrix of its components xx, yy, zz, xy, xz, yz."""
-    out = np.empty((3, 3))
+    matrix = np.empty((3, 3))
     for (i, j), value in zip(PLACES, six, strict=True):
-        out[i, j] = out[j, i] = value
-    return out
+        matrix[i, j] = matrix[j, i] = value
+    return matrix
 
 
 _NAMES = ("xx", "yy", "zz", "xy", "xz", "yz")
@@ -149,7 +149,7 @@ class Shear(Result):
     @property
     def values(self) -> FloatArray:
         """Σ_xx, Σ_yy, Σ_zz, Σ_xy, Σ_xz, Σ_yz, (6,). [µas/yr]"""
-        return np.array([self.tensor[place] for place in PLACES])
+        return np.array([self.tensor[index] for index in PLACES])
 
     @property
     def sigma(self) -> FloatArray:
@@ -201,15 +201,15 @@ class Shear(Result):
         return matrix @ self.tensor @ matrix.T
 
     def _sections(self, long):
-        seen, limit = self.norm, self.limit()
-        size = f"{seen:.3g} µas/yr as fitted, {self.percent(seen):.3g} % of H0 = {self.hubble:g}"
+        norm, limit = self.norm, self.limit()
+        size = f"{norm:.3g} µas/yr as fitted, {self.percent(norm):.3g} % of H0 = {self.hubble:g}"
         facts = [
             ("sources", f"{self.n_data // 2}, degree 2, {self.frame} axes"),
             ("p-value", f"{printed_p_value(self.p_value)} of as much from noise alone"),
             ("|Σ|", f"{size}; below {limit:.3g} µas/yr, {self.percent(limit):.3g} % (95 %)"),
         ]
-        there = np.array([angles(rotation_matrix(self.frame, "galactic") @ axis) for axis in self.axes])
-        lon, lat = np.degrees(there).T
+        directions = np.array([angles(rotation_matrix(self.frame, "galactic") @ axis) for axis in self.axes])
+        lon, lat = np.degrees(directions).T
         columns = {
             "rate": self.eigenvalues,
             "rate_error": self.eigenvalue_errors,
@@ -259,13 +259,13 @@ def expansion(solution: HarmonicSolution, *, hubble: float = 70.0) -> Shear:
     """
     degree_two(solution.modes)
     values, matrix = solution.of_degree("S", 2)
-    six, spread = TO_TENSOR @ values, TO_TENSOR @ matrix @ TO_TENSOR.T
+    six, tensor_covariance = TO_TENSOR @ values, TO_TENSOR @ matrix @ TO_TENSOR.T
     p_value = solution.p_value("S", 2)
     if np.isnan(p_value):
         p_value = float(chdtrc(5, values @ np.linalg.pinv(matrix) @ values))
     return Shear(
         matrix_of(six),
-        (spread + spread.T) / 2,
+        (tensor_covariance + tensor_covariance.T) / 2,
         p_value,
         positive("hubble", hubble),
         solution.frame,
@@ -276,9 +276,9 @@ def expansion(solution: HarmonicSolution, *, hubble: float = 70.0) -> Shear:
 
 def _own_modes(modes: Modes) -> BoolArray:
     """Degree 1 and the spheroidal coefficients of degree 2: what each class has for itself."""
-    own = np.array(modes.degrees == 1)
-    own[degree_two(modes)] = True
-    return own
+    mask = np.array(modes.degrees == 1)
+    mask[degree_two(modes)] = True
+    return mask
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -321,10 +321,15 @@ class ShearByClass(Result):
     @cached_property
     def shears(self) -> tuple[Shear, ...]:
         """The tensor of each class, its errors with the systematic ones."""
-        values, spread = self.means.mean(0), pool_draws(self.means, self.covariances)
+        values, tensor_covariance = self.means.mean(0), pool_draws(self.means, self.covariances)
         return tuple(
             Shear(
-                matrix_of(values[i]), spread[i, :, i], self.p_value(i), self.hubble, self.frame, 2 * self.n_sources[i]
+                matrix_of(values[i]),
+                tensor_covariance[i, :, i],
+                self.p_value(i),
+                self.hubble,
+                self.frame,
+                2 * self.n_sources[i],
             )
             for i in range(len(self))
         )
@@ -345,8 +350,8 @@ class ShearByClass(Result):
 
     def growth(self) -> float:
         """p-value of a tensor that does not change linearly with the places of the classes."""
-        away = self.places - self.places.mean()
-        return self._p_value(away[None] / np.sum(away**2)) if len(self) > 1 else np.nan
+        offsets = self.places - self.places.mean()
+        return self._p_value(offsets[None] / np.sum(offsets**2)) if len(self) > 1 else np.nan
 
     def _p_value(self, rows):
         """The mean over draws of the p-value that linear combinations of classes, (r, K), are zero."""
@@ -358,8 +363,8 @@ class ShearByClass(Result):
     @property
     def slope(self) -> FloatArray:
         """Change of the tensor with the places, by least squares, (3, 3). [µas/yr per unit of the places]"""
-        away = self.places - self.places.mean()
-        return matrix_of(away @ self.means.mean(0) / np.sum(away**2))
+        offsets = self.places - self.places.mean()
+        return matrix_of(offsets @ self.means.mean(0) / np.sum(offsets**2))
 
     def _sections(self, long):
         facts = [("classes", f"{len(self)}, {self.frame} axes; systematic errors from degree 2 (toroidal) and higher")]
@@ -375,12 +380,12 @@ class ShearByClass(Result):
         """A row for each class, as an astropy Table: |Σ|, limit, p-values, and the axis of the fastest expansion."""
         names = "class place n_sources norm limit_95 p_value p_value_formal rate rate_error l b"
         rows: dict[str, list[Any]] = {name: [] for name in names.split()}
-        for label, place, n, shear, formal in zip(
+        for label, location, n, shear, formal in zip(
             self.labels, self.places, self.n_sources, self.shears, self.formal, strict=True
         ):
             lon, lat = np.degrees(angles(rotation_matrix(self.frame, "galactic") @ shear.axes[0]))
             values = (
-                label, place, n, shear.norm, shear.limit(), shear.p_value, formal, shear.eigenvalues[0],
+                label, location, n, shear.norm, shear.limit(), shear.p_value, formal, shear.eigenvalues[0],
                 shear.eigenvalue_errors[0], lon % 360, lat,
             )  # fmt: skip
             for column, value in zip(rows.values(), values, strict=True):
@@ -478,9 +483,9 @@ def compare_expansions(
     means, covariances = kept_of(lots, generator_)[:2]
     five = np.flatnonzero(_own_modes(modes)).searchsorted(np.arange(len(modes))[degree_two(modes)])
     six = np.einsum("ab,nkb->nka", TO_TENSOR, means[:, :, five])
-    spread = np.einsum("ab,nibjc,dc->niajd", TO_TENSOR, covariances[:, :, five][..., five], TO_TENSOR)
-    formal = [expansion(solve(each)).p_value for each in normals]
+    tensor_covariances = np.einsum("ab,nibjc,dc->niajd", TO_TENSOR, covariances[:, :, five][..., five], TO_TENSOR)
+    formal = [expansion(solve(normal)).p_value for normal in normals]
     return ShearByClass(
-        facts["labels"], at, six, spread, np.array(formal), facts["n_sources"], positive("hubble", hubble),
+        facts["labels"], at, six, tensor_covariances, np.array(formal), facts["n_sources"], positive("hubble", hubble),
         facts["frame"], tuple(notes),
     )  # fmt: skip

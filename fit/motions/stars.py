@@ -96,8 +96,8 @@ class Kinematics(NamedSolution):
         """A, B, C and K with their errors; empty without a gradient. [km/s/kpc]"""
         if "A" not in self.names:
             return {}
-        where = {"A": "A", "B": "w_z", "C": "C", "K": "K"}
-        at = {name: self.names.index(column) for name, column in where.items()}
+        parameters = {"A": "A", "B": "w_z", "C": "C", "K": "K"}
+        at = {name: self.names.index(column) for name, column in parameters.items()}
         return {name: (float(self.values[i]), float(self.sigma[i])) for name, i in at.items()}
 
     @property
@@ -127,9 +127,9 @@ class Kinematics(NamedSolution):
         if speed > SPEED_OF_LIGHT:
             facts.append(("warning", "faster than light: are distances and motions in the unit that was taken?"))
         if self.oort:
-            listed = ", ".join(f"{name} = {value:+.2f} ± {error:.2f}" for name, (value, error) in self.oort.items())
+            constants = ", ".join(f"{name} = {value:+.2f} ± {error:.2f}" for name, (value, error) in self.oort.items())
             assert self.vertex is not None
-            facts += [("Oort constants", f"{listed} km/s/kpc"), ("vertex", "{:.1f}° ± {:.1f}°".format(*self.vertex))]
+            facts += [("Oort constants", f"{constants} km/s/kpc"), ("vertex", "{:.1f}° ± {:.1f}°".format(*self.vertex))]
         columns = {"parameter": list(self.names), "value": self.values, "sigma": self.sigma}
         columns["unit"] = ["km/s" if name in _V else "km/s/kpc" for name in self.names]
         return (Section("Our velocity with respect to stars", facts, tables.table_of(columns), notes=self.notes),)
@@ -199,17 +199,17 @@ def kinematics(
         raise DegeneracyError(f"{len(field)} sources cannot determine {len(names)} parameters")
     errors = _errors(field)
     model = np.zeros((2, len(field)))
-    free = isinstance(dispersion, str)
-    if free and dispersion != "free":
+    is_free = isinstance(dispersion, str)
+    if is_free and dispersion != "free":
         raise ParameterError(f"a dispersion is a number [km/s], or 'free', not {dispersion!r}")
-    spread = 0.0 if free else not_negative("dispersion", dispersion)
+    velocity_dispersion = 0.0 if is_free else not_negative("dispersion", dispersion)
     for _ in range(4):  # what an unsure distance adds depends on the velocity
         across = model / np.where(rates.mean > 0, rates.mean, 1.0)
-        fixed = errors + rates.variance * np.stack([across[0] ** 2, across[1] ** 2, across[0] * across[1]])
-        if free:
-            _check(_normal_equations(design, field.motion, _weights(fixed, 0.0, rates)[0])[0], names)
-            spread = _dispersion(design, field.motion, fixed, rates)
-        weights, _ = _weights(fixed, spread, rates)
+        error_covariance = errors + rates.variance * np.stack([across[0] ** 2, across[1] ** 2, across[0] * across[1]])
+        if is_free:
+            _check(_normal_equations(design, field.motion, _weights(error_covariance, 0.0, rates)[0])[0], names)
+            velocity_dispersion = _dispersion(design, field.motion, error_covariance, rates)
+        weights, _ = _weights(error_covariance, velocity_dispersion, rates)
         normal, rhs = _normal_equations(design, field.motion, weights)
         _check(normal, names)
         values = np.linalg.solve(normal, rhs)
@@ -220,7 +220,15 @@ def kinematics(
         thinning = f"sources that thin out with exp(−d/{1000 * rates.length:.3g} kpc)"
         notes.append(f"{rates.n_parallaxes} distances by parallax, for {thinning}")
     return Kinematics(
-        names, values, covariance, chi2, 2 * len(field), frame, tuple(notes), float(spread), 1000 * rates.length
+        names,
+        values,
+        covariance,
+        chi2,
+        2 * len(field),
+        frame,
+        tuple(notes),
+        float(velocity_dispersion),
+        1000 * rates.length,
     )
 
 
@@ -239,10 +247,10 @@ def _errors(field):
     return np.stack([s1**2, s2**2, field.rho * s1 * s2])
 
 
-def _weights(fixed, spread, rates):
+def _weights(error_covariance, dispersion, rates):
     """Inverse covariances of each source, (3, n), and their log determinant."""
-    added = spread**2 * (rates.mean**2 + rates.variance)
-    a, b, c = fixed[0] + added, fixed[1] + added, fixed[2]
+    variance = dispersion**2 * (rates.mean**2 + rates.variance)
+    a, b, c = error_covariance[0] + variance, error_covariance[1] + variance, error_covariance[2]
     determinant = a * b - c * c
     return np.stack([b, a, -c]) / determinant, float(np.log(determinant).sum())
 
@@ -255,26 +263,26 @@ def _times(weights, vectors):
 
 
 def _normal_equations(design, motion, weights):
-    weighted = _times(weights, design).reshape(len(design), -1)
-    return weighted @ design.reshape(len(design), -1).T, weighted @ motion.ravel()
+    product = _times(weights, design).reshape(len(design), -1)
+    return product @ design.reshape(len(design), -1).T, product @ motion.ravel()
 
 
-def _dispersion(design, motion, fixed, rates):
+def _dispersion(design, motion, error_covariance, rates):
     """The dispersion of greatest restricted likelihood. [km/s]"""
     from scipy.optimize import minimize_scalar  # slow to import
 
-    def minus_two_log(spread):
-        weights, logdet = _weights(fixed, spread, rates)
+    def minus_two_log(dispersion):
+        weights, logdet = _weights(error_covariance, dispersion, rates)
         normal, rhs = _normal_equations(design, motion, weights)
         chi2 = np.sum(motion * _times(weights, motion)) - rhs @ np.linalg.solve(normal, rhs)
         return logdet + chi2 + np.linalg.slogdet(normal)[1]
 
     # Its logarithm first, so that a large range costs little; then whether none at all is likelier.
     grid = np.geomspace(0.1, _WIDEST, 25)
-    best = int(np.argmin([minus_two_log(each) for each in grid]))
-    low, high = grid[max(best - 1, 0)], grid[min(best + 1, 24)]
-    found = minimize_scalar(minus_two_log, bounds=(low, high), method="bounded", options={"xatol": 1e-3 * low})
-    return 0.0 if minus_two_log(0.0) <= found.fun else float(found.x)
+    best = int(np.argmin([minus_two_log(trial) for trial in grid]))
+    lower, upper = grid[max(best - 1, 0)], grid[min(best + 1, 24)]
+    optimum = minimize_scalar(minus_two_log, bounds=(lower, upper), method="bounded", options={"xatol": 1e-3 * lower})
+    return 0.0 if minus_two_log(0.0) <= optimum.fun else float(optimum.x)
 
 
 def _check(normal, names):
@@ -286,8 +294,8 @@ def _check(normal, names):
 def _sandwich(design, motion, values, weights, normal):
     """Covariance from the residuals of each source (HC3), and χ²."""
     residual = motion - np.tensordot(values, design, 1)
-    weighted = _times(weights, design)
+    product = _times(weights, design)
     inverse = np.linalg.inv(normal)
-    leverage = np.einsum("pin,pq,qin->n", weighted, inverse, design, optimize=True) / 2
-    scores = np.einsum("pin,in->pn", weighted, residual) / (1 - np.minimum(leverage, 0.99))
+    leverage = np.einsum("pin,pq,qin->n", product, inverse, design, optimize=True) / 2
+    scores = np.einsum("pin,in->pn", product, residual) / (1 - np.minimum(leverage, 0.99))
     return inverse @ (scores @ scores.T) @ inverse, float(np.sum(residual * _times(weights, residual)))

@@ -77,8 +77,10 @@ class NormalEquations(Frozen):
     templates: tuple[TemplateField, ...] = ()
 
     def __repr__(self) -> str:
-        what = "scalar, " if isinstance(self.modes, ScalarModes) else ""
-        return f"<NormalEquations: {self.n_data} numbers, {what}degree {self.modes.lmax}, {self.frame or 'any frame'}>"
+        prefix = "scalar, " if isinstance(self.modes, ScalarModes) else ""
+        return (
+            f"<NormalEquations: {self.n_data} numbers, {prefix}degree {self.modes.lmax}, {self.frame or 'any frame'}>"
+        )
 
     @property
     def n_sources(self) -> int:
@@ -104,7 +106,7 @@ class NormalEquations(Frozen):
             return NotImplemented
         if other.modes != self.modes:
             mine, theirs = (
-                each.lmax if type(self.modes) is type(other.modes) else each for each in (self.modes, other.modes)
+                modes.lmax if type(self.modes) is type(other.modes) else modes for modes in (self.modes, other.modes)
             )
             raise ModesError(
                 f"normal equations of degree {mine} and {theirs} cannot be added: use the same lmax for both"
@@ -142,32 +144,34 @@ class NormalEquations(Frozen):
 
 
 def eliminate(
-    matrix: FloatArray, rhs: FloatArray, kept: ArrayLike, free: ArrayLike, variances: FloatArray | None = None
+    matrix: FloatArray, rhs: FloatArray, targets: ArrayLike, nuisance: ArrayLike, variances: FloatArray | None = None
 ) -> tuple[FloatArray, FloatArray, float]:
-    """N and b of the unknowns `kept`, those that are `free` eliminated, and by how much that lowers χ².
+    """Eliminate the unknowns `nuisance` from N and b: those of the `targets`, and the decrease of χ².
 
     Parameters
     ----------
     matrix, rhs : (p, p) and (p,) arrays
         N and b.
-    kept, free : indices or masks
+    targets, nuisance : indices or masks
         Which of the p unknowns; those in neither are zero.
     variances : array, optional
-        Those of a prior around zero on what is free; it has none unless given.
+        Variances of a Gaussian prior around zero on the nuisance unknowns; none by default.
 
     Notes
     -----
     The Schur complement N' = N − N_kf M⁻¹ N_fk with M = N_ff + P⁻¹; M⁻¹ = √P (1 + √P N_ff √P)⁻¹ √P bears P = 0.
     """
-    kept, free = (np.flatnonzero(at) if np.asarray(at).dtype == bool else np.asarray(at) for at in (kept, free))
-    inner, across = matrix[np.ix_(free, free)], matrix[np.ix_(free, kept)]
-    sides, root = np.column_stack([across, rhs[free]]), None if variances is None else np.sqrt(variances)[:, None]
+    targets, nuisance = (
+        np.flatnonzero(at) if np.asarray(at).dtype == bool else np.asarray(at) for at in (targets, nuisance)
+    )
+    inner, across = matrix[np.ix_(nuisance, nuisance)], matrix[np.ix_(nuisance, targets)]
+    sides, root = np.column_stack([across, rhs[nuisance]]), None if variances is None else np.sqrt(variances)[:, None]
     if root is None:
-        known = cho_solve(cho_factor(inner), sides)
+        solution = cho_solve(cho_factor(inner), sides)
     else:
-        known = root * cho_solve(cho_factor(np.eye(len(free)) + root * inner * root.T), root * sides)
-    schur = matrix[np.ix_(kept, kept)] - across.T @ known[:, :-1]
-    return (schur + schur.T) / 2, rhs[kept] - across.T @ known[:, -1], float(rhs[free] @ known[:, -1])
+        solution = root * cho_solve(cho_factor(np.eye(len(nuisance)) + root * inner * root.T), root * sides)
+    schur = matrix[np.ix_(targets, targets)] - across.T @ solution[:, :-1]
+    return (schur + schur.T) / 2, rhs[targets] - across.T @ solution[:, -1], float(rhs[nuisance] @ solution[:, -1])
 
 
 def _empty_equations(like):
@@ -215,12 +219,12 @@ def gaussian_prior(
     if not (sigma > 0).all():
         raise ModesError("the standard deviations of a prior must be positive")
     weight = 1 / sigma**2
-    assumed = NormalEquations(modes, np.diag(weight), weight * mean, float(weight @ mean**2), 0, frame, unit=None)
-    return replace(assumed, prior=assumed)
+    equations = NormalEquations(modes, np.diag(weight), weight * mean, float(weight @ mean**2), 0, frame, unit=None)
+    return replace(equations, prior=equations)
 
 
-def _check_alike(one, two):
+def _check_alike(reference, two):
     """Raise ModesError where templates differ."""
-    names = [[each.name for each in fields] for fields in (one, two)]
-    if names[0] != names[1] or not all(np.array_equal(a.values, b.values) for a, b in zip(one, two, strict=True)):
+    names = [[field.name for field in fields] for fields in (reference, two)]
+    if names[0] != names[1] or not all(np.array_equal(a.values, b.values) for a, b in zip(reference, two, strict=True)):
         raise ModesError("cannot add normal equations of different templates: give all of them the same maps")

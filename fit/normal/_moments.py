@@ -31,23 +31,23 @@ def shapes(kind: type[Modes], lmax: int) -> tuple[tuple[int, ...], tuple[int, ..
 
 def packed(moments: Any) -> tuple[dict[str, Any], dict[str, Any], dict[str, str]]:
     """Columns, the rest as plain values, units of columns: what `Result._pack` gives."""
-    kinds, m, n, values = [], [], [], []
-    for names, each, half in (("abc", moments.weights, 2 * moments.lmax), ("en", moments.motions, moments.lmax)):
-        for name, grid in zip(names, each, strict=False):  # a and e alone of a scalar field
-            place = np.indices(grid.shape)
-            kinds += [name] * grid.size
-            m.append(place[0].ravel())
-            n.append(place[1].ravel() - half)
+    components, m, n, values = [], [], [], []
+    for names, grids, half in (("abc", moments.weights, 2 * moments.lmax), ("en", moments.motions, moments.lmax)):
+        for name, grid in zip(names, grids, strict=False):  # a and e alone of a scalar field
+            indices = np.indices(grid.shape)
+            components += [name] * grid.size
+            m.append(indices[0].ravel())
+            n.append(indices[1].ravel() - half)
             values.append(grid.ravel())
     values_of = np.concatenate(values)
     columns = {
-        "of": kinds,
+        "of": components,
         "m": np.concatenate(m),
         "n": np.concatenate(n),
         "real": values_of.real,
         "imaginary": values_of.imag,
     }
-    rest = {
+    header = {
         "lmax": moments.lmax,
         "chi2_null": exact(moments.chi2_null),
         "n_data": moments.n_data,
@@ -55,22 +55,22 @@ def packed(moments: Any) -> tuple[dict[str, Any], dict[str, Any], dict[str, str]
         "unit": moments.unit,
         "notes": list(map(str, moments.notes)),
     }
-    return columns, rest, {}
+    return columns, header, {}
 
 
 def unpacked(columns: dict[str, Any], rest: dict[str, Any]) -> dict[str, Any]:
     """The attributes of moments from what was written."""
-    kind = Modes if "b" in columns["of"] else ScalarModes
-    lmax = kind(rest["lmax"]).lmax
+    mode_class = Modes if "b" in columns["of"] else ScalarModes
+    lmax = mode_class(rest["lmax"]).lmax
     values = np.asarray(columns["real"], float) + 1j * np.asarray(columns["imaginary"], float)
     if not np.isfinite(values).all():
         raise TableError("moments that are not finite")
-    of_weights, of_values = shapes(kind, lmax)
-    split = int(np.prod(of_weights))
+    of_weights, of_values = shapes(mode_class, lmax)
+    n_weights = int(np.prod(of_weights))
     return {
         "lmax": lmax,
-        "weights": values[:split].reshape(of_weights),
-        "motions": values[split:].reshape(of_values),
+        "weights": values[:n_weights].reshape(of_weights),
+        "motions": values[n_weights:].reshape(of_values),
         "chi2_null": number(rest["chi2_null"]),
         "n_data": count(rest["n_data"]),
         "frame": rest["frame"],
@@ -199,18 +199,18 @@ class Moments(Result):
             If it is above theirs.
         """
         lmax = as_modes(lmax, self.kind).lmax
-        cut = lmax - self.lmax
-        if cut > 0:
+        degree_change = lmax - self.lmax
+        if degree_change > 0:
             raise ModesError(
                 f"moments of degree {self.lmax} do not hold degree {lmax}: sum the sources to degree {lmax}"
             )
-        if cut == 0:
+        if degree_change == 0:
             return self
         return replace(
             self,
             lmax=lmax,
-            weights=self.weights[:, : 2 * lmax + 1, -2 * cut : 2 * cut],
-            motions=self.motions[:, : lmax + 1, -cut:cut],
+            weights=self.weights[:, : 2 * lmax + 1, -2 * degree_change : 2 * degree_change],
+            motions=self.motions[:, : lmax + 1, -degree_change:degree_change],
         )
 
     def normal_equations(self, modes: Modes | int | None = None) -> NormalEquations:
@@ -227,11 +227,11 @@ class Moments(Result):
             If the degree is above theirs.
         """
         modes = as_modes(self.lmax if modes is None else modes, self.kind)
-        cut, rings = self.to_degree(modes.lmax), rings_of(modes)
+        moments, rings = self.to_degree(modes.lmax), rings_of(modes)
         return NormalEquations(
             modes,
-            rings.matrix(cut.weights),
-            rings.rhs(cut.motions),
+            rings.matrix(moments.weights),
+            rings.rhs(moments.motions),
             self.chi2_null,
             self.n_data,
             self.frame,
@@ -278,8 +278,8 @@ class Moments(Result):
         return packed(self)
 
     @classmethod
-    def _unpack(cls, columns, rest):
-        return cls(**unpacked(columns, rest))
+    def _unpack(cls, columns, header):
+        return cls(**unpacked(columns, header))
 
     def _combine(self, other, sign):
         if not isinstance(other, Moments):
@@ -292,9 +292,9 @@ class Moments(Result):
         if (self.kind, self.unit) != (other.kind, other.unit):
             raise ModesError(f"cannot add moments of values in {self.unit or 'no unit'} and {other.unit or 'no unit'}")
         lmax = min(self.lmax, other.lmax)
-        one, two = self.to_degree(lmax), other.to_degree(lmax)
+        base, two = self.to_degree(lmax), other.to_degree(lmax)
         sums = {
-            name: getattr(one, name) + sign * getattr(two, name)
+            name: getattr(base, name) + sign * getattr(two, name)
             for name in ("weights", "motions", "chi2_null", "n_data")
         }
-        return replace(one, **sums, notes=merge_notes(self.notes, other.notes))
+        return replace(base, **sums, notes=merge_notes(self.notes, other.notes))

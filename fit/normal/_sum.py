@@ -44,10 +44,10 @@ class WhiteRows(Frozen):
     @classmethod
     def of(cls, field: Field, modes: Modes, covariance: Any) -> WhiteRows:
         """Sum the moments of a field."""
-        shared = as_covariance(covariance, field)
+        dense_covariance = as_covariance(covariance, field)
         p, n = len(modes), len(field)
-        rows = shared.whiten(harmonics(field.lon, field.lat, modes).reshape(p, 2 * n)).reshape(p, 2, n)
-        return cls(modes, rows, shared.whiten(field.motion.ravel()).reshape(2, n), field.frame, field.notes)
+        rows = dense_covariance.whiten(harmonics(field.lon, field.lat, modes).reshape(p, 2 * n)).reshape(p, 2, n)
+        return cls(modes, rows, dense_covariance.whiten(field.motion.ravel()).reshape(2, n), field.frame, field.notes)
 
     def __len__(self) -> int:
         return self.motion.shape[1]
@@ -59,11 +59,11 @@ class WhiteRows(Frozen):
         """The sum of their rows, those of each source so many times."""
         times = np.broadcast_to(np.asarray(times, float), self.motion.shape).ravel()
         rows, motion = self.rows.reshape(len(self.modes), -1), self.motion.ravel()
-        weighted = rows * times
+        weighted_rows = rows * times
         return NormalEquations(
             self.modes,
-            weighted @ rows.T,
-            weighted @ motion,
+            weighted_rows @ rows.T,
+            weighted_rows @ motion,
             float(times @ motion**2),
             2 * len(self),
             self.frame,

@@ -129,17 +129,17 @@ class Template(Frozen):
         from vsh.sky.pixels import pixels_of  # slow to import
 
         sums = np.zeros((5, 12 * nside**2))
-        for part in parts:
-            lon, lat, numbers = _check_map(*part)
+        for chunk in parts:
+            lon, lat, numbers = _check_map(*chunk)
             if not len(numbers):
                 continue
             pixel = pixels_of(lon, lat, nside)
             for row, weight in zip(sums, (np.ones(len(numbers)), numbers, *triad(lon, lat)[2]), strict=True):
                 row += np.bincount(pixel, weight, minlength=row.size)
-        counts, total, *place = sums[:, sums[0] > 0]
+        counts, total, *vector = sums[:, sums[0] > 0]
         if not counts.size:
             raise ParameterError(f"the template {name} has no finite number")
-        lon, lat = angles(np.array(place))
+        lon, lat = angles(np.array(vector))
         return cls(name, ScalarField(lon, lat, total / counts, 1 / np.sqrt(counts), frame=frame), frame)
 
     @classmethod
@@ -158,9 +158,9 @@ class Template(Frozen):
         from vsh.sky.pixels import pixels_of  # slow to import, as below
 
         counts, frame = np.zeros(12 * nside**2), "icrs"
-        for part in [field] if isinstance(field, Field) else field:
-            counts += np.bincount(pixels_of(part.lon, part.lat, nside), minlength=counts.size)
-            frame = part.frame
+        for chunk in [field] if isinstance(field, Field) else field:
+            counts += np.bincount(pixels_of(chunk.lon, chunk.lat, nside), minlength=counts.size)
+            frame = chunk.frame
         return cls(name, counts, frame)
 
     def fields(self, modes: Modes, frame: str) -> list[TemplateField]:
@@ -187,17 +187,17 @@ class Template(Frozen):
             vectors = {self.name: _pad_coefficients(self.source.to_degree(least.lmax), modes)}
         else:
             scalar = self._scalar(modes.lmax, frame)
-            nothing = np.zeros_like(scalar)
-            vectors = {f"{self.name}, along": np.r_[nothing, scalar], f"{self.name}, across": np.r_[scalar, nothing]}
-        made = []
+            zeros = np.zeros_like(scalar)
+            vectors = {f"{self.name}, along": np.r_[zeros, scalar], f"{self.name}, across": np.r_[scalar, zeros]}
+        fields = []
         for name, values in vectors.items():
             size = np.sqrt(values**2 @ modes.norm2 / (4 * np.pi))
             if not size > 0:
                 raise ParameterError(f"the template {self.name} is constant: it moves nothing")
             if modes.lmax > 1 and np.all(np.abs(values[modes.degrees > 1]) < _CONSTANT * np.abs(values).max()):
                 raise ParameterError(f"the template {self.name} has degree 1 alone, which is what is fitted")
-            made.append(TemplateField(name, values / size))
-        return made
+            fields.append(TemplateField(name, values / size))
+        return fields
 
     def _scalar(self, lmax, frame):
         """Coefficients of its gradient in spheroidal modes."""
@@ -223,12 +223,12 @@ class Template(Frozen):
 
             values, frame = self._map()
             lon, lat = centres(int(np.sqrt(values.size / 12)))
-            known = np.isfinite(values) & (values > -1e30)  # healpy's UNSEEN
-            if known.sum() < values.size / 2:
+            valid = np.isfinite(values) & (values > -1e30)  # healpy's UNSEEN
+            if valid.sum() < values.size / 2:
                 raise ParameterError(
                     f"the template {self.name} has no value in {missing_pixels(values)} of {values.size} pixels"
                 )
-            field = ScalarField(lon[known], lat[known], values[known], np.ones(known.sum()), frame=frame)
+            field = ScalarField(lon[valid], lat[valid], values[valid], np.ones(valid.sum()), frame=frame)
         weights = field.sigma**-2
         mean = np.average(field.values, weights=weights)
         scatter = float(np.sqrt(np.average((field.values - mean) ** 2, weights=weights)))
@@ -241,15 +241,15 @@ class Template(Frozen):
             return self.source, self.frame
         from vsh.io.maps import read_map  # healpy
 
-        values, named = read_map(self.source)
-        return values, named or self.frame
+        values, map_frame = read_map(self.source)
+        return values, map_frame or self.frame
 
 
 def _check_map(lon: ArrayLike, lat: ArrayLike, values: ArrayLike) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Positions and numbers of the sources whose number is finite and not masked."""
     numbers = np.asarray(np.ma.filled(np.ma.asarray(values, float), np.nan))
-    known = np.isfinite(numbers)
-    return (float_array("lon", lon, known.shape)[known], float_array("lat", lat, known.shape)[known], numbers[known])
+    valid = np.isfinite(numbers)
+    return (float_array("lon", lon, valid.shape)[valid], float_array("lat", lat, valid.shape)[valid], numbers[valid])
 
 
 def _pad_coefficients(coefficients, modes):
@@ -269,9 +269,9 @@ def template_fields(templates: Sequence[Template], modes: Modes, frame: str) -> 
     ParameterError
         If one is constant, or two are the same.
     """
-    fields = [each for template in templates for each in template.fields(modes, frame)]
-    for i, one in enumerate(fields):
+    fields = [field for template in templates for field in template.fields(modes, frame)]
+    for i, candidate in enumerate(fields):
         for two in fields[:i]:
-            if abs(one.values * modes.norm2 @ two.values) / (4 * np.pi) > _ALIKE:
-                raise ParameterError(f"the templates {two.name} and {one.name} are the same: leave one out")
+            if abs(candidate.values * modes.norm2 @ two.values) / (4 * np.pi) > _ALIKE:
+                raise ParameterError(f"the templates {two.name} and {candidate.name} are the same: leave one out")
     return tuple(fields)

@@ -112,10 +112,10 @@ def dipole_sums(field: Any) -> tuple[FloatArray, FloatArray, float]:
     gram = np.zeros((7, 7))
     columns = field.lon, field.lat, field.rho, field.sigma, field.motion
     for start in range(0, len(field), size):
-        part = [column[..., start : start + size] for column in columns]
-        if len(part[0]) < size:
-            scratch, rows = np.empty((20, len(part[0]))), np.empty((7, 2, len(part[0])))
-        _fill(part, scratch, rows)
+        chunk = [column[..., start : start + size] for column in columns]
+        if len(chunk[0]) < size:
+            scratch, rows = np.empty((20, len(chunk[0]))), np.empty((7, 2, len(chunk[0])))
+        _fill(chunk, scratch, rows)
         flat = rows.reshape(7, -1)
         for i in range(7):  # a matrix times a vector: three times as fast as the small product A Aᵀ
             gram[i, : i + 1] += flat[: i + 1] @ flat[i]
@@ -134,7 +134,7 @@ def _fill(columns, scratch, rows):
     """
     lon, lat, rho, sigma, motion = columns
     half, square, sin, cos = scratch[:8].reshape(4, 2, -1)
-    p, mixed, root, inverse = scratch[8:12], scratch[12:16], scratch[16], scratch[17:20]
+    p, product, root, inverse = scratch[8:12], scratch[12:16], scratch[16], scratch[17:20]
     # Sine and cosine by the tangent of half the angle, as in vsh.sphere.sin_cos, without new memory.
     np.multiply(lon, 0.5, out=half[0])
     np.multiply(lat, 0.5, out=half[1])
@@ -165,15 +165,15 @@ def _fill(columns, scratch, rows):
     east[5] = 0
     np.multiply(p[::-1], inverse[1], out=north[:4])
     np.negative(north[1:4:2], out=north[1:4:2])
-    np.multiply(p, inverse[2], out=mixed)
-    north[:4] -= mixed
+    np.multiply(p, inverse[2], out=product)
+    north[:4] -= product
     np.multiply(cos[1], inverse[2], out=north[4])
     np.negative(north[4], out=north[4])
     np.multiply(cos[1], inverse[1], out=north[5])
     np.multiply(motion[0], inverse[0], out=east[6])
     np.multiply(motion[1], inverse[1], out=north[6])
-    np.multiply(motion[0], inverse[2], out=mixed[0])
-    north[6] -= mixed[0]
+    np.multiply(motion[0], inverse[2], out=product[0])
+    north[6] -= product[0]
 
 
 #: Sources in a block.
@@ -195,11 +195,11 @@ def rings_of(modes: Modes) -> Rings:
 def fourier_sums(field: Any, lmax: int, threads: int | None = None) -> tuple[ComplexArray, ComplexArray, float]:
     """All that a fit to degree L needs of the sources: sums over them, which add."""
     moments = _moments_by_products if lmax <= PRODUCTS else _moments
-    parts = map_blocks(lambda part: moments(field[part], lmax), len(field), BLOCK, threads, "normal equations")
+    blocks = map_blocks(lambda part: moments(field[part], lmax), len(field), BLOCK, threads, "normal equations")
     weights: Any = 0
     motions: Any = 0
     chi2_null = 0.0
-    for w, z, chi2 in parts:
+    for w, z, chi2 in blocks:
         weights, motions, chi2_null = weights + w, motions + z, chi2_null + float(chi2)
     return weights, motions, chi2_null
 
@@ -214,19 +214,24 @@ def _moments(field, lmax):
     # Two real fields travel as one complex one.
     columns = np.concatenate([weights, motions])
     pairs = [(0, 1), (2, None), (3, 4)] if len(weights) == 3 else [(0, 1)]
-    packed = np.zeros((len(pairs), len(field)), complex)
-    for row, (real, imaginary) in zip(packed, pairs, strict=True):
+    complex_rows = np.zeros((len(pairs), len(field)), complex)
+    for row, (real, imaginary) in zip(complex_rows, pairs, strict=True):
         row.real = columns[real]
         if imaginary is not None:
             row.imag = columns[imaginary]
-    f = fourier_moments(field.lon, field.lat, packed, 2 * lmax)
-    mirrored = np.conj(f[:, ::-1, ::-1])
-    halves = (f + mirrored) / 2, (f - mirrored) / 2j
+    f = fourier_moments(field.lon, field.lat, complex_rows, 2 * lmax)
+    mirror = np.conj(f[:, ::-1, ::-1])
+    halves = (f + mirror) / 2, (f - mirror) / 2j
     sums = np.stack(
-        [part[row] for row, pair in enumerate(pairs) for part, k in zip(halves, pair, strict=True) if k is not None]
+        [
+            component[row]
+            for row, pair in enumerate(pairs)
+            for component, k in zip(halves, pair, strict=True)
+            if k is not None
+        ]
     )
-    half, near = 2 * lmax, slice(lmax, 3 * lmax + 1)
-    return sums[: len(weights), half:], sums[len(weights) :, half : half + lmax + 1, near], chi2
+    half, window = 2 * lmax, slice(lmax, 3 * lmax + 1)
+    return sums[: len(weights), half:], sums[len(weights) :, half : half + lmax + 1, window], chi2
 
 
 #: Up to this degree the moments are products of matrices, with sines and cosines of the sources for their rows.
@@ -238,51 +243,51 @@ _IN_CACHE = 2**12
 
 def _moments_by_products(field, lmax):
     """Compute `_moments` by products: faster at low degrees, and exact to rounding."""
-    most = 2 * lmax
-    low = np.r_[: lmax + 1, most + 1 : most + 1 + lmax]
+    max_order = 2 * lmax
+    low_orders = np.r_[: lmax + 1, max_order + 1 : max_order + 1 + lmax]
     w = field.weights
     z = multiply_weights(w, field.data)
     weights: Any = 0.0
     motions: Any = 0.0
     for start in range(0, len(field), _IN_CACHE):
-        some = slice(start, start + _IN_CACHE)
-        a, d = _rows(field.lon[some], most), _rows(field.lat[some], most)
-        weights = weights + _products(w[:, some], a, d)
-        motions = motions + _products(z[:, some], a[low], d[low])
+        chunk = slice(start, start + _IN_CACHE)
+        a, d = _rows(field.lon[chunk], max_order), _rows(field.lat[chunk], max_order)
+        weights = weights + _products(w[:, chunk], a, d)
+        motions = motions + _products(z[:, chunk], a[low_orders], d[low_orders])
     return _by_exponentials(weights), _by_exponentials(motions), np.vdot(z, field.data)
 
 
-def _rows(x, most):
+def _rows(x, max_order):
     """1, cos x, … cos Kx, sin x, … sin Kx, (2K + 1, n); in place, for K so low that the recurrence loses nothing."""
-    rows = np.ones((2 * most + 1, x.size))
-    if not most:
+    rows = np.ones((2 * max_order + 1, x.size))
+    if not max_order:
         return rows
     sin, cos = sin_cos(x)
-    rows[1], rows[most + 1] = cos, sin
+    rows[1], rows[max_order + 1] = cos, sin
     twice = 2 * cos
-    for k in range(2, most + 1):
+    for k in range(2, max_order + 1):
         np.multiply(twice, rows[k - 1], out=rows[k])
         rows[k] -= rows[k - 2]
-        np.multiply(twice, rows[most + k - 1], out=rows[most + k])
+        np.multiply(twice, rows[max_order + k - 1], out=rows[max_order + k])
         if k > 2:
-            rows[most + k] -= rows[most + k - 2]
+            rows[max_order + k] -= rows[max_order + k - 2]
     return rows
 
 
 def _products(values, a, d):
     """Σ values · (rows in α) · (rows in δ), (values, rows, rows)."""
-    left = (values[:, None] * a).reshape(-1, a.shape[1])
-    return (left @ d.T).reshape(len(values), len(a), len(d))
+    weighted_rows = (values[:, None] * a).reshape(-1, a.shape[1])
+    return (weighted_rows @ d.T).reshape(len(values), len(a), len(d))
 
 
 def _by_exponentials(sums):
     """Σ w e^{−i(Mα + nδ)} from sums of cosines and sines, (values, M ≥ 0, n)."""
-    most = (sums.shape[-1] - 1) // 2
-    sine = np.zeros((len(sums), most + 1, sums.shape[-1]))
-    sine[:, 1:] = sums[:, most + 1 :]
-    turned = sums[:, : most + 1] - 1j * sine
-    even, odd = turned[..., : most + 1], np.zeros_like(turned[..., : most + 1])
-    odd[..., 1:] = turned[..., most + 1 :]
+    max_order = (sums.shape[-1] - 1) // 2
+    sine = np.zeros((len(sums), max_order + 1, sums.shape[-1]))
+    sine[:, 1:] = sums[:, max_order + 1 :]
+    spectrum = sums[:, : max_order + 1] - 1j * sine
+    even, odd = spectrum[..., : max_order + 1], np.zeros_like(spectrum[..., : max_order + 1])
+    odd[..., 1:] = spectrum[..., max_order + 1 :]
     return np.concatenate([(even + 1j * odd)[..., :0:-1], even - 1j * odd], axis=-1)
 
 
@@ -310,12 +315,12 @@ class Rings:
         A function that goes with e^{iMα} is even or odd about the pole like M, or unlike M
         where it is a component of a vector, which `turns_over` there.
         """
-        most = moments.shape[-1] // 2
-        n = np.arange(-most, most + 1)[:, None]
-        near = np.exp(1j * n * self.lat) / (4 * self.lmax + 2)
-        far = (-1.0) ** n * np.conj(near)
+        max_order = moments.shape[-1] // 2
+        n = np.arange(-max_order, max_order + 1)[:, None]
+        near_half = np.exp(1j * n * self.lat) / (4 * self.lmax + 2)
+        far_half = (-1.0) ** n * np.conj(near_half)
         sign = (-1.0) ** np.arange(moments.shape[1]) * (-1 if turns_over else 1)
-        return moments @ near + sign[:, None] * (moments @ far)
+        return moments @ near_half + sign[:, None] * (moments @ far_half)
 
     def on_grid(self, weights: ComplexArray) -> FloatArray:
         """a, b, c on a grid of 2L + 1 rings by 4L + 2 longitudes from α = 0, (3, 2L + 1, 4L + 2).
@@ -337,21 +342,21 @@ class Rings:
     def rhs(self, motions: ComplexArray) -> FloatArray:
         """b from the moments of the weighted motions."""
         east, north = (z[self.m] for z in self.spectra(motions, turns_over=True))
-        out = np.zeros((2, self.size))
+        rhs = np.zeros((2, self.size))
         positive = self.m > 0
-        for row, (e, n) in zip(out, ((east, north), (north, -east)), strict=True):  # S·z = T·(Jᵀz)
+        for row, (e, n) in zip(rhs, ((east, north), (north, -east)), strict=True):  # S·z = T·(Jᵀz)
             row[self.re] = np.sum(self.b * e.real - self.a * n.imag, axis=1)
             row[self.im[positive]] = np.sum(self.b * e.imag + self.a * n.real, axis=1)[positive]
-        return out.ravel()
+        return rhs.ravel()
 
     def form(self, ee: Any, en: Any, ne: Any, nn: Any) -> FloatArray:
         """Σ T_iᵀ W T_j for weights W = [[ee, en], [ne, nn]] on the rings, in the order of the modes."""
         spectra = np.stack([ee, en, ne, nn])
         real, sine = spectra.real, -spectra.imag  # Σ w cos Mα, Σ w sin Mα
-        out = np.zeros((self.size, self.size))
+        matrix = np.zeros((self.size, self.size))
         for m in range(self.lmax + 1):
             mine = self.m == m
-            left = np.concatenate([self.b[mine], self.a[mine]], axis=1)
+            basis = np.concatenate([self.b[mine], self.a[mine]], axis=1)
             plus, minus = m + self.m, np.abs(m - self.m)
             sign = np.sign(m - self.m)[:, None]
             c_plus, c_minus = real[:, plus], real[:, minus]
@@ -359,7 +364,7 @@ class Rings:
             cc, ss = (c_minus + c_plus) / 2, (c_minus - c_plus) / 2
             sc, cs = (s_plus + s_minus) / 2, (s_plus - s_minus) / 2  # first of m, then of m'
 
-            def product(on_b, on_a, left=left):
+            def product(on_b, on_a, left=basis):
                 """[B A] · [on_b; on_a], both (pairs, rings) on the right."""
                 return left @ np.concatenate([on_b, on_a], axis=1).T
 
@@ -374,9 +379,9 @@ class Rings:
                 if i == "im" and m == 0:
                     continue
                 rows, columns = (self.re if i == "re" else self.im)[mine], self.re if j == "re" else self.im
-                there = slice(None) if j == "re" else self.m > 0
-                out[np.ix_(rows, columns[there])] = block[:, there]
-        return out
+                selection = slice(None) if j == "re" else self.m > 0
+                matrix[np.ix_(rows, columns[selection])] = block[:, selection]
+        return matrix
 
 
 class ScalarRings(Rings):
@@ -403,10 +408,10 @@ class ScalarRings(Rings):
     def rhs(self, motions: ComplexArray) -> FloatArray:
         """b from the moments of the weighted values."""
         values = self.spectra(motions, turns_over=False)[0][self.m]
-        out, positive = np.zeros(self.size), self.m > 0
-        out[self.re] = np.sum(self.b * values.real, axis=1)
-        out[self.im[positive]] = np.sum(self.b * values.imag, axis=1)[positive]
-        return out
+        rhs, positive = np.zeros(self.size), self.m > 0
+        rhs[self.re] = np.sum(self.b * values.real, axis=1)
+        rhs[self.im[positive]] = np.sum(self.b * values.imag, axis=1)[positive]
+        return rhs
 
 
 #: Work up to which the leverage of each source is computed exactly: sources times coefficients squared.
@@ -425,8 +430,8 @@ class _Weighted:
     def __len__(self):
         return self.lon.size
 
-    def __getitem__(self, part):
-        return _Weighted(self.lon[part], self.lat[part], self.weights[:, part], self.data[:, part])
+    def __getitem__(self, index):
+        return _Weighted(self.lon[index], self.lat[index], self.weights[:, index], self.data[:, index])
 
 
 def weighted_sums(
@@ -437,11 +442,11 @@ def weighted_sums(
     if len(sources) > design_matrix_up_to(modes):
         return compressed_sums(sources, modes, threads)
 
-    def block(part):
-        basis, some = harmonics(field.lon[part], field.lat[part], modes), sources[part]
-        flat = multiply_weights(some.weights, basis).reshape(len(modes), -1)
-        square = np.vdot(some.data, multiply_weights(some.weights, some.data))
-        return basis.reshape(len(modes), -1) @ flat.T, flat @ some.data.ravel(), float(square)
+    def block(chunk):
+        basis, subset = harmonics(field.lon[chunk], field.lat[chunk], modes), sources[chunk]
+        flat = multiply_weights(subset.weights, basis).reshape(len(modes), -1)
+        square = np.vdot(subset.data, multiply_weights(subset.weights, subset.data))
+        return basis.reshape(len(modes), -1) @ flat.T, flat @ subset.data.ravel(), float(square)
 
     return reduce(added, map_blocks(block, len(sources), max(64, 2**21 // len(modes)), threads))
 
@@ -469,14 +474,14 @@ def leverage(
     p = len(modes)
     weights, components = field.weights * factors, field.components
     trace = weights[:components].sum(0)
-    n_sources, whole = (len(field), trace.sum()) if total is None else total
+    n_sources, total_trace = (len(field), trace.sum()) if total is None else total
     if n_sources * p * p > EXACT:
-        return np.minimum(p * trace / whole / components, 0.9)
+        return np.minimum(p * trace / total_trace / components, 0.9)
 
-    def block(part):
-        basis = harmonics(field.lon[part], field.lat[part], modes)
-        left = np.tensordot(inverse, basis, 1)
-        return np.einsum("pkn,pkn->n", left, multiply_weights(weights[:, part], basis)) / components
+    def block(chunk):
+        basis = harmonics(field.lon[chunk], field.lat[chunk], modes)
+        projection = np.tensordot(inverse, basis, 1)
+        return np.einsum("pkn,pkn->n", projection, multiply_weights(weights[:, chunk], basis)) / components
 
     leverages = np.concatenate(list(map_blocks(block, len(field), max(64, 2**20 // p), threads)))
     return np.clip(leverages, 0.0, 0.9)
@@ -527,5 +532,5 @@ def _slopes(field, scores, modes, exact):
 def _scores(field, scores, modes, inverse, total, power):
     """Σ AᵀψψᵀA of some sources."""
     residual, u, _ = scores(field)
-    own = leverage(field, modes, inverse, u, total=total)
-    return weighted_matrix(field, outer_products(field, residual, u / (1 - own) ** power), modes)
+    leverages = leverage(field, modes, inverse, u, total=total)
+    return weighted_matrix(field, outer_products(field, residual, u / (1 - leverages) ** power), modes)

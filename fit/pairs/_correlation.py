@@ -80,8 +80,8 @@ class TemplateFit(Result):
         """The amplitude of one template and its error."""
         if name not in self.names:
             raise ParameterError(f"no template is called {name!r}: {', '.join(self.names)} are")
-        place = self.names.index(name)
-        return float(self.values[place]), float(self.sigma[place])
+        index = self.names.index(name)
+        return float(self.values[index]), float(self.sigma[index])
 
     @property
     def sigma(self) -> FloatArray:
@@ -104,19 +104,19 @@ class TemplateFit(Result):
         tail = (1 - between("probability", probability, 0.0, 1.0)) / 2
         dof = max(self.n_effective - 1, 2.0)
         return np.array(
-            [_limits(*each, tail, dof) for each in zip(self.values, self.sigma, self.coefficients, strict=True)]
+            [_limits(*estimate, tail, dof) for estimate in zip(self.values, self.sigma, self.coefficients, strict=True)]
         )
 
     @property
     def verdict(self) -> str:
         """State which templates are detected in the pairs: as large by chance in less than 0.27 % each."""
-        seen = [name for name, (low, _) in zip(self.names, self.interval(1 - SEEN), strict=True) if low > 0]
-        if seen:
+        detections = [name for name, (lower, _) in zip(self.names, self.interval(1 - SEEN), strict=True) if lower > 0]
+        if detections:
             return (
-                f"pairs show {', '.join(seen)}, of the sky or of systematic errors, which pairs do not separate: "
+                f"pairs show {', '.join(detections)}, of the sky or of systematic errors, which pairs do not separate: "
                 "a fit of harmonics does (vsh-fit --waves)"
             )
-        limits = [_limit_words(name, high) for name, (_, high) in zip(self.names, self.interval(), strict=True)]
+        limits = [_limit_words(name, upper) for name, (_, upper) in zip(self.names, self.interval(), strict=True)]
         return f"none of the templates is detected (p < 0.0027): {', '.join(limits)} (95 %)"
 
     def _sections(self, long):
@@ -136,13 +136,13 @@ class TemplateFit(Result):
 
     def to_table(self) -> Table:
         """A row for each template, as an astropy Table."""
-        low, high = self.interval().T
+        lower, upper = self.interval().T
         columns = {
             "template": list(self.names),
             "value": self.values,
             "sigma": self.sigma,
-            "low95": low,
-            "high95": high,
+            "low95": lower,
+            "high95": upper,
         }
         return tables.table_of(columns)
 
@@ -164,37 +164,37 @@ def names_of(templates: Any, hubble: float) -> dict[str, Callable[[FloatArray], 
         return dict(templates)
     if isinstance(templates, str) or not isinstance(templates, Sequence) or not templates:
         raise ParameterError(f"templates are some of {', '.join(TEMPLATES)}, or functions by name, not {templates!r}")
-    known = {
+    functions = {
         "spin": lambda theta: np.concatenate([d_plus(1, theta), d_minus(1, theta)]) / (4 * np.pi),
         "glide": lambda theta: np.concatenate([d_plus(1, theta), -d_minus(1, theta)]) / (4 * np.pi),
         "waves": lambda theta: np.stack([hubble_rate(hubble) ** 2 * waves_curve(theta), 0 * theta]),
     }
-    unknown = [name for name in templates if name not in known]
-    if unknown:
+    unknown_names = [name for name in templates if name not in functions]
+    if unknown_names:
         raise ParameterError(
-            f"no template is called {unknown[0]!r}: {', '.join(TEMPLATES)} are, or give functions by name"
+            f"no template is called {unknown_names[0]!r}: {', '.join(TEMPLATES)} are, or give functions by name"
         )
-    return {name: known[name] for name in templates}
+    return {name: functions[name] for name in templates}
 
 
 def fitted(correlation: Any, templates: dict[str, Callable[[FloatArray], FloatArray]]) -> TemplateFit:
     """Amplitudes by least squares, with the weight of the pairs in each bin."""
-    bins, seen = windows(correlation.edges, correlation.lmax), np.isfinite(correlation.plus)
+    bins, valid = windows(correlation.edges, correlation.lmax), np.isfinite(correlation.plus)
     pairs = bins.values * (correlation.window @ bins.scalar)  # as the pairs spread within each bin
     curves = []
     for name, function in templates.items():
         curve = float_array(f"the template {name!r}", function(bins.theta), (2, len(bins.theta)))
         curves.append(curve @ pairs.T / pairs.sum(1))
-    design = np.array(curves)[:, :, seen].reshape(len(curves), -1)
-    root = np.sqrt(np.tile(correlation.weight[seen], 2))
+    design = np.array(curves)[:, :, valid].reshape(len(curves), -1)
+    root = np.sqrt(np.tile(correlation.weight[valid], 2))
     if design.shape[1] < len(curves) or np.linalg.matrix_rank(design * root) < len(curves):
         raise ParameterError(
-            f"{seen.sum()} bins cannot tell {len(curves)} templates apart: take more bins, at more angles"
+            f"{valid.sum()} bins cannot tell {len(curves)} templates apart: take more bins, at more angles"
         )
     inverse = np.linalg.pinv((design * root).T) * root
-    values = inverse @ np.stack([correlation.plus, correlation.minus])[:, seen].ravel()
-    kept = np.tile(seen, 2)
-    covariance = inverse @ correlation.covariance[np.ix_(kept, kept)] @ inverse.T
+    values = inverse @ np.stack([correlation.plus, correlation.minus])[:, valid].ravel()
+    mask = np.tile(valid, 2)
+    covariance = inverse @ correlation.covariance[np.ix_(mask, mask)] @ inverse.T
     return TemplateFit(
         tuple(templates),
         values,
@@ -219,13 +219,13 @@ def _noncentrality(ratio, k, dof, p):
     if ncfdtr(k, dof, 0.0, ratio) <= p:
         return 0.0
     # By halving: the function is nan where it is below 1e-28, which `>` takes for small and a root finder does not.
-    low, high = 0.0, 4 * k * (ratio + 10)
-    while ncfdtr(k, dof, high, ratio) > p:
-        low, high = high, 2 * high
-    while high - low > 1e-10 * high:
-        middle = (low + high) / 2
-        low, high = (middle, high) if ncfdtr(k, dof, middle, ratio) > p else (low, middle)
-    return (low + high) / 2
+    lower, upper = 0.0, 4 * k * (ratio + 10)
+    while ncfdtr(k, dof, upper, ratio) > p:
+        lower, upper = upper, 2 * upper
+    while upper - lower > 1e-10 * upper:
+        middle = (lower + upper) / 2
+        lower, upper = (middle, upper) if ncfdtr(k, dof, middle, ratio) > p else (lower, middle)
+    return (lower + upper) / 2
 
 
 def _coefficients(function, lmax=40):
@@ -351,10 +351,10 @@ class Correlation(Result):
             ),
             ("ξ±", "⟨u∥u∥'⟩ ± ⟨u⊥u⊥'⟩; errors from the scatter of " + f"{self.n_blocks} blocks of the sky"),
         ]
-        shown = ("theta", "n_pairs", "plus", "sigma_plus", "minus", "sigma_minus")
+        columns = ("theta", "n_pairs", "plus", "sigma_plus", "minus", "sigma_minus")
         forms = {"theta": ".2f", "n_pairs": ".4g"}
         return (
-            Section("Correlation of motions by angle", facts, self.to_table(), shown, forms=forms, notes=self.notes),
+            Section("Correlation of motions by angle", facts, self.to_table(), columns, forms=forms, notes=self.notes),
         )
 
     def to_table(self) -> Table:
@@ -464,8 +464,8 @@ def correlation_function(
     with np.errstate(divide="ignore", invalid="ignore"):
         plus_by, minus_by, scalar_by = (each / weight[:, None] for each in (plus_by, minus_by, scalar_by))
     plus, minus = plus_by @ by_plus, minus_by @ by_minus
-    zero, expected = np.zeros_like(plus_by), np.concatenate([plus, minus])[:, None] * np.tile(scalar_by, (2, 1))
-    covariance = covariance_of(blocks, np.vstack([plus_by, zero]), np.vstack([zero, minus_by]), -expected)
+    zero, expectation = np.zeros_like(plus_by), np.concatenate([plus, minus])[:, None] * np.tile(scalar_by, (2, 1))
+    covariance = covariance_of(blocks, np.vstack([plus_by, zero]), np.vstack([zero, minus_by]), -expectation)
     if lmax * step < _RESOLVED:
         notes = (
             *notes,

@@ -14,7 +14,7 @@ _ANGLE, _VALUE = "angle between the sources  [°]", "correlation of motions  [(�
 @apply_style
 def plot_pairs(correlation: Any, fit: Any = None, *, ax: OnAxes | None = None) -> AxesArray:
     """ξ± with errors and the fitted templates above, the pairs in each bin below."""
-    axes, below = drawn = panels(ax, 2, 1, size=(WIDTH, 3.3), sharex=True, height_ratios=(3, 1))
+    axes, below = panel_axes = panels(ax, 2, 1, size=(WIDTH, 3.3), sharex=True, height_ratios=(3, 1))
     degrees = np.degrees(correlation.theta)
     step = 0.12 * np.min(np.diff(degrees)) if len(degrees) > 1 else 0.0
     for values, sigma, side, marker, colour, label in (
@@ -37,7 +37,7 @@ def plot_pairs(correlation: Any, fit: Any = None, *, ax: OnAxes | None = None) -
     )
     below.set_ylabel("pairs")
     below.set_xlabel(_ANGLE)
-    return drawn
+    return panel_axes
 
 
 @apply_style

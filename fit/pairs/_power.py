@@ -62,12 +62,12 @@ class PairSums:
         toroidal, spheroidal = np.split(self.motions**2 / modes.norm2, 2)
         degrees = modes.degrees[: len(toroidal)]
         power_t, power_s = (
-            np.bincount(degrees, each, self.lmax + 1)[1:].astype(float) for each in (toroidal, spheroidal)
+            np.bincount(degrees, values, self.lmax + 1)[1:].astype(float) for values in (toroidal, spheroidal)
         )
         l = np.arange(self.lmax + 1)
         itself = np.multiply.outer(self.alone, (2 * l + 1) / (4 * np.pi))
         weights, numbers = (
-            np.bincount(scalar.degrees, each**2 / scalar.norm2, self.lmax + 1) for each in (self.weights, self.ones)
+            np.bincount(scalar.degrees, values**2 / scalar.norm2, self.lmax + 1) for values in (self.weights, self.ones)
         )
         return power_t + power_s - itself[0, 1:], power_t - power_s, weights - itself[1], numbers - itself[2]
 
@@ -116,9 +116,11 @@ def _blocks(field, lmax, nside, weights, threads):
     pixel = pixels_of(field.lon, field.lat, nside)
     order = np.argsort(pixel, kind="stable")
     starts = np.flatnonzero(np.diff(pixel[order], prepend=-1))
-    parts = np.split(order, starts[1:])
+    pixel_rows = np.split(order, starts[1:])
     weights = 2 / np.sum(field.sigma**2, axis=0) if weights is None else weights
-    work = map_blocks(lambda one: _sums(field, weights, parts[one.start], lmax), len(parts), 1, threads, "pairs")
+    work = map_blocks(
+        lambda chunk: _sums(field, weights, pixel_rows[chunk.start], lmax), len(pixel_rows), 1, threads, "pairs"
+    )
     return dict(zip(pixel[order][starts].tolist(), work, strict=True))
 
 
@@ -141,19 +143,21 @@ def covariance_of(blocks: Sequence[PairSums], plus: FloatArray, minus: FloatArra
     count = len(blocks)
     if count < 4:
         return np.full((len(plus),) * 2, np.nan)
-    between = _cross_terms(blocks, plus, minus, weight)
-    itself = np.einsum("bkk->bk", between)
-    pairs = 2 * between
+    cross_terms = _cross_terms(blocks, plus, minus, weight)
+    itself = np.einsum("bkk->bk", cross_terms)
+    pairs = 2 * cross_terms
     pairs[:, range(count), range(count)] = 0.0
     leaving = itself + pairs.sum(2)
-    away = leaving - leaving.mean(1, keepdims=True)
-    jackknife = count / (count - 1) * away @ away.T
+    deviation = leaving - leaving.mean(1, keepdims=True)
+    jackknife = count / (count - 1) * deviation @ deviation.T
     # What each pair of blocks has that neither of the two has with all others.
-    own = pairs.sum(2) / (count - 2)
-    mean = own.sum(1) * (count - 2) / (count - 1) / count
-    rest = pairs - own[:, :, None] - own[:, None, :] + (mean * count / (count - 2))[:, None, None]
-    rest[:, range(count), range(count)] = 0.0
-    twice = np.sum(rest**2, axis=(1, 2)) / 2 * (count - 1) / (count - 3)
+    block_effects = pairs.sum(2) / (count - 2)
+    mean = block_effects.sum(1) * (count - 2) / (count - 1) / count
+    residuals = (
+        pairs - block_effects[:, :, None] - block_effects[:, None, :] + (mean * count / (count - 2))[:, None, None]
+    )
+    residuals[:, range(count), range(count)] = 0.0
+    twice = np.sum(residuals**2, axis=(1, 2)) / 2 * (count - 1) / (count - 3)
     with np.errstate(divide="ignore", invalid="ignore"):
         shrink = np.sqrt(np.clip(1 - twice / np.diag(jackknife), 0.5, 1.0))
     return jackknife * np.outer(shrink, shrink)
@@ -165,18 +169,18 @@ def _cross_terms(blocks, plus, minus, weight):
     modes, scalar = Modes(lmax), ScalarModes(lmax)
     motions = np.array([block.motions for block in blocks]) / np.sqrt(modes.norm2)
     weights = np.array([block.weights for block in blocks]) / np.sqrt(scalar.norm2)
-    alone = np.array([block.alone for block in blocks])
-    out = np.zeros((len(plus), len(blocks), len(blocks)))
+    self_pairs = np.array([block.alone for block in blocks])
+    terms = np.zeros((len(plus), len(blocks), len(blocks)))
     for l in range(lmax + 1):
         y = weights[:, scalar.slice_of("F", l)]
-        w = y @ y.T - np.diag(alone[:, 1] * (2 * l + 1) / (4 * np.pi))
-        out += weight[:, l, None, None] * w
+        w = y @ y.T - np.diag(self_pairs[:, 1] * (2 * l + 1) / (4 * np.pi))
+        terms += weight[:, l, None, None] * w
         if l == 0:
             continue
         t, s = (motions[:, modes.slice_of(kind, l)] for kind in modes.kinds)
-        tt, ss, itself = t @ t.T, s @ s.T, np.diag(alone[:, 0] * (2 * l + 1) / (4 * np.pi))
-        out += plus[:, l - 1, None, None] * (tt + ss - itself) + minus[:, l - 1, None, None] * (tt - ss)
-    return out
+        tt, ss, itself = t @ t.T, s @ s.T, np.diag(self_pairs[:, 0] * (2 * l + 1) / (4 * np.pi))
+        terms += plus[:, l - 1, None, None] * (tt + ss - itself) + minus[:, l - 1, None, None] * (tt - ss)
+    return terms
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -279,17 +283,17 @@ def power(
     x, w = leggauss(2 * lmax + 2)
     theta, pairs = np.arccos(x), legvander(x, 2 * lmax).T
     *spectra, weight, _ = total.spectra
-    own = 4 * np.pi / (2 * np.arange(1, lmax + 1) + 1)
+    normalisation = 4 * np.pi / (2 * np.arange(1, lmax + 1) + 1)
     rows, by_degree, by_weight = [], [], []
     for curve, spectrum in zip((d_plus(lmax, theta), d_minus(lmax, theta)), spectra, strict=True):
         inverse = _inverse(curve * (w * (weight @ pairs) / 2) @ curve.T)
-        rows.append(inverse @ (spectrum[:lmax] * own))
-        by_degree.append(np.pad(inverse * own, ((0, 0), (0, lmax))))
+        rows.append(inverse @ (spectrum[:lmax] * normalisation))
+        by_degree.append(np.pad(inverse * normalisation, ((0, 0), (0, lmax))))
         by_weight.append(-(inverse @ curve * (w * (rows[-1] @ curve) / 2)) @ pairs.T)
     # From T + S and T − S to T and S.
     plus, minus = np.tile(by_degree[0], (2, 1)) / 2, np.vstack([by_degree[1], -by_degree[1]]) / 2
-    expected = np.vstack([by_weight[0] + by_weight[1], by_weight[0] - by_weight[1]]) / 2
-    covariance = covariance_of(blocks, plus, minus, expected)
+    weight_terms = np.vstack([by_weight[0] + by_weight[1], by_weight[0] - by_weight[1]]) / 2
+    covariance = covariance_of(blocks, plus, minus, weight_terms)
     toroidal, spheroidal = (rows[0] + rows[1]) / 2, (rows[0] - rows[1]) / 2
     return PairPower(toroidal, spheroidal, covariance, len(blocks), 2 * round(float(total.alone[2])), notes)
 
@@ -317,7 +321,7 @@ class Windows:
     def by_degree(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Matrices that sum each bin from spectra of T + S, T − S and of weights: (k, lmax), (k, lmax), (k, lmax +
         1)."""
-        plus, minus, scalar = (2 * np.pi * self.values @ each.T for each in (self.plus, self.minus, self.scalar))
+        plus, minus, scalar = (2 * np.pi * self.values @ basis.T for basis in (self.plus, self.minus, self.scalar))
         return plus, minus, scalar
 
 
@@ -329,13 +333,13 @@ def windows(edges: FloatArray, lmax: int) -> Windows:
 @lru_cache(maxsize=4)
 def _windows(edges, lmax):
     theta, weight, ramp = [], [], []
-    for low, high in pairwise(edges):
-        x, w = leggauss(24 + int(0.7 * lmax * (high - low)))
-        theta.append(low + (high - low) * (x + 1) / 2)
-        weight.append(w * (high - low) / 2 * np.sin(theta[-1]))
+    for lower, upper in pairwise(edges):
+        x, w = leggauss(24 + int(0.7 * lmax * (upper - lower)))
+        theta.append(lower + (upper - lower) * (x + 1) / 2)
+        weight.append(w * (upper - lower) / 2 * np.sin(theta[-1]))
         ramp.append(np.sin(np.pi / 4 * (x + 1)) ** 2)
     nodes = np.concatenate(theta)
-    starts = np.concatenate([[0], np.cumsum([len(each) for each in theta])])
+    starts = np.concatenate([[0], np.cumsum([len(angles) for angles in theta])])
     values = np.zeros((len(edges) - 2, len(nodes)))
     for k, row in enumerate(values):
         row[starts[k] : starts[k + 1]] = ramp[k] * weight[k]

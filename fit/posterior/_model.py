@@ -69,11 +69,11 @@ class CompressedLikelihood:
         mean, slope, covariance = np.split(self._at(spreads, slice(10, 28)), [3, 12], axis=1)
         return mean + np.einsum("nij,nj->ni", slope.reshape(-1, 3, 3), u), _symmetric(covariance)
 
-    def _at(self, spreads, which):
+    def _at(self, spreads, selection):
         bases = [axis.basis(np.asarray(value)) for axis, value in zip(self.axes, spreads, strict=True)]
-        first = np.tensordot(bases[2], self.coefficients[which], (1, 3))  # (n, f, n_s, n_x)
-        second = np.einsum("nx,nfsx->nfs", bases[1], first)
-        return np.einsum("ns,nfs->nf", bases[0], second)
+        planes = np.tensordot(bases[2], self.coefficients[selection], (1, 3))  # (n, f, n_s, n_x)
+        curves = np.einsum("nx,nfsx->nfs", bases[1], planes)
+        return np.einsum("ns,nfs->nf", bases[0], curves)
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,15 +87,17 @@ class TabulatedDensity:
 
     def at(self, s: FloatArray, x: FloatArray, q: FloatArray) -> FloatArray:
         """The functions, (28, n), at n points: `marginalise` of the sums, flow and acceleration as they are known."""
-        pairs, which = np.unique(np.stack([s, x]), axis=1, return_inverse=True)
+        pairs, pair_index = np.unique(np.stack([s, x]), axis=1, return_inverse=True)
         sums = with_acceleration(self.rows.sums(*pairs, threads=self.threads), self.acceleration, self.rows.frame)
         if self.rows.modes is None:
-            return marginalise(sums, self.spin, self.rows.frame)[:, which.ravel()]
+            return marginalise(sums, self.spin, self.rows.frame)[:, pair_index.ravel()]
         terms = []
-        for pair, size in zip(which.ravel(), q, strict=True):
-            one = ParallaxSums(sums.matrix[pair], sums.rhs[pair], sums.chi2_null[pair], sums.logdet[pair], sums.n_data)
-            left, _ = without_flow(with_flow(one, 9, size), 9)
-            terms.append(marginalise(left, self.spin, self.rows.frame))
+        for pair, size in zip(pair_index.ravel(), q, strict=True):
+            pair_sums = ParallaxSums(
+                sums.matrix[pair], sums.rhs[pair], sums.chi2_null[pair], sums.logdet[pair], sums.n_data
+            )
+            marginal, _ = without_flow(with_flow(pair_sums, 9, size), 9)
+            terms.append(marginalise(marginal, self.spin, self.rows.frame))
         return np.stack(terms, axis=1)
 
 
@@ -115,18 +117,18 @@ def compress_likelihood(
     noise = float(np.sqrt(rows.smallest_variance))
     limits = ((spread, scale), (excess_noise, noise), (flow, flow[1]))
     axes = [Axis(*pair, size, 1 if pair[0] == pair[1] else 12) for pair, size in limits]
-    what = TabulatedDensity(rows, spin, acceleration, threads)
+    density = TabulatedDensity(rows, spin, acceleration, threads)
     _check(rows, spread[1], excess_noise[1], spin, threads)
     for i in range(3):  # each axis along the sharp edge of the others
         edge = [Axis(axis.low, axis.low, axis.scale, 1) for axis in axes]
         while axes[i].count > 1:
             edge[i] = axes[i]
-            if _error(_table(what, edge), what) < accuracy:
+            if _error(_table(density, edge), density) < accuracy:
                 break
             axes[i] = _finer(axes[i])
     while True:
-        table = _table(what, axes)
-        if max(axis.count for axis in axes) == 1 or _error(table, what) < accuracy:
+        table = _table(density, axes)
+        if max(axis.count for axis in axes) == 1 or _error(table, density) < accuracy:
             return table
         axes = [_finer(axis) for axis in axes]
 
@@ -137,18 +139,18 @@ def _finer(axis):
     return axis.finer()
 
 
-def _table(what, axes):
+def _table(density, axes):
     nodes = np.meshgrid(*(axis.nodes for axis in axes), indexing="ij")
-    values = what.at(*(node.ravel() for node in nodes)).reshape(-1, *nodes[0].shape)
-    for axis, each in enumerate(axes):
-        values = each.to_coefficients(values, axis + 1)
-    return CompressedLikelihood(tuple(axes), values, what.rows.hubble, what.rows.frame)
+    values = density.at(*(node.ravel() for node in nodes)).reshape(-1, *nodes[0].shape)
+    for axis, table_axis in enumerate(axes):
+        values = table_axis.to_coefficients(values, axis + 1)
+    return CompressedLikelihood(tuple(axes), values, density.rows.hubble, density.rows.frame)
 
 
 def marginalise(sums: ParallaxSums, spin: Literal["free"] | Vector | None, frame: str) -> Any:
     """The functions that are tabulated, (28, …), from normal equations, (…, 9, 9)."""
     matrix, rhs, chi2 = sums.matrix, sums.rhs, sums.chi2_null
-    rest = list(range(A.start, A.stop))
+    nuisance = list(range(A.start, A.stop))
     if isinstance(spin, Vector):
         spin = spin.to_frame(frame)
         if spin.covariance.any():
@@ -157,59 +159,59 @@ def marginalise(sums: ParallaxSums, spin: Literal["free"] | Vector | None, frame
             matrix[..., OMEGA, OMEGA] += weight
             rhs[..., OMEGA] += weight @ spin.value
             chi2 = chi2 + spin.value @ weight @ spin.value
-            rest += range(OMEGA.start, OMEGA.stop)
+            nuisance += range(OMEGA.start, OMEGA.stop)
         else:
             chi2 = chi2 - 2 * rhs[..., OMEGA] @ spin.value + spin.value @ matrix[..., OMEGA, OMEGA] @ spin.value
             rhs = rhs - matrix[..., OMEGA] @ spin.value
     elif isinstance(spin, str) and spin == "free":
-        rest += range(OMEGA.start, OMEGA.stop)
+        nuisance += range(OMEGA.start, OMEGA.stop)
     elif spin is not None:
         raise ParameterError(f"spin is None, 'free' or a Vector, not {spin!r}")
-    n_aa, n_au = matrix[..., rest, :][..., rest], matrix[..., rest, U]
+    n_aa, n_au = matrix[..., nuisance, :][..., nuisance], matrix[..., nuisance, U]
     inverse = np.linalg.inv(n_aa)
     slope = -inverse @ n_au
-    mean = _times(inverse, rhs[..., rest])
+    mean = _times(inverse, rhs[..., nuisance])
     m = matrix[..., U, U] + np.swapaxes(n_au, -1, -2) @ slope
-    b = rhs[..., U] + _times(np.swapaxes(slope, -1, -2), rhs[..., rest])
+    b = rhs[..., U] + _times(np.swapaxes(slope, -1, -2), rhs[..., nuisance])
     peak = np.linalg.solve(m, b[..., None])[..., 0]
-    least = chi2 - np.sum(rhs[..., rest] * mean, -1) - np.sum(b * peak, -1)
+    least = chi2 - np.sum(rhs[..., nuisance] * mean, -1) - np.sum(b * peak, -1)
     c = -(least + sums.logdet + np.linalg.slogdet(n_aa)[1]) / 2
-    packed = [c[..., None], peak, m[..., _UPPER[0], _UPPER[1]], mean[..., :3]]
-    packed += [slope[..., :3, :].reshape(*c.shape, 9), inverse[..., :3, :3][..., _UPPER[0], _UPPER[1]]]
-    return np.moveaxis(np.concatenate(packed, axis=-1), -1, 0)
+    functions = [c[..., None], peak, m[..., _UPPER[0], _UPPER[1]], mean[..., :3]]
+    functions += [slope[..., :3, :].reshape(*c.shape, 9), inverse[..., :3, :3][..., _UPPER[0], _UPPER[1]]]
+    return np.moveaxis(np.concatenate(functions, axis=-1), -1, 0)
 
 
-def _check(rows, spread, excess_noise, spin, threads):
+def _check(rows, dispersion, excess_noise, spin, threads):
     keep = slice(0, 9 if spin is not None else 6)
-    matrix = rows.sums(spread, excess_noise, threads=threads).matrix[keep, keep]
+    matrix = rows.sums(dispersion, excess_noise, threads=threads).matrix[keep, keep]
     names = ["v_x", "v_y", "v_z", "a_x", "a_y", "a_z", "omega_x", "omega_y", "omega_z"][keep]
     check_determined(matrix, names, rows.n_data // 2)
 
 
-def _error(table, what, points=24):
+def _error(table, density, points=24):
     """The largest error of log L near its maximum, at points between the nodes, against the sums themselves."""
     t = (np.arange(points) + 0.5) / points
-    golden = 0.6180339887 * points
-    fractions = (t, (t * golden) % 1, (t * golden**2) % 1)  # all over the cube, and the same every time
-    spreads = np.stack([axis.at(each) for axis, each in zip(table.axes, fractions, strict=True)])
-    exact = what.at(*spreads)
+    stride = 0.6180339887 * points
+    fractions = (t, (t * stride) % 1, (t * stride**2) % 1)  # all over the cube, and the same every time
+    spreads = np.stack([axis.at(fraction) for axis, fraction in zip(table.axes, fractions, strict=True)])
+    exact = density.at(*spreads)
     c0, peak0, m0 = exact[0], exact[1:4].T, _symmetric(exact[4:10].T)
     c1, peak1, m1 = table(spreads)
     depth = 1 + 0.01 * (c0.max() - c0)
     shift = peak0 - peak1
-    moved = np.sqrt(np.abs(np.einsum("ni,nij,nj->n", shift, m0, shift)))
-    turned = np.abs(m0 - m1).max((1, 2)) / np.abs(m0).max((1, 2))
-    return max((np.abs(c0 - c1) / depth).max(), (moved / depth).max(), (turned / depth).max())
+    peak_error = np.sqrt(np.abs(np.einsum("ni,nij,nj->n", shift, m0, shift)))
+    matrix_error = np.abs(m0 - m1).max((1, 2)) / np.abs(m0).max((1, 2))
+    return max((np.abs(c0 - c1) / depth).max(), (peak_error / depth).max(), (matrix_error / depth).max())
 
 
 def _times(matrix, vector):
     return (matrix @ vector[..., None])[..., 0]
 
 
-def _symmetric(packed):
-    full = np.empty((len(packed), 3, 3))
-    full[:, _UPPER[0], _UPPER[1]] = packed
-    full[:, _UPPER[1], _UPPER[0]] = packed
+def _symmetric(triangle):
+    full = np.empty((len(triangle), 3, 3))
+    full[:, _UPPER[0], _UPPER[1]] = triangle
+    full[:, _UPPER[1], _UPPER[0]] = triangle
     return full
 
 
@@ -244,8 +246,8 @@ class ParallaxModel:
         spreads, ratio = self.spreads(theta[good, 3:])
         u, v = self.velocities(theta[good])
         c, peak, matrix = self.likelihood(spreads)
-        away = u - peak
-        total[good] += c - np.einsum("ni,nij,nj->n", away, matrix, away) / 2
+        offset = u - peak
+        total[good] += c - np.einsum("ni,nij,nj->n", offset, matrix, offset) / 2
         total[good] += self.priors.velocity.log(v) + self.log_jacobian(ratio)
         return np.where(np.isnan(total), -np.inf, total)
 
@@ -253,7 +255,7 @@ class ParallaxModel:
         """s, x and q of the likelihood, (3, n), and H0/H_ref, from the free numbers (n, k)."""
         columns = dict(zip(self.priors.free, numbers.T, strict=True))
         ratio = columns["H0"] / self.likelihood.hubble
-        spread = (
+        dispersion = (
             columns["peculiar_dispersion"] * ratio
             if "peculiar_dispersion" in columns
             else np.full(ratio.shape, self.priors.peculiar_dispersion)
@@ -263,7 +265,7 @@ class ParallaxModel:
         flow = columns["flow_amplitude"] * ratio if "flow_amplitude" in columns else np.ones(ratio.shape)
         inside = [
             np.clip(value, axis.low, axis.high)
-            for value, axis in zip((spread, excess_noise, flow), self.likelihood.axes, strict=True)
+            for value, axis in zip((dispersion, excess_noise, flow), self.likelihood.axes, strict=True)
         ]
         return np.stack(inside), ratio
 
@@ -288,29 +290,33 @@ class ParallaxModel:
     def start(self, rng: np.random.Generator, walkers: int) -> FloatArray:
         """Coordinates of walkers, (walkers, d): candidates drawn, weighed, and drawn again around the best."""
         limits = np.array([self.priors.limits(name) for name in self.priors.free])
-        low, high = limits.T
-        many = max(4000, 20 * walkers)
-        numbers, log_drawn = rng.uniform(low, high, (many, len(low))), 0.0
+        lower, upper = limits.T
+        n_candidates = max(4000, 20 * walkers)
+        numbers, log_drawn = rng.uniform(lower, upper, (n_candidates, len(lower))), 0.0
         for _ in range(4):
-            first, log_first = self.draw_velocity(rng, numbers)
-            theta = np.column_stack([first, numbers])
+            velocity, log_first = self.draw_velocity(rng, numbers)
+            theta = np.column_stack([velocity, numbers])
             log_weight = self.log_probability(theta) - log_drawn - log_first
             if not np.isfinite(log_weight).any():
                 raise ParameterError("the posterior is zero wherever it was tried: priors and data exclude each other")
             weight = np.exp(log_weight - log_weight.max())
             weight /= weight.sum()
             mean = weight @ numbers
-            width = np.sqrt(weight @ (numbers - mean) ** 2) * 1.5 + 1e-6 * (high - low)
-            chosen = np.argsort(-(log_weight + rng.gumbel(size=len(numbers))))[:walkers]
-            best = theta[chosen]
+            width = np.sqrt(weight @ (numbers - mean) ** 2) * 1.5 + 1e-6 * (upper - lower)
+            indices = np.argsort(-(log_weight + rng.gumbel(size=len(numbers))))[:walkers]
+            best = theta[indices]
             # One in ten anywhere, so that no weight runs away; what falls outside has no density.
-            anywhere = rng.uniform(size=(many, 1)) < 0.1
+            anywhere = rng.uniform(size=(n_candidates, 1)) < 0.1
             numbers = np.where(
-                anywhere, rng.uniform(low, high, (many, len(low))), rng.normal(mean, width, (many, len(low)))
+                anywhere,
+                rng.uniform(lower, upper, (n_candidates, len(lower))),
+                rng.normal(mean, width, (n_candidates, len(lower))),
             )
-            numbers = numbers[((numbers >= low) & (numbers <= high)).all(1)]
-            near = np.log(0.9) - np.sum(((numbers - mean) / width) ** 2 / 2 + np.log(width * np.sqrt(2 * np.pi)), 1)
-            log_drawn = np.logaddexp(near, np.log(0.1) - np.log(high - low).sum())
+            numbers = numbers[((numbers >= lower) & (numbers <= upper)).all(1)]
+            log_gaussian = np.log(0.9) - np.sum(
+                ((numbers - mean) / width) ** 2 / 2 + np.log(width * np.sqrt(2 * np.pi)), 1
+            )
+            log_drawn = np.logaddexp(log_gaussian, np.log(0.1) - np.log(upper - lower).sum())
         return best
 
     def draw_velocity(
@@ -359,17 +365,23 @@ def parallax_model(
     threads: int | None = None,
 ) -> ParallaxModel:
     """The posterior of a catalogue's equations under priors."""
-    spread, flow = given.limits("peculiar_dispersion"), (1.0, 1.0)
-    slow, fast = (each / rows.hubble for each in given.limits("H0"))
+    dispersion, flow = given.limits("peculiar_dispersion"), (1.0, 1.0)
+    slow, fast = (limit / rows.hubble for limit in given.limits("H0"))
     if "peculiar_dispersion" in given.free:
-        spread = spread[0] * slow, spread[1] * fast
+        dispersion = dispersion[0] * slow, dispersion[1] * fast
     if "flow_amplitude" in given.free:
         if rows.modes is None:
             raise ParameterError('an amplitude of the flow needs a flow: flows="linear"')
-        low, high = given.limits("flow_amplitude")
-        flow = max(low, 1e-3) * slow, high * fast
+        lower, upper = given.limits("flow_amplitude")
+        flow = max(lower, 1e-3) * slow, upper * fast
     table = compress_likelihood(
-        rows, spread, given.limits("excess_noise"), spin, flow=flow, acceleration=given.acceleration, threads=threads
+        rows,
+        dispersion,
+        given.limits("excess_noise"),
+        spin,
+        flow=flow,
+        acceleration=given.acceleration,
+        threads=threads,
     )
     return ParallaxModel(table, given, "v" if _is_known(given.velocity, table) else "u")
 
@@ -425,26 +437,26 @@ class MixtureModel:
             total = self.priors.log(numbers) + self.fraction.log(fraction)
         good = np.isfinite(total) & (fraction > 0) & (fraction < 1)
         if good.any():
-            (spread, excess_noise, _), ratio = self.base.spreads(numbers[good])
+            (dispersion, excess_noise, _), ratio = self.base.spreads(numbers[good])
             parameters = np.zeros((good.sum(), 9))
             parameters[:, :3], v = self.base.velocities(theta[good])
             parameters[:, A.start : A.start + linear.shape[1]] = linear[good]
-            total[good] += self._log_likelihood(parameters, spread, excess_noise, fraction[good])
+            total[good] += self._log_likelihood(parameters, dispersion, excess_noise, fraction[good])
             total[good] += self.priors.velocity.log(v) + self.base.log_jacobian(ratio)
         total[~good] = -np.inf
         return np.where(np.isnan(total), -np.inf, total)
 
-    def _log_likelihood(self, parameters, spread, excess_noise, fraction):
+    def _log_likelihood(self, parameters, dispersion, excess_noise, fraction):
         n = len(self.rows.motion) // 2
 
-        def block(part):
-            both = np.r_[np.arange(part.start, part.stop), np.arange(part.start, part.stop) + n]
-            residual = (self.rows.motion[both] - parameters @ self.rows.design[both].T) ** 2
+        def block(chunk):
+            indices = np.r_[np.arange(chunk.start, chunk.stop), np.arange(chunk.start, chunk.stop) + n]
+            residual = (self.rows.motion[indices] - parameters @ self.rows.design[indices].T) ** 2
             variance = (
-                self.rows.variance[both]
-                + self.rows.left[both]
+                self.rows.variance[indices]
+                + self.rows.left[indices]
                 + excess_noise[:, None] ** 2
-                + (spread[:, None] * self.rows.rate[both]) ** 2
+                + (dispersion[:, None] * self.rows.rate[indices]) ** 2
             )
 
             def density(variance):
@@ -461,10 +473,10 @@ class MixtureModel:
     def start(self, rng: np.random.Generator, walkers: int) -> FloatArray:
         """Coordinates of walkers: those of the model without outliers, and small fractions."""
         theta = self.base.start(rng, walkers)
-        named = self.base.to_samples(theta, rng)
+        samples = self.base.to_samples(theta, rng)
         top = min(self.fraction.high, self.fraction.low + 0.1)
         fraction = rng.uniform(self.fraction.low, top, walkers)
-        linear = [named[name] for name in ("a_x", "a_y", "a_z")]
+        linear = [samples[name] for name in ("a_x", "a_y", "a_z")]
         if self.spin == "free":
             sums = self.rows.sums()
             error = 1 / np.sqrt(np.diag(sums.matrix)[OMEGA])

@@ -39,25 +39,29 @@ def plot_corner(
 ) -> AxesArray:
     """Plot every pair of quantities, with 68 and 95 % contours."""
     samples = posterior.samples
-    chosen = list(samples) if names is None else list(names)
-    unknown = [name for name in (*chosen, *(truths or {})) if name not in samples]
-    if unknown:
-        raise ParameterError(f"no quantity is called {', '.join(unknown)}; there are {', '.join(samples)}")
+    quantities = list(samples) if names is None else list(names)
+    invalid_names = [name for name in (*quantities, *(truths or {})) if name not in samples]
+    if invalid_names:
+        raise ParameterError(f"no quantity is called {', '.join(invalid_names)}; there are {', '.join(samples)}")
     if names is None:
-        free = [name for name in chosen if not name.startswith(("omega_", "speed")) and np.ptp(samples[name]) > 0]
-        chosen = [name for name in free if np.std(samples[name]) < _TOLD * _prior_sigma(posterior, name)] or free
-    if not chosen:
+        candidates = [
+            name for name in quantities if not name.startswith(("omega_", "speed")) and np.ptp(samples[name]) > 0
+        ]
+        quantities = [
+            name for name in candidates if np.std(samples[name]) < _TOLD * _prior_sigma(posterior, name)
+        ] or candidates
+    if not quantities:
         raise ParameterError("no quantity was free: there is nothing to draw")
-    data = np.stack([samples[name] for name in chosen], axis=1)
-    k = len(chosen)
-    true = [(truths or {}).get(name) for name in chosen]
+    data = np.stack([samples[name] for name in quantities], axis=1)
+    k = len(quantities)
+    true = [(truths or {}).get(name) for name in quantities]
     size = max(WIDTH, 0.95 * k + 0.6)
     figure = plt.figure(figsize=(size, size), layout="none") if ax is None else figure_of(panels(ax, k, k))
     with plt.rc_context({"axes.spines.top": True, "axes.spines.right": True}):
         import_quietly("corner").corner(
             data,
             fig=figure,
-            labels=[label(name) for name in chosen],
+            labels=[label(name) for name in quantities],
             levels=(0.683, 0.954),
             truths=true,
             truth_color=COLOURS[1],
@@ -69,17 +73,17 @@ def plot_corner(
             bins=30,
             max_n_ticks=3,
             labelpad=0.12,
-            range=[_reach(*each) for each in zip(data.T, true, strict=True)],
+            range=[_reach(*pair) for pair in zip(data.T, true, strict=True)],
         )
     if ax is None:
         edge = 0.8 / size  # else corner cuts labels off
         figure.subplots_adjust(left=edge, bottom=edge, right=1 - 0.1 / size, top=1 - 0.35 / size)
-    drawn = np.array(figure.axes[-k * k :], dtype=object).reshape(k, k)
-    for axes, name, values in zip(drawn.diagonal(), chosen, data.T, strict=True):
+    subplots = np.array(figure.axes[-k * k :], dtype=object).reshape(k, k)
+    for axes, name, values in zip(subplots.diagonal(), quantities, data.T, strict=True):
         axes.set_title(f"{_LABELS.get(name, name)} = {_median(values)}", fontsize=7)
-    _draw_prior(drawn, posterior, chosen)
+    _draw_prior(subplots, posterior, quantities)
     figure.suptitle(f"{posterior.frame} axes, velocity toward the apex", x=0.98, ha="right")
-    return drawn
+    return subplots
 
 
 def _prior_sigma(posterior, name):
@@ -97,29 +101,29 @@ def _prior_sigma(posterior, name):
 
 def _median(values):
     """Median with the way to both ends of its 68 %, two digits of the smaller."""
-    low, middle, high = np.quantile(values, (0.15865525, 0.5, 0.84134475))
-    digits = two_digits(min(middle - low, high - middle))
-    return rf"${middle:.{digits}f}^{{+{high - middle:.{digits}f}}}_{{-{middle - low:.{digits}f}}}$"
+    lower, middle, upper = np.quantile(values, (0.15865525, 0.5, 0.84134475))
+    digits = two_digits(min(middle - lower, upper - middle))
+    return rf"${middle:.{digits}f}^{{+{upper - middle:.{digits}f}}}_{{-{middle - lower:.{digits}f}}}$"
 
 
 def _reach(values, true):
     """All but the farthest thousandth of the samples, and the truth; not below zero where nothing is."""
-    low, high = np.quantile(values, [0.0005, 0.9995])
+    lower, upper = np.quantile(values, [0.0005, 0.9995])
     if true is not None:
-        low, high = min(low, true), max(high, true)
-    margin = 0.05 * (high - low) or 1.0
-    return low - margin if min(low, values.min()) < 0 else max(low - margin, 0.0), high + margin
+        lower, upper = min(lower, true), max(upper, true)
+    margin = 0.05 * (upper - lower) or 1.0
+    return lower - margin if min(lower, values.min()) < 0 else max(lower - margin, 0.0), upper + margin
 
 
-def _draw_prior(drawn, posterior, names):
+def _draw_prior(subplots, posterior, names):
     """The prior on H0 over the histogram of its samples."""
     model = getattr(posterior, "model", None)
     if model is None or "H0" not in names:
         return
-    place = names.index("H0")
-    axes = drawn[place, place]
-    low, high = axes.get_xlim()
-    x = np.linspace(low, high, 200)
+    index = names.index("H0")
+    axes = subplots[index, index]
+    lower, upper = axes.get_xlim()
+    x = np.linspace(lower, upper, 200)
     density = np.exp(model.priors.hubble.log(x))
     if density.max() > 0:
         axes.plot(x, density / density.max() * 0.9 * axes.get_ylim()[1], color="0.4", linestyle="--", linewidth=0.8)
@@ -129,14 +133,14 @@ def _draw_prior(drawn, posterior, names):
 def plot_trace(posterior: Any, n_shown: int = 40, *, ax: OnAxes | None = None) -> AxesArray:
     """Coordinates of some walkers against steps; the burn-in shaded, R̂ and the effective size beside each."""
     names, chain = posterior.model.names, posterior.chain
-    drawn = panels(ax, len(names), 1, size=(WIDTH, 0.75 * len(names) + 0.5), sharex=True)
-    each, every = max(1, chain.shape[1] // n_shown), max(1, len(chain) // 2000)
+    subplots = panels(ax, len(names), 1, size=(WIDTH, 0.75 * len(names) + 0.5), sharex=True)
+    walker_stride, every = max(1, chain.shape[1] // n_shown), max(1, len(chain) // 2000)
     r_hat, size = posterior.r_hat, posterior.effective_size
     left_out = min(len(chain), 5 * np.nan_to_num(max(posterior.autocorrelation.values()), nan=np.inf))
-    for axes, name, values in zip(drawn, names, np.moveaxis(chain, 2, 0), strict=True):
+    for axes, name, values in zip(subplots, names, np.moveaxis(chain, 2, 0), strict=True):
         axes.plot(
             np.arange(0, len(chain), every),
-            values[::every, ::each],
+            values[::every, ::walker_stride],
             color=COLOURS[0],
             alpha=0.2,
             linewidth=0.3,
@@ -145,18 +149,18 @@ def plot_trace(posterior: Any, n_shown: int = 40, *, ax: OnAxes | None = None) -
         axes.axvspan(0, left_out, color="0.85", zorder=0)
         axes.set_ylabel(label(name) if name in UNITS else f"${name}$")
         axes.set_title(f"R̂ = {r_hat[name]:.3f}, effective size {size[name]:.0f}", loc="right", fontsize=6.5, pad=2)
-    drawn[-1].set_xlabel("step (shaded: left out)")
-    return drawn
+    subplots[-1].set_xlabel("step (shaded: left out)")
+    return subplots
 
 
 @apply_style
 def plot_marginals(grid: Any, *, ax: OnAxes | None = None) -> AxesArray:
     """The marginal density of each quantity on a grid."""
-    drawn = panels(ax, len(grid.names), 1, size=(WIDTH, 1.9 * len(grid.names)))
-    for axes, name in zip(drawn, grid.names, strict=True):
+    subplots = panels(ax, len(grid.names), 1, size=(WIDTH, 1.9 * len(grid.names)))
+    for axes, name in zip(subplots, grid.names, strict=True):
         x, p = grid.marginal(name)
         axes.plot(x, p / (x[1] - x[0]), color=COLOURS[0])
         axes.set_xlabel(label(name).replace("\n", "  "))
         axes.set_ylabel("density")
         axes.set_ylim(bottom=0)
-    return drawn
+    return subplots

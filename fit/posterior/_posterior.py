@@ -55,7 +55,7 @@ class Cells:
     def of(cls, model: ParallaxModel, count: int | None = None) -> Cells:
         """Cells of a model: `count` of equal size along each number, or closer where the density is high."""
         limits = [model.priors.limits(name) for name in model.priors.free]
-        few, many = _COUNTS[len(limits)]
+        few, fine_count = _COUNTS[len(limits)]
         edges = [np.linspace(*pair, (count or few) + 1) for pair in limits]
         for _ in range(2):  # what the one before left over
             coarse = cls._on(model, edges)
@@ -64,12 +64,12 @@ class Cells:
         cells = cls._on(model, edges)
         if count is not None:
             return cells
-        return cls._on(model, [_closer(edge, p, many) for edge, p in zip(edges, cells.shares, strict=True)])
+        return cls._on(model, [_closer(edge, p, fine_count) for edge, p in zip(edges, cells.shares, strict=True)])
 
     @classmethod
     def _on(cls, model, edges):
         middles = [(edge[1:] + edge[:-1]) / 2 for edge in edges]
-        points = np.stack([each.ravel() for each in np.meshgrid(*middles, indexing="ij")], axis=1)
+        points = np.stack([grid.ravel() for grid in np.meshgrid(*middles, indexing="ij")], axis=1)
         log, mean, covariance = model.conditional(points)
         volume = reduce(np.multiply.outer, [np.diff(edge) for edge in edges])
         p = np.exp(log - log.max()).reshape(volume.shape) * volume
@@ -97,27 +97,27 @@ class Cells:
         """Coordinates of the model, (n, d), and the log-density they were drawn with, up to a constant."""
         share = np.cumsum(self.probability.ravel())
         cell = np.searchsorted(share, rng.uniform(size=n) * share[-1], side="right")
-        where = np.unravel_index(np.minimum(cell, share.size - 1), self.probability.shape)
-        low = np.stack([edge[i] for edge, i in zip(self.edges, where, strict=True)], axis=1)
-        high = np.stack([edge[i + 1] for edge, i in zip(self.edges, where, strict=True)], axis=1)
-        numbers = low + (high - low) * rng.uniform(size=low.shape)
-        first, log_first = self.model.draw_velocity(rng, numbers)
-        return np.column_stack([first, numbers]), self._log(where) + log_first
+        indices = np.unravel_index(np.minimum(cell, share.size - 1), self.probability.shape)
+        lower = np.stack([edge[i] for edge, i in zip(self.edges, indices, strict=True)], axis=1)
+        upper = np.stack([edge[i + 1] for edge, i in zip(self.edges, indices, strict=True)], axis=1)
+        numbers = lower + (upper - lower) * rng.uniform(size=lower.shape)
+        velocity, log_first = self.model.draw_velocity(rng, numbers)
+        return np.column_stack([velocity, numbers]), self._log(indices) + log_first
 
     def log_density(self, theta: FloatArray) -> FloatArray:
         """The log-density with which `draw` gives coordinates (n, d), up to the same constant."""
-        where, inside = [], np.ones(len(theta), bool)
+        indices, inside = [], np.ones(len(theta), bool)
         for edge, x in zip(self.edges, theta[:, 3:].T, strict=True):
             i = np.searchsorted(edge, x, side="right") - 1
             inside &= (i >= 0) & (i < edge.size - 1)
-            where.append(np.clip(i, 0, edge.size - 2))
-        log = np.where(inside, self._log(tuple(where)), -np.inf)
+            indices.append(np.clip(i, 0, edge.size - 2))
+        log = np.where(inside, self._log(tuple(indices)), -np.inf)
         return log + self.model.log_density_of_velocity(theta)
 
     def propose(self, coordinates: FloatArray, rng: np.random.RandomState) -> tuple[FloatArray, FloatArray]:
         """A move of emcee: to an independent draw, and by how much it is harder to come back."""
-        new, log_new = self.draw(rng, len(coordinates))
-        return new, self.log_density(coordinates) - log_new
+        draws, log_new = self.draw(rng, len(coordinates))
+        return draws, self.log_density(coordinates) - log_new
 
     def independent(self, rng: np.random.Generator, n: int) -> tuple[FloatArray, FloatArray]:
         """n independent draws of the posterior itself, (n, d), and their log-densities.
@@ -125,31 +125,31 @@ class Cells:
         Draws are kept with the ratio of the posterior to the density of the cells, over the largest that was seen: what
         varies within a cell is allowed for.
         """
-        kept: list[tuple[FloatArray, FloatArray]] = []
-        have, most = 0, -np.inf
+        batches: list[tuple[FloatArray, FloatArray]] = []
+        have, log_bound = 0, -np.inf
         while have < n:
             theta, log_drawn = self.draw(rng, n - have + n // 16 + 100)
             log = self.model.log_probability(theta)
-            if not kept:
-                most = float(np.max(log - log_drawn))
-            keep = np.log(rng.uniform(size=len(theta))) < log - log_drawn - most
-            kept.append((theta[keep], log[keep]))
+            if not batches:
+                log_bound = float(np.max(log - log_drawn))
+            keep = np.log(rng.uniform(size=len(theta))) < log - log_drawn - log_bound
+            batches.append((theta[keep], log[keep]))
             have += int(keep.sum())
-        theta, log = (np.concatenate(each)[:n] for each in zip(*kept, strict=True))
+        theta, log = (np.concatenate(arrays)[:n] for arrays in zip(*batches, strict=True))
         return theta, log
 
-    def _log(self, where):
+    def _log(self, indices):
         """The log-density within some cells."""
-        log_size = sum(np.log(np.diff(edge))[i] for edge, i in zip(self.edges, where, strict=True))
+        log_size = sum(np.log(np.diff(edge))[i] for edge, i in zip(self.edges, indices, strict=True))
         with np.errstate(divide="ignore"):
-            return np.log(self.probability[where]) - log_size
+            return np.log(self.probability[indices]) - log_size
 
 
 def check_few(priors: ModelPriors) -> None:
     """Raise ParameterError where a posterior is not known in cells."""
-    free = tuple(priors.free)
-    if len(free) > MOST:
-        raise ParameterError(f"a grid of {', '.join(free)} is too large: fix all but two, or sample with emcee")
+    names = tuple(priors.free)
+    if len(names) > MOST:
+        raise ParameterError(f"a grid of {', '.join(names)} is too large: fix all but two, or sample with emcee")
     if not priors.velocity.gaussian:
         raise ParameterError("on a grid the prior on the velocity must be Gaussian or flat: sample with emcee")
 
@@ -171,8 +171,8 @@ def _support(edge, share):
 
 def _closer(edge, share, number):
     """Edges of cells of which half share the probability evenly, and half the range."""
-    even = np.linspace(0, 1, edge.size)
-    return np.interp(np.linspace(0, 1, number + 1), (np.concatenate([[0.0], np.cumsum(share)]) + even) / 2, edge)
+    uniform_cdf = np.linspace(0, 1, edge.size)
+    return np.interp(np.linspace(0, 1, number + 1), (np.concatenate([[0.0], np.cumsum(share)]) + uniform_cdf) / 2, edge)
 
 
 #: Levels of the columns: median, 68 %, and one-sided limits of 95 %.
@@ -282,12 +282,12 @@ class Posterior(SampleResult):
             If the chain is shorter than 50 autocorrelation times. `chain` is there all the same.
         """
         self._check_length()
-        kept = self.chain[self.burn_in :: self.thinning]
-        return self.model.to_samples(kept.reshape(-1, kept.shape[-1]), np.random.default_rng([self.seed, 1]))
+        draws = self.chain[self.burn_in :: self.thinning]
+        return self.model.to_samples(draws.reshape(-1, draws.shape[-1]), np.random.default_rng([self.seed, 1]))
 
     def _sections(self, long):
-        others = self.hubble_by_prior if long else {}
-        return (*sections_of(self, long), *([_sensitivity(others)] if others else []))
+        quantiles = self.hubble_by_prior if long else {}
+        return (*sections_of(self, long), *([_sensitivity(quantiles)] if quantiles else []))
 
     @cached_property
     def hubble_by_prior(self) -> dict[str, HubbleQuantiles]:
@@ -356,9 +356,9 @@ class Posterior(SampleResult):
         """
         self._check_length()
         every = slice(self.burn_in, None, self.thinning)
-        kept = np.moveaxis(self.chain[every], 1, 0)
-        named = self.model.to_samples(kept.reshape(-1, kept.shape[-1]), np.random.default_rng([self.seed, 1]))
-        chains = {name: values.reshape(kept.shape[:2]) for name, values in named.items()}
+        draws = np.moveaxis(self.chain[every], 1, 0)
+        samples = self.model.to_samples(draws.reshape(-1, draws.shape[-1]), np.random.default_rng([self.seed, 1]))
+        chains = {name: values.reshape(draws.shape[:2]) for name, values in samples.items()}
         return inference_data(chains, self.log_probability[every].T, self.frame, UNITS)
 
     def corner(
@@ -410,11 +410,12 @@ class Posterior(SampleResult):
         slowest = self._slowest()
         if steps >= ENOUGH * slowest:
             return
-        known = np.isfinite(slowest)
-        length = f"{steps / slowest:.1f} autocorrelation times" if known else "so few that some walkers never moved"
-        wanted = int(np.ceil(2.5 * ENOUGH * slowest)) if known else 10 * steps
+        is_finite = np.isfinite(slowest)
+        length = f"{steps / slowest:.1f} autocorrelation times" if is_finite else "so few that some walkers never moved"
+        target_steps = int(np.ceil(2.5 * ENOUGH * slowest)) if is_finite else 10 * steps
         raise ConvergenceError(
-            f"{steps} steps are {length}; {ENOUGH} times are needed for a result. Ask for {wanted * walkers} samples "
+            f"{steps} steps are {length}; {ENOUGH} times are needed for a result. Ask for {target_steps * walkers} "
+            "samples "
             "or more (n_samples=, --n-samples; in Python also max_samples=); a chain with a checkpoint goes on from "
             "where it is"
         )
@@ -439,20 +440,22 @@ def _hubble_likelihood(model: Any) -> tuple[FloatArray, FloatArray] | None:
     """H0, and ln of its likelihood with all else integrated over its prior; None where there is no closed form."""
     if not hasattr(model, "conditional") or not model.priors.velocity.gaussian:
         return None
-    others = {name: prior for name, prior in model.priors.free.items() if name != "H0"}
-    if len(others) > max(_POINTS):
+    nuisance_priors = {name: prior for name, prior in model.priors.free.items() if name != "H0"}
+    if len(nuisance_priors) > max(_POINTS):
         return None
-    number, each = _POINTS[len(others)]
+    number, axis_size = _POINTS[len(nuisance_priors)]
     hubble, log_prior, axes = np.geomspace(*HUBBLE_LIMITS, number), np.zeros(()), []
-    for name, prior in others.items():
-        low, high = model.priors.limits(name)
-        axes.append(np.geomspace(max(low, 1e-3 * high), high, each))  # what is large goes with an H0 that is small
+    for name, prior in nuisance_priors.items():
+        lower, upper = model.priors.limits(name)
+        axes.append(
+            np.geomspace(max(lower, 1e-3 * upper), upper, axis_size)
+        )  # what is large goes with an H0 that is small
         log_prior = np.add.outer(log_prior, prior.log(axes[-1]) + np.log(np.gradient(axes[-1])))
     total = np.empty(number)
-    for part in np.array_split(np.arange(number), max(1, number * log_prior.size // 20_000)):
-        points = np.stack([grid.ravel() for grid in np.meshgrid(hubble[part], *axes, indexing="ij")], axis=1)
-        log = model.conditional(points, with_priors=False)[0].reshape(len(part), -1)
-        total[part] = logsumexp(log + log_prior.ravel(), axis=1)
+    for chunk in np.array_split(np.arange(number), max(1, number * log_prior.size // 20_000)):
+        points = np.stack([grid.ravel() for grid in np.meshgrid(hubble[chunk], *axes, indexing="ij")], axis=1)
+        log = model.conditional(points, with_priors=False)[0].reshape(len(chunk), -1)
+        total[chunk] = logsumexp(log + log_prior.ravel(), axis=1)
     fine = np.geomspace(*HUBBLE_LIMITS, 4000)
     return fine, np.interp(np.log(fine), np.log(hubble), total)
 
@@ -474,10 +477,10 @@ def _other_priors(prior: Any) -> dict[str, Any]:
 
 def _hubble_by_prior(model):
     """Quantiles of H0 under several priors, by their names."""
-    known = _hubble_likelihood(model)
-    if known is None or not np.isfinite(known[1]).any():
+    likelihood = _hubble_likelihood(model)
+    if likelihood is None or not np.isfinite(likelihood[1]).any():
         return {}
-    hubble, log = known
+    hubble, log = likelihood
     step, quantiles = np.gradient(hubble), {}
     for name, prior in _other_priors(model.priors.hubble).items():
         total = log + prior(hubble)
@@ -485,14 +488,14 @@ def _hubble_by_prior(model):
         share = np.cumsum(weight) / weight.sum()
         ends = weight[:40].sum() + weight[-40:].sum()  # within a factor of 1.07 of a limit
         leans = bool(ends > 0.02 * weight.sum())
-        median, low, high, below, above = np.interp(_LEVELS, share, hubble).tolist()
-        quantiles[name] = HubbleQuantiles(median, low, high, below, above, leans)
+        median, low68, high68, below, lower_limit = np.interp(_LEVELS, share, hubble).tolist()
+        quantiles[name] = HubbleQuantiles(median, low68, high68, below, lower_limit, leans)
     return quantiles
 
 
 def _sensitivity(quantiles: dict[str, HubbleQuantiles]) -> Section:
     """H0 under several priors, as a section."""
-    cells = [[three_digits(value) for value in each[:5]] for each in quantiles.values()]
+    cells = [[three_digits(value) for value in estimate[:5]] for estimate in quantiles.values()]
     columns = {
         "prior": list(quantiles),
         "median": [row[0] for row in cells],
@@ -500,7 +503,7 @@ def _sensitivity(quantiles: dict[str, HubbleQuantiles]) -> Section:
         "95 % below": [row[3] for row in cells],
         "95 % above": [row[4] for row in cells],
     }
-    leaning = [name for name, each in quantiles.items() if each.at_limits]
+    leaning = [name for name, estimate in quantiles.items() if estimate.at_limits]
     remarks = [f"Leans on the limits: {', '.join(leaning)}."] if leaning else []
     title = "H0 under other priors [km/s/Mpc], between 1 and 1000; one-sided limits"
     return Section(title, (), tables.table_of(columns), remarks=remarks)

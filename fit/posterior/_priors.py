@@ -44,9 +44,9 @@ class VelocityPrior:
         """Log-density at velocities v, (n, 3)."""
         if self.function is not None:
             return np.asarray(self.function(v), float)
-        away = v - self.mean
+        offset = v - self.mean
         _, logdet = np.linalg.slogdet(self.precision) if self.proper else (1, 0.0)
-        return (logdet - np.einsum("ni,ij,nj->n", away, self.precision, away)) / 2
+        return (logdet - np.einsum("ni,ij,nj->n", offset, self.precision, offset)) / 2
 
 
 def velocity_prior(value: Any, frame: str) -> VelocityPrior:
@@ -56,15 +56,13 @@ def velocity_prior(value: Any, frame: str) -> VelocityPrior:
     if isinstance(value, str) and value == "planck":
         value = CMB_VELOCITY_PLANCK18
     if isinstance(value, Vector):
-        turned = value.to_frame(frame)
-        if not np.linalg.eigvalsh(turned.covariance)[0] > 0:
+        vector = value.to_frame(frame)
+        if not np.linalg.eigvalsh(vector.covariance)[0] > 0:
             raise ParameterError("a Gaussian prior on the velocity needs errors in all three components")
-        precision = np.asarray(np.linalg.inv(turned.covariance), float)
+        precision = np.asarray(np.linalg.inv(vector.covariance), float)
         l, b = value.to_frame("galactic").direction
-        words = f"{value.amplitude:.2f} ± {value.amplitude_error:.2g} km/s toward l = {l:.2f}°, b = {b:+.2f}°"
-        return VelocityPrior(
-            f"Gaussian {value.value} {value.sigma} {value.frame}", turned.value, precision, words=words
-        )
+        text = f"{value.amplitude:.2f} ± {value.amplitude_error:.2g} km/s toward l = {l:.2f}°, b = {b:+.2f}°"
+        return VelocityPrior(f"Gaussian {value.value} {value.sigma} {value.frame}", vector.value, precision, words=text)
     if callable(value):
         return VelocityPrior(f"function {named_function(value)}", function=value)
     raise ParameterError(f"a velocity prior is 'planck', 'flat', 'flat-product', a Vector or a function, not {value!r}")
@@ -154,9 +152,9 @@ def as_priors(
     """The Priors that `sample` and `grid` were given one by one."""
     single = {"velocity": velocity_prior, "hubble": hubble_prior} | options
     single = {name: value for name, value in single.items() if value is not None and name not in DISTANCES}
-    unknown = set(single) - set(Priors.__dataclass_fields__)
-    if unknown:
-        raise ParameterError(f"no prior is called {', '.join(sorted(unknown))}; there are those of Priors")
+    invalid_names = set(single) - set(Priors.__dataclass_fields__)
+    if invalid_names:
+        raise ParameterError(f"no prior is called {', '.join(sorted(invalid_names))}; there are those of Priors")
     return Priors(**single)
 
 
@@ -186,21 +184,21 @@ class ModelPriors:
         prior = self._by_name()[name]
         if isinstance(prior, float):
             return prior, prior
-        low, high = prior.low, prior.high
+        lower, upper = prior.low, prior.high
         if isinstance(prior, Normal):
-            low, high = max(low, prior.mean - 8 * prior.sigma), min(high, prior.mean + 8 * prior.sigma)
+            lower, upper = max(lower, prior.mean - 8 * prior.sigma), min(upper, prior.mean + 8 * prior.sigma)
         if name == "H0":
-            return max(low, min(HUBBLE_LIMITS[0], high / 100)), min(high, HUBBLE_LIMITS[1])
-        if not np.isfinite(high):
+            return max(lower, min(HUBBLE_LIMITS[0], upper / 100)), min(upper, HUBBLE_LIMITS[1])
+        if not np.isfinite(upper):
             raise ParameterError(f"the prior on {name} needs an upper limit: Flat(0, high)")
-        return max(low, 0.0), high
+        return max(lower, 0.0), upper
 
     def log(self, values: FloatArray) -> FloatArray:
         """Summed log-density of the free numbers, (n,), from their columns (n, k)."""
         total = np.zeros(len(values))
         for column, (name, prior) in zip(values.T, self.free.items(), strict=True):
-            low, high = self.limits(name)
-            total += np.where((column >= low) & (column <= high), prior.log(column), -np.inf)
+            lower, upper = self.limits(name)
+            total += np.where((column >= lower) & (column <= upper), prior.log(column), -np.inf)
         return total
 
     def _by_name(self):
@@ -212,8 +210,8 @@ class ModelPriors:
         prior = self.peculiar_dispersion
         if isinstance(prior, float):
             return prior
-        low, high = self.limits("peculiar_dispersion")
-        return prior.mean if isinstance(prior, Normal) else (low + high) / 2
+        lower, upper = self.limits("peculiar_dispersion")
+        return prior.mean if isinstance(prior, Normal) else (lower + upper) / 2
 
     def describe(self) -> dict[str, str]:
         """Describe them to the last digit, for the fingerprint of a chain."""
@@ -232,8 +230,8 @@ def _in_words(prior):
     if isinstance(prior, Flat):
         return f"flat from {prior.low:g} to {prior.high:g}"
     if isinstance(prior, Normal):
-        bounded = np.isfinite([prior.low, prior.high]).any()
-        return f"{prior.mean:g} ± {prior.sigma:g}" + (f", from {prior.low:g} to {prior.high:g}" if bounded else "")
+        has_limits = np.isfinite([prior.low, prior.high]).any()
+        return f"{prior.mean:g} ± {prior.sigma:g}" + (f", from {prior.low:g} to {prior.high:g}" if has_limits else "")
     return f"{prior:g}" if isinstance(prior, float) else repr(prior)
 
 
@@ -254,8 +252,8 @@ def checked_priors(priors: Priors, frame: str, distances: DistanceOptions | None
         )
     dispersion = priors.peculiar_dispersion
     if dispersion is None or isinstance(dispersion, (int, float, np.number)):
-        fixed = None if dispersion is None else _number_or_prior(dispersion, "peculiar_dispersion")
-        dispersion = dispersion_of(fixed, distances or {})
+        fixed_dispersion = None if dispersion is None else _number_or_prior(dispersion, "peculiar_dispersion")
+        dispersion = dispersion_of(fixed_dispersion, distances or {})
     amplitude = priors.flow_amplitude
     return ModelPriors(
         velocity,

@@ -45,9 +45,9 @@ def posterior_equations(
     field: Field | Parts, priors: Priors, cosmology: Cosmology | None, distances: DistanceOptions
 ) -> tuple[ParallaxEquations | ParallaxParts, ModelPriors]:
     """The equations of a catalogue, and the priors along its axes."""
-    first = field if isinstance(field, Field) else next(iter(field))
-    given = checked_priors(priors, first.frame, distances)
-    rows = parallax_equations(field, cosmology, peculiar_dispersion=given.typical_dispersion, **distances)
+    first_field = field if isinstance(field, Field) else next(iter(field))
+    model_priors = checked_priors(priors, first_field.frame, distances)
+    rows = parallax_equations(field, cosmology, peculiar_dispersion=model_priors.typical_dispersion, **distances)
     if rows.n_own:
         raise ParameterError(
             f"{rows.n_own} sources have distances in Mpc, of which the motions tell v, not v · H0: the posterior takes "
@@ -55,15 +55,15 @@ def posterior_equations(
         )
     rows = collect_notes(rows, field, distances.get("redshift_frame"))
     if rows.left_out is not None:
-        rows = replace(rows, notes=(_left_out(rows, given), *rows.notes))
+        rows = replace(rows, notes=(_left_out(rows, model_priors), *rows.notes))
     if rows.modes is not None:
-        given = replace(given, flows=f"{len(rows.modes)} modes of {rows.modes.theory.name}")
-    return rows, given
+        model_priors = replace(model_priors, flows=f"{len(rows.modes)} modes of {rows.modes.theory.name}")
+    return rows, model_priors
 
 
-def _left_out(rows, given):
+def _left_out(rows, model_priors):
     """Note on what omitted flows would add."""
-    sums = rows.left_out.sums(given.typical_dispersion, 0.0, rows.n_data // 2)
+    sums = rows.left_out.sums(model_priors.typical_dispersion, 0.0, rows.n_data // 2)
     size = np.sqrt(np.diag(flow_covariance(sums, np.eye(9)[:, : OMEGA.start], 1.0)))
     return (
         "warning: not in the intervals: flows of linear theory, which galaxies share, add about "
@@ -146,19 +146,19 @@ def sample(
     are to a new draw, and the report has the grid's H0 beside the chain's.
     """
     choice("method", method, ("emcee", "grid"))
-    known = as_priors(velocity_prior, hubble_prior, dict(noise))
+    priors = as_priors(velocity_prior, hubble_prior, dict(noise))
     distances = distances_of(dict(noise))
-    if known.outliers is not None and "flows" not in distances:
+    if priors.outliers is not None and "flows" not in distances:
         distances["flows"] = None  # which a mixture of sources cannot hold: a note says what they would add
-    rows, given = posterior_equations(field, known, cosmology, distances)
-    spin, outliers, outlier_width = known.spin, known.outliers, known.outlier_width
+    rows, model_priors = posterior_equations(field, priors, cosmology, distances)
+    spin, outliers, outlier_width = priors.spin, priors.outliers, priors.outlier_width
     if method == "grid":  # before the likelihood is tabulated
-        check_few(given)
+        check_few(model_priors)
         if outliers is not None:
             raise ParameterError("a grid has no outliers: sample the posterior with emcee")
         if checkpoint is not None:
             raise ParameterError("independent draws from a grid are made at once: they take no checkpoint")
-    model: Any = parallax_model(rows, given, spin, threads)
+    model: Any = parallax_model(rows, model_priors, spin, threads)
     if outliers is not None:
         if not isinstance(rows, ParallaxEquations):
             raise ParameterError("outliers are separated source by source, in memory: give a Field, not parts")
@@ -177,15 +177,15 @@ def sample(
         return _log_run(Posterior(*draws, model, rows.frame, rows.notes, seed, method), begun)
     cells, start = in_cells(model), np.random.default_rng(seed)
     begin = model.start(start, n_walkers) if cells is None else cells.independent(start, n_walkers)[0]
-    most = 16 * steps if max_samples is None else int(max_samples) // n_walkers
-    run = Run(model, begin, seed, steps, progress, save_every, most, None if cells is None else cells.propose)
+    max_steps = 16 * steps if max_samples is None else int(max_samples) // n_walkers
+    run = Run(model, begin, seed, steps, progress, save_every, max_steps, None if cells is None else cells.propose)
     if checkpoint is not None:
         check_writable(checkpoint)
         spin_said = f"{spin.value} {spin.sigma}" if isinstance(spin, Vector) else str(spin)
         identity = fingerprint(
             _data(field, rows),
             f"{rows.n_data // 2} sources, {rows.frame}",
-            given.describe()
+            model_priors.describe()
             | {
                 "cosmology": repr(cosmology),
                 "spin": spin_said,
@@ -211,8 +211,8 @@ def _log_run(posterior, begun):
 def _data(field, rows):
     """The arrays that tell one catalogue from another: of the field, or the sums of its parts."""
     if isinstance(field, Field):
-        known = [getattr(field, name) for name in ("lon", "lat", "motion", "sigma", "rho", "redshift")]
-        return known + [getattr(field, name) for name in MEASURED[1:] if getattr(field, name) is not None]
+        arrays = [getattr(field, name) for name in ("lon", "lat", "motion", "sigma", "rho", "redshift")]
+        return arrays + [getattr(field, name) for name in MEASURED[1:] if getattr(field, name) is not None]
     sums = rows.sums()
     return [sums.matrix, sums.rhs, sums.chi2_null, sums.logdet]
 
@@ -270,8 +270,8 @@ class GridPosterior(Result):
     def marginal(self, name: str) -> tuple[FloatArray, FloatArray]:
         """Values and probabilities of the quantity `name`: two arrays."""
         index = self.names.index(name)
-        others = tuple(i for i in range(len(self.names)) if i != index)
-        return self.axes[index], self.probability.sum(others)
+        other_axes = tuple(i for i in range(len(self.names)) if i != index)
+        return self.axes[index], self.probability.sum(other_axes)
 
     def mean(self, name: str) -> float:
         """Posterior mean of the quantity `name`."""
@@ -317,19 +317,19 @@ def grid(
     ParameterError
         If more than two numbers are free, or the velocity's prior is a function.
     """
-    known = as_priors(velocity_prior, hubble_prior, dict(noise))
-    if known.outliers is not None:
+    priors = as_priors(velocity_prior, hubble_prior, dict(noise))
+    if priors.outliers is not None:
         raise ParameterError("a grid has no outliers: sample the posterior")
-    rows, given = posterior_equations(field, known, cosmology, distances_of(dict(noise)))
-    check_few(given)
-    return of_cells(Cells.of(parallax_model(rows, given, known.spin, threads), n_points))
+    rows, model_priors = posterior_equations(field, priors, cosmology, distances_of(dict(noise)))
+    check_few(model_priors)
+    return of_cells(Cells.of(parallax_model(rows, model_priors, priors.spin, threads), n_points))
 
 
 def of_cells(cells: Cells) -> GridPosterior:
     """Summarise the cells."""
     weight, mean = cells.probability.ravel(), cells.mean
     centre = weight @ mean
-    away = mean - centre
-    spread = np.einsum("n,nij->ij", weight, cells.covariance) + np.einsum("n,ni,nj->ij", weight, away, away)
-    velocity = Vector(centre, spread, cells.model.likelihood.frame, "km/s")
+    offset = mean - centre
+    covariance = np.einsum("n,nij->ij", weight, cells.covariance) + np.einsum("n,ni,nj->ij", weight, offset, offset)
+    velocity = Vector(centre, covariance, cells.model.likelihood.frame, "km/s")
     return GridPosterior(tuple(cells.model.priors.free), cells.axes, cells.probability, velocity)

@@ -74,15 +74,15 @@ class SampleResult(Result):
     def hubble_limits(self) -> tuple[float, float] | None:
         """Limits of H0: one-sided 95 % limits of H0, lower and upper, where its error is too large for a ±; else None.
         [km/s/Mpc]"""
-        low, middle, high = np.percentile(self.samples["H0"], [5, 50, 95]).tolist()
-        return None if np.std(self.samples["H0"]) < _WIDE * middle else (low, high)
+        lower, middle, upper = np.percentile(self.samples["H0"], [5, 50, 95]).tolist()
+        return None if np.std(self.samples["H0"]) < _WIDE * middle else (lower, upper)
 
     @property
     def product(self) -> tuple[float, float, float]:
         """v H0, which the motions determine: its median, and the ends of its 68 % interval. [(km/s)²/Mpc]"""
         values = self.samples["speed"] * self.samples["H0"]
-        median, low, high = np.percentile(values, [50, 15.865525, 84.134475]).tolist()
-        return median, low, high
+        median, lower, upper = np.percentile(values, [50, 15.865525, 84.134475]).tolist()
+        return median, lower, upper
 
     def print_summary(self) -> dict[str, list[str]]:
         """Median, and the limits of the 68 and 95 % intervals, to the digits that their Monte Carlo errors allow."""
@@ -170,26 +170,26 @@ class Samples(SampleResult):
 
     def _pack(self):
         units = {name: FITS_UNITS[UNITS[name]] for name in self.samples if UNITS.get(name)}
-        rest = {"frame": self.frame, "notes": list(map(str, self.notes)), "priors": self.priors, "seed": self.seed}
-        rest["walkers"] = self.walkers
-        return self.samples, rest, units
+        metadata = {"frame": self.frame, "notes": list(map(str, self.notes)), "priors": self.priors, "seed": self.seed}
+        metadata["walkers"] = self.walkers
+        return self.samples, metadata, units
 
     @classmethod
-    def _unpack(cls, columns, rest):
+    def _unpack(cls, columns, metadata):
         samples = {name: float_array(name, values) for name, values in columns.items()}
         return cls(
             samples,
-            check_frame(rest["frame"]),
-            words(rest["notes"]),
-            dict(rest["priors"]),
-            int(rest["seed"]),
-            _walkers(samples, rest),
+            check_frame(metadata["frame"]),
+            words(metadata["notes"]),
+            dict(metadata["priors"]),
+            int(metadata["seed"]),
+            _walkers(samples, metadata),
         )
 
 
-def _walkers(samples, rest):
+def _walkers(samples, header):
     """The number of walkers of a file; one where an older file does not say it."""
-    walkers = count(rest.get("walkers", 1))
+    walkers = count(header.get("walkers", 1))
     if not walkers or any(values.size % walkers for values in samples.values()):
         raise ParameterError(f"{walkers} walkers do not go with the number of samples")
     return walkers
@@ -215,21 +215,21 @@ def _origin(posterior):
         return facts
     mean, sigma = posterior.cells.hubble
     error = sigma / np.sqrt(posterior.effective_size["H0"])
-    apart = (np.mean(posterior.samples["H0"]) - mean) / error
-    words = f"mean H0 is {apart:+.1f} of its Monte Carlo errors from that on a grid, {mean:.4g} ± {sigma:.2g}"
-    return [*facts, ("check", words)]
+    pull = (np.mean(posterior.samples["H0"]) - mean) / error
+    text = f"mean H0 is {pull:+.1f} of its Monte Carlo errors from that on a grid, {mean:.4g} ± {sigma:.2g}"
+    return [*facts, ("check", text)]
 
 
 def prior_facts(priors: Mapping[str, str]) -> list[tuple[str, str]]:
     """The priors, as labels with words."""
     dispersion = priors["peculiar_dispersion"]
     is_fixed = dispersion.replace(".", "").isdigit()
-    fixed = "fixed: in the weights alone" if is_fixed else "free: the scatter bears on its product with H0"
+    remark = "fixed: in the weights alone" if is_fixed else "free: the scatter bears on its product with H0"
     flow = priors.get("flow_amplitude", "1")
     facts = [
         ("prior: velocity", priors["velocity"]),
         ("prior: H0", f"{priors['hubble']} km/s/Mpc"),
-        ("prior: peculiar velocities", f"dispersion {dispersion} km/s ({fixed})"),
+        ("prior: peculiar velocities", f"dispersion {dispersion} km/s ({remark})"),
         ("prior: flows", priors.get("flows", "none that galaxies share")),
         ("prior: excess noise", f"{priors['excess_noise']} µas/yr"),
     ]
@@ -278,28 +278,28 @@ def _product(posterior):
     """v · H0, and one-sided limits of H0, where its error is too large for a ±."""
     if posterior.hubble_limits is None:
         return []
-    low, high = posterior.hubble_limits
+    lower, upper = posterior.hubble_limits
     product = posterior.product
     return [
         f"v · H0: median {product[0]:.0f}, 68 % {product[1]:.0f} … {product[2]:.0f} (km/s)²/Mpc",
-        f"H0 is below {three_digits(high)} with 95 %, above {three_digits(low)} with 95 % (one-sided) km/s/Mpc",
+        f"H0 is below {three_digits(upper)} with 95 %, above {three_digits(lower)} with 95 % (one-sided) km/s/Mpc",
     ]
 
 
-def _at_limits(posterior, near=0.02, share=1e-3):
+def _at_limits(posterior, margin=0.02, share=1e-3):
     """Warnings where samples lean against a limit that neither data nor priors give."""
     prior, samples = posterior.model.priors.hubble, posterior.samples["H0"]
-    low, high = posterior.model.priors.limits("H0")
+    lower, upper = posterior.model.priors.limits("H0")
     lines = []
-    width = near * (high - low)
-    for limit, leaning, given in (
-        (low, samples < min(low + width, low * (1 + 5 * near)), prior.low),
-        (high, samples > high * (1 - near), prior.high),
+    width = margin * (upper - lower)
+    for limit, leaning, prior_limit in (
+        (lower, samples < min(lower + width, lower * (1 + 5 * margin)), prior.low),
+        (upper, samples > upper * (1 - margin), prior.high),
     ):
         if np.mean(leaning) > share:
-            who = "of the prior" if limit == given else "of the sampler"
+            origin = "of the prior" if limit == prior_limit else "of the sampler"
             lines.append(
                 f"warning: {100 * np.mean(leaning):.2g} % of the samples lie next to H0 = {limit:g}, a limit "
-                f"{who}: the result depends on where it is"
+                f"{origin}: the result depends on where it is"
             )
     return lines

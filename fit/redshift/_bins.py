@@ -107,7 +107,7 @@ def binned(
             f"the edges of redshift bins rise from one to the next, not {edges[at]} to {edges[at + 1]}"
         )
     bins = len(edges) - 1
-    summed: dict[Any, Any]
+    bin_sums: dict[Any, Any]
     theory, calibration = flow_theory({"flows": flows}), None
     weights, remarks = None, ()
     if method != "least-squares":
@@ -120,22 +120,22 @@ def binned(
     sums_of = partial(normal_equations, threads=threads) if weights is None else weights.equations
     work = partial(_by_bin, edges=edges, modes=modes, calibration=calibration, flow=flow, sums_of=sums_of)
     if isinstance(field, Parts):
-        summed = field.sum(work, roles=("redshift",), words="bins of redshift")
+        bin_sums = field.sum(work, roles=("redshift",), words="bins of redshift")
     else:
-        summed = reduce(added, map(work, [field] if isinstance(field, Field) else field), {})
-    notes = [*format_notes(merge_notes(*summed.get("notes", ()))), *remarks]
-    if summed.get("outside"):
-        notes.append(f"left out {summed['outside']} sources with redshifts outside {edges[0]:g} … {edges[-1]:g}")
+        bin_sums = reduce(added, map(work, [field] if isinstance(field, Field) else field), {})
+    notes = [*format_notes(merge_notes(*bin_sums.get("notes", ()))), *remarks]
+    if bin_sums.get("outside"):
+        notes.append(f"left out {bin_sums['outside']} sources with redshifts outside {edges[0]:g} … {edges[-1]:g}")
     for b in range(bins):
-        if b not in summed:
+        if b not in bin_sums:
             raise DegeneracyError(
                 f"bin {b + 1} of {bins}, {edges[b]:g} ≤ z < {edges[b + 1]:g}, is empty: choose other edges"
             )
-    normals, sums = [summed[b][0] for b in range(bins)], np.array([summed[b][1] for b in range(bins)])
+    normals, sums = [bin_sums[b][0] for b in range(bins)], np.array([bin_sums[b][1] for b in range(bins)])
     counts = sums[:, 0].astype(int)
-    columns = None if flow is None else [summed[b][2] for b in range(bins)]
+    columns = None if flow is None else [bin_sums[b][2] for b in range(bins)]
     solve_bins = _joint if shared_higher_degrees and modes.lmax > 1 else _split_bins
-    solutions, covariance, free, flow_covariance = solve_bins(normals, edges, columns)
+    solutions, covariance, free_modes, flow_covariance = solve_bins(normals, edges, columns)
     with np.errstate(invalid="ignore", divide="ignore"):
         mean_inverse_distance = sums[:, 3] / sums[:, 4]
     return BinnedSolution(
@@ -145,7 +145,7 @@ def binned(
         sums[:, 2] / sums[:, 1],
         counts,
         covariance,
-        free,
+        free_modes,
         mean_inverse_distance,
         tuple(notes),
         flow_covariance,
@@ -183,11 +183,11 @@ def _by_bin(field, edges, modes, calibration, flow, sums_of):
         good = with_redshift(field, 0.0)
     except EmptyFieldError as error:  # other parts may have some
         return {"notes": [(*field.notes, *error.notes)]}
-    place = np.searchsorted(edges, np.asarray(good.redshift), side="right") - 1
+    bin_index = np.searchsorted(edges, np.asarray(good.redshift), side="right") - 1
     bins = len(edges) - 1
-    sums: dict[Any, Any] = {"outside": int(((place < 0) | (place >= bins)).sum()), "notes": [good.notes]}
-    for b in np.unique(place[(place >= 0) & (place < bins)]):
-        inside = good[place == b]
+    sums: dict[Any, Any] = {"outside": int(((bin_index < 0) | (bin_index >= bins)).sum()), "notes": [good.notes]}
+    for b in np.unique(bin_index[(bin_index >= 0) & (bin_index < bins)]):
+        inside = good[bin_index == b]
         rate = mean_rates(inside, calibration)
         moments = _moments(inside, rate)
         columns: tuple[Any, ...] = ()
@@ -252,20 +252,20 @@ def _split_bins(normals, edges, columns):
     covariance = np.zeros((bins, p, bins, p))
     for b, solution in enumerate(solutions):
         covariance[b, :, b] = solution.covariance
-    added = None
+    flow_covariance = None
     if columns is not None:
-        carried = [s.covariance @ x for s, x in zip(solutions, columns, strict=True)]
-        solutions = [_with_flow(s, k) for s, k in zip(solutions, carried, strict=True)]
-        of_all = np.concatenate(carried)
-        added = of_all @ of_all.T
-    return solutions, covariance.reshape(bins * p, bins * p), np.arange(p), added
+        flow_response = [s.covariance @ x for s, x in zip(solutions, columns, strict=True)]
+        solutions = [_with_flow(s, k) for s, k in zip(solutions, flow_response, strict=True)]
+        of_all = np.concatenate(flow_response)
+        flow_covariance = of_all @ of_all.T
+    return solutions, covariance.reshape(bins * p, bins * p), np.arange(p), flow_covariance
 
 
-def _with_flow(solution, carried):
+def _with_flow(solution, flow_response):
     """A solution whose errors are right a flow that was not fitted."""
     return replace(
         solution,
-        covariance=solution.covariance + carried @ carried.T,
+        covariance=solution.covariance + flow_response @ flow_response.T,
         errors_from="the catalogue, and flows of galaxies",
         error_source=ErrorSource.FLOWS,
     )
@@ -274,33 +274,37 @@ def _with_flow(solution, carried):
 def _joint(normals, edges, columns):
     """Degree 1 in each bin, the rest in common: one system of normal equations."""
     modes, bins = normals[0].modes, len(normals)
-    own = np.array([i for i, mode in enumerate(modes) if mode.l == 1])
-    rest = np.array([i for i, mode in enumerate(modes) if mode.l > 1])
+    free_modes = np.array([i for i, mode in enumerate(modes) if mode.l == 1])
+    common_modes = np.array([i for i, mode in enumerate(modes) if mode.l > 1])
     for b, normal in enumerate(normals):  # a bin that cannot bear its own degree 1 is determined by name
-        one = NormalEquations(as_modes(1), normal.matrix[np.ix_(own, own)], normal.rhs[own], 0.0, normal.n_data)
+        free_normal = NormalEquations(
+            as_modes(1), normal.matrix[np.ix_(free_modes, free_modes)], normal.rhs[free_modes], 0.0, normal.n_data
+        )
         try:
-            solve(one)
+            solve(free_normal)
         except DegeneracyError as error:
             raise DegeneracyError(_of_bin(b, edges, error)) from None
-    size, shared = 6 * bins + len(rest), slice(6 * bins, None)
+    size, common_slice = 6 * bins + len(common_modes), slice(6 * bins, None)
     matrix, rhs = np.zeros((size, size)), np.zeros(size)
     for b, normal in enumerate(normals):
         mine = slice(6 * b, 6 * b + 6)
-        matrix[mine, mine], rhs[mine] = normal.matrix[np.ix_(own, own)], normal.rhs[own]
-        matrix[mine, shared] = normal.matrix[np.ix_(own, rest)]
-        matrix[shared, mine] = matrix[mine, shared].T
-        matrix[shared, shared] += normal.matrix[np.ix_(rest, rest)]
-        rhs[shared] += normal.rhs[rest]
+        matrix[mine, mine], rhs[mine] = normal.matrix[np.ix_(free_modes, free_modes)], normal.rhs[free_modes]
+        matrix[mine, common_slice] = normal.matrix[np.ix_(free_modes, common_modes)]
+        matrix[common_slice, mine] = matrix[mine, common_slice].T
+        matrix[common_slice, common_slice] += normal.matrix[np.ix_(common_modes, common_modes)]
+        rhs[common_slice] += normal.rhs[common_modes]
     scale = 1 / np.sqrt(np.diag(matrix))
-    scaled = matrix * np.outer(scale, scale)
-    if np.linalg.eigvalsh(scaled)[0] < 1e-10:
-        raise DegeneracyError(f"the bins together cannot separate {len(rest)} common and {6 * bins} free coefficients")
-    covariance = np.linalg.inv(scaled) * np.outer(scale, scale)
+    scaled_matrix = matrix * np.outer(scale, scale)
+    if np.linalg.eigvalsh(scaled_matrix)[0] < 1e-10:
+        raise DegeneracyError(
+            f"the bins together cannot separate {len(common_modes)} common and {6 * bins} free coefficients"
+        )
+    covariance = np.linalg.inv(scaled_matrix) * np.outer(scale, scale)
     theta = covariance @ rhs
     solutions = []
     for b, normal in enumerate(normals):
         index = np.empty(len(modes), int)
-        index[own], index[rest] = np.arange(6 * b, 6 * b + 6), np.arange(6 * bins, size)
+        index[free_modes], index[common_modes] = np.arange(6 * b, 6 * b + 6), np.arange(6 * bins, size)
         values = theta[index]
         chi2 = float(normal.chi2_null - 2 * values @ normal.rhs + values @ normal.matrix @ values)
         solutions.append(
@@ -314,15 +318,17 @@ def _joint(normals, edges, columns):
                 "the catalogue, all bins together",
             )
         )
-    noise, added = covariance[: 6 * bins, : 6 * bins], None
+    noise, flow_covariance = covariance[: 6 * bins, : 6 * bins], None
     if columns is not None:
-        carried = covariance @ np.concatenate([*(x[own] for x in columns), sum(x[rest] for x in columns)])
+        flow_response = covariance @ np.concatenate(
+            [*(x[free_modes] for x in columns), sum(x[common_modes] for x in columns)]
+        )
         for b, solution in enumerate(solutions):
             index = np.empty(len(modes), int)
-            index[own], index[rest] = np.arange(6 * b, 6 * b + 6), np.arange(6 * bins, size)
-            solutions[b] = _with_flow(solution, carried[index])
-        added = carried[: 6 * bins] @ carried[: 6 * bins].T
-    return solutions, noise, own, added
+            index[free_modes], index[common_modes] = np.arange(6 * b, 6 * b + 6), np.arange(6 * bins, size)
+            solutions[b] = _with_flow(solution, flow_response[index])
+        flow_covariance = flow_response[: 6 * bins] @ flow_response[: 6 * bins].T
+    return solutions, noise, free_modes, flow_covariance
 
 
 def _of_bin(b, edges, error):
@@ -394,42 +400,42 @@ def permutation_test(
     field = with_redshift(field, 0.0)
     calibration = None if velocity is None else calibrate_if_known(field, redshift_frame, peculiar_dispersion)
     redshift = np.asarray(field.redshift)
-    place = np.searchsorted(binned.edges, redshift, side="right") - 1
-    inside = (place >= 0) & (place < len(binned))
-    field, place = field[inside], place[inside]
-    field = field.with_errors(field.sigma * np.sqrt(binned.scales)[place])
+    bin_index = np.searchsorted(binned.edges, redshift, side="right") - 1
+    inside = (bin_index >= 0) & (bin_index < len(binned))
+    field, bin_index = field[inside], bin_index[inside]
+    field = field.with_errors(field.sigma * np.sqrt(binned.scales)[bin_index])
     motions = [field.motion]
     if velocity is not None:
         motions.append(field.motion - _parallax(field, velocity, calibration))
     rows = np.concatenate([harmonics(field.lon, field.lat, Modes(1)), np.stack(motions)])
     a, b, c = field.weights
-    weighted = np.stack([a * rows[:, 0] + c * rows[:, 1], c * rows[:, 0] + b * rows[:, 1]], axis=1)
+    weighted_rows = np.stack([a * rows[:, 0] + c * rows[:, 1], c * rows[:, 0] + b * rows[:, 1]], axis=1)
     # N, the right-hand sides, and χ² of nothing, of each source.
-    products = np.einsum("ikn,jkn->nij", rows, weighted)
+    products = np.einsum("ikn,jkn->nij", rows, weighted_rows)
     size = products.shape[1]
     products = products.reshape(len(field), -1)
     counts: dict[str, int] = {}
     observed: dict[str, float] = {}
     for _ in range(n_permutations + 1):
-        sums = np.stack([np.bincount(place, column, len(binned)) for column in products.T], axis=1)
+        sums = np.stack([np.bincount(bin_index, column, len(binned)) for column in products.T], axis=1)
         sums = sums.reshape(-1, size, size)
-        statistics = _statistics(sums, np.bincount(place, minlength=len(binned)), binned, velocity is not None)
+        statistics = _statistics(sums, np.bincount(bin_index, minlength=len(binned)), binned, velocity is not None)
         if not observed:
             observed, counts = statistics, dict.fromkeys(statistics, 0)
         for name, chi2 in statistics.items():
             counts[name] += chi2 >= observed[name] * (1 - 1e-12)
-        place = rng.permutation(place)
+        bin_index = rng.permutation(bin_index)
     return {name: count / (n_permutations + 1) for name, count in counts.items()}
 
 
-def _statistics(sums, sources, binned, with_velocity):
+def _statistics(sums, sources, binned_solution, with_velocity):
     degree = {kind: np.arange(6)[Modes(1).slice_of(kind, 1)] for kind in KINDS}
     values, covariance = _solve_bins(sums, sources, 6)
     statistics: dict[str, Any] = {
         kind: equality_chi2(values[:, at], covariance[:, at][:, :, at]) for kind, at in degree.items()
     }
-    if len(binned) > 1:
-        statistics["trend"] = slope_chi2(values, covariance, binned.redshift)
+    if len(binned_solution) > 1:
+        statistics["trend"] = slope_chi2(values, covariance, binned_solution.redshift)
     if with_velocity:
         values, covariance = _solve_bins(sums, sources, 7)
         at = degree["S"]

@@ -15,18 +15,18 @@ from vsh.vector import Vector
 @apply_style
 def plot_bins(binned: Any, velocity: str | Vector | None = "planck", *, ax: OnAxes | None = None) -> AxesArray:
     """Spin and acceleration, components and amplitude, in each bin."""
-    drawn = panels(ax, 4, 1, size=(WIDTH, 6.6), sharex=True, height_ratios=(2, 1, 2, 1))
+    axes_array = panels(ax, 4, 1, size=(WIDTH, 6.6), sharex=True, height_ratios=(2, 1, 2, 1))
     # A bin measures the mean of 1/d, and that is where its marker stands.
     z, edges = np.clip(binned.effective_redshift, binned.edges[:-1], binned.edges[1:]), binned.edges
     logarithmic = edges[0] > 0 and edges[-1] > 5 * edges[0]
     for (components, amplitude), name, symbol in zip(
-        drawn.reshape(2, 2), ("acceleration", "spin"), ("ã", "ω"), strict=True
+        axes_array.reshape(2, 2), ("acceleration", "spin"), ("ã", "ω"), strict=True
     ):
         vectors = [getattr(solution, name) for solution in binned.solutions]
         for i, (axis, colour) in enumerate(zip("xyz", COLOURS, strict=False)):
-            away = z * 1.03 ** (i - 1) if logarithmic else z + (i - 1) * 0.006 * (edges[-1] - edges[0])
+            positions = z * 1.03 ** (i - 1) if logarithmic else z + (i - 1) * 0.006 * (edges[-1] - edges[0])
             components.errorbar(
-                away,
+                positions,
                 [v.value[i] for v in vectors],
                 [v.sigma[i] for v in vectors],
                 fmt="os^"[i],
@@ -50,35 +50,35 @@ def plot_bins(binned: Any, velocity: str | Vector | None = "planck", *, ax: OnAx
         amplitude.set_ylabel(f"|{symbol}|  [µas/yr]")
         amplitude.set_ylim(bottom=0)
     if velocity is not None:
-        _draw_prediction(binned, velocity, drawn[:2])
-    for axes in drawn:
+        _draw_prediction(binned, velocity, axes_array[:2])
+    for axes in axes_array:
         legend_above(axes, 5)
-    drawn[-1].set_xlabel("redshift (markers: where the mean of 1/distance is)")
-    for axes in drawn:
+    axes_array[-1].set_xlabel("redshift (markers: where the mean of 1/distance is)")
+    for axes in axes_array:
         axes.set_xscale("log" if logarithmic else "linear")
         if logarithmic:
-            low = max(edges[0], z.min() / 20)  # a first bin from next to nothing would take half the axis
-            axes.set_xlim(low / 1.2, edges[-1] * 1.2)
-            log_ticks(axes.xaxis, low, edges[-1])
-    figure_of(drawn).suptitle(f"{binned.counts.sum()} sources in {len(binned)} bins; {binned.frame} axes")
-    return drawn
+            lower = max(edges[0], z.min() / 20)  # a first bin from next to nothing would take half the axis
+            axes.set_xlim(lower / 1.2, edges[-1] * 1.2)
+            log_ticks(axes.xaxis, lower, edges[-1])
+    figure_of(axes_array).suptitle(f"{binned.counts.sum()} sources in {len(binned)} bins; {binned.frame} axes")
+    return axes_array
 
 
-def _draw_prediction(binned, velocity, drawn):
-    velocity = velocity_along(velocity, binned.frame)
+def _draw_prediction(binned_solution, velocity, axes_pair):
+    velocity = velocity_along(velocity, binned_solution.frame)
     try:
-        acceleration, _ = binned.secular_parallax(velocity)
+        acceleration, _ = binned_solution.secular_parallax(velocity)
     except ParameterError:
         return  # bins without a distance: there is nothing to predict
-    components, amplitude = drawn
-    edges = binned.edges
-    low = edges[0] if edges[0] > 0 else binned.redshift[0] / 3
-    grid = np.geomspace(max(low, FLOW_LIMIT), edges[-1], 200)
+    components, amplitude = axes_pair
+    edges = binned_solution.edges
+    lower = edges[0] if edges[0] > 0 else binned_solution.redshift[0] / 3
+    grid = np.geomspace(max(lower, FLOW_LIMIT), edges[-1], 200)
     curves = acceleration.value[:, None] - np.outer(velocity.value, 1 / (AU_PER_YEAR * transverse_distance(grid)))
     for curve, colour in zip(curves, COLOURS, strict=False):
         components.plot(grid, curve, color=colour, linestyle="--", linewidth=0.7, zorder=0.5)
     # What the test compares with: one value a bin.
-    steps = acceleration.value[:, None] - np.outer(velocity.value, binned.mean_inverse_distance) / AU_PER_YEAR
+    steps = acceleration.value[:, None] - np.outer(velocity.value, binned_solution.mean_inverse_distance) / AU_PER_YEAR
     for step, colour in zip(steps, COLOURS, strict=False):
         components.hlines(step, edges[:-1], edges[1:], color=colour, linewidth=1.6, alpha=0.35, zorder=0.6)
     components.plot(
@@ -86,10 +86,12 @@ def _draw_prediction(binned, velocity, drawn):
     )
     amplitude.plot(grid, np.linalg.norm(curves, axis=0), color="0.4", linestyle="--", linewidth=0.7, label="ã − v/d")
     # The curves may run off where there are few sources: the data set the scale.
-    low, high = zip(*[(v.value - v.sigma, v.value + v.sigma) for v in (s.acceleration for s in binned.solutions)])
-    reach = np.ptp([np.min(low), np.max(high)])
-    components.set_ylim(np.min(low) - 0.3 * reach, np.max(high) + 0.3 * reach)
-    top = max(s.acceleration.amplitude + s.acceleration.amplitude_error for s in binned.solutions)
+    lower, upper = zip(
+        *[(v.value - v.sigma, v.value + v.sigma) for v in (s.acceleration for s in binned_solution.solutions)]
+    )
+    reach = np.ptp([np.min(lower), np.max(upper)])
+    components.set_ylim(np.min(lower) - 0.3 * reach, np.max(upper) + 0.3 * reach)
+    top = max(s.acceleration.amplitude + s.acceleration.amplitude_error for s in binned_solution.solutions)
     amplitude.set_ylim(0, 1.3 * top)
 
 

@@ -104,9 +104,9 @@ def welch(binned: Any, steps: int) -> tuple[float, float]:
     """Divisor of a scaled χ², and the degrees of freedom of its scale (Welch 1951), for `steps` contrasts."""
     weight, dof = information(binned)
     share = weight / weight.sum()
-    spread = np.sum((1 - share) ** 2 / dof)
+    welch_sum = np.sum((1 - share) ** 2 / dof)
     k = steps + 1
-    return 1 + 2 * (k - 2) / (k * k - 1) * spread, (k * k - 1) / (3 * spread)
+    return 1 + 2 * (k - 2) / (k * k - 1) * welch_sum, (k * k - 1) / (3 * welch_sum)
 
 
 def information(binned: Any) -> tuple[FloatArray, FloatArray]:
@@ -119,8 +119,8 @@ def information(binned: Any) -> tuple[FloatArray, FloatArray]:
 
 def slope_of(estimate: tuple[FloatArray, float, FloatArray], q: int) -> float:
     """χ² of no slope, from what `gls` found for constants and slopes."""
-    theta, _, spread = estimate
-    return float(theta[q:] @ np.linalg.solve(spread[q:, q:], theta[q:]))
+    theta, _, theta_covariance = estimate
+    return float(theta[q:] @ np.linalg.solve(theta_covariance[q:, q:], theta[q:]))
 
 
 def equality_chi2(values: FloatArray, covariance: FloatArray) -> float:
@@ -154,31 +154,31 @@ class SharedFlow:
 
     def of(self, field: Field, rate: FloatArray, modes: Modes) -> tuple[Field, FloatArray]:
         """Sources with errors that hold their own motions, and X (p, m) of those within reach of the flow."""
-        near = np.flatnonzero(rate > 0)
-        distance = hubble_value(FLAT_PLANCK13) / 100 / (AU_PER_YEAR * rate[near])
-        left = np.full(near.size, self.theory.sigma**2)
+        indices = np.flatnonzero(rate > 0)
+        distance = hubble_value(FLAT_PLANCK13) / 100 / (AU_PER_YEAR * rate[indices])
+        residual_variance = np.full(indices.size, self.theory.sigma**2)
         reach = distance <= self.modes.radii[-1]
-        left[reach] = self.modes.left(distance[reach])[0]
-        added = np.zeros(len(field))
-        added[near] = rate[near] ** 2 * (left + self.dispersion**2)
-        sigma = np.sqrt(field.sigma**2 + added)
+        residual_variance[reach] = self.modes.left(distance[reach])[0]
+        motion_variance = np.zeros(len(field))
+        motion_variance[indices] = rate[indices] ** 2 * (residual_variance + self.dispersion**2)
+        sigma = np.sqrt(field.sigma**2 + motion_variance)
         field = field.with_errors(sigma, field.rho * np.prod(field.sigma, 0) / np.prod(sigma, 0))
-        near, distance = near[reach], distance[reach]
+        indices, distance = indices[reach], distance[reach]
         total = np.zeros((len(modes), len(self.modes)))
         a, b, c = field.weights
-        for start in range(0, near.size, _BLOCK):
-            rows, far = near[start : start + _BLOCK], distance[start : start + _BLOCK]
-            east, north = self.modes.at(field.lon[rows], field.lat[rows], far)[0] * rate[rows, None]
+        for start in range(0, indices.size, _BLOCK):
+            rows, block_distance = indices[start : start + _BLOCK], distance[start : start + _BLOCK]
+            east, north = self.modes.at(field.lon[rows], field.lat[rows], block_distance)[0] * rate[rows, None]
             basis = harmonics(field.lon[rows], field.lat[rows], modes)
             total += (basis[:, 0] * a[rows] + basis[:, 1] * c[rows]) @ east
             total += (basis[:, 0] * c[rows] + basis[:, 1] * b[rows]) @ north
         return field, total
 
 
-def _counts(field, low, high):
+def _counts(field, lower, upper):
     if field.redshift is None:
         return 0.0
-    inside = usable(field.redshift) & (field.redshift >= low) & (field.redshift < high)
+    inside = usable(field.redshift) & (field.redshift >= lower) & (field.redshift < upper)
     return flow_counts(field.redshift[inside], field.information[inside]) if inside.any() else 0.0
 
 
@@ -186,12 +186,12 @@ def shared_flow(
     field: Any, edges: FloatArray, theory: LinearTheory, dispersion: float | None, n_modes: int
 ) -> SharedFlow | None:
     """The flow of the sources between some redshifts; None where they are all beyond its reach."""
-    low, high = max(edges[0], FLOW_LIMIT), max(edges[-1], FLOW_LIMIT)
+    lower, upper = max(edges[0], FLOW_LIMIT), max(edges[-1], FLOW_LIMIT)
     if isinstance(field, Field | Parts):
-        counts = as_parts(field).sum(partial(_counts, low=low, high=high), roles=("redshift",), words="redshifts")
+        counts = as_parts(field).sum(partial(_counts, lower=lower, upper=upper), roles=("redshift",), words="redshifts")
         if np.any(counts):
-            low, high = flow_limits(counts)
-    modes = modes_within((low, high), FLAT_PLANCK13, theory, n_modes)
+            lower, upper = flow_limits(counts)
+    modes = modes_within((lower, upper), FLAT_PLANCK13, theory, n_modes)
     return None if modes is None else SharedFlow(theory, modes, LEFT_DISPERSION if dispersion is None else dispersion)
 
 
@@ -230,22 +230,22 @@ def sections_of(
     if not long:
         for name in ("spin", "acceleration"):
             table[f"|{name}| [µas/yr]"] = [amplitude(getattr(solution, name)) for solution in binned.solutions]
-    shown = [name for name in table.colnames if long or not name.startswith(("spin", "acceleration"))]
-    first = Section(title, (), table, shown, forms={"chi2_dof": ".2f"}, remarks=warnings)
-    return (first, _tests_section(binned, velocity, p_values))
+    columns = [name for name in table.colnames if long or not name.startswith(("spin", "acceleration"))]
+    bins_section = Section(title, (), table, columns, forms={"chi2_dof": ".2f"}, remarks=warnings)
+    return (bins_section, _tests_section(binned, velocity, p_values))
 
 
-def _tests_section(binned, velocity, p_values):
+def _tests_section(binned_solution, velocity, p_values):
     """Section on whether the bins differ, each hypothesis with its p-values."""
-    tests = {"T": ("spin alike in all bins", binned.equality("T", 1))}
-    tests["S"] = ("acceleration alike in all bins", binned.equality("S", 1))
-    if len(binned) > 1:
-        tests["trend"] = ("neither has a linear trend with redshift", binned.trend(first=True).test)
-    if velocity is not None and np.isfinite(binned.mean_inverse_distance).all():
-        words = f"constant acceleration plus secular parallax, |v| = {velocity.amplitude:.0f} km/s"
-        tests["secular_parallax"] = (words, binned.secular_parallax(velocity)[1])
+    tests = {"T": ("spin alike in all bins", binned_solution.equality("T", 1))}
+    tests["S"] = ("acceleration alike in all bins", binned_solution.equality("S", 1))
+    if len(binned_solution) > 1:
+        tests["trend"] = ("neither has a linear trend with redshift", binned_solution.trend(first=True).test)
+    if velocity is not None and np.isfinite(binned_solution.mean_inverse_distance).all():
+        hypothesis = f"constant acceleration plus secular parallax, |v| = {velocity.amplitude:.0f} km/s"
+        tests["secular_parallax"] = (hypothesis, binned_solution.secular_parallax(velocity)[1])
     rows = [(name, test, (p_values or {}).get(key, np.nan)) for key, (name, test) in tests.items() if test.dof]
-    believed = [test.p_value if np.isnan(p) else max(test.p_value, p) for _, test, p in rows]
+    verdict_p_values = [test.p_value if np.isnan(p) else max(test.p_value, p) for _, test, p in rows]
     columns = {
         "hypothesis": [name for name, _, _ in rows],
         "χ²": [test.quoted for _, test, _ in rows],
@@ -253,20 +253,20 @@ def _tests_section(binned, velocity, p_values):
         "p_value formal": [test.p_value_quoted for _, test, _ in rows],
         "p_value scaled": [test.p_value for _, test, _ in rows],
         "p_value permuted": [p for _, _, p in rows],
-        "verdict": ["contradicted" if p < _REMARKABLE else "not contradicted" for p in believed],
+        "verdict": ["contradicted" if p < _REMARKABLE else "not contradicted" for p in verdict_p_values],
     }
-    remarks = [f"permuted: {why}"] if (why := _not_permuted(binned, p_values)) else []
+    remarks = [f"permuted: {reason}"] if (reason := _not_permuted(binned_solution, p_values)) else []
     table, forms = tables.table_of(columns), {"χ²": ".2f"}
-    return Section("Do the bins differ?", (), table, forms=forms, remarks=remarks, notes=binned.notes)
+    return Section("Do the bins differ?", (), table, forms=forms, remarks=remarks, notes=binned_solution.notes)
 
 
-def _not_permuted(binned, p_values):
+def _not_permuted(binned_solution, p_values):
     """Reason why redshifts were not permuted; nothing where they were."""
-    if p_values is not None or len(binned) == 1:
+    if p_values is not None or len(binned_solution) == 1:
         return ""
-    if binned.modes.lmax > 1:
+    if binned_solution.modes.lmax > 1:
         return "computed with --lmax 1 alone"
-    if binned.flow_share > FLOW_MATTERS:
+    if binned_solution.flow_share > FLOW_MATTERS:
         return (
             "not computed, because a permutation of the redshifts destroys the coherent flow of neighbouring galaxies"
         )
@@ -416,19 +416,19 @@ class BinnedSolution(Result):
         if len(self) < 2 or np.ptp(x) == 0:
             raise ParameterError("a trend needs at least two bins")
         l = 1 if first else None
-        values, covariance, free, _ = self._select_series(None, l)
+        values, covariance, free_modes, _ = self._select_series(None, l)
         q = values.shape[1]
         line = np.stack([np.ones(len(self)), x - x.mean()], 1)
-        theta, _, spread = gls(values, covariance, line)
-        slopes, error = theta[q:], spread[q:, q:]
-        vectors = [_vector(self.modes, kind, slopes, error, free, self.frame) for kind in KINDS]
-        misfit, scaled, quoted = self._compare_with_model(None, l, line)
-        explained = slope_of(scaled, q), slope_of(quoted, q)
+        theta, _, theta_covariance = gls(values, covariance, line)
+        slopes, error = theta[q:], theta_covariance[q:, q:]
+        vectors = [_vector(self.modes, kind, slopes, error, free_modes, self.frame) for kind in KINDS]
+        misfit, scaled_estimate, quoted_estimate = self._compare_with_model(None, l, line)
+        chi2_pair = slope_of(scaled_estimate, q), slope_of(quoted_estimate, q)
         # Satterthwaite's (1946) degrees of freedom of a slope's scale, from each bin's share in its variance.
         weight, dof = information(self)
-        part = weight * (x - weight @ x / weight.sum()) ** 2
-        p = f_p_value(explained[0], q, part.sum() ** 2 / np.sum(part**2 / dof))
-        test = ChiSquare(explained[0], q, p, explained[1], float(chdtrc(q, explained[1])))
+        shares = weight * (x - weight @ x / weight.sum()) ** 2
+        p = f_p_value(chi2_pair[0], q, shares.sum() ** 2 / np.sum(shares**2 / dof))
+        test = ChiSquare(chi2_pair[0], q, p, chi2_pair[1], float(chdtrc(q, chi2_pair[1])))
         return Trend(slopes, error, test, misfit, *vectors)
 
     def secular_parallax(self, velocity: Vector) -> tuple[Vector, ChiSquare]:
@@ -454,12 +454,12 @@ class BinnedSolution(Result):
             raise ParameterError(
                 "a secular parallax needs a distance in every bin, and some bin has no source with z ≥ 1e-4"
             )
-        values, covariance, free, _ = self._select_series("S", 1)
+        values, covariance, free_modes, _ = self._select_series("S", 1)
         rows = FIRST_DEGREE @ -velocity.to_frame(self.frame).value / AU_PER_YEAR
         constant, parallaxes = np.ones((len(self), 1)), np.outer(self.mean_inverse_distance, rows)
-        theta, _, spread = gls(values - parallaxes, covariance, constant)
+        theta, _, theta_covariance = gls(values - parallaxes, covariance, constant)
         test, _, _ = self._compare_with_model("S", 1, constant, parallaxes)
-        return _vector(self.modes, "S", theta, spread, free, self.frame), test
+        return _vector(self.modes, "S", theta, theta_covariance, free_modes, self.frame), test
 
     def to_table(self) -> Table:
         """Spin and acceleration in each bin, with errors, as an astropy Table."""
@@ -517,16 +517,20 @@ class BinnedSolution(Result):
         -----
         The covariance of flows, where near galaxies share them, adds to it.
         """
-        labels = [f"{low:g} ≤ z < {high:g}" for low, high in pairwise(self.edges)]
+        labels = [f"{lower:g} ≤ z < {upper:g}" for lower, upper in pairwise(self.edges)]
         options = {"noise_scale": self.is_scaled} | options
-        found = shared(self.normals, degrees, labels=labels, **options)
+        comparison = shared(self.normals, degrees, labels=labels, **options)
         if self.flow_covariance is None:
-            return found
+            return comparison
         modes, bins, q = list(self.modes), len(self), len(self.free)
-        first = [i for i, k in enumerate(self.free) if modes[k].l == 1]
-        index = (np.arange(bins)[:, None] * q + first).ravel()
-        flow = self.flow_covariance[np.ix_(index, index)].reshape(bins, len(first), bins, len(first))
-        return replace(found, covariances=found.covariances + flow, notes=(*found.notes, "flows are in these errors"))
+        dipole_indices = [i for i, k in enumerate(self.free) if modes[k].l == 1]
+        index = (np.arange(bins)[:, None] * q + dipole_indices).ravel()
+        flow = self.flow_covariance[np.ix_(index, index)].reshape(bins, len(dipole_indices), bins, len(dipole_indices))
+        return replace(
+            comparison,
+            covariances=comparison.covariances + flow,
+            notes=(*comparison.notes, "flows are in these errors"),
+        )
 
     def plot(self, velocity: str | Vector | None = "planck", *, ax: OnAxes | None = None) -> AxesArray:
         """Components against redshift, with the secular parallax of a velocity drawn in; on matplotlib axes.
@@ -548,36 +552,40 @@ class BinnedSolution(Result):
         keep = [i for i, k in enumerate(self.free) if kind in (None, modes[k].kind) and l in (None, modes[k].l)]
         if not keep:
             raise ParameterError(f"no free coefficients of kind {kind} and degree {l} in the bins")
-        free = self.free[keep]
+        free_modes = self.free[keep]
         q, bins = len(self.free), len(self)
         index = (np.arange(bins)[:, None] * q + keep).ravel()
-        values = np.stack([solution.coefficients.values[free] for solution in self.solutions])
+        values = np.stack([solution.coefficients.values[free_modes] for solution in self.solutions])
         noise = self.covariance[np.ix_(index, index)]
         total = noise if self.flow_covariance is None else noise + self.flow_covariance[np.ix_(index, index)]
-        return values, total, free, noise
+        return values, total, free_modes, noise
 
     def _compare_with_model(self, kind, l, design, model=0.0):
         """A test of the bins about a linear design; and what the fit gave, scaled and as quoted: (θ, χ², errors)."""
         values, covariance, _, noise = self._select_series(kind, l)
         q = values.shape[1]
         root = np.repeat(np.sqrt(self.scales), q)
-        scaled = gls(values - model, noise * np.outer(root, root) + (covariance - noise), design)
-        quoted = gls(values - model, covariance, design)
+        scaled_estimate = gls(values - model, noise * np.outer(root, root) + (covariance - noise), design)
+        quoted_estimate = gls(values - model, covariance, design)
         steps = len(self) - design.shape[1]
-        return self._test(scaled[1], quoted[1], steps * q, steps), scaled, quoted
+        return self._test(scaled_estimate[1], quoted_estimate[1], steps * q, steps), scaled_estimate, quoted_estimate
 
-    def _test(self, scaled, quoted, dof, steps):
+    def _test(self, scaled_chi2, quoted_chi2, dof, steps):
         if not dof:
             return ChiSquare(0.0, 0, float("nan"), 0.0, float("nan"))
         factor, denominator = welch(self, steps)
         return ChiSquare(
-            scaled / factor, dof, f_p_value(scaled / factor, dof, denominator), quoted, float(chdtrc(dof, quoted))
+            scaled_chi2 / factor,
+            dof,
+            f_p_value(scaled_chi2 / factor, dof, denominator),
+            quoted_chi2,
+            float(chdtrc(dof, quoted_chi2)),
         )
 
 
-def _vector(modes, kind, values, covariance, free, frame):
+def _vector(modes, kind, values, covariance, free_modes, frame):
     """A vector from those of the values that belong to degree 1 of a kind."""
-    wanted = np.arange(len(modes))[modes.slice_of(kind, 1)]
-    at = [int(np.flatnonzero(free == k)[0]) for k in wanted]
+    dipole_modes = np.arange(len(modes))[modes.slice_of(kind, 1)]
+    at = [int(np.flatnonzero(free_modes == k)[0]) for k in dipole_modes]
     inverse = np.linalg.inv(FIRST_DEGREE)
     return Vector(inverse @ values[at], inverse @ covariance[np.ix_(at, at)] @ inverse.T, frame)

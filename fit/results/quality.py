@@ -127,12 +127,12 @@ def norm_limit(norms: FloatArray, sigma: FloatArray, size: int, probability: flo
     """
     significance = norms / sigma
     x = np.linspace(1e-3, max(float(significance.max()), 0.1), 400) ** 2
-    low, high = np.zeros_like(x), np.sqrt(x) + 12
+    lower, upper = np.zeros_like(x), np.sqrt(x) + 12
     for _ in range(60):
-        middle = (low + high) / 2
-        above = chndtr(x, size, middle**2) / chdtr(size, x) > 1 - probability
-        low, high = np.where(above, middle, low), np.where(above, high, middle)
-    return sigma * np.interp(significance, np.sqrt(x), high)
+        middle = (lower + upper) / 2
+        is_allowed = chndtr(x, size, middle**2) / chdtr(size, x) > 1 - probability
+        lower, upper = np.where(is_allowed, middle, lower), np.where(is_allowed, upper, middle)
+    return sigma * np.interp(significance, np.sqrt(x), upper)
 
 
 def hint_of(p: float) -> str:
@@ -145,17 +145,17 @@ def gls(values: FloatArray, covariance: FloatArray, design: FloatArray) -> tuple
     q = values.shape[1]
     full = np.kron(design, np.eye(q))
     y = values.ravel()
-    weighted = np.linalg.solve(covariance, np.column_stack([full, y]))
-    spread = np.linalg.inv(full.T @ weighted[:, :-1])
-    theta = spread @ (full.T @ weighted[:, -1])
-    least = float(y @ weighted[:, -1] - theta @ (full.T @ weighted[:, -1]))
-    return theta, least, spread
+    products = np.linalg.solve(covariance, np.column_stack([full, y]))
+    theta_covariance = np.linalg.inv(full.T @ products[:, :-1])
+    theta = theta_covariance @ (full.T @ products[:, -1])
+    least = float(y @ products[:, -1] - theta @ (full.T @ products[:, -1]))
+    return theta, least, theta_covariance
 
 
 def solution_of(result: Any, function: str) -> Any:
     """The solution for coefficients that a result is about, or the result itself where it is one."""
     solution = getattr(result, "solution", result)
     if not hasattr(solution, "error_source"):  # coefficients with a covariance say where it is from
-        own = f": use its own, .{function}" if hasattr(solution, function) else ""
-        raise ParameterError(f"{function} is for solutions for coefficients, not a {type(solution).__name__}{own}")
+        hint = f": use its own, .{function}" if hasattr(solution, function) else ""
+        raise ParameterError(f"{function} is for solutions for coefficients, not a {type(solution).__name__}{hint}")
     return solution

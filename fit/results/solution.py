@@ -42,10 +42,10 @@ class Gaussian(NamedTuple):
     def log_density(self, parameters: ArrayLike) -> FloatArray:
         """Logarithm of the normalised density at parameters, (…, p) → (…)."""
         factor = np.linalg.cholesky(self.covariance)
-        away = np.asarray(parameters, float) - self.mean
-        white = solve_triangular(factor, away.reshape(-1, len(self.mean)).T, lower=True)
+        deviation = np.asarray(parameters, float) - self.mean
+        white = solve_triangular(factor, deviation.reshape(-1, len(self.mean)).T, lower=True)
         constant = np.log(np.diag(factor)).sum() + len(self.mean) / 2 * np.log(2 * np.pi)
-        return (-0.5 * (white**2).sum(0) - constant).reshape(away.shape[:-1])
+        return (-0.5 * (white**2).sum(0) - constant).reshape(deviation.shape[:-1])
 
 
 class LinearSolution(Result):
@@ -65,17 +65,20 @@ class LinearSolution(Result):
 
     def __getitem__(self, name: str) -> Any:
         """A vector ("spin", "acceleration", "orientation") as a Vector, or a parameter as (value, sigma)."""
-        vectors, names = ["spin", "acceleration", "orientation"], [str(each) for each in self.names]
+        vectors, names = ["spin", "acceleration", "orientation"], [str(candidate) for candidate in self.names]
         if name in vectors:
             with suppress(AttributeError, ValueError):  # what is not among the parameters of a solution
                 if (vector := getattr(self, name)) is not None:
                     return vector
         if name in names:
-            place = names.index(name)
-            return float(self.values[place]), float(self.sigma[place])
-        near = [each for each in get_close_matches(str(name), [*vectors, *names], n=3) if each != name]
+            index = names.index(name)
+            return float(self.values[index]), float(self.sigma[index])
+        suggestions = [
+            candidate for candidate in get_close_matches(str(name), [*vectors, *names], n=3) if candidate != name
+        ]
         raise ParameterError(
-            f"nothing of this solution is called {name!r}" + (f": is it {' or '.join(near)}?" if near else "")
+            f"nothing of this solution is called {name!r}"
+            + (f": is it {' or '.join(suggestions)}?" if suggestions else "")
         )
 
     @property
@@ -183,7 +186,7 @@ class HarmonicSolution(LinearSolution):
         unless `debiased` is false, so that a small power may come out negative.
         """
         if l is None:
-            return np.array([self.power(kind, each, debiased=debiased) for each in np.unique(self.modes.degrees)])
+            return np.array([self.power(kind, degree, debiased=debiased) for degree in np.unique(self.modes.degrees)])
         values, _ = self.of_degree(kind, l)
         power = float(self._power_weights(l) @ values**2)
         return power - self.noise_power(kind, l) if debiased else power
@@ -271,9 +274,11 @@ class SolutionSummary:
 
         formal = vectors_of(self.formal)
         rows: list[Any] = [
-            (f"{name}_{axis}", value, error, alone, value - error, value + error)
+            (f"{name}_{axis}", value, error, formal_error, value - error, value + error)
             for name, vector in vectors_of(self).items()
-            for axis, value, error, alone in zip("xyz", vector.value, vector.sigma, formal[name].sigma, strict=True)
+            for axis, value, error, formal_error in zip(
+                "xyz", vector.value, vector.sigma, formal[name].sigma, strict=True
+            )
         ]
         names = ("parameter", "value", "error", "formal_error", "low_68", "high_68")
         columns = dict(zip(names, map(np.array, zip(*rows, strict=True)), strict=True))
@@ -406,10 +411,10 @@ class Solution(SolutionSummary, HarmonicSolution):
 
     def _lines(self):
         """Lines of the repr: what was fitted, and its vectors, a line each."""
-        first = f"degree {self.modes.lmax}, {self.n_sources} sources, {self.frame}, errors: {self.error_source.value}"
-        first += " and systematic floor" * self.includes_floor
+        heading = f"degree {self.modes.lmax}, {self.n_sources} sources, {self.frame}, errors: {self.error_source.value}"
+        heading += " and systematic floor" * self.includes_floor
         names = ("spin", "acceleration") if self.modes.components == 2 and self.modes.lowest == 1 else ()
-        return "\n ".join([first, *(f"{name} {getattr(self, name).in_numbers()}" for name in names)])
+        return "\n ".join([heading, *(f"{name} {getattr(self, name).in_numbers()}" for name in names)])
 
     def sections(
         self, *, long: bool = False, check: Any = None, truth: dict[str, Any] | None = None, source: str | None = None
@@ -549,9 +554,9 @@ class Solution(SolutionSummary, HarmonicSolution):
         from vsh.figures.plot import picture_of, plot_field
 
         field, covariance = field.to_frame(self.frame), self.covariance
-        shown = ShownPage("fit", field, self.coefficients, covariance, self.unit)
+        page = ShownPage("fit", field, self.coefficients, covariance, self.unit)
         return widget(
-            shown,
+            page,
             height=height,
             static=lambda: picture_of(plot_field(field, self.coefficients, covariance=covariance, unit=self.unit)),
         )
@@ -562,7 +567,7 @@ class Solution(SolutionSummary, HarmonicSolution):
             "sigma": self.sigma,
             "covariance": self.covariance,
         }
-        rest = {
+        metadata = {
             "lmax": self.modes.lmax,
             "chi2": exact(self.chi2),
             "n_data": int(self.n_data),
@@ -580,43 +585,43 @@ class Solution(SolutionSummary, HarmonicSolution):
             "includes_floor": bool(self.includes_floor),
             "is_recommended": bool(self.is_recommended),
         }
-        return columns, rest, self._units
+        return columns, metadata, self._units
 
     @property
     def _units(self):
         """Units of the columns, where they are ones that tables know."""
-        known = {"µas/yr": ("uas / yr", "uas2 / yr2"), "µas": ("uas", "uas2")}
-        if self.unit not in known:
+        units = {"µas/yr": ("uas / yr", "uas2 / yr2"), "µas": ("uas", "uas2")}
+        if self.unit not in units:
             return {}
-        one, squared = known[self.unit]
-        return {"value": one, "sigma": one, "covariance": squared}
+        unit, square_unit = units[self.unit]
+        return {"value": unit, "sigma": unit, "covariance": square_unit}
 
     @classmethod
-    def _unpack(cls, columns, rest):
+    def _unpack(cls, columns, metadata):
         float_array("value", columns["value"])
-        return cls(*cls._plain(columns, rest))
+        return cls(*cls._plain(columns, metadata))
 
     @classmethod
-    def _plain(cls, columns, rest):
+    def _plain(cls, columns, metadata):
         """Attributes of every solution, in their order."""
-        coefficients = cls._coefficients(rest["lmax"], columns["value"])
+        coefficients = cls._coefficients(metadata["lmax"], columns["value"])
         return (
             coefficients,
             columns["covariance"],
-            number(rest["chi2"]),
-            count(rest["n_data"]),
-            check_frame(rest["frame"]),
-            coded(words(rest["notes"]), words(rest["note_codes"])),
-            str(rest["errors_from"]),
-            number(rest["covariance_dof"]),
-            number(rest["by_prior"]),
-            decoded(rest["without_prior"]),
-            str(rest["unit"]),
-            decoded(rest.get("floor")),
-            decoded(rest.get("formal_covariance")),
-            ErrorSource(rest["error_source"]),
-            rest["includes_floor"] is True,
-            rest["is_recommended"] is True,
+            number(metadata["chi2"]),
+            count(metadata["n_data"]),
+            check_frame(metadata["frame"]),
+            coded(words(metadata["notes"]), words(metadata["note_codes"])),
+            str(metadata["errors_from"]),
+            number(metadata["covariance_dof"]),
+            number(metadata["by_prior"]),
+            decoded(metadata["without_prior"]),
+            str(metadata["unit"]),
+            decoded(metadata.get("floor")),
+            decoded(metadata.get("formal_covariance")),
+            ErrorSource(metadata["error_source"]),
+            metadata["includes_floor"] is True,
+            metadata["is_recommended"] is True,
         )
 
 
@@ -719,16 +724,16 @@ class NamedSolution(LinearSolution):
             "sigma": self.sigma,
             "covariance": self.covariance,
         }
-        rest = {
+        attributes = {
             entry.name: encode(getattr(self, entry.name))
             for entry in fields(self)
             if entry.name not in ("names", "values", "covariance")
         }
-        return columns, {"fields": rest}, {}
+        return columns, {"fields": attributes}, {}
 
     @classmethod
-    def _unpack(cls, columns, rest):
-        options = {name: decoded(value) for name, value in rest["fields"].items()}
+    def _unpack(cls, columns, metadata):
+        options = {name: decoded(value) for name, value in metadata["fields"].items()}
         options["n_data"], options["frame"] = count(options["n_data"]), check_frame(options["frame"])
         names = tuple(columns["parameter"].tolist())
         if len(set(names)) < len(names):
@@ -759,5 +764,5 @@ class NamedSolution(LinearSolution):
 
     def _vector(self, name, unit="µas/yr"):
         start = self.names.index(f"{name}_x")
-        part = slice(start, start + 3)
-        return Vector(self.values[part], self.covariance[part, part], self.frame, unit)
+        block = slice(start, start + 3)
+        return Vector(self.values[block], self.covariance[block, block], self.frame, unit)

@@ -66,18 +66,20 @@ def encode(value: Any) -> Any:
     if isinstance(value, (float, np.floating)):
         return {"float": exact(float(value))}
     if isinstance(value, dict):
-        return {"dict": [[encode(key), encode(each)] for key, each in value.items()]}
+        return {"dict": [[encode(key), encode(item)] for key, item in value.items()]}
     if isinstance(value, (list, tuple)):
-        return {"list" if isinstance(value, list) else "tuple": [encode(each) for each in value]}
+        return {"list" if isinstance(value, list) else "tuple": [encode(item) for item in value]}
     return str(value)
 
 
-def _attributes(kind):
+def _attributes(record_class):
     """Names of what a dataclass or a NamedTuple is made with; None for anything else."""
-    if is_dataclass(kind):
-        return [entry.name for entry in fields(kind) if entry.init]
+    if is_dataclass(record_class):
+        return [entry.name for entry in fields(record_class) if entry.init]
     return (
-        list(kind._fields) if isinstance(kind, type) and issubclass(kind, tuple) and hasattr(kind, "_fields") else None
+        list(record_class._fields)
+        if isinstance(record_class, type) and issubclass(record_class, tuple) and hasattr(record_class, "_fields")
+        else None
     )
 
 
@@ -86,52 +88,52 @@ def decoded(plain: Any) -> Any:
     if not isinstance(plain, dict):
         return plain
     if "array" in plain:
-        kind = np.dtype(plain["kind"])
+        dtype = np.dtype(plain["kind"])
         shape = tuple(count(size) for size in plain["shape"])
-        if kind.hasobject or kind.itemsize * int(np.prod(shape, dtype=float)) > 2**34:
+        if dtype.hasobject or dtype.itemsize * int(np.prod(shape, dtype=float)) > 2**34:
             raise TableError("an array")
-        size = kind.itemsize * int(np.prod(shape))
+        size = dtype.itemsize * int(np.prod(shape))
         try:
             data = zlib.decompressobj().decompress(base64.b85decode(plain["array"]), size + 1)
         except zlib.error as error:
             raise TableError(f"an array ({error})") from None
         if len(data) != size:
             raise TableError("the size of an array")
-        array = np.frombuffer(data, kind).reshape(shape)
-        return array.astype(kind.newbyteorder("="))
+        array = np.frombuffer(data, dtype).reshape(shape)
+        return array.astype(dtype.newbyteorder("="))
     if "float" in plain:
         return number(plain["float"])
     if "dict" in plain:
-        return {decoded(key): decoded(each) for key, each in plain["dict"]}
+        return {decoded(key): decoded(item) for key, item in plain["dict"]}
     if "list" in plain:
-        return [decoded(each) for each in plain["list"]]
+        return [decoded(item) for item in plain["list"]]
     if "tuple" in plain:
-        return tuple(decoded(each) for each in plain["tuple"])
+        return tuple(decoded(item) for item in plain["tuple"])
     if not re.fullmatch(r"(fit|vsh)(\.\w+)+", plain["module"]):
         raise TableError(f"a {plain['type']}")
     home: Any = _named(plain["module"], plain["type"])
     if _attributes(home) is None:
         raise TableError(f"a {plain['type']}")
-    return home(**{name: decoded(each) for name, each in plain["fields"].items()})
+    return home(**{name: decoded(item) for name, item in plain["fields"].items()})
 
 
 def _named(module, name):
     """A class by the module that a file names, or by its face."""
-    for place in (module, module.partition("._")[0]):
+    for module_name in (module, module.partition("._")[0]):
         with suppress(ImportError, AttributeError):
-            return getattr(import_module(place), name)
+            return getattr(import_module(module_name), name)
     raise TableError(f"a {name}")
 
 
 def coefficient_columns(modes: Modes) -> dict[str, list[Any]]:
     """The columns that name each coefficient."""
-    each = list(modes)
+    mode_list = list(modes)
     return {
-        "coefficient": [str(mode) for mode in each],
-        "kind": [mode.kind for mode in each],
-        "l": [mode.l for mode in each],
-        "m": [mode.m for mode in each],
-        "part": [mode.part or "-" for mode in each],
+        "coefficient": [str(mode) for mode in mode_list],
+        "kind": [mode.kind for mode in mode_list],
+        "l": [mode.l for mode in mode_list],
+        "m": [mode.m for mode in mode_list],
+        "part": [mode.part or "-" for mode in mode_list],
     }
 
 
@@ -218,8 +220,8 @@ class Result(Frozen):
 
     def __repr__(self) -> str:
         """Name and attributes in one line, arrays by their shapes."""
-        parts = [f"{entry.name} {_short(getattr(self, entry.name))}" for entry in fields(cast(Any, self))]
-        return f"<{type(self).__name__}: {textwrap.shorten(', '.join(parts), 200, placeholder=' …')}>"
+        attributes = [f"{entry.name} {_short(getattr(self, entry.name))}" for entry in fields(cast(Any, self))]
+        return f"<{type(self).__name__}: {textwrap.shorten(', '.join(attributes), 200, placeholder=' …')}>"
 
     def _repr_html_(self) -> str:
         """The lines to quote and the sections, for a notebook."""
@@ -245,8 +247,8 @@ class Result(Frozen):
         )
 
     @classmethod
-    def _unpack(cls, columns, rest):
-        return cls(**{entry.name: decoded(rest["fields"][entry.name]) for entry in fields(cast(Any, cls))})
+    def _unpack(cls, columns, metadata):
+        return cls(**{entry.name: decoded(metadata["fields"][entry.name]) for entry in fields(cast(Any, cls))})
 
     def __init_subclass__(cls, **options):
         super().__init_subclass__(**options)
@@ -270,8 +272,8 @@ class Result(Frozen):
             If the name ends otherwise.
         """
         _check_format(path)
-        columns, rest, units = self._pack()
-        mark = json.dumps({"type": type(self).__name__, "module": type(self).__module__} | rest)
+        columns, metadata, units = self._pack()
+        mark = json.dumps({"type": type(self).__name__, "module": type(self).__module__} | metadata)
         plain = self._plain_facts()
         if getattr(self, "notes", None) and tables.format_of(path) == "ascii.ecsv":  # a FITS header has no lists
             plain["notes"] = list(map(str, getattr(self, "notes", ())))
@@ -291,13 +293,13 @@ class Result(Frozen):
         TableError
             If the file holds no result, one of another kind, or one that is not as it was written.
         """
-        stored = read(path)
-        if not isinstance(stored, cls):
+        result = read(path)
+        if not isinstance(result, cls):
             raise TableError(
-                f"{printable(path)} holds a {type(stored).__name__}, not a {cls.__name__}: fit.storage.read takes "
+                f"{printable(path)} holds a {type(result).__name__}, not a {cls.__name__}: fit.storage.read takes "
                 "either"
             )
-        return stored
+        return result
 
     def __eq__(self, other: object) -> bool:
         """Return whether two results are of one kind and the same in every number."""
@@ -332,27 +334,28 @@ def read(path: PathName) -> Result:
         If the file holds none, or one that is not as it was written.
     """
     _check_format(path)
-    table, shown = tables.read_table(path), printable(path)
+    table, file_name = tables.read_table(path), printable(path)
     try:
-        rest = json.loads({key.upper(): value for key, value in table.meta.items()}["RESULT"])
-        kind, module = str(rest.pop("type")), str(rest.pop("module"))
+        metadata = json.loads({key.upper(): value for key, value in table.meta.items()}["RESULT"])
+        type_name, module = str(metadata.pop("type")), str(metadata.pop("module"))
     except (KeyError, TypeError, ValueError, AttributeError, RecursionError, ImportError):
-        raise TableError(f"{shown} holds no result of a fit: it lacks its mark, RESULT, in the metadata") from None
+        raise TableError(f"{file_name} holds no result of a fit: it lacks its mark, RESULT, in the metadata") from None
     try:
-        home = _kind(kind, module)
+        home = _kind(type_name, module)
     except (KeyError, ImportError):
         raise TableError(
-            f"{shown} holds a {printable(kind)} of the module {printable(module)}, which is not known here: import it "
+            f"{file_name} holds a {printable(type_name)} of the module {printable(module)}, which is not known here: "
+            "import it "
             "first"
         ) from None
     try:
         columns = {name: _native(name, table[name]) for name in table.colnames}
-        solution = home._unpack(columns, rest)
+        solution = home._unpack(columns, metadata)
         _check_same(solution, columns, table)
     except (VshError, KeyError, IndexError, TypeError, ValueError, AttributeError, OverflowError) as error:
-        what = f"{error} is missing" if isinstance(error, KeyError) else str(error)
+        reason = f"{error} is missing" if isinstance(error, KeyError) else str(error)
         raise TableError(
-            f"{shown} is damaged: its {kind} is not as it was written ({printable(what)[:300]})"
+            f"{file_name} is damaged: its {type_name} is not as it was written ({printable(reason)[:300]})"
         ) from error
     return solution
 
@@ -366,16 +369,16 @@ def _kind(name, module):
 
 def _check_same(solution, columns, table):
     """Packed again, the result must give the columns that were read, in their order and units."""
-    again, _, units = solution._pack()
-    if set(again) != set(columns):
-        raise TableError(f"columns {', '.join(sorted(set(again) ^ set(columns)))}")
-    for name, values in again.items():
+    packed_columns, _, units = solution._pack()
+    if set(packed_columns) != set(columns):
+        raise TableError(f"columns {', '.join(sorted(set(packed_columns) ^ set(columns)))}")
+    for name, values in packed_columns.items():
         if not same(np.asarray(values).astype(columns[name].dtype), columns[name]):
             raise TableError(f"column {name} does not go with the others")
         unit = table[name].unit
-        wanted = units.get(name)
-        if (unit is None) != (wanted is None) or (wanted is not None and unit != _unit(wanted)):
-            raise TableError(f"column {name} is in {unit}, not in {wanted}")
+        expected_unit = units.get(name)
+        if (unit is None) != (expected_unit is None) or (expected_unit is not None and unit != _unit(expected_unit)):
+            raise TableError(f"column {name} is in {unit}, not in {expected_unit}")
 
 
 def _unit(text):

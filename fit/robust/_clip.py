@@ -68,8 +68,8 @@ class ClippedFit(AboutSolution):
 
     def sources(self, field: Field | Parts) -> Field | Parts:
         """The sources that were kept, of the `field` or the parts that were clipped; a note says how many were not."""
-        chosen = field.map(self.select) if isinstance(field, Parts) else field[self.kept]
-        return chosen.add_note(self.solution.notes[-1])
+        selection = field.map(self.select) if isinstance(field, Parts) else field[self.kept]
+        return selection.add_note(self.solution.notes[-1])
 
     @property
     def scatter_factor(self) -> float:
@@ -143,28 +143,30 @@ def clip(
     [7]
     """
     modes = modes_for(field, modes)
-    shared = None if covariance is None else as_covariance(covariance, field)
-    sky = as_parts(field if shared is None else shared.own_errors(cast(Field, field)), SourcesWithErrors)
-    given = positive("kappa", kappa) if threshold is None else threshold
-    normal = normal_equations(field, modes, covariance=shared)
+    full_covariance = None if covariance is None else as_covariance(covariance, field)
+    sky = as_parts(
+        field if full_covariance is None else full_covariance.own_errors(cast(Field, field)), SourcesWithErrors
+    )
+    cutoff = positive("kappa", kappa) if threshold is None else threshold
+    normal = normal_equations(field, modes, covariance=full_covariance)
     n_sources = n_kept = normal.n_sources
     components = modes.components
     # For Gaussian errors the median tells their scale, and so how many σ the limit is.
-    q = (chdtri(components, 2.0 ** -(given**2)) if threshold is None else given**2) / 2
+    q = (chdtri(components, 2.0 ** -(cutoff**2)) if threshold is None else cutoff**2) / 2
     in_medians = (
         float(np.sqrt(chdtri(components, 2.0 ** -(kappa**2)) / chdtri(components, 0.5))) if threshold is None else 1.0
     )
-    kept, before, seen = None, None, set()
+    mark, before, marks = None, None, set()
     for rounds in range(1, max_rounds + 1):
         solution = solve(normal)
         distances = partial(_distances, solution=solution)
         if sky.in_memory is not None:  # once a round, for the median and the choice alike
             distances = partial(_check_start, values=distances(sky.in_memory))
         limit = threshold or in_medians * float(median(sky, distances, f"clip, round {rounds}"))
-        chosen = sky.sum(
+        summary = sky.sum(
             partial(_select_within, distances=distances, limit=limit), roles=(), words=f"clip, round {rounds}"
         )
-        if chosen["mark"] == kept or (kept is None and chosen["sources"] == n_sources):
+        if summary["mark"] == mark or (mark is None and summary["sources"] == n_sources):
             rule = (
                 f"κ = {kappa:g}{'' if components == 2 else f', {in_medians:.3g}'} times the median"
                 if threshold is None
@@ -173,46 +175,48 @@ def clip(
             note = f"clipped {n_sources - n_kept} of {n_sources} sources with X > {limit:.3g} ({rule}; {rounds} rounds)"
             mask = distances(sky.in_memory) <= limit if sky.in_memory is not None else None
             return _correct_bias(solution, mask, rounds, limit, q, note, n_sources - n_kept)
-        if components * chosen["sources"] < len(modes):
+        if components * summary["sources"] < len(modes):
             raise ConvergenceError(
-                f"clipping leaves {chosen['sources']} of {n_sources} sources, too few for {len(modes)} coefficients: "
-                f"take a larger {'kappa' if threshold is None else 'threshold'} than {given:g}"
+                f"clipping leaves {summary['sources']} of {n_sources} sources, too few for {len(modes)} coefficients: "
+                f"take a larger {'kappa' if threshold is None else 'threshold'} than {cutoff:g}"
             )
-        kept, n_kept = chosen["mark"], chosen["sources"]
-        if kept in seen or rounds == max_rounds:
-            swing = sky.sum(partial(_differing, one=(distances, limit), two=before), roles=(), words="clip")
-        if kept in seen and swing <= max(1, n_sources // 1000):
-            return _find_fixed_point(sky, modes, shared, (distances, limit), before, rounds, swing, q)
-        if kept in seen:
+        mark, n_kept = summary["mark"], summary["sources"]
+        if mark in marks or rounds == max_rounds:
+            swing = sky.sum(partial(_differing, criterion=(distances, limit), previous=before), roles=(), words="clip")
+        if mark in marks and swing <= max(1, n_sources // 1000):
+            return _find_fixed_point(sky, modes, full_covariance, (distances, limit), before, rounds, swing, q)
+        if mark in marks:
             raise ConvergenceError(
                 f"the clipping oscillates after {rounds} rounds: {swing} sources are alternately clipped and kept at "
                 f"X ≈ {limit:.3g}. Take another kappa, or the absolute threshold={limit * 1.02:.3g}"
             )
-        seen.add(kept)
+        marks.add(mark)
         before = distances, limit
         select = partial(_select, distances=distances, limit=limit)
         if sky.in_memory is None:
             normal = normal_equations(sky.map(select), modes)
         else:
-            own = None if shared is None else shared[distances(sky.in_memory) <= limit]
-            normal = normal_equations(select(sky.in_memory), modes, covariance=own)
+            subset_covariance = None if full_covariance is None else full_covariance[distances(sky.in_memory) <= limit]
+            normal = normal_equations(select(sky.in_memory), modes, covariance=subset_covariance)
     raise ConvergenceError(
         f"the clip has not settled after {max_rounds} rounds: {swing} sources more or less in the last"
     )
 
 
-def _find_fixed_point(sky, modes, shared, one, two, rounds, swing, q):
+def _find_fixed_point(sky, modes, full_covariance, criterion, previous, rounds, swing, q):
     """The fit to what both choices keep between which a few sources swing."""
-    both = partial(_larger, one=one, two=two)
-    select = partial(_select, distances=both, limit=1.0)
+    ratios = partial(_larger, criterion=criterion, previous=previous)
+    select = partial(_select, distances=ratios, limit=1.0)
     mask = None
     if sky.in_memory is None:
         normal = normal_equations(sky.map(select), modes)
     else:
-        mask = both(sky.in_memory) <= 1.0
-        normal = normal_equations(select(sky.in_memory), modes, covariance=None if shared is None else shared[mask])
+        mask = ratios(sky.in_memory) <= 1.0
+        normal = normal_equations(
+            select(sky.in_memory), modes, covariance=None if full_covariance is None else full_covariance[mask]
+        )
     n_sources, n_kept = sky.sum(len), normal.n_sources
-    limit = one[1]
+    limit = criterion[1]
     note = (
         f"clipped {n_sources - n_kept} of {n_sources} sources with X > {limit:.3g} ({rounds} rounds; {swing} of them "
         f"{'was' if swing == 1 else 'were'} alternately clipped and kept)"
@@ -220,12 +224,12 @@ def _find_fixed_point(sky, modes, shared, one, two, rounds, swing, q):
     return _correct_bias(solve(normal), mask, rounds, limit, q, note, n_sources - n_kept)
 
 
-def _larger(field, one, two):
+def _larger(field, criterion, previous):
     """The larger of X over its limit by two fits."""
-    return np.maximum(*(distances(field) / limit for distances, limit in (one, two)))
+    return np.maximum(*(distances(field) / limit for distances, limit in (criterion, previous)))
 
 
-def _correct_bias(solution, kept, rounds, limit, q, note, n_clipped):
+def _correct_bias(solution, mask, rounds, limit, q, note, n_clipped):
     """The clipped solution, its errors and χ² corrected for the choice by residuals up to X²/2 = q."""
     variance, share = truncation(q, solution.modes.components)
     if variance > 1.001:
@@ -233,7 +237,7 @@ def _correct_bias(solution, kept, rounds, limit, q, note, n_clipped):
     solution = replace(
         solution, covariance=solution.covariance * variance, chi2=solution.chi2 / share, notes=(*solution.notes, note)
     )
-    return ClippedFit(solution, kept, rounds, limit, float(np.sqrt(variance)), n_clipped)
+    return ClippedFit(solution, mask, rounds, limit, float(np.sqrt(variance)), n_clipped)
 
 
 def _distances(field, solution):
@@ -250,21 +254,24 @@ def _select(field, distances, limit):
     return field[distances(field) <= limit]
 
 
-def _differing(field, one, two):
+def _differing(field, criterion, previous):
     """Count the sources that one fit keeps and the other does not."""
-    kept, before = (distances(field) <= limit for distances, limit in (one, two or one))
-    return int((kept != before).sum())
+    selection, before = (distances(field) <= limit for distances, limit in (criterion, previous or criterion))
+    return int((selection != before).sum())
 
 
 def _select_within(field, distances, limit):
     """Count the sources that are kept, and a sum of hashes that tells one choice from another."""
-    kept = distances(field) <= limit
-    places = np.stack([field.lon[kept], field.lat[kept]]).view(np.uint64)
+    selection = distances(field) <= limit
+    bits = np.stack([field.lon[selection], field.lat[selection]]).view(np.uint64)
     # The finaliser of SplitMix64 (Steele et al. 2014) mixes the bits of each source's place; sums are modulo 2⁶⁴.
-    mixed = places[0] ^ (places[1] * np.uint64(0x9E3779B97F4A7C15))
+    hashes = bits[0] ^ (bits[1] * np.uint64(0x9E3779B97F4A7C15))
     for shift, factor in ((30, 0xBF58476D1CE4E5B9), (27, 0x94D049BB133111EB)):
-        mixed = (mixed ^ (mixed >> np.uint64(shift))) * np.uint64(factor)
-    return {"sources": int(kept.sum()), "mark": _Mark(int(np.sum(mixed ^ (mixed >> np.uint64(31)), dtype=np.uint64)))}
+        hashes = (hashes ^ (hashes >> np.uint64(shift))) * np.uint64(factor)
+    return {
+        "sources": int(selection.sum()),
+        "mark": _Mark(int(np.sum(hashes ^ (hashes >> np.uint64(31)), dtype=np.uint64))),
+    }
 
 
 class _Mark(int):
@@ -277,8 +284,8 @@ class _Mark(int):
 def truncation(q: float, components: int = 2) -> tuple[float, float]:
     """Effect of a cut at X²/2 = q on Gaussian residuals: factors on variance and on χ²."""
     # For two, 1 − e^{−q} and 1 − (1 + q) e^{−q}.
-    kept, slope = chdtr(components, 2 * q), chdtr(components + 2, 2 * q)
-    return float(kept / slope), float(slope / kept)
+    fraction, slope = chdtr(components, 2 * q), chdtr(components + 2, 2 * q)
+    return float(fraction / slope), float(slope / fraction)
 
 
 @dataclass(frozen=True, eq=False)
@@ -314,8 +321,8 @@ class ExcessNoise(AboutSolution):
         field, modes, templates
             As for `ReweightedFit.equations`.
         """
-        enlarged = as_parts(field).map(EnlargedErrors(self.excess_noise**2, self.scale**2))
-        return normal_equations(enlarged, as_modes(modes), templates=templates)
+        noisy_sky = as_parts(field).map(EnlargedErrors(self.excess_noise**2, self.scale**2))
+        return normal_equations(noisy_sky, as_modes(modes), templates=templates)
 
 
 @logged("excess noise")
@@ -356,23 +363,23 @@ def excess_noise(
     parameters = problem.maximum(max_rounds, tolerance)
     _, slope = problem.loss(parameters)
     errors = problem.errors(parameters)
-    free = parameters > 0
+    is_positive = parameters > 0
     steps = slope * problem.n_sources * errors  # to the maximum, in errors
-    if np.any(np.abs(steps[free]) > 0.05) or np.any(steps[~free] < -0.05):
+    if np.any(np.abs(steps[is_positive]) > 0.05) or np.any(steps[~is_positive] < -0.05):
         if scale and parameters[0] > 100:
             raise ConvergenceError(
                 f"beside an excess noise {np.sqrt(parameters[0]):.3g} times as large as the errors no factor on them "
                 "can be told: fit without one (scale=False, --method excess-noise)"
             )
-        away = ", ".join(f"{step:+.2g}" for step in steps)
+        distance = ", ".join(f"{step:+.2g}" for step in steps)
         raise ConvergenceError(
-            f"the excess noise has not settled after {problem.n_rounds} fits: it is {away} of its errors from the "
+            f"the excess noise has not settled after {problem.n_rounds} fits: it is {distance} of its errors from the "
             f"maximum of the likelihood; allow more than max_rounds={max_rounds}"
         )
     unit = problem.unit
-    enlarged = sky.map(problem.enlarged(parameters))
+    noisy_sky = sky.map(problem.enlarged(parameters))
     solution = solve(problem.sums(parameters)["normal"])
-    covariance = sandwich(enlarged, partial(_scores, solution=solution), modes)
+    covariance = sandwich(noisy_sky, partial(_scores, solution=solution), modes)
     noise = unit * np.sqrt(parameters[0])
     # From the variance s² to s; at the boundary s = 0 the error is the s at one error of s².
     noise_error = unit**2 * errors[0] / (2 * noise) if parameters[0] > errors[0] / 4 else unit * np.sqrt(errors[0])
@@ -393,8 +400,8 @@ def excess_noise(
 
 
 def _scores(field, solution):
-    ones = np.ones(len(field))
-    return solution.residuals(field).data, ones, ones
+    weights = np.ones(len(field))
+    return solution.residuals(field).data, weights, weights
 
 
 @dataclass(frozen=True)
@@ -416,22 +423,22 @@ def _size(field):
     return len(field), float(field.information.sum())
 
 
-def _sums(field, enlarged, modes):
+def _sums(field, error_model, modes):
     """All that the likelihood needs of some sources."""
-    field = enlarged(field)
+    field = error_model(field)
     a, b, c = field.weights
     # 1 − s² W, the share of the catalogue's own errors: from sums of W it would be lost to rounding where s is large.
-    own = np.stack([1 - enlarged.noise * a, 1 - enlarged.noise * b, -enlarged.noise * c])
-    squared = np.stack([a * a + c * c, b * b + c * c, c * (a + b)])
+    shares = np.stack([1 - error_model.noise * a, 1 - error_model.noise * b, -error_model.noise * c])
+    squares = np.stack([a * a + c * c, b * b + c * c, c * (a + b)])
     # C⁻¹ ∂C: W for s², (1 − s² W)/f² for f². Their products' traces are the expected information.
     return {
         "normal": normal_equations(field, modes),
-        "squared": weighted_sums(field, squared, modes),
+        "squared": weighted_sums(field, squares, modes),
         "logdet": float(field.log_determinants.sum()),
         "trace": float(np.sum(a + b)),
-        "trace of squares": float(np.sum(squared[0] + squared[1])),
-        "cross": float(np.sum(a * own[0] + b * own[1] + 2 * c * own[2])),
-        "own": float(np.sum(own[0] ** 2 + own[1] ** 2 + 2 * own[2] ** 2)),
+        "trace of squares": float(np.sum(squares[0] + squares[1])),
+        "cross": float(np.sum(a * shares[0] + b * shares[1] + 2 * c * shares[2])),
+        "own": float(np.sum(shares[0] ** 2 + shares[1] ** 2 + 2 * shares[2] ** 2)),
     }
 
 
@@ -454,7 +461,7 @@ class _RestrictedErrors:
         key = tuple(map(float, parameters))
         if key != self.last[0]:
             self.n_rounds += 1
-            work = partial(_sums, enlarged=self.enlarged(parameters), modes=self.modes)
+            work = partial(_sums, error_model=self.enlarged(parameters), modes=self.modes)
             self.last = key, self.sky.sum(work, roles=(), words=f"excess noise, trial {self.n_rounds}")
         return self.last[1]
 
@@ -467,8 +474,8 @@ class _RestrictedErrors:
         value = (sums["logdet"] + solution.chi2 + np.linalg.slogdet(normal.matrix)[1]) / 2
         # With W = C⁻¹ and ∂C/∂s² = I: ½ [tr W − |Wr|² − tr(N⁻¹ Σ AᵀW²A)], r = y − A c.
         matrix, rhs, square = sums["squared"]
-        pulled = square - 2 * values @ rhs + values @ matrix @ values
-        by_noise = (sums["trace"] - pulled - float(np.sum(solution.covariance * matrix))) / 2
+        residual_square = square - 2 * values @ rhs + values @ matrix @ values
+        by_noise = (sums["trace"] - residual_square - float(np.sum(solution.covariance * matrix))) / 2
         slope = [by_noise * self.unit**2]
         if self.scale:  # ∂C/∂f² = (C − s² I)/f²
             noise = parameters[0] * self.unit**2
@@ -524,7 +531,7 @@ class _RestrictedErrors:
         information = np.array([[self.unit**4 * sums["trace of squares"]]])
         if self.scale:
             cross = self.unit**2 * sums["cross"] / parameters[1]
-            own = sums["own"] / parameters[1] ** 2
-            information = np.array([[information[0, 0], cross], [cross, own]])
+            factor_term = sums["own"] / parameters[1] ** 2
+            information = np.array([[information[0, 0], cross], [cross, factor_term]])
         share = max(1 - len(self.modes) / (2 * n), 1e-3)
         return information / 2 * share

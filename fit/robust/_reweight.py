@@ -46,15 +46,15 @@ ERRORS_TOO_SMALL = "quoted errors are too small"
 
 def _share_by_steps(weight, chi2, largest):
     """Newton's steps to where share and weight agree: it depends on u, and u on it, the less the larger it is."""
-    own = np.zeros(len(chi2))
+    share = np.zeros(len(chi2))
     for _ in range(_STEPS):
-        x2 = chi2 / (1 - own)
+        x2 = chi2 / (1 - share)
         u, slope = weight(x2)
-        step = (np.minimum(largest * u, 0.9) - own) / (1 - largest * slope * x2 / (1 - own))
-        own = np.clip(own + step, 0.0, 0.9)
+        step = (np.minimum(largest * u, 0.9) - share) / (1 - largest * slope * x2 / (1 - share))
+        share = np.clip(share + step, 0.0, 0.9)
         if np.max(np.abs(step)) < 1e-13:
             break
-    return own
+    return share
 
 
 @dataclass(frozen=True)
@@ -77,11 +77,11 @@ class StudentT:
         It solves s (ν + X²/(1 − s)) = s₁ (ν + k), a quadratic equation, where s₁ is the share of a weight of 1; by
         steps where a share may come near its cap.
         """
-        most = largest * (self.nu + self.components)
-        if most.max() > self.nu / 2:
+        right_side = largest * (self.nu + self.components)
+        if right_side.max() > self.nu / 2:
             return _share_by_steps(self, chi2, largest)
-        b = self.nu + chi2 + most
-        return np.asarray(2 * most / (b + np.sqrt(b**2 - 4 * self.nu * most)), float)
+        b = self.nu + chi2 + right_side
+        return np.asarray(2 * right_side / (b + np.sqrt(b**2 - 4 * self.nu * right_side)), float)
 
     def fitted(self, sky: Parts, share: Share, words: str) -> StudentT:
         """Update the weights with the likeliest ν, from the residuals and leverages at the current ν."""
@@ -247,14 +247,14 @@ class ReweightedFit(AboutSolution):
         values of a class towards it, by a third where ν = 1.6.
         """
         modes, sky = as_modes(modes, type(self.solution.modes)), _with_noise(field, self.noise)
-        words = "weights of the classes"
-        sums = sky.sum(partial(_class_sums, share=self.share), roles=(), words=words)
+        label = "weights of the classes"
+        sums = sky.sum(partial(_class_sums, share=self.share), roles=(), words=label)
         factor = sums["u"] * sums["ψ²"] / (modes.components * sums["ψ'"] ** 2)
         work = partial(_class_equations, share=self.share, modes=modes, stretch=sums["u"] / sums["ψ'"])
-        normal = sky.sum(work, roles=(), words=words)
-        scaled = {name: getattr(normal, name) / factor for name in ("matrix", "rhs", "chi2_null")}
-        beside = template_fields(templates, modes, normal.frame or "icrs") if templates else normal.templates
-        return replace(normal, templates=beside, **scaled)
+        normal = sky.sum(work, roles=(), words=label)
+        terms = {name: getattr(normal, name) / factor for name in ("matrix", "rhs", "chi2_null")}
+        new_templates = template_fields(templates, modes, normal.frame or "icrs") if templates else normal.templates
+        return replace(normal, templates=new_templates, **terms)
 
     def most_downweighted(self, n_sources: int = 10) -> IntArray:
         """Indices of the `n_sources` with the least weight, least first.
@@ -371,25 +371,25 @@ def _iterate_weights(sky, modes, weight, name, tolerance, max_rounds, power):
     plain = solution = solve(normal)
     values, leverage = plain.values, len(modes) / modes.components / information
     for rounds in range(1, max_rounds + 1):
-        words = f"{name}, round {rounds}"
-        weight = weight.fitted(sky, Share(solution, weight, leverage), words)
+        label = f"{name}, round {rounds}"
+        weight = weight.fitted(sky, Share(solution, weight, leverage), label)
         share = Share(solution, weight, leverage)
-        weighted = sky.sum(partial(_weight_field, share=share, modes=modes), roles=(), words=words)
-        solution = solve(weighted["normal"])
+        sums = sky.sum(partial(_weight_field, share=share, modes=modes), roles=(), words=label)
+        solution = solve(sums["normal"])
         if plain.n_data >= _MANY:
             # Newton's step for the scores: that of the weights alone falls short where these follow the residuals.
-            further = min(weighted["u"] / max(weighted["ψ'"], 1e-300), _FARTHEST)
+            further = min(sums["u"] / max(sums["ψ'"], 1e-300), _FARTHEST)
             coefficients = replace(solution.coefficients, values=values + further * (solution.values - values))
             solution = replace(solution, coefficients=coefficients)
         if rounds <= _ADAPTING:  # held fixed later, so that all settles
-            leverage = len(modes) / modes.components / weighted["u"]
-        moved = np.max(np.abs(solution.values - values) / plain.sigma)
+            leverage = len(modes) / modes.components / sums["u"]
+        change = np.max(np.abs(solution.values - values) / plain.sigma)
         values = solution.values
-        if moved < tolerance:
+        if change < tolerance:
             break
     else:
         raise ConvergenceError(
-            f"the weights have not settled after {max_rounds} rounds: coefficients move by {moved:.1e} σ"
+            f"the weights have not settled after {max_rounds} rounds: coefficients move by {change:.1e} σ"
         )
     return _with_errors(sky, plain, solution, Share(solution, weight, leverage), name, rounds, power)
 
@@ -400,20 +400,20 @@ def _with_errors(sky, plain, solution, share, name, rounds, power):
     inflation = float(np.sqrt(np.mean(np.diag(covariance) / np.diag(plain.covariance))))
     facts = sky.sum(partial(_facts, share=share), roles=("name",), words=f"{name}, weights")
     effective = facts["u"] ** 2 / facts["u²"]
-    most = max(facts["most"])
+    largest_weight = max(facts["most"])
     note = (
         f"{name}: converged in {rounds} iterations; effective number of sources {effective:.1f} of "
         f"{facts['sources']}; errors are {inflation:.2f} times those of the catalogue; sources with "
         "the lowest weights: "
-        f"{', '.join((f'{label} ({u / most:.2g})' for u, label in facts['least'].few))}"
+        f"{', '.join((f'{label} ({u / largest_weight:.2g})' for u, label in facts['least'].few))}"
     )
     warnings = []
     if share.weight.nu is not None and share.weight.nu < _LEAST_NU:
-        words = (
+        warning = (
             f"warning: ν = {share.weight.nu:.2g}: many of the quoted errors are several times too small for the "
             "scatter of the motions, and those of this fit may be; fit with a noise beside them (excess-noise)"
         )
-        warnings.append(CodedNote(words, ERRORS_TOO_SMALL))
+        warnings.append(CodedNote(warning, ERRORS_TOO_SMALL))
     solution = replace(
         solution,
         covariance=covariance,

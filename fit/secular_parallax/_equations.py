@@ -103,10 +103,10 @@ class ParallaxEquations:
         if n <= n_sources:
             return self
         share = self.rate[:n] ** 2 * (1 / self.variance[:n] + 1 / self.variance[n:])
-        chosen = np.sort(np.argpartition(-share, n_sources)[:n_sources])
-        both = np.r_[chosen, chosen + n]
-        flow = None if self.flow is None else self.flow.only(chosen[chosen < len(self.flow.lon)])
-        columns = {name: getattr(self, name)[both] for name in ("design", "motion", "variance", "rate", "left")}
+        sources = np.sort(np.argpartition(-share, n_sources)[:n_sources])
+        rows = np.r_[sources, sources + n]
+        flow = None if self.flow is None else self.flow.only(sources[sources < len(self.flow.lon)])
+        columns = {name: getattr(self, name)[rows] for name in ("design", "motion", "variance", "rate", "left")}
         return replace(self, **columns, flow=flow)
 
     def sums(
@@ -114,57 +114,57 @@ class ParallaxEquations:
     ) -> ParallaxSums:
         """Normal equations with variances V = σ² + (spread k)² + excess_noise², and what a flow's modes leave."""
         spread, excess_noise = np.broadcast_arrays(spread, excess_noise)
-        added = np.stack([np.ravel(spread), np.ravel(excess_noise)]) ** 2
-        many, n = added.shape[1], self.n_data // 2
+        squares = np.stack([np.ravel(spread), np.ravel(excess_noise)]) ** 2
+        n_variances, n = squares.shape[1], self.n_data // 2
         size = self.design.shape[1] + 1
-        near = 0 if self.flow is None else len(self.flow.lon)
-        far = np.r_[near:n, n + near : 2 * n]
+        n_near = 0 if self.flow is None else len(self.flow.lon)
+        far_rows = np.r_[n_near:n, n + n_near : 2 * n]
 
         def weighted(index, further):
             base = self.variance[index, None] + self.left[index, None] * ratio**2
-            variance = self.rate[index, None] ** 2 * added[0] + (base + added[1])
+            variance = self.rate[index, None] ** 2 * squares[0] + (base + squares[1])
             rows = np.concatenate([self.design[index].T, self.motion[index][None], *further])
             return _gram(rows, variance), np.log(variance).sum(0)
 
-        def near_block(part):
+        def near_block(chunk):
             assert self.flow is not None
-            return weighted(np.r_[part, slice(n + part.start, n + part.stop)], [self.flow.rows(part).T])
+            return weighted(np.r_[chunk, slice(n + chunk.start, n + chunk.stop)], [self.flow.rows(chunk).T])
 
-        def far_block(part):
-            return weighted(far[part], [])
+        def far_block(chunk):
+            return weighted(far_rows[chunk], [])
 
         total = size + (0 if self.modes is None else len(self.modes))
-        gram: Any = np.zeros((many, total, total))
-        logdet: Any = np.zeros(many)
-        if near:
-            for each, log in map_blocks(near_block, near, _BLOCK, threads):
-                gram, logdet = gram + each, logdet + log
-        if far.size:
-            for each, log in map_blocks(far_block, far.size, max(64, 2**20 // max(55, many)), threads):
-                gram[:, :size, :size] += each
+        gram: Any = np.zeros((n_variances, total, total))
+        logdet: Any = np.zeros(n_variances)
+        if n_near:
+            for block, log in map_blocks(near_block, n_near, _BLOCK, threads):
+                gram, logdet = gram + block, logdet + log
+        if far_rows.size:
+            for block, log in map_blocks(far_block, far_rows.size, max(64, 2**20 // max(55, n_variances)), threads):
+                gram[:, :size, :size] += block
                 logdet = logdet + log
         order = np.r_[: size - 1, size:total, size - 1]  # the motion last
         gram = gram[:, order[:, None], order].reshape(*spread.shape, len(order), len(order))
-        shaped: Any = logdet.reshape(spread.shape)
-        return ParallaxSums(gram[..., :-1, :-1], gram[..., :-1, -1], gram[..., -1, -1], shaped, self.n_data)
+        logdet_grid: Any = logdet.reshape(spread.shape)
+        return ParallaxSums(gram[..., :-1, :-1], gram[..., :-1, -1], gram[..., -1, -1], logdet_grid, self.n_data)
 
 
 def _gram(rows, variance):
     """Σ rows rowsᵀ/V for every column of variances, (m, k, k); rows are (k, n)."""
-    k, many = len(rows), variance.shape[1]
+    k, n_variances = len(rows), variance.shape[1]
     if k <= 16:
         upper = np.triu_indices(k)
         products = rows[upper[0]] * rows[upper[1]]  # weighted, for every spread at once, by one product
         sums = (products @ (1 / variance)).T
-        out = np.empty((many, k, k))
-        out[:, upper[0], upper[1]] = sums
-        out[:, upper[1], upper[0]] = sums
-        return out
-    out = np.empty((many, k, k))
-    for i, each in enumerate(variance.T):
-        scaled = rows / np.sqrt(each)
-        out[i] = scaled @ scaled.T
-    return out
+        matrices = np.empty((n_variances, k, k))
+        matrices[:, upper[0], upper[1]] = sums
+        matrices[:, upper[1], upper[0]] = sums
+        return matrices
+    matrices = np.empty((n_variances, k, k))
+    for i, column in enumerate(variance.T):
+        white_rows = rows / np.sqrt(column)
+        matrices[i] = white_rows @ white_rows.T
+    return matrices
 
 
 def equations_of(
@@ -190,38 +190,45 @@ def equations_of(
     mean, variance_of_k = mean / scale, k.variance / scale**2
     p, q, _ = triad(field.lon, field.lat)
     cos, sin, large, small = _axes(field, calibration, k)
-    own = np.where(k.own & apart, 1.0, 0.0)
+    own_mask = np.where(k.own & apart, 1.0, 0.0)
     # Our own motion moves sources by v/d_P, which in curved space is another distance than d_M.
-    seen = mean * parallax_factor(1 / (AU_PER_YEAR * np.where(k.own, k.mean / ratio, k.mean)), calibration.cosmology)
-    ours_east, ours_north = (-seen * (1 - own) * each for each in (p, q))
+    parallax_rate = mean * parallax_factor(
+        1 / (AU_PER_YEAR * np.where(k.own, k.mean / ratio, k.mean)), calibration.cosmology
+    )
+    ours_east, ours_north = (-parallax_rate * (1 - own_mask) * array for array in (p, q))
     columns = [[ours_east, p, q], [ours_north, q, -p]]
     if apart:
-        columns[0].append(-seen * own * p)
-        columns[1].append(-seen * own * q)
+        columns[0].append(-parallax_rate * own_mask * p)
+        columns[1].append(-parallax_rate * own_mask * q)
     east, north = map(np.concatenate, columns)
     ours = CMB_VELOCITY_PLANCK18.to_frame(field.frame).value
-    unsure, flow, left, order = ours @ ours / 3, None, np.zeros(len(field)), np.arange(len(field))
+    velocity_variance, flow, residual_variance, order = (
+        ours @ ours / 3,
+        None,
+        np.zeros(len(field)),
+        np.arange(len(field)),
+    )
     if theory is not None:
-        unsure += theory.sigma**2
-        left = np.full(len(field), theory.sigma**2)
+        velocity_variance += theory.sigma**2
+        residual_variance = np.full(len(field), theory.sigma**2)
     if modes is not None:
-        near = distance <= modes.radii[-1]
-        order = np.argsort(~near, kind="stable")
-        first = order[: near.sum()]
-        left[near] = modes.left(distance[near])[0]
-        flow = FlowRows(modes, *(each[first] for each in (field.lon, field.lat, distance, mean, cos, sin)))
+        is_near = distance <= modes.radii[-1]
+        order = np.argsort(~is_near, kind="stable")
+        near_indices = order[: is_near.sum()]
+        residual_variance[is_near] = modes.left(distance[is_near])[0]
+        flow = FlowRows(modes, *(array[near_indices] for array in (field.lon, field.lat, distance, mean, cos, sin)))
     rate = np.sqrt(mean**2 + variance_of_k)
-    scatter, left = variance_of_k * unsure, left * rate**2
+    scatter, residual_variance = variance_of_k * velocity_variance, residual_variance * rate**2
     pairs = [
         np.concatenate([cos * east + sin * north, cos * north - sin * east], axis=1).T,
         np.concatenate([cos * y[0] + sin * y[1], cos * y[1] - sin * y[0]]),
         np.concatenate([large + scatter, small + scatter]),
         np.concatenate([rate, rate]),
-        np.concatenate([left, left]),
+        np.concatenate([residual_variance, residual_variance]),
     ]
     if modes is not None:
-        both = np.r_[order, order + len(field)]
-        pairs = [pair[both] for pair in pairs]
+        row_order = np.r_[order, order + len(field)]
+        pairs = [pair[row_order] for pair in pairs]
     design, motion, variance, rates, lefts = pairs
     return ParallaxEquations(
         design,
@@ -241,9 +248,13 @@ def _axes(field, calibration, k):
     """Direction and variances of error ellipses; circles where distances are unsure and only redshifts may weigh."""
     (s1, s2), rho = field.sigma**2, field.rho
     if calibration.errors is not None:
-        unsure = ~k.own & (np.sqrt(k.variance) > _SURE * k.mean)
+        is_uncertain = ~k.own & (np.sqrt(k.variance) > _SURE * k.mean)
         mean = calibration.errors.at(k.redshift)
-        s1, s2, rho = np.where(unsure, mean, s1), np.where(unsure, mean, s2), np.where(unsure, 0.0, rho)
+        s1, s2, rho = (
+            np.where(is_uncertain, mean, s1),
+            np.where(is_uncertain, mean, s2),
+            np.where(is_uncertain, 0.0, rho),
+        )
     covariance = rho * np.sqrt(s1 * s2)
     angle = np.arctan2(2 * covariance, s1 - s2) / 2
     mean, half = (s1 + s2) / 2, np.hypot((s1 - s2) / 2, covariance)
@@ -297,8 +308,8 @@ class ParallaxParts:
         self, spread: ArrayLike = 0.0, excess_noise: ArrayLike = 0.0, *, ratio: float = 1.0, threads: int | None = None
     ) -> ParallaxSums:
         """Compute the sums of `ParallaxEquations.sums`."""
-        given = {"spread": spread, "excess_noise": excess_noise, "ratio": ratio, "threads": threads}
-        work = partial(_sums_of, calibration=self.calibration, options=self.options, given=given)
+        keywords = {"spread": spread, "excess_noise": excess_noise, "ratio": ratio, "threads": threads}
+        work = partial(_sums_of, calibration=self.calibration, options=self.options, keywords=keywords)
         return self.sky.sum(work, roles=DISTANCES, words="secular parallax")
 
 
@@ -314,8 +325,8 @@ def _facts_of(field, calibration, options):
     }
 
 
-def _sums_of(field, calibration, options, given):
-    return equations_of(field, calibration, **options).sums(**given)
+def _sums_of(field, calibration, options, keywords):
+    return equations_of(field, calibration, **options).sums(**keywords)
 
 
 def equations(field: Field | Parts, calibration: Calibration, **options: Any) -> ParallaxEquations | ParallaxParts:
@@ -430,19 +441,21 @@ class Flow(Result):
         return plot_flow(self, ax=ax)
 
     def _radii(self):
-        last = self.modes.radii[-1]
-        return [radius for radius in (10.0, 20.0, 40.0, 80.0, 160.0, 320.0) if radius <= last] or [float(last)]
+        outer_radius = self.modes.radii[-1]
+        return [radius for radius in (10.0, 20.0, 40.0, 80.0, 160.0, 320.0) if radius <= outer_radius] or [
+            float(outer_radius)
+        ]
 
 
 def _shell_mean(modes, radius):
     """Mean velocity over a shell by each mode, (3, p): (f_r + 2 f_t)/3 e for degree 1, else nothing."""
-    places, quarter, far = np.array([0.0, np.pi / 2, 0.0]), np.array([0.0, 0.0, np.pi / 2]), np.full(3, radius)
-    along = modes.at(places, quarter, far)[1]  # outwards on the axes x, y, z
-    across = modes.at(places[:2], quarter[:2], far[:2])[0]  # on x, east is y and north z; on y, east is −x
+    lon, quarter, distance = np.array([0.0, np.pi / 2, 0.0]), np.array([0.0, 0.0, np.pi / 2]), np.full(3, radius)
+    along = modes.at(lon, quarter, distance)[1]  # outwards on the axes x, y, z
+    across = modes.at(lon[:2], quarter[:2], distance[:2])[0]  # on x, east is y and north z; on y, east is −x
     toward = np.stack([-across[0, 1], across[0, 0], across[1, 0]])
-    one = slice(modes.counts[0], modes.counts[0] + 3 * modes.counts[1])
+    dipole = slice(modes.counts[0], modes.counts[0] + 3 * modes.counts[1])
     rows = np.zeros_like(along)
-    rows[:, one] = (along[:, one] + 2 * toward[:, one]) / 3
+    rows[:, dipole] = (along[:, dipole] + 2 * toward[:, dipole]) / 3
     return rows
 
 
@@ -462,14 +475,14 @@ def with_acceleration(sums: ParallaxSums, acceleration: Vector | None, frame: st
         return sums
     if not isinstance(acceleration, Vector):
         raise ParameterError(f"the acceleration is a Vector with its covariance, not {type(acceleration).__name__}")
-    known = acceleration.to_frame(frame)
-    if not np.linalg.eigvalsh(known.covariance)[0] > 0:
+    prior = acceleration.to_frame(frame)
+    if not np.linalg.eigvalsh(prior.covariance)[0] > 0:
         raise ParameterError("an acceleration that is known needs errors in all three components")
-    weight = np.linalg.inv(known.covariance)
+    weight = np.linalg.inv(prior.covariance)
     matrix, rhs = sums.matrix.copy(), sums.rhs.copy()
     matrix[..., A, A] += weight
-    rhs[..., A] += weight @ known.value
-    return replace(sums, matrix=matrix, rhs=rhs, chi2_null=sums.chi2_null + known.value @ weight @ known.value)
+    rhs[..., A] += weight @ prior.value
+    return replace(sums, matrix=matrix, rhs=rhs, chi2_null=sums.chi2_null + prior.value @ weight @ prior.value)
 
 
 def with_flow(sums: ParallaxSums, width: int, scale: FloatArray | float) -> ParallaxSums:
@@ -492,23 +505,23 @@ class Amplitudes:
 
 def without_flow(sums: ParallaxSums, width: int) -> tuple[ParallaxSums, Amplitudes]:
     """The modes marginalised: normal equations of what is left, and the modes given that."""
-    own, modes = slice(0, width), slice(width, None)
+    parameters, modes = slice(0, width), slice(width, None)
     matrix, rhs = sums.matrix, sums.rhs
     inner = matrix[..., modes, modes]
     root = np.linalg.cholesky(inner)
     logdet = 2 * np.log(np.einsum("...ii->...i", root)).sum(-1)
-    solved = np.linalg.solve(inner, np.concatenate([matrix[..., modes, own], rhs[..., modes, None]], axis=-1))
-    slope, mean = solved[..., :-1], solved[..., -1]
-    across = matrix[..., own, modes]
-    left = ParallaxSums(
-        matrix[..., own, own] - across @ slope,
-        rhs[..., own] - np.einsum("...ij,...j->...i", across, mean),
+    solution = np.linalg.solve(inner, np.concatenate([matrix[..., modes, parameters], rhs[..., modes, None]], axis=-1))
+    slope, mean = solution[..., :-1], solution[..., -1]
+    across = matrix[..., parameters, modes]
+    marginal = ParallaxSums(
+        matrix[..., parameters, parameters] - across @ slope,
+        rhs[..., parameters] - np.einsum("...ij,...j->...i", across, mean),
         sums.chi2_null - np.einsum("...i,...i->...", rhs[..., modes], mean),
         sums.logdet + logdet,
         sums.n_data,
     )
     covariance = np.asarray(np.linalg.inv(inner) if inner.ndim == 2 else (), float)
-    return left, Amplitudes(mean, slope, covariance)
+    return marginal, Amplitudes(mean, slope, covariance)
 
 
 @dataclass(frozen=True, eq=False)
@@ -530,13 +543,13 @@ class LocalGroup:
 
     def added(self, sums: ParallaxSums, width: int, ratio: float, ours: FloatArray | None) -> ParallaxSums:
         """Normal equations with this measurement as well; they hold the flow's prior already. `ratio` is H0/H_ref."""
-        here = self.modes.at_origin()
-        gain = here.T @ np.linalg.inv(self.covariance) / ratio**2
-        mean = here.T @ np.linalg.solve(here @ here.T + self.covariance, self.velocity)
+        design = self.modes.at_origin()
+        gain = design.T @ np.linalg.inv(self.covariance) / ratio**2
+        mean = design.T @ np.linalg.solve(design @ design.T + self.covariance, self.velocity)
         pull = gain @ self.velocity
         size = pull @ mean
         matrix, rhs, chi2_null = sums.matrix.copy(), sums.rhs.copy(), sums.chi2_null
-        matrix[width:, width:] += gain @ here
+        matrix[width:, width:] += gain @ design
         if ours is None:
             rhs[width:] += pull * ratio
             chi2_null = chi2_null + size * ratio**2
@@ -605,18 +618,18 @@ def solve_for(
     """
     width = 9 if velocity is None else 12
     sums = with_acceleration(sums, acceleration, rows.frame)
-    alone, amplitudes = sums.matrix[:width, :width], None
+    noise_matrix, amplitudes = sums.matrix[:width, :width], None
     if isinstance(spin, str) and spin == "free":
         to_u = np.concatenate([to_u, np.eye(width)[:, OMEGA]], axis=1)
         names = (*names, "omega_x", "omega_y", "omega_z")
     elif spin is not None and not isinstance(spin, Vector):
         raise ParameterError(f"spin is None, 'free' or a Vector, not {spin!r}")
-    fixed = np.zeros(width)
+    constants = np.zeros(width)
     if velocity is not None:
-        fixed[V] = velocity
+        constants[V] = velocity
     if isinstance(spin, Vector):
         spin = spin.to_frame(rows.frame)
-        fixed[OMEGA] = spin.value
+        constants[OMEGA] = spin.value
     if rows.modes is not None:
         sums = with_flow(sums, width, ratio)
         if group is not None:
@@ -626,14 +639,14 @@ def solve_for(
     check_determined(normal, names, sums.n_data // 2)
     inverse = np.linalg.inv(normal)
     covariance = (inverse + inverse.T) / 2
-    rhs = to_u.T @ (sums.rhs - sums.matrix @ fixed)
+    rhs = to_u.T @ (sums.rhs - sums.matrix @ constants)
     values = inverse @ rhs
-    chi2 = sums.chi2_null - 2 * sums.rhs @ fixed + fixed @ sums.matrix @ fixed - values @ rhs
-    noise = np.linalg.inv(to_u.T @ alone @ to_u) if rows.modes is not None else covariance
+    chi2 = sums.chi2_null - 2 * sums.rhs @ constants + constants @ sums.matrix @ constants - values @ rhs
+    noise = np.linalg.inv(to_u.T @ noise_matrix @ to_u) if rows.modes is not None else covariance
     if isinstance(spin, Vector):
         carry = covariance @ to_u.T @ sums.matrix[:, OMEGA]
         covariance = covariance + carry @ spin.covariance @ carry.T
-    parts = {
+    attributes = {
         "names": names,
         "values": values,
         "covariance": covariance,
@@ -645,18 +658,18 @@ def solve_for(
     }
     if left_out is not None:
         left_out = with_acceleration(left_out, acceleration, rows.frame)
-        parts["flow_covariance"] = flow_covariance(left_out, to_u, ratio)
+        attributes["flow_covariance"] = flow_covariance(left_out, to_u, ratio)
     if amplitudes is not None:
-        parts["flow"] = flow_of(rows, amplitudes, to_u @ values + fixed, to_u, covariance, ratio)
-    return parts
+        attributes["flow"] = flow_of(rows, amplitudes, to_u @ values + constants, to_u, covariance, ratio)
+    return attributes
 
 
 def check_determined(matrix: FloatArray, names: Sequence[str], sources: int, limit: float = 1e10) -> None:
     """Raise DegeneracyError if the data do not determine some combination of the parameters."""
     diagonal = np.diag(matrix)
     if 2 * sources >= len(names) and (diagonal > 0).all():
-        scaled = matrix / np.sqrt(np.outer(diagonal, diagonal))
-        values = np.linalg.eigvalsh(scaled)
+        correlation = matrix / np.sqrt(np.outer(diagonal, diagonal))
+        values = np.linalg.eigvalsh(correlation)
         if values[0] * limit > values[-1]:
             return
     raise DegeneracyError(

@@ -107,34 +107,36 @@ def parallax_equations(
     **options: Any,
 ) -> ParallaxEquations | ParallaxParts:
     """The equations of a field; with `flow_left_out`, the means to tell what a flow that is not fitted would do."""
-    unknown = set(options) - set(DistanceOptions.__annotations__)
-    if unknown:
+    invalid_names = set(options) - set(DistanceOptions.__annotations__)
+    if invalid_names:
         raise ParameterError(
-            f"no argument is called {', '.join(sorted(unknown))}; there are "
+            f"no argument is called {', '.join(sorted(invalid_names))}; there are "
             f"{', '.join(DistanceOptions.__annotations__)}"
         )
-    given = DistanceOptions(**options)  # type: ignore[typeddict-item]
+    distance_options = DistanceOptions(**options)  # type: ignore[typeddict-item]
     cosmology = FLAT_PLANCK13 if cosmology is None else cosmology
-    dispersion = dispersion_of(peculiar_dispersion, given)
-    flows, grid = _theory_left(given), given.get("reconstruction")
+    dispersion = dispersion_of(peculiar_dispersion, distance_options)
+    flows, grid = _theory_left(distance_options), distance_options.get("reconstruction")
     radial = dispersion if flows is None else float(np.hypot(dispersion, flows.sigma))
     calibration = calibrate(
         field,
-        given.get("redshift_frame"),
+        distance_options.get("redshift_frame"),
         radial,
         cosmology=cosmology,
-        density=given.get("density"),
-        luminosity=given.get("luminosity"),
-        magnitudes=given.get("magnitudes"),
+        density=distance_options.get("density"),
+        luminosity=distance_options.get("luminosity"),
+        magnitudes=distance_options.get("magnitudes"),
     )
     modes = None
     if flows is not None:
-        modes = modes_within(calibration.flow_limits, calibration.cosmology, flows, given.get("n_modes", 250))
-    how = {"ratio": ratio, "apart": apart, "threads": threads}
-    rows = equations(field, calibration, theory=flows, modes=modes, reconstruction=grid, **how)
+        modes = modes_within(
+            calibration.flow_limits, calibration.cosmology, flows, distance_options.get("n_modes", 250)
+        )
+    keywords = {"ratio": ratio, "apart": apart, "threads": threads}
+    rows = equations(field, calibration, theory=flows, modes=modes, reconstruction=grid, **keywords)
     if flows is None and flow_left_out:
         reach = modes_within(calibration.flow_limits, calibration.cosmology, LINEAR_PLANCK18, _MODES_LEFT_OUT)
-        rows = replace(rows, left_out=None if reach is None else LeftOut(field, calibration, reach, how))
+        rows = replace(rows, left_out=None if reach is None else LeftOut(field, calibration, reach, keywords))
     return rows
 
 
@@ -160,19 +162,19 @@ def modes_within(
     redshifts: tuple[float, float], cosmology: Cosmology, theory: LinearTheory, n_modes: int
 ) -> FlowModes | None:
     """The modes of a flow over the distances between two redshifts; None where all of them lie beyond its reach."""
-    low, high = transverse_distance(np.array(redshifts), cosmology) * hubble_value(cosmology) / 100
-    if low > 0.9 * FARTHEST:
+    lower, upper = transverse_distance(np.array(redshifts), cosmology) * hubble_value(cosmology) / 100
+    if lower > 0.9 * FARTHEST:
         return None
     # Distances given the redshift may lie beyond that of the redshift itself.
-    return flow_modes(0.5 * low, 1.2 * high, n_modes, theory)
+    return flow_modes(0.5 * lower, 1.2 * upper, n_modes, theory)
 
 
 def is_frame_undeclared(field: Field | Parts, redshift_frame: str | None) -> bool:
     """Return whether the frame of the redshifts is not given."""
     if redshift_frame is not None:
         return False
-    first = field if isinstance(field, Field) else next(iter(field))
-    return first.redshift is not None and first.redshift_frame is None
+    first_field = field if isinstance(field, Field) else next(iter(field))
+    return first_field.redshift is not None and first_field.redshift_frame is None
 
 
 def by_frame(words: Callable[[str], str], frames: Sequence[str]) -> dict[str, tuple[bool, str]]:
@@ -286,24 +288,24 @@ def observer_velocity(
             f"{_PRODUCT}: give hubble=, or a velocity to fit.secular_parallax.hubble_constant, or priors to "
             "fit.posterior.sample"
         )
-    known: dict[str, Any] = {
+    keywords: dict[str, Any] = {
         "cosmology": cosmology,
         "spin": spin,
         "acceleration": acceleration,
         "excess_noise": excess_noise,
     }
-    estimate = partial(observer_velocity, field, hubble, **known, **distances)
+    estimate = partial(observer_velocity, field, hubble, **keywords, **distances)
     if isinstance(peculiar_dispersion, str):
         return fit_free_scale(estimate, field, peculiar_dispersion, most_beside(flow_theory(distances)))
     dispersion = dispersion_of(peculiar_dispersion, distances)
-    given: dict[str, Any] = {"cosmology": cosmology, "peculiar_dispersion": dispersion} | distances
+    options: dict[str, Any] = {"cosmology": cosmology, "peculiar_dispersion": dispersion} | distances
 
     def as_frame(frame):
         return _in_words(estimate(peculiar_dispersion=dispersion, redshift_frame=frame).velocity)
 
     ratio = hubble / hubble_value(FLAT_PLANCK13 if cosmology is None else cosmology)
     rows = collect_notes(
-        parallax_equations(field, ratio=ratio, **given), field, distances.get("redshift_frame"), as_frame
+        parallax_equations(field, ratio=ratio, **options), field, distances.get("redshift_frame"), as_frame
     )
     return velocity_from(rows, hubble, dispersion, spin, acceleration, excess_noise)
 
@@ -327,14 +329,16 @@ def velocity_from(
     group = local_group_of(local_group, rows)
     left_out = _left_out(rows, dispersion, excess_noise, ratio)
     best = _select_preferred(rows, dispersion, excess_noise, acceleration, ratio, spin) if preferred else None
-    solved = solve_for(sums, to_u[:, : OMEGA.start], names, spin, rows, acceleration, ratio, group, left_out=left_out)
-    return VelocitySolution(**solved, preferred=best, peculiar_dispersion=dispersion, assumed_hubble=hubble)
+    attributes = solve_for(
+        sums, to_u[:, : OMEGA.start], names, spin, rows, acceleration, ratio, group, left_out=left_out
+    )
+    return VelocitySolution(**attributes, preferred=best, peculiar_dispersion=dispersion, assumed_hubble=hubble)
 
 
 def _left_out(rows, dispersion, excess_noise, ratio):
     """Sums with the columns of a flow that is left out."""
-    rest = rows.left_out
-    return None if rest is None else rest.sums(dispersion * ratio, excess_noise, rows.n_data // 2)
+    omission = rows.left_out
+    return None if omission is None else omission.sums(dispersion * ratio, excess_noise, rows.n_data // 2)
 
 
 def _select_preferred(rows, dispersion, excess_noise, acceleration, ratio, spin):
@@ -383,25 +387,25 @@ def hubble_constant(
             f"{_PRODUCT}: give velocity=, or a Hubble constant to fit.secular_parallax.observer_velocity, or priors to "
             "fit.posterior.sample"
         )
-    known: dict[str, Any] = {
+    keywords: dict[str, Any] = {
         "cosmology": cosmology,
         "spin": spin,
         "acceleration": acceleration,
         "excess_noise": excess_noise,
     }
-    known |= {"hubble": hubble, "local_group": local_group}
-    estimate = partial(hubble_constant, field, velocity, **known, **distances)
+    keywords |= {"hubble": hubble, "local_group": local_group}
+    estimate = partial(hubble_constant, field, velocity, **keywords, **distances)
     if isinstance(peculiar_dispersion, str):
         return fit_free_scale(estimate, field, peculiar_dispersion, most_beside(flow_theory(distances)))
     dispersion = dispersion_of(peculiar_dispersion, distances)
-    given: dict[str, Any] = {"cosmology": cosmology, "peculiar_dispersion": dispersion} | distances
+    options: dict[str, Any] = {"cosmology": cosmology, "peculiar_dispersion": dispersion} | distances
 
     def as_frame(frame):
         solution = estimate(peculiar_dispersion=dispersion, redshift_frame=frame)
         return f"H0 = {solution.hubble:.1f} ± {solution.hubble_error:.1f} km/s/Mpc"
 
     rows = collect_notes(
-        parallax_equations(field, apart=True, **given), field, distances.get("redshift_frame"), as_frame
+        parallax_equations(field, apart=True, **options), field, distances.get("redshift_frame"), as_frame
     )
     return hubble_from(rows, velocity, dispersion, spin, acceleration, excess_noise, hubble, local_group)
 
@@ -432,7 +436,7 @@ def hubble_from(
         to_u[A, 1:] = np.eye(3)
         return solve_for(sums, to_u, names, spin, rows, acceleration, ratio, group, v, left_out)
 
-    solved = at(velocity.value)
+    attributes = at(velocity.value)
     if velocity.covariance.any():
         step = 1e-4 * velocity.amplitude
         slopes = np.stack(
@@ -442,8 +446,8 @@ def hubble_from(
             ],
             axis=1,
         )
-        solved["covariance"] = solved["covariance"] + slopes @ velocity.covariance @ slopes.T
-    return HubbleSolution(**solved, preferred=best, peculiar_dispersion=dispersion, assumed_velocity=velocity)
+        attributes["covariance"] = attributes["covariance"] + slopes @ velocity.covariance @ slopes.T
+    return HubbleSolution(**attributes, preferred=best, peculiar_dispersion=dispersion, assumed_velocity=velocity)
 
 
 def _in_words(velocity):
@@ -461,8 +465,8 @@ def local_group_of(value: Vector | bool | None, rows: ParallaxEquations | Parall
         )
     if value is not True and not isinstance(value, Vector):
         raise ParameterError(f"local_group is a Vector in km/s, or True, not {value!r}")
-    known = (LOCAL_GROUP if value is True else value).to_frame(rows.frame)
-    return LocalGroup(rows.modes, known.value, known.covariance + LOCAL_SCATTER**2 * np.eye(3))
+    velocity = (LOCAL_GROUP if value is True else value).to_frame(rows.frame)
+    return LocalGroup(rows.modes, velocity.value, velocity.covariance + LOCAL_SCATTER**2 * np.eye(3))
 
 
 def predict_errors(
@@ -495,19 +499,21 @@ def predict_errors(
     still = Field.from_positions(sources, sigma)
     still = still.minus(still.motion)
     options = {"redshift_frame": still.redshift_frame or "true"} | options
-    apart = {name: options[name] for name in ("spin", "acceleration", "excess_noise") if name in options}
-    rest = {name: value for name, value in options.items() if name not in apart}
-    cosmology = rest.get("cosmology")
+    fit_options = {name: options[name] for name in ("spin", "acceleration", "excess_noise") if name in options}
+    equation_options = {name: value for name, value in options.items() if name not in fit_options}
+    cosmology = equation_options.get("cosmology")
     ratio = hubble / hubble_value(FLAT_PLANCK13 if cosmology is None else cosmology)
-    dispersion = dispersion_of(rest.get("peculiar_dispersion"), rest)  # type: ignore[arg-type]
-    rest |= {"peculiar_dispersion": dispersion, "flow_left_out": left_out}
-    more: dict[str, Any] = apart | {"local_group": local_group, "preferred": False}
-    ours = velocity_from(parallax_equations(still, ratio=ratio, **rest), hubble, dispersion, **more)
-    constant = hubble_from(parallax_equations(still, apart=True, **rest), velocity, dispersion, **more, hubble=hubble)
-    nothing = float("nan")
+    dispersion = dispersion_of(equation_options.get("peculiar_dispersion"), equation_options)  # type: ignore[arg-type]
+    equation_options |= {"peculiar_dispersion": dispersion, "flow_left_out": left_out}
+    keywords: dict[str, Any] = fit_options | {"local_group": local_group, "preferred": False}
+    ours = velocity_from(parallax_equations(still, ratio=ratio, **equation_options), hubble, dispersion, **keywords)
+    constant = hubble_from(
+        parallax_equations(still, apart=True, **equation_options), velocity, dispersion, **keywords, hubble=hubble
+    )
+    nan = float("nan")
     return (
-        replace(ours, values=np.full(len(ours.names), nothing), chi2=nothing),
-        replace(constant, values=np.full(len(constant.names), nothing), chi2=nothing),
+        replace(ours, values=np.full(len(ours.names), nan), chi2=nan),
+        replace(constant, values=np.full(len(constant.names), nan), chi2=nan),
     )
 
 
@@ -624,13 +630,13 @@ def forecast_velocity(
     sources, velocity, constant = [], [], []
     for field in catalogues.values():
         for limit in limits:
-            chosen = field[np.asarray(field.redshift) < limit]
-            sources.append(len(chosen))
+            selection = field[np.asarray(field.redshift) < limit]
+            sources.append(len(selection))
             for options in KNOWN.values():
-                given = (
+                keywords = (
                     {"redshift_frame": redshift_frame} | options | ({"n_modes": n_modes} if options["flows"] else {})
                 )
-                ours, h = predict_errors(chosen, hubble, **given)
+                ours, h = predict_errors(selection, hubble, **keywords)
                 velocity.append(np.sqrt(np.trace(ours.velocity.covariance) / 3))
                 constant.append(h.hubble_error)
     shape = len(catalogues), len(limits)

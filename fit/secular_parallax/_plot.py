@@ -29,31 +29,31 @@ _LONGEST = 16.0
 @apply_style
 def plot_flow(flow: Any, *, ax: OnAxes | None = None) -> AxesArray:
     """Velocities on shells: radial ones as colours, tangential ones as arrows; faint where the fit knows nothing."""
-    last = flow.modes.radii[-1]
-    radii = [radius for radius in (20.0, 40.0, 80.0) if radius <= last] or [float(last)]
-    drawn = panels(ax, len(radii), 1, size=(WIDTH, 2.15 * len(radii) + 0.5))
+    outer_radius = flow.modes.radii[-1]
+    radii = [radius for radius in (20.0, 40.0, 80.0) if radius <= outer_radius] or [float(outer_radius)]
+    subplots = panels(ax, len(radii), 1, size=(WIDTH, 2.15 * len(radii) + 0.5))
     lon, lat = centres(_NSIDE)
     radial = [flow.at(lon, lat, np.full(lon.size, radius))[1] for radius in radii]
-    reach = max(float(np.abs(each).max()) for each in radial) or 1.0
+    reach = max(float(np.abs(velocities).max()) for velocities in radial) or 1.0
     image: Any = None
     for i, (radius, values) in enumerate(zip(radii, radial, strict=True)):
-        axes = drawn[i] = sky_axes(flow.frame, drawn[i])
+        axes = subplots[i] = sky_axes(flow.frame, subplots[i])
         image = draw_map(axes, values, cmap=DIVERGING, vmin=-reach, vmax=reach, alpha=0.85)
         grid = arrow_grid(axes, 18.0)
         tangential, _ = flow.at(*grid, np.full(grid[0].size, radius))
         draw_vectors(axes, *grid, tangential, scale=reach, longest=_LONGEST, color="0.1")
         draw_key(axes, reach, "km/s across", _LONGEST)
-        sure = _tabulate_flow(flow, radius)
-        axes.set_title(f"{radius:.0f} Mpc/h: {sure:.0%} of the flow's variance known from the motions")
-    bar = axes.figure.colorbar(image, ax=list(drawn), orientation="horizontal", shrink=0.7, pad=0.02, aspect=30)
+        fraction = _tabulate_flow(flow, radius)
+        axes.set_title(f"{radius:.0f} Mpc/h: {fraction:.0%} of the flow's variance known from the motions")
+    bar = axes.figure.colorbar(image, ax=list(subplots), orientation="horizontal", shrink=0.7, pad=0.02, aspect=30)
     bar.set_label("velocity away from us  [km/s], in the frame of the CMB")
-    return drawn
+    return subplots
 
 
-def _tabulate_flow(flow, radius, places=48):
+def _tabulate_flow(flow, radius, n_directions=48):
     """The share of the modes' variance that the fit took away, over directions."""
     lon, lat = even_grid(30.0)
-    lon, lat = lon[:: max(1, lon.size // places)], lat[:: max(1, lat.size // places)]
+    lon, lat = lon[:: max(1, lon.size // n_directions)], lat[:: max(1, lat.size // n_directions)]
     tangential, radial = flow.modes.at(lon, lat, np.full(lon.size, radius))
     rows = np.concatenate([tangential[0], tangential[1], radial])
     after = np.einsum("ni,ij,nj->n", rows, flow.covariance, rows)
@@ -64,17 +64,17 @@ def _tabulate_flow(flow, radius, places=48):
 def plot_forecast(forecast: Any, *, ax: OnAxes | None = None) -> AxesArray:
     """Errors of H0 against the redshift limit."""
     count = len(forecast.catalogues)
-    drawn = panels(ax, count, 1, size=(WIDTH, 1.9 * count + 0.6), sharex=True)
+    subplots = panels(ax, count, 1, size=(WIDTH, 1.9 * count + 0.6), sharex=True)
     colours = ("#7f7f7f", *COLOURS)
-    for axes, name, errors in zip(drawn, forecast.catalogues, forecast.hubble, strict=True):
-        for known, each, colour in zip(forecast.known, errors.T, colours, strict=False):
-            style = "--" if known == "independent" else "-"
-            axes.plot(forecast.limits, each, marker="o", color=colour, linestyle=style, label=known)
+    for axes, name, errors in zip(subplots, forecast.catalogues, forecast.hubble, strict=True):
+        for assumption, curve, colour in zip(forecast.known, errors.T, colours, strict=False):
+            style = "--" if assumption == "independent" else "-"
+            axes.plot(forecast.limits, curve, marker="o", color=colour, linestyle=style, label=assumption)
         axes.set_yscale("log")
         log_ticks(axes.yaxis, *axes.get_ylim())
         axes.set_xticks(forecast.limits)
         axes.set_title(name, loc="left")
         axes.set_ylabel("error of H0  [km/s/Mpc]")
-    drawn[-1].set_xlabel("galaxies with z below")
-    axes.figure.legend(*drawn[0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
-    return drawn
+    subplots[-1].set_xlabel("galaxies with z below")
+    axes.figure.legend(*subplots[0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
+    return subplots

@@ -34,18 +34,16 @@ def sections_of(
 ) -> tuple[Section, ...]:
     """A velocity or a Hubble constant as sections."""
     is_velocity, quality = hasattr(solution, "velocity"), solution.quality
-    what = "Our velocity" if is_velocity else "The Hubble constant"
+    quantity = "Our velocity" if is_velocity else "The Hubble constant"
     fitted = f", χ²/dof = {quality.reduced:.3f}" if np.isfinite(quality.reduced) else ""
-    named = f"{printable(source)}: " if source else ""
-    facts = [("sources", f"{named}{solution.n_sources} sources, {solution.frame} axes{fitted}")]
+    prefix = f"{printable(source)}: " if source else ""
+    facts = [("sources", f"{prefix}{solution.n_sources} sources, {solution.frame} axes{fitted}")]
     facts.append(("flows", _cosmic(solution)))
     is_warned, about = _dispersion(solution)
     if long:
-        beside = ", with the flow" if solution.flow is not None else ""
-        words = (
-            f"{solution.peculiar_dispersion:g} km/s of peculiar velocities in each component, in the weights{beside}"
-        )
-        facts.append(("dispersion", words))
+        suffix = ", with the flow" if solution.flow is not None else ""
+        text = f"{solution.peculiar_dispersion:g} km/s of peculiar velocities in each component, in the weights{suffix}"
+        facts.append(("dispersion", text))
     if about and (long or is_warned):
         facts.append(("warning" if is_warned else "residuals", about))
     correlations = {"parameter": list(solution.names)} | dict(zip(solution.names, solution.correlation.T, strict=True))
@@ -53,21 +51,21 @@ def sections_of(
     below = Section("Correlations", (), tables.table_of(correlations), forms=forms, notes=solution.notes)
     if np.isnan(solution.values).all():
         errors = tables.table_of({"parameter": list(solution.names), "error": solution.sigma})
-        return (Section(f"{what} from the secular parallax of galaxies: errors of a fit", facts, errors), below)
+        return (Section(f"{quantity} from the secular parallax of galaxies: errors of a fit", facts, errors), below)
     if long:
         facts.append(("χ²/dof", f"{solution.chi2:.6g} / {solution.dof}"))
     if quality.warning():
-        scaled = "; errors below are as quoted, p-values are given for both" if quality.factor > 1 else ""
-        facts.append(("warning", f"{quality.warning()}{scaled}"))
+        remark = "; errors below are as quoted, p-values are given for both" if quality.factor > 1 else ""
+        facts.append(("warning", f"{quality.warning()}{remark}"))
     if is_velocity and solution.velocity.amplitude > SPEED_OF_LIGHT:
         facts.append(("warning", "faster than light: are redshifts and motions in the unit that was taken?"))
     facts += _velocity_facts(solution, quality, long) if is_velocity else _hubble_facts(solution, quality, truth)
     a = solution.acceleration
     if is_seen(a) and (long or is_velocity):
         facts.append(("acceleration", direction(a.to_frame("galactic"))))
-    title = f"{what} from the secular parallax of galaxies"
-    first = Section(title, facts, _vector_rows(solution, truth or {}, long), remarks=_left_out(solution))
-    return (first, below) if long else (replace(first, notes=solution.notes),)
+    title = f"{quantity} from the secular parallax of galaxies"
+    section = Section(title, facts, _vector_rows(solution, truth or {}, long), remarks=_left_out(solution))
+    return (section, below) if long else (replace(section, notes=solution.notes),)
 
 
 def _vector_rows(solution, truth, long):
@@ -78,9 +76,9 @@ def _vector_rows(solution, truth, long):
         rows.append(("velocity [km/s]", *components(v), amplitude(v)))
         if "velocity" in truth:
             true = truth["velocity"].to_frame(solution.frame)
-            expected = replace(true, value=true.value * truth["hubble"] / solution.assumed_hubble)
+            expectation = replace(true, value=true.value * truth["hubble"] / solution.assumed_hubble)
             is_other = truth["hubble"] != solution.assumed_hubble
-            rows.append(_true_row(v, expected, "+.1f", f"(simulated with H0 = {truth['hubble']:g})" * is_other))
+            rows.append(_true_row(v, expectation, "+.1f", f"(simulated with H0 = {truth['hubble']:g})" * is_other))
         if long:
             galactic = v.to_frame("galactic")
             rows.append(("  galactic axes", *components(galactic), ""))
@@ -93,21 +91,21 @@ def _vector_rows(solution, truth, long):
 
 
 def _true_row(vector, true, form, remark=""):
-    cells = (f"{x:{form}} ({away:+.1f}σ)" for x, away in zip(true.value, pulls(vector, true), strict=True))
+    cells = (f"{x:{form}} ({pull:+.1f}σ)" for x, pull in zip(true.value, pulls(vector, true), strict=True))
     return ("  truth", *cells, remark)
 
 
 def _dispersion(solution):
     """Return whether the residuals contradict the dispersion, with words."""
-    preferred = solution.preferred
-    if preferred is None:
+    preference = solution.preferred
+    if preference is None:
         return False, ""
     if solution.quality.factor > 1.2:
         return False, "do not determine the dispersion: they contradict the errors themselves"
-    if not preferred.constrained:
+    if not preference.constrained:
         return False, "do not determine the dispersion"
-    prefer = f"prefer {preferred.low:.0f} to {preferred.high:.0f} km/s (68 %)"
-    if preferred.gain < 4.5:  # ln L of three standard deviations
+    prefer = f"prefer {preference.low:.0f} to {preference.high:.0f} km/s (68 %)"
+    if preference.gain < 4.5:  # ln L of three standard deviations
         return False, prefer
     remedy = '--peculiar-dispersion free ("free") takes what they prefer'
     return True, f"the residuals {prefer}: results are biased where the dispersion is wrong, {remedy}"
@@ -118,7 +116,7 @@ def _left_out(solution):
     if solution.flow_covariance is None:
         return []
     size = np.sqrt(np.diag(solution.flow_covariance))
-    first = (
+    phrase = (
         f"{size[0]:.0f} km/s/Mpc in H0"
         if solution.names[0] == "H0"
         else f"{np.sqrt(np.mean(size[:3] ** 2)):.0f} km/s in each component"
@@ -126,7 +124,7 @@ def _left_out(solution):
     at = solution.names.index("a_x")
     glide = np.sqrt(np.mean(size[at : at + 3] ** 2))
     return [
-        f"warning: not in the errors above: flows of linear theory, which galaxies share, add ± {first} and ± "
+        f"warning: not in the errors above: flows of linear theory, which galaxies share, add ± {phrase} and ± "
         f"{glide:.2g} µas/yr in each component of the acceleration; without --no-flows they are fitted"
     ]
 
@@ -151,14 +149,14 @@ def _velocity_facts(solution, quality, long):
         )
     ]
     if is_seen(v) or long:
-        debiased = f"; noise-debiased |v| {v.debiased_amplitude:.1f}" if is_seen(v) and long else ""
-        facts.append(("apex", f"{direction(galactic)}{debiased}"))
+        remark = f"; noise-debiased |v| {v.debiased_amplitude:.1f}" if is_seen(v) and long else ""
+        facts.append(("apex", f"{direction(galactic)}{remark}"))
     if long:
         from_planck = solution.against(CMB_VELOCITY_PLANCK18)[0]
         from_none = float(v.value @ np.linalg.solve(v.covariance, v.value))
         facts.append(("test of zero velocity", _format_chi2(from_none, 3, quality)))
-        against = f"{CMB_VELOCITY_PLANCK18.amplitude:.1f} km/s relative to the microwave background: "
-        facts.append(("test of Planck's velocity", against + _format_chi2(from_planck, 3, quality)))
+        prefix = f"{CMB_VELOCITY_PLANCK18.amplitude:.1f} km/s relative to the microwave background: "
+        facts.append(("test of Planck's velocity", prefix + _format_chi2(from_planck, 3, quality)))
     return facts
 
 
@@ -170,11 +168,11 @@ def _format_chi2(chi2, dof, quality):
     return line
 
 
-def _limits(low, high):
-    if high <= 0:
+def _limits(lower_limit, upper_limit):
+    if upper_limit <= 0:
         return "negative, beyond its 95 % limit: no positive one is allowed by the motions"
-    lower = f"above {low:.1f} with 95 % (one-sided)" if low > 0 else "without a limit from below"
-    return f"below {high:.1f} km/s/Mpc with 95 %, {lower}"
+    lower = f"above {lower_limit:.1f} with 95 % (one-sided)" if lower_limit > 0 else "without a limit from below"
+    return f"below {upper_limit:.1f} km/s/Mpc with 95 %, {lower}"
 
 
 def _hubble_facts(solution, quality, truth):
@@ -182,18 +180,18 @@ def _hubble_facts(solution, quality, truth):
     pull = solution.hubble / solution.hubble_error
     facts = [("velocity", f"{v.amplitude:.2f} km/s {direction(v)}, assumed")]
     if pull < 3:  # the error is no longer a ±
-        product, error = (v.amplitude * each for each in (solution.hubble, solution.hubble_error))
+        product, error = (v.amplitude * value for value in (solution.hubble, solution.hubble_error))
         size = f"{product:.0f}, standard error {error:.0f} (km/s)²/Mpc: {pull:.1f} of them from zero"
         facts.append(("v · H0", size))
         facts.append(("H0", f"{_limits(*solution.hubble_limits)}; least squares {solution.hubble:.1f}"))
     else:
-        scaled = f"; {pull / quality.factor:.1f} with scaled errors" if quality.factor > 1 else ""
+        remark = f"; {pull / quality.factor:.1f} with scaled errors" if quality.factor > 1 else ""
         size = f"{solution.hubble:.2f} ± {solution.hubble_error:.2f} km/s/Mpc"
-        facts.append(("H0", f"{size}, {pull:.1f} standard errors from zero{scaled}"))
+        facts.append(("H0", f"{size}, {pull:.1f} standard errors from zero{remark}"))
     if truth and "velocity" in truth:
         true = truth["hubble"]
-        away = f"{true:.2f} ({(solution.hubble - true) / solution.hubble_error:+.1f}σ)"
-        facts.append(("truth", away if truth["velocity"].amplitude else "no velocity was simulated"))
+        comparison = f"{true:.2f} ({(solution.hubble - true) / solution.hubble_error:+.1f}σ)"
+        facts.append(("truth", comparison if truth["velocity"].amplitude else "no velocity was simulated"))
     return facts
 
 
@@ -234,12 +232,12 @@ def preferred_dispersion(
     matrix, rhs, null = np.array(sums.matrix), sums.rhs, sums.chi2_null
     keep = slice(0, OMEGA.start if spin is None else OMEGA.stop)
     if isinstance(spin, Vector):  # what is known is taken away, and its error is a prior on what is left
-        known = spin.to_frame(rows.frame)
-        across = matrix[:, :, OMEGA] @ known.value
-        null = null - 2 * rhs[:, OMEGA] @ known.value + across[:, OMEGA] @ known.value
+        spin_vector = spin.to_frame(rows.frame)
+        across = matrix[:, :, OMEGA] @ spin_vector.value
+        null = null - 2 * rhs[:, OMEGA] @ spin_vector.value + across[:, OMEGA] @ spin_vector.value
         rhs = rhs - across
-        if np.linalg.det(known.covariance) > 0:
-            matrix[:, OMEGA, OMEGA] += np.linalg.inv(known.covariance)
+        if np.linalg.det(spin_vector.covariance) > 0:
+            matrix[:, OMEGA, OMEGA] += np.linalg.inv(spin_vector.covariance)
         else:
             keep = slice(0, OMEGA.start)
     n, b = matrix[:, keep, keep], rhs[:, keep]
@@ -249,46 +247,46 @@ def preferred_dispersion(
     return _summary(log, taken)
 
 
-def _summary(log: FloatArray, taken: float) -> PreferredScale:
+def _summary(log: FloatArray, dispersion: float) -> PreferredScale:
     """Summarise ln L on the grid."""
     curve = CubicSpline(GRID, log)
     fine = np.linspace(0, GRID[-1], 1401)
     values = curve(fine)
     best = int(np.argmax(values))
     share = np.cumsum(np.exp(values - values[best]))
-    low, high = np.interp([0.15865525, 0.84134475], share / share[-1], fine)
-    gain = values[best] - float(curve(min(taken, GRID[-1])))
-    return PreferredScale(float(fine[best]), float(low), float(high), float(max(gain, 0.0)))
+    lower, upper = np.interp([0.15865525, 0.84134475], share / share[-1], fine)
+    gain = values[best] - float(curve(min(dispersion, GRID[-1])))
+    return PreferredScale(float(fine[best]), float(lower), float(upper), float(max(gain, 0.0)))
 
 
-def fit_free_scale(estimate: Callable[..., Any], field: Any, word: str, most: float = float("inf")) -> Any:
-    """An estimate with the dispersion that its residuals prefer, `most` at most; its uncertainty adds to the errors."""
+def fit_free_scale(estimate: Callable[..., Any], field: Any, word: str, limit: float = float("inf")) -> Any:
+    """Estimate with the dispersion that its residuals prefer, at most `limit`; its uncertainty adds to the errors."""
     if word != "free":
         raise ParameterError(f"a dispersion is a number [km/s], or 'free', not {word!r}")
     if not isinstance(field, Field):
         raise ParameterError("a dispersion that is free needs the sources in memory: give a Field, not parts")
     solution = estimate()
-    first, most = solution.peculiar_dispersion, min(most, GRID[-1])
+    dispersion, limit = solution.peculiar_dispersion, min(limit, GRID[-1])
     for _ in range(6):
-        preferred = solution.preferred
-        if not preferred.constrained:
-            note = f"the residuals do not tell the dispersion of peculiar velocities: {first:g} km/s are taken"
+        preference = solution.preferred
+        if not preference.constrained:
+            note = f"the residuals do not tell the dispersion of peculiar velocities: {dispersion:g} km/s are taken"
             return replace(estimate(), notes=(*solution.notes, note))
-        best = min(preferred.best, most)
+        best = min(preference.best, limit)
         if abs(best - solution.peculiar_dispersion) < 0.02 * max(best, 50.0):
             break
         solution = estimate(peculiar_dispersion=best)
-    ends = [estimate(peculiar_dispersion=min(x, most)) for x in (preferred.low, preferred.high)]
-    if preferred.best > most:
-        more = (
-            f"warning: the residuals prefer {preferred.best:.0f} km/s beside the flows, more than these leave: "
-            f"{most:.0f} are taken; without flows (flows=None, --no-flows) it is what they prefer"
+    ends = [estimate(peculiar_dispersion=min(x, limit)) for x in (preference.low, preference.high)]
+    if preference.best > limit:
+        warning = (
+            f"warning: the residuals prefer {preference.best:.0f} km/s beside the flows, more than these leave: "
+            f"{limit:.0f} are taken; without flows (flows=None, --no-flows) it is what they prefer"
         )
-        solution = replace(solution, notes=(*solution.notes, more))
+        solution = replace(solution, notes=(*solution.notes, warning))
     shift = (ends[1].values - ends[0].values) / 2
     note = (
-        f"the dispersion of peculiar velocities is what the residuals prefer, {preferred.low:.0f} to "
-        f"{preferred.high:.0f} km/s (68 %)"
+        f"the dispersion of peculiar velocities is what the residuals prefer, {preference.low:.0f} to "
+        f"{preference.high:.0f} km/s (68 %)"
     )
     return replace(solution, covariance=solution.covariance + np.outer(shift, shift), notes=(*solution.notes, note))
 
@@ -436,17 +434,17 @@ class HubbleSolution(ParallaxSolution):
     @property
     def hubble_limits(self) -> tuple[float, float]:
         """Limits from below and from above, 95 % each, zero where they are negative. [km/s/Mpc]"""
-        low, high = (max(self.hubble + float(ndtri(p)) * self.hubble_error, 0.0) for p in (0.05, 0.95))
-        return low, high
+        lower, upper = (max(self.hubble + float(ndtri(p)) * self.hubble_error, 0.0) for p in (0.05, 0.95))
+        return lower, upper
 
     def _tests(self):
-        low, high = self.hubble_limits
-        limits = {"hubble_above_95": low} if low > 0 else {}
-        return {"assumed_velocity": self.assumed_velocity.amplitude, **limits, "hubble_below_95": high}
+        lower, upper = self.hubble_limits
+        limits = {"hubble_above_95": lower} if lower > 0 else {}
+        return {"assumed_velocity": self.assumed_velocity.amplitude, **limits, "hubble_below_95": upper}
 
 
 def _difference(a, b):
     b = b.to_frame(a.frame)
-    away = a.value - b.value
-    chi2 = float(away @ np.linalg.solve(a.covariance + b.covariance, away))
+    difference = a.value - b.value
+    chi2 = float(difference @ np.linalg.solve(a.covariance + b.covariance, difference))
     return chi2, float(chdtrc(3, chi2))

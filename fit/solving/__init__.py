@@ -90,12 +90,12 @@ def solve(
     values = scale * cho_solve(factor, scale * normal.rhs)
     chi2, notes = float(normal.chi2_null - values @ normal.rhs), format_notes(normal.notes)
     if normal.templates:
-        names = ", ".join(each.name for each in normal.templates)
+        names = ", ".join(template.name for template in normal.templates)
         notes = (*notes, f"templates are not in this fit, but in that of fit.background.shared: {names}")
     by_prior = 0.0
-    if (assumed := normal.prior) is not None:
-        by_prior = float(np.sum(covariance * assumed.matrix))
-        chi2 -= float(assumed.chi2_null - 2 * values @ assumed.rhs + values @ assumed.matrix @ values)
+    if (total_prior := normal.prior) is not None:
+        by_prior = float(np.sum(covariance * total_prior.matrix))
+        chi2 -= float(total_prior.chi2_null - 2 * values @ total_prior.rhs + values @ total_prior.matrix @ values)
     if chi2 < 1e-11 * normal.chi2_null and normal.n_data > len(normal.modes):
         # The difference of two numbers that are equal to eleven digits.
         chi2, notes = max(chi2, 0.0), (*notes, _LOST)
@@ -154,16 +154,16 @@ def fit_field(
     """
     if modes is not None and lmax is not None:
         raise ParameterError("what is to be fitted: modes, or the degree lmax, one of the two")
-    sought = modes if modes is not None else _DEGREE if lmax is None else lmax
+    target = modes if modes is not None else _DEGREE if lmax is None else lmax
     if not isinstance(field, Field | ScalarField | Parts):
         from vsh.io.catalogue import as_field, is_readable
 
         field = as_field("field", field) if is_readable(field) else field
     if isinstance(field, Field | ScalarField):
-        sought = modes_for(field, sought)
-        if sought.components * len(field) < len(sought):
-            raise DegeneracyError(_too_few(len(field), sought))
-    return with_coverage(solve(normal_equations(field, sought, covariance=covariance)), field)
+        target = modes_for(field, target)
+        if target.components * len(field) < len(target):
+            raise DegeneracyError(_too_few(len(field), target))
+    return with_coverage(solve(normal_equations(field, target, covariance=covariance)), field)
 
 
 #: A part of the sky without sources that is wider than this is worth a word [rad], of so many sources.
@@ -178,18 +178,18 @@ def with_coverage(solution: Any, field: Any) -> Any:
     if radius < _WIDE:
         return solution
     names = ANGLES[field.frame]
-    place = ", ".join(f"{name} = {np.degrees(x):.0f}°" for name, x in zip(names, (lon, lat), strict=True))
+    location = ", ".join(f"{name} = {np.degrees(x):.0f}°" for name, x in zip(names, (lon, lat), strict=True))
     note = CodedNote(
-        f"warning: no source within {np.degrees(radius):.0f}° of {place}: a part of a file, or of the sky? What is "
+        f"warning: no source within {np.degrees(radius):.0f}° of {location}: a part of a file, or of the sky? What is "
         "said of the whole sky rests on the other part",
         ONE_SIDE,
     )
     return solution if note in solution.notes else replace(solution, notes=(*solution.notes, note))
 
 
-def _too_few(sources, modes, why=""):
+def _too_few(sources, modes, reason=""):
     return (
-        f"{sources} sources cannot separate {len(modes)} modes{why}: lower lmax from {modes.lmax}, widen the "
+        f"{sources} sources cannot separate {len(modes)} modes{reason}: lower lmax from {modes.lmax}, widen the "
         "sky coverage, or add fit.gaussian_prior to the normal equations"
     )
 
@@ -200,15 +200,15 @@ def _factor(normal, max_condition):
     if (normal.n_data == 0 and normal.prior is None) or not (diagonal > 0).all():
         _raise_degenerate(normal, np.inf, max_condition, "")
     scale = 1 / np.sqrt(diagonal)
-    scaled = normal.matrix * np.outer(scale, scale)
+    matrix = normal.matrix * np.outer(scale, scale)
     try:
-        factor = cho_factor(scaled, lower=True)
-        reciprocal, _ = dpocon(factor[0], np.abs(scaled).sum(0).max(), uplo="L")
+        factor = cho_factor(matrix, lower=True)
+        reciprocal, _ = dpocon(factor[0], np.abs(matrix).sum(0).max(), uplo="L")
     except np.linalg.LinAlgError:
         reciprocal = 0.0
     if not reciprocal * max_condition > 1:
         _raise_degenerate(
-            normal, 1 / reciprocal if reciprocal else np.inf, max_condition, _weakest(scaled, normal.modes)
+            normal, 1 / reciprocal if reciprocal else np.inf, max_condition, _weakest(matrix, normal.modes)
         )
     return factor, scale
 
@@ -219,9 +219,9 @@ def _raise_degenerate(normal, condition, max_condition, weakest):
     )
 
 
-def _weakest(scaled, modes, most=4):
+def _weakest(matrix, modes, count=4):
     """The modes that make up the combination the data see least."""
-    vector = eigh(scaled, subset_by_index=[0, 0])[1][:, 0]
-    order = np.argsort(-np.abs(vector))[:most]
+    vector = eigh(matrix, subset_by_index=[0, 0])[1][:, 0]
+    order = np.argsort(-np.abs(vector))[:count]
     names = [str(mode) for mode in modes]
     return ", worst in " + ", ".join(names[i] for i in order)

@@ -123,9 +123,9 @@ def solve_frame(
     >>> frame.spin.value.round(9), frame.acceleration.value.round(9)
     (array([1., 2., 3.]), array([4., 5., 6.]))
     """
-    for each in (motions, offsets or motions):
-        if not isinstance(each, Field | Parts):
-            raise FieldError(f"the frame solver takes Fields, or parts of them, not a {type(each).__name__}")
+    for field in (motions, offsets or motions):
+        if not isinstance(field, Field | Parts):
+            raise FieldError(f"the frame solver takes Fields, or parts of them, not a {type(field).__name__}")
     groups = [("omega", "a")] if offsets is None else [("epsilon",), ("omega", "a")]
     names = tuple(f"{name}_{axis}" for group in groups for name in group for axis in _AXES)
     work = partial(_triangle, column=len(names) - 6, size=len(names))
@@ -134,10 +134,14 @@ def solve_frame(
     else:
         triangle = work(motions, covariance=as_covariance(covariance, motions))
     if offsets is not None:
-        other = as_parts(offsets).sum(partial(_triangle, column=0, size=len(names)), roles=(), words="frame solver")
-        if other.frame != triangle.frame:
-            raise FrameError(f"motions are in {triangle.frame}, offsets in {other.frame}: take both to one frame")
-        triangle = other + triangle
+        offset_triangle = as_parts(offsets).sum(
+            partial(_triangle, column=0, size=len(names)), roles=(), words="frame solver"
+        )
+        if offset_triangle.frame != triangle.frame:
+            raise FrameError(
+                f"motions are in {triangle.frame}, offsets in {offset_triangle.frame}: take both to one frame"
+            )
+        triangle = offset_triangle + triangle
     return _back_substitute(triangle.matrix, names, triangle.n_data, triangle.frame, triangle.notes)
 
 
@@ -169,11 +173,11 @@ def _triangle(field, column, size, covariance=None):
         _fill(plain, rows.reshape(size + 1, 2, len(field))[column:], motions)
         return _Triangle(qr(np.asfortranarray(covariance.whiten(rows).T)), 2 * len(field), field.frame, field.notes)
 
-    def block(part):
-        some = field[part]
-        rows = np.zeros((size + 1, 2, len(some)))
-        _fill(some, rows[column:], motions)
-        return _Triangle(qr(rows.reshape(size + 1, -1).T), 2 * len(some), field.frame, field.notes)
+    def block(selection):
+        subset = field[selection]
+        rows = np.zeros((size + 1, 2, len(subset)))
+        _fill(subset, rows[column:], motions)
+        return _Triangle(qr(rows.reshape(size + 1, -1).T), 2 * len(subset), field.frame, field.notes)
 
     return reduce(added, map_blocks(block, len(field), _ROWS))
 
@@ -288,5 +292,8 @@ def cross_check(field: Field | Parts, *, covariance: Covariance | FloatArray | N
     harmonics = solve(normal_equations(field, Modes(1), method="design-matrix", covariance=covariance))
     direct = solve_frame(field, covariance=covariance)
     pairs: list[Any] = [(harmonics.spin, direct.spin), (harmonics.acceleration, direct.acceleration)]
-    largest = max(float(np.max(np.abs(one.value - two.value) / two.sigma)) for one, two in pairs)
+    largest = max(
+        float(np.max(np.abs(harmonic_vector.value - direct_vector.value) / direct_vector.sigma))
+        for harmonic_vector, direct_vector in pairs
+    )
     return CrossCheck(harmonics, direct, largest)

@@ -46,9 +46,9 @@ def conjugate_gradients(
             x += alpha * p
             r -= alpha * q
             z = system.precondition(r)
-            rz, old = r @ z, rz
+            rz, previous_rz = r @ z, rz
             alphas.append(alpha)
-            betas.append(rz / old)
+            betas.append(rz / previous_rz)
             p = z + betas[-1] * p
             bar.update()
             bar.set_postfix_str(f"residual {np.sqrt(rz / start):.1e} → {tolerance:.0e}", refresh=False)
@@ -149,8 +149,8 @@ class MatrixFreeSolution(HarmonicSolution):
             facts.append((str(mode), f"{self.values[self.modes.index(mode)]:+.4g} ± {error:.2g} µas/yr"))
         degrees = range(1, self.modes.lmax + 1)
         columns: dict[str, Any] = {"degree": list(degrees)}
-        kinds: Any = (("T", "toroidal"), ("S", "spheroidal"))
-        for kind, name in kinds:
+        kind_names: Any = (("T", "toroidal"), ("S", "spheroidal"))
+        for kind, name in kind_names:
             columns[name] = [self.coefficients.power(kind, l) for l in degrees]
         table = tables.table_of(columns, {}, dict.fromkeys(("toroidal", "spheroidal"), "uas2 / yr2"))
         title = f"Matrix-free fit to degree {self.modes.lmax}: power as fitted, noise included"
@@ -171,8 +171,8 @@ class MatrixFreeSolution(HarmonicSolution):
         return plot_power(self, ax=ax)
 
     @classmethod
-    def _unpack(cls, columns, rest):
-        solution = super()._unpack(columns, rest)
+    def _unpack(cls, columns, metadata):
+        solution = super()._unpack(columns, metadata)
         return replace(solution, errors={Mode(*mode): error for mode, error in solution.errors.items()})
 
 
@@ -264,7 +264,7 @@ def prior_precision(modes: Modes, power: float | ArrayLike | Callable[[int], flo
     if power is None:
         return np.zeros(len(modes))
     l = np.arange(1, modes.lmax + 1)
-    power = np.array([power(int(each)) for each in l] if callable(power) else power, float)
+    power = np.array([power(int(degree)) for degree in l] if callable(power) else power, float)
     power = np.broadcast_to(power, l.shape)
     if not (power > 0).all():
         raise ParameterError("the prior power must be positive at every degree")
@@ -282,12 +282,12 @@ class _System:
         motions: Any = 0
         notes: tuple[str, ...] = ()
         frames: dict[str, bool] = {}
-        for each in [fields] if isinstance(fields, Field) else fields:
-            w, z, chi2 = fourier_sums(each, modes.lmax, threads)
+        for catalogue in [fields] if isinstance(fields, Field) else fields:
+            w, z, chi2 = fourier_sums(catalogue, modes.lmax, threads)
             weights, motions, self.chi2_null = weights + w, motions + z, self.chi2_null + chi2
-            self.n_data += 2 * len(each)
-            notes = merge_notes(notes, each.notes)
-            frames[each.frame] = True
+            self.n_data += 2 * len(catalogue)
+            notes = merge_notes(notes, catalogue.notes)
+            frames[catalogue.frame] = True
         if len(frames) != 1:
             raise FieldError(f"fields of one frame are needed, not of {', '.join(frames) or 'none'}")
         self.notes, (self.frame,) = notes, frames
@@ -308,21 +308,21 @@ class _System:
         return self.apply_data(values) + self.prior * values
 
     def _precondition(self, weights):
-        low = Modes(min(LOW, self.modes.lmax))
+        low_modes = Modes(min(LOW, self.modes.lmax))
         half = weights.shape[-1] // 2
-        few = weights[:, : 2 * low.lmax + 1, half - 2 * low.lmax : half + 2 * low.lmax + 1]
-        self.low = self.modes.degrees <= low.lmax
+        few = weights[:, : 2 * low_modes.lmax + 1, half - 2 * low_modes.lmax : half + 2 * low_modes.lmax + 1]
+        self.low = self.modes.degrees <= low_modes.lmax
         # The mean weight over the sky is the diagonal of a uniform one; an empty catalogue has none.
         mean = float((weights[0, 0, half] + weights[1, 0, half]).real) / (8 * np.pi)
         self.diagonal = mean * self.modes.norm2 + self.prior
-        block = Rings(low.lmax).matrix(few) + np.diag(self.prior[self.low])
+        block = Rings(low_modes.lmax).matrix(few) + np.diag(self.prior[self.low])
         # A little of the mean keeps the block definite where the sky does not.
         self.block = cho_factor(block + 1e-6 * np.diag(self.diagonal[self.low]))
 
     def precondition(self, residual):
-        out = residual / self.diagonal
-        out[self.low] = cho_solve(self.block, residual[self.low])
-        return out
+        correction = residual / self.diagonal
+        correction[self.low] = cho_solve(self.block, residual[self.low])
+        return correction
 
     def empty_sky(self):
         """The share of the sky without weight, seen at the resolution of the fit."""

@@ -18,14 +18,14 @@ def plot_search(search: Any, *, ax: OnAxes | None = None) -> AxesArray:
         f"largest 2F = {search.statistic.max():.1f}; p = {printed_p_value(search.p_value)} with all directions "
         "looked at"
     )
-    drawn = panels(ax, 2, 1, size=(WIDTH, 5.2))
-    for place, values, label, cmap, title in (
+    subplots = panels(ax, 2, 1, size=(WIDTH, 5.2))
+    for row, values, label, cmap, title in (
         (0, search.statistic, "2F of a wave that travels there", "viridis", heading),
         (1, search.limits, f"95 % limit on its amplitude  [{search.unit}]", "cividis", None),
     ):
-        drawn[place] = plot_map(values, label, frame=search.frame, cmap=cmap, title=title, ax=drawn[place])
-        draw_points(drawn[place], *np.radians(search.direction), marker="+", s=60, color=COLOURS[1])
-    return drawn
+        subplots[row] = plot_map(values, label, frame=search.frame, cmap=cmap, title=title, ax=subplots[row])
+        draw_points(subplots[row], *np.radians(search.direction), marker="+", s=60, color=COLOURS[1])
+    return subplots
 
 
 @apply_style

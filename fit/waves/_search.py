@@ -50,15 +50,15 @@ class WhitenedData(Frozen):
     def of(cls, matrix: FloatArray, rhs: FloatArray, kept: BoolArray) -> WhitenedData:
         """Make it from normal equations."""
         try:
-            free = cho_factor(matrix[np.ix_(~kept, ~kept)])
+            factor = cho_factor(matrix[np.ix_(~kept, ~kept)])
             across = matrix[np.ix_(~kept, kept)]
-            reduced = matrix[np.ix_(kept, kept)] - across.T @ cho_solve(free, across)
-            root = cholesky(reduced)
+            reduced_matrix = matrix[np.ix_(kept, kept)] - across.T @ cho_solve(factor, across)
+            root = cholesky(reduced_matrix)
         except np.linalg.LinAlgError:
             raise DegeneracyError(
                 f"these sources do not determine {len(kept)} coefficients: lower lmax, or take more of the sky"
             ) from None
-        values = solve_triangular(root, rhs[kept] - across.T @ cho_solve(free, rhs[~kept]), trans="T")
+        values = solve_triangular(root, rhs[kept] - across.T @ cho_solve(factor, rhs[~kept]), trans="T")
         return cls(kept, root, values)
 
 
@@ -72,8 +72,8 @@ def templates(lmax: int, nside: int) -> FloatArray:
 
 def map_of(white: WhitenedData, modes: Modes, nside: int, copies: int = 1) -> tuple[FloatArray, FloatArray, FloatArray]:
     """2F, the best amplitudes, (2 copies, n), and their covariance, (n, 2 copies, 2 copies), for every direction."""
-    seen, inverse = _basis(white, modes, nside, copies)
-    g = np.tensordot(white.values, seen, axes=(0, 1))
+    basis, inverse = _basis(white, modes, nside, copies)
+    g = np.tensordot(white.values, basis, axes=(0, 1))
     amplitudes = np.einsum("nij,jn->in", inverse, g)
     return np.sum(g * amplitudes, axis=0), amplitudes, inverse
 
@@ -82,11 +82,11 @@ def _basis(white, modes, nside, copies):
     """Whitened templates, (2 copies, q, n), and the inverse of their products, (n, 2 copies, 2 copies)."""
     single = templates(modes.lmax, nside)
     p = len(modes)
-    whole = np.zeros((2 * copies, copies * p, single.shape[2]))
+    template_blocks = np.zeros((2 * copies, copies * p, single.shape[2]))
     for copy in range(copies):
-        whole[2 * copy : 2 * copy + 2, copy * p : (copy + 1) * p] = single
-    seen = np.tensordot(white.root, whole[:, white.kept], axes=(1, 1)).transpose(1, 0, 2)
-    return seen, np.linalg.inv(np.einsum("iqn,jqn->nij", seen, seen))
+        template_blocks[2 * copy : 2 * copy + 2, copy * p : (copy + 1) * p] = single
+    basis = np.tensordot(white.root, template_blocks[:, white.kept], axes=(1, 1)).transpose(1, 0, 2)
+    return basis, np.linalg.inv(np.einsum("iqn,jqn->nij", basis, basis))
 
 
 def chance(white: WhitenedData, modes: Modes, nside: int, largest: float, n_skies: int, rng: Rng) -> float:
@@ -101,13 +101,13 @@ def share_beyond(maxima: FloatArray, largest: float) -> float:
 
 def chances(white: WhitenedData, modes: Modes, nside: int, n_skies: int, rng: Rng, copies: int = 1) -> FloatArray:
     """The largest 2F of each of so many skies of noise."""
-    seen, inverse = _basis(white, modes, nside, copies)
+    basis, inverse = _basis(white, modes, nside, copies)
     root = np.linalg.cholesky(inverse)
-    rotated = np.einsum("nij,iqn->jnq", root, seen)  # 2F is the sum of squares of these with the noise
+    unit_basis = np.einsum("nij,iqn->jnq", root, basis)  # 2F is the sum of squares of these with the noise
     rng, largest = generator(rng), []
     for start in range(0, n_skies, 100):
         noise = rng.standard_normal((len(white.values), min(100, n_skies - start)))
-        largest.append(sum((part @ noise) ** 2 for part in rotated).max(axis=0))
+        largest.append(sum((component @ noise) ** 2 for component in unit_basis).max(axis=0))
     return np.concatenate(largest)
 
 
@@ -174,7 +174,7 @@ class WaveSearch(Result):
     @property
     def direction(self) -> tuple[float, float]:
         """Direction that the best wave travels to: longitude and latitude. [deg]"""
-        lon, lat = (float(np.degrees(each[np.argmax(self.statistic)])) for each in centres(self.nside))
+        lon, lat = (float(np.degrees(angle[np.argmax(self.statistic)])) for angle in centres(self.nside))
         return lon % 360, lat
 
     @property
@@ -221,15 +221,17 @@ class WaveSearch(Result):
 
     def _sections(self, long):
         lon, lat = self.direction
-        there = Vector.from_spherical(1.0, lon, lat, frame=self.frame)
-        places = []
+        vector = Vector.from_spherical(1.0, lon, lat, frame=self.frame)
+        directions = []
         for frame in dict.fromkeys((self.frame, "galactic")):
-            place = there.to_frame(frame).direction
-            places.append(", ".join(f"{name} = {value:.1f}°" for name, value in zip(ANGLES[frame], place, strict=True)))
+            direction = vector.to_frame(frame).direction
+            directions.append(
+                ", ".join(f"{name} = {value:.1f}°" for name, value in zip(ANGLES[frame], direction, strict=True))
+            )
         best = self.amplitudes[:, np.argmax(self.statistic)]
-        kinds = ("plus", "cross") if len(best) == 2 else ("plus cos", "cross cos", "plus sin", "cross sin")
-        wave = ", ".join(f"{kind} {value:+.4g}" for kind, value in zip(kinds, best, strict=True))
-        low, middle, high = np.quantile(self.limits, [0, 0.5, 1])
+        labels = ("plus", "cross") if len(best) == 2 else ("plus cos", "cross cos", "plus sin", "cross sin")
+        wave = ", ".join(f"{label} {value:+.4g}" for label, value in zip(labels, best, strict=True))
+        lower, middle, upper = np.quantile(self.limits, [0, 0.5, 1])
         strain = f"{strain_of(middle, 1.0):.3g} (1 nHz/f)"
         if self.unit == "µas":
             strain = f"{float(self._strains(np.array(middle), None)):.3g}"
@@ -240,11 +242,11 @@ class WaveSearch(Result):
             ("data", f"degrees {self.degrees[0]} to {self.degrees[-1]} of {self.n_data} numbers"),
             ("largest 2F", f"{of_all}; χ² of {len(self.amplitudes)} each from noise alone"),
             ("p-value", f"{p} that noise alone gives as much anywhere ({self.n_skies} simulated skies)"),
-            ("travels to", "; ".join(places)),
+            ("travels to", "; ".join(directions)),
             ("best wave", f"{wave} {self.unit}"),
             (
                 "95 % limits",
-                f"{low:.4g} … {high:.4g} {self.unit} by direction, median {middle:.4g}, a strain of {strain}",
+                f"{lower:.4g} … {upper:.4g} {self.unit} by direction, median {middle:.4g}, a strain of {strain}",
             ),
         ]
         return (Section(f"One gravitational wave, {at}", facts, notes=self.notes),)
@@ -258,7 +260,7 @@ class WaveSearch(Result):
             "statistic": self.statistic,
             "limit": self.limits,
         }
-        columns |= {f"amplitude_{i}": each for i, each in enumerate(self.amplitudes)}
+        columns |= {f"amplitude_{i}": amplitude for i, amplitude in enumerate(self.amplitudes)}
         return tables.table_of(columns, self._plain_facts() | {"ORDERING": "RING"}, {"lon": "deg", "lat": "deg"})
 
     def plot(self, *, ax: OnAxes | None = None) -> AxesArray:
@@ -312,10 +314,10 @@ def search(
     """
     equations = equations_of(normal)
     modes = equations.modes
-    wanted = tuple(sorted(set(degrees))) if degrees is not None else tuple(range(2, modes.lmax + 1))
-    if not wanted or wanted[0] < 2 or wanted[-1] > modes.lmax:
-        raise ModesError(f"waves have degrees from 2 on, and {modes.lmax} are fitted: not {wanted or 'none'}")
-    white = WhitenedData.of(equations.matrix, equations.rhs, np.isin(modes.degrees, wanted))
+    search_degrees = tuple(sorted(set(degrees))) if degrees is not None else tuple(range(2, modes.lmax + 1))
+    if not search_degrees or search_degrees[0] < 2 or search_degrees[-1] > modes.lmax:
+        raise ModesError(f"waves have degrees from 2 on, and {modes.lmax} are fitted: not {search_degrees or 'none'}")
+    white = WhitenedData.of(equations.matrix, equations.rhs, np.isin(modes.degrees, search_degrees))
     statistic, amplitudes, covariance = map_of(white, modes, nside)
     search = WaveSearch(
         statistic,
@@ -323,7 +325,7 @@ def search(
         length_limits(amplitudes.T, covariance),
         1.0,
         n_skies,
-        wanted,
+        search_degrees,
         equations.frame or "icrs",
         equations.n_data,
         notes=equations.notes,
@@ -403,24 +405,24 @@ class WaveSpectrum(Result):
         """The lines to quote: whether a wave is detected, and how strong one can be."""
         best = int(np.argmax(self.statistic))
         p = p_in_words(self.p_value, self.n_skies)
-        found = "detected" if self.p_value < SEEN else "not detected"
-        words = f"{found} at {len(self.frequencies)} frequencies, p = {p} of all of them together"
+        verdict = "detected" if self.p_value < SEEN else "not detected"
+        text = f"{verdict} at {len(self.frequencies)} frequencies, p = {p} of all of them together"
         if self.p_value < SEEN:
-            words += f"; the largest at {self.frequencies[best]:.4g} per year"
+            text += f"; the largest at {self.frequencies[best]:.4g} per year"
         elif hint := hint_of(self.p_value):
-            words += f" ({hint})"
+            text += f" ({hint})"
         medians = self.strain_limits[:, 1]
-        low, high = (f"{value:.2g}" for value in (medians.min(), medians.max()))
-        return Answer((("wave", words), ("strain", f"< {low} to {high} (95 %, median of directions, by frequency)")))
+        lower, upper = (f"{value:.2g}" for value in (medians.min(), medians.max()))
+        return Answer((("wave", text), ("strain", f"< {lower} to {upper} (95 %, median of directions, by frequency)")))
 
     def _sections(self, long):
         best = int(np.argmax(self.statistic))
         lon, lat = np.degrees(self.lon[best]) % 360, np.degrees(self.lat[best])
-        place = f"at {self.frequencies[best]:.4g} a year, towards α = {lon:.1f}°, δ = {lat:.1f}°"
+        location = f"at {self.frequencies[best]:.4g} a year, towards α = {lon:.1f}°, δ = {lat:.1f}°"
         p = p_in_words(self.p_value, self.n_skies)
         facts = [
             ("data", f"degrees {self.degrees[0]} to {self.degrees[-1]} of {self.n_data} numbers"),
-            ("largest 2F", f"{self.statistic[best]:.2f} {place}"),
+            ("largest 2F", f"{self.statistic[best]:.2f} {location}"),
             ("p-value", f"{p} with all directions and frequencies looked at ({self.n_skies} simulated skies)"),
         ]
         table = self.to_table()
@@ -429,7 +431,7 @@ class WaveSpectrum(Result):
         rows = None if long else smallest.tolist()
         count = len(self.frequencies)
         remarks = [f"The {_LISTED} of {count} frequencies with the smallest p-values."] * (not long and count > _LISTED)
-        shown = ("frequency", "statistic", "p_value", "limit_median", "limit_low", "limit_high", "strain")
+        columns = ("frequency", "statistic", "p_value", "limit_median", "limit_low", "limit_high", "strain")
         forms = dict.fromkeys(("limit_median", "limit_low", "limit_high"), ".3g") | {
             "statistic": ".2f",
             "strain": ".2e",
@@ -440,7 +442,14 @@ class WaveSpectrum(Result):
         )
         return (
             Section(
-                f"One gravitational wave at {count} frequencies", facts, table, shown, rows, forms, remarks, self.notes
+                f"One gravitational wave at {count} frequencies",
+                facts,
+                table,
+                columns,
+                rows,
+                forms,
+                remarks,
+                self.notes,
             ),
         )
 
@@ -448,7 +457,9 @@ class WaveSpectrum(Result):
         """A row for each frequency, as an astropy Table."""
         columns = {"frequency": self.frequencies, "statistic": self.statistic, "p_value": self.p_values}
         columns |= {"lon": np.degrees(self.lon) % 360, "lat": np.degrees(self.lat), "amplitude": self.amplitudes}
-        columns |= {f"limit_{name}": each for name, each in zip(("low", "median", "high"), self.limits.T, strict=True)}
+        columns |= {
+            f"limit_{name}": limit for name, limit in zip(("low", "median", "high"), self.limits.T, strict=True)
+        }
         columns["lost"] = self.lost
         return tables.table_of(columns, self._plain_facts(), {"lon": "deg", "lat": "deg", "frequency": "1 / yr"})
 
@@ -523,65 +534,65 @@ def search_in_time(
     one; with a Response of nside 8 it is .96, of nside 16 .98.
     """
     several = np.ndim(frequency) > 0
-    frequencies = [arguments.positive("frequency", each) for each in np.atleast_1d(frequency)]
+    frequencies = [arguments.positive("frequency", item) for item in np.atleast_1d(frequency)]
     modes = as_modes(lmax)
     if modes.lmax < 2:
         raise ParameterError("waves have degrees from 2 on: lmax of 2 or more")
     rng = arguments.generator(rng)
     searches, largest, lost = [], [], []
-    for each in frequencies:
+    for item in frequencies:
         try:
-            equations = normal_equations(observations, modes, waves(each), attitude=attitude, threads=threads)
+            equations = normal_equations(observations, modes, waves(item), attitude=attitude, threads=threads)
         except EmptyFieldError as error:
             raise DegeneracyError(str(error)) from None
-        one, maxima, missing = _search(equations, each, nside, n_skies, rng)
-        searches.append(one)
+        result, maxima, missing = _search(equations, item, nside, n_skies, rng)
+        searches.append(result)
         largest.append(maxima)
         lost.append(missing)
     if not several:
         return searches[0]
-    best = np.array([np.argmax(each.statistic) for each in searches])
-    top = np.array([each.statistic.max() for each in searches])
+    best = np.array([np.argmax(item.statistic) for item in searches])
+    top = np.array([item.statistic.max() for item in searches])
     lon, lat = centres(nside)
     return WaveSpectrum(
         np.array(frequencies),
         top,
         lon[best],
         lat[best],
-        np.array([each.amplitude for each in searches]),
-        np.array([np.quantile(each.limits, [0, 0.5, 1]) for each in searches]),
-        np.array([each.p_value for each in searches]),
+        np.array([item.amplitude for item in searches]),
+        np.array([np.quantile(item.limits, [0, 0.5, 1]) for item in searches]),
+        np.array([item.p_value for item in searches]),
         share_beyond(np.max(largest, axis=0), top.max()),
         np.array(lost),
         n_skies,
         searches[0].n_data,
         searches[0].degrees,
-        notes=merge_notes(*(each.notes for each in searches)),
+        notes=merge_notes(*(item.notes for item in searches)),
     )
 
 
 def _search(equations: TimeEquations, frequency, nside, n_skies, rng):
     """Search one frequency: the search, the largest 2F of each sky of noise, and how many combinations are lost."""
-    modes, unseen = equations.modes, equations.unconstrained_terms
-    free, values, directions, kept = equations.combinations()
-    if values[-1] <= 0 or kept.sum() < len(free) / 2:
+    modes, is_unconstrained = equations.modes, equations.unconstrained_terms
+    unknowns, values, directions, is_determined = equations.combinations()
+    if values[-1] <= 0 or is_determined.sum() < len(unknowns) / 2:
         raise DegeneracyError(
-            f"these sources do not determine {len(free)} coefficients: lower lmax, or take more of the sky"
+            f"these sources do not determine {len(unknowns)} coefficients: lower lmax, or take more of the sky"
         )
     size = np.diag(equations.matrix)
     # A rotation is attitude: any prior does.
-    matrix = equations.matrix + np.diag(np.where(unseen, np.median(size), 1e-9 * size))
+    matrix = equations.matrix + np.diag(np.where(is_unconstrained, np.median(size), 1e-9 * size))
     white = WhitenedData.of(matrix, equations.rhs, np.tile(modes.degrees >= 2, 2))
     statistic, amplitudes, covariance = map_of(white, modes, nside, copies=2)
     maxima = chances(white, modes, nside, n_skies, rng, copies=2)
     notes = (*equations.notes, SOLVED_ATTITUDE if equations.attitude != "known" else KNOWN_ATTITUDE)
-    lost = np.flatnonzero(~kept)
+    lost = np.flatnonzero(~is_determined)
     if len(lost):
-        shown = "; ".join(equations.named(free, directions[:, i], 2) for i in lost[:3])
+        examples = "; ".join(equations.named(unknowns, directions[:, i], 2) for i in lost[:3])
         notes = (
             *notes,
-            f"at {frequency:.4g} a year {len(lost)} of {len(free)} combinations are taken by the sources' own "
-            f"parallaxes, positions and motions: {shown}{'; …' if len(lost) > 3 else ''}",
+            f"at {frequency:.4g} a year {len(lost)} of {len(unknowns)} combinations are taken by the sources' own "
+            f"parallaxes, positions and motions: {examples}{'; …' if len(lost) > 3 else ''}",
         )
     search = WaveSearch(
         statistic,

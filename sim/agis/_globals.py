@@ -67,16 +67,16 @@ class GlobalMotion(Frozen):
 
     def functional(self, k: int) -> FloatArray:
         """The g of parameter `k`: y_k = Σ g x, (n, 5)."""
-        out = np.zeros((len(self.design), 5))
+        functional = np.zeros((len(self.design), 5))
         rows = np.linalg.solve(self.normal, np.eye(len(self.names))[k])
-        out[:, 3:] = self.weights[:, None] * np.einsum("nik,k->ni", self.design, rows)
-        return out
+        functional[:, 3:] = self.weights[:, None] * np.einsum("nik,k->ni", self.design, rows)
+        return functional
 
     def reduced(self, formal: FloatArray) -> FloatArray:
         """Gᵀ (P⁻¹ + Σ)⁻¹ G with the covariances Σ of the motions in `formal` (n, 5, 5): what sources tell of y."""
-        held = self.weights > 0
-        spread = formal[held][:, 3:, 3:] + (1 / self.weights[held])[:, None, None] * np.eye(2)
-        return np.einsum("nik,nij,njl->kl", self.design[held], np.linalg.inv(spread), self.design[held])
+        has_weight = self.weights > 0
+        covariance = formal[has_weight][:, 3:, 3:] + (1 / self.weights[has_weight])[:, None, None] * np.eye(2)
+        return np.einsum("nik,nij,njl->kl", self.design[has_weight], np.linalg.inv(covariance), self.design[has_weight])
 
 
 def global_motion(
@@ -110,20 +110,20 @@ def global_motion(
     """
     lon, modes = arguments.dimension(1)("lon", lon), as_modes(modes)
     lat = arguments.float_array("lat", lat, lon.shape)
-    spread = arguments.float_array("scatter", scatter, lon.shape, finite=False, broadcast=True)
-    if not (spread > 0).all():
-        raise ParameterError(f"{np.sum(~(spread > 0))} scatters of motions are zero or negative")
+    scatters = arguments.float_array("scatter", scatter, lon.shape, finite=False, broadcast=True)
+    if not (scatters > 0).all():
+        raise ParameterError(f"{np.sum(~(scatters > 0))} scatters of motions are zero or negative")
     field = harmonics(lon, lat, modes)
     names = [str(mode) for mode in modes]
     if not spin:
         keep = np.ones(len(modes), bool)
         keep[modes.slice_of("T", 1)] = False
-        field, names = field[keep], [name for name, kept in zip(names, keep, strict=True) if kept]
+        field, names = field[keep], [name for name, is_included in zip(names, keep, strict=True) if is_included]
     if factors is not None:
         glide = harmonics(lon, lat, 1)[3:]
         field = np.concatenate([field, glide * arguments.float_array("factors", factors, lon.shape)])
         names += ["v(1,0)", "v(1,1,re)", "v(1,1,im)"]
-    weights = 1 / spread**2
+    weights = 1 / scatters**2
     return GlobalMotion(field.transpose(2, 1, 0) * (weights > 0)[:, None, None], weights, tuple(names), bool(spin))
 
 
@@ -146,12 +146,12 @@ class MotionFit:
         #: What a source's motion adds to the right-hand sides, (p, 2, k).
         self.weighted = scans.array(p, 2, len(self.sources))
         for start in range(0, len(self.sources), _FITTED):
-            here = slice(start, start + _FITTED)
-            some = self.sources[here]
-            field = harmonics(scans.lon[some], scans.lat[some], modes)
-            weights = np.linalg.inv(equations.formal[some][:, 3:, 3:])
-            self.weighted[:, :, here] = part = np.einsum("nij,pjn->pin", weights, field)
-            normal += field.reshape(p, -1) @ part.reshape(p, -1).T
+            chunk = slice(start, start + _FITTED)
+            indices = self.sources[chunk]
+            field = harmonics(scans.lon[indices], scans.lat[indices], modes)
+            weights = np.linalg.inv(equations.formal[indices][:, 3:, 3:])
+            self.weighted[:, :, chunk] = weighted_field = np.einsum("nij,pjn->pin", weights, field)
+            normal += field.reshape(p, -1) @ weighted_field.reshape(p, -1).T
         scale = 1 / np.sqrt(np.diag(normal))
         if np.linalg.eigvalsh(normal * np.outer(scale, scale))[0] < 1e-10:
             raise DegeneracyError(f"{len(self.sources)} sources do not determine degree {modes.lmax}: lower it")
@@ -166,9 +166,9 @@ class MotionFit:
     def functionals(self, which: ArrayLike) -> FloatArray:
         """The g of some coefficients, c = Σ g x: (n, 5, K)."""
         rows = np.tensordot(self.formal[np.asarray(which)], self.weighted, 1)
-        out = np.zeros((self.equations.scans.n_sources, 5, len(rows)))
-        out[self.sources, 3:] = rows.transpose(2, 1, 0)
-        return out
+        functionals = np.zeros((self.equations.scans.n_sources, 5, len(rows)))
+        functionals[self.sources, 3:] = rows.transpose(2, 1, 0)
+        return functionals
 
 
 def low_fit(equations: Any, sources: IntArray) -> MotionFit:
@@ -190,8 +190,8 @@ def sources_at(scans: Scans, lon: ArrayLike | None, lat: ArrayLike | None) -> In
     lat = arguments.float_array("lat", lat, lon.shape)
     if lon.shape == scans.lon.shape and (lon == scans.lon).all() and (lat == scans.lat).all():
         return np.arange(scans.n_sources)
-    places = {place: i for i, place in enumerate(zip(scans.lon.tolist(), scans.lat.tolist(), strict=True))}
-    rows = [places.get(place, -1) for place in zip(lon.tolist(), lat.tolist(), strict=True)]
+    indices = {position: i for i, position in enumerate(zip(scans.lon.tolist(), scans.lat.tolist(), strict=True))}
+    rows = [indices.get(position, -1) for position in zip(lon.tolist(), lat.tolist(), strict=True)]
     if -1 in rows:
         raise ParameterError(
             f"{rows.count(-1)} of {len(rows)} positions are of no source of the scans (first: {rows.index(-1)})"

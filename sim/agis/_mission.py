@@ -47,9 +47,9 @@ def observations(
         sigma = 1 / np.sqrt(scans.weights)
     sigma[~np.isfinite(sigma)] = 0.0
     along, across = (scans.array(len(scans)) for _ in range(2))
-    for out, of_source in zip((along, across), sigma, strict=True):
-        for part in scans.blocks():
-            out[part] = noise.standard_normal(part.stop - part.start) * of_source[scans.source[part]]
+    for component, of_source in zip((along, across), sigma, strict=True):
+        for block in scans.blocks():
+            component[block] = noise.standard_normal(block.stop - block.start) * of_source[scans.source[block]]
     if variability is not None and variability.sigma > 0:
         order = np.argsort(scans.source, kind="stable")  # of a source, in the order of time
         if variable is not None:
@@ -138,10 +138,10 @@ def joint_system(
         What a reader of the result should know.
     """
     law, knots, notes = as_whole(law, number or len(lon), knots, full)
-    planned = plan(law, lon, lat, knots, ccds=ccds)
+    cost = plan(law, lon, lat, knots, ccds=ccds)
     # All of it before the work begins; transits on disk need no memory of their own.
     check_memory(
-        planned.memory_on_disk if folder else planned.memory,
+        cost.memory_on_disk if folder else cost.memory,
         "the joint solution",
         "take fewer sources, or knots farther apart",
     )
@@ -222,9 +222,9 @@ def in_own_frame(system: System, solution: AgisSolution) -> AgisSolution:
     """The solution in the frame in which its sources do not turn, on average, against the truth."""
     if not system.defect:
         return solution
-    kept = np.where(system.solved[:, None], solution.sources, 0.0)[..., None]
+    parameters = np.where(system.solved[:, None], solution.sources, 0.0)[..., None]
     rotation = np.zeros(6)
-    rotation[: system.defect] = system.without_null_space(kept)[1][:, 0]
+    rotation[: system.defect] = system.without_null_space(parameters)[1][:, 0]
     return solution.rotated(
         rotation[:3], rotation[3:], "frame: that in which the sources do not turn against the truth"
     )
@@ -305,14 +305,14 @@ def mixture(
         sigma = mission.transit_error(population.magnitude, excess_noise if KINDS[index] == "galaxies" else 0.0)
         if KINDS[index] == "stars" and star_error is not None:
             sigma = np.full(n, arguments.positive("star_error", star_error))
-        unknown = np.full(n, np.nan)
-        redshift = unknown if population.redshift is None else population.redshift
+        nans = np.full(n, np.nan)
+        redshift = nans if population.redshift is None else population.redshift
         for name, column in zip(
             columns,
             (population.lon, population.lat, sigma, population.magnitude, redshift, np.full(n, index)),
             strict=True,
         ):
             columns[name].append(column)
-    joined = {name: np.concatenate(parts) for name, parts in columns.items()}
-    arguments.float_array("sigma", joined["sigma"])
-    return Mixture(**joined)
+    arrays = {name: np.concatenate(chunks) for name, chunks in columns.items()}
+    arguments.float_array("sigma", arrays["sigma"])
+    return Mixture(**arrays)

@@ -14,14 +14,14 @@ _MARKS = "os^Dv"
 @apply_style
 def plot_convergence(solution: AgisSolution, stop: float = 0.05, *, ax: Axes | None = None) -> Axes:
     """Plot the distance of the low degrees from where they end, iteration by iteration."""
-    away = np.abs(solution.history - solution.history[-1])[:-1] / np.sqrt(np.diag(solution.formal_low))
+    distance = np.abs(solution.history - solution.history[-1])[:-1] / np.sqrt(np.diag(solution.formal_low))
     (axes,) = panels(ax)
-    steps = np.arange(1, len(away) + 1)
+    steps = np.arange(1, len(distance) + 1)
     for degree, colour in zip(range(1, solution.modes.lmax + 1), COLOURS, strict=False):
-        most = away[:, solution.modes.degrees == degree].max(axis=1)
-        axes.semilogy(steps, np.where(most > 0, most, np.nan), color=colour, label=f"degree {degree}")
+        maximum = distance[:, solution.modes.degrees == degree].max(axis=1)
+        axes.semilogy(steps, np.where(maximum > 0, maximum, np.nan), color=colour, label=f"degree {degree}")
     size = solution.updates / np.sqrt(np.median(solution.formal[solution.solved, 2, 2]))
-    axes.semilogy(steps[: len(size)], size[: len(away)], color="0.6", linestyle="--", label="parallax updates, rms")
+    axes.semilogy(steps[: len(size)], size[: len(distance)], color="0.6", linestyle="--", label="parallax updates, rms")
     axes.axhline(stop, color="0.3", linewidth=0.6, label=f"{stop:g}: converged")
     axes.set(xlabel="iteration", ylabel="distance from the last [formal errors]")
     legend_above(axes, 2)
@@ -33,14 +33,17 @@ def plot_errors_by_magnitude(
     solution: AgisSolution, magnitude: ArrayLike, sources: ArrayLike | None = None, *, ax: Axes | None = None
 ) -> Axes:
     """True over formal errors of the five parameters by magnitude, from this draw of the noise."""
-    kept = solution.solved if sources is None else solution.solved & np.asarray(sources)
-    g = np.asarray(magnitude)[kept]
+    selection = solution.solved if sources is None else solution.solved & np.asarray(sources)
+    g = np.asarray(magnitude)[selection]
     edges = np.arange(np.floor(2 * g.min()) / 2, np.ceil(2 * g.max()) / 2 + 0.5, 0.5)
     group = np.clip(np.searchsorted(edges, g, side="right") - 1, 0, len(edges) - 2)
     (axes,) = panels(ax)
     for column, name in enumerate(_PARAMETERS):
         ratio, counts = ratio_by(
-            solution.sources[kept, column], np.sqrt(solution.formal[kept, column, column]), group, len(edges) - 1
+            solution.sources[selection, column],
+            np.sqrt(solution.formal[selection, column, column]),
+            group,
+            len(edges) - 1,
         )
         axes.errorbar(
             (edges[:-1] + edges[1:]) / 2 + 0.03 * (column - 2),
@@ -52,8 +55,8 @@ def plot_errors_by_magnitude(
         )
     axes.axhline(1, color="0.3", linewidth=0.6)
     axes.set_yscale("log")
-    low, high = axes.get_ylim()
-    ticks = [tick for tick in (0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50) if low <= tick <= high]
+    lower, upper = axes.get_ylim()
+    ticks = [tick for tick in (0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50) if lower <= tick <= upper]
     axes.set_yticks(ticks, [f"{tick:g}" for tick in ticks])
     axes.set_yticks([], minor=True)
     axes.set(xlabel="G", ylabel="true / formal error")
@@ -80,20 +83,20 @@ def plot_ratio_map(
     solution: AgisSolution, nside: int = 8, sources: ArrayLike | None = None, *, ax: Axes | None = None
 ) -> SkyAxes:
     """True over formal errors of the motions over the sky, from this draw of the noise."""
-    kept = solution.solved if sources is None else solution.solved & np.asarray(sources)
-    pixel = pixels_of(solution.lon[kept], solution.lat[kept], nside)
+    selection = solution.solved if sources is None else solution.solved & np.asarray(sources)
+    pixel = pixels_of(solution.lon[selection], solution.lat[selection], nside)
     squares = []
     for column in (3, 4):
-        sigma = np.sqrt(solution.formal[kept, column, column])
-        squares.append(ratio_by(solution.sources[kept, column], sigma, pixel, 12 * nside**2)[0] ** 2)
+        sigma = np.sqrt(solution.formal[selection, column, column])
+        squares.append(ratio_by(solution.sources[selection, column], sigma, pixel, 12 * nside**2)[0] ** 2)
     ratio = np.sqrt(np.mean(squares, axis=0))
-    seen = ratio[np.isfinite(ratio)]
+    values = ratio[np.isfinite(ratio)]
     return plot_map(
         ratio,
         "true / formal error of the motions",
         frame=solution.frame,
         ax=ax,
         extend="max",
-        vmin=min(1.0, seen.min()),
-        vmax=np.percentile(seen, 98),
+        vmin=min(1.0, values.min()),
+        vmax=np.percentile(values, 98),
     )

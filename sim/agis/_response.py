@@ -129,8 +129,8 @@ class Response(InNotebook):
         self._time = time - (self.epoch - law.start)
         self._seen = [(r, np.cross(z, r, axis=0)) for r in views]
         pixels = [self._pixel(r) for r in views]
-        first, second = (self.weights[pixel] for pixel in pixels)
-        self._difference = first * second / np.maximum(first + second, 1e-300)
+        preceding_weight, following_weight = (self.weights[pixel] for pixel in pixels)
+        self._difference = preceding_weight * following_weight / np.maximum(preceding_weight + following_weight, 1e-300)
         columns = [5 * pixel[:, None] + np.arange(5) for pixel in pixels]
         values = [
             sign * self._five(pixel, scan, self._time).T
@@ -146,15 +146,15 @@ class Response(InNotebook):
         self._taken: dict[Any, FloatArray] = {}
 
     def __repr__(self) -> str:
-        free = (
+        calibration = (
             "" if self.calibration is None else ", basic angle to order {} free every {:g} d".format(*self.calibration)
         )
-        return f"<Response: {self.law.years:g} years, nside {self.nside}{free}>"
+        return f"<Response: {self.law.years:g} years, nside {self.nside}{calibration}>"
 
     def save(self, path: PathName) -> None:
         """Write what was factored to `path`, an NPZ file of 8 (60 nside²)² bytes, for `read`."""
-        stored = {"factor": self._factorise()[0], "weights": self.weights, "steps": np.array(len(self._time))}
-        write_arrays(path, stored | {"calibration": np.array(self.calibration or (0.0, 0.0))})
+        arrays = {"factor": self._factorise()[0], "weights": self.weights, "steps": np.array(len(self._time))}
+        write_arrays(path, arrays | {"calibration": np.array(self.calibration or (0.0, 0.0))})
 
     @classmethod
     def read(cls, path: PathName, law: NominalScanningLaw, **options: Any) -> "Response":
@@ -174,14 +174,14 @@ class Response(InNotebook):
         ParameterError
             If they are not.
         """
-        stored = read_arrays(path)
-        nside = round(np.sqrt(len(stored["weights"]) / 12))
-        order, days = stored["calibration"]
+        arrays = read_arrays(path)
+        nside = round(np.sqrt(len(arrays["weights"]) / 12))
+        order, days = arrays["calibration"]
         options = {"calibration": (int(order), float(days)) if days else None} | options
-        response = cls(law, stored["weights"], nside, **options)
-        if len(response._time) != int(stored["steps"]):
+        response = cls(law, arrays["weights"], nside, **options)
+        if len(response._time) != int(arrays["steps"]):
             raise ParameterError("this factor belongs to another scanning law or to other steps: compute it again")
-        response._factor = (stored["factor"], False)
+        response._factor = (arrays["factor"], False)
         return response
 
     def left(
@@ -217,17 +217,17 @@ class Response(InNotebook):
         view = self._view(r, time) if view is None else view
         turn = -view * self.law.basic_angle
         r2, m2 = r * np.cos(turn) + m * np.sin(turn), m * np.cos(turn) - r * np.sin(turn)
-        here, there = self._pixel(r), self._pixel(r2)
-        first, second = self.weights[here], self.weights[there]
-        share = (second / np.maximum(first + second, 1e-300))[:, None]
-        left = share * _outer(functions(time), _along(r, m, modes) - _along(r2, m2, modes))
-        taken = self.taken(modes, functions)
-        for weight, pixel, direction in ((1 - share, here, m), (share, there, m2)):
-            x = taken[5 * pixel[:, None] + np.arange(5)]
-            left += weight * np.einsum("ik,kin->kn", self._five(pixel, direction, time), x)
+        own_pixel, other_pixel = self._pixel(r), self._pixel(r2)
+        own_weight, other_weight = self.weights[own_pixel], self.weights[other_pixel]
+        share = (other_weight / np.maximum(own_weight + other_weight, 1e-300))[:, None]
+        remainder = share * _outer(functions(time), _along(r, m, modes) - _along(r2, m2, modes))
+        parameters = self.taken(modes, functions)
+        for weight, pixel, direction in ((1 - share, own_pixel, m), (share, other_pixel, m2)):
+            x = parameters[5 * pixel[:, None] + np.arange(5)]
+            remainder += weight * np.einsum("ik,kin->kn", self._five(pixel, direction, time), x)
         if self.calibration is not None:
-            left -= share * view[:, None] * (self._angle(time) @ taken[5 * len(self.weights) :])
-        return left
+            remainder -= share * view[:, None] * (self._angle(time) @ parameters[5 * len(self.weights) :])
+        return remainder
 
     def taken(self, modes: Modes, functions: Functions) -> FloatArray:
         """Compute what stars take up of each of the `functions` times each of the `modes`, (60 nside², F p).
@@ -239,10 +239,10 @@ class Response(InNotebook):
             right: Any = 0.0
             step = max(1, len(self._time) // _STEPS)
             for start in range(step):
-                some = slice(start, None, step)
-                fields = [_along(r[:, some], m[:, some], modes) for r, m in self._seen]
-                difference = _outer(functions(self._time[some]), fields[0] - fields[1])
-                right = right + self._design[some].T @ (self._difference[some, None] * difference)
+                subset = slice(start, None, step)
+                fields = [_along(r[:, subset], m[:, subset], modes) for r, m in self._seen]
+                difference = _outer(functions(self._time[subset]), fields[0] - fields[1])
+                right = right + self._design[subset].T @ (self._difference[subset, None] * difference)
             self._taken = {key: cho_solve(self._factorise(), right, check_finite=False)}
         return self._taken[key]
 
@@ -267,8 +267,8 @@ class Response(InNotebook):
         harmonics = [np.ones_like(phase)]
         harmonics += [turn(m * phase) for m in range(1, order + 1) for turn in (np.cos, np.sin)]
         spans = int(np.ceil(self.law.years * 365.25 / days))
-        own = np.clip((since * 365.25 / days).astype(int), 0, spans - 1)
-        columns = own[:, None] * len(harmonics) + np.arange(len(harmonics))
+        span_index = np.clip((since * 365.25 / days).astype(int), 0, spans - 1)
+        columns = span_index[:, None] * len(harmonics) + np.arange(len(harmonics))
         rows = len(harmonics) * np.arange(len(time) + 1)
         shape = (len(time), spans * len(harmonics))
         return csr_matrix((np.stack(harmonics, 1).ravel(), columns.ravel(), rows), shape)
@@ -284,8 +284,8 @@ class Response(InNotebook):
     def _five(self, pixel, m, time):
         """Motion along scan by five parameters, east and north at the centre of the pixel, (5, k)."""
         p, q, _ = triad(self._lon[pixel], self._lat[pixel])
-        sun, far = self.law.sun(time + (self.epoch - self.law.start))
-        sun = rotation_matrix("ecliptic", self.law.frame) @ sun * far
+        sun, distance = self.law.sun(time + (self.epoch - self.law.start))
+        sun = rotation_matrix("ecliptic", self.law.frame) @ sun * distance
         a, b = np.sum(m * p, 0), np.sum(m * q, 0)
         return np.array([a, b, -np.sum(m * sun, 0), a * time, b * time])
 
@@ -385,12 +385,12 @@ class ExactResponse(InNotebook):
         p, q, _ = triad(lon, lat)
         basis = harmonics(lon, lat, modes)
         along = basis[:, 0] * scan[0] + basis[:, 1] * scan[1]
-        left = np.einsum("fk,pk->kfp", functions(time), along).reshape(len(time), -1)
+        remainder = np.einsum("fk,pk->kfp", functions(time), along).reshape(len(time), -1)
         normal = q * scan[0] - p * scan[1]
         scans = self.system.scans
         for coefficient, weight in spline_at(scans, time + scans.middle):
-            left += weight[:, None] * np.einsum("ik,kif->kf", normal, attitude[coefficient])
-        return left
+            remainder += weight[:, None] * np.einsum("ik,kif->kf", normal, attitude[coefficient])
+        return remainder
 
     def taken(self, modes: Modes, functions: Functions) -> FloatArray:
         """Compute what the attitude takes of each of the `functions` times each of the `modes`, kept for the next time.
@@ -419,13 +419,13 @@ class ExactResponse(InNotebook):
         basis = harmonics(scans.lon, scans.lat, modes)
         sin, cos = np.asarray(scans.sin, float), np.asarray(scans.cos, float)
         at = functions(scans.time() - scans.middle)
-        out = np.empty((self.system.coefficients, 3, len(at) * len(modes)))
-        for start in range(0, out.shape[-1], _TOGETHER):
-            some = range(start, min(start + _TOGETHER, out.shape[-1]))
+        coefficients = np.empty((self.system.coefficients, 3, len(at) * len(modes)))
+        for start in range(0, coefficients.shape[-1], _TOGETHER):
+            numbers = range(start, min(start + _TOGETHER, coefficients.shape[-1]))
             of_sources, of_attitude, size = [], [], []
-            for number in some:
+            for number in numbers:
                 f, mode = divmod(number, len(modes))
-                east, north = (at[f] * each[scans.source] for each in basis[mode])
+                east, north = (at[f] * component[scans.source] for component in basis[mode])
                 pair = passes.adjoint(east * sin + north * cos, north * sin - east * cos)
                 size.append(np.sum(scans.weights[0, scans.source] * (east**2 + north**2)))
                 of_sources.append(self.system.reduce(*pair))
@@ -434,18 +434,18 @@ class ExactResponse(InNotebook):
             right[~self.system.solved] = 0
             work = Iteration(self.system, right)
             # Beside the whole template: of a rotation in time nothing is left for the sources but rounding.
-            left = np.inf
+            residual = np.inf
             for _ in range(self.iterations):
                 work.step()
-                left = float(np.sqrt(np.max(np.abs(work.rz) / size)))
-                if left < self.tolerance:
+                residual = float(np.sqrt(np.max(np.abs(work.rz) / size)))
+                if residual < self.tolerance:
                     break
             else:
                 raise ConvergenceError(
-                    f"what the attitude takes of templates is known to {left:.1g} after {self.iterations} "
+                    f"what the attitude takes of templates is known to {residual:.1g} after {self.iterations} "
                     f"iterations, not to {self.tolerance:g}: allow more iterations, or a larger tolerance"
                 )
-            known = np.stack(of_attitude, axis=-1) - passes.to_attitude(work.x)
-            out[..., start : start + len(some)] = self.system.attitude_of(known)
-        self._taken = {key: out}
-        return out
+            attitude_rhs = np.stack(of_attitude, axis=-1) - passes.to_attitude(work.x)
+            coefficients[..., start : start + len(numbers)] = self.system.attitude_of(attitude_rhs)
+        self._taken = {key: coefficients}
+        return coefficients

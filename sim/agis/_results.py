@@ -31,40 +31,40 @@ def correlation_by_angle(
     -----
     Bins below 1.7° use all pairs, others those with at most 2000 of the sources, evenly picked.
     """
-    lon, lat, edges = (arguments.dimension(1)(*each) for each in (("lon", lon), ("lat", lat), ("edges", edges)))
-    scaled = np.atleast_2d(arguments.float_array("errors", errors))
-    if scaled.shape[1:] != lon.shape or lat.shape != lon.shape:
-        raise ParameterError(f"errors have shape {scaled.shape}, expected (draws, {len(lon)})")
+    lon, lat, edges = (arguments.dimension(1)(*argument) for argument in (("lon", lon), ("lat", lat), ("edges", edges)))
+    draws = np.atleast_2d(arguments.float_array("errors", errors))
+    if draws.shape[1:] != lon.shape or lat.shape != lon.shape:
+        raise ParameterError(f"errors have shape {draws.shape}, expected (draws, {len(lon)})")
     if len(edges) < 2 or (np.diff(edges) <= 0).any():
         raise ParameterError("edges of bins of angle must rise")
     if sigma is None:
-        if len(scaled) < 10:
-            raise ParameterError(f"{len(scaled)} draws are too few to estimate the errors: give sigma")
-        sigma = np.sqrt(np.mean(scaled**2, axis=0))
-    scaled = scaled / arguments.float_array("sigma", sigma, lon.shape)
-    place = triad(lon, lat)[2].T
+        if len(draws) < 10:
+            raise ParameterError(f"{len(draws)} draws are too few to estimate the errors: give sigma")
+        sigma = np.sqrt(np.mean(draws**2, axis=0))
+    draws = draws / arguments.float_array("sigma", sigma, lon.shape)
+    positions = triad(lon, lat)[2].T
     total, pairs = np.zeros(len(edges) - 1), np.zeros(len(edges) - 1, int)
 
     def count(angle, product):
-        where = np.searchsorted(edges, angle, side="right") - 1
-        inside = (where >= 0) & (where < len(total))
-        total[:] += np.bincount(where[inside], product[inside], len(total))
-        pairs[:] += np.bincount(where[inside], minlength=len(total))
+        bins = np.searchsorted(edges, angle, side="right") - 1
+        inside = (bins >= 0) & (bins < len(total))
+        total[:] += np.bincount(bins[inside], product[inside], len(total))
+        pairs[:] += np.bincount(bins[inside], minlength=len(total))
 
-    near = edges[-1] <= _NEAR
-    if near:
+    is_near = edges[-1] <= _NEAR
+    if is_near:
         from scipy.spatial import cKDTree  # slow to import
 
-        first, second = cKDTree(place).query_pairs(2 * np.sin(edges[-1] / 2), output_type="ndarray").T
-        chord = np.linalg.norm(place[first] - place[second], axis=1)
-        count(2 * np.arcsin(chord / 2), np.mean(scaled[:, first] * scaled[:, second], axis=0))
+        i, j = cKDTree(positions).query_pairs(2 * np.sin(edges[-1] / 2), output_type="ndarray").T
+        chord = np.linalg.norm(positions[i] - positions[j], axis=1)
+        count(2 * np.arcsin(chord / 2), np.mean(draws[:, i] * draws[:, j], axis=0))
     else:
         pivots = np.unique(np.linspace(0, len(lon) - 1, min(_PIVOTS, len(lon))).astype(int))
         for start in range(0, len(pivots), _ROWS):
-            some = pivots[start : start + _ROWS]
-            product = scaled[:, some].T @ scaled / len(scaled)
-            angle = np.arccos(np.clip(place[some] @ place.T, -1, 1))
-            angle[np.arange(len(some)), some] = np.inf  # not with itself
+            rows = pivots[start : start + _ROWS]
+            product = draws[:, rows].T @ draws / len(draws)
+            angle = np.arccos(np.clip(positions[rows] @ positions.T, -1, 1))
+            angle[np.arange(len(rows)), rows] = np.inf  # not with itself
             count(angle.ravel(), product.ravel())
     return np.divide(total, pairs, out=np.full(len(total), np.nan), where=pairs > 0), pairs
 
@@ -78,9 +78,9 @@ def ratio_by(
     if values.shape[1:] != labels.shape:
         raise ParameterError(f"errors of {values.shape[-1]} sources, and groups of {labels.size}")
     square = np.mean((values / arguments.float_array("sigma", sigma, labels.shape)) ** 2, axis=0)
-    used = labels >= 0
-    counts = np.bincount(labels[used], minlength=n_groups or 0)
-    total = np.bincount(labels[used], square[used], len(counts))
+    has_group = labels >= 0
+    counts = np.bincount(labels[has_group], minlength=n_groups or 0)
+    total = np.bincount(labels[has_group], square[has_group], len(counts))
     return np.sqrt(np.divide(total, counts, out=np.full(len(counts), np.nan), where=counts > 0)), counts
 
 
@@ -179,10 +179,10 @@ class AgisSolution(Frozen):
         """
         columns = _COLUMNS[arguments.choice("kind", kind, tuple(_COLUMNS))]
         n = len(self.lon)
-        chosen = arguments.indices("sources", sources, n)
-        kept = chosen[self.solved[chosen]]
-        if not len(kept):
-            raise ParameterError(f"none of {len(chosen)} sources is solved")
+        candidates = arguments.indices("sources", sources, n)
+        indices = candidates[self.solved[candidates]]
+        if not len(indices):
+            raise ParameterError(f"none of {len(candidates)} sources is solved")
         notes = [
             (
                 f"simulated: sources and attitude solved together in {self.iterations} iterations; errors are those of "
@@ -192,23 +192,24 @@ class AgisSolution(Frozen):
         ]
         if not self.converged:
             notes.append("the joint solution had not come to rest: large scales are not what they will be")
-        if len(kept) < len(chosen):
+        if len(indices) < len(candidates):
             notes.append(
-                f"left out {len(chosen) - len(kept)} of {len(chosen)} sources: too few transits for five parameters"
+                f"left out {len(candidates) - len(indices)} of {len(candidates)} sources: too few transits for five "
+                "parameters"
             )
         z, g = (
-            None if each is None else arguments.float_array(name, each, (n,), finite=False)[kept]
-            for name, each in (("redshift", redshift), ("magnitude", magnitude))
+            None if values is None else arguments.float_array(name, values, (n,), finite=False)[indices]
+            for name, values in (("redshift", redshift), ("magnitude", magnitude))
         )
-        covariance = self.formal[kept][:, columns, columns]
+        covariance = self.formal[indices][:, columns, columns]
         sigma = np.sqrt(np.stack([covariance[:, 0, 0], covariance[:, 1, 1]]))
-        motion = self.sources[kept][:, columns].T
+        motion = self.sources[indices][:, columns].T
         if truth is not None:
-            motion = motion + as_signal(truth)(self.lon[kept], self.lat[kept], z)
+            motion = motion + as_signal(truth)(self.lon[indices], self.lat[indices], z)
         rho = covariance[:, 0, 1] / (sigma[0] * sigma[1])
         return Field(
-            self.lon[kept],
-            self.lat[kept],
+            self.lon[indices],
+            self.lat[indices],
             motion,
             sigma,
             rho,
@@ -230,8 +231,8 @@ class AgisSolution(Frozen):
         """
         p, q, _ = triad(self.lon, self.lat)
         sources = self.sources.copy()
-        for columns, name, given in ((slice(0, 2), "orientation", orientation), (slice(3, 5), "spin", spin)):
-            vector = arguments.float_array(name, given, (3,))
+        for columns, name, value in ((slice(0, 2), "orientation", orientation), (slice(3, 5), "spin", spin)):
+            vector = arguments.float_array(name, value, (3,))
             sources[:, columns] -= np.stack([vector @ q, -(vector @ p)], axis=1)
         return replace(self, sources=sources, notes=(*self.notes, note) if note else self.notes)
 
@@ -253,27 +254,27 @@ def rotate_frame(
     arguments.a(AgisSolution)("solution", solution)
     offsets, sigma = [], []
     n = len(solution.lon)
-    chosen = arguments.indices("vlbi", vlbi, n), arguments.indices("quasars", quasars, n)
-    for columns, which, spread in zip((slice(0, 2), slice(3, 5)), chosen, (radio, own), strict=True):
-        which = which[solution.solved[which]]
-        if len(which) < 3:
-            raise ParameterError(f"a frame rotator needs three solved sources of each kind, not {len(which)}")
-        spread = arguments.not_negative("radio or own", spread)
-        p, q, _ = triad(solution.lon[which], solution.lat[which])
+    candidates = arguments.indices("vlbi", vlbi, n), arguments.indices("quasars", quasars, n)
+    for columns, indices, scatter in zip((slice(0, 2), slice(3, 5)), candidates, (radio, own), strict=True):
+        indices = indices[solution.solved[indices]]
+        if len(indices) < 3:
+            raise ParameterError(f"a frame rotator needs three solved sources of each kind, not {len(indices)}")
+        scatter = arguments.not_negative("radio or own", scatter)
+        p, q, _ = triad(solution.lon[indices], solution.lat[indices])
         design = [np.stack([q, -p], axis=1)]  # (3, 2, m)
         if columns.start:
             design.append(np.stack([p, q], axis=1))  # a glide g: g·p east, g·q north
         rows = np.concatenate(design)
-        motion = solution.sources[which][:, columns].T
+        motion = solution.sources[indices][:, columns].T
         if columns.start == 0 and rng is not None:
-            motion = motion - spread * arguments.generator(rng).standard_normal(motion.shape)
-        weights = np.linalg.inv(solution.formal[which][:, columns, columns] + spread**2 * np.eye(2))
-        weighted = np.einsum("nij,pjn->pin", weights, rows)
-        covariance = np.linalg.inv(np.einsum("pin,qin->pq", weighted, rows))
-        offsets.append((covariance @ np.einsum("pin,in->p", weighted, motion))[:3])
+            motion = motion - scatter * arguments.generator(rng).standard_normal(motion.shape)
+        weights = np.linalg.inv(solution.formal[indices][:, columns, columns] + scatter**2 * np.eye(2))
+        weighted_rows = np.einsum("nij,pjn->pin", weights, rows)
+        covariance = np.linalg.inv(np.einsum("pin,qin->pq", weighted_rows, rows))
+        offsets.append((covariance @ np.einsum("pin,in->p", weighted_rows, motion))[:3])
         sigma.append(np.sqrt(np.diag(covariance))[:3])
-    words = (
+    note = (
         f"frame rotated: ε₀ = {np.round(offsets[0], 2).tolist()} µas, ω = {np.round(offsets[1], 3).tolist()} µas/yr "
         "taken away"
     )
-    return solution.rotated(offsets[0], offsets[1], words), np.concatenate(offsets), np.concatenate(sigma)
+    return solution.rotated(offsets[0], offsets[1], note), np.concatenate(offsets), np.concatenate(sigma)

@@ -80,10 +80,10 @@ class Equations(InNotebook):
         """(S − C A⁻¹ Cᵀ) x, with what holds global motions."""
         if x.ndim == 2:
             return self.apply(x[..., None])[..., 0]
-        out = self._tighter @ x - self.passes.to_sources(self.attitude_of(self.passes.to_attitude(x)))
+        product = self._tighter @ x - self.passes.to_sources(self.attitude_of(self.passes.to_attitude(x)))
         if self.motion is not None:
-            out[:, 3:] -= self.motion.pull(x)
-        return out
+            product[:, 3:] -= self.motion.pull(x)
+        return product
 
     def attitude_of(self, right: FloatArray) -> FloatArray:
         """A⁻¹ of a right-hand side (coefficients, 3[, K])."""
@@ -100,12 +100,12 @@ class Equations(InNotebook):
         z = self.start @ r
         if self.motion is not None:
             g = self.motion.design
-            low = np.linalg.solve(
+            parameters = np.linalg.solve(
                 self._low_rank, np.einsum("mik,mir->kr", g, self.motion.weights[:, None, None] * z[:, 3:])
             )
-            pulled = np.zeros_like(z)
-            pulled[:, 3:] = self.motion.weights[:, None, None] * np.einsum("mik,kr->mir", g, low)
-            z += self.start @ pulled
+            pull = np.zeros_like(z)
+            pull[:, 3:] = self.motion.weights[:, None, None] * np.einsum("mik,kr->mir", g, parameters)
+            z += self.start @ pull
         return z
 
     def null_space(self) -> FloatArray:
@@ -113,11 +113,11 @@ class Equations(InNotebook):
         # The directions are those that the observations have, in single precision.
         sa, ca, sd, cd = self.scans.directions.astype(float)
         p, q = np.stack([-sa, ca, np.zeros_like(sa)]), np.stack([-sd * ca, -sd * sa, cd])
-        out = np.zeros((6, self.scans.n_sources, 5))
+        basis = np.zeros((6, self.scans.n_sources, 5))
         # ε × r has the components ε·q east and −ε·p north.
-        out[:3, :, 0], out[:3, :, 1] = q, -p
-        out[3:, :, 3], out[3:, :, 4] = q, -p
-        return out
+        basis[:3, :, 0], basis[:3, :, 1] = q, -p
+        basis[3:, :, 3], basis[3:, :, 4] = q, -p
+        return basis
 
     @property
     def defect(self) -> int:
@@ -130,16 +130,16 @@ class Equations(InNotebook):
         """Parameters less the rotation that fits them best, the blocks S as weights; and that rotation."""
         if not self.defect:
             return x, np.zeros((0, x.shape[-1]))
-        basis, weighted, normal = self.rotations()
-        rotation = np.linalg.solve(normal, np.einsum("kni,nir->kr", weighted, x))
+        basis, weighted_basis, normal = self.rotations()
+        rotation = np.linalg.solve(normal, np.einsum("kni,nir->kr", weighted_basis, x))
         return x - np.einsum("kr,kni->nir", rotation, basis), rotation
 
     def rotations(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """The null space of the sources that are solved; times the blocks S; and the product of the two."""
         basis = self.null_space()[: self.defect]
         basis[:, ~self.solved] = 0
-        weighted = np.einsum("nij,knj->kni", self.blocks, basis)
-        return basis, weighted, np.einsum("kni,lni->kl", weighted, basis)
+        weighted_basis = np.einsum("nij,knj->kni", self.blocks, basis)
+        return basis, weighted_basis, np.einsum("kni,lni->kl", weighted_basis, basis)
 
     def _check_data(self):
         scans = self.scans
@@ -154,30 +154,30 @@ class Equations(InNotebook):
         """Raise DegeneracyError if the solved sources have fewer observations than there are unknowns."""
         scans, n = self.scans, int(self.solved.sum())
         observed = np.sum((scans.counts * (1 + (scans.weights[1] > 0)))[self.solved])
-        left, unknown = observed - 5 * n, 3 * self.coefficients
-        if self.prior is None and left < unknown:
-            longer = f"knots of {3 * scans.years * JULIAN_YEAR / left:.0f} s or more, " if left > 0 else ""
+        surplus, n_unknowns = observed - 5 * n, 3 * self.coefficients
+        if self.prior is None and surplus < n_unknowns:
+            longer = f"knots of {3 * scans.years * JULIAN_YEAR / surplus:.0f} s or more, " if surplus > 0 else ""
             raise DegeneracyError(
-                f"too few sources for the knots: {observed:.0f} observations of {n} sources for {5 * n + unknown} "
+                f"too few sources for the knots: {observed:.0f} observations of {n} sources for {5 * n + n_unknowns} "
                 f"unknowns ({scans.intervals} intervals). Take {longer}more sources, sim.agis.scaled, or a prior"
             )
 
     def _is_determined(self, threads, compiled):
         """Passes, blocks and band of the sources that have transits enough."""
         scans = self.scans
-        solved = scans.counts > 5
-        passes = make_passes(scans, solved, threads, compiled)
+        is_solved = scans.counts > 5
+        passes = make_passes(scans, is_solved, threads, compiled)
         blocks, band = passes.blocks()
-        good = np.concatenate([_determinate(part) for part in _few(blocks)])
-        if (solved & ~good).any():
-            solved &= good
-            passes = make_passes(scans, solved, threads, compiled)
+        good = np.concatenate([_determinate(chunk) for chunk in _few(blocks)])
+        if (is_solved & ~good).any():
+            is_solved &= good
+            passes = make_passes(scans, is_solved, threads, compiled)
             blocks, band = passes.blocks()
-        if not solved.any():
+        if not is_solved.any():
             raise DegeneracyError(
                 f"none of {scans.n_sources} sources has transits enough for five parameters in {scans.years:g} years"
             )
-        return passes, blocks, band, solved
+        return passes, blocks, band, is_solved
 
     def _factorise(self, band):
         try:
@@ -204,12 +204,12 @@ def _determinate(blocks):
 
 
 def _inverse(blocks):
-    out = np.empty_like(blocks)
-    for here, there in zip(_few(blocks), _few(out), strict=True):
-        scale = 1 / np.sqrt(np.einsum("nii->ni", here))
+    inverses = np.empty_like(blocks)
+    for chunk, inverse in zip(_few(blocks), _few(inverses), strict=True):
+        scale = 1 / np.sqrt(np.einsum("nii->ni", chunk))
         scale = scale[:, :, None] * scale[:, None]
-        there[:] = np.linalg.inv(here * scale) * scale
-    return out
+        inverse[:] = np.linalg.inv(chunk * scale) * scale
+    return inverses
 
 
 #: Functionals solved for together.
@@ -274,31 +274,31 @@ class ExactErrors(Equations):
     def _covariance(self, functionals, tolerance, iterations, progress, variability=None, variable=None):
         """gᵀ N⁺ g of each pair of functionals (n, 5, K), what the null space does to them left out."""
         right = self._seen(functionals)
-        solved = np.empty_like(right)
+        solutions = np.empty_like(right)
         bar = progress_bar(words="exact errors", shown=progress, unit=" iterations")
         with bar, blas_for(0):
             for start in range(0, right.shape[-1], TOGETHER):
-                here = slice(start, start + TOGETHER)
-                solved[..., here] = _solve_system(
-                    self, np.ascontiguousarray(right[..., here]), tolerance, iterations, bar
+                columns = slice(start, start + TOGETHER)
+                solutions[..., columns] = _solve_system(
+                    self, np.ascontiguousarray(right[..., columns]), tolerance, iterations, bar
                 )
         k = right.shape[-1]
-        out = right.reshape(-1, k).T @ solved.reshape(-1, k)
+        covariance = right.reshape(-1, k).T @ solutions.reshape(-1, k)
         if variability is not None and variability.sigma > 0:
-            out += self._varying(solved, variability, variable)
-        return (out + out.T) / 2
+            covariance += self._varying(solutions, variability, variable)
+        return (covariance + covariance.T) / 2
 
     def _seen(self, functionals):
         """Functionals of parameters from which the null space is taken out, by the blocks as weights."""
         right = functionals.copy()
         right[~self.solved] = 0
         if self.defect:
-            basis, weighted, normal = self.rotations()
+            basis, weighted_basis, normal = self.rotations()
             share = np.linalg.solve(normal, np.einsum("kni,nir->kr", basis, right))
-            right -= np.einsum("kr,kni->nir", share, weighted)
+            right -= np.einsum("kr,kni->nir", share, weighted_basis)
         return right
 
-    def _varying(self, solved, variability, variable):
+    def _varying(self, solutions, variability, variable):
         """Contribution of varying photocentres: Σ over sources of aᵀ C a, a the weight of each observation in a
         functional."""
         scans = self.scans
@@ -309,9 +309,11 @@ class ExactErrors(Equations):
         weights = scans.weights[:, owner] * self.solved[owner]
         sin, cos = (column[order].astype(float) for column in (scans.sin, scans.cos))
         shares = []
-        for x in np.moveaxis(solved, -1, 0):
+        for x in np.moveaxis(solutions, -1, 0):
             attitude = self.attitude_of(-self.passes.to_attitude(np.ascontiguousarray(x)[..., None])[..., 0])
-            along, across = (w * seen[order] for w, seen in zip(weights, self.passes.predict(x, attitude), strict=True))
+            along, across = (
+                w * prediction[order] for w, prediction in zip(weights, self.passes.predict(x, attitude), strict=True)
+            )
             shares += [np.stack([along * sin - across * cos, along * cos + across * sin])]
         products = chain_products(np.array(shares), owner, time, variability.tau)
         return variability.sigma**2 * products
@@ -326,11 +328,11 @@ def _solve_system(equations, right, tolerance, iterations, bar):
         total += work.gain
         bar.update()
         bar.set_postfix_str(f"σ at least {', '.join(f'{x:.3g}' for x in np.sqrt(total))}", refresh=False)
-        grown = np.sum(gains[-_REST:], axis=0) / np.where(total > 0, total, 1.0)
-        if (len(gains) >= _REST and grown.max() < tolerance) or work.residual < 1e-12:
+        growth = np.sum(gains[-_REST:], axis=0) / np.where(total > 0, total, 1.0)
+        if (len(gains) >= _REST and growth.max() < tolerance) or work.residual < 1e-12:
             return work.x
     raise ConvergenceError(
-        f"variances still grew by {100 * grown.max():.2g} % in the last {_REST} of {iterations} iterations; standard "
+        f"variances still grew by {100 * growth.max():.2g} % in the last {_REST} of {iterations} iterations; standard "
         f"errors are at least {', '.join(f'{x:.4g}' for x in np.sqrt(total))}. Allow more iterations, or a larger "
         "tolerance"
     )
@@ -498,7 +500,7 @@ class System(ExactErrors):
             known = arguments.float_array("known", known, (self.coefficients, 3))
         arguments.choice("first", first, ("sources", "attitude"))
         arguments.choice("method", method, ("conjugate", "simple"))
-        solved = solve_observations(
+        solution = solve_observations(
             self,
             *observed,
             start=first_start,
@@ -513,14 +515,15 @@ class System(ExactErrors):
             checkpoint=checkpoint,
             progress=progress,
         )
-        if not solved.converged and stop is not None:
+        if not solution.converged and stop is not None:
             warnings.warn(
-                f"not converged after {solved.iterations} iterations: degrees 1 to {solved.modes.lmax} still change; "
+                f"not converged after {solution.iterations} iterations: degrees 1 to {solution.modes.lmax} still "
+                "change; "
                 "allow more, or read large scales with care",
                 VshWarning,
                 stacklevel=2,
             )
-        return solved
+        return solution
 
     def _observed(self, along, across):
         shape = (len(self.scans),)
@@ -570,10 +573,10 @@ class Iteration:
             self.x += self.z
             self.r -= self.equations.apply(self.z)
         self.z = self.equations.precondition(self.r)
-        new = _dot(self.r, self.z)
-        turn = np.where(moving, new / np.where(moving, self.rz, 1.0), 0.0)
+        rz = _dot(self.r, self.z)
+        turn = np.where(moving, rz / np.where(moving, self.rz, 1.0), 0.0)
         self.p = self.z + turn * self.p if self.conjugate else self.z
-        self.rz = np.where(moving, new, 0.0)
+        self.rz = np.where(moving, rz, 0.0)
 
     def state(self) -> dict[str, FloatArray]:
         """All that the next steps depend on."""
@@ -593,8 +596,8 @@ def _dot(a, b):
 def key_of(things: Iterable[Any]) -> str:
     """A hash of arrays and plain values."""
     digest = hashlib.sha256()
-    for thing in things:
-        digest.update(np.ascontiguousarray(thing).tobytes() if isinstance(thing, np.ndarray) else repr(thing).encode())
+    for value in things:
+        digest.update(np.ascontiguousarray(value).tobytes() if isinstance(value, np.ndarray) else repr(value).encode())
     return digest.hexdigest()
 
 
@@ -677,8 +680,8 @@ def solve_observations(
         while True:
             if watch is not None:
                 watch(len(history), x + work.x[..., 0])
-            rested = stop is not None and len(history) > REST and _largest_update(history, sigma) < stop
-            if rested or len(history) >= iterations or work.residual < _SOLVED:
+            is_settled = stop is not None and len(history) > REST and _largest_update(history, sigma) < stop
+            if is_settled or len(history) >= iterations or work.residual < _SOLVED:
                 break
             work.step()
             history.append(fit.of(x[..., None] + work.x)[:, 0])
@@ -691,16 +694,16 @@ def solve_observations(
             if len(history) % _EVERY == 0:
                 keep()
     keep()
-    solved = work.x[..., 0]
+    corrections = work.x[..., 0]
     h = equations.attitude_of(of_attitude - passes.to_attitude(work.x)[..., 0])
-    done = x + solved
-    done[~equations.solved] = np.nan
+    sources = x + corrections
+    sources[~equations.solved] = np.nan
     scans = equations.scans
     return AgisSolution(
-        done,
+        sources,
         h,
         len(history),
-        bool(rested or work.residual < _SOLVED),
+        bool(is_settled or work.residual < _SOLVED),
         np.array(history),
         np.array(updates),
         fit.modes,
@@ -710,19 +713,19 @@ def solve_observations(
         scans.lon,
         scans.lat,
         scans.frame,
-        equations.motion.parameters((x + solved)[..., None])[:, 0] if equations.motion is not None else None,
+        equations.motion.parameters((x + corrections)[..., None])[:, 0] if equations.motion is not None else None,
     )
 
 
 def _constrain(equations, x):
     """Constraints of a global motion on parameters, (n, 5)."""
-    out = np.zeros_like(x)
+    constraints = np.zeros_like(x)
     if equations.motion is not None:
-        out[:, 3:] = equations.motion.weights[:, None] * x[:, 3:] - equations.motion.pull(x[..., None])[..., 0]
-    return out
+        constraints[:, 3:] = equations.motion.weights[:, None] * x[:, 3:] - equations.motion.pull(x[..., None])[..., 0]
+    return constraints
 
 
 def _largest_update(history, sigma):
     """Largest motion of a low degree in formal errors in the last iterations, at most."""
-    last = np.array(history[-REST - 1 :])
-    return float(np.max(np.ptp(last, axis=0) / sigma))
+    window = np.array(history[-REST - 1 :])
+    return float(np.max(np.ptp(window, axis=0) / sigma))

@@ -271,23 +271,27 @@ def sections_of(
     from vsh.io.tables import table_of
 
     scans = system.scans
-    counts = ", ".join(f"{np.sum(mixture.are(kind))} {kind}" for kind in sim.agis.KINDS if mixture.are(kind).any())
+    counts = ", ".join(
+        f"{np.sum(mixture.are(source_type))} {source_type}"
+        for source_type in sim.agis.KINDS
+        if mixture.are(source_type).any()
+    )
     sigma = np.sqrt(np.einsum("nii->ni", solution.formal))
     attitude = "solved" if system.prior is None else f"known to {system.prior:g} µas"
-    rest = "at rest" if solution.converged else "NOT at rest: large scales are not what they will be"
+    convergence = "at rest" if solution.converged else "NOT at rest: large scales are not what they will be"
     facts = [
         ("sources", f"{counts}; {system.solved.sum()} solved"),
         ("transits", f"{len(scans)}, {options.across:g} times the error across the scan"),
         ("attitude", f"{scans.intervals} intervals of {scans.spacing * JULIAN_YEAR:.4g} s, {attitude}"),
-        ("iterations", f"{solution.iterations}, {rest}"),
+        ("iterations", f"{solution.iterations}, {convergence}"),
     ]
-    kinds = [kind for kind in sim.agis.KINDS if (mixture.are(kind) & system.solved).any()]
+    source_types = [source_type for source_type in sim.agis.KINDS if (mixture.are(source_type) & system.solved).any()]
     pulls = []
-    for kind in kinds:
-        here = mixture.are(kind) & system.solved
-        pulls.append(np.sqrt(np.mean((solution.sources[here] / sigma[here]) ** 2, axis=0)))
+    for source_type in source_types:
+        selection = mixture.are(source_type) & system.solved
+        pulls.append(np.sqrt(np.mean((solution.sources[selection] / sigma[selection]) ** 2, axis=0)))
     names = ("α*", "δ", "ϖ", "µα*", "µδ")
-    ratios = table_of({"sources": kinds} | dict(zip(names, np.transpose(pulls), strict=True)))
+    ratios = table_of({"sources": source_types} | dict(zip(names, np.transpose(pulls), strict=True)))
     sections = [
         Section("Sources and attitude solved together", facts, notes=notes),
         Section("True over formal error, this draw of the noise (rms over sources)", (), ratios,
@@ -382,7 +386,7 @@ GALAXIES_EXCESS = 215.0
 def _run(options):
     run = None if options.plan else finishing.Run(options)
     # A stream of its own for each step, so that one option does not shift what another draws.
-    gaps, sky, galaxies, stars, chosen, noise, start, radio = np.random.default_rng(options.seed).spawn(8)
+    gaps, sky, galaxies, stars, selection_rng, noise, start, radio = np.random.default_rng(options.seed).spawn(8)
     law = sim.NominalScanningLaw(years=options.years, dead_time=options.dead_time, rng=gaps)
     mission = sim.Mission(law, options.release)
     mixture = sim.agis.mixture(
@@ -395,9 +399,10 @@ def _run(options):
     )
     full = sim.agis.FULL if options.scale else None
     if run is None:
-        wide, knots, _ = sim.agis.as_whole(law, options.quasars, options.knots, full)
+        whole_law, knots, _ = sim.agis.as_whole(law, options.quasars, options.knots, full)
         finishing.print_result(
-            options, finishing.message(str(sim.agis.plan(wide, mixture.lon, mixture.lat, knots, ccds=options.ccds)))
+            options,
+            finishing.message(str(sim.agis.plan(whole_law, mixture.lon, mixture.lat, knots, ccds=options.ccds))),
         )
         return
     # What a killed run goes on from.
@@ -405,7 +410,7 @@ def _run(options):
     work.mkdir(parents=True, exist_ok=True)
     try:
         with exclusive(work / "checkpoint.npz"):
-            _solve(run, law, mixture, full, work, (noise, start, chosen, radio))
+            _solve(run, law, mixture, full, work, (noise, start, selection_rng, radio))
     finally:
         with suppress(OSError):  # not empty: a checkpoint, or somebody else's files
             work.rmdir()
@@ -414,7 +419,7 @@ def _run(options):
 def _solve(run, law, mixture, full, work, streams):
     """The joint solution, from transits to a folder of results."""
     options = run.options
-    noise, start, chosen, radio = streams
+    noise, start, selection_rng, radio = streams
     quasars = mixture.are("quasars")
     system, notes = sim.agis.joint_system(
         law,
@@ -436,14 +441,14 @@ def _solve(run, law, mixture, full, work, streams):
     observed = sim.agis.observations(system.scans, noise, variability=variability, variable=quasars)
     errors = {"random": options.start[0], "systematic": options.start[1], "attitude": options.start_attitude}
     sources, attitude = sim.agis.start_errors(system.scans, start, **errors)
-    known = None
+    prior_attitude = None
     if system.prior is not None:  # what is known of the attitude is off by as much
-        known = system.prior * start.standard_normal(attitude.shape)
+        prior_attitude = system.prior * start.standard_normal(attitude.shape)
     solution = system.solve(
         *observed,
         start=sources,
         attitude=attitude,
-        known=known,
+        known=prior_attitude,
         first=options.first,
         method=options.method,
         iterations=options.iterations,
@@ -452,17 +457,17 @@ def _solve(run, law, mixture, full, work, streams):
         checkpoint=work / "checkpoint.npz",
         progress=True,
     )
-    solution, rotated = _fix_frame(system, solution, options, quasars, chosen, radio)
+    solution, frame_notes = _fix_frame(system, solution, options, quasars, selection_rng, radio)
     exact = _exact(system, mixture) if options.exact else {}
-    named = tables_of(system, solution, mixture)
+    result_tables = tables_of(system, solution, mixture)
     run.finish(
         (),
-        sections=lambda _: sections_of(system, solution, notes + rotated, mixture, options, exact),
-        tables=lambda: named,
-        notes=notes + rotated,
+        sections=lambda _: sections_of(system, solution, notes + frame_notes, mixture, options, exact),
+        tables=lambda: result_tables,
+        notes=notes + frame_notes,
         answer=Answer(tuple(_answer(system, solution, mixture))),
         figures=lambda: draw(system, solution, mixture),
-        files=lambda folder, meta: write(folder, solution, mixture, named, options),
+        files=lambda folder, meta: write(folder, solution, mixture, result_tables, options),
         title=f"{options.quasars} quasars and the attitude, solved together",
         captions=CAPTIONS,
     )
@@ -476,11 +481,9 @@ def _answer(system, solution, mixture):
     quasars = mixture.are("quasars") & system.solved
     sigma = np.sqrt(np.einsum("nii->ni", solution.formal[quasars]))
     pulls = np.sqrt(np.mean((solution.sources[quasars] / sigma) ** 2, axis=0))
-    words = (
-        f"true errors are {pulls[2]:.2f} (parallaxes) and {np.mean(pulls[3:]):.2f} (motions) times the formal errors"
-    )
-    rest = "" if solution.converged else "; the iteration is NOT at rest, and large scales are not final"
-    return [("errors", f"{words}, rms of {np.sum(quasars)} quasars{rest}")]
+    text = f"true errors are {pulls[2]:.2f} (parallaxes) and {np.mean(pulls[3:]):.2f} (motions) times the formal errors"
+    remark = "" if solution.converged else "; the iteration is NOT at rest, and large scales are not final"
+    return [("errors", f"{text}, rms of {np.sum(quasars)} quasars{remark}")]
 
 
 def _global(options, mixture):
@@ -502,28 +505,28 @@ def _global(options, mixture):
 def _exact(system, mixture):
     """Formal and true errors of a fit of degree 1 to the quasars, and of global parameters, by name."""
     modes, quasars = vsh.Modes(1), mixture.are("quasars")
-    where = mixture.lon[quasars], mixture.lat[quasars]
+    positions = mixture.lon[quasars], mixture.lat[quasars]
     pairs = zip(
-        np.sqrt(np.diag(system.formal_covariance(modes, *where))),
-        np.sqrt(np.diag(system.true_covariance(modes, *where, progress=True))),
+        np.sqrt(np.diag(system.formal_covariance(modes, *positions))),
+        np.sqrt(np.diag(system.true_covariance(modes, *positions, progress=True))),
         strict=True,
     )
     rows = {str(mode): pair for mode, pair in zip(modes, pairs, strict=True)}
     if system.motion is not None:
         formal, true = system.global_covariances(progress=True)
-        named = zip(system.motion.names, np.sqrt(np.diag(formal)), np.sqrt(np.diag(true)), strict=True)
-        rows |= {f"global {name}": tuple(pair) for name, *pair in named}
+        global_errors = zip(system.motion.names, np.sqrt(np.diag(formal)), np.sqrt(np.diag(true)), strict=True)
+        rows |= {f"global {name}": tuple(pair) for name, *pair in global_errors}
     return rows
 
 
-def _fix_frame(system, solution, options, quasars, chosen, radio):
+def _fix_frame(system, solution, options, quasars, selection_rng, radio):
     """The solution in a frame of its own, by radio positions and the motions of quasars, and what was done."""
     if options.vlbi:
-        which = np.sort(chosen.choice(np.flatnonzero(quasars), options.vlbi, replace=False))
-        solution, _, errors = sim.agis.rotate_frame(solution, which, quasars, rng=radio)
+        indices = np.sort(selection_rng.choice(np.flatnonzero(quasars), options.vlbi, replace=False))
+        solution, _, errors = sim.agis.rotate_frame(solution, indices, quasars, rng=radio)
         return solution, [f"{solution.notes[-1]}, formal errors {np.round(errors, 3).tolist()}"]
-    turned = sim.agis.in_own_frame(system, solution)
-    return turned, list(turned.notes[len(solution.notes) :])
+    rotated_solution = sim.agis.in_own_frame(system, solution)
+    return rotated_solution, list(rotated_solution.notes[len(solution.notes) :])
 
 
 main, run = running.make_entry(__name__, _run)

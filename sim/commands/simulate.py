@@ -242,24 +242,32 @@ def make_parser() -> argparse.ArgumentParser:
 
 def narrow(parser: argparse.ArgumentParser, words: Sequence[str]) -> None:
     """Hide the options that the kind among the `words` does not take, for its --help."""
-    kind = next((word for word in words if not word.startswith("-")), None)
+    kind = next((argument for argument in words if not argument.startswith("-")), None)
     orbits = (*OF_GALAXIES, "orientation")
-    others = {"quasars": orbits, "vlbi": OF_GALAXIES, "galaxies": ("orientation",), "epochs": (*NOT_OF_EPOCHS, *orbits)}
-    others |= {"link": (*NOT_OF_LINK, "h0", "positions"), "crf3": NOT_OF_CRF3, "crf4": NOT_OF_CRF3}
-    alone = {"link": OF_LINK, "crf4": ("table",), "epochs": ("wave",)}
+    foreign = {
+        "quasars": orbits,
+        "vlbi": OF_GALAXIES,
+        "galaxies": ("orientation",),
+        "epochs": (*NOT_OF_EPOCHS, *orbits),
+    }
+    foreign |= {"link": (*NOT_OF_LINK, "h0", "positions"), "crf3": NOT_OF_CRF3, "crf4": NOT_OF_CRF3}
+    own_options = {"link": OF_LINK, "crf4": ("table",), "epochs": ("wave",)}
     if kind not in ("crf3", "crf4"):
-        alone["crf3, crf4"] = ("traps",)
-    hidden = {*others.get(kind or "", ()), *(name for own, names in alone.items() if own != kind for name in names)}
-    for action in parser._actions if kind in others else ():
-        if action.dest in hidden:
+        own_options["crf3, crf4"] = ("traps",)
+    hidden_options = {
+        *foreign.get(kind or "", ()),
+        *(name for owner, names in own_options.items() if owner != kind for name in names),
+    }
+    for action in parser._actions if kind in foreign else ():
+        if action.dest in hidden_options:
             action.help = argparse.SUPPRESS
 
 
 def _range(text):
-    low, *high = parsing.numbers(text)
-    if len(high) != 1 or not 0 < low < high[0]:
+    lower, *upper = parsing.numbers(text)
+    if len(upper) != 1 or not 0 < lower < upper[0]:
         raise argparse.ArgumentTypeError(f"two rising redshifts above zero are expected, not {text!r}")
-    return low, high[0]
+    return lower, upper[0]
 
 
 def _attitude(text):
@@ -272,8 +280,8 @@ def _redshift_error(text):
 
 def _foreign(parser, options, names):
     """Options among `names` that were given, as they are typed."""
-    given = [name for name in names if getattr(options, name) != parser.get_default(name)]
-    return [f"--{name.replace('_', '-')}" for name in given]
+    option_names = [name for name in names if getattr(options, name) != parser.get_default(name)]
+    return [f"--{name.replace('_', '-')}" for name in option_names]
 
 
 def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
@@ -281,10 +289,10 @@ def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
     if options.selection and options.sky:
         parser.error("--sky and --selection exclude each other")
     if options.positions:
-        drawn = [f"--{name}" for name in ("number", "sky", "selection") if getattr(options, name) is not None]
-        if drawn or options.redshift_range:
+        flags = [f"--{name}" for name in ("number", "sky", "selection") if getattr(options, name) is not None]
+        if flags or options.redshift_range:
             parser.error(
-                f"--positions takes the sources of a table: {', '.join(drawn) or '--redshift-range'} draws others"
+                f"--positions takes the sources of a table: {', '.join(flags) or '--redshift-range'} draws others"
             )
         if options.kind not in ("quasars", "galaxies"):
             parser.error("--positions is for quasars and galaxies")
@@ -343,8 +351,10 @@ def _run(options):
         (_epochs if options.kind == "epochs" else _link)(options)
         return
     # A stream of its own for each step, so that one option does not shift what another draws.
-    sky, chosen, gaps, observed, noise = np.random.default_rng(options.seed).spawn(5)
-    population, notes = _simulate_own(options, sky) if options.positions else (_population(options, sky, chosen), [])
+    sky, selection_rng, gaps, observed, noise = np.random.default_rng(options.seed).spawn(5)
+    population, notes = (
+        _simulate_own(options, sky) if options.positions else (_population(options, sky, selection_rng), [])
+    )
     signal = sim.spin(options.spin) + sim.acceleration(options.acceleration)
     ours = reading.velocity_of(options.velocity)
     velocity = np.zeros(3) if ours is None else ours.to_frame("icrs").value
@@ -357,7 +367,7 @@ def _run(options):
     variability = sim.Variability(options.variability, options.tau) if options.variability else None
     mission = sim.Mission(law, options.release, options.attitude)
     common = {"variability": variability, "threads": options.threads}
-    seen = {"redshifts": options.redshifts, "redshift_error": options.redshift_error}
+    redshift_options = {"redshifts": options.redshifts, "redshift_error": options.redshift_error}
     if options.kind == "vlbi":
         truth = sim.spin(options.orientation)
         field = sim.observe_offsets(population, truth, observed, mission, **common)
@@ -365,10 +375,16 @@ def _run(options):
         from sim.expected import errors_by_place
 
         sigma, rho = errors_by_place(population.magnitude, population.lon, population.lat, mission)
-        field = sim.observe(population, signal, observed, sigma=sigma, rho=rho, **seen)
+        field = sim.observe(population, signal, observed, sigma=sigma, rho=rho, **redshift_options)
     else:
         field = sim.observe(
-            population, signal, observed, mission=mission, excess_noise=options.excess_noise, **common, **seen
+            population,
+            signal,
+            observed,
+            mission=mission,
+            excess_noise=options.excess_noise,
+            **common,
+            **redshift_options,
         )
     # Offsets [µas] have an orientation; spin and acceleration are of motions.
     true = (
@@ -405,9 +421,9 @@ def _frame(options):
     tables.write_table(table, options.output, truth)
     params = table["astrometric_params_solved" if options.kind == "crf3" else "astrometric_params"]
     five, six = (int(np.sum(params == value)) for value in (31, 95))
-    other = len(table) - five - six
-    more = f", {other} with another model" if other else ""
-    _finish(options, [], dict(table.meta) | truth, f"{five} sources with five parameters, {six} with six{more}")
+    n_other = len(table) - five - six
+    suffix = f", {n_other} with another model" if n_other else ""
+    _finish(options, [], dict(table.meta) | truth, f"{five} sources with five parameters, {six} with six{suffix}")
 
 
 def _epochs(options):
@@ -454,17 +470,19 @@ def _link(options):
     vectors = {"ORIENT": options.orientation, "SPIN": options.spin, "JUMP": options.jump, "ACC": options.acceleration}
     meta = _truth(vectors, options)
     write_astrometry(rows, options.output, meta)
-    what = f"{len(rows)} rows of {options.number} stars and {options.quasars} quasars, gaia and vlbi"
-    _finish(options, [], meta, what)
+    summary = f"{len(rows)} rows of {options.number} stars and {options.quasars} quasars, gaia and vlbi"
+    _finish(options, [], meta, summary)
 
 
-def _finish(options, notes, meta, what):
+def _finish(options, notes, meta, summary):
     """The configuration that repeats it, and what is said."""
-    with atomic_write(_repeats(options)) as new:
-        written = {Path(options.output).name: digest(options.output)}
-        new.write_text(finishing.repeats(options, name=_repeats(options).name, written=written), encoding="utf-8")
+    with atomic_write(_repeats(options)) as temporary_path:
+        digests = {Path(options.output).name: digest(options.output)}
+        temporary_path.write_text(
+            finishing.repeats(options, name=_repeats(options).name, written=digests), encoding="utf-8"
+        )
     true = ", ".join(f"{name} {value:g}" for name, value in meta.items() if isinstance(value, (int, float)))
-    text = "\n".join([*notes, f"written to {options.output}: {what}", f"truth: {true}"])
+    text = "\n".join([*notes, f"written to {options.output}: {summary}", f"truth: {true}"])
 
     def truth():
         from vsh.io.tables import table_of
@@ -493,25 +511,25 @@ def _truth(vectors, options):
     return meta | {"PROGRAM": f"vsh-sim {vsh.__version__}", "OPTIONS": json.dumps(_plain(options))}
 
 
-def _population(options, rng, chosen):
+def _population(options, rng, selection_rng):
     sky, frame = options.sky or "uniform", "icrs"
     if options.selection:
         from vsh.io.maps import read_map
         from vsh.sky.pixels import missing_pixels
 
-        sky, named = read_map(options.selection)
+        sky, header_frame = read_map(options.selection)
         empty = missing_pixels(sky)
         if empty:
             finishing.print_line(
                 options, f"note: {empty} of {sky.size} pixels of {options.selection} have no value and hold no sources"
             )
-        frame = options.map_frame or named or "icrs"
+        frame = options.map_frame or header_frame or "icrs"
     if options.kind == "galaxies":
-        low, high = options.redshift_range or (0.001, 0.03)
-        return sim.galaxies(options.number, rng, sky, map_frame=frame, min_redshift=low, max_redshift=high)
+        lower, upper = options.redshift_range or (0.001, 0.03)
+        return sim.galaxies(options.number, rng, sky, map_frame=frame, min_redshift=lower, max_redshift=upper)
     if options.kind == "vlbi":
         return sim.vlbi_quasars(
-            sim.quasars(max(options.number, 500_000), rng, sky, map_frame=frame), options.number, chosen
+            sim.quasars(max(options.number, 500_000), rng, sky, map_frame=frame), options.number, selection_rng
         )
     return sim.quasars(options.number, rng, sky, map_frame=frame)
 
@@ -532,36 +550,36 @@ def _simulate_own(options, rng):
                 "column holds them, say --columns redshift=NAME (--units NAME=km/s of c z)"
             )
         reading.refuse_velocities(read.notes, printable(options.positions))
-        known = with_redshift(read)
-        notes += known.notes[len(read.notes) :]
-        read = known
+        usable_sources = with_redshift(read)
+        notes += usable_sources.notes[len(read.notes) :]
+        read = usable_sources
     n = len(read)
     if n == 0:
         raise TableError(f"{printable(options.positions)} holds no source that can be simulated")
     magnitude = read.magnitude
-    unknown = np.ones(n, bool) if magnitude is None else ~np.isfinite(magnitude)
-    if unknown.any():
+    is_missing = np.ones(n, bool) if magnitude is None else ~np.isfinite(magnitude)
+    if is_missing.any():
         if options.kind == "galaxies":
-            drawn = sim.population.magnitudes_at(np.asarray(read.redshift, float), rng)
+            draws = sim.population.magnitudes_at(np.asarray(read.redshift, float), rng)
         else:
-            drawn = np.asarray(sim.quasars(n, rng).magnitude, float)
-        magnitude = drawn if magnitude is None else np.where(unknown, drawn, magnitude)
+            draws = np.asarray(sim.quasars(n, rng).magnitude, float)
+        magnitude = draws if magnitude is None else np.where(is_missing, draws, magnitude)
         at = " at these redshifts" if options.kind == "galaxies" else ""
-        notes.append(f"{unknown.sum()} of {n} magnitudes drawn as of simulated {options.kind}" + at)
+        notes.append(f"{is_missing.sum()} of {n} magnitudes drawn as of simulated {options.kind}" + at)
     return sim.Population(read.lon, read.lat, magnitude, read.redshift), notes
 
 
 def _plain(options):
     """All options but those that change nothing."""
-    other = [*running.NOT_TOLD, "threads"]
+    exclusions = [*running.NOT_TOLD, "threads"]
     if options.kind in ("crf3", "crf4"):
-        other += [*NOT_OF_CRF3, "h0", "tau"]
-    kept = {key: value for key, value in vars(options).items() if key not in other}
+        exclusions += [*NOT_OF_CRF3, "h0", "tau"]
+    settings = {key: value for key, value in vars(options).items() if key not in exclusions}
     if options.velocity is not None:
         ours = reading.velocity_of(options.velocity)
         assert ours is not None
-        kept["velocity"] = [ours.amplitude, *ours.to_frame("galactic").direction]
-    return kept
+        settings["velocity"] = [ours.amplitude, *ours.to_frame("galactic").direction]
+    return settings
 
 
 main, run = running.make_entry(__name__, _run)

@@ -123,37 +123,37 @@ def crf4(
     """
     arguments.choice("table", table, ("gaia_source", "all_source_astrometry"))
     rng = generator(rng)
-    made = _frame_table(rng, signal, n_five, n_six, "DR4", traps)
-    params = np.asarray(made["astrometric_params_solved"]).copy()
+    catalogue = _frame_table(rng, signal, n_five, n_six, "DR4", traps)
+    params = np.asarray(catalogue["astrometric_params_solved"]).copy()
     if table == "gaia_source":
-        draw = rng.spawn(1)[0].random(len(made))
+        draw = rng.spawn(1)[0].random(len(catalogue))
         params[draw < _OTHER_MODELS[0]] = 127  # seven parameters: an acceleration
         params[(draw >= _OTHER_MODELS[0]) & (draw < sum(_OTHER_MODELS))] = 511  # nine: its change as well
-    made["astrometric_params_solved"] = params
-    made.rename_column("astrometric_params_solved", "astrometric_params")
-    made["tentative_parallax_bias"] = np.full(len(made), ZERO_POINT, np.float32)
-    made["tentative_parallax_bias"].unit = "mas"
-    made.meta |= {"REFEPOCH": 2017.5, "RELEASE": "simulated quasars of Gaia DR4", "TABLE": table}
-    return made
+    catalogue["astrometric_params_solved"] = params
+    catalogue.rename_column("astrometric_params_solved", "astrometric_params")
+    catalogue["tentative_parallax_bias"] = np.full(len(catalogue), ZERO_POINT, np.float32)
+    catalogue["tentative_parallax_bias"].unit = "mas"
+    catalogue.meta |= {"REFEPOCH": 2017.5, "RELEASE": "simulated quasars of Gaia DR4", "TABLE": table}
+    return catalogue
 
 
 def _frame_table(rng, signal, n_five, n_six, release, traps=False):
     """The table of `crf3`, or of another release."""
     years = {"DR3": _YEARS, "DR4": 66 / 12}[release]
-    wanted = n_five * CRF3_COUNTS[95] / CRF3_COUNTS[31] if n_six is None else arguments.not_negative("n_six", n_six)
-    n = n_five + round(wanted)
+    six_count = n_five * CRF3_COUNTS[95] / CRF3_COUNTS[31] if n_six is None else arguments.not_negative("n_six", n_six)
+    n = n_five + round(six_count)
     truth = acceleration((-0.235965, -3.755779, -2.080491)) if signal is None else as_signal(signal)
     # A stream of its own for each step, so that one number does not shift what another draws.
-    sky, light, errors, noise, rest, gaps, deceit = generator(rng).spawn(7)
+    sky, light, errors, noise, properties, gaps, deceit = generator(rng).spawn(7)
     lon, lat = draw_positions(n, sky, "gums")
     six = np.arange(n) >= n_five
     magnitude = crf3_magnitudes(n_five, n - n_five, light)
-    seen = _light(rest, six, magnitude)
+    photometry = _light(properties, six, magnitude)
     mission = Mission(NominalScanningLaw(years=years, rng=gaps), release)
     pixel = pixels_of(lon, lat, _NSIDE)
     transits = mission.scanning_law.transits(*centres(_NSIDE))
-    there = solve_astrometry(transits, np.ones(12 * _NSIDE**2), 0, years=years)
-    unit = there.covariance[:, 2:, 2:]  # parallax, µ_α*, µ_δ for a transit's error of one
+    solution = solve_astrometry(transits, np.ones(12 * _NSIDE**2), 0, years=years)
+    unit = solution.covariance[:, 2:, 2:]  # parallax, µ_α*, µ_δ for a transit's error of one
     unit = np.where(np.isfinite(unit), unit, np.nanmedian(unit, axis=0))
     # A little of its own for each source: transits are lost.
     size = mission.transit_error(magnitude) * np.where(six, SIX_PARAMETERS, 1.0) * errors.lognormal(0.0, 0.05, n)
@@ -162,16 +162,16 @@ def _frame_table(rng, signal, n_five, n_six, release, traps=False):
     wrong = np.where(errors.random(n) < _OUTLIERS, _TIMES, 1.0)
     if traps:
         wrong *= too_small(magnitude)
-    drawn = np.einsum("nij,nj->in", np.linalg.cholesky(unit)[pixel], noise.standard_normal((n, 3))) * size * wrong
+    scatter = np.einsum("nij,nj->in", np.linalg.cholesky(unit)[pixel], noise.standard_normal((n, 3))) * size * wrong
     sigma = deviation[pixel].T * size
-    motion = (truth(lon, lat) + drawn[1:]) / MAS
+    motion = (truth(lon, lat) + scatter[1:]) / MAS
     if traps:
-        motion += deception(lon, lat, sigma[1:], magnitude, seen["nu"], release, deceit) / MAS
+        motion += deception(lon, lat, sigma[1:], magnitude, photometry["nu"], release, deceit) / MAS
     columns = {
         "source_id": _identifiers(lon, lat),
         "ra": np.degrees(lon),
         "dec": np.degrees(lat),
-        "parallax": ZERO_POINT + drawn[0] / MAS,
+        "parallax": ZERO_POINT + scatter[0] / MAS,
         "parallax_error": sigma[0] / MAS,
         "pmra": motion[0],
         "pmdec": motion[1],
@@ -182,17 +182,17 @@ def _frame_table(rng, signal, n_five, n_six, release, traps=False):
         "pmra_pmdec_corr": correlation[pixel, 1, 2],
         "astrometric_params_solved": np.where(six, 95, 31).astype(np.int16),
     }
-    counted = {name: values[pixel] for name, values in scan_columns(transits, 12 * _NSIDE**2).items()}
-    del seen["nu"]
-    return _table(columns | counted | seen)
+    transit_columns = {name: values[pixel] for name, values in scan_columns(transits, 12 * _NSIDE**2).items()}
+    del photometry["nu"]
+    return _table(columns | transit_columns | photometry)
 
 
 def _light(rng: np.random.Generator, six: BoolArray, magnitude: FloatArray) -> dict[str, Any]:
     """Colours, redshifts and quality; `nu` is the wavenumber of all."""
     n = len(six)
     wavenumber = rng.normal(1.589, 0.06, n)
-    known = rng.random(n) < 0.6
-    z, ruwe, red = quasar_redshifts(n, rng), rng.lognormal(0.0, 0.04, n), rng.normal(0, 0.1, n)
+    has_redshift = rng.random(n) < 0.6
+    z, ruwe, colour_scatter = quasar_redshifts(n, rng), rng.lognormal(0.0, 0.04, n), rng.normal(0, 0.1, n)
     spin, order, learnt = rng.random(n), *rng.spawn(2)
     z = by_magnitude(z, magnitude, order)
     wavenumber += colour_of(z) - colour_of(z).mean()
@@ -202,8 +202,8 @@ def _light(rng: np.random.Generator, six: BoolArray, magnitude: FloatArray) -> d
         "pseudocolour": np.where(six, wavenumber, np.nan).astype(np.float32),
         "ruwe": np.where(six, 1.044, 1.013) * ruwe.astype(np.float32),
         "phot_g_mean_mag": magnitude.astype(np.float32),
-        "bp_rp": ((1.73 - wavenumber) / 0.2 + red).astype(np.float32),
-        "redshift_qsoc": np.where(known, learnt_redshifts(z, learnt), np.nan).astype(np.float32),
+        "bp_rp": ((1.73 - wavenumber) / 0.2 + colour_scatter).astype(np.float32),
+        "redshift_qsoc": np.where(has_redshift, learnt_redshifts(z, learnt), np.nan).astype(np.float32),
         "used_for_reference_frame_spin": ~six & (spin < 0.353),
     }
 
@@ -212,9 +212,9 @@ def _identifiers(lon, lat):
     """Numbers as Gaia makes them: the HEALPix pixel of level 12, nested, then a running number."""
     pixel = pixels_of(lon, lat, 4096, nested=True)
     order = np.argsort(pixel, kind="stable")
-    first = np.searchsorted(pixel[order], pixel[order])
+    starts = np.searchsorted(pixel[order], pixel[order])
     running = np.empty(len(pixel), np.int64)
-    running[order] = np.arange(len(pixel)) - first
+    running[order] = np.arange(len(pixel)) - starts
     return pixel.astype(np.int64) * 2**35 + (running + 1) * 2**7
 
 

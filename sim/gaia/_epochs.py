@@ -111,7 +111,7 @@ def epochs(
     >>> len(table) > 20
     True
     """
-    noise, gaps, others = generator(rng).spawn(3)
+    noise, gaps, auxiliary = generator(rng).spawn(3)
     mission = as_mission(NominalScanningLaw(years=5.5, rng=gaps) if mission is None else mission, release)
     mission.check_frame(population.frame)
     share = arguments.not_negative("outliers", outliers)
@@ -125,10 +125,10 @@ def epochs(
     motion = steady(population.lon, population.lat, population.redshift) if steady.parts else np.zeros((2, len(error)))
     source, since = transits.source, law.start + transits.time - EPOCH
     row = design_row(transits.angle, transits.parallax_factor, since)
-    place = motion[0, source] * row[3] + motion[1, source] * row[4]
+    position = motion[0, source] * row[3] + motion[1, source] * row[4]
     if truth.changes:
-        moved = truth.displacement(population.lon[source], population.lat[source], since)
-        place += np.sum(moved * row[:2], 0)
+        displacement = truth.displacement(population.lon[source], population.lat[source], since)
+        position += np.sum(displacement * row[:2], 0)
     shape = (len(source), CCDS)
     sigma = np.repeat(3 * error[source][:, None], CCDS, axis=1)
     wrong = np.where(noise.random(shape) < share, 10.0, 1.0)
@@ -137,8 +137,8 @@ def epochs(
         raise ParameterError(f"{np.sum(~(excess >= 0))} excess noises are below zero")
     scatter = np.hypot(sigma * wrong, excess[source][:, None]) * noise.standard_normal(shape)
     if attitude == "solved":
-        place -= _observe_epochs(law, population, truth, transits, error, scatter.mean(1), stars, others, threads)
-    centroid = place[:, None] + scatter
+        position -= _observe_epochs(law, population, truth, transits, error, scatter.mean(1), stars, auxiliary, threads)
+    centroid = position[:, None] + scatter
     roemer = _roemer(law, transits.time, population.lon[source], population.lat[source])
     steps = (np.arange(CCDS) - (CCDS - 1) / 2) * _STEP
     at_sun = np.round((EPOCH - 2010.0 + since)[:, None] * _YEAR + steps)
@@ -161,7 +161,7 @@ def epochs(
         "agis_source_excess_noise": excess[source] / MAS,
     }
     if complete:
-        columns = _complete(columns, transits, np.asarray(population.magnitude, float)[source], others)
+        columns = _complete(columns, transits, np.asarray(population.magnitude, float)[source], auxiliary)
     units = {name: unit for name, unit in _EPOCH_UNITS.items() if name in columns}
     return tables.table_of(columns, {"REFEPOCH": EPOCH, "RELEASE": "simulated DR4 epoch astrometry"}, units)
 
@@ -177,37 +177,39 @@ def _observe_epochs(law, population, truth, transits, error, scatter, stars, rng
     """Part of each transit that an attitude solved together with all sources takes. [µas]"""
     from sim.agis import System, observations, scans  # numba and sparse matrices, for this alone
 
-    places, measured = rng.spawn(2)
-    lon, lat = uniform_sky(stars, places)
+    positions, noise = rng.spawn(2)
+    lon, lat = uniform_sky(stars, positions)
     n = len(error)
     sigma = np.r_[error, np.full(stars, _STAR)]
-    seen = scans(
+    scan_data = scans(
         law, np.r_[population.lon, lon], np.r_[population.lat, lat], sigma, 5 * sigma, knots=_KNOTS, threads=threads
     )
-    system, time = System(seen, threads=threads), seen.time()
-    own = np.flatnonzero(seen.source < n)
-    own = own[np.lexsort([time[own], seen.source[own]])]  # in the order of the transits
-    if not np.array_equal(seen.source[own], transits.source):
+    system, time = System(scan_data, threads=threads), scan_data.time()
+    indices = np.flatnonzero(scan_data.source < n)
+    indices = indices[np.lexsort([time[indices], scan_data.source[indices]])]  # in the order of the transits
+    if not np.array_equal(scan_data.source[indices], transits.source):
         raise ParameterError("transits at the edges of the mission differ: take another mission")
-    along, across = observations(seen, measured)
-    along[own] = scatter
+    along, across = observations(scan_data, noise)
+    along[indices] = scatter
     if truth.changes:
-        sin, cos = seen.sin.astype(float), seen.cos.astype(float)
-        east, north = truth.displacement(seen.lon[seen.source], seen.lat[seen.source], law.start + time - EPOCH)
+        sin, cos = scan_data.sin.astype(float), scan_data.cos.astype(float)
+        east, north = truth.displacement(
+            scan_data.lon[scan_data.source], scan_data.lat[scan_data.source], law.start + time - EPOCH
+        )
         along += east * sin + north * cos
         across += north * sin - east * cos
     solution = system.solve(along, across, stop=None, iterations=_ITERATIONS)
-    taken, _ = system.predict(np.zeros((len(sigma), 5)), solution.attitude)
-    return taken[own]
+    prediction, _ = system.predict(np.zeros((len(sigma), 5)), solution.attitude)
+    return prediction[indices]
 
 
 def _complete(columns: dict[str, Any], transits: Transits, magnitude: FloatArray, rng: np.random.Generator):
     """All columns of the pre-release: ten CCDs, of which the first is the sky mapper's."""
     k = len(magnitude)
 
-    def slots(values, first, kind):
+    def slots(values, mapper_value, dtype):
         values = np.broadcast_to(np.reshape(values, (k, -1)), (k, CCDS))
-        return np.concatenate([np.full((k, 1), first), values], 1).astype(kind)
+        return np.concatenate([np.full((k, 1), mapper_value), values], 1).astype(dtype)
 
     error = np.asarray(columns["centroid_pos_error_al"])
     lost = rng.random((k, CCDS)) < 0.002  # nothing was measured

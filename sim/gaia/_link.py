@@ -118,10 +118,10 @@ def link(
     p, q, _ = triad(lon, lat)
     motion += np.where(still, np.stack([drift @ p, drift @ q]), 0.0)
     if frame is None:
-        turned = np.tile(np.asarray(orientation, float)[:, None], total)
+        orientations = np.tile(np.asarray(orientation, float)[:, None], total)
         turning = np.asarray(spin, float)[:, None] + np.asarray(jump, float)[:, None] * (magnitude >= step)
     else:
-        turned, turning = frame(magnitude)
+        orientations, turning = frame(magnitude)
     truth = np.vstack([lon, lat, parallax, motion])
     size = wrong * np.ones(total)
     if np.isfinite(tails):
@@ -130,68 +130,72 @@ def link(
     double = ~still & (rng.uniform(size=total) < binaries)
     orbit[:2] = _ORBIT[0] * rng.standard_normal((2, total)) * double + offset * rng.standard_normal((2, total)) * still
     orbit[3:] = _ORBIT[1] * rng.standard_normal((2, total)) * double
-    against = np.where(still, -1, np.arange(total) % calibrators if calibrators else np.arange(total))
+    calibrator_index = np.where(still, -1, np.arange(total) % calibrators if calibrators else np.arange(total))
     if star_offset:
         orbit[:2] += star_offset * rng.standard_normal((2, total)) * ~still
     if calibrator_error:
-        orbit[:2] += (calibrator_error * rng.standard_normal((2, against.max() + 1)))[:, against] * ~still
-    called = np.where(still | (calibrators == 0), "", np.char.add("calibrator ", against.astype(str)))
+        orbit[:2] += (calibrator_error * rng.standard_normal((2, calibrator_index.max() + 1)))[
+            :, calibrator_index
+        ] * ~still
+    calibrator_names = np.where(
+        still | (calibrators == 0), "", np.char.add("calibrator ", calibrator_index.astype(str))
+    )
 
     sigma = _GAIA[:, None] * parallax_error(np.maximum(magnitude, 9.0))
     root = np.linalg.cholesky(np.eye(5) + 0.3 * (np.ones((5, 5)) - np.eye(5)))
     gaia = sigma * (root @ rng.standard_normal((5, total))) * size
-    gaia[:2] += np.stack([np.sum(q * turned, 0), -np.sum(p * turned, 0)])
+    gaia[:2] += np.stack([np.sum(q * orientations, 0), -np.sum(p * orientations, 0)])
     gaia[3:] += np.stack([np.sum(q * turning, 0), -np.sum(p * turning, 0)])
     covariance = (root @ root.T)[None] * sigma.T[:, :, None] * sigma.T[:, None, :]
     rows = [(np.arange(total), np.full(total, _GAIA_EPOCH), "gaia", truth, gaia, covariance)]
 
-    spread = 10 ** (_DEX * rng.standard_normal(total))
+    factor = 10 ** (_DEX * rng.standard_normal(total))
     once = ~still & (rng.uniform(size=total) < single)
-    when = np.where(still, _FIXED, rng.uniform(*_EPOCHS, total))
-    sigma = _VLBI[:, None] * spread
+    epoch = np.where(still, _FIXED, rng.uniform(*_EPOCHS, total))
+    sigma = _VLBI[:, None] * factor
     sigma[3:] /= rng.uniform(*_SPANS, total)
     for k in range(epochs if once.any() else 1):
-        chosen = np.flatnonzero(once if k else np.ones(total, bool))
-        t = (when + np.where(once, k * 0.37, 0.0))[chosen]
-        later, _ = propagate(truth[:, chosen], velocity[chosen], _GAIA_EPOCH, t)
+        indices = np.flatnonzero(once if k else np.ones(total, bool))
+        t = (epoch + np.where(once, k * 0.37, 0.0))[indices]
+        later, _ = propagate(truth[:, indices], velocity[indices], _GAIA_EPOCH, t)
         east, north, _ = triad(later[0], later[1])
-        error = sigma[:, chosen] * rng.standard_normal((5, len(chosen))) * size[chosen] + orbit[:, chosen]
-        error[:2] += orbit[3:, chosen] * (t - _GAIA_EPOCH)
-        alone = once[chosen]
+        error = sigma[:, indices] * rng.standard_normal((5, len(indices))) * size[indices] + orbit[:, indices]
+        error[:2] += orbit[3:, indices] * (t - _GAIA_EPOCH)
+        is_single = once[indices]
         b = earth(t)
-        error[:2] -= alone * later[2] * np.stack([np.sum(east * b, 0), np.sum(north * b, 0)])
-        fixed = ~still[chosen]
-        error[:2] -= fixed * (t - _FIXED) * np.stack([drift @ east, drift @ north])
-        error[3:] -= fixed * np.stack([drift @ east, drift @ north])
-        variance = sigma[:, chosen] ** 2
-        variance[2:, alone | still[chosen]] = np.nan
-        later[2:, alone | still[chosen]] = np.nan
-        rows.append((chosen, t, "vlbi", later, error, variance.T[:, :, None] * np.eye(5)))
-    return _rows(rows, magnitude, velocity, still, called)
+        error[:2] -= is_single * later[2] * np.stack([np.sum(east * b, 0), np.sum(north * b, 0)])
+        is_star = ~still[indices]
+        error[:2] -= is_star * (t - _FIXED) * np.stack([drift @ east, drift @ north])
+        error[3:] -= is_star * np.stack([drift @ east, drift @ north])
+        variance = sigma[:, indices] ** 2
+        variance[2:, is_single | still[indices]] = np.nan
+        later[2:, is_single | still[indices]] = np.nan
+        rows.append((indices, t, "vlbi", later, error, variance.T[:, :, None] * np.eye(5)))
+    return _rows(rows, magnitude, velocity, still, calibrator_names)
 
 
-def _rows(rows, magnitude, velocity, still, called):
+def _rows(rows, magnitude, velocity, still, calibrator_names):
     """Rows of both catalogues, errors added to what is true."""
-    parts: dict[str, list[Any]] = {}
-    for chosen, t, label, values, error, covariance in rows:
+    chunks: dict[str, list[Any]] = {}
+    for indices, t, label, values, error, covariance in rows:
         p, q, r = triad(values[0], values[1])
         lon, lat = angles(r + UAS * (p * error[0] + q * error[1]))
-        names = np.where(still[chosen], "quasar ", "star ").astype(object) + chosen.astype(str)
-        measured = np.isfinite(np.diagonal(covariance, axis1=1, axis2=2))
+        names = np.where(still[indices], "quasar ", "star ").astype(object) + indices.astype(str)
+        is_finite = np.isfinite(np.diagonal(covariance, axis1=1, axis2=2))
         columns = {
-            "name": names.astype(str), "catalogue": np.full(len(chosen), label), "epoch": t,
+            "name": names.astype(str), "catalogue": np.full(len(indices), label), "epoch": t,
             "lon": lon, "lat": lat,
             "parallax": values[2] + error[2], "motion": values[3:] + error[3:],
-            "covariance": np.where(measured[:, :, None] & measured[:, None, :], covariance, np.nan),
-            "radial_velocity": velocity[chosen], "magnitude": magnitude[chosen], "still": still[chosen],
-            "calibrator": called[chosen] if label == "vlbi" else np.full(len(chosen), ""),
+            "covariance": np.where(is_finite[:, :, None] & is_finite[:, None, :], covariance, np.nan),
+            "radial_velocity": velocity[indices], "magnitude": magnitude[indices], "still": still[indices],
+            "calibrator": calibrator_names[indices] if label == "vlbi" else np.full(len(indices), ""),
         }  # fmt: skip
         for name, column in columns.items():
-            parts.setdefault(name, []).append(column)
-    joined: dict[str, Any] = {
-        name: np.concatenate(each, axis=1 if name == "motion" else 0) for name, each in parts.items()
+            chunks.setdefault(name, []).append(column)
+    table: dict[str, Any] = {
+        name: np.concatenate(arrays, axis=1 if name == "motion" else 0) for name, arrays in chunks.items()
     }
-    return AstrometryRows(**joined)
+    return AstrometryRows(**table)
 
 
 #: By how much systematic errors are smaller than Gaia EDR3 published (Lindegren et al. 2021), whose quasars show about
@@ -226,14 +230,14 @@ def learnt_redshifts(z: FloatArray, rng: np.random.Generator) -> FloatArray:
 def scan_columns(transits: Transits, n: int) -> dict[str, FloatArray]:
     """Visibility periods, transits, and the second moment of scan directions of n places, as Gaia has them."""
     counts = transits.counts(n)
-    new = np.ones(len(transits), bool)
-    new[1:] = (np.diff(transits.source) != 0) | (np.diff(transits.time) > _PERIOD)
+    is_start = np.ones(len(transits), bool)
+    is_start[1:] = (np.diff(transits.source) != 0) | (np.diff(transits.time) > _PERIOD)
     moment = np.bincount(transits.source, np.cos(2 * transits.angle), n) + 1j * np.bincount(
         transits.source, np.sin(2 * transits.angle), n
     )
     moment = moment / np.maximum(counts, 1)
     return {
-        "visibility_periods_used": np.bincount(transits.source, new, n).astype(np.int16),
+        "visibility_periods_used": np.bincount(transits.source, is_start, n).astype(np.int16),
         "matched_transits": counts.astype(np.int16),
         "scan_direction_strength_k2": np.abs(moment).astype(np.float32),
         "scan_direction_mean_k2": np.degrees(np.angle(moment) / 2).astype(np.float32),
@@ -242,8 +246,8 @@ def scan_columns(transits: Transits, n: int) -> dict[str, FloatArray]:
 
 def too_small(magnitude: FloatArray) -> FloatArray:
     """True errors over quoted ones."""
-    low, high = _FAINT
-    return 1 + _TOO_SMALL * np.clip((magnitude - low) / (high - low), 0, 1)
+    lower, upper = _FAINT
+    return 1 + _TOO_SMALL * np.clip((magnitude - lower) / (upper - lower), 0, 1)
 
 
 def deception(
@@ -251,12 +255,12 @@ def deception(
     rng: np.random.Generator,
 ) -> FloatArray:  # fmt: skip
     """Motions that sources share, by all, magnitude and colour, and those of stars; (2, n). [µas/yr]"""
-    shared, stars = rng.spawn(2)
+    systematics_rng, stars = rng.spawn(2)
     spectrum = TRAPS[release] ** 2 * Spectrum.from_covariance(LINDEGREN_2021)
-    motion = _COMMON * systematics(spectrum, shared)(lon, lat)
-    for values, high in ((magnitude, np.median(magnitude)), (wavenumber, np.median(wavenumber))):
-        motion += _OWN * systematics(spectrum, shared)(lon, lat) * (values > high)
-    chosen = np.flatnonzero(stars.random(len(lon)) < _STARS)
-    angle, radius = stars.uniform(0, 2 * np.pi, len(chosen)), _WITHIN * np.sqrt(stars.random(len(chosen)))
-    motion[:, chosen] += np.stack([np.cos(angle), np.sin(angle)]) * radius * sigma[:, chosen]
+    motion = _COMMON * systematics(spectrum, systematics_rng)(lon, lat)
+    for values, threshold in ((magnitude, np.median(magnitude)), (wavenumber, np.median(wavenumber))):
+        motion += _OWN * systematics(spectrum, systematics_rng)(lon, lat) * (values > threshold)
+    indices = np.flatnonzero(stars.random(len(lon)) < _STARS)
+    angle, radius = stars.uniform(0, 2 * np.pi, len(indices)), _WITHIN * np.sqrt(stars.random(len(indices)))
+    motion[:, indices] += np.stack([np.cos(angle), np.sin(angle)]) * radius * sigma[:, indices]
     return motion

@@ -38,24 +38,24 @@ def crossings(
                 if (h0 >= wide and h1 >= wide) or (h0 <= -wide and h1 <= -wide):
                     continue
                 azimuth = np.arctan2(_height(r, i, w, k), _height(r, i, u, k))
-                moved = np.arctan2(_height(r, i, w, k + 1), _height(r, i, u, k + 1)) - azimuth
-                moved -= turn * np.round(moved / turn)
+                azimuth_change = np.arctan2(_height(r, i, w, k + 1), _height(r, i, u, k + 1)) - azimuth
+                azimuth_change -= turn * np.round(azimuth_change / turn)
                 for view in (1, -1):
-                    first = (azimuth - view * half) % turn
+                    phase = (azimuth - view * half) % turn
                     # Where the azimuth of a source falls, a field may meet it twice in a spin.
-                    for again in range(2 if first < -moved else 1):
-                        share = (first + again * turn) / (turn - moved)
+                    for lap in range(2 if phase < -azimuth_change else 1):
+                        share = (phase + lap * turn) / (turn - azimuth_change)
                         if not (share < 1 and abs(h0 + share * (h1 - h0)) < wide):
                             continue
                         if count == size:
                             owner, time = np.append(owner, owner), np.append(time, time)
                             views, size = np.append(views, views), 2 * size
-                        when = times[k] + share * (times[k + 1] - times[k])
-                        place = count
+                        moment = times[k] + share * (times[k + 1] - times[k])
+                        index = count
                         # The four of a spin come nearly in order.
-                        while place > 0 and owner[place - 1] == i and time[place - 1] > when:
-                            owner[place], time[place], views[place] = i, time[place - 1], views[place - 1]
-                            place -= 1
-                        owner[place], time[place], views[place] = i, when, view
+                        while index > 0 and owner[index - 1] == i and time[index - 1] > moment:
+                            owner[index], time[index], views[index] = i, time[index - 1], views[index - 1]
+                            index -= 1
+                        owner[index], time[index], views[index] = i, moment, view
                         count += 1
     return owner[:count].copy(), time[:count].copy(), views[:count].copy()

@@ -27,19 +27,19 @@ class Cubics:
     """
 
     def __init__(self, step: float, values: FloatArray, slopes: FloatArray) -> None:
-        low, rise, ahead = values[:-1], np.diff(values), step * slopes[1:]
+        base, rise, ahead = values[:-1], np.diff(values), step * slopes[1:]
         start = step * slopes[:-1]
-        self.step, self.powers = step, np.stack([low, start, 3 * rise - 2 * start - ahead, start + ahead - 2 * rise])
+        self.step, self.powers = step, np.stack([base, start, 3 * rise - 2 * start - ahead, start + ahead - 2 * rise])
 
     def __call__(self, x: FloatArray) -> FloatArray:
         """Its values at places x, (n,)."""
-        (a, b, c, d), part = self._at(x)
-        return a + part * (b + part * (c + part * d))
+        (a, b, c, d), fraction = self._at(x)
+        return a + fraction * (b + fraction * (c + fraction * d))
 
     def slope(self, x: FloatArray) -> FloatArray:
         """Its slopes there."""
-        (_, b, c, d), part = self._at(x)
-        return (b + part * (2 * c + part * 3 * d)) / self.step
+        (_, b, c, d), fraction = self._at(x)
+        return (b + fraction * (2 * c + fraction * 3 * d)) / self.step
 
     def _at(self, x):
         """Powers of the interval of each place, and how far into it that is; beyond the ends they go on."""
@@ -143,40 +143,40 @@ class Spins:
                 np.ascontiguousarray(self.w.T), self.times, self.reach, CHUNK, wide, half,
             )  # fmt: skip
         source, spin, h0, h1 = self._near_scan(r, wide)
-        here = r[:, source]
-        azimuth = np.arctan2(dot(here, self.w[:, spin]), dot(here, self.u[:, spin]))
-        turn = np.arctan2(dot(here, self.w[:, spin + 1]), dot(here, self.u[:, spin + 1])) - azimuth
+        directions = r[:, source]
+        azimuth = np.arctan2(dot(directions, self.w[:, spin]), dot(directions, self.u[:, spin]))
+        turn = np.arctan2(dot(directions, self.w[:, spin + 1]), dot(directions, self.u[:, spin + 1])) - azimuth
         turn -= 2 * np.pi * np.round(turn / (2 * np.pi))
         crossings = []
         for view in (1, -1):
             # Where in the spin Ω(f) = 2π f meets the azimuth of the source less that of the field.
-            first = (azimuth - view * half) % (2 * np.pi)
+            phase = (azimuth - view * half) % (2 * np.pi)
             # Where the azimuth of a source falls, a field may meet it twice in a spin.
-            for rows, again in ((slice(None), 0.0), (np.flatnonzero(first < -turn), 2 * np.pi)):
-                share = (first[rows] + again) / (2 * np.pi - turn[rows])
+            for rows, lap_angle in ((slice(None), 0.0), (np.flatnonzero(phase < -turn), 2 * np.pi)):
+                share = (phase[rows] + lap_angle) / (2 * np.pi - turn[rows])
                 hit = np.flatnonzero((share < 1) & (np.abs(h0[rows] + share * (h1 - h0)[rows]) < wide))
-                where = spin[rows][hit]
-                time = self.times[where] + share[hit] * (self.times[where + 1] - self.times[where])
+                hit_spins = spin[rows][hit]
+                time = self.times[hit_spins] + share[hit] * (self.times[hit_spins + 1] - self.times[hit_spins])
                 crossings.append((source[rows][hit], time, np.full(len(hit), view)))
-        owner, time, views = (np.concatenate(each) for each in zip(*crossings, strict=True))
+        owner, time, views = (np.concatenate(column) for column in zip(*crossings, strict=True))
         # Four lists in order become one.
         order = np.argsort(owner + time / (self.times[-1] + 1), kind="stable")
         return owner[order], time[order], views[order]
 
-    def _near_scan(self, r, wide):
+    def _near_scan(self, r, max_height):
         """Find the sources near the scan circle in which spins, and their heights at the start and the end of each."""
         # Height above the circle at every eighth spin: z moves a degree in one.
         start = self.z[:, ::CHUNK][:, : len(self.reach)]
-        source, chunk = np.nonzero(np.abs(r.T @ start) < wide + self.reach)
+        source, chunk = np.nonzero(np.abs(r.T @ start) < max_height + self.reach)
         height = r[0, source, None] * self.chunks[0, chunk]
         height += r[1, source, None] * self.chunks[1, chunk]
         height += r[2, source, None] * self.chunks[2, chunk]
-        low, high = height < wide, height > -wide
-        row, within = np.nonzero((low[:, :-1] | low[:, 1:]) & (high[:, :-1] | high[:, 1:]))
-        spin = chunk[row] * CHUNK + within
-        last = spin < self.z.shape[1] - 1
-        row, within = row[last], within[last]
-        return source[row], spin[last], height[row, within], height[row, within + 1]
+        is_below, is_above = height < max_height, height > -max_height
+        row, offset = np.nonzero((is_below[:, :-1] | is_below[:, 1:]) & (is_above[:, :-1] | is_above[:, 1:]))
+        spin = chunk[row] * CHUNK + offset
+        valid = spin < self.z.shape[1] - 1
+        row, offset = row[valid], offset[valid]
+        return source[row], spin[valid], height[row, offset], height[row, offset + 1]
 
 
 def dot(a: FloatArray, b: FloatArray) -> FloatArray:
@@ -206,8 +206,8 @@ def draw_gaps(years: float, dead_time: float, rng: Rng | None) -> FloatArray:
     lengths = rng.exponential(_MEAN, number)
     lengths *= years * dead_time / lengths.sum()
     # Free time is cut at random; gaps go into the cuts, so none overlaps another.
-    cuts = np.sort(rng.uniform(0, years * (1 - dead_time), number))
-    starts = cuts + np.cumsum(lengths) - lengths
+    cut_times = np.sort(rng.uniform(0, years * (1 - dead_time), number))
+    starts = cut_times + np.cumsum(lengths) - lengths
     return np.stack([starts, starts + lengths], axis=1)
 
 
@@ -277,25 +277,25 @@ class TabulatedLaw(InNotebook):
     ) -> None:
         self.frame = check_frame(frame)
         time = float_array("time", time)
-        views = [np.asarray(float_array("a field of view", each, (2, len(time)))) for each in (preceding, following)]
+        views = [np.asarray(float_array("a field of view", view, (2, len(time)))) for view in (preceding, following)]
         if time.ndim != 1 or len(time) < 2 or (np.diff(time) <= 0).any():
             raise ParameterError("times of a scanning law rise, and are two at least")
         self.start, self.years = float(time[0]), float(time[-1] - time[0])
-        first, second = (triad(*each)[2] for each in views)
-        cosine = np.sum(first * second, 0)
+        preceding_axis, following_axis = (triad(*view)[2] for view in views)
+        cosine = np.sum(preceding_axis * following_axis, 0)
         self.basic_angle = float(np.arccos(np.median(cosine)))
         if np.abs(np.arccos(np.clip(cosine, -1, 1)) - self.basic_angle).max() > 0.01 * DEGREE:
             raise ParameterError("the fields of view of a scanning law are always as far apart: look at their units")
-        z = np.cross(second, first, axis=0)
+        z = np.cross(following_axis, preceding_axis, axis=0)
         self._z = z / np.sqrt(np.sum(z**2, 0))
-        middle = first + second
+        middle = preceding_axis + following_axis
         self._middle = middle / np.sqrt(np.sum(middle**2, 0))
         self._times = time - self.start
         step = np.diff(self._times)
         long = np.flatnonzero(step > positive("gap", gap))
         self.lost = np.stack([self._times[long], self._times[long + 1]], axis=1)
-        turned = np.arccos(np.clip(np.sum(self._middle[:, 1:] * self._middle[:, :-1], 0), -1, 1))
-        if np.median(turned) > 10 * DEGREE:
+        rotations = np.arccos(np.clip(np.sum(self._middle[:, 1:] * self._middle[:, :-1], 0), -1, 1))
+        if np.median(rotations) > 10 * DEGREE:
             raise ParameterError("the satellite turns by more than 10° from one time to the next: take a finer table")
 
     def __repr__(self) -> str:

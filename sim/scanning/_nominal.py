@@ -102,10 +102,10 @@ class Precession:
 
     def phase(self, start: float, turned: FloatArray) -> FloatArray:
         """ν [rad] where it was `start`, and the Sun has since turned by so much, (n,). [rad]"""
-        wanted = self._longitude(start) + turned
-        nu = wanted / self._longitude.slope
+        target = self._longitude(start) + turned
+        nu = target / self._longitude.slope
         for _ in range(30):
-            step = (wanted - self._longitude(nu)) * self.rate(nu)
+            step = (target - self._longitude(nu)) * self.rate(nu)
             nu = nu + step
             if not np.any(np.abs(step) > 1e-13 * (1 + np.abs(nu))):
                 break
@@ -210,9 +210,9 @@ class NominalScanningLaw(Frozen):
         if not 0 <= number("dead_time", self.dead_time) < 1:
             raise ParameterError(f"dead_time is a fraction, at least 0 and below 1, not {self.dead_time}")
         check_frame(self.frame)
-        given = check_gaps(self.gaps)
-        drawn = draw_gaps(self.years, self.dead_time, self.rng) if self.dead_time else given[:0]
-        self._state["gaps"] = check_gaps(np.concatenate([given, drawn]))
+        gaps = check_gaps(self.gaps)
+        random_gaps = draw_gaps(self.years, self.dead_time, self.rng) if self.dead_time else gaps[:0]
+        self._state["gaps"] = check_gaps(np.concatenate([gaps, random_gaps]))
         self._integrate()
 
     @property
@@ -241,8 +241,8 @@ class NominalScanningLaw(Frozen):
         z, u, w = self._axes(time)
         phase = self._phase(time)
         views = [u * np.cos(phase + a) + w * np.sin(phase + a) for a in (self.basic_angle / 2, -self.basic_angle / 2)]
-        back = rotation_matrix("ecliptic", self.frame)
-        return tuple(back @ v for v in (z, *views))
+        rotation = rotation_matrix("ecliptic", self.frame)
+        return tuple(rotation @ v for v in (z, *views))
 
     def transits(
         self, lon: ArrayLike, lat: ArrayLike, *, threads: int | None = None, progress: bool = False
@@ -259,10 +259,10 @@ class NominalScanningLaw(Frozen):
             Show a bar, after two seconds.
         """
         lon, lat = np.atleast_1d(np.asarray(lon, float)), np.atleast_1d(np.asarray(lat, float))
-        compiled = self.compiles(len(lon))
-        parts = list(
+        is_compiled = self.compiles(len(lon))
+        blocks = list(
             map_blocks(
-                lambda part: (part.start, self.transits_of_block(lon[part], lat[part], compiled=compiled)),
+                lambda part: (part.start, self.transits_of_block(lon[part], lat[part], compiled=is_compiled)),
                 len(lon),
                 BLOCK,
                 threads,
@@ -270,10 +270,10 @@ class NominalScanningLaw(Frozen):
             )
         )
         names = ("time", "angle", "parallax_factor", "view", "across")
-        source = [block.source + start for start, block in parts] or [np.zeros(0, int)]
+        source = [block.source + start for start, block in blocks] or [np.zeros(0, int)]
         return Transits(
             np.concatenate(source),
-            *(np.concatenate([getattr(b, name) for _, b in parts] or [np.zeros(0)]) for name in names),
+            *(np.concatenate([getattr(b, name) for _, b in blocks] or [np.zeros(0)]) for name in names),
         )
 
     def compiles(self, n: int) -> bool:
@@ -295,22 +295,24 @@ class NominalScanningLaw(Frozen):
         spins: Spins = self._state["spins"]
         limit = np.sin(self.half_height)
         # Between spins the height is taken as linear, good to 20 arcsec; hence a margin, and a second look.
-        wide = limit * 1.03 if spins.bend < _BEND else limit + 1.5 * spins.bend
-        owner, time, views = spins.crossings(r, wide, self.basic_angle / 2, compiled=compiled)
+        max_height = limit * 1.03 if spins.bend < _BEND else limit + 1.5 * spins.bend
+        owner, time, views = spins.crossings(r, max_height, self.basic_angle / 2, compiled=compiled)
         if spins.bend >= _BEND:
             time = self._refine_crossings(r[:, owner], time, views)
         keep = alive(time, self._state["gaps"])
         owner, time, views = owner[keep], time[keep], views[keep]
         z, sun, distance = self._spin_axis(time)
-        here = r[:, owner]
-        sine = dot(here, z)
+        directions = r[:, owner]
+        sine = dot(directions, z)
         keep = np.abs(sine) < limit
         if not keep.all():
             owner, time, views, sine, distance = owner[keep], time[keep], views[keep], sine[keep], distance[keep]
-            z, sun, here = z[:, keep], sun[:, keep], here[:, keep]
+            z, sun, directions = z[:, keep], sun[:, keep], directions[:, keep]
         # The scan goes along s = z × r/cos ζ: s·p = z·q/cos ζ, s·q = −z·p/cos ζ.
         angle = np.arctan2(dot(z, q[:, owner]), -dot(z, p[:, owner]))
-        along = sun[0] * (z[1] * here[2] - z[2] * here[1]) + sun[1] * (z[2] * here[0] - z[0] * here[2])
+        along = sun[0] * (z[1] * directions[2] - z[2] * directions[1]) + sun[1] * (
+            z[2] * directions[0] - z[0] * directions[2]
+        )
         # Gaia is opposite the Sun, 1 % farther out than the Earth; a parallax shifts towards the Sun.
         factor = 1.01 * distance * along / np.sqrt(1 - sine * sine)
         return Transits(owner, time, angle, factor, views, np.arcsin(sine))
@@ -334,21 +336,21 @@ class NominalScanningLaw(Frozen):
 
         self._state.update(speed=speed, nu=nu, rate=rate, slow=slow)
         spins = int(np.floor(self._phase(self.years) / (2 * np.pi)))
-        first = int(np.ceil(self._phase(0.0) / (2 * np.pi)))
-        turns = 2 * np.pi * np.arange(first, spins + 1)
+        first_spin = int(np.ceil(self._phase(0.0) / (2 * np.pi)))
+        turns = 2 * np.pi * np.arange(first_spin, spins + 1)
         times: Any = (turns - self.spin_phase) / rate
         for _ in range(4):  # Newton: Ω grows 1600 times as fast as its slow part
             times -= (self._phase(times) - turns) / (rate + slow.slope(times))
         self._state["spins"] = Spins.of(times, *self._axes(times))
 
-    def _refine_crossings(self, here, time, views):
+    def _refine_crossings(self, directions, time, views):
         """Times at which the fields really pass, by Newton steps: in a long spin its axis does not move straight."""
-        last = np.nextafter(self.years, 0)
+        end_time = np.nextafter(self.years, 0)
         for _ in range(4):
             _, u, w = self._axes(time)
-            azimuth = np.arctan2(np.sum(here * w, 0), np.sum(here * u, 0))
+            azimuth = np.arctan2(np.sum(directions * w, 0), np.sum(directions * u, 0))
             late = azimuth - self._phase(time) - views * self.basic_angle / 2
-            time = np.clip(time + ((late + np.pi) % (2 * np.pi) - np.pi) / self._state["rate"], 0, last)
+            time = np.clip(time + ((late + np.pi) % (2 * np.pi) - np.pi) / self._state["rate"], 0, end_time)
         return time
 
     def _phase(self, time):
@@ -362,15 +364,15 @@ class NominalScanningLaw(Frozen):
         """
         sun, _ = self.sun(time)
         sin, cos = sin_cos(self._state["nu"](time))
-        away = np.stack([-cos * sun[1], cos * sun[0], sin])  # cos ν e + sin ν k
+        perpendicular = np.stack([-cos * sun[1], cos * sun[0], sin])  # cos ν e + sin ν k
         u = np.stack([sin * sun[1], -sin * sun[0], cos])
-        near, far = np.cos(self.solar_aspect), np.sin(self.solar_aspect)
-        return near * sun + far * away, u, far * sun - near * away
+        cos_xi, sin_xi = np.cos(self.solar_aspect), np.sin(self.solar_aspect)
+        return cos_xi * sun + sin_xi * perpendicular, u, sin_xi * sun - cos_xi * perpendicular
 
     def _spin_axis(self, time):
         """z, the direction of the Sun, and its distance, in the ecliptic."""
         sun, distance = self.sun(time)
         xi, nu = self.solar_aspect, self._state["nu"](time)
-        up, ahead = (np.sin(xi) * each for each in sin_cos(nu))
+        up, ahead = (np.sin(xi) * component for component in sin_cos(nu))
         z = np.stack([np.cos(xi) * sun[0] - ahead * sun[1], np.cos(xi) * sun[1] + ahead * sun[0], up])
         return z, sun, distance

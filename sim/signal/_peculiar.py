@@ -88,26 +88,28 @@ class LinearFlow(Velocities):
     def velocity(self, lon: FloatArray, lat: FloatArray, distance: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Tangential and radial velocities, as `Velocities.velocity` says."""
         draw = np.random.default_rng(self.seed)
-        far = distance * _little_h(self.cosmology, self.hubble)
+        scaled_distance = distance * _little_h(self.cosmology, self.hubble)
         if self.exact:
             if len(lon) > _MOST_EXACT:
                 raise ParameterError(
                     f"{len(lon)} galaxies are too many to be drawn exactly: {_MOST_EXACT} at most; take exact=False"
                 )
-            root = _root(self.theory, lon.tobytes(), lat.tobytes(), far.tobytes())
+            root = _root(self.theory, lon.tobytes(), lat.tobytes(), scaled_distance.tobytes())
             velocity = (root @ draw.standard_normal(root.shape[0])).reshape(-1, 3).T
             return across_and_along(velocity, lon, lat)
         # To the same limits whichever sources are asked for: the flow is one field.
-        modes = flow_modes(0.0, 100.0 * 2 ** np.ceil(np.log2(max(far.max(), 50.0) / 100)), self.n_modes, self.theory)
+        modes = flow_modes(
+            0.0, 100.0 * 2 ** np.ceil(np.log2(max(scaled_distance.max(), 50.0) / 100)), self.n_modes, self.theory
+        )
         amplitude = draw.standard_normal(len(modes))
         tangential, radial = np.empty((2, len(lon))), np.empty(len(lon))
         for start in range(0, len(lon), _BLOCK):
-            part = slice(start, start + _BLOCK)
-            across, along = modes.at(lon[part], lat[part], far[part])
-            tangential[:, part], radial[part] = across @ amplitude, along @ amplitude
-        left = [np.sqrt(each) for each in modes.left(far)]
-        tangential += left[0] * draw.standard_normal(tangential.shape)
-        return tangential, radial + left[1] * draw.standard_normal(radial.shape)
+            block = slice(start, start + _BLOCK)
+            across, along = modes.at(lon[block], lat[block], scaled_distance[block])
+            tangential[:, block], radial[block] = across @ amplitude, along @ amplitude
+        scatter = [np.sqrt(variance) for variance in modes.left(scaled_distance)]
+        tangential += scatter[0] * draw.standard_normal(tangential.shape)
+        return tangential, radial + scatter[1] * draw.standard_normal(radial.shape)
 
 
 @dataclass(frozen=True)
@@ -121,8 +123,8 @@ class GridFlow(Velocities):
 
     def velocity(self, lon: FloatArray, lat: FloatArray, distance: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Tangential and radial velocities, as `Velocities.velocity` says."""
-        far = distance * _little_h(self.cosmology, self.hubble)
-        flow, inside = self.grid.at(lon, lat, far, self.frame)
+        scaled_distance = distance * _little_h(self.cosmology, self.hubble)
+        flow, inside = self.grid.at(lon, lat, scaled_distance, self.frame)
         if not inside.all():
             raise ParameterError(f"{(~inside).sum()} sources lie outside of the grid of velocities, {self.grid!r}")
         return across_and_along(flow, lon, lat)
@@ -187,25 +189,25 @@ def peculiar(
     random = Peculiar(not_negative("sigma", sigma), seed, length, cosmology, hubble, whole("n_waves", n_waves))
     if flow is None:
         return Signal((random,))
-    shared: Velocities
+    coherent_flow: Velocities
     if isinstance(flow, VelocityGrid):
-        shared = GridFlow(flow, frame, cosmology, hubble)
+        coherent_flow = GridFlow(flow, frame, cosmology, hubble)
     else:
         if isinstance(flow, str):
             if flow != "linear":
                 raise ParameterError(f'a flow is "linear", a LinearTheory or a VelocityGrid, not {flow!r}')
             flow = LINEAR_PLANCK18
         # A stream of its own: with a flow the random velocities are those without.
-        own = int(np.random.default_rng([seed, 1]).integers(2**63))
-        shared = LinearFlow(flow, own, cosmology, hubble, whole("n_modes", n_modes), bool(exact))
-    return Signal((random, shared) if random.sigma else (shared,))
+        flow_seed = int(np.random.default_rng([seed, 1]).integers(2**63))
+        coherent_flow = LinearFlow(flow, flow_seed, cosmology, hubble, whole("n_modes", n_modes), bool(exact))
+    return Signal((random, coherent_flow) if random.sigma else (coherent_flow,))
 
 
 @lru_cache(maxsize=1)
-def _root(theory, lon, lat, far):
+def _root(theory, lon, lat, scaled_distance):
     """A root of the covariance of velocities; many skies of the same galaxies share it."""
-    places = triad(np.frombuffer(lon), np.frombuffer(lat))[2] * np.frombuffer(far)
-    covariance = theory.covariance(places)
+    positions = triad(np.frombuffer(lon), np.frombuffer(lat))[2] * np.frombuffer(scaled_distance)
+    covariance = theory.covariance(positions)
     covariance[np.diag_indices_from(covariance)] += 1e-9 * theory.sigma**2
     return np.linalg.cholesky(covariance)
 
@@ -287,10 +289,12 @@ class AnyInTime(TimeDependent):
 
     def displacement(self, lon: FloatArray, lat: FloatArray, time: FloatArray) -> FloatArray:
         """Displacements of sources at `lon`, `lat` [rad], a `time` each [yr since the epoch], (2, k). [µas]"""
-        moved = np.asarray(self.function(lon, lat, time), float)
-        if moved.shape != (2, len(time)) or not np.isfinite(moved).all():
-            raise ParameterError(f"displacements are (2, {len(time)}) numbers, east and north, not of {moved.shape}")
-        return moved
+        displacements = np.asarray(self.function(lon, lat, time), float)
+        if displacements.shape != (2, len(time)) or not np.isfinite(displacements).all():
+            raise ParameterError(
+                f"displacements are (2, {len(time)}) numbers, east and north, not of {displacements.shape}"
+            )
+        return displacements
 
 
 def wave_in_time(

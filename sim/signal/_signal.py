@@ -60,17 +60,17 @@ class Signal(InNotebook):
 
     def __call__(self, lon: ArrayLike, lat: ArrayLike, redshift: ArrayLike | None = None) -> FloatArray:
         lon, lat = np.atleast_1d(float_array("lon", lon)), np.atleast_1d(float_array("lat", lat))
-        return sum(part(lon, lat, redshift) for part in self.parts)
+        return sum(component(lon, lat, redshift) for component in self.parts)
 
     @property
     def steady(self) -> Signal:
         """Part that is proper motion."""
-        return Signal(tuple(part for part in self.parts if not isinstance(part, TimeDependent)))
+        return Signal(tuple(component for component in self.parts if not isinstance(component, TimeDependent)))
 
     @property
     def changes(self) -> bool:
         """Return whether something of it changes within the mission."""
-        return any(isinstance(part, TimeDependent) for part in self.parts)
+        return any(isinstance(component, TimeDependent) for component in self.parts)
 
     def displacement(self, lon: ArrayLike, lat: ArrayLike, time: ArrayLike) -> FloatArray:
         """Displacements by what changes within the mission, (2, k), a source and a time each. [µas]
@@ -82,9 +82,11 @@ class Signal(InNotebook):
         time : (k,) array
             Since the reference epoch. [yr]
         """
-        lon, lat, time = (np.atleast_1d(float_array("positions and times", each)) for each in (lon, lat, time))
-        parts = [part.displacement(lon, lat, time) for part in self.parts if isinstance(part, TimeDependent)]
-        return sum(parts, np.zeros((2, len(time))))
+        lon, lat, time = (np.atleast_1d(float_array("positions and times", values)) for values in (lon, lat, time))
+        displacements = [
+            component.displacement(lon, lat, time) for component in self.parts if isinstance(component, TimeDependent)
+        ]
+        return sum(displacements, np.zeros((2, len(time))))
 
     def observed_redshift(
         self, lon: ArrayLike, lat: ArrayLike, redshift: ArrayLike, frame: str = "heliocentric"
@@ -111,15 +113,17 @@ class Signal(InNotebook):
             raise ParameterError(f"redshifts are observed as heliocentric, cmb or true ones, not {frame!r}")
         if frame == "true":
             return redshift
-        outward = sum(part.radial(lon, lat, redshift) for part in self.parts if hasattr(part, "radial"))
-        seen = (1 + redshift) * (1 + outward / SPEED_OF_LIGHT)
+        outward = sum(component.radial(lon, lat, redshift) for component in self.parts if hasattr(component, "radial"))
+        wavelength_ratio = (1 + redshift) * (1 + outward / SPEED_OF_LIGHT)
         if frame == "heliocentric":
-            ours = sum(part.velocity @ triad(lon, lat)[2] for part in self.parts if isinstance(part, Observer))
-            seen = seen / (1 + ours / SPEED_OF_LIGHT)
-        return seen - 1
+            ours = sum(
+                component.velocity @ triad(lon, lat)[2] for component in self.parts if isinstance(component, Observer)
+            )
+            wavelength_ratio = wavelength_ratio / (1 + ours / SPEED_OF_LIGHT)
+        return wavelength_ratio - 1
 
     def __repr__(self) -> str:
-        return f"<Signal: {' + '.join(type(part).__name__ for part in self.parts)}>"
+        return f"<Signal: {' + '.join(type(component).__name__ for component in self.parts)}>"
 
     def __add__(self, other: Any) -> Signal:
         return Signal(self.parts + as_signal(other).parts)
@@ -128,7 +132,9 @@ class Signal(InNotebook):
         """Multiply the field by a number."""
         if not isinstance(factor, (int, float, np.number)):
             return NotImplemented
-        return Signal(tuple(_scale_signal(part, number("the factor of a signal", factor)) for part in self.parts))
+        return Signal(
+            tuple(_scale_signal(component, number("the factor of a signal", factor)) for component in self.parts)
+        )
 
     __rmul__ = __mul__
 
@@ -136,15 +142,17 @@ class Signal(InNotebook):
         return self * -1.0
 
 
-def _scale_signal(part, factor):
+def _scale_signal(component, factor):
     """A part of a signal, so many times as large; our own velocity stays one, for redshifts."""
-    if isinstance(part, Observer):
-        return replace(cast(Any, part), velocity=factor * np.asarray(part.velocity, float))
-    if isinstance(part, ScaledSignal):
-        return replace(part, factor=factor * part.factor)
-    if hasattr(part, "radial"):
-        raise ParameterError(f"a {type(part).__name__} has redshifts beside its motions, which cannot be multiplied")
-    return (ScaledInTime if isinstance(part, TimeDependent) else ScaledSignal)(part, factor)
+    if isinstance(component, Observer):
+        return replace(cast(Any, component), velocity=factor * np.asarray(component.velocity, float))
+    if isinstance(component, ScaledSignal):
+        return replace(component, factor=factor * component.factor)
+    if hasattr(component, "radial"):
+        raise ParameterError(
+            f"a {type(component).__name__} has redshifts beside its motions, which cannot be multiplied"
+        )
+    return (ScaledInTime if isinstance(component, TimeDependent) else ScaledSignal)(component, factor)
 
 
 @dataclass(frozen=True)

@@ -61,11 +61,11 @@ def _run(options):
         for name, result in answer.results().items():
             result.write(folder / f"{name}.ecsv", meta)
 
-    def page(drawn, meta):
+    def page(figures, meta):
         from study.referee.page import html
         from vsh.figures.page import write_page
 
-        write_page(options.html, html(answer, drawn.drawn, provenance=meta, command=options.command))
+        write_page(options.html, html(answer, figures.drawn, provenance=meta, command=options.command))
 
     run.finish(
         (),

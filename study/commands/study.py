@@ -85,19 +85,19 @@ def _gaia(options):
     meta = running.provenance(options.gaia, options, **counts)
     with finishing.results_folder(options, meta) as folder:
         formats = parsing.figure_formats(options.format)
-        drawn = None if options.no_figures else {"format": formats, "dpi": options.dpi}
-        text = write_gaia(study, folder, truth=truth, provenance=meta, figures=drawn)
-    written = sorted(Path(options.output).glob("*.ecsv"))
+        figure_options = None if options.no_figures else {"format": formats, "dpi": options.dpi}
+        text = write_gaia(study, folder, truth=truth, provenance=meta, figures=figure_options)
+    paths = sorted(Path(options.output).glob("*.ecsv"))
     finishing.print_result(
         options,
         finishing.message(
-            text, lambda: {path.stem: vsh.io.tables.read_table(path) for path in written}, sources.field.notes
+            text, lambda: {path.stem: vsh.io.tables.read_table(path) for path in paths}, sources.field.notes
         ),
     )
     finishing.print_line(options, running.written(options.output, (x.name for x in Path(options.output).iterdir())))
     if options.html:
-        with atomic_write(options.html) as new:
-            shutil.copyfile(Path(options.output) / "gaia.html", new)
+        with atomic_write(options.html) as target:
+            shutil.copyfile(Path(options.output) / "gaia.html", target)
         finishing.print_line(options, finishing.of_page(options.html))
 
 
@@ -111,10 +111,10 @@ def _run(options):
     count = options.n_realisations or study.n_realisations
     folder = run(study, options.output, n_realisations=count, workers=options.workers)
     rows = summary(study, read_realisations(study, Path(folder), count))
-    drawn = finishing.Figures(lambda: _draw(rows))
-    drawn.write(folder, options)
-    with atomic_write(folder / parsing.NAME) as new:
-        new.write_text(finishing.repeats(options), encoding="utf-8")
+    figures = finishing.Figures(lambda: _draw(rows))
+    figures.write(folder, options)
+    with atomic_write(folder / parsing.NAME) as target:
+        target.write_text(finishing.repeats(options), encoding="utf-8")
     result = finishing.RunResult(
         partial(_sections, rows),
         lambda: {"Truth, mean, scatter, errors, coverage": table_of(rows)},
@@ -127,7 +127,7 @@ def _run(options):
             options.html,
             f"A simulation study: {study.settings['name']}",
             _sections(rows, True),
-            drawn,
+            figures,
             captions=_CAPTIONS,
             provenance=running.provenance([], options),
             command=options.command,
@@ -143,11 +143,13 @@ def _answer(rows):
     if not wrong:
         return [("coverage", f"68 % intervals of all {len(rows)} parameters cover as they should")]
     worst = max(wrong, key=lambda row: abs(row["within_68"] - 0.6827))
-    listed = ", ".join(f"{row['parameter']} of {row['case']}" for row in wrong[:6])
-    more = f" and {len(wrong) - 6} more" if len(wrong) > 6 else ""
+    examples = ", ".join(f"{row['parameter']} of {row['case']}" for row in wrong[:6])
+    suffix = f" and {len(wrong) - 6} more" if len(wrong) > 6 else ""
     right = f"68 % intervals of {len(rows) - len(wrong)} of {len(rows)} parameters cover as they should"
-    words = f"{right}; not of {listed}{more}"
-    return [("coverage", f"{words} (worst: {worst['parameter']} of {worst['case']}, {100 * worst['within_68']:.0f} %)")]
+    sentence = f"{right}; not of {examples}{suffix}"
+    return [
+        ("coverage", f"{sentence} (worst: {worst['parameter']} of {worst['case']}, {100 * worst['within_68']:.0f} %)")
+    ]
 
 
 def _draw(rows):
@@ -164,9 +166,9 @@ def _sections(rows, long):
     names = ("case", "parameter", "truth", "mean", "std", "sigma", "off", "within_68", "within_95")
     forms = dict.fromkeys(("truth", "mean", "std", "sigma"), ".4f") | {"off": "+.2f"}
     forms |= dict.fromkeys(("within_68", "within_95"), ".2f")
-    shown = None if long or len(rows) <= _LISTED else order
-    remarks = [f"The {_LISTED} of {len(rows)} parameters that are farthest from 68 %."] if shown else []
-    return [Section("Truth, mean, scatter, errors, coverage", (), table_of(rows), names, shown, forms, remarks)]
+    indices = None if long or len(rows) <= _LISTED else order
+    remarks = [f"The {_LISTED} of {len(rows)} parameters that are farthest from 68 %."] if indices else []
+    return [Section("Truth, mean, scatter, errors, coverage", (), table_of(rows), names, indices, forms, remarks)]
 
 
 main, run = running.make_entry(__name__, _act)

@@ -90,13 +90,13 @@ def make_parser() -> argparse.ArgumentParser:
 
 def _frequencies(text):
     if ":" not in text:
-        each = parsing.numbers(text)
-        if not all(f > 0 for f in each):
+        values = parsing.numbers(text)
+        if not all(f > 0 for f in values):
             raise argparse.ArgumentTypeError(f"frequencies above zero are expected, not {text!r}")
-        return each
+        return values
     try:
-        low, high, count = text.split(":")
-        limits = float(low), float(high), int(count)
+        lower, upper, count = text.split(":")
+        limits = float(lower), float(upper), int(count)
     except ValueError:
         limits = (0.0, 0.0, 0)
     if not (0 < limits[0] < limits[1] and 1 < limits[2] <= 10_000):
@@ -121,11 +121,11 @@ def _run(options):
     from fit.waves import search_in_time
 
     files = vsh.io.epochs.epoch_files(options.epochs)
-    parts = [vsh.io.epochs.read_observations(path, positions=options.positions).by_transit() for path in files]
-    span = float(min(each.time.min() for each in parts)), float(max(each.time.max() for each in parts))
-    attitude, notes = ("known", []) if options.attitude == "known" else _response(parts, span, options)
+    chunks = [vsh.io.epochs.read_observations(path, positions=options.positions).by_transit() for path in files]
+    span = float(min(each.time.min() for each in chunks)), float(max(each.time.max() for each in chunks))
+    attitude, notes = ("known", []) if options.attitude == "known" else _response(chunks, span, options)
     search = search_in_time(
-        parts, options.frequencies, attitude=attitude, lmax=options.lmax, nside=options.nside, n_skies=options.skies,
+        chunks, options.frequencies, attitude=attitude, lmax=options.lmax, nside=options.nside, n_skies=options.skies,
         rng=options.seed, threads=options.threads,
     )  # fmt: skip
     results: dict[str, Any] = {"Waves": search}
@@ -134,17 +134,17 @@ def _run(options):
         if not bands:
             raise DegeneracyError(f"epochs over {span[1] - span[0]:.2g} years tell of no band up to 4 a year")
         functions = in_time.waves(*bands, span=span)
-        equations = in_time.normal_equations(parts, 3, functions, attitude=attitude, threads=options.threads)
+        equations = in_time.normal_equations(chunks, 3, functions, attitude=attitude, threads=options.threads)
         results["Background"] = in_time.background(equations, rng=options.seed)
     if options.in_time:
         functions = in_time.legendre(options.in_time, span=span)
-        equations = in_time.normal_equations(parts, 3, functions, attitude=attitude, threads=options.threads)
+        equations = in_time.normal_equations(chunks, 3, functions, attitude=attitude, threads=options.threads)
         results["In time"] = in_time.solve(equations)
     movie = cache(lambda: _movie(results))
 
     def sections(long):
-        shown = [section for each in results.values() for section in each.sections(long=long)]
-        return [*shown, *([Section("The attitude", remarks=notes)] if notes and long else ())]
+        section_list = [section for result in results.values() for section in result.sections(long=long)]
+        return [*section_list, *([Section("The attitude", remarks=notes)] if notes and long else ())]
 
     run.finish(
         [finishing.Part(_file(name), each, name) for name, each in results.items()],
@@ -152,7 +152,7 @@ def _run(options):
         answer=Answer(tuple(line for each in results.values() for line in getattr(each, "answer", Answer()).lines)),
         notes=(*search.notes, *notes),
         paths=[*files],
-        counts={"sources": sum(len(each.lon) for each in parts)},
+        counts={"sources": sum(len(each.lon) for each in chunks)},
         files=lambda folder, meta: _write(folder, movie),
         movies=movie,
         captions=CAPTIONS,
@@ -174,12 +174,12 @@ def _write(folder, movie):
         (folder / "in_time.gif").write_bytes(moving)
 
 
-def _response(parts, span, options):
+def _response(chunks, span, options):
     """Response of the attitude, by the law of a table or a nominal one that is laid through the epochs."""
     from sim import TabulatedLaw, find_gaps
     from sim.agis import Response
 
-    if any(each.view is None for each in parts) and not options.law:
+    if any(chunk.view is None for chunk in chunks) and not options.law:
         raise TableError(
             f"{printable(options.epochs)} does not say in which field of view a source was seen (transit_id does): "
             "an attitude that was solved needs it. --law FILE, Gaia's commanded scanning law, tells it from the times"
@@ -192,30 +192,33 @@ def _response(parts, span, options):
                 f"{DR4.epoch + span[0]:.2f} to {DR4.epoch + span[1]:.2f}"
             )
     else:
-        times = np.sort(np.concatenate([each.time for each in parts]))
+        times = np.sort(np.concatenate([chunk.time for chunk in chunks]))
         longest = max(0.003, 30 * float(np.median(np.diff(times))))
         start = DR4.epoch + span[0]
-        law = _nominal(parts, start, span[1] - span[0], find_gaps(DR4.epoch + times, start, longest=longest))
-    away = np.degrees(np.median([_attitude_option(each, law) for each in parts]))
-    note = f"spin axis of the scanning law: {away:.2g}° from that of the transits, median"
-    if away > _FAR:
+        law = _nominal(chunks, start, span[1] - span[0], find_gaps(DR4.epoch + times, start, longest=longest))
+    offset = np.degrees(np.median([_attitude_option(chunk, law) for chunk in chunks]))
+    note = f"spin axis of the scanning law: {offset:.2g}° from that of the transits, median"
+    if offset > _FAR:
         note = f"warning: {note}; --law takes the law as it was commanded"
     return Response(law, nside=options.law_nside, epoch=DR4.epoch), [note]
 
 
-def _nominal(parts, start, years, gaps):
+def _nominal(chunks, start, years, gaps):
     """A nominal law whose axis is, at the first transit, where it was seen: r × m of the scan."""
     from sim import NominalScanningLaw
     from sim.scanning import sun_position
 
-    first = min(parts, key=lambda each: each.time.min())
-    axis, time = _axes(first)
+    earliest_chunk = min(chunks, key=lambda chunk: chunk.time.min())
+    axis, time = _axes(earliest_chunk)
     k = int(np.argmin(time))
     longitude, _ = sun_position(start, np.zeros(1))
     east = np.array([-np.sin(longitude[0]), np.cos(longitude[0]), 0.0])
-    seen = rotation_matrix("icrs", "ecliptic") @ axis[:, k]
+    ecliptic_axis = rotation_matrix("icrs", "ecliptic") @ axis[:, k]
     return NominalScanningLaw(
-        start=start, years=years, precession_phase=float(np.arctan2(seen[2], seen @ east)), gaps=tuple(gaps)
+        start=start,
+        years=years,
+        precession_phase=float(np.arctan2(ecliptic_axis[2], ecliptic_axis @ east)),
+        gaps=tuple(gaps),
     )
 
 
@@ -233,23 +236,23 @@ def _attitude_option(observations, law):
     return np.median(np.arccos(np.clip(np.sum(axis * z, 0), -1, 1)))
 
 
-def _read_spectrum(path, kind):
+def _read_spectrum(path, law_class):
     """The columns of Gaia's commanded_scan_law, or time [Julian years] in place of its days."""
-    opened = vsh.io.tables.open_table(path)
+    table = vsh.io.tables.open_table(path)
     names = ("ra_fov1", "dec_fov1", "ra_fov2", "dec_fov2")
-    time = next((name for name in ("jd_time", "time") if name in opened.names), None)
-    missing = [name for name in names if name not in opened.names] + ([] if time else ["jd_time"])
+    time = next((name for name in ("jd_time", "time") if name in table.names), None)
+    missing = [name for name in names if name not in table.names] + ([] if time else ["jd_time"])
     if missing:
         raise TableError(
-            f"{opened.label}: a scanning law has jd_time, {', '.join(names)}; missing: {', '.join(missing)}"
+            f"{table.label}: a scanning law has jd_time, {', '.join(names)}; missing: {', '.join(missing)}"
         )
-    values = {name: np.asarray(opened.columns((name,))[name][0], float) for name in (*names, str(time))}
-    when = values[str(time)]
+    values = {name: np.asarray(table.columns((name,))[name][0], float) for name in (*names, str(time))}
+    times = values[str(time)]
     # Days since J2010.0 in Gaia's table, whole Julian dates elsewhere, years where the column says so.
-    years = when if time == "time" else 2010.0 + (when - (2455197.5 if when[0] > 1e6 else 0.0)) / 365.25
+    years = times if time == "time" else 2010.0 + (times - (2455197.5 if times[0] > 1e6 else 0.0)) / 365.25
     order = np.argsort(years, kind="stable")
     views = [np.array([values[f"{axis}_fov{k}"][order] for axis in ("ra", "dec")]) * DEGREE for k in (1, 2)]
-    return kind(years[order], *views)
+    return law_class(years[order], *views)
 
 
 main, run = running.make_entry(__name__, _run)

@@ -86,10 +86,10 @@ class Quasars(InNotebook):
         label : str
             Where they are from.
         """
-        clipped = clip_quasars(field)
-        kept = clipped.kept
-        values = {name: np.asarray(each, float)[kept] for name, each in columns.items()}
-        return cls(field[kept], values, names, label, clipped.n_clipped, field)
+        fit = clip_quasars(field)
+        selection = fit.kept
+        values = {name: np.asarray(column, float)[selection] for name, column in columns.items()}
+        return cls(field[selection], values, names, label, fit.n_clipped, field)
 
     def column(self, name: str) -> FloatArray:
         """Numbers of a column, (n,).
@@ -105,8 +105,8 @@ class Quasars(InNotebook):
             If it is not there; it says what it might be called.
         """
         if name not in self.columns or not np.isfinite(self.columns[name]).any():
-            wanted = {"redshift": ("redshift", "z", "redshift_qsoc"), "G": ("phot_g_mean_mag",)} | _COLUMNS
-            raise TableError(f"no column of {name} ({', '.join(wanted[name])})")
+            candidates = {"redshift": ("redshift", "z", "redshift_qsoc"), "G": ("phot_g_mean_mag",)} | _COLUMNS
+            raise TableError(f"no column of {name} ({', '.join(candidates[name])})")
         return self.columns[name]
 
     @property
@@ -174,19 +174,19 @@ def read_quasars(source: Any, *, axes: str = "icrs", **reading: Any) -> Quasars:
     DegeneracyError
         If there are fewer than a dozen.
     """
-    opened = tables.open_table(source, reading.pop("format", None))
-    field = catalogue.read_field(opened, **reading, roles=("name", "redshift", "magnitude")).to_frame(axes)
+    table_source = tables.open_table(source, reading.pop("format", None))
+    field = catalogue.read_field(table_source, **reading, roles=("name", "redshift", "magnitude")).to_frame(axes)
     names = {
-        meaning: next(each for each in candidates if each in opened.names)
+        meaning: next(candidate for candidate in candidates if candidate in table_source.names)
         for meaning, candidates in _COLUMNS.items()
-        if any(each in opened.names for each in candidates)
+        if any(candidate in table_source.names for candidate in candidates)
     }
-    read = catalogue.read_columns(opened, names.values(), **reading)
+    read = catalogue.read_columns(table_source, names.values(), **reading)
     columns = {meaning: read[name] for meaning, name in names.items()}
     for meaning, values in (("redshift", field.redshift), ("G", field.magnitude)):
         if values is not None:
             columns[meaning] = np.asarray(values, float)
-    return Quasars.of(field, columns, names, opened.label)
+    return Quasars.of(field, columns, names, table_source.label)
 
 
 #: What classes share is looked for to this degree, in no class of fewer sources.
@@ -211,11 +211,11 @@ class Comparison(InNotebook):
 
     def at_face_value(self, kind: str | None = None) -> float:
         """p-value of spins ("T"), accelerations ("S") or both that are alike, with formal errors and nothing shared."""
-        part = {None: slice(0, 6), "T": slice(0, 3), "S": slice(3, 6)}[kind]
-        values = np.array([_degree_one(each)[0][part] for each in self.plain])
+        components = {None: slice(0, 6), "T": slice(0, 3), "S": slice(3, 6)}[kind]
+        values = np.array([_degree_one(solution)[0][components] for solution in self.plain])
         covariance = np.zeros(2 * values.shape)
-        for i, each in enumerate(self.plain):
-            covariance[i, :, i, :] = _degree_one(each)[1][part, part]
+        for i, solution in enumerate(self.plain):
+            covariance[i, :, i, :] = _degree_one(solution)[1][components, components]
         misfit = gls(values, covariance.reshape(values.size, values.size), np.ones((len(values), 1)))[1]
         return float(chdtrc(values.size - values.shape[1], misfit))
 
@@ -245,18 +245,23 @@ def compare(quasars: Quasars, classes: Classes, rng: Rng = 1, lmax: int | None =
     DegeneracyError
         If a class has too few sources.
     """
-    kept = classes.of_at_least(FEWEST)
-    if len(kept) < 2:
+    large_classes = classes.of_at_least(FEWEST)
+    if len(large_classes) < 2:
         counts = ", ".join(f"{name}: {mask.sum()}" for name, mask in classes)
         raise DegeneracyError(f"fewer than two classes of {FEWEST} sources ({counts})")
-    degree = degree_for(min(mask.sum() for _, mask in kept), _DEGREE, least=3)
-    normals = [quasars.equations(mask, degree) for _, mask in kept]
-    plain = [solve(quasars.plain_equations(mask, lmax or degree)) for _, mask in kept]
-    wide = widened(normals, quasars.equations, [mask for _, mask in kept])
-    compared = shared(
-        wide, range(2, degree + 1), labels=kept.labels, draws=_DRAWS, noise_scale=quasars.is_scaled, rng=rng
+    degree = degree_for(min(mask.sum() for _, mask in large_classes), _DEGREE, least=3)
+    normals = [quasars.equations(mask, degree) for _, mask in large_classes]
+    plain = [solve(quasars.plain_equations(mask, lmax or degree)) for _, mask in large_classes]
+    extensions = widened(normals, quasars.equations, [mask for _, mask in large_classes])
+    comparison = shared(
+        extensions,
+        range(2, degree + 1),
+        labels=large_classes.labels,
+        draws=_DRAWS,
+        noise_scale=quasars.is_scaled,
+        rng=rng,
     )
-    return Comparison(plain, compared)
+    return Comparison(plain, comparison)
 
 
 #: Random parts of the sources, and the least number in each.
@@ -290,17 +295,17 @@ def by_degree(field: Field, low: int, high: int, floor: Floor | None) -> tuple[F
     """
     normal = normal_equations(field, high)
     modes = normal.modes
-    where = np.flatnonzero(modes.degrees <= low)
-    first = np.arange(len(modes))[modes.slice_of("S", 1)]
-    many, few = np.linalg.inv(normal.matrix)[first], np.zeros((3, len(modes)))
-    few[:, where] = np.linalg.inv(normal.matrix[np.ix_(where, where)])[np.searchsorted(where, first)]
-    m = np.linalg.inv(FIRST_DEGREE) @ (many - few)
+    indices = np.flatnonzero(modes.degrees <= low)
+    rows = np.arange(len(modes))[modes.slice_of("S", 1)]
+    high_estimator, low_estimator = np.linalg.inv(normal.matrix)[rows], np.zeros((3, len(modes)))
+    low_estimator[:, indices] = np.linalg.inv(normal.matrix[np.ix_(indices, indices)])[np.searchsorted(indices, rows)]
+    m = np.linalg.inv(FIRST_DEGREE) @ (high_estimator - low_estimator)
     solution = solve(normal)
     if floor is None:
         noise = normal.matrix * solution.quality.factor**2
     else:
-        scale, added = _scatter(solution.residuals(field))
-        noise = scale * normal.matrix + added * normal_equations(_excess_chi2(field), high).matrix
+        scale, excess_variance = _scatter(solution.residuals(field))
+        noise = scale * normal.matrix + excess_variance * normal_equations(_excess_chi2(field), high).matrix
         noise = noise + normal.matrix @ np.diag(floor.spectrum.variances(modes)) @ normal.matrix
     move, covariance = m @ normal.rhs, m @ noise @ m.T
     chi2 = move @ np.linalg.pinv(covariance, hermitian=True) @ move
@@ -339,11 +344,11 @@ def by_method(field: Field, rng: Rng = 1) -> tuple[FloatArray, FloatArray, float
     """
     if len(field) < _GROUPS * _IN_GROUP:
         raise DegeneracyError(f"{len(field)} sources, and {_GROUPS * _IN_GROUP} are needed")
-    part = generator(rng).permutation(len(field)) % _GROUPS
+    group_index = generator(rng).permutation(len(field)) % _GROUPS
     moves = np.array(
         [
             student_t(group, 1).solution.acceleration.value - fit_field(group, 1).acceleration.value
-            for group in (field[part == k] for k in range(_GROUPS))
+            for group in (field[group_index == k] for k in range(_GROUPS))
         ]
     )
     mean, covariance = moves.mean(0), np.cov(moves.T) / _GROUPS
@@ -374,43 +379,45 @@ def by_source(field: Field, lmax: int) -> tuple[int, float, float]:
     solution = fit_field(field, lmax)
     rows = np.arange(len(solution.modes))[solution.modes.slice_of("S", 1)]
     # Whitened, the move in errors is the length of three numbers.
-    whiten = np.linalg.inv(np.linalg.cholesky(solution.covariance[np.ix_(rows, rows)])) @ solution.covariance[rows]
+    whitening = np.linalg.inv(np.linalg.cholesky(solution.covariance[np.ix_(rows, rows)])) @ solution.covariance[rows]
     residual = solution.residuals(field)
-    parts = [np.arange(start, min(start + _BLOCK, len(field))) for start in range(0, len(field), _BLOCK)]
-    moves = np.concatenate([_moves(residual[part], solution.modes, whiten) for part in parts])
+    blocks = [np.arange(start, min(start + _BLOCK, len(field))) for start in range(0, len(field), _BLOCK)]
+    moves = np.concatenate([_moves(residual[block], solution.modes, whitening) for block in blocks])
     largest = int(np.argmax(moves))
     # The scatter of the others: the source that is asked about must not excuse itself.
-    scale, added = _scatter(residual[np.delete(np.arange(len(field)), largest)])
-    log = sum(_log_none(residual[part], solution, whiten, scale, added, moves[largest]) for part in parts)
+    scale, excess_variance = _scatter(residual[np.delete(np.arange(len(field)), largest)])
+    log = sum(
+        _log_none(residual[block], solution, whitening, scale, excess_variance, moves[largest]) for block in blocks
+    )
     return largest, float(np.sqrt(moves[largest])), float(-np.expm1(log))
 
 
-def _moves(residual, modes, whiten):
+def _moves(residual, modes, whitening):
     """Squared influence of each source on the acceleration, in errors."""
-    return np.sum(np.einsum("ajp,jp->ap", _seen(residual, modes, whiten), residual.whitened) ** 2, 0)
+    return np.sum(np.einsum("ajp,jp->ap", _seen(residual, modes, whitening), residual.whitened) ** 2, 0)
 
 
-def _seen(residual, modes, whiten):
+def _seen(residual, modes, whitening):
     """Derivative of the whitened acceleration, (3, 2, n)."""
-    g = np.tensordot(whiten, harmonics(residual.lon, residual.lat, modes), 1)
+    g = np.tensordot(whitening, harmonics(residual.lon, residual.lat, modes), 1)
     return np.einsum("aip,jip->ajp", g, _root(residual))
 
 
-def _log_none(residual, solution, whiten, scale, added, size):
+def _log_none(residual, solution, whitening, scale, excess_variance, size):
     """Log of the probability that none of these sources moves it by so much."""
-    root, seen = _root(residual), _seen(residual, solution.modes, whiten)
+    root, derivative = _root(residual), _seen(residual, solution.modes, whitening)
     # What least squares leave of a residual, 1 − R Vᵀ C V Rᵀ, and what all sources scatter by besides.
     white = np.einsum("pin,jin->pjn", harmonics(residual.lon, residual.lat, solution.modes), root)
-    left = np.eye(2)[..., None] - np.einsum("pjn,pq,qkn->jkn", white, solution.covariance, white, optimize=True)
-    wide = scale * left + added * np.einsum("jin,kin->jkn", root, root)
-    product = np.einsum("ajn,akn,kln->jln", seen, seen, wide)
+    redundancy = np.eye(2)[..., None] - np.einsum("pjn,pq,qkn->jkn", white, solution.covariance, white, optimize=True)
+    covariance = scale * redundancy + excess_variance * np.einsum("jin,kin->jkn", root, root)
+    product = np.einsum("ajn,akn,kln->jln", derivative, derivative, covariance)
     middle = (product[0, 0] + product[1, 1]) / 2
     determinant = product[0, 0] * product[1, 1] - product[0, 1] * product[1, 0]
-    away = np.sqrt(np.maximum(middle**2 - determinant, 0))
-    first, second = middle + away, np.maximum(middle - away, 0)
+    offset = np.sqrt(np.maximum(middle**2 - determinant, 0))
+    larger, smaller = middle + offset, np.maximum(middle - offset, 0)
     # Two squares with weights λ1, λ2 exceed x together with the mean over φ of exp(−x / 2(λ1 cos²φ + λ2 sin²φ)).
     with np.errstate(over="ignore", divide="ignore"):
-        tail = np.mean([np.exp(-size / (2 * (first * u + second * (1 - u)))) for u in _ANGLES], axis=0)
+        tail = np.mean([np.exp(-size / (2 * (larger * u + smaller * (1 - u)))) for u in _ANGLES], axis=0)
     return np.sum(np.log1p(-np.minimum(tail, 1 - 1e-16)))
 
 
@@ -419,14 +426,14 @@ def _scatter(residual):
     x, y = residual.weights[:2].mean(0), np.mean(residual.whitened**2, 0)
     if not np.ptp(x) > 0:
         return float(np.mean(y)), 0.0
-    scale, added, design = float(np.mean(y)), 0.0, np.stack([np.ones_like(x), x])
+    scale, excess_variance, design = float(np.mean(y)), 0.0, np.stack([np.ones_like(x), x])
     for _ in range(5):  # the likeliest two, of exponential y
-        weighted = design / (scale + added * x) ** 2
-        matrix = weighted @ design.T
-        scale, added = np.linalg.solve(matrix, weighted @ y)
-        added = max(added, 0.0)
-        scale = max(float(scale if added else np.mean(y)), 0.1 * float(np.mean(y)))
-    return float(scale), float(added)
+        weighted_design = design / (scale + excess_variance * x) ** 2
+        matrix = weighted_design @ design.T
+        scale, excess_variance = np.linalg.solve(matrix, weighted_design @ y)
+        excess_variance = max(excess_variance, 0.0)
+        scale = max(float(scale if excess_variance else np.mean(y)), 0.1 * float(np.mean(y)))
+    return float(scale), float(excess_variance)
 
 
 def _root(field):

@@ -60,17 +60,17 @@ class Referee(InNotebook):
     checks: list[Check]
 
     def __repr__(self) -> str:
-        done = sum(not each.lacking for each in self.sections)
-        return f"<Referee: {len(self.quasars.whole)} sources, {done} analyses, {len(self.checks)} checks>"
+        n_analyses = sum(not section.lacking for section in self.sections)
+        return f"<Referee: {len(self.quasars.whole)} sources, {n_analyses} analyses, {len(self.checks)} checks>"
 
     @property
     def smallest(self) -> tuple[Check | None, float]:
         """The check with the smallest p-value, and that value times how many were asked (Bonferroni), 1 at most."""
-        asked = [each for each in self.checks if np.isfinite(each.p_value)]
-        if not asked:
+        tests = [check for check in self.checks if np.isfinite(check.p_value)]
+        if not tests:
             return None, 1.0
-        worst = min(asked, key=lambda each: each.p_value)
-        return worst, min(1.0, worst.p_value * len(asked))
+        worst = min(tests, key=lambda check: check.p_value)
+        return worst, min(1.0, worst.p_value * len(tests))
 
     @property
     def answer(self) -> Answer:
@@ -81,14 +81,14 @@ class Referee(InNotebook):
     def conclusion(self) -> str:
         """Conclusion of all checks."""
         worst, p = self.smallest
-        n = sum(bool(np.isfinite(each.p_value)) for each in self.checks)
+        n = sum(bool(np.isfinite(check.p_value)) for check in self.checks)
         if worst is None:
             return "No check could be asked"
         if p >= HINT:
             return f"none of {n} contradicts it (the smallest p-value, times {n}: {printed_p_value(p)})"
-        seen = "The instrument is seen" if p < SEEN else "A hint of the instrument, no more"
-        rest = f"{worst.answer}; p = {printed_p_value(p)} after allowing for {n} checks"
-        return f"{seen}, where it should be {worst.question} ({rest})"
+        verdict = "The instrument is seen" if p < SEEN else "A hint of the instrument, no more"
+        remark = f"{worst.answer}; p = {printed_p_value(p)} after allowing for {n} checks"
+        return f"{verdict}, where it should be {worst.question} ({remark})"
 
     def report(self, *, long: bool = False) -> str:
         """The result to quote, the verdict of each analysis, and the checks, as text.
@@ -116,26 +116,26 @@ class Referee(InNotebook):
             ),
             ("fit", f"{solution.frame} axes; shared errors from degrees 2 to {solution.modes.lmax}"),
         ]
-        others = [each for each in self.sections if each.paper.key != _QUOTED]
+        other_sections = [section for section in self.sections if section.paper.key != _QUOTED]
         if not long:
-            facts += [(each.paper.short, each.lacking or each.verdict) for each in others]
+            facts += [(section.paper.short, section.lacking or section.verdict) for section in other_sections]
         return (Section(quasars.label, facts), *(map(_numbers, self.sections) if long else ()), self._checks(long))
 
     def _checks(self, long):
         """The checks with their p-values; short, those with the smallest."""
-        asked = sorted((each for each in self.checks if not each.lacking), key=lambda each: _order(each.p_value))
-        shown = self.checks if long else asked[:_LISTED]
+        tests = sorted((check for check in self.checks if not check.lacking), key=lambda check: _order(check.p_value))
+        selection = self.checks if long else tests[:_LISTED]
         columns = {
-            "check": [each.question for each in shown],
-            "p_value": [each.p_value for each in shown],
-            "p_value, formal errors": [each.at_face_value for each in shown],
-            "answer": [f"not tested: {each.lacking}" if each.lacking else each.answer for each in shown],
+            "check": [check.question for check in selection],
+            "p_value": [check.p_value for check in selection],
+            "p_value, formal errors": [check.at_face_value for check in selection],
+            "answer": [f"not tested: {check.lacking}" if check.lacking else check.answer for check in selection],
         }
         remarks = []
         if not long:
-            lacking = len(self.checks) - len(asked)
-            more = f"; {lacking} more need columns that this table lacks" if lacking else ""
-            remarks = [f"The {len(shown)} of {len(asked)} checks with the smallest p-values{more}."]
+            n_untested = len(self.checks) - len(tests)
+            suffix = f"; {n_untested} more need columns that this table lacks" if n_untested else ""
+            remarks = [f"The {len(selection)} of {len(tests)} checks with the smallest p-values{suffix}."]
         return Section("Checks: p-values with systematic errors", (), tables.table_of(columns), remarks=remarks)
 
     def tables(self) -> dict[str, Table]:
@@ -146,30 +146,32 @@ class Referee(InNotebook):
         names = ("paper", "quantity", "published", "published_error", "their_way", "their_way_error",
                  "shared", "shared_error", "kind")  # fmt: skip
         verdicts = {
-            "paper": [each.paper.key for each in self.sections],
-            "title": [each.title for each in self.sections],
-            "verdict": [(each.lacking and f"not done: {each.lacking}") or each.verdict for each in self.sections],
-            "p_value": [each.p_value for each in self.sections],
+            "paper": [entry.paper.key for entry in self.sections],
+            "title": [entry.title for entry in self.sections],
+            "verdict": [(entry.lacking and f"not done: {entry.lacking}") or entry.verdict for entry in self.sections],
+            "p_value": [entry.p_value for entry in self.sections],
         }
-        asked = {
-            "check": [each.key for each in self.checks],
-            "question": [each.question for each in self.checks],
-            "p_value": [each.p_value for each in self.checks],
-            "p_at_face_value": [each.at_face_value for each in self.checks],
-            "answer": [(each.lacking and f"not tested: {each.lacking}") or each.answer for each in self.checks],
+        check_columns = {
+            "check": [entry.key for entry in self.checks],
+            "question": [entry.question for entry in self.checks],
+            "p_value": [entry.p_value for entry in self.checks],
+            "p_at_face_value": [entry.at_face_value for entry in self.checks],
+            "answer": [(entry.lacking and f"not tested: {entry.lacking}") or entry.answer for entry in self.checks],
         }
         return {
             "numbers": tables.table_of(dict(zip(names, zip(*rows, strict=True), strict=True)) if rows else {}),
             "verdicts": tables.table_of(verdicts),
-            "checks": tables.table_of(asked),
+            "checks": tables.table_of(check_columns),
         }
 
     def results(self) -> dict[str, Any]:
         """Results behind the numbers, by the name of its file."""
-        listed = {f"{each.paper.key}_{name}": result for each in self.sections for name, result in each.results.items()}
-        for each in self.checks:
-            listed |= {f"check_{each.key.replace(' ', '_')}_{of}": result for of, result in each.results.items()}
-        return listed
+        results = {
+            f"{entry.paper.key}_{name}": result for entry in self.sections for name, result in entry.results.items()
+        }
+        for entry in self.checks:
+            results |= {f"check_{entry.key.replace(' ', '_')}_{of}": result for of, result in entry.results.items()}
+        return results
 
 
 def _order(p_value):
@@ -178,13 +180,13 @@ def _order(p_value):
 
 
 def _cells(row):
-    kinds = {
-        each.kind.replace("size", "value")
-        for each in (row.published, row.theirs, row.shared)
-        if np.isfinite(each.value)
+    value_types = {
+        number.kind.replace("size", "value")
+        for number in (row.published, row.theirs, row.shared)
+        if np.isfinite(number.value)
     }
-    pairs = [x for each in (row.published, row.theirs, row.shared) for x in (each.value, each.error)]
-    return (*pairs, "/".join(sorted(kinds)))
+    pairs = [x for number in (row.published, row.theirs, row.shared) for x in (number.value, number.error)]
+    return (*pairs, "/".join(sorted(value_types)))
 
 
 def referee(quasars: Quasars, rng: Rng = 1, *, earlier: Field | None = None) -> Referee:
@@ -205,6 +207,6 @@ def referee(quasars: Quasars, rng: Rng = 1, *, earlier: Field | None = None) -> 
     DegeneracyError
         If there are too few sources for a spin and an acceleration.
     """
-    first, second = (int(stream.integers(2**31)) for stream in generator(rng).spawn(2))
+    sections_seed, checks_seed = (int(stream.integers(2**31)) for stream in generator(rng).spawn(2))
     main = headline(quasars)
-    return Referee(quasars, main, sections(quasars, main, first), checks(quasars, main, second, earlier))
+    return Referee(quasars, main, sections(quasars, main, sections_seed), checks(quasars, main, checks_seed, earlier))

@@ -113,12 +113,12 @@ class Check(InNotebook):
 
 def format_verdict(p: float, nothing: str, something: str) -> str:
     """A verdict in words by its p-value."""
-    shown = f"p = {printed_p_value(p)}"
+    p_text = f"p = {printed_p_value(p)}"
     if p >= HINT:
-        return f"{nothing} ({shown})"
+        return f"{nothing} ({p_text})"
     if p >= SEEN:
-        return f"weak evidence: {something} ({shown}; by chance in one test of {1 / p:.0f})"
-    return f"{something} ({shown})"
+        return f"weak evidence: {something} ({p_text}; by chance in one test of {1 / p:.0f})"
+    return f"{something} ({p_text})"
 
 
 @dataclass(frozen=True, eq=False)

@@ -37,7 +37,7 @@ _MAPS = ("G", "colour", "visibility periods", "scan strength")
 
 def checks(quasars: Quasars, headline: Headline, rng: Rng = 1, earlier: Field | None = None) -> list[Check]:
     """All of them; one that could not be asked says why."""
-    asked: list[tuple[str, str, Callable[[], dict[str, Any]]]] = [
+    questions: list[tuple[str, str, Callable[[], dict[str, Any]]]] = [
         *((name, f"the same for all by {name}", partial(_by_column, quasars, name, k, rng))
           for name, k in _SPLITS.items()),
         ("plane", "the same near the Galactic plane", partial(_by_latitude, quasars, rng)),
@@ -49,16 +49,16 @@ def checks(quasars: Quasars, headline: Headline, rng: Rng = 1, earlier: Field | 
         ("maps", "not explained by maps of the survey's properties", partial(_templates, quasars, headline, rng)),
     ]  # fmt: skip
     if earlier is not None:
-        asked.append(("earlier", "the same in an earlier release", partial(_earlier, quasars, earlier, rng)))
-    return [_answer_question(*each) for each in asked]
+        questions.append(("earlier", "the same in an earlier release", partial(_earlier, quasars, earlier, rng)))
+    return [_answer_question(*question) for question in questions]
 
 
 def _answer_question(key, question, act):
     try:
-        made = act()
+        contents = act()
     except VshError as error:
         return Check(key, question, lacking=str(error))
-    return Check(key, question, **made)
+    return Check(key, question, **contents)
 
 
 def _by_column(quasars, name, k, rng):
@@ -66,8 +66,8 @@ def _by_column(quasars, name, k, rng):
 
 
 def _by_latitude(quasars, rng):
-    low = np.abs(quasars.field.to_frame("galactic").lat) < np.pi / 6
-    return _split_classes(quasars, Classes(("|b| < 30°", "|b| ≥ 30°"), np.array([low, ~low])), rng)
+    is_near_plane = np.abs(quasars.field.to_frame("galactic").lat) < np.pi / 6
+    return _split_classes(quasars, Classes(("|b| < 30°", "|b| ≥ 30°"), np.array([is_near_plane, ~is_near_plane])), rng)
 
 
 def _by_half(quasars, frame, rng):
@@ -75,33 +75,36 @@ def _by_half(quasars, frame, rng):
 
 
 def _split_classes(quasars, classes, rng) -> dict[str, Any]:
-    compared = compare(quasars, classes, rng)
-    verdict = compared.verdict
-    labels = compared.shared.labels
-    away = compared.shared.difference(0, len(labels) - 1).acceleration
-    words = (
-        f"{len(labels)} classes; the acceleration of the last minus that of the first is {away.amplitude:.2g} µas/yr"
-    )
+    comparison = compare(quasars, classes, rng)
+    verdict = comparison.verdict
+    labels = comparison.shared.labels
+    difference = comparison.shared.difference(0, len(labels) - 1).acceleration
+    change = f"the acceleration of the last minus that of the first is {difference.amplitude:.2g} µas/yr"
     return {
-        "answer": f"{words}; most: {verdict.comparison}", "p_value": verdict.p_value,
-        "at_face_value": compared.at_face_value(), "results": {"classes": compared.shared},
+        "answer": f"{len(labels)} classes; {change}; most: {verdict.comparison}", "p_value": verdict.p_value,
+        "at_face_value": comparison.at_face_value(), "results": {"classes": comparison.shared},
     }  # fmt: skip
 
 
 def _degree(quasars, headline) -> dict[str, Any]:
-    low = degree_for(len(quasars.field), 3)
-    if quasars.degree <= low:
+    lower_degree = degree_for(len(quasars.field), 3)
+    if quasars.degree <= lower_degree:
         raise VshError(f"the sources bear no more than degree {quasars.degree}")
-    move, _, p = by_degree(quasars.field, low, quasars.degree, headline.floor)
-    plain = by_degree(quasars.field, low, quasars.degree, None)[2]
-    words = f"from degree {low} to {quasars.degree} it changes by ({', '.join(f'{x:+.2f}' for x in move)}) µas/yr"
-    return {"answer": words, "p_value": p, "at_face_value": plain}
+    move, _, p = by_degree(quasars.field, lower_degree, quasars.degree, headline.floor)
+    plain = by_degree(quasars.field, lower_degree, quasars.degree, None)[2]
+    text = (
+        f"from degree {lower_degree} to {quasars.degree} it changes by ({', '.join(f'{x:+.2f}' for x in move)}) µas/yr"
+    )
+    return {"answer": text, "p_value": p, "at_face_value": plain}
 
 
 def _method(quasars, rng) -> dict[str, Any]:
     move, error, p = by_method(quasars.whole, rng)
-    listed = ", ".join(f"{x:+.2f} ± {e:.2f}" for x, e in zip(move, error, strict=True))
-    return {"answer": f"Student's t minus least squares, mean of random subsamples: ({listed}) µas/yr", "p_value": p}
+    components = ", ".join(f"{x:+.2f} ± {e:.2f}" for x, e in zip(move, error, strict=True))
+    return {
+        "answer": f"Student's t minus least squares, mean of random subsamples: ({components}) µas/yr",
+        "p_value": p,
+    }
 
 
 def _source(quasars) -> dict[str, Any]:
@@ -116,21 +119,24 @@ def _earlier(quasars, earlier, rng) -> dict[str, Any]:
     field = quasars.field
     if field.name is None or earlier.name is None:
         raise VshError("no names (source_id) to find the same sources by")
-    both = np.intersect1d(np.asarray(field.name, str), np.asarray(earlier.name, str))
+    common_names = np.intersect1d(np.asarray(field.name, str), np.asarray(earlier.name, str))
     catalogues = {"earlier": earlier.to_frame(field.frame), "now": field}
-    chosen = {name: each[np.isin(np.asarray(each.name, str), both)] for name, each in catalogues.items()}
-    chain = combine_frames(chosen, degree_for(len(both), 5, 3))
-    compared = shared([chain.difference("now")], labels=["now minus earlier"], noise_scale=False, rng=rng)
-    moved = compared.solutions[0].acceleration
-    listed = ", ".join(f"{v:+.2f} ± {s:.2f}" for v, s in zip(moved.value, moved.sigma, strict=True))
-    words = (
-        f"of {len(both)} sources in both, whose noise is correlated by "
-        f"{100 * chain.correlation[0, 1]:.0f} %, it changes by ({listed}) µas/yr"
+    samples = {
+        name: catalogue[np.isin(np.asarray(catalogue.name, str), common_names)]
+        for name, catalogue in catalogues.items()
+    }
+    chain = combine_frames(samples, degree_for(len(common_names), 5, 3))
+    comparison = shared([chain.difference("now")], labels=["now minus earlier"], noise_scale=False, rng=rng)
+    change = comparison.solutions[0].acceleration
+    components = ", ".join(f"{v:+.2f} ± {s:.2f}" for v, s in zip(change.value, change.sigma, strict=True))
+    text = (
+        f"of {len(common_names)} sources in both, whose noise is correlated by "
+        f"{100 * chain.correlation[0, 1]:.0f} %, it changes by ({components}) µas/yr"
     )
-    quoted = chain.difference("now").acceleration.p_value
+    formal_p = chain.difference("now").acceleration.p_value
     return {
-        "answer": words, "p_value": compared.p_value("S"), "at_face_value": quoted,
-        "results": {"chain": chain, "shared": compared},
+        "answer": text, "p_value": comparison.p_value("S"), "at_face_value": formal_p,
+        "results": {"chain": chain, "shared": comparison},
     }  # fmt: skip
 
 
@@ -141,20 +147,21 @@ def _templates(quasars, headline, rng) -> dict[str, Any]:
         if name in quasars.columns and np.nanstd(quasars.columns[name]) > 0:
             maps.append(Template.of_sources(name, field.lon, field.lat, quasars.columns[name], field.frame))
     normal = quasars.equations(slice(None), lmax, templates=maps)
-    beside = shared([normal], labels=["all sources"], noise_scale=quasars.is_scaled, rng=rng)
-    amplitudes = beside.amplitudes
-    chi2 = amplitudes @ np.linalg.solve(beside.amplitude_covariance, amplitudes)
-    moved = beside.solutions[0].acceleration
+    template_fit = shared([normal], labels=["all sources"], noise_scale=quasars.is_scaled, rng=rng)
+    amplitudes = template_fit.amplitudes
+    chi2 = amplitudes @ np.linalg.solve(template_fit.amplitude_covariance, amplitudes)
+    acceleration = template_fit.solutions[0].acceleration
     plain = solve(quasars.equations(slice(None), lmax))
     spectrum = None if headline.floor is None else headline.floor.spectrum
-    crossed = cross_powers(plain, template_fields(maps, plain.modes, field.frame), spectrum)
-    words = (
-        f"{', '.join(each.name for each in maps)}; with them marginalised g = "
-        f"({', '.join(f'{v:+.2f} ± {s:.2f}' for v, s in zip(moved.value, moved.sigma, strict=True))}) µas/yr"
+    powers = cross_powers(plain, template_fields(maps, plain.modes, field.frame), spectrum)
+    text = (
+        f"{', '.join(template.name for template in maps)}; with them marginalised g = "
+        f"({', '.join(f'{v:+.2f} ± {s:.2f}' for v, s in zip(acceleration.value, acceleration.sigma, strict=True))}) "
+        "µas/yr"
     )
     return {
-        "answer": words, "p_value": float(chdtrc(len(amplitudes), chi2)),
-        "results": {"templates": beside, "cross_powers": crossed},
+        "answer": text, "p_value": float(chdtrc(len(amplitudes), chi2)),
+        "results": {"templates": template_fit, "cross_powers": powers},
     }  # fmt: skip
 
 
@@ -188,21 +195,21 @@ def _published_value(paper, name):
     number = papers()[paper].numbers.get(name)
     if number is None:
         return NONE
-    kind = "limit" if number.limit else "size" if name.startswith("|") else "value"
-    return Value(number.value, number.error, kind)
+    value_type = "limit" if number.limit else "size" if name.startswith("|") else "value"
+    return Value(number.value, number.error, value_type)
 
 
-def _vectors(paper, letter, theirs, shared):
+def _vectors(paper, letter, theirs, ours):
     """Rows of a vector: its components, those published where the axes are theirs, and its size."""
     rows = [
         Row(
             f"{letter}_{axis} [µas/yr]",
             _published_value(paper, f"{letter}_{axis}") if theirs.frame == "icrs" else NONE,
-            Value(theirs.value[k], theirs.sigma[k]), Value(shared.value[k], shared.sigma[k]),
+            Value(theirs.value[k], theirs.sigma[k]), Value(ours.value[k], ours.sigma[k]),
         )
         for k, axis in enumerate("xyz")
     ]  # fmt: skip
-    return [*rows, Row(f"|{letter}| [µas/yr]", _published_value(paper, f"|{letter}|"), _size(theirs), _size(shared))]
+    return [*rows, Row(f"|{letter}| [µas/yr]", _published_value(paper, f"|{letter}|"), _size(theirs), _size(ours))]
 
 
 def _size(vector):
@@ -212,96 +219,98 @@ def _size(vector):
     return Value(vector.amplitude_limit(), kind="limit")
 
 
-def _p_row(quantity, theirs, shared):
-    return Row(f"p, {quantity}", theirs=Value(theirs, kind="p"), shared=Value(shared, kind="p"))
+def _p_row(quantity, theirs, ours):
+    return Row(f"p, {quantity}", theirs=Value(theirs, kind="p"), shared=Value(ours, kind="p"))
 
 
-def _acceleration(asked: SectionInput) -> dict[str, Any]:
+def _acceleration(inputs: SectionInput) -> dict[str, Any]:
     """Clipped, degree 3, errors by the scatter: Klioner et al. 2021."""
-    quasars = asked.quasars
-    clipped = clip_quasars(quasars.whole)
-    theirs = clipped.solution.scaled.acceleration
-    ours = asked.headline.acceleration
+    quasars = inputs.quasars
+    fit = clip_quasars(quasars.whole)
+    theirs = fit.solution.scaled.acceleration
+    ours = inputs.headline.acceleration
     rows = _vectors("klioner2021", "g", theirs, ours)
     for k, name in enumerate(("ra", "dec")):
         if ours.frame == "icrs":
-            values = (Value(each.direction[k], each.direction_error[k]) for each in (theirs, ours))
+            values = (Value(vector.direction[k], vector.direction_error[k]) for vector in (theirs, ours))
             rows.append(Row(f"{name} [deg]", _published_value("klioner2021", name), *values))
-    counts = (Value(float(n)) for n in (clipped.solution.n_sources, len(quasars.whole)))
+    counts = (Value(float(n)) for n in (fit.solution.n_sources, len(quasars.whole)))
     rows.append(Row("sources", _published_value("klioner2021", "sources"), *counts))
-    return {"rows": rows, "verdict": asked.headline.verdict, "p_value": asked.headline.p_acceleration}
+    return {"rows": rows, "verdict": inputs.headline.verdict, "p_value": inputs.headline.p_acceleration}
 
 
-def _frame(asked: SectionInput) -> dict[str, Any]:
+def _frame(inputs: SectionInput) -> dict[str, Any]:
     """Spin, what is systematic, bright and faint: Gaia-CRF3."""
-    quasars, headline = asked.quasars, asked.headline
+    quasars, headline = inputs.quasars, inputs.headline
     theirs = fit_field(quasars.field, degree_for(len(quasars.field), 3)).scaled
     rows = _vectors("crf3", "ω", theirs.spin, headline.solution.spin)
-    results, more = {}, ""
-    if (shared := headline.floor) is not None:
+    results, remark = {}, ""
+    if (systematic_floor := headline.floor) is not None:
         plain = solve(quasars.normal)
         power = sum(row.debiased for row in spectrum(plain) if row.l > 1)
-        spread = Value(float(np.sqrt(max(power, 0) / (4 * np.pi))))
-        by_floor = float(np.sqrt(sum(shared.spectrum.variances(plain.modes)[plain.modes.degrees > 1]) / (4 * np.pi)))
+        rms = Value(float(np.sqrt(max(power, 0) / (4 * np.pi))))
+        by_floor = float(
+            np.sqrt(sum(systematic_floor.spectrum.variances(plain.modes)[plain.modes.degrees > 1]) / (4 * np.pi))
+        )
         rows.append(
             Row(
                 f"motions of degrees 2–{plain.modes.lmax}, rms [µas/yr]",
                 _published_value("crf3", "systematic motions"),
-                spread, Value(by_floor),
+                rms, Value(by_floor),
             )
         )  # fmt: skip
     try:
-        compared = compare(quasars, Classes.by_edges("G", _G_EDGES, quasars.column("G")), asked.rng)
+        comparison = compare(quasars, Classes.by_edges("G", _G_EDGES, quasars.column("G")), inputs.rng)
         rows.append(
             _p_row(
                 "bright and faint sources have the same spin",
-                compared.at_face_value("T"),
-                compared.shared.equality("T"),
+                comparison.at_face_value("T"),
+                comparison.shared.equality("T"),
             )
         )
-        results["magnitudes"] = compared.shared
+        results["magnitudes"] = comparison.shared
     except VshError as error:
-        more = f"; bright and faint not compared: {error}"
+        remark = f"; bright and faint not compared: {error}"
     p = headline.p_spin
     below = headline.solution.spin.amplitude_limit()
     verdict = format_verdict(p, f"no spin is seen, below {below:.3g} µas/yr (95 %)", "the frame of these sources turns")
-    return {"rows": rows, "verdict": verdict + more, "p_value": p, "results": results}
+    return {"rows": rows, "verdict": verdict + remark, "p_value": p, "results": results}
 
 
-def _learnt_redshifts(asked: SectionInput) -> dict[str, Any]:
+def _learnt_redshifts(inputs: SectionInput) -> dict[str, Any]:
     """Three bins of redshift, degree 3: Makarov 2025."""
-    z = asked.quasars.column("redshift")
-    compared = compare(asked.quasars, Classes.by_edges("z", _Z_EDGES, z).within(z >= 1), asked.rng, lmax=3)
-    return _by_redshift(compared, papers()["makarov2025"].words)
+    z = inputs.quasars.column("redshift")
+    comparison = compare(inputs.quasars, Classes.by_edges("z", _Z_EDGES, z).within(z >= 1), inputs.rng, lmax=3)
+    return _by_redshift(comparison, papers()["makarov2025"].words)
 
 
-def _by_redshift(compared, words):
-    verdict = compared.verdict
+def _by_redshift(comparison, published_text):
+    verdict = comparison.verdict
     rows = [
-        _p_row(f"one {name} at all redshifts", compared.at_face_value(kind), compared.shared.equality(kind))
+        _p_row(f"one {name} at all redshifts", comparison.at_face_value(kind), comparison.shared.equality(kind))
         for kind, name in (("T", "spin"), ("S", "acceleration"))
     ]
-    said = format_verdict(
+    sentence = format_verdict(
         verdict.p_value, "no change with redshift", f"spin or acceleration changes: {verdict.comparison}"
     )
     return {
-        "rows": rows, "verdict": f"{said}; published: {words}", "p_value": verdict.p_value,
-        "results": {"classes": compared.shared},
+        "rows": rows, "verdict": f"{sentence}; published: {published_text}", "p_value": verdict.p_value,
+        "results": {"classes": comparison.shared},
     }  # fmt: skip
 
 
-def _position_drift(asked: SectionInput) -> dict[str, Any]:
+def _position_drift(inputs: SectionInput) -> dict[str, Any]:
     """Dipole and quadrupole by redshift: Tsigkas Kouvelis et al. 2025."""
-    quasars = asked.quasars
-    compared = compare(quasars, Classes.by_parts("z", quasars.column("redshift"), 4), asked.rng, lmax=2)
-    made = _by_redshift(compared, papers()["tsigkas2025"].words)
-    row, quoted, p = _quadrupole(quasars, asked.headline)
-    made["rows"].append(row)
+    quasars = inputs.quasars
+    comparison = compare(quasars, Classes.by_parts("z", quasars.column("redshift"), 4), inputs.rng, lmax=2)
+    contents = _by_redshift(comparison, papers()["tsigkas2025"].words)
+    row, formal_p, p = _quadrupole(quasars, inputs.headline)
+    contents["rows"].append(row)
     if np.isfinite(p):
-        nothing = "no quadrupole is seen" if quoted >= SEEN else "the quadrupole is systematic errors"
-        said = format_verdict(p, nothing, "a quadrupole beyond systematic errors")
-        made["verdict"] = f"{said}; {made['verdict']}"
-    return made
+        null_text = "no quadrupole is seen" if formal_p >= SEEN else "the quadrupole is systematic errors"
+        sentence = format_verdict(p, null_text, "a quadrupole beyond systematic errors")
+        contents["verdict"] = f"{sentence}; {contents['verdict']}"
+    return contents
 
 
 def _quadrupole(quasars, headline):
@@ -314,9 +323,11 @@ def _quadrupole(quasars, headline):
     if plain.modes.lmax < 4:
         return _p_row("no quadrupole", theirs, float("nan")), theirs, float("nan")
     # Degrees from 3 on tell systematic errors; the quadrupole must not judge itself.
-    others = floor(plain, range(3, plain.modes.lmax + 1))
-    scaled = covariance * others.noise_scale**2 + np.diag(others.spectrum.variances(plain.modes)[at])
-    p = _chi2_p(values, scaled)
+    systematic_floor = floor(plain, range(3, plain.modes.lmax + 1))
+    total_covariance = covariance * systematic_floor.noise_scale**2 + np.diag(
+        systematic_floor.spectrum.variances(plain.modes)[at]
+    )
+    p = _chi2_p(values, total_covariance)
     return _p_row("no quadrupole", theirs, p), theirs, p
 
 
@@ -326,9 +337,9 @@ def _chi2_p(values, covariance):
     return float(chdtrc(len(values), values @ np.linalg.solve(covariance, values)))
 
 
-def _expansion(asked: SectionInput) -> dict[str, Any]:
+def _expansion(inputs: SectionInput) -> dict[str, Any]:
     """Anisotropic expansion in five bins of redshift: Makarov, Heinesen & Schücker 2026."""
-    quasars = asked.quasars
+    quasars = inputs.quasars
     z = quasars.column("redshift")
     classes = Classes.by_edges("z", _EXPANSION_EDGES, z).within((z >= 0.5) & (z < 3)).of_at_least(FEWEST)
     if len(classes) < 2:
@@ -338,12 +349,12 @@ def _expansion(asked: SectionInput) -> dict[str, Any]:
     normals = widened([quasars.equations(mask, degree) for mask in masks], quasars.equations, masks)
     result = compare_expansions(
         normals, [float(z[mask].mean()) for mask in masks], degrees=range(2, degree + 1), labels=classes.labels,
-        noise_scale=quasars.is_scaled, rng=asked.rng,
+        noise_scale=quasars.is_scaled, rng=inputs.rng,
     )  # fmt: skip
     plain = [expansion(solve(quasars.plain_equations(mask, 2))) for mask in masks]
     rows = [
-        Row(f"|Σ|, {label} [µas/yr]", theirs=Value(each.norm), shared=Value(shear.limit(), kind="limit"))
-        for label, each, shear in zip(classes.labels, plain, result.shears, strict=True)
+        Row(f"|Σ|, {label} [µas/yr]", theirs=Value(plain_shear.norm), shared=Value(shear.limit(), kind="limit"))
+        for label, plain_shear, shear in zip(classes.labels, plain, result.shears, strict=True)
     ]
     smallest = min(range(len(result)), key=result.p_value)
     rows += [
@@ -354,74 +365,75 @@ def _expansion(asked: SectionInput) -> dict[str, Any]:
     p = min(1.0, len(result) * result.p_value(smallest))
     growth = format_verdict(result.growth(), "no growth with redshift", "it changes with redshift")
     quadrupole = format_verdict(p, "no expansion beyond systematic errors", "the expansion differs from axis to axis")
-    words = f"{quadrupole}; {growth}; published: {papers()['makarov2026'].words}"
-    return {"rows": rows, "verdict": words, "p_value": p, "results": {"expansion": result}}
+    text = f"{quadrupole}; {growth}; published: {papers()['makarov2026'].words}"
+    return {"rows": rows, "verdict": text, "p_value": p, "results": {"expansion": result}}
 
 
-def _waves(asked: SectionInput) -> dict[str, Any]:
+def _waves(inputs: SectionInput) -> dict[str, Any]:
     """Waves longer than the observations, by harmonics and by pairs: Jaraba et al. 2023, Darling 2024."""
-    theirs = wave_limit(normal_equations(asked.quasars.whole, 2)).limit(prior="coefficients")
-    shared = asked.wave_limit
+    theirs = wave_limit(normal_equations(inputs.quasars.whole, 2)).limit(prior="coefficients")
+    harmonics = inputs.wave_limit
     rows = [
         Row("h70² Ω, Gaia DR3 (Jaraba)", _published_value("jaraba2023", "h70² Ω, Gaia"), Value(theirs, kind="limit")),
         Row("h70² Ω, VLBA (Jaraba)", _published_value("jaraba2023", "h70² Ω, VLBA"), Value(theirs, kind="limit")),
         Row(
             "h70² Ω, degree 2", _published_value("darling2024", "h70² Ω, degree 2"), Value(theirs, kind="limit"),
-            Value(shared.limit(), kind="limit"),
+            Value(harmonics.limit(), kind="limit"),
         ),
     ]  # fmt: skip
-    verdict = f"h70² Ω < {shared.limit():.3g} (95 %), systematic errors taken away"
-    return {"rows": rows, "verdict": verdict, "results": {"waves": shared}}
+    verdict = f"h70² Ω < {harmonics.limit():.3g} (95 %), systematic errors taken away"
+    return {"rows": rows, "verdict": verdict, "results": {"waves": harmonics}}
 
 
-def _pairs(asked: SectionInput) -> dict[str, Any]:
+def _pairs(inputs: SectionInput) -> dict[str, Any]:
     """Waves by pairs beside harmonics: Akhmetov et al. 2026, Darling 2024."""
-    quasars = asked.quasars
+    quasars = inputs.quasars
     correlation = pairs.correlation_function(quasars.field, np.linspace(0, np.pi, _BINS + 2))
     fitted = correlation.fit()
     k = fitted.names.index("waves")
-    (low, high), value = fitted.interval()[k], Value(*fitted["waves"])
-    harmonics = asked.wave_limit
+    (lower, upper), value = fitted.interval()[k], Value(*fitted["waves"])
+    harmonics = inputs.wave_limit
     rows = [
         Row("h70² Ω by pairs", theirs=value),
-        Row("h70² Ω by pairs, 95 %", _published_value("darling2024", "h70² Ω, pairs"), Value(high, kind="limit")),
+        Row("h70² Ω by pairs, 95 %", _published_value("darling2024", "h70² Ω, pairs"), Value(upper, kind="limit")),
         Row("h70² Ω by harmonics", shared=Value(harmonics.limit(), kind="limit")),
     ]
     verdict = (
-        f"pairs see {'something' if low > 0 else 'nothing'} between {low:.2g} and {high:.2g} (95 %), which holds waves "
+        f"pairs see {'something' if lower > 0 else 'nothing'} between {lower:.2g} and {upper:.2g} (95 %), which holds "
+        "waves "
         f"and systematic errors alike; harmonics, beside it, nothing above {harmonics.limit():.2g}"
     )
     return {"rows": rows, "verdict": verdict, "results": {"pairs": correlation}}
 
 
-def _spectrum(asked: SectionInput) -> dict[str, Any]:
+def _spectrum(inputs: SectionInput) -> dict[str, Any]:
     """The acceleration with all higher degrees free, and how far its errors grow: Nguyen & Murray 2026."""
-    quasars, ours = asked.quasars, asked.headline.acceleration
+    quasars, ours = inputs.quasars, inputs.headline.acceleration
     theirs = solve(quasars.normal).acceleration
     rows = _vectors("nguyen2026", "g", theirs, ours)
     wider = float(np.mean(ours.sigma / clip_quasars(quasars.whole).solution.acceleration.sigma))
     rows.append(Row("errors of the headline / formal errors of degree 3", shared=Value(wider)))
-    low, high = (papers()["nguyen2026"][f"errors, {word}"].value for word in ("at least", "at most"))
+    lower, upper = (papers()["nguyen2026"][f"errors, {bound}"].value for bound in ("at least", "at most"))
     verdict = (
         f"errors that include systematic errors are {wider:.2f} times the formal errors of "
-        f"degree 3 of this catalogue; published: {low:g} to {high:g} times"
+        f"degree 3 of this catalogue; published: {lower:g} to {upper:g} times"
     )
-    results = {} if asked.headline.floor is None else {"floor": asked.headline.floor}
+    results = {} if inputs.headline.floor is None else {"floor": inputs.headline.floor}
     return {"rows": rows, "verdict": verdict, "results": results}
 
 
-def _galaxies(asked: SectionInput) -> dict[str, Any]:
+def _galaxies(inputs: SectionInput) -> dict[str, Any]:
     """Our motion past galaxies: Maloney et al. 2026."""
-    z = asked.quasars.column("redshift")
-    near = (z > 0.002) & (z < _NEAR)
-    if near.sum() < _GALAXIES:
-        raise DegeneracyError(f"only {near.sum()} sources with z < {_NEAR:g}; at least {_GALAXIES} are needed")
-    galaxies = with_redshift(asked.quasars.field[near], redshift_frame="heliocentric")
-    quoted, flowing = (observer_velocity(galaxies, 67.4, flows=flows).velocity for flows in (None, "linear"))
+    z = inputs.quasars.column("redshift")
+    is_near = (z > 0.002) & (z < _NEAR)
+    if is_near.sum() < _GALAXIES:
+        raise DegeneracyError(f"only {is_near.sum()} sources with z < {_NEAR:g}; at least {_GALAXIES} are needed")
+    galaxies = with_redshift(inputs.quasars.field[is_near], redshift_frame="heliocentric")
+    theirs, flowing = (observer_velocity(galaxies, 67.4, flows=flows).velocity for flows in (None, "linear"))
     # What the paper saw none of; the microwave background's dipole says what there is.
     ours = CMB_VELOCITY_PLANCK18.to_frame(flowing.frame).value
     rows = [
-        Row(f"v_{axis} [km/s], {ours[k]:+.0f} expected", theirs=Value(quoted.value[k], quoted.sigma[k]),
+        Row(f"v_{axis} [km/s], {ours[k]:+.0f} expected", theirs=Value(theirs.value[k], theirs.sigma[k]),
             shared=Value(flowing.value[k], flowing.sigma[k])) for k, axis in enumerate("xyz")
     ]  # fmt: skip
     p = flowing.p_value
@@ -449,12 +461,12 @@ _ANALYSES = (
 
 def sections(quasars: Quasars, headline: Headline, rng: Rng) -> list[Analysis]:
     """All of them; one that cannot be done says why."""
-    done, asked = [], SectionInput(quasars, headline, rng)
+    analyses, inputs = [], SectionInput(quasars, headline, rng)
     for key, title, act in _ANALYSES:
         try:
-            made = act(asked)
+            contents = act(inputs)
         except VshError as error:
-            done.append(Analysis(title, papers()[key], lacking=str(error)))
+            analyses.append(Analysis(title, papers()[key], lacking=str(error)))
         else:
-            done.append(Analysis(title, papers()[key], **made | {"rows": tuple(made["rows"])}))
-    return done
+            analyses.append(Analysis(title, papers()[key], **contents | {"rows": tuple(contents["rows"])}))
+    return analyses

@@ -100,11 +100,13 @@ def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
         parser.error("--upload goes with a query of your own, or alone")
     if options.check:
         return
-    given = [name for name in ("ids", "retrieval_type", "structure", "batch") if getattr(options, name) is not None]
+    epoch_options = [
+        name for name in ("ids", "retrieval_type", "structure", "batch") if getattr(options, name) is not None
+    ]
     if (options.what == "epochs") != (options.ids is not None):
         parser.error("epochs are those of a list of sources: vsh-archive epochs --ids FILE --output FOLDER")
-    if given and options.what != "epochs":
-        parser.error(f"--{given[0].replace('_', '-')} is for epochs")
+    if epoch_options and options.what != "epochs":
+        parser.error(f"--{epoch_options[0].replace('_', '-')} is for epochs")
     if options.what == "epochs" and (options.show or not options.output):
         parser.error("epochs go into a folder: --output FOLDER")
     if not (options.output or options.show):
@@ -113,10 +115,12 @@ def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
 
 def _run(options):
     if options.check:
-        checked = check_schema(options.check, options.url)
+        schema_check = check_schema(options.check, options.url)
         finishing.print_result(
             options,
-            finishing.RunResult(lambda _: checked.sections(), lambda: {"Names that are missing": checked.to_table()}),
+            finishing.RunResult(
+                lambda _: schema_check.sections(), lambda: {"Names that are missing": schema_check.to_table()}
+            ),
         )
         return
     if options.what == "epochs":
@@ -132,7 +136,7 @@ def _run(options):
     if options.show:
         finishing.print_result(options, finishing.message(adql))
         return
-    there = Path(options.output).exists() and not options.overwrite
+    is_reused = Path(options.output).exists() and not options.overwrite
     check_not_read(options.output, f"--output {printable(options.output)}")
     path = query(
         adql,
@@ -144,23 +148,23 @@ def _run(options):
         upload=upload,
     )
     was = f"{path} was there already, as it was fetched: nothing was asked"
-    beside = Path(f"{path}.{parsing.NAME}")
-    with atomic_write(beside) as new:
-        new.write_text(finishing.repeats(options, name=beside.name), encoding="utf-8")
-    finishing.print_result(options, finishing.message(was if there else f"written to {path}"))
+    config_path = Path(f"{path}.{parsing.NAME}")
+    with atomic_write(config_path) as temporary_path:
+        temporary_path.write_text(finishing.repeats(options, name=config_path.name), encoding="utf-8")
+    finishing.print_result(options, finishing.message(was if is_reused else f"written to {path}"))
 
 
 def _epochs(options):
     """Fetch the epochs of a list of sources, a batch at a time."""
-    more = {
+    keywords = {
         name: value
         for name in ("retrieval_type", "structure", "batch")
         if (value := getattr(options, name)) is not None
     }
     ids = read_ids(options.ids)
     url = DATA_SERVER if options.url == ESA else options.url
-    folder = fetch_epochs(ids, options.output, url, patience=options.patience, progress=not options.quiet, **more)
-    count = sum(1 for each in folder.iterdir() if each.is_file())
+    folder = fetch_epochs(ids, options.output, url, patience=options.patience, progress=not options.quiet, **keywords)
+    count = sum(1 for path in folder.iterdir() if path.is_file())
     finishing.print_result(options, finishing.message(f"written to {folder}: {count} files of {len(set(ids))} sources"))
 
 

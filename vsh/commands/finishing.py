@@ -54,32 +54,33 @@ def _check_local(path, option):
 def check_folder(path: PathName, command: str, overwrite: bool = False) -> None:
     """Raise VshError now if results could not be written to a folder later."""
     _check_local(path, "--output")
-    path, shown = Path(path), f"--output {printable(path)}"
+    path, label = Path(path), f"--output {printable(path)}"
     if path.exists() and not path.is_dir():
-        raise VshError(f"{shown} is a file, not a folder")
-    _check_parent(path, shown, made=True)
-    check_not_read(path, shown)
+        raise VshError(f"{label} is a file, not a folder")
+    _check_parent(path, label, make_parents=True)
+    check_not_read(path, label)
     if not path.exists() or not any(path.iterdir()):
         return
     mark = _read_mark(path)
     if mark is None:
-        raise VshError(f"{shown} holds files that {command} did not write: name a new folder")
+        raise VshError(f"{label} holds files that {command} did not write: name a new folder")
     if mark.get("command") != command:
-        raise VshError(f"{shown} holds results of {printable(mark.get('command'))}: name another folder")
+        raise VshError(f"{label} holds results of {printable(mark.get('command'))}: name another folder")
     if not overwrite:
-        raise VshError(f"{shown} holds results: use --overwrite to replace them, or name another folder")
-    recorded = mark.get("files", ())
-    foreign = sorted(x.name for x in path.iterdir() if x.name not in {MARK, *recorded})
+        raise VshError(f"{label} holds results: use --overwrite to replace them, or name another folder")
+    files = mark.get("files", ())
+    foreign = sorted(x.name for x in path.iterdir() if x.name not in {MARK, *files})
     if foreign:
         raise VshError(
-            f"{shown} holds files that {command} did not write ({printable(', '.join(foreign[:5]))}): move them, or "
+            f"{label} holds files that {command} did not write ({printable(', '.join(foreign[:5]))}): move them, or "
             "name another folder"
         )
-    hashes = recorded if isinstance(recorded, dict) else {}
-    changed = sorted(x for x, sha in hashes.items() if (path / x).exists() and digest(path / x) != sha)
-    if changed:
+    hashes = files if isinstance(files, dict) else {}
+    mismatches = sorted(x for x, sha in hashes.items() if (path / x).exists() and digest(path / x) != sha)
+    if mismatches:
         raise VshError(
-            f"{shown} holds files that were changed since {command} wrote them ({printable(', '.join(changed[:5]))}): "
+            f"{label} holds files that were changed since {command} wrote them "
+            f"({printable(', '.join(mismatches[:5]))}): "
             "move them, or name another folder"
         )
 
@@ -87,20 +88,20 @@ def check_folder(path: PathName, command: str, overwrite: bool = False) -> None:
 def check_file(path: PathName, overwrite: bool = False, option: str = "--output", recorded: bool = False) -> None:
     """Raise VshError now if a file could not be written later, or is there already and may not be replaced."""
     _check_local(path, option)
-    path, shown = Path(path), f"{option} {printable(path)}"
+    path, label = Path(path), f"{option} {printable(path)}"
     if path.is_dir():
-        raise VshError(f"{shown} is a folder, not a file")
-    _check_parent(path, shown)
-    check_not_read(path, shown)
+        raise VshError(f"{label} is a folder, not a file")
+    _check_parent(path, label)
+    check_not_read(path, label)
     if not path.exists():
         return
     if not overwrite:
-        raise VshError(f"{shown} exists already: use --overwrite to replace it, or name another file")
+        raise VshError(f"{label} exists already: use --overwrite to replace it, or name another file")
     if not is_ours(path):
-        raise VshError(f"{shown} was not written by this program, and is not replaced: name another file")
-    known = as_recorded(path)
-    if known is False or (known is None and recorded) or (option == "--html" and not _is_page(path)):
-        raise VshError(f"{shown} is not as this program wrote it, and is not replaced: name another file")
+        raise VshError(f"{label} was not written by this program, and is not replaced: name another file")
+    is_intact = as_recorded(path)
+    if is_intact is False or (is_intact is None and recorded) or (option == "--html" and not _is_page(path)):
+        raise VshError(f"{label} is not as this program wrote it, and is not replaced: name another file")
 
 
 @contextmanager
@@ -142,16 +143,16 @@ def repeats(
     return parsing.Configuration(options.program, options.given, vsh.__version__, read, written or {}).text(name)
 
 
-def _check_parent(path, shown, made=False):
+def _check_parent(path, label, make_parents=False):
     parent = Path(os.path.realpath(path)).parent
-    while made and not parent.exists():
+    while make_parents and not parent.exists():
         parent = parent.parent
     if not parent.is_dir():
-        raise VshError(f"{shown}: there is no folder {printable(parent)}")
+        raise VshError(f"{label}: there is no folder {printable(parent)}")
     try:
         os.rmdir(tempfile.mkdtemp(prefix=UNFINISHED, dir=parent))  # some folders say yes and mean no
     except OSError:
-        raise VshError(f"{shown}: the folder {printable(parent)} cannot be written to") from None
+        raise VshError(f"{label}: the folder {printable(parent)} cannot be written to") from None
 
 
 def _is_page(path):
@@ -223,7 +224,7 @@ def write_page(
     """Write a page of a run: its main results, figures, sections with tables that sort, and where it comes from."""
     from vsh.figures import page
 
-    moving = [page.figure(each, caption) for caption, each in (movies or {}).items()]
+    moving = [page.figure(movie, caption) for caption, movie in (movies or {}).items()]
     panels = [
         page.answer(answer.lines if answer else ()),
         page.cards(cards),
@@ -367,13 +368,13 @@ class Run:
         """A catalogue that is open, as a field, or in parts where that is asked for; `more` as for `read_field`."""
         from vsh.io import catalogue
 
-        given = reading.arguments(self.options) | more
+        keywords = reading.arguments(self.options) | more
         if getattr(self.options, "sigma", None) is not None:
-            given["sigma"] = self.options.sigma
+            keywords["sigma"] = self.options.sigma
         if not reading.in_parts(self.options):
-            return catalogue.read_field(source, **given)
-        given.pop("roles", None)
-        return catalogue.parts(path, **reading.reading_parts(self.options) | given)
+            return catalogue.read_field(source, **keywords)
+        keywords.pop("roles", None)
+        return catalogue.parts(path, **reading.reading_parts(self.options) | keywords)
 
     def finish(
         self,
@@ -422,14 +423,14 @@ class Run:
             The main results, large, and what moves, for the page.
         """
         options = self.options
-        shown = sections or (lambda long: [section for part in parts for section in part.shown(long)])
-        made = tables or (lambda: {part.heading: part.result.to_table() for part in parts if part.heading})
-        result = RunResult(shown, made, notes, latex, answer or Answer())
+        make_sections = sections or (lambda long: [section for part in parts for section in part.shown(long)])
+        make_tables = tables or (lambda: {part.heading: part.result.to_table() for part in parts if part.heading})
+        result = RunResult(make_sections, make_tables, notes, latex, answer or Answer())
         print_result(options, result)
         if not (options.output or options.html):
             return
         meta = running.provenance(paths or [], options, **(counts or {}))
-        drawn = Figures(figures or (lambda: {name: axes for part in parts for name, axes in part.drawn().items()}))
+        figure_set = Figures(figures or (lambda: {name: axes for part in parts for name, axes in part.drawn().items()}))
         if options.output:
             with results_folder(options, meta) as folder:
                 (folder / "report.txt").write_text(result.report(), encoding="utf-8")
@@ -437,20 +438,21 @@ class Run:
                     part.result.write(folder / f"{part.name}.ecsv", meta)
                 if files is not None:
                     files(folder, meta)
-                drawn.write(folder, options)
+                figure_set.write(folder, options)
             print_line(options, running.written(options.output, (x.name for x in Path(options.output).iterdir())))
         if not options.html:
             return
         if page is not None:
-            page(drawn, meta)
-            drawn.close()
+            page(figure_set, meta)
+            figure_set.close()
             print_line(options, of_page(options.html))
             return
-        own = {part.name: part.caption for part in parts if part.caption}
-        more = {name: captions(name) for name in drawn.drawn} if callable(captions) else captions or {}
+        part_captions = {part.name: part.caption for part in parts if part.caption}
+        further_captions = {name: captions(name) for name in figure_set.drawn} if callable(captions) else captions or {}
         write_page(
-            options.html, title, shown(True), drawn, captions={**own, **more}, movies=movies(), provenance=meta,
-            command=options.command, answer=result.answer, cards=cards(),
+            options.html, title, make_sections(True), figure_set,
+            captions={**part_captions, **further_captions}, movies=movies(), provenance=meta, command=options.command,
+            answer=result.answer, cards=cards(),
         )  # fmt: skip
         print_line(options, f"written to {options.html}")
 
@@ -476,14 +478,14 @@ def as_latex(table: Table, caption: str = "") -> str:
     from astropy.table import Table
 
     heads, rows = vsh.io.tables.printed(table[[name for name in table.colnames if not name.startswith("correlation_")]])
-    whole = ": ".join(each for each in (caption, str(table.meta.get("summary", ""))) if each)
+    full_caption = ": ".join(text for text in (caption, str(table.meta.get("summary", ""))) if text)
     form = {"tabletype": "table", "header_start": r"\toprule", "header_end": r"\midrule", "data_end": r"\bottomrule"}
     form |= {"col_align": "l" + "c" * (len(heads) - 1)}
-    out = io.StringIO()
+    buffer = io.StringIO()
     cells = [list(map(_latex, row)) for row in rows]
-    shown = Table(rows=cells or None, names=list(map(_latex, heads)), dtype=[str] * len(heads))
-    ascii.write(shown, out, format="latex", latexdict=form, caption=_latex(whole))
-    return out.getvalue().rstrip("\n")
+    latex_table = Table(rows=cells or None, names=list(map(_latex, heads)), dtype=[str] * len(heads))
+    ascii.write(latex_table, buffer, format="latex", latexdict=form, caption=_latex(full_caption))
+    return buffer.getvalue().rstrip("\n")
 
 
 def _latex(text):
@@ -510,11 +512,11 @@ def _json_value(value):
 def _plain(value):
     """A value made of what JSON knows."""
     if isinstance(value, Mapping):
-        return {str(key): _plain(each) for key, each in value.items()}
+        return {str(key): _plain(item) for key, item in value.items()}
     if isinstance(value, np.ndarray):
         return _plain(value.tolist())
     if isinstance(value, (list, tuple)):
-        return [_plain(each) for each in value]
+        return [_plain(item) for item in value]
     if isinstance(value, (bool, np.bool_)):
         return bool(value)
     if isinstance(value, (int, np.integer)):

@@ -169,25 +169,25 @@ def positive(text: str) -> float:
     return _number(text, lambda x: 0 < x < math.inf, "a positive number")
 
 
-def _number(text, fits, wanted):
+def _number(text, fits, description):
     try:
         number = float(text)
     except ValueError:
         number = math.nan
     if not fits(number):
-        raise argparse.ArgumentTypeError(f"{wanted} is expected, not {text!r}")
+        raise argparse.ArgumentTypeError(f"{description} is expected, not {text!r}")
     return number
 
 
 def numbers(text: str) -> tuple[float, ...]:
     """Numbers separated by commas."""
     try:
-        parts = tuple(float(part) for part in text.split(","))
+        values = tuple(float(token) for token in text.split(","))
     except ValueError:
-        parts = (float("nan"),)
-    if not all(map(math.isfinite, parts)):
+        values = (float("nan"),)
+    if not all(map(math.isfinite, values)):
         raise argparse.ArgumentTypeError(f"numbers separated by commas are expected, not {text!r}")
-    return parts
+    return values
 
 
 def vector(text: str) -> tuple[float, ...]:
@@ -244,16 +244,16 @@ def table_formats(text: str) -> list[str]:
 
 def names(text: str) -> list[str]:
     """Names between commas."""
-    listed = [name.strip() for name in text.split(",")]
-    if not all(listed):
+    entries = [name.strip() for name in text.split(",")]
+    if not all(entries):
         raise argparse.ArgumentTypeError(f"{text!r} are no names between commas")
-    return listed
+    return entries
 
 
 def pairs(text: str) -> dict[str, str]:
     """NAME=VALUE,… as a dict."""
-    split = [part.partition("=") for part in text.split(",")]
-    pairs_by_name = {name.strip(): value.strip() for name, _, value in split}
+    assignments = [token.partition("=") for token in text.split(",")]
+    pairs_by_name = {name.strip(): value.strip() for name, _, value in assignments}
     if not all(pairs_by_name) or not all(pairs_by_name.values()):
         raise argparse.ArgumentTypeError(f"{text!r} is not of the form name=value,name=value")
     return pairs_by_name
@@ -261,21 +261,21 @@ def pairs(text: str) -> dict[str, str]:
 
 def columns(text: str) -> dict[str, str | None]:
     """NAME=VALUE,… with one of the sets of names before it, or not."""
-    first, _, rest = text.partition(",")
-    if "=" in first:
+    head, _, remainder = text.partition(",")
+    if "=" in head:
         return _with_none(text)
-    if first.strip() not in COLUMNS:
+    if head.strip() not in COLUMNS:
         raise argparse.ArgumentTypeError(
             f"{text!r} is not of the form name=value,name=value, {' or '.join(COLUMNS)} before it or not"
         )
-    return {"names": first.strip()} | (_with_none(rest) if rest else {})
+    return {"names": head.strip()} | (_with_none(remainder) if remainder else {})
 
 
 def _with_none(text):
     """NAME=VALUE,… with None where nothing stands behind the equals sign: no such column is looked for."""
-    empty = {part.partition("=")[0].strip() for part in text.split(",") if part.strip().endswith("=")}
-    kept = ",".join(part for part in text.split(",") if not part.strip().endswith("="))
-    return (pairs(kept) if kept else {}) | dict.fromkeys(empty - {""})
+    empty = {token.partition("=")[0].strip() for token in text.split(",") if token.strip().endswith("=")}
+    remainder = ",".join(token for token in text.split(",") if not token.strip().endswith("="))
+    return (pairs(remainder) if remainder else {}) | dict.fromkeys(empty - {""})
 
 
 #: What says where results go and how they are told, not what they are.
@@ -324,8 +324,10 @@ def configuration_of(path: str, command: str) -> Configuration:
         raise argparse.ArgumentTypeError(f"{path} is no TOML file: {error}") from None
     foreign = set(raw) - {"command", "version", "options", "files", "written"}
     if foreign or not all(isinstance(raw.get(name, {}), dict) for name in ("options", "files", "written")):
-        what = ", ".join(sorted(foreign)) or "options and files"
-        raise argparse.ArgumentTypeError(f"{path}: {what}? A configuration has command, version, [options] and [files]")
+        entries = ", ".join(sorted(foreign)) or "options and files"
+        raise argparse.ArgumentTypeError(
+            f"{path}: {entries}? A configuration has command, version, [options] and [files]"
+        )
     if raw.get("command", command) != command:
         raise argparse.ArgumentTypeError(f"{path} is a configuration of {raw['command']}, not of {command}")
     options = {str(name): _format_setting(path, name, value) for name, value in raw.get("options", {}).items()}
@@ -346,9 +348,9 @@ def given(parser: argparse.ArgumentParser, words: Sequence[str]) -> dict[str, An
     for exclusive in parser._mutually_exclusive_groups:
         exclusive.required = False
     options = vars(parser.parse_args(list(words)))
-    named = {action.dest: name_of(action) for action in actions}
+    option_names = {action.dest: name_of(action) for action in actions}
     return {
-        named[dest]: True if isinstance(value, bool) else tuple(value) if isinstance(value, list) else value
+        option_names[dest]: True if isinstance(value, bool) else tuple(value) if isinstance(value, list) else value
         for dest, value in options.items()
     }
 
@@ -357,29 +359,34 @@ def merged(
     parser: argparse.ArgumentParser, make_parser: Callable[[], argparse.ArgumentParser], words: Sequence[str]
 ) -> tuple[list[str], Configuration]:
     """The words of the command line after those of its --config; what is on the line prevails."""
-    here = given(make_parser(), words)
+    settings = given(make_parser(), words)
     try:
-        kept = configuration_of(here["config"], parser.prog)
+        configuration = configuration_of(settings["config"], parser.prog)
     except argparse.ArgumentTypeError as error:
         parser.error(f"--config {error}")
-    known = {name_of(action): action for action in parser._actions}
-    refused = [name for name in kept.options if name in _NOT_TAKEN]
-    if refused:
+    actions = {name_of(action): action for action in parser._actions}
+    violations = [name for name in configuration.options if name in _NOT_TAKEN]
+    if violations:
         parser.error(
-            f"--config {here['config']} names {', '.join(refused)}: where to write, and what to connect to, is taken "
+            f"--config {settings['config']} names {', '.join(violations)}: where to write, and what to connect to, is "
+            "taken "
             "from the command line alone"
         )
-    for name in kept.options:
-        if name not in known or name in ("config", "help", "version", "citation"):
-            near = get_close_matches(name, [each for each in known if each not in ("help", "version")], n=3)
-            hint = f"; nearest: {', '.join(near)}" if near else ""
-            parser.error(f"--config {here['config']}: {parser.prog} has no option {name!r}{hint}")
-    excluded = set(here)
+    for name in configuration.options:
+        if name not in actions or name in ("config", "help", "version", "citation"):
+            suggestions = get_close_matches(
+                name, [candidate for candidate in actions if candidate not in ("help", "version")], n=3
+            )
+            hint = f"; nearest: {', '.join(suggestions)}" if suggestions else ""
+            parser.error(f"--config {settings['config']}: {parser.prog} has no option {name!r}{hint}")
+    overrides = set(settings)
     for exclusive in parser._mutually_exclusive_groups:
         names = {name_of(action) for action in exclusive._group_actions}
-        excluded |= names if names & set(here) else set()
-    options = {name: value for name, value in kept.options.items() if name not in excluded}
-    return [word for name, value in options.items() for word in _format_value(known[name], value)] + list(words), kept
+        overrides |= names if names & set(settings) else set()
+    options = {name: value for name, value in configuration.options.items() if name not in overrides}
+    return [token for name, value in options.items() for token in _format_value(actions[name], value)] + list(
+        words
+    ), configuration
 
 
 def name_of(action: argparse.Action) -> str:
@@ -399,7 +406,7 @@ def _format_value(action, value):
         return [option]
     if isinstance(value, tuple):
         repeats = isinstance(action, argparse._AppendAction)
-        return [f"{option}={each}" for each in value] if repeats else [f"{option}={','.join(value)}"]
+        return [f"{option}={item}" for item in value] if repeats else [f"{option}={','.join(value)}"]
     return [f"{option}={value}"]
 
 
@@ -410,9 +417,9 @@ def _format_setting(path, name, value):
     if isinstance(value, int) and not isinstance(value, bool):
         return str(value)
     if isinstance(value, list):
-        return tuple(str(_format_setting(path, name, each)) for each in value)
+        return tuple(str(_format_setting(path, name, item)) for item in value)
     if isinstance(value, dict):
-        return ",".join(f"{key}={_format_setting(path, name, each)}" for key, each in value.items())
+        return ",".join(f"{key}={_format_setting(path, name, item)}" for key, item in value.items())
     raise argparse.ArgumentTypeError(
         f"{path}: {name} is text, a number, true, or several of them, not {value!r}; what is not wanted is left out"
     )
@@ -441,33 +448,41 @@ def parse(module: Any, arguments: Sequence[str] | None = None) -> argparse.Names
     page may hold them: names of files, not where they lie.
     """
     parser = module.make_parser()
-    words = list(sys.argv[1:] if arguments is None else map(str, arguments))
-    joined: list[str] = []
-    for word in words:
-        if joined and _NEGATIVE.match(word) and joined[-1].startswith("--") and "=" not in joined[-1]:
-            joined[-1] += f"={word}"
+    tokens = list(sys.argv[1:] if arguments is None else map(str, arguments))
+    command_line: list[str] = []
+    for token in tokens:
+        if (
+            command_line
+            and _NEGATIVE.match(token)
+            and command_line[-1].startswith("--")
+            and "=" not in command_line[-1]
+        ):
+            command_line[-1] += f"={token}"
         else:
-            joined.append(word)
-    for word in joined:
-        if word.startswith("--") and word.endswith("=--"):  # which argparse of Python 3.11 takes for nothing at all
-            parser.error(f"argument {word[:-3]}: '--' is no value")
-    kept = None
-    asks = {"-h", "--help", "--version"} & set(joined)
+            command_line.append(token)
+    for token in command_line:
+        if token.startswith("--") and token.endswith("=--"):  # which argparse of Python 3.11 takes for nothing at all
+            parser.error(f"argument {token[:-3]}: '--' is no value")
+    configuration = None
+    asks = {"-h", "--help", "--version"} & set(command_line)
     if hasattr(module, "narrow") and asks - {"--version"}:
-        module.narrow(parser, joined)
-    if _is_given("--citation", joined) and not asks:
-        print(bibtex(parser.prog, given(module.make_parser(), joined)))
+        module.narrow(parser, command_line)
+    if _is_given("--citation", command_line) and not asks:
+        print(bibtex(parser.prog, given(module.make_parser(), command_line)))
         parser.exit()
-    if _is_given("--config", joined) and not asks:
-        joined, kept = merged(parser, module.make_parser, joined)
-    options = parser.parse_args(joined)
+    if _is_given("--config", command_line) and not asks:
+        command_line, configuration = merged(parser, module.make_parser, command_line)
+    options = parser.parse_args(command_line)
     if hasattr(module, "check"):
         module.check(parser, options)
     options.program = parser.prog
-    options.expected = {} if kept is None else dict(kept.files)
-    chosen = given(module.make_parser(), joined)
-    options.given = {name: _without_secrets(value) for name, value in chosen.items()}
-    options.command = [parser.prog, *map(_without_folders, words if kept is None else _without_config(joined))]
+    options.expected = {} if configuration is None else dict(configuration.files)
+    settings = given(module.make_parser(), command_line)
+    options.given = {name: _without_secrets(value) for name, value in settings.items()}
+    options.command = [
+        parser.prog,
+        *map(_without_folders, tokens if configuration is None else _without_config(command_line)),
+    ]
     return options
 
 
@@ -479,26 +494,26 @@ def without_folder(text: str) -> str:
     return path.name if path.is_absolute() or ("/" in text and os.path.lexists(path)) else text
 
 
-def _is_given(option, words):
+def _is_given(option, tokens):
     """Return whether an option is among the words, perhaps shortened."""
-    heads = {word.partition("=")[0] for word in words}
+    heads = {token.partition("=")[0] for token in tokens}
     return any(len(head) > 4 and option.startswith(head) for head in heads)
 
 
-def _without_config(words):
+def _without_config(tokens):
     """The words, without those that name a configuration: what it says is among them."""
-    left, skip = [], False
-    for word in words:
-        if skip or _is_given("--config", [word]):
-            skip = not skip and "=" not in word  # its value is the next word
+    remainder, skip = [], False
+    for token in tokens:
+        if skip or _is_given("--config", [token]):
+            skip = not skip and "=" not in token  # its value is the next word
         else:
-            left.append(word)
-    return left
+            remainder.append(token)
+    return remainder
 
 
-def _without_folders(word):
+def _without_folders(token):
     """A word of the command as a page may hold it, the value of --option=value too."""
-    option, equals, value = word.partition("=") if word.startswith("--") else ("", "", word)
+    option, equals, value = token.partition("=") if token.startswith("--") else ("", "", token)
     return option + equals + without_folder(value)
 
 
@@ -532,12 +547,12 @@ class _Parser(argparse.ArgumentParser):
     """A parser whose errors are two lines, and name the option that was meant."""
 
     def error(self, message: str) -> NoReturn:
-        near = []
-        for word in re.findall(r"--[\w-]+", message.partition("unrecognized arguments:")[2]):
-            near += get_close_matches(word, self._option_string_actions, n=1)
-        meant = f" (is it {' or '.join(dict.fromkeys(near))}?)" if near else ""
-        words = printable(shown_addresses(f"{message}{meant}"))
-        self.exit(2, f"{self.prog}: error: {words}\n{self.prog} --help lists the options\n")
+        suggestions = []
+        for option in re.findall(r"--[\w-]+", message.partition("unrecognized arguments:")[2]):
+            suggestions += get_close_matches(option, self._option_string_actions, n=1)
+        hint = f" (is it {' or '.join(dict.fromkeys(suggestions))}?)" if suggestions else ""
+        text = printable(shown_addresses(f"{message}{hint}"))
+        self.exit(2, f"{self.prog}: error: {text}\n{self.prog} --help lists the options\n")
 
 
 def add_common(parser: argparse.ArgumentParser, tells: str = "report") -> None:
@@ -551,11 +566,13 @@ def add_common(parser: argparse.ArgumentParser, tells: str = "report") -> None:
             "writes; options on the command line take precedence"
         ),
     )
-    how = group.add_mutually_exclusive_group()
-    how.add_argument("--json", action="store_true", help=f"print the result as JSON in place of the {tells}")
-    how.add_argument("--latex", action="store_true", help="print the result as LaTeX tables (booktabs)")
-    how.add_argument("--long", action="store_true", help=f"print the whole {tells}, as the folder of results has it")
-    how.add_argument("--quiet", action="store_true", help="print nothing but errors, and show no progress")
+    output_group = group.add_mutually_exclusive_group()
+    output_group.add_argument("--json", action="store_true", help=f"print the result as JSON in place of the {tells}")
+    output_group.add_argument("--latex", action="store_true", help="print the result as LaTeX tables (booktabs)")
+    output_group.add_argument(
+        "--long", action="store_true", help=f"print the whole {tells}, as the folder of results has it"
+    )
+    output_group.add_argument("--quiet", action="store_true", help="print nothing but errors, and show no progress")
     group.add_argument("--log", metavar="FILE", help="append what is done and how long it takes to this file")
     group.add_argument(
         "--citation",

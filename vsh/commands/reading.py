@@ -101,18 +101,18 @@ def standard_input(options: argparse.Namespace) -> Iterator[None]:
     """Keep standard input, where a catalogue is called -, in a file meanwhile: it is read more than once."""
     from vsh.tools.errors import TableError
 
-    others = getattr(options, "others", [])
-    for path in [getattr(options, "catalogue", None), getattr(options, "catalogue2", None), *others]:
+    paths = getattr(options, "others", [])
+    for path in [getattr(options, "catalogue", None), getattr(options, "catalogue2", None), *paths]:
         bare = re.sub(r"#\d+$", "", path or "")  # one of several tables in a file
         if path not in (None, "-") and "://" not in path and not (Path(path).exists() or Path(bare).exists()):
             raise TableError(f"{path}: no such file")
-    asked = [name for name in ("catalogue", "catalogue2") if getattr(options, name, None) == "-"]
-    if "-" in others:
+    option_names = [name for name in ("catalogue", "catalogue2") if getattr(options, name, None) == "-"]
+    if "-" in paths:
         raise TableError("standard input is one of the first two catalogues")
-    if not asked:
+    if not option_names:
         yield
         return
-    if len(asked) > 1:
+    if len(option_names) > 1:
         raise TableError("standard input holds one catalogue: name a file for the other")
     if sys.stdin is None or sys.stdin.isatty():
         raise TableError("- is standard input, and nothing comes in: pipe a table into it, or name a file")
@@ -124,7 +124,7 @@ def standard_input(options: argparse.Namespace) -> Iterator[None]:
             shutil.copyfileobj(sys.stdin.buffer, file, 2**22)
         if not path.stat().st_size:
             raise TableError("standard input is empty")
-        setattr(options, asked[0], str(path))
+        setattr(options, option_names[0], str(path))
         yield
 
 
@@ -156,8 +156,8 @@ def refuse_velocities(notes: Iterable[object], label: str) -> None:
     from vsh.tools.errors import TableError
     from vsh.tools.notes import NO_REDSHIFTS, has_code
 
-    if asked := [str(note) for note in notes if has_code(note, NO_REDSHIFTS)]:
-        raise TableError(f"{label}: {asked[0].removeprefix('warning: ')}")
+    if messages := [str(note) for note in notes if has_code(note, NO_REDSHIFTS)]:
+        raise TableError(f"{label}: {messages[0].removeprefix('warning: ')}")
 
 
 def velocity_of(value: str | tuple[float, ...] | None) -> Vector | None:

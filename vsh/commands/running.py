@@ -94,8 +94,8 @@ def run_safely(options: argparse.Namespace, action: Callable[[], object]) -> int
 
 def _inputs(options):
     """List the files and folders that a run reads."""
-    named = [value for name, value in vars(options).items() if name not in (*_WRITTEN, *_NOT_ASKED)]
-    texts = [each for value in named for each in (value if isinstance(value, (tuple, list)) else (value,))]
+    values = [value for name, value in vars(options).items() if name not in (*_WRITTEN, *_NOT_ASKED)]
+    texts = [item for value in values for item in (value if isinstance(value, (tuple, list)) else (value,))]
     return [text for text in texts if isinstance(text, (str, Path)) and text not in ("", "-") and os.path.lexists(text)]
 
 
@@ -117,19 +117,19 @@ class _Log(logging.FileHandler):
 
 def _check_log(options):
     """Raise VshError where a log is no place of its own: what is read or written, or a file that is no log of ours."""
-    path, shown = Path(options.log), f"--log {printable(options.log)}"
-    check_not_read(path, shown)
-    others = [getattr(options, name, None) for name in _WRITTEN if name != "log"]
-    for other in filter(None, others):
-        here, there = Path(os.path.realpath(path)), Path(os.path.realpath(other))
-        if here == there or there in here.parents:
-            raise VshError(f"{shown} is in {printable(other)}, which the run writes: name another file")
+    path, label = Path(options.log), f"--log {printable(options.log)}"
+    check_not_read(path, label)
+    outputs = [getattr(options, name, None) for name in _WRITTEN if name != "log"]
+    for output in filter(None, outputs):
+        log_path, output_path = Path(os.path.realpath(path)), Path(os.path.realpath(output))
+        if log_path == output_path or output_path in log_path.parents:
+            raise VshError(f"{label} is in {printable(output)}, which the run writes: name another file")
     if path.is_dir():
-        raise VshError(f"{shown} is a folder, not a file")
+        raise VshError(f"{label} is a folder, not a file")
     if path.is_file() and path.stat().st_size:
         with path.open("rb") as file:
             if not _LOG_LINE.match(file.read(200)):
-                raise VshError(f"{shown} holds something else than a log of this program: name another file")
+                raise VshError(f"{label} holds something else than a log of this program: name another file")
 
 
 @contextmanager
@@ -170,8 +170,8 @@ def logged(options: argparse.Namespace) -> Iterator[None]:
 def _say_what_changed(options):
     """Files that are not those that a configuration was written for."""
     for path in [Path(value) for value in vars(options).values() if options.expected and isinstance(value, str)]:
-        known = options.expected.get(path.name)
-        if known is not None and path.exists() and digest(path) != known:
+        checksum = options.expected.get(path.name)
+        if checksum is not None and path.exists() and digest(path) != checksum:
             line = f"{options.program}: note: {path.name} is not the file that the configuration was written for"
             print(printable(line), file=sys.stderr)
 
@@ -198,14 +198,14 @@ def provenance(paths: Any, options: argparse.Namespace, **counts: Any) -> dict[s
     import astropy
     import scipy
 
-    given = [str(path) for path in (paths if isinstance(paths, list) else [paths])]
-    paths = [Path(shown_address(path)) for path in given]
+    names = [str(path) for path in (paths if isinstance(paths, list) else [paths])]
+    paths = [Path(shown_address(path)) for path in names]
     # What lies at an address is not fetched once more for its hash.
-    hashes = ["" if is_address(name) else digest(path) for name, path in zip(given, paths, strict=True)]
-    one = len(paths) == 1
+    hashes = ["" if is_address(name) else digest(path) for name, path in zip(names, paths, strict=True)]
+    is_single = len(paths) == 1
     return {
-        "catalogue": paths[0].name if one else [path.name for path in paths],
-        "sha256": hashes[0] if one else hashes,
+        "catalogue": paths[0].name if is_single else [path.name for path in paths],
+        "sha256": hashes[0] if is_single else hashes,
         **counts,
         "options": {
             key: _plain(value, paths)

@@ -89,48 +89,50 @@ def read_astrometry(
     FieldError
         As `AstrometryRows` does.
     """
-    opened = tables.open_table(source, format)
-    known = _CALLED | _SPREADS
-    unknown = sorted(set(columns or {}) - set(known))
-    if unknown:
-        raise TableError(f"columns: nothing is called {', '.join(unknown)}; there are {', '.join(known)}")
+    table = tables.open_table(source, format)
+    aliases = _CALLED | _SPREADS
+    unknown_roles = sorted(set(columns or {}) - set(aliases))
+    if unknown_roles:
+        raise TableError(f"columns: nothing is called {', '.join(unknown_roles)}; there are {', '.join(aliases)}")
     label = catalogue or (Path(source).name.split(".")[0] if isinstance(source, str | Path) else "catalogue")
-    beside = _suffix([name.lower() for name in opened.names])
-    if beside and not columns:
-        bare = _Rows(opened, known, {}, "").astrometry(_BARE, once=True)
-        return bare + _Rows(opened, known, {}, beside).astrometry(beside.strip("_"))
-    return _Rows(opened, known, dict(columns or {}), "", epoch).astrometry(label, still=still)
+    suffix = _suffix([name.lower() for name in table.names])
+    if suffix and not columns:
+        bare = _Rows(table, aliases, {}, "").astrometry(_BARE, once=True)
+        return bare + _Rows(table, aliases, {}, suffix).astrometry(suffix.strip("_"))
+    return _Rows(table, aliases, dict(columns or {}), "", epoch).astrometry(label, still=still)
 
 
 def _suffix(names):
     """The suffix of a second catalogue in a table; empty where there is none."""
-    rest = [name[2:] for name in names if name.startswith("ra_") and {f"dec{name[2:]}", f"epoch{name[2:]}"} <= {*names}]
-    return next(iter(rest), "") if "ra" in names else ""
+    suffixes = [
+        name[2:] for name in names if name.startswith("ra_") and {f"dec{name[2:]}", f"epoch{name[2:]}"} <= {*names}
+    ]
+    return next(iter(suffixes), "") if "ra" in names else ""
 
 
 class _Rows:
     """The columns of a table that belong to one catalogue."""
 
-    def __init__(self, opened, known, chosen, suffix, epoch=None):
-        self.opened, self.epoch, self.names = opened, epoch, {}
-        by_lower = {name.lower(): name for name in opened.names}
-        for role, called in known.items():
-            if role in chosen:
-                if chosen[role] not in opened.names:
-                    raise TableError(f"{opened.label}: {missing_column(chosen[role], opened)}")
-                self.names[role] = chosen[role]
+    def __init__(self, table, aliases, columns, suffix, epoch=None):
+        self.opened, self.epoch, self.names = table, epoch, {}
+        by_lower = {name.lower(): name for name in table.names}
+        for role, candidates in aliases.items():
+            if role in columns:
+                if columns[role] not in table.names:
+                    raise TableError(f"{table.label}: {missing_column(columns[role], table)}")
+                self.names[role] = columns[role]
                 continue
             # What a source is called, its magnitude and its colour are not those of one catalogue.
             endings = (suffix, "") if role in _SOURCE else (suffix,)
-            tried = (by_lower.get(each + ending) for ending in endings for each in called)
-            place = next((name for name in tried if name), None)
-            if place is not None:
-                self.names[role] = place
+            matches = (by_lower.get(candidate + ending) for ending in endings for candidate in candidates)
+            column = next((name for name in matches if name), None)
+            if column is not None:
+                self.names[role] = column
         for role in ("name", "epoch"):
             if role not in self.names and not (role == "epoch" and epoch is not None):
                 remedy = "; epoch= says that of all rows (--epochs NAME=EPOCH)" if role == "epoch" else ""
-                raise TableError(f"{opened.label}: {missing_column(role + suffix, opened)}{remedy}")
-        self.data = opened.columns(tuple(dict.fromkeys(self.names.values())))
+                raise TableError(f"{table.label}: {missing_column(role + suffix, table)}{remedy}")
+        self.data = table.columns(tuple(dict.fromkeys(self.names.values())))
 
     def numbers(self, role, n):
         """A column in our units, nan where nothing is; None where there is no such column."""
@@ -149,19 +151,19 @@ class _Rows:
     def words(self, role):
         """A column of text."""
         values, _ = self.data[self.names[role]]
-        return np.array([each.decode() if isinstance(each, bytes) else str(each) for each in np.asarray(values)])
+        return np.array([value.decode() if isinstance(value, bytes) else str(value) for value in np.asarray(values)])
 
     def names_of_calibrators(self, n):
         """Names of the calibrators of the rows; empty where there is none."""
         if "calibrator" not in self.names:
             return np.full(n, "")
         _, mask = self.data[self.names["calibrator"]]
-        words = self.words("calibrator")
-        return words if mask is None else np.where(np.asarray(mask, bool), "", words)
+        calibrators = self.words("calibrator")
+        return calibrators if mask is None else np.where(np.asarray(mask, bool), "", calibrators)
 
     def covariance(self, n):
         """Covariance of the five parameters, (n, 5, 5), from their errors and correlations. [µas, µas/yr]"""
-        sigma = MAS * np.stack([self.numbers(f"{each}_error", n) for each in _FIVE])
+        sigma = MAS * np.stack([self.numbers(f"{parameter}_error", n) for parameter in _FIVE])
         matrix = np.tile(np.eye(5), (n, 1, 1))
         for role, (i, j) in _CORRELATIONS.items():
             if role in self.names:
@@ -175,7 +177,7 @@ class _Rows:
         if not n:
             raise TableError(f"{self.opened.label}: the table has no rows")
         lon, lat = self.numbers("ra", n) * DEGREE, self.numbers("dec", n) * DEGREE
-        parallax, *motion = (MAS * self.numbers(each, n) for each in _FIVE[2:])
+        parallax, *motion = (MAS * self.numbers(parameter, n) for parameter in _FIVE[2:])
         at_rest = np.nan_to_num(self.numbers("still", n)) != 0 if "still" in self.names else np.full(n, still)
         epoch = self.numbers("epoch", n) if "epoch" in self.names else np.full(n, float(self.epoch))
         columns = {
@@ -189,19 +191,19 @@ class _Rows:
         }  # fmt: skip
         keep = np.ones(n, bool)
         if once:
-            seen = np.nan_to_num(np.column_stack([columns["epoch"], lon, lat, parallax, *motion]), nan=-1e300)
+            measurements = np.nan_to_num(np.column_stack([columns["epoch"], lon, lat, parallax, *motion]), nan=-1e300)
             numbers = np.unique(names, return_inverse=True)[1].ravel()
             keep[:] = False
-            keep[np.unique(np.column_stack([numbers, seen]), axis=0, return_index=True)[1]] = True
+            keep[np.unique(np.column_stack([numbers, measurements]), axis=0, return_index=True)[1]] = True
         notes = tuple(self.opened.notes)
         empty = keep & ~(np.diagonal(columns["covariance"], axis1=1, axis2=2) > 0).any(1)
         if empty.any() and not empty[keep].all():
             notes += (f"{self.opened.label}: {int(empty.sum())} rows measure nothing with an error, and are left out",)
             keep &= ~empty
-        picked: dict[str, Any] = {
+        selection: dict[str, Any] = {
             role: value[:, keep] if role == "motion" else value[keep] for role, value in columns.items()
         }
-        return AstrometryRows(**picked, notes=notes)
+        return AstrometryRows(**selection, notes=notes)
 
 
 def write_astrometry(astrometry: AstrometryRows, path: PathName, meta: Mapping[str, Any] | None = None) -> None:
@@ -216,14 +218,14 @@ def write_astrometry(astrometry: AstrometryRows, path: PathName, meta: Mapping[s
     meta : dict, optional
         Provenance, plain values.
     """
-    measured = astrometry.measured
-    sigma = np.sqrt(np.where(measured, np.diagonal(astrometry.covariance, axis1=1, axis2=2), np.nan))
+    is_measured = astrometry.measured
+    sigma = np.sqrt(np.where(is_measured, np.diagonal(astrometry.covariance, axis1=1, axis2=2), np.nan))
     columns: dict[str, Any] = {
         "source_name": astrometry.name, "catalogue": astrometry.catalogue, "epoch": astrometry.epoch,
         "ra": astrometry.lon / DEGREE, "dec": astrometry.lat / DEGREE, "parallax": astrometry.parallax / MAS,
         "pmra": astrometry.motion[0] / MAS, "pmdec": astrometry.motion[1] / MAS,
     }  # fmt: skip
-    columns |= {f"{each}_error": sigma[:, k] / MAS for k, each in enumerate(_FIVE)}
+    columns |= {f"{parameter}_error": sigma[:, k] / MAS for k, parameter in enumerate(_FIVE)}
     with np.errstate(invalid="ignore"):
         for role, (i, j) in _CORRELATIONS.items():
             columns[role] = astrometry.covariance[:, i, j] / (sigma[:, i] * sigma[:, j])

@@ -45,8 +45,8 @@ def read_map(path: PathName) -> tuple[FloatArray, str | None]:
     if values.ndim != 1 or values.dtype.kind not in "fiu":
         raise TableError(f"{label} cannot be read as a HEALPix map: it holds {values.ndim} maps of {values.dtype}")
     frames = {"C": "icrs", "G": "galactic", "E": "ecliptic", "ICRS": "icrs", "GALACTIC": "galactic"}
-    named = str(dict(header).get("COORDSYS", "")).strip().upper()
-    return values, frames.get(named)
+    coordsys = str(dict(header).get("COORDSYS", "")).strip().upper()
+    return values, frames.get(coordsys)
 
 
 @explained
@@ -73,21 +73,22 @@ def read_density(path: PathName, sigma: float = 1000.0, frame: str | None = None
     TableError
         If the file is no map, a value is negative, all are zero, or the frame is not known.
     """
-    values, stated = read_map(path)
-    frame = frame or stated
+    values, header_frame = read_map(path)
+    frame = frame or header_frame
     label = printable(path)
     if frame is None:
         raise TableError(f"{label} does not state its frame: say frame='icrs' (--catalogue-frame icrs), or another")
     missing = is_valueless(values)
     if (values[~missing] < 0).any():
         raise TableError(f"{label}: {(values[~missing] < 0).sum()} pixels have a negative number of sources")
-    filled = ~missing & (values > 0)
-    if not filled.any():
+    has_sources = ~missing & (values > 0)
+    if not has_sources.any():
         raise TableError(f"{label}: no pixel has sources")
-    lon, lat = (axis[filled] for axis in centres(round(np.sqrt(values.size / 12)), any_size=True))
-    errors = np.broadcast_to(positive("sigma", sigma) / np.sqrt(values[filled]), (2, lon.size))
+    lon, lat = (axis[has_sources] for axis in centres(round(np.sqrt(values.size / 12)), any_size=True))
+    errors = np.broadcast_to(positive("sigma", sigma) / np.sqrt(values[has_sources]), (2, lon.size))
     notes = [
-        f"a map of densities: {filled.sum()} pixels with {values[filled].sum():.6g} sources, each of {sigma:g} µas/yr"
+        f"a map of densities: {has_sources.sum()} pixels with {values[has_sources].sum():.6g} sources, each of "
+        f"{sigma:g} µas/yr"
     ]
     if missing.any():
         notes.append(f"{missing.sum()} of {values.size} pixels of the map have no value and count as empty")

@@ -36,16 +36,16 @@ def read(path: PathName) -> Any:
     ...     read(file.name)
     <Field: 1 sources, icrs, with name>
     """
-    opened = tables.open_table(path)
-    mark = {str(key).upper(): value for key, value in opened.meta.items()}.get("RESULT")
+    source = tables.open_table(path)
+    mark = {str(key).upper(): value for key, value in source.meta.items()}.get("RESULT")
     if mark is None:
-        return catalogue.read_field(path) if set(catalogue.REQUIRED) <= set(opened.names) else tables.read_table(path)
+        return catalogue.read_field(path) if set(catalogue.REQUIRED) <= set(source.names) else tables.read_table(path)
     try:
         facts = json.loads(mark)
-        module, kind = str(facts["module"]), str(facts["type"])
+        module, class_name = str(facts["module"]), str(facts["type"])
         if not _OURS.fullmatch(module):
             raise ImportError
-        return getattr(import_module(module), kind).read(path)
+        return getattr(import_module(module), class_name).read(path)
     except (KeyError, TypeError, ValueError, AttributeError, ImportError) as error:
         if isinstance(error, TableError):
             raise

@@ -54,7 +54,7 @@ def send(table: Table, name: str) -> list[str]:
         client.connect()
     except Exception as error:  # whatever a hub that is away makes of the client
         raise WriteError(f"no SAMP hub runs: start TOPCAT or Aladin first ({first_line(error)})") from error
-    loaded = []
+    titles = []
     try:
         receivers = list(client.get_subscribed_clients(_LOAD))
         if not receivers:
@@ -63,13 +63,13 @@ def send(table: Table, name: str) -> list[str]:
             path = Path(folder, "table.vot")
             write_table(table, path)
             parameters = {"url": path.as_uri(), "name": name, "table-id": f"vsh-astrometry:{name}"}
-            for each in receivers:
-                title = str(client.get_metadata(each).get("samp.name", each))
-                answer = client.ecall_and_wait(each, _LOAD, str(_PATIENCE), **parameters)
+            for receiver in receivers:
+                title = str(client.get_metadata(receiver).get("samp.name", receiver))
+                answer = client.ecall_and_wait(receiver, _LOAD, str(_PATIENCE), **parameters)
                 if answer.get("samp.status") != "samp.ok":
                     error_text = answer.get("samp.error", {}).get("samp.errortxt", "it did not say why")
                     raise WriteError(f"{title} could not load the table: {error_text}")
-                loaded.append(title)
+                titles.append(title)
     finally:
         client.disconnect()
-    return loaded
+    return titles

@@ -114,8 +114,8 @@ class Section(InNotebook):
         """The part of the table that the text shows."""
         if self.table is None:
             return None
-        chosen = self.table[list(self.columns)] if self.columns else self.table
-        return chosen if self.rows is None else chosen[np.asarray(self.rows, int)]
+        table = self.table[list(self.columns)] if self.columns else self.table
+        return table if self.rows is None else table[np.asarray(self.rows, int)]
 
 
 def text_of(sections: Iterable[Section]) -> str:

@@ -159,12 +159,12 @@ def redshift_of(distance: ArrayLike, cosmology: Cosmology | None = None) -> Floa
     from scipy.interpolate import make_interp_spline  # slow to import
 
     grid = np.geomspace(FLOW_LIMIT, 1000.0, 4000)
-    known = _exact(grid, cosmology)
-    rising = slice(0, int(np.argmax(known)) + 1)
-    spline = make_interp_spline(np.log(known[rising]), np.log(grid[rising]), k=3)
+    grid_distances = _exact(grid, cosmology)
+    rising = slice(0, int(np.argmax(grid_distances)) + 1)
+    spline = make_interp_spline(np.log(grid_distances[rising]), np.log(grid[rising]), k=3)
     distance = np.asarray(distance, float)
     with np.errstate(invalid="ignore", divide="ignore"):
-        return np.exp(spline(np.clip(np.log(distance), np.log(known[0]), np.log(known[rising][-1]))))
+        return np.exp(spline(np.clip(np.log(distance), np.log(grid_distances[0]), np.log(grid_distances[rising][-1]))))
 
 
 def flat(omega_m: float) -> Cosmology:
@@ -213,17 +213,17 @@ def _exact(redshift, cosmology):
 
 def _interpolate_distance(redshift, cosmology, accuracy=1e-9):
     """Interpolate with a quintic spline of log(d/z) in log(1 + z), refined until it holds between its nodes."""
-    low, high = np.log1p(redshift.min()), np.log1p(redshift.max()) + 1e-12
+    lower, upper = np.log1p(redshift.min()), np.log1p(redshift.max()) + 1e-12
     from scipy.interpolate import make_interp_spline  # slow to import
 
     nodes = 32
     while nodes <= 4096:
-        x = np.linspace(low, high, nodes + 1)
+        x = np.linspace(lower, upper, nodes + 1)
         z = np.expm1(x)
         spline = make_interp_spline(x, np.log(_exact(z, cosmology) / z), k=5)
-        between = (x[1:] + x[:-1]) / 2
-        z = np.expm1(between)
-        if np.abs(spline(between) - np.log(_exact(z, cosmology) / z)).max() < accuracy / 4:
+        midpoints = (x[1:] + x[:-1]) / 2
+        z = np.expm1(midpoints)
+        if np.abs(spline(midpoints) - np.log(_exact(z, cosmology) / z)).max() < accuracy / 4:
             return redshift * np.exp(spline(np.log1p(redshift)))
         nodes *= 2
     raise ConvergenceError(f"the distances of {cosmology} are too rough to interpolate")

@@ -44,15 +44,15 @@ _PANELS, _GRADING = 250, 3
 def d_plus(lmax: int, theta: ArrayLike) -> FloatArray:
     """d⁺_l = d^l_{11}(θ) = ½ (1 + x) P^{(0,2)}_{l−1}(x), x = cos θ, for l = 1 … lmax."""
     x = np.cos(np.atleast_1d(np.asarray(theta, float)))
-    out = np.empty((lmax, x.size))
+    values = np.empty((lmax, x.size))
     # Jacobi's polynomials with (0, 2), by their recurrence.
     below, p = np.zeros_like(x), np.ones_like(x)
     for n in range(lmax):
-        out[n] = p
+        values[n] = p
         k, c = n + 1, 2 * (n + 1) + 2
-        above = (c - 1) * (c * (c - 2) * x - 4) * p - 2 * (k - 1) * (k + 1) * c * below
-        below, p = p, above / (2 * k * (k + 2) * (c - 2))
-    return (1 + x) / 2 * out
+        numerator = (c - 1) * (c * (c - 2) * x - 4) * p - 2 * (k - 1) * (k + 1) * c * below
+        below, p = p, numerator / (2 * k * (k + 2) * (c - 2))
+    return (1 + x) / 2 * values
 
 
 def d_minus(lmax: int, theta: ArrayLike) -> FloatArray:
@@ -183,9 +183,9 @@ class Spectrum(InNotebook):
         -----
         Book & Flanagan (2011, PhRvD 83, 024024): 4π H0² α_l, half of it toroidal.
         """
-        whole = 4 * np.pi * hubble_rate(arguments.positive("hubble", hubble)) ** 2
+        total_power = 4 * np.pi * hubble_rate(arguments.positive("hubble", hubble)) ** 2
         return cls(
-            f"gravitational waves, H0 = {hubble:g} km/s/Mpc", lambda lmax: both(whole * wave_fractions(lmax) / 2)
+            f"gravitational waves, H0 = {hubble:g} km/s/Mpc", lambda lmax: both(total_power * wave_fractions(lmax) / 2)
         )
 
     @classmethod
@@ -228,12 +228,12 @@ class Spectrum(InNotebook):
             If they are not one number of at least zero for each degree.
         """
         toroidal = float_array("toroidal", toroidal)
-        both = np.stack(
+        powers = np.stack(
             [toroidal, toroidal if spheroidal is None else float_array("spheroidal", spheroidal, toroidal.shape)]
         )
-        if both.ndim != 2 or not both.shape[1] or (both < 0).any():
+        if powers.ndim != 2 or not powers.shape[1] or (powers < 0).any():
             raise ParameterError("a spectrum is one power of at least zero for each degree from 1 on")
-        return cls(name, lambda lmax: cut(both, lmax, name))
+        return cls(name, lambda lmax: cut(powers, lmax, name))
 
     @classmethod
     def from_covariance(cls, function: Callable[[FloatArray], FloatArray], name: str | None = None) -> Spectrum:
@@ -293,9 +293,9 @@ class Spectrum(InNotebook):
         lmax = as_modes(lmax).lmax
         powers = float_array(f"the spectrum {self.name}", self.law(lmax), (2, lmax))
         if (powers < 0).any():
-            kind, degree = np.argwhere(powers < 0)[0]
+            row, degree = np.argwhere(powers < 0)[0]
             raise ParameterError(
-                f"the power of {'TS'[kind]}{degree + 1} is {powers[kind, degree]:.3g} in the spectrum "
+                f"the power of {'TS'[row]}{degree + 1} is {powers[row, degree]:.3g} in the spectrum "
                 f"{self.name}: no field has a negative power"
             )
         return powers
@@ -304,8 +304,8 @@ class Spectrum(InNotebook):
         """Variance of each of `modes`, (p,): P_l/(2l + 1), half where a mode stands for ±m. [(µas/yr)²]"""
         modes = as_modes(modes)
         l = modes.degrees
-        kind = np.repeat([0, 1], len(modes) // 2)
-        return self.power(modes.lmax)[kind, l - 1] / (2 * l + 1) / modes.norm2
+        rows = np.repeat([0, 1], len(modes) // 2)
+        return self.power(modes.lmax)[rows, l - 1] / (2 * l + 1) / modes.norm2
 
     def covariance(self, theta: ArrayLike, lmax: int = 400) -> FloatArray:
         """V(θ) = ½ ξ+ = Σ ½ (P_T + P_S) d⁺_l/4π, of the shape of θ. [(µas/yr)²]
@@ -412,9 +412,10 @@ class Covariance(Frozen):
         # Fortran's view of a symmetric matrix is itself: its upper triangle is our lower one.
         factor, info = dpotrf(self.matrix.T, lower=1, clean=1)
         if info:
-            part, source = ("east", "north")[(info - 1) // len(self)], (info - 1) % len(self)
+            component, source = ("east", "north")[(info - 1) // len(self)], (info - 1) % len(self)
             raise CovarianceError(
-                f"the covariance is not positive definite: the {part} component of source {source} is determined by "
+                f"the covariance is not positive definite: the {component} component of source {source} is determined "
+                "by "
                 "those before it, or more than that; add the errors of the sources (vsh.models.covariance.of_errors)"
             )
         return factor
@@ -562,23 +563,23 @@ def from_function(field: Field, function: Callable[[FloatArray], FloatArray]) ->
     p, q, r = triad(field.lon, field.lat)
     matrix = np.empty((2, n, 2, n))
 
-    def fill(part):
-        across = r[:, part].T @ r
+    def fill(block):
+        across = r[:, block].T @ r
         # Half the chord keeps small angles; the cosine alone loses them.
-        chord = np.linalg.norm(r[:, part, None] - r[:, None], axis=0)
+        chord = np.linalg.norm(r[:, block, None] - r[:, None], axis=0)
         value = values_of(function, 2 * np.arcsin(np.minimum(chord / 2, 1.0)))
         # The parallel transport of a from r to r': a − (a·r') (r + r')/(1 + r·r').
         share = 1 / np.maximum(1 + across, 1e-300)
         for i, a in enumerate((p, q)):
             for j, b in enumerate((p, q)):
-                turned = a[:, part].T @ b - (a[:, part].T @ r) * (r[:, part].T @ b) * share
-                matrix[i, part, j] = value * np.clip(turned, -1, 1)
+                transport = a[:, block].T @ b - (a[:, block].T @ r) * (r[:, block].T @ b) * share
+                matrix[i, block, j] = value * np.clip(transport, -1, 1)
 
     for _ in map_blocks(fill, n, max(16, 2**22 // n)):
         pass
-    whole = matrix.reshape(2 * n, 2 * n)
-    whole[n:, :n] = whole[:n, n:].T
-    return Covariance(whole)
+    full_matrix = matrix.reshape(2 * n, 2 * n)
+    full_matrix[n:, :n] = full_matrix[:n, n:].T
+    return Covariance(full_matrix)
 
 
 @arguments.accepts(field=arguments.a(Field), spectrum=arguments.a(Spectrum))
@@ -616,7 +617,7 @@ def from_blocks(blocks: Iterable[tuple[ArrayLike, Any]], n_sources: int) -> Cova
     for number, block in enumerate(blocks):
         if not isinstance(block, tuple | list) or len(block) != 2:
             raise ParameterError(f"block {number} is no pair of sources and systematic errors")
-        sources, shared = block
+        sources, block_covariance = block
         try:
             rows = np.arange(n_sources)[np.asarray(sources)]
         except (IndexError, TypeError):
@@ -624,15 +625,15 @@ def from_blocks(blocks: Iterable[tuple[ArrayLike, Any]], n_sources: int) -> Cova
         k = len(rows)
         if len(set(rows.tolist())) < k:
             raise ParameterError(f"block {number} names a source twice")
-        value = float_array(f"the covariance of block {number}", shared)
+        value = float_array(f"the covariance of block {number}", block_covariance)
         if not value.ndim:
             value = np.kron(np.eye(2), np.full((k, k), value))
         if value.shape != (2 * k, 2 * k):
             raise ParameterError(
                 f"block {number} has {k} sources and a covariance of shape {value.shape}, not ({2 * k}, {2 * k})"
             )
-        both = np.concatenate([rows, rows + n_sources])
-        matrix[np.ix_(both, both)] += value
+        indices = np.concatenate([rows, rows + n_sources])
+        matrix[np.ix_(indices, indices)] += value
     return Covariance(matrix)
 
 

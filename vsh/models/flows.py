@@ -106,11 +106,13 @@ class VelocityGrid(InNotebook):
         from scipy.ndimage import map_coordinates  # slow to import
 
         turn = rotation_matrix(frame, self.frame)
-        places = turn @ triad(lon, lat)[2] * np.asarray(distance, float)
-        inside = (np.abs(places) <= self.half_width).all(0)
+        positions = turn @ triad(lon, lat)[2] * np.asarray(distance, float)
+        inside = (np.abs(positions) <= self.half_width).all(0)
         size = self.velocity.shape[-1]
-        index = (places + self.half_width) * ((size - 1) / (2 * self.half_width))
-        components = np.stack([map_coordinates(each, index, order=1, cval=0.0, output=float) for each in self.velocity])
+        index = (positions + self.half_width) * ((size - 1) / (2 * self.half_width))
+        components = np.stack(
+            [map_coordinates(component, index, order=1, cval=0.0, output=float) for component in self.velocity]
+        )
         return turn.T @ np.where(inside, components, 0.0), inside
 
     def write(self, path: PathName) -> None:
@@ -219,23 +221,23 @@ class LinearTheory(Frozen):
     def correlation(self, separation: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Ψ∥ and Ψ⊥, the correlations of velocities along a `separation` [Mpc/h] and across it. [(km/s)²]"""
         separation = np.asarray(separation, float)
-        near = separation < _FARTHEST
+        in_range = separation < _FARTHEST
         x = np.arcsinh(np.minimum(separation, _FARTHEST))
         along, across = np.moveaxis(self._correlations[0](x), -1, 0)
-        return np.where(near, along, 0.0), np.where(near, across, 0.0)
+        return np.where(in_range, along, 0.0), np.where(in_range, across, 0.0)
 
     def covariance(self, positions: FloatArray) -> FloatArray:
         """The covariance of velocities at `positions` (3, n) [Mpc/h], (3n, 3n): x, y, z of the first, … [(km/s)²]"""
         n = positions.shape[1]
-        apart = positions[:, :, None] - positions[:, None, :]
-        r = np.sqrt(np.sum(apart * apart, 0))
+        separations = positions[:, :, None] - positions[:, None, :]
+        r = np.sqrt(np.sum(separations * separations, 0))
         along, across = self.correlation(r)
-        unit = apart / np.maximum(r, 1e-12)
-        out = np.empty((n, 3, n, 3))
+        unit = separations / np.maximum(r, 1e-12)
+        matrix = np.empty((n, 3, n, 3))
         for i in range(3):
             for j in range(3):
-                out[:, i, :, j] = (along - across) * unit[i] * unit[j] + (across if i == j else 0.0)
-        return out.reshape(3 * n, 3 * n)
+                matrix[:, i, :, j] = (along - across) * unit[i] * unit[j] + (across if i == j else 0.0)
+        return matrix.reshape(3 * n, 3 * n)
 
     def bulk_flow(self, radius: float) -> float:
         """The rms speed of the mean velocity within a sphere. [km/s]
@@ -280,8 +282,8 @@ class LinearTheory(Frozen):
             # j_0(x) and j_1(x)/x, three times as fast as the library's by recurrence.
             kr = np.maximum(k * r, 1e-6)
             square, zeroth = kr * kr, np.sin(kr) / kr
-            over = np.where(kr < 0.02, 1 / 3 - square / 30 + square**2 / 840, (zeroth - np.cos(kr)) / square)
-            table[i] = weight @ (zeroth - 2 * over), weight @ over
+            ratio = np.where(kr < 0.02, 1 / 3 - square / 30 + square**2 / 840, (zeroth - np.cos(kr)) / square)
+            table[i] = weight @ (zeroth - 2 * ratio), weight @ ratio
         return _spline_through(x, table), table
 
 
@@ -364,8 +366,8 @@ class FlowModes(Frozen):
     def at_origin(self) -> FloatArray:
         """Velocity where we are by each mode, (3, p), along the axes of the positions. [km/s]"""
         lon, lat = np.array([0.0, np.pi / 2, 0.0]), np.array([0.0, 0.0, np.pi / 2])  # along x, y and z
-        here = np.broadcast_to(self.origin, (3, self.origin.size))
-        return self._combine_components(lon, lat, np.zeros_like(here), here)[1]
+        functions = np.broadcast_to(self.origin, (3, self.origin.size))
+        return self._combine_components(lon, lat, np.zeros_like(functions), functions)[1]
 
     def left(self, distance: FloatArray) -> tuple[FloatArray, FloatArray]:
         """The variance of velocities that the modes leave, in each tangential component and in the radial one.
@@ -429,11 +431,11 @@ class FlowModes(Frozen):
         across = self._tangential(np.log(np.clip(distance, self.radii[0], self.radii[-1])))
         across[self._beyond_sphere(distance)] = 0.0
         t = toroidal_harmonics(lon, lat, max(len(self.counts) - 1, 1))
-        turned = np.empty_like(t)
+        harmonics = np.empty_like(t)
         for axis in range(2):  # S is (−n, e) of T
-            np.multiply(t[:, 0], turn[axis, 1], out=turned[:, axis])
-            turned[:, axis] -= turn[axis, 0] * t[:, 1]
-        return self._times(turned, across, 1)
+            np.multiply(t[:, 0], turn[axis, 1], out=harmonics[:, axis])
+            harmonics[:, axis] -= turn[axis, 0] * t[:, 1]
+        return self._times(harmonics, across, 1)
 
     def _combine_components(self, lon, lat, across, along):
         """Functions of distance times harmonics, normalised to one over the sphere."""
@@ -444,21 +446,21 @@ class FlowModes(Frozen):
 
     def _times(self, harmonics, functions, lowest):
         """Harmonics from a lowest degree on, (m, c, n), times functions of distance, (n, f): the modes, (p, c, n)."""
-        out = np.empty((len(self), *harmonics.shape[1:]))
-        column = first = 0
+        modes = np.empty((len(self), *harmonics.shape[1:]))
+        column = start = 0
         functions = functions.T
         for l, count in enumerate(self.counts):
-            here = out[column : column + (2 * l + 1) * count].reshape(2 * l + 1, count, *out.shape[1:])
+            view = modes[column : column + (2 * l + 1) * count].reshape(2 * l + 1, count, *modes.shape[1:])
             if l < lowest:
-                here[:] = 0.0
+                view[:] = 0.0
             else:
                 block = harmonics[l * l - lowest : (l + 1) ** 2 - lowest, None]
-                of_distance = functions[first : first + count, None]
-                np.multiply(block[0], of_distance, out=here[0])
+                of_distance = functions[start : start + count, None]
+                np.multiply(block[0], of_distance, out=view[0])
                 # A real field has m ≥ 0 alone, each counted twice.
-                np.multiply(block[1:], of_distance / np.sqrt(2), out=here[1:])
-            column, first = column + (2 * l + 1) * count, first + count
-        return out
+                np.multiply(block[1:], of_distance / np.sqrt(2), out=view[1:])
+            column, start = column + (2 * l + 1) * count, start + count
+        return modes
 
 
 @arguments.accepts(
@@ -529,8 +531,8 @@ def _chosen_modes(nearest, farthest, n_modes, theory, max_degree):
             slope = below - (l + 1) / kr * bessel
         tangential = np.sqrt(l * (l + 1)) * bessel / radii[:, None] * amplitude
         radial = slope * k * amplitude
-        stacked = np.vstack([tangential, radial]) * np.tile(weight, 2)[:, None]
-        _, singular, right = np.linalg.svd(stacked, full_matrices=False)
+        matrix = np.vstack([tangential, radial]) * np.tile(weight, 2)[:, None]
+        _, singular, right = np.linalg.svd(matrix, full_matrices=False)
         origin = k / 3 * amplitude if l == 1 else np.zeros_like(k)
         leading = right[: n_modes // (2 * l + 1) + 1].T
         power = singular[: leading.shape[1]] ** 2
@@ -541,19 +543,19 @@ def _chosen_modes(nearest, farthest, n_modes, theory, max_degree):
             break
     candidates.sort(key=lambda function: -function.power)
     bulk = next(function for function in candidates if function.degree == 1)
-    selected, count = [bulk], 3
+    selection, count = [bulk], 3
     for function in candidates:
         if function is bulk:
             continue
         count += 2 * function.degree + 1
         if count > n_modes:
             break
-        selected.append(function)
-    selected.sort(key=lambda function: (function.degree, -function.power))
-    degrees = [function.degree for function in selected]
-    tangential = np.stack([function.tangential for function in selected], 1)
-    radial = np.stack([function.radial for function in selected], 1)
-    origin = np.array([function.origin for function in selected])
+        selection.append(function)
+    selection.sort(key=lambda function: (function.degree, -function.power))
+    degrees = [function.degree for function in selection]
+    tangential = np.stack([function.tangential for function in selection], 1)
+    radial = np.stack([function.radial for function in selection], 1)
+    origin = np.array([function.origin for function in selection])
     return FlowModes(theory, tuple(map(degrees.count, range(max(degrees) + 1))), radii, tangential, radial, origin)
 
 

@@ -43,13 +43,13 @@ def wave_motions(lon: ArrayLike, lat: ArrayLike, direction: ArrayLike, plus: flo
     k = unit(direction)
     p, q, r = triad(np.atleast_1d(float_array("lon", lon)), np.atleast_1d(float_array("lat", lat)))
     along = number("plus", plus) * _tensor(k, 1, 0) + number("cross", cross) * _tensor(k, 0, 1)
-    strained = along @ r
-    whole = np.sum(r * strained, axis=0)
-    beside = 1 + k @ r
+    strain = along @ r
+    numerator = np.sum(r * strain, axis=0)
+    denominator = 1 + k @ r
     # Where the wave comes from, both rᵀhr and 1 + k·r are zero to second order: the quotient is finite, and r + k zero.
     with np.errstate(divide="ignore", invalid="ignore"):
-        bent = np.where(beside > 1e-12, whole / beside, 0.0)
-    motion = ((r + k[:, None]) * bent - strained) / 2
+        bent = np.where(denominator > 1e-12, numerator / denominator, 0.0)
+    motion = ((r + k[:, None]) * bent - strain) / 2
     return np.stack([np.sum(motion * p, axis=0), np.sum(motion * q, axis=0)])
 
 
@@ -104,28 +104,28 @@ def wave_templates(directions: FloatArray, lmax: int) -> FloatArray:
     modes, amplitude = Modes(lmax), degree_amplitudes(lmax)
     lon, lat = angles(directions)
     tilts, of = np.unique(np.pi / 2 - lat, return_inverse=True)
-    out = np.zeros((2, len(modes), directions.shape[1]))
+    templates = np.zeros((2, len(modes), directions.shape[1]))
     for l in range(2, lmax + 1):
         re, im = 2 * 2 - 1, 2 * 2  # of order 2 within a degree
         columns = np.zeros((2 * l + 1, 4))  # of T and S, plus and cross
-        for column, (place, sign) in enumerate(((im, 1), (re, 1), (re, -1), (im, 1))):
-            columns[place, column] = sign * amplitude[l - 1]
-        tilted = np.array([degree_matrix(l, np.array([0.0, tilt, 0.0])) @ columns for tilt in tilts])[of]
-        turned = _about_z(tilted, lon, l)
+        for column, (row, sign) in enumerate(((im, 1), (re, 1), (re, -1), (im, 1))):
+            columns[row, column] = sign * amplitude[l - 1]
+        tilted_columns = np.array([degree_matrix(l, np.array([0.0, tilt, 0.0])) @ columns for tilt in tilts])[of]
+        coefficients = _about_z(tilted_columns, lon, l)
         for polarisation in range(2):
-            out[polarisation, modes.slice_of("T", l)] = turned[:, :, polarisation].T
-            out[polarisation, modes.slice_of("S", l)] = turned[:, :, 2 + polarisation].T
-    return out
+            templates[polarisation, modes.slice_of("T", l)] = coefficients[:, :, polarisation].T
+            templates[polarisation, modes.slice_of("S", l)] = coefficients[:, :, 2 + polarisation].T
+    return templates
 
 
 def _about_z(values, angle, l):
     """Coefficients of one degree, (n, 2l + 1, …), turned about z by an angle each: f e^{−imφ}."""
-    out = values.copy()
+    result = values.copy()
     m = np.arange(1, l + 1)
     cos, sin = (f(np.multiply.outer(angle, m))[..., None] for f in (np.cos, np.sin))
     re, im = values[:, 1::2], values[:, 2::2]
-    out[:, 1::2], out[:, 2::2] = cos * re + sin * im, cos * im - sin * re
-    return out
+    result[:, 1::2], result[:, 2::2] = cos * re + sin * im, cos * im - sin * re
+    return result
 
 
 def strain_of(rate: ArrayLike, frequency: float) -> FloatArray:

@@ -65,8 +65,8 @@ _FROM_ICRS = {
 
 
 @lru_cache
-def _rotation(frame, to):
-    matrix = np.eye(3) if frame == to else _FROM_ICRS[to] @ _FROM_ICRS[frame].T
+def _rotation(frame, target):
+    matrix = np.eye(3) if frame == target else _FROM_ICRS[target] @ _FROM_ICRS[frame].T
     matrix.flags.writeable = False
     return matrix
 
@@ -114,7 +114,7 @@ def check_redshift_frame(value: Any) -> str:
 
 def redshift_frame_in(description: str | None) -> str | None:
     """The frame of redshifts that a column's description tells, if it does."""
-    frames = {name for words, name in _WORDS if words.search(description or "")}
+    frames = {name for pattern, name in _WORDS if pattern.search(description or "")}
     return frames.pop() if len(frames) == 1 else None
 
 
@@ -171,9 +171,9 @@ class Positions(Frozen):
 
     def __getitem__(self, keep: Any) -> Positions:
         """The sources picked by a mask, a slice or indices."""
-        picked: dict[str, Any] = {f.name: getattr(self, f.name) for f in fields(self)}
-        picked = {k: v[..., keep] if isinstance(v, np.ndarray) else v for k, v in picked.items()}
-        return Positions(**picked)
+        columns: dict[str, Any] = {f.name: getattr(self, f.name) for f in fields(self)}
+        columns = {k: v[..., keep] if isinstance(v, np.ndarray) else v for k, v in columns.items()}
+        return Positions(**columns)
 
     def at_epoch(self, epoch: float | None) -> Positions:
         """Move the sources to `epoch` [Julian year] along straight lines; those without motion stay.
@@ -190,5 +190,5 @@ class Positions(Frozen):
         p, q, r = triad(self.lon, self.lat)
         east, north = self.motion * (UAS * (epoch - self.epoch))
         lon, lat = angles(r + east * p + north * q)
-        picked: dict[str, Any] = {f.name: getattr(self, f.name) for f in fields(self)}
-        return Positions(**picked | {"lon": lon, "lat": lat, "epoch": epoch})
+        columns: dict[str, Any] = {f.name: getattr(self, f.name) for f in fields(self)}
+        return Positions(**columns | {"lon": lon, "lat": lat, "epoch": epoch})

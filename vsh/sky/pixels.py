@@ -37,8 +37,8 @@ def pixels_of(lon: ArrayLike, lat: ArrayLike, nside: int, *, nested: bool = Fals
         raise FieldError(f"lon and lat have shapes {lon.shape} and {lat.shape}")
     if not (np.isfinite(lon).all() and (np.abs(lat) <= np.pi / 2 * (1 + 1e-14)).all()):
         raise FieldError("positions are not finite, or beyond a pole")
-    place = np.stack([np.clip(np.pi / 2 - lat, 0, np.pi), lon % (2 * np.pi)], axis=1)
-    return Healpix_Base(int(nside), "NEST" if nested else "RING").ang2pix(place)
+    positions = np.stack([np.clip(np.pi / 2 - lat, 0, np.pi), lon % (2 * np.pi)], axis=1)
+    return Healpix_Base(int(nside), "NEST" if nested else "RING").ang2pix(positions)
 
 
 def check_nside(nside: int, any_size: bool = False) -> int:

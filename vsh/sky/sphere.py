@@ -58,10 +58,10 @@ def multiples(x: FloatArray, max_k: int) -> tuple[FloatArray, FloatArray]:
     sin[0], cos[0] = sin_cos(x)
     k = 1
     while k < max_k:
-        more = slice(k, min(2 * k, max_k))
-        old = slice(0, more.stop - k)
-        cos[more] = cos[old] * cos[k - 1] - sin[old] * sin[k - 1]
-        sin[more] = sin[old] * cos[k - 1] + cos[old] * sin[k - 1]
+        upper = slice(k, min(2 * k, max_k))
+        lower = slice(0, upper.stop - k)
+        cos[upper] = cos[lower] * cos[k - 1] - sin[lower] * sin[k - 1]
+        sin[upper] = sin[lower] * cos[k - 1] + cos[lower] * sin[k - 1]
         k *= 2
     return cos, sin
 

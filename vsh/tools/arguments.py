@@ -50,11 +50,11 @@ def not_negative(name: str, value: Any) -> float:
     return result
 
 
-def between(name: str, value: Any, low: float, high: float) -> float:
-    """A number low < x < high, as a float."""
-    result, low, high = number(name, value), number("low", low), number("high", high)
-    if not low < result < high:
-        raise ParameterError(f"{name} must lie between {low:g} and {high:g}, not at {value!r}")
+def between(name: str, value: Any, lower: float, upper: float) -> float:
+    """A number lower < x < upper, as a float."""
+    result, lower, upper = number(name, value), number("lower", lower), number("upper", upper)
+    if not lower < result < upper:
+        raise ParameterError(f"{name} must lie between {lower:g} and {upper:g}, not at {value!r}")
     return result
 
 
@@ -76,19 +76,19 @@ def choice(name: str, value: Any, choices: Sequence[Any]) -> Any:
     for choice in choices:
         if value is choice or (isinstance(value, (str, int)) and type(value) is type(choice) and value == choice):
             return value
-    words = ", ".join(map(repr, choices))
-    raise ParameterError(f"{name} must be one of {words}, not {value!r}")
+    text = ", ".join(map(repr, choices))
+    raise ParameterError(f"{name} must be one of {text}, not {value!r}")
 
 
 def generator(rng: Any) -> np.random.Generator:
     """A NumPy Generator from what users give as `rng`: a Generator, a SeedSequence, or whole numbers."""
     seeds = rng if isinstance(rng, (list, tuple)) else np.ravel(rng) if isinstance(rng, np.ndarray) else (rng,)
-    known = isinstance(rng, (np.random.Generator, np.random.BitGenerator, np.random.SeedSequence))
-    if known or (len(seeds) and all(isinstance(x, (int, np.integer)) and not isinstance(x, bool) for x in seeds)):
+    is_numpy = isinstance(rng, (np.random.Generator, np.random.BitGenerator, np.random.SeedSequence))
+    if is_numpy or (len(seeds) and all(isinstance(x, (int, np.integer)) and not isinstance(x, bool) for x in seeds)):
         with suppress(TypeError, ValueError):
             return np.random.default_rng(rng)
-    shown = repr(rng) if isinstance(rng, (int, float, str)) or rng is None else type(rng).__name__
-    raise ParameterError(f"rng is a NumPy Generator or a whole number that seeds one, not {shown}")
+    text = repr(rng) if isinstance(rng, (int, float, str)) or rng is None else type(rng).__name__
+    raise ParameterError(f"rng is a NumPy Generator or a whole number that seeds one, not {text}")
 
 
 def accepts(**checks: Check) -> Callable[[Callable[P, T]], Callable[P, T]]:
@@ -108,12 +108,12 @@ def accepts(**checks: Check) -> Callable[[Callable[P, T]], Callable[P, T]]:
     """
 
     def decorate(function):
-        known = signature(function)
+        call_signature = signature(function)
 
         @wraps(function)
         def checked(*arguments, **options):
             try:
-                bound = known.bind(*arguments, **options)
+                bound = call_signature.bind(*arguments, **options)
             except TypeError:
                 try:
                     return function(*arguments, **options)  # whose own error names it
@@ -122,7 +122,7 @@ def accepts(**checks: Check) -> Callable[[Callable[P, T]], Callable[P, T]]:
             bound.apply_defaults()
             for name, check in checks.items():
                 value = bound.arguments[name]
-                if not (value is None and known.parameters[name].default is None):
+                if not (value is None and call_signature.parameters[name].default is None):
                     bound.arguments[name] = check(name, value)
             return function(*bound.args, **bound.kwargs)
 
@@ -143,9 +143,9 @@ def a(*kinds: type) -> Check:
 
     def check(name, value):
         if not isinstance(value, kinds):
-            wanted = " or ".join(kind.__name__ for kind in kinds)
-            why = getattr(type(value), "not_taken", "")
-            raise ParameterError(f"{name} must be {wanted}, not {type(value).__name__}{why}")
+            class_names = " or ".join(cls.__name__ for cls in kinds)
+            remark = getattr(type(value), "not_taken", "")
+            raise ParameterError(f"{name} must be {class_names}, not {type(value).__name__}{remark}")
         return value
 
     return check
@@ -253,9 +253,9 @@ def explained(function: Callable[P, T]) -> Callable[P, T]:
         except VshError:
             raise
         except _ENDS as error:
-            words = _find_mistyped(function, arguments, options)
-            if words is not None:
-                raise ParameterError(words) from error
+            message = _find_mistyped(function, arguments, options)
+            if message is not None:
+                raise ParameterError(message) from error
             if isinstance(error, TypeError):
                 raise unknown_argument(function, error) from None
             raise
@@ -287,31 +287,31 @@ def _fits(value, hint):
         return _is_arraylike(value)
     origin, inside = typing.get_origin(hint), typing.get_args(hint)
     if origin in (typing.Union, types.UnionType):
-        return any(_fits(value, each) for each in inside)
+        return any(_fits(value, item) for item in inside)
     if origin is typing.Literal:
-        return any(value is each or (isinstance(value, str) and value == each) for each in inside)
+        return any(value is item or (isinstance(value, str) and value == item) for item in inside)
     if origin is np.ndarray or hint is np.ndarray:
         return isinstance(value, np.ndarray) and value.dtype.kind in "iufbcUSO" and _numeric(value)
     if hint in (int, float, complex):
         return _is_number(value, hint)
     if hint is str or hint is bytes or hint is bool:
         return isinstance(value, hint)
-    kind = origin or hint
-    if not isinstance(kind, type):
+    cls = origin or hint
+    if not isinstance(cls, type):
         return True
     try:
-        if not isinstance(value, kind):
+        if not isinstance(value, cls):
             return False
     except TypeError:  # protocols that cannot be asked
         return True
-    if isinstance(value, str) and kind in (collections.abc.Sequence, collections.abc.Iterable) and inside != (str,):
+    if isinstance(value, str) and cls in (collections.abc.Sequence, collections.abc.Iterable) and inside != (str,):
         return False
-    if inside and isinstance(value, (list, tuple, set)) and kind is not tuple:
-        return all(_fits(each, inside[0]) for each in value)
-    if isinstance(value, tuple) and kind is tuple and inside and Ellipsis not in inside:
-        return len(value) == len(inside) and all(_fits(value[k], each) for k, each in enumerate(inside))
+    if inside and isinstance(value, (list, tuple, set)) and cls is not tuple:
+        return all(_fits(item, inside[0]) for item in value)
+    if isinstance(value, tuple) and cls is tuple and inside and Ellipsis not in inside:
+        return len(value) == len(inside) and all(_fits(value[k], item) for k, item in enumerate(inside))
     if isinstance(value, collections.abc.Mapping) and len(inside) == 2:
-        return all(_fits(key, inside[0]) and _fits(each, inside[1]) for key, each in value.items())
+        return all(_fits(key, inside[0]) and _fits(item, inside[1]) for key, item in value.items())
     return True
 
 
@@ -331,8 +331,12 @@ def _is_arraylike(value):
 
 
 def _is_number(value, hint):
-    kinds = {int: "iu", float: "iuf", complex: "iufc"}[hint]
-    return not isinstance(value, (bool, str, bytes)) and np.ndim(value) == 0 and np.asarray(value).dtype.kind in kinds
+    dtype_kinds = {int: "iu", float: "iuf", complex: "iufc"}[hint]
+    return (
+        not isinstance(value, (bool, str, bytes))
+        and np.ndim(value) == 0
+        and np.asarray(value).dtype.kind in dtype_kinds
+    )
 
 
 def _numeric(array):

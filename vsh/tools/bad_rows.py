@@ -98,9 +98,10 @@ def invalid_rows(
         "lat": (lat, -np.pi / 2, np.pi / 2),
         "lon": (lon, -2 * np.pi * turns, 2 * np.pi * turns),
     }
-    known = {} if spans is None else spans
+    column_spans = {} if spans is None else spans
     if not any(_marks(mask) for mask in marks) and all(
-        within(known.get(each) or span_of(values), low, high) for each, (values, low, high) in limits.items()
+        within(column_spans.get(name) or span_of(values), lower, upper)
+        for name, (values, lower, upper) in limits.items()
     ):
         return {}
     if placeholders is not None:
@@ -118,13 +119,13 @@ def invalid_rows(
         "|dec| > 90°": ~(np.abs(lat) <= np.pi / 2 * (1 + 1e-14)),
         f"ra outside −{360 * turns}° … {360 * turns}°": ~(np.abs(lon) <= 2 * np.pi * turns * (1 + 1e-14)),
     }
-    taken = np.zeros(lon.shape, bool)
+    has_reason = np.zeros(lon.shape, bool)
     invalid = {}
     for reason, mask in reasons.items():
-        first = mask & ~taken
-        if first.any():
-            invalid[reason] = first
-            taken |= mask
+        new_rows = mask & ~has_reason
+        if new_rows.any():
+            invalid[reason] = new_rows
+            has_reason |= mask
     return invalid
 
 
@@ -135,8 +136,8 @@ def span_of(values: FloatArray) -> Span:
 
 def joint_span(spans: Mapping[str, Span], names: Sequence[str], factor: float) -> Span:
     """Span of several columns multiplied by a factor; nan where one is."""
-    low, high = np.transpose([spans[name] for name in names]) * factor
-    return float(low.min()), float(high.max())
+    lower, upper = np.transpose([spans[name] for name in names]) * factor
+    return float(lower.min()), float(upper.max())
 
 
 def _marks(mask):
@@ -158,37 +159,38 @@ _LIKELY = np.array([-9.99, -99.0, -99.9, -99.99, -999.0, -999.9, -999.99, 99.9, 
 
 def placeholders(columns: Mapping[str, FloatArray], spans: Mapping[str, Span] | None = None) -> BoolArray:
     """Rows whose motions or errors are numbers that stand for none: −9999 anywhere, −99 and −999 in both components."""
-    known = {name: span_of(values) for name, values in columns.items()} if spans is None else spans
-    out = np.zeros(len(columns["pmra"]), bool)
+    column_spans = {name: span_of(values) for name, values in columns.items()} if spans is None else spans
+    is_placeholder = np.zeros(len(columns["pmra"]), bool)
     with np.errstate(invalid="ignore"):
         for name, values in columns.items():
-            if within(known[name], -_PLACEHOLDERS[0], _PLACEHOLDERS[0]):
+            if within(column_spans[name], -_PLACEHOLDERS[0], _PLACEHOLDERS[0]):
                 continue
             large = np.abs(values) >= _PLACEHOLDERS[0]
             if large.any():
-                out[large] |= np.isin(np.abs(values[large]), _PLACEHOLDERS)
-        same = columns["pmra"] == columns["pmdec"]
-    if same.any():
-        out[same] |= np.isin(columns["pmra"][same], _LIKELY)
-    return out
+                is_placeholder[large] |= np.isin(np.abs(values[large]), _PLACEHOLDERS)
+        is_equal = columns["pmra"] == columns["pmdec"]
+    if is_equal.any():
+        is_placeholder[is_equal] |= np.isin(columns["pmra"][is_equal], _LIKELY)
+    return is_placeholder
 
 
 def doubtful(columns: Mapping[str, FloatArray], spans: Mapping[str, Span] | None = None) -> tuple[str, ...]:
     """A note on motions that are −999 or 99.99, say, in one component: perhaps missing values; they are used."""
-    known = {name: span_of(values) for name, values in columns.items()} if spans is None else spans
-    if all(within(known[name], -50.0, 50.0) for name in ("pmra", "pmdec")):
+    column_spans = {name: span_of(values) for name, values in columns.items()} if spans is None else spans
+    if all(within(column_spans[name], -50.0, 50.0) for name in ("pmra", "pmdec")):
         return ()
     with np.errstate(invalid="ignore"):
         odd = np.stack([np.isin(columns[name], _LIKELY) & (np.abs(columns[name]) > 50) for name in ("pmra", "pmdec")])
     rows = odd.any(0)
     if not rows.any():
         return ()
-    values = np.unique(np.concatenate([columns[name][each] for name, each in zip(("pmra", "pmdec"), odd)]))
-    listed = ", ".join(f"{value:g}" for value in values[:4])
+    values = np.unique(np.concatenate([columns[name][mask] for name, mask in zip(("pmra", "pmdec"), odd)]))
+    examples = ", ".join(f"{value:g}" for value in values[:4])
     count = f"{rows.sum()} row{' has' if rows.sum() == 1 else 's have'}"
     return (
         CodedNote(
-            f"warning: {count} a motion of {listed} in one component: a mark of missing values? It is used (first: row "
+            f"warning: {count} a motion of {examples} in one component: a mark of missing values? It is used (first: "
+            "row "
             f"{rows.argmax()}); leave such rows out with --where",
             DOUBT,
         ),
@@ -227,18 +229,18 @@ def select_usable(
     """The sources to keep, and a note about the others; those set `aside` are no error, whatever `on_bad` is."""
     if n == 0:
         raise EmptyFieldError("the catalogue is empty: there are no sources to use")
-    out = np.zeros(n, bool)
+    is_aside = np.zeros(n, bool)
     for mask in (aside or {}).values():
-        out |= mask
-    wrong = {reason: mask & ~out for reason, mask in invalid.items()}
+        is_aside |= mask
+    wrong = {reason: mask & ~is_aside for reason, mask in invalid.items()}
     wrong = {reason: mask for reason, mask in wrong.items() if mask.any()}
-    bad = np.logical_or.reduce([out, *wrong.values()])
+    bad = np.logical_or.reduce([is_aside, *wrong.values()])
     count = int(bad.sum())
     if not count:
         return slice(None), ()
     invalid = {**(aside or {}), **wrong}
-    parts = "; ".join(f"{reason}: {mask.sum()} ({_rows(mask, first_row)})" for reason, mask in invalid.items())
-    message = f"{count} of {n} rows cannot be used: {parts}"
+    details = "; ".join(f"{reason}: {mask.sum()} ({_rows(mask, first_row)})" for reason, mask in invalid.items())
+    message = f"{count} of {n} rows cannot be used: {details}"
     counts = {reason: int(mask.sum()) for reason, mask in invalid.items()}
     note = DroppedRows.of_table(counts, n, np.packbits(bad), *mark)
     if count == n:
@@ -252,11 +254,11 @@ def select_usable(
     return ~bad, (note,)
 
 
-def _rows(mask, first_row=0, most=5):
+def _rows(mask, first_row=0, limit=5):
     """The first rows of a mask, counted from 0."""
     rows = np.flatnonzero(mask)
-    listed = ", ".join(map(str, rows[:most] + first_row if np.ndim(first_row) == 0 else first_row[rows[:most]]))
-    return f"row{'s' * (rows.size > 1)} {listed}{', …' * (rows.size > most)}"
+    row_numbers = ", ".join(map(str, rows[:limit] + first_row if np.ndim(first_row) == 0 else first_row[rows[:limit]]))
+    return f"row{'s' * (rows.size > 1)} {row_numbers}{', …' * (rows.size > limit)}"
 
 
 def _is_number(text):
@@ -282,10 +284,13 @@ def check_measured(noun: Any) -> None:
         if bad.any():
             raise FieldError(f"{bad.sum()} values of {column} (first: row {bad.argmax()}) are not {least}, nor missing")
     if noun.distance is not None:
-        known = np.isfinite(noun.distance)
-        sure = np.zeros(known.shape, bool) if noun.distance_error is None else np.isfinite(noun.distance_error)
-        if (known & ~sure).any():
+        has_distance = np.isfinite(noun.distance)
+        has_error = (
+            np.zeros(has_distance.shape, bool) if noun.distance_error is None else np.isfinite(noun.distance_error)
+        )
+        if (has_distance & ~has_error).any():
             raise FieldError(
-                f"{(known & ~sure).sum()} of {known.sum()} distances have no errors (distance_error=, --columns "
+                f"{(has_distance & ~has_error).sum()} of {has_distance.sum()} distances have no errors "
+                "(distance_error=, --columns "
                 "distance_error=NAME): how far they are to be trusted is what they are worth"
             )

@@ -145,9 +145,9 @@ ARGUMENTS = {
 
 def no_attribute(thing: Any, name: str) -> NoReturn:
     """Raise AttributeError for an attribute that an object does not have, with what it may be."""
-    kind = type(thing)
-    hint = ATTRIBUTES.get(name) or " or ".join(get_close_matches(name, _public(kind), n=2))
-    raise AttributeError(f"{kind.__name__} has no {name}{hint and f': did you mean {hint}?'}", name=name, obj=thing)
+    cls = type(thing)
+    hint = ATTRIBUTES.get(name) or " or ".join(get_close_matches(name, _public(cls), n=2))
+    raise AttributeError(f"{cls.__name__} has no {name}{hint and f': did you mean {hint}?'}", name=name, obj=thing)
 
 
 def no_name(module: str, name: str, names: list[str], otherwise: AttributeError) -> AttributeError:
@@ -160,14 +160,16 @@ def no_name(module: str, name: str, names: list[str], otherwise: AttributeError)
 
 def unknown_argument(function: Callable[..., Any], error: TypeError) -> TypeError:
     """Add to an error the name that an unknown argument may have."""
-    given = re.fullmatch(r".*\(\) got an unexpected keyword argument '(\w+)'", str(error))
-    if given is None:
+    match = re.fullmatch(r".*\(\) got an unexpected keyword argument '(\w+)'", str(error))
+    if match is None:
         return error
-    known: Mapping[str, Any] = function.__annotations__
-    hint = ARGUMENTS.get(given[1], "")
-    hint = hint if hint in known or " " in hint else " or ".join(get_close_matches(given[1], list(known), n=2))
+    annotations: Mapping[str, Any] = function.__annotations__
+    hint = ARGUMENTS.get(match[1], "")
+    hint = (
+        hint if hint in annotations or " " in hint else " or ".join(get_close_matches(match[1], list(annotations), n=2))
+    )
     return TypeError(f"{error}: did you mean {hint}?") if hint else error
 
 
-def _public(kind):
-    return [name for name in dir(kind) if not name.startswith("_")]
+def _public(cls):
+    return [name for name in dir(cls) if not name.startswith("_")]

@@ -94,19 +94,19 @@ def atomic_write(path: PathName) -> Iterator[Path]:
         )
     handle, name = tempfile.mkstemp(prefix=UNFINISHED, suffix=f"-{path.name[-100:]}", dir=path.parent)
     os.close(handle)
-    new = Path(name)
+    temporary_path = Path(name)
     try:
-        yield new
-        with new.open("rb") as written:
-            os.fsync(written.fileno())  # else a power cut could leave an empty file under the name
-        os.chmod(new, _mode(path))
+        yield temporary_path
+        with temporary_path.open("rb") as file:
+            os.fsync(file.fileno())  # else a power cut could leave an empty file under the name
+        os.chmod(temporary_path, _mode(path))
         with _ONE:
-            os.replace(new, path)
+            os.replace(temporary_path, path)
             _WRITTEN[path] = _state(path)
         if UNFINISHED not in str(path):  # of a folder the whole is told
             _LOG.info("written: %s", path)
     finally:
-        new.unlink(missing_ok=True)
+        temporary_path.unlink(missing_ok=True)
 
 
 def is_ours(path: PathName) -> bool:
@@ -120,8 +120,8 @@ def is_ours(path: PathName) -> bool:
         start = file.read(_LOOKED_AT)
         file.seek(max(0, path.stat().st_size - _LOOKED_AT))
         end = file.read()
-    marked = any(begin.match(start) and (mark.search(start) or mark.search(end)) for begin, mark in _MARKS)
-    return marked or as_recorded(path) is True
+    has_mark = any(begin.match(start) and (mark.search(start) or mark.search(end)) for begin, mark in _MARKS)
+    return has_mark or as_recorded(path) is True
 
 
 def as_recorded(path: PathName) -> bool | None:
@@ -165,8 +165,8 @@ def check_not_read(path: PathName, shown: str | None = None) -> None:
     path = Path(os.path.realpath(path))
     for source in _READ.get():
         if path == source or path in source.parents or (source in path.parents and source.is_dir()):
-            where = "is" if path == source else "lies in" if source in path.parents else "holds"
-            raise WriteError(f"{shown or path.name} {where} what is read, {source.name}: name another place")
+            relation = "is" if path == source else "lies in" if source in path.parents else "holds"
+            raise WriteError(f"{shown or path.name} {relation} what is read, {source.name}: name another place")
 
 
 @contextmanager
@@ -197,7 +197,7 @@ def exclusive(path: PathName) -> Iterator[None]:
 def write_arrays(path: PathName, arrays: Mapping[str, Any], *, compress: bool = False) -> None:
     """Write arrays by name as NumPy's .npz, with our mark as the name of one more."""
     save: Any = np.savez_compressed if compress else np.savez
-    with atomic_write(path) as new, new.open("wb") as file:
+    with atomic_write(path) as temporary_path, temporary_path.open("wb") as file:
         save(file, **{MARK: np.uint8(1)}, **arrays)
 
 
@@ -217,7 +217,7 @@ def scratch(folder: PathName | None, shape: tuple[int, ...]) -> FloatArray:
 
 def read_arrays(path: PathName) -> dict[str, Any]:
     """The arrays by name of a file of `write_arrays`; whatever NumPy raises on a damaged one."""
-    with Path(path).open("rb") as opened, np.load(opened, allow_pickle=False) as file:
+    with Path(path).open("rb") as stream, np.load(stream, allow_pickle=False) as file:
         return {name: values for name, values in file.items() if name != MARK}
 
 
@@ -234,40 +234,40 @@ def atomic_folder(path: PathName) -> Iterator[Path]:
     path = Path(os.path.realpath(path))
     check_not_read(path)
     _remove_abandoned(path)
-    new = Path(tempfile.mkdtemp(prefix=UNFINISHED, suffix=f"-{path.name}", dir=path.parent))
+    temporary_path = Path(tempfile.mkdtemp(prefix=UNFINISHED, suffix=f"-{path.name}", dir=path.parent))
     try:
-        yield new
-        os.chmod(new, 0o777 & ~_umask())
+        yield temporary_path
+        os.chmod(temporary_path, 0o777 & ~_umask())
         if path.exists():
-            _exchange(new, path)
+            _exchange(temporary_path, path)
         else:
-            os.replace(new, path)
+            os.replace(temporary_path, path)
         _LOG.info("written: %s", path)
     finally:
-        shutil.rmtree(new, ignore_errors=True)
+        shutil.rmtree(temporary_path, ignore_errors=True)
 
 
-def _exchange(new, path):
+def _exchange(temporary_path, path):
     """Let two folders change names, in one step where the system can."""
     libc = ctypes.CDLL(None, use_errno=True)
-    names = os.fsencode(new), os.fsencode(path)
+    names = os.fsencode(temporary_path), os.fsencode(path)
     if hasattr(libc, "renameat2"):  # Linux: AT_FDCWD, RENAME_EXCHANGE
         if libc.renameat2(-100, names[0], -100, names[1], 2) == 0:
             return
     elif hasattr(libc, "renamex_np") and libc.renamex_np(*names, 2) == 0:  # macOS: RENAME_SWAP
         return
-    old = path.with_name(f"{new.name}-old")  # elsewhere, in two steps
-    os.replace(path, old)
-    os.replace(new, path)
-    shutil.rmtree(old, ignore_errors=True)
+    backup = path.with_name(f"{temporary_path.name}-old")  # elsewhere, in two steps
+    os.replace(path, backup)
+    os.replace(temporary_path, path)
+    shutil.rmtree(backup, ignore_errors=True)
 
 
 def _remove_abandoned(path, age=86400):
     """Remove what a killed writer of this folder left beside it a day ago or earlier."""
-    for left in path.parent.glob(f"{UNFINISHED}*-{path.name}"):
+    for candidate in path.parent.glob(f"{UNFINISHED}*-{path.name}"):
         try:
-            if left.is_dir() and not left.is_symlink() and time.time() - left.stat().st_mtime > age:
-                shutil.rmtree(left, ignore_errors=True)
+            if candidate.is_dir() and not candidate.is_symlink() and time.time() - candidate.stat().st_mtime > age:
+                shutil.rmtree(candidate, ignore_errors=True)
         except OSError:
             continue
 
@@ -294,13 +294,13 @@ def format_of(path: PathName, known: Mapping[str, str] = WRITTEN) -> str:
     """Return astropy's name of the format of a file name extension; raise TableError if it is unknown."""
     path = Path(path)
     suffixes = [suffix.lower() for suffix in path.suffixes]
-    packed = PACKED[:1] if known is WRITTEN else PACKED
-    if suffixes and suffixes[-1] in packed:
+    compressions = PACKED[:1] if known is WRITTEN else PACKED
+    if suffixes and suffixes[-1] in compressions:
         suffixes.pop()
     if not suffixes or suffixes[-1] not in known:
         raise TableError(
             f"{printable(path)}: unrecognised format. Known endings: {', '.join(known)}, each also with "
-            f"{', '.join(packed)}"
+            f"{', '.join(compressions)}"
         )
     return known[suffixes[-1]]
 
@@ -338,17 +338,19 @@ def write_table(table: Table, path: PathName, meta: dict[str, Any] | None = None
     metadata |= {key: value for key, value in table.meta.items() if key != CREATOR}
     table = table.copy(copy_data=False)
     table.meta = type(table.meta)(_plain(metadata | (meta or {})))
-    kind = format_of(path)
-    with atomic_write(path) as new, warnings.catch_warnings():
+    format_name = format_of(path)
+    with atomic_write(path) as temporary_path, warnings.catch_warnings():
         warnings.simplefilter("ignore")  # astropy warns about units that a format spells in its own way
-        if kind == "votable":
-            write_votable(table, new)
-        elif kind == "hdf5":
-            table.write(new, format=kind, path="table", serialize_meta=True, overwrite=True)
+        if format_name == "votable":
+            write_votable(table, temporary_path)
+        elif format_name == "hdf5":
+            table.write(temporary_path, format=format_name, path="table", serialize_meta=True, overwrite=True)
         else:
-            table.write(new, format=kind, overwrite=True)
-        if kind.startswith("ascii") and path.suffix.lower() == ".gz":  # astropy compresses FITS and VOTables alone
-            new.write_bytes(gzip.compress(new.read_bytes(), mtime=0))
+            table.write(temporary_path, format=format_name, overwrite=True)
+        if (
+            format_name.startswith("ascii") and path.suffix.lower() == ".gz"
+        ):  # astropy compresses FITS and VOTables alone
+            temporary_path.write_bytes(gzip.compress(temporary_path.read_bytes(), mtime=0))
 
 
 def _plain(value: Any) -> Any:
@@ -363,17 +365,18 @@ def _plain(value: Any) -> Any:
 def check_writable(path: PathName) -> None:
     """Raise TableError now if a table could not be written to `path` later."""
     path = Path(path)
-    kind = format_of(path)
+    format_name = format_of(path)
     if not path.absolute().parent.is_dir():
         raise TableError(f"{printable(path)}: there is no such folder")
-    library = {"parquet": "pyarrow", "hdf5": "h5py"}.get(kind)
+    library = {"parquet": "pyarrow", "hdf5": "h5py"}.get(format_name)
     if library:
         if path.suffix.lower() == ".gz":
-            title = BY_KIND[kind].title
+            title = BY_KIND[format_name].title
             raise TableError(f"{printable(path)}: {title} is compressed by itself: leave out the .gz")
         from importlib.util import find_spec
 
         if find_spec(library) is None:
             raise TableError(
-                f"{printable(path)} cannot be written. Install what is missing: pip install 'vsh-astrometry[{kind}]'"
+                f"{printable(path)} cannot be written. Install what is missing: pip install "
+                f"'vsh-astrometry[{format_name}]'"
             )

@@ -95,10 +95,10 @@ def shown_addresses(text: str) -> str:
 
 def _format_link(link):
     """Text of one address of a chain."""
-    scheme, separator, rest = link.partition("://")
+    scheme, separator, location = link.partition("://")
     if not separator:
         return link
-    rest = re.split(r"[?#]", rest, maxsplit=1)[0]
-    before, at, behind = rest.rpartition("@")
+    location = re.split(r"[?#]", location, maxsplit=1)[0]
+    before, at, host_path = location.rpartition("@")
     # A password may hold any sign; a path with an @ and no colon before it is one.
-    return f"{scheme}://{behind if at and (':' in before or '/' not in before) else rest}"
+    return f"{scheme}://{host_path if at and (':' in before or '/' not in before) else location}"

@@ -29,25 +29,25 @@ def find_shadowed_packages() -> dict[str, str]:
             continue  # a module without a specification, made by hand
         if spec is None:
             continue  # it is not installed
-        places = [spec.origin] if spec.origin else list(spec.submodule_search_locations or ())
-        if places and not any(_is_ours(place, name) for place in places):
-            hiding[name] = places[0]
+        paths = [spec.origin] if spec.origin else list(spec.submodule_search_locations or ())
+        if paths and not any(_is_ours(path, name) for path in paths):
+            hiding[name] = paths[0]
     return hiding
 
 
-def _is_ours(place, name):
-    return os.path.realpath(place).startswith(os.path.realpath(os.path.join(_ROOT, name)) + os.sep)
+def _is_ours(path, name):
+    return os.path.realpath(path).startswith(os.path.realpath(os.path.join(_ROOT, name)) + os.sep)
 
 
 def warn_if_hidden() -> None:
     """Warn in one sentence where something of the user's hides a package of ours."""
     if os.path.dirname(sys.argv[0]) == os.path.join(_ROOT, "vsh") or sys.argv[:1] == ["-m"]:
         return  # `python -m vsh` finds ours whatever hides them
-    for name, place in find_shadowed_packages().items():
+    for name, path in find_shadowed_packages().items():
         from vsh.tools.errors import VshWarning  # NumPy comes with it
 
         warnings.warn(
-            f"{place} hides the package {name} of vsh-astrometry, so that `import {name}` gives yours: rename it, or "
+            f"{path} hides the package {name} of vsh-astrometry, so that `import {name}` gives yours: rename it, or "
             "run from another folder",
             VshWarning,
             stacklevel=3,
@@ -68,9 +68,9 @@ def from_stub(module: str, file: str) -> tuple[Callable[[str], Any], Callable[[]
 
     Errors and warnings are not listed by `dir`: whoever looks for a function need not read past them.
     """
-    attached, _, names = lazy_loader.attach_stub(module, file)
-    listed = sorted(name for name in names if not name.endswith(("Error", "Warning")))
-    return _with_hints(module, attached, names), lambda: list(listed), names
+    getter, _, names = lazy_loader.attach_stub(module, file)
+    dir_names = sorted(name for name in names if not name.endswith(("Error", "Warning")))
+    return _with_hints(module, getter, names), lambda: list(dir_names), names
 
 
 def lazily(
@@ -78,17 +78,17 @@ def lazily(
 ) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
     """A face's `__getattr__` and `__dir__`: attributes of its files, or sub-modules, imported when first asked for."""
     submodules = () if attributes else names
-    attached, _, _ = lazy_loader.attach(module, submodules=submodules, submod_attrs=dict(attributes))
+    getter, _, _ = lazy_loader.attach(module, submodules=submodules, submod_attrs=dict(attributes))
 
-    return _with_hints(module, attached, list(names)), lambda: list(names)
+    return _with_hints(module, getter, list(names)), lambda: list(names)
 
 
-def _with_hints(module, attached, names):
+def _with_hints(module, getter, names):
     """A `__getattr__` whose error names what may be meant."""
 
     def get(name):
         try:
-            return attached(name)
+            return getter(name)
         except AttributeError as error:
             from vsh.tools.errors import no_name
 

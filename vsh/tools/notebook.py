@@ -24,8 +24,8 @@ class InNotebook:
         def __getattr__(self, name):
             if name.startswith("_"):
                 raise AttributeError(name)
-            if (own := getattr_static(type(self), name, None)) is not None:
-                return own.__get__(self, type(self))  # a property whose own error is one of attributes
+            if (attribute := getattr_static(type(self), name, None)) is not None:
+                return attribute.__get__(self, type(self))  # a property whose own error is one of attributes
             from vsh.tools.errors import no_attribute
 
             no_attribute(self, name)
@@ -56,8 +56,8 @@ def as_html(title: str, rows: dict[str, str | None], *, heading: str = "") -> st
         for name, value in rows.items()
         if value is not None
     )
-    rest = heading.removeprefix(title).lstrip(": ")
-    return f"<p><b>{escape(title)}</b>{': ' if rest else ''}{escape(rest)}</p><table>{cells}</table>"
+    subtitle = heading.removeprefix(title).lstrip(": ")
+    return f"<p><b>{escape(title)}</b>{': ' if subtitle else ''}{escape(subtitle)}</p><table>{cells}</table>"
 
 
 def shown(value: Any) -> str | None:
@@ -70,8 +70,8 @@ def shown(value: Any) -> str | None:
         return None
     if isinstance(value, (float, np.floating)):
         return f"{value:.6g}"
-    if isinstance(value, (tuple, list)) and all(isinstance(each, str) for each in value):
-        return f"<ul>{''.join(f'<li>{escape(each)}</li>' for each in value)}</ul>" if value else None
+    if isinstance(value, (tuple, list)) and all(isinstance(item, str) for item in value):
+        return f"<ul>{''.join(f'<li>{escape(item)}</li>' for item in value)}</ul>" if value else None
     text = str(value)
     return escape(text if len(text) <= _WIDTH else f"{text[:_WIDTH]} …")
 
@@ -83,14 +83,16 @@ def _array(values):
     if values.dtype.kind == "b":
         return f"{shape}, {values.sum()} true"
     if values.dtype.kind in "iuf" and np.isfinite(values).any():
-        known = values[np.isfinite(values)]
-        lost = values.size - known.size
-        return f"{shape}, from {known.min():.5g} to {known.max():.5g}" + (f", {lost} missing" if lost else "")
+        finite_values = values[np.isfinite(values)]
+        lost = values.size - finite_values.size
+        return f"{shape}, from {finite_values.min():.5g} to {finite_values.max():.5g}" + (
+            f", {lost} missing" if lost else ""
+        )
     return f"{shape}: {', '.join(map(str, values.ravel()[:3]))}{', …' if values.size > 3 else ''}"
 
 
-def _public(thing):
-    return [name for name in getattr(thing, "__dict__", {}) if not name.startswith("_")]
+def _public(instance):
+    return [name for name in getattr(instance, "__dict__", {}) if not name.startswith("_")]
 
 
 class Frozen(InNotebook):
@@ -112,5 +114,5 @@ def _freeze(value):
     if isinstance(value, np.ndarray):
         return read_only(value)
     if isinstance(value, list):
-        return [_freeze(each) for each in value]
+        return [_freeze(item) for item in value]
     return value

@@ -34,14 +34,14 @@ class CountedNote(str):
 
     def __new__(cls, parts):
         counts, total, names = {}, 0, []
-        for reasons, rows, named in parts.values():
+        for reasons, rows, part_names in parts.values():
             total += rows
-            names += named
+            names += part_names
             for reason, count in reasons.items():
                 counts[reason] = counts.get(reason, 0) + count
         # A part without anything to count is not among those counted, so of several the total is not known.
-        known = total if cls.complete or len(parts) == 1 else 0
-        note = super().__new__(cls, cls.words(counts, known, names))
+        known_total = total if cls.complete or len(parts) == 1 else 0
+        note = super().__new__(cls, cls.words(counts, known_total, names))
         note.parts, note.counts, note.total = parts, counts, total
         return note
 
@@ -100,8 +100,8 @@ class DroppedRows(CountedNote):
     @staticmethod
     def words(counts: Mapping[str, int], total: int, names: Sequence[str]) -> str:
         """Text of the note."""
-        listed = "; ".join(f"{reason}: {count}" for reason, count in counts.items())
-        return f"left out {sum(counts.values())} of {total} rows{': ' if listed else ''}{listed}"
+        details = "; ".join(f"{reason}: {count}" for reason, count in counts.items())
+        return f"left out {sum(counts.values())} of {total} rows{': ' if details else ''}{details}"
 
 
 #: Why a condition does not hold: it is false, or not known.
@@ -115,8 +115,8 @@ class NotSelected(CountedNote):
     def words(counts: Mapping[str, int], total: int, names: Sequence[str]) -> str:
         """Text of the note."""
         missing = counts.get(MISSING, 0)
-        more = f", {missing} of the others with a value missing" if missing else ""
-        return f"selected {total - sum(counts.values())} of {total} rows, where {names[0]}{more}"
+        suffix = f", {missing} of the others with a value missing" if missing else ""
+        return f"selected {total - sum(counts.values())} of {total} rows, where {names[0]}{suffix}"
 
 
 class WithoutRedshift(CountedNote):
@@ -128,9 +128,11 @@ class WithoutRedshift(CountedNote):
     def words(counts: Mapping[str, int], total: int, names: Sequence[str]) -> str:
         """Text of the note."""
         lost = sum(counts.values())
-        listed = ", ".join(f"{count} {reason}" for reason, count in counts.items() if count)
-        named = f" ({', '.join(names[:5])}{', …' if lost > 5 else ''})" if names else ""
-        return f"left out {lost}{f' of {total}' if total else ''} sources without a usable redshift: {listed}{named}"
+        details = ", ".join(f"{count} {reason}" for reason, count in counts.items() if count)
+        examples = f" ({', '.join(names[:5])}{', …' if lost > 5 else ''})" if names else ""
+        return (
+            f"left out {lost}{f' of {total}' if total else ''} sources without a usable redshift: {details}{examples}"
+        )
 
 
 class MoreNotes(str):
@@ -150,23 +152,27 @@ class MoreNotes(str):
 def merge_notes(*groups: Iterable[str]) -> tuple[str, ...]:
     """The notes of several tables as those of one: repeated lines once, dropped rows added up, at most ten lines."""
     plain: dict[str, None] = {}
-    counted: dict[type[CountedNote], dict[str, Any]] = {}
-    hidden: set[str] = set()
+    counted_notes: dict[type[CountedNote], dict[str, Any]] = {}
+    hashes: set[str] = set()
     for note in (note for group in groups for note in group):
         if isinstance(note, CountedNote):
-            counted.setdefault(type(note), {}).update(note.parts)
+            counted_notes.setdefault(type(note), {}).update(note.parts)
         elif isinstance(note, MoreNotes):
-            hidden |= note.hashes
+            hashes |= note.hashes
         else:
             plain[note] = None
     lines = list(plain)
     several = sum(bool(group) for group in groups) > 1
-    if hidden or (several and len(lines) > MAX_NOTES - 1):
-        kept = lines[: MAX_NOTES - 1]
-        hidden |= {_hash(line) for line in lines[MAX_NOTES - 1 :]}
-        hidden -= {_hash(line) for line in kept}
-        lines = kept
-    return (*lines, *(kind(parts) for kind, parts in counted.items()), *([MoreNotes(hidden)] if hidden else []))
+    if hashes or (several and len(lines) > MAX_NOTES - 1):
+        first_lines = lines[: MAX_NOTES - 1]
+        hashes |= {_hash(line) for line in lines[MAX_NOTES - 1 :]}
+        hashes -= {_hash(line) for line in first_lines}
+        lines = first_lines
+    return (
+        *lines,
+        *(note_class(chunk_counts) for note_class, chunk_counts in counted_notes.items()),
+        *([MoreNotes(hashes)] if hashes else []),
+    )
 
 
 def format_notes(notes: Iterable[str]) -> tuple[str, ...]:
@@ -186,8 +192,8 @@ def count_unselected(notes: Iterable[str]) -> int:
     return _count(notes, NotSelected)
 
 
-def _count(notes, kind):
-    return sum((sum(note.counts.values()) for note in notes if isinstance(note, kind)), 0)
+def _count(notes, note_class):
+    return sum((sum(note.counts.values()) for note in notes if isinstance(note, note_class)), 0)
 
 
 def _hash(line):

@@ -55,8 +55,8 @@ def progress_bar(
 class _NoBar:
     """Stand-in for a progress bar that nobody sees."""
 
-    def __init__(self, things: Iterable[Any] | None) -> None:
-        self._things = things
+    def __init__(self, items: Iterable[Any] | None) -> None:
+        self._things = items
 
     def __iter__(self) -> Iterator[Any]:
         return iter(() if self._things is None else self._things)
@@ -91,9 +91,9 @@ def limited(threads: int | None = None) -> Iterator[None]:
 
 def cores(threads: int | None = None) -> int:
     """Number of threads to use: `threads`, the limit that is set, or one for each core this process may run on."""
-    wanted = threads or _LIMIT.get()
-    if wanted:
-        return wanted
+    n_threads = threads or _LIMIT.get()
+    if n_threads:
+        return n_threads
     affinity = getattr(os, "sched_getaffinity", None)  # not on macOS and Windows
     return len(affinity(0)) if affinity else (os.cpu_count() or 1)
 
@@ -157,9 +157,9 @@ def ahead(things: Iterator[T]) -> Iterator[T]:
     """Iterate over items, each made in a thread while the one before it is used."""
     with ThreadPoolExecutor(1) as pool:
         following = pool.submit(next, things, _NOTHING)
-        while (thing := following.result()) is not _NOTHING:
+        while (item := following.result()) is not _NOTHING:
             following = pool.submit(next, things, _NOTHING)
-            yield thing
+            yield item
 
 
 @lru_cache
@@ -191,21 +191,21 @@ def map_blocks(
     bar = progress_bar(total=n, words=progress, shown=progress is not None, unit=" sources")
     with bar, _libraries().limit(limits=1, user_api="blas"):
         if threads <= 1:
-            for each in slices:
-                yield function(each)
-                bar.update(each.stop - each.start)
+            for block in slices:
+                yield function(block)
+                bar.update(block.stop - block.start)
             return
         with ThreadPoolExecutor(threads) as pool:
             waiting = deque()
-            for each in slices:
-                waiting.append((each, pool.submit(function, each)))
+            for block in slices:
+                waiting.append((block, pool.submit(function, block)))
                 if len(waiting) >= 2 * threads:
-                    done, future = waiting.popleft()
+                    finished_block, future = waiting.popleft()
                     yield future.result()
-                    bar.update(done.stop - done.start)
-            for done, future in waiting:
+                    bar.update(finished_block.stop - finished_block.start)
+            for finished_block, future in waiting:
                 yield future.result()
-                bar.update(done.stop - done.start)
+                bar.update(finished_block.stop - finished_block.start)
 
 
 GIB = 2**30
@@ -233,7 +233,7 @@ def _left_of_limit():
         return float("inf")
     try:
         with open("/proc/self/statm", encoding="ascii") as file:
-            used = int(file.read().split()[0]) * os.sysconf("SC_PAGE_SIZE")
+            usage = int(file.read().split()[0]) * os.sysconf("SC_PAGE_SIZE")
     except OSError:
-        used = 0
-    return max(0.0, float(limit - used))
+        usage = 0
+    return max(0.0, float(limit - usage))

@@ -79,11 +79,11 @@ def silence_if_broken() -> None:
 
 def system_words(error: OSError) -> str:
     """Message of the system, with its file."""
-    place = f": {error.filename}" if error.filename else ""
+    suffix = f": {error.filename}" if error.filename else ""
     if error.errno == errno.ENOSPC:
-        return f"the disk is full{place}"
+        return f"the disk is full{suffix}"
     if error.errno == errno.EFBIG:
-        return f"a file would be larger than is allowed here{place}"
+        return f"a file would be larger than is allowed here{suffix}"
     if error.strerror and error.filename:
         return f"{error.filename}: {error.strerror}"
     return error.strerror or str(error) or type(error).__name__

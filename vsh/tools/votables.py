@@ -81,23 +81,23 @@ def _add_systems(document, element, meta):
     from astropy.io.votable.tree import CooSys, TimeSys
 
     resource = document.resources[0]
-    places = [each for each in element.fields if each.name in _ON_THE_SKY]
+    sky_columns = [column for column in element.fields if column.name in _ON_THE_SKY]
     facts = {str(key).upper(): value for key, value in meta.items()}
-    if places:
+    if sky_columns:
         epoch = facts.get("REF_EPOCH") or facts.get("EPOCH")
         system = _SYSTEMS.get(str(facts.get("FRAME", "icrs")).lower(), "ICRS")
         options = {"epoch": f"J{float(epoch):.3f}"} if isinstance(epoch, (int, float)) else {}
         config = {"version_1_2_or_later": True, "version_1_4_or_later": True}
         resource.coordinate_systems.append(CooSys(ID=_FRAME, system=system, config=config, **options))
         axes = _UCD_OF_FRAME.get(system, {})
-        for each in places:
-            each.ref = _FRAME
+        for column in sky_columns:
+            column.ref = _FRAME
             for ours, theirs in axes.items():
-                each.ucd = each.ucd and each.ucd.replace(ours, theirs)
-    times = [each for each in element.fields if each.name in _TIMES]
+                column.ucd = column.ucd and column.ucd.replace(ours, theirs)
+    times = [column for column in element.fields if column.name in _TIMES]
     if times:
         config = {"version_1_4_or_later": True}
         resource.time_systems.append(TimeSys(ID=_TIME, timeorigin=_DR4_ORIGIN, timescale="TCB",
                                              refposition="BARYCENTER", config=config))  # fmt: skip
-        for each in times:
-            each.ref = _TIME
+        for column in times:
+            column.ref = _TIME

@@ -39,30 +39,32 @@ class Tails:
     def logs(self, size: FloatArray, d: IntArray, s: float) -> tuple[FloatArray, FloatArray, FloatArray]:
         """ln of the density of each source by its χ², −2 × the first and −4 × the second derivative by χ²."""
         nu = self.nu
-        parts, firsts, seconds = [], [], []
+        log_densities, firsts, seconds = [], [], []
         for share, scale in self._parts(s):
             inner = nu * scale**2 + size
-            parts.append(
+            log_densities.append(
                 np.log(share) + gammaln((nu + d) / 2) - gammaln(nu / 2)
                 - d / 2 * np.log(np.pi * nu * scale**2) - (nu + d) / 2 * np.log1p(size / (nu * scale**2))
             )  # fmt: skip
             firsts.append(-(nu + d) / 2 / inner)
             seconds.append((nu + d) / 2 / inner**2)
-        total = np.logaddexp.reduce(parts, axis=0)  # a quarter of the time of scipy's logsumexp for one or two parts
-        each = np.exp(np.array(parts) - total)
-        first = np.sum(each * firsts, 0)
-        second = np.sum(each * (np.array(seconds) + np.square(firsts)), 0) - first**2
-        return total, -2 * first, -4 * second
+        total = np.logaddexp.reduce(
+            log_densities, axis=0
+        )  # a quarter of the time of scipy's logsumexp for one or two parts
+        probabilities = np.exp(np.array(log_densities) - total)
+        first_derivative = np.sum(probabilities * firsts, 0)
+        second_derivative = np.sum(probabilities * (np.array(seconds) + np.square(firsts)), 0) - first_derivative**2
+        return total, -2 * first_derivative, -4 * second_derivative
 
     def outlier(self, size: FloatArray, d: IntArray, s: float) -> FloatArray:
         """Probability that a source's errors are more than OUTLIER times s."""
-        nu, parts, beyond = self.nu, [], []
+        nu, log_densities, tail_probabilities = self.nu, [], []
         for share, scale in self._parts(s):
-            parts.append(np.log(share) - d * np.log(scale) - (nu + d) / 2 * np.log1p(size / (nu * scale**2)))
+            log_densities.append(np.log(share) - d * np.log(scale) - (nu + d) / 2 * np.log1p(size / (nu * scale**2)))
             limit = (scale / s / OUTLIER) ** 2
-            beyond.append(gammainc((nu + d) / 2, (nu + size / scale**2) / 2 * limit))
-        each = np.exp(np.array(parts) - np.logaddexp.reduce(parts, axis=0))
-        return np.sum(each * np.array(beyond), 0)
+            tail_probabilities.append(gammainc((nu + d) / 2, (nu + size / scale**2) / 2 * limit))
+        probabilities = np.exp(np.array(log_densities) - np.logaddexp.reduce(log_densities, axis=0))
+        return np.sum(probabilities * np.array(tail_probabilities), 0)
 
     def _parts(self, s):
         """Share and size of errors of the good and of the outliers."""
@@ -103,25 +105,25 @@ def nodes(
     for tails in families:
         values, best = _best(rows, prior, tails, values, scale)
         centre = values
-        spread = np.sqrt((tails.nu + d.mean() + 2) / tails.nu / (2 * d.sum())) if scale is None else 0.0
+        log_sigma = np.sqrt((tails.nu + d.mean() + 2) / tails.nu / (2 * d.sum())) if scale is None else 0.0
         for step in _AROUND if scale is None else (0.0,):
-            s = float(best * np.exp(step * spread))
+            s = float(best * np.exp(step * log_sigma))
             values, size = _climb(rows, prior, tails, s, centre)
             log_density, weight, curvature = tails.logs(size, d, s)
             evidence, covariance = _laplace(rows, prior, tails, s, values, weight, curvature)
             # Flat in ln s; steps of one error.
-            evidence += float(np.sum(log_density)) + (np.log(spread) if spread else 0.0)
+            evidence += float(np.sum(log_density)) + (np.log(log_sigma) if log_sigma else 0.0)
             yield Node(tails, s, values, covariance, evidence, weight, tails.outlier(size, d, s))
 
 
 def combine_nodes(listed: Sequence[Node]) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Mean and covariance of all nodes together, and the probability of each."""
-    evidence = np.array([each.evidence for each in listed])
+    evidence = np.array([node.evidence for node in listed])
     share = np.exp(evidence - logsumexp(evidence))
-    values = np.array([each.values for each in listed])
+    values = np.array([node.values for node in listed])
     mean = share @ values
     off = values - mean
-    covariance = np.einsum("k,kij->ij", share, [each.covariance for each in listed]) + (share * off.T) @ off
+    covariance = np.einsum("k,kij->ij", share, [node.covariance for node in listed]) + (share * off.T) @ off
     return mean, covariance, share
 
 
@@ -139,35 +141,37 @@ def influence_of(
     tenth (weights held as they are: .86, a fifth).
     """
     best = listed[int(np.argmax(share))]
-    same = [(node.excess, node.across) == (best.excess, best.across) for node in listed]  # or its rows are others
-    alike = [k for k in np.argsort(-share)[:_NODES] if same[k]]
+    is_comparable = [
+        (node.excess, node.across) == (best.excess, best.across) for node in listed
+    ]  # or its rows are others
+    indices = [k for k in np.argsort(-share)[:_NODES] if is_comparable[k]]
     design, n = rows.design, len(rows.names)
     starts = np.cumsum(rows.dims) - rows.dims
     squares = np.add.reduceat(design[:, :, None] * design[:, None, :], starts, axis=0)  # AᵀA of each source
-    total, moved = np.zeros(n), np.zeros((n, len(mean)))
+    total, step_sum = np.zeros(n), np.zeros((n, len(mean)))
     logs: list[FloatArray] = []
     steps: list[FloatArray] = []
-    for k in alike:
+    for k in indices:
         node = listed[k]
         size = np.bincount(rows.source, (rows.rhs - design @ node.values) ** 2, minlength=n)
         log_density, weight, curvature = node.tails.logs(size, rows.dims, node.scale)
         pull = _pull(rows, node.values)
-        own = curvature[:, None, None] * pull[:, :, None] * pull[:, None, :]
-        expected = prior[0] + np.tensordot(weight, squares, 1)
-        others = expected - weight[:, None, None] * squares
-        observed = others + own.sum(axis=0) - own
+        source_curvature = curvature[:, None, None] * pull[:, :, None] * pull[:, None, :]
+        normal_matrix = prior[0] + np.tensordot(weight, squares, 1)
+        remainder = normal_matrix - weight[:, None, None] * squares
+        observed = remainder + source_curvature.sum(axis=0) - source_curvature
         # Between two modes of the posterior the curvature is negative: the weights alone then.
-        bent = np.linalg.eigvalsh(observed)[:, 0] > 0.2 * np.abs(np.linalg.eigvalsh(others)[:, 0])
-        matrix = np.where(bent[:, None, None], observed, others)
+        bent = np.linalg.eigvalsh(observed)[:, 0] > 0.2 * np.abs(np.linalg.eigvalsh(remainder)[:, 0])
+        matrix = np.where(bent[:, None, None], observed, remainder)
         steps.append(node.values - np.linalg.solve(matrix, (weight[:, None] * pull)[:, :, None])[:, :, 0])
         logs.append(log_density)
     # The evidence of a node without a source is its evidence over the density of that source.
     relative = np.array(logs) - np.median(logs, axis=0)
-    for k, step, log_density in zip(alike, steps, relative, strict=True):
+    for k, step, log_density in zip(indices, steps, relative, strict=True):
         chance = share[k] * np.exp(-np.clip(log_density, -50, 50))
         total += chance
-        moved += chance[:, None] * step
-    return moved / total[:, None] - mean
+        step_sum += chance[:, None] * step
+    return step_sum / total[:, None] - mean
 
 
 def _best(rows, prior, tails, values, scale):
@@ -175,19 +179,19 @@ def _best(rows, prior, tails, values, scale):
     d = rows.dims
     s = 1.0 if scale is None else scale
     for _ in range(100 if scale is None else 1):
-        values, size = _climb(rows, prior, tails, s, values, most=1)
+        values, size = _climb(rows, prior, tails, s, values, max_steps=1)
         if scale is not None:
             break
         _, weight, _ = tails.logs(size, d, s)
-        new = s * np.sqrt(max(np.sum(weight * size) / d.sum(), 1e-300))
-        done = abs(np.log(new / s)) < 1e-3
-        s = new
-        if done:
+        update = s * np.sqrt(max(np.sum(weight * size) / d.sum(), 1e-300))
+        has_converged = abs(np.log(update / s)) < 1e-3
+        s = update
+        if has_converged:
             break
     return values, s
 
 
-def _climb(rows, prior, tails, s, values, most=60):
+def _climb(rows, prior, tails, s, values, max_steps=60):
     """The frame of highest posterior, and χ² of each source there: reweighting, and Newton's steps where they climb."""
     d, n = rows.dims, len(rows.names)
     matrix0, rhs0 = prior
@@ -198,24 +202,24 @@ def _climb(rows, prior, tails, s, values, most=60):
     size = size_at(values)
     log_density, weight, curvature = tails.logs(size, d, s)
     height = np.sum(log_density) + rhs0 @ values - values @ matrix0 @ values / 2
-    for step in range(most):
-        expected = (rows.design * weight[rows.source, None]).T @ rows.design + matrix0
-        downhill = (rows.design * weight[rows.source, None]).T @ rows.rhs + rhs0 - expected @ values
-        moves = [cho_solve(cho_factor(expected), downhill)]
+    for step in range(max_steps):
+        normal_matrix = (rows.design * weight[rows.source, None]).T @ rows.design + matrix0
+        downhill = (rows.design * weight[rows.source, None]).T @ rows.rhs + rhs0 - normal_matrix @ values
+        moves = [cho_solve(cho_factor(normal_matrix), downhill)]
         if step > 1:
             with suppress(np.linalg.LinAlgError):
                 pull = _pull(rows, values)
-                moves.insert(0, cho_solve(cho_factor(expected + (pull * curvature[:, None]).T @ pull), downhill))
+                moves.insert(0, cho_solve(cho_factor(normal_matrix + (pull * curvature[:, None]).T @ pull), downhill))
         for move in moves:
-            new = values + move
-            new_size = size_at(new)
-            parts = tails.logs(new_size, d, s)
-            new_height = np.sum(parts[0]) + rhs0 @ new - new @ matrix0 @ new / 2
+            new_values = values + move
+            new_size = size_at(new_values)
+            new_logs = tails.logs(new_size, d, s)
+            new_height = np.sum(new_logs[0]) + rhs0 @ new_values - new_values @ matrix0 @ new_values / 2
             if new_height >= height - 1e-9 * abs(height):
                 break
-        values, size, height = new, new_size, new_height
-        _, weight, curvature = parts
-        if move @ expected @ move < 1e-8:
+        values, size, height = new_values, new_size, new_height
+        _, weight, curvature = new_logs
+        if move @ normal_matrix @ move < 1e-8:
             break
     return values, size
 
@@ -223,17 +227,17 @@ def _climb(rows, prior, tails, s, values, most=60):
 def _pull(rows, values):
     """Bᵀr of each source, (n, p)."""
     residual = rows.rhs - rows.design @ values
-    weighted = rows.design * residual[:, None]
-    return np.add.reduceat(weighted, np.cumsum(rows.dims) - rows.dims, axis=0)
+    products = rows.design * residual[:, None]
+    return np.add.reduceat(products, np.cumsum(rows.dims) - rows.dims, axis=0)
 
 
 def _laplace(rows, prior, tails, s, values, weight, curvature):
     """ln of the prior and of the volume at the highest posterior, and the covariance by the curvature there."""
     matrix0, rhs0 = prior
-    expected = (rows.design * weight[rows.source, None]).T @ rows.design + matrix0
+    normal_matrix = (rows.design * weight[rows.source, None]).T @ rows.design + matrix0
     pull = _pull(rows, values)
-    matrix = expected + (pull * curvature[:, None]).T @ pull
-    if np.linalg.eigvalsh(matrix)[0] <= 0.2 * np.linalg.eigvalsh(expected)[0]:  # between two modes
+    matrix = normal_matrix + (pull * curvature[:, None]).T @ pull
+    if np.linalg.eigvalsh(matrix)[0] <= 0.2 * np.linalg.eigvalsh(normal_matrix)[0]:  # between two modes
         d = rows.dims
         ratio = (1 - tails.share) * (tails.nu + d) / (tails.nu + d + 2) / s**2
         matrix = (rows.design * ratio[rows.source, None]).T @ rows.design + matrix0

@@ -107,37 +107,46 @@ def link(
     D = K x of Lindegren (2020, A&A 633, A1), for any number of catalogues and rows; ε and ω have the signs of his, and
     of `fit.solve_frame`. Errors of sources are independent of each other here: stars that share a calibrator are not.
     """
-    given = _reference(astrometry, reference)
-    sought = Unknowns(
-        tuple(unknowns), tuple(each for each in astrometry.catalogues if each != given), tuple(map(float, steps)),
-        order, colour_order, float(epoch),
+    reference_name = _reference(astrometry, reference)
+    parameters = Unknowns(
+        tuple(unknowns), tuple(name for name in astrometry.catalogues if name != reference_name),
+        tuple(map(float, steps)), order, colour_order, float(epoch),
     )  # fmt: skip
-    fixed = {given: ICRF3_EPOCH} if fixed is None else dict(fixed)
-    strange = [each for each in fixed if each not in astrometry.catalogues]
+    fixed = {reference_name: ICRF3_EPOCH} if fixed is None else dict(fixed)
+    strange = [catalogue for catalogue in fixed if catalogue not in astrometry.catalogues]
     if strange:
         raise ParameterError(
             f"fixed= names unknown catalogues {', '.join(strange)}; known are {', '.join(astrometry.catalogues)}"
         )
     raw, notes = equations(
-        astrometry, sought, fixed=fixed, aberration=aberration, parallax=parallax, light_time=light_time
+        astrometry, parameters, fixed=fixed, aberration=aberration, parallax=parallax, light_time=light_time
     )
-    known = _prior(priors, sought)
+    prior = _prior(priors, parameters)
     rows = raw.eliminate_stars()
-    _check(rows, known, sought.names)
+    _check(rows, prior, parameters.names)
     if excess is None:
-        excess = robust and bool(((astrometry.catalogue == given) & astrometry.measured[:, 0]).any())
+        excess = robust and bool(((astrometry.catalogue == reference_name) & astrometry.measured[:, 0]).any())
     families = (FAMILIES if not excess else FEWER) if robust else (NORMAL,)
-    listed: list[Node] = []
-    offsets: list[tuple[float, float]] = _offsets(astrometry, given) if excess else [(0.0, 1.0)]
-    tried = {offset: rows if not offset[0] else raw.eliminate_stars(*offset, given) for offset in offsets}
-    for (size, ratio), more in tried.items():
+    node_list: list[Node] = []
+    offsets: list[tuple[float, float]] = _offsets(astrometry, reference_name) if excess else [(0.0, 1.0)]
+    rows_by_offset = {
+        offset: rows if not offset[0] else raw.eliminate_stars(*offset, reference_name) for offset in offsets
+    }
+    for (size, ratio), offset_rows in rows_by_offset.items():
         # As likely as not there is none; all sizes are alike then.
         chance = -np.log(len(offsets) - 1) if size else 0.0
-        for node in nodes(more, known, families, scale):
-            evidence = node.evidence - more.log_determinant + chance
-            listed.append(replace(node, evidence=evidence, excess=size, across=ratio))
-    best = max(listed, key=lambda node: node.evidence)
-    return made(listed, tried[best.excess, best.across], known, sought, given, (*astrometry.notes, *notes))
+        for node in nodes(offset_rows, prior, families, scale):
+            evidence = node.evidence - offset_rows.log_determinant + chance
+            node_list.append(replace(node, evidence=evidence, excess=size, across=ratio))
+    best = max(node_list, key=lambda node: node.evidence)
+    return made(
+        node_list,
+        rows_by_offset[best.excess, best.across],
+        prior,
+        parameters,
+        reference_name,
+        (*astrometry.notes, *notes),
+    )
 
 
 def _offsets(astrometry, reference):
@@ -154,16 +163,16 @@ def _prior(priors, unknowns):
     """Prior as a normal matrix and its right-hand side."""
     p = len(unknowns.names)
     matrix, rhs = np.zeros((p, p)), np.zeros(p)
-    for each in priors:
-        turned = unknowns.turned
-        catalogue = each.catalogue or (turned[0] if len(turned) == 1 else None)
-        if catalogue not in turned or each.vector not in unknowns.vectors:
-            what = f"the {each.vector} of {catalogue or 'a catalogue that is not named'}"
-            raise ParameterError(f"a prior is of {what}, which is not sought here")
-        a = unknowns.combination(each.vector, catalogue, each.magnitude, each.colour)
-        weighted = np.linalg.solve(each.covariance, a)
-        matrix += a.T @ weighted
-        rhs += weighted.T @ each.value
+    for prior in priors:
+        catalogues = unknowns.turned
+        catalogue = prior.catalogue or (catalogues[0] if len(catalogues) == 1 else None)
+        if catalogue not in catalogues or prior.vector not in unknowns.vectors:
+            phrase = f"the {prior.vector} of {catalogue or 'a catalogue that is not named'}"
+            raise ParameterError(f"a prior is of {phrase}, which is not sought here")
+        a = unknowns.combination(prior.vector, catalogue, prior.magnitude, prior.colour)
+        product = np.linalg.solve(prior.covariance, a)
+        matrix += a.T @ product
+        rhs += product.T @ prior.value
     return matrix, rhs
 
 
@@ -175,8 +184,8 @@ def _check(rows, prior, names):
     if not lost:
         values, vectors = np.linalg.eigh(matrix / np.outer(size, size))
         if values[0] < _ALIKE or len(rows.rhs) < len(names) - np.linalg.matrix_rank(prior[0]):
-            part = np.abs(vectors[:, 0])
-            lost = [name for name, share in zip(names, part, strict=True) if share > 0.1]
+            shares = np.abs(vectors[:, 0])
+            lost = [name for name, share in zip(names, shares, strict=True) if share > 0.1]
     if lost:
         raise DegeneracyError(
             f"{len(rows.names)} sources with {len(rows.rhs)} differences cannot separate {', '.join(lost)}: leave "
@@ -186,14 +195,14 @@ def _check(rows, prior, names):
 
 def _reference(astrometry, reference):
     names = astrometry.catalogues
-    likely = [each for each in names if each.lower().startswith(("vlbi", "icrf"))]
-    chosen = reference or (likely[0] if len(likely) == 1 else None)
-    if chosen not in names:
-        said = f"no catalogue is called {chosen}" if chosen else "which of the catalogues is the reference"
-        raise ParameterError(f"{said}: there are {', '.join(names)}; say reference= (--reference)")
+    likely = [catalogue for catalogue in names if catalogue.lower().startswith(("vlbi", "icrf"))]
+    name = reference or (likely[0] if len(likely) == 1 else None)
+    if name not in names:
+        reason = f"no catalogue is called {name}" if name else "which of the catalogues is the reference"
+        raise ParameterError(f"{reason}: there are {', '.join(names)}; say reference= (--reference)")
     if len(names) == 1 and not astrometry.still.any():
         raise ParameterError(f"all rows are of {names[0]}: a link needs another catalogue")
-    return chosen
+    return name
 
 
 #: Places that are tried unless given, and how many sources are left to either side.
@@ -234,7 +243,7 @@ class StepSearch(FrameResult):
     def answer(self) -> Answer:
         """The result to quote: the link without a step where no jump is detected, and the jump after all places."""
         with_step = dict(self.solution.answer.lines)
-        jump = {label: words for label, words in with_step.items() if label.startswith("jump")}
+        jump = {label: text for label, text in with_step.items() if label.startswith("jump")}
         if self.p_value < SEEN:
             return self.solution.answer
         lines = dict(self.whole.answer.lines)
@@ -265,24 +274,24 @@ class StepSearch(FrameResult):
     def interval(self) -> tuple[float, float]:
         """Range of the most probable places with 68 % together, each half way to those beside it."""
         order = np.argsort(-self.probability, kind="stable")
-        held = np.searchsorted(np.cumsum(self.probability[order]), 0.68) + 1
-        chosen = order[:held]
+        count = np.searchsorted(np.cumsum(self.probability[order]), 0.68) + 1
+        indices = order[:count]
         edges = np.r_[self.places[0], (self.places[1:] + self.places[:-1]) / 2, self.places[-1]]
-        return float(edges[chosen.min()]), float(edges[chosen.max() + 1])
+        return float(edges[indices.min()]), float(edges[indices.max() + 1])
 
     def _sections(self, long):
-        low, high = self.interval
+        lower, upper = self.interval
         facts = [
             (
                 "jump",
                 f"p = {printed_p_value(self.p_value)} of one as large by chance, at any of {len(self.places)} places",
             ),
-            ("place", f"G = {self.place:.4g} is most probable if there is one; 68 %: {low:.4g} to {high:.4g}"),
+            ("place", f"G = {self.place:.4g} is most probable if there is one; 68 %: {lower:.4g} to {upper:.4g}"),
             ("largest", f"p = {printed_p_value(float(self.p_values.min()))} of that jump alone, without the search"),
         ]
-        rest = self.solution.sections(long=long)
-        first = replace(rest[0], title=f"With a jump at the most probable place: {rest[0].title}")
-        return (Section("Search for a jump", facts, self.to_table() if long else None), first, *rest[1:])
+        sections = self.solution.sections(long=long)
+        link_section = replace(sections[0], title=f"With a jump at the most probable place: {sections[0].title}")
+        return (Section("Search for a jump", facts, self.to_table() if long else None), link_section, *sections[1:])
 
     def to_table(self) -> Table:
         """The places as an astropy Table, a row each."""
@@ -331,27 +340,34 @@ def find_step(astrometry: AstrometryRows, places: Sequence[float] | None = None,
     """
     if "steps" in options:
         raise ParameterError("steps are what is sought: say at which magnitudes with places")
-    tried = _mean_epochs(astrometry) if places is None else np.unique(np.asarray(places, float))
-    if tried.ndim != 1 or len(tried) < 2 or not np.isfinite(tried).all():
+    magnitudes = _mean_epochs(astrometry) if places is None else np.unique(np.asarray(places, float))
+    if magnitudes.ndim != 1 or len(magnitudes) < 2 or not np.isfinite(magnitudes).all():
         raise ParameterError(f"two magnitudes at least are expected as places of a jump, not {places!r}")
-    solutions = [link(astrometry, steps=[float(place)], **options) for place in tried]
-    unknown = [np.linalg.slogdet(each.jump_covariance(x))[1] for each, x in zip(solutions, tried.tolist(), strict=True)]
-    evidence = np.array([each.log_evidence for each in solutions]) - np.array(unknown) / 2
+    solutions = [link(astrometry, steps=[float(magnitude)], **options) for magnitude in magnitudes]
+    log_determinants = [
+        np.linalg.slogdet(each.jump_covariance(x))[1] for each, x in zip(solutions, magnitudes.tolist(), strict=True)
+    ]
+    evidence = np.array([each.log_evidence for each in solutions]) - np.array(log_determinants) / 2
     best = solutions[int(evidence.argmax())]
-    each = np.array([solution.jump_p_values(place) for solution, place in zip(solutions, tried.tolist(), strict=True)])
-    together = -np.expm1(len(tried) * np.log1p(-np.minimum(each.min(axis=0), 1 - 1e-16)))
-    whole = link(astrometry, **options)
-    best = replace(best, searched=tuple(map(float, together)))
-    return StepSearch(tried, np.exp(evidence - logsumexp(evidence)), each[:, 0], float(together[0]), best, whole)
+    each = np.array(
+        [solution.jump_p_values(magnitude) for solution, magnitude in zip(solutions, magnitudes.tolist(), strict=True)]
+    )
+    search_p_values = -np.expm1(len(magnitudes) * np.log1p(-np.minimum(each.min(axis=0), 1 - 1e-16)))
+    baseline = link(astrometry, **options)
+    best = replace(best, searched=tuple(map(float, search_p_values)))
+    return StepSearch(
+        magnitudes, np.exp(evidence - logsumexp(evidence)), each[:, 0], float(search_p_values[0]), best, baseline
+    )
 
 
 def _mean_epochs(astrometry):
     """Magnitudes between those of the sources, some of these left to either side."""
-    _, first = np.unique(astrometry.source, return_index=True)
-    known = np.sort(astrometry.magnitude[first][np.isfinite(astrometry.magnitude[first])])
-    if len(known) < 2 * _BESIDE + 2:
+    _, rows = np.unique(astrometry.source, return_index=True)
+    magnitudes = np.sort(astrometry.magnitude[rows][np.isfinite(astrometry.magnitude[rows])])
+    if len(magnitudes) < 2 * _BESIDE + 2:
         raise DegeneracyError(
-            f"{len(known)} sources with a magnitude are too few to look for a jump among: {2 * _BESIDE + 2} at least"
+            f"{len(magnitudes)} sources with a magnitude are too few to look for a jump among: {2 * _BESIDE + 2} at "
+            "least"
         )
-    at = np.unique(np.linspace(_BESIDE, len(known) - _BESIDE, _PLACES).astype(int))
-    return np.unique((known[at - 1] + known[at]) / 2)
+    at = np.unique(np.linspace(_BESIDE, len(magnitudes) - _BESIDE, _PLACES).astype(int))
+    return np.unique((magnitudes[at - 1] + magnitudes[at]) / 2)

@@ -13,11 +13,11 @@ from vsh.tools.types import Axes, AxesArray, OnAxes
 def plot_link(solution: Any, *, ax: OnAxes | None = None) -> AxesArray:
     """Orientation and spin against magnitude with standard errors, and influence and distance of each source."""
     vectors = [each for each in ("orientation", "spin") if each in solution.unknowns.vectors]
-    drawn = panels(ax, len(vectors) + 1, 1, size=(WIDTH, 2.2 * (len(vectors) + 1)))
-    known = solution.magnitude[np.isfinite(solution.magnitude)]
-    low, high = (known.min() - 0.3, known.max() + 0.3) if known.size else (10.0, 20.0)
-    edges = [low, *(s for s in sorted(solution.unknowns.steps) if low < s < high), high]
-    for axes, vector in zip(drawn, vectors, strict=False):
+    panel_axes = panels(ax, len(vectors) + 1, 1, size=(WIDTH, 2.2 * (len(vectors) + 1)))
+    magnitudes = solution.magnitude[np.isfinite(solution.magnitude)]
+    lower, upper = (magnitudes.min() - 0.3, magnitudes.max() + 0.3) if magnitudes.size else (10.0, 20.0)
+    edges = [lower, *(s for s in sorted(solution.unknowns.steps) if lower < s < upper), upper]
+    for axes, vector in zip(panel_axes, vectors, strict=False):
         for k, axis in enumerate("xyz"):
             for start, end in pairwise(edges):
                 # A step belongs to what is fainter.
@@ -32,15 +32,20 @@ def plot_link(solution: Any, *, ax: OnAxes | None = None) -> AxesArray:
                     grid[at], value[at], sigma[at], fmt="o", color=COLOURS[k], markersize=3, capsize=2, linewidth=0.9
                 )
         axes.axhline(0, color="0.6", lw=0.6)
-        axes.plot(known, np.full(known.size, 0.02), "|", color="0.4", ms=6, transform=axes.get_xaxis_transform())
+        axes.plot(
+            magnitudes, np.full(magnitudes.size, 0.02), "|", color="0.4", ms=6, transform=axes.get_xaxis_transform()
+        )
         axes.set_ylabel(f"{vector}  [{'µas' if vector == 'orientation' else 'µas/yr'}]")
         axes.set_xlabel("magnitude")
-    legend_above(drawn[0], 3)
-    axes = drawn[len(vectors)]
+    legend_above(panel_axes[0], 3)
+    axes = panel_axes[len(vectors)]
     influence = np.abs(solution.influence).max(1)
     outlier = solution.outlier > 0.5
-    for chosen, tint, marker, label in ((~outlier, COLOURS[0], "o", "source"), (outlier, COLOURS[1], "x", "outlier")):
-        axes.scatter(solution.distances[chosen], influence[chosen], color=tint, marker=marker, s=14, label=label)
+    for selection, tint, marker, label in (
+        (~outlier, COLOURS[0], "o", "source"),
+        (outlier, COLOURS[1], "x", "outlier"),
+    ):
+        axes.scatter(solution.distances[selection], influence[selection], color=tint, marker=marker, s=14, label=label)
     axes.legend(fontsize="x-small", loc="best")
     # Those of most influence may stand side by side: each name has a corner of its own.
     for i, (offset, side) in zip(np.argsort(-influence), (((4, 3), "left"), ((4, -9), "left"), ((-4, 3), "right"))):
@@ -52,7 +57,7 @@ def plot_link(solution: Any, *, ax: OnAxes | None = None) -> AxesArray:
     log_ticks(axes.xaxis, *axes.get_xlim())
     axes.set_xlabel("√χ² per difference, formal errors")
     axes.set_ylabel("change without it  [σ]")
-    return drawn
+    return panel_axes
 
 
 @apply_style

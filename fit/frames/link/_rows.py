@@ -83,60 +83,58 @@ def read_priors(source: Any, magnitude: float | None = None) -> list[LinkPrior]:
     """
     if isinstance(source, str | PathLike) and Path(source, _OF_A_FIT).is_file():
         source = Path(source, _OF_A_FIT)
-    opened = tables.open_table(source)
-    if {"x", "sigma_x", "name"} <= {*opened.names}:
-        return _priors_of_fit(opened, magnitude)
+    table = tables.open_table(source)
+    if {"x", "sigma_x", "name"} <= {*table.names}:
+        return _priors_of_fit(table, magnitude)
     for name in (*"xyz", *(f"{axis}_error" for axis in "xyz")):
-        if name not in opened.names:
-            raise TableError(f"{opened.label}: {missing_column(name, opened)}")
-    data = {name: _numbers(opened, name) for name in opened.names if name in _NUMBERS}
-    words = {name: np.asarray(opened.columns((name,))[name][0]).astype(str) for name in _WORDS if name in opened.names}
+        if name not in table.names:
+            raise TableError(f"{table.label}: {missing_column(name, table)}")
+    data = {name: _numbers(table, name) for name in table.names if name in _NUMBERS}
+    texts = {name: np.asarray(table.columns((name,))[name][0]).astype(str) for name in _WORDS if name in table.names}
     priors = []
     for row in range(len(data["x"])):
-        unit = "uas" if words.get("vector", ["spin"] * (row + 1))[row] == "orientation" else "uas / yr"
+        unit = "uas" if texts.get("vector", ["spin"] * (row + 1))[row] == "orientation" else "uas / yr"
 
         def number(name, row=row, unit=unit):
-            factor = (
-                unit_factor(name, opened.units.get(name), unit) if name[:1] in "xyz" and "corr" not in name else 1.0
-            )
+            factor = unit_factor(name, table.units.get(name), unit) if name[:1] in "xyz" and "corr" not in name else 1.0
             return float(data[name][row]) * factor if name in data else 0.0
 
         sigma = np.array([number(f"{axis}_error") for axis in "xyz"])
         matrix = np.eye(3)
         for name, (i, j) in {"x_y_corr": (0, 1), "x_z_corr": (0, 2), "y_z_corr": (1, 2)}.items():
             matrix[i, j] = matrix[j, i] = number(name)
-        known = {name: float(data[name][row]) for name in ("magnitude", "colour") if name in data}
-        known = {name: value for name, value in known.items() if np.isfinite(value)}
+        keywords = {name: float(data[name][row]) for name in ("magnitude", "colour") if name in data}
+        keywords = {name: value for name, value in keywords.items() if np.isfinite(value)}
         if magnitude is not None:
-            known.setdefault("magnitude", magnitude)
+            keywords.setdefault("magnitude", magnitude)
         priors.append(
             LinkPrior(
-                str(words["vector"][row]) if "vector" in words else "spin",
+                str(texts["vector"][row]) if "vector" in texts else "spin",
                 np.array([number(axis) for axis in "xyz"]),
                 matrix * np.outer(sigma, sigma),
-                catalogue=str(words["catalogue"][row]) if "catalogue" in words else None,
-                **known,
+                catalogue=str(texts["catalogue"][row]) if "catalogue" in texts else None,
+                **keywords,
             )
         )
     return priors
 
 
-def _priors_of_fit(opened, magnitude):
+def _priors_of_fit(table, magnitude):
     """The spin of a fit to motions, from the table of its vectors."""
-    names = np.asarray(opened.columns(("name",))["name"][0]).astype(str)
+    names = np.asarray(table.columns(("name",))["name"][0]).astype(str)
     if "spin" not in names:
-        raise TableError(f"{opened.label}: no row is called spin; there are {', '.join(names)}")
+        raise TableError(f"{table.label}: no row is called spin; there are {', '.join(names)}")
     row = int(np.flatnonzero(names == "spin")[0])
 
     def number(name):
-        return float(_numbers(opened, name)[row])
+        return float(_numbers(table, name)[row])
 
-    if any(unit_factor(axis, opened.units.get(axis), "uas / yr") != 1 for axis in "xyz"):
-        raise TableError(f"{opened.label}: the spin is not in µas/yr")
+    if any(unit_factor(axis, table.units.get(axis), "uas / yr") != 1 for axis in "xyz"):
+        raise TableError(f"{table.label}: the spin is not in µas/yr")
     matrix = np.diag([number(f"sigma_{axis}") ** 2 for axis in "xyz"])
     for name, (i, j) in {"cov_xy": (0, 1), "cov_xz": (0, 2), "cov_yz": (1, 2)}.items():
         matrix[i, j] = matrix[j, i] = number(name)
-    turn = rotation_matrix(str(opened.meta.get("frame", "icrs")), "icrs")
+    turn = rotation_matrix(str(table.meta.get("frame", "icrs")), "icrs")
     value = turn @ np.array([number(axis) for axis in "xyz"])
     return [LinkPrior("spin", value, turn @ matrix @ turn.T, magnitude=magnitude)]
 
@@ -147,9 +145,9 @@ _NUMBERS = (*"xyz", *(f"{axis}_error" for axis in "xyz"), "x_y_corr", "x_z_corr"
 _WORDS = ("vector", "catalogue")
 
 
-def _numbers(opened, name):
+def _numbers(table, name):
     """A column, nan where nothing is."""
-    values, mask = opened.columns((name,))[name]
+    values, mask = table.columns((name,))[name]
     floats, missing = as_floats(name, values)
     return np.where(missing if mask is None else missing | np.asarray(mask, bool), np.nan, floats)
 
@@ -190,7 +188,7 @@ class Unknowns(InNotebook):
 
     def __post_init__(self) -> None:
         """Check what a caller may have mixed up."""
-        wrong = [each for each in self.vectors if each not in VECTORS]
+        wrong = [vector for vector in self.vectors if vector not in VECTORS]
         if wrong or not self.vectors:
             raise ParameterError(f"unknowns are of {', '.join(VECTORS)}, not {', '.join(map(str, wrong)) or 'none'}")
         if len(set(self.steps)) < len(self.steps) or not np.isfinite(self.steps).all():
@@ -223,16 +221,16 @@ class Unknowns(InNotebook):
         edges = sorted(self.steps)
         if not edges:
             return (("", None),)
-        between = [f"{low:g} ≤ G < {high:g}" for low, high in pairwise(edges)]
+        ranges = [f"{lower:g} ≤ G < {upper:g}" for lower, upper in pairwise(edges)]
         inside = [np.nextafter(edges[0], -np.inf), *edges]
-        return tuple(zip([f"G < {edges[0]:g}", *between, f"G ≥ {edges[-1]:g}"], inside, strict=True))
+        return tuple(zip([f"G < {edges[0]:g}", *ranges, f"G ≥ {edges[-1]:g}"], inside, strict=True))
 
     def functions(self, magnitude: ArrayLike, colour: ArrayLike | None = None) -> FloatArray:
         """The functions of `terms` at each `magnitude` and `colour`, (k, n); nan where that is not known."""
         magnitude = np.atleast_1d(np.asarray(magnitude, float))
         colour = np.full(magnitude.shape, np.nan) if colour is None else np.atleast_1d(np.asarray(colour, float))
-        unknown = np.where(np.isnan(magnitude), np.nan, 0.0)
-        rows = [np.ones(magnitude.shape), *((magnitude >= step) + unknown for step in self.steps)]
+        gaps = np.where(np.isnan(magnitude), np.nan, 0.0)
+        rows = [np.ones(magnitude.shape), *((magnitude >= step) + gaps for step in self.steps)]
         rows += [(magnitude - _ZERO["magnitude"]) ** k for k in range(1, self.order + 1)]
         rows += [(colour - _ZERO["colour"]) ** k for k in range(1, self.colour_order + 1)]
         return np.array(rows)
@@ -304,12 +302,12 @@ class Unknowns(InNotebook):
             if vector == "acceleration":
                 continue
             for values in functions:
-                part = slice(start, start + 3)
+                columns = slice(start, start + 3)
                 if vector == "orientation":
-                    design[:, :2, part] = values[:, None, None] * turn
+                    design[:, :2, columns] = values[:, None, None] * turn
                 else:
-                    design[:, :2, part] = (values * (epoch - self.epoch))[:, None, None] * turn
-                    design[:, 3:, part] = values[:, None, None] * turn
+                    design[:, :2, columns] = (values * (epoch - self.epoch))[:, None, None] * turn
+                    design[:, 3:, columns] = values[:, None, None] * turn
                 start += 3
         return design
 
@@ -406,40 +404,40 @@ class Equations:
         Along the jet where there is one and `across` times as much across it, the same in all rows of the reference
         that are of one source, or of one calibrator.
         """
-        left = [piece for some in self._alike for piece in self._left(some, excess, across, reference)]
-        left = [each for each in left if each.design.size and np.abs(each.design).max() > 0]
-        left.sort(key=lambda each: each.group)
-        if not left:
-            first = {each: self.data.name[self.data.catalogue == each][0] for each in self.data.catalogues}
-            called = ", ".join(f"{name} in {each}" for each, name in first.items())
+        pieces = [piece for members in self._alike for piece in self._left(members, excess, across, reference)]
+        pieces = [each for each in pieces if each.design.size and np.abs(each.design).max() > 0]
+        pieces.sort(key=lambda each: each.group)
+        if not pieces:
+            examples = {each: self.data.name[self.data.catalogue == each][0] for each in self.data.catalogues}
+            text = ", ".join(f"{name} in {each}" for each, name in examples.items())
             raise DegeneracyError(
                 "no source constrains the frame: none is in two catalogues, and none is a quasar with a motion "
-                f"(sources are matched by name: {called} …)"
+                f"(sources are matched by name: {text} …)"
             )
-        groups = [self.rows[each.group] for each in left]
+        groups = [self.rows[each.group] for each in pieces]
         return Rows(
-            np.concatenate([each.design for each in left]),
-            np.concatenate([each.rhs for each in left]),
-            np.repeat(np.arange(len(left)), [len(each.rhs) for each in left]),
+            np.concatenate([each.design for each in pieces]),
+            np.concatenate([each.rhs for each in pieces]),
+            np.repeat(np.arange(len(pieces)), [len(each.rhs) for each in pieces]),
             tuple(map(self._label, groups)),
             np.array([self._magnitude(rows) for rows in groups]),
             np.array([len(rows) for rows in groups]),
-            float(sum(each.size for each in left)),
+            float(sum(each.size for each in pieces)),
         )
 
     @cached_property
     def _alike(self):
         """Groups whose rows measure the same, of the same catalogues and sources: their equations have one shape."""
-        measured = self.data.measured
+        mask = self.data.measured
         catalogue = np.unique(self.data.catalogue, return_inverse=True)[1].ravel()
-        alike: dict[Any, list[int]] = {}
+        groups: dict[Any, list[int]] = {}
         for k, rows in enumerate(self.rows):
-            which = np.unique(self.source[rows], return_inverse=True)[1] if len(rows) > 1 else np.zeros(1, int)
-            key = measured[rows].tobytes(), catalogue[rows].tobytes(), which.tobytes()
-            alike.setdefault(key, []).append(k)
+            indices = np.unique(self.source[rows], return_inverse=True)[1] if len(rows) > 1 else np.zeros(1, int)
+            key = mask[rows].tobytes(), catalogue[rows].tobytes(), indices.tobytes()
+            groups.setdefault(key, []).append(k)
         return [
             np.array(members[i : i + _TOGETHER])
-            for members in alike.values()
+            for members in groups.values()
             for i in range(0, len(members), _TOGETHER)
         ]
 
@@ -454,14 +452,14 @@ class Equations:
             sigma[:, at[j] : at[j + 1], at[j] : at[j + 1]] = data.covariance[rows[:, j]][:, mask][:, :, mask]
         if excess:
             jets = data.jet[rows]
-            known = np.isfinite(jets)
-            some, first = known.any(1), jets[np.arange(n), known.argmax(1)]
-            angle, ratio = np.where(some, first, 0.0), np.where(some, across, 1.0)
+            is_finite = np.isfinite(jets)
+            has_jet, direction = is_finite.any(1), jets[np.arange(n), is_finite.argmax(1)]
+            angle, ratio = np.where(has_jet, direction, 0.0), np.where(has_jet, across, 1.0)
             sin, cos = np.sin(angle), np.cos(angle)
             offset = np.zeros((n, *keep.shape, 2))
             theirs = data.catalogue[rows[0]] == reference
-            turned = np.array([[sin, ratio * cos], [cos, -ratio * sin]])
-            offset[:, theirs, :2] = excess * np.moveaxis(turned, 2, 0)[:, None]
+            jet_axes = np.array([[sin, ratio * cos], [cos, -ratio * sin]])
+            offset[:, theirs, :2] = excess * np.moveaxis(jet_axes, 2, 0)[:, None]
             flat = offset[:, keep]
             sigma += flat @ flat.transpose(0, 2, 1)
         factor = np.linalg.cholesky(sigma)
@@ -472,31 +470,31 @@ class Equations:
         length = np.linalg.norm(truth, axis=1, keepdims=True)
         if truth.size:
             u, s, _ = np.linalg.svd(np.linalg.solve(factor, truth / np.where(length > 0, length, 1.0)))
-            kept = (s > _RANK * s[:, :1]) & (s > 0)
+            is_nonzero = (s > _RANK * s[:, :1]) & (s > 0)
         else:
-            u, s, kept = np.tile(np.eye(m), (n, 1, 1)), np.ones((n, 0)), np.zeros((n, 0), bool)
-        size += np.log(np.where(kept, s, 1.0)).sum(1)
-        for i, rank in enumerate(kept.sum(1)):
-            free = u[i, :, rank:].T
-            yield _Eliminated(int(members[i]), free @ a[i], free @ y[i], float(size[i]))
+            u, s, is_nonzero = np.tile(np.eye(m), (n, 1, 1)), np.ones((n, 0)), np.zeros((n, 0), bool)
+        size += np.log(np.where(is_nonzero, s, 1.0)).sum(1)
+        for i, rank in enumerate(is_nonzero.sum(1)):
+            null_space = u[i, :, rank:].T
+            yield _Eliminated(int(members[i]), null_space @ a[i], null_space @ y[i], float(size[i]))
 
     def _magnitude(self, rows):
         """Magnitude of a source, or the mean of several."""
-        known = self.data.magnitude[rows][np.isfinite(self.data.magnitude[rows])]
-        return known.mean() if known.size else np.nan
+        magnitudes = self.data.magnitude[rows][np.isfinite(self.data.magnitude[rows])]
+        return magnitudes.mean() if magnitudes.size else np.nan
 
     def _truths(self, rows):
         """Derivatives by the true parameters of all sources that stand together, (n, j, 5, 5 s)."""
-        which = np.unique(self.source[rows[0]], return_inverse=True)[1].ravel()
-        out = np.zeros((*rows.shape, 5, which.max() + 1, 5))
-        out[:, np.arange(len(which)), :, which] = np.moveaxis(self.truth[rows], 1, 0)
-        return out.reshape(*rows.shape, 5, -1)
+        indices = np.unique(self.source[rows[0]], return_inverse=True)[1].ravel()
+        derivatives = np.zeros((*rows.shape, 5, indices.max() + 1, 5))
+        derivatives[:, np.arange(len(indices)), :, indices] = np.moveaxis(self.truth[rows], 1, 0)
+        return derivatives.reshape(*rows.shape, 5, -1)
 
     def _label(self, rows):
         """The name of a source, or of the first of several and how many more there are."""
         sources = np.unique(self.source[rows])
-        first = str(self.data.name[rows[0]])
-        return first if len(sources) == 1 else f"{first} and {len(sources) - 1} more"
+        name = str(self.data.name[rows[0]])
+        return name if len(sources) == 1 else f"{name} and {len(sources) - 1} more"
 
 
 def equations(
@@ -512,46 +510,51 @@ def equations(
     number, n = data.source, len(data)
     order = np.argsort(number, kind="stable")
     groups = tuple(np.split(order, np.flatnonzero(np.diff(number[order])) + 1))
-    together = _of_one_calibrator(data, groups)
+    calibrator_groups = _of_one_calibrator(data, groups)
     # The colour and the magnitude of a source are those of any of its rows.
     values = {role: np.full(n, np.nan) for role in ("magnitude", "colour", "radial_velocity")}
     start = np.zeros((5, n))
     epoch = np.zeros(n)
     still = np.zeros(n, bool)
-    measured = data.measured
+    mask = data.measured
     for rows in groups:
         for role, column in values.items():
-            known = getattr(data, role)[rows]
-            known = known[np.isfinite(known)]
-            column[rows] = known[0] if known.size else np.nan
+            entries = getattr(data, role)[rows]
+            entries = entries[np.isfinite(entries)]
+            column[rows] = entries[0] if entries.size else np.nan
         still[rows] = data.still[rows].any()
-        first = rows[np.argmax(measured[rows].sum(1) + 0.5 * np.isfinite(data.lon[rows]))]
-        if not np.isfinite(data.lon[first]):
-            raise FieldError(f"no row of {in_a_line(data.name[first])} has a position, if without an error")
-        start[0, rows], start[1, rows], epoch[rows] = data.lon[first], data.lat[first], data.epoch[first]
+        best_row = rows[np.argmax(mask[rows].sum(1) + 0.5 * np.isfinite(data.lon[rows]))]
+        if not np.isfinite(data.lon[best_row]):
+            raise FieldError(f"no row of {in_a_line(data.name[best_row])} has a position, if without an error")
+        start[0, rows], start[1, rows], epoch[rows] = data.lon[best_row], data.lat[best_row], data.epoch[best_row]
         if not still[rows[0]]:
             for k in (2, 3, 4):
                 with_it = rows[np.isfinite(data.values[k, rows])]
-                place = first if np.isfinite(data.values[k, first]) else with_it[0] if with_it.size else -1
-                start[k, rows] = data.values[k, place] if place >= 0 else 0.0
+                row = best_row if np.isfinite(data.values[k, best_row]) else with_it[0] if with_it.size else -1
+                start[k, rows] = data.values[k, row] if row >= 0 else 0.0
     notes = _moving_without_velocity(data, values["radial_velocity"], still)
     later, jacobian = propagate(
         start, np.nan_to_num(values["radial_velocity"]), epoch, data.epoch, light_time=light_time
     )
     p, q, r = triad(later[0], later[1])
-    _, _, there = triad(np.where(measured[:, 0], data.lon, later[0]), np.where(measured[:, 0], data.lat, later[1]))
-    if (np.sum(there * r, 0) < np.cos(_FAR)).any():
-        bad = np.flatnonzero(np.sum(there * r, 0) < np.cos(_FAR))
+    _, _, positions = triad(np.where(mask[:, 0], data.lon, later[0]), np.where(mask[:, 0], data.lat, later[1]))
+    if (np.sum(positions * r, 0) < np.cos(_FAR)).any():
+        bad = np.flatnonzero(np.sum(positions * r, 0) < np.cos(_FAR))
         raise FieldError(
             f"positions more than 1' from where the source should be: {len(bad)} ({in_a_line(data.name[bad[0]])} in "
             f"{data.catalogue[bad[0]]}, row {bad[0]}): names that are given twice, or a wrong epoch or motion"
         )
     residual = np.stack(
-        [np.sum(p * there, 0) / UAS, np.sum(q * there, 0) / UAS, data.parallax - later[2], *(data.motion - later[3:])]
+        [
+            np.sum(p * positions, 0) / UAS,
+            np.sum(q * positions, 0) / UAS,
+            data.parallax - later[2],
+            *(data.motion - later[3:]),
+        ]
     ).T
     truth = jacobian.copy()
     truth[still, :, 2:] = 0.0
-    if parallax and (data.displaced & measured[:, 0]).any():
+    if parallax and (data.displaced & mask[:, 0]).any():
         b = earth(data.epoch)
         factors = -np.stack([np.sum(p * b, 0), np.sum(q * b, 0)])
         factors[:, ~data.displaced] = 0.0
@@ -572,33 +575,35 @@ def equations(
     # epoch does not: there stars move against it.
     shift = np.zeros((n, 5, 3))
     axes = np.stack([p.T, q.T], 1)
-    quasars = still & measured[:, 3]
+    quasars = still & mask[:, 3]
     shift[quasars, 3:] += axes[quasars]
     shift[still, :2] += (data.epoch - epoch)[still, None, None] * axes[still]
-    for catalogue, when in fixed.items():
+    for catalogue, calibrator_epoch in fixed.items():
         mine = data.catalogue == catalogue
-        shift[mine & ~still, :2] -= (data.epoch - when)[mine & ~still, None, None] * axes[mine & ~still]
+        shift[mine & ~still, :2] -= (data.epoch - calibrator_epoch)[mine & ~still, None, None] * axes[mine & ~still]
         shift[mine & ~still, 3:] -= axes[mine & ~still]
     if "acceleration" in unknowns.vectors:
         design[:, :, -3:] = shift
     elif aberration is not None:
         residual -= shift @ aberration.to_frame("icrs").value
-    residual[~measured] = 0.0
-    return Equations(together, residual, design, truth, data), notes
+    residual[~mask] = 0.0
+    return Equations(calibrator_groups, residual, design, truth, data), notes
 
 
 def _of_one_calibrator(data, groups):
     """Rows of sources that share a calibrator, joined: its error is in all of them."""
-    named = data.calibrator != ""
-    if not named.any():
+    has_calibrator = data.calibrator != ""
+    if not has_calibrator.any():
         return groups
-    called, place = np.unique(data.calibrator[named], return_inverse=True)
+    calibrators, indices = np.unique(data.calibrator[has_calibrator], return_inverse=True)
     graph = coo_array(
-        (np.ones(int(named.sum())), (data.source[named], place.ravel())), shape=(len(groups), len(called))
+        (np.ones(int(has_calibrator.sum())), (data.source[has_calibrator], indices.ravel())),
+        shape=(len(groups), len(calibrators)),
     ).tocsr()
-    _, part = connected_components(graph @ graph.T, directed=False)
+    _, components = connected_components(graph @ graph.T, directed=False)
     return tuple(
-        np.concatenate([groups[k] for k in np.flatnonzero(part == each)]) for each in dict.fromkeys(part.tolist())
+        np.concatenate([groups[k] for k in np.flatnonzero(components == component)])
+        for component in dict.fromkeys(components.tolist())
     )
 
 

@@ -106,10 +106,12 @@ class FrameTie(FrameResult, NamedSolution):
         ParameterError
             If the vector was not sought, or the catalogue is not turned.
         """
-        whose = catalogue or (self.unknowns.turned[0] if self.unknowns.turned else "")
-        if name not in self.unknowns.vectors or (name != "acceleration" and whose not in self.unknowns.turned):
-            raise ParameterError(f"the {name} of {whose} was not sought: {', '.join(self.unknowns.vectors)} were")
-        a = self.unknowns.combination(name, whose, magnitude, colour)
+        catalogue_name = catalogue or (self.unknowns.turned[0] if self.unknowns.turned else "")
+        if name not in self.unknowns.vectors or (name != "acceleration" and catalogue_name not in self.unknowns.turned):
+            raise ParameterError(
+                f"the {name} of {catalogue_name} was not sought: {', '.join(self.unknowns.vectors)} were"
+            )
+        a = self.unknowns.combination(name, catalogue_name, magnitude, colour)
         return Vector(a @ self.values, a @ self.covariance @ a.T, self.frame, VECTORS[name][1])
 
     def jump(self, step: float, vector: str = "spin", catalogue: str | None = None) -> tuple[Vector, float]:
@@ -151,12 +153,14 @@ class FrameTie(FrameResult, NamedSolution):
     def _jumps(self, step, vectors=None):
         """Rows from the parameters to the jumps of some vectors, all unless given, of all catalogues."""
         unknowns, vectors = self.unknowns, vectors or self._jumping
-        return np.concatenate([unknowns.jump(each, where, step) for where in unknowns.turned for each in vectors])
+        return np.concatenate(
+            [unknowns.jump(vector, catalogue, step) for catalogue in unknowns.turned for vector in vectors]
+        )
 
     @property
     def _jumping(self):
         """The vectors that jump at a step."""
-        return [each for each in self.unknowns.vectors if each != "acceleration"]
+        return [vector for vector in self.unknowns.vectors if vector != "acceleration"]
 
     def _test_amplitude(self, a):
         """A combination of the parameters, its covariance, and the probability of as much by chance."""
@@ -190,9 +194,11 @@ class FrameTie(FrameResult, NamedSolution):
         """The epoch at which orientation and spin are correlated least, of the first catalogue. [Julian year]"""
         if not {"orientation", "spin"} <= set(self.unknowns.vectors):
             return self.unknowns.epoch
-        one, two = (self.unknowns.combination(each, self.unknowns.turned[0]) for each in ("orientation", "spin"))
+        orientation, spin = (
+            self.unknowns.combination(name, self.unknowns.turned[0]) for name in ("orientation", "spin")
+        )
         return self.unknowns.epoch - float(
-            np.trace(one @ self.covariance @ two.T) / np.trace(two @ self.covariance @ two.T)
+            np.trace(orientation @ self.covariance @ spin.T) / np.trace(spin @ self.covariance @ spin.T)
         )
 
     def at_epoch(self, epoch: float, magnitude: float | None = None, catalogue: str | None = None) -> Vector:
@@ -205,10 +211,10 @@ class FrameTie(FrameResult, NamedSolution):
         magnitude, catalogue
             As for `vector`.
         """
-        whose = catalogue or self.unknowns.turned[0]
-        a = self.unknowns.combination("orientation", whose, magnitude)
+        catalogue_name = catalogue or self.unknowns.turned[0]
+        a = self.unknowns.combination("orientation", catalogue_name, magnitude)
         if "spin" in self.unknowns.vectors:
-            a = a + (epoch - self.unknowns.epoch) * self.unknowns.combination("spin", whose, magnitude)
+            a = a + (epoch - self.unknowns.epoch) * self.unknowns.combination("spin", catalogue_name, magnitude)
         return Vector(a @ self.values, a @ self.covariance @ a.T, self.frame, "µas")
 
     def with_more(self, count: int) -> FloatArray:
@@ -223,7 +229,7 @@ class FrameTie(FrameResult, NamedSolution):
 
     def _sections(self, long):
         unknowns, n = self.unknowns, len(self.sources)
-        turned = ", ".join(unknowns.turned) or self.reference
+        catalogues = ", ".join(unknowns.turned) or self.reference
         facts = [
             ("sources", f"{n}, with {self.n_data} differences free of their own positions, parallaxes and motions"),
             (
@@ -235,13 +241,15 @@ class FrameTie(FrameResult, NamedSolution):
         if self.excess:
             facts.append(("offset", f"{self.excess:.3g} µas a coordinate, of positions of {self.reference}"))
         levels = [line.partition(": ") for line in self._levels(long)]
-        facts += [(label, words) for label, _, words in levels]
+        facts += [(label, text) for label, _, text in levels]
         if long and {"orientation", "spin"} <= set(unknowns.vectors):
             quiet = self.quiet_epoch
             if abs(quiet - unknowns.epoch) > 0.05:
-                there = self.at_epoch(quiet)
-                each = ", ".join(f"{v:+.1f} ± {s:.1f}" for v, s in zip(there.value, there.sigma, strict=True))
-                facts.append((f"orientation at {quiet:.1f}", f"{each} µas, where it is independent of the spin"))
+                orientation = self.at_epoch(quiet)
+                components = ", ".join(
+                    f"{v:+.1f} ± {s:.1f}" for v, s in zip(orientation.value, orientation.sigma, strict=True)
+                )
+                facts.append((f"orientation at {quiet:.1f}", f"{components} µas, where it is independent of the spin"))
         if long:
             facts.append(
                 (
@@ -253,7 +261,7 @@ class FrameTie(FrameResult, NamedSolution):
         remarks = [*self._influences(), "ICRF3's R1, R2, R3 are −ε."]
         sections = [
             Section(
-                f"{turned} against {self.reference}",
+                f"{catalogues} against {self.reference}",
                 facts,
                 table,
                 ("parameter", "value", "sigma", "unit"),
@@ -292,7 +300,7 @@ class FrameTie(FrameResult, NamedSolution):
         }
         heaviest = np.argsort(-np.abs(self.influence).max(1), kind="stable")[:3]
         worst = np.abs(self.influence[heaviest]).argmax(1)
-        moved = {
+        influence_columns = {
             "source": [in_a_line(self.sources[i]) for i in heaviest],
             "parameter": [self.names[k] for k in worst],
             "errors": self.influence[heaviest, worst],
@@ -305,7 +313,10 @@ class FrameTie(FrameResult, NamedSolution):
                 forms={"probability": ".2f", "formal errors": ".1f"},
             ),
             Section(
-                "Sources with most influence, were they left out", (), tables.table_of(moved), forms={"errors": "+.2f"}
+                "Sources with most influence, were they left out",
+                (),
+                tables.table_of(influence_columns),
+                forms={"errors": "+.2f"},
             ),
         )
 
@@ -322,16 +333,19 @@ class FrameTie(FrameResult, NamedSolution):
             if name in self.unknowns.vectors
         ]
         for step in steps:
-            together, *each = self.jump_p_values(step)
-            words = [
+            p_value, *p_values = self.jump_p_values(step)
+            phrases = [
                 f"{vector} {self._components(step, vector) if p < SEEN else 'not detected'} (p = {printed_p_value(p)})"
-                for vector, p in zip(self._jumping, each, strict=True)
+                for vector, p in zip(self._jumping, p_values, strict=True)
             ]
-            hint = hint_of(together)
-            if len(each) > 1:
-                words.append(f"both together p = {printed_p_value(together)}{hint and f' ({hint})'}")
+            hint = hint_of(p_value)
+            if len(p_values) > 1:
+                phrases.append(f"both together p = {printed_p_value(p_value)}{hint and f' ({hint})'}")
             lines.append(
-                (f"jump at {step:.4g}", ", ".join(words) + ("; p-values allow for all places" if self.searched else ""))
+                (
+                    f"jump at {step:.4g}",
+                    ", ".join(phrases) + ("; p-values allow for all places" if self.searched else ""),
+                )
             )
         lines.append(
             ("errors", f"{self._tails()}, times {self.scale:.3g}: from the residuals of {len(self.sources)} sources")
@@ -343,8 +357,8 @@ class FrameTie(FrameResult, NamedSolution):
         if len(self.unknowns.turned) > 1:
             return "detected"
         jump = self.jump(step, vector)[0]
-        listed = ", ".join(f"{v:+.3g} ± {s:.2g}" for v, s in zip(jump.value, jump.sigma, strict=True))
-        return f"detected: ({listed}) {jump.unit}"
+        components = ", ".join(f"{v:+.3g} ± {s:.2g}" for v, s in zip(jump.value, jump.sigma, strict=True))
+        return f"detected: ({components}) {jump.unit}"
 
     @property
     def pairs(self) -> tuple[tuple[str, str], ...]:
@@ -372,7 +386,7 @@ class FrameTie(FrameResult, NamedSolution):
         if self.searched:
             return self.searched
         jumps = [self._jumps(step), *(self._jumps(step, [vector]) for vector in self._jumping)]
-        return tuple(self._test_amplitude(each)[2] for each in jumps)
+        return tuple(self._test_amplitude(jump)[2] for jump in jumps)
 
     def _levels(self, long):
         """The value of each vector between the steps, and the p-values of the jumps."""
@@ -381,16 +395,16 @@ class FrameTie(FrameResult, NamedSolution):
             return lines
         for catalogue in unknowns.turned:
             for vector in self._jumping:
-                for words, magnitude in unknowns.levels:
+                for label, magnitude in unknowns.levels:
                     level = self.vector(vector, magnitude, catalogue=catalogue)
                     values = ", ".join(f"{v:+.1f} ± {s:.1f}" for v, s in zip(level.value, level.sigma, strict=True))
-                    lines.append(f"{vector} of {catalogue}, {words}: {values} {level.unit}")
+                    lines.append(f"{vector} of {catalogue}, {label}: {values} {level.unit}")
         for step in unknowns.steps if long else ():
-            together, *each = self.jump_p_values(step)
-            listed = [f"{vector} {printed_p_value(p)}" for vector, p in zip(self._jumping, each, strict=True)]
-            how = "after allowing for all places" if self.searched else "as if the place were known in advance"
-            listed += [f"together {printed_p_value(together)}"] * (len(each) > 1)
-            lines.append(f"p-values of no jump at {step:.4g} mag, {how}: {', '.join(listed)}")
+            p_value, *p_values = self.jump_p_values(step)
+            phrases = [f"{vector} {printed_p_value(p)}" for vector, p in zip(self._jumping, p_values, strict=True)]
+            remark = "after allowing for all places" if self.searched else "as if the place were known in advance"
+            phrases += [f"together {printed_p_value(p_value)}"] * (len(p_values) > 1)
+            lines.append(f"p-values of no jump at {step:.4g} mag, {remark}: {', '.join(phrases)}")
         return lines
 
     def _in_words(self, name, catalogue):
@@ -409,14 +423,16 @@ class FrameTie(FrameResult, NamedSolution):
         table.meta |= {"reference": self.reference, "epoch": self.unknowns.epoch, "n_sources": len(self.sources)}
         table.meta |= {"chi2": self.chi2, "dof": self.dof, "summary": self.verdict}
         for step in self.unknowns.steps:
-            for name, p in zip(("", *(f"_{each}" for each in self._jumping)), self.jump_p_values(step), strict=True):
+            for name, p in zip(
+                ("", *(f"_{vector}" for vector in self._jumping)), self.jump_p_values(step), strict=True
+            ):
                 table.meta[f"p_value_jump_{step:g}{name}"] = p
         return table
 
     def _tails(self):
         nu, share = self.tails.nu, self.tails.share
-        words = "normal" if nu > 1e5 else f"Student's t, ν = {nu:g}"
-        return words + (f", and {self.tails.times:g} times as large for {100 * share:.0f} %" if share else "")
+        text = "normal" if nu > 1e5 else f"Student's t, ν = {nu:g}"
+        return text + (f", and {self.tails.times:g} times as large for {100 * share:.0f} %" if share else "")
 
     def sources_table(self) -> Table:
         """A row for each source: magnitude, rows, distance, probability of an outlier, influence; an astropy Table."""
@@ -445,10 +461,10 @@ def made(
     """The solution of nodes of the likelihood, with what each source has to do with it."""
     values, covariance, share = combine_nodes(listed)
     best = listed[int(np.argmax(share))]
-    outlier = np.sum([w * each.outlier for w, each in zip(share, listed, strict=True)], axis=0)
+    outlier = np.sum([w * node.outlier for w, node in zip(share, listed, strict=True)], axis=0)
     d = rows.dims
-    left = rows.rhs - rows.design @ values
-    size = np.bincount(rows.source, left**2, minlength=len(d))
+    residuals = rows.rhs - rows.design @ values
+    size = np.bincount(rows.source, residuals**2, minlength=len(d))
     influence = influence_of(listed, share, rows, prior, values) / np.sqrt(np.diag(covariance))
     information = (np.linalg.inv(covariance) - prior[0]) / len(d)
     return FrameTie(
@@ -456,7 +472,7 @@ def made(
         unknowns=unknowns, reference=reference, sources=rows.names, magnitude=rows.magnitude, rows=rows.rows,
         distances=np.sqrt(size / d), outlier=outlier, influence=influence, tails=best.tails, scale=best.scale,
         excess=best.excess, information=information,
-        log_evidence=float(logsumexp([each.evidence for each in listed])),
+        log_evidence=float(logsumexp([node.evidence for node in listed])),
     )  # fmt: skip
 
 
@@ -492,7 +508,7 @@ class LinkPlan(Result):
         return f"<LinkPlan: {len(self.candidates)} candidates, {self.candidates[0]} first>"
 
     def _sections(self, long):
-        today = ", ".join(f"{name} {each:.3g}" for name, each in zip(self.names, self.before, strict=True))
+        today = ", ".join(f"{name} {error:.3g}" for name, error in zip(self.names, self.before, strict=True))
         rows = range(len(self.candidates) if long else min(_PLANNED, len(self.candidates)))
         return (
             Section(
@@ -542,20 +558,20 @@ def forecast(solution: FrameTie, candidates: AstrometryRows) -> LinkPlan:
     Each step takes the candidate with the largest gain of ln det of the inverse covariance. The error model (tails
     and scale) is that found in `solution`, averaged over simulated skies.
     """
-    fixed = {solution.reference: 2015.0} if solution.reference in candidates.catalogues else {}
-    raw, _ = equations(candidates, solution.unknowns, fixed=fixed, aberration=None)
+    epochs = {solution.reference: 2015.0} if solution.reference in candidates.catalogues else {}
+    raw, _ = equations(candidates, solution.unknowns, fixed=epochs, aberration=None)
     rows = raw.eliminate_stars(solution.excess, 1.0, solution.reference)
     tails, d = solution.tails, rows.dims
     ratio = (1 - tails.share) * (tails.nu + d) / (tails.nu + d + 2) / solution.scale**2
     blocks = [weight * rows.design[mine].T @ rows.design[mine] for weight, mine in zip(ratio, rows.parts, strict=True)]
     matrix = np.linalg.inv(solution.covariance)
-    left = list(range(len(blocks)))
+    remainder = list(range(len(blocks)))
     order, gains, sigmas = [], [], []
-    while left:
+    while remainder:
         now = np.linalg.slogdet(matrix)[1]
-        gain = np.array([np.linalg.slogdet(matrix + blocks[i])[1] - now for i in left]) / 2
+        gain = np.array([np.linalg.slogdet(matrix + blocks[i])[1] - now for i in remainder]) / 2
         best = int(gain.argmax())
-        order.append(left.pop(best))
+        order.append(remainder.pop(best))
         gains.append(gain[best])
         matrix = matrix + blocks[order[-1]]
         sigmas.append(np.sqrt(np.diag(np.linalg.inv(matrix))))

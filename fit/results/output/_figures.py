@@ -62,20 +62,22 @@ def plot_spectrum(solution: Any, *, ax: Axes | None = None) -> Axes:
     levels, handles = [], []
     for kind, side in zip(solution.modes.kinds, (-1, 1), strict=False):
         colour, marker = KIND_COLOURS[kind], "o" if kind == "T" else "s"
-        own = [row for row in rows if row.kind == kind]
-        l = np.array([row.l for row in own]) + side * 0.09
+        kind_rows = [row for row in rows if row.kind == kind]
+        l = np.array([row.l for row in kind_rows]) + side * 0.09
         power, error, noise, p = (
-            np.array([getattr(row, x) for row in own], float) for x in ("power", "error", "noise", "p_value")
+            np.array([getattr(row, x) for row in kind_rows], float) for x in ("power", "error", "noise", "p_value")
         )
-        seen = np.isfinite(power)
-        signal = seen & (p <= _SIGNAL)
-        limited = seen & ~signal & (noise > 0)
+        is_finite = np.isfinite(power)
+        signal = is_finite & (p <= _SIGNAL)
+        limit_mask = is_finite & ~signal & (noise > 0)
         axes.errorbar(l[signal], power[signal], error[signal], fmt=marker, color=colour)
-        limit = np.array([row.limit() if shown else np.nan for row, shown in zip(own, limited, strict=True)])
+        limit = np.array(
+            [row.limit() if has_limit else np.nan for row, has_limit in zip(kind_rows, limit_mask, strict=True)]
+        )
         axes.errorbar(
-            l[limited],
-            limit[limited],
-            0.45 * limit[limited],
+            l[limit_mask],
+            limit[limit_mask],
+            0.45 * limit[limit_mask],
             uplims=True,
             fmt="none",
             capsize=2.5,
@@ -84,13 +86,13 @@ def plot_spectrum(solution: Any, *, ax: Axes | None = None) -> Axes:
         )
         axes.hlines(noise, l - 0.2, l + 0.2, color=colour, linestyle=":")
         handles.append(Line2D([], [], color=colour, marker=marker, linestyle="none", label=KIND_NAMES[kind]))
-        levels += [*power[signal], *(power + error)[signal], *limit[limited], *(0.5 * limit[limited]), *noise]
+        levels += [*power[signal], *(power + error)[signal], *limit[limit_mask], *(0.5 * limit[limit_mask]), *noise]
     if solution.floor is not None and solution.includes_floor:
         levels += _draw_floor(axes, solution.floor, handles)
     # An error as large as the power has no lower end on a logarithmic axis: its bar runs out of it.
     axes.set_yscale("log", nonpositive="clip")
-    known = np.array(levels)[np.isfinite(levels) & (np.array(levels) > 0)]
-    reach = (known.min() / 2, known.max() * 2) if known.size else (0.5, 2.0)
+    positive_levels = np.array(levels)[np.isfinite(levels) & (np.array(levels) > 0)]
+    reach = (positive_levels.min() / 2, positive_levels.max() * 2) if positive_levels.size else (0.5, 2.0)
     axes.set_ylim(reach)
     log_ticks(axes.yaxis, *reach)
     if solution.modes.lmax <= 12:
@@ -111,10 +113,10 @@ def _draw_floor(axes, floor, handles):
     levels = []
     for kind, side, interval in (("T", -1, floor.spin_interval), ("S", 1, floor.acceleration_interval)):
         # Power of a vector v is 8π v²/3, of three components.
-        low, high = 8 * np.pi * np.square(interval)
-        axes.fill_between([1 + side * 0.3 - 0.08, 1 + side * 0.3 + 0.08], max(low, high / 30), high, alpha=0.35,
+        lower, upper = 8 * np.pi * np.square(interval)
+        axes.fill_between([1 + side * 0.3 - 0.08, 1 + side * 0.3 + 0.08], max(lower, upper / 30), upper, alpha=0.35,
                           color=KIND_COLOURS[kind], linewidth=0)  # fmt: skip
-        levels += [max(low, high / 30), high]
+        levels += [max(lower, upper / 30), upper]
     handles.append(Patch(color="0.6", alpha=0.6, linewidth=0, label="floor, 68 %"))
     return levels
 
@@ -133,7 +135,7 @@ def plot_power(solution: Any, *, ax: Axes | None = None) -> Axes:
     (axes,) = panels(ax)
     l = np.arange(1, solution.modes.lmax + 1)
     for kind in KINDS:
-        power = [solution.coefficients.power(kind, int(each)) for each in l]
+        power = [solution.coefficients.power(kind, int(degree)) for degree in l]
         axes.semilogy(l, power, "o-", color=KIND_COLOURS[kind], markersize=2, label=KIND_NAMES[kind])
     axes.set_xlabel("degree")
     axes.set_ylabel("power as fitted  [(µas/yr)²]")
@@ -170,13 +172,13 @@ def _known_names(solution):
     """Names, correlations and degrees of the coefficients, degree 1 turned into vectors along the axes."""
     modes = solution.modes
     names, turn = [symbol(str(mode)) for mode in modes], np.eye(len(modes))
-    back = np.linalg.inv(FIRST_DEGREE)
+    inverse = np.linalg.inv(FIRST_DEGREE)
     for kind, vector in zip(KINDS, ("omega", "a"), strict=True):
         if kind in modes.kinds:
-            place = modes.slice_of(kind, 1)
-            turn[place, place] = back
+            block = modes.slice_of(kind, 1)
+            turn[block, block] = inverse
             glide = "omega" if vector == "omega" else "a" if solution.unit == "µas/yr" else "g"
-            names[place] = [symbol(f"{glide}_{axis}") if glide != "g" else f"$g_{axis}$" for axis in "xyz"]
+            names[block] = [symbol(f"{glide}_{axis}") if glide != "g" else f"$g_{axis}$" for axis in "xyz"]
     matrix = correlation_of(turn @ solution.covariance @ turn.T)
     return names, matrix, [f"{mode.kind}{mode.l}" for mode in modes]
 
@@ -185,9 +187,9 @@ def _known_names(solution):
 def plot_terms(terms: Mapping[str, Mapping[str, tuple[float, float]]], unit: str, *, ax: Axes | None = None) -> Axes:
     """Values and errors of named terms, side by side for each label."""
     (axes,) = panels(ax, size=(WIDTH, 2.6))
-    for k, (label, each) in enumerate(terms.items()):
-        x = np.arange(len(each)) + 0.7 * ((k + 0.5) / len(terms) - 0.5)
-        values, errors = np.transpose(list(each.values()))
+    for k, (label, series) in enumerate(terms.items()):
+        x = np.arange(len(series)) + 0.7 * ((k + 0.5) / len(terms) - 0.5)
+        values, errors = np.transpose(list(series.values()))
         axes.errorbar(x, values, errors, fmt="o", ms=3, color=COLOURS[k % len(COLOURS)], label=label)
     names = list(next(iter(terms.values())))
     axes.axhline(0, color="0.6", linewidth=0.6, zorder=0)
@@ -232,11 +234,11 @@ def plot_residuals(
     dof = sources * solution.modes.components
     with np.errstate(divide="ignore", invalid="ignore"):
         deviate = np.where(dof > 0, wilson_hilferty(chi2, dof), np.nan)
-    seen = deviate[np.isfinite(deviate)]
-    reach = float(np.clip(np.percentile(np.abs(seen), 98), 3, None)) if seen.size else 3.0
-    whose = " by the errors of the robust fit" if weights is not None else " by the catalogue's errors"
-    whose = "" if weights is None and solution.error_source == ErrorSource.CATALOGUE else whose
-    label = f"χ² of residuals{whose}:\ntoo large or too small, in σ; χ²/n = {chi2.sum() / max(1, dof.sum()):.2f}"
+    finite_deviates = deviate[np.isfinite(deviate)]
+    reach = float(np.clip(np.percentile(np.abs(finite_deviates), 98), 3, None)) if finite_deviates.size else 3.0
+    suffix = " by the errors of the robust fit" if weights is not None else " by the catalogue's errors"
+    suffix = "" if weights is None and solution.error_source == ErrorSource.CATALOGUE else suffix
+    label = f"χ² of residuals{suffix}:\ntoo large or too small, in σ; χ²/n = {chi2.sum() / max(1, dof.sum()):.2f}"
     title = f"residuals of {int(sources.sum())} sources, pixels of {58.6 / nside:.1f}°"
     return plot_map(
         deviate, label, frame=solution.frame, cmap=DIVERGING, title=title, ax=ax, vmin=-reach, vmax=reach, extend="both"
@@ -254,4 +256,4 @@ def _with_weights(solution, field, weights):
 def _residual_sums(field, solution, nside):
     """χ² and sources by pixel."""
     pixel = pixels_of(field.lon, field.lat, nside)
-    return np.array([np.bincount(pixel, each, 12 * nside**2) for each in (solution.residuals(field).chi2, None)])
+    return np.array([np.bincount(pixel, weights, 12 * nside**2) for weights in (solution.residuals(field).chi2, None)])

@@ -60,7 +60,7 @@ def latex_of(solution: Any, style: str = "booktabs", *, full: bool = False, answ
     answer : Answer, optional
         The lines to quote, for the caption; those of the solution unless given.
     """
-    above, within, below = _RULES[choice("style", style, _STYLES)]
+    top_rule, mid_rule, bottom_rule = _RULES[choice("style", style, _STYLES)]
     unit = _unit(solution.unit)
     head = r" & $x$ & $y$ & $z$ & amplitude \\"
     units = rf" & \multicolumn{{4}}{{c}}{{({unit})}} \\" if unit else ""
@@ -72,16 +72,16 @@ def latex_of(solution: Any, style: str = "booktabs", *, full: bool = False, answ
         cells = [_number(cell, style) for cell in (*components(vector), amplitude(vector))]
         body.append(rf"{_SYMBOLS.get(name, name.capitalize())} & " + " & ".join(cells) + r" \\")
     if full:
-        body += [within, *_powers(solution, style)]
+        body += [mid_rule, *_powers(solution, style)]
     caption = _caption(solution, answer_of(solution) if answer is None else answer)
     label = r"\label{tab:vsh}"
     if style == "aastex":
-        heads = " & ".join(rf"\colhead{{{each}}}" for each in ("", "$x$", "$y$", "$z$", "amplitude"))
-        more = rf"\\ \colhead{{}} & \multicolumn4c{{({unit})}}" if unit else ""
+        heads = " & ".join(rf"\colhead{{{column}}}" for column in ("", "$x$", "$y$", "$z$", "amplitude"))
+        unit_row = rf"\\ \colhead{{}} & \multicolumn4c{{({unit})}}" if unit else ""
         lines = [
             r"\begin{deluxetable*}{lcccc}",
             rf"\tablecaption{{{caption}{label}}}",
-            rf"\tablehead{{{heads}{more}}}",
+            rf"\tablehead{{{heads}{unit_row}}}",
             r"\startdata",
             *body[:-1],
             body[-1].removesuffix(r" \\"),
@@ -90,7 +90,7 @@ def latex_of(solution: Any, style: str = "booktabs", *, full: bool = False, answ
         ]
     else:
         lines = [r"\begin{table*}", rf"\caption{{{caption}}}", label, r"\centering", r"\begin{tabular}{lcccc}"]
-        lines += [above, head, units, within, *body, below, r"\end{tabular}", r"\end{table*}"]
+        lines += [top_rule, head, units, mid_rule, *body, bottom_rule, r"\end{tabular}", r"\end{table*}"]
     return "\n".join(line for line in lines if line) + "\n"
 
 
@@ -99,18 +99,18 @@ def _powers(solution, style):
     lines = [rf"Power & noise-debiased & error & $p$-value & {_square_unit(solution.unit)} \\"]
     for power in spectrum(solution):
         digits = two_digits(power.error)
-        shown = (*(f"{each:.{digits}f}" for each in (power.debiased, power.error)), p_value(power.p_value))
-        cells = " & ".join(_number(c, style) for c in shown)
+        texts = (*(f"{value:.{digits}f}" for value in (power.debiased, power.error)), p_value(power.p_value))
+        cells = " & ".join(_number(c, style) for c in texts)
         lines.append(rf"$P^{{\rm {power.kind}}}_{{{power.l}}}$ & {cells} & \\")
     return lines
 
 
 def _caption(solution, answer):
     """Caption: what was fitted to what, and the answer where the vectors have one."""
-    what = " and ".join(reversed(vectors_of(solution))).capitalize()
+    subject = " and ".join(reversed(vectors_of(solution))).capitalize()
     frame = "ICRS" if solution.frame == "icrs" else solution.frame
     facts = [
-        f"{what} of {solution.n_sources} sources, {frame} axes, "
+        f"{subject} of {solution.n_sources} sources, {frame} axes, "
         f"degrees {solution.modes.lowest} to {solution.modes.lmax}, χ²/dof = {solution.reduced_chi2:.3f}"
     ]
     facts += [f"{label.capitalize() if label.islower() else label}: {text}" for label, text in answer.lines]
@@ -139,9 +139,9 @@ def _square_unit(unit):
 
 def _number(cell, style):
     """A printed number, or one with its error, in a style."""
-    both = re.fullmatch(r"([+-]?[\d.]+(?:e[+-]?\d+)?)(?: ± ([\d.]+))?", cell)
-    if style == "siunitx" and both:
-        return rf"\num{{{both[1]}{f' +- {both[2]}' if both[2] else ''}}}"
+    match = re.fullmatch(r"([+-]?[\d.]+(?:e[+-]?\d+)?)(?: ± ([\d.]+))?", cell)
+    if style == "siunitx" and match:
+        return rf"\num{{{match[1]}{f' +- {match[2]}' if match[2] else ''}}}"
     limit = re.fullmatch(r"< +([\d.e+-]+) \((\d+) %\)", cell)
     return rf"$<{_tex(limit[1])}$ ({limit[2]}\,\%)" if limit else f"${_tex(cell)}$"
 
@@ -175,13 +175,13 @@ def sources_table(solution: Any, field: Field, weights: FloatArray | None = None
     weights : (n,) array, optional
         Factor on each source's inverse covariance in the fit; 1 unless given.
     """
-    left = solution.residuals(field)
-    east, north = left.motion
+    residuals = solution.residuals(field)
+    east, north = residuals.motion
     columns: dict[str, Any] = {} if field.name is None else {"name": np.asarray(field.name)}
     lon, lat = ("ra", "dec") if field.frame == "icrs" else ("lon", "lat")
     columns |= {lon: np.degrees(field.lon), lat: np.degrees(field.lat), "residual_east": east, "residual_north": north}
     columns |= {"error_east": field.sigma[0], "error_north": field.sigma[1]}
-    columns |= {"weight": np.ones(len(field)) if weights is None else np.asarray(weights), "chi2": left.chi2}
+    columns |= {"weight": np.ones(len(field)) if weights is None else np.asarray(weights), "chi2": residuals.chi2}
     motions = ("residual_east", "residual_north", "error_east", "error_north")
     units = dict.fromkeys(motions, "uas / yr") | dict.fromkeys((lon, lat), "deg")
     return tables.table_of(columns, {"frame": field.frame}, units)
@@ -224,12 +224,12 @@ def draw_figures(
     from vsh.figures.plot import plot_field, plot_scalar_field
 
     title = f"{solution.n_sources} sources and the field fitted to degree {solution.modes.lmax}"
-    seen: Any = sample_of(field) if isinstance(field, Parts) else field
+    sample: Any = sample_of(field) if isinstance(field, Parts) else field
     draw: Any = plot_scalar_field
-    if not isinstance(seen, ScalarField):
+    if not isinstance(sample, ScalarField):
         draw = partial(plot_field, covariance=solution.covariance, unit=solution.unit)
     return {
-        "sky": draw(seen, solution.coefficients, title=title),
+        "sky": draw(sample, solution.coefficients, title=title),
         "spectrum": plot_spectrum(solution),
         "correlation": plot_correlation(solution),
         "residuals": plot_residuals(solution, field, weights=weights if isinstance(field, Field) else None),
@@ -270,28 +270,31 @@ def write_html(
     from vsh.figures.page import write_page
     from vsh.figures.plot import close_figures
 
-    own = draw_figures(solution, field) if figures is None else {}
+    new_figures = draw_figures(solution, field) if figures is None else {}
     page = html_report(
-        solution, {**own, **(figures or {}), **(further or {})}, skies=_skies(solution, field, beside or {}), **about
+        solution,
+        {**new_figures, **(figures or {}), **(further or {})},
+        skies=_skies(solution, field, beside or {}),
+        **about,
     )
-    close_figures(own.values())
+    close_figures(new_figures.values())
     write_page(path, page)
 
 
-def _skies(solution, field, beside):
+def _skies(solution, field, comparisons):
     from vsh.figures.page import ShownPage
 
     if isinstance(field, ScalarField):
         return ()
-    own = f"degree {solution.modes.lmax}, errors from {solution.errors_from}" if beside else ""
+    main_label = f"degree {solution.modes.lmax}, errors from {solution.errors_from}" if comparisons else ""
     return [
         ShownPage(
             label,
             sample_of(sources) if isinstance(sources, Parts) else sources,
-            each.coefficients,
-            each.covariance,
-            each.unit,
-            each.n_sources,
+            result.coefficients,
+            result.covariance,
+            result.unit,
+            result.n_sources,
         )
-        for label, (each, sources) in {own: (solution, field), **beside}.items()
+        for label, (result, sources) in {main_label: (solution, field), **comparisons}.items()
     ]

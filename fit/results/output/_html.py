@@ -70,18 +70,18 @@ def html_report(
         HTML that asks for nothing from any network.
     """
     answer = answer_of(solution) if answer is None else answer
-    turned = page.sky(*skies) if skies else page.Panel("")
-    shown = {name: drawn for name, drawn in figures.items() if not (turned.html and name == "sky")}
+    sky_panel = page.sky(*skies) if skies else page.Panel("")
+    plots = {name: axes for name, axes in figures.items() if not (sky_panel.html and name == "sky")}
     texts = {**_CAPTIONS, **(captions or {})}
-    static = page.words(f"The sky of this page {page.STATIC}." if skies and not turned.html else "", "faint")
+    static = page.words(f"The sky of this page {page.STATIC}." if skies and not sky_panel.html else "", "faint")
     panels = [
         page.answer(answer.lines),
         _cards(solution),
         page.words(_warnings(solution), "warning"),
-        page.heading("The sky", turned),
+        page.heading("The sky", sky_panel),
         *map(page.section, solution.sections(long=True, check=check, truth=truth, source=source)),
         *map(page.section, sections),
-        page.heading("Figures", page.figures(shown, texts), static),
+        page.heading("Figures", page.figures(plots, texts), static),
         _coefficients(solution),
         page.provenance(provenance or {}, command),
     ]
@@ -100,9 +100,9 @@ def _cards(solution):
         items.append(("Mean", f"{value:.4g} ± {error:.2g} {solution.unit}", ""))
     for name, vector in reversed(vectors_of(solution).items()):
         items.append((name.capitalize(), f"{amplitude(vector)} {solution.unit}", direction(vector)))
-    more = f"{solution.chi2:.6g} / {solution.dof}; errors from {solution.errors_from}"
-    whose = "" if solution.error_source == ErrorSource.CATALOGUE else ", by the catalogue's errors"
-    return page.cards([*items, (f"χ² per degree of freedom{whose}", f"{solution.reduced_chi2:.3f}", more)])
+    remark = f"{solution.chi2:.6g} / {solution.dof}; errors from {solution.errors_from}"
+    suffix = "" if solution.error_source == ErrorSource.CATALOGUE else ", by the catalogue's errors"
+    return page.cards([*items, (f"χ² per degree of freedom{suffix}", f"{solution.reduced_chi2:.3f}", remark)])
 
 
 def _warnings(solution):

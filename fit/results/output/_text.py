@@ -48,8 +48,8 @@ def vector_rows(vectors: Mapping[str, Vector], truth: Mapping[str, Vector] | Non
             true = true.to_frame(vector.frame)
             cells = zip(true.value, pulls(vector, true), strict=True)
             digits = two_digits(vector.sigma)
-            shown = tuple(f"{t:+.{digits}f} ({d:+.1f}σ)" for t, d in cells)
-            rows.append(VectorRow("truth", shown, f"{true.amplitude:.{digits}f}", True))
+            texts = tuple(f"{t:+.{digits}f} ({d:+.1f}σ)" for t, d in cells)
+            rows.append(VectorRow("truth", texts, f"{true.amplitude:.{digits}f}", True))
     return rows
 
 
@@ -103,8 +103,8 @@ def is_seen(vector: Vector) -> bool:
 def place(vector: Vector) -> str:
     """Direction of a vector with its cone of 68 %: "α = 269°, δ = −28° (± 7°)"."""
     names = ANGLES[vector.frame]
-    listed = ", ".join(f"{name} = {value:.0f}°" for name, value in zip(names, vector.direction, strict=True))
-    return f"{listed} (± {vector.direction_cone():.0f}°)"
+    coordinates = ", ".join(f"{name} = {value:.0f}°" for name, value in zip(names, vector.direction, strict=True))
+    return f"{coordinates} (± {vector.direction_cone():.0f}°)"
 
 
 def direction(vector: Vector) -> str:
@@ -201,7 +201,7 @@ def vectors_table(solution: Any) -> Table:
     }
     columns = {"name": np.array(list(vectors), str)} | dict(zip(heads, values, strict=True))
     columns["detected"] = np.array([is_seen(v) for v in vectors.values()], bool)
-    return tables.table_of(columns, meta, {name: each for name, each in units.items() if each})
+    return tables.table_of(columns, meta, {name: unit_text for name, unit_text in units.items() if unit_text})
 
 
 def powers_table(solution: Any) -> Table:
@@ -216,7 +216,7 @@ def powers_table(solution: Any) -> Table:
 
 def _squared(unit):
     """Square a unit as astropy writes it: uas2 / yr2."""
-    return " / ".join(f"{part.strip()}2" for part in unit.split("/")) if unit else ""
+    return " / ".join(f"{factor.strip()}2" for factor in unit.split("/")) if unit else ""
 
 
 #: How the errors of a fit are named.
@@ -248,11 +248,11 @@ def answer_of(solution: Any) -> Answer:
         return Answer()
     factor = error_factor(solution)
     if factor > _WRONG:
-        words = f"no result: residuals are {factor:.3g} times the errors. Are both in the units that were assumed?"
-        return Answer((("acceleration", words),))
+        text = f"no result: residuals are {factor:.3g} times the errors. Are both in the units that were assumed?"
+        return Answer((("acceleration", text),))
     if solution.covariance_dof < 3:
-        words = f"no result: {solution.covariance_dof + 1:.0f} replicates are too few for the errors of a vector"
-        return Answer((("acceleration", words),))
+        text = f"no result: {solution.covariance_dof + 1:.0f} replicates are too few for the errors of a vector"
+        return Answer((("acceleration", text),))
     errors = ("errors" if solution.is_recommended else "this fit", _errors(solution))
     lines = [
         ("acceleration", words_of(solution.acceleration)),
@@ -280,10 +280,10 @@ def words_of(vector: Vector) -> str:
 def _distance(acceleration: Vector) -> str:
     """Distance of an acceleration from that of Gaia EDR3, in standard deviations of both together."""
     gaia = GAIA_EDR3.to_frame(acceleration.frame)
-    whole = acceleration.covariance + gaia.covariance
-    dof = acceleration.dof * (np.trace(whole) / np.trace(acceleration.covariance)) ** 2  # Satterthwaite (1946)
-    away = replace(acceleration, value=acceleration.value - gaia.value, covariance=whole, dof=float(dof))
-    p = away.p_value
+    covariance = acceleration.covariance + gaia.covariance
+    dof = acceleration.dof * (np.trace(covariance) / np.trace(acceleration.covariance)) ** 2  # Satterthwaite (1946)
+    difference = replace(acceleration, value=acceleration.value - gaia.value, covariance=covariance, dof=float(dof))
+    p = difference.p_value
     hint = ": is it the instrument? (docs/quoting.md)" if p < SEEN else ""
     size = f"{gaia.amplitude:.2f} ± {gaia.amplitude_error:.2f} {gaia.unit}"
     return f"this acceleration is {abs(ndtri(max(p, 1e-300) / 2)):.1f} σ from {size} (p = {printed_p_value(p)}){hint}"
@@ -291,24 +291,24 @@ def _distance(acceleration: Vector) -> str:
 
 def _errors(solution: Any) -> str:
     """Describe the errors, what they leave out, and what to be careful of."""
-    words = f"{_NAMES[ErrorSource(solution.error_source)]}, degree {solution.modes.lmax}"
+    text = f"{_NAMES[ErrorSource(solution.error_source)]}, degree {solution.modes.lmax}"
     if solution.error_source == ErrorSource.SCALED and not solution.includes_floor:
-        words += f", {solution.quality.factor:.3g} times the formal errors"
+        text += f", {solution.quality.factor:.3g} times the formal errors"
     if solution.floor is not None and solution.includes_floor:
         floor = solution.floor
         size = f"acceleration ± {floor.acceleration_error:.2g}, spin ± {floor.spin_error:.2g}"
-        words += f", systematic floor included ({size})"
+        text += f", systematic floor included ({size})"
     elif solution.includes_floor:
-        words += ", systematic errors included"
+        text += ", systematic errors included"
     elif solution.is_recommended:
-        words += "; the systematic floor is not known" + (" below degree 3" if solution.modes.lmax < 3 else "")
+        text += "; the systematic floor is not known" + (" below degree 3" if solution.modes.lmax < 3 else "")
     if (factor := error_factor(solution)) > 1:
-        words += f"; residuals are {factor:.3g} times as large"
+        text += f"; residuals are {factor:.3g} times as large"
     if solution.modes.lmax > 1 and not solution.includes_floor and ONE_SIDE in codes_of(solution.notes):
-        words += "; one side of the sky has no sources, and degree 1 depends on the degrees above it"
+        text += "; one side of the sky has no sources, and degree 1 depends on the degrees above it"
     if not solution.is_recommended:
-        words += "; to quote: fit.recommended (vsh-fit without --method)"
-    return words
+        text += "; to quote: fit.recommended (vsh-fit without --method)"
+    return text
 
 
 WIDTH = 88
@@ -344,8 +344,8 @@ def sections_of(
 
 def _title(solution, source):
     modes = solution.modes
-    named = f"{printable(source)}: " if source else ""
-    title = f"{named}{solution.n_sources} sources, {solution.frame} axes, degrees {modes.lowest} to {modes.lmax}"
+    prefix = f"{printable(source)}: " if source else ""
+    title = f"{prefix}{solution.n_sources} sources, {solution.frame} axes, degrees {modes.lowest} to {modes.lmax}"
     return title + (f", χ²/dof = {solution.reduced_chi2:.3f}" if np.isfinite(solution.chi2) else "")
 
 
@@ -353,8 +353,8 @@ def _details(solution):
     """Facts on the fit and the source of its errors."""
     facts = [("fit", what_of(solution)), ("coefficients", f"{len(solution.modes)}")]
     if np.isfinite(solution.chi2):
-        whose = "" if solution.error_source == ErrorSource.CATALOGUE else " (by the catalogue's errors)"
-        facts.append(("χ²/dof", f"{solution.chi2:.6g} / {solution.dof}{whose}"))
+        suffix = "" if solution.error_source == ErrorSource.CATALOGUE else " (by the catalogue's errors)"
+        facts.append(("χ²/dof", f"{solution.chi2:.6g} / {solution.dof}{suffix}"))
     return [*facts, ("errors from", solution.errors_from)]
 
 
@@ -392,8 +392,8 @@ def warnings_of(solution: Any) -> list[tuple[str, str]]:
             )
         )
     if len(solution.modes) <= solution.dof < _FEW * len(solution.modes):
-        words = f"{len(solution.modes)} coefficients of {solution.n_data} numbers: errors grow with every degree"
-        warnings.append(("warning", f"{words}; a lower --lmax is enough for spin and acceleration"))
+        text = f"{len(solution.modes)} coefficients of {solution.n_data} numbers: errors grow with every degree"
+        warnings.append(("warning", f"{text}; a lower --lmax is enough for spin and acceleration"))
     if 0 < solution.dof < len(solution.modes):
         warnings.append(
             (
@@ -447,22 +447,22 @@ def _directions(solution):
     lines = []
     for name, vector in vectors_of(solution).items():
         if is_seen(vector) or not vector.amplitude_error > 0:
-            other = vector.to_frame("galactic" if vector.frame != "galactic" else "icrs")
-            lines.append(f"{name:14}{direction(vector)}; {direction(other).removeprefix('towards ')}")
+            counterpart = vector.to_frame("galactic" if vector.frame != "galactic" else "icrs")
+            lines.append(f"{name:14}{direction(vector)}; {direction(counterpart).removeprefix('towards ')}")
     return lines
 
 
 def _powers(solution):
     """The power of each degree without its noise, and its p-value."""
-    kinds = {"T": "toroidal", "S": "spheroidal", "F": "power"}
+    kind_names = {"T": "toroidal", "S": "spheroidal", "F": "power"}
     powers = {(each.kind, each.l): each for each in spectrum(solution)}
-    shown = [kind for kind in kinds if any(kind == each for each, _ in powers)]
+    fitted_kinds = [kind for kind in kind_names if any(kind == each for each, _ in powers)]
     degrees = sorted({l for _, l in powers})
     columns: dict[str, Any] = {"degree": [str(l) for l in degrees]}
-    for kind in shown:
+    for kind in fitted_kinds:
         each = [powers.get((kind, l)) for l in degrees]
-        columns[kinds[kind]] = [_power(power) if power else "" for power in each]
-        columns[f"p ({kinds[kind]})"] = [printed_p_value(power.p_value) if power else "" for power in each]
+        columns[kind_names[kind]] = [_power(power) if power else "" for power in each]
+        columns[f"p ({kind_names[kind]})"] = [printed_p_value(power.p_value) if power else "" for power in each]
     title = f"Power by degree {format_squared(solution)}".rstrip()
     title += " minus that of noise, and the p-value: the probability that noise alone gives at least this power"
     return Section(title, (), tables.table_of(columns))
@@ -478,7 +478,7 @@ def _degrees(solution):
     law = "exact χ², any sky" if np.isinf(solution.covariance_dof) else "Hotelling's T²: the errors are estimates"
     field = "|V|" if solution.modes.components == 2 else "f"
     heads = ("degree", "power", "debiased", "±", "√power", "p-value", "z", "M&K Z")
-    columns = {name: list(each) for name, each in zip(heads, zip(*power_rows(solution), strict=True), strict=True)}
+    columns = {name: list(column) for name, column in zip(heads, zip(*power_rows(solution), strict=True), strict=True)}
     remarks = [
         (
             f"p-values are the probability that noise alone gives at least this power ({law}); z is the "
@@ -494,14 +494,12 @@ def check_sections(check: Any) -> tuple[Section, ...]:
     """Section on whether two solvers agree."""
     on = f"on the same {check.frame.n_sources} sources"
     if check.largest < AGREE:
-        words = (
-            f"Two independent solvers of degree 1, {on} with the catalogue's errors, agree to {check.largest:.0e} σ."
-        )
+        text = f"Two independent solvers of degree 1, {on} with the catalogue's errors, agree to {check.largest:.0e} σ."
         return (
             Section(
                 "Cross-check",
                 remarks=[
-                    words,
+                    text,
                     ("This agreement tests the numerical solution only; it does not validate the errors above."),
                 ],
             ),

@@ -26,15 +26,15 @@ class CompiledPasses:
         self.columns = tuple(np.asarray(getattr(scans, name)) for name in names)
         self.table, self.spacing, self.middle = table[self.order], scans.spacing, scans.middle
         # Cut between knots at equal numbers of transits: each part has intervals of its own.
-        cuts = np.linspace(0, len(scans) - 1, PARTS + 1).astype(int)[1:-1] if len(scans) else []
-        first = np.unique(np.r_[0, scans.knot[cuts], scans.intervals].astype(int))
-        self.knots = list(pairwise(first))
-        bounds = np.searchsorted(scans.knot, first)
+        indices = np.linspace(0, len(scans) - 1, PARTS + 1).astype(int)[1:-1] if len(scans) else []
+        edges = np.unique(np.r_[0, scans.knot[indices], scans.intervals].astype(int))
+        self.knots = list(pairwise(edges))
+        bounds = np.searchsorted(scans.knot, edges)
         self.bounds = list(pairwise(bounds.tolist()))
 
-    def _transits(self, part=slice(None)):
+    def _transits(self, chunk=slice(None)):
         """Arguments of the kernels for some transits, which they count from zero."""
-        return (*(column[part] for column in self.columns), self.table, self.spacing, self.middle)
+        return (*(column[chunk] for column in self.columns), self.table, self.spacing, self.middle)
 
     def _map(self, work: Callable[[int, int, int, int], Any]):
         """work(start, stop, first knot, last knot) of every part, in order; no more are at hand than threads."""
@@ -46,20 +46,20 @@ class CompiledPasses:
             for start in range(0, len(arguments), self.threads):
                 yield from pool.map(lambda piece: work(*piece), arguments[start : start + self.threads])
 
-    def _join_passes(self, parts, out):
+    def _join_passes(self, partial_sums, total):
         """Sums of parts that overlap by the three coefficients at their ends."""
-        for (first, last), part in zip(self.knots, parts, strict=True):
-            out[first : last + 3] += part
-        return out
+        for (first_knot, last_knot), partial_sum in zip(self.knots, partial_sums, strict=True):
+            total[first_knot : last_knot + 3] += partial_sum
+        return total
 
     def to_attitude(self, x: FloatArray) -> FloatArray:
         """Cᵀ x."""
         x, lengths, transits = x[self.order], (0,) * x.shape[-1], self._transits()
 
-        def work(start, stop, first, last):
-            out = np.zeros((last - first + 3, 3, len(lengths)))
-            _kernels.to_attitude(start, stop, first, lengths, x, out, transits)
-            return out
+        def work(start, stop, first_knot, last_knot):
+            attitude = np.zeros((last_knot - first_knot + 3, 3, len(lengths)))
+            _kernels.to_attitude(start, stop, first_knot, lengths, x, attitude, transits)
+            return attitude
 
         return self._join_passes(self._map(work), np.zeros((self.coefficients, 3, len(lengths))))
 
@@ -67,10 +67,10 @@ class CompiledPasses:
         """C h."""
         h, lengths, transits = np.ascontiguousarray(h), (0,) * h.shape[-1], self._transits()
 
-        def work(start, stop, first, last):
-            out = np.zeros((self.n, 5, len(lengths)))
-            _kernels.to_sources(start, stop, lengths, h, out, transits)
-            return out
+        def work(start, stop, first_knot, last_knot):
+            sources = np.zeros((self.n, 5, len(lengths)))
+            _kernels.to_sources(start, stop, lengths, h, sources, transits)
+            return sources
 
         return _sum(self._map(work))[self.rank]
 
@@ -78,8 +78,10 @@ class CompiledPasses:
         """Predict the observations by the parameters."""
         along, across = (self.array(len(self.columns[0])) for _ in range(2))
         x, h, transits = x[self.order][..., None], np.ascontiguousarray(h)[..., None], self._transits()
-        parts = self._map(lambda start, stop, first, last: _kernels.predict(start, stop, x, h, along, across, transits))
-        list(parts)
+        tasks = self._map(
+            lambda start, stop, first_knot, last_knot: _kernels.predict(start, stop, x, h, along, across, transits)
+        )
+        list(tasks)
         return along, across
 
     def adjoint(
@@ -87,24 +89,24 @@ class CompiledPasses:
     ) -> tuple[FloatArray, FloatArray]:
         """Its weighted transpose, of observations less what parameters make of them."""
         along, across = np.ascontiguousarray(along), np.ascontiguousarray(across)
-        given = None if x is None or h is None else (x[self.order][..., None], np.ascontiguousarray(h)[..., None])
+        parameters = None if x is None or h is None else (x[self.order][..., None], np.ascontiguousarray(h)[..., None])
 
-        def work(start, stop, first, last):
-            sources, attitude = np.zeros((self.n, 5)), np.zeros((last - first + 3, 3, 1))
-            for low in range(start, stop, TOGETHER):
-                part = slice(low, min(low + TOGETHER, stop))
-                seen, k, transits = (along[part], across[part]), part.stop - low, self._transits(part)
-                if given is not None:
-                    made = np.empty((2, k))
-                    _kernels.predict(0, k, *given, *made, transits)
-                    seen = tuple(np.subtract(seen, made, out=made))
-                _kernels.adjoint(0, k, first, *seen, sources, attitude, transits)
+        def work(start, stop, first_knot, last_knot):
+            sources, attitude = np.zeros((self.n, 5)), np.zeros((last_knot - first_knot + 3, 3, 1))
+            for offset in range(start, stop, TOGETHER):
+                chunk = slice(offset, min(offset + TOGETHER, stop))
+                observations, k, transits = (along[chunk], across[chunk]), chunk.stop - offset, self._transits(chunk)
+                if parameters is not None:
+                    prediction = np.empty((2, k))
+                    _kernels.predict(0, k, *parameters, *prediction, transits)
+                    observations = tuple(np.subtract(observations, prediction, out=prediction))
+                _kernels.adjoint(0, k, first_knot, *observations, sources, attitude, transits)
             return sources, attitude
 
         sources, attitude = np.zeros((self.n, 5)), np.zeros((self.coefficients, 3, 1))
-        for (first, last), (part, more) in zip(self.knots, self._map(work), strict=True):
-            sources += part
-            attitude[first : last + 3] += more
+        for (first, last), (source_sums, attitude_sums) in zip(self.knots, self._map(work), strict=True):
+            sources += source_sums
+            attitude[first : last + 3] += attitude_sums
         return sources[self.rank], attitude[..., 0]
 
     def blocks(self) -> tuple[FloatArray, FloatArray]:
@@ -112,17 +114,17 @@ class CompiledPasses:
         squares, band = np.zeros((self.n, 5, 5)), self.array(3 * self.coefficients, BANDS)
         transits = self._transits()
         # In turn, not side by side: these are the largest arrays of all.
-        for (start, stop), (first, last) in zip(self.bounds, self.knots, strict=True):
-            part = np.zeros((3 * (last - first + 3), BANDS))
-            _kernels.blocks(start, stop, first, squares, part, transits)
-            band[3 * first : 3 * (last + 3)] += part
-        above = np.triu_indices(5, 1)
-        squares[:, above[0], above[1]] = squares[:, above[1], above[0]]
+        for (start, stop), (first_knot, last_knot) in zip(self.bounds, self.knots, strict=True):
+            segment = np.zeros((3 * (last_knot - first_knot + 3), BANDS))
+            _kernels.blocks(start, stop, first_knot, squares, segment, transits)
+            band[3 * first_knot : 3 * (last_knot + 3)] += segment
+        upper = np.triu_indices(5, 1)
+        squares[:, upper[0], upper[1]] = squares[:, upper[1], upper[0]]
         return squares[self.rank], band.T
 
 
-def _sum(parts):
-    out = None
-    for part in parts:
-        out = part if out is None else np.add(out, part, out=out)
-    return out
+def _sum(partial_sums):
+    total = None
+    for partial_sum in partial_sums:
+        total = partial_sum if total is None else np.add(total, partial_sum, out=total)
+    return total

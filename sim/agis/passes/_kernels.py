@@ -40,11 +40,11 @@ def _axes(s, c, table, q):
 
 
 @njit(inline="always")
-def _add(out, k, axis, r, b, g):
-    out[k, axis, r] += b[0] * g
-    out[k + _ONE, axis, r] += b[1] * g
-    out[k + _TWO, axis, r] += b[2] * g
-    out[k + _THREE, axis, r] += b[3] * g
+def _add(attitude, k, axis, r, b, g):
+    attitude[k, axis, r] += b[0] * g
+    attitude[k + _ONE, axis, r] += b[1] * g
+    attitude[k + _TWO, axis, r] += b[2] * g
+    attitude[k + _THREE, axis, r] += b[3] * g
 
 
 @njit(inline="always")

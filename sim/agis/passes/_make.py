@@ -23,8 +23,8 @@ class SparsePasses:
             scans.source,
             scans.knot,
             *(
-                np.asarray(getattr(scans, each), float)
-                for each in ("frac", "sin", "cos", "along_factor", "across_factor")
+                np.asarray(getattr(scans, name), float)
+                for name in ("frac", "sin", "cos", "along_factor", "across_factor")
             ),
             scans.spacing,
             scans.middle,
@@ -40,28 +40,28 @@ class SparsePasses:
         of_source = [
             np.stack([s, c, factor, t * s, t * c], axis=1) for s, c, factor in ((sin, cos, fal), (-cos, sin, fac))
         ]
-        b, places = values(frac), 3 * (knot[:, None, None] + np.arange(4)[:, None]) + np.arange(3)
+        b, attitude_columns = values(frac), 3 * (knot[:, None, None] + np.arange(4)[:, None]) + np.arange(3)
         of_attitude = [np.einsum("jk,ak->kja", b, axis) for axis in (-normal, m)]
 
-        def matrix(blocks, places, width):
+        def matrix(blocks, block_columns, width):
             data = np.concatenate([block.reshape(k, -1) for block in blocks])
-            at = np.tile(places.reshape(k, -1), (2, 1))
-            where = np.repeat(np.r_[rows, k + rows], at.shape[1])
-            return sparse.csr_array((data.ravel(), (where, at.ravel())), shape=(2 * k, width))
+            at = np.tile(block_columns.reshape(k, -1), (2, 1))
+            row_indices = np.repeat(np.r_[rows, k + rows], at.shape[1])
+            return sparse.csr_array((data.ravel(), (row_indices, at.ravel())), shape=(2 * k, width))
 
         self.sources = matrix(of_source, columns, 5 * n)
-        self.attitude = matrix(of_attitude, places, 3 * self.coefficients)
+        self.attitude = matrix(of_attitude, attitude_columns, 3 * self.coefficients)
         self.weights = np.concatenate([table[source, 4], table[source, 5]])
 
     def to_attitude(self, x: FloatArray) -> FloatArray:
         """Cᵀ x."""
-        seen = self.weights[:, None] * (self.sources @ x.reshape(-1, x.shape[-1]))
-        return (self.attitude.T @ seen).reshape(self.coefficients, 3, -1)
+        observations = self.weights[:, None] * (self.sources @ x.reshape(-1, x.shape[-1]))
+        return (self.attitude.T @ observations).reshape(self.coefficients, 3, -1)
 
     def to_sources(self, h: FloatArray) -> FloatArray:
         """C h."""
-        seen = self.weights[:, None] * (self.attitude @ h.reshape(-1, h.shape[-1]))
-        return (self.sources.T @ seen).reshape(-1, 5, h.shape[-1])
+        observations = self.weights[:, None] * (self.attitude @ h.reshape(-1, h.shape[-1]))
+        return (self.sources.T @ observations).reshape(-1, 5, h.shape[-1])
 
     def predict(self, x: FloatArray, h: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Predict the observations by the parameters."""
@@ -73,24 +73,24 @@ class SparsePasses:
     ) -> tuple[FloatArray, FloatArray]:
         """Its weighted transpose, of observations less what parameters make of them."""
         if x is not None and h is not None:
-            made = self.predict(x, h)
-            along, across = along - made[0], across - made[1]
-        seen = self.weights * np.concatenate([along, across])
-        return (self.sources.T @ seen).reshape(-1, 5), (self.attitude.T @ seen).reshape(-1, 3)
+            prediction = self.predict(x, h)
+            along, across = along - prediction[0], across - prediction[1]
+        observations = self.weights * np.concatenate([along, across])
+        return (self.sources.T @ observations).reshape(-1, 5), (self.attitude.T @ observations).reshape(-1, 3)
 
     def blocks(self) -> tuple[FloatArray, FloatArray]:
         """Blocks of the sources, (n, 5, 5), and the lower band of the attitude's matrix."""
-        weighted = self.sources.multiply(self.weights[:, None]).tocsr()
-        square = (self.sources.T @ weighted).tocoo()
-        out = np.zeros((self.sources.shape[1] // 5, 5, 5))
+        weighted_design = self.sources.multiply(self.weights[:, None]).tocsr()
+        square = (self.sources.T @ weighted_design).tocoo()
+        blocks = np.zeros((self.sources.shape[1] // 5, 5, 5))
         row, column = square.coords
-        out[row // 5, row % 5, column % 5] = square.data
+        blocks[row // 5, row % 5, column % 5] = square.data
         normal = (self.attitude.T @ self.attitude.multiply(self.weights[:, None])).tocsr()
         band = np.zeros((BANDS, normal.shape[0]))
         for distance in range(BANDS):
             below = normal.diagonal(-distance)
             band[distance, : len(below)] = below
-        return out, band
+        return blocks, band
 
 
 class Passes(Protocol):

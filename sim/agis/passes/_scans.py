@@ -115,25 +115,25 @@ def plan(law: NominalScanningLaw, lon: ArrayLike, lat: ArrayLike, knots: float =
 def expected_transits(law: NominalScanningLaw, lon: ArrayLike, lat: ArrayLike) -> float:
     """About how many transits some sources will have: those of a sample, which the law remembers, times all."""
     lon, lat = np.asarray(lon), np.asarray(lat)
-    some = np.linspace(0, len(lon) - 1, min(_SAMPLE, len(lon))).astype(int)
-    key = ("transits", lon[some].tobytes(), lat[some].tobytes())
+    sample = np.linspace(0, len(lon) - 1, min(_SAMPLE, len(lon))).astype(int)
+    key = ("transits", lon[sample].tobytes(), lat[sample].tobytes())
     if key not in law.remembered:
-        law.remembered[key] = len(law.transits(lon[some], lat[some]))
-    return 1.02 * law.remembered[key] * len(lon) / len(some)
+        law.remembered[key] = len(law.transits(lon[sample], lat[sample]))
+    return 1.02 * law.remembered[key] * len(lon) / len(sample)
 
 
 def system_memory(n_sources: int, coefficients: float, columns: int, mapped: bool = False) -> float:
     """Bytes of the normal equations, without the transits and, mapped, without what is on disk then."""
-    kept = n_sources * _LOW + coefficients * _BAND
+    disk = n_sources * _LOW + coefficients * _BAND
     vectors = n_sources * (_SOURCE + _COLUMN * columns) + coefficients * (_COEFFICIENT + 72 * (columns - 1))
-    return vectors if mapped else vectors + kept
+    return vectors if mapped else vectors + disk
 
 
 def check_memory(needed: float, what: str, remedy: str) -> None:
     """Raise ParameterError if there is not as much memory."""
-    free = free_memory()
-    if needed > free:
-        raise ParameterError(f"{what} would need {needed / GIB:.1f} GiB, and {free / GIB:.1f} GiB are free: {remedy}")
+    memory = free_memory()
+    if needed > memory:
+        raise ParameterError(f"{what} would need {needed / GIB:.1f} GiB, and {memory / GIB:.1f} GiB are free: {remedy}")
 
 
 #: Half of the height that a field may have. [rad]
@@ -160,9 +160,9 @@ def scaled(
             f"{np.degrees(2 * law.half_height / root):.0f}° high. Take {least} or more, or scale nothing"
         )
     # Gaps that were drawn are kept as they are.
-    kept = {"dead_time": 0.0, "rng": None, "gaps": tuple(map(tuple, law.lost))}
-    wide = replace(law, half_height=law.half_height / root, spin_rate=law.spin_rate * root, **kept)
-    return wide, arguments.positive("knots", knots) / share
+    gap_options = {"dead_time": 0.0, "rng": None, "gaps": tuple(map(tuple, law.lost))}
+    scaled_law = replace(law, half_height=law.half_height / root, spin_rate=law.spin_rate * root, **gap_options)
+    return scaled_law, arguments.positive("knots", knots) / share
 
 
 #: The nine CCDs of a row are passed so many seconds apart.
@@ -222,7 +222,7 @@ class Scans(Frozen):
     @property
     def directions(self) -> FloatArray:
         """sin α, cos α, sin δ and cos δ of each source, in single precision, (4, n)."""
-        columns = [each(angle) for angle in (self.lon, self.lat) for each in (np.sin, np.cos)]
+        columns = [function(angle) for angle in (self.lon, self.lat) for function in (np.sin, np.cos)]
         return np.array(columns, np.float32)
 
     @property
@@ -230,8 +230,8 @@ class Scans(Frozen):
         """Transits of each source, (n,)."""
         if "counts" not in self._state:
             counts = np.zeros(self.n_sources, int)
-            for part in self.blocks():
-                counts += np.bincount(self.source[part], minlength=self.n_sources)
+            for block in self.blocks():
+                counts += np.bincount(self.source[block], minlength=self.n_sources)
             self._state["counts"] = counts
         return self._state["counts"]
 
@@ -316,7 +316,7 @@ def scans(
     if n == 0:
         raise ParameterError("scans need a source at least")
     weights = np.stack([1 / along**2, 1 / across**2]) / ccds
-    fixed: dict[str, Any] = {
+    attributes: dict[str, Any] = {
         "lon": lon.copy(),
         "lat": lat.copy(),
         "weights": weights,
@@ -325,34 +325,38 @@ def scans(
         "years": law.years,
         "frame": law.frame,
     }
-    key = _key(law, fixed, ccds)
+    key = _key(law, attributes, ccds)
     if folder is None:
         check_memory(
             2 * _RECORD.itemsize * expected_transits(law, lon, lat) * ccds, "transits", "give a folder= for them"
         )
-        return Scans(**fixed, **_sorted(_follow_law(law, lon, lat, ccds, threads, progress, None), fixed, None))
-    place = _ours(Path(folder))
-    if not (place / f"{key}.json").exists():
-        with atomic_folder(place) as new:
-            _sorted(_follow_law(law, lon, lat, ccds, threads, progress, new), fixed, new)
-            for part in new.glob("part-*.npy"):
-                part.unlink()
-            (new / f"{key}.json").write_text(json.dumps({"sources": n, "knots": knots, "ccds": ccds}), encoding="utf-8")
-    return Scans(**fixed, **{name: np.load(place / f"{name}.npy", mmap_mode="r") for name in _COLUMNS}, folder=place)
+        return Scans(
+            **attributes, **_sorted(_follow_law(law, lon, lat, ccds, threads, progress, None), attributes, None)
+        )
+    path = _ours(Path(folder))
+    if not (path / f"{key}.json").exists():
+        with atomic_folder(path) as temporary_folder:
+            _sorted(_follow_law(law, lon, lat, ccds, threads, progress, temporary_folder), attributes, temporary_folder)
+            for part_path in temporary_folder.glob("part-*.npy"):
+                part_path.unlink()
+            (temporary_folder / f"{key}.json").write_text(
+                json.dumps({"sources": n, "knots": knots, "ccds": ccds}), encoding="utf-8"
+            )
+    return Scans(**attributes, **{name: np.load(path / f"{name}.npy", mmap_mode="r") for name in _COLUMNS}, folder=path)
 
 
 def _ours(folder):
     """The folder, if nothing else than scans is in it, which may be replaced."""
-    known = {f"{name}.npy" for name in _COLUMNS}
+    file_names = {f"{name}.npy" for name in _COLUMNS}
     if folder.exists() and not folder.is_dir():
         raise ParameterError(f"{folder} is a file, not a folder for scans")
-    others = (
-        [each.name for each in folder.iterdir() if each.name not in known and not _KEY.fullmatch(each.name)]
+    other_files = (
+        [entry.name for entry in folder.iterdir() if entry.name not in file_names and not _KEY.fullmatch(entry.name)]
         if folder.exists()
         else []
     )
-    if others:
-        raise ParameterError(f"{folder} holds other files ({others[0]}, …): name a new folder for scans")
+    if other_files:
+        raise ParameterError(f"{folder} holds other files ({other_files[0]}, …): name a new folder for scans")
     return folder
 
 
@@ -360,15 +364,15 @@ def _follow_law(law, lon, lat, ccds, threads, progress, folder):
     """Transits of blocks of sources, each block in the order of time: arrays, or the files that hold them."""
     turn = rotation_matrix("ecliptic", law.frame)
     # Not over the edges of the mission: the end is an edge of the last interval.
-    last = np.nextafter(law.years, 0)
+    end = np.nextafter(law.years, 0)
     with progress_bar(total=len(lon), words="transits", shown=progress, unit=" sources") as bar:
         for number, start in enumerate(range(0, len(lon), _SOURCES)):
-            here = slice(start, start + _SOURCES)
-            transits = law.transits(lon[here], lat[here], threads=threads)
-            p, q, _ = triad(lon[here], lat[here])
-            out = np.empty((len(transits), ccds), _RECORD)
+            block = slice(start, start + _SOURCES)
+            transits = law.transits(lon[block], lat[block], threads=threads)
+            p, q, _ = triad(lon[block], lat[block])
+            records = np.empty((len(transits), ccds), _RECORD)
             steps = (np.arange(ccds) - (ccds - 1) / 2) * CCD_STEP / JULIAN_YEAR
-            out["time"] = np.clip(transits.time[:, None] + steps, 0, last)
+            records["time"] = np.clip(transits.time[:, None] + steps, 0, end)
             sin, cos = np.sin(transits.angle), np.cos(transits.angle)
             sun, distance = law.sun(transits.time)
             sun = turn @ sun
@@ -382,24 +386,24 @@ def _follow_law(law, lon, lat, ccds, threads, progress, folder):
                 1.01 * distance * (sin * north - cos * east),
             )
             for name, column in zip(_NAMES[1:], columns, strict=True):
-                out[name] = column[:, None]
-            out = out.ravel()
-            out = out[np.argsort(out["time"], kind="stable")]
+                records[name] = column[:, None]
+            records = records.ravel()
+            records = records[np.argsort(records["time"], kind="stable")]
             bar.update(len(p[0]))
             if folder is None:
-                yield out
+                yield records
             else:
-                np.save(folder / f"part-{number:05d}.npy", out)
+                np.save(folder / f"part-{number:05d}.npy", records)
                 yield np.load(folder / f"part-{number:05d}.npy", mmap_mode="r")
 
 
-def _sorted(parts, fixed, folder):
+def _sorted(chunks, attributes, folder):
     """All parts in one order of time: columns, in memory or as files of a folder."""
-    parts = list(parts)
-    total = sum(map(len, parts))
+    chunks = list(chunks)
+    total = sum(map(len, chunks))
     dtypes = {name: np.dtype("i4" if name in ("source", "place", "knot") else "f4") for name in _COLUMNS}
-    rank = np.empty(len(fixed["lon"]), np.int32)
-    rank[_by_place(fixed["lon"], fixed["lat"])] = np.arange(len(rank), dtype=np.int32)
+    rank = np.empty(len(attributes["lon"]), np.int32)
+    rank[_by_place(attributes["lon"], attributes["lat"])] = np.arange(len(rank), dtype=np.int32)
     columns = {
         name: (
             np.empty(total, dtype)
@@ -408,20 +412,20 @@ def _sorted(parts, fixed, folder):
         )
         for name, dtype in dtypes.items()
     }
-    edges = np.linspace(0, fixed["years"], total // _SORTED + 2)
+    edges = np.linspace(0, attributes["years"], total // _SORTED + 2)
     edges[-1] = np.inf
-    done = 0
-    for low, high in pairwise(edges):
-        records = np.concatenate([part[slice(*np.searchsorted(part["time"], (low, high)))] for part in parts])
+    offset = 0
+    for start, end in pairwise(edges):
+        records = np.concatenate([chunk[slice(*np.searchsorted(chunk["time"], (start, end)))] for chunk in chunks])
         records = records[np.argsort(records["time"], kind="stable")]
-        here = slice(done, done + len(records))
-        place = records["time"] / fixed["spacing"]
-        columns["knot"][here] = np.minimum(place.astype("i4"), fixed["intervals"] - 1)
-        columns["frac"][here] = place - columns["knot"][here]
+        rows = slice(offset, offset + len(records))
+        knot_time = records["time"] / attributes["spacing"]
+        columns["knot"][rows] = np.minimum(knot_time.astype("i4"), attributes["intervals"] - 1)
+        columns["frac"][rows] = knot_time - columns["knot"][rows]
         for name in _NAMES[1:]:
-            columns[name][here] = records[name]
-        columns["place"][here] = rank[records["source"]]
-        done += len(records)
+            columns[name][rows] = records[name]
+        columns["place"][rows] = rank[records["source"]]
+        offset += len(records)
     for column in columns.values():
         if folder is not None:
             column.flush()  # type: ignore[union-attr]  # a map of a file where there is a folder
@@ -434,11 +438,11 @@ def _by_place(lon, lat):
     return np.lexsort((lon, band))
 
 
-def _key(law, fixed, ccds):
+def _key(law, attributes, ccds):
     """A hash of all that determines the transits, and of what is kept of each."""
     arguments = {entry.name: getattr(law, entry.name) for entry in fields(law) if entry.init and entry.name != "rng"}
-    digest = hashlib.sha256(repr((arguments, fixed["spacing"], ccds, _COLUMNS)).encode())
-    for array in (law.lost, fixed["lon"], fixed["lat"], fixed["weights"]):
+    digest = hashlib.sha256(repr((arguments, attributes["spacing"], ccds, _COLUMNS)).encode())
+    for array in (law.lost, attributes["lon"], attributes["lat"], attributes["weights"]):
         digest.update(np.ascontiguousarray(array).tobytes())
     return digest.hexdigest()[:16]
 
@@ -455,9 +459,9 @@ def values(fraction: FloatArray) -> FloatArray:
 
 def spline_at(scans: Scans, time: FloatArray) -> Iterator[tuple[IntArray, FloatArray]]:
     """The four coefficients that make the attitude at times since the start [yr], and their weights, (k,) each."""
-    place = time / scans.spacing
-    knot = np.clip(place.astype(int), 0, scans.intervals - 1)
-    return ((knot + i, weight) for i, weight in enumerate(values(place - knot)))
+    knot_time = time / scans.spacing
+    knot = np.clip(knot_time.astype(int), 0, scans.intervals - 1)
+    return ((knot + i, weight) for i, weight in enumerate(values(knot_time - knot)))
 
 
 def smooth(band: FloatArray, weight: float) -> None:
@@ -467,7 +471,7 @@ def smooth(band: FloatArray, weight: float) -> None:
     """
     n = band.shape[1] // 3
     difference = (1.0, -2.0, 1.0)
-    for first, u in enumerate(difference):
-        for second in range(first + 1):
-            # Products of coefficients k + first and k + second, for k = 0 … n − 3 and three components each.
-            band[3 * (first - second), 3 * second : 3 * (second + n - 2)] += weight * u * difference[second]
+    for i, u in enumerate(difference):
+        for j in range(i + 1):
+            # Products of coefficients k + i and k + j, for k = 0 … n − 3 and three components each.
+            band[3 * (i - j), 3 * j : 3 * (j + n - 2)] += weight * u * difference[j]

@@ -65,8 +65,8 @@ def answer(lines: Sequence[tuple[str, str]]) -> Panel:
 def cards(items: Iterable[tuple[str, str, str]]) -> Panel:
     """The main results, large."""
     inner = "".join(
-        f'<div class="card">{escape(name)}<b>{escape(value)}</b><span class="faint">{escape(more)}</span></div>'
-        for name, value, more in items
+        f'<div class="card">{escape(name)}<b>{escape(value)}</b><span class="faint">{escape(remark)}</span></div>'
+        for name, value, remark in items
     )
     return Panel(f'<div class="cards">{inner}</div>' if inner else "")
 
@@ -80,8 +80,8 @@ def table(heads: Sequence[str], rows: Iterable[Sequence[str]], *, sortable: bool
     )
     head = "".join(cell.format(escape(title)) if title else "<td></td>" for title in heads)
     body = "".join(_row(row) for row in rows)
-    opened = '<table class="sortable">' if sortable else "<table>"
-    inner = f"{opened}<thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+    tag = '<table class="sortable">' if sortable else "<table>"
+    inner = f"{tag}<thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
     # What scrolls must be reached by keys, and so be named.
     html = f'<div class="wide" tabindex="0" role="group" aria-label="{escape(summary or "table")}">{inner}</div>'
     if summary:
@@ -90,8 +90,8 @@ def table(heads: Sequence[str], rows: Iterable[Sequence[str]], *, sortable: bool
 
 
 def _row(row):
-    first, *rest = map(str, row)
-    return f"<tr><th scope='row'>{escape(first)}</th>" + "".join(f"<td>{escape(each)}</td>" for each in rest) + "</tr>"
+    label, *cells = map(str, row)
+    return f"<tr><th scope='row'>{escape(label)}</th>" + "".join(f"<td>{escape(cell)}</td>" for cell in cells) + "</tr>"
 
 
 #: Rows of a table that a page shows.
@@ -100,26 +100,26 @@ _ROWS = 200
 
 def section(part: Section) -> Panel:
     """A section of a result: its title, facts, table, remarks and notes."""
-    facts = table(["", ""], [list(each) for each in part.facts]) if part.facts else Panel("")
-    shown = more = Panel("")
+    facts = table(["", ""], [list(entry) for entry in part.facts]) if part.facts else Panel("")
+    table_panel = footnote = Panel("")
     if (rows := part.shown) is not None:
-        shown = table(*printed(rows[:_ROWS], part.forms), sortable=True)
-        more = words(
+        table_panel = table(*printed(rows[:_ROWS], part.forms), sortable=True)
+        footnote = words(
             f"The first {_ROWS} of {len(rows)} rows; the files have all." if len(rows) > _ROWS else "", "faint"
         )
-    listed = "".join(f"<li>{escape(str(each))}</li>" for each in dict.fromkeys(map(str, part.notes)))
+    inner = "".join(f"<li>{escape(str(entry))}</li>" for entry in dict.fromkeys(map(str, part.notes)))
     return heading(
-        part.title, facts, shown, more, *map(words, part.remarks), Panel(f"<ul>{listed}</ul>" if listed else "")
+        part.title, facts, table_panel, footnote, *map(words, part.remarks), Panel(f"<ul>{inner}</ul>" if inner else "")
     )
 
 
 def figure(picture: bytes, caption: str) -> Panel:
     """A picture with its caption: a PNG, or a GIF that moves."""
-    data, kind = base64.b64encode(picture).decode(), "gif" if picture[:3] == b"GIF" else "png"
+    data, image_format = base64.b64encode(picture).decode(), "gif" if picture[:3] == b"GIF" else "png"
     text = escape(caption)
     return Panel(
         f'<figure class="picture"><img alt="{text}"'
-        f' src="data:image/{kind};base64,{data}"><figcaption>{text}</figcaption></figure>'
+        f' src="data:image/{image_format};base64,{data}"><figcaption>{text}</figcaption></figure>'
     )
 
 
@@ -132,7 +132,7 @@ def pictures(figures: Sequence[Panel]) -> Panel:
 def figures(drawn: Mapping[str, Any], captions: Mapping[str, str]) -> Panel:
     """Figures as pictures beside each other, each under its caption, or its name."""
     return pictures(
-        [figure(picture_of(each), captions.get(name, name.replace("_", " "))) for name, each in drawn.items()]
+        [figure(picture_of(plot), captions.get(name, name.replace("_", " "))) for name, plot in drawn.items()]
     )
 
 
@@ -159,9 +159,13 @@ def provenance(facts: Mapping[str, Any], command: Sequence[str] | None = None) -
         rows.append(
             f"<tr><th scope='row'>{escape(key.replace('_', ' '))}</th><td class='broken'>{escape(inner)}</td></tr>"
         )
-    again = [words("To repeat the run:"), preformatted_panel(shlex.join(command), "command")] if command else []
+    command_panels = (
+        [words("To repeat the run:"), preformatted_panel(shlex.join(command), "command")] if command else []
+    )
     return heading(
-        "Where this comes from", *again, Panel(f"<div class='wide'><table><tbody>{''.join(rows)}</tbody></table></div>")
+        "Where this comes from",
+        *command_panels,
+        Panel(f"<div class='wide'><table><tbody>{''.join(rows)}</tbody></table></div>"),
     )
 
 
@@ -210,16 +214,16 @@ def page(title: str, panels: Iterable[Panel], *, lead: str = "") -> str:
     str
         A Content-Security-Policy in it allows its own style and scripts, by their hashes, and pictures within it.
     """
-    kept = [panel for panel in panels if panel.html]
-    needed = list(dict.fromkeys(script for panel in kept for script in panel.scripts))
-    texts = [bundle() if name == "d3" else _asset(f"{name}.js") for name in needed]
+    contents = [panel for panel in panels if panel.html]
+    script_names = list(dict.fromkeys(script for panel in contents for script in panel.scripts))
+    texts = [bundle() if name == "d3" else _asset(f"{name}.js") for name in script_names]
     style = _asset("page.css")
     return _PAGE.substitute(
         title=escape(title),
         lead=f'<p class="lead">{escape(lead)}</p>' if lead else "",
         style=style,
         style_hash=_hash(style),
-        body="\n".join(panel.html for panel in kept),
+        body="\n".join(panel.html for panel in contents),
         scripts="\n".join(f"<script>{text}</script>" for text in texts),
         script_hashes=" ".join(map(_hash, texts)) or "'none'",
     )
@@ -248,8 +252,8 @@ def write_page(path: PathName, text: str) -> None:
     """
     seal = f"<!-- sha256 of the rest: {hashlib.sha256(text.encode()).hexdigest()} -->\n"
     head, end = text.rsplit("</html>", 1)
-    with atomic_write(path) as new:
-        new.write_text(f"{head}{seal}</html>{end}", encoding="utf-8")
+    with atomic_write(path) as temporary_path:
+        temporary_path.write_text(f"{head}{seal}</html>{end}", encoding="utf-8")
 
 
 def is_page(path: PathName) -> bool:
@@ -261,8 +265,8 @@ def is_page(path: PathName) -> bool:
     seals = list(_SEAL.finditer(text))
     if not seals:
         return False
-    rest = text[: seals[-1].start()] + text[seals[-1].end() :]
-    return seals[-1].group(1) == hashlib.sha256(rest.encode()).hexdigest()
+    content = text[: seals[-1].start()] + text[seals[-1].end() :]
+    return seals[-1].group(1) == hashlib.sha256(content.encode()).hexdigest()
 
 
 def _hash(text):
@@ -311,19 +315,19 @@ def sky(*shown: ShownPage) -> Panel:
         return Panel("")
     if len(shown) not in (1, 2):
         raise ParameterError(f"one or two solutions are shown side by side, not {len(shown)}")
-    if len({each.field.frame for each in shown}) > 1 or len({each.unit for each in shown}) > 1:
+    if len({item.field.frame for item in shown}) > 1 or len({item.unit for item in shown}) > 1:
         raise ParameterError("solutions side by side must have one frame and one unit")
-    sent = [_sky(each) for each in shown]
+    sent = [_sky(item) for item in shown]
     data = {
         "axes": ANGLES[shown[0].field.frame],
         "unit": shown[0].unit,
         "sure": SURE,
         "longest": LONGEST * STEP / 12.0,
-        "grid": dict(zip(("lon", "lat"), (_floats(np.degrees(each)) for each in even_grid(STEP)), strict=True)),
+        "grid": dict(zip(("lon", "lat"), (_floats(np.degrees(item)) for item in even_grid(STEP)), strict=True)),
         "skies": sent,
     }
-    top = max(each["lmax"] for each in sent)
-    figures = "".join(_figure(i, each, sent[i]["sent"]) for i, each in enumerate(shown))
+    top = max(item["lmax"] for item in sent)
+    figures = "".join(_figure(i, item, sent[i]["sent"]) for i, item in enumerate(shown))
     # "<" would end the block wherever a name holds "</script>".
     blob = json.dumps(data, ensure_ascii=False, separators=(",", ":")).replace("<", "\\u003c")
     return Panel(
@@ -356,28 +360,28 @@ sources. Coloured arrows stand above {SURE:.0f} σ, grey ones below; stars with 
 point, with 68 % cones.</p>"""
 
 
-def _figure(i, shown, sent):
-    n = shown.n_sources or len(shown.field)
+def _figure(i, solution, sent):
+    n = solution.n_sources or len(solution.field)
     caption = f"{sent} of {n} sources, those with the most significant residuals" if sent < n else f"all {n} sources"
-    caption = f"{shown.label}: {caption}" if shown.label else caption
+    caption = f"{solution.label}: {caption}" if solution.label else caption
     return (
-        f'<figure><canvas tabindex="0" role="img" aria-label="{escape(shown.label)} sky with the fitted field as'
+        f'<figure><canvas tabindex="0" role="img" aria-label="{escape(solution.label)} sky with the fitted field as'
         f' arrows; the text below says what is shown" aria-describedby="said-{i} sky-keys"></canvas><figcaption><p'
         f' class="faint">{escape(caption)}</p><p class="said" id="said-{i}" role="status"'
         ' aria-live="polite"></p></figcaption></figure>'
     )
 
 
-def _sky(shown):
-    modes, field = shown.coefficients.modes, shown.field
-    if np.shape(shown.covariance) != (len(modes), len(modes)):
-        raise ParameterError(f"covariance has shape {np.shape(shown.covariance)}, the coefficients are {len(modes)}")
-    residual = field.motion - shown.coefficients.at(field.lon, field.lat)
-    sure = field.inner(residual, residual)
-    order = np.argsort(-sure, kind="stable")[:MAX_SOURCES]
+def _sky(solution):
+    modes, field = solution.coefficients.modes, solution.field
+    if np.shape(solution.covariance) != (len(modes), len(modes)):
+        raise ParameterError(f"covariance has shape {np.shape(solution.covariance)}, the coefficients are {len(modes)}")
+    residual = field.motion - solution.coefficients.at(field.lon, field.lat)
+    chi2 = field.inner(residual, residual)
+    order = np.argsort(-chi2, kind="stable")[:MAX_SOURCES]
     names = [] if field.name is None else [str(name) for name in field.name[order[:MAX_NAMES]]]
     return {
-        "label": shown.label,
+        "label": solution.label,
         "lmax": min(modes.lmax, MAX_LMAX),
         "fitted": modes.lmax,
         "sent": int(order.size),
@@ -388,41 +392,45 @@ def _sky(shown):
             "motion": _floats(field.motion[:, order]),
             "error": _floats(field.sigma[:, order]),
             "residual": _floats(residual[:, order]),
-            "sigmas": _floats(np.sqrt(sure[order])),
+            "sigmas": _floats(np.sqrt(chi2[order])),
         },
-        **_fields(shown, *even_grid(STEP)),
-        "marks": _marks(shown),
+        **_fields(solution, *even_grid(STEP)),
+        "marks": _marks(solution),
     }
 
 
-def _fields(shown, lon, lat):
+def _fields(solution, lon, lat):
     """The field of each degree and kind on the grid, and the variance of every sum the page can show."""
-    modes, covariance = shown.coefficients.modes, np.asarray(shown.covariance, float)
+    modes, covariance = solution.coefficients.modes, np.asarray(solution.covariance, float)
     basis = harmonics(lon, lat, modes)
     degrees, kinds = modes.degrees, np.array([mode.kind for mode in modes])
     lmax = min(modes.lmax, MAX_LMAX)
     fields, variances = [], []
     for l in range(1, lmax + 1):
         for kind in "TS":
-            own = (degrees == l) & (kinds == kind)
-            fields.append(_floats(np.tensordot(shown.coefficients.values[own], basis[own], 1)))
-    for alone in (False, True):
-        for wanted in _KINDS:
+            selection = (degrees == l) & (kinds == kind)
+            fields.append(_floats(np.tensordot(solution.coefficients.values[selection], basis[selection], 1)))
+    for is_single in (False, True):
+        for combination in _KINDS:
             for l in range(1, lmax + 1):
-                own = np.isin(kinds, list(wanted)) & ((degrees == l) if alone else (degrees <= l))
-                east, north = np.moveaxis(basis[own], 1, 0)
-                part = covariance[np.ix_(own, own)]
-                with_east = part @ east
-                parts = [np.sum(with_east * east, 0), np.sum((part @ north) * north, 0), np.sum(with_east * north, 0)]
-                variances.append(_floats(parts))
+                selection = np.isin(kinds, list(combination)) & ((degrees == l) if is_single else (degrees <= l))
+                east, north = np.moveaxis(basis[selection], 1, 0)
+                block = covariance[np.ix_(selection, selection)]
+                with_east = block @ east
+                moments = [
+                    np.sum(with_east * east, 0),
+                    np.sum((block @ north) * north, 0),
+                    np.sum(with_east * north, 0),
+                ]
+                variances.append(_floats(moments))
     return {"fields": fields, "variances": variances}
 
 
-def _marks(shown):
-    names = ("acceleration", "spin") if shown.unit == "µas/yr" else ("glide", "rotation")
+def _marks(solution):
+    names = ("acceleration", "spin") if solution.unit == "µas/yr" else ("glide", "rotation")
     marks: list[dict[str, Any]] = []
     for name, kind in zip(names, "ST", strict=True):
-        vector = shown.coefficients.vector(kind, shown.covariance, shown.field.frame)
+        vector = solution.coefficients.vector(kind, solution.covariance, solution.field.frame)
         if vector.p_value <= 0.05:  # else it points nowhere in particular
             marks.append({"name": name, "kind": kind, "at": vector.direction, "cone": vector.direction_cone()})
     return marks
@@ -465,9 +473,9 @@ def widget(*shown: ShownPage, height: int = 720, static: Callable[[], bytes] | N
     ParameterError
         As `sky` does.
     """
-    turned = sky(*shown)
-    if turned.html:
-        inner = escape(page("", [turned]), quote=True)
+    sky_panel = sky(*shown)
+    if sky_panel.html:
+        inner = escape(page("", [sky_panel]), quote=True)
         html = f'<iframe srcdoc="{inner}" style="width: 100%; height: {height}px; border: 0" title="sky"></iframe>'
     else:
         html = figure(static(), f"The sky {STATIC}").html if static else f"<p>The sky {escape(STATIC)}.</p>"

@@ -89,12 +89,12 @@ def draw_vectors(
         raise ParameterError(f"lon, lat and motion have shapes {lon.shape}, {lat.shape} and {motion.shape}")
     colours = color if not isinstance(color, str) and np.ndim(color) == 2 else None
     amplitude = np.hypot(*motion)
-    shown = np.isfinite(amplitude) & (amplitude > 0)
-    lon, lat, motion, amplitude = lon[shown], lat[shown], motion[:, shown], amplitude[shown]
+    has_motion = np.isfinite(amplitude) & (amplitude > 0)
+    lon, lat, motion, amplitude = lon[has_motion], lat[has_motion], motion[:, has_motion], amplitude[has_motion]
     scale = scale or float(amplitude.max(initial=0.0)) or 1.0
     lines, fits = arrow_lines(axes, lon, lat, motion, np.radians(longest) * amplitude / scale)
     if colours is not None:
-        color = np.asarray(colours)[shown][fits]
+        color = np.asarray(colours)[has_motion][fits]
     style = {"zorder": 4} | style
     shafts = LineCollection(list(lines), colors=color, linewidths=linewidth, capstyle="butt", **style)
     heads = PolyCollection(_heads(lines, 4.2 * linewidth + 8.0), facecolors=color, edgecolors="none", **style)
@@ -216,10 +216,10 @@ def _half(step):
     phi, theta = [np.zeros(1)], [np.full(1, 90.0)]
     rings = int((90 - step / 2) / step)
     for i in range(1, rings + 1):
-        away = i * (90 - step / 2) / rings
-        n = max(6, round(360 * np.sin(np.radians(away)) / step))
+        distance = i * (90 - step / 2) / rings
+        n = max(6, round(360 * np.sin(np.radians(distance)) / step))
         phi.append((np.arange(n) + 0.5 * (i % 2)) * 360 / n)
-        theta.append(np.full(n, 90 - away))
+        theta.append(np.full(n, 90 - distance))
     return np.radians(np.concatenate(phi)), np.radians(np.concatenate(theta))
 
 
@@ -287,7 +287,7 @@ def plot_field(
         raise ParameterError(f"covariance has shape {np.shape(covariance)}, the coefficients are {len(modes)}")
     axes = sky_axes(field.frame, ax, projection=projection, centre=centre, below=1.0)
     draw_sources(axes, field.lon, field.lat)
-    hatched = draw_empty(axes, field.lon, field.lat)
+    hatching = draw_empty(axes, field.lon, field.lat)
     lon, lat = arrow_grid(axes)
     motion = coefficients.at(lon, lat)
     colour: Any = COLOURS[0]
@@ -296,15 +296,15 @@ def plot_field(
         colour = "0.7"
     elif covariance is not None:
         basis = harmonics(lon, lat, modes)
-        sure, _ = significance_of(motion, basis, np.asarray(covariance))
-        colour = _colours()(np.clip(np.nan_to_num(sure), 0, TOP) / TOP)
+        significance, _ = significance_of(motion, basis, np.asarray(covariance))
+        colour = _colours()(np.clip(np.nan_to_num(significance), 0, TOP) / TOP)
     draw_vectors(axes, lon, lat, motion, color=colour)
     largest = float(np.hypot(*motion).max())
     if largest > 0:
         draw_key(axes, largest, unit)
     names = ("spin", "acceleration") if unit == "µas/yr" else ("rotation", "glide")
-    handles, why = _directions(axes, coefficients, covariance, names)
-    if hatched is not None:
+    handles, legend_title = _directions(axes, coefficients, covariance, names)
+    if hatching is not None:
         handles.append(Patch(facecolor="none", edgecolor="0.55", hatch="//////", linewidth=0.0, label="no sources"))
     if is_noise:
         handles.append(Patch(facecolor="0.7", linewidth=0.0, label="not detected"))
@@ -316,7 +316,7 @@ def plot_field(
             ncols=2,
             borderaxespad=0,
             fontsize=6.5,
-            title=why,
+            title=legend_title,
             title_fontsize=6.5,
         )
     if covariance is not None and not is_noise:
@@ -342,12 +342,12 @@ def plot_sources(field: Field, *, n_arrows: int = 300, ax: Axes | None = None) -
     """
     axes = sky_axes(field.frame, ax)
     draw_sources(axes, field.lon, field.lat)
-    sure = np.argsort(-np.sum((field.motion / field.sigma) ** 2, 0), kind="stable")[:n_arrows]
-    size = np.hypot(*field.motion[:, sure])
-    longest = float(np.quantile(size, 0.9)) if len(sure) else 0.0
+    indices = np.argsort(-np.sum((field.motion / field.sigma) ** 2, 0), kind="stable")[:n_arrows]
+    size = np.hypot(*field.motion[:, indices])
+    longest = float(np.quantile(size, 0.9)) if len(indices) else 0.0
     if longest > 0:
-        shown = field.motion[:, sure] * np.minimum(1, longest / np.maximum(size, 1e-300))
-        draw_vectors(axes, field.lon[sure], field.lat[sure], shown, scale=longest, linewidth=0.5)
+        motion = field.motion[:, indices] * np.minimum(1, longest / np.maximum(size, 1e-300))
+        draw_vectors(axes, field.lon[indices], field.lat[indices], motion, scale=longest, linewidth=0.5)
         axes.set_title(f"{len(field)} sources; longest arrow {longest:.3g} µas/yr", fontsize="small")
     return axes
 
@@ -361,15 +361,15 @@ def _colours():
 
 def _directions(axes, coefficients, covariance, names):
     """Stars of acceleration and spin, and why arrows need not meet there."""
-    handles, shown = [], []
+    handles, detections = [], []
     for kind, name, colour in (("S", names[1], COLOURS[1]), ("T", names[0], COLOURS[3])):
         vector = coefficients.vector(kind, covariance, axes.sky_frame)
         if vector.value.any():
             handles.append(draw_direction(axes, vector, name, colour))
             if covariance is None or vector.p_value < SEEN:
-                shown.append(name)
-    others = names[1] in shown and (coefficients.modes.lmax > 1 or len(shown) > 1)
-    return handles, "arrows: all degrees together; they need not meet at a star" if others else None
+                detections.append(name)
+    needs_remark = names[1] in detections and (coefficients.modes.lmax > 1 or len(detections) > 1)
+    return handles, "arrows: all degrees together; they need not meet at a star" if needs_remark else None
 
 
 @apply_style

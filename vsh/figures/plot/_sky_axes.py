@@ -72,12 +72,12 @@ class SkyAxes(WCSAxes):
         lon, lat = np.broadcast_arrays(np.degrees(lon), np.degrees(lat))
         if lon.size == 0:
             return np.zeros((*lon.shape, 2)), np.zeros(lon.shape)
-        projected = self.wcs.wcs.s2p(np.stack([lon.ravel(), lat.ravel()], axis=1), 0)
-        xy, native = projected["pixcrd"].copy(), projected["phi"].copy()
-        hidden = np.asarray(projected["stat"]) != 0
+        projection = self.wcs.wcs.s2p(np.stack([lon.ravel(), lat.ravel()], axis=1), 0)
+        xy, native = projection["pixcrd"].copy(), projection["phi"].copy()
+        is_hidden = np.asarray(projection["stat"]) != 0
         if not self.is_whole:
-            hidden |= projected["theta"] < 0
-        xy[hidden] = np.nan
+            is_hidden |= projection["theta"] < 0
+        xy[is_hidden] = np.nan
         return xy.reshape(*lon.shape, 2), native.reshape(lon.shape)
 
     def sky_of(self, x: ArrayLike, y: ArrayLike) -> tuple[FloatArray, FloatArray]:
@@ -156,37 +156,37 @@ def sky_axes(
         return ax
     centre = _centre(centre, projection)
     wcs = _wcs(frame, projection, centre)
-    whole = projection in _WHOLE
-    how: dict[str, Any] = {"axes_class": SkyAxes, "wcs": wcs, "frame_class": EllipticalFrame}
-    made: Any
+    is_whole = projection in _WHOLE
+    options: dict[str, Any] = {"axes_class": SkyAxes, "wcs": wcs, "frame_class": EllipticalFrame}
+    axes: Any
     if ax is None:
-        made = plt.figure(figsize=(WIDTH, (0.6 if whole else 0.92) * WIDTH + below)).add_subplot(**how)
+        axes = plt.figure(figsize=(WIDTH, (0.6 if is_whole else 0.92) * WIDTH + below)).add_subplot(**options)
     elif ax.get_subplotspec() is not None:
-        made = ax.figure.add_subplot(ax.get_subplotspec(), **how)
+        axes = ax.figure.add_subplot(ax.get_subplotspec(), **options)
         ax.remove()
     else:
-        made = ax.figure.add_axes(ax.get_position().bounds, **how)
+        axes = ax.figure.add_axes(ax.get_position().bounds, **options)
         ax.remove()
-    made.sky_frame, made.projection_name, made.centre = frame, projection, centre
-    high, wide = wcs.array_shape
-    made.set(xlim=(-0.5, wide - 0.5), ylim=(-0.5, high - 0.5), aspect="equal")
-    for coordinate in made.coords:
+    axes.sky_frame, axes.projection_name, axes.centre = frame, projection, centre
+    height, width = wcs.array_shape
+    axes.set(xlim=(-0.5, width - 0.5), ylim=(-0.5, height - 0.5), aspect="equal")
+    for coordinate in axes.coords:
         coordinate.set_ticks_visible(False)
         coordinate.set_ticklabel_visible(False)
         coordinate.set_axislabel("")
-    made.coords.frame.set_linewidth(0.6)
-    _graticule(made)
+    axes.coords.frame.set_linewidth(0.6)
+    _graticule(axes)
     names = ANGLES[frame]
     label = f"{'ICRS' if frame == 'icrs' else frame}: {names[0]} ←, {names[1]} ↑"
-    made.text(1.0, 0.0, label, transform=made.transAxes, ha="right", va="bottom", fontsize=_SIZE, color="0.35")
-    return made
+    axes.text(1.0, 0.0, label, transform=axes.transAxes, ha="right", va="bottom", fontsize=_SIZE, color="0.35")
+    return axes
 
 
 def _centre(centre, projection):
     if centre is None:
         centre = (0.0, 90.0) if projection == "polar" else (0.0, 0.0)
     try:
-        lon, lat = (float(each) for each in centre)
+        lon, lat = (float(coordinate) for coordinate in centre)
     except (TypeError, ValueError):
         lon = lat = np.nan
     if not (np.isfinite(lon) and abs(lat) <= 90):
@@ -197,15 +197,15 @@ def _centre(centre, projection):
 
 def _wcs(frame, projection, centre):
     code, radius = PROJECTIONS[projection]
-    high = _WIDE // 2
-    wide = _WIDE if projection in _WHOLE else high
+    height = _WIDE // 2
+    width = _WIDE if projection in _WHOLE else height
     wcs = WCS(naxis=2)
     wcs.wcs.ctype = [f"{axis}-{code}" for axis in _AXES[frame]]
-    step = 2 * np.degrees(radius) / wide
-    wcs.wcs.cdelt, wcs.wcs.crpix, wcs.wcs.crval = [-step, step], [wide / 2 + 0.5, high / 2 + 0.5], list(centre)
+    step = 2 * np.degrees(radius) / width
+    wcs.wcs.cdelt, wcs.wcs.crpix, wcs.wcs.crval = [-step, step], [width / 2 + 0.5, height / 2 + 0.5], list(centre)
     if projection in _WHOLE:
         wcs.wcs.lonpole = 0.0 if centre[1] >= 0 else 180.0  # north up
-    wcs.array_shape = (high, wide)
+    wcs.array_shape = (height, width)
     wcs.wcs.set()
     return wcs
 
@@ -215,8 +215,8 @@ def lines_on(axes: SkyAxes, lon: FloatArray, lat: FloatArray) -> FloatArray:
     xy, native = axes.project(lon, lat)
     if not axes.is_whole:
         return xy
-    over = np.flatnonzero(np.abs(np.diff(native)) > 180) + 1
-    return np.insert(xy, over, np.nan, axis=0)
+    crossings = np.flatnonzero(np.abs(np.diff(native)) > 180) + 1
+    return np.insert(xy, crossings, np.nan, axis=0)
 
 
 def _graticule(axes):
@@ -232,22 +232,22 @@ def _graticule(axes):
         if axes.is_whole or abs(axes.centre[1]) < 60
         else np.copysign(20.0 if axes.projection_name == "polar" else 42.0, axes.centre[1])
     )
-    wanted = [(lon, at, f"{lon}°") for lon in range(0, 360, 60)]
-    wanted += [(axes.centre[0], lat, f"{lat:+d}°".replace("-", "−")) for lat in (30, -30, 60, -60)]
-    taken: list[tuple[float, float, float]] = []
-    xy, native = axes.project(*np.radians([[lon, lat] for lon, lat, _ in wanted]).T)
-    for (x, y), from_middle, (_, _, words) in zip(xy, native, wanted, strict=True):
-        half = 0.34 * _SIZE * _POINT * len(words)
+    labels = [(lon, at, f"{lon}°") for lon in range(0, 360, 60)]
+    labels += [(axes.centre[0], lat, f"{lat:+d}°".replace("-", "−")) for lat in (30, -30, 60, -60)]
+    boxes: list[tuple[float, float, float]] = []
+    xy, native = axes.project(*np.radians([[lon, lat] for lon, lat, _ in labels]).T)
+    for (x, y), from_middle, (_, _, text) in zip(xy, native, labels, strict=True):
+        half = 0.34 * _SIZE * _POINT * len(text)
         # Outside the limb, or half over it.
         if not np.isfinite(x) or (axes.is_whole and abs(from_middle) > 179) or not _inside(axes, x, y, half):
             continue
-        if any(abs(x - at) < half + other and abs(y - up) < 1.2 * _SIZE * _POINT for at, up, other in taken):
+        if any(abs(x - at) < half + box_half and abs(y - up) < 1.2 * _SIZE * _POINT for at, up, box_half in boxes):
             continue
-        taken.append((x, y, half))
+        boxes.append((x, y, half))
         axes.text(
             x,
             y,
-            words,
+            text,
             ha="center",
             va="center",
             fontsize=_SIZE,
@@ -260,9 +260,9 @@ def _graticule(axes):
 
 def _inside(axes, x, y, half):
     """Return whether a label is within the map's ellipse."""
-    high, wide = axes.wcs.array_shape
-    reach = max(abs(x - half - wide / 2), abs(x + half - wide / 2)) / (wide / 2)
-    return reach**2 + ((abs(y - high / 2) + 0.5 * _SIZE * _POINT) / (high / 2)) ** 2 < 1
+    height, width = axes.wcs.array_shape
+    reach = max(abs(x - half - width / 2), abs(x + half - width / 2)) / (width / 2)
+    return reach**2 + ((abs(y - height / 2) + 0.5 * _SIZE * _POINT) / (height / 2)) ** 2 < 1
 
 
 #: A cone as wide as this says nothing of where a vector points. [deg]
@@ -332,8 +332,8 @@ def draw_direction(
         Probability of the cone.
     """
     lon, lat = np.radians(vector.direction)
-    known = bool(np.any(vector.covariance))
-    cone = vector.direction_cone(probability) if known else 0.0
+    has_covariance = bool(np.any(vector.covariance))
+    cone = vector.direction_cone(probability) if has_covariance else 0.0
     if cone > _LOST or vector.p_value > _CHANCE:
         return axes.scatter([], [], marker="*", s=0, color=color, label=f"{label}: direction not known")
     if cone > 0:
@@ -361,9 +361,13 @@ def symbol(name: str) -> str:
     """A parameter's name as it is written: ω_x, ã_x, t_20, s_21^R."""
     mode = _MODE.fullmatch(name)
     if mode:
-        kind, l, m, part = mode.groups()
-        low = f"{l}{m}" if len(l) == len(m) == 1 else f"{l},{m}"
-        return f"${kind}_{{{low}}}^{{\\rm {'R' if part == 're' else 'I'}}}$" if part else f"${kind}_{{{low}}}$"
+        kind, l, m, component = mode.groups()
+        subscript = f"{l}{m}" if len(l) == len(m) == 1 else f"{l},{m}"
+        return (
+            f"${kind}_{{{subscript}}}^{{\\rm {'R' if component == 're' else 'I'}}}$"
+            if component
+            else f"${kind}_{{{subscript}}}$"
+        )
     for plain, letter in _LETTERS.items():
         if name.startswith(plain):
             return f"${letter}_{name[len(plain) :]}$"
@@ -380,19 +384,19 @@ def draw_matrix(axes: Axes, matrix: FloatArray, names: Sequence[str], groups: Se
     axes.spines[["top", "right"]].set_visible(True)
     axes.tick_params(length=0)
     if groups is not None and len(set(groups)) > 1:
-        first = [i for i in range(k) if i == 0 or groups[i] != groups[i - 1]]
-        for i in first[1:]:
+        starts = [i for i in range(k) if i == 0 or groups[i] != groups[i - 1]]
+        for i in starts[1:]:
             heavy = groups[i][:1] != groups[i - 1][:1]
             for line in (axes.axhline, axes.axvline):
                 line(i - 0.5, color="0.4" if heavy else "0.6", linewidth=0.8 if heavy else 0.25 if k <= 60 else 0.1)
     if k > NAMED and groups is not None:
-        ends = [*first, k]
+        ends = [*starts, k]
         middles = [(a + b - 1) / 2 for a, b in pairwise(ends)]
-        words = [groups[i] for i in first]
+        labels = [groups[i] for i in starts]
         # The narrow ones of the lowest degrees would lie on each other.
-        shown = [i for i, (a, b) in enumerate(pairwise(ends)) if b - a > k / 22]
-        axes.set_xticks([middles[i] for i in shown], [words[i] for i in shown])
-        axes.set_yticks([middles[i] for i in shown], [words[i] for i in shown])
+        indices = [i for i, (a, b) in enumerate(pairwise(ends)) if b - a > k / 22]
+        axes.set_xticks([middles[i] for i in indices], [labels[i] for i in indices])
+        axes.set_yticks([middles[i] for i in indices], [labels[i] for i in indices])
     else:
         every = max(1, k // NAMED)
         size = 8 if k <= 9 else 6 if k <= 20 else 4.5
@@ -429,14 +433,14 @@ def draw_map(axes: SkyAxes, values: ArrayLike, cmap: str = SEQUENTIAL, **style: 
         Style of the image.
     """
     values = np.asarray(values, float)
-    high, wide = axes.wcs.array_shape
-    y, x = np.mgrid[0:high, 0:wide]
+    height, width = axes.wcs.array_shape
+    y, x = np.mgrid[0:height, 0:width]
     lon, lat = axes.sky_of(x.ravel(), y.ravel())
-    shown = np.isfinite(lon)
+    is_finite = np.isfinite(lon)
     picture = np.full(lon.size, np.nan)
-    picture[shown] = values[pixels_of(lon[shown], lat[shown], int(np.sqrt(values.size / 12)))]
+    picture[is_finite] = values[pixels_of(lon[is_finite], lat[is_finite], int(np.sqrt(values.size / 12)))]
     style = {"zorder": 0.5, "interpolation": "nearest", "rasterized": True, "origin": "lower"} | style
-    return axes.imshow(picture.reshape(high, wide), cmap=cmap, **style)
+    return axes.imshow(picture.reshape(height, width), cmap=cmap, **style)
 
 
 @apply_style
@@ -489,18 +493,18 @@ def draw_empty(axes: SkyAxes, lon: FloatArray, lat: FloatArray, radius: float | 
         return None
     # e^−x² of all places are farther than x times the radius of a source's share of the sky.
     radius = radius or max(2.0, 2.5 * np.degrees(np.sqrt(4 / len(lon))))
-    high, wide = axes.wcs.array_shape
-    y, x = np.mgrid[0:high:4, 0:wide:4]
+    height, width = axes.wcs.array_shape
+    y, x = np.mgrid[0:height:4, 0:width:4]
     at = np.stack(axes.sky_of(x.ravel(), y.ravel()))
-    shown = np.isfinite(at).all(0)
-    away = np.zeros(at.shape[1])
-    away[shown] = cKDTree(triad(lon, lat)[2].T).query(triad(*at[:, shown])[2].T)[0]
+    is_finite = np.isfinite(at).all(0)
+    distance = np.zeros(at.shape[1])
+    distance[is_finite] = cKDTree(triad(lon, lat)[2].T).query(triad(*at[:, is_finite])[2].T)[0]
     edge = 2 * np.sin(np.radians(radius) / 2)
-    if not (away > edge).any():
+    if not (distance > edge).any():
         return None
-    drawn = axes.contourf(
-        x, y, away.reshape(x.shape), levels=[edge, 3.0], colors="none", hatches=["//////"], zorder=0.4
+    contours = axes.contourf(
+        x, y, distance.reshape(x.shape), levels=[edge, 3.0], colors="none", hatches=["//////"], zorder=0.4
     )
-    drawn.set_edgecolor("0.55")
-    drawn.set_linewidth(0.0)
-    return drawn
+    contours.set_edgecolor("0.55")
+    contours.set_linewidth(0.0)
+    return contours

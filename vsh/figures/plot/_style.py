@@ -88,10 +88,10 @@ def panels(
     """The axes to draw on: those given, or those of a new figure."""
     if ax is None:
         return plt.subplots(rows, columns, figsize=size or (WIDTH, 2.4), squeeze=False, **how)[1].ravel()
-    given = np.ravel(np.asarray(ax, dtype=object))
-    if given.size != rows * columns:
-        raise ParameterError(f"this figure has {rows * columns} panels: ax must be as many axes, not {given.size}")
-    return given
+    axes = np.ravel(np.asarray(ax, dtype=object))
+    if axes.size != rows * columns:
+        raise ParameterError(f"this figure has {rows * columns} panels: ax must be as many axes, not {axes.size}")
+    return axes
 
 
 def many_figures() -> Any:
@@ -101,14 +101,14 @@ def many_figures() -> Any:
 
 def figure_of(drawn: Any) -> Figure:
     """The figure that axes are in."""
-    first = np.ravel(np.asarray(drawn, dtype=object))[0]
-    return first if hasattr(first, "savefig") else first.figure
+    artist = np.ravel(np.asarray(drawn, dtype=object))[0]
+    return artist if hasattr(artist, "savefig") else artist.figure
 
 
 def colour_bar(axes: Axes, image: Any, label: str, **how: Any) -> Any:
     """A colour bar under axes, with its label."""
-    own: dict[str, Any] = {"orientation": "horizontal", "shrink": 0.7, "pad": 0.04, "aspect": 30} | how
-    bar = axes.figure.colorbar(image, ax=axes, **own)
+    options: dict[str, Any] = {"orientation": "horizontal", "shrink": 0.7, "pad": 0.04, "aspect": 30} | how
+    bar = axes.figure.colorbar(image, ax=axes, **options)
     bar.set_label(label)
     bar.outline.set_linewidth(0.4)
     return bar
@@ -124,10 +124,10 @@ def log_ticks(axis: Any, low: float, high: float) -> None:
     axis.set_minor_formatter(NullFormatter())
 
 
-def legend_above(axes: Axes, columns: int = 4, **how: Any) -> Any:
+def legend_above(axes: Axes, columns: int = 4, **options: Any) -> Any:
     """A legend over axes, where it hides no point."""
-    how = {"loc": "lower left", "bbox_to_anchor": (0.0, 1.0), "borderaxespad": 0.1, "ncols": columns} | how
-    return axes.legend(**how)
+    options = {"loc": "lower left", "bbox_to_anchor": (0.0, 1.0), "borderaxespad": 0.1, "ncols": columns} | options
+    return axes.legend(**options)
 
 
 FORMATS = ("png", "pdf", "svg")
@@ -155,8 +155,8 @@ def picture_of(drawn: Any, dpi: float = 200) -> bytes:
 
 def close_figures(figures: Iterable[Any]) -> None:
     """Close figures that are not wanted any more."""
-    for drawn in figures:
-        plt.close(figure_of(drawn))
+    for plot in figures:
+        plt.close(figure_of(plot))
 
 
 def save_figures(
@@ -182,15 +182,15 @@ def save_figures(
     close : bool
         Whether the figures are not wanted any more.
     """
-    formats = [choice("format", each, FORMATS) for each in ([format] if isinstance(format, str) else format)]
+    formats = [choice("format", extension, FORMATS) for extension in ([format] if isinstance(format, str) else format)]
     positive("dpi", dpi)
     paths = []
-    for name, drawn in figures.items():
-        figure = figure_of(drawn)
-        for each in formats:
-            paths.append(Path(folder) / f"{name}.{each}")
-            with atomic_write(paths[-1]) as new, plt.rc_context(STYLE):
-                figure.savefig(new, format=each, dpi=dpi, metadata=_METADATA[each])
+    for name, plot in figures.items():
+        figure = figure_of(plot)
+        for extension in formats:
+            paths.append(Path(folder) / f"{name}.{extension}")
+            with atomic_write(paths[-1]) as temporary_path, plt.rc_context(STYLE):
+                figure.savefig(temporary_path, format=extension, dpi=dpi, metadata=_METADATA[extension])
     if close:
         close_figures(figures.values())
     return paths

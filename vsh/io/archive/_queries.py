@@ -162,9 +162,9 @@ def of_table(
             f"SELECT {_listed(release)}{further}\nFROM {table} AS t\n"
             f"JOIN {release.schema}.gaia_source AS g ON g.source_id = t.source_id"
         )
-    listed = ", ".join(f"{'s' if name in _PHOTOMETRY else 'g'}.{name}" for name in _columns_of(release))
+    select_list = ", ".join(f"{'s' if name in _PHOTOMETRY else 'g'}.{name}" for name in _columns_of(release))
     return (
-        f"SELECT {listed}{further}\nFROM {table} AS t\n"
+        f"SELECT {select_list}{further}\nFROM {table} AS t\n"
         f"JOIN {release.schema}.{astrometry} AS g ON g.source_id = t.source_id\n"
         f"LEFT JOIN {release.schema}.{_PHOTOMETRY_OF_ALL} AS s ON s.source_id = t.source_id"
     )
@@ -197,19 +197,19 @@ def upload_of(source: Any) -> tuple[bytes, bool]:
         If there is neither source_id nor ra and dec.
     """
     is_text = isinstance(source, (str, Path)) and Path(source).suffix.lower() in _TEXTS
-    opened = None if is_text else tables.open_table(source)
-    if opened is None or "source_id" in opened.names:
+    table = None if is_text else tables.open_table(source)
+    if table is None or "source_id" in table.names:
         columns = {"source_id": np.array(read_ids(source), np.int64)}
         return _as_votable(columns), True
-    missing = {"ra", "dec"} - set(opened.names)
+    missing = {"ra", "dec"} - set(table.names)
     if missing:
         raise ArchiveError(
-            f"{opened.label} has neither source_id nor ra and dec: the table has {', '.join(opened.names[:50])}"
+            f"{table.label} has neither source_id nor ra and dec: the table has {', '.join(table.names[:50])}"
         )
-    names = [name for name in ("name", "ra", "dec") if name in opened.names]
-    block = opened.columns(names)
+    names = [name for name in ("name", "ra", "dec") if name in table.names]
+    block = table.columns(names)
     if any(mask is not None and mask.any() for _, mask in block.values()):
-        raise ArchiveError(f"{opened.label}: positions or names are missing")
+        raise ArchiveError(f"{table.label}: positions or names are missing")
     return _as_votable({name: np.asarray(values) for name, (values, _) in block.items()}), False
 
 
@@ -267,7 +267,7 @@ class SchemaCheck(InNotebook):
 
     def to_table(self) -> Table:
         """A row for each name that is missing, as an astropy Table."""
-        rows = [(query, name, near or "") for query, absent in self.missing.items() for name, near in absent]
+        rows = [(query, name, nearest or "") for query, absent in self.missing.items() for name, nearest in absent]
         columns = {head: [str(row[k]) for row in rows] for k, head in enumerate(("query", "missing", "nearest"))}
         return tables.table_of(columns, {"schema": self.schema})
 
@@ -289,19 +289,19 @@ def check_schema(schema: str = DR4.schema, url: str = ESA) -> SchemaCheck:
     """
     if not isinstance(schema, str) or not _SCHEMA_NAME.fullmatch(schema):
         raise ArchiveError(f"{printable(schema)} is no name of a schema")
-    known = _columns(schema, str(url).rstrip("/"))
-    if not known:
+    table_columns = _columns(schema, str(url).rstrip("/"))
+    if not table_columns:
         raise ArchiveError(f"{printable(url)} has no schema {schema}, or shows no columns of it")
-    asked = {name: adql for name, adql in QUERIES.items() if f"{schema}." in adql}
-    release = next((each for each in RELEASES.values() if each.schema == schema), None)
+    queries = {name: adql for name, adql in QUERIES.items() if f"{schema}." in adql}
+    release = next((candidate for candidate in RELEASES.values() if candidate.schema == schema), None)
     if release is not None:
         variants = ASTROMETRY if release is DR4 else ASTROMETRY[:1]
-        asked |= {
-            f"a table of sources, --table {each}": of_table("t.t", release=release, astrometry=each)
-            for each in variants
+        queries |= {
+            f"a table of sources, --table {candidate}": of_table("t.t", release=release, astrometry=candidate)
+            for candidate in variants
         }
-    missing = {name: _missing(adql, schema, known) for name, adql in asked.items()}
-    return SchemaCheck(schema, len(known), sum(map(len, known.values())), missing)
+    missing = {name: _missing(adql, schema, table_columns) for name, adql in queries.items()}
+    return SchemaCheck(schema, len(table_columns), sum(map(len, table_columns.values())), missing)
 
 
 def _columns(schema, url):
@@ -311,27 +311,27 @@ def _columns(schema, url):
     with _open(f"{url}/sync", form) as answer:
         text = _read_some(answer, _SCHEMA_BYTES, time.monotonic() + 120).decode("utf-8", "replace")
     rows = list(csv.reader(io.StringIO(text)))
-    if not rows or [each.strip().lower() for each in rows[0]] != ["table_name", "column_name"]:
+    if not rows or [cell.strip().lower() for cell in rows[0]] != ["table_name", "column_name"]:
         raise ArchiveError(f"{url} sent no list of columns: {printable(text[:80])}")
-    known: dict[str, set[str]] = {}
+    table_columns: dict[str, set[str]] = {}
     for row in rows[1:]:
         if len(row) == 2:
-            known.setdefault(row[0].strip().strip('"').lower(), set()).add(row[1].strip().strip('"').lower())
-    return known
+            table_columns.setdefault(row[0].strip().strip('"').lower(), set()).add(row[1].strip().strip('"').lower())
+    return table_columns
 
 
-def _missing(adql, schema, known):
+def _missing(adql, schema, table_columns):
     """Names of a query that a schema lacks, with the nearest ones."""
     absent: list[tuple[str, str | None]] = []
-    places = {alias: table.lower() for table, alias in _TABLES.findall(adql) if table.lower().startswith(f"{schema}.")}
-    for table in dict.fromkeys(places.values()):
-        if table not in known:
-            absent.append((table, _nearest(table, known)))
+    aliases = {alias: table.lower() for table, alias in _TABLES.findall(adql) if table.lower().startswith(f"{schema}.")}
+    for table in dict.fromkeys(aliases.values()):
+        if table not in table_columns:
+            absent.append((table, _nearest(table, table_columns)))
     for alias, column in dict.fromkeys(_ALIASED.findall(adql)):
-        table = places.get(alias, "")
-        if table in known and column.lower() not in known[table]:
-            near = _nearest(column.lower(), known[table])
-            absent.append((f"{table}.{column}", near and f"{table}.{near}"))
+        table = aliases.get(alias, "")
+        if table in table_columns and column.lower() not in table_columns[table]:
+            nearest = _nearest(column.lower(), table_columns[table])
+            absent.append((f"{table}.{column}", nearest and f"{table}.{nearest}"))
     return tuple(absent)
 
 
@@ -389,38 +389,38 @@ def fetch_epochs(
         If the server cannot be reached, refuses, or sends nothing that can be unpacked; if the folder holds the answer
         to another list. Batches already received are kept; the same call resumes after them.
     """
-    numbers = sorted({int(each) for each in ids})
+    numbers = sorted({int(source_id) for source_id in ids})
     if not numbers or numbers[0] < 0:
         raise ArchiveError("there are no sources to ask for: source_id are whole numbers above zero")
     size = min(whole("batch", batch), BATCH)
     folder = Path(folder)
     note = folder.with_name(f"{folder.name}.json")
-    listed = hashlib.sha256("\n".join(map(str, numbers)).encode()).hexdigest()
-    asked = {
+    checksum = hashlib.sha256("\n".join(map(str, numbers)).encode()).hexdigest()
+    request = {
         "retrieval_type": retrieval_type, "structure": structure, "release": release, "url": str(url), "batch": size,
-        "sources": len(numbers), "sha256_of_ids": listed,
+        "sources": len(numbers), "sha256_of_ids": checksum,
     }  # fmt: skip
     with exclusive(note):
-        known = _read(note)
-        if known and any(known.get(key) != value for key, value in asked.items()):
+        record = _read(note)
+        if record and any(record.get(key) != value for key, value in request.items()):
             raise ArchiveError(f"{printable(folder)} holds the answer to another request: name another folder")
-        if not known and folder.exists() and any(folder.iterdir()):
+        if not record and folder.exists() and any(folder.iterdir()):
             raise ArchiveError(
                 f"{printable(folder)} exists without its note, so its contents are unknown: name another"
             )
-        files: dict[str, str] = dict(known.get("files", {}))
-        if not known:  # first of all: who is killed in the first batch goes on as well
-            _write(note, asked | {"files": files})
+        files: dict[str, str] = dict(record.get("files", {}))
+        if not record:  # first of all: who is killed in the first batch goes on as well
+            _write(note, request | {"files": files})
         folder.mkdir(exist_ok=True)
         remove_unfinished(folder)
         batches = [numbers[k : k + size] for k in range(0, len(numbers), size)]
         with progress_bar(total=len(batches), words="fetching epochs", shown=progress) as bar:
-            for k, part in enumerate(batches):
-                own = {name: sha for name, sha in files.items() if name.startswith(f"epochs-{k:05d}")}
-                if not own or any(not _is_whole(folder / name, sha) for name, sha in own.items()):
-                    files = {name: sha for name, sha in files.items() if name not in own}
-                    files |= _fetch_piece(part, k, folder, asked, positive("patience", patience))
-                    _write(note, asked | {"files": files})
+            for k, batch_ids in enumerate(batches):
+                batch_files = {name: sha for name, sha in files.items() if name.startswith(f"epochs-{k:05d}")}
+                if not batch_files or any(not _is_whole(folder / name, sha) for name, sha in batch_files.items()):
+                    files = {name: sha for name, sha in files.items() if name not in batch_files}
+                    files |= _fetch_piece(batch_ids, k, folder, request, positive("patience", patience))
+                    _write(note, request | {"files": files})
                 bar.update(1)
     return folder
 
@@ -429,41 +429,41 @@ def _is_whole(path, sha):
     return path.is_file() and digest(path) == sha
 
 
-def _fetch_piece(ids, k, folder, asked, patience):
+def _fetch_piece(ids, k, folder, request, patience):
     """Fetch a batch: its files, and their hashes."""
     form = {
-        "ID": ",".join(map(str, ids)), "RETRIEVAL_TYPE": asked["retrieval_type"], "FORMAT": "votable",
-        "DATA_STRUCTURE": asked["structure"], "RELEASE": asked["release"], "VALID_DATA": "false",
+        "ID": ",".join(map(str, ids)), "RETRIEVAL_TYPE": request["retrieval_type"], "FORMAT": "votable",
+        "DATA_STRUCTURE": request["structure"], "RELEASE": request["release"], "VALID_DATA": "false",
         "USE_ZIP_ALWAYS": "true",
     }  # fmt: skip
     end = time.monotonic() + patience
-    with _open(asked["url"], form, end) as answer:
+    with _open(request["url"], form, end) as answer:
         body = _read_some(answer, _MOST, end)
-    written = {}
-    for number, (name, content) in enumerate(_members(body, asked["url"])):
-        kind = ".fits" if content[:9] == b"SIMPLE  =" else ".csv" if name.lower().endswith(".csv") else ".vot"
-        path = folder / f"epochs-{k:05d}-{number:05d}{kind}"
+    files = {}
+    for number, (name, content) in enumerate(_members(body, request["url"])):
+        suffix = ".fits" if content[:9] == b"SIMPLE  =" else ".csv" if name.lower().endswith(".csv") else ".vot"
+        path = folder / f"epochs-{k:05d}-{number:05d}{suffix}"
         if path.exists():
             path.unlink()  # of a batch that was not whole, or was changed: our own names in our own folder
-        with atomic_write(path) as new:
-            new.write_bytes(content)
-        written[path.name] = digest(path)
-    return written
+        with atomic_write(path) as temporary_path:
+            temporary_path.write_bytes(content)
+        files[path.name] = digest(path)
+    return files
 
 
 def _members(body, url):
     """The files of an answer: those of a zip archive, or itself."""
     if body[:2] != b"PK":
         if b"<VOTABLE" not in body[:2000] and body[:9] != b"SIMPLE  =":
-            words = re.sub(r"<[^>]+>", " ", body[:400].decode("utf-8", "replace"))
-            raise ArchiveError(f"{url} sent no epochs: {printable(' '.join(words.split()))[:200]}")
+            text = re.sub(r"<[^>]+>", " ", body[:400].decode("utf-8", "replace"))
+            raise ArchiveError(f"{url} sent no epochs: {printable(' '.join(text.split()))[:200]}")
         return [("answer", body)]
     try:
-        with zipfile.ZipFile(io.BytesIO(body)) as packed:
-            inside = [each for each in packed.infolist() if not each.is_dir()]
-            if sum(each.file_size for each in inside) > _MOST:
+        with zipfile.ZipFile(io.BytesIO(body)) as archive:
+            inside = [member for member in archive.infolist() if not member.is_dir()]
+            if sum(member.file_size for member in inside) > _MOST:
                 raise ArchiveError(f"{url} sent more than {_MOST} bytes in one batch: ask for fewer sources (batch)")
-            members = [(each.filename, packed.read(each)) for each in inside]
+            members = [(member.filename, archive.read(member)) for member in inside]
     except (zipfile.BadZipFile, OSError, NotImplementedError, RuntimeError) as error:
         raise ArchiveError(f"{url} sent no whole archive ({error}): the same call fetches it again") from error
     if not members:
@@ -490,18 +490,18 @@ def read_ids(source: Any) -> list[int]:
     """
     if isinstance(source, (str, Path)) and Path(source).suffix.lower() in _TEXTS:
         text = Path(source).read_text(encoding="utf-8-sig").splitlines()
-        words = [word for line in text if (word := line.partition("#")[0].strip())]
+        entries = [entry for line in text if (entry := line.partition("#")[0].strip())]
     else:
-        opened = tables.open_table(source)
-        if "source_id" not in opened.names:
-            raise ArchiveError(f"{opened.label} has no column source_id: the table has {', '.join(opened.names[:50])}")
-        values, mask = opened.columns(("source_id",))["source_id"]
-        words = list(map(str, np.asarray(values) if mask is None else np.asarray(values)[~mask]))
-    wrong = [word for word in words if not re.fullmatch(r"\d{1,19}", word)]
-    if wrong or not words:
+        table = tables.open_table(source)
+        if "source_id" not in table.names:
+            raise ArchiveError(f"{table.label} has no column source_id: the table has {', '.join(table.names[:50])}")
+        values, mask = table.columns(("source_id",))["source_id"]
+        entries = list(map(str, np.asarray(values) if mask is None else np.asarray(values)[~mask]))
+    wrong = [entry for entry in entries if not re.fullmatch(r"\d{1,19}", entry)]
+    if wrong or not entries:
         raise ArchiveError(
-            f"{len(wrong)} of {len(words)} source_id are no whole numbers"
+            f"{len(wrong)} of {len(entries)} source_id are no whole numbers"
             if wrong
             else "the list of source_id is empty"
         )
-    return [int(word) for word in words]
+    return [int(entry) for entry in entries]

@@ -101,67 +101,73 @@ def query(
         raise ArchiveError(f"{printable(path)}: there is no such folder")
     if not url.startswith(("http://", "https://")):
         raise ArchiveError(f"{printable(url)} is no address of a service: https://…/tap")
-    asked = {"query": adql, "url": url, "max_rows": max_rows}
+    request = {"query": adql, "url": url, "max_rows": max_rows}
     if upload is not None:
-        asked["upload"] = hashlib.sha256(upload).hexdigest()
+        request["upload"] = hashlib.sha256(upload).hexdigest()
     with exclusive(path):
-        return _answer(path, asked, upload, patience, interval, max_bytes, overwrite, progress)
+        return _answer(path, request, upload, patience, interval, max_bytes, overwrite, progress)
 
 
-def _answer(path, asked, upload, patience, interval, max_bytes, overwrite, progress):
+def _answer(path, request, upload, patience, interval, max_bytes, overwrite, progress):
     """The file, while no other process fetches it."""
-    note, (adql, url, max_rows, *_) = path.with_name(f"{path.name}.json"), asked.values()
-    known = _read(note)
+    note, (adql, url, max_rows, *_) = path.with_name(f"{path.name}.json"), request.values()
+    record = _read(note)
     if path.exists():
-        _check_as_fetched(path, known)
+        _check_as_fetched(path, record)
         if not overwrite:
-            _check_same(path, known, asked)
+            _check_same(path, record, request)
             _rows_of(path)
             return path
-    known = {} if overwrite else known
-    job = known.get("job") if all(known.get(key) == value for key, value in asked.items()) else None
-    most = None if max_rows is None else whole("max_rows", max_rows)
-    job = _still_there(job) or _submit(adql, url, most, upload)
-    before = {"sha256": known["sha256"]} if path.exists() and "sha256" in known else {}
-    _write(note, asked | {"job": job} | before)
+    record = {} if overwrite else record
+    job = record.get("job") if all(record.get(key) == value for key, value in request.items()) else None
+    row_limit = None if max_rows is None else whole("max_rows", max_rows)
+    job = _still_there(job) or _submit(adql, url, row_limit, upload)
+    before = {"sha256": record["sha256"]} if path.exists() and "sha256" in record else {}
+    _write(note, request | {"job": job} | before)
     _wait(job, positive("patience", patience), positive("interval", interval), progress)
-    with atomic_write(path) as part:
-        _fetch(f"{job}/results/result", part, time.monotonic() + patience, positive("max_bytes", max_bytes), progress)
-        rows, sha = _rows(part, max_rows), digest(part)
-        fetched = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
-        _write(note, asked | {"rows": rows, "fetched": fetched, "sha256": sha})
+    with atomic_write(path) as temporary_path:
+        _fetch(
+            f"{job}/results/result",
+            temporary_path,
+            time.monotonic() + patience,
+            positive("max_bytes", max_bytes),
+            progress,
+        )
+        rows, sha = _rows(temporary_path, max_rows), digest(temporary_path)
+        timestamp = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
+        _write(note, request | {"rows": rows, "fetched": timestamp, "sha256": sha})
     return path
 
 
-def _check_as_fetched(path, known):
+def _check_as_fetched(path, record):
     """Raise ArchiveError where a file is not the one that its note is about."""
-    if not known.get("query"):
+    if not record.get("query"):
         raise ArchiveError(
             f"{printable(path)} exists without its note, so its query is unknown: choose another name, or delete it"
         )
-    if not known.get("sha256"):
+    if not record.get("sha256"):
         raise ArchiveError(
             f"{printable(path)} is there, and its note has no hash of it: choose another name, or delete it"
         )
-    if digest(path) != known["sha256"]:
+    if digest(path) != record["sha256"]:
         raise ArchiveError(
             f"{printable(path)} is not as it was fetched: somebody changed it. Take another name, or delete it"
         )
 
 
-def _check_same(path, known, asked):
+def _check_same(path, record, request):
     """Raise ArchiveError where a file is the answer to something else."""
-    if known.get("query") != asked["query"]:
+    if record.get("query") != request["query"]:
         raise ArchiveError(f"{printable(path)} is the answer to another query: choose another name, or overwrite it")
-    if known.get("url") != asked["url"]:
+    if record.get("url") != request["url"]:
         raise ArchiveError(
-            f"{printable(path)} is the answer of {printable(known.get('url'))}: choose another name, or overwrite it"
+            f"{printable(path)} is the answer of {printable(record.get('url'))}: choose another name, or overwrite it"
         )
-    if known.get("upload") != asked.get("upload"):
+    if record.get("upload") != request.get("upload"):
         raise ArchiveError(
             f"{printable(path)} is the answer for another list of sources: choose another name, or overwrite it"
         )
-    if known.get("max_rows") != asked["max_rows"]:
+    if record.get("max_rows") != request["max_rows"]:
         raise ArchiveError(
             f"{printable(path)} was asked for with another limit of rows: choose another name, or overwrite it"
         )
@@ -221,8 +227,8 @@ def _soon(end=None):
 def _read_some(answer, size, end):
     """Read a limited number of bytes of an answer, until `end` at the latest."""
     body = b""
-    while len(body) < size and (more := answer.read1(size - len(body))):
-        body += more
+    while len(body) < size and (block := answer.read1(size - len(body))):
+        body += block
         if time.monotonic() > end:
             raise ArchiveError("the server sends too slowly: the same call later waits on")
     return body
@@ -255,12 +261,12 @@ def _wait(job, patience, interval, progress):
         raise ArchiveError(f"the query ended {phase.lower()}: {message or 'the server does not say why'}")
 
 
-def _fetch(address, part, end, most, progress):
+def _fetch(address, path, end, max_bytes, progress):
     """An answer into a file: until `end` by the monotonic clock, and of at most so many bytes."""
-    with _open(address, end=end) as answer, part.open("wb") as file:
-        declared = answer.headers.get("Content-Length") or ""
-        size = int(declared) if declared.isascii() and declared.isdigit() else 0
-        _check_room(size, part, most)
+    with _open(address, end=end) as answer, path.open("wb") as file:
+        length = answer.headers.get("Content-Length") or ""
+        size = int(length) if length.isascii() and length.isdigit() else 0
+        _check_room(size, path, max_bytes)
         with progress_bar(total=size or None, words="fetching", shown=progress, unit="B", unit_scale=True) as bar:
             while True:
                 try:
@@ -278,29 +284,31 @@ def _fetch(address, part, end, most, progress):
                         f"{address}: {file.tell()} bytes came within the time (patience): the same call later fetches "
                         "it again"
                     )
-                if file.tell() > most:
-                    raise ArchiveError(f"{address}: the answer is larger than {most:g} bytes (max_bytes): ask for less")
+                if file.tell() > max_bytes:
+                    raise ArchiveError(
+                        f"{address}: the answer is larger than {max_bytes:g} bytes (max_bytes): ask for less"
+                    )
         if size and file.tell() != size:
             raise ArchiveError(f"{address}: {file.tell()} of {size} bytes came; the same call fetches it again")
 
 
-def _check_room(size, part, most):
+def _check_room(size, path, max_bytes):
     """Raise ArchiveError before the first byte of an answer that is too large."""
-    if size > most:
-        raise ArchiveError(f"the answer has {size} bytes, more than {most:g} (max_bytes): ask for less")
-    free = shutil.disk_usage(part.parent).free
-    if size > free:
-        raise ArchiveError(f"the answer has {size} bytes, and the disk has room for {free}")
+    if size > max_bytes:
+        raise ArchiveError(f"the answer has {size} bytes, more than {max_bytes:g} (max_bytes): ask for less")
+    free_space = shutil.disk_usage(path.parent).free
+    if size > free_space:
+        raise ArchiveError(f"the answer has {size} bytes, and the disk has room for {free_space}")
 
 
-def _rows(part, max_rows):
+def _rows(path, max_rows):
     """Count the rows of the table, once it is known to be complete."""
-    with part.open("rb") as file:
+    with path.open("rb") as file:
         start = file.read(_BLOCK)
     if start.lstrip()[:5] in (b"<?xml", b"<VOTA"):  # TAP's way to say that something is wrong
         raise ArchiveError(f"the server sent no FITS table: {_message(start) or 'a VOTable'}")
     try:
-        rows = tables.fits_rows(part, part.name)
+        rows = tables.fits_rows(path, path.name)
     except TableError as error:
         raise ArchiveError(f"the server sent no whole FITS table ({error}); the same call fetches it again") from error
     limit = max_rows if max_rows is not None and rows >= max_rows else next((n for n in _LIMITS if rows == n), None)
@@ -323,11 +331,11 @@ def _multipart(form, upload):
     fields.append(
         (f'form-data; name="{SENT}"; filename="{SENT}.vot"', "Content-Type: application/x-votable+xml\r\n", upload)
     )
-    parts = [
-        f"--{mark}\r\nContent-Disposition: {head}\r\n{kind}\r\n".encode() + value + b"\r\n"
-        for head, kind, value in fields
+    body_parts = [
+        f"--{mark}\r\nContent-Disposition: {head}\r\n{content_type}\r\n".encode() + value + b"\r\n"
+        for head, content_type, value in fields
     ]
-    return b"".join([*parts, f"--{mark}--\r\n".encode()]), f"multipart/form-data; boundary={mark}"
+    return b"".join([*body_parts, f"--{mark}--\r\n".encode()]), f"multipart/form-data; boundary={mark}"
 
 
 def _open(url, form=None, end=None, upload=None):
@@ -374,12 +382,12 @@ def _message(body):
         for element in elements
         if element.tag.endswith("INFO") and element.get("value") in ("ERROR", "OVERFLOW")
     ]
-    changed = [
-        each.text or each.get("value") or ""
-        for each in infos or elements
-        if each.tag.endswith(("INFO", "message", "detail"))
+    messages = [
+        node.text or node.get("value") or ""
+        for node in infos or elements
+        if node.tag.endswith(("INFO", "message", "detail"))
     ]
-    return " ".join(" ".join(changed).split())[:500]
+    return " ".join(" ".join(messages).split())[:500]
 
 
 def _read(path) -> dict[str, Any]:
@@ -391,5 +399,5 @@ def _read(path) -> dict[str, Any]:
 
 
 def _write(path, facts):
-    with atomic_write(path) as new:
-        Path(new).write_text(json.dumps({"program": MARK} | facts, indent=1), encoding="utf-8")
+    with atomic_write(path) as temporary_path:
+        Path(temporary_path).write_text(json.dumps({"program": MARK} | facts, indent=1), encoding="utf-8")

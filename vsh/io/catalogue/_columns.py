@@ -59,23 +59,21 @@ def as_columns(columns: Any) -> Request:
         raise TableError(
             f"columns are {', '.join(NAMED)}, a dict from role to name, or Columns, not {type(columns).__name__}"
         )
-    known = columns.get("names", "gaia")
-    if known not in NAMED:
-        raise TableError(f"columns: no set of names is called {known!r}; there are {', '.join(NAMED)}")
-    chosen = {
-        role: name.strip() if isinstance(name, str) else name for role, name in columns.items() if role != "names"
-    }
+    set_name = columns.get("names", "gaia")
+    if set_name not in NAMED:
+        raise TableError(f"columns: no set of names is called {set_name!r}; there are {', '.join(NAMED)}")
+    names = {role: name.strip() if isinstance(name, str) else name for role, name in columns.items() if role != "names"}
     roles = [f.name for f in fields(Columns)]
-    wrong = [str(role) for role in chosen if role not in roles]
+    wrong = [str(role) for role in names if role not in roles]
     if wrong:
         raise TableError(f"columns: nothing is called {', '.join(wrong)}; there are {', '.join(roles)}")
-    return Request(replace(NAMED[known], **chosen), None if "names" in columns else tuple(chosen))
+    return Request(replace(NAMED[set_name], **names), None if "names" in columns else tuple(names))
 
 
 def locate(wanted: Request, source: TableSource) -> tuple[dict[str, str], list[str]]:
     """Find the columns of a table that a field needs, and notes."""
-    where, notes, absent = {}, [], []
-    columns, known = wanted.among(source.names)
+    column_names, notes, absent = {}, [], []
+    columns, set_name = wanted.among(source.names)
     for f in fields(Columns):
         name = getattr(columns, f.name)
         if name is None and f.name not in REQUIRED:
@@ -84,65 +82,67 @@ def locate(wanted: Request, source: TableSource) -> tuple[dict[str, str], list[s
             if name not in source.names:
                 absent.append((f.name, name))
             else:
-                where[f.name] = name
+                column_names[f.name] = name
         else:
             present = [candidate for candidate in name if candidate in source.names]
             if present:
-                where[f.name] = present[0]
+                column_names[f.name] = present[0]
             elif f.name == "pmra_pmdec_corr":
                 notes += _without_correlations(name, source)
     if absent:
-        (role, name), *others = absent
-        also = f"; missing too: {', '.join(printable(other) for _, other in others)}" if others else ""
-        if all(re.fullmatch(r"col\d+", each) for each in source.names):
-            also += "; it has no line of names, so its columns are called by their numbers"
-        if {role for role, _ in absent} == {"pmra_error", "pmdec_error"}:
-            also += "; for a table without errors, sigma=100 (--sigma 100) gives all motions the same error in µas/yr"
-        best, known = Request().among(source.names)
-        fits = known and all(getattr(best, each) in source.names for each in REQUIRED)
-        wish = known if fits else ",".join(f"{role}=…" for role, _ in absent)
-        said = f"columns={known!r}" if fits else f"columns={{{role!r}: …}}"
-        raise TableError(
-            f"{source.label}: {missing_column(name, source)}{also}. Say which it is: {said} (--columns {wish})"
+        (role, name), *remainder = absent
+        remark = (
+            f"; missing too: {', '.join(printable(missing_name) for _, missing_name in remainder)}" if remainder else ""
         )
-    if known:
-        listed = ", ".join(f"{role} = {printable(where[role])}" for role in REQUIRED if role in where)
-        notes.insert(0, f"columns by their names ({known}): {listed}")
-    for name in dict.fromkeys(where.values()):
-        roles = [role for role in REQUIRED if where.get(role) == name]
+        if all(re.fullmatch(r"col\d+", column) for column in source.names):
+            remark += "; it has no line of names, so its columns are called by their numbers"
+        if {role for role, _ in absent} == {"pmra_error", "pmdec_error"}:
+            remark += "; for a table without errors, sigma=100 (--sigma 100) gives all motions the same error in µas/yr"
+        best, set_name = Request().among(source.names)
+        fits = set_name and all(getattr(best, column) in source.names for column in REQUIRED)
+        wish = set_name if fits else ",".join(f"{role}=…" for role, _ in absent)
+        argument = f"columns={set_name!r}" if fits else f"columns={{{role!r}: …}}"
+        raise TableError(
+            f"{source.label}: {missing_column(name, source)}{remark}. Say which it is: {argument} (--columns {wish})"
+        )
+    if set_name:
+        listing = ", ".join(f"{role} = {printable(column_names[role])}" for role in REQUIRED if role in column_names)
+        notes.insert(0, f"columns by their names ({set_name}): {listing}")
+    for name in dict.fromkeys(column_names.values()):
+        roles = [role for role in REQUIRED if column_names.get(role) == name]
         if len(roles) > 1:
             notes.append(f"column {printable(name)} is used for {' and '.join(roles)}")
-    return where, notes
+    return column_names, notes
 
 
 def _without_correlations(names, source):
     """Notes on a table without correlations where they are looked for."""
     like = like_correlations(source)
     if not like:
-        words = f"no column {' or '.join(dict.fromkeys(names))}: correlations taken as zero"
-        return [CodedNote(words, ASSUMED_MOTIONS)]
-    listed = ", ".join(map(printable, like[:3]))
-    words = (
-        f"warning: correlations of the motions taken as zero, though the table has {listed}: if it is that, say "
+        text = f"no column {' or '.join(dict.fromkeys(names))}: correlations taken as zero"
+        return [CodedNote(text, ASSUMED_MOTIONS)]
+    listing = ", ".join(map(printable, like[:3]))
+    text = (
+        f"warning: correlations of the motions taken as zero, though the table has {listing}: if it is that, say "
         f"--columns {shlex.quote(f'pmra_pmdec_corr={printable(like[0])}')}"
     )
-    return [CodedNote(words, UNUSED_CORRELATIONS)]
+    return [CodedNote(text, UNUSED_CORRELATIONS)]
 
 
 def frame_of(where: Mapping[str, str], frame: str | None, meta: Mapping[str, Any] | None = None) -> str:
     """The frame of a table's positions: the one given, that in its header, or by the columns' names ICRS or another."""
     if frame is not None:
         return check_frame(frame)
-    stated = next((value for key, value in (meta or {}).items() if str(key).upper() == FRAME_KEY), None)
-    if stated in FRAMES:
-        return str(stated)
+    header_frame = next((value for key, value in (meta or {}).items() if str(key).upper() == FRAME_KEY), None)
+    if header_frame in FRAMES:
+        return str(header_frame)
     for role in ("ra", "dec"):
         name = where.get(role)
-        known = name and _OTHER_FRAMES.get(name.lower())
-        if known:
+        other_frame = name and _OTHER_FRAMES.get(name.lower())
+        if other_frame:
             raise TableError(
-                f"column {name!r} is given as {role}: are these {known} coordinates? Say frame={known!r} "
-                f'(--catalogue-frame {known}), or frame="icrs"'
+                f"column {name!r} is given as {role}: are these {other_frame} coordinates? Say frame={other_frame!r} "
+                f'(--catalogue-frame {other_frame}), or frame="icrs"'
             )
     return "icrs"
 
@@ -151,22 +151,22 @@ def redshift_frame_of(where: Mapping[str, str], source: TableSource) -> str | No
     """The frame of a table's redshifts, where its metadata or the column's description tell it."""
     if "redshift" not in where:
         return None
-    stated = next((value for key, value in source.meta.items() if str(key).upper() == REDSHIFT_FRAME_KEY), None)
-    if stated in REDSHIFT_FRAME_NAMES:
-        return str(stated)
+    header_frame = next((value for key, value in source.meta.items() if str(key).upper() == REDSHIFT_FRAME_KEY), None)
+    if header_frame in REDSHIFT_FRAME_NAMES:
+        return str(header_frame)
     return redshift_frame_in(source.descriptions.get(where["redshift"]))
 
 
 def missing_column(name: str | None, source: TableSource) -> str:
     """Message on a column that is missing, with the nearest names."""
-    names = [each for each in source.names if not each.startswith(ASSUMED)]
-    near = [each for each in names if each.lower() == str(name).lower()]
-    others = [each for each in names[:2000] if each.lower() not in REQUIRED]  # those are what they are called
-    near = near or get_close_matches(str(name), others, n=3, cutoff=0.6)
-    hint = f"; nearest: {', '.join(map(printable, near))}" if near else ""
-    shown = list(map(printable, names[:200]))
-    more = f" and {len(names) - 200} more" if len(names) > 200 else ""
-    return f"no column {printable(name)!r}. The table has {', '.join(shown)}{more}{hint}"
+    names = [column for column in source.names if not column.startswith(ASSUMED)]
+    nearest = [column for column in names if column.lower() == str(name).lower()]
+    candidates = [column for column in names[:2000] if column.lower() not in REQUIRED]  # those are what they are called
+    nearest = nearest or get_close_matches(str(name), candidates, n=3, cutoff=0.6)
+    hint = f"; nearest: {', '.join(map(printable, nearest))}" if nearest else ""
+    labels = list(map(printable, names[:200]))
+    suffix = f" and {len(names) - 200} more" if len(names) > 200 else ""
+    return f"no column {printable(name)!r}. The table has {', '.join(labels)}{suffix}{hint}"
 
 
 def doubt_positions(columns: Any, assumed: Any, at_least: int = 20) -> None:
@@ -218,11 +218,11 @@ def _doubtful_motions(error, size):
     notes = []
     if not _ERRORS[0] < error < _ERRORS[1]:
         side, likely = ("above", "µas/yr read as mas/yr") if error > 1 else ("below", "mas/yr read as µas/yr")
-        words = f"{side} {error:.3g} µas/yr, which no survey has: {likely}? Say the unit: units= (--units)"
-        notes.append(CodedNote(f"warning: half of the errors are {words}", DOUBT))
+        text = f"{side} {error:.3g} µas/yr, which no survey has: {likely}? Say the unit: units= (--units)"
+        notes.append(CodedNote(f"warning: half of the errors are {text}", DOUBT))
     if size > 300 * max(error, 1.0) and size > _MOTIONS:
-        words = f"above {size:.3g} µas/yr: is the unit right (units=, --units)?"
-        notes.append(CodedNote(f"warning: half of the motions are {words}", DOUBT))
+        text = f"above {size:.3g} µas/yr: is the unit right (units=, --units)?"
+        notes.append(CodedNote(f"warning: half of the motions are {text}", DOUBT))
     return notes
 
 
@@ -243,23 +243,23 @@ class ChosenColumns:
     def of(self, block: Mapping[str, Any], first_row: int) -> tuple[dict[str, Any], Any, list[str]]:
         """The selected rows of a block, their numbers, and a note that counts the others."""
         read = {name: block[self._roles.get(name, name)] for name in self._where.names}
-        selected, unknown = self._where.rows(read or block)
-        counts = {FALSE: int((~selected & ~unknown).sum()), MISSING: int(unknown.sum())}
-        counts = {why: count for why, count in counts.items() if count}
+        selection, missing = self._where.rows(read or block)
+        counts = {FALSE: int((~selection & ~missing).sum()), MISSING: int(missing.sum())}
+        counts = {reason: count for reason, count in counts.items() if count}
         mark = [
-            np.packbits(selected),
+            np.packbits(selection),
             np.array([first_row]),
-            *(np.asarray(each) for each, _ in list(block.values())[:2]),
+            *(np.asarray(array) for array, _ in list(block.values())[:2]),
         ]
-        note = NotSelected.of_table(counts, len(selected), *mark, names=(self._where.shown,))
-        if not selected.any():
+        note = NotSelected.of_table(counts, len(selection), *mark, names=(self._where.shown,))
+        if not selection.any():
             raise nothing_selected((note,))
-        rows = np.flatnonzero(selected)
-        kept = {
+        rows = np.flatnonzero(selection)
+        subset = {
             name: (values[rows], None if mask is None else np.asarray(mask)[rows])
             for name, (values, mask) in block.items()
         }
-        return kept, first_row + rows, [note]
+        return subset, first_row + rows, [note]
 
 
 def nothing_selected(notes: Iterable[str]) -> EmptySelectionError:
@@ -277,44 +277,46 @@ def factors(
     for name in units:
         if name not in source.names:
             raise TableError(f"units: {missing_column(name, source)}")
-    stated: dict[str, Any] = {}
-    assumed: dict[str, list[str]] = {}
-    lacking: dict[str, str] = {}
+    role_factors: dict[str, Any] = {}
+    assumed_units: dict[str, list[str]] = {}
+    missing_units: dict[str, str] = {}
     # Motions and errors without a unit are all in that of pmra.
     like_gaia = REQUIRED[3:] if where.get("pmra", "").lower() == "pmra" else ()
     for role in [role for role in (*REQUIRED, *FURTHER_UNITS) if role in where]:
-        name, wanted = where[role], UNITS.get(role, FURTHER_UNITS.get(role))
+        name, target = where[role], UNITS.get(role, FURTHER_UNITS.get(role))
         unit = unit_of(name, units, source)
         if unit is not None:
-            stated[role] = (_factor if role in REQUIRED else partial(_further, role))(name, unit, wanted, name in units)
+            role_factors[role] = (_factor if role in REQUIRED else partial(_further, role))(
+                name, unit, target, name in units
+            )
         elif role in _UNIT_OF and unit_of(where[_UNIT_OF[role]], units, source) is not None:
             # An error is in the unit of what it is the error of, unless the table states another.
             motion = where[_UNIT_OF[role]]
             unit = unit_of(motion, units, source)
-            assumed.setdefault(f"{_text(unit)}, the unit of {printable(motion)}", []).append(name)
-            stated[role] = _factor(motion, unit, wanted, motion in units)
+            assumed_units.setdefault(f"{_text(unit)}, the unit of {printable(motion)}", []).append(name)
+            role_factors[role] = _factor(motion, unit, target, motion in units)
         elif usual is not None and role in REQUIRED[2:]:
-            assumed.setdefault(usual, []).append(name)
-            stated[role] = _factor(name, usual, wanted, False)
+            assumed_units.setdefault(usual, []).append(name)
+            role_factors[role] = _factor(name, usual, target, False)
         elif role in ("ra", "dec") or (role in _GAIA_UNITS and name.lower() == role) or role in like_gaia:
-            assumed.setdefault(_text(wanted), []).append(name)
-            stated[role] = 1.0
+            assumed_units.setdefault(_text(target), []).append(name)
+            role_factors[role] = 1.0
         elif role in REQUIRED or role in MUST_SAY:
-            lacking[name] = _text(wanted)
-    if lacking:
+            missing_units[name] = _text(target)
+    if missing_units:
         several = (
-            f"columns {', '.join(map(repr, lacking))} have"
-            if len(lacking) > 1
-            else f"column {next(iter(lacking))!r} has"
+            f"columns {', '.join(map(repr, missing_units))} have"
+            if len(missing_units) > 1
+            else f"column {next(iter(missing_units))!r} has"
         )
-        hint = shlex.quote(",".join(f"{name}={unit.replace(' ', '')}" for name, unit in lacking.items()))
+        hint = shlex.quote(",".join(f"{name}={unit.replace(' ', '')}" for name, unit in missing_units.items()))
         lengths = (
             ", or kpc or pc"
-            if any(role.startswith("distance") and where.get(role) in lacking for role in MUST_SAY)
+            if any(role.startswith("distance") and where.get(role) in missing_units for role in MUST_SAY)
             else ""
         )
-        raise TableError(f"{several} no unit: say which, units={lacking!r}{lengths} (--units {hint})")
-    return stated, assumed
+        raise TableError(f"{several} no unit: say which, units={missing_units!r}{lengths} (--units {hint})")
+    return role_factors, assumed_units
 
 
 #: The motions whose units their errors have.
@@ -342,8 +344,8 @@ def differing_units(where: Mapping[str, str], units: Mapping[str, Any]) -> list[
     sizes = {role: units[role] for role in roles}
     if len({float(f"{size:.9g}") for size in sizes.values()}) < 2:
         return []
-    listed = ", ".join(f"{printable(where[role])} in units of {size:.6g} mas/yr" for role, size in sizes.items())
-    return [f"proper motions and errors are in different units: is that so? ({listed})"]
+    listing = ", ".join(f"{printable(where[role])} in units of {size:.6g} mas/yr" for role, size in sizes.items())
+    return [f"proper motions and errors are in different units: is that so? ({listing})"]
 
 
 def parse_unit(unit: Any) -> Any:
@@ -373,65 +375,65 @@ def unit_factor(name: str, unit: Any, wanted: str) -> float:
     return 1.0 if unit is None or not str(unit).strip() else _factor(name, unit, u.Unit(wanted), False)
 
 
-def _factor(name, unit, wanted, given):
+def _factor(name, unit, target, from_user):
     try:
-        parsed = parse_unit(unit)
+        astropy_unit = parse_unit(unit)
     except (ValueError, TypeError):
-        place = "units" if given else "the table"
+        origin = "units" if from_user else "the table"
         raise TableError(
-            f"{place}: {printable(unit)!r}, given for {name}, is no unit that astropy knows: say what it is, "
-            f"units={{{name!r}: {str(wanted)!r}}} (--units {name}=…)"
+            f"{origin}: {printable(unit)!r}, given for {name}, is no unit that astropy knows: say what it is, "
+            f"units={{{name!r}: {str(target)!r}}} (--units {name}=…)"
         ) from None
-    if not isinstance(parsed, u.UnitBase):
+    if not isinstance(astropy_unit, u.UnitBase):
         raise TableError(
-            f"column {name!r} is in {printable(unit)!r}, a logarithm: turn it into a linear unit, {wanted} say"
+            f"column {name!r} is in {printable(unit)!r}, a logarithm: turn it into a linear unit, {target} say"
         )
     try:
-        factor = float(parsed.to(wanted))
+        factor = float(astropy_unit.to(target))
     except (u.UnitConversionError, ValueError, TypeError, AttributeError):
         raise TableError(
-            f"column {name!r} is in {printable(unit)!r}, which cannot be turned into {wanted}: "
-            f"if the table is wrong, say what it is, units={{{name!r}: {str(wanted)!r}}} (--units {name}=…)"
+            f"column {name!r} is in {printable(unit)!r}, which cannot be turned into {target}: "
+            f"if the table is wrong, say what it is, units={{{name!r}: {str(target)!r}}} (--units {name}=…)"
         ) from None
     if not 0 < factor < np.inf:
         raise TableError(f"column {name!r} is in {printable(unit)!r}, a negative unit: correct it, --units")
     return factor
 
 
-def _further(role, name, unit, wanted, given):
+def _further(role, name, unit, target, from_user):
     """The factor of a column that need not be there: a pure number, a magnitude, a distance."""
     try:
-        parsed = parse_unit(unit)
+        astropy_unit = parse_unit(unit)
     except (ValueError, TypeError):
-        if wanted == u.dimensionless_unscaled and str(unit).strip().lower() in _NO_UNIT:
+        if target == u.dimensionless_unscaled and str(unit).strip().lower() in _NO_UNIT:
             return 1.0
-        return _factor(name, unit, wanted, given)  # which says what is wrong
+        return _factor(name, unit, target, from_user)  # which says what is wrong
     if role == "magnitude":  # of any zero point: magnitudes are separated by their differences alone
-        if parsed == u.dimensionless_unscaled or parsed == u.mag or isinstance(parsed, u.MagUnit):
+        if astropy_unit == u.dimensionless_unscaled or astropy_unit == u.mag or isinstance(astropy_unit, u.MagUnit):
             return 1.0
     elif role in ("redshift", "redshift_error"):
-        if parsed == u.dimensionless_unscaled:
+        if astropy_unit == u.dimensionless_unscaled:
             return 1.0
-        if given and parsed.is_equivalent(u.km / u.s):  # asked for: c z
-            return float(parsed.to(u.km / u.s)) / SPEED_OF_LIGHT
+        if from_user and astropy_unit.is_equivalent(u.km / u.s):  # asked for: c z
+            return float(astropy_unit.to(u.km / u.s)) / SPEED_OF_LIGHT
         raise TableError(
             f"column {name!r} is in {printable(unit)!r}, not a redshift: if it is c z, say so, --units "
             f"{shlex.quote(f'{name}=km/s')}; or say which column has redshifts (--columns {role}=NAME)"
         )
     elif role in ("distance", "distance_error"):
-        if _is_modulus(parsed):
-            if given:
+        if _is_modulus(astropy_unit):
+            if from_user:
                 return MODULUS
             raise TableError(
                 f"column {name!r} is in {printable(unit)!r}, not a length: if it is a distance modulus, say so, "
                 f"--units {shlex.quote(f'{name}=mag')}"
             )
-        if parsed.is_equivalent(u.mas):
+        if astropy_unit.is_equivalent(u.mas):
             raise TableError(
                 f"column {name!r} is in {printable(unit)!r}, which cannot be turned into Mpc: if it is a parallax, say "
                 f"so, --columns {shlex.quote(f'parallax={name}')},parallax_error=NAME"
             )
-    return _factor(name, unit, wanted, given)
+    return _factor(name, unit, target, from_user)
 
 
 #: Words that tables have where there is no unit.
@@ -440,8 +442,8 @@ _NO_UNIT = ("none", "-", "--", "---", "unitless", "dimensionless", "null", "n/a"
 MODULUS = -1.0
 
 
-def _is_modulus(parsed):
-    return parsed == u.mag or isinstance(parsed, u.MagUnit)
+def _is_modulus(astropy_unit):
+    return astropy_unit == u.mag or isinstance(astropy_unit, u.MagUnit)
 
 
 def from_modulus(columns: dict[str, Any]) -> None:
@@ -460,11 +462,11 @@ def sexagesimal(role: str, values: Any, missing: BoolArray | None) -> Any:
         return None
     text = values.astype(str)
     lost = np.zeros(len(text), bool) if missing is None else missing
-    matches = [None if gone else _SEXAGESIMAL.fullmatch(each) for each, gone in zip(text, lost, strict=True)]
+    matches = [None if gone else _SEXAGESIMAL.fullmatch(entry) for entry, gone in zip(text, lost, strict=True)]
     if not all(match or gone for match, gone in zip(matches, lost, strict=True)):
         return None  # what is wrong with it is said where it is made numbers
-    parts = np.array([[0, 0, 0] if match is None else match.groups()[1:] for match in matches], float).T
-    size = parts[0] + parts[1] / 60 + parts[2] / 3600
+    components = np.array([[0, 0, 0] if match is None else match.groups()[1:] for match in matches], float).T
+    size = components[0] + components[1] / 60 + components[2] / 3600
     negative = np.array([match is not None and match[1] == "-" for match in matches])
     return np.where(negative, -size, size) * (15.0 if role == "ra" else 1.0)
 
@@ -482,19 +484,19 @@ def identifiers(name: str, values: Any, missing: BoolArray | None) -> Any:
     notes = []
     mask = np.zeros(len(values), bool) if missing is None else missing
     if values.dtype.kind == "f" and not mask.all():
-        words = "is a column of floating-point numbers, so long identifiers have lost digits"
-        notes.append(CodedNote(f"warning: {name} {words}", DOUBT))
+        text = "is a column of floating-point numbers, so long identifiers have lost digits"
+        notes.append(CodedNote(f"warning: {name} {text}", DOUBT))
     if values.dtype.kind == "S":
         values = np.char.decode(values, "utf-8", "replace")
     if mask.any() or values.dtype.kind not in "iuU":
         values = np.where(mask, "", values.astype(str))
     elif values.dtype.kind in "iu":
         values = values.astype(values.dtype.newbyteorder("="))
-    named = np.sort(
+    sorted_names = np.sort(
         values[values != ""] if values.dtype.kind == "U" else values
     )  # a sort is faster than np.unique's hash
-    repeated = int(np.sum(named[1:] == named[:-1]))
-    if repeated:
-        words = f"{repeated} rows repeat the {name} of another row and are used as separate sources"
-        notes.append(CodedNote(f"warning: {words}", DOUBT))
+    n_repeats = int(np.sum(sorted_names[1:] == sorted_names[:-1]))
+    if n_repeats:
+        text = f"{n_repeats} rows repeat the {name} of another row and are used as separate sources"
+        notes.append(CodedNote(f"warning: {text}", DOUBT))
     return values, notes

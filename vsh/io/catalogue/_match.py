@@ -37,8 +37,8 @@ class MatchResult(NamedTuple):
 
 def counterparts(a: Any, b: Any, *, by: Literal["name", "position"] = "name", radius: Any = None) -> MatchResult:
     """Match the sources of two catalogues one to one, in the order of the first."""
-    kinds = {type(each) for each in (a, b)}
-    if kinds not in ({Positions}, {Field}):
+    types = {type(catalogue) for catalogue in (a, b)}
+    if types not in ({Positions}, {Field}):
         raise FieldError(
             "match two Positions or two Fields: " + " and ".join(type(x).__name__ for x in (a, b)) + " differ"
         )
@@ -46,13 +46,14 @@ def counterparts(a: Any, b: Any, *, by: Literal["name", "position"] = "name", ra
         raise FrameError(f"the catalogues are in {a.frame} and {b.frame}: take both to one frame")
     if not isinstance(by, str) or by not in ("name", "position"):
         raise FieldError(f'match by "name" or "position", not {by!r}')
-    if kinds == {Positions}:
+    if types == {Positions}:
         b = b.at_epoch(a.epoch)
     (i, j), ambiguous = _by_name(a, b) if by == "name" else _by_position(a, b, 1.0 if radius is None else float(radius))
     if not len(i):
-        other = 'position, by="position" (--by position)' if by == "name" else "name, or a larger radius"
+        alternative = 'position, by="position" (--by position)' if by == "name" else "name, or a larger radius"
         raise TableError(
-            f"the catalogues have no source in common ({len(a)} and {len(b)}, matched by {by}): match them by {other}"
+            f"the catalogues have no source in common ({len(a)} and {len(b)}, matched by {by}): match them by "
+            f"{alternative}"
         )
     return MatchResult(i, j, ambiguous)
 
@@ -100,20 +101,26 @@ def match(
     difference = _offsets(a, b, i, j) if positions else a.motion[:, i] - b.motion[:, j]
     covariance = _covariance(a, i) + _covariance(b, j)
     sigma = np.sqrt(covariance[:2])
-    left = f"{len(a) - len(i)} of {len(a)} and {len(b) - len(j)} of {len(b)}"
-    notes = [(f"matched {len(i)} sources by {by}; unmatched: {left}, {ambiguous} of them with several counterparts")]
+    unmatched_counts = f"{len(a) - len(i)} of {len(a)} and {len(b) - len(j)} of {len(b)}"
+    notes = [
+        (
+            f"matched {len(i)} sources by {by}; unmatched: {unmatched_counts}, {ambiguous} of them with several "
+            "counterparts"
+        )
+    ]
     if by == "name":
-        away = np.hypot(*difference) if positions else _separation(a, b, i, j)
-        far = int((away > 1e6).sum())
-        if far > max(_FAR_APART * len(i), 3):
-            k = int(np.argmax(away > 1e6))
+        separation = np.hypot(*difference) if positions else _separation(a, b, i, j)
+        n_distant = int((separation > 1e6).sum())
+        if n_distant > max(_FAR_APART * len(i), 3):
+            k = int(np.argmax(separation > 1e6))
             raise FieldError(
-                f"{far} of {len(i)} pairs of one name are more than 1 arcsec apart ({in_a_line(a.name[i[k]])} for "
+                f"{n_distant} of {len(i)} pairs of one name are more than 1 arcsec apart ({in_a_line(a.name[i[k]])} "
+                "for "
                 "one): other sources, or columns and units that were misread; by position (--by position) names do not "
                 "count"
             )
-        if far:
-            notes.append(f"{far} of the pairs are more than 1 arcsec apart: are they the same sources?")
+        if n_distant:
+            notes.append(f"{n_distant} of the pairs are more than 1 arcsec apart: are they the same sources?")
     extras: dict[str, Any] = {}
     if not positions:
         extras = {column: _pick(getattr(a, column), i) for column in MEASURED} | {"redshift_frame": a.redshift_frame}
@@ -137,9 +144,9 @@ def _by_name(a, b):
         raise FieldError(f"names of type {a.name.dtype} and {b.name.dtype} are never equal: make both text or numbers")
     once = []
     ambiguous = 0
-    for each in (a, b):
-        _, first, counts = np.unique(each.name, return_index=True, return_counts=True)
-        once.append(first[counts == 1])
+    for catalogue in (a, b):
+        _, indices, counts = np.unique(catalogue.name, return_index=True, return_counts=True)
+        once.append(indices[counts == 1])
         ambiguous += int(counts[counts > 1].sum())
     _, i, j = np.intersect1d(a.name[once[0]], b.name[once[1]], assume_unique=True, return_indices=True)
     i, j = once[0][i], once[1][j]
@@ -159,22 +166,22 @@ def _by_position(a, b, radius):
     reverse = np.bincount([k for neighbours in pairs for k in neighbours], minlength=len(b))
     i = np.array([k for k, each in enumerate(pairs) if len(each) == 1 and reverse[each[0]] == 1], int)
     j = np.array([pairs[k][0] for k in i], int)
-    matched = np.count_nonzero(counts) + np.count_nonzero(reverse)
-    return (i, j), int(matched - 2 * len(i))
+    n_matches = np.count_nonzero(counts) + np.count_nonzero(reverse)
+    return (i, j), int(n_matches - 2 * len(i))
 
 
 def _offsets(a, b, i, j):
     """Δα cos δ and Δδ along the local axes of a, (2, k). [µas]"""
     p, q, r = triad(a.lon[i], a.lat[i])
     # Differences of unit vectors lose nothing that matters: 1e-16 rad is 2e-5 µas.
-    away = r - triad(b.lon[j], b.lat[j])[2]
-    return np.stack([np.sum(away * p, 0), np.sum(away * q, 0)]) / UAS
+    difference = r - triad(b.lon[j], b.lat[j])[2]
+    return np.stack([np.sum(difference * p, 0), np.sum(difference * q, 0)]) / UAS
 
 
 def _separation(a, b, i, j):
     """Separations of the sources of two fields, less their motion in a century, (k,). [µas]"""
-    away = triad(a.lon[i], a.lat[i])[2] - triad(b.lon[j], b.lat[j])[2]
-    return np.linalg.norm(away, axis=0) / UAS - 100 * np.hypot(*a.motion[:, i])
+    difference = triad(a.lon[i], a.lat[i])[2] - triad(b.lon[j], b.lat[j])[2]
+    return np.linalg.norm(difference, axis=0) / UAS - 100 * np.hypot(*a.motion[:, i])
 
 
 def _covariance(catalogue, index):
@@ -213,13 +220,15 @@ def read_icrf(path: PathName, name: str | None = "icrf") -> Positions:
     return _read_names(tables.open_table(path, "icrf"), name)
 
 
-def _read_names(opened, name):
+def _read_names(table_source, name):
     """The positions of a list from VLBI."""
-    if "ra_error" not in opened.names:
-        raise TableError(f"{opened.label} has no errors: give one for all, sigma= (--position-error)")
-    columns = {key: values for key, (values, _) in opened.columns().items()}
+    if "ra_error" not in table_source.names:
+        raise TableError(f"{table_source.label} has no errors: give one for all, sigma= (--position-error)")
+    columns = {key: values for key, (values, _) in table_source.columns().items()}
     if not all(columns[name]):
-        raise TableError(f"{opened.label} has sources without a designation of the {name.upper()}: name them by iers")
+        raise TableError(
+            f"{table_source.label} has sources without a designation of the {name.upper()}: name them by iers"
+        )
     return Positions(
         columns["ra"] * DEGREE,
         columns["dec"] * DEGREE,
@@ -227,7 +236,7 @@ def _read_names(opened, name):
         columns["ra_dec_corr"],
         name=columns[name],
         defining=columns["defining"] == "D",
-        notes=opened.notes,
+        notes=table_source.notes,
     )
 
 
@@ -250,13 +259,13 @@ def read_positions(
 ) -> Positions:
     """Read positions of a reference frame."""
     columns = {"names": columns} if isinstance(columns, str) else dict(columns or {})
-    known = columns.pop("names", "gaia")
-    if known not in ("gaia", "icrf"):
-        raise TableError(f"columns: no set of names of positions is called {known!r}; there are gaia, icrf")
-    opened = tables.open_table(source, format)
-    listed = {"icrf", "iers", "defining"} <= set(opened.names)
-    if listed and where is None and not columns and "ra_error" in opened.names:
-        positions = _read_names(opened, designation)
+    set_name = columns.pop("names", "gaia")
+    if set_name not in ("gaia", "icrf"):
+        raise TableError(f"columns: no set of names of positions is called {set_name!r}; there are gaia, icrf")
+    table_source = tables.open_table(source, format)
+    is_icrf = {"icrf", "iers", "defining"} <= set(table_source.names)
+    if is_icrf and where is None and not columns and "ra_error" in table_source.names:
+        positions = _read_names(table_source, designation)
         return positions if sigma is None else _with_sigma(positions, sigma)
     wrong = [str(role) for role in columns if role not in (*_COLUMNS, *_OPTIONAL)]
     if wrong:
@@ -264,29 +273,29 @@ def read_positions(
             f"columns: nothing of positions is called {', '.join(wrong)}; there are "
             f"{', '.join((*_COLUMNS, *_OPTIONAL))}"
         )
-    if listed or known == "icrf":
+    if is_icrf or set_name == "icrf":
         columns = {"name": designation} | columns
     roles = {role: columns.get(role, role) for role in (*_COLUMNS, *_OPTIONAL)}
     if "name" not in columns:
-        roles["name"] = next((name for name in _NAMES if name in opened.names), "name")
+        roles["name"] = next((name for name in _NAMES if name in table_source.names), "name")
     if sigma is not None:
         roles.pop("ra_error"), roles.pop("dec_error"), roles.pop("ra_dec_corr")
     for role in _COLUMNS:
-        if role in roles and roles[role] not in opened.names:
-            also = "; or one error for all, sigma= (--position-error)" if role.endswith("error") else ""
-            raise TableError(missing_column(roles[role], opened) + also)
-    roles = {role: name for role, name in roles.items() if name in opened.names}
-    clause = None if where is None else ChosenColumns(where, opened)
-    table = opened.columns(tuple(dict.fromkeys([*roles.values(), *(clause.names if clause else ())])))
+        if role in roles and roles[role] not in table_source.names:
+            remark = "; or one error for all, sigma= (--position-error)" if role.endswith("error") else ""
+            raise TableError(missing_column(roles[role], table_source) + remark)
+    roles = {role: name for role, name in roles.items() if name in table_source.names}
+    clause = None if where is None else ChosenColumns(where, table_source)
+    table = table_source.columns(tuple(dict.fromkeys([*roles.values(), *(clause.names if clause else ())])))
     rows: Any = 0
     if clause:
-        table, rows, chosen = clause.of(table, 0)
+        table, rows, selection_notes = clause.of(table, 0)
     numbers, bad = {}, {}
     for role, name in roles.items():
         if role == "name":
             continue
         values, missing = table[name]
-        factor = unit_factor(name, opened.units.get(name), _COLUMNS[role]) if role in _COLUMNS else 1.0
+        factor = unit_factor(name, table_source.units.get(name), _COLUMNS[role]) if role in _COLUMNS else 1.0
         numbers[role] = np.asarray(values, float) * factor
         lost = ~np.isfinite(numbers[role]) | (False if missing is None else np.asarray(missing))
         if role.endswith("error"):
@@ -294,7 +303,7 @@ def read_positions(
         bad[f"{name} missing or not usable"] = lost
     unusable = {reason: mask for reason, mask in bad.items() if mask.any()}
     keep, notes = select_usable(unusable, len(numbers["ra"]), on_bad, rows, (numbers["ra"], numbers["dec"]))
-    notes = (*notes, *chosen) if clause else notes
+    notes = (*notes, *selection_notes) if clause else notes
     lon, lat = numbers["ra"][keep] * DEGREE, numbers["dec"][keep] * DEGREE
     errors = (
         np.stack([numbers["ra_error"], numbers["dec_error"]])[:, keep] * MAS
@@ -305,7 +314,7 @@ def read_positions(
     if names is not None and names.dtype.kind not in "iu":
         names = names.astype(str)
     rho = numbers["ra_dec_corr"][keep] if "ra_dec_corr" in numbers else np.zeros(lon.size)
-    return Positions(lon, lat, errors, rho, name=names, frame=frame, notes=(*opened.notes, *notes))
+    return Positions(lon, lat, errors, rho, name=names, frame=frame, notes=(*table_source.notes, *notes))
 
 
 def _with_sigma(field, sigma):

@@ -153,40 +153,40 @@ class Request(NamedTuple):
 
 
 @lru_cache
-def _choose_names(wanted, names):
+def _choose_names(request, names):
     index = _index(names)
-    if wanted.asked is None:
-        return _resolve_names(wanted.columns, names, index), None
-    given = {role: getattr(wanted.columns, role) for role in wanted.asked}
-    best, most, chosen = "gaia", -1, _resolve_names(wanted.columns, names, index)
-    for known, named in NAMED.items():
-        settled = _resolve_names(replace(named, **given), names, index)
-        count = sum(getattr(settled, role) in names for role in REQUIRED)
-        if {settled.ra, settled.dec} <= set(names) and count > most:
-            best, most, chosen = known, count, settled
-    plain = all(getattr(chosen, role) == getattr(GAIA, role) for role in REQUIRED if role not in given)
-    return chosen, None if plain else best
+    if request.asked is None:
+        return _resolve_names(request.columns, names, index), None
+    user_names = {role: getattr(request.columns, role) for role in request.asked}
+    best, best_count, best_columns = "gaia", -1, _resolve_names(request.columns, names, index)
+    for set_name, column_set in NAMED.items():
+        resolved_columns = _resolve_names(replace(column_set, **user_names), names, index)
+        count = sum(getattr(resolved_columns, role) in names for role in REQUIRED)
+        if {resolved_columns.ra, resolved_columns.dec} <= set(names) and count > best_count:
+            best, best_count, best_columns = set_name, count, resolved_columns
+    plain = all(getattr(best_columns, role) == getattr(GAIA, role) for role in REQUIRED if role not in user_names)
+    return best_columns, None if plain else best
 
 
 def _resolve_names(columns, names, index):
     """Columns with one name a role: that of the table where it has one of those wanted, in pairs."""
-    changed: dict[str, Any] = {}
+    replacements: dict[str, Any] = {}
     for roles in _PAIRS:
-        wanted = [_candidates(columns, role) for role in roles]
-        present = [[_in(name, names, index) for name in candidates] for candidates in wanted]
+        candidate_lists = [_candidates(columns, role) for role in roles]
+        present = [[_in(name, names, index) for name in candidates] for candidates in candidate_lists]
         pairs = zip(*present, strict=True) if len(present[0]) == len(present[1]) else ()
-        one = next((pair for pair in pairs if all(pair)), None)
-        one = one or tuple(next(filter(None, found), None) for found in present)
-        for role, name, candidates in zip(roles, one, wanted, strict=True):
-            changed[role] = name or (candidates[0] if candidates else getattr(columns, role))
+        best_pair = next((pair for pair in pairs if all(pair)), None)
+        best_pair = best_pair or tuple(next(filter(None, matches), None) for matches in present)
+        for role, name, candidates in zip(roles, best_pair, candidate_lists, strict=True):
+            replacements[role] = name or (candidates[0] if candidates else getattr(columns, role))
     for role in Columns.__dataclass_fields__:
         candidates = getattr(columns, role)
         if role not in REQUIRED and isinstance(candidates, tuple):
-            name = next(filter(None, (_in(each, names, index) for each in candidates)), None)
-            changed[role] = (name, *candidates) if name else candidates
-    if isinstance(columns.redshift_error, tuple) and not _has(changed.get("redshift", columns.redshift), names):
-        changed["redshift_error"] = None  # what has no redshift has no error of one
-    return replace(columns, **changed)
+            name = next(filter(None, (_in(candidate, names, index) for candidate in candidates)), None)
+            replacements[role] = (name, *candidates) if name else candidates
+    if isinstance(columns.redshift_error, tuple) and not _has(replacements.get("redshift", columns.redshift), names):
+        replacements["redshift_error"] = None  # what has no redshift has no error of one
+    return replace(columns, **replacements)
 
 
 def _candidates(columns, role):
@@ -210,13 +210,13 @@ def _in(name, names, index):
     """The name as the table has it: as it is, or the only one that differs by case or a unit alone; or None."""
     if name in names:
         return name
-    near = [] if name in _BY_CASE else index.get(name_and_unit(name)[0].lower(), [])
-    return near[0] if len(near) == 1 else None
+    matches = [] if name in _BY_CASE else index.get(name_and_unit(name)[0].lower(), [])
+    return matches[0] if len(matches) == 1 else None
 
 
 def _has(candidates, names):
     """Return whether a table has the column of a role."""
-    return any(each in names for each in ((candidates,) if isinstance(candidates, str) else candidates or ()))
+    return any(candidate in names for candidate in ((candidates,) if isinstance(candidates, str) else candidates or ()))
 
 
 #: How tables call distances and parallaxes, and their errors.
@@ -238,15 +238,15 @@ def with_distances(columns: Any, source: TableSource) -> Any:
     roles = ("distance", "distance_error", "parallax", "parallax_error")
     if isinstance(columns, Columns):
         return columns
-    given = {"names": columns} if isinstance(columns, str) else dict(columns or {})
-    if set(roles) & set(given):
-        return given
+    choice = {"names": columns} if isinstance(columns, str) else dict(columns or {})
+    if set(roles) & set(choice):
+        return choice
     names = (*source.names, *derived_from(source.names))
     index = _index(names)
     for k, pair in enumerate(_DISTANCES):
         present = [_in(name, names, index) for name in pair]
         if all(present):
-            return given | dict(zip(roles[:2] if k < 8 else roles[2:], present, strict=True))
+            return choice | dict(zip(roles[:2] if k < 8 else roles[2:], present, strict=True))
     raise TableError(
         f"{source.label} has no distances or parallaxes with errors that are known by their names: name them, "
         "--columns distance=…,distance_error=… or parallax=…,parallax_error=…. The table has "
@@ -267,31 +267,35 @@ def derived_from(names: tuple[str, ...]) -> dict[str, tuple[str, ...]]:
     """The columns that can be made of those of a table, and of which: errors of two sides, error ellipses."""
     present = set(names)
     bases = [name[:-3] for name in names if name.endswith("_em")]
-    sided = {f"{base}_error": (f"{base}_em", f"{base}_ep") for base in bases if f"{base}_ep" in present}
-    ellipse = next((each for each in _ELLIPSES if present.issuperset(each)), None)
-    made = dict.fromkeys(("pmra_error", "pmdec_error", "pmra_pmdec_corr"), ellipse) if ellipse else {}
+    asymmetric_errors = {f"{base}_error": (f"{base}_em", f"{base}_ep") for base in bases if f"{base}_ep" in present}
+    ellipse = next((candidate for candidate in _ELLIPSES if present.issuperset(candidate)), None)
+    ellipse_columns = dict.fromkeys(("pmra_error", "pmdec_error", "pmra_pmdec_corr"), ellipse) if ellipse else {}
     inverse = {f"{name}^-1/2": (name,) for name in names if name in ("PMRA_IVAR", "PMDEC_IVAR")}
-    return {name: inputs for name, inputs in (sided | made | inverse).items() if name not in present}
+    return {
+        name: inputs for name, inputs in (asymmetric_errors | ellipse_columns | inverse).items() if name not in present
+    }
 
 
 def with_derived(source: TableSource) -> TableSource:
     """A table with the columns that others are made of: errors of two sides, error ellipses."""
-    made = derived_from(source.names)
-    if not made:
+    derived_columns = derived_from(source.names)
+    if not derived_columns:
         return source
     recipes: dict[str, Any] = {}
     notes = []
-    for name, inputs in made.items():
+    for name, inputs in derived_columns.items():
         unit = None if name == "pmra_pmdec_corr" else source.units.get(inputs[0])
         if len(inputs) == 1:
             recipes[name] = inputs, _from_inverse_variance, _root_of_inverse(unit)
             continue
         recipes[name] = inputs, _FROM_ELLIPSE[name] if len(inputs) == 3 else _larger, unit
-    if sided := [
-        name for name, inputs in made.items() if len(inputs) == 2 and name[:-6] in ("pmra", "pmdec", "distance")
+    if asymmetric_errors := [
+        name
+        for name, inputs in derived_columns.items()
+        if len(inputs) == 2 and name[:-6] in ("pmra", "pmdec", "distance")
     ]:
-        notes.append(f"of errors of two sides the larger is taken: {', '.join(sided)}")
-    if ellipse := next((inputs for inputs in made.values() if len(inputs) == 3), None):
+        notes.append(f"of errors of two sides the larger is taken: {', '.join(asymmetric_errors)}")
+    if ellipse := next((inputs for inputs in derived_columns.values() if len(inputs) == 3), None):
         notes.append(f"errors and correlations of the motions by the ellipses {', '.join(ellipse)}")
     return derive_columns(source, recipes, notes)
 
@@ -300,9 +304,9 @@ def derive_columns(source: TableSource, made: Mapping[str, Any], notes: Iterable
     """A table with further columns: name → (the columns it is made of, function of their values, unit)."""
 
     def read(names, rows):
-        inputs = [name for each in names if each in made for name in made[each][0]]
-        own = tuple(dict.fromkeys([name for name in names if name not in made] + inputs))
-        for block in source.read(own or source.names[:1], rows):
+        inputs = [name for column in names if column in made for name in made[column][0]]
+        source_names = tuple(dict.fromkeys([name for name in names if name not in made] + inputs))
+        for block in source.read(source_names or source.names[:1], rows):
             count = len(next(iter(block.values()))[0])
             yield {name: _apply_recipe(made[name], block, count) if name in made else block[name] for name in names}
 

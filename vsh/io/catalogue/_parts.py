@@ -80,20 +80,20 @@ def parts(
     >>> parts([table, table]).sum(len)
     4
     """
-    wanted = as_columns(columns)
+    request = as_columns(columns)
     if workers is not None and scheduler is not None:
         raise ParameterError("workers are processes of this machine, a scheduler has its own: give one of the two")
     if where is not None:
         Where(where)  # its mistakes before anything is read
-    read = Reader(wanted, units, on_bad, frame, whole("rows", rows), motions, sigma, where=where, format=format)
-    pieces = _pieces(source, wanted, motions, format, where)
+    read = Reader(request, units, on_bad, frame, whole("rows", rows), motions, sigma, where=where, format=format)
+    pieces = _pieces(source, request, motions, format, where)
     files = [piece for piece in pieces if isinstance(piece, (Path, Place))]
     paths = {str(file) if isinstance(file, Path) else file.path for file in files}
     if len(paths) < len(files):
         raise ParameterError(f"{len(files) - len(paths)} of the parts are files that stand there twice")
     if len(files) > 1:
-        first = open_table(files[0], format)
-        read = replace(read, like=(first.label, _layout(first, wanted)))
+        first_table = open_table(files[0], format)
+        read = replace(read, like=(first_table.label, _layout(first_table, request)))
     return Parts(pieces, read, engine=_engine(pieces, workers, scheduler))
 
 
@@ -128,11 +128,11 @@ class Reader:
             _check_same_columns(piece, columns, *self.like)
         notes: tuple[str, ...] = ()
         if not self.motions:
-            piece, wanted, notes = open_positions(open_table(piece), columns, self.sigma)
+            piece, position_columns, notes = open_positions(open_table(piece), columns, self.sigma)
         fields = stream_fields(
             piece,
             self.rows,
-            columns=columns if self.motions else wanted,  # type: ignore[arg-type]
+            columns=columns if self.motions else position_columns,  # type: ignore[arg-type]
             units=self.units,
             on_bad=self.on_bad,
             frame=self.frame,
@@ -140,38 +140,43 @@ class Reader:
             where=self.where,
             sigma=self.sigma if self.motions else None,
         )
-        first = next(fields)
-        if len(first) >= _WORTH_A_THREAD:
+        first_field = next(fields)
+        if len(first_field) >= _WORTH_A_THREAD:
             fields = ahead(fields)
-        for field in chain([first], fields):
+        for field in chain([first_field], fields):
             yield field.add_note(*notes) if notes else field
 
 
-def _layout(opened, columns):
+def _layout(table, columns):
     """Columns that a table has, and their units."""
-    return _layout_of(tuple(opened.names), tuple((name, str(unit)) for name, unit in opened.units.items()), columns)
+    return _layout_of(tuple(table.names), tuple((name, str(unit)) for name, unit in table.units.items()), columns)
 
 
 @lru_cache
 def _layout_of(present, units, columns):
-    named, known = dict(units), set(present)
-    chosen, _ = columns.among((*present, *derived_from(present)))
-    wanted = [name for role in Columns.__dataclass_fields__ for name in _candidates(chosen, role)]
-    wanted += [name for made, inputs in derived_from(present).items() if made in wanted for name in inputs]
-    return {name: named.get(name, "None") for name in wanted if name in known}
+    column_units, present_set = dict(units), set(present)
+    resolved_columns, _ = columns.among((*present, *derived_from(present)))
+    column_names = [name for role in Columns.__dataclass_fields__ for name in _candidates(resolved_columns, role)]
+    column_names += [
+        name
+        for derived_name, inputs in derived_from(present).items()
+        if derived_name in column_names
+        for name in inputs
+    ]
+    return {name: column_units.get(name, "None") for name in column_names if name in present_set}
 
 
-def _check_same_columns(opened, columns, label, wanted):
+def _check_same_columns(table, columns, label, layout):
     """Raise TableError unless a file has the columns of the first, and no others that a field would use."""
-    check_alike(opened, label, wanted)
-    further = [name for name in _layout(opened, columns) if name not in wanted]
+    check_alike(table, label, layout)
+    further = [name for name in _layout(table, columns) if name not in layout]
     if further:
-        raise TableError(f"{label} has no column {', '.join(further)}, which {opened.label} has")
+        raise TableError(f"{label} has no column {', '.join(further)}, which {table.label} has")
 
 
 def _candidates(columns, role):
-    given = getattr(columns, role)
-    return (given,) if isinstance(given, str) else given or ()
+    candidates = getattr(columns, role)
+    return (candidates,) if isinstance(candidates, str) else candidates or ()
 
 
 def _engine(pieces, workers, scheduler) -> Engine:
@@ -184,19 +189,19 @@ def _engine(pieces, workers, scheduler) -> Engine:
     return InProcess()
 
 
-def _pieces(source, columns, motions, format, where):
+def _pieces(source, columns, motions, format, condition):
     """Pieces that the parts are read from, a tuple."""
     if isinstance(source, (str, os.PathLike)) or is_address(source):
         return tuple(files_of(source, format))
     if isinstance(source, Parts):
         raise ParameterError("this is a catalogue in parts already")
     if hasattr(type(source), "to_delayed"):
-        return tuple(_partitions(source, columns, motions, where))
+        return tuple(_partitions(source, columns, motions, condition))
     if isinstance(source, list | tuple) and source:
         return tuple(
             piece
-            for each in source
-            for piece in (_pieces(each, columns, motions, format, where) if _has_parts(each) else (each,))
+            for element in source
+            for piece in (_pieces(element, columns, motions, format, condition) if _has_parts(element) else (element,))
         )
     if isinstance(source, list | tuple):
         raise ParameterError("the list of parts is empty")
@@ -224,24 +229,24 @@ class OneStream:
         return stream.__arrow_c_stream__(requested_schema)
 
 
-def _has_parts(thing):
-    return isinstance(thing, (str, os.PathLike)) or is_address(thing) or hasattr(type(thing), "to_delayed")
+def _has_parts(source):
+    return isinstance(source, (str, os.PathLike)) or is_address(source) or hasattr(type(source), "to_delayed")
 
 
-def _partitions(collection, columns, motions, where):
+def _partitions(collection, columns, motions, condition):
     """The partitions of a collection with the columns that a field can use, so that nothing else is read."""
     names = tuple(map(str, getattr(collection, "columns", ())))
     if not names:
         return collection.to_delayed()
-    made = derived_from(names)
-    chosen, _ = columns.among((*names, *made))
-    wanted = [name for name in (() if where is None else Where(where).names) if name in names]
+    derived_columns = derived_from(names)
+    resolved_columns, _ = columns.among((*names, *derived_columns))
+    column_names = [name for name in (() if condition is None else Where(condition).names) if name in names]
     for role in Columns.__dataclass_fields__:
-        given = getattr(chosen, role)
-        present = [name for name in _candidates(chosen, role) if name in names or name in made]
+        candidates = getattr(resolved_columns, role)
+        present = [name for name in _candidates(resolved_columns, role) if name in names or name in derived_columns]
         if role in (REQUIRED if motions else REQUIRED[:2]) and not present:
             raise TableError(
-                f"the {type(collection).__name__} has no column {given!r} for {role}: it has {', '.join(names)}"
+                f"the {type(collection).__name__} has no column {candidates!r} for {role}: it has {', '.join(names)}"
             )
-        wanted += [name for one in present[:1] for name in made.get(one, (one,))]
-    return delayed_of(collection, wanted)
+        column_names += [name for column in present[:1] for name in derived_columns.get(column, (column,))]
+    return delayed_of(collection, column_names)

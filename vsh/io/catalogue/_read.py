@@ -164,38 +164,38 @@ def stream_columns(
     source: Any, names: Iterable[str], rows: int = 1_000_000, **reading: Any
 ) -> Iterator[tuple[Field, dict[str, FloatArray]]]:
     """A catalogue larger than memory: fields of at most `rows` sources, and numbers of any columns beside them."""
-    names, first = list(names), 0
+    names, first_row = list(names), 0
     make = _with_columns(source, names, reading)
     for block in make.source.blocks(make.names, whole("rows", rows)):
         try:
-            yield _append_columns(make, block, names, first)
+            yield _append_columns(make, block, names, first_row)
         except EmptyFieldError as error:
             if make.on_bad == "raise" and not isinstance(error, EmptySelectionError):
                 raise
-        first += len(next(iter(block.values()))[0])
+        first_row += len(next(iter(block.values()))[0])
 
 
 def _with_columns(source, names, reading):
     """Maker of fields of a table with further columns."""
-    given = {"columns": None, "units": None, "on_bad": "raise", "frame": None, "where": None, "sigma": None} | reading
-    opened = tables.open_table(source, given.pop("format", None))
+    options = {"columns": None, "units": None, "on_bad": "raise", "frame": None, "where": None, "sigma": None} | reading
+    table = tables.open_table(source, options.pop("format", None))
     for name in names:
-        if name not in opened.names:
-            raise TableError(f"{opened.label}: {missing_column(name, opened)}")
-    make = _maker(opened, **given, roles=())
+        if name not in table.names:
+            raise TableError(f"{table.label}: {missing_column(name, table)}")
+    make = _maker(table, **options, roles=())
     make.names = tuple(dict.fromkeys((*make.names, *names)))
     make.where["name"] = _ROW  # names are carried along by whatever leaves rows out
     return make
 
 
-def _append_columns(make, block, names, first):
+def _append_columns(make, block, names, first_row):
     """The field of a block, and numbers of columns at its rows."""
     block = dict(block)
     values = {name: as_floats(name, np.ma.MaskedArray(*_mask_of(block[name]))) for name in names}
     block[_ROW] = np.arange(len(next(iter(block.values()))[0])), None
-    field = make(block, first)
-    kept = np.asarray(field.name, int)
-    return field, {name: np.where(missing, np.nan, array)[kept] for name, (array, missing) in values.items()}
+    field = make(block, first_row)
+    indices = np.asarray(field.name, int)
+    return field, {name: np.where(missing, np.nan, array)[indices] for name, (array, missing) in values.items()}
 
 
 def _mask_of(column):
@@ -225,27 +225,27 @@ def stream_fields(
 
 def _fields(make, rows):
     """Fields block by block; the rows of a block without any usable one are counted by a neighbour."""
-    first, held = 0, None
+    first_row, pending_field = 0, None
     lost: tuple[str, ...] = ()
     for block in make.source.blocks(make.names, rows):
         try:
-            field = make(block, first)
+            field = make(block, first_row)
         except EmptyFieldError as error:
             if make.on_bad == "raise" and not isinstance(error, EmptySelectionError):
                 raise
-            lost, last = merge_notes(lost, error.notes), error
+            lost, last_error = merge_notes(lost, error.notes), error
         else:
-            if held is not None:
-                yield held
+            if pending_field is not None:
+                yield pending_field
             if make.on_bad == "drop" and not any(isinstance(note, DroppedRows) for note in field.notes):
                 field = field.add_note(
                     DroppedRows.of_table({}, len(field), field.lon, field.lat)
                 )  # totals count all rows
-            held, lost = field.add_note(*lost), ()
-        first += len(next(iter(block.values()))[0])
-    if held is None:
-        raise nothing_selected(lost) if make.chosen and not dropped(lost) else last
-    yield held.add_note(*lost)
+            pending_field, lost = field.add_note(*lost), ()
+        first_row += len(next(iter(block.values()))[0])
+    if pending_field is None:
+        raise nothing_selected(lost) if make.chosen and not dropped(lost) else last_error
+    yield pending_field.add_note(*lost)
 
 
 class _maker:
@@ -257,24 +257,26 @@ class _maker:
         if sigma is not None:
             source, columns, assumed_errors = _with_sigma(source, as_columns(columns).among(source.names)[0], sigma)
             self.source = source
-        located, self.notes = locate(as_columns(columns), self.source)
+        column_names, self.notes = locate(as_columns(columns), self.source)
         self.notes = [*assumed_errors, *self.notes]
-        self.chosen = None if where is None else ChosenColumns(where, self.source, located)
-        self.where = {role: name for role, name in located.items() if role not in OPTIONAL or role in roles}
+        self.chosen = None if where is None else ChosenColumns(where, self.source, column_names)
+        self.where = {role: name for role, name in column_names.items() if role not in OPTIONAL or role in roles}
         self.frame = frame_of(self.where, frame, self.source.meta)
         self.redshift_frame = redshift_frame_of(self.where, self.source)
         _, family = as_columns(columns).among(self.source.names)
-        self.factors, assumed = factors(self.where, units, self.source, USUAL_UNITS.get(family or ""))
+        self.factors, assumed_units = factors(self.where, units, self.source, USUAL_UNITS.get(family or ""))
         if (self.factors.get("distance") == MODULUS) != (self.factors.get("distance_error") == MODULUS):
             raise TableError("a distance modulus and its error are both in mag: say so of both columns (--units)")
         # What marks missing values does so in the table's own units; in Gaia's the field looks for it.
         self.other_units = any(self.factors[role] != 1 for role in REQUIRED[2:])
-        self.assumed = any("ra" in names for names in assumed.values())
-        lines = [f"no unit in the table, so taken in {unit}: {', '.join(names)}" for unit, names in assumed.items()]
+        self.assumed = any("ra" in names for names in assumed_units.values())
+        lines = [
+            f"no unit in the table, so taken in {unit}: {', '.join(names)}" for unit, names in assumed_units.items()
+        ]
         lines += differing_units(self.where, self.factors)
         if (errors := self.where.get("redshift_error", "redshift_error")) != "redshift_error":
             lines.append(f"errors of the redshifts are in column {printable(errors)}")
-        lines += _unused_redshifts(located, self.source) if "redshift" in roles else []
+        lines += _unused_redshifts(column_names, self.source) if "redshift" in roles else []
         self.notes = [*self.source.notes, *lines, *self.notes]
         self.on_bad = on_bad
         self.names = tuple(dict.fromkeys([*self.where.values(), *(self.chosen.names if self.chosen else ())]))
@@ -290,8 +292,8 @@ class _maker:
             if role == "solution":
                 aside = _other_solutions(name, values, mask)
             elif role == "name":
-                columns[role], more = identifiers(printable(name), np.asarray(values), mask)
-                notes += more
+                columns[role], name_notes = identifiers(printable(name), np.asarray(values), mask)
+                notes += name_notes
             else:
                 degrees = sexagesimal(role, values, mask)
                 columns[role] = plain(name, values if degrees is None else degrees, mask)
@@ -305,8 +307,8 @@ class _maker:
             from_modulus(columns)
         doubt_positions(columns, self.assumed)
         flat = all(values.ndim == 1 for values in raw.values())  # others are refused below
-        if raw and flat and (marked := placeholders(raw)).any():
-            columns["unusable"] = columns.get("unusable", {}) | {PLACEHOLDER: marked}
+        if raw and flat and (is_placeholder := placeholders(raw)).any():
+            columns["unusable"] = columns.get("unusable", {}) | {PLACEHOLDER: is_placeholder}
         with np.errstate(invalid="ignore", over="ignore"):
             field = Field.from_columns(
                 **columns,
@@ -335,29 +337,29 @@ def _check_positive(name, errors):
             )
 
 
-def _with_sigma(opened, chosen, sigma):
+def _with_sigma(table, columns, sigma):
     """A table with one error for all motions: table, its columns, and a note."""
     size = positive("sigma", sigma)
     names = {role: f"{ASSUMED}{role}" for role in _ERRORS}
-    opened = derive_columns(opened, {name: ((), lambda: size, "uas / yr") for name in names.values()})
+    table = derive_columns(table, {name: ((), lambda: size, "uas / yr") for name in names.values()})
     note = CodedNote(f"errors of {size:g} µas/yr for every source (as asked)", ASSUMED_MOTIONS)
-    return opened, replace(chosen, **names, pmra_pmdec_corr=None), (note,)
+    return table, replace(columns, **names, pmra_pmdec_corr=None), (note,)
 
 
-def _missing_values(where, block, aside):
+def _missing_values(column_names, block, aside):
     """Reasons to leave rows out that are no mistake: other models, and positions or motions that are marked missing.
 
     What is missing in a source is missing as a whole: a row with one component of a motion is a mistake.
     """
-    for what, roles in (("position", REQUIRED[:2]), ("proper motion", REQUIRED[2:4])):
-        masks = [np.asarray(block[where[role]][1]) for role in roles if block[where[role]][1] is not None]
+    for quantity, roles in (("position", REQUIRED[:2]), ("proper motion", REQUIRED[2:4])):
+        masks = [np.asarray(block[column_names[role]][1]) for role in roles if block[column_names[role]][1] is not None]
         if len(masks) < 2 or any(mask.ndim != 1 for mask in masks):
             continue
         missing = np.logical_and.reduce(masks)
         for mask in aside.values():
             missing &= ~mask
         if missing.any():
-            aside = aside | {f"{what} missing": missing}
+            aside = aside | {f"{quantity} missing": missing}
     return aside
 
 
@@ -366,23 +368,23 @@ def _other_solutions(name, values, mask):
     if values.dtype.kind not in "iuf":
         raise TableError(f"column {printable(name)!r} holds {values.dtype.name}, not numbers of astrometric models")
     missing = np.zeros(len(values), bool) if mask is None else np.asarray(mask)
-    other = ~np.isin(values, list(DR4.accepted)) & ~missing  # where it is null, the motions say what they are
+    is_other = ~np.isin(values, list(DR4.accepted)) & ~missing  # where it is null, the motions say what they are
     return {
         f"{printable(name)} = {value:g} ({'position alone' if value == 3 else 'not of 5 or 6 parameters'})": values
         == value
-        for value in np.unique(values[other])
+        for value in np.unique(values[is_other])
     }
 
 
-def _unused_redshifts(located, source):
+def _unused_redshifts(column_names, source):
     """A note on columns whose name holds "redshift" and that are not read, where a table has no other redshift."""
-    if "redshift" in located:
+    if "redshift" in column_names:
         return []
-    near = [name for name in source.names if "redshift" in name.lower() and not _OF_ERRORS.search(name)]
-    if not near:
+    candidates = [name for name in source.names if "redshift" in name.lower() and not _OF_ERRORS.search(name)]
+    if not candidates:
         return []
-    listed = ", ".join(map(printable, near[:3]))
-    return [f"no redshift is read; the table has {listed}: --columns redshift={printable(near[0])} takes it"]
+    listing = ", ".join(map(printable, candidates[:3]))
+    return [f"no redshift is read; the table has {listing}: --columns redshift={printable(candidates[0])} takes it"]
 
 
 #: Words by which a name is that of an error, a flag or a limit.
@@ -405,13 +407,13 @@ def read_sources(
     format: str | None = None,
 ) -> Field:
     """Read positions and errors; what the table lacks of motions is zero. A HEALPix map is a density of sources."""
-    opened = tables.open_table(source, format)
-    if isinstance(source, (str, Path)) and is_map(opened):
+    table = tables.open_table(source, format)
+    if isinstance(source, (str, Path)) and is_map(table):
         if columns is not None or where is not None:
-            raise TableError(f"{opened.label} is a HEALPix map, which has neither columns nor rows to select")
+            raise TableError(f"{table.label} is a HEALPix map, which has neither columns nor rows to select")
         return read_density(source, 1000.0 if sigma is None else sigma, frame)
-    opened, chosen, notes = open_positions(opened, columns, sigma)
-    return read_field(opened, chosen, units, on_bad=on_bad, frame=frame, where=where).add_note(*notes)
+    table, position_columns, notes = open_positions(table, columns, sigma)
+    return read_field(table, position_columns, units, on_bad=on_bad, frame=frame, where=where).add_note(*notes)
 
 
 def is_map(opened: tables.TableSource) -> bool:
@@ -420,38 +422,41 @@ def is_map(opened: tables.TableSource) -> bool:
 
 
 def open_positions(
-    opened: tables.TableSource, columns: Any, sigma: float | None = None
+    table: tables.TableSource, columns: Any, sigma: float | None = None
 ) -> tuple[tables.TableSource, Columns, tuple[str, ...]]:
     """A table with zeros for the motions that it lacks, and errors where it has none: table, its columns, and notes.
 
     Errors of positions stand for those of motions where there are no motions: they weigh the sources.
     """
-    opened = with_derived(opened)
-    wanted, _ = as_columns(columns).among(opened.names)
-    absent = {role for role in (*_MOTIONS, *_ERRORS) if getattr(wanted, role) not in opened.names}
-    made: dict[str, Any] = {}
+    table = with_derived(table)
+    resolved_columns, _ = as_columns(columns).among(table.names)
+    absent = {role for role in (*_MOTIONS, *_ERRORS) if getattr(resolved_columns, role) not in table.names}
+    recipes: dict[str, Any] = {}
     notes: tuple[str, ...] = ()
     one_alone = len(absent & set(_MOTIONS)) == 1  # a mistake, not a table without them
     if not one_alone and (absent >= set(_MOTIONS) or sigma is not None):  # rows are kept whose motion is missing
-        made |= {role: ((), lambda: 0.0, "uas / yr") for role in _MOTIONS}
+        recipes |= {role: ((), lambda: 0.0, "uas / yr") for role in _MOTIONS}
     of_positions = {f"pm{name}": name for name in ("ra_error", "dec_error")}
-    if sigma is None and absent == {*_MOTIONS, *_ERRORS} and set(of_positions.values()) <= set(opened.names):
+    if sigma is None and absent == {*_MOTIONS, *_ERRORS} and set(of_positions.values()) <= set(table.names):
         for role, name in of_positions.items():
-            unit = str(opened.units.get(name) or "mas")
-            made[role] = (name,), lambda values: values, f"{unit} / yr"
-        if "ra_dec_corr" in opened.names:
-            made["pmra_pmdec_corr"] = ("ra_dec_corr",), lambda values: values, None
+            unit = str(table.units.get(name) or "mas")
+            recipes[role] = (name,), lambda values: values, f"{unit} / yr"
+        if "ra_dec_corr" in table.names:
+            recipes["pmra_pmdec_corr"] = ("ra_dec_corr",), lambda values: values, None
         notes = ("errors of positions weigh the sources: ra_error, dec_error as errors of motions per year",)
     elif sigma is not None or absent >= set(_ERRORS):
         size = 1000.0 if sigma is None else positive("sigma", sigma)
-        made |= {role: ((), lambda: size, "uas / yr") for role in _ERRORS}
-        what = "as asked" if sigma is not None else "no errors in the table: all sources weigh the same"
-        notes = (CodedNote(f"errors of {size:g} µas/yr for every source ({what})", ASSUMED_MOTIONS),)
-    if not made:
-        return opened, wanted, ()
-    names = {role: f"{ASSUMED}{role}" for role in made}
-    settled = replace(wanted, **{role: names.get(role, getattr(wanted, role)) for role in Columns.__dataclass_fields__})
-    return derive_columns(opened, {names[role]: recipe for role, recipe in made.items()}), settled, notes
+        recipes |= {role: ((), lambda: size, "uas / yr") for role in _ERRORS}
+        reason = "as asked" if sigma is not None else "no errors in the table: all sources weigh the same"
+        notes = (CodedNote(f"errors of {size:g} µas/yr for every source ({reason})", ASSUMED_MOTIONS),)
+    if not recipes:
+        return table, resolved_columns, ()
+    names = {role: f"{ASSUMED}{role}" for role in recipes}
+    position_columns = replace(
+        resolved_columns,
+        **{role: names.get(role, getattr(resolved_columns, role)) for role in Columns.__dataclass_fields__},
+    )
+    return derive_columns(table, {names[role]: recipe for role, recipe in recipes.items()}), position_columns, notes
 
 
 def truth_of(source: Any) -> dict[str, Any] | None:
@@ -522,17 +527,17 @@ def read_scalars(
     >>> read_scalars({"ra": [10.0], "dec": [-20.0], "parallax": [-0.02], "parallax_error": [0.1]}, unit="uas").values
     array([-20.])
     """
-    opened = tables.open_table(source, format)
-    chosen = None if where is None else ChosenColumns(where, opened)
+    table = tables.open_table(source, format)
+    clause = None if where is None else ChosenColumns(where, table)
     error = error or f"{value}_error"
-    wanted = [ra, dec, value, error] + ([name] if name else [])
-    for column in wanted:
-        if column not in opened.names:
-            raise TableError(missing_column(column, opened))
-    columns, notes = opened.columns(tuple(dict.fromkeys((*wanted, *(chosen.names if chosen else ()))))), []
-    if chosen:
-        columns, _, notes = chosen.of(columns, 0)
-    units = {column: parse_unit(opened.units.get(column) or "") for column in (value, error)}
+    required_columns = [ra, dec, value, error] + ([name] if name else [])
+    for column in required_columns:
+        if column not in table.names:
+            raise TableError(missing_column(column, table))
+    columns, notes = table.columns(tuple(dict.fromkeys((*required_columns, *(clause.names if clause else ()))))), []
+    if clause:
+        columns, _, notes = clause.of(columns, 0)
+    units = {column: parse_unit(table.units.get(column) or "") for column in (value, error)}
     for column in (value, error):
         if units[column].is_unity() and column in ("parallax", "parallax_error"):
             units[column] = parse_unit("mas")
@@ -545,7 +550,7 @@ def read_scalars(
         except ValueError as wrong:  # astropy's UnitConversionError is one
             raise TableError(f"column {column!r} cannot be converted to {target}: {wrong}") from None
     for column in (ra, dec):
-        factors[column] = unit_factor(column, opened.units.get(column), "deg")
+        factors[column] = unit_factor(column, table.units.get(column), "deg")
     numbers = {
         column: np.ma.array(
             np.asarray(columns[column][0], float) * factor,
@@ -560,7 +565,7 @@ def read_scalars(
         numbers[error],
         unit=target.to_string(),
         name=None if name is None else columns[name][0],
-        frame=frame_of({}, frame, opened.meta),
+        frame=frame_of({}, frame, table.meta),
         on_bad=on_bad,
         notes=notes,
     )
@@ -569,7 +574,7 @@ def read_scalars(
 def is_readable(value: Any) -> bool:
     """Return whether a field can be read from it: a path, or a table with columns by their names."""
     return isinstance(value, str | Path) or any(
-        hasattr(value, each) for each in ("colnames", "columns", "column_names")
+        hasattr(value, attribute) for attribute in ("colnames", "columns", "column_names")
     )
 
 

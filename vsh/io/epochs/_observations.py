@@ -70,8 +70,8 @@ def matrix_of(values: Any, mask: Any, name: str, label: str) -> tuple[Any, BoolA
         np.zeros(len(values), bool) if mask is None else np.asarray(mask, bool).reshape(len(values), -1).all(axis=1)
     )
     if values.dtype.kind in "SU":
-        words = np.char.decode(values, "utf-8", "replace") if values.dtype.kind == "S" else values
-        entries = [_of_text(each, name, label) for each in words]
+        texts = np.char.decode(values, "utf-8", "replace") if values.dtype.kind == "S" else values
+        entries = [_of_text(text, name, label) for text in texts]
     elif values.dtype.kind == "O" and values.ndim == 1:
         entries = list(values)
     else:
@@ -84,12 +84,12 @@ def matrix_of(values: Any, mask: Any, name: str, label: str) -> tuple[Any, BoolA
     rows = [_row(entry) for entry in entries]
     lengths = np.array([len(row) for row in rows])
     inside = np.arange(lengths.max()) < lengths[:, None]
-    filled = [row for row in rows if len(row)]
-    if all(row.dtype.kind in "iufb" for row in filled) and len({row.dtype.kind for row in filled}) == 1:
-        flat = np.concatenate([row.data for row in filled])
-        lost = np.concatenate([np.ma.getmaskarray(row) for row in filled])
+    nonempty_rows = [row for row in rows if len(row)]
+    if all(row.dtype.kind in "iufb" for row in nonempty_rows) and len({row.dtype.kind for row in nonempty_rows}) == 1:
+        flat = np.concatenate([row.data for row in nonempty_rows])
+        lost = np.concatenate([np.ma.getmaskarray(row) for row in nonempty_rows])
     else:
-        flat, lost = _numbers([x for row in filled for x in _as_list(row)], name, label)
+        flat, lost = _numbers([x for row in nonempty_rows for x in _as_list(row)], name, label)
     matrix, absent = np.zeros(inside.shape, flat.dtype), np.zeros(inside.shape, bool)
     matrix[inside], absent[inside] = flat, lost
     # A row without a list, as of a transit whose arrays are null, is missing and no padding.
@@ -118,17 +118,17 @@ def _as_list(row):
 
 def _numbers(entries, name, label):
     """Numbers or bools of a list of them, and where there is none; integers keep all their digits."""
-    lost = np.array([_is_nothing(each) for each in entries], bool)
-    some = [_parse_entry(each) for each, gone in zip(entries, lost, strict=True) if not gone]
-    kinds = {"b" if isinstance(each, (bool, np.bool_)) else np.asarray(each).dtype.kind for each in some}
-    if not kinds <= set("iufb"):
-        wrong = next(each for each in some if np.asarray(each).dtype.kind not in "iufb")
+    lost = np.array([_is_nothing(entry) for entry in entries], bool)
+    values = [_parse_entry(entry) for entry, gone in zip(entries, lost, strict=True) if not gone]
+    dtype_kinds = {"b" if isinstance(entry, (bool, np.bool_)) else np.asarray(entry).dtype.kind for entry in values}
+    if not dtype_kinds <= set("iufb"):
+        wrong = next(entry for entry in values if np.asarray(entry).dtype.kind not in "iufb")
         raise TableError(f"{label}: column {name!r} holds {wrong!r}, which is no number")
-    dtype: Any = bool if kinds == {"b"} else np.int64 if kinds <= set("iu") and kinds else float
+    dtype: Any = bool if dtype_kinds == {"b"} else np.int64 if dtype_kinds <= set("iu") and dtype_kinds else float
     numbers = np.zeros(len(entries), dtype)
     if dtype is float:
         numbers[lost] = np.nan
-    numbers[~lost] = np.array(some, dtype) if some else numbers[~lost]
+    numbers[~lost] = np.array(values, dtype) if values else numbers[~lost]
     return numbers, lost
 
 
@@ -142,14 +142,14 @@ def _parse_entry(entry):
     """A number of a word."""
     if not isinstance(entry, str):
         return entry
-    word = entry.strip().lower()
-    if word in _TRUTH:
-        return _TRUTH[word]
+    text = entry.strip().lower()
+    if text in _TRUTH:
+        return _TRUTH[text]
     try:
-        return int(word)
+        return int(text)
     except ValueError:
         try:
-            return float(word)
+            return float(text)
         except ValueError:
             return entry
 
@@ -194,31 +194,31 @@ def views_of(transit: Any, source: Any, time: Any) -> tuple[Any, str | None]:
         How it was decided.
     """
     code = (np.asarray(transit, np.int64) >> 15) & 3
-    codes = tuple(int(each) for each in np.unique(code))
+    codes = tuple(int(value) for value in np.unique(code))
     if len(codes) > 2:
         return None, (
             f"transit_id has the codes {', '.join(map(str, codes))} in bits 15 and 16, more than there are fields of "
             "view: it is not taken from there"
         )
-    first, last, gap = _neighbours(transit, source, time)
+    earlier, later, gap = _neighbours(transit, source, time)
     near_short, near_long = np.abs(gap - _SHORT) < _CLOSE, np.abs(gap - _LONG) < _CLOSE
     # Which code comes first of a short pair, or last of a long one, is that of the preceding field.
-    leading = np.r_[code[first[near_short]], code[last[near_long]]]
-    trailing = np.r_[code[last[near_short]], code[first[near_long]]]
-    apart = leading != trailing
-    if apart.any():
-        values, counts = np.unique(leading[apart], return_counts=True)
+    leading = np.r_[code[earlier[near_short]], code[later[near_long]]]
+    trailing = np.r_[code[later[near_short]], code[earlier[near_long]]]
+    is_distinct = leading != trailing
+    if is_distinct.any():
+        values, counts = np.unique(leading[is_distinct], return_counts=True)
         preceding, agreeing = int(values[counts.argmax()]), int(counts.max())
         if agreeing < 0.9 * len(leading):
             return None, (
                 f"transit_id contradicts the times between transits in {len(leading) - agreeing} of {len(leading)} "
                 "pairs: the field of view is not taken from there"
             )
-        words = (
+        note = (
             f"fields of view: code {preceding} of transit_id is the preceding one, by {agreeing} of {len(leading)} "
             "pairs of transits 106.5 or 253.5 minutes apart"
         )
-        return np.where(code == preceding, 1, -1), words
+        return np.where(code == preceding, 1, -1), note
     if codes in _KNOWN:
         return np.where(code == codes[0], 1, -1), (
             f"fields of view: code {codes[0]} of transit_id is taken as the preceding one, {_KNOWN[codes]}; no two "
@@ -238,12 +238,12 @@ def views_of(transit: Any, source: Any, time: Any) -> tuple[Any, str | None]:
 def _neighbours(transit, source, time):
     """Observations of each source's transits and of the next one, and the time between them. [minutes]"""
     order = np.lexsort([time, source])
-    new = np.ones(len(order), bool)
-    new[1:] = (np.diff(np.asarray(transit)[order]) != 0) | (source[order][1:] != source[order][:-1])
-    at = order[new]
-    same = source[at][1:] == source[at][:-1]
+    is_start = np.ones(len(order), bool)
+    is_start[1:] = (np.diff(np.asarray(transit)[order]) != 0) | (source[order][1:] != source[order][:-1])
+    at = order[is_start]
+    same_source = source[at][1:] == source[at][:-1]
     gap = np.diff(time[at]) / 6e10
-    return at[:-1][same], at[1:][same], gap[same]
+    return at[:-1][same_source], at[1:][same_source], gap[same_source]
 
 
 #: What is needed of each observation; arrays of the CCDs of a transit, or a row each.
@@ -309,11 +309,11 @@ class Observations(Frozen):
         """
         order = np.lexsort([self.time, self.source])
         source, time = self.source[order], self.time[order]
-        new = np.ones(len(order), bool)
-        new[1:] = (np.diff(source) > 0) | (np.diff(time) > gap / JULIAN_YEAR)
-        if new.all() and np.array_equal(order, np.arange(len(order))):
+        is_start = np.ones(len(order), bool)
+        is_start[1:] = (np.diff(source) > 0) | (np.diff(time) > gap / JULIAN_YEAR)
+        if is_start.all() and np.array_equal(order, np.arange(len(order))):
             return self
-        number, first = np.cumsum(new) - 1, order[new]
+        number, starts = np.cumsum(is_start) - 1, order[is_start]
         weight = 1 / self.error[order] ** 2
         total = np.bincount(number, weight)
 
@@ -322,12 +322,12 @@ class Observations(Frozen):
 
         return replace(
             self,
-            source=self.source[first],
+            source=self.source[starts],
             time=mean(self.time),
-            design=np.array([mean(each) for each in self.design]),
+            design=np.array([mean(row) for row in self.design]),
             position=mean(self.position),
             error=1 / np.sqrt(total),
-            view=None if self.view is None else self.view[first],
+            view=None if self.view is None else self.view[starts],
         )
 
 
@@ -340,8 +340,8 @@ def epoch_files(path: PathName) -> list[Path]:
     path : str or Path
         A file or a folder.
     """
-    place = Path(path)
-    return sorted(each for each in place.iterdir() if each.is_file()) if place.is_dir() else [place]
+    location = Path(path)
+    return sorted(file for file in location.iterdir() if file.is_file()) if location.is_dir() else [location]
 
 
 def read_observations(
@@ -359,39 +359,39 @@ def read_observations(
     TableError
         If a column is missing or holds no numbers, or a source has no position.
     """
-    opened = tables.open_table(source)
+    table_source = tables.open_table(source)
     names = {name: (columns or {}).get(name, name) for name in (*_COLUMNS, *_OPTIONAL)}
     for name in _COLUMNS:
-        if names[name] not in opened.names and not (name in _PLACES and positions is not None):
+        if names[name] not in table_source.names and not (name in _PLACES and positions is not None):
             remedy = (
                 "; positions=, a table of source_id, ra and dec (gaia_source), gives them" if name in _PLACES else ""
             )
-            raise TableError(f"{opened.label}: {missing_column(names[name], opened)}{remedy}")
+            raise TableError(f"{table_source.label}: {missing_column(names[name], table_source)}{remedy}")
     if positions is not None:
         for name in _PLACES:
             names.pop(name)
-    wanted = {name: column for name, column in names.items() if column in opened.names}
+    column_names = {name: column for name, column in names.items() if column in table_source.names}
     factors = {
-        name: unit_factor(column, opened.units.get(column), _UNITS[name])
-        for name, column in wanted.items()
+        name: unit_factor(column, table_source.units.get(column), _UNITS[name])
+        for name, column in column_names.items()
         if name in _UNITS
     }
-    values = opened.columns(tuple(wanted.values()))
-    columns_by_role = {name: values[column] for name, column in wanted.items()}
-    flat, notes = _observations(columns_by_role, factors, opened)
-    if "obs_time_bary_corr" not in wanted:
+    values = table_source.columns(tuple(column_names.values()))
+    columns_by_role = {name: values[column] for name, column in column_names.items()}
+    flat, notes = _observations(columns_by_role, factors, table_source)
+    if "obs_time_bary_corr" not in column_names:
         notes = (*notes, "no column obs_time_bary_corr: times are taken as the barycentre's")
-    identifiers, first, number = np.unique(flat["source_id"], return_index=True, return_inverse=True)
+    identifiers, indices, number = np.unique(flat["source_id"], return_index=True, return_inverse=True)
     order = np.argsort(number, kind="stable")
     if positions is None:
-        lon, lat = flat["ra0"][first] * DEGREE, flat["dec0"][first] * DEGREE
+        lon, lat = flat["ra0"][indices] * DEGREE, flat["dec0"][indices] * DEGREE
     else:
         lon, lat = _join_positions(identifiers, positions)
     view = None
     if "view" in flat:
-        view, words = views_of(flat.pop("view"), number, flat["obs_time_tcb"])
+        view, note = views_of(flat.pop("view"), number, flat["obs_time_tcb"])
         view = None if view is None else view[order]
-        notes = (*notes, *([words] if words else []))
+        notes = (*notes, *([note] if note else []))
     time = 2010.0 - epoch + (flat["obs_time_tcb"] + flat.get("obs_time_bary_corr", 0.0)) / _YEAR
     design = design_row(flat["scan_pos_angle"] * DEGREE, flat["parallax_factor_al"], time)
     return Observations(
@@ -403,36 +403,37 @@ def read_observations(
         MAS * flat["centroid_pos_al"][order],
         MAS * flat["centroid_pos_error_al"][order],
         identifiers,
-        (*opened.notes, *notes),
+        (*table_source.notes, *notes),
         view,
     )
 
 
 def _join_positions(identifiers, positions):
     """Positions of sources by their source_id, from another table."""
-    opened = tables.open_table(positions)
+    table_source = tables.open_table(positions)
     names = ("source_id", "ra", "dec")
     for name in names:
-        if name not in opened.names:
-            raise TableError(f"{opened.label}: {missing_column(name, opened)}")
-    (known, _), (ra, no_ra), (dec, no_dec) = (opened.columns((name,))[name] for name in names)
-    factors = [unit_factor(name, opened.units.get(name), "deg") for name in ("ra", "dec")]
-    there = np.ones(len(known), bool)
+        if name not in table_source.names:
+            raise TableError(f"{table_source.label}: {missing_column(name, table_source)}")
+    (source_ids, _), (ra, no_ra), (dec, no_dec) = (table_source.columns((name,))[name] for name in names)
+    factors = [unit_factor(name, table_source.units.get(name), "deg") for name in ("ra", "dec")]
+    has_position = np.ones(len(source_ids), bool)
     for mask in (no_ra, no_dec):
-        there &= ~np.asarray(mask, bool) if mask is not None else True
-    known, ra, dec = known[there], ra[there] * factors[0], dec[there] * factors[1]
-    order = np.argsort(known, kind="stable")
-    at = np.minimum(np.searchsorted(known[order], identifiers), len(known) - 1)
-    lost = identifiers[known[order][at] != identifiers] if len(known) else identifiers
+        has_position &= ~np.asarray(mask, bool) if mask is not None else True
+    source_ids, ra, dec = source_ids[has_position], ra[has_position] * factors[0], dec[has_position] * factors[1]
+    order = np.argsort(source_ids, kind="stable")
+    at = np.minimum(np.searchsorted(source_ids[order], identifiers), len(source_ids) - 1)
+    lost = identifiers[source_ids[order][at] != identifiers] if len(source_ids) else identifiers
     if len(lost):
         raise TableError(
-            f"{opened.label}: {len(lost)} of {len(identifiers)} sources of the epochs have no position there, source_id"
+            f"{table_source.label}: {len(lost)} of {len(identifiers)} sources of the epochs have no position there, "
+            "source_id"
             f" {lost[0]} for one"
         )
-    place = np.asarray(ra, float)[order][at], np.asarray(dec, float)[order][at]
-    if not (np.isfinite(place).all() and (np.abs(place[1]) <= 90).all()):
-        raise TableError(f"{opened.label}: some positions are no directions: ra and dec in degrees are expected")
-    return place[0] * DEGREE, place[1] * DEGREE
+    coordinates = np.asarray(ra, float)[order][at], np.asarray(dec, float)[order][at]
+    if not (np.isfinite(coordinates).all() and (np.abs(coordinates[1]) <= 90).all()):
+        raise TableError(f"{table_source.label}: some positions are no directions: ra and dec in degrees are expected")
+    return coordinates[0] * DEGREE, coordinates[1] * DEGREE
 
 
 #: No observation is larger, and what is stands for one that was not made: times [ns], positions and errors [mas],
@@ -444,49 +445,53 @@ _MOST = {
 
 
 def _observations(
-    table: Mapping[str, Any], factors: Mapping[str, float], opened: Any
+    table: Mapping[str, Any], factors: Mapping[str, float], table_source: Any
 ) -> tuple[dict[str, FloatArray], tuple[str, ...]]:
     """Columns with a value for each observation that can be used, and a note that counts the others."""
-    label = opened.label
-    columns, padding = _matrices(table, opened)
-    repeated = _repeat_rows(columns)
+    label = table_source.label
+    columns, padding = _matrices(table, table_source)
+    repeat_notes = _repeat_rows(columns)
     shape = max((np.shape(values) for values, _ in columns.values()), key=len)
     flat: dict[str, Any] = {}
     bad = np.zeros(shape, bool)
     times: tuple[str, ...] = ()
     for name, (values, mask) in columns.items():
         # What a transit has once, all its CCDs have.
-        spread = np.broadcast_to(values.reshape(values.shape + (1,) * (len(shape) - values.ndim)), shape)
+        broadcast_values = np.broadcast_to(values.reshape(values.shape + (1,) * (len(shape) - values.ndim)), shape)
         if mask is not None:
             bad |= np.broadcast_to(np.reshape(mask, values.shape + (1,) * (len(shape) - values.ndim)), shape)
         if name == "transit_id":
             if values.dtype.kind in "iu":
-                flat["view"] = spread.ravel().astype(np.int64)
-        elif name == "obs_time_tcb" and (scale := _date(values, mask, opened.units.get(name))):
-            flat[name] = (spread.ravel() - _ORIGINS[scale]) * _DAY
+                flat["view"] = broadcast_values.ravel().astype(np.int64)
+        elif name == "obs_time_tcb" and (scale := _date(values, mask, table_source.units.get(name))):
+            flat[name] = (broadcast_values.ravel() - _ORIGINS[scale]) * _DAY
             times = (f"obs_time_tcb holds {scale}: times are counted from J2010.0",)
         else:
             factor = factors.get(name, 1.0)
-            flat[name] = spread.ravel() if factor == 1.0 else spread.ravel() * factor
+            flat[name] = broadcast_values.ravel() if factor == 1.0 else broadcast_values.ravel() * factor
     notes: tuple[str, ...] = ()
-    used = flat.pop("used_by_agis_al", np.ones(bad.size, bool)).astype(bool)
+    is_used = flat.pop("used_by_agis_al", np.ones(bad.size, bool)).astype(bool)
     if "used_by_agis_al" not in columns and len(shape) == 2 and shape[1] == _SLOTS:
-        used = used & np.tile(np.arange(_SLOTS) > 0, shape[0])
+        is_used = is_used & np.tile(np.arange(_SLOTS) > 0, shape[0])
         notes = (f"no column used_by_agis_al: the first of {_SLOTS} CCDs, the sky mapper's, is left out",)
-    unused = ~used
+    is_unused = ~is_used
     bad = bad.ravel()
     if padding is not None:  # where a transit has fewer CCDs than another there is no observation
-        there = ~np.broadcast_to(padding, shape).ravel()
-        flat, bad, unused = {name: values[there] for name, values in flat.items()}, bad[there], unused[there]
+        is_observation = ~np.broadcast_to(padding, shape).ravel()
+        flat, bad, is_unused = (
+            {name: values[is_observation] for name, values in flat.items()},
+            bad[is_observation],
+            is_unused[is_observation],
+        )
     for name, values in flat.items():
         if values.dtype.kind == "f":
             bad |= ~(np.abs(values) <= _MOST.get(name, np.inf)) | ~np.isfinite(values)
     bad |= ~(flat["centroid_pos_error_al"] > 1e-9)
     counts = {
-        "not used by AGIS": int(unused.sum()),
-        "without a position, an error or a time": int((bad & ~unused).sum()),
+        "not used by AGIS": int(is_unused.sum()),
+        "without a position, an error or a time": int((bad & ~is_unused).sum()),
     }
-    keep = ~(bad | unused)
+    keep = ~(bad | is_unused)
     note = DroppedRows.of_table({reason: count for reason, count in counts.items() if count}, keep.size, keep)
     if not keep.any():
         error = EmptyFieldError(f"{label}: no observation can be used: {note}")
@@ -494,22 +499,23 @@ def _observations(
         raise error
     if any(counts.values()):
         notes = (f"observations: {note}".replace(" rows", " observations"), *notes)
-    return {name: values[keep] for name, values in flat.items()}, (*notes, *times, *repeated)
+    return {name: values[keep] for name, values in flat.items()}, (*notes, *times, *repeat_notes)
 
 
-def _matrices(table, opened):
+def _matrices(table, table_source):
     """Convert columns to numbers, one row or matrix of CCDs per transit, and a mask of missing CCDs."""
     columns: dict[str, Any] = {}
-    padding, width, first = None, 0, ""
+    padding, width, array_name = None, 0, ""
     for name, (values, mask) in table.items():
-        values, mask, absent = matrix_of(values, mask, name, opened.label)
+        values, mask, absent = matrix_of(values, mask, name, table_source.label)
         if values.ndim > 1:
             if width and values.shape[1] != width:
                 raise TableError(
-                    f"{opened.label}: {name!r} has {values.shape[1]} numbers per transit where {first!r} has {width}: "
+                    f"{table_source.label}: {name!r} has {values.shape[1]} numbers per transit where {array_name!r} "
+                    f"has {width}: "
                     "arrays of the CCDs are as long as each other"
                 )
-            width, first = values.shape[1], name
+            width, array_name = values.shape[1], name
             padding = absent if padding is None else padding | absent if absent is not None else padding
         columns[name] = values, mask
     return columns, padding
@@ -519,8 +525,8 @@ def _date(values, mask, unit):
     """The name of the dates that times are, where they are days since JD 0 or since MJD 0; else None."""
     if unit is not None and str(unit).strip() not in ("d", "day", "days", ""):
         return None
-    known = values if mask is None else np.asarray(values)[~mask]
-    middle = float(np.nanmedian(known)) if np.size(known) else 0.0
+    times = values if mask is None else np.asarray(values)[~mask]
+    middle = float(np.nanmedian(times)) if np.size(times) else 0.0
     return next((name for name, origin in _ORIGINS.items() if abs(middle - origin) < _FAR), None)
 
 

@@ -64,8 +64,8 @@ def design_row(angle: FloatArray, parallax_factor: FloatArray, time: FloatArray)
 def downweight(z: FloatArray) -> FloatArray:
     """The weight of an observation at z standard deviations: 1 up to 2, a cubic to 3, e^{−z/3} beyond."""
     z = np.abs(z)
-    between = 1 - _SQUARE * (z - 2) ** 2 + _CUBE * (z - 2) ** 3
-    return np.where(z <= 2, 1.0, np.where(z < 3, between, np.exp(-z / 3)))
+    cubic = 1 - _SQUARE * (z - 2) ** 2 + _CUBE * (z - 2) ** 3
+    return np.where(z <= 2, 1.0, np.where(z < 3, cubic, np.exp(-z / 3)))
 
 
 @explained
@@ -112,18 +112,18 @@ class _Sums:
         w = weight / (self.noise + variance[self.source])
         matrix, rhs = np.empty((self.n, 5, 5)), np.empty((self.n, 5))
         for i in range(5):
-            weighted = w * self.design[i]
-            rhs[:, i] = self.per_source(weighted * self.position)
+            weighted_row = w * self.design[i]
+            rhs[:, i] = self.per_source(weighted_row * self.position)
             for j in range(i + 1):
-                matrix[:, i, j] = matrix[:, j, i] = self.per_source(weighted * self.design[j])
+                matrix[:, i, j] = matrix[:, j, i] = self.per_source(weighted_row * self.design[j])
         return matrix, rhs
 
     def solvable(self):
         """More observations than parameters, and scans in more than one direction and time."""
         matrix, _ = self.normal(np.ones(len(self.source)), np.zeros(self.n))
         scale = np.sqrt(np.maximum(np.einsum("nii->ni", matrix), 1e-300))
-        scaled = matrix / (scale[:, :, None] * scale[:, None])
-        return (self.counts > 5) & (np.linalg.eigvalsh(scaled)[:, 0] > 1e-6)
+        scaled_matrix = matrix / (scale[:, :, None] * scale[:, None])
+        return (self.counts > 5) & (np.linalg.eigvalsh(scaled_matrix)[:, 0] > 1e-6)
 
     def solved(self, weight, variance, good):
         """Parameters, (n, 5), and their covariance; nan where there is none."""
@@ -140,21 +140,21 @@ class _Sums:
     def squares(self, weight, variance, good):
         """Σ w r²/(σ² + s²) of every source and its slope by s²."""
         share = 1 / (self.noise + variance[self.source])
-        each = weight * self.residual(weight, variance, good) ** 2 * share
-        return self.per_source(each), -self.per_source(each * share)
+        terms = weight * self.residual(weight, variance, good) ** 2 * share
+        return self.per_source(terms), -self.per_source(terms * share)
 
-    def of(self, chosen):
+    def of(self, selection):
         """Only some of the sources, numbered anew, and which observations are theirs."""
-        inside = chosen[self.source]
-        number = np.cumsum(chosen) - 1
-        part = _Sums(
+        inside = selection[self.source]
+        number = np.cumsum(selection) - 1
+        subset = _Sums(
             number[self.source[inside]],
-            int(chosen.sum()),
+            int(selection.sum()),
             self.design[:, inside],
             self.position[inside],
             np.sqrt(self.noise[inside]),
         )
-        return part, inside
+        return subset, inside
 
 
 def _robust(sums, good):
@@ -164,55 +164,55 @@ def _robust(sums, good):
     noisy = good & (squares > sums.counts - 5)  # the others are as their errors say
     if not noisy.any():
         return weight, variance
-    part, inside = sums.of(noisy)
-    all_of = np.ones(part.n, bool)
-    own = _dispersion(part) ** 2
-    mine = downweight(part.position / np.sqrt(part.noise + own[part.source]))
-    moving = np.ones(part.n, bool)
+    subset, inside = sums.of(noisy)
+    all_of = np.ones(subset.n, bool)
+    excess = _dispersion(subset) ** 2
+    mine = downweight(subset.position / np.sqrt(subset.noise + excess[subset.source]))
+    moving = np.ones(subset.n, bool)
     for _ in range(_ROUNDS):
-        squares, slope = part.squares(mine, own, all_of)
-        following = np.maximum(own - squares / slope * (squares / _freedom(part, mine) - 1), 0.0)
-        step = np.abs(following - own)
-        own = np.where(moving, following, own)
-        fresh = downweight(part.residual(mine, own, all_of) / np.sqrt(part.noise + own[part.source]))
-        mine = np.where(moving[part.source], fresh, mine)
-        moving = moving & (step > _TOLERANCE * own)
+        squares, slope = subset.squares(mine, excess, all_of)
+        following = np.maximum(excess - squares / slope * (squares / _freedom(subset, mine) - 1), 0.0)
+        step = np.abs(following - excess)
+        excess = np.where(moving, following, excess)
+        fresh = downweight(subset.residual(mine, excess, all_of) / np.sqrt(subset.noise + excess[subset.source]))
+        mine = np.where(moving[subset.source], fresh, mine)
+        moving = moving & (step > _TOLERANCE * excess)
         if not moving.any():
             break
-    weight[inside], variance[noisy] = mine, _excess(part, mine, all_of)
+    weight[inside], variance[noisy] = mine, _excess(subset, mine, all_of)
     return weight, variance
 
 
-def _freedom(part, weight):
+def _freedom(sums, weight):
     """Degrees of freedom, outliers not counted."""
-    return np.maximum(part.counts - 5 - part.per_source((weight < _OUTLIER).astype(float)), 1)
+    return np.maximum(sums.counts - 5 - sums.per_source((weight < _OUTLIER).astype(float)), 1)
 
 
-def _dispersion(part):
+def _dispersion(sums):
     """Half the range of the middle four sixths of the positions, and the median's size: a first excess noise."""
-    order = np.lexsort([part.position, part.source])
-    ranked, first = part.position[order], np.concatenate([[0], np.cumsum(part.counts)[:-1]])
+    order = np.lexsort([sums.position, sums.source])
+    positions, starts = sums.position[order], np.concatenate([[0], np.cumsum(sums.counts)[:-1]])
 
     def quantile(share):
-        at = share * (part.counts - 1)
-        low = np.floor(at).astype(int)
-        high = np.minimum(low + 1, part.counts - 1)
-        return ranked[first + low] + (at - low) * (ranked[first + high] - ranked[first + low])
+        at = share * (sums.counts - 1)
+        lower = np.floor(at).astype(int)
+        upper = np.minimum(lower + 1, sums.counts - 1)
+        return positions[starts + lower] + (at - lower) * (positions[starts + upper] - positions[starts + lower])
 
     return (quantile(5 / 6) - quantile(1 / 6)) / 2 + np.abs(quantile(1 / 2))
 
 
-def _excess(part, weight, all_of):
+def _excess(sums, weight, all_of):
     """The excess variance with which Σ w r²/(σ² + s²) equals the degrees of freedom; zero if it is smaller anyway."""
-    own, freedom = np.zeros(part.n), _freedom(part, weight)
-    squares, slope = part.squares(weight, own, all_of)
+    excess, freedom = np.zeros(sums.n), _freedom(sums, weight)
+    squares, slope = sums.squares(weight, excess, all_of)
     moving = squares > freedom
     for _ in range(_STEPS + 1):
-        following = np.maximum(own - squares / slope * (squares / freedom - 1), 0.0)
-        step = np.abs(following - own)
-        own = np.where(moving, following, own)
-        moving = moving & (step > _TOLERANCE * own)
+        following = np.maximum(excess - squares / slope * (squares / freedom - 1), 0.0)
+        step = np.abs(following - excess)
+        excess = np.where(moving, following, excess)
+        moving = moving & (step > _TOLERANCE * excess)
         if not moving.any():
             break
-        squares, slope = part.squares(weight, own, all_of)
-    return own
+        squares, slope = sums.squares(weight, excess, all_of)
+    return excess

@@ -45,15 +45,15 @@ def added(first: Any, second: Any) -> Any:
         keys = dict.fromkeys([*first, *second])
         return {key: added(first.get(key), second.get(key)) for key in keys}
     if isinstance(first, tuple):
-        return tuple(added(one, two) for one, two in zip(first, second, strict=True))
+        return tuple(added(item, other_item) for item, other_item in zip(first, second, strict=True))
     return first + second
 
 
 def total_of(some: Iterable[Any]) -> Any:
     """The sum of a few, from the first to the last; None if there is none."""
     total = None
-    for each in some:
-        total = added(total, each)
+    for term in some:
+        total = added(total, term)
     return total
 
 
@@ -86,11 +86,11 @@ class Tree:
 
     def total(self) -> Any:
         """The sum of all leaves; None if nothing was added."""
-        carried: list[Any] = []
+        carry: list[Any] = []
         for level in self.levels:
-            nodes = level + carried
-            carried = [total_of(nodes)] if nodes else []
-        return carried[0] if carried else None
+            nodes = level + carry
+            carry = [total_of(nodes)] if nodes else []
+        return carry[0] if carry else None
 
 
 def label_of(piece: Any) -> str:
@@ -177,7 +177,7 @@ class Processes(Engine):
             tree.add(leaf)
         return tree.total()
 
-    def _in_order(self, work, pieces, done) -> Iterator[Any]:
+    def _in_order(self, work, pieces, callback) -> Iterator[Any]:
         """The results in the order of the pieces, however often a process is killed."""
         ready = {}
         waiting, suspects = list(range(len(pieces))), []
@@ -186,14 +186,14 @@ class Processes(Engine):
             # After a process was killed, the parts that were under way go one by one: the guilty one is known then.
             if suspects:
                 ready[suspects[0]] = self._run_alone(work, pieces, suspects[0], single)
-                done()
+                callback()
                 del suspects[0]
                 if not suspects and single:
                     single.pop().shutdown()
             else:
                 for number, result in self._run_together(work, pieces, waiting, suspects):
                     ready[number] = result
-                    done()
+                    callback()
                     while following in ready:
                         yield ready.pop(following)
                         following += 1
@@ -300,8 +300,8 @@ class Work:
                     if field is not None:
                         total, sources = added(total, self.function(field)), sources + len(field)
             except EmptyFieldError as error:  # of the whole part: a reader hands on what is lost of some of it
-                chosen = isinstance(error, EmptySelectionError)  # other parts may hold some
-                if error.notes and not chosen and getattr(self.read, "on_bad", "drop") == "raise":
+                empty_selection = isinstance(error, EmptySelectionError)  # other parts may hold some
+                if error.notes and not empty_selection and getattr(self.read, "on_bad", "drop") == "raise":
                     raise _left_out(piece, error) from error
                 notes = notes + LostNotes(error.notes)
             except FieldError as error:
@@ -324,8 +324,8 @@ _KEY = "vsh-part-"
 def is_delayed(thing: Any) -> bool:
     """Return whether an object is one value of Dask's that is computed when it is asked for, not a collection of
     them."""
-    kind = type(thing)  # a delayed object itself has any attribute that is asked for
-    return hasattr(kind, "__dask_graph__") and not hasattr(kind, "to_delayed")
+    cls = type(thing)  # a delayed object itself has any attribute that is asked for
+    return hasattr(cls, "__dask_graph__") and not hasattr(cls, "to_delayed")
 
 
 @dataclass(frozen=True)
@@ -356,13 +356,13 @@ class Dask(Engine):
         """
         if not pieces:
             return None
-        client, own = self._client()
+        client, is_temporary = self._client()
         if client is None:
             return self._local(work, pieces, done)
         try:
             return _on_cluster(client, work, pieces, done)
         finally:
-            if own:
+            if is_temporary:
                 client.close()
 
     def fetched(self, piece: Any) -> Any:
@@ -375,20 +375,20 @@ class Dask(Engine):
         """
         if not is_delayed(piece):
             return piece
-        client, own = self._client()
+        client, is_temporary = self._client()
         try:
             return client.compute(piece).result() if client else piece.compute(scheduler="threads")
         finally:
-            if own:
+            if is_temporary:
                 client.close()
 
-    def _local(self, work, pieces, done):
+    def _local(self, work, pieces, callback):
         root = _merge_level(_leaves(work, pieces))
         from dask.callbacks import Callback
 
         def after(key, *_):
             if str(key).startswith(_KEY):
-                done()
+                callback()
 
         options = {"scheduler": "processes", "num_workers": self.workers} if self.workers else {"scheduler": "threads"}
         with Callback(posttask=after):
@@ -419,10 +419,10 @@ class Dask(Engine):
             raise TableError(f"{self.address} is neither an address such as tcp://host:8786 nor a scheduler file")
         if file:
             _check_scheduler_file(self.address)
-        where = {"scheduler_file" if file else "address": self.address}
+        location = {"scheduler_file" if file else "address": self.address}
         try:
             with _without_log("distributed"):  # which tells what it tries meanwhile
-                return distributed.Client(**where, timeout=PATIENCE, set_as_default=False), True
+                return distributed.Client(**location, timeout=PATIENCE, set_as_default=False), True
         except (OSError, ValueError, TimeoutError) as error:
             raise TableError(
                 f"the scheduler {self.address} cannot be reached: {str(error) or type(error).__name__}"
@@ -466,18 +466,18 @@ def _merge_level(level):
     return level[0]
 
 
-def _on_cluster(client, work, pieces, done):
+def _on_cluster(client, work, pieces, callback):
     from distributed.scheduler import KilledWorker
 
     leaves = _leaves(work, pieces)
     try:
-        return _in_our_words(lambda: _gather(client, leaves, done), lambda: _first_that_fails(pieces))
+        return _in_our_words(lambda: _gather(client, leaves, callback), lambda: _first_that_fails(pieces))
     except KilledWorker as error:
         key = str(error.task)
     # Parts that waited at the same worker are blamed too. Alone, the guilty one does it again, and it alone.
     numbers = range(len(pieces))
-    blamed = [i for i in numbers if key in (leaves[i].key, getattr(pieces[i], "key", None))]
-    for number in [*blamed, *(i for i in numbers if i not in blamed)]:
+    suspects = [i for i in numbers if key in (leaves[i].key, getattr(pieces[i], "key", None))]
+    for number in [*suspects, *(i for i in numbers if i not in suspects)]:
         try:
             client.compute(_leaves(work, [pieces[number]])[0]).result()
         except KilledWorker as error:
@@ -509,22 +509,22 @@ def _in_our_words(compute, guilty):
     except (VshError, KilledWorker, MemoryError):
         raise
     except Exception as error:  # whatever the graph of a part raises
-        words, own = guilty()
-        raise TableError(f"{words}: {type(own or error).__name__}: {first_line(own or error)}") from error
+        message, cause = guilty()
+        raise TableError(f"{message}: {type(cause or error).__name__}: {first_line(cause or error)}") from error
 
 
-def _gather(client, leaves, done):
+def _gather(client, leaves, callback):
     from distributed import as_completed
 
     *futures, total = client.compute([*leaves, _merge_level(leaves)])
     # Each is let go when it is done: the tree keeps what it still needs.
-    finished = as_completed(futures, loop=client.loop)
+    completions = as_completed(futures, loop=client.loop)
     del futures
     try:
-        for future in finished:
+        for future in completions:
             if future.status == "error":
                 break
-            done()
+            callback()
             del future
         return total.result()
     finally:
@@ -552,29 +552,29 @@ def delayed_of(collection: Any, columns: Sequence[str]) -> list[Any]:
     to it, it is opened again with those that are expected. What fits into a gibibyte is read once, and kept for the
     passes to come.
     """
-    wanted = list(dict.fromkeys(columns))
+    names = list(dict.fromkeys(columns))
     operation = getattr(collection, "_operation", None)
     if operation is None:
-        return collection[wanted].to_delayed()
+        return collection[names].to_delayed()
     import dask
 
     structure = getattr(collection, "hc_structure", None)
     rows = getattr(getattr(structure, "catalog_info", None), "total_rows", None)
-    chosen = _opened_again(collection, operation, structure, wanted)
-    delayed = (collection[wanted] if chosen is None else chosen).to_delayed()
-    fits = rows and 8 * int(rows) * len(wanted) <= KEPT
-    return list(dask.persist(*delayed)) if fits else delayed
+    catalogue = _opened_again(collection, operation, structure, names)
+    partitions = (collection[names] if catalogue is None else catalogue).to_delayed()
+    fits = rows and 8 * int(rows) * len(names) <= KEPT
+    return list(dask.persist(*partitions)) if fits else partitions
 
 
-def _opened_again(collection, operation, structure, wanted):
+def _opened_again(collection, operation, structure, names):
     """A catalogue of LSDB as it was opened, with fewer columns; None where something else was done to it."""
     path = getattr(structure, "catalog_path", None)
-    if path is None or type(operation).__name__ != "FromHealpixMap" or set(wanted) == set(collection.columns):
+    if path is None or type(operation).__name__ != "FromHealpixMap" or set(names) == set(collection.columns):
         return None
     try:
         import lsdb
 
-        again = lsdb.open_catalog(path, columns=wanted)
-        return again if again.get_healpix_pixels() == collection.get_healpix_pixels() else None
+        catalogue = lsdb.open_catalog(path, columns=names)
+        return catalogue if catalogue.get_healpix_pixels() == collection.get_healpix_pixels() else None
     except Exception:  # another version of LSDB, or files that went: all columns are read then
         return None

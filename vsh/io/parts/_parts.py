@@ -127,13 +127,13 @@ class Parts(InNotebook):
                 f"what is summed is a function of a Field, not a {type(function).__name__}; for normal equations: "
                 "fit.normal_equations(parts, modes)"
             )
-        wanted = OPTIONAL if self.steps else tuple(role for role in OPTIONAL if role in set(roles))
-        work = Work(self.read, self.steps, function, wanted, self.engine.threads)
+        read_roles = OPTIONAL if self.steps else tuple(role for role in OPTIONAL if role in set(roles))
+        work = Work(self.read, self.steps, function, read_roles, self.engine.threads)
         bar = progress_bar(total=len(self.pieces), words=words, shown=progress and len(self.pieces) > 1, unit=" parts")
         with bar:
-            summed = self.engine.total(work, self.pieces, bar.update)
+            result = self.engine.total(work, self.pieces, bar.update)
         total: Any
-        total, notes, sources = (None, LostNotes(), 0) if summed is None else summed
+        total, notes, sources = (None, LostNotes(), 0) if result is None else result
         if not sources:
             error = EmptyFieldError("no part holds a source that can be used: " + ("; ".join(notes) or "all are empty"))
             error.notes = tuple(notes)
@@ -151,8 +151,8 @@ class Parts(InNotebook):
     @property
     def in_memory(self) -> Any:
         """The field itself, where it is all in one and in memory; None otherwise."""
-        (first, *others) = self.pieces or (None,)
-        return first if isinstance(first, SourcesWithErrors) and not others and not self.steps else None
+        (piece, *remainder) = self.pieces or (None,)
+        return piece if isinstance(piece, SourcesWithErrors) and not remainder and not self.steps else None
 
     def counted(self) -> int:
         """Count the sources; reads all of them."""
@@ -226,19 +226,19 @@ def weighted_quantiles(
     return _find_targets(sky, numbers, weights, counts, np.asarray(shares) * counts.sum(), roles, words)
 
 
-def _find_targets(sky, numbers, weights, counts, targets, roles, words):
+def _find_targets(sky, numbers, weights, counts, targets, roles, label):
     """The numbers at which the cumulative weight reaches the targets."""
-    reached = np.cumsum(counts)
-    bins = np.minimum(np.searchsorted(reached, targets), BINS - 1)
-    wanted = np.unique(bins)
-    gathered = sky.sum(partial(_inside, numbers=numbers, weights=weights, bins=wanted), roles=roles, words=words)
+    cumulative_weight = np.cumsum(counts)
+    bins = np.minimum(np.searchsorted(cumulative_weight, targets), BINS - 1)
+    target_bins = np.unique(bins)
+    contents = sky.sum(partial(_inside, numbers=numbers, weights=weights, bins=target_bins), roles=roles, words=label)
     sources = []
     for bin_, target in zip(bins, targets, strict=True):
-        values, mass = (np.concatenate(column) for column in zip(*gathered[int(bin_)], strict=True))
+        values, mass = (np.concatenate(column) for column in zip(*contents[int(bin_)], strict=True))
         order = np.argsort(values, kind="stable")
-        below = reached[bin_] - counts[bin_]
-        place = np.searchsorted(below + np.cumsum(mass[order]), target)
-        sources.append(values[order[min(place, len(order) - 1)]])
+        below = cumulative_weight[bin_] - counts[bin_]
+        index = np.searchsorted(below + np.cumsum(mass[order]), target)
+        sources.append(values[order[min(index, len(order) - 1)]])
     return np.array(sources)
 
 
@@ -257,8 +257,8 @@ def _inside(field, numbers, weights, bins):
     """Numbers and weights of the sources in some bins, a list for each, which grow by the parts."""
     values = numbers(field)
     mass = np.ones(len(values)) if weights is None else weights(field)
-    place = bin_of(values)
-    return {int(each): [(values[place == each], mass[place == each])] for each in bins}
+    value_bins = bin_of(values)
+    return {int(bin_): [(values[value_bins == bin_], mass[value_bins == bin_])] for bin_ in bins}
 
 
 def sample_of(sky: Parts, n_sources: int = 20_000) -> Field:
@@ -266,20 +266,20 @@ def sample_of(sky: Parts, n_sources: int = 20_000) -> Field:
     step = max(1, sky.counted() // n_sources)
     columns: dict[str, Any] = sky.sum(partial(_every, step=step), roles=(), words="a sample")
     frame = columns.pop("frame")[0]
-    joined: dict[str, Any] = {name: np.concatenate(values, axis=-1) for name, values in columns.items()}
-    return Field(**joined, frame=frame)
+    arrays: dict[str, Any] = {name: np.concatenate(values, axis=-1) for name, values in columns.items()}
+    return Field(**arrays, frame=frame)
 
 
 def _every(field, step):
-    some = field[::step]
-    return {name: [getattr(some, name)] for name in ("lon", "lat", "motion", "sigma", "rho", "frame")}
+    sample = field[::step]
+    return {name: [getattr(sample, name)] for name in ("lon", "lat", "motion", "sigma", "rho", "frame")}
 
 
 def field_or_fields(name: str, value: Any) -> Any:
     """A Field, or a list, tuple or stream of Fields."""
     if isinstance(value, Field):
         return value
-    if isinstance(value, (list, tuple)) and value and all(isinstance(each, Field) for each in value):
+    if isinstance(value, (list, tuple)) and value and all(isinstance(item, Field) for item in value):
         return value
     if hasattr(value, "__next__"):
         return value

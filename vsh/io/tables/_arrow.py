@@ -113,8 +113,8 @@ def open_lazy(frame: Any, label: str) -> TableSource:
         raise TableError(f"{label} cannot be collected: {first_line(error)}") from error
     _check_names(names, label)
 
-    def batches(wanted, rows):
-        table = frame.select(list(wanted)).collect().to_arrow()
+    def batches(request, rows):
+        table = frame.select(list(request)).collect().to_arrow()
         return table.to_batches(max_chunksize=min(rows, 2**20))
 
     return _source(label, empty.schema, batches)
@@ -137,11 +137,11 @@ def open_stream(thing: Any, label: str) -> TableSource:
     return _source(label, reader.schema, batches)
 
 
-def _reopen(arrow, thing, label):
+def _reopen(arrow, source, label):
     try:
-        if hasattr(thing, "__arrow_c_stream__"):
-            return arrow.RecordBatchReader.from_stream(thing)
-        batch = arrow.record_batch(thing)
+        if hasattr(source, "__arrow_c_stream__"):
+            return arrow.RecordBatchReader.from_stream(source)
+        batch = arrow.record_batch(source)
         return arrow.RecordBatchReader.from_batches(batch.schema, [batch])
     except TableError:
         raise
@@ -161,25 +161,25 @@ def _arrow(label):
 
 
 def _check_names(names, label):
-    repeated = sorted({name for name in names if names.count(name) > 1})
-    if repeated:
-        raise TableError(f"{label}: several columns are called {', '.join(map(repr, repeated))}")
+    duplicates = sorted({name for name in names if names.count(name) > 1})
+    if duplicates:
+        raise TableError(f"{label}: several columns are called {', '.join(map(repr, duplicates))}")
 
 
 def _source(label, schema, batches):
     def read(names, rows):
-        held, count, empty = [], 0, True
+        buffer, count, empty = [], 0, True
         for batch in _wrap_read_errors(batches(names, rows), label):
             while batch.num_rows:
                 take = min(rows - count, batch.num_rows)
-                held.append(batch.slice(0, take))
+                buffer.append(batch.slice(0, take))
                 count += take
                 batch = batch.slice(take)
                 if count == rows:
-                    yield _block(held, names, label)
-                    held, count, empty = [], 0, False
-        if held or empty:
-            yield _block(held, names, label)
+                    yield _block(buffer, names, label)
+                    buffer, count, empty = [], 0, False
+        if buffer or empty:
+            yield _block(buffer, names, label)
 
     units, meta, descriptions = _header(schema)
     return TableSource(label, tuple(schema.names), read, units, meta, descriptions=descriptions)
@@ -199,10 +199,10 @@ def _block(batches, names, label):
         return {name: (np.empty(0), None) for name in names}
     block = {}
     for name in names:
-        parts = [_column(batch.column(name), name, label) for batch in batches]
-        values = parts[0][0] if len(parts) == 1 else np.concatenate([values for values, _ in parts])
-        missing = any(mask is not None for _, mask in parts)
-        masks = [np.zeros(len(column), bool) if mask is None else mask for column, mask in parts] if missing else []
+        chunks = [_column(batch.column(name), name, label) for batch in batches]
+        values = chunks[0][0] if len(chunks) == 1 else np.concatenate([values for values, _ in chunks])
+        missing = any(mask is not None for _, mask in chunks)
+        masks = [np.zeros(len(column), bool) if mask is None else mask for column, mask in chunks] if missing else []
         block[name] = values, np.concatenate(masks) if missing else None
     return block
 
@@ -261,13 +261,13 @@ def _header(schema):
 
 def _pandas_attributes(schema):
     """The attributes of the DataFrame that a schema is made from, and a frame that stands there by itself."""
-    stored = schema.metadata or {}
+    metadata = schema.metadata or {}
     try:
-        attributes = dict(json.loads(stored.get(b"PANDAS_ATTRS") or b"{}"))  # as pandas 2 has them
-        attributes |= json.loads(stored.get(b"pandas") or b"{}").get("attributes") or {}
+        attributes = dict(json.loads(metadata.get(b"PANDAS_ATTRS") or b"{}"))  # as pandas 2 has them
+        attributes |= json.loads(metadata.get(b"pandas") or b"{}").get("attributes") or {}
     except ValueError as error:
         raise TableError(f"the metadata that pandas wrote are damaged: {first_line(error)}") from error
-    frame = stored.get(FRAME_KEY.encode())
+    frame = metadata.get(FRAME_KEY.encode())
     return attributes | ({FRAME_KEY: frame.decode("utf-8", "replace")} if frame else {})
 
 
@@ -300,9 +300,9 @@ def csv_blocks(
         from pyarrow import csv
     except ImportError:
         raise NotPlain from None
-    text: set[str] = {name for name, kind in types.items() if not kind.startswith(("int", "uint", "float"))}
-    numbers = {name: pa.float64() if kind.startswith("float") else pa.int64() for name, kind in types.items()}
-    kept = (pa.int64(), pa.float64(), pa.string(), pa.null())
+    text: set[str] = {name for name, datatype in types.items() if not datatype.startswith(("int", "uint", "float"))}
+    numbers = {name: pa.float64() if datatype.startswith("float") else pa.int64() for name, datatype in types.items()}
+    plain_types = (pa.int64(), pa.float64(), pa.string(), pa.null())
     try:
         with ExitStack() as files:
             while True:
@@ -315,9 +315,9 @@ def csv_blocks(
                 reader = csv.open_csv(
                     pa.PythonFile(file, "r"), form, csv.ParseOptions(delimiter=layout.delimiter), convert
                 )
-                if not (others := {field.name for field in reader.schema if field.type not in kept}):
+                if not (time_columns := {field.name for field in reader.schema if field.type not in plain_types}):
                     break
-                text |= others  # times, which are text to us
+                text |= time_columns  # times, which are text to us
             waiting: list[Any] = []
             for batch in reader:
                 waiting.append(batch)
@@ -345,12 +345,12 @@ class _Plain:
 
     def read(self, size: int = -1) -> bytes:
         """Some bytes more."""
-        part: bytes = self.file.read(size)
-        self.check.decode(part, final=not part)
-        if any(plus in self.last + part for plus in self.plus):
+        chunk: bytes = self.file.read(size)
+        self.check.decode(chunk, final=not chunk)
+        if any(plus in self.last + chunk for plus in self.plus):
             raise NotPlain
-        self.last = part[-1:]
-        return part
+        self.last = chunk[-1:]
+        return chunk
 
     def close(self) -> None:
         """Close the file."""
@@ -358,23 +358,25 @@ class _Plain:
 
 
 def _as_arrays(table, pa):
-    out = {}
+    arrays = {}
     for name in table.column_names:
         column = table.column(name)
         if pa.types.is_string(column.type):
             values = column.to_numpy().astype(str)
             if values.dtype.itemsize > 4 * FIELD:
                 raise NotPlain
-            out[name] = values
+            arrays[name] = values
             continue
         mask = column.is_null().to_numpy()
         if pa.types.is_null(column.type):
-            out[name] = np.ma.MaskedArray(np.zeros(len(column)), mask)
+            arrays[name] = np.ma.MaskedArray(np.zeros(len(column)), mask)
             continue
         values = column.fill_null(0).to_numpy()
         if values.dtype.kind == "f":
-            high = np.abs(values) >= _EXACT  # perhaps integers of more digits than a double has, or too long for one
-            if np.isinf(values).any() or (high.any() and (values == np.rint(values)).all()):
+            is_large = (
+                np.abs(values) >= _EXACT
+            )  # perhaps integers of more digits than a double has, or too long for one
+            if np.isinf(values).any() or (is_large.any() and (values == np.rint(values)).all()):
                 raise NotPlain
-        out[name] = np.ma.MaskedArray(values, mask)
-    return out
+        arrays[name] = np.ma.MaskedArray(values, mask)
+    return arrays

@@ -27,7 +27,7 @@ def check_layout(path: PathName, label: str) -> Any:
         size = file.seek(0, 2)
         file.seek(0)
         while file.tell() < size:
-            header = _header(file, label, first=not tables)
+            header = _header(file, label, is_first=not tables)
             if header is None:  # blocks of nothing behind the last unit are allowed
                 break
             tables.append(header)
@@ -49,23 +49,23 @@ def check_layout(path: PathName, label: str) -> Any:
                 )
             if header.get("XTENSION") == "BINTABLE":
                 _check_row(header, lengths, label)
-            padded = -(-data // _BLOCK) * _BLOCK
+            padded_size = -(-data // _BLOCK) * _BLOCK
             file.seek(start + data)
-            rest = file.read(min(padded - data, size - start - data))
-            if rest.strip(b"\x00 "):
+            padding = file.read(min(padded_size - data, size - start - data))
+            if padding.strip(b"\x00 "):
                 raise TableError(f"{label} is damaged: there are data behind the last of the declared rows")
-            file.seek(start + padded)
+            file.seek(start + padded_size)
     if not tables:
         raise TableError(f"{label} is empty")
     return tables
 
 
-def _header(file, label, first):
+def _header(file, label, is_first):
     header, cards = {}, 0
     start = file.tell()
     while True:
         block = file.read(_BLOCK)
-        if not block.strip(b"\x00") and not header and not first:
+        if not block.strip(b"\x00") and not header and not is_first:
             return None
         for k in range(0, len(block), _CARD):
             card = block[k : k + _CARD]
@@ -86,11 +86,11 @@ def _value(text):
     if text.startswith("'"):
         end = re.match(r"'((?:[^']|'')*)'", text)
         return end.group(1).replace("''", "'").rstrip() if end else text
-    word = text.split("/")[0].strip()
+    token = text.split("/")[0].strip()
     try:
-        return int(word)
+        return int(token)
     except ValueError:
-        return word
+        return token
 
 
 def _check_row(header, lengths, label):
@@ -127,56 +127,56 @@ def open_fits(path: PathName, label: str) -> TableSource:
     tables = [number for number, header in enumerate(units) if header.get("XTENSION") in ("BINTABLE", "TABLE")]
     if not tables:
         raise TableError(f"{label} holds no table")
-    chosen = tables[0]
+    extension = tables[0]
     with _wrap_read_errors(label), _open(plain.name) as hdus:
-        columns = list(hdus[chosen].columns)
-        meta = _meta(hdus[chosen].header)
+        columns = list(hdus[extension].columns)
+        meta = _meta(hdus[extension].header)
         descriptions = {
-            c.name: str(hdus[chosen].header[f"TCOMM{i}"])
+            c.name: str(hdus[extension].header[f"TCOMM{i}"])
             for i, c in enumerate(columns, 1)
-            if f"TCOMM{i}" in hdus[chosen].header
+            if f"TCOMM{i}" in hdus[extension].header
         }
-    described = {column.name: column for column in columns}
+    definitions = {column.name: column for column in columns}
     names = [column.name for column in columns]
     if not names or not all(names):
         raise TableError(f"{label} is damaged: {'its table has no columns' if not names else 'a column has no name'}")
-    repeated = sorted({name for name in names if names.count(name) > 1})
-    if repeated:
-        raise TableError(f"{label} is damaged: several columns are called {', '.join(repeated)}")
+    duplicates = sorted({name for name in names if names.count(name) > 1})
+    if duplicates:
+        raise TableError(f"{label} is damaged: several columns are called {', '.join(duplicates)}")
 
-    def read(wanted, rows):
+    def read(request, rows):
         # `plain` is kept by this function: the unpacked copy goes when nobody reads it any more.
         with _wrap_read_errors(label):
             hdus = _open(plain.name)
         with hdus:
-            for start in range(0, max(1, units[chosen]["NAXIS2"]), rows):
+            for start in range(0, max(1, units[extension]["NAXIS2"]), rows):
                 with _wrap_read_errors(label):
-                    if hdus[chosen].data is None:
+                    if hdus[extension].data is None:
                         raise TableError(f"{label} is damaged: its table holds no data")
-                    part = hdus[chosen].data[start : start + rows]
+                    chunk = hdus[extension].data[start : start + rows]
                     # Views of the file's bytes, one after the other; turned into numbers side by side.
-                    views = [np.asarray(part[name]) for name in wanted]
-                    held = [described[name] for name in wanted]
+                    views = [np.asarray(chunk[name]) for name in request]
+                    selection = [definitions[name] for name in request]
                     with ThreadPoolExecutor(cores()) as pool:
-                        block = dict(zip(wanted, pool.map(partial(_column, part), views, held), strict=True))
-                    del part, views
-                    for column in hdus[chosen].columns:  # or astropy copies them all when the file is closed
+                        block = dict(zip(request, pool.map(partial(_column, chunk), views, selection), strict=True))
+                    del chunk, views
+                    for column in hdus[extension].columns:  # or astropy copies them all when the file is closed
                         column.array = None
                 yield block
 
     notes: tuple[str, ...] = ()
     if len(tables) > 1:
-        notes = (f"{label} holds {len(tables)} tables; the first was read (extension {chosen})",)
+        notes = (f"{label} holds {len(tables)} tables; the first was read (extension {extension})",)
     # Rows in one block are at most as many as the file holds, whose size has been looked at.
     units_of = {c.name: c.unit for c in columns if c.unit and c.unit.strip()}
-    rows = max(1, units[chosen]["NAXIS2"])  # the file holds as many: `check_layout` has looked
+    rows = max(1, units[extension]["NAXIS2"])  # the file holds as many: `check_layout` has looked
     return TableSource(label, tuple(names), read, units_of, meta, notes, whole=rows, descriptions=descriptions)
 
 
 @contextmanager
 def _wrap_read_errors(label):
     """Whatever goes wrong within, and whatever astropy says of damage, is a TableError."""
-    with warnings.catch_warnings(record=True) as caught:
+    with warnings.catch_warnings(record=True) as warning_records:
         warnings.simplefilter("always")
         try:
             yield
@@ -184,7 +184,7 @@ def _wrap_read_errors(label):
             raise
         except Exception as error:  # whatever a damaged file makes of a reader
             raise TableError(f"{label} cannot be read as FITS: {first_line(error)}") from error
-    for warning in caught:
+    for warning in warning_records:
         if _DAMAGE.search(str(warning.message)):
             raise TableError(f"{label} is damaged: {first_line(warning.message)}. Fetch it again")
 
@@ -195,7 +195,7 @@ def _open(path):
     return fits.open(path, memmap=True, checksum=True)
 
 
-def _column(part, values, column):
+def _column(chunk, values, column):
     """Values in native byte order, and the mask of what is null."""
     values = np.array(values, dtype=values.dtype.newbyteorder("=") if values.dtype.kind in "iufc" else None)
     if values.dtype.kind in "SU":
@@ -204,7 +204,7 @@ def _column(part, values, column):
     mask = None  # a nan stays one: what is not finite is counted apart from what is null
     if column.null not in (None, "") and values.ndim == 1:
         # The null is what the file holds, before scale and zero point.
-        raw = part.view(np.ndarray)[column.name]
+        raw = chunk.view(np.ndarray)[column.name]
         mask = raw == column.null if raw.dtype.kind in "iu" else _text_null(raw, column.null)
     return values, mask
 
@@ -213,8 +213,8 @@ def _text_null(raw, null):
     """Null values of text columns: words or blanks."""
     if raw.dtype.kind != "S":
         return np.zeros(len(raw), bool)
-    words = np.char.strip(raw)
-    return (words == str(null).strip().encode()) | (words == b"")
+    text = np.char.strip(raw)
+    return (text == str(null).strip().encode()) | (text == b"")
 
 
 def _meta(header):

@@ -105,8 +105,8 @@ def _http_timeout():
 
 
 def _below(text):
-    parts = urlsplit(text)
-    return f"{parts.netloc.rpartition('@')[2]}{parts.path}".rstrip("/")
+    address = urlsplit(text)
+    return f"{address.netloc.rpartition('@')[2]}{address.path}".rstrip("/")
 
 
 def _anonymous(text, credentials):
@@ -120,10 +120,10 @@ def _s3(text, fs):
     anonymous = _anonymous(text, set_up)
     endpoint = os.environ.get("AWS_ENDPOINT_URL_S3") or os.environ.get("AWS_ENDPOINT_URL") or ""
     scheme, _, host = endpoint.rpartition("://")
-    given = {"endpoint_override": host, "scheme": scheme or "https"} if host else {}
+    options = {"endpoint_override": host, "scheme": scheme or "https"} if host else {}
     region = os.environ.get("AWS_REGION") or os.environ.get("AWS_DEFAULT_REGION")
-    given |= {"region": region} if region else {}
-    return fs.S3FileSystem(anonymous=anonymous, connect_timeout=CONNECT, request_timeout=ANSWER, **given)
+    options |= {"region": region} if region else {}
+    return fs.S3FileSystem(anonymous=anonymous, connect_timeout=CONNECT, request_timeout=ANSWER, **options)
 
 
 def _unreachable(label, error):
@@ -135,35 +135,35 @@ def _unreachable(label, error):
     )
 
 
-def open_at(source: Any, open_file: Any, kind: str | None = None) -> TableSource:
+def open_at(source: Any, open_file: Any, file_format: str | None = None) -> TableSource:
     """A table at an address; `open_file(path, label, kind)` opens a file that was fetched."""
-    place = source if isinstance(source, Place) else place_of(source)
-    label = place.label
-    files = files_at(place)
+    location = source if isinstance(source, Place) else place_of(source)
+    label = location.label
+    files = files_at(location)
     if len(files) > 1:
         raise TableError(f"{label} holds {len(files)} files: go through them with vsh.io.catalogue.parts, or --workers")
     (file,) = files
-    kind = kind or _kind_of_store(file.path)
-    if kind == "parquet":
+    file_format = file_format or _kind_of_store(file.path)
+    if file_format == "parquet":
         return open_parquet_at(file.filesystem, file.path, label)
     copy = in_folder(PurePosixPath(file.path).name)
     try:
-        with file.filesystem.open_input_stream(file.path, compression=None) as stream, open(copy.name, "wb") as new:
-            shutil.copyfileobj(stream, new, 2**20)
+        with file.filesystem.open_input_stream(file.path, compression=None) as stream, open(copy.name, "wb") as output:
+            shutil.copyfileobj(stream, output, 2**20)
     except Exception as error:  # whatever a server that dies makes of its library
         raise _unreachable(label, error) from error
-    opened = open_file(Path(copy.name), label, kind)
-    return _keeping(opened, copy)
+    table = open_file(Path(copy.name), label, file_format)
+    return _keeping(table, copy)
 
 
-def _keeping(opened, copy):
+def _keeping(table, copy):
     """A table that holds the copy it is read from."""
 
     def read(names, rows) -> Iterator[dict[str, Any]]:
         assert copy.name
-        yield from opened.read(names, rows)
+        yield from table.read(names, rows)
 
-    return replace(opened, read=read)
+    return replace(table, read=read)
 
 
 def _kind_of_store(path):
@@ -186,34 +186,36 @@ def files_at(place: Place) -> list[Place]:
             return [place]
         if info.type == fs.FileType.NotFound:
             raise TableError(f"{place.label}: there is no such file or folder, or no server answers")
-        found = place.filesystem.get_file_info(fs.FileSelector(place.path, recursive=True))
+        entries = place.filesystem.get_file_info(fs.FileSelector(place.path, recursive=True))
     except Exception as error:  # whatever a server that dies makes of its library
         if isinstance(error, TableError):
             raise
         raise _unreachable(place.label, error) from error
-    inside = {entry.path[len(place.path) :].lstrip("/"): entry.path for entry in found if entry.is_file}
+    inside = {entry.path[len(place.path) :].lstrip("/"): entry.path for entry in entries if entry.is_file}
     if "hats.properties" in inside or ("properties" in inside and any(p.startswith("dataset/") for p in inside)):
-        wanted = {p: full for p, full in inside.items() if p.startswith("dataset/Norder=") and p.endswith(".parquet")}
+        paths = {p: full for p, full in inside.items() if p.startswith("dataset/Norder=") and p.endswith(".parquet")}
     else:
-        hidden = {p for p in inside if any(part.startswith((".", "_")) for part in PurePosixPath(p).parts)}
-        wanted = {p: full for p, full in inside.items() if p not in hidden and _kind_of_store(p)}
-    if not wanted:
+        hidden_paths = {
+            p for p in inside if any(component.startswith((".", "_")) for component in PurePosixPath(p).parts)
+        }
+        paths = {p: full for p, full in inside.items() if p not in hidden_paths and _kind_of_store(p)}
+    if not paths:
         raise TableError(f"{place.label} is a folder without tables: known endings are {', '.join(formats.READ)}")
-    kinds = {_kind_of_store(p) for p in wanted}
-    if len(kinds) > 1:
+    file_formats = {_kind_of_store(p) for p in paths}
+    if len(file_formats) > 1:
         raise TableError(
-            f"{place.label} holds tables of several formats ({', '.join(sorted(kinds))}): name those of one"
+            f"{place.label} holds tables of several formats ({', '.join(sorted(file_formats))}): name those of one"
         )
-    return [place.inside(wanted[p]) for p in sorted(wanted)]
+    return [place.inside(paths[p]) for p in sorted(paths)]
 
 
 #: The name of the file in which a command keeps what came in on standard input; where it lies is nobody's business.
 STANDARD_INPUT = "standard input"
 
 
-def _open_file(path, label, kind):
+def _open_file(path, label, file_format):
     """A file of a known format, by the reader that its row names."""
-    module, _, name = BY_KIND[kind].opens.partition(":")
+    module, _, name = BY_KIND[file_format].opens.partition(":")
     return getattr(import_module(module), name)(path, label)
 
 
@@ -254,18 +256,18 @@ def open_table(source: Any, format: str | None = None) -> TableSource:
         return open_astropy(source)
     if hasattr(source, "__arrow_c_stream__") or hasattr(source, "__arrow_c_array__"):
         return open_stream(source, f"the {type(source).__name__}")
-    its = type(source)
-    if its.__name__ == "LazyFrame":
+    cls = type(source)
+    if cls.__name__ == "LazyFrame":
         return open_lazy(source, "the LazyFrame")
-    if any(c.__name__ == "Dataset" and c.__module__.startswith("pyarrow") for c in its.__mro__):
+    if any(c.__name__ == "Dataset" and c.__module__.startswith("pyarrow") for c in cls.__mro__):
         return open_dataset(source, "the Dataset")
-    if hasattr(its, "__dask_graph__") or hasattr(its, "to_delayed"):
+    if hasattr(cls, "__dask_graph__") or hasattr(cls, "to_delayed"):
         raise TableError("a table of Dask is in parts: give it to vsh.io.catalogue.parts(…), or .compute() it")
     return open_other(source)
 
 
-def _open_fetched(path, label, kind):
-    return _open_file(path, label, kind or _find_format(path, label))
+def _open_fetched(path, label, file_format):
+    return _open_file(path, label, file_format or _find_format(path, label))
 
 
 #: A file with several tables, and the number of one: tables.tsv#2.
@@ -282,12 +284,12 @@ def _open_path(path, format):
     try:
         if path.is_dir():
             return _open_folder(path, label, format)
-        if (numbered := _NUMBERED.fullmatch(text)) and not path.exists() and Path(numbered[1]).is_file():
-            return open_numbered(Path(numbered[1]), int(numbered[2]), label)
+        if (match := _NUMBERED.fullmatch(text)) and not path.exists() and Path(match[1]).is_file():
+            return open_numbered(Path(match[1]), int(match[2]), label)
         if not path.is_file():
             raise TableError(f"{label}: no such file" if not path.exists() else f"{label} is no regular file")
-        kind = BY_NAME[format].kind if format else _find_format(path, label)
-        return _open_file(path, label, kind)
+        file_format = BY_NAME[format].kind if format else _find_format(path, label)
+        return _open_file(path, label, file_format)
     except (OSError, ValueError) as error:
         if isinstance(error, TableError):
             raise
@@ -305,9 +307,9 @@ def _find_format(path, label):
         for row in FORMATS:
             if row.begins is not None and row.begins.match(begin):
                 return row.kind
-        known = "" if label == STANDARD_INPUT else f" Known endings: {', '.join(READ)}, each also with .gz."
+        hint = "" if label == STANDARD_INPUT else f" Known endings: {', '.join(READ)}, each also with .gz."
         raise TableError(
-            f"{label}: unrecognised format.{known} Name it: --input-format {'|'.join(BY_NAME)}, where ascii is any text"
+            f"{label}: unrecognised format.{hint} Name it: --input-format {'|'.join(BY_NAME)}, where ascii is any text"
             " in columns (format=…)"
         ) from None
 
@@ -323,10 +325,10 @@ def _describe_folder(path):
 
 
 def _open_folder(path, label, format):
-    kind, files = _tables_in(path, label, format)
-    if kind == "parquet":
+    file_format, files = _tables_in(path, label, format)
+    if file_format == "parquet":
         return open_parquet(files, label)  # one dataset
-    return concatenate_sources(label, [_open_file(file, printable(file), kind) for file in files])
+    return concatenate_sources(label, [_open_file(file, printable(file), file_format) for file in files])
 
 
 def files_of(path: PathName, format: str | None = None) -> list[Any]:
@@ -345,29 +347,33 @@ def _tables_in(path, label, format=None):
     """The format and the files of a folder."""
     path = _main_table(path, label)
     if _is_hats(path):  # beside its partitions lie a thumbnail of them, and maps of the sky
-        files = [each for each in sorted((path / "dataset").glob("Norder=*/**/*.parquet")) if each.is_file()]
+        files = [
+            partition for partition in sorted((path / "dataset").glob("Norder=*/**/*.parquet")) if partition.is_file()
+        ]
         if not files:
             raise TableError(f"{label} is a catalogue in HATS format without partitions")
         _check_partitions(path, files, label)
         return "parquet", files
-    kinds = {}
+    groups = {}
     for file in sorted(path.rglob("*")):
         inside = file.relative_to(path).parts
-        if any(part.startswith((".", "_")) for part in inside) or not file.is_file():
+        if any(component.startswith((".", "_")) for component in inside) or not file.is_file():
             continue
         if format:
-            kinds.setdefault(BY_NAME[format].kind, []).append(file)
+            groups.setdefault(BY_NAME[format].kind, []).append(file)
             continue
         try:
-            kinds.setdefault(format_of(file, READ), []).append(file)
+            groups.setdefault(format_of(file, READ), []).append(file)
         except TableError:
             continue
-    if not kinds:
+    if not groups:
         raise TableError(f"{label} is a folder without tables: known endings are {', '.join(READ)}")
-    if len(kinds) > 1:
-        counts = ", ".join(f"{len(files)} of {kind.removeprefix('ascii.')}" for kind, files in kinds.items())
+    if len(groups) > 1:
+        counts = ", ".join(
+            f"{len(files)} of {file_format.removeprefix('ascii.')}" for file_format, files in groups.items()
+        )
         raise TableError(f"{label} holds tables of several formats ({counts}): name a folder with those of one")
-    return next(iter(kinds.items()))
+    return next(iter(groups.items()))
 
 
 def _is_hats(path):
@@ -376,19 +382,19 @@ def _is_hats(path):
 
 def _check_partitions(path, files, label):
     """Raise TableError where partitions that a HATS catalogue lists are not there."""
-    listed = path / "partition_info.csv"
-    if not listed.is_file():
+    info_path = path / "partition_info.csv"
+    if not info_path.is_file():
         return
     try:
-        with listed.open(encoding="utf-8", errors="replace", newline="") as file:
-            wanted = {(row.get("Norder"), row.get("Npix")) for row in csv.DictReader(file)}
+        with info_path.open(encoding="utf-8", errors="replace", newline="") as file:
+            partitions = {(row.get("Norder"), row.get("Npix")) for row in csv.DictReader(file)}
     except csv.Error as error:
         raise TableError(f"{label}: its partition_info.csv is damaged ({error}): fetch it again") from None
-    there = {found.groups() for each in files if (found := _PARTITION.search(each.as_posix()))}
-    lost = sorted(f"Norder={order}, Npix={pixel}" for order, pixel in wanted - there if order and pixel)
+    file_partitions = {match.groups() for file_path in files if (match := _PARTITION.search(file_path.as_posix()))}
+    lost = sorted(f"Norder={order}, Npix={pixel}" for order, pixel in partitions - file_partitions if order and pixel)
     if lost:
         raise TableError(
-            f"{label} lacks {len(lost)} of {len(wanted)} partitions that its partition_info.csv lists (first: "
+            f"{label} lacks {len(lost)} of {len(partitions)} partitions that its partition_info.csv lists (first: "
             f"{printable(lost[0])}): fetch them again, or name the folder dataset to read what is there"
         )
 
@@ -445,12 +451,12 @@ def _read_ecsv(path, label):
         raise TableError(f"{label} cannot be read as ECSV: {first_line(error)}") from error
 
 
-def _check_memory(path, label, most=2**28):
+def _check_memory(path, label, limit=2**28):
     """NumPy gives every row of a column of text the room of the longest."""
     longest = count = 0
     with open(path, "rb") as file:
         for line in file:
             if not line.startswith(b"#"):
                 longest, count = max(longest, len(line)), count + 1
-    if 4 * longest * count > max(most, 16 * Path(path).stat().st_size):
+    if 4 * longest * count > max(limit, 16 * Path(path).stat().st_size):
         raise TableError(f"{label} is damaged, or no result: a line of {longest} characters among {count}")

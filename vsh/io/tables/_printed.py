@@ -41,9 +41,9 @@ def printed(table: Table, forms: Mapping[str, str] | None = None) -> tuple[list[
     rows : list of list of str
         As many cells each.
     """
-    spelled = ("{}_error", "sigma_{}")
+    patterns = ("{}_error", "sigma_{}")
     errors = {
-        name: each.format(name) for name in table.colnames for each in spelled if each.format(name) in table.colnames
+        name: item.format(name) for name in table.colnames for item in patterns if item.format(name) in table.colnames
     }
     if {"value", "sigma"} <= set(table.colnames):
         errors["value"] = "sigma"
@@ -58,17 +58,17 @@ def printed(table: Table, forms: Mapping[str, str] | None = None) -> tuple[list[
             pairs = zip(values, table[errors[name]].tolist(), strict=True)
             cells = [f"{value:{form}} ± {error:{form.lstrip('+')}}" for value, error in pairs]
         elif form:
-            cells = [format(each, form) for each in values]
+            cells = [format(item, form) for item in values]
         elif name in errors:
-            cells = [_with_error(*each) for each in zip(values, table[errors[name]].tolist(), strict=True)]
+            cells = [_with_error(*item) for item in zip(values, table[errors[name]].tolist(), strict=True)]
         elif name.startswith("p_value"):
             cells = list(map(printed_p_value, values))
         elif name == "unit":
             cells = list(map(unit_words, values))
         elif name.startswith("correlation_"):
-            cells = [f"{each:+.3f}" for each in values]
+            cells = [f"{item:+.3f}" for item in values]
         elif (name.startswith(_ALIKE) and "sigma" in table.colnames) or name == "sigma":
-            cells = [_round_to_error(*each) for each in zip(values, table["sigma"].tolist(), strict=True)]
+            cells = [_round_to_error(*item) for item in zip(values, table["sigma"].tolist(), strict=True)]
         else:
             cells = list(map(cell, values))
         head = f"r({name.removeprefix('correlation_')})" if name.startswith("correlation_") else name.replace("_", " ")
@@ -101,8 +101,8 @@ def _with_error(value, error):
 
 
 def _round_to_error(value, error):
-    known = isinstance(value, float) and isinstance(error, float) and np.isfinite(value) and 1e-6 < error < 1e6
-    return f"{value:.{two_digits(error)}f}" if known else cell(value)
+    has_error = isinstance(value, float) and isinstance(error, float) and np.isfinite(value) and 1e-6 < error < 1e6
+    return f"{value:.{two_digits(error)}f}" if has_error else cell(value)
 
 
 def unit_words(unit: Any) -> str:

@@ -36,15 +36,15 @@ def packing(begin: bytes) -> str | None:
 def unpacked(path: PathName, label: str) -> io.BufferedReader:
     """The bytes of a file, unpacked where it is packed, as a stream to read from."""
     file = open(path, "rb")  # noqa: SIM115 (the caller closes the stream, and with it the file)
-    kind = packing(file.peek(6)[:6])
-    if kind is None:
+    compression = packing(file.peek(6)[:6])
+    if compression is None:
         return file
     file.close()
-    if kind == "gzip":
+    if compression == "gzip":
         return io.BufferedReader(gzip.open(path, "rb"), 2**20)
-    if kind == "bzip2":
+    if compression == "bzip2":
         return io.BufferedReader(bz2.open(path, "rb"), 2**20)
-    if kind == "xz":
+    if compression == "xz":
         return io.BufferedReader(lzma.open(path, "rb"), 2**20)
     try:
         import pyarrow
@@ -80,8 +80,8 @@ def plain_file(path: PathName, label: str) -> Any:
             return file
     copy = in_folder(Path(path).stem)
     try:
-        with unpacked(path, label) as stream, open(copy.name, "wb") as new:
-            shutil.copyfileobj(stream, new, 2**20)
+        with unpacked(path, label) as stream, open(copy.name, "wb") as output:
+            shutil.copyfileobj(stream, output, 2**20)
     except DAMAGE as error:
         if isinstance(error, TableError):
             raise
@@ -108,18 +108,18 @@ class TableSource(InNotebook):
 
     def blocks(self, names: Sequence[str] | None = None, rows: int = ROWS) -> Iterator[dict[str, Any]]:
         """Some columns in blocks of at most `rows` rows: dicts of (values, mask or None)."""
-        wanted = tuple(self.names if names is None else names)
+        request = tuple(self.names if names is None else names)
         # astropy keeps a mask that a format cannot hold as a column of its own beside the values.
-        masks = tuple(f"{name}.mask" for name in wanted if f"{name}.mask" in self.names)
-        for block in self.read(tuple(dict.fromkeys(wanted + masks)), rows):
-            yield {name: _with_mask(block, name) for name in wanted}
+        masks = tuple(f"{name}.mask" for name in request if f"{name}.mask" in self.names)
+        for block in self.read(tuple(dict.fromkeys(request + masks)), rows):
+            yield {name: _with_mask(block, name) for name in request}
 
     def columns(self, names: Sequence[str] | None = None) -> dict[str, Any]:
         """Some columns whole, a dict of (values, mask or None); all of them unless named."""
-        parts = list(self.blocks(names, self.whole))
-        if len(parts) == 1:
-            return parts[0]
-        return {name: _join_blocks([part[name] for part in parts]) for name in parts[0]}
+        blocks = list(self.blocks(names, self.whole))
+        if len(blocks) == 1:
+            return blocks[0]
+        return {name: _join_blocks([block[name] for block in blocks]) for name in blocks[0]}
 
     def to_table(self) -> Table:
         """The whole as an astropy Table."""
@@ -129,35 +129,39 @@ class TableSource(InNotebook):
         table = Table(meta=dict(self.meta))
         for name, (values, mask) in self.columns(names).items():
             unit = self.units.get(name)
-            masked = mask is not None and mask.any()
-            table[name] = MaskedColumn(values, mask=mask, unit=unit) if masked else Column(values, unit=unit)
+            has_missing = mask is not None and mask.any()
+            table[name] = MaskedColumn(values, mask=mask, unit=unit) if has_missing else Column(values, unit=unit)
         return table
 
 
 def concatenate_sources(label: str, sources: Sequence[TableSource]) -> TableSource:
     """Several tables with the same columns, one after the other, as one."""
-    first = sources[0]
+    reference = sources[0]
 
     def read(names, rows):
         for source in sources:
-            check_alike(source, first.label, {name: str(first.units.get(name)) for name in names})
+            check_alike(source, reference.label, {name: str(reference.units.get(name)) for name in names})
             yield from source.read(names, rows)
 
     notes = tuple(dict.fromkeys(note for source in sources for note in source.notes))
-    return TableSource(label, first.names, read, first.units, first.meta, notes, descriptions=first.descriptions)
+    return TableSource(
+        label, reference.names, read, reference.units, reference.meta, notes, descriptions=reference.descriptions
+    )
 
 
 def cache_rows(source: TableSource) -> TableSource:
     """Cache the columns of a table, each of which is then read once."""
-    known: dict[str, Any] = {}
+    cache: dict[str, Any] = {}
 
     def read(names, rows):
-        new = [name for name in names if name not in known]
-        known.update(source.columns(new) if new else {})
-        whole = {name: known[name] for name in names}
-        for start in range(0, max(1, len(next(iter(whole.values()))[0])), rows):
-            part = slice(start, start + rows)
-            yield {name: (values[part], None if mask is None else mask[part]) for name, (values, mask) in whole.items()}
+        missing_names = [name for name in names if name not in cache]
+        cache.update(source.columns(missing_names) if missing_names else {})
+        columns = {name: cache[name] for name in names}
+        for start in range(0, max(1, len(next(iter(columns.values()))[0])), rows):
+            chunk = slice(start, start + rows)
+            yield {
+                name: (values[chunk], None if mask is None else mask[chunk]) for name, (values, mask) in columns.items()
+            }
 
     return replace(source, read=read)
 
@@ -180,11 +184,11 @@ def _with_mask(block, name):
     return values, further if mask is None else mask | further
 
 
-def _join_blocks(parts):
-    values = np.concatenate([values for values, _ in parts])
-    if all(mask is None for _, mask in parts):
+def _join_blocks(blocks):
+    values = np.concatenate([values for values, _ in blocks])
+    if all(mask is None for _, mask in blocks):
         return values, None
-    return values, np.concatenate([np.zeros(len(v), bool) if mask is None else mask for v, mask in parts])
+    return values, np.concatenate([np.zeros(len(v), bool) if mask is None else mask for v, mask in blocks])
 
 
 def open_astropy(table: Any) -> TableSource:
@@ -201,9 +205,9 @@ def open_astropy(table: Any) -> TableSource:
     names = tuple(table.colnames)
     units = {name: table[name].unit for name in names if getattr(table[name], "unit", None) is not None}
 
-    def read(wanted, rows):
+    def read(request, rows):
         for start in range(0, max(1, len(table)), rows):
-            yield {name: _column(table[name][start : start + rows]) for name in wanted}
+            yield {name: _column(table[name][start : start + rows]) for name in request}
 
     descriptions = {name: table[name].description for name in names if getattr(table[name], "description", None)}
     return TableSource("the table", names, read, units, dict(table.meta), descriptions=descriptions)
@@ -221,20 +225,22 @@ def _of_skycoord(coord):
     """Columns of coordinates in the names of Gaia's archive, and their frame."""
     from astropy import units as u
 
-    known = {theirs: ours for ours, theirs in FRAMES.items()}
+    frame_names = {theirs: ours for ours, theirs in FRAMES.items()}
     frame = coord.frame.name
-    if frame not in known:
-        raise TableError(f"coordinates in {frame} are not supported: convert to {', '.join(known)}, as with coord.icrs")
+    if frame not in frame_names:
+        raise TableError(
+            f"coordinates in {frame} are not supported: convert to {', '.join(frame_names)}, as with coord.icrs"
+        )
     if coord.isscalar:
         raise TableError("the SkyCoord holds one position: give it arrays")
-    place = coord.spherical
-    columns = {"ra": place.lon.to(u.deg), "dec": place.lat.to(u.deg)}
+    position = coord.spherical
+    columns = {"ra": position.lon.to(u.deg), "dec": position.lat.to(u.deg)}
     if "s" in coord.frame.data.differentials:
         moves = coord.sphericalcoslat.differentials["s"]
         columns |= {"pmra": moves.d_lon_coslat.to(u.mas / u.yr), "pmdec": moves.d_lat.to(u.mas / u.yr)}
-    if place.distance.unit.is_equivalent(u.m):
-        columns["distance"] = place.distance
-    return {name: u.Quantity(np.ravel(values)) for name, values in columns.items()}, known[frame]
+    if position.distance.unit.is_equivalent(u.m):
+        columns["distance"] = position.distance
+    return {name: u.Quantity(np.ravel(values)) for name, values in columns.items()}, frame_names[frame]
 
 
 def open_xarray(dataset: Any) -> TableSource:
@@ -242,11 +248,11 @@ def open_xarray(dataset: Any) -> TableSource:
     from astropy.table import Table
 
     variables = {str(name): dataset[name] for name in (*dataset.data_vars, *dataset.coords) if dataset[name].ndim == 1}
-    sizes = {each.size for each in variables.values()}
+    sizes = {variable.size for variable in variables.values()}
     if len(sizes) != 1:
         raise TableError(f"the Dataset has {len(sizes)} lengths of variables with one dimension: one is expected")
-    table = Table({name: np.asarray(each.values) for name, each in variables.items()}, meta=dict(dataset.attrs))
-    units = {name: str(each.attrs["units"]) for name, each in variables.items() if each.attrs.get("units")}
+    table = Table({name: np.asarray(variable.values) for name, variable in variables.items()}, meta=dict(dataset.attrs))
+    units = {name: str(variable.attrs["units"]) for name, variable in variables.items() if variable.attrs.get("units")}
     return replace(open_astropy(table), label="the Dataset", units=units)
 
 
@@ -257,13 +263,17 @@ def open_frame(frame: Any) -> TableSource:
         raise TableError(f"the table has several columns of one name: {', '.join(names)}")
     at = dict(zip(names, range(len(names)), strict=True))
 
-    def read(wanted, rows):
+    def read(request, rows):
         for start in range(0, max(1, len(frame)), rows):
-            yield {name: _series(frame.iloc[start : start + rows, at[name]], name) for name in wanted}
+            yield {name: _series(frame.iloc[start : start + rows, at[name]], name) for name in request}
 
     meta = {str(key): value for key, value in getattr(frame, "attrs", {}).items()}
-    stated = meta.get("units")  # as users of pandas keep them
-    units = {name: str(stated[name]) for name in names if name in stated} if isinstance(stated, Mapping) else {}
+    unit_attribute = meta.get("units")  # as users of pandas keep them
+    units = (
+        {name: str(unit_attribute[name]) for name in names if name in unit_attribute}
+        if isinstance(unit_attribute, Mapping)
+        else {}
+    )
     return TableSource("the table", names, read, units, meta)
 
 
@@ -296,19 +306,19 @@ def _series(series, name):
     mask = series.isna().to_numpy()
     if isinstance(series.dtype, np.dtype) and series.dtype.kind == "f":
         return series.to_numpy(), None  # a nan is not finite, as in every format
-    kind = series.dtype.kind
+    type_code = series.dtype.kind
     try:
-        if isinstance(series.dtype, np.dtype) and kind != "O":
+        if isinstance(series.dtype, np.dtype) and type_code != "O":
             values = series.to_numpy()
-        elif kind in "iu":
-            values = series.to_numpy(dtype=f"{kind}8", na_value=0)
-        elif kind == "f":
+        elif type_code in "iu":
+            values = series.to_numpy(dtype=f"{type_code}8", na_value=0)
+        elif type_code == "f":
             values = series.to_numpy(dtype="f8", na_value=np.nan)
-        elif kind == "b":
+        elif type_code == "b":
             values = series.to_numpy(dtype=bool, na_value=False)
         else:
             values = series.to_numpy(dtype=object)
-            if all(isinstance(each, str) for each in values[~mask]):
+            if all(isinstance(value, str) for value in values[~mask]):
                 values = np.array(np.where(mask, "", values), dtype=str)
     except (TypeError, ValueError) as error:
         raise TableError(f"column {name!r} cannot be read: {first_line(error)}") from error
@@ -345,9 +355,9 @@ def open_whole(path: PathName, label: str, kind: str) -> TableSource:
         raise TableError(f"{label} has no rows")
     several = [name for name in table.colnames if table[name].ndim > 1]
     table.remove_columns(several)
-    opened = open_astropy(_with_degrees(table))
+    source = open_astropy(_with_degrees(table))
     notes = (f"columns of several numbers a row are not read: {', '.join(several)}",) if several else ()
-    return replace(opened, label=label, notes=notes)
+    return replace(source, label=label, notes=notes)
 
 
 def _hdf5(path, label):
@@ -373,12 +383,12 @@ def _hdf5(path, label):
 
         file.visititems(visit)
         tables = [name for name in compound if not name.endswith("__table_column_meta__")]
-        columned = {group: names for group, names in groups.items() if len(names) > 1 and not tables}
-        if len(tables) + len(columned) != 1:
-            present = ", ".join([*tables, *columned]) or "none"
-            raise TableError(f"{label} holds {len(tables) + len(columned)} tables ({present}): keep one in a file")
-        if columned:
-            (names,) = columned.values()
+        column_groups = {group: names for group, names in groups.items() if len(names) > 1 and not tables}
+        if len(tables) + len(column_groups) != 1:
+            present = ", ".join([*tables, *column_groups]) or "none"
+            raise TableError(f"{label} holds {len(tables) + len(column_groups)} tables ({present}): keep one in a file")
+        if column_groups:
+            (names,) = column_groups.values()
             return Table({name.rpartition("/")[2]: _plain(file[name][()]) for name in names})
     return Table.read(path, path=tables[0], format="hdf5", character_as_bytes=False)
 
@@ -387,7 +397,7 @@ def _plain(values: Any) -> Any:
     return np.char.decode(values.astype(bytes), "utf-8", "replace") if values.dtype.kind in "SO" else values
 
 
-def _text(path, label, kind):
+def _text(path, label, file_format):
     from astropy.io import ascii
 
     readme = path.with_name("ReadMe")
@@ -401,9 +411,9 @@ def _text(path, label, kind):
         begin = file.read(2**16)
     if b"\0" in begin:
         raise TableError(f"{label} is no text")
-    if kind == "ascii":
+    if file_format == "ascii":
         return ascii.read(plain.name, format=None, guess=True)
-    if kind == "ascii.ipac":
+    if file_format == "ascii.ipac":
         return ascii.read(plain.name, format="ipac", guess=False)
     if b"Byte-by-byte" not in begin:
         if not readme.is_file():
@@ -412,7 +422,7 @@ def _text(path, label, kind):
     lines = Path(plain.name).read_text("utf-8", "replace").splitlines()
     if lines[0].startswith("#"):  # written behind comment marks
         lines = [line.removeprefix("#").removeprefix(" ") for line in lines]
-    return ascii.read(lines, format=kind.removeprefix("ascii."), guess=False)
+    return ascii.read(lines, format=file_format.removeprefix("ascii."), guess=False)
 
 
 def _with_degrees(table):

@@ -90,18 +90,18 @@ def layout_of(lines: Iterator[str], label: str) -> Layout:
     return _plain(body, comments, skip, label)
 
 
-def _split_by_rule(above, rule, skip, label):
+def _split_by_rule(heading, rule, skip, label):
     """Names, units and a rule of dashes below them, as VizieR writes them."""
-    delimiter = next((d for d in (";", "\t", "|", ",") if d in rule and d in above[0]), None)
+    delimiter = next((d for d in (";", "\t", "|", ",") if d in rule and d in heading[0]), None)
     if delimiter:
-        names, *units = (_fields(line, delimiter) for line in above)
-        units = [" ".join(part).strip() for part in zip(*(_pad_row(row, len(names)) for row in units))]
+        names, *units = (_fields(line, delimiter) for line in heading)
+        units = [" ".join(fragments).strip() for fragments in zip(*(_pad_row(row, len(names)) for row in units))]
         return _with_units(Layout(_check_heading(names, label), skip, delimiter), units)
     spans = [slice(match.start(), match.end()) for match in _DASHES.finditer(rule.replace("=", "-"))]
     # The last column may be longer than its dashes; text between two columns belongs to none.
     spans[-1] = slice(spans[-1].start, None)
-    names, *units = ([line[span].strip() for span in spans] for line in above)
-    units = ["".join(part) for part in zip(*units)]
+    names, *units = ([line[span].strip() for span in spans] for line in heading)
+    units = ["".join(fragments) for fragments in zip(*units)]
     return _with_units(Layout(_check_heading(names, label), skip, "", tuple(spans)), units)
 
 
@@ -110,34 +110,34 @@ def _plain(body, comments, skip, label):
     titles = _titles(body)
     if titles:
         layout = _plain(body[titles:], comments, skip + titles, label)
-        words = f"{titles} line{'s' * (titles > 1)} above the names of the columns left out: {printable(body[0][:60])}"
-        return replace(layout, notes=(*layout.notes, words))
+        remark = f"{titles} line{'s' * (titles > 1)} above the names of the columns left out: {printable(body[0][:60])}"
+        return replace(layout, notes=(*layout.notes, remark))
     rows = [line for line in body if line.strip()]
     delimiter = _delimiter(rows)
-    first = _fields(rows[0], delimiter)
-    if _looks_like_data(first) and not _quoted_name(rows[0]):
-        names = _names_in_comment(comments, len(first), delimiter)
+    fields = _fields(rows[0], delimiter)
+    if _looks_like_data(fields) and not _quoted_name(rows[0]):
+        names = _names_in_comment(comments, len(fields), delimiter)
         notes: tuple[str, ...] = ()
         if names is None:
-            names = [f"col{k + 1}" for k in range(len(first))]
-            notes = (f"{label} has no line of names: its columns are called col1 to col{len(first)}",)
+            names = [f"col{k + 1}" for k in range(len(fields))]
+            notes = (f"{label} has no line of names: its columns are called col1 to col{len(fields)}",)
         layout = _with_comma(Layout(_check_heading(names, label), skip, delimiter, notes=notes), rows)
-        return _with_units(layout, _units_in_comment(comments, len(first), delimiter))
+        return _with_units(layout, _units_in_comment(comments, len(fields), delimiter))
     below = [_fields(line, delimiter) for line in rows[1:]]
     blank = bool(delimiter) and below and all(len(row) == 1 for row in below)
-    if blank and all(len(line.split()) == len(first) for line in rows[1:]):  # names between ; over rows between blanks
-        return Layout(_check_heading(first, label), skip + 1, "")
+    if blank and all(len(line.split()) == len(fields) for line in rows[1:]):  # names between ; over rows between blanks
+        return Layout(_check_heading(fields, label), skip + 1, "")
     units = []
-    if len(below) > 1 and len(below[0]) == len(first) and _are_units(below[0]) and _looks_like_data(below[1]):
+    if len(below) > 1 and len(below[0]) == len(fields) and _are_units(below[0]) and _looks_like_data(below[1]):
         units, skip = below[0], skip + 1
         rows = [rows[0], *rows[2:]]
-    return _with_units(_with_comma(Layout(_check_heading(first, label), skip + 1, delimiter), rows[1:]), units)
+    return _with_units(_with_comma(Layout(_check_heading(fields, label), skip + 1, delimiter), rows[1:]), units)
 
 
 def _titles(body):
     """Number of lines above the names: a title, or headings of several columns, where the rows have more fields."""
     for k, line in enumerate(body[1:6], 1):
-        below = [each for each in body[k:] if each.strip()]
+        below = [row for row in body[k:] if row.strip()]
         if not below:
             return 0
         delimiter = _delimiter(below)
@@ -147,10 +147,10 @@ def _titles(body):
         top = k - 1
         if top and _are_units(_fields(body[top], delimiter)):
             top -= 1
-        above, names = _fields(body[0], delimiter), _fields(body[top], delimiter)
+        title_fields, names = _fields(body[0], delimiter), _fields(body[top], delimiter)
         is_named = len(names) == len(fields) and all(names[1:]) and not _looks_like_data(names)
-        is_title = len(above) != len(fields) or not all(above[1:])
-        return top if top and is_named and is_title and not _looks_like_data(above) else 0
+        is_title = len(title_fields) != len(fields) or not all(title_fields[1:])
+        return top if top and is_named and is_title and not _looks_like_data(title_fields) else 0
     return 0
 
 
@@ -162,9 +162,9 @@ def _delimiter(rows):
         if counts[0] < 2 or counts[0] <= (len(_fields(rows[0], best)) if best else 1):
             continue
         # A line that is damaged does not change what the others have.
-        alike = sum(count == counts[0] for count in counts[1:])
-        named = not _looks_like_data(_fields(rows[0], delimiter))
-        if len(counts) == 1 or alike >= (len(counts) - 1) / 2 or named:
+        n_matches = sum(count == counts[0] for count in counts[1:])
+        has_names = not _looks_like_data(_fields(rows[0], delimiter))
+        if len(counts) == 1 or n_matches >= (len(counts) - 1) / 2 or has_names:
             best = delimiter
     return best
 
@@ -173,9 +173,9 @@ def _fields(line, delimiter):
     if not delimiter:
         return line.split()
     try:
-        return [each.strip() for each in next(csv.reader([line], delimiter=delimiter, skipinitialspace=True), [])]
+        return [text.strip() for text in next(csv.reader([line], delimiter=delimiter, skipinitialspace=True), [])]
     except csv.Error:
-        return [each.strip() for each in line.split(delimiter)]
+        return [text.strip() for text in line.split(delimiter)]
 
 
 def _check_heading(names, label):
@@ -193,9 +193,9 @@ def check_repeated(names: Iterable[str], label: str) -> None:
     TableError
         If there are such.
     """
-    repeated = sorted(name for name, times in Counter(names).items() if times > 1)
-    if repeated:
-        raise TableError(f"{label} is damaged: several columns are called {', '.join(map(repr, repeated))}")
+    duplicates = sorted(name for name, times in Counter(names).items() if times > 1)
+    if duplicates:
+        raise TableError(f"{label} is damaged: several columns are called {', '.join(map(repr, duplicates))}")
 
 
 def _names_in_comment(comments, count, delimiter):
@@ -218,7 +218,7 @@ def _units_in_comment(comments, count, delimiter):
 
 def _looks_like_data(fields: Sequence[str]) -> bool:
     """Return whether a third of the fields, and at least two, are numbers."""
-    numbers = sum(bool(_NUMBER.fullmatch(each)) for each in fields)
+    numbers = sum(bool(_NUMBER.fullmatch(text)) for text in fields)
     return numbers >= 2 and 3 * numbers >= len(fields)
 
 
@@ -228,20 +228,20 @@ def _quoted_name(line):
 
 def _are_units(fields):
     """Return whether a line below the names holds units: no numbers, and most of it units that astropy knows."""
-    words = [each.strip('()[] "') for each in fields if each.strip('()[] "-')]
-    if not words or any(_NUMBER.fullmatch(word) for word in words):
+    candidates = [text.strip('()[] "') for text in fields if text.strip('()[] "-')]
+    if not candidates or any(_NUMBER.fullmatch(candidate) for candidate in candidates):
         return False
-    return sum(_is_unit(word) for word in words) * 2 > len(words)
+    return sum(_is_unit(candidate) for candidate in candidates) * 2 > len(candidates)
 
 
-def _is_unit(word):
-    if word in ("h:m:s", "d:m:s"):
+def _is_unit(candidate):
+    if candidate in ("h:m:s", "d:m:s"):
         return True
     from astropy import units as u
 
     for form in ("generic", "cds"):
         try:
-            u.Unit(word, format=form)
+            u.Unit(candidate, format=form)
             return True
         except (ValueError, TypeError):
             continue
@@ -253,18 +253,18 @@ def _pad_row(row, count):
 
 
 def _with_units(layout, units):
-    words = [unit.strip().strip('"').strip() for unit in units]
-    words = [unit[1:-1].strip() if unit[:1] + unit[-1:] in ("()", "[]") else unit for unit in words]
-    return replace(layout, units={name: unit for name, unit in zip(layout.names, words) if unit.strip("-")})
+    unit_names = [unit.strip().strip('"').strip() for unit in units]
+    unit_names = [unit[1:-1].strip() if unit[:1] + unit[-1:] in ("()", "[]") else unit for unit in unit_names]
+    return replace(layout, units={name: unit for name, unit in zip(layout.names, unit_names) if unit.strip("-")})
 
 
 def _with_comma(layout, rows):
     """The layout with decimal commas, where fields have them and none has a point."""
     if layout.delimiter in (",", ""):
         return layout
-    values = [each for line in rows for each in _fields(line, layout.delimiter)]
-    commas = sum(bool(_DECIMAL_COMMA.fullmatch(each)) for each in values)
-    points = sum("." in each and bool(_NUMBER.fullmatch(each)) for each in values)
+    values = [value for line in rows for value in _fields(line, layout.delimiter)]
+    commas = sum(bool(_DECIMAL_COMMA.fullmatch(value)) for value in values)
+    points = sum("." in value and bool(_NUMBER.fullmatch(value)) for value in values)
     if not commas or points:
         return layout
     notes = (*layout.notes, "numbers are written with decimal commas")
@@ -281,21 +281,21 @@ _INTEGERS = {f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64
 def open_text(path: PathName, label: str) -> TableSource:
     """A table of text: ECSV where its first line says so, whatever its name; else as its first lines are laid out."""
     with open_lines(path, label) as lines:
-        first = next(lines, "")
+        top_line = next(lines, "")
         # A mark of the byte order, which spreadsheets write, is no part of the first name.
-        ecsv = first.lstrip("\ufeff").replace(" ", "").upper().startswith("#%ECSV")
+        ecsv = top_line.lstrip("\ufeff").replace(" ", "").upper().startswith("#%ECSV")
         if ecsv:
-            layout, types, meta, descriptions = _ecsv(first, lines, label)
+            layout, types, meta, descriptions = _ecsv(top_line, lines, label)
         else:
-            layout, types, meta, descriptions = layout_of(chain([first], lines), label), {}, {}, {}
+            layout, types, meta, descriptions = layout_of(chain([top_line], lines), label), {}, {}, {}
     names, width = layout.names, len(layout.names)
 
-    def read(wanted, rows):
-        places = [names.index(name) for name in wanted]
+    def read(request, rows):
+        indices = [names.index(name) for name in request]
         count = 0
         if layout.delimiter and not layout.decimal_comma and os.path.getsize(path) >= LARGE:
             with suppress(NotPlain):
-                for columns in csv_blocks(lambda: unpacked(path, label), layout, types, wanted, rows):
+                for columns in csv_blocks(lambda: unpacked(path, label), layout, types, request, rows):
                     block = {name: _from_arrow(column, name, types) for name, column in columns.items()}
                     yield block
                     count += len(next(iter(block.values()))[0])
@@ -305,23 +305,23 @@ def open_text(path: PathName, label: str) -> TableSource:
             for _ in islice(lines, layout.skip):
                 pass
             if layout.delimiter:
-                records = _records(lines, places, width, layout.delimiter, label, layout.skip)
+                records = _records(lines, indices, width, layout.delimiter, label, layout.skip)
             else:
-                records = _cut_columns(lines, places, layout, label)
+                records = _cut_columns(lines, indices, layout, label)
             for _ in islice(records, count):
                 pass
-            while picked := list(islice(records, rows)):
-                yield _block(wanted, picked, types, label, layout.skip + count, layout.decimal_comma)
-                count += len(picked)
+            while chunk := list(islice(records, rows)):
+                yield _block(request, chunk, types, label, layout.skip + count, layout.decimal_comma)
+                count += len(chunk)
             if not count:
-                yield {name: (np.empty(0), None) for name in wanted}
+                yield {name: (np.empty(0), None) for name in request}
 
     return TableSource(label, tuple(names), read, layout.units, meta, layout.notes, descriptions=descriptions)
 
 
-def _ecsv(first, lines, label):
+def _ecsv(top_line, lines, label):
     """Layout, types, metadata and descriptions, from the header of an ECSV file."""
-    comments, line = [], first
+    comments, line = [], top_line
     while line.lstrip("\ufeff").startswith("#"):
         comments.append(line.lstrip("\ufeff")[1:].strip("\n\r").removeprefix(" "))
         line = next(lines, "")
@@ -371,36 +371,36 @@ def _split_line(line, delimiter, label):
         raise TableError(f"{label} cannot be read: {error}") from None
 
 
-def _records(lines, places, width, delimiter, label, number):
+def _records(lines, indices, width, delimiter, label, number):
     """The wanted fields of each row: tuples of text."""
-    pick = itemgetter(*places) if len(places) > 1 else lambda row: (row[places[0]],)
-    last = max(places) + 1
+    pick = itemgetter(*indices) if len(indices) > 1 else lambda row: (row[indices[0]],)
+    n_splits = max(indices) + 1
     for line in lines:
         number += 1
         quotes = '"' in line
         if line.count(delimiter) == width - 1 and (not quotes or line.count('"') % 2 == 0):
-            row = line.rstrip("\r\n").split(delimiter, last)
-            picked = pick(row)
+            row = line.rstrip("\r\n").split(delimiter, n_splits)
+            values = pick(row)
             # Quoted fields without a delimiter within, which the count has just shown.
-            yield tuple(_unquote(each) for each in picked) if quotes else picked
+            yield tuple(_unquote(value) for value in values) if quotes else values
             continue
         if not line.strip() or line.startswith("#"):  # VizieR ends with #END#
             _check_second(line, number, label)
             continue
         start = number
         while line.count('"') % 2:  # a field may hold line breaks
-            more = next(lines, "")
+            continuation = next(lines, "")
             number += 1
-            if not more or len(line) > LINE:
+            if not continuation or len(line) > LINE:
                 raise TableError(f"{label}, line {start}: a quotation mark is not closed")
-            line += more
+            line += continuation
         row = _split_line(line, delimiter, f"{label}, line {start}")
         if len(row) != width:
             raise TableError(f"{label}, line {start} is damaged: {len(row)} fields where the table has {width} columns")
         yield pick(row)
 
 
-def _cut_columns(lines, places, layout, label):
+def _cut_columns(lines, indices, layout, label):
     """The wanted fields of each row of fields between blanks, or in fixed columns."""
     for number, line in enumerate(lines, layout.skip + 1):
         if not line.strip() or line.startswith("#"):
@@ -413,7 +413,7 @@ def _cut_columns(lines, places, layout, label):
             raise TableError(
                 f"{label}, line {number} is damaged: {len(row)} fields where the table has {len(layout.names)} columns"
             )
-        yield tuple(row[place] for place in places)
+        yield tuple(row[index] for index in indices)
 
 
 #: The line with which VizieR begins each table of a file.
@@ -440,8 +440,8 @@ def open_numbered(path: PathName, number: int, label: str) -> TableSource:
                 file.write(line)
     if count < number or number < 1:
         raise TableError(f"{label} holds {count} tables of VizieR: there is no number {number}")
-    opened = open_text(Path(copy.name), label)
-    return replace(opened, read=lambda names, rows: opened.read(names, rows) if copy.name else iter(()))
+    source = open_text(Path(copy.name), label)
+    return replace(source, read=lambda names, rows: source.read(names, rows) if copy.name else iter(()))
 
 
 def _unquote(field):
@@ -450,9 +450,9 @@ def _unquote(field):
     return field
 
 
-def _block(names, picked, types, label, first_line_number, decimal_comma=False):
+def _block(names, chunk, types, label, first_line_number, decimal_comma=False):
     block = {}
-    for name, column in zip(names, zip(*picked, strict=True), strict=True):
+    for name, column in zip(names, zip(*chunk, strict=True), strict=True):
         longest = max(map(len, column))
         if longest > FIELD:
             row = first_line_number + 1 + max(range(len(column)), key=lambda i: len(column[i]))
@@ -463,12 +463,14 @@ def _block(names, picked, types, label, first_line_number, decimal_comma=False):
     return block
 
 
-def _parse_column(text, kind, is_typed, decimal_comma=False):
+def _parse_column(text, datatype, is_typed, decimal_comma=False):
     """Values and mask of a column of text, whose header says a type or not."""
-    values, mask = _values(np.char.replace(text, ",", ".") if decimal_comma else text, kind)
+    values, mask = _values(np.char.replace(text, ",", ".") if decimal_comma else text, datatype)
     if values.dtype.kind == "U" and not is_typed:  # blanks around a field are no part of it
-        stripped = np.char.strip(text)
-        values, mask = (values, mask) if (stripped == text).all() and not decimal_comma else _values(stripped, None)
+        stripped_text = np.char.strip(text)
+        values, mask = (
+            (values, mask) if (stripped_text == text).all() and not decimal_comma else _values(stripped_text, None)
+        )
     return values, mask
 
 
@@ -482,24 +484,24 @@ def _from_arrow(column, name, types):
     return column.data, mask if mask.any() else None
 
 
-def _values(text, kind):
+def _values(text, datatype):
     """Numbers where all are numbers, else text; the mask of what is missing."""
     mask = np.isin(text, NULLS)
-    if mask.all() and kind not in ("string", "str"):
+    if mask.all() and datatype not in ("string", "str"):
         return np.full(len(text), np.nan), mask
-    if kind in ("string", "str"):
+    if datatype in ("string", "str"):
         return text, mask if mask.any() else None
-    if kind == "bool":
+    if datatype == "bool":
         true, false = np.char.lower(text) == "true", np.char.lower(text) == "false"
         return (true, mask if mask.any() else None) if (true | false | mask).all() else (text, mask)
-    filled = np.where(mask, "0", text) if mask.any() else text
+    filled_text = np.where(mask, "0", text) if mask.any() else text
     for dtype in (np.int64, float):
-        if dtype is np.int64 and kind is not None and kind not in _INTEGERS:
+        if dtype is np.int64 and datatype is not None and datatype not in _INTEGERS:
             continue
         try:
-            values = filled.astype(dtype)
+            values = filled_text.astype(dtype)
         except (ValueError, OverflowError):
-            if dtype is np.int64 and _long_integers(filled):
+            if dtype is np.int64 and _long_integers(filled_text):
                 break  # as text, they keep all their digits
             continue
         return values, mask if mask.any() else None
@@ -507,7 +509,7 @@ def _values(text, kind):
 
 
 def _long_integers(text):
-    return all(each.lstrip("+-").isdigit() for each in text)
+    return all(value.lstrip("+-").isdigit() for value in text)
 
 
 def _ecsv_header(comments, label):
@@ -552,34 +554,34 @@ _LARGEST = 2.0
 
 def open_vlbi(path: PathName, label: str) -> TableSource:
     """A list of positions as a table: names, D marks, degrees, and errors in mas, of right ascension times cos δ."""
-    with open_lines(path, label) as opened:
-        lines = list(opened)
-    numbered = [(k, line.rstrip("\r\n")) for k, line in enumerate(lines, 1)]
-    getpar = any(line.startswith("SOU_GCO:") for _, line in numbered)
+    with open_lines(path, label) as reader:
+        lines = list(reader)
+    numbered_lines = [(k, line.rstrip("\r\n")) for k, line in enumerate(lines, 1)]
+    getpar = any(line.startswith("SOU_GCO:") for _, line in numbered_lines)
     pattern = _GETPAR if getpar else _ROW
-    rows = [(k, line) for k, line in numbered if line.strip() and not line.startswith(_COMMENT)]
-    first = next((i for i, (_, line) in enumerate(rows) if pattern.match(line) or _like_a_row(line)), None)
-    if first is None:
+    rows = [(k, line) for k, line in numbered_lines if line.strip() and not line.startswith(_COMMENT)]
+    start = next((i for i, (_, line) in enumerate(rows) if pattern.match(line) or _like_a_row(line)), None)
+    if start is None:
         raise TableError(f"{label} has no line with a position in hours and degrees: is it a list of VLBI positions?")
     # Above the first source is the heading; below it, every line that is not blank is a source.
-    rows = [(k, line) for k, line in rows[first:] if any(map(str.isalnum, line))]
+    rows = [(k, line) for k, line in rows[start:] if any(map(str.isalnum, line))]
     icrf = rows[0][1].startswith("ICRF J")
-    parsed = [_parse(label, k, line, pattern, icrf) for k, line in rows]
-    mas = getpar or any(word in line for _, line in numbered for word in _MAS_WORDS)
-    return _table(label, rows, parsed, mas)
+    sources = [_parse(label, k, line, pattern, icrf) for k, line in rows]
+    mas = getpar or any(phrase in line for _, line in numbered_lines for phrase in _MAS_WORDS)
+    return _table(label, rows, sources, mas)
 
 
 def _like_a_row(line):
     """Return whether a line is a source, perhaps a damaged one, and no heading: so many numbers stand in no heading."""
-    return line.startswith("ICRF J") or sum(_SIGNED.fullmatch(word) is not None for word in line.split()) > 6
+    return line.startswith("ICRF J") or sum(_SIGNED.fullmatch(token) is not None for token in line.split()) > 6
 
 
-def _table(label, rows, parsed, mas):
-    names, positions, rests = zip(*parsed, strict=True)
+def _table(label, rows, sources, mas):
+    names, positions, rests = zip(*sources, strict=True)
     if len(rests) > 2 and len(rests[-1]) < min(map(len, rests[:-1])):
         number, line = rows[-1]
-        shown = printable(line.strip()[:80])
-        raise TableError(f"{label}, line {number} is damaged: the list ends within it: {shown!r}")
+        excerpt = printable(line.strip()[:80])
+        raise TableError(f"{label}, line {number} is damaged: the list ends within it: {excerpt!r}")
     lon, lat = np.array(positions).T
     columns = {
         "icrf": np.array([icrf for icrf, _, _ in names]),
@@ -590,11 +592,15 @@ def _table(label, rows, parsed, mas):
     }
     units = {"ra": "deg", "dec": "deg"}
     notes: tuple[str, ...] = ()
-    epochs = [len(rest) > 0 and re.fullmatch(r"(19|20)\d\d(\.\d*)?", rest[0]) is not None for rest in rests]
+    epochs = [
+        len(remainder) > 0 and re.fullmatch(r"(19|20)\d\d(\.\d*)?", remainder[0]) is not None for remainder in rests
+    ]
     if all(epochs) or not any(rests):  # the catalogue of VieVS has an epoch there, and no errors
         notes = ("the list has no errors",)
     else:
-        errors = np.array([_errors(label, k, line, rest) for (k, line), rest in zip(rows, rests, strict=True)])
+        errors = np.array(
+            [_errors(label, k, line, remainder) for (k, line), remainder in zip(rows, rests, strict=True)]
+        )
         scale = 1.0 if mas else 1000.0
         if np.median(errors[:, 1]) * scale > 1000 * _LARGEST:
             raise TableError(
@@ -604,9 +610,9 @@ def _table(label, rows, parsed, mas):
         east = errors[:, 0] * scale * (1.0 if mas else 15.0) * np.cos(np.radians(lat))
         columns |= {"ra_error": east, "dec_error": errors[:, 1] * scale, "ra_dec_corr": errors[:, 2]}
         units |= {"ra_error": "mas", "dec_error": "mas"}
-        which = "mas" if mas else "seconds of time and arcsec"
+        unit_text = "mas" if mas else "seconds of time and arcsec"
         notes = (
-            f"errors of the list taken in {which}, of right ascension without cos δ, by which they were multiplied",
+            f"errors of the list taken in {unit_text}, of right ascension without cos δ, by which they were multiplied",
         )
     table = replace(open_other(columns), label=label, units=units)
     return replace(table, notes=notes)
@@ -614,43 +620,43 @@ def _table(label, rows, parsed, mas):
 
 def _parse(label, number, line, pattern, icrf):
     """Names, the position [deg], and the words behind it."""
-    shown = printable(line.strip()[:80])
+    excerpt = printable(line.strip()[:80])
     if icrf and not re.match(r"\s*(ICRF(\s|$)|-\s|\s)", line + " "):
-        raise TableError(f"{label}, line {number} is damaged: it does not begin with 'ICRF J': {shown!r}")
+        raise TableError(f"{label}, line {number} is damaged: it does not begin with 'ICRF J': {excerpt!r}")
     match = pattern.match(line)
     if match is None:
-        raise TableError(f"{label}, line {number} is damaged: {shown!r}")
+        raise TableError(f"{label}, line {number} is damaged: {excerpt!r}")
     hours, minutes, degrees, arcmin = (int(match[key]) for key in ("h", "m", "d", "dm"))
     seconds, arcsec = float(match["s"]), float(match["ds"])
     lon = 15 * (hours + minutes / 60 + seconds / 3600)
     size = degrees + arcmin / 60 + arcsec / 3600
-    whole = hours < 24 and minutes < 60 and seconds < 60 and arcmin < 60 and arcsec < 60
-    if not (whole and size <= 90):
-        raise TableError(f"{label}, line {number} has no position on the sky: {shown!r}")
-    rest = match["rest"].split()
+    in_range = hours < 24 and minutes < 60 and seconds < 60 and arcmin < 60 and arcsec < 60
+    if not (in_range and size <= 90):
+        raise TableError(f"{label}, line {number} has no position on the sky: {excerpt!r}")
+    remainder = match["rest"].split()
     if pattern is _GETPAR:
-        rest = [match["e1"], *(word for word in rest if word != "C:")]
-    return _names(match["names"]), (lon, -size if match["sign"] == "-" else size), rest
+        remainder = [match["e1"], *(token for token in remainder if token != "C:")]
+    return _names(match["names"]), (lon, -size if match["sign"] == "-" else size), remainder
 
 
 def _names(text):
     """Designation by J2000.0 coordinates, the other name, and whether the source is defining."""
-    words = [word for word in text.split() if word not in ("ICRF", "RFC", "-")]
-    mark = "D" in words[1:]
-    words = [word for k, word in enumerate(words) if k == 0 or len(word) > 1]
-    words = [word for k, word in enumerate(words) if len(word) > 1 or len(words) == 1]
-    designation = next((word for word in words if _DESIGNATION.fullmatch(word)), "")
-    others = [word for word in words if word != designation]
-    return designation, others[-1] if others else designation, mark
+    tokens = [token for token in text.split() if token not in ("ICRF", "RFC", "-")]
+    mark = "D" in tokens[1:]
+    tokens = [token for k, token in enumerate(tokens) if k == 0 or len(token) > 1]
+    tokens = [token for k, token in enumerate(tokens) if len(token) > 1 or len(tokens) == 1]
+    designation = next((token for token in tokens if _DESIGNATION.fullmatch(token)), "")
+    aliases = [token for token in tokens if token != designation]
+    return designation, aliases[-1] if aliases else designation, mark
 
 
-def _errors(label, number, line, rest):
-    shown = printable(line.strip()[:80])
+def _errors(label, number, line, remainder):
+    excerpt = printable(line.strip()[:80])
     try:
-        errors = [float(word) for word in rest[:3]]
+        errors = [float(token) for token in remainder[:3]]
         east, north, rho = errors
     except ValueError:
-        raise TableError(f"{label}, line {number} is damaged: {shown!r}") from None
+        raise TableError(f"{label}, line {number} is damaged: {excerpt!r}") from None
     if not (np.isfinite(errors).all() and east > 0 and north > 0 and abs(rho) < 1):
-        raise TableError(f"{label}, line {number} has no usable errors: {shown!r}")
+        raise TableError(f"{label}, line {number} has no usable errors: {excerpt!r}")
     return errors

@@ -29,7 +29,7 @@ def open_votable(path: PathName, label: str, overflow: bool = False) -> TableSou
 
     plain = plain_file(path, label)
     _check_text(plain.name, label)
-    with warnings.catch_warnings(record=True) as caught:
+    with warnings.catch_warnings(record=True) as warning_records:
         warnings.simplefilter("always")
         try:
             document = votable.parse(plain.name, verify="warn", invalid="mask")
@@ -41,7 +41,7 @@ def open_votable(path: PathName, label: str, overflow: bool = False) -> TableSou
             raise TableError(
                 f"{label} cannot be read as VOTable: {first_line(error)}. It may be truncated: fetch it again"
             ) from error
-    for warning in caught:
+    for warning in warning_records:
         if _LOSSES.search(str(warning.message)) or "truncated" in str(warning.message):
             raise TableError(f"{label} is damaged: {first_line(warning.message)}. Fetch it again")
     for info in state:
@@ -58,21 +58,21 @@ def open_votable(path: PathName, label: str, overflow: bool = False) -> TableSou
     names = [column.name for column in table.fields]
     if len(set(names)) < len(names):
         names = [column.ID for column in table.fields]
-    kept = dict(zip(names, table.fields, strict=True))
+    columns = dict(zip(names, table.fields, strict=True))
     array = table.array
-    units = {name: str(column.unit) for name, column in kept.items() if column.unit is not None}
+    units = {name: str(column.unit) for name, column in columns.items() if column.unit is not None}
     notes: tuple[str, ...] = () if len(tables) == 1 else (f"{label} holds {len(tables)} tables; the first was read",)
     if overflow and any(str(info.value).upper() == "OVERFLOW" for info in state):
         notes += (f"warning: {label} has a part of the rows of its query (QUERY_STATUS OVERFLOW)",)
 
-    def read(wanted, rows):
+    def read(request, rows):
         for start in range(0, max(1, len(array)), rows):
-            part = array[start : start + rows]
-            yield {name: _column(part[kept[name].ID]) for name in wanted}
+            chunk = array[start : start + rows]
+            yield {name: _column(chunk[columns[name].ID]) for name in request}
 
     meta = {str(param.name): param.value for param in table.params}
     meta |= {str(info.name): info.value for info in table.infos}
-    descriptions = {name: str(column.description) for name, column in kept.items() if column.description}
+    descriptions = {name: str(column.description) for name, column in columns.items() if column.description}
     return TableSource(label, tuple(names), read, units, meta, notes, descriptions=descriptions)
 
 
@@ -111,13 +111,13 @@ def _check_text(path, label):
                     "files: take it out"
                 )
             streams = streams or b"STREAM" in text
-            for kind, number in _SIZE.findall(text):
+            for attribute, number in _SIZE.findall(text):
                 product = 1
-                for part in number.split(b"x"):
-                    product *= int(part[:20] or 1)
+                for factor in number.split(b"x"):
+                    product *= int(factor[:20] or 1)
                 if product > max(size, 1024):
                     raise TableError(
-                        f"{label} is damaged: {kind.decode()} = {number.decode()[:30]} in a file of {size} bytes"
+                        f"{label} is damaged: {attribute.decode()} = {number.decode()[:30]} in a file of {size} bytes"
                     )
             carry = chunk[-512:]
     if streams:
@@ -126,8 +126,8 @@ def _check_text(path, label):
 
 def _check_encoding(begin, label):
     """Raise TableError where the file is in an encoding whose bytes are not those of ASCII."""
-    declared = _DECLARED.match(begin.removeprefix(b"\xef\xbb\xbf"))
-    name = declared[1].decode("ascii", "replace").strip().lower() if declared else "utf-8"
+    declaration = _DECLARED.match(begin.removeprefix(b"\xef\xbb\xbf"))
+    name = declaration[1].decode("ascii", "replace").strip().lower() if declaration else "utf-8"
     if b"\x00" in begin[:64]:
         name = "UTF-16 or UTF-32"
     if name not in _PLAIN:
@@ -142,7 +142,7 @@ def _check_streams(path, label):
 
     def element(name, attributes):
         if name.rpartition(" ")[2].upper() == "STREAM" and any(
-            each.rpartition(" ")[2].lower() == "href" for each in attributes
+            attribute.rpartition(" ")[2].lower() == "href" for attribute in attributes
         ):
             raise TableError(
                 f"{label} keeps its rows elsewhere (STREAM href), where nothing is fetched from: get a VOTable with "

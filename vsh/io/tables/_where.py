@@ -57,12 +57,12 @@ class Where(InNotebook):
         """Raise TableError unless a table has all columns; the message names the nearest."""
         for name in self.names:
             if name not in names:
-                near = [each for each in names if each.lower() == name.lower()] or get_close_matches(
-                    name, names, 3, 0.6
-                )
+                suggestions = [
+                    candidate for candidate in names if candidate.lower() == name.lower()
+                ] or get_close_matches(name, names, 3, 0.6)
                 hint = (
-                    f"; nearest: {', '.join(map(printable, near))}"
-                    if near
+                    f"; nearest: {', '.join(map(printable, suggestions))}"
+                    if suggestions
                     else f". It has {', '.join(map(printable, names[:50]))}"
                 )
                 raise TableError(
@@ -73,11 +73,11 @@ class Where(InNotebook):
         """Mask of the selected rows, and of rows with missing values, which are not selected."""
         n = len(next(iter(block.values()))[0])
         with np.errstate(all="ignore"):
-            value, unknown = self._of(self._tree, block)
+            value, missing = self._of(self._tree, block)
         if np.asarray(value).dtype != bool:
             raise TableError(f"--where {self.shown!r} is a number or a text, not a condition: compare it, < 19 say")
-        value, unknown = np.broadcast_to(value, n), np.broadcast_to(unknown, n)
-        return value & ~unknown, unknown.copy()
+        value, missing = np.broadcast_to(value, n), np.broadcast_to(missing, n)
+        return value & ~missing, missing.copy()
 
     def _column_names(self, node) -> Iterator[str]:
         """The columns, in order; and that there is nothing that is not allowed."""
@@ -112,8 +112,8 @@ class Where(InNotebook):
                             continue
                         if not isinstance(value, ast.Tuple | ast.List) or not value.elts:
                             raise TableError("--where: what stands behind `in` is a list: in (1, 2)")
-                        for one in value.elts:
-                            yield from self._column_names(one)
+                        for member in value.elts:
+                            yield from self._column_names(member)
                     elif type(sign) in _ORDER:
                         yield from self._column_names(value)
                     else:
@@ -129,13 +129,13 @@ class Where(InNotebook):
             case ast.Name(id=name) | ast.Call(func=ast.Name(id="column"), args=[ast.Constant(value=name)]):
                 return _column(*block[name])
             case ast.Call(func=ast.Name(id="ismissing"), args=[inner]):
-                _, unknown = self._of(inner, block)
-                return np.asarray(unknown), np.False_
+                _, missing = self._of(inner, block)
+                return np.asarray(missing), np.False_
             case ast.Call(func=ast.Name(id=name), args=args):
                 return self._numbers(FUNCTIONS[name], args, block)
             case ast.UnaryOp(op=ast.Not() | ast.Invert(), operand=inner):
-                value, unknown = self._condition(inner, block)
-                return ~value, unknown
+                value, missing = self._condition(inner, block)
+                return ~value, missing
             case ast.UnaryOp(op=op, operand=inner):
                 return self._numbers(np.negative if isinstance(op, ast.USub) else np.positive, [inner], block)
             case ast.BinOp(left=left, op=ast.BitAnd() | ast.BitOr() as op, right=right):
@@ -152,71 +152,71 @@ class Where(InNotebook):
         for node, (value, _) in zip(nodes, conditions, strict=True):
             if np.asarray(value).dtype.kind not in "iufb":
                 raise TableError(f"--where: {printable(ast.unparse(node))} is text, not a number")
-        value = function(*(np.asarray(each, float) for each, _ in conditions))
+        value = function(*(np.asarray(operand, float) for operand, _ in conditions))
         return value, np.logical_or.reduce(
-            np.broadcast_arrays(np.isnan(value), *(unknown for _, unknown in conditions))
+            np.broadcast_arrays(np.isnan(value), *(missing for _, missing in conditions))
         )
 
     def _condition(self, node, block):
-        value, unknown = self._of(node, block)
+        value, missing = self._of(node, block)
         if np.asarray(value).dtype != bool:
             raise TableError(
                 f"--where: {printable(ast.unparse(node))} is no condition; & and | bind closer than <: put parentheses,"
                 " or say and, or"
             )
-        return np.asarray(value), np.asarray(unknown)
+        return np.asarray(value), np.asarray(missing)
 
-    def _join_conditions(self, both, nodes, block):
+    def _join_conditions(self, is_and, nodes, block):
         """Kleene's logic: what is false whatever the missing value is, is false."""
         conditions = [self._condition(node, block) for node in nodes]
-        value, unknown = conditions[0]
-        for other, lost in conditions[1:]:
-            sure = [((a if not both else ~a) & ~b) for a, b in ((value, unknown), (other, lost))]
-            unknown = (unknown | lost) & ~(sure[0] | sure[1])
-            value = value & other if both else value | other
-        return value, unknown
+        value, missing = conditions[0]
+        for operand, lost in conditions[1:]:
+            decisive = [((a if not is_and else ~a) & ~b) for a, b in ((value, missing), (operand, lost))]
+            missing = (missing | lost) & ~(decisive[0] | decisive[1])
+            value = value & operand if is_and else value | operand
+        return value, missing
 
     def _evaluate_comparison(self, node, block):
-        value, unknown = np.True_, np.False_
+        value, missing = np.True_, np.False_
         left = self._of(node.left, block)
-        for op, each in zip(node.ops, node.comparators, strict=True):
+        for op, comparator in zip(node.ops, node.comparators, strict=True):
             if isinstance(op, ast.In | ast.NotIn):
                 right, lost = left, left[1]
-                holds = self._among(left, each, node, block)
-                holds = ~holds if isinstance(op, ast.NotIn) else holds
+                is_true = self._among(left, comparator, node, block)
+                is_true = ~is_true if isinstance(op, ast.NotIn) else is_true
             else:
-                right = self._of(each, block)
-                holds, lost = _order_operands(op, left, right, node), left[1] | right[1]
-            value, unknown, left = value & holds, unknown | lost, right
-        return np.asarray(value, bool), unknown
+                right = self._of(comparator, block)
+                is_true, lost = _order_operands(op, left, right, node), left[1] | right[1]
+            value, missing, left = value & is_true, missing | lost, right
+        return np.asarray(value, bool), missing
 
     def _among(self, left, members, node, block):
         """Return whether each value is one of a list, or of the names in a file."""
         path = _listed_file(members)
         if path is not None:
             return np.isin(left[0], _as_those(left[0], names_in(path), path))
-        constants = [one.value for one in members.elts if isinstance(one, ast.Constant)]
-        kinds = {isinstance(value, str) for value in constants}
+        constants = [member.value for member in members.elts if isinstance(member, ast.Constant)]
+        text_flags = {isinstance(value, str) for value in constants}
         text = np.asarray(left[0]).dtype.kind in "US"
-        if len(constants) == len(members.elts) and kinds == {text}:
+        if len(constants) == len(members.elts) and text_flags == {text}:
             return np.isin(left[0], np.array(constants))
-        among = [_order_operands(ast.Eq(), left, self._of(one, block), node) for one in members.elts]
+        among = [_order_operands(ast.Eq(), left, self._of(member, block), node) for member in members.elts]
         return np.logical_or.reduce(np.broadcast_arrays(*among))
 
 
 def _check_size(tree):
     """Raise TableError where a condition is too large or too deep for the functions that walk through it."""
-    parts, wait = 0, [(tree, 1)]
+    n_nodes, wait = 0, [(tree, 1)]
     while wait:
         node, depth = wait.pop()
-        parts += 1
-        if depth > MAX_DEPTH or parts > MAX_PARTS:
+        n_nodes += 1
+        if depth > MAX_DEPTH or n_nodes > MAX_PARTS:
             raise TableError(
                 f"--where: a condition has at most {MAX_PARTS} parts, and {MAX_DEPTH} within each other; a long list "
                 "of names goes into a file: name in file('list.txt')"
             )
         inner = ast.iter_child_nodes(node)
-        wait += [(each, depth + 1) for each in inner if not isinstance(each, ast.Constant | ast.Load | ast.operator)]
+        wait += [(child, depth + 1) for child in inner if not isinstance(child, ast.Constant | ast.Load | ast.operator)]
 
 
 def _listed_file(node):
@@ -252,33 +252,33 @@ def _names_in(path, *_):
 
 def _as_those(values, names, path):
     """The names of a list as what the column holds, numbers or text."""
-    kind = np.asarray(values).dtype.kind
-    if kind in "US":
+    type_code = np.asarray(values).dtype.kind
+    if type_code in "US":
         return np.array(names)
     try:
-        return np.array(names).astype(np.asarray(values).dtype if kind in "iu" else float)
+        return np.array(names).astype(np.asarray(values).dtype if type_code in "iu" else float)
     except (ValueError, OverflowError):
         raise TableError(f"--where: the column holds numbers, and {printable(path)} has lines that are none") from None
 
 
 def _order_operands(op, left, right, node):
-    kinds = {"text" if np.asarray(each).dtype.kind in "USO" else "number" for each, _ in (left, right)}
-    if len(kinds) > 1:
+    operand_types = {"text" if np.asarray(operand).dtype.kind in "USO" else "number" for operand, _ in (left, right)}
+    if len(operand_types) > 1:
         raise TableError(f"--where: {printable(ast.unparse(node))} compares a text with a number")
     return np.asarray(_ORDER[type(op)](left[0], right[0]), bool)
 
 
 def _column(values, mask):
     values = np.asarray(values)
-    unknown = np.zeros(len(values), bool) if mask is None else np.array(mask, bool)
+    missing = np.zeros(len(values), bool) if mask is None else np.array(mask, bool)
     if values.dtype.kind == "f":
-        unknown = unknown | np.isnan(values)
+        missing = missing | np.isnan(values)
     elif values.dtype.kind == "O":
-        unknown = unknown | np.array([value is None or value != value for value in values])
-        values = np.array(["" if lost else str(each) for each, lost in zip(values, unknown, strict=True)])
+        missing = missing | np.array([value is None or value != value for value in values])
+        values = np.array(["" if lost else str(entry) for entry, lost in zip(values, missing, strict=True)])
     elif values.dtype.kind == "S":
         values = np.char.decode(values, "utf-8", "replace")
-    return values, unknown
+    return values, missing
 
 
 def _small(node):
