@@ -32,6 +32,9 @@ RELEASES = {
     "paper": (0.749 * 0.886, 0.556, 0.496),
 }
 
+#: Sky-mean errors of Δα* and Δδ at the mean epoch in parallax errors (Gaia's published performance).
+POSITION_FACTORS = (0.787, 0.699)
+
 
 def parallax_error(magnitude: ArrayLike, release: Release = "DR3") -> FloatArray:
     """Sky-mean standard error of the parallax, (n,). [µas]
@@ -147,10 +150,10 @@ def solve_astrometry(
             normal[:, i, j] = normal[:, j, i] = np.bincount(source, design[i] * design[j], n)
     # A solution wants more transits than parameters, and scans in more than one direction.
     scale = np.sqrt(np.maximum(np.einsum("nii->ni", normal), 1e-300))
-    scaled = normal / (scale[:, :, None] * scale[:, None])
-    good = (counts > 5) & (np.linalg.eigvalsh(scaled)[:, 0] > 1e-6)
+    scaled_normal = normal / (scale[:, :, None] * scale[:, None])
+    good = (counts > 5) & (np.linalg.eigvalsh(scaled_normal)[:, 0] > 1e-6)
     inverse = np.full((n, 5, 5), np.nan)
-    inverse[good] = np.linalg.inv(scaled[good]) / (scale[good][:, :, None] * scale[good][:, None])
+    inverse[good] = np.linalg.inv(scaled_normal[good]) / (scale[good][:, :, None] * scale[good][:, None])
     errors = np.einsum("nij,nj->ni", inverse, rhs)
     covariance = inverse * error[:, None, None] ** 2
     if quote_variability and variability is not None:
@@ -182,14 +185,14 @@ def expected_solution_covariances(
 
 def _error_scatter(inverse, design, transits, variability, n):
     """A⁺ C A⁺ᵀ of every source, C the covariance of its variability at its transits."""
-    out = np.zeros((n, 5, 5))
+    covariances = np.zeros((n, 5, 5))
     bounds = np.searchsorted(transits.source, np.arange(n + 1))
     for k, (begin, end) in enumerate(pairwise(bounds)):
         pseudo = inverse[k] @ design[:, begin:end]
         angle = transits.angle[begin:end]
         c = variability.covariance(transits.time[begin:end]) * np.cos(np.subtract.outer(angle, angle))
-        out[k] = pseudo @ c @ pseudo.T
-    return out
+        covariances[k] = pseudo @ c @ pseudo.T
+    return covariances
 
 
 def errors_of_unit_transits(law: NominalScanningLaw, n: int = 2000, seed: int = 1) -> FloatArray:
@@ -199,12 +202,12 @@ def errors_of_unit_transits(law: NominalScanningLaw, n: int = 2000, seed: int = 
     """
     if (n, seed) not in law.remembered:
         rng = np.random.default_rng(seed)
-        solved = solve_astrometry(law.transits(*uniform_sky(n, rng)), np.ones(n), rng, years=law.years)
-        if not solved.solved.any():
+        solution = solve_astrometry(law.transits(*uniform_sky(n, rng)), np.ones(n), rng, years=law.years)
+        if not solution.solved.any():
             raise ParameterError(
                 f"in {law.years:g} years no source has transits enough for five parameters: a longer mission is needed"
             )
-        law.remembered[n, seed] = np.sqrt(np.einsum("nii->ni", solved.covariance[solved.solved])).mean(0)
+        law.remembered[n, seed] = np.sqrt(np.einsum("nii->ni", solution.covariance[solution.solved])).mean(0)
     return law.remembered[n, seed]
 
 

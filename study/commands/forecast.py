@@ -1,7 +1,6 @@
 """`vsh-forecast`: what catalogues to come will tell, on the command line."""
 
 import argparse
-import sys
 
 from vsh.commands import finishing, parsing, reading, running
 from vsh.tools.errors import VshError
@@ -13,7 +12,8 @@ def make_parser() -> argparse.ArgumentParser:
         prog="vsh-forecast",
         description=(
             "Forecast uncertainties of spin, acceleration, R0, gravitational waves, shear, our velocity and H0: for "
-            "Gaia DR3, DR4, DR5, a successor in the near infrared, VLBI, and your own survey."
+            "Gaia DR3, DR4, DR5, DR5 with positions of Euclid, Roman or Rubin, a successor in the near infrared, VLBI, "
+            "the SKA, and your own survey."
         ),
         examples=(
             "vsh-forecast",
@@ -30,9 +30,8 @@ def make_parser() -> argparse.ArgumentParser:
     )
     parser.add_argument(
         "--sky",
-        type=_sky,
+        choices=("uniform", "gums", "igql"),
         default="uniform",
-        metavar="{uniform,gums,igql}",
         help=(
             "distribution of the quasars: uniform, without the Galactic plane, or that of the known ones (default: "
             "uniform)"
@@ -44,15 +43,6 @@ def make_parser() -> argparse.ArgumentParser:
     parsing.add_overwrite(parser)
     parsing.add_common(parser)
     return parser
-
-
-def _sky(text):
-    if text == "even":
-        print("vsh-forecast: note: --sky even is now --sky uniform", file=sys.stderr)
-        text = "uniform"
-    if text not in ("uniform", "gums", "igql"):
-        raise argparse.ArgumentTypeError(f"invalid choice: {text!r} (choose from uniform, gums, igql)")
-    return text
 
 
 def _names(text):

@@ -2,13 +2,13 @@
 
 from typing import TYPE_CHECKING
 
-from study.forecast._forecast import SURVEYS, Survey, SurveyForecast, forecast_surveys
+from study.forecast._forecast import SURVEYS, SecondEpoch, Survey, SurveyForecast, forecast_surveys
 from vsh.tools.modules import lazily
 
 if TYPE_CHECKING:
     from study.forecast._plot import plot_forecast
 
-__all__ = ["SURVEYS", "Survey", "SurveyForecast", "forecast_surveys"]
+__all__ = ["SURVEYS", "SecondEpoch", "Survey", "SurveyForecast", "forecast_surveys"]
 
 # matplotlib is imported when a figure is first asked for.
 __getattr__, __dir__ = lazily(__name__, __all__, {"_plot": ["plot_forecast"]})

@@ -15,18 +15,63 @@ from fit.correlation import predict_covariance
 from fit.motions.galaxy import R0, circular_speed, distance_of_centre, expected_acceleration
 from fit.motions.shear import to_tensor
 from fit.secular_parallax import predict_errors as predict_velocity
-from sim.astrometry import gaia_errors
+from sim.astrometry import POSITION_FACTORS, RELEASES, gaia_errors, parallax_error
 from sim.population import CRF3_COUNTS, SIX_PARAMETERS, crf3_magnitudes, galaxies
 from vsh import Coefficients, Field
 from vsh.io.sections import Answer, Section, text_of
 from vsh.models.cosmology import FLAT_PLANCK13, transverse_distance
 from vsh.models.covariance import LINDEGREN_2021, Spectrum
 from vsh.modes import Modes
+from vsh.sky.astrometry import add_positions
+from vsh.sky.frames import rotation_matrix
 from vsh.tools import arguments
 from vsh.tools.errors import ParameterError
 from vsh.tools.notebook import InNotebook
-from vsh.tools.types import AxesArray, FloatArray, OnAxes, Rng, Table
+from vsh.tools.types import AxesArray, BoolArray, FloatArray, OnAxes, Rng, Table
 from vsh.tools.units import AU_PER_YEAR, hubble_rate
+
+
+@dataclass(frozen=True)
+class SecondEpoch:
+    """Positions of another survey, measured in Gaia's frame, for the sources in its part of the sky.
+
+    Attributes
+    ----------
+    error : float
+        Error of a position in each component. [µas]
+    years : float
+        Mean epoch of the survey minus that of the release. [yr]
+    latitude, ecliptic_latitude : (low, high) of float
+        Sources at smaller |latitude|, Galactic or ecliptic, are not in the survey. [deg]
+    declination : (low, high) of float
+        Range of the survey. [deg]
+    """
+
+    error: float
+    years: float
+    latitude: float = 0.0
+    ecliptic_latitude: float = 0.0
+    declination: tuple[float, float] = (-90.0, 90.0)
+
+    def covers(self, lon: FloatArray, lat: FloatArray) -> BoolArray:
+        """Mask of the ICRS positions that are in the survey."""
+        lon_lat = np.stack([np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)])
+        heights = [
+            np.degrees(np.arcsin(np.abs(rotation_matrix("icrs", frame)[2] @ lon_lat)))
+            for frame in ("galactic", "ecliptic")
+        ]
+        lower, upper = np.radians(self.declination)
+        return (heights[0] > self.latitude) & (heights[1] > self.ecliptic_latitude) & (lat > lower) & (lat < upper)
+
+    def motion_errors(self, magnitude: FloatArray, factor: FloatArray, release: Any) -> FloatArray:
+        """Errors of motions from both, (2, n), for errors of Gaia `factor` times those of the release. [µas/yr]"""
+        sigma = np.concatenate([
+            np.multiply.outer([*POSITION_FACTORS, 1.0], parallax_error(magnitude, release)),
+            gaia_errors(magnitude, release),
+        ])  # fmt: skip
+        covariance = np.einsum("in,ij->nij", (factor * sigma) ** 2, np.eye(5))
+        joint = add_positions(covariance, self.error**2 * np.eye(2), self.years)
+        return np.sqrt(np.stack([joint[:, 3, 3], joint[:, 4, 4]]))
 
 
 @dataclass(frozen=True)
@@ -41,12 +86,14 @@ class Survey(InNotebook):
         Release whose errors at each magnitude are taken, for the magnitudes of Gaia's quasars.
     factor : float
         By which these errors are multiplied.
-    sigma : float or None
-        One error for all, in place of a release's. [µas/yr]
+    sigma : float, tuple of float or None
+        One error for all, or the errors of equal shares of the sources, in place of a release's. [µas/yr]
     n_galaxies : int
         Within z = 0.03; 0 where there are none.
     floor : float
         Systematic errors: an error of each component of spin and acceleration that no number of them lowers. [µas/yr]
+    second : SecondEpoch or None
+        Positions of another survey that are added to the release's astrometry.
     says : str
         Where the numbers come from.
     """
@@ -58,6 +105,7 @@ class Survey(InNotebook):
     n_galaxies: int = 0
     floor: float = 0.0
     says: str = ""
+    second: SecondEpoch | None = None
 
     def __post_init__(self) -> None:
         """Check that errors can follow from it."""
@@ -68,22 +116,36 @@ class Survey(InNotebook):
         if (self.release is None) == (self.sigma is None):
             raise ParameterError("a survey has the errors of a release, or one sigma for all: one of the two")
         if self.sigma is not None:
-            arguments.positive("sigma", self.sigma)
+            for sigma in np.atleast_1d(self.sigma):
+                arguments.positive("sigma", sigma)
+            if self.second is not None:
+                raise ParameterError("positions are added to the astrometry of a release: give one")
 
-    def errors(self, n: int) -> FloatArray:
-        """Errors of `n` quasars, (2, n), of as much information as all of them have; the same for each. [µas/yr]"""
+    def errors(self, lon: FloatArray, lat: FloatArray) -> FloatArray:
+        """Errors of n quasars at ICRS positions, (2, n), of as much information as all of them have. [µas/yr]"""
         if self.release is None:
-            one = np.full(2, self.sigma)
+            sigma = np.tile(np.atleast_1d(self.sigma), (2, 1))
         else:
             magnitude, larger = _quasars()
-            one = 1 / np.sqrt(np.mean(1 / (larger * gaia_errors(magnitude, self.release)) ** 2, axis=1))
-        return np.tile((one * self.factor * np.sqrt(n / self.n_quasars))[:, None], n)
+            sigma = larger * gaia_errors(magnitude, self.release)
+        errors = np.tile(_mean_error(sigma)[:, None], len(lon))
+        if self.second is not None:
+            inside = self.second.covers(lon, lat)
+            errors[:, inside] = _mean_error(self.second.motion_errors(magnitude, larger, self.release))[:, None]
+        return errors * self.factor * np.sqrt(len(lon) / self.n_quasars)
 
     def galaxy_errors(self, magnitude: FloatArray) -> FloatArray:
         """Errors of galaxies of `magnitude` G, (2, n). [µas/yr]"""
         if self.release is None:
-            return np.full((2, len(magnitude)), self.factor) * self.sigma
+            return (
+                np.tile(_mean_error(np.tile(np.atleast_1d(self.sigma), (2, 1)))[:, None], len(magnitude)) * self.factor
+            )
         return gaia_errors(magnitude, self.release) * self.factor
+
+
+def _mean_error(sigma):
+    """Error of as much information as several have, for each component."""
+    return 1 / np.sqrt(np.mean(1 / sigma**2, axis=1))
 
 
 @lru_cache(maxsize=1)
@@ -94,16 +156,54 @@ def _quasars():
 
 
 _OF_QUASARS, _OF_GALAXIES = sum(CRF3_COUNTS.values()), 100_000
-#: By name. Floors are an assumption: 0.3 µas/yr for DR3, and as the errors of faint sources beyond.
+#: Systematic motions of Gaia-CRF3 on angles beyond 15° (abstract of Gaia Collaboration 2022, A&A 667, A148) [µas/yr],
+#: and the highest degree of such angles.
+_CRF3_SYSTEMATICS, _CRF3_DEGREES = 12.0, 12
+#: Floor of DR3: that of a field of these motions with one power for all modes. [µas/yr]
+_FLOOR = (
+    _CRF3_SYSTEMATICS
+    * Spectrum.flat().acceleration_error
+    * float(np.sqrt(4 * np.pi / Spectrum.flat().power(_CRF3_DEGREES).sum()))
+)
+#: Floors of DR4 and DR5, an assumption: they decrease like the errors of motions.
+_FLOORS = {release: _FLOOR * RELEASES[release][0] * RELEASES[release][1] / RELEASES["DR3"][1] for release in RELEASES}
+#: Median errors of five equal shares of the VLBA's motions (Truebenbach & Darling 2017, ApJS 233, 3). [µas/yr]
+_VLBA = (2.1, 5.5, 9.6, 15.6, 39.2)
+
+
+def _with(second: SecondEpoch, says: str) -> Survey:
+    """DR5 with the positions of another survey, which keep the floor of DR5's frame."""
+    return Survey(_OF_QUASARS, "DR5", n_galaxies=_OF_GALAXIES, floor=_FLOORS["DR5"], says=says, second=second)
+
+
+#: By name. Floors beyond DR3 are an assumption.
 SURVEYS = {
-    "Gaia DR3": Survey(_OF_QUASARS, "DR3", n_galaxies=_OF_GALAXIES, floor=0.3, says="Gaia-CRF3's quasars"),
-    "Gaia DR4": Survey(_OF_QUASARS, "DR4", n_galaxies=_OF_GALAXIES, floor=0.13, says="the same, 66 months"),
-    "Gaia DR5": Survey(_OF_QUASARS, "DR5", n_galaxies=_OF_GALAXIES, floor=0.044, says="the same, ten years"),
+    "Gaia DR3": Survey(_OF_QUASARS, "DR3", n_galaxies=_OF_GALAXIES, floor=_FLOORS["DR3"], says="Gaia-CRF3's quasars"),
+    "Gaia DR4": Survey(_OF_QUASARS, "DR4", n_galaxies=_OF_GALAXIES, floor=_FLOORS["DR4"], says="the same, 66 months"),
+    "Gaia DR5": Survey(_OF_QUASARS, "DR5", n_galaxies=_OF_GALAXIES, floor=_FLOORS["DR5"], says="the same, ten years"),
+    "DR5 + Euclid": _with(
+        SecondEpoch(350.0, 7.7, latitude=30.0, ecliptic_latitude=15.0),
+        "positions at J2027.5 in 14 000 deg², four exposures of 0.7 mas (Libralato et al. 2024, arXiv:2411.02487)",
+    ),
+    "DR5 + Roman": _with(
+        SecondEpoch(350.0, 9.7, latitude=43.0, declination=(-45.0, 0.0)),
+        "positions at J2029.5 in 5100 deg², ten exposures of 0.01 pixel (Sanderson et al. 2019, JATIS 5, 044005)",
+    ),
+    "DR5 + Rubin": _with(
+        SecondEpoch(400.0, 11.2, latitude=15.0, declination=(-70.0, 12.5)),
+        "positions at J2031 in 18 000 deg², 825 visits of 11 mas (Ivezić et al. 2019, ApJ 873, 111)",
+    ),
     "near infrared": Survey(
-        _OF_QUASARS, "DR4", 1 / 14, n_galaxies=_OF_GALAXIES, floor=0.01,
+        _OF_QUASARS, "DR4", 1 / 14, n_galaxies=_OF_GALAXIES, floor=_FLOORS["DR4"] / 14,
         says="a successor twenty years later: motions 14 times as good (Hobbs et al. 2021, Exp. Astron. 51, 783)",
     ),
-    "VLBI": Survey(1500, sigma=5.0, floor=0.1, says="an assumption: 1500 sources to 5 µas/yr, structure included"),
+    "VLBI": Survey(
+        1500, sigma=_VLBA, floor=0.1,
+        says="an assumption: 1500 sources with the errors of the VLBA's 713 (Truebenbach & Darling 2017)",
+    ),
+    "SKA": Survey(
+        10_000, sigma=_VLBA, floor=0.1, says="an assumption: 10 000 sources with the same errors (VLBI with the SKA)"
+    ),
 }  # fmt: skip
 #: What is forecast: words and unit, in the order of the table.
 QUANTITIES = {
@@ -176,18 +276,20 @@ class SurveyForecast(InNotebook):
             ("quasars", *(str(survey.n_quasars) for survey in self.surveys.values())),
             ("galaxies", *(str(survey.n_galaxies or "") for survey in self.surveys.values())),
         ]
-        for name, (words, unit) in QUANTITIES.items():
+        for name, (description, unit) in QUANTITIES.items():
             if long or name in _QUOTED:
                 cells = [self.values[survey][name] for survey in self.surveys]
                 if np.isnan(cells).all():  # not asked for, or no survey has galaxies
                     continue
                 form = ".0f" if name == "degree" else ".3g"
-                label = words + (f" [{unit}]" if unit else "")
+                label = description + (f" [{unit}]" if unit else "")
                 rows.append((label, *("" if np.isnan(x) else f"{x:{form}}" for x in cells)))
         heads = ("errors to come (68 %)", *self.surveys)
-        table = tables.table_of({name: list(each) for name, each in zip(heads, zip(*rows, strict=True), strict=True)})
+        table = tables.table_of(
+            {name: list(values) for name, values in zip(heads, zip(*rows, strict=True), strict=True)}
+        )
         facts = [("sky", f"{self.sky} for quasars; galaxies to z = 0.03, errors of faint ones as those of Gaia")]
-        of_flows = np.isfinite([each["hubble_flows"] for each in self.values.values()]).any()
+        of_flows = np.isfinite([values["hubble_flows"] for values in self.values.values()]).any()
         velocities = (
             "velocities and H0 with unknown flows include the cosmic variance of one sky in linear theory"
             if of_flows
@@ -199,8 +301,8 @@ class SurveyForecast(InNotebook):
             facts += [(name, f"{survey.says}; floor {survey.floor:g} µas/yr") for name, survey in self.surveys.items()]
             remarks = [
                 "Floors are an assumption; direction, V0, R0 and Ω contain them. DR3's law of angles (Lindegren et al. "
-                f"2021, 292 exp(−θ/12°)) put to degree 1 gives {_LAW:.1f} µas/yr, ten times as much, which the "
-                "acceleration that DR3 measured (5.05 for 4.8) excludes.",
+                f"2021, 292 exp(−θ/12°)) put to degree 1 gives {_LAW:.1f} µas/yr, {_LAW / _FLOOR:.1f} times as "
+                "much, which the acceleration that DR3 measured (5.05 for 4.8) excludes.",
                 "Velocity and H0 without flows: independent velocities of 300 km/s; with them: linear theory, with the "
                 "cosmic variance of one sky.",
             ]
@@ -219,15 +321,17 @@ class SurveyForecast(InNotebook):
     @property
     def answer(self) -> Answer:
         """The lines to quote: errors of acceleration and H0 by survey, with what nature adds to the noise."""
-        quoted = (
+        quantities = (
             ("acceleration_floor", "acceleration", ", systematic floor included"),
             ("hubble_flows", "H0", ", flows unknown"),
         )
         lines = []
         for name in self.surveys:
-            known = [(words, self.values[name][key], QUANTITIES[key][1], how) for key, words, how in quoted]
-            parts = [f"{words} ± {value:.2g} {unit}{how}" for words, value, unit, how in known if np.isfinite(value)]
-            lines.append((name, "; ".join(parts) or "nothing to quote"))
+            entries = [(label, self.values[name][key], QUANTITIES[key][1], suffix) for key, label, suffix in quantities]
+            phrases = [
+                f"{label} ± {value:.2g} {unit}{suffix}" for label, value, unit, suffix in entries if np.isfinite(value)
+            ]
+            lines.append((name, "; ".join(phrases) or "nothing to quote"))
         return Answer(tuple(lines))
 
     def to_table(self) -> Table:
@@ -290,19 +394,19 @@ def forecast_surveys(
     its direction is known.
     """
     surveys = dict(SURVEYS if surveys is None else arguments.a(dict)("surveys", surveys))
-    if not surveys or not all(isinstance(each, Survey) for each in surveys.values()):
+    if not surveys or not all(isinstance(candidate, Survey) for candidate in surveys.values()):
         raise ParameterError("a forecast is of one Survey at least, by name")
     arguments.choice("sky", sky, ("uniform", "gums", "igql"))
-    near = arguments.generator(rng)
-    (places,) = near.spawn(1)
-    lon, lat = _draw_positions(sky, places)
+    stream = arguments.generator(rng)
+    (position_stream,) = stream.spawn(1)
+    lon, lat = _draw_positions(sky, position_stream)
     still = np.zeros((2, len(lon)))
     power = Spectrum.from_covariance(LINDEGREN_2021).power(_DEGREES)[0]
-    some = galaxies(_GALAXIES, near)
+    sample = galaxies(_GALAXIES, stream)
     values = {
         name: (
-            _of_quasars(Field(lon, lat, still, survey.errors(len(lon))), survey, power)
-            | _of_galaxies(survey, some, flows)
+            _of_quasars(Field(lon, lat, still, survey.errors(lon, lat)), survey, power)
+            | _of_galaxies(survey, sample, flows)
         )
         for name, survey in surveys.items()
     }
@@ -322,23 +426,25 @@ def _draw_positions(sky, rng):
 
 def _of_quasars(field, survey, power):
     prediction = predict_covariance(field, 2)
-    spin, acceleration = (float(np.sqrt(np.mean(each.sigma**2))) for each in (prediction.spin, prediction.acceleration))
-    known = expected_acceleration(R0[0])
+    spin, acceleration = (
+        float(np.sqrt(np.mean(vector.sigma**2))) for vector in (prediction.spin, prediction.acceleration)
+    )
+    model_acceleration = expected_acceleration(R0[0])
     # Noise in degree 2, both kinds: on an even sky 4π/(n w) a coefficient, T and S alike.
     noise = (prediction.noise_power("T", 2) + prediction.noise_power("S", 2)) / 10
     # A floor of degree 1 has as much power in each mode of degree 2; of the published law it is a share.
-    floored, mode = float(np.hypot(acceleration, survey.floor)), 8 * np.pi / 3 * survey.floor**2
+    total_error, mode = float(np.hypot(acceleration, survey.floor)), 8 * np.pi / 3 * survey.floor**2
     law = _LAW * survey.floor / SURVEYS["Gaia DR3"].floor if survey.release else survey.floor
     tensors = [to_tensor(Coefficients(Modes(2), row)) for row in np.linalg.cholesky(prediction.covariance).T]
     degrees = np.arange(1, _DEGREES + 1)
     return {
         "spin": spin,
         "acceleration": acceleration,
-        "acceleration_floor": floored,
+        "acceleration_floor": total_error,
         "acceleration_law": float(np.hypot(acceleration, law)),
-        "direction": float(np.degrees(floored / known)),
-        "speed": circular_speed(known, floored, *R0)[1],
-        "r0": distance_of_centre(known, floored)[1],
+        "direction": float(np.degrees(total_error / model_acceleration)),
+        "speed": circular_speed(model_acceleration, total_error, *R0)[1],
+        "r0": distance_of_centre(model_acceleration, total_error)[1],
         "waves": 6 / 5 * (noise + mode) * float(chdtri(10, 0.05)) / (4 * np.pi * hubble_rate(_HUBBLE) ** 2),
         "wave": float(np.sqrt(noise * 6 / (4 * np.pi))),
         "shear": 100 * float(np.sqrt(np.mean(np.sum(np.square(tensors), axis=0)))) / hubble_rate(_HUBBLE),
@@ -352,31 +458,31 @@ def _last_above(power, noise):
     return below[0] if below.size else len(power)
 
 
-def _of_galaxies(survey, some, flows):
+def _of_galaxies(survey, sample, flows):
     names = ("velocity", "hubble", "velocity_flows", "hubble_flows")
     if not survey.n_galaxies:
         return dict.fromkeys(names, float("nan"))
-    order = np.argsort(some.redshift)
+    order = np.argsort(sample.redshift)
     # The nearest weigh most: all of them, and of the rest every tenth for ten.
     few = np.concatenate([order[:_NEAREST], order[_NEAREST::_EVERY]])
-    alone = _errors(survey, some[few], _ALONE, np.where(np.arange(len(few)) < _NEAREST, 1, _EVERY))
-    values = [*_velocity(some[few], alone, flows=None)]
+    independent_errors = _errors(survey, sample[few], _ALONE, np.where(np.arange(len(few)) < _NEAREST, 1, _EVERY))
+    values = [*_velocity(sample[few], independent_errors, flows=None)]
     if flows:
         few = order[:: len(order) // _IN_FLOWS]
-        beyond = _errors(survey, some[few], _BEYOND, len(order) / len(few))
-        values += _velocity(some[few], beyond, flows="linear", n_modes=_MODES)
+        residual_errors = _errors(survey, sample[few], _BEYOND, len(order) / len(few))
+        values += _velocity(sample[few], residual_errors, flows="linear", n_modes=_MODES)
     else:
         values += [float("nan")] * 2
     return dict(zip(names, values, strict=True))
 
 
-def _errors(survey, some, dispersion, times):
+def _errors(survey, sample, dispersion, times):
     """Errors of galaxies that stand for several each, their peculiar velocities included. [µas/yr]"""
-    scatter = dispersion / (AU_PER_YEAR * transverse_distance(some.redshift, FLAT_PLANCK13))
-    return np.hypot(survey.galaxy_errors(some.magnitude), scatter) / np.sqrt(times * survey.n_galaxies / _GALAXIES)
+    scatter = dispersion / (AU_PER_YEAR * transverse_distance(sample.redshift, FLAT_PLANCK13))
+    return np.hypot(survey.galaxy_errors(sample.magnitude), scatter) / np.sqrt(times * survey.n_galaxies / _GALAXIES)
 
 
-def _velocity(some, errors, **options):
-    field = Field(some.lon, some.lat, np.zeros_like(errors), errors, redshift=some.redshift)
+def _velocity(sample, errors, **options):
+    field = Field(sample.lon, sample.lat, np.zeros_like(errors), errors, redshift=sample.redshift)
     ours, constant = predict_velocity(field, 67.3, peculiar_dispersion=_NONE, left_out=False, **options)
     return float(np.sqrt(np.trace(ours.velocity.covariance) / 3)), float(constant.hubble_error)

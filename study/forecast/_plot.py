@@ -17,13 +17,13 @@ _SHOWN = (
 @apply_style
 def plot_forecast(forecast: Any, *, ax: OnAxes | None = None) -> AxesArray:
     """Errors of the acceleration and of H0 by survey: of noise alone, and with what nature adds."""
-    drawn = panels(ax, 1, 2, size=(WIDTH, 2.7))
+    axes_array = panels(ax, 1, 2, size=(WIDTH, 2.7))
     names = list(forecast.surveys)
-    for axes, (label, quantities) in zip(drawn, _SHOWN, strict=True):
-        for k, (quantity, words) in enumerate(quantities.items()):
+    for axes, (label, quantities) in zip(axes_array, _SHOWN, strict=True):
+        for k, (quantity, description) in enumerate(quantities.items()):
             values = np.array([forecast.values[survey][quantity] for survey in names])
-            place = np.arange(len(names)) + 0.16 * (k - 0.5)
-            axes.plot(place, values, "os"[k], color=COLOURS[k], markersize=4, label=words)
+            positions = np.arange(len(names)) + 0.16 * (k - 0.5)
+            axes.plot(positions, values, "os"[k], color=COLOURS[k], markersize=4, label=description)
         axes.set_yscale("log")
         axes.margins(y=0.15)
         log_ticks(axes.yaxis, *axes.get_ylim())
@@ -32,4 +32,4 @@ def plot_forecast(forecast: Any, *, ax: OnAxes | None = None) -> AxesArray:
         axes.set_xticks(range(len(names)), names, rotation=55, ha="right", rotation_mode="anchor")
         axes.set_ylabel(label)
         legend_above(axes, 1)
-    return drawn
+    return axes_array

@@ -18,7 +18,7 @@ from vsh.tools.printing import in_a_line
 from vsh.tools.types import ArrayLike, BoolArray, FloatArray, IntArray
 from vsh.tools.units import AU_PER_YEAR, UAS
 
-__all__ = ["AstrometryRows", "earth", "propagate"]
+__all__ = ["AstrometryRows", "add_positions", "earth", "propagate"]
 
 _ARCSEC = UAS * 1e6
 
@@ -61,8 +61,8 @@ def propagate(
     b, rate = r * (1 + zeta * t) + moving * t, r * zeta + moving
     f = 1 / np.linalg.norm(b, axis=0)
     r_end = b * f
-    away = np.sum(r_end * rate, 0)
-    across = f * (rate - r_end * away)
+    radial_rate = np.sum(r_end * rate, 0)
+    across = f * (rate - r_end * radial_rate)
     if light_time:
         later = _with_light_time(lon, lat, parallax, motion, velocity, start, end)
     else:
@@ -87,7 +87,9 @@ def propagate(
     for k, (db, drate, dparallax) in enumerate(columns):
         df = -(f**2) * np.sum(r_end * db, 0)
         dr = f * db + b * df
-        dacross = df / f * across + f * (drate - dr * away - r_end * (np.sum(dr * rate, 0) + np.sum(r_end * drate, 0)))
+        dacross = df / f * across + f * (
+            drate - dr * radial_rate - r_end * (np.sum(dr * rate, 0) + np.sum(r_end * drate, 0))
+        )
         east = np.sum(p_end * dr, 0)
         turn = np.tan(later[1]) * east * np.stack([np.sum(q_end * across, 0), -np.sum(p_end * across, 0)])
         jacobian[:, 0, k], jacobian[:, 1, k] = east, np.sum(q_end * dr, 0)
@@ -97,15 +99,53 @@ def propagate(
     return later, jacobian
 
 
+def add_positions(covariance: ArrayLike, position_covariance: ArrayLike, years: ArrayLike) -> FloatArray:
+    """Covariances of five parameters after positions of another survey are added.
+
+    Parameters
+    ----------
+    covariance : (n, 5, 5) array
+        Covariances of Δα*, Δδ, ϖ, µ_α*, µ_δ at the epoch of the first catalogue. [µas, µas/yr]
+    position_covariance : (n, 2, 2) or (2, 2) array
+        Covariances of Δα* and Δδ in the other survey, in the frame of the first. [µas²]
+    years : (n,) array or float
+        Mean epoch of the other survey minus that of the first catalogue. [yr]
+
+    Returns
+    -------
+    covariance : (n, 5, 5) array
+        Covariances of the joint solution, at the epoch of the first catalogue.
+
+    Notes
+    -----
+    The positions are means over several years, without a parallactic displacement. They cannot correct the frame of the
+    first catalogue, from which the survey takes the zero of each of its fields, nor its systematic errors.
+
+    Examples
+    --------
+    >>> gaia = np.diag([0.08, 0.07, 0.1, 0.05, 0.04]) ** 2
+    >>> joint = add_positions(gaia[None], 0.2**2 * np.eye(2), 10.0)
+    >>> np.sqrt(joint[0].diagonal()).round(3)
+    array([0.079, 0.069, 0.1  , 0.02 , 0.019])
+    """
+    covariance = np.asarray(covariance, float)
+    design = np.zeros((len(covariance), 2, 5))
+    design[:, [0, 1], [0, 1]] = 1.0
+    design[:, [0, 1], [3, 4]] = np.broadcast_to(years, len(covariance))[:, None]
+    projected = design @ covariance
+    gain = np.linalg.solve(projected @ design.swapaxes(1, 2) + position_covariance, projected)
+    return covariance - projected.swapaxes(1, 2) @ gain
+
+
 def _with_light_time(lon, lat, parallax, motion, velocity, start, end):
     """ERFA's propagation; a parallax that is none is made small there, which is no fault of the data."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", erfa.ErfaWarning)
-        new = erfa.pmsafe(
+        result = erfa.pmsafe(
             lon, lat, motion[0] * UAS / np.cos(lat), motion[1] * UAS, np.maximum(parallax, 0) * UAS / _ARCSEC, velocity,
             2451545.0, (start - 2000.0) * 365.25, 2451545.0, (end - 2000.0) * 365.25,
         )  # fmt: skip
-    new_lon, new_lat, by_lon, by_lat, new_parallax, _ = new
+    new_lon, new_lat, by_lon, by_lat, new_parallax, _ = result
     small = parallax * UAS / _ARCSEC < 1e-6  # what ERFA has put in its place is not the star's
     return np.stack(
         [
@@ -202,61 +242,62 @@ class AstrometryRows(Frozen):
         n = name.size
         if n == 0:
             raise EmptyFieldError("there is no row of astrometry")
-        given: dict[str, Any] = {"name": name, "catalogue": np.asarray(self.catalogue).astype(str)}
+        columns: dict[str, Any] = {"name": name, "catalogue": np.asarray(self.catalogue).astype(str)}
         for column in ("epoch", "lon", "lat", "parallax", "motion", "covariance"):
-            given[column] = _floats(column, getattr(self, column))
+            columns[column] = _floats(column, getattr(self, column))
         for column in ("radial_velocity", "magnitude", "colour", "jet"):
             value = getattr(self, column)
-            given[column] = np.full(n, np.nan) if value is None else _floats(column, value)
+            columns[column] = np.full(n, np.nan) if value is None else _floats(column, value)
         calibrator = np.full(n, "") if self.calibrator is None else np.asarray(self.calibrator).astype(str)
-        given["calibrator"] = np.char.strip(calibrator)
+        columns["calibrator"] = np.char.strip(calibrator)
         still = np.zeros(n, bool) if self.still is None else np.asarray(self.still, bool)
         if self.displaced is None:
-            displaced = ~still & ~np.isfinite(given["parallax"]) if given["parallax"].shape == (n,) else still
+            is_displaced = ~still & ~np.isfinite(columns["parallax"]) if columns["parallax"].shape == (n,) else still
         else:
-            displaced = np.asarray(self.displaced, bool)
-        given |= {"still": still, "displaced": displaced}
+            is_displaced = np.asarray(self.displaced, bool)
+        columns |= {"still": still, "displaced": is_displaced}
         shapes: dict[str, tuple[int, ...]] = {"motion": (2, n), "covariance": (n, 5, 5)}
-        check_shapes(given, lambda column: shapes.get(column, (n,)))
-        for column, value in given.items():
+        check_shapes(columns, lambda column: shapes.get(column, (n,)))
+        for column, value in columns.items():
             object.__setattr__(self, column, value)
         self._check()
         super().__post_init__()
 
     def _check(self):
         """Raise FieldError for rows that cannot be used, of each reason the number and the first."""
-        measured = self.measured
+        is_measured = self.measured
         bad = {
             "no epoch": ~np.isfinite(self.epoch) | (np.abs(self.epoch - 2000) > 1000),
-            "nothing measured, with an error": ~measured.any(1),
+            "nothing measured, with an error": ~is_measured.any(1),
             "|dec| > 90°": np.abs(self.lat) > np.pi / 2 * (1 + 1e-14),
-            "a position in one coordinate alone": measured[:, 0] != measured[:, 1],
-            "a covariance that is not positive definite": ~self._positive(measured),
+            "a position in one coordinate alone": is_measured[:, 0] != is_measured[:, 1],
+            "a covariance that is not positive definite": ~self._positive(is_measured),
         }
-        _, place, count = np.unique(self._keys(), axis=0, return_inverse=True, return_counts=True)
-        bad["the same row twice"] = count[place.ravel()] > 1
-        said = [
+        _, inverse, count = np.unique(self._keys(), axis=0, return_inverse=True, return_counts=True)
+        bad["the same row twice"] = count[inverse.ravel()] > 1
+        messages = [
             f"{reason}: {int(mask.sum())} ({in_a_line(self.name[mask][0])} in {self.catalogue[mask][0]}, "
             f"row {int(mask.argmax())})"
             for reason, mask in bad.items()
             if mask.any()
         ]
-        if said:
+        if messages:
             raise FieldError(
-                f"rows of {len(self)} cannot be used: {'; '.join(said)}; rows are counted from 0. Mend them or leave "
+                f"rows of {len(self)} cannot be used: {'; '.join(messages)}; rows are counted from 0. Mend them or "
+                "leave "
                 "them out"
             )
 
     def _keys(self):
         """Rows that are the same in all of this are one row twice."""
-        by = np.unique(self.catalogue, return_inverse=True)[1].ravel()
-        return np.nan_to_num(np.column_stack([self.source, by, self.epoch, self.values.T]), nan=-1e300)
+        catalogue_index = np.unique(self.catalogue, return_inverse=True)[1].ravel()
+        return np.nan_to_num(np.column_stack([self.source, catalogue_index, self.epoch, self.values.T]), nan=-1e300)
 
-    def _positive(self, measured):
-        both = measured[:, :, None] & measured[:, None, :]
+    def _positive(self, is_measured):
+        pair_mask = is_measured[:, :, None] & is_measured[:, None, :]
         diagonal = np.eye(5, dtype=bool)
-        sigma = np.sqrt(np.where(measured, np.diagonal(self.covariance, axis1=1, axis2=2), 1.0))
-        matrix = np.where(both, self.covariance, diagonal) / (sigma[:, :, None] * sigma[:, None, :])
+        sigma = np.sqrt(np.where(is_measured, np.diagonal(self.covariance, axis1=1, axis2=2), 1.0))
+        matrix = np.where(pair_mask, self.covariance, diagonal) / (sigma[:, :, None] * sigma[:, None, :])
         usable = np.isfinite(matrix).all((1, 2))
         matrix = np.where(usable[:, None, None], matrix, np.eye(5))
         symmetric = np.abs(matrix - matrix.transpose(0, 2, 1)).max((1, 2)) < _SINGULAR
@@ -266,28 +307,30 @@ class AstrometryRows(Frozen):
         return self.name.size
 
     def __repr__(self) -> str:
-        counts = ", ".join(f"{int(np.sum(self.catalogue == each))} of {each}" for each in self.catalogues)
+        counts = ", ".join(
+            f"{int(np.sum(self.catalogue == catalogue))} of {catalogue}" for catalogue in self.catalogues
+        )
         return f"<AstrometryRows: {self.source.max() + 1} sources, rows: {counts}>"
 
     def __getitem__(self, keep: Any) -> AstrometryRows:
         """The rows picked by a mask, a slice or indices."""
-        picked: dict[str, Any] = {entry.name: getattr(self, entry.name) for entry in fields(self)}
-        for column, value in picked.items():
+        columns: dict[str, Any] = {entry.name: getattr(self, entry.name) for entry in fields(self)}
+        for column, value in columns.items():
             if column != "notes":
-                picked[column] = value[:, keep] if column == "motion" else value[keep]
-        return AstrometryRows(**picked)
+                columns[column] = value[:, keep] if column == "motion" else value[keep]
+        return AstrometryRows(**columns)
 
     def __add__(self, other: AstrometryRows) -> AstrometryRows:
         """The rows of both."""
         if not isinstance(other, AstrometryRows):
             return NotImplemented
-        joined: dict[str, Any] = {
+        columns: dict[str, Any] = {
             entry.name: np.concatenate([getattr(self, entry.name), getattr(other, entry.name)], axis=-1)
             for entry in fields(self)
             if entry.name not in ("covariance", "notes")
         }
         covariance = np.concatenate([self.covariance, other.covariance])
-        return AstrometryRows(**joined, covariance=covariance, notes=merge_notes(self.notes, other.notes))
+        return AstrometryRows(**columns, covariance=covariance, notes=merge_notes(self.notes, other.notes))
 
     @property
     def catalogues(self) -> tuple[str, ...]:
@@ -297,7 +340,7 @@ class AstrometryRows(Frozen):
     @property
     def source(self) -> IntArray:
         """The number of each row's source, from 0 in the order of first rows; case and blanks in names do not count."""
-        keys = ["".join(each.split()).casefold() for each in self.name.tolist()]
+        keys = ["".join(name.split()).casefold() for name in self.name.tolist()]
         numbers = {key: number for number, key in enumerate(dict.fromkeys(keys))}
         return np.array([numbers[key] for key in keys])
 

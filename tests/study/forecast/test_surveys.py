@@ -6,8 +6,8 @@ import pytest
 import fit
 import sim
 from study.commands.forecast import main
-from study.forecast import SURVEYS, Survey, forecast_surveys
-from study.forecast._forecast import QUANTITIES
+from study.forecast import SURVEYS, SecondEpoch, Survey, forecast_surveys
+from study.forecast._forecast import QUANTITIES, _quasars
 from vsh import Field, ParameterError
 from vsh.figures.plot import figure_of
 
@@ -20,7 +20,7 @@ def found():
 def test_numbers_of_even_skies(found):
     """Within 5 % of those worked out by hand for Gaia-CRF3's counts; within 12 % for the 10⁵ galaxies that are drawn."""
     expected = {
-        "spin": (0.361, 0.152, 0.053), "acceleration": (0.361, 0.152, 0.053), "waves": (1.49e-2, 2.7e-3, 3.2e-4),
+        "spin": (0.361, 0.152, 0.053), "acceleration": (0.361, 0.152, 0.053), "waves": (5.2e-2, 9.2e-3, 1.13e-3),
         "velocity": (63, 31, 15.6), "hubble": (11.4, 5.7, 2.9),
     }  # fmt: skip
     for name, row in expected.items():
@@ -61,6 +61,41 @@ def test_survey_of_few_sources_beside_its_own_fit():
     assert np.isnan(values["velocity"])
 
 
+def test_floor_of_dr3_is_that_of_its_published_systematics():
+    """12 µas/yr rms in degrees 1 to 12, one power for all 336 modes: 3 s/8π of it in each component."""
+    power_per_mode = 4 * np.pi * 12.0**2 / 336
+    assert SURVEYS["Gaia DR3"].floor == pytest.approx(np.sqrt(3 * power_per_mode / (8 * np.pi)), rel=1e-12)
+    assert 0.72 < SURVEYS["Gaia DR3"].floor < 0.85  # by the powers of EDR3's quasars, for several spectra
+
+
+def test_scatter_with_second_epoch():
+    """400 skies of sources of which those at |b| > 30° have positions of another survey: scatter as forecast."""
+    second = SecondEpoch(300.0, 10.0, latitude=30.0)
+    survey = Survey(4000, "DR5", second=second)
+    values = forecast_surveys({"both": survey, "Gaia": Survey(4000, "DR5")}, flows=False).values
+    rng = np.random.default_rng(2)
+    magnitudes, factors = _quasars()
+    accelerations = []
+    for _ in range(400):
+        lon, lat = sim.uniform_sky(4000, rng)
+        draws = rng.integers(len(magnitudes), size=4000)
+        errors = factors[draws] * sim.gaia_errors(magnitudes[draws], "DR5")
+        inside = second.covers(lon, lat)
+        errors[:, inside] = second.motion_errors(magnitudes[draws][inside], factors[draws][inside], "DR5")
+        solution = fit.fit_field(Field(lon, lat, errors * rng.normal(size=errors.shape), errors), 2)
+        accelerations.append(solution.acceleration.value)
+    assert np.std(accelerations) == pytest.approx(values["both"]["acceleration"], rel=0.06)
+    assert values["both"]["acceleration"] < 0.9 * values["Gaia"]["acceleration"]
+
+
+def test_errors_by_source_are_shares():
+    """Errors of 5 and 20 in equal shares have the information of one error of 6.86."""
+    two, one = (
+        forecast_surveys({"s": Survey(1000, sigma=sigma)}).values["s"] for sigma in ((5.0, 20.0), np.sqrt(2 / 0.0425))
+    )
+    assert two["acceleration"] == pytest.approx(one["acceleration"], rel=1e-12)
+
+
 def test_errors_scale_as_they_must():
     one, four = (
         forecast_surveys({"s": Survey(n, sigma=10.0, n_galaxies=n)}, flows=False).values["s"] for n in (1000, 4000)
@@ -99,6 +134,8 @@ def test_messages(capsys):
         Survey(100)
     with pytest.raises(ParameterError, match="n_quasars must be a whole number"):
         Survey(0, sigma=1.0)
+    with pytest.raises(ParameterError, match="astrometry of a release"):
+        Survey(10, sigma=1.0, second=SecondEpoch(1.0, 1.0))
     assert main(["--only", "Gaia DR9"]) == 1
     assert "no survey is called 'Gaia DR9'" in capsys.readouterr().err
     for bad in ("mine", "mine=3", "mine=3.5,1", "=3,1", "mine=3,0"):

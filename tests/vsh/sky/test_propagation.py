@@ -6,7 +6,7 @@ from astropy import units as u
 from astropy.coordinates import Distance, SkyCoord, get_body_barycentric
 from astropy.time import Time
 
-from vsh.sky.astrometry import earth, propagate
+from vsh.sky.astrometry import add_positions, earth, propagate
 from vsh.tools.units import UAS
 
 
@@ -61,3 +61,17 @@ def test_earth():
     epochs = np.linspace(1985, 2030, 20)
     theirs = get_body_barycentric("earth", Time(epochs, format="jyear", scale="tdb")).xyz.to_value("au")
     assert np.abs(earth(epochs) - theirs).max() < 1e-10
+
+
+def test_added_positions_equal_joint_least_squares():
+    """Five parameters known with a full covariance, and positions years later, as one least-squares problem."""
+    rng = np.random.default_rng(3)
+    root = rng.normal(size=(4, 5, 5))
+    covariance = root @ root.swapaxes(1, 2) + 0.1 * np.eye(5)
+    position = np.array([[0.3, 0.1], [0.1, 0.2]])
+    years = np.array([-5.0, 1.0, 8.0, 12.0])
+    joint = add_positions(covariance, position, years)
+    for k in range(4):
+        design = np.array([[1, 0, 0, years[k], 0], [0, 1, 0, 0, years[k]]])
+        normal = np.linalg.inv(covariance[k]) + design.T @ np.linalg.inv(position) @ design
+        assert joint[k] == pytest.approx(np.linalg.inv(normal), rel=1e-9, abs=1e-12)
