@@ -27,7 +27,7 @@ from vsh.sky.frames import rotation_matrix
 from vsh.tools import arguments
 from vsh.tools.errors import ParameterError
 from vsh.tools.notebook import InNotebook
-from vsh.tools.types import AxesArray, BoolArray, FloatArray, OnAxes, Rng, Table
+from vsh.tools.types import AxesArray, BoolArray, FloatArray, OnAxes, Release, Rng, Table
 from vsh.tools.units import AU_PER_YEAR, hubble_rate
 
 
@@ -54,7 +54,7 @@ class SecondEpoch:
     declination: tuple[float, float] = (-90.0, 90.0)
 
     def covers(self, lon: FloatArray, lat: FloatArray) -> BoolArray:
-        """Mask of the ICRS positions that are in the survey."""
+        """Mask of the ICRS positions `lon`, `lat` that are in the survey. [rad]"""
         lon_lat = np.stack([np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)])
         heights = [
             np.degrees(np.arcsin(np.abs(rotation_matrix("icrs", frame)[2] @ lon_lat)))
@@ -63,8 +63,8 @@ class SecondEpoch:
         lower, upper = np.radians(self.declination)
         return (heights[0] > self.latitude) & (heights[1] > self.ecliptic_latitude) & (lat > lower) & (lat < upper)
 
-    def motion_errors(self, magnitude: FloatArray, factor: FloatArray, release: Any) -> FloatArray:
-        """Errors of motions from both, (2, n), for errors of Gaia `factor` times those of the release. [µas/yr]"""
+    def motion_errors(self, magnitude: FloatArray, factor: FloatArray, release: Release) -> FloatArray:
+        """Errors of joint motions, (2, n), with Gaia's `factor` times those of `release` at `magnitude`. [µas/yr]"""
         sigma = np.concatenate([
             np.multiply.outer([*POSITION_FACTORS, 1.0], parallax_error(magnitude, release)),
             gaia_errors(magnitude, release),
@@ -122,7 +122,7 @@ class Survey(InNotebook):
                 raise ParameterError("positions are added to the astrometry of a release: give one")
 
     def errors(self, lon: FloatArray, lat: FloatArray) -> FloatArray:
-        """Errors of n quasars at ICRS positions, (2, n), of as much information as all of them have. [µas/yr]"""
+        """Errors of quasars at ICRS positions `lon`, `lat`, (2, n), of as much information as all have. [µas/yr]"""
         if self.release is None:
             sigma = np.tile(np.atleast_1d(self.sigma), (2, 1))
         else:
