@@ -350,8 +350,7 @@ class ShearByClass(Result):
 
     def growth(self) -> float:
         """p-value of a tensor that does not change linearly with the places of the classes."""
-        offsets = self.places - self.places.mean()
-        return self._p_value(offsets[None] / np.sum(offsets**2)) if len(self) > 1 else np.nan
+        return self._p_value(self._slope_weights[None]) if len(self) > 1 else np.nan
 
     def _p_value(self, rows):
         """The mean over draws of the p-value that linear combinations of classes, (r, K), are zero."""
@@ -362,9 +361,15 @@ class ShearByClass(Result):
 
     @property
     def slope(self) -> FloatArray:
-        """Change of the tensor with the places, by least squares, (3, 3). [µas/yr per unit of the places]"""
-        offsets = self.places - self.places.mean()
-        return matrix_of(offsets @ self.means.mean(0) / np.sum(offsets**2))
+        """Change of the tensor with the places, by weighted least squares, (3, 3). [µas/yr per unit of the places]"""
+        return matrix_of(self._slope_weights @ self.means.mean(0))
+
+    @cached_property
+    def _slope_weights(self):
+        """Coefficients of the classes in the slope, (K,): each class is weighted by its mean variance."""
+        weights = 1 / np.einsum("nkaka->k", self.covariances)
+        offsets = self.places - weights @ self.places / weights.sum()
+        return weights * offsets / (weights @ offsets**2)
 
     def _sections(self, long):
         facts = [("classes", f"{len(self)}, {self.frame} axes; systematic errors from degree 2 (toroidal) and higher")]

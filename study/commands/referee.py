@@ -75,6 +75,9 @@ def _run(options):
         answer=answer.answer,
         paths=[options.catalogue, options.earlier] if options.earlier else options.catalogue,
         counts=counts,
+        latex=lambda: "\n\n".join(
+            finishing.as_latex(section.table, section.title) for section in answer.details() if section.table
+        ),
         figures=draw,
         files=write,
         page=page,

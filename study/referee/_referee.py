@@ -83,12 +83,12 @@ class Referee(InNotebook):
         worst, p = self.smallest
         n = sum(bool(np.isfinite(check.p_value)) for check in self.checks)
         if worst is None:
-            return "No check could be asked"
+            return "no check was possible"
+        corrected = f"p = {printed_p_value(p)} after correction for {n} checks"
         if p >= HINT:
-            return f"none of {n} contradicts it (the smallest p-value, times {n}: {printed_p_value(p)})"
-        verdict = "The instrument is seen" if p < SEEN else "A hint of the instrument, no more"
-        remark = f"{worst.answer}; p = {printed_p_value(p)} after allowing for {n} checks"
-        return f"{verdict}, where it should be {worst.question} ({remark})"
+            return f"none of {n} contradicts it (smallest p = {printed_p_value(worst.p_value)}; {corrected})"
+        verdict = "an instrumental effect is detected" if p < SEEN else "weak evidence of an instrumental effect"
+        return f"{verdict}: it is not {worst.question} ({worst.answer}; {corrected})"
 
     def report(self, *, long: bool = False) -> str:
         """The result to quote, the verdict of each analysis, and the checks, as text.
@@ -114,7 +114,7 @@ class Referee(InNotebook):
                 "sources",
                 (f"{len(quasars.whole)}; {quasars.n_clipped} outliers are excluded where least squares are used"),
             ),
-            ("fit", f"{solution.frame} axes; shared errors from degrees 2 to {solution.modes.lmax}"),
+            ("fit", f"{solution.frame} axes; systematic errors from degrees 2 to {solution.modes.lmax}"),
         ]
         other_sections = [section for section in self.sections if section.paper.key != _QUOTED]
         if not long:
@@ -134,7 +134,7 @@ class Referee(InNotebook):
         remarks = []
         if not long:
             n_untested = len(self.checks) - len(tests)
-            suffix = f"; {n_untested} more need columns that this table lacks" if n_untested else ""
+            suffix = f"; {n_untested} more were not tested (--long lists the reasons)" if n_untested else ""
             remarks = [f"The {len(selection)} of {len(tests)} checks with the smallest p-values{suffix}."]
         return Section("Checks: p-values with systematic errors", (), tables.table_of(columns), remarks=remarks)
 
@@ -143,8 +143,8 @@ class Referee(InNotebook):
         rows: list[Any] = [
             (section.paper.key, row.quantity, *_cells(row)) for section in self.sections for row in section.rows
         ]
-        names = ("paper", "quantity", "published", "published_error", "their_way", "their_way_error",
-                 "shared", "shared_error", "kind")  # fmt: skip
+        names = ("paper", "quantity", "published", "published_error", "published_method", "published_method_error",
+                 "systematics", "systematics_error", "kind")  # fmt: skip
         verdicts = {
             "paper": [entry.paper.key for entry in self.sections],
             "title": [entry.title for entry in self.sections],
@@ -155,7 +155,7 @@ class Referee(InNotebook):
             "check": [entry.key for entry in self.checks],
             "question": [entry.question for entry in self.checks],
             "p_value": [entry.p_value for entry in self.checks],
-            "p_at_face_value": [entry.at_face_value for entry in self.checks],
+            "p_formal": [entry.at_face_value for entry in self.checks],
             "answer": [(entry.lacking and f"not tested: {entry.lacking}") or entry.answer for entry in self.checks],
         }
         return {

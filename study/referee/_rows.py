@@ -46,7 +46,7 @@ NONE = Value(float("nan"))
 
 @dataclass(frozen=True)
 class Row(InNotebook):
-    """A number of a section: published, ours done their way, and with the systematic errors."""
+    """A number of a section: published, with the published method, and with systematic errors."""
 
     quantity: str
     published: Value = NONE

@@ -17,11 +17,11 @@ from vsh.tools.types import Axes
 
 def draw(referee: Referee) -> dict[str, Any]:
     """All figures, by name."""
-    field, solution = referee.quasars.field, referee.headline.solution
+    solution = referee.headline.solution
     figures = {
         "accelerations": plot_accelerations(referee.sections),
         "checks": plot_checks(referee.checks),
-        "sky": plot_field(field, solution.coefficients, covariance=solution.covariance),
+        "sky": plot_field(referee.quasars.whole, solution.coefficients, covariance=solution.covariance),
     }
     with many_figures():
         return figures | {name: result.plot() for name, result in referee.results().items()}
@@ -84,7 +84,7 @@ def html(
 ) -> str:
     """The page: first the acceleration with systematic errors, then a section for each analysis, then the checks."""
     solution, quasars = referee.headline.solution, referee.quasars
-    sky = page.ShownPage("with systematic errors", quasars.field, solution.coefficients, solution.covariance)
+    sky = page.ShownPage("with systematic errors", quasars.whole, solution.coefficients, solution.covariance)
     remaining_figures = dict(figures)
     overview = {name: remaining_figures.pop(name) for name in _CAPTIONS if name in remaining_figures}
     sky_panel = page.sky(sky)
@@ -110,13 +110,13 @@ _CAPTIONS = {
     "checks": "p-values of the checks, with systematic errors (dots) and as quoted (crosses); lines: .05 and .0027.",
 }
 _CHECKS = (
-    "Each row: the acceleration and the spin do not depend on it. p-values with the systematic errors; beside "
-    "them those with formal errors alone, which cry wolf where errors are shared."
+    "Each row tests whether the acceleration and the spin depend on it: p-values with systematic errors, and with "
+    "formal errors alone, which are too small where sources have systematic errors in common."
 )
 
 
 def _section(section: Analysis, figures: dict[str, Any]) -> page.Panel:
-    """Published, ours their way, ours with shared errors; the figures behind it."""
+    """Numbers of one analysis: published, with the published method, with systematic errors; and its figures."""
     about = page.words(f"{section.paper.reference}; {section.paper.data}", "faint")
     if section.lacking:
         return page.heading(section.title, about, page.words(f"Not done: {section.lacking}."))

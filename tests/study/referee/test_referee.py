@@ -109,7 +109,7 @@ def test_instrument_is_seen(table):
     answer = Referee(quasars, main, [], checks(quasars, main, 1))
     by_g = next(each for each in answer.checks if each.key == "G")
     assert by_g.p_value < 0.0027
-    assert answer.conclusion.startswith("The instrument is seen")
+    assert answer.conclusion.startswith("an instrumental effect is detected")
     assert "G" in answer.conclusion
 
 
