@@ -107,17 +107,15 @@ def length_limits(
     components = components * np.sqrt(np.maximum(1.0, shortest))[:, None]
     square = np.sum(components**2, axis=1)
     relative, unit = variances / variances[:, -1:], sigma[:, -1]
-    null = _shorter(square, variances, np.zeros_like(components), dof)
+    # Each may underestimate the tail of short vectors, by any factor; the larger one is right to a few per cent.
+    null = np.maximum(*_shorter(square, variances, np.zeros_like(components), dof))
     lower, upper = np.sqrt(square), np.sqrt(square) + _reach(dof, components.shape[1]) * unit
     for _ in range(30):
         middle = (lower + upper) / 2
         mu = _multiplier(components.T, relative.T, middle)
         truth = components / (1 + mu[:, None] * relative)
         chance = _shorter(square, variances, truth, dof)
-        is_allowed = np.any(
-            [signal_tail > (1 - probability) * null_tail for signal_tail, null_tail in zip(chance, null, strict=True)],
-            axis=0,
-        )
+        is_allowed = np.maximum(*chance) > (1 - probability) * null
         lower, upper = np.where(is_allowed, middle, lower), np.where(is_allowed, upper, middle)
     return upper
 

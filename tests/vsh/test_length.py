@@ -90,3 +90,12 @@ def test_coverage_for_unequal_errors(errors, axis):
         assert limited > 0.945 - 3.5 * np.sqrt(0.05 * 0.95 / n)
         # .63 in the worst cell, 1 : 1 : 8 along the best axis at S/N 5, .74 in the best, 1 : 1 : 4 along the worst at 2.
         assert 0.62 - 3.5 * np.sqrt(0.22 / n) < inside < 0.72 + 3.5 * np.sqrt(0.22 / n)
+
+
+@pytest.mark.parametrize("errors", [(1, 1, 1.3), (1, 1, 2), (1, 1, 4), (1, 4, 4)])
+def test_limits_of_short_vectors_are_alike(errors):
+    """Vectors shorter than the noise all have the limit of a null vector: nothing tells them apart."""
+    rng = np.random.default_rng(4)
+    values = 0.3 * np.array(errors) * rng.normal(size=(2000, 3))
+    limits = length_limits(values, np.broadcast_to(np.diag(np.square(errors)).astype(float), (2000, 3, 3)))
+    assert limits.max() < 1.2 * limits.min()
