@@ -25,7 +25,8 @@ def make_parser() -> argparse.ArgumentParser:
     parser = parsing.make(
         prog="vsh-redshift",
         description=(
-            "Fit our velocity or the Hubble constant to proper motions and redshifts: our velocity for a known Hubble "
+            "Fit our velocity (of the Solar System in the frame of the microwave background) or the Hubble constant "
+            "to proper motions and redshifts: our velocity for a known Hubble "
             "constant, the Hubble constant for a known velocity, the posterior of both, and spin and acceleration in "
             "bins of redshift."
         ),
@@ -43,7 +44,10 @@ def make_parser() -> argparse.ArgumentParser:
         "--velocity",
         type=parsing.velocity,
         metavar="planck|SPEED,L,B",
-        help="fit H0 for this velocity: planck, or its speed in km/s and Galactic apex in degrees",
+        help=(
+            "fit H0 for this velocity: planck, or the speed in km/s and the Galactic longitude and latitude of the "
+            "apex in degrees"
+        ),
     )
     parser.add_argument(
         "--bins",
@@ -58,7 +62,8 @@ def make_parser() -> argparse.ArgumentParser:
         action="store_true",
         help=(
             "with --bins: include systematic errors, estimated from the power of degrees 2 to --lmax (to degree 5 if "
-            "--lmax is 1), and test whether the dipole changes with redshift; the default for 100000 sources or more"
+            "--lmax is 1; not with --lmax 2), and test whether the dipole changes with redshift; the default for "
+            "100000 sources or more"
         ),
     )
     floors.add_argument(
@@ -85,29 +90,30 @@ def make_parser() -> argparse.ArgumentParser:
         "--clip",
         type=parsing.positive,
         metavar="KAPPA",
-        help="first leave out sources with residuals of a degree-1 fit larger than KAPPA times the median",
+        help="first exclude sources whose residuals from a degree-1 fit exceed KAPPA times the median residual",
     )
     parser.add_argument(
         "--estimator",
         type=parsing.method,
         metavar="NAME[=VALUE]",
         help=(
-            "estimator in the bins, allowed only if they contain no nearby galaxies: least-squares "
+            "estimator for the bins; others than the default only if the bins contain no nearby galaxies: "
+            "least-squares "
             "(default), recommended, clip=KAPPA, student, permissive or excess-noise"
         ),
     )
-    parser.add_argument("--free-spin", action="store_true", help="fit the spin of the frame as well")
+    parser.add_argument("--free-spin", action="store_true", help="also fit the spin of the frame")
     parser.add_argument(
         "--acceleration",
         type=_known_vector,
         metavar="X,Y,Z,ERROR",
-        help="the acceleration known from quasars: ICRS, µas/yr (default: free)",
+        help="acceleration known from quasars: ICRS components and the error of each, µas/yr (default: fitted)",
     )
     distances = parser.add_argument_group("redshifts, and coherent flows")
     distances.add_argument(
         "--redshift-frame",
         choices=parsing.REDSHIFT_FRAMES,
-        help="frame of the redshifts, if the table does not specify it; true: cosmological redshifts",
+        help="frame of the redshifts, if the table does not specify it; true: redshifts due to the expansion alone",
     )
     distances.add_argument(
         "--no-magnitudes",
@@ -123,7 +129,7 @@ def make_parser() -> argparse.ArgumentParser:
         help=("do not fit coherent flows; for the real Universe the errors are then several times too small"),
     )
     distances.add_argument(
-        "--flows", action="store_true", help=("fit the flow that linear theory predicts as well (the default)")
+        "--flows", action="store_true", help=("also fit the coherent flow expected from linear theory (the default)")
     )
     distances.add_argument(
         "--n-modes", type=parsing.count(3), default=250, metavar="N", help="number of modes of the flow (default: 250)"
@@ -131,7 +137,7 @@ def make_parser() -> argparse.ArgumentParser:
     distances.add_argument(
         "--local-group",
         action="store_true",
-        help="use the Local Group's velocity as a constraint on the flow at our position (for --velocity)",
+        help="use the velocity of the real Local Group as a constraint on the flow at our position (affects H0 only)",
     )
     distances.add_argument(
         "--flow-amplitude",
@@ -145,7 +151,7 @@ def make_parser() -> argparse.ArgumentParser:
         "--reconstruction",
         metavar="FILE",
         help=(
-            "reconstructed velocity field on a grid (.npz, or .npy like that of 2M++); the fitted "
+            "reconstructed velocity field on a grid (.npz, or .npy in the format of 2M++); the fitted "
             "flow then describes only the error of the reconstruction"
         ),
     )
@@ -156,25 +162,25 @@ def make_parser() -> argparse.ArgumentParser:
         metavar="X",
         help=("error of the reconstruction, as a fraction of the rms flow of linear theory (default: 0.5)"),
     )
-    measurements = parser.add_argument_group("distances that are measured: clusters, masers, stars")
+    measurements = parser.add_argument_group("measured distances (clusters, masers, stars)")
     measurements.add_argument(
         "--distances",
         action="store_true",
         help=(
             "fit our velocity relative to sources with measured distances or parallaxes, without "
-            "redshifts or H0; in Galactic axes, or with --frame ecliptic in ecliptic axes"
+            "redshifts or H0; the result has Galactic axes unless --frame ecliptic is given"
         ),
     )
     measurements.add_argument(
-        "--oort", action="store_true", help="with --distances: rotation and shear as well (Oort's A, B, C, K)"
+        "--oort", action="store_true", help="with --distances: also fit rotation and shear (Oort's A, B, C, K)"
     )
     posterior = parser.add_argument_group("posterior of our velocity and H0")
     posterior.add_argument(
         "--posterior",
         action="store_true",
         help=(
-            "sample the posterior of H0 and the velocity. Prior on the velocity: that of Planck, or "
-            "--velocity; prior on H0: flat, or --h0-error or --h0-range"
+            "sample the posterior of H0 and the velocity. Prior on the velocity: Planck's, or that given by "
+            "--velocity; prior on H0: flat, or given by --h0-error or --h0-range"
         ),
     )
     posterior.add_argument(
@@ -182,14 +188,14 @@ def make_parser() -> argparse.ArgumentParser:
         choices=("emcee", "grid"),
         help=(
             "emcee: a Markov chain (default); grid: independent samples without a chain, possible "
-            "if besides H0 at most one other parameter is free"
+            "if at most one parameter is free besides the velocity and H0"
         ),
     )
     posterior.add_argument(
         "--n-samples", type=parsing.count(1), default=100_000, metavar="N", help="number of samples (default: 100000)"
     )
     posterior.add_argument(
-        "--checkpoint", metavar="FILE", help="keep the chain here; an interrupted run resumes from it"
+        "--checkpoint", metavar="FILE", help="save the chain in this file; an interrupted run resumes from it"
     )
     posterior.add_argument(
         "--h0-error",
@@ -197,19 +203,24 @@ def make_parser() -> argparse.ArgumentParser:
         metavar="SIGMA",
         help=(
             "Gaussian prior of this width about --h0; without it the prior on H0 is flat, "
-            "and --h0 is used by the fit of the velocity only"
+            "and --h0 is used only in the fit of the velocity"
         ),
     )
     posterior.add_argument(
-        "--h0-range", type=_range, metavar="LOW,HIGH", help="prior on H0 that is flat between two limits, km/s/Mpc"
+        "--h0-range", type=_range, metavar="LOW,HIGH", help="flat prior on H0 between these limits, km/s/Mpc"
     )
     posterior.add_argument(
         "--peculiar-dispersion-max",
         type=parsing.positive,
         metavar="MAX",
-        help="dispersion free, flat from 0 to MAX km/s",
+        help="with --posterior: fit the peculiar dispersion, with a flat prior from 0 to MAX km/s",
     )
-    posterior.add_argument("--seed", type=int, default=1, help="the same seed, the same chain (default: 1)")
+    posterior.add_argument(
+        "--seed",
+        type=int,
+        default=1,
+        help="seed of the random numbers; the same seed gives the same chain (default: 1)",
+    )
     parsing.add_threads(parser)
     reading.add_workers(parser)
     reading.add_reading(parser)
@@ -343,6 +354,10 @@ def _run(options):
     velocity = reading.velocity_of(options.velocity)
     ours = velocity or vsh.models.cosmology.CMB_VELOCITY_PLANCK18
     results, truth, p_values, remark = {}, catalogue.truth_of(source), None, ""
+    if options.local_group and truth:
+        raise VshError(
+            f"--local-group uses the motion of the real Local Group, and {source.label} is simulated: leave it out"
+        )
     common = {
         "cosmology": _cosmology(options.omega_m),
         "peculiar_dispersion": options.peculiar_dispersion,

@@ -433,11 +433,13 @@ def calibrate(
     bright, complete = _far_enough(facts["bright"], typical, cosmology), max(facts["faintest"], default=np.nan)
     if use and not has_luminosity:
         limit, brighter = complete_to(bright, complete)
-        if np.isnan(limit) and magnitudes is None:
+        if magnitudes is None and not limit >= complete:
+            # With flows magnitudes gain little, and those of an inhomogeneous list make errors too small.
             use = False
+            reach = "none of them" if np.isnan(limit) else f"magnitude {limit:.2f}, not to its faintest, {complete:.2f}"
             notes.append(
-                "magnitudes are not used: the sample is complete to none of them (Rauzy's T_C below -3 for each); "
-                "magnitudes=True takes it for complete to its faintest"
+                f"magnitudes are not used: the sample is complete to {reach} (Rauzy's T_C); magnitudes=True uses those "
+                "of the complete part"
             )
         elif limit < complete:
             notes.append(
@@ -456,8 +458,9 @@ def calibrate(
         bare = replace(bare, luminosity=luminosity_function)
         if not has_luminosity:
             notes.append(
-                "magnitudes tell distances by a luminosity function fitted to the catalogue, which is to be complete "
-                "to its faintest one: magnitudes=False (--no-magnitudes) where it is not"
+                "magnitudes constrain distances by a luminosity function fitted to the catalogue, which must be "
+                "complete "
+                "to its faintest magnitude; otherwise use magnitudes=False (--no-magnitudes)"
             )
     elif has_luminosity:
         raise ParameterError("a luminosity function needs magnitudes, which are not used")
@@ -465,8 +468,8 @@ def calibrate(
         errors = errors_by_redshift(facts["variances"])
         bare = replace(bare, errors=errors)
         notes.append(
-            "no magnitudes: distances follow from redshifts alone, and where they are unsure by more than 5 % sources "
-            "weigh by the mean errors of their redshift; with magnitudes results would be surer"
+            "no magnitudes: distances follow from redshifts alone, and sources with distance errors above 5 % have the "
+            "mean weight of their redshift"
         )
     return replace(bare, density=_density(density, complete if use else None, facts, bare), notes=tuple(notes))
 
