@@ -68,7 +68,9 @@ def main(kind, number, norm=0.0, step=0.0):
     for name, column in zip(names, p.T, strict=True):
         print(f"  {name:20}{np.mean(column < 0.05):7.3f}{np.mean(column < 0.0027):8.4f}")
     inside = [np.mean(np.abs(pulls) < bound) for bound in (1.0, 1.96)]
-    print(f"  components: pull {np.std(pulls):.3f}, within 1 σ {inside[0]:.3f}, within 1.96 σ {inside[1]:.3f}; ", end="")
+    print(
+        f"  components: pull {np.std(pulls):.3f}, within 1 σ {inside[0]:.3f}, within 1.96 σ {inside[1]:.3f}; ", end=""
+    )
     print(f"95 % limits above the truth {np.mean(limits):.3f}")
 
 
