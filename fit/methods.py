@@ -118,17 +118,17 @@ def degree_for(n_sources: int, most: int, least: int = 1) -> int:
 
 @arguments.accepts(field=as_field, rng=arguments.seed)
 def recommended(field: Any, lmax: int | None = None, *, rng: Rng = 1) -> Recommended:
-    """Fit a catalogue as recommended: robustly, and with systematic errors in the errors of spin and acceleration.
+    """Fit a catalogue as recommended: robustly, and with the systematic floor in the errors of spin and acceleration.
 
     Parameters
     ----------
     field : Field, Parts, path or table
         The sources; what is no Field is read by `vsh.read_field`.
     lmax : int, optional
-        The highest degree; 5 unless given. It is lowered, with a note, where the sources are too few, or see too little
-        of the sky to separate the modes: below degree 3 there is no floor.
+        The highest degree; 5 unless given. It is lowered, with a note, if there are too few sources, or if they cover
+        too little of the sky to separate the modes. Below degree 3 there is no floor.
     rng : Generator or int
-        As for the other estimators of `fit.METHODS`; nothing is drawn.
+        Not used, because nothing is drawn. The other estimators of `fit.METHODS` have the same argument.
 
     Raises
     ------
@@ -137,10 +137,10 @@ def recommended(field: Any, lmax: int | None = None, *, rng: Rng = 1) -> Recomme
 
     Notes
     -----
-    Where many quoted errors are several times too small (ν of Student's t below 1.3), an excess noise is added in
-    quadrature to all of them if the motions are likelier with it than with heavier tails. On 200 clean skies the fit is
-    as precise as least squares with a floor; coverage on simulated skies, those with
-    wrong errors, outliers and systematic errors among them, is in docs/validation.md.
+    If many quoted errors are several times too small (ν of Student's t below 1.3), an excess noise is added in
+    quadrature to all of them, provided that the motions are more likely with it than with heavier tails. On 200 clean
+    simulated skies the fit is as precise as least squares with a floor. The coverage on simulated skies, including
+    those with wrong errors, outliers and systematic errors, is in docs/validation.md.
 
     Examples
     --------
@@ -383,7 +383,7 @@ def estimate(
     >>> lon, lat = rng.uniform(0, 6.28, 500), np.arcsin(rng.uniform(-1, 1, 500))
     >>> field = Field(lon, lat, 30 * rng.normal(size=(2, 500)), np.full((2, 500), 30.0))
     >>> print(estimate(field, 1, "least-squares").answer.lines[0][1].partition(";")[0])
-    least squares, formal errors, degree 1
+    least squares, formal errors, to degree 1
     """
     choice("method", method, tuple(METHODS))
     if value is not None and method not in WITH_VALUE:

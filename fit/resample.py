@@ -1,9 +1,10 @@
-"""How a result varies when its sources do: bootstrap over sources, jackknife and bootstrap over blocks of the sky.
+"""Errors from resampling: bootstrap over sources, and jackknife and bootstrap over blocks of the sky.
 
-Normal equations add, so the sky is cut into blocks once, and every replicate is a sum of blocks that are already there;
-a bootstrap over sources is taken whole or to first order. Resampling detects errors that differ from source to source.
-If neighbours share errors, blocks must be larger than the correlation length (`compare_blocks` estimates it). Errors
-common to the whole sky, above all a glide or a rotation of the frame, cannot be detected by any resampling.
+Normal equations add. Therefore the sky is divided into blocks once, and every replicate is a sum over the equations of
+the blocks. A bootstrap over sources is computed in full or to first order. Resampling detects errors that differ from
+source to source. If the errors of neighbouring sources are correlated, blocks must be larger than the correlation
+length (`compare_blocks` estimates it). Errors common to the whole sky, above all a glide or a rotation of the frame,
+cannot be detected by any resampling.
 """
 
 from collections.abc import Iterator, Sequence
@@ -45,7 +46,7 @@ class ResampledFit(AboutSolution):
     ----------
     method : str
     solution : Solution
-        Solution of the sources as they are.
+        Solution of the original sources.
     replicates : (n, p) array
         Coefficients of each replicate. [µas/yr]
     covariance : (p, p) array
@@ -59,12 +60,12 @@ class ResampledFit(AboutSolution):
 
     @property
     def quoted(self) -> Solution:
-        """The solution with these errors."""
+        """Solution with the errors from resampling."""
         return self.resampled_solution
 
     @property
     def samples(self) -> FloatArray:
-        """Another name of `replicates`."""
+        """Alias of `replicates`."""
         return self.replicates
 
     @property
@@ -87,10 +88,11 @@ class ResampledFit(AboutSolution):
         )
 
     def interval(self, probability: float = 0.68) -> FloatArray:
-        """Lower and upper end of each coefficient's interval of `probability`, (2, p). [µas/yr]
+        """Compute the lower and upper end of each coefficient's interval of `probability`, (2, p). [µas/yr]
 
-        Percentiles of the replicates; for the jackknife, whose replicates lie close together, the
-        interval of its standard error with Student's t, which allows for few blocks.
+        The ends are percentiles of the replicates. For the jackknife, whose replicates lie close
+        together, the interval follows from the standard error and Student's t, which allows for a small number of
+        blocks.
         """
         probability = between("probability", probability, 0, 1)
         if self.method == "jackknife":
@@ -99,11 +101,11 @@ class ResampledFit(AboutSolution):
         return np.percentile(self.replicates, [50 - 50 * probability, 50 + 50 * probability], axis=0)
 
 
-#: Power of (1 − leverage) by which residuals are divided: those of sources that make much of their own fit are too
-#: small. With ½, ¾ and 1 pulls are 1.06, 0.92 and 0.80 where 100 sources with 70 coefficients have all the weight,
-#: 1.08, 0.98 and 0.89 with 30 and 16.
+#: Power of (1 − leverage) by which residuals are divided, because residuals of sources with a high leverage are too
+#: small. With ½, ¾ and 1, pulls are 1.06, 0.92 and 0.80 if 100 sources with 70 coefficients have all the weight, and
+#: 1.08, 0.98 and 0.89 if 30 sources with 16 coefficients have it.
 _POWER = 0.75
-#: Poisson numbers with mean 1, less that mean, by 16 random bits; their variance is 0.99997.
+#: Table of Poisson numbers with mean 1, minus that mean, indexed by 16 random bits; their variance is 0.99997.
 _POISSON = np.searchsorted(gammaincc(np.arange(1, 13), 1.0), (np.arange(2**16) + 0.5) / 2**16).astype(np.float32) - 1
 
 
@@ -121,41 +123,44 @@ def bootstrap(
     covariance: Covariance | FloatArray | None = None,
     progress: bool = True,
 ) -> ResampledFit:
-    """Draw the sources again, each a Poisson number of times with mean 1.
+    """Resample the sources, drawing each a Poisson number of times with mean 1.
 
-    Its errors are right for sources whose errors are wrong in any way, but independent of each other.
+    The resulting errors are right even if the quoted errors are wrong in any way, provided that the errors of different
+    sources are independent.
 
     Parameters
     ----------
     field : Field, ScalarField or Parts
-        The sources. Parts are gone through three times.
+        The sources. Parts are read three times.
     modes : Modes, or the degree lmax
         What to fit.
     n_replicates : int
-        How many.
+        Number of replicates.
     rng : Generator or int
-        The source of all randomness.
+        Random number generator, or its seed.
     method : {"auto", "full", "one-step"}
-        "one-step" takes the first step from the fit to the solution of a draw, N⁻¹ Σ (k − 1) Aᵀ C⁻¹ Δ/(1 − leverage)^¾,
-        all draws in one pass; "full" solves again for every draw, and its errors are too large where few sources have
-        most of the weight. "auto" takes one step. `ResampledFit.method` says which it was.
+        "one-step" computes the first step from the fit towards the solution of each draw, N⁻¹ Σ (k − 1) Aᵀ C⁻¹ Δ/(1 −
+        leverage)^¾, for all draws in one pass; k is how often a source is drawn. "full" solves again for every draw,
+        and its errors are too large if few sources have most of the weight. "auto" is "one-step". `ResampledFit.method`
+        says which method was used.
     covariance : Covariance or (2n, 2n) array, optional
         Covariance of the motions, all east components first, in place of the field's errors (`fit.normal_equations`).
-        Motions are whitened first, and drawn as what each source says that those before it do not.
+        The motions are whitened first. What is drawn for a source is then the part of its motion that does not follow
+        from the sources before it.
     progress : bool
         Show a bar, after two seconds.
 
     Raises
     ------
     ParameterError
-        If all draws of a catalogue in parts are to be solved.
+        If `method` is "full" for a catalogue in parts.
 
     Notes
     -----
-    One step is the score bootstrap of Kline & Santos (2012, J. Econometric Methods 1, 23), with residuals that allow
-    for what each source makes of its own fit. Pulls are 0.92 to 1.00 from 300 equal sources at degree 3 to catalogues
-    in which 100 of 20 000 sources (degree 5), or 30 of 600 (degree 2), have all the weight; those of "full" are 0.81 in
-    the latter.
+    "one-step" is the score bootstrap of Kline & Santos (2012, J. Econometric Methods 1, 23), with residuals that are
+    corrected for the leverage of each source. Its pulls are 0.92 to 1.00 in tests with 300 equal sources (degree 3),
+    and with catalogues in which 100 of 20 000 sources (degree 5), or 30 of 600 (degree 2), have all the weight. In the
+    last test the pulls of "full" are 0.81.
     """
     modes, rng = modes_for(field, modes), generator(rng)
     choice("method", method, ("auto", "full", "one-step"))
@@ -165,12 +170,12 @@ def bootstrap(
     if method != "full":
         return _one_step(as_parts(field, SourcesWithErrors), solution, n_replicates, rng, progress)
     if isinstance(field, Parts):
-        raise ParameterError('a catalogue in parts is drawn in one step: method="one-step"')
+        raise ParameterError('a catalogue in parts can only be drawn in one step: use method="one-step"')
     replicates = np.empty((n_replicates, len(modes)))
     for replicate in progress_bar(replicates, words="bootstrap", shown=progress):
         times = rng.poisson(1.0, len(field))
         sample, times = field[times > 0], times[times > 0]
-        # Drawn k times is measured k times as well: errors smaller by √k.
+        # A source that is drawn k times counts as measured k times: its errors are smaller by √k.
         weighted_sample = sample.with_errors(sample.sigma / np.sqrt(times))
         replicate[:] = solve(normal_equations(weighted_sample, modes)).coefficients.values
     return ResampledFit("bootstrap", solution, replicates, np.cov(replicates, rowvar=False))
@@ -188,7 +193,7 @@ def _one_step(sky, solution, n_replicates, rng, progress):
     seed = int(rng.integers(2**63))
     work = partial(_drawn_scores, solution=solution, total=total, n_replicates=n_replicates, seed=seed)
     steps = sky.sum(work, roles=(), words="bootstrap", progress=progress)
-    # The catalogue's own N⁻¹, also where the solution's covariance is another.
+    # Use N⁻¹ of the catalogue itself, even if the solution has another covariance.
     replicates = solution.values + steps @ solution.covariance
     return ResampledFit("one-step bootstrap", solution, replicates, np.cov(replicates, rowvar=False))
 
@@ -200,17 +205,17 @@ def _size(field):
 def _drawn_scores(
     field: Field, solution: Solution, total: tuple[int, float], n_replicates: int, seed: int
 ) -> FloatArray:
-    """Σ (k − 1) Aᵀ C⁻¹ Δ/(1 − leverage)^¾ over some sources, (replicates, p), for numbers k drawn for each."""
+    """Sum (k − 1) Aᵀ C⁻¹ Δ/(1 − leverage)^¾ over some sources, with k drawn for each, (replicates, p)."""
     share = leverage(field, solution.modes, solution.covariance, total=total)
 
     def block(chunk):
         sources = field[chunk]
-        # Seeded by the sources: the same draws however many threads, parts or workers there are.
+        # The seed follows from the sources, so that draws do not depend on the number of threads, parts or workers.
         digest = blake2b(sources.lon.tobytes() + sources.lat.tobytes(), digest_size=16).digest()
         rng = np.random.default_rng([seed, int.from_bytes(digest, "big")])
         residuals = multiply_weights(sources.weights, solution.residuals(sources).data) / (1 - share[chunk]) ** _POWER
         scores = np.einsum("pkn,kn->pn", harmonics(sources.lon, sources.lat, solution.modes), residuals)
-        # Single precision, relative to the largest: a millionth of what the draws scatter by.
+        # Single precision relative to the largest score: the error is a millionth of the scatter of the draws.
         size = np.abs(scores).max(1, keepdims=True)
         scores /= np.where(size > 0, size, 1.0)
         times = _POISSON[rng.integers(0, 2**16, (n_replicates, len(sources)), dtype=np.uint16)]
@@ -231,10 +236,10 @@ def parametric_bootstrap(
     *,
     covariance: Covariance | FloatArray | None = None,
 ) -> ResampledFit:
-    """Draw the motions again, from the fit and the catalogue's errors.
+    """Resample the motions from the fit and the errors of the catalogue.
 
-    The fit is linear and the errors are Gaussian, so the replicates are N(c, N⁻¹) exactly
-    and are drawn as such; no sky is simulated.
+    The fit is linear and the errors are Gaussian, so the distribution of the replicates is
+    exactly N(c, N⁻¹). They are drawn from it directly; no sky is simulated.
 
     Parameters
     ----------
@@ -248,7 +253,7 @@ def parametric_bootstrap(
     return ResampledFit("parametric bootstrap", solution, replicates, np.cov(replicates, rowvar=False))
 
 
-#: Beyond this, the normal matrices of all blocks are not kept at once. [bytes]
+#: Largest size of the normal matrices of all blocks together; more is refused. [bytes]
 MEMORY = 4 * 2**30
 
 
@@ -268,7 +273,7 @@ def block_bootstrap(
     covariance: Covariance | FloatArray | None = None,
     progress: bool = True,
 ) -> ResampledFit:
-    """Bootstrap over HEALPix blocks of the sky: errors that allow for correlations between neighbours.
+    """Resample HEALPix blocks of the sky, for errors that allow for correlations between neighbouring sources.
 
     Parameters
     ----------
@@ -315,7 +320,7 @@ def jackknife(
     covariance: Covariance | FloatArray | None = None,
     progress: bool = True,
 ) -> ResampledFit:
-    """Repeat a fit leaving out one HEALPix block of the sky after the other.
+    """Repeat a fit, leaving out one HEALPix block of the sky at a time.
 
     Parameters
     ----------
@@ -324,10 +329,10 @@ def jackknife(
     modes : Modes, or the degree lmax
         What to fit.
     nside : int
-        Resolution of the blocks, 58.6°/nside wide: several times the length over which errors are correlated.
-        In a test with noise correlated over 10°, the rms of (estimate − truth)/error was 2.1 at nside 4, 1.5 at nside
-        2 and 1.3 at nside 1 (10 with formal errors). Take at least twice as many blocks as coefficients: with fewer,
-        errors come out too large.
+        Resolution of the blocks, which are 58.6°/nside wide. They should be several times wider than the correlation
+        length of the errors. In a test with noise correlated over 10°, the rms of (estimate − truth)/error was 2.1 at
+        nside 4, 1.5 at nside 2 and 1.3 at nside 1 (10 with formal errors). Take at least twice as many blocks as
+        coefficients: with fewer, errors come out too large.
     covariance : Covariance or (2n, 2n) array, optional
         As for `bootstrap`.
     progress : bool
@@ -355,7 +360,7 @@ def jackknife(
 
 
 class normals_of_blocks:
-    """The normal equations of each HEALPix block that holds sources, one after the other."""
+    """Iterable of the normal equations of each HEALPix block that contains sources."""
 
     def __init__(
         self,
@@ -396,13 +401,13 @@ def _by_block(field, modes, nside):
     return {int(block): Moments.of(field[pixel == block], modes) for block in np.unique(pixel)}
 
 
-#: Blocks for each coefficient, at least: with fewer, leaving one out nearly undoes some coefficient, and errors
-#: grow with the blocks whatever the sources share (2.7 times at degree 5 and 12 blocks, with independent errors).
+#: Smallest number of blocks per coefficient. With fewer, some coefficient is nearly undetermined without one block.
+#: Errors then grow with block size even if those of the sources are independent (2.7 times at degree 5, 12 blocks).
 BLOCKS_PER_COEFFICIENT = 2
 
 
 class BlockLength(NamedTuple):
-    """Jackknife errors of one size of blocks: rms over the formal error of spin and acceleration, and its own error."""
+    """Jackknife errors for one block size, with the rms of their ratio to formal errors, for spin and acceleration."""
 
     nside: int
     degrees: float
@@ -416,7 +421,7 @@ class BlockLength(NamedTuple):
 def compare_blocks(
     field: Field | Parts, modes: Modes | int, *, nsides: Sequence[int] = (8, 4, 2, 1), progress: bool = True
 ) -> tuple[list[BlockLength], BlockLength, str]:
-    """Jackknife errors with blocks of several sizes, side by side: which are long enough?
+    """Compare jackknife errors for several block sizes, to find which blocks are large enough.
 
     If errors of neighbouring sources are correlated, jackknife errors grow with the size of the blocks, until blocks
     are larger than the correlation length.
@@ -428,19 +433,19 @@ def compare_blocks(
     modes : Modes, or the degree lmax
         What to fit.
     nsides : tuple of int
-        From small blocks to large ones.
+        Resolutions of the blocks, in order from small blocks to large ones.
     progress : bool
         Show a bar, after two seconds.
 
     Returns
     -------
     rows : list of BlockLength
-        One for each size with at least twice as many blocks as coefficients, and without any one of which
-        the fit stays determined.
+        One row for each size that has at least twice as many blocks as coefficients, and for which the fit
+        stays determined if any single block is left out.
     best : BlockLength
-        The smallest blocks beyond which the errors do not grow significantly.
+        The smallest block size beyond which the errors do not grow significantly.
     advice : str
-        In words, with what no resampling can see.
+        The result in words, with a reminder of the errors that no resampling can detect.
 
     Raises
     ------
@@ -462,13 +467,13 @@ def compare_blocks(
         except DegeneracyError as error:
             failure = error
     if not rows:
-        raise failure or DegeneracyError("no sizes of blocks were given")
+        raise failure or DegeneracyError("nsides is empty: give at least one block size")
     best = next(row for i, row in enumerate(rows) if all(not _grows(row, later) for later in rows[i + 1 :]))
     return rows, best, _advice(rows, best)
 
 
 def _pixels(field, nside):
-    """The blocks that hold sources, as keys."""
+    """Return the pixel numbers of the blocks that contain sources, as keys of a dict."""
     return dict.fromkeys(np.unique(pixels_of(field.lon, field.lat, nside)).tolist())
 
 
@@ -477,7 +482,7 @@ def _length(growth, nside):
     errors = np.concatenate([growth.spin.sigma, growth.acceleration.sigma])
     blocks = len(growth.replicates)
     ratio = float(np.sqrt(np.mean((errors / formal) ** 2)))
-    # Six variances of B − 1 degrees of freedom each.
+    # The ratio rests on six variances, each with B − 1 degrees of freedom.
     return BlockLength(nside, 58.6 / nside, blocks, ratio, ratio / np.sqrt(2 * 6 * (blocks - 1)), growth)
 
 
@@ -489,7 +494,7 @@ def _advice(rows, best):
     table = "; ".join(
         f"nside {r.nside} ({r.degrees:.0f}°, {r.blocks} blocks): {r.ratio:.2f} ± {r.ratio_error:.2f}" for r in rows
     )
-    note = f"jackknife errors over formal ones: {table}; taken: nside {best.nside}"
+    note = f"ratio of jackknife errors to formal errors: {table}; chosen: nside {best.nside}"
     if best is rows[-1] and len(rows) > 1:
-        note += ", the largest blocks: errors still grow with them, and may be larger yet"
+        note += ", the largest blocks: errors still grow with block size, and may be underestimated"
     return note + ". No resampling can detect errors common to the whole sky (a glide or a rotation of the frame)"

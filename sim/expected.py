@@ -32,22 +32,22 @@ def expected_covariances(
     threads: int | None = None,
     progress: bool = True,
 ) -> tuple[FloatArray, FloatArray]:
-    """Formal and true 2 × 2 covariances of five-parameter solutions over a mission.
+    """Compute the formal and true 2 × 2 covariances of five-parameter solutions over a mission.
 
     Parameters
     ----------
     population : Population
-        In the mission's frame.
+        The sources, in the frame of the mission.
     mission : Mission or NominalScanningLaw
-        As for `sim.observe`; the attitude's error is taken as independent from transit to transit.
+        As for `sim.observe`; the errors of the attitude are assumed to be independent from transit to transit.
     kind : {"motion", "position"}
-        Which two of the five parameters.
+        Which two of the five parameters the covariances are of.
     variability : Variability, optional
         Variability of the photocentres.
     excess_noise : float or (n,) array
         Along-scan error added in quadrature to every transit. [µas]
     release : {"DR3", "DR4", "DR5", "paper"}
-        Release whose errors are taken where the mission does not say it.
+        Data release whose errors are used if the mission does not specify one.
     threads : int, optional
         How many; one a core unless given.
     progress : bool
@@ -56,8 +56,8 @@ def expected_covariances(
     Returns
     -------
     formal, true : (n, 2, 2) arrays
-        As quoted, and as the errors scatter: with the variability and the attitude. nan for sources with
-        too few transits. [µas² or (µas/yr)²]
+        Covariances as a catalogue would quote them, and as the errors actually scatter, with variability
+        and attitude included. nan for sources with too few transits. [µas² or (µas/yr)²]
 
     Raises
     ------

@@ -193,7 +193,7 @@ STAR_COUNTS = (10.0, 15.0, 18.0, 20.0), (0.34, 26.0, 250.0, 1000.0)
 def quasars(
     n: int, rng: Rng = 1, sky: str | FloatArray = "uniform", *, max_magnitude: float = 20.0, map_frame: str = "icrs"
 ) -> Population:
-    """n quasars with Gaia's distribution of magnitudes; bright ones are nearer, as in SDSS (`REDSHIFT_BY_MAGNITUDE`).
+    """Draw n quasars with Gaia's magnitude distribution; bright ones are nearer, as in SDSS (`REDSHIFT_BY_MAGNITUDE`).
 
     Parameters
     ----------
@@ -202,9 +202,9 @@ def quasars(
     rng : Generator or int
         The source of all randomness.
     sky : {"uniform", "plane-avoiding", "gums", "igql"} or (12 nside²,) array
-        A name, or a HEALPix map of their density in ring order (a selection function).
+        Name of a sky, or a HEALPix map of the density of quasars in ring order (a selection function).
     max_magnitude : float
-        The faintest G, at most 21.
+        Faintest magnitude G, above 18 and at most 21.
     map_frame : str
         Axes of a map that is given.
 
@@ -289,12 +289,12 @@ def galaxies(
     sky
         As for `quasars`.
     min_redshift, max_redshift : float
-        Redshifts.
+        Lowest and highest redshift.
     max_magnitude : float
-        The completeness limit, G.
+        Faintest apparent magnitude G, to which the catalogue is complete.
     absolute, spread : float
-        Mean and standard deviation of the absolute magnitudes; with these the
-        counts peak at G ≈ 17, as those of the paper's galaxies do.
+        Mean and standard deviation of the absolute magnitudes. With the
+        defaults the counts peak at G ≈ 17, as those of the paper's galaxies do.
     map_frame : str
         Axes of a map that is given.
 
@@ -306,7 +306,7 @@ def galaxies(
     Raises
     ------
     ParameterError
-        If redshifts do not rise from above zero, or the sky is unknown.
+        If the redshifts do not satisfy 0 < min_redshift < max_redshift, or the sky is unknown.
 
     Examples
     --------

@@ -322,8 +322,8 @@ BREAKS = [
     ),
     (
         "study/forecast/_forecast.py",
-        "np.sqrt(n / self.n_quasars)",
-        "np.sqrt(2 * n / self.n_quasars)",
+        "np.sqrt(len(lon) / self.n_quasars)",
+        "np.sqrt(2 * len(lon) / self.n_quasars)",
         "test_surveys.py",
     ),
     ("vsh/figures/plot/_field.py", "along = east * p + north * q", "along = east * p - north * q", "test_arrows.py"),

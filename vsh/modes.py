@@ -1,14 +1,14 @@
-"""The order in which the parameters of a field on the sphere are stored, said once.
+"""Storage order of the parameters of a field on the sphere.
 
-The parameters of a real field are kept as::
+The parameters of a real field are stored in this order::
 
     [
         (kind, l, m, part) for kind in modes.kinds for l in range(modes.lowest, lmax + 1) for m in range(l + 1) for part
         in ("re", "im")[: 1 + (m > 0)]
     ]
 
-A vector field has two kinds from degree 1 on, toroidal and spheroidal: ``2 lmax (lmax + 2)`` parameters. A scalar field
-has one from degree 0 on: ``(lmax + 1)²``.
+A vector field has two kinds of parameters, toroidal and spheroidal, from degree 1 on: ``2 lmax (lmax + 2)`` in all. A
+scalar field has one kind, from degree 0 on: ``(lmax + 1)²`` in all.
 """
 
 from collections.abc import Iterator
@@ -24,7 +24,7 @@ from vsh.tools.types import FloatArray, IntArray, Kind
 
 
 class Mode(NamedTuple):
-    """A real parameter of a field: toroidal ("T"), spheroidal ("S") or of a scalar field ("F"), degree, order, part.
+    """Real parameter of a field: kind (toroidal "T", spheroidal "S" or scalar "F"), degree, order and part.
 
     Examples
     --------
@@ -48,7 +48,7 @@ class Mode(NamedTuple):
 KINDS: tuple[Kind, Kind] = ("T", "S")
 
 
-#: The highest degree: 10¹⁰ coefficients, more than any computer solves for.
+#: Largest degree that is accepted: it has some 10¹⁰ coefficients, more than any computer can solve for.
 MAX_DEGREE = 100_000
 
 
@@ -64,16 +64,16 @@ class Modes(InNotebook):
     Attributes
     ----------
     kinds : tuple of str
-        In storage order: "T", toroidal, and "S", spheroidal.
+        Kinds in storage order: "T" for toroidal and "S" for spheroidal.
     lowest : int
         The lowest degree.
     components : int
-        How many numbers the field has at each place: east and north.
+        Number of components of the field at each position: two, east and north.
 
     Raises
     ------
     ModesError
-        If `lmax` is not a whole number of at least `lowest`.
+        If `lmax` is not a whole number from `lowest` to `MAX_DEGREE`.
 
     Examples
     --------
@@ -122,14 +122,14 @@ class Modes(InNotebook):
 
     @property
     def norm2(self) -> FloatArray:
-        """∫ |V_i|² dΩ of each mode, a (p,) array: 1, and 2 where the mode stands for ±m."""
+        """∫ |V_i|² dΩ of each mode, a (p,) array: 1 for m = 0, and 2 for m > 0, where a mode stands for both ±m."""
         l = np.arange(self.lowest, self.lmax + 1)
         norms = np.full(len(self) // len(self.kinds), 2.0)
         norms[l * l - self.lowest**2] = 1.0
         return np.tile(norms, len(self.kinds))
 
     def index(self, mode: tuple[str, int, int, str]) -> int:
-        """Index of `mode`; degrees below l fill the first l² − lowest² places of its kind.
+        """Return the index of `mode`; degrees below l fill the first l² − lowest² places of its kind.
 
         Raises
         ------
@@ -143,14 +143,14 @@ class Modes(InNotebook):
                 + (": a scalar field has no spin and no acceleration" if kind in KINDS else "")
             )
         if not self.lowest <= l <= self.lmax or not 0 <= m <= l or part not in ("re", "im"):
-            raise ModesError(f"{tuple(mode)} is no mode of degree {self.lowest} … {self.lmax}")
+            raise ModesError(f"{tuple(mode)} is not a mode of degrees {self.lowest} to {self.lmax}")
         if m == 0 and part == "im":
             raise ModesError(f"order 0 has no imaginary part: {tuple(mode)}")
         offset = 2 * m - (m > 0) + (part == "im")
         return self.kinds.index(kind) * len(self) // len(self.kinds) + l * l - self.lowest**2 + offset
 
     def slice_of(self, kind: Kind, l: int) -> slice:
-        """The slice that holds every order of degree `l` of one `kind`."""
+        """Return the slice of all orders of degree `l` of one `kind`."""
         start = self.index(Mode(kind, l, 0))
         return slice(start, start + 2 * l + 1)
 
@@ -167,9 +167,9 @@ class ScalarModes(Modes):
     Attributes
     ----------
     kinds : tuple of str
-        "F", alone.
+        "F" only.
     lowest : int
-        0, the mean.
+        0: degree 0 is the mean.
     components : int
         1.
 
@@ -185,7 +185,7 @@ class ScalarModes(Modes):
 
 
 def as_modes(modes: Modes | int, kind: type[Modes] | None = Modes) -> Modes:
-    """Modes of vector fields, or of another kind; or the degree lmax in their place."""
+    """Return `modes` as Modes of the type `kind` (None: any type); a number is the degree lmax."""
     if not isinstance(modes, Modes):
         return (kind or Modes)(modes)
     if kind is not None and type(modes) is not kind:

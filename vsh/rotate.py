@@ -1,8 +1,8 @@
-"""Coefficients, with their covariance, into another frame.
+"""Rotation of coefficients, with their covariance, to another frame.
 
-T and S rotate apart, each like scalar harmonics. The rotation about n by φ acts on degree l
-as exp(iφ n·J), with J the matrices of angular momentum; the exponential is taken by the
-eigenvectors of n·J, so no Euler angles and no recurrence come in.
+T and S rotate separately, each like scalar harmonics. The rotation about n by φ acts on degree l
+as exp(iφ n·J), with J the matrices of angular momentum. The exponential is computed from
+the eigenvectors of n·J, so neither Euler angles nor recurrences are needed.
 """
 
 from typing import Any
@@ -29,16 +29,16 @@ def rotate(coefficients: Coefficients, to: str, *, covariance: ArrayLike | None 
     coefficients : Coefficients or ScalarCoefficients
         The field. [µas/yr]
     to : str or (3, 3) array
-        "icrs", "galactic", "ecliptic", or the matrix A of r' = A r.
+        The new frame: "icrs", "galactic", "ecliptic", or the matrix A of r' = A r.
     covariance : (p, p) array, optional
         Covariance of the coefficients.
     frame : str
-        Where they stand now; not used with a matrix.
+        Present frame of the coefficients; not used if `to` is a matrix.
 
     Raises
     ------
     FrameError
-        If a frame is unknown or the matrix is no rotation.
+        If a frame is unknown, or the matrix is not a rotation.
 
     Examples
     --------
@@ -47,7 +47,7 @@ def rotate(coefficients: Coefficients, to: str, *, covariance: ArrayLike | None 
     array([-0.236, -3.756, -2.08 ])
     """
     matrix = rotation_matrix(frame, to) if isinstance(to, str) else _check_matrix(to)
-    from scipy.spatial.transform import Rotation  # a tenth of what a small job takes
+    from scipy.spatial.transform import Rotation  # imported here: it takes a tenth of the time of a small job
 
     vector = Rotation.from_matrix(np.array(matrix)).as_rotvec()
     modes = coefficients.modes
@@ -69,12 +69,12 @@ def rotate(coefficients: Coefficients, to: str, *, covariance: ArrayLike | None 
 
 @explained
 def degree_matrix(l: int, vector: FloatArray) -> FloatArray:
-    """Rotation matrix of the real coefficients (c_0, c_1^R, c_1^I, …) of one degree, (2l + 1, 2l + 1).
+    """Compute the rotation matrix of the real coefficients (c_0, c_1^R, c_1^I, …) of one degree, (2l + 1, 2l + 1).
 
     Parameters
     ----------
     vector : (3,) array
-        Axis times angle of the rotation r' = A r [rad]
+        Axis of the rotation r' = A r, times its angle. [rad]
     l : int
         The degree.
     """
@@ -84,7 +84,7 @@ def degree_matrix(l: int, vector: FloatArray) -> FloatArray:
     generator = (x * (raising + raising.T) - 1j * y * (raising - raising.T)) / 2 + np.diag(z * m)
     angles, vectors = eigh(generator)
     complex_matrix = (vectors * np.exp(-1j * angles)) @ vectors.conj().T
-    # Real coefficients from those of m = −l … l, where c_{−m} = (−1)^m c_m*.
+    # Conversion between real coefficients and those of m = −l … l, where c_{−m} = (−1)^m c_m*.
     to_complex = np.zeros((2 * l + 1, 2 * l + 1), complex)
     to_complex[l, 0] = 1
     for order in range(1, l + 1):
@@ -104,5 +104,5 @@ def _check_matrix(matrix):
     except (TypeError, ValueError):
         matrix = np.empty(0)
     if matrix.shape != (3, 3) or not np.allclose(matrix @ matrix.T, np.eye(3), atol=1e-10) or np.linalg.det(matrix) < 0:
-        raise FrameError("to is neither the name of a frame nor a 3 × 3 rotation matrix")
+        raise FrameError("to= must be the name of a frame or a 3 × 3 rotation matrix")
     return matrix

@@ -214,16 +214,16 @@ class Vector(Frozen):
         return probability_of(float(self.value @ np.linalg.solve(self.covariance, self.value)), 3, self.dof)
 
     def amplitude_interval(self, probability: float = 0.68) -> tuple[float, float]:
-        """Lower and upper end of the length that hold it with `probability`.
+        """Compute the lower and upper end of an interval that contains the true length with `probability`.
 
-        Its coverage is close to `probability` at any signal to noise, zero among them, and for any covariance: for
+        The coverage is close to `probability` at any signal to noise, including zero, and for any covariance. For
         errors of 1 : 1 : 1 to 1 : 1 : 8 and a signal along the best or the worst axis, 68 % intervals have 63 to 74 %
-        coverage (docs/validation.md), where `amplitude_error` has 19 % without a signal.
+        coverage (docs/validation.md). Intervals from `amplitude_error` have 19 % coverage without a signal.
 
         Notes
         -----
-        Feldman & Cousins (1998) with the direction profiled (`vsh.length`). It begins at zero exactly where `p_value`
-        is larger than 1 − `probability`.
+        The interval is that of Feldman & Cousins (1998), with the direction profiled (`vsh.length`). It begins at zero
+        if and only if `p_value` is larger than 1 − `probability`.
         """
         probability = between("probability", probability, 0, 1)
         if not self._has_errors():

@@ -180,8 +180,8 @@ class Floor(Result):
             (
                 "parities",
                 (
-                    f"p = {self.parity_p_value:.3g} for equal power in both parities (ln L "
-                    f"increases by {self.log_likelihood:.2f} if they differ)"
+                    f"p = {self.parity_p_value:.3g} that both parities have equal power (ln L "
+                    f"exceeds that without systematic errors by {self.log_likelihood:.2f})"
                 ),
             ),
         ]
@@ -191,7 +191,8 @@ class Floor(Result):
         if self.noise_scale != 1:
             facts.append(("errors", f"the catalogue's, scaled by {self.noise_scale:.4f} in the same fit"))
         remark = (
-            "The floor is the posterior mean, averaged over the spectra weighted by their probability."
+            f"The powers (median, ends of the 68 % interval) are those of the {self.shape} spectrum; the floor is the "
+            "posterior mean, averaged over all spectra with their probabilities as weights."
             if self.parts
             else "A spectrum that rises towards degree 1, as the published one of Gaia EDR3 does, makes the floor too "
             "small: true errors are then 1.2, 1.5, 1.8 times those with the floor from degree 3, 7, 10."
@@ -261,7 +262,7 @@ class Floor(Result):
         indices = places(modes, (1,))
         covariance[indices, indices] += self.added(modes)[indices]
         note = (
-            f"a prior reduces the coefficients of degrees {words_of(self.degrees)}; their powers and "
+            f"the floor is a prior that shrinks the coefficients of degrees {words_of(self.degrees)}; their powers and "
             "p-values are from the fit without it"
         )
         try:
@@ -279,7 +280,7 @@ class Floor(Result):
             formal_covariance=formal,
             notes=(*solution.notes, note),
             errors_from=(
-                f"{self.errors_from}{scale}, with the floor of degrees {words_of(self.degrees)}: spin ± "
+                f"{self.errors_from}{scale}, with the systematic floor from degrees {words_of(self.degrees)}: spin ± "
                 f"{self.spin_error:.3g}, acceleration ± {self.acceleration_error:.3g} µas/yr in each component"
             ),
             error_source=self._source,
@@ -306,7 +307,8 @@ class Floor(Result):
             coefficients=replace(best_solution.coefficients, values=mean),
             covariance=covariance,
             errors_from=(
-                f"{self.errors_from}{scale}, with the floor of degrees {words_of(self.degrees)} ({text}): spin ± "
+                f"{self.errors_from}{scale}, with the systematic floor from degrees {words_of(self.degrees)} "
+                f"(spectra: {text}): spin ± "
                 f"{self.spin_error:.3g}, acceleration ± {self.acceleration_error:.3g} µas/yr in each component"
             ),
             error_source=self._source,

@@ -30,13 +30,13 @@ from vsh.tools.notebook import Frozen
 from vsh.tools.types import ArrayLike, Axes, AxesArray, BoolArray, FloatArray, OnAxes, Table
 from vsh.vector import correlation_of
 
-#: What stands for the six components of spin and acceleration.
+#: Name that stands for the six components of spin and acceleration.
 FRAME: Literal["spin+acceleration"] = "spin+acceleration"
 FRAME_NAMES = tuple(f"{vector}_{axis}" for vector in ("omega", "a") for axis in "xyz")
 
 
 def largest_correlation(matrix: FloatArray, names: Sequence[str]) -> tuple[float, tuple[str, str]]:
-    """The largest correlation off the diagonal of a matrix, and the pair of names that it is of."""
+    """Find the largest off-diagonal correlation of a matrix, and the names of its two parameters."""
     rows, columns = np.triu_indices(len(names), 1)
     k = int(np.argmax(np.abs(matrix[rows, columns])))
     return float(matrix[rows[k], columns[k]]), (names[rows[k]], names[columns[k]])
@@ -44,7 +44,7 @@ def largest_correlation(matrix: FloatArray, names: Sequence[str]) -> tuple[float
 
 @dataclass(frozen=True, eq=False)
 class Parameters(Frozen):
-    """Linear functions of coefficients."""
+    """Named parameters that are linear functions of the coefficients."""
 
     names: tuple[str, ...]
     modes: Modes
@@ -54,25 +54,25 @@ class Parameters(Frozen):
         return len(self.names)
 
     def covariance(self, covariance: FloatArray) -> FloatArray:
-        """Their covariance (k, k) from that of the coefficients."""
+        """Compute the covariance (k, k) of these parameters from the `covariance` of the coefficients."""
         return self.rows @ covariance @ self.rows.T
 
 
 def parameters_of(what: Modes | int | str) -> Parameters:
-    """All parameters of a kind."""
+    """Return all parameters that `what` stands for."""
     if isinstance(what, str):
         if what != FRAME:
-            raise ParameterError(f"parameters are {FRAME!r}, a degree or Modes, not {what!r}")
+            raise ParameterError(f"parameters must be {FRAME!r}, a degree or Modes, not {what!r}")
         return named(FRAME_NAMES, 1)
     modes = as_modes(what)
     return Parameters(tuple(map(str, modes)), modes, np.eye(len(modes)))
 
 
 def named(names: Sequence[str], parameters: Modes | int | str) -> Parameters:
-    """Some parameters of a fit by name: coefficients, "t(1,0)" say, or omega_x … a_z."""
+    """Select parameters of a fit by name: coefficients such as "t(1,0)", or omega_x … a_z."""
     if isinstance(parameters, str):
         if parameters != FRAME:
-            raise ParameterError(f"parameters are of {FRAME!r}, a degree or Modes, not {parameters!r}")
+            raise ParameterError(f"parameters must be {FRAME!r}, a degree or Modes, not {parameters!r}")
         parameters = 1
     modes = as_modes(parameters)
     rows = {str(mode): row for mode, row in zip(modes, np.eye(len(modes)), strict=True)}
@@ -92,20 +92,20 @@ def named(names: Sequence[str], parameters: Modes | int | str) -> Parameters:
 
 
 def check_lower(fitted: Modes, unmodelled: Modes) -> None:
-    """Raise ModesError unless the second degree is the higher one."""
+    """Raise ModesError unless `unmodelled` has a higher degree than `fitted`."""
     if not unmodelled.lmax > fitted.lmax:
-        raise ModesError(f"unmodelled degrees are above the fitted degree {fitted.lmax}, not {unmodelled.lmax}")
+        raise ModesError(f"unmodelled degrees must be above the fitted degree {fitted.lmax}, not {unmodelled.lmax}")
 
 
 def field_from_positions(sources: Any, sigma: ArrayLike | None = None) -> Field | Parts:
-    """Sources whose positions and errors are enough, as a Field or as Parts.
+    """Convert sources that have positions and errors to a Field or to Parts; motions are not needed.
 
     Parameters
     ----------
     sources : Field, Parts, Population, or anything with lon and lat [rad], and perhaps sigma, rho, frame
         The sources.
     sigma : float or (2, n) array, optional
-        Errors in place of the sources' own; one number for parts. [µas/yr]
+        Errors that replace the sources' own; a single number for Parts. [µas/yr]
 
     Raises
     ------
@@ -117,7 +117,7 @@ def field_from_positions(sources: Any, sigma: ArrayLike | None = None) -> Field 
     return sources if sigma is None else sources.map(partial(Field.from_positions, sigma=positive("sigma", sigma)))
 
 
-#: Matrices of more parameters are in the files alone.
+#: Largest number of parameters for which the matrix is printed; larger matrices are only written to files.
 _LARGEST = 16
 
 
@@ -133,8 +133,8 @@ class CorrelationMatrices(Result):
     labels : tuple of str
         Names of the catalogues.
     dipoles : list of (3,) arrays
-        r̄, the mean direction of each catalogue's sources by weight. To first order, on a sky of even
-        errors, it is what ties spin to acceleration: corr(ω_i, ã_j) = −(3/2) [r̄]ₓ.
+        r̄, the weighted mean direction of the sources of each catalogue. To first order, and if all
+        errors are equal, it determines the correlation of spin and acceleration: corr(ω_i, ã_j) = −(3/2) [r̄]ₓ.
     frame : str
     """
 
@@ -148,7 +148,7 @@ class CorrelationMatrices(Result):
         return f"<CorrelationMatrices: {', '.join(self.labels)}; {len(self.names)} parameters, {self.frame}>"
 
     def matrix(self, i: int = 0) -> FloatArray:
-        """The correlation matrix of catalogue `i`, (k, k)."""
+        """Return the correlation matrix of catalogue `i`, (k, k)."""
         return self.matrices[i]
 
     def combined(self, upper: int = 0, lower: int = 1) -> FloatArray:
@@ -159,16 +159,16 @@ class CorrelationMatrices(Result):
         return np.triu(self.matrices[upper], 1) + np.tril(self.matrices[lower], -1) + np.eye(k)
 
     def dipole_prediction(self, i: int = 0) -> FloatArray:
-        """−(3/2) [r̄]ₓ: the block ω–ã that the dipole of catalogue `i` alone would give, (3, 3)."""
+        """Compute −(3/2) [r̄]ₓ, the block ω–ã that the dipole of catalogue `i` alone would give, (3, 3)."""
         x, y, z = self.dipoles[i]
         return -1.5 * np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
 
     def largest(self, i: int = 0) -> tuple[float, tuple[str, str]]:
-        """The largest correlation of catalogue `i`, and the pair it is of."""
+        """Find the largest correlation of catalogue `i`, and the names of its two parameters."""
         return largest_correlation(self.matrices[i], self.names)
 
     def to_table(self) -> Table:
-        """The matrix, of two catalogues in its two triangles, as an astropy Table."""
+        """Return the matrix as an astropy Table; two catalogues are in its upper and lower triangles."""
         from vsh.io import tables
 
         meta = {"frame": self.frame, "upper": self.labels[0], "lower": self.labels[min(1, len(self.labels) - 1)]}
@@ -192,7 +192,7 @@ class CorrelationMatrices(Result):
         return (Section("Correlations", facts, table, forms=forms, remarks=remarks),)
 
     def plot(self, *, ax: Axes | None = None) -> Axes:
-        """The matrix as a picture, one or two catalogues in it."""
+        """Plot the matrix of one catalogue, or of two in its upper and lower triangles."""
         from fit.correlation._plot import plot_matrix
 
         return plot_matrix(self, ax=ax)
@@ -247,7 +247,7 @@ def correlation_matrices(
     solver: Literal["harmonics", "frame"] = "harmonics",
     sigma: ArrayLike | None = None,
 ) -> CorrelationMatrices:
-    """Correlation matrices of one or several catalogues; positions and errors are enough.
+    """Compute the correlation matrices of one or several catalogues from positions and errors alone.
 
     Parameters
     ----------
@@ -256,20 +256,20 @@ def correlation_matrices(
     parameters : "spin+acceleration", Modes, or a degree
         The components of spin and acceleration, or all coefficients.
     labels : list of str, optional
-        What to call them.
+        Names of the catalogues.
     offsets : Field or list of Fields, optional
-        Offsets of VLBI sources: the orientation ε is put in front, as in the paper's table.
+        Offsets of VLBI sources. If given, the orientation ε precedes the other parameters, as in the paper's table.
     solver : {"harmonics", "frame"}
-        "frame" takes the direct frame solver, for spin and acceleration only.
+        "frame" uses the direct frame solver, which is for spin and acceleration only.
     sigma : float, optional
-        Errors of positions that have none [µas/yr]
+        Errors for sources that have none. [µas/yr]
 
     Raises
     ------
     FrameError
-        If the catalogues stand in different frames.
+        If the catalogues are in different frames.
     DegeneracyError
-        If one of them cannot separate the parameters.
+        If a catalogue cannot separate the parameters.
     """
     if isinstance(fields, dict):
         labels, fields = list(fields), list(fields.values())
@@ -277,7 +277,7 @@ def correlation_matrices(
         field_from_positions(field, sigma) for field in (fields if isinstance(fields, (list, tuple)) else [fields])
     ]
     if not fields:
-        raise ParameterError("there are no catalogues to take correlations of")
+        raise ParameterError("at least one catalogue is required")
     labels = tuple(labels or (f"catalogue {i + 1}" for i in range(len(fields))))
     if len(labels) != len(fields):
         raise ParameterError(f"{len(labels)} labels for {len(fields)} catalogues")
@@ -285,7 +285,7 @@ def correlation_matrices(
         raise ParameterError(f'solver is "harmonics" or "frame", not {solver!r}')
     selection = parameters_of(parameters)
     if (solver == "frame" or offsets is not None) and parameters != FRAME:
-        raise ParameterError("the direct frame solver, and offsets, are for the parameters of the frame")
+        raise ParameterError("solver='frame' and offsets= can only be used with the parameters of the frame")
     if offsets is not None:
         offset_fields: list[Any] = list(offsets) if isinstance(offsets, (list, tuple)) else [offsets] * len(fields)
         if len(offset_fields) != len(fields):
@@ -303,12 +303,12 @@ def correlation_matrices(
             frames.append(solution.frame)
         dipoles.append(dipole(field))
         if frames[i] != frames[0]:
-            raise FrameError(f"the catalogues are in {frames[0]} and {frames[i]}: take all to one frame")
+            raise FrameError(f"the catalogues are in {frames[0]} and {frames[i]}: convert them to one frame")
     return CorrelationMatrices(names, matrices, labels, dipoles, frames[0])
 
 
 def dipole(field: Field | Parts) -> FloatArray:
-    """Mean direction of the sources by weight, (3,): zero on a uniform sky."""
+    """Compute the weighted mean direction of the sources, (3,); it is zero on a uniform sky."""
     vector, weight = as_parts(field).sum(_directions, roles=(), words="dipole")
     return vector / weight
 
@@ -328,33 +328,33 @@ def influence_map(
     quantity: Literal["value"] | None = None,
     sigma: ArrayLike | None = None,
 ) -> FloatArray:
-    """Derivative of a result by the weight of each HEALPix pixel; exact, from the normal matrix.
+    """Compute the exact derivative of a result with respect to the weight of each HEALPix pixel.
 
     Parameters
     ----------
     sources : Field, or positions with errors as for `fit.correlation.predict_covariance`
-        As for `fit.correlation.predict_covariance`.
+        The sources.
     modes : Modes, or the degree lmax, or "spin+acceleration" (degree 1)
-        What to fit, or the degree lmax.
+        Modes that are fitted.
     parameters : (str, str) or str
-        Two names of parameters ("omega_y", "a_x", "t(2,0)"): their correlation. One: its variance.
+        Names of two parameters ("omega_y", "a_x", "t(2,0)"), for their correlation, or of one, for its variance.
     nside : int
         Resolution of the HEALPix pixels.
     quantity : "value", optional
-        What is mapped: the value of one parameter, in place of its variance; needs motions.
+        "value" maps the value of one parameter in place of its variance; this requires motions.
     sigma : float or (2, n) array, optional
         Errors in place of the sources' own. [µas/yr]
 
     Returns
     -------
     (12 nside²,) array, ring order, axes of the sources
-        d ρ / d ln w, d ln σ² / d ln w or dθ/d ln w [µas/yr], w the weight of all sources in a pixel:
-        what doubling them would change, to first order.
+        dρ/d ln w, d ln σ²/d ln w or dθ/d ln w [µas/yr], with w the weight of all sources in a pixel.
+        To first order, this is the change of the result if w were doubled.
 
     Notes
     -----
-    With C = N⁻¹ and N = Σ wₖ Nₖ, ∂C/∂wₖ = −C Nₖ C. Between two parameters that is −Σ gᵢᵀ W gⱼ over the sources of the
-    pixel, where gᵢ is the vector field whose coefficients are the column of C that belongs to parameter i.
+    With C = N⁻¹ and N = Σ wₖ Nₖ, ∂C/∂wₖ = −C Nₖ C. For parameters i and j the derivative is −Σ gᵢᵀ W gⱼ over the
+    sources of the pixel, where gᵢ is the vector field whose coefficients are column i of C.
     """
     from vsh.sky.pixels import pixels_of
 
@@ -374,11 +374,11 @@ def gain_of_sources(
     sigma: float | None = None,
     quantity: Literal["value"] | None = None,
 ) -> FloatArray:
-    """Change of a result if new sources were added in each pixel.
+    """Compute the change of a correlation, or of ln σ², if `n_sources` were added in one pixel, for every pixel.
 
     Notes
     -----
-    n sources of error σ at one place add (n/σ²) V Vᵀ to N, V the (p, 2) harmonics there, so that
+    n sources with error σ at one position add (n/σ²) V Vᵀ to N, with V the (p, 2) harmonics there, so that
     C' = C − C V (1 σ²/n + Vᵀ C V)⁻¹ Vᵀ C.
     """
     from vsh.sky.pixels import centres
@@ -406,12 +406,12 @@ def gain_of_sources(
 
 
 def _by_source(field, modes, parameters, quantity):
-    """The derivative by each source's own weight, (n,)."""
+    """Compute the derivative with respect to ln of the weight of each source, (n,)."""
     covariance, row_i, row_j, selection = _prepare_influence(field, modes, parameters)
     g = at_sources(Coefficients(selection.modes, covariance @ row_i), field)
     if quantity == "value":
         if len(selection) != 1:
-            raise ParameterError('quantity="value" is of one parameter')
+            raise ParameterError('quantity="value" maps the value of one parameter: give one name')
         residual = solve(normal_equations(field, selection.modes)).residuals(field).motion
         return field.inner(g, residual)
     if quantity is not None:
@@ -421,7 +421,7 @@ def _by_source(field, modes, parameters, quantity):
 
 
 def _change(covariance, row_i, row_j, g, h, field):
-    """dρ, or d ln σ² where there is one parameter only."""
+    """Compute dρ for two parameters, or d ln σ² for one."""
     c_ii = row_i @ covariance @ row_i
     if row_j is None:
         return -field.inner(g, g) / c_ii
@@ -433,10 +433,10 @@ def _change(covariance, row_i, row_j, g, h, field):
 
 def _prepare_influence(field, modes, parameters):
     if not isinstance(parameters, (str, tuple, list)) or not all(isinstance(name, str) for name in parameters):
-        raise ParameterError(f"one or two names of parameters are expected, not {parameters!r}")
+        raise ParameterError(f"parameters must be one or two names, not {parameters!r}")
     names = (parameters,) if isinstance(parameters, str) else tuple(parameters)
     if len(names) not in (1, 2) or len(set(names)) != len(names):
-        raise ParameterError(f"name one parameter or two different ones, not {parameters!r}")
+        raise ParameterError(f"parameters must be one name or two different names, not {parameters!r}")
     modes = as_modes(1 if isinstance(modes, str) and modes == FRAME else modes)
     selection = named(names, modes)
     covariance = solve(normal_equations(field, modes)).covariance
@@ -444,10 +444,10 @@ def _prepare_influence(field, modes, parameters):
 
 
 def most_influential(influence: ArrayLike, fraction: float = 0.5) -> BoolArray:
-    """A mask (12 nside²,) of the pixels that hold `fraction` of an influence of the sign that prevails."""
+    """Return a mask (12 nside²,) of the pixels that make up `fraction` of the influence of the dominant sign."""
     m = arguments.float_array("influence", influence, finite=False)
     if not 0 < fraction <= 1:
-        raise ParameterError(f"a fraction lies between 0 and 1, not at {fraction}")
+        raise ParameterError(f"fraction must be above 0 and at most 1, not {fraction}")
     positive, negative = m[m > 0].sum(), -m[m < 0].sum()
     strength = m if positive >= negative else -m
     order = np.argsort(-strength)
@@ -459,14 +459,15 @@ def most_influential(influence: ArrayLike, fraction: float = 0.5) -> BoolArray:
 
 @dataclass(frozen=True, eq=False)
 class Eigenmodes(Result):
-    """Fields that a sky measures independently of each other, from the worst to the best.
+    """Fields whose amplitudes a sky measures independently, from the worst measured to the best.
 
     Attributes
     ----------
     information : (p,) array
-        Rising: how well each is measured beside a uniform sky of the same weight; 0.01 is ten times the error.
+        Information on each field relative to a uniform sky of the same weight, in rising order; 0.01 means ten times
+        the error of the uniform sky.
     fields : list of Coefficients
-        Each of ∫|V|² dΩ = 1.
+        The fields, each with ∫|V|² dΩ = 1.
     frame : str
     """
 
@@ -492,18 +493,18 @@ class Eigenmodes(Result):
         return (Section("Fields of independent errors", facts, table),)
 
     def to_table(self) -> Table:
-        """Information of each as an astropy Table, from the worst to the best."""
+        """Return the information on each field as an astropy Table, from the worst to the best."""
         return tables.table_of({"information": self.information}, {"frame": self.frame})
 
     def plot(self, n_fields: int = 2, *, ax: OnAxes | None = None) -> AxesArray:
-        """The worst and the best as maps of arrows; on matplotlib axes.
+        """Plot the worst and the best fields as maps of arrows on matplotlib axes.
 
         Parameters
         ----------
         n_fields : int
-            How many of the worst and of the best.
+            Number of the worst fields, and of the best fields, that are plotted.
         ax : matplotlib axes, or as many as there are panels, optional
-            Where to draw; a new figure unless given.
+            Axes to draw on; a new figure unless given.
         """
         from fit.correlation._plot import plot_eigenmodes
 
@@ -511,7 +512,7 @@ class Eigenmodes(Result):
 
 
 def eigenmodes(sources: Any, modes: Modes | int, *, sigma: ArrayLike | None = None) -> Eigenmodes:
-    """An orthogonal basis on the given sky.
+    """Compute a basis of fields that are orthogonal on the given sky.
 
     Parameters
     ----------
@@ -525,12 +526,12 @@ def eigenmodes(sources: Any, modes: Modes | int, *, sigma: ArrayLike | None = No
     Returns
     -------
     Eigenmodes
-        Solutions of N v = λ M v, M the normal matrix of a uniform sky of the same total weight.
+        Solutions of N v = λ M v, with M the normal matrix of a uniform sky of the same total weight.
     """
     modes = as_modes(modes)
     field = Field.from_positions(sources, sigma)
     normal = normal_equations(field, modes).matrix
-    # ∫ |V|² dΩ = Σ norm2 c²; a uniform sky measures its mean, by half the trace of the weights.
+    # ∫ |V|² dΩ = Σ norm2 c². A uniform sky measures the mean of |V|², weighted by half the trace of the weights.
     norm = np.diag(modes.norm2.astype(float))
     values, vectors = eigh(normal, norm)
     weight_density = field.information.sum() / 2 / (4 * np.pi)

@@ -207,7 +207,10 @@ class FrameComparison(FrameResult, AboutSolution):
         values, covariance = np.array(solution.values), np.array(solution.covariance)
         if self.by_class is not None and not self.method:
             values, covariance = np.array(self.by_class.values), np.array(self.by_class.covariance)
-            errors, source = "from the scatter of residuals in classes of similar formal errors", ErrorSource.RESIDUALS
+            errors, source = (
+                "from the scatter of the residuals in classes of sources with similar formal errors",
+                ErrorSource.RESIDUALS,
+            )
         degree_one = np.flatnonzero(solution.modes.degrees == 1)
         if self.shared is not None:
             shared_solution = self.shared.solutions[0]
@@ -274,10 +277,10 @@ class FrameComparison(FrameResult, AboutSolution):
 
     @property
     def deformation_p_value(self) -> float:
-        """Probability of as much beyond rotation and glide from noise alone, with formal errors.
+        """P-value of the deformation with formal errors: the probability of as large a one from noise alone.
 
-        Right where the errors are and the two catalogues share no noise; too large where they do (half of it shared:
-        below 0.05 on no sky).
+        It is right if the errors are right and the two catalogues have no common noise. With common noise it is too
+        large: with half of the noise common, it was below 0.05 on no simulated sky.
         """
         return self._deformation_p_value(1.0)
 
@@ -316,15 +319,20 @@ class FrameComparison(FrameResult, AboutSolution):
             "formal error": [parameters[name][1] for name in term_names],
         }
         table = tables.table_of(columns, {}, dict.fromkeys(("value", "sigma", "formal error"), unit))
-        facts = [("sources", f"{solution.n_sources}, {len(self.names)} left out"), *self._about_errors(long)]
-        remarks = [("R1, R2, R3 are the rotation with the opposite sign: they rotate the axes, not the sources.")]
+        facts = [("sources", f"{solution.n_sources}, {len(self.names)} excluded"), *self._about_errors(long)]
+        remarks = [
+            (
+                "R1, R2, R3 are the components of the rotation with the opposite sign, because they rotate the axes "
+                "and not the sources."
+            )
+        ]
         if self.alone is not None:
             pairs = ", ".join(f"{name} {v:+.2f} ± {s:.2f}" for name, (v, s) in self.parameters_alone.items())
             remarks.append(f"These alone, all others held at zero (errors scaled in classes): {pairs} {solution.unit}")
         if self.names and not long:
             nearest = zip(self.names[:_FEW_LISTED], self.distances, strict=False)
-            outliers = ", ".join(f"{in_a_line(name)} ({x:.1f} errors)" for name, x in nearest)
-            remarks.append(f"Largest deviations, of {len(self.names)} excluded sources: {outliers}")
+            outliers = ", ".join(f"{in_a_line(name)} ({x:.1f} standard errors)" for name, x in nearest)
+            remarks.append(f"Largest deviations among the {len(self.names)} excluded sources: {outliers}")
         quantity = "position" if solution.unit == "µas" else "motion"
         notes = () if long else solution.notes
         forms = {"value": "+.2f", "value / error": "+.1f", "formal error": ".2f"}
@@ -367,7 +375,7 @@ class FrameComparison(FrameResult, AboutSolution):
                 chances.append(f"{printed_p_value(self.deformation_p_value_scaled)} by one factor")
             facts.append(("deformation", f"degrees 2 to {solution.modes.lmax}, p = {'; '.join(chances)}"))
         if self.factor != 1:
-            text = f"they scatter by {self.factor:.3g} times the formal errors"
+            text = f"their scatter is {self.factor:.3g} times the formal errors"
             if self.factor < 1:
                 text += (
                     ": the catalogues have observations in common, or the formal errors are too large; errors common "
@@ -504,9 +512,10 @@ def compare_catalogues(
     if not is_near.all():
         notes = (
             *notes,
-            f"{int((~is_near).sum())} of {len(is_near)} pairs are more than {_FAR * threshold:g} errors from a robust "
+            f"{int((~is_near).sum())} of {len(is_near)} pairs deviate by more than {_FAR * threshold:g} standard "
+            "errors from a robust "
             "fit: "
-            "left out before the first plain one",
+            "excluded before the first least-squares fit",
         )
     solution = replace(estimate, unit=unit, notes=notes)
     names = tuple(name for name, (mode, _) in ICRF3.items() if mode.l == 1 and mode.kind in PARAMETERS[parameters])

@@ -244,14 +244,15 @@ class Moments(Result):
         return replace(self, notes=merge_notes((*self.notes, *notes)))
 
     def on_sky(self) -> tuple[FloatArray, FloatArray]:
-        """The weight of the sources on the sky, as smooth as the moments have it.
+        """Compute the weight of the sources on the sky, at the resolution of the moments.
 
         Returns
         -------
         lat : (2 lmax + 1,) array
             Latitudes of the rings. [rad]
         weight : (2 lmax + 1, 4 lmax + 2) array
-            Half the trace of the inverse covariances, at longitudes from 0 on, in places below 0. [(yr/µas)²/sr]
+            Half the trace of the inverse covariances, at longitudes from 0 on; it can be negative in places.
+            [(yr/µas)²/sr]
         """
         rings, components = rings_of(self.kind(self.lmax)), self.kind.components
         weight = rings.on_grid(self.weights)[:components].mean(0)

@@ -344,7 +344,7 @@ class Solution(SolutionSummary, HarmonicSolution):
     chi2 : float
         χ² of the residuals of the data, without the penalty of a prior.
     n_data : int
-        How many numbers were fitted: two a source. A prior does not count.
+        Number of data that were fitted, two per source. A prior does not count.
     frame : str
         Frame of the axes.
     notes : tuple of str
@@ -352,26 +352,26 @@ class Solution(SolutionSummary, HarmonicSolution):
     errors_from : str
         Where the covariance comes from, in words.
     covariance_dof : float
-        Degrees of freedom with which the covariance was estimated; inf where it follows from the errors of the
-        sources, the number of replicates less one where it was resampled. p-values allow for them.
+        Degrees of freedom with which the covariance was estimated. It is inf if the covariance follows from the
+        errors of the sources, and the number of replicates minus one if it was resampled. p-values allow for it.
     by_prior : float
-        How many of the coefficients a prior determined in place of the data, tr(C P) with P its inverse covariance;
-        the others cost a degree of freedom each.
+        Effective number of coefficients that a prior determined in place of the data: tr(C P), with P the inverse
+        covariance of the prior. Each of the other coefficients costs one degree of freedom.
     without_prior : Solution or None
-        The same without the prior of a floor: what the powers and p-values of degrees beyond 1 are taken from.
+        The same solution without the prior of a floor. Powers and p-values of degrees above 1 are taken from it.
     unit : str
-        Unit of the coefficients: "µas/yr" of motions, "µas" of differences of position.
+        Unit of the coefficients: "µas/yr" for motions, "µas" for differences of position.
     floor : fit.background.Floor or None
-        The systematic floor that is in the covariance; None where there is none.
+        The systematic floor that is included in the covariance; None if there is none.
     error_source : ErrorSource
-        Where the covariance comes from, as one of a few: what decides whether χ² scales the errors.
+        Where the covariance comes from, as a member of ErrorSource. It decides whether χ² scales the errors.
     includes_floor : bool
         Whether the systematic floor is in the covariance.
     is_recommended : bool
         Whether it is the recommended fit, `fit.recommended`.
     formal_covariance : (p, p) array or None
-        N⁻¹ by the weights of the fit, where `covariance` is another: it has no noise of its own, and is what a
-        systematic floor is estimated from, scaled to the size of `covariance`. [(µas/yr)²]
+        N⁻¹ from the weights of the fit, if `covariance` is a different matrix. It has no noise of its own. A
+        systematic floor is estimated from it, after scaling to the size of `covariance`. [(µas/yr)²]
 
     Examples
     --------

@@ -35,11 +35,11 @@ class Degree(NamedTuple):
         return self.power - self.noise
 
     def limit(self, probability: float = 0.95) -> float:
-        """Upper limit of the true power: a larger one would have given a larger fit with `probability`. [(µas/yr)²]
+        """Compute the power above which the fitted power would be larger with `probability`. [(µas/yr)²]
 
-        Never below that of noise alone (CLs). Exact where all coefficients of the degree have one error; on the sky of
-        the demo and on one without latitudes below 30° limits of 95 % cover 94 to 100 % of powers, from none to thirty
-        times the noise.
+        This upper limit of the true power is never below that of noise alone (CLs). It is exact if all coefficients of
+        the degree have the same error. On the sky of the demo, and on a sky without latitudes below 30°, nominal 95 %
+        limits have 94 to 100 % coverage for powers from zero to thirty times the noise.
         """
         n = 2 * self.l + 1
         norm, sigma = np.sqrt([self.power]), np.sqrt([self.noise / n])

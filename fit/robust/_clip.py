@@ -93,16 +93,17 @@ def clip(
     max_rounds: int = 100,
     covariance: Covariance | FloatArray | None = None,
 ) -> ClippedFit:
-    """Fit, leave out what lies too far from the fit, and fit again until nothing changes.
+    """Fit, leave out sources that are too far from the fit, and repeat until nothing changes.
 
-    The distance is X = √(Δᵀ C⁻¹ Δ), Δ the residual of a source, C its covariance. Every round looks at all sources
-    again, so one left out may come back. For Gaussian errors κ times the median leaves out a fraction 2^(−κ²) of good
-    sources; of a scalar field the limit is the one that leaves out as many (κ = 3: 3.1 standard errors).
+    The distance is X = √(Δᵀ C⁻¹ Δ), with Δ the residual of a source and C its covariance. Every round looks at all
+    sources again, so one left out may come back. For Gaussian errors, a limit of κ times the median leaves out a
+    fraction 2^(−κ²) of good sources. For a scalar field the limit is the one that leaves out the same fraction (κ = 3:
+    3.1 standard errors).
 
     Parameters
     ----------
     field : Field, ScalarField or Parts
-        The sources. Parts are gone through four times a round, twice with a threshold.
+        The sources. Parts are read four times per round, or twice with a threshold.
     modes : Modes, or the degree lmax
         What to fit.
     kappa : float
@@ -113,7 +114,7 @@ def clip(
         Largest number of rounds.
     covariance : Covariance or (2n, 2n) array, optional
         Covariance of the motions of a field, all east components first, in place of its errors
-        (`fit.normal_equations`). The distance of a source is then by its own block of the matrix.
+        (`fit.normal_equations`). The distance of a source is then computed with its own block of the matrix.
 
     Raises
     ------
@@ -124,11 +125,11 @@ def clip(
 
     Notes
     -----
-    Lindegren et al. (2018, A&A 616, A2), Klioner et al. (2021, A&A 649, A9) clip like this. Sources that are
-    chosen this way scatter less than their errors, and carry less information: with q half the squared limit in
-    units of the errors, covariances are multiplied by (1 − e^−q)/(1 − (1 + q) e^−q), χ² divided by
-    1 − q e^−q/(1 − e^−q). Both hold for Gaussian errors, of the size quoted or all wrong by one factor; the
-    square root of the first is 1.006, 1.108, 1.308 for κ = 3, 2, 1.5 (pulls within 5 % of 1).
+    Lindegren et al. (2018, A&A 616, A2) and Klioner et al. (2021, A&A 649, A9) clip in this way. Sources that are
+    selected in this way scatter less than their errors, and carry less information. This is corrected with q, half the
+    squared limit in units of the errors. Covariances are multiplied by (1 − e^−q)/(1 − (1 + q) e^−q), and χ² is divided
+    by 1 − q e^−q/(1 − e^−q). Both corrections hold for Gaussian errors that are right, or all wrong by one factor. The
+    square root of the first is 1.006, 1.108 and 1.308 for κ = 3, 2 and 1.5 (with pulls within 5 % of 1).
 
     Examples
     --------
@@ -172,7 +173,8 @@ def clip(
                 if threshold is None
                 else "the given threshold"
             )
-            note = f"clipped {n_sources - n_kept} of {n_sources} sources with X > {limit:.3g} ({rule}; {rounds} rounds)"
+            bound = f"residuals X > {limit:.3g} standard errors ({rule}; {rounds} rounds)"
+            note = f"clipped {n_sources - n_kept} of {n_sources} sources with {bound}"
             mask = distances(sky.in_memory) <= limit if sky.in_memory is not None else None
             return _correct_bias(solution, mask, rounds, limit, q, note, n_sources - n_kept)
         if components * summary["sources"] < len(modes):

@@ -1,8 +1,8 @@
-"""Very high degrees: the normal equations solved without ever writing them down.
+"""Fits to very high degrees: the normal equations are solved without storing the normal matrix.
 
-The sources are read once, into the Fourier moments of `fit.compress`; put back on a grid of (2L + 1) × (4L + 2) points,
-they make N c a synthesis on the grid, a 2 × 2 product at each point and an adjoint synthesis. A step of the conjugate
-gradients takes as long for ten million sources as for ten thousand.
+The sources are read once, into the Fourier moments of `fit.Moments`. With these moments on a grid of (2L + 1) × (4L +
+2) points, N c is computed by a synthesis on the grid, a 2 × 2 product at each point and an adjoint synthesis. One step
+of the conjugate gradients takes the same time for ten million sources as for ten thousand.
 """
 
 from collections.abc import Callable, Iterable
@@ -31,7 +31,7 @@ from vsh.tools.types import ArrayLike, Axes, FloatArray, Table
 def conjugate_gradients(
     system: Any, rhs: FloatArray, tolerance: float, max_iterations: int, words: str | None
 ) -> tuple[FloatArray, int, float, float]:
-    """Solve system c = rhs."""
+    """Solve `system` · c = `rhs` by preconditioned conjugate gradients."""
     x, r = np.zeros_like(rhs), rhs.copy()
     z = system.precondition(r)
     p, rz = z.copy(), r @ z
@@ -56,14 +56,14 @@ def conjugate_gradients(
     worst = ", ".join(str(l) for l in sorted(np.argsort(-moving)[:5]))
     raise ConvergenceError(
         f"no convergence to {tolerance:.0e} in {max_iterations} iterations (residual {np.sqrt(rz / start):.1e}, "
-        f"condition at least {_condition(alphas, betas):.1e}). Not determined: combinations of degrees {worst}, among "
+        f"condition at least {_condition(alphas, betas):.1e}). Undetermined: combinations of degrees {worst}, among "
         f"others; {100 * system.empty_sky():.0f} % of the sky is empty at this resolution. Give a prior_power, lower "
         f"lmax from {system.modes.lmax}, or allow more iterations"
     )
 
 
 def _condition(alphas, betas):
-    """Estimate the condition from the coefficients of the iteration, by the Lanczos matrix they make up."""
+    """Estimate the condition number from the Lanczos matrix that the coefficients of the iteration define."""
     if not alphas:
         return 1.0
     alphas, betas = np.array(alphas), np.array(betas)
@@ -73,13 +73,13 @@ def _condition(alphas, betas):
     return float(values[-1] / max(values[0], 1e-300))
 
 
-#: Degrees whose block of N is inverted exactly to precondition the rest.
+#: Highest degree of the block of N that the preconditioner inverts exactly.
 LOW = 12
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class MatrixFreeSolution(HarmonicSolution):
-    """A solution without a covariance matrix; what needs one raises CovarianceError.
+    """Solution without a covariance matrix; anything that needs the matrix raises CovarianceError.
 
     Attributes
     ----------
@@ -88,19 +88,19 @@ class MatrixFreeSolution(HarmonicSolution):
     chi2 : float
         χ² of the residuals.
     n_data : int
-        Data points: two a source.
+        Number of data: two per source.
     frame : str
         Frame of the axes.
     notes : tuple of str
-        What the reader should know of the data.
+        Remarks on the data that a reader should know.
     errors : dict of Mode to float
-        Standard errors of the coefficients that were asked for. [µas/yr]
+        Standard errors of the coefficients for which they were requested. [µas/yr]
     iterations : int
-        Steps of the conjugate gradients.
+        Number of steps of the conjugate gradients.
     residual : float
-        |b − N c| / |b|, both in units of the preconditioner.
+        |b − N c| / |b|, with both norms in units of the preconditioner.
     condition : float
-        Condition number of the preconditioned N, as the iterations saw it.
+        Condition number of the preconditioned N, estimated from the iterations.
 
     Examples
     --------
@@ -128,7 +128,7 @@ class MatrixFreeSolution(HarmonicSolution):
 
     @property
     def covariance(self) -> FloatArray:
-        """There is none.
+        """Covariance matrix, which a matrix-free fit does not have.
 
         Raises
         ------
@@ -157,7 +157,7 @@ class MatrixFreeSolution(HarmonicSolution):
         return (Section(title, facts, table, notes=self.notes),)
 
     def to_table(self) -> Table:
-        """The coefficients as an astropy Table, a row each; errors are nan where they were not asked for."""
+        """Return the coefficients as an astropy Table, one row each; errors are nan unless requested."""
         sigma = np.full(len(self.modes), np.nan)
         for mode, error in self.errors.items():
             sigma[self.modes.index(mode)] = error
@@ -165,7 +165,7 @@ class MatrixFreeSolution(HarmonicSolution):
         return tables.table_of(columns, {"frame": self.frame}, dict.fromkeys(("value", "sigma"), "uas / yr"))
 
     def plot(self, *, ax: Axes | None = None) -> Axes:
-        """Power by degree as fitted, on matplotlib axes."""
+        """Plot the fitted power of each degree on matplotlib axes."""
         from fit.results.output import plot_power
 
         return plot_power(self, ax=ax)
@@ -189,7 +189,7 @@ def solve_matrix_free(
     threads: int | None = None,
     progress: bool = True,
 ) -> MatrixFreeSolution:
-    """Fit to a degree at which the normal matrix is too large to write down.
+    """Fit to a degree at which the normal matrix is too large for memory.
 
     Parameters
     ----------
@@ -198,29 +198,29 @@ def solve_matrix_free(
     modes : Modes, or the degree lmax
         What to fit.
     prior_power : float, (lmax,) array or function of l, optional
-        Expected power of one kind and degree under a Gaussian prior of mean zero, the same for T and S; inf says
-        nothing. Needed where the sky leaves modes undetermined. [(µas/yr)²]
+        Expected power of each degree under a Gaussian prior of mean zero. It is the same for T and S, and inf
+        means no prior. A prior is needed if the sources leave modes undetermined. [(µas/yr)²]
     errors_of : iterable of Mode
-        Coefficients whose standard errors to compute, at the cost of one more solution each.
+        Coefficients whose standard errors are computed, each at the cost of one more solution.
     tolerance : float
         Relative residual at which to stop.
     max_iterations : int
         Largest number of steps of the conjugate gradients.
     threads : int, optional
-        How many; one a core unless given.
+        Number of threads; one per core unless given.
     progress : bool
-        Show a progress bar, after two seconds.
+        Whether to show a progress bar after two seconds.
 
     Returns
     -------
     MatrixFreeSolution
-        With several threads its last bits may vary from call to call.
+        The solution. With several threads its last bits may vary from call to call.
 
     Raises
     ------
     ConvergenceError
-        If it has not converged; the message says how ill-conditioned the problem is, which
-        degrees still move, how much of the sky is empty, and what to do.
+        If the iteration does not converge. The message says how ill-conditioned the problem
+        is, which degrees are still changing, how much of the sky is empty, and what to do.
 
     Examples
     --------
@@ -260,7 +260,7 @@ def solve_matrix_free(
 
 
 def prior_precision(modes: Modes, power: float | ArrayLike | Callable[[int], float] | None) -> FloatArray:
-    """Inverse prior variance of each coefficient for a power per degree, (p,): (2l + 1)/P_l, twice that for m > 0."""
+    """Compute the inverse prior variance of each coefficient, (p,): (2l + 1)/P_l, and twice that for m > 0."""
     if power is None:
         return np.zeros(len(modes))
     l = np.arange(1, modes.lmax + 1)
@@ -272,7 +272,7 @@ def prior_precision(modes: Modes, power: float | ArrayLike | Callable[[int], flo
 
 
 class _System:
-    """(N + prior) c = b, with N as an operator, and an approximate inverse."""
+    """System (N + prior) c = b with N as an operator, and its approximate inverse."""
 
     def __init__(self, fields, modes, prior_power, threads):
         self.modes, self.threads = modes, threads
@@ -289,7 +289,7 @@ class _System:
             notes = merge_notes(notes, catalogue.notes)
             frames[catalogue.frame] = True
         if len(frames) != 1:
-            raise FieldError(f"fields of one frame are needed, not of {', '.join(frames) or 'none'}")
+            raise FieldError(f"all fields must be in one frame; found {', '.join(frames) or 'none'}")
         self.notes, (self.frame,) = notes, frames
         rings = Rings(modes.lmax)
         self.rhs = rings.rhs(motions)
@@ -297,7 +297,7 @@ class _System:
         self._precondition(weights)
 
     def apply_data(self, values):
-        """N c of the data alone."""
+        """Compute N c of the data, without the prior."""
         from vsh.transform import adjoint_on_rings, synthesis_on_rings
 
         a, b, c = self.grid
@@ -312,11 +312,11 @@ class _System:
         half = weights.shape[-1] // 2
         few = weights[:, : 2 * low_modes.lmax + 1, half - 2 * low_modes.lmax : half + 2 * low_modes.lmax + 1]
         self.low = self.modes.degrees <= low_modes.lmax
-        # The mean weight over the sky is the diagonal of a uniform one; an empty catalogue has none.
+        # On a uniform sky the mean weight is the diagonal of N. An empty catalogue has no weight.
         mean = float((weights[0, 0, half] + weights[1, 0, half]).real) / (8 * np.pi)
         self.diagonal = mean * self.modes.norm2 + self.prior
         block = Rings(low_modes.lmax).matrix(few) + np.diag(self.prior[self.low])
-        # A little of the mean keeps the block definite where the sky does not.
+        # A small multiple of the diagonal keeps the block positive definite if the sources do not.
         self.block = cho_factor(block + 1e-6 * np.diag(self.diagonal[self.low]))
 
     def precondition(self, residual):
@@ -325,7 +325,7 @@ class _System:
         return correction
 
     def empty_sky(self):
-        """The share of the sky without weight, seen at the resolution of the fit."""
+        """Compute the fraction of the sky without weight, at the resolution of the fit."""
         density = self.grid[0] + self.grid[1]
         area = np.broadcast_to(np.cos(Rings(self.modes.lmax).lat)[:, None], density.shape)
         # The grid holds integrals over cells, which shrink towards the poles.

@@ -1,6 +1,6 @@
-"""Searches for one wave: in the coefficients of motions, and by frequency in positions along scan.
+"""Searches for a single gravitational wave: in coefficients of motions, and by frequency in along-scan positions.
 
-2F is taken over a map of directions, from whitened coefficients.
+2F is computed for every direction of a map, from whitened coefficients.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ from vsh.vector import Vector
 
 @dataclass(frozen=True, eq=False)
 class WhitenedData(Frozen):
-    """Equations of unit noise for some coefficients, all others free."""
+    """Equations with unit noise for some coefficients, with all other coefficients free."""
 
     kept: BoolArray
     root: FloatArray
@@ -48,7 +48,7 @@ class WhitenedData(Frozen):
 
     @classmethod
     def of(cls, matrix: FloatArray, rhs: FloatArray, kept: BoolArray) -> WhitenedData:
-        """Make it from normal equations."""
+        """Whiten normal equations."""
         try:
             factor = cho_factor(matrix[np.ix_(~kept, ~kept)])
             across = matrix[np.ix_(~kept, kept)]
@@ -64,14 +64,14 @@ class WhitenedData(Frozen):
 
 @lru_cache(maxsize=4)
 def templates(lmax: int, nside: int) -> FloatArray:
-    """Coefficients of both polarisations for every pixel, (2, p, 12 nside²)."""
+    """Compute the coefficients of both polarisations for every pixel, (2, p, 12 nside²)."""
     templates = wave_templates(triad(*centres(nside))[2], lmax)
     templates.flags.writeable = False
     return templates
 
 
 def map_of(white: WhitenedData, modes: Modes, nside: int, copies: int = 1) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """2F, the best amplitudes, (2 copies, n), and their covariance, (n, 2 copies, 2 copies), for every direction."""
+    """Compute 2F, best amplitudes (2 copies, n) and their covariance (n, 2 copies, 2 copies) for every direction."""
     basis, inverse = _basis(white, modes, nside, copies)
     g = np.tensordot(white.values, basis, axes=(0, 1))
     amplitudes = np.einsum("nij,jn->in", inverse, g)
@@ -79,7 +79,7 @@ def map_of(white: WhitenedData, modes: Modes, nside: int, copies: int = 1) -> tu
 
 
 def _basis(white, modes, nside, copies):
-    """Whitened templates, (2 copies, q, n), and the inverse of their products, (n, 2 copies, 2 copies)."""
+    """Compute whitened templates (2 copies, q, n) and the inverse of their products (n, 2 copies, 2 copies)."""
     single = templates(modes.lmax, nside)
     p = len(modes)
     template_blocks = np.zeros((2 * copies, copies * p, single.shape[2]))
@@ -90,20 +90,20 @@ def _basis(white, modes, nside, copies):
 
 
 def chance(white: WhitenedData, modes: Modes, nside: int, largest: float, n_skies: int, rng: Rng) -> float:
-    """Probability that noise alone gives as large a 2F anywhere."""
+    """Estimate the probability that noise alone gives as large a 2F in any direction."""
     return share_beyond(chances(white, modes, nside, n_skies, rng), largest)
 
 
 def share_beyond(maxima: FloatArray, largest: float) -> float:
-    """(1 + how many of the skies reach the largest)/(1 + how many there are)."""
+    """Compute (1 + number of skies that reach `largest`)/(1 + number of skies)."""
     return (1 + int(np.sum(maxima >= largest))) / (1 + len(maxima))
 
 
 def chances(white: WhitenedData, modes: Modes, nside: int, n_skies: int, rng: Rng, copies: int = 1) -> FloatArray:
-    """The largest 2F of each of so many skies of noise."""
+    """Compute the largest 2F of each of `n_skies` simulated skies of noise."""
     basis, inverse = _basis(white, modes, nside, copies)
     root = np.linalg.cholesky(inverse)
-    unit_basis = np.einsum("nij,iqn->jnq", root, basis)  # 2F is the sum of squares of these with the noise
+    unit_basis = np.einsum("nij,iqn->jnq", root, basis)  # 2F sums the squares of their products with noise
     rng, largest = generator(rng), []
     for start in range(0, n_skies, 100):
         noise = rng.standard_normal((len(white.values), min(100, n_skies - start)))
@@ -112,35 +112,35 @@ def chances(white: WhitenedData, modes: Modes, nside: int, n_skies: int, rng: Rn
 
 
 def p_in_words(p_value: float, n_skies: int) -> str:
-    """A p-value of so many simulated skies as it is printed: "at most" where none of them had as much."""
+    """Format a p-value from `n_skies` simulated skies, with "at most" if none of them reached the value."""
     return "at most " * (p_value * (1 + n_skies) < 1.5) + printed_p_value(p_value)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class WaveSearch(Result):
-    """Search for one wave over all directions.
+    """Result of a search for one wave over all directions.
 
     Attributes
     ----------
     statistic : (12 nside²,) array
-        2F of each direction, in ring order: by how much χ² falls with the best wave; from noise alone a χ².
+        2F of each direction, in ring order: the decrease of χ² with the best wave. For noise alone it follows χ².
     amplitudes : (k, 12 nside²) array
-        The best plus and cross (of cosine, then of sine, where the search is in time). [`unit`]
+        Best amplitudes of plus and cross; in a search in time those of cosine, then those of sine. [`unit`]
     limits : (12 nside²,) array
-        How strong a wave of each direction can be, with 95 %. [`unit`]
+        95 % upper limit of the amplitude of a wave, for each direction. [`unit`]
     p_value : float
-        Probability that noise alone gives as large a 2F somewhere on the sky, from `n_skies` simulated ones.
+        Probability that noise alone gives as large a 2F somewhere on the sky, from `n_skies` simulated skies.
     n_skies : int
     degrees : tuple of int
-        Which were used.
+        Degrees that were used.
     frame : str
         Frame of the axes.
     n_data : int
-        How many numbers were fitted.
+        Number of data that were fitted.
     frequency : float or None
         Frequency of a search in time. [1/yr]
     unit : str
-        "µas/yr" of a rate of strain; "µas" of a strain, in time.
+        "µas/yr" for the rate of a strain; "µas" for a strain, in a search in time.
     notes : tuple of str
     """
 
@@ -157,10 +157,10 @@ class WaveSearch(Result):
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        """Check what a file or a caller may have mixed up."""
+        """Check the frame and the shapes of the maps, which a file or a caller may have mixed up."""
         check_frame(self.frame)
         if self.amplitudes.shape[1:] != self.statistic.shape or self.limits.shape != self.statistic.shape:
-            raise ParameterError("the maps of a search are of one size")
+            raise ParameterError("amplitudes and limits must have as many directions as statistic")
         super().__post_init__()
 
     def __repr__(self) -> str:
@@ -173,7 +173,7 @@ class WaveSearch(Result):
 
     @property
     def direction(self) -> tuple[float, float]:
-        """Direction that the best wave travels to: longitude and latitude. [deg]"""
+        """Direction in which the best wave travels: longitude and latitude. [deg]"""
         lon, lat = (float(np.degrees(angle[np.argmax(self.statistic)])) for angle in centres(self.nside))
         return lon % 360, lat
 
@@ -184,16 +184,16 @@ class WaveSearch(Result):
 
     @property
     def amplitude(self) -> float:
-        """The amplitude of the best wave, the root of the sum of squares; noise makes it too large. [`unit`]"""
+        """Amplitude of the best wave, the root sum of squares of its components; biased high by noise. [`unit`]"""
         return float(np.linalg.norm(self.amplitudes[:, np.argmax(self.statistic)]))
 
     def strain(self, frequency: float | None = None) -> float:
-        """The strain of the best wave.
+        """Compute the strain of the best wave.
 
         Parameters
         ----------
         frequency : float, optional
-            Frequency of a wave longer than the observations, whose rate alone is seen. [nHz]
+            Frequency of a wave whose period is longer than the observations, of which only the rate is measured. [nHz]
 
         Raises
         ------
@@ -203,7 +203,7 @@ class WaveSearch(Result):
         return float(self._strains(np.array(self.amplitude), frequency))
 
     def strain_limits(self, frequency: float | None = None) -> FloatArray:
-        """The strain that a wave of each direction can have, with 95 %, (12 nside²,), at a `frequency` as for `strain`.
+        """Compute the 95 % limit of the strain for each direction, (12 nside²,), at a `frequency` as for `strain`.
 
         Raises
         ------
@@ -216,7 +216,7 @@ class WaveSearch(Result):
         if self.unit == "µas":
             return values * UAS
         if frequency is None:
-            raise ParameterError("the rate of a strain is seen: a frequency [nHz] makes it a strain, strain(frequency)")
+            raise ParameterError("only the rate of the strain is measured: give a frequency in nHz, strain(frequency)")
         return strain_of(values, frequency)
 
     def _sections(self, long):
@@ -237,11 +237,11 @@ class WaveSearch(Result):
             strain = f"{float(self._strains(np.array(middle), None)):.3g}"
         of_all = f"{self.statistic.max():.2f} of {len(self.statistic)} directions"
         p = p_in_words(self.p_value, self.n_skies)
-        at = f"at {self.frequency:.4g} a year" if self.frequency else "longer than the observations"
+        at = f"at {self.frequency:.4g} per year" if self.frequency else "longer than the observations"
         facts = [
             ("data", f"degrees {self.degrees[0]} to {self.degrees[-1]} of {self.n_data} numbers"),
-            ("largest 2F", f"{of_all}; χ² of {len(self.amplitudes)} each from noise alone"),
-            ("p-value", f"{p} that noise alone gives as much anywhere ({self.n_skies} simulated skies)"),
+            ("largest 2F", f"{of_all}; noise alone gives χ² with {len(self.amplitudes)} degrees of freedom in each"),
+            ("p-value", f"{p} for as large a 2F anywhere from noise alone ({self.n_skies} simulated skies)"),
             ("travels to", "; ".join(directions)),
             ("best wave", f"{wave} {self.unit}"),
             (
@@ -252,7 +252,7 @@ class WaveSearch(Result):
         return (Section(f"One gravitational wave, {at}", facts, notes=self.notes),)
 
     def to_table(self) -> Table:
-        """A row for each direction, as an astropy Table."""
+        """Return an astropy Table with one row for each direction."""
         lon, lat = centres(self.nside)
         columns = {
             "lon": np.degrees(lon) % 360,
@@ -264,7 +264,7 @@ class WaveSearch(Result):
         return tables.table_of(columns, self._plain_facts() | {"ORDERING": "RING"}, {"lon": "deg", "lat": "deg"})
 
     def plot(self, *, ax: OnAxes | None = None) -> AxesArray:
-        """Maps of 2F and of the limits, on matplotlib axes."""
+        """Plot maps of 2F and of the limits on matplotlib axes."""
         from fit.waves._plot import plot_search
 
         return plot_search(self, ax=ax)
@@ -280,18 +280,18 @@ def search(
     n_skies: int = 1000,
     rng: Rng = 1,
 ) -> WaveSearch:
-    """Look for one plane gravitational wave, much longer than the observations, in every direction.
+    """Search every direction for one plane gravitational wave of a period much longer than the observations.
 
     Parameters
     ----------
     normal : NormalEquations or Solution
-        What was summed or fitted, to degree 2 at least. Errors are taken as they are there: give a robust solution, or
-        `solution.scaled`, where the residuals contradict the catalogue's. Degree 1 is fitted freely.
+        Normal equations, or a fit, to degree 2 at least. Their errors are used unchanged: if the residuals contradict
+        the errors of the catalogue, give a robust solution or `solution.scaled`. Degree 1 is fitted freely.
     degrees : iterable of int, optional
         Degrees in which waves are searched for (default: all fitted degrees ≥ 2). Fitted degrees not listed here are
         fitted freely.
     nside : int
-        Resolution of the HEALPix map of directions; 16 has 3072.
+        Resolution of the HEALPix map of directions; a map of nside 16 has 3072 directions.
     n_skies : int
         Simulated skies of noise, for the p-value.
     rng : Generator or int
@@ -300,23 +300,23 @@ def search(
     Raises
     ------
     ModesError
-        If degree 1 is named, or one that is not fitted.
+        If `degrees` includes degree 1, or a degree that is not fitted.
     DegeneracyError
         If the data do not determine the coefficients.
 
     Notes
     -----
-    2F = gᵀF⁻¹g of the coefficients, with all others free: the F-statistic of pulsar timing (Babak & Sesana 2012, PRD
-    85, 044034). For noise alone, 2F in any fixed direction follows χ² with two degrees of freedom. A wave close to
-    the limit of detection is located to within about 30°, up to the symmetry of the response: low degrees do not
-    resolve more. Systematic errors, like any field of low degree, look like waves: check first how large they are
-    with `fit.background.floor`.
+    2F = gᵀF⁻¹g is computed from the coefficients of `degrees`, with all others free. It is the F-statistic of pulsar
+    timing (Babak & Sesana 2012, PRD 85, 044034). For noise alone, 2F in any fixed direction follows χ² with two degrees
+    of freedom. A wave close to the limit of detection is located to within about 30°, up to the symmetry of the
+    response, because low degrees do not have a better resolution. Systematic errors, like any field of low degree, look
+    like waves: check first how large they are with `fit.background.floor`.
     """
     equations = equations_of(normal)
     modes = equations.modes
     search_degrees = tuple(sorted(set(degrees))) if degrees is not None else tuple(range(2, modes.lmax + 1))
     if not search_degrees or search_degrees[0] < 2 or search_degrees[-1] > modes.lmax:
-        raise ModesError(f"waves have degrees from 2 on, and {modes.lmax} are fitted: not {search_degrees or 'none'}")
+        raise ModesError(f"waves need degrees from 2 on, up to the fitted {modes.lmax}, not {search_degrees or 'none'}")
     white = WhitenedData.of(equations.matrix, equations.rhs, np.isin(modes.degrees, search_degrees))
     statistic, amplitudes, covariance = map_of(white, modes, nside)
     search = WaveSearch(
@@ -333,18 +333,18 @@ def search(
     return replace(search, p_value=chance(white, modes, nside, statistic.max(), n_skies, rng))
 
 
-#: Notes of searches in time: of an attitude that is known, and of one that was solved.
+#: Notes of searches in time: for an attitude that is known, and for one that was solved from the same sky.
 KNOWN_ATTITUDE = (
-    "warning: amplitudes and limits are those of an attitude that is known from elsewhere; where it was solved from the"
-    " same sky, as in Gaia's releases, 0.6 to 0.7 of a wave is left, and a 95 % limit is 0.7 of the truth: give a "
+    "warning: amplitudes and limits assume an attitude that is known from elsewhere; if it was solved from the"
+    " same sky, as in Gaia's releases, 0.6 to 0.7 of a wave remains, and a 95 % limit is 0.7 of the true one: give a "
     "sim.agis.Response"
 )
 SOLVED_ATTITUDE = (
-    "of each wave is taken what an attitude solved from the same sky took of it; a rotation that changes with "
-    "time is not seen"
+    "what an attitude solved from the same sky absorbs of each wave is allowed for; a rotation that changes with "
+    "time is not measured"
 )
 
-#: How many frequencies a short report lists.
+#: Number of frequencies that a short report lists.
 _LISTED = 8
 
 
@@ -359,17 +359,17 @@ class WaveSpectrum(Result):
     statistic : (n,) array
         The largest 2F over all directions.
     lon, lat : (n,) arrays
-        Where the best wave of each frequency travels to. [rad]
+        Direction in which the best wave of each frequency travels. [rad]
     amplitudes : (n,) array
-        Its amplitude; noise makes it too large. [µas]
+        Amplitude of the best wave of each frequency; biased high by noise. [µas]
     limits : (n, 3) array
         Smallest, median and largest 95 % limit over the directions. [µas]
     p_values : (n,) array
-        p-values of each frequency alone.
+        p-value of each frequency by itself.
     p_value : float
         Probability that noise alone gives as large a 2F anywhere on the sky at any of these frequencies.
     lost : (n,) int array
-        How many combinations of coefficients sources' own parameters take: at 1/yr parallaxes do.
+        Number of combinations of coefficients that the sources' own parameters absorb, as parallaxes do at 1/yr.
     n_skies : int
     n_data : int
     degrees : tuple of int
@@ -406,7 +406,7 @@ class WaveSpectrum(Result):
         best = int(np.argmax(self.statistic))
         p = p_in_words(self.p_value, self.n_skies)
         verdict = "detected" if self.p_value < SEEN else "not detected"
-        text = f"{verdict} at {len(self.frequencies)} frequencies, p = {p} of all of them together"
+        text = f"{verdict} at {len(self.frequencies)} frequencies, p = {p} for all of them together"
         if self.p_value < SEEN:
             text += f"; the largest at {self.frequencies[best]:.4g} per year"
         elif hint := hint_of(self.p_value):
@@ -418,12 +418,12 @@ class WaveSpectrum(Result):
     def _sections(self, long):
         best = int(np.argmax(self.statistic))
         lon, lat = np.degrees(self.lon[best]) % 360, np.degrees(self.lat[best])
-        location = f"at {self.frequencies[best]:.4g} a year, towards α = {lon:.1f}°, δ = {lat:.1f}°"
+        location = f"at {self.frequencies[best]:.4g} per year, towards α = {lon:.1f}°, δ = {lat:.1f}°"
         p = p_in_words(self.p_value, self.n_skies)
         facts = [
             ("data", f"degrees {self.degrees[0]} to {self.degrees[-1]} of {self.n_data} numbers"),
             ("largest 2F", f"{self.statistic[best]:.2f} {location}"),
-            ("p-value", f"{p} with all directions and frequencies looked at ({self.n_skies} simulated skies)"),
+            ("p-value", f"{p} for all directions and frequencies together ({self.n_skies} simulated skies)"),
         ]
         table = self.to_table()
         table["strain"] = self.limits[:, 1] * UAS
@@ -437,7 +437,7 @@ class WaveSpectrum(Result):
             "strain": ".2e",
         }
         remarks.append(
-            "Limits are 95 %, the median and the extremes over directions [µas]; p-values are those of one frequency "
+            "Limits are 95 % upper limits: median and extremes over directions [µas]. p-values are for one frequency "
             "alone."
         )
         return (
@@ -454,7 +454,7 @@ class WaveSpectrum(Result):
         )
 
     def to_table(self) -> Table:
-        """A row for each frequency, as an astropy Table."""
+        """Return an astropy Table with one row for each frequency."""
         columns = {"frequency": self.frequencies, "statistic": self.statistic, "p_value": self.p_values}
         columns |= {"lon": np.degrees(self.lon) % 360, "lat": np.degrees(self.lat), "amplitude": self.amplitudes}
         columns |= {
@@ -464,7 +464,7 @@ class WaveSpectrum(Result):
         return tables.table_of(columns, self._plain_facts(), {"lon": "deg", "lat": "deg", "frequency": "1 / yr"})
 
     def plot(self, *, ax: Axes | None = None) -> Axes:
-        """Limits on the strain against frequency, on matplotlib axes."""
+        """Plot limits on the strain against frequency on matplotlib axes."""
         from fit.waves._plot import plot_spectrum
 
         return plot_spectrum(self, ax=ax)
@@ -483,23 +483,24 @@ def search_in_time(
     rng: Rng = 1,
     threads: int | None = None,
 ) -> Any:
-    """Look for one gravitational wave of a frequency within the mission, in positions along scan.
+    """Search along-scan positions for one gravitational wave of a period shorter than the mission.
 
-    Each source keeps five parameters of its own, and the frame a rotation and a glide that swing at the frequency; what
-    is left is compared with a wave from every direction, its two polarisations with cosine and sine of time.
+    Five parameters of each source are fitted freely, and so are a rotation and a glide of the frame that oscillate at
+    the frequency. What remains is compared with a wave from every direction, with two polarisations and with cosine and
+    sine of time.
 
     Parameters
     ----------
     observations : Observations, path, or an iterable of them
-        Observations as `vsh.io.epochs.read_observations` gives them; as for `fit.in_time.normal_equations`.
+        Observations as `vsh.io.epochs.read_observations` returns them; see `fit.in_time.normal_equations`.
     frequency : float or sequence of float
-        Frequency of the wave, or several that are looked at. Below about one cycle in the time that they span,
-        positions and motions of the sources take all of it. [1/yr]
+        Frequency of the wave, or several frequencies to search. Below about one cycle in the time span of the
+        observations, the positions and motions of the sources absorb the whole wave. [1/yr]
     attitude : sim.agis.Response, or "known"
-        What the attitude takes of a wave where it was solved from the same sky, as in Gaia's releases; or that it is
-        known from elsewhere. There is no default.
+        How much of a wave the attitude absorbs, if the attitude was solved from the same sky, as in Gaia's releases;
+        "known" if it is known from elsewhere. This argument is required.
     lmax : int
-        The highest degree; a wave has 99 % of its power up to 5.
+        The highest degree; a wave has 99 % of its power in degrees up to 5.
     nside : int
         Resolution of the HEALPix map of directions.
     n_skies : int
@@ -507,37 +508,38 @@ def search_in_time(
     rng : Generator or int
         The source of their noise.
     threads : int, optional
-        One a core unless given.
+        Number of threads; one per core unless given.
 
     Returns
     -------
     WaveSearch or WaveSpectrum
-        Amplitudes of the strain: plus and cross of cosine, then of sine [µas; 1 µas is a strain of 4.8e-12]. Of several
-        frequencies a spectrum of limits, with one p-value for all of them.
+        For one frequency, a WaveSearch with the amplitudes of the strain: plus and cross of cosine, then of sine [µas;
+        1 µas is a strain of 4.8e-12]. For several frequencies, a WaveSpectrum with limits at each of them and one
+        p-value for all.
 
     Raises
     ------
     DegeneracyError
         If the observations determine no wave of this frequency.
     ParameterError
-        If they are no observations, a frequency is not above zero, or nothing is said of the attitude.
+        If `observations` are not observations, a frequency is not above zero, or `attitude` is missing.
 
     Notes
     -----
     The response is that of a wave much shorter than the distances of the sources (Book & Flanagan 2011), and much
-    longer than the time from one field of view to the other. 2F of noise is χ² with four degrees of freedom in one
-    direction. The p-value is of all directions, and of several frequencies as if noise at each were independent, which
-    is true where they are 1/T apart and on the safe side where they are closer.
+    longer than the time from one field of view to the other. For noise alone, 2F in any fixed direction follows χ²
+    with four degrees of freedom. The p-value is for all directions. For several frequencies, noise is taken as
+    independent from one frequency to the next. This is true if they are 1/T apart, and conservative if they are closer.
 
-    An attitude that was solved from the same sky, as in Gaia's releases, takes a part of the wave up: as if it were
-    known .59 to .68 of the amplitude of waves put into such a solution is found, and the "95 %" limit is .7 of the true
-    one; with a Response of nside 8 it is .96, of nside 16 .98.
+    An attitude that was solved from the same sky, as in Gaia's releases, absorbs a part of the wave. If such an
+    attitude is treated as known, 0.59 to 0.68 of the amplitude of simulated waves is recovered, and the nominal 95 %
+    limit is 0.7 of the true one. With a Response of nside 8 the recovered fraction is 0.96, of nside 16 it is 0.98.
     """
     several = np.ndim(frequency) > 0
     frequencies = [arguments.positive("frequency", item) for item in np.atleast_1d(frequency)]
     modes = as_modes(lmax)
     if modes.lmax < 2:
-        raise ParameterError("waves have degrees from 2 on: lmax of 2 or more")
+        raise ParameterError("waves have degrees from 2 on: lmax must be at least 2")
     rng = arguments.generator(rng)
     searches, largest, lost = [], [], []
     for item in frequencies:
@@ -572,7 +574,7 @@ def search_in_time(
 
 
 def _search(equations: TimeEquations, frequency, nside, n_skies, rng):
-    """Search one frequency: the search, the largest 2F of each sky of noise, and how many combinations are lost."""
+    """Search one frequency; return the search, the largest 2F of each sky of noise, and the number lost."""
     modes, is_unconstrained = equations.modes, equations.unconstrained_terms
     unknowns, values, directions, is_determined = equations.combinations()
     if values[-1] <= 0 or is_determined.sum() < len(unknowns) / 2:
@@ -580,7 +582,7 @@ def _search(equations: TimeEquations, frequency, nside, n_skies, rng):
             f"these sources do not determine {len(unknowns)} coefficients: lower lmax, or take more of the sky"
         )
     size = np.diag(equations.matrix)
-    # A rotation is attitude: any prior does.
+    # A rotation is indistinguishable from attitude: any prior will do.
     matrix = equations.matrix + np.diag(np.where(is_unconstrained, np.median(size), 1e-9 * size))
     white = WhitenedData.of(matrix, equations.rhs, np.tile(modes.degrees >= 2, 2))
     statistic, amplitudes, covariance = map_of(white, modes, nside, copies=2)
@@ -591,7 +593,7 @@ def _search(equations: TimeEquations, frequency, nside, n_skies, rng):
         examples = "; ".join(equations.named(unknowns, directions[:, i], 2) for i in lost[:3])
         notes = (
             *notes,
-            f"at {frequency:.4g} a year {len(lost)} of {len(unknowns)} combinations are taken by the sources' own "
+            f"at {frequency:.4g} per year {len(lost)} of {len(unknowns)} combinations are absorbed by the sources' own "
             f"parallaxes, positions and motions: {examples}{'; …' if len(lost) > 3 else ''}",
         )
     search = WaveSearch(

@@ -195,7 +195,7 @@ class Response(InNotebook):
         *,
         view: IntArray | None = None,
     ) -> FloatArray:
-        """Compute what is left along scan of every function times every mode, (k, F p), functions outermost.
+        """Compute what the attitude leaves along scan of functions times modes, (k, F p), functions outermost.
 
         Parameters
         ----------
@@ -204,13 +204,14 @@ class Response(InNotebook):
         scan : (2, k) array
             Direction of each scan, east and north.
         time : (k,) array
-            Since the epoch. [yr]
+            Time since the epoch. [yr]
         modes : Modes
             What is seen of the sky.
         functions : function
             From times to the functions at them, (F, k).
         view : (k,) array, optional
-            +1 in the preceding field of view, −1 in the following one; the nearer one by the law unless given.
+            +1 in the preceding field of view, −1 in the following one. Unless given, the field of view that is nearer
+            to the source by the scanning law.
         """
         p, q, r = triad(lon, lat)
         m = p * scan[0] + q * scan[1]
@@ -361,9 +362,9 @@ class ExactResponse(InNotebook):
         modes: Modes,
         functions: Functions,
         *,
-        view: IntArray | None = None,  # as of Response; an attitude serves both fields of view
+        view: IntArray | None = None,  # as in Response; one attitude is for both fields of view
     ) -> FloatArray:
-        """Compute what is left along the scan of every function of time × mode, (k, F p); arguments as of
+        """Compute what the attitude leaves along scan of functions times modes, (k, F p), as does
         `Response.left`.
 
         Parameters
@@ -373,7 +374,7 @@ class ExactResponse(InNotebook):
         scan : (2, k) array
             Direction of each scan, east and north.
         time : (k,) array
-            Since the middle of the mission. [yr]
+            Time since the middle of the mission. [yr]
         modes : Modes
             What is seen of the sky.
         functions : function

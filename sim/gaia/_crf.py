@@ -96,24 +96,26 @@ def crf4(
     table: str = "gaia_source",
     traps: bool = False,
 ) -> Table:
-    """A catalogue like the quasars of Gaia DR4, for a rehearsal.
+    """Simulate a catalogue like the quasars of Gaia DR4, to rehearse an analysis.
 
     Parameters
     ----------
     rng, signal, n_five, n_six, traps
         As for `crf3`.
     table : {"gaia_source", "all_source_astrometry"}
-        "gaia_source": the best model of each source, including non-single-star models, which loses one quasar in 250
-        (this fraction is a guess); "all_source_astrometry": the core solution of every source.
+        "gaia_source" has the best model of each source. For one quasar in 250 this is a non-single-star model, and
+        the quasar is lost (the fraction is a guess). "all_source_astrometry" has the core solution of every source.
 
     Returns
     -------
     astropy Table
-        In the columns of DR4's draft data model: astrometric_params and tentative_parallax_bias.
+        The catalogue, in the columns of the draft data model of DR4, such as astrometric_params and
+        tentative_parallax_bias.
 
     Notes
     -----
-    As `crf3`, over the 66 months of DR4 and with the errors that are expected of it; epoch J2017.5.
+    The simulation is that of `crf3`, but over the 66 months of DR4, with the errors that are expected for DR4 and at
+    epoch J2017.5.
 
     Examples
     --------

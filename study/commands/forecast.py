@@ -1,4 +1,4 @@
-"""`vsh-forecast`: what catalogues to come will tell, on the command line."""
+"""`vsh-forecast`: forecast what future catalogues will measure, on the command line."""
 
 import argparse
 
@@ -7,11 +7,11 @@ from vsh.tools.errors import VshError
 
 
 def make_parser() -> argparse.ArgumentParser:
-    """The parser of its options."""
+    """Make the parser of the command's options."""
     parser = parsing.make(
         prog="vsh-forecast",
         description=(
-            "Forecast uncertainties of spin, acceleration, R0, gravitational waves, shear, our velocity and H0: for "
+            "Forecast uncertainties of spin, acceleration, R0, gravitational waves, shear, our velocity and H0 for "
             "Gaia DR3, DR4, DR5, DR5 with positions of Euclid, Roman or Rubin, a successor in the near infrared, VLBI, "
             "the SKA, and your own survey."
         ),
@@ -21,23 +21,23 @@ def make_parser() -> argparse.ArgumentParser:
             'vsh-forecast --only "Gaia DR4" --survey mine=5000,3.0',
         ),
     )
-    parser.add_argument("--only", type=_names, metavar="NAME,…", help="some of the known surveys")
+    parser.add_argument("--only", type=_names, metavar="NAME,…", help="names of known surveys (default: all)")
     parser.add_argument(
         "--survey",
         type=_surveys,
         metavar="NAME=N,SIGMA",
-        help="a survey of your own: number of quasars, and their error in µas/yr",
+        help="a survey of your own: number of quasars, and error of their motions in µas/yr",
     )
     parser.add_argument(
         "--sky",
         choices=("uniform", "gums", "igql"),
         default="uniform",
         help=(
-            "distribution of the quasars: uniform, without the Galactic plane, or that of the known ones (default: "
+            "distribution of quasars on the sky: uniform, gums (no Galactic plane) or igql (known quasars) (default: "
             "uniform)"
         ),
     )
-    parser.add_argument("--no-flows", action="store_true", help="leave out velocity and H0 with flows as unknowns")
+    parser.add_argument("--no-flows", action="store_true", help="omit velocity and H0 from fits with flows as unknowns")
     parser.add_argument("--output", metavar="DIR", help="write report, table and figure to this folder")
     reading.add_figures(parser)
     parsing.add_overwrite(parser)
@@ -57,7 +57,7 @@ def _surveys(text):
         n, sigma = 0.5, 0.0
     if not name.strip() or n < 1 or n != int(n) or not sigma > 0:
         raise argparse.ArgumentTypeError(
-            f"NAME=N,SIGMA is expected, a whole number and an error in µas/yr, not {text!r}"
+            f"expected NAME=N,SIGMA, with N a whole number and SIGMA an error in µas/yr, not {text!r}"
         )
     return {name.strip(): (int(n), sigma)}
 
@@ -69,7 +69,7 @@ def _run(options):
     surveys = dict(SURVEYS)
     for name in options.only or ():
         if name not in surveys:
-            raise VshError(f"no survey is called {name!r}: {', '.join(surveys)} are")
+            raise VshError(f"no survey is called {name!r}; known surveys are {', '.join(surveys)}")
     surveys = {name: surveys[name] for name in options.only or surveys}
     for name, (n, sigma) in (options.survey or {}).items():
         surveys[name] = Survey(n, sigma=sigma, says="as given")
@@ -77,11 +77,11 @@ def _run(options):
     run.finish(
         (),
         sections=lambda long: forecast.sections(long=long),
-        tables=lambda: {"Errors to come": forecast.to_table()},
+        tables=lambda: {"Expected errors": forecast.to_table()},
         answer=forecast.answer,
         figures=lambda: {"forecast": forecast.plot()},
         files=lambda folder, meta: _write(folder, forecast, meta),
-        title="What catalogues to come will tell",
+        title="What future catalogues will measure",
     )
 
 

@@ -32,7 +32,7 @@ from vsh.tools.units import AU_PER_YEAR, hubble_rate
 
 
 @dataclass(frozen=True)
-class SecondEpoch:
+class SecondEpoch(InNotebook):
     """Positions of another survey, measured in Gaia's frame, for the sources in its part of the sky.
 
     Attributes
@@ -178,9 +178,13 @@ def _with(second: SecondEpoch, says: str) -> Survey:
 
 #: By name. Floors beyond DR3 are an assumption.
 SURVEYS = {
-    "Gaia DR3": Survey(_OF_QUASARS, "DR3", n_galaxies=_OF_GALAXIES, floor=_FLOORS["DR3"], says="Gaia-CRF3's quasars"),
-    "Gaia DR4": Survey(_OF_QUASARS, "DR4", n_galaxies=_OF_GALAXIES, floor=_FLOORS["DR4"], says="the same, 66 months"),
-    "Gaia DR5": Survey(_OF_QUASARS, "DR5", n_galaxies=_OF_GALAXIES, floor=_FLOORS["DR5"], says="the same, ten years"),
+    "Gaia DR3": Survey(_OF_QUASARS, "DR3", n_galaxies=_OF_GALAXIES, floor=_FLOORS["DR3"], says="quasars of Gaia-CRF3"),
+    "Gaia DR4": Survey(
+        _OF_QUASARS, "DR4", n_galaxies=_OF_GALAXIES, floor=_FLOORS["DR4"], says="the same quasars, 66 months of data"
+    ),
+    "Gaia DR5": Survey(
+        _OF_QUASARS, "DR5", n_galaxies=_OF_GALAXIES, floor=_FLOORS["DR5"], says="the same quasars, ten years of data"
+    ),
     "DR5 + Euclid": _with(
         SecondEpoch(350.0, 7.7, latitude=30.0, ecliptic_latitude=15.0),
         "positions at J2027.5 in 14 000 deg², four exposures of 0.7 mas (Libralato et al. 2024, arXiv:2411.02487)",
@@ -195,33 +199,33 @@ SURVEYS = {
     ),
     "near infrared": Survey(
         _OF_QUASARS, "DR4", 1 / 14, n_galaxies=_OF_GALAXIES, floor=_FLOORS["DR4"] / 14,
-        says="a successor twenty years later: motions 14 times as good (Hobbs et al. 2021, Exp. Astron. 51, 783)",
+        says="a successor twenty years later, with motions 14 times as precise as DR4's (Hobbs et al. 2021)",
     ),
     "VLBI": Survey(
         1500, sigma=_VLBA, floor=0.1,
-        says="an assumption: 1500 sources with the errors of the VLBA's 713 (Truebenbach & Darling 2017)",
+        says="assumed: 1500 sources with the distribution of errors of Truebenbach & Darling (2017)",
     ),
     "SKA": Survey(
-        10_000, sigma=_VLBA, floor=0.1, says="an assumption: 10 000 sources with the same errors (VLBI with the SKA)"
+        10_000, sigma=_VLBA, floor=0.1, says="assumed: 10 000 sources with the same errors (VLBI with the SKA)"
     ),
 }  # fmt: skip
 #: What is forecast: words and unit, in the order of the table.
 QUANTITIES = {
-    "spin": ("spin, a component", "µas/yr"),
-    "acceleration": ("acceleration, a component", "µas/yr"),
+    "spin": ("spin, per component", "µas/yr"),
+    "acceleration": ("acceleration, per component", "µas/yr"),
     "acceleration_floor": ("  systematic floor included", "µas/yr"),
-    "acceleration_law": ("  with DR3's law of angles", "µas/yr"),
-    "direction": ("  its direction, floor included", "°"),
+    "acceleration_law": ("  with DR3's angular covariance", "µas/yr"),
+    "direction": ("  direction, floor included", "°"),
     "speed": ("circular speed V0, floor included", "km/s"),
-    "r0": ("R0 with Sgr A*'s motion, floor included", "kpc"),
-    "waves": ("limit on h70² Ω of waves (95 %), floor included", ""),
-    "wave": ("  one wave, its rate, of noise", "µas/yr"),
-    "shear": ("shear, a component", "% of H0"),
-    "degree": ("degrees with DR3's systematics", ""),
-    "velocity": ("our velocity, a component", "km/s"),
+    "r0": ("R0 from the motion of Sgr A*, floor included", "kpc"),
+    "waves": ("95 % limit on h70² Ω of gravitational waves, floor included", ""),
+    "wave": ("  strain rate of one wave, noise only", "µas/yr"),
+    "shear": ("shear, per component", "% of H0"),
+    "degree": ("highest degree with DR3's systematics above noise", ""),
+    "velocity": ("our velocity, per component", "km/s"),
     "hubble": ("H0", "km/s/Mpc"),
-    "velocity_flows": ("  our velocity, flows unknown", "km/s"),
-    "hubble_flows": ("  H0, flows unknown", "km/s/Mpc"),
+    "velocity_flows": ("  our velocity, flows fitted", "km/s"),
+    "hubble_flows": ("  H0, flows fitted", "km/s/Mpc"),
 }
 
 
@@ -284,26 +288,32 @@ class SurveyForecast(InNotebook):
                 form = ".0f" if name == "degree" else ".3g"
                 label = description + (f" [{unit}]" if unit else "")
                 rows.append((label, *("" if np.isnan(x) else f"{x:{form}}" for x in cells)))
-        heads = ("errors to come (68 %)", *self.surveys)
+        heads = ("expected errors (68 %)", *self.surveys)
         table = tables.table_of(
             {name: list(values) for name, values in zip(heads, zip(*rows, strict=True), strict=True)}
         )
-        facts = [("sky", f"{self.sky} for quasars; galaxies to z = 0.03, errors of faint ones as those of Gaia")]
+        facts = [("sky", f"quasars: {self.sky}; galaxies: to z = 0.03, errors of faint galaxies as those of Gaia")]
         of_flows = np.isfinite([values["hubble_flows"] for values in self.values.values()]).any()
         velocities = (
-            "velocities and H0 with unknown flows include the cosmic variance of one sky in linear theory"
+            "velocities and H0 with fitted flows include the cosmic variance of one sky in linear theory"
             if of_flows
             else "velocities and H0 are for independent peculiar velocities of 300 km/s: flows make errors several "
             "times larger on the real sky"
         )
-        remarks = [f"Floors are an assumption; {velocities}."]
+        remarks = [f"Floors beyond DR3 are assumptions; {velocities}."]
         if long:
-            facts += [(name, f"{survey.says}; floor {survey.floor:g} µas/yr") for name, survey in self.surveys.items()]
+            facts += [
+                (name, f"{survey.says}; systematic floor {survey.floor:.3g} µas/yr")
+                for name, survey in self.surveys.items()
+            ]
             remarks = [
-                "Floors are an assumption; direction, V0, R0 and Ω contain them. DR3's law of angles (Lindegren et al. "
-                f"2021, 292 exp(−θ/12°)) put to degree 1 gives {_LAW:.1f} µas/yr, {_LAW / _FLOOR:.1f} times as "
-                "much, which the acceleration that DR3 measured (5.05 for 4.8) excludes.",
-                "Velocity and H0 without flows: independent velocities of 300 km/s; with them: linear theory, with the "
+                "Floors beyond DR3 are assumptions; the errors of direction, V0, R0 and Ω include the floors. DR3's "
+                "angular covariance (Lindegren et al. "
+                f"2021, 292 exp(−θ/12°) µas²/yr²) implies a floor of {_LAW:.1f} µas/yr at degree 1, "
+                f"{_LAW / _FLOOR:.1f} times as "
+                "much; the acceleration measured by DR3 (5.05 µas/yr, with 4.8 expected) excludes such a floor.",
+                "Velocity and H0 are for independent peculiar velocities of 300 km/s; with flows fitted, they are for "
+                "flows of linear theory and include the "
                 "cosmic variance of one sky.",
             ]
         return (Section("Forecast of surveys", facts, table, remarks=remarks),)
@@ -322,8 +332,8 @@ class SurveyForecast(InNotebook):
     def answer(self) -> Answer:
         """The lines to quote: errors of acceleration and H0 by survey, with what nature adds to the noise."""
         quantities = (
-            ("acceleration_floor", "acceleration", ", systematic floor included"),
-            ("hubble_flows", "H0", ", flows unknown"),
+            ("acceleration_floor", "acceleration", " per component, systematic floor included"),
+            ("hubble_flows", "H0", ", flows fitted"),
         )
         lines = []
         for name in self.surveys:

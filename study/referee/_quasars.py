@@ -106,7 +106,7 @@ class Quasars(InNotebook):
         """
         if name not in self.columns or not np.isfinite(self.columns[name]).any():
             candidates = {"redshift": ("redshift", "z", "redshift_qsoc"), "G": ("phot_g_mean_mag",)} | _COLUMNS
-            raise TableError(f"no column of {name} ({', '.join(candidates[name])})")
+            raise TableError(f"there is no column for {name} ({', '.join(candidates[name])})")
         return self.columns[name]
 
     @property
@@ -227,28 +227,29 @@ def _degree_one(solution):
 
 
 def compare(quasars: Quasars, classes: Classes, rng: Rng = 1, lmax: int | None = None) -> Comparison:
-    """Compare classes of sources.
+    """Compare classes of sources, each with formal errors, and all with systematic errors.
 
     Parameters
     ----------
     quasars : Quasars
         The sources.
     classes : Classes
-        With masks of the sources.
+        The classes, as masks of the sources.
     rng : Generator or int
         The source of all randomness.
     lmax : int, optional
-        Degree of the plain fits; that of the others is what the smallest class bears, 5 at most.
+        Degree of the fits with formal errors. Unless given, it is that of the other fits: the highest degree that the
+        smallest class has enough sources for, 5 at most.
 
     Raises
     ------
     DegeneracyError
-        If a class has too few sources.
+        If fewer than two classes have enough sources.
     """
     large_classes = classes.of_at_least(FEWEST)
     if len(large_classes) < 2:
         counts = ", ".join(f"{name}: {mask.sum()}" for name, mask in classes)
-        raise DegeneracyError(f"fewer than two classes of {FEWEST} sources ({counts})")
+        raise DegeneracyError(f"fewer than two classes have {FEWEST} sources or more ({counts})")
     degree = degree_for(min(mask.sum() for _, mask in large_classes), _DEGREE, least=3)
     normals = [quasars.equations(mask, degree) for _, mask in large_classes]
     plain = [solve(quasars.plain_equations(mask, lmax or degree)) for _, mask in large_classes]

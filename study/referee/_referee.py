@@ -86,7 +86,8 @@ class Referee(InNotebook):
             return "no check was possible"
         corrected = f"p = {printed_p_value(p)} after correction for {n} checks"
         if p >= HINT:
-            return f"none of {n} contradicts it (smallest p = {printed_p_value(worst.p_value)}; {corrected})"
+            smallest = f"smallest p = {printed_p_value(worst.p_value)}; {corrected}"
+            return f"none of {n} internal checks contradicts the result ({smallest})"
         verdict = "an instrumental effect is detected" if p < SEEN else "weak evidence of an instrumental effect"
         return f"{verdict}: it is not {worst.question} ({worst.answer}; {corrected})"
 
@@ -112,9 +113,9 @@ class Referee(InNotebook):
         facts = [
             (
                 "sources",
-                (f"{len(quasars.whole)}; {quasars.n_clipped} outliers are excluded where least squares are used"),
+                (f"{len(quasars.whole)}; {quasars.n_clipped} outliers are excluded from the least-squares fits"),
             ),
-            ("fit", f"{solution.frame} axes; systematic errors from degrees 2 to {solution.modes.lmax}"),
+            ("fit", f"{solution.frame} axes; systematic errors estimated from degrees 2 to {solution.modes.lmax}"),
         ]
         other_sections = [section for section in self.sections if section.paper.key != _QUOTED]
         if not long:
@@ -135,8 +136,13 @@ class Referee(InNotebook):
         if not long:
             n_untested = len(self.checks) - len(tests)
             suffix = f"; {n_untested} more were not tested (--long lists the reasons)" if n_untested else ""
-            remarks = [f"The {len(selection)} of {len(tests)} checks with the smallest p-values{suffix}."]
-        return Section("Checks: p-values with systematic errors", (), tables.table_of(columns), remarks=remarks)
+            remarks = [f"Listed are the {len(selection)} of {len(tests)} checks with the smallest p-values{suffix}."]
+        return Section(
+            "Checks; p-values include systematic errors except in the column of formal errors",
+            (),
+            tables.table_of(columns),
+            remarks=remarks,
+        )
 
     def tables(self) -> dict[str, Table]:
         """Sections and checks as astropy Tables, by name."""

@@ -38,12 +38,12 @@ _MAPS = ("G", "colour", "visibility periods", "scan strength")
 def checks(quasars: Quasars, headline: Headline, rng: Rng = 1, earlier: Field | None = None) -> list[Check]:
     """All of them; one that could not be asked says why."""
     questions: list[tuple[str, str, Callable[[], dict[str, Any]]]] = [
-        *((name, f"the same for all by {name}", partial(_by_column, quasars, name, k, rng))
+        *((name, f"independent of {name}", partial(_by_column, quasars, name, k, rng))
           for name, k in _SPLITS.items()),
         ("plane", "the same near the Galactic plane", partial(_by_latitude, quasars, rng)),
         *((frame, f"the same in both {frame} halves of the sky", partial(_by_half, quasars, frame, rng))
           for frame in _FRAMES),
-        ("degree", "the same whatever the degree", partial(_degree, quasars, headline)),
+        ("degree", "independent of the maximum degree", partial(_degree, quasars, headline)),
         ("robust", "the same with Student's t and with least squares", partial(_method, quasars, rng)),
         ("one source", "not made by a single source", partial(_source, quasars)),
         ("maps", "not explained by maps of the survey's properties", partial(_templates, quasars, headline, rng)),
@@ -79,9 +79,10 @@ def _split_classes(quasars, classes, rng) -> dict[str, Any]:
     verdict = comparison.verdict
     labels = comparison.shared.labels
     difference = comparison.shared.difference(0, len(labels) - 1).acceleration
-    change = f"the acceleration of the last minus that of the first is {difference.amplitude:.2g} µas/yr"
+    change = f"the accelerations of the first and the last differ by {difference.amplitude:.2g} µas/yr"
     return {
-        "answer": f"{len(labels)} classes; {change}; largest difference: {verdict.comparison}", "p_value": verdict.p_value,
+        "answer": f"{len(labels)} classes; {change}; largest difference: {verdict.comparison}",
+        "p_value": verdict.p_value,
         "at_face_value": comparison.at_face_value(), "results": {"classes": comparison.shared},
     }  # fmt: skip
 
@@ -92,9 +93,8 @@ def _degree(quasars, headline) -> dict[str, Any]:
         raise VshError(f"the sources bear no more than degree {quasars.degree}")
     move, _, p = by_degree(quasars.field, lower_degree, quasars.degree, headline.floor)
     plain = by_degree(quasars.field, lower_degree, quasars.degree, None)[2]
-    text = (
-        f"from degree {lower_degree} to {quasars.degree} it changes by ({', '.join(f'{x:+.2f}' for x in move)}) µas/yr"
-    )
+    change = ", ".join(f"{x:+.2f}" for x in move)
+    text = f"from maximum degree {lower_degree} to {quasars.degree} the acceleration changes by ({change}) µas/yr"
     return {"answer": text, "p_value": p, "at_face_value": plain}
 
 
@@ -155,7 +155,7 @@ def _templates(quasars, headline, rng) -> dict[str, Any]:
     spectrum = None if headline.floor is None else headline.floor.spectrum
     powers = cross_powers(plain, template_fields(maps, plain.modes, field.frame), spectrum)
     text = (
-        f"{', '.join(template.name for template in maps)}; with them marginalised g = "
+        f"{', '.join(template.name for template in maps)}; marginalised over these maps, the acceleration is "
         f"({', '.join(f'{v:+.2f} ± {s:.2f}' for v, s in zip(acceleration.value, acceleration.sigma, strict=True))}) "
         "µas/yr"
     )
@@ -273,10 +273,10 @@ def _frame(inputs: SectionInput) -> dict[str, Any]:
         )
         results["magnitudes"] = comparison.shared
     except VshError as error:
-        remark = f"; bright and faint not compared: {error}"
+        remark = f"; bright and faint sources are not compared: {error}"
     p = headline.p_spin
     below = headline.solution.spin.amplitude_limit()
-    verdict = format_verdict(p, f"no spin is seen, below {below:.3g} µas/yr (95 %)", "the frame of these sources turns")
+    verdict = format_verdict(p, f"no spin is detected, < {below:.3g} µas/yr (95 %)", "the frame of these sources turns")
     return {"rows": rows, "verdict": verdict + remark, "p_value": p, "results": results}
 
 
@@ -310,7 +310,7 @@ def _position_drift(inputs: SectionInput) -> dict[str, Any]:
     row, formal_p, p = _quadrupole(quasars, inputs.headline)
     contents["rows"].append(row)
     if np.isfinite(p):
-        null_text = "no quadrupole is seen" if formal_p >= SEEN else "the quadrupole is systematic errors"
+        null_text = "no quadrupole is detected" if formal_p >= SEEN else "the quadrupole is systematic errors"
         sentence = format_verdict(p, null_text, "a quadrupole beyond systematic errors")
         contents["verdict"] = f"{sentence}; {contents['verdict']}"
     return contents
@@ -384,7 +384,7 @@ def _waves(inputs: SectionInput) -> dict[str, Any]:
             Value(harmonics.limit(), kind="limit"),
         ),
     ]  # fmt: skip
-    verdict = f"h70² Ω < {harmonics.limit():.3g} (95 %), systematic errors taken away"
+    verdict = f"h70² Ω < {harmonics.limit():.3g} (95 %), marginalised over systematic errors"
     return {"rows": rows, "verdict": verdict, "results": {"waves": harmonics}}
 
 
@@ -402,8 +402,8 @@ def _pairs(inputs: SectionInput) -> dict[str, Any]:
         Row("h70² Ω by harmonics", shared=Value(harmonics.limit(), kind="limit")),
     ]
     verdict = (
-        f"{lower:.2g} < h70² Ω < {upper:.2g} (95 %) from pairs, systematic errors included as if they were waves; "
-        f"h70² Ω < {harmonics.limit():.2g} from harmonics"
+        f"{lower:.2g} < h70² Ω < {upper:.2g} (95 %) from pairs, where systematic errors count as waves; "
+        f"h70² Ω < {harmonics.limit():.2g} (95 %) from harmonics"
     )
     return {"rows": rows, "verdict": verdict, "results": {"pairs": correlation}}
 
@@ -417,7 +417,7 @@ def _spectrum(inputs: SectionInput) -> dict[str, Any]:
     rows.append(Row("errors of the headline / formal errors, clipped, degree 3", shared=Value(wider)))
     lower, upper = (papers()["nguyen2026"][f"errors, {bound}"].value for bound in ("at least", "at most"))
     verdict = (
-        f"errors that include systematic errors are {wider:.2f} times the formal errors of a clipped fit to "
+        f"errors with systematic errors included are {wider:.2f} times the formal errors of a clipped fit to "
         f"degree 3; published: {lower:g} to {upper:g} times"
     )
     results = {} if inputs.headline.floor is None else {"floor": inputs.headline.floor}

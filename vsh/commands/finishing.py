@@ -309,22 +309,22 @@ def print_line(options: argparse.Namespace, text: str) -> None:
 
 @dataclass(frozen=True)
 class Part:
-    """A result of a run, with all that is made from it.
+    """Result of a run, with the outputs that are made from it.
 
     Attributes
     ----------
     name : str
-        The name of its file and its figure.
+        Name of the file and of the figure of the result.
     result : Result
-        It has `sections`, `to_table`, `write` and `plot`.
+        The result, which has `sections`, `to_table`, `write` and `plot`.
     heading : str
-        Heading of its table in JSON and LaTeX; nothing where it has none there.
+        Heading of its table in JSON and LaTeX; empty if the table is not in them.
     caption : str
-        Caption of its figure, on the page.
+        Caption of its figure on the HTML page.
     sections, plot : callable, optional
-        In place of its own.
+        Functions that replace those of the result.
     is_long : bool
-        The short text is without it.
+        Whether the result is left out of the short text.
     """
 
     name: str

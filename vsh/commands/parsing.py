@@ -557,7 +557,7 @@ class _Parser(argparse.ArgumentParser):
 
 def add_common(parser: argparse.ArgumentParser, tells: str = "report") -> None:
     """Add the options that every command has: repeat a run, print it for other programs, keep a log, list citations."""
-    group = parser.add_argument_group("every command")
+    group = parser.add_argument_group("options of every command")
     group.add_argument(
         "--config",
         metavar="FILE",
@@ -567,17 +567,17 @@ def add_common(parser: argparse.ArgumentParser, tells: str = "report") -> None:
         ),
     )
     output_group = group.add_mutually_exclusive_group()
-    output_group.add_argument("--json", action="store_true", help=f"print the result as JSON in place of the {tells}")
+    output_group.add_argument("--json", action="store_true", help=f"print the result as JSON instead of the {tells}")
     output_group.add_argument("--latex", action="store_true", help="print the result as LaTeX tables (booktabs)")
     output_group.add_argument(
-        "--long", action="store_true", help=f"print the whole {tells}, as the folder of results has it"
+        "--long", action="store_true", help=f"print the full {tells}, as it is written to the folder of results"
     )
-    output_group.add_argument("--quiet", action="store_true", help="print nothing but errors, and show no progress")
-    group.add_argument("--log", metavar="FILE", help="append what is done and how long it takes to this file")
+    output_group.add_argument("--quiet", action="store_true", help="print only errors, and no progress bars")
+    group.add_argument("--log", metavar="FILE", help="append the steps of the run and their durations to this file")
     group.add_argument(
         "--citation",
         action="store_true",
-        help="print BibTeX entries for the software and papers that such a run uses, and exit",
+        help="print BibTeX entries for the software and papers used by a run with these options, and exit",
     )
     group.add_argument("--version", action="version", version=f"{parser.prog} {vsh.__version__}")
 

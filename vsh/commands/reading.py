@@ -32,7 +32,8 @@ def add_reading(parser: argparse.ArgumentParser) -> None:
         type=parsing.columns,
         metavar="ROLE=NAME,…",
         help=(
-            "names of the columns: a set (gaia, the default; vizier; icrf), pairs (pmra=mu_ra,redshift=z), or both "
+            "names of the columns: a predefined set (gaia, the default; vizier; icrf), pairs (pmra=mu_ra,redshift=z), "
+            "or both "
             "(vizier,redshift=zsp)"
         ),
     )
@@ -44,15 +45,19 @@ def add_reading(parser: argparse.ArgumentParser) -> None:
             "of the AAS journals; cds: tables of the CDS; ascii: astropy guesses the format"
         ),
     )
-    parser.add_argument("--units", type=parsing.pairs, metavar="NAME=UNIT,…", help="units of columns: mu_ra=uas/yr")
+    parser.add_argument(
+        "--units", type=parsing.pairs, metavar="NAME=UNIT,…", help="units of columns, such as mu_ra=uas/yr"
+    )
     parser.add_argument(
         "--on-bad",
         choices=["raise", "drop"],
         default="raise",
-        help=("rows that cannot be used: end with an error, or leave them out with a count (default: raise)"),
+        help=("for rows that cannot be used, raise an error, or drop them and report their number (default: raise)"),
     )
     parser.add_argument(
-        "--where", metavar="CONDITION", help="rows to use: 'phot_g_mean_mag < 19 and 0.5 < redshift < 2'"
+        "--where",
+        metavar="CONDITION",
+        help="use only rows that fulfil a condition, such as 'phot_g_mean_mag < 19 and 0.5 < redshift < 2'",
     )
     parser.add_argument(
         "--output", metavar="DIR", type=_parse_names, help="write report, tables and figures to this folder"
@@ -68,13 +73,16 @@ def add_figures(parser: argparse.ArgumentParser) -> None:
         type=parsing.formats,
         default="png",
         metavar="NAME,…",
-        help="format of the figures, png (the default), pdf or svg; and of tables besides ECSV: fits, vot, csv",
+        help=(
+            "format of the figures: png (the default), pdf or svg; and formats of the tables in addition to ECSV: "
+            "fits, vot, csv"
+        ),
     )
     parser.add_argument(
         "--dpi", type=_dpi, default=300, help="resolution of the figures in dots per inch, 20 to 2400 (default: 300)"
     )
-    parser.add_argument("--no-figures", action="store_true", help="write no figures into the folder of --output")
-    parser.add_argument("--html", metavar="FILE", help=("write everything into one HTML page that needs no network"))
+    parser.add_argument("--no-figures", action="store_true", help="do not write figures to the folder of --output")
+    parser.add_argument("--html", metavar="FILE", help=("write the whole result to one HTML page that works offline"))
 
 
 def arguments(options: argparse.Namespace) -> dict[str, Any]:

@@ -82,12 +82,12 @@ def values_of(function: Callable[[FloatArray], FloatArray], theta: FloatArray) -
 
 @arguments.explained
 def VASILIEV_BAUMGARDT_2021(theta: ArrayLike) -> FloatArray:
-    """V(θ) of Gaia EDR3: 400/(1 + θ/0.3°) + 300 exp(−θ/12°). [(µas/yr)²]
+    """Compute V(θ) of Gaia EDR3, 400/(1 + θ/0.3°) + 300 exp(−θ/12°), at angles θ in rad. [(µas/yr)²]
 
     Notes
     -----
-    Vasiliev & Baumgardt (2021, MNRAS 505, 5978). Taken literally it exceeds what quasars show at low degrees a few
-    times: simulate with it, and estimate low degrees from the data (`fit.background.floor`).
+    Vasiliev & Baumgardt (2021, MNRAS 505, 5978). At low degrees it is a few times larger than what quasars show.
+    Use it for simulations, and estimate low degrees from the data (`fit.background.floor`).
     """
     degrees = np.degrees(theta)
     return 400 / (1 + degrees / 0.3) + 300 * np.exp(-degrees / 12)

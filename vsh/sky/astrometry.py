@@ -1,4 +1,4 @@
-"""Five parameters of stars: from one epoch to another, with the derivatives, and rows of several catalogues."""
+"""Five astrometric parameters of stars: propagation between epochs, with derivatives, and rows of catalogues."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _ARCSEC = UAS * 1e6
 def propagate(
     parameters: ArrayLike, radial_velocity: ArrayLike, start: ArrayLike, end: ArrayLike, *, light_time: bool = True
 ) -> tuple[FloatArray, FloatArray]:
-    """Carry five parameters of stars from one epoch to another, along straight lines in space.
+    """Propagate the five parameters of stars from one epoch to another, along straight lines in space.
 
     Parameters
     ----------
@@ -37,25 +37,25 @@ def propagate(
     start, end : (n,) arrays
         Epochs. [Julian year]
     light_time : bool
-        Whether the time that light needs to the star changes its motion (ERFA's `pmsafe`); otherwise by the model of
-        ESA SP-1200, vol. 1, sect. 1.5.5, which leaves it out.
+        Whether to include the changing light travel time from the star, as ERFA's `pmsafe` does. If False, the model
+        of ESA SP-1200, vol. 1, sect. 1.5.5, is used, which leaves it out.
 
     Returns
     -------
     parameters : (5, n) array
-        The same at `end`.
+        The five parameters at `end`, in the same units.
     jacobian : (n, 5, 5) array
-        Derivatives of Δα*, Δδ, ϖ, µ_α*, µ_δ at `end` by those at `start`. [µas, µas/yr]
+        Derivatives of Δα*, Δδ, ϖ, µ_α*, µ_δ at `end` with respect to those at `start`. [µas, µas/yr]
 
     Notes
     -----
-    Derivatives are those of SP-1200's model, in the local axes of either epoch.
+    The derivatives are always those of the model of SP-1200. Each epoch has its own local axes.
     """
     lon, lat, parallax, *motion = np.asarray(parameters, float)
     velocity, start, end = (np.broadcast_to(np.asarray(x, float), lon.shape) for x in (radial_velocity, start, end))
     t = end - start
     p, q, r = triad(lon, lat)
-    # Everything in units of the distance at the start: b is where the star is then.
+    # Lengths are in units of the distance at `start`; b is the position of the star at `end`.
     zeta = velocity * parallax * UAS / AU_PER_YEAR
     moving = (p * motion[0] + q * motion[1]) * UAS
     b, rate = r * (1 + zeta * t) + moving * t, r * zeta + moving
@@ -74,7 +74,7 @@ def propagate(
     p_end, q_end, _ = triad(later[0], later[1])
     jacobian = np.empty((len(lon), 5, 5))
     by_parallax = velocity / AU_PER_YEAR * r
-    # With the place the local axes turn, and with them the motion.
+    # The local axes turn with the position, and so the components of the motion change.
     turn_p = (np.tan(lat) * (q * motion[0] - p * motion[1]) - r * motion[0]) * UAS
     turn_q = -r * motion[1] * UAS
     columns = (
@@ -100,7 +100,7 @@ def propagate(
 
 
 def add_positions(covariance: ArrayLike, position_covariance: ArrayLike, years: ArrayLike) -> FloatArray:
-    """Covariances of five parameters after positions of another survey are added.
+    """Compute the covariances of five parameters after positions of another survey are added.
 
     Parameters
     ----------
@@ -118,8 +118,9 @@ def add_positions(covariance: ArrayLike, position_covariance: ArrayLike, years: 
 
     Notes
     -----
-    The positions are means over several years, without a parallactic displacement. They cannot correct the frame of the
-    first catalogue, from which the survey takes the zero of each of its fields, nor its systematic errors.
+    The positions are assumed to be means over several years, without parallactic displacement. They cannot correct the
+    frame of the first catalogue, because the survey takes the zero point of each of its fields from that catalogue. Nor
+    can they correct the systematic errors of the first catalogue.
 
     Examples
     --------
@@ -138,7 +139,7 @@ def add_positions(covariance: ArrayLike, position_covariance: ArrayLike, years: 
 
 
 def _with_light_time(lon, lat, parallax, motion, velocity, start, end):
-    """ERFA's propagation; a parallax that is none is made small there, which is no fault of the data."""
+    """Propagate with ERFA; its warning that it replaces a zero or negative parallax is ignored."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", erfa.ErfaWarning)
         result = erfa.pmsafe(
@@ -146,7 +147,7 @@ def _with_light_time(lon, lat, parallax, motion, velocity, start, end):
             2451545.0, (start - 2000.0) * 365.25, 2451545.0, (end - 2000.0) * 365.25,
         )  # fmt: skip
     new_lon, new_lat, by_lon, by_lat, new_parallax, _ = result
-    small = parallax * UAS / _ARCSEC < 1e-6  # what ERFA has put in its place is not the star's
+    small = parallax * UAS / _ARCSEC < 1e-6  # ERFA has replaced this parallax
     return np.stack(
         [
             new_lon % (2 * np.pi),
@@ -159,7 +160,7 @@ def _with_light_time(lon, lat, parallax, motion, velocity, start, end):
 
 
 def earth(epoch: ArrayLike) -> FloatArray:
-    """The Earth from the barycentre of the Solar System, (3, n), ICRS, to some km (ERFA's `epv00`). [au]
+    """Compute the barycentric position of the Earth in ICRS, (3, n), to a few km (ERFA's `epv00`). [au]
 
     Parameters
     ----------
@@ -173,20 +174,20 @@ def earth(epoch: ArrayLike) -> FloatArray:
     return np.asarray(barycentric["p"]).T
 
 
-#: Eigenvalues of a correlation matrix below this are no rounding.
+#: A correlation matrix with an eigenvalue below this is singular. Rounding errors are smaller.
 _SINGULAR = 1e-9
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class AstrometryRows(Frozen):
-    """Rows of up to five parameters of a source, in each of n rows, by one of several catalogues (ICRS).
+    """Table of n rows, each with up to five parameters of a source from one of several catalogues, in ICRS.
 
-    What was not measured is nan: a row may hold a position alone, or motions without a position.
+    Parameters that were not measured are nan: a row may have a position alone, or motions without a position.
 
     Attributes
     ----------
     name, catalogue : (n,) arrays of str
-        The source of a row, and who measured it. A source has one name in all catalogues.
+        Name of the source of each row, and name of the catalogue. A source has the same name in all catalogues.
     epoch : (n,) array
         [Julian year]
     lon, lat : (n,) arrays
@@ -196,27 +197,30 @@ class AstrometryRows(Frozen):
     motion : (2, n) array
         µ_α*, µ_δ. [µas/yr]
     covariance : (n, 5, 5) array
-        That of α*, δ, ϖ, µ_α*, µ_δ; nan in the rows and columns of what was not measured. [µas, µas/yr]
+        Covariance of α*, δ, ϖ, µ_α*, µ_δ; nan in the rows and columns of parameters that were not measured. [µas,
+        µas/yr]
     radial_velocity : (n,) array
-        [km/s]; nan, as where it is not given, counts as zero.
+        nan counts as zero; all are nan unless given. [km/s]
     magnitude, colour : (n,) arrays
-        nan where not known; a source has those of the first row that says.
+        nan if not known. A source has the values of its first row for which they are known.
     still : (n,) bool array
-        Sources without parallax and motion of their own: quasars. No row unless given.
+        Mask of the sources that have no parallax and no motion of their own, such as quasars. False unless given.
     displaced : (n,) bool array
-        Positions as seen from the Earth, displaced by the parallax: single epochs. Unless given, positions of sources
-        that move in rows without a parallax.
+        Mask of the positions that are as seen from the Earth at a single epoch, displaced by the parallax. Unless
+        given, these are the rows without a parallax, except those of `still` sources.
     jet : (n,) array
-        Position angle along which the radio source may be off, from north through east; nan where not known. [rad]
+        Position angle of the jet, along which the radio position may be offset, from north through east; nan if not
+        known. [rad]
     calibrator : (n,) array of str
-        What a position was measured against: sources of one calibrator share its error. Empty where not known.
+        Calibrator against which the position was measured. Sources with the same calibrator have its error in common.
+        Empty if not known.
     notes : tuple of str
 
     Raises
     ------
     FieldError
-        If shapes disagree, a row has no epoch or measures nothing, a covariance is not positive definite, or a row
-        is there twice.
+        If shapes disagree, a row has no epoch or no measured parameter, a covariance is not positive definite, or
+        two rows are the same.
     """
 
     name: Any
@@ -264,13 +268,13 @@ class AstrometryRows(Frozen):
         super().__post_init__()
 
     def _check(self):
-        """Raise FieldError for rows that cannot be used, of each reason the number and the first."""
+        """Raise FieldError if rows cannot be used, with the number of rows and the first row for each reason."""
         is_measured = self.measured
         bad = {
             "no epoch": ~np.isfinite(self.epoch) | (np.abs(self.epoch - 2000) > 1000),
-            "nothing measured, with an error": ~is_measured.any(1),
+            "nothing measured that has an error": ~is_measured.any(1),
             "|dec| > 90°": np.abs(self.lat) > np.pi / 2 * (1 + 1e-14),
-            "a position in one coordinate alone": is_measured[:, 0] != is_measured[:, 1],
+            "a position with only one coordinate": is_measured[:, 0] != is_measured[:, 1],
             "a covariance that is not positive definite": ~self._positive(is_measured),
         }
         _, inverse, count = np.unique(self._keys(), axis=0, return_inverse=True, return_counts=True)
@@ -283,13 +287,12 @@ class AstrometryRows(Frozen):
         ]
         if messages:
             raise FieldError(
-                f"rows of {len(self)} cannot be used: {'; '.join(messages)}; rows are counted from 0. Mend them or "
-                "leave "
-                "them out"
+                f"some of the {len(self)} rows cannot be used: {'; '.join(messages)}; rows are counted from 0. "
+                "Correct them or leave them out"
             )
 
     def _keys(self):
-        """Rows that are the same in all of this are one row twice."""
+        """Return the values that identify each row; rows with equal values are duplicates."""
         catalogue_index = np.unique(self.catalogue, return_inverse=True)[1].ravel()
         return np.nan_to_num(np.column_stack([self.source, catalogue_index, self.epoch, self.values.T]), nan=-1e300)
 
@@ -313,7 +316,7 @@ class AstrometryRows(Frozen):
         return f"<AstrometryRows: {self.source.max() + 1} sources, rows: {counts}>"
 
     def __getitem__(self, keep: Any) -> AstrometryRows:
-        """The rows picked by a mask, a slice or indices."""
+        """Select rows by a mask, a slice or indices."""
         columns: dict[str, Any] = {entry.name: getattr(self, entry.name) for entry in fields(self)}
         for column, value in columns.items():
             if column != "notes":
@@ -321,7 +324,7 @@ class AstrometryRows(Frozen):
         return AstrometryRows(**columns)
 
     def __add__(self, other: AstrometryRows) -> AstrometryRows:
-        """The rows of both."""
+        """Concatenate the rows of both."""
         if not isinstance(other, AstrometryRows):
             return NotImplemented
         columns: dict[str, Any] = {
@@ -339,7 +342,7 @@ class AstrometryRows(Frozen):
 
     @property
     def source(self) -> IntArray:
-        """The number of each row's source, from 0 in the order of first rows; case and blanks in names do not count."""
+        """Number of the source of each row, from 0 by first appearance; case and blanks in names are ignored."""
         keys = ["".join(name.split()).casefold() for name in self.name.tolist()]
         numbers = {key: number for number, key in enumerate(dict.fromkeys(keys))}
         return np.array([numbers[key] for key in keys])
@@ -351,7 +354,7 @@ class AstrometryRows(Frozen):
 
     @property
     def measured(self) -> BoolArray:
-        """Mask of the parameters that a row has with an error, (n, 5)."""
+        """Mask of the parameters that each row has together with an error, (n, 5)."""
         with np.errstate(invalid="ignore"):
             return np.isfinite(self.values.T) & (np.diagonal(self.covariance, axis1=1, axis2=2) > 0)
 

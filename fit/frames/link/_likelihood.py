@@ -1,9 +1,10 @@
-"""Heavy tails over sources: the frame with the share of outliers and the size of the errors found from the data.
+"""Likelihood with heavy tails: the frame, with the share of outliers and the scale of the errors, from the data.
 
-The differences of a source, d of them, are independent and of unit variance but for a factor that is the source's own:
-s²/u, with s common to all and u drawn from a Gamma distribution of mean 1 and ν degrees of freedom, which is Student's
-t in d dimensions (Lange, Little & Taylor 1989, JASA 84, 881); and, for a share f of sources, κ² times that. Binaries
-are off in all their rows at once. The answer is the mean over ν, s, f and κ by their evidence (Laplace's method).
+The d whitened differences of a source are independent. Their variance is a factor of the source's own, s²/u, with s
+common to all sources and u drawn from a Gamma distribution of mean 1 and ν degrees of freedom. This is Student's
+t in d dimensions (Lange, Little & Taylor 1989, JASA 84, 881). For a share f of the sources, the outliers, the
+variance is κ² times larger. The factor is common to all rows of a source, because a binary is off in all of them. The
+result is the mean over ν, s, f and κ, weighted by their evidence (Laplace's method).
 """
 
 from collections.abc import Iterator, Sequence
@@ -17,27 +18,27 @@ from scipy.special import gammainc, gammaln, logsumexp
 from fit.frames.link._rows import Rows
 from vsh.tools.types import FloatArray, IntArray
 
-#: Degrees of freedom that are tried without outliers apart, and with; the largest is as good as a normal distribution.
+#: Degrees of freedom that are tried without and with separate outliers; the largest is practically a normal law.
 TAILS = (1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 10.0, 20.0, 50.0, 1e6)
 _TAILS_BESIDE = (3.0, 8.0, 1e6)
-#: Shares of outliers, and how many times larger their errors are.
+#: Shares f of outliers that are tried, and factors κ by which the errors of outliers are larger.
 _SHARES, _TIMES = (0.05, 0.12, 0.25), (4.0, 12.0, 40.0)
-#: Sizes of errors around the best, in errors of its logarithm.
+#: Steps of ln s around its best value, in standard errors of ln s.
 _AROUND = np.arange(-3.0, 3.01)
-#: An outlier's errors are more than so many times the others'.
+#: A source is an outlier if its errors are more than this many times s.
 OUTLIER = 3.0
 
 
 @dataclass(frozen=True)
 class Tails:
-    """ν, the share f of outliers, and κ, how many times larger their errors are."""
+    """Parameters of heavy tails: ν, the share f of outliers, and the factor κ on the errors of outliers."""
 
     nu: float
     share: float = 0.0
     times: float = 1.0
 
     def logs(self, size: FloatArray, d: IntArray, s: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """ln of the density of each source by its χ², −2 × the first and −4 × the second derivative by χ²."""
+        """Compute ln p of each source from its χ², and −2 d ln p/dχ² and −4 d² ln p/d(χ²)²."""
         nu = self.nu
         log_densities, firsts, seconds = [], [], []
         for share, scale in self._parts(s):
@@ -50,14 +51,14 @@ class Tails:
             seconds.append((nu + d) / 2 / inner**2)
         total = np.logaddexp.reduce(
             log_densities, axis=0
-        )  # a quarter of the time of scipy's logsumexp for one or two parts
+        )  # takes a quarter of the time of scipy's logsumexp for one or two parts
         probabilities = np.exp(np.array(log_densities) - total)
         first_derivative = np.sum(probabilities * firsts, 0)
         second_derivative = np.sum(probabilities * (np.array(seconds) + np.square(firsts)), 0) - first_derivative**2
         return total, -2 * first_derivative, -4 * second_derivative
 
     def outlier(self, size: FloatArray, d: IntArray, s: float) -> FloatArray:
-        """Probability that a source's errors are more than OUTLIER times s."""
+        """Compute the probability that the errors of each source are more than OUTLIER times s."""
         nu, log_densities, tail_probabilities = self.nu, [], []
         for share, scale in self._parts(s):
             log_densities.append(np.log(share) - d * np.log(scale) - (nu + d) / 2 * np.log1p(size / (nu * scale**2)))
@@ -67,23 +68,23 @@ class Tails:
         return np.sum(probabilities * np.array(tail_probabilities), 0)
 
     def _parts(self, s):
-        """Share and size of errors of the good and of the outliers."""
+        """Return the share and the error scale of the good sources, and of the outliers."""
         return [(1 - self.share, s), (self.share, s * self.times)] if self.share else [(1.0, s)]
 
 
 NORMAL = Tails(TAILS[-1])
-#: All that are tried, from normal errors to the heaviest tails.
+#: Families of tails that are tried, from normal errors to the heaviest tails.
 FAMILIES = (
     *(Tails(nu) for nu in reversed(TAILS)),
     *(Tails(nu, share, times) for times in _TIMES for share in _SHARES for nu in reversed(_TAILS_BESIDE)),
 )
-#: Those that are tried where an offset of positions is sought too.
+#: Families of tails that are tried if an offset of positions is also estimated.
 FEWER = tuple(each for each in FAMILIES if (each.times in (1.0, _TIMES[1])) and each.nu in (1e6, 10.0, 4.0, 3.0, 2.0))
 
 
 @dataclass(frozen=True, eq=False)
 class Node:
-    """The frame at one kind of tails and size of errors: where its posterior is highest, with ln of the evidence."""
+    """Frame of highest posterior for one family of tails and one error scale, with ln of the evidence."""
 
     tails: Tails
     scale: float
@@ -99,7 +100,7 @@ class Node:
 def nodes(
     rows: Rows, prior: tuple[FloatArray, FloatArray], families: Sequence[Tails] = FAMILIES, scale: float | None = None
 ) -> Iterator[Node]:
-    """The frame for each kind of tails, and sizes of errors around the best; `scale` where that is not sought."""
+    """Yield the frame for each family of tails and for error scales around the best, or for the fixed `scale`."""
     d = rows.dims
     values = np.zeros(rows.design.shape[1])
     for tails in families:
@@ -111,13 +112,13 @@ def nodes(
             values, size = _climb(rows, prior, tails, s, centre)
             log_density, weight, curvature = tails.logs(size, d, s)
             evidence, covariance = _laplace(rows, prior, tails, s, values, weight, curvature)
-            # Flat in ln s; steps of one error.
+            # The prior is flat in ln s, and the steps are one standard error of ln s.
             evidence += float(np.sum(log_density)) + (np.log(log_sigma) if log_sigma else 0.0)
             yield Node(tails, s, values, covariance, evidence, weight, tails.outlier(size, d, s))
 
 
 def combine_nodes(listed: Sequence[Node]) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Mean and covariance of all nodes together, and the probability of each."""
+    """Compute the mean and covariance over all nodes, and the probability of each node."""
     evidence = np.array([node.evidence for node in listed])
     share = np.exp(evidence - logsumexp(evidence))
     values = np.array([node.values for node in listed])
@@ -127,23 +128,23 @@ def combine_nodes(listed: Sequence[Node]) -> tuple[FloatArray, FloatArray, Float
     return mean, covariance, share
 
 
-#: The influence of a source is the mean over so many of the most probable nodes.
+#: Number of the most probable nodes over which the influence of a source is averaged.
 _NODES = 40
 
 
 def influence_of(
     listed: Sequence[Node], share: FloatArray, rows: Rows, prior: tuple[FloatArray, FloatArray], mean: FloatArray
 ) -> FloatArray:
-    """Change of each parameter without each source, (n, p).
+    """Estimate the change of each parameter if one source is left out, for each source, (n, p).
 
-    A Newton step from each node with the curvature that the other sources have there, the nodes weighted by their
-    evidence without the source: exact leave-one-out answers are met with a slope of 1.03 and an rms difference of a
-    tenth (weights held as they are: .86, a fifth).
+    The estimate takes one Newton step from each node, with the curvature of the other sources there. The nodes are
+    weighted by their evidence without the source. Against exact leave-one-out fits the slope is 1.03 and the rms
+    difference a tenth; with unchanged weights they would be 0.86 and a fifth.
     """
     best = listed[int(np.argmax(share))]
     is_comparable = [
         (node.excess, node.across) == (best.excess, best.across) for node in listed
-    ]  # or its rows are others
+    ]  # otherwise its rows are different
     indices = [k for k in np.argsort(-share)[:_NODES] if is_comparable[k]]
     design, n = rows.design, len(rows.names)
     starts = np.cumsum(rows.dims) - rows.dims
@@ -160,12 +161,12 @@ def influence_of(
         normal_matrix = prior[0] + np.tensordot(weight, squares, 1)
         remainder = normal_matrix - weight[:, None, None] * squares
         observed = remainder + source_curvature.sum(axis=0) - source_curvature
-        # Between two modes of the posterior the curvature is negative: the weights alone then.
+        # Between two modes of the posterior the curvature is negative. There, use the weights alone.
         bent = np.linalg.eigvalsh(observed)[:, 0] > 0.2 * np.abs(np.linalg.eigvalsh(remainder)[:, 0])
         matrix = np.where(bent[:, None, None], observed, remainder)
         steps.append(node.values - np.linalg.solve(matrix, (weight[:, None] * pull)[:, :, None])[:, :, 0])
         logs.append(log_density)
-    # The evidence of a node without a source is its evidence over the density of that source.
+    # The evidence of a node without a source is its evidence divided by the density of that source.
     relative = np.array(logs) - np.median(logs, axis=0)
     for k, step, log_density in zip(indices, steps, relative, strict=True):
         chance = share[k] * np.exp(-np.clip(log_density, -50, 50))
@@ -175,7 +176,7 @@ def influence_of(
 
 
 def _best(rows, prior, tails, values, scale):
-    """Frame and size of errors together, for one kind of tails."""
+    """Find the frame and the error scale together, for one family of tails."""
     d = rows.dims
     s = 1.0 if scale is None else scale
     for _ in range(100 if scale is None else 1):
@@ -192,7 +193,7 @@ def _best(rows, prior, tails, values, scale):
 
 
 def _climb(rows, prior, tails, s, values, max_steps=60):
-    """The frame of highest posterior, and χ² of each source there: reweighting, and Newton's steps where they climb."""
+    """Find the frame of highest posterior and χ² of each source, by reweighting and by Newton steps that climb."""
     d, n = rows.dims, len(rows.names)
     matrix0, rhs0 = prior
 
@@ -225,14 +226,14 @@ def _climb(rows, prior, tails, s, values, max_steps=60):
 
 
 def _pull(rows, values):
-    """Bᵀr of each source, (n, p)."""
+    """Compute Bᵀr of each source, (n, p), with B its design and r its residuals."""
     residual = rows.rhs - rows.design @ values
     products = rows.design * residual[:, None]
     return np.add.reduceat(products, np.cumsum(rows.dims) - rows.dims, axis=0)
 
 
 def _laplace(rows, prior, tails, s, values, weight, curvature):
-    """ln of the prior and of the volume at the highest posterior, and the covariance by the curvature there."""
+    """Compute ln of prior and volume at the highest posterior, and the covariance from the curvature there."""
     matrix0, rhs0 = prior
     normal_matrix = (rows.design * weight[rows.source, None]).T @ rows.design + matrix0
     pull = _pull(rows, values)

@@ -225,7 +225,7 @@ _NAMES = {
     ErrorSource.SCALED: "least squares, errors scaled by √(χ²/dof)",
     ErrorSource.FLOWS: "least squares, formal errors and those of flows",
     ErrorSource.EXCESS_NOISE: "excess noise, errors from the residuals",
-    ErrorSource.RESIDUALS: "robust fit, errors from the residuals",
+    ErrorSource.RESIDUALS: "robust fit, with errors from its residuals",
     ErrorSource.BOOTSTRAP: "errors from the bootstrap",
     ErrorSource.JACKKNIFE: "errors from the jackknife",
     ErrorSource.JOINT: "joint fit",
@@ -284,19 +284,19 @@ def _distance(acceleration: Vector) -> str:
     dof = acceleration.dof * (np.trace(covariance) / np.trace(acceleration.covariance)) ** 2  # Satterthwaite (1946)
     difference = replace(acceleration, value=acceleration.value - gaia.value, covariance=covariance, dof=float(dof))
     p = difference.p_value
-    hint = ": is it the instrument? (docs/quoting.md)" if p < SEEN else ""
+    hint = "; this may be an instrumental effect (docs/quoting.md)" if p < SEEN else ""
     size = f"{gaia.amplitude:.2f} ± {gaia.amplitude_error:.2f} {gaia.unit}"
     return f"this acceleration is {abs(ndtri(max(p, 1e-300) / 2)):.1f} σ from {size} (p = {printed_p_value(p)}){hint}"
 
 
 def _errors(solution: Any) -> str:
     """Describe the errors, what they leave out, and what to be careful of."""
-    text = f"{_NAMES[ErrorSource(solution.error_source)]}, degree {solution.modes.lmax}"
+    text = f"{_NAMES[ErrorSource(solution.error_source)]}, to degree {solution.modes.lmax}"
     if solution.error_source == ErrorSource.SCALED and not solution.includes_floor:
         text += f", {solution.quality.factor:.3g} times the formal errors"
     if solution.floor is not None and solution.includes_floor:
         floor = solution.floor
-        size = f"acceleration ± {floor.acceleration_error:.2g}, spin ± {floor.spin_error:.2g}"
+        size = f"acceleration ± {floor.acceleration_error:.2g}, spin ± {floor.spin_error:.2g} µas/yr per component"
         text += f", systematic floor included ({size})"
     elif solution.includes_floor:
         text += ", systematic errors included"
@@ -322,9 +322,9 @@ def sections_of(
     source: str | None = None,
     long: bool = False,
 ) -> tuple[Section, ...]:
-    """The sections of a solution, perhaps with a cross-check, the truth of a simulation, and what was fitted.
+    """Make the sections of a solution; a cross-check, the truth of a simulation and the source are optional.
 
-    With `long` they have formal errors, where the errors come from, and powers with their normal deviates.
+    With `long`, the sections include formal errors, the origin of the errors, and powers with their normal deviates.
     """
     solution = solution_of(solution, "report")
     facts = [*(_details(solution) if long else ()), *warnings_of(solution)]
@@ -353,7 +353,7 @@ def _details(solution):
     """Facts on the fit and the source of its errors."""
     facts = [("fit", what_of(solution)), ("coefficients", f"{len(solution.modes)}")]
     if np.isfinite(solution.chi2):
-        suffix = "" if solution.error_source == ErrorSource.CATALOGUE else " (by the catalogue's errors)"
+        suffix = "" if solution.error_source == ErrorSource.CATALOGUE else " (with the catalogue's errors)"
         facts.append(("χ²/dof", f"{solution.chi2:.6g} / {solution.dof}{suffix}"))
     return [*facts, ("errors from", solution.errors_from)]
 
@@ -367,8 +367,8 @@ def what_of(solution: Any) -> str:
 
 #: Why formal errors may be larger than those that include more.
 _FREE = (
-    "Formal errors are of the fit without the floor, with all degrees free: they may be larger than errors with the "
-    "floor, which is also a prior on the degrees above 1.",
+    "Formal errors are those of the fit without the floor, all degrees free. They can be larger than errors with the "
+    "floor, because the floor is also a prior on the degrees above 1.",
 )
 #: A fit of fewer numbers for each coefficient is warned of.
 _FEW = 4
@@ -481,8 +481,9 @@ def _degrees(solution):
     columns = {name: list(column) for name, column in zip(heads, zip(*power_rows(solution), strict=True), strict=True)}
     remarks = [
         (
-            f"p-values are the probability that noise alone gives at least this power ({law}); z is the "
-            "equivalent normal deviate; M&K Z, the statistic of Mignard & Klioner (2012),  holds for a "
+            "Debiased: power minus the mean power of noise. p-values are the probability that noise alone gives at "
+            f"least this power ({law}); z is the "
+            "equivalent normal deviate; M&K Z is the statistic of Mignard & Klioner (2012), valid only for a "
             "uniform sky."
         )
     ]
@@ -494,7 +495,8 @@ def check_sections(check: Any) -> tuple[Section, ...]:
     """Section on whether two solvers agree."""
     on = f"on the same {check.frame.n_sources} sources"
     if check.largest < AGREE:
-        text = f"Two independent solvers of degree 1, {on} with the catalogue's errors, agree to {check.largest:.0e} σ."
+        solvers = f"two independent solvers, {on} with the catalogue's errors"
+        text = f"Degree 1 fitted by {solvers}, agrees to {check.largest:.0e} σ."
         return (
             Section(
                 "Cross-check",

@@ -1,11 +1,12 @@
 """Passes over the observations, compiled (numba).
 
-Each follows a part of the transits in one thread, lets go of the interpreter, and returns sums of its own: whoever
-adds them up in the order of the parts gets the same bits from any number of threads. Several vectors go through one
-pass as the last axis, of length K; `lengths` is a tuple of K nothings, so that K is known when the loop is compiled.
+Each pass runs over one part of the transits in one thread, releases the interpreter's lock, and has sums of its
+own. If the sums are added in the order of the parts, the result is bit-identical for any number of threads. One pass
+can take several vectors, along a last axis of length K. `lengths` is a tuple of K zeros, so that K is known when the
+loop is compiled.
 
-Transits are the columns of `Scans`, the table of the sources, and the knots' spacing and the middle of the mission.
-Indices are unsigned, which spares a look for negative ones: a quarter of the time.
+The tuple `transits` has the columns of `Scans`, the table of the sources, the spacing of the knots and the middle of
+the mission. Indices are unsigned, which avoids the test for negative indices and saves a quarter of the time.
 """
 
 import numpy as np
@@ -32,8 +33,8 @@ def _spline(f):
 
 @njit(inline="always")
 def _axes(s, c, table, q):
-    """n and m on the sky, from the scan's angle and the source's sin α, cos α, sin δ, cos δ."""
-    # In double precision from here on: so the null space is exact.
+    """Compute n and m on the sky, from the scan angle and sin α, cos α, sin δ, cos δ of the source."""
+    # Double precision is used from here on, so that the null space is exact.
     sa, ca, sd, cd = np.float64(table[q, 0]), np.float64(table[q, 1]), np.float64(table[q, 2]), np.float64(table[q, 3])
     qx, qy = -sd * ca, -sd * sa
     return (c * sa + s * qx, -c * ca + s * qy, s * cd, -s * sa + c * qx, s * ca + c * qy, c * cd)
@@ -58,7 +59,7 @@ def _at(h, k, axis, r, b):
 def to_attitude(
     start: int, stop: int, first: int, lengths: tuple, x: FloatArray, out: FloatArray, transits: tuple
 ) -> None:
-    """Add Cᵀ x: what sources say of the attitude."""
+    """Add Cᵀ x to `out`: the terms of the attitude's equations that the source parameters x give."""
     source, knot, frac, sin, cos, fal, fac, table, spacing, middle = transits
     for i in range(np.uintp(start), np.uintp(stop)):
         q, k = np.uintp(source[i]), np.uintp(knot[i] - first)
@@ -77,7 +78,7 @@ def to_attitude(
 
 @_compile
 def to_sources(start: int, stop: int, lengths: tuple, h: FloatArray, out: FloatArray, transits: tuple) -> None:
-    """Add C h: what the attitude says of sources."""
+    """Add C h to `out`: the terms of the sources' equations that the attitude coefficients h give."""
     source, knot, frac, sin, cos, fal, fac, table, spacing, middle = transits
     for i in range(np.uintp(start), np.uintp(stop)):
         q, k = np.uintp(source[i]), np.uintp(knot[i])
@@ -101,7 +102,7 @@ def to_sources(start: int, stop: int, lengths: tuple, h: FloatArray, out: FloatA
 def predict(
     start: int, stop: int, x: FloatArray, h: FloatArray, along: FloatArray, across: FloatArray, transits: tuple
 ) -> None:
-    """Set what parameters make of the observations."""
+    """Compute the observations that the parameters x and h predict, and store them in `along` and `across`."""
     source, knot, frac, sin, cos, fal, fac, table, spacing, middle = transits
     for i in range(np.uintp(start), np.uintp(stop)):
         q, k = np.uintp(source[i]), np.uintp(knot[i])
@@ -126,7 +127,7 @@ def adjoint(
     attitude: FloatArray,
     transits: tuple,
 ) -> None:
-    """Add the weighted transpose of `predict`."""
+    """Apply the weighted transpose of `predict`, and add the result to `out` and `attitude`."""
     source, knot, frac, sin, cos, fal, fac, table, spacing, middle = transits
     for i in range(np.uintp(start), np.uintp(stop)):
         q, k = np.uintp(source[i]), np.uintp(knot[i] - first)
@@ -148,7 +149,7 @@ def adjoint(
 
 @_compile
 def blocks(start: int, stop: int, first: int, squares: FloatArray, band: FloatArray, transits: tuple) -> None:
-    """Add lower triangles of the sources' blocks, and the lower band of the attitude's matrix by columns."""
+    """Add the lower triangles of the sources' blocks, and the lower band of the attitude's matrix, by columns."""
     source, knot, frac, sin, cos, fal, fac, table, spacing, middle = transits
     a, d, n, m = np.empty(5), np.empty(5), np.empty(3), np.empty(3)
     for i in range(start, stop):

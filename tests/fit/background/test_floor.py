@@ -55,7 +55,7 @@ def test_solution_holds_it_and_says_so():
     plain, solution = fit.solve(LOUD), fit.solve(LOUD, floor=found)
     assert (solution.spin.sigma > found.spin_error).all()
     assert (solution.acceleration.sigma > found.acceleration_error).all()
-    assert "with the floor of degrees 2 to 5: spin ± " in solution.errors_from
+    assert "with the systematic floor from degrees 2 to 5: spin ± " in solution.errors_from
     assert solution.n_data == plain.n_data == 8000
     # The prior and the floor by hand: degree 1 is not shrunk, the others are.
     tau, modes = found.noise_scale**2, Modes(5)
@@ -201,7 +201,7 @@ def test_two_shapes_are_averaged_by_their_evidence(tmp_path):
     wanted = np.einsum("s,sij->ij", both.probability, [one.covariance for one in each])
     wanted += np.einsum("s,si,sj->ij", both.probability, away, away)
     np.testing.assert_allclose(solution.covariance, wanted, rtol=1e-12)
-    assert "with the floor of degrees 2 to 5 (flat" in solution.errors_from
+    assert "with the systematic floor from degrees 2 to 5 (spectra: flat" in solution.errors_from
     report = both.report()
     assert "spectrum gaia" in report
     assert "spectrum steep" in report
@@ -228,12 +228,12 @@ def test_average_is_the_mean_over_what_may_be_shared(strength, within):
 
 def test_reports():
     found = floor(LOUD)
-    assert "for equal power in both parities" in found.report()
+    assert "that both parities have equal power" in found.report()
     with_it, without = fit.solve(LOUD, floor=found), fit.solve(LOUD)
     assert with_it.includes_floor
     assert with_it.floor is found
     assert f"systematic floor included (acceleration ± {found.acceleration_error:.2g}" in with_it.report()
-    assert "with the floor of degrees 2 to 5" in with_it.report(long=True)
+    assert "with the systematic floor from degrees 2 to 5" in with_it.report(long=True)
     assert without.floor is None
     assert "systematic floor" not in without.report()
     # Formal errors stand beside.

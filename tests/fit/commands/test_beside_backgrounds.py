@@ -13,8 +13,8 @@ def test_floor_and_waves(tmp_path, capsys):
     out, page = tmp_path / "out", tmp_path / "page.html"
     assert main([*EVERYTHING, "--output", str(out), "--html", str(page)]) == 0
     text = capsys.readouterr().out
-    for words in ("errors from    the catalogue times 1.", "with the floor of degrees 2, 3 (flat ", "exact likelihood, flat in √Ω",
-                  "coefficients flat: quantile", "f < 1/T = 3.17 nHz (T = 10 yr)", "for equal power in both parities"):  # fmt: skip
+    for words in ("errors from    the catalogue times 1.", "with the systematic floor from degrees 2, 3 (spectra: flat ", "exact likelihood, flat in √Ω",
+                  "coefficients flat: quantile", "f < 1/T = 3.17 nHz (T = 10 yr)", "that both parities have equal power"):  # fmt: skip
         assert words in text
     assert text.count("\nSystematic floor\n") == 1
     assert {"floor.ecsv", "waves.ecsv", "waves.png"} <= {each.name for each in out.iterdir()}
@@ -51,7 +51,7 @@ def test_with_clipping_and_robust_fits(capsys):
     for options in ("clip=3", "student", "excess-noise", "jackknife=2"):
         assert main([path, "--floor", "--long", "--method", options]) == 0
         text = capsys.readouterr().out
-        assert "with the floor of degrees 2, 3" in text
+        assert "with the systematic floor from degrees 2, 3" in text
     assert main([path, "--method", "least-squares", "--lmax", "2", "--waves", "--years", "22.6", "--long"]) == 0
     text = capsys.readouterr().out
     for number in ("0.035708", "0.027027", "0.022951", "1.4 nHz"):

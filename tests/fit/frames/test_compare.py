@@ -377,7 +377,7 @@ def test_all_that_are_left_out_are_explained():
     one, two = (read_icrf(real_catalogue(name)) for name in ("icrf3sx.txt", "icrf2-all.txt"))
     comparison, kept = compare_catalogues(one, two, 2)
     notes = "\n".join(map(str, comparison.solution.notes))
-    far, pairs = map(int, re.search(r"(\d+) of (\d+) pairs are more than 15 errors", notes).groups())
+    far, pairs = map(int, re.search(r"(\d+) of (\d+) pairs deviate by more than 15 standard errors", notes).groups())
     clipped = int(re.search(r"clipped (\d+) of", notes)[1])
     assert far + clipped == len(comparison.names)
     assert len(kept) + len(comparison.names) == pairs

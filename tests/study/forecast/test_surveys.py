@@ -115,7 +115,7 @@ def test_other_skies_are_worse():
 
 def test_report_table_and_figure(found):
     text = found.report()
-    assert "an assumption" in text
+    assert "are assumptions" in text
     assert "nan" not in text
     table = found.to_table()
     assert set(QUANTITIES) < set(table.colnames)

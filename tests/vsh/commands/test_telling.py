@@ -98,7 +98,7 @@ def test_every_command_tells(command, how, galaxies, tmp_path, capsys):
 def test_others(galaxies, tmp_path, capsys):
     for run, words, heading in (
         (compare.main, [galaxies, galaxies, "--lmax", "1"], "Coefficients"),
-        (forecast.main, ["--survey", "mine=3000,3.0", "--only", "VLBI", "--no-flows"], "Errors to come"),
+        (forecast.main, ["--survey", "mine=3000,3.0", "--only", "VLBI", "--no-flows"], "Expected errors"),
     ):
         assert run([*words, "--json"]) == 0
         assert heading in json.loads(capsys.readouterr().out)["tables"]

@@ -104,7 +104,8 @@ def match(
     unmatched_counts = f"{len(a) - len(i)} of {len(a)} and {len(b) - len(j)} of {len(b)}"
     notes = [
         (
-            f"matched {len(i)} sources by {by}; unmatched: {unmatched_counts}, {ambiguous} of them with several "
+            f"matched {len(i)} sources by {by}; unmatched: {unmatched_counts} (first and second catalogue), "
+            f"{ambiguous} of them with several "
             "counterparts"
         )
     ]

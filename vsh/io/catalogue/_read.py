@@ -424,9 +424,9 @@ def is_map(opened: tables.TableSource) -> bool:
 def open_positions(
     table: tables.TableSource, columns: Any, sigma: float | None = None
 ) -> tuple[tables.TableSource, Columns, tuple[str, ...]]:
-    """A table with zeros for the motions that it lacks, and errors where it has none: table, its columns, and notes.
+    """Add zero motions and errors to a table that lacks them; return the table, its columns, and notes.
 
-    Errors of positions stand for those of motions where there are no motions: they weigh the sources.
+    If there are no motions, errors of positions are used as errors of motions, to weight the sources.
     """
     table = with_derived(table)
     resolved_columns, _ = as_columns(columns).among(table.names)

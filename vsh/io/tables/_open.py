@@ -229,11 +229,12 @@ def open_table(source: Any, format: str | None = None) -> TableSource:
 
     Parameters
     ----------
-    source : path of a file or a folder of files, astropy Table or SkyCoord, pandas DataFrame (or a class made from
+    source : path of a file or a folder of files, astropy Table or SkyCoord, pandas DataFrame (or a subclass of
         it), an object with `__arrow_c_stream__` (pyarrow, polars, DuckDB), xarray Dataset, dict or structured array
         The table.
     format : str, optional
-        Format of a file by its name in `vsh.tools.formats.FORMATS`; its ending or its first bytes tell it unless given.
+        Format of a file, as named in `vsh.tools.formats.FORMATS`. Unless given, it is found from the ending of the file
+        or from its first bytes.
 
     Raises
     ------

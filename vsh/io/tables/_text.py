@@ -612,7 +612,8 @@ def _table(label, rows, sources, mas):
         units |= {"ra_error": "mas", "dec_error": "mas"}
         unit_text = "mas" if mas else "seconds of time and arcsec"
         notes = (
-            f"errors of the list taken in {unit_text}, of right ascension without cos δ, by which they were multiplied",
+            f"errors of the list are read in {unit_text}; those of right ascension do not include cos δ and were "
+            "multiplied by it",
         )
     table = replace(open_other(columns), label=label, units=units)
     return replace(table, notes=notes)

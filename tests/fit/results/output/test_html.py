@@ -45,7 +45,7 @@ def test_page_is_whole_and_asks_for_nothing(page):
 
 
 def test_page_agrees_with_the_report(page):
-    for words in ("Acceleration", "truth", "Power by degree", "agree to", "sha256", "vsh-fit", "--lmax 2",
+    for words in ("Acceleration", "truth", "Power by degree", "agrees to", "sha256", "vsh-fit", "--lmax 2",
                   "prefers-color-scheme: dark", "width=device-width"):  # fmt: skip
         assert words in page
     assert page.count('class="sortable"') == 3

@@ -115,9 +115,9 @@ def test_cross_check_takes_one_line_unless_it_fails(solution):
     rng = np.random.default_rng(2)
     lon, lat = sim.uniform_sky(100, rng)
     check = fit.cross_check(Field(lon, lat, rng.normal(size=(2, 100)), np.ones((2, 100))))
-    assert "agree to" not in solution.report(check=check)
+    assert "agrees to" not in solution.report(check=check)
     text = solution.report(check=check, long=True)
-    assert "agree to" in text
+    assert "agrees to" in text
     assert "frame, QR" not in text
     failed = solution.report(check=replace(check, largest=1e-3))
     assert "CROSS-CHECK FAILED" in failed

@@ -229,7 +229,7 @@ def test_lists_of_vlbi(kind, tmp_path):
         size = [15e6 * east * np.cos(np.radians(lat)), 1e6 * north]
         np.testing.assert_allclose(positions.sigma[:, k], size, rtol=2e-3)
         assert positions.rho[k] == pytest.approx(rho, abs=6e-4)
-    assert any("without cos δ, by which they were multiplied" in note for note in positions.notes)
+    assert any("do not include cos δ and were multiplied by it" in note for note in positions.notes)
     if kind == "icrf with flags":
         assert positions.defining.all()
 

@@ -56,7 +56,7 @@ def test_unmatched_and_ambiguous_sources_are_counted():
     b = replace(b, name=np.where(np.arange(len(b)) < 3, "Q7", b.name))  # four of that name now
     field = match(a, b[:400])
     assert (
-        "matched 396 sources by name; unmatched: 104 of 500 and 4 of 400, 4 of them with several counterparts"
+        "matched 396 sources by name; unmatched: 104 of 500 and 4 of 400 (first and second catalogue), 4 of them with several counterparts"
         in field.notes
     )
     twin = Positions(
