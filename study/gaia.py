@@ -539,7 +539,7 @@ def _with_floor(degrees, g):
     try:
         systematic_floor = floor(solution)
     except VshError:
-        return "**Errors that sources share are in no number here: there are too few sources to estimate them.**"
+        return "**No number here includes systematic errors: there are too few sources to estimate them.**"
     acceleration = replace(g, covariance=g.covariance + systematic_floor.acceleration_error**2 * np.eye(3))
     lower, upper = systematic_floor.acceleration_interval
     components = ", ".join(f"{v:+.2f} ± {s:.2f}" for v, s in zip(acceleration.value, acceleration.sigma, strict=True))

@@ -276,10 +276,10 @@ class ClassComparison(Result):
             )
         if long:
             remarks.append(
-                "The shared errors are assumed to have one of these spectra: no higher degree shows a part that "
-                "degree 1 alone has."
+                "The systematic errors are assumed to have one of these spectra: higher degrees do not show a part "
+                "that affects degree 1 only."
             )
-        title = f"Errors that {'classes of sources' if len(self) > 1 else 'sources'} share"
+        title = "Classes with systematic errors" if len(self) > 1 else "Systematic errors"
         return (Section(title, facts, self.to_table(), remarks=remarks, notes=self.notes),)
 
     @cached_property
@@ -311,13 +311,15 @@ class ClassComparison(Result):
             "class": [*self.labels, "together"],
             "n_sources": [*self.n_sources, sum(self.n_sources)],
         }
-        for name in ("spin", "acceleration"):
-            vectors = [getattr(row, name) for row in rows]
+        # Differences of positions have a rotation and a glide.
+        names = ("rotation", "glide") if self.unit == "µas" else ("spin", "acceleration")
+        for name, attribute in zip(names, ("spin", "acceleration"), strict=True):
+            vectors = [getattr(row, attribute) for row in rows]
             for k, axis in enumerate("xyz"):
                 columns[f"{name}_{axis}"] = [vector.value[k] for vector in vectors]
                 columns[f"{name}_{axis}_error"] = [vector.sigma[k] for vector in vectors]
         unit = "uas / yr" if self.unit == "µas/yr" else "uas"
-        units = {name: unit for name in columns if name.startswith(("spin", "acceleration"))}
+        units = {name: unit for name in columns if name.startswith(names)}
         meta: dict[str, Any] = {f"probability {name}": p for name, p in zip(self.shapes, self.probability, strict=True)}
         if len(self) > 1:
             verdict, spin, acceleration = self._tests

@@ -242,8 +242,8 @@ def _write(folder, results, network, meta):
     for label, (comparison, _) in results.items():
         of = _of(label, results)
         comparison.write(folder / f"comparison{of}.ecsv", meta)
-        comparison.solution.write(folder / f"solution{of}.ecsv", meta)
-        write_correlation(comparison.solution, folder / f"correlation{of}.ecsv", meta)
+        comparison.best.write(folder / f"solution{of}.ecsv", meta)
+        write_correlation(comparison.best, folder / f"correlation{of}.ecsv", meta)
         if comparison.shared is not None:
             comparison.shared.write(folder / f"shared{of}.ecsv", meta)
         tables.write_table(comparison.parameters_table(), folder / f"parameters{of}.ecsv", meta)

@@ -208,7 +208,7 @@ class FrameComparison(FrameResult, AboutSolution):
         if self.by_class is not None and not self.method:
             values, covariance = np.array(self.by_class.values), np.array(self.by_class.covariance)
             errors, source = (
-                "from the scatter of the residuals in classes of sources with similar formal errors",
+                "the scatter of the residuals in classes of sources with similar formal errors",
                 ErrorSource.RESIDUALS,
             )
         degree_one = np.flatnonzero(solution.modes.degrees == 1)
@@ -226,6 +226,8 @@ class FrameComparison(FrameResult, AboutSolution):
             includes_floor = True
         elif solution.n_sources < FEW:
             errors += f"; without systematic errors, because there are fewer than {FEW} sources: --floor includes them"
+        else:
+            errors += "; without systematic errors"
         return replace(
             solution,
             coefficients=replace(solution.coefficients, values=values),
@@ -369,10 +371,12 @@ class FrameComparison(FrameResult, AboutSolution):
             )
         if solution.modes.lmax > 1 and long:
             p = self.deformation_p_value_by_class
-            chances = [f"{printed_p_value(p)} from noise alone"] * bool(np.isfinite(p))
-            chances.append(f"{printed_p_value(self.deformation_p_value)} by the formal errors")
+            chances = [f"{printed_p_value(p)} with errors rescaled in classes"] * bool(np.isfinite(p))
+            chances.append(f"{printed_p_value(self.deformation_p_value)} with formal errors")
             if self.factor != 1:
-                chances.append(f"{printed_p_value(self.deformation_p_value_scaled)} by one factor")
+                chances.append(
+                    f"{printed_p_value(self.deformation_p_value_scaled)} with formal errors times one factor"
+                )
             facts.append(("deformation", f"degrees 2 to {solution.modes.lmax}, p = {'; '.join(chances)}"))
         if self.factor != 1:
             text = f"their scatter is {self.factor:.3g} times the formal errors"
@@ -383,7 +387,7 @@ class FrameComparison(FrameResult, AboutSolution):
                 )
             facts.append(("residuals", text))
         if self.shared is not None:
-            facts.append(("R and D", "with systematic errors, from the model below"))
+            facts.append(("R and D", "with systematic errors of the model of degrees 2 to 5"))
         if self.floor is not None and long:
             spin, glide = self.floor.spin_error, self.floor.acceleration_error
             text = f"rotation ± {spin:.3g}, glide ± {glide:.3g} {solution.unit}, included in the errors of R and D; "
@@ -402,7 +406,7 @@ class FrameComparison(FrameResult, AboutSolution):
         columns: dict[str, Any] = {"ICRF3": list(self.parameters)}
         best = self.best
         columns["value"], columns["sigma"] = np.transpose(list(icrf3_terms(best.coefficients, best.sigma).values()))
-        columns |= {"value_quoted": values, "sigma_quoted": errors}
+        columns |= {"value_formal": values, "sigma_formal": errors}
         columns["in_errors"] = columns["value"] / columns["sigma"]
         return tables.table_of(
             columns,
@@ -455,7 +459,8 @@ def compare_catalogues(
         What the catalogues are called.
     floor : bool, optional
         Whether rotation and glide are also given with systematic errors, from the power of
-        degrees 2 to 5 of the differences; from 100 000 sources on unless given. Otherwise its size is given.
+        degrees 2 to 5 of the differences; unless given, so from 100 000 sources on, and below that the size of the
+        systematic floor is added to their errors. False leaves systematic errors out.
     parameters : {"degree", "orientation", "spin", "glide"}
         What is also fitted alone, the rest held at zero: the rotation (of positions an orientation, of motions a spin),
         or the glide. Few sources with large errors invent the rest.
@@ -549,7 +554,9 @@ def _with_floor(comparison, fitted, floor, replicates, rng):
     """The comparison with systematic errors in its errors, or its size beside them."""
     if floor is None:
         floor = len(fitted) >= MANY
-    if not floor and len(fitted) < FEW:
+        if not floor and len(fitted) < FEW:
+            return comparison
+    elif not floor:
         return comparison
     degree = as_modes(max(_DEGREE, comparison.solution.modes.lmax))
     normal = _by_method(fitted, degree, comparison.method, replicates, rng) or normal_equations(fitted, degree)

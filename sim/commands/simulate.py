@@ -59,8 +59,8 @@ def make_parser() -> argparse.ArgumentParser:
         "--number",
         type=parsing.count(1),
         metavar="N",
-        help="number (default: 10000; link: 40; crf3, crf4: 1215942 with five parameters, and those with six in "
-        "proportion)",
+        help="number of sources (default: 10000; link: 40; crf3, crf4: 1215942, the sources with five parameters, to "
+        "which about a third more with six parameters are added)",
     )
     parser.add_argument(
         "--output", required=True, metavar="FILE", help="table to write: FITS, ECSV, CSV, VOTable or Parquet"

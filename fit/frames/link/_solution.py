@@ -231,10 +231,13 @@ class FrameTie(FrameResult, NamedSolution):
         unknowns, n = self.unknowns, len(self.sources)
         catalogues = ", ".join(unknowns.turned) or self.reference
         facts = [
-            ("sources", f"{n}, with {self.n_data} differences free of their own positions, parallaxes and motions"),
+            (
+                "sources",
+                f"{n}, with {self.n_data} differences after their own positions, parallaxes and motions are eliminated",
+            ),
             (
                 "model",
-                f"Δα* = q·ε, Δδ = −p·ε with ε + ω (t − {unknowns.epoch:g}), turned less reference ({self.frame} axes)",
+                f"Δα* = q·ε, Δδ = −p·ε with ε + ω (t − {unknowns.epoch:g}), catalogue − reference ({self.frame} axes)",
             ),
             ("χ²/dof", f"{self.chi2:.5g} / {self.dof} = {self.reduced_chi2:.3g} with formal errors"),
         ]
@@ -432,7 +435,7 @@ class FrameTie(FrameResult, NamedSolution):
     def _tails(self):
         nu, share = self.tails.nu, self.tails.share
         text = "normal" if nu > 1e5 else f"Student's t, ν = {nu:g}"
-        return text + (f", and {self.tails.times:g} times as large for {100 * share:.0f} %" if share else "")
+        return text + (f", {100 * share:.0f} % outliers with errors {self.tails.times:g} times larger" if share else "")
 
     def sources_table(self) -> Table:
         """A row for each source: magnitude, rows, distance, probability of an outlier, influence; an astropy Table."""

@@ -284,7 +284,7 @@ def _distance(acceleration: Vector) -> str:
     dof = acceleration.dof * (np.trace(covariance) / np.trace(acceleration.covariance)) ** 2  # Satterthwaite (1946)
     difference = replace(acceleration, value=acceleration.value - gaia.value, covariance=covariance, dof=float(dof))
     p = difference.p_value
-    hint = "; this may be an instrumental effect (docs/quoting.md)" if p < SEEN else ""
+    hint = "; this may be an instrumental effect" if p < SEEN else ""
     size = f"{gaia.amplitude:.2f} ± {gaia.amplitude_error:.2f} {gaia.unit}"
     return f"this acceleration is {abs(ndtri(max(p, 1e-300) / 2)):.1f} σ from {size} (p = {printed_p_value(p)}){hint}"
 

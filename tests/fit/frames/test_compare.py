@@ -279,7 +279,7 @@ def test_floor_is_reported_with_a_comparison_or_included(tmp_path, capsys, monke
     asked, _ = compare_catalogues(a, b, 2, floor=True)
     assert asked.floor is None
     assert (asked.shared.together().sigma > 2 * few.solution.sigma[few.solution.modes.degrees == 1]).all()
-    assert "Errors that sources share" in asked.report(long=True)
+    assert "Systematic errors" in asked.report(long=True)
     np.testing.assert_array_equal(asked.best.spin.covariance, asked.shared.solutions[0].spin.covariance)
     np.testing.assert_array_equal(asked.best.spin.value, asked.shared.solutions[0].spin.value)
     np.testing.assert_allclose(asked.best.formal.spin.sigma, asked.solution.formal.spin.sigma)  # without the floor
@@ -302,7 +302,7 @@ def test_floor_is_reported_with_a_comparison_or_included(tmp_path, capsys, monke
     out = capsys.readouterr().out
     assert "a − b: differences of motion" in out
     assert "a − c: differences of motion" in out
-    assert out.count("Errors that sources share") == 2
+    assert out.count("Systematic errors") == 2
     assert "3 catalogues in one solution" in out
     assert {"chain.ecsv", "chain.png"} <= {path.name for path in (tmp_path / "out").iterdir()}
     written = {path.name for path in (tmp_path / "out").iterdir()}
