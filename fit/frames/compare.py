@@ -250,7 +250,7 @@ class FrameComparison(FrameResult, AboutSolution):
         p = self.deformation_p_value if self.by_class is None else self.deformation_p_value_by_class
         if np.isfinite(p):
             lines.append(("deformation", f"{'' if p < SEEN else 'not '}detected, p = {printed_p_value(p)}"))
-        return Answer((*lines, ("errors", self.best.errors_from)))
+        return Answer((*lines, ("errors", f"from {self.best.errors_from}")))
 
     @property
     def pairs(self) -> tuple[tuple[str, str], ...]:

@@ -26,7 +26,7 @@ from vsh.io.sections import Answer, Section, text_of
 from vsh.tools.errors import VshError
 from vsh.tools.files import UNFINISHED, as_recorded, atomic_folder, check_not_read, digest, is_ours
 from vsh.tools.formats import is_address
-from vsh.tools.printing import printable
+from vsh.tools.printing import latex_text, printable
 from vsh.tools.types import PathName
 
 if TYPE_CHECKING:
@@ -245,12 +245,6 @@ def of_page(path: PathName) -> str:
 
 
 #: Letters that LaTeX obeys.
-_ESCAPED = {letter: f"\\{letter}" for letter in "&%$#_{}"} | {
-    "\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}",
-    "<": r"\textless{}", ">": r"\textgreater{}", "±": r"$\pm$", "µ": r"\textmu{}", "χ²": r"$\chi^2$", "²": "$^2$",
-    "°": r"$^\circ$", "≤": r"$\leq$", "≥": r"$\geq$", "−": "$-$",
-    "–": "--", "Λ": r"$\Lambda$", "ω": r"$\omega$", "ã": r"$\tilde a$",
-}  # fmt: skip
 _NUMBERS = re.compile(r"[+-]?[\d.]+( ± [\d.]+)?")
 
 
@@ -491,8 +485,8 @@ def as_latex(table: Table, caption: str = "") -> str:
 def _latex(text):
     """Text that LaTeX prints as it is; numbers in its minus and ±."""
     if _NUMBERS.fullmatch(text):
-        return f"${text.replace('±', _ESCAPED['±'][1:-1])}$"
-    return re.sub("χ²|.", lambda letter: _ESCAPED.get(letter[0], letter[0]), printable(text))
+        return "$" + text.replace("±", r"\pm") + "$"
+    return latex_text(text)
 
 
 def _columns(table):

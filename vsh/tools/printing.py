@@ -33,6 +33,23 @@ def labelled(lines: Iterable[tuple[str, str]]) -> str:
     return "\n".join(f"{label:{width}}{text}" for label, text in pairs)
 
 
+#: Signs of a text in LaTeX; longer ones first.
+_TEX = {
+    "µas/yr": r"$\mu$as\,yr$^{-1}$", "µas": r"$\mu$as", "χ²": r"$\chi^2$",
+    "\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "<": "$<$", ">": "$>$",
+    "±": r"$\pm$", "µ": r"\textmu{}", "²": "$^2$", "°": r"$^\circ$", "≤": r"$\leq$", "≥": r"$\geq$", "−": "$-$",
+    "–": "--", "…": r"\ldots ", "Λ": r"$\Lambda$", "Σ": r"$\Sigma$", "Ω": r"$\Omega$", "α": r"$\alpha$",
+    "β": r"$\beta$", "δ": r"$\delta$", "ε": r"$\epsilon$", "λ": r"$\lambda$", "ν": r"$\nu$", "σ": r"$\sigma$",
+    "ϖ": r"$\varpi$", "ω": r"$\omega$", "ã": r"$\tilde a$", "∫": r"$\int$", "√": r"$\surd$",
+} | {letter: f"\\{letter}" for letter in "&%$#_{}"}  # fmt: skip
+_SIGN = re.compile("|".join(map(re.escape, _TEX)))
+
+
+def latex_text(text: object) -> str:
+    """Text that LaTeX prints as it is."""
+    return _SIGN.sub(lambda sign: _TEX[sign[0]], printable(text))
+
+
 def in_a_line(name: object) -> str:
     """A name out of somebody's table, printable, its line breaks too: it cannot look like a line of ours."""
     return printable(name).replace("\n", "\\n")

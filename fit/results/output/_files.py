@@ -26,6 +26,7 @@ from vsh.io.sections import Answer
 from vsh.io.tables import two_digits
 from vsh.scalars import ScalarField
 from vsh.tools.arguments import choice, explained
+from vsh.tools.printing import latex_text
 from vsh.tools.types import FloatArray, PathName, Table
 
 _SYMBOLS = {"spin": r"Spin $\omega$", "acceleration": r"Acceleration $\tilde a$"}
@@ -37,12 +38,6 @@ _RULES = {
     "mnras": (r"\hline", r"\hline", r"\hline"),
     "aastex": ("", r"\hline", ""),
 }
-#: Signs of a sentence in LaTeX.
-_SIGNS = {
-    "%": r"\%", "_": r"\_", "&": r"\&", "#": r"\#", "χ²": r"$\chi^2$", "±": r"$\pm$", "°": r"$^\circ$",
-    "α": r"$\alpha$", "δ": r"$\delta$", "λ": r"$\lambda$", "β": r"$\beta$", "σ": r"$\sigma$", "−": "$-$",
-    "µas/yr": r"$\mu$as\,yr$^{-1}$", "µas": r"$\mu$as", "…": r"\ldots ", "<": "$<$", ">": "$>$",
-}  # fmt: skip
 _STYLES = tuple(_RULES)
 
 
@@ -61,7 +56,7 @@ def latex_of(solution: Any, style: str = "booktabs", *, full: bool = False, answ
         The lines to quote, for the caption; those of the solution unless given.
     """
     top_rule, mid_rule, bottom_rule = _RULES[choice("style", style, _STYLES)]
-    unit = _unit(solution.unit)
+    unit = latex_text(solution.unit)
     head = r" & $x$ & $y$ & $z$ & amplitude \\"
     units = rf" & \multicolumn{{4}}{{c}}{{({unit})}} \\" if unit else ""
     body = []
@@ -114,27 +109,16 @@ def _caption(solution, answer):
         f"degrees {solution.modes.lowest} to {solution.modes.lmax}, χ²/dof = {solution.reduced_chi2:.3f}"
     ]
     facts += [f"{label.capitalize() if label.islower() else label}: {text}" for label, text in answer.lines]
-    return " ".join(f"{_powers_of_ten(_check_text(fact))}." for fact in facts)
-
-
-def _check_text(text):
-    """Words as LaTeX has them."""
-    for sign, tex in _SIGNS.items():
-        text = text.replace(sign, tex)
-    return text
+    return " ".join(f"{_powers_of_ten(latex_text(fact))}." for fact in facts)
 
 
 def _powers_of_ten(text):
     return re.sub(r"(\d(?:\.\d+)?)e([+-]?\d+)", lambda m: rf"${m[1]} \times 10^{{{int(m[2])}}}$", text)
 
 
-def _unit(unit):
-    return _check_text(unit)
-
-
 def _square_unit(unit):
     """The unit of powers."""
-    return rf"(({_check_text(unit)})$^2$)" if unit else ""
+    return rf"(({latex_text(unit)})$^2$)" if unit else ""
 
 
 def _number(cell, style):
