@@ -404,9 +404,13 @@ def _run(options):
         report = []
         if "bins" in results:
             report += results["bins"].sections(velocity=ours, p_values=p_values, long=long)
+            tests = report[-1]
             if remark:
-                report[-1] = replace(report[-1], remarks=[*report[-1].remarks, remark])
-            report += results["shared"].sections(long=long) if "shared" in results else ()
+                report[-1] = tests = replace(tests, remarks=[*tests.remarks, remark])
+            if "shared" in results:  # the verdict is that with systematic errors
+                columns = [name for name in tests.table.colnames if name != "verdict"]
+                report[-1] = replace(tests, title="Do the bins differ, if errors are independent?", columns=columns)
+                report += results["shared"].sections(long=long)
         report += _of_estimates(results, source.label, truth, long)
         if failure is not None:
             report.append(Section("Posterior", [("not finished", str(failure))]))
