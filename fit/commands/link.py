@@ -37,7 +37,10 @@ def make_parser() -> argparse.ArgumentParser:
         type=parsing.names,
         default=["orientation", "spin"],
         metavar="NAMES",
-        help="vectors to fit, any of orientation, spin, acceleration (default: orientation,spin)",
+        help=(
+            "unknowns to fit, any of orientation, spin, acceleration, parallax (zero point and scale of the "
+            "parallaxes) (default: orientation,spin)"
+        ),
     )
     add("--epoch", type=float, default=2016.0, help="epoch of the orientation (default: 2016)")
     add("--steps", type=parsing.numbers, default=(), metavar="G,…", help="magnitudes at which the frame may jump")

@@ -61,7 +61,8 @@ def link(
     reference : str, optional
         The catalogue that is not turned; the one called vlbi or icrf… unless given.
     unknowns : sequence of str
-        Some of "orientation", "spin" and "acceleration".
+        Some of "orientation", "spin", "acceleration", and "parallax" for the zero point and the scale of the parallaxes
+        of each catalogue relative to the reference.
     steps : sequence of float
         Magnitudes at which the frame jumps.
     order, colour_order : int
@@ -109,8 +110,9 @@ def link(
     """
     reference_name = _reference(astrometry, reference)
     parameters = Unknowns(
-        tuple(unknowns), tuple(name for name in astrometry.catalogues if name != reference_name),
-        tuple(map(float, steps)), order, colour_order, float(epoch),
+        tuple(name for name in unknowns if name != "parallax"),
+        tuple(name for name in astrometry.catalogues if name != reference_name),
+        tuple(map(float, steps)), order, colour_order, float(epoch), "parallax" in unknowns,
     )  # fmt: skip
     fixed = {reference_name: ICRF3_EPOCH} if fixed is None else dict(fixed)
     strange = [catalogue for catalogue in fixed if catalogue not in astrometry.catalogues]

@@ -177,6 +177,8 @@ class Unknowns(InNotebook):
         Powers of (colour − 1 mag), each.
     epoch : float
         The epoch of the orientation. [Julian year]
+    parallax : bool
+        Whether the parallaxes of each catalogue have a zero point and a scale relative to the reference.
     """
 
     vectors: tuple[str, ...]
@@ -185,12 +187,15 @@ class Unknowns(InNotebook):
     order: int = 0
     colour_order: int = 0
     epoch: float = 2016.0
+    parallax: bool = False
 
     def __post_init__(self) -> None:
         """Check what a caller may have mixed up."""
         wrong = [vector for vector in self.vectors if vector not in VECTORS]
         if wrong or not self.vectors:
-            raise ParameterError(f"unknowns are of {', '.join(VECTORS)}, not {', '.join(map(str, wrong)) or 'none'}")
+            raise ParameterError(
+                f"unknowns are of {', '.join(VECTORS)}, parallax, not {', '.join(map(str, wrong)) or 'none'}"
+            )
         if len(set(self.steps)) < len(self.steps) or not np.isfinite(self.steps).all():
             raise ParameterError(f"steps are different magnitudes, not {self.steps}")
 
@@ -213,7 +218,13 @@ class Unknowns(InNotebook):
             for vector in self.vectors:
                 if vector != "acceleration":
                     names += [_name(before, vector, axis, term) for term in self.terms for axis in _AXES]
+        names += [name for catalogue in self.turned for name in self.parallax_names(catalogue)]
         return (*names, *(f"a_{axis}" for axis in _AXES if "acceleration" in self.vectors))
+
+    def parallax_names(self, catalogue: str) -> tuple[str, ...]:
+        """Names of zero point and scale of the parallaxes of a `catalogue`; none if they are not unknown."""
+        before = f"{catalogue}:" if len(self.turned) > 1 else ""
+        return (f"{before}parallax_zero", f"{before}parallax_scale") if self.parallax else ()
 
     @property
     def levels(self) -> tuple[tuple[str, float | None], ...]:
@@ -565,6 +576,15 @@ def equations(
     for catalogue in data.catalogues:
         mine = data.catalogue == catalogue
         design[mine] = unknowns.design(later[0, mine], later[1, mine], data.epoch[mine], functions[:, mine], catalogue)
+    if unknowns.parallax:
+        # The weighted mean of the parallaxes of a source is independent of their differences, unlike each of them.
+        weights = np.where(mask[:, 2] & ~still, 1 / data.covariance[:, 2, 2], 0.0)
+        sums = np.bincount(number, weights), np.bincount(number, weights * np.where(mask[:, 2], data.parallax, 0.0))
+        mean = np.divide(sums[1], sums[0], out=np.zeros(len(sums[0])), where=sums[0] > 0)[number]
+        for catalogue in unknowns.turned:
+            mine = (data.catalogue == catalogue) & mask[:, 2]
+            zero, scale = (unknowns.names.index(name) for name in unknowns.parallax_names(catalogue))
+            design[mine, 2, zero], design[mine, 2, scale] = 1.0, mean[mine]
     if np.isnan(design).any():
         lost = data.name[np.isnan(design).any((1, 2))]
         raise FieldError(

@@ -335,6 +335,13 @@ class FrameTie(FrameResult, NamedSolution):
             for name in ("orientation", "spin")
             if name in self.unknowns.vectors
         ]
+        for catalogue in self.unknowns.turned if self.unknowns.parallax else ():
+            zero, scale = (self.names.index(name) for name in self.unknowns.parallax_names(catalogue))
+            text = (
+                f"zero point {self.values[zero]:+.3g} ± {self.sigma[zero]:.2g} µas, scale {1 + self.values[scale]:.5g}"
+            )
+            label = f"parallaxes, {catalogue}" if several else "parallaxes"
+            lines.append((label, f"{text} ± {self.sigma[scale]:.2g} ({catalogue} relative to {self.reference})"))
         for step in steps:
             p_value, *p_values = self.jump_p_values(step)
             phrases = [
@@ -421,7 +428,10 @@ class FrameTie(FrameResult, NamedSolution):
     def to_table(self) -> Table:
         """Parameters with their errors, units and correlations as an astropy Table, a row each; tests in its meta."""
         table = super().to_table()
-        units = ["uas" if "epsilon" in name else "uas / yr" for name in self.names]
+        units = [
+            "" if "scale" in name else "uas" if "epsilon" in name or "parallax" in name else "uas / yr"
+            for name in self.names
+        ]
         table.add_column(units, 3, "unit")
         table.meta |= {"reference": self.reference, "epoch": self.unknowns.epoch, "n_sources": len(self.sources)}
         table.meta |= {"chi2": self.chi2, "dof": self.dof, "summary": self.verdict}

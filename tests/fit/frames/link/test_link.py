@@ -477,3 +477,32 @@ def test_influence_is_that_of_leaving_a_source_out(links):
     told, exact = np.array(pairs).T
     assert told @ exact / (exact @ exact) == pytest.approx(1, abs=0.08)
     assert np.sqrt(np.mean((told - exact) ** 2)) < 0.2 * np.sqrt(np.mean(exact**2))
+
+
+def with_parallaxes(data, zero, scale):
+    """The same rows, Gaia's parallaxes with a zero point and a scale."""
+    changed = np.where(data.catalogue == "gaia", scale * data.parallax + zero, data.parallax)
+    return replace(data, parallax=changed)
+
+
+@pytest.mark.parametrize("quasars", [0, 20])
+def test_parallaxes_without_noise_give_zero_point_and_scale(quasars):
+    data = with_parallaxes(sim.link(1, 30, **FRAME, **EXACT, quasars=quasars), -22.0, 1.002)
+    solution = link(data, unknowns=["orientation", "spin", "parallax"], robust=False, scale=1.0, aberration=None)
+    assert solution.names[-2:] == ("parallax_zero", "parallax_scale")
+    assert solution.values[-2:] == pytest.approx([-22.0, 0.002], rel=0.01)
+    assert np.abs(solution.values[:6] - np.r_[EPSILON, OMEGA]).max() < 0.1
+    assert "zero point -22 ±" in dict(solution.answer.lines)["parallaxes"]
+    assert list(solution.to_table()["unit"][-2:]) == ["uas", ""]
+
+
+@few_or_many(12, 200)
+def test_zero_point_and_scale_are_covered(n_skies):
+    truth = np.array([-22.0, 0.002])
+    pulls_ = []
+    for seed in range(n_skies):
+        data = with_parallaxes(sim.link(seed, 40, **FRAME), -22.0, 1.002)
+        solution = link(data, unknowns=["orientation", "spin", "parallax"])
+        pulls_.append((solution.values[-2:] - truth) / solution.sigma[-2:])
+    assert np.sqrt(np.mean(np.square(pulls_))) < 1.1 + 2.5 / np.sqrt(4 * n_skies)
+    assert np.abs(np.mean(pulls_, axis=0)).max() < 3 / np.sqrt(n_skies)
