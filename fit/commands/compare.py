@@ -90,7 +90,7 @@ def make_parser() -> argparse.ArgumentParser:
         ),
     )
     floors.add_argument(
-        "--no-floor", action="store_true", help="do not solve with systematic errors; the report only states their size"
+        "--no-floor", action="store_true", help="leave systematic errors out of the errors"
     )
     parser.add_argument(
         "--seed", type=int, default=1, help="seed of the random numbers of the systematic errors (default: 1)"
