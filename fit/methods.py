@@ -123,7 +123,7 @@ def recommended(field: Any, lmax: int | None = None, *, rng: Rng = 1) -> Recomme
     Parameters
     ----------
     field : Field, Parts, path or table
-        The sources; what is no Field is read by `vsh.read_field`.
+        The sources; a path or a table is read by `vsh.read_field`.
     lmax : int, optional
         The highest degree; 5 unless given. It is lowered, with a note, if there are too few sources, or if they cover
         too little of the sky to separate the modes. Below degree 3 there is no floor.
@@ -360,7 +360,7 @@ def estimate(
     Parameters
     ----------
     field : Field, Parts, path or table
-        The sources; what is no Field is read by `vsh.read_field`.
+        The sources; a path or a table is read by `vsh.read_field`.
     lmax : Modes or int, optional
         The highest degree; 3 unless given, and 5 of the recommended fit.
     method : str

@@ -1,9 +1,9 @@
 """Errors from resampling: bootstrap over sources, and jackknife and bootstrap over blocks of the sky.
 
-Normal equations add. Therefore the sky is divided into blocks once, and every replicate is a sum over the equations of
+Normal equations are additive: the sky is divided into blocks once, and every replicate is a sum over the equations of
 the blocks. A bootstrap over sources is computed in full or to first order. Resampling detects errors that differ from
 source to source. If the errors of neighbouring sources are correlated, blocks must be larger than the correlation
-length (`compare_blocks` estimates it). Errors common to the whole sky, above all a glide or a rotation of the frame,
+length (see `compare_blocks`). Errors common to the whole sky, above all a glide or a rotation of the frame,
 cannot be detected by any resampling.
 """
 
@@ -102,8 +102,8 @@ class ResampledFit(AboutSolution):
 
 
 #: Power of (1 − leverage) by which residuals are divided, because residuals of sources with a high leverage are too
-#: small. With ½, ¾ and 1, pulls are 1.06, 0.92 and 0.80 if 100 sources with 70 coefficients have all the weight, and
-#: 1.08, 0.98 and 0.89 if 30 sources with 16 coefficients have it.
+#: small. With ½, ¾ and 1, rms pulls are 1.06, 0.92 and 0.80 if 100 sources have all the weight in a fit of 70
+#: coefficients, and 1.08, 0.98 and 0.89 if 30 sources have all the weight in a fit of 16 coefficients.
 _POWER = 0.75
 #: Table of Poisson numbers with mean 1, minus that mean, indexed by 16 random bits; their variance is 0.99997.
 _POISSON = np.searchsorted(gammaincc(np.arange(1, 13), 1.0), (np.arange(2**16) + 0.5) / 2**16).astype(np.float32) - 1
@@ -139,14 +139,14 @@ def bootstrap(
     rng : Generator or int
         Random number generator, or its seed.
     method : {"auto", "full", "one-step"}
-        "one-step" computes the first step from the fit towards the solution of each draw, N⁻¹ Σ (k − 1) Aᵀ C⁻¹ Δ/(1 −
+        "one-step" takes one Newton step from the fit towards the solution of each draw, N⁻¹ Σ (k − 1) Aᵀ C⁻¹ Δ/(1 −
         leverage)^¾, for all draws in one pass; k is how often a source is drawn. "full" solves again for every draw,
         and its errors are too large if few sources have most of the weight. "auto" is "one-step". `ResampledFit.method`
         says which method was used.
     covariance : Covariance or (2n, 2n) array, optional
         Covariance of the motions, all east components first, in place of the field's errors (`fit.normal_equations`).
-        The motions are whitened first. What is drawn for a source is then the part of its motion that does not follow
-        from the sources before it.
+        The motions are whitened first. What is drawn is then the part of each motion that cannot be predicted
+        from the motions of the sources before it.
     progress : bool
         Show a bar, after two seconds.
 
@@ -158,7 +158,7 @@ def bootstrap(
     Notes
     -----
     "one-step" is the score bootstrap of Kline & Santos (2012, J. Econometric Methods 1, 23), with residuals that are
-    corrected for the leverage of each source. Its pulls are 0.92 to 1.00 in tests with 300 equal sources (degree 3),
+    corrected for the leverage of each source. Rms pulls are 0.92 to 1.00 in tests with 300 equal sources (degree 3),
     and with catalogues in which 100 of 20 000 sources (degree 5), or 30 of 600 (degree 2), have all the weight. In the
     last test the pulls of "full" are 0.81.
     """
@@ -193,7 +193,7 @@ def _one_step(sky, solution, n_replicates, rng, progress):
     seed = int(rng.integers(2**63))
     work = partial(_drawn_scores, solution=solution, total=total, n_replicates=n_replicates, seed=seed)
     steps = sky.sum(work, roles=(), words="bootstrap", progress=progress)
-    # Use N⁻¹ of the catalogue itself, even if the solution has another covariance.
+    # The covariance of `solution` is N⁻¹ of the whole catalogue; the same matrix serves all draws.
     replicates = solution.values + steps @ solution.covariance
     return ResampledFit("one-step bootstrap", solution, replicates, np.cov(replicates, rowvar=False))
 
@@ -239,7 +239,7 @@ def parametric_bootstrap(
     """Resample the motions from the fit and the errors of the catalogue.
 
     The fit is linear and the errors are Gaussian, so the distribution of the replicates is
-    exactly N(c, N⁻¹). They are drawn from it directly; no sky is simulated.
+    exactly Gaussian, with the fit as mean and N⁻¹ as covariance. They are drawn from it; no sky is simulated.
 
     Parameters
     ----------
@@ -292,7 +292,7 @@ def block_bootstrap(
     p, blocks = len(modes), normals_of_blocks(field, modes, nside, progress, covariance)
     if len(blocks) * p * p * 8 > MEMORY:
         raise DegeneracyError(
-            f"{len(blocks)} blocks of {p} × {p} do not fit into memory: lower nside from {nside} or lmax from "
+            f"{len(blocks)} block matrices of {p} × {p} do not fit into memory: lower nside from {nside} or lmax from "
             f"{modes.lmax}"
         )
     normals = list(blocks)
@@ -401,7 +401,7 @@ def _by_block(field, modes, nside):
     return {int(block): Moments.of(field[pixel == block], modes) for block in np.unique(pixel)}
 
 
-#: Smallest number of blocks per coefficient. With fewer, some coefficient is nearly undetermined without one block.
+#: Smallest number of blocks per coefficient. With fewer, a coefficient is nearly undetermined if one block is left out.
 #: Errors then grow with block size even if those of the sources are independent (2.7 times at degree 5, 12 blocks).
 BLOCKS_PER_COEFFICIENT = 2
 

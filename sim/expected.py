@@ -49,7 +49,7 @@ def expected_covariances(
     release : {"DR3", "DR4", "DR5", "paper"}
         Data release whose errors are used if the mission does not specify one.
     threads : int, optional
-        How many; one a core unless given.
+        How many; one per core unless given.
     progress : bool
         Show a bar, after two seconds.
 
@@ -166,7 +166,7 @@ def scan_maps(
     nside : int
         Resolution of the maps.
     threads : int, optional
-        How many; one a core unless given.
+        How many; one per core unless given.
 
     Returns
     -------

@@ -206,7 +206,7 @@ def quasars(
     max_magnitude : float
         Faintest magnitude G, above 18 and at most 21.
     map_frame : str
-        Axes of a map that is given.
+        Frame of the map, if `sky` is a map.
 
     Returns
     -------
@@ -278,7 +278,7 @@ def galaxies(
     spread: float = 1.5,
     map_frame: str = "icrs",
 ) -> Population:
-    """Draw n galaxies uniformly in volume between two redshifts, keeping those brighter than the magnitude limit.
+    """Draw n galaxies brighter than a limit, from a population uniform in volume between two redshifts.
 
     Parameters
     ----------
@@ -294,9 +294,9 @@ def galaxies(
         Faintest apparent magnitude G, to which the catalogue is complete.
     absolute, spread : float
         Mean and standard deviation of the absolute magnitudes. With the
-        defaults the counts peak at G ≈ 17, as those of the paper's galaxies do.
+        defaults the counts peak at G ≈ 17, as do those of Bachchan et al. (2016).
     map_frame : str
-        Axes of a map that is given.
+        Frame of the map, if `sky` is a map.
 
     Returns
     -------
@@ -375,7 +375,7 @@ def stars(
     min_magnitude, max_magnitude : float
         G, from 10 to 20.
     map_frame : str
-        Axes of a map that is given.
+        Frame of the map, if `sky` is a map.
 
     Returns
     -------

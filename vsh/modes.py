@@ -185,7 +185,7 @@ class ScalarModes(Modes):
 
 
 def as_modes(modes: Modes | int, kind: type[Modes] | None = Modes) -> Modes:
-    """Return `modes` as Modes of the type `kind` (None: any type); a number is the degree lmax."""
+    """Return `modes` as an instance of the class `kind` (None: any class of modes); a number is the degree lmax."""
     if not isinstance(modes, Modes):
         return (kind or Modes)(modes)
     if kind is not None and type(modes) is not kind:

@@ -217,7 +217,7 @@ class Vector(Frozen):
         """Compute the lower and upper end of an interval that contains the true length with `probability`.
 
         The coverage is close to `probability` at any signal to noise, including zero, and for any covariance. For
-        errors of 1 : 1 : 1 to 1 : 1 : 8 and a signal along the best or the worst axis, 68 % intervals have 63 to 74 %
+        error ratios of 1 : 1 : 1 to 1 : 1 : 8 and a signal along the best or worst axis, 68 % intervals have 63 to 74 %
         coverage (docs/validation.md). Intervals from `amplitude_error` have 19 % coverage without a signal.
 
         Notes

@@ -89,9 +89,7 @@ def make_parser() -> argparse.ArgumentParser:
             "of rotation and glide if it can be estimated"
         ),
     )
-    floors.add_argument(
-        "--no-floor", action="store_true", help="leave systematic errors out of the errors"
-    )
+    floors.add_argument("--no-floor", action="store_true", help="leave systematic errors out of the errors")
     parser.add_argument(
         "--seed", type=int, default=1, help="seed of the random numbers of the systematic errors (default: 1)"
     )

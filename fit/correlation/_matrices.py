@@ -133,8 +133,8 @@ class CorrelationMatrices(Result):
     labels : tuple of str
         Names of the catalogues.
     dipoles : list of (3,) arrays
-        r̄, the weighted mean direction of the sources of each catalogue. To first order, and if all
-        errors are equal, it determines the correlation of spin and acceleration: corr(ω_i, ã_j) = −(3/2) [r̄]ₓ.
+        r̄, the weighted mean unit vector of the sources of each catalogue. To first order, and if all
+        errors are equal, it determines the correlations of spin and acceleration: −(3/2) [r̄]ₓ, with [r̄]ₓ v = r̄ × v.
     frame : str
     """
 
@@ -223,7 +223,7 @@ class CorrelationMatrices(Result):
         lines = [
             (
                 f"  weighted mean unit vector of the sources: ({x:+.3f}, {y:+.3f}, {z:+.3f}); "
-                "correlations expected from this dipole:"
+                "largest correlations, and how much of them this dipole explains:"
             )
         ]
         prediction = self.dipole_prediction(i)
@@ -258,11 +258,11 @@ def correlation_matrices(
     labels : list of str, optional
         Names of the catalogues.
     offsets : Field or list of Fields, optional
-        Offsets of VLBI sources. If given, the orientation ε precedes the other parameters, as in the paper's table.
+        Offsets of VLBI sources. If given, the orientation ε comes first, as in Bachchan et al. (2016).
     solver : {"harmonics", "frame"}
         "frame" uses the direct frame solver, which is for spin and acceleration only.
     sigma : float, optional
-        Errors for sources that have none. [µas/yr]
+        Errors in place of the sources' own; required if they have none. [µas/yr]
 
     Raises
     ------
@@ -285,7 +285,7 @@ def correlation_matrices(
         raise ParameterError(f'solver is "harmonics" or "frame", not {solver!r}')
     selection = parameters_of(parameters)
     if (solver == "frame" or offsets is not None) and parameters != FRAME:
-        raise ParameterError("solver='frame' and offsets= can only be used with the parameters of the frame")
+        raise ParameterError("solver='frame' and offsets= can only be used with parameters='spin+acceleration'")
     if offsets is not None:
         offset_fields: list[Any] = list(offsets) if isinstance(offsets, (list, tuple)) else [offsets] * len(fields)
         if len(offset_fields) != len(fields):
@@ -308,7 +308,7 @@ def correlation_matrices(
 
 
 def dipole(field: Field | Parts) -> FloatArray:
-    """Compute the weighted mean direction of the sources, (3,); it is zero on a uniform sky."""
+    """Compute the weighted mean unit vector of the sources, (3,); it is zero on a uniform sky."""
     vector, weight = as_parts(field).sum(_directions, roles=(), words="dipole")
     return vector / weight
 
@@ -353,8 +353,8 @@ def influence_map(
 
     Notes
     -----
-    With C = N⁻¹ and N = Σ wₖ Nₖ, ∂C/∂wₖ = −C Nₖ C. For parameters i and j the derivative is −Σ gᵢᵀ W gⱼ over the
-    sources of the pixel, where gᵢ is the vector field whose coefficients are column i of C.
+    With C = N⁻¹ and N = Σ wₖ Nₖ, ∂C/∂wₖ = −C Nₖ C. The derivative of Cᵢⱼ by ln wₖ is −Σ gᵢᵀ W gⱼ over the
+    sources of pixel k, where gᵢ is the field whose coefficients are column i of C, and W a source's inverse covariance.
     """
     from vsh.sky.pixels import pixels_of
 
@@ -379,7 +379,7 @@ def gain_of_sources(
     Notes
     -----
     n sources with error σ at one position add (n/σ²) V Vᵀ to N, with V the (p, 2) harmonics there, so that
-    C' = C − C V (1 σ²/n + Vᵀ C V)⁻¹ Vᵀ C.
+    C' = C − C V (I σ²/n + Vᵀ C V)⁻¹ Vᵀ C, with I the 2 × 2 identity matrix.
     """
     from vsh.sky.pixels import centres
 
@@ -444,7 +444,7 @@ def _prepare_influence(field, modes, parameters):
 
 
 def most_influential(influence: ArrayLike, fraction: float = 0.5) -> BoolArray:
-    """Return a mask (12 nside²,) of the pixels that make up `fraction` of the influence of the dominant sign."""
+    """Return a mask (12 nside²,) of the strongest pixels of the dominant sign that make up `fraction` of its sum."""
     m = arguments.float_array("influence", influence, finite=False)
     if not 0 < fraction <= 1:
         raise ParameterError(f"fraction must be above 0 and at most 1, not {fraction}")
@@ -459,7 +459,7 @@ def most_influential(influence: ArrayLike, fraction: float = 0.5) -> BoolArray:
 
 @dataclass(frozen=True, eq=False)
 class Eigenmodes(Result):
-    """Fields whose amplitudes a sky measures independently, from the worst measured to the best.
+    """Fields whose amplitudes have independent errors for some sources, from the worst measured to the best.
 
     Attributes
     ----------
@@ -531,7 +531,7 @@ def eigenmodes(sources: Any, modes: Modes | int, *, sigma: ArrayLike | None = No
     modes = as_modes(modes)
     field = Field.from_positions(sources, sigma)
     normal = normal_equations(field, modes).matrix
-    # ∫ |V|² dΩ = Σ norm2 c². A uniform sky measures the mean of |V|², weighted by half the trace of the weights.
+    # ∫ |V|² dΩ = Σ norm2 c². On a uniform sky N is the mean of |V|² times half the summed traces.
     norm = np.diag(modes.norm2.astype(float))
     values, vectors = eigh(normal, norm)
     weight_density = field.information.sum() / 2 / (4 * np.pi)

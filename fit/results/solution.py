@@ -356,7 +356,7 @@ class Solution(SolutionSummary, HarmonicSolution):
         errors of the sources, and the number of replicates minus one if it was resampled. p-values allow for it.
     by_prior : float
         Effective number of coefficients that a prior determined in place of the data: tr(C P), with P the inverse
-        covariance of the prior. Each of the other coefficients costs one degree of freedom.
+        covariance of the prior. Only the other p − `by_prior` coefficients cost degrees of freedom.
     without_prior : Solution or None
         The same solution without the prior of a floor. Powers and p-values of degrees above 1 are taken from it.
     unit : str
@@ -364,14 +364,14 @@ class Solution(SolutionSummary, HarmonicSolution):
     floor : fit.background.Floor or None
         The systematic floor that is included in the covariance; None if there is none.
     error_source : ErrorSource
-        Where the covariance comes from, as a member of ErrorSource. It decides whether χ² scales the errors.
+        Where the covariance comes from, as a member of ErrorSource. Only errors of the catalogue are scaled by χ².
     includes_floor : bool
         Whether the systematic floor is in the covariance.
     is_recommended : bool
         Whether it is the recommended fit, `fit.recommended`.
     formal_covariance : (p, p) array or None
-        N⁻¹ from the weights of the fit, if `covariance` is a different matrix. It has no noise of its own. A
-        systematic floor is estimated from it, after scaling to the size of `covariance`. [(µas/yr)²]
+        N⁻¹ from the weights of the fit, if `covariance` is a different matrix. It has no noise from replicates. A
+        systematic floor is estimated with it, scaled to the size of `covariance`. [(µas/yr)²]
 
     Examples
     --------

@@ -126,10 +126,10 @@ def clip(
     Notes
     -----
     Lindegren et al. (2018, A&A 616, A2) and Klioner et al. (2021, A&A 649, A9) clip in this way. Sources that are
-    selected in this way scatter less than their errors, and carry less information. This is corrected with q, half the
-    squared limit in units of the errors. Covariances are multiplied by (1 − e^−q)/(1 − (1 + q) e^−q), and χ² is divided
+    selected in this way scatter less than their errors, and carry less information. Let q be half the square
+    of the limit in σ. To correct this, covariances are multiplied by (1 − e^−q)/(1 − (1 + q) e^−q), and χ² is divided
     by 1 − q e^−q/(1 − e^−q). Both corrections hold for Gaussian errors that are right, or all wrong by one factor. The
-    square root of the first is 1.006, 1.108 and 1.308 for κ = 3, 2 and 1.5 (with pulls within 5 % of 1).
+    square root of the first is 1.006, 1.108 and 1.308 for κ = 3, 2 and 1.5; pulls are then within 5 % of 1.
 
     Examples
     --------
