@@ -27,6 +27,8 @@ _AWAY, _NEAR, _FAR = 0.8, 1.4, 2.0
 _COARSE, _FINE = 14, 6
 #: A limit does not fall further for a vector that is shorter than this share of null vectors (it would by 2 %).
 _SHORTEST = 0.02
+#: Tails by two approximations that differ by more than this factor are not both right.
+_SAME = 0.8
 #: Newton's steps to the nearest vector of a length; it converges from one side, and six digits are enough.
 _STEPS = 6
 
@@ -107,15 +109,23 @@ def length_limits(
     components = components * np.sqrt(np.maximum(1.0, shortest))[:, None]
     square = np.sum(components**2, axis=1)
     relative, unit = variances / variances[:, -1:], sigma[:, -1]
-    # Each may underestimate the tail of short vectors, by any factor; the larger one is right to a few per cent.
-    null = np.maximum(*_shorter(square, variances, np.zeros_like(components), dof))
+    null = _shorter(square, variances, np.zeros_like(components), dof)
+    # Each may underestimate the tail of short vectors by any factor, which would exclude nothing; the larger one is
+    # right to a few per cent, and the first is exact where all errors are equal.
+    null_tails = [np.maximum(tail, _SAME * np.maximum(*null)) for tail in null]
     lower, upper = np.sqrt(square), np.sqrt(square) + _reach(dof, components.shape[1]) * unit
     for _ in range(30):
         middle = (lower + upper) / 2
         mu = _multiplier(components.T, relative.T, middle)
         truth = components / (1 + mu[:, None] * relative)
         chance = _shorter(square, variances, truth, dof)
-        is_allowed = np.maximum(*chance) > (1 - probability) * null
+        is_allowed = np.any(
+            [
+                signal_tail > (1 - probability) * null_tail
+                for signal_tail, null_tail in zip(chance, null_tails, strict=True)
+            ],
+            axis=0,
+        )
         lower, upper = np.where(is_allowed, middle, lower), np.where(is_allowed, upper, middle)
     return upper
 
