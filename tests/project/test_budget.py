@@ -11,7 +11,7 @@ from conftest import ROOT
 PACKAGES = ("vsh", "fit", "sim", "study")
 #: Lines of code (no docstrings, comments or blank lines) that a room may have.
 BUDGET = {
-    "fit": 753, "fit/background": 2301, "fit/commands": 1837, "fit/correlation": 810, "fit/distances": 714,
+    "fit": 753, "fit/background": 2301, "fit/commands": 1837, "fit/correlation": 810, "fit/distances": 715,
     "fit/frames": 2111, "fit/in_time": 740, "fit/motions": 649, "fit/normal": 924, "fit/pairs": 590,
     "fit/posterior": 1400, "fit/redshift": 777, "fit/results": 1694, "fit/robust": 604,
     "fit/secular_parallax": 1342, "fit/solving": 480, "fit/waves": 417, "sim": 958, "sim/agis": 1993,

@@ -72,6 +72,14 @@ def test_magnitudes_of_a_sample_that_is_complete_to_none_are_left_out():
     assert calibrate(field, dispersion=300.0, magnitudes=True).luminosity is not None
 
 
+@pytest.mark.parametrize(("gap", "is_used"), [(1.5, True), (2.5, False)])
+def test_magnitudes_of_inhomogeneous_lists_are_left_out(monkeypatch, gap, is_used):
+    monkeypatch.setattr("fit.distances._calibration.complete_to", lambda bright, faintest: (faintest - gap, bright))
+    calibration = calibrate(galaxies(1), dispersion=300.0)
+    assert (calibration.luminosity is not None) == is_used
+    assert any("magnitudes are not used" in note for note in calibration.notes) != is_used
+
+
 @pytest.mark.slow
 @few_or_many(12, 200)
 @pytest.mark.parametrize("softness", [0.0, 0.3, 1.0])
