@@ -222,6 +222,7 @@ def test_vlba_sees_no_acceleration():
         "redshift (acceleration)": "one acceleration at all redshifts",
         "redshift (spin)": "one spin at all redshifts",
         "the Galactic plane": "the same near the Galactic plane",
+        "(is there a quadrupole?)": "no quadrupole",
     }
     names["the ecliptic halves of the sky"] = "the same in both ecliptic halves of the sky"
     quoted = list(_rows_of_p_values(ROOT / "docs" / "quoting.md"))
