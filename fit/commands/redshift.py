@@ -97,7 +97,7 @@ def make_parser() -> argparse.ArgumentParser:
         type=parsing.method,
         metavar="NAME[=VALUE]",
         help=(
-            "estimator for the bins; others than the default only if the bins contain no nearby galaxies: "
+            "estimator for the bins; choose another than the default only if the bins contain no nearby galaxies: "
             "least-squares "
             "(default), recommended, clip=KAPPA, student, permissive or excess-noise"
         ),
@@ -172,7 +172,9 @@ def make_parser() -> argparse.ArgumentParser:
         ),
     )
     measurements.add_argument(
-        "--oort", action="store_true", help="with --distances: also fit rotation and shear (Oort's A, B, C, K)"
+        "--oort",
+        action="store_true",
+        help="with --distances: also fit rotation, shear and divergence (Oort's A, B, C, K)",
     )
     posterior = parser.add_argument_group("posterior of our velocity and H0")
     posterior.add_argument(

@@ -217,7 +217,7 @@ class FrameComparison(FrameResult, AboutSolution):
             values[degree_one] = shared_solution.values
             covariance[degree_one] = covariance[:, degree_one] = 0.0
             covariance[np.ix_(degree_one, degree_one)] = shared_solution.covariance
-            errors += "; rotation and glide include systematic errors"
+            errors += "; those of rotation and glide include systematic errors"
             includes_floor = True
         elif self.floor is not None:
             covariance += np.diag(self.floor.added(solution.modes))
@@ -387,7 +387,7 @@ class FrameComparison(FrameResult, AboutSolution):
                 )
             facts.append(("residuals", text))
         if self.shared is not None:
-            facts.append(("R and D", "with systematic errors of the model of degrees 2 to 5"))
+            facts.append(("R and D", "errors include systematic errors, estimated from degrees 2 to 5"))
         if self.floor is not None and long:
             spin, glide = self.floor.spin_error, self.floor.acceleration_error
             text = f"rotation ± {spin:.3g}, glide ± {glide:.3g} {solution.unit}, included in the errors of R and D; "

@@ -199,14 +199,14 @@ SURVEYS = {
     ),
     "near infrared": Survey(
         _OF_QUASARS, "DR4", 1 / 14, n_galaxies=_OF_GALAXIES, floor=_FLOORS["DR4"] / 14,
-        says="a successor twenty years later, with motions 14 times as precise as DR4's (Hobbs et al. 2021)",
+        says="a successor to Gaia twenty years later, with motions 14 times as precise as DR4's (Hobbs et al. 2021)",
     ),
     "VLBI": Survey(
         1500, sigma=_VLBA, floor=0.1,
         says="assumed: 1500 sources with the distribution of errors of Truebenbach & Darling (2017)",
     ),
     "SKA": Survey(
-        10_000, sigma=_VLBA, floor=0.1, says="assumed: 10 000 sources with the same errors (VLBI with the SKA)"
+        10_000, sigma=_VLBA, floor=0.1, says="assumed: 10 000 sources with the errors of VLBI (VLBI with the SKA)"
     ),
 }  # fmt: skip
 #: What is forecast: words and unit, in the order of the table.
@@ -219,9 +219,9 @@ QUANTITIES = {
     "speed": ("circular speed V0, floor included", "km/s"),
     "r0": ("R0 from the motion of Sgr A*, floor included", "kpc"),
     "waves": ("95 % limit on h70² Ω of gravitational waves, floor included", ""),
-    "wave": ("  strain rate of one wave, noise only", "µas/yr"),
+    "wave": ("  error of the strain rate of one wave, noise only", "µas/yr"),
     "shear": ("shear, per component", "% of H0"),
-    "degree": ("highest degree with DR3's systematics above noise", ""),
+    "degree": ("highest degree at which systematics as DR3's exceed the noise", ""),
     "velocity": ("our velocity, per component", "km/s"),
     "hubble": ("H0", "km/s/Mpc"),
     "velocity_flows": ("  our velocity, flows fitted", "km/s"),
@@ -288,7 +288,7 @@ class SurveyForecast(InNotebook):
                 form = ".0f" if name == "degree" else ".3g"
                 label = description + (f" [{unit}]" if unit else "")
                 rows.append((label, *("" if np.isnan(x) else f"{x:{form}}" for x in cells)))
-        heads = ("expected errors (68 %)", *self.surveys)
+        heads = ("expected errors (68 % unless stated otherwise)", *self.surveys)
         table = tables.table_of(
             {name: list(values) for name, values in zip(heads, zip(*rows, strict=True), strict=True)}
         )

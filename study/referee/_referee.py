@@ -119,7 +119,10 @@ class Referee(InNotebook):
         ]
         other_sections = [section for section in self.sections if section.paper.key != _QUOTED]
         if not long:
-            facts += [(section.paper.short, section.lacking or section.verdict) for section in other_sections]
+            facts += [
+                (section.paper.short, f"not tested: {section.lacking}" if section.lacking else section.verdict)
+                for section in other_sections
+            ]
         return (Section(quasars.label, facts), *(map(_numbers, self.sections) if long else ()), self._checks(long))
 
     def _checks(self, long):
@@ -135,7 +138,11 @@ class Referee(InNotebook):
         remarks = []
         if not long:
             n_untested = len(self.checks) - len(tests)
-            suffix = f"; {n_untested} more were not tested (--long lists the reasons)" if n_untested else ""
+            suffix = (
+                f"; besides these {len(tests)}, {n_untested} could not be made (--long lists the reasons)"
+                if n_untested
+                else ""
+            )
             remarks = [f"Listed are the {len(selection)} of {len(tests)} checks with the smallest p-values{suffix}."]
         return Section(
             "Checks; p-values include systematic errors except in the column of formal errors",

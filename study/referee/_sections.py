@@ -367,7 +367,9 @@ def _expansion(inputs: SectionInput) -> dict[str, Any]:
     ]
     p = min(1.0, len(result) * result.p_value(smallest))
     growth = format_verdict(result.growth(), "no growth with redshift", "it changes with redshift")
-    quadrupole = format_verdict(p, "no expansion beyond systematic errors", "the expansion differs from axis to axis")
+    quadrupole = format_verdict(
+        p, "no anisotropic expansion beyond systematic errors", "the expansion differs from axis to axis"
+    )
     text = f"{quadrupole}; {growth}; published: {papers()['makarov2026'].words}"
     return {"rows": rows, "verdict": text, "p_value": p, "results": {"expansion": result}}
 
@@ -384,7 +386,7 @@ def _waves(inputs: SectionInput) -> dict[str, Any]:
             Value(harmonics.limit(), kind="limit"),
         ),
     ]  # fmt: skip
-    verdict = f"h70² Ω < {harmonics.limit():.3g} (95 %), marginalised over systematic errors"
+    verdict = f"gravitational waves: h70² Ω < {harmonics.limit():.3g} (95 %), marginalised over systematic errors"
     return {"rows": rows, "verdict": verdict, "results": {"waves": harmonics}}
 
 
@@ -417,7 +419,8 @@ def _spectrum(inputs: SectionInput) -> dict[str, Any]:
     rows.append(Row("errors of the headline / formal errors, clipped, degree 3", shared=Value(wider)))
     lower, upper = (papers()["nguyen2026"][f"errors, {bound}"].value for bound in ("at least", "at most"))
     verdict = (
-        f"errors with systematic errors included are {wider:.2f} times the formal errors of a clipped fit to "
+        f"errors of the acceleration, systematic errors included, are {wider:.2f} times the formal errors of a "
+        "clipped fit to "
         f"degree 3; published: {lower:g} to {upper:g} times"
     )
     results = {} if inputs.headline.floor is None else {"floor": inputs.headline.floor}

@@ -11,12 +11,12 @@ from conftest import ROOT
 PACKAGES = ("vsh", "fit", "sim", "study")
 #: Lines of code (no docstrings, comments or blank lines) that a room may have.
 BUDGET = {
-    "fit": 753, "fit/background": 2301, "fit/commands": 1837, "fit/correlation": 810, "fit/distances": 715,
+    "fit": 753, "fit/background": 2301, "fit/commands": 1839, "fit/correlation": 810, "fit/distances": 715,
     "fit/frames": 2111, "fit/in_time": 740, "fit/motions": 649, "fit/normal": 924, "fit/pairs": 590,
     "fit/posterior": 1400, "fit/redshift": 777, "fit/results": 1694, "fit/robust": 604,
     "fit/secular_parallax": 1342, "fit/solving": 480, "fit/waves": 417, "sim": 958, "sim/agis": 1993,
     "sim/commands": 983, "sim/gaia": 480, "sim/scanning": 456, "sim/signal": 369, "study": 1150,
-    "study/commands": 497, "study/forecast": 359, "study/referee": 940, "vsh": 1582, "vsh/commands": 1282,
+    "study/commands": 497, "study/forecast": 359, "study/referee": 950, "vsh": 1582, "vsh/commands": 1282,
     "vsh/figures": 1108, "vsh/io": 5632, "vsh/models": 906, "vsh/sky": 421, "vsh/tools": 1598,
 }  # fmt: skip
 _NO_CODE = {

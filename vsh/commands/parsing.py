@@ -572,7 +572,7 @@ def add_common(parser: argparse.ArgumentParser, tells: str = "report") -> None:
     output_group.add_argument(
         "--long", action="store_true", help=f"print the full {tells}, as it is written to the folder of results"
     )
-    output_group.add_argument("--quiet", action="store_true", help="print only errors, and no progress bars")
+    output_group.add_argument("--quiet", action="store_true", help="print only error messages, and no progress bars")
     group.add_argument("--log", metavar="FILE", help="append the steps of the run and their durations to this file")
     group.add_argument(
         "--citation",
