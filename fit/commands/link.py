@@ -119,8 +119,8 @@ def _run(options):
         read_astrometry(path, epoch=epochs.get(label), still=label in options.quasars)
         for path, label in zip(options.catalogues, labels, strict=True)
     )
-    for item in remainder:
-        astrometry = astrometry + item
+    for rows in remainder:
+        astrometry = astrometry + rows
     fixed_epochs = (
         None if options.fixed is None else {name: _epoch(text, "--fixed") for name, text in options.fixed.items()}
     )
@@ -147,17 +147,17 @@ def _run(options):
 
     truth = _truth(solution, options.catalogues[0])
     headings = {"steps": "Place of the jump", "link": "Link", "plan": "Observe next"}
-    parts = [finishing.Part(name, item, headings[name]) for name, item in results.items()]
-    selection = [item for name, item in results.items() if name != "link" or "steps" not in results]
+    parts = [finishing.Part(name, result, headings[name]) for name, result in results.items()]
+    selection = [result for name, result in results.items() if name != "link" or "steps" not in results]
     run.finish(
         parts,
-        sections=lambda long: [*(section for item in selection for section in item.sections(long=long)), *truth],
+        sections=lambda long: [*(section for result in selection for section in result.sections(long=long)), *truth],
         tables=lambda: (
             {output.heading: output.result.to_table() for output in parts} | {"Sources": solution.sources_table()}
         ),
         answer=results.get("steps", solution).answer,
         notes=solution.notes,
-        paths=[*options.catalogues, *(item for item in (options.priors, options.candidates) if item)],
+        paths=[*options.catalogues, *(path for path in (options.priors, options.candidates) if path)],
         counts={"sources": len(solution.sources)},
         files=lambda folder, meta: write_table(solution.sources_table(), folder / "sources.ecsv", meta),
         title=f"{', '.join(solution.unknowns.turned)} against {solution.reference}",

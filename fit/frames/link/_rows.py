@@ -177,7 +177,7 @@ class Unknowns(InNotebook):
         Powers of (colour − 1 mag), each.
     epoch : float
         The epoch of the orientation. [Julian year]
-    parallax : bool
+    has_parallax_terms : bool
         Whether the parallaxes of each catalogue have a zero point and a scale relative to the reference.
     """
 
@@ -187,7 +187,7 @@ class Unknowns(InNotebook):
     order: int = 0
     colour_order: int = 0
     epoch: float = 2016.0
-    parallax: bool = False
+    has_parallax_terms: bool = False
 
     def __post_init__(self) -> None:
         """Check what a caller may have mixed up."""
@@ -212,19 +212,34 @@ class Unknowns(InNotebook):
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the parameters, that of a catalogue before them where several are turned."""
-        names = []
+        return tuple(name for name, _ in self._parameters())
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Units of the parameters, empty for a scale."""
+        return tuple(unit for _, unit in self._parameters())
+
+    def _parameters(self):
+        """Name and unit of each parameter, in their order."""
         for catalogue in self.turned:
-            before = f"{catalogue}:" if len(self.turned) > 1 else ""
+            before = self._before(catalogue)
             for vector in self.vectors:
                 if vector != "acceleration":
-                    names += [_name(before, vector, axis, term) for term in self.terms for axis in _AXES]
-        names += [name for catalogue in self.turned for name in self.parallax_names(catalogue)]
-        return (*names, *(f"a_{axis}" for axis in _AXES if "acceleration" in self.vectors))
+                    for term in self.terms:
+                        yield from ((_name(before, vector, axis, term), VECTORS[vector][1]) for axis in _AXES)
+        for catalogue in self.turned:
+            yield from zip(self.parallax_names(catalogue), ("µas", ""), strict=False)
+        if "acceleration" in self.vectors:
+            yield from ((_name("", "acceleration", axis, ""), VECTORS["acceleration"][1]) for axis in _AXES)
+
+    def _before(self, catalogue):
+        """What stands before the names of a catalogue's parameters."""
+        return f"{catalogue}:" if len(self.turned) > 1 else ""
 
     def parallax_names(self, catalogue: str) -> tuple[str, ...]:
         """Names of zero point and scale of the parallaxes of a `catalogue`; none if they are not unknown."""
-        before = f"{catalogue}:" if len(self.turned) > 1 else ""
-        return (f"{before}parallax_zero", f"{before}parallax_scale") if self.parallax else ()
+        before = self._before(catalogue)
+        return (f"{before}parallax_zero", f"{before}parallax_scale") if self.has_parallax_terms else ()
 
     @property
     def levels(self) -> tuple[tuple[str, float | None], ...]:
@@ -277,7 +292,7 @@ class Unknowns(InNotebook):
         if np.isnan(values).any():
             raise ParameterError("the frame depends on colour here: say at which")
         names = self.names
-        before = f"{catalogue}:" if len(self.turned) > 1 else ""
+        before = self._before(catalogue)
         matrix = np.zeros((3, len(names)))
         terms = self.terms if vector != "acceleration" else ("",)
         for k, axis in enumerate(_AXES):
@@ -576,7 +591,7 @@ def equations(
     for catalogue in data.catalogues:
         mine = data.catalogue == catalogue
         design[mine] = unknowns.design(later[0, mine], later[1, mine], data.epoch[mine], functions[:, mine], catalogue)
-    if unknowns.parallax:
+    if unknowns.has_parallax_terms:
         # The weighted mean of the parallaxes of a source is independent of their differences, unlike each of them.
         weights = np.where(mask[:, 2] & ~still, 1 / data.covariance[:, 2, 2], 0.0)
         sums = np.bincount(number, weights), np.bincount(number, weights * np.where(mask[:, 2], data.parallax, 0.0))

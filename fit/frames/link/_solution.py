@@ -335,7 +335,7 @@ class FrameTie(FrameResult, NamedSolution):
             for name in ("orientation", "spin")
             if name in self.unknowns.vectors
         ]
-        for catalogue in self.unknowns.turned if self.unknowns.parallax else ():
+        for catalogue in self.unknowns.turned if self.unknowns.has_parallax_terms else ():
             zero, scale = (self.names.index(name) for name in self.unknowns.parallax_names(catalogue))
             text = (
                 f"zero point {self.values[zero]:+.3g} ± {self.sigma[zero]:.2g} µas, scale {1 + self.values[scale]:.5g}"
@@ -428,10 +428,7 @@ class FrameTie(FrameResult, NamedSolution):
     def to_table(self) -> Table:
         """Parameters with their errors, units and correlations as an astropy Table, a row each; tests in its meta."""
         table = super().to_table()
-        units = [
-            "" if "scale" in name else "uas" if "epsilon" in name or "parallax" in name else "uas / yr"
-            for name in self.names
-        ]
+        units = [unit.replace("µ", "u").replace("/", " / ") for unit in self.unknowns.units]
         table.add_column(units, 3, "unit")
         table.meta |= {"reference": self.reference, "epoch": self.unknowns.epoch, "n_sources": len(self.sources)}
         table.meta |= {"chi2": self.chi2, "dof": self.dof, "summary": self.verdict}

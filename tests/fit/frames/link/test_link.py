@@ -506,3 +506,15 @@ def test_zero_point_and_scale_are_covered(n_skies):
         pulls_.append((solution.values[-2:] - truth) / solution.sigma[-2:])
     assert np.sqrt(np.mean(np.square(pulls_))) < 1.1 + 2.5 / np.sqrt(4 * n_skies)
     assert np.abs(np.mean(pulls_, axis=0)).max() < 3 / np.sqrt(n_skies)
+
+
+def test_units_do_not_depend_on_the_names_of_catalogues():
+    data = sim.link(1, 30, **FRAME)
+    data = replace(data, catalogue=np.where(data.catalogue == "gaia", "epsilon_scale", data.catalogue))
+    three = data + replace(data[data.catalogue == "epsilon_scale"], catalogue=np.full(30, "other"))
+    solution = link(three, unknowns=["orientation", "spin", "parallax"], robust=False, scale=1.0)
+    units = dict(zip(solution.names, solution.to_table()["unit"], strict=True))
+    assert units["epsilon_scale:omega_x"] == "uas / yr"
+    assert units["epsilon_scale:parallax_zero"] == "uas"
+    assert units["other:epsilon_x"] == "uas"
+    assert units["other:parallax_scale"] == ""
