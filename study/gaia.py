@@ -511,8 +511,8 @@ def _report(study, result_tables, truth):
             "",
             (
                 f"A simulated catalogue; the truth is g = ({components}) µas/yr. The last column of the tables is χ² "
-                "of "
-                f"spin and g against it, {expected_chi2:.1f} ± {np.sqrt(12) * expected_chi2 / 6:.1f} where the errors "
+                f"of spin and g against it, {expected_chi2:.1f} ± {np.sqrt(12) * expected_chi2 / 6:.1f} where the "
+                "errors "
                 "are right."
             ),
         ]

@@ -308,8 +308,8 @@ class Floor(Result):
             covariance=covariance,
             errors_from=(
                 f"{self.errors_from}{scale}, with the systematic floor from degrees {words_of(self.degrees)} "
-                f"(spectra: {text}): spin ± "
-                f"{self.spin_error:.3g}, acceleration ± {self.acceleration_error:.3g} µas/yr in each component"
+                f"(spectra: {text}): spin ± {self.spin_error:.3g}, acceleration ± {self.acceleration_error:.3g} "
+                "µas/yr in each component"
             ),
             error_source=self._source,
             includes_floor=True,

@@ -572,8 +572,8 @@ def _leaking(equations, classes, names, modes):
         return []
     return [
         f"{', '.join(leaky_classes)}: a part of the sky, or few sources, into whose degrees higher ones leak; give "
-        "normal "
-        f"equations to degree {modes.lmax + BEYOND} and degrees=range(2, {modes.lmax + 1}), and that is allowed for"
+        f"normal equations to degree {modes.lmax + BEYOND} and degrees=range(2, {modes.lmax + 1}), and that is "
+        "allowed for"
     ]
 
 

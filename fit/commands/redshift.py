@@ -98,8 +98,7 @@ def make_parser() -> argparse.ArgumentParser:
         metavar="NAME[=VALUE]",
         help=(
             "estimator for the bins; choose another than the default only if the bins contain no nearby galaxies: "
-            "least-squares "
-            "(default), recommended, clip=KAPPA, student, permissive or excess-noise"
+            "least-squares (default), recommended, clip=KAPPA, student, permissive or excess-noise"
         ),
     )
     parser.add_argument("--free-spin", action="store_true", help="also fit the spin of the frame")

@@ -461,8 +461,7 @@ def calibrate(
         if not has_luminosity:
             notes.append(
                 "magnitudes constrain distances by a luminosity function fitted to the catalogue, which must be "
-                "complete "
-                "to its faintest magnitude; otherwise use magnitudes=False (--no-magnitudes)"
+                "complete to its faintest magnitude; otherwise use magnitudes=False (--no-magnitudes)"
             )
     elif has_luminosity:
         raise ParameterError("a luminosity function needs magnitudes, which are not used")

@@ -518,9 +518,7 @@ def compare_catalogues(
         notes = (
             *notes,
             f"{int((~is_near).sum())} of {len(is_near)} pairs deviate by more than {_FAR * threshold:g} standard "
-            "errors from a robust "
-            "fit: "
-            "excluded before the first least-squares fit",
+            "errors from a robust fit: excluded before the first least-squares fit",
         )
     solution = replace(estimate, unit=unit, notes=notes)
     names = tuple(name for name, (mode, _) in ICRF3.items() if mode.l == 1 and mode.kind in PARAMETERS[parameters])

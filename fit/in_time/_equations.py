@@ -301,8 +301,7 @@ def solve(equations: TimeEquations) -> TimeSolution:
     if is_determined.sum() < len(indices) / 2:
         raise DegeneracyError(
             f"{equations.n_sources} sources determine {is_determined.sum()} of {len(indices)} combinations of these "
-            "functions: "
-            "take fewer functions, a lower degree, or more sources"
+            "functions: take fewer functions, a lower degree, or more sources"
         )
     half = turn[:, is_determined] / np.sqrt(values[is_determined]) / scale[:, None]
     size = len(functions) * len(modes)

@@ -345,8 +345,7 @@ def read(path: PathName) -> Result:
     except (KeyError, ImportError):
         raise TableError(
             f"{file_name} holds a {printable(type_name)} of the module {printable(module)}, which is not known here: "
-            "import it "
-            "first"
+            "import it first"
         ) from None
     try:
         columns = {name: _native(name, table[name]) for name in table.colnames}

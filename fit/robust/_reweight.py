@@ -404,8 +404,7 @@ def _with_errors(sky, plain, solution, share, name, rounds, power):
     note = (
         f"{name}: converged in {rounds} iterations; effective number of sources {effective:.1f} of "
         f"{facts['sources']}; errors are {inflation:.2f} times those of the catalogue; sources with "
-        "the lowest weights: "
-        f"{', '.join((f'{label} ({u / largest_weight:.2g})' for u, label in facts['least'].few))}"
+        f"the lowest weights: {', '.join((f'{label} ({u / largest_weight:.2g})' for u, label in facts['least'].few))}"
     )
     warnings = []
     if share.weight.nu is not None and share.weight.nu < _LEAST_NU:

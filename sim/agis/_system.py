@@ -518,8 +518,7 @@ class System(ExactErrors):
         if not solution.converged and stop is not None:
             warnings.warn(
                 f"not converged after {solution.iterations} iterations: degrees 1 to {solution.modes.lmax} still "
-                "change; "
-                "allow more, or read large scales with care",
+                "change; allow more, or read large scales with care",
                 VshWarning,
                 stacklevel=2,
             )

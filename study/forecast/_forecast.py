@@ -24,6 +24,7 @@ from vsh.models.covariance import LINDEGREN_2021, Spectrum
 from vsh.modes import Modes
 from vsh.sky.astrometry import add_positions
 from vsh.sky.frames import rotation_matrix
+from vsh.sky.sphere import angles, triad
 from vsh.tools import arguments
 from vsh.tools.errors import ParameterError
 from vsh.tools.notebook import InNotebook
@@ -41,7 +42,7 @@ class SecondEpoch(InNotebook):
         Error of a position in each component. [µas]
     years : float
         Mean epoch of the survey minus that of the release. [yr]
-    latitude, ecliptic_latitude : (low, high) of float
+    latitude, ecliptic_latitude : float
         Sources at smaller |latitude|, Galactic or ecliptic, are not in the survey. [deg]
     declination : (low, high) of float
         Range of the survey. [deg]
@@ -55,13 +56,11 @@ class SecondEpoch(InNotebook):
 
     def covers(self, lon: FloatArray, lat: FloatArray) -> BoolArray:
         """Mask of the ICRS positions `lon`, `lat` that are in the survey. [rad]"""
-        lon_lat = np.stack([np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)])
-        heights = [
-            np.degrees(np.arcsin(np.abs(rotation_matrix("icrs", frame)[2] @ lon_lat)))
-            for frame in ("galactic", "ecliptic")
-        ]
+        direction = triad(lon, lat)[2]
+        latitudes = (angles(rotation_matrix("icrs", frame) @ direction)[1] for frame in ("galactic", "ecliptic"))
+        galactic, ecliptic = np.degrees(np.abs(list(latitudes)))
         lower, upper = np.radians(self.declination)
-        return (heights[0] > self.latitude) & (heights[1] > self.ecliptic_latitude) & (lat > lower) & (lat < upper)
+        return (galactic > self.latitude) & (ecliptic > self.ecliptic_latitude) & (lat > lower) & (lat < upper)
 
     def motion_errors(self, magnitude: FloatArray, factor: FloatArray, release: Release) -> FloatArray:
         """Errors of joint motions, (2, n), with Gaia's `factor` times those of `release` at `magnitude`. [µas/yr]"""
@@ -123,24 +122,26 @@ class Survey(InNotebook):
 
     def errors(self, lon: FloatArray, lat: FloatArray) -> FloatArray:
         """Errors of quasars at ICRS positions `lon`, `lat`, (2, n), of as much information as all have. [µas/yr]"""
+        errors = np.empty((2, len(lon)))
         if self.release is None:
-            sigma = np.tile(np.atleast_1d(self.sigma), (2, 1))
+            errors[:] = self._own_error()[:, None]
         else:
             magnitude, larger = _quasars()
-            sigma = larger * gaia_errors(magnitude, self.release)
-        errors = np.tile(_mean_error(sigma)[:, None], len(lon))
-        if self.second is not None:
-            inside = self.second.covers(lon, lat)
-            errors[:, inside] = _mean_error(self.second.motion_errors(magnitude, larger, self.release))[:, None]
+            errors[:] = _mean_error(larger * gaia_errors(magnitude, self.release))[:, None]
+            if self.second is not None:
+                inside = self.second.covers(lon, lat)
+                errors[:, inside] = _mean_error(self.second.motion_errors(magnitude, larger, self.release))[:, None]
         return errors * self.factor * np.sqrt(len(lon) / self.n_quasars)
 
     def galaxy_errors(self, magnitude: FloatArray) -> FloatArray:
         """Errors of galaxies of `magnitude` G, (2, n). [µas/yr]"""
         if self.release is None:
-            return (
-                np.tile(_mean_error(np.tile(np.atleast_1d(self.sigma), (2, 1)))[:, None], len(magnitude)) * self.factor
-            )
+            return np.tile(self._own_error()[:, None], len(magnitude)) * self.factor
         return gaia_errors(magnitude, self.release) * self.factor
+
+    def _own_error(self):
+        """Error of as much information as those of `sigma` have, (2,)."""
+        return _mean_error(np.tile(np.atleast_1d(self.sigma), (2, 1)))
 
 
 def _mean_error(sigma):
@@ -310,8 +311,8 @@ class SurveyForecast(InNotebook):
                 "Floors beyond DR3 are assumptions; the errors of direction, V0, R0 and Ω include the floors. DR3's "
                 "angular covariance (Lindegren et al. "
                 f"2021, 292 exp(−θ/12°) µas²/yr²) implies a floor of {_LAW:.1f} µas/yr at degree 1, "
-                f"{_LAW / _FLOOR:.1f} times as "
-                "much; the acceleration measured by DR3 (5.05 µas/yr, with 4.8 expected) excludes such a floor.",
+                f"{_LAW / _FLOOR:.1f} times as much; the acceleration measured by DR3 (5.05 µas/yr, with 4.8 "
+                "expected) excludes such a floor.",
                 "Velocity and H0 are for independent peculiar velocities of 300 km/s; with flows fitted, they are for "
                 "flows of linear theory and include the "
                 "cosmic variance of one sky.",
@@ -444,7 +445,7 @@ def _of_quasars(field, survey, power):
     noise = (prediction.noise_power("T", 2) + prediction.noise_power("S", 2)) / 10
     # A floor of degree 1 has as much power in each mode of degree 2; of the published law it is a share.
     total_error, mode = float(np.hypot(acceleration, survey.floor)), 8 * np.pi / 3 * survey.floor**2
-    law = _LAW * survey.floor / SURVEYS["Gaia DR3"].floor if survey.release else survey.floor
+    law = _LAW * survey.floor / _FLOOR if survey.release else survey.floor
     tensors = [to_tensor(Coefficients(Modes(2), row)) for row in np.linalg.cholesky(prediction.covariance).T]
     degrees = np.arange(1, _DEGREES + 1)
     return {

@@ -420,8 +420,7 @@ def _spectrum(inputs: SectionInput) -> dict[str, Any]:
     lower, upper = (papers()["nguyen2026"][f"errors, {bound}"].value for bound in ("at least", "at most"))
     verdict = (
         f"errors of the acceleration, systematic errors included, are {wider:.2f} times the formal errors of a "
-        "clipped fit to "
-        f"degree 3; published: {lower:g} to {upper:g} times"
+        f"clipped fit to degree 3; published: {lower:g} to {upper:g} times"
     )
     results = {} if inputs.headline.floor is None else {"floor": inputs.headline.floor}
     return {"rows": rows, "verdict": verdict, "results": results}

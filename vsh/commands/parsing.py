@@ -369,8 +369,7 @@ def merged(
     if violations:
         parser.error(
             f"--config {settings['config']} names {', '.join(violations)}: where to write, and what to connect to, is "
-            "taken "
-            "from the command line alone"
+            "taken from the command line alone"
         )
     for name in configuration.options:
         if name not in actions or name in ("config", "help", "version", "citation"):

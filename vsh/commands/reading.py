@@ -33,8 +33,7 @@ def add_reading(parser: argparse.ArgumentParser) -> None:
         metavar="ROLE=NAME,…",
         help=(
             "names of the columns: a predefined set (gaia, the default; vizier; icrf), pairs (pmra=mu_ra,redshift=z), "
-            "or both "
-            "(vizier,redshift=zsp)"
+            "or both (vizier,redshift=zsp)"
         ),
     )
     parser.add_argument(

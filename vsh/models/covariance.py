@@ -415,8 +415,7 @@ class Covariance(Frozen):
             component, source = ("east", "north")[(info - 1) // len(self)], (info - 1) % len(self)
             raise CovarianceError(
                 f"the covariance is not positive definite: the {component} component of source {source} is determined "
-                "by "
-                "those before it, or more than that; add the errors of the sources (vsh.models.covariance.of_errors)"
+                "by those before it, or more than that; add the errors of the sources (vsh.models.covariance.of_errors)"
             )
         return factor
 

@@ -190,8 +190,7 @@ def doubtful(columns: Mapping[str, FloatArray], spans: Mapping[str, Span] | None
     return (
         CodedNote(
             f"warning: {count} a motion of {examples} in one component: a mark of missing values? It is used (first: "
-            "row "
-            f"{rows.argmax()}); leave such rows out with --where",
+            f"row {rows.argmax()}); leave such rows out with --where",
             DOUBT,
         ),
     )
@@ -291,6 +290,6 @@ def check_measured(noun: Any) -> None:
         if (has_distance & ~has_error).any():
             raise FieldError(
                 f"{(has_distance & ~has_error).sum()} of {has_distance.sum()} distances have no errors "
-                "(distance_error=, --columns "
-                "distance_error=NAME): how far they are to be trusted is what they are worth"
+                "(distance_error=, --columns distance_error=NAME): how far they are to be trusted is what they are "
+                "worth"
             )

@@ -116,8 +116,8 @@ def match(
             k = int(np.argmax(separation > 1e6))
             raise FieldError(
                 f"{n_distant} of {len(i)} pairs of one name are more than 1 arcsec apart ({in_a_line(a.name[i[k]])} "
-                "for "
-                "one): other sources, or columns and units that were misread; by position (--by position) names do not "
+                "for one): other sources, or columns and units that were misread; by position (--by position) names "
+                "do not "
                 "count"
             )
         if n_distant:

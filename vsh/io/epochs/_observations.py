@@ -427,8 +427,7 @@ def _join_positions(identifiers, positions):
     if len(lost):
         raise TableError(
             f"{table_source.label}: {len(lost)} of {len(identifiers)} sources of the epochs have no position there, "
-            "source_id"
-            f" {lost[0]} for one"
+            f"source_id {lost[0]} for one"
         )
     coordinates = np.asarray(ra, float)[order][at], np.asarray(dec, float)[order][at]
     if not (np.isfinite(coordinates).all() and (np.abs(coordinates[1]) <= 90).all()):
@@ -512,8 +511,7 @@ def _matrices(table, table_source):
             if width and values.shape[1] != width:
                 raise TableError(
                     f"{table_source.label}: {name!r} has {values.shape[1]} numbers per transit where {array_name!r} "
-                    f"has {width}: "
-                    "arrays of the CCDs are as long as each other"
+                    f"has {width}: arrays of the CCDs are as long as each other"
                 )
             width, array_name = values.shape[1], name
             padding = absent if padding is None else padding | absent if absent is not None else padding
