@@ -233,7 +233,7 @@ class Unknowns(InNotebook):
             yield from ((_name("", "acceleration", axis, ""), VECTORS["acceleration"][1]) for axis in _AXES)
 
     def _before(self, catalogue):
-        """What stands before the names of a catalogue's parameters."""
+        """Prefix of the names of a catalogue's parameters."""
         return f"{catalogue}:" if len(self.turned) > 1 else ""
 
     def parallax_names(self, catalogue: str) -> tuple[str, ...]:
