@@ -224,7 +224,7 @@ def _sum(observations, modes, functions, attitude, threads):
         matrix += products
         n_data, sources = n_data + count, sources + number
     lost = n - sources
-    notes = observations.notes
+    notes = observations.notes + (tuple(getattr(attitude, "notes", ())) if has_response else ())
     if lost:
         notes = (*notes, f"{lost} of {n} sources have too few observations, or all in one direction: not used")
     return TimeEquations(

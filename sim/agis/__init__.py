@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING
 
 import lazy_loader
 
+from sim.agis._calibration import GAIA_CALIBRATION, Calibration
 from sim.agis._globals import GlobalMotion, global_motion
 from sim.agis._mission import (
     KINDS,
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "AgisSolution",
+    "Calibration",
     "ExactResponse",
     "GlobalMotion",
     "Mixture",

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from sim.agis._calibration import Calibration
 from sim.agis._globals import GlobalMotion
 from sim.agis._results import AgisSolution
 from sim.agis._system import ROUGH, System
@@ -101,6 +102,7 @@ def joint_system(
     prior: float | None = None,
     smoothing: float = 1e6,
     motion: GlobalMotion | None = None,
+    calibration: Calibration | str | None = None,
     folder: Any = None,
     threads: int | None = None,
     progress: bool = False,
@@ -126,7 +128,7 @@ def joint_system(
         AGISLab. None scales nothing.
     number : int, optional
         Sources that the mission is scaled by, as quasars where stars are seen beside them; all unless given.
-    prior, smoothing, motion
+    prior, smoothing, motion, calibration
         As of `System`.
     folder, threads, progress
         As of `scans`.
@@ -161,7 +163,8 @@ def joint_system(
         threads=threads,
         progress=progress,
     )
-    return System(scan, prior, smoothing=smoothing, motion=motion, threads=threads), notes
+    system = System(scan, prior, smoothing=smoothing, motion=motion, threads=threads, calibration=calibration)
+    return system, notes
 
 
 def as_whole(law: Any, n: int, knots: float, full: int | None = FULL) -> tuple[Any, float, list[str]]:

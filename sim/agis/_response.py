@@ -26,6 +26,7 @@ from scipy.linalg import cho_factor, cho_solve
 from scipy.sparse import csr_matrix, hstack
 from scipy.special import gammaln, lpmv
 
+from sim.agis._calibration import Calibration, views_at
 from sim.agis._system import Iteration, System
 from sim.agis.passes import spline_at
 from sim.scanning import NominalScanningLaw, TabulatedLaw
@@ -44,6 +45,8 @@ from vsh.tools.types import ArrayLike, FloatArray, IntArray, Kind, PathName, Rng
 Functions = Callable[[FloatArray], FloatArray]
 #: Steps of time taken at once.
 _STEPS = 20_000
+#: 14.3 million sources (Lindegren et al. 2021, A&A 649, A2), 14 transits a year, 100 µas each. [1/µas²/yr]
+INFORMATION = 14.3e6 * 14 / 100**2
 
 
 def power_after_attitude_solution(l: int, kind: Kind, basic_angle: float = np.radians(106.5)) -> float:
@@ -86,10 +89,14 @@ class Response(InNotebook):
         time of the factor: 118 MB and 1 s, .6 GB and 7 s, 1.9 GB and 33 s.
     epoch : float, optional
         Julian year of the observations' time zero; the middle of the mission unless given.
-    calibration : (int, float), optional
-        What the calibration of the basic angle may take besides: harmonics of the spin phase from the Sun to this
-        order, each free anew every so many days. None unless given: EDR3's and DR4's must be known before a limit is
-        published, for (1, 5) leaves .02 of a glide's power in time and .6 of degree 2's.
+    calibration : Calibration or str, optional
+        What is calibrated of the basic angle from the same observations, as "free every 5 days to order 1, known to 1
+        µas"; nothing unless given. It must be known before a limit is published: these harmonics leave .02 of the
+        power of a glide in time, and .6 of that of degree 2.
+    information : float
+        Σ 1/σ² of all transits along the scan in a year, beside which a calibration that is known to some µas is
+        weighed. The default is that of 14.3 million sources, as solved EDR3's attitude, with 14 transits a year of 100
+        µas. [1/µas²/yr]
     steps : int
         Times at which the fields are compared.
     rng : Generator or int
@@ -100,7 +107,7 @@ class Response(InNotebook):
     FrameError
         If the law is not in ICRS.
     ParameterError
-        If there are not as many weights as pixels, or a calibration is none.
+        If there are not as many weights as pixels, or a calibration has another form.
     """
 
     def __init__(
@@ -110,7 +117,8 @@ class Response(InNotebook):
         nside: int = 12,
         *,
         epoch: float | None = None,
-        calibration: tuple[int, float] | None = None,
+        calibration: Calibration | str | None = None,
+        information: float = INFORMATION,
         steps: int = 600_000,
         rng: Rng = 1,
     ) -> None:
@@ -139,22 +147,35 @@ class Response(InNotebook):
         rows = 10 * np.arange(len(time) + 1)
         shape = (len(time), 5 * len(self.weights))
         self._design = csr_matrix((np.concatenate(values, 1).ravel(), np.concatenate(columns, 1).ravel(), rows), shape)
-        self.calibration = None if calibration is None else _check_response(*calibration)
+        self.calibration = Calibration.parse(calibration)
+        self.information = arguments.positive("information", information)
         if self.calibration is not None:
             self._design = hstack([self._design, self._angle(self._time)], format="csr")
+            # Steps have the weights of stars, of no scale: that of `information` is what the prior is measured by.
+            years = law.years - float(np.sum(law.lost[:, 1] - law.lost[:, 0]))
+            self._scale = self.information * years / float(np.sum(preceding_weight + following_weight))
         self._factor: Any = None
         self._taken: dict[Any, FloatArray] = {}
 
     def __repr__(self) -> str:
-        calibration = (
-            "" if self.calibration is None else ", basic angle to order {} free every {:g} d".format(*self.calibration)
-        )
+        calibration = "" if self.calibration is None else f", basic angle {self.calibration}"
         return f"<Response: {self.law.years:g} years, nside {self.nside}{calibration}>"
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Notes on the basic angle for the results that this response enters."""
+        if self.calibration is not None:
+            return (
+                f"what a basic angle absorbs that was calibrated from the same sky is allowed for: {self.calibration}",
+            )
+        return ("warning: no basic angle is calibrated; where one was, it absorbs more, and limits are too low",)
 
     def save(self, path: PathName) -> None:
         """Write what was factored to `path`, an NPZ file of 8 (60 nside²)² bytes, for `read`."""
         arrays = {"factor": self._factorise()[0], "weights": self.weights, "steps": np.array(len(self._time))}
-        write_arrays(path, arrays | {"calibration": np.array(self.calibration or (0.0, 0.0))})
+        calibration = self.calibration
+        numbers = () if calibration is None else (calibration.order, calibration.days, calibration.known)
+        write_arrays(path, arrays | {"calibration": np.array([*numbers, self.information], float)})
 
     @classmethod
     def read(cls, path: PathName, law: NominalScanningLaw, **options: Any) -> "Response":
@@ -176,8 +197,9 @@ class Response(InNotebook):
         """
         arrays = read_arrays(path)
         nside = round(np.sqrt(len(arrays["weights"]) / 12))
-        order, days = arrays["calibration"]
-        options = {"calibration": (int(order), float(days)) if days else None} | options
+        *numbers, information = arrays["calibration"].tolist()
+        calibration = Calibration(int(numbers[0]), *numbers[1:]) if numbers else None
+        options = {"calibration": calibration, "information": information} | options
         response = cls(law, arrays["weights"], nside, **options)
         if len(response._time) != int(arrays["steps"]):
             raise ParameterError("this factor belongs to another scanning law or to other steps: compute it again")
@@ -252,32 +274,20 @@ class Response(InNotebook):
             normal = (self._design.T @ self._design.multiply(self._difference[:, None]).tocsr()).toarray()
             scale = np.diag(normal).copy()
             normal[np.diag_indices_from(normal)] += 1e-7 * scale + 1e-9 * scale.max()  # six rotations are free
+            if self.calibration is not None:
+                angle = np.arange(5 * len(self.weights), len(normal))
+                normal[angle, angle] += 1 / (self._scale * self.calibration.known**2)
             self._factor = cho_factor(normal, overwrite_a=True, check_finite=False)
         return self._factor
 
     def _angle(self, time):
-        """The basic angle by every coefficient of its calibration: harmonics of the spin phase within spans of days."""
+        """The basic angle by every coefficient of its calibration."""
         assert self.calibration is not None
-        order, days = self.calibration
-        since = time + (self.epoch - self.law.start)
-        z, preceding, following = self.law.attitude(since)
-        sun = rotation_matrix("ecliptic", self.law.frame) @ self.law.sun(since)[0]
-        up = sun - z * np.sum(sun * z, 0)
-        middle = preceding + following
-        phase = np.arctan2(np.sum(np.cross(up, middle, axis=0) * z, 0), np.sum(up * middle, 0))
-        harmonics = [np.ones_like(phase)]
-        harmonics += [turn(m * phase) for m in range(1, order + 1) for turn in (np.cos, np.sin)]
-        spans = int(np.ceil(self.law.years * 365.25 / days))
-        span_index = np.clip((since * 365.25 / days).astype(int), 0, spans - 1)
-        columns = span_index[:, None] * len(harmonics) + np.arange(len(harmonics))
-        rows = len(harmonics) * np.arange(len(time) + 1)
-        shape = (len(time), spans * len(harmonics))
-        return csr_matrix((np.stack(harmonics, 1).ravel(), columns.ravel(), rows), shape)
+        return self.calibration.columns(self.law, time + (self.epoch - self.law.start))
 
     def _view(self, r, time):
         """+1 in the preceding field, −1 in the following one: they are far from each other."""
-        _, preceding, following = self.law.attitude(time + (self.epoch - self.law.start))
-        return np.where(np.sum(r * preceding, 0) > np.sum(r * following, 0), 1, -1)
+        return views_at(self.law, r, time + (self.epoch - self.law.start))
 
     def _pixel(self, r):
         return pixels_of(*angles(r), self.nside, any_size=True)
@@ -294,11 +304,6 @@ class Response(InNotebook):
 def template_key(modes: Modes, functions: Functions) -> tuple[Modes, bytes]:
     """Key of templates: their modes, and the values of the functions of time."""
     return modes, functions(np.linspace(-1.0, 1.0, 7)).tobytes()
-
-
-def _check_response(order, days):
-    """A calibration: the highest harmonic, and for how many days its coefficients stand."""
-    return arguments.whole("the order of a calibration", order, 0), arguments.positive("days", days)
 
 
 def _along(r, m, modes):
@@ -334,6 +339,8 @@ class ExactResponse(InNotebook):
     ------
     FrameError
         If the sources are not in ICRS.
+    ParameterError
+        If the system calibrates the basic angle.
 
     Notes
     -----
@@ -345,6 +352,8 @@ class ExactResponse(InNotebook):
         self.system = arguments.a(System)("system", system)
         if system.scans.frame != "icrs":
             raise FrameError(f"observations stand in ICRS, the sources of this solution in {system.scans.frame} axes")
+        if system.angle is not None:
+            raise ParameterError("an exact response does not calibrate the basic angle: take a Response")
         self.tolerance = arguments.positive("tolerance", tolerance)
         self.iterations = arguments.whole("iterations", iterations)
         self._taken: dict[Any, FloatArray] = {}
@@ -429,7 +438,7 @@ class ExactResponse(InNotebook):
                 east, north = (at[f] * component[scans.source] for component in basis[mode])
                 pair = passes.adjoint(east * sin + north * cos, north * sin - east * cos)
                 size.append(np.sum(scans.weights[0, scans.source] * (east**2 + north**2)))
-                of_sources.append(self.system.reduce(*pair))
+                of_sources.append(self.system.reduce(*pair, np.zeros(0)))
                 of_attitude.append(pair[1])
             right = np.stack(of_sources, axis=-1)
             right[~self.system.solved] = 0

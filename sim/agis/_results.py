@@ -122,6 +122,8 @@ class AgisSolution(Frozen):
         Positions of the sources.
     global_parameters : (k,) array or None
         Parameters of a global motion.
+    angle : (coefficients,) array or None
+        Coefficients of the basic angle that were calibrated, in the order of `Calibration.columns`. [µas]
     notes : tuple of str
         What became of it since.
     """
@@ -140,6 +142,7 @@ class AgisSolution(Frozen):
     lat: FloatArray
     frame: str
     global_parameters: FloatArray | None = None
+    angle: FloatArray | None = None
     notes: tuple[str, ...] = field(default=())
 
     def field(

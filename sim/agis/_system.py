@@ -21,6 +21,7 @@ from typing import Any, Literal
 import numpy as np
 from scipy.linalg import LinAlgError, cho_solve_banded, cholesky_banded
 
+from sim.agis._calibration import AngleBlock, Calibration
 from sim.agis._globals import GlobalMotion, MotionFit, low_fit, sources_at
 from sim.agis._results import AgisSolution
 from sim.agis.passes import Scans, check_memory, make_passes, smooth, system_memory
@@ -49,6 +50,7 @@ class Equations(InNotebook):
         motion: GlobalMotion | None,
         threads: int | None,
         compiled: bool | None,
+        calibration: Calibration | None = None,
     ) -> None:
         self.scans, self.prior, self.smoothing, self.motion = scans, prior, smoothing, motion
         self.coefficients = scans.intervals + 3
@@ -75,12 +77,16 @@ class Equations(InNotebook):
         if prior is not None:
             band[0] += 1 / prior**2
         self.factor = self._factorise(band)
+        self.angle = None if calibration is None else AngleBlock(self, calibration)
 
     def apply(self, x: FloatArray) -> FloatArray:
-        """(S − C A⁻¹ Cᵀ) x, with what holds global motions."""
+        """(S − C A⁻¹ Cᵀ) x, with what holds global motions; the basic angle eliminated like the attitude."""
         if x.ndim == 2:
             return self.apply(x[..., None])[..., 0]
-        product = self._tighter @ x - self.passes.to_sources(self.attitude_of(self.passes.to_attitude(x)))
+        attitude = self.attitude_of(self.passes.to_attitude(x))
+        product = self._tighter @ x - self.passes.to_sources(attitude)
+        if self.angle is not None:
+            product -= self.angle.taken(x, attitude)
         if self.motion is not None:
             product[:, 3:] -= self.motion.pull(x)
         return product
@@ -91,9 +97,18 @@ class Equations(InNotebook):
         flat = np.array(right.reshape(3 * self.coefficients, -1), order="F")
         return cho_solve_banded((self.factor, True), flat, overwrite_b=True, check_finite=False).reshape(right.shape)
 
-    def reduce(self, of_sources: FloatArray, of_attitude: FloatArray) -> FloatArray:
-        """g_s − C A⁻¹ g_a, (n, 5)."""
-        return of_sources - self.passes.to_sources(self.attitude_of(of_attitude)[..., None])[..., 0]
+    def reduce(self, of_sources: FloatArray, of_attitude: FloatArray, along: FloatArray) -> FloatArray:
+        """g_s − C A⁻¹ g_a, (n, 5), less what the basic angle takes of the observations `along` behind both."""
+        attitude = self.attitude_of(of_attitude)
+        right = of_sources - self.passes.to_sources(attitude[..., None])[..., 0]
+        if self.angle is not None:
+            right -= self.angle.effect(self.angle_of(along, np.zeros_like(of_sources), attitude))[1]
+        return right
+
+    def angle_of(self, along: FloatArray, sources: FloatArray, attitude: FloatArray) -> FloatArray:
+        """Coefficients of the basic angle that fit observations less sources and attitude best."""
+        assert self.angle is not None
+        return self.angle.coefficients(along - self.passes.predict(sources, attitude)[0])
 
     def precondition(self, r: FloatArray) -> FloatArray:
         """Solve each source by itself, with the constraints on global motions."""
@@ -310,10 +325,14 @@ class ExactErrors(Equations):
         sin, cos = (column[order].astype(float) for column in (scans.sin, scans.cos))
         shares = []
         for x in np.moveaxis(solutions, -1, 0):
-            attitude = self.attitude_of(-self.passes.to_attitude(np.ascontiguousarray(x)[..., None])[..., 0])
-            along, across = (
-                w * prediction[order] for w, prediction in zip(weights, self.passes.predict(x, attitude), strict=True)
-            )
+            x = np.ascontiguousarray(x)
+            attitude = self.attitude_of(-self.passes.to_attitude(x[..., None])[..., 0])
+            predictions = self.passes.predict(x, attitude)
+            if self.angle is not None:
+                angle, _, response = self.angle.effect(self.angle.coefficients(predictions[0]))
+                followed = self.passes.predict(np.zeros_like(x), response)
+                predictions = predictions[0] - angle + followed[0], predictions[1] + followed[1]
+            along, across = (w * prediction[order] for w, prediction in zip(weights, predictions, strict=True))
             shares += [np.stack([along * sin - across * cos, along * cos + across * sin])]
         products = chain_products(np.array(shares), owner, time, variability.tau)
         return variability.sigma**2 * products
@@ -361,6 +380,9 @@ class System(ExactErrors):
     compiled : bool, optional
         By numba, or without (for some million transits at most); by numba where it is installed and
         they are many.
+    calibration : Calibration or str, optional
+        What is solved for of the basic angle as well, as "free every 5 days to order 1"; nothing unless given. It takes
+        three times as long.
 
     Raises
     ------
@@ -373,8 +395,9 @@ class System(ExactErrors):
     Notes
     -----
     Errors of what is fitted to the sources hold for this model: observations independent of each other with the errors
-    that were given, an attitude that is a spline with these knots, and nothing else unknown. `formal_covariance` takes
-    the attitude for known, as catalogues do, and `sim.observe` with a mission's `attitude` in µas.
+    that were given, an attitude that is a spline with these knots, and nothing else unknown but the calibration.
+    `formal_covariance` takes the attitude for known, as catalogues do, and `sim.observe` with a mission's `attitude` in
+    µas.
 
     Examples
     --------
@@ -398,6 +421,7 @@ class System(ExactErrors):
         motion: GlobalMotion | None = None,
         threads: int | None = None,
         compiled: bool | None = None,
+        calibration: Calibration | str | None = None,
     ) -> None:
         arguments.a(Scans)("scans", scans)
         if motion is not None:
@@ -410,17 +434,20 @@ class System(ExactErrors):
                 VshWarning,
                 stacklevel=2,
             )
-        super().__init__(scans, prior, float(smoothing), motion, threads, compiled)
+        super().__init__(scans, prior, float(smoothing), motion, threads, compiled, Calibration.parse(calibration))
 
-    def predict(self, sources: ArrayLike, attitude: ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """Predict the observations by `sources` (n, 5) and `attitude` (coefficients, 3). [µas, µas/yr]
+    def predict(
+        self, sources: ArrayLike, attitude: ArrayLike, angle: FloatArray | None = None
+    ) -> tuple[FloatArray, FloatArray]:
+        """Predict the observations by `sources` (n, 5), `attitude` (coefficients, 3) and `angle`. [µas, µas/yr]
 
         Returns
         -------
         along, across : (k,) arrays
             [µas]
         """
-        return self.passes.predict(*self._reshape_unknowns(sources, attitude))
+        along, across = self.passes.predict(*self._reshape_unknowns(sources, attitude))
+        return along if angle is None or self.angle is None else along + self.angle.along(angle), across
 
     def adjoint(self, along: ArrayLike, across: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """The weighted transpose of `predict`: right-hand sides of observations `along` and `across`, (k,). [µas]"""
@@ -652,7 +679,8 @@ def solve_observations(
     of_sources, of_attitude = passes.adjoint(along, across, x, np.zeros_like(attitude))
     if known is not None:
         of_attitude += known / equations.prior**2
-    right = equations.reduce(of_sources, of_attitude) - _constrain(equations, x)
+    remainder = along if equations.angle is None else along - passes.predict(x, np.zeros_like(attitude))[0]
+    right = equations.reduce(of_sources, of_attitude, remainder) - _constrain(equations, x)
     right[~equations.solved] = 0
     work = Iteration(equations, right[..., None], conjugate)
 
@@ -695,6 +723,10 @@ def solve_observations(
     keep()
     corrections = work.x[..., 0]
     h = equations.attitude_of(of_attitude - passes.to_attitude(work.x)[..., 0])
+    angle = None
+    if equations.angle is not None:
+        angle = equations.angle_of(along, x + corrections, h)
+        h -= equations.angle.effect(angle)[2]
     sources = x + corrections
     sources[~equations.solved] = np.nan
     scans = equations.scans
@@ -713,6 +745,7 @@ def solve_observations(
         scans.lat,
         scans.frame,
         equations.motion.parameters((x + corrections)[..., None])[:, 0] if equations.motion is not None else None,
+        angle,
     )
 
 

@@ -15,6 +15,7 @@ import sim
 import vsh
 from vsh.commands import finishing, parsing, reading, running
 from vsh.io.sections import Answer, Section
+from vsh.tools.errors import ParameterError
 from vsh.tools.files import exclusive
 from vsh.tools.types import Table
 from vsh.tools.units import AU_PER_YEAR, JULIAN_YEAR
@@ -100,6 +101,11 @@ def make_parser() -> argparse.ArgumentParser:
         default="solved",
         metavar="solved|SIGMA",
         help=("solve for the attitude (default), or treat it as known independently with this error, µas"),
+    )
+    add(
+        "--calibration",
+        metavar="WORDS",
+        help="solve for the basic angle as well, as 'free every 5 days to order 1' (default: it is known)",
     )
     add(
         "--smoothing",
@@ -247,6 +253,11 @@ def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
         parser.error(f"--vlbi: {options.vlbi} quasars cannot be chosen from {options.quasars}")
     if options.motions == "velocity" and not options.galaxies:
         parser.error("--global velocity is determined by galaxies: say --galaxies N")
+    if options.calibration:
+        try:
+            sim.agis.Calibration.parse(options.calibration)
+        except ParameterError as error:
+            parser.error(f"--calibration: {error}")
 
 
 #: Edges of bins of angle, in heights of a field: within it, about it, far beyond.
@@ -283,6 +294,7 @@ def sections_of(
         ("sources", f"{counts}; {system.solved.sum()} solved"),
         ("transits", f"{len(scans)}, {options.across:g} times the error across the scan"),
         ("attitude", f"{scans.intervals} intervals of {scans.spacing * JULIAN_YEAR:.4g} s, {attitude}"),
+        ("basic angle", "known" if system.angle is None else f"solved, {system.angle.calibration}"),
         ("iterations", f"{solution.iterations}, {convergence}"),
     ]
     source_types = [source_type for source_type in sim.agis.KINDS if (mixture.are(source_type) & system.solved).any()]
@@ -434,6 +446,7 @@ def _solve(run, law, mixture, full, work, streams):
         prior=None if options.attitude == "solved" else options.attitude,
         smoothing=options.smoothing,
         motion=_global(options, mixture),
+        calibration=options.calibration,
         folder=work / "scans" if options.map else None,
         progress=True,
     )

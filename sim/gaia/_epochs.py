@@ -50,6 +50,7 @@ def epochs(
     excess_noise: ArrayLike = 0.0,
     attitude: str = "perfect",
     stars: int = 20_000,
+    calibration: str | None = "constant to order 8",
     complete: bool = False,
     threads: int | None = None,
 ) -> Table:
@@ -77,6 +78,9 @@ def epochs(
         then takes a part of what changes (`sim.agis.Response`).
     stars : int
         How many stars of 100 µas a transit, anywhere on the sky, hold an attitude that is solved, with knots of 900 s.
+    calibration : str or None
+        What is calibrated of the basic angle where the attitude is solved, as "free every 5 days to order 1"; "none"
+        for nothing.
     complete : bool
         All 37 columns of the pre-release of DR4, ten CCDs a transit with the sky mapper's first, which is never used,
         and sentinels where nothing was measured.
@@ -95,8 +99,8 @@ def epochs(
     FrameError
         If the sources are in another frame than the mission.
     ParameterError
-        If the share of outliers is not between 0 and 1, an excess noise is below zero, there are no magnitudes, or the
-        attitude is another.
+        If the share of outliers is not between 0 and 1, an excess noise is below zero, there are no magnitudes, the
+        attitude is another, or the calibration has another form.
 
     Notes
     -----
@@ -137,7 +141,9 @@ def epochs(
         raise ParameterError(f"{np.sum(~(excess >= 0))} excess noises are below zero")
     scatter = np.hypot(sigma * wrong, excess[source][:, None]) * noise.standard_normal(shape)
     if attitude == "solved":
-        position -= _observe_epochs(law, population, truth, transits, error, scatter.mean(1), stars, auxiliary, threads)
+        position -= _observe_epochs(
+            law, population, truth, transits, error, scatter.mean(1), stars, calibration, auxiliary, threads
+        )
     centroid = position[:, None] + scatter
     roemer = _roemer(law, transits.time, population.lon[source], population.lat[source])
     steps = (np.arange(CCDS) - (CCDS - 1) / 2) * _STEP
@@ -173,8 +179,8 @@ def _identifiers(transits, time):
     return (tick >> 2 << 17) | (view << 15) | (np.arange(len(time), dtype=np.int64) % 2**15)
 
 
-def _observe_epochs(law, population, truth, transits, error, scatter, stars, rng, threads):
-    """Part of each transit that an attitude solved together with all sources takes. [µas]"""
+def _observe_epochs(law, population, truth, transits, error, scatter, stars, calibration, rng, threads):
+    """Part of each transit that an attitude and a basic angle solved together with all sources take. [µas]"""
     from sim.agis import System, observations, scans  # numba and sparse matrices, for this alone
 
     positions, noise = rng.spawn(2)
@@ -184,7 +190,7 @@ def _observe_epochs(law, population, truth, transits, error, scatter, stars, rng
     scan_data = scans(
         law, np.r_[population.lon, lon], np.r_[population.lat, lat], sigma, 5 * sigma, knots=_KNOTS, threads=threads
     )
-    system, time = System(scan_data, threads=threads), scan_data.time()
+    system, time = System(scan_data, threads=threads, calibration=calibration), scan_data.time()
     indices = np.flatnonzero(scan_data.source < n)
     indices = indices[np.lexsort([time[indices], scan_data.source[indices]])]  # in the order of the transits
     if not np.array_equal(scan_data.source[indices], transits.source):
@@ -199,7 +205,7 @@ def _observe_epochs(law, population, truth, transits, error, scatter, stars, rng
         along += east * sin + north * cos
         across += north * sin - east * cos
     solution = system.solve(along, across, stop=None, iterations=_ITERATIONS)
-    prediction, _ = system.predict(np.zeros((len(sigma), 5)), solution.attitude)
+    prediction, _ = system.predict(np.zeros((len(sigma), 5)), solution.attitude, solution.angle)
     return prediction[indices]
 
 

@@ -16,7 +16,7 @@ from vsh.io.archive import DR4
 from vsh.io.sections import Answer, Section
 from vsh.sky.frames import rotation_matrix
 from vsh.sky.sphere import triad
-from vsh.tools.errors import DegeneracyError, TableError
+from vsh.tools.errors import DegeneracyError, ParameterError, TableError
 from vsh.tools.printing import printable
 from vsh.tools.units import DEGREE
 
@@ -32,7 +32,7 @@ def make_parser() -> argparse.ArgumentParser:
         examples=(
             "vsh-waves epochs.fits --frequencies 0.25:4:16 --output waves",
             "vsh-waves epochs.fits --frequencies 2 --background --in-time 4",
-            "vsh-waves epochs.fits --frequencies 2 --attitude known",
+            "vsh-waves epochs.fits --frequencies 2 --calibration 'free every 5 days to order 1'",
         ),
     )
     add = parser.add_argument
@@ -49,6 +49,15 @@ def make_parser() -> argparse.ArgumentParser:
         choices=["solved", "known"],
         default="solved",
         help="attitude that was solved from the same sky, as that of Gaia, or known from elsewhere (default: solved)",
+    )
+    add(
+        "--calibration",
+        metavar="WORDS",
+        default="constant to order 8",
+        help=(
+            "what was calibrated of the basic angle together with an attitude that was solved, as "
+            "'free every 5 days to order 1, known to 0.1 µas', or none (default: constant to order 8, as in DR2)"
+        ),
     )
     add("--law", metavar="FILE", help="scanning law, the commanded_scan_law of Gaia (default: a nominal one)")
     add(
@@ -113,6 +122,19 @@ CAPTIONS = {
     "in_time": "√power by function of time and degree, beside what noise gives (dotted): T above, S below.",
 }
 _MOVING = "Displacements over the span of the epochs, as they were fitted: where errors are large, mostly noise."
+
+
+def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
+    """End with what contradicts itself, before anything is read."""
+    if options.calibration != parser.get_default("calibration"):
+        from sim.agis import Calibration
+
+        if options.attitude == "known":
+            parser.error("--calibration goes with --attitude solved: nothing is calibrated where the attitude is known")
+        try:
+            Calibration.parse(options.calibration)
+        except ParameterError as error:
+            parser.error(f"--calibration: {error}")
 
 
 def _run(options):
@@ -200,7 +222,7 @@ def _response(chunks, span, options):
     note = f"spin axis of the scanning law: {offset:.2g}° from that of the transits, median"
     if offset > _FAR:
         note = f"warning: {note}; --law takes the law as it was commanded"
-    return Response(law, nside=options.law_nside, epoch=DR4.epoch), [note]
+    return Response(law, nside=options.law_nside, epoch=DR4.epoch, calibration=options.calibration), [note]
 
 
 def _nominal(chunks, start, years, gaps):

@@ -204,6 +204,7 @@ class Scans(Frozen):
     years: float
     frame: str = "icrs"
     folder: Path | None = None
+    law: NominalScanningLaw | None = None
     _state: dict = field(default_factory=dict, init=False, repr=False)
 
     def __len__(self) -> int:
@@ -324,6 +325,7 @@ def scans(
         "spacing": spacing,
         "years": law.years,
         "frame": law.frame,
+        "law": law,
     }
     key = _key(law, attributes, ccds)
     if folder is None:

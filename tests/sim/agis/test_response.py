@@ -6,7 +6,7 @@ import pytest
 import sim
 from fit.waves import search_in_time
 from sim import agis
-from sim.agis import Response, power_after_attitude_solution
+from sim.agis import Calibration, Response, power_after_attitude_solution
 from vsh import FrameError, Modes, ParameterError
 from vsh.basis import harmonics
 from vsh.io.epochs import Observations, design_row
@@ -107,13 +107,14 @@ def test_factor_is_kept(coarse, tmp_path):
     with pytest.raises(FrameError, match="ICRS"):
         Response(sim.NominalScanningLaw(years=1.0, frame="galactic"), nside=2, steps=1000)
     with pytest.raises(ParameterError, match="days"):
-        Response(LAW, nside=2, steps=1000, calibration=(1, 0.0))
+        Response(LAW, nside=2, steps=1000, calibration=Calibration(1, 0.0))
     with pytest.raises(ParameterError, match="one a pixel"):
         Response(LAW, np.ones(5), nside=2, steps=1000)
 
 
 @pytest.mark.parametrize(
-    ("free", "glide", "second"), [((0, 5.0), (0.9, 1.01), (0.9, 1.01)), ((1, 5.0), (0.005, 0.06), (0.4, 0.75))]
+    ("free", "glide", "second"),
+    [("free every 5 days", (0.9, 1.01), (0.9, 1.01)), ("free every 5 days to order 1", (0.005, 0.06), (0.4, 0.75))],
 )
 def test_calibration_of_the_basic_angle_takes_what_is_left(free, glide, second):
     """The power that is left with it, over that without: .015 to .027 of a glide, .58 to .60 of degree 2 with (1, 5)."""

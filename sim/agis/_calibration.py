@@ -1,0 +1,224 @@
+"""Calibration of the basic angle from the same observations as sources and attitude.
+
+The basic angle is Γ + Σ c_j h_j(Ω), with harmonics h_j of the spin phase Ω, counted from the Sun, and coefficients that
+are constant for some days. A variation of the angle moves the preceding field of view by +1/2 of it along the scan, the
+following one by −1/2; the part that both fields share is attitude.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.linalg import LinAlgError, cho_factor, cho_solve
+from scipy.sparse import csr_matrix, vstack
+
+from vsh.sky.frames import rotation_matrix
+from vsh.sky.sphere import triad
+from vsh.tools import arguments
+from vsh.tools.errors import DegeneracyError, ParameterError
+from vsh.tools.notebook import Frozen
+from vsh.tools.types import FloatArray, IntArray
+
+#: What is taken for Gaia: in DR2 harmonics of the spin phase were calibrated so. Offsets are free every few days, and
+#: absorb nothing that changes over the sky.
+GAIA_CALIBRATION = "constant to order 8"
+_WORDS = re.compile(
+    r"(?:free every (?P<days>[\d.]+) days?|(?P<constant>constant))(?: to order (?P<order>\d+))?"
+    r"(?:,? known to (?P<known>[\d.]+(?:e[+-]?\d+)?) ?[µμu]as)?"
+)
+#: Knots of the attitude that an interval of a calibration has at least: the response of the attitude to one
+#: interval has then died out before the next but one.
+_KNOTS = 10
+
+
+@dataclass(frozen=True)
+class Calibration(Frozen):
+    """Model of the variations of the basic angle that are solved for together with sources and attitude.
+
+    Parameters
+    ----------
+    order : int
+        The highest harmonic of the spin phase from the Sun; 0 is an offset alone.
+    days : float
+        For how long each coefficient is constant, to within a whole number of intervals in the mission; infinite for
+        the whole of it. [day]
+    known : float
+        Prior standard deviation of each coefficient; infinite where nothing is known of it. [µas]
+
+    Raises
+    ------
+    ParameterError
+        If `order` is negative, or `days` or `known` is not above zero.
+
+    Notes
+    -----
+    In EDR3 the offset of each field of view was solved for in 310 intervals of 34 months, which is every 3.3 days
+    (Lindegren et al. 2021, A&A 649, A2, table 2); in DR2 the harmonics of the spin phase were constants, or linear
+    functions of time (Lindegren et al. 2018, A&A 616, A2, section 3.4). The along-scan scale of a field of view is no
+    part of it: it moves the CCDs of a transit symmetrically about their mean, which is what a transit is here.
+
+    Examples
+    --------
+    >>> Calibration.parse("free every 5 days to order 1, known to 0.1 µas")
+    Calibration(order=1, days=5.0, known=0.1)
+    >>> print(Calibration(order=8, days=np.inf))
+    constant to order 8
+    """
+
+    order: int = 0
+    days: float = 5.0
+    known: float = np.inf
+
+    def __post_init__(self) -> None:
+        arguments.whole("order", self.order, 0)
+        if not (self.days > 0 and self.known > 0):
+            raise ParameterError(f"days and known of a calibration must be positive, not {self.days} and {self.known}")
+
+    def __str__(self) -> str:
+        interval = "constant" if np.isinf(self.days) else f"free every {self.days:g} days"
+        prior = "" if np.isinf(self.known) else f", known to {self.known:g} µas"
+        return f"{interval} to order {self.order}{prior}"
+
+    @classmethod
+    def parse(cls, words: str | Calibration | None) -> Calibration | None:
+        """Read a calibration from words, such as "free every 5 days to order 1, known to 0.1 µas".
+
+        Parameters
+        ----------
+        words : str, Calibration or None
+            "free every N days" or "constant", then, if wanted, "to order M" (default: 0), then "known to S µas"; or
+            "none".
+
+        Returns
+        -------
+        Calibration or None
+
+        Raises
+        ------
+        ParameterError
+            If the words have another form.
+        """
+        if words is None or isinstance(words, cls):
+            return words
+        if words == "none":
+            return None
+        match = _WORDS.fullmatch(words.strip()) if isinstance(words, str) else None
+        if match is None:
+            raise ParameterError(
+                f'a calibration is expected, as "free every 5 days to order 1, known to 0.1 µas", "constant to order 8"'
+                f' or "none", not {words!r}'
+            )
+        days = np.inf if match["constant"] else float(match["days"])
+        return cls(int(match["order"] or 0), days, float(match["known"] or np.inf))
+
+    def columns(self, law: Any, since: FloatArray) -> csr_matrix:
+        """Compute the basic angle at times `since` the start of `law` [yr] by each coefficient, (k, coefficients).
+
+        Coefficients are in the order of the intervals; in each the offset, then cosine and sine of each harmonic.
+        """
+        z, preceding, following = law.attitude(since)
+        sun = rotation_matrix("ecliptic", law.frame) @ law.sun(since)[0]
+        up = sun - z * np.sum(sun * z, 0)
+        middle = preceding + following
+        phase = np.arctan2(np.sum(np.cross(up, middle, axis=0) * z, 0), np.sum(up * middle, 0))
+        harmonics = [np.ones_like(phase)]
+        harmonics += [turn(m * phase) for m in range(1, self.order + 1) for turn in (np.cos, np.sin)]
+        # Intervals of one length: a short one at the end would be determined by few transits.
+        intervals = max(1, round(law.years * 365.25 / self.days))
+        interval = np.clip((since * intervals / law.years).astype(int), 0, intervals - 1)
+        columns = interval[:, None] * len(harmonics) + np.arange(len(harmonics))
+        rows = len(harmonics) * np.arange(len(since) + 1)
+        shape = (len(since), intervals * len(harmonics))
+        return csr_matrix((np.stack(harmonics, 1).ravel(), columns.ravel(), rows), shape)
+
+
+def views_at(law: Any, r: FloatArray, since: FloatArray) -> IntArray:
+    """+1 where directions (3, k) are nearer to the preceding field of view, −1 where to the following one."""
+    _, preceding, following = law.attitude(since)
+    return np.where(np.sum(r * preceding, 0) > np.sum(r * following, 0), 1, -1)
+
+
+class AngleBlock:
+    """The basic angle among the unknowns of a joint solution, eliminated after the attitude.
+
+    With H half the angle's columns, signed by the field of view, W the weights along the scan, A the attitude's
+    matrix and B that of attitude and angle, the coefficients are T⁻¹ Hᵀ W r for observations r that are free of
+    attitude, T = Hᵀ W H + 1/known² − Bᵀ A⁻¹ B. The response of the attitude to an interval dies out within it: T
+    connects neighbours only, and every third interval is solved for together.
+    """
+
+    def __init__(self, equations: Any, calibration: Calibration) -> None:
+        scans = equations.scans
+        if scans.law is None:
+            raise ParameterError("a calibration of the basic angle needs the scanning law: make the scans anew")
+        if calibration.days * 86400 < _KNOTS * scans.spacing * 365.25 * 86400:
+            raise ParameterError(
+                f"a basic angle that is free every {calibration.days:g} days needs knots of the attitude at most "
+                f"{calibration.days * 86400 / _KNOTS:.0f} s apart, not {scans.spacing * 365.25 * 86400:.0f} s"
+            )
+        self.equations, self.calibration = equations, calibration
+        self._weights = scans.weights[0, scans.source] * equations.solved[scans.source]
+        directions = triad(scans.lon, scans.lat)[2]
+        chunks = []
+        for block in scans.blocks():
+            since = scans.time(block)
+            sign = views_at(scans.law, directions[:, scans.source[block]], since) / 2
+            chunks.append(calibration.columns(scans.law, since).multiply(sign[:, None]).tocsr())
+        self._columns = vstack(chunks, format="csr")
+        self._factor = cho_factor(self._schur(), check_finite=False)
+
+    def coefficients(self, along: FloatArray) -> FloatArray:
+        """Fit the coefficients to observations `along` the scan that are free of attitude."""
+        return cho_solve(self._factor, self._seen(along), check_finite=False)
+
+    def along(self, coefficients: FloatArray) -> FloatArray:
+        """Compute the displacements along the scan by `coefficients`, (k,)."""
+        return np.asarray(self._columns @ coefficients)
+
+    def effect(self, coefficients: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Compute what `coefficients` change: along the scan (k,), at the sources (n, 5), in the attitude."""
+        along = self.along(coefficients)
+        of_sources, of_attitude = self.equations.passes.adjoint(along, np.zeros_like(along))
+        attitude = self.equations.attitude_of(of_attitude)
+        return along, of_sources - self.equations.passes.to_sources(attitude[..., None])[..., 0], attitude
+
+    def taken(self, x: FloatArray, attitude: FloatArray) -> FloatArray:
+        """Compute the part that the angle absorbs of parameters `x` (n, 5, K) less their `attitude`."""
+        taken = np.empty_like(x)
+        for k in range(x.shape[-1]):
+            column, response = np.ascontiguousarray(x[..., k]), np.ascontiguousarray(attitude[..., k])
+            along, _ = self.equations.passes.predict(column, -response)
+            taken[..., k] = self.effect(self.coefficients(along))[1]
+        return taken
+
+    def _seen(self, along):
+        return self._columns.T @ (self._weights * along)
+
+    def _schur(self):
+        """T, (coefficients, coefficients)."""
+        per_interval, size = 2 * self.calibration.order + 1, self._columns.shape[1]
+        matrix = (self._columns.T @ self._columns.multiply(self._weights[:, None])).toarray()
+        sources = np.zeros((self.equations.scans.n_sources, 5))
+        interval = np.arange(size) // per_interval
+        for colour in range(3):
+            for harmonic in range(per_interval):
+                picked = np.flatnonzero((interval % 3 == colour) & (np.arange(size) % per_interval == harmonic))
+                coefficients = np.zeros(size)
+                coefficients[picked] = 1
+                attitude = self.effect(coefficients)[2]
+                response = self._seen(self.equations.passes.predict(sources, attitude)[0])
+                for column in picked:
+                    near = np.abs(interval - interval[column]) <= 1
+                    matrix[near, column] -= response[near]
+        matrix = (matrix + matrix.T) / 2
+        matrix[np.diag_indices(size)] += np.where(np.diag(matrix) > 0, 0.0, 1.0) + 1 / self.calibration.known**2
+        try:
+            np.linalg.cholesky(matrix)
+        except LinAlgError:
+            raise DegeneracyError(
+                f"a basic angle that is {self.calibration} is not determined: lower its order, or take longer intervals"
+            ) from None
+        return matrix
