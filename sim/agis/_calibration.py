@@ -95,6 +95,7 @@ class Calibration(Frozen):
         Returns
         -------
         Calibration or None
+            None for "none", where the basic angle is known.
 
         Raises
         ------
