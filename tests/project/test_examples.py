@@ -189,6 +189,14 @@ def test_joint_solution(tmp_path):
 
 
 @pytest.mark.slow
+def test_calibrated_basic_angle(tmp_path):
+    text = run("calibrated_basic_angle.py", folder=tmp_path)
+    median = [float(each) for each in re.findall(r"(\S+) \(median\)", text)]
+    assert median == pytest.approx([0.82, 0.82, 0.77, 0.64, 0.64, 0.18], abs=0.03)
+    assert (tmp_path / "calibrated_basic_angle.png").stat().st_size > 10_000
+
+
+@pytest.mark.slow
 def test_vlbi_backgrounds(tmp_path):
     text = run("vlbi_backgrounds.py", ROOT / "fit" / "demo.fits", folder=tmp_path)
     assert "systematic floor included (acceleration ±" in text
