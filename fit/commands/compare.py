@@ -26,78 +26,54 @@ def make_parser() -> argparse.ArgumentParser:
             "vsh-compare one.fits two.fits --lmax 1 --parameters spin --method student",
         ),
     )
-    parser.add_argument("catalogue", help=f"ICRF2 or ICRF3 as the IERS distributes them, or {parsing.A_TABLE}")
-    parser.add_argument("catalogue2", help="the catalogue that is subtracted from the first")
-    parser.add_argument(
+    add = parsing.adder(parser)
+    add("catalogue", f"ICRF2 or ICRF3 as the IERS distributes them, or {parsing.A_TABLE}")
+    add("catalogue2", "the catalogue that is subtracted from the first")
+    add(
         "others",
-        nargs="*",
+        "further catalogues: each is subtracted from the first, and all are combined in one solution",
         default=[],
+        nargs="*",
         metavar="catalogue3",
-        help=("further catalogues: each is subtracted from the first, and all are combined in one solution"),
     )
-    parser.add_argument("--lmax", type=parsing.count(1), default=2, help="highest degree of the fit (default: 2)")
-    parser.add_argument(
+    add("--lmax", "highest degree of the fit", parsing.count(1), 2)
+    add(
         "--what",
-        choices=["positions", "motions"],
-        help="what is compared (default: motions where both have some, positions otherwise)",
+        "what is compared (default: motions where both have some, positions otherwise)",
+        ("positions", "motions"),
     )
-    parser.add_argument(
-        "--by", choices=["name", "position"], default="name", help="how sources are matched (default: name)"
+    add("--by", "how sources are matched", ("name", "position"), "name")
+    add("--radius ARCSEC", "largest separation of a match by position, arcsec (default: 1)", parsing.positive)
+    add(
+        "--threshold X",
+        "sources whose difference exceeds X standard errors are excluded from the fit and listed",
+        parsing.positive,
+        5.0,
     )
-    parser.add_argument(
-        "--radius",
-        type=parsing.positive,
-        metavar="ARCSEC",
-        help="largest separation of a match by position, arcsec (default: 1)",
-    )
-    parser.add_argument(
-        "--threshold",
-        type=parsing.positive,
-        default=5.0,
-        metavar="X",
-        help=("sources whose difference exceeds X standard errors are excluded from the fit and listed (default: 5)"),
-    )
-    parser.add_argument(
-        "--position-error",
-        type=parsing.positive,
-        metavar="UAS",
-        help="error of all positions, µas (for catalogues without errors)",
-    )
-    parser.add_argument(
+    add("--position-error UAS", "error of all positions, µas (for catalogues without errors)", parsing.positive)
+    add(
         "--parameters",
-        choices=["degree", "orientation", "spin", "glide"],
-        default="degree",
-        help="also fit the rotation (orientation of positions, spin of motions) or the glide alone (default: degree)",
+        "also fit the rotation (orientation of positions, spin of motions) or the glide alone",
+        ("degree", "orientation", "spin", "glide"),
+        "degree",
     )
-    parser.add_argument(
-        "--method",
-        type=parsing.method,
-        default="least-squares",
-        metavar="NAME[=VALUE]",
-        help=(
-            "estimator: least-squares (default; errors are rescaled in classes of sources with "
-            "similar formal errors), student, excess-noise, bootstrap=N or jackknife"
-        ),
+    add(
+        "--method NAME[=VALUE]",
+        "estimator: least-squares (default; errors are rescaled in classes of sources with similar formal errors), "
+        "student, excess-noise, bootstrap=N or jackknife",
+        parsing.method,
+        "least-squares",
     )
-    floors = parser.add_mutually_exclusive_group()
-    floors.add_argument(
+    floors = parsing.adder(parser.add_mutually_exclusive_group())
+    floors(
         "--floor",
-        action="store_true",
-        help=(
-            "solve with the systematic floor, estimated from degrees 2 to 5 of the differences; the "
-            "default for 100000 sources or more. For fewer sources its size is added to the errors "
-            "of rotation and glide if it can be estimated"
-        ),
+        "solve with the systematic floor, estimated from degrees 2 to 5 of the differences; the default for 100000 "
+        "sources or more. For fewer sources its size is added to the errors of rotation and glide if it can be "
+        "estimated",
     )
-    floors.add_argument("--no-floor", action="store_true", help="leave systematic errors out of the errors")
-    parser.add_argument(
-        "--seed", type=int, default=1, help="seed of the random numbers of the systematic errors (default: 1)"
-    )
-    parser.add_argument(
-        "--where2",
-        metavar="CONDITION",
-        help="rows to use of the second and all further catalogues (default: as --where)",
-    )
+    floors("--no-floor", "leave systematic errors out of the errors")
+    add("--seed", "seed of the random numbers of the systematic errors", int, 1)
+    add("--where2 CONDITION", "rows to use of the second and all further catalogues (default: as --where)")
     parsing.add_threads(parser)
     reading.add_reading(parser)
     parsing.add_common(parser)

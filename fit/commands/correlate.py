@@ -30,50 +30,37 @@ def make_parser() -> argparse.ArgumentParser:
             "vsh-correlate catalogue.fits --influence omega_y,a_x --leakage 6 --output influence",
         ),
     )
-    parser.add_argument("catalogue", help=parsing.A_TABLE)
-    parser.add_argument(
-        "catalogue2",
-        nargs="?",
-        help=("second catalogue; its correlations are shown in the other triangle of the matrix"),
-    )
-    parser.add_argument("--lmax", type=parsing.count(1), default=1, help="highest degree of the fit (default: 1)")
-    parser.add_argument(
+    add = parsing.adder(parser)
+    add("catalogue", parsing.A_TABLE)
+    add("catalogue2", "second catalogue; its correlations are shown in the other triangle of the matrix", nargs="?")
+    add("--lmax", "highest degree of the fit", parsing.count(1), 1)
+    add(
         "--parameters",
-        choices=[parsing.FRAME, "modes"],
-        default=parsing.FRAME,
-        help="spin and acceleration (with --lmax 1), or all coefficients",
+        "spin and acceleration (with --lmax 1), or all coefficients",
+        (parsing.FRAME, "modes"),
+        parsing.FRAME,
     )
-    parser.add_argument(
-        "--influence",
-        type=_pair,
+    add(
+        "--influence NAME,NAME",
+        "map what drives the correlation of two parameters, or the variance of one: omega_y,a_x; may be repeated",
+        _pair,
         action="append",
-        metavar="NAME,NAME",
-        help="map what drives the correlation of two parameters, or the variance of one: omega_y,a_x; may be repeated",
     )
-    parser.add_argument(
-        "--nside", type=parsing.nside, default=16, help="HEALPix nside of the maps of --influence (default: 16)"
+    add("--nside", "HEALPix nside of the maps of --influence", parsing.nside, 16)
+    add(
+        "--add-sources N",
+        "with --influence: find where N additional sources would change the correlation most",
+        parsing.count(1),
+        1000,
     )
-    parser.add_argument(
-        "--add-sources",
-        type=parsing.count(1),
-        default=1000,
-        metavar="N",
-        help=("with --influence: find where N additional sources would change the correlation most (default: 1000)"),
+    add("--leakage L", "compute the bias of the fit that is caused by unfitted degrees up to L", parsing.count(2))
+    add(
+        "--power-per-degree P",
+        "with --leakage: power in each degree and kind (T, S) that is not fitted, (µas/yr)²",
+        parsing.not_negative,
+        1.0,
     )
-    parser.add_argument(
-        "--leakage",
-        type=parsing.count(2),
-        metavar="L",
-        help="compute the bias of the fit that is caused by unfitted degrees up to L",
-    )
-    parser.add_argument(
-        "--power-per-degree",
-        type=parsing.not_negative,
-        default=1.0,
-        metavar="P",
-        help=("with --leakage: power in each degree and kind (T, S) that is not fitted, (µas/yr)² (default: 1)"),
-    )
-    parser.add_argument("--sigma", type=parsing.positive, help="one error for all sources, µas/yr")
+    add("--sigma", "one error for all sources, µas/yr", parsing.positive)
     parsing.add_threads(parser)
     reading.add_workers(parser)
     reading.add_reading(parser)

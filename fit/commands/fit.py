@@ -27,63 +27,37 @@ def make_parser() -> argparse.ArgumentParser:
             "vsh-fit catalogue.fits --classes magnitude:18,19",
         ),
     )
-    parser.add_argument("catalogue", nargs="?", help=parsing.A_TABLE)
-    parser.add_argument("--demo", action="store_true", help="run on a simulated catalogue that comes with the package")
-    parser.add_argument("--lmax", type=parsing.count(1), help="highest degree (default: 5; if --method is given: 3)")
-    parser.add_argument(
-        "--method",
-        type=parsing.method,
-        default="recommended",
-        metavar="NAME[=VALUE]",
-        help=(
-            "estimator (default: recommended, i.e. Student's t with the systematic floor included in "
-            "the errors; the maximum degree is reduced if there are too few sources): least-squares, "
-            "clip=KAPPA, student, permissive, excess-noise[=scale], bootstrap=N or jackknife[=NSIDE]"
-        ),
+    add = parsing.adder(parser)
+    add("catalogue", parsing.A_TABLE, nargs="?")
+    add("--demo", "run on a simulated catalogue that comes with the package")
+    add("--lmax", "highest degree (default: 5; if --method is given: 3)", parsing.count(1))
+    add(
+        "--method NAME[=VALUE]",
+        "estimator (default: recommended, i.e. Student's t with the systematic floor included in the errors; the "
+        "maximum degree is reduced if there are too few sources): least-squares, clip=KAPPA, student, permissive, "
+        "excess-noise[=scale], bootstrap=N or jackknife[=NSIDE]",
+        parsing.method,
+        "recommended",
     )
     _add_backgrounds(parser)
-    parser.add_argument(
-        "--classes",
-        metavar="COLUMN:EDGE,…",
-        help=(
-            "compare classes of sources, systematic errors included (--lmax 5 is best): by a column, magnitude:18,20, "
-            "by conditions between semicolons, or halves:galactic"
-        ),
+    add(
+        "--classes COLUMN:EDGE,…",
+        "compare classes of sources, systematic errors included (--lmax 5 is best): by a column, magnitude:18,20, by "
+        "conditions between semicolons, or halves:galactic",
     )
-    parser.add_argument(
-        "--templates",
-        type=parsing.names,
-        metavar="MAP,…",
-        help=(
-            "fit the amplitude of systematic errors of a known pattern, truncated at degree --lmax: a HEALPix map "
-            "(FITS), a solution (ECSV), a column of the catalogue, or density, the number density of the sources"
-        ),
+    add(
+        "--templates MAP,…",
+        "fit the amplitude of systematic errors of a known pattern, truncated at degree --lmax: a HEALPix map (FITS), "
+        "a solution (ECSV), a column of the catalogue, or density, the number density of the sources",
+        parsing.names,
     )
-    parser.add_argument(
-        "--seed",
-        type=int,
-        default=1,
-        help=("seed of the random numbers of the bootstrap and of the comparison of classes (default: 1)"),
-    )
-    parser.add_argument(
-        "--sigma",
-        type=parsing.positive,
-        metavar="S",
-        help="use this error for all motions, µas/yr (for tables without)",
-    )
+    add("--seed", "seed of the random numbers of the bootstrap and of the comparison of classes", int, 1)
+    add("--sigma S", "use this error for all motions, µas/yr (for tables without)", parsing.positive)
     parsing.add_threads(parser)
     reading.add_workers(parser)
     reading.add_reading(parser)
-    parser.add_argument(
-        "--samp",
-        action="store_true",
-        help="send the sources with their residuals to the programs on the SAMP hub (TOPCAT, Aladin)",
-    )
-    parser.add_argument(
-        "--beside",
-        action="store_true",
-        help=("in the page of --html, also show the result of ordinary least squares on all sources"),
-    )
+    add("--samp", "send the sources with their residuals to the programs on the SAMP hub (TOPCAT, Aladin)")
+    add("--beside", "in the page of --html, also show the result of ordinary least squares on all sources")
     parsing.add_common(parser)
     return parser
 
@@ -107,31 +81,22 @@ def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
 
 
 def _add_backgrounds(parser):
-    group = parser.add_argument_group("systematic errors")
-    group.add_argument(
+    group = parsing.adder(parser.add_argument_group("systematic errors"))
+    group(
         "--floor",
-        action="store_true",
-        help=(
-            "with another --method than recommended: include the systematic floor in the errors. It is estimated from "
-            "degrees 2 to --lmax (at least 3), and the coefficients of those degrees get a prior of that power"
-        ),
+        "with another --method than recommended: include the systematic floor in the errors. It is estimated from "
+        "degrees 2 to --lmax (at least 3), and the coefficients of those degrees get a prior of that power",
     )
-    group.add_argument(
+    group(
         "--waves",
-        action="store_true",
-        help=(
-            "upper limits on the energy density of gravitational waves from the power of degree 2, for three choices "
-            "of the prior"
-        ),
+        "upper limits on the energy density of gravitational waves from the power of degree 2, for three choices of "
+        "the prior",
     )
-    group.add_argument(
-        "--years",
-        type=parsing.positive,
-        metavar="T",
-        help=(
-            "with --waves: length of the observations in years, from which the frequency band and "
-            "the strain are calculated"
-        ),
+    group(
+        "--years T",
+        "with --waves: length of the observations in years, from which the frequency band and the strain are "
+        "calculated",
+        parsing.positive,
     )
 
 

@@ -23,74 +23,60 @@ def make_parser() -> argparse.ArgumentParser:
             "vsh-link gaia.csv vlbi.csv --no-offset --html link.html",
         ),
     )
-    parser.add_argument(
+    add = parsing.adder(parser)
+    add(
         "catalogues",
+        "table with source names, epochs and any of ra, dec, parallax, pmra, pmdec with their errors; one table per "
+        "catalogue, or one with a column 'catalogue' or with suffixes of columns (_VLBI)",
         nargs="+",
         metavar="TABLE",
-        help="table with source names, epochs and any of ra, dec, parallax, pmra, pmdec with their errors; one table "
-        "per catalogue, or one with a column 'catalogue' or with suffixes of columns (_VLBI)",
     )
-    add = parser.add_argument_group("frame model").add_argument
-    add("--reference", metavar="NAME", help="catalogue that defines the frame (default: that called vlbi… or icrf…)")
+    add = parsing.adder(parser.add_argument_group("frame model"))
+    add("--reference NAME", "catalogue that defines the frame (default: that called vlbi… or icrf…)")
     add(
-        "--unknowns",
-        type=parsing.names,
-        default=["orientation", "spin"],
-        metavar="NAMES",
-        help=(
-            "unknowns to fit, any of orientation, spin, acceleration, parallax (zero point and scale of the "
-            "parallaxes) (default: orientation,spin)"
-        ),
+        "--unknowns NAMES",
+        "unknowns to fit, any of orientation, spin, acceleration, parallax (zero point and scale of the parallaxes) "
+        "(default: orientation,spin)",
+        parsing.names,
+        ["orientation", "spin"],
     )
-    add("--epoch", type=float, default=2016.0, help="epoch of the orientation (default: 2016)")
-    add("--steps", type=parsing.numbers, default=(), metavar="G,…", help="magnitudes at which the frame may jump")
+    add("--epoch", "epoch of the orientation", float, 2016.0)
+    add("--steps G,…", "magnitudes at which the frame may jump", parsing.numbers, ())
     add(
-        "--seek-step",
-        type=parsing.numbers,
+        "--seek-step G,…",
+        "search for the magnitude of a jump, among these (default: 12 within the magnitudes of the sources)",
+        parsing.numbers,
         nargs="?",
         const=(),
-        metavar="G,…",
-        help="search for the magnitude of a jump, among these (default: 12 within the magnitudes of the sources)",
     )
-    add("--order", type=parsing.count(0, 6), default=0, help="degree of the polynomial in (G − 13) (default: 0)")
+    add("--order", "degree of the polynomial in (G − 13)", parsing.count(0, 6), 0)
+    add("--colour-order", "degree of the polynomial in (colour − 1)", parsing.count(0, 6), 0)
     add(
-        "--colour-order",
-        type=parsing.count(0, 6),
-        default=0,
-        help="degree of the polynomial in (colour − 1) (default: 0)",
+        "--priors FILE",
+        "table of known spins or orientations (x, y, z, x_error …, vector, magnitude), or the folder that vsh-fit "
+        "--output wrote, for the spin of quasars",
     )
+    add("--prior-magnitude G", "magnitude of priors that have none (default: the brightest)", float)
+    add = parsing.adder(parser.add_argument_group("error model"))
+    add("--no-robust", "assume normal errors instead of heavy tails and outliers")
+    add("--scale X", "multiply all errors by X instead of estimating the factor", parsing.positive)
+    add("--no-offset", "fit no offsets between positions of the reference and the others")
+    add = parsing.adder(parser.add_argument_group("catalogues"))
+    add("--epochs NAME=EPOCH", "epochs of tables without a column (icrf3sx=2015)", parsing.pairs)
+    add("--quasars NAME,…", "tables that contain quasars only", parsing.names, ())
     add(
-        "--priors",
-        metavar="FILE",
-        help=(
-            "table of known spins or orientations (x, y, z, x_error …, vector, magnitude), or the folder that vsh-fit "
-            "--output wrote, for the spin of quasars"
-        ),
+        "--fixed NAME=EPOCH",
+        "catalogues whose calibrators have fixed positions, with the epoch of these",
+        parsing.pairs,
     )
-    add(
-        "--prior-magnitude", type=float, metavar="G", help="magnitude of priors that have none (default: the brightest)"
-    )
-    add = parser.add_argument_group("error model").add_argument
-    add("--no-robust", action="store_true", help="assume normal errors instead of heavy tails and outliers")
-    add("--scale", type=parsing.positive, metavar="X", help="multiply all errors by X instead of estimating the factor")
-    add("--no-offset", action="store_true", help="fit no offsets between positions of the reference and the others")
-    add = parser.add_argument_group("catalogues").add_argument
-    add("--epochs", type=parsing.pairs, metavar="NAME=EPOCH", help="epochs of tables without a column (icrf3sx=2015)")
-    add("--quasars", type=parsing.names, default=(), metavar="NAME,…", help="tables that contain quasars only")
-    add(
-        "--fixed",
-        type=parsing.pairs,
-        metavar="NAME=EPOCH",
-        help="catalogues whose calibrators have fixed positions, with the epoch of these",
-    )
-    add = parser.add_argument_group("effects to leave out, for tests").add_argument
-    add("--no-aberration", action="store_true", help="leave out the acceleration of the Solar System")
-    add("--no-parallax", action="store_true", help="leave out the parallax in positions of single epochs")
-    add("--no-light-time", action="store_true", help="leave out the light travel time")
-    add = parser.add_argument_group("planning and output").add_argument
-    add("--candidates", metavar="FILE", help="planned astrometry, to be ranked by the information that it would add")
+    add = parsing.adder(parser.add_argument_group("effects to leave out, for tests"))
+    add("--no-aberration", "leave out the acceleration of the Solar System")
+    add("--no-parallax", "leave out the parallax in positions of single epochs")
+    add("--no-light-time", "leave out the light travel time")
+    add = parsing.adder(parser.add_argument_group("planning and output"))
+    add("--candidates FILE", "planned astrometry, to be ranked by the information that it would add")
     parsing.add_threads(parser)
-    add("--output", metavar="DIR", help="write report, tables and figures to this folder")
+    add("--output DIR", "write report, tables and figures to this folder")
     reading.add_figures(parser)
     parsing.add_overwrite(parser)
     parsing.add_common(parser)

@@ -24,33 +24,23 @@ def make_parser() -> argparse.ArgumentParser:
             "vsh-pairs catalogue.fits --up-to 60 --bins 6 --html pairs.html",
         ),
     )
-    parser.add_argument("catalogue", help=parsing.A_TABLE)
-    parser.add_argument(
-        "--bins", type=parsing.count(1, 2000), default=14, help="number of bins in angular separation (default: 14)"
+    add = parsing.adder(parser)
+    add("catalogue", parsing.A_TABLE)
+    add("--bins", "number of bins in angular separation", parsing.count(1, 2000), 14)
+    add("--up-to DEG", "the largest angle, degrees", _angle, 180.0)
+    add("--lmax", "highest degree of the harmonic sums (default: high enough to resolve the bins)", parsing.count(1))
+    add(
+        "--templates NAME,…",
+        f"what is fitted: some of {', '.join(parsing.TEMPLATES)}, or none (default: all)",
+        _templates,
+        parsing.TEMPLATES,
     )
-    parser.add_argument(
-        "--up-to", type=_angle, default=180.0, metavar="DEG", help="the largest angle, degrees (default: 180)"
-    )
-    parser.add_argument(
-        "--lmax",
-        type=parsing.count(1),
-        help=("highest degree of the harmonic sums (default: high enough to resolve the bins)"),
-    )
-    parser.add_argument(
-        "--templates",
-        type=_templates,
-        default=parsing.TEMPLATES,
-        metavar="NAME,…",
-        help=f"what is fitted: some of {', '.join(parsing.TEMPLATES)}, or none (default: all)",
-    )
-    parser.add_argument(
-        "--powers", type=parsing.count(1), metavar="L", help="also estimate the power of degrees 1 to L from pairs"
-    )
-    parser.add_argument(
+    add("--powers L", "also estimate the power of degrees 1 to L from pairs", parsing.count(1))
+    add(
         "--nside",
-        type=parsing.nside,
-        default=2,
-        help=("HEALPix nside of the blocks of the sky from whose scatter the errors are estimated (default: 2)"),
+        "HEALPix nside of the blocks of the sky from whose scatter the errors are estimated",
+        parsing.nside,
+        2,
     )
     parsing.add_threads(parser)
     reading.add_workers(parser)

@@ -36,192 +36,120 @@ def make_parser() -> argparse.ArgumentParser:
             "vsh-redshift galaxies.fits --posterior --velocity planck --n-samples 20000",
         ),
     )
-    parser.add_argument("catalogue", help=parsing.A_TABLE)
-    parser.add_argument(
-        "--h0", type=parsing.positive, metavar="H0", help="fit our velocity for this Hubble constant, km/s/Mpc"
+    add = parsing.adder(parser)
+    add("catalogue", parsing.A_TABLE)
+    add("--h0 H0", "fit our velocity for this Hubble constant, km/s/Mpc", parsing.positive)
+    add(
+        "--velocity planck|SPEED,L,B",
+        "fit H0 for this velocity: planck, or the speed in km/s and the Galactic longitude and latitude of the apex in "
+        "degrees",
+        parsing.velocity,
     )
-    parser.add_argument(
-        "--velocity",
-        type=parsing.velocity,
-        metavar="planck|SPEED,L,B",
-        help=(
-            "fit H0 for this velocity: planck, or the speed in km/s and the Galactic longitude and latitude of the "
-            "apex in degrees"
-        ),
-    )
-    parser.add_argument(
-        "--bins",
-        type=_edges,
-        metavar="N|Z,Z,…",
-        help=("fit spin and acceleration in bins of redshift: the number of bins, or their edges"),
-    )
-    parser.add_argument("--lmax", type=parsing.count(1), default=1, help="highest degree in the bins (default: 1)")
-    floors = parser.add_mutually_exclusive_group()
-    floors.add_argument(
+    add("--bins N|Z,Z,…", "fit spin and acceleration in bins of redshift: the number of bins, or their edges", _edges)
+    add("--lmax", "highest degree in the bins", parsing.count(1), 1)
+    floors = parsing.adder(parser.add_mutually_exclusive_group())
+    floors(
         "--floor",
-        action="store_true",
-        help=(
-            "with --bins: include systematic errors, estimated from the power of degrees 2 to --lmax (to degree 5 if "
-            "--lmax is 1; not with --lmax 2), and test whether the dipole changes with redshift; the default for "
-            "100000 sources or more"
-        ),
+        "with --bins: include systematic errors, estimated from the power of degrees 2 to --lmax (to degree 5 if "
+        "--lmax is 1; not with --lmax 2), and test whether the dipole changes with redshift; the default for 100000 "
+        "sources or more",
     )
-    floors.add_argument(
-        "--no-floor", action="store_true", help="do not include systematic errors; the report only states their size"
+    floors("--no-floor", "do not include systematic errors; the report only states their size")
+    add("--shared-higher-degrees", "fit one common set of coefficients above degree 1 for all bins")
+    add(
+        "--peculiar-dispersion SIGMA|free",
+        "dispersion of peculiar velocities in each component, km/s (default: 150 with flows, 750 with --no-flows); "
+        "free: estimated from the residuals",
+        _dispersion,
     )
-    parser.add_argument(
-        "--shared-higher-degrees",
-        action="store_true",
-        help="fit one common set of coefficients above degree 1 for all bins",
+    add("--omega-m X", "matter density of a flat cosmology (default: 0.315)", _fraction)
+    add(
+        "--clip KAPPA",
+        "first exclude sources whose residuals from a degree-1 fit exceed KAPPA times the median residual",
+        parsing.positive,
     )
-    parser.add_argument(
-        "--peculiar-dispersion",
-        type=_dispersion,
-        metavar="SIGMA|free",
-        help=(
-            "dispersion of peculiar velocities in each component, km/s (default: 150 with flows, 750 with --no-flows); "
-            "free: estimated from the residuals"
-        ),
+    add(
+        "--estimator NAME[=VALUE]",
+        "estimator for the bins; choose another than the default only if the bins contain no nearby galaxies: "
+        "least-squares (default), recommended, clip=KAPPA, student, permissive or excess-noise",
+        parsing.method,
     )
-    parser.add_argument(
-        "--omega-m", type=_fraction, metavar="X", help="matter density of a flat cosmology (default: 0.315)"
+    add("--free-spin", "also fit the spin of the frame")
+    add(
+        "--acceleration X,Y,Z,ERROR",
+        "acceleration known from quasars: ICRS components and the error of each, µas/yr (default: fitted)",
+        _known_vector,
     )
-    parser.add_argument(
-        "--clip",
-        type=parsing.positive,
-        metavar="KAPPA",
-        help="first exclude sources whose residuals from a degree-1 fit exceed KAPPA times the median residual",
-    )
-    parser.add_argument(
-        "--estimator",
-        type=parsing.method,
-        metavar="NAME[=VALUE]",
-        help=(
-            "estimator for the bins; choose another than the default only if the bins contain no nearby galaxies: "
-            "least-squares (default), recommended, clip=KAPPA, student, permissive or excess-noise"
-        ),
-    )
-    parser.add_argument("--free-spin", action="store_true", help="also fit the spin of the frame")
-    parser.add_argument(
-        "--acceleration",
-        type=_known_vector,
-        metavar="X,Y,Z,ERROR",
-        help="acceleration known from quasars: ICRS components and the error of each, µas/yr (default: fitted)",
-    )
-    distances = parser.add_argument_group("redshifts, and coherent flows")
-    distances.add_argument(
+    distances = parsing.adder(parser.add_argument_group("redshifts, and coherent flows"))
+    distances(
         "--redshift-frame",
-        choices=parsing.REDSHIFT_FRAMES,
-        help="frame of the redshifts, if the table does not specify it; true: redshifts due to the expansion alone",
+        "frame of the redshifts, if the table does not specify it; true: redshifts due to the expansion alone",
+        parsing.REDSHIFT_FRAMES,
     )
-    distances.add_argument(
+    distances(
         "--no-magnitudes",
-        action="store_true",
-        help=(
-            "derive distances from the redshifts alone, without magnitudes (for magnitudes "
-            "that are not Gaia's G, such as K)"
-        ),
+        "derive distances from the redshifts alone, without magnitudes (for magnitudes that are not Gaia's G, such as "
+        "K)",
     )
-    distances.add_argument(
-        "--no-flows",
-        action="store_true",
-        help=("do not fit coherent flows; for the real Universe the errors are then several times too small"),
+    distances(
+        "--no-flows", "do not fit coherent flows; for the real Universe the errors are then several times too small"
     )
-    distances.add_argument(
-        "--flows", action="store_true", help=("also fit the coherent flow expected from linear theory (the default)")
-    )
-    distances.add_argument(
-        "--n-modes", type=parsing.count(3), default=250, metavar="N", help="number of modes of the flow (default: 250)"
-    )
-    distances.add_argument(
+    distances("--flows", "also fit the coherent flow expected from linear theory (the default)")
+    distances("--n-modes N", "number of modes of the flow", parsing.count(3), 250)
+    distances(
         "--local-group",
-        action="store_true",
-        help="use the velocity of the real Local Group as a constraint on the flow at our position (affects H0 only)",
+        "use the velocity of the real Local Group as a constraint on the flow at our position (affects H0 only)",
     )
-    distances.add_argument(
-        "--flow-amplitude",
-        type=_amplitude,
-        metavar="MEAN,SIGMA",
-        help=(
-            "with --posterior: prior on the flow's amplitude, relative to linear theory, so that the flow constrains H0"
-        ),
+    distances(
+        "--flow-amplitude MEAN,SIGMA",
+        "with --posterior: prior on the flow's amplitude, relative to linear theory, so that the flow constrains H0",
+        _amplitude,
     )
-    distances.add_argument(
-        "--reconstruction",
-        metavar="FILE",
-        help=(
-            "reconstructed velocity field on a grid (.npz, or .npy in the format of 2M++); the fitted "
-            "flow then describes only the error of the reconstruction"
-        ),
+    distances(
+        "--reconstruction FILE",
+        "reconstructed velocity field on a grid (.npz, or .npy in the format of 2M++); the fitted flow then describes "
+        "only the error of the reconstruction",
     )
-    distances.add_argument(
-        "--reconstruction-error",
-        type=parsing.positive,
-        default=0.5,
-        metavar="X",
-        help=("error of the reconstruction, as a fraction of the rms flow of linear theory (default: 0.5)"),
+    distances(
+        "--reconstruction-error X",
+        "error of the reconstruction, as a fraction of the rms flow of linear theory",
+        parsing.positive,
+        0.5,
     )
-    measurements = parser.add_argument_group("measured distances (clusters, masers, stars)")
-    measurements.add_argument(
+    measurements = parsing.adder(parser.add_argument_group("measured distances (clusters, masers, stars)"))
+    measurements(
         "--distances",
-        action="store_true",
-        help=(
-            "fit our velocity relative to sources with measured distances or parallaxes, without "
-            "redshifts or H0; the result has Galactic axes unless --frame ecliptic is given"
-        ),
+        "fit our velocity relative to sources with measured distances or parallaxes, without redshifts or H0; the "
+        "result has Galactic axes unless --frame ecliptic is given",
     )
-    measurements.add_argument(
-        "--oort",
-        action="store_true",
-        help="with --distances: also fit rotation, shear and divergence (Oort's A, B, C, K)",
-    )
-    posterior = parser.add_argument_group("posterior of our velocity and H0")
-    posterior.add_argument(
+    measurements("--oort", "with --distances: also fit rotation, shear and divergence (Oort's A, B, C, K)")
+    posterior = parsing.adder(parser.add_argument_group("posterior of our velocity and H0"))
+    posterior(
         "--posterior",
-        action="store_true",
-        help=(
-            "sample the posterior of H0 and the velocity. Prior on the velocity: Planck's, or that given by "
-            "--velocity; prior on H0: flat, or given by --h0-error or --h0-range"
-        ),
+        "sample the posterior of H0 and the velocity. Prior on the velocity: Planck's, or that given by --velocity; "
+        "prior on H0: flat, or given by --h0-error or --h0-range",
     )
-    posterior.add_argument(
+    posterior(
         "--method",
-        choices=("emcee", "grid"),
-        help=(
-            "emcee: a Markov chain (default); grid: independent samples without a chain, possible "
-            "if at most one parameter is free besides the velocity and H0"
-        ),
+        "emcee: a Markov chain (default); grid: independent samples without a chain, possible if at most one parameter "
+        "is free besides the velocity and H0",
+        ("emcee", "grid"),
     )
-    posterior.add_argument(
-        "--n-samples", type=parsing.count(1), default=100_000, metavar="N", help="number of samples (default: 100000)"
+    posterior("--n-samples N", "number of samples", parsing.count(1), 100_000)
+    posterior("--checkpoint FILE", "save the chain in this file; an interrupted run resumes from it")
+    posterior(
+        "--h0-error SIGMA",
+        "Gaussian prior of this width about --h0; without it the prior on H0 is flat, and --h0 is used only in the fit "
+        "of the velocity",
+        parsing.positive,
     )
-    posterior.add_argument(
-        "--checkpoint", metavar="FILE", help="save the chain in this file; an interrupted run resumes from it"
+    posterior("--h0-range LOW,HIGH", "flat prior on H0 between these limits, km/s/Mpc", _range)
+    posterior(
+        "--peculiar-dispersion-max MAX",
+        "with --posterior: fit the peculiar dispersion, with a flat prior from 0 to MAX km/s",
+        parsing.positive,
     )
-    posterior.add_argument(
-        "--h0-error",
-        type=parsing.positive,
-        metavar="SIGMA",
-        help=(
-            "Gaussian prior of this width about --h0; without it the prior on H0 is flat, "
-            "and --h0 is used only in the fit of the velocity"
-        ),
-    )
-    posterior.add_argument(
-        "--h0-range", type=_range, metavar="LOW,HIGH", help="flat prior on H0 between these limits, km/s/Mpc"
-    )
-    posterior.add_argument(
-        "--peculiar-dispersion-max",
-        type=parsing.positive,
-        metavar="MAX",
-        help="with --posterior: fit the peculiar dispersion, with a flat prior from 0 to MAX km/s",
-    )
-    posterior.add_argument(
-        "--seed",
-        type=int,
-        default=1,
-        help="seed of the random numbers; the same seed gives the same chain (default: 1)",
-    )
+    posterior("--seed", "seed of the random numbers; the same seed gives the same chain", int, 1)
     parsing.add_threads(parser)
     reading.add_workers(parser)
     reading.add_reading(parser)

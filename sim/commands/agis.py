@@ -38,188 +38,110 @@ def make_parser() -> argparse.ArgumentParser:
             "vsh-agis --quasars 500000 --plan",
         ),
     )
-    add = parser.add_argument
+    add = parsing.adder(parser)
+    add("--quasars N", "number of quasars", parsing.count(1), _QUASARS)
     add(
-        "--quasars",
-        type=parsing.count(1),
-        default=_QUASARS,
-        metavar="N",
-        help=f"number of quasars (default: {_QUASARS})",
+        "--stars N",
+        "number of additional stars, with magnitudes drawn from star counts (default: none)",
+        parsing.count(0),
+        0,
     )
+    add("--star-error SIGMA", "error of a star's transit, µas (default: by magnitude)", parsing.positive)
+    add("--galaxies N", "number of galaxies (default: none)", parsing.count(0), 0)
     add(
-        "--stars",
-        type=parsing.count(0),
-        default=0,
-        metavar="N",
-        help="number of additional stars, with magnitudes drawn from star counts (default: none)",
+        "--vlbi N",
+        "number of quasars with radio positions; if given, the solution is rotated to their frame",
+        parsing.count(0),
+        0,
     )
+    add("--sky", "distribution of the quasars", parsing.SKIES, "uniform")
     add(
-        "--star-error",
-        type=parsing.positive,
-        metavar="SIGMA",
-        help="error of a star's transit, µas (default: by magnitude)",
-    )
-    add("--galaxies", type=parsing.count(0), default=0, metavar="N", help="number of galaxies (default: none)")
-    add(
-        "--vlbi",
-        type=parsing.count(0),
-        default=0,
-        metavar="N",
-        help=("number of quasars with radio positions; if given, the solution is rotated to their frame"),
-    )
-    add("--sky", choices=parsing.SKIES, default="uniform", help="distribution of the quasars (default: uniform)")
-    add(
-        "--knots",
-        type=parsing.positive,
-        default=30.0,
-        metavar="SECONDS",
-        help="interval of the knots of the attitude spline, seconds, before scaling (default: 30)",
+        "--knots SECONDS",
+        "interval of the knots of the attitude spline, seconds, before scaling",
+        parsing.positive,
+        30.0,
     )
     add(
         "--no-scaling",
+        "do not scale fields of view and knots to the number of sources; half a million sources need no scaling",
         dest="scale",
         action="store_false",
-        help=("do not scale fields of view and knots to the number of sources; half a million sources need no scaling"),
+    )
+    add("--start RANDOM,SYSTEMATIC", "initial errors of the sources, µas (default: 100000,10000)", _two, (1e5, 1e4))
+    add("--start-attitude SIGMA", "initial error of the attitude, µas", parsing.not_negative, 10.0)
+    add(
+        "--attitude solved|SIGMA",
+        "solve for the attitude (default), or treat it as known independently with this error, µas",
+        _attitude,
+        "solved",
     )
     add(
-        "--start",
-        type=_two,
-        default=(1e5, 1e4),
-        metavar="RANDOM,SYSTEMATIC",
-        help="initial errors of the sources, µas (default: 100000,10000)",
+        "--calibration WORDS",
+        "solve for the basic angle as well, as 'free every 5 days to order 1' (default: it is known)",
     )
     add(
-        "--start-attitude",
-        type=parsing.not_negative,
-        default=10.0,
-        metavar="SIGMA",
-        help="initial error of the attitude, µas (default: 10)",
+        "--smoothing SIGMA",
+        "prior standard deviation of the attitude's second differences, µas: a weak constraint across gaps in the "
+        "observations (default: 1e6)",
+        parsing.positive,
+        1e6,
     )
     add(
-        "--attitude",
-        type=_attitude,
-        default="solved",
-        metavar="solved|SIGMA",
-        help=("solve for the attitude (default), or treat it as known independently with this error, µas"),
-    )
-    add(
-        "--calibration",
-        metavar="WORDS",
-        help="solve for the basic angle as well, as 'free every 5 days to order 1' (default: it is known)",
-    )
-    add(
-        "--smoothing",
-        type=parsing.positive,
-        default=1e6,
-        metavar="SIGMA",
-        help=(
-            "prior standard deviation of the attitude's second differences, µas: a weak constraint "
-            "across gaps in the observations (default: 1e6)"
-        ),
-    )
-    add(
-        "--global",
+        "--global acceleration|DEGREE|velocity",
+        "global parameters of the proper motions in the same solution: an acceleration, harmonics up to a degree, or "
+        "the velocity of the Solar System",
+        _motions,
         dest="motions",
-        type=_motions,
-        metavar="acceleration|DEGREE|velocity",
-        help=(
-            "global parameters of the proper motions in the same solution: an acceleration, "
-            "harmonics up to a degree, or the velocity of the Solar System"
-        ),
     )
-    add(
-        "--scatter",
-        type=parsing.positive,
-        default=10.0,
-        metavar="SIGMA",
-        help="dispersion of the proper motions about --global, µas/yr (default: 10)",
-    )
-    add("--first", choices=["sources", "attitude"], default="sources", help="what is updated first (default: sources)")
+    add("--scatter SIGMA", "dispersion of the proper motions about --global, µas/yr", parsing.positive, 10.0)
+    add("--first", "what is updated first", ("sources", "attitude"), "sources")
     add(
         "--method",
-        choices=["conjugate", "simple"],
-        default="conjugate",
-        help="conjugate gradients (default), or the simple iteration, which converges slowly",
+        "conjugate gradients (default), or the simple iteration, which converges slowly",
+        ("conjugate", "simple"),
+        "conjugate",
+    )
+    add("--iterations N", "largest number of iterations", parsing.count(1), 500)
+    add(
+        "--stop ERRORS",
+        "stop when no coefficient of degrees 1 to 3 changes by more than this many formal errors in ten iterations",
+        parsing.positive,
+        0.05,
+    )
+    add("--exact", "also compute the exact errors of spin and acceleration, with six more solutions")
+    add("--across FACTOR", "ratio of the errors across the scan to those along it", parsing.positive, 5.0)
+    add("--ccds", "observations in a transit", int, 1, choices=[1, 9])
+    add("--variability SIGMA", "variability of the quasars' photocentres, µas", parsing.not_negative, 0.0)
+    add("--tau", "correlation time of --variability, yr", parsing.positive, 2.0)
+    add("--years", "length of the mission", parsing.positive, 5.0)
+    add("--dead-time FRACTION", "share of the time without observations", parsing.not_negative, 0.06)
+    add("--release", "Gaia release whose errors are used", ("DR3", "DR4", "DR5", "paper"), "DR4")
+    add(
+        "--spin X,Y,Z",
+        "true spin that is added to the motions of motions.fits, ICRS, µas/yr",
+        parsing.vector,
+        (0.0, 0.0, 0.0),
     )
     add(
-        "--iterations",
-        type=parsing.count(1),
-        default=500,
-        metavar="N",
-        help="largest number of iterations (default: 500)",
-    )
-    add(
-        "--stop",
-        type=parsing.positive,
-        default=0.05,
-        metavar="ERRORS",
-        help=(
-            "stop when no coefficient of degrees 1 to 3 changes by more than this many formal "
-            "errors in ten iterations (default: 0.05)"
-        ),
-    )
-    add(
-        "--exact",
-        action="store_true",
-        help=("also compute the exact errors of spin and acceleration, with six more solutions"),
-    )
-    add(
-        "--across",
-        type=parsing.positive,
-        default=5.0,
-        metavar="FACTOR",
-        help="ratio of the errors across the scan to those along it (default: 5)",
-    )
-    add("--ccds", type=int, choices=[1, 9], default=1, help="observations in a transit (default: 1)")
-    add(
-        "--variability",
-        type=parsing.not_negative,
-        default=0.0,
-        metavar="SIGMA",
-        help="variability of the quasars' photocentres, µas",
-    )
-    add("--tau", type=parsing.positive, default=2.0, help=("correlation time of --variability, yr (default: 2)"))
-    add("--years", type=parsing.positive, default=5.0, help="length of the mission (default: 5)")
-    add("--dead-time", type=parsing.not_negative, default=0.06, metavar="FRACTION", help="default: 0.06")
-    add(
-        "--release",
-        choices=["DR3", "DR4", "DR5", "paper"],
-        default="DR4",
-        help="Gaia release whose errors are used (default: DR4)",
-    )
-    add(
-        "--spin",
-        type=parsing.vector,
-        default=(0.0, 0.0, 0.0),
-        metavar="X,Y,Z",
-        help="true spin that is added to the motions of motions.fits, ICRS, µas/yr",
-    )
-    add(
-        "--acceleration",
-        type=parsing.vector,
-        default=(0.0, 0.0, 0.0),
-        metavar="X,Y,Z",
-        help="true acceleration that is added to the motions of motions.fits, ICRS, µas/yr",
+        "--acceleration X,Y,Z",
+        "true acceleration that is added to the motions of motions.fits, ICRS, µas/yr",
+        parsing.vector,
+        (0.0, 0.0, 0.0),
     )
     add(
         "--map",
-        action="store_true",
-        help=(
-            "keep transits, observations and the factored attitude matrix on disk during the run, "
-            "next to DIR; memory is then 1.1 kB per source and 0.7 GiB"
-        ),
+        "keep transits, observations and the factored attitude matrix on disk during the run, next to DIR; memory is "
+        "then 1.1 kB per source and 0.7 GiB",
     )
-    add("--plan", action="store_true", help="only print the memory and time that the run would take")
-    add("--seed", type=int, default=1, help="seed of the random numbers (default: 1)")
+    add("--plan", "only print the memory and time that the run would take")
+    add("--seed", "seed of the random numbers", int, 1)
     add(
-        "--workers",
-        "--threads",
+        "--workers --threads N",
+        "number of threads (default: one per core); does not affect the results",
+        parsing.count(1),
         dest="threads",
-        type=parsing.count(1),
-        metavar="N",
-        help="number of threads (default: one per core); does not affect the results",
     )
-    add("--output", metavar="DIR", help="a new folder for report, motions, sources and figures")
+    add("--output DIR", "a new folder for report, motions, sources and figures")
     reading.add_figures(parser)
     parsing.add_overwrite(parser)
     parsing.add_common(parser)

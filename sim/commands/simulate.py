@@ -46,195 +46,102 @@ def make_parser() -> argparse.ArgumentParser:
             "vsh-sim epochs --number 300 --wave 2,300,0,60,-20 --output epochs.fits",
         ),
     )
-    parser.add_argument(
+    add = parsing.adder(parser)
+    add(
         "kind",
-        choices=["quasars", "galaxies", "vlbi", "crf3", "crf4", "epochs", "link"],
-        help=(
-            "vlbi: offsets from radio positions, as motions; crf3: a whole Gaia-CRF3 in the archive's columns; crf4: "
-            "the same with the columns, epoch, errors and models of DR4; epochs: every transit of quasars in the "
-            "columns of DR4's epoch astrometry; link: radio stars in Gaia and VLBI, for vsh-link"
-        ),
+        "vlbi: offsets from radio positions, as motions; crf3: a whole Gaia-CRF3 in the archive's columns; crf4: the "
+        "same with the columns, epoch, errors and models of DR4; epochs: every transit of quasars in the columns of "
+        "DR4's epoch astrometry; link: radio stars in Gaia and VLBI, for vsh-link",
+        ("quasars", "galaxies", "vlbi", "crf3", "crf4", "epochs", "link"),
     )
-    parser.add_argument(
-        "--number",
-        type=parsing.count(1),
-        metavar="N",
-        help="number of sources (default: 10000; link: 40; crf3, crf4: 1215942, the sources with five parameters, to "
-        "which about a third more with six parameters are added)",
+    add(
+        "--number N",
+        "number of sources (default: 10000; link: 40; crf3, crf4: 1215942, the sources with five parameters, to which "
+        "about a third more with six parameters are added)",
+        parsing.count(1),
     )
-    parser.add_argument(
-        "--output", required=True, metavar="FILE", help="table to write: FITS, ECSV, CSV, VOTable or Parquet"
-    )
+    add("--output FILE", "table to write: FITS, ECSV, CSV, VOTable or Parquet", required=True)
     parsing.add_overwrite(parser)
-    parser.add_argument(
-        "--positions",
-        metavar="FILE",
-        help="quasars, galaxies: table with positions, redshifts and magnitudes to use instead of drawn ones "
-        "(magnitudes are drawn where it has none)",
+    add(
+        "--positions FILE",
+        "quasars, galaxies: table with positions, redshifts and magnitudes to use instead of drawn ones (magnitudes "
+        "are drawn where it has none)",
     )
-    parser.add_argument(
-        "--columns",
-        type=parsing.columns,
-        metavar="ROLE=NAME,…",
-        help="names of the columns of --positions: redshift=cz",
+    add("--columns ROLE=NAME,…", "names of the columns of --positions: redshift=cz", parsing.columns)
+    add("--units NAME=UNIT,…", "units of the columns of --positions: cz=km/s", parsing.pairs)
+    add("--sky", "distribution of the sources on the sky (default: uniform)", parsing.SKIES)
+    add("--selection MAP", "HEALPix map (FITS) of the density of the sources")
+    add("--map-frame", "frame of the map (default: that of its header, or icrs)", ("icrs", "galactic", "ecliptic"))
+    add("--spin X,Y,Z", "true spin, ICRS, µas/yr (default: none)", parsing.vector, (0.0, 0.0, 0.0))
+    add(
+        "--acceleration X,Y,Z",
+        "true acceleration, ICRS, µas/yr (default: 4.3 towards the Galactic centre)",
+        parsing.vector,
+        parsing.vector(ACCELERATION),
     )
-    parser.add_argument(
-        "--units", type=parsing.pairs, metavar="NAME=UNIT,…", help="units of the columns of --positions: cz=km/s"
+    add("--orientation X,Y,Z", "vlbi, link: true orientation, ICRS, µas", parsing.vector, (0.0, 0.0, 0.0))
+    add(
+        "--jump X,Y,Z",
+        "link: difference of the spin of sources fainter than G = 13, µas/yr",
+        parsing.vector,
+        (0.0, 0.0, 0.0),
     )
-    parser.add_argument(
-        "--sky", choices=parsing.SKIES, help="distribution of the sources on the sky (default: uniform)"
+    add("--binaries", "link: share of binaries", parsing.fraction, 0.1)
+    add("--single SHARE", "link: share of stars with single epochs of VLBI", parsing.fraction, 0.0)
+    add("--quasars N", "link: number of quasars in addition to the stars", parsing.count(0), 0)
+    add(
+        "--velocity planck|SPEED,L,B",
+        "galaxies: true velocity of the Solar System, km/s toward Galactic degrees (default: 0, so no secular parallax "
+        "is simulated)",
+        parsing.velocity,
     )
-    parser.add_argument("--selection", metavar="MAP", help="HEALPix map (FITS) of the density of the sources")
-    parser.add_argument(
-        "--map-frame",
-        choices=["icrs", "galactic", "ecliptic"],
-        help="frame of the map (default: that of its header, or icrs)",
+    add("--h0", "true Hubble constant, km/s/Mpc", parsing.positive, 67.3)
+    add(
+        "--peculiar-dispersion SIGMA",
+        "galaxies: dispersion of peculiar velocities in each component, km/s",
+        parsing.not_negative,
+        0.0,
     )
-    parser.add_argument(
-        "--spin",
-        type=parsing.vector,
-        default=(0.0, 0.0, 0.0),
-        metavar="X,Y,Z",
-        help="true spin, ICRS, µas/yr (default: none)",
-    )
-    parser.add_argument(
-        "--acceleration",
-        type=parsing.vector,
-        default=parsing.vector(ACCELERATION),
-        metavar="X,Y,Z",
-        help="true acceleration, ICRS, µas/yr (default: 4.3 towards the Galactic centre)",
-    )
-    parser.add_argument(
-        "--orientation",
-        type=parsing.vector,
-        default=(0.0, 0.0, 0.0),
-        metavar="X,Y,Z",
-        help="vlbi, link: true orientation, ICRS, µas",
-    )
-    parser.add_argument(
-        "--jump",
-        type=parsing.vector,
-        default=(0.0, 0.0, 0.0),
-        metavar="X,Y,Z",
-        help="link: difference of the spin of sources fainter than G = 13, µas/yr",
-    )
-    parser.add_argument("--binaries", type=parsing.fraction, default=0.1, help="link: share of binaries (default: 0.1)")
-    parser.add_argument(
-        "--single",
-        type=parsing.fraction,
-        default=0.0,
-        metavar="SHARE",
-        help="link: share of stars with single epochs of VLBI (default: 0)",
-    )
-    parser.add_argument(
-        "--quasars",
-        type=parsing.count(0),
-        default=0,
-        metavar="N",
-        help="link: number of quasars in addition to the stars",
-    )
-    parser.add_argument(
-        "--velocity",
-        type=parsing.velocity,
-        metavar="planck|SPEED,L,B",
-        help=(
-            "galaxies: true velocity of the Solar System, km/s toward Galactic degrees (default: 0, "
-            "so no secular parallax is simulated)"
-        ),
-    )
-    parser.add_argument(
-        "--h0", type=parsing.positive, default=67.3, help="true Hubble constant, km/s/Mpc (default: 67.3)"
-    )
-    parser.add_argument(
-        "--peculiar-dispersion",
-        type=parsing.not_negative,
-        default=0.0,
-        metavar="SIGMA",
-        help="galaxies: dispersion of peculiar velocities in each component, km/s (default: 0)",
-    )
-    parser.add_argument("--flow", choices=["linear"], help="galaxies: add the coherent flow of linear theory")
-    parser.add_argument(
+    add("--flow", "galaxies: add the coherent flow of linear theory", ("linear",))
+    add(
         "--redshifts",
-        choices=["true", "heliocentric", "cmb"],
-        default="true",
-        help="redshifts of the expansion alone, or observed ones with velocities (default: true)",
+        "redshifts of the expansion alone, or observed ones with velocities",
+        ("true", "heliocentric", "cmb"),
+        "true",
     )
-    parser.add_argument(
-        "--redshift-error",
-        type=_redshift_error,
-        default=0.0,
-        metavar="SIGMA",
-        help="error of the redshifts, or spectroscopic, photometric",
+    add("--redshift-error SIGMA", "error of the redshifts, or spectroscopic, photometric", _redshift_error, 0.0)
+    add("--variability SIGMA", "variability of photocentres, µas", parsing.not_negative, 0.0)
+    add("--tau", "correlation time of the variability, yr", parsing.positive, 2.0)
+    add(
+        "--attitude SIGMA|solved",
+        "noise of the attitude, µas (default: 10), or solved together with the sources (vsh-agis)",
+        _attitude,
+        10.0,
     )
-    parser.add_argument(
-        "--variability",
-        type=parsing.not_negative,
-        default=0.0,
-        metavar="SIGMA",
-        help="variability of photocentres, µas",
-    )
-    parser.add_argument(
-        "--tau", type=parsing.positive, default=2.0, help="correlation time of the variability, yr (default: 2)"
-    )
-    parser.add_argument(
-        "--attitude",
-        type=_attitude,
-        default=10.0,
-        metavar="SIGMA|solved",
-        help="noise of the attitude, µas (default: 10), or solved together with the sources (vsh-agis)",
-    )
-    parser.add_argument(
-        "--excess-noise",
-        type=parsing.not_negative,
-        default=0.0,
-        metavar="SIGMA",
-        help="noise added to every transit, µas",
-    )
-    parser.add_argument(
+    add("--excess-noise SIGMA", "noise added to every transit, µas", parsing.not_negative, 0.0)
+    add(
         "--years",
-        type=parsing.positive,
-        help=(
-            "length of the mission (default: that of the release, "
-            f"{', '.join(f'{name} {years:g}' for name, years in YEARS.items())})"
-        ),
+        "length of the mission (default: that of the release, "
+        f"{', '.join(f'{name} {years:g}' for name, years in YEARS.items())})",
+        parsing.positive,
     )
-    parser.add_argument(
-        "--redshift-range", type=_range, metavar="LOW,HIGH", help="galaxies: range of redshifts (default: 0.001,0.03)"
-    )
-    parser.add_argument(
-        "--dead-time",
-        type=parsing.not_negative,
-        default=0.06,
-        metavar="FRACTION",
-        help="fraction of the mission without observations (default: 0.06)",
-    )
-    parser.add_argument(
-        "--release",
-        choices=["DR3", "DR4", "DR5", "paper"],
-        default="DR4",
-        help="release whose errors are simulated (default: DR4)",
-    )
-    parser.add_argument(
+    add("--redshift-range LOW,HIGH", "galaxies: range of redshifts (default: 0.001,0.03)", _range)
+    add("--dead-time FRACTION", "fraction of the mission without observations", parsing.not_negative, 0.06)
+    add("--release", "release whose errors are simulated", ("DR3", "DR4", "DR5", "paper"), "DR4")
+    add(
         "--table",
-        choices=parsing.ASTROMETRY,
-        default="gaia_source",
-        help="crf4: table of DR4, with the best model of each source or the core solution of all",
+        "crf4: table of DR4, with the best model of each source or the core solution of all",
+        parsing.ASTROMETRY,
+        "gaia_source",
     )
-    parser.add_argument(
-        "--traps",
-        action="store_true",
-        help="crf3, crf4: with systematic errors, stars among the quasars, and faint errors that are too small",
+    add("--traps", "crf3, crf4: with systematic errors, stars among the quasars, and faint errors that are too small")
+    add(
+        "--wave F,PLUS,CROSS,L,B",
+        "epochs: gravitational wave of frequency F per year, with strains in µas, toward ICRS degrees L, B",
+        parsing.numbers,
     )
-    parser.add_argument(
-        "--wave",
-        type=parsing.numbers,
-        metavar="F,PLUS,CROSS,L,B",
-        help="epochs: gravitational wave of frequency F per year, with strains in µas, toward ICRS degrees L, B",
-    )
-    parser.add_argument(
-        "--no-transits", action="store_true", help="simulate errors by place and magnitude, without transits"
-    )
-    parser.add_argument("--seed", type=int, default=1, help="seed (default: 1)")
+    add("--no-transits", "simulate errors by place and magnitude, without transits")
+    add("--seed", "seed", int, 1)
     parsing.add_threads(parser)
     parsing.add_common(parser, "list of what was written")
     return parser

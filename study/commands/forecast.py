@@ -21,24 +21,21 @@ def make_parser() -> argparse.ArgumentParser:
             'vsh-forecast --only "Gaia DR4" --survey mine=5000,3.0',
         ),
     )
-    parser.add_argument("--only", type=_names, metavar="NAME,…", help="names of known surveys (default: all)")
-    parser.add_argument(
-        "--survey",
-        type=_surveys,
-        metavar="NAME=N,SIGMA",
-        help="a survey of your own: number of quasars, and error of their motions in µas/yr",
+    add = parsing.adder(parser)
+    add("--only NAME,…", "names of known surveys (default: all)", _names)
+    add(
+        "--survey NAME=N,SIGMA",
+        "a survey of your own: number of quasars, and error of their motions in µas/yr",
+        _surveys,
     )
-    parser.add_argument(
+    add(
         "--sky",
-        choices=("uniform", "gums", "igql"),
-        default="uniform",
-        help=(
-            "distribution of quasars on the sky: uniform, gums (no Galactic plane) or igql (known quasars) (default: "
-            "uniform)"
-        ),
+        "distribution of quasars on the sky: uniform, gums (no Galactic plane) or igql (known quasars)",
+        ("uniform", "gums", "igql"),
+        "uniform",
     )
-    parser.add_argument("--no-flows", action="store_true", help="omit velocity and H0 from fits with flows as unknowns")
-    parser.add_argument("--output", metavar="DIR", help="write report, table and figure to this folder")
+    add("--no-flows", "omit velocity and H0 from fits with flows as unknowns")
+    add("--output DIR", "write report, table and figure to this folder")
     reading.add_figures(parser)
     parsing.add_overwrite(parser)
     parsing.add_common(parser)

@@ -20,13 +20,13 @@ def make_parser() -> argparse.ArgumentParser:
             'vsh-referee crf3.fits --on-bad drop --where "phot_g_mean_mag < 19"',
         ),
     )
-    parser.add_argument("catalogue", help=parsing.A_TABLE)
-    parser.add_argument(
-        "--earlier",
-        metavar="FILE",
-        help="motions of the same sources in an earlier release, by source_id: is the acceleration the same there?",
+    add = parsing.adder(parser)
+    add("catalogue", parsing.A_TABLE)
+    add(
+        "--earlier FILE",
+        "motions of the same sources in an earlier release, by source_id: is the acceleration the same there?",
     )
-    parser.add_argument("--seed", type=int, default=1, help="of all that is drawn (default: 1)")
+    add("--seed", "of all that is drawn", int, 1)
     parsing.add_threads(parser)
     reading.add_reading(parser)
     parsing.add_common(parser)

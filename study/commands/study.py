@@ -26,27 +26,19 @@ def make_parser() -> argparse.ArgumentParser:
             "vsh-study --gaia crf3.fits --output gaia",
         ),
     )
-    parser.add_argument("configuration", nargs="?", help="a TOML file (docs/study.md)")
-    parser.add_argument(
-        "--gaia",
-        metavar="FILE",
-        help=(
-            "the acceleration paper of Gaia Collaboration, Klioner et al. (2021), from a file of "
-            "vsh-archive gaia-crf3 or vsh-sim crf3"
-        ),
+    add = parsing.adder(parser)
+    add("configuration", "a TOML file (docs/study.md)", nargs="?")
+    add(
+        "--gaia FILE",
+        "the acceleration paper of Gaia Collaboration, Klioner et al. (2021), from a file of vsh-archive gaia-crf3 or "
+        "vsh-sim crf3",
     )
-    parser.add_argument("--output", required=True, metavar="DIR", help="a new folder, or that of the same study")
-    parser.add_argument("--n-realisations", type=parsing.count(1), metavar="N", help="in place of the configuration's")
-    parser.add_argument("--workers", type=parsing.count(1), metavar="N", help="processes; one a core unless given")
-    parser.add_argument("--lmax", type=parsing.count(3), default=10, help="--gaia: the highest degree (default: 10)")
-    parser.add_argument(
-        "--n-bootstrap",
-        type=parsing.count(10),
-        default=500,
-        metavar="N",
-        help="--gaia: draws of each fit (default: 500)",
-    )
-    parser.add_argument("--seed", type=int, default=1, help="--gaia: of the bootstrap (default: 1)")
+    add("--output DIR", "a new folder, or that of the same study", required=True)
+    add("--n-realisations N", "in place of the configuration's", parsing.count(1))
+    add("--workers N", "processes; one a core unless given", parsing.count(1))
+    add("--lmax", "--gaia: the highest degree", parsing.count(3), 10)
+    add("--n-bootstrap N", "--gaia: draws of each fit", parsing.count(10), 500)
+    add("--seed", "--gaia: of the bootstrap", int, 1)
     parsing.add_threads(parser)
     reading.add_figures(parser)
     parsing.add_overwrite(parser)

@@ -35,62 +35,37 @@ def make_parser() -> argparse.ArgumentParser:
             "vsh-waves epochs.fits --frequencies 2 --calibration 'free every 5 days to order 1'",
         ),
     )
-    add = parser.add_argument
-    add("epochs", help="a file of epoch astrometry in DR4's columns, or a folder of them")
+    add = parsing.adder(parser)
+    add("epochs", "a file of epoch astrometry in DR4's columns, or a folder of them")
     add(
-        "--frequencies",
-        type=_frequencies,
-        default=_frequencies("0.25:4:16"),
-        metavar="LOW:HIGH:N",
-        help="frequencies to search, N per year from LOW to HIGH, or a list such as 0.5,1,2 (default: 0.25:4:16)",
+        "--frequencies LOW:HIGH:N",
+        "frequencies to search, N per year from LOW to HIGH, or a list such as 0.5,1,2 (default: 0.25:4:16)",
+        _frequencies,
+        _frequencies("0.25:4:16"),
     )
     add(
         "--attitude",
-        choices=["solved", "known"],
-        default="solved",
-        help="attitude that was solved from the same sky, as that of Gaia, or known from elsewhere (default: solved)",
+        "attitude that was solved from the same sky, as that of Gaia, or known from elsewhere",
+        ("solved", "known"),
+        "solved",
     )
     add(
-        "--calibration",
-        metavar="WORDS",
+        "--calibration WORDS",
+        "what was calibrated of the basic angle together with an attitude that was solved, as 'free every 5 days to "
+        "order 1, known to 0.1 µas', or none (default: constant to order 8, as in DR2)",
         default="constant to order 8",
-        help=(
-            "what was calibrated of the basic angle together with an attitude that was solved, as "
-            "'free every 5 days to order 1, known to 0.1 µas', or none (default: constant to order 8, as in DR2)"
-        ),
     )
-    add("--law", metavar="FILE", help="scanning law, the commanded_scan_law of Gaia (default: a nominal one)")
-    add(
-        "--law-nside",
-        type=parsing.nside,
-        default=8,
-        metavar="NSIDE",
-        help="NSIDE of the map of the stars' response (default: 8)",
-    )
-    add("--positions", metavar="FILE", help="table of source_id, ra and dec, for epochs without ra0 and dec0")
-    add("--lmax", type=parsing.count(2, 20), default=5, help="highest degree (default: 5)")
-    add("--nside", type=parsing.nside, default=8, help="NSIDE of the map of directions (default: 8)")
-    add(
-        "--skies",
-        type=parsing.count(1),
-        default=1000,
-        metavar="N",
-        help="number of simulated skies of noise, for p-values (default: 1000)",
-    )
-    add(
-        "--background",
-        action="store_true",
-        help="estimate the power of a background in bands of 0.5, 1, 2 and 4 per year",
-    )
-    add(
-        "--in-time",
-        type=parsing.count(2, 60),
-        metavar="K",
-        help="fit fields that change with time, by Legendre polynomials to degree K",
-    )
-    add("--seed", type=int, default=1, help="seed of the simulated skies (default: 1)")
+    add("--law FILE", "scanning law, the commanded_scan_law of Gaia (default: a nominal one)")
+    add("--law-nside NSIDE", "NSIDE of the map of the stars' response", parsing.nside, 8)
+    add("--positions FILE", "table of source_id, ra and dec, for epochs without ra0 and dec0")
+    add("--lmax", "highest degree", parsing.count(2, 20), 5)
+    add("--nside", "NSIDE of the map of directions", parsing.nside, 8)
+    add("--skies N", "number of simulated skies of noise, for p-values", parsing.count(1), 1000)
+    add("--background", "estimate the power of a background in bands of 0.5, 1, 2 and 4 per year")
+    add("--in-time K", "fit fields that change with time, by Legendre polynomials to degree K", parsing.count(2, 60))
+    add("--seed", "seed of the simulated skies", int, 1)
     parsing.add_threads(parser)
-    add("--output", metavar="DIR", help="write report, tables and figures to this folder")
+    add("--output DIR", "write report, tables and figures to this folder")
     reading.add_figures(parser)
     parsing.add_overwrite(parser)
     parsing.add_common(parser)

@@ -38,55 +38,40 @@ def make_parser() -> argparse.ArgumentParser:
             "vsh-archive epochs --ids quasars.fits --output epochs",
         ),
     )
-    parser.add_argument(
+    add = parsing.adder(parser)
+    add(
         "what",
+        f"{', '.join(parsing.QUERIES)}, a file with a query in ADQL, a table of the archive that names sources by "
+        "source_id (schema.table), or epochs: the epoch astrometry of --ids",
         nargs="?",
-        help=(
-            f"{', '.join(parsing.QUERIES)}, a file with a query in ADQL, a table of the archive that names sources by "
-            "source_id (schema.table), or epochs: the epoch astrometry of --ids"
-        ),
     )
-    parser.add_argument(
-        "--check",
-        metavar="SCHEMA",
-        help="ask for the tables and columns of a schema, gaiadr4 say, and print which queries run and what changed",
+    add(
+        "--check SCHEMA",
+        "ask for the tables and columns of a schema, gaiadr4 say, and print which queries run and what changed",
     )
-    parser.add_argument(
-        "--upload",
-        metavar="LIST",
-        help=(
-            "send a list of sources with the query, which calls it tap_upload.list: a table with source_id, or with ra "
-            "and dec in degrees, or a text with one source_id per line. Without a query, the astrometry of the list is "
-            "fetched: by source_id, or of the sources within 1 arcsec"
-        ),
+    add(
+        "--upload LIST",
+        "send a list of sources with the query, which calls it tap_upload.list: a table with source_id, or with ra and "
+        "dec in degrees, or a text with one source_id per line. Without a query, the astrometry of the list is "
+        "fetched: by source_id, or of the sources within 1 arcsec",
     )
-    group = parser.add_argument_group("epoch astrometry (DataLink)")
-    group.add_argument("--ids", metavar="FILE", help="source_id, a column of a table or one a line of a text")
-    group.add_argument("--retrieval-type", metavar="NAME", help="name of the product (default: EPOCH_ASTROMETRY)")
-    group.add_argument("--structure", metavar="NAME", help="how several sources come (default: COMBINED)")
-    group.add_argument(
-        "--batch", type=parsing.count(1), metavar="N", help="sources asked for at once, 5000 at most (default: 500)"
-    )
-    parser.add_argument(
-        "--release", choices=parsing.RELEASES, default="DR3", help="for a table: of which release (default: DR3)"
-    )
-    parser.add_argument(
+    group = parsing.adder(parser.add_argument_group("epoch astrometry (DataLink)"))
+    group("--ids FILE", "source_id, a column of a table or one a line of a text")
+    group("--retrieval-type NAME", "name of the product (default: EPOCH_ASTROMETRY)")
+    group("--structure NAME", "how several sources come (default: COMBINED)")
+    group("--batch N", "sources asked for at once, 5000 at most (default: 500)", parsing.count(1))
+    add("--release", "for a table: of which release", parsing.RELEASES, "DR3")
+    add(
         "--table",
-        choices=parsing.ASTROMETRY,
-        default="gaia_source",
-        help="for a table, DR4: the best model of each source (the default), or the core solution of all",
+        "for a table, DR4: the best model of each source (the default), or the core solution of all",
+        parsing.ASTROMETRY,
+        "gaia_source",
     )
-    parser.add_argument("--output", metavar="FILE", help="the FITS file to be")
-    parser.add_argument("--show", action="store_true", help="print the query and ask nobody")
-    parser.add_argument("--url", default=parsing.ESA, help="of the TAP service (default: ESA's archive of Gaia)")
-    parser.add_argument("--max-rows", type=parsing.count(1), metavar="N", help="the server's own limit unless given")
-    parser.add_argument(
-        "--patience",
-        type=parsing.positive,
-        default=7200.0,
-        metavar="S",
-        help="how long to wait for the job (default: 7200 s)",
-    )
+    add("--output FILE", "the FITS file to be")
+    add("--show", "print the query and ask nobody")
+    add("--url", "of the TAP service (default: ESA's archive of Gaia)", default=parsing.ESA)
+    add("--max-rows N", "the server's own limit unless given", parsing.count(1))
+    add("--patience S", "how long to wait for the job (default: 7200 s)", parsing.positive, 7200.0)
     parsing.add_overwrite(parser)
     parsing.add_common(parser, "list of what was written")
     return parser

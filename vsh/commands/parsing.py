@@ -542,6 +542,32 @@ def make(prog: str, description: str, examples: Sequence[str]) -> argparse.Argum
     return _Parser(prog=prog, description=description, epilog=epilog, formatter_class=_Lines)
 
 
+def adder(parser: Any) -> Callable[..., None]:
+    """A function that adds an option to a parser or a group of its options.
+
+    It takes the names of the option and of its value in one text ("--stars N"), the help, the type or the choices of
+    the value, the default, which is added to the help, and what else argparse takes. An option without a value is a
+    switch.
+    """
+
+    def add(names: str, help: str | None = None, kind: Any = None, default: Any = None, **others: Any) -> None:
+        flags = [name for name in names.split() if name.startswith("-")]
+        value = names.split()[len(flags) :]
+        if flags and value:
+            others["metavar"] = value[0]
+        if kind is not None:
+            others["type" if callable(kind) else "choices"] = kind
+        elif flags and default is None and not others.keys() & {"metavar", "action", "nargs"}:
+            others["action"] = "store_true"
+        if default is not None:
+            others["default"] = default
+            if isinstance(default, str | int | float) and help is not None and "default" not in help:
+                help += f" (default: {default if isinstance(default, str) else format(default, 'g')})"
+        parser.add_argument(*(flags or value), help=help, **others)
+
+    return add
+
+
 class _Parser(argparse.ArgumentParser):
     """A parser whose errors are two lines, and name the option that was meant."""
 
@@ -557,40 +583,26 @@ class _Parser(argparse.ArgumentParser):
 def add_common(parser: argparse.ArgumentParser, tells: str = "report") -> None:
     """Add the options that every command has: repeat a run, print it for other programs, keep a log, list citations."""
     group = parser.add_argument_group("options of every command")
-    group.add_argument(
-        "--config",
-        metavar="FILE",
-        help=(
-            "read options from a TOML file, such as the run.toml that every run with --output "
-            "writes; options on the command line take precedence"
-        ),
+    add, add_output = adder(group), adder(group.add_mutually_exclusive_group())
+    add(
+        "--config FILE",
+        "read options from a TOML file, such as the run.toml that every run with --output writes; options on the "
+        "command line take precedence",
     )
-    output_group = group.add_mutually_exclusive_group()
-    output_group.add_argument("--json", action="store_true", help=f"print the result as JSON instead of the {tells}")
-    output_group.add_argument("--latex", action="store_true", help="print the result as LaTeX tables (booktabs)")
-    output_group.add_argument(
-        "--long", action="store_true", help=f"print the full {tells}, as it is written to the folder of results"
-    )
-    output_group.add_argument("--quiet", action="store_true", help="print only error messages, and no progress bars")
-    group.add_argument("--log", metavar="FILE", help="append the steps of the run and their durations to this file")
-    group.add_argument(
-        "--citation",
-        action="store_true",
-        help="print BibTeX entries for the software and papers used by a run with these options, and exit",
-    )
+    add_output("--json", f"print the result as JSON instead of the {tells}")
+    add_output("--latex", "print the result as LaTeX tables (booktabs)")
+    add_output("--long", f"print the full {tells}, as it is written to the folder of results")
+    add_output("--quiet", "print only error messages, and no progress bars")
+    add("--log FILE", "append the steps of the run and their durations to this file")
+    add("--citation", "print BibTeX entries for the software and papers used by a run with these options, and exit")
     group.add_argument("--version", action="version", version=f"{parser.prog} {vsh.__version__}")
 
 
 def add_threads(parser: argparse.ArgumentParser) -> None:
     """Add the number of threads."""
-    parser.add_argument(
-        "--threads",
-        type=count(1),
-        metavar="N",
-        help="number of threads (default: one per core); does not affect the results",
-    )
+    adder(parser)("--threads N", "number of threads (default: one per core); does not affect the results", count(1))
 
 
 def add_overwrite(parser: argparse.ArgumentParser) -> None:
     """Add the option without which no earlier result is replaced."""
-    parser.add_argument("--overwrite", action="store_true", help="replace existing results of the same command")
+    adder(parser)("--overwrite", "replace existing results of the same command")

@@ -21,67 +21,50 @@ if TYPE_CHECKING:
 
 def add_reading(parser: argparse.ArgumentParser) -> None:
     """The options of every command that reads a catalogue."""
-    parser.add_argument("--frame", choices=parsing.FRAMES, default="icrs", help="axes of the result (default: icrs)")
-    parser.add_argument(
-        "--catalogue-frame",
-        choices=parsing.FRAMES,
-        help="axes of the catalogue's positions and motions (default: icrs)",
+    add = parsing.adder(parser)
+    add("--frame", "axes of the result", parsing.FRAMES, "icrs")
+    add("--catalogue-frame", "axes of the catalogue's positions and motions (default: icrs)", parsing.FRAMES)
+    add(
+        "--columns ROLE=NAME,…",
+        "names of the columns: a predefined set (gaia, the default; vizier; icrf), pairs (pmra=mu_ra,redshift=z), or "
+        "both (vizier,redshift=zsp)",
+        parsing.columns,
     )
-    parser.add_argument(
-        "--columns",
-        type=parsing.columns,
-        metavar="ROLE=NAME,…",
-        help=(
-            "names of the columns: a predefined set (gaia, the default; vizier; icrf), pairs (pmra=mu_ra,redshift=z), "
-            "or both (vizier,redshift=zsp)"
-        ),
-    )
-    parser.add_argument(
+    add(
         "--input-format",
-        choices=parsing.INPUT_FORMATS,
-        help=(
-            "format of the catalogue, if it is not recognised from the name of the file; mrt: machine-readable tables "
-            "of the AAS journals; cds: tables of the CDS; ascii: astropy guesses the format"
-        ),
+        "format of the catalogue, if it is not recognised from the name of the file; mrt: machine-readable tables of "
+        "the AAS journals; cds: tables of the CDS; ascii: astropy guesses the format",
+        parsing.INPUT_FORMATS,
     )
-    parser.add_argument(
-        "--units", type=parsing.pairs, metavar="NAME=UNIT,…", help="units of columns, such as mu_ra=uas/yr"
-    )
-    parser.add_argument(
+    add("--units NAME=UNIT,…", "units of columns, such as mu_ra=uas/yr", parsing.pairs)
+    add(
         "--on-bad",
-        choices=["raise", "drop"],
-        default="raise",
-        help=("for rows that cannot be used, raise an error, or drop them and report their number (default: raise)"),
+        "for rows that cannot be used, raise an error, or drop them and report their number",
+        ("raise", "drop"),
+        "raise",
     )
-    parser.add_argument(
-        "--where",
-        metavar="CONDITION",
-        help="use only rows that fulfil a condition, such as 'phot_g_mean_mag < 19 and 0.5 < redshift < 2'",
+    add(
+        "--where CONDITION",
+        "use only rows that fulfil a condition, such as 'phot_g_mean_mag < 19 and 0.5 < redshift < 2'",
     )
-    parser.add_argument(
-        "--output", metavar="DIR", type=_parse_names, help="write report, tables and figures to this folder"
-    )
+    add("--output DIR", "write report, tables and figures to this folder", _parse_names)
     add_figures(parser)
     parsing.add_overwrite(parser)
 
 
 def add_figures(parser: argparse.ArgumentParser) -> None:
     """Add --format, --dpi, --no-figures and --html."""
-    parser.add_argument(
-        "--format",
-        type=parsing.formats,
-        default="png",
-        metavar="NAME,…",
-        help=(
-            "format of the figures: png (the default), pdf or svg; and formats of the tables in addition to ECSV: "
-            "fits, vot, csv"
-        ),
+    add = parsing.adder(parser)
+    add(
+        "--format NAME,…",
+        "format of the figures: png (the default), pdf or svg; and formats of the tables in addition to ECSV: fits, "
+        "vot, csv",
+        parsing.formats,
+        "png",
     )
-    parser.add_argument(
-        "--dpi", type=_dpi, default=300, help="resolution of the figures in dots per inch, 20 to 2400 (default: 300)"
-    )
-    parser.add_argument("--no-figures", action="store_true", help="do not write figures to the folder of --output")
-    parser.add_argument("--html", metavar="FILE", help=("write the whole result to one HTML page that works offline"))
+    add("--dpi", "resolution of the figures in dots per inch, 20 to 2400", _dpi, 300)
+    add("--no-figures", "do not write figures to the folder of --output")
+    add("--html FILE", "write the whole result to one HTML page that works offline")
 
 
 def arguments(options: argparse.Namespace) -> dict[str, Any]:
@@ -137,15 +120,13 @@ def standard_input(options: argparse.Namespace) -> Iterator[None]:
 
 def add_workers(parser: argparse.ArgumentParser) -> None:
     """Add --workers and --scheduler, to every command that reads a catalogue."""
-    parser.add_argument(
-        "--workers",
-        type=parsing.count(1),
-        metavar="N",
-        help=("process a catalogue of any size in parts, with N processes; by default it is read into memory"),
+    add = parsing.adder(parser)
+    add(
+        "--workers N",
+        "process a catalogue of any size in parts, with N processes; by default it is read into memory",
+        parsing.count(1),
     )
-    parser.add_argument(
-        "--scheduler", metavar="ADDRESS", help="as --workers, on the Dask cluster with this address or scheduler file"
-    )
+    add("--scheduler ADDRESS", "as --workers, on the Dask cluster with this address or scheduler file")
 
 
 def in_parts(options: argparse.Namespace) -> bool:
