@@ -20,7 +20,7 @@ import numpy as np
 
 from fit.in_time._solution import Functions, TimeSolution
 from vsh.basis import harmonics
-from vsh.io.epochs import Observations, epoch_files, read_observations
+from vsh.io.epochs import COLOUR_PRIOR, Observations, epoch_files, read_observations
 from vsh.modes import Modes, as_modes
 from vsh.tools import arguments
 from vsh.tools.errors import DegeneracyError, EmptyFieldError, ModesError, ParameterError, TableError
@@ -259,20 +259,27 @@ def _block(observations, bounds, start, stop, modes, functions, attitude):
     columns[:, -1] = observations.position[transits]
     columns /= observations.error[transits][:, None]
     rows = (design / observations.error[transits]).T
+    prior = np.zeros((0, 5))
+    if observations.colour is not None:  # a pseudocolour, and its prior as one more observation of each source
+        rows = np.column_stack([rows, -observations.colour[transits] / observations.error[transits]])
+        prior = np.array([[0, 0, 0, 0, 0, 1 / COLOUR_PRIOR]])
+    of_prior = np.zeros((stop - start, size))
     counts = np.bincount(source - start, minlength=stop - start)
     row_starts = np.concatenate([[0], np.cumsum(counts)])
     n_data = sources = 0
     for k in range(stop - start):
         mine = slice(row_starts[k], row_starts[k + 1])
-        if counts[k] > 5:
-            five = rows[mine]
-            root, triangle = np.linalg.qr(five / np.maximum(np.linalg.norm(five, axis=0), 1e-300))
+        if counts[k] > rows.shape[1]:
+            own = np.vstack([rows[mine], prior])
+            root, triangle = np.linalg.qr(own / np.maximum(np.linalg.norm(own, axis=0), 1e-300))
             if np.abs(np.diag(triangle)).min() > 1e-5:
-                columns[mine] -= root @ (root.T @ columns[mine])
+                fitted = root @ (root[: counts[k]].T @ columns[mine])
+                columns[mine] -= fitted[: counts[k]]
+                of_prior[k] = fitted[counts[k] :].sum(0)
                 n_data, sources = n_data + int(counts[k]), sources + 1
                 continue
         columns[mine] = 0.0
-    return columns.T @ columns, n_data, sources
+    return columns.T @ columns + of_prior.T @ of_prior, n_data, sources
 
 
 def solve(equations: TimeEquations) -> TimeSolution:

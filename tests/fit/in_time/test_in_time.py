@@ -124,6 +124,28 @@ def test_sums_add_and_do_not_depend_on_order_or_threads():
         whole + normal_equations(some, 2, waves(1.0, span=SPAN), attitude="known")
 
 
+def test_pseudocolours_are_taken_out_with_their_prior():
+    """One matrix of all unknowns, sources' own six among them and the prior as an observation of each."""
+    functions, rng = waves(2.3, span=SPAN), np.random.default_rng(4)
+    some = observed(15)
+    some = replace(some, colour=2000.0 * rng.normal(size=len(some.time)))
+    equations = normal_equations(some, 2, functions, attitude="known")
+    basis = harmonics(some.lon, some.lat, Modes(2))[:, :, some.source]
+    along = np.einsum("pck,ck->pk", basis, some.design[:2])
+    templates = np.einsum("fk,pk->fpk", functions(some.time), along).reshape(-1, len(some.time))
+    own = np.zeros((6 * 15, len(some.time)))
+    for k, row in enumerate([*some.design, -some.colour]):
+        own[6 * some.source + k, np.arange(len(some.time))] = row
+    matrix = np.vstack([templates, own]) / some.error
+    normal, rhs = matrix @ matrix.T, matrix @ (some.position / some.error)
+    sixth = len(templates) + 6 * np.arange(15) + 5
+    normal[sixth, sixth] += 1 / 0.085**2
+    p = len(templates)
+    schur = np.linalg.solve(normal[p:, p:], np.column_stack([normal[p:, :p], rhs[p:]]))
+    np.testing.assert_allclose(equations.matrix, normal[:p, :p] - normal[:p, p:] @ schur[:, :-1], rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(equations.rhs, rhs[:p] - normal[:p, p:] @ schur[:, -1], rtol=1e-6, atol=1e-6)
+
+
 def test_response_leaves_no_rotation():
     functions, some = waves(2.3, span=SPAN), observed(60)
     response = Response(LAW, nside=2, steps=20_000)

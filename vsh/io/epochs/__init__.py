@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-from vsh.io.epochs._solve import FiveParameters, design_row, downweight, solve_epochs
+from vsh.io.epochs._solve import COLOUR_PRIOR, FiveParameters, design_row, downweight, solve_epochs
 from vsh.tools.modules import lazily
 
 if TYPE_CHECKING:

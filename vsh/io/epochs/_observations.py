@@ -21,7 +21,7 @@ from vsh.field import Field
 from vsh.io import tables
 from vsh.io.archive import DR4
 from vsh.io.catalogue import missing_column, unit_factor
-from vsh.io.epochs._solve import design_row, solve_epochs
+from vsh.io.epochs._solve import COLOUR_PRIOR, design_row, solve_epochs
 from vsh.tools.arguments import explained
 from vsh.tools.bad_rows import select_usable
 from vsh.tools.errors import EmptyFieldError, TableError
@@ -251,7 +251,7 @@ _COLUMNS = (
     "source_id", "obs_time_tcb", "centroid_pos_al", "centroid_pos_error_al", "scan_pos_angle", "parallax_factor_al",
     "ra0", "dec0",
 )  # fmt: skip
-_OPTIONAL = ("obs_time_bary_corr", "used_by_agis_al", "transit_id")
+_OPTIONAL = ("obs_time_bary_corr", "used_by_agis_al", "transit_id", "colour_factor_al")
 _PLACES = ("ra0", "dec0")
 #: CCDs of a transit with the sky mapper's, which is the first and never used.
 _SLOTS = 10
@@ -286,6 +286,8 @@ class Observations(Frozen):
         What was not used.
     view : (k,) int array or None
         Field of view of each observation: +1 the preceding, −1 the following one; None where it is not known.
+    colour : (k,) array or None
+        Colour factor, −∂w by the effective wavenumber; None where the table has none, or zeros alone. [µas µm]
     """
 
     lon: FloatArray
@@ -298,6 +300,7 @@ class Observations(Frozen):
     name: Any
     notes: tuple[str, ...] = ()
     view: IntArray | None = None
+    colour: FloatArray | None = None
 
     def by_transit(self, gap: float = 60.0) -> "Observations":
         """Average the CCDs of each crossing of the field, weighted, into one observation.
@@ -328,6 +331,7 @@ class Observations(Frozen):
             position=mean(self.position),
             error=1 / np.sqrt(total),
             view=None if self.view is None else self.view[starts],
+            colour=None if self.colour is None else mean(self.colour),
         )
 
 
@@ -393,6 +397,9 @@ def read_observations(
         view = None if view is None else view[order]
         notes = (*notes, *([note] if note else []))
     time = 2010.0 - epoch + (flat["obs_time_tcb"] + flat.get("obs_time_bary_corr", 0.0)) / _YEAR
+    colour = flat.get("colour_factor_al")
+    if colour is not None:
+        colour = MAS * colour[order] if colour.any() else None
     design = design_row(flat["scan_pos_angle"] * DEGREE, flat["parallax_factor_al"], time)
     return Observations(
         lon,
@@ -405,6 +412,7 @@ def read_observations(
         identifiers,
         (*table_source.notes, *notes),
         view,
+        colour,
     )
 
 
@@ -440,6 +448,7 @@ def _join_positions(identifiers, positions):
 _MOST = {
     "obs_time_tcb": 1e20, "obs_time_bary_corr": 1e14, "centroid_pos_al": 1e9, "centroid_pos_error_al": 1e7,
     "scan_pos_angle": 1e6, "parallax_factor_al": 10.0, "ra0": 720.0, "dec0": 90.0,
+    "colour_factor_al": 1e6,
 }  # fmt: skip
 
 
@@ -450,6 +459,10 @@ def _observations(
     label = table_source.label
     columns, padding = _matrices(table, table_source)
     repeat_notes = _repeat_rows(columns)
+    if "colour_factor_al" in columns:
+        factors_of_colour, absent = columns["colour_factor_al"]
+        if not np.isfinite(np.where(False if absent is None else absent, np.nan, factors_of_colour)).any():
+            del columns["colour_factor_al"]  # null in every row
     shape = max((np.shape(values) for values, _ in columns.values()), key=len)
     flat: dict[str, Any] = {}
     bad = np.zeros(shape, bool)
@@ -543,6 +556,7 @@ def read_epochs(
     *,
     epoch: float = DR4.epoch,
     robust: bool = True,
+    pseudocolour: bool = True,
     on_bad: OnBad = "raise",
     columns: Mapping[str, str] | None = None,
     positions: Any = None,
@@ -560,6 +574,9 @@ def read_epochs(
         Epoch of the positions; motions hardly depend on it. [Julian year, TCB]
     robust : bool
         Downweight outliers and estimate an excess noise of each source, as AGIS does.
+    pseudocolour : bool
+        Solve for a correction of the effective wavenumber of each source as a sixth parameter, with a prior of 0.085
+        µm⁻¹ as in DR4, where the table has colour_factor_al [mas µm].
     on_bad : {"raise", "drop"}
         What to do about sources without a solution.
     columns : dict of str to str, optional
@@ -581,15 +598,20 @@ def read_epochs(
 
     Notes
     -----
-    The colour of a source is taken as known: DR4's own solutions have a pseudocolour besides.
+    Without colour factors the colour of a source is taken as known, in error by nothing: errors are then too small for
+    quasars with strong emission lines. Solutions are those of ESA's gaiasupdate to 1e-3 of their errors.
     """
     observations = read_observations(source, epoch=epoch, columns=columns, positions=positions)
-    solution = solve_epochs(
-        observations.source, observations.design, observations.position, observations.error, robust=robust
-    )
+    colour = observations.colour if pseudocolour else None
+    observed = observations.source, observations.design, observations.position, observations.error
+    solution = solve_epochs(*observed, colour=colour, robust=robust)
     lon, lat, notes = observations.lon, observations.lat, observations.notes
-    lost = {"fewer than six observations": solution.observations <= 5}
-    lost["scans in too few directions"] = ~solution.solved & ~lost["fewer than six observations"]
+    if solution.pseudocolour is not None:
+        scatter = f"{np.nanstd(solution.pseudocolour):.2g}"
+        notes = (*notes, f"epochs: a pseudocolour of each source, prior ± {COLOUR_PRIOR} µm⁻¹, scatter {scatter} µm⁻¹")
+    is_short = solution.observations <= (5 if colour is None else 6)
+    least = "six" if colour is None else "seven"
+    lost = {f"fewer than {least} observations": is_short, "scans in too few directions": ~solution.solved & ~is_short}
     keep, added_notes = select_usable(
         {reason: mask for reason, mask in lost.items() if mask.any()}, len(lon), on_bad, 0, (lon, lat)
     )

@@ -1,14 +1,15 @@
-"""Five astrometric parameters from positions along scan, source by source, robustly as AGIS does it.
+"""Five astrometric parameters, or six, from positions along scan, source by source, robustly as AGIS does it.
 
 Lindegren et al. (2012, A&A 538, A78), sect. 3.6 and 5.1.2: a position at time t under the position angle ψ is
 
-    w = (Δα* + µ_α* t) sin ψ + (Δδ + µ_δ t) cos ψ + f_ϖ ϖ,
+    w = (Δα* + µ_α* t) sin ψ + (Δδ + µ_δ t) cos ψ + f_ϖ ϖ − f_ν Δν,
 
-observations far from the fit have less weight, and what scatter is left is an excess noise of the source. The two
-depend on each other and are found in turn.
+with Δν, where a colour factor f_ν is given, the correction of the effective wavenumber: a pseudocolour. Observations
+far from the fit have less weight, and what scatter is left is an excess noise of the source. The two depend on each
+other and are found in turn.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,6 +19,9 @@ from vsh.tools.types import BoolArray, FloatArray, IntArray
 
 #: The cubic between two and three σ that joins 1 to e^{−z/3} with its slope (eq. 66 there).
 _SQUARE, _CUBE = 3 - 10 / 3 * np.exp(-1.0), 2 - 7 / 3 * np.exp(-1.0)
+#: How well the effective wavenumber of a source is known beforehand in the six-parameter solutions of DR4, as ESA's
+#: gaiasupdate has it. [µm⁻¹]
+COLOUR_PRIOR = 0.085
 #: Observations with less weight do not count among the degrees of freedom.
 _OUTLIER = 0.2
 #: Rounds of weights and excess noise, and steps of the excess noise alone at the end; to which of itself it settles.
@@ -40,6 +44,8 @@ class FiveParameters(Frozen):
         How many there were, and how many of them have a weight below 0.2.
     weights : (k,) array
         Weights of the observations.
+    pseudocolour, pseudocolour_error : (n,) arrays or None
+        Correction of the effective wavenumber, with what is known of it beforehand, and its error. [µm⁻¹]
     """
 
     values: FloatArray
@@ -48,6 +54,8 @@ class FiveParameters(Frozen):
     observations: IntArray
     outliers: IntArray
     weights: FloatArray
+    pseudocolour: FloatArray | None = None
+    pseudocolour_error: FloatArray | None = None
 
     @property
     def solved(self) -> BoolArray:
@@ -70,9 +78,15 @@ def downweight(z: FloatArray) -> FloatArray:
 
 @explained
 def solve_epochs(
-    source: IntArray, design: FloatArray, position: FloatArray, error: FloatArray, *, robust: bool = True
+    source: IntArray,
+    design: FloatArray,
+    position: FloatArray,
+    error: FloatArray,
+    *,
+    colour: FloatArray | None = None,
+    robust: bool = True,
 ) -> FiveParameters:
-    """Solve for the five parameters of every source.
+    """Solve for the five parameters of every source, and a pseudocolour where there are colour factors.
 
     Parameters
     ----------
@@ -82,18 +96,25 @@ def solve_epochs(
         Columns from `design_row`.
     position, error : (k,) arrays
         Along scan, and its standard error.
+    colour : (k,) array, optional
+        The colour factor, −∂w/∂ν: a correction of the effective wavenumber is then a sixth parameter, known to be
+        within `COLOUR_PRIOR` of zero as in DR4. [unit of the observations × µm]
     robust : bool
         Weights and excess noise as AGIS has them; plain least squares otherwise.
     """
     n = int(source[-1]) + 1 if len(source) else 0
-    sums = _Sums(source, n, design, position, error)
+    columns = design if colour is None else np.vstack([design, -np.asarray(colour, float)])
+    sums = _Sums(source, n, columns, position, error)
     good = sums.solvable()
     weight, variance = np.ones(len(source)), np.zeros(n)
     if robust:
         weight, variance = _robust(sums, good)
     values, inverse = sums.solved(weight, variance, good)
     outliers = sums.per_source((weight < _OUTLIER).astype(float)).astype(int)
-    return FiveParameters(values, inverse, np.sqrt(variance), sums.counts, outliers, weight)
+    five = FiveParameters(values[:, :5], inverse[:, :5, :5], np.sqrt(variance), sums.counts, outliers, weight)
+    if colour is None:
+        return five
+    return replace(five, pseudocolour=values[:, 5], pseudocolour_error=np.sqrt(inverse[:, 5, 5]))
 
 
 class _Sums:
@@ -103,6 +124,7 @@ class _Sums:
         self.source, self.n, self.design, self.position = source, n, design, position
         self.noise = np.asarray(error, float) ** 2
         self.counts = np.bincount(source, minlength=n)
+        self.parameters = len(design)
 
     def per_source(self, values):
         return np.bincount(self.source, values, self.n)
@@ -110,25 +132,27 @@ class _Sums:
     def normal(self, weight, variance):
         """N, (n, 5, 5), and right-hand sides, (n, 5)."""
         w = weight / (self.noise + variance[self.source])
-        matrix, rhs = np.empty((self.n, 5, 5)), np.empty((self.n, 5))
-        for i in range(5):
+        matrix, rhs = np.empty((self.n, self.parameters, self.parameters)), np.empty((self.n, self.parameters))
+        for i in range(self.parameters):
             weighted_row = w * self.design[i]
             rhs[:, i] = self.per_source(weighted_row * self.position)
             for j in range(i + 1):
                 matrix[:, i, j] = matrix[:, j, i] = self.per_source(weighted_row * self.design[j])
+        if self.parameters > 5:
+            matrix[:, 5, 5] += 1 / COLOUR_PRIOR**2
         return matrix, rhs
 
     def solvable(self):
         """More observations than parameters, and scans in more than one direction and time."""
-        matrix, _ = self.normal(np.ones(len(self.source)), np.zeros(self.n))
+        matrix = self.normal(np.ones(len(self.source)), np.zeros(self.n))[0][:, :5, :5]
         scale = np.sqrt(np.maximum(np.einsum("nii->ni", matrix), 1e-300))
         scaled_matrix = matrix / (scale[:, :, None] * scale[:, None])
-        return (self.counts > 5) & (np.linalg.eigvalsh(scaled_matrix)[:, 0] > 1e-6)
+        return (self.counts > self.parameters) & (np.linalg.eigvalsh(scaled_matrix)[:, 0] > 1e-6)
 
     def solved(self, weight, variance, good):
         """Parameters, (n, 5), and their covariance; nan where there is none."""
         matrix, rhs = self.normal(weight, variance)
-        values, inverse = np.full((self.n, 5), np.nan), np.full((self.n, 5, 5), np.nan)
+        values, inverse = np.full(rhs.shape, np.nan), np.full(matrix.shape, np.nan)
         inverse[good] = np.linalg.inv(matrix[good])
         values[good] = np.einsum("nij,nj->ni", inverse[good], rhs[good])
         return values, inverse
@@ -161,7 +185,7 @@ def _robust(sums, good):
     """Weights of the observations and variances of the excess noise."""
     weight, variance = np.ones(len(sums.source)), np.zeros(sums.n)
     squares, _ = sums.squares(weight, variance, good)
-    noisy = good & (squares > sums.counts - 5)  # the others are as their errors say
+    noisy = good & (squares > sums.counts - sums.parameters)  # the others are as their errors say
     if not noisy.any():
         return weight, variance
     subset, inside = sums.of(noisy)
@@ -185,7 +209,7 @@ def _robust(sums, good):
 
 def _freedom(sums, weight):
     """Degrees of freedom, outliers not counted."""
-    return np.maximum(sums.counts - 5 - sums.per_source((weight < _OUTLIER).astype(float)), 1)
+    return np.maximum(sums.counts - sums.parameters - sums.per_source((weight < _OUTLIER).astype(float)), 1)
 
 
 def _dispersion(sums):

@@ -138,34 +138,118 @@ def test_weights_join_smoothly():
     assert slope[0] == pytest.approx(slope[1], rel=1e-4)
 
 
-def test_against_gaiasupdate(with_outliers, monkeypatch):
-    """ESA's own package, with its weights and excess noise: parameters to 1e-3 σ, errors to 1e-3."""
+def coloured(table, scatter=0.085, size=3.0, seed=6):
+    """Epochs of sources whose effective wavenumbers are not what they were taken for, and what they are off by."""
+    rng = np.random.default_rng(seed)
+    table, names = table.copy(), np.unique(table["source_id"])
+    correction = scatter * rng.standard_normal(len(names))
+    # A factor of each field of view that drifts, and one of each CCD. [mas µm]
+    shape = np.shape(table["centroid_pos_al"])
+    view = np.where((np.asarray(table["transit_id"]) >> 15) & 1, -1.0, 1.0)[:, None]
+    factor = size * (0.5 * view + rng.normal(0, 0.7, (1, shape[1])) + rng.normal(0, 0.5, (shape[0], 1)))
+    table["colour_factor_al"] = factor
+    shift = factor * correction[np.searchsorted(names, table["source_id"])][:, None]
+    table["centroid_pos_al"] = np.asarray(table["centroid_pos_al"]) - shift
+    return table, correction
+
+
+def test_pseudocolour_is_a_sixth_parameter_with_a_prior(transits):
+    """Dense matrices, with the prior as one more observation; and zeros for factors change nothing."""
+    table, _ = coloured(transits)
+    seen = read_observations(table)
+    solution = solve_epochs(seen.source, seen.design, seen.position, seen.error, colour=seen.colour, robust=False)
+    for i in (0, 7, 59):
+        mine = seen.source == i
+        rows = np.vstack([seen.design[:, mine], -seen.colour[mine]]).T / seen.error[mine, None]
+        rows = np.vstack([rows, [0, 0, 0, 0, 0, 1 / 0.085]])
+        values = np.append(seen.position[mine] / seen.error[mine], 0.0)
+        inverse = np.linalg.inv(rows.T @ rows)
+        x = inverse @ rows.T @ values
+        np.testing.assert_allclose(solution.values[i], x[:5], atol=1e-8 * np.abs(x[:5]).max())
+        np.testing.assert_allclose(solution.covariance[i], inverse[:5, :5], rtol=1e-8)
+        assert solution.pseudocolour[i] == pytest.approx(x[5], rel=1e-6)
+        assert solution.pseudocolour_error[i] == pytest.approx(np.sqrt(inverse[5, 5]), rel=1e-8)
+    table["colour_factor_al"] = 0.0
+    np.testing.assert_array_equal(read_epochs(table).motion, read_epochs(table, pseudocolour=False).motion)
+    table["colour_factor_al"] = np.nan  # null in every row, as of a source without a colour
+    assert read_observations(table).colour is None
+    averaged = read_observations(coloured(transits)[0]).by_transit()
+    assert averaged.colour.shape == averaged.position.shape
+
+
+def test_errors_with_colours_that_are_off(transits):
+    """Pulls of motions where wavenumbers are off by what is expected of them: with a pseudocolour as they should be."""
+    truth = sim.spin((100.0, 0.0, 0.0)) + sim.acceleration((0.0, 50.0, 0.0))
+    table, correction = coloured(transits, size=60.0)
+    with_colour, without = (read_epochs(table, robust=False, pseudocolour=each) for each in (True, False))
+    pulls = [each.minus(truth(each.lon, each.lat)).whitened.std() for each in (with_colour, without)]
+    assert 0.85 < pulls[0] < 1.15
+    assert pulls[1] > 1.5
+    seen = read_observations(table)
+    solution = solve_epochs(seen.source, seen.design, seen.position, seen.error, colour=seen.colour)
+    assert 0.8 < np.std((solution.pseudocolour - correction) / solution.pseudocolour_error) < 1.2
+    assert any("pseudocolour of each source, prior ± 0.085" in note for note in with_colour.notes)
+
+
+def gaiasupdate(monkeypatch, name):
     # It imports astroquery, which asks ESA's archive at once; nothing of that is needed here.
     archive = SimpleNamespace(GaiaClass=None, Gaia=None)
     monkeypatch.setitem(sys.modules, "astroquery", SimpleNamespace(gaia=archive))
     monkeypatch.setitem(sys.modules, "astroquery.gaia", archive)
-    solver = pytest.importorskip("gaiasupdate.solver", reason="gaiasupdate is not installed: make test-oracles")
-    field = read_epochs(with_outliers)
+    return pytest.importorskip(f"gaiasupdate.{name}", reason="gaiasupdate is not installed: make test-oracles")
+
+
+@pytest.mark.parametrize("has_colour", [False, True], ids=["five", "six"])
+def test_against_gaiasupdate(with_outliers, monkeypatch, has_colour):
+    """ESA's own package, with its weights, excess noise and prior: parameters to 1e-3 σ, errors to 1e-3."""
+    solver = gaiasupdate(monkeypatch, "solver")
+    table = coloured(with_outliers)[0] if has_colour else with_outliers
+    field = read_epochs(table)
     noisy = 0
     for i in range(len(field)):
-        mine = with_outliers["source_id"] == field.name[i]
-        time = (
-            np.asarray(with_outliers["obs_time_tcb"][mine])
-            + np.asarray(with_outliers["obs_time_bary_corr"][mine])[:, None]
-        ) / (365.25 * 86400e9) - 7.5
-        angle = np.repeat(np.radians(with_outliers["scan_pos_angle"][mine]), 9)
-        factor = np.repeat(np.asarray(with_outliers["parallax_factor_al"][mine]), 9)
+        mine = table["source_id"] == field.name[i]
+        time = (np.asarray(table["obs_time_tcb"][mine]) + np.asarray(table["obs_time_bary_corr"][mine])[:, None]) / (
+            365.25 * 86400e9
+        ) - 7.5
+        angle = np.repeat(np.radians(table["scan_pos_angle"][mine]), 9)
+        factor = np.repeat(np.asarray(table["parallax_factor_al"][mine]), 9)
+        design = design_row(angle, factor, time.ravel()).T
+        options = {}
+        if has_colour:  # theirs is per nm
+            design = np.column_stack([design, -1e3 * np.asarray(table["colour_factor_al"][mine]).ravel()])
+            options = {"gaussian_priors": np.array([None] * 5 + [0.085e-3])}
         equations = solver.DesignEquation({
-            "design_matrix_coefficients": design_row(angle, factor, time.ravel()).T,
-            "dependent_variable": np.asarray(with_outliers["centroid_pos_al"][mine]).ravel(),
-            "dependent_variable_error": np.asarray(with_outliers["centroid_pos_error_al"][mine]).ravel(),
+            "design_matrix_coefficients": design,
+            "dependent_variable": np.asarray(table["centroid_pos_al"][mine]).ravel(),
+            "dependent_variable_error": np.asarray(table["centroid_pos_error_al"][mine]).ravel(),
+            **options,
         })  # fmt: skip
         found = equations.solve("agis")
-        sigma = 1000 * found["parameters_formal_uncertainty"][3:]
-        assert np.abs(field.motion[:, i] - 1000 * found["parameters"][3:]).max() < 1e-3 * sigma.min()
+        sigma = 1000 * found["parameters_formal_uncertainty"][3:5]
+        assert np.abs(field.motion[:, i] - 1000 * found["parameters"][3:5]).max() < 1e-3 * sigma.min()
         np.testing.assert_allclose(field.sigma[:, i], sigma, rtol=1e-3)
         noisy += found["excess_noise"] > 0
     assert noisy > 3
+
+
+def test_tables_of_the_archive_against_gaiasupdate(monkeypatch):
+    """Its way from a table of the archive, with the sign and unit of the colour factor and the bits of its own."""
+    module = gaiasupdate(monkeypatch, "epoch_astrometry")
+    pandas = pytest.importorskip("pandas")
+    population = sim.quasars(3, np.random.default_rng(5), max_magnitude=20.0)
+    table, _ = coloured(sim.epochs(population, sim.spin((0.0, 0.0, 0.0)), 4, complete=True), size=60.0)
+    field = read_epochs(table)
+    frame = pandas.DataFrame({
+        name: list(np.asarray(table[name])) if np.ndim(table[name]) > 1 else np.asarray(table[name])
+        for name in table.colnames
+    })  # fmt: skip
+    for i, name in enumerate(field.name):
+        found = module.GaiaEpochAstrometryArchive.supdate(
+            frame[frame["source_id"] == name], name, compute_excess_noise=True
+        )
+        sigma = 1000 * found["parameters_formal_uncertainty"][3:5]
+        assert np.abs(field.motion[:, i] - 1000 * np.asarray(found["parameters"][3:5])).max() < 1e-3 * sigma.min()
+        np.testing.assert_allclose(field.sigma[:, i], sigma, rtol=1e-3)
 
 
 def test_files_and_flat_tables(transits, tmp_path):
