@@ -16,6 +16,7 @@ from vsh.tools.modules import lazily
 if TYPE_CHECKING:
     from fit.background._cross import CrossPowers, cross_powers
     from fit.background._evidence import Comparison, compare_models, evidence
+    from fit.background._pulsars import add_pulsars
     from fit.background._shared import BEYOND as BEYOND
     from fit.background._shared import ClassComparison, Verdict, shared
     from fit.background._shared import contrast_p_value as contrast_p_value
@@ -38,6 +39,7 @@ __all__ = [
     "Template",
     "Verdict",
     "WaveLimit",
+    "add_pulsars",
     "compare_models",
     "cross_powers",
     "evidence",
@@ -54,6 +56,7 @@ __getattr__, __dir__ = lazily(
     {
         "_cross": ["CrossPowers", "cross_powers"],
         "_evidence": ["Comparison", "compare_models", "evidence"],
+        "_pulsars": ["add_pulsars"],
         "_shared": [
             "BEYOND",
             "ClassComparison",

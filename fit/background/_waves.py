@@ -29,7 +29,7 @@ from vsh.tools.types import ArrayLike, Axes, FloatArray, Table
 from vsh.tools.units import JULIAN_YEAR, hubble_rate
 
 #: km in a megaparsec.
-_MPC = 3.0856775814913673e19
+MPC = 3.0856775814913673e19
 #: What each kind of limit takes for equally likely a priori.
 KINDS = {"flat": "exact likelihood, flat in Ω", "root": "exact likelihood, flat in √Ω",
          "coefficients": "coefficients flat: quantile of (6/5) P_2/(4π H0²)"}  # fmt: skip
@@ -146,7 +146,7 @@ class WaveLimit(Result):
         probability, prior
             As for `limit`.
         """
-        rate = self.hubble / _MPC
+        rate = self.hubble / MPC
         return float(np.sqrt(1.5 * self.limit(probability, prior)) * rate / (np.pi * self.frequency(years)))
 
     @property

@@ -22,7 +22,7 @@ DRAWN = "an artist of matplotlib whose kind depends on what is drawn"
 REASONS = {
     **dict.fromkeys(("meta", "truth", "provenance"), HEADER),
     **dict.fromkeys(("options", "style", "reading", "further"), ON),
-    **dict.fromkeys(("source", "path", "positions", "a", "b"), TABLES),
+    **dict.fromkeys(("source", "path", "positions", "pairs", "a", "b"), TABLES),
     **dict.fromkeys(
         ("ra", "dec", "pmra", "pmdec", "pmra_error", "pmdec_error", "values", "errors", "columns", "units"), COLUMNS
     ),

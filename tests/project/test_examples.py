@@ -189,6 +189,13 @@ def test_joint_solution(tmp_path):
 
 
 @pytest.mark.slow
+def test_pulsars_and_motions(tmp_path):
+    assert "with 30 pulsars at 0.0667 per year" in run("pulsars_and_motions.py", folder=tmp_path)
+    for name in ("overlap_functions", "pulsars_and_motions"):
+        assert (tmp_path / f"{name}.png").stat().st_size > 10_000
+
+
+@pytest.mark.slow
 def test_calibrated_basic_angle(tmp_path):
     text = run("calibrated_basic_angle.py", folder=tmp_path)
     median = [float(each) for each in re.findall(r"(\S+) \(median\)", text)]
