@@ -196,6 +196,13 @@ def test_pulsars_and_motions(tmp_path):
 
 
 @pytest.mark.slow
+def test_growth_from_motions(tmp_path):
+    text = run("growth_from_motions.py", folder=tmp_path)
+    assert abs(float(re.search(r"f/b +(\S+) ± ", text)[1]) - 0.526) < 0.6
+    assert (tmp_path / "growth_flow.png").stat().st_size > 10_000
+
+
+@pytest.mark.slow
 def test_calibrated_basic_angle(tmp_path):
     text = run("calibrated_basic_angle.py", folder=tmp_path)
     median = [float(each) for each in re.findall(r"(\S+) \(median\)", text)]

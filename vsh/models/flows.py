@@ -32,7 +32,8 @@ from scipy.special import spherical_jn
 
 from vsh.basis import scalar_harmonics, spheroidal_twin, toroidal_harmonics
 from vsh.sky.frames import check_frame, rotation_matrix
-from vsh.sky.sphere import triad
+from vsh.sky.pixels import check_nside, pixels_of
+from vsh.sky.sphere import angles, triad
 from vsh.tools import arguments
 from vsh.tools.arguments import explained, float_array, positive
 from vsh.tools.errors import ParameterError, TableError
@@ -41,7 +42,10 @@ from vsh.tools.notebook import Frozen, InNotebook
 from vsh.tools.printing import printable
 from vsh.tools.types import ArrayLike, BoolArray, FloatArray, PathName
 
-__all__ = ["LINEAR_PLANCK18", "FlowModes", "LinearTheory", "VelocityGrid", "flow_modes", "read_velocity_grid"]
+__all__ = [
+    "LINEAR_PLANCK18", "FlowModes", "LinearTheory", "VelocityGrid", "flow_modes", "flow_of_galaxies",
+    "read_velocity_grid",
+]  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -302,6 +306,100 @@ def _planck() -> LinearTheory:
 
 #: Flat, Ω_m = 0.3111, σ_8 = 0.8102: Planck Collaboration (2020, A&A 641, A6), with f = Ω_m^0.55.
 LINEAR_PLANCK18 = _planck()
+#: Shells in which the density of galaxies is counted, and how far beyond the farthest the cube goes.
+_SHELLS, _MARGIN = 16, 1.6
+
+
+def flow_of_galaxies(
+    lon: ArrayLike,
+    lat: ArrayLike,
+    distance: ArrayLike,
+    *,
+    beta: float = LINEAR_PLANCK18.growth_rate,
+    smoothing: float = 8.0,
+    size: int = 96,
+    visible: ArrayLike | None = None,
+    frame: str = "icrs",
+) -> VelocityGrid:
+    """Reconstruct the flow that linear theory has for the density of galaxies.
+
+    Parameters
+    ----------
+    lon, lat : (n,) arrays
+        Positions in `frame`. [rad]
+    distance : (n,) array
+        [Mpc/h]
+    beta : float
+        f/b: the growth rate over the bias of the galaxies.
+    smoothing : float
+        Standard deviation of the Gaussian that the density is smoothed with; at 8 Mpc/h velocities are right on
+        average, with less they are too large, because the density is no longer linear. [Mpc/h]
+    size : int
+        Points of the grid along each axis; cells are at most as wide as the smoothing.
+    visible : (12 nside²,) bool array, optional
+        Where galaxies could be seen, a HEALPix map in ring order; elsewhere the density is taken as the mean. The whole
+        sky unless given.
+    frame : str
+        Frame of the positions and of the grid.
+
+    Returns
+    -------
+    VelocityGrid
+        Zero on average; beyond the farthest galaxy the density is taken as the mean, so that a uniform flow by what is
+        farther away is missing.
+
+    Raises
+    ------
+    ParameterError
+        If there are fewer than a hundred galaxies, a distance is not above zero, or the cells are too wide.
+
+    Notes
+    -----
+    v = −β H ∇ ∇⁻² δ with δ the density of galaxies over its mean at their distance, less one. The mean is a cubic in
+    distance that is fitted to the logarithm of counts in shells.
+    """
+    lon = arguments.dimension(1)("lon", lon)
+    lat, distance = (float_array(name, x, lon.shape) for name, x in (("lat", lat), ("distance", distance)))
+    beta, smoothing, size = positive("beta", beta), positive("smoothing", smoothing), arguments.whole("size", size, 8)
+    if len(lon) < 100 or not (distance > 0).all():
+        raise ParameterError(f"a density takes a hundred galaxies with distances above zero, not {len(lon)}")
+    farthest = float(distance.max())
+    half = _MARGIN * farthest
+    step = 2 * half / size
+    if step > smoothing:
+        least = int(np.ceil(2 * half / smoothing))
+        raise ParameterError(f"cells of {step:.2g} Mpc/h are wider than the smoothing: take a size of {least}")
+    edges = np.linspace(-half, half, size + 1)
+    counts, _ = np.histogramdd((triad(lon, lat)[2] * distance).T, bins=(edges,) * 3)
+    middle = (edges[1:] + edges[:-1]) / 2
+    cells = np.stack(np.meshgrid(middle, middle, middle, indexing="ij"))
+    radius = np.sqrt(np.sum(cells**2, 0))
+    is_seen, share = radius < farthest, 1.0
+    if visible is not None:
+        visible = np.asarray(visible, bool)
+        nside = check_nside(round(np.sqrt(visible.size / 12)))
+        if visible.shape != (12 * nside**2,):
+            raise ParameterError(f"visible is a HEALPix map, of 12 nside² pixels, not of shape {visible.shape}")
+        is_seen &= visible[pixels_of(*angles(cells.reshape(3, -1)), nside)].reshape(radius.shape)
+        share = float(visible.mean())
+    shells = farthest * np.linspace(0, 1, _SHELLS + 1) ** (1 / 3)
+    volume = 4 / 3 * np.pi * share * np.diff(shells**3)
+    at = ((shells[1:] ** 3 + shells[:-1] ** 3) / 2) ** (1 / 3)
+    density = np.histogram(distance, shells)[0] / volume
+    has_galaxies = density > 0
+    cubic = np.polyfit(at[has_galaxies], np.log(density[has_galaxies]), 3, w=np.sqrt((density * volume)[has_galaxies]))
+    mean = np.exp(np.polyval(cubic, np.clip(radius, at[0], at[-1]))) * step**3
+    contrast = np.where(is_seen, counts / mean - 1, 0.0)
+    contrast[is_seen] -= contrast[is_seen].mean()
+    waves = 2 * np.pi * np.fft.fftfreq(size, step)
+    k = np.stack(np.meshgrid(waves, waves, np.abs(waves[: size // 2 + 1]), indexing="ij"))
+    square = np.sum(k**2, 0)
+    square[0, 0, 0] = 1.0
+    pull = 1j * beta * HUBBLE * np.fft.rfftn(contrast) * np.exp(-square * smoothing**2 / 2) / square
+    velocity = np.stack([np.fft.irfftn(pull * component, (size,) * 3, axes=(0, 1, 2)) for component in k])
+    return VelocityGrid(velocity, half - step / 2, frame)
+
+
 #: Beyond this distance flows move nobody's estimate: sources there have independent velocities. [Mpc/h]
 FARTHEST = 600.0
 #: Below this distance the modes are as here. [Mpc/h]
