@@ -21,7 +21,7 @@ RECIPES = {
     for found in re.finditer(r"# recipe: (\w+)\n.*?(?=\n```)", page.read_text(encoding="utf-8"), re.DOTALL)
 }
 NEEDS = {"dask": "dask.dataframe", "cluster": "distributed", "lsdb": "lsdb"}
-SAMPLERS = ("dynesty", "numpyro", "cobaya")
+SAMPLERS = ("dynesty", "numpyro", "cobaya", "sbi")
 
 
 def field(seed):
@@ -56,6 +56,7 @@ def test_no_recipe_is_forgotten():
         "dynesty",
         "numpyro",
         "cobaya",
+        "sbi",
     }
 
 
@@ -102,7 +103,7 @@ def run(text, home):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", SAMPLERS)
 def test_sampler_takes_a_result(name, tmp_path):
-    """Mean and width of the angular speed are those of the posterior on a grid."""
+    """Mean and width of the angular speed are those of the posterior on a grid; simulated skies have no floor."""
     pytest.importorskip(name)
     (tmp_path / "likelihood.py").write_text(RECIPES["likelihood"], encoding="utf-8")
     printed = run(RECIPES[name], tmp_path)
@@ -115,8 +116,13 @@ weight = np.exp(weight - weight.max()).sum(1)
 mean = np.average(omega, weights=weight)
 print(mean, np.sqrt(np.average((omega - mean) ** 2, weights=weight)))
 """
+    if name == "sbi":
+        text = RECIPES["likelihood"].replace("fit.recommended(field)", "fit.fit_field(field, 2)")
+        (tmp_path / "likelihood.py").write_text(text, encoding="utf-8")
     expected, width = map(float, run(code, tmp_path).split())
-    assert mean == pytest.approx(expected, abs=0.15 * width)
+    # A network that has seen ten thousand skies is right to a third of an error.
+    accuracy = 0.4 if name == "sbi" else 0.15
+    assert mean == pytest.approx(expected, abs=accuracy * width)
     assert sigma == pytest.approx(width, rel=0.15)
 
 
