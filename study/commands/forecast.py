@@ -22,11 +22,12 @@ def make_parser() -> argparse.ArgumentParser:
         ),
     )
     add = parsing.adder(parser)
-    add("--only NAME,…", "names of known surveys (default: all)", _names)
+    add("--only NAME,…", "names of known surveys (default: all); may be repeated", _names, action="append")
     add(
         "--survey NAME=N,SIGMA",
-        "a survey of your own: number of quasars, and error of their motions in µas/yr",
+        "a survey of your own: number of quasars, and error of their motions in µas/yr; may be repeated",
         _surveys,
+        action="append",
     )
     add(
         "--sky",
@@ -56,7 +57,7 @@ def _surveys(text):
         raise argparse.ArgumentTypeError(
             f"expected NAME=N,SIGMA, with N a whole number and SIGMA an error in µas/yr, not {text!r}"
         )
-    return {name.strip(): (int(n), sigma)}
+    return name.strip(), int(n), sigma
 
 
 def _run(options):
@@ -64,11 +65,12 @@ def _run(options):
     from study.forecast import SURVEYS, Survey, forecast_surveys
 
     surveys = dict(SURVEYS)
-    for name in options.only or ():
+    only = [name for names in options.only or () for name in names]
+    for name in only:
         if name not in surveys:
             raise VshError(f"no survey is called {name!r}; known surveys are {', '.join(surveys)}")
-    surveys = {name: surveys[name] for name in options.only or surveys}
-    for name, (n, sigma) in (options.survey or {}).items():
+    surveys = {name: surveys[name] for name in only or surveys}
+    for name, n, sigma in options.survey or ():
         surveys[name] = Survey(n, sigma=sigma, says="as given")
     forecast = forecast_surveys(surveys, sky=options.sky, flows=not options.no_flows)
     run.finish(

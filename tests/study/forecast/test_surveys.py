@@ -145,7 +145,13 @@ def test_messages(capsys):
 
 def test_command(tmp_path, capsys):
     folder = tmp_path / "forecast"
-    assert main(["--only", "VLBI", "--survey", "mine=3000,2", "--no-flows", "--output", str(folder)]) == 0
+    words = ["--only", "VLBI", "--only", "SKA", "--survey", "mine=3000,2", "--survey", "other=500,9", "--no-flows"]
+    assert main([*words, "--output", str(folder)]) == 0
     made = {"report.txt", "forecast.ecsv", "forecast.png", "provenance.json", "run.toml", "citation.bib"}
     assert {x.name for x in folder.iterdir()} == made
-    assert "mine" in capsys.readouterr().out
+    text = capsys.readouterr().out
+    assert all(name in text for name in ("VLBI", "SKA", "mine", "other"))
+    # The run repeats itself, options given twice too.
+    again = ["--config", str(folder / "run.toml"), "--output", str(tmp_path / "again")]
+    assert main(again) == 0
+    assert (tmp_path / "again" / "report.txt").read_text() == (folder / "report.txt").read_text()
