@@ -225,7 +225,7 @@ def test_powers_of_bands_hold():
         weights = found.weights * (found.roots <= 3 * unit).all(1)  # the prior that truths were drawn from
         ranks += [float(weights @ (found.roots[:, k] < root[k])) / weights.sum() for k in range(2)]
     assert kstest(ranks, "uniform").pvalue > 0.01
-    assert "95 % limit" in found.report()
+    assert f"√P < {found.limits()[0]:.3g} µas in 1.5 a year" in found.report()
     assert (found.strain() > 0).all()
 
 
