@@ -972,6 +972,6 @@ BREAKS = [
         "noise + (self.reconstruction_error * value)",
         "test_growth.py",
     ),
-    ("study/skies.py", "- rhs @ coefficients", "+ rhs @ coefficients", "test_skies.py"),
-    ("study/skies.py", "draw(stream)", "draw(streams[0])", "test_skies.py"),
+    ("study/skies.py", "- rhs @ coefficients", "+ rhs @ coefficients", "test_study_skies.py"),
+    ("study/skies.py", "draw(stream)", "draw(streams[0])", "test_study_skies.py"),
 ]
