@@ -109,6 +109,14 @@ _CAPTIONS = {
     "accelerations": "Accelerations: published, and of these sources.",
     "checks": "p-values of the checks, with systematic errors (dots) and as quoted (crosses); lines: .05 and .0027.",
 }
+_OF_SECTIONS = {
+    "classes": "Spin and acceleration of each class, with systematic errors.",
+    "magnitudes": "Spin and acceleration of bright and faint sources, with systematic errors.",
+    "expansion": "Size of the expansion in each bin; grey: what noise and systematic errors show on average.",
+    "waves": "The energy in gravitational waves: posteriors, and 95 % limits (dashed).",
+    "pairs": "Correlation of the motions of pairs by the angle between them, and the number of pairs.",
+    "floor": "Power of the systematic errors in each parity: median and 68 %.",
+}
 _CHECKS = (
     "Each row tests whether the acceleration and the spin depend on it: p-values with systematic errors, and with "
     "formal errors alone, which are too small where sources have systematic errors in common."
@@ -124,7 +132,7 @@ def _section(section: Analysis, figures: dict[str, Any]) -> page.Panel:
     heads = ["", "published", "ours, published method", "ours, systematic errors included"]
     names = [f"{section.paper.key}_{name}" for name in section.results]
     section_figures = {name: figures.pop(name) for name in names if name in figures}
-    captions = {name: name.partition("_")[2].replace("_", " ") for name in section_figures}
+    captions = {name: _OF_SECTIONS.get(name.partition("_")[2], section.title) for name in section_figures}
     return page.heading(
         section.title, about, page.words(f"Verdict: {section.verdict}."), page.table(heads, rows),
         page.figures(section_figures, captions) if section_figures else page.Panel(""),

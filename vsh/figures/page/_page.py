@@ -59,7 +59,16 @@ def words(text: str, kind: str = "") -> Panel:
 
 def answer(lines: Sequence[tuple[str, str]]) -> Panel:
     """The lines to quote, their labels in front; nothing where there are none."""
-    return table(["", "result"], [list(line) for line in lines]) if lines else Panel("")
+    return facts(lines)
+
+
+def facts(entries: Iterable[tuple[Any, Any]]) -> Panel:
+    """Words with a label in front of each, broken where they are longer than the page is wide."""
+    rows = "".join(
+        f"<tr><th scope='row'>{escape(str(label))}</th><td class='broken'>{escape(str(text))}</td></tr>"
+        for label, text in entries
+    )
+    return Panel(f"<div class='wide'><table><tbody>{rows}</tbody></table></div>" if rows else "")
 
 
 def cards(items: Iterable[tuple[str, str, str]]) -> Panel:
@@ -90,17 +99,21 @@ def table(heads: Sequence[str], rows: Iterable[Sequence[str]], *, sortable: bool
 
 
 def _row(row):
+    """A row of a table, whose words may be broken and whose numbers may not."""
     label, *cells = map(str, row)
-    return f"<tr><th scope='row'>{escape(label)}</th>" + "".join(f"<td>{escape(cell)}</td>" for cell in cells) + "</tr>"
+    kinds = (" class='broken'" if len(cell) > _WORDS else "" for cell in cells)
+    inner = "".join(f"<td{kind}>{escape(cell)}</td>" for kind, cell in zip(kinds, cells))
+    return f"<tr><th scope='row'>{escape(label)}</th>{inner}</tr>"
 
 
+#: Longer cells of a table are words.
+_WORDS = 32
 #: Rows of a table that a page shows.
 _ROWS = 200
 
 
 def section(part: Section) -> Panel:
     """A section of a result: its title, facts, table, remarks and notes."""
-    facts = table(["", ""], [list(entry) for entry in part.facts]) if part.facts else Panel("")
     table_panel = footnote = Panel("")
     if (rows := part.shown) is not None:
         table_panel = table(*printed(rows[:_ROWS], part.forms), sortable=True)
@@ -108,9 +121,8 @@ def section(part: Section) -> Panel:
             f"The first {_ROWS} of {len(rows)} rows; the files have all." if len(rows) > _ROWS else "", "faint"
         )
     inner = "".join(f"<li>{escape(str(entry))}</li>" for entry in dict.fromkeys(map(str, part.notes)))
-    return heading(
-        part.title, facts, table_panel, footnote, *map(words, part.remarks), Panel(f"<ul>{inner}</ul>" if inner else "")
-    )
+    notes = Panel(f"<ul>{inner}</ul>" if inner else "")
+    return heading(part.title, facts(part.facts), table_panel, footnote, *map(words, part.remarks), notes)
 
 
 def figure(picture: bytes, caption: str) -> Panel:
@@ -147,26 +159,19 @@ def preformatted_panel(text: str, label: str = "report") -> Panel:
     return Panel(f'<pre tabindex="0" role="group" aria-label="{escape(label)}">{escape(text)}</pre>' if text else "")
 
 
-def provenance(facts: Mapping[str, Any], command: Sequence[str] | None = None) -> Panel:
+def provenance(sources: Mapping[str, Any], command: Sequence[str] | None = None) -> Panel:
     """Show the provenance of a result, and the command that repeats it."""
-    if not facts:
+    if not sources:
         return Panel("")
-    rows = []
-    for key, value in facts.items():
-        if value in ([], {}, None):
-            continue
-        inner = ", ".join(f"{k} {v}" for k, v in value.items()) if isinstance(value, dict) else str(value)
-        rows.append(
-            f"<tr><th scope='row'>{escape(key.replace('_', ' '))}</th><td class='broken'>{escape(inner)}</td></tr>"
-        )
+    entries = [
+        (key.replace("_", " "), ", ".join(f"{k} {v}" for k, v in value.items()) if isinstance(value, dict) else value)
+        for key, value in sources.items()
+        if value not in ([], {}, None)
+    ]
     command_panels = (
         [words("To repeat the run:"), preformatted_panel(shlex.join(command), "command")] if command else []
     )
-    return heading(
-        "Where this comes from",
-        *command_panels,
-        Panel(f"<div class='wide'><table><tbody>{''.join(rows)}</tbody></table></div>"),
-    )
+    return heading("Where this comes from", *command_panels, facts(entries))
 
 
 _SEAL = re.compile(r"<!-- sha256 of the rest: ([0-9a-f]{64}) -->\n")
