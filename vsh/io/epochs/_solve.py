@@ -19,7 +19,7 @@ from vsh.tools.types import BoolArray, FloatArray, IntArray
 
 #: The cubic between two and three σ that joins 1 to e^{−z/3} with its slope (eq. 66 there).
 _SQUARE, _CUBE = 3 - 10 / 3 * np.exp(-1.0), 2 - 7 / 3 * np.exp(-1.0)
-#: How well the effective wavenumber of a source is known beforehand in the six-parameter solutions of DR4, as ESA's
+#: How well the effective wavenumber of a source is known a priori in the six-parameter solutions of DR4, as ESA's
 #: gaiasupdate has it. [µm⁻¹]
 COLOUR_PRIOR = 0.085
 #: Observations with less weight do not count among the degrees of freedom.
@@ -45,7 +45,7 @@ class FiveParameters(Frozen):
     weights : (k,) array
         Weights of the observations.
     pseudocolour, pseudocolour_error : (n,) arrays or None
-        Correction of the effective wavenumber, with what is known of it beforehand, and its error. [µm⁻¹]
+        Correction of the effective wavenumber, with its prior, and its error. [µm⁻¹]
     """
 
     values: FloatArray
