@@ -13,6 +13,7 @@ import sys
 from configparser import ConfigParser
 from fnmatch import fnmatch
 
+from breaks import BREAKS
 from conftest import ROOT, for_each, parsed
 
 MAY_IMPORT = {"vsh": {"vsh"}, "sim": {"sim", "vsh"}, "fit": {"fit", "vsh"}, "study": {"study", "sim", "fit", "vsh"}}
@@ -196,3 +197,13 @@ def test_every_file_of_the_packages_is_installed():
         for path in (ROOT / package).rglob("*"):
             if path.is_file() and path.suffix != ".py" and "__pycache__" not in path.parts:
                 assert path.relative_to(ROOT / package).as_posix() in named
+
+
+def test_every_place_to_break_is_there():
+    """The deliberate breaks of `tests/mutate.py`, whose run takes long."""
+    assert [(name, old) for name, old, _, _ in BREAKS if old not in (ROOT / name).read_text(encoding="utf-8")] == []
+
+
+def test_tests_of_breaks_are_found_by_their_names():
+    files = {test.split("::")[0] for *_, tests in BREAKS for test in tests.split()}
+    assert {name: len(list((ROOT / "tests").rglob(name))) for name in files} == dict.fromkeys(files, 1)
