@@ -123,6 +123,20 @@ def test_varying_angle_is_taken_by_its_calibration(quasars):
     assert errors[1] > 50.0
 
 
+def test_scale_along_the_scan_moves_no_source(quasars):
+    """Nine CCDs displaced in proportion to their place in the field, by a scale that varies: their mean stays."""
+    scans = agis.scans(LAW, quasars.lon, quasars.lat, 100.0, 500.0, knots=2 * 86400.0, ccds=9)
+    time = scans.time()
+    order = np.lexsort([time, scans.source])
+    place = np.empty(len(time))
+    place[order] = np.tile(np.arange(9) - 4.0, len(time) // 9)
+    along = 1000.0 * place / 4 * np.cos(2 * np.pi * 3.0 * time)
+    system = agis.System(scans)
+    # What it adds to the equations of sources and attitude, against what the same sizes alone would.
+    for mine, largest in zip(system.adjoint(along, 0 * along), system.adjoint(np.abs(along), 0 * along), strict=True):
+        assert np.abs(mine).max() < 1e-4 * np.abs(largest).max()
+
+
 def test_what_cannot_be_calibrated(quasars):
     with pytest.raises(ParameterError, match=r"needs knots of the attitude at most 43200 s apart, not 172800 s"):
         make(quasars, "free every 5 days")
