@@ -133,11 +133,15 @@ class Survey(InNotebook):
                 errors[:, inside] = _mean_error(self.second.motion_errors(magnitude, larger, self.release))[:, None]
         return errors * self.factor * np.sqrt(len(lon) / self.n_quasars)
 
-    def galaxy_errors(self, magnitude: FloatArray) -> FloatArray:
-        """Errors of galaxies of `magnitude` G, (2, n). [µas/yr]"""
+    def galaxy_errors(self, magnitude: FloatArray, lon: FloatArray, lat: FloatArray) -> FloatArray:
+        """Errors of galaxies of `magnitude` G at ICRS positions `lon`, `lat`, as of points, (2, n). [µas/yr]"""
         if self.release is None:
             return np.tile(self._own_error()[:, None], len(magnitude)) * self.factor
-        return gaia_errors(magnitude, self.release) * self.factor
+        errors = gaia_errors(magnitude, self.release)
+        if self.second is not None:
+            inside = self.second.covers(lon, lat)
+            errors[:, inside] = self.second.motion_errors(magnitude[inside], np.ones(inside.sum()), self.release)
+        return errors * self.factor
 
     def _own_error(self):
         """Error of as much information as those of `sigma` have, (2,)."""
@@ -490,7 +494,8 @@ def _of_galaxies(survey, sample, flows):
 def _errors(survey, sample, dispersion, times):
     """Errors of galaxies that stand for several each, their peculiar velocities included. [µas/yr]"""
     scatter = dispersion / (AU_PER_YEAR * transverse_distance(sample.redshift, FLAT_PLANCK13))
-    return np.hypot(survey.galaxy_errors(sample.magnitude), scatter) / np.sqrt(times * survey.n_galaxies / _GALAXIES)
+    errors = survey.galaxy_errors(sample.magnitude, sample.lon, sample.lat)
+    return np.hypot(errors, scatter) / np.sqrt(times * survey.n_galaxies / _GALAXIES)
 
 
 def _velocity(sample, errors, **options):

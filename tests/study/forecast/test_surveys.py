@@ -44,6 +44,22 @@ def test_quantities_that_follow_from_the_acceleration(found):
         assert values["wave"] == pytest.approx(2 * values["acceleration"], rel=0.02)
 
 
+def test_second_epoch_serves_galaxies_too():
+    """Those in its part of the sky, by the astrometry of each and a position years later; the others as before."""
+    from sim.astrometry import gaia_errors
+
+    second = SecondEpoch(350.0, 10.0, declination=(-45.0, 0.0))
+    survey, alone = Survey(10, "DR5", n_galaxies=10, second=second), Survey(10, "DR5", n_galaxies=10)
+    magnitude = np.array([15.0, 18.0, 20.0, 18.0])
+    lon, lat = np.full(4, 1.0), np.radians([-30.0, -20.0, -10.0, 20.0])
+    errors, before = survey.galaxy_errors(magnitude, lon, lat), alone.galaxy_errors(magnitude, lon, lat)
+    np.testing.assert_array_equal(before, gaia_errors(magnitude, "DR5"))
+    np.testing.assert_array_equal(errors[:, 3], before[:, 3])
+    np.testing.assert_allclose(errors[:, :3], second.motion_errors(magnitude[:3], np.ones(3), "DR5"))
+    assert (errors[:, :3] < before[:, :3]).all()
+    assert (errors[:, 2] < 0.8 * before[:, 2]).all()
+
+
 def test_survey_of_few_sources_beside_its_own_fit():
     """400 simulated skies of the same sources: scatter as forecast."""
     survey = Survey(500, sigma=20.0)
