@@ -77,6 +77,13 @@ def test_known_attitude_and_nine_ccds(tmp_path, capsys):
 
 
 @pytest.mark.slow
+def test_basic_angle_is_solved_for(tmp_path, capsys):
+    assert run(tmp_path, "--calibration", "constant to order 1") == 0
+    assert "basic angle    solved, constant to order 1" in capsys.readouterr().out
+    assert run(tmp_path, "--overwrite") == 0
+    assert "basic angle    known" in capsys.readouterr().out
+
+
 def test_iterations_that_do_not_do_are_said(tmp_path, capsys):
     assert run(tmp_path, "--iterations", "2") == 0
     assert "NOT at rest" in capsys.readouterr().out

@@ -54,6 +54,39 @@ def test_wave_is_found_in_a_file(epochs, tmp_path, capsys):
     assert {"waves.ecsv", "background.png", "in_time.gif", "report.txt"} <= names
 
 
+def test_calibration_is_allowed_for(epochs, capsys):
+    """It is said in the report, changes limits, and is refused where it has no sense."""
+    words = [
+        str(epochs),
+        "--frequencies",
+        "2",
+        "--lmax",
+        "3",
+        "--nside",
+        "4",
+        "--skies",
+        "10",
+        "--law-nside",
+        "2",
+        "--json",
+    ]
+    limits = {}
+    for calibration in ("none", "free every 5 days to order 1"):
+        assert main([*words, "--calibration", calibration]) == 0
+        told = json.loads(capsys.readouterr().out)
+        limits[calibration] = told["tables"]["Waves"]["columns"]["limit_median"]["values"][0]
+        expected = "no basic angle is calibrated" if calibration == "none" else f"allowed for: {calibration}"
+        assert any(expected in note for note in told["notes"])
+    # By a wave that the file has, and whose attitude was perfect, limits need not rise.
+    assert abs(limits["free every 5 days to order 1"] / limits["none"] - 1) > 0.05
+    assert main(words) == 0
+    assert any("constant to order 8" in note for note in json.loads(capsys.readouterr().out)["notes"])
+    for more in (["--calibration", "every day"], ["--calibration", "constant", "--attitude", "known"]):
+        with pytest.raises(SystemExit):
+            main([*words, *more])
+        assert "--calibration" in capsys.readouterr().err
+
+
 @pytest.mark.slow
 def test_law_from_a_table(epochs, tmp_path, capsys):
     from astropy.table import Table
