@@ -405,7 +405,7 @@ BREAKS = [
     (
         "vsh/commands/parsing.py",
         "import argparse\nimport json",
-        "import argparse\nimport numpy\nimport os",
+        "import argparse\nimport json\nimport astropy.table",
         "test_options.py",
     ),
     ("vsh/commands/parsing.py", '"posterior": (', '"chain": (', "test_telling.py"),

@@ -7,9 +7,9 @@ import pytest
 from astropy.table import Table
 
 import fit.results.storage
+from fit.commands import compare, redshift
 from fit.commands import correlate as correlate_words
 from fit.commands import fit as options_module
-from fit.commands import redshift
 from fit.commands.correlate import main as correlate
 from fit.commands.fit import main
 from sim.commands import agis
@@ -52,6 +52,16 @@ def test_command_line_takes_precedence(catalogue, tmp_path):
     made = tomllib.loads((tmp_path / "b" / "run.toml").read_text(encoding="utf-8"))["options"]
     assert made == {"lmax": 1, "method": "clip=9", "catalogue": catalogue, "no-figures": True}
     assert fit.storage.read(tmp_path / "b" / "solution.ecsv").modes.lmax == 1
+
+
+def test_command_line_takes_precedence_over_what_excludes_it(tmp_path):
+    """A file that asks for the floor, and words that ask for none: the words; and of two ways to print, the last."""
+    path = tmp_path / "run.toml"
+    path.write_text(
+        'command = "vsh-compare"\n[options]\ncatalogue = "a.fits"\ncatalogue2 = "b.fits"\nfloor = true\nlong = true\n'
+    )
+    options = parsing.parse(compare, ["--config", str(path), "--no-floor", "--quiet"])
+    assert (options.floor, options.no_floor, options.long, options.quiet) == (False, True, False, True)
 
 
 @pytest.mark.slow
