@@ -15,6 +15,7 @@ from fit.correlation import correlation_matrices, downweight, eigenmodes, leakag
 from fit.motions.growth import growth
 from fit.posterior import grid, sample
 from fit.redshift import binned
+from fit.results import storage
 from fit.results.storage import _KINDS, read
 from fit.secular_parallax import hubble_constant, observer_velocity
 from vsh import Field, ScalarField, Vector
@@ -220,6 +221,13 @@ def test_every_result_can_do_everything(name, found):
     assert result == result
     assert result != object()
     assert isinstance(hash(result), int)
+
+
+def test_file_of_a_module_that_moved_is_read_by_its_face():
+    """A kind whose private module has another name now is what the room has under the name of the kind."""
+    assert storage._named("fit.background._moved_since", "Floor") is fit.background.Floor
+    with pytest.raises(TableError):
+        storage._named("fit.background._moved_since", "NoSuchKind")
 
 
 @pytest.mark.slow

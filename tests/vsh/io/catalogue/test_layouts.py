@@ -120,6 +120,15 @@ def test_every_layout_gives_the_same_numbers(name, tmp_path):
         np.testing.assert_array_equal(read_field(packed).motion, field.motion)
 
 
+@pytest.mark.parametrize("none", ["--", "---"])
+def test_row_of_units_counts(none, tmp_path):
+    """Other units than Gaia's, and dashes where there is none."""
+    (tmp_path / "a.csv").write_text(delimited(units=[none, none, *["uas/yr"] * 4]))
+    field = read_field(tmp_path / "a.csv")
+    np.testing.assert_allclose(field.motion, rows()[:, 2:4].T, rtol=1e-12)
+    np.testing.assert_allclose(np.degrees(field.lon), rows()[:, 0], rtol=1e-12)
+
+
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize("name", ["vizier with tabs", "vizier ascii table", "blanks after commas", "behind a #"])
 def test_damaged_line_is_named(name, tmp_path):
