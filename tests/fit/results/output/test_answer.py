@@ -52,6 +52,18 @@ def test_answer_detects_a_signal():
     assert line(wide, "acceleration").startswith("not detected: < ")
 
 
+def test_long_report_has_formal_errors_below_those_to_quote():
+    result = fit.recommended(observed(1, (0, 0, 60.0), n=2000))
+    lines = result.report(long=True).splitlines()
+    rows = [line for line in lines if line.startswith("    formal error")]
+    formal = result.solution.formal
+    for row, vector in zip(rows, (formal.spin, formal.acceleration), strict=True):
+        printed = [float(each) for each in re.findall(r"± (\S+)", row)]
+        np.testing.assert_allclose(printed, vector.sigma, rtol=0.06)
+    assert not np.allclose(formal.acceleration.sigma, result.acceleration.sigma, rtol=0.06)
+    assert "formal error " not in result.report()
+
+
 def test_only_the_recommended_fit_is_one_to_quote():
     field = observed(1, (0, 0, 60.0), n=2000)
     assert "to quote" not in line(fit.recommended(field), "errors")
