@@ -92,3 +92,10 @@ def test_stilts_reads_what_commands_write(tmp_path):
         command = ["stilts", "tpipe", f"in={path}", "omode=count"]
         done = subprocess.run(command, capture_output=True, text=True, check=True)
         assert done.stdout.split()[-1] == str(len(Table.read(path))), path.name
+
+
+def test_table_without_rows_has_data_all_the_same(tmp_path):
+    """Without an element of data some readers find no table in the file."""
+    write_table(Table({"ra": np.zeros(0), "name": np.zeros(0, "U3")}), tmp_path / "none.xml")
+    assert "<DATA><TABLEDATA/></DATA>" in (tmp_path / "none.xml").read_text(encoding="utf-8")
+    assert Table.read(tmp_path / "none.xml").colnames == ["ra", "name"]
