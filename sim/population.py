@@ -7,7 +7,7 @@ import numpy as np
 from scipy.special import ndtr, ndtri
 
 from vsh.models.cosmology import distance_modulus, transverse_distance
-from vsh.models.flows import HUBBLE, LINEAR_PLANCK18, LinearTheory, VelocityGrid
+from vsh.models.flows import LINEAR_PLANCK18, LinearTheory, VelocityGrid, velocities_of, wave_vectors
 from vsh.sky.frames import check_frame, rotation_matrix
 from vsh.sky.sphere import angles, triad
 from vsh.tools import arguments
@@ -515,9 +515,7 @@ def clustered_galaxies(
 def _linear(theory, rng, size, half, min_wavenumber, max_wavenumber=np.inf):
     """Density contrast and velocity on a periodic grid, of the waves between two wave numbers."""
     step = 2 * half / size
-    waves = 2 * np.pi * np.fft.fftfreq(size, step)
-    k = np.stack(np.meshgrid(waves, waves, waves[: size // 2 + 1], indexing="ij"))
-    k[2] = np.abs(k[2])
+    k = wave_vectors(size, step)
     length = np.sqrt(np.sum(k**2, 0))
     length[0, 0, 0] = 1.0
     power = np.where(
@@ -526,5 +524,4 @@ def _linear(theory, rng, size, half, min_wavenumber, max_wavenumber=np.inf):
     power[0, 0, 0] = 0.0
     wave = np.fft.rfftn(rng.standard_normal((size, size, size))) * np.sqrt(power / step**3)
     density = np.fft.irfftn(wave, (size,) * 3, axes=(0, 1, 2))
-    pull = 1j * theory.growth_rate * HUBBLE * wave / length**2
-    return density, np.stack([np.fft.irfftn(pull * component, (size,) * 3, axes=(0, 1, 2)) for component in k])
+    return density, velocities_of(wave, k, theory.growth_rate)

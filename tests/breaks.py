@@ -963,7 +963,7 @@ BREAKS = [
     ("fit/background/_pulsars.py", "np.log(spread) + shares", "np.log(spread) + 1.05 * shares", "test_pulsars.py"),
     ("fit/background/_pulsars.py", "np.exp(slope * upper) - np", "np.exp(slope * upper) + np", "test_pulsars.py"),
     ("sim/pulsars.py", "[np.diag_indices(n)] = power + noise", "[np.diag_indices(n)] = noise", "test_pulsars.py"),
-    ("vsh/models/flows.py", "pull = 1j * beta", "pull = -1j * beta", "test_growth.py"),
+    ("vsh/models/flows.py", "pull, shape = 1j * beta", "pull, shape = -1j * beta", "test_growth.py"),
     ("vsh/models/flows.py", "is_seen &= visible", "is_seen |= visible", "test_growth.py"),
     ("fit/motions/growth.py", "np.sum(velocity * q, 0)]) / beta", "np.sum(velocity * q, 0)])", "test_growth.py"),
     (

@@ -391,13 +391,23 @@ def flow_of_galaxies(
     mean = np.exp(np.polyval(cubic, np.clip(radius, at[0], at[-1]))) * step**3
     contrast = np.where(is_seen, counts / mean - 1, 0.0)
     contrast[is_seen] -= contrast[is_seen].mean()
+    k = wave_vectors(size, step)
+    smoothed = np.fft.rfftn(contrast) * np.exp(-np.sum(k**2, 0) * smoothing**2 / 2)
+    return VelocityGrid(velocities_of(smoothed, k, beta), half - step / 2, frame)
+
+
+def wave_vectors(size: int, step: float) -> FloatArray:
+    """Wave vectors of the Fourier transform of a real field on a cube of `size`³ cells, (3, size, size, size/2 + 1)."""
     waves = 2 * np.pi * np.fft.fftfreq(size, step)
-    k = np.stack(np.meshgrid(waves, waves, np.abs(waves[: size // 2 + 1]), indexing="ij"))
+    return np.stack(np.meshgrid(waves, waves, np.abs(waves[: size // 2 + 1]), indexing="ij"))
+
+
+def velocities_of(density: FloatArray, k: FloatArray, beta: float) -> FloatArray:
+    """Velocities of linear theory on a cube, (3, size, size, size), v(k) = i β H δ(k) k/k². [km/s]"""
     square = np.sum(k**2, 0)
-    square[0, 0, 0] = 1.0
-    pull = 1j * beta * HUBBLE * np.fft.rfftn(contrast) * np.exp(-square * smoothing**2 / 2) / square
-    velocity = np.stack([np.fft.irfftn(pull * component, (size,) * 3, axes=(0, 1, 2)) for component in k])
-    return VelocityGrid(velocity, half - step / 2, frame)
+    square[0, 0, 0] = 1.0  # a uniform density pulls nowhere
+    pull, shape = 1j * beta * HUBBLE * density / square, (k.shape[1],) * 3
+    return np.stack([np.fft.irfftn(pull * component, shape, axes=(0, 1, 2)) for component in k])
 
 
 #: Beyond this distance flows move nobody's estimate: sources there have independent velocities. [Mpc/h]
