@@ -14,6 +14,7 @@ import sim
 from fit import in_time
 from sim import agis
 from vsh import Modes
+from vsh.basis import harmonics
 from vsh.figures.plot import figure_of
 from vsh.io.epochs import design_row
 
@@ -27,6 +28,7 @@ time, source = transits.time - law.years / 2, transits.source
 design = design_row(transits.angle, transits.parallax_factor, time)
 own = [np.flatnonzero(source == k) for k in range(len(lon))]
 modes = Modes(2)
+along = np.einsum("pck,ck->pk", harmonics(lon[source], lat[source], modes), design[:2])
 
 # %%
 # A pattern of degree 2, the largest of a wave, that goes as cosine and sine of time: what is left of it along the scan when
@@ -41,17 +43,10 @@ def share_left(response, frequency):
     for mine in own:
         root = np.linalg.qr(design[:, mine].T)[0]
         left[mine] -= root @ (root.T @ left[mine])
-    basis = modes_along(functions)
+    # The same without any attitude: every function of time times every mode along the scan.
+    whole = np.einsum("fk,pk->kfp", functions(time), along).reshape(len(time), -1)
     two = np.tile(modes.degrees == 2, 2)
-    return np.sqrt(np.sum(left[:, two] ** 2) / np.sum(basis[:, two] ** 2))
-
-
-def modes_along(functions):
-    """The same without any attitude: every function of time times every mode along the scan."""
-    from vsh.basis import harmonics
-
-    along = np.einsum("pck,ck->pk", harmonics(lon[source], lat[source], modes), design[:2])
-    return np.einsum("fk,pk->kfp", functions(time), along).reshape(len(time), -1)
+    return np.sqrt(np.sum(left[:, two] ** 2) / np.sum(whole[:, two] ** 2))
 
 
 calibrations = (

@@ -96,14 +96,15 @@ def add_pulsars(
     share = upper - lower if slope == 0 else (np.exp(slope * upper) - np.exp(slope * lower)) / slope
     band = 2 * np.pi**2 * frequency**2 / (3 * rate**2) * share
     own = np.linspace(0, 1, _POINTS) ** 1.5 * np.sqrt(_REACH * np.diag(products).max())
-    values, vectors = np.linalg.eigh(curve / np.sqrt(np.outer(noise, noise)))
-    shares = np.sum(vectors * (products / np.sqrt(np.outer(noise, noise)) @ vectors), axis=0)
+    unit = np.sqrt(np.outer(noise, noise))
+    values, vectors = np.linalg.eigh(curve / unit)
+    shares = np.sum(vectors * (products / unit @ vectors), axis=0)
     spread = _FACTORS[:, None, None] + np.multiply.outer(own**2, values)
     alone = logsumexp(-bins * np.sum(np.log(spread) + shares / spread, axis=2), axis=0)
     own = own * np.sqrt(band)
     root = np.union1d(limit.amplitude.root[limit.amplitude.root < own[-1]], own)
-    with np.errstate(divide="ignore"):
-        log = np.log(limit.likelihood(root**2)) + np.interp(root, own, alone)
+    motions = limit.amplitude
+    log = np.interp(root, motions.root, motions.log_likelihood, right=-np.inf) + np.interp(root, own, alone)
     inside = log > log.max() - 700
     pulsars = Amplitude(own, alone - alone.max())
     name = "h70² Ω" if limit.hubble == 70 else "Ω"

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fit.background import Amplitude
 from fit.results.solution import NamedSolution
 from vsh.field import Field, multiply_weights
 from vsh.io import tables
@@ -76,9 +77,8 @@ class Growth(NamedSolution):
         noise = error**2 - (self.reconstruction_error * value) ** 2
         beta = np.linspace(0, max(value, 0) + 12 * error, 4001)
         variance = noise + (self.reconstruction_error * beta) ** 2
-        density = np.exp(-((value - beta) ** 2) / (2 * variance)) / np.sqrt(variance)
-        share = np.cumsum(density) / np.sum(density)
-        return float(np.interp(arguments.between("probability", probability, 0, 1), share, beta))
+        log_likelihood = -((value - beta) ** 2) / (2 * variance) - np.log(variance) / 2
+        return Amplitude(np.sqrt(beta), log_likelihood - log_likelihood.max()).quantile(probability)
 
     def model(self, field: Field) -> FloatArray:
         """The motions by our velocity, spin and acceleration at a `field` with redshifts, (2, n), without the flow."""

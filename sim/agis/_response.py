@@ -438,7 +438,7 @@ class ExactResponse(InNotebook):
                 east, north = (at[f] * component[scans.source] for component in basis[mode])
                 pair = passes.adjoint(east * sin + north * cos, north * sin - east * cos)
                 size.append(np.sum(scans.weights[0, scans.source] * (east**2 + north**2)))
-                of_sources.append(self.system.reduce(*pair, np.zeros(0)))
+                of_sources.append(self.system.reduce(*pair))
                 of_attitude.append(pair[1])
             right = np.stack(of_sources, axis=-1)
             right[~self.system.solved] = 0

@@ -97,11 +97,12 @@ class Equations(InNotebook):
         flat = np.array(right.reshape(3 * self.coefficients, -1), order="F")
         return cho_solve_banded((self.factor, True), flat, overwrite_b=True, check_finite=False).reshape(right.shape)
 
-    def reduce(self, of_sources: FloatArray, of_attitude: FloatArray, along: FloatArray) -> FloatArray:
-        """g_s − C A⁻¹ g_a, (n, 5), less what the basic angle takes of the observations `along` behind both."""
+    def reduce(self, of_sources: FloatArray, of_attitude: FloatArray, along: FloatArray | None = None) -> FloatArray:
+        """g_s − C A⁻¹ g_a, (n, 5), less what the basic angle takes, if it is solved for, of `along` behind both."""
         attitude = self.attitude_of(of_attitude)
         right = of_sources - self.passes.to_sources(attitude[..., None])[..., 0]
         if self.angle is not None:
+            assert along is not None
             right -= self.angle.effect(self.angle_of(along, np.zeros_like(of_sources), attitude))[1]
         return right
 
@@ -679,7 +680,7 @@ def solve_observations(
     of_sources, of_attitude = passes.adjoint(along, across, x, np.zeros_like(attitude))
     if known is not None:
         of_attitude += known / equations.prior**2
-    remainder = along if equations.angle is None else along - passes.predict(x, np.zeros_like(attitude))[0]
+    remainder = None if equations.angle is None else along - passes.predict(x, np.zeros_like(attitude))[0]
     right = equations.reduce(of_sources, of_attitude, remainder) - _constrain(equations, x)
     right[~equations.solved] = 0
     work = Iteration(equations, right[..., None], conjugate)

@@ -71,7 +71,7 @@ def test_conjugate_gradients_are_the_pseudo_inverse(system):
     rng = np.random.default_rng(3)
     along, across = 100 * rng.standard_normal(len(system.scans)), 500 * rng.standard_normal(len(system.scans))
     found = system.solve(along, across, stop=None, iterations=500)
-    right = system.reduce(*system.adjoint(along, across), along)
+    right = system.reduce(*system.adjoint(along, across))
     x = np.linalg.pinv(dense(system), rcond=1e-10) @ right.ravel()
     mine, wanted = (system.without_null_space(each.reshape(-1, 5, 1))[0] for each in (found.sources, x))
     np.testing.assert_allclose(mine, wanted, atol=1e-6 * np.sqrt(np.einsum("nii->ni", system.formal))[..., None].min())
