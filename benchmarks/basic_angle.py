@@ -18,24 +18,19 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 import sys
 import time
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
+from time_axis import LAW, SPAN, five_parameters_of, observed, solved_system, through
 
-import sim
 from fit import in_time
 from fit.waves import search_in_time
 from sim import agis
 from vsh import Modes
 from vsh.basis import harmonics
-from vsh.io.epochs import Observations, design_row
 from vsh.models.waves import wave_motions, wave_templates
 from vsh.sky.pixels import centres
 from vsh.sky.sphere import triad
 
-YEARS = 5.5
-LAW = sim.NominalScanningLaw(years=YEARS)
-SPAN = (-YEARS / 2, YEARS / 2)
 CALIBRATIONS = (
     None,
     "constant to order 8",
@@ -49,34 +44,21 @@ CALIBRATIONS = (
 
 
 def left(nside=6):
-    rng = np.random.default_rng(3)
-    n, modes = 300, Modes(3)
-    lon, lat = rng.uniform(0, 2 * np.pi, n), np.arcsin(rng.uniform(-1, 1, n))
-    transits = LAW.transits(lon, lat)
-    t, source = transits.time - YEARS / 2, transits.source
-    design = design_row(transits.angle, transits.parallax_factor, t)
-    basis = harmonics(lon, lat, modes)[:, :, source]
+    some, modes = observed(300), Modes(3)
+    basis = harmonics(some.lon, some.lat, modes)[:, :, some.source]
     weight = np.tile(_weights(modes), 2)
-    bounds = np.searchsorted(source, np.arange(n + 1))
+    along = np.einsum("pck,ck->pk", basis, some.design[:2])
     frequencies = (0.3, 0.5, 1.0, 1.5, 2.0, 3.8, 5.3, 5.8, 6.8, 10.0)
     print(" " * 50 + "".join(f"{f:6.1f}" for f in frequencies))
     for words in CALIBRATIONS:
-        response, shares, start = (
-            agis.Response(LAW, nside=int(nside), steps=200_000, calibration=words),
-            [],
-            time.process_time(),
-        )
+        response = agis.Response(LAW, nside=int(nside), steps=200_000, calibration=words)
+        shares, start = [], time.process_time()
         for f in frequencies:
             functions = in_time.waves(f, span=SPAN)
-            fields = response.left(
-                lon[source], lat[source], design[:2], t, modes, functions, view=transits.view.astype(int)
-            )
-            whole = np.einsum("fk,pk->kfp", functions(t), np.einsum("pck,ck->pk", basis, design[:2])).reshape(
-                len(t), -1
-            )
-            for first, last in pairwise(bounds):
-                root = np.linalg.qr(design[:, first:last].T)[0]
-                fields[first:last] -= root @ (root.T @ fields[first:last])
+            where = some.lon[some.source], some.lat[some.source], some.design[:2], some.time, modes, functions
+            fields = response.left(*where, view=some.view)
+            whole = np.einsum("fk,pk->kfp", functions(some.time), along).reshape(len(some.time), -1)
+            fields -= five_parameters_of(some, fields)
             shares.append(np.sqrt(np.mean(fields**2, 0) @ weight / (np.mean(whole**2, 0) @ weight)))
         cpu = time.process_time() - start
         print(f"{words!s:50}" + "".join(f"{share:6.2f}" for share in shares) + f"   {cpu:.0f} s", flush=True)
@@ -88,32 +70,15 @@ def _weights(modes):
     return np.where(modes.degrees >= 2, power, 0.0)
 
 
-def solved(stars, quasars, calibration, waves, seed=5, iterations=80):
-    """Epochs of quasars after sources, attitude and basic angle were solved from a sky with each of some waves.
-
-    `waves` are (frequency, direction in nside 8); no noise.
-    """
-    rng, n = np.random.default_rng(seed), stars + quasars
-    lon, lat = rng.uniform(0, 2 * np.pi, n), np.arcsin(rng.uniform(-1, 1, n))
-    sigma = np.where(np.arange(n) < stars, 100.0, 1000.0)
-    scans = agis.scans(LAW, lon, lat, sigma, 5 * sigma, knots=900.0)
-    system, t = agis.System(scans, calibration=calibration), scans.time() - scans.middle
-    sin, cos = scans.sin.astype(float), scans.cos.astype(float)
-    mine = np.flatnonzero(scans.source >= stars)
-    mine = mine[np.argsort(scans.source[mine], kind="stable")]
-    transits = LAW.transits(lon[stars:], lat[stars:])
-    design = np.array(
-        [sin[mine], cos[mine], scans.along_factor[mine].astype(float), sin[mine] * t[mine], cos[mine] * t[mine]]
-    )
+def solved(stars, quasars, calibration, waves):
+    """Epochs of quasars, without noise, after all was solved from a sky with each of some waves: (frequency, direction)."""
+    made = solved_system(stars, quasars, calibration=calibration)
+    scans, _, lon, lat, *_ = made
+    t = scans.time() - scans.middle
     for f, place in waves:
         k = triad(*centres(8))[2][:, place]
-        east, north = wave_motions(lon, lat, k, 300.0)[:, scans.source] * np.cos(2 * np.pi * f * t)
-        solution = system.solve(east * sin + north * cos, north * sin - east * cos, stop=None, iterations=iterations)
-        taken, _ = system.predict(np.zeros((n, 5)), solution.attitude, solution.angle)
-        yield f, place, Observations(
-            lon[stars:], lat[stars:], scans.source[mine] - stars, t[mine], design, (east * sin + north * cos - taken)[mine],
-            np.full(len(mine), 1000.0), np.arange(quasars), (), transits.view.astype(int),
-        )  # fmt: skip
+        moved = wave_motions(lon, lat, k, 300.0)[:, scans.source] * np.cos(2 * np.pi * f * t)
+        yield f, place, through(made, moved, iterations=80)
 
 
 def joint(stars=20_000, nside=8):

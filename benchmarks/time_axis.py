@@ -130,12 +130,12 @@ def dips(nside=8):
         left = response.left(some.lon[some.source], some.lat[some.source], some.design[:2], some.time, modes, functions, view=some.view)  # fmt: skip
         phase = 2 * np.pi * f * some.time
         whole = np.array([np.cos(phase), np.sin(phase)])[:, None] * np.einsum("pck,ck->pk", basis, some.design[:2])
-        left -= _lines(some, left)
+        left -= five_parameters_of(some, left)
         share = np.mean(left**2, 0) @ weight / (np.mean(whole.reshape(len(weight), -1) ** 2, 1) @ weight)
         print(f"{f:6.2f}  {np.sqrt(share):.2f}", flush=True)
 
 
-def _lines(some, columns):
+def five_parameters_of(some, columns):
     """What five parameters of each source take of columns."""
     out = np.zeros_like(columns)
     bounds = np.searchsorted(some.source, np.arange(len(some.lon) + 1))
@@ -145,7 +145,7 @@ def _lines(some, columns):
     return out
 
 
-def _system(stars, quasars, seed=5, crowd=1, knots=900.0):
+def solved_system(stars, quasars, seed=5, crowd=1, knots=900.0, calibration=None):
     rng, n = np.random.default_rng(seed), stars + quasars
     lon, lat = rng.uniform(0, 2 * np.pi, n), np.arcsin(rng.uniform(-1, 1, n))
     if crowd > 1:
@@ -155,19 +155,19 @@ def _system(stars, quasars, seed=5, crowd=1, knots=900.0):
         lon[:stars], lat[:stars] = angles(rotation_matrix("galactic", "icrs") @ galactic)
     sigma = np.where(np.arange(n) < stars, 100.0, 1000.0)
     scans = agis.scans(LAW, lon, lat, sigma, 5 * sigma, knots=knots)
-    return scans, agis.System(scans), lon, lat, stars, quasars
+    return scans, agis.System(scans, calibration=calibration), lon, lat, stars, quasars
 
 
-def _through(made, moved, noise=None):
-    """Epochs of quasars after sources and attitude were solved from displacements (east, north) of every transit."""
+def through(made, moved, noise=None, iterations=30):
+    """Epochs of quasars after all unknowns of a system were solved from displacements (east, north) of every transit."""
     scans, system, lon, lat, stars, quasars = made
     sin, cos = scans.sin.astype(float), scans.cos.astype(float)
     east, north = moved
     along, across = east * sin + north * cos, north * sin - east * cos
     if noise is not None:
         along, across = along + noise[0], across + noise[1]
-    solution = system.solve(along, across, stop=None, iterations=30)
-    taken, _ = system.predict(np.zeros((stars + quasars, 5)), solution.attitude)
+    solution = system.solve(along, across, stop=None, iterations=iterations)
+    taken, _ = system.predict(np.zeros((stars + quasars, 5)), solution.attitude, solution.angle)
     mine = np.flatnonzero(scans.source >= stars)
     mine = mine[np.argsort(scans.source[mine], kind="stable")]
     t = (scans.time() - scans.middle)[mine]
@@ -180,7 +180,7 @@ def _through(made, moved, noise=None):
 
 
 def waves(stars=20_000, nside=12, crowd=1):
-    made = _system(stars, 500, crowd=crowd)
+    made = solved_system(stars, 500, crowd=crowd)
     _, _, lon, lat, *_ = made
     weights = np.bincount(pixels_of(lon[:stars], lat[:stars], nside, any_size=True), minlength=12 * nside**2)
     print(f"{stars} stars, {crowd} : 1, nside {nside}: found / put in (plus cos, cross sin), largest other amplitude")
@@ -204,7 +204,7 @@ def _each_wave(made, response, places):
         for place in places:
             k, phase = triad(*centres(8))[2][:, place], 2 * np.pi * t / period
             plus, cross = (wave_motions(lon, lat, k, *each)[:, scans.source] for each in ((300.0, 0.0), (0.0, 300.0)))
-            seen = _through(made, plus * np.cos(phase) + cross * np.sin(phase))
+            seen = through(made, plus * np.cos(phase) + cross * np.sin(phase))
             search = search_in_time(seen, 1 / period, attitude=response, n_skies=2)
             a = search.amplitudes[:, place] / 300
             known = search_in_time(seen, 1 / period, attitude="known", n_skies=2).amplitudes[:, place] / 300
@@ -216,7 +216,7 @@ def _each_wave(made, response, places):
 
 
 def resolved(stars=20_000, nside=12):
-    made = _system(int(stars), 1500)
+    made = solved_system(int(stars), 1500)
     scans, _, lon, lat, *_ = made
     functions, modes = in_time.legendre(9, span=SPAN), Modes(3)
     rng = np.random.default_rng(9)
@@ -224,7 +224,7 @@ def resolved(stars=20_000, nside=12):
     fields = np.einsum("kp,pcn->kcn", true, harmonics(lon, lat, modes))
     at = functions(scans.time() - scans.middle)
     moved = sum(fields[j][:, scans.source] * at[j] for j in range(8))
-    seen = _through(made, moved, agis.observations(scans, 4))
+    seen = through(made, moved, agis.observations(scans, 4))
     response = agis.Response(LAW, nside=int(nside))
     response.taken(modes, functions)
     for attitude in ("known", response):
