@@ -4,15 +4,15 @@ python benchmarks/agis.py errors [N]        true over formal errors by attitude,
 python benchmarks/agis.py carlo [N] [DRAWS] the same for two of them by Monte Carlo
 python benchmarks/agis.py iterations [N]    to 1 and 0.01 µas, and to the rule on low degrees
 python benchmarks/agis.py correlation [N] [DRAWS]
-python benchmarks/agis.py full SKY [N]      a whole mission: CPU seconds, memory, iterations, figures in agis_SKY/
+python benchmarks/agis.py full SKY [N [IN]] a whole mission: seconds, memory, iterations, figures in IN/agis_SKY_N; goes on after a kill
 python benchmarks/agis.py paper [N] [DRAWS] the cases of the paper
 python benchmarks/agis.py level [N]         a second level: iterations and cost
 python benchmarks/agis.py memory N [FOLDER] memory and time of twenty iterations, transits in memory or in a folder
 python benchmarks/agis.py kernels           time of a pass, with and without numba
 """
 
-import resource
 import sys
+import threading
 import time
 from pathlib import Path
 
@@ -43,7 +43,7 @@ def system(n, sky="uniform", *, equal=None, stars=0, star_error=100.0, knots=30.
 
 def ratio(made, quasars):
     """True over formal error of the acceleration, and the iterations that took."""
-    from sim.agis._mission import MotionFit
+    from sim.agis._globals import MotionFit
 
     fit = MotionFit(made, Modes(1), np.flatnonzero(quasars))
     true = made.covariance_of(fit.functionals([3, 4, 5]))
@@ -74,7 +74,7 @@ def errors(n=10_000):
 
 def carlo(n=10_000, draws=200):
     """Scatter of the acceleration over draws of the noise, beside the exact error."""
-    from sim.agis._mission import MotionFit
+    from sim.agis._globals import MotionFit
 
     for name, options in (("equal weights", {"equal": 500.0}), ("by magnitude", {})):
         made, quasars = system(n, **options)
@@ -150,16 +150,33 @@ def correlation(n=5000, draws=200):
             )
 
 
-def full(sky, n=agis.FULL):
-    """A whole mission to the rule on low degrees."""
-    cpu = [time.process_time()]
+def laps():
+    """A function that tells time and memory since its last call, and the most that was taken of both memories."""
+    most, moments = [0.0], [(time.perf_counter(), time.process_time())]
+
+    def look():
+        while True:
+            with Path("/proc/self/status").open(encoding="ascii") as status:
+                own = next(int(line.split()[1]) for line in status if line.startswith("RssAnon"))
+            most[0] = max(most[0], own / 2**20)
+            time.sleep(0.2)
+
+    threading.Thread(target=look, daemon=True).start()
 
     def lap(words):
-        cpu.append(time.process_time())
-        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
-        print(f"{words:14}{cpu[-1] - cpu[-2]:8.1f} CPU s, peak {peak:.2f} GiB", flush=True)
+        moments.append((time.perf_counter(), time.process_time()))
+        wall, cpu = np.subtract(moments[-1], moments[-2])
+        print(f"{words:14}{wall:8.1f} s, {cpu:8.1f} CPU s, at most {most[0]:.2f} GiB of its own", flush=True)
+        most[0] = 0.0
 
-    folder = Path(f"agis_{sky}_{n}")
+    return lap
+
+
+def full(sky, n=agis.FULL, parent="."):
+    """A whole mission to the rule on low degrees; what was done before a kill is not done again."""
+    lap = laps()
+    folder = Path(parent, f"agis_{sky}_{n}")
+    folder.mkdir(parents=True, exist_ok=True)
     quasars = sim.quasars(n, 1, sky)
     sigma = MISSION.transit_error(quasars.magnitude)
     law, knots = (LAW, 30.0) if n >= agis.FULL else agis.scaled(n, LAW)
@@ -173,11 +190,13 @@ def full(sky, n=agis.FULL):
     seconds = []
     solution = made.solve(
         *observed, start=start, attitude=attitude, iterations=1000, checkpoint=folder / "checkpoint.npz",
-        watch=lambda *_: seconds.append(time.process_time()),
+        watch=lambda number, _: seconds.append((number, time.perf_counter(), time.process_time())),
     )  # fmt: skip
     lap("solution")
+    wall, cpu = np.median(np.diff(seconds, axis=0), axis=0)[1:]
     print(
-        f"{solution.iterations} iterations, {np.median(np.diff(seconds)):.2f} CPU s each; {time.process_time() / 60:.1f} CPU minutes in all"
+        f"{solution.iterations} iterations, {len(seconds) - 1} of them in this run (from {seconds[0][0]} on), {wall:.1f} s and "
+        f"{cpu:.1f} CPU s each; {time.process_time() / 60:.1f} CPU minutes in all"
     )
     solution = agis.in_own_frame(made, solution)
     for low, high in ((0, 16), (16, 17), (17, 18), (18, 19), (19, 19.5), (19.5, 20)):
@@ -194,14 +213,15 @@ def full(sky, n=agis.FULL):
         },
         folder,
     )
-    if sky != "igql":
+    lap("figures")
+    if sky != "igql" and n <= agis.FULL:
         print(f"true/formal of the acceleration {ratio(made, np.ones(n, bool)):.3f}")
         lap("exact errors")
 
 
 def paper(n=20_000, draws=100):
     """Cases A to D: rms over components of the acceleration, scaled to half a million quasars [µas/yr]."""
-    from sim.agis._mission import MotionFit
+    from sim.agis._globals import MotionFit
 
     sys.path.insert(0, str(Path(__file__).parents[1] / "papers" / "bachchan2016"))
     from published import published
@@ -239,7 +259,7 @@ def paper(n=20_000, draws=100):
 
 def level(n=5000, degree=6):
     """A second level of harmonics in positions, parallaxes and motions: iterations and CPU seconds, for one solution and for thirty."""
-    from sim.agis._mission import MotionFit
+    from sim.agis._globals import MotionFit
     from sim.agis._system import Iteration
     from vsh.basis import harmonics, scalar_harmonics
 
@@ -285,25 +305,7 @@ def level(n=5000, degree=6):
 
 def memory(n=agis.FULL, folder=None, steps=20):
     """A mission of 30 s knots, whatever the number of its sources: what it takes in memory, and from a folder."""
-    import threading
-
-    most, over = [0.0], threading.Event()
-
-    def look():
-        while not over.wait(0.2):
-            with Path("/proc/self/status").open(encoding="ascii") as status:
-                now = next(int(line.split()[1]) for line in status if line.startswith("RssAnon"))
-            most[0] = max(most[0], now / 2**20)
-
-    threading.Thread(target=look, daemon=True).start()
-    laps = [(time.perf_counter(), time.process_time())]
-
-    def lap(words):
-        laps.append((time.perf_counter(), time.process_time()))
-        wall, cpu = np.subtract(laps[-1], laps[-2])
-        print(f"{words:14}{wall:8.1f} s, {cpu:8.1f} CPU s, at most {most[0]:.2f} GiB of its own", flush=True)
-        most[0] = 0.0
-
+    lap = laps()
     quasars = sim.quasars(n, 1)
     sigma = MISSION.transit_error(quasars.magnitude)
     print(agis.plan(LAW, quasars.lon, quasars.lat))
@@ -321,7 +323,6 @@ def memory(n=agis.FULL, folder=None, steps=20):
     print(
         f"{solution.iterations} iterations, {wall:.2f} s and {cpu:.2f} CPU s each; low degrees {solution.history[-1][:6].round(6).tolist()}"
     )
-    over.set()
 
 
 def kernels(n=5000):

@@ -126,14 +126,7 @@ class Equations(InNotebook):
 
     def null_space(self) -> FloatArray:
         """The six motions that no observation sees, (6, n, 5): ε₀ along x, y, z, then ω."""
-        # The directions are those that the observations have, in single precision.
-        sa, ca, sd, cd = self.scans.directions.astype(float)
-        p, q = np.stack([-sa, ca, np.zeros_like(sa)]), np.stack([-sd * ca, -sd * sa, cd])
-        basis = np.zeros((6, self.scans.n_sources, 5))
-        # ε × r has the components ε·q east and −ε·p north.
-        basis[:3, :, 0], basis[:3, :, 1] = q, -p
-        basis[3:, :, 3], basis[3:, :, 4] = q, -p
-        return basis
+        return _unseen(self.scans.directions)
 
     @property
     def defect(self) -> int:
@@ -146,16 +139,22 @@ class Equations(InNotebook):
         """Parameters less the rotation that fits them best, the blocks S as weights; and that rotation."""
         if not self.defect:
             return x, np.zeros((0, x.shape[-1]))
-        basis, weighted_basis, normal = self.rotations()
-        rotation = np.linalg.solve(normal, np.einsum("kni,nir->kr", weighted_basis, x))
-        return x - np.einsum("kr,kni->nir", rotation, basis), rotation
+        normal, right = np.zeros((self.defect, self.defect)), np.zeros((self.defect, x.shape[-1]))
+        for part, basis, weighted_basis in self._rotations():
+            normal += np.einsum("kni,lni->kl", weighted_basis, basis)
+            right += np.einsum("kni,nir->kr", weighted_basis, x[part])
+        rotation, turned = np.asarray(np.linalg.solve(normal, right), float), np.empty_like(x)
+        for part, basis, _ in self._rotations():
+            turned[part] = x[part] - np.einsum("kr,kni->nir", rotation, basis)
+        return turned, rotation
 
-    def rotations(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """The null space of the sources that are solved; times the blocks S; and the product of the two."""
-        basis = self.null_space()[: self.defect]
-        basis[:, ~self.solved] = 0
-        weighted_basis = np.einsum("nij,knj->kni", self.blocks, basis)
-        return basis, weighted_basis, np.einsum("kni,lni->kl", weighted_basis, basis)
+    def _rotations(self):
+        """Some sources at a time: which, the null space of those that are solved, and that times the blocks S."""
+        directions = self.scans.directions
+        for part in _few(len(self.blocks)):
+            basis = _unseen(directions[:, part])[: self.defect]
+            basis[:, ~self.solved[part]] = 0
+            yield part, basis, np.einsum("nij,knj->kni", self.blocks[part], basis)
 
     def _check_data(self):
         scans = self.scans
@@ -184,7 +183,7 @@ class Equations(InNotebook):
         is_solved = scans.counts > 5
         passes = make_passes(scans, is_solved, threads, compiled)
         blocks, band = passes.blocks()
-        good = np.concatenate([_determinate(chunk) for chunk in _few(blocks)])
+        good = np.concatenate([_determinate(blocks[part]) for part in _few(len(blocks))])
         if (is_solved & ~good).any():
             is_solved &= good
             passes = make_passes(scans, is_solved, threads, compiled)
@@ -208,9 +207,21 @@ class Equations(InNotebook):
             ) from None
 
 
-def _few(blocks):
-    """Blocks of some sources at a time, whose copies are small."""
-    return (blocks[start : start + 2**16] for start in range(0, len(blocks), 2**16))
+def _few(n):
+    """Sources so many at a time that no copy of theirs is large."""
+    return (slice(start, start + 2**16) for start in range(0, n, 2**16))
+
+
+def _unseen(directions):
+    """Rotations ε₀ and ω about x, y and z as parameters of the sources in some directions, (6, n, 5)."""
+    # The directions are those that the observations have, in single precision.
+    sa, ca, sd, cd = directions.astype(float)
+    p, q = np.stack([-sa, ca, np.zeros_like(sa)]), np.stack([-sd * ca, -sd * sa, cd])
+    basis = np.zeros((6, len(sa), 5))
+    # ε × r has the components ε·q east and −ε·p north.
+    basis[:3, :, 0], basis[:3, :, 1] = q, -p
+    basis[3:, :, 3], basis[3:, :, 4] = q, -p
+    return basis
 
 
 def _determinate(blocks):
@@ -221,10 +232,10 @@ def _determinate(blocks):
 
 def _inverse(blocks):
     inverses = np.empty_like(blocks)
-    for chunk, inverse in zip(_few(blocks), _few(inverses), strict=True):
-        scale = 1 / np.sqrt(np.einsum("nii->ni", chunk))
+    for part in _few(len(blocks)):
+        scale = 1 / np.sqrt(np.einsum("nii->ni", blocks[part]))
         scale = scale[:, :, None] * scale[:, None]
-        inverse[:] = np.linalg.inv(chunk * scale) * scale
+        inverses[part] = np.linalg.inv(blocks[part] * scale) * scale
     return inverses
 
 
@@ -309,9 +320,13 @@ class ExactErrors(Equations):
         right = functionals.copy()
         right[~self.solved] = 0
         if self.defect:
-            basis, weighted_basis, normal = self.rotations()
-            share = np.linalg.solve(normal, np.einsum("kni,nir->kr", basis, right))
-            right -= np.einsum("kr,kni->nir", share, weighted_basis)
+            normal, products = 0.0, 0.0
+            for part, basis, weighted_basis in self._rotations():
+                normal += np.einsum("kni,lni->kl", weighted_basis, basis)
+                products += np.einsum("kni,nir->kr", basis, right[part])
+            share = np.linalg.solve(normal, products)
+            for part, _, weighted_basis in self._rotations():
+                right[part] -= np.einsum("kr,kni->nir", share, weighted_basis)
         return right
 
     def _varying(self, solutions, variability, variable):

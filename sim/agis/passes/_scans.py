@@ -10,7 +10,6 @@ import json
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field, fields, replace
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +20,7 @@ from vsh.sky.frames import rotation_matrix
 from vsh.sky.sphere import triad
 from vsh.tools import arguments
 from vsh.tools.errors import ParameterError
-from vsh.tools.files import atomic_folder, scratch
+from vsh.tools.files import atomic_folder, atomic_write, scratch
 from vsh.tools.notebook import Frozen, InNotebook
 from vsh.tools.parallel import GIB, free_memory, progress_bar
 from vsh.tools.types import ArrayLike, FloatArray, IntArray, PathName
@@ -175,8 +174,8 @@ _RECORD = np.dtype(
     [("time", "f8"), ("source", "i4"), ("sin", "f4"), ("cos", "f4"), ("along_factor", "f4"), ("across_factor", "f4")]
 )
 _NAMES = tuple(_RECORD.names or ())
-#: The name of the file that tells which scans a folder holds.
-_KEY = re.compile(r"[0-9a-f]{16}\.json")
+#: The names of the file that tells which scans a folder holds, and of the folder of those that are being made.
+_KEY = re.compile(r"[0-9a-f]{16}\.(json|parts)")
 _COLUMNS = ("source", "place", "knot", "frac", "sin", "cos", "along_factor", "across_factor")
 
 
@@ -291,7 +290,8 @@ def scans(
         Observations of a transit: one, or one on each of nine CCDs, 4.85 s apart with three times the error.
     folder : path, optional
         Keep the transits there and map them into memory, and beside them the observations, the attitude's factor and
-        what sources add to low degrees. Transits are read again where they are the same.
+        what sources add to low degrees. Transits are read again where they are the same, and those that a killed run
+        had followed are not followed again.
     threads : int, optional
         One a core unless given; changes nothing.
     progress : bool
@@ -337,10 +337,10 @@ def scans(
         )
     path = _ours(Path(folder))
     if not (path / f"{key}.json").exists():
+        parts = path / f"{key}.parts"  # stay where the run is killed, and go with the folder that is replaced
+        parts.mkdir(parents=True, exist_ok=True)
         with atomic_folder(path) as temporary_folder:
-            _sorted(_follow_law(law, lon, lat, ccds, threads, progress, temporary_folder), attributes, temporary_folder)
-            for part_path in temporary_folder.glob("part-*.npy"):
-                part_path.unlink()
+            _sorted(_follow_law(law, lon, lat, ccds, threads, progress, parts), attributes, temporary_folder)
             (temporary_folder / f"{key}.json").write_text(
                 json.dumps({"sources": n, "knots": knots, "ccds": ccds}), encoding="utf-8"
             )
@@ -368,8 +368,13 @@ def _follow_law(law, lon, lat, ccds, threads, progress, folder):
     # Not over the edges of the mission: the end is an edge of the last interval.
     end = np.nextafter(law.years, 0)
     with progress_bar(total=len(lon), words="transits", shown=progress, unit=" sources") as bar:
-        for number, start in enumerate(range(0, len(lon), _SOURCES)):
-            block = slice(start, start + _SOURCES)
+        for start in range(0, len(lon), _SOURCES):
+            block = slice(start, min(start + _SOURCES, len(lon)))
+            part_path = None if folder is None else folder / f"part-{start}-{block.stop}.npy"
+            if part_path is not None and part_path.exists():
+                bar.update(block.stop - start)
+                yield np.load(part_path, mmap_mode="r")
+                continue
             transits = law.transits(lon[block], lat[block], threads=threads)
             p, q, _ = triad(lon[block], lat[block])
             records = np.empty((len(transits), ccds), _RECORD)
@@ -392,11 +397,12 @@ def _follow_law(law, lon, lat, ccds, threads, progress, folder):
             records = records.ravel()
             records = records[np.argsort(records["time"], kind="stable")]
             bar.update(len(p[0]))
-            if folder is None:
+            if part_path is None:
                 yield records
             else:
-                np.save(folder / f"part-{number:05d}.npy", records)
-                yield np.load(folder / f"part-{number:05d}.npy", mmap_mode="r")
+                with atomic_write(part_path) as temporary_path:
+                    np.save(temporary_path, records)
+                yield np.load(part_path, mmap_mode="r")
 
 
 def _sorted(chunks, attributes, folder):
@@ -416,9 +422,11 @@ def _sorted(chunks, attributes, folder):
     }
     edges = np.linspace(0, attributes["years"], total // _SORTED + 2)
     edges[-1] = np.inf
+    # Once for all edges: each search makes a copy of a part's times.
+    bounds = [np.searchsorted(chunk["time"], edges) for chunk in chunks]
     offset = 0
-    for start, end in pairwise(edges):
-        records = np.concatenate([chunk[slice(*np.searchsorted(chunk["time"], (start, end)))] for chunk in chunks])
+    for k in range(len(edges) - 1):
+        records = np.concatenate([chunk[slice(*cut[k : k + 2])] for chunk, cut in zip(chunks, bounds, strict=True)])
         records = records[np.argsort(records["time"], kind="stable")]
         rows = slice(offset, offset + len(records))
         knot_time = records["time"] / attributes["spacing"]

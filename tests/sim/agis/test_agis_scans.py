@@ -79,6 +79,29 @@ def test_mapped_scans_are_those_in_memory(tmp_path):
     )
 
 
+def test_transits_of_a_killed_run_are_not_followed_again(tmp_path, monkeypatch):
+    monkeypatch.setattr("sim.agis.passes._scans._SOURCES", 40)
+    follow, followed = sim.NominalScanningLaw.transits, []
+
+    def transits(law, lon, lat, **options):
+        followed.append(len(lon))
+        if len(followed) == 4:
+            raise KeyboardInterrupt
+        return follow(law, lon, lat, **options)
+
+    whole = make()
+    monkeypatch.setattr(sim.NominalScanningLaw, "transits", transits)
+    folder = tmp_path / "scans"
+    with pytest.raises(KeyboardInterrupt):
+        make(folder=folder)
+    resumed = make(folder=folder)
+    assert sum(followed) == resumed.n_sources + 40  # the interrupted block alone was begun twice
+    for name in ("source", "place", "knot", "frac", "sin", "cos", "along_factor", "across_factor"):
+        np.testing.assert_array_equal(getattr(resumed, name), getattr(whole, name))
+    assert {path.suffix for path in folder.iterdir()} == {".npy", ".json"}
+    assert [path.name for path in tmp_path.iterdir()] == ["scans"]
+
+
 def _mapped(array):
     while array is not None and not isinstance(array, mmap.mmap):
         array = getattr(array, "base", None)
