@@ -5,7 +5,7 @@ import signal
 import sys
 import threading
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
@@ -153,7 +153,7 @@ def ended_if_interrupted() -> Iterator[None]:
         raise
 
 
-def ahead(things: Iterator[T]) -> Iterator[T]:
+def ahead(things: Iterator[T]) -> Generator[T, None, None]:
     """Iterate over items, each made in a thread while the one before it is used."""
     with ThreadPoolExecutor(1) as pool:
         following = pool.submit(next, things, _NOTHING)

@@ -4,7 +4,6 @@ import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -16,11 +15,12 @@ from vsh.io.parts import Dask, Engine, InProcess, Parts, Processes, delayed_of, 
 from vsh.io.tables import Place, TableSource, Where, check_alike, files_of, is_address, open_table
 from vsh.tools.arguments import whole
 from vsh.tools.errors import ParameterError, TableError
-from vsh.tools.parallel import ahead
 from vsh.tools.types import OnBad
 
 #: Sources in a block of a part: some 200 MB while it is read and checked.
 ROWS = 500_000
+#: Files at an address that are opened and begun together: a server answers late, and sends several at once.
+_READERS = 4
 
 
 def parts(
@@ -97,10 +97,6 @@ def parts(
     return Parts(pieces, read, engine=_engine(pieces, workers, scheduler))
 
 
-#: A part whose first block is smaller is read through without a thread that reads ahead, which costs more.
-_WORTH_A_THREAD = 2**15
-
-
 @dataclass(frozen=True)
 class Reader:
     """Reader of the fields of a piece, a block of sources at a time."""
@@ -140,10 +136,7 @@ class Reader:
             where=self.where,
             sigma=self.sigma if self.motions else None,
         )
-        first_field = next(fields)
-        if len(first_field) >= _WORTH_A_THREAD:
-            fields = ahead(fields)
-        for field in chain([first_field], fields):
+        for field in fields:
             yield field.add_note(*notes) if notes else field
 
 
@@ -186,6 +179,8 @@ def _engine(pieces, workers, scheduler) -> Engine:
         return Dask(None, None if workers is None else whole("workers", workers))
     if workers is not None and whole("workers", workers) > 1:
         return Processes(workers)
+    if len(pieces) > 1 and all(isinstance(piece, (Path, Place)) for piece in pieces):
+        return InProcess(_READERS if isinstance(pieces[0], Place) else 1)
     return InProcess()
 
 

@@ -8,10 +8,12 @@ from __future__ import annotations
 import json
 import logging
 import pickle
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, wait
-from contextlib import contextmanager
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, ThreadPoolExecutor, wait
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from typing import Any
 from uuid import uuid4
@@ -30,7 +32,7 @@ from vsh.tools.errors import (
 )
 from vsh.tools.notebook import InNotebook
 from vsh.tools.notes import merge_notes
-from vsh.tools.parallel import delay_interrupts, limited, process_pool
+from vsh.tools.parallel import ahead, delay_interrupts, limited, process_pool
 from vsh.tools.printing import printable
 
 #: So many sums are added up at a time, level by level.
@@ -120,21 +122,48 @@ class Engine(InNotebook):
         return piece
 
 
-class InProcess(Engine):
-    """Engine in this process, one part after the other, with one thread per core."""
+#: Blocks smaller than this are read without a thread that reads ahead, which costs more.
+_WORTH_A_THREAD = 2**15
 
-    def __init__(self) -> None:
-        self.threads = None
+
+def _read_on(first, blocks):
+    """A first block and those behind it, each read in a thread while the one before it is summed, if they are large."""
+    if first is None:
+        return
+    yield first
+    with closing(ahead(blocks) if len(first) >= _WORTH_A_THREAD else blocks) as following:
+        yield from following
+
+
+class InProcess(Engine):
+    """Engine in this process, one part after the other, with one thread per core.
+
+    Parameters
+    ----------
+    readers : int
+        So many threads read the first blocks of the parts that follow, while one is summed.
+    """
+
+    def __init__(self, readers: int = 0) -> None:
+        self.threads, self.readers = None, readers
 
     def __str__(self) -> str:
         return "here"
 
-    def total(self, work: Callable[[Any], Any], pieces: Sequence[Any], done: Callable[[], object]) -> Any:
+    def total(self, work: Any, pieces: Sequence[Any], done: Callable[[], object]) -> Any:
         """The sum of `work` over the pieces."""
         tree = Tree()
-        for piece in pieces:
-            tree.add(work(piece))
-            done()
+        with ThreadPoolExecutor(max(self.readers, 1)) as pool:  # which starts no thread before it is asked to
+            begun = deque(pool.submit(work.begin, piece) for piece in pieces[: self.readers])
+            following = iter(pieces[self.readers :])
+            try:
+                for piece in pieces:
+                    first = begun.popleft() if begun else None
+                    begun.extend(pool.submit(work.begin, next_piece) for next_piece in islice(following, bool(first)))
+                    tree.add(work(piece, first))
+                    done()
+            finally:
+                pool.shutdown(cancel_futures=True)
         return tree.total()
 
 
@@ -289,12 +318,17 @@ class Work:
     roles: tuple[str, ...]
     threads: int | None
 
-    def __call__(self, piece: Any) -> Any:
-        """The sum."""
+    def begin(self, piece: Any) -> tuple[Field | None, Iterator[Field]]:
+        """The first block of a piece, if there is one, and an iterator over the others."""
+        blocks = self.read(piece, self.roles)
+        return next(blocks, None), blocks
+
+    def __call__(self, piece: Any, begun: Future | None = None) -> Any:
+        """The sum over a piece, of which the first block may be read already."""
         total, notes, sources = None, LostNotes(), 0
         with limited(self.threads):
             try:
-                for block in self.read(piece, self.roles):
+                for block in _read_on(*(begun.result() if begun else self.begin(piece))):
                     field, lost = left_by(self.steps, block)
                     notes = notes + lost
                     if field is not None:

@@ -15,7 +15,7 @@ from fit import Moments
 from vsh import Field
 from vsh.io import tables
 from vsh.io.catalogue import parts, read_field
-from vsh.io.parts import Processes, Tree, as_parts, median, weighted_quantiles
+from vsh.io.parts import InProcess, Parts, Processes, Tree, as_parts, median, weighted_quantiles
 from vsh.tools.errors import EmptyFieldError, FieldError, ParameterError, TableError
 
 
@@ -251,6 +251,36 @@ def test_errors_name_the_part(folder, tmp_path):
     with pytest.raises(ZeroDivisionError) as caught:
         parts(folder).sum(lambda field: 1 / 0)
     assert "part00.parquet" in caught.value.__notes__[0]
+
+
+def test_next_part_is_read_while_one_is_summed(monkeypatch):
+    """Also after a part of which the sum leaves blocks out, and one that cannot be read."""
+    monkeypatch.setattr("vsh.io.parts._engines._WORTH_A_THREAD", 1)
+    begun = {name: threading.Event() for name in "abcd"}
+
+    def read(piece, roles):
+        begun[piece].set()
+        for block in FIELDS[:3]:
+            if piece == "c":
+                raise EmptyFieldError("nothing is left")
+            yield block
+
+    summed = []
+
+    def count(field):
+        summed.append(len(field))
+        if len(summed) == 1:  # the first block of a
+            assert begun["b"].wait(10)
+            assert not begun["d"].is_set()
+        if len(summed) == 4:  # the first block of b: its others have no part in the sum
+            raise EmptyFieldError("nothing is left")
+        return len(field)
+
+    total = Parts(tuple(begun), read, engine=InProcess(1)).sum(count)
+    assert total == 2 * sum(map(len, FIELDS[:3]))
+    assert all(event.is_set() for event in begun.values())
+    with pytest.raises(ZeroDivisionError):
+        Parts(tuple(begun), read, engine=InProcess(1)).sum(lambda field: 1 / 0)
 
 
 def test_stream_that_was_read_says_so():
