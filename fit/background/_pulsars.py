@@ -117,7 +117,9 @@ def add_pulsars(
     amplitude = Amplitude(root[inside], log[inside] - log.max())
     # A limit from the coefficients of degree 2 alone knows nothing of pulsars.
     squares = np.full_like(limit.squares, np.nan)
-    return replace(limit, amplitude=amplitude, years=years, squares=squares, notes=(*limit.notes, note))
+    return replace(
+        limit, amplitude=amplitude, years=years, squares=squares, pulsars=len(curve), notes=(*limit.notes, note)
+    )
 
 
 def _matrices(pairs: Any) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -63,6 +63,8 @@ class WaveLimit(Result):
     notes : tuple of str
     years : float, optional
         T, over which the motions were measured, for the band of frequency and the strain in the report. [yr]
+    pulsars : int
+        How many are in the likelihood as well.
     """
 
     amplitude: Amplitude
@@ -77,9 +79,16 @@ class WaveLimit(Result):
     n_data: int
     notes: tuple[str, ...] = ()
     years: float | None = None
+    pulsars: int = 0
 
     def __repr__(self) -> str:
-        return f"<WaveLimit: h70² Ω < {self.limit():.3g} (95 %, flat in Ω), degrees {words_of(self.degrees)}>"
+        return f"<WaveLimit: h70² Ω < {self.limit():.3g} (95 %, flat in Ω), {self._data}>"
+
+    @property
+    def _data(self):
+        """What it was made from, in words."""
+        degrees = f"degree{'s' * (len(self.degrees) > 1)} {words_of(self.degrees)}"
+        return f"{degrees} and {self.pulsars} pulsars" if self.pulsars else degrees
 
     @property
     def maximum(self) -> float:
@@ -153,8 +162,7 @@ class WaveLimit(Result):
     def answer(self) -> Answer:
         """The line to quote: the limit on the energy in waves."""
         name = "h70² Ω" if self.hubble == 70 else "Ω"
-        degrees = f"degree{'s' * (len(self.degrees) > 1)} {words_of(self.degrees)}"
-        return Answer((("waves", f"{name} < {self.limit():.3g} (95 %, flat in Ω), {degrees}"),))
+        return Answer((("waves", f"{name} < {self.limit():.3g} (95 %, flat in Ω), {self._data}"),))
 
     def _sections(self, long):
         lower, upper = self.interval
@@ -168,7 +176,7 @@ class WaveLimit(Result):
             band = f"f < 1/T = {self.frequency(self.years) * 1e9:.3g} nHz (T = {self.years:g} yr)"
             band += f"; if all of it is there, h_c < {self.strain(self.years):.2e} (95 %, flat in Ω)"
         facts = [
-            ("from", f"degree{'s' * (len(self.degrees) > 1)} {words_of(self.degrees)} of {self.n_data // 2} sources"),
+            ("from", f"{self._data}; {self.n_data // 2} sources"),
             ("likeliest", f"{self.maximum:.4g} ({lower:.4g} … {upper:.4g}, 68 %, flat in Ω)"),
             ("P_2", f"{self.power:.4g} (µas/yr)², of which noise gives {self.noise_power:.4g} on average"),
             ("parity", f"P_T2 and P_S2, equal for waves, differ with a p-value of {p}"),

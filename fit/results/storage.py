@@ -228,7 +228,7 @@ class Result(Frozen):
         from vsh.figures import page
 
         answer: Any = getattr(self, "answer", Answer())
-        panels = [page.answer(answer.lines), *map(page.section, self.sections())]
+        panels = [page.facts(answer.lines), *map(page.section, self.sections())]
         return "\n".join(panel.html for panel in panels)
 
     def _plain_facts(self):

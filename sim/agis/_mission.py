@@ -8,12 +8,13 @@ import numpy as np
 from sim.agis._calibration import Calibration
 from sim.agis._globals import GlobalMotion
 from sim.agis._results import AgisSolution
-from sim.agis._system import ROUGH, System
+from sim.agis._system import ROUGH, System, few
 from sim.agis.passes import FULL, Scans, check_memory, plan, scaled, scans
 from sim.mission import Mission
 from sim.population import Population
 from sim.variability import Variability, markov_chain
 from vsh.basis import harmonics
+from vsh.modes import Modes
 from vsh.tools import arguments
 from vsh.tools.arguments import explained, generator
 from vsh.tools.errors import ParameterError
@@ -76,9 +77,11 @@ def start_errors(
     """Errors with which a solution begins; those of Bachchan, Hobbs & Lindegren (2016, section 4) unless given."""
     rng = generator(rng)
     start = random * rng.standard_normal((scans.n_sources, 5))
-    fields = harmonics(scans.lon, scans.lat, 3)
-    for columns in (slice(0, 2), slice(3, 5)):
-        field = np.tensordot(rng.standard_normal(len(fields)), fields, 1)
+    modes = Modes(3)
+    coefficients, fields = rng.standard_normal((2, len(modes))), np.empty((2, 2, scans.n_sources))
+    for part in few(scans.n_sources):
+        fields[..., part] = np.tensordot(coefficients, harmonics(scans.lon[part], scans.lat[part], modes), 1)
+    for columns, field in zip((slice(0, 2), slice(3, 5)), fields, strict=True):
         start[:, columns] += systematic * (field / np.sqrt(np.mean(np.sum(field**2, 0)))).T
     return start, attitude * rng.standard_normal((scans.intervals + 3, 3))
 

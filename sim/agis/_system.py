@@ -151,7 +151,7 @@ class Equations(InNotebook):
     def _rotations(self):
         """Some sources at a time: which, the null space of those that are solved, and that times the blocks S."""
         directions = self.scans.directions
-        for part in _few(len(self.blocks)):
+        for part in few(len(self.blocks)):
             basis = _unseen(directions[:, part])[: self.defect]
             basis[:, ~self.solved[part]] = 0
             yield part, basis, np.einsum("nij,knj->kni", self.blocks[part], basis)
@@ -183,7 +183,7 @@ class Equations(InNotebook):
         is_solved = scans.counts > 5
         passes = make_passes(scans, is_solved, threads, compiled)
         blocks, band = passes.blocks()
-        good = np.concatenate([_determinate(blocks[part]) for part in _few(len(blocks))])
+        good = np.concatenate([_determinate(blocks[part]) for part in few(len(blocks))])
         if (is_solved & ~good).any():
             is_solved &= good
             passes = make_passes(scans, is_solved, threads, compiled)
@@ -207,7 +207,7 @@ class Equations(InNotebook):
             ) from None
 
 
-def _few(n):
+def few(n):
     """Sources so many at a time that no copy of theirs is large."""
     return (slice(start, start + 2**16) for start in range(0, n, 2**16))
 
@@ -232,7 +232,7 @@ def _determinate(blocks):
 
 def _inverse(blocks):
     inverses = np.empty_like(blocks)
-    for part in _few(len(blocks)):
+    for part in few(len(blocks)):
         scale = 1 / np.sqrt(np.einsum("nii->ni", blocks[part]))
         scale = scale[:, :, None] * scale[:, None]
         inverses[part] = np.linalg.inv(blocks[part] * scale) * scale

@@ -78,6 +78,7 @@ def make_parser() -> argparse.ArgumentParser:
     add(
         "--calibration WORDS",
         "solve for the basic angle as well, as 'free every 5 days to order 1' (default: it is known)",
+        calibration_words,
     )
     add(
         "--smoothing SIGMA",
@@ -167,6 +168,15 @@ def _motions(text):
     return text
 
 
+def calibration_words(text: str) -> str:
+    """Words on a calibration, if they can be read."""
+    try:
+        sim.agis.Calibration.parse(text)
+    except ParameterError as error:
+        raise argparse.ArgumentTypeError(str(error)) from error
+    return text
+
+
 def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
     """End with what contradicts itself."""
     if not options.plan and not options.output:
@@ -175,11 +185,6 @@ def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
         parser.error(f"--vlbi: {options.vlbi} quasars cannot be chosen from {options.quasars}")
     if options.motions == "velocity" and not options.galaxies:
         parser.error("--global velocity is determined by galaxies: say --galaxies N")
-    if options.calibration:
-        try:
-            sim.agis.Calibration.parse(options.calibration)
-        except ParameterError as error:
-            parser.error(f"--calibration: {error}")
 
 
 #: Edges of bins of angle, in heights of a field: within it, about it, far beyond.

@@ -226,7 +226,7 @@ def write_page(
 
     moving = [page.figure(movie, caption) for caption, movie in (movies or {}).items()]
     panels = [
-        page.answer(answer.lines if answer else ()),
+        page.facts(answer.lines if answer else ()),
         page.cards(cards),
         page.heading("Figures", page.figures(figures.drawn, captions or {})),
         page.heading("What moves", page.pictures(moving)),

@@ -75,7 +75,7 @@ def html_report(
     texts = {**_CAPTIONS, **(captions or {})}
     static = page.words(f"The sky of this page {page.STATIC}." if skies and not sky_panel.html else "", "faint")
     panels = [
-        page.answer(answer.lines),
+        page.facts(answer.lines),
         _cards(solution),
         page.words(_warnings(solution), "warning"),
         page.heading("The sky", sky_panel),

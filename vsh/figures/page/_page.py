@@ -57,11 +57,6 @@ def words(text: str, kind: str = "") -> Panel:
     return Panel(f"<p{f' class={kind!r}' if kind else ''}>{escape(text)}</p>" if text else "")
 
 
-def answer(lines: Sequence[tuple[str, str]]) -> Panel:
-    """The lines to quote, their labels in front; nothing where there are none."""
-    return facts(lines)
-
-
 def facts(entries: Iterable[tuple[Any, Any]]) -> Panel:
     """Words with a label in front of each, broken where they are longer than the page is wide."""
     rows = "".join(

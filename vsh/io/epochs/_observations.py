@@ -499,9 +499,10 @@ def _observations(
         if values.dtype.kind == "f":
             bad |= ~(np.abs(values) <= _MOST.get(name, np.inf)) | ~np.isfinite(values)
     bad |= ~(flat["centroid_pos_error_al"] > 1e-9)
+    missing_colour = ", a colour factor" if "colour_factor_al" in flat else ""
     counts = {
         "not used by AGIS": int(is_unused.sum()),
-        "without a position, an error or a time": int((bad & ~is_unused).sum()),
+        f"without a position, an error{missing_colour} or a time": int((bad & ~is_unused).sum()),
     }
     keep = ~(bad | is_unused)
     note = DroppedRows.of_table({reason: count for reason, count in counts.items() if count}, keep.size, keep)
