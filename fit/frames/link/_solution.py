@@ -348,7 +348,8 @@ class FrameTie(FrameResult, NamedSolution):
                 f"{vector} {self._components(step, vector) if p < SEEN else 'not detected'} (p = {printed_p_value(p)})"
                 for vector, p in zip(self._jumping, p_values, strict=True)
             ]
-            hint = hint_of(p_value)
+            # Of two vectors one can be detected where both together are not: then no hint speaks against it.
+            hint = "" if min(p_values) < SEEN else hint_of(p_value)
             if len(p_values) > 1:
                 phrases.append(f"both together p = {printed_p_value(p_value)}{hint and f' ({hint})'}")
             lines.append(

@@ -95,6 +95,14 @@ def test_influence_is_what_leaving_one_out_does():
     )  # ν = 10⁶ is not infinite
 
 
+def test_no_hint_speaks_against_a_vector_that_is_detected(monkeypatch):
+    solution = link(sim.link(2, 60, **FRAME), steps=[13.0])
+    for p_values, has_hint in [((0.01, 0.4, 0.02), True), ((0.01, 0.4, 0.001), False)]:
+        monkeypatch.setattr(type(solution), "jump_p_values", lambda self, step, p_values=p_values: p_values)
+        line = dict(solution.answer.lines)["jump at 13"]
+        assert ("(a hint;" in line) == has_hint == ("spin not detected" in line)
+
+
 def test_verdict_and_tests_beside_the_table():
     solution = link(sim.link(2, 120, **FRAME, jump=(50, 0, 0)), steps=[13.0])
     assert dict(solution.answer.lines)["spin"].partition(" ")[0].replace(".", "").isdecimal()
