@@ -590,9 +590,10 @@ def _summary(solution):
     else:
         lower, upper = solution.hubble_limits
         limits = f"below {three_digits(upper)}" + (f", above {three_digits(lower)}" if lower > 0 else "")
-        error = "" if is_determined(solution) else " (its error is too large for a ±)"
+        if not is_determined(solution):
+            limits += " (not determined: the table has the least-squares value)"
         ours = solution.assumed_velocity.amplitude
-        phrase = f"for our velocity of {ours:.1f} km/s, H0{error} {limits} km/s/Mpc with 95 %"
+        phrase = f"for our velocity of {ours:.1f} km/s, H0 in km/s/Mpc with 95 % {limits}"
     return (
         f"{solution.n_sources} sources, {solution.frame} axes, {phrase}, χ²/dof = {solution.quality.reduced:.3f}, "
         f"{'coherent flows in the errors' if solution.flow is not None else 'errors without flows'}"

@@ -36,9 +36,9 @@ class CompiledPasses:
         """Arguments of the kernels for some transits, which they count from zero."""
         return (*(column[chunk] for column in self.columns), self.table, self.spacing, self.middle)
 
-    def _map(self, work: Callable[[int, int, int, int], Any]):
+    def _map(self, work: Callable[[int, int, int, int], Any], step: int = 1):
         """work(start, stop, first knot, last knot) of every part, in order; no more are at hand than threads."""
-        arguments = [(*bounds, *knots) for bounds, knots in zip(self.bounds, self.knots, strict=True)]
+        arguments = [(*bounds, *knots) for bounds, knots in zip(self.bounds, self.knots, strict=True)][::step]
         if self.threads == 1:
             yield from (work(*argument) for argument in arguments)
             return
@@ -72,7 +72,8 @@ class CompiledPasses:
             _kernels.to_sources(start, stop, lengths, h, sources, transits)
             return sources
 
-        return _sum(self._map(work))[self.rank]
+        # From the end, where `to_attitude` stopped: of transits on disk the last are still in memory.
+        return _sum(self._map(work, -1))[self.rank]
 
     def predict(self, x: FloatArray, h: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Predict the observations by the parameters."""
