@@ -25,6 +25,23 @@ PAPER = ROOT / "papers" / "joss" / "paper.md"
 ZENODO = json.loads((ROOT / ".zenodo.json").read_text(encoding="utf-8"))
 
 
+#: What stands at the top, beside files: a folder that a tool left behind would be seen here.
+FOLDERS = {
+    ".binder", ".ci", ".github", "benchmarks", "docs", "examples", "fit", "papers", "requirements", "sim", "study",
+    "tests", "vsh",
+}  # fmt: skip
+
+
+def test_nothing_else_is_kept():
+    files = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=False)
+    if files.returncode:
+        pytest.skip("not in a repository of git")
+    paths = files.stdout.splitlines()
+    assert {path.split("/")[0] for path in paths if "/" in path} == FOLDERS
+    large = [path for path in paths if (ROOT / path).exists() and (ROOT / path).stat().st_size > 500_000]
+    assert large == []
+
+
 @for_each(YAML, lambda path: path.relative_to(ROOT).as_posix())
 def test_yaml_is_valid(path):
     assert isinstance(yaml.safe_load(path.read_text(encoding="utf-8")), dict)
