@@ -240,7 +240,11 @@ def _is_seen(values: FloatArray, covariance: FloatArray) -> bool:
     """Return whether noise alone gives such coefficients in less than 0.27 % of skies."""
     if not np.isfinite(covariance).all():
         return False
-    return bool(chdtrc(len(values), values @ np.linalg.solve(covariance, values)) < SEEN)
+    # A covariance from few draws is singular: what they did not vary is not asked about.
+    variances, axes = np.linalg.eigh(covariance)
+    varied = variances > 1e-12 * variances[-1]
+    chi2 = np.sum((values @ axes)[varied] ** 2 / variances[varied])
+    return bool(chdtrc(varied.sum(), chi2) < SEEN)
 
 
 @apply_style

@@ -53,6 +53,23 @@ def test_arrows_are_as_dark_as_they_are_sure():
         plot_field(field, solution.coefficients, covariance=np.eye(3))
 
 
+def test_few_draws_give_a_covariance_that_is_singular():
+    """As of a bootstrap of ten draws: noise stays grey, and a motion of five errors does not."""
+    field = random_field(2000, seed=1)
+    solution = fit.fit_field(field, 2)
+    draws = np.random.default_rng(1).multivariate_normal(np.zeros(16), solution.covariance, 10)
+    covariance = np.cov(draws.T)
+    assert np.linalg.matrix_rank(covariance) == 9
+
+    def colours(values):
+        axes = plot_field(field, Coefficients(solution.modes, values), covariance=covariance)
+        shafts = next(each for each in axes.collections if isinstance(each, mpl.collections.LineCollection))
+        return len(np.unique(shafts.get_colors(), axis=0))
+
+    assert colours(draws[0]) == 1
+    assert colours(20 * draws[0]) > 1
+
+
 def test_stars_are_explained():
     field = random_field(2000, seed=1)
 
