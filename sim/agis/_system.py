@@ -14,7 +14,7 @@ import hashlib
 import re
 import warnings
 import zipfile
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any, Literal
 
@@ -207,7 +207,7 @@ class Equations(InNotebook):
             ) from None
 
 
-def few(n):
+def few(n: int) -> Iterator[slice]:
     """Sources so many at a time that no copy of theirs is large."""
     return (slice(start, start + 2**16) for start in range(0, n, 2**16))
 

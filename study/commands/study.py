@@ -1,15 +1,12 @@
 """`vsh-study`: a simulation study from a TOML file, on the command line."""
 
 import argparse
-import shutil
 from functools import partial
 from pathlib import Path
 
-import vsh
 from vsh.commands import finishing, parsing, reading, running
 from vsh.io.sections import Answer, Section
 from vsh.tools.files import atomic_write
-from vsh.tools.notes import dropped
 
 
 def make_parser() -> argparse.ArgumentParser:
@@ -20,36 +17,18 @@ def make_parser() -> argparse.ArgumentParser:
             "Simulate many skies with a known truth, fit each, and compare: a TOML file in, a folder of results out. "
             "An interrupted study resumes where it stopped."
         ),
-        examples=(
-            "vsh-study study.toml --output results",
-            "vsh-study study.toml --output results --workers 2",
-            "vsh-study --gaia crf3.fits --output gaia",
-        ),
+        examples=("vsh-study study.toml --output results", "vsh-study study.toml --output results --workers 2"),
     )
     add = parsing.adder(parser)
-    add("configuration", "a TOML file (docs/study.md)", nargs="?")
-    add(
-        "--gaia FILE",
-        "the acceleration paper of Gaia Collaboration, Klioner et al. (2021), from a file of vsh-archive gaia-crf3 or "
-        "vsh-sim crf3",
-    )
+    add("configuration", "a TOML file (docs/study.md)")
     add("--output DIR", "a new folder, or that of the same study", required=True)
     add("--n-realisations N", "in place of the configuration's", parsing.count(1))
     add("--workers N", "processes; one a core unless given", parsing.count(1))
-    add("--lmax", "--gaia: the highest degree", parsing.count(3), 10)
-    add("--n-bootstrap N", "--gaia: draws of each fit", parsing.count(10), 500)
-    add("--seed", "--gaia: of the bootstrap", int, 1)
     parsing.add_threads(parser)
     reading.add_figures(parser)
     parsing.add_overwrite(parser)
     parsing.add_common(parser)
     return parser
-
-
-def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
-    """End with what contradicts itself."""
-    if bool(options.configuration) + bool(options.gaia) != 1:
-        parser.error("name a configuration, or --gaia FILE")
 
 
 #: How many parameters a short report lists.
@@ -60,37 +39,6 @@ _CAPTIONS = {
         "the error that the number of realisations leaves."
     )
 }
-
-
-def _act(options):
-    return _gaia(options) if options.gaia else _run(options)
-
-
-def _gaia(options):
-    finishing.check(options)
-    from study.gaia import read_gaia, run_gaia, write_gaia
-    from vsh.io.catalogue import truth_of
-
-    sources, truth = read_gaia(options.gaia), truth_of(options.gaia)
-    study = run_gaia(sources, max_lmax=options.lmax, n_replicates=options.n_bootstrap, rng=options.seed)
-    counts = {"rows_used": len(sources.field), "rows_refused": dropped(sources.field.notes)}
-    meta = running.provenance(options.gaia, options, **counts)
-    with finishing.results_folder(options, meta) as folder:
-        formats = parsing.figure_formats(options.format)
-        figure_options = None if options.no_figures else {"format": formats, "dpi": options.dpi}
-        text = write_gaia(study, folder, truth=truth, provenance=meta, figures=figure_options)
-    paths = sorted(Path(options.output).glob("*.ecsv"))
-    finishing.print_result(
-        options,
-        finishing.message(
-            text, lambda: {path.stem: vsh.io.tables.read_table(path) for path in paths}, sources.field.notes
-        ),
-    )
-    finishing.print_line(options, running.written(options.output, (x.name for x in Path(options.output).iterdir())))
-    if options.html:
-        with atomic_write(options.html) as target:
-            shutil.copyfile(Path(options.output) / "gaia.html", target)
-        finishing.print_line(options, finishing.of_page(options.html))
 
 
 def _run(options):
@@ -163,4 +111,4 @@ def _sections(rows, long):
     return [Section("Truth, mean, scatter, errors, coverage", (), table_of(rows), names, indices, forms, remarks)]
 
 
-main, run = running.make_entry(__name__, _act)
+main, run = running.make_entry(__name__, _run)

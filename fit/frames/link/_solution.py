@@ -348,7 +348,7 @@ class FrameTie(FrameResult, NamedSolution):
                 f"{vector} {self._components(step, vector) if p < SEEN else 'not detected'} (p = {printed_p_value(p)})"
                 for vector, p in zip(self._jumping, p_values, strict=True)
             ]
-            # Of two vectors one can be detected where both together are not: then no hint speaks against it.
+            # One of two vectors can be detected where both together are not: a hint would contradict it.
             hint = "" if min(p_values) < SEEN else hint_of(p_value)
             if len(p_values) > 1:
                 phrases.append(f"both together p = {printed_p_value(p_value)}{hint and f' ({hint})'}")
