@@ -13,9 +13,9 @@ import numpy as np
 
 import sim
 import vsh
+from sim.commands import calibration_words
 from vsh.commands import finishing, parsing, reading, running
 from vsh.io.sections import Answer, Section
-from vsh.tools.errors import ParameterError
 from vsh.tools.files import exclusive
 from vsh.tools.types import Table
 from vsh.tools.units import AU_PER_YEAR, JULIAN_YEAR
@@ -165,15 +165,6 @@ def _motions(text):
         return int(text)
     if text not in ("acceleration", "velocity"):
         raise argparse.ArgumentTypeError(f"acceleration, velocity or a degree is expected, not {text!r}")
-    return text
-
-
-def calibration_words(text: str) -> str:
-    """Words on a calibration, if they can be read."""
-    try:
-        sim.agis.Calibration.parse(text)
-    except ParameterError as error:
-        raise argparse.ArgumentTypeError(str(error)) from error
     return text
 
 

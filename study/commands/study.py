@@ -17,7 +17,11 @@ def make_parser() -> argparse.ArgumentParser:
             "Simulate many skies with a known truth, fit each, and compare: a TOML file in, a folder of results out. "
             "An interrupted study resumes where it stopped."
         ),
-        examples=("vsh-study study.toml --output results", "vsh-study study.toml --output results --workers 2"),
+        examples=(
+            "vsh-study study.toml --output results",
+            "vsh-study study.toml --output results --workers 2",
+            "vsh-study study.toml --output results --n-realisations 20 --html study.html",
+        ),
     )
     add = parsing.adder(parser)
     add("configuration", "a TOML file (docs/study.md)")

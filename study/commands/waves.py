@@ -11,9 +11,8 @@ from typing import Any
 import numpy as np
 
 import vsh
-from sim.commands.agis import calibration_words
+from sim.commands import calibration_words
 from vsh.commands import finishing, parsing, reading, running
-from vsh.io.archive import DR4
 from vsh.io.sections import Answer, Section
 from vsh.sky.frames import rotation_matrix
 from vsh.sky.sphere import triad
@@ -170,6 +169,7 @@ def _response(chunks, span, options):
     """Response of the attitude, by the law of a table or a nominal one that is laid through the epochs."""
     from sim import TabulatedLaw, find_gaps
     from sim.agis import Response
+    from vsh.io.archive import DR4
 
     if any(chunk.view is None for chunk in chunks) and not options.law:
         raise TableError(
@@ -223,6 +223,8 @@ def _axes(observations):
 
 def _attitude_option(observations, law):
     """Median offset of the axis of the law. [rad]"""
+    from vsh.io.archive import DR4
+
     axis, time = _axes(observations)
     z = law.attitude(np.clip(time + (DR4.epoch - law.start), 0, law.years))[0]
     return np.median(np.arccos(np.clip(np.sum(axis * z, 0), -1, 1)))

@@ -82,11 +82,6 @@ REDSHIFT_FRAMES = ("heliocentric", "cmb", "local-group", "true")
 COLUMNS = (
     "gaia", "vizier", "hipparcos", "icrf", "skycoord", "simbad", "ned", "lvdb", "err", "desi", "catwise", "rubin", "mu",
 )  # fmt: skip
-#: `fit.METHODS`, and those of them that take a value, `fit.methods.WITH_VALUE`.
-METHODS = (
-    "recommended", "least-squares", "clip", "student", "permissive", "excess-noise", "bootstrap", "jackknife",
-)  # fmt: skip
-WITH_VALUE = ("clip", "excess-noise", "bootstrap", "jackknife")
 #: Formats of tables.
 INPUT_FORMATS = tuple(BY_NAME)
 #: The skies that `sim.skies.sky_map` knows.
@@ -124,29 +119,6 @@ def count(least: int, most: int = 10**12) -> Callable[[str], int]:
     return whole
 
 
-def method(text: str) -> str:
-    """The type of an estimator, NAME or NAME=VALUE."""
-    name, _, value = text.partition("=")
-    if name not in METHODS:
-        raise argparse.ArgumentTypeError(f"one of {', '.join(METHODS)} is expected, not {text!r}")
-    if not value:
-        return name
-    if name not in WITH_VALUE:
-        raise argparse.ArgumentTypeError(f"{name} takes no value: {text!r}")
-    if name == "excess-noise":
-        if value != "scale":
-            raise argparse.ArgumentTypeError(f"excess-noise or excess-noise=scale is expected, not {text!r}")
-    else:
-        {"clip": positive, "bootstrap": count(2), "jackknife": nside}[name](value)
-    return text
-
-
-def method_and_value(text: str) -> tuple[str, str | None]:
-    """The name of an estimator and its value, or None."""
-    name, _, value = text.partition("=")
-    return name, value or None
-
-
 def nside(text: str) -> int:
     """The type of a power of two from 1 to 8192."""
     if not text.isdecimal() or int(text) not in (2**k for k in range(14)):
@@ -167,6 +139,37 @@ def fraction(text: str) -> float:
 def positive(text: str) -> float:
     """The type of a number above zero."""
     return _number(text, lambda x: 0 < x < math.inf, "a positive number")
+
+
+def _scale(text):
+    if text != "scale":
+        raise argparse.ArgumentTypeError(f"excess-noise or excess-noise=scale is expected, not excess-noise={text}")
+
+
+#: `fit.METHODS` with the types of the values of those that take one, `fit.methods.WITH_VALUE`.
+METHODS: dict[str, Callable[[str], Any] | None] = {
+    "recommended": None, "least-squares": None, "clip": positive, "student": None, "permissive": None,
+    "excess-noise": _scale, "bootstrap": count(2), "jackknife": nside,
+}  # fmt: skip
+
+
+def method(text: str) -> str:
+    """The type of an estimator, NAME or NAME=VALUE."""
+    name, _, value = text.partition("=")
+    if name not in METHODS:
+        raise argparse.ArgumentTypeError(f"one of {', '.join(METHODS)} is expected, not {text!r}")
+    check_value = METHODS[name]
+    if value and check_value is None:
+        raise argparse.ArgumentTypeError(f"{name} takes no value: {text!r}")
+    if value and check_value is not None:
+        check_value(value)
+    return text
+
+
+def method_and_value(text: str) -> tuple[str, str | None]:
+    """The name of an estimator and its value, or None."""
+    name, _, value = text.partition("=")
+    return name, value or None
 
 
 def _number(text, fits, description):
