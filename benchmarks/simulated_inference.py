@@ -20,7 +20,7 @@ import numpy as np
 import fit
 import sim
 from study import SkyStatistics, simulate_skies
-from vsh import Modes
+from vsh import Coefficients, Modes
 from vsh.basis import harmonics
 from vsh.classes import Classes
 from vsh.io.maps import read_map
@@ -32,8 +32,8 @@ PUBLISHED = np.array([0.70, 0.54, 0.575])
 class Universe:
     """Skies of given sources: glide, spin, shared errors of an unknown power, errors that are wrong, stars."""
 
-    def __init__(self, field, lmax=5):
-        self.field, self.modes = field, Modes(lmax)
+    def __init__(self, field, lmax=5, star_motion=3000.0):
+        self.field, self.modes, self.star_motion = field, Modes(lmax), star_motion
         self.basis = harmonics(field.lon, field.lat, self.modes).reshape(len(self.modes), -1).astype(np.float32)
         # The same power in each kind of every degree: rms motion of one for one unit of floor in each.
         self.root = np.sqrt(4 * np.pi / (2 * self.modes.degrees + 1) / 2)
@@ -47,7 +47,7 @@ class Universe:
         motion += (sim.acceleration(g) + sim.spin(spin))(self.field.lon, self.field.lat)
         motion += factor * self.field.sigma * rng.standard_normal(self.field.sigma.shape, dtype=np.float32)
         which = np.flatnonzero(rng.random(len(self.field)) < stars)
-        motion[:, which] += 3000 * rng.standard_normal((2, len(which)))
+        motion[:, which] += self.star_motion * rng.standard_normal((2, len(which)))
         return np.r_[g, floor, factor, stars], motion
 
 
@@ -72,6 +72,17 @@ def speed(n=100_000, skies=200):
     )
 
 
+def _summaries(statistics, x):
+    """The fitted glides, and what tells of their errors: the power of each kind and degree above 1, and χ²."""
+    modes = statistics.modes
+    to_glide = np.array([Coefficients(modes, unit).glide for unit in np.eye(len(modes))])
+    coefficients = x[:, : len(modes)]
+    powers = [
+        np.sum(coefficients[:, modes.slice_of(kind, l)] ** 2, 1) for kind in "TS" for l in range(2, modes.lmax + 1)
+    ]
+    return coefficients @ to_glide, np.column_stack([*np.log(powers), np.log(x[:, len(modes) :])])
+
+
 def quaia(selection, skies=4000, sources=200_000):
     import torch
     from sbi.inference import NPE
@@ -80,28 +91,32 @@ def quaia(selection, skies=4000, sources=200_000):
     torch.manual_seed(1)
     torch.set_num_threads(2)
     field = _quasars(int(sources), selection=np.clip(np.nan_to_num(read_map(selection)[0]), 0, None))
-    # As many sources as Quaia has: the same information from fewer that are more exact.
-    field = field.with_errors(field.sigma * np.sqrt(int(sources) / 755_850))
-    universe = Universe(field, 3)
-    statistics = SkyStatistics(field, 3, Classes.by_edges("G", (18.0, 19.5), field.magnitude))
+    # As many sources as Quaia has: the same information from fewer that are more exact, and stars that are as much slower.
+    root = np.sqrt(int(sources) / 755_850)
+    field = field.with_errors(field.sigma * root)
+    universe = Universe(field, 3, 3000 * root)
+    statistics = SkyStatistics(field, 3)
     start = time.perf_counter()
     theta, x = simulate_skies(universe.draw, statistics, int(skies), 1, threads=2)
     print(f"{skies} skies in {time.perf_counter() - start:.0f} s", flush=True)
-    mean, scale = x.mean(0), x.std(0)
+    glide, summaries = _summaries(statistics, x)
+    mean, scale = summaries.mean(0), summaries.std(0)
+    # Flat in g: what is inferred is how far the truth is from the fitted glide, whose scale is that of the errors.
     prior = BoxUniform(torch.tensor([-10.0] * 3 + [0, 0.9, 0]), torch.tensor([10.0] * 3 + [2, 1.2, 0.001]))
     inference = NPE(prior=prior, density_estimator="maf")
     inference.append_simulations(
-        torch.tensor(theta, dtype=torch.float32), torch.tensor((x - mean) / scale, dtype=torch.float32)
+        torch.tensor(np.c_[theta[:, :3] - glide, theta[:, 3:]], dtype=torch.float32),
+        torch.tensor((summaries - mean) / scale, dtype=torch.float32),
     )
     start = time.perf_counter()
     inference.train()
     posterior = inference.build_posterior()
     print(f"\ntrained in {time.perf_counter() - start:.0f} s", flush=True)
-    true, seen = simulate_skies(universe.draw, statistics, 200, 2, threads=2)
+    true, seen = simulate_skies(universe.draw, statistics, 400, 2, threads=2)
     inside, below, errors = [], [], []
-    for parameters, values in zip(true, seen, strict=True):
+    for parameters, own_glide, values in zip(true, *_summaries(statistics, seen), strict=True):
         data = torch.tensor((values - mean) / scale, dtype=torch.float32)
-        draws = posterior.sample((500,), x=data, show_progress_bars=False).numpy()[:, :3]
+        draws = own_glide + posterior.sample((500,), x=data, show_progress_bars=False).numpy()[:, :3]
         low, up = np.quantile(draws, [0.16, 0.84], axis=0)
         inside.append((low < parameters[:3]) & (parameters[:3] < up))
         below.append(np.mean(draws < parameters[:3], axis=0))
