@@ -109,6 +109,8 @@ class ClassComparison(Result):
         of the degrees that are used. Free a priori: nothing shrinks them. [`unit`]
     unit : str
         "µas/yr" of motions, "µas" of positions.
+    made_by : str
+        What divides the classes, for the words of the verdict: "redshift" for bins.
     """
 
     labels: tuple[str, ...]
@@ -127,6 +129,7 @@ class ClassComparison(Result):
     amplitudes: FloatArray = field(default_factory=partial(np.zeros, 0))
     amplitude_covariance: FloatArray = field(default_factory=partial(np.zeros, (0, 0)))
     unit: str = "µas/yr"
+    made_by: str = "class"
 
     def __len__(self) -> int:
         return len(self.labels)
@@ -287,18 +290,18 @@ class ClassComparison(Result):
         """The verdict, and the p-values of one spin and of one acceleration: report and table have them, each time."""
         return self.verdict(), self.equality("T"), self.equality("S")
 
-    def verdict_words(self, what: str = "class") -> str:
+    def verdict_words(self, what: str | None = None) -> str:
         """State in one sentence whether the dipole changes from class to class.
 
         Parameters
         ----------
-        what : str
-            What classes are made by: "redshift", say.
+        what : str, optional
+            What classes are made by: "magnitude", say; `made_by` unless given.
         """
         verdict, spin, acceleration = self._tests
         phrase = "not contradicted" if verdict.p_value > 0.0027 else "contradicted"
         return (
-            f"Does the dipole change with {what}? spin p = {spin:.2g}, acceleration p = "
+            f"Does the dipole change with {what or self.made_by}? spin p = {spin:.2g}, acceleration p = "
             f"{acceleration:.2g}; the largest of {verdict.looked_at} comparisons ({verdict.comparison}) p = "
             f"{verdict.p_value:.2g} after allowing for all ({verdict.face_value:.2g} before that): one dipole for "
             f"all is {phrase}."

@@ -519,7 +519,7 @@ class BinnedSolution(Result):
         """
         labels = [f"{lower:g} ≤ z < {upper:g}" for lower, upper in pairwise(self.edges)]
         options = {"noise_scale": self.is_scaled} | options
-        comparison = shared(self.normals, degrees, labels=labels, **options)
+        comparison = replace(shared(self.normals, degrees, labels=labels, **options), made_by="redshift")
         if self.flow_covariance is None:
             return comparison
         modes, bins, q = list(self.modes), len(self), len(self.free)

@@ -11,7 +11,7 @@ from conftest import ROOT
 PACKAGES = ("vsh", "fit", "sim", "study")
 #: Lines of code (no docstrings, comments or blank lines) that a room may have.
 BUDGET = {
-    "fit": 753, "fit/background": 2395, "fit/commands": 1671, "fit/correlation": 810, "fit/distances": 714,
+    "fit": 753, "fit/background": 2396, "fit/commands": 1671, "fit/correlation": 810, "fit/distances": 714,
     "fit/frames": 2115, "fit/in_time": 746, "fit/motions": 752, "fit/normal": 924, "fit/pairs": 590,
     "fit/posterior": 1400, "fit/redshift": 777, "fit/results": 1693, "fit/robust": 603,
     "fit/secular_parallax": 1342, "fit/solving": 480, "fit/waves": 417, "sim": 986, "sim/agis": 2176,

@@ -180,7 +180,7 @@ def test_day(tmp_path, monkeypatch, capsys):
     out = capsys.readouterr().out
     assert out.count("Does the dipole change with class?") == 3
     assert "Does the dipole change with redshift?" in out
-    assert "Along each template, by degree" in out
+    assert "Motions along each template, by degree (rms)" in out
     assert {"answer", "magnitude", "colour", "halves", "bins", "templates", "against3", "referee"} <= {
         each.name for each in tmp_path.iterdir()
     }

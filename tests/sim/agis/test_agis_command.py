@@ -72,7 +72,7 @@ def test_known_attitude_and_nine_ccds(tmp_path, capsys):
     assert run(tmp_path, "--attitude", "10", "--ccds", "9", "--variability", "100", "--method", "simple") == 0
     said = capsys.readouterr().out
     assert "known to 10 µas" in said
-    line = next(line for line in said.splitlines() if line.startswith("quasars "))
+    line = next(line for line in said.splitlines() if line.startswith("  quasars "))
     assert all(0.8 < float(x) < 1.5 for x in line.split()[1:])
 
 
