@@ -49,7 +49,8 @@ def parts(
     columns, units, on_bad, frame, where, format
         As for `read_field`. Name, magnitude and redshift are read where a step or a sum wants them.
     rows : int
-        The largest number of sources in memory at a time, for each process.
+        The largest number of sources in a block. In memory are the block that is summed, the next of the same part,
+        and in this process the first of the part that follows (of four at an address), which are read meanwhile.
     motions : bool
         Whether there must be motions and errors: false for skies of which only positions, or errors, matter.
     sigma : float, optional
