@@ -246,7 +246,7 @@ _LAW = Spectrum.from_covariance(LINDEGREN_2021).acceleration_error
 _ALONE, _BEYOND, _NONE = 300.0, 150.0, 1e-3
 #: Quantities of a short report: what a proposal quotes, with what nature adds to the noise.
 _QUOTED = (
-    "acceleration", "acceleration_floor", "direction", "speed", "waves", "velocity", "hubble", "velocity_flows",
+    "acceleration", "acceleration_floor", "speed", "waves", "velocity", "hubble", "velocity_flows",
     "hubble_flows",
 )  # fmt: skip
 
