@@ -48,9 +48,9 @@ test-newest:  ## the tests with the newest versions there are today
 	.venv-newest/bin/python $(PIP) --editable '.[test]'
 	.venv-newest/bin/pytest -m "not slow" -n auto
 
-coverage: $(VENV)/installed-test  ## line and branch coverage; at least COVERAGE per cent of both together
+coverage: $(VENV)/installed-test  ## line and branch coverage of all tests, for hours; at least COVERAGE per cent of both together
 	$(BIN)/coverage erase
-	$(BIN)/coverage run -m pytest -q -m "not slow" -p no:cacheprovider
+	$(BIN)/coverage run -m pytest -q -p no:cacheprovider
 	$(BIN)/coverage combine --quiet
 	$(BIN)/coverage report --skip-covered --fail-under $(COVERAGE)
 
