@@ -4,7 +4,7 @@ A survey is a catalogue that there is or will be: how many sources, and how well
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
@@ -38,8 +38,8 @@ class SecondEpoch(InNotebook):
 
     Attributes
     ----------
-    error : float
-        Error of a position in each component. [µas]
+    error : float, or a release of Gaia
+        Error of a position in each component [µas]; or as this release has it at each magnitude.
     years : float
         Mean epoch of the survey minus that of the release. [yr]
     latitude, ecliptic_latitude : float
@@ -48,7 +48,7 @@ class SecondEpoch(InNotebook):
         Range of the survey. [deg]
     """
 
-    error: float
+    error: float | Release
     years: float
     latitude: float = 0.0
     ecliptic_latitude: float = 0.0
@@ -69,7 +69,11 @@ class SecondEpoch(InNotebook):
             gaia_errors(magnitude, release),
         ])  # fmt: skip
         covariance = np.einsum("in,ij->nij", (factor * sigma) ** 2, np.eye(5))
-        joint = add_positions(covariance, self.error**2 * np.eye(2), self.years)
+        errors: Any = self.error
+        if isinstance(self.error, str):
+            errors = factor * np.multiply.outer(POSITION_FACTORS, parallax_error(magnitude, self.error))
+        positions = np.einsum("in,ij->nij", np.broadcast_to(errors, (2, len(magnitude))) ** 2, np.eye(2))
+        joint = add_positions(covariance, positions, self.years)
         return np.sqrt(np.stack([joint[:, 3, 3], joint[:, 4, 4]]))
 
 
@@ -202,9 +206,14 @@ SURVEYS = {
         SecondEpoch(400.0, 11.2, latitude=15.0, declination=(-70.0, 12.5)),
         "positions at J2031 in 18 000 deg², 825 visits of 11 mas (Ivezić et al. 2019, ApJ 873, 111)",
     ),
-    "near infrared": Survey(
-        _OF_QUASARS, "DR4", 1 / 14, n_galaxies=_OF_GALAXIES, floor=_FLOORS["DR4"] / 14,
-        says="a successor to Gaia twenty years later, with motions 14 times as precise as DR4's (Hobbs et al. 2021)",
+    "near infrared": replace(
+        _with(
+            SecondEpoch("DR4", 27.7),
+            "positions by a successor to Gaia launched in 2045, at J2047.5 with DR4's errors at each magnitude: it "
+            "is to be as precise as Gaia (Hobbs et al. 2021, Exp. Astron. 51, 783); floor: that of DR5 by the time "
+            "between",
+        ),
+        floor=_FLOORS["DR5"] * 10.0 / 27.7,
     ),
     "VLBI": Survey(
         1500, sigma=_VLBA, floor=0.1,

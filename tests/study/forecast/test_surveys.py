@@ -5,6 +5,7 @@ import pytest
 
 import fit
 import sim
+from sim.astrometry import POSITION_FACTORS, gaia_errors, parallax_error
 from study.commands.forecast import main
 from study.forecast import SURVEYS, SecondEpoch, Survey, forecast_surveys
 from study.forecast._forecast import QUANTITIES, _quasars
@@ -171,3 +172,15 @@ def test_command(tmp_path, capsys):
     again = ["--config", str(folder / "run.toml"), "--output", str(tmp_path / "again")]
     assert main(again) == 0
     assert (tmp_path / "again" / "report.txt").read_text() == (folder / "report.txt").read_text()
+
+
+def test_positions_may_have_the_errors_of_a_release():
+    """After a long time a motion is the difference of two positions, whose errors follow the magnitude."""
+    magnitude, factor, years = np.array([17.0, 20.0]), np.array([1.0, 1.3]), 1e4
+    errors = SecondEpoch("DR4", years).motion_errors(magnitude, factor, "DR5")
+    positions = [np.multiply.outer(POSITION_FACTORS, parallax_error(magnitude, name)) for name in ("DR4", "DR5")]
+    np.testing.assert_allclose(errors, factor * np.hypot(*positions) / years, rtol=1e-5)
+    own = SURVEYS["near infrared"].second
+    ratio = gaia_errors(magnitude, "DR4") / own.motion_errors(magnitude, np.ones(2), "DR5")
+    assert (ratio > 14).all()  # after 20 years, by Hobbs et al. (2021)
+    assert (ratio < 14 * 27.7 / 20 * 1.1).all()
