@@ -423,6 +423,8 @@ def published_table(study: GaiaStudy) -> Table:
     return tables.table_of(dict(zip(names, zip(*rows, strict=True), strict=True)))
 
 
+#: All that is written.
+_FIGURES = ("acceleration_by_degree", "acceleration_by_subset", "powers", "density", "sky", "correlation", "residuals")
 _HEADINGS = {
     "published": "Beside the paper",
     "degrees": "By the highest degree of the fit",
@@ -430,6 +432,7 @@ _HEADINGS = {
     "powers": "Powers and p-values",
     "correlations": "Correlations of spin and acceleration",
 }
+FILES = {"report.md", _PAGE, *(f"{name}.ecsv" for name in _HEADINGS), *(f"{name}.png" for name in _FIGURES)}
 
 
 def write_gaia(
@@ -589,6 +592,11 @@ def main(words: Sequence[str] | None = None) -> None:
     options = parser.parse_args(words)
     if options.output.exists() and not (options.output / _PAGE).exists():
         parser.error(f"{options.output} is there, and holds no earlier run: name another folder")
+    others = {path.name for path in options.output.iterdir()} - FILES if options.output.exists() else ()
+    if others:
+        parser.error(
+            f"{options.output} holds files of others ({min(others)}): it would be replaced, name another folder"
+        )
     try:
         sources, truth = read_gaia(options.file), truth_of(options.file)
         study = run_gaia(sources, max_lmax=options.lmax, n_replicates=options.n_bootstrap, rng=options.seed)

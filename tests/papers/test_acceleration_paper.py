@@ -5,7 +5,7 @@ import pytest
 from astropy.table import Table
 
 import sim
-from acceleration_paper import main, read_gaia, run_gaia, subsets, write_gaia
+from acceleration_paper import FILES, main, read_gaia, run_gaia, subsets, write_gaia
 from sim.commands.simulate import main as simulate
 from vsh import Vector
 from vsh.figures.page import bundle
@@ -178,6 +178,12 @@ def test_command_from_simulation_to_page(tmp_path, capsys):
     assert degrees["lmax"].tolist() == [1, 2, 3]
     assert {"g_x", "g_x_formal", "g_x_error", "chi2_truth_of_6"} <= set(degrees.colnames)
     main(options)  # an earlier run is replaced, and nothing else is
+    assert {path.name for path in home.iterdir()} == FILES
+    (home / "notes.txt").write_text("years of work", encoding="utf-8")
+    with pytest.raises(SystemExit):
+        main(options)
+    assert "files of others (notes.txt)" in capsys.readouterr().err
+    assert (home / "notes.txt").exists()
     (tmp_path / "thesis").mkdir()
     with pytest.raises(SystemExit):
         main([str(path), "--output", str(tmp_path / "thesis")])
