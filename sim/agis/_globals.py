@@ -1,5 +1,6 @@
 """Motions that follow a global field, solved for inside the joint solution."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -131,8 +132,13 @@ def global_motion(
 LOW_DEGREES = 3
 
 
-#: Sources whose harmonics are at hand together.
-_FITTED = 2**16
+#: Sources that are looked at together.
+_TOGETHER = 2**16
+
+
+def few(n: int) -> Iterator[slice]:
+    """Sources so many at a time that no copy of theirs is large."""
+    return (slice(start, min(start + _TOGETHER, n)) for start in range(0, n, _TOGETHER))
 
 
 class MotionFit:
@@ -145,8 +151,7 @@ class MotionFit:
         normal = np.zeros((p, p))
         #: What a source's motion adds to the right-hand sides, (p, 2, k).
         self.weighted = scans.array(p, 2, len(self.sources))
-        for start in range(0, len(self.sources), _FITTED):
-            chunk = slice(start, start + _FITTED)
+        for chunk in few(len(self.sources)):
             indices = self.sources[chunk]
             field = harmonics(scans.lon[indices], scans.lat[indices], modes)
             weights = np.linalg.inv(equations.formal[indices][:, 3:, 3:])

@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 
 from sim.agis._calibration import Calibration
-from sim.agis._globals import GlobalMotion
+from sim.agis._globals import GlobalMotion, few
 from sim.agis._results import AgisSolution
-from sim.agis._system import ROUGH, System, few
+from sim.agis._system import ROUGH, System
 from sim.agis.passes import FULL, Scans, check_memory, plan, scaled, scans
 from sim.mission import Mission
 from sim.population import Population

@@ -14,7 +14,7 @@ import hashlib
 import re
 import warnings
 import zipfile
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any, Literal
 
@@ -22,7 +22,7 @@ import numpy as np
 from scipy.linalg import LinAlgError, cho_solve_banded, cholesky_banded
 
 from sim.agis._calibration import AngleBlock, Calibration
-from sim.agis._globals import GlobalMotion, MotionFit, low_fit, sources_at
+from sim.agis._globals import GlobalMotion, MotionFit, few, low_fit, sources_at
 from sim.agis._results import AgisSolution
 from sim.agis.passes import Scans, check_memory, make_passes, smooth, system_memory
 from sim.variability import Variability, chain_products
@@ -139,14 +139,18 @@ class Equations(InNotebook):
         """Parameters less the rotation that fits them best, the blocks S as weights; and that rotation."""
         if not self.defect:
             return x, np.zeros((0, x.shape[-1]))
-        normal, right = np.zeros((self.defect, self.defect)), np.zeros((self.defect, x.shape[-1]))
-        for part, basis, weighted_basis in self._rotations():
-            normal += np.einsum("kni,lni->kl", weighted_basis, basis)
-            right += np.einsum("kni,nir->kr", weighted_basis, x[part])
-        rotation, turned = np.asarray(np.linalg.solve(normal, right), float), np.empty_like(x)
+        rotation, turned = self._rotation_of(x, weighted=True), np.empty_like(x)
         for part, basis, _ in self._rotations():
             turned[part] = x[part] - np.einsum("kr,kni->nir", rotation, basis)
         return turned, rotation
+
+    def _rotation_of(self, x, *, weighted):
+        """The rotation in parameters, which the blocks S weight; or in functionals of them, unweighted."""
+        normal, products = np.zeros((self.defect, self.defect)), np.zeros((self.defect, x.shape[-1]))
+        for part, basis, weighted_basis in self._rotations():
+            normal += np.einsum("kni,lni->kl", weighted_basis, basis)
+            products += np.einsum("kni,nir->kr", weighted_basis if weighted else basis, x[part])
+        return np.asarray(np.linalg.solve(normal, products), float)
 
     def _rotations(self):
         """Some sources at a time: which, the null space of those that are solved, and that times the blocks S."""
@@ -205,11 +209,6 @@ class Equations(InNotebook):
                 f"the attitude is not determined at its coefficient {coefficient} of {self.coefficients} (day "
                 f"{day:.2f}): lower the smoothing, take more sources, or a prior"
             ) from None
-
-
-def few(n: int) -> Iterator[slice]:
-    """Sources so many at a time that no copy of theirs is large."""
-    return (slice(start, start + 2**16) for start in range(0, n, 2**16))
 
 
 def _unseen(directions):
@@ -320,11 +319,7 @@ class ExactErrors(Equations):
         right = functionals.copy()
         right[~self.solved] = 0
         if self.defect:
-            normal, products = 0.0, 0.0
-            for part, basis, weighted_basis in self._rotations():
-                normal += np.einsum("kni,lni->kl", weighted_basis, basis)
-                products += np.einsum("kni,nir->kr", basis, right[part])
-            share = np.linalg.solve(normal, products)
+            share = self._rotation_of(right, weighted=False)
             for part, _, weighted_basis in self._rotations():
                 right[part] -= np.einsum("kr,kni->nir", share, weighted_basis)
         return right

@@ -112,7 +112,7 @@ def test_from_a_folder_to_the_byte(tmp_path, monkeypatch):
     """Transits, observations and the factor on disk change no bit, however many transits are looked at together."""
     monkeypatch.setattr("sim.agis.passes._compiled.TOGETHER", 700)
     monkeypatch.setattr("sim.agis.passes._scans.TOGETHER", 900)
-    monkeypatch.setattr("sim.agis._globals._FITTED", 77)
+    monkeypatch.setattr("sim.agis._globals._TOGETHER", 77)
     results = []
     for folder in (None, tmp_path / "scans"):
         system = System(make(folder=folder), compiled=True)
