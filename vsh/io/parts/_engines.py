@@ -13,7 +13,6 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, ThreadPoolExecutor, wait
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
-from itertools import islice
 from pathlib import Path
 from typing import Any
 from uuid import uuid4
@@ -154,13 +153,13 @@ class InProcess(Engine):
         """The sum of `work` over the pieces."""
         tree = Tree()
         with ThreadPoolExecutor(max(self.readers, 1)) as pool:  # which starts no thread before it is asked to
-            begun = deque(pool.submit(work.begin, piece) for piece in pieces[: self.readers])
-            following = iter(pieces[self.readers :])
+            begun: deque[Future] = deque()
             try:
-                for piece in pieces:
-                    first = begun.popleft() if begun else None
-                    begun.extend(pool.submit(work.begin, next_piece) for next_piece in islice(following, bool(first)))
-                    tree.add(work(piece, first))
+                for number, piece in enumerate(pieces):
+                    if self.readers:
+                        following = pieces[number + len(begun) : number + 1 + self.readers]
+                        begun.extend(pool.submit(work.begin, next_piece) for next_piece in following)
+                    tree.add(work(piece, begun.popleft() if begun else None))
                     done()
             finally:
                 pool.shutdown(cancel_futures=True)
