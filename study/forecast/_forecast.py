@@ -4,7 +4,7 @@ A survey is a catalogue that there is or will be: how many sources, and how well
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
@@ -180,9 +180,13 @@ _FLOORS = {release: _FLOOR * RELEASES[release][0] * RELEASES[release][1] / RELEA
 _VLBA = (2.1, 5.5, 9.6, 15.6, 39.2)
 
 
-def _with(second: SecondEpoch, says: str) -> Survey:
-    """DR5 with the positions of another survey, which keep the floor of DR5's frame."""
-    return Survey(_OF_QUASARS, "DR5", n_galaxies=_OF_GALAXIES, floor=_FLOORS["DR5"], says=says, second=second)
+#: Years of observations in DR5, and from their mean to that of a successor.
+_DR5_YEARS, _SUCCESSOR = 10.0, 27.7
+
+
+def _with(second: SecondEpoch, says: str, floor: float = _FLOORS["DR5"]) -> Survey:
+    """DR5 with the positions of another survey, which keep the floor of DR5's frame unless they have one of theirs."""
+    return Survey(_OF_QUASARS, "DR5", n_galaxies=_OF_GALAXIES, floor=floor, says=says, second=second)
 
 
 #: By name. Floors beyond DR3 are an assumption.
@@ -206,14 +210,11 @@ SURVEYS = {
         SecondEpoch(400.0, 11.2, latitude=15.0, declination=(-70.0, 12.5)),
         "positions at J2031 in 18 000 deg², 825 visits of 11 mas (Ivezić et al. 2019, ApJ 873, 111)",
     ),
-    "near infrared": replace(
-        _with(
-            SecondEpoch("DR4", 27.7),
-            "positions by a successor to Gaia launched in 2045, at J2047.5 with DR4's errors at each magnitude: it "
-            "is to be as precise as Gaia (Hobbs et al. 2021, Exp. Astron. 51, 783); floor: that of DR5 by the time "
-            "between",
-        ),
-        floor=_FLOORS["DR5"] * 10.0 / 27.7,
+    "near infrared": _with(
+        SecondEpoch("DR4", _SUCCESSOR),
+        "positions by a successor to Gaia launched in 2045, at J2047.5 with DR4's errors by magnitude: it is to be "
+        "as precise as Gaia (Hobbs et al. 2021, Exp. Astron. 51, 783); floor: that of DR5 by the time between",
+        _FLOORS["DR5"] * _DR5_YEARS / _SUCCESSOR,
     ),
     "VLBI": Survey(
         1500, sigma=_VLBA, floor=0.1,
