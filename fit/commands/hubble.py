@@ -101,3 +101,45 @@ def _p(p):
 def is_determined(solution: Any) -> bool:
     """Return whether H0 is a number with an error, rather than a limit."""
     return solution.hubble > 3 * solution.hubble_error
+
+
+def summary_of(solution: Any) -> str:
+    """Summarise a velocity, or H0, in a line."""
+    if hasattr(solution, "velocity"):
+        phrase = f"for H0 = {solution.assumed_hubble:g} km/s/Mpc"
+    else:
+        lower, upper = solution.hubble_limits
+        limits = f"below {three_digits(upper)}" + (f", above {three_digits(lower)}" if lower > 0 else "")
+        if not is_determined(solution):
+            limits += " (not determined: the table has the least-squares value)"
+        ours = solution.assumed_velocity.amplitude
+        phrase = f"for our velocity of {ours:.1f} km/s, H0 in km/s/Mpc with 95 % {limits}"
+    return (
+        f"{solution.n_sources} sources, {solution.frame} axes, {phrase}, χ²/dof = {solution.quality.reduced:.3f}, "
+        f"{'coherent flows in the errors' if solution.flow is not None else 'errors without flows'}"
+    )
+
+
+def cards_of(results: dict[str, Any]) -> list[tuple[str, str, str]]:
+    """Main results, large: our velocity, H0, and χ² of both."""
+    cards = []
+    if "velocity" in results:
+        solution = results["velocity"]
+        v = solution.velocity
+        size = f"{three_digits(v.amplitude)} ± {three_digits(v.amplitude_error)} km/s"
+        size = size if v.p_value < fit.quality.SEEN else f"< {three_digits(v.amplitude_limit())} km/s (95 %)"
+        remark = f"p = {printed_p_value(v.p_value)} for none; for H0 = {solution.assumed_hubble:g} km/s/Mpc"
+        cards.append(("Our velocity", size, remark))
+    if "hubble" in results and "posterior" not in results:  # one limit on H0, that of the lines to quote
+        solution = results["hubble"]
+        size = f"{solution.hubble:.3g} ± {solution.hubble_error:.2g} km/s/Mpc"
+        size = size if is_determined(solution) else f"< {three_digits(solution.hubble_limits[1])} km/s/Mpc (95 %)"
+        cards.append(("The Hubble constant", size, f"least squares {solution.hubble:.3g}"))
+    if "posterior" in results:
+        cards.append(("H0, posterior", *hubble_of(results["posterior"])))
+    for name in ("velocity", "hubble"):
+        if name in results:
+            quality = results[name].quality
+            cards.append(("χ² per degree of freedom", f"{quality.reduced:.3f}", f"{results[name].dof} of them"))
+            break
+    return cards

@@ -78,7 +78,7 @@ def _run(options):
 
     parts = [
         finishing.Part("pairs", correlation, "Correlation by angle", plot=lambda: correlation.plot(fitted)),
-        *([finishing.Part("templates", fitted, "Templates", plot=lambda: None, is_long=True)] if fitted else ()),
+        *([finishing.Part("templates", fitted, "Templates", plot=dict, is_long=True)] if fitted else ()),
         *([finishing.Part("power", power, "Power by degree")] if power else ()),
     ]
     run.finish(

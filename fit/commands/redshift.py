@@ -12,10 +12,9 @@ import numpy as np
 
 import fit
 import vsh
-from fit.commands.hubble import answer_lines, hubble_of, is_determined
+from fit.commands.hubble import answer_lines, cards_of, summary_of
 from vsh.commands import finishing, parsing, reading, running
 from vsh.io.sections import Answer, Section
-from vsh.io.tables import printed_p_value, three_digits
 from vsh.tools.errors import ConvergenceError, DegeneracyError, VshError
 from vsh.tools.notes import count_unselected, dropped
 
@@ -242,19 +241,10 @@ def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
 _WIDEST = {True: 400.0, False: 1000.0}
 #: The degree that it is looked for to where bins are fitted to degree 1.
 _DEGREE = 5
-_HEADINGS = {
-    "bins": "Bins of redshift",
-    "shared": "Bins with common systematic errors",
-    "velocity": "Our velocity",
-    "hubble": "The Hubble constant",
-    "posterior": "Posterior",
-}
 _CAPTIONS = {
-    "bins": "Acceleration and spin in bins of redshift; dashed: what our motion past nearby galaxies adds.",
-    "shared": "Spin and acceleration of the bins, with common systematic errors.",
-    "flow": "Flow of the galaxies on shells: away from us (colours) and across (arrows).",
     "corner": "Every pair of quantities, with 68 and 95 % contours; dashed: the prior on H0.",
     "trace": "Walkers against steps; grey: left out. R̂ near 1 and a large effective size: the chain has converged.",
+    "correlations": "Correlations of the parameters.",
 }
 
 
@@ -262,110 +252,75 @@ def _run(options):
     run = finishing.Run(options)
     options.flows = not options.no_flows  # as provenance has it
     source = run.open(options.catalogue)
-    from fit.secular_parallax import hubble_constant, observer_velocity
-    from vsh.io import catalogue
-    from vsh.models.cosmology import with_redshift
-
     if options.distances:
         _by_distances(run, source)
-        return
+    else:
+        _by_redshifts(run, source)
+
+
+def _by_redshifts(run, source):
+    """Bins of redshift, our velocity, H0 and the posterior of both, whichever were asked for."""
+    from vsh.io import catalogue
+
+    options, truth = run.options, catalogue.truth_of(source)
     sky = run.read(source, options.catalogue).to_frame(options.frame)
-    is_parts = isinstance(sky, vsh.io.parts.Parts)
-    if not is_parts:
-        reading.refuse_velocities(sky.notes, source.label)
-    frame = _frame_of_redshifts(sky, source, options.redshift_frame)
-    counts = {}
-    if not is_parts:
-        n_refused = dropped(sky.notes)
-        counts = {"rows": len(sky) + n_refused + count_unselected(sky.notes), "rows_read": len(sky)}
-    if options.clip:
-        sky = _clip_field(sky, options.clip)
-    velocity = reading.velocity_of(options.velocity)
-    ours = velocity or vsh.models.cosmology.CMB_VELOCITY_PLANCK18
-    results, truth, p_values, remark = {}, catalogue.truth_of(source), None, ""
+    frame, counts = _check_sky(sky, source, options)
+    sky = _clip_field(sky, options.clip) if options.clip else sky
     if options.local_group and truth:
         raise VshError(
             f"--local-group uses the motion of the real Local Group, and {source.label} is simulated: leave it out"
         )
-    common = {
-        "cosmology": _cosmology(options.omega_m),
-        "peculiar_dispersion": options.peculiar_dispersion,
-        "spin": "free" if options.free_spin else None,
-        "acceleration": _resolve_acceleration(options.acceleration),
-        "redshift_frame": options.redshift_frame,
-        "magnitudes": False if options.no_magnitudes else None,
-        "flows": "linear" if options.flows else None,
-        "n_modes": options.n_modes,
-    } | _reconstruction(options.reconstruction, options.reconstruction_error)
-    if options.bins:
-        bin_options = {name: common[name] for name in ("redshift_frame", "flows", "n_modes")}
-        dispersion = None if options.peculiar_dispersion == "free" else options.peculiar_dispersion
-        bin_options |= {"peculiar_dispersion": dispersion, "shared_higher_degrees": options.shared_higher_degrees}
-        bin_options |= {"threads": options.threads, "rng": options.seed}
-        method, value = parsing.method_and_value(options.estimator or "least-squares")
-        edges = int(options.bins[0]) if len(options.bins) == 1 else options.bins
-        bin_up_to = partial(_fit_bins, sky, edges, bin_options | {"method": method, "value": value})
-        results["bins"] = bins = bin_up_to(options.lmax)
-        has_floor = options.floor or (bins.counts.sum() >= fit.quality.MANY and not options.no_floor)
-        if has_floor:  # permutations know nothing of the systematic errors
-            comparison, remark = _estimate_shared_floor(bin_up_to, bins, options.lmax, options.seed, options.floor)
-            results |= {} if comparison is None else {"shared": comparison}
-        else:
-            p_values = _p_values(sky, bins, ours, options.redshift_frame, dispersion)
-            remark = _left_out(sky, bins)
+    prior = reading.velocity_of(options.velocity) or vsh.models.cosmology.CMB_VELOCITY_PLANCK18
+    model, failure = _model_of(options), None
+    parts = _bins(sky, options, model, prior) if options.bins else []
     if options.h0 or options.velocity or options.posterior:
-        field = sky
-        step = partial(with_redshift, redshift_frame=options.redshift_frame, missing_only=options.on_bad != "drop")
-        field = sky.map(step) if is_parts else step(sky)
-        _ask_for_frame(field, options.redshift_frame, options.h0 or 67.4, common, source.label)
-    if options.h0:
-        results["velocity"] = observer_velocity(field, options.h0, **common)
-    if options.velocity:
-        results["hubble"] = hubble_constant(field, velocity, local_group=options.local_group, **common)
-    failure = None
-    if options.posterior:
-        try:
-            results["posterior"] = _posterior(field, options, ours, common)
-        except ConvergenceError as error:  # every other result is written all the same
-            failure = error
+        field = _with_distances(sky, options, model, source.label)
+        estimates = _estimates(field, options, model, prior)
+        if options.posterior:
+            try:
+                parts.append(_posterior(field, options, model, prior, truth))
+            except ConvergenceError as error:  # every other result is written all the same
+                failure = error
+        has_posterior = options.posterior and failure is None
+        parts += [
+            _estimate_part(name, estimate, source.label, truth, has_posterior) for name, estimate in estimates.items()
+        ]
+        flow = next((estimate.flow for estimate in estimates.values()), None)
+        if flow is not None:
+            caption = "Flow of the galaxies on shells: away from us (colours) and across (arrows)."
+            write = partial(_write_table, flow.to_table, "flow")
+            parts.append(finishing.Part("flow", flow, caption=caption, is_long=True, files=write))
+    results = {part.name: part.result for part in parts}
 
     def sections(long):
-        report = []
-        if "bins" in results:
-            report += results["bins"].sections(velocity=ours, p_values=p_values, long=long)
-            tests = report[-1]
-            if remark:
-                report[-1] = tests = replace(tests, remarks=[*tests.remarks, remark])
-            if "shared" in results:  # the verdict is that with systematic errors
-                columns = [name for name in tests.table.colnames if name != "verdict"]
-                report[-1] = replace(tests, title="Do the bins differ, if errors are independent?", columns=columns)
-                report += results["shared"].sections(long=long)
-        report += _of_estimates(results, source.label, truth, long)
+        report = [section for part in parts for section in part.shown(long)]
         if failure is not None:
             report.append(Section("Posterior", [("not finished", str(failure))]))
         return [replace(report[0], facts=[*frame, *report[0].facts]), *report[1:]] if report else [Section("", frame)]
 
     run.finish(
-        (),
+        parts,
         sections=sections,
-        tables=lambda: _tables(results, truth),
-        notes=() if is_parts else sky.notes,
+        notes=() if isinstance(sky, vsh.io.parts.Parts) else sky.notes,
         answer=Answer(tuple(answer_lines(results))),
         paths=options.catalogue,
         counts=counts,
-        figures=lambda: _draw(results, truth, ours),
-        files=lambda folder, meta: _write(results, folder, meta),
         title=f"Motions against redshift: {source.label}",
         captions=_CAPTIONS,
-        cards=lambda: _cards(results),
+        cards=lambda: cards_of(results),
     )
     if failure is not None:
         raise failure
 
 
-def _frame_of_redshifts(sky, source, redshift_frame):
-    """The frame that redshifts are taken to be in, as facts; VshError where there are none."""
+def _check_sky(sky, source, options):
+    """The frame of the redshifts, as facts, and the numbers of rows; VshError where there are no redshifts."""
     is_parts = isinstance(sky, vsh.io.parts.Parts)
+    counts = {}
+    if not is_parts:
+        reading.refuse_velocities(sky.notes, source.label)
+        n_refused = dropped(sky.notes)
+        counts = {"rows": len(sky) + n_refused + count_unselected(sky.notes), "rows_read": len(sky)}
     if not (sky.has("redshift") if is_parts else sky.redshift is not None):
         raise VshError(
             f"{source.label} has no column of redshifts: name it, --columns redshift=NAME; or use --distances, where "
@@ -373,30 +328,265 @@ def _frame_of_redshifts(sky, source, redshift_frame):
             f"The table has {', '.join(source.names)}"
         )
     table_frame = next(iter(sky)).redshift_frame if is_parts else sky.redshift_frame
-    frame = redshift_frame or table_frame or "not known"
+    frame = options.redshift_frame or table_frame or "not known"
     facts = [("redshifts", frame + ("" if frame in ("true", "not known") else ", taken to the microwave background"))]
-    if redshift_frame and table_frame and table_frame != redshift_frame:
+    if table_frame and options.redshift_frame not in (None, table_frame):
         facts.append(("warning", f"the table says that its redshifts are {table_frame}; --redshift-frame prevails"))
-    return facts
+    return facts, counts
 
 
-def _of_estimates(results, label, truth, long):
-    """Our velocity, H0, the flow and the posterior as sections; short, the posterior alone where there is one."""
-    sections = []
-    posterior = results.get("posterior")
-    if posterior is not None:
-        sections += posterior.sections(long=long)
-        remarks = _truth_words(_truths(truth, posterior), posterior)
-        sections[-1] = replace(sections[-1], remarks=[*sections[-1].remarks, *remarks])
-    if posterior is None or long:
-        estimates = [results[name] for name in ("velocity", "hubble") if name in results]
-        sections += [
-            section for estimate in estimates for section in estimate.sections(source=label, truth=truth, long=long)
-        ]
-    flow = _flow_of(results)
-    if flow is not None and long:
-        sections += flow.sections()
-    return sections
+def _clip_field(field, kappa):
+    """The sources that agree with a fit of degree 1."""
+    from fit.robust import clip
+
+    return clip(field, vsh.Modes(1), kappa).sources(field)
+
+
+def _model_of(options):
+    """Assumptions of every estimate about distances and motions, as keyword arguments."""
+    from vsh.models.cosmology import flat
+    from vsh.models.flows import read_velocity_grid
+
+    known = options.acceleration  # three components along ICRS axes, and the error of each
+    model = {
+        "cosmology": None if options.omega_m is None else flat(options.omega_m),
+        "peculiar_dispersion": options.peculiar_dispersion,
+        "spin": "free" if options.free_spin else None,
+        "acceleration": None if known is None else vsh.Vector(np.array(known[:3]), known[3] ** 2 * np.eye(3)),
+        "redshift_frame": options.redshift_frame,
+        "magnitudes": False if options.no_magnitudes else None,
+        "flows": "linear" if options.flows else None,
+        "n_modes": options.n_modes,
+    }
+    if options.reconstruction is not None:
+        reconstruction = read_velocity_grid(options.reconstruction)
+        model |= {"reconstruction": reconstruction, "reconstruction_error": options.reconstruction_error}
+    return model
+
+
+def _bins(sky, options, model, velocity):
+    """Spin and acceleration in bins, and where asked for, or of many sources, with common systematic errors."""
+    from fit.redshift import binned
+
+    method, value = parsing.method_and_value(options.estimator or "least-squares")
+    dispersion = None if options.peculiar_dispersion == "free" else options.peculiar_dispersion
+    bin_up_to: Any = partial(
+        binned,
+        sky,
+        edges=int(options.bins[0]) if len(options.bins) == 1 else options.bins,
+        **{name: model[name] for name in ("redshift_frame", "flows", "n_modes")},
+        peculiar_dispersion=dispersion,
+        shared_higher_degrees=options.shared_higher_degrees,
+        threads=options.threads,
+        rng=options.seed,
+        method=method,
+        value=value,
+    )
+    bins = bin_up_to(options.lmax)
+    comparison, p_values = None, None
+    if options.floor or (bins.counts.sum() >= fit.quality.MANY and not options.no_floor):
+        # Permutations know nothing of the systematic errors.
+        comparison, remark = _estimate_shared_floor(bin_up_to, bins, options.lmax, options.seed, options.floor)
+    else:
+        p_values = _p_values(sky, bins, velocity, options.redshift_frame, dispersion)
+        remark = _left_out(sky, bins)
+
+    def sections(long):
+        tests: Any
+        *report, tests = bins.sections(velocity=velocity, p_values=p_values, long=long)
+        tests = replace(tests, remarks=[*tests.remarks, remark] if remark else tests.remarks)
+        if comparison is not None:  # the verdict is that with systematic errors
+            columns = [name for name in tests.table.colnames if name != "verdict"]
+            tests = replace(tests, title="Do the bins differ, if errors are independent?", columns=columns)
+        return [*report, tests]
+
+    caption = "Acceleration and spin in bins of redshift; dashed: what our motion past nearby galaxies adds."
+    plot = partial(bins.plot, velocity)
+    parts = [finishing.Part("bins", bins, "Bins of redshift", caption, sections=sections, plot=plot)]
+    if comparison is not None:
+        caption = "Spin and acceleration of the bins, with common systematic errors."
+        parts.append(finishing.Part("shared", comparison, "Bins with common systematic errors", caption))
+    return parts
+
+
+def _estimate_shared_floor(bin_up_to, bins, lmax, seed, is_asked):
+    """The systematic errors, or None; and a remark on the p-values without them."""
+    from fit.background import BEYOND, sees_part
+
+    degree = lmax if lmax >= 3 else _DEGREE
+    bins = bins if lmax >= 3 else bin_up_to(degree)
+    if any(sees_part(normal, degree) for normal in bins.normals):
+        with suppress(DegeneracyError):  # a bin of few sources does not bear so many, and a note says what that means
+            bins = replace(bins, normals=bin_up_to(degree + BEYOND).normals)
+    try:
+        comparison = bins.shared(range(2, degree + 1), rng=seed)
+    except VshError as error:
+        if is_asked:
+            raise
+        return None, f"Errors are without systematic errors, which are not known: {error}"
+    return comparison, "These p-values are for independent errors; those with systematic errors follow."
+
+
+def _left_out(sky, bins):
+    """The size of what errors of bins leave out, in words."""
+    from fit.redshift import FLOW_MATTERS
+
+    if bins.counts.sum() < fit.quality.FEW or bins.flow_share > FLOW_MATTERS:
+        return ""
+    try:
+        floor = fit.background.floor(fit.fit_field(sky, _DEGREE))
+    except VshError:  # of few sources, or on little of the sky, it is not known
+        return ""
+    return (
+        f"The systematic floor is not in these errors: spin ± {floor.spin_error:.3g}, acceleration ± "
+        f"{floor.acceleration_error:.3g} µas/yr from degrees 2 to {_DEGREE} of all sources; --floor includes it."
+    )
+
+
+def _p_values(field, bins, velocity, redshift_frame, dispersion):
+    """Permute redshifts of up to so many sources, for p-values."""
+    from fit.redshift import FLOW_MATTERS, permutation_test
+
+    few = isinstance(field, vsh.Field) and len(field) <= 20_000
+    if not (bins.modes.lmax == 1 and len(bins) > 1 and few and bins.flow_share <= FLOW_MATTERS):
+        return None
+    test_velocity = velocity if np.isfinite(bins.mean_inverse_distance).all() else None
+    options = {"redshift_frame": redshift_frame, "peculiar_dispersion": dispersion}
+    return permutation_test(field, bins, velocity=test_velocity, **options)
+
+
+def _with_distances(sky, options, model, label):
+    """The sources with redshifts; where nobody told their frame, say what hangs on it, and stop."""
+    from fit.secular_parallax import by_frame, is_frame_undeclared, observer_velocity
+    from vsh.models.cosmology import with_redshift
+
+    step = partial(with_redshift, redshift_frame=options.redshift_frame, missing_only=options.on_bad != "drop")
+    field = sky.map(step) if isinstance(sky, vsh.io.parts.Parts) else step(sky)
+    if not is_frame_undeclared(field, options.redshift_frame):
+        return field
+    hubble = options.h0 or 67.4
+
+    def speed(frame):
+        v = observer_velocity(field, hubble, **model | {"redshift_frame": frame}).velocity
+        return f"|v| = {v.amplitude:.0f} ± {v.amplitude_error:.0f} km/s"
+
+    frames = ("heliocentric", "cmb", "true")
+    lines = [f"{frame}: {reason}" for frame, (_, reason) in by_frame(speed, frames).items()]
+    raise VshError(
+        f"the frame of the redshifts of {label} is not given: use --redshift-frame heliocentric, cmb, "
+        "local-group, or true (of the expansion alone, as simulations have them). What it changes here, for "
+        f"H0 = {hubble:g}: " + "; ".join(lines)
+    )
+
+
+def _estimates(field, options, model, velocity):
+    """Our velocity for a known H0, and H0 for a known velocity, by least squares."""
+    from fit.secular_parallax import hubble_constant, observer_velocity
+
+    estimates: dict[str, Any] = {}
+    if options.h0:
+        estimates["velocity"] = observer_velocity(field, options.h0, **model)
+    if options.velocity:
+        estimates["hubble"] = hubble_constant(field, velocity, local_group=options.local_group, **model)
+    return estimates
+
+
+def _estimate_part(name, estimate, label, truth, has_posterior):
+    """An estimate as a part of the result, below the posterior if there is one."""
+
+    def table():
+        sheet = _beside_truth(estimate.to_table(), truth, estimate)
+        sheet.meta["summary"] = summary_of(estimate)
+        return sheet
+
+    return finishing.Part(
+        name,
+        estimate,
+        "Our velocity" if name == "velocity" else "The Hubble constant",
+        sections=lambda long: estimate.sections(source=label, truth=truth, long=long),
+        plot=dict,
+        is_long=has_posterior,
+        table=table,
+        files=partial(_write_table, estimate.to_table, name),
+    )
+
+
+def _write_table(make_table, name, folder, meta):
+    """Write the table alone: the modes of a flow, 250 by 250 numbers, are of no use to who reads it."""
+    from vsh.io import tables
+
+    tables.write_table(make_table(), folder / f"{name}.ecsv", meta)
+
+
+def _posterior(field, options, model, prior, truth):
+    """The posterior of our velocity and H0."""
+    from fit.posterior import Flat, Normal, sample
+
+    hubble: Any = Normal(options.h0, options.h0_error) if options.h0 and options.h0_error else "flat"
+    if options.h0_range:
+        hubble = Flat(*options.h0_range)
+    if options.flow_amplitude:
+        model = model | {"flow_amplitude": Normal(options.flow_amplitude[0], options.flow_amplitude[1], low=0.0)}
+    widest = options.peculiar_dispersion_max or (
+        _WIDEST[options.flows] if options.peculiar_dispersion == "free" else None
+    )
+    if widest:
+        model = model | {"peculiar_dispersion": Flat(0.0, widest)}
+    if not prior.covariance.any():  # a speed without an error is taken to a thousandth, a direction to 0.001°
+        l, b = prior.direction
+        prior = vsh.Vector.from_spherical(
+            prior.amplitude, l, b, (1e-3 * prior.amplitude, 1e-3, 1e-3), "galactic", "km/s"
+        )
+    posterior = sample(
+        field,
+        prior,
+        hubble,
+        method=options.method or "emcee",
+        n_samples=options.n_samples,
+        rng=options.seed,
+        checkpoint=options.checkpoint,
+        threads=options.threads,
+        **model,
+    )
+
+    def sections(long):
+        *report, last = posterior.sections(long=long)
+        shares = {name: 100 * np.mean(posterior.samples[name] < x) for name, x in _truths(truth, posterior).items()}
+        text = ", ".join(f"{name} {x:.4g} ({shares[name]:.0f} %)" for name, x in _truths(truth, posterior).items())
+        remarks = [f"Truth, and the share of the samples below it: {text}"] if text else []
+        return [*report, replace(last, remarks=[*last.remarks, *remarks])]
+
+    def files(folder, meta):
+        _write_table(posterior.to_table, "posterior", folder, meta)
+        posterior.write(folder / "samples.fits", {"CATALOG": str(meta["catalogue"])})
+
+    def draw():
+        return {"corner": posterior.corner(truths=_truths(truth, posterior) or None), "trace": posterior.trace()}
+
+    def table():
+        return _beside_truth(posterior.to_table(), truth, posterior)
+
+    return finishing.Part("posterior", posterior, "Posterior", sections=sections, plot=draw, table=table, files=files)
+
+
+def _truths(truth, result):
+    """The truth of a simulated catalogue, by the names of a result; empty where it is not known."""
+    if not truth or "velocity" not in truth:
+        return {}
+    values = {"H0": truth["hubble"]}
+    for name, letter in (("velocity", "v"), ("acceleration", "a")):
+        vector = truth[name].to_frame(result.frame)
+        values |= {f"{letter}_{axis}": float(value) for axis, value in zip("xyz", vector.value, strict=True)}
+    names = result.samples if hasattr(result, "samples") else result.names
+    return {name: value for name, value in values.items() if name in names}
+
+
+def _beside_truth(table, truth, result):
+    """A table of parameters with the truth of a simulated catalogue beside their errors."""
+    if truths := _truths(truth, result):
+        position = table.colnames.index("sigma") + 1
+        table.add_column([truths.get(parameter, np.nan) for parameter in table.columns[0]], position, "truth")
+    return table
 
 
 def _by_distances(run, source):
@@ -416,258 +606,16 @@ def _by_distances(run, source):
     # Oort's constants are of Galactic axes; ICRS is what --frame says where nobody said anything.
     frame = "galactic" if options.frame == "icrs" else options.frame
     solution = kinematics(field, gradient=options.oort, dispersion=dispersion, frame=frame)
+    heading = "Motions at known distances"
     run.finish(
-        (),
-        sections=lambda long: solution.sections(long=long),
-        tables=lambda: {"Motions at known distances": solution.to_table()},
+        [finishing.Part("kinematics", solution, heading, plot=lambda: {"correlations": solution.plot()})],
         notes=field.notes,
         answer=Answer((("velocity", fit.output.words_of(solution.velocity)),)),
         paths=options.catalogue,
         counts=counts,
-        figures=lambda: {"correlations": solution.plot()},
-        files=lambda folder, meta: _write({"kinematics": solution}, folder, meta),
-        title=f"Motions at known distances: {source.label}",
-        captions={"correlations": "Correlations of the parameters."},
+        title=f"{heading}: {source.label}",
+        captions=_CAPTIONS,
     )
-
-
-def _resolve_acceleration(acceleration):
-    """A Vector along ICRS axes from three components and one error."""
-    return None if acceleration is None else vsh.Vector(np.array(acceleration[:3]), acceleration[3] ** 2 * np.eye(3))
-
-
-def _cosmology(omega_m):
-    if omega_m is None:
-        return None
-    from vsh.models.cosmology import flat
-
-    return flat(omega_m)
-
-
-def _reconstruction(path, error):
-    """Options of distances from a reconstructed velocity field."""
-    from vsh.models.flows import read_velocity_grid
-
-    return {} if path is None else {"reconstruction": read_velocity_grid(path), "reconstruction_error": error}
-
-
-def _ask_for_frame(field, redshift_frame, hubble, common, label):
-    """Say what hangs on the frame of the redshifts where nobody told it, and stop."""
-    from fit.secular_parallax import by_frame, is_frame_undeclared, observer_velocity
-
-    if not is_frame_undeclared(field, redshift_frame):
-        return
-
-    def found(frame):
-        v = observer_velocity(field, hubble, **common | {"redshift_frame": frame}).velocity
-        return f"|v| = {v.amplitude:.0f} ± {v.amplitude_error:.0f} km/s"
-
-    frames = ("heliocentric", "cmb", "true")
-    lines = [f"{frame}: {reason}" for frame, (_, reason) in by_frame(found, frames).items()]
-    raise VshError(
-        f"the frame of the redshifts of {label} is not given: use --redshift-frame heliocentric, cmb, "
-        "local-group, or true (of the expansion alone, as simulations have them). What it changes here, for "
-        f"H0 = {hubble:g}: " + "; ".join(lines)
-    )
-
-
-def _estimate_shared_floor(bin_up_to, bins, lmax, seed, is_asked):
-    """the systematic errors, or None; and a remark on the p-values without them."""
-    from fit.background import BEYOND, sees_part
-
-    degree = lmax if lmax >= 3 else _DEGREE
-    bins = bins if lmax >= 3 else bin_up_to(degree)
-    if any(sees_part(normal, degree) for normal in bins.normals):
-        with suppress(DegeneracyError):  # a bin of few sources does not bear so many, and a note says what that means
-            bins = replace(bins, normals=bin_up_to(degree + BEYOND).normals)
-    try:
-        comparison = bins.shared(range(2, degree + 1), rng=seed)
-    except VshError as error:
-        if is_asked:
-            raise
-        return None, f"Errors are without systematic errors, which are not known: {error}"
-    return comparison, "These p-values are for independent errors; those with systematic errors follow."
-
-
-def _left_out(sky, bins):
-    """The size of what errors of bins leave out, in words."""
-    import fit
-    from fit.redshift import FLOW_MATTERS
-
-    if bins.counts.sum() < fit.quality.FEW or bins.flow_share > FLOW_MATTERS:
-        return ""
-    try:
-        floor = fit.background.floor(fit.fit_field(sky, _DEGREE))
-    except VshError:  # of few sources, or on little of the sky, it is not known
-        return ""
-    return (
-        f"The systematic floor is not in these errors: spin ± {floor.spin_error:.3g}, acceleration ± "
-        f"{floor.acceleration_error:.3g} µas/yr from degrees 2 to {_DEGREE} of all sources; --floor includes it."
-    )
-
-
-def _fit_bins(field, edges, options, lmax):
-    from fit.redshift import binned
-
-    return binned(field, lmax, edges, **options)
-
-
-def _clip_field(field, kappa):
-    """The sources that agree with a fit of degree 1."""
-    from fit.robust import clip
-
-    return clip(field, vsh.Modes(1), kappa).sources(field)
-
-
-def _p_values(field, bins, velocity, redshift_frame, dispersion):
-    """Permute redshifts of up to so many sources, for p-values."""
-    from fit.redshift import FLOW_MATTERS, permutation_test
-
-    few = isinstance(field, vsh.Field) and len(field) <= 20_000
-    is_testable = bins.modes.lmax == 1 and len(bins) > 1 and few and bins.flow_share <= FLOW_MATTERS
-    test_velocity = velocity if np.isfinite(bins.mean_inverse_distance).all() else None
-    options = {"redshift_frame": redshift_frame, "peculiar_dispersion": dispersion}
-    return permutation_test(field, bins, velocity=test_velocity, **options) if is_testable else None
-
-
-def _posterior(field, options, prior, common):
-    from fit.posterior import Flat, Normal, sample
-
-    hubble: Any = Normal(options.h0, options.h0_error) if options.h0 and options.h0_error else "flat"
-    if options.h0_range:
-        hubble = Flat(*options.h0_range)
-    if options.flow_amplitude:
-        common = common | {"flow_amplitude": Normal(options.flow_amplitude[0], options.flow_amplitude[1], low=0.0)}
-    widest = options.peculiar_dispersion_max or (
-        _WIDEST[not options.no_flows] if options.peculiar_dispersion == "free" else None
-    )
-    if widest:
-        common = common | {"peculiar_dispersion": Flat(0.0, widest)}
-    if not prior.covariance.any():  # a speed without an error is taken to a thousandth, a direction to 0.001°
-        l, b = prior.direction
-        prior = vsh.Vector.from_spherical(
-            prior.amplitude, l, b, (1e-3 * prior.amplitude, 1e-3, 1e-3), "galactic", "km/s"
-        )
-    return sample(
-        field,
-        prior,
-        hubble,
-        method=options.method or "emcee",
-        n_samples=options.n_samples,
-        rng=options.seed,
-        checkpoint=options.checkpoint,
-        threads=options.threads,
-        **common,
-    )
-
-
-def _truth_words(truths, posterior):
-    """The truth of a simulated catalogue, and where in its posterior each number lies."""
-    shares = {name: 100 * np.mean(posterior.samples[name] < value) for name, value in (truths or {}).items()}
-    text = ", ".join(f"{name} {truths[name]:.4g} ({share:.0f} %)" for name, share in shares.items())
-    return [f"Truth, and the share of the samples below it: {text}"] if text else []
-
-
-def _tables(results, truth):
-    """Tabulate every result, by heading; the truth of a simulated catalogue beside it."""
-    sheets = {_HEADINGS[name]: result.to_table() for name, result in results.items()}
-    for name in ("velocity", "hubble", "posterior"):
-        if name not in results:
-            continue
-        table = sheets[_HEADINGS[name]]
-        if truths := _truths(truth, results[name]):
-            position = table.colnames.index("sigma") + 1
-            table.add_column([truths.get(parameter, np.nan) for parameter in table.columns[0]], position, "truth")
-        if name != "posterior":
-            table.meta["summary"] = _summary(results[name])
-    return sheets
-
-
-def _summary(solution):
-    """Summarise a velocity, or H0, in a line."""
-    if hasattr(solution, "velocity"):
-        phrase = f"for H0 = {solution.assumed_hubble:g} km/s/Mpc"
-    else:
-        lower, upper = solution.hubble_limits
-        limits = f"below {three_digits(upper)}" + (f", above {three_digits(lower)}" if lower > 0 else "")
-        if not is_determined(solution):
-            limits += " (not determined: the table has the least-squares value)"
-        ours = solution.assumed_velocity.amplitude
-        phrase = f"for our velocity of {ours:.1f} km/s, H0 in km/s/Mpc with 95 % {limits}"
-    return (
-        f"{solution.n_sources} sources, {solution.frame} axes, {phrase}, χ²/dof = {solution.quality.reduced:.3f}, "
-        f"{'coherent flows in the errors' if solution.flow is not None else 'errors without flows'}"
-    )
-
-
-def _cards(results):
-    """Main results, large: our velocity, H0, and χ² of both."""
-    cards = []
-    if "velocity" in results:
-        solution = results["velocity"]
-        v = solution.velocity
-        size = f"{three_digits(v.amplitude)} ± {three_digits(v.amplitude_error)} km/s"
-        size = size if v.p_value < fit.quality.SEEN else f"< {three_digits(v.amplitude_limit())} km/s (95 %)"
-        remark = f"p = {printed_p_value(v.p_value)} for none; for H0 = {solution.assumed_hubble:g} km/s/Mpc"
-        cards.append(("Our velocity", size, remark))
-    if "hubble" in results and "posterior" not in results:  # one limit on H0, that of the lines to quote
-        solution = results["hubble"]
-        size = f"{solution.hubble:.3g} ± {solution.hubble_error:.2g} km/s/Mpc"
-        size = size if is_determined(solution) else f"< {three_digits(solution.hubble_limits[1])} km/s/Mpc (95 %)"
-        cards.append(("The Hubble constant", size, f"least squares {solution.hubble:.3g}"))
-    if "posterior" in results:
-        cards.append(("H0, posterior", *hubble_of(results["posterior"])))
-    for name in ("velocity", "hubble"):
-        if name in results:
-            quality = results[name].quality
-            cards.append(("χ² per degree of freedom", f"{quality.reduced:.3f}", f"{results[name].dof} of them"))
-            break
-    return cards
-
-
-def _write(results, folder, meta):
-    from vsh.io import tables
-
-    if "bins" in results:
-        tables.write_table(results["bins"].to_table(), folder / "bins.ecsv", meta)
-    if "shared" in results:
-        results["shared"].write(folder / "shared.ecsv", meta)
-    for name in ("velocity", "hubble", "kinematics"):
-        if name in results:
-            tables.write_table(results[name].to_table(), folder / f"{name}.ecsv", meta)
-    flow = _flow_of(results)
-    if flow is not None:
-        tables.write_table(flow.to_table(), folder / "flow.ecsv", meta)
-    if "posterior" in results:
-        tables.write_table(results["posterior"].to_table(), folder / "posterior.ecsv", meta)
-        results["posterior"].write(folder / "samples.fits", {"CATALOG": str(meta["catalogue"])})
-
-
-def _flow_of(results):
-    return next((results[name].flow for name in ("velocity", "hubble") if name in results), None)
-
-
-def _truths(truth, result):
-    """The truth of a simulated catalogue, by the names of a result."""
-    if not truth or "velocity" not in truth:
-        return None
-    values = {"H0": truth["hubble"]}
-    for name, letter in (("velocity", "v"), ("acceleration", "a")):
-        vector = truth[name].to_frame(result.frame)
-        values |= {f"{letter}_{axis}": float(value) for axis, value in zip("xyz", vector.value, strict=True)}
-    names = result.samples if hasattr(result, "samples") else result.names
-    return {name: value for name, value in values.items() if name in names}
-
-
-def _draw(results, truth, velocity):
-    figures = {"bins": results["bins"].plot(velocity)} if "bins" in results else {}
-    figures |= {"shared": results["shared"].plot()} if "shared" in results else {}
-    flow = _flow_of(results)
-    figures |= {} if flow is None else {"flow": flow.plot()}
-    if "posterior" in results:
-        posterior = results["posterior"]
-        figures |= {"corner": posterior.corner(truths=_truths(truth, posterior)), "trace": posterior.trace()}
-    return figures
 
 
 main, run = running.make_entry(__name__, _run)

@@ -315,8 +315,10 @@ class Part:
         Heading of its table in JSON and LaTeX; empty if the table is not in them.
     caption : str
         Caption of its figure on the HTML page.
-    sections, plot : callable, optional
-        Functions that replace those of the result.
+    sections, plot, table : callable, optional
+        Functions that replace those of the result; `plot` may give several figures by name, or none.
+    files : callable, optional
+        Writes its files into a folder, in place of the one that the result writes.
     is_long : bool
         Whether the result is left out of the short text.
     """
@@ -328,6 +330,8 @@ class Part:
     sections: Callable[[bool], Sequence[Section]] | None = None
     plot: Callable[[], Any] | None = None
     is_long: bool = False
+    table: Callable[[], Table] | None = None
+    files: Callable[[Path, dict[str, Any]], None] | None = None
 
     def shown(self, long: bool) -> Sequence[Section]:
         """Its sections, whole or short."""
@@ -336,9 +340,20 @@ class Part:
         return self.result.sections(long=long) if self.sections is None else self.sections(long)
 
     def drawn(self) -> dict[str, Any]:
-        """Its figure by name; none where it draws nothing."""
+        """Its figures by name; none where it draws nothing."""
         axes = self.result.plot() if self.plot is None else self.plot()
-        return {} if axes is None else {self.name: axes}
+        return axes if isinstance(axes, dict) else {self.name: axes}
+
+    def tabulated(self) -> Table:
+        """Its table, for JSON and LaTeX."""
+        return self.result.to_table() if self.table is None else self.table()
+
+    def write(self, folder: Path, meta: dict[str, Any]) -> None:
+        """Write its file, or files, into a folder."""
+        if self.files is None:
+            self.result.write(folder / f"{self.name}.ecsv", meta)
+        else:
+            self.files(folder, meta)
 
 
 class Run:
@@ -418,7 +433,7 @@ class Run:
         """
         options = self.options
         make_sections = sections or (lambda long: [section for part in parts for section in part.shown(long)])
-        make_tables = tables or (lambda: {part.heading: part.result.to_table() for part in parts if part.heading})
+        make_tables = tables or (lambda: {part.heading: part.tabulated() for part in parts if part.heading})
         result = RunResult(make_sections, make_tables, notes, latex, answer or Answer())
         print_result(options, result)
         if not (options.output or options.html):
@@ -429,7 +444,7 @@ class Run:
             with results_folder(options, meta) as folder:
                 (folder / "report.txt").write_text(result.report(), encoding="utf-8")
                 for part in parts:
-                    part.result.write(folder / f"{part.name}.ecsv", meta)
+                    part.write(folder, meta)
                 if files is not None:
                     files(folder, meta)
                 figure_set.write(folder, options)
