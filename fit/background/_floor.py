@@ -11,6 +11,7 @@ from scipy.special import softmax
 from fit.background._amplitude import posteriors
 from fit.background._likelihood import (
     Likelihood,
+    Parities,
     equations_of,
     errors_of,
     fitted_degrees,
@@ -19,7 +20,6 @@ from fit.background._likelihood import (
     places,
     words_of,
 )
-from fit.background._parities import Parities
 from fit.normal import NormalEquations, gaussian_prior
 from fit.results.quality import ErrorSource
 from fit.results.solution import HarmonicSolution

@@ -17,6 +17,7 @@ from vsh.io.sections import Section
 from vsh.modes import Modes, ScalarModes, as_modes
 from vsh.scalars import ScalarField, modes_for
 from vsh.sky.frames import check_frame
+from vsh.sky.pixels import centres
 from vsh.tools import arguments
 from vsh.tools.errors import EmptyFieldError, FrameError, ModesError, TableError
 from vsh.tools.notes import merge_notes
@@ -271,9 +272,23 @@ class Moments(Result):
 
     def plot(self, *, ax: Axes | None = None) -> Axes:
         """The weight of the sources on the sky, on matplotlib axes."""
-        from fit.normal._plot import plot_moments
+        from vsh.figures.plot import plot_map
 
-        return plot_moments(self, ax=ax)
+        lat, weight = self.on_sky()
+        lon_of, lat_of = centres(32)
+        ring = np.abs(lat_of[:, None] - lat).argmin(1)
+        column = np.round(lon_of / (2 * np.pi) * weight.shape[1]).astype(int) % weight.shape[1]
+        values = weight[ring, column]
+        return plot_map(
+            values,
+            "weight of the sources  [(yr/µas)² a steradian]",
+            frame=self.frame,
+            ax=ax,
+            vmin=0,
+            extend="max",
+            vmax=np.percentile(values, 99),
+            title=f"{self.n_sources} sources, to degree {self.lmax}",
+        )
 
     def _pack(self):
         return packed(self)

@@ -21,7 +21,7 @@ from fit.resample import bootstrap
 from fit.results.output import cell, html_report, plot_correlation, plot_residuals, plot_spectrum
 from fit.results.spectrum import spectrum
 from fit.robust import clip
-from study.papers import papers
+from study.referee._rows import papers
 from vsh import Field
 from vsh.classes import Classes
 from vsh.commands.finishing import without_windows

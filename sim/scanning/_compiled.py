@@ -3,7 +3,7 @@
 import numpy as np
 from numba import njit
 
-from sim.compiled import kept
+from vsh.tools.parallel import compile_loops
 from vsh.tools.types import FloatArray, IntArray
 
 
@@ -12,7 +12,7 @@ def _height(r, i, axis, k):
     return r[i, 0] * axis[k, 0] + r[i, 1] * axis[k, 1] + r[i, 2] * axis[k, 2]
 
 
-@kept()
+@compile_loops()
 def crossings(
     r: FloatArray,
     z: FloatArray,

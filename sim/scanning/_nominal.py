@@ -17,7 +17,6 @@ from typing import Any
 
 import numpy as np
 
-from sim.compiled import there
 from sim.scanning._crossings import (
     YEAR,
     Cubics,
@@ -35,7 +34,7 @@ from vsh.sky.sphere import sin_cos, triad
 from vsh.tools.arguments import between, number, positive
 from vsh.tools.errors import ParameterError
 from vsh.tools.notebook import Frozen
-from vsh.tools.parallel import map_blocks
+from vsh.tools.parallel import has_numba, map_blocks
 from vsh.tools.types import ArrayLike, FloatArray, IntArray, Rng
 from vsh.tools.units import DEGREE
 
@@ -279,7 +278,7 @@ class NominalScanningLaw(Frozen):
     def compiles(self, n: int) -> bool:
         """Return whether transits of `n` sources are looked for by a compiled loop: they are many, and numba is
         installed."""
-        return n >= _MANY and there()
+        return n >= _MANY and has_numba()
 
     def transits_of_block(self, lon: ArrayLike, lat: ArrayLike, *, compiled: bool = False) -> Transits:
         """Find transits in one thread, for few enough `lon`, `lat` [rad] that each may meet every spin at once.

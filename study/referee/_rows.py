@@ -1,6 +1,10 @@
-"""What a referee reads: values, rows of a section, checks, and the acceleration with every error that is known of."""
+"""Rows of a referee's sections, papers (published.toml) beside them, and the acceleration with every known error."""
 
+import re
+import tomllib
 from dataclasses import dataclass, field
+from functools import cache
+from importlib.resources import files
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -9,11 +13,57 @@ from fit.background import Floor
 from fit.methods import Recommended
 from fit.results.quality import SEEN
 from fit.results.solution import Solution
-from study.papers import Paper
 from study.referee._quasars import Quasars
 from vsh.io.tables import printed_p_value
 from vsh.tools.notebook import InNotebook
 from vsh.vector import Vector
+
+
+@dataclass(frozen=True)
+class Number(InNotebook):
+    """A published number: `value` ± `error`, or a limit of 95 %; `where` says where in the paper it is."""
+
+    of: str
+    value: float
+    error: float
+    unit: str
+    where: str
+    limit: bool = False
+
+
+@dataclass(frozen=True)
+class Paper(InNotebook):
+    """A paper, the data it used, what it found in `words`, and its numbers by name."""
+
+    key: str
+    reference: str
+    arxiv: str
+    data: str
+    words: str
+    numbers: dict[str, Number]
+
+    @property
+    def short(self) -> str:
+        """Its authors and year: the reference up to the year."""
+        match = re.match(r"(?:Gaia Collaboration, )?(.*?\d{4})", self.reference)
+        return match[1] if match else self.reference
+
+    def __getitem__(self, name: str) -> Number:
+        return self.numbers[name]
+
+
+@cache
+def papers() -> dict[str, Paper]:
+    """The papers by key, in the order of the file."""
+    entries = tomllib.loads((files("study") / "published.toml").read_text(encoding="utf-8"))
+    return {
+        key: Paper(
+            key, entry["reference"], entry["arxiv"], entry["data"], entry.get("words", ""),
+            {number["of"]: Number(**{"error": float("nan"), **number}) for number in entry.get("numbers", [])},
+        )
+        for key, entry in entries.items()
+    }  # fmt: skip
+
 
 #: What is less likely by chance is called a hint.
 HINT = 0.05

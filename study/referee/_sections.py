@@ -17,9 +17,8 @@ from fit.results.quality import SEEN
 from fit.results.spectrum import spectrum
 from fit.secular_parallax import observer_velocity
 from fit.solving import fit_field, solve
-from study.papers import papers
 from study.referee._quasars import FEWEST, Quasars, by_degree, by_method, by_source, clip_quasars, compare, degree_for
-from study.referee._rows import NONE, Analysis, Check, Headline, Row, Value, format_verdict
+from study.referee._rows import NONE, Analysis, Check, Headline, Row, Value, format_verdict, papers
 from vsh.classes import Classes
 from vsh.field import Field
 from vsh.models.cosmology import CMB_VELOCITY_PLANCK18, with_redshift

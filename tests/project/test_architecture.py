@@ -26,7 +26,7 @@ HEAVY = {
     "healpy": ["vsh/sky/pixels.py", "vsh/io/maps.py"],
     "ducc0": ["vsh/transform.py", "vsh/sky/pixels.py"],
     "emcee": ["fit/sampling.py"],
-    "numba": ["sim/compiled.py", "sim/agis/passes/_kernels.py", "sim/scanning/_compiled.py"],
+    "numba": ["vsh/tools/parallel.py", "sim/agis/passes/_kernels.py", "sim/scanning/_compiled.py"],
     "corner": ["fit/*/_plot.py"],
     "arviz": ["fit/sampling.py"],
     "matplotlib": [
@@ -38,7 +38,7 @@ HEAVY = {
     "distributed": ["vsh/io/parts/_engines.py"],
     "astropy.cosmology": ["vsh/models/cosmology.py"],
     "astropy": [
-        "vsh/io/tables/_*.py", "vsh/tools/files.py", "vsh/tools/votables.py", "vsh/models/covariance.py", "vsh/models/cosmology.py", "vsh/io/catalogue/_columns.py", "vsh/io/catalogue/_names.py", "vsh/commands/*.py", "vsh/figures/plot/_sky_axes.py", "vsh/vector.py", "vsh/field.py",
+        "vsh/io/tables/_*.py", "vsh/tools/files.py", "vsh/tools/files.py", "vsh/models/covariance.py", "vsh/models/cosmology.py", "vsh/io/catalogue/_columns.py", "vsh/io/catalogue/_names.py", "vsh/commands/*.py", "vsh/figures/plot/_sky_axes.py", "vsh/vector.py", "vsh/field.py",
         "sim/effects.py", "fit/results/storage.py", "vsh/io/samp.py",
     ],
 }  # fmt: skip

@@ -1,4 +1,4 @@
-"""Work on many sources, a block at a time, on all cores, and how much memory there is."""
+"""Work on many sources, a block at a time, on all cores, compiled where numba is installed; and free memory."""
 
 import os
 import signal
@@ -16,6 +16,7 @@ from threadpoolctl import ThreadpoolController
 
 if TYPE_CHECKING:
     from concurrent.futures import ProcessPoolExecutor  # imported where processes begin: few commands start any
+from importlib.util import find_spec
 
 resource: Any
 try:
@@ -237,3 +238,21 @@ def _left_of_limit():
     except OSError:
         usage = 0
     return max(0.0, float(limit - usage))
+
+
+def compile_loops(**options: Any) -> Callable[[Any], Any]:
+    """Compile with numba, free of the interpreter's lock, and keep it on disk where there is a folder to write to."""
+    from numba import njit
+
+    def compiled(function):
+        try:
+            return njit(function, cache=True, nogil=True, **options)
+        except RuntimeError:
+            return njit(function, nogil=True, **options)
+
+    return compiled
+
+
+def has_numba() -> bool:
+    """Return whether numba is installed."""
+    return find_spec("numba") is not None

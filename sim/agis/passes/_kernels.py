@@ -12,10 +12,10 @@ the mission. Indices are unsigned, which avoids the test for negative indices an
 import numpy as np
 from numba import njit
 
-from sim.compiled import kept
+from vsh.tools.parallel import compile_loops
 from vsh.tools.types import FloatArray
 
-_compile = kept(fastmath={"contract", "reassoc", "nsz"})
+_compile = compile_loops(fastmath={"contract", "reassoc", "nsz"})
 
 _ONE, _TWO, _THREE = np.uintp(1), np.uintp(2), np.uintp(3)
 

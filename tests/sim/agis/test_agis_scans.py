@@ -110,7 +110,7 @@ def _mapped(array):
 
 def test_from_a_folder_to_the_byte(tmp_path, monkeypatch):
     """Transits, observations and the factor on disk change no bit, however many transits are looked at together."""
-    monkeypatch.setattr("sim.agis.passes._compiled.TOGETHER", 700)
+    monkeypatch.setattr("sim.agis.passes._make.TOGETHER", 700)
     monkeypatch.setattr("sim.agis.passes._scans.TOGETHER", 900)
     monkeypatch.setattr("sim.agis._globals._TOGETHER", 77)
     results = []
@@ -196,7 +196,8 @@ def test_without_numba_many_transits_are_refused(monkeypatch):
 
     found = make()
     monkeypatch.setattr("sim.agis.passes._make.COMPILED_FROM", 0)
-    monkeypatch.setitem(sys.modules, "sim.agis.passes._compiled", None)
+    monkeypatch.setitem(sys.modules, "sim.agis.passes._kernels", None)
+    monkeypatch.delattr("sim.agis.passes._kernels", raising=False)
     assert System(found).solved.any()  # the sparse passes do
     monkeypatch.setattr("sim.agis.passes._make.MAX_TRANSITS", 100)
     with pytest.raises(ParameterError, match=r"too many without numba: pip install 'vsh-astrometry\[agis\]'"):

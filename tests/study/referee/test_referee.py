@@ -12,9 +12,8 @@ from conftest import ROOT, real_catalogue
 
 import sim
 from study.commands.referee import main
-from study.papers import papers
 from study.referee import Quasars, Referee, read_quasars, referee
-from study.referee._rows import Value, format_verdict, headline
+from study.referee._rows import Value, format_verdict, headline, papers
 from study.referee._sections import SectionInput, _answer_question, _earlier, _galaxies, checks
 from vsh import Field
 from vsh.figures.page import bundle

@@ -7,8 +7,7 @@ import fit
 import sim
 from fit.background import floor
 from fit.background._amplitude import posteriors
-from fit.background._likelihood import Likelihood, equations_of
-from fit.background._parities import Parities
+from fit.background._likelihood import Likelihood, Parities, equations_of
 from vsh import Coefficients, Field, Modes
 from vsh.models.covariance import Spectrum
 from vsh.tools.errors import ConvergenceError
