@@ -125,7 +125,7 @@ def test_velocity_forecast(tmp_path):
 @pytest.mark.slow
 def test_correlation_matrices(tmp_path):
     text = run("correlation_matrices.py", folder=tmp_path)
-    assert "upper GUMS-like, lower IGQL-like" in text
+    assert re.search(r"above diagonal +GUMS-like\nbelow diagonal +IGQL-like", text)
     assert "thinned to |ρ| < 0.2" in text
     for name in ("correlation_matrices.png", "influence.png"):
         assert (tmp_path / name).stat().st_size > 10_000
@@ -221,7 +221,7 @@ def test_vlbi_backgrounds(tmp_path):
 @pytest.mark.slow
 def test_vlbi_backgrounds_of_the_table(tmp_path):
     text = run("vlbi_backgrounds.py", real_catalogue("td2017_vlba_proper_motions.ecsv"), folder=tmp_path)
-    for number in ("0.03571", "0.02703", "0.02295", "to degree 3       28.55"):
+    for number in ("0.035708", "0.027027", "0.022951", "28.546"):
         assert number in text
 
 
