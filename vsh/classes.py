@@ -16,7 +16,7 @@ from vsh.sky.frames import check_frame, rotation_matrix
 from vsh.sky.sphere import triad
 from vsh.tools.errors import DegeneracyError, EmptyFieldError, ParameterError
 from vsh.tools.notebook import InNotebook
-from vsh.tools.types import ArrayLike, BoolArray
+from vsh.tools.types import ArrayLike, BoolArray, FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +64,13 @@ class Classes(InNotebook):
 
     @classmethod
     def by_edges(
-        cls, name: str, edges: Sequence[float], values: ArrayLike | None = None, *, closed: str = "left"
+        cls,
+        name: str,
+        edges: Sequence[float] | FloatArray,
+        values: ArrayLike | None = None,
+        *,
+        closed: str = "left",
+        ends: bool = True,
     ) -> Classes:
         """Classes between edges, below the first and beyond the last.
 
@@ -78,6 +84,8 @@ class Classes(InNotebook):
             One for each source; those that are nan are in no class. Without them the classes are conditions.
         closed : {"left", "right"}
             Which edge belongs to a class.
+        ends : bool
+            Whether what is below the first edge and beyond the last are classes, too.
 
         Raises
         ------
@@ -90,6 +98,7 @@ class Classes(InNotebook):
         after = "<=" if closed == "left" else "<"
         inner = [f"{lower:g} {after} {name} {below} {upper:g}" for lower, upper in pairwise(edges)]
         conditions = (f"{name} {below} {edges[0]:g}", *inner, f"{name} {greater_sign} {edges[-1]:g}")
+        conditions = conditions if ends else conditions[1:-1]
         labels = tuple(condition.replace("<=", "≤").replace(">=", "≥") for condition in conditions)
         if values is None:
             return cls(labels, conditions=conditions)
@@ -97,7 +106,7 @@ class Classes(InNotebook):
         indices = np.where(
             np.isnan(numbers), -1, np.searchsorted(edges, numbers, "right" if closed == "left" else "left")
         )
-        return cls(labels, indices == np.arange(len(labels))[:, None])
+        return cls(labels, indices == np.arange(len(labels))[:, None] + (not ends))
 
     @classmethod
     def by_parts(cls, name: str, values: ArrayLike, k: int) -> Classes:

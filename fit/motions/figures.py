@@ -89,7 +89,7 @@ def plot_shear_by_class(result: Any, *, ax: Axes | None = None) -> Axes:
     axes.plot(x, size, "o", color=COLOURS[0], label="estimate")
     limits = [shear.limit() for shear in result.shears]
     axes.plot(x, limits, "v", color=COLOURS[1], markersize=4, label="95 % limit")
-    axes.set_xticks(x, [label.replace(" ≤ z < ", "–") for label in result.labels], rotation=20)
+    axes.set_xticks(x, result.labels, rotation=20)
     axes.set_ylim(0)
     axes.set_ylabel("|Σ|  [µas/yr]")
     legend_above(axes)

@@ -18,6 +18,7 @@ from fit.secular_parallax import flow_theory
 from fit.solving import solve
 from vsh import Coefficients
 from vsh.basis import harmonics
+from vsh.classes import Classes
 from vsh.field import Field
 from vsh.io.parts import Parts, added, as_parts, fields_or_parts, weighted_quantiles
 from vsh.models.cosmology import usable, velocity_along, with_redshift
@@ -128,9 +129,7 @@ def binned(
         notes.append(f"left out {bin_sums['outside']} sources with redshifts outside {edges[0]:g} … {edges[-1]:g}")
     for b in range(bins):
         if b not in bin_sums:
-            raise DegeneracyError(
-                f"bin {b + 1} of {bins}, {edges[b]:g} ≤ z < {edges[b + 1]:g}, is empty: choose other edges"
-            )
+            raise DegeneracyError(f"bin {b + 1} of {bins}, {_labels(edges)[b]}, is empty: choose other edges")
     normals, sums = [bin_sums[b][0] for b in range(bins)], np.array([bin_sums[b][1] for b in range(bins)])
     counts = sums[:, 0].astype(int)
     columns = None if flow is None else [bin_sums[b][2] for b in range(bins)]
@@ -183,18 +182,19 @@ def _by_bin(field, edges, modes, calibration, flow, sums_of):
         good = with_redshift(field, 0.0)
     except EmptyFieldError as error:  # other parts may have some
         return {"notes": [(*field.notes, *error.notes)]}
-    bin_index = np.searchsorted(edges, np.asarray(good.redshift), side="right") - 1
-    bins = len(edges) - 1
-    sums: dict[Any, Any] = {"outside": int(((bin_index < 0) | (bin_index >= bins)).sum()), "notes": [good.notes]}
-    for b in np.unique(bin_index[(bin_index >= 0) & (bin_index < bins)]):
-        inside = good[bin_index == b]
+    classes = Classes.by_edges("z", edges, good.redshift, ends=False)
+    sums: dict[Any, Any] = {"outside": len(good) - sum(mask.sum() for _, mask in classes), "notes": [good.notes]}
+    for b, (_, mask) in enumerate(classes):
+        if not mask.any():
+            continue
+        inside = good[mask]
         rate = mean_rates(inside, calibration)
         moments = _moments(inside, rate)
         columns: tuple[Any, ...] = ()
         if flow is not None:
             inside, further = flow.of(inside, rate, modes)
             columns = (further,)
-        sums[int(b)] = (sums_of(inside, modes), moments, *columns)
+        sums[b] = (sums_of(inside, modes), moments, *columns)
     return sums
 
 
@@ -332,7 +332,11 @@ def _joint(normals, edges, columns):
 
 
 def _of_bin(b, edges, error):
-    return f"bin {b + 1}, {edges[b]:g} ≤ z < {edges[b + 1]:g}: {error}; or take fewer bins"
+    return f"bin {b + 1}, {_labels(edges)[b]}: {error}; or take fewer bins"
+
+
+def _labels(edges):
+    return Classes.by_edges("z", edges, ends=False).labels
 
 
 @arguments.accepts(

@@ -8,7 +8,6 @@ a their amplitudes, one on average. The coefficients of all bins then have the c
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,6 +21,7 @@ from fit.results.quality import Quality, f_p_value, gls
 from fit.results.storage import Result
 from fit.secular_parallax import LEFT_DISPERSION, modes_within
 from vsh.basis import harmonics
+from vsh.classes import Classes
 from vsh.coefficients import FIRST_DEGREE
 from vsh.field import Field
 from vsh.io import tables
@@ -517,7 +517,7 @@ class BinnedSolution(Result):
         -----
         The covariance of flows, where near galaxies share them, adds to it.
         """
-        labels = [f"{lower:g} ≤ z < {upper:g}" for lower, upper in pairwise(self.edges)]
+        labels = Classes.by_edges("z", self.edges, ends=False).labels
         options = {"noise_scale": self.is_scaled} | options
         comparison = replace(shared(self.normals, degrees, labels=labels, **options), made_by="redshift")
         if self.flow_covariance is None:

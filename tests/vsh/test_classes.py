@@ -29,6 +29,16 @@ def test_edges_belong_to_one_class():
     assert counts(right) == [2, 2, 1]
 
 
+def test_bins_leave_out_what_is_outside():
+    z = np.array([0.2, 0.5, 0.9, 1.0, 2.0, np.nan])
+    classes = Classes.by_edges("z", (0.5, 1, 2), z, ends=False)
+    assert classes.labels == ("0.5 ≤ z < 1", "1 ≤ z < 2")
+    assert classes.masks.tolist() == [
+        [False, True, True, False, False, False],
+        [False, False, False, True, False, False],
+    ]
+
+
 def test_conditions_select_what_masks_do(field, tmp_path):
     """The same text of a command and edges of a column: no source in two classes, none without a value."""
     path = tmp_path / "c.fits"

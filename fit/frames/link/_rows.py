@@ -7,7 +7,6 @@ them from elsewhere (binaries, clusters, quasars) is a `LinkPrior`.
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from itertools import pairwise
 from os import PathLike
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -16,6 +15,7 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from vsh.classes import Classes
 from vsh.io import tables
 from vsh.io.catalogue import missing_column, unit_factor
 from vsh.sky.astrometry import AstrometryRows, earth, propagate
@@ -247,9 +247,7 @@ class Unknowns(InNotebook):
         edges = sorted(self.steps)
         if not edges:
             return (("", None),)
-        ranges = [f"{lower:g} ≤ G < {upper:g}" for lower, upper in pairwise(edges)]
-        inside = [np.nextafter(edges[0], -np.inf), *edges]
-        return tuple(zip([f"G < {edges[0]:g}", *ranges, f"G ≥ {edges[-1]:g}"], inside, strict=True))
+        return tuple(zip(Classes.by_edges("G", edges).labels, [np.nextafter(edges[0], -np.inf), *edges], strict=True))
 
     def functions(self, magnitude: ArrayLike, colour: ArrayLike | None = None) -> FloatArray:
         """The functions of `terms` at each `magnitude` and `colour`, (k, n); nan where that is not known."""
