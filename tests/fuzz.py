@@ -159,7 +159,7 @@ def _field(path):
 
 
 def _stream(path):
-    from vsh.io.catalogue._read import stream_fields
+    from vsh.io.catalogue import stream_fields
 
     return list(stream_fields(path, rows=16))
 

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 import lazy_loader
 
 from sim.agis._calibration import GAIA_CALIBRATION, Calibration
-from sim.agis._globals import GlobalMotion, global_motion
+from sim.agis._globals import GlobalMotion, MotionFit, global_motion
 from sim.agis._mission import (
     KINDS,
     Mixture,

@@ -10,8 +10,7 @@ import sim
 from fit.normal.sums import leverage, sandwich, weighted_matrix
 from fit.posterior import Flat, Normal, _priors, grid, sample
 from fit.redshift import binned, permutation_test
-from fit.robust import clip, excess_noise, permissive, student_t
-from fit.robust._clip import truncation
+from fit.robust import clip, excess_noise, permissive, student_t, truncation
 from vsh import Field, Modes
 from vsh.basis import harmonics
 from vsh.io.parts import as_parts

@@ -9,7 +9,7 @@ from scipy.special import chdtri
 
 import fit
 from fit.resample import block_bootstrap, bootstrap, jackknife, parametric_bootstrap
-from fit.robust._clip import truncation
+from fit.robust import truncation
 from vsh import (
     ConvergenceError,
     FieldError,

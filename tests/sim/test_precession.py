@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from sim.scanning import NominalScanningLaw
-from sim.scanning._crossings import Cubics, sun_position
+from sim.scanning import NominalScanningLaw, sun_position
+from sim.scanning._crossings import Cubics
 from sim.scanning._nominal import Precession
 from vsh.sky.frames import rotation_matrix
 from vsh.tools.errors import ParameterError

@@ -14,8 +14,7 @@ from fit.redshift import binned
 from fit.results.storage import same
 from fit.secular_parallax import hubble_constant, observer_velocity
 from vsh import Coefficients, Field, Modes, Vector
-from vsh.io.catalogue import match, read_field
-from vsh.io.catalogue._read import stream_fields
+from vsh.io.catalogue import match, read_field, stream_fields
 from vsh.tools.errors import VshError
 from vsh.tools.notes import DroppedRows, merge_notes
 

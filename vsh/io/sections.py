@@ -146,8 +146,7 @@ class Answer:
 
     def __post_init__(self) -> None:
         # Screen, file and page alike: no name of a source may be a terminal's escape.
-        lines = tuple((printable(label), printable(text)) for label, text in self.lines)
-        object.__setattr__(self, "lines", lines)
+        object.__setattr__(self, "lines", tuple((printable(label), printable(text)) for label, text in self.lines))
 
     def __str__(self) -> str:
         return labelled(self.lines)

@@ -5,9 +5,9 @@ import pytest
 
 import fit
 import sim
-from fit.background import floor
+from fit.background import equations_of, floor
 from fit.background._amplitude import posteriors
-from fit.background._likelihood import Likelihood, Parities, equations_of
+from fit.background._likelihood import Likelihood, Parities
 from vsh import Coefficients, Field, Modes
 from vsh.models.covariance import Spectrum
 from vsh.tools.errors import ConvergenceError

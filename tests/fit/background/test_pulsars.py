@@ -10,7 +10,7 @@ from scipy.special import sph_harm_y
 import fit
 import sim
 from fit.background import add_pulsars, wave_limit
-from fit.pairs._correlation import waves_curve
+from fit.pairs import waves_curve
 from sim.pulsars import timing_noise
 from vsh import Field, Mode, ParameterError, TableError
 from vsh.models.waves import hellings_downs, timing_deflection, wave_coefficients

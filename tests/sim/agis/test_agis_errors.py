@@ -5,7 +5,7 @@ import pytest
 
 import sim
 from sim import agis
-from sim.agis._globals import MotionFit
+from sim.agis import MotionFit
 from vsh import Modes
 from vsh.tools.errors import ConvergenceError, ParameterError
 

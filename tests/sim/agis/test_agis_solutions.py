@@ -241,7 +241,7 @@ def test_observations_are_noise_of_their_size(system):
 @pytest.mark.slow
 def test_variability_adds_what_it_scatters(system):
     """The exact covariance with photocentres that vary, against 300 draws."""
-    from sim.agis._globals import MotionFit
+    from sim.agis import MotionFit
 
     variability = sim.Variability(300.0, 1.0)
     exact = system.true_covariance(1, variability=variability, tolerance=1e-6)

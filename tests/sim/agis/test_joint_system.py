@@ -151,7 +151,7 @@ def test_prior_of_ten_microarcseconds_is_the_shortcut():
 
 
 def test_running_sums_are_a_lower_bound_that_grows(system):
-    from sim.agis._globals import MotionFit
+    from sim.agis import MotionFit
     from vsh import Modes
 
     g = MotionFit(system, Modes(1), np.arange(60)).functionals([3, 4, 5])

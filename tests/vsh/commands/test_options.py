@@ -13,7 +13,7 @@ import vsh.__main__ as commands
 import vsh.io.archive
 from sim.observing import REDSHIFT_ERRORS
 from vsh.commands import parsing as names
-from vsh.io.catalogue._columns import NAMED
+from vsh.io.catalogue import NAMED
 from vsh.models.cosmology import VELOCITIES
 from vsh.sky.frames import FRAMES, REDSHIFT_FRAME_NAMES
 from vsh.tools import formats

@@ -4,17 +4,18 @@ from vsh.io.catalogue._columns import as_columns, missing_column, unit_factor
 from vsh.io.catalogue._match import MatchResult, counterparts, match, read_icrf, read_positions
 from vsh.io.catalogue._names import GAIA, NAMED, REQUIRED, Columns, with_distances
 from vsh.io.catalogue._parts import parts
-from vsh.io.catalogue._read import as_field as as_field
 from vsh.io.catalogue._read import (
+    as_field,
     is_map,
+    is_readable,
     read_columns,
     read_field,
     read_scalars,
     read_sources,
     stream_columns,
+    stream_fields,
     truth_of,
 )
-from vsh.io.catalogue._read import is_readable as is_readable
 
 __all__ = [
     "GAIA",

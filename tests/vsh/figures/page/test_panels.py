@@ -9,7 +9,7 @@ import numpy as np
 from astropy.table import Table
 
 from vsh.figures import page
-from vsh.figures.page._page import Panel
+from vsh.figures.page import Panel
 from vsh.io.sections import Section
 
 

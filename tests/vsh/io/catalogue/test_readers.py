@@ -13,8 +13,7 @@ from astropy.io import fits
 from gaia_table import N, check, table
 
 from vsh.io import tables
-from vsh.io.catalogue import read_field, read_icrf, read_sources
-from vsh.io.catalogue._read import stream_fields
+from vsh.io.catalogue import read_field, read_icrf, read_sources, stream_fields
 from vsh.tools.errors import EmptyFieldError, FieldError, TableError
 
 

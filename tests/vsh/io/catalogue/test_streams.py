@@ -10,8 +10,7 @@ from gaia_table import N, table
 
 import fit
 from vsh import Modes
-from vsh.io.catalogue import read_field
-from vsh.io.catalogue._read import stream_fields
+from vsh.io.catalogue import read_field, stream_fields
 from vsh.tools.errors import FieldError, TableError, VshError
 
 

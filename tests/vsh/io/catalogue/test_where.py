@@ -9,8 +9,7 @@ from astropy.table import MaskedColumn, Table
 import fit
 from fit.commands.fit import main
 from vsh import EmptySelectionError, Field, FieldError, TableError, VshError
-from vsh.io.catalogue import parts, read_field, read_positions, read_sources
-from vsh.io.catalogue._read import stream_fields
+from vsh.io.catalogue import parts, read_field, read_positions, read_sources, stream_fields
 from vsh.io.tables import Where
 from vsh.tools.notes import NotSelected, count_unselected
 
