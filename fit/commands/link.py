@@ -69,10 +69,6 @@ def make_parser() -> argparse.ArgumentParser:
         "catalogues whose calibrators have fixed positions, with the epoch of these",
         parsing.pairs,
     )
-    add = parsing.adder(parser.add_argument_group("effects to leave out, for tests"))
-    add("--no-aberration", "leave out the acceleration of the Solar System")
-    add("--no-parallax", "leave out the parallax in positions of single epochs")
-    add("--no-light-time", "leave out the light travel time")
     add = parsing.adder(parser.add_argument_group("planning and output"))
     add("--candidates FILE", "planned astrometry, to be ranked by the information that it would add")
     parsing.add_threads(parser)
@@ -110,14 +106,11 @@ def _run(options):
     fixed_epochs = (
         None if options.fixed is None else {name: _epoch(text, "--fixed") for name, text in options.fixed.items()}
     )
-    keywords: dict[str, Any] = {"aberration": None} if options.no_aberration else {}
-    if options.no_offset:
-        keywords["excess"] = False
+    keywords: dict[str, Any] = {"excess": False} if options.no_offset else {}
     keywords |= {
         "reference": options.reference, "unknowns": options.unknowns, "order": options.order,
         "colour_order": options.colour_order, "epoch": options.epoch, "robust": not options.no_robust,
         "scale": options.scale, "priors": _priors(options), "fixed": fixed_epochs,
-        "parallax": not options.no_parallax, "light_time": not options.no_light_time,
     }  # fmt: skip
     results: dict[str, Any] = {}
     if options.seek_step is None:

@@ -7,6 +7,7 @@ import lazy_loader
 from sim.agis._calibration import GAIA_CALIBRATION, Calibration
 from sim.agis._globals import GlobalMotion, MotionFit, global_motion
 from sim.agis._mission import (
+    ACROSS,
     KINDS,
     Mixture,
     as_whole,

@@ -20,8 +20,8 @@ from vsh.tools.files import exclusive
 from vsh.tools.types import Table
 from vsh.tools.units import AU_PER_YEAR, JULIAN_YEAR
 
-#: Sources that a solution has unless told.
-_QUASARS = 5000
+#: Sources that a solution has unless told, and the dispersion of their motions about --global. [µas/yr]
+_QUASARS, _SCATTER = 5000, 10.0
 
 
 def make_parser() -> argparse.ArgumentParser:
@@ -68,7 +68,6 @@ def make_parser() -> argparse.ArgumentParser:
         action="store_false",
     )
     add("--start RANDOM,SYSTEMATIC", "initial errors of the sources, µas (default: 100000,10000)", _two, (1e5, 1e4))
-    add("--start-attitude SIGMA", "initial error of the attitude, µas", parsing.not_negative, 10.0)
     add(
         "--attitude solved|SIGMA",
         "solve for the attitude (default), or treat it as known independently with this error, µas",
@@ -94,8 +93,6 @@ def make_parser() -> argparse.ArgumentParser:
         _motions,
         dest="motions",
     )
-    add("--scatter SIGMA", "dispersion of the proper motions about --global, µas/yr", parsing.positive, 10.0)
-    add("--first", "what is updated first", ("sources", "attitude"), "sources")
     add(
         "--method",
         "conjugate gradients (default), or the simple iteration, which converges slowly",
@@ -103,19 +100,11 @@ def make_parser() -> argparse.ArgumentParser:
         "conjugate",
     )
     add("--iterations N", "largest number of iterations", parsing.count(1), 500)
-    add(
-        "--stop ERRORS",
-        "stop when no coefficient of degrees 1 to 3 changes by more than this many formal errors in ten iterations",
-        parsing.positive,
-        0.05,
-    )
     add("--exact", "also compute the exact errors of spin and acceleration, with six more solutions")
-    add("--across FACTOR", "ratio of the errors across the scan to those along it", parsing.positive, 5.0)
     add("--ccds", "observations in a transit", int, 1, choices=[1, 9])
     add("--variability SIGMA", "variability of the quasars' photocentres, µas", parsing.not_negative, 0.0)
     add("--tau", "correlation time of --variability, yr", parsing.positive, 2.0)
     add("--years", "length of the mission", parsing.positive, 5.0)
-    add("--dead-time FRACTION", "share of the time without observations", parsing.not_negative, 0.06)
     add("--release", "Gaia release whose errors are used", ("DR3", "DR4", "DR5", "paper"), "DR4")
     add(
         "--spin X,Y,Z",
@@ -210,7 +199,7 @@ def sections_of(
     convergence = "at rest" if solution.converged else "NOT at rest: large scales are not what they will be"
     facts = [
         ("sources", f"{counts}; {system.solved.sum()} solved"),
-        ("transits", f"{len(scans)}, {options.across:g} times the error across the scan"),
+        ("transits", f"{len(scans)}, {sim.agis.ACROSS:g} times the error across the scan"),
         ("attitude", f"{scans.intervals} intervals of {scans.spacing * JULIAN_YEAR:.4g} s, {attitude}"),
         ("basic angle", "known" if system.angle is None else f"solved, {system.angle.calibration}"),
         ("iterations", f"{solution.iterations}, {convergence}"),
@@ -317,7 +306,7 @@ def _run(options):
     run = None if options.plan else finishing.Run(options)
     # A stream of its own for each step, so that one option does not shift what another draws.
     gaps, sky, galaxies, stars, selection_rng, noise, start, radio = np.random.default_rng(options.seed).spawn(8)
-    law = sim.NominalScanningLaw(years=options.years, dead_time=options.dead_time, rng=gaps)
+    law = sim.NominalScanningLaw(years=options.years, dead_time=sim.scanning.DEAD_TIME, rng=gaps)
     mission = sim.Mission(law, options.release)
     mixture = sim.agis.mixture(
         mission,
@@ -357,7 +346,6 @@ def _solve(run, law, mixture, full, work, streams):
         mixture.lat,
         mixture.sigma,
         knots=options.knots,
-        across=options.across,
         ccds=options.ccds,
         full=full,
         number=options.quasars,
@@ -370,8 +358,8 @@ def _solve(run, law, mixture, full, work, streams):
     )
     variability = sim.Variability(options.variability, options.tau) if options.variability else None
     observed = sim.agis.observations(system.scans, noise, variability=variability, variable=quasars)
-    errors = {"random": options.start[0], "systematic": options.start[1], "attitude": options.start_attitude}
-    sources, attitude = sim.agis.start_errors(system.scans, start, **errors)
+    random, systematic = options.start
+    sources, attitude = sim.agis.start_errors(system.scans, start, random=random, systematic=systematic)
     prior_attitude = None
     if system.prior is not None:  # what is known of the attitude is off by as much
         prior_attitude = system.prior * start.standard_normal(attitude.shape)
@@ -380,10 +368,8 @@ def _solve(run, law, mixture, full, work, streams):
         start=sources,
         attitude=attitude,
         known=prior_attitude,
-        first=options.first,
         method=options.method,
         iterations=options.iterations,
-        stop=options.stop,
         sources=quasars,
         checkpoint=work / "checkpoint.npz",
         progress=True,
@@ -421,14 +407,14 @@ def _global(options, mixture):
     """Global motion that quasars, and galaxies, follow."""
     if options.motions is None:
         return None
-    factors, scatter = None, np.where(mixture.are("quasars"), options.scatter, np.inf)
+    factors, scatter = None, np.where(mixture.are("quasars"), _SCATTER, np.inf)
     if options.motions == "velocity":
         from vsh.models.cosmology import transverse_distance
 
         galaxies = mixture.are("galaxies")
         factors = np.zeros(len(mixture))
         factors[galaxies] = 1 / (AU_PER_YEAR * transverse_distance(mixture.redshift[galaxies]))
-        scatter[galaxies] = options.scatter
+        scatter[galaxies] = _SCATTER
     degree = options.motions if isinstance(options.motions, int) else 1
     return sim.agis.global_motion(mixture.lon, mixture.lat, degree, scatter=scatter, factors=factors)
 

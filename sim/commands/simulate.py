@@ -22,7 +22,7 @@ YEARS = {"DR3": 2.8, "DR4": 5.0, "DR5": 10.0, "paper": 5.0}
 NOT_OF_EPOCHS = ("no_transits", "variability", "velocity", "redshifts", "redshift_error", "orientation")
 NOT_OF_CRF3 = (
     "sky", "selection", "map_frame", "orientation", "velocity", "peculiar_dispersion", "flow", "redshifts",
-    "redshift_error", "variability", "attitude", "excess_noise", "years", "dead_time", "redshift_range", "release",
+    "redshift_error", "variability", "attitude", "excess_noise", "years", "redshift_range", "release",
     "no_transits", "wave", "columns", "units",
 )  # fmt: skip
 #: What radio stars take of the other kinds' options, and what is theirs alone.
@@ -126,7 +126,6 @@ def make_parser() -> argparse.ArgumentParser:
         parsing.positive,
     )
     add("--redshift-range LOW,HIGH", "galaxies: range of redshifts (default: 0.001,0.03)", _range)
-    add("--dead-time FRACTION", "fraction of the mission without observations", parsing.not_negative, 0.06)
     add("--release", "release whose errors are simulated", ("DR3", "DR4", "DR5", "paper"), "DR4")
     add(
         "--table",
@@ -270,7 +269,7 @@ def _run(options):
             signal += sim.secular_parallax(velocity, hubble=options.h0)
         if options.peculiar_dispersion or options.flow:
             signal += sim.peculiar(options.peculiar_dispersion, noise, flow=options.flow, hubble=options.h0)
-    law = sim.NominalScanningLaw(years=options.years, dead_time=options.dead_time, rng=gaps)
+    law = sim.NominalScanningLaw(years=options.years, dead_time=sim.scanning.DEAD_TIME, rng=gaps)
     variability = sim.Variability(options.variability, options.tau) if options.variability else None
     mission = sim.Mission(law, options.release, options.attitude)
     common = {"variability": variability, "threads": options.threads}
@@ -346,7 +345,7 @@ def _epochs(options):
         frequency, plus, cross, lon, lat = options.wave
         signal += sim.wave_in_time(Vector.from_spherical(1.0, lon, lat).value, frequency, plus, cross)
         meta["WAVE"] = options.wave
-    law = sim.NominalScanningLaw(years=options.years, dead_time=options.dead_time, rng=gaps)
+    law = sim.NominalScanningLaw(years=options.years, dead_time=sim.scanning.DEAD_TIME, rng=gaps)
     attitude = "solved" if options.attitude == "solved" else "perfect"
     mission = sim.Mission(law, options.release, 10.0 if attitude == "solved" else options.attitude)
     table = sim.epochs(

@@ -197,6 +197,10 @@ def check_gaps(gaps: Sequence[tuple[float, float]] | FloatArray) -> FloatArray:
     return np.stack([intervals[:, 0], np.maximum.accumulate(intervals[:, 1])], axis=1)
 
 
+#: Share of a mission without observations that the commands simulate.
+DEAD_TIME = 0.06
+
+
 def draw_gaps(years: float, dead_time: float, rng: Rng | None) -> FloatArray:
     """Lost intervals, exponential in length about six hours, (k, 2). [yr]"""
     if rng is None:

@@ -46,7 +46,7 @@ def test_json_and_options(stars, capsys):
         "--order",
         "1",
     ]
-    assert main([*words, "--no-aberration", "--fixed", "vlbi=2010", "--unknowns", "spin"]) == 0
+    assert main([*words, "--fixed", "vlbi=2010", "--unknowns", "spin"]) == 0
     tables = json.loads(capsys.readouterr().out)["tables"]
     assert len(tables["Link"]["columns"]["parameter"]["values"]) == 9
     assert len(tables["Sources"]["columns"]["source"]["values"]) == 30
