@@ -155,16 +155,12 @@ def _run(options):
         for label, (comparison, _) in results.items()
         for name, text in comparison.answer.lines
     ]
-    run.finish(
-        (),
+    part = finishing.Part(
+        "comparison",
+        None,
         sections=sections,
         tables=sheets,
-        notes=merge_notes(*(comparison.solution.notes for comparison in comparisons)),
-        latex=lambda: "\n\n".join(_latex(comparison) for comparison in comparisons),
-        answer=Answer(tuple(answer)),
-        paths=paths,
-        counts=_counts(list(results.values())),
-        figures=lambda: (
+        plot=lambda: (
             {
                 f"{name}{_of(label, results)}": axes
                 for label, (comparison, differences) in results.items()
@@ -173,6 +169,14 @@ def _run(options):
             | ({} if network is None else {"chain": network.plot()})
         ),
         files=lambda folder, meta: _write(folder, results, network, meta),
+    )
+    run.finish(
+        [part],
+        notes=merge_notes(*(comparison.solution.notes for comparison in comparisons)),
+        latex=lambda: "\n\n".join(_latex(comparison) for comparison in comparisons),
+        answer=Answer(tuple(answer)),
+        paths=paths,
+        counts=_counts(list(results.values())),
         page=None if several else lambda figures, meta: _page(*results[labels[1]], options, meta, figures),
         title=f"{labels[0]} beside {', '.join(labels[1:])}",
     )

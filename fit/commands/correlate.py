@@ -83,6 +83,11 @@ def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
         options.parameters = "modes"
 
 
+_LEAKAGE = (
+    "What degrees that are not fitted do to spin and acceleration: their rms bias by a power of 1 (µas/yr)² in one."
+)
+
+
 def _run(options):
     run = finishing.Run(options)
     paths = [path for path in (options.catalogue, options.catalogue2) if path]
@@ -102,16 +107,18 @@ def _run(options):
         direct = correlation.correlation_matrices(fields, parameters, labels=labels, solver="frame")
         difference = max(np.abs(a - b).max() for a, b in zip(matrices.matrices, direct.matrices, strict=True))
         remarks.append(f"The independent solver of degree 1 gives the same correlations to {difference:.0e}.")
-    influences, leaks, details = [], [], []
+    caption = "Correlations of the errors: what a fit to this sky cannot separate."
+    parts = [finishing.Part("correlation", matrices, "Correlations", caption, as_table=True)]
+    details = []
     for field, label in zip(fields, labels, strict=True):
         details.append(_sky(correlation, field, label, options.lmax))
         for pair in options.influence or []:
-            values = correlation.influence_map(field, options.lmax, pair, options.nside)
-            influences.append((label, pair, field, values))
+            parts.append(_influence_map(correlation, field, label, pair, options.lmax, options.nside))
             details.append(_influence(correlation, field, label, pair, options.lmax, options.add_sources))
         if options.leakage:
-            leaks.append((label, correlation.leakage(field, options.lmax, options.leakage)))
-            details.append(_leak(leaks[-1][1], label, options.power_per_degree))
+            leak = correlation.leakage(field, options.lmax, options.leakage)
+            parts.append(finishing.Part(f"leakage_{label}", leak, f"Leakage, {label}", _LEAKAGE, as_table=True))
+            details.append(_leak(leak, label, options.power_per_degree))
     notes = [f"{label}: {note}" for field, label in zip(fields, labels, strict=True) for note in _notes(field)]
 
     def sections(long):
@@ -120,17 +127,13 @@ def _run(options):
         return [section, *details[:-1], replace(details[-1], notes=notes)]
 
     run.finish(
-        (),
+        parts,
         sections=sections,
-        tables=lambda: {"Correlations": matrices.to_table()} | {f"Leakage, {x}": leak.to_table() for x, leak in leaks},
         answer=Answer(tuple(_answer(matrices))),
         notes=notes,
         paths=paths,
         counts={"sources": [_count(f) for f in fields]},
-        figures=lambda: _draw(matrices, influences, leaks),
-        files=lambda folder, meta: _write(folder, matrices, influences, leaks, meta),
         title=f"What the sky of {' and '.join(labels)} cannot separate",
-        captions=_caption,
     )
 
 
@@ -235,44 +238,23 @@ def _three(values):
     return "(" + ", ".join(f"{value:.3g}" for value in values) + ")"
 
 
-def _write(folder, matrices, influences, leaks, meta):
+def _influence_map(correlation, field, label, pair, lmax, nside):
+    """The map of an influence as a part of the result."""
     from vsh.io import tables
 
-    tables.write_table(matrices.to_table(), folder / "correlation.ecsv", meta)
-    for label, pair, field, values in influences:
-        tables.write(
-            folder / f"{_name(label, pair)}.fits", {"influence": values}, {"ORDERING": "RING", "FRAME": field.frame}
-        )
-    for label, leak in leaks:
-        tables.write_table(leak.to_table(), folder / f"leakage_{label}.ecsv", meta)
-
-
-def _name(label, pair):
-    return f"influence_{label}_{'_'.join(pair)}".replace("(", "").replace(")", "").replace(",", "")
-
-
-def _caption(name):
-    if name == "correlation":
-        return "Correlations of the errors: what a fit to this sky cannot separate."
-    if name.startswith("leakage"):
-        return (
-            "What degrees that are not fitted do to spin and acceleration: their rms bias by a power of 1 (µas/yr)² in "
-            "one."
-        )
-    return "Which part of the sky causes it: the change if the weight of the sources there were doubled."
-
-
-def _draw(matrices, influences, leaks):
-    from fit.correlation import plot_influence, symbol
-
-    figures = {"correlation": matrices.plot()}
-    for label, pair, field, values in influences:
-        symbols = " and ".join(map(symbol, pair))
-        quantity = f"correlation of {symbols}" if len(pair) == 2 else f"ln σ² of {symbols}"
-        figures[_name(label, pair)] = plot_influence(
-            values, field, f"{label}:\nwhat drives the {quantity}", "change per doubling of weight"
-        )
-    return figures | {f"leakage_{label}": leak.plot() for label, leak in leaks}
+    values = correlation.influence_map(field, lmax, pair, nside)
+    name = f"influence_{label}_{'_'.join(pair)}".replace("(", "").replace(")", "").replace(",", "")
+    symbols = " and ".join(map(correlation.symbol, pair))
+    quantity = f"correlation of {symbols}" if len(pair) == 2 else f"ln σ² of {symbols}"
+    title, unit = f"{label}:\nwhat drives the {quantity}", "change per doubling of weight"
+    about = {"ORDERING": "RING", "FRAME": field.frame}
+    return finishing.Part(
+        name,
+        None,
+        caption="Which part of the sky causes it: the change if the weight of the sources there were doubled.",
+        plot=lambda: correlation.plot_influence(values, field, title, unit),
+        files=lambda folder, _: tables.write(folder / f"{name}.fits", {"influence": values}, about),
+    )
 
 
 main, run = running.make_entry(__name__, _run)

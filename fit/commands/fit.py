@@ -174,26 +174,29 @@ def _run(options):
 
     warnings = [f"{label}: {text}" for label, text in fit.output.warnings_of(solution)]
     run.finish(
-        [finishing.Part("solution", solution), *(finishing.Part(key, result) for key, result in results.items())],
+        [
+            finishing.Part(
+                "solution",
+                solution,
+                plot=lambda: fit.output.draw_figures(solution, sources, estimate.source_weights),
+                tables=lambda: {
+                    "vectors": fit.output.vectors_table(solution),
+                    "powers": fit.output.powers_table(solution),
+                    "coefficients": solution.to_table(),
+                },
+            ),
+            *(
+                finishing.Part(key, result, key, plot=dict if key == "floor" else None)
+                for key, result in results.items()
+            ),
+        ],
         sections=lambda long: [*solution.sections(long=long, **about), *_sections(results, long)],
-        tables=lambda: (
-            {
-                "vectors": fit.output.vectors_table(solution),
-                "powers": fit.output.powers_table(solution),
-                "coefficients": solution.to_table(),
-            }
-            | {key: result.to_table() for key, result in results.items()}
-        ),
         latex=latex,
         answer=answer,
         notes=[*warnings, *solution.notes],
         paths=path,
         counts=_counts(solution, estimate.n_clipped, options.where),
         files=write,
-        figures=lambda: (
-            fit.output.draw_figures(solution, sources, estimate.source_weights)
-            | {key: result.plot() for key, result in results.items() if key != "floor"}
-        ),
         page=page,
     )
     if options.samp:

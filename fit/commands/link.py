@@ -127,18 +127,23 @@ def _run(options):
     truth = _truth(solution, options.catalogues[0])
     headings = {"steps": "Place of the jump", "link": "Link", "plan": "Observe next"}
     parts = [finishing.Part(name, result, headings[name]) for name, result in results.items()]
+    parts.append(
+        finishing.Part(
+            "sources",
+            None,
+            plot=dict,
+            tables=lambda: {"Sources": solution.sources_table()},
+            files=lambda folder, meta: write_table(solution.sources_table(), folder / "sources.ecsv", meta),
+        )
+    )
     selection = [result for name, result in results.items() if name != "link" or "steps" not in results]
     run.finish(
         parts,
         sections=lambda long: [*(section for result in selection for section in result.sections(long=long)), *truth],
-        tables=lambda: (
-            {output.heading: output.result.to_table() for output in parts} | {"Sources": solution.sources_table()}
-        ),
         answer=results.get("steps", solution).answer,
         notes=solution.notes,
         paths=[*options.catalogues, *(path for path in (options.priors, options.candidates) if path)],
         counts={"sources": len(solution.sources)},
-        files=lambda folder, meta: write_table(solution.sources_table(), folder / "sources.ecsv", meta),
         title=f"{', '.join(solution.unknowns.turned)} against {solution.reference}",
     )
 

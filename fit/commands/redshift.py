@@ -288,8 +288,7 @@ def _by_redshifts(run, source):
         flow = next((estimate.flow for estimate in estimates.values()), None)
         if flow is not None:
             caption = "Flow of the galaxies on shells: away from us (colours) and across (arrows)."
-            write = partial(_write_table, flow.to_table, "flow")
-            parts.append(finishing.Part("flow", flow, caption=caption, is_long=True, files=write))
+            parts.append(finishing.Part("flow", flow, caption=caption, is_long=True, as_table=True))
     results = {part.name: part.result for part in parts}
 
     def sections(long):
@@ -494,28 +493,23 @@ def _estimates(field, options, model, velocity):
 def _estimate_part(name, estimate, label, truth, has_posterior):
     """An estimate as a part of the result, below the posterior if there is one."""
 
-    def table():
+    heading = "Our velocity" if name == "velocity" else "The Hubble constant"
+
+    def tables():
         sheet = _beside_truth(estimate.to_table(), truth, estimate)
         sheet.meta["summary"] = _summary_of(estimate)
-        return sheet
+        return {heading: sheet}
 
     return finishing.Part(
         name,
         estimate,
-        "Our velocity" if name == "velocity" else "The Hubble constant",
+        heading,
         sections=lambda long: estimate.sections(source=label, truth=truth, long=long),
         plot=dict,
         is_long=has_posterior,
-        table=table,
-        files=partial(_write_table, estimate.to_table, name),
+        tables=tables,
+        as_table=True,
     )
-
-
-def _write_table(make_table, name, folder, meta):
-    """Write the table alone: the modes of a flow, 250 by 250 numbers, are of no use to who reads it."""
-    from vsh.io import tables
-
-    tables.write_table(make_table(), folder / f"{name}.ecsv", meta)
 
 
 def _posterior(field, options, model, prior, truth):
@@ -557,16 +551,16 @@ def _posterior(field, options, model, prior, truth):
         return [*report, replace(last, remarks=[*last.remarks, *remarks])]
 
     def files(folder, meta):
-        _write_table(posterior.to_table, "posterior", folder, meta)
+        vsh.io.tables.write_table(posterior.to_table(), folder / "posterior.ecsv", meta)
         posterior.write(folder / "samples.fits", {"CATALOG": str(meta["catalogue"])})
 
     def draw():
         return {"corner": posterior.corner(truths=_truths(truth, posterior) or None), "trace": posterior.trace()}
 
-    def table():
-        return _beside_truth(posterior.to_table(), truth, posterior)
+    def tables():
+        return {"Posterior": _beside_truth(posterior.to_table(), truth, posterior)}
 
-    return finishing.Part("posterior", posterior, "Posterior", sections=sections, plot=draw, table=table, files=files)
+    return finishing.Part("posterior", posterior, sections=sections, plot=draw, tables=tables, files=files)
 
 
 def _truths(truth, result):

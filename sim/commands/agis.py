@@ -377,14 +377,18 @@ def _solve(run, law, mixture, full, work, streams):
     solution, frame_notes = _fix_frame(system, solution, options, quasars, selection_rng, radio)
     exact = _exact(system, mixture) if options.exact else {}
     result_tables = tables_of(system, solution, mixture)
-    run.finish(
-        (),
+    part = finishing.Part(
+        "agis",
+        None,
         sections=lambda _: sections_of(system, solution, notes + frame_notes, mixture, options, exact),
+        plot=lambda: draw(system, solution, mixture),
         tables=lambda: result_tables,
+        files=lambda folder, _: write(folder, solution, mixture, result_tables, options),
+    )
+    run.finish(
+        [part],
         notes=notes + frame_notes,
         answer=Answer(tuple(_answer(system, solution, mixture))),
-        figures=lambda: draw(system, solution, mixture),
-        files=lambda folder, meta: write(folder, solution, mixture, result_tables, options),
         title=f"{options.quasars} quasars and the attitude, solved together",
         captions=CAPTIONS,
     )

@@ -74,20 +74,10 @@ def _run(options):
         surveys[name] = Survey(n, sigma=sigma, says="as given")
     forecast = forecast_surveys(surveys, sky=options.sky, flows=not options.no_flows)
     run.finish(
-        (),
-        sections=lambda long: forecast.sections(long=long),
-        tables=lambda: {"Expected errors": forecast.to_table()},
+        [finishing.Part("forecast", forecast, "Expected errors", as_table=True)],
         answer=forecast.answer,
-        figures=lambda: {"forecast": forecast.plot()},
-        files=lambda folder, meta: _write(folder, forecast, meta),
         title="What future catalogues will measure",
     )
-
-
-def _write(folder, forecast, meta):
-    from vsh.io import tables
-
-    tables.write_table(forecast.to_table(), folder / "forecast.ecsv", meta)
 
 
 main, run = running.make_entry(__name__, _run)

@@ -68,9 +68,7 @@ def _run(options):
         write_page(options.html, html(answer, figures.drawn, provenance=meta, command=options.command))
 
     run.finish(
-        (),
-        sections=answer.details,
-        tables=answer.tables,
+        [finishing.Part("referee", None, sections=answer.details, plot=draw, tables=answer.tables, files=write)],
         notes=quasars.field.notes,
         answer=answer.answer,
         paths=[options.catalogue, options.earlier] if options.earlier else options.catalogue,
@@ -78,8 +76,6 @@ def _run(options):
         latex=lambda: "\n\n".join(
             finishing.as_latex(section.table, section.title) for section in answer.details() if section.table
         ),
-        figures=draw,
-        files=write,
         page=page,
     )
 

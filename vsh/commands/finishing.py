@@ -13,7 +13,7 @@ import tempfile
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -178,7 +178,9 @@ class Figures:
     @cached_property
     def drawn(self) -> dict[str, Any]:
         """Axes by name of file."""
-        without_windows()
+        import matplotlib
+
+        matplotlib.use("agg")  # a command writes files only: there may be no screen
         return dict(self._draw())
 
     def write(self, folder: Path, options: argparse.Namespace) -> list[Path]:
@@ -198,13 +200,6 @@ class Figures:
         from vsh.figures.plot import close_figures
 
         close_figures(self.drawn.values())
-
-
-def without_windows() -> None:
-    """Have matplotlib write files only: a command runs where there may be no screen."""
-    import matplotlib
-
-    matplotlib.use("agg")
 
 
 def write_page(
@@ -315,10 +310,13 @@ class Part:
         Heading of its table in JSON and LaTeX; empty if the table is not in them.
     caption : str
         Caption of its figure on the HTML page.
-    sections, plot, table : callable, optional
-        Functions that replace those of the result; `plot` may give several figures by name, or none.
+    sections, plot, tables : callable, optional
+        Functions that replace those of the result; `plot` may give several figures by name, or none, and `tables` gives
+        tables by heading.
+    as_table : bool
+        Whether its file is its table alone, and not all that the result consists of.
     files : callable, optional
-        Writes its files into a folder, in place of the one that the result writes.
+        Writes its files into a folder, in place of that one.
     is_long : bool
         Whether the result is left out of the short text.
     """
@@ -330,7 +328,8 @@ class Part:
     sections: Callable[[bool], Sequence[Section]] | None = None
     plot: Callable[[], Any] | None = None
     is_long: bool = False
-    table: Callable[[], Table] | None = None
+    tables: Callable[[], Mapping[str, Table]] | None = None
+    as_table: bool = False
     files: Callable[[Path, dict[str, Any]], None] | None = None
 
     def shown(self, long: bool) -> Sequence[Section]:
@@ -344,16 +343,21 @@ class Part:
         axes = self.result.plot() if self.plot is None else self.plot()
         return axes if isinstance(axes, dict) else {self.name: axes}
 
-    def tabulated(self) -> Table:
-        """Its table, for JSON and LaTeX."""
-        return self.result.to_table() if self.table is None else self.table()
+    def tabulated(self) -> Mapping[str, Table]:
+        """Its tables by heading, for JSON and LaTeX."""
+        if self.tables is None:
+            return {self.heading: self.result.to_table()} if self.heading else {}
+        return self.tables()
 
     def write(self, folder: Path, meta: dict[str, Any]) -> None:
         """Write its file, or files, into a folder."""
-        if self.files is None:
-            self.result.write(folder / f"{self.name}.ecsv", meta)
-        else:
+        path = folder / f"{self.name}.ecsv"
+        if self.files is not None:
             self.files(folder, meta)
+        elif self.as_table:
+            vsh.io.tables.write_table(self.result.to_table(), path, meta)
+        else:
+            self.result.write(path, meta)
 
 
 class Run:
@@ -395,10 +399,8 @@ class Run:
         paths: Any = None,
         counts: Mapping[str, Any] | None = None,
         sections: Callable[[bool], Sequence[Section]] | None = None,
-        tables: Callable[[], Mapping[str, Table]] | None = None,
         latex: Callable[[], str] | None = None,
         files: Callable[[Path, dict[str, Any]], object] | None = None,
-        figures: Callable[[], Mapping[str, Any]] | None = None,
         captions: Mapping[str, str] | Callable[[str], str] | None = None,
         cards: Callable[[], Sequence[tuple[str, str, str]]] = tuple,
         page: Callable[[Figures, dict[str, Any]], None] | None = None,
@@ -420,12 +422,12 @@ class Run:
             What was read.
         counts : dict, optional
             Numbers of rows, for the provenance.
-        sections, tables, figures : callable, optional
-            In place of those of the parts: the text, tables by heading, axes by name.
+        sections : callable, optional
+            In place of those of the parts.
         latex, page : callable, optional
             In place of LaTeX of the tables and of a page of the sections.
         files : callable, optional
-            Writes further files into a folder, or all of them where there are no parts.
+            Writes further files into a folder.
         captions : dict or callable, optional
             Captions of further figures, by name.
         cards, movies : callable, optional
@@ -433,13 +435,13 @@ class Run:
         """
         options = self.options
         make_sections = sections or (lambda long: [section for part in parts for section in part.shown(long)])
-        make_tables = tables or (lambda: {part.heading: part.tabulated() for part in parts if part.heading})
+        make_tables = partial(_joined, parts, Part.tabulated)
         result = RunResult(make_sections, make_tables, notes, latex, answer or Answer())
         print_result(options, result)
         if not (options.output or options.html):
             return
         meta = running.provenance(paths or [], options, **(counts or {}))
-        figure_set = Figures(figures or (lambda: {name: axes for part in parts for name, axes in part.drawn().items()}))
+        figure_set = Figures(partial(_joined, parts, Part.drawn))
         if options.output:
             with results_folder(options, meta) as folder:
                 (folder / "report.txt").write_text(result.report(), encoding="utf-8")
@@ -464,6 +466,11 @@ class Run:
             answer=result.answer, cards=cards(),
         )  # fmt: skip
         print_line(options, f"written to {options.html}")
+
+
+def _joined(parts, give):
+    """All that parts give by name."""
+    return {name: item for part in parts for name, item in give(part).items()}
 
 
 def as_json(options: argparse.Namespace, result: RunResult) -> str:
