@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import matplotlib
 import numpy as np
 
 import sim
@@ -11,7 +12,6 @@ from sim.astrometry import transit_error
 from sim.plot import plot_density, plot_distance_and_parallax
 from sim.variability import markov_chain
 from study.config import Study
-from vsh.commands.finishing import without_windows
 from vsh.figures.plot import COLOURS, WIDTH, apply_style, panels, save_figures
 from vsh.models.cosmology import transverse_distance
 from vsh.tools.units import AU_PER_YEAR
@@ -19,7 +19,7 @@ from vsh.tools.units import AU_PER_YEAR
 
 def write_figures(study: Study, folder: Path) -> list[Path]:
     """Figures 1 to 4 as PNG and PDF; returns their paths."""
-    without_windows()
+    matplotlib.use("agg")
     figures = {
         "figure1_distance": plot_distance_and_parallax,
         "figure2_variability": lambda: _tracks(study),

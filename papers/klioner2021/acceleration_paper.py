@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import matplotlib
 import numpy as np
 
 from fit import CrossCheck, Solution, cross_check
@@ -24,7 +25,6 @@ from fit.robust import clip
 from study.referee._rows import papers
 from vsh import Field
 from vsh.classes import Classes
-from vsh.commands.finishing import without_windows
 from vsh.commands.running import provenance
 from vsh.figures.page import ShownPage, write_page
 from vsh.figures.plot import (
@@ -458,7 +458,7 @@ def write_gaia(
     figures : dict, optional
         As for `vsh.figures.plot.save_figures`: format and dpi; None for no files of figures.
     """
-    without_windows()
+    matplotlib.use("agg")
     result_tables = {
         "published": published_table(study),
         "degrees": row_table(study.degrees, truth),
