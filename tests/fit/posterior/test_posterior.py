@@ -402,7 +402,7 @@ def test_digits_are_those_that_the_sample_has():
     found = sample(galaxies(300), CMB_VELOCITY_PLANCK18, Flat(20, 150), n_samples=200_000, **SETTINGS)
     text = found.report()
     assert "independent samples at least, R̂ 1.0" in text
-    row = next(line for line in text.splitlines() if line.startswith("H0   ")).split()
+    row = next(line for line in text.splitlines() if line.startswith("  H0   ")).split()
     digits = len(row[1].partition(".")[2])
     error = 1.25 * found.samples["H0"].std() / np.sqrt(found._effective()["H0"])
     assert 0.1 * 10.0**-digits < error <= 10.0**-digits
