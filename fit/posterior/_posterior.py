@@ -488,8 +488,7 @@ def _hubble_by_prior(model):
         share = np.cumsum(weight) / weight.sum()
         ends = weight[:40].sum() + weight[-40:].sum()  # within a factor of 1.07 of a limit
         leans = bool(ends > 0.02 * weight.sum())
-        median, low68, high68, below, lower_limit = np.interp(_LEVELS, share, hubble).tolist()
-        quantiles[name] = HubbleQuantiles(median, low68, high68, below, lower_limit, leans)
+        quantiles[name] = HubbleQuantiles(*np.interp(_LEVELS, share, hubble).tolist(), leans)
     return quantiles
 
 
@@ -504,6 +503,7 @@ def _sensitivity(quantiles: dict[str, HubbleQuantiles]) -> Section:
         "95 % above": [row[4] for row in cells],
     }
     leaning = [name for name, estimate in quantiles.items() if estimate.at_limits]
-    remarks = [f"Leans on the limits: {', '.join(leaning)}."] if leaning else []
+    remarks = ["Computed on a grid: “as given” differs from the limits above by the Monte Carlo error of the samples."]
+    remarks += [f"Leans on the limits: {', '.join(leaning)}."] if leaning else []
     title = "H0 under other priors [km/s/Mpc], between 1 and 1000; one-sided limits"
     return Section(title, (), tables.table_of(columns), remarks=remarks)
