@@ -487,8 +487,8 @@ def _hubble_by_prior(model):
         weight = np.where(np.isfinite(total), np.exp(total - np.nanmax(total[np.isfinite(total)])), 0.0) * step
         share = np.cumsum(weight) / weight.sum()
         ends = weight[:40].sum() + weight[-40:].sum()  # within a factor of 1.07 of a limit
-        leans = bool(ends > 0.02 * weight.sum())
-        quantiles[name] = HubbleQuantiles(*np.interp(_LEVELS, share, hubble).tolist(), leans)
+        median, low68, high68, below, above = np.interp(_LEVELS, share, hubble).tolist()
+        quantiles[name] = HubbleQuantiles(median, low68, high68, below, above, bool(ends > 0.02 * weight.sum()))
     return quantiles
 
 
