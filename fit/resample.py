@@ -17,7 +17,7 @@ import numpy as np
 from scipy.special import gammaincc, stdtrit
 
 from fit.normal import Moments, NormalEquations, WhiteRows, normal_equations
-from fit.normal.sums import leverage
+from fit.normal.sums import leverage, score_dof
 from fit.results.quality import ErrorSource
 from fit.results.solution import AboutSolution, Solution
 from fit.solving import solve
@@ -51,12 +51,15 @@ class ResampledFit(AboutSolution):
         Coefficients of each replicate. [µas/yr]
     covariance : (p, p) array
         Covariance of the coefficients, estimated from the replicates. [(µas/yr)²]
+    scatter_dof : float
+        Degrees of freedom of the residuals that were drawn from; inf where they are not known.
     """
 
     method: str
     solution: Solution
     replicates: FloatArray
     covariance: FloatArray
+    scatter_dof: float = float("inf")
 
     @property
     def quoted(self) -> Solution:
@@ -77,7 +80,7 @@ class ResampledFit(AboutSolution):
     def resampled_solution(self) -> Solution:
         """The solution with this covariance in place of N⁻¹: its `spin` and `acceleration` carry these errors."""
         source = f"the {self.method}, {len(self.replicates)} replicates"
-        dof = len(self.replicates) - 1.0
+        dof = 1 / (1 / (len(self.replicates) - 1.0) + 1 / self.scatter_dof)
         return replace(
             self.solution,
             covariance=self.covariance,
@@ -192,10 +195,11 @@ def _one_step(sky, solution, n_replicates, rng, progress):
     total = sky.sum(_size, roles=(), words="bootstrap", progress=progress)
     seed = int(rng.integers(2**63))
     work = partial(_drawn_scores, solution=solution, total=total, n_replicates=n_replicates, seed=seed)
-    steps = sky.sum(work, roles=(), words="bootstrap", progress=progress)
+    sums = sky.sum(work, roles=(), words="bootstrap", progress=progress)
     # The covariance of `solution` is N⁻¹ of the whole catalogue; the same matrix serves all draws.
-    replicates = solution.values + steps @ solution.covariance
-    return ResampledFit("one-step bootstrap", solution, replicates, np.cov(replicates, rowvar=False))
+    replicates = solution.values + sums["steps"] @ solution.covariance
+    dof = score_dof(sums["squares"], solution.modes)
+    return ResampledFit("one-step bootstrap", solution, replicates, np.cov(replicates, rowvar=False), dof)
 
 
 def _size(field):
@@ -204,8 +208,8 @@ def _size(field):
 
 def _drawn_scores(
     field: Field, solution: Solution, total: tuple[int, float], n_replicates: int, seed: int
-) -> FloatArray:
-    """Sum (k − 1) Aᵀ C⁻¹ Δ/(1 − leverage)^¾ over some sources, with k drawn for each, (replicates, p)."""
+) -> dict[str, Any]:
+    """Sum (k − 1) Aᵀ C⁻¹ Δ/(1 − leverage)^¾ over some sources, with k drawn for each, (replicates, p); and Σ h²."""
     share = leverage(field, solution.modes, solution.covariance, total=total)
 
     def block(chunk):
@@ -222,7 +226,8 @@ def _drawn_scores(
         return (times @ scores.T.astype(np.float32)).astype(float) * size.T
 
     size = max(64, min(2**24 // n_replicates, 2**22 // len(solution.modes)))
-    return sum(map_blocks(block, len(field), size), np.zeros((n_replicates, len(solution.modes))))
+    steps = sum(map_blocks(block, len(field), size), np.zeros((n_replicates, len(solution.modes))))
+    return {"steps": steps, "squares": float(share @ share)}
 
 
 @arguments.accepts(

@@ -503,8 +503,13 @@ def sandwich(
     *,
     power: float = 0.75,
     words: str = "errors",
-) -> FloatArray:
-    """H⁻¹ M H⁻¹, (p, p): the covariance of a fit whose scores are Σ Aᵀ u C⁻¹Δ."""
+) -> tuple[FloatArray, float]:
+    """H⁻¹ M H⁻¹, (p, p): the covariance of a fit whose scores are Σ Aᵀ u C⁻¹Δ; and its degrees of freedom.
+
+    M is a sum of the scores' outer products. Its degrees of freedom are those of the Wishart matrix whose elements
+    scatter as much, for Gaussian scores p(p + 1)/Σ [(tr H_i)² + tr H_i²], where H_i is the share of source i in the
+    information (Zhang 2012, J. Agric. Biol. Environ. Stat. 17, 652): (k² + k) h_i² for a leverage h_i in k components.
+    """
     # The fitted matrix is for exact leverages, which large problems do without.
     exact = sky.in_memory is None or len(sky.in_memory) * len(modes) ** 2 <= EXACT
     slopes = sky.sum(partial(_slopes, scores=scores, modes=modes, exact=exact), roles=(), words=words)
@@ -514,8 +519,14 @@ def sandwich(
     middle = sky.sum(
         partial(_scores, scores=scores, modes=modes, inverse=fitted, total=total, power=power), roles=(), words=words
     )
-    covariance = slope @ middle @ slope
-    return (covariance + covariance.T) / 2
+    covariance = slope @ middle["matrix"] @ slope
+    return (covariance + covariance.T) / 2, score_dof(middle["squares"], modes)
+
+
+def score_dof(squares: float, modes: Modes) -> float:
+    """Degrees of freedom of the scores' outer products, of the sum of squares of the leverages (`sandwich`)."""
+    p, k = len(modes), modes.components
+    return p * (p + 1) / ((k**2 + k) * squares)
 
 
 def _slopes(field, scores, modes, exact):
@@ -530,7 +541,8 @@ def _slopes(field, scores, modes, exact):
 
 
 def _scores(field, scores, modes, inverse, total, power):
-    """Σ AᵀψψᵀA of some sources."""
+    """Σ AᵀψψᵀA of some sources, and Σ h²."""
     residual, u, _ = scores(field)
     leverages = leverage(field, modes, inverse, u, total=total)
-    return weighted_matrix(field, outer_products(field, residual, u / (1 - leverages) ** power), modes)
+    products = outer_products(field, residual, u / (1 - leverages) ** power)
+    return {"matrix": weighted_matrix(field, products, modes), "squares": float(leverages @ leverages)}

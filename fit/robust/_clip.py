@@ -381,7 +381,7 @@ def excess_noise(
     unit = problem.unit
     noisy_sky = sky.map(problem.enlarged(parameters))
     solution = solve(problem.sums(parameters)["normal"])
-    covariance = sandwich(noisy_sky, partial(_scores, solution=solution), modes)
+    covariance, dof = sandwich(noisy_sky, partial(_scores, solution=solution), modes)
     noise = unit * np.sqrt(parameters[0])
     # From the variance s² to s; at the boundary s = 0 the error is the s at one error of s².
     noise_error = unit**2 * errors[0] / (2 * noise) if parameters[0] > errors[0] / 4 else unit * np.sqrt(errors[0])
@@ -393,6 +393,7 @@ def excess_noise(
     solution = replace(
         solution,
         covariance=covariance,
+        covariance_dof=dof,
         formal_covariance=solution.covariance,
         notes=(*solution.notes, note),
         errors_from="the residuals, source by source, with excess noise",

@@ -396,7 +396,7 @@ def _iterate_weights(sky, modes, weight, name, tolerance, max_rounds, power):
 
 def _with_errors(sky, plain, solution, share, name, rounds, power):
     """The settled fit with the covariance of its residuals, and what is said of it."""
-    covariance = sandwich(sky, partial(_scores, share=share), solution.modes, power=power, words=f"{name}, errors")
+    covariance, dof = sandwich(sky, partial(_scores, share=share), solution.modes, power=power, words=f"{name}, errors")
     inflation = float(np.sqrt(np.mean(np.diag(covariance) / np.diag(plain.covariance))))
     facts = sky.sum(partial(_facts, share=share), roles=("name",), words=f"{name}, weights")
     effective = facts["u"] ** 2 / facts["u²"]
@@ -416,6 +416,7 @@ def _with_errors(sky, plain, solution, share, name, rounds, power):
     solution = replace(
         solution,
         covariance=covariance,
+        covariance_dof=dof,
         formal_covariance=solution.covariance,
         chi2=facts["chi2"],
         n_data=plain.n_data,

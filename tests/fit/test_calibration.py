@@ -119,8 +119,43 @@ def test_sandwich_by_its_definition():
         score = u[i] / (1 - hat[i]) ** 0.75 * basis[:, :, i] @ inverse[i] @ field.motion[:, i]
         meat += np.outer(score, score)
     expected = np.linalg.inv(bread[1]) @ meat @ np.linalg.inv(bread[1])
-    found = sandwich(as_parts(field), lambda _: (field.motion, u, slope), modes)
+    found, dof = sandwich(as_parts(field), lambda _: (field.motion, u, slope), modes)
     np.testing.assert_allclose(found, expected, rtol=1e-8, atol=1e-10 * np.abs(expected).max())
+    # Wishart's matrix of as many degrees of freedom scatters as much as the outer products of Gaussian scores.
+    root = np.linalg.inv(np.linalg.cholesky(bread[0]))
+    squares = 0.0
+    for i in range(60):
+        a = root @ basis[:, :, i]
+        share = u[i] * a @ inverse[i] @ a.T
+        squares += np.trace(share) ** 2 + np.trace(share @ share)
+    assert 1 <= dof / (16 * 17 / squares) <= 4 / 3  # the two components of a source have one leverage
+
+
+@pytest.mark.parametrize(
+    ("n", "degree", "skies"),
+    [
+        (14, 1, 60),
+        (40, 2, 40),
+        pytest.param(14, 1, 400, marks=pytest.mark.slow),
+        pytest.param(30, 1, 400, marks=pytest.mark.slow),
+    ],
+)
+@pytest.mark.parametrize("method", ["student", "permissive", "excess-noise", "bootstrap"])
+def test_few_sources_without_a_signal_are_no_detection(n, degree, skies, method):
+    """P-values allow for a covariance that comes from few residuals: they were below 0.05 on up to 20 % of skies."""
+    rng, p_values = np.random.default_rng(n), []
+    for k in range(skies):
+        lon, lat = sim.uniform_sky(n, rng)
+        sigma = 30 * np.exp(0.6 * rng.normal(size=n)) * np.ones((2, 1))
+        field = Field(lon, lat, rng.normal(size=(2, n)) * sigma, sigma)
+        try:
+            solution = fit.estimate(field, degree, method, 200 if method == "bootstrap" else None, rng=k).solution
+        except ConvergenceError:
+            continue
+        p_values += [solution.acceleration.p_value, solution.spin.p_value]
+    assert len(p_values) > 1.5 * skies
+    fraction = np.mean(np.array(p_values) < 0.05)
+    assert fraction < 0.05 + 3 * np.sqrt(0.05 * 0.95 / len(p_values))
 
 
 def test_large_sums_take_the_rings():

@@ -251,7 +251,7 @@ def answer_of(solution: Any) -> Answer:
         text = f"no result: residuals are {factor:.3g} times the errors. Are both in the units that were assumed?"
         return Answer((("acceleration", text),))
     if solution.covariance_dof < 3:
-        text = f"no result: {solution.covariance_dof + 1:.0f} replicates are too few for the errors of a vector"
+        text = f"no result: {_origin_of(solution)} are too few for the errors of a vector"
         return Answer((("acceleration", text),))
     errors = ("errors" if solution.is_recommended else "this fit", _errors(solution))
     lines = [
@@ -374,6 +374,13 @@ _FREE = (
 _FEW = 4
 
 
+def _origin_of(solution):
+    """What a covariance was estimated from, and how many of them."""
+    if solution.error_source in (ErrorSource.JACKKNIFE, ErrorSource.BOOTSTRAP):
+        return f"{solution.covariance_dof + 1:.0f} replicates"
+    return f"{solution.n_sources} sources"
+
+
 def warnings_of(solution: Any) -> list[tuple[str, str]]:
     """Warnings on the errors of a solution, for all of its forms: pairs of a label and a sentence."""
     warnings = []
@@ -386,7 +393,7 @@ def warnings_of(solution: Any) -> list[tuple[str, str]]:
             (
                 "warning",
                 (
-                    f"{solution.covariance_dof + 1:.0f} replicates are too few for the 2l + 1 coefficients of degree "
+                    f"{_origin_of(solution)} are too few for the 2l + 1 coefficients of degree "
                     f"{lost[0]} and above: p-values are nan there"
                 ),
             )
