@@ -1,5 +1,6 @@
 """What a command prints: the result to quote first, 25 lines at most, and the rest with --long and in the folder."""
 
+from dataclasses import replace
 from importlib.resources import files
 
 import numpy as np
@@ -106,10 +107,15 @@ def test_answer_of_waves_in_time():
     limits = np.full((3, 3), 50.0) * [0.8, 1.0, 1.2]
     zero = np.zeros(3)
     spectrum = WaveSpectrum(
-        np.array([0.5, 1.0, 2.0]), np.array([4.0, 90.0, 5.0]), zero, zero, zero, limits, np.array([0.5, 1e-9, 0.4]),
-        1e-3, zero, 999, 400, (2, 3),
+        np.array([0.5, 1.0, 2.0]), np.array([4.0, 90.0, 5.0]), zero, zero, zero + 100.0, limits,
+        np.array([0.5, 1e-9, 0.4]), 1e-3, zero, 999, 400, (2, 3),
     )  # fmt: skip
     (_, wave), (_, strain) = spectrum.answer.lines
     assert wave.startswith("detected at 3 frequencies")
     assert wave.endswith("the largest at 1 per year")
+    assert strain.startswith("4.8e-10 at 1 per year, as fitted; where there is no wave < 2.4e-10 to 2.4e-10")
+    # More than on all of too few skies decides nothing.
+    (_, wave), (_, strain) = replace(spectrum, p_value=1 / 201, n_skies=200).answer.lines
+    assert wave.startswith("not decided")
+    assert "more than on all 200 simulated skies; 370 are needed" in wave
     assert strain.startswith("< 2.4e-10 to 2.4e-10")

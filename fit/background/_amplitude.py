@@ -197,8 +197,10 @@ class _Grid:
 
     def _zero_row(self):
         """ln of the likelihood of no background, summed over κ alike."""
+        if not self.likelihood.noise_scale:
+            return float(self.likelihood.of_parts(0.0, 0.0, 1.0))
         half, chi2 = self.likelihood.n_data / 2, self.likelihood.chi2 / 2
-        return float(gammaln(half) - half * np.log(chi2)) if self.likelihood.noise_scale else -chi2
+        return float(gammaln(half) - half * np.log(chi2))
 
 
 @dataclass(frozen=True, eq=False, repr=False)

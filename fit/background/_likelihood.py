@@ -200,6 +200,8 @@ class Likelihood(Amplitudes):
         matrix, rhs, self.chi2 = _eliminate_free_degrees(normal, free_indices, indices)
         super().__init__(matrix, rhs, shapes)
         self.n_data = normal.n_data - len(free_indices)
+        # Where errors have no scale it is a constant of ln L, whose rounding is large if one source is far off.
+        self._chi2 = self.chi2 if noise_scale else 0.0
         if noise_scale and self.n_data <= 0:
             raise DegeneracyError(f"{normal.n_data} numbers do not tell the scale of their errors: noise_scale=False")
         self.noise_scale = bool(noise_scale)
@@ -213,14 +215,14 @@ class Likelihood(Amplitudes):
         """ln L, relative to that of no background with errors as they are."""
         tau = noise_scale**2
         return (
-            float(self.of_parts(*self.parts(np.atleast_1d(np.asarray(amplitudes, float)) / tau), tau)) + self.chi2 / 2
+            float(self.of_parts(*self.parts(np.atleast_1d(np.asarray(amplitudes, float)) / tau), tau)) + self._chi2 / 2
         )
 
     def of_parts(
         self, logdet: FloatArray | float, gain: FloatArray | float, tau: FloatArray | float
     ) -> FloatArray | float:
         """ln L from ln|K| and Q, up to a constant."""
-        return -self.n_data / 2 * np.log(tau) - logdet / 2 - (self.chi2 - gain) / (2 * tau)
+        return -self.n_data / 2 * np.log(tau) - logdet / 2 - (self._chi2 - gain) / (2 * tau)
 
     def scale(self, gain: float) -> float:
         """κ² where it is likeliest, for some ratios."""

@@ -155,12 +155,16 @@ def _truth(solution, path):
     truth = catalogue.truth_of(path) or {}
     if "orientation" not in truth or not solution.unknowns.turned:
         return []
+    # A simulated truth is of Gaia against VLBI, its orientation at 2016.
+    sign = -1 if solution.reference.lower().startswith("gaia") else 1
+    truth = {name: sign * truth[name].to_frame(solution.frame).value for name in ("orientation", "spin", "jump")}
+    truth["orientation"] = truth["orientation"] + (solution.unknowns.epoch - 2016.0) * truth["spin"]
     vectors = {name: solution.vector(name) for name in ("orientation", "spin") if name in solution.unknowns.vectors}
     if len(solution.unknowns.steps) == 1 and "spin" in vectors:
         vectors["jump"], _ = solution.jump(solution.unknowns.steps[0])
     facts = []
     for name, vector in vectors.items():
-        true = truth[name].to_frame(solution.frame).value
+        true = truth[name]
         pairs = zip(true, (vector.value - true) / vector.sigma, strict=True)
         facts.append(
             (name, ", ".join(f"{value:+.2f} ({deviation:+.1f}σ)" for value, deviation in pairs) + f" {vector.unit}")

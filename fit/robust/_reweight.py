@@ -365,11 +365,13 @@ def permissive(
     )
 
 
-def _iterate_weights(sky, modes, weight, name, tolerance, max_rounds, power):
+def _iterate_weights(sky, modes, weight, name, tolerance, max_rounds, power, from_zero=False):
     """Iterate the weighted fit until no coefficient moves by `tolerance` of its error."""
     normal, information = sky.sum(partial(_plain, modes=modes), roles=(), words=name)
     plain = solution = solve(normal)
-    values, leverage = plain.values, len(modes) / modes.components / information
+    if from_zero:
+        solution = replace(plain, coefficients=replace(plain.coefficients, values=np.zeros(len(modes))))
+    initial_weight, values, leverage = weight, solution.values, len(modes) / modes.components / information
     for rounds in range(1, max_rounds + 1):
         label = f"{name}, round {rounds}"
         weight = weight.fitted(sky, Share(solution, weight, leverage), label)
@@ -388,6 +390,8 @@ def _iterate_weights(sky, modes, weight, name, tolerance, max_rounds, power):
         if change < tolerance:
             break
     else:
+        if not from_zero:  # a source that is off by millions of errors throws the first fit far from all others
+            return _iterate_weights(sky, modes, initial_weight, name, tolerance, max_rounds, power, from_zero=True)
         raise ConvergenceError(
             f"the weights have not settled after {max_rounds} rounds: coefficients move by {change:.1e} σ"
         )

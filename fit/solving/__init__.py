@@ -22,7 +22,7 @@ from vsh.tools import arguments
 from vsh.tools.arguments import explained
 from vsh.tools.errors import DegeneracyError, ParameterError
 from vsh.tools.notes import CodedNote, format_notes
-from vsh.tools.printing import logged
+from vsh.tools.printing import in_a_line, logged
 from vsh.tools.types import FloatArray
 
 _LOST = "warning: values are a million times their errors, so χ² is lost to rounding: take a model away first"
@@ -166,14 +166,21 @@ def fit_field(
     return with_coverage(solve(normal_equations(field, target, covariance=covariance)), field)
 
 
-#: A part of the sky without sources that is wider than this is worth a word [rad], of so many sources.
-_WIDE, _KNOWN = np.radians(60), 100
+#: A part of the sky without sources that is wider than this is worth a word [rad], of so many sources, and a source
+#: with more than this share of the weight.
+_WIDE, _KNOWN, _MOST = np.radians(60), 100, 0.5
 
 
 def with_coverage(solution: Any, field: Any) -> Any:
-    """The solution with a note where a large part of the sky has no source: a cut file, perhaps."""
+    """The solution with a note where a large part of the sky has no source, or one source most of the weight."""
     if not isinstance(field, Field | ScalarField) or len(field) < _KNOWN:
         return solution
+    share, k = field.information.max() / field.information.sum(), int(np.argmax(field.information))
+    if share > _MOST:
+        names = getattr(field, "name", None)
+        label = f"source {k}" if names is None else in_a_line(names[k])
+        note = f"warning: {label} has {100 * share:.4g} % of the weight of all sources: is its error right?"
+        solution = solution if note in solution.notes else replace(solution, notes=(*solution.notes, note))
     radius, lon, lat = widest_gap(field.lon, field.lat)
     if radius < _WIDE:
         return solution

@@ -113,7 +113,12 @@ def chances(white: WhitenedData, modes: Modes, nside: int, n_skies: int, rng: Rn
 
 def p_in_words(p_value: float, n_skies: int) -> str:
     """Format a p-value from `n_skies` simulated skies, with "at most" if none of them reached the value."""
-    return "at most " * (p_value * (1 + n_skies) < 1.5) + printed_p_value(p_value)
+    return "at most " * _is_least(p_value, n_skies) + printed_p_value(p_value)
+
+
+def _is_least(p_value, n_skies):
+    """Return whether none of the simulated skies reached the value."""
+    return p_value * (1 + n_skies) < 1.5
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -405,15 +410,22 @@ class WaveSpectrum(Result):
         """The lines to quote: whether a wave is detected, and how strong one can be."""
         best = int(np.argmax(self.statistic))
         p = p_in_words(self.p_value, self.n_skies)
-        verdict = "detected" if self.p_value < SEEN else "not detected"
+        is_detected, is_least = self.p_value < SEEN, _is_least(self.p_value, self.n_skies)
+        verdict = "detected" if is_detected else "not decided" if is_least else "not detected"
         text = f"{verdict} at {len(self.frequencies)} frequencies, p = {p} for all of them together"
-        if self.p_value < SEEN:
+        if is_detected:
             text += f"; the largest at {self.frequencies[best]:.4g} per year"
+        elif is_least:
+            text += f": more than on all {self.n_skies} simulated skies; {round(1 / SEEN)} are needed (--skies)"
         elif hint := hint_of(self.p_value):
             text += f" ({hint})"
         medians = self.strain_limits[:, 1]
         lower, upper = (f"{value:.2g}" for value in (medians.min(), medians.max()))
-        return Answer((("wave", text), ("strain", f"< {lower} to {upper} (95 %, median of directions, by frequency)")))
+        limits = f"< {lower} to {upper} (95 %, median of directions, by frequency)"
+        if is_detected:
+            strain, frequency = self.amplitudes[best] * UAS, self.frequencies[best]
+            limits = f"{strain:.2g} at {frequency:.4g} per year, as fitted; where there is no wave {limits}"
+        return Answer((("wave", text), ("strain", limits)))
 
     def _sections(self, long):
         best = int(np.argmax(self.statistic))

@@ -59,7 +59,7 @@ def make_parser() -> argparse.ArgumentParser:
     add("--law FILE", "scanning law, the commanded_scan_law of Gaia (default: a nominal one)")
     add("--law-nside NSIDE", "NSIDE of the map of the stars' response", parsing.nside, 8)
     add("--positions FILE", "table of source_id, ra and dec, for epochs without ra0 and dec0")
-    add("--lmax", "highest degree", parsing.count(2, 20), 5)
+    add("--lmax", "highest degree of the search; that of --background and --in-time is 3", parsing.count(2, 20), 5)
     add("--nside", "NSIDE of the map of directions", parsing.nside, 8)
     add("--skies N", "number of simulated skies of noise, for p-values", parsing.count(1), 1000)
     add("--background", "estimate the power of a background in bands of 0.5, 1, 2 and 4 per year")
@@ -114,28 +114,29 @@ def _run(options):
     files = vsh.io.epochs.epoch_files(options.epochs)
     chunks = [vsh.io.epochs.read_observations(path, positions=options.positions).by_transit() for path in files]
     span = float(min(each.time.min() for each in chunks)), float(max(each.time.max() for each in chunks))
-    attitude, notes = ("known", []) if options.attitude == "known" else _response(chunks, span, options)
+    attitude, notes, is_far = ("known", [], False) if options.attitude == "known" else _response(chunks, span, options)
     search = search_in_time(
         chunks, options.frequencies, attitude=attitude, lmax=options.lmax, nside=options.nside, n_skies=options.skies,
         rng=options.seed, threads=options.threads,
     )  # fmt: skip
     results: dict[str, Any] = {"Waves": search}
+    degree = min(3, options.lmax)
     if options.background:
         bands = [f for f in _BANDS if f > 1 / (span[1] - span[0])]
         if not bands:
             raise DegeneracyError(f"epochs over {span[1] - span[0]:.2g} years tell of no band up to 4 a year")
         functions = in_time.waves(*bands, span=span)
-        equations = in_time.normal_equations(chunks, 3, functions, attitude=attitude, threads=options.threads)
+        equations = in_time.normal_equations(chunks, degree, functions, attitude=attitude, threads=options.threads)
         results["Background"] = in_time.background(equations, rng=options.seed)
     if options.in_time:
         functions = in_time.legendre(options.in_time, span=span)
-        equations = in_time.normal_equations(chunks, 3, functions, attitude=attitude, threads=options.threads)
+        equations = in_time.normal_equations(chunks, degree, functions, attitude=attitude, threads=options.threads)
         results["In time"] = in_time.solve(equations)
     movie = cache(lambda: _movie(results))
 
     def sections(long):
         section_list = [section for result in results.values() for section in result.sections(long=long)]
-        return [*section_list, *([Section("The attitude", remarks=notes)] if notes and long else ())]
+        return [*section_list, *([Section("The attitude", remarks=notes)] if notes and (long or is_far) else ())]
 
     run.finish(
         [finishing.Part(_file(name), each, name) for name, each in results.items()],
@@ -188,11 +189,12 @@ def _response(chunks, span, options):
         longest = max(0.003, 30 * float(np.median(np.diff(times))))
         start = DR4.epoch + span[0]
         law = _nominal(chunks, start, span[1] - span[0], find_gaps(DR4.epoch + times, start, longest=longest))
+    response = Response(law, nside=options.law_nside, epoch=DR4.epoch, calibration=options.calibration)
     offset = np.degrees(np.median([_attitude_option(chunk, law) for chunk in chunks]))
     note = f"spin axis of the scanning law: {offset:.2g}° from that of the transits, median"
     if offset > _FAR:
         note = f"warning: {note}; --law takes the law as it was commanded"
-    return Response(law, nside=options.law_nside, epoch=DR4.epoch, calibration=options.calibration), [note]
+    return response, [note], offset > _FAR
 
 
 def _nominal(chunks, start, years, gaps):

@@ -350,9 +350,11 @@ class SurveyForecast(InNotebook):
             ("acceleration_floor", "acceleration", " per component, systematic floor included"),
             ("hubble_flows", "H0", ", flows fitted"),
         )
+        without = (("acceleration_floor", "acceleration", " per component, no systematic floor assumed"), quantities[1])
         lines = []
-        for name in self.surveys:
-            entries = [(label, self.values[name][key], QUANTITIES[key][1], suffix) for key, label, suffix in quantities]
+        for name, survey in self.surveys.items():
+            shown = quantities if survey.floor else without
+            entries = [(label, self.values[name][key], QUANTITIES[key][1], suffix) for key, label, suffix in shown]
             phrases = [
                 f"{label} ± {value:.2g} {unit}{suffix}" for label, value, unit, suffix in entries if np.isfinite(value)
             ]

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from vsh.io import tables
-from vsh.io.catalogue import missing_column, unit_factor
+from vsh.io.catalogue import doubt_positions, missing_column, unit_factor
 from vsh.sky.astrometry import AstrometryRows
 from vsh.tools.bad_rows import as_floats
 from vsh.tools.errors import TableError
@@ -164,6 +164,8 @@ class _Rows:
     def covariance(self, n):
         """Covariance of the five parameters, (n, 5, 5), from their errors and correlations. [µas, µas/yr]"""
         sigma = MAS * np.stack([self.numbers(f"{parameter}_error", n) for parameter in _FIVE])
+        if (sigma < 0).any():
+            raise TableError(f"{self.opened.label}: {int((sigma < 0).sum())} errors are negative")
         matrix = np.tile(np.eye(5), (n, 1, 1))
         for role, (i, j) in _CORRELATIONS.items():
             if role in self.names:
@@ -176,7 +178,10 @@ class _Rows:
         n = len(names)
         if not n:
             raise TableError(f"{self.opened.label}: the table has no rows")
-        lon, lat = self.numbers("ra", n) * DEGREE, self.numbers("dec", n) * DEGREE
+        positions = {role: self.numbers(role, n) for role in ("ra", "dec")}
+        finite = {role: values[np.isfinite(values)] for role, values in positions.items()}
+        doubt_positions(finite, "ra" in self.names and self.opened.units.get(self.names["ra"]) is None)
+        lon, lat = positions["ra"] * DEGREE, positions["dec"] * DEGREE
         parallax, *motion = (MAS * self.numbers(parameter, n) for parameter in _FIVE[2:])
         at_rest = np.nan_to_num(self.numbers("still", n)) != 0 if "still" in self.names else np.full(n, still)
         epoch = self.numbers("epoch", n) if "epoch" in self.names else np.full(n, float(self.epoch))

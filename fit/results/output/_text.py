@@ -375,7 +375,7 @@ _FEW = 4
 
 
 def _origin_of(solution):
-    """What a covariance was estimated from, and how many of them."""
+    """Name what a covariance was estimated from, with their number."""
     if solution.error_source in (ErrorSource.JACKKNIFE, ErrorSource.BOOTSTRAP):
         return f"{solution.covariance_dof + 1:.0f} replicates"
     return f"{solution.n_sources} sources"

@@ -9,6 +9,7 @@ import pytest
 import fit
 import sim
 from fit.commands.link import main
+from sim.commands.simulate import main as simulate
 from vsh.io.astrometry import write_astrometry
 
 
@@ -104,3 +105,32 @@ def test_truth_of_a_simulated_link_stands_below(tmp_path, capsys):
     away = [float(each) for line in lines[1:4] for each in re.findall(r"\(([+-][\d.]+)σ\)", line)]
     assert len(away) == 9
     assert np.abs(away).max() < 4
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"), [((), 300.0), (("--epoch", "2020"), 420.0), (("--reference", "gaia"), -300.0)]
+)
+def test_truth_is_of_the_epoch_and_the_reference(words, expected, tmp_path, capsys):
+    more = ["--number", "40", "--quasars", "50", "--spin", "30,-20,10", "--orientation", "300,-200,100"]
+    assert simulate(["link", *more, "--output", str(tmp_path / "l.ecsv"), "--quiet"]) == 0
+    assert main([str(tmp_path / "l.ecsv"), *words]) == 0
+    (line,) = [
+        each for each in capsys.readouterr().out.splitlines() if each.startswith("orientation    ") and "σ)" in each
+    ]
+    assert float(line.split()[1]) == expected
+    assert abs(float(line.split("(")[1].split("σ")[0])) < 3.5
+
+
+def test_hours_and_negative_errors_are_refused(tmp_path, capsys):
+    from astropy.table import Table
+
+    stars = sim.link(1, 30)
+    for name in ("gaia", "vlbi"):
+        write_astrometry(stars[stars.catalogue == name], tmp_path / f"{name}.csv")
+    table = Table.read(tmp_path / "gaia.csv")
+    for column, change, words in (("ra", 1 / 15, "is ra in hours?"), ("ra_error", -1.0, "30 errors are negative")):
+        wrong = table.copy()
+        wrong[column] = wrong[column] * change
+        wrong.write(tmp_path / "wrong.csv", overwrite=True)
+        assert main([str(tmp_path / "wrong.csv"), str(tmp_path / "vlbi.csv")]) == 1
+        assert words in capsys.readouterr().err

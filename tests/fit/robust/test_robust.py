@@ -1,5 +1,7 @@
 """Clipping."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -87,3 +89,22 @@ def test_excess_noise_of_any_size():
         sigma = 10 ** rng.uniform(1, 2, (2, 1500))
         found = fit.robust.excess_noise(Field(lon, lat, rng.normal(size=(2, 1500)) * np.hypot(sigma, size), sigma), 1)
         assert abs(found.excess_noise - size) < 5 * found.excess_noise_error
+
+
+def test_one_motion_that_is_off_by_millions_of_errors():
+    """The first fit by least squares lies far from all others: weights begin at zero then, and floor and errors hold."""
+    field = sim.observe(sim.quasars(2000, 1), sim.spin((0, 0, 0)), 2, sigma=100.0)
+    motion = field.motion.copy()
+    motion[0, 5] = 1e12
+    clean, wrong = (fit.recommended(each).solution for each in (field, replace(field, motion=motion)))
+    np.testing.assert_allclose(wrong.sigma, clean.sigma, rtol=0.15)
+    assert np.abs((wrong.values - clean.values) / clean.sigma).max() < 0.5
+
+
+def test_one_source_with_most_of_the_weight_is_named():
+    field = sim.observe(sim.quasars(300, 1), sim.spin((0, 0, 0)), 2, sigma=100.0)
+    sigma = field.sigma.copy()
+    sigma[:, 7] = 1e-3
+    notes = [str(note) for note in fit.fit_field(field.with_errors(sigma), 1).notes]
+    assert any("source 7 has 100 % of the weight of all sources" in note for note in notes)
+    assert not any("of the weight" in str(note) for note in fit.fit_field(field, 1).notes)

@@ -337,15 +337,20 @@ class Observations(Frozen):
 
 @explained
 def epoch_files(path: PathName) -> list[Path]:
-    """The files of epochs at a path: itself, or every file of a folder in the order of their names.
+    """The files of epochs at a path: itself, or every table of a folder in the order of their names.
 
     Parameters
     ----------
     path : str or Path
         A file or a folder.
+
+    Raises
+    ------
+    TableError
+        If a folder holds no tables, or those of several formats.
     """
     location = Path(path)
-    return sorted(file for file in location.iterdir() if file.is_file()) if location.is_dir() else [location]
+    return tables.files_of(location) if location.is_dir() else [location]
 
 
 def read_observations(

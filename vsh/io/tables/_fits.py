@@ -165,6 +165,12 @@ def open_fits(path: PathName, label: str) -> TableSource:
                 yield block
 
     notes: tuple[str, ...] = ()
+    alike = sum([units[number].get(f"TTYPE{i}") for i in range(1, len(names) + 1)] == names for number in tables)
+    if alike > 1:
+        raise TableError(
+            f"{label} holds {alike} tables with the same columns, of one source each perhaps: join them "
+            "(astropy.table.vstack), or write a file for each into a folder"
+        )
     if len(tables) > 1:
         notes = (f"{label} holds {len(tables)} tables; the first was read (extension {extension})",)
     # Rows in one block are at most as many as the file holds, whose size has been looked at.

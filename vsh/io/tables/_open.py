@@ -367,6 +367,13 @@ def _tables_in(path, label, format=None):
             groups.setdefault(format_of(file, READ), []).append(file)
         except TableError:
             continue
+    folders = {part for files in groups.values() for file in files for part in file.relative_to(path).parts[:-1]}
+    keys = {name.partition("=")[0] for name in folders if "=" in name} - {"Norder", "Dir", "Npix"}
+    if keys:
+        raise TableError(
+            f"{label} is partitioned by {', '.join(sorted(keys))}, whose values are in the names of its folders alone: "
+            "pyarrow.dataset.dataset(path, partitioning='hive') is taken in place of the path, or write it without"
+        )
     if not groups:
         raise TableError(f"{label} is a folder without tables: known endings are {', '.join(READ)}")
     if len(groups) > 1:

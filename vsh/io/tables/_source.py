@@ -135,18 +135,20 @@ class TableSource(InNotebook):
 
 
 def concatenate_sources(label: str, sources: Sequence[TableSource]) -> TableSource:
-    """Several tables with the same columns, one after the other, as one."""
+    """Several tables with the same columns, one after the other, as one; what is read must be in all of them."""
     reference = sources[0]
+    owners = {name: source for source in reversed(sources) for name in source.names}
+    order = tuple(dict.fromkeys(name for source in sources for name in source.names))
+    units = {name: owners[name].units[name] for name in order if name in owners[name].units}
 
     def read(names, rows):
         for source in sources:
-            check_alike(source, reference.label, {name: str(reference.units.get(name)) for name in names})
+            for name in names:
+                check_alike(source, owners[name].label, {name: str(units.get(name))})
             yield from source.read(names, rows)
 
     notes = tuple(dict.fromkeys(note for source in sources for note in source.notes))
-    return TableSource(
-        label, reference.names, read, reference.units, reference.meta, notes, descriptions=reference.descriptions
-    )
+    return TableSource(label, order, read, units, reference.meta, notes, descriptions=reference.descriptions)
 
 
 def cache_rows(source: TableSource) -> TableSource:

@@ -59,21 +59,35 @@ def open_votable(path: PathName, label: str, overflow: bool = False) -> TableSou
     if len(set(names)) < len(names):
         names = [column.ID for column in table.fields]
     columns = dict(zip(names, table.fields, strict=True))
-    array = table.array
+    alike = [other for other in tables if [column.name for column in other.fields] == names]
     units = {name: str(column.unit) for name, column in columns.items() if column.unit is not None}
-    notes: tuple[str, ...] = () if len(tables) == 1 else (f"{label} holds {len(tables)} tables; the first was read",)
+    notes: tuple[str, ...] = ()
+    if len(tables) > 1:
+        others = "; the first was" if len(alike) == 1 else f"; {len(alike)} with the columns of the first were"
+        notes = (f"{label} holds {len(tables)} tables{others} read",)
     if overflow and any(str(info.value).upper() == "OVERFLOW" for info in state):
         notes += (f"warning: {label} has a part of the rows of its query (QUERY_STATUS OVERFLOW)",)
 
     def read(request, rows):
-        for start in range(0, max(1, len(array)), rows):
-            chunk = array[start : start + rows]
-            yield {name: _column(chunk[columns[name].ID]) for name in request}
+        for one in alike:
+            _check_units(one, units, label)
+            fields = dict(zip(names, one.fields, strict=True))
+            for start in range(0, max(1, len(one.array)), rows):
+                chunk = one.array[start : start + rows]
+                yield {name: _column(chunk[fields[name].ID]) for name in request}
 
     meta = {str(param.name): param.value for param in table.params}
     meta |= {str(info.name): info.value for info in table.infos}
     descriptions = {name: str(column.description) for name, column in columns.items() if column.description}
     return TableSource(label, tuple(names), read, units, meta, notes, descriptions=descriptions)
+
+
+def _check_units(table, units, label):
+    """Raise TableError where a table of several has another unit than the first."""
+    for column in table.fields:
+        unit = None if column.unit is None else str(column.unit)
+        if unit != units.get(column.name, unit):
+            raise TableError(f"{label} holds tables with {column.name} in {units[column.name]} and in {unit}")
 
 
 def _infos(resource):
