@@ -27,7 +27,7 @@ from vsh.io.parts import Parts, as_parts
 from vsh.modes import Modes, as_modes
 from vsh.scalars import ScalarField, modes_for
 from vsh.tools import arguments
-from vsh.tools.errors import ConvergenceError, ParameterError
+from vsh.tools.errors import ConvergenceError, DegeneracyError, ParameterError
 from vsh.tools.notes import CodedNote
 from vsh.tools.printing import in_a_line, logged
 from vsh.tools.types import FloatArray, IntArray
@@ -365,13 +365,23 @@ def permissive(
     )
 
 
-def _iterate_weights(sky, modes, weight, name, tolerance, max_rounds, power, from_zero=False):
+def _iterate_weights(sky, modes, weight, name, tolerance, max_rounds, power):
     """Iterate the weighted fit until no coefficient moves by `tolerance` of its error."""
     normal, information = sky.sum(partial(_plain, modes=modes), roles=(), words=name)
-    plain = solution = solve(normal)
-    if from_zero:
-        solution = replace(plain, coefficients=replace(plain.coefficients, values=np.zeros(len(modes))))
-    initial_weight, values, leverage = weight, solution.values, len(modes) / modes.components / information
+    plain = solve(normal)
+    settle = partial(_settle, sky, plain, weight, information, name, tolerance, max_rounds)
+    try:
+        solution, share, rounds = settle(plain.values)
+    except (ConvergenceError, DegeneracyError):
+        # A source that is off by millions of errors throws the plain fit far from all others.
+        solution, share, rounds = settle(np.zeros(len(modes)))
+    return _with_errors(sky, plain, solution, share, name, rounds, power)
+
+
+def _settle(sky, plain, weight, information, name, tolerance, max_rounds, values):
+    """The weighted fit, its weights and the number of rounds, from values of the coefficients to begin with."""
+    modes, leverage = plain.modes, len(plain.modes) / plain.modes.components / information
+    solution = replace(plain, coefficients=replace(plain.coefficients, values=values))
     for rounds in range(1, max_rounds + 1):
         label = f"{name}, round {rounds}"
         weight = weight.fitted(sky, Share(solution, weight, leverage), label)
@@ -390,12 +400,10 @@ def _iterate_weights(sky, modes, weight, name, tolerance, max_rounds, power, fro
         if change < tolerance:
             break
     else:
-        if not from_zero:  # a source that is off by millions of errors throws the first fit far from all others
-            return _iterate_weights(sky, modes, initial_weight, name, tolerance, max_rounds, power, from_zero=True)
         raise ConvergenceError(
             f"the weights have not settled after {max_rounds} rounds: coefficients move by {change:.1e} σ"
         )
-    return _with_errors(sky, plain, solution, Share(solution, weight, leverage), name, rounds, power)
+    return solution, Share(solution, weight, leverage), rounds
 
 
 def _with_errors(sky, plain, solution, share, name, rounds, power):

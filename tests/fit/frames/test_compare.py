@@ -390,7 +390,8 @@ def test_deformation_by_errors_that_are_estimated_is_no_detection(method):
         rng = np.random.default_rng(seed)
         lon, lat = sim.uniform_sky(40, rng)
         name = np.array([f"s{i}" for i in range(40)])
-        a, b = (Field(lon, lat, 30 * rng.normal(size=(2, 40)), np.full((2, 40), 30.0), name=name) for _ in "ab")
+        sigma = 30 * np.exp(0.7 * rng.normal(size=40)) * np.ones((2, 1))
+        a, b = (Field(lon, lat, sigma * rng.normal(size=(2, 40)), sigma, name=name) for _ in "ab")
         comparison, _ = compare_catalogues(a, b, 2, method=method, floor=False)
         p_values.append(comparison.deformation_p_value)
         assert comparison.deformation_p_value_scaled == comparison.deformation_p_value

@@ -93,11 +93,12 @@ def test_excess_noise_of_any_size():
 
 def test_one_motion_that_is_off_by_millions_of_errors():
     """The first fit by least squares lies far from all others: weights begin at zero then, and floor and errors hold."""
-    field = sim.observe(sim.quasars(2000, 1), sim.spin((0, 0, 0)), 2, sigma=100.0)
+    sigma = 100 * np.exp(np.random.default_rng(1).normal(size=300)) * np.ones((2, 1))
+    field = sim.observe(sim.quasars(300, 1), sim.spin((0, 0, 0)), 2, sigma=sigma)
     motion = field.motion.copy()
-    motion[0, 5] = 1e12
+    motion[0, np.argmin(sigma[0])] = 1e12
     clean, wrong = (fit.recommended(each).solution for each in (field, replace(field, motion=motion)))
-    np.testing.assert_allclose(wrong.sigma, clean.sigma, rtol=0.15)
+    np.testing.assert_allclose(wrong.sigma, clean.sigma, rtol=0.5)  # without the most precise source
     assert np.abs((wrong.values - clean.values) / clean.sigma).max() < 0.5
 
 
