@@ -10,6 +10,7 @@ the preceding one again.
 """
 
 import json
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -154,14 +155,23 @@ def _parse_entry(entry):
             return entry
 
 
+#: Values of lists as Python, NumPy and pandas write them, and as JSON has them.
+_WRITTEN = {
+    r"\bTrue\b": "true", r"\bFalse\b": "false", r"\bNone\b": "null", r"(?i)\bnan\b": "NaN", r"\binf\b": "Infinity",
+    r"(\d)\.(?=[,\]\s])": r"\1.0",
+}  # fmt: skip
+
+
 def _of_text(text, name, label):
     """A word, or the list that it writes out."""
     text = str(text).strip()
     if not text.startswith(("[", "(", "{")):
         return text
     inner = "[" + text[1:-1] + "]"
+    for pattern, word in _WRITTEN.items():
+        inner = re.sub(pattern, word, inner)
     try:
-        return json.loads(inner.replace("True", "true").replace("False", "false").replace("None", "null"))
+        return json.loads(inner)
     except ValueError:
         if "," not in inner:  # as NumPy prints arrays
             return inner[1:-1].split()
@@ -451,7 +461,7 @@ def _join_positions(identifiers, positions):
 #: No observation is larger, and what is stands for one that was not made: times [ns], positions and errors [mas],
 #: angles [deg].
 _MOST = {
-    "obs_time_tcb": 1e20, "obs_time_bary_corr": 1e14, "centroid_pos_al": 1e9, "centroid_pos_error_al": 1e7,
+    "obs_time_tcb": 100 * _YEAR, "obs_time_bary_corr": 1e14, "centroid_pos_al": 1e9, "centroid_pos_error_al": 1e7,
     "scan_pos_angle": 1e6, "parallax_factor_al": 10.0, "ra0": 720.0, "dec0": 90.0,
     "colour_factor_al": 1e6,
 }  # fmt: skip
@@ -501,9 +511,9 @@ def _observations(
             is_unused[is_observation],
         )
     for name, values in flat.items():
-        if values.dtype.kind == "f":
-            bad |= ~(np.abs(values) <= _MOST.get(name, np.inf)) | ~np.isfinite(values)
-    bad |= ~(flat["centroid_pos_error_al"] > 1e-9)
+        if values.dtype.kind == "f" or name in _MOST:
+            bad |= ~(np.abs(values.astype(float)) <= _MOST.get(name, np.inf)) | ~np.isfinite(values)
+    bad |= ~(flat["centroid_pos_error_al"] > 1e-9) | ~(flat["obs_time_tcb"] > _YEAR)  # no mission was there in 2010
     missing_colour = ", a colour factor" if "colour_factor_al" in flat else ""
     counts = {
         "not used by AGIS": int(is_unused.sum()),
@@ -548,12 +558,14 @@ def _date(values, mask, unit):
 
 
 def _repeat_rows(columns):
-    """A note on transits that stand in the table twice, where rows are transits."""
-    if "transit_id" not in columns or np.ndim(columns["centroid_pos_al"][0]) < 2:
+    """A note on transits, or on observations where rows are these, that stand in the table twice."""
+    is_flat = np.ndim(columns["centroid_pos_al"][0]) < 2
+    if not is_flat and "transit_id" not in columns:
         return ()
-    pairs = np.stack([np.asarray(columns[name][0], np.int64) for name in ("source_id", "transit_id")])
-    twice = pairs.shape[1] - np.unique(pairs, axis=1).shape[1]
-    return (f"warning: {twice} transits stand in the table twice and count as two",) if twice else ()
+    pair = [np.asarray(columns[name][0]) for name in ("source_id", "obs_time_tcb" if is_flat else "transit_id")]
+    twice = len(pair[0]) - len(np.unique(np.rec.fromarrays(pair)))
+    rows = "observations" if is_flat else "transits"
+    return (f"warning: {twice} {rows} stand in the table twice and count as two",) if twice else ()
 
 
 @explained

@@ -182,7 +182,13 @@ def _with_mask(block, name):
     values, mask = block[name]
     if f"{name}.mask" not in block:
         return values, mask
-    further = np.asarray(block[f"{name}.mask"][0], bool)
+    further = np.asarray(block[f"{name}.mask"][0])
+    if further.dtype.kind == "O":  # lists, in which some numbers are missing
+        masks, rows = [np.asarray(row, bool) for row in further], np.empty(len(values), object)
+        for i, (row, absent) in enumerate(zip(values, masks, strict=True)):
+            rows[i] = np.where(absent, np.nan, row)
+        values, further = rows, np.array([row.all() for row in masks])
+    further = further.astype(bool)
     return values, further if mask is None else mask | further
 
 
@@ -355,11 +361,7 @@ def open_whole(path: PathName, label: str, kind: str) -> TableSource:
         raise TableError(f"{label} cannot be read as {kind.removeprefix('ascii.')}: {first_line(error)}") from error
     if not len(table):
         raise TableError(f"{label} has no rows")
-    several = [name for name in table.colnames if table[name].ndim > 1]
-    table.remove_columns(several)
-    source = open_astropy(_with_degrees(table))
-    notes = (f"columns of several numbers a row are not read: {', '.join(several)}",) if several else ()
-    return replace(source, label=label, notes=notes)
+    return replace(open_astropy(_with_degrees(table)), label=label)
 
 
 def _hdf5(path, label):

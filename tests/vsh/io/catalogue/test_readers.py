@@ -10,6 +10,7 @@ import pyarrow.parquet
 import pytest
 from astropy import units as u
 from astropy.io import fits
+from astropy.table import Table
 from gaia_table import N, check, table
 
 from vsh.io import tables
@@ -164,7 +165,8 @@ def test_velocity_is_no_redshift():
 
 
 def test_first_of_several_tables_is_said(tmp_path):
-    hdus = [fits.table_to_hdu(table(units=False)) for _ in range(3)]
+    others = [Table({"x": [1.0]}), Table({"y": [1.0]})]
+    hdus = [fits.table_to_hdu(each) for each in (table(units=False), *others)]
     fits.HDUList([fits.PrimaryHDU(), *hdus]).writeto(tmp_path / "c.fits")
     for field in (read_field(tmp_path / "c.fits"), next(stream_fields(tmp_path / "c.fits"))):
         assert "holds 3 tables; the first was read (extension 1)" in field.notes[0]

@@ -177,3 +177,12 @@ def test_matrix_of_keeps_integers_and_missing_values():
     np.testing.assert_array_equal(mask, [False, False, True, False])
     lists, _, _ = matrix_of(np.array(["[1.5, null]", "[2, 3]"]), None, "w", "x")
     np.testing.assert_array_equal(lists[1], [2, 3])
+
+
+@pytest.mark.parametrize("text", ["[1.5, nan, 2.0]", "(1.5, NaN, 2.)", "[1.5, None, 2.]", "{1.5, nan, 2.0}"])
+def test_lists_as_pandas_writes_them(text):
+    values, absent, _ = matrix_of(np.array([text, "[3., 4., inf]"]), None, "x", "a.csv")
+    assert values[0, 0] == 1.5
+    assert values[0, 2] == 2.0
+    assert np.isnan(values[0, 1]) or absent[0, 1]
+    assert np.isinf(values[1, 2]) or absent[1, 2]

@@ -330,3 +330,38 @@ def test_doubtful_epochs_are_noted(transits):
     bare = transits.copy()
     bare.remove_column("obs_time_bary_corr")
     assert any("no column obs_time_bary_corr" in note for note in read_epochs(bare).notes)
+
+
+@pytest.mark.parametrize("value", [0, -99, np.iinfo(np.int64).min, 10**19 // 2])
+def test_times_that_stand_for_none_are_left_out(transits, value):
+    """Integers of FITS have no nan: such a time was used, and moved a motion by a tenth of its error."""
+    wrong = transits.copy()
+    times = np.array(wrong["obs_time_tcb"])
+    times[5] = value
+    wrong["obs_time_tcb"] = times
+    found, whole = read_observations(wrong), read_observations(transits)
+    assert len(found.time) < len(whole.time)
+    assert found.time.min() == pytest.approx(whole.time.min(), abs=0.3)
+    assert found.time.max() == pytest.approx(whole.time.max(), abs=0.3)
+    assert "without a position, an error or a time" in " ".join(map(str, found.notes))
+
+
+def test_observations_that_stand_twice_are_said_where_rows_are_observations(transits):
+    from astropy.table import vstack
+
+    first = transits[:40]
+    flat = Table(
+        {
+            name: np.repeat(np.asarray(first[name]), 9)
+            if np.ndim(first[name]) == 1
+            else np.asarray(first[name]).ravel()
+            for name in first.colnames
+        }
+    )
+    for name in first.colnames:
+        flat[name].unit = first[name].unit
+    assert not any("twice" in str(note) for note in read_observations(flat).notes)
+    assert any(
+        "360 observations stand in the table twice" in str(note)
+        for note in read_observations(vstack([flat, flat])).notes
+    )

@@ -90,3 +90,20 @@ def test_partitions_by_a_column_are_refused(tmp_path):
         read_field(tmp_path / "d")
     whole = dataset.dataset(tmp_path / "d", partitioning="hive")
     assert len(read_field(whole)) == len(read_field(table))
+
+
+@pytest.mark.parametrize("name", ["e.parquet", "e.h5"])
+def test_epochs_with_lists_that_are_masked(transits, tmp_path, name):
+    """As astropy writes them: lists of masks beside the lists in Parquet, matrices in HDF5."""
+    pytest.importorskip("pyarrow" if name.endswith("parquet") else "h5py")
+    path, masked = tmp_path / name, transits.copy()
+    position = np.ma.MaskedArray(masked["centroid_pos_al"])
+    position[3, 4] = np.ma.masked
+    masked["centroid_pos_al"] = position
+    if name.endswith("parquet"):
+        masked.write(path)
+    else:
+        masked["centroid_pos_al"] = position.filled(np.nan)
+        tables.write_table(masked, path)
+    found, whole = read_observations(path), read_observations(transits)
+    assert len(found.time) == len(whole.time) - 1
