@@ -249,9 +249,10 @@ class FrameNetwork(FrameResult):
         notes = merge_notes(self.notes, () if self.shared is None else self.shared.notes)
         quantity = "position" if self.unit == "µas" else "motion"
         title = f"Differences of {quantity} of {len(self.labels)} catalogues in one solution"
+        floor = "rotation and glide with it are below" if self.shared is not None else "--floor (floor=True) adds it"
+        remarks.append(f"The systematic floor is not in these errors: {floor}.")
         if self.shared is None:
             return (Section(title, facts, table, remarks=remarks, notes=notes),)
-        remarks.append("The systematic floor is not in these errors: rotation and glide with it are below.")
         return (Section(title, facts, table, remarks=remarks), replace(self._with_floor(), notes=notes))
 
     def _with_floor(self):

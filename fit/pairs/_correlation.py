@@ -195,6 +195,8 @@ def fitted(correlation: Any, templates: dict[str, Callable[[FloatArray], FloatAr
     values = inverse @ np.stack([correlation.plus, correlation.minus])[:, valid].ravel()
     mask = np.tile(valid, 2)
     covariance = inverse @ correlation.covariance[np.ix_(mask, mask)] @ inverse.T
+    if not np.isfinite(covariance).all():
+        raise ParameterError("these sources give no errors of the correlation: they are too few, or too close together")
     return TemplateFit(
         tuple(templates),
         values,

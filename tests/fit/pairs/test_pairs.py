@@ -309,3 +309,9 @@ def test_verdict_sees_what_is_there():
     assert "do not separate" in seen
     found = [pairs.correlation_function(noisy(800, seed), edges, lmax=40).fit().verdict for seed in range(20)]
     assert sum(each.startswith("none of the templates is detected") for each in found) >= 19
+
+
+def test_sources_that_give_no_errors_are_refused():
+    sky = sim.observe(sim.quasars(3, 1), sim.spin((0, 0, 0)), 2, sigma=100.0)
+    with pytest.raises(ParameterError, match="give no errors of the correlation"):
+        pairs.correlation_function(sky, np.radians(np.linspace(0, 180, 14))).fit(("spin", "glide", "waves"))
