@@ -165,7 +165,10 @@ def open_fits(path: PathName, label: str) -> TableSource:
                 yield block
 
     notes: tuple[str, ...] = ()
-    alike = sum([units[number].get(f"TTYPE{i}") for i in range(1, len(names) + 1)] == names for number in tables)
+    alike = sum(
+        [units[number].get(f"TTYPE{i}") for i in range(1, units[number].get("TFIELDS", 0) + 1)] == names
+        for number in tables
+    )
     if alike > 1:
         raise TableError(
             f"{label} holds {alike} tables with the same columns, of one source each perhaps: join them "
