@@ -110,12 +110,14 @@ class Referee(InNotebook):
             As for `report`.
         """
         quasars, solution = self.quasars, self.headline.solution
+        floor = f"estimated from degrees 2 to {solution.modes.lmax}"
+        floor = floor if solution.includes_floor else "not known, because so few sources determine none"
         facts = [
             (
                 "sources",
                 (f"{len(quasars.whole)}; {quasars.n_clipped} outliers are excluded from the least-squares fits"),
             ),
-            ("fit", f"{solution.frame} axes; systematic errors estimated from degrees 2 to {solution.modes.lmax}"),
+            ("fit", f"{solution.frame} axes; systematic errors {floor}"),
         ]
         other_sections = [section for section in self.sections if section.paper.key != _QUOTED]
         if not long:

@@ -418,8 +418,8 @@ def _spectrum(inputs: SectionInput) -> dict[str, Any]:
     rows.append(Row("errors of the headline / formal errors, clipped, degree 3", shared=Value(wider)))
     lower, upper = (papers()["nguyen2026"][f"errors, {bound}"].value for bound in ("at least", "at most"))
     verdict = (
-        f"errors of the acceleration, systematic errors included, are {wider:.2f} times the formal errors of a "
-        f"clipped fit to degree 3; published: {lower:g} to {upper:g} times"
+        f"errors of the acceleration{', systematic errors included,' * (inputs.headline.floor is not None)} are "
+        f"{wider:.2f} times the formal errors of a clipped fit to degree 3; published: {lower:g} to {upper:g} times"
     )
     results = {} if inputs.headline.floor is None else {"floor": inputs.headline.floor}
     return {"rows": rows, "verdict": verdict, "results": results}
