@@ -26,7 +26,7 @@ from vsh.io.sections import Answer, Section, text_of
 from vsh.tools.errors import VshError
 from vsh.tools.files import UNFINISHED, as_recorded, atomic_folder, check_not_read, digest, is_ours
 from vsh.tools.formats import is_address
-from vsh.tools.printing import latex_text, printable
+from vsh.tools.printing import latex_text, printable, silence
 from vsh.tools.types import PathName
 
 if TYPE_CHECKING:
@@ -437,7 +437,10 @@ class Run:
         make_sections = sections or (lambda long: [section for part in parts for section in part.shown(long)])
         make_tables = partial(_joined, parts, Part.tabulated)
         result = RunResult(make_sections, make_tables, notes, latex, answer or Answer())
-        print_result(options, result)
+        try:
+            print_result(options, result)
+        except BrokenPipeError:  # whoever reads has seen enough (| head); the files are wanted all the same
+            silence()
         if not (options.output or options.html):
             return
         meta = running.provenance(paths or [], options, **(counts or {}))

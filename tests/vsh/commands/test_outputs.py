@@ -236,6 +236,19 @@ def test_truth_travels_or_its_loss_is_said(ending, tmp_path, capsys):
 
 
 @POSIX
+def test_results_are_written_where_the_reader_has_seen_enough(tmp_path):
+    """`vsh-fit … --output results | head` left no results."""
+    command = [sys.executable, "-u", "-m", "vsh", "fit", str(ROOT / "fit" / "demo.fits"), "--lmax", "3", "--long"]
+    process = subprocess.Popen(
+        [*command, "--output", str(tmp_path / "out"), "--no-figures"], cwd=ROOT, stdout=subprocess.PIPE
+    )
+    process.stdout.readline()
+    process.stdout.close()
+    assert process.wait(timeout=120) == 0
+    assert (tmp_path / "out" / "report.txt").exists()
+
+
+@POSIX
 def test_folders_that_cannot_be(tmp_path):
     if os.getuid() == 0:
         pytest.skip("root may write everywhere")
