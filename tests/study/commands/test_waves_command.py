@@ -141,3 +141,21 @@ def test_options_that_make_no_sense(words, tmp_path, capsys):
     with pytest.raises(SystemExit):
         simulate(["epochs", "--output", str(tmp_path / "e.fits"), *words])
     assert words[0] in capsys.readouterr().err
+
+
+def test_law_that_is_far_off_is_said_in_short_and_lmax_is_that_of_all(epochs, tmp_path, capsys):
+    """Angles in radians without a unit: the law was 90° off, which `--long` alone said."""
+    from astropy.table import Table
+
+    table = Table.read(epochs)
+    table["scan_pos_angle"] = np.radians(np.asarray(table["scan_pos_angle"]))
+    table.write(tmp_path / "radians.fits")
+    words = ["--frequencies", "2", "--nside", "2", "--skies", "5", "--law-nside", "2"]
+    assert main([str(tmp_path / "radians.fits"), *words, "--lmax", "2"]) == 0
+    assert "warning: spin axis of the scanning law: " in capsys.readouterr().out
+    sizes = []
+    for lmax in ("2", "3"):
+        assert main([str(epochs), *words, "--attitude", "known", "--lmax", lmax, "--in-time", "2", "--json"]) == 0
+        columns = json.loads(capsys.readouterr().out)["tables"]["In time"]["columns"]
+        sizes.append(len(next(iter(columns.values()))["values"]))
+    assert sizes[0] < sizes[1]

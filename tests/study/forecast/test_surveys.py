@@ -184,3 +184,10 @@ def test_positions_may_have_the_errors_of_a_release():
     ratio = gaia_errors(magnitude, "DR4") / own.motion_errors(magnitude, np.ones(2), "DR5")
     assert (ratio > 14).all()  # after 20 years, by Hobbs et al. (2021)
     assert (ratio < 14 * 27.7 / 20 * 1.1).all()
+
+
+def test_survey_without_a_floor_is_not_said_to_have_one():
+    surveys = {"mine": Survey(1_000_000, sigma=300.0), "Gaia DR4": SURVEYS["Gaia DR4"]}
+    lines = dict(forecast_surveys(surveys).answer.lines)
+    assert "no systematic floor assumed" in lines["mine"]
+    assert "systematic floor included" in lines["Gaia DR4"]
