@@ -38,6 +38,9 @@ def test_nothing_else_is_kept():
         pytest.skip("not in a repository of git")
     paths = files.stdout.splitlines()
     assert {path.split("/")[0] for path in paths if "/" in path} == FOLDERS
+    assert not [
+        path for path in paths if "/" not in path and path.endswith((".png", ".fits", ".ecsv", ".csv", ".html"))
+    ]
     large = [path for path in paths if (ROOT / path).exists() and (ROOT / path).stat().st_size > 500_000]
     assert large == []
 
