@@ -496,7 +496,7 @@ def _estimate_part(name, estimate, label, truth, has_posterior):
     heading = "Our velocity" if name == "velocity" else "The Hubble constant"
 
     def tables():
-        sheet = _beside_truth(estimate.to_table(), truth, estimate)
+        sheet = _beside_truth(estimate.to_table(), _truths(truth, estimate))
         sheet.meta["summary"] = _summary_of(estimate)
         return {heading: sheet}
 
@@ -543,10 +543,12 @@ def _posterior(field, options, model, prior, truth):
         **model,
     )
 
+    truths = _truths(truth, posterior)
+
     def sections(long):
         *report, last = posterior.sections(long=long)
-        shares = {name: 100 * np.mean(posterior.samples[name] < x) for name, x in _truths(truth, posterior).items()}
-        text = ", ".join(f"{name} {x:.4g} ({shares[name]:.0f} %)" for name, x in _truths(truth, posterior).items())
+        shares = {name: 100 * np.mean(posterior.samples[name] < x) for name, x in truths.items()}
+        text = ", ".join(f"{name} {x:.4g} ({shares[name]:.0f} %)" for name, x in truths.items())
         remarks = [f"Truth, and the share of the samples below it: {text}"] if text else []
         return [*report, replace(last, remarks=[*last.remarks, *remarks])]
 
@@ -555,10 +557,10 @@ def _posterior(field, options, model, prior, truth):
         posterior.write(folder / "samples.fits", {"CATALOG": str(meta["catalogue"])})
 
     def draw():
-        return {"corner": posterior.corner(truths=_truths(truth, posterior) or None), "trace": posterior.trace()}
+        return {"corner": posterior.corner(truths=truths or None), "trace": posterior.trace()}
 
     def tables():
-        return {"Posterior": _beside_truth(posterior.to_table(), truth, posterior)}
+        return {"Posterior": _beside_truth(posterior.to_table(), truths)}
 
     return finishing.Part("posterior", posterior, sections=sections, plot=draw, tables=tables, files=files)
 
@@ -575,9 +577,9 @@ def _truths(truth, result):
     return {name: value for name, value in values.items() if name in names}
 
 
-def _beside_truth(table, truth, result):
-    """A table of parameters with the truth of a simulated catalogue beside their errors."""
-    if truths := _truths(truth, result):
+def _beside_truth(table, truths):
+    """A table of parameters with the truth of a simulated catalogue, if there is one, beside their errors."""
+    if truths:
         position = table.colnames.index("sigma") + 1
         table.add_column([truths.get(parameter, np.nan) for parameter in table.columns[0]], position, "truth")
     return table

@@ -175,7 +175,9 @@ def with_coverage(solution: Any, field: Any) -> Any:
     """The solution with a note where a large part of the sky has no source, or one source most of the weight."""
     if not isinstance(field, Field | ScalarField) or len(field) < _KNOWN:
         return solution
-    share, k = field.information.max() / field.information.sum(), int(np.argmax(field.information))
+    weight = field.information
+    k = int(np.argmax(weight))
+    share = weight[k] / weight.sum()
     if share > _MOST:
         names = getattr(field, "name", None)
         label = f"source {k}" if names is None else in_a_line(names[k])

@@ -346,15 +346,14 @@ class SurveyForecast(InNotebook):
     @property
     def answer(self) -> Answer:
         """The lines to quote: errors of acceleration and H0 by survey, with what nature adds to the noise."""
-        quantities = (
-            ("acceleration_floor", "acceleration", " per component, systematic floor included"),
-            ("hubble_flows", "H0", ", flows fitted"),
-        )
-        without = (("acceleration_floor", "acceleration", " per component, no systematic floor assumed"), quantities[1])
         lines = []
         for name, survey in self.surveys.items():
-            shown = quantities if survey.floor else without
-            entries = [(label, self.values[name][key], QUANTITIES[key][1], suffix) for key, label, suffix in shown]
+            floor = "systematic floor included" if survey.floor else "no systematic floor assumed"
+            quantities = (
+                ("acceleration_floor", "acceleration", f" per component, {floor}"),
+                ("hubble_flows", "H0", ", flows fitted"),
+            )
+            entries = [(label, self.values[name][key], QUANTITIES[key][1], suffix) for key, label, suffix in quantities]
             phrases = [
                 f"{label} ± {value:.2g} {unit}{suffix}" for label, value, unit, suffix in entries if np.isfinite(value)
             ]

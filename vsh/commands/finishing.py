@@ -304,8 +304,8 @@ class Part:
     ----------
     name : str
         Name of the file and of the figure of the result.
-    result : Result
-        The result, which has `sections`, `to_table`, `write` and `plot`.
+    result : Result or None
+        The result, which has `sections`, `to_table`, `write` and `plot`; None where functions below stand for them.
     heading : str
         Heading of its table in JSON and LaTeX; empty if the table is not in them.
     caption : str
@@ -401,7 +401,7 @@ class Run:
         sections: Callable[[bool], Sequence[Section]] | None = None,
         latex: Callable[[], str] | None = None,
         files: Callable[[Path, dict[str, Any]], object] | None = None,
-        captions: Mapping[str, str] | Callable[[str], str] | None = None,
+        captions: Mapping[str, str] | None = None,
         cards: Callable[[], Sequence[tuple[str, str, str]]] = tuple,
         page: Callable[[Figures, dict[str, Any]], None] | None = None,
         movies: Callable[[], Mapping[str, bytes]] = dict,
@@ -428,7 +428,7 @@ class Run:
             In place of LaTeX of the tables and of a page of the sections.
         files : callable, optional
             Writes further files into a folder.
-        captions : dict or callable, optional
+        captions : dict, optional
             Captions of further figures, by name.
         cards, movies : callable, optional
             The main results, large, and what moves, for the page.
@@ -462,10 +462,9 @@ class Run:
             print_line(options, of_page(options.html))
             return
         part_captions = {part.name: part.caption for part in parts if part.caption}
-        further_captions = {name: captions(name) for name in figure_set.drawn} if callable(captions) else captions or {}
         write_page(
             options.html, title, make_sections(True), figure_set,
-            captions={**part_captions, **further_captions}, movies=movies(), provenance=meta, command=options.command,
+            captions={**part_captions, **(captions or {})}, movies=movies(), provenance=meta, command=options.command,
             answer=result.answer, cards=cards(),
         )  # fmt: skip
         print_line(options, f"written to {options.html}")

@@ -560,10 +560,13 @@ def _date(values, mask, unit):
 def _repeat_rows(columns):
     """A note on transits, or on observations where rows are these, that stand in the table twice."""
     is_flat = np.ndim(columns["centroid_pos_al"][0]) < 2
-    if not is_flat and "transit_id" not in columns:
+    mark = "obs_time_tcb" if is_flat else "transit_id"
+    if mark not in columns:
         return ()
-    pair = [np.asarray(columns[name][0]) for name in ("source_id", "obs_time_tcb" if is_flat else "transit_id")]
-    twice = len(pair[0]) - len(np.unique(np.rec.fromarrays(pair)))
+    pair = [np.asarray(columns[name][0]) for name in ("source_id", mark)]
+    order = np.lexsort(pair)
+    source, row = (values[order] for values in pair)
+    twice = int(np.sum((source[1:] == source[:-1]) & (row[1:] == row[:-1])))
     rows = "observations" if is_flat else "transits"
     return (f"warning: {twice} {rows} stand in the table twice and count as two",) if twice else ()
 
