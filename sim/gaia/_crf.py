@@ -85,6 +85,10 @@ def crf3(
     return _frame_table(rng, signal, n_five, n_six, "DR3", traps)
 
 
+#: The share of DR4's sources whose quality is flagged, and by how much their motions scatter [mas/yr]: guesses.
+_FLAGGED, _JUNK = 0.005, 5.0
+
+
 @arguments.accepts(n_five=arguments.whole, rng=arguments.seed)
 @explained
 def crf4(
@@ -109,8 +113,9 @@ def crf4(
     Returns
     -------
     astropy Table
-        The catalogue, in the columns of the draft data model of DR4, such as astrometric_params and
-        tentative_parallax_bias.
+        The catalogue, in the columns of the draft data model of DR4, such as astrometric_params,
+        tentative_parallax_bias and quality_flag, which is zero unless there are traps: these flag one source in 200,
+        whose motions scatter by 5 mas/yr (a guess).
 
     Notes
     -----
@@ -135,6 +140,10 @@ def crf4(
     catalogue.rename_column("astrometric_params_solved", "astrometric_params")
     catalogue["tentative_parallax_bias"] = np.full(len(catalogue), ZERO_POINT, np.float32)
     catalogue["tentative_parallax_bias"].unit = "mas"
+    is_flagged = rng.spawn(1)[0].random(len(catalogue)) < (_FLAGGED if traps else 0.0)
+    catalogue["quality_flag"] = is_flagged.astype(np.int16)
+    for name, scatter in zip(("pmra", "pmdec"), rng.spawn(1)[0].normal(0.0, _JUNK, (2, len(catalogue))), strict=True):
+        catalogue[name] += np.where(is_flagged, scatter, 0.0)
     catalogue.meta |= {"REFEPOCH": 2017.5, "RELEASE": "simulated quasars of Gaia DR4", "TABLE": table}
     return catalogue
 

@@ -7,7 +7,9 @@ from pathlib import Path
 from vsh.commands import finishing, parsing, running
 from vsh.io.archive import (
     DATA_SERVER,
+    DR3,
     ESA,
+    NEIGHBOURS,
     QUERIES,
     RELEASES,
     UPLOADED,
@@ -17,11 +19,32 @@ from vsh.io.archive import (
     of_table,
     query,
     read_ids,
+    sources_without_epochs,
     upload_of,
 )
 from vsh.tools.errors import ArchiveError
 from vsh.tools.files import atomic_write, check_not_read
 from vsh.tools.printing import printable
+
+#: Options of any query, and of each kind of request besides. An option that a kind does not take is an error: it would
+#: be ignored in silence.
+_OF_QUERIES = {"output", "show", "url", "max_rows", "patience", "overwrite"}
+_TAKEN = {
+    "--check": {"url"},
+    "epochs": {"ids", "retrieval_type", "structure", "batch", "output", "url", "patience"},
+    "a query of ours": _OF_QUERIES,
+    "dr3-neighbourhood": _OF_QUERIES | {"upload"},
+    "a query in a file": _OF_QUERIES | {"upload"},
+    "a table of the archive": _OF_QUERIES | {"release", "table", "with_columns", "where"},
+    "a list that is sent": _OF_QUERIES | {"upload", "release", "table"},
+}
+#: Options that belong to some kinds alone or have no meaning in others, by their name in the namespace.
+_FLAGS = {
+    "ids": "--ids", "retrieval_type": "--retrieval-type", "structure": "--structure", "batch": "--batch",
+    "release": "--release", "table": "--table", "with_columns": "--with", "where": "--where", "upload": "--upload",
+    "show": "--show", "max_rows": "--max-rows", "output": "--output", "overwrite": "--overwrite",
+}  # fmt: skip
+_NEIGHBOURS = "dr3-neighbourhood"
 
 
 def make_parser() -> argparse.ArgumentParser:
@@ -41,13 +64,15 @@ def make_parser() -> argparse.ArgumentParser:
     add = parsing.adder(parser)
     add(
         "what",
-        f"{', '.join(parsing.QUERIES)}, a file with a query in ADQL, a table of the archive that names sources by "
-        "source_id (schema.table), or epochs: the epoch astrometry of --ids",
+        f"{', '.join(parsing.QUERIES)}, {_NEIGHBOURS} (DR4's names of the sources of DR3 in --upload), a file with a "
+        "query in ADQL, a table of the archive that names sources by source_id (schema.table), or epochs: the epoch "
+        "astrometry of --ids",
         nargs="?",
     )
     add(
         "--check SCHEMA",
-        "ask for the tables and columns of a schema, gaiadr4 say, and print which queries run and what changed",
+        "ask for the tables and columns of a schema, gaiadr4 say, and print which queries run and what changed; the "
+        "exit status is 1 where none runs",
     )
     add(
         "--upload LIST",
@@ -57,15 +82,33 @@ def make_parser() -> argparse.ArgumentParser:
     )
     group = parsing.adder(parser.add_argument_group("epoch astrometry (DataLink)"))
     group("--ids FILE", "source_id, a column of a table or one a line of a text")
-    group("--retrieval-type NAME", "name of the product (default: EPOCH_ASTROMETRY)")
-    group("--structure NAME", "how several sources come (default: COMBINED)")
+    group(
+        "--retrieval-type NAME",
+        "name of the product (default: EPOCH_ASTROMETRY; of bright and crowded sources EPOCH_ASTROMETRY_BRIGHT and "
+        "EPOCH_ASTROMETRY_CROWDED_FIELD)",
+    )
+    group("--structure NAME", "how several sources come (default: DATAMODEL_GAIA, or what the server names as valid)")
     group("--batch N", "sources asked for at once, 5000 at most (default: 500)", parsing.count(1))
-    add("--release", "for a table: of which release", parsing.RELEASES, "DR3")
+    add(
+        "--release",
+        "of a list or a table of your own (default: DR3); a table of the archive's has its own",
+        parsing.RELEASES,
+    )
     add(
         "--table",
-        "for a table, DR4: the best model of each source (the default), or the core solution of all",
+        "for a table or a list, DR4: the best model of each source (default: gaia_source), or the core solution of all",
         parsing.ASTROMETRY,
-        "gaia_source",
+    )
+    add(
+        "--with NAMES",
+        "for a table: columns of it that come with the astrometry, redshift_qsoc say",
+        parsing.names,
+        dest="with_columns",
+    )
+    add(
+        "--where CONDITION",
+        "for a table: a condition in ADQL, in which t is the table and g the astrometry: "
+        "t.classprob_dsc_combmod_quasar > 0.9",
     )
     add("--output FILE", "the FITS file to be")
     add("--show", "print the query and ask nobody")
@@ -77,25 +120,68 @@ def make_parser() -> argparse.ArgumentParser:
     return parser
 
 
+def _kind(options):
+    """The kind of a request, a key of _TAKEN."""
+    if options.check:
+        return "--check"
+    if options.what in ("epochs", _NEIGHBOURS):
+        return options.what
+    if options.what is None:
+        return "a list that is sent"
+    if options.what in QUERIES:
+        return "a query of ours"
+    is_name = re.fullmatch(r"\w+\.(?!(adql|sql|txt)$)\w+", options.what) and not Path(options.what).exists()
+    return "a table of the archive" if is_name else "a query in a file"
+
+
 def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
     """End with what contradicts itself."""
     if bool(options.what or options.upload) == bool(options.check):
         parser.error("say what to fetch, or --check SCHEMA")
-    if options.upload and options.what in ("epochs", *QUERIES):
-        parser.error("--upload goes with a query of your own, or alone")
+    kind = _kind(options)
+    if kind == "a table of the archive" and options.upload:
+        parser.error("--upload goes with a query in a file, or alone: a table of the archive is its own list")
+    ignored = [flag for name, flag in _FLAGS.items() if name not in _TAKEN[kind] and getattr(options, name)]
+    if ignored:
+        what = f"{options.what}, {kind}" if kind.startswith("a query") else kind
+        hint = ": its release is its own" if ignored[0] == "--release" else ""
+        parser.error(f"{ignored[0]} does not go with {what}{hint}")
     if options.check:
         return
-    epoch_options = [
-        name for name in ("ids", "retrieval_type", "structure", "batch") if getattr(options, name) is not None
-    ]
-    if (options.what == "epochs") != (options.ids is not None):
+    if options.what == "epochs" and not (options.ids and options.output):
         parser.error("epochs are those of a list of sources: vsh-archive epochs --ids FILE --output FOLDER")
-    if epoch_options and options.what != "epochs":
-        parser.error(f"--{epoch_options[0].replace('_', '-')} is for epochs")
-    if options.what == "epochs" and (options.show or not options.output):
-        parser.error("epochs go into a folder: --output FOLDER")
+    if options.what == _NEIGHBOURS and not options.upload:
+        parser.error(f"{_NEIGHBOURS} is asked for a list of sources of DR3: --upload LIST")
     if not (options.output or options.show):
         parser.error("say where to: --output FILE.fits, or --show")
+
+
+def _adql(options, by_name):
+    """The query that is asked for; `by_name` says whether a list that is sent names its sources."""
+    kind = _kind(options)
+    if kind == "a query of ours":
+        return QUERIES[options.what]
+    if kind == _NEIGHBOURS:
+        if not by_name:
+            raise ArchiveError(f"{_NEIGHBOURS} needs the source_id of DR3: {printable(options.upload)} has positions")
+        return NEIGHBOURS
+    release = None if options.release is None else RELEASES[options.release]
+    astrometry = options.table or "gaia_source"
+    if kind == "a table of the archive":
+        return of_table(
+            options.what, options.with_columns or (), release=release, astrometry=astrometry, where=options.where
+        )
+    if kind == "a list that is sent":
+        if by_name:
+            return of_table(UPLOADED, release=release, astrometry=astrometry)
+        return of_positions(release=release or DR3, astrometry=astrometry)
+    try:
+        return Path(options.what).read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise ArchiveError(
+            f"{options.what} is neither a query of ours ({', '.join((*QUERIES, _NEIGHBOURS))}) nor a file with one: "
+            f"{getattr(error, 'strerror', None) or error}"
+        ) from None
 
 
 def _run(options):
@@ -107,17 +193,14 @@ def _run(options):
                 lambda _: schema_check.sections(), lambda: {"Names that are missing": schema_check.to_table()}
             ),
         )
+        if not schema_check.any_runs:
+            raise ArchiveError(f"no query runs in {options.check}: see the names that are missing")
         return
     if options.what == "epochs":
         _epochs(options)
         return
     upload, by_name = upload_of(options.upload) if options.upload else (None, True)
-    if options.what is None and not by_name:
-        adql = of_positions(release=RELEASES[options.release])
-    elif options.what is None:
-        adql = of_table(UPLOADED, release=RELEASES[options.release], astrometry=options.table)
-    else:
-        adql = QUERIES[options.what] if options.what in QUERIES else _text(options)
+    adql = _adql(options, by_name)
     if options.show:
         finishing.print_result(options, finishing.message(adql))
         return
@@ -149,23 +232,12 @@ def _epochs(options):
     ids = read_ids(options.ids)
     url = DATA_SERVER if options.url == ESA else options.url
     folder = fetch_epochs(ids, options.output, url, patience=options.patience, progress=not options.quiet, **keywords)
-    count = sum(1 for path in folder.iterdir() if path.is_file())
-    finishing.print_result(options, finishing.message(f"written to {folder}: {count} files of {len(set(ids))} sources"))
-
-
-def _text(options):
-    path = options.what
-    if re.fullmatch(r"\w+\.(?!(adql|sql|txt)$)\w+", path) and not Path(path).exists():
-        return of_table(path, release=RELEASES[options.release], astrometry=options.table)
-    if options.release != "DR3" or options.table != "gaia_source":
-        raise ArchiveError("--release and --table are for a table of the archive: schema.table")
-    try:
-        return Path(path).read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise ArchiveError(
-            f"{path} is neither a query of ours ({', '.join(QUERIES)}) nor a file with one: "
-            f"{getattr(error, 'strerror', None) or error}"
-        ) from None
+    count, lost = sum(1 for path in folder.iterdir() if path.is_file()), sources_without_epochs(folder)
+    lines = [f"written to {folder}: {count} files of {len(set(ids)) - len(lost)} sources"]
+    if lost:
+        listing = ", ".join(map(str, lost[:5])) + (", …" if len(lost) > 5 else "")
+        lines.append(f"{len(lost)} of {len(set(ids))} sources have no epochs: {listing} (all in {folder.name}.json)")
+    finishing.print_result(options, finishing.message("\n".join(lines)))
 
 
 main, run = running.make_entry(__name__, _run)

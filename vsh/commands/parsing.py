@@ -99,7 +99,7 @@ QUERIES = ("gaia-crf3", "gaia-edr3-qso", "gaia-dr3-galaxies")
 #: `vsh.io.archive.ASTROMETRY`: tables of astrometry in DR4.
 ASTROMETRY = ("gaia_source", "all_source_astrometry")
 #: `vsh.io.archive.RELEASES`
-RELEASES = ("DR3", "DR4")
+RELEASES = ("EDR3", "DR3", "DR4")
 #: `vsh.io.archive.ESA`
 ESA = "https://gea.esac.esa.int/tap-server/tap"
 #: What a catalogue may be, for help texts.

@@ -1,25 +1,26 @@
 """Data from archives: releases as values, queries, epochs by DataLink, and a client of the Table Access Protocol."""
 
+from vsh.io.archive._epochs import DATA_SERVER, fetch_epochs, sources_without_epochs
 from vsh.io.archive._queries import (
     ASTROMETRY,
-    DATA_SERVER,
     DR3,
     DR4,
+    EDR3,
     GAIA_CRF3,
     GAIA_DR3_GALAXIES,
     GAIA_EDR3_QSO,
+    NEIGHBOURS,
     QUERIES,
     RELEASES,
     UPLOADED,
     DataRelease,
-    SchemaCheck,
-    check_schema,
-    fetch_epochs,
     of_positions,
     of_table,
     read_ids,
+    release_of,
     upload_of,
 )
+from vsh.io.archive._schema import SchemaCheck, check_schema
 from vsh.io.archive._tap import ESA, query
 
 __all__ = [

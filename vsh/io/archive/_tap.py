@@ -4,8 +4,10 @@ A job runs at the server (IVOA's TAP 1.1 and UWS 1.1). Beside the file that is t
 whoever was interrupted waits on for the same one; a file that is there is the answer, and nothing is asked.
 """
 
+import csv
 import hashlib
 import http.client
+import io
 import json
 import queue
 import shutil
@@ -30,9 +32,15 @@ from vsh.tools.types import PathName
 ESA = "https://gea.esac.esa.int/tap-server/tap"
 #: The table that is sent with a query, by its name in the form.
 SENT = "list"
+#: Answers that are larger are no lists of names. [bytes]
+_NAMES_BYTES = 2**26
+#: Synchronous answers of a multiple of so many rows may have been cut off.
+_ROUND = 1000
 #: What ESA's archive gives somebody who is not logged in, at most; an answer of exactly so many rows was cut off.
 _LIMITS = (2_000_000, 3_000_000)
 _WAITING = ("PENDING", "QUEUED", "EXECUTING", "HELD", "SUSPENDED", "UNKNOWN")
+#: Phases of a job that waits to be told to run, and in which it has ended (UWS 1.1, section 2.1.3).
+_STOPPED, _ENDED = ("PENDING", "HELD"), ("COMPLETED", "ERROR", "ABORTED", "ARCHIVED")
 _BLOCK = 2**20
 _TIMEOUT = 60.0
 
@@ -120,6 +128,7 @@ def _answer(path, request, upload, patience, interval, max_bytes, overwrite, pro
             return path
     record = {} if overwrite else record
     job = record.get("job") if all(record.get(key) == value for key, value in request.items()) else None
+    job = job if _belongs_to(job, url) else None
     row_limit = None if max_rows is None else whole("max_rows", max_rows)
     job = _still_there(job) or _submit(adql, url, row_limit, upload)
     before = {"sha256": record["sha256"]} if path.exists() and "sha256" in record else {}
@@ -183,15 +192,48 @@ def _rows_of(path):
         ) from error
 
 
+def query_rows(adql: str, names: tuple[str, ...], url: str) -> list[list[str]]:
+    """The rows of a short answer, in lower case: at once, or by a job where it may have been cut off.
+
+    Parameters
+    ----------
+    adql : str
+        The query.
+    names : tuple of str
+        The columns that are expected first in each row.
+    url : str
+        Address of the service.
+    """
+    form = {"REQUEST": "doQuery", "LANG": "ADQL", "FORMAT": "csv", "QUERY": adql}
+    with _open(f"{url}/sync", form) as answer:
+        rows = _rows_of_csv(_read_some(answer, _NAMES_BYTES, time.monotonic() + 120), names, url)
+    if rows and len(rows) % _ROUND == 0:
+        job = _submit(adql, url, None, table_format="csv")
+        _wait(job, 600.0, 1.0, False)
+        with _open(f"{job}/results/result") as answer:
+            rows = _rows_of_csv(_read_some(answer, _NAMES_BYTES, time.monotonic() + 120), names, url)
+    return rows
+
+
+def _rows_of_csv(body, names, url):
+    """The first columns of an answer in CSV."""
+    rows = list(csv.reader(io.StringIO(body.decode("utf-8", "replace"))))
+    if not rows or [cell.strip().lower() for cell in rows[0]][: len(names)] != list(names):
+        raise ArchiveError(f"{url} sent no list of columns: {printable(body[:80].decode('utf-8', 'replace'))}")
+    return [
+        [cell.strip().strip('"').lower() for cell in row[: len(names)]] for row in rows[1:] if len(row) >= len(names)
+    ]
+
+
 def _check_query(adql):
     if not isinstance(adql, str) or not adql.strip():
         raise ArchiveError(f"a query is text in ADQL, not {adql!r}")
     return adql.strip()
 
 
-def _submit(adql, url, max_rows, upload=None):
+def _submit(adql, url, max_rows, upload=None, table_format="fits"):
     """The address of a new job."""
-    form = {"REQUEST": "doQuery", "LANG": "ADQL", "FORMAT": "fits", "QUERY": adql, "PHASE": "RUN"}
+    form = {"REQUEST": "doQuery", "LANG": "ADQL", "FORMAT": table_format, "QUERY": adql, "PHASE": "RUN"}
     if max_rows is not None:
         form["MAXREC"] = str(max_rows)
     if upload is not None:
@@ -203,9 +245,17 @@ def _submit(adql, url, max_rows, upload=None):
     return job
 
 
+def _belongs_to(job, url):
+    """Return whether an address is one of a service: a note may have been written by anybody."""
+    if not isinstance(job, str):
+        return False
+    address, service = urllib.parse.urlsplit(job), urllib.parse.urlsplit(url)
+    return (address.scheme, address.netloc) == (service.scheme, service.netloc)
+
+
 def _still_there(job):
     """A job of before, if the server still knows it and it did not fail."""
-    if not isinstance(job, str):
+    if job is None:
         return None
     try:
         return job if _phase(job) in (*_WAITING, "COMPLETED") else None
@@ -215,7 +265,10 @@ def _still_there(job):
 
 def _phase(job, end=None):
     with _open(f"{job}/phase", end=end) as answer:
-        return _read_some(answer, 1000, _soon(end)).decode("utf-8", "replace").strip()
+        phase = _read_some(answer, 1000, _soon(end)).decode("utf-8", "replace").strip()
+    if phase not in (*_WAITING, *_ENDED):
+        raise ArchiveError(f"{job}/phase sent {printable(phase[:80])!r}, which is no phase of a job")
+    return phase
 
 
 def _soon(end=None):
@@ -225,21 +278,29 @@ def _soon(end=None):
 
 
 def _read_some(answer, size, end):
-    """Read a limited number of bytes of an answer, until `end` at the latest."""
-    body = b""
+    """Read a limited number of bytes of an answer, until `end` at the latest; all that it announced, or none."""
+    body = bytearray()
     while len(body) < size and (block := answer.read1(size - len(body))):
         body += block
         if time.monotonic() > end:
             raise ArchiveError("the server sends too slowly: the same call later waits on")
-    return body
+    if answer.length and len(body) < size:
+        raise ArchiveError(
+            f"{answer.geturl()}: {len(body)} of {len(body) + answer.length} bytes came; the same call fetches it again"
+        )
+    return bytes(body)
 
 
 def _wait(job, patience, interval, progress):
-    end, failures = time.monotonic() + patience, 0
+    end, failures, is_started = time.monotonic() + patience, 0, False
     with progress_bar(words="the archive is at work", shown=progress, unit=" s", bar_format="{desc}: {elapsed}") as bar:
         while True:
             try:
-                phase, failures = _phase(job, end), 0
+                phase = _phase(job, end)
+                if phase in _STOPPED and not is_started:
+                    _open(f"{job}/phase", {"PHASE": "RUN"}, end).close()
+                    is_started = True
+                failures = 0
             except _RefusedError:
                 raise
             except ArchiveError:
@@ -340,6 +401,8 @@ def _multipart(form, upload):
 
 def _open(url, form=None, end=None, upload=None):
     """The answer to a request, once its head is there; in a thread, since a head that trickles obeys no time limit."""
+    if urllib.parse.urlsplit(url).scheme not in ("http", "https"):
+        raise ArchiveError(f"{printable(url)} is no address of a service: https://…")
     head = {"User-Agent": "vsh-astrometry"}
     body = None if form is None else urllib.parse.urlencode(form).encode()
     if upload is not None:

@@ -105,6 +105,12 @@ def locate(wanted: Request, source: TableSource) -> tuple[dict[str, str], list[s
         raise TableError(
             f"{source.label}: {missing_column(name, source)}{remark}. Say which it is: {argument} (--columns {wish})"
         )
+    if twins := [name for name in column_names.values() if name in source.twins]:
+        raise TableError(
+            f"{source.label}: several columns are called {', '.join(map(repr, twins))}, and which is meant cannot be "
+            f"told. Rename all but one, or name the second: --columns {shlex.quote(_role_of(twins[0], column_names))}="
+            f"{shlex.quote(twins[0] + '_2')}"
+        )
     if set_name:
         listing = ", ".join(f"{role} = {printable(column_names[role])}" for role in REQUIRED if role in column_names)
         notes.insert(0, f"columns by their names ({set_name}): {listing}")
@@ -113,6 +119,11 @@ def locate(wanted: Request, source: TableSource) -> tuple[dict[str, str], list[s
         if len(roles) > 1:
             notes.append(f"column {printable(name)} is used for {' and '.join(roles)}")
     return column_names, notes
+
+
+def _role_of(name, column_names):
+    """The first role that a column has."""
+    return next(role for role, column in column_names.items() if column == name)
 
 
 def _without_correlations(names, source):

@@ -27,7 +27,8 @@ class Columns(InNotebook):
     The first six must be there. The others may be left out with None; of several names in
     a tuple the first that the table has is taken, and none need be there. Where there is a `solution`, sources
     whose astrometry is not that of a single source with a parallax (31 or 95, `vsh.io.archive.DR4`) cannot be used;
-    where it is null, a source is what its motion says.
+    where it is null, a source is what its motion says. Nor can sources whose `quality` is a flag other than zero, as
+    DR4's quality_flag.
 
     Examples
     --------
@@ -51,6 +52,7 @@ class Columns(InNotebook):
     parallax: str | tuple | None = None
     parallax_error: str | tuple | None = None
     solution: str | tuple | None = (DR4.solution, DR3.solution)
+    quality: str | tuple | None = ("quality_flag",)
 
 
 #: Gaia's archive names.

@@ -290,7 +290,9 @@ class _maker:
         for role, name in self.where.items():
             values, mask = block[name]
             if role == "solution":
-                aside = _other_solutions(name, values, mask)
+                aside |= _other_solutions(name, values, mask)
+            elif role == "quality":
+                aside |= _flagged(name, values, mask)
             elif role == "name":
                 columns[role], name_notes = identifiers(printable(name), np.asarray(values), mask)
                 notes += name_notes
@@ -374,6 +376,15 @@ def _other_solutions(name, values, mask):
         == value
         for value in np.unique(values[is_other])
     }
+
+
+def _flagged(name, values, mask):
+    """Rows whose flag of quality is not zero; where it is null, nothing speaks against a source."""
+    if values.dtype.kind not in "iub":
+        return {}
+    is_flagged = (values != 0) & ~(np.zeros(len(values), bool) if mask is None else np.asarray(mask))
+    reason = f"{printable(name)} is not 0 (columns={{'quality': None}}, --columns quality=, uses these)"
+    return {reason: is_flagged} if is_flagged.any() else {}
 
 
 def _unused_redshifts(column_names, source):

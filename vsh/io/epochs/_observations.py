@@ -261,13 +261,14 @@ _COLUMNS = (
     "source_id", "obs_time_tcb", "centroid_pos_al", "centroid_pos_error_al", "scan_pos_angle", "parallax_factor_al",
     "ra0", "dec0",
 )  # fmt: skip
-_OPTIONAL = ("obs_time_bary_corr", "used_by_agis_al", "transit_id", "colour_factor_al")
+_EXCESS = "agis_source_excess_noise"
+_OPTIONAL = ("obs_time_bary_corr", "used_by_agis_al", "transit_id", "colour_factor_al", _EXCESS)
 _PLACES = ("ra0", "dec0")
 #: CCDs of a transit with the sky mapper's, which is the first and never used.
 _SLOTS = 10
 #: What columns without a unit are in, and others are turned to.
 _UNITS = {"obs_time_tcb": "ns", "obs_time_bary_corr": "ns", "centroid_pos_al": "mas", "centroid_pos_error_al": "mas",
-          "scan_pos_angle": "deg", "ra0": "deg", "dec0": "deg"}  # fmt: skip
+          "scan_pos_angle": "deg", "ra0": "deg", "dec0": "deg", _EXCESS: "mas"}  # fmt: skip
 _DAY = 86400e9  # [ns]
 _YEAR = 365.25 * _DAY
 #: J2010.0, from which times are counted, as Julian dates and modified ones; and how far from it such dates are known.
@@ -298,6 +299,9 @@ class Observations(Frozen):
         Field of view of each observation: +1 the preceding, −1 the following one; None where it is not known.
     colour : (k,) array or None
         Colour factor, −∂w by the effective wavenumber; None where the table has none, or zeros alone. [µas µm]
+    excess_noise : (k,) array or None
+        The excess noise that AGIS added to the errors of each source's observations in quadrature; None where the table
+        has none. [µas]
     """
 
     lon: FloatArray
@@ -311,6 +315,7 @@ class Observations(Frozen):
     notes: tuple[str, ...] = ()
     view: IntArray | None = None
     colour: FloatArray | None = None
+    excess_noise: FloatArray | None = None
 
     def by_transit(self, gap: float = 60.0) -> "Observations":
         """Average the CCDs of each crossing of the field, weighted, into one observation.
@@ -342,6 +347,7 @@ class Observations(Frozen):
             error=1 / np.sqrt(total),
             view=None if self.view is None else self.view[starts],
             colour=None if self.colour is None else mean(self.colour),
+            excess_noise=None if self.excess_noise is None else mean(self.excess_noise),
         )
 
 
@@ -379,7 +385,14 @@ def read_observations(
         If a column is missing or holds no numbers, or a source has no position.
     """
     table_source = tables.open_table(source)
-    names = {name: (columns or {}).get(name, name) for name in (*_COLUMNS, *_OPTIONAL)}
+    # ESA's internal files call obs_time_tcb obsTimeTcb.
+    spelled = {name.replace("_", "").lower(): name for name in reversed(table_source.names)}
+    names = {
+        name: (columns or {}).get(
+            name, name if name in table_source.names else spelled.get(name.replace("_", ""), name)
+        )
+        for name in (*_COLUMNS, *_OPTIONAL)
+    }
     for name in _COLUMNS:
         if names[name] not in table_source.names and not (name in _PLACES and positions is not None):
             remedy = (
@@ -390,6 +403,9 @@ def read_observations(
         for name in _PLACES:
             names.pop(name)
     column_names = {name: column for name, column in names.items() if column in table_source.names}
+    twins = [column for column in column_names.values() if column in table_source.twins]
+    if set(twins) - {"used_by_agis_al"}:
+        raise TableError(f"{table_source.label}: several columns are called {', '.join(twins)}: rename all but one")
     factors = {
         name: unit_factor(column, table_source.units.get(column), _UNITS[name])
         for name, column in column_names.items()
@@ -398,6 +414,8 @@ def read_observations(
     values = table_source.columns(tuple(column_names.values()))
     columns_by_role = {name: values[column] for name, column in column_names.items()}
     flat, notes = _observations(columns_by_role, factors, table_source)
+    if twins:  # the first is that along scan, the second across
+        notes = (*notes, "several columns are called used_by_agis_al, as in ESA's CSV: the first was read")
     if "obs_time_bary_corr" not in column_names:
         notes = (*notes, "no column obs_time_bary_corr: times are taken as the barycentre's")
     identifiers, indices, number = np.unique(flat["source_id"], return_index=True, return_inverse=True)
@@ -415,6 +433,7 @@ def read_observations(
     colour = flat.get("colour_factor_al")
     if colour is not None:
         colour = MAS * colour[order] if colour.any() else None
+    excess = flat.get(_EXCESS)
     design = design_row(flat["scan_pos_angle"] * DEGREE, flat["parallax_factor_al"], time)
     return Observations(
         lon,
@@ -428,6 +447,7 @@ def read_observations(
         (*table_source.notes, *notes),
         view,
         colour,
+        None if excess is None else MAS * excess[order],
     )
 
 
@@ -463,7 +483,7 @@ def _join_positions(identifiers, positions):
 _MOST = {
     "obs_time_tcb": 100 * _YEAR, "obs_time_bary_corr": 1e14, "centroid_pos_al": 1e9, "centroid_pos_error_al": 1e7,
     "scan_pos_angle": 1e6, "parallax_factor_al": 10.0, "ra0": 720.0, "dec0": 90.0,
-    "colour_factor_al": 1e6,
+    "colour_factor_al": 1e6, _EXCESS: 1e6,
 }  # fmt: skip
 
 
@@ -478,6 +498,13 @@ def _observations(
         factors_of_colour, absent = columns["colour_factor_al"]
         if not np.isfinite(np.where(False if absent is None else absent, np.nan, factors_of_colour)).any():
             del columns["colour_factor_al"]  # null in every row
+    if _EXCESS in columns:
+        noise, absent = columns[_EXCESS]
+        is_given = np.isfinite(noise) & ~(np.zeros(np.shape(noise), bool) if absent is None else absent)
+        if is_given.any():
+            columns[_EXCESS] = np.where(is_given, noise, 0.0), None  # where it is null, AGIS added none
+        else:
+            del columns[_EXCESS]
     shape = max((np.shape(values) for values, _ in columns.values()), key=len)
     flat: dict[str, Any] = {}
     bad = np.zeros(shape, bool)
@@ -576,7 +603,7 @@ def read_epochs(
     source: Any,
     *,
     epoch: float = DR4.epoch,
-    robust: bool = True,
+    robust: bool | None = None,
     pseudocolour: bool = True,
     on_bad: OnBad = "raise",
     columns: Mapping[str, str] | None = None,
@@ -593,8 +620,11 @@ def read_epochs(
         [deg], parallax_factor_al, ra0 and dec0 [deg]; obs_time_bary_corr [ns] and used_by_agis_al where they are.
     epoch : float
         Epoch of the positions; motions hardly depend on it. [Julian year, TCB]
-    robust : bool
-        Downweight outliers and estimate an excess noise of each source, as AGIS does.
+    robust : bool, optional
+        Unless given, the solution is DR4's own: observations that AGIS used (used_by_agis_al), with the excess noise
+        that it found for the source (agis_source_excess_noise) added to their errors in quadrature. True weights the
+        observations anew: outliers have less weight, and an excess noise is estimated from the residuals. False never
+        does. A table without a column of excess noise is solved as with True, and a note says so.
     pseudocolour : bool
         Solve for a correction of the effective wavenumber of each source as a sixth parameter, with a prior of 0.085
         µm⁻¹ as in DR4, where the table has colour_factor_al [mas µm].
@@ -620,13 +650,22 @@ def read_epochs(
     Notes
     -----
     Without colour factors the colour of a source is taken as known, in error by nothing: errors are then too small for
-    quasars with strong emission lines. Solutions are those of ESA's gaiasupdate to 1e-3 of their errors.
+    quasars with strong emission lines. Solutions are those of ESA's gaiasupdate to 1e-3 of their errors, in its default
+    mode, which is that of DR4, and with ``robust=True`` in its mode ``compute_excess_noise=True``.
     """
     observations = read_observations(source, epoch=epoch, columns=columns, positions=positions)
     colour = observations.colour if pseudocolour else None
-    observed = observations.source, observations.design, observations.position, observations.error
-    solution = solve_epochs(*observed, colour=colour, robust=robust)
-    lon, lat, notes = observations.lon, observations.lat, observations.notes
+    error, excess, notes = observations.error, observations.excess_noise, observations.notes
+    if robust is None and excess is None:
+        notes = (*notes, f"epochs: no column {_EXCESS}: weights and an excess noise of each source are estimated anew")
+    robust = excess is None if robust is None else robust
+    if excess is not None and not robust:
+        error = np.hypot(error, excess)
+        notes = (*notes, "epochs: weights as AGIS had them: the observations that it used, with its excess noise")
+    solution = solve_epochs(
+        observations.source, observations.design, observations.position, error, colour=colour, robust=robust
+    )
+    lon, lat = observations.lon, observations.lat
     if solution.pseudocolour is not None:
         scatter = f"{np.nanstd(solution.pseudocolour):.2g}"
         notes = (*notes, f"epochs: a pseudocolour of each source, prior ± {COLOUR_PRIOR} µm⁻¹, scatter {scatter} µm⁻¹")

@@ -226,7 +226,9 @@ def _column(array, name, label):
             return array.fill_null(0).to_numpy(zero_copy_only=False), mask
         if types.is_boolean(array.type):
             return array.fill_null(False).to_numpy(zero_copy_only=False), mask
-        if types.is_string(array.type) or types.is_large_string(array.type) or str(array.type) == "string_view":
+        if str(array.type) == "string_view":  # which fill_null does not know
+            array = array.cast(pa.large_string())
+        if types.is_string(array.type) or types.is_large_string(array.type):
             return np.array(array.fill_null("").to_pylist(), dtype=str), mask
         return array.to_numpy(zero_copy_only=False), mask
     except (pa.ArrowException, ValueError) as error:

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from vsh.io.tables._source import TableSource, plain_file
+from vsh.io.tables._source import TableSource, number_twins, plain_file
 from vsh.tools.errors import TableError, first_line
 from vsh.tools.parallel import cores
 from vsh.tools.types import PathName
@@ -128,7 +128,9 @@ def open_fits(path: PathName, label: str) -> TableSource:
     if not tables:
         raise TableError(f"{label} holds no table")
     extension = tables[0]
-    with _wrap_read_errors(label), _open(plain.name) as hdus:
+    header = units[extension]
+    names, twins = number_twins([str(header.get(f"TTYPE{i}", "")) for i in range(1, int(header.get("TFIELDS", 0)) + 1)])
+    with _wrap_read_errors(label), _open(plain.name, extension, names if twins else ()) as hdus:
         columns = list(hdus[extension].columns)
         meta = _meta(hdus[extension].header)
         descriptions = {
@@ -140,14 +142,11 @@ def open_fits(path: PathName, label: str) -> TableSource:
     names = [column.name for column in columns]
     if not names or not all(names):
         raise TableError(f"{label} is damaged: {'its table has no columns' if not names else 'a column has no name'}")
-    duplicates = sorted({name for name in names if names.count(name) > 1})
-    if duplicates:
-        raise TableError(f"{label} is damaged: several columns are called {', '.join(duplicates)}")
 
     def read(request, rows):
         # `plain` is kept by this function: the unpacked copy goes when nobody reads it any more.
         with _wrap_read_errors(label):
-            hdus = _open(plain.name)
+            hdus = _open(plain.name, extension, names if twins else ())
         with hdus:
             for start in range(0, max(1, units[extension]["NAXIS2"]), rows):
                 with _wrap_read_errors(label):
@@ -179,7 +178,9 @@ def open_fits(path: PathName, label: str) -> TableSource:
     # Rows in one block are at most as many as the file holds, whose size has been looked at.
     units_of = {c.name: c.unit for c in columns if c.unit and c.unit.strip()}
     rows = max(1, units[extension]["NAXIS2"])  # the file holds as many: `check_layout` has looked
-    return TableSource(label, tuple(names), read, units_of, meta, notes, whole=rows, descriptions=descriptions)
+    return TableSource(
+        label, tuple(names), read, units_of, meta, notes, whole=rows, descriptions=descriptions, twins=twins
+    )
 
 
 @contextmanager
@@ -198,10 +199,14 @@ def _wrap_read_errors(label):
             raise TableError(f"{label} is damaged: {first_line(warning.message)}. Fetch it again")
 
 
-def _open(path):
+def _open(path, extension, names):
+    """The units of a file; where astropy could not tell its columns apart, they have other names."""
     from astropy.io import fits
 
-    return fits.open(path, memmap=True, checksum=True)
+    hdus = fits.open(path, memmap=True, checksum=True)
+    for i, name in enumerate(names, 1):
+        hdus[extension].header[f"TTYPE{i}"] = name
+    return hdus
 
 
 def _column(chunk, values, column):

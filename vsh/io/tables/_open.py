@@ -9,6 +9,7 @@ import csv
 import os
 import re
 import shutil
+import zipfile
 from collections.abc import Iterator
 from dataclasses import replace
 from importlib import import_module
@@ -18,6 +19,7 @@ from urllib.parse import urlsplit
 
 from vsh.io.tables._arrow import open_dataset, open_lazy, open_parquet, open_parquet_at, open_stream
 from vsh.io.tables._source import (
+    DAMAGE,
     TableSource,
     concatenate_sources,
     first_bytes,
@@ -219,6 +221,9 @@ def _open_file(path, label, file_format):
     return getattr(import_module(module), name)(path, label)
 
 
+#: Text packs to a hundredth; what unpacks to more was made to fill a disk.
+_EXPANSION = 200
+
 #: Order and pixel of a partition of a HATS catalogue, by its path.
 _PARTITION = re.compile(r"Norder=(\d+)/(?:.*/)?Npix=(\d+)")
 
@@ -289,6 +294,8 @@ def _open_path(path, format):
             return open_numbered(Path(match[1]), int(match[2]), label)
         if not path.is_file():
             raise TableError(f"{label}: no such file" if not path.exists() else f"{label} is no regular file")
+        if path.suffix.lower() in ("", ".zip") and zipfile.is_zipfile(path):
+            return _open_zip(path, label, format)
         file_format = BY_NAME[format].kind if format else _find_format(path, label)
         return _open_file(path, label, file_format)
     except (OSError, ValueError) as error:
@@ -308,7 +315,11 @@ def _find_format(path, label):
         for row in FORMATS:
             if row.begins is not None and row.begins.match(begin):
                 return row.kind
-        hint = "" if label == STANDARD_INPUT else f" Known endings: {', '.join(READ)}, each also with .gz."
+        hint = (
+            ""
+            if label == STANDARD_INPUT
+            else f" Known endings: {', '.join(READ)}, each also with .gz, or several in a .zip."
+        )
         raise TableError(
             f"{label}: unrecognised format.{hint} Name it: --input-format {'|'.join(BY_NAME)}, where ascii is any text"
             " in columns (format=…)"
@@ -330,6 +341,30 @@ def _open_folder(path, label, format):
     if file_format == "parquet":
         return open_parquet(files, label)  # one dataset
     return concatenate_sources(label, [_open_file(file, printable(file), file_format) for file in files])
+
+
+def _open_zip(path, label, format):
+    """The tables of a zip archive, as those of a folder."""
+    holder = in_folder("tables")
+    folder = Path(holder.name)
+    folder.mkdir()
+    try:
+        with zipfile.ZipFile(path) as archive:
+            members = [member for member in archive.infolist() if not member.is_dir()]
+            size, most = sum(member.file_size for member in members), _EXPANSION * path.stat().st_size
+            if size > most:
+                raise TableError(f"{label} would unpack to {size} bytes, more than {most}: unpack it yourself")
+            for number, member in enumerate(members):
+                inside = PurePosixPath(member.filename)
+                if any(component.startswith((".", "_")) for component in inside.parts):
+                    continue
+                with archive.open(member) as stream, open(folder / f"{number:06d}-{inside.name}", "wb") as output:
+                    shutil.copyfileobj(stream, output, 2**20)
+    except (*DAMAGE, zipfile.BadZipFile, NotImplementedError, RuntimeError) as error:
+        if isinstance(error, TableError):
+            raise
+        raise TableError(f"{label} cannot be unpacked: {first_line(error)}. Fetch it again") from None
+    return _keeping(_open_folder(folder, label, format), holder)
 
 
 def files_of(path: PathName, format: str | None = None) -> list[Any]:

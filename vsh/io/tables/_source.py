@@ -105,6 +105,8 @@ class TableSource(InNotebook):
     notes: tuple = ()
     whole: int = ROWS
     descriptions: dict = field(default_factory=dict)
+    #: Names that several columns of the file have: all but the first are numbered.
+    twins: tuple[str, ...] = ()
 
     def blocks(self, names: Sequence[str] | None = None, rows: int = ROWS) -> Iterator[dict[str, Any]]:
         """Some columns in blocks of at most `rows` rows: dicts of (values, mask or None)."""
@@ -132,6 +134,27 @@ class TableSource(InNotebook):
             has_missing = mask is not None and mask.any()
             table[name] = MaskedColumn(values, mask=mask, unit=unit) if has_missing else Column(values, unit=unit)
         return table
+
+
+def number_twins(names: Sequence[str]) -> tuple[list[str], tuple[str, ...]]:
+    """Names in which the second and further columns of one name are numbered, and the names that several have.
+
+    Tables joined by TOPCAT, pandas or a cross-match repeat the columns of both sides.
+
+    Examples
+    --------
+    >>> number_twins(["ra", "dec", "ra"])
+    (['ra', 'dec', 'ra_2'], ('ra',))
+    """
+    counts: dict[str, int] = {}
+    unique: list[str] = []
+    for name in names:
+        counts[name] = counts.get(name, 0) + 1
+        candidate, number = name, counts[name]
+        while candidate in unique or (candidate != name and candidate in names):
+            candidate, number = f"{name}_{number}", number + 1
+        unique.append(candidate)
+    return unique, tuple(name for name, count in counts.items() if count > 1)
 
 
 def concatenate_sources(label: str, sources: Sequence[TableSource]) -> TableSource:

@@ -14,8 +14,7 @@ import csv
 import io
 import os
 import re
-from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from itertools import chain, islice
@@ -25,7 +24,7 @@ from pathlib import Path
 import numpy as np
 
 from vsh.io.tables._arrow import FIELD, NULLS, NotPlain, csv_blocks
-from vsh.io.tables._source import DAMAGE, TableSource, in_folder, open_other, unpacked
+from vsh.io.tables._source import DAMAGE, TableSource, in_folder, number_twins, open_other, unpacked
 from vsh.tools.errors import TableError, first_line
 from vsh.tools.printing import printable
 from vsh.tools.types import PathName
@@ -55,6 +54,7 @@ class Layout:
     units: dict[str, str] = field(default_factory=dict)
     decimal_comma: bool = False
     notes: tuple[str, ...] = ()
+    twins: tuple[str, ...] = ()
 
     def fields(self, line: str) -> list[str] | None:
         """The fields of a line that no delimiter divides; None where text stands outside the columns."""
@@ -96,13 +96,13 @@ def _split_by_rule(heading, rule, skip, label):
     if delimiter:
         names, *units = (_fields(line, delimiter) for line in heading)
         units = [" ".join(fragments).strip() for fragments in zip(*(_pad_row(row, len(names)) for row in units))]
-        return _with_units(Layout(_check_heading(names, label), skip, delimiter), units)
+        return _with_units(_layout(names, skip, delimiter), units)
     spans = [slice(match.start(), match.end()) for match in _DASHES.finditer(rule.replace("=", "-"))]
     # The last column may be longer than its dashes; text between two columns belongs to none.
     spans[-1] = slice(spans[-1].start, None)
     names, *units = ([line[span].strip() for span in spans] for line in heading)
     units = ["".join(fragments) for fragments in zip(*units)]
-    return _with_units(Layout(_check_heading(names, label), skip, "", tuple(spans)), units)
+    return _with_units(_layout(names, skip, "", tuple(spans)), units)
 
 
 def _plain(body, comments, skip, label):
@@ -121,17 +121,17 @@ def _plain(body, comments, skip, label):
         if names is None:
             names = [f"col{k + 1}" for k in range(len(fields))]
             notes = (f"{label} has no line of names: its columns are called col1 to col{len(fields)}",)
-        layout = _with_comma(Layout(_check_heading(names, label), skip, delimiter, notes=notes), rows)
+        layout = _with_comma(_layout(names, skip, delimiter, notes=notes), rows)
         return _with_units(layout, _units_in_comment(comments, len(fields), delimiter))
     below = [_fields(line, delimiter) for line in rows[1:]]
     blank = bool(delimiter) and below and all(len(row) == 1 for row in below)
     if blank and all(len(line.split()) == len(fields) for line in rows[1:]):  # names between ; over rows between blanks
-        return Layout(_check_heading(fields, label), skip + 1, "")
+        return _layout(fields, skip + 1, "")
     units = []
     if len(below) > 1 and len(below[0]) == len(fields) and _are_units(below[0]) and _looks_like_data(below[1]):
         units, skip = below[0], skip + 1
         rows = [rows[0], *rows[2:]]
-    return _with_units(_with_comma(Layout(_check_heading(fields, label), skip + 1, delimiter), rows[1:]), units)
+    return _with_units(_with_comma(_layout(fields, skip + 1, delimiter), rows[1:]), units)
 
 
 def _titles(body):
@@ -178,24 +178,11 @@ def _fields(line, delimiter):
         return [text.strip() for text in line.split(delimiter)]
 
 
-def _check_heading(names, label):
-    """Names without blanks around them; a column without one is called by its number."""
+def _layout(names, skip, delimiter, spans=(), notes=()):
+    """A layout with names without blanks around them; a column without one is called by its number."""
     names = [name.strip().strip('"').strip() or f"col{k + 1}" for k, name in enumerate(names)]
-    check_repeated(names, label)
-    return names
-
-
-def check_repeated(names: Iterable[str], label: str) -> None:
-    """Refuse columns of one name.
-
-    Raises
-    ------
-    TableError
-        If there are such.
-    """
-    duplicates = sorted(name for name, times in Counter(names).items() if times > 1)
-    if duplicates:
-        raise TableError(f"{label} is damaged: several columns are called {', '.join(map(repr, duplicates))}")
+    unique, twins = number_twins(names)
+    return Layout(unique, skip, delimiter, spans, notes=notes, twins=twins)
 
 
 def _names_in_comment(comments, count, delimiter):
@@ -316,7 +303,9 @@ def open_text(path: PathName, label: str) -> TableSource:
             if not count:
                 yield {name: (np.empty(0), None) for name in request}
 
-    return TableSource(label, tuple(names), read, layout.units, meta, layout.notes, descriptions=descriptions)
+    return TableSource(
+        label, tuple(names), read, layout.units, meta, layout.notes, descriptions=descriptions, twins=layout.twins
+    )
 
 
 def _ecsv(top_line, lines, label):
@@ -331,7 +320,8 @@ def _ecsv(top_line, lines, label):
     names = _split_line(line, delimiter, label)
     if list(types) != names:
         raise TableError(f"{label} is damaged: its header describes other columns than the line of names")
-    check_repeated(names, label)
+    if repeated := number_twins(names)[1]:
+        raise TableError(f"{label} is damaged: several columns are called {', '.join(map(repr, repeated))}")
     return Layout(names, len(comments) + 1, delimiter, units=units), types, meta, descriptions
 
 

@@ -1,6 +1,7 @@
 """The archive, against a server on this machine: nothing here asks anybody else."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -227,6 +228,105 @@ def test_command(tap, tmp_path, capsys):
     assert "FROM gaiadr3.gaia_source" in capsys.readouterr().out
     with pytest.raises(SystemExit):
         main(["gaia-crf3"])
+
+
+@pytest.mark.parametrize("phase", ["PENDING", "HELD"])
+def test_job_that_waits_is_told_to_run(tap, tmp_path, phase):
+    """UWS 1.1 does not oblige a server to start a job whose first form says PHASE=RUN."""
+    url, service = tap
+    if phase == "PENDING":
+        service.needs_run = True
+    else:
+        service.phases = ["HELD", "EXECUTING", "COMPLETED"]
+    ask(url, tmp_path / "sky.fits", patience=5)
+    told = [form for method, path, form in service.asked if method == "POST" and path.endswith("/phase")]
+    assert told == [{"PHASE": "RUN"}]
+
+
+@pytest.mark.parametrize("body", ["EXECU", "<html>log in</html>"])
+def test_phase_that_is_none(tap, tmp_path, body):
+    url, service = tap
+    service.phases = [body]
+    with pytest.raises(ArchiveError, match="which is no phase of a job"):
+        ask(url, tmp_path / "sky.fits")
+
+
+def test_note_of_a_stranger_names_no_other_server(tap, table, tmp_path):
+    """A note beside the file named a job at file:///…, whose phase and result were then read from the disk."""
+    url, service = tap
+    (tmp_path / "job" / "results").mkdir(parents=True)
+    (tmp_path / "job" / "phase").write_text("COMPLETED")
+    (tmp_path / "job" / "results" / "result").write_bytes(table)
+    for job in (f"file://{tmp_path}/job", "http://127.0.0.2:9/tap/async/1"):
+        note = {"program": "vsh-astrometry", "query": ADQL, "url": url, "max_rows": None, "job": job}
+        (tmp_path / "sky.fits.json").write_text(json.dumps(note))
+        ask(url, tmp_path / "sky.fits")
+        (tmp_path / "sky.fits").unlink()
+    assert len(service.submitted()) == 2
+
+
+def test_release_follows_from_the_schema():
+    """A list of DR4 was joined to DR3's motions, which the archive holds as well."""
+    assert "JOIN gaiadr4.gaia_source AS g" in of_table("gaiadr4.qso_candidates")
+    assert "g.astrometric_params," in of_table("gaiadr4.qso_candidates")
+    assert "JOIN gaiaedr3.gaia_source AS g" in of_table("gaiaedr3.agn_cross_id")
+    assert "JOIN gaiadr3.gaia_source AS g" in of_table("gaiadr3.qso_candidates")
+    assert "JOIN gaiadr4.gaia_source AS g" in of_table("user_me.stars", release=DR4)
+    with pytest.raises(ArchiveError, match="is a table of DR4, and DR3 is asked for"):
+        of_table("gaiadr4.qso_candidates", release=DR3)
+    with pytest.raises(ArchiveError, match="of a release that is not known"):
+        of_table("gaiadr5.qso_candidates")
+
+
+def test_columns_and_condition_of_a_list():
+    adql = of_table("gaiadr4.qso", ["redshift_qsoc"], astrometry="all_source_astrometry", where="t.prob > 0.9")
+    assert ", t.redshift_qsoc\nFROM gaiadr4.qso AS t" in adql
+    assert adql.endswith("\nWHERE t.prob > 0.9")
+
+
+@pytest.mark.parametrize("words", [
+    "gaia-crf3 --release DR4", "gaia-crf3 --table all_source_astrometry", "own.adql --release DR4",
+    "own.adql --with redshift", "gaia-crf3 --where t.x>1", "--check gaiadr4 --table gaia_source",
+    "--check gaiadr4 --max-rows 3", "epochs --ids a.txt --release DR4", "--upload a.csv --with redshift",
+    "--upload a.csv --where t.x>1", "gaiadr4.qso --upload a.csv", "gaiadr4.qso --ids a.txt", "dr3-neighbourhood",
+    "dr3-neighbourhood --upload a.csv --table gaia_source",
+])  # fmt: skip
+def test_options_that_would_be_ignored_are_errors(words, capsys):
+    with pytest.raises(SystemExit):
+        main([*words.split(), *([] if words.startswith("epochs") else ["--output", "x.fits"])])
+    assert re.search("does not go with|goes with|go into|those of a list|is asked for", capsys.readouterr().err)
+
+
+def test_positions_of_the_core_solution(tap, tmp_path, capsys):
+    """--table was ignored for a list of positions."""
+    (tmp_path / "mine.csv").write_text("ra,dec\n10.5,-3.25\n")
+    words = ["--upload", str(tmp_path / "mine.csv"), "--release", "DR4", "--table", "all_source_astrometry", "--show"]
+    assert main(words) == 0
+    assert "JOIN gaiadr4.all_source_astrometry AS g ON 1 = CONTAINS(" in capsys.readouterr().out
+
+
+def test_neighbours_of_dr3(tap, tmp_path, capsys):
+    (tmp_path / "mine.txt").write_text("12\n")
+    assert main(["dr3-neighbourhood", "--upload", str(tmp_path / "mine.txt"), "--show"]) == 0
+    out = capsys.readouterr().out
+    assert "JOIN gaiadr4.dr3_neighbourhood AS n ON n.dr3_source_id = t.source_id" in out
+    (tmp_path / "mine.csv").write_text("ra,dec\n10.5,-3.25\n")
+    assert main(["dr3-neighbourhood", "--upload", str(tmp_path / "mine.csv"), "--show"]) == 1
+
+
+def test_pyvo_is_served_as_well(tap, table, tmp_path):
+    """The server of these tests follows UWS 1.1: a client that is not ours understands it."""
+    pyvo = pytest.importorskip("pyvo", reason="pyvo is not installed: make test-oracles")
+    import urllib.request
+
+    url, service = tap
+    service.needs_run = True
+    job = pyvo.dal.TAPService(url).submit_job(ADQL)
+    job.run()
+    job.wait(phases=["COMPLETED"], timeout=10)
+    assert job.phase == "COMPLETED"
+    with urllib.request.urlopen(job.result_uri) as answer:
+        assert answer.read() == table
 
 
 def test_list_is_sent_with_the_query(tap, table, tmp_path):

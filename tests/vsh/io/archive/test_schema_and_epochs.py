@@ -53,6 +53,7 @@ def serving(reply):
 def columns_of(*changed):
     """A gaiadr4 that has all that we ask for but for three names."""
     known = {"gaia_source": set(), "all_source_astrometry": set(), "all_source_photometry": {"source_id"}}
+    known["dr3_neighbourhood"] = {"dr3_source_id", "dr4_source_id", "angular_distance", "magnitude_difference"}
     for each in archive.ASTROMETRY:
         adql = of_table("t.t", release=DR4, astrometry=each)
         for alias, name in [word.strip(",").split(".") for word in adql.split() if word[:2] in ("g.", "s.")]:
@@ -74,7 +75,7 @@ def test_check_names_what_changed(capsys):
     )
     with serving(lambda path, form: (200, body)) as (url, asked):
         checked = check_schema("gaiadr4", f"{url}/tap")
-        assert main(["--check", "gaiadr4", "--url", f"{url}/tap"]) == 0
+        assert main(["--check", "gaiadr4", "--url", f"{url}/tap"]) == 0  # dr3-neighbourhood runs
     assert asked[0][0] == "/tap/sync"
     assert "TAP_SCHEMA.columns" in asked[0][1]["QUERY"]
     best, core = (checked.missing[f"a table of sources, --table {each}"] for each in archive.ASTROMETRY)
@@ -97,6 +98,25 @@ def test_check_of_a_schema_as_we_know_it():
     for body, words in ((b"table_name,column_name\n", "has no schema gaiadr4"), (b"<html>", "sent no list of columns")):
         with serving(lambda path, form, body=body: (200, body)) as (url, _), pytest.raises(ArchiveError, match=words):
             check_schema("gaiadr4", url)
+
+
+def test_check_asks_for_the_tables_of_the_queries_and_again_where_it_is_cut(capsys):
+    """Synchronous answers are cut at 2000 rows without a word: the schema has 7000 columns."""
+    with serving(lambda path, form: (200, columns_of())) as (url, asked):
+        check_schema("gaiadr4", url)
+    (form,) = [form for _, form in asked]
+    assert "WHERE table_name IN ('gaiadr4.all_source_astrometry', " in form["QUERY"]
+    many = b"table_name,column_name\n" + b"".join(b"gaiadr4.aa_table,c%d\n" % k for k in range(2000))
+    with serving(lambda path, form: (200, many)) as (url, asked):
+        assert main(["--check", "gaiadr4", "--url", f"{url}/tap"]) == 1  # asked as a job, which this server lacks
+    assert [path for path, _ in asked] == ["/tap/sync", "/tap/async"]
+    assert asked[1][1]["FORMAT"] == "csv"
+    nothing = columns_of(
+        ("gaia_source", None, "a"), ("all_source_astrometry", None, "b"), ("dr3_neighbourhood", None, "c")
+    )
+    with serving(lambda path, form: (200, nothing)) as (url, _):
+        assert main(["--check", "gaiadr4", "--url", f"{url}/tap"]) == 1
+    assert "no query runs in gaiadr4" in capsys.readouterr().err
 
 
 def test_queries_fetch_what_the_referee_looks_at():
@@ -149,9 +169,15 @@ def test_epochs_come_in_batches_and_are_resumed(transits, tmp_path):
         before = len(asked)
         assert fetch_epochs(ids, folder, f"{url}/data", batch=3, progress=False) == folder
         assert len(asked) == before
-        (folder / "epochs-00002-00000.vot").write_text("changed")  # by somebody: fetched again
+        (folder / "epochs-00002-00000.vot").unlink()  # fetched again
         fetch_epochs(ids, folder, f"{url}/data", batch=3, progress=False)
         assert len(asked) == before + 1
+        whole = (folder / "epochs-00002-00000.vot").read_bytes()
+        (folder / "epochs-00002-00000.vot").write_text("changed")  # somebody's work, which is not deleted
+        with pytest.raises(ArchiveError, match=r"epochs-00002-00000.vot is not as it was fetched: somebody changed it"):
+            fetch_epochs(ids, folder, f"{url}/data", batch=3, progress=False)
+        assert (folder / "epochs-00002-00000.vot").read_text() == "changed"
+        (folder / "epochs-00002-00000.vot").write_bytes(whole)
         with pytest.raises(ArchiveError, match="answer to another request"):
             fetch_epochs(ids[:3], folder, f"{url}/data", batch=3, progress=False)
     form = asked[0][1]
@@ -171,7 +197,7 @@ def test_run_that_was_killed_in_its_first_batch_goes_on(transits, tmp_path, monk
 
     with serving(lambda path, form: (200, packed(transits, form["ID"].split(",")))) as (url, _):
         with monkeypatch.context() as patch:
-            patch.setattr("vsh.io.archive._queries.digest", killed)
+            patch.setattr("vsh.io.archive._epochs.digest", killed)
             with pytest.raises(KeyboardInterrupt):
                 fetch_epochs([1, 2, 3], tmp_path / "epochs", f"{url}/data", batch=2, progress=False)
         (tmp_path / "epochs" / ".vsh-unfinished-abc-epochs-00000-00000.vot").write_text("hal")
@@ -199,7 +225,62 @@ def test_epochs_on_the_command_line(transits, tmp_path, capsys):
             main(wrong)
 
 
+def test_structure_is_what_the_server_knows(transits, tmp_path):
+    """ESA's server refuses structures that it does not know, and lists those that it does."""
+
+    def reply(path, form):
+        if form["DATA_STRUCTURE"] not in ("RAW", "INDIVIDUAL"):
+            words = f"Invalid Data Structure parameter: '{form['DATA_STRUCTURE']}', valid ones are: RAW, INDIVIDUAL"
+            return 500, f"Error 500:\n{words}\n".encode()
+        return 200, packed(transits, form["ID"].split(","))
+
+    with serving(reply) as (url, asked):
+        fetch_epochs([1, 2, 3], tmp_path / "epochs", url, batch=2, progress=False)
+        assert [form["DATA_STRUCTURE"] for _, form in asked] == ["DATAMODEL_GAIA", "RAW", "RAW"]
+        with pytest.raises(ArchiveError, match="valid ones are: RAW, INDIVIDUAL"):
+            fetch_epochs([1], tmp_path / "own", url, structure="COMBINED", progress=False)
+
+
+def test_sources_without_epochs_are_listed(transits, tmp_path, capsys):
+    (tmp_path / "ids.txt").write_text("1\n2\n99\n")
+    words = ["epochs", "--ids", str(tmp_path / "ids.txt"), "--output", str(tmp_path / "out")]
+    with serving(lambda path, form: (200, packed(transits, form["ID"].split(",")))) as (url, asked):
+        assert main([*words, "--url", url]) == 0
+        assert "1 of 3 sources have no epochs: 99" in capsys.readouterr().out
+        assert main([*words, "--url", url]) == 0  # nothing is asked again
+    assert len(asked) == 1
+    assert json.loads((tmp_path / "out.json").read_text())["missing"] == {"epochs-00000": [99]}
+
+
+def test_zip_as_it_was_downloaded_is_read(transits, tmp_path):
+    """astroquery leaves one archive with a file for each source."""
+    with zipfile.ZipFile(tmp_path / "datalink_output.zip", "w") as archive_:
+        for source_id in (2, 5):
+            body = io.BytesIO()
+            transits[transits["source_id"] == source_id].write(body, format="votable")
+            archive_.writestr(f"EPOCH_ASTROMETRY-Gaia DR4 {source_id}.xml", body.getvalue())
+    (path,) = epoch_files(tmp_path / "datalink_output.zip")
+    np.testing.assert_array_equal(read_observations(path).name, [2, 5])
+
+
+def zipped(content, name="x.vot"):
+    body = io.BytesIO()
+    with zipfile.ZipFile(body, "w") as archive_:
+        archive_.writestr(name, content)
+    return body.getvalue()
+
+
+FOREIGN = b"<VOTABLE version='1.4'><RESOURCE><TABLE><FIELD name='a' datatype='int'/><DATA><TABLEDATA><TR><TD>1</TD></TR></TABLEDATA></DATA></TABLE></RESOURCE></VOTABLE>"
+NO = b"<VOTABLE><RESOURCE><INFO name='QUERY_STATUS' value='ERROR'>no such product</INFO></RESOURCE></VOTABLE>"
+
+
 @pytest.mark.parametrize(("body", "words"), [
+    (FOREIGN, "it has no column source_id"),
+    (NO, "no such product"),
+    (zipped(b"<html>log in</html>"), "sent no epochs in x.vot"),
+    (zipped(b""), "sent no epochs in x.vot"),
+    (zipped(NO), "no such product"),
+    (b"PK\x05\x06" + bytes(18), "sent an empty archive"),
     (b"PK\x03\x04damaged", "sent no whole archive"),
     (b"<html>log in</html>", "sent no epochs: log in"),
 ])  # fmt: skip

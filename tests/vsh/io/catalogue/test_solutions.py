@@ -58,3 +58,13 @@ def test_missing_solution_and_words():
 
 def test_all_can_be_asked_for():
     assert len(read_field(table("astrometric_params", [31, 3, 120]), columns={"solution": None})) == 3
+
+
+def test_flagged_rows_are_counted_and_left_out():
+    """DR4's quality_flag was fetched and never looked at."""
+    flag = np.ma.MaskedArray([0, 1, 0, 2, 0], [False, False, False, False, True])
+    field = read_field(table("quality_flag", flag))
+    assert list(field.name) == [0, 2, 4]
+    assert dropped(field.notes) == 2
+    assert any("quality_flag is not 0" in note for note in field.notes)
+    assert len(read_field(table("quality_flag", flag), columns={"quality": None})) == 5  # as the note says

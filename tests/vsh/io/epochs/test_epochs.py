@@ -1,11 +1,13 @@
 """Epoch astrometry: fields from transits are those of the solution, and of ESA's own package."""
 
+import itertools
 import sys
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from astropy.table import Table
+from conftest import real_catalogue as real
 
 import sim
 from vsh.io.epochs import design_row, downweight, read_epochs, read_observations, solve_epochs
@@ -199,12 +201,53 @@ def gaiasupdate(monkeypatch, name):
     return pytest.importorskip(f"gaiasupdate.{name}", reason="gaiasupdate is not installed: make test-oracles")
 
 
+#: Where the two sources of ESA's files are is in none of them; any place gives the same motions.
+PLACES = Table({"source_id": np.array([0, 1, 2], np.int64), "ra": [30.0, 10.0, 20.0], "dec": [7.0, 5.0, 6.0]})
+
+
+def test_solution_of_dr4_is_that_of_dpac():
+    """DPAC's own solution of a source from the file of its epochs, by flags and excess noise as AGIS used them."""
+    (dpac,) = Table.read(real("esa_epochs/1_archive_source_update_results.parquet"))
+    field = read_epochs(real("esa_epochs/1_archive_epoch_astro.parquet"), positions=PLACES)
+    error = np.array([dpac["muAlphaStarError"], dpac["muDeltaError"]])
+    off = np.array([field.pmra[0] - dpac["muAlphaStar"], field.pmdec[0] - dpac["muDelta"]]) / error
+    assert np.abs(off).max() < 1e-3
+    np.testing.assert_allclose([field.pmra_error[0], field.pmdec_error[0]], error, rtol=1e-3)
+    anew = read_epochs(real("esa_epochs/1_archive_epoch_astro.parquet"), positions=PLACES, robust=True)
+    assert abs(anew.pmra[0] - dpac["muAlphaStar"]) > 0.5 * error[0]  # which is what other weights change
+
+
+@pytest.mark.parametrize("name", [
+    "EPOCH_ASTROMETRY-Gaia DR4_INT2 1.csv", "EPOCH_ASTROMETRY-Gaia DR4_INT2 1.ecsv",
+    "EPOCH_ASTROMETRY-Gaia DR4_INT2 1.votplain.xml", "EPOCH_ASTROMETRY-Gaia DR4_INT2 1.xml", "1_epoch_astrometry.parquet",
+])  # fmt: skip
+def test_every_format_of_the_archive_gives_one_solution(name):
+    """The CSV has two columns of one name, the internal Parquet file names in camel case."""
+    reference = read_epochs(real("esa_epochs/EPOCH_ASTROMETRY-Gaia DR4_INT2 1.fits"), positions=PLACES)
+    field = read_epochs(real(f"esa_epochs/{name}"), positions=PLACES)
+    np.testing.assert_allclose(field.motion, reference.motion, rtol=1e-9)
+    np.testing.assert_allclose(field.sigma, reference.sigma, rtol=1e-7)
+
+
+def test_weights_of_epochs(transits):
+    """Without a column of excess noise the weights are estimated anew, and a note says so; null is no noise."""
+    table = transits.copy()
+    table["agis_source_excess_noise"] = 3.0  # mas
+    own, plain = read_epochs(table), read_epochs(transits, robust=False)
+    assert (own.sigma > plain.sigma).all()
+    assert any("weights as AGIS had them" in note for note in own.notes)
+    table["agis_source_excess_noise"] = np.ma.MaskedArray(np.full(len(table), 3.0), True)
+    assert any("no column agis_source_excess_noise" in note for note in read_epochs(table).notes)
+    del table["agis_source_excess_noise"]
+    np.testing.assert_array_equal(read_epochs(table).motion, read_epochs(table, robust=True).motion)
+
+
 @pytest.mark.parametrize("has_colour", [False, True], ids=["five", "six"])
 def test_against_gaiasupdate(with_outliers, monkeypatch, has_colour):
     """ESA's own package, with its weights, excess noise and prior: parameters to 1e-3 σ, errors to 1e-3."""
     solver = gaiasupdate(monkeypatch, "solver")
     table = coloured(with_outliers)[0] if has_colour else with_outliers
-    field = read_epochs(table)
+    field = read_epochs(table, robust=True)
     noisy = 0
     for i in range(len(field)):
         mine = table["source_id"] == field.name[i]
@@ -238,14 +281,14 @@ def test_tables_of_the_archive_against_gaiasupdate(monkeypatch):
     pandas = pytest.importorskip("pandas")
     population = sim.quasars(3, np.random.default_rng(5), max_magnitude=20.0)
     table, _ = coloured(sim.epochs(population, sim.spin((0.0, 0.0, 0.0)), 4, complete=True), size=60.0)
-    field = read_epochs(table)
     frame = pandas.DataFrame({
         name: list(np.asarray(table[name])) if np.ndim(table[name]) > 1 else np.asarray(table[name])
         for name in table.colnames
     })  # fmt: skip
-    for i, name in enumerate(field.name):
+    for anew, (i, name) in itertools.product((False, True), enumerate(np.unique(table["source_id"]))):
+        field = read_epochs(table, robust=True if anew else None)
         found = module.GaiaEpochAstrometryArchive.supdate(
-            frame[frame["source_id"] == name], name, compute_excess_noise=True
+            frame[frame["source_id"] == name], name, compute_excess_noise=anew
         )
         sigma = 1000 * found["parameters_formal_uncertainty"][3:5]
         assert np.abs(field.motion[:, i] - 1000 * np.asarray(found["parameters"][3:5])).max() < 1e-3 * sigma.min()

@@ -1,0 +1,231 @@
+"""Epoch astrometry by DataLink: in batches that are opened before they count, with hashes, resumed where cut off."""
+
+import hashlib
+import io
+import re
+import time
+import zipfile
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+
+from vsh.io import tables
+from vsh.io.archive._tap import _message, _open, _read, _read_some, _RefusedError, _write
+from vsh.tools.arguments import explained, positive, whole
+from vsh.tools.errors import ArchiveError, VshError
+from vsh.tools.files import atomic_write, digest, exclusive, remove_unfinished
+from vsh.tools.parallel import progress_bar
+from vsh.tools.printing import printable
+from vsh.tools.types import PathName
+
+#: ESA's server of products that hang on a source.
+DATA_SERVER = "https://gea.esac.esa.int/data-server/data"
+#: The most sources that the server gives at once, and how large an answer of so many may be. [bytes]
+BATCH, _MOST = 5000, 2**32
+#: How several sources come, the first that the server knows: one file with an array for each transit, by DR4's word and
+#: by that of earlier releases; or one file for each source. [astroquery 3629, 3012]
+STRUCTURES = ("DATAMODEL_GAIA", "RAW", "DATAMODEL_STANDARD", "INDIVIDUAL")
+#: What a file of epochs has at least, by its lower-case names.
+_NEEDED = ("source_id", "centroid_pos_al")
+
+
+@explained
+def fetch_epochs(
+    ids: Iterable[int],
+    folder: PathName,
+    url: str = DATA_SERVER,
+    *,
+    retrieval_type: str = "EPOCH_ASTROMETRY",
+    structure: str | None = None,
+    release: str = "Gaia DR4",
+    batch: int = 500,
+    patience: float = 7200.0,
+    progress: bool = True,
+) -> Path:
+    """Fetch the epoch astrometry of sources into a folder that `read_epochs` and `vsh-waves` read.
+
+    Parameters
+    ----------
+    ids : iterable of int
+        source_id of each.
+    folder : str or Path
+        The folder, new or of an earlier call. A file of the same name with .json appended records the request and the
+        SHA-256 checksum of every file.
+    url : str
+        Address of the data server.
+    retrieval_type, release : str
+        What the server calls the product and the release. Bright sources and those of crowded fields have products of
+        their own in DR4: EPOCH_ASTROMETRY_BRIGHT and EPOCH_ASTROMETRY_CROWDED_FIELD.
+    structure : str, optional
+        How several sources come. Unless given, "DATAMODEL_GAIA" is asked for, and what the server names as valid
+        where it does not know it ("RAW", …).
+    batch : int
+        How many sources are asked for at once, 5000 at most.
+    patience : float
+        How long to wait for each batch. [s]
+    progress : bool
+        Show a bar, after two seconds.
+
+    Returns
+    -------
+    Path
+        The folder, with a file or more for each batch. Its note lists under "missing" the sources without epochs.
+
+    Raises
+    ------
+    ArchiveError
+        If the server cannot be reached, refuses, or sends something that is no table of epochs of these sources; if
+        the folder holds the answer to another list, or a file that was changed since. Batches already received are
+        kept; the same call resumes after them.
+    """
+    numbers = sorted({int(source_id) for source_id in ids})
+    if not numbers or numbers[0] < 0:
+        raise ArchiveError("there are no sources to ask for: source_id are whole numbers above zero")
+    size = min(whole("batch", batch), BATCH)
+    folder = Path(folder)
+    note = folder.with_name(f"{folder.name}.json")
+    checksum = hashlib.sha256("\n".join(map(str, numbers)).encode()).hexdigest()
+    request = {
+        "retrieval_type": retrieval_type, "structure": structure, "release": release, "url": str(url), "batch": size,
+        "sources": len(numbers), "sha256_of_ids": checksum,
+    }  # fmt: skip
+    with exclusive(note):
+        record = _read(note)
+        if record and any(record.get(key) != value for key, value in request.items()):
+            raise ArchiveError(f"{printable(folder)} holds the answer to another request: name another folder")
+        if not record and folder.exists() and any(folder.iterdir()):
+            raise ArchiveError(
+                f"{printable(folder)} exists without its note, so its contents are unknown: name another"
+            )
+        files: dict[str, str] = dict(record.get("files", {}))
+        missing: dict[str, list[int]] = dict(record.get("missing", {}))
+        if not record:  # first of all: who is killed in the first batch goes on as well
+            _write(note, request | {"files": files, "missing": missing})
+        folder.mkdir(exist_ok=True)
+        remove_unfinished(folder)
+        _check_unchanged(folder, files)
+        source = _Source(request, retrieval_type, structure, positive("patience", patience))
+        batches = [numbers[k : k + size] for k in range(0, len(numbers), size)]
+        with progress_bar(total=len(batches), words="fetching epochs", shown=progress) as bar:
+            for k, batch_ids in enumerate(batches):
+                prefix = f"epochs-{k:05d}"
+                names = [name for name in files if name.startswith(prefix)]
+                if (not names and prefix not in missing) or any(not (folder / name).is_file() for name in names):
+                    files = {name: sha for name, sha in files.items() if name not in names}
+                    added, lost = _fetch_batch(source, batch_ids, folder / prefix)
+                    files |= added
+                    missing.pop(prefix, None)
+                    missing |= {prefix: lost} if lost else {}
+                    _write(note, request | {"files": files, "missing": missing})
+                bar.update(1)
+    return folder
+
+
+def sources_without_epochs(folder: PathName) -> list[int]:
+    """The source_id that were asked for and of which the archive sent no epochs, by the note beside a folder."""
+    folder = Path(folder)
+    record = _read(folder.with_name(f"{folder.name}.json"))
+    return sorted(source_id for lost in record.get("missing", {}).values() for source_id in lost)
+
+
+def _check_unchanged(folder, files):
+    """Raise ArchiveError where a file that was fetched is no longer as it was: it is somebody's work."""
+    changed = [name for name, sha in files.items() if (folder / name).is_file() and digest(folder / name) != sha]
+    if changed:
+        raise ArchiveError(
+            f"{printable(folder / changed[0])} is not as it was fetched"
+            + (f", nor are {len(changed) - 1} others" if len(changed) > 1 else "")
+            + ": somebody changed it. Move it elsewhere, and the same call fetches it again"
+        )
+
+
+class _Source:
+    """A data server, and the structure that it knows."""
+
+    def __init__(self, request, retrieval_type, structure, patience):
+        self.url, self.retrieval_type, self.release = request["url"], retrieval_type, request["release"]
+        self.structures = [structure] if structure else list(STRUCTURES)
+        self.patience = patience
+
+    def fetch(self, ids):
+        """The body of the answer for some sources."""
+        try:
+            return self._fetch(ids, self.structures[0])
+        except _RefusedError as error:
+            # ESA's server: "Invalid Data Structure parameter: 'X', valid ones are: RAW, INDIVIDUAL".
+            if len(self.structures) == 1 or "data structure" not in str(error).lower():
+                raise
+            valid = re.findall(r"\w+", str(error).partition("valid ones are")[2])
+            self.structures = [name for name in STRUCTURES[1:] if not valid or name in valid]
+            if not self.structures:
+                raise
+            return self.fetch(ids)
+
+    def _fetch(self, ids, structure):
+        form = {
+            "ID": ",".join(map(str, ids)), "RETRIEVAL_TYPE": self.retrieval_type, "FORMAT": "votable",
+            "DATA_STRUCTURE": structure, "RELEASE": self.release, "VALID_DATA": "false", "USE_ZIP_ALWAYS": "true",
+        }  # fmt: skip
+        end = time.monotonic() + self.patience
+        with _open(self.url, form, end) as answer:
+            return _read_some(answer, _MOST, end)
+
+
+def _fetch_batch(source, ids, prefix):
+    """Fetch a batch: its files with their hashes, and the sources that are in none of them."""
+    contents = _members(source.fetch(ids), source.url)
+    files, received = {}, set()
+    for number, (name, content) in enumerate(contents):
+        suffix = ".fits" if content[:9] == b"SIMPLE  =" else ".csv" if name.lower().endswith(".csv") else ".vot"
+        path = prefix.with_name(f"{prefix.name}-{number:05d}{suffix}")
+        with atomic_write(path) as temporary_path:
+            temporary_path.write_bytes(content)
+            received |= _sources_in(temporary_path, name, content, source.url)
+            files[path.name] = digest(temporary_path)
+    foreign = received - set(ids)
+    if foreign:
+        raise ArchiveError(
+            f"{source.url} sent epochs of {len(foreign)} sources that were not asked for, {min(foreign)} for one"
+        )
+    return files, sorted(set(ids) - received)
+
+
+def _sources_in(path, name, content, url):
+    """The source_id in a file of an answer, once it is known to hold epochs."""
+    try:
+        table = tables.open_table(path)
+        names = {column.lower(): column for column in table.names}
+        absent = [column for column in _NEEDED if column not in names]
+        if not absent:
+            values, mask = table.columns((names["source_id"],))[names["source_id"]]
+            return set(map(int, np.asarray(values) if mask is None else np.asarray(values)[~np.asarray(mask)]))
+        reason = f"it has no column {absent[0]}"
+    except (VshError, OSError, ValueError, TypeError) as error:
+        reason = str(error).replace(str(path), name)
+    message = _message(content[:_MOST_WORDS]) if b"ERROR" in content[:_MOST_WORDS] else reason
+    raise ArchiveError(f"{url} sent no epochs in {printable(name)}: {printable(message)[:200]}")
+
+
+#: So much of a document is looked through for the reason of an error. [bytes]
+_MOST_WORDS = 2**20
+
+
+def _members(body, url):
+    """The files of an answer: those of a zip archive, or itself."""
+    if body[:2] != b"PK":
+        if b"<VOTABLE" not in body[:2000] and body[:9] != b"SIMPLE  =":
+            text = re.sub(r"<[^>]+>", " ", body[:400].decode("utf-8", "replace"))
+            raise ArchiveError(f"{url} sent no epochs: {printable(' '.join(text.split()))[:200]}")
+        return [("answer", body)]
+    try:
+        with zipfile.ZipFile(io.BytesIO(body)) as archive:
+            inside = [member for member in archive.infolist() if not member.is_dir()]
+            if sum(member.file_size for member in inside) > _MOST:
+                raise ArchiveError(f"{url} sent more than {_MOST} bytes in one batch: ask for fewer sources (batch)")
+            members = [(member.filename, archive.read(member)) for member in inside]
+    except (zipfile.BadZipFile, OSError, NotImplementedError, RuntimeError) as error:
+        raise ArchiveError(f"{url} sent no whole archive ({error}): the same call fetches it again") from error
+    if not members:
+        raise ArchiveError(f"{url} sent an empty archive: are these sources of the release, and epochs of this type?")
+    return members
