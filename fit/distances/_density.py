@@ -18,6 +18,7 @@ from vsh.models.cosmology import FLAT_PLANCK13, hubble_value, transverse_distanc
 from vsh.tools.errors import DegeneracyError, FieldError
 from vsh.tools.notebook import InNotebook
 from vsh.tools.parallel import map_blocks
+from vsh.tools.subsample import select_share
 from vsh.tools.types import BoolArray, FloatArray
 from vsh.tools.units import AU_PER_YEAR
 
@@ -454,8 +455,8 @@ def _moments(data, error, of_parallax, length):
 
 def _length(data, error, of_parallax):
     """The scale length of greatest likelihood, by golden sections in its logarithm."""
-    step = max(1, len(data) // _SOURCES)
-    data, error, of_parallax = data[::step], error[::step], of_parallax[::step]
+    selection = select_share(_SOURCES / len(data), data, error)
+    data, error, of_parallax = data[selection], error[selection], of_parallax[selection]
     typical = np.where(of_parallax, 1 / np.maximum(data, error), data)
 
     def minus(log_length):

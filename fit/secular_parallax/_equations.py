@@ -35,6 +35,7 @@ from vsh.tools.arguments import positive
 from vsh.tools.errors import DegeneracyError, FrameError, ParameterError
 from vsh.tools.notes import merge_notes
 from vsh.tools.parallel import map_blocks
+from vsh.tools.subsample import select_share
 from vsh.tools.types import ArrayLike, AxesArray, FloatArray, IntArray, OnAxes, Table
 from vsh.tools.units import AU_PER_YEAR, SPEED_OF_LIGHT
 from vsh.vector import Vector
@@ -576,13 +577,11 @@ class LeftOut:
 
     def sums(self, spread: float, excess_noise: float, n_sources: int) -> ParallaxSums:
         """Normal matrix and right-hand side with the flow's columns, from a subsample, scaled to all sources."""
-        step = max(1, n_sources // _SOURCES)
-        subsample = (
-            self.field.map(partial(_every_nth, step=step)) if isinstance(self.field, Parts) else self.field[::step]
-        )
+        select = partial(_some, share=_SOURCES / n_sources)
+        subsample = self.field.map(select) if isinstance(self.field, Parts) else select(self.field)
         rows = equations(subsample, self.calibration, modes=self.modes, **self.options)
         sums = rows.sums(spread, excess_noise)
-        scale = n_sources / (sums.n_data // 2)  # of small parts more than one in `step` is taken
+        scale = n_sources / (sums.n_data // 2)
         return replace(sums, matrix=sums.matrix * scale, rhs=sums.rhs * scale)
 
 
@@ -594,8 +593,10 @@ def flow_covariance(sums: ParallaxSums, to_u: FloatArray, ratio: float) -> Float
     return response @ response.T
 
 
-def _every_nth(field, step):
-    return field[::step]
+def _some(field, share):
+    """A share of the sources, by their places: at least one."""
+    selection = select_share(share, field.lon, field.lat)
+    return field[selection] if selection.any() else field[:1]
 
 
 def solve_for(

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from vsh.tools.subsample import select_share
 from vsh.tools.types import ArrayLike, FloatArray
 
 __all__ = ["angles", "triad"]
@@ -90,11 +91,11 @@ def widest_gap(lon: FloatArray, lat: FloatArray) -> tuple[float, float, float]:
     lon, lat : (n,) arrays
         Directions; of many, ten thousand are looked at. [rad]
     """
-    step = max(1, len(lon) // 10_000)
+    selection = select_share(10_000 / max(len(lon), 1), lon, lat)
     k = np.arange(600) + 0.5  # a spiral of Fibonacci's
     z, turn = 1 - k / 300, np.pi * (1 + np.sqrt(5)) * k
     centres = np.stack([np.sqrt(1 - z * z) * np.cos(turn), np.sqrt(1 - z * z) * np.sin(turn), z])
-    nearest = (centres.T @ triad(lon[::step], lat[::step])[2]).max(1)
+    nearest = (centres.T @ triad(lon[selection], lat[selection])[2]).max(1)
     widest = int(nearest.argmin())
     radius = float(np.arccos(np.clip(nearest[widest], -1, 1)))
     return radius, float(turn[widest] % (2 * np.pi)), float(np.arcsin(z[widest]))

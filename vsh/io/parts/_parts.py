@@ -15,6 +15,7 @@ from vsh.sky.frames import check_frame
 from vsh.tools.errors import EmptyFieldError, FieldError, ParameterError
 from vsh.tools.notebook import InNotebook
 from vsh.tools.parallel import progress_bar
+from vsh.tools.subsample import select_share
 from vsh.tools.types import ArrayLike, FloatArray, IntArray
 
 HERE = InProcess()
@@ -262,16 +263,16 @@ def _inside(field, numbers, weights, bins):
 
 
 def sample_of(sky: Parts, n_sources: int = 20_000) -> Field:
-    """Some of the sources as a Field, every k-th of each part, for figures."""
-    step = max(1, sky.counted() // n_sources)
-    columns: dict[str, Any] = sky.sum(partial(_every, step=step), roles=(), words="a sample")
+    """Some of the sources as a Field, by their places, for figures."""
+    share = n_sources / max(sky.counted(), 1)
+    columns: dict[str, Any] = sky.sum(partial(_some, share=share), roles=(), words="a sample")
     frame = columns.pop("frame")[0]
     arrays: dict[str, Any] = {name: np.concatenate(values, axis=-1) for name, values in columns.items()}
     return Field(**arrays, frame=frame)
 
 
-def _every(field, step):
-    sample = field[::step]
+def _some(field, share):
+    sample = field[select_share(share, field.lon, field.lat)]
     return {name: [getattr(sample, name)] for name in ("lon", "lat", "motion", "sigma", "rho", "frame")}
 
 
