@@ -1,9 +1,13 @@
 """Coverage of the recommended fit, and of least squares with formal errors, on skies that violate their assumptions.
 
     python benchmarks/recommended.py [SKIES [ROW …]]
+    python benchmarks/recommended.py [SKIES] few
 
 For each kind of sky: rms pull of a component, shares of components within 1 and 1.96 errors, of p-values of the difference
 from the truth below 0.05, and of 95 % limits above the truth; for acceleration and spin together.
+
+With few sources and no signal: how often p < 0.0027, how many nominal 95 % intervals of a component hold zero, the rms
+pull, how often there was no result, and the scatter of the estimates in that of least squares with the true variances.
 """
 
 import sys
@@ -11,6 +15,7 @@ import warnings
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from functools import partial
+from itertools import product
 
 import numpy as np
 
@@ -18,6 +23,7 @@ import fit
 import sim
 from fit.background import SHAPES
 from vsh import Field
+from vsh.tools.errors import VshError
 
 TRUTH = {"acceleration": np.array([-0.3, -4.4, -2.3]), "spin": np.zeros(3)}
 #: Factor on each spectrum of systematic errors, which then add 1 to 2 errors of the noise to spin and acceleration.
@@ -80,7 +86,56 @@ def one(seed, name):
     return rows
 
 
+#: Cells of few sources: how many, over how many decades their errors spread, and their true scatter in median errors.
+CELLS = list(product((15, 25, 33, 37, 40, 60, 100, 200), (0, 1, 2, 3, 4), (0, 0.3, 3, 30, 300)))
+
+
+def no_signal(rng, n, decades, scatter):
+    """Motions without a signal, and the same with their true variances for errors."""
+    lon, lat = sim.uniform_sky(n, rng)
+    sigma = np.tile(100 * 10 ** (decades * (rng.random(n) - 0.5)), (2, 1))
+    true = np.hypot(sigma, 100 * scatter)
+    motion = true * rng.normal(size=(2, n))
+    return Field(lon, lat, motion, sigma), Field(lon, lat, motion, true)
+
+
+def one_of_few(seed, cell):
+    """Estimates, errors, p-values of acceleration and spin, and the estimates with the true variances; None of no result."""
+    warnings.simplefilter("ignore")
+    field, known = no_signal(np.random.default_rng(seed), *cell)
+    try:
+        solution = fit.recommended(field).solution
+    except VshError:
+        return None
+    best = fit.fit_field(known, solution.modes.lmax)
+    return [
+        [*vector.value, *vector.sigma, vector.p_value, *getattr(best, each).value]
+        for vector, each in ((getattr(solution, each), each) for each in TRUTH)
+    ]
+
+
+def few(n=200):
+    """Print the cells of few sources."""
+    print("   N  decades  scatter   p<.0027   95 %   pull   none   sd")
+    with ProcessPoolExecutor() as pool:
+        for cell in CELLS:
+            all_skies = list(pool.map(partial(one_of_few, cell=cell), range(n), chunksize=10))
+            found = np.array([each for each in all_skies if each is not None]).reshape(-1, 10)
+            pulls, known = found[:, :3] / found[:, 3:6], np.isfinite(found[:, 3])
+            detected, covered = np.mean(found[:, 6] < 0.0027), np.mean(np.abs(pulls[known]) < 1.96)
+            print(
+                "{:4}{:9}{:9}".format(*cell)
+                + f"{detected:10.4f}{covered:7.3f}{np.sqrt(np.mean(pulls[known] ** 2)):7.2f}"
+                + f"{1 - known.sum() / (2 * n):7.3f}{found[:, :3].std() / found[:, 7:].std():6.2f}"
+                + ("  <--" if detected > 0.01 or covered < 0.93 else ""),
+                flush=True,
+            )
+
+
 def main(n=200, *names):
+    if names == ("few",):
+        few(n)
+        return
     with ProcessPoolExecutor() as pool:
         for name in names or SKIES:
             found = np.array(list(pool.map(partial(one, name=name), range(n), chunksize=4)))

@@ -7,6 +7,7 @@ all others.
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -14,12 +15,13 @@ import numpy as np
 from fit.background import Floor, equations_of, floor
 from fit.normal import NormalEquations, Template, normal_equations
 from fit.resample import bootstrap, compare_blocks, jackknife
+from fit.results.quality import ERRORS_TOO_SMALL
 from fit.results.solution import AboutSolution, Solution
-from fit.robust import ERRORS_TOO_SMALL, ExcessNoise, ReweightedFit, clip, excess_noise, permissive, student_t
+from fit.robust import ExcessNoise, ReweightedFit, clip, excess_noise, permissive, student_t
 from fit.solving import fit_field, solve, with_coverage
 from vsh.field import Field
 from vsh.io.catalogue import as_field
-from vsh.io.parts import Parts, as_parts
+from vsh.io.parts import Parts, as_parts, median
 from vsh.modes import Modes
 from vsh.tools import arguments
 from vsh.tools.arguments import choice
@@ -30,12 +32,22 @@ from vsh.tools.types import FloatArray, Rng
 __all__ = ["METHODS", "Estimate", "Recommended", "estimate", "recommended"]
 
 
-#: A fit to degree L needs so many sources for each of its 2 L (L + 2) unknowns, two numbers each.
-_PER_MODE = 4
+#: A fit to degree L needs so many sources for each of its L (L + 2) pairs of unknowns, two numbers each. With half as
+#: many a fit with free tails may go exactly through the most precise sources, and a floor cannot be told from noise.
+_PER_MODE = 8
+#: Degree 1 alone needs half of that: no floor and no degree is told from another there.
+_FEWEST = 12
 #: The degree unless another is named: the spectrum of the systematic errors is seen best from 5 on.
 _DEGREE = 5
-#: Shares of the Gaussian excess noise that Student's t is tried with where many errors are too small.
-_NOISES = (1.0, 0.5, 0.25, 0.125)
+#: Where many errors are too small, Student's t is tried with the Gaussian excess noise, which outliers enlarge; it is
+#: halved so often at most. A fit that goes exactly through a few precise sources gains p ln 2 in ln L by each halving,
+#: one number for each of its p coefficients: less than this beyond it is no reason.
+_HALVINGS, _GAIN = 8, 6.0
+#: It is estimated without motions of so many times their median.
+_TYPICAL = 10.0
+#: Catalogues in which the errors make fewer sources count, by (Σw)²/Σw², are always fitted with such a noise: a few
+#: sources with much smaller errors than the others would determine the fit, and nothing could contradict them.
+_PRECISE = 64
 #: Rounds that are allowed for each.
 _ROUNDS = 100
 #: From this degree on the floor is estimated.
@@ -110,7 +122,7 @@ def degree_for(n_sources: int, most: int, least: int = 1) -> int:
     DegeneracyError
         If they do not bear the lowest.
     """
-    lmax = next((l for l in range(most, 0, -1) if n_sources >= _PER_MODE * l * (l + 2)), 0)
+    lmax = next((l for l in range(most, 1, -1) if n_sources >= _PER_MODE * l * (l + 2)), int(n_sources >= _FEWEST))
     if lmax < least:
         raise DegeneracyError(f"{n_sources} sources do not bear degree {least}")
     return lmax
@@ -153,7 +165,7 @@ def recommended(field: Any, lmax: int | None = None, *, rng: Rng = 1) -> Recomme
     """
     n_sources = as_parts(field).sum(len)
     max_degree = _DEGREE if lmax is None else arguments.whole("lmax", lmax)
-    degree, reason = degree_for(max(n_sources, 12), max_degree), f"{n_sources} sources do not bear more"
+    degree, reason = degree_for(max(n_sources, _FEWEST), max_degree), f"{n_sources} sources do not bear more"
     while True:
         try:
             weights, solution = _robust(field, degree)
@@ -178,29 +190,56 @@ def _robust(field, degree):
     """Student's t, with an excess noise where the quoted errors need one; least squares where no weights settle."""
     fits: list[ReweightedFit] = []
     reason = ""
+    w, w2 = as_parts(field).sum(_weights, roles=())
     try:
-        fits.append(student_t(field, degree))
-        if ERRORS_TOO_SMALL not in codes_of(fits[0].solution.notes):
-            return fits[0], fits[0].solution
+        if w**2 > _PRECISE * w2:
+            without_noise = student_t(field, degree)
+            if ERRORS_TOO_SMALL not in codes_of(without_noise.solution.notes):
+                return without_noise, without_noise.solution
+        # Its likelihood is not compared with those below: where errors say little of the scatter, a fit without noise
+        # goes through the most precise sources, there it is the likelier the smaller their errors are.
     except ConvergenceError as error:
         reason = str(error)
     with suppress(ConvergenceError, DegeneracyError):
-        max_noise = excess_noise(field, degree).excess_noise  # outliers enlarge it
-        for share in _NOISES:
-            fits.append(student_t(field, degree, noise=share * max_noise, max_rounds=_ROUNDS))
-            if fits[-1].log_likelihood < fits[-2:][0].log_likelihood and share < 1:
+        sky = as_parts(field)
+        limit = _TYPICAL * median(sky, _sizes, "noise")
+        select = partial(_smaller, limit=limit)
+        usual = sky.map(select) if sky.in_memory is None else select(sky.in_memory)
+        noise = excess_noise(usual, degree).excess_noise
+        for _ in range(_HALVINGS):
+            smaller = student_t(field, degree, noise=noise, max_rounds=_ROUNDS)
+            gain = _GAIN + len(smaller.solution.modes) * np.log(2)
+            if fits and smaller.log_likelihood < fits[-1].log_likelihood + gain:
                 break
+            fits.append(smaller)
+            noise /= 2
     if not fits:
         solution = fit_field(field, degree)
         note = f"warning: least squares in place of Student's t ({reason})"
         return None, replace(solution, notes=(*solution.notes, note))
-    best = max(fits, key=lambda fit: fit.log_likelihood)
+    best = fits[-1]
     solution = best.solution
     if best.noise:
-        text = "many quoted errors are several times too small: an excess noise of {:.4g} µas/yr was added to each"
-        note = CodedNote(f"{text.format(best.noise)} in quadrature", ERRORS_TOO_SMALL)
+        text = "an excess noise of {:.4g} µas/yr, by the residuals, was added in quadrature to every error"
+        note = CodedNote(text.format(best.noise), ERRORS_TOO_SMALL)
         solution = replace(solution, notes=(*solution.notes, note))
     return best, solution
+
+
+def _sizes(field):
+    """The size of each motion."""
+    return np.hypot(*field.motion)
+
+
+def _smaller(field, limit):
+    """The sources whose motion is not larger than a limit."""
+    return field[_sizes(field) <= limit]
+
+
+def _weights(field):
+    """Sums of the weights of the sources and of their squares."""
+    weights = field.information
+    return np.array([weights.sum(), weights @ weights])
 
 
 def _floor(solution):

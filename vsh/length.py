@@ -33,6 +33,31 @@ _SAME = 0.8
 _STEPS = 6
 
 
+#: Fewer degrees of freedom determine no error: from five on the variance of an estimated variance is finite.
+FEWEST_DOF = 5
+
+
+def standard_errors(variances: Any, dof: float = np.inf) -> FloatArray:
+    """Standard errors by variances that were estimated with so many degrees of freedom.
+
+    Parameters
+    ----------
+    variances : (n,) array
+        Diagonal of a covariance.
+    dof : float
+        Its degrees of freedom; inf of one that is known.
+
+    Returns
+    -------
+    (n,) array
+        The standard deviation of Student's t, √(dof/(dof − 2)) times that of the variance: as p-values and limits
+        allow for few degrees of freedom, so do these. nan where fewer than five determine no error.
+    """
+    if dof < FEWEST_DOF:
+        return np.full(np.shape(variances), np.nan)
+    return np.asarray(np.sqrt(np.asarray(variances, float) * (1.0 if np.isinf(dof) else dof / (dof - 2))))
+
+
 def length_interval(
     value: FloatArray, covariance: FloatArray, probability: float = 0.68, dof: float = np.inf
 ) -> tuple[float, float]:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.special import chdtrc, fdtrc, log_ndtr
 
-from vsh.length import length_interval, length_limits
+from vsh.length import FEWEST_DOF, length_interval, length_limits, standard_errors
 from vsh.sky.frames import check_frame, rotation_matrix
 from vsh.sky.sphere import angles, triad
 from vsh.tools.arguments import between, covariance, float_array, number, read_only
@@ -117,8 +117,8 @@ class Vector(Frozen):
 
     @property
     def sigma(self) -> FloatArray:
-        """Standard error of each component, (3,)."""
-        return np.sqrt(np.diag(self.covariance))
+        """Standard error of each component, (3,): with the degrees of freedom of the covariance, `dof`, as p_value."""
+        return standard_errors(np.diag(self.covariance), self.dof)
 
     @property
     def quantity(self) -> Quantity:
@@ -196,7 +196,7 @@ class Vector(Frozen):
         Below it, `amplitude_interval` and `amplitude_limit`.
         """
         along = self._unit_vector()
-        return float(np.sqrt(along @ self.covariance @ along))
+        return float(standard_errors(along @ self.covariance @ along, self.dof))
 
     @property
     def debiased_amplitude(self) -> float:
@@ -209,7 +209,7 @@ class Vector(Frozen):
 
         Hotelling's T² where the covariance has `dof` of its own; nan where there is no error, or few replicates.
         """
-        if self.dof < 3 or not np.linalg.det(self.covariance) > 0:
+        if self.dof < FEWEST_DOF or not np.linalg.det(self.covariance) > 0:
             return float("nan")
         return probability_of(float(self.value @ np.linalg.solve(self.covariance, self.value)), 3, self.dof)
 
@@ -226,6 +226,8 @@ class Vector(Frozen):
         if and only if `p_value` is larger than 1 − `probability`.
         """
         probability = between("probability", probability, 0, 1)
+        if self.dof < FEWEST_DOF:
+            return float("nan"), float("nan")
         if not self._has_errors():
             return self.amplitude, self.amplitude
         return length_interval(self.value, self.covariance, probability, self.dof)
@@ -240,13 +242,15 @@ class Vector(Frozen):
         differ by factors of 3 to 8, coverage falls to 93 % with 10, 91 % with 6 and 86 % with 3 degrees of freedom.
         """
         probability = between("probability", probability, 0, 1)
+        if self.dof < FEWEST_DOF:
+            return float("nan")
         if not self._has_errors():
             return self.amplitude
         return float(length_limits(self.value[None], self.covariance[None], probability, self.dof)[0])
 
     def _has_errors(self) -> bool:
         """Return whether the covariance has a length that a limit can rest on."""
-        return bool(np.isfinite(self.value).all() and self.dof >= 3 and np.trace(self.covariance) > 0)
+        return bool(np.isfinite(self.value).all() and self.dof >= FEWEST_DOF and np.trace(self.covariance) > 0)
 
     def direction_cone(self, probability: float = 0.68) -> float:
         """Opening of the cone about `direction` that holds the true one with `probability`. [deg]

@@ -37,8 +37,9 @@ def make_parser() -> argparse.ArgumentParser:
     add(
         "--method NAME[=VALUE]",
         "estimator (default: recommended, i.e. Student's t with the systematic floor included in the errors; the "
-        "maximum degree is reduced if there are too few sources): least-squares, clip=KAPPA, student, permissive, "
-        "excess-noise[=scale], bootstrap=N or jackknife[=NSIDE]",
+        "maximum degree is reduced if there are too few sources): least-squares, clip=KAPPA (against outliers, not "
+        "against wrong errors), student, permissive, excess-noise[=scale] (against errors that are too small, not "
+        "against outliers), bootstrap=N or jackknife[=NSIDE]",
         parsing.method,
         "recommended",
     )

@@ -19,6 +19,7 @@ from vsh.coefficients import FIRST_DEGREE, Coefficients, vector_of
 from vsh.field import Field
 from vsh.io import tables
 from vsh.io.sections import Answer, Section
+from vsh.length import FEWEST_DOF, standard_errors
 from vsh.modes import Modes
 from vsh.scalars import DIPOLE, ScalarCoefficients
 from vsh.sky.frames import check_frame
@@ -88,8 +89,8 @@ class LinearSolution(Result):
 
     @property
     def sigma(self) -> FloatArray:
-        """Standard error of each parameter, (p,)."""
-        return np.sqrt(np.diag(self.covariance))
+        """Standard error of each parameter, (p,): with the degrees of freedom of an estimated covariance."""
+        return standard_errors(np.diag(self.covariance), getattr(self, "covariance_dof", np.inf))
 
     def gaussian(self) -> Gaussian:
         """Names, estimates and covariance of the parameters, for a sampler or another code's likelihood."""
@@ -227,7 +228,7 @@ class HarmonicSolution(LinearSolution):
 
     def chi2_of_degree(self, kind: Kind, l: int) -> float:
         """W̃ = cᵀ C⁻¹ c over the coefficients of one kind and degree; nan where too few replicates determine C."""
-        if self.covariance_dof < 2 * l + 1:
+        if self.covariance_dof < max(2 * l + 1, FEWEST_DOF):
             return float("nan")
         values, covariance = self.of_degree(kind, l)
         return float(values @ np.linalg.solve(covariance, values))

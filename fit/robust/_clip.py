@@ -10,7 +10,7 @@ from scipy.special import chdtr, chdtri
 
 from fit.normal import NormalEquations, Template, normal_equations
 from fit.normal.sums import sandwich, weighted_sums
-from fit.results.quality import ErrorSource
+from fit.results.quality import CLIPPED, ErrorSource
 from fit.results.solution import AboutSolution, Solution
 from fit.solving import solve
 from vsh.field import Field, SourcesWithErrors
@@ -21,6 +21,7 @@ from vsh.scalars import ScalarField, modes_for
 from vsh.tools import arguments
 from vsh.tools.arguments import positive
 from vsh.tools.errors import ConvergenceError
+from vsh.tools.notes import CodedNote
 from vsh.tools.printing import logged
 from vsh.tools.types import BoolArray, FloatArray
 
@@ -174,7 +175,7 @@ def clip(
                 else "the given threshold"
             )
             bound = f"residuals X > {limit:.3g} standard errors ({rule}; {rounds} rounds)"
-            note = f"clipped {n_sources - n_kept} of {n_sources} sources with {bound}"
+            note = CodedNote(f"clipped {n_sources - n_kept} of {n_sources} sources with {bound}", CLIPPED)
             mask = distances(sky.in_memory) <= limit if sky.in_memory is not None else None
             return _correct_bias(solution, mask, rounds, limit, q, note, n_sources - n_kept)
         if components * summary["sources"] < len(modes):
@@ -223,7 +224,7 @@ def _find_fixed_point(sky, modes, full_covariance, criterion, previous, rounds, 
         f"clipped {n_sources - n_kept} of {n_sources} sources with X > {limit:.3g} ({rounds} rounds; {swing} of them "
         f"{'was' if swing == 1 else 'were'} alternately clipped and kept)"
     )
-    return _correct_bias(solve(normal), mask, rounds, limit, q, note, n_sources - n_kept)
+    return _correct_bias(solve(normal), mask, rounds, limit, q, CodedNote(note, CLIPPED), n_sources - n_kept)
 
 
 def _larger(field, criterion, previous):

@@ -18,7 +18,7 @@ from scipy.special import gamma, gammainc, gammaln
 
 from fit.normal import NormalEquations, Template, normal_equations, template_fields
 from fit.normal.sums import sandwich
-from fit.results.quality import ErrorSource
+from fit.results.quality import ERRORS_TOO_SMALL, ErrorSource
 from fit.results.solution import AboutSolution, Solution
 from fit.robust._clip import EnlargedErrors
 from fit.solving import solve
@@ -40,8 +40,6 @@ _NODES = chebyshev.chebpts1(36)
 _LOW, _HIGH = np.log([0.5, 200.0])
 #: Below it the quoted errors say so little of the scatter that those of a fit by them are too small.
 _LEAST_NU = 1.3
-#: The code of the note on that.
-ERRORS_TOO_SMALL = "quoted errors are too small"
 
 
 def _share_by_steps(weight, chi2, largest):
@@ -145,16 +143,11 @@ class Share:
         return x2, *self.weight(x2), residual.data
 
 
-#: ν is found from so many sources of a part at most, which give it to two per cent.
-_MOST = 50_000
-
-
 def _log_terms(field, share):
-    """Count of sources, and Σ ln(1 + X²/ν) at the nodes of ln ν, from every so many of them."""
-    step = -(-len(field) // _MOST)
-    x2 = share(field if step == 1 else field[::step])[0]
+    """Count of sources, and Σ ln(1 + X²/ν) at the nodes of ln ν."""
+    x2 = share(field)[0]
     nus = np.exp(_LOW + (_HIGH - _LOW) * (_NODES + 1) / 2)
-    return step * len(x2), step * np.array([np.log1p(x2 / nu).sum() for nu in nus])
+    return len(x2), np.array([np.log1p(x2 / nu).sum() for nu in nus])
 
 
 def _log_t(nu, components, mean_log):
@@ -319,7 +312,7 @@ def student_t(
     where errors say nothing of the scatter: with the same scatter for all, pulls are 1.08 for errors from 0.2 to 1 of
     it (ν = 1.7), 1.5 from 0.05 (ν = 1.05), 6 from 0 (ν = .8). Where ν is below 1.3 a note says so; `fit.recommended`
     then adds an excess noise. Of few sources the covariance has few degrees of freedom (`covariance_dof`), which
-    p-values and limits use; standard errors of 14 to 24 sources are 5 to 15 % too small.
+    standard errors, p-values and limits use.
     """
     modes, sky = modes_for(field, modes), _with_noise(field, noise)
     weight = StudentT(4.0 if nu is None else nu, estimated=nu is None, components=modes.components)
@@ -445,7 +438,10 @@ def _with_errors(sky, plain, solution, share, name, rounds, power):
 def _with_noise(field, noise):
     """The sources in parts, with a noise in their errors."""
     sky = as_parts(field, SourcesWithErrors)
-    return sky.map(EnlargedErrors(float(noise) ** 2, 1.0)) if noise else sky
+    if not noise:
+        return sky
+    enlarged = EnlargedErrors(float(noise) ** 2, 1.0)
+    return sky.map(enlarged) if sky.in_memory is None else as_parts(enlarged(sky.in_memory), SourcesWithErrors)
 
 
 def _log_likelihood(sky, share):

@@ -166,14 +166,16 @@ def fit_field(
     return with_coverage(solve(normal_equations(field, target, covariance=covariance)), field)
 
 
-#: A part of the sky without sources that is wider than this is worth a word [rad], of so many sources, and a source
-#: with more than this share of the weight.
-_WIDE, _KNOWN, _MOST = np.radians(60), 100, 0.5
+#: A part of the sky without sources that is wider than this is worth a word [rad], and a source with more than this
+#: share of the weight.
+_WIDE, _MOST = np.radians(60), 0.5
+#: Few sources leave wide parts empty by chance: one about a given point is worth a word if that has this probability.
+_BY_CHANCE = 1e-5
 
 
 def with_coverage(solution: Any, field: Any) -> Any:
     """The solution with a note where a large part of the sky has no source, or one source most of the weight."""
-    if not isinstance(field, Field | ScalarField) or len(field) < _KNOWN:
+    if not isinstance(field, Field | ScalarField) or not len(field):
         return solution
     weight = field.information
     k = int(np.argmax(weight))
@@ -184,7 +186,8 @@ def with_coverage(solution: Any, field: Any) -> Any:
         note = f"warning: {label} has {100 * share:.4g} % of the weight of all sources: is its error right?"
         solution = solution if note in solution.notes else replace(solution, notes=(*solution.notes, note))
     radius, lon, lat = widest_gap(field.lon, field.lat)
-    if radius < _WIDE:
+    by_chance = np.arccos(2 * _BY_CHANCE ** (1 / len(field)) - 1)
+    if radius < max(_WIDE, by_chance):
         return solution
     names = ANGLES[field.frame]
     location = ", ".join(f"{name} = {np.degrees(x):.0f}°" for name, x in zip(names, (lon, lat), strict=True))

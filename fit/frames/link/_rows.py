@@ -134,7 +134,10 @@ def _priors_of_fit(table, magnitude):
     matrix = np.diag([number(f"sigma_{axis}") ** 2 for axis in "xyz"])
     for name, (i, j) in {"cov_xy": (0, 1), "cov_xz": (0, 2), "cov_yz": (1, 2)}.items():
         matrix[i, j] = matrix[j, i] = number(name)
-    turn = rotation_matrix(str(table.meta.get("frame", "icrs")), "icrs")
+    frame = table.meta.get("frame", "icrs")
+    if "frame" in table.names:  # a format without metadata says it there
+        frame = np.asarray(table.columns(("frame",))["frame"][0]).astype(str)[row]
+    turn = rotation_matrix(str(frame), "icrs")
     value = turn @ np.array([number(axis) for axis in "xyz"])
     return [LinkPrior("spin", value, turn @ matrix @ turn.T, magnitude=magnitude)]
 

@@ -25,6 +25,7 @@ from vsh.io.parts import Parts, sample_of
 from vsh.io.sections import Answer
 from vsh.io.tables import two_digits
 from vsh.scalars import ScalarField
+from vsh.sky.frames import AXES
 from vsh.tools.arguments import choice, explained
 from vsh.tools.printing import latex_text
 from vsh.tools.types import FloatArray, PathName, Table
@@ -162,7 +163,7 @@ def sources_table(solution: Any, field: Field, weights: FloatArray | None = None
     residuals = solution.residuals(field)
     east, north = residuals.motion
     columns: dict[str, Any] = {} if field.name is None else {"name": np.asarray(field.name)}
-    lon, lat = ("ra", "dec") if field.frame == "icrs" else ("lon", "lat")
+    lon, lat = AXES[field.frame][:2]
     columns |= {lon: np.degrees(field.lon), lat: np.degrees(field.lat), "residual_east": east, "residual_north": north}
     columns |= {"error_east": field.sigma[0], "error_north": field.sigma[1]}
     columns |= {"weight": np.ones(len(field)) if weights is None else np.asarray(weights), "chi2": residuals.chi2}

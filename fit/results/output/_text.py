@@ -12,12 +12,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from scipy.special import ndtri
 
-from fit.results.quality import ONE_SIDE, SEEN, ErrorSource, hint_of, solution_of
+from fit.results.quality import CLIPPED, ERRORS_TOO_SMALL, ONE_SIDE, SEEN, ErrorSource, hint_of, solution_of
 from fit.results.spectrum import spectrum
 from vsh.io import tables
 from vsh.io.sections import Answer, Section
 from vsh.io.tables import printed_p_value, three_digits, two_digits
 from vsh.io.tables import printed_p_value as p_value
+from vsh.length import FEWEST_DOF
 from vsh.sky.frames import ANGLES
 from vsh.tools.arguments import explained
 from vsh.tools.notes import codes_of
@@ -230,6 +231,8 @@ _NAMES = {
     ErrorSource.JACKKNIFE: "errors from the jackknife",
     ErrorSource.JOINT: "joint fit",
 }
+#: A vector of fewer errors along itself has no size and no direction to quote, however unlikely zero is.
+_CERTAIN = 2.0
 #: By how much residuals exceed errors where a unit is wrong rather than an error.
 _WRONG = 30.0
 
@@ -250,8 +253,11 @@ def answer_of(solution: Any) -> Answer:
     if factor > _WRONG:
         text = f"no result: residuals are {factor:.3g} times the errors. Are both in the units that were assumed?"
         return Answer((("acceleration", text),))
-    if solution.covariance_dof < 3:
+    if solution.covariance_dof < FEWEST_DOF:
         text = f"no result: {_origin_of(solution)} are too few for the errors of a vector"
+        return Answer((("acceleration", text),))
+    if ERRORS_TOO_SMALL in codes_of(solution.notes) and not solution.is_recommended:
+        text = "no result: the quoted errors say too little of the scatter. To quote: fit.recommended (no --method)"
         return Answer((("acceleration", text),))
     errors = ("errors" if solution.is_recommended else "this fit", _errors(solution))
     lines = [
@@ -270,6 +276,9 @@ def error_factor(solution: Any) -> float:
 def words_of(vector: Vector) -> str:
     """Size, place and p-value of a vector; an upper limit where it is not detected."""
     p = printed_p_value(vector.p_value)
+    if vector.p_value < SEEN and vector.amplitude < _CERTAIN * vector.amplitude_error:
+        size = f"{amplitude(vector)} {vector.unit}"
+        return f"not zero (p = {p}), but its correlated components tell no size or direction: {size}"
     if vector.p_value < SEEN:
         return f"{amplitude(vector)} {vector.unit} towards {place(vector)}, p = {p}"
     limit = f"< {three_digits(vector.amplitude_limit())} {vector.unit} (95 %)"
@@ -291,7 +300,8 @@ def _distance(acceleration: Vector) -> str:
 
 def _errors(solution: Any) -> str:
     """Describe the errors, what they leave out, and what to be careful of."""
-    text = f"{_NAMES[ErrorSource(solution.error_source)]}, to degree {solution.modes.lmax}"
+    clipped = "after clipping: " if CLIPPED in codes_of(solution.notes) else ""
+    text = f"{clipped}{_NAMES[ErrorSource(solution.error_source)]}, to degree {solution.modes.lmax}"
     if solution.error_source == ErrorSource.SCALED and not solution.includes_floor:
         text += f", {solution.quality.factor:.3g} times the formal errors"
     if solution.floor is not None and solution.includes_floor:
@@ -304,8 +314,9 @@ def _errors(solution: Any) -> str:
         text += "; the systematic floor is not known" + (" below degree 3" if solution.modes.lmax < 3 else "")
     if (factor := error_factor(solution)) > 1:
         text += f"; residuals are {factor:.3g} times as large"
-    if solution.modes.lmax > 1 and not solution.includes_floor and ONE_SIDE in codes_of(solution.notes):
-        text += "; one side of the sky has no sources, and degree 1 depends on the degrees above it"
+    if not solution.includes_floor and ONE_SIDE in codes_of(solution.notes):
+        further = ", and degree 1 depends on the degrees above it" if solution.modes.lmax > 1 else ""
+        text += f"; one side of the sky has no sources{further}"
     if not solution.is_recommended:
         text += "; to quote: fit.recommended (vsh-fit without --method)"
     return text

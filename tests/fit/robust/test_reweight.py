@@ -241,7 +241,7 @@ def _too_small(rng, kind, n):
     "kind", ["uniform", *(pytest.param(kind, marks=pytest.mark.slow) for kind in ("outliers", "a half", "Cauchy"))]
 )
 def test_recommended_covers_zero_where_errors_are_far_too_small(kind):
-    pulls, noises = [], []
+    pulls, noises, losses = [], [], []
     for seed in range(6):
         rng = np.random.default_rng(seed)
         lon, lat = rng.uniform(0, 2 * np.pi, 2000), np.arcsin(rng.uniform(-1, 1, 2000))
@@ -250,8 +250,12 @@ def test_recommended_covers_zero_where_errors_are_far_too_small(kind):
         fitted = fit.recommended(field, 2)  # below the degree from which a floor covers more
         pulls += [*(fitted.solution.values / fitted.solution.sigma)]
         noises.append(fitted.weights.noise)
+        losses.append(np.mean(fitted.solution.sigma) / np.mean(fit.robust.student_t(field, 2).solution.sigma))
     assert np.sqrt(np.mean(np.square(pulls))) < 1.2  # 96 pulls: 1 ± .07; those of Student's t alone are 1.5 and more
-    assert all(noise == 0 for noise in noises) if kind == "Cauchy" else all(0.3 < noise < 2 for noise in noises)
+    if kind == "Cauchy":  # nothing is gained by a noise there, and little is lost
+        assert np.mean(losses) < 1.1
+    else:
+        assert all(0.3 < noise < 2 for noise in noises)
 
 
 def test_noise_of_student_t_is_added_in_quadrature():

@@ -76,7 +76,7 @@ def test_only_the_recommended_fit_is_one_to_quote():
 def test_few_replicates_are_no_evidence():
     """p-values are Hotelling's where replicates gave the errors, and there is no result from too few."""
     field = observed(3)
-    for n in (5, 12):
+    for n in (7, 12):
         resampled = bootstrap(field, 1, n, 1, progress=False)
         solution = resampled.resampled_solution
         for name, kind in (("spin", "T"), ("acceleration", "S")):
@@ -131,7 +131,7 @@ def test_one_side_of_the_sky_is_cautioned():
     caution = "one side of the sky has no sources"
     assert caution not in line(fit.fit_field(field, 3), "errors")
     assert caution in line(fit.fit_field(field[field.lat > 0], 3), "errors")
-    assert caution not in line(fit.fit_field(field[field.lat > 0], 1), "errors")
+    assert caution in line(fit.fit_field(field[field.lat > 0][:60], 1), "errors")
 
 
 def test_empty_part_of_the_sky_is_said():
