@@ -14,8 +14,10 @@ import numpy as np
 
 import vsh  # its face: what draws and reads fields knows them itself
 from vsh.sky.frames import (
+    AXES,
     FRAME_KEY,
     FRAMES,
+    MEASURED_KEY,
     REDSHIFT_FRAME_KEY,
     check_frame,
     check_redshift_frame,
@@ -298,15 +300,19 @@ def _broadcast(value, shape):
 def table_columns(field: Any) -> tuple[dict[str, Any], dict[str, str], dict[str, Any]]:
     """A field in Gaia's names: columns, their units, and plain facts."""
     columns = {"source_id": np.arange(1, len(field) + 1) if field.name is None else field.name}
-    columns |= {"ra": np.degrees(field.lon), "dec": np.degrees(field.lat)}
-    columns |= {"pmra": field.motion[0] / MAS, "pmdec": field.motion[1] / MAS}
-    columns |= {"pmra_error": field.sigma[0] / MAS, "pmdec_error": field.sigma[1] / MAS, "pmra_pmdec_corr": field.rho}
+    lon, lat, east, north = AXES[field.frame]
+    motions = (east, north, f"{east}_error", f"{north}_error")
+    columns |= {lon: np.degrees(field.lon), lat: np.degrees(field.lat)}
+    columns |= dict(zip(motions, (*(field.motion / MAS), *(field.sigma / MAS)), strict=True))
+    columns[f"{east}_{north}_corr"] = field.rho
     optional = {"phot_g_mean_mag" if role == "magnitude" else role: getattr(field, role) for role in MEASURED}
     columns |= {name: values for name, values in optional.items() if values is not None}
     facts = {} if field.frame == "icrs" else {FRAME_KEY: field.frame}
     if field.redshift is not None and field.redshift_frame is not None:
         facts[REDSHIFT_FRAME_KEY] = field.redshift_frame
-    units = dict.fromkeys(("ra", "dec"), "deg") | dict.fromkeys(_MOTIONS, "mas / yr") | {"phot_g_mean_mag": "mag"}
+    if measured := [role for role in MEASURED[3:] if optional[role] is not None]:
+        facts[MEASURED_KEY] = " ".join(measured)
+    units = dict.fromkeys((lon, lat), "deg") | dict.fromkeys(motions, "mas / yr") | {"phot_g_mean_mag": "mag"}
     units |= _MEASURED_UNITS
     return columns, {name: unit for name, unit in units.items() if name in columns}, facts
 

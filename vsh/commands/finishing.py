@@ -16,6 +16,7 @@ from dataclasses import dataclass, field
 from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from warnings import warn
 
 import numpy as np
 
@@ -23,7 +24,7 @@ import vsh
 from vsh.commands import parsing, reading, running
 from vsh.commands.parsing import NOT_KEPT, NUMBER
 from vsh.io.sections import Answer, Section, text_of
-from vsh.tools.errors import VshError
+from vsh.tools.errors import TableError, VshError, VshWarning
 from vsh.tools.files import UNFINISHED, as_recorded, atomic_folder, check_not_read, digest, is_ours
 from vsh.tools.formats import is_address
 from vsh.tools.printing import latex_text, printable, silence
@@ -121,14 +122,28 @@ def results_folder(options: argparse.Namespace, provenance: dict[str, Any]) -> I
 
 
 def _copy_tables(folder, endings):
-    """The tables of a folder in other formats as well; columns of several numbers a row do not fit into CSV."""
+    """The tables of a folder in other formats as well, those that a format cannot hold with a word in their place."""
     from vsh.io import tables
 
     for path in sorted(folder.glob("*.ecsv")) if endings else ():
         table = tables.read_table(path)
         for ending in endings:
-            flat = [name for name in table.colnames if ending != "csv" or table[name].ndim == 1]
-            tables.write_table(table[flat], path.with_suffix(f".{ending}"))
+            try:
+                tables.write_table(_flat(table) if ending == "csv" else table, path.with_suffix(f".{ending}"))
+            except TableError as error:
+                warn(f"{path.name} is not written as {ending}: {error}", VshWarning, stacklevel=2)
+
+
+def _flat(table):
+    """A table whose columns of several numbers a row are columns of one each, numbered from 1."""
+    flat = table.copy(copy_data=False)
+    for name in [name for name in table.colnames if table[name].ndim > 1]:
+        values = table[name].reshape(len(table), -1)
+        place = flat.colnames.index(name)
+        names = [f"{name}_{k + 1}" for k in range(values.shape[1])]
+        flat.add_columns(list(values.T), names=names, indexes=[place] * len(names))
+        flat.remove_column(name)
+    return flat
 
 
 def repeats(

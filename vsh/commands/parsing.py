@@ -80,7 +80,8 @@ FRAMES = ("icrs", "galactic", "ecliptic")
 REDSHIFT_FRAMES = ("heliocentric", "cmb", "local-group", "true")
 #: The sets of names that `vsh.io.catalogue.as_columns` knows
 COLUMNS = (
-    "gaia", "vizier", "hipparcos", "icrf", "skycoord", "simbad", "ned", "lvdb", "err", "desi", "catwise", "rubin", "mu",
+    "gaia", "vizier", "hipparcos", "icrf", "skycoord", "simbad", "ned", "galactic", "ecliptic", "lvdb",
+    "err", "desi", "catwise", "rubin", "mu",
 )  # fmt: skip
 #: Formats of tables.
 INPUT_FORMATS = tuple(BY_NAME)

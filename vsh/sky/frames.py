@@ -21,6 +21,14 @@ __all__ = ["FRAMES", "Positions", "rotation_matrix"]
 FRAMES = {"icrs": "icrs", "galactic": "galactic", "ecliptic": "barycentricmeanecliptic"}
 #: Where a table's metadata keep the frame of a field, if it is not ICRS.
 FRAME_KEY = "FRAME"
+#: Columns of positions and motions by frame: those of ICRS as in Gaia's archive, of the others as in astropy.
+AXES = {
+    "icrs": ("ra", "dec", "pmra", "pmdec"),
+    "galactic": ("l", "b", "pm_l_cosb", "pm_b"),
+    "ecliptic": ("ecl_lon", "ecl_lat", "pm_ecl_lon_coslat", "pm_ecl_lat"),
+}
+#: Where they keep which of the columns of distances and parallaxes are a field's own.
+MEASURED_KEY = "MEASURED"
 #: What longitude and latitude are called.
 ANGLES = {"icrs": ("α", "δ"), "galactic": ("l", "b"), "ecliptic": ("λ", "β")}
 
@@ -93,6 +101,8 @@ def turned(
 TRUE = "true"
 #: Where a table's metadata keep the frame of its redshifts.
 REDSHIFT_FRAME_KEY = "ZFRAME"
+#: A column of it, the same in all rows, in a format without metadata.
+REDSHIFT_FRAME_COLUMN = "redshift_frame"
 #: Observers of redshifts: the Sun, one at rest in the microwave background, one in the Local Group.
 REDSHIFT_FRAME_NAMES = ("heliocentric", "cmb", "local-group", TRUE)
 _WORDS = (

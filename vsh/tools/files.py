@@ -29,6 +29,7 @@ from typing import Any
 import numpy as np
 
 import vsh
+from vsh.sky.frames import AXES, FRAME_KEY, MEASURED_KEY, REDSHIFT_FRAME_COLUMN, REDSHIFT_FRAME_KEY
 from vsh.tools.arguments import explained
 from vsh.tools.errors import ParameterError, TableError, WriteError
 from vsh.tools.formats import BY_KIND, PACKED, WRITTEN
@@ -46,8 +47,13 @@ UCDS = {
     "parallax_error": "stat.error;pos.parallax", "parameter": "meta.id", "value": "stat.fit.param",
     "sigma": "stat.error;stat.fit.param", "covariance": "stat.covariance", "correlation": "stat.correlation",
 }  # fmt: skip
+for _lon, _lat, _east, _north in (AXES["galactic"], AXES["ecliptic"]):
+    for _name, _like in zip((_lon, _lat, _east, _north), AXES["icrs"], strict=True):
+        UCDS |= {_name: UCDS[_like]} | ({f"{_name}_error": UCDS[f"{_like}_error"]} if _like.startswith("pm") else {})
+    UCDS[f"{_east}_{_north}_corr"] = UCDS["pmra_pmdec_corr"]
 #: Columns of positions and motions, and of times, in the order of barycentric coordinate time since 2010 (Gaia DR4).
-_ON_THE_SKY = ("ra", "dec", "pmra", "pmdec", "pmra_error", "pmdec_error", "lon", "lat")
+_ON_THE_SKY = ("lon", "lat", *(name for names in AXES.values() for name in names))
+_ON_THE_SKY += tuple(f"{name}_error" for names in AXES.values() for name in names[2:])
 _TIMES = ("obs_time_tcb",)
 #: IVOA's names of the frames (COOSYS of VOTable 1.4), and the Julian date (TCB) that DR4's times are counted from.
 _SYSTEMS = {"icrs": "ICRS", "galactic": "galactic", "ecliptic": "ecl_FK5"}
@@ -436,6 +442,7 @@ def write_table(table: Table, path: PathName, meta: dict[str, Any] | None = None
     table = table.copy(copy_data=False)
     table.meta = type(table.meta)(_plain(metadata | (meta or {})))
     format_name = format_of(path)
+    _fit_to_format(table, format_name, path)
     with atomic_write(path) as temporary_path, warnings.catch_warnings():
         warnings.simplefilter("ignore")  # astropy warns about units that a format spells in its own way
         if format_name == "votable":
@@ -448,6 +455,41 @@ def write_table(table: Table, path: PathName, meta: dict[str, Any] | None = None
             format_name.startswith("ascii") and path.suffix.lower() == ".gz"
         ):  # astropy compresses FITS and VOTables alone
             temporary_path.write_bytes(gzip.compress(temporary_path.read_bytes(), mtime=0))
+
+
+def _fit_to_format(table, format_name, path):
+    """Say in columns what a format without metadata would lose, and raise TableError where it cannot hold the rest."""
+    if format_name == "ascii.csv":
+        if (frame := table.meta.get("frame")) not in (None, "icrs") and "frame" not in table.colnames:
+            table["frame"] = np.full(len(table), str(frame))
+        if redshift_frame := table.meta.get(REDSHIFT_FRAME_KEY):
+            table[REDSHIFT_FRAME_COLUMN] = np.full(len(table), str(redshift_frame))
+        lost = {key: str(table.meta[key]) for key in _ESSENTIAL if key in table.meta}
+        if "ra" not in table.colnames:
+            lost.pop(FRAME_KEY, None)  # the names of the columns say it
+        if lost:
+            facts = ", ".join(f"{key} = {value}" for key, value in lost.items())
+            raise TableError(
+                f"{printable(path)}: CSV keeps no metadata, and {facts} would be lost: write .ecsv, .fits, .vot or "
+                ".parquet"
+            )
+    if format_name == "fits":
+        for name in [name for name in table.colnames if table[name].dtype.kind in "UO"]:
+            texts = [str(text).translate(_IN_ASCII) for text in np.ma.getdata(table[name])]
+            wrong = [row for row, text in enumerate(texts) if not text.isascii()]
+            if wrong:
+                raise TableError(
+                    f"{printable(path)}: FITS holds ASCII alone, and {len(wrong)} rows of column {name!r} have more, "
+                    f"{texts[wrong[0]]!r} in row {wrong[0]} say: write .ecsv, .vot or .parquet"
+                )
+            if table[name].dtype.kind == "U":
+                table[name] = type(table[name])(texts, mask=table[name].mask) if hasattr(table[name], "mask") else texts
+
+
+#: What labels of ours have beyond ASCII.
+_IN_ASCII = str.maketrans({"≥": ">=", "≤": "<=", "−": "-", "µ": "u", "°": "deg", "δ": "delta", "α": "alpha"})
+#: Metadata without which a table says something else.
+_ESSENTIAL = (FRAME_KEY, MEASURED_KEY)
 
 
 def _plain(value: Any) -> Any:

@@ -13,6 +13,7 @@ from astropy.table import Table
 
 import sim
 from vsh import read_field
+from vsh.sky.frames import AXES
 from vsh.tools.files import write_table
 
 
@@ -34,7 +35,8 @@ def test_catalogue_states_its_frame(tmp_path, frame, system, ucd):
     (coordinates,) = document.resources[0].coordinate_systems
     assert (document.version, coordinates.system, coordinates.epoch) == ("1.4", system, "J2016.000")
     fields = {each.name: each for each in document.get_first_table().fields}
-    assert (fields["ra"].ucd, fields["ra"].ref, str(fields["ra"].unit)) == (ucd, "vsh_frame", "deg")
+    lon = fields[AXES[frame][0]]
+    assert (lon.ucd, lon.ref, str(lon.unit)) == (ucd, "vsh_frame", "deg")
     assert fields["redshift"].ref is None
     np.testing.assert_allclose(read_field(tmp_path / "field.vot").motion, field.motion, rtol=1e-12)
 

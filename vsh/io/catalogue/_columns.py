@@ -14,7 +14,7 @@ from astropy import units as u
 from vsh.io import tables
 from vsh.io.catalogue._names import ASSUMED, NAMED, REQUIRED, Columns, Request, like_correlations, name_and_unit
 from vsh.io.tables import TableSource
-from vsh.sky.frames import FRAME_KEY, FRAMES, REDSHIFT_FRAME_KEY, REDSHIFT_FRAME_NAMES, check_frame, redshift_frame_in
+from vsh.sky.frames import MEASURED_KEY
 from vsh.tools.bad_rows import as_floats, span_of, within
 from vsh.tools.errors import EmptySelectionError, FieldError, TableError
 from vsh.tools.notes import (
@@ -41,9 +41,6 @@ FURTHER_UNITS = {
 }  # fmt: skip
 #: Those whose unit is asked for where a table does not tell it: nobody would see that kpc were taken as Mpc.
 MUST_SAY = ("distance", "distance_error", "parallax", "parallax_error")
-#: Names that positions have in other frames than the equatorial one.
-_OTHER_FRAMES = dict.fromkeys(("l", "b", "glon", "glat", "gal_lon", "gal_lat"), "galactic")
-_OTHER_FRAMES |= dict.fromkeys(("elon", "elat", "ecl_lon", "ecl_lat"), "ecliptic")
 
 
 def as_columns(columns: Any) -> Request:
@@ -89,6 +86,10 @@ def locate(wanted: Request, source: TableSource) -> tuple[dict[str, str], list[s
                 column_names[f.name] = present[0]
             elif f.name == "pmra_pmdec_corr":
                 notes += _without_correlations(name, source)
+    # What a field wrote of itself it reads: elsewhere a column called distance or parallax may be anything.
+    for role in str(source.meta.get(MEASURED_KEY, "")).split():
+        if role in MUST_SAY and role in source.names and role not in (wanted.asked or ()):
+            column_names.setdefault(role, role)
     if absent:
         (role, name), *remainder = absent
         remark = (
@@ -140,34 +141,6 @@ def _without_correlations(names, source):
     return [CodedNote(text, UNUSED_CORRELATIONS)]
 
 
-def frame_of(where: Mapping[str, str], frame: str | None, meta: Mapping[str, Any] | None = None) -> str:
-    """The frame of a table's positions: the one given, that in its header, or by the columns' names ICRS or another."""
-    if frame is not None:
-        return check_frame(frame)
-    header_frame = next((value for key, value in (meta or {}).items() if str(key).upper() == FRAME_KEY), None)
-    if header_frame in FRAMES:
-        return str(header_frame)
-    for role in ("ra", "dec"):
-        name = where.get(role)
-        other_frame = name and _OTHER_FRAMES.get(name.lower())
-        if other_frame:
-            raise TableError(
-                f"column {name!r} is given as {role}: are these {other_frame} coordinates? Say frame={other_frame!r} "
-                f'(--catalogue-frame {other_frame}), or frame="icrs"'
-            )
-    return "icrs"
-
-
-def redshift_frame_of(where: Mapping[str, str], source: TableSource) -> str | None:
-    """The frame of a table's redshifts, where its metadata or the column's description tell it."""
-    if "redshift" not in where:
-        return None
-    header_frame = next((value for key, value in source.meta.items() if str(key).upper() == REDSHIFT_FRAME_KEY), None)
-    if header_frame in REDSHIFT_FRAME_NAMES:
-        return str(header_frame)
-    return redshift_frame_in(source.descriptions.get(where["redshift"]))
-
-
 def missing_column(name: str | None, source: TableSource) -> str:
     """Message on a column that is missing, with the nearest names."""
     names = [column for column in source.names if not column.startswith(ASSUMED)]
@@ -210,15 +183,14 @@ _MOTIONS = 3e6
 
 def doubtful_sizes(field: Any, at_least: int = 20) -> list[str]:
     """Warnings of numbers that no survey has, with the likely cause; nothing is changed."""
-    step = max(1, len(field) // 10_000)  # medians of so many say enough
-    sigma, motion = field.sigma[:, ::step], field.motion[:, ::step]
+    sigma, motion = field.sigma, field.motion
     if len(field) < at_least or (motion == 0).all():
         return []
     # Where all are plausible their medians are, which take longer to see.
     plausible = within(span_of(sigma), *_ERRORS) and within(span_of(motion), -_MOTIONS, _MOTIONS)
     notes = [] if plausible else _doubtful_motions(np.median(sigma), np.median(np.abs(motion)))
-    if field.redshift is not None and np.isfinite(field.redshift[::step]).any():
-        z = float(np.nanmedian(field.redshift[::step]))
+    if field.redshift is not None and np.isfinite(field.redshift).any():
+        z = float(np.nanmedian(field.redshift))
         if z > 20:
             notes.append(CodedNote(f"warning: half of the redshifts are above {z:.3g}: {VELOCITIES}", NO_REDSHIFTS))
     return notes

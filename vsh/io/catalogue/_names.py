@@ -10,6 +10,7 @@ import numpy as np
 
 from vsh.io.archive import DR3, DR4
 from vsh.io.tables import TableSource
+from vsh.sky.frames import AXES
 from vsh.tools.errors import TableError
 from vsh.tools.notebook import InNotebook
 
@@ -55,6 +56,14 @@ class Columns(InNotebook):
     quality: str | tuple | None = ("quality_flag",)
 
 
+def names_of(frame: str) -> dict[str, str]:
+    """Role to name of the columns that a field of this frame is written with."""
+    lon, lat, east, north = AXES[frame]
+    names = {"ra": lon, "dec": lat, "pmra": east, "pmdec": north}
+    names |= {f"{role}_error": f"{names[role]}_error" for role in ("pmra", "pmdec")}
+    return names | {"pmra_pmdec_corr": f"{east}_{north}_corr"}
+
+
 #: Gaia's archive names.
 GAIA = Columns()
 _VIZIER = Columns(
@@ -68,6 +77,11 @@ _VIZIER = Columns(
     name=("Source", "ID", "HIP", "ICRF", "IERS", "Name"), magnitude=("Gmag", "Hpmag"),
     redshift=("z", "zsp", "Redshift"), redshift_error=("e_z", "e_zsp"), solution=("Solved",),
 )  # fmt: skip
+_OTHER_AXES = {
+    frame: replace(GAIA, **{role: name for role, name in names_of(frame).items() if not role.endswith("corr")},
+                   pmra_pmdec_corr=(names_of(frame)["pmra_pmdec_corr"],))
+    for frame in AXES if frame != "icrs"
+}  # fmt: skip
 _SHARED = ("pmra_pmdec_corr", "name", "magnitude", "redshift", "redshift_error")
 #: Sets of names that are called by one; where none is asked for, the first that a table has.
 NAMED = {
@@ -83,6 +97,7 @@ NAMED = {
     ),
     "simbad": replace(GAIA, name=("main_id", "MAIN_ID"), redshift=("rvz_redshift", "Z_VALUE")),
     "ned": replace(GAIA, name=("Object Name",), redshift=("Redshift",)),
+    **_OTHER_AXES,
     "lvdb": replace(GAIA, name=("key", "name")),
     "err": replace(
         GAIA, pmra_error=("pmra_err", "e_pmra", "pmra_e", "epmra", "pmra_unc", "sigma_pmra", "pmra_sigma"),
@@ -111,7 +126,7 @@ NAMED = {
     ),
 }  # fmt: skip
 #: Units that the makers of a catalogue publish for its motions, where a table has none.
-USUAL_UNITS = {"desi": "mas / yr", "catwise": "arcsec / yr", "rubin": "mas / yr"}
+USUAL_UNITS = dict.fromkeys((*_OTHER_AXES, "desi", "rubin"), "mas / yr") | {"catwise": "arcsec / yr"}
 
 #: What need not be there may also have Gaia's names, in a table that has others for the rest.
 NAMED = {

@@ -23,7 +23,6 @@ from vsh.io.catalogue._columns import (
     doubt_positions,
     doubtful_sizes,
     factors,
-    frame_of,
     from_modulus,
     identifiers,
     locate,
@@ -31,14 +30,15 @@ from vsh.io.catalogue._columns import (
     nothing_selected,
     parse_unit,
     plain,
-    redshift_frame_of,
     sexagesimal,
     unit_factor,
 )
+from vsh.io.catalogue._frames import frames_of, one_redshift_frame, redshift_frame_of, turn_positions
 from vsh.io.catalogue._names import ASSUMED, REQUIRED, USUAL_UNITS, Columns, derive_columns, with_derived
 from vsh.io.maps import read_density
 from vsh.io.parts import OPTIONAL, Parts
 from vsh.scalars import ScalarField
+from vsh.sky.frames import REDSHIFT_FRAME_COLUMN
 from vsh.tools.arguments import explained, positive, whole
 from vsh.tools.bad_rows import PLACEHOLDER, as_floats, placeholders
 from vsh.tools.errors import EmptyFieldError, EmptySelectionError, FieldError, TableError, VshWarning
@@ -261,8 +261,11 @@ class _maker:
         self.notes = [*assumed_errors, *self.notes]
         self.chosen = None if where is None else ChosenColumns(where, self.source, column_names)
         self.where = {role: name for role, name in column_names.items() if role not in OPTIONAL or role in roles}
-        self.frame = frame_of(self.where, frame, self.source.meta)
+        self.frames = frames_of(self.where, frame, self.source)
+        self.frame = self.frames.frame
         self.redshift_frame = redshift_frame_of(self.where, self.source)
+        if "redshift" in self.where and self.redshift_frame is None and REDSHIFT_FRAME_COLUMN in self.source.names:
+            self.where[REDSHIFT_FRAME_COLUMN] = REDSHIFT_FRAME_COLUMN
         _, family = as_columns(columns).among(self.source.names)
         self.factors, assumed_units = factors(self.where, units, self.source, USUAL_UNITS.get(family or ""))
         if (self.factors.get("distance") == MODULUS) != (self.factors.get("distance_error") == MODULUS):
@@ -277,12 +280,12 @@ class _maker:
         if (errors := self.where.get("redshift_error", "redshift_error")) != "redshift_error":
             lines.append(f"errors of the redshifts are in column {printable(errors)}")
         lines += _unused_redshifts(column_names, self.source) if "redshift" in roles else []
-        self.notes = [*self.source.notes, *lines, *self.notes]
+        self.notes = [*self.source.notes, *lines, *self.notes, *self.frames.notes]
         self.on_bad = on_bad
         self.names = tuple(dict.fromkeys([*self.where.values(), *(self.chosen.names if self.chosen else ())]))
 
     def __call__(self, block, first_row=0):
-        columns, raw, notes = {}, {}, list(self.notes)
+        columns, raw, notes, redshift_frame = {}, {}, list(self.notes), self.redshift_frame
         aside: dict[str, Any] = {}
         if self.chosen:
             block, first_row, note = self.chosen.of(block, first_row)
@@ -293,6 +296,8 @@ class _maker:
                 aside |= _other_solutions(name, values, mask)
             elif role == "quality":
                 aside |= _flagged(name, values, mask)
+            elif role == REDSHIFT_FRAME_COLUMN:
+                redshift_frame = one_redshift_frame(values, self.source)
             elif role == "name":
                 columns[role], name_notes = identifiers(printable(name), np.asarray(values), mask)
                 notes += name_notes
@@ -308,6 +313,8 @@ class _maker:
         if self.factors.get("distance") == MODULUS:
             from_modulus(columns)
         doubt_positions(columns, self.assumed)
+        if self.frames.positions != self.frame:
+            turn_positions(columns, self.frames)
         flat = all(values.ndim == 1 for values in raw.values())  # others are refused below
         if raw and flat and (is_placeholder := placeholders(raw)).any():
             columns["unusable"] = columns.get("unusable", {}) | {PLACEHOLDER: is_placeholder}
@@ -316,7 +323,7 @@ class _maker:
                 **columns,
                 aside=_missing_values(self.where, block, aside),
                 frame=self.frame,
-                redshift_frame=self.redshift_frame,
+                redshift_frame=redshift_frame,
                 on_bad=self.on_bad,
                 notes=notes,
                 first_row=first_row,
@@ -562,6 +569,8 @@ def read_scalars(
             raise TableError(f"column {column!r} cannot be converted to {target}: {wrong}") from None
     for column in (ra, dec):
         factors[column] = unit_factor(column, table.units.get(column), "deg")
+    axes = frames_of({"ra": ra, "dec": dec}, frame, table)
+    notes += axes.notes
     numbers = {
         column: np.ma.array(
             np.asarray(columns[column][0], float) * factor,
@@ -576,7 +585,7 @@ def read_scalars(
         numbers[error],
         unit=target.to_string(),
         name=None if name is None else columns[name][0],
-        frame=frame_of({}, frame, table.meta),
+        frame=axes.frame,
         on_bad=on_bad,
         notes=notes,
     )

@@ -107,6 +107,8 @@ class TableSource(InNotebook):
     descriptions: dict = field(default_factory=dict)
     #: Names that several columns of the file have: all but the first are numbered.
     twins: tuple[str, ...] = ()
+    #: The coordinate system that a column states, and its equinox or None.
+    systems: dict = field(default_factory=dict)
 
     def blocks(self, names: Sequence[str] | None = None, rows: int = ROWS) -> Iterator[dict[str, Any]]:
         """Some columns in blocks of at most `rows` rows: dicts of (values, mask or None)."""

@@ -79,7 +79,23 @@ def open_votable(path: PathName, label: str, overflow: bool = False) -> TableSou
     meta = {str(param.name): param.value for param in table.params}
     meta |= {str(info.name): info.value for info in table.infos}
     descriptions = {name: str(column.description) for name, column in columns.items() if column.description}
-    return TableSource(label, tuple(names), read, units, meta, notes, descriptions=descriptions)
+    return TableSource(
+        label, tuple(names), read, units, meta, notes, descriptions=descriptions, systems=_systems(document, columns)
+    )
+
+
+def _systems(document, columns):
+    """The coordinate system of each column: that of its COOSYS, the only one there is, or by its UCD."""
+    declared = {one.ID: (str(one.system), one.equinox) for one in document.iter_coosys()}
+    alone = next(iter(declared.values())) if len(declared) == 1 else None
+    systems = {}
+    for name, column in columns.items():
+        ucd = str(column.ucd or "").lower()
+        by_ucd = next((system for system in ("galactic", "ecliptic") if f"pos.{system}." in ucd), None)
+        stated = declared.get(column.ref, (by_ucd, None) if by_ucd else alone if "pos.eq" in ucd or not ucd else None)
+        if stated and stated[0] != "None":
+            systems[name] = stated
+    return systems
 
 
 def _check_units(table, units, label):

@@ -9,6 +9,7 @@ from astropy.table import QTable
 import fit
 import sim
 from vsh import Field, ParameterError, TableError, Vector, read_field
+from vsh.sky.frames import AXES
 
 FIELD = sim.observe(sim.quasars(50, rng=1), sim.spin((0, 0, 3)), rng=2, release="DR5")
 COLUMNS = ("lon", "lat", "motion", "sigma")
@@ -116,8 +117,9 @@ def test_data_frames_keep_units_and_frame(frame, tmp_path):
     pandas = pytest.importorskip("pandas")
     field = FIELD.to_frame(frame)
     data = field.to_pandas()
-    data["pmra"] *= 1000
-    data.attrs["units"]["pmra"] = "uas/yr"
+    east = AXES[frame][2]
+    data[east] *= 1000
+    data.attrs["units"][east] = "uas/yr"
     read = read_field(data)
     assert read.frame == frame
     same(read, field)
@@ -133,6 +135,10 @@ def test_data_frames_keep_units_and_frame(frame, tmp_path):
 def test_arrow_streams_keep_units_and_frame(through):
     pyarrow = pytest.importorskip("pyarrow")
     table = FIELD.to_frame("galactic").to_table()
+    for ours, plain in zip(AXES["galactic"], AXES["icrs"], strict=True):
+        table.rename_column(ours, plain)
+        if f"{ours}_error" in table.colnames:
+            table.rename_column(f"{ours}_error", f"{plain}_error")
     names = ("ra", "dec", "pmra", "pmdec", "pmra_error", "pmdec_error")
     schema = pyarrow.schema(
         [pyarrow.field(name, pyarrow.float64(), metadata={"unit": str(table[name].unit)}) for name in names],

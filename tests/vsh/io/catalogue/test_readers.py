@@ -108,8 +108,8 @@ def test_units_in_every_spelling_by_every_way(tmp_path, unit):
 def test_columns_in_another_frame_are_asked_for():
     """L and b given as ra and dec were taken as ICRS."""
     t = table()
-    t.rename_columns(["ra", "dec"], ["l", "b"])
-    columns = {"ra": "l", "dec": "b"}
+    t.rename_columns(["ra", "dec", "pmra", "pmdec"], ["l", "b", "east", "north"])
+    columns = {"ra": "l", "dec": "b", "pmra": "east", "pmdec": "north"}
     with pytest.raises(
         TableError, match="'l' is given as ra: are these galactic coordinates.*--catalogue-frame galactic"
     ):

@@ -1,0 +1,173 @@
+"""In which axes the positions and motions of a table are: as asked, as it states, or by the names of its columns."""
+
+import re
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from vsh.io.catalogue._names import name_and_unit
+from vsh.io.tables import TableSource
+from vsh.sky.frames import (
+    FRAME_KEY,
+    FRAMES,
+    REDSHIFT_FRAME_KEY,
+    REDSHIFT_FRAME_NAMES,
+    check_frame,
+    redshift_frame_in,
+    rotation_matrix,
+)
+from vsh.sky.sphere import angles, triad
+from vsh.tools.errors import TableError
+from vsh.tools.printing import printable
+
+_POSITIONS = ("ra", "dec")
+#: Names of positions and of motions by which axes are known, compared without case and signs.
+_BY_NAME = {
+    "galactic": ("l", "b", "glon", "glat", "gallon", "gallat", "lii", "bii", "lgal", "bgal"),
+    "ecliptic": ("elon", "elat", "ecllon", "ecllat", "eclipticlon", "eclipticlat"),
+}
+_MOTIONS = {
+    "icrs": re.compile(r"(pm|mu|e?pm)_?(ra|alpha|de|dec|delta|ra_?cos_?dec|alpha_?(star|\*))\*?", re.IGNORECASE),
+    "galactic": re.compile(r"(pm|mu)_?g?(al)?_?(l|b|lon|lat|l_?cos_?b)\*?", re.IGNORECASE),
+    "ecliptic": re.compile(r"(pm|mu)_?e(cl)?_?(lon|lat|lon_?cos_?lat)\*?", re.IGNORECASE),
+}
+#: Systems that headers name, of FITS (RADESYS) and of VOTables (COOSYS), in small letters.
+_SYSTEMS = {
+    "icrs": "icrs", "galactic": "galactic", "gal_ii": "galactic", "galactic_ii": "galactic",
+    "ecl_fk5": "ecliptic", "ecliptic": "ecliptic", "ecl": "ecliptic", "barycentricmeanecliptic": "ecliptic",
+    "eq_fk5": "fk5", "fk5": "fk5", "eq_fk4": "fk4", "fk4": "fk4", "fk4-no-e": "fk4", "fk4_no_e": "fk4",
+    "ecl_fk4": "fk4", "supergalactic": "super", "super_galactic": "super", "gal_i": "super",
+}  # fmt: skip
+
+
+class TableFrames(NamedTuple):
+    """The axes of a table.
+
+    Attributes
+    ----------
+    frame : str
+        Of its motions, and of the field that is read.
+    positions : str
+        Of its positions, which are turned to `frame` where they differ.
+    notes : tuple of str
+        What the reader should know.
+    """
+
+    frame: str
+    positions: str
+    notes: tuple[str, ...] = ()
+
+
+def frames_of(where: Mapping[str, str], frame: str | None, source: TableSource) -> TableFrames:
+    """The axes of a table: those asked for, those it states of itself, or by the names of its columns.
+
+    Positions with names of one frame and motions with those of ICRS, l, b, pmra, pmdec say, are of two frames.
+
+    Raises
+    ------
+    TableError
+        If the table states axes that are not read, or names alone do not tell them.
+    """
+    by_name = _named(where.get("ra"), where.get("dec"))
+    of_motions = next((name for name, pattern in _MOTIONS.items() if _all_match(pattern, where)), None)
+    stated, notes = (None, ()) if frame is not None else _stated(where, source)
+    known = check_frame(frame) if frame is not None else stated if by_name in (None, stated) else None
+    if by_name and of_motions == "icrs" and known in (None, by_name):
+        names = ", ".join(printable(where[role]) for role in (*_POSITIONS, "pmra", "pmdec"))
+        note = f"{names}: {by_name} positions, turned to ICRS, in whose axes the motions are by their names"
+        return TableFrames("icrs", by_name, (*notes, note))
+    if known is not None:
+        return TableFrames(known, known, notes)
+    if by_name and of_motions == by_name:
+        return TableFrames(by_name, by_name, (f"{by_name} axes, by the names of the columns",))
+    if by_name:
+        role = next(role for role in _POSITIONS if _named(where.get(role)))
+        raise TableError(
+            f"column {where[role]!r} is given as {role}: are these {by_name} coordinates? Say frame={by_name!r} "
+            f'(--catalogue-frame {by_name}), or frame="icrs"'
+        )
+    return TableFrames("icrs", "icrs", notes)
+
+
+def _named(*names):
+    """The frame that names of positions are of, other than ICRS."""
+    plain = [re.sub(r"[^a-z]", "", name_and_unit(name)[0].lower()) for name in names if name]
+    return next((frame for frame, known in _BY_NAME.items() if any(name in known for name in plain)), None)
+
+
+def _all_match(pattern, where):
+    """Whether both components of the motions have names of a frame."""
+    names = [where[role] for role in ("pmra", "pmdec") if role in where]
+    return len(names) == 2 and all(pattern.fullmatch(name_and_unit(name)[0].strip("_ ")) for name in names)
+
+
+def _stated(where, source):
+    """The frame that a table states of itself, or None, and notes."""
+    header = {str(key).upper(): value for key, value in source.meta.items()}
+    if header.get(FRAME_KEY) in FRAMES:
+        return str(header[FRAME_KEY]), ()
+    systems = {source.systems[where[role]] for role in _POSITIONS if where.get(role) in source.systems}
+    if not systems:
+        systems = {
+            (str(header[key]).strip(), header.get("EQUINOX")) for key in ("RADESYS", "RADECSYS") if header.get(key)
+        }
+        if not systems and _equinox(header.get("EQUINOX")) is not None:
+            # FITS standard 4.0, section 8.3: without RADESYS FK4 before 1984, and FK5 from then on.
+            systems = {("FK4" if _equinox(header["EQUINOX"]) < 1984 else "FK5", header["EQUINOX"])}
+    if len(systems) > 1:
+        listing = ", ".join(sorted(printable(name) for name, _ in systems))
+        raise TableError(f"{source.label} states several coordinate systems of its positions: {listing}. Say frame=")
+    for name, equinox in systems:
+        return _of_system(name, equinox, source.label)
+    return None, ()
+
+
+def _of_system(name, equinox, label):
+    """Our frame of a system that a table names, and notes."""
+    system = _SYSTEMS.get(name.lower())
+    year = _equinox(equinox)
+    shown = printable(name if year is None or name.lower().startswith(("icrs", "gal")) else f"{name}, {equinox}")
+    remedy = "turn it to ICRS first, or say frame= (--catalogue-frame) if that is wrong"
+    if system in ("fk4", "super") or (system in ("fk5", "ecliptic") and year not in (None, 2000.0)):
+        raise TableError(f"{label} states positions in {shown}, which are not read: {remedy}")
+    if system is None:
+        return None, (f"warning: the coordinate system {shown} of the table is not known; ICRS is assumed",)
+    if system == "fk5":
+        text = f"the table states {shown}: taken as ICRS, from which FK5 of J2000 differs by 0.02 arcsec, and by a spin"
+        return "icrs", (text,)
+    return system, () if system == "icrs" else (f"{system} axes, as the table states ({shown})",)
+
+
+def _equinox(value):
+    """The year of an equinox: 2000.0 of J2000, B1950.0 or 1950."""
+    match = re.fullmatch(r"\s*[JB]?\s*(\d{4}(?:\.\d*)?)\s*", str(value), re.IGNORECASE)
+    return float(match[1]) if match else None
+
+
+def turn_positions(columns: dict[str, Any], frames: TableFrames) -> None:
+    """Turn positions in degrees to the axes of the motions, in place."""
+    lon, lat = (np.ma.asarray(columns[role], float) for role in _POSITIONS)
+    r = triad(*(np.radians(np.ma.filled(values, np.nan)) for values in (lon, lat)))[2]
+    turned = angles(rotation_matrix(frames.positions, frames.frame) @ r)
+    missing = np.ma.getmaskarray(lon) | np.ma.getmaskarray(lat)
+    for role, values in zip(_POSITIONS, turned, strict=True):
+        columns[role] = np.ma.MaskedArray(np.degrees(values), missing) if missing.any() else np.degrees(values)
+
+
+def redshift_frame_of(where: Mapping[str, str], source: TableSource) -> str | None:
+    """The frame of a table's redshifts, where its metadata or the column's description tell it."""
+    if "redshift" not in where:
+        return None
+    header_frame = next((value for key, value in source.meta.items() if str(key).upper() == REDSHIFT_FRAME_KEY), None)
+    if header_frame in REDSHIFT_FRAME_NAMES:
+        return str(header_frame)
+    return redshift_frame_in(source.descriptions.get(where["redshift"]))
+
+
+def one_redshift_frame(values: Any, source: TableSource) -> str | None:
+    """The frame of redshifts in a column of it, which is the same in all rows."""
+    frames = {str(value) for value in np.asarray(values)}
+    if len(frames) > 1:
+        raise TableError(f"{source.label} has redshifts of several frames, {', '.join(map(printable, sorted(frames)))}")
+    return next((frame for frame in frames if frame in REDSHIFT_FRAME_NAMES), None)
