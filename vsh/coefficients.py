@@ -8,7 +8,7 @@ import numpy as np
 
 from vsh.basis import harmonics
 from vsh.modes import Modes, as_modes
-from vsh.tools.arguments import float_array
+from vsh.tools.arguments import float_array, in_unit
 from vsh.tools.errors import ModesError
 from vsh.tools.notebook import Frozen
 from vsh.tools.parallel import map_blocks
@@ -156,6 +156,7 @@ class Coefficients(Frozen):
 
     def at(self, lon: ArrayLike, lat: ArrayLike) -> FloatArray:
         """The field at `lon`, `lat` [rad], (n,): east and north component, (2, n). [µas/yr]"""
+        lon, lat = in_unit("lon", lon), in_unit("lat", lat)
         lon, lat = np.broadcast_arrays(np.atleast_1d(lon).astype(float), np.atleast_1d(lat).astype(float))
         field_values = np.empty((self.modes.components, lon.size))
         block = max(1, min(8192, 2**24 // len(self.modes)))  # at most 256 MiB of basis

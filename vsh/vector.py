@@ -64,7 +64,8 @@ class Vector(Frozen):
     def __post_init__(self) -> None:
         check_frame(self.frame)
         # nan stands for components to come, in predictions.
-        value = float_array("the components of a Vector", self.value, (3,), finite=False)
+        unit = self.unit.replace("µ", "u")  # as astropy writes it
+        value = float_array("the components of a Vector", self.value, (3,), finite=False, unit=unit)
         if np.isinf(value).any():
             raise ParameterError(f"the components of a Vector are finite, not {value}")
         object.__setattr__(self, "value", read_only(value))

@@ -12,6 +12,7 @@ import fit
 import vsh
 from vsh.commands import finishing, parsing, reading, running
 from vsh.io.sections import Answer
+from vsh.sky.frames import FRAMES
 from vsh.tools.errors import EmptySelectionError, ModesError, ParameterError, VshError
 from vsh.tools.notes import count_unselected, dropped
 
@@ -51,8 +52,9 @@ def make_parser() -> argparse.ArgumentParser:
     )
     add(
         "--templates MAP,…",
-        "fit the amplitude of systematic errors of a known pattern, truncated at degree --lmax: a HEALPix map (FITS), "
-        "a solution (ECSV), a column of the catalogue, or density, the number density of the sources",
+        "fit the amplitude of systematic errors of a known pattern, truncated at degree --lmax: a HEALPix map (FITS; "
+        "galactic:FILE where its header does not state its axes), a solution (ECSV), a column of the catalogue, or "
+        "density, the number density of the sources",
         parsing.names,
     )
     add("--seed", "seed of the random numbers of the bootstrap and of the comparison of classes", int, 1)
@@ -343,6 +345,8 @@ def _template(word, run, source, path, field):
     """The template of a name: `density`, a HEALPix map (FITS), a solution of motions (ECSV), or a column."""
     if word == _DENSITY:
         return fit.background.Template.density(_DENSITY, field)
+    prefix, _, rest = word.partition(":")
+    frame, word = (prefix, rest) if prefix in FRAMES else (None, word)
     if Path(word).is_file():
         name = Path(word).name
         if word.endswith(".ecsv"):
@@ -350,7 +354,7 @@ def _template(word, run, source, path, field):
             if not isinstance(solution, fit.Solution):
                 raise ParameterError(f"--templates {name} is no solution of motions")
             return fit.background.Template(name, solution.coefficients, solution.frame or "icrs")
-        return fit.background.Template(name, word)
+        return fit.background.Template(name, word, frame)
     if word not in source.names:
         raise ParameterError(
             f"--templates {word}: there is no such file, and no such column in {source.label}; density is that of the "

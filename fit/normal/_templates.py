@@ -47,12 +47,15 @@ class Template(Frozen):
         A HEALPix map in ring order, with NaN where nothing is known; a file of one (FITS); motions as they are; or
         numbers at places, weighed by their errors: a column of a catalogue say.
     frame : str
-        Axes of a map or of coefficients: "icrs", "galactic" or "ecliptic".
+        Axes of a map or of coefficients: "icrs", "galactic" or "ecliptic"; ICRS unless given, or what the header of a
+        file states.
 
     Raises
     ------
     ParameterError
         If the source is none of these.
+    TableError
+        If a file cannot be read, or does not state its axes and `frame` is not given.
 
     Examples
     --------
@@ -66,11 +69,20 @@ class Template(Frozen):
 
     name: str
     source: Any
-    frame: str = "icrs"
+    frame: str = None  # type: ignore[assignment]  # a string once it is made
 
     def __post_init__(self) -> None:
+        if isinstance(self.source, str | PathLike):
+            from vsh.io.maps import read_map_of  # healpy
+
+            remedy = f"frame='galactic' (--templates galactic:{self.name}), or which it is"
+            values, frame = read_map_of(self.source, self.frame, remedy)
+            object.__setattr__(self, "source", values)
+            object.__setattr__(self, "frame", frame)
+        elif self.frame is None:
+            object.__setattr__(self, "frame", "icrs")
         check_frame(self.frame)
-        if isinstance(self.source, Coefficients | ScalarField | str | PathLike):
+        if isinstance(self.source, Coefficients | ScalarField):
             return
         values = np.ravel(float_array("template", self.source, finite=False))
         nside = np.sqrt(values.size / 12)
@@ -221,7 +233,7 @@ class Template(Frozen):
         if not isinstance(field, ScalarField):
             from vsh.sky.pixels import centres, missing_pixels
 
-            values, frame = self._map()
+            values, frame = self.source, self.frame
             lon, lat = centres(int(np.sqrt(values.size / 12)))
             valid = np.isfinite(values) & (values > -1e30)  # healpy's UNSEEN
             if valid.sum() < values.size / 2:
@@ -235,14 +247,6 @@ class Template(Frozen):
         if not scatter > _CONSTANT * np.abs(field.values).max(initial=0.0):
             return field, 0.0
         return replace(field, values=(field.values - mean) / scatter), scatter
-
-    def _map(self):
-        if isinstance(self.source, np.ndarray):
-            return self.source, self.frame
-        from vsh.io.maps import read_map  # healpy
-
-        values, map_frame = read_map(self.source)
-        return values, map_frame or self.frame
 
 
 def _check_map(lon: ArrayLike, lat: ArrayLike, values: ArrayLike) -> tuple[FloatArray, FloatArray, FloatArray]:

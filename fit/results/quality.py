@@ -23,6 +23,8 @@ SIGNIFICANT = 3.0
 ONE_SIDE = "one side of the sky"
 #: That of a fit with heavy tails in which the quoted errors say little of the scatter, and that of a clipped one.
 ERRORS_TOO_SMALL, CLIPPED = "quoted errors are too small", "clipped"
+#: That of a fit whose residuals are many times smaller than the errors.
+TOO_LITTLE_SCATTER = "residuals far below the errors"
 #: From so many sources on systematic errors are included by default; below so few they cannot be estimated.
 MANY, FEW = 100_000, 200
 

@@ -18,7 +18,7 @@ from scipy.special import gamma, gammainc, gammaln
 
 from fit.normal import NormalEquations, Template, normal_equations, template_fields
 from fit.normal.sums import sandwich
-from fit.results.quality import ERRORS_TOO_SMALL, ErrorSource
+from fit.results.quality import ERRORS_TOO_SMALL, TOO_LITTLE_SCATTER, ErrorSource
 from fit.results.solution import AboutSolution, Solution
 from fit.robust._clip import EnlargedErrors
 from fit.solving import solve
@@ -36,6 +36,8 @@ from vsh.tools.types import FloatArray, IntArray
 _STEPS = 10
 #: Chebyshev nodes in ln ν at which the likelihood is evaluated; interpolation is accurate to 1e-12.
 _NODES = chebyshev.chebpts1(36)
+#: No catalogue has errors that are so many times too large.
+_TOO_SMALL = 0.3
 #: The range of ln ν.
 _LOW, _HIGH = np.log([0.5, 200.0])
 #: Below it the quoted errors say so little of the scatter that those of a fit by them are too small.
@@ -409,10 +411,16 @@ def _with_errors(sky, plain, solution, share, name, rounds, power):
     largest_weight = max(facts["most"])
     note = (
         f"{name}: converged in {rounds} iterations; effective number of sources {effective:.1f} of "
-        f"{facts['sources']}; errors are {inflation:.2f} times those of the catalogue; sources with "
+        f"{facts['sources']}; errors are {inflation:.3g} times those of the catalogue; sources with "
         f"the lowest weights: {', '.join((f'{label} ({u / largest_weight:.2g})' for u, label in facts['least'].few))}"
     )
     warnings = []
+    if inflation < _TOO_SMALL:
+        warning = (
+            f"warning: the motions scatter so little that errors are {inflation:.2g} times those of the catalogue: are "
+            "both in the units that were assumed?"
+        )
+        warnings.append(CodedNote(warning, TOO_LITTLE_SCATTER))
     if share.weight.nu is not None and share.weight.nu < _LEAST_NU:
         warning = (
             f"warning: ν = {share.weight.nu:.2g}: many of the quoted errors are several times too small for the "

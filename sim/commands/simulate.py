@@ -420,16 +420,15 @@ def _truth(vectors, options):
 def _population(options, rng, selection_rng):
     sky, frame = options.sky or "uniform", "icrs"
     if options.selection:
-        from vsh.io.maps import read_map
+        from vsh.io.maps import read_map_of
         from vsh.sky.pixels import missing_pixels
 
-        sky, header_frame = read_map(options.selection)
+        sky, frame = read_map_of(options.selection, options.map_frame, "--map-frame galactic, or which it is")
         empty = missing_pixels(sky)
         if empty:
             finishing.print_line(
                 options, f"note: {empty} of {sky.size} pixels of {options.selection} have no value and hold no sources"
             )
-        frame = options.map_frame or header_frame or "icrs"
     if options.kind == "galaxies":
         lower, upper = options.redshift_range or (0.001, 0.03)
         return sim.galaxies(options.number, rng, sky, map_frame=frame, min_redshift=lower, max_redshift=upper)

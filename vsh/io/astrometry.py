@@ -180,7 +180,8 @@ class _Rows:
             raise TableError(f"{self.opened.label}: the table has no rows")
         positions = {role: self.numbers(role, n) for role in ("ra", "dec")}
         finite = {role: values[np.isfinite(values)] for role, values in positions.items()}
-        doubt_positions(finite, "ra" in self.names and self.opened.units.get(self.names["ra"]) is None)
+        assumed = "ra" in self.names and self.opened.units.get(self.names["ra"]) is None
+        doubt_positions(finite, assumed, names=self.names)
         lon, lat = positions["ra"] * DEGREE, positions["dec"] * DEGREE
         parallax, *motion = (MAS * self.numbers(parameter, n) for parameter in _FIVE[2:])
         at_rest = np.nan_to_num(self.numbers("still", n)) != 0 if "still" in self.names else np.full(n, still)

@@ -44,9 +44,24 @@ def read_map(path: PathName) -> tuple[FloatArray, str | None]:
     values = np.asarray(values)
     if values.ndim != 1 or values.dtype.kind not in "fiu":
         raise TableError(f"{label} cannot be read as a HEALPix map: it holds {values.ndim} maps of {values.dtype}")
-    frames = {"C": "icrs", "G": "galactic", "E": "ecliptic", "ICRS": "icrs", "GALACTIC": "galactic"}
     coordsys = str(dict(header).get("COORDSYS", "")).strip().upper()
-    return values, frames.get(coordsys)
+    return values, _SYSTEMS.get(coordsys)
+
+
+#: What headers of maps call the axes.
+_SYSTEMS = {
+    "C": "icrs", "ICRS": "icrs", "CELESTIAL": "icrs", "EQUATORIAL": "icrs", "EQ": "icrs", "RADEC": "icrs",
+    "G": "galactic", "GAL": "galactic", "GALACTIC": "galactic",
+    "E": "ecliptic", "ECL": "ecliptic", "ECLIPTIC": "ecliptic",
+}  # fmt: skip
+
+
+def read_map_of(path: PathName, frame: str | None, remedy: str) -> tuple[FloatArray, str]:
+    """A HEALPix map and its frame: the one given, or that of its header; without either it is asked for."""
+    values, header_frame = read_map(path)
+    if frame is None and header_frame is None:
+        raise TableError(f"{printable(path)} does not state its frame, and maps are often Galactic: say {remedy}")
+    return values, str(frame or header_frame)
 
 
 @explained
@@ -73,11 +88,8 @@ def read_density(path: PathName, sigma: float = 1000.0, frame: str | None = None
     TableError
         If the file is no map, a value is negative, all are zero, or the frame is not known.
     """
-    values, header_frame = read_map(path)
-    frame = frame or header_frame
+    values, frame = read_map_of(path, frame, "frame='galactic' (--catalogue-frame galactic), or which it is")
     label = printable(path)
-    if frame is None:
-        raise TableError(f"{label} does not state its frame: say frame='icrs' (--catalogue-frame icrs), or another")
     missing = is_valueless(values)
     if (values[~missing] < 0).any():
         raise TableError(f"{label}: {(values[~missing] < 0).sum()} pixels have a negative number of sources")

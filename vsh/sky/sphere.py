@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from vsh.tools.arguments import in_unit
 from vsh.tools.subsample import select_share
 from vsh.tools.types import ArrayLike, FloatArray
 
@@ -14,7 +15,7 @@ def triad(lon: ArrayLike, lat: ArrayLike) -> tuple[FloatArray, FloatArray, Float
     Parameters
     ----------
     lon, lat : (n,) arrays
-        Positions [rad]
+        Positions [rad], or Quantities.
 
     Returns
     -------
@@ -27,7 +28,7 @@ def triad(lon: ArrayLike, lat: ArrayLike) -> tuple[FloatArray, FloatArray, Float
     >>> p[:, 0], q[:, 0], r[:, 0]
     (array([-0.,  1.,  0.]), array([-0., -0.,  1.]), array([1., 0., 0.]))
     """
-    lon, lat = np.asarray(lon, float), np.asarray(lat, float)
+    lon, lat = np.asarray(in_unit("lon", lon), float), np.asarray(in_unit("lat", lat), float)
     sin_lon, cos_lon, sin_lat, cos_lat = np.sin(lon), np.cos(lon), np.sin(lat), np.cos(lat)
     p = np.stack([-sin_lon, cos_lon, np.zeros_like(lon)])
     q = np.stack([-sin_lat * cos_lon, -sin_lat * sin_lon, cos_lat])

@@ -159,10 +159,41 @@ def seed(name: str, value: Any) -> Any:
     return value
 
 
+#: Units of arguments by their names, the same in all of the package; of numbers without a unit they are taken.
+_UNITS = dict.fromkeys(("lon", "lat"), "rad") | dict.fromkeys(("sigma", "motion", "noise"), "uas/yr")
+_UNITS |= {"distance": "Mpc", "velocity": "km/s"}
+
+
+def in_unit(name: str, value: Any, unit: str | None = None) -> Any:
+    """Numbers in the unit of an argument: what has a unit is converted, and what has none is in it already.
+
+    Raises
+    ------
+    ParameterError
+        If the unit is of another kind, or numbers without a unit are expected.
+    """
+    if type(value) is np.ndarray or getattr(value, "unit", None) is None:
+        return value
+    unit = unit or _UNITS.get(name, "")
+    try:
+        if hasattr(value, "to_value"):  # a Quantity
+            return value.to_value(unit)
+        return np.ma.asanyarray(value) * value.unit.to(unit)  # a column of a table
+    except (ValueError, TypeError, AttributeError):  # astropy's UnitConversionError is one
+        expected = f"cannot be turned into {unit}" if unit else "though it is a number without a unit"
+        raise ParameterError(f"{name} is in {value.unit}, {expected}: give numbers, x.to_value(…)") from None
+
+
 def float_array(
-    name: str, value: Any, shape: Sequence[int] | None = None, finite: bool = True, broadcast: bool = False
+    name: str,
+    value: Any,
+    shape: Sequence[int] | None = None,
+    finite: bool = True,
+    broadcast: bool = False,
+    unit: str | None = None,
 ) -> FloatArray:
     """A float array, perhaps of a given shape, without what is not finite and without a mask that hides something."""
+    value = in_unit(name, value, unit)
     if np.ma.isMaskedArray(value) and np.ma.getmaskarray(value).any():
         raise ParameterError(f"{np.ma.getmaskarray(value).sum()} values of {name} are masked: take them out first")
     try:

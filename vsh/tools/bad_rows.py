@@ -152,7 +152,14 @@ def within(span: Span, low: float, high: float) -> bool:
 
 #: What catalogues write where they have no value; no motion and no error is exactly one of these.
 PLACEHOLDER = "a value such as -9999 that marks missing data"
-_PLACEHOLDERS = np.array([9999.0, 9999.9, 9999.99, 99999.0, 999999.0, 1e20, 1e30, 1.6375e30])
+_PLACEHOLDERS = np.array(
+    [9999.0, 9999.9, 9999.99, 32767.0, 32768.0, 99999.0, 999999.0, 2147483647.0, 2147483648.0, 9.99e9, 1e20, 1e30,
+     1.6375e30, 1e31]
+)  # fmt: skip
+#: More motions of exactly (0, 0) than so many are missing values, unless their numbers are rounded.
+_FEW_ZEROS = 3
+#: The share of the others with one component of zero from which on motions are rounded.
+_ROUNDED = 0.01
 #: These a motion might be; not both components of a source.
 _LIKELY = np.array([-9.99, -99.0, -99.9, -99.99, -999.0, -999.9, -999.99, 99.9, 99.99, 999.0, 999.9, 999.99])
 
@@ -172,6 +179,21 @@ def placeholders(columns: Mapping[str, FloatArray], spans: Mapping[str, Span] | 
     if is_equal.any():
         is_placeholder[is_equal] |= np.isin(columns["pmra"][is_equal], _LIKELY)
     return is_placeholder
+
+
+def unmeasured(pmra: FloatArray, pmdec: FloatArray) -> dict[str, BoolArray]:
+    """Rows whose motions are exactly (0, 0), where those are more than a few, as a reason to leave them out.
+
+    Rounded motions, some of which are zero in one component alone, are none. Where all are zero, the
+    table is of sources that stand still, as a simulation without noise.
+    """
+    if np.shape(pmra) != np.shape(pmdec) or np.ndim(pmra) != 1:
+        return {}
+    is_zero = np.ma.filled(np.ma.asarray(pmra) == 0, False), np.ma.filled(np.ma.asarray(pmdec) == 0, False)
+    both, one = is_zero[0] & is_zero[1], is_zero[0] ^ is_zero[1]
+    if not _FEW_ZEROS < both.sum() < len(both) or one.sum() > _ROUNDED * (len(both) - both.sum()):
+        return {}
+    return {"motion of exactly 0 in both components, a mark of missing values": both}
 
 
 def doubtful(columns: Mapping[str, FloatArray], spans: Mapping[str, Span] | None = None) -> tuple[str, ...]:
@@ -202,8 +224,8 @@ def checked_columns(noun: Any, floats: Sequence[str], others: Sequence[str]) -> 
         if getattr(noun, column) is None:
             raise FieldError(f"{column} is missing")
     lon = as_floats("lon", noun.lon)[0]
-    arrays = {"lon": lon, "rho": np.zeros(lon.shape)}
-    for column in floats:
+    arrays = {"rho": np.zeros(lon.shape)}
+    for column in ("lon", *floats):
         if getattr(noun, column) is not None:
             values, missing = as_floats(column, getattr(noun, column))
             arrays[column] = np.where(missing, np.nan, values) if missing.any() else values
@@ -213,7 +235,7 @@ def checked_columns(noun: Any, floats: Sequence[str], others: Sequence[str]) -> 
     shapes = {"motion": (2, lon.size), "sigma": (2, lon.size)}
     check_shapes(arrays, lambda column: shapes.get(column, (lon.size,)))
     motion = arrays.get("motion", np.zeros((2, lon.size)))
-    select_usable(invalid_rows(lon, arrays["lat"], motion, arrays["sigma"], arrays["rho"]), lon.size)
+    select_usable(invalid_rows(arrays["lon"], arrays["lat"], motion, arrays["sigma"], arrays["rho"]), lon.size)
     return arrays
 
 

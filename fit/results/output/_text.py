@@ -12,7 +12,16 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from scipy.special import ndtri
 
-from fit.results.quality import CLIPPED, ERRORS_TOO_SMALL, ONE_SIDE, SEEN, ErrorSource, hint_of, solution_of
+from fit.results.quality import (
+    CLIPPED,
+    ERRORS_TOO_SMALL,
+    ONE_SIDE,
+    SEEN,
+    TOO_LITTLE_SCATTER,
+    ErrorSource,
+    hint_of,
+    solution_of,
+)
 from fit.results.spectrum import spectrum
 from vsh.io import tables
 from vsh.io.sections import Answer, Section
@@ -252,6 +261,9 @@ def answer_of(solution: Any) -> Answer:
     factor = error_factor(solution)
     if factor > _WRONG:
         text = f"no result: residuals are {factor:.3g} times the errors. Are both in the units that were assumed?"
+        return Answer((("acceleration", text),))
+    if TOO_LITTLE_SCATTER in codes_of(solution.notes):
+        text = "no result: residuals are far below the errors. Are both in the units that were assumed?"
         return Answer((("acceleration", text),))
     if solution.covariance_dof < FEWEST_DOF:
         text = f"no result: {_origin_of(solution)} are too few for the errors of a vector"

@@ -226,7 +226,7 @@ def test_command(tmp_path, capsys):
     table.write(tmp_path / "q.fits")
     healpy.write_map(tmp_path / "m.fits", MAP + LAT**3, dtype=np.float64)
     fit.fit_field(random_field(3000, 7), 3).write(tmp_path / "stars.ecsv")
-    names = f"scans,density,{tmp_path / 'm.fits'},{tmp_path / 'stars.ecsv'}"
+    names = f"scans,density,icrs:{tmp_path / 'm.fits'},{tmp_path / 'stars.ecsv'}"
     run = ["--lmax", "4", "--templates", names, "--output", str(tmp_path / "out")]
     assert main([str(tmp_path / "q.fits"), *run]) == 0
     text = capsys.readouterr().out

@@ -17,7 +17,7 @@ from vsh.figures.plot._style import DIVERGING, SEQUENTIAL, WIDTH, apply_style, c
 from vsh.sky.frames import ANGLES, check_frame
 from vsh.sky.pixels import pixels_of
 from vsh.sky.sphere import angles, triad
-from vsh.tools.arguments import choice
+from vsh.tools.arguments import choice, in_unit
 from vsh.tools.errors import ParameterError
 from vsh.tools.types import ArrayLike, Axes, FloatArray
 from vsh.vector import Vector
@@ -69,7 +69,7 @@ class SkyAxes(WCSAxes):
         native : (…) array
             Longitude about the map's own pole, −180 to 180: the seam of a whole sky is where it jumps. [deg]
         """
-        lon, lat = np.broadcast_arrays(np.degrees(lon), np.degrees(lat))
+        lon, lat = np.broadcast_arrays(np.degrees(in_unit("lon", lon)), np.degrees(in_unit("lat", lat)))
         if lon.size == 0:
             return np.zeros((*lon.shape, 2)), np.zeros(lon.shape)
         projection = self.wcs.wcs.s2p(np.stack([lon.ravel(), lat.ravel()], axis=1), 0)

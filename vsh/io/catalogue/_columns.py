@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import fields, replace
 from difflib import get_close_matches
 from functools import lru_cache, partial
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -153,11 +154,12 @@ def missing_column(name: str | None, source: TableSource) -> str:
     return f"no column {printable(name)!r}. The table has {', '.join(labels)}{suffix}{hint}"
 
 
-def doubt_positions(columns: Any, assumed: Any, at_least: int = 20) -> None:
+def doubt_positions(columns: Any, assumed: Any, at_least: int = 20, names: Mapping[str, str] | None = None) -> None:
     """Raise FieldError where bare positions look like radians or hours rather than degrees."""
     if not assumed or (columns["ra"].size and columns["ra"].max() > 24):
         return
     ra, dec = (np.ma.compressed(columns[role]) for role in ("ra", "dec"))
+    lon, lat = (printable((names or {}).get(role, role)) for role in ("ra", "dec"))
     if ra.size < at_least or dec.size < at_least:
         return
     with np.errstate(invalid="ignore"):
@@ -166,19 +168,21 @@ def doubt_positions(columns: Any, assumed: Any, at_least: int = 20) -> None:
     reach = f"{ra.min():.3g} to {ra.max():.3g} and from {dec.min():.3g} to {dec.max():.3g}"
     if small and np.ptp(ra) > 1 and np.ptp(dec) > 0.5:
         raise FieldError(
-            f"ra and dec have no unit and reach only from {reach}: radians? Say units={{'ra': 'rad', 'dec': 'rad'}} "
-            "(--units ra=rad,dec=rad), or deg if they are degrees"
+            f"{lon} and {lat} have no unit and reach only from {reach}: radians? Say units={{{lon!r}: 'rad', {lat!r}: "
+            f"'rad'}} (--units {shlex.quote(f'{lon}=rad,{lat}=rad')}), or deg if they are degrees"
         )
     if hours:
         raise FieldError(
-            f"ra and dec have no unit and reach from {reach}: is ra in hours? Say units={{'ra': 'hourangle'}} "
-            "(--units ra=hourangle), or deg if they are degrees"
+            f"{lon} and {lat} have no unit and reach from {reach}: is {lon} in hours? Say units={{{lon!r}: "
+            f"'hourangle'}} (--units {shlex.quote(f'{lon}=hourangle')}), or deg if they are degrees"
         )
 
 
 #: Median errors outside these are of no survey, nor is a median motion above the last. [µas/yr]
 _ERRORS = 0.02, 1e5
 _MOTIONS = 3e6
+#: Motions below this share of the smallest error are in another unit: of twenty sources not one would be so small.
+_SMALL = 0.1
 
 
 def doubtful_sizes(field: Any, at_least: int = 20) -> list[str]:
@@ -187,8 +191,12 @@ def doubtful_sizes(field: Any, at_least: int = 20) -> list[str]:
     if len(field) < at_least or (motion == 0).all():
         return []
     # Where all are plausible their medians are, which take longer to see.
-    plausible = within(span_of(sigma), *_ERRORS) and within(span_of(motion), -_MOTIONS, _MOTIONS)
+    (least, most), (lowest, highest) = span_of(sigma), span_of(motion)
+    plausible = within((least, most), *_ERRORS) and within((lowest, highest), -_MOTIONS, _MOTIONS)
     notes = [] if plausible else _doubtful_motions(np.median(sigma), np.median(np.abs(motion)))
+    if max(-lowest, highest) < _SMALL * least:
+        text = f"no motion is above {max(-lowest, highest):.3g} µas/yr, and no error below {least:.3g} µas/yr"
+        notes.append(CodedNote(f"warning: {text}: in which units are they (units=, --units)?", DOUBT))
     if field.redshift is not None and np.isfinite(field.redshift).any():
         z = float(np.nanmedian(field.redshift))
         if z > 20:
@@ -268,6 +276,8 @@ def factors(
     for role in [role for role in (*REQUIRED, *FURTHER_UNITS) if role in where]:
         name, target = where[role], UNITS.get(role, FURTHER_UNITS.get(role))
         unit = unit_of(name, units, source)
+        if role == "ra":
+            unit = _hours(unit)
         if unit is not None:
             role_factors[role] = (_factor if role in REQUIRED else partial(_further, role))(
                 name, unit, target, name in units
@@ -337,17 +347,31 @@ def parse_unit(unit: Any) -> Any:
 
 
 #: How units are written that astropy does not know so.
-_SPELLED = {"degrees": "deg", "degree": "deg", "hours": "hourangle", "milliarcsec": "mas"}
+_SPELLED = {
+    "degrees": "deg", "degree": "deg", "hours": "hourangle", "milliarcsec": "mas", "microarcsec": "uas", "muas": "uas",
+}  # fmt: skip
+#: What units are written within, and spellings of a numerator and of a time.
+_FRAMED = re.compile(r"\s*(?:angular velocity|angle)?\s*\[(.*)\]\s*", re.IGNORECASE)
+_WITHIN = (
+    (re.compile(r"^(?:muas|micro-?arcsec)\b"), "uas"),
+    (re.compile(r"^milli-?arcsec\b"), "mas"),
+    (re.compile(r"/\s*(?:y|years?|yrs|a)$"), "/yr"),
+    (re.compile(r"^(.*)/\s*(?:century|cy)$"), r"0.01 \1/yr"),
+)
 #: Sexagesimal text, which is made degrees as it is read.
 _SPELLED |= dict.fromkeys(("h:m:s", "d:m:s", '"h:m:s"', '"d:m:s"'), "deg")
 
 
 @lru_cache(1000)
 def _parse_unit(unit):
+    unit = framed[1] if (framed := _FRAMED.fullmatch(unit)) else unit
     unit = _SPELLED.get(unit.strip().lower(), unit)
-    for form in ("generic", "vounit", "cds", "ogip"):
+    spelled = unit.strip().lower()
+    for pattern, replacement in _WITHIN:
+        spelled = pattern.sub(replacement, spelled)
+    for text, form in (*product((unit,), ("generic", "vounit", "cds", "ogip")), (spelled, "generic")):
         try:
-            return u.Unit(unit, format=form)
+            return u.Unit(text, format=form)
         except (ValueError, TypeError):
             continue
     return u.Unit(unit)
@@ -364,8 +388,7 @@ def _factor(name, unit, target, from_user):
     except (ValueError, TypeError):
         origin = "units" if from_user else "the table"
         raise TableError(
-            f"{origin}: {printable(unit)!r}, given for {name}, is no unit that astropy knows: say what it is, "
-            f"units={{{name!r}: {str(target)!r}}} (--units {name}=…)"
+            f"{origin}: {printable(unit)!r}, given for {name}, is no unit that astropy knows: {_say(name, target)}"
         ) from None
     if not isinstance(astropy_unit, u.UnitBase):
         raise TableError(
@@ -375,12 +398,26 @@ def _factor(name, unit, target, from_user):
         factor = float(astropy_unit.to(target))
     except (u.UnitConversionError, ValueError, TypeError, AttributeError):
         raise TableError(
-            f"column {name!r} is in {printable(unit)!r}, which cannot be turned into {target}: "
-            f"if the table is wrong, say what it is, units={{{name!r}: {str(target)!r}}} (--units {name}=…)"
+            f"column {name!r} is in {printable(unit)!r}, which cannot be turned into {target}: if the table is wrong, "
+            f"{_say(name, target)}"
         ) from None
     if not 0 < factor < np.inf:
         raise TableError(f"column {name!r} is in {printable(unit)!r}, a negative unit: correct it, --units")
     return factor
+
+
+def _say(name, target):
+    """How a unit is said. None is proposed: only the user knows in which unit the numbers are."""
+    kinds = {u.deg: "deg, hourangle or rad", u.mas / u.yr: "uas/yr, mas/yr or arcsec/yr", u.Mpc: "kpc or Mpc"}
+    return (
+        f"say the unit of its numbers, units={{{name!r}: …}} (--units {shlex.quote(f'{name}=…')}): "
+        f"{kinds.get(target, f'{target} say')}"
+    )
+
+
+def _hours(unit):
+    """The unit of a right ascension: hours are those of an angle."""
+    return "hourangle" if str(unit).strip().lower() in ("h", "hr", "hour", "hours") else unit
 
 
 def _further(role, name, unit, target, from_user):
@@ -429,11 +466,23 @@ def _is_modulus(astropy_unit):
     return astropy_unit == u.mag or isinstance(astropy_unit, u.MagUnit)
 
 
-def from_modulus(columns: dict[str, Any]) -> None:
-    """Distances [Mpc] and their errors in place of distance moduli [mag]."""
-    columns["distance"] = 10 ** ((columns["distance"] - 25) / 5)
+def from_modulus(columns: dict[str, Any]) -> list[str]:
+    """Transverse distances [Mpc] and their errors in place of distance moduli [mag], which are of luminosity; notes."""
+    distance = 10 ** ((columns["distance"] - 25) / 5)
+    notes = []
+    if "redshift" in columns:
+        z = np.ma.filled(np.ma.asarray(columns["redshift"], float), np.nan)
+        far = np.isfinite(z) & (z > 0)
+        distance = distance / (1 + np.where(far, z, 0.0))
+        left = int(far.size - far.sum())
+    else:
+        left = np.size(distance)
+    if left:
+        notes = [f"{left} luminosity distances by their moduli are not divided by 1 + z, where no redshift is read"]
+    columns["distance"] = distance
     if "distance_error" in columns:
         columns["distance_error"] = np.log(10) / 5 * columns["distance"] * columns["distance_error"]
+    return notes
 
 
 _SEXAGESIMAL = re.compile(r"\s*([-+]?)(\d+)[\s:hd°]+(\d+)[\s:m']+(\d+(?:\.\d*)?)[s\"]?\s*")
@@ -446,12 +495,13 @@ def sexagesimal(role: str, values: Any, missing: BoolArray | None) -> Any:
     text = values.astype(str)
     lost = np.zeros(len(text), bool) if missing is None else missing
     matches = [None if gone else _SEXAGESIMAL.fullmatch(entry) for entry, gone in zip(text, lost, strict=True)]
-    if not all(match or gone for match, gone in zip(matches, lost, strict=True)):
+    wrong = np.array([match is None and not gone for match, gone in zip(matches, lost, strict=True)], bool)
+    if 2 * wrong.sum() >= len(wrong):
         return None  # what is wrong with it is said where it is made numbers
     components = np.array([[0, 0, 0] if match is None else match.groups()[1:] for match in matches], float).T
     size = components[0] + components[1] / 60 + components[2] / 3600
     negative = np.array([match is not None and match[1] == "-" for match in matches])
-    return np.where(negative, -size, size) * (15.0 if role == "ra" else 1.0)
+    return np.where(wrong, np.nan, np.where(negative, -size, size) * (15.0 if role == "ra" else 1.0))
 
 
 def plain(name: str, values: Any, missing: BoolArray | None) -> Any:

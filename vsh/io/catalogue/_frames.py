@@ -27,6 +27,7 @@ _BY_NAME = {
     "galactic": ("l", "b", "glon", "glat", "gallon", "gallat", "lii", "bii", "lgal", "bgal"),
     "ecliptic": ("elon", "elat", "ecllon", "ecllat", "eclipticlon", "eclipticlat"),
 }
+_OLD = re.compile(r"B1950|1950|FK4", re.IGNORECASE)
 _MOTIONS = {
     "icrs": re.compile(r"(pm|mu|e?pm)_?(ra|alpha|de|dec|delta|ra_?cos_?dec|alpha_?(star|\*))\*?", re.IGNORECASE),
     "galactic": re.compile(r"(pm|mu)_?g?(al)?_?(l|b|lon|lat|l_?cos_?b)\*?", re.IGNORECASE),
@@ -70,6 +71,11 @@ def frames_of(where: Mapping[str, str], frame: str | None, source: TableSource) 
         If the table states axes that are not read, or names alone do not tell them.
     """
     by_name = _named(where.get("ra"), where.get("dec"))
+    if frame is None and (old := [where[role] for role in _POSITIONS if _OLD.search(where.get(role, ""))]):
+        raise TableError(
+            f"column {printable(old[0])!r}: positions of B1950 are not read. Turn them to ICRS first, or say frame= "
+            "(--catalogue-frame) if the name is wrong"
+        )
     of_motions = next((name for name, pattern in _MOTIONS.items() if _all_match(pattern, where)), None)
     stated, notes = (None, ()) if frame is not None else _stated(where, source)
     known = check_frame(frame) if frame is not None else stated if by_name in (None, stated) else None

@@ -138,6 +138,8 @@ NAMED = {
 
 #: A unit behind a name: RA (deg), RA(deg), pmra [mas/yr].
 _IN_BRACKETS = re.compile(r"(.*\S)\s*[\(\[]\s*([^()\[\]]+?)\s*[\)\]]\s*")
+#: What stands there instead: an equinox, an epoch or a system.
+_EQUINOX = re.compile(r"[JB]?\d{4}(\.\d+)?|ICRS|FK[45]|ep=.*", re.IGNORECASE)
 #: The same with underscores: dist_kpc, pmra_mas_yr.
 _BEHIND = re.compile(r"(.+)_(deg|rad|kpc|mpc|pc|(?:mas|uas|arcsec)(?:_?p?e?r?_?yr))", re.IGNORECASE)
 _CORRELATION = re.compile(
@@ -150,7 +152,7 @@ _SPELLED = {"mpc": "Mpc", "kpc": "kpc", "pc": "pc", "deg": "deg", "rad": "rad"}
 def name_and_unit(name: str) -> tuple[str, str | None]:
     """A name without the unit that stands in it, and the unit."""
     if match := _IN_BRACKETS.fullmatch(name):
-        return match[1].strip(), match[2]
+        return match[1].strip(), None if _EQUINOX.fullmatch(match[2]) else match[2]
     if match := _BEHIND.fullmatch(name):
         unit = match[2].lower()
         return match[1], _SPELLED.get(unit, re.sub(r"_?(per)?_?yr$", "/yr", unit))

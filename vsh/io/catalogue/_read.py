@@ -40,7 +40,7 @@ from vsh.io.parts import OPTIONAL, Parts
 from vsh.scalars import ScalarField
 from vsh.sky.frames import REDSHIFT_FRAME_COLUMN
 from vsh.tools.arguments import explained, positive, whole
-from vsh.tools.bad_rows import PLACEHOLDER, as_floats, placeholders
+from vsh.tools.bad_rows import PLACEHOLDER, as_floats, placeholders, unmeasured
 from vsh.tools.errors import EmptyFieldError, EmptySelectionError, FieldError, TableError, VshWarning
 from vsh.tools.notes import (
     ASSUMED_MOTIONS,
@@ -272,7 +272,7 @@ class _maker:
             raise TableError("a distance modulus and its error are both in mag: say so of both columns (--units)")
         # What marks missing values does so in the table's own units; in Gaia's the field looks for it.
         self.other_units = any(self.factors[role] != 1 for role in REQUIRED[2:])
-        self.assumed = any("ra" in names for names in assumed_units.values())
+        self.assumed = any(self.where["ra"] in names for names in assumed_units.values())
         lines = [
             f"no unit in the table, so taken in {unit}: {', '.join(names)}" for unit, names in assumed_units.items()
         ]
@@ -311,8 +311,10 @@ class _maker:
                 if degrees is None and self.factors.get(role, 1.0) not in (1.0, MODULUS):
                     columns[role] = columns[role] * self.factors[role]
         if self.factors.get("distance") == MODULUS:
-            from_modulus(columns)
-        doubt_positions(columns, self.assumed)
+            notes += from_modulus(columns)
+        if not any(self.where[role].startswith(ASSUMED) for role in _MOTIONS):
+            aside |= unmeasured(*(columns[role] for role in _MOTIONS))
+        doubt_positions(columns, self.assumed, names=self.where)
         if self.frames.positions != self.frame:
             turn_positions(columns, self.frames)
         flat = all(values.ndim == 1 for values in raw.values())  # others are refused below

@@ -37,6 +37,7 @@ _DELIMITERS = (",", ";", "\t", "|")
 _RULE = re.compile(r"[-=\s;|,\t+]*(--|==)[-=\s;|,\t+]*")
 _DASHES = re.compile(r"-+")
 _NUMBER = re.compile(r"[+-]?(\d+[.,]?\d*|[.,]\d+)([eEdD][+-]?\d+)?")
+_ANGLE = re.compile(r"[+-]?\d{1,3}[:hd ]\s?\d{1,2}[:m ]\s?\d{1,2}(\.\d*)?s?")
 _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
 
 
@@ -205,7 +206,7 @@ def _units_in_comment(comments, count, delimiter):
 
 def _looks_like_data(fields: Sequence[str]) -> bool:
     """Return whether a third of the fields, and at least two, are numbers."""
-    numbers = sum(bool(_NUMBER.fullmatch(text)) for text in fields)
+    numbers = sum(bool(_NUMBER.fullmatch(text) or _ANGLE.fullmatch(text)) for text in fields)
     return numbers >= 2 and 3 * numbers >= len(fields)
 
 
