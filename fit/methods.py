@@ -107,7 +107,7 @@ class Recommended(Weighted):
         return self.solution.floor
 
 
-def degree_for(n_sources: int, most: int, least: int = 1) -> int:
+def degree_for(n_sources: int, most: int, least: int = 1, per_mode: int = _PER_MODE) -> int:
     """Find the highest degree up to `most` that so many sources bear.
 
     Parameters
@@ -116,13 +116,15 @@ def degree_for(n_sources: int, most: int, least: int = 1) -> int:
         How many there are.
     most, least : int
         The highest degree wanted, and the lowest that is of use.
+    per_mode : int
+        Sources that each pair of unknowns needs: half as many where tails are not free, as in classes of one fit.
 
     Raises
     ------
     DegeneracyError
         If they do not bear the lowest.
     """
-    lmax = next((l for l in range(most, 1, -1) if n_sources >= _PER_MODE * l * (l + 2)), int(n_sources >= _FEWEST))
+    lmax = next((l for l in range(most, 1, -1) if n_sources >= per_mode * l * (l + 2)), int(n_sources >= _FEWEST))
     if lmax < least:
         raise DegeneracyError(f"{n_sources} sources do not bear degree {least}")
     return lmax

@@ -15,7 +15,7 @@ import vsh
 from vsh.commands import finishing, parsing, reading, running
 from vsh.io.sections import Answer, Section
 from vsh.io.tables import printed_p_value, three_digits
-from vsh.tools.errors import ConvergenceError, DegeneracyError, VshError
+from vsh.tools.errors import ConvergenceError, DegeneracyError, ParameterError, VshError
 from vsh.tools.notes import count_unselected, dropped
 
 
@@ -97,8 +97,10 @@ def make_parser() -> argparse.ArgumentParser:
     distances("--n-modes N", "number of modes of the flow", parsing.count(3), 250)
     distances(
         "--local-group",
-        "use the velocity of the real Local Group as a constraint on the flow at our position (affects H0 only)",
+        "use the velocity of the real Local Group as a constraint on the flow at our position, for H0 (the default for "
+        "real catalogues with flows)",
     )
+    distances("--no-local-group", "fit H0 without it: too low by about its error where we move with the flow")
     distances(
         "--flow-amplitude MEAN,SIGMA",
         "with --posterior: prior on the flow's amplitude, relative to linear theory, so that the flow constrains H0",
@@ -266,6 +268,8 @@ def _by_redshifts(run, source):
     sky = run.read(source, options.catalogue).to_frame(options.frame)
     frame, counts = _check_sky(sky, source, options)
     sky = _clip_field(sky, options.clip) if options.clip else sky
+    if options.local_group and options.no_local_group:
+        raise VshError("--local-group does not go with --no-local-group")
     if options.local_group and truth:
         raise VshError(
             f"--local-group uses the motion of the real Local Group, and {source.label} is simulated: leave it out"
@@ -275,7 +279,7 @@ def _by_redshifts(run, source):
     parts = _bins(sky, options, model, prior) if options.bins else []
     if options.h0 or options.velocity or options.posterior:
         field = _with_distances(sky, options, model, source.label)
-        estimates = _estimates(field, options, model, prior)
+        estimates = _estimates(field, options, model, prior, bool(truth))
         if options.posterior:
             try:
                 parts.append(_posterior(field, options, model, prior, truth))
@@ -478,15 +482,21 @@ def _with_distances(sky, options, model, label):
     )
 
 
-def _estimates(field, options, model, velocity):
+def _estimates(field, options, model, velocity, is_simulated):
     """Our velocity for a known H0, and H0 for a known velocity, by least squares."""
-    from fit.secular_parallax import hubble_constant, observer_velocity
+    from fit.secular_parallax import hubble_constant, observer_velocity, redshift_frame_of
 
     estimates: dict[str, Any] = {}
     if options.h0:
         estimates["velocity"] = observer_velocity(field, options.h0, **model)
     if options.velocity:
-        estimates["hubble"] = hubble_constant(field, velocity, local_group=options.local_group, **model)
+        simulated = is_simulated or (options.redshift_frame or redshift_frame_of(field)) == "true"
+        group = options.local_group or not (options.no_local_group or options.no_flows or simulated)
+        if group and not options.local_group:  # by default, where galaxies are near enough for a flow
+            with suppress(ParameterError):
+                estimates["hubble"] = hubble_constant(field, velocity, local_group=True, **model)
+                return estimates
+        estimates["hubble"] = hubble_constant(field, velocity, local_group=options.local_group or None, **model)
     return estimates
 
 

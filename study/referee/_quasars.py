@@ -250,7 +250,7 @@ def compare(quasars: Quasars, classes: Classes, rng: Rng = 1, lmax: int | None =
     if len(large_classes) < 2:
         counts = ", ".join(f"{name}: {mask.sum()}" for name, mask in classes)
         raise DegeneracyError(f"fewer than two classes have {FEWEST} sources or more ({counts})")
-    degree = degree_for(min(mask.sum() for _, mask in large_classes), _DEGREE, least=3)
+    degree = degree_for(min(mask.sum() for _, mask in large_classes), _DEGREE, least=3, per_mode=4)
     normals = [quasars.equations(mask, degree) for _, mask in large_classes]
     plain = [solve(quasars.plain_equations(mask, lmax or degree)) for _, mask in large_classes]
     extensions = widened(normals, quasars.equations, [mask for _, mask in large_classes])

@@ -346,7 +346,7 @@ def _expansion(inputs: SectionInput) -> dict[str, Any]:
     classes = Classes.by_edges("z", _EXPANSION_EDGES, z).within((z >= 0.5) & (z < 3)).of_at_least(FEWEST)
     if len(classes) < 2:
         raise DegeneracyError(f"fewer than two bins of {FEWEST} sources with redshifts from 0.5 to 3")
-    degree = degree_for(min(mask.sum() for _, mask in classes), 5, least=3)
+    degree = degree_for(min(mask.sum() for _, mask in classes), 5, least=3, per_mode=4)
     masks = [mask for _, mask in classes]
     normals = widened([quasars.equations(mask, degree) for mask in masks], quasars.equations, masks)
     result = compare_expansions(

@@ -156,7 +156,7 @@ def test_selection_function_from_a_file(tmp_path, capsys):
     assert "3 of 3072 pixels" in capsys.readouterr().out
     assert np.abs(np.degrees(read_field(out).to_frame("galactic").lat)).min() > 15
     density[5] = np.inf
-    healpy.write_map(str(tmp_path / "inf.fits"), density, dtype=float)
+    healpy.write_map(str(tmp_path / "inf.fits"), density, coord="G", dtype=float)
     assert (
         simulate(
             [
@@ -173,6 +173,19 @@ def test_selection_function_from_a_file(tmp_path, capsys):
         == 1
     )
     assert "infinite" in capsys.readouterr().err  # once every source stood there, status 0
+    healpy.write_map(str(tmp_path / "where.fits"), np.ones(192), dtype=float)
+    run = [
+        "quasars",
+        "--number",
+        "50",
+        "--selection",
+        str(tmp_path / "where.fits"),
+        "--output",
+        str(tmp_path / "y.fits"),
+    ]
+    assert simulate(run) == 1
+    assert "does not state its frame" in capsys.readouterr().err
+    assert simulate([*run, "--map-frame", "icrs"]) == 0
 
 
 @pytest.mark.slow

@@ -336,6 +336,30 @@ def to_cmb(redshift: FloatArray, lon: FloatArray, lat: FloatArray, frame: str, r
 FLOW_LIMIT = 1e-4
 
 
+#: A redshift with a larger share of itself for its error tells less of the distance than the other sources do.
+_WORTH = 0.5
+
+
+def with_certain_redshift(field: Field) -> Field:
+    """The sources whose redshift is known to half of itself, or whose distance is; a note counts and names the others.
+
+    One wrong error among many puts its source so far away that no peculiar velocity scatters it, and lets it outweigh
+    all others.
+    """
+    if field.redshift is None or field.redshift_error is None:
+        return field
+    with np.errstate(invalid="ignore"):
+        bad = np.asarray(field.redshift_error) > _WORTH * np.asarray(field.redshift)
+    if field.distance is not None:
+        bad &= ~np.isfinite(field.distance)
+    if not bad.any() or bad.all():
+        return field
+    names = np.flatnonzero(bad)[:5] if field.name is None else field.name[bad][:5]
+    reasons = {f"with an error above {_WORTH:g} of it": int(bad.sum())}
+    note = WithoutRedshift.of_table(reasons, len(field), field.lon, field.redshift, names=tuple(map(in_a_line, names)))
+    return field[~bad].add_note(note)
+
+
 def usable(redshift: ArrayLike, min_redshift: float = FLOW_LIMIT) -> BoolArray:
     """Mask of redshifts that are finite, positive and at least `min_redshift`."""
     redshift = np.asarray(redshift, float)

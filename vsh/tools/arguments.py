@@ -165,21 +165,21 @@ _UNITS |= {"distance": "Mpc", "velocity": "km/s"}
 
 
 def in_unit(name: str, value: Any, unit: str | None = None) -> Any:
-    """Numbers in the unit of an argument: what has a unit is converted, and what has none is in it already.
+    """Numbers in the unit of an argument: a Quantity is converted, and what is none is in it already.
+
+    Columns of an astropy Table keep the name of a unit that they no longer have: np.radians(table["ra"]) says "deg".
 
     Raises
     ------
     ParameterError
         If the unit is of another kind, or numbers without a unit are expected.
     """
-    if type(value) is np.ndarray or getattr(value, "unit", None) is None:
+    if type(value) is np.ndarray or not hasattr(value, "to_value"):
         return value
     unit = unit or _UNITS.get(name, "")
     try:
-        if hasattr(value, "to_value"):  # a Quantity
-            return value.to_value(unit)
-        return np.ma.asanyarray(value) * value.unit.to(unit)  # a column of a table
-    except (ValueError, TypeError, AttributeError):  # astropy's UnitConversionError is one
+        return value.to_value(unit)
+    except (ValueError, TypeError):  # astropy's UnitConversionError is one
         expected = f"cannot be turned into {unit}" if unit else "though it is a number without a unit"
         raise ParameterError(f"{name} is in {value.unit}, {expected}: give numbers, x.to_value(…)") from None
 

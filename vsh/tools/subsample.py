@@ -14,7 +14,7 @@ def select_share(share: float, *columns: FloatArray) -> BoolArray:
     Parameters
     ----------
     share : float
-        Of the rows, from 0 to 1.
+        A fraction from 0 to 1.
     *columns : (n,) arrays
         What a row is known by: positions, say.
 

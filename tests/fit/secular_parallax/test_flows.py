@@ -278,3 +278,32 @@ def test_local_group_needs_a_flow():
         hubble_constant(galaxies(60), "planck", local_group=True, flows=None)
     with pytest.raises(ParameterError, match="is a Vector in km/s"):
         hubble_constant(galaxies(60), "planck", local_group=3, flows="linear", n_modes=9)
+
+
+@pytest.mark.parametrize("error", [0.012, 0.05, 0.3, 50.0])
+def test_one_wrong_redshift_error_moves_nothing(error):
+    """A source that is put far away outweighed all others: 1.7 errors in v, and smaller errors."""
+    field = sim.observe(
+        sim.galaxies(400, 5), sim.secular_parallax((-358, 77, -45)), 6, sigma=0.5, redshifts="heliocentric"
+    )
+    usual = np.full(len(field), 1e-4)
+    row = int(np.argmin(np.abs(field.redshift - 0.02)))
+    wrong = usual.copy()
+    wrong[row] = error
+    options = {"flows": None, "peculiar_dispersion": 300.0}
+    before, after = (observer_velocity(replace(field, redshift_error=each), 67.3, **options) for each in (usual, wrong))
+    moved = np.abs(after.velocity.value - before.velocity.value) / before.velocity.sigma
+    assert moved.max() < 0.2
+    np.testing.assert_allclose(after.velocity.sigma, before.velocity.sigma, rtol=0.02)
+    assert any("1 of 400" in str(note) and "error above 0.5 of it" in str(note) for note in after.notes)
+
+
+def test_hubble_constant_of_an_observer_in_the_flow_is_warned_of():
+    field = sim.observe(
+        sim.galaxies(200, 5), sim.secular_parallax((-358, 77, -45)), 6, sigma=0.5, redshifts="heliocentric"
+    )
+    options = {"n_modes": 30}
+    assert any("too low" in str(note) for note in hubble_constant(field, "planck", **options).notes)
+    for silent in ({"local_group": True}, {"redshift_frame": "true"}, {"flows": None}):
+        notes = hubble_constant(field, "planck", **options | silent).notes
+        assert not any("too low" in str(note) for note in notes)

@@ -388,7 +388,7 @@ def _factor(name, unit, target, from_user):
     except (ValueError, TypeError):
         origin = "units" if from_user else "the table"
         raise TableError(
-            f"{origin}: {printable(unit)!r}, given for {name}, is no unit that astropy knows: {_say(name, target)}"
+            f"{origin}: {printable(unit)!r}, given for {name}, is no unit that astropy knows: {_remedy(name, target)}"
         ) from None
     if not isinstance(astropy_unit, u.UnitBase):
         raise TableError(
@@ -399,15 +399,15 @@ def _factor(name, unit, target, from_user):
     except (u.UnitConversionError, ValueError, TypeError, AttributeError):
         raise TableError(
             f"column {name!r} is in {printable(unit)!r}, which cannot be turned into {target}: if the table is wrong, "
-            f"{_say(name, target)}"
+            f"{_remedy(name, target)}"
         ) from None
     if not 0 < factor < np.inf:
         raise TableError(f"column {name!r} is in {printable(unit)!r}, a negative unit: correct it, --units")
     return factor
 
 
-def _say(name, target):
-    """How a unit is said. None is proposed: only the user knows in which unit the numbers are."""
+def _remedy(name, target):
+    """The option that says a unit. None is proposed: only the user knows in which unit the numbers are."""
     kinds = {u.deg: "deg, hourangle or rad", u.mas / u.yr: "uas/yr, mas/yr or arcsec/yr", u.Mpc: "kpc or Mpc"}
     return (
         f"say the unit of its numbers, units={{{name!r}: …}} (--units {shlex.quote(f'{name}=…')}): "

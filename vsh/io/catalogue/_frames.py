@@ -48,9 +48,9 @@ class TableFrames(NamedTuple):
     Attributes
     ----------
     frame : str
-        Of its motions, and of the field that is read.
+        That of its motions, and of the field that is read.
     positions : str
-        Of its positions, which are turned to `frame` where they differ.
+        That of its positions, which are turned to `frame` where they differ.
     notes : tuple of str
         What the reader should know.
     """
@@ -76,7 +76,7 @@ def frames_of(where: Mapping[str, str], frame: str | None, source: TableSource) 
             f"column {printable(old[0])!r}: positions of B1950 are not read. Turn them to ICRS first, or say frame= "
             "(--catalogue-frame) if the name is wrong"
         )
-    of_motions = next((name for name, pattern in _MOTIONS.items() if _all_match(pattern, where)), None)
+    of_motions = next((name for name, pattern in _MOTIONS.items() if _are_of(pattern, where)), None)
     stated, notes = (None, ()) if frame is not None else _stated(where, source)
     known = check_frame(frame) if frame is not None else stated if by_name in (None, stated) else None
     if by_name and of_motions == "icrs" and known in (None, by_name):
@@ -102,8 +102,8 @@ def _named(*names):
     return next((frame for frame, known in _BY_NAME.items() if any(name in known for name in plain)), None)
 
 
-def _all_match(pattern, where):
-    """Whether both components of the motions have names of a frame."""
+def _are_of(pattern, where):
+    """Return whether both components of the motions have names of a frame."""
     names = [where[role] for role in ("pmra", "pmdec") if role in where]
     return len(names) == 2 and all(pattern.fullmatch(name_and_unit(name)[0].strip("_ ")) for name in names)
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from astropy import units as u
 from astropy.coordinates import SkyCoord
-from astropy.table import Table
+from astropy.table import QTable
 
 import fit
 import sim
@@ -78,7 +78,7 @@ def test_every_public_function_with_places_is_tried():
 def test_places_in_degrees_are_those_in_radians(name):
     call = CALLS[name]
     coord = SkyCoord(LON * u.rad, LAT * u.rad)
-    table = Table({"lon": np.degrees(LON) * u.deg, "lat": np.degrees(LAT) * u.deg})
+    table = QTable({"lon": np.degrees(LON) * u.deg, "lat": np.degrees(LAT) * u.deg})
     for lon, lat in ((np.degrees(LON) * u.deg, np.degrees(LAT) * u.deg), (coord.ra, coord.dec), table.columns.values()):
         np.testing.assert_allclose(call(lon, lat), call(LON, LAT), rtol=1e-10, atol=1e-12)
     with pytest.raises((ParameterError, FieldError)):
