@@ -25,7 +25,16 @@ from vsh.commands import parsing, reading, running
 from vsh.commands.parsing import NOT_KEPT, NUMBER
 from vsh.io.sections import Answer, Section, text_of
 from vsh.tools.errors import TableError, VshError, VshWarning
-from vsh.tools.files import UNFINISHED, as_recorded, atomic_folder, check_not_read, digest, is_ours
+from vsh.tools.files import (
+    UNFINISHED,
+    as_recorded,
+    atomic_folder,
+    check_not_read,
+    check_unchanged,
+    digest,
+    is_ours,
+    record_of,
+)
 from vsh.tools.formats import is_address
 from vsh.tools.printing import latex_text, printable, silence
 from vsh.tools.types import PathName
@@ -386,23 +395,34 @@ class Run:
 
     def __init__(self, options: argparse.Namespace) -> None:
         self.options = options
+        #: Hashes of the files that were opened, and by what each is known again.
+        self.opened: dict[str, tuple[str, Any]] = {}
         check(options)
 
     def open(self, path: str) -> Any:
-        """Open a catalogue."""
+        """Open a catalogue; its hash in the provenance is that of what was opened."""
+        if not is_address(path) and Path(path).is_file():
+            self.opened[str(path)] = digest(path), record_of(path)
         return reading.open_catalogue(path, self.options)
 
     def read(self, source: Any, path: str = "", **more: Any) -> Any:
         """A catalogue that is open, as a field, or in parts where that is asked for; `more` as for `read_field`."""
         from vsh.io import catalogue
 
+        self._check_unchanged()
         keywords = reading.arguments(self.options) | more
         if getattr(self.options, "sigma", None) is not None:
             keywords["sigma"] = self.options.sigma
         if not reading.in_parts(self.options):
-            return catalogue.read_field(source, **keywords)
+            field = catalogue.read_field(source, **keywords)
+            self._check_unchanged()
+            return field
         keywords.pop("roles", None)
         return catalogue.parts(path, **reading.reading_parts(self.options) | keywords)
+
+    def _check_unchanged(self):
+        for path, (_, record) in self.opened.items():
+            check_unchanged(path, record)
 
     def finish(
         self,
@@ -458,7 +478,7 @@ class Run:
             silence()
         if not (options.output or options.html):
             return
-        meta = running.provenance(paths or [], options, **(counts or {}))
+        meta = running.provenance(paths or [], options, self.opened, **(counts or {}))
         figure_set = Figures(partial(_joined, parts, Part.drawn))
         if options.output:
             with results_folder(options, meta) as folder:

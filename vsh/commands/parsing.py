@@ -282,10 +282,12 @@ def _with_none(text):
     return (pairs(remainder) if remainder else {}) | dict.fromkeys(empty - {""})
 
 
-#: What says where results go and how they are told, not what they are.
-NOT_KEPT = ("config", "output", "html", "overwrite", "json", "latex", "quiet", "log", "citation", "scheduler", "samp")
+#: Options that name what is written, and those that name whom to connect to.
+WRITTEN, CONNECTED = ("output", "html", "log", "checkpoint"), ("scheduler", "samp", "url")
 #: What a configuration may not say: where to write, what to replace, whom to connect to. It may be a stranger's.
-_NOT_TAKEN = ("output", "html", "overwrite", "log", "scheduler", "samp")
+_NOT_TAKEN = (*WRITTEN, "overwrite", *CONNECTED)
+#: What says where results go and how they are told, not what they are.
+NOT_KEPT = ("config", *_NOT_TAKEN, "json", "latex", "quiet", "citation")
 #: What a run writes its configuration to, in its folder of results.
 NAME = "run.toml"
 NUMBER = re.compile(r"-?(0|[1-9]\d*)(\.\d+)?([eE][+-]?\d+)?")

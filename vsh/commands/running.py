@@ -8,7 +8,7 @@ import re
 import shlex
 import sys
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 import vsh
-from vsh.commands.parsing import NOT_KEPT, parse, without_folder
+from vsh.commands.parsing import NOT_KEPT, WRITTEN, parse, without_folder
 from vsh.commands.reading import standard_input
 from vsh.tools.errors import VshError, VshWarning
 from vsh.tools.files import check_not_read, digest, reading
@@ -27,8 +27,7 @@ from vsh.tools.printing import PACKAGES, printable, printing, silence, silence_i
 #: Options that change no result, and what the parser found besides.
 NOT_TOLD = (*NOT_KEPT, "command", "given", "program", "expected")
 _LOG = logging.getLogger(__name__)
-#: Options that name what is written; and what else of the namespace names no file that is read.
-_WRITTEN = ("output", "html", "log", "checkpoint")
+#: What else of the namespace names no file that is read.
 _NOT_ASKED = ("command", "given", "program", "expected", "show", "url")
 _LOG_LINE = re.compile(
     rb"\d{4}-\d\d-\d\d \d\d:\d\d:\d\d,\d{3} (DEBUG|INFO|WARNING|ERROR|CRITICAL) +(vsh|sim|fit|study)\b"
@@ -94,7 +93,7 @@ def run_safely(options: argparse.Namespace, action: Callable[[], object]) -> int
 
 def _inputs(options):
     """List the files and folders that a run reads."""
-    values = [value for name, value in vars(options).items() if name not in (*_WRITTEN, *_NOT_ASKED)]
+    values = [value for name, value in vars(options).items() if name not in (*WRITTEN, *_NOT_ASKED)]
     texts = [item for value in values for item in (value if isinstance(value, (tuple, list)) else (value,))]
     return [text for text in texts if isinstance(text, (str, Path)) and text not in ("", "-") and os.path.lexists(text)]
 
@@ -119,7 +118,7 @@ def _check_log(options):
     """Raise VshError where a log is no place of its own: what is read or written, or a file that is no log of ours."""
     path, label = Path(options.log), f"--log {printable(options.log)}"
     check_not_read(path, label)
-    outputs = [getattr(options, name, None) for name in _WRITTEN if name != "log"]
+    outputs = [getattr(options, name, None) for name in WRITTEN if name != "log"]
     for output in filter(None, outputs):
         log_path, output_path = Path(os.path.realpath(path)), Path(os.path.realpath(output))
         if log_path == output_path or output_path in log_path.parents:
@@ -193,15 +192,21 @@ def written(path: object, files: Iterable[str]) -> str:
     return f"written to {path}: {', '.join(sorted(files))}"
 
 
-def provenance(paths: Any, options: argparse.Namespace, **counts: Any) -> dict[str, Any]:
-    """Provenance of a result: files and their hashes, counts of rows, options, versions."""
+def provenance(
+    paths: Any, options: argparse.Namespace, opened: Mapping[str, tuple[str, Any]] | None = None, **counts: Any
+) -> dict[str, Any]:
+    """Provenance of a result: files and their hashes when they were opened, counts of rows, options, versions."""
     import astropy
     import scipy
 
     names = [str(path) for path in (paths if isinstance(paths, list) else [paths])]
     paths = [Path(shown_address(path)) for path in names]
     # What lies at an address is not fetched once more for its hash.
-    hashes = ["" if is_address(name) else digest(path) for name, path in zip(names, paths, strict=True)]
+    known = opened or {}
+    hashes = [
+        "" if is_address(name) else known[name][0] if name in known else digest(path)
+        for name, path in zip(names, paths, strict=True)
+    ]
     is_single = len(paths) == 1
     return {
         "catalogue": paths[0].name if is_single else [path.name for path in paths],

@@ -241,6 +241,20 @@ def _state(path):
     return facts.st_dev, facts.st_ino, facts.st_size, facts.st_mtime_ns
 
 
+def record_of(path: PathName) -> tuple[int, int]:
+    """What a file is known by when it is opened again, on any machine that sees it: its size and time of change."""
+    try:
+        return _state(Path(path))[2:]
+    except OSError as error:
+        raise TableError(f"{printable(path)} cannot be read: {error.strerror}") from error
+
+
+def check_unchanged(path: PathName, record: tuple[int, int] | None) -> None:
+    """Raise TableError where a file is not the one that was opened: numbers of two catalogues would be added up."""
+    if record is not None and record_of(path) != record:
+        raise TableError(f"{printable(path)} changed since it was opened: start again, when nobody writes to it")
+
+
 def digest(path: PathName) -> str:
     """SHA-256 of a file, or of the names and hashes of all files of a folder."""
     path = Path(path)

@@ -20,7 +20,7 @@ import numpy as np
 from vsh.basis import harmonics
 from vsh.coefficients import Coefficients
 from vsh.field import Field
-from vsh.figures.plot import LONGEST, SURE, even_grid, picture_of
+from vsh.figures.plot import CHANCE, LONGEST, SURE, even_grid, is_seen, picture_of
 from vsh.io.sections import Section
 from vsh.io.tables import printed
 from vsh.sky.frames import ANGLES
@@ -277,8 +277,8 @@ def _asset(name):
     return files("vsh.figures.page").joinpath(name).read_text(encoding="utf-8")
 
 
-#: Sources that are sent at most, those with the most significant residuals first; of so many also their names.
-MAX_SOURCES, MAX_NAMES = 20_000, 5_000
+#: Sources that are sent at most, with their names, those with the most significant residuals first.
+MAX_SOURCES = 20_000
 #: Between arrows. [deg]
 STEP = 9.2
 #: Degrees that the page can go through.
@@ -322,6 +322,7 @@ def sky(*shown: ShownPage) -> Panel:
         "axes": ANGLES[shown[0].field.frame],
         "unit": shown[0].unit,
         "sure": SURE,
+        "chance": CHANCE,
         "longest": LONGEST * STEP / 12.0,
         "grid": dict(zip(("lon", "lat"), (_floats(np.degrees(item)) for item in even_grid(STEP)), strict=True)),
         "skies": sent,
@@ -356,7 +357,8 @@ def _controls(top):
 
 _KEYS = f"""<p class="faint" id="sky-keys">Drag or arrow keys turn it, + and − zoom, 0 goes back, n and p step \
 through the
-sources. Coloured arrows stand above {SURE:.0f} σ, grey ones below; stars with circles: where acceleration and spin \
+sources. Noise alone colours {100 * CHANCE:.0f} % of the arrows;
+where the field is not detected all are grey. Stars with circles: where acceleration and spin \
 point, with 68 % cones.</p>"""
 
 
@@ -379,13 +381,14 @@ def _sky(solution):
     residual = field.motion - solution.coefficients.at(field.lon, field.lat)
     chi2 = field.inner(residual, residual)
     order = np.argsort(-chi2, kind="stable")[:MAX_SOURCES]
-    names = [] if field.name is None else [str(name) for name in field.name[order[:MAX_NAMES]]]
+    names = [] if field.name is None else [str(name) for name in field.name[order]]
     return {
         "label": solution.label,
         "lmax": min(modes.lmax, MAX_LMAX),
         "fitted": modes.lmax,
         "sent": int(order.size),
         "names": names,
+        "seen": is_seen(solution.coefficients.values, np.asarray(solution.covariance)),
         "sources": {
             "lon": _floats(np.degrees(field.lon[order])),
             "lat": _floats(np.degrees(field.lat[order])),

@@ -29,7 +29,7 @@
       this.x = new Float32Array(this.n);
       this.y = new Float32Array(this.n);
       this.motion = new Float64Array(2 * grid.n);
-      this.error = new Float64Array(grid.n);
+      this.sure = new Uint8Array(grid.n);
       this.lines = [];
     }
 
@@ -46,10 +46,12 @@
       let largest = 0, sure = 0, squares = 0;
       for (let i = 0; i < m; i++) {
         const east = motion[i], north = motion[m + i], length = Math.hypot(east, north);
-        this.error[i] = Math.sqrt((east * east * v[i] + north * north * v[m + i] + 2 * east * north * v[2 * m + i])) / (length || 1);
+        // The distance from zero of both components: its square is χ² of two degrees of freedom in noise alone.
+        const a = v[i], b = v[m + i], c = v[2 * m + i];
+        this.sure[i] = this.given.seen && east * east * b - 2 * east * north * c + north * north * a > data.sure ** 2 * (a * b - c * c) ? 1 : 0;
         largest = Math.max(largest, length);
         squares += length * length;
-        if (length > data.sure * this.error[i]) sure++;
+        sure += this.sure[i];
       }
       this.largest = largest;
       const what = only ? `degree ${top} alone` : top > 1 ? `degrees 1 to ${top}` : "degree 1";
@@ -57,7 +59,9 @@
       const more = this.given.fitted > this.given.lmax ? ` (fitted to ${this.given.fitted})` : "";
       const label = this.given.label ? `${this.given.label}: ` : "";
       this.summary = `${label}${what}${more}, ${part}: rms ${Math.sqrt(squares / m).toFixed(2)} ${data.unit}, ` +
-        `largest ${largest.toFixed(2)} ${data.unit}; ${sure} of ${m} arrows above ${data.sure} σ.`;
+        `largest ${largest.toFixed(2)} ${data.unit}; ` +
+        (this.given.seen ? `${sure} of ${m} arrows with p < ${data.chance} (${Math.round(data.chance * m)} expected by chance).`
+          : "not detected.");
       this.said.textContent = this.summary;
       this.ask();
     }
@@ -189,7 +193,7 @@
         heads.length = 0;
         for (let i = 0; i < m; i += few ? 2 : 1) {
           const size = Math.hypot(this.motion[i], this.motion[m + i]);
-          if (!(size > 0) || (size > data.sure * this.error[i]) !== sure || this.hidden([grid.lon[i], grid.lat[i]])) continue;
+          if (!(size > 0) || !!this.sure[i] !== sure || this.hidden([grid.lon[i], grid.lat[i]])) continue;
           const points = this.arrow(i, longest * size / this.largest);
           if (!points) continue;
           this.lines.push({ i, points, sure });
@@ -253,7 +257,7 @@
       if (i < 0) this.said.textContent = this.summary;
       else {
         const s = this.sources, n = this.n, [lon, lat] = data.axes, one = (name, k) => s[name][k * n + i].toFixed(1);
-        this.said.textContent = `${this.given.names[i] || `source ${i + 1}`}: ${lon} = ${s.lon[i].toFixed(3)}°, ${lat} = ${s.lat[i].toFixed(3)}°; ` +
+        this.said.textContent = `${this.given.names[i] || "source without a name"}: ${lon} = ${s.lon[i].toFixed(3)}°, ${lat} = ${s.lat[i].toFixed(3)}°; ` +
           `motion (${one("motion", 0)} ± ${one("error", 0)}, ${one("motion", 1)} ± ${one("error", 1)}) ${data.unit}; ` +
           `residual (${one("residual", 0)}, ${one("residual", 1)}) ${data.unit}, ${s.sigmas[i].toFixed(1)} σ.`;
       }

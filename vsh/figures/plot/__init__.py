@@ -1,12 +1,14 @@
 """Figures of the sky and of everything else, in one style (matplotlib)."""
 
 from vsh.figures.plot._field import (
+    CHANCE,
     LONGEST,
     SURE,
     arrow_grid,
     draw_key,
     draw_vectors,
     even_grid,
+    is_seen,
     plot_field,
     plot_scalar_field,
     plot_sources,

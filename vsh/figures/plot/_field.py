@@ -223,20 +223,22 @@ def _half(step):
     return np.radians(np.concatenate(phi)), np.radians(np.concatenate(theta))
 
 
-#: An arrow is grey below, and as dark as any from there on. [σ]
-SURE, TOP = 2.0, 6.0
+#: Chance of an arrow of noise to be coloured; its distance from zero is that of two components, √(vᵀC⁻¹v). An arrow is
+#: grey below that distance, and as dark as any from the second on.
+CHANCE = 0.05
+SURE, TOP = float(np.sqrt(-2 * np.log(CHANCE))), 6.0
 
 
-def significance_of(motion: FloatArray, basis: FloatArray, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Amplitude over its error, along the motion, and that error."""
-    amplitude = np.hypot(*motion)
+def significance_of(motion: FloatArray, basis: FloatArray, covariance: FloatArray) -> FloatArray:
+    """√(vᵀC⁻¹v) of each motion, whose square is χ² with two degrees of freedom where there is noise alone."""
+    block = np.einsum("pin,pq,qjn->nij", basis, covariance, basis, optimize=True)
     with np.errstate(invalid="ignore", divide="ignore"):
-        along = np.einsum("pin,in->pn", basis, motion / amplitude)
-        error = np.sqrt(np.einsum("pn,pq,qn->n", along, covariance, along, optimize=True))
-        return amplitude / error, error
+        (a, c), (_, b) = np.moveaxis(block, 0, -1)
+        east, north = motion
+        return np.asarray(np.sqrt((east**2 * b - 2 * east * north * c + north**2 * a) / (a * b - c**2)))
 
 
-def _is_seen(values: FloatArray, covariance: FloatArray) -> bool:
+def is_seen(values: FloatArray, covariance: FloatArray) -> bool:
     """Return whether noise alone gives such coefficients in less than 0.27 % of skies."""
     if not np.isfinite(covariance).all():
         return False
@@ -261,8 +263,9 @@ def plot_field(
 ) -> SkyAxes:
     """The sources of a field and the motions fitted to them, as sure as they are.
 
-    Arrows stand evenly on the map; with a covariance their colour is amplitude over error, and grey below 2. Stars with
-    cones are where acceleration and spin point; hatched is where no source stands.
+    Arrows stand evenly on the map; with a covariance their colour is their distance from zero, √(vᵀC⁻¹v), and grey
+    where noise alone gives as much with a chance of 5 % or more; all are grey where the field is not detected. Stars
+    with cones are where acceleration and spin point; hatched is where no source stands.
 
     Parameters
     ----------
@@ -295,12 +298,12 @@ def plot_field(
     lon, lat = arrow_grid(axes)
     motion = coefficients.at(lon, lat)
     colour: Any = COLOURS[0]
-    is_noise = covariance is not None and not _is_seen(coefficients.values, np.asarray(covariance))
+    is_noise = covariance is not None and not is_seen(coefficients.values, np.asarray(covariance))
     if is_noise:
         colour = "0.7"
     elif covariance is not None:
         basis = harmonics(lon, lat, modes)
-        significance, _ = significance_of(motion, basis, np.asarray(covariance))
+        significance = significance_of(motion, basis, np.asarray(covariance))
         colour = _colours()(np.clip(np.nan_to_num(significance), 0, TOP) / TOP)
     draw_vectors(axes, lon, lat, motion, color=colour)
     largest = float(np.hypot(*motion).max())
@@ -325,7 +328,7 @@ def plot_field(
         )
     if covariance is not None and not is_noise:
         scale = ScalarMappable(Normalize(0, TOP), _colours())
-        bar = colour_bar(axes, scale, r"$|v|/\sigma$ of an arrow (grey: below 2)", extend="max", shrink=0.6)
+        bar = colour_bar(axes, scale, r"$\sqrt{v^T C^{-1} v}$ of an arrow (grey: $p > 0.05$)", extend="max", shrink=0.6)
         bar.set_ticks(range(0, int(TOP) + 1))
     axes.set_title(title or f"{len(field)} sources and the field fitted to degree {modes.lmax}")
     return axes

@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -15,6 +15,7 @@ from vsh.io.parts import Dask, Engine, InProcess, Parts, Processes, delayed_of, 
 from vsh.io.tables import Place, TableSource, Where, check_alike, files_of, is_address, open_table
 from vsh.tools.arguments import whole
 from vsh.tools.errors import ParameterError, TableError
+from vsh.tools.files import check_unchanged, record_of
 from vsh.tools.types import OnBad
 
 #: Sources in a block of a part: some 200 MB while it is read and checked.
@@ -95,7 +96,8 @@ def parts(
     if len(files) > 1:
         first_table = open_table(files[0], format)
         read = replace(read, like=(first_table.label, _layout(first_table, request)))
-    return Parts(pieces, read, engine=_engine(pieces, workers, scheduler))
+    records = {str(file): record_of(file) for file in files if isinstance(file, Path)}
+    return Parts(pieces, replace(read, records=records), engine=_engine(pieces, workers, scheduler))
 
 
 @dataclass(frozen=True)
@@ -112,14 +114,18 @@ class Reader:
     like: tuple[str, Any] | None = None
     where: str | None = None
     format: str | None = None
+    #: By what each file is known, when it was opened first.
+    records: Mapping[str, tuple[int, int]] = field(default_factory=dict)
 
     def __call__(self, piece: Any, roles: tuple[str, ...]) -> Iterator[Field]:
         """The fields of a piece."""
         if isinstance(piece, Field):
             yield piece
             return
-        columns = self.columns
+        columns, path = self.columns, str(piece) if isinstance(piece, Path) else ""
+        record = self.records.get(path)
         if isinstance(piece, (str, os.PathLike, Place)):
+            check_unchanged(path, record)
             piece = open_table(piece, self.format)
         if self.like is not None and isinstance(piece, TableSource):
             _check_same_columns(piece, columns, *self.like)
@@ -137,8 +143,9 @@ class Reader:
             where=self.where,
             sigma=self.sigma if self.motions else None,
         )
-        for field in fields:
-            yield field.add_note(*notes) if notes else field
+        for each in fields:
+            yield each.add_note(*notes) if notes else each
+        check_unchanged(path, record)
 
 
 def _layout(table, columns):

@@ -12,6 +12,7 @@ import numpy as np
 
 from vsh.io.tables._source import FRAME_KEY, TableSource, plain_file
 from vsh.tools.errors import TableError, first_line
+from vsh.tools.printing import printable
 from vsh.tools.types import PathName
 
 
@@ -28,6 +29,7 @@ def open_parquet(paths: PathName | Sequence[PathName], label: str) -> TableSourc
     except (arrow.ArrowException, OSError, ValueError, TypeError, MemoryError) as error:
         raise TableError(f"{label} cannot be read as Parquet: {first_line(error)}") from error
     _check_names(schema.names, label)
+    _check_fragments(dataset, label)
 
     def batches(names, rows):
         return dataset.to_batches(
@@ -93,9 +95,38 @@ def open_parquet_at(filesystem: Any, path: str, label: str) -> TableSource:
     return _source(label, schema, batches)
 
 
+def _check_fragments(dataset, label):
+    """Raise TableError where a file has other columns, kinds of numbers or units than the first."""
+    first = None
+    for fragment in dataset.get_fragments():
+        try:
+            schema = fragment.physical_schema
+        except Exception as error:  # whatever a damaged file, or a server, makes of Arrow
+            raise TableError(f"{label} cannot be read as Parquet: {first_line(error)}") from error
+        units = {name: str(unit) for name, unit in _header(schema)[0].items()}
+        columns = {field.name: (str(field.type), units.get(field.name)) for field in schema}
+        first = first or (fragment, columns)
+        differing = [name for name in {**first[1], **columns} if columns.get(name) != first[1].get(name)]
+        if differing:
+            name = differing[0]
+            one, other = (
+                " in ".join(filter(None, found)) if (found := each.get(name)) else "missing"
+                for each in (first[1], columns)
+            )
+            raise TableError(
+                f"{label}: its files differ in {', '.join(map(printable, differing[:5]))}: {printable(name)} is {one} "
+                f"in {printable(_name_of(first[0]))} and {other} in {printable(_name_of(fragment))}"
+            )
+
+
+def _name_of(fragment):
+    return os.path.basename(getattr(fragment, "path", "") or "a part")
+
+
 def open_dataset(dataset: Any, label: str) -> TableSource:
     """A pyarrow Dataset, wherever its files lie."""
     _check_names(dataset.schema.names, label)
+    _check_fragments(dataset, label)
 
     def batches(names, rows):
         return dataset.to_batches(columns=list(names), batch_size=min(rows, 2**17))

@@ -225,7 +225,7 @@ def _open_file(path, label, file_format):
 _EXPANSION = 200
 
 #: Order and pixel of a partition of a HATS catalogue, by its path.
-_PARTITION = re.compile(r"Norder=(\d+)/(?:.*/)?Npix=(\d+)")
+_PARTITION = re.compile(r"Norder=(\d+)/(?:.*/)?Npix=(\d+)(?:\.parquet$|/)")
 
 
 @explained
@@ -388,8 +388,7 @@ def _tables_in(path, label, format=None):
         ]
         if not files:
             raise TableError(f"{label} is a catalogue in HATS format without partitions")
-        _check_partitions(path, files, label)
-        return "parquet", files
+        return "parquet", _listed_partitions(path, files, label)
     groups = {}
     for file in sorted(path.rglob("*")):
         inside = file.relative_to(path).parts
@@ -423,23 +422,44 @@ def _is_hats(path):
     return (path / "hats.properties").is_file() or ((path / "properties").is_file() and (path / "dataset").is_dir())
 
 
-def _check_partitions(path, files, label):
-    """Raise TableError where partitions that a HATS catalogue lists are not there."""
+def _listed_partitions(path, files, label):
+    """The partitions that a HATS catalogue lists, all of which are there, with as many rows as it says."""
     info_path = path / "partition_info.csv"
     if not info_path.is_file():
-        return
+        return files
     try:
         with info_path.open(encoding="utf-8", errors="replace", newline="") as file:
             partitions = {(row.get("Norder"), row.get("Npix")) for row in csv.DictReader(file)}
     except csv.Error as error:
         raise TableError(f"{label}: its partition_info.csv is damaged ({error}): fetch it again") from None
-    file_partitions = {match.groups() for file_path in files if (match := _PARTITION.search(file_path.as_posix()))}
+    found = [(match.groups(), file) for file in files if (match := _PARTITION.search(file.as_posix()))]
+    file_partitions = {partition for partition, _ in found}
     lost = sorted(f"Norder={order}, Npix={pixel}" for order, pixel in partitions - file_partitions if order and pixel)
     if lost:
         raise TableError(
             f"{label} lacks {len(lost)} of {len(partitions)} partitions that its partition_info.csv lists (first: "
             f"{printable(lost[0])}): fetch them again, or name the folder dataset to read what is there"
         )
+    listed = [file for partition, file in found if partition in partitions]
+    stated = _property(path / "hats.properties", "hats_nrows")
+    if stated.isdecimal():
+        from pyarrow.parquet import read_metadata
+
+        try:
+            rows = sum(read_metadata(file).num_rows for file in listed)
+        except (OSError, ValueError) as error:
+            raise TableError(f"{label} cannot be read as Parquet: {first_line(error)}") from error
+        if rows != int(stated):
+            raise TableError(f"{label} has {rows} rows, and its hats.properties says {stated}: fetch it again")
+    return listed
+
+
+def _property(path, key):
+    """A value of a file of properties, empty where there is none."""
+    if not path.is_file():
+        return ""
+    pairs = (line.partition("=") for line in path.read_text(encoding="utf-8", errors="replace").splitlines())
+    return {name.strip(): value.strip() for name, _, value in pairs}.get(key, "")
 
 
 def _main_table(path, label):
@@ -447,8 +467,7 @@ def _main_table(path, label):
     properties = path / "collection.properties"
     if not properties.is_file():
         return path
-    pairs = (line.partition("=") for line in properties.read_text(encoding="utf-8", errors="replace").splitlines())
-    name = {key.strip(): value.strip() for key, _, value in pairs}.get("hats_primary_table_url", "")
+    name = _property(properties, "hats_primary_table_url")
     if not name or not _is_hats(path / name):
         raise TableError(
             f"{label} is a HATS collection, whose margin cache repeats sources: name the folder of its main catalogue"

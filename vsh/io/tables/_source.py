@@ -389,6 +389,10 @@ def open_whole(path: PathName, label: str, kind: str) -> TableSource:
     return replace(open_astropy(_with_degrees(table)), label=label)
 
 
+#: HDF5 declares at most so many times its size, and so many groups within each other.
+_PACKED, _DEEPEST = 1000, 20
+
+
 def _hdf5(path, label):
     """The one table of a file: a compound dataset, or a group with a dataset for each column."""
     import h5py
@@ -396,14 +400,24 @@ def _hdf5(path, label):
 
     with h5py.File(path, "r") as file:
         compound, groups = [], {}
+        size, total = Path(path).stat().st_size, 0
 
         def visit(name, item):
+            nonlocal total
+            if name.count("/") > _DEEPEST:
+                raise TableError(f"{label} has more than {_DEEPEST} groups within groups: keep its table at the top")
             if not isinstance(item, h5py.Dataset):
                 return
-            if item.nbytes > _LARGEST:
+            if item.external or item.is_virtual:
                 raise TableError(
-                    f"{label}: {name} declares {item.shape} values, {item.nbytes / 2**30:.3g} GiB, in a file of "
-                    f"{Path(path).stat().st_size} bytes: HDF5 is read whole; make it FITS or Parquet"
+                    f"{label}: {name} keeps its numbers in another file, where nothing is read from: copy them into it "
+                    "(h5repack)"
+                )
+            total += item.nbytes
+            if total > min(_LARGEST, max(_PACKED * size, 2**20)):
+                raise TableError(
+                    f"{label}: up to {name} it declares {total / 2**30:.3g} GiB, in a file of {size} bytes: HDF5 is "
+                    "read whole; make it FITS or Parquet"
                 )
             if item.dtype.names:
                 compound.append(name)

@@ -3,6 +3,7 @@
 import base64
 import json
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -63,10 +64,14 @@ def test_fields_and_their_errors_are_exact():
 
 def test_most_significant_sources_are_sent_and_counted():
     field = random_field(MAX_SOURCES + 500, seed=1)
+    field = replace(field, name=np.arange(len(field)) + 10**9)
     one, solution = shown(field, 1)
     panel = sky(one)
     sent = data_of(panel)["skies"][0]
     assert sent["sent"] == len(floats(sent["sources"]["lon"])) == MAX_SOURCES
+    # A name for each that is sent: later ones were called by their rank, which is another source's number.
+    places = dict(zip(map(str, field.name), np.degrees(field.lon), strict=True))
+    np.testing.assert_allclose([places[name] for name in sent["names"]], floats(sent["sources"]["lon"]), rtol=1e-6)
     assert f"{MAX_SOURCES} of {len(field)} sources, those with the most significant residuals" in panel.html
     sigmas = floats(sent["sources"]["sigmas"])
     assert (np.diff(sigmas) <= 0).all()

@@ -11,8 +11,8 @@ from conftest import random_field
 import fit
 from vsh import Coefficients, Field, Modes, ParameterError
 from vsh.basis import harmonics
-from vsh.figures.plot import FADED, SkyAxes, arrow_grid, plot_field
-from vsh.figures.plot._field import significance_of
+from vsh.figures.plot import FADED, SkyAxes, arrow_grid, even_grid, plot_field
+from vsh.figures.plot._field import SURE, significance_of
 
 
 @pytest.fixture(autouse=True)
@@ -38,14 +38,13 @@ def test_arrows_are_as_dark_as_they_are_sure():
     assert isinstance(axes, SkyAxes)
     grid = arrow_grid(axes)
     motion, basis = solution.coefficients.at(*grid), harmonics(*grid, solution.modes)
-    sure, error = significance_of(motion, basis, solution.covariance)
+    sure = significance_of(motion, basis, solution.covariance)
     # By hand, for one arrow.
-    unit = motion[:, 7] / np.hypot(*motion[:, 7])
-    row = unit @ basis[:, :, 7].T
-    assert error[7] == pytest.approx(np.sqrt(row @ solution.covariance @ row))
+    block = basis[:, :, 7].T @ solution.covariance @ basis[:, :, 7]
+    assert sure[7] == pytest.approx(np.sqrt(motion[:, 7] @ np.linalg.solve(block, motion[:, 7])))
     shafts = next(each for each in axes.collections if isinstance(each, mpl.collections.LineCollection))
     grey = np.all(np.isclose(shafts.get_colors(), mpl.colors.to_rgba(FADED)), axis=1)
-    np.testing.assert_array_equal(grey, sure < 2)
+    np.testing.assert_array_equal(grey, sure < SURE)
     light = np.dot(shafts.get_colors()[:, :3], [0.2, 0.7, 0.1])
     order = np.argsort(np.clip(sure[~grey], 0, 6))
     assert (np.diff(light[~grey][order]) <= 1e-9).all()
@@ -127,3 +126,16 @@ def test_residuals_by_significance():
     small = field.with_errors(field.sigma / 1.2, field.rho)
     deviates = fit.output.plot_residuals(fit.fit_field(small, 1), small, nside=4).images[0].get_array()
     assert np.nanmean(np.asarray(deviates)[np.isfinite(deviates)]) > 3
+
+
+def test_noise_colours_one_arrow_in_twenty():
+    """|v| over its error along itself exceeds 2 in 13 % of arrows of noise."""
+    coloured = []
+    solution = fit.fit_field(random_field(500, seed=1), 3)
+    lon, lat = even_grid(20)
+    basis = harmonics(lon, lat, solution.modes)
+    draws = np.random.default_rng(1).multivariate_normal(np.zeros(30), solution.covariance, 400)
+    for values in draws:
+        motion = np.tensordot(values, basis, 1)
+        coloured.append(np.mean(significance_of(motion, basis, solution.covariance) > SURE))
+    assert abs(np.mean(coloured) - 0.05) < 0.01

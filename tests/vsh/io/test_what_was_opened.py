@@ -1,0 +1,155 @@
+"""What was opened is what is read, in every pass, and nothing else: no other file, no other version of it."""
+
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import fit
+import sim
+from vsh.io.catalogue import parts, read_field
+from vsh.tools.errors import FieldError, TableError
+
+N = 400
+
+
+@pytest.fixture
+def field():
+    return replace(sim.observe(sim.quasars(N, 1), sim.spin((0, 0, 30)), 2, sigma=50.0), name=np.arange(N))
+
+
+@pytest.fixture
+def folder(field, tmp_path):
+    home = tmp_path / "parts"
+    home.mkdir()
+    for k in range(4):
+        field[k * 100 : (k + 1) * 100].write(home / f"{k}.fits")
+    return home
+
+
+@pytest.mark.parametrize(
+    "estimate", [lambda sky: fit.robust.clip(sky, 1, 2.5), lambda sky: fit.robust.student_t(sky, 1)]
+)
+@pytest.mark.parametrize("when", [3, 6])
+def test_a_part_that_is_replaced_between_passes_ends_the_fit(folder, estimate, when):
+    seen = []
+
+    def step(field):
+        seen.append(1)
+        if len(seen) == when:
+            shutil.copy(folder / "0.fits", folder / "copy")
+            (folder / "copy").replace(folder / "2.fits")
+        return field
+
+    with pytest.raises(TableError, match=r"2\.fits changed since it was opened"):
+        estimate(parts(folder).map(step))
+
+
+def test_hash_of_a_run_is_of_what_was_opened(field, tmp_path, monkeypatch, capsys):
+    from fit.commands.fit import main
+    from vsh.io import catalogue
+    from vsh.tools.files import digest
+
+    path = tmp_path / "q.ecsv"
+    field.write(path)
+    opened = digest(path)
+    read = catalogue.read_field
+
+    def swapped(source, **options):
+        found = read(source, **options)
+        if field is not None and path.exists():
+            with path.open("a") as file:
+                file.write("\n")
+        return found
+
+    monkeypatch.setattr(catalogue, "read_field", swapped)
+    assert main([str(path), "--lmax", "1", "--output", str(tmp_path / "o"), "--no-figures"]) == 1
+    assert "changed since it was opened" in capsys.readouterr().err
+    monkeypatch.undo()
+    field.write(path)
+    assert digest(path) == opened
+    assert main([str(path), "--lmax", "1", "--output", str(tmp_path / "o"), "--no-figures"]) == 0
+    assert opened in (tmp_path / "o" / "provenance.json").read_text()
+
+
+@pytest.mark.parametrize("kind", ["external", "virtual", "large", "deep"])
+def test_hdf5_reads_nothing_from_elsewhere(kind, tmp_path):
+    h5py = pytest.importorskip("h5py")
+    n, path = 20, tmp_path / "t.h5"
+    (tmp_path / "secret").write_bytes(b"not ours to read" * 50)
+    with h5py.File(tmp_path / "inner.h5", "w") as file:
+        file["x"] = np.ones(n)
+    with h5py.File(path, "w") as file:
+        for name in ("ra", "dec", "pmra", "pmdec", "pmra_error"):
+            file[name] = np.linspace(1, 80, n)
+        if kind == "external":
+            file.create_dataset("source_id", (n,), "S40", external=[(str(tmp_path / "secret"), 0, 40 * n)])
+        elif kind == "virtual":
+            layout = h5py.VirtualLayout((n,), "f8")
+            layout[:] = h5py.VirtualSource(str(tmp_path / "inner.h5"), "x", (n,))
+            file.create_virtual_dataset("pmdec_error", layout)
+        elif kind == "large":
+            file.create_dataset("pmdec_error", (6 * 10**8,), "f8", chunks=(10**6,))
+        else:
+            file["/".join("g" * 50)] = np.ones(n)
+    words = {"external": "another file", "virtual": "another file", "large": "declares", "deep": "groups within"}[kind]
+    with pytest.raises(TableError, match=words):
+        read_field(path)
+
+
+@pytest.mark.parametrize("change", ["unit", "missing", "kind"])
+def test_files_of_a_folder_of_parquet_are_alike(field, change, tmp_path):
+    """Units and columns of the first file were taken for all."""
+    pytest.importorskip("pyarrow")
+    for k in range(3):
+        table = field[k * 100 : (k + 1) * 100].to_table()
+        if k == 1 and change == "unit":
+            for name in ("pmra", "pmdec", "pmra_error", "pmdec_error"):
+                table[name] = (table[name].quantity.to("uas/yr")).value
+                table[name].unit = "uas/yr"
+        elif k == 1 and change == "missing":
+            table.remove_column("pmra_pmdec_corr")
+        elif k == 1:
+            table["pmra"] = table["pmra"].astype(str)
+        table.write(tmp_path / f"{k}.parquet")
+    for read in (read_field, lambda path: parts(path).sum(len)):
+        with pytest.raises((TableError, FieldError), match="pmra"):
+            read(tmp_path)
+    dataset = pytest.importorskip("pyarrow.dataset").dataset([str(path) for path in sorted(tmp_path.glob("*.parquet"))])
+    with pytest.raises(TableError, match="pmra"):
+        parts(dataset).sum(len)
+
+
+def test_hats_partitions_are_those_of_its_list(field, tmp_path):
+    pytest.importorskip("pyarrow")
+    home = tmp_path / "dataset" / "Norder=0" / "Dir=0"
+    home.mkdir(parents=True)
+    for k in range(4):
+        field[k * 100 : (k + 1) * 100].write(home / f"Npix={k}.parquet")
+    (tmp_path / "hats.properties").write_text(f"hats_nrows={N}\n")
+    (tmp_path / "partition_info.csv").write_text("Norder,Npix\n0,0\n0,1\n0,2\n0,3\n")
+    for stray in ("Npix=3 (1).parquet", "._Npix=3.parquet", "Npix=7.parquet"):
+        shutil.copy(home / "Npix=3.parquet", home / stray)
+    assert parts(tmp_path).counted() == N
+    assert len(read_field(tmp_path)) == N
+    (tmp_path / "hats.properties").write_text(f"hats_nrows={N + 1}\n")
+    with pytest.raises(TableError, match=f"has {N} rows, and its hats.properties says {N + 1}"):
+        parts(tmp_path)
+
+
+@pytest.mark.parametrize("name", ["url", "checkpoint", "output", "log", "scheduler"])
+def test_a_configuration_neither_writes_nor_sends(name, tmp_path, capsys):
+    from fit.commands.redshift import main as redshift
+    from vsh.commands.archive import main as archive
+
+    path = Path(tmp_path, "run.toml")
+    command, main = ("vsh-archive", archive) if name == "url" else ("vsh-redshift", redshift)
+    path.write_text(f'command = "{command}"\n[options]\n{name} = "http://localhost:1/x"\n')
+    try:
+        status = main(["--config", str(path)])
+    except SystemExit as end:
+        status = end.code
+    assert status
+    assert "is taken from the command line alone" in capsys.readouterr().err.replace("\n", " ")
