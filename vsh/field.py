@@ -38,8 +38,8 @@ from vsh.tools.bad_rows import (
     span_of,
 )  # fmt: skip
 from vsh.tools.errors import FieldError, FrameError
-from vsh.tools.files import table_of, write_table
-from vsh.tools.notebook import Frozen
+from vsh.tools.files import check_new, table_of, write_table
+from vsh.tools.notebook import Equal, Frozen
 from vsh.tools.notes import NO_REDSHIFTS, VELOCITIES, CodedNote, merge_notes
 from vsh.tools.types import ArrayLike, Axes, BoolArray, FloatArray, OnBad, PathName, Table
 from vsh.tools.units import DEGREE, MAS
@@ -66,32 +66,32 @@ class ByColumns:
     @property
     def ra(self) -> FloatArray:
         """Right ascension of each source, (n,). [deg]"""
-        return self._icrs("ra", self.lon) / DEGREE
+        return self._icrs("ra", self.lon / DEGREE)
 
     @property
     def dec(self) -> FloatArray:
         """Declination of each source, (n,). [deg]"""
-        return self._icrs("dec", self.lat) / DEGREE
+        return self._icrs("dec", self.lat / DEGREE)
 
     @property
     def pmra(self) -> FloatArray:
         """Proper motion µ_α* of each source, cos δ included, (n,). [mas/yr]"""
-        return self._icrs("pmra", self.motion[0]) / MAS
+        return self._icrs("pmra", self.motion[0] / MAS)
 
     @property
     def pmdec(self) -> FloatArray:
         """Proper motion µ_δ of each source, (n,). [mas/yr]"""
-        return self._icrs("pmdec", self.motion[1]) / MAS
+        return self._icrs("pmdec", self.motion[1] / MAS)
 
     @property
     def pmra_error(self) -> FloatArray:
         """Standard error of µ_α* of each source, (n,). [mas/yr]"""
-        return self._icrs("pmra_error", self.sigma[0]) / MAS
+        return self._icrs("pmra_error", self.sigma[0] / MAS)
 
     @property
     def pmdec_error(self) -> FloatArray:
         """Standard error of µ_δ of each source, (n,). [mas/yr]"""
-        return self._icrs("pmdec_error", self.sigma[1]) / MAS
+        return self._icrs("pmdec_error", self.sigma[1] / MAS)
 
     @property
     def z(self) -> FloatArray | None:
@@ -103,10 +103,15 @@ class ByColumns:
         """The names of the columns of `to_table`."""
         return list(self._table()[0])
 
+    def __contains__(self, name: object) -> bool:
+        """Return whether a source has this name."""
+        names = getattr(self, "name", None)
+        return names is not None and bool(np.any(np.asarray(names) == name))
+
     def _icrs(self, name, values):
         if self.frame != "icrs":
             raise FrameError(f'{name} is of ICRS axes, and this field has {self.frame} ones: use .to_frame("icrs")')
-        return np.asarray(values)
+        return read_only(np.asarray(values))
 
     def head(self, n: int = 5) -> Table:
         """The first rows of the table.
@@ -485,13 +490,31 @@ class TableIO(SourcesWithErrors):
 
         return QTable(self.to_table())
 
-    def write(self, path: PathName, meta: dict[str, Any] | None = None) -> None:
-        """Write the sources as a table, which `vsh.io.catalogue` reads."""
-        write_table(self.to_table(), path, meta)
+    def write(self, path: PathName, meta: dict[str, Any] | None = None, *, overwrite: bool = False) -> None:
+        """Write the sources as a table, which `vsh.io.catalogue` reads.
+
+        Parameters
+        ----------
+        path : str or Path
+            FITS, VOTable, ECSV, CSV, Parquet or HDF5 by its ending.
+        meta : dict, optional
+            Provenance, plain values.
+        overwrite : bool
+            Whether a file that is there is replaced.
+
+        Raises
+        ------
+        WriteError
+            If the file exists, and is not to be replaced.
+        TableError
+            If the format cannot hold what the field has.
+        """
+        check_new(path, overwrite)
+        write_table(self.to_table(), path, meta, overwrite=overwrite)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Field(ByColumns, TableIO):
+class Field(ByColumns, Equal, TableIO):
     """Proper motions of n sources, with their errors; checked once, here. Its arrays are read-only.
 
     Attributes

@@ -33,8 +33,8 @@ _SAME = 0.8
 _STEPS = 6
 
 
-#: Fewer degrees of freedom determine no error: from five on the variance of an estimated variance is finite.
-FEWEST_DOF = 5
+#: Fewer degrees of freedom determine no error: from three on Student's t has a variance.
+FEWEST_DOF = 3
 
 
 def standard_errors(variances: Any, dof: float = np.inf) -> FloatArray:
@@ -51,7 +51,7 @@ def standard_errors(variances: Any, dof: float = np.inf) -> FloatArray:
     -------
     (n,) array
         The standard deviation of Student's t, √(dof/(dof − 2)) times that of the variance: as p-values and limits
-        allow for few degrees of freedom, so do these. nan where fewer than five determine no error.
+        allow for few degrees of freedom, so do these. nan where fewer than three determine no error.
     """
     if dof < FEWEST_DOF:
         return np.full(np.shape(variances), np.nan)

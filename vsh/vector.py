@@ -14,7 +14,7 @@ from vsh.sky.frames import check_frame, rotation_matrix
 from vsh.sky.sphere import angles, triad
 from vsh.tools.arguments import between, covariance, float_array, number, read_only
 from vsh.tools.errors import ParameterError
-from vsh.tools.notebook import Frozen
+from vsh.tools.notebook import Equal, Frozen
 from vsh.tools.types import FloatArray, Quantity
 
 #: The p-value of three standard deviations: what is less likely by chance is called seen.
@@ -29,7 +29,7 @@ def as_quantity(values: FloatArray, unit: str) -> Quantity:
 
 
 @dataclass(frozen=True, eq=False)
-class Vector(Frozen):
+class Vector(Equal, Frozen):
     """A 3-vector along the axes of a frame.
 
     Attributes

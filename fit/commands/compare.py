@@ -203,12 +203,24 @@ def _counts(results):
 
 
 def _compare_several(catalogues, options):
-    """All catalogues in one solution with their common noise; None where sources have no names to go by."""
-    if options.by == "position":
-        return None
+    """All catalogues in one solution with their common noise; by position, sources have the names of the first."""
     from fit.frames.chain import combine_frames
 
+    if options.by == "position":
+        catalogues = _named_by_place(catalogues, options.radius)
     return combine_frames(catalogues, options.lmax, floor=_floor(options), rng=options.seed)
+
+
+def _named_by_place(catalogues, radius):
+    """The catalogues with the numbers of the first one's sources for names, without what has no counterpart there."""
+    from vsh.io.catalogue import counterparts
+
+    (label, reference), *others = catalogues.items()
+    named = {label: replace(reference, name=range(len(reference)))}
+    for label, catalogue in others:
+        i, j, _ = counterparts(reference, catalogue, by="position", radius=radius)
+        named[label] = replace(catalogue[j], name=i)
+    return named
 
 
 def _write(folder, results, network, meta):

@@ -345,8 +345,9 @@ def _template(word, run, source, path, field):
     """The template of a name: `density`, a HEALPix map (FITS), a solution of motions (ECSV), or a column."""
     if word == _DENSITY:
         return fit.background.Template.density(_DENSITY, field)
-    prefix, _, rest = word.partition(":")
-    frame, word = (prefix, rest) if prefix in FRAMES else (None, word)
+    frame: Any
+    frame, _, rest = word.partition(":")
+    frame, word = (frame, rest) if frame in FRAMES else (None, word)
     if Path(word).is_file():
         name = Path(word).name
         if word.endswith(".ecsv"):

@@ -520,7 +520,8 @@ def sandwich(
         partial(_scores, scores=scores, modes=modes, inverse=fitted, total=total, power=power), roles=(), words=words
     )
     covariance = slope @ middle["matrix"] @ slope
-    return (covariance + covariance.T) / 2, score_dof(middle["squares"], modes)
+    left = modes.components * slopes["sources"] - len(modes)  # by which residuals can differ
+    return (covariance + covariance.T) / 2, min(score_dof(middle["squares"], modes), float(left))
 
 
 def score_dof(squares: float, modes: Modes) -> float:

@@ -305,7 +305,7 @@ class Posterior(SampleResult):
             self.n_walkers,
         )
 
-    def write(self, path: PathName, meta: dict[str, Any] | None = None) -> None:
+    def write(self, path: PathName, meta: dict[str, Any] | None = None, *, overwrite: bool = False) -> None:
         """Write the samples as a table, a column each; `Posterior.read` reads them back bit for bit, as `Samples`.
 
         The chain itself is what a checkpoint keeps.
@@ -316,8 +316,10 @@ class Posterior(SampleResult):
             An ECSV or FITS file.
         meta : dict, optional
             Provenance, plain values.
+        overwrite : bool
+            Whether a file that is there is replaced.
         """
-        self.kept().write(path, meta)
+        self.kept().write(path, meta, overwrite=overwrite)
 
     @classmethod
     def read(cls, path: PathName) -> Samples:  # type: ignore[override]  # the likelihood is not written

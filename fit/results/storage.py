@@ -27,6 +27,7 @@ from vsh.io import tables
 from vsh.io.sections import Answer, Section, text_of
 from vsh.modes import Modes
 from vsh.tools.errors import TableError, VshError
+from vsh.tools.files import check_new
 from vsh.tools.notebook import Frozen
 from vsh.tools.printing import printable
 from vsh.tools.types import PathName, Table
@@ -256,7 +257,7 @@ class Result(Frozen):
             cls.__repr__ = cls.__repr__  # type: ignore[method-assign]
         _KINDS[cls.__name__] = cls
 
-    def write(self, path: PathName, meta: dict[str, Any] | None = None) -> None:
+    def write(self, path: PathName, meta: dict[str, Any] | None = None, *, overwrite: bool = False) -> None:
         """Write to an ECSV or FITS file, which takes its name when it is complete.
 
         Parameters
@@ -265,19 +266,24 @@ class Result(Frozen):
             The file.
         meta : dict, optional
             Provenance, plain values.
+        overwrite : bool
+            Whether a file that is there is replaced.
 
         Raises
         ------
         TableError
             If the name ends otherwise.
+        WriteError
+            If the file exists, and is not to be replaced.
         """
         _check_format(path)
+        check_new(path, overwrite)
         columns, metadata, units = self._pack()
         mark = json.dumps({"type": type(self).__name__, "module": type(self).__module__} | metadata)
         plain = self._plain_facts()
         if getattr(self, "notes", None) and tables.format_of(path) == "ascii.ecsv":  # a FITS header has no lists
             plain["notes"] = list(map(str, getattr(self, "notes", ())))
-        tables.write(path, columns, plain | (meta or {}) | {"RESULT": mark}, units)
+        tables.write(path, columns, plain | (meta or {}) | {"RESULT": mark}, units, overwrite)
 
     @classmethod
     def read(cls, path: PathName) -> Self:

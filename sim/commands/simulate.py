@@ -11,7 +11,7 @@ import sim
 import vsh
 from vsh.commands import finishing, parsing, reading, running
 from vsh.tools.errors import TableError
-from vsh.tools.files import atomic_write, digest
+from vsh.tools.files import atomic_write, check_new, digest
 from vsh.tools.printing import printable
 
 #: Towards the Galactic centre, and towards the apex of the microwave background (Bachchan et al. 2016).
@@ -306,7 +306,7 @@ def _run(options):
         from vsh.models.cosmology import with_redshift
 
         field = with_redshift(field)
-    field.write(options.output, meta)
+    field.write(options.output, meta, overwrite=options.overwrite)  # another run may have written it meanwhile
     notes += field.notes
     if tables.format_of(options.output) == "ascii.csv":
         notes.append("note: CSV has no place for the truth; FITS, ECSV, VOTable and Parquet keep it with the table")
@@ -324,6 +324,7 @@ def _frame(options):
     else:
         table = sim.crf4(options.seed, signal, table=options.table, traps=options.traps, **counts)
     truth = _truth({"SPIN": options.spin, "ACC": options.acceleration}, options)
+    check_new(options.output, options.overwrite)
     tables.write_table(table, options.output, truth)
     params = table["astrometric_params_solved" if options.kind == "crf3" else "astrometric_params"]
     five, six = (int(np.sum(params == value)) for value in (31, 95))
@@ -359,6 +360,7 @@ def _epochs(options):
         threads=options.threads,
     )
     truth = {f"{name}_{i}": float(value) for name, values in meta.items() for i, value in enumerate(values)}
+    check_new(options.output, options.overwrite)
     tables.write_table(table, options.output, truth | {"ATTITUDE": attitude, "SEED": options.seed})
     _finish(options, [], truth, f"{len(table)} transits of {len(population)} quasars, attitude {attitude}")
 
@@ -375,7 +377,7 @@ def _link(options):
     )  # fmt: skip
     vectors = {"ORIENT": options.orientation, "SPIN": options.spin, "JUMP": options.jump, "ACC": options.acceleration}
     meta = _truth(vectors, options)
-    write_astrometry(rows, options.output, meta)
+    write_astrometry(rows, options.output, meta, overwrite=options.overwrite)
     summary = f"{len(rows)} rows of {options.number} stars and {options.quasars} quasars, gaia and vlbi"
     _finish(options, [], meta, summary)
 

@@ -369,3 +369,13 @@ def test_attitude_is_added_to_every_transit():
     formal, true = sim.expected_covariances(one, sim.Mission(law, "DR4", 50.0), progress=False)
     ratio = 1 + 50.0**2 / transit_error(one.magnitude, law) ** 2
     np.testing.assert_allclose(true, formal * ratio[:, None, None], rtol=1e-9)
+
+
+def test_few_realisations_do_not_say_that_intervals_cover():
+    from study.commands.study import _answer
+
+    rows = [{"parameter": "a_x", "case": "one", "within_68": 0.67, "within_68_error": 0.3}]
+    (_, few), (_, many) = *_answer(rows, 3), *_answer(rows, 500)
+    assert "3 realisations show no fault" in few
+    assert "cover as they should" not in few
+    assert "cover as they should" in many

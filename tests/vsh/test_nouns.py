@@ -2,9 +2,11 @@
 
 import copy
 import pickle
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from conftest import random_field
 from gaia_table import table
 
 import fit
@@ -208,3 +210,41 @@ def test_every_deliberate_error_is_ours():
 def test_read_field_of_a_pickled_path(tmp_path):
     table().write(tmp_path / "c.fits")
     assert same(read_field(tmp_path / "c.fits").motion, read_field(str(tmp_path / "c.fits")).motion)
+
+
+def test_fields_and_vectors_are_equal_where_their_numbers_are():
+    field = random_field(30, 1)
+    vector = Vector([1.0, 2.0, np.nan], np.eye(3))
+    for thing, other in ((field, field[::-1]), (vector, Vector([1.0, 2.0, 3.0], np.eye(3)))):
+        for twin in (pickle.loads(pickle.dumps(thing)), copy.copy(thing)):
+            assert twin == thing
+            assert hash(twin) == hash(thing)
+        assert other != thing
+        assert thing != 3
+
+
+def test_a_source_is_in_a_field_by_its_name():
+    field = replace(random_field(3, 1), name=np.array(["a", "b", "c"]))
+    assert "b" in field
+    assert "d" not in field
+    assert "b" not in random_field(3, 1)
+
+
+def test_columns_of_a_field_are_read_only():
+    with pytest.raises(ValueError, match="read-only"):
+        random_field(3, 1).pmra[0] = 1.0
+
+
+def test_hints_name_what_the_object_has():
+    import fit
+
+    result = fit.recommended(random_field(100, 1))
+    for thing, name, hint in (
+        (result, "cov", "solution.covariance"),
+        (result.spin, "save", ""),
+        (result.solution, "cov", "covariance"),
+    ):
+        with pytest.raises(AttributeError) as caught:
+            getattr(thing, name)
+        words = str(caught.value)
+        assert (f"did you mean {hint}?" in words) if hint else "write" not in words

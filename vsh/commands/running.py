@@ -25,7 +25,7 @@ from vsh.tools.parallel import limited, without_bars
 from vsh.tools.printing import PACKAGES, printable, printing, silence, silence_if_broken, system_words
 
 #: Options that change no result, and what the parser found besides.
-NOT_TOLD = (*NOT_KEPT, "command", "given", "program", "expected")
+NOT_TOLD = (*sorted({*NOT_KEPT} - {"checkpoint", "url"}), "command", "given", "program", "expected")
 _LOG = logging.getLogger(__name__)
 #: What else of the namespace names no file that is read.
 _NOT_ASKED = ("command", "given", "program", "expected", "show", "url")

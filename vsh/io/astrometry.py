@@ -11,6 +11,7 @@ from vsh.io.catalogue import doubt_positions, missing_column, unit_factor
 from vsh.sky.astrometry import AstrometryRows
 from vsh.tools.bad_rows import as_floats
 from vsh.tools.errors import TableError
+from vsh.tools.files import check_new
 from vsh.tools.types import PathName
 from vsh.tools.units import DEGREE, MAS
 
@@ -212,7 +213,9 @@ class _Rows:
         return AstrometryRows(**selection, notes=notes)
 
 
-def write_astrometry(astrometry: AstrometryRows, path: PathName, meta: Mapping[str, Any] | None = None) -> None:
+def write_astrometry(
+    astrometry: AstrometryRows, path: PathName, meta: Mapping[str, Any] | None = None, *, overwrite: bool = False
+) -> None:
     """Write rows of astrometry so that `read_astrometry` reads them.
 
     Parameters
@@ -223,7 +226,10 @@ def write_astrometry(astrometry: AstrometryRows, path: PathName, meta: Mapping[s
         An ECSV, FITS or CSV file.
     meta : dict, optional
         Provenance, plain values.
+    overwrite : bool
+        Whether a file that is there is replaced.
     """
+    check_new(path, overwrite)
     is_measured = astrometry.measured
     sigma = np.sqrt(np.where(is_measured, np.diagonal(astrometry.covariance, axis1=1, axis2=2), np.nan))
     columns: dict[str, Any] = {
@@ -242,4 +248,4 @@ def write_astrometry(astrometry: AstrometryRows, path: PathName, meta: Mapping[s
     }  # fmt: skip
     units = {name: _UNITS.get(name.removesuffix("_error"), "") for name in columns}
     units |= {"ra_error": "mas", "dec_error": "mas", "epoch": "yr", "phot_g_mean_mag": "mag"}
-    tables.write(path, columns, dict(meta or {}), {name: unit for name, unit in units.items() if unit})
+    tables.write(path, columns, dict(meta or {}), {name: unit for name, unit in units.items() if unit}, overwrite)

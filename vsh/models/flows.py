@@ -37,7 +37,7 @@ from vsh.sky.sphere import angles, triad
 from vsh.tools import arguments
 from vsh.tools.arguments import explained, float_array, positive
 from vsh.tools.errors import ParameterError, TableError
-from vsh.tools.files import write_arrays
+from vsh.tools.files import check_new, write_arrays
 from vsh.tools.notebook import Frozen, InNotebook
 from vsh.tools.printing import printable
 from vsh.tools.types import ArrayLike, BoolArray, FloatArray, PathName
@@ -119,10 +119,19 @@ class VelocityGrid(InNotebook):
         )
         return turn.T @ np.where(inside, components, 0.0), inside
 
-    def write(self, path: PathName) -> None:
-        """Write it as a file of NumPy, `path` ending in .npz, which `read_velocity_grid` reads."""
+    def write(self, path: PathName, *, overwrite: bool = False) -> None:
+        """Write it as a file of NumPy, `path` ending in .npz, which `read_velocity_grid` reads.
+
+        Parameters
+        ----------
+        path : str or Path
+            The file.
+        overwrite : bool
+            Whether a file that is there is replaced.
+        """
+        check_new(path, overwrite)
         arrays = {"velocity": self.velocity, "half_width": self.half_width, "frame": np.array(self.frame)}
-        write_arrays(path, arrays, compress=True)
+        write_arrays(path, arrays, compress=True, overwrite=overwrite)
 
 
 @explained

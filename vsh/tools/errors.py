@@ -146,7 +146,12 @@ ARGUMENTS = {
 def no_attribute(thing: Any, name: str) -> NoReturn:
     """Raise AttributeError for an attribute that an object does not have, with what it may be."""
     cls = type(thing)
-    hint = ATTRIBUTES.get(name) or " or ".join(get_close_matches(name, _public(cls), n=2))
+    names = _public(thing)
+    hint = ATTRIBUTES.get(name, "")
+    if re.sub(r"\W.*", "", hint) not in names and " " not in hint:
+        inner = _public(vars(thing)["solution"]) if "solution" in names and "solution" in vars(thing) else []
+        inside = next((each for each in (name, hint) if each in inner), "")
+        hint = f"solution.{inside}" if inside else " or ".join(get_close_matches(name, names, n=2))
     raise AttributeError(f"{cls.__name__} has no {name}{hint and f': did you mean {hint}?'}", name=name, obj=thing)
 
 
@@ -171,5 +176,5 @@ def unknown_argument(function: Callable[..., Any], error: TypeError) -> TypeErro
     return TypeError(f"{error}: did you mean {hint}?") if hint else error
 
 
-def _public(cls):
-    return [name for name in dir(cls) if not name.startswith("_")]
+def _public(thing):
+    return [name for name in dir(thing) if not name.startswith("_")]

@@ -180,17 +180,24 @@ UNFINISHED = ".vsh-unfinished-"
 _LOCK = f"{UNFINISHED}lock-"
 
 
+def check_new(path: PathName, overwrite: bool) -> None:
+    """Raise WriteError where a file is there that nobody asked to replace."""
+    if os.path.lexists(path) and not overwrite:
+        raise WriteError(f"{printable(path)} exists already: overwrite=True replaces it, or name another file")
+
+
 @contextmanager
-def atomic_write(path: PathName) -> Iterator[Path]:
+def atomic_write(path: PathName, overwrite: bool = False) -> Iterator[Path]:
     """A name to write a new file under, which takes the place of `path` once it is complete.
 
     A process killed at any moment leaves the old file or the new one, never a part of either; any number of writers may
-    write to one path at once, and one of them wins. A link stays a link: the file it names is replaced.
+    write to one path at once, and one of them wins. A link stays a link: the file it names is replaced. Without
+    `overwrite` a file that this program did not write stays as it is.
     """
     path = Path(os.path.realpath(path))
     check_not_read(path)
     with _ONE:
-        foreign = path.is_file() and not is_ours(path)
+        foreign = not overwrite and path.is_file() and not is_ours(path)
     if foreign:
         raise WriteError(
             f"{path.name} was not written by this program, and is not replaced: name another file, or delete it"
@@ -242,7 +249,7 @@ def _state(path):
 
 
 def record_of(path: PathName) -> tuple[int, int]:
-    """What a file is known by when it is opened again, on any machine that sees it: its size and time of change."""
+    """The size and time of change of a file, by which it is known again on any machine that sees it."""
     try:
         return _state(Path(path))[2:]
     except OSError as error:
@@ -311,10 +318,10 @@ def exclusive(path: PathName) -> Iterator[None]:
         os.close(handle)
 
 
-def write_arrays(path: PathName, arrays: Mapping[str, Any], *, compress: bool = False) -> None:
+def write_arrays(path: PathName, arrays: Mapping[str, Any], *, compress: bool = False, overwrite: bool = False) -> None:
     """Write arrays by name as NumPy's .npz, with our mark as the name of one more."""
     save: Any = np.savez_compressed if compress else np.savez
-    with atomic_write(path) as temporary_path, temporary_path.open("wb") as file:
+    with atomic_write(path, overwrite) as temporary_path, temporary_path.open("wb") as file:
         save(file, **{MARK: np.uint8(1)}, **arrays)
 
 
@@ -439,13 +446,14 @@ def write(
     columns: Mapping[str, Any],
     meta: dict[str, Any] | None = None,
     units: Mapping[str, str] | None = None,
+    overwrite: bool = False,
 ) -> None:
     """Write columns as a table to `path`; the file has this name only once it is complete."""
-    write_table(table_of(columns, meta, units), path)
+    write_table(table_of(columns, meta, units), path, overwrite=overwrite)
 
 
 @explained
-def write_table(table: Table, path: PathName, meta: dict[str, Any] | None = None) -> None:
+def write_table(table: Table, path: PathName, meta: dict[str, Any] | None = None, *, overwrite: bool = False) -> None:
     """Write an astropy Table with more metadata to `path`; the file has this name only once it is complete."""
     if not hasattr(table, "colnames"):
         raise ParameterError(f"table must be an astropy Table, not {type(table).__name__}")
@@ -457,7 +465,7 @@ def write_table(table: Table, path: PathName, meta: dict[str, Any] | None = None
     table.meta = type(table.meta)(_plain(metadata | (meta or {})))
     format_name = format_of(path)
     _fit_to_format(table, format_name, path)
-    with atomic_write(path) as temporary_path, warnings.catch_warnings():
+    with atomic_write(path, overwrite) as temporary_path, warnings.catch_warnings():
         warnings.simplefilter("ignore")  # astropy warns about units that a format spells in its own way
         if format_name == "votable":
             write_votable(table, temporary_path)

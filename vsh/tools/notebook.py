@@ -110,6 +110,28 @@ class Frozen(InNotebook):
             object.__setattr__(self, name, _freeze(value))
 
 
+class Equal:
+    """Base of dataclasses of arrays that are equal where all their numbers are; notes do not count."""
+
+    def __eq__(self, other: object) -> bool:
+        """Return whether another has the same numbers, names and frame."""
+        if type(other) is not type(self):
+            return NotImplemented
+        names = [entry.name for entry in fields(cast(Any, self)) if entry.name != "notes"]
+        return all(_same(getattr(self, name), getattr(other, name)) for name in names)
+
+    def __hash__(self) -> int:
+        """Return the hash of what two that are equal have in common."""
+        return hash((type(self), getattr(self, "frame", None)))
+
+
+def _same(one, other):
+    """Return whether two attributes are the same, arrays number by number."""
+    if not isinstance(one, np.ndarray) or not isinstance(other, np.ndarray):
+        return type(one) is type(other) and one == other
+    return np.array_equal(one, other, equal_nan=one.dtype.kind == other.dtype.kind == "f")
+
+
 def _freeze(value):
     if isinstance(value, np.ndarray):
         return read_only(value)

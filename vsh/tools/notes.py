@@ -15,6 +15,8 @@ from vsh.tools.types import ArrayLike
 
 #: Codes of notes: numbers that cannot be redshifts, errors or correlations that were assumed, anything to be warned of.
 NO_REDSHIFTS, ASSUMED_MOTIONS, DOUBT = "no redshifts", "assumed of motions", "doubt"
+#: That of a unit that was assumed, where a table states none at all.
+ASSUMED_UNITS = "assumed units"
 #: The code of the note that a column may hold the correlations that were taken as zero.
 UNUSED_CORRELATIONS = "unused correlations"
 #: What is asked where numbers cannot be redshifts.

@@ -30,7 +30,7 @@ from vsh.io.tables import printed_p_value as p_value
 from vsh.length import FEWEST_DOF
 from vsh.sky.frames import ANGLES
 from vsh.tools.arguments import explained
-from vsh.tools.notes import codes_of
+from vsh.tools.notes import ASSUMED_UNITS, codes_of, has_code
 from vsh.tools.printing import printable
 from vsh.tools.types import FloatArray, Table
 from vsh.vector import GAIA_EDR3, Vector
@@ -262,11 +262,11 @@ def answer_of(solution: Any) -> Answer:
     if factor > _WRONG:
         text = f"no result: residuals are {factor:.3g} times the errors. Are both in the units that were assumed?"
         return Answer((("acceleration", text),))
-    if TOO_LITTLE_SCATTER in codes_of(solution.notes):
-        text = "no result: residuals are far below the errors. Are both in the units that were assumed?"
-        return Answer((("acceleration", text),))
     if solution.covariance_dof < FEWEST_DOF:
         text = f"no result: {_origin_of(solution)} are too few for the errors of a vector"
+        return Answer((("acceleration", text),))
+    if TOO_LITTLE_SCATTER in codes_of(solution.notes):
+        text = "no result: residuals are far below the errors. Are both in the units that were assumed?"
         return Answer((("acceleration", text),))
     if ERRORS_TOO_SMALL in codes_of(solution.notes) and not solution.is_recommended:
         text = "no result: the quoted errors say too little of the scatter. To quote: fit.recommended (no --method)"
@@ -277,6 +277,8 @@ def answer_of(solution: Any) -> Answer:
         ("spin", words_of(solution.spin)),
         ("Gaia EDR3", _distance(solution.acceleration)),
     ]
+    if assumed := [str(note) for note in solution.notes if has_code(note, ASSUMED_UNITS)]:
+        lines.append(("units", f"{'; '.join(assumed)}; {solution.frame} axes"))
     return Answer((*lines, errors) if solution.is_recommended else (errors, *lines))
 
 

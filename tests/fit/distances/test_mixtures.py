@@ -47,9 +47,11 @@ def test_one_uncertain_redshift_moves_nothing():
     assert transverse_distance(np.array([0.01]))[0] > 40
 
 
-@pytest.mark.parametrize(("error", "noted"), [(np.nan, 0), (0.003, 1), (0.03, 1)])
+@pytest.mark.parametrize(("error", "noted"), [(np.nan, 0), (0.003, 1), (0.03, 0)])
 def test_mixture_is_noted(error, noted):
+    """Those with errors above half of their redshifts are left out, and leave none."""
     notes = observer_velocity(galaxies(1, error=error), 70.0, flows=None, peculiar_dispersion=0.0).notes
+    assert any("with an error above 0.5 of it" in str(note) for note in notes) == (error == 0.03)
     assert sum("times the typical one, as photometric ones have" in str(note) for note in notes) == noted
 
 

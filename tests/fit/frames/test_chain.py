@@ -189,3 +189,18 @@ def test_messages():
         combine_frames({"a": listed["a"][:2], "b": listed["b"][:2]})
     with pytest.raises(ParameterError, match="no catalogue is called 'd': a, b, c"):
         combine_frames(listed, 1).difference("d")
+
+
+def test_catalogues_that_are_matched_by_position_are_combined_too(tmp_path, capsys):
+    """Gaia and the ICRF have no common names: nothing was combined, in silence."""
+    from fit.commands.compare import main
+
+    quasars = sim.quasars(200, 1)
+    for label, spin in (("b", (0, 0, 0)), ("c", (0, 0, 60))):
+        field = sim.observe(quasars, sim.spin(spin), len(label) + spin[2], sigma=50.0)
+        replace(field, name=np.array([f"{label}{i}" for i in range(200)])).write(tmp_path / f"{label}.fits")
+    sim.observe(quasars, sim.spin((0, 0, 0)), 9, sigma=50.0).write(tmp_path / "a.fits")
+    paths = [str(tmp_path / f"{label}.fits") for label in "abc"]
+    assert main([*paths, "--by", "position", "--lmax", "1", "--output", str(tmp_path / "o"), "--no-figures"]) == 0
+    assert "3 catalogues in one solution" in capsys.readouterr().out
+    assert (tmp_path / "o" / "chain.ecsv").exists()

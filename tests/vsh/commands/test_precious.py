@@ -80,3 +80,20 @@ def test_log_goes_on_and_says_where_it_could_not(catalogue, tmp_path, capsys):
     capsys.readouterr()
     assert fit_main([str(catalogue), "--lmax", "1", "--log", "/dev/full"]) == 0
     assert capsys.readouterr().err == "vsh-fit: the log is not complete: the disk is full\n"
+
+
+def test_a_simulation_that_another_run_wrote_meanwhile_stays(tmp_path, monkeypatch, capsys):
+    """Two runs on one output, neither with --overwrite: both ended with status 0, and one sky was gone."""
+    from sim.commands import simulate
+
+    path = tmp_path / "q.fits"
+    observe = simulate.sim.observe
+
+    def slow(*arguments, **options):
+        path.write_bytes(b"the sky of another run")
+        return observe(*arguments, **options)
+
+    monkeypatch.setattr(simulate.sim, "observe", slow)
+    assert simulate.main(["quasars", "--number", "20", "--no-transits", "--output", str(path)]) == 1
+    assert "exists already" in capsys.readouterr().err
+    assert path.read_bytes() == b"the sky of another run"

@@ -227,3 +227,12 @@ def test_distance_moduli_are_of_luminosity():
     read = read_field(made, roles, {"mu": "mag", "e_mu": "mag"})
     assert any("not divided by 1 + z" in note for note in read.notes)
     assert vsh.read_field(table()).distance is None
+
+
+def test_units_that_are_assumed_of_a_table_without_any_stand_in_the_first_lines():
+    """A DataFrame forgets units: 2289 for 2.29, and only the notes said so."""
+    first = [fit.recommended(made).verdict for made in (table(), table(units=True))]
+    assert "units" in first[0]
+    assert "taken in mas / yr: pmra, pmdec" in first[0]
+    assert "icrs axes" in first[0]
+    assert "taken in" not in first[1]

@@ -116,3 +116,22 @@ def test_page_knows_that_it_was_changed(tmp_path):
     assert not is_page(path)
     path.write_text("<html></html>")
     assert not is_page(path)
+
+
+def test_a_file_that_is_there_is_replaced_only_where_that_is_asked_for(tmp_path):
+    """A user's own table that was made from one of ours carries our mark, and was replaced."""
+    field = random_field(5, 1)
+    grid = VelocityGrid(np.zeros((3, 4, 4, 4)), 50.0)
+    for thing, name in ((field, "f.ecsv"), (fit.fit_field(random_field(50, 1), 1), "s.ecsv"), (grid, "g.npz")):
+        path = tmp_path / name
+        thing.write(path)
+        if name.endswith("ecsv"):
+            mine = Table.read(path)
+            mine["my_notes"] = "mine"
+            mine.write(path, overwrite=True)
+        before = path.read_bytes()
+        with pytest.raises(WriteError, match=f"{name} exists already: overwrite=True replaces it"):
+            thing.write(path)
+        assert path.read_bytes() == before
+        thing.write(path, overwrite=True)
+        assert name.endswith("npz") or path.read_bytes() != before

@@ -44,6 +44,7 @@ from vsh.tools.bad_rows import PLACEHOLDER, as_floats, placeholders, unmeasured
 from vsh.tools.errors import EmptyFieldError, EmptySelectionError, FieldError, TableError, VshWarning
 from vsh.tools.notes import (
     ASSUMED_MOTIONS,
+    ASSUMED_UNITS,
     DOUBT,
     NO_REDSHIFTS,
     UNUSED_CORRELATIONS,
@@ -276,6 +277,8 @@ class _maker:
         lines = [
             f"no unit in the table, so taken in {unit}: {', '.join(names)}" for unit, names in assumed_units.items()
         ]
+        if not any(self.source.units.get(name) for name in self.where.values() if not name.startswith(ASSUMED)):
+            lines = [CodedNote(line, ASSUMED_UNITS) for line in lines]
         lines += differing_units(self.where, self.factors)
         if (errors := self.where.get("redshift_error", "redshift_error")) != "redshift_error":
             lines.append(f"errors of the redshifts are in column {printable(errors)}")
