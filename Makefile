@@ -34,10 +34,10 @@ test: $(VENV)/installed-test  ## set up, and pass the tests
 test-slow: $(VENV)/installed-test  ## the tests that take long
 	$(BIN)/pytest -m slow
 
-test-oracles: .venv-oracles/bin/python  ## the tests with LSDB and ESA's gaiasupdate, which pin so much that they have a place of their own
-	.venv-oracles/bin/python $(PIP) --editable '.[test]' lsdb
+test-oracles: .venv-oracles/bin/python  ## the tests with LSDB, PyVO and ESA's gaiasupdate, which pin so much that they have a place of their own
+	.venv-oracles/bin/python $(PIP) --editable '.[test]' lsdb pyvo
 	.venv-oracles/bin/python $(PIP) --no-deps gaiasupdate
-	.venv-oracles/bin/pytest -n auto tests/vsh/io/parts tests/vsh/io/epochs
+	.venv-oracles/bin/pytest -n auto tests/vsh/io/parts tests/vsh/io/epochs tests/vsh/io/archive
 
 test-oldest: .venv-oldest/installed-test  ## the tests with the lowest versions that setup.cfg allows (Python 3.11)
 	.venv-oldest/bin/pytest -m "not slow" -n auto

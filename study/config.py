@@ -100,7 +100,7 @@ def load(source: PathName | dict[str, Any]) -> Study:
             source = tomllib.loads(Path(source).read_text(encoding="utf-8"))
         except OSError as error:
             raise StudyError(f"{printable(source)} cannot be read: {error.strerror}") from error
-        except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
+        except (ValueError, RecursionError) as error:  # of TOML, of UTF-8, of integers without end
             raise StudyError(f"{printable(source)} is not TOML: {error}") from error
     extras = set(source) - {*_SECTIONS, "case"}
     if extras:
@@ -200,9 +200,13 @@ def _section(name, values, keys):
 
 def _three(name, key, value):
     numbers = isinstance(value, list) and all(isinstance(x, (int, float)) and not isinstance(x, bool) for x in value)
-    if not numbers or len(value) != 3 or not np.isfinite(value).all():
+    try:
+        components = [float(x) for x in value] if numbers else []
+    except OverflowError:
+        components = []
+    if len(components) != 3 or not np.isfinite(components).all():
         raise StudyError(f"{name}: {key} is three finite numbers, not {value!r}")
-    return [float(x) for x in value]
+    return components
 
 
 def _velocity(value):

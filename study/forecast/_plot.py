@@ -30,6 +30,6 @@ def plot_forecast(forecast: Any, *, ax: OnAxes | None = None) -> AxesArray:
         axes.set_xlim(-0.5, len(names) - 0.5)
         axes.grid(axis="y", color="0.9", linewidth=0.4)
         axes.set_xticks(range(len(names)), names, rotation=90)
-        axes.set_ylabel(label)
+        axes.set_ylabel(f"standard error of {label}")
         legend_above(axes, 1)
     return axes_array

@@ -6,7 +6,9 @@ import os
 import platform
 import re
 import shlex
+import signal
 import sys
+import threading
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -63,6 +65,9 @@ def make_entry(
 def run_safely(options: argparse.Namespace, action: Callable[[], object]) -> int:
     """Run an action; returns the exit status: 0, or 1 with one line that says what was wrong."""
     program = options.program
+    wrong = [name for name in _THREADS if not os.environ.get(name, "1").strip().isdecimal()]
+    if wrong:
+        return _report_failure(program, f"error: {wrong[0]} is {os.environ[wrong[0]]!r}, which is no number of threads")
     os.environ["MPLBACKEND"] = "agg"  # a command writes files only, where there may be no screen
     try:
         with (
@@ -72,12 +77,16 @@ def run_safely(options: argparse.Namespace, action: Callable[[], object]) -> int
             logged(options),
             without_bars(options.quiet),
             standard_input(options),
+            _ended_by_terminate(),
         ):
             warnings.simplefilter("ignore", VshWarning)  # the report's notes say it
             _say_what_changed(options)
             action()
     except MemoryError:
         return _report_failure(program, "error: not enough memory: lower the degree, or read fewer sources")
+    except np.linalg.LinAlgError as error:
+        text = f"a matrix cannot be solved with ({error}): too few sources, or errors that differ by many powers of ten"
+        return _report_failure(program, f"error: {text}")
     except BrokenPipeError:  # whoever read our output has seen enough
         silence()
         return 0
@@ -89,6 +98,30 @@ def run_safely(options: argparse.Namespace, action: Callable[[], object]) -> int
     except KeyboardInterrupt:
         return _report_failure(program, "interrupted")
     return 0
+
+
+#: By which libraries are told how many threads to use.
+_THREADS = ("OMP_NUM_THREADS", "DUCC0_NUM_THREADS")
+
+
+@contextmanager
+def _ended_by_terminate():
+    """Meanwhile SIGTERM ends the run as Ctrl-C does, so that what is unfinished is taken away."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    ours = os.getpid()
+
+    def end(number, frame):
+        if os.getpid() == ours:
+            raise KeyboardInterrupt
+        os._exit(128 + number)  # a worker that was forked
+
+    previous = signal.signal(signal.SIGTERM, end)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, previous)
 
 
 def _inputs(options):

@@ -5,6 +5,7 @@ import json
 import os
 import subprocess
 import sys
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -14,6 +15,7 @@ from conftest import ROOT, random_field
 
 import sim
 from fit.commands.fit import main
+from vsh.commands import running
 from vsh.io.catalogue import read_field
 from vsh.tools.errors import TableError
 
@@ -201,3 +203,55 @@ def test_results_go_to_no_address(option, catalogue, tmp_path, monkeypatch, caps
     assert "is an address" in said
     assert "secret" not in said
     assert [path.name for path in tmp_path.iterdir()] == ["q.fits"]
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
+def test_a_batch_system_ends_a_run_and_nothing_stays(tmp_path):
+    """SIGTERM left the unpacked copy of a packed input, and an unfinished folder."""
+    field = random_field(2000, 1)
+    field.write(tmp_path / "q.ecsv.gz")
+    (tmp_path / "tmp").mkdir()
+    command = [sys.executable, "-m", "vsh", "fit", str(tmp_path / "q.ecsv.gz"), "--lmax", "5", "--no-figures"]
+    process = subprocess.Popen(
+        [*command, "--method", "bootstrap=100000", "--output", str(tmp_path / "o"), "--log", str(tmp_path / "log")],
+        env=os.environ | {"TMPDIR": str(tmp_path / "tmp")}, cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
+    )  # fmt: skip
+    deadline = time.monotonic() + 60
+    while not (tmp_path / "log").exists() or "read " not in (tmp_path / "log").read_text():
+        assert time.monotonic() < deadline
+        time.sleep(0.1)
+    process.terminate()
+    _, said = process.communicate(timeout=60)
+    assert process.returncode == 1
+    assert b"interrupted" in said
+    assert list((tmp_path / "tmp").iterdir()) == []
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["log", "q.ecsv.gz", "tmp"]
+
+
+def test_wrong_number_of_threads_is_said_before_the_run(monkeypatch, capsys):
+    from fit.commands.fit import main
+
+    monkeypatch.setenv("OMP_NUM_THREADS", "abc")
+    assert main(["--demo"]) == 1
+    assert "OMP_NUM_THREADS is 'abc', which is no number of threads" in capsys.readouterr().err
+
+
+def test_a_singular_matrix_is_one_line(capsys):
+    def singular(options):
+        np.linalg.inv(np.zeros((2, 2)))
+
+    run = running.make_entry("fit.commands.fit", singular)[0]
+    assert run(["--demo"]) == 1
+    assert "a matrix cannot be solved with" in capsys.readouterr().err
+
+
+def test_numbers_without_end_are_no_traceback(tmp_path, capsys):
+    from study.commands.study import main
+
+    for text in (
+        f"[study]\nname='x'\nn_realisations={'9' * 5000}",
+        "[study]\nname='x'\n[truth]\nvelocity=[1, 1e400, 2]",
+    ):
+        (tmp_path / "s.toml").write_text(text)
+        assert main([str(tmp_path / "s.toml"), "--output", str(tmp_path / "o")]) == 1
+        assert "vsh-study: error" in capsys.readouterr().err

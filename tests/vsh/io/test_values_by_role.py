@@ -236,3 +236,9 @@ def test_units_that_are_assumed_of_a_table_without_any_stand_in_the_first_lines(
     assert "taken in mas / yr: pmra, pmdec" in first[0]
     assert "icrs axes" in first[0]
     assert "taken in" not in first[1]
+
+
+def test_a_list_of_positions_is_told_as_one():
+    made = table()["source_id", "ra", "dec"]
+    with pytest.raises(TableError, match="is a list of positions, without motions.*vsh-compare.*vsh-correlate"):
+        read_field(made)

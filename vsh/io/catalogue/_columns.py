@@ -100,6 +100,12 @@ def locate(wanted: Request, source: TableSource) -> tuple[dict[str, str], list[s
             remark += "; it has no line of names, so its columns are called by their numbers"
         if {role for role, _ in absent} == {"pmra_error", "pmdec_error"}:
             remark += "; for a table without errors, sigma=100 (--sigma 100) gives all motions the same error in µas/yr"
+        if set(REQUIRED[2:]) <= {role for role, _ in absent} and not {"ra", "dec"} & {role for role, _ in absent}:
+            raise TableError(
+                f"{source.label} is a list of positions, without motions ({missing_column(name, source)}): vsh-compare "
+                "compares two of them, vsh-correlate needs one, vsh-sim --positions simulates motions; or say which "
+                "columns are the motions: columns={'pmra': …} (--columns pmra=…,pmdec=…)"
+            )
         best, set_name = Request().among(source.names)
         fits = set_name and all(getattr(best, column) in source.names for column in REQUIRED)
         wish = set_name if fits else ",".join(f"{role}=…" for role, _ in absent)

@@ -140,9 +140,14 @@ def match(
 
 def _by_name(a, b):
     if a.name is None or b.name is None:
-        raise FieldError('a catalogue without names cannot be matched by name: use by="position"')
+        raise FieldError(
+            'a catalogue without names cannot be matched by name: by="position" (--by position) needs none'
+        )
     if a.name.dtype.kind != b.name.dtype.kind and "U" in (a.name.dtype.kind, b.name.dtype.kind):
-        raise FieldError(f"names of type {a.name.dtype} and {b.name.dtype} are never equal: make both text or numbers")
+        raise FieldError(
+            f"names of type {a.name.dtype} and {b.name.dtype} are never equal, {in_a_line(a.name[0])} and "
+            f'{in_a_line(b.name[0])} say: by="position" (--by position) needs none'
+        )
     once = []
     ambiguous = 0
     for catalogue in (a, b):

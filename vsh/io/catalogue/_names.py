@@ -44,7 +44,7 @@ class Columns(InNotebook):
     pmra_error: str | tuple = "pmra_error"
     pmdec_error: str | tuple = "pmdec_error"
     pmra_pmdec_corr: str | tuple | None = ("pmra_pmdec_corr",)
-    name: str | tuple | None = ("source_id", "name", "designation")
+    name: str | tuple | None = ("source_id", "name", "designation", "source_name")
     magnitude: str | tuple | None = ("phot_g_mean_mag",)
     redshift: str | tuple | None = ("redshift", "z", "redshift_quaia", "redshift_qsoc", "z_ph")
     redshift_error: str | tuple | None = ("redshift_error", "z_error", "e_z", "redshift_quaia_err", "z_ph_err")

@@ -129,7 +129,10 @@ def _numbers(entries, name, label):
     numbers = np.zeros(len(entries), dtype)
     if dtype is float:
         numbers[lost] = np.nan
-    numbers[~lost] = np.array(values, dtype) if values else numbers[~lost]
+    try:
+        numbers[~lost] = np.array(values, dtype) if values else numbers[~lost]
+    except OverflowError:
+        raise TableError(f"{label}: column {name!r} holds an integer of more than 64 bits") from None
     return numbers, lost
 
 

@@ -128,7 +128,7 @@ def test_bad_input(call, error, words):
 def test_names_of_two_kinds():
     a = positions()
     b = Positions(a.lon, a.lat, a.sigma, name=np.arange(500))
-    with pytest.raises(FieldError, match="make both text or numbers"):
+    with pytest.raises(FieldError, match="are never equal, Q0 and 0 say: by="):
         match(a, b)
 
 
