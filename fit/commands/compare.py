@@ -43,6 +43,11 @@ def make_parser() -> argparse.ArgumentParser:
         ("positions", "motions"),
     )
     add("--by", "how sources are matched", ("name", "position"), "name")
+    add(
+        "--crosswalk FILE",
+        "identifiers of one release for those of another, for the second and all further catalogues "
+        "(vsh-archive dr3-neighbourhood)",
+    )
     add("--radius ARCSEC", "largest separation of a match by position, arcsec (default: 1)", parsing.positive)
     add(
         "--threshold X",
@@ -98,6 +103,7 @@ def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
 def _run(options):
     run = finishing.Run(options)
     from fit.frames.compare import compare_catalogues
+    from vsh.io.catalogue import renamed
 
     paths = [options.catalogue, options.catalogue2, *options.others]
     quantity = options.what or ("motions" if all(_has_motions(path, options) for path in paths) else "positions")
@@ -108,6 +114,8 @@ def _run(options):
     method, value = parsing.method_and_value(options.method)
     for path, label in zip(paths[1:], labels[1:], strict=True):
         fields[label] = _read(path, quantity, options, options.where2 or options.where)
+        if options.crosswalk:
+            fields[label] = renamed(fields[label], options.crosswalk)
         results[label] = compare_catalogues(
             reference,
             fields[label],

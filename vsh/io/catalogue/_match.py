@@ -1,5 +1,6 @@
 """Two catalogues of the same sky: which source is which, and how they differ."""
 
+import re
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, Literal, NamedTuple
@@ -33,6 +34,54 @@ class MatchResult(NamedTuple):
     a: IntArray
     b: IntArray
     ambiguous: int
+
+
+_OF_RELEASE = re.compile(r"e?dr\d\w*_source_id", re.IGNORECASE)
+
+
+def renamed(catalogue: Any, crosswalk: Any) -> Any:
+    """A catalogue of one release with the identifiers of another, by a table of neighbours of Gaia's archive.
+
+    Parameters
+    ----------
+    catalogue : Positions or Field
+        Its names are in one of the two columns of identifiers.
+    crosswalk : path or table
+        As `vsh-archive dr3-neighbourhood` fetches it: dr3_source_id, dr4_source_id, and perhaps angular_distance. Of
+        several neighbours the nearest is taken; two sources with the same one are both left out.
+
+    Raises
+    ------
+    TableError
+        If the table has not two columns of identifiers, or none has the names of the catalogue.
+    FieldError
+        If the catalogue has no names.
+    """
+    if catalogue.name is None:
+        raise FieldError("a catalogue has no names that a crosswalk could turn into others")
+    table = tables.open_table(crosswalk)
+    columns = [name for name in table.names if _OF_RELEASE.fullmatch(name)]
+    if len(columns) != 2:
+        raise TableError(f"{table.label} is no crosswalk: it has {len(columns)} columns such as dr3_source_id, not two")
+    further = [name for name in ("angular_distance",) if name in table.names]
+    values = {name: np.asarray(pair[0]) for name, pair in table.columns((*columns, *further)).items()}
+    order = np.argsort(values[further[0]], kind="stable") if further else np.arange(len(values[columns[0]]))
+    names = np.asarray(catalogue.name).astype(str)
+    ours, theirs = sorted(columns, key=lambda name: -np.isin(values[name].astype(str), names).sum())
+    nearest: dict[str, int] = {}
+    for row in order:
+        nearest.setdefault(str(values[ours][row]), row)
+    rows = np.array([nearest.get(name, -1) for name in names])
+    if (rows < 0).all():
+        raise TableError(f"{table.label}: neither {columns[0]} nor {columns[1]} holds the names of the catalogue")
+    new_names = values[theirs][rows]
+    _, inverse, counts = np.unique(new_names[rows >= 0], return_inverse=True, return_counts=True)
+    selection = rows >= 0
+    selection[selection] = counts[inverse] == 1
+    found = replace(catalogue[selection], name=new_names[selection])
+    if isinstance(found, Positions):
+        return found
+    return found.add_note(f"{selection.sum()} of {len(names)} sources have a name in {theirs} by {table.label}")
 
 
 def counterparts(a: Any, b: Any, *, by: Literal["name", "position"] = "name", radius: Any = None) -> MatchResult:

@@ -1,13 +1,16 @@
+import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from astropy.table import Table
 from conftest import random_field, real_catalogue
 
 import fit
+import sim
 from vsh import Coefficients, Modes
 from vsh.conventions import to_icrf3
-from vsh.io.catalogue import match, read_icrf
+from vsh.io.catalogue import match, read_icrf, renamed
 from vsh.sky.frames import Positions
 from vsh.tools.errors import FieldError, FrameError, TableError
 from vsh.tools.units import UAS
@@ -191,3 +194,27 @@ def test_motions_of_one_name_in_two_places_are_no_pair():
     motion = np.array(one.motion)
     motion[1, 7] = 2e5  # 20 arcsec in a century
     assert "apart" not in match(replace(one, motion=motion), replace(one, lat=lat, motion=motion)).notes[-1]
+
+
+def test_a_crosswalk_gives_the_names_of_another_release(tmp_path, capsys):
+    """By dr3_neighbourhood: the nearest of several neighbours, and no source for two."""
+    from fit.commands.compare import main
+
+    quasars = sim.quasars(300, 1)
+    one, two = (sim.observe(quasars, sim.spin((0, 0, spin)), 5 + spin, sigma=50.0) for spin in (0, 40))
+    names = np.arange(300) + 10**6
+    replace(one, name=names).write(tmp_path / "dr4.ecsv")
+    replace(two, name=np.roll(names, 7) * 3).write(tmp_path / "dr3.ecsv")
+    rows = [(3 * old, new, 0.1) for old, new in zip(np.roll(names, 7), names, strict=True)]
+    rows += [(rows[5][0], rows[6][1], 0.9), (rows[9][0], rows[10][1], 0.01)]  # a farther one; and one that is taken
+    Table(rows=rows, names=("dr3_source_id", "dr4_source_id", "angular_distance")).write(tmp_path / "n.ecsv")
+    paths = [str(tmp_path / "dr4.ecsv"), str(tmp_path / "dr3.ecsv")]
+    assert main([*paths, "--lmax", "1", "--crosswalk", str(tmp_path / "n.ecsv")]) == 0
+    said = capsys.readouterr().out
+    assert "298" in said
+    assert re.search(r"rotation +[345]\d\.", said)
+    assert main([*paths, "--lmax", "1"]) == 1  # without it nothing has a common name
+    with pytest.raises(TableError, match="no crosswalk"):
+        renamed(replace(two, name=np.arange(300)), Table({"dr3_source_id": [1]}))
+    with pytest.raises(TableError, match="neither dr3_source_id nor dr4_source_id"):
+        renamed(replace(two, name=np.arange(300)), tmp_path / "n.ecsv")
