@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from scipy.special import chdtr, chdtrc, chndtrinc
 
-from vsh.length import _Profile, length_interval, length_limits
+from vsh import Vector
+from vsh.length import _Profile, length_interval, length_limits, standard_errors
 
 #: Errors along the three axes, and along which of them the signal is.
 CELLS = [(errors, axis) for errors in ((1, 1, 2), (1, 1, 4), (1, 4, 4), (1, 1, 8)) for axis in (0, 2)]
@@ -99,3 +100,18 @@ def test_limits_of_short_vectors_are_alike(errors):
     values = 0.3 * np.array(errors) * rng.normal(size=(2000, 3))
     limits = length_limits(values, np.broadcast_to(np.diag(np.square(errors)).astype(float), (2000, 3, 3)))
     assert limits.max() < 1.4 * limits.min()
+
+
+@pytest.mark.parametrize("dof", [3.5, 5, 12])
+def test_standard_errors_have_the_degrees_of_freedom_of_their_covariance(dof):
+    """Of components over errors that were estimated with few degrees of freedom the rms is that of Student's t."""
+    rng = np.random.default_rng(1)
+    variances = rng.chisquare(dof, 400_000) / dof
+    errors = np.array([standard_errors(variance, dof) for variance in variances[:50]])
+    np.testing.assert_allclose(errors, np.sqrt(variances[:50] * dof / (dof - 2)))
+    t = rng.normal(size=400_000) / np.sqrt(variances)
+    assert np.mean(np.abs(t) < 1.96 * np.sqrt(dof / (dof - 2))) > 0.94
+    assert np.isnan(standard_errors([1.0, 2.0], 2.9)).all()
+    vector = Vector([1.0, 2.0, 3.0], 4 * np.eye(3), dof=dof)
+    np.testing.assert_allclose(vector.sigma, 2 * np.sqrt(dof / (dof - 2)))
+    np.testing.assert_allclose(vector.amplitude_error, 2 * np.sqrt(dof / (dof - 2)))
