@@ -32,14 +32,14 @@ def read(path: PathName) -> Any:
     >>> import tempfile
     >>> from vsh import Field, read
     >>> with tempfile.NamedTemporaryFile(suffix=".fits") as file:
-    ...     Field([0.1], [0.2], [[1.0], [2.0]], [[1.0], [1.0]]).write(file.name)
+    ...     Field([0.1], [0.2], [[1.0], [2.0]], [[1.0], [1.0]]).write(file.name, overwrite=True)
     ...     read(file.name)
     <Field: 1 sources, icrs, with name>
     """
     source = tables.open_table(path)
     mark = {str(key).upper(): value for key, value in source.meta.items()}.get("RESULT")
     if mark is None:
-        return catalogue.read_field(path) if set(catalogue.REQUIRED) <= set(source.names) else tables.read_table(path)
+        return catalogue.read_field(path) if catalogue.has_motions(source.names) else tables.read_table(path)
     try:
         facts = json.loads(mark)
         module, class_name = str(facts["module"]), str(facts["type"])

@@ -26,8 +26,8 @@ def select_share(share: float, *columns: FloatArray) -> BoolArray:
     Examples
     --------
     >>> x = np.random.default_rng(1).normal(size=10_000)
-    >>> round(select_share(0.25, x).mean(), 1)
-    0.2
+    >>> round(float(select_share(0.25, x).mean()), 2)
+    0.25
     """
     bits = np.zeros(len(columns[0]), np.uint64)
     for column in columns:  # splitmix64 of the numbers, one after the other

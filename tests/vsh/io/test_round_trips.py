@@ -82,3 +82,10 @@ def test_names_beyond_ascii_are_kept_or_refused(tmp_path):
     for ending in ("ecsv", "vot", "csv"):
         field.write(tmp_path / f"t.{ending}")
         assert_same(vsh.read_field(tmp_path / f"t.{ending}"), field)
+
+
+@pytest.mark.parametrize("frame", FRAMES)
+def test_what_a_field_wrote_is_read_as_one(frame, tmp_path):
+    field = sources(frame, ("name",))
+    field.write(tmp_path / "f.fits")
+    assert_same(vsh.read(tmp_path / "f.fits"), field)

@@ -64,6 +64,12 @@ def names_of(frame: str) -> dict[str, str]:
     return names | {"pmra_pmdec_corr": f"{east}_{north}_corr"}
 
 
+def has_motions(names: Iterable[str]) -> bool:
+    """Return whether a table has all columns of positions, motions and errors that a field of some axes writes."""
+    present = set(names)
+    return any({names_of(frame)[role] for role in REQUIRED} <= present for frame in AXES)
+
+
 #: Gaia's archive names.
 GAIA = Columns()
 _VIZIER = Columns(
