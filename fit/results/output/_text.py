@@ -105,9 +105,13 @@ def amplitude(vector: Vector) -> str:
     return f"< {three_digits(vector.amplitude_limit(0.95))} (95 %)"
 
 
+#: A vector of fewer errors along itself has no size and no direction to quote, however unlikely zero is.
+_CERTAIN = 2.0
+
+
 def is_seen(vector: Vector) -> bool:
     """Return whether a vector is detected: whether there is an amplitude and a direction to speak of."""
-    return bool(vector.p_value < SEEN)
+    return bool(vector.p_value < SEEN and vector.amplitude >= _CERTAIN * vector.amplitude_error)
 
 
 def place(vector: Vector) -> str:
@@ -240,8 +244,6 @@ _NAMES = {
     ErrorSource.JACKKNIFE: "errors from the jackknife",
     ErrorSource.JOINT: "joint fit",
 }
-#: A vector of fewer errors along itself has no size and no direction to quote, however unlikely zero is.
-_CERTAIN = 2.0
 #: By how much residuals exceed errors where a unit is wrong rather than an error.
 _WRONG = 30.0
 
@@ -290,12 +292,11 @@ def error_factor(solution: Any) -> float:
 def words_of(vector: Vector) -> str:
     """Size, place and p-value of a vector; an upper limit where it is not detected."""
     p = printed_p_value(vector.p_value)
-    if vector.p_value < SEEN and vector.amplitude < _CERTAIN * vector.amplitude_error:
-        size = f"{amplitude(vector)} {vector.unit}"
-        return f"not zero (p = {p}), but its correlated components tell no size or direction: {size}"
-    if vector.p_value < SEEN:
+    if is_seen(vector):
         return f"{amplitude(vector)} {vector.unit} towards {place(vector)}, p = {p}"
     limit = f"< {three_digits(vector.amplitude_limit())} {vector.unit} (95 %)"
+    if vector.p_value < SEEN:
+        return f"not zero (p = {p}), but its correlated components tell no size or direction: {limit}"
     hint = f" ({hint})" if (hint := hint_of(vector.p_value)) else ""
     return f"not detected: {limit}, p = {p}{hint}"
 

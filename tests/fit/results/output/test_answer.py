@@ -252,3 +252,21 @@ def test_rows_of_the_sources(catalogue, tmp_path, capsys):
     np.testing.assert_allclose(table["chi2"], left.chi2, rtol=1e-9)
     np.testing.assert_allclose(table["weight"], result.weights.weights, rtol=1e-9)
     assert str(table["residual_east"].unit) == "uas / yr"
+
+
+def test_a_vector_below_two_of_its_errors_has_no_direction_anywhere():
+    """Correlated components: zero is unlikely, and the length is 0.4 of its error."""
+    from fit.results.output import amplitude, direction, is_seen
+    from fit.results.output._text import words_of
+
+    axis = np.array([1.0, 1.0, 1.0]) / np.sqrt(3)
+    covariance = 1e4 * np.outer(axis, axis) + np.eye(3)
+    vector = vsh.Vector(40 * axis + 5 * np.array([1.0, -1.0, 0.0]), covariance)
+    assert vector.p_value < 1e-4
+    assert vector.amplitude < vector.amplitude_error
+    assert not is_seen(vector)
+    assert amplitude(vector).startswith("< ")
+    assert direction(vector) == "direction not determined"
+    words = words_of(vector)
+    assert "not zero" in words
+    assert "towards" not in words
