@@ -209,6 +209,8 @@ def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
     for name in ("flows", "local_group", "reconstruction", "flow_amplitude"):
         if getattr(options, name) and options.no_flows:
             parser.error(f"--{name.replace('_', '-')} does not go with --no-flows")
+    if options.local_group and options.no_local_group:
+        parser.error("--local-group does not go with --no-local-group")
     for name, needs in (
         ("flow_amplitude", "posterior"),
         ("local_group", "velocity"),
@@ -268,8 +270,6 @@ def _by_redshifts(run, source):
     sky = run.read(source, options.catalogue).to_frame(options.frame)
     frame, counts = _check_sky(sky, source, options)
     sky = _clip_field(sky, options.clip) if options.clip else sky
-    if options.local_group and options.no_local_group:
-        raise VshError("--local-group does not go with --no-local-group")
     if options.local_group and truth:
         raise VshError(
             f"--local-group uses the motion of the real Local Group, and {source.label} is simulated: leave it out"
@@ -492,11 +492,13 @@ def _estimates(field, options, model, velocity, is_simulated):
     if options.velocity:
         simulated = is_simulated or (options.redshift_frame or redshift_frame_of(field)) == "true"
         group = options.local_group or not (options.no_local_group or options.no_flows or simulated)
-        if group and not options.local_group:  # by default, where galaxies are near enough for a flow
-            with suppress(ParameterError):
-                estimates["hubble"] = hubble_constant(field, velocity, local_group=True, **model)
-                return estimates
-        estimates["hubble"] = hubble_constant(field, velocity, local_group=options.local_group or None, **model)
+        try:
+            estimates["hubble"] = hubble_constant(field, velocity, local_group=group, **model)
+        except ParameterError:
+            if options.local_group or not group:
+                raise
+            # By default, where galaxies are too far for a flow.
+            estimates["hubble"] = hubble_constant(field, velocity, **model)
     return estimates
 
 

@@ -16,7 +16,6 @@ from dataclasses import dataclass, field
 from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-from warnings import warn
 
 import numpy as np
 
@@ -24,7 +23,7 @@ import vsh
 from vsh.commands import parsing, reading, running
 from vsh.commands.parsing import NOT_KEPT, NUMBER
 from vsh.io.sections import Answer, Section, text_of
-from vsh.tools.errors import TableError, VshError, VshWarning
+from vsh.tools.errors import TableError, VshError
 from vsh.tools.files import (
     UNFINISHED,
     as_recorded,
@@ -121,7 +120,8 @@ def results_folder(options: argparse.Namespace, provenance: dict[str, Any]) -> I
     Path(os.path.realpath(options.output)).parent.mkdir(parents=True, exist_ok=True)
     with atomic_folder(options.output) as folder:
         yield folder
-        _copy_tables(folder, parsing.table_formats(getattr(options, "format", "")))
+        for note in _copy_tables(folder, parsing.table_formats(getattr(options, "format", ""))):
+            print_line(options, note)
         (folder / parsing.NAME).write_text(repeats(options, provenance), encoding="utf-8")
         (folder / "citation.bib").write_text(parsing.bibtex(options.program, options.given) + "\n", encoding="utf-8")
         files = {x.name: digest(x) for x in sorted(folder.iterdir())}
@@ -131,16 +131,18 @@ def results_folder(options: argparse.Namespace, provenance: dict[str, Any]) -> I
 
 
 def _copy_tables(folder, endings):
-    """The tables of a folder in other formats as well, those that a format cannot hold with a word in their place."""
+    """Write the tables of a folder in other formats as well; notes on those that a format cannot hold."""
     from vsh.io import tables
 
+    notes = []
     for path in sorted(folder.glob("*.ecsv")) if endings else ():
         table = tables.read_table(path)
         for ending in endings:
             try:
                 tables.write_table(_flat(table) if ending == "csv" else table, path.with_suffix(f".{ending}"))
             except TableError as error:
-                warn(f"{path.name} is not written as {ending}: {error}", VshWarning, stacklevel=2)
+                notes.append(f"note: {path.name} is not written as {ending}: {error}")
+    return notes
 
 
 def _flat(table):
@@ -402,14 +404,15 @@ class Run:
     def open(self, path: str) -> Any:
         """Open a catalogue; its hash in the provenance is that of what was opened."""
         if not is_address(path) and Path(path).is_file():
-            self.opened[str(path)] = digest(path), record_of(path)
+            record = record_of(path)
+            is_told = self.options.output or self.options.html  # a run that writes nothing tells no hash
+            self.opened[str(path)] = digest(path) if is_told else "", record
         return reading.open_catalogue(path, self.options)
 
     def read(self, source: Any, path: str = "", **more: Any) -> Any:
         """A catalogue that is open, as a field, or in parts where that is asked for; `more` as for `read_field`."""
         from vsh.io import catalogue
 
-        self._check_unchanged()
         keywords = reading.arguments(self.options) | more
         if getattr(self.options, "sigma", None) is not None:
             keywords["sigma"] = self.options.sigma
@@ -418,6 +421,7 @@ class Run:
             self._check_unchanged()
             return field
         keywords.pop("roles", None)
+        self._check_unchanged()  # the parts have records of their own from here on
         return catalogue.parts(path, **reading.reading_parts(self.options) | keywords)
 
     def _check_unchanged(self):

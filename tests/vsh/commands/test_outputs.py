@@ -7,10 +7,11 @@ import subprocess
 import sys
 import threading
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import POSIX, ROOT
+from conftest import POSIX, ROOT, random_field
 from gaia_table import table
 
 from fit.commands.fit import main
@@ -374,3 +375,18 @@ def test_command_of_a_page_repeats_the_run(tmp_path):
         address,
         "--posterior",
     ]
+
+
+def test_a_table_that_a_format_cannot_hold_is_told(tmp_path, capsys):
+    """Names beyond ASCII ended a run after the fit, and nothing was kept."""
+    field = random_field(60, 1)
+    field = replace(field, name=np.array([f"Quäsar {k}" for k in range(len(field))]))
+    field.write(tmp_path / "q.ecsv")
+    out = tmp_path / "o"
+    assert (
+        main([str(tmp_path / "q.ecsv"), "--lmax", "1", "--format", "fits", "--output", str(out), "--no-figures"]) == 0
+    )
+    assert "note: sources.ecsv is not written as fits: " in capsys.readouterr().out
+    assert (out / "sources.ecsv").exists()
+    assert (out / "vectors.fits").exists()
+    assert not (out / "sources.fits").exists()
