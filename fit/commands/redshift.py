@@ -464,7 +464,7 @@ def _with_distances(sky, options, model, label):
     from vsh.models.cosmology import with_redshift
 
     step = partial(with_redshift, redshift_frame=options.redshift_frame, missing_only=options.on_bad != "drop")
-    field = sky.map(step) if isinstance(sky, vsh.io.parts.Parts) else step(sky)
+    field = vsh.io.parts.applied(sky, step)
     if not is_frame_undeclared(field, options.redshift_frame):
         return field
     hubble = options.h0 or 67.4
@@ -484,13 +484,14 @@ def _with_distances(sky, options, model, label):
 
 def _estimates(field, options, model, velocity, is_simulated):
     """Our velocity for a known H0, and H0 for a known velocity, by least squares."""
-    from fit.secular_parallax import hubble_constant, observer_velocity, redshift_frame_of
+    from fit.distances import declared_frame
+    from fit.secular_parallax import hubble_constant, observer_velocity
 
     estimates: dict[str, Any] = {}
     if options.h0:
         estimates["velocity"] = observer_velocity(field, options.h0, **model)
     if options.velocity:
-        simulated = is_simulated or (options.redshift_frame or redshift_frame_of(field)) == "true"
+        simulated = is_simulated or (options.redshift_frame or declared_frame(field)) == "true"
         group = options.local_group or not (options.no_local_group or options.no_flows or simulated)
         try:
             estimates["hubble"] = hubble_constant(field, velocity, local_group=group, **model)

@@ -6,6 +6,7 @@ from fit.distances._calibration import (
     InverseDistances,
     calibrate,
     calibrate_if_known,
+    declared_frame,
     inverse_distances,
     mean_rates,
 )

@@ -479,7 +479,7 @@ def bare_calibration(
     field: Field | Parts, redshift_frame: str | None, dispersion: float, cosmology: Cosmology
 ) -> Calibration:
     """The frame of the redshifts alone."""
-    frame = check_redshift_frame(redshift_frame or _frame_of(as_parts(field)) or TRUE)
+    frame = check_redshift_frame(redshift_frame or declared_frame(field) or TRUE)
     return Calibration(frame, dispersion, cosmology, SourceDensity())
 
 
@@ -506,7 +506,7 @@ def calibrate_if_known(
 ) -> Calibration | None:
     """A calibration where the frame of redshifts is known; None where it is not, or redshifts are true ones."""
     sky = as_parts(field)
-    frame = check_redshift_frame(redshift_frame or _frame_of(sky) or TRUE)
+    frame = check_redshift_frame(redshift_frame or declared_frame(sky) or TRUE)
     if frame == TRUE:
         return None
     usable_ones = sky.map(partial(with_redshift, redshift_frame=frame))
@@ -542,10 +542,12 @@ def _density(density, limit, facts, calibration):
     return complete_density(fitted, calibration.luminosity, limit, calibration.log_distance)
 
 
-def _frame_of(sky):
-    """The frame that the first part says."""
-    field = sky.in_memory
-    return (next(iter(sky)) if field is None else field).redshift_frame
+def declared_frame(field: Field | Parts) -> str | None:
+    """The frame of the redshifts that a field, or the first of its parts, says; None where it says none."""
+    sky = as_parts(field)
+    first_field = next(iter(sky)) if sky.in_memory is None else sky.in_memory
+    frame: str | None = first_field.redshift_frame
+    return frame
 
 
 def _facts(field, calibration):

@@ -23,7 +23,7 @@ from fit.results.solution import AboutSolution, Solution
 from fit.robust._clip import EnlargedErrors
 from fit.solving import solve
 from vsh.field import Field, SourcesWithErrors
-from vsh.io.parts import Parts, as_parts
+from vsh.io.parts import Parts, applied, as_parts
 from vsh.modes import Modes, as_modes
 from vsh.scalars import ScalarField, modes_for
 from vsh.tools import arguments
@@ -446,10 +446,7 @@ def _with_errors(sky, plain, solution, share, name, rounds, power):
 def _with_noise(field, noise):
     """The sources in parts, with a noise in their errors."""
     sky = as_parts(field, SourcesWithErrors)
-    if not noise:
-        return sky
-    enlarged = EnlargedErrors(float(noise) ** 2, 1.0)
-    return sky.map(enlarged) if sky.in_memory is None else as_parts(enlarged(sky.in_memory), SourcesWithErrors)
+    return applied(sky, EnlargedErrors(float(noise) ** 2, 1.0)) if noise else sky
 
 
 def _log_likelihood(sky, share):

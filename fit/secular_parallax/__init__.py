@@ -29,7 +29,6 @@ from fit.secular_parallax._estimate import (
     observer_velocity,
     parallax_equations,
     predict_errors,
-    redshift_frame_of,
 )
 from fit.secular_parallax._solution import HubbleSolution, ParallaxSolution, VelocitySolution
 

@@ -26,7 +26,7 @@ from fit.distances import Calibration, inverse_distances
 from fit.results.storage import Result
 from vsh.field import Field
 from vsh.io import tables
-from vsh.io.parts import DISTANCES, Parts
+from vsh.io.parts import DISTANCES, Parts, applied
 from vsh.io.sections import Section
 from vsh.models.cosmology import CMB_VELOCITY_PLANCK18, hubble_value, parallax_factor
 from vsh.models.flows import FlowModes, LinearTheory, VelocityGrid
@@ -577,8 +577,7 @@ class LeftOut:
 
     def sums(self, spread: float, excess_noise: float, n_sources: int) -> ParallaxSums:
         """Normal matrix and right-hand side with the flow's columns, from a subsample, scaled to all sources."""
-        select = partial(_some, share=_SOURCES / n_sources)
-        subsample = self.field.map(select) if isinstance(self.field, Parts) else select(self.field)
+        subsample = applied(self.field, partial(_some, share=_SOURCES / n_sources))
         rows = equations(subsample, self.calibration, modes=self.modes, **self.options)
         sums = rows.sums(spread, excess_noise)
         scale = n_sources / (sums.n_data // 2)

@@ -12,7 +12,7 @@ from warnings import warn
 
 import numpy as np
 
-from fit.distances import WHOLE_DISPERSION, calibrate, has_distances
+from fit.distances import WHOLE_DISPERSION, calibrate, declared_frame, has_distances
 from fit.motions.stars import Kinematics, kinematics
 from fit.results.storage import Result
 from fit.secular_parallax._equations import (
@@ -29,7 +29,7 @@ from fit.secular_parallax._equations import (
 from fit.secular_parallax._solution import HubbleSolution, VelocitySolution, fit_free_scale, preferred_dispersion
 from vsh.field import Field
 from vsh.io import tables
-from vsh.io.parts import Parts
+from vsh.io.parts import Parts, applied
 from vsh.io.sections import Section
 from vsh.models.cosmology import (
     FLAT_PLANCK13,
@@ -121,7 +121,7 @@ def parallax_equations(
             f"{', '.join(DistanceOptions.__annotations__)}"
         )
     distance_options = DistanceOptions(**options)  # type: ignore[typeddict-item]
-    field = field.map(with_certain_redshift) if isinstance(field, Parts) else with_certain_redshift(field)
+    field = applied(field, with_certain_redshift)
     cosmology = FLAT_PLANCK13 if cosmology is None else cosmology
     dispersion = dispersion_of(peculiar_dispersion, distance_options)
     flows, grid = _theory_left(distance_options), distance_options.get("reconstruction")
@@ -175,11 +175,6 @@ def modes_within(
         return None
     # Distances given the redshift may lie beyond that of the redshift itself.
     return flow_modes(0.5 * lower, 1.2 * upper, n_modes, theory)
-
-
-def redshift_frame_of(field: Field | Parts) -> str | None:
-    """The frame that a field, or the first of its parts, says its redshifts are in."""
-    return (field if isinstance(field, Field) else next(iter(field))).redshift_frame
 
 
 def is_frame_undeclared(field: Field | Parts, redshift_frame: str | None) -> bool:
@@ -424,7 +419,7 @@ def hubble_constant(
         parallax_equations(field, apart=True, **options), field, distances.get("redshift_frame"), as_frame
     )
     solution = hubble_from(rows, velocity, dispersion, spin, acceleration, excess_noise, hubble, local_group)
-    frame = distances.get("redshift_frame") or redshift_frame_of(field)
+    frame = distances.get("redshift_frame") or declared_frame(field)
     if rows.modes is None or local_group or frame in (None, "true"):
         return solution
     return replace(solution, notes=(*solution.notes, _WITHOUT_GROUP))

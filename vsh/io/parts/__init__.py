@@ -5,6 +5,7 @@ from vsh.io.parts._parts import (
     DISTANCES,
     OPTIONAL,
     Parts,
+    applied,
     as_parts,
     field_or_fields,
     fields_or_parts,

@@ -172,6 +172,13 @@ def as_parts(field: Any, kind: type = Field) -> Parts:
     return Parts(fields, itself)
 
 
+def applied(field: Any, step: Callable[[Any], Any]) -> Any:
+    """Sources after a step: done at once where they are in memory, and where they are read of other parts."""
+    if not isinstance(field, Parts):
+        return step(field)
+    return field.map(step) if field.in_memory is None else as_parts(step(field.in_memory), SourcesWithErrors)
+
+
 def itself(field: Field, roles: tuple[str, ...]) -> Iterator[Field]:
     """The reader of a part that is a Field."""
     yield field
