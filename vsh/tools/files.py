@@ -497,6 +497,8 @@ def _fit_to_format(table, format_name, path):
             )
     if format_name == "fits":
         for name in [name for name in table.colnames if table[name].dtype.kind in "UO"]:
+            if _is_ascii(np.ma.getdata(table[name])):
+                continue
             texts = [str(text).translate(_IN_ASCII) for text in np.ma.getdata(table[name])]
             wrong = [row for row, text in enumerate(texts) if not text.isascii()]
             if wrong:
@@ -506,6 +508,15 @@ def _fit_to_format(table, format_name, path):
                 )
             if table[name].dtype.kind == "U":
                 table[name] = type(table[name])(texts, mask=table[name].mask) if hasattr(table[name], "mask") else texts
+
+
+def _is_ascii(texts):
+    """Return whether a column of text holds ASCII alone; at once, for catalogues have millions of names."""
+    try:
+        np.asarray(texts).astype("S")
+    except UnicodeEncodeError:
+        return False
+    return True
 
 
 #: What labels of ours have beyond ASCII.
