@@ -214,7 +214,7 @@ def save(
     arrays = {"chain": chain, "log_probability": log_probability}
     arrays |= {name: np.asarray(value) for name, value in zip(_STATE, state[1:], strict=True)}
     identity = {"fingerprint": np.frombuffer(json.dumps(fingerprint).encode(), np.uint8)}
-    write_arrays(path, identity | arrays)
+    write_arrays(path, identity | arrays, overwrite=True)
 
 
 def load(path: PathName, fingerprint: dict[str, str]) -> tuple[FloatArray, FloatArray, Any] | None:

@@ -274,7 +274,7 @@ def _run_realisation(study, folder, task):
     with threadpool_limits(1):
         outcome = realise(study, index, files, number)
     path = _path(folder, study.cases[index], number)
-    with atomic_write(path) as output:
+    with atomic_write(path, overwrite=True) as output:
         output.write_text(json.dumps(outcome, indent=1), encoding="utf-8")
 
 

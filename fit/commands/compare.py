@@ -2,6 +2,7 @@
 
 import argparse
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -185,7 +186,7 @@ def _run(options):
         answer=Answer(tuple(answer)),
         paths=paths,
         counts=_counts(list(results.values())),
-        page=None if several else lambda figures, meta: _page(*results[labels[1]], options, meta, figures),
+        page=None if several else partial(_page, *results[labels[1]], options),
         title=f"{labels[0]} beside {', '.join(labels[1:])}",
     )
 
@@ -265,7 +266,7 @@ def _draw(comparison, differences):
     return figures if comparison.shared is None else figures | {"shared": comparison.shared.plot()}
 
 
-def _page(comparison, differences, options, meta, figures):
+def _page(comparison, differences, options, figures, meta, path):
     from fit.results.output import write_html
 
     sections = [Section("Under the names of the ICRF3 papers", (), comparison.parameters_table())]
@@ -280,7 +281,8 @@ def _page(comparison, differences, options, meta, figures):
     write_html(
         comparison.best,
         differences,
-        options.html,
+        path,
+        overwrite=True,
         command=options.command,
         source=" − ".join(comparison.labels),
         provenance=meta,

@@ -159,12 +159,13 @@ def _run(options):
         fit.output.write_tables(solution, sources, folder, meta, estimate.source_weights)
         fit.output.write_correlation(solution, folder / "correlation.ecsv", meta)
 
-    def page(figures, meta):
+    def page(figures, meta, path):
         plain = (fit.fit_field(field, options.lmax), field) if options.beside else None
         fit.output.write_html(
             solution,
             sources,
-            options.html,
+            path,
+            overwrite=True,
             figures=figures.drawn,
             command=options.command,
             captions=captions,

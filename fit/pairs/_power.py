@@ -40,6 +40,9 @@ from vsh.tools.notes import format_notes, merge_notes
 from vsh.tools.parallel import map_blocks
 from vsh.tools.types import ArrayLike, Axes, FloatArray, Table
 
+#: The share of pairs of different sources in all of the weight, of which no digit is lost that matters.
+_PAIRED = 1e-9
+
 
 @dataclass(frozen=True, eq=False)
 class PairSums:
@@ -69,6 +72,10 @@ class PairSums:
         weights, numbers = (
             np.bincount(scalar.degrees, values**2 / scalar.norm2, self.lmax + 1) for values in (self.weights, self.ones)
         )
+        if weights[0] - itself[1][0] < _PAIRED * weights[0]:  # what is left of it would be rounding
+            raise FieldError(
+                "one source has all the weight, and no pair of two has any: look at its error, or leave it out"
+            )
         return power_t + power_s - itself[0, 1:], power_t - power_s, weights - itself[1], numbers - itself[2]
 
 

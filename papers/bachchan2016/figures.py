@@ -27,7 +27,7 @@ def write_figures(study: Study, folder: Path) -> list[Path]:
         "figure4a_gums": lambda: _sky("gums"),
         "figure4b_igql": lambda: _sky("igql"),
     }
-    return save_figures({name: draw() for name, draw in figures.items()}, folder, format=("png", "pdf"))
+    return save_figures({name: draw() for name, draw in figures.items()}, folder, format=("png", "pdf"), overwrite=True)
 
 
 @apply_style

@@ -22,7 +22,7 @@ from study.config import Study, load
 from study.run import read_realisations, summary
 from vsh import Field, Vector
 from vsh.io import tables
-from vsh.tools.files import MARK, atomic_write
+from vsh.tools.files import atomic_write
 
 #: Quantities that were set to the paper's, which agree with it by construction (marked † in the tables).
 _TUNED = {
@@ -39,7 +39,10 @@ def write_paper(study: Study, folder: Path, n_realisations: int, draw: bool = Tr
     correlations = {name: _correlation(study, folder, name) for name in ("A", "D")}
     _write_text(folder / "tables.md", _tables(rows, correlations, n_realisations))
     tables.write(
-        folder / "tables.ecsv", {key: [row[key] for row in rows] for key in rows[0]}, {"realisations": n_realisations}
+        folder / "tables.ecsv",
+        {key: [row[key] for row in rows] for key in rows[0]},
+        {"realisations": n_realisations},
+        overwrite=True,
     )
     _write_text(folder / "comparison.md", _comparison(rows, correlations, n_realisations))
     if draw:
@@ -47,8 +50,8 @@ def write_paper(study: Study, folder: Path, n_realisations: int, draw: bool = Tr
 
 
 def _write_text(path, text):
-    with atomic_write(path) as new:
-        new.write_text(f"<!-- written by {MARK} -->\n{text}", encoding="utf-8")
+    with atomic_write(path, overwrite=True) as new:
+        new.write_text(text, encoding="utf-8")
 
 
 def _correlation(study, folder, name):

@@ -640,7 +640,7 @@ def key_of(things: Iterable[Any]) -> str:
 
 def save(path: PathName, key: str, state: dict[str, Any]) -> None:
     """Write a state; whole, or not at all."""
-    write_arrays(path, {"key": np.array(key)} | state)
+    write_arrays(path, {"key": np.array(key)} | state, overwrite=True)
 
 
 def load(path: PathName, key: str) -> dict[str, Any] | None:

@@ -11,7 +11,7 @@ import sim
 import vsh
 from vsh.commands import finishing, parsing, reading, running
 from vsh.tools.errors import TableError
-from vsh.tools.files import atomic_write, check_new, digest
+from vsh.tools.files import atomic_write, digest
 from vsh.tools.printing import printable
 
 #: Towards the Galactic centre, and towards the apex of the microwave background (Bachchan et al. 2016).
@@ -248,8 +248,8 @@ def _run(options):
     from vsh.io import tables
 
     tables.check_writable(options.output)  # what cannot be written is better told before the work than after
-    finishing.check_file(options.output, options.overwrite, recorded=True)
-    finishing.check_file(_repeats(options), options.overwrite)  # its configuration, which also has its hash
+    finishing.check_file(options.output, options.overwrite)
+    finishing.check_configuration(_repeats(options))
     if options.kind in ("crf3", "crf4"):
         _frame(options)
         return
@@ -324,8 +324,7 @@ def _frame(options):
     else:
         table = sim.crf4(options.seed, signal, table=options.table, traps=options.traps, **counts)
     truth = _truth({"SPIN": options.spin, "ACC": options.acceleration}, options)
-    check_new(options.output, options.overwrite)
-    tables.write_table(table, options.output, truth)
+    tables.write_table(table, options.output, truth, overwrite=options.overwrite)
     params = table["astrometric_params_solved" if options.kind == "crf3" else "astrometric_params"]
     five, six = (int(np.sum(params == value)) for value in (31, 95))
     n_other = len(table) - five - six
@@ -360,8 +359,9 @@ def _epochs(options):
         threads=options.threads,
     )
     truth = {f"{name}_{i}": float(value) for name, values in meta.items() for i, value in enumerate(values)}
-    check_new(options.output, options.overwrite)
-    tables.write_table(table, options.output, truth | {"ATTITUDE": attitude, "SEED": options.seed})
+    tables.write_table(
+        table, options.output, truth | {"ATTITUDE": attitude, "SEED": options.seed}, overwrite=options.overwrite
+    )
     _finish(options, [], truth, f"{len(table)} transits of {len(population)} quasars, attitude {attitude}")
 
 
@@ -384,7 +384,7 @@ def _link(options):
 
 def _finish(options, notes, meta, summary):
     """The configuration that repeats it, and what is said."""
-    with atomic_write(_repeats(options)) as temporary_path:
+    with atomic_write(_repeats(options), overwrite=True) as temporary_path:
         digests = {Path(options.output).name: digest(options.output)}
         temporary_path.write_text(
             finishing.repeats(options, name=_repeats(options).name, written=digests), encoding="utf-8"

@@ -61,11 +61,12 @@ def _run(options):
         for name, result in answer.results().items():
             result.write(folder / f"{name}.ecsv", meta)
 
-    def page(figures, meta):
+    def page(figures, meta, path):
         from study.referee.page import html
         from vsh.figures.page import write_page
 
-        write_page(options.html, html(answer, figures.drawn, provenance=meta, command=options.command))
+        text = html(answer, figures.drawn, provenance=meta, command=options.command)
+        write_page(path, text, overwrite=True)
 
     run.finish(
         [finishing.Part("referee", None, sections=answer.details, plot=draw, tables=answer.tables, files=write)],

@@ -57,7 +57,7 @@ def _run(options):
     rows = summary(study, read_realisations(study, Path(folder), count))
     figures = finishing.Figures(lambda: _draw(rows))
     figures.write(folder, options)
-    with atomic_write(folder / parsing.NAME) as target:
+    with atomic_write(folder / parsing.NAME, overwrite=True) as target:
         target.write_text(finishing.repeats(options), encoding="utf-8")
     result = finishing.RunResult(
         partial(_sections, rows),
@@ -77,6 +77,7 @@ def _run(options):
             command=options.command,
             answer=result.answer,
             lead=f"{count} realisations of each case, {study.settings['frame']} axes",
+            overwrite=options.overwrite,
         )
         finishing.print_line(options, f"written to {options.html}")
 

@@ -206,6 +206,8 @@ def _run(options):
         return
     is_reused = Path(options.output).exists() and not options.overwrite
     check_not_read(options.output, f"--output {printable(options.output)}")
+    config_path = Path(f"{options.output}.{parsing.NAME}")
+    finishing.check_configuration(config_path)
     path = query(
         adql,
         options.output,
@@ -216,8 +218,7 @@ def _run(options):
         upload=upload,
     )
     was = f"{path} was there already, as it was fetched: nothing was asked"
-    config_path = Path(f"{path}.{parsing.NAME}")
-    with atomic_write(config_path) as temporary_path:
+    with atomic_write(config_path, overwrite=True) as temporary_path:
         temporary_path.write_text(finishing.repeats(options, name=config_path.name), encoding="utf-8")
     finishing.print_result(options, finishing.message(was if is_reused else f"written to {path}"))
 

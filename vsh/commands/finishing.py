@@ -11,7 +11,7 @@ import re
 import sys
 import tempfile
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 from pathlib import Path
@@ -24,16 +24,7 @@ from vsh.commands import parsing, reading, running
 from vsh.commands.parsing import NOT_KEPT, NUMBER
 from vsh.io.sections import Answer, Section, text_of
 from vsh.tools.errors import TableError, VshError
-from vsh.tools.files import (
-    UNFINISHED,
-    as_recorded,
-    atomic_folder,
-    check_not_read,
-    check_unchanged,
-    digest,
-    is_ours,
-    record_of,
-)
+from vsh.tools.files import UNFINISHED, atomic_folder, atomic_write, check_not_read, check_unchanged, digest, record_of
 from vsh.tools.formats import is_address
 from vsh.tools.printing import latex_text, printable, silence
 from vsh.tools.types import PathName
@@ -71,21 +62,20 @@ def check_folder(path: PathName, command: str, overwrite: bool = False) -> None:
     if not path.exists() or not any(path.iterdir()):
         return
     mark = _read_mark(path)
-    if mark is None:
+    if mark is None or not isinstance(mark.get("files"), dict):
         raise VshError(f"{label} holds files that {command} did not write: name a new folder")
     if mark.get("command") != command:
         raise VshError(f"{label} holds results of {printable(mark.get('command'))}: name another folder")
     if not overwrite:
         raise VshError(f"{label} holds results: use --overwrite to replace them, or name another folder")
-    files = mark.get("files", ())
+    files = mark["files"]
     foreign = sorted(x.name for x in path.iterdir() if x.name not in {MARK, *files})
     if foreign:
         raise VshError(
             f"{label} holds files that {command} did not write ({printable(', '.join(foreign[:5]))}): move them, or "
             "name another folder"
         )
-    hashes = files if isinstance(files, dict) else {}
-    mismatches = sorted(x for x, sha in hashes.items() if (path / x).exists() and digest(path / x) != sha)
+    mismatches = sorted(x for x, sha in files.items() if (path / x).exists() and digest(path / x) != sha)
     if mismatches:
         raise VshError(
             f"{label} holds files that were changed since {command} wrote them "
@@ -94,7 +84,7 @@ def check_folder(path: PathName, command: str, overwrite: bool = False) -> None:
         )
 
 
-def check_file(path: PathName, overwrite: bool = False, option: str = "--output", recorded: bool = False) -> None:
+def check_file(path: PathName, overwrite: bool = False, option: str = "--output") -> None:
     """Raise VshError now if a file could not be written later, or is there already and may not be replaced."""
     _check_local(path, option)
     path, label = Path(path), f"{option} {printable(path)}"
@@ -102,15 +92,14 @@ def check_file(path: PathName, overwrite: bool = False, option: str = "--output"
         raise VshError(f"{label} is a folder, not a file")
     _check_parent(path, label)
     check_not_read(path, label)
-    if not path.exists():
-        return
-    if not overwrite:
+    if path.exists() and not overwrite:
         raise VshError(f"{label} exists already: use --overwrite to replace it, or name another file")
-    if not is_ours(path):
-        raise VshError(f"{label} was not written by this program, and is not replaced: name another file")
-    is_intact = as_recorded(path)
-    if is_intact is False or (is_intact is None and recorded) or (option == "--html" and not _is_page(path)):
-        raise VshError(f"{label} is not as this program wrote it, and is not replaced: name another file")
+
+
+def check_configuration(path: Path) -> None:
+    """Raise VshError where the file of a run's configuration, which nobody named, is somebody's."""
+    if path.exists() and not path.read_bytes().startswith(parsing.REPEATS.encode()):
+        raise VshError(f"{printable(path)} is no configuration of a run, and is not replaced: move it")
 
 
 @contextmanager
@@ -181,12 +170,6 @@ def _check_parent(path, label, make_parents=False):
         raise VshError(f"{label}: the folder {printable(parent)} cannot be written to") from None
 
 
-def _is_page(path):
-    from vsh.figures.page import is_page  # which imports matplotlib
-
-    return is_page(path)
-
-
 def _read_mark(path):
     try:
         mark = json.loads((path / MARK).read_text(encoding="utf-8"))
@@ -216,7 +199,7 @@ class Figures:
         from vsh.figures.plot import save_figures
 
         formats = parsing.figure_formats(options.format)
-        paths = save_figures(self.drawn, folder, format=formats, dpi=options.dpi, close=False)
+        paths = save_figures(self.drawn, folder, format=formats, dpi=options.dpi, close=False, overwrite=True)
         if not options.html:  # nobody wants them any more
             self.close()
         return paths
@@ -241,6 +224,7 @@ def write_page(
     cards: Sequence[tuple[str, str, str]] = (),
     provenance: Mapping[str, Any] | None = None,
     command: Sequence[str] | None = None,
+    overwrite: bool = False,
 ) -> None:
     """Write a page of a run: its main results, figures, sections with tables that sort, and where it comes from."""
     from vsh.figures import page
@@ -255,7 +239,7 @@ def write_page(
         page.provenance(provenance or {}, command),
     ]
     figures.close()
-    page.write_page(path, page.page(title, panels, lead=lead))
+    page.write_page(path, page.page(title, panels, lead=lead), overwrite=overwrite)
 
 
 def of_page(path: PathName) -> str:
@@ -442,7 +426,7 @@ class Run:
         files: Callable[[Path, dict[str, Any]], object] | None = None,
         captions: Mapping[str, str] | None = None,
         cards: Callable[[], Sequence[tuple[str, str, str]]] = tuple,
-        page: Callable[[Figures, dict[str, Any]], None] | None = None,
+        page: Callable[[Figures, dict[str, Any], Path], None] | None = None,
         movies: Callable[[], Mapping[str, bytes]] = dict,
     ) -> None:
         """Print the result, and write what was asked for: a folder, a page.
@@ -484,29 +468,36 @@ class Run:
             return
         meta = running.provenance(paths or [], options, self.opened, **(counts or {}))
         figure_set = Figures(partial(_joined, parts, Part.drawn))
-        if options.output:
-            with results_folder(options, meta) as folder:
+        with (
+            _named(options.html, lambda path: atomic_write(path, options.overwrite)) as page_path,
+            _named(options.output, lambda _: results_folder(options, meta)) as folder,
+        ):
+            if folder is not None:
                 (folder / "report.txt").write_text(result.report(), encoding="utf-8")
                 for part in parts:
                     part.write(folder, meta)
                 if files is not None:
                     files(folder, meta)
                 figure_set.write(folder, options)
+            if page_path is not None and page is not None:
+                page(figure_set, meta, page_path)
+                figure_set.close()
+            elif page_path is not None:
+                part_captions = {part.name: part.caption for part in parts if part.caption}
+                write_page(
+                    page_path, title, make_sections(True), figure_set,
+                    captions={**part_captions, **(captions or {})}, movies=movies(), provenance=meta,
+                    command=options.command, answer=result.answer, cards=cards(), overwrite=True,
+                )  # fmt: skip
+        if options.output:
             print_line(options, running.written(options.output, (x.name for x in Path(options.output).iterdir())))
-        if not options.html:
-            return
-        if page is not None:
-            page(figure_set, meta)
-            figure_set.close()
-            print_line(options, of_page(options.html))
-            return
-        part_captions = {part.name: part.caption for part in parts if part.caption}
-        write_page(
-            options.html, title, make_sections(True), figure_set,
-            captions={**part_captions, **(captions or {})}, movies=movies(), provenance=meta, command=options.command,
-            answer=result.answer, cards=cards(),
-        )  # fmt: skip
-        print_line(options, f"written to {options.html}")
+        if options.html:
+            print_line(options, of_page(options.html) if page is not None else f"written to {options.html}")
+
+
+def _named(path, make):
+    """The place where results are written, which takes its name at the end; None where nobody named one."""
+    return make(path) if path else nullcontext()
 
 
 def _joined(parts, give):

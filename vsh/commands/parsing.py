@@ -290,6 +290,8 @@ _NOT_TAKEN = (*WRITTEN, "overwrite", *CONNECTED)
 NOT_KEPT = ("config", *_NOT_TAKEN, "json", "latex", "quiet", "citation")
 #: What a run writes its configuration to, in its folder of results.
 NAME = "run.toml"
+#: How such a file begins.
+REPEATS = "# Repeats a run"
 NUMBER = re.compile(r"-?(0|[1-9]\d*)(\.\d+)?([eE][+-]?\d+)?")
 
 
@@ -305,7 +307,7 @@ class Configuration:
 
     def text(self, name: str = NAME) -> str:
         """The file, as TOML."""
-        lines = [f"# Repeats a run, from the folder that it was made in: {self.command} --config {name} --output NEW"]
+        lines = [f"{REPEATS}, from the folder that it was made in: {self.command} --config {name} --output NEW"]
         lines += [f"command = {_toml(self.command)}", f"version = {_toml(self.version)}", "", "[options]"]
         lines += [f"{name} = {_toml(value)}" for name, value in self.options.items() if name not in NOT_KEPT]
         if self.files:

@@ -158,6 +158,8 @@ def _check_log(options):
             raise VshError(f"{label} is in {printable(output)}, which the run writes: name another file")
     if path.is_dir():
         raise VshError(f"{label} is a folder, not a file")
+    if path.is_fifo():
+        raise VshError(f"{label} is a pipe, whose other end the run would wait for: name a file")
     if path.is_file() and path.stat().st_size:
         with path.open("rb") as file:
             if not _LOG_LINE.match(file.read(200)):

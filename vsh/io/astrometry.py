@@ -19,6 +19,8 @@ __all__ = ["read_astrometry", "write_astrometry"]
 
 #: The five parameters by the archive's names, and what else they are called; case does not count.
 _FIVE = ("ra", "dec", "parallax", "pmra", "pmdec")
+#: Errors below this are a slip, and would take all weight. [µas, µas/yr]
+_LEAST = 1e-9
 _CALLED = {
     "name": ("source_name", "icrf", "name", "star", "source", "object", "designation", "source_id"),
     "catalogue": ("catalogue", "catalog"),
@@ -167,6 +169,12 @@ class _Rows:
         sigma = MAS * np.stack([self.numbers(f"{parameter}_error", n) for parameter in _FIVE])
         if (sigma < 0).any():
             raise TableError(f"{self.opened.label}: {int((sigma < 0).sum())} errors are negative")
+        tiny = (sigma > 0) & (sigma < _LEAST)
+        if tiny.any():
+            raise TableError(
+                f"{self.opened.label}: {int(tiny.sum())} errors are below {_LEAST / MAS:g} mas, of row "
+                f"{int(np.flatnonzero(tiny.any(0))[0])} say, which nobody measures: 0 stands for what was not measured"
+            )
         matrix = np.tile(np.eye(5), (n, 1, 1))
         for role, (i, j) in _CORRELATIONS.items():
             if role in self.names:

@@ -1,23 +1,23 @@
-"""The gate for all writing: files and folders are whole or not there, and nothing of somebody else's is replaced.
+"""The gate for all writing: files and folders are whole or not there, and nothing is replaced that nobody named.
 
-A file is ours where it carries the mark that our writers leave in the place of its format, where a note beside it has
-its hash, or where this process wrote it. What a run reads is never written to (`reading`), and what two processes must
-not write at once is locked (`exclusive`).
+A file that is there is an error without `overwrite`. What a run reads is never written to (`reading`), and what two
+processes must not write at once is locked (`exclusive`).
 
 Tables are written with units and provenance by astropy.table, VOTables as the IVOA defines them: UCDs, coordinate frame
 and epoch, time scale, and metadata as parameters.
 """
 
 import ctypes
+import glob
 import gzip
 import hashlib
 import json
 import logging
 import os
+import platform
 import re
 import shutil
 import tempfile
-import threading
 import time
 import warnings
 from collections.abc import Iterable, Iterator, Mapping
@@ -143,40 +143,15 @@ else:  # nothing is locked there
     fcntl = None  # type: ignore[assignment]
 
 _LOG = logging.getLogger(__name__)
-#: What every file of ours holds: in the metadata of tables and pictures, as the name of an array, in a page's head.
+#: By what files were made: in the metadata of tables, pictures and pages.
 MARK = "vsh-astrometry"
-#: How files of each format begin, and where the mark stands in them: a metadata key, a card, a name within. A file that
-#: mentions the mark, or a command of ours, elsewhere is not ours.
-_MARKS = tuple(
-    (re.compile(begin, re.DOTALL), re.compile(mark, re.DOTALL | re.MULTILINE))
-    for begin, mark in (
-        (rb"# %ECSV", rb"^# *(meta:)? *-? *\{? *CREATOR: vsh-astrometry \d"),
-        (rb"SIMPLE  =", rb"CREATOR = 'vsh-astrometry \d[^']*'"),
-        (
-            rb"<\?xml[^>]*>\s*(<!--[^>]*-->\s*)?<VOTABLE",
-            rb'<PARAM\b[^>]*\bname="CREATOR"[^>]*\bvalue="vsh-astrometry \d',
-        ),
-        (rb"PAR1|\x89HDF", rb"CREATOR: vsh-astrometry \d"),
-        (rb"PK\x03\x04", rb"PK\x03\x04.{26}vsh-astrometry\.npy"),
-        (rb"\x89PNG", rb"tEXtSoftware\x00vsh-astrometry"),
-        (rb"%PDF", rb"/Creator \(vsh-astrometry\)"),
-        (rb"<\?xml.{0,400}<svg", rb"<dc:title>vsh-astrometry</dc:title>"),
-        (rb"GIF8", rb"!\xfe\x0evsh-astrometry\x00"),
-        (rb"\s*<!(?i:DOCTYPE) html>", rb'^<meta name="generator" content="vsh-astrometry">'),
-        (rb'\{\s*"program": "vsh-astrometry"', rb""),
-        (rb'# Repeats a run, [^\n]*: vsh-[^\n]*\n+command = "vsh-', rb""),
-        (rb"<!-- written by vsh-astrometry -->", rb""),
-    )
-)
-_LOOKED_AT = 2**17
-_HASH = re.compile(rb"\b[0-9a-f]{64}\b")
 #: What the run reads.
 _READ: ContextVar[frozenset[Path]] = ContextVar("read", default=frozenset())
-#: Files that this process wrote, as they were then: device, number, size and time.
-_WRITTEN: dict[Path, tuple[int, int, int, int]] = {}
-_ONE = threading.RLock()
 #: How the names of files that are being written begin; nobody else's files do.
 UNFINISHED = ".vsh-unfinished-"
+#: This machine, in such names, and the age at which what another one left is taken for abandoned. [s]
+_MACHINE = hashlib.sha256(platform.node().encode()).hexdigest()[:8]
+_OLD = 86400
 _LOCK = f"{UNFINISHED}lock-"
 
 
@@ -192,17 +167,13 @@ def atomic_write(path: PathName, overwrite: bool = False) -> Iterator[Path]:
 
     A process killed at any moment leaves the old file or the new one, never a part of either; any number of writers may
     write to one path at once, and one of them wins. A link stays a link: the file it names is replaced. Without
-    `overwrite` a file that this program did not write stays as it is.
+    `overwrite` a file that is there, or that comes there meanwhile, is an error.
     """
     path = Path(os.path.realpath(path))
     check_not_read(path)
-    with _ONE:
-        foreign = not overwrite and path.is_file() and not is_ours(path)
-    if foreign:
-        raise WriteError(
-            f"{path.name} was not written by this program, and is not replaced: name another file, or delete it"
-        )
-    handle, name = tempfile.mkstemp(prefix=UNFINISHED, suffix=f"-{path.name[-100:]}", dir=path.parent)
+    check_new(path, overwrite)
+    _remove_abandoned(path)
+    handle, name = tempfile.mkstemp(prefix=_unfinished(), suffix=f"-{path.name[-100:]}", dir=path.parent)
     os.close(handle)
     temporary_path = Path(name)
     try:
@@ -210,56 +181,58 @@ def atomic_write(path: PathName, overwrite: bool = False) -> Iterator[Path]:
         with temporary_path.open("rb") as file:
             os.fsync(file.fileno())  # else a power cut could leave an empty file under the name
         os.chmod(temporary_path, _mode(path))
-        with _ONE:
+        if overwrite or not _linked(temporary_path, path):
+            check_new(path, overwrite)
             os.replace(temporary_path, path)
-            _WRITTEN[path] = _state(path)
         if UNFINISHED not in str(path):  # of a folder the whole is told
             _LOG.info("written: %s", path)
     finally:
         temporary_path.unlink(missing_ok=True)
 
 
-def is_ours(path: PathName) -> bool:
-    """Return whether a file carries our mark, or this process wrote it and nobody changed it since."""
-    path = Path(os.path.realpath(path))
-    if not path.is_file():
+def _linked(temporary_path, path):
+    """Give a file its name where no other has it; False where the system cannot."""
+    try:
+        os.link(temporary_path, path)
+    except FileExistsError:
+        check_new(path, overwrite=False)
+        raise
+    except OSError:
         return False
-    if not path.stat().st_size or _WRITTEN.get(path) == _state(path):
-        return True
-    with path.open("rb") as file:
-        start = file.read(_LOOKED_AT)
-        file.seek(max(0, path.stat().st_size - _LOOKED_AT))
-        end = file.read()
-    has_mark = any(begin.match(start) and (mark.search(start) or mark.search(end)) for begin, mark in _MARKS)
-    return has_mark or as_recorded(path) is True
+    return True
 
 
-def as_recorded(path: PathName) -> bool | None:
-    """Return whether a file is as the note or configuration beside it says, by its hash; None where none says
-    anything."""
-    path = Path(path)
-    notes = [path.with_name(f"{path.name}.{ending}") for ending in ("run.toml", "json")]
-    hashes = [text for note in notes if note.is_file() for text in _HASH.findall(note.read_bytes()[:_LOOKED_AT])]
-    return digest(path).encode() in hashes if hashes else None
-
-
-def _state(path):
-    facts = path.stat()
-    return facts.st_dev, facts.st_ino, facts.st_size, facts.st_mtime_ns
+def _unfinished():
+    """The beginning of the names of unfinished files of this process."""
+    return f"{UNFINISHED}{_MACHINE}-{os.getpid()}-"
 
 
 def record_of(path: PathName) -> tuple[int, int]:
     """The size and time of change of a file, by which it is known again on any machine that sees it."""
     try:
-        return _state(Path(path))[2:]
+        facts = Path(path).stat()
     except OSError as error:
         raise TableError(f"{printable(path)} cannot be read: {error.strerror}") from error
+    return facts.st_size, facts.st_mtime_ns
 
 
 def check_unchanged(path: PathName, record: tuple[int, int] | None) -> None:
     """Raise TableError where a file is not the one that was opened: numbers of two catalogues would be added up."""
     if record is not None and record_of(path) != record:
         raise TableError(f"{printable(path)} changed since it was opened: start again, when nobody writes to it")
+
+
+#: Catalogues are at most so many times larger than their files, or so large. [bytes]
+_PACKED, _SMALL = 200, 2**26
+
+
+def check_size(label: str, n_bytes: float, size: int) -> None:
+    """Raise TableError where a file says of itself that it holds much more than a catalogue could be packed into it."""
+    if n_bytes > max(_PACKED * size, _SMALL):
+        raise TableError(
+            f"{label} would be {n_bytes / 2**30:.2g} GiB or more, from a file of {size} bytes: measured numbers do not "
+            "pack so tightly, so it is damaged, or no catalogue"
+        )
 
 
 def digest(path: PathName) -> str:
@@ -319,10 +292,10 @@ def exclusive(path: PathName) -> Iterator[None]:
 
 
 def write_arrays(path: PathName, arrays: Mapping[str, Any], *, compress: bool = False, overwrite: bool = False) -> None:
-    """Write arrays by name as NumPy's .npz, with our mark as the name of one more."""
+    """Write arrays by name as NumPy's .npz."""
     save: Any = np.savez_compressed if compress else np.savez
     with atomic_write(path, overwrite) as temporary_path, temporary_path.open("wb") as file:
-        save(file, **{MARK: np.uint8(1)}, **arrays)
+        save(file, **arrays)
 
 
 def scratch(folder: PathName | None, shape: tuple[int, ...]) -> FloatArray:
@@ -342,7 +315,9 @@ def scratch(folder: PathName | None, shape: tuple[int, ...]) -> FloatArray:
 def read_arrays(path: PathName) -> dict[str, Any]:
     """The arrays by name of a file of `write_arrays`; whatever NumPy raises on a damaged one."""
     with Path(path).open("rb") as stream, np.load(stream, allow_pickle=False) as file:
-        return {name: values for name, values in file.items() if name != MARK}
+        size = sum(each.file_size for each in file.zip.infolist()) if hasattr(file, "zip") else 0
+        check_size(printable(path), size, Path(path).stat().st_size)
+        return dict(file.items())
 
 
 def remove_unfinished(folder: PathName) -> None:
@@ -358,7 +333,7 @@ def atomic_folder(path: PathName) -> Iterator[Path]:
     path = Path(os.path.realpath(path))
     check_not_read(path)
     _remove_abandoned(path)
-    temporary_path = Path(tempfile.mkdtemp(prefix=UNFINISHED, suffix=f"-{path.name}", dir=path.parent))
+    temporary_path = Path(tempfile.mkdtemp(prefix=_unfinished(), suffix=f"-{path.name[-100:]}", dir=path.parent))
     try:
         yield temporary_path
         os.chmod(temporary_path, 0o777 & ~_umask())
@@ -386,14 +361,30 @@ def _exchange(temporary_path, path):
     shutil.rmtree(backup, ignore_errors=True)
 
 
-def _remove_abandoned(path, age=86400):
-    """Remove what a killed writer of this folder left beside it a day ago or earlier."""
-    for candidate in path.parent.glob(f"{UNFINISHED}*-{path.name}"):
+def _remove_abandoned(path):
+    """Remove what killed writers of this file or folder left beside it: of this machine, or a day ago and earlier."""
+    for candidate in path.parent.glob(f"{UNFINISHED}*-{glob.escape(path.name[-100:])}"):
+        machine, _, rest = candidate.name.removeprefix(UNFINISHED).partition("-")
         try:
-            if candidate.is_dir() and not candidate.is_symlink() and time.time() - candidate.stat().st_mtime > age:
-                shutil.rmtree(candidate, ignore_errors=True)
+            age = time.time() - candidate.stat().st_mtime
+            if candidate.is_symlink() or not (_is_dead(machine, rest.partition("-")[0]) or age > _OLD):
+                continue
+            shutil.rmtree(candidate) if candidate.is_dir() else candidate.unlink()
         except OSError:
             continue
+
+
+def _is_dead(machine, number):
+    """Return whether a process of this machine has ended."""
+    if machine != _MACHINE or not number.isdecimal() or os.name != "posix":
+        return False
+    try:
+        os.kill(int(number), 0)
+    except ProcessLookupError:
+        return True
+    except OSError:  # somebody else's
+        return False
+    return False
 
 
 def _mode(path):

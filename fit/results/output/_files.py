@@ -230,6 +230,7 @@ def write_html(
     beside: Mapping[str, tuple[Any, Field]] | None = None,
     figures: Mapping[str, Any] | None = None,
     further: Mapping[str, Any] | None = None,
+    overwrite: bool = False,
     **about: Any,
 ) -> None:
     """Write a self-contained page with everything, its sky one that can be turned.
@@ -248,6 +249,8 @@ def write_html(
         Those of `draw_figures` where they are drawn already; they stay open.
     further : dict of str to matplotlib axes, optional
         More figures, by name.
+    overwrite : bool
+        Whether a file that is there is replaced.
     **about
         What else the page says, as for `fit.output.html_report`.
     """
@@ -263,7 +266,7 @@ def write_html(
         **about,
     )
     close_figures(new_figures.values())
-    write_page(path, page)
+    write_page(path, page, overwrite=overwrite)
 
 
 def _skies(solution, field, comparisons):

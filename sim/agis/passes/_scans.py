@@ -400,7 +400,7 @@ def _follow_law(law, lon, lat, ccds, threads, progress, folder):
             if part_path is None:
                 yield records
             else:
-                with atomic_write(part_path) as temporary_path:
+                with atomic_write(part_path, overwrite=True) as temporary_path:
                     np.save(temporary_path, records)
                 yield np.load(part_path, mmap_mode="r")
 

@@ -128,7 +128,11 @@ def test_hours_and_negative_errors_are_refused(tmp_path, capsys):
     for name in ("gaia", "vlbi"):
         write_astrometry(stars[stars.catalogue == name], tmp_path / f"{name}.csv")
     table = Table.read(tmp_path / "gaia.csv")
-    for column, change, words in (("ra", 1 / 15, "is ra in hours?"), ("ra_error", -1.0, "30 errors are negative")):
+    for column, change, words in (
+        ("ra", 1 / 15, "is ra in hours?"),
+        ("ra_error", -1.0, "30 errors are negative"),
+        ("ra_error", 1e-30, "30 errors are below 1e-12 mas"),
+    ):
         wrong = table.copy()
         wrong[column] = wrong[column] * change
         wrong.write(tmp_path / "wrong.csv", overwrite=True)

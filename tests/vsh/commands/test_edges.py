@@ -138,7 +138,7 @@ def test_more_values_than_any_file_has(tmp_path):
     with h5py.File(tmp_path / "t.h5", "w") as file:
         for name in ("ra", "dec"):
             file.create_dataset(name, shape=(10**12,), dtype="f8", chunks=(1000,))
-    with pytest.raises(TableError, match=r"declares 7\.45e\+03 GiB"):
+    with pytest.raises(TableError, match="7.5e\\+03 GiB or more"):
         read_field(tmp_path / "t.h5")
 
 

@@ -105,7 +105,7 @@ def test_links_and_permissions_stay(tmp_path):
     (tmp_path / "real.txt").write_text("<!-- written by vsh-astrometry -->")
     (tmp_path / "real.txt").chmod(0o640)
     (tmp_path / "link.txt").symlink_to(tmp_path / "real.txt")
-    with atomic_write(tmp_path / "link.txt") as new:
+    with atomic_write(tmp_path / "link.txt", overwrite=True) as new:
         new.write_text("new")
     assert (tmp_path / "link.txt").is_symlink()
     assert (tmp_path / "real.txt").read_text() == "new"

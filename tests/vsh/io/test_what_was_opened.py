@@ -1,8 +1,11 @@
 """What was opened is what is read, in every pass, and nothing else: no other file, no other version of it."""
 
+import gzip
 import shutil
 from dataclasses import replace
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
+from threading import Thread
 
 import numpy as np
 import pytest
@@ -10,7 +13,10 @@ import pytest
 import fit
 import sim
 from vsh.io.catalogue import parts, read_field
+from vsh.io.tables import open_table
+from vsh.io.tables._source import number_twins
 from vsh.tools.errors import FieldError, TableError
+from vsh.tools.files import read_arrays
 
 N = 400
 
@@ -94,9 +100,63 @@ def test_hdf5_reads_nothing_from_elsewhere(kind, tmp_path):
             file.create_dataset("pmdec_error", (6 * 10**8,), "f8", chunks=(10**6,))
         else:
             file["/".join("g" * 50)] = np.ones(n)
-    words = {"external": "another file", "virtual": "another file", "large": "declares", "deep": "groups within"}[kind]
+    words = {"external": "another file", "virtual": "another file", "large": "GiB or more", "deep": "groups within"}[
+        kind
+    ]
     with pytest.raises(TableError, match=words):
         read_field(path)
+
+
+def test_nothing_is_unpacked_to_much_more_than_a_catalogue_could_be(field, tmp_path):
+    """Two gigabytes of zeros behind a table, equal rows without end, a chain: they took minutes, or all the memory."""
+    pa, pq = pytest.importorskip("pyarrow"), pytest.importorskip("pyarrow.parquet")
+    field.write(tmp_path / "t.fits")
+    with gzip.open(tmp_path / "t.fits.gz", "wb") as file:
+        file.write((tmp_path / "t.fits").read_bytes())
+        for _ in range(80):
+            file.write(bytes(2**20))
+    ones = pa.table({name: pa.array(np.ones(10**6)) for name in ("ra", "dec", "pmra", "pmdec", "e", "f")})
+    with pq.ParquetWriter(tmp_path / "t.parquet", ones.schema) as writer:
+        for _ in range(2):
+            writer.write_table(ones)
+    np.savez_compressed(tmp_path / "t.npz", chain=np.zeros(10**7))
+    for name, read in (("t.fits.gz", read_field), ("t.parquet", read_field), ("t.npz", read_arrays)):
+        with pytest.raises(TableError, match=f"{name} would be 0.0.* GiB or more"):
+            read(tmp_path / name)
+
+
+def test_many_columns_are_no_matter(tmp_path):
+    """Names were looked for in each other: 200 000 took minutes."""
+    names = [f"c{k}" for k in range(40_000)]
+    (tmp_path / "t.csv").write_text(",".join(names) + "\n" + ",".join(["1"] * len(names)) + "\n")
+    assert open_table(tmp_path / "t.csv").names == tuple(names)
+    assert number_twins(["a", "a", "a_2"]) == (["a", "a_3", "a_2"], ("a",))
+
+
+class _Refuses(BaseHTTPRequestHandler):
+    def do_GET(self):
+        self.send_response(int(self.path.split("/")[1]))
+        self.send_header("Content-Length", "0")
+        self.end_headers()
+
+    do_HEAD = do_GET
+
+    def log_message(self, *_):
+        pass
+
+
+@pytest.mark.parametrize(("status", "hint"), [(503, "try again later"), (404, "look at the address")])
+@pytest.mark.parametrize("ending", ["fits", "csv", "parquet"])
+def test_what_a_server_answers_is_told(status, hint, ending):
+    pytest.importorskip("aiohttp")
+    server = ThreadingHTTPServer(("127.0.0.1", 0), _Refuses)
+    Thread(target=server.serve_forever, daemon=True).start()
+    try:
+        with pytest.raises(TableError, match=rf"the server answers {status} \(.*\): {hint}"):
+            read_field(f"http://127.0.0.1:{server.server_port}/{status}/q.{ending}")
+    finally:
+        server.shutdown()
+        server.server_close()
 
 
 @pytest.mark.parametrize("change", ["unit", "missing", "kind"])

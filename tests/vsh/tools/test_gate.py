@@ -1,8 +1,8 @@
 """The gate for all that is written: what is read, what is somebody else's, and what two processes share."""
 
-import os
 import subprocess
 import sys
+from functools import partial
 from multiprocessing import get_context
 
 import numpy as np
@@ -12,61 +12,73 @@ from conftest import ROOT, random_field
 
 import fit
 from vsh import WriteError
-from vsh.figures.page import is_page, write_page
+from vsh.figures.page import write_page
 from vsh.io import tables
 from vsh.models.flows import VelocityGrid
-from vsh.tools.files import MARK, as_recorded, atomic_write, check_not_read, exclusive, is_ours, read_arrays, reading
+from vsh.tools.files import UNFINISHED, atomic_folder, atomic_write, check_not_read, exclusive, reading
 
 
 def test_foreign_files_are_not_replaced(tmp_path):
     for name, content in (("a.txt", b"mine"), ("q.fits", b"SIMPLE  ="), ("x.npz", b"PK")):
         path = tmp_path / name
         path.write_bytes(content)
-        with pytest.raises(WriteError, match=f"{name} was not written by this program"), atomic_write(path) as new:
+        with pytest.raises(WriteError, match=f"{name} exists already"), atomic_write(path) as new:
             new.write_text("ours")
         assert path.read_bytes() == content
+        with atomic_write(path, overwrite=True) as new:
+            new.write_text("ours")
+        assert path.read_bytes() == b"ours"
     assert sorted(each.name for each in tmp_path.iterdir()) == ["a.txt", "q.fits", "x.npz"]
-    empty = tmp_path / "empty"
-    empty.touch()
-    with atomic_write(empty) as new:
-        new.write_text("anything")
-    with atomic_write(empty) as new:  # this process wrote it
-        new.write_text("again")
-    empty.write_text("changed by somebody")
-    with pytest.raises(WriteError), atomic_write(empty):
-        pass
 
 
-@pytest.mark.parametrize("ending", ["fits", "ecsv", "vot", "parquet", "h5", "csv"])
-def test_our_tables_carry_our_mark(tmp_path, ending):
-    """In a process of its own, which remembers nothing of the one that wrote."""
-    if ending == "h5":
-        pytest.skip("HDF5 is read, not written")
-    path = tmp_path / f"t.{ending}"
-    random_field(5, 1).write(path)
-    code = f"import sys; from vsh.tools.files import is_ours; sys.exit(not is_ours({str(path)!r}))"
-    told = subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=False).returncode == 0
-    assert told == (ending != "csv")  # which has no place for it: it is ours where the note beside it has its hash
-    if ending == "csv":
-        from vsh.tools.files import digest
-
-        (tmp_path / "t.csv.run.toml").write_text(f'"t.csv" = "{digest(path)}"')
-        assert subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=False).returncode == 0
-        assert as_recorded(path) is True
-        path.write_text("changed")
-        assert as_recorded(path) is False
-
-
-def test_other_writers_leave_the_mark_as_well(tmp_path):
-    VelocityGrid(np.zeros((3, 4, 4, 4)), 50.0).write(tmp_path / "grid.npz")
-    fit.fit_field(random_field(50, 1), 1).write(tmp_path / "solution.ecsv")
+def test_every_writer_asks_before_it_replaces(tmp_path):
     from vsh.figures.plot import save_figures
 
-    (figure,) = save_figures({"power": fit.fit_field(random_field(50, 1), 1).plot()}, tmp_path, dpi=40)
-    for path in (tmp_path / "grid.npz", tmp_path / "solution.ecsv", figure):
-        os.utime(path, (1, 1))  # no longer as this process left it
-        assert is_ours(path), path
-    assert MARK not in read_arrays(tmp_path / "grid.npz")
+    axes = fit.fit_field(random_field(50, 1), 1).plot()
+    save_figures({"power": axes}, tmp_path, dpi=40, close=False)
+    write_page(tmp_path / "p.html", "<html></html>")
+    (tmp_path / "t.ecsv").write_text("mine")
+    for write in (
+        partial(save_figures, {"power": axes}, tmp_path, dpi=40),
+        partial(write_page, tmp_path / "p.html", "<html></html>"),
+        partial(tables.write_table, Table({"a": [1]}), tmp_path / "t.ecsv"),
+    ):
+        before = {path: path.read_bytes() for path in tmp_path.iterdir()}
+        with pytest.raises(WriteError, match="overwrite=True"):
+            write()
+        assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
+        write(overwrite=True)
+
+
+def test_a_file_that_comes_while_another_is_written_stays(tmp_path):
+    path = tmp_path / "x.txt"
+    with pytest.raises(WriteError, match="exists already"), atomic_write(path):
+        path.write_text("theirs")
+    assert path.read_text() == "theirs"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_what_a_killed_run_left_is_cleared_by_the_next(tmp_path):
+    """By the process that is in its name; what one that runs, or another machine, is writing stays."""
+    code = (
+        "import os, sys\nfrom pathlib import Path\nfrom vsh.tools.files import atomic_folder, atomic_write\n"
+        "with atomic_folder(sys.argv[1]) as folder, atomic_write(sys.argv[2]):\n"
+        "    (folder / 'half').write_text('')\n    os.kill(os.getpid(), 9)"
+    )
+    folder, path = tmp_path / "o", tmp_path / "x.txt"
+    subprocess.run([sys.executable, "-c", code, str(folder), str(path)], cwd=ROOT, check=False)
+    left = sorted(each.name for each in tmp_path.iterdir())
+    assert len(left) == 2
+    assert all(name.startswith(UNFINISHED) for name in left)
+    elsewhere = tmp_path / f"{UNFINISHED}00000000-1-abc-x.txt"
+    elsewhere.write_text("")
+    with atomic_folder(folder) as first, atomic_write(path):
+        (first / "a").write_text("")
+        with atomic_folder(folder), atomic_write(path, overwrite=True):
+            pass
+        assert (first / "a").exists()
+        path.unlink()
+    assert sorted(tmp_path.iterdir()) == sorted([elsewhere, folder, path])
 
 
 def test_inputs_are_not_overwritten(tmp_path):
@@ -83,7 +95,7 @@ def test_inputs_are_not_overwritten(tmp_path):
     with reading([source.parent]), pytest.raises(WriteError, match="lies in|holds"):
         check_not_read(source.parent / "new.fits")
     assert source.read_bytes() == before
-    tables.write_table(Table({"a": [1]}), source)  # ours, and no longer read
+    tables.write_table(Table({"a": [1]}), source, overwrite=True)  # no longer read
 
 
 def _hold(path, begun, finish):
@@ -106,16 +118,6 @@ def test_two_processes_lock_each_other_out(tmp_path):
     with exclusive(tmp_path / "x"):
         pass
     assert list(tmp_path.iterdir()) == []
-
-
-def test_page_knows_that_it_was_changed(tmp_path):
-    path = tmp_path / "p.html"
-    write_page(path, "<html><body>one</body></html>\n")
-    assert is_page(path)
-    path.write_text(path.read_text().replace("one", "two"))
-    assert not is_page(path)
-    path.write_text("<html></html>")
-    assert not is_page(path)
 
 
 def test_a_file_that_is_there_is_replaced_only_where_that_is_asked_for(tmp_path):

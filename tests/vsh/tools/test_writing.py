@@ -8,7 +8,7 @@ CODE = """
 from astropy.table import Table
 from vsh.tools.files import write_table
 for length in range(180, 300):
-    write_table(Table({"a": ["x" * length], "b": [1.5]}), "t.vot")
+    write_table(Table({"a": ["x" * length], "b": [1.5]}), "t.vot", overwrite=True)
     assert len(Table.read("t.vot")["a"][0]) == length
 """
 

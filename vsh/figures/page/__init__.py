@@ -11,7 +11,6 @@ from vsh.figures.page._page import (
     figure,
     figures,
     heading,
-    is_page,
     notes,
     page,
     pictures,

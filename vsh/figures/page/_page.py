@@ -3,7 +3,6 @@
 import base64
 import hashlib
 import json
-import re
 import shlex
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -11,7 +10,6 @@ from functools import lru_cache
 from html import escape
 from importlib.resources import files
 from importlib.util import find_spec
-from pathlib import Path
 from string import Template
 from typing import Any, NamedTuple
 
@@ -169,7 +167,6 @@ def provenance(sources: Mapping[str, Any], command: Sequence[str] | None = None)
     return heading("Where this comes from", *command_panels, facts(entries))
 
 
-_SEAL = re.compile(r"<!-- sha256 of the rest: ([0-9a-f]{64}) -->\n")
 #: What is said of a sky where there is no `bundle`.
 STATIC = "cannot be turned: this package was built without the script (make page, with npm)"
 _PAGE = Template("""<!doctype html>
@@ -240,8 +237,8 @@ def bundle() -> str:
 
 
 @explained
-def write_page(path: PathName, text: str) -> None:
-    """Write a page with a hash of the rest of it, by which a later run sees that nobody changed it.
+def write_page(path: PathName, text: str, *, overwrite: bool = False) -> None:
+    """Write a page.
 
     Parameters
     ----------
@@ -249,24 +246,11 @@ def write_page(path: PathName, text: str) -> None:
         The file.
     text : str
         Text of `page`.
+    overwrite : bool
+        Whether a file that is there is replaced.
     """
-    seal = f"<!-- sha256 of the rest: {hashlib.sha256(text.encode()).hexdigest()} -->\n"
-    head, end = text.rsplit("</html>", 1)
-    with atomic_write(path) as temporary_path:
-        temporary_path.write_text(f"{head}{seal}</html>{end}", encoding="utf-8")
-
-
-def is_page(path: PathName) -> bool:
-    """Return whether a file is a page that `write_page` wrote, and as it was written."""
-    try:
-        text = Path(path).read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError):
-        return False
-    seals = list(_SEAL.finditer(text))
-    if not seals:
-        return False
-    content = text[: seals[-1].start()] + text[seals[-1].end() :]
-    return seals[-1].group(1) == hashlib.sha256(content.encode()).hexdigest()
+    with atomic_write(path, overwrite) as temporary_path:
+        temporary_path.write_text(text, encoding="utf-8")
 
 
 def _hash(text):

@@ -166,6 +166,7 @@ def save_figures(
     format: str | Sequence[str] = "png",
     dpi: float = 300,
     close: bool = True,
+    overwrite: bool = False,
 ) -> list[Path]:
     """Write figures by name into a folder; returns their paths.
 
@@ -181,6 +182,8 @@ def save_figures(
         Dots an inch: of a PNG, and of what is a picture in the others.
     close : bool
         Whether the figures are not wanted any more.
+    overwrite : bool
+        Whether files that are there are replaced.
     """
     formats = [choice("format", extension, FORMATS) for extension in ([format] if isinstance(format, str) else format)]
     positive("dpi", dpi)
@@ -189,7 +192,7 @@ def save_figures(
         figure = figure_of(plot)
         for extension in formats:
             paths.append(Path(folder) / f"{name}.{extension}")
-            with atomic_write(paths[-1]) as temporary_path, plt.rc_context(STYLE):
+            with atomic_write(paths[-1], overwrite) as temporary_path, plt.rc_context(STYLE):
                 figure.savefig(temporary_path, format=extension, dpi=dpi, metadata=_METADATA[extension])
     if close:
         close_figures(figures.values())

@@ -179,7 +179,7 @@ def _fetch_batch(source, ids, prefix):
     for number, (name, content) in enumerate(contents):
         suffix = ".fits" if content[:9] == b"SIMPLE  =" else ".csv" if name.lower().endswith(".csv") else ".vot"
         path = prefix.with_name(f"{prefix.name}-{number:05d}{suffix}")
-        with atomic_write(path) as temporary_path:
+        with atomic_write(path, overwrite=True) as temporary_path:
             temporary_path.write_bytes(content)
             received |= _sources_in(temporary_path, name, content, source.url)
             files[path.name] = digest(temporary_path)

@@ -134,7 +134,7 @@ def _answer(path, request, upload, patience, interval, max_bytes, overwrite, pro
     before = {"sha256": record["sha256"]} if path.exists() and "sha256" in record else {}
     _write(note, request | {"job": job} | before)
     _wait(job, positive("patience", patience), positive("interval", interval), progress)
-    with atomic_write(path) as temporary_path:
+    with atomic_write(path, overwrite) as temporary_path:
         _fetch(
             f"{job}/results/result",
             temporary_path,
@@ -462,5 +462,5 @@ def _read(path) -> dict[str, Any]:
 
 
 def _write(path, facts):
-    with atomic_write(path) as temporary_path:
+    with atomic_write(path, overwrite=True) as temporary_path:
         Path(temporary_path).write_text(json.dumps({"program": MARK} | facts, indent=1), encoding="utf-8")

@@ -4,6 +4,7 @@ import json
 import os
 import re
 from codecs import getincrementaldecoder
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing
 from typing import Any
@@ -12,6 +13,7 @@ import numpy as np
 
 from vsh.io.tables._source import FRAME_KEY, TableSource, plain_file
 from vsh.tools.errors import TableError, first_line
+from vsh.tools.files import check_size
 from vsh.tools.printing import printable
 from vsh.tools.types import PathName
 
@@ -57,6 +59,7 @@ def _open_one(arrow, path, label):
     except (arrow.ArrowException, OSError, ValueError, TypeError, MemoryError) as error:
         raise TableError(f"{label} cannot be read as Parquet: {first_line(error)}") from error
     _check_names(schema.names, label)
+    check_size(label, 8 * footer.num_rows * min(len(schema.names), _NEEDED), os.path.getsize(plain.name))
 
     def batches(names, rows):
         with opened(footer) as file:
@@ -191,8 +194,12 @@ def _arrow(label):
     return pyarrow, pyarrow.dataset
 
 
+#: Columns that a catalogue has at least.
+_NEEDED = 6
+
+
 def _check_names(names, label):
-    duplicates = sorted({name for name in names if names.count(name) > 1})
+    duplicates = sorted(name for name, count in Counter(names).items() if count > 1)
     if duplicates:
         raise TableError(f"{label}: several columns are called {', '.join(map(repr, duplicates))}")
 

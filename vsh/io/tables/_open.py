@@ -12,6 +12,7 @@ import shutil
 import zipfile
 from collections.abc import Iterator
 from dataclasses import replace
+from http.client import responses
 from importlib import import_module
 from pathlib import Path, PurePosixPath
 from typing import Any, NamedTuple
@@ -137,6 +138,21 @@ def _unreachable(label, error):
     )
 
 
+def _refused(place):
+    """The error of a web server that answers that it does not give a file; None where it gives it."""
+    if not str(place.address).startswith(("http://", "https://")):
+        return None
+    try:
+        place.filesystem.handler.fs.info(place.path)
+    except Exception as error:  # the library raises another error, from that with the status
+        status = getattr(error.__cause__ or error.__context__, "status", None)
+        if isinstance(status, int) and status >= 400:
+            name = responses.get(status, "no reason")
+            hint = "try again later" if status >= 500 else "look at the address"
+            return TableError(f"{place.label} cannot be read: the server answers {status} ({name}): {hint}")
+    return None
+
+
 def open_at(source: Any, open_file: Any, file_format: str | None = None) -> TableSource:
     """A table at an address; `open_file(path, label, kind)` opens a file that was fetched."""
     location = source if isinstance(source, Place) else place_of(source)
@@ -147,13 +163,16 @@ def open_at(source: Any, open_file: Any, file_format: str | None = None) -> Tabl
     (file,) = files
     file_format = file_format or _kind_of_store(file.path)
     if file_format == "parquet":
-        return open_parquet_at(file.filesystem, file.path, label)
+        try:
+            return open_parquet_at(file.filesystem, file.path, label)
+        except TableError as error:
+            raise (_refused(file) or error) from error
     copy = in_folder(PurePosixPath(file.path).name)
     try:
         with file.filesystem.open_input_stream(file.path, compression=None) as stream, open(copy.name, "wb") as output:
             shutil.copyfileobj(stream, output, 2**20)
     except Exception as error:  # whatever a server that dies makes of its library
-        raise _unreachable(label, error) from error
+        raise (_refused(file) or _unreachable(label, error)) from error
     table = open_file(Path(copy.name), label, file_format)
     return _keeping(table, copy)
 

@@ -20,6 +20,7 @@ import numpy as np
 
 from vsh.sky.frames import FRAME_KEY, FRAMES
 from vsh.tools.errors import TableError, first_line
+from vsh.tools.files import check_size
 from vsh.tools.notebook import InNotebook
 from vsh.tools.types import PathName, Table
 
@@ -81,7 +82,9 @@ def plain_file(path: PathName, label: str) -> Any:
     copy = in_folder(Path(path).stem)
     try:
         with unpacked(path, label) as stream, open(copy.name, "wb") as output:
-            shutil.copyfileobj(stream, output, 2**20)
+            while chunk := stream.read(2**20):
+                output.write(chunk)
+                check_size(label, output.tell(), os.path.getsize(path))
     except DAMAGE as error:
         if isinstance(error, TableError):
             raise
@@ -149,14 +152,15 @@ def number_twins(names: Sequence[str]) -> tuple[list[str], tuple[str, ...]]:
     (['ra', 'dec', 'ra_2'], ('ra',))
     """
     counts: dict[str, int] = {}
-    unique: list[str] = []
+    unique: dict[str, None] = {}
+    given = set(names)
     for name in names:
         counts[name] = counts.get(name, 0) + 1
         candidate, number = name, counts[name]
-        while candidate in unique or (candidate != name and candidate in names):
+        while candidate in unique or (candidate != name and candidate in given):
             candidate, number = f"{name}_{number}", number + 1
-        unique.append(candidate)
-    return unique, tuple(name for name, count in counts.items() if count > 1)
+        unique[candidate] = None
+    return list(unique), tuple(name for name, count in counts.items() if count > 1)
 
 
 def concatenate_sources(label: str, sources: Sequence[TableSource]) -> TableSource:
@@ -389,8 +393,8 @@ def open_whole(path: PathName, label: str, kind: str) -> TableSource:
     return replace(open_astropy(_with_degrees(table)), label=label)
 
 
-#: HDF5 declares at most so many times its size, and so many groups within each other.
-_PACKED, _DEEPEST = 1000, 20
+#: HDF5 has at most so many groups within each other.
+_DEEPEST = 20
 
 
 def _hdf5(path, label):
@@ -414,10 +418,10 @@ def _hdf5(path, label):
                     "(h5repack)"
                 )
             total += item.nbytes
-            if total > min(_LARGEST, max(_PACKED * size, 2**20)):
+            check_size(label, total, size)
+            if total > _LARGEST:
                 raise TableError(
-                    f"{label}: up to {name} it declares {total / 2**30:.3g} GiB, in a file of {size} bytes: HDF5 is "
-                    "read whole; make it FITS or Parquet"
+                    f"{label} has {total / 2**30:.3g} GiB, and HDF5 is read whole: make it FITS or Parquet"
                 )
             if item.dtype.names:
                 compound.append(name)
