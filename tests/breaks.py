@@ -156,7 +156,7 @@ BREAKS = [
     ("fit/frames/compare.py", "/ factor**2", "/ factor", "test_compare.py"),
     ("vsh/models/cosmology.py", "return np.sqrt(np.maximum(1 + curvature", "return np.sqrt(np.maximum(1 - curvature", "test_cosmology.py"),
     ("vsh/io/catalogue/_columns.py", "return _factor(name, unit, target, from_user)\n\n\n#: Words", "return 1.0\n\n\n#: Words", "test_units_of_all.py"),
-    ("vsh/tools/files.py", "if overwrite or not _linked(temporary_path, path):", "if True:", "test_gate.py"),
+    ("vsh/tools/files.py", "if overwrite or not _linked(temporary_path, path):\n            check_new(path, overwrite)", "if True:", "test_gate.py"),
     ("vsh/tools/files.py", "if path == source or path in source.parents", "if path in source.parents", "test_gate.py"),
     ("vsh/tools/files.py", "fcntl.LOCK_EX | fcntl.LOCK_NB", "fcntl.LOCK_SH | fcntl.LOCK_NB", "test_gate.py"),
     ("vsh/tools/files.py", "if machine != _MACHINE or", "if", "test_gate.py"),

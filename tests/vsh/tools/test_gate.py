@@ -66,11 +66,12 @@ def test_what_a_killed_run_left_is_cleared_by_the_next(tmp_path):
         "    (folder / 'half').write_text('')\n    os.kill(os.getpid(), 9)"
     )
     folder, path = tmp_path / "o", tmp_path / "x.txt"
-    subprocess.run([sys.executable, "-c", code, str(folder), str(path)], cwd=ROOT, check=False)
+    killed = subprocess.Popen([sys.executable, "-c", code, str(folder), str(path)], cwd=ROOT)
+    killed.wait()
     left = sorted(each.name for each in tmp_path.iterdir())
     assert len(left) == 2
     assert all(name.startswith(UNFINISHED) for name in left)
-    elsewhere = tmp_path / f"{UNFINISHED}00000000-1-abc-x.txt"
+    elsewhere = tmp_path / f"{UNFINISHED}00000000-{killed.pid}-abc-x.txt"
     elsewhere.write_text("")
     with atomic_folder(folder) as first, atomic_write(path):
         (first / "a").write_text("")
