@@ -12,18 +12,22 @@ import shlex
 import subprocess
 import sys
 import time
+import zipfile
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from astropy.table import Table
-from tap_server import serving
+from tap_server import posting, serving
+
+import sim
 
 ROOT = Path(__file__).resolve().parent.parent
 
 
 def lines(page: str) -> list[str]:
     """The commands of the page."""
-    return [line.strip() for line in page.splitlines() if re.match(r" {7,}vsh-", line)]
+    return [line.strip() for line in page.splitlines() if re.match(r" {4,}vsh-", line)]
 
 
 def run(line: str, more: list[str], folder: Path) -> tuple[float, float]:
@@ -47,6 +51,32 @@ def answer(table: Table, adql: str) -> bytes:
     return body.getvalue()
 
 
+#: Of so many sources the archive of the rehearsal has epochs.
+_WITH_EPOCHS = 60
+
+
+def epochs(table: Table) -> Table:
+    """Epochs of some sources as the archive has them: a row a transit, arrays of the CCDs, no reference position."""
+    rows = table[np.linspace(0, len(table) - 1, _WITH_EPOCHS).astype(int)]
+    population = sim.quasars(_WITH_EPOCHS, 1)
+    lon, lat = (np.radians(np.asarray(rows[name])) for name in ("ra", "dec"))
+    seen = sim.epochs(replace(population, lon=lon, lat=lat), sim.acceleration((-0.3, -4.4, -2.3)), 2, complete=True)
+    seen["source_id"] = np.asarray(rows["source_id"])[np.asarray(seen["source_id"]) - 1]
+    seen.remove_columns(["ra0", "dec0"])
+    return seen
+
+
+def sent(seen: Table, form: dict[str, str]) -> tuple[int, bytes]:
+    """The answer of DataLink: a zip archive with one VOTable of the sources that were asked for."""
+    if form["DATA_STRUCTURE"] != "DATAMODEL_GAIA":
+        return 500, b"Invalid Data Structure parameter: valid ones are: DATAMODEL_GAIA"
+    table, body = io.BytesIO(), io.BytesIO()
+    seen[np.isin(seen["source_id"], np.array(form["ID"].split(","), int))].write(table, format="votable")
+    with zipfile.ZipFile(body, "w") as archive:
+        archive.writestr("EPOCH_ASTROMETRY-Gaia DR4.xml", table.getvalue())
+    return 200, body.getvalue()
+
+
 def day(folder: Path, number: int | None) -> list[tuple[str, float, float]]:
     """All of it in a folder; returns the command, the real and the CPU time of each."""
     page = (ROOT / "docs" / "dr4.md").read_text(encoding="utf-8")
@@ -57,6 +87,10 @@ def day(folder: Path, number: int | None) -> list[tuple[str, float, float]]:
             more += [] if number is None else ["--number", str(number)]
         if "--check" in line:
             with serving(b"") as (url, _):
+                done.append((line, *run(line, ["--url", url], folder)))
+        elif line.startswith("vsh-archive epochs"):
+            seen = epochs(Table.read(folder / "qso4.fits"))
+            with posting(lambda _, form, seen=seen: sent(seen, form)) as (url, _):
                 done.append((line, *run(line, ["--url", url], folder)))
         elif line.startswith("vsh-archive"):
             published = folder / "published.fits"

@@ -149,3 +149,31 @@ def serving(table):
     finally:
         server.shutdown()
         server.server_close()
+
+
+@contextmanager
+def posting(reply):
+    """The address of a server that gives `reply(path, form)`, a (status, body), and what it was asked."""
+    asked = []
+
+    class Posted(BaseHTTPRequestHandler):
+        def log_message(self, *_):
+            pass
+
+        def do_POST(self):
+            text = self.rfile.read(int(self.headers.get("Content-Length") or 0)).decode()
+            form = dict(urllib.parse.parse_qsl(text))
+            asked.append((self.path, form))
+            status, body = reply(self.path, form)
+            self.send_response(status)
+            self.send_header("Content-Length", str(len(body)))
+            self.end_headers()
+            self.wfile.write(body)
+
+    server = ThreadingHTTPServer(("127.0.0.1", 0), Posted)
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    try:
+        yield f"http://127.0.0.1:{server.server_port}", asked
+    finally:
+        server.shutdown()
+        server.server_close()

@@ -20,7 +20,7 @@ import numpy as np
 
 from fit.in_time._solution import Functions, TimeSolution
 from vsh.basis import harmonics
-from vsh.io.epochs import COLOUR_PRIOR, Observations, epoch_files, read_observations
+from vsh.io.epochs import COLOUR_PRIOR, Observations, iterate_observations
 from vsh.modes import Modes, as_modes
 from vsh.tools import arguments
 from vsh.tools.errors import DegeneracyError, EmptyFieldError, ModesError, ParameterError, TableError
@@ -196,8 +196,7 @@ def _iterate_chunks(observations: Any) -> Iterator[Observations]:
     if isinstance(observations, Observations):
         yield observations
     elif isinstance(observations, str | Path):
-        for path in epoch_files(observations):
-            yield read_observations(path).by_transit()
+        yield from iterate_observations(observations)
     elif isinstance(observations, Iterable):
         for entry in observations:
             yield from _iterate_chunks(entry)

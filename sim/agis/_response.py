@@ -171,7 +171,7 @@ class Response(InNotebook):
         return ("warning: no basic angle is calibrated; where one was, it absorbs more, and limits are too low",)
 
     def save(self, path: PathName, overwrite: bool = False) -> None:
-        """Write what was factored to `path`, an NPZ file of 8 (60 nside²)² bytes, for `read`; `overwrite` replaces one."""
+        """Write what was factored to `path`, NPZ of 8 (60 nside²)² bytes, for `read`; `overwrite` replaces it."""
         arrays = {"factor": self._factorise()[0], "weights": self.weights, "steps": np.array(len(self._time))}
         calibration = self.calibration
         numbers = () if calibration is None else (calibration.order, calibration.days, calibration.known)

@@ -112,7 +112,7 @@ def _run(options):
     from fit.waves import search_in_time
 
     files = vsh.io.epochs.epoch_files(options.epochs)
-    chunks = [vsh.io.epochs.read_observations(path, positions=options.positions).by_transit() for path in files]
+    chunks = list(vsh.io.epochs.iterate_observations(options.epochs, positions=options.positions))
     span = float(min(each.time.min() for each in chunks)), float(max(each.time.max() for each in chunks))
     attitude, notes, is_far = ("known", [], False) if options.attitude == "known" else _response(chunks, span, options)
     search = search_in_time(

@@ -23,6 +23,7 @@ from vsh.classes import Classes
 from vsh.field import Field
 from vsh.models.cosmology import CMB_VELOCITY_PLANCK18, with_redshift
 from vsh.tools.errors import DegeneracyError, VshError
+from vsh.tools.parallel import progress_bar
 from vsh.tools.printing import in_a_line
 from vsh.tools.types import Rng
 
@@ -49,7 +50,7 @@ def checks(quasars: Quasars, headline: Headline, rng: Rng = 1, earlier: Field | 
     ]  # fmt: skip
     if earlier is not None:
         questions.append(("earlier", "the same in an earlier release", partial(_earlier, quasars, earlier, rng)))
-    return [_answer_question(*question) for question in questions]
+    return [_answer_question(*question) for question in progress_bar(questions, words="checks", unit="check")]
 
 
 def _answer_question(key, question, act):
@@ -465,7 +466,7 @@ _ANALYSES = (
 def sections(quasars: Quasars, headline: Headline, rng: Rng) -> list[Analysis]:
     """All of them; one that cannot be done says why."""
     analyses, inputs = [], SectionInput(quasars, headline, rng)
-    for key, title, act in _ANALYSES:
+    for key, title, act in progress_bar(_ANALYSES, words="published analyses", unit="analysis"):
         try:
             contents = act(inputs)
         except VshError as error:

@@ -6,11 +6,17 @@ from vsh.io.epochs._solve import COLOUR_PRIOR, FiveParameters, design_row, downw
 from vsh.tools.modules import lazily
 
 if TYPE_CHECKING:
-    from vsh.io.epochs._observations import Observations, epoch_files, read_epochs, read_observations
+    from vsh.io.epochs._observations import (
+        Observations,
+        epoch_files,
+        iterate_observations,
+        read_epochs,
+        read_observations,
+    )
 
-__all__ = ["FiveParameters", "Observations", "epoch_files", "read_epochs", "read_observations", "solve_epochs"]
+_LATER = ["Observations", "epoch_files", "iterate_observations", "read_epochs", "read_observations"]
+__all__ = ["FiveParameters", "Observations", "epoch_files", "iterate_observations", "read_epochs", "read_observations",
+           "solve_epochs"]  # fmt: skip
 
 # Imported when first asked for: astropy comes with it.
-__getattr__, __dir__ = lazily(
-    __name__, __all__, {"_observations": ["Observations", "epoch_files", "read_epochs", "read_observations"]}
-)
+__getattr__, __dir__ = lazily(__name__, __all__, {"_observations": _LATER})

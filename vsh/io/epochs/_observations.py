@@ -11,7 +11,7 @@ the preceding one again.
 
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -370,6 +370,34 @@ def epoch_files(path: PathName) -> list[Path]:
     """
     location = Path(path)
     return tables.files_of(location) if location.is_dir() else [location]
+
+
+def iterate_observations(path: PathName, *, positions: Any = None) -> Iterator["Observations"]:
+    """Read the observations of the files at a path, one file after the other, by transit.
+
+    A batch of the archive may hold no observation that can be used; it is passed over.
+
+    Parameters
+    ----------
+    path : str or Path
+        A file or a folder.
+    positions : str, Path or table, optional
+        As for `read_epochs`.
+
+    Raises
+    ------
+    EmptyFieldError
+        If no file holds an observation that can be used.
+    """
+    empty = None
+    files = epoch_files(path)
+    for file in files:
+        try:
+            yield read_observations(file, positions=positions).by_transit()
+        except EmptyFieldError as error:
+            empty = [*(empty or ()), error]
+    if empty and len(empty) == len(files):
+        raise empty[0]
 
 
 def read_observations(

@@ -2,15 +2,12 @@
 
 import io
 import json
-import threading
-import urllib.parse
 import zipfile
-from contextlib import contextmanager
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 import numpy as np
 import pytest
 from astropy.table import Table
+from tap_server import posting as serving
 
 import sim
 from vsh.commands.archive import main
@@ -20,34 +17,6 @@ from vsh.io.epochs import epoch_files, read_observations
 from vsh.tools.errors import ArchiveError
 
 QUASARS = 7
-
-
-@contextmanager
-def serving(reply):
-    """The address of a server that gives `reply(path, form)`, a (status, body), and what it was asked."""
-    asked = []
-
-    class Handler(BaseHTTPRequestHandler):
-        def log_message(self, *_):
-            pass
-
-        def do_POST(self):
-            text = self.rfile.read(int(self.headers.get("Content-Length") or 0)).decode()
-            form = dict(urllib.parse.parse_qsl(text))
-            asked.append((self.path, form))
-            status, body = reply(self.path, form)
-            self.send_response(status)
-            self.send_header("Content-Length", str(len(body)))
-            self.end_headers()
-            self.wfile.write(body)
-
-    server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
-    threading.Thread(target=server.serve_forever, daemon=True).start()
-    try:
-        yield f"http://127.0.0.1:{server.server_port}", asked
-    finally:
-        server.shutdown()
-        server.server_close()
 
 
 def columns_of(*changed):

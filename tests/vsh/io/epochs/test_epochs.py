@@ -10,7 +10,7 @@ from astropy.table import Table
 from conftest import real_catalogue as real
 
 import sim
-from vsh.io.epochs import design_row, downweight, read_epochs, read_observations, solve_epochs
+from vsh.io.epochs import design_row, downweight, iterate_observations, read_epochs, read_observations, solve_epochs
 from vsh.tools.errors import EmptyFieldError, FieldError, ParameterError, TableError
 
 
@@ -318,6 +318,16 @@ def test_observations_that_are_not_used_are_counted(transits):
     assert "not used by AGIS: 90" in note
     assert "without a position, an error or a time: 1" in note
     assert not np.array_equal(field.motion, read_epochs(transits).motion)
+
+
+def test_a_batch_without_observations_is_passed_over(transits, tmp_path):
+    """The archive has epochs of a few sources of a list: a batch of none ended vsh-waves."""
+    transits[:0].write(tmp_path / "a.vot", format="votable")
+    with pytest.raises(EmptyFieldError, match="no observation can be used"):
+        list(iterate_observations(tmp_path))
+    transits.write(tmp_path / "b.vot", format="votable")
+    (found,) = iterate_observations(tmp_path)
+    assert len(found.time) == len(read_observations(transits).by_transit().time)
 
 
 def test_epochs_that_cannot_be_solved(transits):
