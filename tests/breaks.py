@@ -407,4 +407,5 @@ BREAKS = [
     ("study/forecast/_forecast.py", "if survey.floor else", "if True else", "test_surveys.py"),
     ("fit/pairs/_correlation.py", "if not np.isfinite(covariance).all():", "if False:", "test_pairs.py"),
     ("vsh/io/tables/_open.py", "    if keys:", "    if False:", "test_several_tables.py"),
+    ("fit/motions/stars.py", "    if power is None:", "    if False:", "test_stars.py"),
 ]  # fmt: skip

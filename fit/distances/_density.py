@@ -381,7 +381,9 @@ class MeasuredInverseDistances(NamedTuple):
     n_parallaxes: int
 
 
-def inverse_distances_from_measurements(field: Field, length: float | None = None) -> MeasuredInverseDistances:
+def inverse_distances_from_measurements(
+    field: Field, length: float | None = None, power: float = 2.0
+) -> MeasuredInverseDistances:
     """Mean and variance of the inverse distances of a field with distances, or parallaxes.
 
     Parameters
@@ -390,6 +392,8 @@ def inverse_distances_from_measurements(field: Field, length: float | None = Non
         With a distance or a parallax for every source, and their errors; where both are known, the distance counts.
     length : float, optional
         Scale length L of the density of sources; that of greatest likelihood unless given. [Mpc]
+    power : float
+        κ of the density of sources, d^κ exp(−d/L): 2 in a ball, 1 in a thin disc.
 
     Raises
     ------
@@ -418,16 +422,16 @@ def inverse_distances_from_measurements(field: Field, length: float | None = Non
         assert field.parallax_error is not None
         data[of_parallax] = 1000 * field.parallax[of_parallax]  # 1 mas is 1000 per Mpc
         error[of_parallax] = 1000 * field.parallax_error[of_parallax]
-    length = _length(data, error, of_parallax) if length is None else float(length)
+    length = _length(data, error, of_parallax, power) if length is None else float(length)
 
     def block(chunk):
-        return _moments(data[chunk], error[chunk], of_parallax[chunk], length)[:2]
+        return _moments(data[chunk], error[chunk], of_parallax[chunk], length, power)[:2]
 
     mean, variance = np.concatenate(list(map_blocks(block, len(field), _BLOCK)), axis=1)
     return MeasuredInverseDistances(mean, variance, length, int(of_parallax.sum()))
 
 
-def _moments(data, error, of_parallax, length):
+def _moments(data, error, of_parallax, length, power):
     """Mean and variance of the rate, and the logarithm of the density of the data, (3, n)."""
     is_precise = np.where(of_parallax, data > _SURE * error, True)
     step = _REACH * error
@@ -442,25 +446,25 @@ def _moments(data, error, of_parallax, length):
         distance = np.where(is_precise, np.where(of_parallax, 1 / nodes, nodes), np.exp(nodes))
         jacobian = np.where(is_precise, np.where(of_parallax, 2 * np.log(distance), 0.0), nodes)  # ln |dd/dnode|
         prediction = np.where(of_parallax, 1 / distance, distance)
-    log = 2 * np.log(distance) - distance / length - ((prediction - data) / error) ** 2 / 2 + jacobian
+    log = power * np.log(distance) - distance / length - ((prediction - data) / error) ** 2 / 2 + jacobian
     peak = log.max(0)
     weight = np.exp(log - peak) * _WEIGHTS[:, None]
     total = weight.sum(0)
     rate = 1 / (distance * AU_PER_YEAR)
     mean = (weight * rate).sum(0) / total
     variance = (weight * (rate - mean) ** 2).sum(0) / total
-    # d² exp(−d/L)/(2 L³) is the density; the rest does not depend on L.
-    return np.stack([mean, variance, np.log(total * (upper - lower) / 2) + peak - 3 * np.log(length)])
+    # d^κ exp(−d/L)/(Γ(κ + 1) L^(κ + 1)) is the density; the rest does not depend on L.
+    return np.stack([mean, variance, np.log(total * (upper - lower) / 2) + peak - (power + 1) * np.log(length)])
 
 
-def _length(data, error, of_parallax):
+def _length(data, error, of_parallax, power):
     """The scale length of greatest likelihood, by golden sections in its logarithm."""
     selection = select_share(_SOURCES / len(data), data, error)
     data, error, of_parallax = data[selection], error[selection], of_parallax[selection]
     typical = np.where(of_parallax, 1 / np.maximum(data, error), data)
 
     def minus(log_length):
-        return -_moments(data, error, of_parallax, np.exp(log_length))[2].sum()
+        return -_moments(data, error, of_parallax, np.exp(log_length), power)[2].sum()
 
     grid = np.log(np.median(typical) / 3) + np.linspace(-4, 4, 33)
     best = int(np.argmin([minus(point) for point in grid]))

@@ -23,7 +23,7 @@ from vsh.io import tables
 from vsh.io.sections import Section
 from vsh.sky.sphere import triad
 from vsh.tools import arguments
-from vsh.tools.arguments import choice, not_negative
+from vsh.tools.arguments import choice, not_negative, positive
 from vsh.tools.errors import DegeneracyError, ParameterError
 from vsh.tools.types import FloatArray
 from vsh.tools.units import AU_PER_YEAR, SPEED_OF_LIGHT
@@ -55,7 +55,8 @@ class Kinematics(NamedSolution):
         v_x, v_y, v_z [km/s]; with a gradient also w_x, w_y, w_z, A, C, K, S_xz, S_yz [km/s/kpc].
     values : (p,) array
     covariance : (p, p) array
-        From the scatter of the sources about the model, source by source.
+        From the scatter of the sources about the model, source by source, and from what another density of the sources
+        would change.
     chi2 : float
         For the dispersion that was found.
     n_data : int
@@ -65,6 +66,8 @@ class Kinematics(NamedSolution):
         Dispersion of the velocities about the model, in each component. [km/s]
     length : float
         Scale length of the density of sources, by which distances were inverted. [kpc]
+    power : float
+        Power of that density.
 
     Examples
     --------
@@ -80,6 +83,7 @@ class Kinematics(NamedSolution):
 
     dispersion: float = np.nan
     length: float = np.nan
+    power: float = 2.0
 
     @property
     def velocity(self) -> Vector:
@@ -113,7 +117,7 @@ class Kinematics(NamedSolution):
 
     def model(self, field: Field) -> FloatArray:
         """The motions of the model at the sources of a `field` with distances or parallaxes, (2, n). [µas/yr]"""
-        rates = inverse_distances_from_measurements(field, self.length / 1000)
+        rates = inverse_distances_from_measurements(field, self.length / 1000, self.power)
         return np.tensordot(self.values, _design(field, rates.mean, "A" in self.names), 1)
 
     def _sections(self, long):
@@ -142,6 +146,7 @@ def kinematics(
     gradient: bool = True,
     dispersion: float | Literal["free"] = "free",
     length: float | None = None,
+    power: float | None = None,
     frame: str = "galactic",
 ) -> Kinematics:
     """The Sun's motion and Oort's constants from proper motions at known distances.
@@ -157,7 +162,10 @@ def kinematics(
         Dispersion of the sources' velocities about that, in each component, that of greatest (restricted) likelihood
         unless given. [km/s]
     length : float, optional
-        Scale length of the density of sources, d² exp(−d/L); that of greatest likelihood unless given. [Mpc]
+        Scale length of the density of sources, d^κ exp(−d/L); that of greatest likelihood unless given. [Mpc]
+    power : float, optional
+        κ of that density, if it is known: 2 of sources in a ball about us, 1 of those in a thin disc. Unless given, 2,
+        and what one more or less would change at the same L is added to the errors.
     frame : {"galactic", "icrs", "ecliptic"}
         Axes of the result; Oort's constants are defined in Galactic ones.
 
@@ -171,8 +179,8 @@ def kinematics(
     Notes
     -----
     Errors are from the scatter of the sources (a sandwich, HC3), so they also hold where velocities scatter more along
-    one axis than another, or with distance; not where groups of sources move together. Stars that are not the same
-    in all directions and depths also see the curvature of the rotation: A and B are then means over their volume.
+    one axis than another, or with distance; not where groups of sources move together. Stars that are not the same in
+    all directions and depths also see the curvature of the rotation: A and B are then means over their volume.
 
     References
     ----------
@@ -192,44 +200,50 @@ def kinematics(
     """
     choice("frame", frame, ("galactic", "icrs", "ecliptic"))
     field = field.to_frame(frame)
-    rates = inverse_distances_from_measurements(field, length)
     names = (*_V, *_GRADIENT) if gradient else _V
-    design = _design(field, rates.mean, gradient)
     if 2 * len(field) <= len(names):
         raise DegeneracyError(f"{len(field)} sources cannot determine {len(names)} parameters")
-    errors = _errors(field)
-    model = np.zeros((2, len(field)))
     is_free = isinstance(dispersion, str)
     if is_free and dispersion != "free":
         raise ParameterError(f"a dispersion is a number [km/s], or 'free', not {dispersion!r}")
-    velocity_dispersion = 0.0 if is_free else not_negative("dispersion", dispersion)
+    kappa = 2.0 if power is None else positive("power", power)
+    rates = inverse_distances_from_measurements(field, length, kappa)
+    values, velocity_dispersion, (design, weights, normal) = _solve(
+        field, rates, names, None if is_free else not_negative("dispersion", dispersion)
+    )
+    covariance, chi2 = _sandwich(design, field.motion, values, weights, normal)
+    if power is None:  # cuts change the slope of the density, too
+        more, less = (
+            _solve(field, inverse_distances_from_measurements(field, rates.length, each), names, velocity_dispersion)[0]
+            for each in (kappa + 1, kappa - 1)
+        )
+        covariance += np.multiply.outer(more - less, more - less) / 4
+    notes = [*field.notes]
+    if rates.n_parallaxes:
+        thinning = f"sources that thin out with d^{kappa:g} exp(−d/{1000 * rates.length:.3g} kpc)"
+        notes.append(f"{rates.n_parallaxes} distances by parallax, for {thinning}; power= takes another law")
+    return Kinematics(
+        names, values, covariance, chi2, 2 * len(field), frame, tuple(notes),
+        dispersion=float(velocity_dispersion), length=1000 * rates.length, power=kappa,
+    )  # fmt: skip
+
+
+def _solve(field, rates, names, dispersion):
+    """The parameters, the dispersion (of greatest likelihood where it is None), and the matrices they came from."""
+    design, errors = _design(field, rates.mean, len(names) > len(_V)), _errors(field)
+    model, is_free = np.zeros((2, len(field))), dispersion is None
     for _ in range(4):  # what an unsure distance adds depends on the velocity
         across = model / np.where(rates.mean > 0, rates.mean, 1.0)
         error_covariance = errors + rates.variance * np.stack([across[0] ** 2, across[1] ** 2, across[0] * across[1]])
         if is_free:
             _check(_normal_equations(design, field.motion, _weights(error_covariance, 0.0, rates)[0])[0], names)
-            velocity_dispersion = _dispersion(design, field.motion, error_covariance, rates)
-        weights, _ = _weights(error_covariance, velocity_dispersion, rates)
+            dispersion = _dispersion(design, field.motion, error_covariance, rates)
+        weights, _ = _weights(error_covariance, dispersion, rates)
         normal, rhs = _normal_equations(design, field.motion, weights)
         _check(normal, names)
         values = np.linalg.solve(normal, rhs)
         model = np.tensordot(values[:3], design[:3], 1)
-    covariance, chi2 = _sandwich(design, field.motion, values, weights, normal)
-    notes = [*field.notes]
-    if rates.n_parallaxes:
-        thinning = f"sources that thin out with exp(−d/{1000 * rates.length:.3g} kpc)"
-        notes.append(f"{rates.n_parallaxes} distances by parallax, for {thinning}")
-    return Kinematics(
-        names,
-        values,
-        covariance,
-        chi2,
-        2 * len(field),
-        frame,
-        tuple(notes),
-        float(velocity_dispersion),
-        1000 * rates.length,
-    )
+    return values, dispersion, (design, weights, normal)
 
 
 def _design(field, rate, gradient):

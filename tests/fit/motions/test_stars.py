@@ -1,5 +1,7 @@
 """The Sun's motion and Oort's constants from stars and clusters at known distances."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from conftest import few_or_many
@@ -84,7 +86,7 @@ def test_parallaxes_of_small_signal_do_not_bias(n_skies):
         field = stars(np.random.default_rng(seed), 4000, length=0.7, sigma_plx=0.25)
         assert np.mean(field.parallax < 3 * field.parallax_error) > 0.5
         assert (field.parallax <= 0).any()
-        solution = fit.kinematics(field, gradient=False)
+        solution = fit.kinematics(field, gradient=False, power=2.0)
         pulls.append((solution.values - SUN) / solution.sigma)
         assert solution.length == pytest.approx(0.7, rel=0.15)
         assert any("distances by parallax" in note for note in solution.notes)
@@ -134,16 +136,39 @@ def test_rates_of_sure_distances_are_their_inverse():
 
 
 @pytest.mark.parametrize("signal", [0.5, 2.0, 5.9, 6.1, 30.0])
-def test_rates_of_parallaxes_against_a_fine_sum(signal):
+@pytest.mark.parametrize("power", [1.0, 2.0])
+def test_rates_of_parallaxes_against_a_fine_sum(signal, power):
     d = np.geomspace(1e-5, 1e-1, 400_001)  # Mpc
     plx, error, length = 1.0, 1.0 / signal, 0.5e-3
-    weight = d**3 * np.exp(-d / length - (((1e-3 / d - plx) / error) ** 2) / 2)
+    weight = d ** (power + 1) * np.exp(-d / length - (((1e-3 / d - plx) / error) ** 2) / 2)
     rate = 1 / (AU_PER_YEAR * d)
     mean = np.sum(weight * rate) / weight.sum()
     field = Field([0.1], [0.2], [[1.0], [1.0]], [[1.0], [1.0]], parallax=[plx], parallax_error=[error])
-    rates = inverse_distances_from_measurements(field, length)
+    rates = inverse_distances_from_measurements(field, length, power)
     assert rates.mean[0] == pytest.approx(mean, rel=1e-5)
     assert rates.variance[0] == pytest.approx(np.sum(weight * (rate - mean) ** 2) / weight.sum(), rel=1e-4)
+
+
+def test_errors_have_what_another_density_would_change():
+    """Of a disc taken for a ball the velocity was off by more than its error."""
+    rng, n = np.random.default_rng(4), 6000
+    radius, angle = 2.5e-3 * np.sqrt(rng.random(n)), rng.uniform(0, 2 * np.pi, n)
+    place = np.array([radius * np.cos(angle), radius * np.sin(angle), rng.laplace(0, 1.5e-4, n)])
+    d = np.linalg.norm(place, axis=0)
+    lon, lat = np.arctan2(place[1], place[0]) % (2 * np.pi), np.arcsin(place[2] / d)
+    velocity = np.array([30.0, 40.0, 20.0])
+    p, q, _ = triad(lon, lat)
+    across = np.stack([np.sum(each * (10 * rng.normal(size=(3, n)) - velocity[:, None]), 0) for each in (p, q)])
+    measured = np.abs(d * (1 + 0.15 * rng.normal(size=n)))
+    field = Field(lon, lat, across / (AU_PER_YEAR * d), np.full((2, n), 1.0), frame="galactic",
+                  distance=measured, distance_error=0.15 * d)  # fmt: skip
+    found, ball = (fit.kinematics(field, gradient=False, power=power) for power in (None, 2.0))
+    assert np.max(np.abs(ball.values - velocity) / ball.sigma) > 3
+    assert np.max(np.abs(found.values - velocity) / found.sigma) < 2.5
+    np.testing.assert_array_equal(found.values, ball.values)
+    exact = replace(field, distance=d, distance_error=1e-4 * d)
+    sure = [fit.kinematics(exact, gradient=False, power=power).sigma for power in (None, 2.0)]
+    np.testing.assert_allclose(*sure, rtol=1e-4)
 
 
 def test_messages_name_the_error():
