@@ -264,14 +264,14 @@ def answer_of(solution: Any) -> Answer:
     if factor > _WRONG:
         text = f"no result: residuals are {factor:.3g} times the errors. Are both in the units that were assumed?"
         return Answer((("acceleration", text),))
-    if solution.covariance_dof < FEWEST_DOF:
-        text = f"no result: {_origin_of(solution)} are too few for the errors of a vector"
-        return Answer((("acceleration", text),))
     if TOO_LITTLE_SCATTER in codes_of(solution.notes):
         text = "no result: residuals are far below the errors. Are both in the units that were assumed?"
         return Answer((("acceleration", text),))
     if ERRORS_TOO_SMALL in codes_of(solution.notes) and not solution.is_recommended:
         text = "no result: the quoted errors say too little of the scatter. To quote: fit.recommended (no --method)"
+        return Answer((("acceleration", text),))
+    if solution.covariance_dof < FEWEST_DOF:
+        text = f"no result: {_origin_of(solution)} are too few for the errors of a vector"
         return Answer((("acceleration", text),))
     errors = ("errors" if solution.is_recommended else "this fit", _errors(solution))
     lines = [
