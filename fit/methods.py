@@ -341,8 +341,8 @@ def _student(field, lmax, value, rng):
     return _plain("student", _without_errors(weights.solution), field, 0, weights)
 
 
-#: Degrees of freedom that the scores of a robust fit must have for its errors to be those of the sources, and where many
-#: of the quoted errors are too small.
+#: Degrees of freedom that the scores of a robust fit must have for its errors to be those of the sources; and the same
+#: where many quoted errors are too small.
 _SURE, _DOUBTFUL = 7, 100
 
 
@@ -350,7 +350,7 @@ def _without_errors(solution):
     """The same without errors where a few sources decide the fit: nothing could contradict them."""
     if solution.covariance_dof >= (_DOUBTFUL if ERRORS_TOO_SMALL in codes_of(solution.notes) else _SURE):
         return solution
-    text = "warning: few sources decide this fit, so that it has no errors: fit.recommended adds a noise to those quoted"
+    text = "warning: few sources decide this fit, and it has no errors: fit.recommended adds a noise to those quoted"
     return replace(solution, covariance_dof=0.0, notes=(*solution.notes, CodedNote(text, ERRORS_TOO_SMALL)))
 
 

@@ -97,8 +97,8 @@ def make_parser() -> argparse.ArgumentParser:
     distances("--n-modes N", "number of modes of the flow", parsing.count(3), 250)
     distances(
         "--local-group",
-        "use the velocity of the real Local Group as a constraint on the flow at our position, for H0 (the default for "
-        "real catalogues with flows)",
+        "use the velocity of the real Local Group as a constraint on the flow at our position, for H0 and "
+        "the posterior (the default for real catalogues with flows)",
     )
     distances("--no-local-group", "fit H0 without it: too low by about its error where we move with the flow")
     distances(
@@ -209,11 +209,12 @@ def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
     for name in ("flows", "local_group", "reconstruction", "flow_amplitude"):
         if getattr(options, name) and options.no_flows:
             parser.error(f"--{name.replace('_', '-')} does not go with --no-flows")
+    if options.local_group and not (options.velocity or options.posterior):
+        parser.error("--local-group is for H0 and the posterior: --velocity or --posterior")
     if options.local_group and options.no_local_group:
         parser.error("--local-group does not go with --no-local-group")
     for name, needs in (
         ("flow_amplitude", "posterior"),
-        ("local_group", "velocity"),
         ("h0_range", "posterior"),
         ("peculiar_dispersion_max", "posterior"),
         ("h0_error", "posterior"),
@@ -484,15 +485,13 @@ def _with_distances(sky, options, model, label):
 
 def _estimates(field, options, model, velocity, is_simulated):
     """Our velocity for a known H0, and H0 for a known velocity, by least squares."""
-    from fit.distances import declared_frame
     from fit.secular_parallax import hubble_constant, observer_velocity
 
     estimates: dict[str, Any] = {}
     if options.h0:
         estimates["velocity"] = observer_velocity(field, options.h0, **model)
     if options.velocity:
-        simulated = is_simulated or (options.redshift_frame or declared_frame(field)) == "true"
-        group = options.local_group or not (options.no_local_group or options.no_flows or simulated)
+        group = _takes_group(field, options, is_simulated)
         try:
             estimates["hubble"] = hubble_constant(field, velocity, local_group=group, **model)
         except ParameterError:
@@ -501,6 +500,14 @@ def _estimates(field, options, model, velocity, is_simulated):
             # By default, where galaxies are too far for a flow.
             estimates["hubble"] = hubble_constant(field, velocity, **model)
     return estimates
+
+
+def _takes_group(field, options, is_simulated):
+    """Whether the motion of the Local Group tells the flow where we are: of real galaxies, unless asked not to."""
+    from fit.distances import declared_frame
+
+    simulated = is_simulated or (options.redshift_frame or declared_frame(field)) == "true"
+    return options.local_group or not (options.no_local_group or options.no_flows or simulated)
 
 
 def _estimate_part(name, estimate, label, truth, has_posterior):
@@ -532,6 +539,7 @@ def _posterior(field, options, model, prior, truth):
     hubble: Any = Normal(options.h0, options.h0_error) if options.h0 and options.h0_error else "flat"
     if options.h0_range:
         hubble = Flat(*options.h0_range)
+    group = _takes_group(field, options, bool(truth)) and not options.flow_amplitude
     if options.flow_amplitude:
         model = model | {"flow_amplitude": Normal(options.flow_amplitude[0], options.flow_amplitude[1], low=0.0)}
     widest = options.peculiar_dispersion_max or (
@@ -544,17 +552,16 @@ def _posterior(field, options, model, prior, truth):
         prior = vsh.Vector.from_spherical(
             prior.amplitude, l, b, (1e-3 * prior.amplitude, 1e-3, 1e-3), "galactic", "km/s"
         )
-    posterior = sample(
-        field,
-        prior,
-        hubble,
-        method=options.method or "emcee",
-        n_samples=options.n_samples,
-        rng=options.seed,
-        checkpoint=options.checkpoint,
-        threads=options.threads,
-        **model,
-    )
+    drawn = partial(
+        sample, field, prior, hubble, method=options.method or "emcee", n_samples=options.n_samples, rng=options.seed,
+        checkpoint=options.checkpoint, threads=options.threads, **model,
+    )  # fmt: skip
+    try:
+        posterior = drawn(local_group=group)
+    except ParameterError:
+        if options.local_group or not group:
+            raise
+        posterior = drawn()  # by default, where galaxies are too far for a flow
 
     truths = _truths(truth, posterior)
 

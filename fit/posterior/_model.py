@@ -32,6 +32,7 @@ from fit.sampling import Axis, Prior
 from fit.secular_parallax import (
     OMEGA,
     A,
+    LocalGroup,
     ParallaxEquations,
     ParallaxParts,
     ParallaxSums,
@@ -84,6 +85,7 @@ class TabulatedDensity:
     spin: Literal["free"] | Vector | None
     acceleration: Vector | None
     threads: int | None
+    group: LocalGroup | None = None
 
     def at(self, s: FloatArray, x: FloatArray, q: FloatArray) -> FloatArray:
         """The functions, (28, n), at n points: `marginalise` of the sums, flow and acceleration as they are known."""
@@ -96,7 +98,11 @@ class TabulatedDensity:
             pair_sums = ParallaxSums(
                 sums.matrix[pair], sums.rhs[pair], sums.chi2_null[pair], sums.logdet[pair], sums.n_data
             )
-            marginal, _ = without_flow(with_flow(pair_sums, 9, size), 9)
+            if self.group is None:
+                pair_sums = with_flow(pair_sums, 9, size)
+            else:  # the amplitudes stand for H_ref, and their mean goes with H0
+                pair_sums = self.group.added(with_flow(pair_sums, 9, 1.0), 9, 1.0, None, size)
+            marginal, _ = without_flow(pair_sums, 9)
             terms.append(marginalise(marginal, self.spin, self.rows.frame))
         return np.stack(terms, axis=1)
 
@@ -109,6 +115,7 @@ def compress_likelihood(
     *,
     flow: tuple[float, float] = (1.0, 1.0),
     acceleration: Vector | None = None,
+    group: LocalGroup | None = None,
     accuracy: float = 1e-5,
     threads: int | None = None,
 ) -> CompressedLikelihood:
@@ -117,7 +124,7 @@ def compress_likelihood(
     noise = float(np.sqrt(rows.smallest_variance))
     limits = ((spread, scale), (excess_noise, noise), (flow, flow[1]))
     axes = [Axis(*pair, size, 1 if pair[0] == pair[1] else 12) for pair, size in limits]
-    density = TabulatedDensity(rows, spin, acceleration, threads)
+    density = TabulatedDensity(rows, spin, acceleration, threads, group)
     _check(rows, spread[1], excess_noise[1], spin, threads)
     for i in range(3):  # each axis along the sharp edge of the others
         edge = [Axis(axis.low, axis.low, axis.scale, 1) for axis in axes]
@@ -263,6 +270,7 @@ class ParallaxModel:
         excess_noise = np.broadcast_to(columns.get("excess_noise", self.priors.excess_noise), ratio.shape)
         # Without a prior the flow's amplitude stands for H_ref and weighs only; with one it tells H0.
         flow = columns["flow_amplitude"] * ratio if "flow_amplitude" in columns else np.ones(ratio.shape)
+        flow = flow if self.priors.group is None else ratio
         inside = [
             np.clip(value, axis.low, axis.high)
             for value, axis in zip((dispersion, excess_noise, flow), self.likelihood.axes, strict=True)
@@ -374,6 +382,8 @@ def parallax_model(
             raise ParameterError('an amplitude of the flow needs a flow: flows="linear"')
         lower, upper = given.limits("flow_amplitude")
         flow = max(lower, 1e-3) * slow, upper * fast
+    elif given.group is not None:
+        flow = slow, fast
     table = compress_likelihood(
         rows,
         dispersion,
@@ -381,6 +391,7 @@ def parallax_model(
         spin,
         flow=flow,
         acceleration=given.acceleration,
+        group=given.group,
         threads=threads,
     )
     return ParallaxModel(table, given, "v" if _is_known(given.velocity, table) else "u")

@@ -7,7 +7,7 @@ from typing import Any, Literal
 import numpy as np
 
 from fit.sampling import Flat, Normal, Prior, as_prior, integrable_over_cube, named_function
-from fit.secular_parallax import DistanceOptions, dispersion_of
+from fit.secular_parallax import DistanceOptions, LocalGroup, dispersion_of
 from vsh.models.cosmology import CMB_VELOCITY_PLANCK18
 from vsh.tools.errors import ParameterError
 from vsh.tools.notebook import InNotebook
@@ -90,6 +90,7 @@ class NoiseOptions(DistanceOptions, total=False):
 
     peculiar_dispersion: float | Prior
     flow_amplitude: Prior | tuple[float, float]
+    local_group: Vector | bool | None
     acceleration: Vector | None
     excess_noise: float | Prior
     spin: Literal["free"] | Vector | None
@@ -121,6 +122,9 @@ class Priors(InNotebook):
     flow_amplitude : prior, optional
         On the size of the flow, one for the theory's own fσ8. The flow that is seen then bears on H0; without, its
         amplitudes stand for the cosmology's H0 and weigh only.
+    local_group : Vector or bool, optional
+        The Local Group's velocity in the microwave background, which tells the flow where we are; True for that of
+        Kogut et al. (1993). [km/s] Without it H0 is too low where we move with the galaxies nearby, as we do.
     acceleration : Vector, optional
         Known from elsewhere, from quasars say; free unless given. [µas/yr]
     excess_noise : float or prior
@@ -139,6 +143,7 @@ class Priors(InNotebook):
     excess_noise: float | Prior = 0.0
     spin: Literal["free"] | Vector | None = None
     flow_amplitude: Prior | tuple[float, float] | None = None
+    local_group: Vector | bool | None = None
     acceleration: Vector | None = None
     outliers: Prior | tuple[float, float] | None = None
     outlier_width: float | None = None
@@ -173,6 +178,7 @@ class ModelPriors:
     flow_amplitude: float | Prior = 1.0
     acceleration: Vector | None = None
     flows: str = "none that galaxies share"
+    group: LocalGroup | None = None
 
     @property
     def free(self) -> dict[str, Prior]:
@@ -215,9 +221,11 @@ class ModelPriors:
 
     def describe(self) -> dict[str, str]:
         """Describe them to the last digit, for the fingerprint of a chain."""
-        return {"velocity": self.velocity.name} | {
-            name: repr(getattr(self, name)) for name in ("hubble", *_NUMBERS, "acceleration")
-        }
+        return (
+            {"velocity": self.velocity.name}
+            | {name: repr(getattr(self, name)) for name in ("hubble", *_NUMBERS, "acceleration")}
+            | ({} if self.group is None else {"local group": f"{self.group.velocity} {self.group.covariance}"})
+        )
 
     def in_words(self) -> dict[str, str]:
         """Describe them for reports."""

@@ -9,6 +9,7 @@ from typing import Any, Literal, Unpack
 
 import numpy as np
 
+from fit.distances import declared_frame
 from fit.posterior._model import MixtureModel, parallax_model
 from fit.posterior._posterior import Cells, Posterior, check_few, in_cells
 from fit.posterior._priors import DISTANCES, ModelPriors, NoiseOptions, Priors, as_priors, checked_priors
@@ -16,11 +17,13 @@ from fit.results.storage import Result
 from fit.sampling import Prior, Run, as_prior, check_writable, fingerprint, named_function
 from fit.secular_parallax import (
     OMEGA,
+    WITHOUT_GROUP,
     DistanceOptions,
     ParallaxEquations,
     ParallaxParts,
     collect_notes,
     flow_covariance,
+    local_group_of,
     parallax_equations,
 )
 from vsh.field import MEASURED, Field
@@ -56,8 +59,18 @@ def posterior_equations(
     rows = collect_notes(rows, field, distances.get("redshift_frame"))
     if rows.left_out is not None:
         rows = replace(rows, notes=(_left_out(rows, model_priors), *rows.notes))
+    group = local_group_of(priors.local_group, rows)
+    if group is not None and "flow_amplitude" in model_priors.free:
+        raise ParameterError("the Local Group tells a flow of known amplitude: leave out local_group or flow_amplitude")
     if rows.modes is not None:
-        model_priors = replace(model_priors, flows=f"{len(rows.modes)} modes of {rows.modes.theory.name}")
+        words = f"{len(rows.modes)} modes of {rows.modes.theory.name}" + (", and the Local Group" if group else "")
+        model_priors = replace(model_priors, flows=words, group=group)
+    if (
+        group is None
+        and rows.modes is not None
+        and (distances.get("redshift_frame") or declared_frame(first_field)) not in (None, "true")
+    ):
+        rows = replace(rows, notes=(*rows.notes, WITHOUT_GROUP))
     return rows, model_priors
 
 

@@ -4,6 +4,7 @@ from fit.secular_parallax._equations import (
     OMEGA,
     A,
     Flow,
+    LocalGroup,
     ParallaxEquations,
     ParallaxParts,
     ParallaxSums,
@@ -16,6 +17,7 @@ from fit.secular_parallax._equations import (
 )
 from fit.secular_parallax._estimate import (
     LEFT_DISPERSION,
+    WITHOUT_GROUP,
     DistanceOptions,
     VelocityForecast,
     by_frame,
@@ -25,6 +27,7 @@ from fit.secular_parallax._estimate import (
     forecast_velocity,
     hubble_constant,
     is_frame_undeclared,
+    local_group_of,
     modes_within,
     observer_velocity,
     parallax_equations,

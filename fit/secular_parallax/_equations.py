@@ -542,8 +542,14 @@ class LocalGroup:
     velocity: FloatArray
     covariance: FloatArray
 
-    def added(self, sums: ParallaxSums, width: int, ratio: float, ours: FloatArray | None) -> ParallaxSums:
-        """Normal equations with this measurement as well; they hold the flow's prior already. `ratio` is H0/H_ref."""
+    def added(
+        self, sums: ParallaxSums, width: int, ratio: float, ours: FloatArray | None, h: float | None = None
+    ) -> ParallaxSums:
+        """Normal equations with this measurement as well; they hold the flow's prior already.
+
+        `ratio` is H0/H_ref in the weights; `h` that of the mean, the same unless given.
+        """
+        h = ratio if h is None else h
         design = self.modes.at_origin()
         gain = design.T @ np.linalg.inv(self.covariance) / ratio**2
         mean = design.T @ np.linalg.solve(design @ design.T + self.covariance, self.velocity)
@@ -552,8 +558,8 @@ class LocalGroup:
         matrix, rhs, chi2_null = sums.matrix.copy(), sums.rhs.copy(), sums.chi2_null
         matrix[width:, width:] += gain @ design
         if ours is None:
-            rhs[width:] += pull * ratio
-            chi2_null = chi2_null + size * ratio**2
+            rhs[width:] += pull * h
+            chi2_null = chi2_null + size * h**2
         else:
             toward = ours / (ours @ ours)
             matrix[U, U] += size * np.outer(toward, toward)

@@ -422,11 +422,11 @@ def hubble_constant(
     frame = distances.get("redshift_frame") or declared_frame(field)
     if rows.modes is None or local_group or frame in (None, "true"):
         return solution
-    return replace(solution, notes=(*solution.notes, _WITHOUT_GROUP))
+    return replace(solution, notes=(*solution.notes, WITHOUT_GROUP))
 
 
 #: By 1.0 to 1.2 errors on 28 to 61 skies of 2500 galaxies to z = 0.03 whose flow at the origin is in our velocity.
-_WITHOUT_GROUP = (
+WITHOUT_GROUP = (
     "warning: where we move with the galaxies nearby, H0 is too low by about its error: use the Local Group's motion, "
     "local_group=True (--local-group)"
 )

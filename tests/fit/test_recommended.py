@@ -97,6 +97,19 @@ def test_few_sources_without_a_signal_are_not_a_detection(n, decades, scatter):
     assert 0.7 < np.sqrt(np.mean(np.square(pulls))) < 1.3  # 72 pulls: ± 0.08
 
 
+@pytest.mark.parametrize(("n", "decades", "scatter"), [(33, 0, 30), (40, 4, 3), (60, 3, 3)])
+def test_students_t_has_no_errors_where_a_few_sources_decide(n, decades, scatter):
+    """A third to four fifths of its 95 % intervals did not hold zero."""
+    rng = np.random.default_rng(n)
+    lon, lat = sim.uniform_sky(n, rng)
+    sigma = np.tile(100 * 10 ** (decades * (rng.random(n) - 0.5)), (2, 1))
+    field = Field(lon, lat, np.hypot(sigma, 100 * scatter) * rng.normal(size=(2, n)), sigma)
+    found = fit.estimate(field, 1, "student").solution
+    assert np.isnan(found.acceleration.sigma).all()
+    assert np.isnan(found.acceleration.p_value)
+    assert "no result" in str(found.answer)
+
+
 def test_no_error_is_printed_where_nothing_is_left_to_tell_it():
     """Three sources and six unknowns: errors of zero were printed."""
     for n in (3, 4):

@@ -121,7 +121,7 @@ def test_file_is_whole_or_not_there(tmp_path):
         new.write_text("old")
 
     def fail():
-        with atomic_write(path) as new:
+        with atomic_write(path, overwrite=True) as new:
             new.write_text("ne")
             raise RuntimeError
 

@@ -126,3 +126,24 @@ def test_flows_that_are_refused_or_requested():
     bare = Field(field.lon, field.lat, field.motion, field.sigma, redshift=np.abs(field.redshift))
     with pytest.warns(VshWarning, match="the frame of the redshifts is not given"):
         grid(bare, "planck", Flat(10, 200), n_points=20)
+
+
+def test_local_group_says_the_same_as_in_least_squares():
+    velocity = 10 * OURS.value  # H0 to a tenth, so that its distribution is nearly Gaussian
+    field = seen(np.random.default_rng(5), 300, velocity, sigma=0.3)
+    group = Vector(np.array([150.0, -300.0, 100.0]), 20.0**2 * np.eye(3), "icrs", "km/s")
+    ours = Vector(velocity, 1e-6 * np.eye(3), "icrs", "km/s")
+    found = {}
+    for known in (None, group):
+        least = hubble_constant(field, velocity, flows="linear", n_modes=120, local_group=known)
+        given = {"flows": "linear", "n_modes": 120, "local_group": known}
+        exact = grid(field, ours, Flat(5.0, 500.0), **given)
+        found[known is None] = least.hubble
+        assert exact.mean("H0") == pytest.approx(least.hubble, abs=0.1 * least.hubble_error)
+        assert exact.sigma("H0") == pytest.approx(least.hubble_error, rel=0.1)
+        drawn = sample(field, ours, Flat(5.0, 500.0), n_samples=20_000, rng=1, progress=False, **given)
+        assert np.mean(drawn.samples["H0"]) == pytest.approx(exact.mean("H0"), abs=0.1 * exact.sigma("H0"))
+        assert any("use the Local Group's motion" in note for note in drawn.notes) == (known is None)
+    assert abs(found[True] - found[False]) > 1
+    with pytest.raises(ParameterError, match="leave out local_group or flow_amplitude"):
+        grid(field, ours, Flat(5.0, 500.0), flow_amplitude=Normal(1, 0.1), local_group=group)
