@@ -347,7 +347,7 @@ _SURE, _DOUBTFUL = 7, 100
 
 
 def _without_errors(solution):
-    """The same without errors where a few sources decide the fit: nothing could contradict them."""
+    """Return a fit without errors where a few sources decide it: nothing could contradict them."""
     if solution.covariance_dof >= (_DOUBTFUL if ERRORS_TOO_SMALL in codes_of(solution.notes) else _SURE):
         return solution
     text = "warning: few sources decide this fit, and it has no errors: fit.recommended adds a noise to those quoted"

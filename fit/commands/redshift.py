@@ -503,7 +503,7 @@ def _estimates(field, options, model, velocity, is_simulated):
 
 
 def _takes_group(field, options, is_simulated):
-    """Whether the motion of the Local Group tells the flow where we are: of real galaxies, unless asked not to."""
+    """Return whether the Local Group's motion tells the flow where we are: of real galaxies, unless asked not to."""
     from fit.distances import declared_frame
 
     simulated = is_simulated or (options.redshift_frame or declared_frame(field)) == "true"
