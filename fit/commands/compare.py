@@ -217,7 +217,7 @@ def _compare_several(catalogues, options):
 
     if options.by == "position":
         catalogues = _named_by_place(catalogues, options.radius)
-    return combine_frames(catalogues, options.lmax, floor=_floor(options), rng=options.seed)
+    return combine_frames(catalogues, options.lmax, floor=_floor(options) is not False, rng=options.seed)
 
 
 def _named_by_place(catalogues, radius):

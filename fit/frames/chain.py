@@ -7,7 +7,7 @@ ICRF and the one before, differ by less than their errors say. Differences of an
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import combinations
 from typing import Any
 
@@ -17,7 +17,7 @@ from scipy.special import chdtrc
 from fit.background import ClassComparison, shared_jointly
 from fit.frames.results import FrameResult
 from fit.normal import normal_equations
-from fit.results.quality import MANY, SEEN, ErrorSource
+from fit.results.quality import MANY, ErrorSource
 from fit.results.solution import Solution
 from vsh.basis import harmonics
 from vsh.coefficients import Coefficients
@@ -25,7 +25,6 @@ from vsh.conventions import icrf3_terms
 from vsh.field import Field
 from vsh.io import tables
 from vsh.io.sections import Section
-from vsh.io.tables import printed_p_value
 from vsh.modes import Modes, as_modes
 from vsh.sky.frames import Positions
 from vsh.sky.sphere import triad
@@ -218,7 +217,7 @@ class FrameNetwork(FrameResult):
     def _sections(self, long):
         reference, *catalogues = self.labels
         counts = ", ".join(f"{name} {int(n)}" for name, n in zip(self.labels, np.diag(self.common), strict=True))
-        larger = "; the errors above are multiplied by it" if self.factor > 1 else ""
+        larger = "; errors are multiplied by it" if self.factor > 1 else ""
         facts = [("sources", counts)]
         for (i, a), (j, b) in combinations(enumerate(self.labels), 2):
             if self.common[i, j]:
@@ -227,8 +226,7 @@ class FrameNetwork(FrameResult):
         facts.append(("residuals", f"{self.factor:.3g} times the errors with the common noise{larger}"))
         columns: dict[str, Any] = {}
         for name in catalogues:
-            solution = self.difference(reference, name)
-            terms = icrf3_terms(solution.coefficients, solution.sigma)
+            terms = self._terms(reference, name)
             term_names = [term for term in terms if long or term[0] in "RD"]
             columns.setdefault("ICRF3 term", term_names)
             columns[f"{reference} − {name}"] = [terms[term][0] for term in term_names]
@@ -236,11 +234,6 @@ class FrameNetwork(FrameResult):
         unit = "uas" if self.unit == "µas" else "uas / yr"
         table = tables.table_of(columns, {}, {name: unit for name in columns if " − " in name})
         remarks = [("R1, R2, R3 are the rotation with the opposite sign: they rotate the axes, not the sources.")]
-        for a, b in combinations(self.labels, 2):
-            p_value, bent = self.p_value(a, b), self.p_value(a, b, beyond=1)
-            verdict = "differ" if p_value < SEEN else "agree"
-            suffix = f"; beyond rotation and glide p = {printed_p_value(bent)}" if np.isfinite(bent) else ""
-            remarks.append(f"{a} − {b}: frames {verdict}, p = {printed_p_value(p_value)}{suffix}")
         if self.names:
             outliers = ", ".join(f"{n} ({d:.0f})" for n, d in list(zip(self.names, self.distances, strict=True))[:8])
             remarks.append(
@@ -249,18 +242,19 @@ class FrameNetwork(FrameResult):
         notes = merge_notes(self.notes, () if self.shared is None else self.shared.notes)
         quantity = "position" if self.unit == "µas" else "motion"
         title = f"Differences of {quantity} of {len(self.labels)} catalogues in one solution"
-        floor = "rotation and glide with it are below" if self.shared is not None else "--floor (floor=True) adds it"
-        remarks.append(f"The systematic floor is not in these errors: {floor}.")
-        if self.shared is None:
-            return (Section(title, facts, table, remarks=remarks, notes=notes),)
-        return (Section(title, facts, table, remarks=remarks), replace(self._with_floor(), notes=notes))
-
-    def _with_floor(self):
-        """Rotation and glide of any two catalogues with the systematic floor, as a section."""
-        title = (
-            f"Rotation and glide with the systematic floor, from degrees 2 to {max(self._sections_of_pairs().degrees)}"
+        remarks.append(
+            "The systematic floor is not in these errors (floor=True adds it)."
+            if self.shared is None
+            else f"R and D have the systematic floor in their errors, from degrees 2 to {max(self.shared.degrees)}."
         )
-        return Section(title, (), self.frames_table())
+        return (Section(title, facts, table, remarks=remarks, notes=notes),)
+
+    def _terms(self, catalogue, other):
+        """ICRF3's terms of one catalogue less another, with systematic errors in degree 1 where they were sought."""
+        solutions = [self.difference(catalogue, other)]
+        solutions += [] if self.shared is None else [self.frames(catalogue, other)]
+        first, *rest = (icrf3_terms(solution.coefficients, solution.sigma) for solution in solutions)
+        return first | (rest[0] if rest else {})
 
     def to_table(self) -> Table:
         """A row for each two catalogues and coefficient as an astropy Table; degree 1 with its floor where sought."""
@@ -292,11 +286,7 @@ class FrameNetwork(FrameResult):
         """
         from fit.results.output import plot_terms
 
-        terms = {}
-        for name in self.labels[1:]:
-            solutions = [self.difference(name), *([] if self.shared is None else [self.frames(name)])]
-            parameters = [icrf3_terms(solution.coefficients, solution.sigma) for solution in solutions]
-            terms[f"{name} − {self.labels[0]}"] = parameters[0] | parameters[-1]
+        terms = {f"{name} − {self.labels[0]}": self._terms(name, self.labels[0]) for name in self.labels[1:]}
         axes = plot_terms(terms, self.unit, ax=ax)
         if self.shared is not None:
             axes.set_xlabel("R and D with systematic errors")

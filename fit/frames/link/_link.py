@@ -125,7 +125,7 @@ def link(
     )
     prior = _prior(priors, parameters)
     rows = raw.eliminate_stars()
-    _check(rows, prior, parameters.names)
+    _check(rows, prior, parameters.names, raw)
     if excess is None:
         excess = robust and bool(((astrometry.catalogue == reference_name) & astrometry.measured[:, 0]).any())
     families = (FAMILIES if not excess else FEWER) if robust else (NORMAL,)
@@ -178,20 +178,25 @@ def _prior(priors, unknowns):
     return matrix, rhs
 
 
-def _check(rows, prior, names):
+#: An unknown of an error of more than this is told by rounding alone. [1/µas]
+_TOLD = 1e-12
+
+
+def _check(rows, prior, names, raw):
     """Raise DegeneracyError, with the names, where the sources cannot separate unknowns."""
     matrix = rows.design.T @ rows.design + prior[0]
     size = np.sqrt(np.diag(matrix))
-    lost = [name for name, length in zip(names, size, strict=True) if not length > 0]
+    lost = [name for name, length in zip(names, size, strict=True) if not length > _TOLD]
     if not lost:
         values, vectors = np.linalg.eigh(matrix / np.outer(size, size))
         if values[0] < _ALIKE or len(rows.rhs) < len(names) - np.linalg.matrix_rank(prior[0]):
             shares = np.abs(vectors[:, 0])
             lost = [name for name, share in zip(names, shares, strict=True) if share > 0.1]
     if lost:
+        common = raw.n_matched
+        hint = "leave out unknowns or steps, or give priors" if common else raw.how_matched()
         raise DegeneracyError(
-            f"{len(rows.names)} sources with {len(rows.rhs)} differences cannot separate {', '.join(lost)}: leave "
-            "out unknowns or steps, or give priors"
+            f"{len(rows.names)} sources, {common} of them in two catalogues, cannot separate {', '.join(lost)}: {hint}"
         )
 
 

@@ -425,6 +425,20 @@ class Equations:
         """The number of each row's source."""
         return self.data.source
 
+    @property
+    def n_matched(self) -> int:
+        """How many sources are in two catalogues or more."""
+        pairs = np.unique(
+            np.stack([self.source, np.unique(self.data.catalogue, return_inverse=True)[1].ravel()]), axis=1
+        )
+        return int((np.bincount(pairs[0]) > 1).sum())
+
+    def how_matched(self) -> str:
+        """Say by what sources are matched, with the first name of each catalogue."""
+        examples = {each: self.data.name[self.data.catalogue == each][0] for each in self.data.catalogues}
+        text = ", ".join(f"{name} in {each}" for each, name in examples.items())
+        return f"sources are matched by name: {text} …"
+
     def eliminate_stars(self, excess: float = 0.0, across: float = 1.0, reference: str = "") -> Rows:
         """The differences that are left, with an offset of `excess` between the reference and the others added.
 
@@ -435,11 +449,9 @@ class Equations:
         pieces = [each for each in pieces if each.design.size and np.abs(each.design).max() > 0]
         pieces.sort(key=lambda each: each.group)
         if not pieces:
-            examples = {each: self.data.name[self.data.catalogue == each][0] for each in self.data.catalogues}
-            text = ", ".join(f"{name} in {each}" for each, name in examples.items())
             raise DegeneracyError(
                 "no source constrains the frame: none is in two catalogues, and none is a quasar with a motion "
-                f"(sources are matched by name: {text} …)"
+                f"({self.how_matched()})"
             )
         groups = [self.rows[each.group] for each in pieces]
         return Rows(
