@@ -411,4 +411,5 @@ BREAKS = [
     ("fit/secular_parallax/_equations.py", "rhs[width:] += pull * h", "rhs[width:] += pull", "test_posterior_with_flows.py"),
     ("fit/methods.py", "    if solution.covariance_dof >= (_DOUBTFUL", "    if True or solution.covariance_dof >= (_DOUBTFUL", "test_recommended.py"),
     ("fit/frames/link/_link.py", "if not length > _TOLD", "if not length > 0", "test_link.py"),
+    ("sim/signal/_peculiar.py", "farthest]))[1][:3]", "farthest]))[1][1:]", "test_sim_command.py"),
 ]  # fmt: skip

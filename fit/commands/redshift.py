@@ -280,7 +280,7 @@ def _by_redshifts(run, source):
     parts = _bins(sky, options, model, prior) if options.bins else []
     if options.h0 or options.velocity or options.posterior:
         field = _with_distances(sky, options, model, source.label)
-        estimates = _estimates(field, options, model, prior, bool(truth))
+        estimates = _estimates(field, options, model, prior, truth)
         if options.posterior:
             try:
                 parts.append(_posterior(field, options, model, prior, truth))
@@ -483,7 +483,7 @@ def _with_distances(sky, options, model, label):
     )
 
 
-def _estimates(field, options, model, velocity, is_simulated):
+def _estimates(field, options, model, velocity, truth):
     """Our velocity for a known H0, and H0 for a known velocity, by least squares."""
     from fit.secular_parallax import hubble_constant, observer_velocity
 
@@ -491,7 +491,7 @@ def _estimates(field, options, model, velocity, is_simulated):
     if options.h0:
         estimates["velocity"] = observer_velocity(field, options.h0, **model)
     if options.velocity:
-        group = _takes_group(field, options, is_simulated)
+        group = _group_of(field, options, truth)
         try:
             estimates["hubble"] = hubble_constant(field, velocity, local_group=group, **model)
         except ParameterError:
@@ -502,12 +502,15 @@ def _estimates(field, options, model, velocity, is_simulated):
     return estimates
 
 
-def _takes_group(field, options, is_simulated):
-    """Return whether the Local Group's motion tells the flow where we are: of real galaxies, unless asked not to."""
+def _group_of(field, options, truth):
+    """The Local Group's motion, which tells the flow where we are: of real galaxies, or the true one of simulated."""
     from fit.distances import declared_frame
 
-    simulated = is_simulated or (options.redshift_frame or declared_frame(field)) == "true"
-    return options.local_group or not (options.no_local_group or options.no_flows or simulated)
+    if options.no_local_group or options.no_flows:
+        return None
+    if truth:
+        return truth.get("group")
+    return options.local_group or (options.redshift_frame or declared_frame(field)) != "true" or None
 
 
 def _estimate_part(name, estimate, label, truth, has_posterior):
@@ -539,7 +542,7 @@ def _posterior(field, options, model, prior, truth):
     hubble: Any = Normal(options.h0, options.h0_error) if options.h0 and options.h0_error else "flat"
     if options.h0_range:
         hubble = Flat(*options.h0_range)
-    group = _takes_group(field, options, bool(truth)) and not options.flow_amplitude
+    group = None if options.flow_amplitude else _group_of(field, options, truth)
     if options.flow_amplitude:
         model = model | {"flow_amplitude": Normal(options.flow_amplitude[0], options.flow_amplitude[1], low=0.0)}
     widest = options.peculiar_dispersion_max or (

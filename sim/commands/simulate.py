@@ -92,7 +92,7 @@ def make_parser() -> argparse.ArgumentParser:
     add(
         "--velocity planck|SPEED,L,B",
         "galaxies: true velocity of the Solar System, km/s toward Galactic degrees (default: 0, so no secular parallax "
-        "is simulated)",
+        "is simulated; with --flow that of the flow where we are, and the Sun's in the Local Group)",
         parsing.velocity,
     )
     add("--h0", "true Hubble constant, km/s/Mpc", parsing.positive, 67.3)
@@ -263,12 +263,18 @@ def _run(options):
     )
     signal = sim.spin(options.spin) + sim.acceleration(options.acceleration)
     ours = reading.velocity_of(options.velocity)
-    velocity = np.zeros(3) if ours is None else ours.to_frame("icrs").value
+    velocity, group = np.zeros(3) if ours is None else ours.to_frame("icrs").value, None
     if options.kind == "galaxies":
+        if options.peculiar_dispersion or options.flow:
+            motions = sim.peculiar(options.peculiar_dispersion, noise, flow=options.flow, hubble=options.h0)
+            if options.flow and ours is None:  # we take part in it
+                from vsh.models.cosmology import SUN_IN_LOCAL_GROUP
+
+                group = next(part for part in motions.parts if hasattr(part, "here")).here(population.redshift)
+                velocity = group + SUN_IN_LOCAL_GROUP.to_frame("icrs").value
+            signal += motions
         if velocity.any():
             signal += sim.secular_parallax(velocity, hubble=options.h0)
-        if options.peculiar_dispersion or options.flow:
-            signal += sim.peculiar(options.peculiar_dispersion, noise, flow=options.flow, hubble=options.h0)
     law = sim.NominalScanningLaw(years=options.years, dead_time=sim.scanning.DEAD_TIME, rng=gaps)
     variability = sim.Variability(options.variability, options.tau) if options.variability else None
     mission = sim.Mission(law, options.release, options.attitude)
@@ -302,6 +308,8 @@ def _run(options):
     if options.kind == "galaxies":
         meta |= {f"VEL_{axis}": float(value) for axis, value in zip("XYZ", velocity, strict=True)}
         meta["HUBBLE"] = options.h0
+        if group is not None:
+            meta |= {f"GROUP_{axis}": float(value) for axis, value in zip("XYZ", group, strict=True)}
     if options.kind == "galaxies":  # our own default output is what our own default input takes
         from vsh.models.cosmology import with_redshift
 

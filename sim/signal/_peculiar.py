@@ -111,6 +111,12 @@ class LinearFlow(Velocities):
         tangential += scatter[0] * draw.standard_normal(tangential.shape)
         return tangential, radial + scatter[1] * draw.standard_normal(radial.shape)
 
+    def here(self, redshift: ArrayLike) -> FloatArray:
+        """The flow where we are, along the axes of its frame, (3,), of galaxies at so large a redshift. [km/s]"""
+        farthest = np.max(distance_of(redshift, self.cosmology, self.hubble))
+        lon, lat = np.array([0, np.pi / 2, 0, 0]), np.array([0, 0, np.pi / 2, 0])
+        return self.velocity(lon, lat, np.array([1e-3, 1e-3, 1e-3, farthest]))[1][:3]
+
 
 @dataclass(frozen=True)
 class GridFlow(Velocities):

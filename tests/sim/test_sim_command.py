@@ -16,6 +16,7 @@ import fit.commands.fit
 import sim
 from sim.commands.simulate import main
 from vsh.io.catalogue import read_field, truth_of
+from vsh.models.cosmology import SUN_IN_LOCAL_GROUP
 
 
 def test_simulate_and_fit(tmp_path, capsys):
@@ -199,3 +200,17 @@ def test_output_of_vsh_sim_is_read(tmp_path, capsys):
     assert main(["galaxies", *words, "--no-transits", "--output", path]) == 0
     assert "without a usable redshift" in capsys.readouterr().out
     assert redshift([path, "--h0", "67.4", "--no-flows", "--no-figures"]) == 0
+
+
+def test_observer_takes_part_in_the_flow(tmp_path):
+    """Unless our velocity is given, it is that of the flow where we are and the Sun's in the Local Group."""
+    path = tmp_path / "g.ecsv"
+    command = ["galaxies", "--number", "300", "--no-transits", "--redshifts", "heliocentric", "--output", str(path)]
+    assert main([*command, "--flow", "linear", "--redshift-range", "0.002,0.03"]) == 0
+    truth = truth_of(path)
+    rest = truth["velocity"].value - truth["group"].value
+    np.testing.assert_allclose(rest, SUN_IN_LOCAL_GROUP.to_frame("icrs").value, atol=1e-9)
+    assert 50 < truth["group"].amplitude < 1500
+    again = [*command, "--flow", "linear", "--velocity", "300,10,20", "--overwrite"]
+    assert main(again) == 0
+    assert "group" not in truth_of(path)

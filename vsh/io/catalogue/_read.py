@@ -500,6 +500,7 @@ def truth_of(source: Any) -> dict[str, Any] | None:
         truth |= {"orientation": vector("ORIENT", "µas"), "jump": vector("JUMP")}
     with suppress(KeyError, TypeError, ValueError):
         truth |= {"velocity": vector("VEL", "km/s"), "hubble": float(meta["HUBBLE"])}
+        truth["group"] = vector("GROUP", "km/s")
     return truth
 
 

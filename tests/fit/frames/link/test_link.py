@@ -532,5 +532,7 @@ def test_catalogues_that_share_no_source_tell_no_orientation():
     """Quasars alone told a spin, and the orientation was < 2.75e17 µas (95 %)."""
     rows = sim.link(1, 20, quasars=60)
     name = np.where(rows.catalogue == "vlbi", np.char.add("X", rows.name), rows.name)
-    with pytest.raises(DegeneracyError, match=r"0 of them in two catalogues, .* sources are matched by name: star 0 in"):
+    with pytest.raises(
+        DegeneracyError, match=r"0 of them in two catalogues, .* sources are matched by name: star 0 in"
+    ):
         link(replace(rows, name=name))
