@@ -42,7 +42,6 @@ ways = {
     "clip at 3 medians": clipped.solution,
     "the same, jackknife": fit.resample.jackknife(kept, modes, nside=4).resampled_solution,
     "Student-t": fit.robust.student_t(field, modes).solution,
-    "Sivia's permissive": fit.robust.permissive(field, modes).solution,
     "excess noise, clipped": fit.robust.excess_noise(kept, modes).solution,
 }
 

@@ -17,7 +17,7 @@ from fit.normal import NormalEquations, Template, normal_equations
 from fit.resample import bootstrap, compare_blocks, jackknife
 from fit.results.quality import ERRORS_TOO_SMALL
 from fit.results.solution import AboutSolution, Solution
-from fit.robust import ExcessNoise, ReweightedFit, clip, excess_noise, permissive, student_t
+from fit.robust import ExcessNoise, ReweightedFit, clip, excess_noise, student_t
 from fit.solving import fit_field, solve, with_coverage
 from vsh.field import Field
 from vsh.io.catalogue import as_field
@@ -354,11 +354,6 @@ def _without_errors(solution):
     return replace(solution, covariance_dof=0.0, notes=(*solution.notes, CodedNote(text, ERRORS_TOO_SMALL)))
 
 
-def _permissive(field, lmax, value, rng):
-    weights = permissive(field, lmax)
-    return _plain("permissive", weights.solution, field, 0, weights)
-
-
 def _excess_noise(field, lmax, value, rng):
     weights = excess_noise(field, lmax, scale=choice("excess-noise", value, (None, "scale")) == "scale")
     return _plain("excess-noise", weights.solution, field, 0, weights)
@@ -392,7 +387,6 @@ METHODS: dict[str, Callable[[Any, Any, Any, Rng], Estimate]] = {
     "least-squares": _least_squares,
     "clip": _clip,
     "student": _student,
-    "permissive": _permissive,
     "excess-noise": _excess_noise,
     "bootstrap": _bootstrap,
     "jackknife": _jackknife,

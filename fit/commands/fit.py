@@ -39,7 +39,7 @@ def make_parser() -> argparse.ArgumentParser:
         "--method NAME[=VALUE]",
         "estimator (default: recommended, i.e. Student's t with the systematic floor included in the errors; the "
         "maximum degree is reduced if there are too few sources): least-squares, clip=KAPPA (against outliers, not "
-        "against wrong errors), student, permissive, excess-noise[=scale] (against errors that are too small, not "
+        "against wrong errors), student, excess-noise[=scale] (against errors that are too small, not "
         "against outliers), bootstrap=N or jackknife[=NSIDE]",
         parsing.method,
         "recommended",

@@ -70,7 +70,7 @@ def make_parser() -> argparse.ArgumentParser:
     add(
         "--estimator NAME[=VALUE]",
         "estimator for the bins; choose another than the default only if the bins contain no nearby galaxies: "
-        "least-squares (default), recommended, clip=KAPPA, student, permissive or excess-noise",
+        "least-squares (default), recommended, clip=KAPPA, student or excess-noise",
         parsing.method,
     )
     add("--free-spin", "also fit the spin of the frame")

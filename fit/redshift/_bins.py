@@ -171,7 +171,7 @@ def _fit_weighted_bins(field, modes, edges, method, value, theory, rng):
         return fitted.sources, None, (f"clipped {fitted.n_clipped} sources ({method})",)
     if fitted.weights is None:
         raise ParameterError(
-            f"bins are fitted by least-squares, clip, recommended, student, permissive or excess-noise, not {method}"
+            f"bins are fitted by least-squares, clip, recommended, student or excess-noise, not {method}"
         )
     return fitted.sources, fitted.weights, (f"bins have the weights of the fit of all sources ({method})",)
 

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 from numpy.polynomial import chebyshev
-from scipy.special import gamma, gammainc, gammaln
+from scipy.special import gammaln
 
 from fit.normal import NormalEquations, Template, normal_equations, template_fields
 from fit.normal.sums import sandwich
@@ -92,27 +92,6 @@ class StudentT:
         if step * self.step < 0:  # ν that turns back would swing about where it settles, and may do so for ever
             step /= 2
         return replace(self, nu=self.nu * float(np.exp(step)), step=step)
-
-
-@dataclass(frozen=True)
-class Permissive:
-    """Weights of Sivia's likelihood (all quoted errors are lower limits), and their derivatives with respect to X²."""
-
-    nu: None = None
-    components: int = 2
-
-    def __call__(self, x2: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """The weights u and du/dX², both of shape (n,)."""
-        q = np.maximum(x2 / 2, 1e-8)
-        # i_a = ∫₀¹ t^(a−1) exp(−q t) dt for a = (k+1)/2, (k+3)/2, (k+5)/2
-        i2, i4, i6 = (gamma(a) * gammainc(a, q) / q**a for a in (self.components + 1) / 2 + np.arange(3))
-        return i4 / i2, (np.square(i4 / i2) - i6 / i2) / 2
-
-    share_of = _share_by_steps
-
-    def fitted(self, sky: Parts, share: Share, words: str) -> Permissive:
-        """Return the weights: there is no parameter to fit."""
-        return self
 
 
 @dataclass(frozen=True)
@@ -202,7 +181,7 @@ class ReweightedFit(AboutSolution):
         Standard deviation that was added in quadrature to every error before. [µas/yr]
     log_likelihood : float
         ln of the likelihood of a Student-t fit at its maximum, up to a constant that depends on the number of sources
-        alone; nan of the permissive fit.
+        alone.
     """
 
     solution: Solution
@@ -320,45 +299,6 @@ def student_t(
     weight = StudentT(4.0 if nu is None else nu, estimated=nu is None, components=modes.components)
     fitted = _iterate_weights(sky, modes, weight, "Student-t", tolerance, max_rounds, 0.75)
     return replace(fitted, noise=float(noise), log_likelihood=_log_likelihood(sky, fitted.share))
-
-
-@logged("permissive")
-@arguments.accepts(
-    field=arguments.a(Field, ScalarField, Parts), tolerance=arguments.positive, max_rounds=arguments.whole
-)
-def permissive(
-    field: Field | ScalarField | Parts, modes: Modes | int, *, tolerance: float = 1e-4, max_rounds: int = 500
-) -> ReweightedFit:
-    """Fit taking every error for a lower bound: Sivia's conservative formulation.
-
-    The true errors are s ≥ 1 times the stated ones, with probability density 1/s². For two
-    components with a common s the likelihood is ∫₀¹ t² exp(−X² t²/2) dt, for one of a scalar ∫₀¹ t exp(−X² t²/2) dt.
-
-    Parameters
-    ----------
-    field, modes, tolerance, max_rounds
-        As for `student_t`.
-
-    Raises
-    ------
-    ConvergenceError, ParameterError
-        As `student_t`.
-
-    Notes
-    -----
-    Sivia & Skilling (2006, Data Analysis, sect. 8.3.1), there for one component. The covariance is the same
-    sandwich as that of `student_t`.
-    """
-    modes, sky = modes_for(field, modes), as_parts(field, SourcesWithErrors)
-    return _iterate_weights(
-        sky,
-        modes,
-        Permissive(components=modes.components),
-        "Sivia's conservative likelihood",
-        tolerance,
-        max_rounds,
-        0.5,
-    )
 
 
 def _iterate_weights(sky, modes, weight, name, tolerance, max_rounds, power):

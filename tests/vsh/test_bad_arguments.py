@@ -53,7 +53,7 @@ NAMED = Field(FIELD.lon, FIELD.lat, FIELD.motion, FIELD.sigma, name=np.arange(60
 CALLS = {
     fit.normal_equations: (FIELD, 1), fit.solve: (NORMAL,), fit.fit_field: (FIELD, 1), fit.solve_frame: (FIELD,),
     fit.cross_check: (FIELD,), fit.gaussian_prior: (1, 1.0), fit.clip: (FIELD, 1, 3.0),
-    fit.robust.student_t: (FIELD, 1, 4.0), fit.robust.permissive: (FIELD, 1), fit.robust.excess_noise: (FIELD, 1),
+    fit.robust.student_t: (FIELD, 1, 4.0), fit.robust.excess_noise: (FIELD, 1),
     fit.resample.bootstrap: (FIELD, 1, 3, 1), fit.resample.jackknife: (FIELD, 1, 1), fit.resample.block_bootstrap: (FIELD, 1, 1, 3, 1),
     fit.resample.parametric_bootstrap: (FIELD, 1, 3, 1), fit.solve_matrix_free: (FIELD, 2), binned: (FIELD, 1, 2),
     permutation_test: (FIELD, BINS, 3, 1), equal_information: (FIELD, 2), observer_velocity: (FIELD, 70.0),

@@ -172,7 +172,6 @@ def test_frame_solutions_carry_notes_and_quality():
         lambda m: fit.resample.jackknife(FIELD, m, 1).replicates,
         lambda m: fit.clip(FIELD, m).solution.coefficients.values,
         lambda m: fit.robust.student_t(FIELD, m).weights,
-        lambda m: fit.robust.permissive(FIELD, m).weights,
         lambda m: fit.robust.excess_noise(FIELD, m).solution.sigma,
         lambda m: binned(FIELD, m, 2).covariance,
         lambda m: predict_covariance(FIELD, m).covariance,

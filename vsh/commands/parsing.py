@@ -45,7 +45,6 @@ _WRITES = ("output", "html")
 _VALUES = {
     "planck": ("planck2020overview",),
     "student": ("lange1989",),
-    "permissive": ("sivia2006",),
     "crf3": ("gaia2016", "gaia2022crf3"),
     "gaia-crf3": ("gaia2022crf3",),
     "gaia-edr3-qso": ("gaia2022crf3",),
@@ -149,7 +148,7 @@ def _scale(text):
 
 #: `fit.METHODS` with the types of the values of those that take one, `fit.methods.WITH_VALUE`.
 METHODS: dict[str, Callable[[str], Any] | None] = {
-    "recommended": None, "least-squares": None, "clip": positive, "student": None, "permissive": None,
+    "recommended": None, "least-squares": None, "clip": positive, "student": None,
     "excess-noise": _scale, "bootstrap": count(2), "jackknife": nside,
 }  # fmt: skip
 

@@ -125,7 +125,7 @@ NAMES = {
     "fit": "fit.recommended(field), after `import fit`",
     "harmonics": "vsh.basis.harmonics",
     "healpix": "vsh.sky.pixels",
-    "huber": "fit.robust.student_t, or permissive",
+    "huber": "fit.robust.student_t",
     "plot": "vsh.figures.plot",
     "plot_sky": "vsh.figures.plot.plot_field",
     "read_table": "vsh.read_field",
