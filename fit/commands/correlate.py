@@ -47,12 +47,6 @@ def make_parser() -> argparse.ArgumentParser:
         action="append",
     )
     add("--nside", "HEALPix nside of the maps of --influence", parsing.nside, 16)
-    add(
-        "--add-sources N",
-        "with --influence: find where N additional sources would change the correlation most",
-        parsing.count(1),
-        1000,
-    )
     add("--leakage L", "compute the bias of the fit that is caused by unfitted degrees up to L", parsing.count(2))
     add(
         "--power-per-degree P",
@@ -114,7 +108,7 @@ def _run(options):
         details.append(_sky(correlation, field, label, options.lmax))
         for pair in options.influence or []:
             parts.append(_influence_map(correlation, field, label, pair, options.lmax, options.nside))
-            details.append(_influence(correlation, field, label, pair, options.lmax, options.add_sources))
+            details.append(_influence(correlation, field, label, pair, options.lmax))
         if options.leakage:
             leak = correlation.leakage(field, options.lmax, options.leakage)
             parts.append(finishing.Part(f"leakage_{label}", leak, f"Leakage, {label}", _LEAKAGE, as_table=True))
@@ -185,19 +179,17 @@ def _sky(correlation, field, label, lmax):
     )
 
 
-def _influence(correlation, field, label, pair, lmax, count):
+def _influence(correlation, field, label, pair, lmax):
     from vsh.sky.pixels import centres
 
     # Regions of some 30°: single pixels of a fine map say little.
     coarse, (lon, lat) = correlation.influence_map(field, lmax, pair, 2), np.degrees(centres(2))
     k = int(np.argmax(np.abs(coarse)))
-    gains = correlation.gain_of_sources(field, lmax, pair, 2, n_sources=count)
     if len(pair) == 2:
         now = _correlation_of(correlation, field, lmax, pair)
-        quantity, objective = f"correlation of {pair[0]} and {pair[1]}, {now:+.4f}", np.abs(now + gains)
+        quantity = f"correlation of {pair[0]} and {pair[1]}, {now:+.4f}"
     else:
-        quantity, objective = f"ln σ² of {pair[0]}", gains
-    at = int(np.argmin(objective))
+        quantity = f"ln σ² of {pair[0]}"
     region = f"the sky around {lon[k]:.0f}°, {lat[k]:+.0f}°"
     facts = [
         (
@@ -206,11 +198,7 @@ def _influence(correlation, field, label, pair, lmax, count):
                 f"{region}: doubling the weight of the sources in the pixel there (29° "
                 f"wide) changes it by {coarse[k]:+.4f}"
             ),
-        ),
-        (
-            f"{count} more sources",
-            f"of median error reduce it most around {lon[at]:.0f}°, {lat[at]:+.0f}°: by {gains[at]:+.4f}",
-        ),
+        )
     ]
     return Section(f"{label}: {quantity}", facts)
 

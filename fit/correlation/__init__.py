@@ -2,19 +2,15 @@
 
 from typing import TYPE_CHECKING
 
-from fit.correlation._forecast import DownweightResult, Prediction, compare_cuts, downweight, predict_covariance
-from fit.correlation._leakage import Leakage, leakage, lmax_table, recommend_lmax
+from fit.correlation._forecast import Prediction, predict_covariance
+from fit.correlation._leakage import Leakage, leakage, lmax_table
 from fit.correlation._matrices import (
     FRAME,
     CorrelationMatrices,
-    Eigenmodes,
     correlation_matrices,
     dipole,
-    eigenmodes,
     field_from_positions,
-    gain_of_sources,
     influence_map,
-    most_influential,
     named,
     parameters_of,
 )
@@ -25,19 +21,14 @@ if TYPE_CHECKING:
 
 __all__ = [
     "CorrelationMatrices",
-    "DownweightResult",
-    "Eigenmodes",
     "Leakage",
     "Prediction",
-    "compare_cuts",
     "correlation_matrices",
-    "downweight",
-    "eigenmodes",
     "field_from_positions",
     "influence_map",
     "leakage",
+    "lmax_table",
     "predict_covariance",
-    "recommend_lmax",
 ]
 
 # matplotlib is imported when a figure is first asked for.

@@ -1,6 +1,5 @@
 """What a catalogue will tell before anybody has measured it, and weights under which parameters are uncorrelated."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -8,20 +7,15 @@ import numpy as np
 
 from fit.correlation._matrices import FRAME_NAMES, field_from_positions, largest_correlation, named
 from fit.normal import gaussian_prior, normal_equations
-from fit.results.solution import Solution, at_sources
-from fit.results.storage import Result, exact, number
+from fit.results.solution import Solution
+from fit.results.storage import exact, number
 from fit.solving import solve
 from vsh.coefficients import FIRST_DEGREE, Coefficients
-from vsh.field import Field
-from vsh.io import tables
 from vsh.io.parts import as_parts
-from vsh.io.sections import Section
 from vsh.models.covariance import Spectrum
 from vsh.modes import KINDS, Modes, as_modes
-from vsh.tools import arguments
-from vsh.tools.arguments import covariance, generator
-from vsh.tools.errors import ConvergenceError, FieldError, ParameterError
-from vsh.tools.types import ArrayLike, Axes, BoolArray, FloatArray, Rng, Table
+from vsh.tools.arguments import covariance
+from vsh.tools.types import ArrayLike, FloatArray
 from vsh.vector import correlation_of
 
 
@@ -137,218 +131,3 @@ def _with_spectrum(normal, spectrum):
 
 def _information(field):
     return float(field.information.sum())
-
-
-@arguments.accepts(cases=arguments.a(dict))
-def compare_cuts(
-    sources: Any, cases: Mapping[str, Any], modes: Modes | int = 1, *, sigma: ArrayLike | None = None
-) -> Table:
-    """Compare the errors after cuts, masks or reweightings.
-
-    Parameters
-    ----------
-    sources
-        As for `predict`.
-    cases : dict of str to None, mask (n,), or factors (n,) on the weights
-        None takes all; a factor of zero leaves a source out.
-    modes : Modes or int
-        What to fit, or the degree lmax.
-    sigma : float or (2, n) array, optional
-        Errors in place of the sources' own. [µas/yr]
-
-    Returns
-    -------
-    astropy Table
-        A row a case: sources, mean errors of spin and acceleration, worst correlation, efficiency.
-
-    Raises
-    ------
-    ParameterError
-        If there are no cases.
-    """
-    modes = as_modes(modes)
-    from vsh.io import tables
-
-    if not cases:
-        raise ParameterError("there are no cases to compare")
-    field = Field.from_positions(sources, sigma)
-    rows = []
-    for name, case in cases.items():
-        prediction = predict_covariance(reweight_field(field, case), modes)
-        worst, pair = prediction.largest
-        rows.append(
-            (
-                name,
-                prediction.n_sources,
-                *(np.sqrt(np.mean(getattr(prediction, v).sigma ** 2)) for v in ("spin", "acceleration")),
-                worst,
-                " ".join(pair),
-                prediction.efficiency,
-            )
-        )
-    names = ("case", "sources", "sigma_spin", "sigma_acceleration", "largest_correlation", "of", "efficiency")
-    return tables.table_of(
-        dict(zip(names, zip(*rows, strict=True), strict=True)),
-        units=dict.fromkeys(("sigma_spin", "sigma_acceleration"), "uas / yr"),
-    )
-
-
-def reweight_field(field: Field, case: ArrayLike | None) -> Field:
-    """The field with a mask, or factors on its weights, or as it is."""
-    if case is None:
-        return field
-    case = np.asarray(case)
-    if case.dtype.kind not in "bif":
-        raise FieldError(f"each case is None, a mask or factors on the weights, not {case.dtype}")
-    if case.shape != (len(field),):
-        raise FieldError(f"a mask or weights have one value a source, {len(field)}, not shape {case.shape}")
-    if case.dtype == bool:
-        return field[case]
-    if not (np.isfinite(case) & (case >= 0)).all():
-        raise FieldError("factors on weights are finite and not negative")
-    selection = field[case > 0]
-    return selection.with_errors(selection.sigma / np.sqrt(case[case > 0]))
-
-
-@dataclass(frozen=True, eq=False)
-class DownweightResult(Result):
-    """Weights of each part of the sky.
-
-    Attributes
-    ----------
-    keep : (12 nside²,) array
-        Share of the weight of each pixel, 0 to 1; nan where there are no sources.
-    factors : (n,) array
-        The same for each source: factors on its weight.
-    before, after : Prediction
-        Predictions of degree 1.
-    """
-
-    keep: FloatArray
-    factors: FloatArray
-    before: Prediction
-    after: Prediction
-
-    def _sections(self, long):
-        facts = [("weight kept", f"{np.nanmean(self.factors):.0%}")]
-        for label, prediction in (("before", self.before), ("after", self.after)):
-            value, pair = prediction.largest
-            spin, acceleration = (np.sqrt(np.mean(v.sigma**2)) for v in (prediction.spin, prediction.acceleration))
-            size = f"errors of spin {spin:.3g}, of acceleration {acceleration:.3g} µas/yr"
-            facts.append((label, f"largest correlation {value:+.3f}, of {pair[0]} and {pair[1]}; {size}"))
-        return (Section("Sources downweighted for a smaller correlation", facts),)
-
-    def to_table(self) -> Table:
-        """Share of the weight to keep in each pixel, as an astropy Table in ring order."""
-        return tables.table_of({"keep": self.keep}, {"frame": self.after.frame})
-
-    def plot(self, *, ax: Axes | None = None) -> Axes:
-        """The shares as a map; on matplotlib axes."""
-        from fit.correlation._plot import plot_shares
-
-        return plot_shares(self.keep, self.after.frame, ax=ax)
-
-    def mask(self, rng: Rng) -> BoolArray:
-        """Draw a mask of sources to keep, (n,), by `rng` with these shares."""
-        return generator(rng).uniform(size=len(self.factors)) < self.factors
-
-
-@arguments.accepts(max_correlation=arguments.number, nside=arguments.whole)
-def downweight(
-    sources: Any, max_correlation: float, *, nside: int = 4, sigma: ArrayLike | None = None
-) -> DownweightResult:
-    """Shares of the weight in each pixel that bring all correlations of spin and acceleration under a bound.
-
-    Parameters
-    ----------
-    sources : Field, or positions with errors
-        As for `fit.correlation.predict_covariance`.
-    max_correlation : float
-        Between 0 and 1.
-    nside : int
-        Resolution of the pixels.
-    sigma : float or (2, n) array, optional
-        Errors in place of the sources' own. [µas/yr]
-
-    Raises
-    ------
-    ConvergenceError
-        If no weights reach the bound.
-
-    Notes
-    -----
-    Minimises log det of the covariance of the six components over the shares, under
-    |ρ| ≤ bound for all pairs, by sequential quadratic programming with exact derivatives.
-    """
-    from vsh.sky.pixels import pixels_of
-
-    if not 0 < max_correlation < 1:
-        raise ParameterError(f"a bound on correlations lies between 0 and 1, not at {max_correlation}")
-    field = Field.from_positions(sources, sigma)
-    pixels = pixels_of(field.lon, field.lat, nside)
-    unique_pixels, index = np.unique(pixels, return_inverse=True)
-    matrices = _normal_by_pixel(field, index, len(unique_pixels))
-    matrices /= np.trace(matrices.sum(0)) / 6
-    pairs = np.triu_indices(6, 1)
-
-    def covariance(keep):
-        return np.linalg.inv(np.tensordot(keep, matrices, 1))
-
-    def cost(keep):
-        c = covariance(keep)
-        return np.linalg.slogdet(c)[1], -np.einsum("ij,kji->k", c, matrices)
-
-    def slack(keep):
-        rho = correlation_of(covariance(keep))[pairs]
-        return np.concatenate([limit - rho, limit + rho])
-
-    def slope(keep):
-        c = covariance(keep)
-        sigma = np.sqrt(np.diag(c))
-        change = -c @ matrices @ c
-        rho = correlation_of(c)
-        relative = np.einsum("kii->ki", change) / np.diag(c)
-        d_rho = change / np.outer(sigma, sigma) - rho / 2 * (relative[:, :, None] + relative[:, None, :])
-        d_rho = d_rho[:, pairs[0], pairs[1]].T
-        return np.concatenate([-d_rho, d_rho])
-
-    # The bound is lowered step by step, each from the last solution: at once, it is often out of sight.
-    keep, limit = np.full(len(unique_pixels), 0.999), np.array(max_correlation)
-    largest = np.abs(correlation_of(covariance(keep))[pairs]).max()
-    for bound in np.geomspace(max(largest, max_correlation), max_correlation, 12):
-        limit[()] = bound
-        from scipy.optimize import minimize  # slow to import
-
-        minimum = minimize(
-            cost,
-            keep,
-            jac=True,
-            method="SLSQP",
-            bounds=[(1e-6, 1.0)] * len(unique_pixels),
-            constraints={"type": "ineq", "fun": slack, "jac": slope},
-            options={"maxiter": 200, "ftol": 1e-8},
-        )
-        keep = np.clip(minimum.x, 1e-6, 1.0)
-    keep[keep < 1e-5] = 0.0
-    if slack(keep).min() < -1e-3:
-        raise ConvergenceError(
-            f"no weights bring all correlations under {max_correlation:g} ({minimum.message}): take a larger bound"
-        )
-    full = np.full(12 * nside**2, np.nan)
-    full[unique_pixels] = keep
-    return DownweightResult(
-        full, keep[index], predict_covariance(field, 1), predict_covariance(reweight_field(field, keep[index]), 1)
-    )
-
-
-def _normal_by_pixel(field, index, count):
-    """N of spin and acceleration from the sources of each pixel, (count, 6, 6)."""
-    axes = np.eye(3)
-    vectors = [Coefficients.from_vectors(rotation=axis) for axis in axes]
-    vectors += [Coefficients.from_vectors(glide=axis) for axis in axes]
-    basis = [at_sources(vector, field) for vector in vectors]
-    matrices = np.empty((count, 6, 6))
-    for i in range(6):
-        for j in range(i + 1):
-            matrices[:, i, j] = matrices[:, j, i] = np.bincount(index, field.inner(basis[i], basis[j]), count)
-    return matrices

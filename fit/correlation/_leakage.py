@@ -17,7 +17,7 @@ from vsh.modes import as_modes
 from vsh.sky.frames import check_frame
 from vsh.tools import arguments
 from vsh.tools.arguments import float_array
-from vsh.tools.errors import DegeneracyError, ParameterError, TableError
+from vsh.tools.errors import ParameterError, TableError
 from vsh.tools.types import ArrayLike, AxesArray, FloatArray, OnAxes, Table
 from vsh.vector import correlation_of
 
@@ -180,45 +180,3 @@ def lmax_table(sources: Any, max_lmax: int = 10, *, sigma: ArrayLike | None = No
         correlation = correlation_of(np.linalg.inv(block))
         rows.append((lmax, float(values[-1] / values[0]), float(np.abs(correlation - np.eye(len(block))).max())))
     return rows
-
-
-@arguments.accepts(max_condition=arguments.positive, max_correlation=arguments.positive, max_lmax=arguments.whole)
-def recommend_lmax(
-    sources: Any,
-    *,
-    max_condition: float = 100.0,
-    max_correlation: float = 0.5,
-    max_lmax: int = 10,
-    sigma: ArrayLike | None = None,
-) -> int:
-    """The largest degree such that the fits to this and to every lower degree stay below both bounds.
-
-    Parameters
-    ----------
-    sources
-        As for `leakage`.
-    max_condition : float
-        Largest condition of the scaled normal matrix.
-    max_correlation : float
-        Largest correlation of any two coefficients.
-    max_lmax : int
-        Where to stop looking.
-    sigma : float or (2, n) array, optional
-        Errors in place of the sources' own. [µas/yr]
-
-    Raises
-    ------
-    DegeneracyError
-        If even a fit of degree 1 exceeds one of the bounds.
-    """
-    best = 0
-    for lmax, condition, correlation in lmax_table(sources, max_lmax, sigma=sigma):
-        if condition > max_condition or correlation > max_correlation:
-            break
-        best = lmax
-    if not best:
-        raise DegeneracyError(
-            f"not even degree 1 stays under a condition of {max_condition:g} and correlations of {max_correlation:g} on"
-            f" this sky: they are {condition:.3g} and {correlation:.2f}"
-        )
-    return best

@@ -6,7 +6,6 @@ from functools import partial
 from typing import Any, Literal
 
 import numpy as np
-from scipy.linalg import eigh
 
 from fit.normal import normal_equations
 from fit.results.solution import at_sources
@@ -14,7 +13,6 @@ from fit.results.storage import Result, exact, number, words
 from fit.solving import solve
 from fit.solving.frame import solve_frame
 from vsh import Coefficients
-from vsh.basis import harmonics
 from vsh.coefficients import FIRST_DEGREE
 from vsh.field import Field
 from vsh.io import tables
@@ -27,7 +25,7 @@ from vsh.tools import arguments
 from vsh.tools.arguments import covariance, explained, float_array, positive
 from vsh.tools.errors import FrameError, ModesError, ParameterError, TableError
 from vsh.tools.notebook import Frozen
-from vsh.tools.types import ArrayLike, Axes, AxesArray, BoolArray, FloatArray, OnAxes, Table
+from vsh.tools.types import ArrayLike, Axes, FloatArray, Table
 from vsh.vector import correlation_of
 
 #: Name that stands for the six components of spin and acceleration.
@@ -169,7 +167,6 @@ class CorrelationMatrices(Result):
 
     def to_table(self) -> Table:
         """Return the matrix as an astropy Table; two catalogues are in its upper and lower triangles."""
-        from vsh.io import tables
 
         meta = {"frame": self.frame, "upper": self.labels[0], "lower": self.labels[min(1, len(self.labels) - 1)]}
         return tables.table_of(
@@ -363,48 +360,6 @@ def influence_map(
     return np.bincount(pixels, _by_source(field, modes, parameters, quantity), 12 * nside**2).astype(float)
 
 
-@arguments.accepts(nside=arguments.whole, n_sources=arguments.positive, sigma=arguments.positive)
-def gain_of_sources(
-    sources: Any,
-    modes: Modes | int | Literal["spin+acceleration"],
-    parameters: str | Sequence[str],
-    nside: int = 16,
-    *,
-    n_sources: int = 1000,
-    sigma: float | None = None,
-    quantity: Literal["value"] | None = None,
-) -> FloatArray:
-    """Compute the change of a correlation, or of ln σ², if `n_sources` were added in one pixel, for every pixel.
-
-    Notes
-    -----
-    n sources with error σ at one position add (n/σ²) V Vᵀ to N, with V the (p, 2) harmonics there, so that
-    C' = C − C V (I σ²/n + Vᵀ C V)⁻¹ Vᵀ C, with I the 2 × 2 identity matrix.
-    """
-    from vsh.sky.pixels import centres
-
-    if quantity == "value":
-        raise ParameterError("added sources have no motions: the change of a value cannot be predicted")
-    field = Field.from_positions(sources)
-    sigma = float(np.median(field.sigma)) if sigma is None else sigma
-    lon, lat = centres(nside)
-    covariance, row_i, row_j, selection = _prepare_influence(field, modes, parameters)
-    v = harmonics(lon, lat, selection.modes)
-    inner = np.linalg.inv(
-        np.einsum("pin,pq,qjn->nij", v, covariance, v, optimize=True) + sigma**2 / n_sources * np.eye(2)
-    )
-
-    def after(f, g):
-        return f @ covariance @ g - np.einsum(
-            "in,nij,jn->n", np.tensordot(covariance @ f, v, 1), inner, np.tensordot(covariance @ g, v, 1)
-        )
-
-    if row_j is None:
-        return np.log(after(row_i, row_i) / (row_i @ covariance @ row_i))
-    before = (row_i @ covariance @ row_j) / np.sqrt((row_i @ covariance @ row_i) * (row_j @ covariance @ row_j))
-    return after(row_i, row_j) / np.sqrt(after(row_i, row_i) * after(row_j, row_j)) - before
-
-
 def _by_source(field, modes, parameters, quantity):
     """Compute the derivative with respect to ln of the weight of each source, (n,)."""
     covariance, row_i, row_j, selection = _prepare_influence(field, modes, parameters)
@@ -441,98 +396,3 @@ def _prepare_influence(field, modes, parameters):
     selection = named(names, modes)
     covariance = solve(normal_equations(field, modes)).covariance
     return covariance, selection.rows[0], selection.rows[1] if len(names) == 2 else None, selection
-
-
-def most_influential(influence: ArrayLike, fraction: float = 0.5) -> BoolArray:
-    """Return a mask (12 nside²,) of the strongest pixels of the dominant sign that make up `fraction` of its sum."""
-    m = arguments.float_array("influence", influence, finite=False)
-    if not 0 < fraction <= 1:
-        raise ParameterError(f"fraction must be above 0 and at most 1, not {fraction}")
-    positive, negative = m[m > 0].sum(), -m[m < 0].sum()
-    strength = m if positive >= negative else -m
-    order = np.argsort(-strength)
-    cumulative = np.cumsum(np.maximum(strength[order], 0))
-    mask = np.zeros(m.size, bool)
-    mask[order[: np.searchsorted(cumulative, fraction * cumulative[-1]) + 1]] = True
-    return mask & (strength > 0)
-
-
-@dataclass(frozen=True, eq=False)
-class Eigenmodes(Result):
-    """Fields whose amplitudes have independent errors for some sources, from the worst measured to the best.
-
-    Attributes
-    ----------
-    information : (p,) array
-        Information on each field relative to a uniform sky of the same weight, in rising order; 0.01 means ten times
-        the error of the uniform sky.
-    fields : list of Coefficients
-        The fields, each with ∫|V|² dΩ = 1.
-    frame : str
-    """
-
-    information: FloatArray
-    fields: list
-    frame: str
-
-    def _sections(self, long):
-        error = 1 / np.sqrt(self.information)
-        names = [str(mode) for mode in self.fields[0].modes]
-        descriptions = []
-        for field in self.fields[:3]:
-            largest = np.argsort(-np.abs(field.values))[:3]
-            descriptions.append(", ".join(f"{field.values[k]:+.2f} {names[k]}" for k in largest))
-        facts = [
-            ("fields", f"{len(error)} that this sky measures independently ({self.frame} axes)"),
-            (
-                "errors",
-                f"{error[-1]:.3f} (best) to {error[0]:.3g} (worst) times those of a uniform sky of the same weight",
-            ),
-        ]
-        table = tables.table_of({"error": error[:3], "worst fields": descriptions})
-        return (Section("Fields of independent errors", facts, table),)
-
-    def to_table(self) -> Table:
-        """Return the information on each field as an astropy Table, from the worst to the best."""
-        return tables.table_of({"information": self.information}, {"frame": self.frame})
-
-    def plot(self, n_fields: int = 2, *, ax: OnAxes | None = None) -> AxesArray:
-        """Plot the worst and the best fields as maps of arrows on matplotlib axes.
-
-        Parameters
-        ----------
-        n_fields : int
-            Number of the worst fields, and of the best fields, that are plotted.
-        ax : matplotlib axes, or as many as there are panels, optional
-            Axes to draw on; a new figure unless given.
-        """
-        from fit.correlation._plot import plot_eigenmodes
-
-        return plot_eigenmodes(self, n_fields, ax=ax)
-
-
-def eigenmodes(sources: Any, modes: Modes | int, *, sigma: ArrayLike | None = None) -> Eigenmodes:
-    """Compute a basis of fields that are orthogonal on the given sky.
-
-    Parameters
-    ----------
-    sources
-        As for `leakage`.
-    modes : Modes, or the degree lmax
-        What to fit.
-    sigma : float or (2, n) array, optional
-        Errors in place of the sources' own. [µas/yr]
-
-    Returns
-    -------
-    Eigenmodes
-        Solutions of N v = λ M v, with M the normal matrix of a uniform sky of the same total weight.
-    """
-    modes = as_modes(modes)
-    field = Field.from_positions(sources, sigma)
-    normal = normal_equations(field, modes).matrix
-    # ∫ |V|² dΩ = Σ norm2 c². On a uniform sky N is the mean of |V|² times half the summed traces.
-    norm = np.diag(modes.norm2.astype(float))
-    values, vectors = eigh(normal, norm)
-    weight_density = field.information.sum() / 2 / (4 * np.pi)
-    return Eigenmodes(values / weight_density, [Coefficients(modes, v) for v in vectors.T], field.frame)

@@ -8,22 +8,18 @@ from matplotlib.ticker import MaxNLocator
 
 from vsh.field import Field
 from vsh.figures.plot import (
-    COLOURS,
     DIVERGING,
     KIND_COLOURS,
     KIND_NAMES,
     WIDTH,
     SkyAxes,
     apply_style,
-    arrow_grid,
     colour_bar,
     draw_map,
     draw_matrix,
     draw_sources,
-    draw_vectors,
     legend_above,
     panels,
-    plot_map,
     sky_axes,
     symbol,
 )
@@ -82,11 +78,6 @@ def plot_influence(
     return axes
 
 
-def plot_shares(keep: FloatArray, frame: str, *, ax: Axes | None = None) -> SkyAxes:
-    """A map of the share of the weight that is kept in each pixel, (12 nside²,)."""
-    return plot_map(keep, "share of the weight that is kept", frame=frame, ax=ax, vmin=0, vmax=1)
-
-
 @apply_style
 def plot_leakage(leakage: Any, *, ax: OnAxes | None = None) -> AxesArray:
     """Plot the bias of spin and acceleration by each unmodelled degree: their rms bias by a power of 1 (µas/yr)² in
@@ -107,20 +98,4 @@ def plot_leakage(leakage: Any, *, ax: OnAxes | None = None) -> AxesArray:
     legend_above(axes_array[0])
     axes_array[1].set_xlabel("degree left out, of power 1 (µas/yr)²: its rms bias")
     axes_array[1].xaxis.set_major_locator(MaxNLocator(integer=True))
-    return axes_array
-
-
-@apply_style
-def plot_eigenmodes(eigen: Any, n_fields: int = 2, *, ax: OnAxes | None = None) -> AxesArray:
-    """The worst and the best measured fields of a sky, as arrows."""
-    count = min(n_fields, len(eigen.fields) // 2)
-    axes_array = panels(ax, 2 * count, 1, size=(WIDTH, 2.1 * 2 * count))
-    indices = [*range(count), *range(len(eigen.fields) - count, len(eigen.fields))]
-    for panel, i in enumerate(indices):
-        axes = axes_array[panel] = sky_axes(eigen.frame, axes_array[panel])
-        grid = arrow_grid(axes, 14.0)
-        draw_vectors(axes, *grid, eigen.fields[i].at(*grid), color=COLOURS[1] if panel < count else COLOURS[0])
-        label = "worst" if panel < count else "best"
-        error = 1 / np.sqrt(eigen.information[i])
-        axes.set_title(f"{label} measured: {error:.2f} times the error on a uniform sky")
     return axes_array

@@ -8,18 +8,7 @@ import pytest
 import fit
 import sim
 from fit import background
-from fit.correlation import (
-    compare_cuts,
-    correlation_matrices,
-    downweight,
-    eigenmodes,
-    gain_of_sources,
-    influence_map,
-    leakage,
-    lmax_table,
-    predict_covariance,
-    recommend_lmax,
-)
+from fit.correlation import correlation_matrices, influence_map, leakage, lmax_table, predict_covariance
 from fit.posterior import Flat, Normal, grid
 from fit.redshift import binned, equal_information, permutation_test
 from fit.secular_parallax import hubble_constant, observer_velocity
@@ -58,8 +47,8 @@ CALLS = {
     fit.resample.parametric_bootstrap: (FIELD, 1, 3, 1), fit.solve_matrix_free: (FIELD, 2), binned: (FIELD, 1, 2),
     permutation_test: (FIELD, BINS, 3, 1), equal_information: (FIELD, 2), observer_velocity: (FIELD, 70.0),
     hubble_constant: (FIELD, "planck"), grid: (FIELD, "planck", Flat(20, 150)), predict_covariance: (FIELD, 1), correlation_matrices: (FIELD,),
-    influence_map: (FIELD, 1, "a_x", 1), gain_of_sources: (FIELD, 1, "a_x", 1), leakage: (FIELD, 1, 2), lmax_table: (FIELD, 2),
-    recommend_lmax: (FIELD, 1e9, 0.99, 2), eigenmodes: (FIELD, 1), compare_cuts: (FIELD, {"all": None}), downweight: (FIELD, 0.9, 1),
+    influence_map: (FIELD, 1, "a_x", 1), leakage: (FIELD, 1, 2), lmax_table: (FIELD, 2),
+
     Coefficients: (1, np.zeros(6)), Coefficients.from_vectors: ((1, 2, 3), (1, 2, 3), 1), Modes: (1,), Vector: ([1, 2, 3], np.eye(3)),
     Vector.from_spherical: (1.0, 10.0, 20.0), Normal: (67.0, 1.0), Flat: (50.0, 80.0), harmonics: (FIELD.lon, FIELD.lat, 1),
     synthesis: (Coefficients(1, np.zeros(6)), FIELD.lon, FIELD.lat), adjoint: (1, FIELD.lon, FIELD.lat, FIELD.motion),

@@ -11,7 +11,7 @@ from gaia_table import table
 
 import fit
 import sim
-from fit.correlation import correlation_matrices, eigenmodes, leakage, predict_covariance
+from fit.correlation import correlation_matrices, leakage, predict_covariance
 from fit.redshift import binned
 from fit.results.storage import same
 from fit.secular_parallax import hubble_constant, observer_velocity
@@ -48,7 +48,6 @@ NOUNS = {
     "HubbleSolution": hubble_constant(FIELD, "planck"),
     "CorrelationMatrices": correlation_matrices(FIELD),
     "Leakage": leakage(FIELD, 1, 2),
-    "Eigenmodes": eigenmodes(FIELD, 1),
     "Prediction": predict_covariance(FIELD, 1),
     "ResampledFit": fit.resample.bootstrap(FIELD, 1, 5, 1),
     "Student": fit.robust.student_t(FIELD, 1),
@@ -176,7 +175,6 @@ def test_frame_solutions_carry_notes_and_quality():
         lambda m: binned(FIELD, m, 2).covariance,
         lambda m: predict_covariance(FIELD, m).covariance,
         lambda m: leakage(FIELD, m, 3).matrix,
-        lambda m: eigenmodes(FIELD, m).information,
         lambda m: __import__("vsh.basis", fromlist=["x"]).harmonics(FIELD.lon, FIELD.lat, m),
         lambda m: __import__("vsh.transform", fromlist=["x"]).adjoint(m, FIELD.lon, FIELD.lat, FIELD.motion),
         lambda m: Coefficients(m, np.arange(16.0)).values,

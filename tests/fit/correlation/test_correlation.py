@@ -4,17 +4,7 @@ from conftest import nonuniform, random_field
 
 import fit
 import sim
-from fit.correlation import (
-    correlation_matrices,
-    downweight,
-    eigenmodes,
-    gain_of_sources,
-    influence_map,
-    leakage,
-    most_influential,
-    named,
-    parameters_of,
-)
+from fit.correlation import correlation_matrices, influence_map, leakage, named, parameters_of
 from vsh import Field
 from vsh.sky.pixels import smooth_map
 from vsh.sky.sphere import triad
@@ -114,13 +104,10 @@ def test_positions_are_enough():
         (lambda f: influence_map(f, 1, "a_x", quantity="mean"), ParameterError, "quantity is None"),
         (lambda f: influence_map(f, 1, ("a_x", "a_y"), quantity="value"), ParameterError, "of one parameter"),
         (lambda f: influence_map(f, 1, "a_x", nside=3), FieldError, "power of two"),
-        (lambda f: gain_of_sources(f, 1, "a_x", quantity="value"), ParameterError, "no motions"),
         (lambda f: leakage(f, 3, 2), ModesError, "above the fitted degree 3"),
         (lambda f: leakage(f, 1, 3).bias([1.0]), ParameterError, "each degree from 2 to 3"),
         (lambda f: leakage(f, 1, 3).bias({4: 1.0}), ParameterError, "degree 4 is none of"),
         (lambda f: leakage(f, 1, 3).bias(-1.0), ParameterError, "cannot be negative"),
-        (lambda f: downweight(f, 1.5), ParameterError, "between 0 and 1"),
-        (lambda f: most_influential(np.ones(12), 0.0), ParameterError, "fraction"),
     ],
 )
 def test_bad_input(call, error, words):
@@ -146,4 +133,3 @@ def test_figures():
     assert smooth_map(values, 20.0).std() < 0.8 * values.std()
     np.testing.assert_allclose(smooth_map(np.ones(192), 30.0), 1, atol=2e-3)  # healpy's transform
     assert len(leakage(field, 1, 3).plot()) == 2
-    assert len(eigenmodes(field, 1).plot()) == 4

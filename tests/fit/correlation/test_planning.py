@@ -6,13 +6,10 @@ from conftest import nonuniform
 
 import fit
 import sim
-from fit.correlation import compare_cuts, correlation_matrices, downweight, predict_covariance
-from fit.correlation._forecast import reweight_field
+from fit.correlation import correlation_matrices, predict_covariance
 from fit.secular_parallax import hubble_constant, observer_velocity
 from fit.secular_parallax import predict_errors as predict_parallax
 from vsh import Field
-from vsh.sky.pixels import pixels_of
-from vsh.tools.errors import FieldError
 
 
 def test_prediction_is_the_covariance_of_the_fit_to_come():
@@ -35,19 +32,6 @@ def test_prediction_is_the_covariance_of_the_fit_to_come():
     assert pair == correlation_matrices(field).largest(0)[1]
 
 
-def test_plans_side_by_side():
-    field = nonuniform()
-    north = field.lat > 0
-    table = compare_cuts(field, {"all": None, "north": north, "half the weight": np.full(len(field), 0.5)})
-    assert list(table["case"]) == ["all", "north", "half the weight"]
-    assert table["sources"][1] == north.sum()
-    assert table["sigma_spin"][2] == pytest.approx(np.sqrt(2) * table["sigma_spin"][0])
-    assert table["efficiency"][1] < table["efficiency"][0]
-    for bad, words in ((np.ones(3), "one value a source"), (np.full(len(field), -1.0), "finite and not negative")):
-        with pytest.raises(FieldError, match=words):
-            compare_cuts(field, {"bad": bad})
-
-
 def test_predicted_velocity_and_hubble():
     galaxies = sim.galaxies(500, rng=1)
     velocity, hubble = predict_parallax(galaxies, 70.0, sigma=5.0, peculiar_dispersion=300.0)
@@ -57,25 +41,3 @@ def test_predicted_velocity_and_hubble():
         hubble_constant(field, "planck", peculiar_dispersion=300.0, hubble=70.0).hubble_error, rel=1e-3
     )
     assert np.isnan(velocity.velocity.value).all()
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("bound", [0.3, pytest.param(0.1, marks=pytest.mark.slow)])
-def test_thinning_reaches_its_bound_at_little_cost(bound):
-    field = nonuniform(20_000, 1)
-    found = downweight(field, bound)
-    assert abs(found.before.largest[0]) > 0.35
-    assert abs(found.after.largest[0]) <= bound + 1e-3
-    assert np.nanmin(found.keep) >= 0
-    assert np.nanmax(found.keep) <= 1
-    # Against the plain way, all pixels cut down to one density: the same bound costs less.
-    ratio = np.sqrt(np.mean(found.after.acceleration.sigma**2) / np.mean(found.before.acceleration.sigma**2))
-    pixels = pixels_of(field.lon, field.lat, 4)
-    weight = np.bincount(pixels, field.weights[:2].sum(0), 192)
-    flat = np.minimum(1, np.quantile(weight[weight > 0], 0.5) / weight[pixels])
-    plain = predict_covariance(reweight_field(field, flat), 1)
-    assert ratio < 1.35
-    if abs(plain.largest[0]) >= bound:
-        assert ratio < np.sqrt(np.mean(plain.acceleration.sigma**2) / np.mean(found.before.acceleration.sigma**2)) * 1.2
-    mask = found.mask(rng=1)
-    assert mask.mean() == pytest.approx(found.factors.mean(), abs=0.02)

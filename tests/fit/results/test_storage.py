@@ -11,7 +11,7 @@ from conftest import random_field
 import fit
 import sim
 from fit import in_time
-from fit.correlation import correlation_matrices, downweight, eigenmodes, leakage, predict_covariance
+from fit.correlation import correlation_matrices, leakage, predict_covariance
 from fit.motions.growth import growth
 from fit.posterior import grid, sample
 from fit.redshift import binned
@@ -94,8 +94,6 @@ def results():
         "cross-check": fit.cross_check(field),
         "trend": binned(binning, 1, 3).trend(),
         "bootstrap": fit.resample.bootstrap(field, 1, 12, 1, progress=False),
-        "eigenmodes": eigenmodes(field, 1),
-        "keeping": downweight(random_field(2000, 1), 0.3),
         "moments": fit.Moments.of(field, 2),
         "without a matrix": fit.solve_matrix_free(field, 3),
         "grid": grid(galaxies, CMB_VELOCITY_PLANCK18, n_points=12),
@@ -179,7 +177,7 @@ NAMES = (
         "trend",
         "bootstrap",
     ),
-    *("velocity to come", "hubble to come", "eigenmodes", "keeping", "moments", "without a matrix", "grid", "samples"),
+    *("velocity to come", "hubble to come", "moments", "without a matrix", "grid", "samples"),
 )
 
 

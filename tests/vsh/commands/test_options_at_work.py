@@ -57,16 +57,6 @@ def test_threshold_leaves_out(pair, capsys):
     assert "Sources that were left out" not in many
 
 
-def test_more_sources_gain_more(pair, capsys):
-    gains = []
-    for count in ("100", "2000"):
-        words = [str(pair / "first.fits"), "--lmax", "1", "--influence", "omega_x", "--add-sources", count, "--long"]
-        assert correlate.main(words) == 0
-        (line,) = [each for each in capsys.readouterr().out.splitlines() if each.startswith(f"{count} more sources")]
-        gains.append(float(line.rsplit("by ", 1)[1]))
-    assert gains[1] < gains[0] < 0  # ln σ² falls
-
-
 def test_bias_goes_with_the_power_that_is_left_out(pair, capsys):
     biases = []
     for power in ("1", "4"):
