@@ -19,7 +19,7 @@ _TOLD = 0.9
 _LABELS = {
     "v_x": "$v_x$", "v_y": "$v_y$", "v_z": "$v_z$", "speed": "$|v|$", "H0": "$H_0$",
     "peculiar_dispersion": r"$\sigma_{\rm pec}$", "excess_noise": r"$\sigma_{\rm excess}$",
-    "outlier_fraction": "outliers", "a_x": r"$\tilde a_x$", "a_y": r"$\tilde a_y$", "a_z": r"$\tilde a_z$",
+    "a_x": r"$\tilde a_x$", "a_y": r"$\tilde a_y$", "a_z": r"$\tilde a_z$",
 }  # fmt: skip
 
 

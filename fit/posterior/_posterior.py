@@ -14,7 +14,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from scipy.special import logsumexp
 
-from fit.posterior._model import MixtureModel, ParallaxModel
+from fit.posterior._model import ParallaxModel
 from fit.posterior._priors import HUBBLE_LIMITS, UNITS, ModelPriors
 from fit.posterior._summary import SampleResult, Samples, sections_of
 from fit.sampling import ENOUGH, Flat, Normal, autocorrelation, inference_data, split_r_hat
@@ -212,7 +212,7 @@ class Posterior(SampleResult):
     chain : (steps, walkers, d) array
         All of it, in the coordinates of the sampler.
     log_probability : (steps, walkers) array
-    model : ParallaxModel or MixtureModel
+    model : ParallaxModel
     frame : str
         Axes of velocity and acceleration.
     notes : tuple of str
@@ -225,7 +225,7 @@ class Posterior(SampleResult):
 
     chain: FloatArray
     log_probability: FloatArray
-    model: ParallaxModel | MixtureModel
+    model: ParallaxModel
     frame: str
     notes: tuple[str, ...]
     seed: int
@@ -274,7 +274,7 @@ class Posterior(SampleResult):
         """Samples after burn-in and thinning, by name: arrays (n,).
 
         v_x, v_y, v_z and speed [km/s, toward the apex, along the axes of `frame`]; H0 [km/s/Mpc]; a_x, a_y, a_z
-        [µas/yr]; and what else was free: peculiar_dispersion [km/s], excess_noise [µas/yr], outlier_fraction.
+        [µas/yr]; and what else was free: peculiar_dispersion [km/s], excess_noise [µas/yr].
 
         Raises
         ------

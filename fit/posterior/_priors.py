@@ -76,7 +76,7 @@ _HUBBLE_PRIORS: dict[str, Prior] = {"planck": PLANCK_HUBBLE, "flat": Flat(0.0)}
 #: Units of the quantities of a posterior.
 UNITS = {
     "v_x": "km/s", "v_y": "km/s", "v_z": "km/s", "speed": "km/s", "H0": "km/s/Mpc", "peculiar_dispersion": "km/s",
-    "excess_noise": "µas/yr", "outlier_fraction": "", "flow_amplitude": "",
+    "excess_noise": "µas/yr", "flow_amplitude": "",
     "a_x": "µas/yr", "a_y": "µas/yr", "a_z": "µas/yr", "omega_x": "µas/yr", "omega_y": "µas/yr", "omega_z": "µas/yr",
 }  # fmt: skip
 #: Names that are too long for the table.
@@ -94,8 +94,6 @@ class NoiseOptions(DistanceOptions, total=False):
     acceleration: Vector | None
     excess_noise: float | Prior
     spin: Literal["free"] | Vector | None
-    outliers: Prior | tuple[float, float] | None
-    outlier_width: float | None
 
 
 #: Keywords that say how distances follow.
@@ -131,10 +129,6 @@ class Priors(InNotebook):
         Noise beyond the catalogue's in each component, fixed or free. [µas/yr]
     spin : None, "free" or Vector
         No spin; a flat prior; or a Gaussian one. [µas/yr]
-    outliers : prior, optional
-        Prior on the fraction of sources with unreliable errors. Each sample then needs a sum over all sources.
-    outlier_width : float, optional
-        Their noise beyond the catalogue's; ten times the median error unless given. [µas/yr]
     """
 
     velocity: str | Vector | Callable[[FloatArray], FloatArray] = "planck"
@@ -145,8 +139,6 @@ class Priors(InNotebook):
     flow_amplitude: Prior | tuple[float, float] | None = None
     local_group: Vector | bool | None = None
     acceleration: Vector | None = None
-    outliers: Prior | tuple[float, float] | None = None
-    outlier_width: float | None = None
 
 
 def as_priors(

@@ -10,11 +10,11 @@ from typing import Any, Literal, Unpack
 import numpy as np
 
 from fit.distances import declared_frame
-from fit.posterior._model import MixtureModel, parallax_model
+from fit.posterior._model import parallax_model
 from fit.posterior._posterior import Cells, Posterior, check_few, in_cells
 from fit.posterior._priors import DISTANCES, ModelPriors, NoiseOptions, Priors, as_priors, checked_priors
 from fit.results.storage import Result
-from fit.sampling import Prior, Run, as_prior, check_writable, fingerprint, named_function
+from fit.sampling import Prior, Run, check_writable, fingerprint, named_function
 from fit.secular_parallax import (
     OMEGA,
     WITHOUT_GROUP,
@@ -132,7 +132,7 @@ def sample(
     cosmology : astropy cosmology, optional
         The shape of the distance.
     n_walkers : int, optional
-        128 unless given; 64 with outliers.
+        128 unless given.
     progress : bool
         Show a bar, after two seconds.
     threads : int, optional
@@ -140,8 +140,8 @@ def sample(
     save_every : float
         Seconds between checkpoints, at least.
     **noise
-        The other attributes of `Priors`: peculiar_dispersion, flow_amplitude, acceleration, excess_noise, spin,
-        outliers, outlier_width; and `fit.secular_parallax.DistanceOptions`: redshift_frame, flows, …
+        The other attributes of `Priors`: peculiar_dispersion, flow_amplitude, local_group, acceleration,
+        excess_noise, spin; and `fit.secular_parallax.DistanceOptions`: redshift_frame, flows, …
 
     Raises
     ------
@@ -161,23 +161,14 @@ def sample(
     choice("method", method, ("emcee", "grid"))
     priors = as_priors(velocity_prior, hubble_prior, dict(noise))
     distances = distances_of(dict(noise))
-    if priors.outliers is not None and "flows" not in distances:
-        distances["flows"] = None  # which a mixture of sources cannot hold: a note says what they would add
     rows, model_priors = posterior_equations(field, priors, cosmology, distances)
-    spin, outliers, outlier_width = priors.spin, priors.outliers, priors.outlier_width
+    spin = priors.spin
     if method == "grid":  # before the likelihood is tabulated
         check_few(model_priors)
-        if outliers is not None:
-            raise ParameterError("a grid has no outliers: sample the posterior with emcee")
         if checkpoint is not None:
             raise ParameterError("independent draws from a grid are made at once: they take no checkpoint")
     model: Any = parallax_model(rows, model_priors, spin, threads)
-    if outliers is not None:
-        if not isinstance(rows, ParallaxEquations):
-            raise ParameterError("outliers are separated source by source, in memory: give a Field, not parts")
-        width = 10 * float(np.median(np.sqrt(rows.variance))) if outlier_width is None else float(outlier_width)
-        model = MixtureModel(model, rows, as_prior(outliers, "outliers"), width, spin, threads)
-    n_walkers = n_walkers or (128 if outliers is None else 64)
+    n_walkers = n_walkers or 128
     if n_walkers < 2 * len(model.names):
         raise ParameterError(f"{n_walkers} walkers are too few for {len(model.names)} coordinates: take twice as many")
     steps = -(-int(n_samples) // n_walkers)
@@ -202,8 +193,6 @@ def sample(
             | {
                 "cosmology": repr(cosmology),
                 "spin": spin_said,
-                "outliers": repr(outliers),
-                "outlier width": str(outlier_width),
                 "distances": _in_words(distances),
                 "walkers": str(n_walkers),
                 "seed": str(seed),
@@ -323,7 +312,7 @@ def grid(
     threads : int, optional
         How many; one a core unless given.
     **noise
-        The other attributes of `Priors`, but outliers; and `fit.secular_parallax.DistanceOptions`.
+        The other attributes of `Priors`; and `fit.secular_parallax.DistanceOptions`.
 
     Raises
     ------
@@ -331,8 +320,6 @@ def grid(
         If more than two numbers are free, or the velocity's prior is a function.
     """
     priors = as_priors(velocity_prior, hubble_prior, dict(noise))
-    if priors.outliers is not None:
-        raise ParameterError("a grid has no outliers: sample the posterior")
     rows, model_priors = posterior_equations(field, priors, cosmology, distances_of(dict(noise)))
     check_few(model_priors)
     return of_cells(Cells.of(parallax_model(rows, model_priors, priors.spin, threads), n_points))

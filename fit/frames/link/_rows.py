@@ -427,7 +427,7 @@ class Equations:
 
     @property
     def n_matched(self) -> int:
-        """How many sources are in two catalogues or more."""
+        """The number of sources in two catalogues or more."""
         pairs = np.unique(
             np.stack([self.source, np.unique(self.data.catalogue, return_inverse=True)[1].ravel()]), axis=1
         )

@@ -106,8 +106,6 @@ def test_grids_have_limits(field):
         sample(field, method="grid", rng=1, **COMMON, **wide)
     with pytest.raises(ParameterError, match="must be Gaussian or flat"):
         sample(field, lambda v: -np.sum(v**2, 1) / 1e6, (70, 2), method="grid", rng=1, **COMMON)
-    with pytest.raises(ParameterError, match="no outliers"):
-        sample(field, method="grid", rng=1, outliers=Flat(0, 0.1), **COMMON)
     with pytest.raises(ParameterError, match="take no checkpoint"):
         sample(field, method="grid", rng=1, checkpoint="chain.npz", **COMMON)
     with pytest.raises(ParameterError, match="method"):

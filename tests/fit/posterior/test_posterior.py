@@ -144,26 +144,6 @@ def test_table_is_the_likelihood(seed):
 
 
 @pytest.mark.slow
-def test_outliers_are_told_apart():
-    field = galaxies(400, sigma=2.0)
-    rng = np.random.default_rng(1)
-    wrong = rng.uniform(size=400) < 0.1
-    dirty = field.minus(np.where(wrong, rng.normal(0, 60, (2, 400)), 0.0))
-    found = sample(dirty, CMB_VELOCITY_PLANCK18, Flat(20, 150), n_samples=200_000, peculiar_dispersion=0.0, outliers=Flat(0, 0.5), outlier_width=60.0,
-                   n_walkers=64, **SETTINGS)  # fmt: skip
-    clean = sample(
-        field[~wrong], CMB_VELOCITY_PLANCK18, Flat(20, 150), n_samples=400_000, peculiar_dispersion=0.0, **SETTINGS
-    )
-    dirty_row, clean_row = (x.summary()["H0"] for x in (found, clean))
-    assert abs(dirty_row.mean - clean_row.mean) < clean_row.sigma
-    assert dirty_row.sigma < 1.4 * clean_row.sigma
-    assert found.summary()["outlier_fraction"].low95 < wrong.mean() < found.summary()["outlier_fraction"].high95
-    np.testing.assert_allclose(
-        found.acceleration.value, clean.acceleration.value, atol=2 * clean.acceleration.sigma.max()
-    )
-
-
-@pytest.mark.slow
 def test_callable_prior_is_the_gaussian_it_computes():
     field = galaxies()
     turned = Vector(CMB_VELOCITY_PLANCK18.value, 1600 * np.eye(3), "galactic", "km/s").to_frame("icrs")
@@ -326,8 +306,7 @@ def test_posterior_without_limits_says_so():
         ({"hubble_prior": Flat(-5, 0)}, ParameterError, "leaves nothing above zero"),
         ({"peculiar_dispersion": -1}, ParameterError, "peculiar_dispersion cannot be -1"),
         ({"peculiar_dispersion": Flat(0)}, ParameterError, "needs an upper limit"),
-        ({"outliers": Flat(0, 2)}, ParameterError, "between 0 and 1"),
-        ({"outliers": Flat(0, 0.5), "spin": CMB_VELOCITY_PLANCK18}, ParameterError, "take a known one away"),
+        ({"outliers": Flat(0, 0.5)}, ParameterError, "no prior is called outliers"),
         ({"n_walkers": 6}, ParameterError, "6 walkers are too few"),
         ({"n_samples": 100}, ParameterError, "fewer than two steps"),
         ({"velocity_prior": lambda v: np.full(len(v), -np.inf)}, ParameterError, "zero wherever it was tried"),

@@ -121,8 +121,6 @@ def test_flows_that_are_refused_or_requested():
         sample(field, flow_amplitude=Normal(1, 0.1), n_samples=1000, progress=False, flows=None)
     with pytest.raises(ParameterError, match="counts them twice"):
         sample(field, peculiar_dispersion=750.0, n_samples=1000, **OPTIONS)
-    with pytest.raises(ParameterError, match="every source is for itself"):
-        sample(field, outliers=Flat(0, 0.5), n_samples=1000, **OPTIONS)
     bare = Field(field.lon, field.lat, field.motion, field.sigma, redshift=np.abs(field.redshift))
     with pytest.warns(VshWarning, match="the frame of the redshifts is not given"):
         grid(bare, "planck", Flat(10, 200), n_points=20)
