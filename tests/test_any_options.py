@@ -23,7 +23,7 @@ VALUES = {
     "units": "pmra=uas/yr pmra=mag", "selection": "map.fits mine.txt", "reconstruction": "mine.npz nothere", "gaia": "g.fits", "url": "http://127.0.0.1:9/tap",
     "patience": "1", "n-samples": "300", "n-realisations": "1", "bootstrap": "5", "n-bootstrap": "3", "n-modes": "9", "nside": "1 2", "dpi": "40", "threads": "1",
     "workers": "1", "scheduler": "mine.txt nothere", "seed": "1 0", "redshift-range": "0.001,0.03", "survey": "me=500,3", "peculiar-dispersion": "150 free 900",
-    "iterations": "2", "jackknife": "1", "powers": "2", "leakage": "2", "influence": "omega_x,a_y", "h0-range": "50,90", "h0-error": "1",
+    "iterations": "2", "jackknife": "1", "leakage": "2", "influence": "omega_x,a_y", "h0-range": "50,90", "h0-error": "1",
 }  # fmt: skip
 ODD = ["", "-1", "0", "1e400", "nan", "x", "1,2,3", "a=b", "=", "é", "9" * 30, "--", "1,nan,2", "a\nb", "\x1b[31m"]
 CATALOGUES = ["g.fits", "g.fits", "g.ecsv", "dir", "mine.txt", "nothere.fits", "-", "."]

@@ -20,7 +20,7 @@ def make_parser() -> argparse.ArgumentParser:
         ),
         examples=(
             "vsh-pairs catalogue.fits",
-            "vsh-pairs catalogue.fits --bins 18 --powers 5 --output results",
+            "vsh-pairs catalogue.fits --bins 18 --output results",
             "vsh-pairs catalogue.fits --up-to 60 --bins 6 --html pairs.html",
         ),
     )
@@ -35,7 +35,6 @@ def make_parser() -> argparse.ArgumentParser:
         _templates,
         parsing.TEMPLATES,
     )
-    add("--powers L", "also estimate the power of degrees 1 to L from pairs", parsing.count(1))
     add(
         "--nside",
         "HEALPix nside of the blocks of the sky from whose scatter the errors are estimated",
@@ -74,12 +73,10 @@ def _run(options):
     edges = np.radians(np.linspace(0, options.up_to, options.bins + 2))
     correlation = pairs.correlation_function(field, edges, lmax=options.lmax, nside=options.nside)
     fitted = correlation.fit(options.templates) if options.templates else None
-    power = pairs.power(field, options.powers, nside=options.nside) if options.powers else None
 
     parts = [
         finishing.Part("pairs", correlation, "Correlation by angle", plot=lambda: correlation.plot(fitted)),
         *([finishing.Part("templates", fitted, "Templates", plot=dict, is_long=True)] if fitted else ()),
-        *([finishing.Part("power", power, "Power by degree")] if power else ()),
     ]
     run.finish(
         parts,

@@ -1,15 +1,14 @@
-"""Pairs of sources at an angle: correlation functions and power spectra, without a pair ever counted."""
+"""Pairs of sources at an angle: correlation functions, without a pair ever counted."""
 
 from typing import TYPE_CHECKING
 
 from fit.pairs._correlation import TEMPLATES, Correlation, TemplateFit, correlation_function, waves_curve
-from fit.pairs._power import PairPower, power
 from vsh.tools.modules import lazily
 
 if TYPE_CHECKING:
-    from fit.pairs._plot import plot_pairs, plot_power
+    from fit.pairs._plot import plot_pairs
 
-__all__ = ["Correlation", "PairPower", "TemplateFit", "correlation_function", "power"]
+__all__ = ["Correlation", "TemplateFit", "correlation_function"]
 
 # matplotlib is imported when a figure is first asked for.
-__getattr__, __dir__ = lazily(__name__, __all__, {"_plot": ["plot_pairs", "plot_power"]})
+__getattr__, __dir__ = lazily(__name__, __all__, {"_plot": ["plot_pairs"]})

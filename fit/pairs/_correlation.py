@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from scipy.special import ncfdtr
 
-from fit.pairs._power import checked_edges, covariance_of, sums_of, windows
+from fit.pairs._sums import checked_edges, covariance_of, sums_of, windows
 from fit.results.quality import SEEN
 from fit.results.storage import Result
 from vsh.field import Field

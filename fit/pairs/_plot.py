@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from vsh.figures.plot import KIND_COLOURS, KIND_NAMES, WIDTH, apply_style, legend_above, panels
+from vsh.figures.plot import KIND_COLOURS, WIDTH, apply_style, legend_above, panels
 from vsh.tools.types import Axes, AxesArray, OnAxes
 
 _PLUS, _MINUS = KIND_COLOURS["S"], KIND_COLOURS["T"]
@@ -49,25 +49,5 @@ def plot_curves(fit: Any, *, ax: Axes | None = None) -> Axes:
     axes.axhline(0, color="0.6", linewidth=0.6)
     axes.set_xlabel(_ANGLE)
     axes.set_ylabel(_VALUE)
-    legend_above(axes)
-    return axes
-
-
-@apply_style
-def plot_power(power: Any, *, ax: Axes | None = None) -> Axes:
-    """Power by degree with its errors, of either sign."""
-    (axes,) = panels(ax)
-    l = np.arange(1, len(power.toroidal) + 1)
-    for kind, values, error, side, marker in (
-        ("T", power.toroidal, power.errors[0], -0.08, "o"),
-        ("S", power.spheroidal, power.errors[1], 0.08, "s"),
-    ):
-        error = error if np.isfinite(error).all() else None
-        axes.errorbar(l + side, values, error, fmt=marker, color=KIND_COLOURS[kind], label=KIND_NAMES[kind])
-    axes.axhline(0, color="0.6", linewidth=0.6)
-    if len(l) <= 12:
-        axes.set_xticks(l)
-    axes.set_xlabel("degree")
-    axes.set_ylabel("power from pairs  [(µas/yr)²]")
     legend_above(axes)
     return axes

@@ -17,7 +17,7 @@ def catalogue(tmp_path_factory):
 
 def test_results(catalogue, tmp_path, capsys):
     folder = tmp_path / "pairs"
-    assert main([catalogue, "--bins", "6", "--powers", "2", "--nside", "1", "--output", str(folder)]) == 0
+    assert main([catalogue, "--bins", "6", "--nside", "1", "--output", str(folder)]) == 0
     files = {x.name for x in folder.iterdir()}
     assert files == {
         "report.txt",
@@ -25,9 +25,7 @@ def test_results(catalogue, tmp_path, capsys):
         "citation.bib",
         "pairs.ecsv",
         "templates.ecsv",
-        "power.ecsv",
         "pairs.png",
-        "power.png",
         "provenance.json",
     }
     found = fit.storage.read(folder / "pairs.ecsv")

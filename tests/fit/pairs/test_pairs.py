@@ -9,8 +9,8 @@ from numpy.testing import assert_allclose
 
 import sim
 from fit import pairs
-from fit.pairs._power import _cross_terms, covariance_of, sums_of
-from vsh import Coefficients, DegeneracyError, Field, FieldError, ParameterError
+from fit.pairs._sums import _cross_terms, covariance_of, sums_of
+from vsh import Coefficients, Field, FieldError, ParameterError
 from vsh.io.parts import as_parts
 from vsh.models.covariance import Spectrum, wave_fractions
 from vsh.tools.units import hubble_rate
@@ -114,18 +114,16 @@ def test_curve_of_waves():
 @pytest.mark.slow
 @pytest.mark.parametrize("n_skies", [40])
 def test_errors_that_are_wrong_bias_nothing(n_skies):
-    """Noise three times the quoted errors, and ten times on half the sky: powers and templates about zero."""
-    found, powers = [], []
+    """Noise three times the quoted errors, and ten times on half the sky: templates about zero."""
+    found = []
     for seed in range(n_skies):
         field = noisy(600, seed)
         field = field.with_errors(field.sigma / np.where(field.lat > 0.3, 10, 3))
         fitted = pairs.correlation_function(field, WIDE, lmax=40).fit()
         found.append(fitted.values / fitted.sigma)
-        power = pairs.power(field, 3)
-        powers.append(np.concatenate([power.toroidal, power.spheroidal]) / power.errors.ravel())
-    for pulls in (np.array(found), np.array(powers)):
-        assert np.abs(pulls.mean(0)).max() < 4 / np.sqrt(n_skies)
-        assert np.std(pulls) == pytest.approx(1, abs=1 / np.sqrt(n_skies))
+    pulls = np.array(found)
+    assert np.abs(pulls.mean(0)).max() < 4 / np.sqrt(n_skies)
+    assert np.std(pulls) == pytest.approx(1, abs=1 / np.sqrt(n_skies))
 
 
 @pytest.mark.slow
@@ -144,22 +142,6 @@ def test_errors_of_motions_that_neighbours_share():
     assert (wide.sigma_plus > alone.sigma_plus).all()
 
 
-@pytest.mark.slow
-def test_power_of_a_known_field():
-    """No noise bias with errors three times too small, on a sky that avoids the plane."""
-    spectrum, found = Spectrum.given([50.0, 30, 20], [100.0, 60, 40]), []
-    rng = np.random.default_rng(5)
-    for _ in range(60):
-        lon, lat = rng.uniform(0, 2 * np.pi, 4000), np.arcsin(rng.uniform(-1, 1, 4000))
-        seen = np.abs(lat) > 0.3
-        lon, lat, sigma = lon[seen], lat[seen], 10 ** rng.uniform(1, 2, seen.sum())
-        motion = sim.systematics(spectrum, rng, lmax=3)(lon, lat) + 3 * sigma * rng.normal(size=(2, len(lon)))
-        power = pairs.power(Field(lon, lat, motion, np.stack([sigma, sigma])), 3)
-        found.append(np.concatenate([power.toroidal, power.spheroidal]))
-    error = np.std(found, 0) / np.sqrt(60)
-    assert (np.abs(np.mean(found, 0) - [50, 30, 20, 100, 60, 40]) < 3.5 * error).all()
-
-
 def test_pairs_of_blocks_add_up_to_the_whole():
     field = noisy(400)
     total, blocks, _, _ = sums_of(field, 20, 1, None, None)
@@ -168,13 +150,12 @@ def test_pairs_of_blocks_add_up_to_the_whole():
     assert np.isnan(covariance_of(blocks[:3], plus, minus, weight)).all()
 
 
-@pytest.mark.parametrize("name", ["_power", "_correlation"])
-def test_jackknife_sums_are_zero_for_all_sources(name, monkeypatch):
+def test_jackknife_sums_are_zero_for_all_sources(monkeypatch):
     """Of each estimate, what blocks and pairs of them have more than it expects adds up to nothing."""
     seen = []
-    monkeypatch.setattr(f"fit.pairs.{name}.covariance_of", lambda *arguments: seen.append(arguments) or np.eye(2))
+    monkeypatch.setattr("fit.pairs._correlation.covariance_of", lambda *arguments: seen.append(arguments) or np.eye(2))
     with contextlib.suppress(ValueError, ParameterError):
-        pairs.power(noisy(400), 3) if name == "_power" else pairs.correlation_function(noisy(400), WIDE, lmax=40)
+        pairs.correlation_function(noisy(400), WIDE, lmax=40)
     between = _cross_terms(*seen[0])
     assert np.abs(between.sum((1, 2))).max() < 1e-9 * np.abs(between).sum((1, 2)).max()
 
@@ -221,8 +202,6 @@ def test_messages():
     tiny = Field(field.lon, field.lat, field.motion, np.where(np.arange(50) == 7, 1e-7, field.sigma))
     with pytest.raises(FieldError, match="one source has all the weight"):  # its pair with itself leaves only rounding
         pairs.correlation_function(tiny, EDGES)
-    with pytest.raises(DegeneracyError, match="cannot tell 8 degrees apart"):
-        pairs.power(Field(0.1 * field.lon, 0.1 * field.lat, field.motion, field.sigma), 8)
     blurred = pairs.correlation_function(field, EDGES, lmax=30)
     assert "blur bins" in blurred.notes[-1]
     near = Field(0.001 * field.lon, 0.001 * field.lat, field.motion, field.sigma)

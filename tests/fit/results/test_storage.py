@@ -78,7 +78,6 @@ def results():
             epochs(), [1.5, 2.0], attitude="known", lmax=2, nside=2, n_skies=5
         ),
         "one wave": fit.waves.search(fit.fit_field(field, 2), nside=2, n_skies=5),
-        "power of pairs": fit.pairs.power(field, 2, nside=1),
         "recommended": fit.recommended(field, 3),
         "estimate": fit.estimate(field, 3, "student"),
         "floor": fit.background.floor(fit.normal_equations(field, 3)),
@@ -148,7 +147,6 @@ NAMES = (
         "scalars",
         "pairs",
         "templates",
-        "power of pairs",
         "shear",
         "shears",
         "orbit",

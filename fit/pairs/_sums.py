@@ -1,4 +1,4 @@
-"""Power by degree from pairs: no noise in it, and no mask.
+"""Sums over pairs: no noise in them, and no mask.
 
 What all pairs of sources add up to, from one pass over the sources: harmonics of the weighted motions, and self-pairs.
 
@@ -25,20 +25,16 @@ from typing import NamedTuple
 import numpy as np
 from numpy.polynomial.legendre import leggauss, legvander
 
-from fit.results.storage import Result
 from vsh.field import Field
-from vsh.io import tables
 from vsh.io.parts import Parts
-from vsh.io.sections import Section
 from vsh.models.covariance import d_minus, d_plus
 from vsh.modes import Modes, ScalarModes
 from vsh.sky.pixels import pixels_of
-from vsh.tools import arguments
-from vsh.tools.arguments import explained, float_array
-from vsh.tools.errors import DegeneracyError, FieldError, ParameterError
+from vsh.tools.arguments import float_array
+from vsh.tools.errors import FieldError, ParameterError
 from vsh.tools.notes import format_notes, merge_notes
 from vsh.tools.parallel import map_blocks
-from vsh.tools.types import ArrayLike, Axes, FloatArray, Table
+from vsh.tools.types import ArrayLike, FloatArray
 
 #: The share of pairs of different sources in all of the weight, of which no digit is lost that matters.
 _PAIRED = 1e-9
@@ -188,130 +184,6 @@ def _cross_terms(blocks, plus, minus, weight):
         tt, ss, itself = t @ t.T, s @ s.T, np.diag(self_pairs[:, 0] * (2 * l + 1) / (4 * np.pi))
         terms += plus[:, l - 1, None, None] * (tt + ss - itself) + minus[:, l - 1, None, None] * (tt - ss)
     return terms
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class PairPower(Result):
-    """Power of the motions by kind and degree, from pairs of different sources.
-
-    Attributes
-    ----------
-    toroidal, spheroidal : (lmax,) arrays
-        P_T and P_S of degrees 1 … lmax; as often below the truth as above. [(µas/yr)²]
-    covariance : (2 lmax, 2 lmax) array
-        Covariance of both, by the scatter of blocks and their pairs; nan of less than four. [(µas/yr)⁴]
-    n_blocks : int
-        How many blocks.
-    n_data : int
-        Two a source.
-    notes : tuple of str
-    """
-
-    toroidal: FloatArray
-    spheroidal: FloatArray
-    covariance: FloatArray
-    n_blocks: int
-    n_data: int
-    notes: tuple[str, ...] = ()
-
-    def __repr__(self) -> str:
-        return f"<PairPower: degree 1 to {len(self.toroidal)}, {self.n_data // 2} sources>"
-
-    @property
-    def errors(self) -> FloatArray:
-        """Standard errors of both, (2, lmax). [(µas/yr)²]"""
-        return np.sqrt(np.diag(self.covariance)).reshape(2, -1)
-
-    def _sections(self, long):
-        facts = [
-            ("sources", f"{self.n_data // 2}; pairs of different sources have no noise in common, whatever the errors"),
-            ("errors", f"from the scatter of {self.n_blocks} blocks of the sky"),
-        ]
-        return (Section("Power by degree from pairs", facts, self.to_table(), notes=self.notes),)
-
-    def to_table(self) -> Table:
-        """A row for each degree, as an astropy Table."""
-        columns = {
-            "l": np.arange(1, len(self.toroidal) + 1),
-            "toroidal": self.toroidal,
-            "sigma_toroidal": self.errors[0],
-            "spheroidal": self.spheroidal,
-            "sigma_spheroidal": self.errors[1],
-        }
-        units = dict.fromkeys([name for name in columns if name != "l"], "uas2 / yr2")
-        return tables.table_of(columns, self._plain_facts(), units)
-
-    def plot(self, *, ax: Axes | None = None) -> Axes:
-        """Power by degree on matplotlib axes."""
-        from fit.pairs._plot import plot_power
-
-        return plot_power(self, ax=ax)
-
-
-@arguments.accepts(field=arguments.a(Field, Parts), lmax=arguments.whole, nside=arguments.whole)
-@explained
-def power(
-    field: Field | Parts, lmax: int, *, nside: int = 2, weights: ArrayLike | None = None, threads: int | None = None
-) -> PairPower:
-    """Power of the motions by kind and degree, from the correlation of pairs at all angles.
-
-    Errors of sources add no bias, whatever their size, nor does the coverage of the sky on average over fields that
-    prefer no direction (one glide, seen on part of the sky, is another matter: fit it); degrees beyond `lmax` leak in
-    where the coverage is uneven. Where errors are right, a fit's powers are the more precise ones (`fit.spectrum`).
-
-    Parameters
-    ----------
-    field, nside, weights, threads
-        As for `fit.pairs.correlation_function`.
-    lmax : int
-        The highest degree.
-
-    Raises
-    ------
-    DegeneracyError
-        If the pairs cannot separate the degrees: part of the sky alone.
-
-    Notes
-    -----
-    ξ± of all pairs fitted by Σ P_l d^l/4π with the weights of the pairs for weights, which is the pseudo-spectrum freed
-    of the sky's coverage (Hivon et al. 2002, ApJ 567, 2).
-
-    Examples
-    --------
-    >>> from vsh import Coefficients
-    >>> rng = np.random.default_rng(1)
-    >>> lon, lat = rng.uniform(0, 6.28, 3000), np.arcsin(rng.uniform(-1, 1, 3000))
-    >>> glide = Coefficients.from_vectors(glide=(0, 0, 3.0)).at(lon, lat)
-    >>> result = power(Field(lon, lat, glide + rng.normal(size=(2, 3000)), np.full((2, 3000), 0.1)), 2)
-    >>> bool(abs(result.spheroidal[0] / (8 * np.pi / 3 * 9) - 1) < 0.05)
-    True
-    """
-    total, blocks, _, notes = sums_of(field, 2 * lmax, nside, weights, threads)
-    x, w = leggauss(2 * lmax + 2)
-    theta, pairs = np.arccos(x), legvander(x, 2 * lmax).T
-    *spectra, weight, _ = total.spectra
-    normalisation = 4 * np.pi / (2 * np.arange(1, lmax + 1) + 1)
-    rows, by_degree, by_weight = [], [], []
-    for curve, spectrum in zip((d_plus(lmax, theta), d_minus(lmax, theta)), spectra, strict=True):
-        inverse = _inverse(curve * (w * (weight @ pairs) / 2) @ curve.T)
-        rows.append(inverse @ (spectrum[:lmax] * normalisation))
-        by_degree.append(np.pad(inverse * normalisation, ((0, 0), (0, lmax))))
-        by_weight.append(-(inverse @ curve * (w * (rows[-1] @ curve) / 2)) @ pairs.T)
-    # From T + S and T − S to T and S.
-    plus, minus = np.tile(by_degree[0], (2, 1)) / 2, np.vstack([by_degree[1], -by_degree[1]]) / 2
-    weight_terms = np.vstack([by_weight[0] + by_weight[1], by_weight[0] - by_weight[1]]) / 2
-    covariance = covariance_of(blocks, plus, minus, weight_terms)
-    toroidal, spheroidal = (rows[0] + rows[1]) / 2, (rows[0] - rows[1]) / 2
-    return PairPower(toroidal, spheroidal, covariance, len(blocks), 2 * round(float(total.alone[2])), notes)
-
-
-def _inverse(matrix):
-    if not 1 / np.linalg.cond(matrix) > 1e-6:
-        raise DegeneracyError(
-            f"pairs of these sources cannot tell {len(matrix)} degrees apart: lower lmax, or take more of the sky "
-            "(fit.pairs.correlation_function asks for no pairs at all angles)"
-        )
-    return np.linalg.inv(matrix)
 
 
 @dataclass(frozen=True, eq=False)
