@@ -20,7 +20,6 @@ import os
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import sys
-import time
 from dataclasses import replace
 from itertools import pairwise
 
@@ -29,7 +28,7 @@ from scipy.stats import kstest
 
 import sim
 from fit import in_time
-from fit.in_time._background import _bands, _reduce_to_bands, _shares
+from fit.in_time._background import _shares
 from fit.waves import search_in_time
 from sim import agis
 from vsh import Modes
@@ -55,45 +54,6 @@ def observed(n=800, error=1000.0, seed=3):
     view = transits.view.astype(int)
     k = len(t)
     return Observations(lon, lat, transits.source, t, design, np.zeros(k), np.full(k, error), np.arange(n), (), view)
-
-
-def background(skies=300):
-    response = agis.Response(LAW, nside=8, steps=200_000)
-    functions = in_time.waves(0.3, 0.5, 1.0, 2.0, span=SPAN)
-    equations = in_time.normal_equations(observed(), 3, functions, attitude=response)
-    n = equations.n_data - 5 * equations.n_sources
-    equations = replace(equations, chi2_null=float(n))
-    matrix, _, shapes, _ = _reduce_to_bands(equations, _bands(None, functions.names), None)
-    high = np.tile(equations.modes.degrees > 1, len(functions))
-    noise = np.linalg.cholesky(equations.matrix + 1e-12 * np.diag(equations.matrix).max() * np.eye(len(high)))
-    # √P that is seen at one standard error, band by band.
-    unit = np.array([(2 / np.sum((matrix * np.sqrt(np.outer(s, s))) ** 2)) ** 0.25 for s in shapes])
-    print(f"{'√P / noise':>12}{'68 % holds':>12}{'95 % holds':>12}{'KS of ranks':>13}{'CPU s a sky':>13}{'draws':>7}")
-    for size in ("0 to 3", 0.0, 0.5, 1.0, 2.0, 4.0):
-        inside, below, ranks, effective, start = [], [], [], [], time.process_time()
-        for sky in range(skies):
-            rng = np.random.default_rng([0 if size == "0 to 3" else 1 + int(4 * size), sky])
-            root = unit * (rng.uniform(0, 3, len(unit)) if size == "0 to 3" else size)
-            c = np.zeros(len(high))
-            c[high] = np.sqrt(root**2 @ shapes) * rng.standard_normal(high.sum())
-            rhs = equations.matrix @ c + noise @ rng.standard_normal(len(high))
-            result = in_time.background(
-                replace(equations, rhs=rhs, chi2_null=n + rhs @ c), draws=400, least=150, rng=sky
-            )
-            if size == "0 to 3":  # the prior that truths were drawn from
-                weights = result.weights * (result.roots <= 3 * unit).all(1)
-                result = replace(result, weights=weights / weights.sum())
-            low, up = result.interval().T
-            inside.append((low <= root) & (root <= up))
-            below.append(result.limits() >= root)
-            ranks += [result.weights @ (result.roots[:, k] < root[k]) for k in range(len(unit))]
-            effective.append(result.effective_draws)
-        cpu = (time.process_time() - start) / skies
-        ks = f"{kstest(ranks, 'uniform').pvalue:.2f}" if size == "0 to 3" else ""
-        print(
-            f"{size:>12}{np.mean(inside):>12.3f}{np.mean(below):>12.3f}{ks:>13}{cpu:>13.2f}{np.median(effective):>7.0f}",
-            flush=True,
-        )
 
 
 def dips(nside=8):
@@ -215,34 +175,6 @@ def _each_wave(made, response, places):
             )
 
 
-def resolved(stars=20_000, nside=12):
-    made = solved_system(int(stars), 1500)
-    scans, _, lon, lat, *_ = made
-    functions, modes = in_time.legendre(9, span=SPAN), Modes(3)
-    rng = np.random.default_rng(9)
-    true = rng.normal(size=(8, len(modes))) * np.where(modes.degrees == 2, 1000.0, 300.0)
-    fields = np.einsum("kp,pcn->kcn", true, harmonics(lon, lat, modes))
-    at = functions(scans.time() - scans.middle)
-    moved = sum(fields[j][:, scans.source] * at[j] for j in range(8))
-    seen = through(made, moved, agis.observations(scans, 4))
-    response = agis.Response(LAW, nside=int(nside))
-    response.taken(modes, functions)
-    for attitude in ("known", response):
-        start = time.process_time()
-        equations = in_time.normal_equations(seen, 3, functions, attitude=attitude, threads=1)
-        cpu = (time.process_time() - start) / 1500
-        solution = in_time.solve(equations)
-        two = modes.degrees == 2
-        free = ~equations.unconstrained_terms
-        away = (solution.values - true).ravel()[free]
-        chi2 = away @ equations.matrix[np.ix_(free, free)] @ away / free.sum()
-        slope = np.sum(solution.values[:, two] * true[:, two]) / np.sum(true[:, two] ** 2)
-        print(
-            f"{attitude}: slope of degree 2 {slope:.3f}, χ²/unknown {chi2:.2f}, {1e3 * cpu:.2f} ms of CPU a source",
-            flush=True,
-        )
-
-
 def limits(skies=300):
     response, some = agis.Response(LAW, nside=4, steps=100_000), observed(300)
     rng = np.random.default_rng(1)
@@ -271,6 +203,4 @@ def limits(skies=300):
 
 
 if __name__ == "__main__":
-    {"background": background, "dips": dips, "waves": waves, "exact": exact, "resolved": resolved, "limits": limits}[
-        sys.argv[1]
-    ](*map(int, sys.argv[2:]))
+    {"dips": dips, "waves": waves, "exact": exact, "limits": limits}[sys.argv[1]](*map(int, sys.argv[2:]))

@@ -2,26 +2,14 @@
 
 from typing import TYPE_CHECKING
 
-from fit.in_time._background import TimeBackground, background
 from fit.in_time._equations import TimeEquations, normal_equations, solve
-from fit.in_time._solution import Functions, TimeSolution, legendre, splines, waves
+from fit.in_time._solution import Functions, TimeSolution, waves
 from vsh.tools.modules import lazily
 
 if TYPE_CHECKING:
     from fit.in_time._plot import plot_in_time
 
-__all__ = [
-    "Functions",
-    "TimeBackground",
-    "TimeEquations",
-    "TimeSolution",
-    "background",
-    "legendre",
-    "normal_equations",
-    "solve",
-    "splines",
-    "waves",
-]
+__all__ = ["Functions", "TimeEquations", "TimeSolution", "normal_equations", "solve", "waves"]
 
 # matplotlib is imported when a figure is first asked for.
 __getattr__, __dir__ = lazily(__name__, __all__, {"_plot": ["plot_in_time"]})

@@ -10,7 +10,6 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from scipy.special import eval_legendre
 
 from fit.results.quality import Quality, f_p_value
 from fit.results.storage import Result, coefficient_columns
@@ -20,18 +19,17 @@ from vsh.io.sections import Section
 from vsh.io.tables import printed_p_value
 from vsh.modes import Modes
 from vsh.tools import arguments
-from vsh.tools.arguments import covariance, explained, float_array
+from vsh.tools.arguments import covariance, float_array
 from vsh.tools.errors import ModesError, ParameterError
-from vsh.tools.files import atomic_write
 from vsh.tools.notebook import Frozen
-from vsh.tools.types import ArrayLike, AxesArray, FloatArray, Kind, OnAxes, PathName, Table
+from vsh.tools.types import ArrayLike, AxesArray, FloatArray, Kind, OnAxes, Table
 from vsh.vector import Vector
 
 #: From when to when DR4's observations were made, about J2017.5. [yr]
 DR4_SPAN = (-2.94, 2.55)
 #: Panels of the integrals over a mission, and Gauss nodes of each: functions of less than a few hundred cycles.
 _PANELS, _NODES = 250, 12
-_KINDS = ("cos", "sin", "legendre", "spline")
+_KINDS = ("cos", "sin")
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,24 +41,21 @@ class Functions(Frozen):
     Attributes
     ----------
     terms : tuple of (str, float)
-        ("cos", f) and ("sin", f) with f in 1/yr, ("legendre", k), ("spline", i).
+        ("cos", f) and ("sin", f) with f in 1/yr.
     span : (float, float)
         Start and end of the observations, since the reference epoch. [yr]
-    knots : tuple of float
-        Knots of the splines, within the span. [yr]
 
     Examples
     --------
-    >>> functions = waves(0.5, 1.0) + legendre(3)
+    >>> functions = waves(0.5) + waves(1.0)
     >>> functions.names
-    ('cos 0.5', 'sin 0.5', 'cos 1', 'sin 1', 'P2', 'P3')
+    ('cos 0.5', 'sin 0.5', 'cos 1', 'sin 1')
     >>> functions(np.linspace(-2, 2, 5)).shape
-    (6, 5)
+    (4, 5)
     """
 
     terms: tuple[tuple[str, float], ...]
     span: tuple[float, float] = DR4_SPAN
-    knots: tuple[float, ...] = ()
     _made: dict = field(default_factory=dict, init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -71,17 +66,10 @@ class Functions(Frozen):
             raise ParameterError(f"terms are pairs of one of {', '.join(_KINDS)} and a number, not {self.terms!r}")
         if len(set(self.terms)) < len(self.terms):
             raise ParameterError("a function stands among the terms twice: it could not be told from itself")
-        # An exact line by least squares at Gauss nodes, and with the splines what spans the rest.
+        # An exact line by least squares at Gauss nodes.
         node, weight = _nodes()
         time = self._middle + self._half * node
         line = np.array([np.full_like(node, np.sqrt(0.5)), node * np.sqrt(1.5)])
-        if self.knots:
-            basis = self._splines(time)
-            residuals = basis - (basis * weight) @ line.T @ line
-            values, turn = np.linalg.eigh((residuals * weight) @ residuals.T)
-            self._made["turn"] = turn[:, 2:] * np.sqrt(self._half / values[2:])  # two of them are lines
-            if {i for family, i in self.terms if family == "spline"} - set(range(1, self._made["turn"].shape[1] + 1)):
-                raise ParameterError(f"{len(self.knots)} knots make {self._made['turn'].shape[1]} splines")
         self._made["line"] = (self._plain(time) * weight) @ line.T
 
     def __len__(self) -> int:
@@ -91,25 +79,20 @@ class Functions(Frozen):
         """Both sets of functions."""
         if not isinstance(other, Functions):
             return NotImplemented
-        if self.span != other.span or (self.knots and other.knots and self.knots != other.knots):
-            raise ParameterError("functions of different spans or knots do not add: give all of them the same")
-        return Functions(self.terms + other.terms, self.span, self.knots or other.knots)
+        if self.span != other.span:
+            raise ParameterError("functions of different spans do not add: give all of them the same")
+        return Functions(self.terms + other.terms, self.span)
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, Functions) and (self.terms, self.span, self.knots) == (
-            other.terms,
-            other.span,
-            other.knots,
-        )
+        return isinstance(other, Functions) and (self.terms, self.span) == (other.terms, other.span)
 
     def __hash__(self) -> int:
-        return hash((self.terms, self.span, self.knots))
+        return hash((self.terms, self.span))
 
     @property
     def names(self) -> tuple[str, ...]:
         """Names in reports."""
-        formats = {"legendre": "P{:g}", "spline": "spline {:g}"}
-        return tuple(formats.get(family, f"{family} {{:.6g}}").format(number) for family, number in self.terms)
+        return tuple(f"{family} {number:.6g}" for family, number in self.terms)
 
     def __call__(self, time: ArrayLike) -> FloatArray:
         """Their values, (F, k), at `time` since the reference epoch, (k,). [yr]"""
@@ -128,23 +111,7 @@ class Functions(Frozen):
         return (self.span[1] - self.span[0]) / 2
 
     def _plain(self, time):
-        values: Any = np.empty((len(self.terms), len(time)))
-        splines: Any = self._made["turn"].T @ self._splines(time) if self.knots else None
-        for row, (family, number) in zip(values, self.terms, strict=True):
-            if family == "legendre":
-                row[:] = eval_legendre(int(number), (time - self._middle) / self._half)
-            elif family == "spline":
-                row[:] = splines[int(number) - 1]
-            else:
-                row[:] = (np.cos if family == "cos" else np.sin)(2 * np.pi * number * time)
-        return values
-
-    def _splines(self, time):
-        from scipy.interpolate import BSpline  # slow to import
-
-        ends = [[edge] * 4 for edge in self.span]
-        knots = np.r_[ends[0], self.knots, ends[1]]
-        return BSpline(knots, np.eye(len(knots) - 4), 3)(np.clip(time, *self.span)).T
+        return np.array([getattr(np, family)(2 * np.pi * number * time) for family, number in self.terms])
 
 
 @lru_cache(maxsize=1)
@@ -176,51 +143,6 @@ def waves(*frequencies: float, span: tuple[float, float] = DR4_SPAN) -> Function
     numbers = [arguments.positive("frequency", frequency) for frequency in frequencies]
     return Functions(
         tuple((family, frequency) for frequency in numbers for family in ("cos", "sin")), (span[0], span[1])
-    )
-
-
-@explained
-def legendre(highest: int, span: tuple[float, float] = DR4_SPAN) -> Functions:
-    """Legendre polynomials of time from degree 2 on; those of degree 0 and 1 are positions and motions.
-
-    Parameters
-    ----------
-    highest : int
-        The highest degree, 2 or more.
-    span : (float, float)
-        As for `waves`.
-
-    Raises
-    ------
-    ParameterError
-        If the highest degree is below 2.
-    """
-    if arguments.whole("highest", highest) < 2:
-        raise ParameterError("degrees 0 and 1 are positions and motions of the sources: set highest to 2 or more")
-    return Functions(tuple(("legendre", float(k)) for k in range(2, highest + 1)), (span[0], span[1]))
-
-
-@explained
-def splines(knots: ArrayLike, span: tuple[float, float] = DR4_SPAN) -> Functions:
-    """Cubic splines of time, as many as there are knots and two more, turned so that none holds a straight line.
-
-    Parameters
-    ----------
-    knots : (k,) array
-        Between start and end of the span, rising. [yr since the reference epoch]
-    span : (float, float)
-        As for `waves`.
-
-    Raises
-    ------
-    ParameterError
-        If the knots do not rise within the span.
-    """
-    inner = arguments.float_array("knots", knots)
-    if inner.ndim != 1 or not len(inner) or (np.diff(np.r_[span[0], inner, span[1]]) <= 0).any():
-        raise ParameterError(f"knots rise between {span[0]:g} and {span[1]:g} yr")
-    return Functions(
-        tuple(("spline", float(i)) for i in range(1, len(inner) + 3)), (span[0], span[1]), tuple(map(float, inner))
     )
 
 
@@ -423,26 +345,6 @@ class TimeSolution(Result):
         from fit.in_time._plot import plot_in_time
 
         return plot_in_time(self, ax=ax)
-
-    def movie(self, path: PathName, frames: int = 40) -> None:
-        """Write the sky that moves, over the span, as a GIF.
-
-        Parameters
-        ----------
-        path : str or Path
-            The file, ending in .gif.
-        frames : int
-            How many pictures.
-        """
-        moving = self.movie_bytes(frames)
-        with atomic_write(path) as target:
-            target.write_bytes(moving)
-
-    def movie_bytes(self, frames: int = 40) -> bytes:
-        """Movie as the bytes of a GIF of so many `frames`, for a page."""
-        from fit.in_time._plot import movie_of
-
-        return movie_of(self, frames)
 
 
 def _test(values, coefficient_covariance, mask):

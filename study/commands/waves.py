@@ -4,7 +4,6 @@ It knows both the fits and the scanning law whose attitude took a part of what i
 """
 
 import argparse
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -13,10 +12,10 @@ import numpy as np
 import vsh
 from sim.commands import calibration_words
 from vsh.commands import finishing, parsing, reading, running
-from vsh.io.sections import Answer, Section
+from vsh.io.sections import Section
 from vsh.sky.frames import rotation_matrix
 from vsh.sky.sphere import triad
-from vsh.tools.errors import DegeneracyError, TableError
+from vsh.tools.errors import TableError
 from vsh.tools.printing import printable
 from vsh.tools.units import DEGREE
 
@@ -26,12 +25,12 @@ def make_parser() -> argparse.ArgumentParser:
     parser = parsing.make(
         prog="vsh-waves",
         description=(
-            "Look for gravitational waves within the mission in epoch astrometry: limits by frequency, backgrounds, and"
-            " fields that change with time, with what an attitude solved from the same sky took of them."
+            "Look for gravitational waves within the mission in epoch astrometry: limits by frequency, with what an"
+            " attitude solved from the same sky took of them."
         ),
         examples=(
             "vsh-waves epochs.fits --frequencies 0.25:4:16 --output waves",
-            "vsh-waves epochs.fits --frequencies 2 --background --in-time 4",
+            "vsh-waves epochs.fits --frequencies 0.5,1,2 --attitude known",
             "vsh-waves epochs.fits --frequencies 2 --calibration 'free every 5 days to order 1'",
         ),
     )
@@ -59,11 +58,9 @@ def make_parser() -> argparse.ArgumentParser:
     add("--law FILE", "scanning law, the commanded_scan_law of Gaia (default: a nominal one)")
     add("--law-nside NSIDE", "NSIDE of the map of the stars' response", parsing.nside, 8)
     add("--positions FILE", "table of source_id, ra and dec, for epochs without ra0 and dec0")
-    add("--lmax", "highest degree of the search; that of --background and --in-time is 3", parsing.count(2, 20), 5)
+    add("--lmax", "highest degree of the search", parsing.count(2, 20), 5)
     add("--nside", "NSIDE of the map of directions", parsing.nside, 8)
     add("--skies N", "number of simulated skies of noise, for p-values", parsing.count(1), 1000)
-    add("--background", "estimate the power of a background in bands of 0.5, 1, 2 and 4 per year")
-    add("--in-time K", "fit fields that change with time, by Legendre polynomials to degree K", parsing.count(2, 60))
     add("--seed", "seed of the simulated skies", int, 1)
     parsing.add_threads(parser)
     add("--output DIR", "write report, tables and figures to this folder")
@@ -93,11 +90,8 @@ def _frequencies(text):
 #: Bands of the background [1/yr]; the mean axis may be so far from the law's before it is said. [deg]
 _BANDS, _FAR = (0.5, 1.0, 2.0, 4.0), 1.0
 CAPTIONS = {
-    "waves": "The strain that one wave can have, with 95 %, against its frequency: median and range over directions.",
-    "background": "A stochastic background by band of frequency: 68 % and the 95 % limit.",
-    "in_time": "√power by function of time and degree, beside what noise gives (dotted): T above, S below.",
+    "waves": "The strain that one wave can have, with 95 %, against its frequency: median and range over directions."
 }
-_MOVING = "Displacements over the span of the epochs, as they were fitted: where errors are large, mostly noise."
 
 
 def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
@@ -108,7 +102,6 @@ def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
 
 def _run(options):
     run = finishing.Run(options)
-    from fit import in_time
     from fit.waves import search_in_time
 
     files = vsh.io.epochs.epoch_files(options.epochs)
@@ -119,51 +112,23 @@ def _run(options):
         chunks, options.frequencies, attitude=attitude, lmax=options.lmax, nside=options.nside, n_skies=options.skies,
         rng=options.seed, threads=options.threads,
     )  # fmt: skip
-    results: dict[str, Any] = {"Waves": search}
-    degree = min(3, options.lmax)
-    if options.background:
-        bands = [f for f in _BANDS if f > 1 / (span[1] - span[0])]
-        if not bands:
-            raise DegeneracyError(f"epochs over {span[1] - span[0]:.2g} years tell of no band up to 4 a year")
-        functions = in_time.waves(*bands, span=span)
-        equations = in_time.normal_equations(chunks, degree, functions, attitude=attitude, threads=options.threads)
-        results["Background"] = in_time.background(equations, rng=options.seed)
-    if options.in_time:
-        functions = in_time.legendre(options.in_time, span=span)
-        equations = in_time.normal_equations(chunks, degree, functions, attitude=attitude, threads=options.threads)
-        results["In time"] = in_time.solve(equations)
-    movie = cache(lambda: _movie(results))
 
     def sections(long):
-        section_list = [section for result in results.values() for section in result.sections(long=long)]
-        return [*section_list, *([Section("The attitude", remarks=notes)] if notes and (long or is_far) else ())]
+        return [
+            *search.sections(long=long),
+            *([Section("The attitude", remarks=notes)] if notes and (long or is_far) else ()),
+        ]
 
     run.finish(
-        [finishing.Part(_file(name), each, name) for name, each in results.items()],
+        [finishing.Part("waves", search, "Waves")],
         sections=sections,
-        answer=Answer(tuple(line for each in results.values() for line in getattr(each, "answer", Answer()).lines)),
+        answer=search.answer,
         notes=(*search.notes, *notes),
         paths=[*files],
         counts={"sources": sum(len(each.lon) for each in chunks)},
-        files=lambda folder, meta: _write(folder, movie),
-        movies=movie,
         captions=CAPTIONS,
         title=f"Waves in {Path(options.epochs).name}",
     )
-
-
-def _file(name):
-    return name.lower().replace(" ", "_")
-
-
-def _movie(results):
-    """The sky that moves, by its caption."""
-    return {_MOVING: results["In time"].movie_bytes()} if "In time" in results else {}
-
-
-def _write(folder, movie):
-    for moving in movie().values():
-        (folder / "in_time.gif").write_bytes(moving)
 
 
 def _response(chunks, span, options):

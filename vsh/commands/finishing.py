@@ -218,7 +218,6 @@ def write_page(
     figures: Figures,
     *,
     captions: Mapping[str, str] | None = None,
-    movies: Mapping[str, bytes] | None = None,
     lead: str = "",
     answer: Answer | None = None,
     cards: Sequence[tuple[str, str, str]] = (),
@@ -229,12 +228,10 @@ def write_page(
     """Write a page of a run: its main results, figures, sections with tables that sort, and where it comes from."""
     from vsh.figures import page
 
-    moving = [page.figure(movie, caption) for caption, movie in (movies or {}).items()]
     panels = [
         page.facts(answer.lines if answer else ()),
         page.cards(cards),
         page.heading("Figures", page.figures(figures.drawn, captions or {})),
-        page.heading("What moves", page.pictures(moving)),
         *map(page.section, sections),
         page.provenance(provenance or {}, command),
     ]
@@ -427,7 +424,6 @@ class Run:
         captions: Mapping[str, str] | None = None,
         cards: Callable[[], Sequence[tuple[str, str, str]]] = tuple,
         page: Callable[[Figures, dict[str, Any], Path], None] | None = None,
-        movies: Callable[[], Mapping[str, bytes]] = dict,
     ) -> None:
         """Print the result, and write what was asked for: a folder, a page.
 
@@ -453,8 +449,8 @@ class Run:
             Writes further files into a folder.
         captions : dict, optional
             Captions of further figures, by name.
-        cards, movies : callable, optional
-            The main results, large, and what moves, for the page.
+        cards : callable, optional
+            The main results, large, for the page.
         """
         options = self.options
         make_sections = sections or (lambda long: [section for part in parts for section in part.shown(long)])
@@ -486,7 +482,7 @@ class Run:
                 part_captions = {part.name: part.caption for part in parts if part.caption}
                 write_page(
                     page_path, title, make_sections(True), figure_set,
-                    captions={**part_captions, **(captions or {})}, movies=movies(), provenance=meta,
+                    captions={**part_captions, **(captions or {})}, provenance=meta,
                     command=options.command, answer=result.answer, cards=cards(), overwrite=True,
                 )  # fmt: skip
         if options.output:

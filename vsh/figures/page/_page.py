@@ -119,12 +119,12 @@ def section(part: Section) -> Panel:
 
 
 def figure(picture: bytes, caption: str) -> Panel:
-    """A picture with its caption: a PNG, or a GIF that moves."""
-    data, image_format = base64.b64encode(picture).decode(), "gif" if picture[:3] == b"GIF" else "png"
+    """A picture, a PNG, with its caption."""
+    data = base64.b64encode(picture).decode()
     text = escape(caption)
     return Panel(
         f'<figure class="picture"><img alt="{text}"'
-        f' src="data:image/{image_format};base64,{data}"><figcaption>{text}</figcaption></figure>'
+        f' src="data:image/png;base64,{data}"><figcaption>{text}</figcaption></figure>'
     )
 
 
