@@ -26,7 +26,6 @@ from .results.solution import Solution
 from .robust import ClippedFit, clip
 from .solving import fit_field, frame, solve
 from .solving.frame import CrossCheck, FrameSolution, cross_check, solve_frame
-from .solving.matrix_free import MatrixFreeSolution, solve_matrix_free
 
 __all__ = [
     "METHODS",
@@ -35,7 +34,6 @@ __all__ = [
     "Estimate",
     "FrameSolution",
     "Kinematics",
-    "MatrixFreeSolution",
     "Moments",
     "NormalEquations",
     "Recommended",
@@ -71,7 +69,6 @@ __all__ = [
     "shear",
     "solve",
     "solve_frame",
-    "solve_matrix_free",
     "spectrum",
     "stars",
     "storage",

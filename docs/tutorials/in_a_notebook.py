@@ -138,9 +138,6 @@ show(fit.solve_frame(field))
 show(fit.cross_check(field))
 
 # %%
-show(fit.solve_matrix_free(field, 4))
-
-# %%
 show(fit.clip(field, 1, 3))
 
 # %%

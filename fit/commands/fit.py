@@ -6,7 +6,7 @@ from dataclasses import replace
 from functools import partial
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import fit
 import vsh
@@ -62,7 +62,6 @@ def make_parser() -> argparse.ArgumentParser:
     parsing.add_threads(parser)
     reading.add_workers(parser)
     reading.add_reading(parser)
-    add("--samp", "send the sources with their residuals to the programs on the SAMP hub (TOPCAT, Aladin)")
     add("--beside", "in the page of --html, also show the result of ordinary least squares on all sources")
     parsing.add_common(parser)
     return parser
@@ -80,8 +79,6 @@ def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
         parser.error("--templates needs --lmax 3 or more, 5 is best: degrees 1 and 2 alone tell them from nothing")
     if options.years and not options.waves:
         parser.error("--years is for --waves")
-    if options.samp and reading.in_parts(options):
-        parser.error("--samp sends the sources: it needs the catalogue whole, without --workers and --scheduler")
     if options.beside and not options.html:
         parser.error("--beside is for the page: name it, --html FILE")
 
@@ -120,7 +117,7 @@ def _run(options):
     run = finishing.Run(options)
     path = str(files("fit") / DEMO if options.demo else options.catalogue)
     source = run.open(path)
-    from vsh.io import catalogue, samp, tables
+    from vsh.io import catalogue, tables
 
     # Each class reads its rows; names tell of sources that stand there twice, and no fit looks at further columns.
     source = tables.cache_rows(source) if options.classes and not reading.in_parts(options) else source
@@ -203,9 +200,6 @@ def _run(options):
         files=write,
         page=page,
     )
-    if options.samp:
-        table = fit.output.sources_table(solution, cast("Any", sources), estimate.source_weights)
-        finishing.print_line(options, f"sent to {', '.join(samp.send(table, Path(name).name))}")
 
 
 def _with_templates(estimate, maps, seed):

@@ -165,7 +165,23 @@ def leakage(sources: Any, fitted: Modes | int, unmodelled: Modes | int, *, sigma
 
 @arguments.accepts(max_lmax=arguments.whole)
 def lmax_table(sources: Any, max_lmax: int = 10, *, sigma: ArrayLike | None = None) -> list[tuple[int, float, float]]:
-    """(lmax, condition, correlation) of fits of every degree; inf where the sources do not determine the fit."""
+    """Condition and largest correlation of the fit to each highest degree.
+
+    Parameters
+    ----------
+    sources : Field, Parts, or positions with errors as for `fit.correlation.predict_covariance`
+        The sources; no motions are needed.
+    max_lmax : int
+        The highest degree that is tried.
+    sigma : float or (2, n) array, optional
+        Errors in place of the sources' own. [µas/yr]
+
+    Returns
+    -------
+    list of (lmax, condition, correlation)
+        The condition number of the normal matrix with a diagonal of ones, and the largest correlation of two
+        coefficients; inf and 1 where the sources do not determine the fit.
+    """
     modes = Modes(max_lmax)
     normal = normal_equations(field_from_positions(sources, sigma), modes)
     rows = []

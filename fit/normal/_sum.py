@@ -142,7 +142,7 @@ def normal_equations(
     if len(modes) ** 2 * 8 > MEMORY:
         raise ModesError(
             f"degree {modes.lmax} has {len(modes)} coefficients, whose normal matrix takes "
-            f"{len(modes) ** 2 * 8 / 2**30:.0f} GiB: lower lmax, or use fit.solve_matrix_free"
+            f"{len(modes) ** 2 * 8 / 2**30:.0f} GiB: lower lmax"
         )
     if covariance is not None:
         return WhiteRows.of(sources, modes, covariance).normal_equations()

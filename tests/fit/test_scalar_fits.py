@@ -184,7 +184,6 @@ def test_units_do_not_mix():
         (lambda f: fit.robust.excess_noise(f, 1), "holds numbers, not motions"),
         (lambda f: fit.solve_frame(f), "not a ScalarField"),
         (lambda f: fit.cross_check(f), "holds numbers, not motions"),
-        (lambda f: fit.solve_matrix_free(f, 3), "not ScalarField"),
         (lambda f: fit.background.floor(fit.normal_equations(f, 3)), "a scalar field has neither"),
         (lambda f: fit.background.wave_limit(fit.fit_field(f, 3)), "a scalar field has neither"),
         (lambda f: fit.correlation.predict_covariance(f, 2), "has no motions"),

@@ -282,7 +282,7 @@ def _with_none(text):
 
 
 #: Options that name what is written, and those that name whom to connect to.
-WRITTEN, CONNECTED = ("output", "html", "log", "checkpoint"), ("scheduler", "samp", "url")
+WRITTEN, CONNECTED = ("output", "html", "log", "checkpoint"), ("scheduler", "url")
 #: What a configuration may not say: where to write, what to replace, whom to connect to. It may be a stranger's.
 _NOT_TAKEN = (*WRITTEN, "overwrite", *CONNECTED)
 #: What says where results go and how they are told, not what they are.

@@ -26,19 +26,18 @@ from vsh.io.tables import printed_p_value as p_value
 from vsh.tools.modules import lazily
 
 if TYPE_CHECKING:
-    from fit.results.output._figures import plot_correlation, plot_power, plot_residuals, plot_spectrum, plot_terms
+    from fit.results.output._figures import plot_correlation, plot_residuals, plot_spectrum, plot_terms
     from fit.results.output._html import html_report
 
 __all__ = [
     "answer_of",
     "html_report",
     "plot_correlation",
-    "plot_power",
     "plot_residuals",
     "plot_spectrum",
     "write_html",
 ]
 
 # matplotlib is imported when a figure is first asked for.
-_FIGURES = ["plot_correlation", "plot_power", "plot_residuals", "plot_spectrum", "plot_terms"]
+_FIGURES = ["plot_correlation", "plot_residuals", "plot_spectrum", "plot_terms"]
 __getattr__, __dir__ = lazily(__name__, __all__, {"_figures": _FIGURES, "_html": ["html_report"]})

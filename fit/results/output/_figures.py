@@ -122,28 +122,6 @@ def _draw_floor(axes, floor, handles):
 
 
 @apply_style
-def plot_power(solution: Any, *, ax: Axes | None = None) -> Axes:
-    """Power by degree and kind as fitted, for a solution without a covariance.
-
-    Parameters
-    ----------
-    solution : MatrixFreeSolution
-        What to draw.
-    ax : matplotlib axes, optional
-        Where to draw; a new figure unless given.
-    """
-    (axes,) = panels(ax)
-    l = np.arange(1, solution.modes.lmax + 1)
-    for kind in KINDS:
-        power = [solution.coefficients.power(kind, int(degree)) for degree in l]
-        axes.semilogy(l, power, "o-", color=KIND_COLOURS[kind], markersize=2, label=KIND_NAMES[kind])
-    axes.set_xlabel("degree")
-    axes.set_ylabel("power as fitted  [(µas/yr)²]")
-    legend_above(axes)
-    return axes
-
-
-@apply_style
 def plot_correlation(solution: Any, *, ax: Axes | None = None) -> Axes:
     """The correlation matrix of the fit, components of spin and acceleration in place of degree 1.
 

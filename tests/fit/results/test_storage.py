@@ -93,7 +93,6 @@ def results():
         "trend": binned(binning, 1, 3).trend(),
         "bootstrap": fit.resample.bootstrap(field, 1, 12, 1, progress=False),
         "moments": fit.Moments.of(field, 2),
-        "without a matrix": fit.solve_matrix_free(field, 3),
         "grid": grid(galaxies, CMB_VELOCITY_PLANCK18, n_points=12),
         "samples": sample(
             galaxies, CMB_VELOCITY_PLANCK18, n_samples=20_000, rng=1, n_walkers=20, progress=False
@@ -173,7 +172,7 @@ NAMES = (
         "trend",
         "bootstrap",
     ),
-    *("velocity to come", "hubble to come", "moments", "without a matrix", "grid", "samples"),
+    *("velocity to come", "hubble to come", "moments", "grid", "samples"),
 )
 
 
