@@ -17,7 +17,7 @@ from sim.scanning import NominalScanningLaw, Transits
 from sim.variability import Variability, markov_chain
 from vsh.io.epochs import design_row
 from vsh.tools import arguments
-from vsh.tools.arguments import explained, generator
+from vsh.tools.arguments import generator
 from vsh.tools.errors import ParameterError
 from vsh.tools.notebook import Frozen
 from vsh.tools.types import ArrayLike, BoolArray, FloatArray, IntArray, Release, Rng
@@ -48,7 +48,6 @@ def parallax_error(magnitude: ArrayLike, release: Release = "DR3") -> FloatArray
 
 
 @arguments.accepts(magnitude=arguments.float_array)
-@explained
 def gaia_errors(magnitude: ArrayLike, release: Release = "DR3") -> FloatArray:
     """Sky-mean standard errors of µ_α* and µ_δ, (2, n). [µas/yr]
 
@@ -100,7 +99,6 @@ class Astrometry(Frozen):
         return np.isfinite(self.covariance[:, 0, 0])
 
 
-@explained
 def solve_astrometry(
     transits: Transits,
     error: ArrayLike,

@@ -11,7 +11,6 @@ from sim.scanning import BLOCK, NominalScanningLaw
 from sim.variability import Variability
 from vsh.sky.pixels import centres, check_nside
 from vsh.tools import arguments
-from vsh.tools.arguments import explained
 from vsh.tools.errors import ParameterError
 from vsh.tools.parallel import map_blocks
 from vsh.tools.types import ArrayLike, FloatArray, Release
@@ -153,7 +152,6 @@ def errors_by_place(
     return mission.transit_error(magnitude) * unit, covariance[:, 0, 1] / (unit[0] * unit[1])
 
 
-@explained
 def scan_maps(
     law: Mission | NominalScanningLaw, nside: int = 8, *, threads: int | None = None
 ) -> dict[str, FloatArray]:

@@ -11,7 +11,7 @@ from vsh.models.flows import LINEAR_PLANCK18, LinearTheory, VelocityGrid, veloci
 from vsh.sky.frames import check_frame, rotation_matrix
 from vsh.sky.sphere import angles, triad
 from vsh.tools import arguments
-from vsh.tools.arguments import explained, generator
+from vsh.tools.arguments import generator
 from vsh.tools.bad_rows import as_floats
 from vsh.tools.errors import FieldError, ParameterError, TableError
 from vsh.tools.notebook import Frozen
@@ -119,7 +119,6 @@ def uniform_sky(n: int, rng: Rng) -> tuple[FloatArray, FloatArray]:
     return rng.uniform(0, 2 * np.pi, n), np.arcsin(rng.uniform(-1, 1, n))
 
 
-@explained
 def plane_avoiding_sky(n: int, rng: Rng, latitude: float = 15.0) -> tuple[FloatArray, FloatArray]:
     """n positions in ICRS, uniform over the sphere but for the Galactic plane, |b| < `latitude` degrees. [rad]
 
@@ -265,7 +264,6 @@ def vlbi_quasars(quasars: Population, n: int, rng: Rng) -> Population:
     absolute=arguments.number,
     spread=arguments.positive,
 )
-@explained
 def galaxies(
     n: int,
     rng: Rng = 1,

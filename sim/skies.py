@@ -10,7 +10,6 @@ import numpy as np
 from vsh.sky.frames import rotation_matrix
 from vsh.sky.pixels import centres, random_positions
 from vsh.sky.sphere import angles, triad
-from vsh.tools.arguments import explained
 from vsh.tools.errors import ParameterError
 from vsh.tools.types import FloatArray, Rng
 
@@ -38,7 +37,6 @@ IGQL_SHARES = {
 }
 
 
-@explained
 def sky_map(sky: str) -> tuple[FloatArray, str]:
     """The density of a named sky, (12 · 64²,), and the frame of its axes.
 

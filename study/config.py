@@ -12,7 +12,6 @@ from sim.astrometry import RELEASES
 from vsh.commands.parsing import SKIES
 from vsh.models.cosmology import VELOCITIES, velocity_from_apex
 from vsh.sky.frames import FRAMES
-from vsh.tools.arguments import explained
 from vsh.tools.errors import ParameterError, VshError
 from vsh.tools.notebook import InNotebook
 from vsh.tools.printing import printable
@@ -81,7 +80,6 @@ class Study(InNotebook):
         )
 
 
-@explained
 def load(source: PathName | dict[str, Any]) -> Study:
     """Read and check a configuration.
 

@@ -12,7 +12,6 @@ import numpy as np
 from vsh.coefficients import Coefficients
 from vsh.modes import Mode, Modes, ScalarModes
 from vsh.scalars import ScalarCoefficients
-from vsh.tools.arguments import explained
 from vsh.tools.errors import ModesError
 from vsh.tools.types import ArrayLike, ComplexArray, FloatArray
 
@@ -51,7 +50,6 @@ ICRF3 = {
 }
 
 
-@explained
 def to_icrf3(coefficients: Coefficients) -> dict[str, float]:
     """The parameters of degrees 1 and 2 under the names and signs of the ICRF3 papers.
 
@@ -89,7 +87,6 @@ def icrf3_terms(coefficients: Coefficients, sigma: FloatArray) -> dict[str, tupl
     }
 
 
-@explained
 def from_icrf3(parameters: Mapping[str, float]) -> Coefficients:
     """Coefficients from a dict of ICRF3 parameters; those not named are zero.
 
@@ -122,7 +119,6 @@ def _of_vityazev(mode):
     return name, np.sqrt(2) * (-1) ** mode.m * (1 if mode.part == "re" else -1)
 
 
-@explained
 def to_vityazev(coefficients: Coefficients) -> dict[str, float]:
     """Coefficients under the names of Vityazev & Tsvetkov (2014, MNRAS 442, 1249), whom Malkin follows.
 
@@ -147,7 +143,6 @@ def to_vityazev(coefficients: Coefficients) -> dict[str, float]:
     return {name: float(factor * v) for (name, factor), v in zip(terms, coefficients.values, strict=True)}
 
 
-@explained
 def from_vityazev(parameters: Mapping[str, float]) -> Coefficients:
     """Coefficients from a dict as `to_vityazev` gives it; those not named are zero.
 
@@ -181,7 +176,6 @@ def from_vityazev(parameters: Mapping[str, float]) -> Coefficients:
     return Coefficients(modes, values)
 
 
-@explained
 def to_healpy(coefficients: Coefficients) -> ComplexArray:
     """E and B alm of the spin-1 field whose maps are (south, east): E = +s, B = −t.
 
@@ -199,7 +193,6 @@ def to_healpy(coefficients: Coefficients) -> ComplexArray:
     return np.stack([_to_alm(s, coefficients.modes), _to_alm(-t, coefficients.modes)])
 
 
-@explained
 def from_healpy(alm: ArrayLike) -> Coefficients:
     """Coefficients from E and B alm (2, …) of a spin-1 field: the inverse of `to_healpy`.
 
@@ -222,7 +215,6 @@ def from_healpy(alm: ArrayLike) -> Coefficients:
     return Coefficients(modes, np.concatenate([-b, e]))
 
 
-@explained
 def scalar_to_healpy(coefficients: ScalarCoefficients) -> ComplexArray:
     """alm of a scalar field: f^R + i f^I, as they are.
 
@@ -239,7 +231,6 @@ def scalar_to_healpy(coefficients: ScalarCoefficients) -> ComplexArray:
     return _to_alm(coefficients.values, coefficients.modes)
 
 
-@explained
 def scalar_from_healpy(alm: ArrayLike) -> ScalarCoefficients:
     """Coefficients from alm of a scalar field: the inverse of `scalar_to_healpy`.
 

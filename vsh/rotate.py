@@ -13,7 +13,6 @@ from scipy.linalg import eigh
 from vsh.coefficients import Coefficients
 from vsh.sky.frames import rotation_matrix
 from vsh.tools import arguments
-from vsh.tools.arguments import explained
 from vsh.tools.errors import FrameError, ModesError
 from vsh.tools.types import ArrayLike, FloatArray
 
@@ -67,7 +66,6 @@ def rotate(coefficients: Coefficients, to: str, *, covariance: ArrayLike | None 
     return result if rotated_covariance is None else (result, rotated_covariance)
 
 
-@explained
 def degree_matrix(l: int, vector: FloatArray) -> FloatArray:
     """Compute the rotation matrix of the real coefficients (c_0, c_1^R, c_1^I, …) of one degree, (2l + 1, 2l + 1).
 

@@ -11,7 +11,6 @@ from fit.results.storage import Result
 from vsh.io import tables
 from vsh.io.sections import Section
 from vsh.models.covariance import Spectrum
-from vsh.tools.arguments import explained
 from vsh.tools.errors import ParameterError
 from vsh.tools.types import Axes, FloatArray, Table
 
@@ -75,7 +74,6 @@ class CrossPowers(Result):
         return plot_cross(self, ax=ax)
 
 
-@explained
 def cross_powers(
     solution: HarmonicSolution, templates: Sequence[TemplateField], spectrum: Spectrum | None = None
 ) -> CrossPowers:

@@ -28,7 +28,6 @@ from vsh.io import tables
 from vsh.io.sections import Section
 from vsh.models.covariance import LINDEGREN_2021, Spectrum
 from vsh.modes import Modes
-from vsh.tools.arguments import explained
 from vsh.tools.errors import ConvergenceError, DegeneracyError, ModesError, ParameterError
 from vsh.tools.printing import logged
 from vsh.tools.types import ArrayLike, Axes, FloatArray, Table
@@ -329,7 +328,6 @@ class Floor(Result):
 
 
 @logged("floor")
-@explained
 def floor(
     normal: NormalEquations | HarmonicSolution,
     degrees: Iterable[int] | None = None,

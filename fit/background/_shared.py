@@ -41,7 +41,7 @@ from vsh.io import tables
 from vsh.io.sections import Section
 from vsh.models.covariance import Spectrum
 from vsh.modes import Modes
-from vsh.tools.arguments import choice, explained, generator, whole
+from vsh.tools.arguments import choice, generator, whole
 from vsh.tools.errors import DegeneracyError, FrameError, ModesError, ParameterError
 from vsh.tools.parallel import blas_for
 from vsh.tools.printing import logged
@@ -424,7 +424,6 @@ def contrast_p_value(means: FloatArray, covariances: FloatArray, rows: FloatArra
 
 
 @logged("shared errors")
-@explained
 def shared(
     normals: Sequence[NormalEquations | HarmonicSolution],
     degrees: Iterable[int] | None = None,

@@ -22,7 +22,7 @@ from vsh.modes import KINDS, Modes, as_modes
 from vsh.sky.frames import check_frame
 from vsh.sky.sphere import triad
 from vsh.tools import arguments
-from vsh.tools.arguments import covariance, explained, float_array, positive
+from vsh.tools.arguments import covariance, float_array, positive
 from vsh.tools.errors import FrameError, ModesError, ParameterError, TableError
 from vsh.tools.notebook import Frozen
 from vsh.tools.types import ArrayLike, Axes, FloatArray, Table
@@ -234,7 +234,6 @@ class CorrelationMatrices(Result):
         return lines
 
 
-@explained
 def correlation_matrices(
     fields: Any,
     parameters: Modes | int | Literal["spin+acceleration"] = FRAME,

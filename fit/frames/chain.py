@@ -28,7 +28,7 @@ from vsh.io.sections import Section
 from vsh.modes import Modes, as_modes
 from vsh.sky.frames import Positions
 from vsh.sky.sphere import triad
-from vsh.tools.arguments import explained
+from vsh.tools import arguments
 from vsh.tools.errors import DegeneracyError, FieldError, FrameError, ParameterError
 from vsh.tools.notes import merge_notes
 from vsh.tools.printing import logged
@@ -306,7 +306,7 @@ class FrameNetwork(FrameResult):
 
 
 @logged("chain of catalogues")
-@explained
+@arguments.accepts(catalogues=arguments.a(Mapping))
 def combine_frames(
     catalogues: Mapping[str, Positions | Field],
     lmax: int | Modes = 2,

@@ -26,7 +26,6 @@ from vsh.io.tables import printed_p_value
 from vsh.modes import Modes, as_modes
 from vsh.sky.frames import Positions
 from vsh.tools import arguments
-from vsh.tools.arguments import explained
 from vsh.tools.errors import ParameterError, VshError
 from vsh.tools.notebook import Frozen
 from vsh.tools.printing import in_a_line
@@ -434,7 +433,6 @@ class FrameComparison(FrameResult, AboutSolution):
 
 
 @arguments.accepts(threshold=arguments.positive)
-@explained
 def compare_catalogues(
     a: Positions | Field,
     b: Positions | Field,

@@ -13,7 +13,7 @@ from fit.results.storage import Result
 from vsh.io import tables
 from vsh.io.sections import Section
 from vsh.io.tables import printed_p_value
-from vsh.tools.arguments import explained, not_negative, number, positive
+from vsh.tools.arguments import not_negative, number, positive
 from vsh.tools.errors import ParameterError
 from vsh.tools.types import Axes, FloatArray, Table
 from vsh.tools.units import AU_PER_YEAR, JULIAN_YEAR, KM_S_MYR
@@ -113,7 +113,6 @@ def distance_of_centre(
     return float(distance), float(distance * np.hypot(errors[0] / acceleration, 2 * errors[1] / speed))
 
 
-@explained
 def expected_acceleration(r0: float = R0[0], speed: float | None = None) -> float:
     """a = Ω0² R0. [µas/yr]
 

@@ -22,7 +22,7 @@ from vsh.modes import Modes
 from vsh.sky.frames import check_frame, rotation_matrix
 from vsh.sky.sphere import angles
 from vsh.tools import arguments
-from vsh.tools.arguments import between, covariance, explained, float_array, generator, positive, read_only
+from vsh.tools.arguments import between, covariance, float_array, generator, positive, read_only
 from vsh.tools.errors import ModesError, ParameterError
 from vsh.tools.types import ArrayLike, Axes, BoolArray, FloatArray, Rng, Table
 from vsh.tools.units import hubble_rate
@@ -73,7 +73,6 @@ def from_tensor(tensor: ArrayLike) -> Coefficients:
     return Coefficients(Modes(2), values)
 
 
-@explained
 def to_tensor(coefficients: Coefficients) -> FloatArray:
     """Σ, traceless, of the spheroidal coefficients of degree 2. [µas/yr]
 
@@ -409,7 +408,6 @@ class ShearByClass(Result):
 _INDEPENDENT = (0, 1, 3, 4, 5)
 
 
-@explained
 def compare_expansions(
     normals: Sequence[NormalEquations],
     places: ArrayLike | None = None,

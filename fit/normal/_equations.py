@@ -10,7 +10,7 @@ from scipy.linalg import cho_factor, cho_solve
 
 from vsh import Modes
 from vsh.modes import ScalarModes, as_modes
-from vsh.tools.arguments import explained, float_array
+from vsh.tools.arguments import float_array
 from vsh.tools.errors import FrameError, ModesError
 from vsh.tools.notebook import Frozen
 from vsh.tools.notes import merge_notes
@@ -178,7 +178,6 @@ def _empty_equations(like):
     return replace(like, matrix=0 * like.matrix, rhs=0 * like.rhs, chi2_null=0.0, notes=())
 
 
-@explained
 def gaussian_prior(
     modes: Modes | int, sigma: ArrayLike, mean: ArrayLike = 0.0, *, frame: str | None = None
 ) -> NormalEquations:

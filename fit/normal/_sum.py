@@ -20,7 +20,7 @@ from vsh.io.parts import Parts
 from vsh.models.covariance import Covariance, as_covariance
 from vsh.modes import Modes
 from vsh.scalars import ScalarField, modes_for
-from vsh.tools.arguments import choice, explained
+from vsh.tools.arguments import choice
 from vsh.tools.errors import FieldError, ModesError
 from vsh.tools.notebook import Frozen
 from vsh.tools.printing import logged
@@ -76,7 +76,6 @@ MEMORY = 8 * 2**30
 
 
 @logged("normal equations")
-@explained
 def normal_equations(
     field: Field | ScalarField | Parts | Iterable[Field],
     modes: Modes | int,

@@ -6,7 +6,6 @@ import numpy as np
 from scipy.special import ndtri
 
 from fit.results.quality import norm_limit, normal_deviate, solution_of
-from vsh.tools.arguments import explained
 
 __all__ = ["Degree", "spectrum"]
 
@@ -46,7 +45,6 @@ class Degree(NamedTuple):
         return float(norm_limit(norm, sigma, n, probability)[0] ** 2)
 
 
-@explained
 def spectrum(solution: Any) -> list[Degree]:
     """Compute the power of every kind and degree of a solution, a list of Degree: T first, then S; from degree 0 on of
     a scalar field.

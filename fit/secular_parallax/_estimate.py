@@ -41,7 +41,7 @@ from vsh.models.cosmology import (
 )
 from vsh.models.flows import FARTHEST, LINEAR_PLANCK18, FlowModes, LinearTheory, VelocityGrid, flow_modes
 from vsh.tools import arguments
-from vsh.tools.arguments import explained, not_negative
+from vsh.tools.arguments import not_negative
 from vsh.tools.errors import DegeneracyError, ParameterError, VshError, VshWarning
 from vsh.tools.types import ArrayLike, AxesArray, Cosmology, FloatArray, OnAxes, Table
 from vsh.vector import Vector
@@ -611,7 +611,7 @@ KNOWN: dict[str, dict[str, Any]] = {
 }
 
 
-@explained
+@arguments.accepts(catalogues=arguments.a(Mapping))
 def forecast_velocity(
     catalogues: Mapping[str, Field],
     limits: Sequence[float] = (0.01, 0.02, 0.03),

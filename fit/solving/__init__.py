@@ -19,7 +19,6 @@ from vsh.scalars import ScalarCoefficients, ScalarField, modes_for
 from vsh.sky.frames import ANGLES
 from vsh.sky.sphere import widest_gap
 from vsh.tools import arguments
-from vsh.tools.arguments import explained
 from vsh.tools.errors import DegeneracyError, ParameterError
 from vsh.tools.notes import CodedNote, format_notes
 from vsh.tools.printing import in_a_line, logged
@@ -112,7 +111,7 @@ def solve(
     return Solution(Coefficients(normal.modes, values), **about, unit=normal.unit or "µas/yr")
 
 
-@explained
+@arguments.accepts()
 def fit_field(
     field: Any,
     modes: Modes | int | None = None,

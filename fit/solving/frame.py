@@ -29,7 +29,6 @@ from vsh.models.covariance import Covariance, as_covariance
 from vsh.modes import Modes
 from vsh.sky.sphere import sin_cos, triad
 from vsh.tools import arguments
-from vsh.tools.arguments import explained
 from vsh.tools.errors import DegeneracyError, FieldError, FrameError
 from vsh.tools.notes import merge_notes
 from vsh.tools.parallel import map_blocks
@@ -90,7 +89,6 @@ class FrameSolution(NamedSolution):
 
 
 @logged("frame solver")
-@explained
 def solve_frame(
     motions: Field | Parts, offsets: Field | Parts | None = None, *, covariance: Covariance | FloatArray | None = None
 ) -> FrameSolution:

@@ -29,7 +29,7 @@ from vsh.sky.frames import ANGLES, check_frame
 from vsh.sky.pixels import centres
 from vsh.sky.sphere import triad
 from vsh.tools import arguments
-from vsh.tools.arguments import explained, generator
+from vsh.tools.arguments import generator
 from vsh.tools.errors import DegeneracyError, EmptyFieldError, ModesError, ParameterError
 from vsh.tools.notebook import Frozen
 from vsh.tools.notes import merge_notes
@@ -276,7 +276,6 @@ class WaveSearch(Result):
 
 
 @arguments.accepts(nside=arguments.whole, n_skies=arguments.whole, rng=arguments.seed)
-@explained
 def search(
     normal: NormalEquations | HarmonicSolution,
     *,
@@ -483,7 +482,6 @@ class WaveSpectrum(Result):
 
 
 @arguments.accepts(nside=arguments.whole, n_skies=arguments.whole, rng=arguments.seed)
-@explained
 def search_in_time(
     observations: Any,
     frequency: float | Sequence[float],

@@ -16,7 +16,7 @@ from sim.variability import Variability, markov_chain
 from vsh.basis import harmonics
 from vsh.modes import Modes
 from vsh.tools import arguments
-from vsh.tools.arguments import explained, generator
+from vsh.tools.arguments import generator
 from vsh.tools.errors import ParameterError
 from vsh.tools.notebook import Frozen
 from vsh.tools.types import ArrayLike, BoolArray, FloatArray, IntArray, Rng
@@ -90,7 +90,6 @@ def start_errors(
 ACROSS = 5.0
 
 
-@explained
 def joint_system(
     law: Any,
     lon: FloatArray,
@@ -180,7 +179,6 @@ def as_whole(law: Any, n: int, knots: float, full: int | None = FULL) -> tuple[A
     return law, knots, [note]
 
 
-@explained
 def solve_mission(
     law: Any,
     lon: FloatArray,

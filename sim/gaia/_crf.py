@@ -20,7 +20,7 @@ from sim.skies import draw_positions
 from vsh.coefficients import Coefficients
 from vsh.sky.pixels import centres, pixels_of
 from vsh.tools import arguments
-from vsh.tools.arguments import explained, generator
+from vsh.tools.arguments import generator
 from vsh.tools.types import BoolArray, FloatArray, Rng, Table
 from vsh.tools.units import MAS
 
@@ -90,7 +90,6 @@ _FLAGGED, _JUNK = 0.005, 5.0
 
 
 @arguments.accepts(n_five=arguments.whole, rng=arguments.seed)
-@explained
 def crf4(
     rng: Rng,
     signal: Signal | Coefficients | None = None,

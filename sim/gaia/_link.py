@@ -17,7 +17,7 @@ from vsh.models.covariance import LINDEGREN_2021, Spectrum
 from vsh.sky.astrometry import AstrometryRows, earth, propagate
 from vsh.sky.sphere import angles, triad
 from vsh.tools import arguments
-from vsh.tools.arguments import explained, generator
+from vsh.tools.arguments import generator
 from vsh.tools.types import FloatArray, Rng
 from vsh.tools.units import AU_PER_YEAR, UAS
 from vsh.vector import Vector
@@ -34,7 +34,6 @@ _GAIA_EPOCH, _FIXED = 2016.0, 2015.0
 
 
 @arguments.accepts(rng=arguments.seed, n=arguments.whole, epochs=arguments.whole)
-@explained
 def link(
     rng: Rng,
     n: int = 40,

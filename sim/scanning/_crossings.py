@@ -8,7 +8,7 @@ import numpy as np
 
 from vsh.sky.frames import check_frame
 from vsh.sky.sphere import sin_cos, triad
-from vsh.tools.arguments import explained, float_array, generator, number, positive
+from vsh.tools.arguments import float_array, generator, number, positive
 from vsh.tools.errors import ParameterError
 from vsh.tools.notebook import InNotebook
 from vsh.tools.types import ArrayLike, BoolArray, FloatArray, IntArray, Rng
@@ -221,7 +221,6 @@ def alive(time: FloatArray, gaps: FloatArray) -> BoolArray:
     return (before < 0) | (time >= np.append(gaps[:, 1], 0.0)[before])
 
 
-@explained
 def find_gaps(time: ArrayLike, start: float, *, longest: float = 0.003) -> tuple[tuple[float, float], ...]:
     """Gaps of a mission from the times of what was observed, for `NominalScanningLaw(gaps=…)`.
 

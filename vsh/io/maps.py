@@ -7,7 +7,7 @@ import numpy as np
 from vsh.field import Field
 from vsh.io.tables import fits_checked
 from vsh.sky.pixels import centres, is_valueless
-from vsh.tools.arguments import explained, positive
+from vsh.tools.arguments import positive
 from vsh.tools.errors import TableError, first_line
 from vsh.tools.printing import printable
 from vsh.tools.types import FloatArray, PathName
@@ -15,7 +15,6 @@ from vsh.tools.types import FloatArray, PathName
 __all__ = ["read_density", "read_map"]
 
 
-@explained
 def read_map(path: PathName) -> tuple[FloatArray, str | None]:
     """A HEALPix map from a FITS file, in ring order, and the frame its header names (or None).
 
@@ -64,7 +63,6 @@ def read_map_of(path: PathName, frame: str | None, remedy: str) -> tuple[FloatAr
     return values, str(frame or header_frame)
 
 
-@explained
 def read_density(path: PathName, sigma: float = 1000.0, frame: str | None = None) -> Field:
     """A HEALPix map of numbers of sources as a field: one source per pixel, with the weight of those in it.
 

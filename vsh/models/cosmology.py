@@ -16,7 +16,7 @@ from vsh.field import Field
 from vsh.sky.frames import TRUE, check_frame, check_redshift_frame, rotation_matrix
 from vsh.sky.sphere import triad
 from vsh.tools.arguments import between as between_limits
-from vsh.tools.arguments import explained, float_array, number
+from vsh.tools.arguments import float_array, number
 from vsh.tools.errors import ConvergenceError, EmptyFieldError, FieldError, ParameterError
 from vsh.tools.notes import WithoutRedshift
 from vsh.tools.printing import in_a_line
@@ -84,7 +84,6 @@ FLAT_PLANCK13 = FlatLCDM(67.3, 0.315)
 _EXACT = 1000
 
 
-@explained
 def transverse_distance(
     redshift: ArrayLike | None, cosmology: Cosmology | None = None, *, hubble: float | None = None
 ) -> FloatArray:
@@ -136,7 +135,6 @@ def transverse_distance(
     return distance if hubble is None else distance * (hubble_value(cosmology) / hubble)
 
 
-@explained
 def distance_modulus(distance: ArrayLike, redshift: ArrayLike) -> FloatArray:
     """Apparent less absolute magnitude, 5 lg(d_M (1 + z)) + 25.
 
@@ -300,7 +298,6 @@ _NONE = Vector(np.zeros(3), np.zeros((3, 3)), "galactic", "km/s")
 REDSHIFT_FRAMES = {"heliocentric": _NONE, "cmb": CMB_VELOCITY_PLANCK18, "local-group": SUN_IN_LOCAL_GROUP}
 
 
-@explained
 def to_cmb(redshift: FloatArray, lon: FloatArray, lat: FloatArray, frame: str, redshift_frame: str) -> FloatArray:
     """Redshifts as an observer at rest in the microwave background would measure them.
 
@@ -382,7 +379,6 @@ def reasons_unusable(redshift: ArrayLike, min_redshift: float = FLOW_LIMIT) -> d
     }
 
 
-@explained
 def with_redshift(
     field: Field, min_redshift: float = FLOW_LIMIT, redshift_frame: str | None = None, *, missing_only: bool = False
 ) -> Field:

@@ -80,7 +80,6 @@ def values_of(function: Callable[[FloatArray], FloatArray], theta: FloatArray) -
     return float_array("V(θ)", function(theta), theta.shape, broadcast=True)
 
 
-@arguments.explained
 def VASILIEV_BAUMGARDT_2021(theta: ArrayLike) -> FloatArray:
     """Compute V(θ) of Gaia EDR3, 400/(1 + θ/0.3°) + 300 exp(−θ/12°), at angles θ in rad. [(µas/yr)²]
 
@@ -93,7 +92,6 @@ def VASILIEV_BAUMGARDT_2021(theta: ArrayLike) -> FloatArray:
     return 400 / (1 + degrees / 0.3) + 300 * np.exp(-degrees / 12)
 
 
-@arguments.explained
 def LINDEGREN_2021(theta: ArrayLike) -> FloatArray:
     """V(θ) of Gaia EDR3 at large angles: 292 exp(−θ/12°). [(µas/yr)²]
 
@@ -636,7 +634,6 @@ def from_blocks(blocks: Iterable[tuple[ArrayLike, Any]], n_sources: int) -> Cova
     return Covariance(matrix)
 
 
-@arguments.explained
 def read_covariance(path: PathName) -> Covariance:
     """A covariance from a file: NumPy's .npy, the first image of a FITS file, or numbers as text.
 

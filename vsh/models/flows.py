@@ -35,7 +35,7 @@ from vsh.sky.frames import check_frame, rotation_matrix
 from vsh.sky.pixels import check_nside, pixels_of
 from vsh.sky.sphere import angles, triad
 from vsh.tools import arguments
-from vsh.tools.arguments import explained, float_array, positive
+from vsh.tools.arguments import float_array, positive
 from vsh.tools.errors import ParameterError, TableError
 from vsh.tools.files import check_new, write_arrays
 from vsh.tools.notebook import Frozen, InNotebook
@@ -134,7 +134,6 @@ class VelocityGrid(InNotebook):
         write_arrays(path, arrays, compress=True, overwrite=overwrite)
 
 
-@explained
 def read_velocity_grid(path: PathName, half_width: float | None = None, frame: str | None = None) -> VelocityGrid:
     """Read velocities on a grid.
 

@@ -30,7 +30,6 @@ import numpy as np
 
 import vsh
 from vsh.sky.frames import AXES, FRAME_KEY, MEASURED_KEY, REDSHIFT_FRAME_COLUMN, REDSHIFT_FRAME_KEY
-from vsh.tools.arguments import explained
 from vsh.tools.errors import ParameterError, TableError, WriteError
 from vsh.tools.formats import BY_KIND, PACKED, WRITTEN
 from vsh.tools.printing import printable
@@ -443,7 +442,6 @@ def write(
     write_table(table_of(columns, meta, units), path, overwrite=overwrite)
 
 
-@explained
 def write_table(table: Table, path: PathName, meta: dict[str, Any] | None = None, *, overwrite: bool = False) -> None:
     """Write an astropy Table with more metadata to `path`; the file has this name only once it is complete."""
     if not hasattr(table, "colnames"):

@@ -29,14 +29,7 @@ if TYPE_CHECKING:
     from fit.results.output._figures import plot_correlation, plot_residuals, plot_spectrum, plot_terms
     from fit.results.output._html import html_report
 
-__all__ = [
-    "answer_of",
-    "html_report",
-    "plot_correlation",
-    "plot_residuals",
-    "plot_spectrum",
-    "write_html",
-]
+__all__ = ["answer_of", "html_report", "plot_correlation", "plot_residuals", "plot_spectrum", "write_html"]
 
 # matplotlib is imported when a figure is first asked for.
 _FIGURES = ["plot_correlation", "plot_residuals", "plot_spectrum", "plot_terms"]

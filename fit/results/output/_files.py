@@ -26,7 +26,7 @@ from vsh.io.sections import Answer
 from vsh.io.tables import two_digits
 from vsh.scalars import ScalarField
 from vsh.sky.frames import AXES
-from vsh.tools.arguments import choice, explained
+from vsh.tools.arguments import choice
 from vsh.tools.printing import latex_text
 from vsh.tools.types import FloatArray, PathName, Table
 
@@ -221,7 +221,6 @@ def draw_figures(
     }
 
 
-@explained
 def write_html(
     solution: Any,
     field: Field | ScalarField | Parts,

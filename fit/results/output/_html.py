@@ -7,7 +7,6 @@ from fit.results.output._text import amplitude, answer_of, direction, is_scalar,
 from fit.results.quality import ErrorSource
 from vsh.figures import page
 from vsh.io.sections import Answer, Section
-from vsh.tools.arguments import explained
 
 _CAPTIONS = {
     "sky": ("The sources, and the motions that were fitted to them: as dark as they are sure, grey below 2 σ."),
@@ -19,7 +18,6 @@ _CAPTIONS = {
 }
 
 
-@explained
 def html_report(
     solution: Any,
     figures: Mapping[str, Any],

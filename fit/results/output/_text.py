@@ -29,7 +29,6 @@ from vsh.io.tables import printed_p_value, three_digits, two_digits
 from vsh.io.tables import printed_p_value as p_value
 from vsh.length import FEWEST_DOF
 from vsh.sky.frames import ANGLES
-from vsh.tools.arguments import explained
 from vsh.tools.notes import ASSUMED_UNITS, codes_of, has_code
 from vsh.tools.printing import printable
 from vsh.tools.types import FloatArray, Table
@@ -248,7 +247,6 @@ _NAMES = {
 _WRONG = 30.0
 
 
-@explained
 def answer_of(solution: Any) -> Answer:
     """Lines to quote on acceleration and spin, with the errors of its own table.
 

@@ -22,7 +22,6 @@ from vsh.figures.plot import CHANCE, LONGEST, SURE, even_grid, is_seen, picture_
 from vsh.io.sections import Section
 from vsh.io.tables import printed
 from vsh.sky.frames import ANGLES
-from vsh.tools.arguments import explained
 from vsh.tools.errors import ParameterError
 from vsh.tools.files import atomic_write
 from vsh.tools.types import FloatArray, PathName
@@ -193,7 +192,6 @@ $scripts
 """)
 
 
-@explained
 def page(title: str, panels: Iterable[Panel], *, lead: str = "") -> str:
     """Assemble panels into one HTML file that needs no network.
 
@@ -236,7 +234,6 @@ def bundle() -> str:
     return f"/*\n{licences.replace('*/', '')}*/\n{script}"
 
 
-@explained
 def write_page(path: PathName, text: str, *, overwrite: bool = False) -> None:
     """Write a page.
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from vsh.io import tables
 from vsh.io.archive._tap import _message, _open, _read, _read_some, _RefusedError, _write
-from vsh.tools.arguments import explained, positive, whole
+from vsh.tools.arguments import positive, whole
 from vsh.tools.errors import ArchiveError, VshError
 from vsh.tools.files import atomic_write, digest, exclusive, remove_unfinished
 from vsh.tools.parallel import progress_bar
@@ -30,7 +30,6 @@ STRUCTURES = ("DATAMODEL_GAIA", "RAW", "DATAMODEL_STANDARD", "INDIVIDUAL")
 _NEEDED = ("source_id", "centroid_pos_al")
 
 
-@explained
 def fetch_epochs(
     ids: Iterable[int],
     folder: PathName,

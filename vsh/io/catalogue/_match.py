@@ -12,7 +12,7 @@ from vsh.io import tables
 from vsh.io.catalogue._columns import ChosenColumns, missing_column, unit_factor
 from vsh.sky.frames import Positions
 from vsh.sky.sphere import triad
-from vsh.tools.arguments import explained, positive
+from vsh.tools.arguments import positive
 from vsh.tools.bad_rows import select_usable
 from vsh.tools.errors import FieldError, FrameError, TableError
 from vsh.tools.printing import in_a_line
@@ -111,7 +111,6 @@ def counterparts(a: Any, b: Any, *, by: Literal["name", "position"] = "name", ra
 _FAR_APART = 0.02
 
 
-@explained
 def match(
     a: Any, b: Any, *, by: Literal["name", "position"] = "name", radius: Any = None, pairs: MatchResult | None = None
 ) -> Field:
@@ -249,7 +248,6 @@ def _pick(column, index):
     return None if column is None else column[index]
 
 
-@explained
 def read_icrf(path: PathName, name: str | None = "icrf") -> Positions:
     """Read a catalogue of VLBI positions in the layout of ICRF2 or ICRF3.
 

@@ -39,7 +39,7 @@ from vsh.io.maps import read_density
 from vsh.io.parts import OPTIONAL, Parts
 from vsh.scalars import ScalarField
 from vsh.sky.frames import REDSHIFT_FRAME_COLUMN
-from vsh.tools.arguments import explained, positive, whole
+from vsh.tools.arguments import positive, whole
 from vsh.tools.bad_rows import PLACEHOLDER, as_floats, placeholders, unmeasured
 from vsh.tools.errors import EmptyFieldError, EmptySelectionError, FieldError, TableError, VshWarning
 from vsh.tools.notes import (
@@ -130,7 +130,6 @@ def read_field(
     return field
 
 
-@explained
 def read_columns(source: Any, names: Iterable[str], **reading: Any) -> dict[str, FloatArray]:
     """Numbers of any columns, at the rows that `read_field` reads.
 

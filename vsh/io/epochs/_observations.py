@@ -23,7 +23,6 @@ from vsh.io import tables
 from vsh.io.archive import DR4
 from vsh.io.catalogue import missing_column, unit_factor
 from vsh.io.epochs._solve import COLOUR_PRIOR, design_row, solve_epochs
-from vsh.tools.arguments import explained
 from vsh.tools.bad_rows import select_usable
 from vsh.tools.errors import EmptyFieldError, TableError
 from vsh.tools.notebook import Frozen
@@ -354,7 +353,6 @@ class Observations(Frozen):
         )
 
 
-@explained
 def epoch_files(path: PathName) -> list[Path]:
     """The files of epochs at a path: itself, or every table of a folder in the order of their names.
 
@@ -629,7 +627,6 @@ def _repeat_rows(columns):
     return (f"warning: {twice} {rows} stand in the table twice and count as two",) if twice else ()
 
 
-@explained
 def read_epochs(
     source: Any,
     *,

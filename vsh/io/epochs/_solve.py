@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vsh.tools.arguments import explained
 from vsh.tools.notebook import Frozen
 from vsh.tools.types import BoolArray, FloatArray, IntArray
 
@@ -76,7 +75,6 @@ def downweight(z: FloatArray) -> FloatArray:
     return np.where(z <= 2, 1.0, np.where(z < 3, cubic, np.exp(-z / 3)))
 
 
-@explained
 def solve_epochs(
     source: IntArray,
     design: FloatArray,

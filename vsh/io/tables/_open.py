@@ -34,7 +34,6 @@ from vsh.io.tables._source import (
 )
 from vsh.io.tables._text import open_numbered
 from vsh.tools import formats
-from vsh.tools.arguments import explained
 from vsh.tools.errors import TableError, first_line
 from vsh.tools.files import format_of
 from vsh.tools.formats import BY_KIND, BY_NAME, FORMATS, PACKED, READ
@@ -247,7 +246,6 @@ _EXPANSION = 200
 _PARTITION = re.compile(r"Norder=(\d+)/(?:.*/)?Npix=(\d+)(?:\.parquet$|/)")
 
 
-@explained
 def open_table(source: Any, format: str | None = None) -> TableSource:
     """Open a table without reading its rows.
 
