@@ -147,16 +147,6 @@ def waves(stars=20_000, nside=12, crowd=1):
     _each_wave(made, agis.Response(LAW, None if crowd == 1 else weights, nside), (200, 37, 600))
 
 
-def exact(sources=1500):
-    rng = np.random.default_rng(5)
-    lon, lat = rng.uniform(0, 2 * np.pi, sources), np.arcsin(rng.uniform(-1, 1, sources))
-    sigma = np.exp(rng.uniform(np.log(50), np.log(500), sources))
-    scans = agis.scans(LAW, lon, lat, sigma, 5 * sigma, knots=3000.0)
-    system = agis.System(scans)
-    print(f"{sources} sources, the attitude solved from them, exact response")
-    _each_wave((scans, system, lon, lat, 0, sources), agis.ExactResponse(system), (200,))
-
-
 def _each_wave(made, response, places):
     scans, _, lon, lat, *_ = made
     t = scans.time() - scans.middle
@@ -203,4 +193,4 @@ def limits(skies=300):
 
 
 if __name__ == "__main__":
-    {"dips": dips, "waves": waves, "exact": exact, "limits": limits}[sys.argv[1]](*map(int, sys.argv[2:]))
+    {"dips": dips, "waves": waves, "limits": limits}[sys.argv[1]](*map(int, sys.argv[2:]))

@@ -1,7 +1,6 @@
 """The floor: errors of spin and acceleration that more sources do not remove."""
 
 from collections.abc import Callable, Iterable, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -11,7 +10,6 @@ from scipy.special import softmax
 from fit.background._amplitude import posteriors
 from fit.background._likelihood import (
     Likelihood,
-    Parities,
     equations_of,
     errors_of,
     fitted_degrees,
@@ -28,7 +26,7 @@ from vsh.io import tables
 from vsh.io.sections import Section
 from vsh.models.covariance import LINDEGREN_2021, Spectrum
 from vsh.modes import Modes
-from vsh.tools.errors import ConvergenceError, DegeneracyError, ModesError, ParameterError
+from vsh.tools.errors import DegeneracyError, ModesError, ParameterError
 from vsh.tools.printing import logged
 from vsh.tools.types import ArrayLike, Axes, FloatArray, Table
 
@@ -49,13 +47,13 @@ SHAPES = {
 _ODDS = {"gaia": 3.0, "steep": 0.5}
 
 
-#: Up to this degree the likelihood is taken as it is; beyond, expanded where the sky allows it.
-_AS_IT_IS = 12
+#: Up to this degree the steepest spectrum is among the usual ones.
+_STEEP_TO = 12
 
 
 def usual_shapes(highest: int) -> tuple[str, ...]:
     """The spectra that are averaged unless others are named: higher degrees than 12 know how steep theirs is."""
-    return tuple(SHAPES) if highest <= _AS_IT_IS else ("flat", "gaia")
+    return tuple(SHAPES) if highest <= _STEEP_TO else ("flat", "gaia")
 
 
 def shape_probabilities(names: Sequence[str], log_evidence: ArrayLike) -> FloatArray:
@@ -446,10 +444,6 @@ def _of_shape(name, equations, degrees, free_degrees, fit_scale, errors):
 
 def _likelihood(equations, degrees, free_degrees, fit_scale, shape):
     """ln L of the two powers, and its largest value for one power in both parities."""
-    if degrees[-1] > _AS_IT_IS:
-        with suppress(ConvergenceError):
-            expansion = Parities(equations, degrees, free_degrees, fit_scale, shape)
-            return expansion, expansion.together()
     parity_spectra, common_spectra = [shape.only("odd"), shape.only("even")], [shape]
     common_maximum = Likelihood(equations, common_spectra, degrees, free_degrees, fit_scale).maximum()
     return Likelihood(equations, parity_spectra, degrees, free_degrees, fit_scale), common_maximum.log_likelihood

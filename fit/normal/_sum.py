@@ -13,7 +13,7 @@ import numpy as np
 from fit.normal._equations import NormalEquations
 from fit.normal._moments import Moments
 from fit.normal._templates import Template, template_fields
-from fit.normal.sums import compressed_sums, design_matrix_sums, design_matrix_up_to, dipole_sums
+from fit.normal.sums import compressed_sums, design_matrix_sums, design_matrix_up_to
 from vsh.basis import harmonics
 from vsh.field import Field, SourcesWithErrors
 from vsh.io.parts import Parts
@@ -151,9 +151,7 @@ def normal_equations(
                 partial(normal_equations, modes=modes, method=method), roles=(), words="normal equations"
             )
         return sources.sum(partial(Moments.of, lmax=modes.lmax), roles=(), words="normal equations").normal_equations()
-    if method == "auto" and modes == Modes(1):
-        sums = dipole_sums(sources)
-    elif method == "compressed" or (method == "auto" and len(sources) > design_matrix_up_to(modes)):
+    if method == "compressed" or (method == "auto" and len(sources) > design_matrix_up_to(modes)):
         sums = compressed_sums(sources, modes, threads)
     else:
         sums = design_matrix_sums(sources, modes, threads)

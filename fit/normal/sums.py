@@ -33,11 +33,9 @@ from typing import Any
 import numpy as np
 
 from vsh.basis import harmonics, scalar_harmonics, toroidal_harmonics
-from vsh.coefficients import FIRST_DEGREE
 from vsh.field import Field, multiply_weights
 from vsh.io.parts import Parts, added
 from vsh.modes import Mode, Modes, ScalarModes
-from vsh.sky.sphere import sin_cos
 from vsh.tools.parallel import map_blocks
 from vsh.tools.types import ComplexArray, FloatArray
 
@@ -89,93 +87,6 @@ def design_matrix_up_to(modes: Modes) -> int:
     return max(1000, 2**18 // max(modes.lmax, 1) ** 2)
 
 
-#: Sources in a block: all of its scratch, 1 MiB a dozen rows, stays in the cache.
-DIPOLE_BLOCK = 2**14
-
-
-def _take():
-    """Convert the order and signs of rows to (ω_x, ω_y, ω_z, g_x, g_y, g_z), and from vectors to coefficients; and
-    χ²."""
-    take = np.zeros((7, 7))
-    take[range(7), [3, 2, 4, 0, 1, 5, 6]] = [-1, -1, 1, -1, 1, 1, 1]
-    take[:6] = np.kron(np.eye(2), np.linalg.inv(FIRST_DEGREE).T) @ take[:6]
-    return take
-
-
-_TAKE = _take()
-
-
-def dipole_sums(field: Any) -> tuple[FloatArray, FloatArray, float]:
-    """N, b and Σ yᵀ C⁻¹ y of degree 1: what `fit.normal_equations` adds up."""
-    size = min(DIPOLE_BLOCK, len(field))
-    scratch, rows = np.empty((20, size)), np.empty((7, 2, size))
-    gram = np.zeros((7, 7))
-    columns = field.lon, field.lat, field.rho, field.sigma, field.motion
-    for start in range(0, len(field), size):
-        chunk = [column[..., start : start + size] for column in columns]
-        if len(chunk[0]) < size:
-            scratch, rows = np.empty((20, len(chunk[0]))), np.empty((7, 2, len(chunk[0])))
-        _fill(chunk, scratch, rows)
-        flat = rows.reshape(7, -1)
-        for i in range(7):  # a matrix times a vector: three times as fast as the small product A Aᵀ
-            gram[i, : i + 1] += flat[: i + 1] @ flat[i]
-    gram = gram + np.tril(gram, -1).T
-    gram = _TAKE @ gram @ _TAKE.T
-    return gram[:6, :6], gram[:6, 6], float(gram[6, 6])
-
-
-def _fill(columns, scratch, rows):
-    """The seven rows (six fields and the motions), each decorrelated and of unit weight.
-
-    With s = sin and c = cos of α and δ, the fields and their signs are
-
-        −g_x: (sα, sδ cα)   g_y: (cα, −sδ sα)   −ω_y: (sδ sα, cα)   −ω_x: (sδ cα, −sα)
-        ω_z: (cδ, 0)        g_z: (0, cδ)
-    """
-    lon, lat, rho, sigma, motion = columns
-    half, square, sin, cos = scratch[:8].reshape(4, 2, -1)
-    p, product, root, inverse = scratch[8:12], scratch[12:16], scratch[16], scratch[17:20]
-    # Sine and cosine by the tangent of half the angle, as in vsh.sphere.sin_cos, without new memory.
-    np.multiply(lon, 0.5, out=half[0])
-    np.multiply(lat, 0.5, out=half[1])
-    np.tan(half, out=half)
-    np.multiply(half, half, out=square)
-    np.add(square, 1, out=sin)
-    np.divide(1, sin, out=sin)
-    np.subtract(1, square, out=cos)
-    cos *= sin
-    sin *= half
-    sin += sin
-    p[0], p[1] = sin[0], cos[0]
-    np.multiply(p[:2], sin[1], out=p[2:])
-
-    # L⁻¹ with L Lᵀ = C: 1/σ_1, 1/(σ_2 √(1 − ρ²)) and ρ/(σ_1 √(1 − ρ²)).
-    np.multiply(rho, rho, out=root)
-    np.subtract(1, root, out=root)
-    np.sqrt(root, out=root)
-    inverse[0] = sigma[0]
-    np.multiply(sigma[1], root, out=inverse[1])
-    np.divide(1, inverse[:2], out=inverse[:2])
-    np.multiply(rho, inverse[0], out=inverse[2])
-    inverse[2] /= root
-
-    east, north = rows[:, 0], rows[:, 1]
-    np.multiply(p, inverse[0], out=east[:4])
-    np.multiply(cos[1], inverse[0], out=east[4])
-    east[5] = 0
-    np.multiply(p[::-1], inverse[1], out=north[:4])
-    np.negative(north[1:4:2], out=north[1:4:2])
-    np.multiply(p, inverse[2], out=product)
-    north[:4] -= product
-    np.multiply(cos[1], inverse[2], out=north[4])
-    np.negative(north[4], out=north[4])
-    np.multiply(cos[1], inverse[1], out=north[5])
-    np.multiply(motion[0], inverse[0], out=east[6])
-    np.multiply(motion[1], inverse[1], out=north[6])
-    np.multiply(motion[0], inverse[2], out=product[0])
-    north[6] -= product[0]
-
-
 #: Sources in a block.
 BLOCK = 2**16
 
@@ -194,8 +105,7 @@ def rings_of(modes: Modes) -> Rings:
 
 def fourier_sums(field: Any, lmax: int, threads: int | None = None) -> tuple[ComplexArray, ComplexArray, float]:
     """All that a fit to degree L needs of the sources: sums over them, which add."""
-    moments = _moments_by_products if lmax <= PRODUCTS else _moments
-    blocks = map_blocks(lambda part: moments(field[part], lmax), len(field), BLOCK, threads, "normal equations")
+    blocks = map_blocks(lambda part: _moments(field[part], lmax), len(field), BLOCK, threads, "normal equations")
     weights: Any = 0
     motions: Any = 0
     chi2_null = 0.0
@@ -232,63 +142,6 @@ def _moments(field, lmax):
     )
     half, window = 2 * lmax, slice(lmax, 3 * lmax + 1)
     return sums[: len(weights), half:], sums[len(weights) :, half : half + lmax + 1, window], chi2
-
-
-#: Up to this degree the moments are products of matrices, with sines and cosines of the sources for their rows.
-PRODUCTS = 4
-
-#: Sources in a product: their rows stay in the cache.
-_IN_CACHE = 2**12
-
-
-def _moments_by_products(field, lmax):
-    """Compute `_moments` by products: faster at low degrees, and exact to rounding."""
-    max_order = 2 * lmax
-    low_orders = np.r_[: lmax + 1, max_order + 1 : max_order + 1 + lmax]
-    w = field.weights
-    z = multiply_weights(w, field.data)
-    weights: Any = 0.0
-    motions: Any = 0.0
-    for start in range(0, len(field), _IN_CACHE):
-        chunk = slice(start, start + _IN_CACHE)
-        a, d = _rows(field.lon[chunk], max_order), _rows(field.lat[chunk], max_order)
-        weights = weights + _products(w[:, chunk], a, d)
-        motions = motions + _products(z[:, chunk], a[low_orders], d[low_orders])
-    return _by_exponentials(weights), _by_exponentials(motions), np.vdot(z, field.data)
-
-
-def _rows(x, max_order):
-    """1, cos x, … cos Kx, sin x, … sin Kx, (2K + 1, n); in place, for K so low that the recurrence loses nothing."""
-    rows = np.ones((2 * max_order + 1, x.size))
-    if not max_order:
-        return rows
-    sin, cos = sin_cos(x)
-    rows[1], rows[max_order + 1] = cos, sin
-    twice = 2 * cos
-    for k in range(2, max_order + 1):
-        np.multiply(twice, rows[k - 1], out=rows[k])
-        rows[k] -= rows[k - 2]
-        np.multiply(twice, rows[max_order + k - 1], out=rows[max_order + k])
-        if k > 2:
-            rows[max_order + k] -= rows[max_order + k - 2]
-    return rows
-
-
-def _products(values, a, d):
-    """Σ values · (rows in α) · (rows in δ), (values, rows, rows)."""
-    weighted_rows = (values[:, None] * a).reshape(-1, a.shape[1])
-    return (weighted_rows @ d.T).reshape(len(values), len(a), len(d))
-
-
-def _by_exponentials(sums):
-    """Σ w e^{−i(Mα + nδ)} from sums of cosines and sines, (values, M ≥ 0, n)."""
-    max_order = (sums.shape[-1] - 1) // 2
-    sine = np.zeros((len(sums), max_order + 1, sums.shape[-1]))
-    sine[:, 1:] = sums[:, max_order + 1 :]
-    spectrum = sums[:, : max_order + 1] - 1j * sine
-    even, odd = spectrum[..., : max_order + 1], np.zeros_like(spectrum[..., : max_order + 1])
-    odd[..., 1:] = spectrum[..., max_order + 1 :]
-    return np.concatenate([(even + 1j * odd)[..., :0:-1], even - 1j * odd], axis=-1)
 
 
 class Rings:

@@ -18,7 +18,7 @@ from sim.agis._mission import (
     solve_mission,
     start_errors,
 )
-from sim.agis._response import ExactResponse, Response, power_after_attitude_solution
+from sim.agis._response import Response
 from sim.agis._results import AgisSolution, correlation_by_angle, ratio_by, rotate_frame
 from sim.agis._system import System
 from sim.agis.passes import FULL, Plan, Scans, plan, scaled, scans
@@ -29,7 +29,6 @@ if TYPE_CHECKING:
 __all__ = [
     "AgisSolution",
     "Calibration",
-    "ExactResponse",
     "GlobalMotion",
     "Mixture",
     "Response",
@@ -39,7 +38,6 @@ __all__ = [
     "mixture",
     "observations",
     "plan",
-    "power_after_attitude_solution",
     "scans",
     "solve_mission",
 ]

@@ -11,11 +11,6 @@ x what the five parameters of stars there take up, found from the differences of
     min_x Σ_t W [m·(s − x)_P − m·(s − x)_F]²,   W = w_P w_F / (w_P + w_F),
 
 five numbers for each pixel of the sky. It needs the scanning law, not the attitude's own unknowns.
-
-`ExactResponse` does by the joint solution itself what `Response` approximates from the scanning law alone: every
-template is put into sky and attitude, solved together, and what the attitude took of it is taken from the template. For
-a source with observations y = w − A ε̂ and five parameters taken out this is generalised least squares of the joint
-problem, exactly.
 """
 
 from collections.abc import Callable
@@ -24,11 +19,8 @@ from typing import Any
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 from scipy.sparse import csr_matrix, hstack
-from scipy.special import gammaln, lpmv
 
 from sim.agis._calibration import Calibration, views_at
-from sim.agis._system import Iteration, System
-from sim.agis.passes import spline_at
 from sim.scanning import NominalScanningLaw, TabulatedLaw
 from vsh.basis import harmonics
 from vsh.modes import Modes
@@ -36,10 +28,10 @@ from vsh.sky.frames import rotation_matrix
 from vsh.sky.pixels import centres, check_nside, pixels_of
 from vsh.sky.sphere import angles, triad
 from vsh.tools import arguments
-from vsh.tools.errors import ConvergenceError, FrameError, ParameterError
+from vsh.tools.errors import FrameError, ParameterError
 from vsh.tools.files import read_arrays, write_arrays
 from vsh.tools.notebook import InNotebook
-from vsh.tools.types import ArrayLike, FloatArray, IntArray, Kind, PathName, Rng
+from vsh.tools.types import ArrayLike, FloatArray, IntArray, PathName, Rng
 
 #: Functions of time: from years since the middle of the mission, (k,), to so many rows, (F, k).
 Functions = Callable[[FloatArray], FloatArray]
@@ -47,31 +39,6 @@ Functions = Callable[[FloatArray], FloatArray]
 _STEPS = 20_000
 #: 14.3 million sources (Lindegren et al. 2021, A&A 649, A2), 14 transits a year, 100 µas each. [1/µas²/yr]
 INFORMATION = 14.3e6 * 14 / 100**2
-
-
-def power_after_attitude_solution(l: int, kind: Kind, basic_angle: float = np.radians(106.5)) -> float:
-    """The share of the power along scan of an isotropic field that two fields of view leave, stars held fixed.
-
-    Harmonic m along the scan circle keeps sin²(mΓ/2) of its power; T moves along it as dP_lm/dθ at the equator, S as m
-    P_lm. A rotation that changes with time (T of degree 1) is attitude, and nothing of it is left.
-
-    Parameters
-    ----------
-    l : int
-        The degree.
-    kind : {"T", "S"}
-        Toroidal or spheroidal.
-    basic_angle : float
-        Angle between the fields of view. [rad]
-    """
-    m = np.arange(arguments.whole("l", l) + 1)
-    norm = np.exp((gammaln(l - m + 1) - gammaln(l + m + 1)) / 2)
-    if arguments.choice("kind", kind, ("T", "S")) == "S":
-        amplitude = norm * m * lpmv(m, l, 0.0)
-    else:
-        amplitude = norm * np.where(m < l, (l + m) * lpmv(m, l - 1, 0.0), 0.0)
-    power = amplitude**2 * np.where(m > 0, 2, 1)
-    return float(np.sum(power * np.sin(m * basic_angle / 2) ** 2) / power.sum())
 
 
 class Response(InNotebook):
@@ -317,145 +284,3 @@ def _along(r, m, modes):
 def _outer(functions, fields):
     """Functions (F, k) times fields (p, k): (k, F p)."""
     return np.einsum("fk,pk->kfp", functions, fields).reshape(functions.shape[1], -1)
-
-
-#: Templates that go through the sources and the attitude together.
-_TOGETHER = 8
-
-
-class ExactResponse(InNotebook):
-    """Response of the attitude to templates by the joint solution: for small problems, and to try `Response` on.
-
-    Parameters
-    ----------
-    system : System
-        The sources from which the attitude was solved, those whose epochs are looked at among them or not, in ICRS.
-    tolerance : float
-        Tolerance of the conjugate gradients: the largest preconditioned residual, of the template itself.
-    iterations : int
-        The largest number of them.
-
-    Raises
-    ------
-    FrameError
-        If the sources are not in ICRS.
-    ParameterError
-        If the system calibrates the basic angle.
-
-    Notes
-    -----
-    Each template costs a joint solution, and there are 2 × 70 for a wave at degree 5: 65 CPU seconds in all with 1500
-    sources and knots of 3000 s (`benchmarks/time_axis.py exact`). Times are counted from the middle of the mission.
-    """
-
-    def __init__(self, system: System, *, tolerance: float = 1e-8, iterations: int = 300) -> None:
-        self.system = arguments.a(System)("system", system)
-        if system.scans.frame != "icrs":
-            raise FrameError(f"observations stand in ICRS, the sources of this solution in {system.scans.frame} axes")
-        if system.angle is not None:
-            raise ParameterError("an exact response does not calibrate the basic angle: take a Response")
-        self.tolerance = arguments.positive("tolerance", tolerance)
-        self.iterations = arguments.whole("iterations", iterations)
-        self._taken: dict[Any, FloatArray] = {}
-
-    def __repr__(self) -> str:
-        scans = self.system.scans
-        return f"<ExactResponse: {scans.n_sources} sources, {scans.intervals} intervals in {scans.years:g} years>"
-
-    def left(
-        self,
-        lon: FloatArray,
-        lat: FloatArray,
-        scan: FloatArray,
-        time: FloatArray,
-        modes: Modes,
-        functions: Functions,
-        *,
-        view: IntArray | None = None,  # as in Response; one attitude is for both fields of view
-    ) -> FloatArray:
-        """Compute what the attitude leaves along scan of functions times modes, (k, F p), as does
-        `Response.left`.
-
-        Parameters
-        ----------
-        lon, lat : (k,) arrays
-            Where the source of each observation is. [rad, ICRS]
-        scan : (2, k) array
-            Direction of each scan, east and north.
-        time : (k,) array
-            Time since the middle of the mission. [yr]
-        modes : Modes
-            What is seen of the sky.
-        functions : function
-            From times to the functions at them, (F, k).
-        view : (k,) array, optional
-            Not used.
-        """
-        attitude = self.taken(modes, functions)
-        p, q, _ = triad(lon, lat)
-        basis = harmonics(lon, lat, modes)
-        along = basis[:, 0] * scan[0] + basis[:, 1] * scan[1]
-        remainder = np.einsum("fk,pk->kfp", functions(time), along).reshape(len(time), -1)
-        normal = q * scan[0] - p * scan[1]
-        scans = self.system.scans
-        for coefficient, weight in spline_at(scans, time + scans.middle):
-            remainder += weight[:, None] * np.einsum("ik,kif->kf", normal, attitude[coefficient])
-        return remainder
-
-    def taken(self, modes: Modes, functions: Functions) -> FloatArray:
-        """Compute what the attitude takes of each of the `functions` times each of the `modes`, kept for the next time.
-
-        Parameters
-        ----------
-        modes : Modes
-            Modes of the templates.
-        functions : function
-            From times to the functions at them, (F, k).
-
-        Returns
-        -------
-        (coefficients, 3, F p) array
-            Coefficients of the attitude's spline.
-
-        Raises
-        ------
-        ConvergenceError
-            If the iterations do not do.
-        """
-        scans, passes = self.system.scans, self.system.passes
-        key = template_key(modes, functions)
-        if key in self._taken:
-            return self._taken[key]
-        basis = harmonics(scans.lon, scans.lat, modes)
-        sin, cos = np.asarray(scans.sin, float), np.asarray(scans.cos, float)
-        at = functions(scans.time() - scans.middle)
-        coefficients = np.empty((self.system.coefficients, 3, len(at) * len(modes)))
-        for start in range(0, coefficients.shape[-1], _TOGETHER):
-            numbers = range(start, min(start + _TOGETHER, coefficients.shape[-1]))
-            of_sources, of_attitude, size = [], [], []
-            for number in numbers:
-                f, mode = divmod(number, len(modes))
-                east, north = (at[f] * component[scans.source] for component in basis[mode])
-                pair = passes.adjoint(east * sin + north * cos, north * sin - east * cos)
-                size.append(np.sum(scans.weights[0, scans.source] * (east**2 + north**2)))
-                of_sources.append(self.system.reduce(*pair))
-                of_attitude.append(pair[1])
-            right = np.stack(of_sources, axis=-1)
-            right[~self.system.solved] = 0
-            work = Iteration(self.system, right)
-            # Beside the whole template: of a rotation in time nothing is left for the sources but rounding.
-            residual = np.inf
-            for _ in range(self.iterations):
-                work.step()
-                residual = float(np.sqrt(np.max(np.abs(work.rz) / size)))
-                if residual < self.tolerance:
-                    break
-            else:
-                raise ConvergenceError(
-                    f"what the attitude takes of templates is known to {residual:.1g} after {self.iterations} "
-                    f"iterations, not to {self.tolerance:g}: allow more iterations, or a larger tolerance"
-                )
-            attitude_rhs = np.stack(of_attitude, axis=-1) - passes.to_attitude(work.x)
-            coefficients[..., start : start + len(numbers)] = self.system.attitude_of(attitude_rhs)
-        self._taken = {key: coefficients}
-        return coefficients

@@ -11,10 +11,10 @@ from conftest import ROOT
 PACKAGES = ("vsh", "fit", "sim", "study")
 #: Lines of code (no docstrings, comments or blank lines) that a room may have.
 BUDGET = {
-    "fit": 776, "fit/background": 2383, "fit/commands": 1656, "fit/correlation": 549, "fit/distances": 720,
-    "fit/frames": 2118, "fit/in_time": 430, "fit/motions": 754, "fit/normal": 923, "fit/pairs": 515,
+    "fit": 776, "fit/background": 2202, "fit/commands": 1656, "fit/correlation": 549, "fit/distances": 720,
+    "fit/frames": 2118, "fit/in_time": 430, "fit/motions": 754, "fit/normal": 816, "fit/pairs": 515,
     "fit/posterior": 1337, "fit/redshift": 779, "fit/results": 1701, "fit/robust": 590,
-    "fit/secular_parallax": 1363, "fit/solving": 287, "fit/waves": 424, "sim": 965, "sim/agis": 2168,
+    "fit/secular_parallax": 1363, "fit/solving": 287, "fit/waves": 424, "sim": 965, "sim/agis": 2082,
     "sim/commands": 827, "sim/gaia": 486, "sim/scanning": 452, "sim/signal": 373, "study": 756,
     "study/commands": 408, "study/forecast": 371, "study/referee": 994, "vsh": 1599, "vsh/commands": 1379,
     "vsh/figures": 1097, "vsh/io": 6262, "vsh/models": 984, "vsh/sky": 430, "vsh/tools": 1594,

@@ -10,7 +10,7 @@ import fit
 import sim
 from fit.background import Spectrum, floor
 from fit.results.storage import read
-from vsh import Field, Modes
+from vsh import Coefficients, Field, Modes
 from vsh.io.catalogue import read_field
 from vsh.tools.errors import DegeneracyError, ModesError, ParameterError
 
@@ -293,3 +293,21 @@ def test_noise_of_estimated_errors_is_no_power(method):
         fit.solve(fit.background.equations_of(plain), floor=quoted).values,
         atol=0.3 * plain.sigma.max(),
     )
+
+
+def equations_on_a_part(lmax, odd, even, latitude=0.0, n=6000, south=-1.0):
+    rng = np.random.default_rng(lmax)
+    lon, lat = sim.plane_avoiding_sky(n, rng, latitude=latitude)
+    lon, lat = lon[np.sin(lat) > south], lat[np.sin(lat) > south]
+    modes, spectrum = Modes(lmax), odd * Spectrum.odd() + even * Spectrum.even()
+    truth = Coefficients(modes, np.sqrt(spectrum.variances(modes)) * rng.normal(size=len(modes)))
+    motion = truth.at(lon, lat) + 100 * rng.normal(size=(2, lon.size))
+    return fit.normal_equations(Field(lon, lat, motion, np.full(motion.shape, 100.0)), lmax)
+
+
+@pytest.mark.parametrize(("lmax", "south", "power"), [(13, 0.0, 2000.0), (13, 0.0, 1e5), (16, -0.5, 2000.0)])
+def test_strong_field_on_a_part_of_the_sky_has_its_floor(lmax, south, power):
+    normal = equations_on_a_part(lmax, power, power, south=south)
+    whole = floor(normal, shapes="flat")
+    assert 0.7 * power < whole.odd < 1.4 * power
+    assert 0.7 * power < whole.even < 1.4 * power

@@ -8,7 +8,6 @@ from hypothesis import strategies as st
 
 import fit
 import sim
-from fit.normal.sums import PRODUCTS
 from vsh import Field, Modes
 from vsh.sky.frames import rotation_matrix
 from vsh.sky.sphere import triad
@@ -39,17 +38,6 @@ def test_compressed_is_direct(lmax):
     np.testing.assert_allclose(two.sigma, one.sigma, rtol=1e-9)
 
 
-@pytest.mark.parametrize("lmax", range(1, PRODUCTS + 1))
-def test_products_at_low_degrees_are_exact(lmax):
-    """To rounding, where transforms are good to 2e-13; more sources than one product takes."""
-    field, modes = cut_sky(5000, lmax), Modes(lmax)
-    direct, compressed = (
-        fit.normal_equations(field, modes, method=method) for method in ("design-matrix", "compressed")
-    )
-    np.testing.assert_allclose(compressed.matrix, direct.matrix, atol=3e-15 * np.abs(direct.matrix).max(), rtol=0)
-    np.testing.assert_allclose(compressed.rhs, direct.rhs, atol=3e-15 * np.abs(direct.rhs).max(), rtol=0)
-
-
 @given(seed=st.integers(0, 10_000), lmax=st.integers(1, 6), n=st.integers(1, 300))
 @settings(max_examples=40)
 def test_compressed_is_direct_for_any_catalogue(seed, lmax, n):
@@ -60,11 +48,11 @@ def test_compressed_is_direct_for_any_catalogue(seed, lmax, n):
 
 
 @pytest.mark.parametrize("n", [1, 100, 40_000])
-def test_short_cut_for_degree_one_is_direct(n):
+def test_degree_one_of_any_number_is_direct(n):
     field = cut_sky(n + 2, 7)
     direct, short = (fit.normal_equations(field, Modes(1), method=method) for method in ("design-matrix", "auto"))
-    np.testing.assert_allclose(short.matrix, direct.matrix, atol=1e-13 * np.abs(direct.matrix).max(), rtol=0)
-    np.testing.assert_allclose(short.rhs, direct.rhs, atol=1e-13 * np.abs(direct.rhs).max(), rtol=0)
+    np.testing.assert_allclose(short.matrix, direct.matrix, atol=1e-11 * np.abs(direct.matrix).max(), rtol=0)
+    np.testing.assert_allclose(short.rhs, direct.rhs, atol=1e-11 * np.abs(direct.rhs).max(), rtol=0)
     assert short.chi2_null == pytest.approx(direct.chi2_null)
 
 

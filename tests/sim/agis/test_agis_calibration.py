@@ -142,8 +142,6 @@ def test_what_cannot_be_calibrated(quasars):
         make(quasars, "free every 5 days")
     with pytest.raises(DegeneracyError, match="to order 40 is not determined"):
         make(quasars, "free every 20 days to order 40")
-    with pytest.raises(ParameterError, match="take a Response"):
-        agis.ExactResponse(make(quasars, WORDS))
 
 
 def test_prior_goes_from_free_to_none(quasars):

@@ -44,7 +44,7 @@ CALLS = {
 }
 #: Of simulations of Gaia and of figures, which take what others made; results and nouns, which check their arrays.
 ELSEWHERE = ("sim.", "vsh.figures.", "SkyAxes.", "vsh.models.", "Flow", "VelocityGrid", "System", "Unknowns",
-             "ExactResponse", "Response", "NominalScanningLaw")  # fmt: skip
+             "Response", "NominalScanningLaw")  # fmt: skip
 
 
 def public():
