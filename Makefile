@@ -22,7 +22,7 @@ demo: $(VENV)/installed  ## set up, and fit a simulated catalogue: report and fi
 	$(BIN)/vsh-fit --demo --output demo --overwrite
 
 paper: $(VENV)/installed  ## every table and figure of the paper: paper/comparison.md (REALISATIONS=5 for a quick look)
-	$(BIN)/vsh-study papers/bachchan2016/study.toml --output paper --n-realisations $(REALISATIONS) --quiet
+	$(BIN)/python papers/bachchan2016/realisations.py paper --n-realisations $(REALISATIONS)
 	$(BIN)/python papers/bachchan2016/tables_and_figures.py paper --n-realisations $(REALISATIONS)
 
 test: $(VENV)/installed-test  ## set up, and pass the tests

@@ -32,7 +32,6 @@ def make_files(folder):
     """A whole file for each reader: a dict of name to (path, function that reads it)."""
     import fit
     import sim
-    import study
     from fit import sampling as _checkpoint
     from fit import storage
     from fit.correlation import correlation_matrices, leakage, predict_covariance
@@ -67,9 +66,6 @@ def make_files(folder):
 
     healpy.write_map(str(folder / "map.fits"), np.arange(12.0 * 16), dtype=float, overwrite=True)
     files["read_map"] = folder / "map.fits", maps.read_map
-    text = "[study]\nname = 'x'\nn_realisations = 3\n[mission]\nyears = 5.0\n[truth]\nvelocity = [300, 10, 20]\n[[case]]\nname = 'A'\nquasars = { number = 100 }\n"
-    (folder / "study.toml").write_text(text)
-    files["study.load"] = folder / "study.toml", study.load
     marks = {"data": "x"}
     chain = np.random.default_rng(1).normal(size=(20, 8, 4))
     _checkpoint.save(folder / "chain.npz", marks, chain, chain[..., 0], np.random.RandomState(1).get_state())

@@ -20,21 +20,6 @@ from vsh.tools.files import UNFINISHED
 sys.path.insert(0, str(Path(__file__).parent / "vsh" / "io" / "archive"))
 from test_schema_and_epochs import packed, serving
 
-STUDY = """
-[study]
-name = "small"
-n_realisations = 24
-lmax = 2
-[mission]
-years = 3.0
-[truth]
-acceleration = [4.3, 0, 0]
-[[case]]
-name = "A"
-quasars = { number = 1000 }
-vlbi = { number = 200, radio = 50.0 }
-galaxies = { number = 500, peculiar_dispersion = 300.0 }
-"""
 #: What differs between two runs by their clocks alone.
 CLOCKS = ("provenance.json", ".log", "run.toml")
 
@@ -55,7 +40,6 @@ def _unfinished(name):
 
 def prepare(folder):
     """Inputs of all commands, and the words of each."""
-    (folder / "s.toml").write_text(STUDY)
     (folder / "many").mkdir()
     for k in range(4):
         sim.observe(sim.quasars(20_000, rng=k), sim.spin((0, 0, 3)), rng=k, sigma=300.0).write(
@@ -65,7 +49,6 @@ def prepare(folder):
     (folder / "ids.txt").write_text("\n".join(str(each) for each in range(1, 31)))
     agis = "agis --quasars 1500 --years 2 --knots 2000 --sky igql --no-figures"
     return transits, {
-        "vsh-study": "study s.toml",
         "vsh-agis": agis,
         "vsh-fit of a folder": "fit many --lmax 3 --dpi 40",
         "vsh-fit --clip of a folder": "fit many --lmax 3 --clip 3 --no-figures",

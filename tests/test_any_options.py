@@ -49,10 +49,6 @@ def precious(tmp_path_factory):
         (folder / name).write_text("SELECT 1" if name == "q.adql" else f"precious: {name}")
     (folder / "c.toml").write_text("command = 'vsh-fit'\n[options]\nlmax = 2\n")
     (folder / "bad.toml").write_text("[options]\nlmax = [[1]]\n")
-    (folder / "s.toml").write_text(
-        "[study]\nname = 'x'\nn_realisations = 1\n[mission]\nyears = 5.0\n[truth]\nvelocity = [300, 10, 20]\n"
-        "[[case]]\nname = 'A'\nquasars = { number = 60 }\n"
-    )
     return folder
 
 
@@ -70,8 +66,6 @@ def drawn(chance, command):
                 words.append(chance.choice(list(action.choices)))
             elif command == "archive":
                 words.append(chance.choice(["gaia-crf3", "q.adql", "mine.txt"]))
-            elif command == "study":
-                words.append(chance.choice(["s.toml", "bad.toml", "mine.txt"]))
             elif action.nargs != "?" or chance.random() < 0.6:
                 words.append(chance.choice(CATALOGUES))
             continue

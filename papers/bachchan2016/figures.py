@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import matplotlib
 import numpy as np
@@ -11,13 +13,12 @@ import sim
 from sim.astrometry import transit_error
 from sim.plot import plot_density, plot_distance_and_parallax
 from sim.variability import markov_chain
-from study.config import Study
 from vsh.figures.plot import COLOURS, WIDTH, apply_style, panels, save_figures
 from vsh.models.cosmology import transverse_distance
 from vsh.tools.units import AU_PER_YEAR
 
 
-def write_figures(study: Study, folder: Path) -> list[Path]:
+def write_figures(study: Mapping[str, Any], folder: Path) -> list[Path]:
     """Figures 1 to 4 as PNG and PDF; returns their paths."""
     matplotlib.use("agg")
     figures = {
@@ -33,10 +34,10 @@ def write_figures(study: Study, folder: Path) -> list[Path]:
 @apply_style
 def _tracks(study):
     """Fig. 2: variable photocentres with correlation times of 2 and 10 years, three draws of each."""
-    years = study.mission["years"]
-    rng = np.random.default_rng(study.settings["seed"])
+    years = study["mission"]["years"]
+    rng = np.random.default_rng(study["study"]["seed"])
     quasar = sim.quasars(1, 1)
-    law = sim.NominalScanningLaw(years=years, dead_time=study.mission["dead_time"], rng=1)
+    law = sim.NominalScanningLaw(years=years, dead_time=study["mission"]["dead_time"], rng=1)
     times = np.sort(law.transits(quasar.lon, quasar.lat).time)
     drawn = panels(None, 1, 2, size=(WIDTH, 2.2), sharex=True, sharey=True)
     for axes, tau in zip(drawn, (2.0, 10.0), strict=True):
@@ -51,17 +52,17 @@ def _tracks(study):
 @apply_style
 def _galaxies(study):
     """Fig. 3: weight and number of galaxies by magnitude; redshifts and the secular parallax."""
-    case = next(case["galaxies"] for case in study.cases if "galaxies" in case)
+    case = next(case["galaxies"] for case in study["case"])
     galaxies = sim.galaxies(
         case["number"],
-        study.settings["seed"],
+        study["study"]["seed"],
         case["sky"],
         min_redshift=case["min_redshift"],
         max_redshift=case["max_redshift"],
     )
-    law = sim.NominalScanningLaw(years=study.mission["years"], dead_time=study.mission["dead_time"], rng=1)
+    law = sim.NominalScanningLaw(years=study["mission"]["years"], dead_time=study["mission"]["dead_time"], rng=1)
     some = slice(0, min(5000, len(galaxies)))
-    error = np.hypot(transit_error(galaxies.magnitude, law, study.mission["release"]), case["excess_noise"])
+    error = np.hypot(transit_error(galaxies.magnitude, law, study["mission"]["release"]), case["excess_noise"])
     counts = law.transits(galaxies.lon[some], galaxies.lat[some]).counts(some.stop)
     weight, redshift, number, parallax = drawn = panels(None, 2, 2, size=(WIDTH, 3.4))
     weight.semilogy(
@@ -73,7 +74,7 @@ def _galaxies(study):
     redshift.hist(galaxies.redshift, bins=60, color=COLOURS[1])
     redshift.set(xlabel="redshift", ylabel="galaxies")
     z = np.linspace(case["min_redshift"], case["max_redshift"], 300)
-    parallax.plot(z, study.truth["velocity"][0] / (AU_PER_YEAR * transverse_distance(z)), color=COLOURS[1])
+    parallax.plot(z, study["truth"]["velocity"][0] / (AU_PER_YEAR * transverse_distance(z)), color=COLOURS[1])
     parallax.set(xlabel="redshift", ylabel="proper motion [µas/yr]")
     return drawn
 

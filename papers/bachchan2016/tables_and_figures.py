@@ -1,6 +1,6 @@
 """The paper's tables and figures from a study of its four cases, and the two side by side.
 
-    vsh-study papers/bachchan2016/study.toml --output paper
+    python papers/bachchan2016/realisations.py paper
     python papers/bachchan2016/tables_and_figures.py paper
 
 `make paper` does both.
@@ -9,7 +9,9 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.special import fdtr, fdtrc, ndtri, stdtr
@@ -17,9 +19,8 @@ from scipy.special import fdtr, fdtrc, ndtri, stdtr
 import fit
 from figures import write_figures
 from published import ATTRACTIONS, CORRELATIONS, EFFECTS, EXPERIMENTS, SPEED_ERRORS, SPEEDS, published
+from realisations import load, prepare, read_realisations, summary
 from sim.effects import attractions, effects
-from study.config import Study, load
-from study.run import read_realisations, summary
 from vsh import Field, Vector
 from vsh.io import tables
 from vsh.tools.files import atomic_write
@@ -32,7 +33,7 @@ _TUNED = {
 }
 
 
-def write_paper(study: Study, folder: Path, n_realisations: int, draw: bool = True) -> None:
+def write_paper(study: Mapping[str, Any], folder: Path, n_realisations: int, draw: bool = True) -> None:
     """Write tables.md, tables.ecsv, comparison.md and the figures into the folder of a finished study."""
     folder = Path(folder)
     rows = summary(study, read_realisations(study, folder, n_realisations))
@@ -56,15 +57,13 @@ def _write_text(path, text):
 
 def _correlation(study, folder, name):
     """The formal (9, 9) correlation matrix of ε, ω and ã for one case."""
-    from study.realise import prepare_realisation
-
-    case = next(case for case in study.cases if case["name"] == name)
+    case = next(case for case in study["case"] if case["name"] == name)
     fields = []
     for kind in ("quasars", "vlbi"):
-        with np.load(prepare_realisation(study, case, kind, folder / "prepared", progress=False)) as file:
+        with np.load(prepare(study, case, kind, folder / "prepared")) as file:
             still = np.zeros_like(file["sigma"])
             fields.append(
-                Field(file["lon"], file["lat"], still, file["sigma"], file["rho"], frame=study.settings["frame"])
+                Field(file["lon"], file["lat"], still, file["sigma"], file["rho"], frame=study["study"]["frame"])
             )
     return fit.solve_frame(*fields).correlation
 
@@ -147,7 +146,7 @@ def _comparison(rows, correlations, n_realisations):
         "Not simulated: the random motion of 10 µas/yr that the paper gives each quasar. Added in quadrature to the errors of",
         "G = 20 (268 µas/yr) it makes 0.07 % of a difference.", "",
         "The galaxies' fit takes the spin of the quasars as known, without its error, as the paper did (`propagate_spin = false`): its errors",
-        "of v and H0 are too small by what that spin adds, which is little for 500 000 quasars. `vsh-study` includes it unless told otherwise.", "",
+        "of v and H0 are too small by what that spin adds, which is little for 500 000 quasars. `propagate_spin = true` in study.toml includes it.", "",
     ]  # fmt: skip
     for case, table in _by_case(rows).items():
         lines += [
@@ -261,12 +260,14 @@ def _why(case, name, what, theirs, ours):
 def main() -> None:
     """What `make paper` runs when the study is done."""
     parser = argparse.ArgumentParser(description="Write the paper's tables and figures into the folder of its study.")
-    parser.add_argument("folder", type=Path, help="that of vsh-study papers/bachchan2016/study.toml")
+    parser.add_argument("folder", type=Path, help="that of realisations.py")
     parser.add_argument("--n-realisations", type=int, help="of the study; its configuration's unless given")
     parser.add_argument("--no-figures", action="store_true", help="tables only")
     options = parser.parse_args()
-    study = load(Path(__file__).parent / "study.toml")
-    write_paper(study, options.folder, options.n_realisations or study.n_realisations, draw=not options.no_figures)
+    study = load()
+    write_paper(
+        study, options.folder, options.n_realisations or study["study"]["n_realisations"], draw=not options.no_figures
+    )
     print((options.folder / "tables.md").read_text(encoding="utf-8"))
 
 

@@ -1,1 +1,1 @@
-"""The commands `vsh-study`, `vsh-referee`, `vsh-forecast` and `vsh-waves`."""
+"""The commands `vsh-referee`, `vsh-forecast` and `vsh-waves`."""

@@ -15,8 +15,8 @@ BUDGET = {
     "fit/frames": 2118, "fit/in_time": 430, "fit/motions": 754, "fit/normal": 816, "fit/pairs": 515,
     "fit/posterior": 1337, "fit/redshift": 779, "fit/results": 1701, "fit/robust": 590,
     "fit/secular_parallax": 1363, "fit/solving": 287, "fit/waves": 424, "sim": 965, "sim/agis": 2082,
-    "sim/commands": 827, "sim/gaia": 486, "sim/scanning": 452, "sim/signal": 373, "study": 756,
-    "study/commands": 408, "study/forecast": 371, "study/referee": 994, "vsh": 1599, "vsh/commands": 1379,
+    "sim/commands": 827, "sim/gaia": 486, "sim/scanning": 452, "sim/signal": 373, "study": 68,
+    "study/commands": 308, "study/forecast": 371, "study/referee": 994, "vsh": 1599, "vsh/commands": 1378,
     "vsh/figures": 1097, "vsh/io": 6262, "vsh/models": 984, "vsh/sky": 430, "vsh/tools": 1594,
 }  # fmt: skip
 _NO_CODE = {

@@ -79,6 +79,6 @@ def test_commands_run_beside_what_hides_a_package(python, form, tmp_path):
 
 
 def test_packages_are_not_hidden(python, tmp_path):
-    done = python(tmp_path, "import vsh, sim, fit, study; print(fit.fit_field, sim.quasars, study.run)")
+    done = python(tmp_path, "import vsh, sim, fit, study; print(fit.fit_field, sim.quasars, study.simulate_skies)")
     assert done.returncode == 0, done.stderr
     assert done.stderr == ""

@@ -25,7 +25,6 @@ COMMANDS = {
     "link": Command("fit.commands.link", (*_FIT, "lindegren2020", "lunz2023", "zhang2025")),
     "sim": Command("sim.commands.simulate", ("bachchan2016",)),
     "agis": Command("sim.commands.agis", ("lindegren2012", "bachchan2016", "lam2015", *_PIXELS, *_FIT)),
-    "study": Command("study.commands.study", (*_FIT, "bachchan2016")),
     "referee": Command("study.commands.referee",
                        (*_FIT, *_PIXELS, "gaia2021acceleration", "book2011", "nguyen2026")),
     "forecast": Command("study.commands.forecast",

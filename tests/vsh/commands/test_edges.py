@@ -243,15 +243,3 @@ def test_a_singular_matrix_is_one_line(capsys):
     run = running.make_entry("fit.commands.fit", singular)[0]
     assert run(["--demo"]) == 1
     assert "a matrix cannot be solved with" in capsys.readouterr().err
-
-
-def test_numbers_without_end_are_no_traceback(tmp_path, capsys):
-    from study.commands.study import main
-
-    for text in (
-        f"[study]\nname='x'\nn_realisations={'9' * 5000}",
-        "[study]\nname='x'\n[truth]\nvelocity=[1, 1e400, 2]",
-    ):
-        (tmp_path / "s.toml").write_text(text)
-        assert main([str(tmp_path / "s.toml"), "--output", str(tmp_path / "o")]) == 1
-        assert "vsh-study: error" in capsys.readouterr().err

@@ -53,10 +53,6 @@ def folder(tmp_path_factory):
     stars = sim.link(1, 20)
     for name in ("gaia", "vlbi"):
         write_astrometry(stars[stars.catalogue == name], folder / f"{name}.csv")
-    (folder / "study.toml").write_text(
-        '[study]\nname = "small"\nn_realisations = 2\nlmax = 1\n[mission]\nyears = 1.0\n[truth]\nacceleration = [4.3, 0, 0]\n'
-        '[[case]]\nname = "A"\nquasars = { number = 60 }\n'
-    )
     for name in ("icrf3sx.txt", "icrf2-all.txt"):
         if (DATA / name).exists():
             (folder / name).write_bytes((DATA / name).read_bytes())

@@ -38,31 +38,16 @@ JOBS = {
     "sim --no-transits": ("quasars --number 60 --no-transits --output n.fits", FITS | TABLE),
     "sim": ("quasars --number 60 --output s.fits", FITS | TABLE),
     "agis": ("--quasars 100 --years 0.5 --knots 2000 --iterations 2 --output agis --no-figures", FITS | TABLE | ECSV),
-    "study": ("s.toml --output study", FITS | TABLE | SPLINES | FIGURES | {"concurrent.futures.process"}),
     "referee": ("q.fits --no-figures", FITS | TABLE | SPLINES | {"scipy.integrate"}),
     "forecast": ("", FITS | TABLE | {"scipy.linalg", "scipy.special"} | SPLINES),
     "waves": ("e.fits --attitude known --frequencies 2 --lmax 2 --nside 2 --skies 5", FITS | TABLE | SPLINES),
     "archive": ("gaia-crf3 --show", set()),
 }
-STUDY = """
-[study]
-name = "small"
-n_realisations = 1
-lmax = 2
-[mission]
-years = 1.0
-[truth]
-acceleration = [4.3, 0, 0]
-[[case]]
-name = "A"
-quasars = { number = 60 }
-"""
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("jobs")
-    (folder / "s.toml").write_text(STUDY)
     for name, population in (
         ("q", sim.quasars(60, 1)),
         ("g", sim.galaxies(60, 1)),

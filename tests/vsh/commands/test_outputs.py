@@ -84,7 +84,7 @@ def test_many_writers_of_one_file(tmp_path):
     def write(text):
         for _ in range(15):
             try:
-                with atomic_write(tmp_path / "x.txt") as new:
+                with atomic_write(tmp_path / "x.txt", overwrite=True) as new:
                     new.write_text(text * 1000)
             except OSError as error:
                 errors.append(error)
