@@ -14,7 +14,7 @@ ROOT = Path(__file__).parents[1]
 FILES = [
     *sorted(f"against/{path.name}" for path in (ROOT / "tests" / "against").glob("test_*.py")),
     "vsh/test_conventions.py",
-    "sim/test_effects.py",
+    "study/test_effects.py",
 ]
 HEAD = """# Validation
 

@@ -1,6 +1,6 @@
 """What `sim` holds: for type checkers, and for whoever asks (lazy_loader reads the imports here)."""
 
-from . import agis, astrometry, effects, gaia, plot, population, scanning, signal, skies, variability
+from . import agis, astrometry, gaia, plot, population, scanning, signal, skies, variability
 from .astrometry import gaia_errors
 from .expected import expected_covariances, scan_maps
 from .gaia import crf3, crf4, epochs, link
@@ -50,7 +50,6 @@ __all__ = [
     "clustered_galaxies",
     "crf3",
     "crf4",
-    "effects",
     "epochs",
     "expected_covariances",
     "find_gaps",

@@ -47,9 +47,7 @@ def prepare(folder):
         )
     transits = sim.epochs(sim.quasars(30, rng=1), sim.spin((0, 0, 100)), rng=2)
     (folder / "ids.txt").write_text("\n".join(str(each) for each in range(1, 31)))
-    agis = "agis --quasars 1500 --years 2 --knots 2000 --sky igql --no-figures"
     return transits, {
-        "vsh-agis": agis,
         "vsh-fit of a folder": "fit many --lmax 3 --dpi 40",
         "vsh-fit --clip of a folder": "fit many --lmax 3 --clip 3 --no-figures",
         "vsh-archive epochs": "archive epochs --ids ids.txt --batch 1 --url {url}/data",

@@ -28,7 +28,6 @@ JOBS = (
     "vsh-link stars.csv --output link --no-figures",
     "vsh-sim epochs --number 20 --output epochs.fits",
     "vsh-waves epochs.fits --frequencies 1:2:2",
-    "vsh-agis --quasars 100 --years 0.5 --knots 2000 --iterations 2 --output agis --no-figures",
 )
 
 

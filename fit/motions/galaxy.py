@@ -292,7 +292,7 @@ def orbit(acceleration: Any, *, r0: float = R0[0], r0_error: float = R0[1]) -> G
     Notes
     -----
     Gaia Collaboration, Klioner et al. (2021, A&A 649, A9), Bovy (2020, arXiv:2012.02169). The Galaxy's companions add
-    to the acceleration (`sim.effects.attractions`): the LMC today's 0.18 µas/yr, which no error here holds.
+    to the acceleration (papers/bachchan2016/effects.py): the LMC 0.18 µas/yr today, which no error here holds.
     """
     vector = getattr(acceleration, "acceleration", acceleration)
     if not isinstance(vector, Vector):

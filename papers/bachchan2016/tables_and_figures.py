@@ -17,10 +17,10 @@ import numpy as np
 from scipy.special import fdtr, fdtrc, ndtri, stdtr
 
 import fit
+from effects import attractions, effects
 from figures import write_figures
 from published import ATTRACTIONS, CORRELATIONS, EFFECTS, EXPERIMENTS, SPEED_ERRORS, SPEEDS, published
 from realisations import load, prepare, read_realisations, summary
-from sim.effects import attractions, effects
 from vsh import Field, Vector
 from vsh.io import tables
 from vsh.tools.files import atomic_write

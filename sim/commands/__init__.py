@@ -1,4 +1,4 @@
-"""The commands `vsh-sim` and `vsh-agis`."""
+"""The command `vsh-sim`."""
 
 import argparse
 

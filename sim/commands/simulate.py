@@ -114,7 +114,7 @@ def make_parser() -> argparse.ArgumentParser:
     add("--tau", "correlation time of the variability, yr", parsing.positive, 2.0)
     add(
         "--attitude SIGMA|solved",
-        "noise of the attitude, µas (default: 10), or solved together with the sources (vsh-agis)",
+        "noise of the attitude, µas (default: 10), or solved together with the sources",
         _attitude,
         10.0,
     )

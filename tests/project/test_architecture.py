@@ -39,7 +39,7 @@ HEAVY = {
     "astropy.cosmology": ["vsh/models/cosmology.py"],
     "astropy": [
         "vsh/io/tables/_*.py", "vsh/tools/files.py", "vsh/tools/files.py", "vsh/models/covariance.py", "vsh/models/cosmology.py", "vsh/io/catalogue/_columns.py", "vsh/io/catalogue/_names.py", "vsh/commands/*.py", "vsh/figures/plot/_sky_axes.py", "vsh/vector.py", "vsh/field.py",
-        "sim/effects.py", "fit/results/storage.py",
+        "fit/results/storage.py",
     ],
 }  # fmt: skip
 #: What a function may import instead of its file: what is heavy, and what is imported only if it is asked for.

@@ -34,7 +34,7 @@ REASONS = {
     ),
     **dict.fromkeys(("work", "pieces", "piece", "function", "solve", "potential"), "a function of the caller's"),
     "color": "a colour of matplotlib, or an array of them", "ax": "axes, or an array: each result says which",
-    "rotate": "coefficients, or a pair with their covariance", "attractions": SAME, "effects": SAME,
+    "rotate": "coefficients, or a pair with their covariance",
     "apparent_motion": SAME, "lensing_motion": SAME, "NominalScanningLaw.attitude": "three arrays, of any shape",
     "TabulatedLaw.attitude": "three arrays, of any shape", "search_in_time": "by its arguments",
     "Vector.to_skycoord": "astropy's SkyCoord, which is imported when it is asked for",

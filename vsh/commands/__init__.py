@@ -24,7 +24,6 @@ COMMANDS = {
     "compare": Command("fit.commands.compare", (*_FIT, "charlot2020")),
     "link": Command("fit.commands.link", (*_FIT, "lindegren2020", "lunz2023", "zhang2025")),
     "sim": Command("sim.commands.simulate", ("bachchan2016",)),
-    "agis": Command("sim.commands.agis", ("lindegren2012", "bachchan2016", "lam2015", *_PIXELS, *_FIT)),
     "referee": Command("study.commands.referee",
                        (*_FIT, *_PIXELS, "gaia2021acceleration", "book2011", "nguyen2026")),
     "forecast": Command("study.commands.forecast",

@@ -141,19 +141,6 @@ def delay_interrupts() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-@contextmanager
-def ended_if_interrupted() -> Iterator[None]:
-    """Within it, an interrupt ends all processes that this one started."""
-    try:
-        yield
-    except KeyboardInterrupt:
-        from multiprocessing import active_children
-
-        for process in active_children():
-            process.terminate()
-        raise
-
-
 def ahead(things: Iterator[T]) -> Generator[T, None, None]:
     """Iterate over items, each made in a thread while the one before it is used."""
     with ThreadPoolExecutor(1) as pool:

@@ -12,7 +12,6 @@ from fit.commands import correlate as correlate_words
 from fit.commands import fit as options_module
 from fit.commands.correlate import main as correlate
 from fit.commands.fit import main
-from sim.commands import agis
 from sim.commands.simulate import main as simulate
 from vsh.commands import parsing
 
@@ -91,7 +90,6 @@ CASES = [
     (options_module, ["c.fits", "--where", 'name == "a\\b"'], {"catalogue": "c.fits", "where": 'name == "a\\b"'}),
     (options_module, ["c.fits", "--where", "x > 1\ny\x7f"], {"catalogue": "c.fits", "where": "x > 1\ny\x7f"}),
     (redshift, ["g.fits", "--h0", "67.40", "--redshift-frame", "true"], {"catalogue": "g.fits", "h0": "67.40", "redshift-frame": "true"}),
-    (agis, ["--plan", "--no-scaling", "--workers", "2", "--start", "0,5"], {"plan": True, "no-scaling": True, "workers": "2", "start": "0,5"}),
     (correlate_words, ["a", "b", "--influence", "x", "--influence", "y,z"], {"catalogue": "a", "catalogue2": "b", "influence": ("x", "y,z")}),
 ]  # fmt: skip
 

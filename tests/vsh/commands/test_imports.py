@@ -37,7 +37,6 @@ JOBS = {
     "link": ("stars.csv", FITS | TABLE),
     "sim --no-transits": ("quasars --number 60 --no-transits --output n.fits", FITS | TABLE),
     "sim": ("quasars --number 60 --output s.fits", FITS | TABLE),
-    "agis": ("--quasars 100 --years 0.5 --knots 2000 --iterations 2 --output agis --no-figures", FITS | TABLE | ECSV),
     "referee": ("q.fits --no-figures", FITS | TABLE | SPLINES | {"scipy.integrate"}),
     "forecast": ("", FITS | TABLE | {"scipy.linalg", "scipy.special"} | SPLINES),
     "waves": ("e.fits --attitude known --frequencies 2 --lmax 2 --nside 2 --skies 5", FITS | TABLE | SPLINES),

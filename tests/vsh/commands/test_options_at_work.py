@@ -9,7 +9,7 @@ from astropy.table import Table
 
 import sim
 from fit.commands import compare, correlate, link, redshift
-from sim.commands import agis, simulate
+from sim.commands import simulate
 from vsh.commands import archive
 from vsh.io.astrometry import write_astrometry
 
@@ -161,17 +161,6 @@ def test_errors_of_redshifts(tmp_path):
     words = ["galaxies", "--number", "200", "--no-transits", "--redshift-error"]
     exact, wrong = (np.asarray(simulated(tmp_path / "g.fits", *words, each)["redshift"]) for each in ("0", "0.001"))
     assert np.std(wrong - exact) == pytest.approx(0.001, rel=0.3)
-
-
-def test_error_of_a_star_in_a_joint_solution(tmp_path, capsys):
-    sigmas = []
-    for error in ("50", "500"):
-        words = ["--quasars", "300", "--stars", "100", "--years", "2", "--star-error", error, "--attitude", "10"]
-        sheets = tables_of(agis.main, [*words, "--output", tmp_path / error, "--no-figures"], capsys)
-        columns = sheets["sources"]["columns"]
-        is_star = np.array(columns["kind"]["values"]) == "stars"
-        sigmas.append(np.median(np.array(columns["sigma_parallax"]["values"], float)[is_star]))
-    assert sigmas[1] > 5 * sigmas[0]
 
 
 def test_rows_and_patience_of_the_archive(monkeypatch, tmp_path):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from astropy import units as u
 
-from sim import effects
+import effects
 
 #: Table 2 of Bachchan, Hobbs & Lindegren (2016), as printed.
 PLANCK_2013 = {"LMC": 2.4e-2, "M31": 2.1e-3, "Sagittarius": 7.6e-4, "SMC": 7.0e-4, "M33": 6.1e-5, "NGC6822": 2.3e-5,
