@@ -77,7 +77,7 @@ BREAKS = [
     ("fit/background/_floor.py", "covariance[indices, indices] += ", "covariance[indices, indices] += 0 * ", "test_floor.py"),
     ("fit/background/_floor.py", "covariance=plain.covariance * tau", "covariance=plain.covariance", "test_floor.py"),
     ("fit/background/_waves.py", "np.log(inner) / 4", "np.log(inner) / 2", "test_waves.py"),
-    ("fit/background/_likelihood.py", "return 2 * float(np.log(", "return float(np.log(", "test_evidence.py"),
+    ("fit/background/_likelihood.py", "return 2 * float(np.log(", "return float(np.log(", "test_background_likelihood.py"),
     ("sim/scanning/_compiled.py", "phase + lap * turn", "phase + lap", "test_scanning.py"),
     ("sim/scanning/_crossings.py", "(phase[rows] + lap_angle)", "(phase[rows] + 9 * lap_angle)", "test_scanning.py"),
     ("sim/agis/passes/_kernels.py", "_add(out, k, 1, r, b, my * across - ny * along)", "_add(out, k, 1, r, b, my * across + ny * along)", "test_joint_system.py"),

@@ -15,7 +15,6 @@ from vsh.tools.modules import lazily
 
 if TYPE_CHECKING:
     from fit.background._cross import CrossPowers, cross_powers
-    from fit.background._evidence import Comparison, compare_models, evidence
     from fit.background._pulsars import add_pulsars
     from fit.background._shared import BEYOND as BEYOND
     from fit.background._shared import ClassComparison, Verdict, shared
@@ -33,16 +32,13 @@ __all__ = [
     "Amplitudes",
     "Background",
     "ClassComparison",
-    "Comparison",
     "CrossPowers",
     "Floor",
     "Template",
     "Verdict",
     "WaveLimit",
     "add_pulsars",
-    "compare_models",
     "cross_powers",
-    "evidence",
     "fit_amplitudes",
     "floor",
     "shared",
@@ -55,7 +51,6 @@ __getattr__, __dir__ = lazily(
     __all__,
     {
         "_cross": ["CrossPowers", "cross_powers"],
-        "_evidence": ["Comparison", "compare_models", "evidence"],
         "_pulsars": ["add_pulsars"],
         "_shared": [
             "BEYOND",

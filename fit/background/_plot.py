@@ -58,19 +58,6 @@ def plot_amplitudes(background: Any, *, ax: Axes | None = None) -> Axes:
     return _intervals(background.names, background.amplitudes, background.intervals, labels, "largest likelihood", ax)
 
 
-@apply_style
-def plot_comparison(comparison: Any, *, ax: Axes | None = None) -> Axes:
-    """The evidences less the best."""
-    (axes,) = panels(ax, size=(WIDTH, 0.7 + 0.25 * len(comparison.names)))
-    below = comparison.log_evidence - comparison.log_evidence.max()
-    positions = np.arange(len(below))[::-1]
-    axes.barh(positions, below, color=COLOURS[0], height=0.6)
-    axes.plot(np.zeros(len(below)), positions, "|", color="0.3", markersize=6)
-    axes.set_yticks(positions, comparison.names)
-    axes.set_xlabel("ln Z less that of the best")
-    return axes
-
-
 def _intervals(names, values, intervals, labels, point, ax):
     """Draw one axis for each amplitude: they have units of their own."""
     subplots = panels(ax, len(names), 1, size=(WIDTH, 0.5 + 0.75 * len(names)))

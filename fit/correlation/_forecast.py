@@ -96,6 +96,7 @@ def predict_covariance(
     --------
     Systematic errors adds to the errors of degree 1:
 
+    >>> from vsh import Field
     >>> quasars = Field([0.1, 2.0, 4.0], [0.3, -0.7, 0.2], np.zeros((2, 3)), np.ones((2, 3)))
     >>> alone, shared = (predict_covariance(quasars, floor=floor) for floor in (None, 4 * Spectrum.flat()))
     >>> bool(np.all(np.diag(shared.covariance) - np.diag(alone.covariance) > 1))

@@ -126,7 +126,7 @@ def test_velocity_forecast(tmp_path):
 def test_correlation_matrices(tmp_path):
     text = run("correlation_matrices.py", folder=tmp_path)
     assert re.search(r"above diagonal +GUMS-like\nbelow diagonal +IGQL-like", text)
-    assert "thinned to |ρ| < 0.2" in text
+    assert "half of the northern cap: errors of the acceleration" in text
     for name in ("correlation_matrices.png", "influence.png"):
         assert (tmp_path / name).stat().st_size > 10_000
 
