@@ -47,7 +47,10 @@ plt.savefig("influence.png", dpi=300)
 thin = (igql.lat < np.radians(28)) | (np.random.default_rng(3).uniform(size=len(igql)) < 0.5)
 for name, field in (("all", igql), ("half of the northern cap", igql[thin])):
     prediction = predict_covariance(field, 1)
-    print(f"{name}: errors of the acceleration {prediction.acceleration.sigma.round(3)}, largest {prediction.largest}")
+    errors, (value, pair) = ", ".join(f"{each:.2f}" for each in prediction.acceleration.sigma), prediction.largest
+    print(
+        f"{name}: errors of the acceleration {errors} µas/yr, largest correlation {value:+.2f}, of {' and '.join(pair)}"
+    )
 
 # %%
 # What is not fitted leaks into what is: one (µas/yr)² in each degree from 2 to 4.

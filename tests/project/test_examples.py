@@ -198,7 +198,7 @@ def test_pulsars_and_motions(tmp_path):
 @pytest.mark.slow
 def test_growth_from_motions(tmp_path):
     text = run("growth_from_motions.py", folder=tmp_path)
-    assert abs(float(re.search(r"f/b +(\S+) ± ", text)[1]) - 0.526) < 0.6
+    assert abs(float(re.search(r"f/b (\S+) ± ", text)[1]) - 0.526) < 0.6
     assert (tmp_path / "growth_flow.png").stat().st_size > 10_000
 
 

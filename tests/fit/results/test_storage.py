@@ -12,7 +12,6 @@ import fit
 import sim
 from fit import in_time
 from fit.correlation import correlation_matrices, leakage, predict_covariance
-from fit.motions.growth import growth
 from fit.posterior import grid, sample
 from fit.redshift import binned
 from fit.results import storage
@@ -23,7 +22,6 @@ from vsh.figures.plot import figure_of
 from vsh.io.epochs import read_observations
 from vsh.models.cosmology import CMB_VELOCITY_PLANCK18
 from vsh.models.covariance import Spectrum
-from vsh.models.flows import VelocityGrid
 from vsh.tools.errors import TableError
 
 
@@ -46,7 +44,6 @@ def results():
         "cross": cross_of(field),
         "shared": fit.background.shared([fit.normal_equations(field[k::2], 3) for k in range(2)], draws=60),
         "kinematics": fit.kinematics(clusters(field)),
-        "growth": growth(galaxies, VelocityGrid(1e3 * np.random.default_rng(2).normal(size=(3, 4, 4, 4)), 300.0)),
         "prediction": predict_covariance(field, 2),
         "frame": fit.solve_frame(field, random_field(50, 2)),
         "velocity": observer_velocity(galaxies, 67.3, spin=spin),
@@ -155,7 +152,6 @@ NAMES = (
         "waves by frequency",
         "frames",
         "kinematics",
-        "growth",
         "shared",
         "cross",
     ),
