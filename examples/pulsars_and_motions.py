@@ -8,22 +8,34 @@ of waves with periods of years, proper motions of all that are longer; a power l
 
 import matplotlib.pyplot as plt
 import numpy as np
+from scipy.special import logsumexp
 
 import fit
 import sim
-from fit.background import add_pulsars, wave_limit
+from fit.background import wave_limit
 from fit.pairs import correlation_function
 from vsh import Field
 from vsh.figures.plot import figure_of
-from vsh.models.waves import hellings_downs, timing_deflection
+from vsh.sky.sphere import triad
 
 # %%
 # How an isotropic background correlates what is seen at two places, in units of the mean square of a deflection: two pulsars
-# (the curve of Hellings and Downs), a pulsar and a quasar (whose deflection is along the great circle through both), two quasars.
-theta = np.linspace(0, np.pi, 200)
+# (Hellings & Downs 1983, ApJ 265, L39), a pulsar and a quasar, whose deflection is along the great circle through both (sin θ + 3 x
+# tan(θ/2) ln x, x = sin²(θ/2)), two quasars.
+
+
+def hellings_downs(theta):
+    """Correlation of the redshifts of two pulsars, ½ at zero angle."""
+    x = np.sin(theta / 2) ** 2
+    return 0.5 + 1.5 * x * np.log(np.where(x > 0, x, 1.0)) - 0.25 * x
+
+
+theta = np.linspace(0, np.pi, 200)[:-1]
+x = np.sin(theta / 2) ** 2
 fig, ax = plt.subplots(figsize=(6.5, 4), layout="constrained")
 ax.plot(np.degrees(theta), 2 * hellings_downs(theta), label="two pulsars")
-ax.plot(np.degrees(theta), timing_deflection(theta), "--", label="a pulsar and a quasar")
+timing_deflection = np.sin(theta) + 3 * x * np.tan(theta / 2) * np.log(np.where(x > 0, x, 1.0))
+ax.plot(np.degrees(theta), timing_deflection, "--", label="a pulsar and a quasar")
 lon, lat = sim.population.uniform_sky(20_000, 3)
 waves = Field(lon, lat, sim.wave_background(1.0, rng=4)(lon, lat), np.full((2, 20_000), 1.0))
 pairs = correlation_function(waves, np.radians(np.arange(0, 181, 6.0)))
@@ -37,27 +49,45 @@ figure_of(ax).savefig("overlap_functions.png")
 
 # %%
 # Waves that neither could miss, far more than there are: thirty pulsars, and the motions of a few quasars over three years.
-omega, rng = 0.4, np.random.default_rng(1)
+omega, rng, n, bins = 0.4, np.random.default_rng(1), 30, 10
 lon, lat = sim.population.uniform_sky(1500, rng)
 motion = sim.wave_background(omega, rng=rng)(lon, lat) + 30 * rng.standard_normal((2, 1500))
 limit = wave_limit(fit.normal_equations(Field(lon, lat, motion, np.full((2, 1500), 30.0)), 2), noise_scale=False)
 
 # %%
-# The table of cross-powers has a row for each pair, in units of the squared strain at 1 per 15 years: with Ω ∝ f^(2/3) the band of the
-# motions has 4.4 times the energy of that frequency.
-hubble_time_squared = (1 / 15 / 7.159e-11) ** 2
-strain2 = 1.5 / np.pi**2 * omega / 4.386 / hubble_time_squared
-table = sim.pulsar_pairs(30, strain2, strain2, rng)
-both = add_pulsars(limit, table, years=3.0, bins=10, frequency=1 / 15)
-print(both.report())
+# Cross-powers of the pulsars at 1 per 15 years, in units of the squared strain there. With Ω ∝ f^(2/3) the band of the motions, f < 1/T,
+# has 4.4 times the energy of that frequency, and Ω(f) = 2π² f² h²/(3 H0²). Each pulsar has waves of its own besides, as strong as those
+# at the Earth, and noise.
+in_band = 1.5 * (1 / (3.0 / 15)) ** (2 / 3)
+strain2_of_omega = 1.5 / np.pi**2 / in_band / (1 / 15 / 7.159e-11) ** 2
+strain2 = noise = strain2_of_omega * omega
+r = triad(*sim.population.uniform_sky(n, rng))[2]
+shape = hellings_downs(np.arccos(np.clip(r.T @ r, -1, 1)))
+np.fill_diagonal(shape, 1.0)
+root = np.linalg.cholesky(strain2 * shape + noise * np.eye(n))
+z = root @ (rng.standard_normal((n, bins)) + 1j * rng.standard_normal((n, bins))) / np.sqrt(2)
+cross_powers = (z @ z.conj().T).real / bins
+
+# %%
+# Their likelihood is Wishart's, −k (ln |C| + tr C⁻¹ S) with C = Γ h² + noise, exact for waves of any strength. A factor on the noise of
+# all is marginalised, because a noise that is too small would pass for waves.
+grid = np.linspace(0, 2, 400)
+values, vectors = np.linalg.eigh(shape)
+shares = np.sum(vectors * (cross_powers @ vectors), axis=0)
+factors = np.geomspace(0.5, 2.0, 57)
+spread = noise * factors[:, None, None] + np.multiply.outer(strain2_of_omega * grid, values)
+log_likelihood = logsumexp(-bins * np.sum(np.log(spread) + shares / spread, axis=2), axis=0)
+densities = {"motions": limit.likelihood(grid), "pulsars": np.exp(log_likelihood - log_likelihood.max())}
+densities["motions and pulsars"] = densities["motions"] * densities["pulsars"]
 
 # %%
 # Pulsars see a sum over as many waves as there are directions, motions the one quadrupole of our sky.
 fig, ax = plt.subplots(figsize=(6.5, 4), layout="constrained")
-grid = np.linspace(0, 2, 400)
-for label, style, each in (("motions", "--", limit), ("motions and pulsars", "-", both)):
-    density = each.likelihood(grid)
-    ax.plot(grid, density / np.sum(density) / (grid[1] - grid[0]), style, label=label)
+for (label, density), style in zip(densities.items(), ("--", ":", "-"), strict=True):
+    density = density / np.sum(density)
+    low, high = np.interp([0.16, 0.84], np.cumsum(density), grid)
+    print(f"{label}: Ω from {low:.2f} to {high:.2f} (68 %), {omega} is true")
+    ax.plot(grid, density / (grid[1] - grid[0]), style, label=label)
 ax.axvline(omega, color="0.6", lw=1, label="truth")
 ax.set_xlabel(r"$h_{70}^2\,\Omega$ of waves with f < 1/T")
 ax.set_ylabel("posterior density, flat in Ω")

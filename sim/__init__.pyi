@@ -16,7 +16,6 @@ from .population import (
     uniform_sky,
     vlbi_quasars,
 )
-from .pulsars import pulsar_pairs
 from .scanning import NominalScanningLaw, TabulatedLaw, find_gaps
 from .signal import (
     Signal,
@@ -67,7 +66,6 @@ __all__ = [
     "plane_wave",
     "plot",
     "population",
-    "pulsar_pairs",
     "quasars",
     "random_field",
     "scan_maps",

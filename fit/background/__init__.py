@@ -15,7 +15,6 @@ from vsh.tools.modules import lazily
 
 if TYPE_CHECKING:
     from fit.background._cross import CrossPowers, cross_powers
-    from fit.background._pulsars import add_pulsars
     from fit.background._shared import BEYOND as BEYOND
     from fit.background._shared import ClassComparison, Verdict, shared
     from fit.background._shared import contrast_p_value as contrast_p_value
@@ -37,7 +36,6 @@ __all__ = [
     "Template",
     "Verdict",
     "WaveLimit",
-    "add_pulsars",
     "cross_powers",
     "fit_amplitudes",
     "floor",
@@ -51,7 +49,6 @@ __getattr__, __dir__ = lazily(
     __all__,
     {
         "_cross": ["CrossPowers", "cross_powers"],
-        "_pulsars": ["add_pulsars"],
         "_shared": [
             "BEYOND",
             "ClassComparison",

@@ -63,8 +63,6 @@ class WaveLimit(Result):
     notes : tuple of str
     years : float, optional
         T, over which the motions were measured, for the band of frequency and the strain in the report. [yr]
-    pulsars : int
-        How many are in the likelihood as well.
     """
 
     amplitude: Amplitude
@@ -79,16 +77,14 @@ class WaveLimit(Result):
     n_data: int
     notes: tuple[str, ...] = ()
     years: float | None = None
-    pulsars: int = 0
 
     def __repr__(self) -> str:
         return f"<WaveLimit: h70² Ω < {self.limit():.3g} (95 %, flat in Ω), {self._data}>"
 
     @property
     def _data(self):
-        """Data of the limit, in words: degrees, and pulsars."""
-        degrees = f"degree{'s' * (len(self.degrees) > 1)} {words_of(self.degrees)}"
-        return f"{degrees} and {self.pulsars} pulsars" if self.pulsars else degrees
+        """Data of the limit, in words."""
+        return f"degree{'s' * (len(self.degrees) > 1)} {words_of(self.degrees)}"
 
     @property
     def maximum(self) -> float:

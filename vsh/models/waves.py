@@ -25,7 +25,7 @@ from vsh.tools.errors import ParameterError
 from vsh.tools.types import ArrayLike, FloatArray
 from vsh.tools.units import JULIAN_YEAR, UAS
 
-__all__ = ["hellings_downs", "timing_deflection", "wave_coefficients", "wave_motions"]
+__all__ = ["wave_coefficients", "wave_motions"]
 
 
 def wave_motions(lon: ArrayLike, lat: ArrayLike, direction: ArrayLike, plus: float, cross: float = 0.0) -> FloatArray:
@@ -126,58 +126,6 @@ def _about_z(values, angle, l):
     re, im = values[:, 1::2], values[:, 2::2]
     result[:, 1::2], result[:, 2::2] = cos * re + sin * im, cos * im - sin * re
     return result
-
-
-def hellings_downs(theta: ArrayLike) -> FloatArray:
-    """Correlation of the redshifts of two pulsars in an isotropic background of waves, ½ at zero angle.
-
-    Parameters
-    ----------
-    theta : array
-        Angle between the pulsars. [rad]
-
-    Returns
-    -------
-    array
-        Γ(θ) without the term of the pulsars themselves (Hellings & Downs 1983, ApJ 265, L39): residuals of two pulsars
-        have the cross-power Γ h_c²/(12 π² f³) with the characteristic strain h_c of the waves.
-    """
-    x, logs = _half_angle(theta)
-    return 0.5 + 1.5 * x * logs - 0.25 * x
-
-
-def timing_deflection(theta: ArrayLike) -> FloatArray:
-    """Correlation of the redshift of a pulsar with the deflection of a source, in an isotropic background of waves.
-
-    Parameters
-    ----------
-    theta : array
-        Angle between the pulsar and the source. [rad]
-
-    Returns
-    -------
-    array
-        ⟨z V⟩ with V the deflection along the great circle, away from the pulsar, by the strain at the Earth, and z = ½
-        pᵀhp/(1 + k·p) the redshift by the same strain; the deflection across it is not correlated. In units of
-        ⟨|V|²⟩, in which ⟨z z′⟩ is 2 `hellings_downs` and ⟨V V′⟩ is `fit.pairs.waves_curve`.
-
-    Notes
-    -----
-    sin θ + 3 x tan(θ/2) ln x with x = sin²(θ/2). The coefficients of redshifts and deflections are the same numbers
-    but for a factor, s_lm = −2/√(l(l + 1)) z_lm (Qin et al. 2019, PRD 99, 063002), and the sum over degrees of the
-    derivatives of Legendre polynomials is elementary.
-    """
-    x, logs = _half_angle(theta)
-    angle = float_array("theta", theta)
-    with np.errstate(invalid="ignore"):  # at 180° the tangent is infinite, and ln x zero to second order
-        bent = np.where(x < 1 - 1e-12, 3 * x * np.tan(angle / 2) * logs, 0.0)
-    return np.asarray(np.sin(angle) + bent)
-
-
-def _half_angle(theta):
-    """sin²(θ/2) and its logarithm, zero at zero where it has a factor of zero."""
-    x = np.sin(float_array("theta", theta) / 2) ** 2
-    return x, np.log(np.where(x > 0, x, 1.0))
 
 
 def strain_of(rate: ArrayLike, frequency: float) -> FloatArray:
