@@ -179,7 +179,10 @@ class _Grid:
         # Contracting the last axis first, the target stays.
         sums = reduce(np.matmul, reversed(weights), total)
         target = nodes[k]
-        evidence = float(np.log(trapezoids(sums * self._prior(k, target), target)[-1]) + highest) - self._zero_row()
+        evidence = (
+            float(np.log(trapezoids(sums * self._prior(k, target), target)[-1]) + highest)
+            - self._log_evidence_of_none()
+        )
         logarithm = np.log(sums + 1e-300)
         return Amplitude(target, logarithm - logarithm.max()), evidence
 
@@ -195,7 +198,7 @@ class _Grid:
         u = self._unit(k) ** 2
         return 2 * root * u / (u + root**2) ** 2
 
-    def _zero_row(self):
+    def _log_evidence_of_none(self):
         """ln of the likelihood of no background, summed over κ alike."""
         if not self.likelihood.noise_scale:
             return float(self.likelihood.of_parts(0.0, 0.0, 1.0))

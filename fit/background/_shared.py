@@ -702,11 +702,11 @@ def marginalised(normal: NormalEquations, modes: Modes, variances: FloatArray, n
         matrix=matrix,
         rhs=rhs,
         chi2_null=float(normal.chi2_null - gain),
-        templates=tuple(_remove_degree_one(template, low_indices, modes) for template in normal.templates),
+        templates=tuple(_truncate_template(template, low_indices, modes) for template in normal.templates),
     )
 
 
-def _remove_degree_one(template, low_indices, modes):
+def _truncate_template(template, low_indices, modes):
     """A template of these modes alone, of 1 µas/yr rms over the sky."""
     values = template.values[low_indices]
     return template._replace(values=values / np.sqrt(values**2 @ modes.norm2 / (4 * np.pi)))

@@ -188,7 +188,7 @@ class FrameNetwork(FrameResult):
         ParameterError
             If they are not, or systematic errors were not estimated (`floor=True`).
         """
-        return self._sections_of_pairs().combination(self._row(catalogue, other)[1:])
+        return self._require_shared().combination(self._row(catalogue, other)[1:])
 
     def frame_p_value(self, kind: str, catalogue: str, other: str | None = None) -> float:
         """Probability of as large a rotation, or glide, of two catalogues with one frame, with systematic errors.
@@ -206,9 +206,9 @@ class FrameNetwork(FrameResult):
             As for `frames`.
         """
         i, j = sorted((self._place(catalogue), self._place(self.labels[0] if other is None else other)), reverse=True)
-        return self._sections_of_pairs().p_value(kind, i - 1, j - 1 if j else None)
+        return self._require_shared().p_value(kind, i - 1, j - 1 if j else None)
 
-    def _sections_of_pairs(self):
+    def _require_shared(self):
         """Shared errors; ParameterError where they were not estimated."""
         if self.shared is None:
             raise ParameterError("systematic errors were not estimated: combine_frames(…, floor=True)")

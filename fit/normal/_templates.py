@@ -113,7 +113,7 @@ class Template(Frozen):
         frame : str
             Axes of the positions.
         """
-        lon, lat, numbers = _check_map(lon, lat, values)
+        lon, lat, numbers = _finite_values(lon, lat, values)
         return cls(name, ScalarField(lon, lat, numbers, np.ones(len(numbers)), frame=frame), frame)
 
     @classmethod
@@ -142,7 +142,7 @@ class Template(Frozen):
 
         sums = np.zeros((5, 12 * nside**2))
         for chunk in parts:
-            lon, lat, numbers = _check_map(*chunk)
+            lon, lat, numbers = _finite_values(*chunk)
             if not len(numbers):
                 continue
             pixel = pixels_of(lon, lat, nside)
@@ -249,7 +249,7 @@ class Template(Frozen):
         return replace(field, values=(field.values - mean) / scatter), scatter
 
 
-def _check_map(lon: ArrayLike, lat: ArrayLike, values: ArrayLike) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _finite_values(lon: ArrayLike, lat: ArrayLike, values: ArrayLike) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Positions and numbers of the sources whose number is finite and not masked."""
     numbers = np.asarray(np.ma.filled(np.ma.asarray(values, float), np.nan))
     valid = np.isfinite(numbers)

@@ -199,7 +199,7 @@ def sections_of(posterior: Any, long: bool = True) -> tuple[Section, ...]:
     """A posterior as sections."""
     facts = prior_facts(posterior.model.priors.in_words()) + _origin(posterior) if long else []
     remarks = [*_at_limits(posterior), *_product(posterior)]
-    section = summary_section(posterior, facts, _format_priors(posterior.model.priors))
+    section = summary_section(posterior, facts, _fixed_by_prior(posterior.model.priors))
     return (replace(section, remarks=remarks, notes=posterior.notes),)
 
 
@@ -240,7 +240,7 @@ def prior_facts(priors: Mapping[str, str]) -> list[tuple[str, str]]:
 _SHARP = 30.0
 
 
-def _format_priors(priors):
+def _fixed_by_prior(priors):
     """Names of the velocity where its prior is sharp: the posterior gives it back."""
     prior = priors.velocity
     sharp = prior.gaussian and np.all(np.linalg.eigvalsh(prior.precision) * (prior.mean @ prior.mean) > _SHARP**2)

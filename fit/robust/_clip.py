@@ -163,10 +163,10 @@ def clip(
         solution = solve(normal)
         distances = partial(_distances, solution=solution)
         if sky.in_memory is not None:  # once a round, for the median and the choice alike
-            distances = partial(_check_start, values=distances(sky.in_memory))
+            distances = partial(_known_distances, values=distances(sky.in_memory))
         limit = threshold or in_medians * float(median(sky, distances, f"clip, round {rounds}"))
         summary = sky.sum(
-            partial(_select_within, distances=distances, limit=limit), roles=(), words=f"clip, round {rounds}"
+            partial(_count_within, distances=distances, limit=limit), roles=(), words=f"clip, round {rounds}"
         )
         if summary["mark"] == mark or (mark is None and summary["sources"] == n_sources):
             rule = (
@@ -248,7 +248,7 @@ def _distances(field, solution):
     return np.sqrt(solution.residuals(field).chi2)
 
 
-def _check_start(field, values):
+def _known_distances(field, values):
     """X of the field in memory, which was computed before."""
     return values
 
@@ -263,7 +263,7 @@ def _differing(field, criterion, previous):
     return int((selection != before).sum())
 
 
-def _select_within(field, distances, limit):
+def _count_within(field, distances, limit):
     """Count the sources that are kept, and a sum of hashes that tells one choice from another."""
     selection = distances(field) <= limit
     bits = np.stack([field.lon[selection], field.lat[selection]]).view(np.uint64)

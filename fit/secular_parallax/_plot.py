@@ -43,14 +43,14 @@ def plot_flow(flow: Any, *, ax: OnAxes | None = None) -> AxesArray:
         tangential, _ = flow.at(*grid, np.full(grid[0].size, radius))
         draw_vectors(axes, *grid, tangential, scale=reach, longest=_LONGEST, color="0.1")
         draw_key(axes, reach, "km/s across", _LONGEST)
-        fraction = _tabulate_flow(flow, radius)
+        fraction = _share_determined(flow, radius)
         axes.set_title(f"{radius:.0f} Mpc/h: {fraction:.0%} of the flow's variance known from the motions")
     bar = axes.figure.colorbar(image, ax=list(subplots), orientation="horizontal", shrink=0.7, pad=0.02, aspect=30)
     bar.set_label("velocity away from us  [km/s], in the frame of the CMB")
     return subplots
 
 
-def _tabulate_flow(flow, radius, n_directions=48):
+def _share_determined(flow, radius, n_directions=48):
     """The share of the modes' variance that the fit took away, over directions."""
     lon, lat = even_grid(30.0)
     lon, lat = lon[:: max(1, lon.size // n_directions)], lat[:: max(1, lat.size // n_directions)]

@@ -60,7 +60,7 @@ class Equations(InNotebook):
             "the normal equations",
             "take fewer sources, or knots farther apart, or give scans a folder",
         )
-        self.passes, blocks, band, self.solved = self._is_determined(threads, compiled)
+        self.passes, blocks, band, self.solved = self._solvable(threads, compiled)
         self._check_numbers()
         blocks[~self.solved] = np.eye(5)
         self.formal = _inverse(blocks)
@@ -181,7 +181,7 @@ class Equations(InNotebook):
                 f"unknowns ({scans.intervals} intervals). Take {longer}more sources, sim.agis.scaled, or a prior"
             )
 
-    def _is_determined(self, threads, compiled):
+    def _solvable(self, threads, compiled):
         """Passes, blocks and band of the sources that have transits enough."""
         scans = self.scans
         is_solved = scans.counts > 5

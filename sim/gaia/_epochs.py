@@ -141,7 +141,7 @@ def epochs(
         raise ParameterError(f"{np.sum(~(excess >= 0))} excess noises are below zero")
     scatter = np.hypot(sigma * wrong, excess[source][:, None]) * noise.standard_normal(shape)
     if attitude == "solved":
-        position -= _observe_epochs(
+        position -= _absorbed_by_attitude(
             law, population, truth, transits, error, scatter.mean(1), stars, calibration, auxiliary, threads
         )
     centroid = position[:, None] + scatter
@@ -179,7 +179,7 @@ def _identifiers(transits, time):
     return (tick >> 2 << 17) | (view << 15) | (np.arange(len(time), dtype=np.int64) % 2**15)
 
 
-def _observe_epochs(law, population, truth, transits, error, scatter, stars, calibration, rng, threads):
+def _absorbed_by_attitude(law, population, truth, transits, error, scatter, stars, calibration, rng, threads):
     """Part of each transit that an attitude and a basic angle solved together with all sources take. [µas]"""
     from sim.agis import System, observations, scans  # numba and sparse matrices, for this alone
 

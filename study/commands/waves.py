@@ -143,7 +143,7 @@ def _response(chunks, span, options):
             "an attitude that was solved needs it. --law FILE, Gaia's commanded scanning law, tells it from the times"
         )
     if options.law:
-        law: Any = _read_spectrum(options.law, TabulatedLaw)
+        law: Any = _read_scanning_law(options.law, TabulatedLaw)
         if law.start > DR4.epoch + span[0] or law.start + law.years < DR4.epoch + span[1]:
             raise TableError(
                 f"{printable(options.law)} goes from {law.start:.2f} to {law.start + law.years:.2f}, the epochs from "
@@ -155,7 +155,7 @@ def _response(chunks, span, options):
         start = DR4.epoch + span[0]
         law = _nominal(chunks, start, span[1] - span[0], find_gaps(DR4.epoch + times, start, longest=longest))
     response = Response(law, nside=options.law_nside, epoch=DR4.epoch, calibration=options.calibration)
-    offset = np.degrees(np.median([_attitude_option(chunk, law) for chunk in chunks]))
+    offset = np.degrees(np.median([_median_axis_offset(chunk, law) for chunk in chunks]))
     note = f"spin axis of the scanning law: {offset:.2g}° from that of the transits, median"
     if offset > _FAR:
         note = f"warning: {note}; --law takes the law as it was commanded"
@@ -188,7 +188,7 @@ def _axes(observations):
     return np.cross(r, m / np.linalg.norm(m, axis=0), axis=0), observations.time
 
 
-def _attitude_option(observations, law):
+def _median_axis_offset(observations, law):
     """Median offset of the axis of the law. [rad]"""
     from vsh.io.archive import DR4
 
@@ -197,7 +197,7 @@ def _attitude_option(observations, law):
     return np.median(np.arccos(np.clip(np.sum(axis * z, 0), -1, 1)))
 
 
-def _read_spectrum(path, law_class):
+def _read_scanning_law(path, law_class):
     """The columns of Gaia's commanded_scan_law, or time [Julian years] in place of its days."""
     table = vsh.io.tables.open_table(path)
     names = ("ra_fov1", "dec_fov1", "ra_fov2", "dec_fov2")

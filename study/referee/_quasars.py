@@ -306,14 +306,14 @@ def by_degree(field: Field, low: int, high: int, floor: Floor | None) -> tuple[F
         noise = normal.matrix * solution.quality.factor**2
     else:
         scale, excess_variance = _scatter(solution.residuals(field))
-        noise = scale * normal.matrix + excess_variance * normal_equations(_excess_chi2(field), high).matrix
+        noise = scale * normal.matrix + excess_variance * normal_equations(_with_squared_covariance(field), high).matrix
         noise = noise + normal.matrix @ np.diag(floor.spectrum.variances(modes)) @ normal.matrix
     move, covariance = m @ normal.rhs, m @ noise @ m.T
     chi2 = move @ np.linalg.pinv(covariance, hermitian=True) @ move
     return move, np.sqrt(np.diag(covariance)), float(chdtrc(3, chi2))
 
 
-def _excess_chi2(field):
+def _with_squared_covariance(field):
     """The sources with the square of each covariance for a covariance: weights W² in place of W."""
     (s1, s2), rho = field.sigma, field.rho
     a, b, c = s1**2, s2**2, rho * s1 * s2

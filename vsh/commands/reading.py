@@ -47,7 +47,7 @@ def add_reading(parser: argparse.ArgumentParser) -> None:
         "--where CONDITION",
         "use only rows that fulfil a condition, such as 'phot_g_mean_mag < 19 and 0.5 < redshift < 2'",
     )
-    add("--output DIR", "write report, tables and figures to this folder", _parse_names)
+    add("--output DIR", "write report, tables and figures to this folder", _folder)
     add_figures(parser)
     parsing.add_overwrite(parser)
 
@@ -164,7 +164,7 @@ def _dpi(text):
     return number
 
 
-def _parse_names(text):
+def _folder(text):
     if not text:
         raise argparse.ArgumentTypeError("names no folder")
     return text

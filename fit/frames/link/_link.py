@@ -347,7 +347,7 @@ def find_step(astrometry: AstrometryRows, places: Sequence[float] | None = None,
     """
     if "steps" in options:
         raise ParameterError("steps are what is sought: say at which magnitudes with places")
-    magnitudes = _mean_epochs(astrometry) if places is None else np.unique(np.asarray(places, float))
+    magnitudes = _default_places(astrometry) if places is None else np.unique(np.asarray(places, float))
     if magnitudes.ndim != 1 or len(magnitudes) < 2 or not np.isfinite(magnitudes).all():
         raise ParameterError(f"two magnitudes at least are expected as places of a jump, not {places!r}")
     solutions = [link(astrometry, steps=[float(magnitude)], **options) for magnitude in magnitudes]
@@ -367,7 +367,7 @@ def find_step(astrometry: AstrometryRows, places: Sequence[float] | None = None,
     )
 
 
-def _mean_epochs(astrometry):
+def _default_places(astrometry):
     """Magnitudes between those of the sources, some of these left to either side."""
     _, rows = np.unique(astrometry.source, return_index=True)
     magnitudes = np.sort(astrometry.magnitude[rows][np.isfinite(astrometry.magnitude[rows])])

@@ -135,7 +135,7 @@ class FrameTie(FrameResult, NamedSolution):
             raise ParameterError(
                 f"no step was fitted at {step:g}; fitted are {', '.join(map(str, self.unknowns.steps)) or 'none'}"
             )
-        value, covariance, p = self._test_amplitude(
+        value, covariance, p = self._combine_and_test(
             self.unknowns.jump(vector, catalogue or self.unknowns.turned[0], step)
         )
         return Vector(value, covariance, self.frame, VECTORS[vector][1]), p
@@ -148,7 +148,7 @@ class FrameTie(FrameResult, NamedSolution):
         step : float
             One of the steps that were sought.
         """
-        return self._test_amplitude(self._jumps(step))[1]
+        return self._combine_and_test(self._jumps(step))[1]
 
     def _jumps(self, step, vectors=None):
         """Rows from the parameters to the jumps of some vectors, all unless given, of all catalogues."""
@@ -162,7 +162,7 @@ class FrameTie(FrameResult, NamedSolution):
         """The vectors that jump at a step."""
         return [vector for vector in self.unknowns.vectors if vector != "acceleration"]
 
-    def _test_amplitude(self, a):
+    def _combine_and_test(self, a):
         """A combination of the parameters, its covariance, and the probability of as much by chance."""
         value, covariance = a @ self.values, a @ self.covariance @ a.T
         size = value @ np.linalg.solve(covariance, value)
@@ -397,7 +397,7 @@ class FrameTie(FrameResult, NamedSolution):
         if self.searched:
             return self.searched
         jumps = [self._jumps(step), *(self._jumps(step, [vector]) for vector in self._jumping)]
-        return tuple(self._test_amplitude(jump)[2] for jump in jumps)
+        return tuple(self._combine_and_test(jump)[2] for jump in jumps)
 
     def _levels(self, long):
         """The value of each vector between the steps, and the p-values of the jumps."""
@@ -420,7 +420,7 @@ class FrameTie(FrameResult, NamedSolution):
 
     def _in_words(self, name, catalogue):
         vector = self.vector(name, catalogue=catalogue)
-        p = self._test_amplitude(self.unknowns.combination(name, catalogue))[2]
+        p = self._combine_and_test(self.unknowns.combination(name, catalogue))[2]
         if p < SEEN:
             size = f"{vector.amplitude:.3g} ± {vector.amplitude_error:.2g} {vector.unit}"
             return f"{size}, p = {printed_p_value(p)}"

@@ -193,10 +193,10 @@ def even_grid(step: float = 12.0) -> tuple[FloatArray, FloatArray]:
 
 def arrow_grid(axes: SkyAxes, step: float = 12.0) -> tuple[FloatArray, FloatArray]:
     """Positions evenly placed on a map, half a step off its rim: as many wherever its centre is."""
-    return axes.of_native(*(_round_step(step) if axes.is_whole else _half(step)))
+    return axes.of_native(*(_whole_sky_grid(step) if axes.is_whole else _half(step)))
 
 
-def _round_step(step):
+def _whole_sky_grid(step):
     """Rows of native latitude, each from half a step after the seam to half a step before it."""
     phi, theta = [], []
     for degrees in np.arange(-90 + step / 2, 90, step):

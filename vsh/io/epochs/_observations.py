@@ -522,7 +522,7 @@ def _observations(
     """Columns with a value for each observation that can be used, and a note that counts the others."""
     label = table_source.label
     columns, padding = _matrices(table, table_source)
-    repeat_notes = _repeat_rows(columns)
+    repeat_notes = _note_on_repeated_rows(columns)
     if "colour_factor_al" in columns:
         factors_of_colour, absent = columns["colour_factor_al"]
         if not np.isfinite(np.where(False if absent is None else absent, np.nan, factors_of_colour)).any():
@@ -613,7 +613,7 @@ def _date(values, mask, unit):
     return next((name for name, origin in _ORIGINS.items() if abs(middle - origin) < _FAR), None)
 
 
-def _repeat_rows(columns):
+def _note_on_repeated_rows(columns):
     """A note on transits, or on observations where rows are these, that stand in the table twice."""
     is_flat = np.ndim(columns["centroid_pos_al"][0]) < 2
     mark = "obs_time_tcb" if is_flat else "transit_id"

@@ -326,7 +326,7 @@ def _find_format(path, label):
     try:
         return format_of(path, READ)
     except TableError:
-        if _describe_folder(path):
+        if _has_cds_readme(path):
             return "ascii.cds"
         begin = first_bytes(path, label)
         for row in FORMATS:
@@ -343,7 +343,7 @@ def _find_format(path, label):
         ) from None
 
 
-def _describe_folder(path):
+def _has_cds_readme(path):
     """Return whether a file ReadMe of the CDS lies beside a file, and describes it."""
     readme = path.with_name("ReadMe")
     name = path.stem if path.suffix.lower() in PACKED else path.name
