@@ -24,8 +24,8 @@ from .normal import Moments, NormalEquations, gaussian_prior, normal_equations
 from .results import output, quality, spectrum, storage
 from .results.solution import Solution
 from .robust import ClippedFit, clip
-from .solving import fit_field, frame, solve
-from .solving.frame import CrossCheck, FrameSolution, cross_check, solve_frame
+from .solving import direct, fit_field, solve
+from .solving.direct import CrossCheck, FrameSolution, cross_check, solve_frame
 
 __all__ = [
     "METHODS",
@@ -44,9 +44,9 @@ __all__ = [
     "compare",
     "correlation",
     "cross_check",
+    "direct",
     "estimate",
     "fit_field",
-    "frame",
     "frames",
     "galaxy",
     "gaussian_prior",

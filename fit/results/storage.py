@@ -24,6 +24,7 @@ from typing import Any, Self, cast
 import numpy as np
 
 from vsh.io import tables
+from vsh.io.results import MOVED
 from vsh.io.sections import Answer, Section, text_of
 from vsh.modes import Modes
 from vsh.tools.errors import TableError, VshError
@@ -120,6 +121,7 @@ def decoded(plain: Any) -> Any:
 
 def _named(module, name):
     """A class by the module that a file names, or by its face."""
+    module = MOVED.get(module, module)
     for module_name in (module, module.partition("._")[0]):
         with suppress(ImportError, AttributeError):
             return getattr(import_module(module_name), name)

@@ -23,7 +23,7 @@ def fk5_minus_hipparcos(n=500):
 def test_orientation_and_spin():
     """FK5 axes turn about Hipparcos' by the vectors that ERFA states, −19.9 … mas and −0.30 … mas/yr."""
     offsets, motions = fk5_minus_hipparcos()
-    found = fit.frame.solve_frame(motions, offsets)
+    found = fit.direct.solve_frame(motions, offsets)
     epsilon, omega = np.array([-19900.0, -9100.0, 22900.0]), np.array([-300.0, 600.0, 700.0])
     # Second order in a turn of 20 mas: 20 mas × 1e-7 = 2e-3 µas; ERFA's sources drift 1e-4 more.
     np.testing.assert_allclose(found.orientation.value, epsilon, atol=5e-3)

@@ -10,6 +10,8 @@ from vsh.tools.errors import TableError
 from vsh.tools.printing import printable
 from vsh.tools.types import PathName
 
+#: Modules whose names stand in older files, and what they are called today.
+MOVED = {"fit.solving.frame": "fit.solving.direct"}
 #: Modules whose results are read by their mark; a file cannot have anything else imported.
 _OURS = re.compile(r"(fit|sim|study)(\.\w+)+")
 
@@ -45,7 +47,7 @@ def read(path: PathName) -> Any:
         module, class_name = str(facts["module"]), str(facts["type"])
         if not _OURS.fullmatch(module):
             raise ImportError
-        return getattr(import_module(module), class_name).read(path)
+        return getattr(import_module(MOVED.get(module, module)), class_name).read(path)
     except (KeyError, TypeError, ValueError, AttributeError, ImportError) as error:
         if isinstance(error, TableError):
             raise

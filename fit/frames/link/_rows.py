@@ -307,7 +307,7 @@ class Unknowns(InNotebook):
     ) -> FloatArray:
         """Derivatives of Δα*, Δδ, ϖ, µ_α*, µ_δ by the parameters, for rows of one catalogue, (n, 5, p).
 
-        The frame turns what it gives by ε + ω (t − epoch) (`fit.frame`): Δα* = q·ε, Δδ = −p·ε.
+        The frame turns what it gives by ε + ω (t − epoch) (`fit.direct`): Δα* = q·ε, Δδ = −p·ε.
 
         Parameters
         ----------
