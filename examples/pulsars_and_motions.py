@@ -69,7 +69,7 @@ z = root @ (rng.standard_normal((n, bins)) + 1j * rng.standard_normal((n, bins))
 cross_powers = (z @ z.conj().T).real / bins
 
 # %%
-# Their likelihood is Wishart's, −k (ln |C| + tr C⁻¹ S) with C = Γ h² + noise, exact for waves of any strength. A factor on the noise of
+# Their likelihood is Wishart's, −k (ln det C + tr C⁻¹ S) with C = Γ h² + noise, exact for waves of any strength. A factor on the noise of
 # all is marginalised, because a noise that is too small would pass for waves.
 grid = np.linspace(0, 2, 400)
 values, vectors = np.linalg.eigh(shape)

@@ -107,8 +107,8 @@ def test_answer_of_waves_in_time():
     limits = np.full((3, 3), 50.0) * [0.8, 1.0, 1.2]
     zero = np.zeros(3)
     spectrum = WaveSpectrum(
-        np.array([0.5, 1.0, 2.0]), np.array([4.0, 90.0, 5.0]), zero, zero, zero + 100.0, limits,
-        np.array([0.5, 1e-9, 0.4]), 1e-3, zero, 999, 400, (2, 3),
+        frequencies=np.array([0.5, 1.0, 2.0]), statistic=np.array([4.0, 90.0, 5.0]), lon=zero, lat=zero, amplitudes=zero + 100.0, limits=limits,
+        p_values=np.array([0.5, 1e-9, 0.4]), p_value=1e-3, lost=zero, n_skies=999, n_data=400, degrees=(2, 3),
     )  # fmt: skip
     (_, wave), (_, strain) = spectrum.answer.lines
     assert wave.startswith("detected at 3 frequencies")

@@ -143,18 +143,6 @@ def synthesis_on_rings(coefficients: Coefficients, shape: tuple[int, ...], threa
     return np.stack([east[::-1], -south[::-1]])
 
 
-def adjoint_on_rings(modes: Modes, motion: FloatArray, threads: int | None = None) -> FloatArray:
-    """Σ over the points of rings of motion · V_i, the adjoint of `synthesis_on_rings`."""
-    alm = ducc0.sht.adjoint_synthesis_2d(
-        map=np.ascontiguousarray(np.stack([-motion[1, ::-1], motion[0, ::-1]])),
-        spin=1,
-        lmax=modes.lmax,
-        geometry="F1",
-        nthreads=cores(threads),
-    )
-    return modes.norm2 * from_healpy(alm).values
-
-
 def _locations(lon, lat):
     """Colatitude and longitude within the ranges that ducc0 knows, (n, 2)."""
     lon, lat = np.atleast_1d(np.asarray(lon, float)), np.atleast_1d(np.asarray(lat, float))

@@ -206,7 +206,7 @@ class _Grid:
         return float(gammaln(half) - half * np.log(chi2))
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class Background(Result):
     """Amplitudes of random fields of known spectra.
 
@@ -348,19 +348,19 @@ def fit_amplitudes(
     k = len(likelihood)
     error = float(np.sqrt(covariance[k, k]) / (2 * best.noise_scale)) if fit_scale else 0.0
     return Background(
-        tuple(spectrum.name for spectrum in spectrum_list),
-        best.amplitudes,
-        covariance[:k, :k],
-        np.array([amplitude.interval(0.68) for amplitude in amplitudes]),
-        best.noise_scale,
-        error,
-        best.log_likelihood,
-        evidence,
-        degrees,
-        flat,
-        equations.n_data,
-        equations.frame or "icrs",
-        equations.notes,
+        names=tuple(spectrum.name for spectrum in spectrum_list),
+        amplitudes=best.amplitudes,
+        covariance=covariance[:k, :k],
+        intervals=np.array([amplitude.interval(0.68) for amplitude in amplitudes]),
+        noise_scale=best.noise_scale,
+        noise_scale_error=error,
+        log_likelihood=best.log_likelihood,
+        log_evidence=evidence,
+        degrees=degrees,
+        free=flat,
+        n_data=equations.n_data,
+        frame=equations.frame or "icrs",
+        notes=equations.notes,
     )
 
 

@@ -61,7 +61,7 @@ def shape_probabilities(names: Sequence[str], log_evidence: ArrayLike) -> FloatA
     return softmax(np.asarray(log_evidence) + np.log([_ODDS.get(name, 1.0) for name in names]))
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class Floor(Result):
     """Systematic floor: the power of the higher degrees, and the error that it implies for degree 1.
 
@@ -425,18 +425,18 @@ def _of_shape(name, equations, degrees, free_degrees, fit_scale, errors):
     intervals = [amplitude.interval(0.68, "root") for amplitude in amplitudes]
     of_odd, of_even = (amplitude.mean("root") for amplitude in amplitudes)
     estimate = Floor(
-        odd,
-        even,
-        intervals[0],
-        intervals[1],
-        parity_p_value(best.log_likelihood, common),
-        degrees,
-        best.noise_scale,
-        best.log_likelihood,
-        equations.n_data,
-        errors[0],
-        name,
-        (of_odd, of_even),
+        odd=odd,
+        even=even,
+        odd_interval=intervals[0],
+        even_interval=intervals[1],
+        parity_p_value=parity_p_value(best.log_likelihood, common),
+        degrees=degrees,
+        noise_scale=best.noise_scale,
+        log_likelihood=best.log_likelihood,
+        n_data=equations.n_data,
+        errors_from=errors[0],
+        shape=name,
+        mean=(of_odd, of_even),
         error_source=errors[1],
     )
     return estimate, evidence

@@ -77,7 +77,7 @@ class Verdict(NamedTuple):
     looked_at: int
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class ClassComparison(Result):
     """Spin and acceleration of classes of sources, with their common systematic errors.
 
@@ -359,11 +359,11 @@ class ClassComparison(Result):
     def _harmonic(self, values, covariance, n_data):
         errors_from = f"normal equations, with systematic errors, degrees {words_of(self.degrees)}"
         return Solution(
-            Coefficients(Modes(1), values),
-            covariance,
-            float("nan"),
-            int(n_data),
-            self.frame,
+            coefficients=Coefficients(Modes(1), values),
+            covariance=covariance,
+            chi2=float("nan"),
+            n_data=int(n_data),
+            frame=self.frame,
             errors_from=errors_from,
             error_source=ErrorSource.JOINT,
             includes_floor=True,

@@ -35,7 +35,7 @@ KINDS = {"flat": "exact likelihood, flat in Ω", "root": "exact likelihood, flat
          "coefficients": "coefficients flat: quantile of (6/5) P_2/(4π H0²)"}  # fmt: skip
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class WaveLimit(Result):
     """Limit on h70² Ω_GW, the energy in waves longer than the observations.
 
@@ -252,17 +252,17 @@ def wave_limit(
     )
     power, noise, squares = squares_of(equations, degrees[-1], fit_scale)
     return WaveLimit(
-        amplitude,
-        degrees,
-        float(hubble),
-        tuple(background.name for background in backgrounds),
-        best.noise_scale,
-        power,
-        noise,
-        squares,
-        parity_p_value(separate_maximum.log_likelihood, common_maximum.log_likelihood),
-        equations.n_data,
-        equations.notes,
+        amplitude=amplitude,
+        degrees=degrees,
+        hubble=float(hubble),
+        systematics=tuple(background.name for background in backgrounds),
+        noise_scale=best.noise_scale,
+        power=power,
+        noise_power=noise,
+        squares=squares,
+        parity_p_value=parity_p_value(separate_maximum.log_likelihood, common_maximum.log_likelihood),
+        n_data=equations.n_data,
+        notes=equations.notes,
     )
 
 

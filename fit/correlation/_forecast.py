@@ -19,7 +19,7 @@ from vsh.tools.types import ArrayLike, FloatArray
 from vsh.vector import correlation_of
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class Prediction(Solution):
     """A solution without coefficients: they are nan, its covariance is that of the fit to come."""
 
@@ -56,7 +56,7 @@ class Prediction(Solution):
     def _unpack(cls, columns, metadata):
         normal_matrix = np.array([[number(x) for x in row] for row in metadata["alone"]])
         attributes: Any = {"_weight": number(metadata["weight"]), "_alone": covariance("alone", normal_matrix, 6)}
-        return cls(*cls._plain(columns, metadata), **attributes)
+        return cls(**cls._plain(columns, metadata), **attributes)
 
     # What `predict` found on the way: total weight Σ tr W, and N of spin and acceleration alone.
     _weight: float = 0.0
@@ -111,13 +111,13 @@ def predict_covariance(
     for k, kind in enumerate(KINDS):
         to_coefficients[modes.slice_of(kind, 1), 3 * k : 3 * k + 3] = FIRST_DEGREE
     return Prediction(
-        Coefficients(modes, np.full(len(modes), np.nan)),
-        solution.covariance,
-        float("nan"),
-        solution.n_data,
-        solution.frame,
-        solution.notes,
-        "the predicted weights" + ("" if floor is None else ", with systematic errors"),
+        coefficients=Coefficients(modes, np.full(len(modes), np.nan)),
+        covariance=solution.covariance,
+        chi2=float("nan"),
+        n_data=solution.n_data,
+        frame=solution.frame,
+        notes=solution.notes,
+        errors_from="the predicted weights" + ("" if floor is None else ", with systematic errors"),
         _weight=as_parts(field).sum(_information, roles=(), words="weights"),
         _alone=to_coefficients.T @ normal.matrix @ to_coefficients,
     )

@@ -22,7 +22,7 @@ from vsh.tools.types import ArrayLike, AxesArray, FloatArray, OnAxes, Table
 from vsh.vector import correlation_of
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class Leakage(Result):
     """Leakage of unmodelled coefficients c_u into the fitted ones: bias = matrix · c_u.
 
@@ -111,7 +111,14 @@ class Leakage(Result):
         if names != tuple(map(str, fitted)) or words(metadata["names"]) != unmodelled_names:
             raise TableError("names of coefficients")
         matrix = float_array("matrix", columns["matrix"], (len(names), len(unmodelled_names)))
-        return cls(matrix, fitted, unmodelled, names, unmodelled_names, check_frame(metadata["frame"]))
+        return cls(
+            matrix=matrix,
+            fitted=fitted,
+            unmodelled=unmodelled,
+            names=names,
+            unmodelled_names=unmodelled_names,
+            frame=check_frame(metadata["frame"]),
+        )
 
     def _columns(self, values):
         return values[[i for i, mode in enumerate(self.unmodelled) if mode.l > self.fitted.lmax]]
@@ -160,7 +167,14 @@ def leakage(sources: Any, fitted: Modes | int, unmodelled: Modes | int, *, sigma
     solve(equations)  # tells what such a fit cannot separate
     matrix = np.linalg.solve(block, normal.matrix[np.ix_(inside, ~inside)])
     names = np.array([str(mode) for mode in unmodelled])
-    return Leakage(matrix, fitted, unmodelled, tuple(names[inside]), tuple(names[~inside]), normal.frame or "icrs")
+    return Leakage(
+        matrix=matrix,
+        fitted=fitted,
+        unmodelled=unmodelled,
+        names=tuple(names[inside]),
+        unmodelled_names=tuple(names[~inside]),
+        frame=normal.frame or "icrs",
+    )
 
 
 @arguments.accepts(max_lmax=arguments.whole)

@@ -47,7 +47,7 @@ _FLOOR = Modes(5)
 _TOGETHER = 2**15
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class FrameNetwork(FrameResult):
     """Frames of several catalogues against one of them.
 
@@ -135,8 +135,8 @@ class FrameNetwork(FrameResult):
         covariance = np.einsum("i,iajb,j->ab", row[1:], self.covariance.reshape(len(row) - 1, p, -1, p), row[1:])
         n_common = self.common[self._place(catalogue), self._place(self.labels[0] if other is None else other)]
         return Solution(
-            Coefficients(self.modes, row[1:] @ self.values),
-            covariance,
+            coefficients=Coefficients(self.modes, row[1:] @ self.values),
+            covariance=covariance,
             chi2=float("nan"),
             n_data=int(2 * n_common),
             frame=self.frame,
@@ -189,24 +189,6 @@ class FrameNetwork(FrameResult):
             If they are not, or systematic errors were not estimated (`floor=True`).
         """
         return self._require_shared().combination(self._row(catalogue, other)[1:])
-
-    def frame_p_value(self, kind: str, catalogue: str, other: str | None = None) -> float:
-        """Probability of as large a rotation, or glide, of two catalogues with one frame, with systematic errors.
-
-        Parameters
-        ----------
-        kind : {"T", "S"}
-            Rotation or glide.
-        catalogue, other : str
-            As for `frames`.
-
-        Raises
-        ------
-        ParameterError
-            As for `frames`.
-        """
-        i, j = sorted((self._place(catalogue), self._place(self.labels[0] if other is None else other)), reverse=True)
-        return self._require_shared().p_value(kind, i - 1, j - 1 if j else None)
 
     def _require_shared(self):
         """Shared errors; ParameterError where they were not estimated."""
@@ -396,21 +378,21 @@ def combine_frames(
     order = np.flatnonzero(~selection)[np.argsort(-chi2_of[~selection], kind="stable")]
     membership = sky.seen[:, selection].astype(int)
     return FrameNetwork(
-        labels,
-        modes,
-        values,
-        covariance * (factor**2 if factor > 1 else 1.0),
-        correlation,
-        (membership @ membership.T).astype(float),
-        float(chi2),
-        int(dof + values.size),
-        factor,
-        tuple(str(sky.names[i]) for i in order),
-        np.sqrt(np.maximum(chi2_of[order], 0.0)),  # rounding, where catalogues share nearly all
-        sky.frame,
-        sky.unit,
-        sky.notes,
-        errors,
+        labels=labels,
+        modes=modes,
+        values=values,
+        covariance=covariance * (factor**2 if factor > 1 else 1.0),
+        correlation=correlation,
+        common=(membership @ membership.T).astype(float),
+        chi2=float(chi2),
+        n_data=int(dof + values.size),
+        factor=factor,
+        names=tuple(str(sky.names[i]) for i in order),
+        distances=np.sqrt(np.maximum(chi2_of[order], 0.0)),  # rounding, where catalogues share nearly all
+        frame=sky.frame,
+        unit=sky.unit,
+        notes=sky.notes,
+        shared=errors,
     )
 
 

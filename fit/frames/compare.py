@@ -116,7 +116,7 @@ def by_error_class(differences: Field, modes: Modes, indices: IntArray | None = 
     return ByErrorClass(values, np.asarray(covariance, float), tuple(map(float, np.sqrt(tau))), float(p_value))
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class FrameComparison(FrameResult, AboutSolution):
     """Comparison of two catalogues.
 
@@ -175,14 +175,6 @@ class FrameComparison(FrameResult, AboutSolution):
     def parameters(self) -> dict[str, tuple[float, float]]:
         """Rotation, glide and quadrupoles with errors, by names and signs of the ICRF3 papers; to degree 2."""
         return icrf3_terms(self.solution.coefficients, self.solution.sigma)
-
-    @property
-    def parameters_by_class(self) -> dict[str, tuple[float, float]]:
-        """`parameters` with errors scaled in classes of their size; empty where there are none."""
-        if self.by_class is None:
-            return {}
-        values = replace(self.solution.coefficients, values=self.by_class.values)
-        return icrf3_terms(values, np.sqrt(np.diag(self.by_class.covariance)))
 
     @property
     def parameters_alone(self) -> dict[str, tuple[float, float]]:
@@ -530,14 +522,14 @@ def compare_catalogues(
     indices = np.array([modes.index(ICRF3[each][0]) for each in names], int)
     sources = [_with_own_errors(each, indices[selection], fitted) for each, indices in ((a, pairs.a), (b, pairs.b))]
     comparison = FrameComparison(
-        (labels[0], labels[1]),
-        solution,
-        tuple(str(source_names[i]) for i in order),
-        differences.motion[:, order].T,
-        distances[order],
-        solution.quality.factor,
-        correlation_matrices(sources, modes.lmax, labels=list(labels)),
-        by_error_class(fitted, modes) if method == "least-squares" else None,
+        labels=(labels[0], labels[1]),
+        solution=solution,
+        names=tuple(str(source_names[i]) for i in order),
+        offsets=differences.motion[:, order].T,
+        distances=distances[order],
+        factor=solution.quality.factor,
+        correlations=correlation_matrices(sources, modes.lmax, labels=list(labels)),
+        by_class=by_error_class(fitted, modes) if method == "least-squares" else None,
         alone=by_error_class(fitted, modes, indices) if names else None,
         alone_names=names,
         method="" if method == "least-squares" else method,

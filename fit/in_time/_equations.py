@@ -318,15 +318,15 @@ def solve(equations: TimeEquations) -> TimeSolution:
     shares[indices] = np.sum(turn[:, is_determined] ** 2, 1)
     lost = tuple(equations.named(indices, turn[:, i]) for i in np.flatnonzero(~is_determined))
     return TimeSolution(
-        modes,
-        functions,
-        solution.reshape(len(functions), -1),
-        covariance,
-        float(equations.chi2_null - equations.rhs @ solution),
-        equations.n_data - 5 * equations.n_sources - int(is_determined.sum()),
-        equations.n_sources,
-        equations.attitude,
-        shares.reshape(len(functions), -1),
-        lost,
-        equations.notes,
+        modes=modes,
+        functions=functions,
+        values=solution.reshape(len(functions), -1),
+        covariance=covariance,
+        chi2=float(equations.chi2_null - equations.rhs @ solution),
+        dof=equations.n_data - 5 * equations.n_sources - int(is_determined.sum()),
+        n_sources=equations.n_sources,
+        attitude=equations.attitude,
+        seen=shares.reshape(len(functions), -1),
+        lost=lost,
+        notes=equations.notes,
     )

@@ -150,7 +150,7 @@ def waves(*frequencies: float, span: tuple[float, float] = DR4_SPAN) -> Function
 SEEN = 0.99
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class TimeSolution(Result):
     """Displacements of the sky that change with time.
 

@@ -107,7 +107,7 @@ def matrix_of(six: FloatArray) -> FloatArray:
 _NAMES = ("xx", "yy", "zz", "xy", "xz", "yz")
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class Shear(Result):
     """An expansion that differs from axis to axis.
 
@@ -263,13 +263,13 @@ def expansion(solution: HarmonicSolution, *, hubble: float = 70.0) -> Shear:
     if np.isnan(p_value):
         p_value = float(chdtrc(5, values @ np.linalg.pinv(matrix) @ values))
     return Shear(
-        matrix_of(six),
-        (tensor_covariance + tensor_covariance.T) / 2,
-        p_value,
-        positive("hubble", hubble),
-        solution.frame,
-        solution.n_data,
-        solution.notes,
+        tensor=matrix_of(six),
+        covariance=(tensor_covariance + tensor_covariance.T) / 2,
+        p_value=p_value,
+        hubble=positive("hubble", hubble),
+        frame=solution.frame,
+        n_data=solution.n_data,
+        notes=solution.notes,
     )
 
 
@@ -280,7 +280,7 @@ def _own_modes(modes: Modes) -> BoolArray:
     return mask
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class ShearByClass(Result):
     """The expansion that differs from axis to axis in classes of sources, with their common systematic errors.
 
@@ -323,12 +323,12 @@ class ShearByClass(Result):
         values, tensor_covariance = self.means.mean(0), pool_draws(self.means, self.covariances)
         return tuple(
             Shear(
-                matrix_of(values[i]),
-                tensor_covariance[i, :, i],
-                self.p_value(i),
-                self.hubble,
-                self.frame,
-                2 * self.n_sources[i],
+                tensor=matrix_of(values[i]),
+                covariance=tensor_covariance[i, :, i],
+                p_value=self.p_value(i),
+                hubble=self.hubble,
+                frame=self.frame,
+                n_data=2 * self.n_sources[i],
             )
             for i in range(len(self))
         )
@@ -489,6 +489,6 @@ def compare_expansions(
     tensor_covariances = np.einsum("ab,nibjc,dc->niajd", TO_TENSOR, covariances[:, :, five][..., five], TO_TENSOR)
     formal = [expansion(solve(normal)).p_value for normal in normals]
     return ShearByClass(
-        facts["labels"], at, six, tensor_covariances, np.array(formal), facts["n_sources"], positive("hubble", hubble),
-        facts["frame"], tuple(notes),
+        labels=facts["labels"], places=at, means=six, covariances=tensor_covariances, formal=np.array(formal),
+        n_sources=facts["n_sources"], hubble=positive("hubble", hubble), frame=facts["frame"], notes=tuple(notes),
     )  # fmt: skip

@@ -45,7 +45,7 @@ _TENSORS = np.array([
 _WIDEST = 3000.0
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Kinematics(NamedSolution):
     """Our velocity with respect to sources at known distances, and the gradient of their velocities.
 
@@ -223,8 +223,8 @@ def kinematics(
         thinning = f"sources that thin out with d^{kappa:g} exp(−d/{1000 * rates.length:.3g} kpc)"
         notes.append(f"{rates.n_parallaxes} distances by parallax, for {thinning}; power= takes another law")
     return Kinematics(
-        names, values, covariance, chi2, 2 * len(field), frame, tuple(notes),
-        dispersion=float(velocity_dispersion), length=1000 * rates.length, power=kappa,
+        names=names, values=values, covariance=covariance, chi2=chi2, n_data=2 * len(field), frame=frame,
+        notes=tuple(notes), dispersion=float(velocity_dispersion), length=1000 * rates.length, power=kappa,
     )  # fmt: skip
 
 

@@ -80,7 +80,7 @@ def unpacked(columns: dict[str, Any], rest: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class Moments(Result):
     """All that fits to any degree up to `lmax` need of the sources; they add.
 
@@ -174,8 +174,17 @@ class Moments(Result):
             return field.sum(partial(cls.of, lmax=lmax), roles=(), words="moments")
         if not len(arguments.a(Field, ScalarField, Parts)("field", field)):
             raise EmptyFieldError("the field is empty: there are no sources to use")
-        sums = fourier_sums(field, lmax, threads)
-        return cls(lmax, *sums, field.components * len(field), field.frame, field.notes, field.unit)
+        weights, motions, chi2_null = fourier_sums(field, lmax, threads)
+        return cls(
+            lmax=lmax,
+            weights=weights,
+            motions=motions,
+            chi2_null=chi2_null,
+            n_data=field.components * len(field),
+            frame=field.frame,
+            notes=field.notes,
+            unit=field.unit,
+        )
 
     def __repr__(self) -> str:
         return f"<Moments: {self.n_data} numbers, to degree {self.lmax}, {self.frame}>"

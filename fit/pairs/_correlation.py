@@ -44,7 +44,7 @@ def waves_curve(theta: ArrayLike) -> FloatArray:
     return 1 - 7 * s2 - 6 * s2 * logs
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class TemplateFit(Result):
     """Amplitudes of templates.
 
@@ -198,13 +198,13 @@ def fitted(correlation: Any, templates: dict[str, Callable[[FloatArray], FloatAr
     if not np.isfinite(covariance).all():
         raise ParameterError("these sources give no errors of the correlation: they are too few, or too close together")
     return TemplateFit(
-        tuple(templates),
-        values,
-        (covariance + covariance.T) / 2,
-        np.tensordot(values, np.array(curves), 1),
-        correlation.theta,
-        np.array([_coefficients(function) for function in templates.values()]),
-        correlation.n_effective,
+        names=tuple(templates),
+        values=values,
+        covariance=(covariance + covariance.T) / 2,
+        curves=np.tensordot(values, np.array(curves), 1),
+        theta=correlation.theta,
+        coefficients=np.array([_coefficients(function) for function in templates.values()]),
+        n_effective=correlation.n_effective,
     )
 
 
@@ -247,7 +247,7 @@ _RESOLVED = 15.0
 _BEYOND = 1.5
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class Correlation(Result):
     """ξ± of motions in bins of angle.
 
@@ -480,17 +480,17 @@ def correlation_function(
         plus, minus = (np.where(empty, np.nan, each) for each in (plus, minus))
     each = np.array([block.weights[0] for block in blocks])  # Σ w Y_00
     return Correlation(
-        edges[1:-1],
-        plus,
-        minus,
-        weight / 2,
-        count,
-        covariance,
-        edges,
-        by_weight,
-        len(blocks),
-        frame,
-        2 * round(float(total.alone[2])),
-        notes,
-        float(each.sum() ** 2 / np.sum(each**2)),
+        theta=edges[1:-1],
+        plus=plus,
+        minus=minus,
+        weight=weight / 2,
+        n_pairs=count,
+        covariance=covariance,
+        edges=edges,
+        window=by_weight,
+        n_blocks=len(blocks),
+        frame=frame,
+        n_data=2 * round(float(total.alone[2])),
+        notes=notes,
+        n_effective=float(each.sum() ** 2 / np.sum(each**2)),
     )

@@ -203,7 +203,7 @@ class HubbleQuantiles(NamedTuple):
 _FEWEST = 1000
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class Posterior(SampleResult):
     """A chain and what it says.
 
@@ -297,12 +297,12 @@ class Posterior(SampleResult):
     def kept(self) -> Samples:
         """The samples without the chain: a `Samples`, which can be written and read back."""
         return Samples(
-            self.samples,
-            self.frame,
-            tuple(map(str, self.notes)),
-            self.model.priors.in_words(),
-            self.seed,
-            self.n_walkers,
+            samples=self.samples,
+            frame=self.frame,
+            notes=tuple(map(str, self.notes)),
+            priors=self.model.priors.in_words(),
+            seed=self.seed,
+            walkers=self.n_walkers,
         )
 
     def write(self, path: PathName, meta: dict[str, Any] | None = None, *, overwrite: bool = False) -> None:

@@ -175,10 +175,11 @@ def sample(
     if steps < 2:
         raise ParameterError(f"{n_samples} samples are fewer than two steps of {n_walkers} walkers")
     seed, begun = int(generator(rng).integers(2**32)), perf_counter()
+    about: Any = {"model": model, "frame": rows.frame, "notes": rows.notes, "seed": seed}
     if method == "grid":
         theta, log = Cells.of(model).independent(np.random.default_rng(seed), steps * n_walkers)
-        draws = theta.reshape(steps, n_walkers, -1), log.reshape(steps, n_walkers)
-        return _log_run(Posterior(*draws, model, rows.frame, rows.notes, seed, method), begun)
+        chain, log_probability = theta.reshape(steps, n_walkers, -1), log.reshape(steps, n_walkers)
+        return _log_run(Posterior(chain=chain, log_probability=log_probability, method=method, **about), begun)
     cells, start = in_cells(model), np.random.default_rng(seed)
     begin = model.start(start, n_walkers) if cells is None else cells.independent(start, n_walkers)[0]
     max_steps = 16 * steps if max_samples is None else int(max_samples) // n_walkers
@@ -202,7 +203,7 @@ def sample(
         if checkpoint is not None:
             run.resume_from(checkpoint, identity)
         chain, log_probability = run.run()
-    return _log_run(Posterior(chain, log_probability, model, rows.frame, rows.notes, seed, cells=cells), begun)
+    return _log_run(Posterior(chain=chain, log_probability=log_probability, cells=cells, **about), begun)
 
 
 def _log_run(posterior, begun):

@@ -119,7 +119,7 @@ class SampleResult(Result):
         return Vector(three.mean(1), np.cov(three), self.frame, unit)
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class Samples(SampleResult):
     """Samples of a posterior without the chain they come from: what a file keeps.
 
@@ -178,12 +178,12 @@ class Samples(SampleResult):
     def _unpack(cls, columns, metadata):
         samples = {name: float_array(name, values) for name, values in columns.items()}
         return cls(
-            samples,
-            check_frame(metadata["frame"]),
-            words(metadata["notes"]),
-            dict(metadata["priors"]),
-            int(metadata["seed"]),
-            _walkers(samples, metadata),
+            samples=samples,
+            frame=check_frame(metadata["frame"]),
+            notes=words(metadata["notes"]),
+            priors=dict(metadata["priors"]),
+            seed=int(metadata["seed"]),
+            walkers=_walkers(samples, metadata),
         )
 
 

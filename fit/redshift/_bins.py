@@ -138,17 +138,17 @@ def binned(
     with np.errstate(invalid="ignore", divide="ignore"):
         mean_inverse_distance = sums[:, 3] / sums[:, 4]
     return BinnedSolution(
-        edges,
-        solutions,
-        normals,
-        sums[:, 2] / sums[:, 1],
-        counts,
-        covariance,
-        free_modes,
-        mean_inverse_distance,
-        tuple(notes),
-        flow_covariance,
-        (
+        edges=edges,
+        solutions=solutions,
+        normals=normals,
+        redshift=sums[:, 2] / sums[:, 1],
+        counts=counts,
+        covariance=covariance,
+        free=free_modes,
+        mean_inverse_distance=mean_inverse_distance,
+        notes=tuple(notes),
+        flow_covariance=flow_covariance,
+        flow=(
             ""
             if flow is None
             else (
@@ -156,7 +156,7 @@ def binned(
                 f"{flow.dispersion:g} km/s"
             )
         ),
-        not isinstance(weights, ReweightedFit),
+        is_scaled=not isinstance(weights, ReweightedFit),
     )
 
 
@@ -309,13 +309,13 @@ def _joint(normals, edges, columns):
         chi2 = float(normal.chi2_null - 2 * values @ normal.rhs + values @ normal.matrix @ values)
         solutions.append(
             Solution(
-                Coefficients(modes, values),
-                covariance[np.ix_(index, index)],
-                chi2,
-                normal.n_data,
-                normal.frame,
-                normal.notes,
-                "the catalogue, all bins together",
+                coefficients=Coefficients(modes, values),
+                covariance=covariance[np.ix_(index, index)],
+                chi2=chi2,
+                n_data=normal.n_data,
+                frame=normal.frame,
+                notes=normal.notes,
+                errors_from="the catalogue, all bins together",
             )
         )
     noise, flow_covariance = covariance[: 6 * bins, : 6 * bins], None

@@ -53,7 +53,7 @@ class ChiSquare(NamedTuple):
     p_value_quoted: float = float("nan")
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Trend(Result):
     """Coefficients that change linearly: c(x) = c_0 + slope (x − x_0).
 
@@ -273,7 +273,7 @@ def _not_permuted(binned_solution, p_values):
     return "not computed here (fit.redshift.permutation_test does; vsh-redshift up to 20000 sources)"
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class BinnedSolution(Result):
     """Solutions in bins of redshift with their joint covariance.
 
@@ -421,7 +421,7 @@ class BinnedSolution(Result):
         line = np.stack([np.ones(len(self)), x - x.mean()], 1)
         theta, _, theta_covariance = gls(values, covariance, line)
         slopes, error = theta[q:], theta_covariance[q:, q:]
-        vectors = [_vector(self.modes, kind, slopes, error, free_modes, self.frame) for kind in KINDS]
+        spin, acceleration = (_vector(self.modes, kind, slopes, error, free_modes, self.frame) for kind in KINDS)
         misfit, scaled_estimate, quoted_estimate = self._compare_with_model(None, l, line)
         chi2_pair = slope_of(scaled_estimate, q), slope_of(quoted_estimate, q)
         # Satterthwaite's (1946) degrees of freedom of a slope's scale, from each bin's share in its variance.
@@ -429,7 +429,7 @@ class BinnedSolution(Result):
         shares = weight * (x - weight @ x / weight.sum()) ** 2
         p = f_p_value(chi2_pair[0], q, shares.sum() ** 2 / np.sum(shares**2 / dof))
         test = ChiSquare(chi2_pair[0], q, p, chi2_pair[1], float(chdtrc(q, chi2_pair[1])))
-        return Trend(slopes, error, test, misfit, *vectors)
+        return Trend(slopes=slopes, covariance=error, test=test, misfit=misfit, spin=spin, acceleration=acceleration)
 
     def secular_parallax(self, velocity: Vector) -> tuple[Vector, ChiSquare]:
         """The acceleration that, with the secular parallax of a known velocity, fits the bins best.

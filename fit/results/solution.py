@@ -332,7 +332,7 @@ class SolutionSummary:
         return float(self.chi2 + k * np.log(self.n_data))
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class Solution(SolutionSummary, HarmonicSolution):
     """Coefficients with their covariance.
 
@@ -600,33 +600,33 @@ class Solution(SolutionSummary, HarmonicSolution):
     @classmethod
     def _unpack(cls, columns, metadata):
         float_array("value", columns["value"])
-        return cls(*cls._plain(columns, metadata))
+        return cls(**cls._plain(columns, metadata))
 
     @classmethod
     def _plain(cls, columns, metadata):
-        """Attributes of every solution, in their order."""
+        """Attributes of every solution."""
         coefficients = cls._coefficients(metadata["lmax"], columns["value"])
-        return (
-            coefficients,
-            columns["covariance"],
-            number(metadata["chi2"]),
-            count(metadata["n_data"]),
-            check_frame(metadata["frame"]),
-            coded(words(metadata["notes"]), words(metadata["note_codes"])),
-            str(metadata["errors_from"]),
-            number(metadata["covariance_dof"]),
-            number(metadata["by_prior"]),
-            decoded(metadata["without_prior"]),
-            str(metadata["unit"]),
-            decoded(metadata.get("floor")),
-            decoded(metadata.get("formal_covariance")),
-            ErrorSource(metadata["error_source"]),
-            metadata["includes_floor"] is True,
-            metadata["is_recommended"] is True,
+        return dict(
+            coefficients=coefficients,
+            covariance=columns["covariance"],
+            chi2=number(metadata["chi2"]),
+            n_data=count(metadata["n_data"]),
+            frame=check_frame(metadata["frame"]),
+            notes=coded(words(metadata["notes"]), words(metadata["note_codes"])),
+            errors_from=str(metadata["errors_from"]),
+            covariance_dof=number(metadata["covariance_dof"]),
+            by_prior=number(metadata["by_prior"]),
+            without_prior=decoded(metadata["without_prior"]),
+            unit=str(metadata["unit"]),
+            floor=decoded(metadata.get("floor")),
+            formal_covariance=decoded(metadata.get("formal_covariance")),
+            error_source=ErrorSource(metadata["error_source"]),
+            includes_floor=metadata["includes_floor"] is True,
+            is_recommended=metadata["is_recommended"] is True,
         )
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class ScalarSolution(Solution):
     """Coefficients of a scalar field with their covariance."""
 
@@ -699,7 +699,7 @@ class AboutSolution(Result):
         return self.quoted.plot(ax=ax)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class NamedSolution(LinearSolution):
     """A least-squares solution for named parameters."""
 

@@ -26,7 +26,7 @@ from vsh.tools.printing import logged
 from vsh.tools.types import BoolArray, FloatArray
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class ClippedFit(AboutSolution):
     """A fit to the sources that agree with it.
 
@@ -240,7 +240,9 @@ def _correct_bias(solution, mask, rounds, limit, q, note, n_clipped):
     solution = replace(
         solution, covariance=solution.covariance * variance, chi2=solution.chi2 / share, notes=(*solution.notes, note)
     )
-    return ClippedFit(solution, mask, rounds, limit, float(np.sqrt(variance)), n_clipped)
+    return ClippedFit(
+        solution=solution, kept=mask, n_rounds=rounds, limit=limit, factor=float(np.sqrt(variance)), n_clipped=n_clipped
+    )
 
 
 def _distances(field, solution):
@@ -291,7 +293,7 @@ def truncation(q: float, components: int = 2) -> tuple[float, float]:
     return float(fraction / slope), float(slope / fraction)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class ExcessNoise(AboutSolution):
     """A fit with a variance added to every source.
 
@@ -400,7 +402,14 @@ def excess_noise(
         errors_from="the residuals, source by source, with excess noise",
         error_source=ErrorSource.EXCESS_NOISE,
     )
-    return ExcessNoise(solution, float(noise), float(noise_error), factor, factor_error, problem.n_rounds)
+    return ExcessNoise(
+        solution=solution,
+        excess_noise=float(noise),
+        excess_noise_error=float(noise_error),
+        scale=factor,
+        scale_error=factor_error,
+        n_rounds=problem.n_rounds,
+    )
 
 
 def _scores(field, solution):

@@ -27,10 +27,10 @@ from vsh.io.parts import Parts, applied, as_parts
 from vsh.modes import Modes, as_modes
 from vsh.scalars import ScalarField, modes_for
 from vsh.tools import arguments
-from vsh.tools.errors import ConvergenceError, DegeneracyError, ParameterError
+from vsh.tools.errors import ConvergenceError, DegeneracyError
 from vsh.tools.notes import CodedNote
 from vsh.tools.printing import in_a_line, logged
-from vsh.tools.types import FloatArray, IntArray
+from vsh.tools.types import FloatArray
 
 #: The largest number of Newton steps for a source's leverage; with thousands of sources three suffice.
 _STEPS = 10
@@ -157,7 +157,7 @@ _MANY, _FARTHEST = 40_000, 2.0
 _ADAPTING = 15
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class ReweightedFit(AboutSolution):
     """A fit in which sources with large residuals have less weight.
 
@@ -229,18 +229,6 @@ class ReweightedFit(AboutSolution):
         terms = {name: getattr(normal, name) / factor for name in ("matrix", "rhs", "chi2_null")}
         new_templates = template_fields(templates, modes, normal.frame or "icrs") if templates else normal.templates
         return replace(normal, templates=new_templates, **terms)
-
-    def most_downweighted(self, n_sources: int = 10) -> IntArray:
-        """Indices of the `n_sources` with the least weight, least first.
-
-        Raises
-        ------
-        ParameterError
-            If the catalogue was in parts, whose sources have no numbers.
-        """
-        if self.weights is None:
-            raise ParameterError("the sources of a catalogue in parts have no numbers: the report names the five")
-        return np.argsort(self.weights, kind="stable")[:n_sources]
 
 
 @logged("Student-t")
@@ -380,7 +368,15 @@ def _with_errors(sky, plain, solution, share, name, rounds, power):
     )
     weights = None if sky.in_memory is None else share(sky.in_memory)[1]
     share.last.clear()
-    return ReweightedFit(solution, weights, rounds, inflation, float(effective), share.weight.nu, share)
+    return ReweightedFit(
+        solution=solution,
+        weights=weights,
+        n_rounds=rounds,
+        inflation=inflation,
+        effective=float(effective),
+        nu=share.weight.nu,
+        share=share,
+    )
 
 
 def _with_noise(field, noise):

@@ -539,7 +539,7 @@ def predict_errors(
     )
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class VelocityForecast(Result):
     """Errors of our velocity and of H0 by catalogue, redshift limit and what is known besides.
 
@@ -663,10 +663,10 @@ def forecast_velocity(
                 constant.append(h.hubble_error)
     shape = len(catalogues), len(limits)
     return VelocityForecast(
-        tuple(catalogues),
-        tuple(map(float, limits)),
-        tuple(KNOWN),
-        np.reshape(sources, shape),
-        np.reshape(velocity, (*shape, len(KNOWN))),
-        np.reshape(constant, (*shape, len(KNOWN))),
+        catalogues=tuple(catalogues),
+        limits=tuple(map(float, limits)),
+        known=tuple(KNOWN),
+        sources=np.reshape(sources, shape),
+        velocity=np.reshape(velocity, (*shape, len(KNOWN))),
+        hubble=np.reshape(constant, (*shape, len(KNOWN))),
     )

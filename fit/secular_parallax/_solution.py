@@ -291,7 +291,7 @@ def fit_free_scale(estimate: Callable[..., Any], field: Any, word: str, limit: f
     return replace(solution, covariance=solution.covariance + np.outer(shift, shift), notes=(*solution.notes, note))
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class ParallaxSolution(NamedSolution):
     """Base of both fits.
 
@@ -372,7 +372,7 @@ class ParallaxSolution(NamedSolution):
         return vectors.at(field.lon, field.lat) - np.stack([velocity @ p, velocity @ q]) * rate
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class VelocitySolution(ParallaxSolution):
     """Our velocity, for the Hubble constant in `assumed_hubble`. [km/s/Mpc]"""
 
@@ -408,7 +408,7 @@ class VelocitySolution(ParallaxSolution):
         return _difference(self.velocity, velocity)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class HubbleSolution(ParallaxSolution):
     """The Hubble constant, for the velocity in `assumed_velocity` (a Vector, km/s)."""
 

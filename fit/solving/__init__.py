@@ -107,8 +107,8 @@ def solve(
         "by_prior": by_prior,
     }
     if isinstance(normal.modes, ScalarModes):
-        return ScalarSolution(ScalarCoefficients(normal.modes, values), **about, unit=normal.unit or "")
-    return Solution(Coefficients(normal.modes, values), **about, unit=normal.unit or "µas/yr")
+        return ScalarSolution(coefficients=ScalarCoefficients(normal.modes, values), **about, unit=normal.unit or "")
+    return Solution(coefficients=Coefficients(normal.modes, values), **about, unit=normal.unit or "µas/yr")
 
 
 @arguments.accepts()

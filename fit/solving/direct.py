@@ -41,7 +41,7 @@ _AXES = "xyz"
 _ROWS = 8192
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class FrameSolution(NamedSolution):
     """Orientation, spin and acceleration with their joint covariance.
 
@@ -212,7 +212,15 @@ def _back_substitute(triangle, names, n_data, frame, notes):
         raise DegeneracyError(f"{n_data // 2} sources cannot separate {', '.join(names)}: widen the sky coverage")
     inverse = solve_triangular(r, np.eye(p))
     chi2 = float(triangle[p, p] ** 2) if len(triangle) > p else 0.0
-    return FrameSolution(names, inverse @ rhs, inverse @ inverse.T, chi2, n_data, frame, notes)
+    return FrameSolution(
+        names=names,
+        values=inverse @ rhs,
+        covariance=inverse @ inverse.T,
+        chi2=chi2,
+        n_data=n_data,
+        frame=frame,
+        notes=notes,
+    )
 
 
 @dataclass(frozen=True, eq=False)

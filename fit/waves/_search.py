@@ -121,7 +121,7 @@ def _is_least(p_value, n_skies):
     return p_value * (1 + n_skies) < 1.5
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class WaveSearch(Result):
     """Result of a search for one wave over all directions.
 
@@ -324,14 +324,14 @@ def search(
     white = WhitenedData.of(equations.matrix, equations.rhs, np.isin(modes.degrees, search_degrees))
     statistic, amplitudes, covariance = map_of(white, modes, nside)
     search = WaveSearch(
-        statistic,
-        amplitudes,
-        length_limits(amplitudes.T, covariance),
-        1.0,
-        n_skies,
-        search_degrees,
-        equations.frame or "icrs",
-        equations.n_data,
+        statistic=statistic,
+        amplitudes=amplitudes,
+        limits=length_limits(amplitudes.T, covariance),
+        p_value=1.0,
+        n_skies=n_skies,
+        degrees=search_degrees,
+        frame=equations.frame or "icrs",
+        n_data=equations.n_data,
         notes=equations.notes,
     )
     return replace(search, p_value=chance(white, modes, nside, statistic.max(), n_skies, rng))
@@ -352,7 +352,7 @@ SOLVED_ATTITUDE = (
 _LISTED = 8
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class WaveSpectrum(Result):
     """Searches for one wave at many frequencies.
 
@@ -567,18 +567,18 @@ def search_in_time(
     top = np.array([item.statistic.max() for item in searches])
     lon, lat = centres(nside)
     return WaveSpectrum(
-        np.array(frequencies),
-        top,
-        lon[best],
-        lat[best],
-        np.array([item.amplitude for item in searches]),
-        np.array([np.quantile(item.limits, [0, 0.5, 1]) for item in searches]),
-        np.array([item.p_value for item in searches]),
-        share_beyond(np.max(largest, axis=0), top.max()),
-        np.array(lost),
-        n_skies,
-        searches[0].n_data,
-        searches[0].degrees,
+        frequencies=np.array(frequencies),
+        statistic=top,
+        lon=lon[best],
+        lat=lat[best],
+        amplitudes=np.array([item.amplitude for item in searches]),
+        limits=np.array([np.quantile(item.limits, [0, 0.5, 1]) for item in searches]),
+        p_values=np.array([item.p_value for item in searches]),
+        p_value=share_beyond(np.max(largest, axis=0), top.max()),
+        lost=np.array(lost),
+        n_skies=n_skies,
+        n_data=searches[0].n_data,
+        degrees=searches[0].degrees,
         notes=merge_notes(*(item.notes for item in searches)),
     )
 
@@ -607,16 +607,16 @@ def _search(equations: TimeEquations, frequency, nside, n_skies, rng):
             f"parallaxes, positions and motions: {examples}{'; …' if len(lost) > 3 else ''}",
         )
     search = WaveSearch(
-        statistic,
-        amplitudes,
-        length_limits(amplitudes.T, covariance),
-        share_beyond(maxima, statistic.max()),
-        n_skies,
-        tuple(range(2, modes.lmax + 1)),
-        "icrs",
-        equations.n_data,
-        float(frequency),
-        "µas",
-        notes,
+        statistic=statistic,
+        amplitudes=amplitudes,
+        limits=length_limits(amplitudes.T, covariance),
+        p_value=share_beyond(maxima, statistic.max()),
+        n_skies=n_skies,
+        degrees=tuple(range(2, modes.lmax + 1)),
+        frame="icrs",
+        n_data=equations.n_data,
+        frequency=float(frequency),
+        unit="µas",
+        notes=notes,
     )
     return search, maxima, len(lost)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
@@ -238,46 +238,3 @@ class AgisSolution(Frozen):
             vector = arguments.float_array(name, value, (3,))
             sources[:, columns] -= np.stack([vector @ q, -(vector @ p)], axis=1)
         return replace(self, sources=sources, notes=(*self.notes, note) if note else self.notes)
-
-
-def rotate_frame(
-    solution: AgisSolution,
-    vlbi: ArrayLike,
-    quasars: ArrayLike | None = None,
-    *,
-    radio: float = 100.0,
-    own: float = 10.0,
-    rng: Any = None,
-) -> tuple[AgisSolution, FloatArray, FloatArray]:
-    """The frame rotator that ends a solution: ε₀ from radio positions, ω with a glide from motions of quasars.
-
-    As Bachchan, Hobbs & Lindegren (2016, section 4): positions of VLBI quasars are known with an error, motions of
-    quasars are zero but for a glide and a scatter of their own.
-    """
-    arguments.a(AgisSolution)("solution", solution)
-    offsets, sigma = [], []
-    n = len(solution.lon)
-    candidates = arguments.indices("vlbi", vlbi, n), arguments.indices("quasars", quasars, n)
-    for columns, indices, scatter in zip((slice(0, 2), slice(3, 5)), candidates, (radio, own), strict=True):
-        indices = indices[solution.solved[indices]]
-        if len(indices) < 3:
-            raise ParameterError(f"a frame rotator needs three solved sources of each kind, not {len(indices)}")
-        scatter = arguments.not_negative("radio or own", scatter)
-        p, q, _ = triad(solution.lon[indices], solution.lat[indices])
-        design = [np.stack([q, -p], axis=1)]  # (3, 2, m)
-        if columns.start:
-            design.append(np.stack([p, q], axis=1))  # a glide g: g·p east, g·q north
-        rows = np.concatenate(design)
-        motion = solution.sources[indices][:, columns].T
-        if columns.start == 0 and rng is not None:
-            motion = motion - scatter * arguments.generator(rng).standard_normal(motion.shape)
-        weights = np.linalg.inv(solution.formal[indices][:, columns, columns] + scatter**2 * np.eye(2))
-        weighted_rows = np.einsum("nij,pjn->pin", weights, rows)
-        covariance = np.linalg.inv(np.einsum("pin,qin->pq", weighted_rows, rows))
-        offsets.append((covariance @ np.einsum("pin,in->p", weighted_rows, motion))[:3])
-        sigma.append(np.sqrt(np.diag(covariance))[:3])
-    note = (
-        f"frame rotated: ε₀ = {np.round(offsets[0], 2).tolist()} µas, ω = {np.round(offsets[1], 3).tolist()} µas/yr "
-        "taken away"
-    )
-    return solution.rotated(offsets[0], offsets[1], note), np.concatenate(offsets), np.concatenate(sigma)

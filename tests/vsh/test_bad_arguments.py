@@ -70,7 +70,7 @@ CALLS = {
     agis.ratio_by: (np.ones(60), np.ones(60), np.zeros(60, int)), agis.mixture: (sim.Mission(LAW), sim.quasars(10, 1)),
     SYSTEM.solve: NOISE, SYSTEM.predict: (np.zeros((60, 5)), np.zeros((SYSTEM.coefficients, 3))), SYSTEM.adjoint: NOISE,
     SYSTEM.formal_covariance: (1, FIELD.lon, FIELD.lat), SYSTEM.true_covariance: (1, FIELD.lon, FIELD.lat),
-    SYSTEM.covariance_of: (np.ones((60, 5, 1)),), agis.rotate_frame: (SOLVED, np.arange(20)), SOLVED.rotated: ((1, 2, 3), (1, 2, 3)),
+    SYSTEM.covariance_of: (np.ones((60, 5, 1)),), SOLVED.rotated: ((1, 2, 3), (1, 2, 3)),
     fit.pairs.correlation_function: (FIELD, np.radians([0, 60, 120, 180])), PAIRS.fit: (("waves",),), fit.pairs.waves_curve: ([0.1],),
     sim.plane_wave: ((0, 0, 1), 1.0), wave_coefficients: ((0, 0, 1), 1.0), strain_of: (1.0, 1.0), fit.waves.search: (NORMAL_3,),
     fit.shear.expansion: (fit.solve(NORMAL_3),), fit.shear.from_tensor: (np.eye(3),), fit.galaxy.orbit: (fit.solve(NORMAL),),

@@ -10,7 +10,7 @@ import sim
 from vsh import Coefficients, Modes
 from vsh.basis import harmonics
 from vsh.tools.errors import FieldError, VshError
-from vsh.transform import adjoint, adjoint_on_rings, fourier_moments, synthesis, synthesis_on_rings
+from vsh.transform import adjoint, fourier_moments, synthesis, synthesis_on_rings
 
 
 def random_coefficients(lmax, seed):
@@ -52,9 +52,6 @@ def test_rings_are_synthesis_at_their_points():
     lon, lat = np.meshgrid(2 * np.pi * np.arange(30) / 30, lat)
     expected = c.at(lon.ravel(), lat.ravel()).reshape(2, *shape)
     np.testing.assert_allclose(synthesis_on_rings(c, shape), expected, atol=1e-12)
-    y = np.random.default_rng(1).normal(size=(2, *shape))
-    expected = adjoint(c.modes, lon.ravel(), lat.ravel(), y.reshape(2, -1))
-    np.testing.assert_allclose(adjoint_on_rings(c.modes, y), expected, atol=1e-10)
 
 
 def test_fourier_moments_are_their_definition():

@@ -504,10 +504,6 @@ class FlowModes(Frozen):
         total = self.theory.sigma**2
         return np.maximum(total - across**2 @ share / 2, 0.0), np.maximum(total - along**2 @ share, 0.0)
 
-    def left_at_origin(self) -> float:
-        """Variance that is left out, where we are. [(km/s)²]"""
-        return float(max(self.theory.sigma**2 - 3 / (4 * np.pi) * np.sum(self.origin**2), 0.0))
-
     @cached_property
     def _spline(self):
         return _spline_through(np.log(self.radii), np.hstack([self.tangential, self.radial]))

@@ -216,7 +216,7 @@ def _reference(astrometry, reference):
 _PLACES, _BESIDE = 12, 6
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class StepSearch(FrameResult):
     """Search for the magnitude of a jump, and whether there is one.
 
@@ -363,7 +363,12 @@ def find_step(astrometry: AstrometryRows, places: Sequence[float] | None = None,
     baseline = link(astrometry, **options)
     best = replace(best, searched=tuple(map(float, search_p_values)))
     return StepSearch(
-        magnitudes, np.exp(evidence - logsumexp(evidence)), each[:, 0], float(search_p_values[0]), best, baseline
+        places=magnitudes,
+        probability=np.exp(evidence - logsumexp(evidence)),
+        p_values=each[:, 0],
+        p_value=float(search_p_values[0]),
+        solution=best,
+        whole=baseline,
     )
 
 

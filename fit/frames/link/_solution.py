@@ -30,7 +30,7 @@ _LISTED = 8
 _HEAVY = 2.0
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class FrameTie(FrameResult, NamedSolution):
     """Orientation and spin of catalogues against a reference.
 
@@ -479,10 +479,10 @@ def made(
     influence = influence_of(listed, share, rows, prior, values) / np.sqrt(np.diag(covariance))
     information = (np.linalg.inv(covariance) - prior[0]) / len(d)
     return FrameTie(
-        unknowns.names, values, covariance, float(size.sum()), len(rows.rhs), "icrs", notes,
-        unknowns=unknowns, reference=reference, sources=rows.names, magnitude=rows.magnitude, rows=rows.rows,
-        distances=np.sqrt(size / d), outlier=outlier, influence=influence, tails=best.tails, scale=best.scale,
-        excess=best.excess, information=information,
+        names=unknowns.names, values=values, covariance=covariance, chi2=float(size.sum()), n_data=len(rows.rhs),
+        frame="icrs", notes=notes, unknowns=unknowns, reference=reference, sources=rows.names, magnitude=rows.magnitude,
+        rows=rows.rows, distances=np.sqrt(size / d), outlier=outlier, influence=influence, tails=best.tails,
+        scale=best.scale, excess=best.excess, information=information,
         log_evidence=float(logsumexp([node.evidence for node in listed])),
     )  # fmt: skip
 

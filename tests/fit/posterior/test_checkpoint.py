@@ -209,7 +209,14 @@ def test_burn_in_and_thinning_interval():
     chain = np.zeros((4000, 8, 2))
     for t in range(1, 4000):  # autoregressive: integrated times (1 + a)/(1 − a), 19 and 3
         chain[t] = np.array([0.9, 0.5]) * chain[t - 1] + rng.normal(size=(8, 2))
-    found = Posterior(chain, chain[..., 0], SimpleNamespace(names=("slow", "quick")), "icrs", (), 1)
+    found = Posterior(
+        chain=chain,
+        log_probability=chain[..., 0],
+        model=SimpleNamespace(names=("slow", "quick")),
+        frame="icrs",
+        notes=(),
+        seed=1,
+    )
     assert found.autocorrelation["slow"] == pytest.approx(19, rel=0.25)
     assert found.burn_in == int(np.ceil(5 * found.autocorrelation["slow"]))
     assert found.thinning == max(1, int(found.autocorrelation["quick"] / 2))

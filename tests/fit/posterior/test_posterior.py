@@ -239,7 +239,13 @@ def test_figures_and_tables():
 @pytest.mark.slow
 def test_axis_of_what_is_never_negative_begins_at_zero():
     rng = np.random.default_rng(1)
-    weak = Samples({"H0": rng.exponential(30, 4000), "v_x": rng.normal(0, 30, 4000)}, "galactic", (), {}, 1)
+    weak = Samples(
+        samples={"H0": rng.exponential(30, 4000), "v_x": rng.normal(0, 30, 4000)},
+        frame="galactic",
+        notes=(),
+        priors={},
+        seed=1,
+    )
     drawn = weak.plot()
     assert drawn[0, 0].get_xlim()[0] == 0
     assert drawn[1, 1].get_xlim()[0] < -90

@@ -85,26 +85,6 @@ def test_rotated_takes_a_rotation_away(system, observed):
     np.testing.assert_allclose(back.sources, found.sources, atol=1e-5)
 
 
-def test_frame_rotator_finds_the_frame(system, observed):
-    own = agis.in_own_frame(system, system.solve(*observed))
-    turn = np.array([50.0, -20.0, 30.0, 5.0, 2.0, -4.0])
-    turned = dataclasses.replace(own, sources=own.sources + np.einsum("k,kni->ni", turn, system.null_space()))
-    back, rotation, sigma = agis.rotate_frame(turned, np.arange(0, 300, 3), rng=4)
-    assert np.abs((rotation - turn) / sigma).max() < 4
-    assert (sigma[:3] < 30).all()
-    np.testing.assert_allclose(back.sources, turned.rotated(rotation[:3], rotation[3:]).sources)
-    assert "frame rotated" in back.notes[-1]
-    # An acceleration is fitted with the spin, and turns nothing on half a sky either.
-    glide = np.zeros((300, 5))
-    glide[:, 3:] = sim.acceleration((300.0, -200.0, 100.0))(own.lon, own.lat, None).T
-    half = own.lon < np.pi
-    moved = dataclasses.replace(own, sources=own.sources + glide)
-    still, drifting = (agis.rotate_frame(each, np.arange(0, 300, 3), half)[1] for each in (own, moved))
-    np.testing.assert_allclose(drifting, still, atol=1e-8)
-    with pytest.raises(ParameterError, match="three solved sources of each kind, not 2"):
-        agis.rotate_frame(own, [1, 2])
-
-
 def test_killed_and_resumed_is_the_same_to_the_last_bit(tmp_path, system, observed):
     whole = system.solve(*observed)
     path = tmp_path / "checkpoint.npz"
