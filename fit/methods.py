@@ -260,7 +260,7 @@ def _floor(solution):
 DEGREE = 3
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Estimate(Weighted):
     """A fit by one of `METHODS`.
 
@@ -322,8 +322,8 @@ class Estimate(Weighted):
 
 
 def _run_recommended(field, lmax, value, rng):
-    result = recommended(field, lmax, rng=rng)
-    return Estimate(result.solution, "recommended", field, result.plain, 0, result.weights)
+    best = recommended(field, lmax, rng=rng)
+    return Estimate(solution=best.solution, method="recommended", sources=field, plain=best.plain, weights=best.weights)
 
 
 def _least_squares(field, lmax, value, rng):
@@ -332,8 +332,7 @@ def _least_squares(field, lmax, value, rng):
 
 def _clip(field, lmax, value, rng):
     result = clip(field, lmax, 3.0 if value is None else float(value))
-    sources = result.sources(field)
-    return _plain("clip", result.solution, sources, result.n_clipped)
+    return _plain("clip", result.solution, result.sources(field), result.n_clipped)
 
 
 def _student(field, lmax, value, rng):
@@ -367,7 +366,6 @@ def _bootstrap(field, lmax, value, rng):
 def _jackknife(field, lmax, value, rng):
     if value is not None:
         return _plain("jackknife", jackknife(field, lmax, int(value)).resampled_solution, field)
-    best: Any
     _, best, advice = compare_blocks(field, lmax)
     solution = best.resampled.resampled_solution
     return _plain("jackknife", replace(solution, notes=(*solution.notes, advice)), field)
@@ -376,7 +374,9 @@ def _jackknife(field, lmax, value, rng):
 def _plain(method, solution, sources, n_clipped=0, weights=None):
     """An estimate whose errors are those of the solution; of the catalogue's, scaled where χ² contradicts them."""
     solution = with_coverage(solution, sources)
-    return Estimate(solution.scaled, method, sources, solution, n_clipped, weights)
+    return Estimate(
+        solution=solution.scaled, method=method, sources=sources, plain=solution, n_clipped=n_clipped, weights=weights
+    )
 
 
 #: The estimators by name. Each takes a field (or parts), a degree, a value or None, and a source of randomness, and

@@ -419,7 +419,7 @@ class BlockLength(NamedTuple):
     blocks: int
     ratio: float
     ratio_error: float
-    resampled: object
+    resampled: ResampledFit
 
 
 @arguments.accepts(field=arguments.a(Field, Parts))

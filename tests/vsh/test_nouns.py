@@ -1,8 +1,11 @@
 """Nouns go through pickles and deep copies unchanged and read-only; what was left out is counted once."""
 
 import copy
+import importlib
+import inspect
 import pickle
-from dataclasses import replace
+import pkgutil
+from dataclasses import is_dataclass, replace
 
 import numpy as np
 import pytest
@@ -11,9 +14,10 @@ from gaia_table import table
 
 import fit
 import sim
+import study
 from fit.correlation import correlation_matrices, leakage, predict_covariance
 from fit.redshift import binned
-from fit.results.storage import same
+from fit.results.storage import Result, same
 from fit.secular_parallax import hubble_constant, observer_velocity
 from vsh import Coefficients, Field, Modes, Vector
 from vsh.io.catalogue import match, read_field, stream_fields
@@ -243,3 +247,18 @@ def test_hints_name_what_the_object_has():
             getattr(thing, name)
         words = str(caught.value)
         assert (f"did you mean {hint}?" in words) if hint else "write" not in words
+
+
+def heirs(kind):
+    return {heir for each in kind.__subclasses__() for heir in (each, *heirs(each))}
+
+
+def test_results_are_built_by_keyword():
+    """A field that comes between two others cannot change what a call by place means."""
+    for package in (fit, study):
+        for module in pkgutil.walk_packages(package.__path__, f"{package.__name__}."):
+            importlib.import_module(module.name)
+    parameters = {kind: inspect.signature(kind).parameters.values() for kind in heirs(Result) if is_dataclass(kind)}
+    long = {kind.__name__: all(p.kind is p.KEYWORD_ONLY for p in ps) for kind, ps in parameters.items() if len(ps) > 5}
+    assert len(long) > 30
+    assert [name for name, by_keyword in long.items() if not by_keyword] == []
