@@ -6,7 +6,7 @@ normal equations, with whatever else is fitted marginalised.
 
 from typing import TYPE_CHECKING
 
-from fit.background._amplitude import Amplitude, Background, fit_amplitudes, trapezoids
+from fit.background._amplitude import Amplitude, Background, fit_amplitudes
 from fit.background._floor import SHAPES, Floor, floor
 from fit.background._likelihood import Amplitudes, equations_of
 from fit.normal import Template

@@ -491,15 +491,20 @@ def _estimates(field, options, model, velocity, truth):
     if options.h0:
         estimates["velocity"] = observer_velocity(field, options.h0, **model)
     if options.velocity:
-        group = _group_of(field, options, truth)
-        try:
-            estimates["hubble"] = hubble_constant(field, velocity, local_group=group, **model)
-        except ParameterError:
-            if options.local_group or not group:
-                raise
-            # By default, where galaxies are too far for a flow.
-            estimates["hubble"] = hubble_constant(field, velocity, **model)
+        estimates["hubble"] = _run_with_group(
+            partial(hubble_constant, field, velocity, **model), options, _group_of(field, options, truth)
+        )
     return estimates
+
+
+def _run_with_group(estimate, options, group):
+    """An estimate with the Local Group's motion; by default without it where galaxies are too far for a flow."""
+    try:
+        return estimate(local_group=group)
+    except ParameterError:
+        if options.local_group or not group:
+            raise
+        return estimate()
 
 
 def _group_of(field, options, truth):
@@ -559,12 +564,7 @@ def _posterior(field, options, model, prior, truth):
         sample, field, prior, hubble, method=options.method or "emcee", n_samples=options.n_samples, rng=options.seed,
         checkpoint=options.checkpoint, threads=options.threads, **model,
     )  # fmt: skip
-    try:
-        posterior = drawn(local_group=group)
-    except ParameterError:
-        if options.local_group or not group:
-            raise
-        posterior = drawn()  # by default, where galaxies are too far for a flow
+    posterior = _run_with_group(drawn, options, group)
 
     truths = _truths(truth, posterior)
 

@@ -87,8 +87,8 @@ def _frequencies(text):
     return tuple(low_f + (high_f - low_f) * i / (n - 1) for i in range(n))
 
 
-#: Bands of the background [1/yr]; the mean axis may be so far from the law's before it is said. [deg]
-_BANDS, _FAR = (0.5, 1.0, 2.0, 4.0), 1.0
+#: The mean axis may be so far from the law's before it is said. [deg]
+_FAR = 1.0
 CAPTIONS = {
     "waves": "The strain that one wave can have, with 95 %, against its frequency: median and range over directions."
 }

@@ -17,7 +17,6 @@ from vsh.tools.arguments import generator
 from vsh.tools.notebook import InNotebook
 from vsh.tools.types import Rng, Table
 
-_WIDTH = 40
 #: The paper whose result is that of the lines to quote.
 _QUOTED = "klioner2021"
 #: How many checks a short report lists, those with the smallest p-values.

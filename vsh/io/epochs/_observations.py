@@ -387,15 +387,14 @@ def iterate_observations(path: PathName, *, positions: Any = None) -> Iterator["
     EmptyFieldError
         If no file holds an observation that can be used.
     """
-    empty = None
-    files = epoch_files(path)
+    files, errors = epoch_files(path), []
     for file in files:
         try:
             yield read_observations(file, positions=positions).by_transit()
         except EmptyFieldError as error:
-            empty = [*(empty or ()), error]
-    if empty and len(empty) == len(files):
-        raise empty[0]
+            errors.append(error)
+    if errors and len(errors) == len(files):
+        raise errors[0]
 
 
 def read_observations(
