@@ -69,8 +69,8 @@ def make_parser() -> argparse.ArgumentParser:
     )
     add(
         "--estimator NAME[=VALUE]",
-        "estimator for the bins; choose another than the default only if the bins contain no nearby galaxies: "
-        "least-squares (default), recommended, clip=KAPPA, student or excess-noise",
+        "estimator for the bins: recommended (default), least-squares (default with nearby galaxies, and the only one "
+        "then), clip=KAPPA, student or excess-noise",
         parsing.method,
     )
     add("--free-spin", "also fit the spin of the frame")
@@ -372,7 +372,7 @@ def _bins(sky, options, model, velocity):
     """Spin and acceleration in bins, and where asked for, or of many sources, with common systematic errors."""
     from fit.redshift import binned
 
-    method, value = parsing.method_and_value(options.estimator or "least-squares")
+    method, value = parsing.method_and_value(options.estimator) if options.estimator else (None, None)
     dispersion = None if options.peculiar_dispersion == "free" else options.peculiar_dispersion
     bin_up_to: Any = partial(
         binned,

@@ -22,7 +22,7 @@ def plot_bins(binned: Any, velocity: str | Vector | None = "planck", *, ax: OnAx
     for (components, amplitude), name, symbol in zip(
         axes_array.reshape(2, 2), ("acceleration", "spin"), ("ã", "ω"), strict=True
     ):
-        vectors = [getattr(solution, name) for solution in binned.solutions]
+        vectors = binned.vectors(name)
         for i, (axis, colour) in enumerate(zip("xyz", COLOURS, strict=False)):
             positions = z * 1.03 ** (i - 1) if logarithmic else z + (i - 1) * 0.006 * (edges[-1] - edges[0])
             components.errorbar(

@@ -8,7 +8,7 @@ a their amplitudes, one on average. The coefficients of all bins then have the c
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from scipy.linalg import eigh
@@ -229,7 +229,7 @@ def sections_of(
     table = binned.to_table()
     if not long:
         for name in ("spin", "acceleration"):
-            table[f"|{name}| [µas/yr]"] = [amplitude(getattr(solution, name)) for solution in binned.solutions]
+            table[f"|{name}| [µas/yr]"] = [amplitude(vector) for vector in binned.vectors(name)]
     columns = [name for name in table.colnames if long or not name.startswith(("spin", "acceleration"))]
     bins_section = Section(title, (), table, columns, forms={"chi2_dof": ".2f"}, remarks=warnings)
     return (bins_section, _tests_section(binned, velocity, p_values))
@@ -461,6 +461,17 @@ class BinnedSolution(Result):
         test, _, _ = self._compare_with_model("S", 1, constant, parallaxes)
         return _vector(self.modes, "S", theta, theta_covariance, free_modes, self.frame), test
 
+    def vectors(self, name: Literal["spin", "acceleration"]) -> list[Vector]:
+        """The spin or the acceleration of each bin, with the errors that are printed.
+
+        Parameters
+        ----------
+        name : {"spin", "acceleration"}
+            Which. By least squares without flows, errors are multiplied by √(χ²/dof) where it contradicts those quoted.
+        """
+        scales = self.is_scaled and self.flow_covariance is None
+        return [getattr(solution.scaled if scales else solution, name) for solution in self.solutions]
+
     def to_table(self) -> Table:
         """Spin and acceleration in each bin, with errors, as an astropy Table."""
         columns = {
@@ -471,7 +482,7 @@ class BinnedSolution(Result):
             "chi2_dof": np.array([s.reduced_chi2 for s in self.solutions]),
         }
         for name in ("spin", "acceleration"):
-            vectors = [getattr(solution, name) for solution in self.solutions]
+            vectors = self.vectors(name)
             for i, axis in enumerate("xyz"):
                 columns[f"{name}_{axis}"] = np.array([v.value[i] for v in vectors])
                 columns[f"{name}_{axis}_error"] = np.array([v.sigma[i] for v in vectors])

@@ -407,7 +407,7 @@ class Run:
 
     def _check_unchanged(self):
         for path, (_, record) in self.opened.items():
-            check_unchanged(path, record)
+            check_unchanged(path, record, record_of(path))
 
     def finish(
         self,

@@ -215,10 +215,10 @@ def record_of(path: PathName) -> tuple[int, int]:
     return facts.st_size, facts.st_mtime_ns
 
 
-def check_unchanged(path: PathName, record: tuple[int, int] | None) -> None:
+def check_unchanged(label: PathName, record: Any, now: Any) -> None:
     """Raise TableError where a file is not the one that was opened: numbers of two catalogues would be added up."""
-    if record is not None and record_of(path) != record:
-        raise TableError(f"{printable(path)} changed since it was opened: start again, when nobody writes to it")
+    if now != record:
+        raise TableError(f"{printable(label)} changed since it was opened: start again, when nobody writes to it")
 
 
 #: Catalogues are at most so many times larger than their files, or so large. [bytes]

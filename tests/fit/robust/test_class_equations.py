@@ -51,7 +51,7 @@ def test_bins_of_redshift_by_each_estimator():
         p += [bins.equality(kind, 1).p_value for kind in "TS"]
     assert np.mean(np.array(p) < 0.05) < 0.13
     assert 0.3 < np.mean(p) < 0.7
-    assert "weights of the fit of all sources (student)" in bins.report()
+    assert "each bin has the weights of its own fit (student)" in bins.report()
     clipped = binned(field, 1, 3, method="clip", value=3)
     assert clipped.counts.sum() < 1500
     for method in ("bootstrap", "jackknife"):

@@ -55,6 +55,7 @@ class Ranges(http.server.SimpleHTTPRequestHandler):
         part = data[first : last + 1]
         self.send_response(code)
         self.send_header("Accept-Ranges", "bytes")
+        self.send_header("ETag", f'"{os.stat(path).st_mtime_ns}"')
         self.send_header("Content-Length", str(len(part)))
         if code == 206:
             self.send_header("Content-Range", f"bytes {first}-{last}/{len(data)}")
@@ -78,6 +79,21 @@ def server(folder):
     yield f"http://127.0.0.1:{made.server_address[1]}", handler
     made.shutdown()
     made.server_close()
+
+
+def test_a_part_that_is_replaced_on_the_server_ends_the_fit(server, folder):
+    address, _ = server
+    places, passes = [f"{address}/part{k}.parquet" for k in range(3)], []
+
+    def step(field):
+        passes.append(1)
+        if len(passes) == 5:  # in the second pass; of the same size
+            random_field(400, 2).write(folder / "new.parquet")
+            (folder / "new.parquet").replace(folder / "part2.parquet")
+        return field
+
+    with pytest.raises(TableError, match=r"part2\.parquet changed since it was opened"):
+        fit.robust.clip(parts(places).map(step), 1, 2.5)
 
 
 @pytest.mark.parametrize("name", ["part0.parquet", "one.fits", "one.csv"])

@@ -12,7 +12,7 @@ from vsh.io.catalogue._columns import as_columns
 from vsh.io.catalogue._names import REQUIRED, Columns, Request, derived_from
 from vsh.io.catalogue._read import open_positions, stream_fields
 from vsh.io.parts import Dask, Engine, InProcess, Parts, Processes, delayed_of, is_delayed
-from vsh.io.tables import Place, TableSource, Where, check_alike, files_of, is_address, open_table
+from vsh.io.tables import Place, TableSource, Where, check_alike, files_of, is_address, open_table, record_at
 from vsh.tools.arguments import whole
 from vsh.tools.errors import ParameterError, TableError
 from vsh.tools.files import check_unchanged, record_of
@@ -96,7 +96,7 @@ def parts(
     if len(files) > 1:
         first_table = open_table(files[0], format)
         read = replace(read, like=(first_table.label, _layout(first_table, request)))
-    records = {str(file): record_of(file) for file in files if isinstance(file, Path)}
+    records = {_name_of(file): _record_of(file) for file in files}
     return Parts(pieces, replace(read, records=records), engine=_engine(pieces, workers, scheduler))
 
 
@@ -115,17 +115,17 @@ class Reader:
     where: str | None = None
     format: str | None = None
     #: By what each file is known, when it was opened first.
-    records: Mapping[str, tuple[int, int]] = field(default_factory=dict)
+    records: Mapping[str, tuple[Any, ...]] = field(default_factory=dict)
 
     def __call__(self, piece: Any, roles: tuple[str, ...]) -> Iterator[Field]:
         """The fields of a piece."""
         if isinstance(piece, Field):
             yield piece
             return
-        columns, path = self.columns, str(piece) if isinstance(piece, Path) else ""
-        record = self.records.get(path)
+        columns, file = self.columns, piece if isinstance(piece, (Path, Place)) else None
+        if isinstance(file, Path):
+            self._check_unchanged(file)
         if isinstance(piece, (str, os.PathLike, Place)):
-            check_unchanged(path, record)
             piece = open_table(piece, self.format)
         if self.like is not None and isinstance(piece, TableSource):
             _check_same_columns(piece, columns, *self.like)
@@ -145,7 +145,20 @@ class Reader:
         )
         for each in fields:
             yield each.add_note(*notes) if notes else each
-        check_unchanged(path, record)
+        if file is not None:
+            self._check_unchanged(file)
+
+    def _check_unchanged(self, file):
+        if (name := _name_of(file)) in self.records:
+            check_unchanged(name, self.records[name], _record_of(file))
+
+
+def _name_of(file):
+    return file.label if isinstance(file, Place) else str(file)
+
+
+def _record_of(file):
+    return record_at(file) if isinstance(file, Place) else record_of(file)
 
 
 def _layout(table, columns):

@@ -64,6 +64,18 @@ class Place(NamedTuple):
         return Place(self.filesystem, path, f"{self.label.rstrip('/')}/{PurePosixPath(path).name}", None)
 
 
+def record_at(place: Place) -> tuple[Any, ...]:
+    """What a server says of a file, by which it is known again: size, time of change, mark (ETag)."""
+    try:
+        if hasattr(place.filesystem, "handler"):  # of fsspec, whose libraries have names of their own for these
+            facts = place.filesystem.handler.fs.info(place.path)
+            return tuple(str(facts.get(name)) for name in ("size", "ETag", "mtime", "created", "LastModified"))
+        facts = place.filesystem.get_file_info(place.path)
+        return facts.size, facts.mtime_ns
+    except Exception as error:  # whatever a server that dies makes of its library
+        raise (_refused(place) or _unreachable(place.label, error)) from error
+
+
 def place_of(source: Any) -> Place:
     """File system and path of an address."""
     text = source if isinstance(source, str) else f"{source.protocol}://{source.path.lstrip('/')}"
