@@ -47,10 +47,9 @@ COMMANDS = {
     "compare": "compare 700.fits 700.fits",
     "redshift": "redshift galaxies.fits --h0 70 --redshift-frame true",
     "pairs": "pairs 700.fits",
-    "sim --no-transits, 300": "sim quasars --number 300 --no-transits --output OUT.fits --overwrite",
+    "sim --errors expected, 300": "sim quasars --number 300 --errors expected --output OUT.fits --overwrite",
     "sim, 300": "sim quasars --number 300 --output OUT.fits --overwrite",
     "forecast": "forecast",
-    "agis, 300, no figures": "agis --quasars 300 --iterations 3 --no-figures --output OUT --overwrite",
     "archive --show": "archive gaia-crf3 --show",
     "fit, 1.6 million, degree 10": "fit crf3.fits --lmax 10",
 }

@@ -2,7 +2,7 @@
 
     python benchmarks/flows_by_default.py [skies] [galaxies] [dispersion beside the flow, km/s] [first seed]
 
-Skies as `vsh-sim galaxies --velocity planck --flow linear --redshifts heliocentric --no-transits --release DR5` makes them:
+Skies as `vsh-sim galaxies --velocity planck --flow linear --redshifts heliocentric --errors expected --release DR5` makes them:
 0.002 < z < 0.03, linear flows in motions and redshifts. Truth: 369.8 km/s, 67.3 km/s/Mpc.
 """
 

@@ -19,14 +19,58 @@ import numpy as np
 
 import fit
 import sim
-from study import SkyStatistics, simulate_skies
 from vsh import Coefficients, Modes
 from vsh.basis import harmonics
 from vsh.classes import Classes
+from vsh.field import multiply_weights
 from vsh.io.maps import read_map
+from vsh.modes import as_modes
+from vsh.tools.parallel import map_blocks
 
 #: Errors of the acceleration by Nguyen & Murray (2026), abstract. [µas/yr]
 PUBLISHED = np.array([0.70, 0.54, 0.575])
+
+
+class SkyStatistics:
+    """Coefficients and reduced χ² of each class of sources, of motions with the errors of a field."""
+
+    def __init__(self, field, lmax=3, classes=None):
+        self.modes, self.n_sources = as_modes(lmax), len(field)
+        labelled = [("", np.ones(len(field), bool))] if classes is None else list(classes)
+        self._parts = []
+        names = []
+        for label, mask in labelled:
+            chosen = field[mask]
+            basis = harmonics(chosen.lon, chosen.lat, self.modes)
+            weighted = multiply_weights(chosen.weights, basis).reshape(len(self.modes), -1)
+            inverse = fit.solve(fit.normal_equations(chosen, self.modes)).covariance
+            self._parts.append((mask, weighted, inverse, chosen.weights))
+            names += [f"{mode}{label and f' ({label})'}" for mode in self.modes]
+            names.append(f"reduced χ²{label and f' ({label})'}")
+        self.names = tuple(names)
+
+    def __call__(self, motion):
+        """Compute the statistics of motions, (2, n): coefficients [µas/yr] and reduced χ² of each class, (q,)."""
+        values = []
+        for mask, weighted, inverse, weights in self._parts:
+            own = motion[:, mask]
+            rhs = weighted @ own.ravel()
+            coefficients = inverse @ rhs
+            chi2 = np.sum(own * multiply_weights(weights, own)) - rhs @ coefficients
+            values += [coefficients, np.array([chi2 / (own.size - len(rhs))])]
+        return np.concatenate(values)
+
+
+def simulate_skies(draw, statistics, n, rng, threads=None):
+    """Parameters and statistics of n skies, each with a stream of its own."""
+    streams = np.random.default_rng(rng).spawn(n)
+
+    def simulate(block):
+        skies = [draw(stream) for stream in streams[block]]
+        return [(parameters, statistics(motion)) for parameters, motion in skies]
+
+    rows = [row for block in map_blocks(simulate, n, 4, threads) for row in block]
+    return np.array([row[0] for row in rows]), np.array([row[1] for row in rows])
 
 
 class Universe:

@@ -146,7 +146,7 @@ def errors_by_place(
     if lost.any():
         raise ParameterError(
             f"{lost.sum()} of {lost.size} sources have too few transits for five parameters in {mission.years:g} years:"
-            " a longer mission (years=, --years) gives all of them errors"
+            " a longer mission (years=) gives all of them errors"
         )
     unit = np.sqrt(np.stack([covariance[:, 0, 0], covariance[:, 1, 1]]))
     return mission.transit_error(magnitude) * unit, covariance[:, 0, 1] / (unit[0] * unit[1])

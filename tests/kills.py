@@ -49,7 +49,7 @@ def prepare(folder):
     (folder / "ids.txt").write_text("\n".join(str(each) for each in range(1, 31)))
     return transits, {
         "vsh-fit of a folder": "fit many --lmax 3 --dpi 40",
-        "vsh-fit --clip of a folder": "fit many --lmax 3 --clip 3 --no-figures",
+        "vsh-fit --clip of a folder": "fit many --lmax 3 --method clip=3 --format none",
         "vsh-archive epochs": "archive epochs --ids ids.txt --batch 1 --url {url}/data",
     }
 

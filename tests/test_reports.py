@@ -72,14 +72,14 @@ def test_link(tmp_path, capsys):
 
 
 def test_velocity_and_constant(galaxies, capsys):
-    given = ["--h0", "67.4", "--no-flows"]
+    given = ["--h0", "67.4", "--flows", "no"]
     assert "\nvelocity " in check(redshift.main, [galaxies, *given], capsys, first="velocity")
-    check(redshift.main, [galaxies, "--velocity", "planck", "--no-flows"], capsys, first="H0")
+    check(redshift.main, [galaxies, "--velocity", "planck", "--flows", "no"], capsys, first="H0")
 
 
 def test_posterior_stands_alone_where_it_was_asked_for(galaxies, capsys):
     """No other H0 is printed below the one to quote."""
-    given = ["--velocity", "planck", "--no-flows", "--posterior", "--method", "grid"]
+    given = ["--velocity", "planck", "--flows", "no", "--posterior", "--method", "grid"]
     text = check(redshift.main, [galaxies, *given], capsys, LINES + 2, "H0")
     assert "posterior" in text.splitlines()[0]
     assert "least squares" not in text

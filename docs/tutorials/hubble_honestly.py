@@ -80,7 +80,7 @@ found.corner(["H0", "speed", "a_x", "a_y", "a_z"], truths={"H0": TRUE_H0, "speed
 #
 # From the command line::
 #
-#     vsh-redshift galaxies.fits --velocity planck --posterior --h0-range 20,150 --output hubble
+#     vsh-redshift galaxies.fits --velocity planck --posterior --h0 20:150 --output hubble
 #
 # One sky is one realisation of the flow: with other seeds the simple fit is wrong by as much in either direction.
 # More on the frames of redshifts, distances and flows: :doc:`../redshifts`.

@@ -7,7 +7,7 @@ the Galaxy rotates differentially. To first order in the distance, four numbers 
 plane: the Oort constants A (shear) and B (rotation), and C and K, which are zero for circular orbits. Proper motions
 and parallaxes are sufficient to measure them.
 
-With a file of your own: ``vsh-redshift stars.fits --distances --oort``. Here a catalogue is simulated, so that the
+With a file of your own: ``fit.kinematics(vsh.read_field("stars.fits"))``. Here a catalogue is simulated, so that the
 truth is known.
 """
 

@@ -77,4 +77,4 @@ plot_field(
 #
 #     vsh-compare icrf3sx.txt icrf2-all.txt --lmax 2 --output comparison --html comparison.html
 #
-# and, for the defining sources of both, ``--input-format icrf --where 'defining == "D"'``.
+# and, for the defining sources of both, ``--columns format=icrf --where 'defining == "D"'``.

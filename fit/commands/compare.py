@@ -43,47 +43,50 @@ def make_parser() -> argparse.ArgumentParser:
         "what is compared (default: motions where both have some, positions otherwise)",
         ("positions", "motions"),
     )
-    add("--by", "how sources are matched", ("name", "position"), "name")
+    add(
+        "--match name|ARCSEC",
+        "how sources are matched: by name (default), or by position within ARCSEC",
+        _matching,
+        action=parsing.Joined,
+    )
     add(
         "--crosswalk FILE",
-        "identifiers of one release for those of another, for the second and all further catalogues "
-        "(vsh-archive dr3-neighbourhood)",
+        "identifiers of one release for those of another | for the second and all further catalogues (vsh-archive "
+        "dr3-neighbourhood)",
     )
-    add("--radius ARCSEC", "largest separation of a match by position, arcsec (default: 1)", parsing.positive)
-    add(
-        "--threshold X",
-        "sources whose difference exceeds X standard errors are excluded from the fit and listed",
-        parsing.positive,
-        5.0,
-    )
-    add("--position-error UAS", "error of all positions, µas (for catalogues without errors)", parsing.positive)
     add(
         "--parameters",
-        "also fit the rotation (orientation of positions, spin of motions) or the glide alone",
+        "also fit the rotation or the glide alone | orientation of positions, spin of motions",
         ("degree", "orientation", "spin", "glide"),
         "degree",
     )
     add(
         "--method NAME[=VALUE]",
-        "estimator: least-squares (default; errors are rescaled in classes of sources with similar formal errors), "
-        "student, excess-noise, bootstrap=N or jackknife",
-        parsing.method,
-        "least-squares",
+        "least-squares (default), student, excess-noise, bootstrap=N or jackknife; clip=X | least squares rescales "
+        "errors in classes of sources with similar formal errors; clip=X beside another or alone: sources whose "
+        "difference exceeds X standard errors are excluded and listed (5 unless given)",
+        action=parsing.Joined,
     )
-    floors = parsing.adder(parser.add_mutually_exclusive_group())
-    floors(
+    add(
         "--floor",
-        "solve with the systematic floor, estimated from degrees 2 to 5 of the differences; the default for 100000 "
-        "sources or more. For fewer sources its size is added to the errors of rotation and glide if it can be "
-        "estimated",
+        "solve with the systematic floor, estimated from degrees 2 to 5 of the differences, or not | yes is the "
+        "default for 100000 sources or more; for fewer its size is added to the errors of rotation and glide if it can "
+        "be estimated, unless no is given",
+        ("yes", "no"),
+        nargs="?",
+        const="yes",
     )
-    floors("--no-floor", "leave systematic errors out of the errors")
-    add("--seed", "seed of the random numbers of the systematic errors", int, 1)
     add("--where2 CONDITION", "rows to use of the second and all further catalogues (default: as --where)")
-    parsing.add_threads(parser)
     reading.add_reading(parser)
     parsing.add_common(parser)
     return parser
+
+
+def _matching(text):
+    """Parse how sources are matched: by what, and within which radius. [arcsec]"""
+    if text in ("name", "position"):
+        return {"by": text}
+    return {"by": "position", "radius": parsing.positive(text)}
 
 
 #: Estimators of the differences, and the fewest replicates.
@@ -92,13 +95,24 @@ _METHODS, _LEAST = ("least-squares", "student", "excess-noise", "bootstrap", "ja
 
 def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
     """End with an estimator or a value that a comparison does not know."""
-    method, value = parsing.method_and_value(options.method)
-    if method not in _METHODS:
-        parser.error(f"--method of a comparison is {', '.join(_METHODS)}, not {method}")
-    if value is not None and method != "bootstrap":
-        parser.error(f"--method {method} of a comparison takes no value")
-    if value is not None and int(value) < _LEAST:
-        parser.error(f"--method bootstrap takes {_LEAST} replicates at least, not {value}")
+    options.threshold, methods = 5.0, (options.method or "least-squares").split(",")
+    options.method = "least-squares"
+    for words in methods:
+        method, value = parsing.method_and_value(words)
+        if method == "clip":
+            try:
+                options.threshold = parsing.positive(value or "5")
+            except argparse.ArgumentTypeError as error:
+                parser.error(f"argument --method: {error}")
+            continue
+        options.method = words
+        if method not in _METHODS:
+            parser.error(f"--method of a comparison is clip or {', '.join(_METHODS)}, not {method}")
+        if value is not None and method != "bootstrap":
+            parser.error(f"--method {method} of a comparison takes no value")
+        if value is not None and not (value.isdecimal() and int(value) >= _LEAST):
+            parser.error(f"--method bootstrap takes {_LEAST} replicates at least, not {value}")
+    options.match = {"by": "name"} | (options.match or {})
 
 
 def _run(options):
@@ -121,15 +135,13 @@ def _run(options):
             reference,
             fields[label],
             options.lmax,
-            by=options.by,
-            radius=options.radius,
+            **options.match,
             threshold=options.threshold,
             labels=(labels[0], label),
             floor=_floor(options),
             parameters=options.parameters,
             method=method,
             replicates=int(value or 1000),
-            rng=options.seed,
         )
     comparisons = [comparison for comparison, _ in results.values()]
     network = _compare_several({labels[0]: reference} | fields, options) if len(results) > 1 else None
@@ -193,7 +205,7 @@ def _run(options):
 
 def _floor(options):
     """Choose whether the floor is included; None where the number of sources decides."""
-    return True if options.floor else False if options.no_floor else None
+    return None if options.floor is None else options.floor == "yes"
 
 
 def _of(label, results):
@@ -215,9 +227,9 @@ def _compare_several(catalogues, options):
     """All catalogues in one solution with their common noise; by position, sources have the names of the first."""
     from fit.frames.chain import combine_frames
 
-    if options.by == "position":
-        catalogues = _named_by_place(catalogues, options.radius)
-    return combine_frames(catalogues, options.lmax, floor=_floor(options) is not False, rng=options.seed)
+    if options.match["by"] == "position":
+        catalogues = _named_by_place(catalogues, options.match.get("radius"))
+    return combine_frames(catalogues, options.lmax, floor=_floor(options) is not False)
 
 
 def _named_by_place(catalogues, radius):
@@ -308,14 +320,14 @@ def _read(path, quantity, options, condition):
     from vsh.io.catalogue import read_field, read_positions
 
     if quantity == "motions":
-        arguments = reading.arguments(options) | {"where": condition}
+        arguments = reading.arguments(options) | {"where": condition, "sigma": options.sigma}
         return read_field(path, roles=("name",), **arguments).to_frame(options.frame)
     if options.frame != (options.catalogue_frame or "icrs"):
         raise VshError(f"positions are compared in the axes they are given in: leave out --frame {options.frame}")
     return read_positions(
         path,
         options.columns,
-        sigma=options.position_error,
+        sigma=options.sigma,
         on_bad=options.on_bad,
         frame=options.catalogue_frame or "icrs",
         where=condition,

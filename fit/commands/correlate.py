@@ -33,20 +33,13 @@ def make_parser() -> argparse.ArgumentParser:
     add = parsing.adder(parser)
     add("catalogue", parsing.A_TABLE)
     add("catalogue2", "second catalogue; its correlations are shown in the other triangle of the matrix", nargs="?")
-    add("--lmax", "highest degree of the fit", parsing.count(1), 1)
-    add(
-        "--parameters",
-        "spin and acceleration (with --lmax 1), or all coefficients",
-        (parsing.FRAME, "modes"),
-        parsing.FRAME,
-    )
+    add("--lmax", "highest degree of the fit: 1 is spin and acceleration", parsing.count(1), 1)
     add(
         "--influence NAME,NAME",
-        "map what drives the correlation of two parameters, or the variance of one: omega_y,a_x; may be repeated",
+        "map what drives the correlation of two parameters, or the variance of one | omega_y,a_x; may be repeated",
         _pair,
         action="append",
     )
-    add("--nside", "HEALPix nside of the maps of --influence", parsing.nside, 16)
     add("--leakage L", "compute the bias of the fit that is caused by unfitted degrees up to L", parsing.count(2))
     add(
         "--power-per-degree P",
@@ -54,8 +47,6 @@ def make_parser() -> argparse.ArgumentParser:
         parsing.not_negative,
         1.0,
     )
-    add("--sigma", "one error for all sources, µas/yr", parsing.positive)
-    parsing.add_threads(parser)
     reading.add_workers(parser)
     reading.add_reading(parser)
     parsing.add_common(parser)
@@ -70,11 +61,9 @@ def _pair(text):
 
 
 def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
-    """End with what contradicts itself; several degrees mean all coefficients."""
+    """End with what contradicts itself."""
     if options.leakage is not None and options.leakage <= options.lmax:
         parser.error(f"--leakage is the highest degree that is not fitted: more than --lmax {options.lmax}")
-    if options.parameters == parsing.FRAME and options.lmax > 1:
-        options.parameters = "modes"
 
 
 _LEAKAGE = (
@@ -89,12 +78,10 @@ def _run(options):
     from fit import correlation
 
     if reading.in_parts(options) and options.influence:
-        raise VshError(
-            "--influence looks at every source: it needs the catalogue whole, without --workers and --scheduler"
-        )
+        raise VshError("--influence looks at every source: it needs the catalogue whole, without --workers")
     fields = [_sources(*pair, options) for pair in zip(paths, sources, strict=True)]
     labels = _labels(paths)
-    parameters: Any = FRAME if options.parameters == FRAME else options.lmax
+    parameters: Any = FRAME if options.lmax == 1 else options.lmax
     matrices = correlation.correlation_matrices(fields, parameters, labels=labels)
     remarks = []
     if parameters == FRAME:
@@ -107,7 +94,7 @@ def _run(options):
     for field, label in zip(fields, labels, strict=True):
         details.append(_sky(correlation, field, label, options.lmax))
         for pair in options.influence or []:
-            parts.append(_influence_map(correlation, field, label, pair, options.lmax, options.nside))
+            parts.append(_influence_map(correlation, field, label, pair, options.lmax))
             details.append(_influence(correlation, field, label, pair, options.lmax))
         if options.leakage:
             leak = correlation.leakage(field, options.lmax, options.leakage)
@@ -226,11 +213,15 @@ def _three(values):
     return "(" + ", ".join(f"{value:.3g}" for value in values) + ")"
 
 
-def _influence_map(correlation, field, label, pair, lmax, nside):
+#: HEALPix NSIDE of maps of what drives a correlation.
+_NSIDE = 16
+
+
+def _influence_map(correlation, field, label, pair, lmax):
     """The map of an influence as a part of the result."""
     from vsh.io import tables
 
-    values = correlation.influence_map(field, lmax, pair, nside)
+    values = correlation.influence_map(field, lmax, pair, _NSIDE)
     name = f"influence_{label}_{'_'.join(pair)}".replace("(", "").replace(")", "").replace(",", "")
     symbols = " and ".join(map(correlation.symbol, pair))
     quantity = f"correlation of {symbols}" if len(pair) == 2 else f"ln σ² of {symbols}"

@@ -37,32 +37,44 @@ def make_parser() -> argparse.ArgumentParser:
     add("--lmax", "highest degree (default: 5; if --method is given: 3)", parsing.count(1))
     add(
         "--method NAME[=VALUE]",
-        "estimator (default: recommended, i.e. Student's t with the systematic floor included in the errors; the "
-        "maximum degree is reduced if there are too few sources): least-squares, clip=KAPPA (against outliers, not "
-        "against wrong errors), student, excess-noise[=scale] (against errors that are too small, not "
-        "against outliers), bootstrap=N or jackknife[=NSIDE]",
+        "recommended (default), least-squares, clip=KAPPA, student, excess-noise[=scale], bootstrap=N or "
+        "jackknife[=NSIDE] | recommended is Student's t with the systematic floor included in the errors, its maximum "
+        "degree reduced if there are too few sources; clip protects from outliers, not from wrong errors; excess-noise "
+        "from errors that are too small, not from outliers",
         parsing.method,
         "recommended",
     )
-    _add_backgrounds(parser)
+    add(
+        "--floor",
+        "with another --method than recommended: include the systematic floor in the errors | it is estimated from "
+        "degrees 2 to --lmax (at least 3), and the coefficients of those degrees get a prior of that power",
+        ("yes", "no"),
+        nargs="?",
+        const="yes",
+    )
+    add(
+        "--waves YEARS",
+        "upper limits on the energy density of gravitational waves from the power of degree 2 | for three choices of "
+        "the prior; the length of the observations in years, where it is given, is that from which the frequency band "
+        "and the strain are calculated",
+        parsing.positive,
+        nargs="?",
+        const=True,
+    )
     add(
         "--classes COLUMN:EDGE,…",
-        "compare classes of sources, systematic errors included (--lmax 5 is best): by a column, magnitude:18,20, by "
-        "conditions between semicolons, or halves:galactic",
+        "compare classes of sources, systematic errors included | by a column, magnitude:18,20, by conditions between "
+        "semicolons, or halves:galactic; --lmax 5 is best",
     )
     add(
         "--templates MAP,…",
-        "fit the amplitude of systematic errors of a known pattern, truncated at degree --lmax: a HEALPix map (FITS; "
-        "galactic:FILE where its header does not state its axes), a solution (ECSV), a column of the catalogue, or "
-        "density, the number density of the sources",
+        "fit the amplitude of systematic errors of a known pattern: a HEALPix map, a solution, a column, or density | "
+        "truncated at degree --lmax; galactic:FILE where the header of a map does not state its axes; density is the "
+        "number density of the sources",
         parsing.names,
     )
-    add("--seed", "seed of the random numbers of the bootstrap and of the comparison of classes", int, 1)
-    add("--sigma S", "use this error for all motions, µas/yr (for tables without)", parsing.positive)
-    parsing.add_threads(parser)
     reading.add_workers(parser)
     reading.add_reading(parser)
-    add("--beside", "in the page of --html, also show the result of ordinary least squares on all sources")
     parsing.add_common(parser)
     return parser
 
@@ -77,30 +89,8 @@ def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
         parser.error("--classes needs --lmax 3 or more: degrees 1 and 2 contain no information on systematic errors")
     if options.templates and options.lmax < 3:
         parser.error("--templates needs --lmax 3 or more, 5 is best: degrees 1 and 2 alone tell them from nothing")
-    if options.years and not options.waves:
-        parser.error("--years is for --waves")
-    if options.beside and not options.html:
-        parser.error("--beside is for the page: name it, --html FILE")
-
-
-def _add_backgrounds(parser):
-    group = parsing.adder(parser.add_argument_group("systematic errors"))
-    group(
-        "--floor",
-        "with another --method than recommended: include the systematic floor in the errors. It is estimated from "
-        "degrees 2 to --lmax (at least 3), and the coefficients of those degrees get a prior of that power",
-    )
-    group(
-        "--waves",
-        "upper limits on the energy density of gravitational waves from the power of degree 2, for three choices of "
-        "the prior",
-    )
-    group(
-        "--years T",
-        "with --waves: length of the observations in years, from which the frequency band and the strain are "
-        "calculated",
-        parsing.positive,
-    )
+    options.years = options.waves if isinstance(options.waves, float) else None
+    options.floor = options.floor == "yes"
 
 
 DEMO = "demo.fits"
@@ -122,7 +112,7 @@ def _run(options):
     # Each class reads its rows; names tell of sources that stand there twice, and no fit looks at further columns.
     source = tables.cache_rows(source) if options.classes and not reading.in_parts(options) else source
     field = run.read(source, path, roles=("name",)).to_frame(options.frame)
-    estimate = fit.estimate(field, options.lmax, *parsing.method_and_value(options.method), rng=options.seed)
+    estimate = fit.estimate(field, options.lmax, *parsing.method_and_value(options.method))
     solution, sources, plain = estimate.solution, estimate.sources, estimate.plain
     results: dict[str, Any] = {}
     if options.waves:
@@ -137,7 +127,7 @@ def _run(options):
         n_sources = solution.n_sources + (estimate.n_clipped or 0)
         results["shared"] = _compare_subsets(run, source, path, estimate, maps, n_sources)
     elif maps:
-        results["shared"] = _with_templates(estimate, maps, options.seed)
+        results["shared"] = _with_templates(estimate, maps)
     if maps:
         results["cross_powers"] = _cross_powers_of(plain, solution.floor, maps)
     name = "the simulated catalogue of the demo" if options.demo else source.label
@@ -157,7 +147,6 @@ def _run(options):
         fit.output.write_correlation(solution, folder / "correlation.ecsv", meta)
 
     def page(figures, meta, path):
-        plain = (fit.fit_field(field, options.lmax), field) if options.beside else None
         fit.output.write_html(
             solution,
             sources,
@@ -166,7 +155,6 @@ def _run(options):
             figures=figures.drawn,
             command=options.command,
             captions=captions,
-            beside={"plain least squares, all sources": plain} if plain else {},
             sections=_sections(results, True),
             provenance=meta,
             answer=answer,
@@ -202,10 +190,10 @@ def _run(options):
     )
 
 
-def _with_templates(estimate, maps, seed):
+def _with_templates(estimate, maps):
     """Spin and acceleration of all sources with the templates fitted."""
     normal = estimate.equations(estimate.sources, estimate.solution.modes.lmax, templates=maps)
-    comparison = fit.background.shared([normal], labels=["all sources"], noise_scale=estimate.is_scaled, rng=seed)
+    comparison = fit.background.shared([normal], labels=["all sources"], noise_scale=estimate.is_scaled)
     return replace(comparison, notes=(*comparison.notes, estimate.class_note))
 
 
@@ -268,7 +256,7 @@ def _compare_subsets(run, source, path, estimate, templates, n_sources):
     normals = [make(subset, lmax) for subset in subsets]
     normals = fit.background.widened(normals, make, subsets)
     comparison = fit.background.shared(
-        normals, range(2, lmax + 1), labels=classes.labels, noise_scale=estimate.is_scaled, rng=options.seed
+        normals, range(2, lmax + 1), labels=classes.labels, noise_scale=estimate.is_scaled
     )
     inside, notes = inside or sum(item.n_sources for item in normals), []
     if n_sources > inside:

@@ -20,18 +20,17 @@ def make_parser() -> argparse.ArgumentParser:
         examples=(
             "vsh-link gaia.csv vlbi.csv --steps 13 --output link",
             "vsh-link gaia.csv vlbi.csv --order 1",
-            "vsh-link gaia.csv vlbi.csv --no-offset --html link.html",
+            "vsh-link gaia.csv vlbi.csv --seek-step --html link.html",
         ),
     )
     add = parsing.adder(parser)
     add(
         "catalogues",
-        "table with source names, epochs and any of ra, dec, parallax, pmra, pmdec with their errors; one table per "
+        "table with source names, epochs and any of ra, dec, parallax, pmra, pmdec with their errors | one table per "
         "catalogue, or one with a column 'catalogue' or with suffixes of columns (_VLBI)",
         nargs="+",
         metavar="TABLE",
     )
-    add = parsing.adder(parser.add_argument_group("frame model"))
     add("--reference NAME", "catalogue that defines the frame (default: that called vlbi… or icrf…)")
     add(
         "--unknowns NAMES",
@@ -50,31 +49,21 @@ def make_parser() -> argparse.ArgumentParser:
         const=(),
     )
     add("--order", "degree of the polynomial in (G − 13)", parsing.count(0, 6), 0)
-    add("--colour-order", "degree of the polynomial in (colour − 1)", parsing.count(0, 6), 0)
     add(
         "--priors FILE",
-        "table of known spins or orientations (x, y, z, x_error …, vector, magnitude), or the folder that vsh-fit "
-        "--output wrote, for the spin of quasars",
+        "table of known spins or orientations, or the folder that vsh-fit --output wrote | columns x, y, z, x_error …, "
+        "vector, magnitude; the folder has the spin of quasars",
     )
-    add("--prior-magnitude G", "magnitude of priors that have none (default: the brightest)", float)
-    add = parsing.adder(parser.add_argument_group("error model"))
     add("--no-robust", "assume normal errors instead of heavy tails and outliers")
     add("--scale X", "multiply all errors by X instead of estimating the factor", parsing.positive)
-    add("--no-offset", "fit no offsets between positions of the reference and the others")
-    add = parsing.adder(parser.add_argument_group("catalogues"))
-    add("--epochs NAME=EPOCH", "epochs of tables without a column (icrf3sx=2015)", parsing.pairs)
     add("--quasars NAME,…", "tables that contain quasars only", parsing.names, ())
     add(
         "--fixed NAME=EPOCH",
         "catalogues whose calibrators have fixed positions, with the epoch of these",
         parsing.pairs,
     )
-    add = parsing.adder(parser.add_argument_group("planning and output"))
     add("--candidates FILE", "planned astrometry, to be ranked by the information that it would add")
-    parsing.add_threads(parser)
-    add("--output DIR", "write report, tables and figures to this folder")
-    reading.add_figures(parser)
-    parsing.add_overwrite(parser)
+    reading.add_output(parser)
     parsing.add_common(parser)
     return parser
 
@@ -83,7 +72,7 @@ def _priors(options):
     """Read what is known of the frames from elsewhere."""
     from fit.frames.link import read_priors
 
-    return read_priors(options.priors, options.prior_magnitude) if options.priors else ()
+    return read_priors(options.priors) if options.priors else ()
 
 
 def _run(options):
@@ -92,24 +81,20 @@ def _run(options):
     from vsh.io.astrometry import read_astrometry
     from vsh.io.tables import write_table
 
-    epochs = {name: _epoch(text, "--epochs") for name, text in (options.epochs or {}).items()}
     labels = [Path(path).name.split(".")[0] for path in options.catalogues]
-    strange = sorted({*epochs, *options.quasars} - {*labels})
+    strange = sorted({*options.quasars} - {*labels})
     if strange:
         raise ParameterError(f"no table is called {', '.join(strange)}: there are {', '.join(labels)}")
     astrometry, *remainder = (
-        read_astrometry(path, epoch=epochs.get(label), still=label in options.quasars)
+        read_astrometry(path, still=label in options.quasars)
         for path, label in zip(options.catalogues, labels, strict=True)
     )
     for rows in remainder:
         astrometry = astrometry + rows
-    fixed_epochs = (
-        None if options.fixed is None else {name: _epoch(text, "--fixed") for name, text in options.fixed.items()}
-    )
-    keywords: dict[str, Any] = {"excess": False} if options.no_offset else {}
-    keywords |= {
+    fixed_epochs = None if options.fixed is None else {name: _epoch(text) for name, text in options.fixed.items()}
+    keywords: dict[str, Any] = {
         "reference": options.reference, "unknowns": options.unknowns, "order": options.order,
-        "colour_order": options.colour_order, "epoch": options.epoch, "robust": not options.no_robust,
+        "epoch": options.epoch, "robust": not options.no_robust,
         "scale": options.scale, "priors": _priors(options), "fixed": fixed_epochs,
     }  # fmt: skip
     results: dict[str, Any] = {}
@@ -172,11 +157,11 @@ def _truth(solution, path):
     return [Section("Truth, and how many errors the solution is from it", facts)]
 
 
-def _epoch(text, option):
+def _epoch(text):
     try:
         return float(text)
     except ValueError:
-        raise ParameterError(f"{option} is NAME=EPOCH, such as vlbi=2015, not {text!r}") from None
+        raise ParameterError(f"--fixed is NAME=EPOCH, such as vlbi=2015, not {text!r}") from None
 
 
 main, run = running.make_entry(__name__, _run)

@@ -41,7 +41,6 @@ def make_parser() -> argparse.ArgumentParser:
         parsing.nside,
         2,
     )
-    parsing.add_threads(parser)
     reading.add_workers(parser)
     reading.add_reading(parser)
     parsing.add_common(parser)

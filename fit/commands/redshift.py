@@ -32,126 +32,78 @@ def make_parser() -> argparse.ArgumentParser:
         examples=(
             "vsh-redshift galaxies.fits --h0 67.4",
             "vsh-redshift galaxies.fits --bins 3 --lmax 5 --floor --output results",
-            "vsh-redshift galaxies.fits --posterior --velocity planck --n-samples 20000",
+            "vsh-redshift galaxies.fits --posterior 20000 --velocity planck",
         ),
     )
     add = parsing.adder(parser)
     add("catalogue", parsing.A_TABLE)
-    add("--h0 H0", "fit our velocity for this Hubble constant, km/s/Mpc", parsing.positive)
+    add(
+        "--h0 H0[±ERROR]|LOW:HIGH",
+        "fit our velocity for this Hubble constant, km/s/Mpc | of the posterior, a Gaussian prior where an error is "
+        "given, 67.4±1 (or 67.4+-1), and a flat prior between limits, 40:110; flat unless given",
+        _hubble,
+        action=parsing.Joined,
+    )
     add(
         "--velocity planck|SPEED,L,B",
-        "fit H0 for this velocity: planck, or the speed in km/s and the Galactic longitude and latitude of the apex in "
-        "degrees",
+        "fit H0 for this velocity | planck, or the speed in km/s and the Galactic longitude and latitude of the apex "
+        "in degrees",
         parsing.velocity,
     )
-    add("--bins N|Z,Z,…", "fit spin and acceleration in bins of redshift: the number of bins, or their edges", _edges)
+    add("--bins N|Z,Z,…", "fit spin and acceleration in bins of redshift | their number, or their edges", _edges)
     add("--lmax", "highest degree in the bins", parsing.count(1), 1)
-    floors = parsing.adder(parser.add_mutually_exclusive_group())
-    floors(
+    add(
         "--floor",
-        "with --bins: include systematic errors, estimated from the power of degrees 2 to --lmax (to degree 5 if "
-        "--lmax is 1; not with --lmax 2), and test whether the dipole changes with redshift; the default for 100000 "
-        "sources or more",
-    )
-    floors("--no-floor", "do not include systematic errors; the report only states their size")
-    add("--shared-higher-degrees", "fit one common set of coefficients above degree 1 for all bins")
-    add(
-        "--peculiar-dispersion SIGMA|free",
-        "dispersion of peculiar velocities in each component, km/s (default: 150 with flows, 750 with --no-flows); "
-        "free: estimated from the residuals",
-        _dispersion,
-    )
-    add("--omega-m X", "matter density of a flat cosmology (default: 0.315)", _fraction)
-    add(
-        "--clip KAPPA",
-        "first exclude sources whose residuals from a degree-1 fit exceed KAPPA times the median residual",
-        parsing.positive,
+        "with --bins: include systematic errors in the test whether the dipole changes | estimated from the power of "
+        "degrees 2 to --lmax (to degree 5 if --lmax is 1; not with --lmax 2); the default for 100000 sources or more; "
+        "with no the report only states their size",
+        ("yes", "no"),
+        nargs="?",
+        const="yes",
     )
     add(
-        "--estimator NAME[=VALUE]",
-        "estimator for the bins: recommended (default), least-squares (default with nearby galaxies, and the only one "
-        "then), clip=KAPPA, student or excess-noise",
+        "--method NAME[=VALUE]",
+        "estimator of the bins: recommended (default), least-squares, clip=KAPPA, student or excess-noise | near "
+        "galaxies are fitted by least squares alone; clip excludes from everything else, too, sources whose residuals "
+        "from a fit of degree 1 exceed KAPPA times the median residual",
         parsing.method,
     )
-    add("--free-spin", "also fit the spin of the frame")
     add(
-        "--acceleration X,Y,Z,ERROR",
-        "acceleration known from quasars: ICRS components and the error of each, µas/yr (default: fitted)",
-        _known_vector,
+        "--dispersion SIGMA|free|0:MAX",
+        "dispersion of peculiar velocities in each component, km/s (default: 150 with flows, 750 without) | free: "
+        "estimated from the residuals; 0:MAX: free in the posterior, with a flat prior up to there",
+        _dispersion,
     )
-    distances = parsing.adder(parser.add_argument_group("redshifts, and coherent flows"))
-    distances(
+    add(
         "--redshift-frame",
-        "frame of the redshifts, if the table does not specify it; true: redshifts due to the expansion alone",
+        "frame of the redshifts, if the table does not state it | true: redshifts due to the expansion alone",
         parsing.REDSHIFT_FRAMES,
     )
-    distances(
-        "--no-magnitudes",
-        "derive distances from the redshifts alone, without magnitudes (for magnitudes that are not Gaia's G, such as "
-        "K)",
+    add(
+        "--flows yes|no|alone|FILE",
+        "flows of linear theory are fitted, with the motion of the Local Group (yes, the default), or not | no: for "
+        "the real Universe errors are then several times too small; alone: without the Local Group, so that H0 is too "
+        "low by about its error where we move with the flow; FILE: the fitted flow describes only the error of a "
+        "reconstructed velocity field on a grid (.npz, or .npy in the format of 2M++)",
+        _flows,
+        nargs="?",
+        const="yes",
     )
-    distances(
-        "--no-flows", "do not fit coherent flows; for the real Universe the errors are then several times too small"
+    add(
+        "--posterior N",
+        "sample the posterior of H0 and the velocity | by so many samples (100000 unless given); prior on the "
+        "velocity: Planck's, or that given by --velocity",
+        parsing.count(1),
+        nargs="?",
+        const=100_000,
     )
-    distances("--flows", "also fit the coherent flow expected from linear theory (the default)")
-    distances("--n-modes N", "number of modes of the flow", parsing.count(3), 250)
-    distances(
-        "--local-group",
-        "use the velocity of the real Local Group as a constraint on the flow at our position, for H0 and "
-        "the posterior (the default for real catalogues with flows)",
-    )
-    distances("--no-local-group", "fit H0 without it: too low by about its error where we move with the flow")
-    distances(
-        "--flow-amplitude MEAN,SIGMA",
-        "with --posterior: prior on the flow's amplitude, relative to linear theory, so that the flow constrains H0",
-        _amplitude,
-    )
-    distances(
-        "--reconstruction FILE",
-        "reconstructed velocity field on a grid (.npz, or .npy in the format of 2M++); the fitted flow then describes "
-        "only the error of the reconstruction",
-    )
-    distances(
-        "--reconstruction-error X",
-        "error of the reconstruction, as a fraction of the rms flow of linear theory",
-        parsing.positive,
-        0.5,
-    )
-    measurements = parsing.adder(parser.add_argument_group("measured distances (clusters, masers, stars)"))
-    measurements(
-        "--distances",
-        "fit our velocity relative to sources with measured distances or parallaxes, without redshifts or H0; the "
-        "result has Galactic axes unless --frame ecliptic is given",
-    )
-    measurements("--oort", "with --distances: also fit rotation, shear and divergence (Oort's A, B, C, K)")
-    posterior = parsing.adder(parser.add_argument_group("posterior of our velocity and H0"))
-    posterior(
-        "--posterior",
-        "sample the posterior of H0 and the velocity. Prior on the velocity: Planck's, or that given by --velocity; "
-        "prior on H0: flat, or given by --h0-error or --h0-range",
-    )
-    posterior(
-        "--method",
-        "emcee: a Markov chain (default); grid: independent samples without a chain, possible if at most one parameter "
-        "is free besides the velocity and H0",
+    add(
+        "--sampler",
+        "emcee, a Markov chain (default), or grid, independent samples | grid: possible if at most one parameter is "
+        "free besides the velocity and H0",
         ("emcee", "grid"),
     )
-    posterior("--n-samples N", "number of samples", parsing.count(1), 100_000)
-    posterior("--checkpoint FILE", "save the chain in this file; an interrupted run resumes from it")
-    posterior(
-        "--h0-error SIGMA",
-        "Gaussian prior of this width about --h0; without it the prior on H0 is flat, and --h0 is used only in the fit "
-        "of the velocity",
-        parsing.positive,
-    )
-    posterior("--h0-range LOW,HIGH", "flat prior on H0 between these limits, km/s/Mpc", _range)
-    posterior(
-        "--peculiar-dispersion-max MAX",
-        "with --posterior: fit the peculiar dispersion, with a flat prior from 0 to MAX km/s",
-        parsing.positive,
-    )
-    posterior("--seed", "seed of the random numbers; the same seed gives the same chain", int, 1)
-    parsing.add_threads(parser)
+    add("--checkpoint FILE", "save the chain in this file; an interrupted run resumes from it")
     reading.add_workers(parser)
     reading.add_reading(parser)
     parsing.add_common(parser)
@@ -159,7 +111,36 @@ def make_parser() -> argparse.ArgumentParser:
 
 
 def _dispersion(text):
-    return text if text == "free" else parsing.not_negative(text)
+    if text == "free":
+        return text
+    low, colon, high = text.partition(":")
+    if colon and parsing.not_negative(low) != 0:
+        raise argparse.ArgumentTypeError(f"a range of dispersions begins at 0, as 0:400, not {text!r}")
+    return (0.0, parsing.positive(high)) if colon else parsing.not_negative(text)
+
+
+def _flows(text):
+    if text not in ("yes", "no", "alone") and not text.endswith((".npz", ".npy")):
+        raise argparse.ArgumentTypeError(
+            f"yes, no, alone or a grid of velocities (.npz, .npy) is expected, not {text!r}"
+        )
+    return text
+
+
+def _hubble(text):
+    """H0, its error and the limits of a prior, those that are given, by name."""
+    known: dict[str, Any] = {}
+    for words in text.replace("+-", "±").split(","):
+        low, colon, high = words.partition(":")
+        value, _, error = words.partition("±")
+        if colon:
+            known["limits"] = parsing.positive(low), parsing.positive(high)
+            if not known["limits"][0] < known["limits"][1]:
+                raise argparse.ArgumentTypeError(f"two rising numbers above zero are expected, not {text!r}")
+            continue
+        known |= {"value": parsing.positive(value)} if value else {}
+        known |= {"error": parsing.positive(error)} if error or not value else {}
+    return known
 
 
 def _edges(text):
@@ -171,75 +152,35 @@ def _edges(text):
     return edges
 
 
-def _range(text):
-    limits = parsing.numbers(text)
-    if len(limits) != 2 or not 0 < limits[0] < limits[1]:
-        raise argparse.ArgumentTypeError(f"two rising numbers above zero are expected, not {text!r}")
-    return limits
-
-
-def _fraction(text):
-    number = parsing.positive(text)
-    if not 0.001 < number < 2:
-        raise argparse.ArgumentTypeError(f"Ω_m must lie between 0.001 and 2, not at {text!r}")
-    return number
-
-
-def _known_vector(text):
-    """Three components along ICRS axes, and one error."""
-    limits = parsing.numbers(text)
-    if len(limits) != 4 or not limits[3] > 0:
-        raise argparse.ArgumentTypeError(f"three components and an error above zero are expected, not {text!r}")
-    return limits
-
-
-def _amplitude(text):
-    limits = parsing.numbers(text)
-    if len(limits) != 2 or not min(limits) > 0:
-        raise argparse.ArgumentTypeError(f"a mean and an error above zero are expected, not {text!r}")
-    return limits
-
-
 def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
-    """End with what contradicts itself."""
-    if options.checkpoint and not options.posterior:
-        parser.error("--checkpoint is for --posterior")
-    if options.checkpoint and options.method == "grid":
+    """End with what contradicts itself; prior and flow follow from what --h0 and --flows say."""
+    for name in ("checkpoint", "sampler"):
+        if getattr(options, name) and not options.posterior:
+            parser.error(f"--{name} is for --posterior")
+    if options.checkpoint and options.sampler == "grid":
         parser.error("--checkpoint keeps a chain: draws from a grid are made at once")
-    for name in ("flows", "local_group", "reconstruction", "flow_amplitude"):
-        if getattr(options, name) and options.no_flows:
-            parser.error(f"--{name.replace('_', '-')} does not go with --no-flows")
-    if options.local_group and not (options.velocity or options.posterior):
-        parser.error("--local-group is for H0 and the posterior: --velocity or --posterior")
-    if options.local_group and options.no_local_group:
-        parser.error("--local-group does not go with --no-local-group")
-    for name, needs in (
-        ("flow_amplitude", "posterior"),
-        ("h0_range", "posterior"),
-        ("peculiar_dispersion_max", "posterior"),
-        ("h0_error", "posterior"),
-        ("method", "posterior"),
-    ):
-        if getattr(options, name) and not getattr(options, needs):
-            parser.error(f"--{name.replace('_', '-')} needs --{needs}")
-    task = options.h0 or options.velocity or options.bins or options.posterior
-    if options.floor and options.lmax == 2:
+    if isinstance(options.dispersion, tuple) and not options.posterior:
+        parser.error("--dispersion 0:MAX is a prior: it needs --posterior; or take --dispersion free")
+    prior = options.h0 or {}
+    if prior.keys() & {"error", "limits"} and not options.posterior:
+        parser.error("--h0 with an error, or between limits, is a prior: it needs --posterior")
+    if "error" in prior and "value" not in prior:
+        parser.error("--h0 has an error, and no value: as 67.4±1")
+    options.h0, options.h0_error, options.h0_range = (prior.get(name) for name in ("value", "error", "limits"))
+    if options.floor == "yes" and options.lmax == 2:
         parser.error("--floor needs --lmax 3 or more: degrees 1 and 2 contain no information on systematic errors")
-    for name in ("floor", "no_floor", "estimator"):
-        if getattr(options, name) and not options.bins:
-            parser.error(f"--{name.replace('_', '-')} is for --bins")
-    if options.oort and not options.distances:
-        parser.error("--oort needs --distances")
-    if options.distances and (task or options.workers or options.scheduler or options.clip or options.free_spin):
-        parser.error("--distances stands alone: it takes no --h0, --velocity, --bins, --posterior, --clip, --workers")
-    if not (task or options.distances):
-        parser.error("nothing to do: give --h0 H0, --velocity planck, --bins EDGES, --posterior, --distances")
-    if (
-        options.checkpoint
-        and options.output
-        and Path(options.output).resolve() in Path(options.checkpoint).resolve().parents
-    ):
+    method = parsing.method_and_value(options.method)[0] if options.method else ""
+    for name, is_given in (("floor", options.floor), ("method", method not in ("", "clip"))):
+        if is_given and not options.bins:
+            parser.error(f"--{name} is for --bins")
+    if not (options.h0 or options.velocity or options.bins or options.posterior):
+        parser.error("nothing to do: give --h0 H0, --velocity planck, --bins EDGES, --posterior")
+    folders = Path(options.checkpoint or ".").resolve().parents
+    if options.checkpoint and options.output and Path(options.output).resolve() in folders:
         parser.error("keep the checkpoint outside the folder of results, which is replaced as a whole")
+    words = options.flows or "yes"
+    options.reconstruction = None if words in ("yes", "no", "alone") else words
+    options.flows, options.has_group = words != "no", words not in ("no", "alone")
 
 
 #: Upper limits of a dispersion that is free in the posterior, beside a flow and without. [km/s]
@@ -255,29 +196,17 @@ _CAPTIONS = {
 
 def _run(options):
     run = finishing.Run(options)
-    options.flows = not options.no_flows  # as provenance has it
     source = run.open(options.catalogue)
-    if options.distances:
-        _by_distances(run, source)
-    else:
-        _by_redshifts(run, source)
-
-
-def _by_redshifts(run, source):
-    """Bins of redshift, our velocity, H0 and the posterior of both, whichever were asked for."""
     from vsh.io import catalogue
 
-    options, truth = run.options, catalogue.truth_of(source)
+    truth = catalogue.truth_of(source)
     sky = run.read(source, options.catalogue).to_frame(options.frame)
     frame, counts = _check_sky(sky, source, options)
-    sky = _clip_field(sky, options.clip) if options.clip else sky
-    if options.local_group and truth:
-        raise VshError(
-            f"--local-group uses the motion of the real Local Group, and {source.label} is simulated: leave it out"
-        )
     prior = reading.velocity_of(options.velocity) or vsh.models.cosmology.CMB_VELOCITY_PLANCK18
     model, failure = _model_of(options), None
-    parts = _bins(sky, options, model, prior) if options.bins else []
+    method, value = parsing.method_and_value(options.method) if options.method else (None, None)
+    parts = _bins(sky, options, model, prior, method, value) if options.bins else []
+    sky = _clip_field(sky, float(value or 3.0)) if method == "clip" else sky
     if options.h0 or options.velocity or options.posterior:
         field = _with_distances(sky, options, model, source.label)
         estimates = _estimates(field, options, model, prior, truth)
@@ -327,8 +256,8 @@ def _check_sky(sky, source, options):
         counts = {"rows": len(sky) + n_refused + count_unselected(sky.notes), "rows_read": len(sky)}
     if not (sky.has("redshift") if is_parts else sky.redshift is not None):
         raise VshError(
-            f"{source.label} has no column of redshifts: name it, --columns redshift=NAME; or use --distances, where "
-            "distances or parallaxes are known. "
+            f"{source.label} has no column of redshifts: name it, --columns redshift=NAME; where distances or "
+            "parallaxes are known, fit.kinematics needs none. "
             f"The table has {', '.join(source.names)}"
         )
     table_frame = next(iter(sky)).redshift_frame if is_parts else sky.redshift_frame
@@ -348,49 +277,37 @@ def _clip_field(field, kappa):
 
 def _model_of(options):
     """Assumptions of every estimate about distances and motions, as keyword arguments."""
-    from vsh.models.cosmology import flat
     from vsh.models.flows import read_velocity_grid
 
-    known = options.acceleration  # three components along ICRS axes, and the error of each
     model = {
-        "cosmology": None if options.omega_m is None else flat(options.omega_m),
-        "peculiar_dispersion": options.peculiar_dispersion,
-        "spin": "free" if options.free_spin else None,
-        "acceleration": None if known is None else vsh.Vector(np.array(known[:3]), known[3] ** 2 * np.eye(3)),
+        "peculiar_dispersion": None if isinstance(options.dispersion, tuple) else options.dispersion,
         "redshift_frame": options.redshift_frame,
-        "magnitudes": False if options.no_magnitudes else None,
         "flows": "linear" if options.flows else None,
-        "n_modes": options.n_modes,
     }
     if options.reconstruction is not None:
-        reconstruction = read_velocity_grid(options.reconstruction)
-        model |= {"reconstruction": reconstruction, "reconstruction_error": options.reconstruction_error}
+        model["reconstruction"] = read_velocity_grid(options.reconstruction)
     return model
 
 
-def _bins(sky, options, model, velocity):
+def _bins(sky, options, model, velocity, method, value):
     """Spin and acceleration in bins, and where asked for, or of many sources, with common systematic errors."""
     from fit.redshift import binned
 
-    method, value = parsing.method_and_value(options.estimator) if options.estimator else (None, None)
-    dispersion = None if options.peculiar_dispersion == "free" else options.peculiar_dispersion
+    dispersion = options.dispersion if isinstance(options.dispersion, float) else None
     bin_up_to: Any = partial(
         binned,
         sky,
         edges=int(options.bins[0]) if len(options.bins) == 1 else options.bins,
-        **{name: model[name] for name in ("redshift_frame", "flows", "n_modes")},
+        **{name: model[name] for name in ("redshift_frame", "flows")},
         peculiar_dispersion=dispersion,
-        shared_higher_degrees=options.shared_higher_degrees,
-        threads=options.threads,
-        rng=options.seed,
         method=method,
         value=value,
     )
     bins = bin_up_to(options.lmax)
     comparison, p_values = None, None
-    if options.floor or (bins.counts.sum() >= fit.quality.MANY and not options.no_floor):
+    if options.floor == "yes" or (bins.counts.sum() >= fit.quality.MANY and options.floor != "no"):
         # Permutations know nothing of the systematic errors.
-        comparison, remark = _estimate_shared_floor(bin_up_to, bins, options.lmax, options.seed, options.floor)
+        comparison, remark = _estimate_shared_floor(bin_up_to, bins, options.lmax, options.floor == "yes")
     else:
         p_values = _p_values(sky, bins, velocity, options.redshift_frame, dispersion)
         remark = _left_out(sky, bins)
@@ -413,7 +330,7 @@ def _bins(sky, options, model, velocity):
     return parts
 
 
-def _estimate_shared_floor(bin_up_to, bins, lmax, seed, is_asked):
+def _estimate_shared_floor(bin_up_to, bins, lmax, is_asked):
     """The systematic errors, or None; and a remark on the p-values without them."""
     from fit.background import BEYOND, sees_part
 
@@ -423,7 +340,7 @@ def _estimate_shared_floor(bin_up_to, bins, lmax, seed, is_asked):
         with suppress(DegeneracyError):  # a bin of few sources does not bear so many, and a note says what that means
             bins = replace(bins, normals=bin_up_to(degree + BEYOND).normals)
     try:
-        comparison = bins.shared(range(2, degree + 1), rng=seed)
+        comparison = bins.shared(range(2, degree + 1))
     except VshError as error:
         if is_asked:
             raise
@@ -492,17 +409,17 @@ def _estimates(field, options, model, velocity, truth):
         estimates["velocity"] = observer_velocity(field, options.h0, **model)
     if options.velocity:
         estimates["hubble"] = _run_with_group(
-            partial(hubble_constant, field, velocity, **model), options, _group_of(field, options, truth)
+            partial(hubble_constant, field, velocity, **model), _group_of(field, options, truth)
         )
     return estimates
 
 
-def _run_with_group(estimate, options, group):
+def _run_with_group(estimate, group):
     """An estimate with the Local Group's motion; by default without it where galaxies are too far for a flow."""
     try:
         return estimate(local_group=group)
     except ParameterError:
-        if options.local_group or not group:
+        if not group:
             raise
         return estimate()
 
@@ -511,11 +428,11 @@ def _group_of(field, options, truth):
     """The Local Group's motion, which tells the flow where we are: of real galaxies, or the true one of simulated."""
     from fit.distances import declared_frame
 
-    if options.no_local_group or options.no_flows:
+    if not options.has_group:
         return None
     if truth:
         return truth.get("group")
-    return options.local_group or (options.redshift_frame or declared_frame(field)) != "true" or None
+    return (options.redshift_frame or declared_frame(field)) != "true" or None
 
 
 def _estimate_part(name, estimate, label, truth, has_posterior):
@@ -547,24 +464,21 @@ def _posterior(field, options, model, prior, truth):
     hubble: Any = Normal(options.h0, options.h0_error) if options.h0 and options.h0_error else "flat"
     if options.h0_range:
         hubble = Flat(*options.h0_range)
-    group = None if options.flow_amplitude else _group_of(field, options, truth)
-    if options.flow_amplitude:
-        model = model | {"flow_amplitude": Normal(options.flow_amplitude[0], options.flow_amplitude[1], low=0.0)}
-    widest = options.peculiar_dispersion_max or (
-        _WIDEST[options.flows] if options.peculiar_dispersion == "free" else None
-    )
-    if widest:
-        model = model | {"peculiar_dispersion": Flat(0.0, widest)}
+    group = _group_of(field, options, truth)
+    if isinstance(options.dispersion, tuple):
+        model = model | {"peculiar_dispersion": Flat(*options.dispersion)}
+    elif options.dispersion == "free":
+        model = model | {"peculiar_dispersion": Flat(0.0, _WIDEST[options.flows])}
     if not prior.covariance.any():  # a speed without an error is taken to a thousandth, a direction to 0.001°
         l, b = prior.direction
         prior = vsh.Vector.from_spherical(
             prior.amplitude, l, b, (1e-3 * prior.amplitude, 1e-3, 1e-3), "galactic", "km/s"
         )
     drawn = partial(
-        sample, field, prior, hubble, method=options.method or "emcee", n_samples=options.n_samples, rng=options.seed,
-        checkpoint=options.checkpoint, threads=options.threads, **model,
+        sample, field, prior, hubble, method=options.sampler or "emcee", n_samples=options.posterior, rng=1,
+        checkpoint=options.checkpoint, **model,
     )  # fmt: skip
-    posterior = _run_with_group(drawn, options, group)
+    posterior = _run_with_group(drawn, group)
 
     truths = _truths(truth, posterior)
 
@@ -606,35 +520,6 @@ def _beside_truth(table, truths):
         position = table.colnames.index("sigma") + 1
         table.add_column([truths.get(parameter, np.nan) for parameter in table.columns[0]], position, "truth")
     return table
-
-
-def _by_distances(run, source):
-    """Our velocity, and Oort's constants where asked for, from measured distances."""
-    from fit.distances import has_distances
-    from fit.motions.stars import kinematics
-    from vsh.io import catalogue
-
-    options = run.options
-    arguments = reading.arguments(options) | {"columns": catalogue.with_distances(options.columns, source)}
-    field = catalogue.read_field(source, **arguments)
-    counts = {"rows": len(field) + dropped(field.notes) + count_unselected(field.notes), "rows_read": len(field)}
-    mask = has_distances(field)
-    if options.on_bad == "drop" and mask.any() and not mask.all():
-        field = field[mask].add_note(f"left out {(~mask).sum()} sources without a distance or parallax")
-    dispersion: Any = "free" if options.peculiar_dispersion is None else options.peculiar_dispersion
-    # Oort's constants are of Galactic axes; ICRS is what --frame says where nobody said anything.
-    frame = "galactic" if options.frame == "icrs" else options.frame
-    solution = kinematics(field, gradient=options.oort, dispersion=dispersion, frame=frame)
-    heading = "Motions at known distances"
-    run.finish(
-        [finishing.Part("kinematics", solution, heading, plot=lambda: {"correlations": solution.plot()})],
-        notes=field.notes,
-        answer=Answer((("velocity", fit.output.words_of(solution.velocity)),)),
-        paths=options.catalogue,
-        counts=counts,
-        title=f"{heading}: {source.label}",
-        captions=_CAPTIONS,
-    )
 
 
 #: H0 is said to depend on its prior where medians differ by such a factor.

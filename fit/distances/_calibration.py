@@ -426,7 +426,7 @@ def calibrate(
         raise FieldError(
             f"{n - n_magnitudes} of {n} sources have no magnitude: leave those out "
             "(field[np.isfinite(field.magnitude)]), or "
-            "use no magnitudes (magnitudes=False, --no-magnitudes)"
+            "use no magnitudes (magnitudes=False, --columns magnitude=)"
         )
     if magnitudes and n_magnitudes < n:
         raise ParameterError(f"magnitudes are asked for, and {n - n_magnitudes} of {n} sources have none")
@@ -461,7 +461,7 @@ def calibrate(
         if not has_luminosity:
             notes.append(
                 "magnitudes constrain distances by a luminosity function fitted to the catalogue, which must be "
-                "complete to its faintest magnitude; otherwise use magnitudes=False (--no-magnitudes)"
+                "complete to its faintest magnitude; otherwise use magnitudes=False (--columns magnitude=)"
             )
     elif has_luminosity:
         raise ParameterError("a luminosity function needs magnitudes, which are not used")

@@ -406,7 +406,7 @@ class Posterior(SampleResult):
             if steps * walkers < _FEWEST:
                 raise ConvergenceError(
                     f"{steps * walkers} samples are too few for 95 % intervals: ask for {_FEWEST} or more (n_samples=, "
-                    "--n-samples)"
+                    "--posterior N)"
                 )
             return
         slowest = self._slowest()

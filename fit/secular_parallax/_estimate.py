@@ -78,7 +78,7 @@ def dispersion_of(peculiar_dispersion: float | None, options: DistanceOptions) -
         raise ParameterError(
             f"with flows a dispersion of {peculiar_dispersion:g} km/s counts them twice: they are {flows.sigma:.0f} "
             "km/s in each component by themselves, and peculiar_dispersion= is what galaxies have beside them (150 to "
-            "300; 150 unless given). Without flows: flows=None, --no-flows"
+            "300; 150 unless given). Without flows: flows=None, --flows no"
         )
     return peculiar_dispersion
 
@@ -428,7 +428,7 @@ def hubble_constant(
 #: By 1.0 to 1.2 errors on 28 to 61 skies of 2500 galaxies to z = 0.03 whose flow at the origin is in our velocity.
 WITHOUT_GROUP = (
     "warning: where we move with the galaxies nearby, H0 is too low by about its error: use the Local Group's motion, "
-    "local_group=True (--local-group)"
+    "local_group=True (--flows yes)"
 )
 
 

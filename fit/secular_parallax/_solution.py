@@ -107,7 +107,7 @@ def _dispersion(solution):
     prefer = f"prefer {preference.low:.0f} to {preference.high:.0f} km/s (68 %)"
     if preference.gain < 4.5:  # ln L of three standard deviations
         return False, prefer
-    remedy = '--peculiar-dispersion free ("free") takes what they prefer'
+    remedy = '--dispersion free ("free") takes what they prefer'
     return True, f"the residuals {prefer}: results are biased where the dispersion is wrong, {remedy}"
 
 
@@ -125,7 +125,7 @@ def _left_out(solution):
     glide = np.sqrt(np.mean(size[at : at + 3] ** 2))
     return [
         f"warning: not in the errors above: flows of linear theory, which galaxies share, add ± {phrase} and ± "
-        f"{glide:.2g} µas/yr in each component of the acceleration; without --no-flows they are fitted"
+        f"{glide:.2g} µas/yr in each component of the acceleration; without --flows no they are fitted"
     ]
 
 
@@ -280,7 +280,7 @@ def fit_free_scale(estimate: Callable[..., Any], field: Any, word: str, limit: f
     if preference.best > limit:
         warning = (
             f"warning: the residuals prefer {preference.best:.0f} km/s beside the flows, more than these leave: "
-            f"{limit:.0f} are taken; without flows (flows=None, --no-flows) it is what they prefer"
+            f"{limit:.0f} are taken; without flows (flows=None, --flows no) it is what they prefer"
         )
         solution = replace(solution, notes=(*solution.notes, warning))
     shift = (ends[1].values - ends[0].values) / 2

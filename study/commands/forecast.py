@@ -36,9 +36,7 @@ def make_parser() -> argparse.ArgumentParser:
         "uniform",
     )
     add("--no-flows", "omit velocity and H0 from fits with flows as unknowns")
-    add("--output DIR", "write report, table and figure to this folder")
-    reading.add_figures(parser)
-    parsing.add_overwrite(parser)
+    reading.add_output(parser)
     parsing.add_common(parser)
     return parser
 

@@ -27,7 +27,6 @@ def make_parser() -> argparse.ArgumentParser:
         "motions of the same sources in an earlier release, by source_id: is the acceleration the same there?",
     )
     add("--seed", "of all that is drawn", int, 1)
-    parsing.add_threads(parser)
     reading.add_reading(parser)
     parsing.add_common(parser)
     return parser

@@ -50,22 +50,18 @@ def make_parser() -> argparse.ArgumentParser:
     )
     add(
         "--calibration WORDS",
-        "what was calibrated of the basic angle together with an attitude that was solved, as 'free every 5 days to "
-        "order 1, known to 0.1 µas', or none (default: constant to order 8, as in DR2)",
+        "what was calibrated of the basic angle together with an attitude that was solved | as 'free every 5 days to "
+        "order 1, known to 0.1 µas', or none; default: constant to order 8, as in DR2",
         calibration_words,
         "constant to order 8",
     )
     add("--law FILE", "scanning law, the commanded_scan_law of Gaia (default: a nominal one)")
-    add("--law-nside NSIDE", "NSIDE of the map of the stars' response", parsing.nside, 8)
     add("--positions FILE", "table of source_id, ra and dec, for epochs without ra0 and dec0")
     add("--lmax", "highest degree of the search", parsing.count(2, 20), 5)
     add("--nside", "NSIDE of the map of directions", parsing.nside, 8)
     add("--skies N", "number of simulated skies of noise, for p-values", parsing.count(1), 1000)
     add("--seed", "seed of the simulated skies", int, 1)
-    parsing.add_threads(parser)
-    add("--output DIR", "write report, tables and figures to this folder")
-    reading.add_figures(parser)
-    parsing.add_overwrite(parser)
+    reading.add_output(parser)
     parsing.add_common(parser)
     return parser
 
@@ -87,6 +83,8 @@ def _frequencies(text):
     return tuple(low_f + (high_f - low_f) * i / (n - 1) for i in range(n))
 
 
+#: NSIDE of the map of the stars' response.
+_NSIDE = 8
 #: The mean axis may be so far from the law's before it is said. [deg]
 _FAR = 1.0
 CAPTIONS = {
@@ -110,7 +108,7 @@ def _run(options):
     attitude, notes, is_far = ("known", [], False) if options.attitude == "known" else _response(chunks, span, options)
     search = search_in_time(
         chunks, options.frequencies, attitude=attitude, lmax=options.lmax, nside=options.nside, n_skies=options.skies,
-        rng=options.seed, threads=options.threads,
+        rng=options.seed,
     )  # fmt: skip
 
     def sections(long):
@@ -154,7 +152,7 @@ def _response(chunks, span, options):
         longest = max(0.003, 30 * float(np.median(np.diff(times))))
         start = DR4.epoch + span[0]
         law = _nominal(chunks, start, span[1] - span[0], find_gaps(DR4.epoch + times, start, longest=longest))
-    response = Response(law, nside=options.law_nside, epoch=DR4.epoch, calibration=options.calibration)
+    response = Response(law, nside=_NSIDE, epoch=DR4.epoch, calibration=options.calibration)
     offset = np.degrees(np.median([_median_axis_offset(chunk, law) for chunk in chunks]))
     note = f"spin axis of the scanning law: {offset:.2g}° from that of the transits, median"
     if offset > _FAR:

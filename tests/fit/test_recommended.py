@@ -31,7 +31,7 @@ def test_truth_is_within_its_errors(quasars):
 
 def test_command_says_the_same(quasars, tmp_path, capsys):
     quasars.write(tmp_path / "q.fits")
-    assert main([str(tmp_path / "q.fits"), "--no-figures"]) == 0
+    assert main([str(tmp_path / "q.fits"), "--format", "none"]) == 0
     assert capsys.readouterr().out.startswith(fit.recommended(quasars).verdict + "\n")
 
 

@@ -144,8 +144,9 @@ def test_selection_function_from_a_file(tmp_path, capsys):
                 "quasars",
                 "--number",
                 "500",
-                "--no-transits",
-                "--selection",
+                "--errors",
+                "expected",
+                "--sky",
                 str(tmp_path / "map.fits"),
                 "--output",
                 str(out),
@@ -163,8 +164,9 @@ def test_selection_function_from_a_file(tmp_path, capsys):
                 "quasars",
                 "--number",
                 "500",
-                "--no-transits",
-                "--selection",
+                "--errors",
+                "expected",
+                "--sky",
                 str(tmp_path / "inf.fits"),
                 "--output",
                 str(tmp_path / "x.fits"),
@@ -174,18 +176,11 @@ def test_selection_function_from_a_file(tmp_path, capsys):
     )
     assert "infinite" in capsys.readouterr().err  # once every source stood there, status 0
     healpy.write_map(str(tmp_path / "where.fits"), np.ones(192), dtype=float)
-    run = [
-        "quasars",
-        "--number",
-        "50",
-        "--selection",
-        str(tmp_path / "where.fits"),
-        "--output",
-        str(tmp_path / "y.fits"),
-    ]
+    run = ["quasars", "--number", "50", "--sky", str(tmp_path / "where.fits"), "--output", str(tmp_path / "y.fits")]
     assert simulate(run) == 1
     assert "does not state its frame" in capsys.readouterr().err
-    assert simulate([*run, "--map-frame", "icrs"]) == 0
+    run[4] = f"icrs:{run[4]}"
+    assert simulate(run) == 0
 
 
 @pytest.mark.slow
@@ -211,7 +206,7 @@ def test_redshifts_and_places_of_a_survey(tmp_path, capsys):
         "0.001,0.01,0.02,0.031",
         "--h0",
         "67.3",
-        "--peculiar-dispersion",
+        "--dispersion",
         "0",
     ]
     assert redshift([*arguments, "--output", str(tmp_path / "out")]) == 0

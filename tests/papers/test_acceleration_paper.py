@@ -208,4 +208,4 @@ def test_messages_name_the_error(tmp_path, capsys, table):
     assert "no column phot_g_mean_mag: no subsets by it" in notes
     with pytest.raises(SystemExit):
         simulate(["crf3", "--sky", "igql", "--output", "x.fits"])
-    assert "crf3 is as it is: --sky cannot be chosen" in capsys.readouterr().err
+    assert "--sky does not go with crf3" in capsys.readouterr().err

@@ -12,6 +12,7 @@ from conftest import ROOT, for_each
 
 import vsh
 import vsh.__main__ as commands
+from vsh.commands.renamed import RULES
 
 DOCS = ROOT / "docs"
 PAGES = [*sorted(DOCS.rglob("*.md")), ROOT / "README.md", ROOT / "CHANGELOG.md", ROOT / "CONTRIBUTING.md"]
@@ -108,13 +109,15 @@ def test_links_to_files_hold(path):
 def test_options_that_the_pages_name_exist(command):
     """Every option of a command that stands on a page is one that the command has."""
     done = subprocess.run(
-        [sys.executable, "-m", "vsh", command, "--help"], cwd=ROOT, capture_output=True, text=True, encoding="utf-8",
+        [sys.executable, "-m", "vsh", command, "--help-all"], cwd=ROOT, capture_output=True, text=True, encoding="utf-8",
         check=True,
     )  # fmt: skip
     known = set(re.findall(r"--[a-z0-9-]+", done.stdout))
     for path in PAGES:
         if path.name == "CHANGELOG.md":
             continue
+        if path.name == "dr4.md":  # its commands are frozen, under the names of then
+            known = known | {f"--{rule.split()[-2]}" for rule in RULES if rule.endswith(" {}")}
         for line in path.read_text(encoding="utf-8").splitlines():
             for options in re.findall(rf"{command}( [^`|\n]*)", line):
                 assert set(re.findall(r"(?<= )--[a-z0-9-]+", options)) <= known, (path.name, line)

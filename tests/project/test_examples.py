@@ -32,6 +32,14 @@ def test_first_fit(tmp_path):
 
 
 @pytest.mark.slow
+def test_skies_in_place_of_a_likelihood(tmp_path):
+    text = run("skies_in_place_of_a_likelihood.py", folder=tmp_path)
+    for value, error, true in re.findall(r" (\S+) ± (\S+)   truth (\S+)", text):
+        assert abs(float(value) - float(true)) < 3 * float(error)
+    assert text.count("truth") == 4
+
+
+@pytest.mark.slow
 def test_real_catalogue_on_the_demo(tmp_path):
     text = run("real_catalogue.py", ROOT / "fit" / "demo.fits", folder=tmp_path)
     assert "acceleration 5." in text or "acceleration 4." in text

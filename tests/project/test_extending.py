@@ -83,7 +83,7 @@ def test_format(house, tmp_path):
     expected = (
         run(house, "-m", "vsh", "fit", str(tmp_path / "sky.csv"), "--lmax", "1").partition("\n\n")[2].split("\n")[1:]
     )
-    for words in (["sky.bars"], ["noname"], ["noname", "--input-format", "bars"]):
+    for words in (["sky.bars"], ["noname"], ["noname", "--columns", "format=bars"]):
         report = run(house, "-m", "vsh", "fit", str(tmp_path / words[0]), "--lmax", "1", *words[1:])
         assert report.partition("\n\n")[2].split("\n")[1:] == expected  # below the lines to quote and the file's name
     assert "a table (bars, FITS, " in " ".join(run(house, "-m", "vsh", "fit", "--help").split())

@@ -175,7 +175,9 @@ def test_day(tmp_path, monkeypatch, capsys):
     for line in LINES:
         if line.startswith("vsh-archive"):
             continue
-        more = ["--number", "8000"] if line.startswith("vsh-sim") else ["--no-figures"] if "--output" in line else []
+        more = (
+            ["--number", "8000"] if line.startswith("vsh-sim") else ["--format", "none"] if "--output" in line else []
+        )
         assert run_line(line, *more) == 0, line
     out = capsys.readouterr().out
     assert out.count("Does the dipole change with class?") == 3

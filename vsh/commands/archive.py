@@ -28,10 +28,10 @@ from vsh.tools.printing import printable
 
 #: Options of any query, and of each kind of request besides. An option that a kind does not take is an error: it would
 #: be ignored in silence.
-_OF_QUERIES = {"output", "show", "url", "max_rows", "patience", "overwrite"}
+_OF_QUERIES = {"output", "show", "url", "max_rows", "overwrite"}
 _TAKEN = {
     "--check": {"url"},
-    "epochs": {"ids", "retrieval_type", "structure", "batch", "output", "url", "patience"},
+    "epochs": {"ids", "retrieval_type", "structure", "output", "url"},
     "a query of ours": _OF_QUERIES,
     "dr3-neighbourhood": _OF_QUERIES | {"upload"},
     "a query in a file": _OF_QUERIES | {"upload"},
@@ -40,7 +40,7 @@ _TAKEN = {
 }
 #: Options that belong to some kinds alone or have no meaning in others, by their name in the namespace.
 _FLAGS = {
-    "ids": "--ids", "retrieval_type": "--retrieval-type", "structure": "--structure", "batch": "--batch",
+    "ids": "--ids", "retrieval_type": "--retrieval-type", "structure": "--structure",
     "release": "--release", "table": "--table", "with_columns": "--with", "where": "--where", "upload": "--upload",
     "show": "--show", "max_rows": "--max-rows", "output": "--output", "overwrite": "--overwrite",
 }  # fmt: skip
@@ -64,39 +64,41 @@ def make_parser() -> argparse.ArgumentParser:
     add = parsing.adder(parser)
     add(
         "what",
-        f"{', '.join(parsing.QUERIES)}, {_NEIGHBOURS} (DR4's names of the sources of DR3 in --upload), a file with a "
-        "query in ADQL, a table of the archive that names sources by source_id (schema.table), or epochs: the epoch "
-        "astrometry of --ids",
+        f"{', '.join(parsing.QUERIES)}, {_NEIGHBOURS}, a file with a query, a table of the archive, or epochs | "
+        f"{_NEIGHBOURS}: DR4's names of the sources of DR3 in --upload; a query in ADQL; a table that names sources by "
+        "source_id (schema.table); epochs: the epoch astrometry of --ids",
         nargs="?",
     )
     add(
         "--check SCHEMA",
-        "ask for the tables and columns of a schema, gaiadr4 say, and print which queries run and what changed; the "
+        "ask for the tables and columns of a schema, gaiadr4 say | and print which queries run and what changed; the "
         "exit status is 1 where none runs",
     )
     add(
         "--upload LIST",
-        "send a list of sources with the query, which calls it tap_upload.list: a table with source_id, or with ra and "
-        "dec in degrees, or a text with one source_id per line. Without a query, the astrometry of the list is "
+        "send a list of sources with the query | which calls it tap_upload.list: a table with source_id, or with "
+        "ra and dec in degrees, or a text with one source_id per line. Without a query, the astrometry of the list is "
         "fetched: by source_id, or of the sources within 1 arcsec",
     )
-    group = parsing.adder(parser.add_argument_group("epoch astrometry (DataLink)"))
-    group("--ids FILE", "source_id, a column of a table or one a line of a text")
-    group(
+    add("--ids FILE", "epochs: source_id, a column of a table or one a line of a text")
+    add(
         "--retrieval-type NAME",
-        "name of the product (default: EPOCH_ASTROMETRY; of bright and crowded sources EPOCH_ASTROMETRY_BRIGHT and "
-        "EPOCH_ASTROMETRY_CROWDED_FIELD)",
+        "epochs: name of the product | (default: EPOCH_ASTROMETRY; of bright and crowded sources "
+        "EPOCH_ASTROMETRY_BRIGHT and EPOCH_ASTROMETRY_CROWDED_FIELD)",
     )
-    group("--structure NAME", "how several sources come (default: DATAMODEL_GAIA, or what the server names as valid)")
-    group("--batch N", "sources asked for at once, 5000 at most (default: 500)", parsing.count(1))
+    add(
+        "--structure NAME",
+        "epochs: how several sources come | (default: DATAMODEL_GAIA, or what the server names as valid)",
+    )
     add(
         "--release",
-        "of a list or a table of your own (default: DR3); a table of the archive's has its own",
+        "of a list or a table of your own (default: DR3) | a table of the archive's has its own",
         parsing.RELEASES,
     )
     add(
         "--table",
-        "for a table or a list, DR4: the best model of each source (default: gaia_source), or the core solution of all",
+        "for a table or a list, of DR4 | the best model of each source (default: gaia_source), or the core solution of "
+        "all",
         parsing.ASTROMETRY,
     )
     add(
@@ -107,14 +109,13 @@ def make_parser() -> argparse.ArgumentParser:
     )
     add(
         "--where CONDITION",
-        "for a table: a condition in ADQL, in which t is the table and g the astrometry: "
+        "for a table: a condition in ADQL | in which t is the table and g the astrometry: "
         "t.classprob_dsc_combmod_quasar > 0.9",
     )
     add("--output FILE", "the FITS file to be")
     add("--show", "print the query and ask nobody")
     add("--url", "of the TAP service (default: ESA's archive of Gaia)", default=parsing.ESA)
     add("--max-rows N", "the server's own limit unless given", parsing.count(1))
-    add("--patience S", "how long to wait for the job (default: 7200 s)", parsing.positive, 7200.0)
     parsing.add_overwrite(parser)
     parsing.add_common(parser, "list of what was written")
     return parser
@@ -209,13 +210,7 @@ def _run(options):
     config_path = Path(f"{options.output}.{parsing.NAME}")
     finishing.check_configuration(config_path)
     path = query(
-        adql,
-        options.output,
-        options.url,
-        patience=options.patience,
-        max_rows=options.max_rows,
-        overwrite=options.overwrite,
-        upload=upload,
+        adql, options.output, options.url, max_rows=options.max_rows, overwrite=options.overwrite, upload=upload
     )
     was = f"{path} was there already, as it was fetched: nothing was asked"
     with atomic_write(config_path, overwrite=True) as temporary_path:
@@ -226,13 +221,11 @@ def _run(options):
 def _epochs(options):
     """Fetch the epochs of a list of sources, a batch at a time."""
     keywords = {
-        name: value
-        for name in ("retrieval_type", "structure", "batch")
-        if (value := getattr(options, name)) is not None
+        name: value for name in ("retrieval_type", "structure") if (value := getattr(options, name)) is not None
     }
     ids = read_ids(options.ids)
     url = DATA_SERVER if options.url == ESA else options.url
-    folder = fetch_epochs(ids, options.output, url, patience=options.patience, progress=not options.quiet, **keywords)
+    folder = fetch_epochs(ids, options.output, url, progress=not options.quiet, **keywords)
     count, lost = sum(1 for path in folder.iterdir() if path.is_file()), sources_without_epochs(folder)
     lines = [f"written to {folder}: {count} files of {len(set(ids)) - len(lost)} sources"]
     if lost:

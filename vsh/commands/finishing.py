@@ -194,12 +194,12 @@ class Figures:
 
     def write(self, folder: Path, options: argparse.Namespace) -> list[Path]:
         """Write them, unless there are to be none; returns their paths."""
-        if options.no_figures:
+        formats, dpi = parsing.figure_formats(options.format)
+        if not formats:
             return []
         from vsh.figures.plot import save_figures
 
-        formats = parsing.figure_formats(options.format)
-        paths = save_figures(self.drawn, folder, format=formats, dpi=options.dpi, close=False, overwrite=True)
+        paths = save_figures(self.drawn, folder, format=formats, dpi=dpi, close=False, overwrite=True)
         if not options.html:  # nobody wants them any more
             self.close()
         return paths

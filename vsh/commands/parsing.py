@@ -11,13 +11,16 @@ import os
 import re
 import sys
 from collections.abc import Callable, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, field
 from difflib import get_close_matches
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, NoReturn
 
 import vsh
 from vsh.commands import COMMANDS
+from vsh.commands.renamed import GONE, renewed, renewed_options
 from vsh.tools.formats import BY_NAME, TITLES, is_address, shown_address, shown_addresses
 from vsh.tools.printing import printable
 
@@ -35,7 +38,6 @@ _OPTIONS = {
     "selection": _PIXELS,
     "gaia": ("gaia2016", "gaia2021acceleration", "gaia2022crf3", *_PIXELS),
     "workers": ("rocklin2015",),
-    "scheduler": ("rocklin2015",),
     "output": ("hunter2007",),
     "html": ("hunter2007",),
 }
@@ -55,7 +57,7 @@ _VALUES = {
 def citation_keys(command: str, given: Mapping[str, Any]) -> list[str]:
     """The keys of what a run uses, ours first."""
     works = [*_ALWAYS, *COMMANDS[command.removeprefix("vsh-")].cites]
-    draws = "no-figures" not in given and command not in ("vsh-sim", "vsh-archive")
+    draws = "none" not in str(given.get("format")) and command not in ("vsh-sim", "vsh-archive")
     for name, value in given.items():
         works += _OPTIONS.get(name, ()) if draws or name not in _WRITES else ()
         works += _VALUES.get(value, ()) if isinstance(value, str) else ()
@@ -103,7 +105,7 @@ RELEASES = ("EDR3", "DR3", "DR4")
 #: `vsh.io.archive.ESA`
 ESA = "https://gea.esac.esa.int/tap-server/tap"
 #: What a catalogue may be, for help texts.
-A_TABLE = f"a table ({TITLES}), a folder of them, or - for standard input"
+A_TABLE = f"a table, a folder of them, or - for standard input | formats: {TITLES}"
 
 
 def count(least: int, most: int = 10**12) -> Callable[[str], int]:
@@ -222,27 +224,35 @@ def velocity(text: str) -> str | tuple[float, ...]:
 
 #: `vsh.figures.plot.FORMATS`, and the endings of tables that are written beside ECSV.
 FIGURE_FORMATS, TABLE_FORMATS = ("png", "pdf", "svg"), ("fits", "vot", "csv")
+#: Dots per inch of a figure, unless somebody says.
+_DPI = 300.0
 
 
 def formats(text: str) -> str:
-    """Names of formats of figures and of tables, between commas."""
-    names = [name.strip() for name in text.split(",")]
-    wrong = [name for name in names if name not in (*FIGURE_FORMATS, *TABLE_FORMATS)]
-    if wrong:
-        raise argparse.ArgumentTypeError(
-            f"{wrong[0]!r} is no format: {', '.join(FIGURE_FORMATS)} of figures, {', '.join(TABLE_FORMATS)} of tables"
-        )
-    return ",".join(dict.fromkeys(names))
+    """Names of formats of figures, with @DPI behind one or not, and of tables, between commas; none: no figures."""
+    for entry in text.split(","):
+        name, at, dpi = entry.strip().partition("@")
+        if name not in ("none", "", *FIGURE_FORMATS, *TABLE_FORMATS) or not (name or at):
+            raise argparse.ArgumentTypeError(
+                f"{entry!r} is no format: {', '.join(FIGURE_FORMATS)} of figures, @DPI behind it or not, or none; "
+                f"{', '.join(TABLE_FORMATS)} of tables"
+            )
+        if at and not 20 <= _number(dpi, math.isfinite, "a number of dots per inch") <= 2400:
+            raise argparse.ArgumentTypeError(f"20 to 2400 dots an inch are expected, not {dpi!r}")
+    return text
 
 
-def figure_formats(text: str) -> list[str]:
-    """Select the formats of figures among `formats`; PNG where there is none."""
-    return [name for name in text.split(",") if name in FIGURE_FORMATS] or ["png"]
+def figure_formats(text: str) -> tuple[list[str], float]:
+    """The formats of figures among `formats`, PNG where there is none, and their dots per inch; no format of none."""
+    entries = [entry.strip().partition("@") for entry in text.split(",")]
+    formats_given = list(dict.fromkeys(name for name, _, _ in entries if name in FIGURE_FORMATS))
+    dpi = next((float(dpi) for _, at, dpi in entries if at), _DPI)
+    return [] if any(name == "none" for name, _, _ in entries) else formats_given or ["png"], dpi
 
 
 def table_formats(text: str) -> list[str]:
-    """Select the formats of tables among `formats`."""
-    return [name for name in text.split(",") if name in TABLE_FORMATS]
+    """The formats of tables among `formats`."""
+    return list(dict.fromkeys(name for name in text.split(",") if name.strip() in TABLE_FORMATS))
 
 
 def names(text: str) -> list[str]:
@@ -262,8 +272,28 @@ def pairs(text: str) -> dict[str, str]:
     return pairs_by_name
 
 
-def columns(text: str) -> dict[str, str | None]:
+#: What --columns says of a table besides names, and how it is checked: the names in the namespace stand with it.
+_FACTS: dict[str, tuple[str, Callable[[str], Any]]] = {}
+
+
+def columns(text: str) -> dict[str, Any]:
     """NAME=VALUE,… with one of the sets of names before it, or not."""
+    columns_by_role = _columns(text)
+    for name in {*columns_by_role} & {*_FACTS}:
+        columns_by_role[name] = _FACTS[name][1](columns_by_role[name] or "")
+    return columns_by_role
+
+
+def state_facts(options: argparse.Namespace) -> None:
+    """Take what --columns says besides names to options of their own: frame, format and error of a table."""
+    given_columns = dict(options.columns or {})
+    for name, (dest, _) in _FACTS.items():
+        setattr(options, dest, given_columns.pop(name, None))
+    only_set = given_columns.keys() == {"names"}
+    options.columns = given_columns.get("names") if only_set else given_columns or None
+
+
+def _columns(text):
     head, _, remainder = text.partition(",")
     if "=" in head:
         return _with_none(text)
@@ -281,12 +311,29 @@ def _with_none(text):
     return (pairs(remainder) if remainder else {}) | dict.fromkeys(empty - {""})
 
 
+def _one_of(values):
+    """The type of one of some words."""
+
+    def word(text):
+        if text not in values:
+            raise argparse.ArgumentTypeError(f"one of {', '.join(values)} is expected, not {text!r}")
+        return text
+
+    return word
+
+
+_FACTS |= {
+    "frame": ("catalogue_frame", _one_of(FRAMES)),
+    "format": ("input_format", _one_of(INPUT_FORMATS)),
+    "sigma": ("sigma", positive),
+}
+
 #: Options that name what is written, and those that name whom to connect to.
-WRITTEN, CONNECTED = ("output", "html", "log", "checkpoint"), ("scheduler", "url")
+WRITTEN, CONNECTED = ("output", "html", "log", "checkpoint"), ("workers", "url")
 #: What a configuration may not say: where to write, what to replace, whom to connect to. It may be a stranger's.
 _NOT_TAKEN = (*WRITTEN, "overwrite", *CONNECTED)
 #: What says where results go and how they are told, not what they are.
-NOT_KEPT = ("config", *_NOT_TAKEN, "json", "latex", "quiet", "citation")
+NOT_KEPT = ("config", "output", "html", "checkpoint", "overwrite", "url", "json", "latex", "quiet")
 #: What a run writes its configuration to, in its folder of results.
 NAME = "run.toml"
 #: How such a file begins.
@@ -308,7 +355,10 @@ class Configuration:
         """The file, as TOML."""
         lines = [f"{REPEATS}, from the folder that it was made in: {self.command} --config {name} --output NEW"]
         lines += [f"command = {_toml(self.command)}", f"version = {_toml(self.version)}", "", "[options]"]
-        lines += [f"{name} = {_toml(value)}" for name, value in self.options.items() if name not in NOT_KEPT]
+        kept = {name: value for name, value in self.options.items() if name not in NOT_KEPT}
+        if not _is_count("workers", kept.get("workers")):
+            kept.pop("workers", None)
+        lines += [f"{name} = {_toml(value)}" for name, value in kept.items()]
         if self.files:
             lines += ["", "# SHA-256 of what was read", "[files]"]
             lines += [f"{_quote(name)} = {_toml(sha)}" for name, sha in self.files.items()]
@@ -337,7 +387,10 @@ def configuration_of(path: str, command: str) -> Configuration:
         )
     if raw.get("command", command) != command:
         raise argparse.ArgumentTypeError(f"{path} is a configuration of {raw['command']}, not of {command}")
-    options = {str(name): _format_setting(path, name, value) for name, value in raw.get("options", {}).items()}
+    options: dict[str, Any] = {}
+    written = {str(name): _format_setting(path, name, value) for name, value in raw.get("options", {}).items()}
+    for name, value in renewed_options(command, written):
+        options[name] = f"{options[name]},{value}" if isinstance(options.get(name), str) else value
     return Configuration(command, options, str(raw.get("version", "")), raw.get("files", {}))
 
 
@@ -372,14 +425,16 @@ def merged(
     except argparse.ArgumentTypeError as error:
         parser.error(f"--config {error}")
     actions = {name_of(action): action for action in parser._actions}
-    violations = [name for name in configuration.options if name in _NOT_TAKEN]
+    violations = [
+        name for name, value in configuration.options.items() if name in _NOT_TAKEN and not _is_count(name, value)
+    ]
     if violations:
         parser.error(
             f"--config {settings['config']} names {', '.join(violations)}: where to write, and what to connect to, is "
             "taken from the command line alone"
         )
     for name in configuration.options:
-        if name not in actions or name in ("config", "help", "version", "citation"):
+        if name not in actions or name in ("config", "help", "help-all", "version"):
             suggestions = get_close_matches(
                 name, [candidate for candidate in actions if candidate not in ("help", "version")], n=3
             )
@@ -393,6 +448,11 @@ def merged(
     return [token for name, value in options.items() for token in _format_value(actions[name], value)] + list(
         words
     ), configuration
+
+
+def _is_count(name, value):
+    """Return whether an option is a number of processes, which connects to nobody."""
+    return name == "workers" and isinstance(value, str) and value.isdecimal()
 
 
 def name_of(action: argparse.Action) -> str:
@@ -470,15 +530,21 @@ def parse(module: Any, arguments: Sequence[str] | None = None) -> argparse.Names
         if token.startswith("--") and token.endswith("=--"):  # which argparse of Python 3.11 takes for nothing at all
             parser.error(f"argument {token[:-3]}: '--' is no value")
     configuration = None
-    asks = {"-h", "--help", "--version"} & set(command_line)
+    command_line, settings_of_process = renewed(parser.prog, command_line)
+    asks = {"-h", "--help", "--help-all", "--version"} & set(command_line)
     if hasattr(module, "narrow") and asks - {"--version"}:
         module.narrow(parser, command_line)
-    if _is_given("--citation", command_line) and not asks:
+    if settings_of_process.get("citation") and not asks:
         print(bibtex(parser.prog, given(module.make_parser(), command_line)))
         parser.exit()
     if _is_given("--config", command_line) and not asks:
         command_line, configuration = merged(parser, module.make_parser, command_line)
+    command_line = _optional_last(parser, command_line)
     options = parser.parse_args(command_line)
+    options.log = settings_of_process.get("log", os.environ.get("VSH_LOG") or None)
+    options.threads = _threads(parser, settings_of_process.get("threads"))
+    if hasattr(options, "columns"):
+        state_facts(options)
     if hasattr(module, "check"):
         module.check(parser, options)
     options.program = parser.prog
@@ -490,6 +556,33 @@ def parse(module: Any, arguments: Sequence[str] | None = None) -> argparse.Names
         *map(_without_folders, tokens if configuration is None else _without_config(command_line)),
     ]
     return options
+
+
+def _optional_last(parser, words):
+    """The words with the options last whose value is optional, where what follows is none: --waves catalogue.fits."""
+    kept, last = [], []
+    for word, following in pairwise([*words, ""]):
+        action = parser._option_string_actions.get(word)
+        is_bare = action is not None and action.nargs == "?" and not _is_value(action, following)
+        (last if is_bare else kept).append(word)
+    return kept + [word for word in last if not any(other.startswith(f"{word}=") for other in kept)]
+
+
+def _is_value(action, text):
+    try:
+        return text in action.choices if action.choices else bool(action.type is None or action.type(text) is not None)
+    except (argparse.ArgumentTypeError, ValueError):
+        return False
+
+
+def _threads(parser, text):
+    """The number of threads that --threads asks for, or None."""
+    if text is None:
+        return None
+    try:
+        return count(1)(text)
+    except argparse.ArgumentTypeError as error:
+        parser.error(f"argument --threads: {error}")
 
 
 def without_folder(text: str) -> str:
@@ -540,6 +633,8 @@ class _Lines(argparse.HelpFormatter):
 
 
 _EXAMPLES = "examples:\n"
+#: What stands between the words of an option that every help has, and those of --help-all.
+MORE = " | "
 
 
 def make(prog: str, description: str, examples: Sequence[str]) -> argparse.ArgumentParser:
@@ -549,12 +644,25 @@ def make(prog: str, description: str, examples: Sequence[str]) -> argparse.Argum
     return _Parser(prog=prog, description=description, epilog=epilog, formatter_class=_Lines)
 
 
+class Joined(argparse.Action):
+    """An option that may be repeated: texts are joined with commas, dicts are merged, and the later prevails."""
+
+    def __call__(self, parser: Any, namespace: argparse.Namespace, values: Any, option_string: Any = None) -> None:
+        earlier = getattr(namespace, self.dest, None)
+        is_first = earlier in (None, self.default)
+        if isinstance(values, dict):
+            values = values if earlier is None else {**earlier, **values}
+        elif not is_first:
+            values = f"{earlier},{values}"
+        setattr(namespace, self.dest, values)
+
+
 def adder(parser: Any) -> Callable[..., None]:
     """A function that adds an option to a parser or a group of its options.
 
     It takes the names of the option and of its value in one text ("--stars N"), the help, the type or the choices of
     the value, the default, which is added to the help, and what else argparse takes. An option without a value is a
-    switch.
+    switch. What stands behind `MORE` in the help is for --help-all.
     """
 
     def add(names: str, help: str | None = None, kind: Any = None, default: Any = None, **others: Any) -> None:
@@ -569,27 +677,86 @@ def adder(parser: Any) -> Callable[..., None]:
         if default is not None:
             others["default"] = default
             if isinstance(default, str | int | float) and help is not None and "default" not in help:
-                help += f" (default: {default if isinstance(default, str) else format(default, 'g')})"
-        parser.add_argument(*(flags or value), help=help, **others)
+                first, more, rest = help.partition(MORE)
+                default_text = default if isinstance(default, str) else format(default, "g")
+                help = f"{first} (default: {default_text}){more}{rest}"
+        whole = help and help.replace(MORE, "; ")
+        parser.add_argument(*(flags or value), help=whole, **others).brief = help and help.partition(MORE)[0]
 
     return add
 
 
 class _Parser(argparse.ArgumentParser):
-    """A parser whose errors are two lines, and name the option that was meant."""
+    """A parser whose errors are two lines, and name the option that was meant.
+
+    Its help has the options of the task, that of --help-all everything.
+    """
+
+    def __init__(self, *args: Any, **options: Any) -> None:
+        super().__init__(*args, **{**options, "add_help": False})
+        self.add_argument("-h", "--help", action="help", help="show the options of the task, and exit")
+        self.add_argument("--help-all", action=_HelpAll, nargs=0, help="show all options, and exit")
+
+    def format_help(self) -> str:
+        """The help of --help: what the task needs."""
+        formatter = self._get_formatter()
+        positionals = [action for action in self._actions if not action.option_strings]
+        words = " ".join(str(action.metavar or action.dest) for action in positionals)
+        formatter.add_usage(f"%(prog)s {words.upper()} [options]", [], [])
+        formatter.add_text(re.split(r"(?<=[.:]) ", self.description or "")[0].rstrip(":"))
+        example = (self.epilog or "").removeprefix(_EXAMPLES).splitlines()[0]
+        formatter.add_text(f"{_EXAMPLES}{example}")
+        shared = shared_group(self)._group_actions
+        left_out = (*shared, *self._actions[:2])  # --help itself
+        own = [action for action in self._actions if action not in left_out and action.help != argparse.SUPPRESS]
+        formatter.start_section("options")
+        formatter.add_arguments(list(map(_brief, own)))
+        formatter.end_section()
+        names = ", ".join(f"--{name_of(action)}" for action in shared)
+        formatter.add_text(f"And --help-all has details, and as every command {names}.")
+        return formatter.format_help()
+
+    def format_help_all(self) -> str:
+        """The help of --help-all."""
+        return super().format_help()
 
     def error(self, message: str) -> NoReturn:
-        suggestions = []
+        hints = []
         for option in re.findall(r"--[\w-]+", message.partition("unrecognized arguments:")[2]):
-            suggestions += get_close_matches(option, self._option_string_actions, n=1)
-        hint = f" (is it {' or '.join(dict.fromkeys(suggestions))}?)" if suggestions else ""
+            gone = GONE.get(f"{self.prog} {option.removeprefix('--')}")
+            near = get_close_matches(option, self._option_string_actions, n=1)
+            hints += [f"in Python: {gone}"] if gone else [f"is it {near[0]}?"] if near else []
+        hint = f" ({'; '.join(dict.fromkeys(hints))})" if hints else ""
         text = printable(shown_addresses(f"{message}{hint}"))
         self.exit(2, f"{self.prog}: error: {text}\n{self.prog} --help lists the options\n")
 
 
+class _HelpAll(argparse.Action):
+    def __call__(self, parser: Any, namespace: Any, values: Any, option_string: Any = None) -> None:
+        print(parser.format_help_all(), end="")
+        parser.exit()
+
+
+#: Options of every command: --help leaves them to --help-all.
+_SHARED = "options of every command"
+
+
+def _brief(action):
+    """An option with the first words of its help."""
+    shown = copy(action)
+    shown.help = action.brief
+    return shown
+
+
+def shared_group(parser: argparse.ArgumentParser) -> Any:
+    """The group of the options that several commands have."""
+    groups = [group for group in parser._action_groups if group.title == _SHARED]
+    return groups[0] if groups else parser.add_argument_group(_SHARED)
+
+
 def add_common(parser: argparse.ArgumentParser, tells: str = "report") -> None:
-    """Add the options that every command has: repeat a run, print it for other programs, keep a log, list citations."""
-    group = parser.add_argument_group("options of every command")
+    """Add the options that every command has: repeat a run, print it for other programs."""
+    group = shared_group(parser)
     add, add_output = adder(group), adder(group.add_mutually_exclusive_group())
     add(
         "--config FILE",
@@ -600,16 +767,9 @@ def add_common(parser: argparse.ArgumentParser, tells: str = "report") -> None:
     add_output("--latex", "print the result as LaTeX tables (booktabs)")
     add_output("--long", f"print the full {tells}, as it is written to the folder of results")
     add_output("--quiet", "print only error messages, and no progress bars")
-    add("--log FILE", "append the steps of the run and their durations to this file")
-    add("--citation", "print BibTeX entries for the software and papers used by a run with these options, and exit")
     group.add_argument("--version", action="version", version=f"{parser.prog} {vsh.__version__}")
-
-
-def add_threads(parser: argparse.ArgumentParser) -> None:
-    """Add the number of threads."""
-    adder(parser)("--threads N", "number of threads (default: one per core); does not affect the results", count(1))
 
 
 def add_overwrite(parser: argparse.ArgumentParser) -> None:
     """Add the option without which no earlier result is replaced."""
-    adder(parser)("--overwrite", "replace existing results of the same command")
+    adder(shared_group(parser))("--overwrite", "replace existing results of the same command")

@@ -21,22 +21,9 @@ if TYPE_CHECKING:
 
 def add_reading(parser: argparse.ArgumentParser) -> None:
     """The options of every command that reads a catalogue."""
-    add = parsing.adder(parser)
+    add = parsing.adder(parsing.shared_group(parser))
     add("--frame", "axes of the result", parsing.FRAMES, "icrs")
-    add("--catalogue-frame", "axes of the catalogue's positions and motions (default: icrs)", parsing.FRAMES)
-    add(
-        "--columns ROLE=NAME,…",
-        "names of the columns: a predefined set (gaia, the default; vizier; icrf), pairs (pmra=mu_ra,redshift=z), or "
-        "both (vizier,redshift=zsp)",
-        parsing.columns,
-    )
-    add(
-        "--input-format",
-        "format of the catalogue, if it is not recognised from the name of the file; mrt: machine-readable tables of "
-        "the AAS journals; cds: tables of the CDS; ascii: astropy guesses the format",
-        parsing.INPUT_FORMATS,
-    )
-    add("--units NAME=UNIT,…", "units of columns, such as mu_ra=uas/yr", parsing.pairs)
+    add_columns(parser, "the catalogue")
     add(
         "--on-bad",
         "for rows that cannot be used, raise an error, or drop them and report their number",
@@ -47,24 +34,38 @@ def add_reading(parser: argparse.ArgumentParser) -> None:
         "--where CONDITION",
         "use only rows that fulfil a condition, such as 'phot_g_mean_mag < 19 and 0.5 < redshift < 2'",
     )
+    add_output(parser)
+
+
+def add_columns(parser: argparse.ArgumentParser, of: str) -> None:
+    """Add --columns and --units, which say what stands in a table."""
+    add = parsing.adder(parsing.shared_group(parser))
+    add(
+        "--columns ROLE=NAME,…",
+        f"names of the columns of {of}: a predefined set (gaia, the default; vizier; icrf), pairs "
+        "(pmra=mu_ra,redshift=z), or both (vizier,redshift=zsp); magnitude= for none; and what the table does not say: "
+        "frame=galactic, format=mrt where its name does not tell it, sigma=30 for one error of all sources, µas/yr "
+        "(of positions µas)",
+        parsing.columns,
+        action=parsing.Joined,
+    )
+    add("--units NAME=UNIT,…", "units of columns, such as mu_ra=uas/yr", parsing.pairs)
+
+
+def add_output(parser: argparse.ArgumentParser) -> None:
+    """Add --output, --format, --html and --overwrite."""
+    add = parsing.adder(parsing.shared_group(parser))
     add("--output DIR", "write report, tables and figures to this folder", _folder)
-    add_figures(parser)
-    parsing.add_overwrite(parser)
-
-
-def add_figures(parser: argparse.ArgumentParser) -> None:
-    """Add --format, --dpi, --no-figures and --html."""
-    add = parsing.adder(parser)
     add(
         "--format NAME,…",
-        "format of the figures: png (the default), pdf or svg; and formats of the tables in addition to ECSV: fits, "
-        "vot, csv",
+        "formats of the figures, png (the default), pdf or svg, with @DPI behind or without (300), or none; and of the "
+        "tables in addition to ECSV: fits, vot, csv",
         parsing.formats,
         "png",
+        action=parsing.Joined,
     )
-    add("--dpi", "resolution of the figures in dots per inch, 20 to 2400", _dpi, 300)
-    add("--no-figures", "do not write figures to the folder of --output")
     add("--html FILE", "write the whole result to one HTML page that works offline")
+    parsing.add_overwrite(parser)
 
 
 def arguments(options: argparse.Namespace) -> dict[str, Any]:
@@ -119,24 +120,27 @@ def standard_input(options: argparse.Namespace) -> Iterator[None]:
 
 
 def add_workers(parser: argparse.ArgumentParser) -> None:
-    """Add --workers and --scheduler, to every command that reads a catalogue."""
-    add = parsing.adder(parser)
-    add(
-        "--workers N",
-        "process a catalogue of any size in parts, with N processes; by default it is read into memory",
-        parsing.count(1),
+    """Add --workers, to every command that reads a catalogue in parts."""
+    parsing.adder(parsing.shared_group(parser))(
+        "--workers N|ADDRESS",
+        "process a catalogue of any size in parts, with N processes, or on the Dask cluster with this address or "
+        "scheduler file; by default it is read into memory",
+        _workers,
     )
-    add("--scheduler ADDRESS", "as --workers, on the Dask cluster with this address or scheduler file")
+
+
+def _workers(text):
+    return parsing.count(1)(text) if re.fullmatch(r"-?[\d.]*", text) else text
 
 
 def in_parts(options: argparse.Namespace) -> bool:
     """Return whether a command was asked to go through its catalogue in parts."""
-    return any(getattr(options, name, None) is not None for name in ("workers", "scheduler"))
+    return getattr(options, "workers", None) is not None
 
 
 def reading_parts(options: argparse.Namespace) -> dict[str, Any]:
     """The arguments of `vsh.io.catalogue.parts` that `add_reading` and `add_workers` ask for."""
-    return arguments(options) | {"workers": options.workers, "scheduler": options.scheduler}
+    return arguments(options) | {"workers" if isinstance(options.workers, int) else "scheduler": options.workers}
 
 
 def refuse_velocities(notes: Iterable[object], label: str) -> None:
@@ -155,13 +159,6 @@ def velocity_of(value: str | tuple[float, ...] | None) -> Vector | None:
     if value is None:
         return None
     return VELOCITIES[value] if isinstance(value, str) else velocity_from_apex(*value)
-
-
-def _dpi(text):
-    number = parsing.positive(text)
-    if not 20 <= number <= 2400:
-        raise argparse.ArgumentTypeError(f"20 to 2400 dots an inch are expected, not {text!r}")
-    return number
 
 
 def _folder(text):

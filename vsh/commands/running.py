@@ -27,7 +27,7 @@ from vsh.tools.parallel import limited, without_bars
 from vsh.tools.printing import PACKAGES, printable, printing, silence, silence_if_broken, system_words
 
 #: Options that change no result, and what the parser found besides.
-NOT_TOLD = (*sorted({*NOT_KEPT} - {"checkpoint", "url"}), "command", "given", "program", "expected")
+NOT_TOLD = (*sorted({*NOT_KEPT} - {"checkpoint", "url"}), "log", "threads", "command", "given", "program", "expected")
 _LOG = logging.getLogger(__name__)
 #: What else of the namespace names no file that is read.
 _NOT_ASKED = ("command", "given", "program", "expected", "show", "url")
@@ -149,7 +149,7 @@ class _Log(logging.FileHandler):
 
 def _check_log(options):
     """Raise VshError where a log is no place of its own: what is read or written, or a file that is no log of ours."""
-    path, label = Path(options.log), f"--log {printable(options.log)}"
+    path, label = Path(options.log), f"the log {printable(options.log)}"
     check_not_read(path, label)
     outputs = [getattr(options, name, None) for name in WRITTEN if name != "log"]
     for output in filter(None, outputs):
@@ -168,7 +168,7 @@ def _check_log(options):
 
 @contextmanager
 def logged(options: argparse.Namespace) -> Iterator[None]:
-    """Write the log of our packages to the file of --log, with the command and how it ended."""
+    """Write the log of our packages to the file of VSH_LOG, with the command and how it ended."""
     if options.log is None:
         yield
         return
@@ -176,7 +176,7 @@ def logged(options: argparse.Namespace) -> Iterator[None]:
     try:
         handler = _Log(options.log, encoding="utf-8")
     except OSError as error:
-        raise VshError(f"--log {printable(options.log)}: {error.strerror}") from None
+        raise VshError(f"the log {printable(options.log)}: {error.strerror}") from None
     handler.setFormatter(_OneLine("%(asctime)s %(levelname)-7s %(name)s: %(message)s"))
     loggers = [logging.getLogger(name) for name in PACKAGES]
     levels = [logger.level for logger in loggers]
@@ -250,7 +250,7 @@ def provenance(
         "options": {
             key: _plain(value, paths)
             for key, value in vars(options).items()
-            if value is not None and key not in NOT_TOLD
+            if value is not None and key not in NOT_TOLD and not (key == "workers" and isinstance(value, str))
         },
         "versions": {
             "vsh-astrometry": vsh.__version__,

@@ -86,7 +86,7 @@ def read_density(path: PathName, sigma: float = 1000.0, frame: str | None = None
     TableError
         If the file is no map, a value is negative, all are zero, or the frame is not known.
     """
-    values, frame = read_map_of(path, frame, "frame='galactic' (--catalogue-frame galactic), or which it is")
+    values, frame = read_map_of(path, frame, "frame='galactic' (--columns frame=galactic), or which it is")
     label = printable(path)
     missing = is_valueless(values)
     if (values[~missing] < 0).any():

@@ -7,7 +7,7 @@ from typing import NamedTuple
 class Format(NamedTuple):
     """A row of `FORMATS`; docs/extending.md says what else another format takes."""
 
-    #: The name by which a user tells it where the name of a file does not (`--input-format`).
+    #: The name by which a user tells it where the name of a file does not (`--columns format=`).
     name: str
     #: astropy's name of it.
     kind: str

@@ -158,7 +158,7 @@ def test_column_of_a_catalogue_in_parts(tmp_path, capsys):
     table.write(tmp_path / "s.fits")
     tables = []
     for more in ([], ["--workers", "1"]):
-        assert main([str(tmp_path / "s.fits"), "--lmax", "4", "--templates", "scans", "--no-figures", *more]) == 0
+        assert main([str(tmp_path / "s.fits"), "--lmax", "4", "--templates", "scans", "--format", "none", *more]) == 0
         tables.append(capsys.readouterr().out)
     lines = [next(line for line in text.splitlines() if line.startswith("template scans, across")) for text in tables]
     told = [

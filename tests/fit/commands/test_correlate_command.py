@@ -20,10 +20,10 @@ def paths(tmp_path_factory):
 def test_two_catalogues(paths, tmp_path, capsys):
     out = tmp_path / "out"
     arguments = ["--influence", "omega_y,a_x", "--influence", "a_z", "--leakage", "4", "--frame", "galactic"]
-    assert main([*paths, *arguments, "--nside", "8", "--long", "--output", str(out)]) == 0
+    assert main([*paths, *arguments, "--long", "--output", str(out)]) == 0
     text = capsys.readouterr().out
     for words in ("above diagonal  gums", "below diagonal  igql", "The independent solver of degree 1 gives the same", "depends most on    the sky around",
-                  "1000 more sources  of median error reduce it most around", "igql: bias of the fit by degrees 2 to 4", "of the information of uniformly distributed sources"):  # fmt: skip
+                  "igql: bias of the fit by degrees 2 to 4", "of the information of uniformly distributed sources"):  # fmt: skip
         assert words in text
     names = {each.name for each in out.iterdir()}
     assert {"correlation.png", "correlation.ecsv", "report.txt", "leakage_gums.png", "leakage_igql.ecsv"} <= names
@@ -41,8 +41,6 @@ def test_coefficients(paths, capsys):
     assert main([paths[1], "--lmax", "2", "--influence", "t(1,0),s(2,1,re)"]) == 0
     text = capsys.readouterr().out
     assert "correlation of t(1,0) and s(2,1,re)" in text
-    assert main([paths[0], "--parameters", "modes"]) == 0
-    assert "s(1,1,im)" in capsys.readouterr().out
 
 
 def test_positions_alone_will_do(tmp_path, capsys):
@@ -51,7 +49,7 @@ def test_positions_alone_will_do(tmp_path, capsys):
     Table({"RA": np.degrees(quasars.lon), "DE": np.degrees(quasars.lat)}).write(path)
     assert main([str(path), "--columns", "ra=RA,dec=DE", "--units", "RA=deg,DE=deg"]) == 0
     assert "no errors in the table: all sources weigh the same" in capsys.readouterr().out
-    assert main([str(path), "--columns", "ra=RA,dec=DE", "--units", "RA=deg,DE=deg", "--sigma", "50"]) == 0
+    assert main([str(path), "--columns", "ra=RA,dec=DE", "--units", "RA=deg,DE=deg", "--columns", "sigma=50"]) == 0
     assert "errors of 50 µas/yr for every source (as asked)" in capsys.readouterr().out
     assert main([str(path)]) == 0
     assert "no unit in the table, so taken in deg: RA, DE" in capsys.readouterr().out
@@ -70,7 +68,7 @@ def test_positions_alone_will_do(tmp_path, capsys):
         (["--leakage", "2", "--lmax", "3"], "more than --lmax 3"),
         (["--influence", "a_x,a_x"], "one or two different names"),
         (["--influence", "a_x,a_y,a_z"], "one or two different names"),
-        (["--nside", "3"], "a power of two"),
+        (["--nside", "3"], "in Python: influence_map(nside=)"),
     ],
 )
 def test_bad_usage_ends_with_2(paths, arguments, words, capsys):
@@ -86,7 +84,7 @@ def test_half_of_the_errors_is_a_slip(paths, tmp_path, capsys):
     table.write(tmp_path / "slip.fits")
     assert main([str(tmp_path / "slip.fits")]) == 1
     assert "no column 'pmdec_error'" in capsys.readouterr().err
-    assert main([str(tmp_path / "slip.fits"), "--sigma", "100"]) == 0
+    assert main([str(tmp_path / "slip.fits"), "--columns", "sigma=100"]) == 0
 
 
 def test_bad_data_end_with_1(paths, tmp_path, capsys):

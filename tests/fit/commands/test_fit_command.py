@@ -224,5 +224,5 @@ def test_catalogue_in_parts(tmp_path, capsys):
         assert provenance[0][key] == provenance[1][key]
     assert provenance[0]["rows"] == 900 > provenance[0]["rows_used"]
     assert (tmp_path / "parts" / "residuals.png").stat().st_size > 10_000
-    assert main([str(home), "--scheduler", "nowhere.json"]) == 1
+    assert main([str(home), "--workers", "nowhere.json"]) == 1
     assert "nowhere.json is neither an address" in capsys.readouterr().err

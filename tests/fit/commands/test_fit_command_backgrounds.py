@@ -30,7 +30,7 @@ def test_floor_and_waves(tmp_path, capsys):
 
 
 def test_floor_is_included_unasked(tmp_path, capsys):
-    assert main(["--demo", "--no-figures", "--output", str(tmp_path / "out")]) == 0
+    assert main(["--demo", "--format", "none", "--output", str(tmp_path / "out")]) == 0
     assert "systematic floor included (acceleration ±" in capsys.readouterr().out
     assert isinstance(read(tmp_path / "out" / "floor.ecsv"), Floor)
     assert main(["--demo", "--method", "least-squares"]) == 0

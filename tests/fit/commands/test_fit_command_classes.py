@@ -32,7 +32,7 @@ def path(tmp_path_factory):
 )
 def test_every_way_to_say_classes(classes, labels, path, tmp_path, capsys):
     out = tmp_path / "out"
-    words = [str(path), "--lmax", "4", "--no-figures", "--output", str(out), "--classes", classes]
+    words = [str(path), "--lmax", "4", "--format", "none", "--output", str(out), "--classes", classes]
     assert main(words) == 0
     text = capsys.readouterr().out
     assert "Does the dipole change with class?" in text
@@ -98,7 +98,7 @@ def spoilt(tmp_path):
 @pytest.mark.slow
 def test_robust_weights_serve_classes_and_templates(tmp_path, capsys):
     """Classes and templates were plain least squares, whose errors are 1.8 times as large here; the latter unsaid."""
-    words = [spoilt(tmp_path), "--lmax", "4", "--no-figures", "--overwrite", "--output", str(tmp_path / "out")]
+    words = [spoilt(tmp_path), "--lmax", "4", "--format", "none", "--overwrite", "--output", str(tmp_path / "out")]
     errors = {}
     for name, robust in (("plain", ["--method", "least-squares"]), ("robust", ["--method", "student"])):
         for what in (["--classes", "magnitude:19"], ["--templates", "density"]):
@@ -114,7 +114,7 @@ def test_robust_weights_serve_classes_and_templates(tmp_path, capsys):
 
 def test_templates_have_the_floor_however_it_was_asked_for(tmp_path, capsys):
     """With --floor the column of errors with the floor was without it: eight false discoveries in a report."""
-    words = [spoilt(tmp_path), "--lmax", "5", "--no-figures", "--overwrite", "--output", str(tmp_path / "out")]
+    words = [spoilt(tmp_path), "--lmax", "5", "--format", "none", "--overwrite", "--output", str(tmp_path / "out")]
     tables = []
     for more in ([], ["--floor"]):
         assert main([*words, "--method", "least-squares", "--templates", "density,phot_g_mean_mag", *more]) == 0

@@ -188,7 +188,7 @@ def test_parts_give_the_same():
 @pytest.mark.parametrize(
     ("change", "options", "error", "words"),
     [
-        ({"magnitude": True}, {}, FieldError, r"1 of 300 sources have no magnitude: leave those out .*--no-magnitudes"),
+        ({"magnitude": True}, {}, FieldError, r"1 of 300 sources have no magnitude: leave those out .*--columns magnitude="),
         ({"magnitude": None}, {"magnitudes": True}, ParameterError, "magnitudes are asked for, and 300 of 300"),
         ({}, {"dispersion": 20_000.0}, FieldError, r"peculiar velocities of redshifts \(20000 km/s\) are larger than c z of"),
         ({}, {"density": "clumpy"}, ParameterError, 'a density is "volume", "fitted"'),

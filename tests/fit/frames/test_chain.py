@@ -201,6 +201,6 @@ def test_catalogues_that_are_matched_by_position_are_combined_too(tmp_path, caps
         replace(field, name=np.array([f"{label}{i}" for i in range(200)])).write(tmp_path / f"{label}.fits")
     sim.observe(quasars, sim.spin((0, 0, 0)), 9, sigma=50.0).write(tmp_path / "a.fits")
     paths = [str(tmp_path / f"{label}.fits") for label in "abc"]
-    assert main([*paths, "--by", "position", "--lmax", "1", "--output", str(tmp_path / "o"), "--no-figures"]) == 0
+    assert main([*paths, "--match", "1", "--lmax", "1", "--output", str(tmp_path / "o"), "--format", "none"]) == 0
     assert "3 catalogues in one solution" in capsys.readouterr().out
     assert (tmp_path / "o" / "chain.ecsv").exists()

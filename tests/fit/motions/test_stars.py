@@ -187,37 +187,6 @@ def test_messages_name_the_error():
         fit.kinematics(same)
 
 
-def test_command(tmp_path, capsys):
-    from fit.commands.redshift import main
-    from vsh.io.tables import read_table
-
-    field = stars(np.random.default_rng(2), 3000)
-    made = field.to_table()
-    made.remove_column("source_id")
-    for name in ("distance", "distance_error"):
-        made[name] = made[name].to("kpc")
-    made.write(tmp_path / "stars.fits")
-    assert (
-        main([str(tmp_path / "stars.fits"), "--distances", "--oort", "--output", str(tmp_path / "out"), "--dpi", "30"])
-        == 0
-    )
-    out = capsys.readouterr().out
-    assert "at known distances, galactic axes" in out
-    assert "Oort constants A = +" in " ".join(out.split())
-    written = read_table(tmp_path / "out" / "kinematics.ecsv")
-    solution = fit.kinematics(field)
-    np.testing.assert_allclose(written["value"], solution.values, rtol=1e-6)
-    bare = made.copy()
-    bare.remove_columns(["distance", "distance_error"])
-    bare.write(tmp_path / "bare.fits")
-    assert main([str(tmp_path / "bare.fits"), "--distances"]) == 1
-    assert "has no distances or parallaxes with errors that are known by their names" in capsys.readouterr().err
-    for wrong in (["--oort", "--h0", "70"], ["--distances", "--h0", "70"], []):
-        with pytest.raises(SystemExit):
-            main([str(tmp_path / "stars.fits"), *wrong])
-    capsys.readouterr()
-
-
 @pytest.mark.slow
 def test_unsure_distances_scatter():
     """Fast stars at distances known to 30 %: what that scatters is no dispersion of theirs."""

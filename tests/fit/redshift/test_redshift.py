@@ -337,7 +337,7 @@ def test_bins_with_errors_that_they_share(tmp_path, capsys):
     assert shared.labels[0] == "0 ≤ z < 1.2"
     assert shared.equality() > 0.0027
     field.write(tmp_path / "q.fits")
-    words = [str(tmp_path / "q.fits"), "--bins", "0.1,1.2,6", "--redshift-frame", "true", "--no-flows"]
+    words = [str(tmp_path / "q.fits"), "--bins", "0.1,1.2,6", "--redshift-frame", "true", "--flows", "no"]
     assert main([*words, "--lmax", "4", "--floor", "--output", str(tmp_path / "out"), "--dpi", "30"]) == 0
     out = capsys.readouterr().out
     assert "Does the dipole change with redshift?" in out
@@ -369,7 +369,7 @@ def test_bin_of_few_sources_does_not_bear_higher_degrees(tmp_path, capsys):
     near = replace(near, redshift=rng.uniform(0.5, 2.4, 3000), redshift_frame="true")
     far = replace(far, redshift=rng.uniform(2.6, 4.0, 60), redshift_frame="true")
     (near + far).write(tmp_path / "z.fits")
-    words = [str(tmp_path / "z.fits"), "--bins", "0.4,1,2.5,5", "--floor", "--no-flows", "--no-figures"]
+    words = [str(tmp_path / "z.fits"), "--bins", "0.4,1,2.5,5", "--floor", "--flows", "no", "--format", "none"]
     assert main(words) == 0
     out = " ".join(capsys.readouterr().out.split())
     assert "Does the dipole change with redshift?" in out
@@ -384,7 +384,7 @@ def test_bins_of_many_have_what_they_share_unasked(tmp_path, capsys, monkeypatch
     quasars = sim.quasars(4000, 3)
     pattern = sim.systematics(900.0 * Spectrum.flat(), 4, lmax=7)
     sim.observe(quasars, pattern, 5, sigma=100.0).write(tmp_path / "q.fits")
-    words = [str(tmp_path / "q.fits"), "--bins", "0.1,1.2,6", "--redshift-frame", "true", "--no-flows"]
+    words = [str(tmp_path / "q.fits"), "--bins", "0.1,1.2,6", "--redshift-frame", "true", "--flows", "no"]
     assert main(words) == 0
     few = capsys.readouterr().out
     assert float(re.search(r"systematic floor is not in these errors: spin ± (\S+),", few)[1]) > 5
@@ -394,10 +394,10 @@ def test_bins_of_many_have_what_they_share_unasked(tmp_path, capsys, monkeypatch
     assert "Does the dipole change with redshift?" in many
     assert "by permut" not in many
     assert "not in these errors" not in many
-    assert main([*words, "--no-floor"]) == 0
+    assert main([*words, "--floor", "no"]) == 0
     without = capsys.readouterr().out
     assert "Does the dipole change" not in without
     assert "systematic floor is not in these errors" in without
     with pytest.raises(SystemExit):
-        main([str(tmp_path / "q.fits"), "--h0", "70", "--no-floor"])
+        main([str(tmp_path / "q.fits"), "--h0", "70", "--floor", "no"])
     assert "--no-floor is for --bins" in capsys.readouterr().err

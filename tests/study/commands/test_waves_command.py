@@ -6,17 +6,21 @@ import numpy as np
 import pytest
 
 import sim
-from sim.commands.simulate import main as simulate
+from sim.commands import simulate
 from study.commands.waves import main
 from vsh.io.epochs import read_observations
+from vsh.io import tables
 from vsh.sky.sphere import angles
+from vsh.vector import Vector
 
 
 @pytest.fixture(scope="module")
 def epochs(tmp_path_factory):
     path = tmp_path_factory.mktemp("epochs") / "e.fits"
-    words = ["epochs", "--number", "30", "--years", "3", "--wave", "2,9000,0,60,-20", "--output", str(path)]
-    assert simulate([*words, "--quiet"]) == 0
+    signal = sim.wave_in_time(Vector.from_spherical(1.0, 60.0, -20.0).value, 2.0, 9000.0, 0.0)
+    mission = sim.Mission(sim.NominalScanningLaw(years=3.0, dead_time=sim.scanning.DEAD_TIME, rng=3), "DR4", 10.0)
+    table = sim.epochs(sim.quasars(30, 1), signal, 2, mission=mission, attitude="perfect", complete=True)
+    tables.write_table(table, path)
     return path
 
 
@@ -39,7 +43,7 @@ def test_file_of_all_columns(epochs):
 
 @pytest.mark.slow
 def test_wave_is_found_in_a_file(epochs, tmp_path, capsys):
-    words = [str(epochs), "--frequencies", "2,3", "--lmax", "3", "--nside", "4", "--skies", "50", "--law-nside", "2"]
+    words = [str(epochs), "--frequencies", "2,3", "--lmax", "3", "--nside", "4", "--skies", "50"]
     assert main([*words, "--output", str(tmp_path / "out"), "--json", "--html", str(tmp_path / "w.html")]) == 0
     assert "data:image/png;base64," in (tmp_path / "w.html").read_text(encoding="utf-8")
     told = json.loads(capsys.readouterr().out)
@@ -55,20 +59,7 @@ def test_wave_is_found_in_a_file(epochs, tmp_path, capsys):
 
 def test_calibration_is_allowed_for(epochs, capsys):
     """It is said in the report, changes limits, and is refused where it has no sense."""
-    words = [
-        str(epochs),
-        "--frequencies",
-        "2",
-        "--lmax",
-        "3",
-        "--nside",
-        "4",
-        "--skies",
-        "10",
-        "--law-nside",
-        "2",
-        "--json",
-    ]
+    words = [str(epochs), "--frequencies", "2", "--lmax", "3", "--nside", "4", "--skies", "10", "--json"]
     limits = {}
     for calibration in ("none", "free every 5 days to order 1"):
         assert main([*words, "--calibration", calibration]) == 0
@@ -97,7 +88,7 @@ def test_law_from_a_table(epochs, tmp_path, capsys):
     for k, view in enumerate(views, 1):
         columns[f"ra_fov{k}"], columns[f"dec_fov{k}"] = np.degrees(angles(view))
     Table(columns).write(tmp_path / "law.fits")
-    words = [str(epochs), "--frequencies", "2", "--lmax", "2", "--nside", "2", "--skies", "5", "--law-nside", "2"]
+    words = [str(epochs), "--frequencies", "2", "--lmax", "2", "--nside", "2", "--skies", "5"]
     assert main([*words, "--law", str(tmp_path / "law.fits")]) == 0
     assert "warning" not in capsys.readouterr().out.split("spin axis")[0].splitlines()[-1]
     short = Table(columns)[:9000]
@@ -135,10 +126,10 @@ def test_files_that_lack_something(epochs, tmp_path, capsys):
     assert "field of view" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("words", [["--wave", "2"], ["--variability", "3"], ["--wave", "0,1,1,1,1"]])
+@pytest.mark.parametrize("words", [["--wave", "2"], ["--velocity", "planck"], ["--wave", "0,1,1,1,1"]])
 def test_options_that_make_no_sense(words, tmp_path, capsys):
     with pytest.raises(SystemExit):
-        simulate(["epochs", "--output", str(tmp_path / "e.fits"), *words])
+        simulate.main(["epochs", "--output", str(tmp_path / "e.fits"), *words])
     assert words[0] in capsys.readouterr().err
 
 
@@ -149,6 +140,6 @@ def test_law_that_is_far_off_is_said_in_short(epochs, tmp_path, capsys):
     table = Table.read(epochs)
     table["scan_pos_angle"] = np.radians(np.asarray(table["scan_pos_angle"]))
     table.write(tmp_path / "radians.fits")
-    words = ["--frequencies", "2", "--nside", "2", "--skies", "5", "--law-nside", "2"]
+    words = ["--frequencies", "2", "--nside", "2", "--skies", "5"]
     assert main([str(tmp_path / "radians.fits"), *words, "--lmax", "2"]) == 0
     assert "warning: spin axis of the scanning law: " in capsys.readouterr().out

@@ -41,7 +41,7 @@ def run(table, tmp_path_factory):
 
     with pytest.MonkeyPatch.context() as patch, redirect_stdout(printed):
         patch.setattr("study.referee.referee", watched)
-        assert main([str(folder / "q.fits"), "--output", str(folder / "out"), "--no-figures"]) == 0
+        assert main([str(folder / "q.fits"), "--output", str(folder / "out"), "--format", "none"]) == 0
     return answers[0], printed.getvalue(), folder
 
 

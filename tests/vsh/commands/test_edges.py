@@ -93,7 +93,7 @@ def test_backend_that_there_is_not(catalogue, tmp_path):
     [
         (["--dpi", "1"], 2, "20 to 2400 dots an inch"),
         (["--lmax=--"], 2, "argument --lmax: '--' is no value"),
-        (["--scheduler", "{q}"], 1, "is no file of a scheduler"),
+        (["--workers", "{q}"], 1, "is no file of a scheduler"),
         (["--output", "/proc/x"], 1, "the folder /proc cannot be written to"),
         (["--html", "/proc/x.html"], 1, "the folder /proc cannot be written to"),
     ],
@@ -185,7 +185,7 @@ def test_names_of_sources_are_neither_escapes_nor_lines_of_ours(tmp_path, capsys
     names = np.array([f"{hostile[k % 4]} {k}" for k in range(len(field))])
     replace(field, name=names).write(tmp_path / "h.parquet")
     page, out = tmp_path / "p.html", tmp_path / "out"
-    words = ["--lmax", "1", "--html", str(page), "--output", str(out), "--no-figures"]
+    words = ["--lmax", "1", "--html", str(page), "--output", str(out), "--format", "none"]
     assert main([str(tmp_path / "h.parquet"), *words]) == 0
     report = (out / "report.txt").read_text(encoding="utf-8")
     for text in (capsys.readouterr().out, report, page.read_text(encoding="utf-8")):
@@ -211,7 +211,7 @@ def test_a_batch_system_ends_a_run_and_nothing_stays(tmp_path):
     field = random_field(2000, 1)
     field.write(tmp_path / "q.ecsv.gz")
     (tmp_path / "tmp").mkdir()
-    command = [sys.executable, "-m", "vsh", "fit", str(tmp_path / "q.ecsv.gz"), "--lmax", "5", "--no-figures"]
+    command = [sys.executable, "-m", "vsh", "fit", str(tmp_path / "q.ecsv.gz"), "--lmax", "5", "--format", "none"]
     process = subprocess.Popen(
         [*command, "--method", "bootstrap=100000", "--output", str(tmp_path / "o"), "--log", str(tmp_path / "log")],
         env=os.environ | {"TMPDIR": str(tmp_path / "tmp")}, cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,

@@ -34,7 +34,7 @@ def test_three_examples_that_are_understood(command):
         program, *words = shlex.split(line)
         assert program == f"vsh-{command}"
         assert parsing.parse(module_of(command), words) is not None
-        assert line in module_of(command).make_parser().format_help()
+        assert line in module_of(command).make_parser().format_help_all()
 
 
 @pytest.fixture(scope="module")
@@ -85,6 +85,16 @@ def test_examples_run(line, folder, tmp_path):
     assert done.returncode == 0, done.stderr[-600:]
 
 
+@pytest.mark.parametrize("command", MODULES)
+def test_help_is_a_screen_and_help_all_is_everything(command, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    parser = module_of(command).make_parser()
+    assert len(parser.format_help().splitlines()) <= 40
+    options = [option for action in parser._actions for option in action.option_strings if option.startswith("--")]
+    assert len(options) <= (30 if command == "redshift" else 25)
+    assert all(option in parser.format_help_all() for option in options)
+
+
 def test_error_of_use_is_two_lines(capsys):
     with pytest.raises(SystemExit) as end:
         parsing.parse(module_of("fit"), ["catalogue.fits", "--lmx", "3"])
@@ -98,10 +108,10 @@ def test_error_of_use_is_two_lines(capsys):
 @pytest.mark.parametrize(
     ("kind", "there", "not_there"),
     [
-        ("link", ["--jump", "--binaries", "--orientation"], ["--wave", "--flow", "--release", "--table"]),
-        ("galaxies", ["--flow", "--velocity", "--h0"], ["--jump", "--wave", "--table"]),
-        ("crf4", ["--table", "--traps"], ["--jump", "--sky", "--redshift-range"]),
-        ("epochs", ["--wave", "--release"], ["--flow", "--jump", "--orientation"]),
+        ("link", ["--spin", "--orientation"], ["--wave", "--flow", "--release", "--traps"]),
+        ("galaxies", ["--flow", "--velocity"], ["--wave", "--traps", "--orientation"]),
+        ("crf4", ["--traps", "--seed"], ["--sky", "--flow"]),
+        ("epochs", ["--wave", "--release"], ["--flow", "--positions", "--orientation"]),
     ],
 )
 def test_help_of_a_kind_shows_its_options(kind, there, not_there, capsys):

@@ -29,15 +29,15 @@ ECSV = {"astropy.coordinates"}
 SPLINES = {"scipy.interpolate", "scipy.optimize"}
 FIGURES = {"matplotlib", "astropy.coordinates", "astropy.visualization", "astropy.wcs"}
 JOBS = {
-    "fit": ("q.fits --no-figures", FITS | TABLE | {"scipy.optimize"}),
+    "fit": ("q.fits --format none", FITS | TABLE | {"scipy.optimize"}),
     "redshift": ("g.fits --bins 2", FITS | TABLE | SPLINES),
     "correlate": ("q.fits", FITS | TABLE),
     "pairs": ("q.fits", FITS | TABLE),
     "compare": ("a.fits b.fits", FITS | TABLE | {"scipy.optimize"}),
     "link": ("stars.csv", FITS | TABLE),
-    "sim --no-transits": ("quasars --number 60 --no-transits --output n.fits", FITS | TABLE),
+    "sim --errors expected": ("quasars --number 60 --no-transits --output n.fits", FITS | TABLE),
     "sim": ("quasars --number 60 --output s.fits", FITS | TABLE),
-    "referee": ("q.fits --no-figures", FITS | TABLE | SPLINES | {"scipy.integrate"}),
+    "referee": ("q.fits --format none", FITS | TABLE | SPLINES | {"scipy.integrate"}),
     "forecast": ("", FITS | TABLE | {"scipy.linalg", "scipy.special"} | SPLINES),
     "waves": ("e.fits --attitude known --frequencies 2 --lmax 2 --nside 2 --skies 5", FITS | TABLE | SPLINES),
     "archive": ("gaia-crf3 --show", set()),

@@ -28,7 +28,7 @@ def catalogue(tmp_path):
 
 def test_files_are_not_replaced_by_default(catalogue, tmp_path, capsys):
     out = tmp_path / "out"
-    arguments = [catalogue, "--lmax", "1", "--output", str(out), "--no-figures"]
+    arguments = [catalogue, "--lmax", "1", "--output", str(out), "--format", "none"]
     assert main(arguments) == 0
     first = (out / "report.txt").read_text()
     assert main([*arguments[:2], "2", *arguments[3:]]) == 1
@@ -40,9 +40,9 @@ def test_files_are_not_replaced_by_default(catalogue, tmp_path, capsys):
     assert main([*arguments, "--overwrite"]) == 1
     assert "files that vsh-fit did not write (mine.txt)" in capsys.readouterr().err
     page = ["--html", str(tmp_path / "page.html")]
-    assert main([catalogue, "--lmax", "1", *page, "--no-figures"]) == 0
-    assert main([catalogue, "--lmax", "1", *page, "--no-figures"]) == 1
-    assert main([catalogue, "--lmax", "1", *page, "--no-figures", "--overwrite"]) == 0
+    assert main([catalogue, "--lmax", "1", *page, "--format", "none"]) == 0
+    assert main([catalogue, "--lmax", "1", *page, "--format", "none"]) == 1
+    assert main([catalogue, "--lmax", "1", *page, "--format", "none", "--overwrite"]) == 0
 
 
 def test_other_commands_folders_are_left_alone(catalogue, tmp_path, capsys):
@@ -227,7 +227,9 @@ def test_truth_travels_or_its_loss_is_said(ending, tmp_path, capsys):
     from vsh.io.catalogue import truth_of
 
     path = tmp_path / f"x.{ending}"
-    assert simulate(["quasars", "--number", "20", "--no-transits", "--spin", "-1,2,3", "--output", str(path)]) == 0
+    assert (
+        simulate(["quasars", "--number", "20", "--errors", "expected", "--spin", "-1,2,3", "--output", str(path)]) == 0
+    )
     said = capsys.readouterr().out
     if ending == "csv":
         assert "CSV has no place for the truth" in said
@@ -241,7 +243,7 @@ def test_results_are_written_where_the_reader_has_seen_enough(tmp_path):
     """`vsh-fit … --output results | head` left no results."""
     command = [sys.executable, "-u", "-m", "vsh", "fit", str(ROOT / "fit" / "demo.fits"), "--lmax", "3", "--long"]
     process = subprocess.Popen(
-        [*command, "--output", str(tmp_path / "out"), "--no-figures"], cwd=ROOT, stdout=subprocess.PIPE
+        [*command, "--output", str(tmp_path / "out"), "--format", "none"], cwd=ROOT, stdout=subprocess.PIPE
     )
     process.stdout.readline()
     process.stdout.close()
@@ -290,7 +292,8 @@ def test_twenty_kills_of_other_commands(name, tmp_path):
         "galaxies",
         "--number",
         "20000",
-        "--no-transits",
+        "--errors",
+        "expected",
         "--velocity",
         "planck",
         "--overwrite",
@@ -304,8 +307,8 @@ def test_twenty_kills_of_other_commands(name, tmp_path):
         subprocess.run([*simulate, seed], cwd=ROOT, check=True, capture_output=True)
         wanted[galaxies.read_bytes()] = seed
     out, chain = tmp_path / "out", tmp_path / "chain.npz"
-    drift = [sys.executable, "-m", "vsh", "redshift", str(galaxies), "--h0", "67.4", "--bins", "2", "--posterior", "--no-flows",
-             "--n-samples", "120000", "--checkpoint", str(chain), "--output", str(out), "--overwrite"]  # fmt: skip
+    drift = [sys.executable, "-m", "vsh", "redshift", str(galaxies), "--h0", "67.4", "--bins", "2", "--posterior", "--flows", "no",
+             "--posterior", "120000", "--checkpoint", str(chain), "--output", str(out), "--overwrite"]  # fmt: skip
     command = [*simulate, "1"] if name == "vsh-sim" else drift
     start = time.monotonic()
     subprocess.run(command, cwd=ROOT, check=True, capture_output=True)
@@ -358,7 +361,7 @@ def test_command_of_a_page_repeats_the_run(tmp_path):
         "--units",
         units,
         f"--checkpoint={tmp_path / 'k.npz'}",
-        "--scheduler",
+        "--workers",
         address,
         "--posterior",
     ]
@@ -371,7 +374,7 @@ def test_command_of_a_page_repeats_the_run(tmp_path):
         "--units",
         units,
         "--checkpoint=k.npz",
-        "--scheduler",
+        "--workers",
         address,
         "--posterior",
     ]
@@ -384,7 +387,8 @@ def test_a_table_that_a_format_cannot_hold_is_told(tmp_path, capsys):
     field.write(tmp_path / "q.ecsv")
     out = tmp_path / "o"
     assert (
-        main([str(tmp_path / "q.ecsv"), "--lmax", "1", "--format", "fits", "--output", str(out), "--no-figures"]) == 0
+        main([str(tmp_path / "q.ecsv"), "--lmax", "1", "--format", "fits", "--output", str(out), "--format", "none"])
+        == 0
     )
     assert "note: sources.ecsv is not written as fits: " in capsys.readouterr().out
     assert (out / "sources.ecsv").exists()

@@ -13,7 +13,7 @@ from vsh.tools.files import digest
 @pytest.fixture
 def catalogue(tmp_path):
     path = tmp_path / "q.fits"
-    assert simulate(["quasars", "--number", "60", "--no-transits", "--output", str(path), "--quiet"]) == 0
+    assert simulate(["quasars", "--number", "60", "--errors", "expected", "--output", str(path), "--quiet"]) == 0
     return path
 
 
@@ -22,11 +22,11 @@ def catalogue(tmp_path):
     [
         (["--log", "{q}"], "is what is read"),
         (["--html", "{q}", "--overwrite"], "is what is read"),
-        (["--output", "{folder}", "--overwrite", "--no-figures"], "holds"),
+        (["--output", "{folder}", "--overwrite", "--format", "none"], "holds"),
         (["--log", "{mine}"], "holds something else than a log"),
         (["--html", "{mine}"], "exists already: use --overwrite"),
         (["--log", "{pipe}"], "is a pipe"),
-        (["--output", "{folder}/out", "--log", "{folder}/out/log.txt", "--no-figures"], "which the run writes"),
+        (["--output", "{folder}/out", "--log", "{folder}/out/log.txt", "--format", "none"], "which the run writes"),
     ],
 )
 def test_inputs_and_foreign_files_stay(options, words, catalogue, tmp_path, capsys):
@@ -44,7 +44,7 @@ def test_inputs_and_foreign_files_stay(options, words, catalogue, tmp_path, caps
 
 
 def test_simulation_replaces_the_table_that_is_named_alone(catalogue, tmp_path, capsys):
-    again = ["quasars", "--number", "50", "--no-transits", "--output"]
+    again = ["quasars", "--number", "50", "--errors", "expected", "--output"]
     before = catalogue.read_bytes()
     assert simulate([*again, str(catalogue)]) == 1
     assert "exists already: use --overwrite" in capsys.readouterr().err
@@ -59,7 +59,7 @@ def test_simulation_replaces_the_table_that_is_named_alone(catalogue, tmp_path, 
 
 
 def test_results_that_were_changed_stay(catalogue, tmp_path, capsys):
-    command = [str(catalogue), "--lmax", "1", "--no-figures", "--output", str(tmp_path / "out")]
+    command = [str(catalogue), "--lmax", "1", "--format", "none", "--output", str(tmp_path / "out")]
     assert fit_main(command) == 0
     assert fit_main([*command, "--overwrite"]) == 0
     report = tmp_path / "out" / "report.txt"
@@ -78,7 +78,7 @@ def test_folder_and_page_are_there_together(catalogue, tmp_path, monkeypatch):
     """A run that ended between them left a folder, and the same call was refused."""
     from vsh.figures import page
 
-    command = [str(catalogue), "--lmax", "1", "--no-figures"]
+    command = [str(catalogue), "--lmax", "1", "--format", "none"]
     command += ["--output", str(tmp_path / "out"), "--html", str(tmp_path / "p.html")]
     monkeypatch.setattr(page, "write_page", lambda *_, **__: 1 / 0)
     with pytest.raises(ZeroDivisionError):
@@ -111,6 +111,6 @@ def test_a_simulation_that_another_run_wrote_meanwhile_stays(tmp_path, monkeypat
         return observe(*arguments, **options)
 
     monkeypatch.setattr(simulate.sim, "observe", slow)
-    assert simulate.main(["quasars", "--number", "20", "--no-transits", "--output", str(path)]) == 1
+    assert simulate.main(["quasars", "--number", "20", "--errors", "expected", "--output", str(path)]) == 1
     assert "exists already" in capsys.readouterr().err
     assert path.read_bytes() == b"the sky of another run"

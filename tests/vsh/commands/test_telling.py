@@ -25,7 +25,18 @@ from vsh.io import catalogue
 @pytest.fixture(scope="module")
 def galaxies(tmp_path_factory):
     path = tmp_path_factory.mktemp("told") / "g.fits"
-    words = ["galaxies", "--number", "600", "--no-transits", "--velocity", "planck", "--output", str(path), "--quiet"]
+    words = [
+        "galaxies",
+        "--number",
+        "600",
+        "--errors",
+        "expected",
+        "--velocity",
+        "planck",
+        "--output",
+        str(path),
+        "--quiet",
+    ]
     assert simulate.main(words) == 0
     return str(path)
 
@@ -78,7 +89,7 @@ COMMANDS = {
 @pytest.mark.parametrize("how", ["--json", "--latex", "--quiet"])
 def test_every_command_tells(command, how, galaxies, tmp_path, capsys):
     run, words, headings = COMMANDS[command]
-    assert run([galaxies, *words, how, "--output", str(tmp_path / "out"), "--no-figures"]) == 0
+    assert run([galaxies, *words, how, "--output", str(tmp_path / "out"), "--format", "none"]) == 0
     out, err = capsys.readouterr()
     assert err == ""
     if how == "--json":
@@ -102,7 +113,17 @@ def test_others(galaxies, tmp_path, capsys):
     ):
         assert run([*words, "--json"]) == 0
         assert heading in json.loads(capsys.readouterr().out)["tables"]
-    words = ["quasars", "--number", "9", "--no-transits", "--output", str(tmp_path / "s.fits"), "--spin", "1,2,3"]
+    words = [
+        "quasars",
+        "--number",
+        "9",
+        "--errors",
+        "expected",
+        "--output",
+        str(tmp_path / "s.fits"),
+        "--spin",
+        "1,2,3",
+    ]
     assert simulate.main([*words, "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
     truth = {name: column["values"] for name, column in told["tables"]["truth"]["columns"].items()}
@@ -170,7 +191,7 @@ def test_citations_of_what_is_asked_for():
     assert "foremanmackey2013" not in plain
     assert "foremanmackey2013" in parsing.citation_keys("vsh-redshift", {"posterior": True})
     assert "hunter2007" in parsing.citation_keys("vsh-fit", {"output": "x"})
-    assert "hunter2007" not in parsing.citation_keys("vsh-fit", {"output": "x", "no-figures": True})
+    assert "hunter2007" not in parsing.citation_keys("vsh-fit", {"output": "x", "format": "none"})
     assert "planck2020overview" in parsing.citation_keys("vsh-sim", {"velocity": "planck"})
     assert "gorski2005" in parsing.citation_keys("vsh-pairs", {})  # what the command itself uses, whatever is asked for
 
@@ -186,11 +207,11 @@ class Piped:
 
 
 def test_standard_input(galaxies, tmp_path, monkeypatch, capsys):
-    assert main([galaxies, "--lmax", "1", "--output", str(tmp_path / "a"), "--no-figures"]) == 0
+    assert main([galaxies, "--lmax", "1", "--output", str(tmp_path / "a"), "--format", "none"]) == 0
     capsys.readouterr()
     content = Path(galaxies).read_bytes()
     monkeypatch.setattr(sys, "stdin", Piped(content))
-    assert main(["-", "--lmax", "1", "--output", str(tmp_path / "b"), "--no-figures"]) == 0
+    assert main(["-", "--lmax", "1", "--output", str(tmp_path / "b"), "--format", "none"]) == 0
     out = capsys.readouterr().out
     assert "standard input: " in out
     one, two = (Table.read(tmp_path / name / "solution.ecsv") for name in "ab")

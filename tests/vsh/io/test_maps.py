@@ -60,7 +60,7 @@ def test_maps_that_are_no_density(tmp_path):
 def test_vsh_correlate_reads_a_map(field, tmp_path, capsys):
     counts = np.bincount(pixels_of(field.lon, field.lat, NSIDE), minlength=12 * NSIDE**2).astype(float)
     path = write(counts, tmp_path / "map.fits", coord="G")
-    assert main([str(path), "--sigma", "300", "--long"]) == 0
+    assert main([str(path), "--columns", "sigma=300", "--long"]) == 0
     assert "a map of densities" in capsys.readouterr().out
 
 

@@ -61,7 +61,7 @@ def test_votable_says_what_its_columns_are(tmp_path):
 def test_tables_in_other_formats_beside_ecsv(tmp_path, capsys):
     random_field(200, 3).write(tmp_path / "f.fits")
     out = tmp_path / "out"
-    words = [str(tmp_path / "f.fits"), "--lmax", "1", "--no-figures", "--output", str(out)]
+    words = [str(tmp_path / "f.fits"), "--lmax", "1", "--format", "none", "--output", str(out)]
     assert main([*words, "--format", "fits,vot,csv"]) == 0
     for ending in ("fits", "vot", "csv"):
         copy = tables.read_table(out / f"solution.{ending}")
@@ -70,14 +70,17 @@ def test_tables_in_other_formats_beside_ecsv(tmp_path, capsys):
     assert main([*words, "--format", "fits,vot,csv", "--overwrite"]) == 0  # what it wrote, it may replace
     with pytest.raises(SystemExit):
         main([*words, "--format", "xls"])
-    assert "'xls' is no format: png, pdf, svg of figures, fits, vot, csv of tables" in capsys.readouterr().err
+    assert (
+        "'xls' is no format: png, pdf, svg of figures, @DPI behind it or not, or none; fits, vot, csv of tables"
+        in capsys.readouterr().err
+    )
 
 
 @pytest.mark.skipif(shutil.which("stilts") is None, reason="STILTS is not installed")
 def test_stilts_reads_what_is_written(tmp_path):
     random_field(200, 3).write(tmp_path / "f.fits")
     out = tmp_path / "out"
-    assert main([str(tmp_path / "f.fits"), "--lmax", "1", "--no-figures", "--output", str(out), "--format", "fits,vot,csv"]) == 0  # fmt: skip
+    assert main([str(tmp_path / "f.fits"), "--lmax", "1", "--format", "none", "--output", str(out), "--format", "fits,vot,csv"]) == 0  # fmt: skip
     random_field(20, 1).write(out / "field.vot")
     written = [path for path in sorted(out.iterdir()) if path.suffix in (".fits", ".vot", ".csv")]
     assert len(written) >= 7

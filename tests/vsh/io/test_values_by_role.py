@@ -200,8 +200,8 @@ def _proposal(message, options):
     value = shlex.split(value.rstrip("),"))[0]
     if name == "units":
         return options | {"units": options.get("units", {}) | dict(pair.split("=") for pair in value.split(","))}
-    argument = {"catalogue-frame": "frame", "sigma": "sigma"}[name]
-    return options | {argument: float(re.match(r"[\d.]+", value)[0]) if name == "sigma" else value}
+    name, _, value = value.partition("=")  # --columns frame=galactic
+    return options | {name: float(re.match(r"[\d.]+", value)[0]) if name == "sigma" else value}
 
 
 @pytest.mark.parametrize("unit", ["parsnips", "mag"])

@@ -71,12 +71,12 @@ def test_hash_of_a_run_is_of_what_was_opened(field, tmp_path, monkeypatch, capsy
         return found
 
     monkeypatch.setattr(catalogue, "read_field", swapped)
-    assert main([str(path), "--lmax", "1", "--output", str(tmp_path / "o"), "--no-figures"]) == 1
+    assert main([str(path), "--lmax", "1", "--output", str(tmp_path / "o"), "--format", "none"]) == 1
     assert "changed since it was opened" in capsys.readouterr().err
     monkeypatch.undo()
     field.write(path, overwrite=True)
     assert digest(path) == opened
-    assert main([str(path), "--lmax", "1", "--output", str(tmp_path / "o"), "--no-figures"]) == 0
+    assert main([str(path), "--lmax", "1", "--output", str(tmp_path / "o"), "--format", "none"]) == 0
     assert opened in (tmp_path / "o" / "provenance.json").read_text()
 
 

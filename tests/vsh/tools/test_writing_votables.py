@@ -74,16 +74,16 @@ def test_stilts_reads_what_commands_write(tmp_path):
     from vsh.__main__ import module_of
 
     galaxies, quasars = str(tmp_path / "galaxies.vot"), str(tmp_path / "quasars.vot")
-    common = ["--format", "vot", "--no-figures", "--quiet", "--output"]
+    common = ["--format", "vot", "--format", "none", "--quiet", "--output"]
     for command, *words in (
-        ["sim", "galaxies", "--number", "800", "--no-transits", "--quiet", "--output", galaxies],
+        ["sim", "galaxies", "--number", "800", "--errors", "expected", "--quiet", "--output", galaxies],
         ["sim", "quasars", "--number", "300", "--quiet", "--output", quasars],
         ["sim", "epochs", "--number", "5", "--quiet", "--output", str(tmp_path / "epochs.vot")],
         ["fit", quasars, *common, str(tmp_path / "fit")],
         ["compare", quasars, quasars, *common, str(tmp_path / "compare")],
         ["pairs", quasars, *common, str(tmp_path / "pairs")],
         ["correlate", quasars, "--leakage", "2", *common, str(tmp_path / "correlate")],
-        ["redshift", galaxies, "--on-bad", "drop", "--bins", "2", "--no-flows", *common, str(tmp_path / "redshift")],
+        ["redshift", galaxies, "--on-bad", "drop", "--bins", "2", "--flows", "no", *common, str(tmp_path / "redshift")],
     ):
         assert module_of(command).main(words) == 0
     files = sorted(tmp_path.rglob("*.vot"))

@@ -99,7 +99,8 @@ def locate(wanted: Request, source: TableSource) -> tuple[dict[str, str], list[s
         if all(re.fullmatch(r"col\d+", column) for column in source.names):
             remark += "; it has no line of names, so its columns are called by their numbers"
         if {role for role, _ in absent} == {"pmra_error", "pmdec_error"}:
-            remark += "; for a table without errors, sigma=100 (--sigma 100) gives all motions the same error in µas/yr"
+            same = "gives all motions the same error in µas/yr"
+            remark += f"; for a table without errors, sigma=100 (--columns sigma=100) {same}"
         if set(REQUIRED[2:]) <= {role for role, _ in absent} and not {"ra", "dec"} & {role for role, _ in absent}:
             raise TableError(
                 f"{source.label} is a list of positions, without motions ({missing_column(name, source)}): vsh-compare "

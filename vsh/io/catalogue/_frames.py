@@ -74,7 +74,7 @@ def frames_of(where: Mapping[str, str], frame: str | None, source: TableSource) 
     if frame is None and (old := [where[role] for role in _POSITIONS if _OLD.search(where.get(role, ""))]):
         raise TableError(
             f"column {printable(old[0])!r}: positions of B1950 are not read. Turn them to ICRS first, or say frame= "
-            "(--catalogue-frame) if the name is wrong"
+            "(--columns frame=) if the name is wrong"
         )
     of_motions = next((name for name, pattern in _MOTIONS.items() if _are_of(pattern, where)), None)
     stated, notes = (None, ()) if frame is not None else _stated(where, source)
@@ -91,7 +91,7 @@ def frames_of(where: Mapping[str, str], frame: str | None, source: TableSource) 
         role = next(role for role in _POSITIONS if _named(where.get(role)))
         raise TableError(
             f"column {where[role]!r} is given as {role}: are these {by_name} coordinates? Say frame={by_name!r} "
-            f'(--catalogue-frame {by_name}), or frame="icrs"'
+            f'(--columns frame={by_name}), or frame="icrs"'
         )
     return TableFrames("icrs", "icrs", notes)
 
@@ -134,7 +134,7 @@ def _of_system(name, equinox, label):
     system = _SYSTEMS.get(name.lower())
     year = _equinox(equinox)
     shown = printable(name if year is None or name.lower().startswith(("icrs", "gal")) else f"{name}, {equinox}")
-    remedy = "turn it to ICRS first, or say frame= (--catalogue-frame) if that is wrong"
+    remedy = "turn it to ICRS first, or say frame= (--columns frame=) if that is wrong"
     if system in ("fk4", "super") or (system in ("fk5", "ecliptic") and year not in (None, 2000.0)):
         raise TableError(f"{label} states positions in {shown}, which are not read: {remedy}")
     if system is None:

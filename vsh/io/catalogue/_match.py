@@ -99,7 +99,7 @@ def counterparts(a: Any, b: Any, *, by: Literal["name", "position"] = "name", ra
         b = b.at_epoch(a.epoch)
     (i, j), ambiguous = _by_name(a, b) if by == "name" else _by_position(a, b, 1.0 if radius is None else float(radius))
     if not len(i):
-        alternative = 'position, by="position" (--by position)' if by == "name" else "name, or a larger radius"
+        alternative = 'position, by="position" (--match 1)' if by == "name" else "name, or a larger radius"
         raise TableError(
             f"the catalogues have no source in common ({len(a)} and {len(b)}, matched by {by}): match them by "
             f"{alternative}"
@@ -164,7 +164,7 @@ def match(
             k = int(np.argmax(separation > 1e6))
             raise FieldError(
                 f"{n_distant} of {len(i)} pairs of one name are more than 1 arcsec apart ({in_a_line(a.name[i[k]])} "
-                "for one): other sources, or columns and units that were misread; by position (--by position) names "
+                "for one): other sources, or columns and units that were misread; by position (--match 1) names "
                 "do not "
                 "count"
             )
@@ -188,13 +188,11 @@ def match(
 
 def _by_name(a, b):
     if a.name is None or b.name is None:
-        raise FieldError(
-            'a catalogue without names cannot be matched by name: by="position" (--by position) needs none'
-        )
+        raise FieldError('a catalogue without names cannot be matched by name: by="position" (--match 1) needs none')
     if a.name.dtype.kind != b.name.dtype.kind and "U" in (a.name.dtype.kind, b.name.dtype.kind):
         raise FieldError(
             f"names of type {a.name.dtype} and {b.name.dtype} are never equal, {in_a_line(a.name[0])} and "
-            f'{in_a_line(b.name[0])} say: by="position" (--by position) needs none'
+            f'{in_a_line(b.name[0])} say: by="position" (--match 1) needs none'
         )
     once = []
     ambiguous = 0
@@ -276,7 +274,7 @@ def read_icrf(path: PathName, name: str | None = "icrf") -> Positions:
 def _read_names(table_source, name):
     """The positions of a list from VLBI."""
     if "ra_error" not in table_source.names:
-        raise TableError(f"{table_source.label} has no errors: give one for all, sigma= (--position-error)")
+        raise TableError(f"{table_source.label} has no errors: give one for all, sigma= (--columns sigma=)")
     columns = {key: values for key, (values, _) in table_source.columns().items()}
     if not all(columns[name]):
         raise TableError(
@@ -335,7 +333,7 @@ def read_positions(
         roles.pop("ra_error"), roles.pop("dec_error"), roles.pop("ra_dec_corr")
     for role in _COLUMNS:
         if role in roles and roles[role] not in table_source.names:
-            remark = "; or one error for all, sigma= (--position-error)" if role.endswith("error") else ""
+            remark = "; or one error for all, sigma= (--columns sigma=)" if role.endswith("error") else ""
             raise TableError(missing_column(roles[role], table_source) + remark)
     roles = {role: name for role, name in roles.items() if name in table_source.names}
     clause = None if where is None else ChosenColumns(where, table_source)

@@ -12,7 +12,7 @@ from vsh.io.catalogue._columns import as_columns
 from vsh.io.catalogue._names import REQUIRED, Columns, Request, derived_from
 from vsh.io.catalogue._read import open_positions, stream_fields
 from vsh.io.parts import Dask, Engine, InProcess, Parts, Processes, delayed_of, is_delayed
-from vsh.io.tables import Place, TableSource, Where, check_alike, files_of, is_address, open_table, record_at
+from vsh.io.tables import Place, TableSource, Where, check_alike, files_of, is_address, mark_of, open_table
 from vsh.tools.arguments import whole
 from vsh.tools.errors import ParameterError, TableError
 from vsh.tools.files import check_unchanged, record_of
@@ -158,7 +158,7 @@ def _name_of(file):
 
 
 def _record_of(file):
-    return record_at(file) if isinstance(file, Place) else record_of(file)
+    return mark_of(file) if isinstance(file, Place) else record_of(file)
 
 
 def _layout(table, columns):

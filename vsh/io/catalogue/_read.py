@@ -345,8 +345,8 @@ def _check_positive(name, errors):
         if errors.dtype.kind in "iuf" and np.all(np.ma.filled(errors <= 0, False)):
             column = printable(name.removeprefix(f"{ASSUMED}pm"))  # of positions, where these stand for motions
             raise FieldError(
-                f"column {column!r} is zero or negative in all rows, so there are no errors: sigma=100 (--sigma 100) "
-                "gives all sources the same error in µas/yr"
+                f"column {column!r} is zero or negative in all rows, so there are no errors: sigma=100 (--columns "
+                "sigma=100) gives all sources the same error in µas/yr"
             )
 
 

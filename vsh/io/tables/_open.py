@@ -64,8 +64,8 @@ class Place(NamedTuple):
         return Place(self.filesystem, path, f"{self.label.rstrip('/')}/{PurePosixPath(path).name}", None)
 
 
-def record_at(place: Place) -> tuple[Any, ...]:
-    """What a server says of a file, by which it is known again: size, time of change, mark (ETag)."""
+def mark_of(place: Place) -> tuple[Any, ...]:
+    """Size, time of change and mark (ETag) of a file at an address, by which it is known again."""
     try:
         if hasattr(place.filesystem, "handler"):  # of fsspec, whose libraries have names of their own for these
             facts = place.filesystem.handler.fs.info(place.path)
@@ -350,8 +350,8 @@ def _find_format(path, label):
             else f" Known endings: {', '.join(READ)}, each also with .gz, or several in a .zip."
         )
         raise TableError(
-            f"{label}: unrecognised format.{hint} Name it: --input-format {'|'.join(BY_NAME)}, where ascii is any text"
-            " in columns (format=…)"
+            f"{label}: unrecognised format.{hint} Name it: --columns format=NAME, of {'|'.join(BY_NAME)}, where ascii is any "
+            "text in columns (format=…)"
         ) from None
 
 

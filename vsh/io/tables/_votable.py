@@ -48,7 +48,7 @@ def open_votable(path: PathName, label: str, overflow: bool = False) -> TableSou
         if str(info.value).upper() == "OVERFLOW" and not overflow:
             raise TableError(
                 f"{label} is a part of its query's result: the archive cut it off (QUERY_STATUS OVERFLOW). Ask again "
-                "for more rows, or accept a part of the rows: --input-format votable-overflow (format=)"
+                "for more rows, or accept a part of the rows: --columns format=votable-overflow (format=)"
             )
         if str(info.value).upper() == "ERROR":
             raise TableError(f"{label} holds an archive's error, not a table: {first_line(info.content or info.value)}")

@@ -173,7 +173,7 @@ def test_every_output_has_the_same_numbers(catalogue, tmp_path, capsys):
     result = fit.recommended(vsh.io.catalogue.read_field(catalogue))
     lines = dict(result.answer.lines)
     out, page = tmp_path / "out", tmp_path / "page.html"
-    assert main([catalogue, "--output", str(out), "--html", str(page), "--no-figures"]) == 0
+    assert main([catalogue, "--output", str(out), "--html", str(page), "--format", "none"]) == 0
     text = capsys.readouterr().out
     assert text.startswith(result.verdict + "\n")
     assert (out / "report.txt").read_text(encoding="utf-8").startswith(result.verdict + "\n")
@@ -218,7 +218,7 @@ def test_comparison_has_the_same_numbers(tmp_path, capsys):
     """ICRF3 and ICRF2: text, page, LaTeX, JSON and tables of their differences."""
     paths = [str(real_catalogue(name)) for name in ("icrf3sx.txt", "icrf2-all.txt")]
     out, page = tmp_path / "out", tmp_path / "page.html"
-    assert compare([*paths, "--output", str(out), "--html", str(page), "--no-figures"]) == 0
+    assert compare([*paths, "--output", str(out), "--html", str(page), "--format", "none"]) == 0
     text = capsys.readouterr().out
     first, second = (vsh.io.catalogue.read_icrf(path) for path in paths)
     comparison, _ = compare_catalogues(first, second, labels=("icrf3sx", "icrf2-all"))
@@ -242,7 +242,7 @@ def test_comparison_has_the_same_numbers(tmp_path, capsys):
 def test_rows_of_the_sources(catalogue, tmp_path, capsys):
     """A row each, whose residuals, errors and weights are those of the fit."""
     field = vsh.io.catalogue.read_field(catalogue)
-    assert main([catalogue, "--output", str(tmp_path / "out"), "--no-figures"]) == 0
+    assert main([catalogue, "--output", str(tmp_path / "out"), "--format", "none"]) == 0
     if len(field) > 100_000:
         assert not list((tmp_path / "out").glob("sources.*"))  # a table as large as the catalogue
         return

@@ -186,8 +186,8 @@ def test_epochs_on_the_command_line(transits, tmp_path, capsys):
             "--url",
             f"{url}/data",
         ]
-        assert main([*words, "--structure", "INDIVIDUAL", "--batch", "2"]) == 0
-    assert "2 files of 3 sources" in capsys.readouterr().out
+        assert main([*words, "--structure", "INDIVIDUAL"]) == 0
+    assert "1 files of 3 sources" in capsys.readouterr().out
     assert {form["DATA_STRUCTURE"] for _, form in asked} == {"INDIVIDUAL"}
     for wrong in (["epochs", "--output", "x"], ["gaia-crf3", "--ids", "x", "--show"], []):
         with pytest.raises(SystemExit):

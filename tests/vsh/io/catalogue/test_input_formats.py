@@ -1,4 +1,4 @@
-"""Every format that --input-format names: told, by its ending, by its first bytes; and damaged."""
+"""Every format that --columns format= names: told, by its ending, by its first bytes; and damaged."""
 
 import gzip
 import shutil
@@ -57,7 +57,7 @@ def test_every_format(kind, tmp_path, capsys):
     np.testing.assert_allclose(field.sigma, wanted.sigma, rtol=1e-13)
     assert not any("no unit" in note for note in field.notes)
     assert catalogue.parts(path, format=kind, units=units).sum(len) == len(wanted)
-    assert main([str(path), "--lmax", "1", "--input-format", kind]) == 0
+    assert main([str(path), "--lmax", "1", "--columns", f"format={kind}"]) == 0
     assert f": {len(wanted)} sources, " in capsys.readouterr().out
     if kind in ("cds", "ascii"):  # what has no mark of its own must be told
         return
@@ -159,10 +159,10 @@ def test_lists_of_the_iers(capsys):
     assert len(chosen) == 303 == listed.defining.sum()
     np.testing.assert_array_equal(chosen.name, listed.name[listed.defining])
     np.testing.assert_allclose(chosen.lon, listed.lon[listed.defining], rtol=1e-15)
-    words = [path, str(real_catalogue("icrf2-all.txt")), "--lmax", "1", "--columns", "icrf", "--input-format", "icrf"]
+    words = [path, str(real_catalogue("icrf2-all.txt")), "--lmax", "1", "--columns", "icrf", "--columns", "format=icrf"]
     assert compare([*words, "--where", 'defining == "D"']) == 0
     assert "sources" in capsys.readouterr().out
-    assert main([path, "--input-format", "icrf"]) == 1
+    assert main([path, "--columns", "format=icrf"]) == 1
     assert "no column 'pmra'" in capsys.readouterr().err
 
 
@@ -176,7 +176,7 @@ def test_by_its_first_bytes(tmp_path):
             assert len(catalogue.read_field(path, units=units)) == len(made())
     (tmp_path / "notes.txt").write_bytes(b"dear diary,\0\n")
     with pytest.raises(
-        TableError, match=r"notes.txt: unrecognised format\. Known endings: .* Name it: --input-format fits"
+        TableError, match=r"notes.txt: unrecognised format\. Known endings: .* Name it: --columns format=NAME, of fits"
     ):
         tables.open_table(tmp_path / "notes.txt")
     with pytest.raises(TableError, match="no format is called 'excel'"):

@@ -111,7 +111,7 @@ def test_columns_in_another_frame_are_asked_for():
     t.rename_columns(["ra", "dec", "pmra", "pmdec"], ["l", "b", "east", "north"])
     columns = {"ra": "l", "dec": "b", "pmra": "east", "pmdec": "north"}
     with pytest.raises(
-        TableError, match="'l' is given as ra: are these galactic coordinates.*--catalogue-frame galactic"
+        TableError, match="'l' is given as ra: are these galactic coordinates.*--columns frame=galactic"
     ):
         read_field(t, columns)
     assert read_field(t, columns, frame="galactic").frame == "galactic"

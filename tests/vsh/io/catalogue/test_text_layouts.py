@@ -94,7 +94,7 @@ def test_motions_that_are_marked_missing_are_left_out_with_a_count(tmp_path, bla
 def test_motions_without_errors_have_those_that_are_given(tmp_path):
     path = tmp_path / "table.csv"
     path.write_text("ra,dec,pmra,pmdec\n" + body(",", ROWS[:, :4]))
-    with pytest.raises(TableError, match=r"--sigma 100\) gives all motions the same error"):
+    with pytest.raises(TableError, match=r"--columns sigma=100\) gives all motions the same error"):
         read_field(path)
     field = read_field(path, sigma=30.0)
     np.testing.assert_allclose(field.sigma, 30)
@@ -125,7 +125,7 @@ def test_overflow_is_accepted_in_so_many_words(tmp_path):
     document.resources[0].infos.append(Info(name="QUERY_STATUS", value="OVERFLOW"))
     path = tmp_path / "part.vot"
     document.to_xml(str(path))
-    with pytest.raises(TableError, match="--input-format votable-overflow"):
+    with pytest.raises(TableError, match="--columns format=votable-overflow"):
         read_field(path)
     field = read_field(path, format="votable-overflow")
     assert len(field) == 40

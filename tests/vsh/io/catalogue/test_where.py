@@ -206,7 +206,8 @@ def test_on_the_command_line(tmp_path, capsys):
         "g < 20 and z < 2.9",
         "--output",
         str(tmp_path / "out"),
-        "--no-figures",
+        "--format",
+        "none",
     ]
     assert main(words) == 0
     kept = ((G < 20) & (Z < 2.9) & ~GAP).sum()
