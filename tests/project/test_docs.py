@@ -20,6 +20,7 @@ PAGES = [path for path in PAGES if "_build" not in path.parts and not {"gallery"
 COMMANDS = [f"vsh-{name}" for name in commands.COMMANDS]
 #: Faces whose names are used inside the project only.
 INTERNAL = {
+    "study",
     "sim.agis.passes",
     "sim.commands",
     "fit.commands",

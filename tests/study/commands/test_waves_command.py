@@ -8,8 +8,8 @@ import pytest
 import sim
 from sim.commands import simulate
 from study.commands.waves import main
-from vsh.io.epochs import read_observations
 from vsh.io import tables
+from vsh.io.epochs import read_observations
 from vsh.sky.sphere import angles
 from vsh.vector import Vector
 

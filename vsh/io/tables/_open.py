@@ -350,8 +350,8 @@ def _find_format(path, label):
             else f" Known endings: {', '.join(READ)}, each also with .gz, or several in a .zip."
         )
         raise TableError(
-            f"{label}: unrecognised format.{hint} Name it: --columns format=NAME, of {'|'.join(BY_NAME)}, where ascii is any "
-            "text in columns (format=…)"
+            f"{label}: unrecognised format.{hint} Name it: --columns format=NAME, of {'|'.join(BY_NAME)}, where ascii "
+            "is any text in columns (format=…)"
         ) from None
 
 
