@@ -54,7 +54,6 @@ GONE = {
     "vsh-redshift shared-higher-degrees": "fit.redshift.binned(shared_higher_degrees=True)",
     "vsh-redshift distances": "fit.kinematics(field)", "vsh-redshift oort": "fit.kinematics(field, gradient=True)",
     "vsh-correlate parameters": "fit.correlation.predict_covariance", "vsh-correlate nside": "influence_map(nside=)",
-    "vsh-link colour-order": "fit.frames.link.link(colour_order=)",
     "vsh-link prior-magnitude": "fit.frames.link.read_priors(path, magnitude)",
     "vsh-link no-offset": "fit.frames.link.link(excess=False)",
     "vsh-link epochs": "vsh.io.astrometry.read_astrometry(epoch=)",

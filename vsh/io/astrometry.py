@@ -32,13 +32,11 @@ _CALLED = {
     "pmdec": ("pmdec", "pmde"),
     "radial_velocity": ("radial_velocity", "rv"),
     "magnitude": ("phot_g_mean_mag", "magnitude", "gmag", "g"),
-    "colour": ("bp_rp", "colour", "color"),
     "still": ("still", "quasar"),
-    "jet": ("jet", "jet_pa"),
     "calibrator": ("calibrator", "reference_source", "phase_reference"),
 }
 _UNITS = {"ra": "deg", "dec": "deg", "parallax": "mas", "pmra": "mas / yr", "pmdec": "mas / yr",
-          "radial_velocity": "km / s", "jet": "deg"}  # fmt: skip
+          "radial_velocity": "km / s"}  # fmt: skip
 #: Errors and correlations, by the names of their parameters.
 _CORRELATIONS = {f"{_FIVE[i]}_{_FIVE[j]}_corr": (i, j) for i in range(5) for j in range(i + 1, 5)}
 _SPREADS: dict[str, tuple[str, ...]] = {
@@ -50,7 +48,7 @@ _SPREADS |= {
     for role, (i, j) in _CORRELATIONS.items()
 }
 #: What belongs to a source, whoever measured it.
-_SOURCE = ("name", "radial_velocity", "magnitude", "colour", "still", "jet", "calibrator")
+_SOURCE = ("name", "radial_velocity", "magnitude", "still", "calibrator")
 #: The catalogue of bare columns, in a table that has those of two side by side.
 _BARE = "gaia"
 
@@ -70,8 +68,8 @@ def read_astrometry(
     ----------
     source : path, or table
         Names, `epoch` and what was measured of `ra`, `dec`, `parallax`, `pmra`, `pmdec`, with `ra_error` … and
-        correlations `ra_dec_corr` … (zero where there are none), `radial_velocity`, `phot_g_mean_mag`, `bp_rp`,
-        `still` (a quasar), `jet`, `calibrator` (its name). In degrees, mas and mas/yr where the table does not say.
+        correlations `ra_dec_corr` … (zero where there are none), `radial_velocity`, `phot_g_mean_mag`,
+        `still` (a quasar), `calibrator` (its name). In degrees, mas and mas/yr where the table does not say.
         Errors of ra times cos(dec). A table may have two catalogues side by side, one with a suffix (`ra_VLBI` …), and
         a column `catalogue`.
     catalogue : str, optional
@@ -200,9 +198,8 @@ class _Rows:
             "catalogue": self.words("catalogue") if "catalogue" in self.names else np.full(n, label),
             "epoch": epoch, "lon": lon, "lat": lat, "parallax": parallax,
             "motion": np.stack(motion), "covariance": self.covariance(n), "still": at_rest,
-            "jet": self.numbers("jet", n) * DEGREE,
             "calibrator": self.names_of_calibrators(n),
-            **{role: self.numbers(role, n) for role in ("radial_velocity", "magnitude", "colour")},
+            **{role: self.numbers(role, n) for role in ("radial_velocity", "magnitude")},
         }  # fmt: skip
         keep = np.ones(n, bool)
         if once:
@@ -251,8 +248,8 @@ def write_astrometry(
             columns[role] = astrometry.covariance[:, i, j] / (sigma[:, i] * sigma[:, j])
     columns |= {
         "radial_velocity": astrometry.radial_velocity, "phot_g_mean_mag": astrometry.magnitude,
-        "bp_rp": astrometry.colour, "calibrator": astrometry.calibrator,
-        "still": astrometry.still.astype(np.int16), "jet": astrometry.jet / DEGREE,
+        "calibrator": astrometry.calibrator,
+        "still": astrometry.still.astype(np.int16),
     }  # fmt: skip
     units = {name: _UNITS.get(name.removesuffix("_error"), "") for name in columns}
     units |= {"ra_error": "mas", "dec_error": "mas", "epoch": "yr", "phot_g_mean_mag": "mag"}

@@ -201,16 +201,13 @@ class AstrometryRows(Frozen):
         µas/yr]
     radial_velocity : (n,) array
         nan counts as zero; all are nan unless given. [km/s]
-    magnitude, colour : (n,) arrays
-        nan if not known. A source has the values of its first row for which they are known.
+    magnitude : (n,) array
+        nan if not known. A source has that of its first row for which it is known.
     still : (n,) bool array
         Mask of the sources that have no parallax and no motion of their own, such as quasars. False unless given.
     displaced : (n,) bool array
         Mask of the positions that are as seen from the Earth at a single epoch, displaced by the parallax. Unless
         given, these are the rows without a parallax, except those of `still` sources.
-    jet : (n,) array
-        Position angle of the jet, along which the radio position may be offset, from north through east; nan if not
-        known. [rad]
     calibrator : (n,) array of str
         Calibrator against which the position was measured. Sources with the same calibrator have its error in common.
         Empty if not known.
@@ -233,10 +230,8 @@ class AstrometryRows(Frozen):
     covariance: FloatArray
     radial_velocity: FloatArray = None  # type: ignore[assignment]
     magnitude: FloatArray = None  # type: ignore[assignment]
-    colour: FloatArray = None  # type: ignore[assignment]
     still: BoolArray = None  # type: ignore[assignment]
     displaced: BoolArray = None  # type: ignore[assignment]
-    jet: FloatArray = None  # type: ignore[assignment]
     calibrator: Any = None
     notes: tuple[str, ...] = ()
 
@@ -249,7 +244,7 @@ class AstrometryRows(Frozen):
         columns: dict[str, Any] = {"name": name, "catalogue": np.asarray(self.catalogue).astype(str)}
         for column in ("epoch", "lon", "lat", "parallax", "motion", "covariance"):
             columns[column] = _floats(column, getattr(self, column))
-        for column in ("radial_velocity", "magnitude", "colour", "jet"):
+        for column in ("radial_velocity", "magnitude"):
             value = getattr(self, column)
             columns[column] = np.full(n, np.nan) if value is None else _floats(column, value)
         calibrator = np.full(n, "") if self.calibrator is None else np.asarray(self.calibrator).astype(str)

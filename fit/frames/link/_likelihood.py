@@ -94,7 +94,6 @@ class Node:
     weight: FloatArray
     outlier: FloatArray
     excess: float = 0.0
-    across: float = 1.0
 
 
 def nodes(
@@ -142,9 +141,7 @@ def influence_of(
     difference a tenth; with unchanged weights they would be 0.86 and a fifth.
     """
     best = listed[int(np.argmax(share))]
-    is_comparable = [
-        (node.excess, node.across) == (best.excess, best.across) for node in listed
-    ]  # otherwise its rows are different
+    is_comparable = [node.excess == best.excess for node in listed]  # otherwise its rows are different
     indices = [k for k in np.argsort(-share)[:_NODES] if is_comparable[k]]
     design, n = rows.design, len(rows.names)
     starts = np.cumsum(rows.dims) - rows.dims

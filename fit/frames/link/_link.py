@@ -26,8 +26,6 @@ from vsh.vector import GAIA_EDR3, Vector
 ICRF3_EPOCH = 2015.0
 #: Sizes of an excess noise that are tried, in units of the median error of the positions of the reference.
 _EXCESS = (0.2, 0.5, 1.0, 2.0, 4.0, 8.0)
-#: Across a jet in units of along it.
-_ACROSS = (1.0, 0.3, 0.1)
 #: Correlations beyond this cannot be separated.
 _ALIKE = 1e-10
 
@@ -41,7 +39,6 @@ def link(
     *,
     steps: Sequence[float] = (),
     order: int = 0,
-    colour_order: int = 0,
     epoch: float = 2016.0,
     priors: Sequence[LinkPrior] = (),
     robust: bool = True,
@@ -65,8 +62,8 @@ def link(
         of each catalogue relative to the reference.
     steps : sequence of float
         Magnitudes at which the frame jumps.
-    order, colour_order : int
-        Degree of the polynomial in (G − 13) and in (colour − 1) by which orientation and spin vary.
+    order : int
+        Degree of the polynomial in (G − 13) by which orientation and spin vary.
     epoch : float
         The epoch of the orientation. [Julian year]
     priors : sequence of LinkPrior
@@ -77,7 +74,7 @@ def link(
         By which all errors are multiplied; found from the data unless given.
     excess : bool
         Whether a radio–optical offset of each source is included in the model: drawn from a distribution with one size
-        for all sources, and along the jet if its direction is given. Source structure and calibrator errors are
+        for all sources. Source structure and calibrator errors are
         absorbed as well. Default: yes, if the reference has positions.
     fixed : dict, optional
         Catalogues whose stars are measured against calibrators with fixed positions, and the epoch of these; the
@@ -112,7 +109,7 @@ def link(
     parameters = Unknowns(
         tuple(name for name in unknowns if name != "parallax"),
         tuple(name for name in astrometry.catalogues if name != reference_name),
-        tuple(map(float, steps)), order, colour_order, float(epoch), "parallax" in unknowns,
+        tuple(map(float, steps)), order, float(epoch), "parallax" in unknowns,
     )  # fmt: skip
     fixed = {reference_name: ICRF3_EPOCH} if fixed is None else dict(fixed)
     strange = [catalogue for catalogue in fixed if catalogue not in astrometry.catalogues]
@@ -130,35 +127,25 @@ def link(
         excess = robust and bool(((astrometry.catalogue == reference_name) & astrometry.measured[:, 0]).any())
     families = (FAMILIES if not excess else FEWER) if robust else (NORMAL,)
     node_list: list[Node] = []
-    offsets: list[tuple[float, float]] = _offsets(astrometry, reference_name) if excess else [(0.0, 1.0)]
-    rows_by_offset = {
-        offset: rows if not offset[0] else raw.eliminate_stars(*offset, reference_name) for offset in offsets
-    }
-    for (size, ratio), offset_rows in rows_by_offset.items():
+    sizes: list[float] = _offsets(astrometry, reference_name) if excess else [0.0]
+    rows_by_offset = {size: raw.eliminate_stars(size, reference_name) if size else rows for size in sizes}
+    for size, offset_rows in rows_by_offset.items():
         # As likely as not there is none; all sizes are alike then.
-        chance = -np.log(len(offsets) - 1) if size else 0.0
+        chance = -np.log(len(sizes) - 1) if size else 0.0
         for node in nodes(offset_rows, prior, families, scale):
             evidence = node.evidence - offset_rows.log_determinant + chance
-            node_list.append(replace(node, evidence=evidence, excess=size, across=ratio))
+            node_list.append(replace(node, evidence=evidence, excess=size))
     best = max(node_list, key=lambda node: node.evidence)
-    return made(
-        node_list,
-        rows_by_offset[best.excess, best.across],
-        prior,
-        parameters,
-        reference_name,
-        (*astrometry.notes, *notes),
-    )
+    return made(node_list, rows_by_offset[best.excess], prior, parameters, reference_name, (*astrometry.notes, *notes))
 
 
 def _offsets(astrometry, reference):
-    """Sizes of the excess noise, and ratios across jets, that are tried."""
+    """Sizes of the excess noise that are tried."""
     mine = (astrometry.catalogue == reference) & astrometry.measured[:, 0]
     if not mine.any():
         raise ParameterError(f"an excess noise is of positions, and {reference} has none with errors")
     unit = float(np.sqrt(np.median(astrometry.covariance[mine][:, [0, 1], [0, 1]])))
-    ratios = _ACROSS if np.isfinite(astrometry.jet[mine]).any() else (1.0,)
-    return [(0.0, 1.0), *((unit * size, ratio) for size in _EXCESS for ratio in ratios)]
+    return [0.0, *(unit * size for size in _EXCESS)]
 
 
 def _prior(priors, unknowns):
@@ -171,7 +158,7 @@ def _prior(priors, unknowns):
         if catalogue not in catalogues or prior.vector not in unknowns.vectors:
             phrase = f"the {prior.vector} of {catalogue or 'a catalogue that is not named'}"
             raise ParameterError(f"a prior is of {phrase}, which is not sought here")
-        a = unknowns.combination(prior.vector, catalogue, prior.magnitude, prior.colour)
+        a = unknowns.combination(prior.vector, catalogue, prior.magnitude)
         product = np.linalg.solve(prior.covariance, a)
         matrix += a.T @ product
         rhs += product.T @ prior.value

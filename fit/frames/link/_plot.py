@@ -22,8 +22,7 @@ def plot_link(solution: Any, *, ax: OnAxes | None = None) -> AxesArray:
             for start, end in pairwise(edges):
                 # A step belongs to what is fainter.
                 grid = np.linspace(start, np.nextafter(end, -np.inf), 30)
-                colour = 1.0 if solution.unknowns.colour_order else None
-                each = [solution.vector(vector, float(g), colour) for g in grid]
+                each = [solution.vector(vector, float(g)) for g in grid]
                 value = np.array([v.value[k] for v in each])
                 sigma = np.array([v.sigma[k] for v in each])
                 axes.plot(grid, value, color=COLOURS[k], label=axis if start == edges[0] else None)

@@ -1,6 +1,6 @@
 """The rows of a link: what several catalogues tell of frames whatever the true parameters of the sources are.
 
-Frames are turned by orientation and spin, in steps and powers of magnitude and colour (`Unknowns`); what is known of
+Frames are turned by orientation and spin, in steps and powers of magnitude (`Unknowns`); what is known of
 them from elsewhere (binaries, clusters, quasars) is a `LinkPrior`.
 """
 
@@ -42,7 +42,7 @@ class LinkPrior(InNotebook):
     value : (3,) array
         [µas or µas/yr]
     covariance : (3, 3) array
-    magnitude, colour : float, optional
+    magnitude : float, optional
         Those of the sources it is from; of the brightest, without steps and powers, unless given.
     catalogue : str, optional
         Whose; of the one that is turned unless given.
@@ -52,7 +52,6 @@ class LinkPrior(InNotebook):
     value: FloatArray
     covariance: FloatArray = field(repr=False)
     magnitude: float | None = None
-    colour: float | None = None
     catalogue: str | None = None
 
     def __post_init__(self) -> None:
@@ -69,7 +68,7 @@ def read_priors(source: Any, magnitude: float | None = None) -> list[LinkPrior]:
     ----------
     source : path, or table
         Columns `x`, `y`, `z`, `x_error` …, and where known `x_y_corr`, `x_z_corr`, `y_z_corr`, `vector` ("spin" unless
-        given), `magnitude`, `colour`, `catalogue`; in µas and µas/yr where the table does not say. Or the folder that
+        given), `magnitude`, `catalogue`; in µas and µas/yr where the table does not say. Or the folder that
         `vsh-fit --output` wrote, or its `vectors.ecsv`: the spin of the motions of its sources, turned to ICRS axes.
     magnitude : float, optional
         Magnitude of all priors for which the table has none.
@@ -103,7 +102,7 @@ def read_priors(source: Any, magnitude: float | None = None) -> list[LinkPrior]:
         matrix = np.eye(3)
         for name, (i, j) in {"x_y_corr": (0, 1), "x_z_corr": (0, 2), "y_z_corr": (1, 2)}.items():
             matrix[i, j] = matrix[j, i] = number(name)
-        keywords = {name: float(data[name][row]) for name in ("magnitude", "colour") if name in data}
+        keywords = {name: float(data[name][row]) for name in ("magnitude",) if name in data}
         keywords = {name: value for name, value in keywords.items() if np.isfinite(value)}
         if magnitude is not None:
             keywords.setdefault("magnitude", magnitude)
@@ -144,7 +143,7 @@ def _priors_of_fit(table, magnitude):
 
 #: The table of a fit's spin and acceleration, in its folder of results.
 _OF_A_FIT = "vectors.ecsv"
-_NUMBERS = (*"xyz", *(f"{axis}_error" for axis in "xyz"), "x_y_corr", "x_z_corr", "y_z_corr", "magnitude", "colour")
+_NUMBERS = (*"xyz", *(f"{axis}_error" for axis in "xyz"), "x_y_corr", "x_z_corr", "y_z_corr", "magnitude")
 _WORDS = ("vector", "catalogue")
 
 
@@ -158,13 +157,13 @@ def _numbers(table, name):
 _AXES = "xyz"
 #: Vectors that can be unknown: their names, and the unit of each.
 VECTORS = {"orientation": ("epsilon", "µas"), "spin": ("omega", "µas/yr"), "acceleration": ("a", "µas/yr")}
-#: Magnitude and colour from which powers are counted.
-_ZERO = {"magnitude": 13.0, "colour": 1.0}
+#: Magnitude from which powers are counted.
+_ZERO = 13.0
 
 
 @dataclass(frozen=True)
 class Unknowns(InNotebook):
-    """Unknowns of a link: its vectors, and how they change with magnitude and colour.
+    """Unknowns of a link: its vectors, and how they change with magnitude.
 
     Attributes
     ----------
@@ -176,8 +175,6 @@ class Unknowns(InNotebook):
         Magnitudes from which on (fainter) a frame is turned by so much more.
     order : int
         Powers of (G − 13 mag), each.
-    colour_order : int
-        Powers of (colour − 1 mag), each.
     epoch : float
         The epoch of the orientation. [Julian year]
     has_parallax_terms : bool
@@ -188,7 +185,6 @@ class Unknowns(InNotebook):
     turned: tuple[str, ...]
     steps: tuple[float, ...] = ()
     order: int = 0
-    colour_order: int = 0
     epoch: float = 2016.0
     has_parallax_terms: bool = False
 
@@ -204,13 +200,8 @@ class Unknowns(InNotebook):
 
     @property
     def terms(self) -> tuple[str, ...]:
-        """Names of the functions of magnitude and colour; that of the constant is empty."""
-        return (
-            "",
-            *(f" at {step:g}" for step in self.steps),
-            *(f"[(G-13)^{k}]" for k in range(1, self.order + 1)),
-            *(f"[(colour-1)^{k}]" for k in range(1, self.colour_order + 1)),
-        )
+        """Names of the functions of magnitude; that of the constant is empty."""
+        return ("", *(f" at {step:g}" for step in self.steps), *(f"[(G-13)^{k}]" for k in range(1, self.order + 1)))
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -252,14 +243,12 @@ class Unknowns(InNotebook):
             return (("", None),)
         return tuple(zip(Classes.by_edges("G", edges).labels, [np.nextafter(edges[0], -np.inf), *edges], strict=True))
 
-    def functions(self, magnitude: ArrayLike, colour: ArrayLike | None = None) -> FloatArray:
-        """The functions of `terms` at each `magnitude` and `colour`, (k, n); nan where that is not known."""
+    def functions(self, magnitude: ArrayLike) -> FloatArray:
+        """The functions of `terms` at each `magnitude`, (k, n); nan where that is not known."""
         magnitude = np.atleast_1d(np.asarray(magnitude, float))
-        colour = np.full(magnitude.shape, np.nan) if colour is None else np.atleast_1d(np.asarray(colour, float))
         gaps = np.where(np.isnan(magnitude), np.nan, 0.0)
         rows = [np.ones(magnitude.shape), *((magnitude >= step) + gaps for step in self.steps)]
-        rows += [(magnitude - _ZERO["magnitude"]) ** k for k in range(1, self.order + 1)]
-        rows += [(colour - _ZERO["colour"]) ** k for k in range(1, self.colour_order + 1)]
+        rows += [(magnitude - _ZERO) ** k for k in range(1, self.order + 1)]
         return np.array(rows)
 
     def jump(self, vector: str, catalogue: str, step: float) -> FloatArray:
@@ -267,9 +256,7 @@ class Unknowns(InNotebook):
         at = self.combination(vector, catalogue, step)
         return at - self.combination(vector, catalogue, np.nextafter(step, -np.inf))
 
-    def combination(
-        self, vector: str, catalogue: str, magnitude: float | None = None, colour: float | None = None
-    ) -> FloatArray:
+    def combination(self, vector: str, catalogue: str, magnitude: float | None = None) -> FloatArray:
         """Linear combination of the parameters for a vector of one catalogue at a magnitude, (3, p); the constants
         unless given.
 
@@ -279,19 +266,12 @@ class Unknowns(InNotebook):
             "orientation", "spin" or "acceleration".
         catalogue : str
             The one that is turned.
-        magnitude, colour : float, optional
+        magnitude : float, optional
             Where.
-
-        Raises
-        ------
-        ParameterError
-            If the frame depends on colour and none is given.
         """
-        values = self.functions(np.nan if magnitude is None else magnitude, None if colour is None else [colour])[:, 0]
+        values = self.functions(np.nan if magnitude is None else magnitude)[:, 0]
         if magnitude is None:
             values = np.where(np.isnan(values), 0.0, values)
-        if np.isnan(values).any():
-            raise ParameterError("the frame depends on colour here: say at which")
         names = self.names
         before = self._before(catalogue)
         matrix = np.zeros((3, len(names)))
@@ -439,13 +419,12 @@ class Equations:
         text = ", ".join(f"{name} in {each}" for each, name in examples.items())
         return f"sources are matched by name: {text} …"
 
-    def eliminate_stars(self, excess: float = 0.0, across: float = 1.0, reference: str = "") -> Rows:
+    def eliminate_stars(self, excess: float = 0.0, reference: str = "") -> Rows:
         """The differences that are left, with an offset of `excess` between the reference and the others added.
 
-        Along the jet where there is one and `across` times as much across it, the same in all rows of the reference
-        that are of one source, or of one calibrator.
+        The same in all rows of the reference that are of one source, or of one calibrator.
         """
-        pieces = [piece for members in self._alike for piece in self._left(members, excess, across, reference)]
+        pieces = [piece for members in self._alike for piece in self._left(members, excess, reference)]
         pieces = [each for each in pieces if each.design.size and np.abs(each.design).max() > 0]
         pieces.sort(key=lambda each: each.group)
         if not pieces:
@@ -480,7 +459,7 @@ class Equations:
             for i in range(0, len(members), _TOGETHER)
         ]
 
-    def _left(self, members, excess, across, reference):
+    def _left(self, members, excess, reference):
         """Eliminate the true parameters of groups of one shape."""
         data, rows = self.data, np.array([self.rows[k] for k in members])
         keep = data.measured[rows[0]]
@@ -490,15 +469,8 @@ class Equations:
         for j, mask in enumerate(keep):
             sigma[:, at[j] : at[j + 1], at[j] : at[j + 1]] = data.covariance[rows[:, j]][:, mask][:, :, mask]
         if excess:
-            jets = data.jet[rows]
-            is_finite = np.isfinite(jets)
-            has_jet, direction = is_finite.any(1), jets[np.arange(n), is_finite.argmax(1)]
-            angle, ratio = np.where(has_jet, direction, 0.0), np.where(has_jet, across, 1.0)
-            sin, cos = np.sin(angle), np.cos(angle)
             offset = np.zeros((n, *keep.shape, 2))
-            theirs = data.catalogue[rows[0]] == reference
-            jet_axes = np.array([[sin, ratio * cos], [cos, -ratio * sin]])
-            offset[:, theirs, :2] = excess * np.moveaxis(jet_axes, 2, 0)[:, None]
+            offset[:, data.catalogue[rows[0]] == reference, :2] = excess * np.eye(2)
             flat = offset[:, keep]
             sigma += flat @ flat.transpose(0, 2, 1)
         factor = np.linalg.cholesky(sigma)
@@ -550,8 +522,8 @@ def equations(
     order = np.argsort(number, kind="stable")
     groups = tuple(np.split(order, np.flatnonzero(np.diff(number[order])) + 1))
     calibrator_groups = _of_one_calibrator(data, groups)
-    # The colour and the magnitude of a source are those of any of its rows.
-    values = {role: np.full(n, np.nan) for role in ("magnitude", "colour", "radial_velocity")}
+    # The magnitude of a source is that of any of its rows.
+    values = {role: np.full(n, np.nan) for role in ("magnitude", "radial_velocity")}
     start = np.zeros((5, n))
     epoch = np.zeros(n)
     still = np.zeros(n, bool)
@@ -599,7 +571,7 @@ def equations(
         factors[:, ~data.displaced] = 0.0
         residual[:, :2] -= (factors * later[2]).T
         truth[:, :2, 2] += factors.T * np.where(still, 0.0, 1.0)[:, None]
-    functions = unknowns.functions(values["magnitude"], values["colour"])
+    functions = unknowns.functions(values["magnitude"])
     design = np.zeros((n, 5, len(unknowns.names)))
     for catalogue in data.catalogues:
         mine = data.catalogue == catalogue
@@ -616,7 +588,7 @@ def equations(
     if np.isnan(design).any():
         lost = data.name[np.isnan(design).any((1, 2))]
         raise FieldError(
-            f"{len(np.unique(lost))} sources have no magnitude or colour, which the frame is to depend on: "
+            f"{len(np.unique(lost))} sources have no magnitude, which the frame is to depend on: "
             f"{in_a_line(lost[0])} for one"
         )
     # Apparent motions follow the acceleration of the Solar System. A catalogue that is fixed to calibrators at an

@@ -87,16 +87,14 @@ class FrameTie(FrameResult, NamedSolution):
     def __repr__(self) -> str:
         return f"<FrameTie: {', '.join(self.unknowns.turned)} against {self.reference}, {len(self.sources)} sources>"
 
-    def vector(
-        self, name: str, magnitude: float | None = None, colour: float | None = None, catalogue: str | None = None
-    ) -> Vector:
-        """Orientation, spin or acceleration, at a magnitude and a colour.
+    def vector(self, name: str, magnitude: float | None = None, catalogue: str | None = None) -> Vector:
+        """Orientation, spin or acceleration, at a magnitude.
 
         Parameters
         ----------
         name : str
             "orientation", "spin" or "acceleration".
-        magnitude, colour : float, optional
+        magnitude : float, optional
             The constant terms alone unless given.
         catalogue : str, optional
             Whose; the one that is turned, or the first of several, unless given.
@@ -111,7 +109,7 @@ class FrameTie(FrameResult, NamedSolution):
             raise ParameterError(
                 f"the {name} of {catalogue_name} was not sought: {', '.join(self.unknowns.vectors)} were"
             )
-        a = self.unknowns.combination(name, catalogue_name, magnitude, colour)
+        a = self.unknowns.combination(name, catalogue_name, magnitude)
         return Vector(a @ self.values, a @ self.covariance @ a.T, self.frame, VECTORS[name][1])
 
     def jump(self, step: float, vector: str = "spin", catalogue: str | None = None) -> tuple[Vector, float]:
@@ -184,22 +182,10 @@ class FrameTie(FrameResult, NamedSolution):
         magnitude = np.full(len(field), np.nan) if field.magnitude is None else field.magnitude
         functions = self.unknowns.functions(magnitude)
         if np.isnan(functions).any():
-            raise FieldError("the frame depends on magnitude or colour, which the sources do not have")
+            raise FieldError("the frame depends on magnitude, which the sources do not have")
         epoch = np.full(len(field), self.unknowns.epoch)
         design = self.unknowns.design(field.lon, field.lat, epoch, functions, self.unknowns.turned[0])
         return (design[:, 3:] @ self.values).T
-
-    @property
-    def quiet_epoch(self) -> float:
-        """The epoch at which orientation and spin are correlated least, of the first catalogue. [Julian year]"""
-        if not {"orientation", "spin"} <= set(self.unknowns.vectors):
-            return self.unknowns.epoch
-        orientation, spin = (
-            self.unknowns.combination(name, self.unknowns.turned[0]) for name in ("orientation", "spin")
-        )
-        return self.unknowns.epoch - float(
-            np.trace(orientation @ self.covariance @ spin.T) / np.trace(spin @ self.covariance @ spin.T)
-        )
 
     def at_epoch(self, epoch: float, magnitude: float | None = None, catalogue: str | None = None) -> Vector:
         """The orientation at an epoch.
@@ -245,14 +231,6 @@ class FrameTie(FrameResult, NamedSolution):
             facts.append(("offset", f"{self.excess:.3g} µas a coordinate, of positions of {self.reference}"))
         levels = [line.partition(": ") for line in self._levels(long)]
         facts += [(label, text) for label, _, text in levels]
-        if long and {"orientation", "spin"} <= set(unknowns.vectors):
-            quiet = self.quiet_epoch
-            if abs(quiet - unknowns.epoch) > 0.05:
-                orientation = self.at_epoch(quiet)
-                components = ", ".join(
-                    f"{v:+.1f} ± {s:.1f}" for v, s in zip(orientation.value, orientation.sigma, strict=True)
-                )
-                facts.append((f"orientation at {quiet:.1f}", f"{components} µas, where it is independent of the spin"))
         if long:
             facts.append(
                 (
@@ -571,7 +549,7 @@ def forecast(solution: FrameTie, candidates: AstrometryRows) -> LinkPlan:
     """
     epochs = {solution.reference: 2015.0} if solution.reference in candidates.catalogues else {}
     raw, _ = equations(candidates, solution.unknowns, fixed=epochs, aberration=None)
-    rows = raw.eliminate_stars(solution.excess, 1.0, solution.reference)
+    rows = raw.eliminate_stars(solution.excess, solution.reference)
     tails, d = solution.tails, rows.dims
     ratio = (1 - tails.share) * (tails.nu + d) / (tails.nu + d + 2) / solution.scale**2
     blocks = [weight * rows.design[mine].T @ rows.design[mine] for weight, mine in zip(ratio, rows.parts, strict=True)]

@@ -221,13 +221,6 @@ def test_parts_by_name():
         solution["acceleration"]
 
 
-def test_quiet_epoch():
-    solution = link(sim.link(12, 40), excess=False)
-    errors = [np.sum(solution.at_epoch(solution.quiet_epoch + years).sigma ** 2) for years in (-1, 0, 1)]
-    assert errors[1] < min(errors[0], errors[2])
-    assert np.allclose(solution.at_epoch(2016.0).value, solution.vector("orientation").value)
-
-
 class TestBadInput:
     def test_too_few(self):
         with pytest.raises(DegeneracyError, match="cannot separate"):
@@ -267,7 +260,7 @@ class TestBadInput:
 
     def test_no_magnitude(self):
         data = sim.link(1, 20)
-        with pytest.raises(FieldError, match="no magnitude or colour"):
+        with pytest.raises(FieldError, match="no magnitude"):
             link(AstrometryRows(**_rows(data) | {"magnitude": np.full(40, np.nan)}), steps=[13])
 
     @pytest.mark.parametrize(
