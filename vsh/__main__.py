@@ -58,6 +58,11 @@ def run(command: str, arguments: Sequence[str] | None = None) -> NoReturn:
         options = parse(program, arguments)
         signal.signal(signal.SIGINT, signal.default_int_handler)  # from here on `vsh.commands.running.guarded` sees it
         status = program.run(options)
+    if getattr(options, "is_interrupted", False):  # within exec, Python would end as by a signal, not with the status
+        atexit._run_exitfuncs()
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(status)
     sys.exit(status)
 
 

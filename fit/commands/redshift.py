@@ -70,8 +70,8 @@ def make_parser() -> argparse.ArgumentParser:
     )
     add(
         "--dispersion SIGMA|free|0:MAX",
-        "dispersion of peculiar velocities in each component, km/s (default: 150 with flows, 750 without) | free: "
-        "estimated from the residuals; 0:MAX: free in the posterior, with a flat prior up to there",
+        "dispersion of peculiar velocities in each component, km/s (default: 150 with flows, 750 without) | free, and "
+        "0:MAX: free in the posterior, with a flat prior up to there",
         _dispersion,
     )
     add(
@@ -159,8 +159,9 @@ def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
             parser.error(f"--{name} is for --posterior")
     if options.checkpoint and options.sampler == "grid":
         parser.error("--checkpoint keeps a chain: draws from a grid are made at once")
-    if isinstance(options.dispersion, tuple) and not options.posterior:
-        parser.error("--dispersion 0:MAX is a prior: it needs --posterior; or take --dispersion free")
+    is_free = options.dispersion == "free" or isinstance(options.dispersion, tuple)
+    if is_free and not options.posterior:
+        parser.error("--dispersion free or 0:MAX is a prior: it needs --posterior")
     prior = options.h0 or {}
     if prior.keys() & {"error", "limits"} and not options.posterior:
         parser.error("--h0 with an error, or between limits, is a prior: it needs --posterior")
@@ -208,7 +209,7 @@ def _run(options):
     parts = _bins(sky, options, model, prior, method, value) if options.bins else []
     sky = _clip_field(sky, float(value or 3.0)) if method == "clip" else sky
     if options.h0 or options.velocity or options.posterior:
-        field = _with_distances(sky, options, model, source.label)
+        field = _with_distances(sky, options, source.label)
         estimates = _estimates(field, options, model, prior, truth)
         if options.posterior:
             try:
@@ -280,7 +281,7 @@ def _model_of(options):
     from vsh.models.flows import read_velocity_grid
 
     model = {
-        "peculiar_dispersion": None if isinstance(options.dispersion, tuple) else options.dispersion,
+        "peculiar_dispersion": options.dispersion if isinstance(options.dispersion, float) else None,
         "redshift_frame": options.redshift_frame,
         "flows": "linear" if options.flows else None,
     }
@@ -376,28 +377,19 @@ def _p_values(field, bins, velocity, redshift_frame, dispersion):
     return permutation_test(field, bins, velocity=test_velocity, **options)
 
 
-def _with_distances(sky, options, model, label):
-    """The sources with redshifts; where nobody told their frame, say what hangs on it, and stop."""
-    from fit.secular_parallax import by_frame, is_frame_undeclared, observer_velocity
+def _with_distances(sky, options, label):
+    """The sources with redshifts; VshError where nobody told their frame."""
+    from fit.secular_parallax import is_frame_undeclared
     from vsh.models.cosmology import with_redshift
 
     step = partial(with_redshift, redshift_frame=options.redshift_frame, missing_only=options.on_bad != "drop")
     field = vsh.io.parts.applied(sky, step)
-    if not is_frame_undeclared(field, options.redshift_frame):
-        return field
-    hubble = options.h0 or 67.4
-
-    def speed(frame):
-        v = observer_velocity(field, hubble, **model | {"redshift_frame": frame}).velocity
-        return f"|v| = {v.amplitude:.0f} ± {v.amplitude_error:.0f} km/s"
-
-    frames = ("heliocentric", "cmb", "true")
-    lines = [f"{frame}: {reason}" for frame, (_, reason) in by_frame(speed, frames).items()]
-    raise VshError(
-        f"the frame of the redshifts of {label} is not given: use --redshift-frame heliocentric, cmb, "
-        "local-group, or true (of the expansion alone, as simulations have them). What it changes here, for "
-        f"H0 = {hubble:g}: " + "; ".join(lines)
-    )
+    if is_frame_undeclared(field, options.redshift_frame):
+        raise VshError(
+            f"the frame of the redshifts of {label} is not given: use --redshift-frame heliocentric, cmb, "
+            "local-group, or true (of the expansion alone, as simulations have them)"
+        )
+    return field
 
 
 def _estimates(field, options, model, velocity, truth):

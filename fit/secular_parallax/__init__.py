@@ -20,7 +20,6 @@ from fit.secular_parallax._estimate import (
     WITHOUT_GROUP,
     DistanceOptions,
     VelocityForecast,
-    by_frame,
     collect_notes,
     dispersion_of,
     flow_theory,

@@ -6,14 +6,13 @@ flows. Velocities are ours with respect to the background and point toward the a
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache, partial
+from functools import lru_cache
 from typing import Any, Literal, TypedDict, Unpack
 from warnings import warn
 
 import numpy as np
 
 from fit.distances import WHOLE_DISPERSION, calibrate, declared_frame, has_distances
-from fit.motions.stars import Kinematics, kinematics
 from fit.results.storage import Result
 from fit.secular_parallax._equations import (
     OMEGA,
@@ -26,7 +25,7 @@ from fit.secular_parallax._equations import (
     equations,
     solve_for,
 )
-from fit.secular_parallax._solution import HubbleSolution, VelocitySolution, fit_free_scale, preferred_dispersion
+from fit.secular_parallax._solution import HubbleSolution, VelocitySolution, preferred_dispersion
 from vsh.field import Field
 from vsh.io import tables
 from vsh.io.parts import Parts, applied
@@ -42,7 +41,7 @@ from vsh.models.cosmology import (
 from vsh.models.flows import FARTHEST, LINEAR_PLANCK18, FlowModes, LinearTheory, VelocityGrid, flow_modes
 from vsh.tools import arguments
 from vsh.tools.arguments import not_negative
-from vsh.tools.errors import DegeneracyError, ParameterError, VshError, VshWarning
+from vsh.tools.errors import DegeneracyError, ParameterError, VshWarning
 from vsh.tools.types import ArrayLike, AxesArray, Cosmology, FloatArray, OnAxes, Table
 from vsh.vector import Vector
 
@@ -74,18 +73,13 @@ def dispersion_of(peculiar_dispersion: float | None, options: DistanceOptions) -
         return WHOLE_DISPERSION if peculiar_dispersion is None else peculiar_dispersion
     if peculiar_dispersion is None:
         return LEFT_DISPERSION
-    if peculiar_dispersion > most_beside(flows):
+    if peculiar_dispersion > 1.3 * flows.sigma:
         raise ParameterError(
             f"with flows a dispersion of {peculiar_dispersion:g} km/s counts them twice: they are {flows.sigma:.0f} "
             "km/s in each component by themselves, and peculiar_dispersion= is what galaxies have beside them (150 to "
             "300; 150 unless given). Without flows: flows=None, --flows no"
         )
     return peculiar_dispersion
-
-
-def most_beside(flows: LinearTheory | None) -> float:
-    """The largest dispersion beside flows, which otherwise are counted twice; none without flows. [km/s]"""
-    return float("inf") if flows is None else 1.3 * flows.sigma
 
 
 def flow_theory(options: DistanceOptions) -> LinearTheory | None:
@@ -185,34 +179,13 @@ def is_frame_undeclared(field: Field | Parts, redshift_frame: str | None) -> boo
     return first_field.redshift is not None and first_field.redshift_frame is None
 
 
-def by_frame(words: Callable[[str], str], frames: Sequence[str]) -> dict[str, tuple[bool, str]]:
-    """Results if the redshifts were in each of some frames."""
-    words_by_frame = {}
-    for frame in frames:
-        try:
-            with np.errstate(all="ignore"):
-                words_by_frame[frame] = True, words(frame)
-        except VshError as error:
-            words_by_frame[frame] = False, str(error)
-    return words_by_frame
-
-
-def collect_notes(
-    rows: Any, field: Field | Parts, redshift_frame: str | None, words: Callable[[str], str] | None = None
-) -> Any:
+def collect_notes(rows: Any, field: Field | Parts, redshift_frame: str | None) -> Any:
     """The equations, with a note and a warning where the frame of the redshifts is not given."""
     if not is_frame_undeclared(field, redshift_frame):
         return rows
-    changes = ["what it would change fit.secular_parallax.observer_velocity tells"]
-    if words is not None:
-        words_by_frame = by_frame(words, ("heliocentric", "cmb"))
-        changes = [
-            f"as {frame} ones they give {reason}" if good else f"as {frame} ones they cannot be used ({reason})"
-            for frame, (good, reason) in words_by_frame.items()
-        ]
     note = (
-        "the frame of the redshifts is not given, so they are taken as true ones, without velocities or "
-        "errors in them. " + "; ".join(changes) + ". Say which: redshift_frame= (--redshift-frame)"
+        "the frame of the redshifts is not given, so they are taken as true ones, without velocities or errors in "
+        "them. Say which: redshift_frame= (--redshift-frame)"
     )
     warn(note, VshWarning, stacklevel=4)
     return replace(rows, notes=(f"warning: {note}", *rows.notes))
@@ -230,28 +203,26 @@ def observer_velocity(
     hubble: float | None = None,
     *,
     cosmology: Cosmology | None = None,
-    peculiar_dispersion: float | Literal["free"] | None = None,
+    peculiar_dispersion: float | None = None,
     spin: Literal["free"] | Vector | None = None,
     acceleration: Vector | None = None,
     excess_noise: float = 0.0,
     **distances: Unpack[DistanceOptions],
-) -> VelocitySolution | Kinematics:
+) -> VelocitySolution:
     """Our velocity and the acceleration, θ = (v, ã), for a known Hubble constant.
 
     Parameters
     ----------
     field : Field or Parts
-        With redshifts, none missing or below 1e-4 (`vsh.models.cosmology.with_redshift`, also as a step of parts). A
-        Field without redshifts and with a distance or parallax for every source (clusters, masers, stars) gives a
-        `fit.Kinematics` in Galactic axes: our velocity with respect to them, by `fit.kinematics`.
+        With redshifts, none missing or below 1e-4 (`vsh.models.cosmology.with_redshift`, also as a step of parts).
+        Clusters, masers and stars, with distances and without redshifts, go by `fit.kinematics`.
     hubble : float
-        H0; not where distances are known without redshifts. [km/s/Mpc]
+        H0. [km/s/Mpc]
     cosmology : astropy cosmology, optional
         The shape of the distance; its own H0 does not count. Flat, Ω_m = 0.315 unless given.
-    peculiar_dispersion : float or "free", optional
+    peculiar_dispersion : float, optional
         Dispersion of the peculiar velocities in each component that flows do not hold, which adds (σ_pec/d)² to
         every variance, and scatters redshifts that are not true ones: 150 unless given; 750 with flows=None. [km/s]
-        "free" takes what the residuals prefer, and adds its uncertainty to the errors (a Field only).
     spin : None, "free" or Vector
         None takes the frame not to spin; a Vector (of the quasars, say) is held fixed and its
         covariance propagated. [µas/yr]
@@ -286,38 +257,16 @@ def observer_velocity(
     taken as 450 gives pulls of 1.2; `preferred` says what the residuals prefer.
     """
     if isinstance(field, Field) and field.redshift is None and has_distances(field).all():
-        if hubble is not None or spin is not None or acceleration is not None:
-            raise ParameterError(
-                "sources with distances and no redshifts need no H0, and have no room for a spin or an acceleration: "
-                "leave out hubble=, spin= and acceleration="
-            )
-        return kinematics(
-            field, gradient=False, dispersion="free" if peculiar_dispersion is None else peculiar_dispersion
-        )
+        raise ParameterError("sources with distances and no redshifts need no H0: use fit.kinematics(field)")
     if hubble is None:
         raise DegeneracyError(
             f"{_PRODUCT}: give hubble=, or a velocity to fit.secular_parallax.hubble_constant, or priors to "
             "fit.posterior.sample"
         )
-    keywords: dict[str, Any] = {
-        "cosmology": cosmology,
-        "spin": spin,
-        "acceleration": acceleration,
-        "excess_noise": excess_noise,
-    }
-    estimate = partial(observer_velocity, field, hubble, **keywords, **distances)
-    if isinstance(peculiar_dispersion, str):
-        return fit_free_scale(estimate, field, peculiar_dispersion, most_beside(flow_theory(distances)))
     dispersion = dispersion_of(peculiar_dispersion, distances)
     options: dict[str, Any] = {"cosmology": cosmology, "peculiar_dispersion": dispersion} | distances
-
-    def as_frame(frame):
-        return _in_words(estimate(peculiar_dispersion=dispersion, redshift_frame=frame).velocity)
-
     ratio = hubble / hubble_value(FLAT_PLANCK13 if cosmology is None else cosmology)
-    rows = collect_notes(
-        parallax_equations(field, ratio=ratio, **options), field, distances.get("redshift_frame"), as_frame
-    )
+    rows = collect_notes(parallax_equations(field, ratio=ratio, **options), field, distances.get("redshift_frame"))
     return velocity_from(rows, hubble, dispersion, spin, acceleration, excess_noise)
 
 
@@ -365,7 +314,7 @@ def hubble_constant(
     velocity: str | Vector | ArrayLike | None = None,
     *,
     cosmology: Cosmology | None = None,
-    peculiar_dispersion: float | Literal["free"] | None = None,
+    peculiar_dispersion: float | None = None,
     spin: Literal["free"] | Vector | None = None,
     acceleration: Vector | None = None,
     excess_noise: float = 0.0,
@@ -398,26 +347,9 @@ def hubble_constant(
             f"{_PRODUCT}: give velocity=, or a Hubble constant to fit.secular_parallax.observer_velocity, or priors to "
             "fit.posterior.sample"
         )
-    keywords: dict[str, Any] = {
-        "cosmology": cosmology,
-        "spin": spin,
-        "acceleration": acceleration,
-        "excess_noise": excess_noise,
-    }
-    keywords |= {"hubble": hubble, "local_group": local_group}
-    estimate = partial(hubble_constant, field, velocity, **keywords, **distances)
-    if isinstance(peculiar_dispersion, str):
-        return fit_free_scale(estimate, field, peculiar_dispersion, most_beside(flow_theory(distances)))
     dispersion = dispersion_of(peculiar_dispersion, distances)
     options: dict[str, Any] = {"cosmology": cosmology, "peculiar_dispersion": dispersion} | distances
-
-    def as_frame(frame):
-        solution = estimate(peculiar_dispersion=dispersion, redshift_frame=frame)
-        return f"H0 = {solution.hubble:.1f} ± {solution.hubble_error:.1f} km/s/Mpc"
-
-    rows = collect_notes(
-        parallax_equations(field, apart=True, **options), field, distances.get("redshift_frame"), as_frame
-    )
+    rows = collect_notes(parallax_equations(field, apart=True, **options), field, distances.get("redshift_frame"))
     solution = hubble_from(rows, velocity, dispersion, spin, acceleration, excess_noise, hubble, local_group)
     frame = distances.get("redshift_frame") or declared_frame(field)
     if rows.modes is None or local_group or frame in (None, "true"):

@@ -5,7 +5,6 @@ marginalised, is taken on a grid: of the sources that tell most of it, those wit
 their distances and errors and not by their motions.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
@@ -22,7 +21,6 @@ from vsh.io import tables
 from vsh.io.sections import Section
 from vsh.models.cosmology import CMB_VELOCITY_PLANCK18, transverse_distance
 from vsh.sky.sphere import triad
-from vsh.tools.errors import ParameterError
 from vsh.tools.printing import printable
 from vsh.tools.types import FloatArray, Table
 from vsh.tools.units import AU_PER_YEAR, SPEED_OF_LIGHT
@@ -107,7 +105,7 @@ def _dispersion(solution):
     prefer = f"prefer {preference.low:.0f} to {preference.high:.0f} km/s (68 %)"
     if preference.gain < 4.5:  # ln L of three standard deviations
         return False, prefer
-    remedy = '--dispersion free ("free") takes what they prefer'
+    remedy = "peculiar_dispersion= (--dispersion) takes another, and fit.posterior.sample has it free"
     return True, f"the residuals {prefer}: results are biased where the dispersion is wrong, {remedy}"
 
 
@@ -257,38 +255,6 @@ def _summary(log: FloatArray, dispersion: float) -> PreferredScale:
     lower, upper = np.interp([0.15865525, 0.84134475], share / share[-1], fine)
     gain = values[best] - float(curve(min(dispersion, GRID[-1])))
     return PreferredScale(float(fine[best]), float(lower), float(upper), float(max(gain, 0.0)))
-
-
-def fit_free_scale(estimate: Callable[..., Any], field: Any, word: str, limit: float = float("inf")) -> Any:
-    """Estimate with the dispersion that its residuals prefer, at most `limit`; its uncertainty adds to the errors."""
-    if word != "free":
-        raise ParameterError(f"a dispersion is a number [km/s], or 'free', not {word!r}")
-    if not isinstance(field, Field):
-        raise ParameterError("a dispersion that is free needs the sources in memory: give a Field, not parts")
-    solution = estimate()
-    dispersion, limit = solution.peculiar_dispersion, min(limit, GRID[-1])
-    for _ in range(6):
-        preference = solution.preferred
-        if not preference.constrained:
-            note = f"the residuals do not tell the dispersion of peculiar velocities: {dispersion:g} km/s are taken"
-            return replace(estimate(), notes=(*solution.notes, note))
-        best = min(preference.best, limit)
-        if abs(best - solution.peculiar_dispersion) < 0.02 * max(best, 50.0):
-            break
-        solution = estimate(peculiar_dispersion=best)
-    ends = [estimate(peculiar_dispersion=min(x, limit)) for x in (preference.low, preference.high)]
-    if preference.best > limit:
-        warning = (
-            f"warning: the residuals prefer {preference.best:.0f} km/s beside the flows, more than these leave: "
-            f"{limit:.0f} are taken; without flows (flows=None, --flows no) it is what they prefer"
-        )
-        solution = replace(solution, notes=(*solution.notes, warning))
-    shift = (ends[1].values - ends[0].values) / 2
-    note = (
-        f"the dispersion of peculiar velocities is what the residuals prefer, {preference.low:.0f} to "
-        f"{preference.high:.0f} km/s (68 %)"
-    )
-    return replace(solution, covariance=solution.covariance + np.outer(shift, shift), notes=(*solution.notes, note))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

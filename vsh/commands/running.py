@@ -96,6 +96,7 @@ def run_safely(options: argparse.Namespace, action: Callable[[], object]) -> int
     except VshError as error:
         return _report_failure(program, f"error: {error}")
     except KeyboardInterrupt:
+        options.is_interrupted = True
         return _report_failure(program, "interrupted")
     return 0
 

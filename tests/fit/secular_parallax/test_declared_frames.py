@@ -24,17 +24,14 @@ def test_frame_that_nobody_told_is_asked_for_once():
     bare = Field(
         field.lon, field.lat, field.motion, field.sigma, field.rho, redshift=field.redshift, magnitude=field.magnitude
     )
-    with pytest.warns(
-        VshWarning,
-        match=r"the frame of the redshifts is not given.* as heliocentric ones they give \|v\| = \d+ ±.*redshift_frame=",
-    ) as seen:
+    with pytest.warns(VshWarning, match="the frame of the redshifts is not given.*redshift_frame=") as seen:
         found = observer_velocity(bare, 67.3)
     assert len(seen) == 1
     np.testing.assert_array_equal(found.values, observer_velocity(field, 67.3).values)  # taken as true ones
     assert "warning: the frame" in found.report()
     declared = observer_velocity(bare, 67.3, redshift_frame="cmb")
     assert not any("nobody says" in str(note) for note in declared.notes)
-    with pytest.warns(VshWarning, match="as cmb ones they give H0 ="):
+    with pytest.warns(VshWarning, match="the frame of the redshifts is not given"):
         hubble_constant(bare, CMB_VELOCITY_PLANCK18)
 
 
