@@ -145,7 +145,7 @@ BREAKS = [
     ("fit/sampling.py", "np.stack([samples[component] for component in components], axis=-1)", "np.stack([samples[component] for component in components[::-1]], axis=-1)", "test_posterior.py"),
     ("fit/results/output/_text.py", "            *v.sigma,\n", "            *v.sigma**2,\n", "test_telling.py"),
     ("vsh/commands/finishing.py", "(folder / parsing.NAME).write_text(repeats(options, provenance)", "(folder / configuration.NAME).write_text(repeats(options)", "test_configuration.py"),
-    ("fit/secular_parallax/_estimate.py", 'flows = options.get("flows", "linear")', 'flows = options.get("flows")', "test_flows_by_default.py"),
+    ("fit/secular_parallax/_model.py", '| LinearTheory | None = "linear"', "| LinearTheory | None = None", "test_flows_by_default.py"),
     ("fit/distances/_density.py", "np.argmax(share > 0.99)", "np.argmax(share > 0.9999999)", "test_flows_by_default.py"),
     ("fit/redshift/_solution.py", "rate[indices] ** 2 * (residual_variance + self.dispersion**2)", "rate[indices] ** 2 * residual_variance", "test_redshift.py"),
     ("fit/redshift/_solution.py", "+ (covariance - noise)", "", "test_flows_by_default.py"),

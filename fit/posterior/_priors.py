@@ -1,13 +1,13 @@
 """What is known before of our velocity, of H0 and of the noise."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
 
 from fit.sampling import Flat, Normal, Prior, as_prior, integrable_over_cube, named_function
-from fit.secular_parallax import DistanceOptions, LocalGroup, dispersion_of
+from fit.secular_parallax import ASSUMED, DistanceModel, LocalGroup
 from vsh.models.cosmology import CMB_VELOCITY_PLANCK18
 from vsh.tools.errors import ParameterError
 from vsh.tools.notebook import InNotebook
@@ -85,21 +85,6 @@ SHORT_NAMES = {"peculiar_dispersion": "dispersion"}
 FITS_UNITS = {"km/s": "km / s", "km/s/Mpc": "km / (Mpc s)", "µas/yr": "uas / yr"}
 
 
-class NoiseOptions(DistanceOptions, total=False):
-    """Options of `Priors` besides the velocity and H0, and of distances: keywords of `sample` and `grid`."""
-
-    peculiar_dispersion: float | Prior
-    flow_amplitude: Prior | tuple[float, float]
-    local_group: Vector | bool | None
-    acceleration: Vector | None
-    excess_noise: float | Prior
-    spin: Literal["free"] | Vector | None
-
-
-#: Keywords that say how distances follow.
-DISTANCES = frozenset(DistanceOptions.__annotations__)
-
-
 @dataclass(frozen=True)
 class Priors(InNotebook):
     """Priors of a posterior, as users give them.
@@ -148,7 +133,8 @@ def as_priors(
 ) -> Priors:
     """The Priors that `sample` and `grid` were given one by one."""
     single = {"velocity": velocity_prior, "hubble": hubble_prior} | options
-    single = {name: value for name, value in single.items() if value is not None and name not in DISTANCES}
+    assumed = ASSUMED - {"peculiar_dispersion"}  # which may have a prior
+    single = {name: value for name, value in single.items() if value is not None and name not in assumed}
     invalid_names = set(single) - set(Priors.__dataclass_fields__)
     if invalid_names:
         raise ParameterError(f"no prior is called {', '.join(sorted(invalid_names))}; there are those of Priors")
@@ -235,7 +221,7 @@ def _in_words(prior):
     return f"{prior:g}" if isinstance(prior, float) else repr(prior)
 
 
-def checked_priors(priors: Priors, frame: str, distances: DistanceOptions | None = None) -> ModelPriors:
+def checked_priors(priors: Priors, frame: str, model: DistanceModel | None = None) -> ModelPriors:
     """Priors as users give them, checked: ModelPriors."""
     velocity = velocity_prior(priors.velocity, frame)
     hubble = as_prior(priors.hubble, "H0", _HUBBLE_PRIORS)
@@ -253,7 +239,7 @@ def checked_priors(priors: Priors, frame: str, distances: DistanceOptions | None
     dispersion = priors.peculiar_dispersion
     if dispersion is None or isinstance(dispersion, (int, float, np.number)):
         fixed_dispersion = None if dispersion is None else _number_or_prior(dispersion, "peculiar_dispersion")
-        dispersion = dispersion_of(fixed_dispersion, distances or {})
+        dispersion = replace(model or DistanceModel(), peculiar_dispersion=fixed_dispersion).dispersion
     amplitude = priors.flow_amplitude
     return ModelPriors(
         velocity,

@@ -5,26 +5,26 @@ from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from logging import getLogger
 from time import perf_counter
-from typing import Any, Literal, Unpack
+from typing import Any, Literal
 
 import numpy as np
 
 from fit.distances import declared_frame
 from fit.posterior._model import parallax_model
 from fit.posterior._posterior import Cells, Posterior, check_few, in_cells
-from fit.posterior._priors import DISTANCES, ModelPriors, NoiseOptions, Priors, as_priors, checked_priors
+from fit.posterior._priors import ModelPriors, Priors, as_priors, checked_priors
 from fit.results.storage import Result
 from fit.sampling import Prior, Run, check_writable, fingerprint, named_function
 from fit.secular_parallax import (
+    ASSUMED,
     OMEGA,
     WITHOUT_GROUP,
-    DistanceOptions,
+    DistanceModel,
     ParallaxEquations,
     ParallaxParts,
     collect_notes,
     flow_covariance,
     local_group_of,
-    parallax_equations,
 )
 from vsh.field import MEASURED, Field
 from vsh.io import tables
@@ -39,24 +39,24 @@ from vsh.tools.types import AxesArray, Cosmology, FloatArray, OnAxes, PathName, 
 from vsh.vector import Vector
 
 
-def distances_of(options: dict[str, Any]) -> DistanceOptions:
-    """Select the keywords on distances from redshifts."""
-    return DistanceOptions(**{name: value for name, value in options.items() if name in DISTANCES})  # type: ignore[typeddict-item]
+def _select_assumed(options):
+    """Select what is assumed of distances; a dispersion may have a prior, and is not of it."""
+    return {name: value for name, value in options.items() if name in ASSUMED and name != "peculiar_dispersion"}
 
 
 def posterior_equations(
-    field: Field | Parts, priors: Priors, cosmology: Cosmology | None, distances: DistanceOptions
+    field: Field | Parts, priors: Priors, model: DistanceModel
 ) -> tuple[ParallaxEquations | ParallaxParts, ModelPriors]:
     """The equations of a catalogue, and the priors along its axes."""
     first_field = field if isinstance(field, Field) else next(iter(field))
-    model_priors = checked_priors(priors, first_field.frame, distances)
-    rows = parallax_equations(field, cosmology, peculiar_dispersion=model_priors.typical_dispersion, **distances)
+    model_priors = checked_priors(priors, first_field.frame, model)
+    rows = replace(model, peculiar_dispersion=model_priors.typical_dispersion).equations(field)
     if rows.n_own:
         raise ParameterError(
             f"{rows.n_own} sources have distances in Mpc, of which the motions tell v, not v · H0: the posterior takes "
             "redshifts alone. Leave those distances out, or fit with fit.secular_parallax.observer_velocity"
         )
-    rows = collect_notes(rows, field, distances.get("redshift_frame"))
+    rows = collect_notes(rows, field, model.redshift_frame)
     if rows.left_out is not None:
         rows = replace(rows, notes=(_left_out(rows, model_priors), *rows.notes))
     group = local_group_of(priors.local_group, rows)
@@ -68,7 +68,7 @@ def posterior_equations(
     if (
         group is None
         and rows.modes is not None
-        and (distances.get("redshift_frame") or declared_frame(first_field)) not in (None, "true")
+        and (model.redshift_frame or declared_frame(first_field)) not in (None, "true")
     ):
         rows = replace(rows, notes=(*rows.notes, WITHOUT_GROUP))
     return rows, model_priors
@@ -106,7 +106,7 @@ def sample(
     progress: bool = True,
     threads: int | None = None,
     save_every: float = 5.0,
-    **noise: Unpack[NoiseOptions],
+    **options: Any,
 ) -> Posterior:
     """Sample the posterior of our velocity and the Hubble constant, the acceleration marginalised.
 
@@ -139,9 +139,9 @@ def sample(
         How many; one a core unless given.
     save_every : float
         Seconds between checkpoints, at least.
-    **noise
+    **options
         The other attributes of `Priors`: peculiar_dispersion, flow_amplitude, local_group, acceleration,
-        excess_noise, spin; and `fit.secular_parallax.DistanceOptions`: redshift_frame, flows, …
+        excess_noise, spin; and those of `fit.secular_parallax.DistanceModel`: redshift_frame, flows, …
 
     Raises
     ------
@@ -159,9 +159,10 @@ def sample(
     are to a new draw, and the report has the grid's H0 beside the chain's.
     """
     choice("method", method, ("emcee", "grid"))
-    priors = as_priors(velocity_prior, hubble_prior, dict(noise))
-    distances = distances_of(dict(noise))
-    rows, model_priors = posterior_equations(field, priors, cosmology, distances)
+    priors = as_priors(velocity_prior, hubble_prior, dict(options))
+    rows, model_priors = posterior_equations(
+        field, priors, DistanceModel(cosmology=cosmology, **_select_assumed(options))
+    )
     spin = priors.spin
     if method == "grid":  # before the likelihood is tabulated
         check_few(model_priors)
@@ -194,7 +195,7 @@ def sample(
             | {
                 "cosmology": repr(cosmology),
                 "spin": spin_said,
-                "distances": _in_words(distances),
+                "distances": _in_words(_select_assumed(options)),
                 "walkers": str(n_walkers),
                 "seed": str(seed),
             },
@@ -296,7 +297,7 @@ def grid(
     cosmology: Cosmology | None = None,
     n_points: int = 400,
     threads: int | None = None,
-    **noise: Unpack[NoiseOptions],
+    **options: Any,
 ) -> GridPosterior:
     """Evaluate the posterior on a grid of its non-linear parameters, at most two.
 
@@ -312,16 +313,18 @@ def grid(
         Along each axis.
     threads : int, optional
         How many; one a core unless given.
-    **noise
-        The other attributes of `Priors`; and `fit.secular_parallax.DistanceOptions`.
+    **options
+        The other attributes of `Priors`; and those of `fit.secular_parallax.DistanceModel`.
 
     Raises
     ------
     ParameterError
         If more than two numbers are free, or the velocity's prior is a function.
     """
-    priors = as_priors(velocity_prior, hubble_prior, dict(noise))
-    rows, model_priors = posterior_equations(field, priors, cosmology, distances_of(dict(noise)))
+    priors = as_priors(velocity_prior, hubble_prior, dict(options))
+    rows, model_priors = posterior_equations(
+        field, priors, DistanceModel(cosmology=cosmology, **_select_assumed(options))
+    )
     check_few(model_priors)
     return of_cells(Cells.of(parallax_model(rows, model_priors, priors.spin, threads), n_points))
 

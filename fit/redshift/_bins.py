@@ -14,7 +14,7 @@ from fit.normal import NormalEquations, normal_equations
 from fit.redshift._solution import FLOW_MATTERS, BinnedSolution, equality_chi2, shared_flow, slope_chi2
 from fit.results.quality import ErrorSource
 from fit.results.solution import Solution
-from fit.secular_parallax import flow_theory
+from fit.secular_parallax import DistanceModel
 from fit.solving import solve
 from vsh import Coefficients
 from vsh.basis import harmonics
@@ -109,11 +109,11 @@ def binned(
         )
     bins = len(edges) - 1
     bin_sums: dict[Any, Any]
-    theory, calibration = flow_theory({"flows": flows}), None
+    theory, calibration = DistanceModel(flows=flows).flow, None
     is_scaled = True
     remarks: tuple[str, ...] = ()
     if method is None:
-        nearby = flow_theory({"flows": "linear"}) if theory is None else theory
+        nearby = DistanceModel().flow if theory is None else theory
         is_far = isinstance(field, Field | Parts) and not _flows_matter(field, edges, nearby)
         method = "recommended" if is_far else "least-squares"
     if method != "least-squares":

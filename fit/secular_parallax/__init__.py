@@ -16,25 +16,21 @@ from fit.secular_parallax._equations import (
     without_flow,
 )
 from fit.secular_parallax._estimate import (
-    LEFT_DISPERSION,
     WITHOUT_GROUP,
-    DistanceOptions,
     VelocityForecast,
     collect_notes,
-    dispersion_of,
-    flow_theory,
     forecast_velocity,
     hubble_constant,
     is_frame_undeclared,
     local_group_of,
-    modes_within,
     observer_velocity,
-    parallax_equations,
     predict_errors,
 )
+from fit.secular_parallax._model import ASSUMED, LEFT_DISPERSION, DistanceModel, modes_within
 from fit.secular_parallax._solution import HubbleSolution, ParallaxSolution, VelocitySolution
 
 __all__ = [
+    "DistanceModel",
     "Flow",
     "HubbleSolution",
     "ParallaxSolution",

@@ -4,171 +4,27 @@ Least squares as in Bachchan, Hobbs & Lindegren (2016, A&A 589, A71), sect. 4, w
 flows. Velocities are ours with respect to the background and point toward the apex; galaxies move the other way.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
-from typing import Any, Literal, TypedDict, Unpack
+from typing import Any, Literal
 from warnings import warn
 
 import numpy as np
 
-from fit.distances import WHOLE_DISPERSION, calibrate, declared_frame, has_distances
+from fit.distances import declared_frame, has_distances
 from fit.results.storage import Result
-from fit.secular_parallax._equations import (
-    OMEGA,
-    A,
-    LeftOut,
-    LocalGroup,
-    ParallaxEquations,
-    ParallaxParts,
-    U,
-    equations,
-    solve_for,
-)
+from fit.secular_parallax._equations import OMEGA, A, LocalGroup, ParallaxEquations, ParallaxParts, U, solve_for
+from fit.secular_parallax._model import DistanceModel, model_of
 from fit.secular_parallax._solution import HubbleSolution, VelocitySolution, preferred_dispersion
 from vsh.field import Field
 from vsh.io import tables
-from vsh.io.parts import Parts, applied
+from vsh.io.parts import Parts
 from vsh.io.sections import Section
-from vsh.models.cosmology import (
-    FLAT_PLANCK13,
-    LOCAL_GROUP,
-    hubble_value,
-    transverse_distance,
-    velocity_along,
-    with_certain_redshift,
-)
-from vsh.models.flows import FARTHEST, LINEAR_PLANCK18, FlowModes, LinearTheory, VelocityGrid, flow_modes
+from vsh.models.cosmology import LOCAL_GROUP, velocity_along
 from vsh.tools import arguments
-from vsh.tools.arguments import not_negative
 from vsh.tools.errors import DegeneracyError, ParameterError, VshWarning
-from vsh.tools.types import ArrayLike, AxesArray, Cosmology, FloatArray, OnAxes, Table
+from vsh.tools.types import ArrayLike, AxesArray, OnAxes, Table
 from vsh.vector import Vector
-
-#: Dispersion of peculiar velocities in each component beyond the flows of linear theory. [km/s]
-LEFT_DISPERSION = 150.0
-#: So many tell the size of a flow that is left out to a few per cent.
-_MODES_LEFT_OUT = 100
-
-
-class DistanceOptions(TypedDict, total=False):
-    """Options of distances and flows: keywords of the estimators."""
-
-    redshift_frame: str | None
-    flows: Literal["linear"] | LinearTheory | None
-    n_modes: int
-    reconstruction: VelocityGrid | None
-    reconstruction_error: float
-    density: Literal["volume", "fitted"] | Callable[[FloatArray], FloatArray] | None
-    luminosity: Callable[[FloatArray], FloatArray] | None
-    magnitudes: bool | None
-
-
-def dispersion_of(peculiar_dispersion: float | None, options: DistanceOptions) -> float:
-    """The dispersion of peculiar velocities: 750 km/s, or 150 beside the flows of linear theory. [km/s]"""
-    flows = flow_theory(options)
-    if peculiar_dispersion is not None:
-        not_negative("peculiar_dispersion", peculiar_dispersion)
-    if flows is None:
-        return WHOLE_DISPERSION if peculiar_dispersion is None else peculiar_dispersion
-    if peculiar_dispersion is None:
-        return LEFT_DISPERSION
-    if peculiar_dispersion > 1.3 * flows.sigma:
-        raise ParameterError(
-            f"with flows a dispersion of {peculiar_dispersion:g} km/s counts them twice: they are {flows.sigma:.0f} "
-            "km/s in each component by themselves, and peculiar_dispersion= is what galaxies have beside them (150 to "
-            "300; 150 unless given). Without flows: flows=None, --flows no"
-        )
-    return peculiar_dispersion
-
-
-def flow_theory(options: DistanceOptions) -> LinearTheory | None:
-    """The theory of the flows that are fitted."""
-    flows = options.get("flows", "linear")
-    if isinstance(flows, str) and flows == "linear":
-        return LINEAR_PLANCK18
-    if flows is not None and not isinstance(flows, LinearTheory):
-        raise ParameterError(f'flows are "linear", a vsh.models.flows.LinearTheory or None, not {flows!r}')
-    if flows is None and options.get("reconstruction") is not None:
-        raise ParameterError(
-            "a reconstruction leaves a flow to be fitted, what it lacks: it does not go with flows=None"
-        )
-    return flows
-
-
-def parallax_equations(
-    field: Field | Parts,
-    cosmology: Cosmology | None = None,
-    *,
-    peculiar_dispersion: float | None = None,
-    ratio: float = 1.0,
-    apart: bool = False,
-    flow_left_out: bool = True,
-    threads: int | None = None,
-    **options: Any,
-) -> ParallaxEquations | ParallaxParts:
-    """The equations of a field; with `flow_left_out`, the means to tell what a flow that is not fitted would do."""
-    invalid_names = set(options) - set(DistanceOptions.__annotations__)
-    if invalid_names:
-        raise ParameterError(
-            f"no argument is called {', '.join(sorted(invalid_names))}; there are "
-            f"{', '.join(DistanceOptions.__annotations__)}"
-        )
-    distance_options = DistanceOptions(**options)  # type: ignore[typeddict-item]
-    field = applied(field, with_certain_redshift)
-    cosmology = FLAT_PLANCK13 if cosmology is None else cosmology
-    dispersion = dispersion_of(peculiar_dispersion, distance_options)
-    flows, grid = _theory_left(distance_options), distance_options.get("reconstruction")
-    radial = dispersion if flows is None else float(np.hypot(dispersion, flows.sigma))
-    calibration = calibrate(
-        field,
-        distance_options.get("redshift_frame"),
-        radial,
-        cosmology=cosmology,
-        density=distance_options.get("density"),
-        luminosity=distance_options.get("luminosity"),
-        magnitudes=distance_options.get("magnitudes"),
-    )
-    modes = None
-    if flows is not None:
-        modes = modes_within(
-            calibration.flow_limits, calibration.cosmology, flows, distance_options.get("n_modes", 250)
-        )
-    keywords = {"ratio": ratio, "apart": apart, "threads": threads}
-    rows = equations(field, calibration, theory=flows, modes=modes, reconstruction=grid, **keywords)
-    if flows is None and flow_left_out:
-        reach = modes_within(calibration.flow_limits, calibration.cosmology, LINEAR_PLANCK18, _MODES_LEFT_OUT)
-        rows = replace(rows, left_out=None if reach is None else LeftOut(field, calibration, reach, keywords))
-    return rows
-
-
-def _theory_left(options) -> LinearTheory | None:
-    """The theory of the flow that is fitted: of what a reconstruction lacks, where there is one."""
-    theory, grid = flow_theory(options), options.get("reconstruction")
-    if theory is None or grid is None:
-        return theory
-    if not isinstance(grid, VelocityGrid):
-        raise ParameterError(f"a reconstruction is a vsh.models.flows.VelocityGrid, not {type(grid).__name__}")
-    error = options.get("reconstruction_error", 0.5)
-    if not 0 < error <= 1:
-        raise ParameterError(f"a reconstruction errs by a fraction of the flow above 0, at most 1, not {error!r}")
-    return _scale_theory(theory, float(error))
-
-
-@lru_cache(maxsize=8)
-def _scale_theory(theory, error):
-    return replace(theory, growth_rate=theory.growth_rate * error, name=f"{theory.name}, {error:g} of it")
-
-
-def modes_within(
-    redshifts: tuple[float, float], cosmology: Cosmology, theory: LinearTheory, n_modes: int
-) -> FlowModes | None:
-    """The modes of a flow over the distances between two redshifts; None where all of them lie beyond its reach."""
-    lower, upper = transverse_distance(np.array(redshifts), cosmology) * hubble_value(cosmology) / 100
-    if lower > 0.9 * FARTHEST:
-        return None
-    # Distances given the redshift may lie beyond that of the redshift itself.
-    return flow_modes(0.5 * lower, 1.2 * upper, n_modes, theory)
 
 
 def is_frame_undeclared(field: Field | Parts, redshift_frame: str | None) -> bool:
@@ -201,13 +57,12 @@ _PRODUCT = "the proper motions constrain only the product of our velocity and th
 def observer_velocity(
     field: Field | Parts,
     hubble: float | None = None,
+    model: DistanceModel | None = None,
     *,
-    cosmology: Cosmology | None = None,
-    peculiar_dispersion: float | None = None,
     spin: Literal["free"] | Vector | None = None,
     acceleration: Vector | None = None,
     excess_noise: float = 0.0,
-    **distances: Unpack[DistanceOptions],
+    **options: Any,
 ) -> VelocitySolution:
     """Our velocity and the acceleration, θ = (v, ã), for a known Hubble constant.
 
@@ -218,11 +73,8 @@ def observer_velocity(
         Clusters, masers and stars, with distances and without redshifts, go by `fit.kinematics`.
     hubble : float
         H0. [km/s/Mpc]
-    cosmology : astropy cosmology, optional
-        The shape of the distance; its own H0 does not count. Flat, Ω_m = 0.315 unless given.
-    peculiar_dispersion : float, optional
-        Dispersion of the peculiar velocities in each component that flows do not hold, which adds (σ_pec/d)² to
-        every variance, and scatters redshifts that are not true ones: 150 unless given; 750 with flows=None. [km/s]
+    model : DistanceModel, optional
+        What is assumed of distances and flows.
     spin : None, "free" or Vector
         None takes the frame not to spin; a Vector (of the quasars, say) is held fixed and its
         covariance propagated. [µas/yr]
@@ -230,9 +82,8 @@ def observer_velocity(
         Known from elsewhere, from quasars say, with its covariance; free unless given. [µas/yr]
     excess_noise : float
         Noise beyond the catalogue's, in each component. [µas/yr]
-    **distances
-        `fit.secular_parallax.DistanceOptions`: redshift_frame, flows, n_modes, reconstruction, reconstruction_error,
-        density, luminosity, magnitudes.
+    **options
+        Attributes of a `DistanceModel` in its place: redshift_frame, flows, peculiar_dispersion, cosmology, …
 
     Raises
     ------
@@ -263,11 +114,9 @@ def observer_velocity(
             f"{_PRODUCT}: give hubble=, or a velocity to fit.secular_parallax.hubble_constant, or priors to "
             "fit.posterior.sample"
         )
-    dispersion = dispersion_of(peculiar_dispersion, distances)
-    options: dict[str, Any] = {"cosmology": cosmology, "peculiar_dispersion": dispersion} | distances
-    ratio = hubble / hubble_value(FLAT_PLANCK13 if cosmology is None else cosmology)
-    rows = collect_notes(parallax_equations(field, ratio=ratio, **options), field, distances.get("redshift_frame"))
-    return velocity_from(rows, hubble, dispersion, spin, acceleration, excess_noise)
+    model = model_of(model, options)
+    rows = collect_notes(model.equations(field, ratio=hubble / model.hubble), field, model.redshift_frame)
+    return velocity_from(rows, hubble, model.dispersion, spin, acceleration, excess_noise)
 
 
 def velocity_from(
@@ -312,21 +161,20 @@ def _select_preferred(rows, dispersion, excess_noise, acceleration, ratio, spin)
 def hubble_constant(
     field: Field | Parts,
     velocity: str | Vector | ArrayLike | None = None,
+    model: DistanceModel | None = None,
     *,
-    cosmology: Cosmology | None = None,
-    peculiar_dispersion: float | None = None,
     spin: Literal["free"] | Vector | None = None,
     acceleration: Vector | None = None,
     excess_noise: float = 0.0,
     hubble: float | None = None,
     local_group: Vector | bool | None = None,
-    **distances: Unpack[DistanceOptions],
+    **options: Any,
 ) -> HubbleSolution:
     """The Hubble constant and the acceleration, θ = (H0, ã), for a known velocity.
 
     Parameters
     ----------
-    field, cosmology, peculiar_dispersion, spin, acceleration, excess_noise, **distances
+    field, model, spin, acceleration, excess_noise, **options
         As for `observer_velocity`.
     velocity : "planck", "paper", Vector or (3,) array
         Ours, toward the apex; an array is along the field's axes. The covariance of a Vector is propagated. [km/s]
@@ -347,11 +195,10 @@ def hubble_constant(
             f"{_PRODUCT}: give velocity=, or a Hubble constant to fit.secular_parallax.observer_velocity, or priors to "
             "fit.posterior.sample"
         )
-    dispersion = dispersion_of(peculiar_dispersion, distances)
-    options: dict[str, Any] = {"cosmology": cosmology, "peculiar_dispersion": dispersion} | distances
-    rows = collect_notes(parallax_equations(field, apart=True, **options), field, distances.get("redshift_frame"))
-    solution = hubble_from(rows, velocity, dispersion, spin, acceleration, excess_noise, hubble, local_group)
-    frame = distances.get("redshift_frame") or declared_frame(field)
+    model = model_of(model, options)
+    rows = collect_notes(model.equations(field, apart=True), field, model.redshift_frame)
+    solution = hubble_from(rows, velocity, model.dispersion, spin, acceleration, excess_noise, hubble, local_group)
+    frame = model.redshift_frame or declared_frame(field)
     if rows.modes is None or local_group or frame in (None, "true"):
         return solution
     return replace(solution, notes=(*solution.notes, WITHOUT_GROUP))
@@ -454,16 +301,12 @@ def predict_errors(
     still = still.minus(still.motion)
     options = {"redshift_frame": still.redshift_frame or "true"} | options
     fit_options = {name: options[name] for name in ("spin", "acceleration", "excess_noise") if name in options}
-    equation_options = {name: value for name, value in options.items() if name not in fit_options}
-    cosmology = equation_options.get("cosmology")
-    ratio = hubble / hubble_value(FLAT_PLANCK13 if cosmology is None else cosmology)
-    dispersion = dispersion_of(equation_options.get("peculiar_dispersion"), equation_options)  # type: ignore[arg-type]
-    equation_options |= {"peculiar_dispersion": dispersion, "flow_left_out": left_out}
+    model = model_of(None, {name: value for name, value in options.items() if name not in fit_options})
     keywords: dict[str, Any] = fit_options | {"local_group": local_group, "preferred": False}
-    ours = velocity_from(parallax_equations(still, ratio=ratio, **equation_options), hubble, dispersion, **keywords)
-    constant = hubble_from(
-        parallax_equations(still, apart=True, **equation_options), velocity, dispersion, **keywords, hubble=hubble
-    )
+    rows = model.equations(still, ratio=hubble / model.hubble, flow_left_out=left_out)
+    apart = model.equations(still, apart=True, flow_left_out=left_out)
+    ours = velocity_from(rows, hubble, model.dispersion, **keywords)
+    constant = hubble_from(apart, velocity, model.dispersion, **keywords, hubble=hubble)
     nan = float("nan")
     return (
         replace(ours, values=np.full(len(ours.names), nan), chi2=nan),

@@ -10,7 +10,7 @@ from conftest import ROOT
 
 #: What nobody holds in a notebook: parts of the machinery, panels of pages, axes (matplotlib shows them).
 INTERNAL = {
-    "Axis", "Prior", "Run", "DistanceOptions", "ParallaxEquations", "ParallaxParts", "ParallaxSums", "Rings", "Passes", "Panel", "ShownPage", "Tree",
+    "Axis", "Prior", "Run", "ParallaxEquations", "ParallaxParts", "ParallaxSums", "Rings", "Passes", "Panel", "ShownPage", "Tree",
     "SkyAxes", "Answer", "TableIO", "SourcesWithErrors", "Frozen",
 }  # fmt: skip
 

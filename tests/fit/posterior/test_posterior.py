@@ -6,7 +6,7 @@ import sim
 from fit.posterior import Density, Flat, Normal, Samples, grid, read_samples, sample
 from fit.posterior._model import parallax_model
 from fit.posterior._priors import Priors, checked_priors
-from fit.secular_parallax import observer_velocity, parallax_equations
+from fit.secular_parallax import DistanceModel, observer_velocity
 from vsh import Vector
 from vsh.models.cosmology import BACHCHAN_2016, CMB_VELOCITY_PLANCK18
 from vsh.tools.errors import ConvergenceError, DegeneracyError, ParameterError
@@ -122,7 +122,7 @@ def test_table_is_the_likelihood(seed):
     """Interpolated against the full covariance, source by source, at random parameters."""
     rng = np.random.default_rng(seed)
     field = galaxies(60, seed=seed, sigma=4.0, spread=500.0)
-    rows = parallax_equations(field, flows=None)
+    rows = DistanceModel(flows=None).equations(field)
     given = checked_priors(Priors("flat", Flat(30, 120), Flat(0, 1500), Flat(0, 30)), "icrs")
     model = parallax_model(rows, given)
     theta = np.column_stack([rng.normal(0, 400, (40, 3)), rng.uniform(30, 120, 40), rng.uniform(0, 1500, 40),
@@ -400,7 +400,7 @@ def test_digits_are_those_that_the_sample_has():
 def test_conditional_is_the_integral_over_velocities(velocity):
     """ln of a Gaussian's integral over u is its density at the peak less half of ln det: for each H0, up to one constant."""
     field = galaxies(300)
-    calibration = parallax_equations(field, peculiar_dispersion=300.0, flows=None)
+    calibration = DistanceModel(peculiar_dispersion=300.0, flows=None).equations(field)
     model = parallax_model(calibration, checked_priors(Priors(velocity, Flat(40, 120)), "icrs"))
     hubble = np.array([[45.0], [70.0], [110.0]])
     log, mean, _ = model.conditional(hubble)

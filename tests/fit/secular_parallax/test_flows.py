@@ -7,7 +7,7 @@ import pytest
 from conftest import few_or_many
 
 import sim
-from fit.secular_parallax import hubble_constant, observer_velocity, parallax_equations
+from fit.secular_parallax import DistanceModel, hubble_constant, observer_velocity
 from vsh import Vector
 from vsh.io.parts import as_parts
 from vsh.models.cosmology import BACHCHAN_2016, FLAT_PLANCK13, transverse_distance
@@ -31,7 +31,7 @@ def galaxies(n=400, seed=1, hubble=67.3, sigma=2.0, **flow):
 def test_schur_complement_is_the_dense_covariance_of_the_modes():
     field = galaxies(500)
     found = observer_velocity(field, 67.3, flows="linear", n_modes=475)
-    rows = parallax_equations(field, flows="linear", n_modes=475)
+    rows = DistanceModel(flows="linear", n_modes=475).equations(field)
     n = len(field)
     columns = rows.flow.rows(slice(0, n))
     covariance = columns @ columns.T + np.diag(rows.variance + rows.left + (150 * rows.rate) ** 2)
@@ -52,7 +52,7 @@ def test_velocity_errs_as_under_the_whole_covariance():
     p, q, u = triad(field.lon, field.lat)
     r = transverse_distance(field.redshift) * LITTLE_H
     found = observer_velocity(field, 67.3, flows="linear")
-    rows = parallax_equations(field, flows="linear", n_modes=3)
+    rows = DistanceModel(flows="linear", n_modes=3).equations(field)
     n = len(field)
     from vsh.models.flows import LINEAR_PLANCK18 as THEORY
 
@@ -84,7 +84,7 @@ def test_prior_variances_weigh_and_are_no_ruler():
 
 def from_modes(field, rng, hubble):
     """Motions with a flow of the fit's own modes, what they leave, and 150 km/s; and the flow where we are."""
-    rows = parallax_equations(field, flows="linear", n_modes=120)
+    rows = DistanceModel(flows="linear", n_modes=120).equations(field)
     n = len(field)
     amplitude = rng.standard_normal(len(rows.modes))
     tangential, _ = rows.modes.at(field.lon, field.lat, rows.flow.distance)
@@ -171,7 +171,7 @@ def test_reconstruction_lowers_the_errors_and_they_hold():
 
     cube = np.stack(np.meshgrid(x, x, x, indexing="ij")).reshape(3, -1)
     far = np.linalg.norm(cube, axis=0)
-    rows = parallax_equations(still, flows="linear", n_modes=120)
+    rows = DistanceModel(flows="linear", n_modes=120).equations(still)
     p, q, u = triad(*angles(cube))
     tangential, radial = rows.modes.at(*angles(cube), np.maximum(far, 1.0))
     for _ in range(40):

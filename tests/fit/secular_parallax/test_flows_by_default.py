@@ -9,7 +9,7 @@ from scipy.stats import binom
 import fit
 import sim
 from fit.redshift import binned, permutation_test
-from fit.secular_parallax import hubble_constant, observer_velocity, parallax_equations
+from fit.secular_parallax import DistanceModel, hubble_constant, observer_velocity
 from vsh import Vector
 from vsh.io.parts import as_parts
 from vsh.models.cosmology import CMB_VELOCITY_PLANCK18
@@ -110,7 +110,7 @@ def test_catalogue_that_reaches_far_keeps_its_near_flow():
     one = observer_velocity(near, 67.3, acceleration=fit.fit_field(far, 1).acceleration).velocity.sigma
     two = observer_velocity(both, 67.3).velocity.sigma
     np.testing.assert_allclose(two, one, rtol=0.07)  # 12 % less where the modes reach to the quasars
-    assert len(parallax_equations(both).flow.lon) < len(both)  # far ones need no columns
+    assert len(DistanceModel().equations(both).flow.lon) < len(both)  # far ones need no columns
     bins = [binned(each, 1, [0.003, 0.01, 0.031]).solutions[0].acceleration.sigma for each in (near, both)]
     np.testing.assert_allclose(bins[1], bins[0], rtol=0.1)
 
@@ -210,7 +210,7 @@ def test_selection_does_not_depend_on_the_parts(monkeypatch):
     field = sim.observe(sim.galaxies(2000, 1), sim.secular_parallax((300, 0, 0)), rng=1, sigma=5.0)
     calm = {"flows": None, "redshift_frame": "true", "peculiar_dispersion": 300.0}
     left_out = [
-        fit.secular_parallax.parallax_equations(each, None, **calm).left_out
+        fit.secular_parallax.DistanceModel(**calm).equations(each).left_out
         for each in (field, as_parts([field[i : i + 5] for i in range(0, 2000, 5)]))
     ]
     whole, divided = (np.diag(each.sums(300.0, 0.0, 2000).matrix)[:6] for each in left_out)
@@ -232,3 +232,15 @@ def test_spin_is_no_dispersion():
     loose = observer_velocity(field, 67.3, spin=Vector([50.0, 0, 0], 1e6 * np.eye(3)), **known).preferred
     free = observer_velocity(field, 67.3, spin="free", **known).preferred
     assert loose.best == pytest.approx(free.best, abs=3)
+
+
+def test_model_is_its_attributes_one_by_one():
+    field, model = galaxies(5), DistanceModel(flows=None, redshift_frame="true", peculiar_dispersion=300.0)
+    one = observer_velocity(field, 67.3, model)
+    two = observer_velocity(field, 67.3, flows=None, redshift_frame="true", peculiar_dispersion=300.0)
+    np.testing.assert_array_equal(one.values, two.values)
+    np.testing.assert_array_equal(one.covariance, two.covariance)
+    with pytest.raises(ParameterError, match="a DistanceModel, or its attributes one by one"):
+        observer_velocity(field, 67.3, model, flows=None)
+    with pytest.raises(ParameterError, match="no argument is called flow; there are"):
+        observer_velocity(field, 67.3, flow=None)

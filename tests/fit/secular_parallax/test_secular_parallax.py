@@ -5,7 +5,7 @@ import pytest
 from conftest import few_or_many
 
 import sim
-from fit.secular_parallax import hubble_constant, observer_velocity, parallax_equations
+from fit.secular_parallax import DistanceModel, hubble_constant, observer_velocity
 from vsh import Field, Vector
 from vsh.models.cosmology import BACHCHAN_2016, flat
 from vsh.tools.errors import DegeneracyError, FieldError, ParameterError
@@ -44,7 +44,9 @@ def test_sources_move_toward_the_antapex():
     field = Field([0.0], [0.0], np.zeros((2, 1)), np.ones((2, 1)), redshift=[0.01])
     north = sim.secular_parallax((0, 0, 100.0))(field.lon, field.lat, field.redshift)
     assert north[1, 0] < 0
-    np.testing.assert_allclose(parallax_equations(field).design[:, 2] * 100.0, [north[0, 0], north[1, 0]], atol=1e-15)
+    np.testing.assert_allclose(
+        DistanceModel().equations(field).design[:, 2] * 100.0, [north[0, 0], north[1, 0]], atol=1e-15
+    )
 
 
 def test_another_cosmology_changes_the_shape_alone():
