@@ -19,14 +19,13 @@ import numpy as np
 from fit import CrossCheck, Solution, cross_check
 from fit.background import floor
 from fit.resample import bootstrap
-from fit.results.output import cell, html_report, plot_correlation, plot_residuals, plot_spectrum
+from fit.results.output import cell, plot_correlation, plot_residuals, plot_spectrum, write_html
 from fit.results.spectrum import spectrum
 from fit.robust import clip
 from study.referee._rows import papers
 from vsh import Field
 from vsh.classes import Classes
 from vsh.commands.running import provenance
-from vsh.figures.page import ShownPage, write_page
 from vsh.figures.plot import (
     COLOURS,
     WIDTH,
@@ -475,9 +474,11 @@ def write_gaia(
     (folder / "report.md").write_text(text, encoding="utf-8")
     main: Any = study.main
     five = study.sources.field[~study.sources.six]
-    page = html_report(
+    write_html(
         main.resampled,
-        plots,
+        five,
+        folder / _PAGE,
+        figures=plots,
         check=study.check,
         truth=None if truth is None else dict(truth),
         source=study.sources.label,
@@ -485,14 +486,8 @@ def write_gaia(
         title="The acceleration of the Solar System from Gaia's quasars",
         sections=[Section(_HEADINGS[name], (), table) for name, table in result_tables.items()],
         captions=CAPTIONS,
-        skies=[
-            ShownPage(
-                "degree 3, errors from the bootstrap", five, main.solution.coefficients, main.resampled.covariance
-            )
-        ],
     )
     close_figures(plots.values())
-    write_page(folder / _PAGE, page)
     return text
 
 

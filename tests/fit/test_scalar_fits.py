@@ -161,7 +161,8 @@ def test_report_page_table(tmp_path):
     assert "Mean & $-2.532" in solution.latex()
     figures = fit.output.draw_figures(solution, field)
     assert set(figures) == {"sky", "spectrum", "correlation", "residuals"}
-    page = fit.output.html_report(solution, figures)
+    fit.output.write_html(solution, field, tmp_path / "page.html", figures=figures)
+    page = (tmp_path / "page.html").read_text(encoding="utf-8")
     assert "µas" not in page
     assert "mag" in page
     solution.write(tmp_path / "solution.ecsv")

@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-from fit.results.output._files import draw_figures, latex_of, sources_table, write_correlation, write_html, write_tables
+from fit.results.output._files import draw_figures, latex_of, sources_table, write_correlation, write_tables
 from fit.results.output._text import (
     WIDTH,
     amplitude,
@@ -27,10 +27,10 @@ from vsh.tools.modules import lazily
 
 if TYPE_CHECKING:
     from fit.results.output._figures import plot_correlation, plot_residuals, plot_spectrum, plot_terms
-    from fit.results.output._html import html_report
+    from fit.results.output._html import write_html
 
-__all__ = ["answer_of", "html_report", "plot_correlation", "plot_residuals", "plot_spectrum", "write_html"]
+__all__ = ["answer_of", "plot_correlation", "plot_residuals", "plot_spectrum", "write_html"]
 
 # matplotlib is imported when a figure is first asked for.
 _FIGURES = ["plot_correlation", "plot_residuals", "plot_spectrum", "plot_terms"]
-__getattr__, __dir__ = lazily(__name__, __all__, {"_figures": _FIGURES, "_html": ["html_report"]})
+__getattr__, __dir__ = lazily(__name__, __all__, {"_figures": _FIGURES, "_html": ["write_html"]})

@@ -1,7 +1,6 @@
 """A solution as files: report, tables with their provenance, figures, and a LaTeX table with caption and label."""
 
 import re
-from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -219,69 +218,3 @@ def draw_figures(
         "correlation": plot_correlation(solution),
         "residuals": plot_residuals(solution, field, weights=weights if isinstance(field, Field) else None),
     }
-
-
-def write_html(
-    solution: Any,
-    field: Field | ScalarField | Parts,
-    path: PathName,
-    *,
-    beside: Mapping[str, tuple[Any, Field]] | None = None,
-    figures: Mapping[str, Any] | None = None,
-    further: Mapping[str, Any] | None = None,
-    overwrite: bool = False,
-    **about: Any,
-) -> None:
-    """Write a self-contained page with everything, its sky one that can be turned.
-
-    Parameters
-    ----------
-    solution : Solution
-        What was found.
-    field : Field, ScalarField or Parts
-        The sources.
-    path : str or Path
-        The file.
-    beside : dict of str to (Solution, Field), optional
-        One other solution in the same frame with its sources, by its label: its sky stands beside.
-    figures : dict of str to matplotlib axes, optional
-        Those of `draw_figures` where they are drawn already; they stay open.
-    further : dict of str to matplotlib axes, optional
-        More figures, by name.
-    overwrite : bool
-        Whether a file that is there is replaced.
-    **about
-        What else the page says, as for `fit.output.html_report`.
-    """
-    from fit.results.output._html import html_report
-    from vsh.figures.page import write_page
-    from vsh.figures.plot import close_figures
-
-    new_figures = draw_figures(solution, field) if figures is None else {}
-    page = html_report(
-        solution,
-        {**new_figures, **(figures or {}), **(further or {})},
-        skies=_skies(solution, field, beside or {}),
-        **about,
-    )
-    close_figures(new_figures.values())
-    write_page(path, page, overwrite=overwrite)
-
-
-def _skies(solution, field, comparisons):
-    from vsh.figures.page import ShownPage
-
-    if isinstance(field, ScalarField):
-        return ()
-    main_label = f"degree {solution.modes.lmax}, errors from {solution.errors_from}" if comparisons else ""
-    return [
-        ShownPage(
-            label,
-            sample_of(sources) if isinstance(sources, Parts) else sources,
-            result.coefficients,
-            result.covariance,
-            result.unit,
-            result.n_sources,
-        )
-        for label, (result, sources) in {main_label: (solution, field), **comparisons}.items()
-    ]

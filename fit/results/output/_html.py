@@ -3,10 +3,16 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from fit.results.output._files import draw_figures
 from fit.results.output._text import amplitude, answer_of, direction, is_scalar, vectors_of, warnings_of, what_of
 from fit.results.quality import ErrorSource
+from vsh.field import Field
 from vsh.figures import page
+from vsh.figures.plot import close_figures
+from vsh.io.parts import Parts, sample_of
 from vsh.io.sections import Answer, Section
+from vsh.scalars import ScalarField
+from vsh.tools.types import PathName
 
 _CAPTIONS = {
     "sky": ("The sources, and the motions that were fitted to them: as dark as they are sure, grey below 2 σ."),
@@ -18,10 +24,14 @@ _CAPTIONS = {
 }
 
 
-def html_report(
+def write_html(
     solution: Any,
-    figures: Mapping[str, Any],
+    field: Field | ScalarField | Parts,
+    path: PathName,
     *,
+    beside: Mapping[str, tuple[Any, Field]] | None = None,
+    figures: Mapping[str, Any] | None = None,
+    further: Mapping[str, Any] | None = None,
     check: Any = None,
     truth: dict[str, Any] | None = None,
     source: str = "",
@@ -30,17 +40,25 @@ def html_report(
     title: str | None = None,
     sections: Sequence[Section] = (),
     captions: Mapping[str, str] | None = None,
-    skies: Sequence[page.ShownPage] = (),
     answer: Answer | None = None,
-) -> str:
-    """A self-contained page about a solution.
+    overwrite: bool = False,
+) -> None:
+    """Write a self-contained page with everything, its sky one that can be turned.
 
     Parameters
     ----------
     solution : Solution
         What was found.
-    figures : dict of str to matplotlib axes
-        Embedded as PNG.
+    field : Field, ScalarField or Parts
+        The sources.
+    path : str or Path
+        The file, HTML that asks for nothing from any network.
+    beside : dict of str to (Solution, Field), optional
+        One other solution in the same frame with its sources, by its label: its sky stands beside.
+    figures : dict of str to matplotlib axes, optional
+        Those of `draw_figures` where they are drawn already; they stay open.
+    further : dict of str to matplotlib axes, optional
+        More figures, by name.
     check : CrossCheck, optional
         Both solvers at degree 1.
     truth : dict of str to Vector, optional
@@ -57,20 +75,17 @@ def html_report(
         Further sections.
     captions : dict of str to str, optional
         Captions of further figures, by name.
-    skies : sequence of vsh.figures.page.ShownPage
-        One or two solutions on a sky that can be turned, in place of the figure "sky".
     answer : Answer, optional
         The lines to quote; those of the solution unless given.
-
-    Returns
-    -------
-    str
-        HTML that asks for nothing from any network.
+    overwrite : bool
+        Whether a file that is there is replaced.
     """
     answer = answer_of(solution) if answer is None else answer
+    new_figures = draw_figures(solution, field) if figures is None else {}
+    skies = _skies(solution, field, beside or {})
     sky_panel = page.sky(*skies) if skies else page.Panel("")
-    plots = {name: axes for name, axes in figures.items() if not (sky_panel.html and name == "sky")}
-    texts = {**_CAPTIONS, **(captions or {})}
+    all_figures = {**new_figures, **(figures or {}), **(further or {})}
+    plots = {name: axes for name, axes in all_figures.items() if not (sky_panel.html and name == "sky")}
     static = page.words(f"The sky of this page {page.STATIC}." if skies and not sky_panel.html else "", "faint")
     panels = [
         page.facts(answer.lines),
@@ -79,7 +94,7 @@ def html_report(
         page.heading("The sky", sky_panel),
         *map(page.section, solution.sections(long=True, check=check, truth=truth, source=source)),
         *map(page.section, sections),
-        page.heading("Figures", page.figures(plots, texts), static),
+        page.heading("Figures", page.figures(plots, {**_CAPTIONS, **(captions or {})}), static),
         _coefficients(solution),
         page.provenance(provenance or {}, command),
     ]
@@ -88,7 +103,8 @@ def html_report(
         f"{f'{source} — ' if source else ''}{solution.n_sources} sources, degree {modes.lowest} to {modes.lmax} "
         f"({len(modes)} coefficients), {solution.frame} axes"
     )
-    return page.page(title or what_of(solution), panels, lead=lead)
+    close_figures(new_figures.values())
+    page.write_page(path, page.page(title or what_of(solution), panels, lead=lead), overwrite=overwrite)
 
 
 def _cards(solution):
@@ -115,3 +131,20 @@ def _coefficients(solution):
     ]
     heads = ["coefficient", f"value [{solution.unit}]", "σ", "value/σ"]
     return page.heading("Coefficients", page.table(heads, rows, sortable=True, summary=f"{len(rows)} coefficients"))
+
+
+def _skies(solution, field, comparisons):
+    if isinstance(field, ScalarField):
+        return ()
+    main_label = f"degree {solution.modes.lmax}, errors from {solution.errors_from}" if comparisons else ""
+    return [
+        page.ShownPage(
+            label,
+            sample_of(sources) if isinstance(sources, Parts) else sources,
+            result.coefficients,
+            result.covariance,
+            result.unit,
+            result.n_sources,
+        )
+        for label, (result, sources) in {main_label: (solution, field), **comparisons}.items()
+    ]

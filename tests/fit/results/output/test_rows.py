@@ -10,7 +10,7 @@ from conftest import random_field
 
 import fit
 import sim
-from fit.results.output import amplitude, direction, html_report, pulls, sections_of, vector_rows, vectors_of
+from fit.results.output import amplitude, direction, pulls, sections_of, vector_rows, vectors_of
 from fit.results.output._files import two_digits
 from vsh import Field, Vector
 from vsh.io.sections import text_of
@@ -35,10 +35,15 @@ def cells_of(solution):
     return {cell for vector in vectors_of(solution).values() for cell in fit.output.components(vector)}
 
 
-def test_all_forms_say_the_same(solution):
+def page_of(solution, folder, **about):
+    fit.output.write_html(solution, random_field(30, 1), folder / "page.html", figures={}, overwrite=True, **about)
+    return (folder / "page.html").read_text(encoding="utf-8")
+
+
+def test_all_forms_say_the_same(solution, tmp_path):
     """The page had every pull with the wrong sign; a survivor multiplied it by seven."""
     text = solution.report(truth=TRUTH)
-    page = html_report(solution, {}, truth=TRUTH)
+    page = page_of(solution, tmp_path, truth=TRUTH)
     signs = [float(x) for x in re.findall(r"\(([+-]\d+\.\d)σ\)", text)]
     assert [float(x) for x in re.findall(r"\(([+-]\d+\.\d)σ\)", page)] == signs
     expected = np.concatenate([(v.value - TRUTH[n].value) / v.sigma for n, v in vectors_of(solution).items()])
@@ -109,7 +114,7 @@ def test_low_signal_to_noise_is_said_as_such():
     assert "direction not determined" in direction(none)
 
 
-def test_cross_check_takes_one_line_unless_it_fails(solution):
+def test_cross_check_takes_one_line_unless_it_fails(solution, tmp_path):
     from dataclasses import replace
 
     rng = np.random.default_rng(2)
@@ -122,7 +127,7 @@ def test_cross_check_takes_one_line_unless_it_fails(solution):
     failed = solution.report(check=replace(check, largest=1e-3))
     assert "CROSS-CHECK FAILED" in failed
     assert "frame, QR" in failed
-    assert "CROSS-CHECK FAILED" in html_report(solution, {}, check=replace(check, largest=1e-3))
+    assert "CROSS-CHECK FAILED" in page_of(solution, tmp_path, check=replace(check, largest=1e-3))
 
 
 def test_report_is_for_coefficients():
