@@ -50,18 +50,7 @@ def test_one_bin_is_compared_with_nothing(path, tmp_path, capsys):
 @pytest.mark.slow
 def test_everything_at_once(path, tmp_path, capsys):
     out = tmp_path / "out"
-    arguments = [
-        path,
-        "--h0",
-        "67.3",
-        "--velocity",
-        "planck",
-        "--bins",
-        "0.001,0.01,0.02,0.03",
-        "--posterior",
-        "--posterior",
-        "80000",
-    ]
+    arguments = [path, "--h0", "67.3", "--velocity", "planck", "--bins", "0.001,0.01,0.02,0.03", "--posterior", "80000"]
     arguments += [
         "--long",
         "--dispersion",
@@ -98,8 +87,8 @@ def test_everything_at_once(path, tmp_path, capsys):
     assert len(bins) == 3
     assert str(bins["acceleration_x"].unit) == "uas / yr"
     # The chain goes on from its file: nothing is left to do.
-    assert main([str(each) for each in [*arguments, "--seed", "2", "--overwrite"]]) == 1
-    assert "seed: there" in capsys.readouterr().err
+    assert main([str(each) for each in [*arguments, "--dispersion", "50", "--overwrite"]]) == 1
+    assert "peculiar_dispersion: there" in capsys.readouterr().err
     json.dumps(dict(velocity.meta["versions"]))
 
 
@@ -296,9 +285,7 @@ def test_frame_that_nobody_told_is_asked_for(seen, capsys):
     path = str(seen / "untold.ecsv")
     assert main([path, "--h0", "67.4", "--on-bad", "drop"]) == 1
     error = capsys.readouterr().err
-    assert re.search(
-        r"use --redshift-frame heliocentric, cmb.*heliocentric: \|v\| = \d+ ± \d+ km/s; cmb: \|v\|.*true: \|v\|", error
-    )
+    assert "use --redshift-frame heliocentric, cmb" in error
     assert main([path, "--bins", "0.001,0.01,0.03"]) == 0  # bins do not hang on it
     assert main([path, "--h0", "67.4", "--on-bad", "drop", "--redshift-frame", "heliocentric"]) == 0
     told = capsys.readouterr().out
@@ -333,7 +320,6 @@ def test_posterior_with_flows(seen, capsys):
     ]  # fmt: skip
     assert main([str(each) for each in arguments]) == 0
     text = capsys.readouterr().out
-    assert re.search(r"prior: amplitude of the flow +1 ± 0\.1", text)
     assert "H0 under other priors" in text
 
 
