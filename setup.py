@@ -18,38 +18,31 @@ ROOT = Path(__file__).parent
 SOURCE = ROOT / "requirements" / "page"
 #: Where completion and manual pages are made.
 SHARE = ROOT / "build" / "share"
-#: What is made; not in the repository, in every wheel and sdist that was built where there is npm.
+#: The script of the page and the licences of what is in it: files of the repository, which `make page` renews.
 BUNDLE, LICENCES = (ROOT / "vsh" / "figures" / "page" / name for name in ("d3.min.js", "d3.LICENSES.txt"))
 
 
 class BuildPage(Command):
-    """Make the bundle of d3 with its licences, if npm is there; without it the package writes static pages."""
+    """Make the bundle of d3 with its licences anew, by npm from its lock: files of the repository."""
 
     description = "make the script of the interactive page (needs npm)"
-    user_options = [("required", None, "fail where it cannot be made")]  # noqa: RUF012  # as setuptools has it
-    boolean_options = ["required"]  # noqa: RUF012
+    user_options = []  # noqa: RUF012  # as setuptools has it
 
     def initialize_options(self):
-        self.required = False
+        pass
 
     def finalize_options(self):
         pass
 
     def run(self):
-        newest = max(path.stat().st_mtime for path in SOURCE.iterdir())
-        if BUNDLE.exists() and LICENCES.exists() and BUNDLE.stat().st_mtime >= newest:
-            return
         try:
-            make_bundle()
+            make_bundle(BUNDLE, LICENCES)
         except (OSError, subprocess.SubprocessError) as error:
             output = (getattr(error, "stderr", None) or b"").decode(errors="replace").strip()
-            message = f"the script of the page was not made ({error}): pages will be static\n{output[-500:]}".strip()
-            if self.required:
-                sys.exit(message)
-            print(message, file=sys.stderr)
+            sys.exit(f"the script of the page was not made ({error})\n{output[-500:]}".strip())
 
 
-def make_bundle():
+def make_bundle(bundle, licences):
     """What d3.js names of d3, in one file, and the licences of all that is in it."""
     npm = shutil.which("npm")
     if npm is None:
@@ -59,20 +52,13 @@ def make_bundle():
         for name in ("package.json", "package-lock.json", "d3.js"):
             shutil.copy(SOURCE / name, work)
         quiet = {"cwd": work, "check": True, "capture_output": True, "timeout": 120}
-        # Where no registry can be reached an installation should not wait for it.
-        few = [
-            "--fetch-retries=1",
-            "--fetch-timeout=15000",
-            "--fetch-retry-mintimeout=1000",
-            "--fetch-retry-maxtimeout=5000",
-        ]
-        subprocess.run([npm, "ci", "--ignore-scripts", "--no-audit", "--no-fund", *few], **quiet)
+        subprocess.run([npm, "ci", "--ignore-scripts", "--no-audit", "--no-fund"], **quiet)
         subprocess.run([npm, "run", "build", "--", "--metafile=meta.json"], **quiet)
         inside = json.loads((work / "meta.json").read_text())["inputs"]
         packages = sorted({name.split("/")[1] for name in inside if name.startswith("node_modules/")})
         texts = [f"{name}\n\n{(work / 'node_modules' / name / 'LICENSE').read_text().strip()}" for name in packages]
-        LICENCES.write_text("\n\n---\n\n".join(texts) + "\n", encoding="utf-8")
-        shutil.copy(work / "d3.min.js", BUNDLE)
+        licences.write_text("\n\n---\n\n".join(texts) + "\n", encoding="utf-8")
+        shutil.copy(work / "d3.min.js", bundle)
 
 
 class BuildShell(Command):
@@ -127,21 +113,16 @@ def make_share(folder, version):
     return [folder / name for name in texts]
 
 
-class WithPage(build_py):
-    """The build, with the bundle and what shells want."""
+class WithShell(build_py):
+    """The build, with what shells want."""
 
     def run(self):
-        self.run_command("build_page")
         self.run_command("build_shell")
         super().run()
 
 
-class SourceWithPage(sdist):
-    """The source distribution, with the bundle: an install from it needs no npm."""
-
-    def run(self):
-        self.run_command("build_page")
-        super().run()
+class SameSource(sdist):
+    """The source distribution, the same bytes each time."""
 
     def make_archive(self, *arguments, **options):
         """The same bytes for the same files, where SOURCE_DATE_EPOCH says when they are from."""
@@ -188,7 +169,7 @@ def addresses():
 
 
 setup(
-    cmdclass={"build_page": BuildPage, "build_shell": BuildShell, "build_py": WithPage, "sdist": SourceWithPage},
+    cmdclass={"build_page": BuildPage, "build_shell": BuildShell, "build_py": WithShell, "sdist": SameSource},
     # Made by the build; without one here, there would be nothing of which it asks.
     data_files=[],
     project_urls=addresses(),

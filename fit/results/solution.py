@@ -542,7 +542,7 @@ class Solution(SolutionSummary, HarmonicSolution):
         super().__post_init__()
 
     def widget(self, field: Field, *, height: int = 720) -> Any:
-        """The fit and its sources on a sky that can be turned, for a notebook; a figure where it cannot.
+        """The fit and its sources on a sky that can be turned, for a notebook.
 
         Parameters
         ----------
@@ -552,15 +552,9 @@ class Solution(SolutionSummary, HarmonicSolution):
             [pixels]
         """
         from vsh.figures.page import ShownPage, widget
-        from vsh.figures.plot import picture_of, plot_field
 
-        field, covariance = field.to_frame(self.frame), self.covariance
-        page = ShownPage("fit", field, self.coefficients, covariance, self.unit)
-        return widget(
-            page,
-            height=height,
-            static=lambda: picture_of(plot_field(field, self.coefficients, covariance=covariance, unit=self.unit)),
-        )
+        field = field.to_frame(self.frame)
+        return widget(ShownPage("fit", field, self.coefficients, self.covariance, self.unit), height=height)
 
     def _pack(self):
         columns = coefficient_columns(self.modes) | {

@@ -8,7 +8,6 @@ import sim
 from acceleration_paper import FILES, main, read_gaia, run_gaia, subsets, write_gaia
 from sim.commands.simulate import main as simulate
 from vsh import Vector
-from vsh.figures.page import bundle
 from vsh.io.catalogue import read_field, truth_of
 from vsh.tools.errors import DegeneracyError, TableError
 
@@ -171,7 +170,7 @@ def test_command_from_simulation_to_page(tmp_path, capsys):
     assert "| five-parameter sources | 1215942 |  | 6000 |  |" in text
     assert "A simulated catalogue; the truth is g = (-0.236, -3.756, -2.080)" in text
     page = (home / "gaia.html").read_text(encoding="utf-8")
-    assert page.count("<img ") == (6 if bundle() else 7)  # the sky is one that turns
+    assert page.count("<img ") == 6  # the sky is one that turns
     assert "The acceleration of the Solar System" in page
     assert 'src="http' not in page
     degrees = Table.read(home / "degrees.ecsv")

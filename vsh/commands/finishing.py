@@ -239,13 +239,6 @@ def write_page(
     page.write_page(path, page.page(title, panels, lead=lead), overwrite=overwrite)
 
 
-def of_page(path: PathName) -> str:
-    """Message on a page that was written, and on a sky that cannot be turned."""
-    from vsh.figures.page import STATIC, bundle
-
-    return f"written to {path}" if bundle() else f"written to {path}; its sky {STATIC}"
-
-
 #: Letters that LaTeX obeys.
 _NUMBERS = re.compile(r"[+-]?[\d.]+( ± [\d.]+)?")
 
@@ -488,7 +481,7 @@ class Run:
         if options.output:
             print_line(options, running.written(options.output, (x.name for x in Path(options.output).iterdir())))
         if options.html:
-            print_line(options, of_page(options.html) if page is not None else f"written to {options.html}")
+            print_line(options, f"written to {options.html}")
 
 
 def _named(path, make):

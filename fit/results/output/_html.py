@@ -85,8 +85,7 @@ def write_html(
     skies = _skies(solution, field, beside or {})
     sky_panel = page.sky(*skies) if skies else page.Panel("")
     all_figures = {**new_figures, **(figures or {}), **(further or {})}
-    plots = {name: axes for name, axes in all_figures.items() if not (sky_panel.html and name == "sky")}
-    static = page.words(f"The sky of this page {page.STATIC}." if skies and not sky_panel.html else "", "faint")
+    plots = {name: axes for name, axes in all_figures.items() if not (skies and name == "sky")}
     panels = [
         page.facts(answer.lines),
         _cards(solution),
@@ -94,7 +93,7 @@ def write_html(
         page.heading("The sky", sky_panel),
         *map(page.section, solution.sections(long=True, check=check, truth=truth, source=source)),
         *map(page.section, sections),
-        page.heading("Figures", page.figures(plots, {**_CAPTIONS, **(captions or {})}), static),
+        page.heading("Figures", page.figures(plots, {**_CAPTIONS, **(captions or {})})),
         _coefficients(solution),
         page.provenance(provenance or {}, command),
     ]

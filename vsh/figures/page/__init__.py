@@ -2,7 +2,6 @@
 
 from vsh.figures.page._page import (
     MAX_SOURCES,
-    STATIC,
     Panel,
     ShownPage,
     bundle,

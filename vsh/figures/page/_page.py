@@ -4,7 +4,7 @@ import base64
 import hashlib
 import json
 import shlex
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from html import escape
@@ -166,8 +166,6 @@ def provenance(sources: Mapping[str, Any], command: Sequence[str] | None = None)
     return heading("Where this comes from", *command_panels, facts(entries))
 
 
-#: What is said of a sky where there is no `bundle`.
-STATIC = "cannot be turned: this package was built without the script (make page, with npm)"
 _PAGE = Template("""<!doctype html>
 <html lang="en">
 <head>
@@ -226,12 +224,8 @@ def page(title: str, panels: Iterable[Panel], *, lead: str = "") -> str:
 
 @lru_cache
 def bundle() -> str:
-    """The script that projects the sky, d3 with its licences; empty where the package was built without it."""
-    try:
-        licences, script = _asset("d3.LICENSES.txt"), _asset("d3.min.js")
-    except OSError:
-        return ""
-    return f"/*\n{licences.replace('*/', '')}*/\n{script}"
+    """The script that projects the sky, d3 with its licences."""
+    return f"/*\n{_asset('d3.LICENSES.txt').replace('*/', '')}*/\n{_asset('d3.min.js')}"
 
 
 def write_page(path: PathName, text: str, *, overwrite: bool = False) -> None:
@@ -292,8 +286,6 @@ def sky(*shown: ShownPage) -> Panel:
     ParameterError
         If there are not one or two, or their frames or units differ.
     """
-    if not bundle():
-        return Panel("")
     if len(shown) not in (1, 2):
         raise ParameterError(f"one or two solutions are shown side by side, not {len(shown)}")
     if len({item.field.frame for item in shown}) > 1 or len({item.unit for item in shown}) > 1:
@@ -435,7 +427,7 @@ class FramedPage:
         return self.html
 
 
-def widget(*shown: ShownPage, height: int = 720, static: Callable[[], bytes] | None = None) -> Any:
+def widget(*shown: ShownPage, height: int = 720) -> Any:
     """Show one or two solutions on a sky that can be turned, as the last line of a notebook's cell.
 
     Parameters
@@ -444,8 +436,6 @@ def widget(*shown: ShownPage, height: int = 720, static: Callable[[], bytes] | N
         As for `sky`.
     height : int
         That of the frame. [pixels]
-    static : callable, optional
-        Makes a PNG that is shown where the package was built without the script of the sky.
 
     Returns
     -------
@@ -457,12 +447,8 @@ def widget(*shown: ShownPage, height: int = 720, static: Callable[[], bytes] | N
     ParameterError
         As `sky` does.
     """
-    sky_panel = sky(*shown)
-    if sky_panel.html:
-        inner = escape(page("", [sky_panel]), quote=True)
-        html = f'<iframe srcdoc="{inner}" style="width: 100%; height: {height}px; border: 0" title="sky"></iframe>'
-    else:
-        html = figure(static(), f"The sky {STATIC}").html if static else f"<p>The sky {escape(STATIC)}.</p>"
+    inner = escape(page("", [sky(*shown)]), quote=True)
+    html = f'<iframe srcdoc="{inner}" style="width: 100%; height: {height}px; border: 0" title="sky"></iframe>'
     if find_spec("ipywidgets") is None:
         return FramedPage(html)
     import ipywidgets

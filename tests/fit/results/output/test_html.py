@@ -5,7 +5,6 @@ import pytest
 from conftest import ROOT
 
 from fit.commands.fit import main
-from vsh.figures.page import bundle
 
 
 @pytest.fixture(scope="module")
@@ -39,7 +38,7 @@ def test_page_is_whole_and_asks_for_nothing(page):
     reader.feed(page)
     assert not reader.open
     assert all(wanted.startswith("data:") for wanted in reader.wanted)
-    assert reader.tags.count("img") == (3 if bundle() else 4)  # the sky is one that turns
+    assert reader.tags.count("img") == 3  # the sky is one that turns
     code = re.sub(r"/\*.*?\*/", "", page, flags=re.DOTALL)  # licences may name addresses
     assert not re.search(r"https?://|url\(|@import|fetch\(|XMLHttpRequest", code)
 

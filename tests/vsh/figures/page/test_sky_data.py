@@ -10,7 +10,6 @@ import pytest
 from conftest import random_field
 
 import fit
-from fit.commands.fit import main
 from vsh import Coefficients, ParameterError
 from vsh.figures.page import MAX_SOURCES, ShownPage, sky
 from vsh.figures.page import _page as sky_module
@@ -20,7 +19,6 @@ from vsh.figures.plot import even_grid
 @pytest.fixture(autouse=True)
 def built(monkeypatch):
     """As if the package had been built with d3: what its script is given does not depend on it."""
-    monkeypatch.setattr("vsh.figures.page._page.bundle", lambda: "//")
 
 
 def floats(text):
@@ -116,15 +114,3 @@ def test_two_solutions_have_one_frame():
     wrong = ShownPage("s", field, fit.fit_field(field, 1).coefficients, np.eye(3))
     with pytest.raises(ParameterError, match="covariance has shape"):
         sky(wrong)
-
-
-@pytest.mark.slow
-def test_without_the_bundle_the_page_is_static_and_says_so(tmp_path, monkeypatch, capsys):
-    for module in ("vsh.figures.page._page.bundle", "vsh.figures.page._page.bundle", "vsh.figures.page.bundle"):
-        monkeypatch.setattr(module, lambda: "")
-    assert main(["--demo", "--lmax", "1", "--html", str(tmp_path / "page.html")]) == 0
-    html = (tmp_path / "page.html").read_text(encoding="utf-8")
-    assert "<canvas" not in html
-    assert "cannot be turned" in html
-    assert html.count("<img") == 4
-    assert "its sky cannot be turned: this package was built without the script" in capsys.readouterr().out

@@ -1,4 +1,4 @@
-"""The sky in a notebook: a frame with the page, a widget where ipywidgets is there, a figure where nothing turns."""
+"""The sky in a notebook: a frame with the page, and a widget where ipywidgets is there."""
 
 import sys
 from html import unescape
@@ -17,7 +17,6 @@ def solved():
 
 
 def test_page_in_a_frame(solved, monkeypatch):
-    monkeypatch.setattr("vsh.figures.page._page.bundle", lambda: "//")
     monkeypatch.setattr("vsh.figures.page._page.find_spec", lambda name: None)
     solution, field = solved
     html = solution.widget(field, height=500)._repr_html_()
@@ -29,17 +28,8 @@ def test_page_in_a_frame(solved, monkeypatch):
 
 
 def test_widget_where_there_are_some(solved, monkeypatch):
-    monkeypatch.setattr("vsh.figures.page._page.bundle", lambda: "//")
     monkeypatch.setattr("vsh.figures.page._page.find_spec", lambda name: object())
     monkeypatch.setitem(sys.modules, "ipywidgets", SimpleNamespace(HTML=lambda html: ("widget", html)))
     kind, html = solved[0].widget(solved[1])
     assert kind == "widget"
     assert "<iframe" in html
-
-
-def test_figure_where_nothing_turns(solved, monkeypatch):
-    monkeypatch.setattr("vsh.figures.page._page.bundle", lambda: "")
-    monkeypatch.setattr("vsh.figures.page._page.find_spec", lambda name: None)
-    html = solved[0].widget(solved[1])._repr_html_()
-    assert "data:image/png;base64," in html
-    assert "cannot be turned" in html
