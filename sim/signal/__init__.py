@@ -7,7 +7,6 @@ from sim.signal._signal import (
     anisotropic_expansion,
     as_signal,
     from_coefficients,
-    off_centre_void,
     plane_wave,
     random_field,
     spin,

@@ -14,7 +14,7 @@ from vsh.models.waves import unit, wave_motions
 from vsh.modes import as_modes
 from vsh.sky.sphere import triad
 from vsh.tools import arguments
-from vsh.tools.arguments import float_array, generator, not_negative, number, positive
+from vsh.tools.arguments import float_array, generator, not_negative, number
 from vsh.tools.bad_rows import as_floats
 from vsh.tools.errors import FieldError, ParameterError
 from vsh.tools.notebook import InNotebook
@@ -283,20 +283,6 @@ class Shear:
         return np.stack([np.sum(p * (self.matrix @ r), 0), np.sum(q * (self.matrix @ r), 0)])
 
 
-@dataclass(frozen=True)
-class Void:
-    """A dipole that grows with redshift to `peak` and fades again."""
-
-    glide: Coefficients
-    peak: float
-
-    def __call__(self, lon: ArrayLike, lat: ArrayLike, redshift: ArrayLike) -> FloatArray:
-        if redshift is None:
-            raise FieldError("the void's dipole depends on redshift, and these sources have none")
-        x = np.asarray(redshift, float) / self.peak
-        return self.glide.at(lon, lat) * x * np.exp(1 - x)
-
-
 def anisotropic_expansion(shear: ArrayLike) -> Signal:
     """A Bianchi I universe: axes expand at rates that differ, µ = Σ r − (rᵀ Σ r) r.
 
@@ -325,32 +311,6 @@ def anisotropic_expansion(shear: ArrayLike) -> Signal:
     if not np.allclose(shear, shear.T):
         raise ParameterError("the shear must be a symmetric 3 × 3 matrix")
     return Signal((Shear(shear),))
-
-
-def off_centre_void(direction: ArrayLike, amplitude: float = 0.02, peak: float = 1.0) -> Signal:
-    """We are off the centre of a large void: a dipole that grows with redshift and fades again.
-
-    µ = A f(z) (e − (e·r) r), f = (z/z_p) e^{1 − z/z_p}. The amplitude is that of Bachchan et al. (2016, Table 1); the
-    profile is a description of theirs ("increases at high z, decreases at very high z"), not the solution of a model.
-
-    Parameters
-    ----------
-    direction : (3,) array
-        Towards which sources move; only its direction counts.
-    amplitude : float
-        The largest motion [µas/yr]
-    peak : float
-        Z_p, the redshift of the largest motion.
-
-    Examples
-    --------
-    >>> from sim import galaxies, observe
-    >>> len(observe(galaxies(50, 1), off_centre_void((1.0, 0.0, 0.0)), 2, sigma=1.0))
-    50
-    """
-    direction = direction_of(direction, "direction")
-    glide = number("amplitude", amplitude) * direction / np.linalg.norm(direction)
-    return Signal((Void(Coefficients.from_vectors(glide=glide), positive("peak", peak)),))
 
 
 @arguments.accepts(rng=arguments.seed)

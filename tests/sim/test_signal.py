@@ -131,17 +131,6 @@ def test_anisotropic_expansion_is_a_quadrupole():
         sim.anisotropic_expansion(np.arange(9.0).reshape(3, 3))
 
 
-def test_void():
-    signal = sim.off_centre_void((0, 0, 2.0), amplitude=0.02, peak=1.0)
-    motion = signal(np.zeros(3), np.zeros(3), np.array([0.1, 1.0, 5.0]))
-    assert motion[1, 1] == pytest.approx(0.02)
-    assert motion[1, 0] < motion[1, 1] > motion[1, 2]
-    with pytest.raises(FieldError, match="these sources have none"):
-        signal([0.0], [0.0])
-    with pytest.raises(ValueError, match="not all zero"):
-        sim.off_centre_void((0, 0, 0))
-
-
 SHEARS = [np.diag([1, -1, 0.0]), np.diag([1, 1, -2.0])] + [
     np.eye(3)[[i]].T @ np.eye(3)[[j]] + np.eye(3)[[j]].T @ np.eye(3)[[i]] for i, j in ((0, 1), (0, 2), (1, 2))
 ]
@@ -161,7 +150,6 @@ LINEAR = {
     "any coefficients": (of_modes(2, 1), 5.0),
     "waves": (of_modes(3, 2), 5.0),
     "anisotropic expansion": ([sim.anisotropic_expansion(s) for s in SHEARS], 3.0),
-    "void": ([sim.off_centre_void(e, amplitude=1.0, peak=0.02) for e in AXES], 5.0),
 }
 
 

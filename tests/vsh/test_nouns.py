@@ -59,7 +59,6 @@ NOUNS = {
     "Signal": sim.spin((1, 2, 3))
     + sim.secular_parallax((300, 0, 0))
     + sim.peculiar(300, 1)
-    + sim.off_centre_void((1, 0, 0))
     + sim.wave_background(1e-3, 1),
     "Shear": sim.anisotropic_expansion(np.diag([1, -1, 0])),
     "NominalScanningLaw": LAW,
