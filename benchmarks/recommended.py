@@ -1,7 +1,7 @@
 """Coverage of the recommended fit, and of least squares with formal errors, on skies that violate their assumptions.
 
     python benchmarks/recommended.py [SKIES [ROW …]]
-    python benchmarks/recommended.py [SKIES] few
+    python benchmarks/recommended.py [SKIES] few [student|excess-noise|bins|classes]
 
 For each kind of sky: rms pull of a component, shares of components within 1 and 1.96 errors, of p-values of the difference
 from the truth below 0.05, and of 95 % limits above the truth; for acceleration and spin together.
@@ -99,12 +99,35 @@ def no_signal(rng, n, decades, scatter):
     return Field(lon, lat, motion, sigma), Field(lon, lat, motion, true)
 
 
-def one_of_few(seed, cell):
+def in_two(field, rng, kind):
+    """Vectors of two halves of the sources, with the least p-value of their difference: bins, or classes."""
+    if kind == "bins":
+        bins = fit.redshift.binned(replace(field, redshift=rng.uniform(0.5, 3.0, len(field))), 1, [0.4, 1.5, 3.1])
+        p_value = min(bins.equality(part, 1).p_value for part in "ST")
+        vectors = [getattr(solution, each) for solution in bins.solutions for each in TRUTH]
+    else:
+        first, estimate = rng.uniform(size=len(field)) < 0.5, fit.estimate(field, 3)
+        halves, lmax = [field[first], field[~first]], estimate.solution.modes.lmax
+        normals = fit.background.widened(
+            [estimate.equations(half, lmax) for half in halves], estimate.equations, halves
+        )
+        shared = fit.background.shared(
+            normals, range(2, lmax + 1), labels=("a", "b"), noise_scale=estimate.is_scaled, rng=1
+        )
+        vectors = [getattr(shared.difference(0, 1), each) for each in TRUTH]
+        p_value = min(vector.p_value for vector in vectors)
+    return [[*vector.value, *vector.sigma, p_value, 1.0, 1.0, 1.0] for vector in vectors]
+
+
+def one_of_few(seed, cell, kind="recommended"):
     """Estimates, errors, p-values of acceleration and spin, and the estimates with the true variances; None of no result."""
     warnings.simplefilter("ignore")
-    field, known = no_signal(np.random.default_rng(seed), *cell)
+    rng = np.random.default_rng(seed)
+    field, known = no_signal(rng, *cell)
     try:
-        solution = fit.recommended(field).solution
+        if kind in ("bins", "classes"):
+            return in_two(field, rng, kind)
+        solution = fit.estimate(field, None if kind == "recommended" else 1, kind).solution
     except VshError:
         return None
     best = fit.fit_field(known, solution.modes.lmax)
@@ -114,12 +137,12 @@ def one_of_few(seed, cell):
     ]
 
 
-def few(n=200):
-    """Print the cells of few sources."""
+def few(n=200, kind="recommended"):
+    """Print the cells of few sources, by an estimator, in bins or in classes."""
     print("   N  decades  scatter   p<.0027   95 %   pull   none   sd")
     with ProcessPoolExecutor() as pool:
         for cell in CELLS:
-            all_skies = list(pool.map(partial(one_of_few, cell=cell), range(n), chunksize=10))
+            all_skies = list(pool.map(partial(one_of_few, cell=cell, kind=kind), range(n), chunksize=10))
             found = np.array([each for each in all_skies if each is not None]).reshape(-1, 10)
             pulls, known = found[:, :3] / found[:, 3:6], np.isfinite(found[:, 3])
             detected, covered = np.mean(found[:, 6] < 0.0027), np.mean(np.abs(pulls[known]) < 1.96)
@@ -133,8 +156,8 @@ def few(n=200):
 
 
 def main(n=200, *names):
-    if names == ("few",):
-        few(n)
+    if names[:1] == ("few",):
+        few(n, *names[1:])
         return
     with ProcessPoolExecutor() as pool:
         for name in names or SKIES:
