@@ -327,17 +327,17 @@ def _run_recommended(field, lmax, value, rng):
 
 
 def _least_squares(field, lmax, value, rng):
-    return _plain("least-squares", fit_field(field, lmax), field)
+    return _estimate_by("least-squares", fit_field(field, lmax), field)
 
 
 def _clip(field, lmax, value, rng):
     result = clip(field, lmax, 3.0 if value is None else float(value))
-    return _plain("clip", result.solution, result.sources(field), result.n_clipped)
+    return _estimate_by("clip", result.solution, result.sources(field), result.n_clipped)
 
 
 def _student(field, lmax, value, rng):
     weights = student_t(field, lmax)
-    return _plain("student", _without_errors(weights.solution), field, 0, weights)
+    return _estimate_by("student", _without_errors(weights.solution), field, 0, weights)
 
 
 #: Degrees of freedom that the scores of a robust fit must have for its errors to be those of the sources; and the same
@@ -355,23 +355,23 @@ def _without_errors(solution):
 
 def _excess_noise(field, lmax, value, rng):
     weights = excess_noise(field, lmax, scale=choice("excess-noise", value, (None, "scale")) == "scale")
-    return _plain("excess-noise", weights.solution, field, 0, weights)
+    return _estimate_by("excess-noise", weights.solution, field, 0, weights)
 
 
 def _bootstrap(field, lmax, value, rng):
     result = bootstrap(field, lmax, 100 if value is None else int(value), rng)
-    return _plain("bootstrap", result.resampled_solution, field)
+    return _estimate_by("bootstrap", result.resampled_solution, field)
 
 
 def _jackknife(field, lmax, value, rng):
     if value is not None:
-        return _plain("jackknife", jackknife(field, lmax, int(value)).resampled_solution, field)
+        return _estimate_by("jackknife", jackknife(field, lmax, int(value)).resampled_solution, field)
     _, best, advice = compare_blocks(field, lmax)
     solution = best.resampled.resampled_solution
-    return _plain("jackknife", replace(solution, notes=(*solution.notes, advice)), field)
+    return _estimate_by("jackknife", replace(solution, notes=(*solution.notes, advice)), field)
 
 
-def _plain(method, solution, sources, n_clipped=0, weights=None):
+def _estimate_by(method, solution, sources, n_clipped=0, weights=None):
     """An estimate whose errors are those of the solution; of the catalogue's, scaled where χ² contradicts them."""
     solution = with_coverage(solution, sources)
     return Estimate(

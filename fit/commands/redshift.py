@@ -524,9 +524,9 @@ def _answer_lines(results):
     """The lines to quote: H0, our velocity, whether the dipole changes with redshift, and what errors leave out."""
     lines = []
     if "posterior" in results:
-        lines += _of_posterior(results["posterior"])
+        lines += _posterior_lines(results["posterior"])
     elif "hubble" in results:
-        lines.append(("H0", _of_hubble(results["hubble"])))
+        lines.append(("H0", _hubble_line(results["hubble"])))
     if "velocity" in results:
         solution = results["velocity"]
         text = f"{fit.output.words_of(solution.velocity)}, for H0 = {solution.assumed_hubble:g} km/s/Mpc"
@@ -544,7 +544,7 @@ def _answer_lines(results):
     return lines
 
 
-def _of_hubble(solution):
+def _hubble_line(solution):
     """H0 by least squares for a known velocity, and how far it is from published values."""
     value, error = solution.hubble, solution.hubble_error
     if not _is_determined(solution):
@@ -569,7 +569,7 @@ def _beside_published(limit):
     return f"{'consistent with' if limit > _PUBLISHED[0] else 'excludes'} the published 67 to 73"
 
 
-def _hubble_of(posterior):
+def _posterior_hubble(posterior):
     """H0 by the posterior, with its interval or as a limit; and how it stands to the published values."""
     if posterior.hubble_limits is not None:
         _, below = posterior.hubble_limits
@@ -580,10 +580,10 @@ def _hubble_of(posterior):
     return f"{median} km/s/Mpc ({lower} to {upper}, 68 %)", _format_deviation(h0.median, error)
 
 
-def _of_posterior(posterior):
+def _posterior_lines(posterior):
     """H0 and the speed by the posterior, medians with 68 % intervals, and the priors they rest on."""
     rows, texts = posterior.summary(), posterior.print_summary()
-    lines = [("H0", "{}, posterior; {}".format(*_hubble_of(posterior)))]
+    lines = [("H0", "{}, posterior; {}".format(*_posterior_hubble(posterior)))]
     if posterior.hubble_limits is not None:
         product = [f"{value:.0f}" for value in posterior.product]
         lines.append(("v · H0", f"{product[0]} (km/s)²/Mpc ({product[1]} to {product[2]}, 68 %)"))
@@ -645,7 +645,7 @@ def _cards_of(results):
         size = size if _is_determined(solution) else f"< {three_digits(solution.hubble_limits[1])} km/s/Mpc (95 %)"
         cards.append(("The Hubble constant", size, f"least squares {solution.hubble:.3g}"))
     if "posterior" in results:
-        cards.append(("H0, posterior", *_hubble_of(results["posterior"])))
+        cards.append(("H0, posterior", *_posterior_hubble(results["posterior"])))
     for name in ("velocity", "hubble"):
         if name in results:
             quality = results[name].quality

@@ -50,7 +50,7 @@ class Leakage(Result):
     def of(self, coefficients: Coefficients) -> Coefficients:
         """The bias by a given field, `coefficients` [µas/yr], as Coefficients; its fitted degrees do not count."""
         return Coefficients(
-            self.fitted, self.matrix @ self._columns(coefficients.to_degree(self.unmodelled.lmax).values)
+            self.fitted, self.matrix @ self._select_beyond(coefficients.to_degree(self.unmodelled.lmax).values)
         )
 
     def covariance(self, power: float | Mapping[int, float] | ArrayLike) -> FloatArray:
@@ -62,7 +62,7 @@ class Leakage(Result):
             ∫ |V_l|² dΩ of one kind and degree on average: the same for all, by degree {l: power}, an array
             from the first unmodelled degree on, or two rows of it, T and S. [(µas/yr)²]
         """
-        variance = self._columns(self._variances(power))
+        variance = self._select_beyond(self._variances(power))
         return (self.matrix * variance) @ self.matrix.T
 
     def bias(self, power: float | Mapping[int, float] | ArrayLike) -> FloatArray:
@@ -120,7 +120,7 @@ class Leakage(Result):
             frame=check_frame(metadata["frame"]),
         )
 
-    def _columns(self, values):
+    def _select_beyond(self, values):
         return values[[i for i, mode in enumerate(self.unmodelled) if mode.l > self.fitted.lmax]]
 
     def _variances(self, power):

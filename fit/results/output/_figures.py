@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from fit.results.output._text import format_squared
+from fit.results.output._text import unit_squared
 from fit.results.quality import ErrorSource
 from fit.results.spectrum import spectrum, wilson_hilferty
 from vsh.coefficients import FIRST_DEGREE
@@ -98,7 +98,7 @@ def plot_spectrum(solution: Any, *, ax: Axes | None = None) -> Axes:
     if solution.modes.lmax <= 12:
         axes.set_xticks(np.unique([row.l for row in rows]))
     axes.set_xlabel("degree")
-    axes.set_ylabel(f"power  {format_squared(solution)}")
+    axes.set_ylabel(f"power  {unit_squared(solution)}")
     roots = axes.secondary_yaxis("right", functions=(lambda x: np.sqrt(np.maximum(x, 0)), np.square))
     roots.set_ylabel(f"√power  [{solution.unit}]" if solution.unit else "√power")
     log_ticks(roots.yaxis, *np.sqrt(reach))

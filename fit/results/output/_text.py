@@ -75,7 +75,7 @@ def is_scalar(solution: Any) -> bool:
     return solution.modes.components == 1
 
 
-def format_squared(solution: Any) -> str:
+def unit_squared(solution: Any) -> str:
     """The unit of powers, in brackets; nothing of pure numbers."""
     return f"[({solution.unit})²]" if solution.unit else ""
 
@@ -452,7 +452,7 @@ def _noise_powers(solution):
     columns |= {kind: [solution.noise_power(kind, l) for l in degrees] for kind in "TS"}
     forms = dict.fromkeys("TS", ".3g")
     return Section(
-        f"Power of noise by degree, ∫|V|²dΩ {format_squared(solution)}", (), tables.table_of(columns), forms=forms
+        f"Power of noise by degree, ∫|V|²dΩ {unit_squared(solution)}", (), tables.table_of(columns), forms=forms
     )
 
 
@@ -494,7 +494,7 @@ def _powers(solution):
         each = [powers.get((kind, l)) for l in degrees]
         columns[kind_names[kind]] = [_power(power) if power else "" for power in each]
         columns[f"p ({kind_names[kind]})"] = [printed_p_value(power.p_value) if power else "" for power in each]
-    title = f"Power by degree {format_squared(solution)}".rstrip()
+    title = f"Power by degree {unit_squared(solution)}".rstrip()
     title += " minus that of noise, and the p-value: the probability that noise alone gives at least this power"
     return Section(title, (), tables.table_of(columns))
 
@@ -518,7 +518,7 @@ def _degrees(solution):
             "uniform sky."
         )
     ]
-    title = f"Power by degree, ∫{field}²dΩ {format_squared(solution)}"
+    title = f"Power by degree, ∫{field}²dΩ {unit_squared(solution)}"
     return Section(title, (), tables.table_of(columns), remarks=remarks)
 
 
