@@ -129,20 +129,6 @@ def fourier_moments(
     return moments
 
 
-def synthesis_on_rings(coefficients: Coefficients, shape: tuple[int, ...], threads: int | None = None) -> FloatArray:
-    """The field on rings of latitude, (2, rings, points): east and north."""
-    south, east = ducc0.sht.synthesis_2d(
-        alm=to_healpy(coefficients),
-        spin=1,
-        lmax=coefficients.modes.lmax,
-        geometry="F1",
-        ntheta=shape[0],
-        nphi=shape[1],
-        nthreads=cores(threads),
-    )
-    return np.stack([east[::-1], -south[::-1]])
-
-
 def _locations(lon, lat):
     """Colatitude and longitude within the ranges that ducc0 knows, (n, 2)."""
     lon, lat = np.atleast_1d(np.asarray(lon, float)), np.atleast_1d(np.asarray(lat, float))

@@ -269,6 +269,14 @@ class ScalarRings(Rings):
 
 #: Work up to which the leverage of each source is computed exactly: sources times coefficients squared.
 EXACT = 2e9
+#: Mean leverage below which it need not be: variances change by 1.5 times as much.
+_NEGLIGIBLE = 2e-4
+
+
+def _is_exact(n_sources, modes):
+    """Return whether leverages are computed source by source."""
+    p = len(modes)
+    return n_sources * p * p <= EXACT and p > _NEGLIGIBLE * modes.components * n_sources
 
 
 @dataclass(frozen=True, eq=False)
@@ -328,7 +336,7 @@ def leverage(
     weights, components = field.weights * factors, field.components
     trace = weights[:components].sum(0)
     n_sources, total_trace = (len(field), trace.sum()) if total is None else total
-    if n_sources * p * p > EXACT:
+    if not _is_exact(n_sources, modes):
         return np.minimum(p * trace / total_trace / components, 0.9)
 
     def block(chunk):
@@ -364,7 +372,7 @@ def sandwich(
     information (Zhang 2012, J. Agric. Biol. Environ. Stat. 17, 652): (k² + k) h_i² for a leverage h_i in k components.
     """
     # The fitted matrix is for exact leverages, which large problems do without.
-    exact = sky.in_memory is None or len(sky.in_memory) * len(modes) ** 2 <= EXACT
+    exact = sky.in_memory is None or _is_exact(len(sky.in_memory), modes)
     slopes = sky.sum(partial(_slopes, scores=scores, modes=modes, exact=exact), roles=(), words=words)
     slope = np.linalg.inv(slopes["slope"])
     fitted = np.linalg.inv(slopes["fitted"]) if exact else slope

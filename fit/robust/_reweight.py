@@ -103,6 +103,12 @@ class Share:
     leverage: float
     #: The sources for which it was computed last with what it gave, a pair: errors and weights ask for the same again.
     last: list[Any] = dataclass_field(default_factory=list, init=False, repr=False)
+    #: The same of the residuals, which do not depend on the weight.
+    residuals: list[Any] = dataclass_field(default_factory=list, repr=False)
+
+    def by(self, weight: Any) -> Share:
+        """The same by other weights."""
+        return Share(self.solution, weight, self.leverage, self.residuals)
 
     def __call__(self, field: Field) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """X² over one less the share, u and its slope, each (n,); and the residuals, (components, n)."""
@@ -118,17 +124,34 @@ class Share:
 
     def _of(self, field: Field) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """X² over one less the share, u and its slope, each (n,); and the residuals, (components, n)."""
-        residual = self.solution.residuals(field)
-        chi2, largest = residual.chi2, self.leverage * field.information
-        x2 = chi2 / (1 - self.weight.share_of(chi2, largest))
-        return x2, *self.weight(x2), residual.data
+        known: Any = self.residuals[0] if self.residuals else (None, None, None)
+        if known[0] is not field:
+            residual = self.solution.residuals(field)
+            known = (field, residual.chi2, residual.data)
+            self.residuals[:] = [known]
+        _, chi2, data = known
+        x2 = chi2 / (1 - self.weight.share_of(chi2, self.leverage * field.information))
+        return x2, *self.weight(x2), data
+
+    def forget(self) -> None:
+        """Let go of the sources."""
+        self.last.clear()
+        self.residuals.clear()
 
 
 def _log_terms(field, share):
     """Count of sources, and Σ ln(1 + X²/ν) at the nodes of ln ν."""
     x2 = share(field)[0]
     nus = np.exp(_LOW + (_HIGH - _LOW) * (_NODES + 1) / 2)
-    return len(x2), np.array([np.log1p(x2 / nu).sum() for nu in nus])
+    return len(x2), np.array([_sum_log(1 + x2 / nu) for nu in nus])
+
+
+def _sum_log(values):
+    """Σ ln of values of 1 or more: of products of eight, a logarithm takes as long as as many products."""
+    whole = len(values) // 8 * 8
+    if not values.max(initial=1.0) < 1e30:
+        return np.log(values).sum()
+    return np.log(np.prod(values[:whole].reshape(8, -1), axis=0)).sum() + np.log(values[whole:]).sum()
 
 
 def _log_t(nu, components, mean_log):
@@ -286,7 +309,9 @@ def student_t(
     modes, sky = modes_for(field, modes), _with_noise(field, noise)
     weight = StudentT(4.0 if nu is None else nu, estimated=nu is None, components=modes.components)
     fitted = _iterate_weights(sky, modes, weight, "Student-t", tolerance, max_rounds, 0.75)
-    return replace(fitted, noise=float(noise), log_likelihood=_log_likelihood(sky, fitted.share))
+    log_likelihood = _log_likelihood(sky, fitted.share)
+    fitted.share.forget()
+    return replace(fitted, noise=float(noise), log_likelihood=log_likelihood)
 
 
 def _iterate_weights(sky, modes, weight, name, tolerance, max_rounds, power):
@@ -308,8 +333,9 @@ def _settle(sky, plain, weight, information, name, tolerance, max_rounds, values
     solution = replace(plain, coefficients=replace(plain.coefficients, values=values))
     for rounds in range(1, max_rounds + 1):
         label = f"{name}, round {rounds}"
-        weight = weight.fitted(sky, Share(solution, weight, leverage), label)
         share = Share(solution, weight, leverage)
+        weight = weight.fitted(sky, share, label)
+        share = share.by(weight)
         sums = sky.sum(partial(_weight_field, share=share, modes=modes), roles=(), words=label)
         solution = solve(sums["normal"])
         if plain.n_data >= _MANY:
@@ -367,7 +393,6 @@ def _with_errors(sky, plain, solution, share, name, rounds, power):
         error_source=ErrorSource.RESIDUALS,
     )
     weights = None if sky.in_memory is None else share(sky.in_memory)[1]
-    share.last.clear()
     return ReweightedFit(
         solution=solution,
         weights=weights,
@@ -388,7 +413,6 @@ def _with_noise(field, noise):
 def _log_likelihood(sky, share):
     """ln of the likelihood of a Student-t fit."""
     sums = sky.sum(partial(_likelihood_terms, share=share), roles=(), words="Student-t, likelihood")
-    share.last.clear()
     mean = _log_t(share.weight.nu, share.weight.components, sums["log"] / sums["sources"])
     return float(sums["sources"] * mean - sums["logdet"] / 2)
 

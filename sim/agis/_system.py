@@ -473,7 +473,6 @@ class System(ExactErrors):
         attitude: ArrayLike | None = None,
         known: ArrayLike | None = None,
         first: Literal["sources", "attitude"] = "sources",
-        method: Literal["conjugate", "simple"] = "conjugate",
         iterations: int = 500,
         stop: float | None = 0.05,
         sources: ArrayLike | None = None,
@@ -496,8 +495,6 @@ class System(ExactErrors):
         first : {"sources", "attitude"}
             The block that is updated first. If the starting values are worse for the sources than for the attitude,
             take the sources: their errors are removed in the first update.
-        method : {"conjugate", "simple"}
-            Conjugate gradients, or sources and attitude updated in turn, which converges slowly.
         iterations : int
             The largest number of iterations.
         stop : float or None
@@ -537,7 +534,6 @@ class System(ExactErrors):
                 raise ParameterError("known= is what a prior says of the attitude: give System a prior")
             known = arguments.float_array("known", known, (self.coefficients, 3))
         arguments.choice("first", first, ("sources", "attitude"))
-        arguments.choice("method", method, ("conjugate", "simple"))
         solution = solve_observations(
             self,
             *observed,
@@ -545,7 +541,6 @@ class System(ExactErrors):
             attitude=first_attitude,
             known=known,
             first=first,
-            conjugate=method == "conjugate",
             iterations=arguments.whole("iterations", iterations),
             stop=None if stop is None else arguments.positive("stop", stop),
             fit=low_fit(self, arguments.indices("sources", sources, n)),
@@ -574,12 +569,12 @@ class System(ExactErrors):
 class Iteration:
     """(S − C A⁻¹ Cᵀ) x = r step by step, for several right-hand sides at once.
 
-    Sources and attitude solved in turn are a simple iteration with the preconditioner S⁻¹; with conjugate directions
-    they are conjugate gradients with Gauss–Seidel's. The part of x along the null space stays what it was.
+    Sources and attitude solved in turn, with the preconditioner S⁻¹, in conjugate directions: conjugate gradients with
+    Gauss–Seidel's. The part of x along the null space stays what it was.
     """
 
-    def __init__(self, equations: Any, r: FloatArray, conjugate: bool = True) -> None:
-        self.equations, self.conjugate = equations, conjugate
+    def __init__(self, equations: Any, r: FloatArray) -> None:
+        self.equations = equations
         self.x, self.r = np.zeros_like(r), r.copy()
         self.z = equations.precondition(self.r)
         self.p = self.z.copy()
@@ -597,22 +592,18 @@ class Iteration:
     def step(self) -> None:
         """Pass once through sources and attitude."""
         moving = self.rz > 0
-        if self.conjugate:
-            q = self.equations.apply(self.p)
-            curvature = _dot(self.p, q)
-            # A right-hand side that is solved to the last bit has no direction left.
-            moving &= curvature > 0
-            step = np.where(moving, self.rz / np.where(moving, curvature, 1.0), 0.0)
-            self.x += step * self.p
-            self.r -= step * q
-            self.gain = step * self.rz
-        else:
-            self.x += self.z
-            self.r -= self.equations.apply(self.z)
+        q = self.equations.apply(self.p)
+        curvature = _dot(self.p, q)
+        # A right-hand side that is solved to the last bit has no direction left.
+        moving &= curvature > 0
+        step = np.where(moving, self.rz / np.where(moving, curvature, 1.0), 0.0)
+        self.x += step * self.p
+        self.r -= step * q
+        self.gain = step * self.rz
         self.z = self.equations.precondition(self.r)
         rz = _dot(self.r, self.z)
         turn = np.where(moving, rz / np.where(moving, self.rz, 1.0), 0.0)
-        self.p = self.z + turn * self.p if self.conjugate else self.z
+        self.p = self.z + turn * self.p
         self.rz = np.where(moving, rz, 0.0)
 
     def state(self) -> dict[str, FloatArray]:
@@ -673,7 +664,6 @@ def solve_observations(
     attitude: FloatArray,
     known: FloatArray | None,
     first: Literal["sources", "attitude"],
-    conjugate: bool,
     iterations: int,
     stop: float | None,
     fit: MotionFit,
@@ -693,15 +683,13 @@ def solve_observations(
     remainder = None if equations.angle is None else along - passes.predict(x, np.zeros_like(attitude))[0]
     right = equations.reduce(of_sources, of_attitude, remainder) - _constrain(equations, x)
     right[~equations.solved] = 0
-    work = Iteration(equations, right[..., None], conjugate)
+    work = Iteration(equations, right[..., None])
 
     sigma = np.sqrt(np.diag(fit.formal))
     history, updates = [fit.of(x[..., None])[:, 0]], []
     key = None
     if checkpoint is not None:
-        key = key_of(
-            (right, of_attitude, x, equations.prior, equations.smoothing, conjugate, fit.sources, len(fit.modes))
-        )
+        key = key_of((right, of_attitude, x, equations.prior, equations.smoothing, fit.sources, len(fit.modes)))
         state = load(checkpoint, key)
         if state is not None:
             history, updates = list(state.pop("history")), list(state.pop("updates"))

@@ -10,7 +10,7 @@ import sim
 from vsh import Coefficients, Modes
 from vsh.basis import harmonics
 from vsh.tools.errors import FieldError, VshError
-from vsh.transform import adjoint, fourier_moments, synthesis, synthesis_on_rings
+from vsh.transform import adjoint, fourier_moments, synthesis
 
 
 def random_coefficients(lmax, seed):
@@ -44,14 +44,6 @@ def test_adjoint_identity(seed, lmax):
     right = c.values @ adjoint(Modes(lmax), field.lon, field.lat, field.motion)
     scale = np.linalg.norm(synthesis(c, field.lon, field.lat)) * np.linalg.norm(field.motion)
     assert abs(left - right) < 1e-11 * scale
-
-
-def test_rings_are_synthesis_at_their_points():
-    c, shape = random_coefficients(7, 3), (15, 30)
-    lat = -np.pi / 2 + (np.arange(15) + 0.5) * np.pi / 15
-    lon, lat = np.meshgrid(2 * np.pi * np.arange(30) / 30, lat)
-    expected = c.at(lon.ravel(), lat.ravel()).reshape(2, *shape)
-    np.testing.assert_allclose(synthesis_on_rings(c, shape), expected, atol=1e-12)
 
 
 def test_fourier_moments_are_their_definition():

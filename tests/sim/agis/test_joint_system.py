@@ -173,23 +173,3 @@ def test_scaled_missions_see_as_much_of_each_source():
     assert len(law.transits(quasars.lon, quasars.lat)) / len(full) == pytest.approx(1, abs=0.02)
     lossy = sim.NominalScanningLaw(dead_time=0.1, rng=1)
     np.testing.assert_array_equal(scaled(5000, lossy)[0].lost, lossy.lost)
-
-
-def test_simple_iteration_creeps():
-    """Zero noise: to 100 µas conjugate gradients need at most a third of the iterations."""
-    system = make(n=200, knots=86400.0)
-    start, attitude = start_errors(system.scans, 1)
-    reached = {}
-    for method in ("conjugate", "simple"):
-        sizes = []
-
-        def watch(_, x, sizes=sizes):
-            sizes.append(np.abs(system.without_null_space(x[..., None])[0]).max())
-
-        system.solve(
-            *np.zeros((2, len(system.scans))), start=start, attitude=attitude, first="attitude", method=method,
-            iterations=60, stop=None, watch=watch,
-        )  # fmt: skip
-        below = np.flatnonzero(np.array(sizes) < 100)
-        reached[method] = below[0] if len(below) else 60
-    assert reached["conjugate"] <= reached["simple"] / 2, reached
