@@ -3,6 +3,7 @@
 from . import (
     background,
     correlation,
+    direct,
     frames,
     in_time,
     methods,
@@ -16,6 +17,7 @@ from . import (
     secular_parallax,
     waves,
 )
+from .direct import CrossCheck, FrameSolution, cross_check, solve_frame
 from .frames import chain, compare, link
 from .methods import METHODS, Estimate, Recommended, estimate, recommended
 from .motions import galaxy, shear, stars
@@ -24,8 +26,7 @@ from .normal import Moments, NormalEquations, gaussian_prior, normal_equations
 from .results import output, quality, spectrum, storage
 from .results.solution import Solution
 from .robust import ClippedFit, clip
-from .solving import direct, fit_field, solve
-from .solving.direct import CrossCheck, FrameSolution, cross_check, solve_frame
+from .solving import fit_field, solve
 
 __all__ = [
     "METHODS",

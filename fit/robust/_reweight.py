@@ -106,8 +106,8 @@ class Share:
     #: The same of the residuals, which do not depend on the weight.
     residuals: list[Any] = dataclass_field(default_factory=list, repr=False)
 
-    def by(self, weight: Any) -> Share:
-        """The same by other weights."""
+    def with_weight(self, weight: Any) -> Share:
+        """Take other weights, of the same residuals."""
         return Share(self.solution, weight, self.leverage, self.residuals)
 
     def __call__(self, field: Field) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
@@ -132,11 +132,6 @@ class Share:
         _, chi2, data = known
         x2 = chi2 / (1 - self.weight.share_of(chi2, self.leverage * field.information))
         return x2, *self.weight(x2), data
-
-    def forget(self) -> None:
-        """Let go of the sources."""
-        self.last.clear()
-        self.residuals.clear()
 
 
 def _log_terms(field, share):
@@ -310,7 +305,8 @@ def student_t(
     weight = StudentT(4.0 if nu is None else nu, estimated=nu is None, components=modes.components)
     fitted = _iterate_weights(sky, modes, weight, "Student-t", tolerance, max_rounds, 0.75)
     log_likelihood = _log_likelihood(sky, fitted.share)
-    fitted.share.forget()
+    for kept in (fitted.share.last, fitted.share.residuals):
+        kept.clear()
     return replace(fitted, noise=float(noise), log_likelihood=log_likelihood)
 
 
@@ -335,7 +331,7 @@ def _settle(sky, plain, weight, information, name, tolerance, max_rounds, values
         label = f"{name}, round {rounds}"
         share = Share(solution, weight, leverage)
         weight = weight.fitted(sky, share, label)
-        share = share.by(weight)
+        share = share.with_weight(weight)
         sums = sky.sum(partial(_weight_field, share=share, modes=modes), roles=(), words=label)
         solution = solve(sums["normal"])
         if plain.n_data >= _MANY:

@@ -24,7 +24,6 @@ INTERNAL = {
     "sim.agis.passes",
     "sim.commands",
     "fit.commands",
-    "fit.solving",
     "study.commands",
     "vsh.figures",
     "vsh.io",

@@ -1,5 +1,6 @@
 """The four packages are ours wherever they are imported from, a user's `fit.py` beside them or not."""
 
+import importlib
 import os
 import shutil
 import subprocess
@@ -8,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import ROOT
+from conftest import POSIX, ROOT
 
 PACKAGES = ("vsh", "sim", "fit", "study")
 #: What a user may have in a folder: its files, and whether Python takes it for ours.
@@ -84,3 +85,43 @@ def test_packages_are_not_hidden(python, tmp_path):
     done = python(tmp_path, "import vsh, sim, fit, study; print(fit.fit_field, sim.quasars, study.__doc__)")
     assert done.returncode == 0, done.stderr
     assert done.stderr == ""
+
+
+#: Imports the name of each line of standard input in a child that nothing else of ours has been imported in.
+_CODE = """
+import importlib, os, sys, traceback
+import numpy, scipy  # not ours, and slow
+for line in sys.stdin:
+    module, name = line.split()
+    child = os.fork()
+    if not child:
+        try:
+            getattr(importlib.import_module(module), name)
+        except BaseException:
+            print(module, name, traceback.format_exc(limit=-1), flush=True)
+        os._exit(0)
+    os.waitpid(child, 0)
+"""
+
+
+def promised():
+    """Each module of ours with the names that it promises."""
+    for package in ("vsh", "sim", "fit", "study"):
+        for path in sorted((ROOT / package).rglob("*.py")):
+            parts = path.relative_to(ROOT).with_suffix("").parts
+            module = ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+            if "__all__" in path.read_text(encoding="utf-8"):
+                for name in getattr(importlib.import_module(module), "__all__", ()):
+                    yield module, name
+
+
+@POSIX
+@pytest.mark.slow
+def test_each_promised_name_is_imported_by_itself():
+    names = "\n".join(f"{module} {name}" for module, name in promised())
+    assert names.count("\n") > 200
+    done = subprocess.run(
+        [sys.executable, "-c", _CODE], input=names, capture_output=True, text=True, check=True,
+        cwd=ROOT, env=os.environ | {"PYTHONPATH": str(ROOT)},
+    )  # fmt: skip
+    assert done.stdout == ""

@@ -11,7 +11,7 @@ from vsh.tools.printing import printable
 from vsh.tools.types import PathName
 
 #: Modules whose names stand in older files, and what they are called today.
-MOVED = {"fit.solving.frame": "fit.solving.direct"}
+MOVED = {"fit.solving.frame": "fit.direct"}
 #: Modules whose results are read by their mark; a file cannot have anything else imported.
 _OURS = re.compile(r"(fit|sim|study)(\.\w+)+")
 

@@ -90,6 +90,8 @@ def _with_hints(module, getter, names):
         try:
             return getter(name)
         except AttributeError as error:
+            if name in names:  # an import of ours failed, and its cause is what helps
+                raise
             from vsh.tools.errors import no_name
 
             raise no_name(module, name, names, error) from None

@@ -30,9 +30,9 @@ def test_results_fields_and_tables_come_back(tmp_path):
     tables.write(tmp_path / "t.csv", {"a": np.arange(3)})
     assert vsh.read(tmp_path / "t.csv")["a"].tolist() == [0, 1, 2]
     text = (tmp_path / "frame.ecsv").read_text()
-    (tmp_path / "older.ecsv").write_text(text.replace("fit.solving.direct", "fit.solving.frame"))  # its name once
+    (tmp_path / "older.ecsv").write_text(text.replace("fit.direct", "fit.solving.frame"))  # its name once
     assert vsh.read(tmp_path / "older.ecsv") == frame
-    (tmp_path / "other.ecsv").write_text(text.replace("fit.solving.direct", "os.path"))
+    (tmp_path / "other.ecsv").write_text(text.replace("fit.direct", "os.path"))
     with pytest.raises(TableError, match="not known here, or is damaged"):
         vsh.read(tmp_path / "other.ecsv")
 
