@@ -6,6 +6,7 @@ from pathlib import Path
 
 from vsh.commands import finishing, parsing, running
 from vsh.io.archive import (
+    ASTROMETRY,
     DATA_SERVER,
     DR3,
     ESA,
@@ -64,7 +65,7 @@ def make_parser() -> argparse.ArgumentParser:
     add = parsing.adder(parser)
     add(
         "what",
-        f"{', '.join(parsing.QUERIES)}, {_NEIGHBOURS}, a file with a query, a table of the archive, or epochs | "
+        f"{', '.join(QUERIES)}, {_NEIGHBOURS}, a file with a query, a table of the archive, or epochs | "
         f"{_NEIGHBOURS}: DR4's names of the sources of DR3 in --upload; a query in ADQL; a table that names sources by "
         "source_id (schema.table); epochs: the epoch astrometry of --ids",
         nargs="?",
@@ -93,13 +94,13 @@ def make_parser() -> argparse.ArgumentParser:
     add(
         "--release",
         "of a list or a table of your own (default: DR3) | a table of the archive's has its own",
-        parsing.RELEASES,
+        tuple(RELEASES),
     )
     add(
         "--table",
         "for a table or a list, of DR4 | the best model of each source (default: gaia_source), or the core solution of "
         "all",
-        parsing.ASTROMETRY,
+        ASTROMETRY,
     )
     add(
         "--with NAMES",
@@ -114,7 +115,7 @@ def make_parser() -> argparse.ArgumentParser:
     )
     add("--output FILE", "the FITS file to be")
     add("--show", "print the query and ask nobody")
-    add("--url", "of the TAP service (default: ESA's archive of Gaia)", default=parsing.ESA)
+    add("--url", "of the TAP service (default: ESA's archive of Gaia)", default=ESA)
     add("--max-rows N", "the server's own limit unless given", parsing.count(1))
     parsing.add_overwrite(parser)
     parsing.add_common(parser, "list of what was written")

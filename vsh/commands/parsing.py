@@ -90,20 +90,10 @@ INPUT_FORMATS = tuple(BY_NAME)
 SKIES = ("uniform", "plane-avoiding", "gums", "igql")
 #: `vsh.models.cosmology.VELOCITIES`
 VELOCITIES = ("planck", "paper")
-#: `sim.observing.REDSHIFT_ERRORS`
-REDSHIFT_ERRORS = ("spectroscopic", "photometric")
 #: `fit.pairs.TEMPLATES`
 TEMPLATES = ("spin", "glide", "waves")
 #: `fit.correlation.FRAME`: the six components of spin and acceleration.
 FRAME = "spin+acceleration"
-#: `vsh.io.archive.QUERIES`
-QUERIES = ("gaia-crf3", "gaia-edr3-qso", "gaia-dr3-galaxies")
-#: `vsh.io.archive.ASTROMETRY`: tables of astrometry in DR4.
-ASTROMETRY = ("gaia_source", "all_source_astrometry")
-#: `vsh.io.archive.RELEASES`
-RELEASES = ("EDR3", "DR3", "DR4")
-#: `vsh.io.archive.ESA`
-ESA = "https://gea.esac.esa.int/tap-server/tap"
 #: What a catalogue may be, for help texts.
 A_TABLE = f"a table, a folder of them, or - for standard input | formats: {TITLES}"
 
@@ -131,11 +121,6 @@ def nside(text: str) -> int:
 def not_negative(text: str) -> float:
     """The type of a number of zero or more."""
     return _number(text, lambda x: 0 <= x < math.inf, "a number that is not negative")
-
-
-def fraction(text: str) -> float:
-    """Parse a number from 0 to 1."""
-    return _number(text, lambda value: 0 <= value <= 1, "a share from 0 to 1 is expected")
 
 
 def positive(text: str) -> float:

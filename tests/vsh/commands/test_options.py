@@ -11,7 +11,6 @@ import fit.correlation
 import fit.pairs
 import vsh.__main__ as commands
 import vsh.io.archive
-from sim.observing import REDSHIFT_ERRORS
 from vsh.commands import parsing as names
 from vsh.io.catalogue import NAMED
 from vsh.models.cosmology import VELOCITIES
@@ -79,15 +78,10 @@ def test_names_that_options_choose_from_are_those_of_the_packages():
     assert set(names.COLUMNS) == set(NAMED)
     assert set(names.INPUT_FORMATS) == {*formats.BY_NAME, "icrf"}
     assert tuple(VELOCITIES) == names.VELOCITIES
-    assert tuple(REDSHIFT_ERRORS) == names.REDSHIFT_ERRORS
     assert tuple(fit.pairs.TEMPLATES) == names.TEMPLATES
     assert tuple(fit.METHODS) == tuple(names.METHODS)
     assert tuple(name for name, kind in names.METHODS.items() if kind) == fit.methods.WITH_VALUE
     assert names.FRAME == fit.correlation.FRAME
-    assert tuple(vsh.io.archive.QUERIES) == names.QUERIES
-    assert vsh.io.archive.ASTROMETRY == names.ASTROMETRY
-    assert tuple(vsh.io.archive.RELEASES) == names.RELEASES
-    assert names.ESA == vsh.io.archive.ESA
 
 
 def test_every_command_by_its_short_name():

@@ -11,7 +11,6 @@ import numpy as np
 from vsh.io.archive import DR3, DR4
 from vsh.io.tables import TableSource
 from vsh.sky.frames import AXES
-from vsh.tools.errors import TableError
 from vsh.tools.notebook import InNotebook
 
 REQUIRED = ("ra", "dec", "pmra", "pmdec", "pmra_error", "pmdec_error")
@@ -242,41 +241,6 @@ def _in(name, names, index):
 def _has(candidates, names):
     """Return whether a table has the column of a role."""
     return any(candidate in names for candidate in ((candidates,) if isinstance(candidates, str) else candidates or ()))
-
-
-#: How tables call distances and parallaxes, and their errors.
-_DISTANCES = (
-    ("distance", "distance_error"), ("distance", "distance_err"), ("distance", "e_distance"), ("dist", "dist_error"),
-    ("dist", "dist_err"), ("dist", "e_dist"), ("Dist", "e_Dist"), ("Rsun", "e_Rsun"), ("parallax", "parallax_error"),
-    ("parallax", "parallax_err"), ("Plx", "e_Plx"), ("plx_value", "plx_err"),
-)  # fmt: skip
-
-
-def with_distances(columns: Any, source: TableSource) -> Any:
-    """Add the columns of distances or parallaxes to a choice of columns that names none.
-
-    Raises
-    ------
-    TableError
-        If the table has none that is known by its name.
-    """
-    roles = ("distance", "distance_error", "parallax", "parallax_error")
-    if isinstance(columns, Columns):
-        return columns
-    choice = {"names": columns} if isinstance(columns, str) else dict(columns or {})
-    if set(roles) & set(choice):
-        return choice
-    names = (*source.names, *derived_from(source.names))
-    index = _index(names)
-    for k, pair in enumerate(_DISTANCES):
-        present = [_in(name, names, index) for name in pair]
-        if all(present):
-            return choice | dict(zip(roles[:2] if k < 8 else roles[2:], present, strict=True))
-    raise TableError(
-        f"{source.label} has no distances or parallaxes with errors that are known by their names: name them, "
-        "--columns distance=…,distance_error=… or parallax=…,parallax_error=…. The table has "
-        f"{', '.join(source.names[:200])}"
-    )
 
 
 def like_correlations(source: TableSource) -> list[str]:
