@@ -213,7 +213,7 @@ def sections_of(
     warnings = [
         f"warning: bin {b + 1}: {solution.quality.warning()}"
         for b, solution in enumerate(binned.solutions)
-        if solution.quality.warning()
+        if binned.is_scaled and solution.quality.warning()  # errors are of the residuals already otherwise
     ]
     if any(solution.dof < 34 for solution in binned.solutions):
         warnings.append("warning: a bin has fewer than 20 sources, too few to tell the scale of its errors")

@@ -686,8 +686,9 @@ class _Parser(argparse.ArgumentParser):
         """The help of --help: what the task needs."""
         formatter = self._get_formatter()
         positionals = [action for action in self._actions if not action.option_strings]
-        words = " ".join(str(action.metavar or action.dest) for action in positionals)
-        formatter.add_usage(f"%(prog)s {words.upper()} [options]", [], [])
+        words = [(str(action.metavar or action.dest).upper(), action.nargs) for action in positionals]
+        shown = [f"[{word}]" if nargs in ("?", "*") else word for word, nargs in words]
+        formatter.add_usage(f"%(prog)s {' '.join(shown)} [options]", [], [])
         formatter.add_text(re.split(r"(?<=[.:]) ", self.description or "")[0].rstrip(":"))
         example = (self.epilog or "").removeprefix(_EXAMPLES).splitlines()[0]
         formatter.add_text(f"{_EXAMPLES}{example}")
