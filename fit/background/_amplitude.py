@@ -96,10 +96,6 @@ class Amplitude(Frozen):
         x, mass = self._mass(prior)
         return float(trapezoids(mass * x**2, x)[-1] / trapezoids(mass, x)[-1])
 
-    def probability_below(self, amplitude: float, prior: Prior = "flat") -> float:
-        """The probability of a smaller `amplitude`, the rank of a truth, with the `prior` of `quantile`."""
-        return float(np.interp(np.sqrt(amplitude), *self._shares(prior)))
-
     def interval(self, probability: float = 0.68, prior: Prior = "flat") -> tuple[float, float]:
         """The likeliest amplitudes that hold the true one with `probability`, with the `prior` of `quantile`.
 

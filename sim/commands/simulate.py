@@ -171,8 +171,8 @@ def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
     """End with what contradicts itself; a number that nobody gave is set."""
     if options.positions and (options.number is not None or options.sky):
         parser.error("--positions takes the sources of a table: --number and --sky draw others")
-    if options.columns and not options.positions:
-        parser.error("--columns is of the table of --positions")
+    if options.sigma or (options.columns and not options.positions):
+        parser.error("--columns names those of the table of --positions, whose errors are simulated")
     foreign = [name for name in _taken(options.kind) if getattr(options, name) != parser.get_default(name)]
     if foreign:
         reason = {"velocity": ": quasars are too far to show it", "flow": ": quasars are too far to show it"}

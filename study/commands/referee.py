@@ -32,6 +32,12 @@ def make_parser() -> argparse.ArgumentParser:
     return parser
 
 
+def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
+    """End with an error for all, which the checks of the errors would be about."""
+    if options.sigma:
+        parser.error("the referee looks at the errors of the catalogue: leave out --columns sigma=")
+
+
 def _run(options):
     run = finishing.Run(options)
     source = reading.open_catalogue(options.catalogue, options)

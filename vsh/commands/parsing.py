@@ -257,8 +257,23 @@ def pairs(text: str) -> dict[str, str]:
     return pairs_by_name
 
 
-#: What --columns says of a table besides names, and how it is checked: the names in the namespace stand with it.
-_FACTS: dict[str, tuple[str, Callable[[str], Any]]] = {}
+def _one_of(values):
+    """The type of one of some words."""
+
+    def word(text):
+        if text not in values:
+            raise argparse.ArgumentTypeError(f"one of {', '.join(values)} is expected, not {text!r}")
+        return text
+
+    return word
+
+
+#: What --columns says of a table besides names: its name among the options, and how it is checked.
+_FACTS: dict[str, tuple[str, Callable[[str], Any]]] = {
+    "frame": ("catalogue_frame", _one_of(FRAMES)),
+    "format": ("input_format", _one_of(INPUT_FORMATS)),
+    "sigma": ("sigma", positive),
+}
 
 
 def columns(text: str) -> dict[str, Any]:
@@ -295,23 +310,6 @@ def _with_none(text):
     remainder = ",".join(token for token in text.split(",") if not token.strip().endswith("="))
     return (pairs(remainder) if remainder else {}) | dict.fromkeys(empty - {""})
 
-
-def _one_of(values):
-    """The type of one of some words."""
-
-    def word(text):
-        if text not in values:
-            raise argparse.ArgumentTypeError(f"one of {', '.join(values)} is expected, not {text!r}")
-        return text
-
-    return word
-
-
-_FACTS |= {
-    "frame": ("catalogue_frame", _one_of(FRAMES)),
-    "format": ("input_format", _one_of(INPUT_FORMATS)),
-    "sigma": ("sigma", positive),
-}
 
 #: Options that name what is written, and those that name whom to connect to.
 WRITTEN, CONNECTED = ("output", "html", "log", "checkpoint"), ("workers", "url")
