@@ -211,8 +211,7 @@ def _weighted_normals(field, modes, edges, counts, method, value, rng):
         raise ParameterError(
             f"bins are fitted by least-squares, clip, recommended, student or excess-noise, not {method}"
         )
-    fits = fits if own else fits * len(inside)
-    normals = [fitted.equations(sources, modes) for fitted, sources in zip(fits, inside, strict=True)]
+    normals = [fits[b if own else 0].equations(sources, modes) for b, sources in enumerate(inside)]
     remark = "each bin has the weights of its own fit" if own else "bins have the weights of the fit of all sources"
     return normals, all(fitted.is_scaled for fitted in fits), (f"{remark} ({method})",)
 
