@@ -184,10 +184,11 @@ def with_coverage(solution: Any, field: Any) -> Any:
         label = f"source {k}" if names is None else in_a_line(names[k])
         note = f"warning: {label} has {100 * share:.4g} % of the weight of all sources: is its error right?"
         solution = solution if note in solution.notes else replace(solution, notes=(*solution.notes, note))
-    radius, lon, lat = widest_gap(field.lon, field.lat)
     by_chance = np.arccos(2 * _BY_CHANCE ** (1 / len(field)) - 1)
-    if radius < max(_WIDE, by_chance):
-        return solution
+    for most in (400, 10_000):  # a few hundred tell of most skies that there is none
+        radius, lon, lat = widest_gap(field.lon, field.lat, most)
+        if radius < max(_WIDE, by_chance):
+            return solution
     names = ANGLES[field.frame]
     location = ", ".join(f"{name} = {np.degrees(x):.0f}°" for name, x in zip(names, (lon, lat), strict=True))
     note = CodedNote(

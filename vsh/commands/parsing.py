@@ -289,8 +289,7 @@ def state_facts(options: argparse.Namespace) -> None:
     given_columns = dict(options.columns or {})
     for name, (dest, _) in _FACTS.items():
         setattr(options, dest, given_columns.pop(name, None))
-    only_set = given_columns.keys() == {"names"}
-    options.columns = given_columns.get("names") if only_set else given_columns or None
+    options.columns = given_columns.get("names") if given_columns.keys() == {"names"} else given_columns or None
 
 
 def _columns(text):

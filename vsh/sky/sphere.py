@@ -84,15 +84,17 @@ def angles(r: FloatArray) -> tuple[FloatArray, FloatArray]:
     return np.where(lon < 2 * np.pi, lon, 0.0), np.arctan2(z, np.hypot(x, y))
 
 
-def widest_gap(lon: FloatArray, lat: FloatArray) -> tuple[float, float, float]:
+def widest_gap(lon: FloatArray, lat: FloatArray, most: int = 10_000) -> tuple[float, float, float]:
     """Radius of the largest part of the sky without any of the given directions, to some 5°, and its centre. [rad]
 
     Parameters
     ----------
     lon, lat : (n,) arrays
-        Directions; of many, ten thousand are looked at. [rad]
+        Directions. [rad]
+    most : int
+        Of more, so many are looked at: the gap of fewer is as wide or wider.
     """
-    selection = select_share(10_000 / max(len(lon), 1), lon, lat)
+    selection = select_share(most / max(len(lon), 1), lon, lat)
     k = np.arange(600) + 0.5  # a spiral of Fibonacci's
     z, turn = 1 - k / 300, np.pi * (1 + np.sqrt(5)) * k
     centres = np.stack([np.sqrt(1 - z * z) * np.cos(turn), np.sqrt(1 - z * z) * np.sin(turn), z])
