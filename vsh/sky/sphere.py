@@ -92,7 +92,7 @@ def widest_gap(lon: FloatArray, lat: FloatArray, most: int = 10_000) -> tuple[fl
     lon, lat : (n,) arrays
         Directions. [rad]
     most : int
-        Of more, so many are looked at: the gap of fewer is as wide or wider.
+        How many are looked at; the gap of fewer is as wide or wider.
     """
     selection = select_share(most / max(len(lon), 1), lon, lat)
     k = np.arange(600) + 0.5  # a spiral of Fibonacci's
