@@ -22,7 +22,7 @@ _FIVE = ("ra", "dec", "parallax", "pmra", "pmdec")
 #: Errors below this are a slip, and would take all weight. [µas, µas/yr]
 _LEAST = 1e-9
 _CALLED = {
-    "name": ("source_name", "icrf", "name", "star", "source", "object", "designation", "source_id"),
+    "name": ("source_name", "iers", "icrf", "name", "star", "source", "object", "designation", "source_id"),
     "catalogue": ("catalogue", "catalog"),
     "epoch": ("epoch", "ref_epoch"),
     "ra": ("ra", "raj2000", "ra_icrs"),

@@ -10,7 +10,7 @@ import fit
 import sim
 from vsh import Coefficients, Modes
 from vsh.conventions import to_icrf3
-from vsh.io.catalogue import match, read_icrf, renamed
+from vsh.io.catalogue import match, read_icrf, read_positions, renamed
 from vsh.sky.frames import Positions
 from vsh.tools.errors import FieldError, FrameError, TableError
 from vsh.tools.units import UAS
@@ -218,3 +218,11 @@ def test_a_crosswalk_gives_the_names_of_another_release(tmp_path, capsys):
         renamed(replace(two, name=np.arange(300)), Table({"dr3_source_id": [1]}))
     with pytest.raises(TableError, match="neither dr3_source_id nor dr4_source_id"):
         renamed(replace(two, name=np.arange(300)), tmp_path / "n.ecsv")
+
+
+def test_link_and_comparison_name_sources_of_a_list_alike():
+    """One by IERS names, the other by ICRF designations: the same file matched itself nowhere."""
+    from vsh.io.astrometry import read_astrometry
+
+    path = real_catalogue("icrf3sx.txt")
+    assert set(read_astrometry(path, epoch=2015.0, still=True).name) == set(read_positions(path).name)
