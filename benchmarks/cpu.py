@@ -102,7 +102,7 @@ print(cpu(lambda: [[c.to_numpy() for c in pq.read_table(f, columns=names, use_th
 VELOCITY = """
 from fit.secular_parallax import observer_velocity
 field = galaxies(200_000{more})
-print(cpu(lambda: observer_velocity(field, 70.0, threads=1, {options}), 2))
+print(cpu(lambda: observer_velocity(field, 70.0, {options}), 2))
 """
 POSTERIOR = """
 from fit.posterior import sample

@@ -124,7 +124,7 @@ def test_spin_of_the_quasars_enters_with_its_error(tmp_path):
     """With the spin taken as known 68 % intervals of v had 41 % coverage, of few quasars and many galaxies."""
     errors = {}
     for propagated in (True, False):
-        study = in_small(100, 20, 800, cases=1)
+        study = in_small(40, 20, 800, cases=1)
         study["study"] |= {"propagate_spin": propagated, "seed": 11}
         found = [realise(study, 0, number, tmp_path / str(propagated)) for number in range(12)]
         errors[propagated] = np.array([[each[f"v_{axis}"] for axis in "xyz"] for each in found])
