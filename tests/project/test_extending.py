@@ -86,7 +86,7 @@ def test_format(house, tmp_path):
     for words in (["sky.bars"], ["noname"], ["noname", "--columns", "format=bars"]):
         report = run(house, "-m", "vsh", "fit", str(tmp_path / words[0]), "--lmax", "1", *words[1:])
         assert report.partition("\n\n")[2].split("\n")[1:] == expected  # below the lines to quote and the file's name
-    assert "a table (bars, FITS, " in " ".join(run(house, "-m", "vsh", "fit", "--help").split())
+    assert "formats: bars, FITS, " in " ".join(run(house, "-m", "vsh", "fit", "--help-all").split())
     broken = tmp_path / "broken.bars"
     broken.write_text("|".join((tmp_path / "sky.bars").read_text().split("|")[:-3]))
     done = subprocess.run(
@@ -115,4 +115,4 @@ def test_command(house, tmp_path):
     }
     assert "gaia" in run(house, "-m", "vsh", "count", "--citation").lower()
     assert "How many sources a catalogue has" in run(house, "-m", "vsh", "--help")
-    assert run(house, "-m", "vsh", "count", "--help").count("vsh-count quasars.fits") == 3
+    assert run(house, "-m", "vsh", "count", "--help-all").count("vsh-count quasars.fits") == 3

@@ -609,12 +609,12 @@ class _Lines(argparse.HelpFormatter):
     """Help in which examples stand a line each."""
 
     def _fill_text(self, text: str, width: int, indent: str) -> str:
-        if text.startswith(_EXAMPLES):
+        if text.startswith((_EXAMPLES, _EXAMPLE)):
             return text
         return super()._fill_text(text, width, indent)
 
 
-_EXAMPLES = "examples:\n"
+_EXAMPLES, _EXAMPLE = "examples:\n", "example:\n"
 #: What stands between the words of an option that every help has, and those of --help-all.
 MORE = " | "
 
@@ -688,7 +688,7 @@ class _Parser(argparse.ArgumentParser):
         formatter.add_usage(f"%(prog)s {' '.join(shown)} [options]", [], [])
         formatter.add_text(re.split(r"(?<=[.:]) ", self.description or "")[0].rstrip(":"))
         example = (self.epilog or "").removeprefix(_EXAMPLES).splitlines()[0]
-        formatter.add_text(f"{_EXAMPLES}{example}")
+        formatter.add_text(f"{_EXAMPLE}{example}")
         shared = shared_group(self)._group_actions
         left_out = (*shared, *self._actions[:2])  # --help itself
         own = [action for action in self._actions if action not in left_out and action.help != argparse.SUPPRESS]
