@@ -378,7 +378,7 @@ def test_bin_of_few_sources_does_not_bear_higher_degrees(tmp_path, capsys):
 
 @pytest.mark.slow
 def test_bins_of_many_have_what_they_share_unasked(tmp_path, capsys, monkeypatch):
-    """From so many sources on the floor is in the answer, below that its size is beside it, and --no-floor leaves it."""
+    """From so many sources on the floor is in the answer, below that its size is beside it, and --floor no leaves it."""
     from fit.commands.redshift import main
 
     quasars = sim.quasars(4000, 3)
@@ -400,4 +400,4 @@ def test_bins_of_many_have_what_they_share_unasked(tmp_path, capsys, monkeypatch
     assert "systematic floor is not in these errors" in without
     with pytest.raises(SystemExit):
         main([str(tmp_path / "q.fits"), "--h0", "70", "--floor", "no"])
-    assert "--no-floor is for --bins" in capsys.readouterr().err
+    assert "--floor is for --bins" in capsys.readouterr().err
