@@ -93,7 +93,7 @@ def plot_leakage(leakage: Any, *, ax: OnAxes | None = None) -> AxesArray:
                 biases = leakage.bias_of([f"{vector}_{axis}" for axis in "xyz"], power)
                 rms.append(np.sqrt(sum(value**2 for value in biases.values())))
             axes.plot(degrees, rms, "os"[row] + "-", color=KIND_COLOURS[kind], label=f"from {KIND_NAMES[kind]} degrees")
-        axes.set_ylabel(f"rms bias of the {name}  [µas/yr]")
+        axes.set_ylabel(f"bias, {name}  [µas/yr]")
         axes.set_ylim(bottom=0)
     legend_above(axes_array[0])
     axes_array[1].set_xlabel("degree left out, of power 1 (µas/yr)²: its rms bias")
