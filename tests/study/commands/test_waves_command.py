@@ -14,6 +14,12 @@ from vsh.sky.sphere import angles
 from vsh.vector import Vector
 
 
+@pytest.fixture(autouse=True)
+def coarse(monkeypatch):
+    """A coarse map of the stars' response is soon made, and enough."""
+    monkeypatch.setattr("study.commands.waves._NSIDE", 2)
+
+
 @pytest.fixture(scope="module")
 def epochs(tmp_path_factory):
     path = tmp_path_factory.mktemp("epochs") / "e.fits"
