@@ -91,6 +91,7 @@ def without_healpy(tmp_path):
     return run
 
 
+@pytest.mark.slow
 def test_commands_run_without_healpy(without_healpy, tmp_path):
     assert without_healpy("fit", "--demo", "--output", "demo").returncode == 0
     assert (tmp_path / "demo" / "sky.png").exists()

@@ -42,6 +42,7 @@ def test_traps_change_motions_alone(both):
     assert clean.colnames == trapped.colnames
 
 
+@pytest.mark.slow
 def test_columns_of_scans_and_redshifts(both):
     table = both[0]
     assert 10 < np.median(table["visibility_periods_used"]) < 30  # DR3's: 19 (34 months)
@@ -57,6 +58,7 @@ def test_columns_of_scans_and_redshifts(both):
     assert abs(spearmanr(z[known], table["bp_rp"][known])[0]) > 0.03
 
 
+@pytest.mark.slow
 def test_traps_are_shared_by_sources(both):
     """The difference of both skies: systematic errors, stars within five errors, noise of faint ones a tenth larger."""
     clean, trapped = (read_field(table) for table in both)

@@ -35,6 +35,7 @@ def test_numbers_are_those_that_were_stored(tmp_path):
     assert count == 840
 
 
+@pytest.mark.slow
 def test_a_run_that_was_stopped_goes_on_where_it_was(tmp_path):
     study = in_small(60, 20, 60, cases=1)
     run(study, tmp_path / "whole", 3, 1, progress=False)

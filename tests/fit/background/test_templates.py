@@ -219,6 +219,7 @@ def test_maps_of_a_mission_are_templates():
     assert len(shared([normal], draws=50).templates) == 2
 
 
+@pytest.mark.slow
 def test_command(tmp_path, capsys):
     field = random_field(3000, 6)
     table = field.to_table()

@@ -128,6 +128,7 @@ def test_tables_of_positions(tmp_path):
         read_positions({"ra": [1.0], "dec": [2.0]})
 
 
+@pytest.mark.slow
 def test_command(tmp_path, capsys):
     new, old = two(400, outliers=3)
     paths = [table(new, tmp_path / "new.fits"), table(old, tmp_path / "old.fits")]

@@ -63,6 +63,7 @@ def test_wave_is_found_in_a_file(epochs, tmp_path, capsys):
     assert {"waves.ecsv", "waves.png", "report.txt"} <= names
 
 
+@pytest.mark.slow
 def test_calibration_is_allowed_for(epochs, capsys):
     """It is said in the report, changes limits, and is refused where it has no sense."""
     words = [str(epochs), "--frequencies", "2", "--lmax", "3", "--nside", "4", "--skies", "10", "--json"]
@@ -139,6 +140,7 @@ def test_options_that_make_no_sense(words, tmp_path, capsys):
     assert words[0] in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_law_that_is_far_off_is_said_in_short(epochs, tmp_path, capsys):
     """Angles in radians without a unit: the law was 90° off, which `--long` alone said."""
     from astropy.table import Table

@@ -85,6 +85,7 @@ def test_floor_of_dr3_is_that_of_its_published_systematics():
     assert 0.72 < SURVEYS["Gaia DR3"].floor < 0.85  # by the powers of EDR3's quasars, for several spectra
 
 
+@pytest.mark.slow
 def test_scatter_with_second_epoch():
     """400 skies of sources of which those at |b| > 30° have positions of another survey: scatter as forecast."""
     second = SecondEpoch(300.0, 10.0, latitude=30.0)

@@ -49,6 +49,7 @@ def answer(run):
     return run[0]
 
 
+@pytest.mark.slow
 def test_first_line_is_the_acceleration_with_what_sources_share(answer):
     g = answer.headline.acceleration
     away = g.value - (0, -40, -20)
@@ -57,11 +58,13 @@ def test_first_line_is_the_acceleration_with_what_sources_share(answer):
     assert answer.headline.floor is not None
 
 
+@pytest.mark.slow
 def test_spin_has_one_p_value(answer):
     """That of its draws, in the first line as in the section on the frame."""
     assert f"p = {printed_p_value(answer.headline.p_spin)}" in answer.report().splitlines()[1]
 
 
+@pytest.mark.slow
 def test_every_paper_has_a_section(answer):
     keys = {section.paper.key for section in answer.sections}
     assert keys == set(papers()) - {"jaraba2023"}  # beside Darling's
@@ -88,6 +91,7 @@ def test_published_numbers_say_where_they_are():
     assert size == pytest.approx(nguyen["|g|"].value, abs=0.12)  # the median of a size is not that of its components
 
 
+@pytest.mark.slow
 def test_checks_are_silent_where_nothing_is_wrong(answer):
     assert sum(np.isfinite(each.p_value) for each in answer.checks) >= 14
     worst, p = answer.smallest
@@ -177,6 +181,7 @@ def test_figures_and_page_of_the_command(table, tmp_path, capsys):
     assert capsys.readouterr().out.splitlines()[0][15:60] in page.read_text(encoding="utf-8")
 
 
+@pytest.mark.slow
 def test_page(answer):
     from study.referee.page import html
 
@@ -186,6 +191,7 @@ def test_page(answer):
     assert 'class="sky"' in page
 
 
+@pytest.mark.slow
 def test_command(run, capsys):
     answer, printed, folder = run
     names = {each.name for each in (folder / "out").iterdir()}
