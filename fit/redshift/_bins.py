@@ -116,12 +116,12 @@ def binned(
         nearby = DistanceModel().flow if theory is None else theory
         is_far = isinstance(field, Field | Parts) and not _flows_matter(field, edges, nearby)
         method = "recommended" if is_far else "least-squares"
-    if method != "least-squares":
+    elif method != "least-squares":
         if not isinstance(field, Field | Parts):
             raise ParameterError(f"the method {method} needs the whole field, or parts")
         if _flows_matter(field, edges, theory):
             raise ParameterError(f"near galaxies share flows: their bins are fitted by least-squares, not {method}")
-        theory = None  # these sources are too far for flows
+    theory = theory if method == "least-squares" else None  # sources of other methods are too far for flows
     if method == "clip":
         clipped = estimate(field, modes, method, value, rng=rng)
         field, remarks = clipped.sources, (f"clipped {clipped.n_clipped} sources ({method})",)
