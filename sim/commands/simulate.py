@@ -175,8 +175,8 @@ def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
         parser.error("--columns names those of the table of --positions, whose errors are simulated")
     foreign = [name for name in _taken(options.kind) if getattr(options, name) != parser.get_default(name)]
     if foreign:
-        reason = {"velocity": ": quasars are too far to show it", "flow": ": quasars are too far to show it"}
-        parser.error(f"--{foreign[0]} does not go with {options.kind}{reason.get(foreign[0], '')}")
+        takers = " and ".join(kind for kind in KINDS if foreign[0] not in _taken(kind))
+        parser.error(f"--{foreign[0]} does not go with {options.kind}: --{foreign[0]} is for {takers}")
     if options.wave is not None and (len(options.wave) != 5 or options.wave[0] <= 0):
         parser.error("--wave is a frequency above zero, plus, cross, and a direction, as 2,100,0,30,-20")
     if options.errors == "expected" and options.kind in ("vlbi", "epochs"):
