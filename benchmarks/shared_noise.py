@@ -12,8 +12,8 @@ from scipy.stats import kstest
 
 import sim
 from fit.frames.compare import by_error_class
+from fit.normal import fit_field
 from fit.results.quality import f_p_value
-from fit.solving import fit_field
 from vsh import Field, Modes
 
 SHARED = {

@@ -22,11 +22,10 @@ from .frames import chain, compare, link
 from .methods import METHODS, Estimate, Recommended, estimate, recommended
 from .motions import galaxy, shear, stars
 from .motions.stars import Kinematics, kinematics
-from .normal import Moments, NormalEquations, gaussian_prior, normal_equations
+from .normal import Moments, NormalEquations, fit_field, gaussian_prior, normal_equations, solve
 from .results import output, quality, spectrum, storage
 from .results.solution import Solution
 from .robust import ClippedFit, clip
-from .solving import fit_field, solve
 
 __all__ = [
     "METHODS",

@@ -17,10 +17,9 @@ import numpy as np
 from scipy.linalg import solve_triangular, svdvals
 from scipy.linalg.lapack import dgeqrf
 
-from fit.normal import normal_equations
+from fit.normal import normal_equations, solve
 from fit.results.solution import NamedSolution, Solution
 from fit.results.storage import Result
-from fit.solving import solve
 from vsh.field import Field
 from vsh.io import tables
 from vsh.io.parts import Parts, added, as_parts

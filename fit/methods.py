@@ -13,12 +13,11 @@ from typing import Any
 import numpy as np
 
 from fit.background import Floor, equations_of, floor
-from fit.normal import NormalEquations, Template, normal_equations
+from fit.normal import NormalEquations, Template, fit_field, normal_equations, solve, with_coverage
 from fit.resample import bootstrap, compare_blocks, jackknife
 from fit.results.quality import ERRORS_TOO_SMALL
 from fit.results.solution import AboutSolution, Solution
 from fit.robust import ExcessNoise, ReweightedFit, clip, excess_noise, student_t
-from fit.solving import fit_field, solve, with_coverage
 from vsh.field import Field
 from vsh.io.catalogue import as_field
 from vsh.io.parts import Parts, applied, as_parts, median

@@ -16,11 +16,10 @@ from typing import Any, Literal, NamedTuple, cast
 import numpy as np
 from scipy.special import gammaincc, stdtrit
 
-from fit.normal import Moments, NormalEquations, WhiteRows, normal_equations
+from fit.normal import Moments, NormalEquations, WhiteRows, normal_equations, solve
 from fit.normal.sums import leverage, score_dof
 from fit.results.quality import ErrorSource
 from fit.results.solution import AboutSolution, Solution
-from fit.solving import solve
 from vsh.basis import harmonics
 from vsh.field import Field, SourcesWithErrors, multiply_weights
 from vsh.io.parts import Parts, as_parts

@@ -32,9 +32,9 @@ def make_files(folder):
     """A whole file for each reader: a dict of name to (path, function that reads it)."""
     import fit
     import sim
-    from fit import sampling as _checkpoint
     from fit import storage
     from fit.correlation import correlation_matrices, leakage, predict_covariance
+    from fit.posterior import _sampling as _checkpoint
     from fit.redshift import binned
     from fit.secular_parallax import observer_velocity
     from vsh.io import maps
@@ -173,7 +173,7 @@ def _icrf(path):
 
 
 def _chain(path):
-    from fit import sampling as _checkpoint
+    from fit.posterior import _sampling as _checkpoint
 
     return _checkpoint.load(path, {"data": "x"})
 

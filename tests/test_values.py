@@ -120,7 +120,7 @@ CASES = [
         "[1.006, 1.03, 1.108, 1.308]",
     ),
     (
-        "fit.sampling",
+        "fit.posterior._sampling",
         "integrable_over_cube(Flat(50.0, 80.0)), integrable_over_cube(Normal(67.3, 15.0))",
         "(True, False)",
     ),

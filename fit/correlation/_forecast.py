@@ -6,10 +6,9 @@ from typing import Any
 import numpy as np
 
 from fit.correlation._matrices import FRAME_NAMES, field_from_positions, largest_correlation, named
-from fit.normal import gaussian_prior, normal_equations
+from fit.normal import gaussian_prior, normal_equations, solve
 from fit.results.solution import Solution
 from fit.results.storage import exact, number
-from fit.solving import solve
 from vsh.coefficients import FIRST_DEGREE, Coefficients
 from vsh.io.parts import as_parts
 from vsh.models.covariance import Spectrum

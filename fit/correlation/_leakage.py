@@ -7,9 +7,8 @@ from typing import Any
 import numpy as np
 
 from fit.correlation._matrices import FRAME_NAMES, check_lower, field_from_positions, named
-from fit.normal import normal_equations
+from fit.normal import normal_equations, solve
 from fit.results.storage import Result, words
-from fit.solving import solve
 from vsh import Coefficients, Modes
 from vsh.io import tables
 from vsh.io.sections import Section

@@ -8,10 +8,9 @@ from typing import Any, Literal
 import numpy as np
 
 from fit.direct import solve_frame
-from fit.normal import normal_equations
+from fit.normal import normal_equations, solve
 from fit.results.solution import at_sources
 from fit.results.storage import Result, exact, number, words
-from fit.solving import solve
 from vsh import Coefficients
 from vsh.coefficients import FIRST_DEGREE
 from vsh.field import Field

@@ -9,10 +9,9 @@ import numpy as np
 from scipy.special import chdtrc
 
 from fit.background import contrast_p_value, kept_of, pool_draws, sampled_lots
-from fit.normal import NormalEquations
+from fit.normal import NormalEquations, solve
 from fit.results.solution import HarmonicSolution
 from fit.results.storage import Result
-from fit.solving import solve
 from vsh.coefficients import Coefficients
 from vsh.io import tables
 from vsh.io.sections import Section

@@ -3,8 +3,8 @@
 from fit.posterior._posterior import Posterior, read_samples
 from fit.posterior._priors import Priors
 from fit.posterior._sample import GridPosterior, grid, sample
+from fit.posterior._sampling import Density, Flat, Normal
 from fit.posterior._summary import Interval, Samples
-from fit.sampling import Density, Flat, Normal
 
 __all__ = [
     "Density",

@@ -28,7 +28,7 @@ from typing import Any, Literal
 import numpy as np
 
 from fit.posterior._priors import ModelPriors
-from fit.sampling import Axis
+from fit.posterior._sampling import Axis
 from fit.secular_parallax import (
     OMEGA,
     A,

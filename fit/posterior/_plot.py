@@ -7,7 +7,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from fit.posterior._priors import UNITS
-from fit.sampling import Normal
+from fit.posterior._sampling import Normal
 from vsh.figures.plot import COLOURS, WIDTH, apply_style, figure_of, panels
 from vsh.io.tables import two_digits
 from vsh.tools.errors import ParameterError

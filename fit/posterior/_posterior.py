@@ -16,8 +16,8 @@ from scipy.special import logsumexp
 
 from fit.posterior._model import ParallaxModel
 from fit.posterior._priors import HUBBLE_LIMITS, UNITS, ModelPriors
+from fit.posterior._sampling import ENOUGH, Flat, Normal, autocorrelation, inference_data, split_r_hat
 from fit.posterior._summary import SampleResult, Samples, sections_of
-from fit.sampling import ENOUGH, Flat, Normal, autocorrelation, inference_data, split_r_hat
 from vsh.io import tables
 from vsh.io.sections import Section
 from vsh.io.tables import three_digits

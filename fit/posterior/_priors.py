@@ -6,7 +6,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from fit.sampling import Flat, Normal, Prior, as_prior, integrable_over_cube, named_function
+from fit.posterior._sampling import Flat, Normal, Prior, as_prior, integrable_over_cube, named_function
 from fit.secular_parallax import ASSUMED, DistanceModel, LocalGroup
 from vsh.models.cosmology import CMB_VELOCITY_PLANCK18
 from vsh.tools.errors import ParameterError

@@ -13,8 +13,8 @@ from fit.distances import declared_frame
 from fit.posterior._model import parallax_model
 from fit.posterior._posterior import Cells, Posterior, check_few, in_cells
 from fit.posterior._priors import ModelPriors, Priors, as_priors, checked_priors
+from fit.posterior._sampling import Prior, Run, check_writable, fingerprint, named_function
 from fit.results.storage import Result
-from fit.sampling import Prior, Run, check_writable, fingerprint, named_function
 from fit.secular_parallax import (
     ASSUMED,
     OMEGA,

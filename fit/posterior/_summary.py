@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fit.posterior._priors import FITS_UNITS, SHORT_NAMES, UNITS
+from fit.posterior._sampling import autocorrelation, inference_data, split_r_hat
 from fit.results.storage import Result, count, words
-from fit.sampling import autocorrelation, inference_data, split_r_hat
 from vsh.io import tables
 from vsh.io.sections import Section
 from vsh.io.tables import three_digits

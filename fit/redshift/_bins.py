@@ -10,12 +10,11 @@ import numpy as np
 
 from fit.distances import calibrate_if_known, mean_rates
 from fit.methods import estimate
-from fit.normal import NormalEquations, normal_equations
+from fit.normal import NormalEquations, normal_equations, solve
 from fit.redshift._solution import FLOW_MATTERS, BinnedSolution, equality_chi2, shared_flow, slope_chi2
 from fit.results.quality import ErrorSource
 from fit.results.solution import Solution
 from fit.secular_parallax import DistanceModel
-from fit.solving import solve
 from vsh import Coefficients
 from vsh.basis import harmonics
 from vsh.classes import Classes

@@ -8,11 +8,10 @@ from typing import Any, cast
 import numpy as np
 from scipy.special import chdtr, chdtri
 
-from fit.normal import NormalEquations, Template, normal_equations
+from fit.normal import NormalEquations, Template, normal_equations, solve
 from fit.normal.sums import sandwich, weighted_sums
 from fit.results.quality import CLIPPED, ErrorSource
 from fit.results.solution import AboutSolution, Solution
-from fit.solving import solve
 from vsh.field import Field, SourcesWithErrors
 from vsh.io.parts import Parts, as_parts, median
 from vsh.models.covariance import Covariance, as_covariance

@@ -16,12 +16,11 @@ import numpy as np
 from numpy.polynomial import chebyshev
 from scipy.special import gammaln
 
-from fit.normal import NormalEquations, Template, normal_equations, template_fields
+from fit.normal import NormalEquations, Template, normal_equations, solve, template_fields
 from fit.normal.sums import sandwich
 from fit.results.quality import ERRORS_TOO_SMALL, TOO_LITTLE_SCATTER, ErrorSource
 from fit.results.solution import AboutSolution, Solution
 from fit.robust._clip import EnlargedErrors
-from fit.solving import solve
 from vsh.field import Field, SourcesWithErrors
 from vsh.io.parts import Parts, applied, as_parts
 from vsh.modes import Modes, as_modes

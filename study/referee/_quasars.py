@@ -13,11 +13,10 @@ from scipy.special import chdtrc, fdtrc
 
 from fit.background import ClassComparison, Floor, Verdict, shared, widened
 from fit.methods import Recommended, degree_for, recommended
-from fit.normal import NormalEquations, Template, normal_equations
+from fit.normal import NormalEquations, Template, fit_field, normal_equations, solve
 from fit.results.quality import gls
 from fit.results.solution import Solution
 from fit.robust import ClippedFit, clip, student_t
-from fit.solving import fit_field, solve
 from vsh.basis import harmonics
 from vsh.classes import Classes
 from vsh.coefficients import FIRST_DEGREE

@@ -12,11 +12,10 @@ from fit import pairs
 from fit.background import SHAPES, Template, WaveLimit, cross_powers, floor, shared, wave_limit, widened
 from fit.frames.chain import combine_frames
 from fit.motions.shear import compare_expansions, expansion
-from fit.normal import normal_equations, template_fields
+from fit.normal import fit_field, normal_equations, solve, template_fields
 from fit.results.quality import SEEN
 from fit.results.spectrum import spectrum
 from fit.secular_parallax import observer_velocity
-from fit.solving import fit_field, solve
 from study.referee._quasars import FEWEST, Quasars, by_degree, by_method, by_source, clip_quasars, compare, degree_for
 from study.referee._rows import NONE, Analysis, Check, Headline, Row, Value, format_verdict, papers
 from vsh.classes import Classes

@@ -25,10 +25,10 @@ DOCTEST = re.compile(r"^\s*>>> (?:from|import) ([\w.]+)", re.MULTILINE)
 HEAVY = {
     "healpy": ["vsh/sky/pixels.py", "vsh/io/maps.py"],
     "ducc0": ["vsh/transform.py", "vsh/sky/pixels.py"],
-    "emcee": ["fit/sampling.py"],
+    "emcee": ["fit/posterior/_sampling.py"],
     "numba": ["vsh/tools/parallel.py", "sim/agis/passes/_kernels.py", "sim/scanning/_compiled.py"],
     "corner": ["fit/*/_plot.py"],
-    "arviz": ["fit/sampling.py"],
+    "arviz": ["fit/posterior/_sampling.py"],
     "matplotlib": [
         "vsh/figures/plot/_*.py", "*/_plot.py", "fit/results/output/_figures.py", "vsh/commands/finishing.py",
     ],

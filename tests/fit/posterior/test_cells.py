@@ -8,7 +8,7 @@ from test_posterior import galaxies
 
 from fit.posterior import Flat, Normal, grid, sample
 from fit.posterior._posterior import Cells, in_cells
-from fit.sampling import Run
+from fit.posterior._sampling import Run
 from vsh.models.cosmology import CMB_VELOCITY_PLANCK18
 from vsh.tools.errors import ParameterError
 

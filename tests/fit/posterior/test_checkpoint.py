@@ -224,7 +224,7 @@ def test_burn_in_and_thinning_interval():
 
 def test_halves_that_differ_are_seen_in_r_hat():
     """By the formula, of walkers that wander off by four of their widths from the first half to the second."""
-    from fit.sampling import split_r_hat
+    from fit.posterior._sampling import split_r_hat
 
     noise = np.random.default_rng(2).normal(size=(2000, 8, 1))
     drift = np.repeat([0.0, 4.0], 1000)[:, None, None]

@@ -69,7 +69,7 @@ def test_file_that_is_not_there_is_told_before_anything_is_loaded_that_fits(tmp_
         status, *loaded = run.stdout.split()
         assert status == "1"
         assert "c.fits" in run.stderr
-        assert not {"vsh.io.catalogue", "fit.solving", "matplotlib", "scipy.special"} & set(loaded)
+        assert not {"vsh.io.catalogue", "fit.normal", "matplotlib", "scipy.special"} & set(loaded)
 
 
 def test_names_that_options_choose_from_are_those_of_the_packages():

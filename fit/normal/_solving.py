@@ -8,7 +8,8 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve, eigh
 from scipy.linalg.lapack import dpocon
 
-from fit.normal import NormalEquations, normal_equations
+from fit.normal._equations import NormalEquations
+from fit.normal._sum import normal_equations
 from fit.results.quality import ONE_SIDE
 from fit.results.solution import ScalarSolution, Solution
 from vsh import Coefficients, Field

@@ -84,7 +84,7 @@ class Prior(Protocol):
         """Return whether its integral is finite."""
 
     def log(self, x: FloatArray) -> FloatArray:
-        """Log-density at x, any shape."""
+        """Log-density at `x`, any shape."""
         ...
 
 
@@ -114,7 +114,7 @@ class Flat(InNotebook):
         return bool(np.isfinite(self.high - self.low))
 
     def log(self, x: FloatArray) -> FloatArray:
-        """Log-density at x, any shape."""
+        """Log-density at `x`, any shape."""
         inside = (x >= self.low) & (x <= self.high)
         return np.where(inside, -np.log(self.high - self.low) if self.proper else 0.0, -np.inf)
 
@@ -137,7 +137,7 @@ class Normal(InNotebook):
             raise ParameterError(f"a Gaussian prior needs a finite mean and σ > 0, not {self.mean} ± {self.sigma}")
 
     def log(self, x: FloatArray) -> FloatArray:
-        """Log-density at x, any shape, but for the constant that a cut-off adds."""
+        """Log-density at `x`, any shape, but for the constant that a cut-off adds."""
         inside = (x >= self.low) & (x <= self.high)
         return np.where(inside, -(((x - self.mean) / self.sigma) ** 2) / 2 - np.log(self.sigma), -np.inf)
 
@@ -156,7 +156,7 @@ class Density(InNotebook):
         return f"Density({named_function(self.function)}, {self.low}, {self.high})"
 
     def log(self, x: FloatArray) -> FloatArray:
-        """Log-density at x, any shape."""
+        """Log-density at `x`, any shape."""
         inside = (x >= self.low) & (x <= self.high)
         return np.where(inside, self.function(np.where(inside, x, (self.low + self.high) / 2)), -np.inf)
 
