@@ -96,12 +96,12 @@ def _public(instance):
 
 
 class Frozen(InNotebook):
-    """Base of frozen dataclasses that hold arrays: every array attribute becomes a read-only view."""
+    """Base of frozen dataclasses that hold arrays: arrays, in lists and tuples too, become read-only views."""
 
     def __post_init__(self) -> None:
         for entry in fields(cast(Any, self)):
             value = getattr(self, entry.name)
-            if isinstance(value, (np.ndarray, list)):
+            if isinstance(value, (np.ndarray, list, tuple)):
                 object.__setattr__(self, entry.name, _freeze(value))
 
     def __setstate__(self, state):
@@ -135,6 +135,6 @@ def _same(one, other):
 def _freeze(value):
     if isinstance(value, np.ndarray):
         return read_only(value)
-    if isinstance(value, list):
-        return [_freeze(item) for item in value]
+    if type(value) in (list, tuple):
+        return type(value)(map(_freeze, value))
     return value

@@ -5,8 +5,8 @@ import warnings
 import matplotlib.pyplot as plt
 import pytest
 from conftest import random_field
+from every_result import RESULTS, result_of
 from matplotlib.text import Text
-from test_storage import results
 
 import fit
 from fit.resample import bootstrap
@@ -16,11 +16,6 @@ from vsh.figures.plot import SkyAxes, figure_of
 WIDTHS = [84, pytest.param(88, marks=pytest.mark.slow), pytest.param(180, marks=pytest.mark.slow)]
 #: corner's own figures have panels of their own size: a column is too narrow for four unknowns.
 OWN_SIZE = {"samples"}
-
-
-@pytest.fixture(scope="module")
-def every():
-    return results()
 
 
 def shown(figure):
@@ -50,14 +45,12 @@ def collisions(figure):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("width", WIDTHS)
-def test_no_two_texts_lie_on_each_other(every, width):
+def test_no_two_texts_lie_on_each_other(width):
     bad = {}
-    for name, result in every.items():
-        if name in OWN_SIZE:
-            continue
+    for name in RESULTS.keys() - OWN_SIZE:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            figure = figure_of(result.plot())
+            figure = figure_of(result_of(name).plot())
             figure.set_size_inches(width / 25.4, figure.get_size_inches()[1])
             bad |= {name: found} if (found := list(collisions(figure))) else {}
         plt.close(figure)

@@ -1,5 +1,4 @@
 import re
-from dataclasses import replace
 from importlib import import_module
 
 import matplotlib.pyplot as plt
@@ -7,195 +6,26 @@ import numpy as np
 import pytest
 from astropy.table import Table
 from conftest import random_field
+from every_result import RESULTS, result_of
 
 import fit
-import sim
-from fit import in_time
-from fit.correlation import correlation_matrices, leakage, predict_covariance
-from fit.posterior import grid, sample
-from fit.redshift import binned
 from fit.results import storage
 from fit.results.storage import _KINDS, read
-from fit.secular_parallax import hubble_constant, observer_velocity
-from vsh import Field, ScalarField, Vector
 from vsh.figures.plot import figure_of
-from vsh.io.epochs import read_observations
-from vsh.models.cosmology import CMB_VELOCITY_PLANCK18
-from vsh.models.covariance import Spectrum
 from vsh.tools.errors import TableError
 
 
-def two_catalogues(field):
-    """The same sources twice, three of them far off in the second."""
-    noise = field.sigma * np.random.default_rng(3).normal(size=(2, len(field)))
-    off = np.where(np.arange(len(field)) < 3, 1e5, 0.0)
-    named = {"sigma": field.sigma, "rho": field.rho, "name": np.arange(len(field))}
-    return Field(field.lon, field.lat, field.motion, **named), Field(field.lon, field.lat, noise + off, **named)
-
-
-def results():
-    field = random_field(200, 1)
-    galaxies = sim.observe(sim.galaxies(200, 1), sim.secular_parallax((300, 0, 0)), rng=1, sigma=5.0)
-    binning = galaxies.add_note("a note: ã in µas/yr")
-    spin = Vector([0.1, 0.2, 0.3], 0.01 * np.eye(3))
-    return {
-        "solution": fit.fit_field(field.add_note("left out µ"), 3),
-        "clipped": fit.robust.clip(field, fit.fit_field(field, 2).modes).solution,
-        "cross": cross_of(field),
-        "shared": fit.background.shared([fit.normal_equations(field[k::2], 3) for k in range(2)], draws=60),
-        "kinematics": fit.kinematics(clusters(field)),
-        "prediction": predict_covariance(field, 2),
-        "frame": fit.solve_frame(field, random_field(50, 2)),
-        "velocity": observer_velocity(galaxies, 67.3, spin=spin),
-        "velocity and spin": observer_velocity(galaxies, 67.3, spin="free"),
-        "hubble": hubble_constant(galaxies, CMB_VELOCITY_PLANCK18),
-        "forecast": fit.secular_parallax.forecast_velocity({"one": galaxies}, (0.03,), n_modes=9),
-        "velocity and flow": observer_velocity(galaxies, 67.3, flows="linear", n_modes=30),
-        "flow": observer_velocity(galaxies, 67.3, flows="linear", n_modes=30).flow,
-        "velocity to come": fit.secular_parallax.predict_errors(galaxies)[0],
-        "hubble to come": fit.secular_parallax.predict_errors(galaxies)[1],
-        "bins": binned(binning, 2, 2),
-        "with a floor": fit.solve(
-            fit.normal_equations(field, 3), floor=fit.background.floor(fit.normal_equations(field, 3))
-        ),
-        "scalars": fit.fit_field(ScalarField(field.lon, field.lat, field.motion[0], field.sigma[0], "mag"), 2),
-        "pairs": fit.pairs.correlation_function(field, np.radians([0, 40, 80, 120, 180]), nside=1),
-        "templates": fit.pairs.correlation_function(field, np.radians([0, 40, 80, 120, 180]), nside=1).fit(),
-        "shear": fit.shear.expansion(fit.fit_field(field, 2)),
-        "shears": fit.shear.compare_expansions([fit.normal_equations(field, 4)] * 2, labels=["a", "b"], draws=100),
-        "orbit": fit.galaxy.orbit(Vector([5.0, 0.1, 0.2], 0.1 * np.eye(3), "galactic")),
-        "frames": fit.compare.compare_catalogues(*two_catalogues(field), 1, labels=("one", "two"))[0],
-        "chain": fit.chain.combine_frames(dict(zip("ab", two_catalogues(field), strict=True)), 1),
-        "in time": in_time.solve(in_time_equations()),
-        "link": fit.link.link(sim.link(1, 12), excess=False),
-        "steps": fit.link.find_step(sim.link(1, 24), [9.0, 13.0], excess=False, robust=False),
-        "plan": fit.link.forecast(fit.link.link(sim.link(1, 12), robust=False), sim.link(2, 3)),
-        "waves by frequency": fit.waves.search_in_time(
-            epochs(), [1.5, 2.0], attitude="known", lmax=2, nside=2, n_skies=5
-        ),
-        "one wave": fit.waves.search(fit.fit_field(field, 2), nside=2, n_skies=5),
-        "recommended": fit.recommended(field, 3),
-        "estimate": fit.estimate(field, 3, "student"),
-        "floor": fit.background.floor(fit.normal_equations(field, 3)),
-        "background": fit.background.fit_amplitudes(fit.normal_equations(field, 3), [Spectrum.odd(), Spectrum.waves()]),
-        "waves": fit.background.wave_limit(fit.normal_equations(field, 2)),
-        "common": binned(binning, 2, 2, shared_higher_degrees=True),
-        "correlations": correlation_matrices({"one": field, "two": random_field(300, 3)}, 2),
-        "leakage": leakage(field, 1, 3),
-        "clipping": fit.robust.clip(field, 1),
-        "reweighting": fit.robust.student_t(field, 1),
-        "excess noise": fit.robust.excess_noise(field, 1),
-        "cross-check": fit.cross_check(field),
-        "trend": binned(binning, 1, 3).trend(),
-        "bootstrap": fit.resample.bootstrap(field, 1, 12, 1, progress=False),
-        "moments": fit.Moments.of(field, 2),
-        "grid": grid(galaxies, CMB_VELOCITY_PLANCK18, n_points=12),
-        "samples": sample(
-            galaxies, CMB_VELOCITY_PLANCK18, n_samples=20_000, rng=1, n_walkers=20, progress=False
-        ).kept(),
-    }
-
-
-def epochs():
-    law = sim.NominalScanningLaw(years=2.0)
-    table = sim.epochs(sim.quasars(40, 1), sim.spin((0, 0, 0)), 1, mission=law)
-    return read_observations(table).by_transit()
-
-
-def in_time_equations():
-    return in_time.normal_equations(epochs(), 2, in_time.waves(2.0, 3.0, span=(-2.8, -0.7)), attitude="known")
-
-
-def cross_of(field):
-    template = fit.background.Template.density("density", field, 4)
-    normal = fit.normal_equations(field, 3, templates=[template])
-    return fit.background.cross_powers(fit.solve(normal), normal.templates)
-
-
-def clusters(field):
-    """Sources of a field at measured distances."""
-    distance = np.random.default_rng(1).uniform(1e-3, 1e-2, len(field))
-    return replace(field, distance=distance, distance_error=0.1 * distance)
-
-
-NAMES = (
-    *(
-        "solution",
-        "clipped",
-        "prediction",
-        "frame",
-        "velocity",
-        "velocity and spin",
-        "hubble",
-        "bins",
-        "common",
-        "velocity and flow",
-        "flow",
-        "forecast",
-        "with a floor",
-        "recommended",
-        "floor",
-        "background",
-        "waves",
-        "scalars",
-        "pairs",
-        "templates",
-        "shear",
-        "shears",
-        "orbit",
-        "one wave",
-        "chain",
-        "in time",
-        "link",
-        "steps",
-        "plan",
-        "waves by frequency",
-        "frames",
-        "kinematics",
-        "shared",
-        "cross",
-    ),
-    *(
-        "estimate",
-        "correlations",
-        "leakage",
-        "clipping",
-        "reweighting",
-        "excess noise",
-        "cross-check",
-        "trend",
-        "bootstrap",
-    ),
-    *("velocity to come", "hubble to come", "moments", "grid", "samples"),
-)
-
-
-@pytest.fixture(scope="module")
-def found():
-    return results()
-
-
-def test_every_kind_of_result_is_tried(found):
-    """Another kind of result joins the list above, or says here why not."""
-    bases = {
-        "FrameResult",
-        "LinearSolution",
-        "NamedSolution",
-        "HarmonicSolution",
-        "AboutSolution",
-        "Weighted",
-        "SampleResult",
-        "ParallaxSolution",
-    }
-    elsewhere = {"Posterior"}  # a chain in a file of its own: tests/fit/posterior
+def test_every_kind_of_result_is_tried():
+    """Another kind of result joins RESULTS; a chain is in a file of its own (tests/fit/posterior)."""
     import_module("fit.results.output")
-    assert set(found) == set(NAMES), "every key of results() stands in NAMES"
-    assert {type(each).__name__ for each in found.values()} == set(_KINDS) - bases - elsewhere
+    tried = {type(result_of(name)) for name in RESULTS}
+    kinds = {kind for kind in _KINDS.values() if kind in tried or not kind.__subclasses__()}
+    assert {kind.__name__ for kind in kinds - tried} == {"Posterior"}
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_every_result_can_do_everything(name, found):
-    result = found[name]
+@pytest.mark.parametrize("name", RESULTS)
+def test_every_result_can_do_everything(name):
+    result = result_of(name)
     report = result.report()
     assert report.endswith("\n")
     assert len(report.splitlines()) >= 2
@@ -218,9 +48,9 @@ def test_file_of_a_module_that_moved_is_read_by_its_face():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", NAMES)
-def test_every_result_can_be_drawn(name, found):
-    figure = figure_of(found[name].plot())
+@pytest.mark.parametrize("name", RESULTS)
+def test_every_result_can_be_drawn(name):
+    figure = figure_of(result_of(name).plot())
     assert figure.axes
     figure.canvas.draw()
     plt.close(figure)
@@ -244,13 +74,13 @@ def same(a, b):
 @pytest.mark.parametrize(
     ("name", "ending"),
     [
-        *((name, "ecsv") for name in NAMES),
-        *((name, "fits") for name in NAMES[:2]),
-        *(pytest.param(name, "fits", marks=pytest.mark.slow) for name in NAMES[2:]),
+        *((name, "ecsv") for name in RESULTS),
+        *((name, "fits") for name in [*RESULTS][:2]),
+        *(pytest.param(name, "fits", marks=pytest.mark.slow) for name in [*RESULTS][2:]),
     ],
 )
-def test_there_and_back(name, ending, found, tmp_path):
-    result = found[name]
+def test_there_and_back(name, ending, tmp_path):
+    result = result_of(name)
     path = tmp_path / f"result.{ending}"
     result.write(path, {"ORIGIN": "a test"})
     again = read(path)
@@ -261,8 +91,8 @@ def test_there_and_back(name, ending, found, tmp_path):
     assert plain.meta["ORIGIN"] == "a test"
 
 
-def test_plain_table_says_what_is_in_it(found, tmp_path):
-    solution = found["solution"]
+def test_plain_table_says_what_is_in_it(tmp_path):
+    solution = result_of("solution")
     solution.write(tmp_path / "solution.ecsv")
     table = Table.read(tmp_path / "solution.ecsv")
     assert table["coefficient"][0] == "t(1,0)"
@@ -270,21 +100,21 @@ def test_plain_table_says_what_is_in_it(found, tmp_path):
     np.testing.assert_array_equal(table["covariance"], solution.covariance)
 
 
-def test_files_that_cannot_be_read(found, tmp_path):
+def test_files_that_cannot_be_read(tmp_path):
     Table({"x": [1.0]}).write(tmp_path / "other.ecsv")
     with pytest.raises(TableError, match="holds no result of a fit"):
         read(tmp_path / "other.ecsv")
-    found["frame"].write(tmp_path / "frame.fits")
+    result_of("frame").write(tmp_path / "frame.fits")
     with pytest.raises(TableError, match="holds a FrameSolution, not a Solution"):
         fit.Solution.read(tmp_path / "frame.fits")
     with pytest.raises(TableError, match="as .ecsv or .fits, which keep every bit"):
-        found["frame"].write(tmp_path / "frame.csv")
+        result_of("frame").write(tmp_path / "frame.csv")
     with pytest.raises(TableError, match="no such file"):
         read(tmp_path / "none.fits")
 
 
-def test_for_notebooks_and_papers(found):
-    solution = found["solution"]
+def test_for_notebooks_and_papers():
+    solution = result_of("solution")
     html = solution._repr_html_()
     assert html.count("<tr>") == 3 + 2 + 1 + 6
     # What is words may be broken, so that none of it is cut off at the edge of the page.
