@@ -98,7 +98,7 @@ def normal_equations(
         the weights and is as good to 1e-12, in a time that hardly grows with the degree.
         "auto" takes what was measured to be faster (docs/performance.md).
     threads : int, optional
-        Number of threads (default: one per core). The sum is always taken in the order of the sources, so the result
+        Number of threads of the moments (default: one per core). The sum is always taken in the order of the sources, so the result
         does not depend on the number of threads.
     covariance : Covariance or (2n, 2n) array, optional
         Covariance of the motions of a field, all east components first, in place of the errors that the field has; for
@@ -154,7 +154,7 @@ def normal_equations(
     if method == "compressed" or (method == "auto" and len(sources) > design_matrix_up_to(modes)):
         sums = compressed_sums(sources, modes, threads)
     else:
-        sums = design_matrix_sums(sources, modes, threads)
+        sums = design_matrix_sums(sources, modes)
     return NormalEquations(
         modes, *sums, sources.components * len(sources), sources.frame, sources.notes, unit=sources.unit
     )

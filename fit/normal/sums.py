@@ -1,9 +1,8 @@
 """Sums over sources: three ways to the same normal equations, and the sandwich of residuals.
 
 The design matrix, a block of sources at a time, is the definition: exact to rounding at any degree, and the reference
-for the faster ways. Degree 1 is ω × r + g − (g·r) r, six fields that need no recurrence. The sums stay in one thread: a
-block takes some microseconds a step, and threads lose more at handing the interpreter round than they gain
-(docs/performance.md).
+for the faster ways. The sums stay in one thread: a block takes some microseconds a step, and threads lose more at handing the
+interpreter round than they gain (docs/performance.md).
 
 From a few thousand sources on, moments of the weights are faster. A source's inverse covariance [[a, c], [c, b]] enters
 N in products of two harmonics, which are trigonometric polynomials of degree 2L in α and in δ. So N needs of the
@@ -25,6 +24,7 @@ estimate whose score is Σ Aᵀ ψ and whose slope is H is then H⁻¹ (Σ Aᵀ 
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial, reduce
@@ -40,15 +40,13 @@ from vsh.tools.parallel import map_blocks
 from vsh.tools.types import ComplexArray, FloatArray
 
 
-def design_matrix_sums(field: Any, modes: Modes, threads: int | None = None) -> tuple[FloatArray, FloatArray, float]:
+def design_matrix_sums(field: Any, modes: Modes) -> tuple[FloatArray, FloatArray, float]:
     """N, b and Σ yᵀ C⁻¹ y of a field: what `fit.normal_equations` adds up."""
     p = len(modes)
-    # Enough sources to keep NumPy busy, 64 MiB of whitened basis at most.
-    size = max(256, min(2**16, 2**22 // p))
+    # Enough sources to keep NumPy busy, and a whitened basis of a few MiB, which stays in the cache.
+    size = max(256, min(2**13, 2**19 // p))
     matrix, rhs, chi2_null = np.zeros((p, p)), np.zeros(p), 0.0
-    for n, b, chi2 in map_blocks(
-        lambda part: _block(field[part], modes), len(field), size, threads, "normal equations"
-    ):
+    for n, b, chi2 in map_blocks(lambda part: _block(field[part], modes), len(field), size, 1, "normal equations"):
         matrix += n
         rhs += b
         chi2_null += chi2
@@ -84,7 +82,7 @@ def _block(field, modes):
 
 def design_matrix_up_to(modes: Modes) -> int:
     """The number of sources up to which the direct sum is the faster one, as measured (docs/performance.md)."""
-    return max(1000, 2**18 // max(modes.lmax, 1) ** 2)
+    return sys.maxsize if modes.lmax <= 2 else max(1000, 2**20 // modes.lmax**3)
 
 
 #: Sources in a block.

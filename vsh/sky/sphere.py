@@ -1,5 +1,7 @@
 """Directions: unit vectors and angles on the sphere."""
 
+from functools import cache
+
 import numpy as np
 
 from vsh.tools.arguments import in_unit
@@ -94,11 +96,17 @@ def widest_gap(lon: FloatArray, lat: FloatArray, most: int = 10_000) -> tuple[fl
     most : int
         How many are looked at; the gap of fewer is as wide or wider.
     """
-    selection = select_share(most / max(len(lon), 1), lon, lat)
-    k = np.arange(600) + 0.5  # a spiral of Fibonacci's
-    z, turn = 1 - k / 300, np.pi * (1 + np.sqrt(5)) * k
-    centres = np.stack([np.sqrt(1 - z * z) * np.cos(turn), np.sqrt(1 - z * z) * np.sin(turn), z])
-    nearest = (centres.T @ triad(lon[selection], lat[selection])[2]).max(1)
+    selection = select_share(most / max(len(lon), 1), lon)
+    places = _spiral()
+    nearest = (triad(lon[selection], lat[selection])[2].T @ places).max(0)
     widest = int(nearest.argmin())
-    radius = float(np.arccos(np.clip(nearest[widest], -1, 1)))
-    return radius, float(turn[widest] % (2 * np.pi)), float(np.arcsin(z[widest]))
+    center_lon, center_lat = angles(places[:, widest])
+    return float(np.arccos(np.clip(nearest[widest], -1, 1))), float(center_lon), float(center_lat)
+
+
+@cache
+def _spiral():
+    """Directions on a spiral of Fibonacci's over the whole sky, (3, 600)."""
+    k = np.arange(600) + 0.5
+    z, turn = 1 - k / 300, np.pi * (1 + np.sqrt(5)) * k
+    return np.stack([np.sqrt(1 - z * z) * np.cos(turn), np.sqrt(1 - z * z) * np.sin(turn), z])
