@@ -4,6 +4,7 @@ Sizes, angles and types are checked or set here, before ducc0 sees them: it woul
 short array out of bounds, and go on over the pole in silence.
 """
 
+from collections.abc import Callable
 from typing import cast
 
 import ducc0
@@ -16,7 +17,7 @@ from vsh.scalars import ScalarCoefficients
 from vsh.tools import arguments
 from vsh.tools.errors import FieldError
 from vsh.tools.parallel import cores
-from vsh.tools.types import ArrayLike, FloatArray
+from vsh.tools.types import ArrayLike, ComplexArray, FloatArray
 
 __all__ = ["adjoint", "synthesis"]
 
@@ -25,7 +26,7 @@ EPSILON = 5e-13
 
 
 @arguments.accepts(coefficients=arguments.a(Coefficients), lon=arguments.float_array, lat=arguments.float_array)
-def synthesis(coefficients: Coefficients, lon: ArrayLike, lat: ArrayLike, *, threads: int | None = None) -> FloatArray:
+def synthesis(coefficients: Coefficients, lon: ArrayLike, lat: ArrayLike) -> FloatArray:
     """The field at each position, as `Coefficients.at` gives it, to 1e-12 of its size.
 
     Takes time ∝ n + lmax³ where the exact sum takes n · lmax².
@@ -36,8 +37,6 @@ def synthesis(coefficients: Coefficients, lon: ArrayLike, lat: ArrayLike, *, thr
         The field. [µas/yr]
     lon, lat : (n,) arrays
         Positions [rad]
-    threads : int, optional
-        One a core unless given.
 
     Returns
     -------
@@ -49,16 +48,7 @@ def synthesis(coefficients: Coefficients, lon: ArrayLike, lat: ArrayLike, *, thr
     FieldError
         If positions are not finite, differ in number, or lie beyond a pole.
     """
-    loc, scalar = _locations(lon, lat), isinstance(coefficients.modes, ScalarModes)
-    values = ducc0.sht.synthesis_general(
-        alm=scalar_to_healpy(cast(ScalarCoefficients, coefficients))[None] if scalar else to_healpy(coefficients),
-        spin=0 if scalar else 1,
-        lmax=coefficients.modes.lmax,
-        loc=loc,
-        epsilon=EPSILON,
-        nthreads=cores(threads),
-    )
-    return values[0] if scalar else np.stack([values[1], -values[0]])
+    return _at_sources(coefficients, _locations(lon, lat), EPSILON)
 
 
 @arguments.accepts(lon=arguments.float_array, lat=arguments.float_array, motion=arguments.float_array)
@@ -98,35 +88,81 @@ def adjoint(
     (True, True)
     """
     loc, modes = _locations(lon, lat), as_modes(modes, None)
-    motion, scalar = np.asarray(motion, float), isinstance(modes, ScalarModes)
+    motion = np.asarray(motion, float)
     if motion.shape != (modes.components, len(loc)):
         raise FieldError(f"motion has shape {motion.shape}, expected {(modes.components, len(loc))}")
+    return _by_modes(modes, loc, motion, EPSILON, threads)
+
+
+def project_response(
+    coefficients: Coefficients,
+    lon: ArrayLike,
+    lat: ArrayLike,
+    response: Callable[[FloatArray], FloatArray],
+    epsilon: float,
+) -> FloatArray:
+    """Aᵀ f(A c), (p,): the field at each position, a function of it, and the sum over the sources for every mode.
+
+    `response` takes and gives an array of shape (2, n), or (1, n) of scalars; `epsilon` is the relative accuracy.
+    """
+    loc, modes = _locations(lon, lat), coefficients.modes
+    field = np.atleast_2d(_at_sources(coefficients, loc, epsilon))
+    return _by_modes(modes, loc, response(field), epsilon, None)
+
+
+def _at_sources(coefficients, loc, epsilon):
+    """The field at each location, (2, n); (n,) of a scalar field."""
+    scalar = isinstance(coefficients.modes, ScalarModes)
+    values = ducc0.sht.synthesis_general(
+        alm=scalar_to_healpy(cast(ScalarCoefficients, coefficients))[None] if scalar else to_healpy(coefficients),
+        spin=0 if scalar else 1,
+        lmax=coefficients.modes.lmax,
+        loc=loc,
+        epsilon=epsilon,
+        nthreads=cores(),
+    )
+    if scalar:
+        return values[0]
+    np.negative(values[0], out=values[0])
+    return values[::-1]  # a copy would take as long as the transform
+
+
+def _by_modes(modes, loc, motion, epsilon, threads):
+    """Σ motion · V_i for every mode, (p,)."""
+    scalar = isinstance(modes, ScalarModes)
     alm = ducc0.sht.adjoint_synthesis_general(
         map=motion if scalar else np.stack([-motion[1], motion[0]]),
         spin=0 if scalar else 1,
         lmax=modes.lmax,
         loc=loc,
-        epsilon=EPSILON,
+        epsilon=epsilon,
         nthreads=cores(threads),
     )
     return modes.norm2 * (scalar_from_healpy(alm[0]) if scalar else from_healpy(alm)).values
 
 
 def fourier_moments(
-    lon: ArrayLike, lat: ArrayLike, values: FloatArray, max_order: int, threads: int | None = 1
-) -> FloatArray:
-    """Σ over the sources of values · e^{−i(Mα + nδ)}, a non-uniform Fourier transform."""
-    moments = np.empty((len(values), 2 * max_order + 1, 2 * max_order + 1), complex)
+    lon: ArrayLike, lat: ArrayLike, planes: FloatArray, max_order: int, epsilon: float = EPSILON
+) -> ComplexArray:
+    """Σ over the sources of planes · e^{−i(Mα + nδ)}, a non-uniform Fourier transform of (k, n) real numbers.
+
+    Two of them travel as one complex one, and are told apart by their symmetry.
+    """
+    rows = np.zeros(((len(planes) + 1) // 2, planes.shape[1]), complex)
+    rows.real, rows.imag[: len(planes) // 2] = planes[::2], planes[1::2]
+    moments = np.empty((len(rows), 2 * max_order + 1, 2 * max_order + 1), complex)
     ducc0.nufft.nu2u(
-        points=np.ascontiguousarray(values, complex),
+        points=rows,
         coord=np.stack([lon, lat], axis=1),
         forward=True,
-        epsilon=EPSILON,
-        nthreads=threads,
+        epsilon=epsilon,
+        nthreads=1,
         out=moments,
         periodicity=2 * np.pi,
     )
-    return moments
+    mirror = np.conj(moments[:, ::-1, ::-1])
+    pairs = np.stack([(moments + mirror) / 2, (moments - mirror) / 2j], axis=1)
+    return pairs.reshape(-1, *moments.shape[1:])[: len(planes)]
 
 
 def _locations(lon, lat):
@@ -136,6 +172,11 @@ def _locations(lon, lat):
         raise FieldError(f"lon and lat have shapes {lon.shape} and {lat.shape}: one of each for a source")
     if (np.abs(lat) > np.pi / 2 * (1 + 1e-14)).any():
         raise FieldError(f"{np.sum(np.abs(lat) > np.pi / 2)} latitudes lie beyond a pole: are they in radians?")
-    phi = lon % (2 * np.pi)
-    phi[phi >= 2 * np.pi] = 0.0  # a tiny negative angle rounds up
-    return np.stack([np.clip(np.pi / 2 - lat, 0, np.pi), phi], axis=1)
+    loc = np.empty((lon.size, 2))
+    np.clip(np.pi / 2 - lat, 0, np.pi, out=loc[:, 0])
+    if lon.size and lon.min() >= 0 and lon.max() < 2 * np.pi:
+        loc[:, 1] = lon
+    else:
+        phi = lon % (2 * np.pi)
+        loc[:, 1] = np.where(phi < 2 * np.pi, phi, 0.0)  # a tiny negative angle rounds up
+    return loc

@@ -128,11 +128,30 @@ class Amplitudes(InNotebook):
         if self._eigen is not None:
             values, squares = (roots[0][:, None] ** 2 * array for array in self._eigen)
             return np.array([np.log1p(values).sum(1), np.sum(squares / (1 + values), 1)])
+        if len(roots) == 2 and not (self.shares[0] * self.shares[1]).any():
+            return self._on_plane(*roots)
         values = np.empty((2, *map(len, roots)))
         for index in np.ndindex(*map(len, roots)):
             amplitudes = np.array([axis[i] ** 2 for axis, i in zip(roots, index, strict=True)])
             values[(slice(None), *index)] = self.parts(amplitudes)
         return values
+
+    def _on_plane(self, first, second):
+        """`on_tensor` of two fields that share no coefficient: for each amplitude of the second in closed form."""
+        one, two = (np.flatnonzero(share) for share in self.shares)
+        root = np.sqrt(self.shares.sum(0))
+        matrix, rhs = self.matrix * root[:, None] * root, self.rhs * root
+        values, vectors = np.linalg.eigh(matrix[np.ix_(two, two)])
+        cross, side = matrix[np.ix_(one, two)] @ vectors, vectors.T @ rhs[two]
+        values = np.maximum(values, 0.0)
+        kept = second[:, None] ** 2 / (1 + second[:, None] ** 2 * values)
+        # What the data say of the first field once the second is marginalised, for each of its amplitudes.
+        inner, vectors = np.linalg.eigh(matrix[np.ix_(one, one)] - (cross * kept[:, None]) @ cross.T)
+        squares = np.einsum("jki,jk->ji", vectors, rhs[one] - (kept * side) @ cross.T) ** 2
+        ratios = first[:, None, None] ** 2 * np.maximum(inner, 0.0)
+        logdet = np.log1p(ratios).sum(2) + np.log1p(second[:, None] ** 2 * values).sum(1)
+        gain = np.sum(first[:, None, None] ** 2 * squares / (1 + ratios), 2) + kept @ side**2
+        return np.array([logdet, gain])
 
     def alone(self, k: int) -> "Amplitudes":
         """The likelihood of amplitude `k` with the coefficients of all other fields free."""

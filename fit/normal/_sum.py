@@ -98,8 +98,8 @@ def normal_equations(
         the weights and is as good to 1e-12, in a time that hardly grows with the degree.
         "auto" takes what was measured to be faster (docs/performance.md).
     threads : int, optional
-        Number of threads of the moments (default: one per core). The sum is always taken in the order of the sources, so the result
-        does not depend on the number of threads.
+        Number of threads of the moments (default: one per core). The sum is always taken in the order of the
+        sources, so the result does not depend on the number of threads.
     covariance : Covariance or (2n, 2n) array, optional
         Covariance of the motions of a field, all east components first, in place of the errors that the field has; for
         at most 10 000 sources (`vsh.models.covariance`). [(µas/yr)²]

@@ -1,8 +1,8 @@
 """Sums over sources: three ways to the same normal equations, and the sandwich of residuals.
 
 The design matrix, a block of sources at a time, is the definition: exact to rounding at any degree, and the reference
-for the faster ways. The sums stay in one thread: a block takes some microseconds a step, and threads lose more at handing the
-interpreter round than they gain (docs/performance.md).
+for the faster ways. The sums stay in one thread: a block takes some microseconds a step, and threads lose more at
+handing the interpreter round than they gain (docs/performance.md).
 
 From a few thousand sources on, moments of the weights are faster. A source's inverse covariance [[a, c], [c, b]] enters
 N in products of two harmonics, which are trigonometric polynomials of degree 2L in α and in δ. So N needs of the
@@ -44,7 +44,7 @@ def design_matrix_sums(field: Any, modes: Modes) -> tuple[FloatArray, FloatArray
     """N, b and Σ yᵀ C⁻¹ y of a field: what `fit.normal_equations` adds up."""
     p = len(modes)
     # Enough sources to keep NumPy busy, and a whitened basis of a few MiB, which stays in the cache.
-    size = max(256, min(2**13, 2**19 // p))
+    size = max(256, min(_SMALL, 2**19 // p))
     matrix, rhs, chi2_null = np.zeros((p, p)), np.zeros(p), 0.0
     for n, b, chi2 in map_blocks(lambda part: _block(field[part], modes), len(field), size, 1, "normal equations"):
         matrix += n
@@ -85,8 +85,13 @@ def design_matrix_up_to(modes: Modes) -> int:
     return sys.maxsize if modes.lmax <= 2 else max(1000, 2**20 // modes.lmax**3)
 
 
-#: Sources in a block.
-BLOCK = 2**16
+#: Sources in a block of moments, and in one whose numbers stay in the cache.
+BLOCK, _SMALL = 2**16, 2**13
+
+
+def blocks(n: int) -> list[slice]:
+    """Slices of so many sources that what is computed of them stays in the cache."""
+    return [slice(start, min(start + _SMALL, n)) for start in range(0, n, _SMALL)]
 
 
 def compressed_sums(field: Any, modes: Modes, threads: int | None = None) -> tuple[FloatArray, FloatArray, float]:
@@ -118,28 +123,10 @@ def _moments(field, lmax):
 
     weights = field.weights
     motions = multiply_weights(weights, field.data)
-    chi2 = np.vdot(motions, field.data)
-    # Two real fields travel as one complex one.
-    columns = np.concatenate([weights, motions])
-    pairs = [(0, 1), (2, None), (3, 4)] if len(weights) == 3 else [(0, 1)]
-    complex_rows = np.zeros((len(pairs), len(field)), complex)
-    for row, (real, imaginary) in zip(complex_rows, pairs, strict=True):
-        row.real = columns[real]
-        if imaginary is not None:
-            row.imag = columns[imaginary]
-    f = fourier_moments(field.lon, field.lat, complex_rows, 2 * lmax)
-    mirror = np.conj(f[:, ::-1, ::-1])
-    halves = (f + mirror) / 2, (f - mirror) / 2j
-    sums = np.stack(
-        [
-            component[row]
-            for row, pair in enumerate(pairs)
-            for component, k in zip(halves, pair, strict=True)
-            if k is not None
-        ]
-    )
+    sums = fourier_moments(field.lon, field.lat, np.concatenate([weights, motions]), 2 * lmax)
     half, window = 2 * lmax, slice(lmax, 3 * lmax + 1)
-    return sums[: len(weights), half:], sums[len(weights) :, half : half + lmax + 1, window], chi2
+    sums_of_motions = sums[len(weights) :, half : half + lmax + 1, window]
+    return sums[: len(weights), half:], sums_of_motions, np.vdot(motions, field.data)
 
 
 class Rings:
@@ -267,8 +254,10 @@ class ScalarRings(Rings):
 
 #: Work up to which the leverage of each source is computed exactly: sources times coefficients squared.
 EXACT = 2e9
-#: Mean leverage below which it need not be: variances change by 1.5 times as much.
-_NEGLIGIBLE = 2e-4
+#: Relative accuracy of moments that make errors.
+_ENOUGH = 1e-9
+#: Mean leverage below which it need not be: variances change by 1.5 times as much at most, errors by three quarters.
+_NEGLIGIBLE = 1e-3
 
 
 def _is_exact(n_sources, modes):
@@ -322,7 +311,6 @@ def leverage(
     factors: FloatArray | float = 1.0,
     *,
     total: tuple[int, float] | None = None,
-    threads: int | None = None,
 ) -> FloatArray:
     """Leverage of each source on its own fitted motion, (n,): between 0 and 1, p/2n on average (p/n of scalars).
 
@@ -335,15 +323,25 @@ def leverage(
     trace = weights[:components].sum(0)
     n_sources, total_trace = (len(field), trace.sum()) if total is None else total
     if not _is_exact(n_sources, modes):
-        return np.minimum(p * trace / total_trace / components, 0.9)
+        return _mean_leverage(trace, p, components, total_trace)
+
+    root = np.linalg.cholesky((inverse + inverse.T) / 2).T
+    pairs = ((0, 0), (1, 1), (0, 1))[: len(weights)]
 
     def block(chunk):
         basis = harmonics(field.lon[chunk], field.lat[chunk], modes)
-        projection = np.tensordot(inverse, basis, 1)
-        return np.einsum("pkn,pkn->n", projection, multiply_weights(weights[:, chunk], basis)) / components
+        white = (root @ basis.reshape(p, -1)).reshape(basis.shape)
+        # The symmetric matrices of a source's motion: their trace with its weight, where c counts twice.
+        products = [(1 + (i != j)) * np.einsum("pn,pn->n", white[:, i], white[:, j]) for i, j in pairs]
+        return np.einsum("kn,kn->n", weights[:, chunk], products) / components
 
-    leverages = np.concatenate(list(map_blocks(block, len(field), max(64, 2**20 // p), threads)))
+    leverages = np.concatenate(list(map_blocks(block, len(field), max(64, 2**18 // p), 1)))
     return np.clip(leverages, 0.0, 0.9)
+
+
+def _mean_leverage(trace, p, components, total_trace):
+    """The leverages by the sources' weights alone."""
+    return np.minimum(p * trace / total_trace / components, 0.9)
 
 
 def outer_products(field: Field, residual: FloatArray, factors: FloatArray) -> FloatArray:
@@ -362,24 +360,31 @@ def sandwich(
     *,
     power: float = 0.75,
     words: str = "errors",
+    total: tuple[int, float] | None = None,
 ) -> tuple[FloatArray, float]:
     """H⁻¹ M H⁻¹, (p, p): the covariance of a fit whose scores are Σ Aᵀ u C⁻¹Δ; and its degrees of freedom.
+
+    Where `total`, the number of sources and Σ u tr W, is known, one pass over many sources gives both H and M.
 
     M is a sum of the scores' outer products. Its degrees of freedom are those of the Wishart matrix whose elements
     scatter as much, for Gaussian scores p(p + 1)/Σ [(tr H_i)² + tr H_i²], where H_i is the share of source i in the
     information (Zhang 2012, J. Agric. Biol. Environ. Stat. 17, 652): (k² + k) h_i² for a leverage h_i in k components.
     """
-    # The fitted matrix is for exact leverages, which large problems do without.
-    exact = sky.in_memory is None or _is_exact(len(sky.in_memory), modes)
-    slopes = sky.sum(partial(_slopes, scores=scores, modes=modes, exact=exact), roles=(), words=words)
-    slope = np.linalg.inv(slopes["slope"])
-    fitted = np.linalg.inv(slopes["fitted"]) if exact else slope
-    total = (slopes["sources"], slopes["trace"])
-    middle = sky.sum(
-        partial(_scores, scores=scores, modes=modes, inverse=fitted, total=total, power=power), roles=(), words=words
-    )
+    if total is not None and not _is_exact(total[0], modes):
+        work = partial(_slopes_and_scores, scores=scores, modes=modes, total=total, power=power)
+        middle = sky.sum(work, roles=(), words=words)
+        slope, n_sources = np.linalg.inv(middle["slope"]), total[0]
+    else:
+        # The fitted matrix is for exact leverages, which large problems do without.
+        exact = sky.in_memory is None or _is_exact(len(sky.in_memory), modes)
+        slopes = sky.sum(partial(_slopes, scores=scores, modes=modes, exact=exact), roles=(), words=words)
+        slope, n_sources = np.linalg.inv(slopes["slope"]), slopes["sources"]
+        fitted = np.linalg.inv(slopes["fitted"]) if exact else slope
+        total = (n_sources, slopes["trace"])
+        work = partial(_scores, scores=scores, modes=modes, inverse=fitted, total=total, power=power)
+        middle = sky.sum(work, roles=(), words=words)
     covariance = slope @ middle["matrix"] @ slope
-    left = modes.components * slopes["sources"] - len(modes)  # by which residuals can differ
+    left = modes.components * n_sources - len(modes)  # by which residuals can differ
     return (covariance + covariance.T) / 2, min(score_dof(middle["squares"], modes), float(left))
 
 
@@ -406,3 +411,27 @@ def _scores(field, scores, modes, inverse, total, power):
     leverages = leverage(field, modes, inverse, u, total=total)
     products = outer_products(field, residual, u / (1 - leverages) ** power)
     return {"matrix": weighted_matrix(field, products, modes), "squares": float(leverages @ leverages)}
+
+
+def _slopes_and_scores(field, scores, modes, total, power):
+    """Σ Aᵀ u'W A and Σ AᵀψψᵀA of some of many sources, and Σ h²: from moments of both, summed together."""
+    from vsh.transform import fourier_moments
+
+    residual, u, slopes = scores(field)
+
+    def block(part):
+        chunk, squares, half = field[part], 0.0, 1 if field.components == 1 else 3
+        planes = np.empty((2 * half, len(chunk)))
+        for small in blocks(len(chunk)):
+            subset, rows = chunk[small], slice(part.start + small.start, part.start + small.stop)
+            leverages = _mean_leverage(subset.information * u[rows], len(modes), subset.components, total[1])
+            planes[:half, small] = subset.weights * slopes[rows]
+            planes[half:, small] = outer_products(subset, residual[:, rows], u[rows] / (1 - leverages) ** power)
+            squares += float(leverages @ leverages)
+        moments = fourier_moments(chunk.lon, chunk.lat, planes, 2 * modes.lmax, _ENOUGH)
+        return {"moments": moments[:, 2 * modes.lmax :], "squares": squares}
+
+    sums = reduce(added, map_blocks(block, len(field), BLOCK))
+    rings = rings_of(modes)
+    slope, matrix = (rings.matrix(moments) for moments in np.split(sums.pop("moments"), 2))
+    return sums | {"slope": slope, "matrix": matrix}

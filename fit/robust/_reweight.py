@@ -7,6 +7,7 @@ left large residuals, X² = Δᵀ C⁻¹ Δ of both components together.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from dataclasses import field as dataclass_field
 from functools import partial
@@ -17,12 +18,12 @@ from numpy.polynomial import chebyshev
 from scipy.special import gammaln
 
 from fit.normal import NormalEquations, Template, normal_equations, solve, template_fields
-from fit.normal.sums import sandwich
+from fit.normal.sums import blocks, sandwich, weighted_matrix
 from fit.results.quality import ERRORS_TOO_SMALL, TOO_LITTLE_SCATTER, ErrorSource
 from fit.results.solution import AboutSolution, Solution
 from fit.robust._clip import EnlargedErrors
-from vsh.field import Field, SourcesWithErrors
-from vsh.io.parts import Parts, applied, as_parts
+from vsh.field import Field, SourcesWithErrors, multiply_weights
+from vsh.io.parts import Parts, applied, as_parts, sample_of
 from vsh.modes import Modes, as_modes
 from vsh.scalars import ScalarField, modes_for
 from vsh.tools import arguments
@@ -82,6 +83,25 @@ class StudentT:
         b = self.nu + chi2 + right_side
         return np.asarray(2 * right_side / (b + np.sqrt(b**2 - 4 * self.nu * right_side)), float)
 
+    def stepped(self, sums: dict[str, Any], n: int) -> tuple[StudentT, float]:
+        """Newton's step of ln ν, from sums over n sources at the current ν, and how many of its errors it is long."""
+        if not self.estimated:
+            return self, 0.0
+        from scipy.special import digamma, polygamma  # slow to import
+
+        nu, k = self.nu, self.components
+        log, beyond, slope = (sums[name] / n for name in ("log", "beyond", "slope of beyond"))
+        # Of the mean of ln of the density, `_log_t`, with respect to ν.
+        constant = (digamma((nu + k) / 2) - digamma(nu / 2) - k / nu) / 2
+        constant_slope = (polygamma(1, (nu + k) / 2) - polygamma(1, nu / 2)) / 4 + k / nu**2 / 2
+        first = constant - log / 2 + (nu + k) / (2 * nu) * beyond
+        second = constant_slope + beyond / (2 * nu) - k / (2 * nu**2) * beyond - (nu + k) / (2 * nu) * slope
+        gradient, curvature = nu * first, nu**2 * second + nu * first
+        step = -gradient / curvature if curvature < 0 else np.sign(gradient) * _FARTHEST
+        log_nu = np.clip(np.log(nu) + np.clip(step, -_FARTHEST, _FARTHEST), _LOW, _HIGH)
+        length = abs(log_nu - np.log(nu)) * np.sqrt(n * abs(curvature))
+        return replace(self, nu=float(np.exp(log_nu))), float(length)
+
     def fitted(self, sky: Parts, share: Share, words: str) -> StudentT:
         """Update the weights with the likeliest ν, from the residuals and leverages at the current ν."""
         if not self.estimated:
@@ -102,35 +122,33 @@ class Share:
     leverage: float
     #: The sources for which it was computed last with what it gave, a pair: errors and weights ask for the same again.
     last: list[Any] = dataclass_field(default_factory=list, init=False, repr=False)
-    #: The same of the residuals, which do not depend on the weight.
-    residuals: list[Any] = dataclass_field(default_factory=list, repr=False)
-
-    def with_weight(self, weight: Any) -> Share:
-        """Take other weights, of the same residuals."""
-        return Share(self.solution, weight, self.leverage, self.residuals)
 
     def __call__(self, field: Field) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """X² over one less the share, u and its slope, each (n,); and the residuals, (components, n)."""
         pair: Any = self.last[0] if self.last else (None, None)
         if pair[0] is not field:  # a local pair: threads may compute for several parts
-            pair = (field, self._of(field))
+            field.check_frame(self.solution.frame)
+            model = np.atleast_2d(self.solution.model(field))
+            numbers, residual = np.empty((3, len(field))), np.empty(model.shape)
+            for part in blocks(len(field)):
+                residual[:, part], _, _, *numbers[:, part] = self.of(field[part], model[:, part])
+            pair = (field, (*numbers, residual))
             self.last[:] = [pair]
         result: tuple[FloatArray, FloatArray, FloatArray, FloatArray] = pair[1]
         return result
 
+    def of(self, field: Field, model: FloatArray) -> tuple[FloatArray, ...]:
+        """The residuals from a model, their product with C⁻¹, tr C⁻¹, X² over one less the share, u and its slope."""
+        weights = field.weights
+        residual = np.atleast_2d(field.data) - model
+        score = multiply_weights(weights, residual)
+        information = weights[: field.components].sum(0)
+        chi2 = np.einsum("kn,kn->n", residual, score)
+        x2 = chi2 / (1 - self.weight.share_of(chi2, self.leverage * information))
+        return residual, score, information, x2, *self.weight(x2)
+
     def __reduce__(self):
         return Share, (self.solution, self.weight, self.leverage)
-
-    def _of(self, field: Field) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """X² over one less the share, u and its slope, each (n,); and the residuals, (components, n)."""
-        known: Any = self.residuals[0] if self.residuals else (None, None, None)
-        if known[0] is not field:
-            residual = self.solution.residuals(field)
-            known = (field, residual.chi2, residual.data)
-            self.residuals[:] = [known]
-        _, chi2, data = known
-        x2 = chi2 / (1 - self.weight.share_of(chi2, self.leverage * field.information))
-        return x2, *self.weight(x2), data
 
 
 def _log_terms(field, share):
@@ -167,9 +185,12 @@ def _likeliest_nu(mean_logs, components):
     return float(np.exp(minimize_scalar(loss, bounds=(_LOW, _HIGH), method="bounded").x))
 
 
-#: From so many numbers on a step is Newton's, which is at most so many times that of the weights alone. Few sources, of
-#: which one may weigh as much as all others, take the short steps.
-_MANY, _FARTHEST = 40_000, 2.0
+#: The fit of many sources goes by Newton's steps, from so many on from that of a sample: of so many at least, and so
+#: many for each coefficient, which has settled to this part of its errors.
+_MANY, _SAMPLE, _FOR_EACH, _NEAR = 20_000, 5_000, 20, 0.1
+#: Their relative accuracy, and their number at most; the longest of ln ν; a step that is so much of the one before is
+#: slow.
+_ACCURACY, _MOST_STEPS, _FARTHEST, _SLOW = 1e-7, 12, 0.3, 0.2
 #: Rounds after which leverages are held fixed.
 _ADAPTING = 15
 
@@ -302,24 +323,97 @@ def student_t(
     """
     modes, sky = modes_for(field, modes), _with_noise(field, noise)
     weight = StudentT(4.0 if nu is None else nu, estimated=nu is None, components=modes.components)
-    fitted = _iterate_weights(sky, modes, weight, "Student-t", tolerance, max_rounds, 0.75)
+    fitted = _with_errors(sky, *_iterate_weights(sky, modes, weight, "Student-t", tolerance, max_rounds))
     log_likelihood = _log_likelihood(sky, fitted.share)
-    for kept in (fitted.share.last, fitted.share.residuals):
-        kept.clear()
+    fitted.share.last.clear()
     return replace(fitted, noise=float(noise), log_likelihood=log_likelihood)
 
 
-def _iterate_weights(sky, modes, weight, name, tolerance, max_rounds, power):
-    """Iterate the weighted fit until no coefficient moves by `tolerance` of its error."""
+def _iterate_weights(sky, modes, weight, name, tolerance, max_rounds):
+    """Iterate the weighted fit until no coefficient moves by `tolerance` of its error.
+
+    Returns the plain fit, the weighted one, its weights, the rounds, and the total weight where the last round knew it.
+    """
     normal, information = sky.sum(partial(_plain, modes=modes), roles=(), words=name)
     plain = solve(normal)
+    if plain.n_sources >= max(_SAMPLE, 4 * _FOR_EACH * len(modes)):
+        with suppress(ConvergenceError, DegeneracyError):
+            return plain, *_approach(sky, plain, weight, information, name, tolerance, max_rounds)
     settle = partial(_settle, sky, plain, weight, information, name, tolerance, max_rounds)
     try:
-        solution, share, rounds = settle(plain.values)
+        return plain, *settle(plain.values), None
     except (ConvergenceError, DegeneracyError):
         # A source that is off by millions of errors throws the plain fit far from all others.
-        solution, share, rounds = settle(np.zeros(len(modes)))
-    return _with_errors(sky, plain, solution, share, name, rounds, power)
+        return plain, *settle(np.zeros(len(modes))), None
+
+
+def _approach(sky, plain, weight, information, name, tolerance, max_rounds):
+    """The weighted fit of many sources by Newton's steps, each one pass: from that of a sample, or the plain one.
+
+    The curvature is the plain matrix times ⟨ψ'⟩, which is that of the scores but for what the residuals of a place have
+    of their own: so much of a step, some hundredths, is left to the next. Where it is more, the matrix is summed anew.
+    """
+    n, modes = plain.n_sources, plain.modes
+    if n < _MANY:
+        leverage, values = len(modes) / modes.components / information, plain.values
+        weight = weight.fitted(sky, Share(plain, weight, leverage), name)
+    else:
+        sample = as_parts(sample_of(sky, max(_SAMPLE, _FOR_EACH * len(modes)), n), SourcesWithErrors)
+        _, solution, share, _, _ = _iterate_weights(sample, modes, weight, name, _NEAR, max_rounds)
+        leverage, values, weight = share.leverage * len(sample.in_memory) / n, solution.values, share.weight
+    inverse, before = None, 0.0
+    for rounds in range(1, _MOST_STEPS + 1):
+        solution = replace(plain, coefficients=replace(plain.coefficients, values=values))
+        share, label = Share(solution, weight, leverage), f"{name}, step {rounds}"
+        sums = sky.sum(partial(_step_sums, share=share), roles=(), words=label)
+        step = plain.covariance @ sums["score"] * (sums["information"] / sums["ψ'"])
+        if inverse is None and np.abs(step / plain.sigma).max() > _SLOW * before > 0:
+            inverse = np.linalg.inv(sky.sum(partial(_slope_matrix, share=share, modes=modes), roles=(), words=label))
+        step = step if inverse is None else inverse @ sums["score"]
+        values = values + step
+        weight, change = weight.stepped(sums, n)
+        leverage = len(modes) / modes.components / sums["u"]
+        change = max(change, float(np.max(np.abs(step) / plain.sigma)))
+        if change**2 < tolerance * max(before, change):  # what is left for the next step
+            break
+        before = change
+    else:
+        raise ConvergenceError(f"{name} has not settled after {rounds} steps")
+    solution = replace(plain, coefficients=replace(plain.coefficients, values=values))
+    return solution, Share(solution, weight, leverage), rounds, (n, sums["u"])
+
+
+def _slope_matrix(field, share, modes):
+    """Σ Aᵀ ψ'W A: the curvature of the likelihood where the residuals are."""
+    return weighted_matrix(field, field.weights * _scores(field, share)[2], modes)
+
+
+def _step_sums(field, share):
+    """Σ Aᵀ u C⁻¹Δ of some sources, and what the scale of the step and that of ν follow from."""
+    from vsh.transform import project_response
+
+    field.check_frame(share.solution.frame)
+    nu, sums = share.weight.nu, np.zeros(6)
+
+    def response(model):
+        scores = np.empty(model.shape)
+        for part in blocks(len(field)):
+            _, score, information, x2, u, slope = share.of(field[part], model[:, part])
+            scores[:, part] = u * score
+            beyond = x2 / (nu + x2)
+            sums[:] += (
+                information.sum(),
+                information @ u,
+                information @ (u + 2 / field.components * slope * x2),
+                _sum_log(1 + x2 / nu),
+                beyond.sum(),
+                (beyond / (nu + x2)).sum(),
+            )
+        return scores
+
+    score = project_response(share.solution.coefficients, field.lon, field.lat, response, _ACCURACY)
+    names = ("information", "u", "ψ'", "log", "beyond", "slope of beyond")
+    return {"score": score, **dict(zip(names, map(float, sums), strict=True))}
 
 
 def _settle(sky, plain, weight, information, name, tolerance, max_rounds, values):
@@ -330,14 +424,9 @@ def _settle(sky, plain, weight, information, name, tolerance, max_rounds, values
         label = f"{name}, round {rounds}"
         share = Share(solution, weight, leverage)
         weight = weight.fitted(sky, share, label)
-        share = share.with_weight(weight)
+        share = Share(solution, weight, leverage)
         sums = sky.sum(partial(_weight_field, share=share, modes=modes), roles=(), words=label)
         solution = solve(sums["normal"])
-        if plain.n_data >= _MANY:
-            # Newton's step for the scores: that of the weights alone falls short where these follow the residuals.
-            further = min(sums["u"] / max(sums["ψ'"], 1e-300), _FARTHEST)
-            coefficients = replace(solution.coefficients, values=values + further * (solution.values - values))
-            solution = replace(solution, coefficients=coefficients)
         if rounds <= _ADAPTING:  # held fixed later, so that all settles
             leverage = len(modes) / modes.components / sums["u"]
         change = np.max(np.abs(solution.values - values) / plain.sigma)
@@ -351,9 +440,11 @@ def _settle(sky, plain, weight, information, name, tolerance, max_rounds, values
     return solution, Share(solution, weight, leverage), rounds
 
 
-def _with_errors(sky, plain, solution, share, name, rounds, power):
+def _with_errors(sky, plain, solution, share, rounds, total):
     """The settled fit with the covariance of its residuals, and what is said of it."""
-    covariance, dof = sandwich(sky, partial(_scores, share=share), solution.modes, power=power, words=f"{name}, errors")
+    name = "Student-t"
+    scores = partial(_scores, share=share)
+    covariance, dof = sandwich(sky, scores, solution.modes, words=f"{name}, errors", total=total)
     inflation = float(np.sqrt(np.mean(np.diag(covariance) / np.diag(plain.covariance))))
     facts = sky.sum(partial(_facts, share=share), roles=("name",), words=f"{name}, weights")
     effective = facts["u"] ** 2 / facts["u²"]
@@ -413,8 +504,9 @@ def _log_likelihood(sky, share):
 
 
 def _likelihood_terms(field, share):
-    logs = np.log1p(share(field)[0] / share.weight.nu)
-    return {"log": float(logs.sum()), "logdet": float(field.log_determinants.sum()), "sources": len(field)}
+    log = _sum_log(1 + share(field)[0] / share.weight.nu)
+    logdet = sum(field[part].log_determinants.sum() for part in blocks(len(field)))
+    return {"log": float(log), "logdet": float(logdet), "sources": len(field)}
 
 
 def _plain(field, modes):
@@ -458,7 +550,7 @@ def _facts(field, share):
     return {
         "u": float(u.sum()),
         "u²": float(u @ u),
-        "chi2": float(field.inner(residual, residual).sum()),
+        "chi2": float(sum(field[part].inner(*2 * [residual[:, part]]).sum() for part in blocks(len(field)))),
         "sources": len(field),
         "least": _Least([(float(u[i]), in_a_line(labels[i])) for i in least]),
         "most": [float(u.max())],

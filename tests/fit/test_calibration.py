@@ -131,6 +131,17 @@ def test_sandwich_by_its_definition():
     assert 1 <= dof / (16 * 17 / squares) <= 4 / 3  # the two components of a source have one leverage
 
 
+def test_sandwich_of_many_in_one_pass():
+    """Slopes and scores summed together, where leverages are those of the mean: as in two passes."""
+    field, modes = sky(4000, 1), Modes(1)
+    u, slope = np.random.default_rng(2).uniform(0.5, 1, (2, 4000))
+    two, dof = sandwich(as_parts(field), lambda part: (part.motion, u, slope), modes)
+    total = (4000, float(field.information @ u))
+    one, same_dof = sandwich(as_parts(field), lambda part: (part.motion, u, slope), modes, total=total)
+    np.testing.assert_allclose(one, two, rtol=1e-7, atol=1e-9 * np.abs(two).max())
+    assert dof == pytest.approx(same_dof, rel=1e-12)
+
+
 @pytest.mark.parametrize(
     ("n", "degree", "skies"),
     [

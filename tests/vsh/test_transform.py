@@ -10,7 +10,7 @@ import sim
 from vsh import Coefficients, Modes
 from vsh.basis import harmonics
 from vsh.tools.errors import FieldError, VshError
-from vsh.transform import adjoint, fourier_moments, synthesis
+from vsh.transform import adjoint, fourier_moments, project_response, synthesis
 
 
 def random_coefficients(lmax, seed):
@@ -46,9 +46,16 @@ def test_adjoint_identity(seed, lmax):
     assert abs(left - right) < 1e-11 * scale
 
 
+def test_response_is_projected():
+    c, field = random_coefficients(3, 1), random_field(200, 1)
+    expected = adjoint(Modes(3), field.lon, field.lat, synthesis(c, field.lon, field.lat) ** 3)
+    found = project_response(c, field.lon, field.lat, lambda motion: motion**3, 1e-10)
+    np.testing.assert_allclose(found, expected, atol=1e-8 * np.abs(expected).max())
+
+
 def test_fourier_moments_are_their_definition():
     lon, lat = sim.uniform_sky(100, rng=1)
-    values = np.random.default_rng(2).normal(size=(2, 100)) * (1 + 0.5j)
+    values = np.random.default_rng(2).normal(size=(3, 100))
     found = fourier_moments(lon, lat, values, 3)
     for m, n in ((0, 0), (3, -2), (-1, 3)):
         expected = values @ np.exp(-1j * (m * lon + n * lat))

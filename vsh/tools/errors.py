@@ -3,7 +3,7 @@
 import re
 from collections.abc import Callable, Mapping
 from difflib import get_close_matches
-from typing import Any, NoReturn
+from typing import Any
 
 from vsh.tools.printing import printable
 
@@ -143,16 +143,18 @@ ARGUMENTS = {
 }
 
 
-def no_attribute(thing: Any, name: str) -> NoReturn:
-    """Raise AttributeError for an attribute that an object does not have, with what it may be."""
-    cls = type(thing)
-    names = _public(thing)
-    hint = ATTRIBUTES.get(name, "")
-    if re.sub(r"\W.*", "", hint) not in names and " " not in hint:
-        inner = _public(vars(thing)["solution"]) if "solution" in names and "solution" in vars(thing) else []
-        inside = next((each for each in (name, hint) if each in inner), "")
-        hint = f"solution.{inside}" if inside else " or ".join(get_close_matches(name, names, n=2))
-    raise AttributeError(f"{cls.__name__} has no {name}{hint and f': did you mean {hint}?'}", name=name, obj=thing)
+class MissingAttribute(AttributeError):
+    """The error for an attribute that an object does not have; what it may be is looked for when the error is shown."""
+
+    def __str__(self) -> str:
+        thing, name = self.obj, str(self.name)
+        names = _public(thing)
+        hint = ATTRIBUTES.get(name, "")
+        if re.sub(r"\W.*", "", hint) not in names and " " not in hint:
+            inner = _public(vars(thing)["solution"]) if "solution" in names and "solution" in vars(thing) else []
+            inside = next((each for each in (name, hint) if each in inner), "")
+            hint = f"solution.{inside}" if inside else " or ".join(get_close_matches(name, names, n=2))
+        return f"{type(thing).__name__} has no {name}{hint and f': did you mean {hint}?'}"
 
 
 def no_name(module: str, name: str, names: list[str], otherwise: AttributeError) -> AttributeError:

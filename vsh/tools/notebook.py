@@ -26,9 +26,9 @@ class InNotebook:
                 raise AttributeError(name)
             if (attribute := getattr_static(type(self), name, None)) is not None:
                 return attribute.__get__(self, type(self))  # a property whose own error is one of attributes
-            from vsh.tools.errors import no_attribute
+            from vsh.tools.errors import MissingAttribute
 
-            no_attribute(self, name)
+            raise MissingAttribute(name=name, obj=self)
 
     def _repr_html_(self) -> str:
         if type(self).__str__ is not object.__str__:  # it says itself what there is to say

@@ -34,6 +34,14 @@ def dense(field, amplitudes, noise_scale, spectra=SPECTRA, modes=MODES):
     return -(np.linalg.slogdet(covariance)[1] + np.linalg.slogdet(inner)[1] + y @ projected @ y) / 2
 
 
+def test_plane_of_two_fields_is_the_tensor():
+    """Fields that share no coefficient have a closed form, the same as each point by itself."""
+    likelihood = Likelihood(fit.normal_equations(FIELD, MODES), [Spectrum.odd(), Spectrum.even()], [2, 3, 4], [1])
+    roots = [np.array([0.0, 0.3, 2.0]), np.array([0.0, 1.0, 5.0, 40.0])]
+    expected = [[likelihood.parts(np.array([a * a, b * b])) for b in roots[1]] for a in roots[0]]
+    np.testing.assert_allclose(likelihood.on_tensor(roots), np.moveaxis(expected, -1, 0), rtol=1e-11, atol=1e-11)
+
+
 CASES = [((0.1, 3.0), 1.2), ((0.0, 50.0), 0.9), ((1.0, 0.0), 2.0), ((0.02, 200.0), 1.0)]
 
 

@@ -49,6 +49,47 @@ def test_good_errors_cost_little():
     assert 0.9 < student_t(spoilt(1, share=0), Modes(1)).inflation < 1.1
 
 
+@pytest.mark.parametrize("n", [6000, 2500])
+@pytest.mark.parametrize("case", ["Gaussian", "tails", "half of the sky", "a cap"])
+def test_steps_settle_where_rounds_do(case, n, monkeypatch):
+    """Many sources go by Newton's steps, from the plain fit or from that of a sample: to the values of the rounds."""
+    rng = np.random.default_rng(3)
+    lon, lat = sim.uniform_sky(n, rng)
+    sigma, rho, noise = 10 ** rng.uniform(1, 2, (2, n)), rng.uniform(-0.5, 0.5, n), rng.normal(size=(2, n))
+    if case in ("tails", "a cap"):
+        noise *= np.sqrt(3 / rng.chisquare(3, n))
+    noise[:, (lon < np.pi) & (case == "half of the sky")] *= 3
+    field = Field(lon, lat, sigma * np.stack([noise[0], rho * noise[0] + np.sqrt(1 - rho**2) * noise[1]]), sigma, rho)
+    field = field[np.abs(lat) > 0.3] if case == "a cap" else field
+    rounds = student_t(field, 2, tolerance=1e-6)
+    monkeypatch.setattr(_reweight, "_SAMPLE", 1000)
+    monkeypatch.setattr(_reweight, "_MANY", 4000)
+    monkeypatch.setattr(_reweight, "_settle", _reweight._settle if n > 4000 else None)  # of the sample alone
+    steps = student_t(field, 2)
+    assert steps.n_rounds < _reweight._MOST_STEPS
+    np.testing.assert_allclose(steps.solution.values, rounds.solution.values, atol=3e-4 * rounds.solution.sigma.min())
+    np.testing.assert_allclose(steps.solution.covariance, rounds.solution.covariance, rtol=1e-5,
+                               atol=1e-5 * rounds.solution.sigma.min() ** 2)  # fmt: skip
+    assert steps.nu == pytest.approx(rounds.nu, rel=1e-3)
+    assert steps.log_likelihood == pytest.approx(rounds.log_likelihood, abs=1e-3)
+
+
+@pytest.mark.parametrize("components", [1, 2])
+def test_step_of_nu_is_newtons(components):
+    """From the likelihood of X² and no more: its slope vanishes where the steps end."""
+    x2 = np.random.default_rng(1).chisquare(components, 4000) * 3 / np.random.default_rng(2).chisquare(3, 4000)
+    weight = StudentT(6.0, True, components)
+    for _ in range(8):
+        beyond = x2 / (weight.nu + x2)
+        sums = {"log": np.log1p(x2 / weight.nu).sum(), "beyond": beyond.sum()}
+        weight, length = weight.stepped(sums | {"slope of beyond": (beyond / (weight.nu + x2)).sum()}, len(x2))
+    nus = weight.nu * np.array([0.99, 1.0, 1.01])
+    values = [_reweight._log_t(nu, components, np.log1p(x2 / nu).mean()) for nu in nus]
+    assert values[1] > max(values[0], values[2])
+    assert length < 1e-6
+    assert StudentT(6.0, False).stepped({}, 1) == (StudentT(6.0, False), 0.0)
+
+
 def test_worst_sources_are_named():
     names = np.array([f"Q{i}" for i in range(len(SKY))])
     field = spoilt(1, share=0, names=names)

@@ -269,9 +269,11 @@ def _inside(field, numbers, weights, bins):
     return {int(bin_): [(values[value_bins == bin_], mass[value_bins == bin_])] for bin_ in bins}
 
 
-def sample_of(sky: Parts, n_sources: int = 20_000) -> Field:
-    """Some of the sources as a Field, by their places, for figures."""
-    share = n_sources / max(sky.counted(), 1)
+def sample_of(sky: Parts, n_sources: int = 20_000, total: int | None = None) -> Any:
+    """Some of the sources as a Field, by their places; of `total`, where it is known."""
+    share = n_sources / max(total or sky.counted(), 1)
+    if (field := sky.in_memory) is not None:
+        return field[select_share(share, field.lon, field.lat)]
     columns: dict[str, Any] = sky.sum(partial(_some, share=share), roles=(), words="a sample")
     frame = columns.pop("frame")[0]
     arrays: dict[str, Any] = {name: np.concatenate(values, axis=-1) for name, values in columns.items()}
