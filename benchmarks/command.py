@@ -20,7 +20,6 @@ import sim
 from fit.commands.fit import main
 from fit.resample import bootstrap
 from vsh import Field
-from vsh.io.catalogue import read_field
 
 NAMES = ["ra", "dec", "pmra", "pmdec", "pmra_error", "pmdec_error", "pmra_pmdec_corr"]
 
@@ -49,18 +48,6 @@ def seven_views(path):
         return [np.array(units[1].data[name], float) for name in NAMES]
 
 
-def one_step(n_sources=50_000, n_replicates=2000):
-    """Standard errors of both bootstraps, by rms and coefficient by coefficient."""
-    field = read_field(sim.crf3(2, n_five=n_sources, n_six=1))
-    (fast, one), (slow, two) = (
-        least(lambda method=method: bootstrap(field, 3, n_replicates, 1, method=method, progress=False), 1)
-        for method in ("one-step", "full")
-    )
-    ratio = one.sigma / two.sigma
-    print(f"{n_sources} sources, degree 3, {n_replicates} draws: one step {fast:.2f} s, all solved {slow:.1f} s ({slow / fast:.0f} ×); "
-          f"errors over those of all: rms {np.sqrt(np.mean(ratio**2)):.3f}, from {ratio.min():.3f} to {ratio.max():.3f}")  # fmt: skip
-
-
 if __name__ == "__main__":
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "crf3.fits"
@@ -76,4 +63,3 @@ if __name__ == "__main__":
         for lmax in (3, 10):
             seconds, found = least(lambda lmax=lmax: bootstrap(field, lmax, 500, 1, progress=False), 1)
             print(f"500 draws of {len(field)} sources at degree {lmax}: {seconds:.1f} s ({found.method})")
-    one_step()

@@ -129,8 +129,8 @@ def degree_for(n_sources: int, most: int, least: int = 1, per_mode: int = _PER_M
     return lmax
 
 
-@arguments.accepts(field=as_field, rng=arguments.seed)
-def recommended(field: Any, lmax: int | None = None, *, rng: Rng = 1) -> Recommended:
+@arguments.accepts(field=as_field)
+def recommended(field: Any, lmax: int | None = None) -> Recommended:
     """Fit a catalogue as recommended: robustly, and with the systematic floor in the errors of spin and acceleration.
 
     Parameters
@@ -140,8 +140,6 @@ def recommended(field: Any, lmax: int | None = None, *, rng: Rng = 1) -> Recomme
     lmax : int, optional
         The highest degree; 5 unless given. It is lowered, with a note, if there are too few sources, or if they cover
         too little of the sky to separate the modes. Below degree 3 there is no floor.
-    rng : Generator or int
-        Not used, because nothing is drawn. The other estimators of `fit.METHODS` have the same argument.
 
     Raises
     ------
@@ -321,7 +319,7 @@ class Estimate(Weighted):
 
 
 def _run_recommended(field, lmax, value, rng):
-    best = recommended(field, lmax, rng=rng)
+    best = recommended(field, lmax)
     return Estimate(solution=best.solution, method="recommended", sources=field, plain=best.plain, weights=best.weights)
 
 

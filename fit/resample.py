@@ -11,30 +11,29 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from hashlib import blake2b
-from typing import Any, Literal, NamedTuple, cast
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.special import gammaincc, stdtrit
 
-from fit.normal import Moments, NormalEquations, WhiteRows, normal_equations, solve
+from fit.normal import Moments, NormalEquations, normal_equations, solve
 from fit.normal.sums import leverage, score_dof
 from fit.results.quality import ErrorSource
 from fit.results.solution import AboutSolution, Solution
 from vsh.basis import harmonics
 from vsh.field import Field, SourcesWithErrors, multiply_weights
 from vsh.io.parts import Parts, as_parts
-from vsh.models.covariance import Covariance
 from vsh.modes import Modes, as_modes
 from vsh.scalars import ScalarField, modes_for
 from vsh.sky.pixels import pixels_of
 from vsh.tools import arguments
-from vsh.tools.arguments import between, choice, generator
-from vsh.tools.errors import DegeneracyError, ParameterError
+from vsh.tools.arguments import between, generator
+from vsh.tools.errors import DegeneracyError
 from vsh.tools.parallel import map_blocks, progress_bar
 from vsh.tools.printing import logged
 from vsh.tools.types import FloatArray, Rng
 
-__all__ = ["ResampledFit", "block_bootstrap", "bootstrap", "compare_blocks", "jackknife", "parametric_bootstrap"]
+__all__ = ["ResampledFit", "block_bootstrap", "bootstrap", "compare_blocks", "jackknife"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,8 +120,6 @@ def bootstrap(
     n_replicates: int = 100,
     rng: Rng = 1,
     *,
-    method: Literal["auto", "full", "one-step"] = "auto",
-    covariance: Covariance | FloatArray | None = None,
     progress: bool = True,
 ) -> ResampledFit:
     """Resample the sources, drawing each a Poisson number of times with mean 1.
@@ -140,54 +137,21 @@ def bootstrap(
         Number of replicates.
     rng : Generator or int
         Random number generator, or its seed.
-    method : {"auto", "full", "one-step"}
-        "one-step" takes one Newton step from the fit towards the solution of each draw, N⁻¹ Σ (k − 1) Aᵀ C⁻¹ Δ/(1 −
-        leverage)^¾, for all draws in one pass; k is how often a source is drawn. "full" solves again for every draw,
-        and its errors are too large if few sources have most of the weight. "auto" is "one-step". `ResampledFit.method`
-        says which method was used.
-    covariance : Covariance or (2n, 2n) array, optional
-        Covariance of the motions, all east components first, in place of the field's errors (`fit.normal_equations`).
-        The motions are whitened first. What is drawn is then the part of each motion that cannot be predicted
-        from the motions of the sources before it.
     progress : bool
         Show a bar, after two seconds.
 
-    Raises
-    ------
-    ParameterError
-        If `method` is "full" for a catalogue in parts.
-
     Notes
     -----
-    "one-step" is the score bootstrap of Kline & Santos (2012, J. Econometric Methods 1, 23), with residuals that are
-    corrected for the leverage of each source. Rms pulls are 0.92 to 1.00 in tests with 300 equal sources (degree 3),
-    and with catalogues in which 100 of 20 000 sources (degree 5), or 30 of 600 (degree 2), have all the weight. In the
-    last test the pulls of "full" are 0.81.
+    The score bootstrap of Kline & Santos (2012, J. Econometric Methods 1, 23): one Newton step from the fit towards the
+    solution of each draw, N⁻¹ Σ (k − 1) Aᵀ C⁻¹ Δ/(1 − leverage)^¾, for all draws in one pass; k is how often a source
+    is drawn. Rms pulls are 0.92 to 1.00 in tests with 300 equal sources (degree 3), and with catalogues in which 100 of
+    20 000 sources (degree 5), or 30 of 600 (degree 2), have all the weight. In the last test the pulls of solving again
+    for every draw are 0.81.
     """
     modes, rng = modes_for(field, modes), generator(rng)
-    choice("method", method, ("auto", "full", "one-step"))
-    if covariance is not None:
-        return _of_rows(WhiteRows.of(cast(Field, field), modes, covariance), n_replicates, rng, progress)
-    solution = solve(normal_equations(field, modes))
-    if method != "full":
-        return _one_step(as_parts(field, SourcesWithErrors), solution, n_replicates, rng, progress)
-    if isinstance(field, Parts):
-        raise ParameterError('a catalogue in parts can only be drawn in one step: use method="one-step"')
-    replicates = np.empty((n_replicates, len(modes)))
-    for replicate in progress_bar(replicates, words="bootstrap", shown=progress):
-        times = rng.poisson(1.0, len(field))
-        sample, times = field[times > 0], times[times > 0]
-        # A source that is drawn k times counts as measured k times: its errors are smaller by √k.
-        weighted_sample = sample.with_errors(sample.sigma / np.sqrt(times))
-        replicate[:] = solve(normal_equations(weighted_sample, modes)).coefficients.values
-    return ResampledFit("bootstrap", solution, replicates, np.cov(replicates, rowvar=False))
-
-
-def _of_rows(rows, n_replicates, rng, progress):
-    replicates = np.empty((n_replicates, len(rows.modes)))
-    for replicate in progress_bar(replicates, words="bootstrap", shown=progress):
-        replicate[:] = solve(rows.normal_equations(rng.poisson(1.0, len(rows)))).coefficients.values
-    return ResampledFit("bootstrap", solve(rows.normal_equations()), replicates, np.cov(replicates, rowvar=False))
+    return _one_step(
+        as_parts(field, SourcesWithErrors), solve(normal_equations(field, modes)), n_replicates, rng, progress
+    )
 
 
 def _one_step(sky, solution, n_replicates, rng, progress):
@@ -229,34 +193,6 @@ def _drawn_scores(
     return {"steps": steps, "squares": float(share @ share)}
 
 
-@arguments.accepts(
-    field=arguments.a(Field, ScalarField, Parts), n_replicates=partial(arguments.whole, least=2), rng=arguments.seed
-)
-def parametric_bootstrap(
-    field: Field | ScalarField | Parts,
-    modes: Modes | int,
-    n_replicates: int,
-    rng: Rng,
-    *,
-    covariance: Covariance | FloatArray | None = None,
-) -> ResampledFit:
-    """Resample the motions from the fit and the errors of the catalogue.
-
-    The fit is linear and the errors are Gaussian, so the distribution of the replicates is
-    exactly Gaussian, with the fit as mean and N⁻¹ as covariance. They are drawn from it; no sky is simulated.
-
-    Parameters
-    ----------
-    field, modes, n_replicates, rng, covariance
-        As for `bootstrap`.
-    """
-    modes = modes_for(field, modes)
-    solution = solve(normal_equations(field, modes, covariance=covariance))
-    draws = generator(rng).standard_normal((n_replicates, len(modes)))
-    replicates = solution.coefficients.values + draws @ np.linalg.cholesky(solution.covariance).T
-    return ResampledFit("parametric bootstrap", solution, replicates, np.cov(replicates, rowvar=False))
-
-
 #: Largest size of the normal matrices of all blocks together; more is refused. [bytes]
 MEMORY = 4 * 2**30
 
@@ -274,14 +210,13 @@ def block_bootstrap(
     n_replicates: int,
     rng: Rng,
     *,
-    covariance: Covariance | FloatArray | None = None,
     progress: bool = True,
 ) -> ResampledFit:
     """Resample HEALPix blocks of the sky, for errors that allow for correlations between neighbouring sources.
 
     Parameters
     ----------
-    field, modes, n_replicates, rng, covariance, progress
+    field, modes, n_replicates, rng, progress
         As for `bootstrap`.
     nside : int
         nside of the HEALPix blocks; blocks without sources are not counted.
@@ -293,7 +228,7 @@ def block_bootstrap(
     """
     modes = modes_for(field, modes)
     rng = generator(rng)
-    p, blocks = len(modes), normals_of_blocks(field, modes, nside, progress, covariance)
+    p, blocks = len(modes), normals_of_blocks(field, modes, nside, progress)
     if len(blocks) * p * p * 8 > MEMORY:
         raise DegeneracyError(
             f"{len(blocks)} block matrices of {p} × {p} do not fit into memory: lower nside from {nside} or lmax from "
@@ -317,12 +252,7 @@ def block_bootstrap(
 @logged("jackknife")
 @arguments.accepts(field=arguments.a(Field, ScalarField, Parts), nside=arguments.whole)
 def jackknife(
-    field: Field | ScalarField | Parts,
-    modes: Modes | int,
-    nside: int,
-    *,
-    covariance: Covariance | FloatArray | None = None,
-    progress: bool = True,
+    field: Field | ScalarField | Parts, modes: Modes | int, nside: int, *, progress: bool = True
 ) -> ResampledFit:
     """Repeat a fit, leaving out one HEALPix block of the sky at a time.
 
@@ -337,8 +267,6 @@ def jackknife(
         length of the errors. In a test with noise correlated over 10°, the rms of (estimate − truth)/error was 2.1 at
         nside 4, 1.5 at nside 2 and 1.3 at nside 1 (10 with formal errors). Take at least twice as many blocks as
         coefficients: with fewer, errors come out too large.
-    covariance : Covariance or (2n, 2n) array, optional
-        As for `bootstrap`.
     progress : bool
         Show a bar, after two seconds.
 
@@ -353,8 +281,8 @@ def jackknife(
         If fewer than two blocks hold sources, or the fit is degenerate without one of them.
     """
     modes = modes_for(field, modes)
-    blocks = normals_of_blocks(field, modes, nside, progress, covariance)
-    whole_sky = blocks.rows.normal_equations() if blocks.rows is not None else normal_equations(field, modes)
+    blocks = normals_of_blocks(field, modes, nside, progress)
+    whole_sky = normal_equations(field, modes)
     replicates = np.empty((len(blocks), len(modes)))
     for replicate, normal in zip(replicates, blocks, strict=True):
         replicate[:] = solve(whole_sky - normal).coefficients.values
@@ -366,15 +294,7 @@ def jackknife(
 class normals_of_blocks:
     """Iterable of the normal equations of each HEALPix block that contains sources."""
 
-    def __init__(
-        self,
-        field: Field | ScalarField | Parts,
-        modes: Modes,
-        nside: int,
-        progress: bool = True,
-        covariance: Any = None,
-    ) -> None:
-        self.rows = None if covariance is None else WhiteRows.of(cast(Field, field), modes, covariance)
+    def __init__(self, field: Field | ScalarField | Parts, modes: Modes, nside: int, progress: bool = True) -> None:
         self.field, self.modes, self.words, self.progress = field, modes, f"blocks, nside {nside}", progress
         if isinstance(field, Parts):
             work = partial(_by_block, modes=modes, nside=nside)
@@ -394,8 +314,6 @@ class normals_of_blocks:
         for block in progress_bar(self.blocks, words=self.words, shown=self.progress):
             if isinstance(self.field, Parts):
                 yield block.normal_equations()
-            elif self.rows is not None:
-                yield self.rows[block].normal_equations()
             else:
                 yield normal_equations(self.field[block], self.modes)
 

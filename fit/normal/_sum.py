@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from os import PathLike
 from typing import Any, Literal, cast
@@ -22,54 +22,8 @@ from vsh.modes import Modes
 from vsh.scalars import ScalarField, modes_for
 from vsh.tools.arguments import choice
 from vsh.tools.errors import FieldError, ModesError
-from vsh.tools.notebook import Frozen
 from vsh.tools.printing import logged
-from vsh.tools.types import ArrayLike, FloatArray
-
-
-@dataclass(frozen=True, eq=False)
-class WhiteRows(Frozen):
-    """The equations of n sources, whitened by their dense covariance: 2n independent rows of unit weight.
-
-    The rows of a source are what its motion says that those of the sources before it do not: rows can be left out and
-    drawn again like sources with errors of their own.
-    """
-
-    modes: Modes
-    rows: FloatArray
-    motion: FloatArray
-    frame: str
-    notes: tuple[str, ...]
-
-    @classmethod
-    def of(cls, field: Field, modes: Modes, covariance: Any) -> WhiteRows:
-        """Sum the moments of a field."""
-        dense_covariance = as_covariance(covariance, field)
-        p, n = len(modes), len(field)
-        rows = dense_covariance.whiten(harmonics(field.lon, field.lat, modes).reshape(p, 2 * n)).reshape(p, 2, n)
-        return cls(modes, rows, dense_covariance.whiten(field.motion.ravel()).reshape(2, n), field.frame, field.notes)
-
-    def __len__(self) -> int:
-        return self.motion.shape[1]
-
-    def __getitem__(self, keep: Any) -> WhiteRows:
-        return WhiteRows(self.modes, self.rows[..., keep], self.motion[:, keep], self.frame, self.notes)
-
-    def normal_equations(self, times: ArrayLike = 1.0) -> NormalEquations:
-        """The sum of their rows, those of each source so many times."""
-        times = np.broadcast_to(np.asarray(times, float), self.motion.shape).ravel()
-        rows, motion = self.rows.reshape(len(self.modes), -1), self.motion.ravel()
-        weighted_rows = rows * times
-        return NormalEquations(
-            self.modes,
-            weighted_rows @ rows.T,
-            weighted_rows @ motion,
-            float(times @ motion**2),
-            2 * len(self),
-            self.frame,
-            self.notes,
-        )
-
+from vsh.tools.types import FloatArray
 
 #: A normal matrix beyond this is refused. [bytes]
 MEMORY = 8 * 2**30
@@ -137,14 +91,16 @@ def normal_equations(
         raise FieldError(f"{field} is a path: read it first, with vsh.io.catalogue.read_field or parts")
     if not isinstance(field, SourcesWithErrors | Parts) and covariance is None:
         return _of_stream(field, partial(normal_equations, modes=modes, method=method, threads=threads))
-    sources, modes = cast(Any, field), modes_for(field, modes)
+    in_memory = field.in_memory if isinstance(field, Parts) else None
+    sources = cast(Any, field if in_memory is None else in_memory)
+    modes = modes_for(sources, modes)
     if len(modes) ** 2 * 8 > MEMORY:
         raise ModesError(
             f"degree {modes.lmax} has {len(modes)} coefficients, whose normal matrix takes "
             f"{len(modes) ** 2 * 8 / 2**30:.0f} GiB: lower lmax"
         )
     if covariance is not None:
-        return WhiteRows.of(sources, modes, covariance).normal_equations()
+        return _of_dense(sources, modes, as_covariance(covariance, sources))
     if isinstance(sources, Parts):
         if modes.lmax == 1 or method == "design-matrix":
             return sources.sum(
@@ -158,6 +114,14 @@ def normal_equations(
     return NormalEquations(
         modes, *sums, sources.components * len(sources), sources.frame, sources.notes, unit=sources.unit
     )
+
+
+def _of_dense(field, modes, covariance):
+    """The equations of n sources, whitened by their dense covariance: 2n independent rows of unit weight."""
+    n = len(field)
+    rows = covariance.whiten(harmonics(field.lon, field.lat, modes).reshape(len(modes), 2 * n))
+    motion = covariance.whiten(field.motion.ravel())
+    return NormalEquations(modes, rows @ rows.T, rows @ motion, float(motion @ motion), 2 * n, field.frame, field.notes)
 
 
 def _of_stream(fields, work):

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 from scipy.special import chdtr, chdtri
@@ -13,8 +13,7 @@ from fit.normal.sums import sandwich, weighted_sums
 from fit.results.quality import CLIPPED, ErrorSource
 from fit.results.solution import AboutSolution, Solution
 from vsh.field import Field, SourcesWithErrors
-from vsh.io.parts import Parts, as_parts, median
-from vsh.models.covariance import Covariance, as_covariance
+from vsh.io.parts import Parts, applied, as_parts, median
 from vsh.modes import Modes, as_modes
 from vsh.scalars import ScalarField, modes_for
 from vsh.tools import arguments
@@ -22,7 +21,7 @@ from vsh.tools.arguments import positive
 from vsh.tools.errors import ConvergenceError
 from vsh.tools.notes import CodedNote
 from vsh.tools.printing import logged
-from vsh.tools.types import BoolArray, FloatArray
+from vsh.tools.types import BoolArray
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -71,14 +70,6 @@ class ClippedFit(AboutSolution):
         selection = field.map(self.select) if isinstance(field, Parts) else field[self.kept]
         return selection.add_note(self.solution.notes[-1])
 
-    @property
-    def scatter_factor(self) -> float:
-        """Factor on a covariance that was estimated from the scatter of the kept sources.
-
-        They were kept because they fit: their scatter is too small, and so seems their influence.
-        """
-        return self.factor**4
-
 
 @logged("clipped")
 @arguments.accepts(
@@ -91,7 +82,6 @@ def clip(
     threshold: float | None = None,
     *,
     max_rounds: int = 100,
-    covariance: Covariance | FloatArray | None = None,
 ) -> ClippedFit:
     """Fit, leave out sources that are too far from the fit, and repeat until nothing changes.
 
@@ -112,9 +102,6 @@ def clip(
         Leave out X > threshold instead.
     max_rounds : int
         Largest number of rounds.
-    covariance : Covariance or (2n, 2n) array, optional
-        Covariance of the motions of a field, all east components first, in place of its errors
-        (`fit.normal_equations`). The distance of a source is then computed with its own block of the matrix.
 
     Raises
     ------
@@ -144,12 +131,9 @@ def clip(
     [7]
     """
     modes = modes_for(field, modes)
-    full_covariance = None if covariance is None else as_covariance(covariance, field)
-    sky = as_parts(
-        field if full_covariance is None else full_covariance.own_errors(cast(Field, field)), SourcesWithErrors
-    )
+    sky = as_parts(field, SourcesWithErrors)
     cutoff = positive("kappa", kappa) if threshold is None else threshold
-    normal = normal_equations(field, modes, covariance=full_covariance)
+    normal = normal_equations(field, modes)
     n_sources = n_kept = normal.n_sources
     components = modes.components
     # For Gaussian errors the median tells their scale, and so how many σ the limit is.
@@ -186,7 +170,7 @@ def clip(
         if mark in marks or rounds == max_rounds:
             swing = sky.sum(partial(_differing, criterion=(distances, limit), previous=before), roles=(), words="clip")
         if mark in marks and swing <= max(1, n_sources // 1000):
-            return _find_fixed_point(sky, modes, full_covariance, (distances, limit), before, rounds, swing, q)
+            return _find_fixed_point(sky, modes, (distances, limit), before, rounds, swing, q)
         if mark in marks:
             raise ConvergenceError(
                 f"the clipping oscillates after {rounds} rounds: {swing} sources are alternately clipped and kept at "
@@ -194,29 +178,18 @@ def clip(
             )
         marks.add(mark)
         before = distances, limit
-        select = partial(_select, distances=distances, limit=limit)
-        if sky.in_memory is None:
-            normal = normal_equations(sky.map(select), modes)
-        else:
-            subset_covariance = None if full_covariance is None else full_covariance[distances(sky.in_memory) <= limit]
-            normal = normal_equations(select(sky.in_memory), modes, covariance=subset_covariance)
+        normal = normal_equations(applied(sky, partial(_select, distances=distances, limit=limit)), modes)
     raise ConvergenceError(
         f"the clip has not settled after {max_rounds} rounds: {swing} sources more or less in the last"
     )
 
 
-def _find_fixed_point(sky, modes, full_covariance, criterion, previous, rounds, swing, q):
+def _find_fixed_point(sky, modes, criterion, previous, rounds, swing, q):
     """The fit to what both choices keep between which a few sources swing."""
     ratios = partial(_larger, criterion=criterion, previous=previous)
     select = partial(_select, distances=ratios, limit=1.0)
-    mask = None
-    if sky.in_memory is None:
-        normal = normal_equations(sky.map(select), modes)
-    else:
-        mask = ratios(sky.in_memory) <= 1.0
-        normal = normal_equations(
-            select(sky.in_memory), modes, covariance=None if full_covariance is None else full_covariance[mask]
-        )
+    mask = None if sky.in_memory is None else ratios(sky.in_memory) <= 1.0
+    normal = normal_equations(applied(sky, select), modes)
     n_sources, n_kept = sky.sum(len), normal.n_sources
     limit = criterion[1]
     note = (

@@ -91,7 +91,7 @@ class StudentT:
 
         nu, k = self.nu, self.components
         log, beyond, slope = (sums[name] / n for name in ("log", "beyond", "slope of beyond"))
-        # Of the mean of ln of the density, `_log_t`, with respect to ν.
+        # Derivatives of `_log_t` in ν.
         constant = (digamma((nu + k) / 2) - digamma(nu / 2) - k / nu) / 2
         constant_slope = (polygamma(1, (nu + k) / 2) - polygamma(1, nu / 2)) / 4 + k / nu**2 / 2
         first = constant - log / 2 + (nu + k) / (2 * nu) * beyond

@@ -76,7 +76,8 @@ def fit_sources(name: str, field: Field, lmax: int, n_replicates: int, rng: Rng)
         solution = bootstrap(fit.sources(field), lmax, n_replicates, rng, progress=False).resampled_solution
     except VshError as error:
         return DegreeOrSubset(name, len(field), 0, None, None, str(error))
-    covariance, quality = solution.covariance * fit.scatter_factor, fit.solution
+    # The sources were kept because they fit: their scatter is too small, and so seems their influence.
+    covariance, quality = solution.covariance * fit.factor**4, fit.solution
     solution = replace(solution, covariance=covariance, chi2=quality.chi2, notes=quality.notes)
     return DegreeOrSubset(name, len(field), fit.n_clipped, quality, solution)
 

@@ -24,19 +24,11 @@ METHODS = {
     "bootstrap": lambda field, seed: fit.resample.bootstrap(field, Modes(1), 200, seed, progress=False),
     "block bootstrap": lambda field, seed: fit.resample.block_bootstrap(field, Modes(1), 2, 400, seed, progress=False),
     "jackknife": lambda field, seed: fit.resample.jackknife(field, Modes(1), 4, progress=False),
-    "parametric bootstrap": lambda field, seed: fit.resample.parametric_bootstrap(
-        field.with_errors(1.5 * field.sigma), Modes(1), 400, seed
-    ),
 }
 
 
-SLOW = [
-    pytest.param(name, marks=pytest.mark.slow if name in ("bootstrap", "block bootstrap", "jackknife") else ())
-    for name in METHODS
-]
-
-
-@pytest.mark.parametrize("method", SLOW)
+@pytest.mark.slow
+@pytest.mark.parametrize("method", METHODS)
 def test_intervals_cover_the_truth(method):
     """68 % intervals of 300 skies hold the truth in 68 ± 5 %."""
     inside = []
@@ -65,7 +57,7 @@ def test_numbers_of_draws_are_poisson():
     assert np.mean(draws == 0) == pytest.approx(np.exp(-1), abs=1e-4)
 
 
-@pytest.mark.parametrize("method", ["bootstrap", "block bootstrap", "parametric bootstrap"])
+@pytest.mark.parametrize("method", ["bootstrap", "block bootstrap"])
 def test_seed_is_all_there_is(method):
     one, two, other = (METHODS[method](observed(1), seed).samples for seed in (5, 5, 6))
     np.testing.assert_array_equal(one, two)
@@ -92,7 +84,7 @@ def test_fits_that_cannot_be_resampled():
     with pytest.raises(ValueError, match="n_replicates must be a whole number of at least 2"):
         fit.resample.bootstrap(field, Modes(1), 1, rng=1)
     with pytest.raises(ValueError, match="between 0 and 1"):
-        fit.resample.parametric_bootstrap(field, Modes(1), 10, 1).interval(68)
+        fit.resample.bootstrap(field, Modes(1), 10, 1).interval(68)
 
 
 def test_blocks_that_do_not_fit_into_memory_are_refused(monkeypatch):

@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose
 from scipy.special import chdtri
 
 import fit
-from fit.resample import block_bootstrap, bootstrap, jackknife, parametric_bootstrap
+from fit.resample import block_bootstrap, bootstrap, jackknife
 from fit.robust import truncation
 from vsh import (
     ConvergenceError,
@@ -115,7 +115,7 @@ def test_robust_fits_and_resampling_bring_errors_of_the_scatter():
         found = {
             "plain": plain, "student": fit.robust.student_t(field, 1).solution,
             "bootstrap": bootstrap(field, 1, 50, seed, progress=False).resampled_solution,
-            "one step": bootstrap(field, 1, 50, seed, method="one-step", progress=False).resampled_solution,
+            "one step": bootstrap(field, 1, 50, seed, progress=False).resampled_solution,
             "jackknife": jackknife(field, 1, 2, progress=False).resampled_solution,
         }  # fmt: skip
         for name, solution in found.items():
@@ -126,13 +126,11 @@ def test_robust_fits_and_resampling_bring_errors_of_the_scatter():
 
 
 def test_other_replicates():
-    """Errors of 2000 draws to 8 %; those of 40 blocks of the sky scatter by 12 %, and four of them by half that."""
+    """Errors of 40 blocks of the sky scatter by 12 %, and four of them by half that."""
     field, _ = sky(600, lmax=1)
-    solution = fit.fit_field(field, 1)
-    drawn, blocks = parametric_bootstrap(field, 1, 2000, 1), block_bootstrap(field, 1, 2, 500, 1, progress=False)
-    assert_allclose(drawn.sigma / solution.sigma, 1, atol=0.08)
-    assert np.mean(blocks.sigma / solution.sigma) == pytest.approx(1, abs=0.4)
-    assert min(found.resampled_solution.mean[1] for found in (drawn, blocks)) > 0
+    blocks = block_bootstrap(field, 1, 2, 500, 1, progress=False)
+    assert np.mean(blocks.sigma / fit.fit_field(field, 1).sigma) == pytest.approx(1, abs=0.4)
+    assert blocks.resampled_solution.mean[1] > 0
 
 
 def test_moments_add_and_are_written(tmp_path):

@@ -44,7 +44,7 @@ CALLS = {
     fit.cross_check: (FIELD,), fit.gaussian_prior: (1, 1.0), fit.clip: (FIELD, 1, 3.0),
     fit.robust.student_t: (FIELD, 1, 4.0), fit.robust.excess_noise: (FIELD, 1),
     fit.resample.bootstrap: (FIELD, 1, 3, 1), fit.resample.jackknife: (FIELD, 1, 1), fit.resample.block_bootstrap: (FIELD, 1, 1, 3, 1),
-    fit.resample.parametric_bootstrap: (FIELD, 1, 3, 1), binned: (FIELD, 1, 2),
+    binned: (FIELD, 1, 2),
     permutation_test: (FIELD, BINS, 3, 1), equal_information: (FIELD, 2), observer_velocity: (FIELD, 70.0),
     hubble_constant: (FIELD, "planck"), grid: (FIELD, "planck", Flat(20, 150)), predict_covariance: (FIELD, 1), correlation_matrices: (FIELD,),
     influence_map: (FIELD, 1, "a_x", 1), leakage: (FIELD, 1, 2), lmax_table: (FIELD, 2),

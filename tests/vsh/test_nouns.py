@@ -158,7 +158,6 @@ def test_frame_solutions_carry_notes_and_quality():
         lambda m: fit.normal_equations(FIELD, m).matrix,
         lambda m: fit.gaussian_prior(m, 1.0).matrix,
         lambda m: fit.resample.bootstrap(FIELD, m, 3, 1).replicates,
-        lambda m: fit.resample.parametric_bootstrap(FIELD, m, 3, 1).replicates,
         lambda m: fit.resample.block_bootstrap(FIELD, m, 2, 3, 1).replicates,
         lambda m: fit.resample.jackknife(FIELD, m, 1).replicates,
         lambda m: fit.clip(FIELD, m).solution.coefficients.values,

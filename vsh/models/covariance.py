@@ -434,19 +434,6 @@ class Covariance(Frozen):
         flat = rows.reshape(-1, 2 * len(self))
         return solve_triangular(self.factor, flat.T, lower=True, check_finite=False).T.reshape(rows.shape)
 
-    def own_errors(self, field: Field) -> Field:
-        """The `field` of the same sources with the errors that the matrix gives each by itself.
-
-        Raises
-        ------
-        ParameterError
-            If it is of another number of sources.
-        """
-        n = len(as_covariance(self, field))
-        sigma = np.sqrt(np.diag(self.matrix)).reshape(2, n)
-        cross = self.matrix[np.arange(n), np.arange(n) + n]
-        return field.with_errors(sigma, cross / np.where(sigma.all(0), sigma[0] * sigma[1], 1.0))
-
 
 def as_covariance(value: Any, field: Any) -> Covariance:
     """Interpret a covariance of a field: a matrix or a Covariance, of as many sources."""

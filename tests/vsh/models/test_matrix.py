@@ -13,12 +13,6 @@ from vsh.tools.errors import CovarianceError, ParameterError, TableError
 FIELD = random_field(40, seed=1)
 
 
-def test_own_errors_there_and_back():
-    found = shared.of_errors(FIELD).own_errors(FIELD)
-    np.testing.assert_allclose(found.sigma, FIELD.sigma, rtol=1e-14)
-    np.testing.assert_allclose(found.rho, FIELD.rho, atol=1e-14)
-
-
 def test_function_is_the_field_of_its_spectrum():
     """V(θ) carried along great circles, against the harmonics of the same power: two ways to one matrix."""
     spectrum = 7 * Spectrum.power_law(-1.5)
