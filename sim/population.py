@@ -7,7 +7,7 @@ import numpy as np
 from scipy.special import ndtr, ndtri
 
 from vsh.models.cosmology import distance_modulus, transverse_distance
-from vsh.models.flows import LINEAR_PLANCK18, LinearTheory, VelocityGrid, velocities_of, wave_vectors
+from vsh.models.flows import LINEAR_PLANCK18, VelocityGrid, velocities_of, wave_vectors
 from vsh.sky.frames import check_frame, rotation_matrix
 from vsh.sky.sphere import angles, triad
 from vsh.tools import arguments
@@ -164,9 +164,9 @@ def crf3_magnitudes(n_five: int, n_six: int, rng: Rng) -> FloatArray:
     return np.concatenate([quasar_magnitudes(n_five, rng, 21.0), 21 - rng.gamma(2.0, 0.32, n_six)])
 
 
-def quasar_redshifts(n: int, rng: Rng, scale: float = 0.55, shape: float = 2.7) -> FloatArray:
+def quasar_redshifts(n: int, rng: Rng) -> FloatArray:
     """n redshifts from a gamma distribution of mean 1.5, about that of Gaia's and SDSS' quasars; at least 0.05."""
-    return np.maximum(generator(rng).gamma(shape, scale, n), 0.05)
+    return np.maximum(generator(rng).gamma(2.7, 0.55, n), 0.05)
 
 
 #: Spearman's rank correlation of redshift and magnitude among the 77 429 quasars of SDSS DR5 (Schneider et al. 2007, AJ
@@ -255,6 +255,10 @@ def vlbi_quasars(quasars: Population, n: int, rng: Rng) -> Population:
     return quasars[np.sort(generator(rng).choice(len(quasars), n, replace=False))]
 
 
+#: The galaxies' lowest redshift, the faintest G, and mean and scatter of the absolute magnitudes.
+_NEAREST, _FAINTEST, _ABSOLUTE, _SPREAD = 0.001, 20.0, -18.0, 1.5
+
+
 @arguments.accepts(
     n=arguments.whole,
     rng=arguments.seed,
@@ -269,11 +273,11 @@ def galaxies(
     rng: Rng = 1,
     sky: str | FloatArray = "uniform",
     *,
-    min_redshift: float = 0.001,
+    min_redshift: float = _NEAREST,
     max_redshift: float = 0.03,
-    max_magnitude: float = 20.0,
-    absolute: float = -18.0,
-    spread: float = 1.5,
+    max_magnitude: float = _FAINTEST,
+    absolute: float = _ABSOLUTE,
+    spread: float = _SPREAD,
     map_frame: str = "icrs",
 ) -> Population:
     """Draw n galaxies brighter than a limit, from a population uniform in volume between two redshifts.
@@ -328,10 +332,8 @@ def galaxies(
     return Population(lon, lat, magnitude[:n], redshift[:n])
 
 
-def magnitudes_at(
-    redshift: FloatArray, rng: Rng, *, max_magnitude: float = 20.0, absolute: float = -18.0, spread: float = 1.5
-) -> FloatArray:
-    """Magnitudes G of `galaxies` that are seen at given redshifts, (n,): the farther, the fainter.
+def magnitudes_at(redshift: FloatArray, rng: Rng) -> FloatArray:
+    """Magnitudes G of `galaxies` to G = 20 that are seen at given redshifts, (n,): the farther, the fainter.
 
     Parameters
     ----------
@@ -339,13 +341,11 @@ def magnitudes_at(
         Above zero.
     rng : Generator or int
         The source of all randomness.
-    max_magnitude, absolute, spread : float
-        As for `galaxies`.
     """
     redshift = np.asarray(redshift, float)
-    typical = distance_modulus(transverse_distance(redshift), redshift) + absolute
-    fraction = ndtr((max_magnitude - typical) / spread)
-    return typical + spread * ndtri(np.maximum(generator(rng).uniform(size=redshift.shape) * fraction, 1e-300))
+    typical = distance_modulus(transverse_distance(redshift), redshift) + _ABSOLUTE
+    fraction = ndtr((_FAINTEST - typical) / _SPREAD)
+    return typical + _SPREAD * ndtri(np.maximum(generator(rng).uniform(size=redshift.shape) * fraction, 1e-300))
 
 
 @arguments.accepts(
@@ -420,26 +420,9 @@ def _positions(n, rng, sky, map_frame):
     return draw_positions(n, rng, sky, map_frame)
 
 
-@arguments.accepts(
-    n=arguments.whole,
-    rng=arguments.seed,
-    min_redshift=arguments.positive,
-    max_redshift=arguments.positive,
-    bias=arguments.not_negative,
-    size=arguments.whole,
-)
+@arguments.accepts(n=arguments.whole, rng=arguments.seed, size=arguments.whole)
 def clustered_galaxies(
-    n: int,
-    rng: Rng,
-    *,
-    min_redshift: float = 0.001,
-    max_redshift: float = 0.03,
-    max_magnitude: float = 20.0,
-    absolute: float = -18.0,
-    spread: float = 1.5,
-    bias: float = 1.0,
-    theory: LinearTheory = LINEAR_PLANCK18,
-    size: int = 160,
+    n: int, rng: Rng, *, max_redshift: float = 0.03, size: int = 160
 ) -> tuple[Population, VelocityGrid]:
     """n galaxies whose density is log-normal in the matter of linear theory, and the velocities of that matter.
 
@@ -451,12 +434,8 @@ def clustered_galaxies(
         How many.
     rng : Generator or int
         The source of all randomness.
-    min_redshift, max_redshift, max_magnitude, absolute, spread
-        As for `galaxies`.
-    bias : float
-        Galaxies are bias times as clustered as matter; zero is evenly.
-    theory : LinearTheory
-        The power of matter.
+    max_redshift : float
+        As for `galaxies`, from redshift 0.001 on.
     size : int
         Points of the grid along each axis.
 
@@ -469,7 +448,7 @@ def clustered_galaxies(
     Raises
     ------
     ParameterError
-        If redshifts do not rise.
+        If the redshift is not between 0.001 and 10.
 
     Examples
     --------
@@ -479,22 +458,20 @@ def clustered_galaxies(
     """
     from vsh.models.cosmology import FLAT_PLANCK13, distance_modulus, hubble_value, redshift_of, transverse_distance
 
-    if not min_redshift < max_redshift:
-        raise ParameterError(f"redshifts must rise, not from {min_redshift} to {max_redshift}")
-    rng = generator(rng)
+    rng, max_redshift = generator(rng), arguments.between("max_redshift", max_redshift, _NEAREST, 10.0)
     h = hubble_value(FLAT_PLANCK13) / 100
-    min_distance, max_distance = transverse_distance(np.array([min_redshift, max_redshift])) * h
+    min_distance, max_distance = transverse_distance(np.array([_NEAREST, max_redshift])) * h
     half = 1.6 * max_distance
-    density, velocity = _linear(theory, rng, size, half, min_wavenumber=0.0)
+    density, velocity = _linear(LINEAR_PLANCK18, rng, size, half, min_wavenumber=0.0)
     # Waves longer than the box carry galaxies along without clustering them.
-    _, large = _linear(theory, rng, 48, 8 * half, min_wavenumber=0.0, max_wavenumber=np.pi / half / 2)
+    _, large = _linear(LINEAR_PLANCK18, rng, 48, 8 * half, min_wavenumber=0.0, max_wavenumber=np.pi / half / 2)
     x = np.linspace(-half, half, size, endpoint=False) + half / size
     cells = np.stack(np.meshgrid(x, x, x, indexing="ij")).reshape(3, -1)
     coarse_grid = VelocityGrid(large, 8 * half * (1 - 1 / 48), "icrs")
     lon, lat = angles(cells)
     velocity = velocity.reshape(3, -1) + coarse_grid.at(lon, lat, np.linalg.norm(cells, axis=0), "icrs")[0]
     grid = VelocityGrid(velocity.reshape(3, size, size, size), half * (1 - 1 / size), "icrs")
-    chance = np.exp(bias * density.ravel() - bias**2 * density.var() / 2)
+    chance = np.exp(density.ravel() - density.var() / 2)
     chance = np.cumsum(np.where(np.linalg.norm(cells, axis=0) < max_distance + 2 * half / size, chance, 0.0))
     columns: list[list[np.ndarray]] = [[], [], [], []]
     while sum(map(len, columns[0])) < n:
@@ -502,8 +479,8 @@ def clustered_galaxies(
         positions = cells[:, indices] + rng.uniform(-half / size, half / size, (3, 2 * n))
         r = np.linalg.norm(positions, axis=0)
         z = redshift_of(r / h)
-        g = distance_modulus(r / h, z) + rng.normal(absolute, spread, 2 * n)
-        keep = (r > min_distance) & (r < max_distance) & (g < max_magnitude)
+        g = distance_modulus(r / h, z) + rng.normal(_ABSOLUTE, _SPREAD, 2 * n)
+        keep = (r > min_distance) & (r < max_distance) & (g < _FAINTEST)
         for chunks, values in zip(columns, (*angles(positions), g, z), strict=True):
             chunks.append(values[keep])
     lon, lat, magnitude, redshift = (np.concatenate(column)[:n] for column in columns)

@@ -1,12 +1,8 @@
-"""The interface of all results on frames: pairs of catalogues, their vectors, the result to quote, and a table."""
-
-from typing import Any
+"""The interface of all results on frames: pairs of catalogues, their vectors, and the result to quote."""
 
 from fit.results.output import words_of
 from fit.results.storage import Result
-from vsh.io import tables
 from vsh.io.sections import Answer
-from vsh.tools.types import Table
 from vsh.vector import Vector
 
 __all__ = ["FrameResult"]
@@ -62,22 +58,3 @@ class FrameResult(Result):
     def verdict(self) -> str:
         """The result to quote, as one sentence."""
         return self.answer.sentence
-
-    def frames_table(self) -> Table:
-        """The vectors of all pairs with their errors and p-values, as an astropy Table, a row each."""
-        rows = [
-            (catalogue, reference, name, vector)
-            for catalogue, reference in self.pairs
-            for name, vector in self.vectors(catalogue, reference).items()
-        ]
-        columns: dict[str, Any] = {
-            "catalogue": [row[0] for row in rows],
-            "less": [row[1] for row in rows],
-            "vector": [row[2] for row in rows],
-            "unit": [row[3].unit.replace("µ", "u") for row in rows],
-        }
-        for k, axis in enumerate("xyz"):
-            columns[axis] = [row[3].value[k] for row in rows]
-            columns[f"{axis}_error"] = [row[3].sigma[k] for row in rows]
-        columns["p_value"] = [row[3].p_value for row in rows]
-        return tables.table_of(columns)

@@ -37,16 +37,10 @@ def results(catalogues):
 @pytest.mark.parametrize("name", ["compare", "chain", "link", "steps"])
 def test_frame_result_gives_every_pair(name, results):
     result = results[name]
-    table = result.frames_table()
     assert len(result.pairs) == (3 if name == "chain" else 1)
-    assert len(table) == 2 * len(result.pairs)
     assert result.verdict == result.answer.sentence
-    for (one, two), rows in zip(result.pairs, np.split(np.arange(len(table)), len(result.pairs)), strict=True):
-        vectors = result.vectors(one, two)
-        assert table["catalogue"][rows].tolist() == [one, one]
-        assert table["vector"][rows].tolist() == list(vectors)
-        np.testing.assert_array_equal(table["z"][rows], [vector.value[2] for vector in vectors.values()])
-        np.testing.assert_array_equal(table["z_error"][rows], [vector.sigma[2] for vector in vectors.values()])
+    assert all(len(result.vectors(one, two)) == 2 for one, two in result.pairs)
+    assert len(result.answer.lines) >= 2 * len(result.pairs)
 
 
 def test_chain_and_comparison_find_one_rotation(results):
