@@ -17,10 +17,10 @@ from fit.normal import NormalEquations, Template, fit_field, normal_equations, s
 from fit.resample import bootstrap, compare_blocks, jackknife
 from fit.results.quality import ERRORS_TOO_SMALL
 from fit.results.solution import AboutSolution, Solution
-from fit.robust import ExcessNoise, ReweightedFit, clip, excess_noise, student_t
+from fit.robust import ExcessNoise, ReweightedFit, TailsError, clip, excess_noise, fit_t, student_t
 from vsh.field import Field
 from vsh.io.catalogue import as_field
-from vsh.io.parts import Parts, applied, as_parts, median
+from vsh.io.parts import Parts, applied, as_parts, median, sample_of
 from vsh.modes import Modes
 from vsh.tools import arguments
 from vsh.tools.arguments import choice
@@ -47,6 +47,8 @@ _TYPICAL = 10.0
 #: Catalogues in which the errors make fewer sources count, by (Σw)²/Σw², are always fitted with such a noise: a few
 #: sources with much smaller errors than the others would determine the fit, and nothing could contradict them.
 _PRECISE = 64
+#: Of more sources a sample tells the noise. Where ν of a sample is below this, that of all is below 1.3.
+_LARGE, _SURELY_TAILS = 100_000, 1.2
 #: Rounds that are allowed for each.
 _ROUNDS = 100
 #: From this degree on the floor is estimated.
@@ -169,7 +171,7 @@ def recommended(field: Any, lmax: int | None = None) -> Recommended:
     degree, reason = degree_for(max(n_sources, _FEWEST), max_degree), f"{n_sources} sources do not bear more"
     while True:
         try:
-            weights, solution = _robust(field, degree, w**2 > _PRECISE * w2)
+            weights, solution = _robust(field, degree, n_sources, w**2 > _PRECISE * w2)
             break
         except DegeneracyError:
             if degree == 1:
@@ -187,7 +189,7 @@ def recommended(field: Any, lmax: int | None = None) -> Recommended:
     return Recommended(replace(solution, formal_covariance=formal, is_recommended=True), plain, weights)
 
 
-def _robust(field, degree, by_many):
+def _robust(field, degree, n_sources, by_many):
     """Student's t, with an excess noise where the quoted errors need one; least squares where no weights settle.
 
     `by_many` tells that many sources share the weight: only then may a fit without a noise stand.
@@ -196,23 +198,19 @@ def _robust(field, degree, by_many):
     reason = ""
     try:
         if by_many:
-            without_noise = student_t(field, degree)
+            without_noise = fit_t(field, degree, least_nu=_SURELY_TAILS)
             if ERRORS_TOO_SMALL not in codes_of(without_noise.solution.notes):
                 return without_noise, without_noise.solution
         # Its likelihood is not compared with those below: where errors say little of the scatter, a fit without noise
         # goes through the most precise sources, there it is the likelier the smaller their errors are.
-    except ConvergenceError as error:
+    except (ConvergenceError, TailsError) as error:
         reason = str(error)
     with suppress(ConvergenceError, DegeneracyError):
-        limit = _TYPICAL * median(as_parts(field), _sizes, "noise")
-        noise = excess_noise(applied(field, partial(_smaller, limit=limit)), degree).excess_noise
-        for _ in range(_HALVINGS):
-            smaller = student_t(field, degree, noise=noise, max_rounds=_ROUNDS)
-            gain = _GAIN + len(smaller.solution.modes) * np.log(2)
-            if fits and smaller.log_likelihood < fits[-1].log_likelihood + gain:
-                break
-            fits.append(smaller)
-            noise /= 2
+        if n_sources <= _LARGE:
+            fits = _by_noise(field, degree)
+        else:  # which noise it is, a sample tells
+            tried = _by_noise(sample_of(as_parts(field), _LARGE // 5, n_sources), min(degree, _DEGREE))
+            fits = [student_t(field, degree, noise=each.noise, max_rounds=_ROUNDS) for each in tried[-1:]]
     if not fits:
         solution = fit_field(field, degree)
         note = f"warning: least squares in place of Student's t ({reason})"
@@ -224,6 +222,23 @@ def _robust(field, degree, by_many):
         note = CodedNote(text.format(best.noise), ERRORS_TOO_SMALL)
         solution = replace(solution, notes=(*solution.notes, note))
     return best, solution
+
+
+def _by_noise(field, degree):
+    """Fits with an excess noise, halved while that makes them likelier by more than it must; the last is the best."""
+    fits: list[ReweightedFit] = []
+    limit = _TYPICAL * median(as_parts(field), _sizes, "noise")
+    noise = excess_noise(applied(field, partial(_smaller, limit=limit)), degree).excess_noise
+    for _ in range(_HALVINGS):
+        with suppress(ConvergenceError, DegeneracyError):
+            smaller = student_t(field, degree, noise=noise, max_rounds=_ROUNDS)
+            gain = _GAIN + len(smaller.solution.modes) * np.log(2)
+            if not fits or smaller.log_likelihood >= fits[-1].log_likelihood + gain:
+                fits.append(smaller)
+                noise /= 2
+                continue
+        break
+    return fits
 
 
 def _sizes(field):

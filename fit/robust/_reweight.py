@@ -27,7 +27,7 @@ from vsh.io.parts import Parts, applied, as_parts, sample_of
 from vsh.modes import Modes, as_modes
 from vsh.scalars import ScalarField, modes_for
 from vsh.tools import arguments
-from vsh.tools.errors import ConvergenceError, DegeneracyError
+from vsh.tools.errors import ConvergenceError, DegeneracyError, VshError
 from vsh.tools.notes import CodedNote
 from vsh.tools.printing import in_a_line, logged
 from vsh.tools.types import FloatArray
@@ -321,15 +321,33 @@ def student_t(
     then adds an excess noise. Of few sources the covariance has few degrees of freedom (`covariance_dof`), which
     standard errors, p-values and limits use.
     """
+    return fit_t(field, modes, nu, tolerance, max_rounds, noise)
+
+
+def fit_t(
+    field: Field | ScalarField | Parts,
+    modes: Modes | int,
+    nu: float | None = None,
+    tolerance: float = 1e-4,
+    max_rounds: int = 500,
+    noise: float = 0.0,
+    least_nu: float = 0.0,
+) -> ReweightedFit:
+    """Fit as `student_t` does; TailsError where ν of the sample that many sources begin with is below `least_nu`."""
     modes, sky = modes_for(field, modes), _with_noise(field, noise)
     weight = StudentT(4.0 if nu is None else nu, estimated=nu is None, components=modes.components)
-    fitted = _with_errors(sky, *_iterate_weights(sky, modes, weight, "Student-t", tolerance, max_rounds))
+    rounds = _iterate_weights(sky, modes, weight, "Student-t", tolerance, max_rounds, least_nu)
+    fitted = _with_errors(sky, *rounds)
     log_likelihood = _log_likelihood(sky, fitted.share)
     fitted.share.last.clear()
     return replace(fitted, noise=float(noise), log_likelihood=log_likelihood)
 
 
-def _iterate_weights(sky, modes, weight, name, tolerance, max_rounds):
+class TailsError(VshError):
+    """Tails so long that no fit without a noise will do."""
+
+
+def _iterate_weights(sky, modes, weight, name, tolerance, max_rounds, least_nu=0.0):
     """Iterate the weighted fit until no coefficient moves by `tolerance` of its error.
 
     Returns the plain fit, the weighted one, its weights, the rounds, and the total weight where the last round knew it.
@@ -338,7 +356,7 @@ def _iterate_weights(sky, modes, weight, name, tolerance, max_rounds):
     plain = solve(normal)
     if plain.n_sources >= max(_SAMPLE, 4 * _FOR_EACH * len(modes)):
         with suppress(ConvergenceError, DegeneracyError):
-            return plain, *_approach(sky, plain, weight, information, name, tolerance, max_rounds)
+            return plain, *_approach(sky, plain, weight, information, name, tolerance, max_rounds, least_nu)
     settle = partial(_settle, sky, plain, weight, information, name, tolerance, max_rounds)
     try:
         return plain, *settle(plain.values), None
@@ -347,7 +365,7 @@ def _iterate_weights(sky, modes, weight, name, tolerance, max_rounds):
         return plain, *settle(np.zeros(len(modes))), None
 
 
-def _approach(sky, plain, weight, information, name, tolerance, max_rounds):
+def _approach(sky, plain, weight, information, name, tolerance, max_rounds, least_nu):
     """The weighted fit of many sources by Newton's steps, each one pass: from that of a sample, or the plain one.
 
     The curvature is the plain matrix times ⟨ψ'⟩, which is that of the scores but for what the residuals of a place have
@@ -358,18 +376,24 @@ def _approach(sky, plain, weight, information, name, tolerance, max_rounds):
         leverage, values = len(modes) / modes.components / information, plain.values
         weight = weight.fitted(sky, Share(plain, weight, leverage), name)
     else:
-        sample = as_parts(sample_of(sky, max(_SAMPLE, _FOR_EACH * len(modes)), n), SourcesWithErrors)
+        chosen = sample_of(sky, max(_SAMPLE, _FOR_EACH * len(modes)), n, draw=1)
+        if not len(modes) < len(chosen) < n / 2:
+            raise ConvergenceError(f"{len(chosen)} of {n} sources are no sample: are many at one place?")
+        sample = as_parts(chosen, SourcesWithErrors)
         _, solution, share, _, _ = _iterate_weights(sample, modes, weight, name, _NEAR, max_rounds)
         leverage, values, weight = share.leverage * len(sample.in_memory) / n, solution.values, share.weight
+        if weight.nu < least_nu:
+            raise TailsError(f"ν = {weight.nu:.2g} in a sample of the sources")
     inverse, before = None, 0.0
     for rounds in range(1, _MOST_STEPS + 1):
         solution = replace(plain, coefficients=replace(plain.coefficients, values=values))
         share, label = Share(solution, weight, leverage), f"{name}, step {rounds}"
         sums = sky.sum(partial(_step_sums, share=share), roles=(), words=label)
         step = plain.covariance @ sums["score"] * (sums["information"] / sums["ψ'"])
-        if inverse is None and np.abs(step / plain.sigma).max() > _SLOW * before > 0:
-            inverse = np.linalg.inv(sky.sum(partial(_slope_matrix, share=share, modes=modes), roles=(), words=label))
         step = step if inverse is None else inverse @ sums["score"]
+        if np.abs(step / plain.sigma).max() > _SLOW * before > 0:
+            inverse = np.linalg.inv(sky.sum(partial(_slope_matrix, share=share, modes=modes), roles=(), words=label))
+            step = inverse @ sums["score"]
         values = values + step
         weight, change = weight.stepped(sums, n)
         leverage = len(modes) / modes.components / sums["u"]

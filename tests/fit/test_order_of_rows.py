@@ -53,6 +53,7 @@ def test_a_share_of_the_rows_is_chosen_by_what_they_hold():
     np.testing.assert_array_equal(select_share(0.1, x[order], y[order]), chosen[order])
     assert abs(np.mean(chosen[::2]) - np.mean(chosen[1::2])) < 0.02  # of either of two merged lists
     assert select_share(1.0, x).all()
+    assert abs(select_share(0.1, x[chosen], y[chosen], draw=1).mean() - 0.1) < 0.04  # a sample of a sample
     assert not select_share(0.0, x).any()
 
 

@@ -47,6 +47,34 @@ def test_outliers_and_wrong_errors_do_not_carry_it(quasars):
     assert np.linalg.norm(answer.value - clean.value) < 0.3 * np.linalg.norm(plain.value - clean.value)
 
 
+def test_noise_of_many_sources_is_that_of_a_sample(monkeypatch):
+    """Errors a third of what they should be over two decades: the noise of a sample gives the fit that all would."""
+    rng, n = np.random.default_rng(4), 12_000
+    lon, lat = sim.uniform_sky(n, rng)
+    sigma = np.broadcast_to(10 ** rng.uniform(1, 3, n), (2, n))
+    field = Field(lon, lat, 3 * sigma * rng.normal(size=(2, n)) + sim.acceleration(TRUTH / 10)(lon, lat), sigma)
+    whole = fit.recommended(field, 2)
+    for name, value in (("fit.methods._LARGE", 10_000), ("fit.robust._reweight._MANY", 9_000),
+                        ("fit.robust._reweight._SAMPLE", 1_500)):  # fmt: skip
+        monkeypatch.setattr(name, value)
+    sampled = fit.recommended(field, 2)
+    assert sampled.weights.noise > 0
+    np.testing.assert_allclose(
+        sampled.acceleration.value, whole.acceleration.value, atol=whole.acceleration.sigma.max()
+    )
+    np.testing.assert_allclose(sampled.acceleration.sigma, whole.acceleration.sigma, rtol=0.15)
+    assert np.abs((sampled.acceleration.value - TRUTH / 10) / sampled.acceleration.sigma).max() < 4
+
+
+def test_many_sources_at_one_place_are_no_sample(monkeypatch):
+    rng = np.random.default_rng(5)
+    field = random_field(200, 1)[rng.integers(0, 2, 3000) * 150]
+    monkeypatch.setattr("fit.robust._reweight._MANY", 1000)
+    monkeypatch.setattr("fit.robust._reweight._SAMPLE", 500)
+    field = random_field(900, 2) + field
+    assert np.isfinite(fit.robust.student_t(field, 1).solution.sigma).all()
+
+
 @pytest.mark.parametrize("n", [15, 40, 150])
 def test_few_sources_lower_the_degree_and_say_so(n):
     answer = fit.recommended(random_field(n, 1))

@@ -269,19 +269,19 @@ def _inside(field, numbers, weights, bins):
     return {int(bin_): [(values[value_bins == bin_], mass[value_bins == bin_])] for bin_ in bins}
 
 
-def sample_of(sky: Parts, n_sources: int = 20_000, total: int | None = None) -> Any:
-    """Some of the sources as a Field, by their places; of `total`, where it is known."""
+def sample_of(sky: Parts, n_sources: int = 20_000, total: int | None = None, draw: int = 0) -> Any:
+    """Some of the sources as a Field, by their places; of `total`, where it is known; a draw as for `select_share`."""
     share = n_sources / max(total or sky.counted(), 1)
     if (field := sky.in_memory) is not None:
-        return field[select_share(share, field.lon, field.lat)]
-    columns: dict[str, Any] = sky.sum(partial(_some, share=share), roles=(), words="a sample")
+        return field[select_share(share, field.lon, field.lat, draw=draw)]
+    columns: dict[str, Any] = sky.sum(partial(_some, share=share, draw=draw), roles=(), words="a sample")
     frame = columns.pop("frame")[0]
     arrays: dict[str, Any] = {name: np.concatenate(values, axis=-1) for name, values in columns.items()}
     return Field(**arrays, frame=frame)
 
 
-def _some(field, share):
-    sample = field[select_share(share, field.lon, field.lat)]
+def _some(field, share, draw):
+    sample = field[select_share(share, field.lon, field.lat, draw=draw)]
     return {name: [getattr(sample, name)] for name in ("lon", "lat", "motion", "sigma", "rho", "frame")}
 
 
