@@ -47,8 +47,9 @@ _TYPICAL = 10.0
 #: Catalogues in which the errors make fewer sources count, by (Σw)²/Σw², are always fitted with such a noise: a few
 #: sources with much smaller errors than the others would determine the fit, and nothing could contradict them.
 _PRECISE = 64
-#: Of more sources a sample tells the noise. Where ν of a sample is below this, that of all is below 1.3.
-_LARGE, _SURELY_TAILS = 100_000, 1.2
+#: Of more sources a sample tells the noise, and the fit has settled to this part of its errors. Where ν of a sample is
+#: below the last, that of all is below 1.3.
+_LARGE, _NEAR, _SURELY_TAILS = 100_000, 1e-3, 1.2
 #: Rounds that are allowed for each.
 _ROUNDS = 100
 #: From this degree on the floor is estimated.
@@ -195,10 +196,10 @@ def _robust(field, degree, n_sources, by_many):
     `by_many` tells that many sources share the weight: only then may a fit without a noise stand.
     """
     fits: list[ReweightedFit] = []
-    reason = ""
+    reason, tolerance = "", 1e-4 if n_sources <= _LARGE else _NEAR
     try:
         if by_many:
-            without_noise = fit_t(field, degree, least_nu=_SURELY_TAILS)
+            without_noise = fit_t(field, degree, tolerance=tolerance, least_nu=_SURELY_TAILS)
             if ERRORS_TOO_SMALL not in codes_of(without_noise.solution.notes):
                 return without_noise, without_noise.solution
         # Its likelihood is not compared with those below: where errors say little of the scatter, a fit without noise
@@ -210,7 +211,7 @@ def _robust(field, degree, n_sources, by_many):
             fits = _by_noise(field, degree)
         else:  # which noise it is, a sample tells
             tried = _by_noise(sample_of(as_parts(field), _LARGE // 5, n_sources), min(degree, _DEGREE))
-            fits = [student_t(field, degree, noise=each.noise, max_rounds=_ROUNDS) for each in tried[-1:]]
+            fits = [fit_t(field, degree, None, tolerance, _ROUNDS, each.noise) for each in tried[-1:]]
     if not fits:
         solution = fit_field(field, degree)
         note = f"warning: least squares in place of Student's t ({reason})"

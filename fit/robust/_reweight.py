@@ -84,7 +84,7 @@ class StudentT:
         return np.asarray(2 * right_side / (b + np.sqrt(b**2 - 4 * self.nu * right_side)), float)
 
     def stepped(self, sums: dict[str, Any], n: int) -> tuple[StudentT, float]:
-        """Newton's step of ln ν, from sums over n sources at the current ν, and how many of its errors it is long."""
+        """Newton's step of ν, from sums over n sources at the current ν, and how many of its errors it is long."""
         if not self.estimated:
             return self, 0.0
         from scipy.special import digamma, polygamma  # slow to import
@@ -96,11 +96,11 @@ class StudentT:
         constant_slope = (polygamma(1, (nu + k) / 2) - polygamma(1, nu / 2)) / 4 + k / nu**2 / 2
         first = constant - log / 2 + (nu + k) / (2 * nu) * beyond
         second = constant_slope + beyond / (2 * nu) - k / (2 * nu**2) * beyond - (nu + k) / (2 * nu) * slope
-        gradient, curvature = nu * first, nu**2 * second + nu * first
-        step = -gradient / curvature if curvature < 0 else np.sign(gradient) * _FARTHEST
-        log_nu = np.clip(np.log(nu) + np.clip(step, -_FARTHEST, _FARTHEST), _LOW, _HIGH)
-        length = abs(log_nu - np.log(nu)) * np.sqrt(n * abs(curvature))
-        return replace(self, nu=float(np.exp(log_nu))), float(length)
+        # By τ = 1/ν, in which the mean is nearly a parabola from Gaussian errors on.
+        gradient, curvature = -(nu**2) * first, nu**4 * second + 2 * nu**3 * first
+        step = -gradient / curvature if curvature < 0 else np.sign(gradient)
+        tau = np.clip(1 / nu + step, max(1 / nu / _FARTHEST, np.exp(-_HIGH)), min(_FARTHEST / nu, np.exp(-_LOW)))
+        return replace(self, nu=float(1 / tau)), float(abs(tau - 1 / nu) * np.sqrt(n * abs(curvature)))
 
     def fitted(self, sky: Parts, share: Share, words: str) -> StudentT:
         """Update the weights with the likeliest ν, from the residuals and leverages at the current ν."""
@@ -175,22 +175,21 @@ def _log_t(nu, components, mean_log):
 def _likeliest_nu(mean_logs, components):
     """The ν that makes the X² likeliest."""
     terms = chebyshev.chebfit(_NODES, mean_logs, len(_NODES) - 1)
-
-    def loss(log_nu):
-        mean_log = chebyshev.chebval(2 * (log_nu - _LOW) / (_HIGH - _LOW) - 1, terms)
-        return -_log_t(np.exp(log_nu), components, mean_log)
-
-    from scipy.optimize import minimize_scalar  # slow to import
-
-    return float(np.exp(minimize_scalar(loss, bounds=(_LOW, _HIGH), method="bounded").x))
+    log_nu = np.linspace(_LOW, _HIGH, 4001)
+    mean_log = chebyshev.chebval(2 * (log_nu - _LOW) / (_HIGH - _LOW) - 1, terms)
+    height = _log_t(np.exp(log_nu), components, mean_log)
+    k = int(np.clip(np.argmax(height), 1, len(height) - 2))
+    rise, bend = (height[k + 1] - height[k - 1]) / 2, height[k + 1] - 2 * height[k] + height[k - 1]
+    top = np.clip(-rise / bend, -1, 1) if bend < 0 else np.sign(rise)  # of the parabola through three points
+    return float(np.exp(log_nu[k] + top * (log_nu[1] - log_nu[0])))
 
 
 #: The fit of many sources goes by Newton's steps, from so many on from that of a sample: of so many at least, and so
 #: many for each coefficient, which has settled to this part of its errors.
 _MANY, _SAMPLE, _FOR_EACH, _NEAR = 20_000, 5_000, 20, 0.1
-#: Their relative accuracy, and their number at most; the longest of ln ν; a step that is so much of the one before is
-#: slow.
-_ACCURACY, _MOST_STEPS, _FARTHEST, _SLOW = 1e-7, 12, 0.3, 0.2
+#: Their relative accuracy, and their number at most; the factor on ν that each may have; a step that is so much of the
+#: one before is slow.
+_ACCURACY, _MOST_STEPS, _FARTHEST, _SLOW = 1e-7, 12, 4.0, 0.2
 #: Rounds after which leverages are held fixed.
 _ADAPTING = 15
 
@@ -354,7 +353,7 @@ def _iterate_weights(sky, modes, weight, name, tolerance, max_rounds, least_nu=0
     """
     normal, information = sky.sum(partial(_plain, modes=modes), roles=(), words=name)
     plain = solve(normal)
-    if plain.n_sources >= max(_SAMPLE, 4 * _FOR_EACH * len(modes)):
+    if plain.n_sources >= max(_SAMPLE, 2 * _FOR_EACH * len(modes)):
         with suppress(ConvergenceError, DegeneracyError):
             return plain, *_approach(sky, plain, weight, information, name, tolerance, max_rounds, least_nu)
     settle = partial(_settle, sky, plain, weight, information, name, tolerance, max_rounds)
@@ -376,7 +375,7 @@ def _approach(sky, plain, weight, information, name, tolerance, max_rounds, leas
         leverage, values = len(modes) / modes.components / information, plain.values
         weight = weight.fitted(sky, Share(plain, weight, leverage), name)
     else:
-        chosen = sample_of(sky, max(_SAMPLE, _FOR_EACH * len(modes)), n, draw=1)
+        chosen = sample_of(sky, max(_SAMPLE, _FOR_EACH * len(modes), n // 100), n, draw=1)
         if not len(modes) < len(chosen) < n / 2:
             raise ConvergenceError(f"{len(chosen)} of {n} sources are no sample: are many at one place?")
         sample = as_parts(chosen, SourcesWithErrors)
