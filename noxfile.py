@@ -33,7 +33,7 @@ def test(session: nox.Session) -> None:
 def slow(session: nox.Session) -> None:
     """Run the tests that take long."""
     session.install("--constraint", NEWEST, "--editable", ".[test]")
-    session.run("pytest", "-m", "slow", *session.posargs)
+    session.run("pytest", "-m", "slow", "-n", "auto", "--dist", "worksteal", "--durations=50", *session.posargs)
 
 
 @nox.session(python="3.11", default=False)
