@@ -47,8 +47,8 @@ _TYPICAL = 10.0
 #: Catalogues in which the errors make fewer sources count, by (Σw)²/Σw², are always fitted with such a noise: a few
 #: sources with much smaller errors than the others would determine the fit, and nothing could contradict them.
 _PRECISE = 64
-#: Of more sources a sample tells the noise, and the fit has settled to this part of its errors. Where ν of a sample is
-#: below the last, that of all is below 1.3.
+#: Sources of which more have the noise that a sample tells, and are fitted to this part of their errors. Where ν of a
+#: sample is below the last, that of all is below 1.3.
 _LARGE, _NEAR, _SURELY_TAILS = 100_000, 1e-3, 1.2
 #: Rounds that are allowed for each.
 _ROUNDS = 100

@@ -326,7 +326,7 @@ BREAKS = [
     ("fit/robust/_reweight.py", 'sums["sources"] * mean - sums', 'sums["sources"] * mean + sums', "test_reweight.py"),
     ("fit/robust/_reweight.py", "_with_noise(field, self.noise)", "_with_noise(field, 0.0)", "test_reweight.py"),
     ("fit/methods.py", "_HALVINGS, _GAIN = 8, 6.0", "_HALVINGS, _GAIN = 40, -1e9", "test_recommended.py"),
-    ("fit/methods.py", "degree, w**2 > _PRECISE * w2)", "degree, True)", "test_recommended.py"),
+    ("fit/methods.py", "n_sources, w**2 > _PRECISE * w2)", "n_sources, True)", "test_recommended.py"),
     ("vsh/length.py", "dof / (dof - 2)", "1.0", "test_recommended.py test_vector.py test_length.py"),
     ("vsh/tools/subsample.py", "return np.asarray(bits >>", "return np.arange(len(bits)) % 3 == 0 if share < 1 else np.asarray(bits >>", "test_order_of_rows.py"),
     ("vsh/io/catalogue/_read.py", "if self.frames.positions != self.frame:", "if False:", "test_stated_frames.py"),

@@ -19,6 +19,14 @@ def simulated(seed, n=300):
     return motions, offsets
 
 
+def test_as_many_data_as_unknowns_leave_no_residual():
+    """Three sources determine spin and acceleration exactly: χ² is zero, and no index is beyond the triangle."""
+    field = random_field(3, seed=2)
+    found = fit.direct.solve_frame(field)
+    assert (found.chi2, found.dof) == (0.0, 0)
+    np.testing.assert_allclose(found.model(field), field.motion, atol=1e-8 * np.abs(found.values).max())
+
+
 def test_nine_parameters_are_weighted_least_squares():
     """All rows at once with their full covariance, by the pseudo-inverse."""
     motions, offsets = simulated(1)

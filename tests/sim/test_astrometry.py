@@ -12,6 +12,7 @@ from sim.astrometry import PARAMETERS, errors_of_unit_transits, parallax_error, 
 from sim.expected import errors_by_place
 from sim.variability import Variability, markov_chain
 from vsh.models.cosmology import BACHCHAN_2016
+from vsh.tools.errors import ParameterError
 
 LAW = sim.NominalScanningLaw()
 
@@ -196,3 +197,10 @@ def test_formal_errors_and_correlations_of_the_paper():
     found = observer_velocity(field.to_frame("galactic"), 67.3, flows=None)
     np.testing.assert_allclose(found.sigma, [98.7, 97.8, 97.2, 0.27, 0.27, 0.27], rtol=0.15)
     assert hubble_constant(field, BACHCHAN_2016, flows=None).hubble_error == pytest.approx(18.15, rel=0.15)
+
+
+def test_errors_by_place_need_transits():
+    """Of a short mission some places have too few transits for five parameters: no error is made up for them."""
+    lon, lat = sim.uniform_sky(200, rng=1)
+    with pytest.raises(ParameterError, match="of 200 sources have too few transits"):
+        errors_by_place(np.full(200, 18.0), lon, lat, sim.NominalScanningLaw(years=0.3))

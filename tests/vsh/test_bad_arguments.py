@@ -23,7 +23,7 @@ from vsh.models.covariance import Covariance, Spectrum
 from vsh.models.waves import strain_of, wave_coefficients
 from vsh.rotate import rotate
 from vsh.sky.pixels import pixels_of, random_positions
-from vsh.tools.arguments import between, choice, not_negative, number, positive, whole
+from vsh.tools.arguments import between, choice, float_array, not_negative, number, positive, whole
 from vsh.tools.errors import VshError
 from vsh.transform import adjoint, synthesis
 
@@ -110,3 +110,10 @@ def test_bad_arguments_end_in_our_errors(function):
                 strange.append(f"argument {place} = {value!r}: {type(error).__name__}: {str(error)[:80]}")
     assert not strange, f"{len(strange)} of {len(good) * len(BAD)}\n" + "\n".join(strange[:40])
     assert inspect.signature(function)
+
+
+def test_what_is_not_finite_is_refused_unless_asked_for():
+    values = np.array([1.0, np.nan])
+    with pytest.raises(VshError, match="1 of 2 values of x are not finite"):
+        float_array("x", values)
+    np.testing.assert_array_equal(float_array("x", values, finite=False), values)

@@ -53,6 +53,13 @@ def test_differences_put_in_are_recovered():
     assert len(kept) == found.solution.n_sources
 
 
+def test_more_outliers_than_are_listed():
+    found, _ = compare_catalogues(*two(outliers=14))
+    assert "among the 14 excluded sources" in found.report()
+    assert len(found.outliers_table()) == 14
+    assert found.report(long=True).count("\n  S00") == 10
+
+
 def test_outliers_are_left_out_and_listed():
     found, kept = compare_catalogues(*two(outliers=7), labels=("new", "old"))
     assert set(found.names) == {f"S{i:04d}" for i in range(7)}

@@ -13,6 +13,7 @@ from fit.frames.link._likelihood import Tails
 from vsh.io.astrometry import read_astrometry, write_astrometry
 from vsh.sky.astrometry import AstrometryRows
 from vsh.tools.errors import DegeneracyError, FieldError, ParameterError, TableError
+from vsh.tools.units import UAS
 from vsh.vector import Vector
 
 EPSILON, OMEGA = np.array([100.0, 200.0, -100.0]), np.array([20.0, -30.0, 50.0])
@@ -529,3 +530,14 @@ def test_catalogues_that_share_no_source_tell_no_orientation():
         DegeneracyError, match=r"0 of them in two catalogues, .* sources are matched by name: star 0 in"
     ):
         link(replace(rows, name=name))
+
+
+def test_offsets_of_stars_are_of_stars_alone():
+    """The radio emission of a star is elsewhere by as much as told [µas], that of a quasar is not."""
+    rows = sim.link(3, 300, quasars=300, star_offset=1e8)
+    vlbi, gaia = (np.asarray(rows.catalogue) == name for name in ("vlbi", "gaia"))
+    first = dict(zip(rows.source[gaia], rows.lat[gaia], strict=True))
+    away = np.array([lat - first[source] for source, lat in zip(rows.source[vlbi], rows.lat[vlbi], strict=True)]) / UAS
+    still = rows.still[vlbi]
+    assert np.std(away[~still]) == pytest.approx(1e8, rel=0.2)
+    assert np.abs(away[still]).max() < 1e6

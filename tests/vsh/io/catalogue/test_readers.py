@@ -365,3 +365,11 @@ def test_votables_keep_metadata_whole(tmp_path):
     again = tables.read_table(tmp_path / "t.vot").meta
     assert int(again["SEED"]) == 2**60 + 1
     assert (again["SIZE"], again["NOTES"], again["FLAG"], again["NAME"]) == (1.5, '["one", "two µ"]', "True", "x")
+
+
+def test_line_without_an_end_is_refused(tmp_path, monkeypatch):
+    """A file without line feeds is no table, and is not read into memory whole."""
+    monkeypatch.setattr("vsh.io.tables._text.LINE", 200)
+    (tmp_path / "one.csv").write_text("ra,dec,pmra,pmdec,pmra_error,pmdec_error\n" + "1.5," * 300)
+    with pytest.raises(TableError, match="a line of more than 200 characters"):
+        read_field(tmp_path / "one.csv")
