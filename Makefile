@@ -13,7 +13,7 @@ PIP := -m pip install --quiet --disable-pip-version-check
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help demo paper gaia dr4 page package docs test test-all test-slow test-oracles test-oldest test-newest coverage mutate fuzz style bench lock clean
+.PHONY: help demo paper gaia dr4 page package docs test test-all test-slow test-oracles test-oldest test-newest coverage mutate mutants fuzz style bench lock clean
 
 help:  ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-11s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -69,6 +69,9 @@ package: page  ## wheel and sdist in dist/, the same bytes for the same commit, 
 
 mutate: $(VENV)/installed-test  ## break the code in the known places, one at a time: does a test find each?
 	$(BIN)/python tests/mutate.py
+
+mutants: $(VENV)/installed-test  ## break the code in random places: how many do the quick tests find? (NUMBER=120 SEED=1)
+	$(BIN)/python tests/mutate.py --random $(or $(NUMBER),120) --seed $(or $(SEED),1)
 
 fuzz: $(VENV)/installed-test  ## damaged files for every reader, odd arguments for every function, random options (MUTANTS=8000)
 	$(BIN)/python tests/fuzz.py $(MUTANTS)

@@ -189,7 +189,7 @@ def _likeliest_nu(mean_logs, components):
 _MANY, _SAMPLE, _FOR_EACH, _NEAR = 20_000, 5_000, 20, 0.1
 #: Their relative accuracy, and their number at most; the factor on ν that each may have; a step that is so much of the
 #: one before is slow.
-_ACCURACY, _MOST_STEPS, _FARTHEST, _SLOW = 1e-7, 12, 4.0, 0.2
+_ACCURACY, _MOST_STEPS, _FARTHEST, _SLOW = 1e-8, 12, 4.0, 0.2
 #: Rounds after which leverages are held fixed.
 _ADAPTING = 15
 
