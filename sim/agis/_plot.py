@@ -12,7 +12,7 @@ _MARKS = "os^Dv"
 
 
 @apply_style
-def plot_convergence(solution: AgisSolution, stop: float = 0.05, *, ax: Axes | None = None) -> Axes:
+def plot_convergence(solution: AgisSolution, *, ax: Axes | None = None) -> Axes:
     """Plot the distance of the low degrees from where they end, iteration by iteration."""
     distance = np.abs(solution.history - solution.history[-1])[:-1] / np.sqrt(np.diag(solution.formal_low))
     (axes,) = panels(ax)
@@ -22,18 +22,16 @@ def plot_convergence(solution: AgisSolution, stop: float = 0.05, *, ax: Axes | N
         axes.semilogy(steps, np.where(maximum > 0, maximum, np.nan), color=colour, label=f"degree {degree}")
     size = solution.updates / np.sqrt(np.median(solution.formal[solution.solved, 2, 2]))
     axes.semilogy(steps[: len(size)], size[: len(distance)], color="0.6", linestyle="--", label="parallax updates, rms")
-    axes.axhline(stop, color="0.3", linewidth=0.6, label=f"{stop:g}: converged")
+    axes.axhline(0.05, color="0.3", linewidth=0.6, label="0.05: converged")
     axes.set(xlabel="iteration", ylabel="distance from the last [formal errors]")
     legend_above(axes, 2)
     return axes
 
 
 @apply_style
-def plot_errors_by_magnitude(
-    solution: AgisSolution, magnitude: ArrayLike, sources: ArrayLike | None = None, *, ax: Axes | None = None
-) -> Axes:
+def plot_errors_by_magnitude(solution: AgisSolution, magnitude: ArrayLike, *, ax: Axes | None = None) -> Axes:
     """True over formal errors of the five parameters by magnitude, from this draw of the noise."""
-    selection = solution.solved if sources is None else solution.solved & np.asarray(sources)
+    selection = solution.solved
     g = np.asarray(magnitude)[selection]
     edges = np.arange(np.floor(2 * g.min()) / 2, np.ceil(2 * g.max()) / 2 + 0.5, 0.5)
     group = np.clip(np.searchsorted(edges, g, side="right") - 1, 0, len(edges) - 2)
@@ -79,11 +77,9 @@ def plot_correlation(
     return axes
 
 
-def plot_ratio_map(
-    solution: AgisSolution, nside: int = 8, sources: ArrayLike | None = None, *, ax: Axes | None = None
-) -> SkyAxes:
+def plot_ratio_map(solution: AgisSolution, nside: int = 8, *, ax: Axes | None = None) -> SkyAxes:
     """True over formal errors of the motions over the sky, from this draw of the noise."""
-    selection = solution.solved if sources is None else solution.solved & np.asarray(sources)
+    selection = solution.solved
     pixel = pixels_of(solution.lon[selection], solution.lat[selection], nside)
     squares = []
     for column in (3, 4):

@@ -151,7 +151,6 @@ class AgisSolution(Frozen):
         *,
         sources: ArrayLike | None = None,
         kind: Literal["motion", "position"] = "motion",
-        redshift: ArrayLike | None = None,
         magnitude: ArrayLike | None = None,
     ) -> Field:
         """The motions, or the position offsets, of some sources with the errors that would be quoted.
@@ -167,8 +166,8 @@ class AgisSolution(Frozen):
             All unless given.
         kind : {"motion", "position"}
             Which two of the five parameters.
-        redshift, magnitude : (n,) arrays, optional
-            Redshifts and magnitudes of all sources.
+        magnitude : (n,) array, optional
+            Magnitudes of all sources.
 
         Returns
         -------
@@ -200,26 +199,15 @@ class AgisSolution(Frozen):
                 f"left out {len(candidates) - len(indices)} of {len(candidates)} sources: too few transits for five "
                 "parameters"
             )
-        z, g = (
-            None if values is None else arguments.float_array(name, values, (n,), finite=False)[indices]
-            for name, values in (("redshift", redshift), ("magnitude", magnitude))
-        )
+        g = None if magnitude is None else arguments.float_array("magnitude", magnitude, (n,), finite=False)[indices]
         covariance = self.formal[indices][:, columns, columns]
         sigma = np.sqrt(np.stack([covariance[:, 0, 0], covariance[:, 1, 1]]))
         motion = self.sources[indices][:, columns].T
         if truth is not None:
-            motion = motion + as_signal(truth)(self.lon[indices], self.lat[indices], z)
+            motion = motion + as_signal(truth)(self.lon[indices], self.lat[indices], None)
         rho = covariance[:, 0, 1] / (sigma[0] * sigma[1])
         return Field(
-            self.lon[indices],
-            self.lat[indices],
-            motion,
-            sigma,
-            rho,
-            redshift=z,
-            magnitude=g,
-            frame=self.frame,
-            notes=tuple(notes),
+            self.lon[indices], self.lat[indices], motion, sigma, rho, magnitude=g, frame=self.frame, notes=tuple(notes)
         )
 
     def rotated(self, orientation: ArrayLike, spin: ArrayLike, note: str = "") -> AgisSolution:

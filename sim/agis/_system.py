@@ -260,58 +260,50 @@ class ExactErrors(Equations):
         lat: ArrayLike | None = None,
         *,
         variability: Variability | None = None,
-        variable: ArrayLike | None = None,
         tolerance: float = 1e-3,
         iterations: int = 2000,
-        progress: bool = False,
     ) -> FloatArray:
         """Covariance that the same fit really has, with all that sources share through the attitude; exact."""
         fit = MotionFit(self, as_modes(modes), sources_at(self.scans, lon, lat))
         g = fit.functionals(np.arange(len(fit.modes)))
-        return self._covariance(g, tolerance, iterations, progress, variability, variable)
+        return self._covariance(g, tolerance, iterations, variability)
 
     def covariance_of(
         self,
         functionals: ArrayLike,
         *,
         variability: Variability | None = None,
-        variable: ArrayLike | None = None,
         tolerance: float = 1e-3,
         iterations: int = 2000,
-        progress: bool = False,
     ) -> FloatArray:
         """Covariance of any linear functionals Σ g x of the sources' parameters."""
         g = arguments.float_array("functionals", functionals)
         if g.ndim != 3 or g.shape[:2] != (self.scans.n_sources, 5):
             raise ParameterError(f"functionals have the shape ({self.scans.n_sources}, 5, K), not {g.shape}")
-        return self._covariance(g, tolerance, iterations, progress, variability, variable)
+        return self._covariance(g, tolerance, iterations, variability)
 
-    def global_covariances(
-        self, *, tolerance: float = 1e-3, iterations: int = 2000, progress: bool = False
-    ) -> tuple[FloatArray, FloatArray]:
+    def global_covariances(self, *, tolerance: float = 1e-3, iterations: int = 2000) -> tuple[FloatArray, FloatArray]:
         """Covariances of the global parameters: as sources that know the attitude would give them, and as they are."""
         if self.motion is None:
             raise ParameterError("there are no global parameters: give System a motion")
         g = np.stack([self.motion.functional(k) for k in range(len(self.motion.names))], axis=-1)
-        true = self._covariance(g, tolerance, iterations, progress)
+        true = self._covariance(g, tolerance, iterations)
         # What the sources' own motions leave of y: the mean of Gy + own is no y.
         return np.asarray(np.linalg.inv(self._low_rank), float), true + np.linalg.inv(self.motion.normal)
 
-    def _covariance(self, functionals, tolerance, iterations, progress, variability=None, variable=None):
+    def _covariance(self, functionals, tolerance, iterations, variability=None):
         """gᵀ N⁺ g of each pair of functionals (n, 5, K), what the null space does to them left out."""
         right = self._seen(functionals)
         solutions = np.empty_like(right)
-        bar = progress_bar(words="exact errors", shown=progress, unit=" iterations")
-        with bar, blas_for(0):
+        with blas_for(0):
             for start in range(0, right.shape[-1], TOGETHER):
                 columns = slice(start, start + TOGETHER)
-                solutions[..., columns] = _solve_system(
-                    self, np.ascontiguousarray(right[..., columns]), tolerance, iterations, bar
-                )
+                sides = np.ascontiguousarray(right[..., columns])
+                solutions[..., columns] = _solve_system(self, sides, tolerance, iterations)
         k = right.shape[-1]
         covariance = right.reshape(-1, k).T @ solutions.reshape(-1, k)
         if variability is not None and variability.sigma > 0:
-            covariance += self._varying(solutions, variability, variable)
+            covariance += self._varying(solutions, variability)
         return (covariance + covariance.T) / 2
 
     def _seen(self, functionals):
@@ -324,13 +316,11 @@ class ExactErrors(Equations):
                 right[part] -= np.einsum("kr,kni->nir", share, weighted_basis)
         return right
 
-    def _varying(self, solutions, variability, variable):
+    def _varying(self, solutions, variability):
         """Contribution of varying photocentres: Σ over sources of aᵀ C a, a the weight of each observation in a
         functional."""
         scans = self.scans
         order = np.argsort(scans.source, kind="stable")  # of a source, in the order of time
-        if variable is not None:
-            order = order[np.asarray(variable, bool)[scans.source[order]]]
         owner, time = scans.source[order], scans.time()[order]
         weights = scans.weights[:, owner] * self.solved[owner]
         sin, cos = (column[order].astype(float) for column in (scans.sin, scans.cos))
@@ -349,15 +339,13 @@ class ExactErrors(Equations):
         return variability.sigma**2 * products
 
 
-def _solve_system(equations, right, tolerance, iterations, bar):
+def _solve_system(equations, right, tolerance, iterations):
     work = Iteration(equations, right)
     total, gains = np.zeros(right.shape[-1]), []
     for _ in range(iterations):
         work.step()
         gains.append(work.gain)
         total += work.gain
-        bar.update()
-        bar.set_postfix_str(f"σ at least {', '.join(f'{x:.3g}' for x in np.sqrt(total))}", refresh=False)
         growth = np.sum(gains[-_REST:], axis=0) / np.where(total > 0, total, 1.0)
         if (len(gains) >= _REST and growth.max() < tolerance) or work.residual < 1e-12:
             return work.x
