@@ -178,7 +178,7 @@ def scan_maps(
     >>> sorted(maps)[:3], maps["transits"].shape
     (['cos 1ψ', 'cos 2ψ', 'cos 3ψ'], (12,))
     """
-    scanning = law.scanning_law if isinstance(law, Mission) else law
+    scanning = as_mission(law).scanning_law
     lon, lat = centres(check_nside(nside))
     transits = scanning.transits(lon, lat, threads=threads)
     counts = transits.counts(lon.size).astype(float)

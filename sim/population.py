@@ -119,6 +119,7 @@ def uniform_sky(n: int, rng: Rng) -> tuple[FloatArray, FloatArray]:
     return rng.uniform(0, 2 * np.pi, n), np.arcsin(rng.uniform(-1, 1, n))
 
 
+@arguments.accepts(n=arguments.whole, rng=arguments.seed)
 def plane_avoiding_sky(n: int, rng: Rng, latitude: float = 15.0) -> tuple[FloatArray, FloatArray]:
     """n positions in ICRS, uniform over the sphere but for the Galactic plane, |b| < `latitude` degrees. [rad]
 

@@ -715,7 +715,7 @@ class Field(ByColumns, Equal, TableIO):
         if getattr(sources, "components", 2) != 2:
             raise FieldError("a ScalarField has no motions, and no errors of motions")
         if isinstance(sources, Field):
-            return sources if sigma is None else sources.with_errors(np.broadcast_to(sigma, (2, len(sources))))
+            return sources if sigma is None else sources.with_errors(sigma)
         return cls(**still_columns(sources, sigma), frame=getattr(sources, "frame", "icrs"))
 
     def __len__(self) -> int:
@@ -764,13 +764,13 @@ class Field(ByColumns, Equal, TableIO):
 
         Parameters
         ----------
-        sigma : (2, n) array
+        sigma : float or (2, n) array
             Standard errors. [µas/yr]
         rho : (n,) array, optional
             Their correlation; as it is unless given.
         """
         rho = self.rho if rho is None else float_array("rho", rho, finite=False)
-        sigma = float_array("sigma", sigma, finite=False)
+        sigma = float_array("sigma", sigma, (2, len(self)) if np.ndim(sigma) == 0 else None, False, broadcast=True)
         shapes: dict[str, tuple[int, ...]] = {"sigma": (2, len(self)), "rho": (len(self),)}
         check_shapes({"sigma": sigma, "rho": rho}, shapes.__getitem__)
         select_usable(invalid_rows(self.lon, self.lat, self.motion, sigma, rho), len(self))

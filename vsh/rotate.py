@@ -13,6 +13,7 @@ from scipy.linalg import eigh
 from vsh.coefficients import Coefficients
 from vsh.sky.frames import rotation_matrix
 from vsh.tools import arguments
+from vsh.tools.arguments import float_array, whole
 from vsh.tools.errors import FrameError, ModesError
 from vsh.tools.types import ArrayLike, FloatArray
 
@@ -76,9 +77,9 @@ def degree_matrix(l: int, vector: FloatArray) -> FloatArray:
     l : int
         The degree.
     """
+    l, (x, y, z) = whole("l", l), float_array("vector", vector, (3,))
     m = np.arange(-l, l + 1)
     raising = np.diag(np.sqrt(l * (l + 1) - m[:-1] * (m[:-1] + 1)), -1)  # J₊ |m⟩ = √… |m + 1⟩
-    x, y, z = vector
     generator = (x * (raising + raising.T) - 1j * y * (raising - raising.T)) / 2 + np.diag(z * m)
     angles, vectors = eigh(generator)
     complex_matrix = (vectors * np.exp(-1j * angles)) @ vectors.conj().T

@@ -72,6 +72,7 @@ def from_tensor(tensor: ArrayLike) -> Coefficients:
     return Coefficients(Modes(2), values)
 
 
+@arguments.accepts(coefficients=arguments.a(Coefficients))
 def to_tensor(coefficients: Coefficients) -> FloatArray:
     """Σ, traceless, of the spheroidal coefficients of degree 2. [µas/yr]
 

@@ -20,7 +20,7 @@ from vsh.field import Field
 from vsh.io import tables
 from vsh.io.parts import Parts
 from vsh.io.sections import Section
-from vsh.models.cosmology import LOCAL_GROUP, velocity_along
+from vsh.models.cosmology import LOCAL_GROUP, velocity_along, with_redshift
 from vsh.tools import arguments
 from vsh.tools.errors import DegeneracyError, ParameterError, VshWarning
 from vsh.tools.types import ArrayLike, AxesArray, OnAxes, Table
@@ -425,7 +425,7 @@ def forecast_velocity(
     if not catalogues:
         raise ParameterError("a forecast is of one catalogue at least")
     sources, velocity, constant = [], [], []
-    for field in catalogues.values():
+    for field in map(with_redshift, catalogues.values()):
         for limit in limits:
             selection = field[np.asarray(field.redshift) < limit]
             sources.append(len(selection))

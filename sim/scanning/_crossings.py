@@ -238,7 +238,7 @@ def find_gaps(time: ArrayLike, start: float, *, longest: float = 0.003) -> tuple
     >>> [tuple(round(each, 6) for each in gap) for gap in find_gaps([2015.0, 2015.001, 2015.1], 2015.0)]
     [(0.001, 0.1)]
     """
-    times = np.sort(float_array("time", time)) - number("start", start)
+    times = np.sort(np.ravel(float_array("time", time))) - number("start", start)
     at = np.flatnonzero(np.diff(times) > positive("longest", longest))
     return tuple((float(times[i]), float(times[i + 1])) for i in at)
 

@@ -15,8 +15,8 @@ from scipy.special import hyp2f1
 from vsh.field import Field
 from vsh.sky.frames import TRUE, check_frame, check_redshift_frame, rotation_matrix
 from vsh.sky.sphere import triad
+from vsh.tools.arguments import a, accepts, float_array, number, positive
 from vsh.tools.arguments import between as between_limits
-from vsh.tools.arguments import float_array, number
 from vsh.tools.errors import ConvergenceError, EmptyFieldError, FieldError, ParameterError
 from vsh.tools.notes import WithoutRedshift
 from vsh.tools.printing import in_a_line
@@ -84,6 +84,7 @@ FLAT_PLANCK13 = FlatLCDM(67.3, 0.315)
 _EXACT = 1000
 
 
+@accepts(hubble=positive)
 def transverse_distance(
     redshift: ArrayLike | None, cosmology: Cosmology | None = None, *, hubble: float | None = None
 ) -> FloatArray:
@@ -145,7 +146,8 @@ def distance_modulus(distance: ArrayLike, redshift: ArrayLike) -> FloatArray:
     redshift : (n,) array
         One for each source.
     """
-    return 5 * np.log10(np.asarray(distance) * (1 + np.asarray(redshift))) + 25
+    distance = float_array("distance", distance, finite=False)
+    return 5 * np.log10(distance * (1 + float_array("redshift", redshift, distance.shape, False, True))) + 25
 
 
 def redshift_of(distance: ArrayLike, cosmology: Cosmology | None = None) -> FloatArray:
@@ -379,6 +381,7 @@ def reasons_unusable(redshift: ArrayLike, min_redshift: float = FLOW_LIMIT) -> d
     }
 
 
+@accepts(field=a(Field))
 def with_redshift(
     field: Field, min_redshift: float = FLOW_LIMIT, redshift_frame: str | None = None, *, missing_only: bool = False
 ) -> Field:

@@ -92,6 +92,7 @@ def VASILIEV_BAUMGARDT_2021(theta: ArrayLike) -> FloatArray:
     return 400 / (1 + degrees / 0.3) + 300 * np.exp(-degrees / 12)
 
 
+@arguments.accepts(theta=arguments.float_array)
 def LINDEGREN_2021(theta: ArrayLike) -> FloatArray:
     """V(θ) of Gaia EDR3 at large angles: 292 exp(−θ/12°). [(µas/yr)²]
 

@@ -40,8 +40,8 @@ def wave_motions(lon: ArrayLike, lat: ArrayLike, direction: ArrayLike, plus: flo
     plus, cross : float
         Rates of strain of the two polarisations. [µas/yr]
     """
-    k = unit(direction)
-    p, q, r = triad(np.atleast_1d(float_array("lon", lon)), np.atleast_1d(float_array("lat", lat)))
+    k, lon = unit(direction), np.atleast_1d(float_array("lon", lon))
+    p, q, r = triad(lon, float_array("lat", np.atleast_1d(lat), lon.shape))
     along = number("plus", plus) * _tensor(k, 1, 0) + number("cross", cross) * _tensor(k, 0, 1)
     strain = along @ r
     numerator = np.sum(r * strain, axis=0)
