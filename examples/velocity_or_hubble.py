@@ -22,7 +22,7 @@ truth = (
     + sim.peculiar(150.0, rng=1, flow="linear", hubble=70.0)
     + sim.acceleration((-0.28, -4.41, -2.44))
 )
-field = sim.observe(sim.galaxies(20_000, rng=2), truth, rng=6, sigma=8.0)
+field = sim.observe(sim.galaxies(5_000, rng=2), truth, rng=6, sigma=8.0)
 
 # %%
 # Either, by least squares.
@@ -42,7 +42,7 @@ given = {
     "hubble_prior": Flat(20, 150),
     "peculiar_dispersion": Normal(150, 50, low=1.0),
 }
-posterior = sample(field, n_samples=600_000, rng=4, **given)
+posterior = sample(field, n_samples=60_000, rng=4, **given)
 print(posterior.report())
 on_grid = grid(field, **given)
 print(f"H0 from the chain: {posterior.samples['H0'].mean():.2f} ± {posterior.samples['H0'].std():.2f} km/s/Mpc")

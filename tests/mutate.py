@@ -146,14 +146,15 @@ def run_random(number, seed):
                 "2",
             ]
             try:
-                code = subprocess.run([*command, *tests], cwd=copy, env=environment, capture_output=True, check=False,
-                                      timeout=600).returncode  # fmt: skip
+                done = subprocess.run([*command, *tests], cwd=copy, env=environment, capture_output=True, text=True,
+                                      check=False, timeout=600)  # fmt: skip
+                state = "SURVIVES" if not done.returncode else "NOT RUN"
+                state = "found" if re.search(r"\d+ (failed|error)", done.stdout) else state
             except subprocess.TimeoutExpired:
-                code = 1
+                state = "found"  # it never ends
             (copy / path).write_bytes(whole)
-            found += code == 1
+            found += state == "found"
             line = whole[:first].count(b"\n") + 1
-            state = {0: "SURVIVES", 1: "found"}.get(code, f"NOT RUN ({code})")
             print(f"{state:10} {kind:10} {path}:{line} {function}: {old!r} → {new!r}", flush=True)
     print(f"{found} of {number} random mutants found (seed {seed})")
     return False

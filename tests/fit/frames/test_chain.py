@@ -92,6 +92,7 @@ def test_degree_four_and_files(tmp_path):
     chain.write(tmp_path / "chain.ecsv")
     assert read(tmp_path / "chain.ecsv") == chain
     assert "a and b        300 sources in common" in chain.report()
+    assert "Differences of motion of 3 catalogues" in chain.report()
     table = chain.to_table()
     assert len(table) == 3 * 48
     last = table[-48:]
