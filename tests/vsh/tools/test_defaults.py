@@ -31,6 +31,13 @@ def defaults():
                     add(f"{module.__name__}.{name}{suffix}", function)
 
     def add(name, function):
+        if (getattr(function, "__module__", None) or "").split(".")[0] not in (
+            "vsh",
+            "fit",
+            "sim",
+            "study",
+        ):  # inherited
+            return
         try:
             parameters = inspect.signature(function).parameters.values()
         except (TypeError, ValueError):  # of a class that is made in C, and a property
