@@ -77,7 +77,7 @@ def degree_matrix(l: int, vector: FloatArray) -> FloatArray:
     l : int
         The degree.
     """
-    l, (x, y, z) = whole("l", l), float_array("vector", vector, (3,))
+    l, (x, y, z) = whole("l", l, 0), float_array("vector", vector, (3,))
     m = np.arange(-l, l + 1)
     raising = np.diag(np.sqrt(l * (l + 1) - m[:-1] * (m[:-1] + 1)), -1)  # J₊ |m⟩ = √… |m + 1⟩
     generator = (x * (raising + raising.T) - 1j * y * (raising - raising.T)) / 2 + np.diag(z * m)

@@ -146,7 +146,7 @@ def fourier_moments(
 ) -> ComplexArray:
     """Σ over the sources of planes · e^{−i(Mα + nδ)}, a non-uniform Fourier transform of (k, n) real numbers.
 
-    Two of them travel as one complex one, and are told apart by their symmetry.
+    Two of them travel as one complex one; their symmetry separates them.
     """
     rows = np.zeros(((len(planes) + 1) // 2, planes.shape[1]), complex)
     rows.real, rows.imag[: len(planes) // 2] = planes[::2], planes[1::2]
