@@ -273,15 +273,20 @@ def sample_of(sky: Parts, n_sources: int = 20_000, total: int | None = None, dra
     """Some of the sources as a Field, by their places; of `total`, where it is known; a draw as for `select_share`."""
     share = n_sources / max(total or sky.counted(), 1)
     if (field := sky.in_memory) is not None:
-        return field[select_share(share, field.lon, field.lat, draw=draw)]
+        return _chosen(field, share, draw)
     columns: dict[str, Any] = sky.sum(partial(_some, share=share, draw=draw), roles=(), words="a sample")
     frame = columns.pop("frame")[0]
     arrays: dict[str, Any] = {name: np.concatenate(values, axis=-1) for name, values in columns.items()}
     return Field(**arrays, frame=frame)
 
 
+def _chosen(field, share, draw):
+    # A table in degrees and the same in memory differ in the last bits.
+    return field[select_share(share, np.round(field.lon, 9), np.round(field.lat, 9), draw=draw)]
+
+
 def _some(field, share, draw):
-    sample = field[select_share(share, field.lon, field.lat, draw=draw)]
+    sample = _chosen(field, share, draw)
     return {name: [getattr(sample, name)] for name in ("lon", "lat", "motion", "sigma", "rho", "frame")}
 
 
