@@ -17,7 +17,7 @@ from fit.normal import NormalEquations, Template, fit_field, normal_equations, s
 from fit.resample import bootstrap, compare_blocks, jackknife
 from fit.results.quality import ERRORS_TOO_SMALL
 from fit.results.solution import AboutSolution, Solution
-from fit.robust import ExcessNoise, ReweightedFit, TailsError, clip, excess_noise, fit_t, student_t
+from fit.robust import ExcessNoise, ReweightedFit, TailsError, clip, excess_noise, student_t
 from vsh.field import Field
 from vsh.io.catalogue import as_field
 from vsh.io.parts import Parts, applied, as_parts, median, sample_of
@@ -199,7 +199,7 @@ def _robust(field, degree, n_sources, by_many):
     reason, tolerance = "", 1e-4 if n_sources <= _LARGE else _NEAR
     try:
         if by_many:
-            without_noise = fit_t(field, degree, tolerance=tolerance, least_nu=_SURELY_TAILS)
+            without_noise = student_t(field, degree, tolerance=tolerance, least_nu=_SURELY_TAILS)
             if ERRORS_TOO_SMALL not in codes_of(without_noise.solution.notes):
                 return without_noise, without_noise.solution
         # Its likelihood is not compared with those below: where errors say little of the scatter, a fit without noise
@@ -211,7 +211,8 @@ def _robust(field, degree, n_sources, by_many):
             fits = _by_noise(field, degree)
         else:  # which noise it is, a sample tells
             tried = _by_noise(sample_of(as_parts(field), _LARGE // 5, n_sources), min(degree, _DEGREE))
-            fits = [fit_t(field, degree, None, tolerance, _ROUNDS, each.noise) for each in tried[-1:]]
+            noises = [each.noise for each in tried[-1:]]
+            fits = [student_t(field, degree, tolerance=tolerance, max_rounds=_ROUNDS, noise=noise) for noise in noises]
     if not fits:
         solution = fit_field(field, degree)
         note = f"warning: least squares in place of Student's t ({reason})"

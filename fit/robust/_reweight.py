@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 from numpy.polynomial import chebyshev
-from scipy.special import gammaln
+from scipy.special import digamma, gammaln, polygamma
 
 from fit.normal import NormalEquations, Template, normal_equations, solve, template_fields
 from fit.normal.sums import blocks, sandwich, weighted_matrix
@@ -32,6 +32,8 @@ from vsh.tools.notes import CodedNote
 from vsh.tools.printing import in_a_line, logged
 from vsh.tools.types import FloatArray
 
+#: What notes, progress and the log call it.
+_NAME = "Student-t"
 #: The largest number of Newton steps for a source's leverage; with thousands of sources three suffice.
 _STEPS = 10
 #: Chebyshev nodes in ln ν at which the likelihood is evaluated; interpolation is accurate to 1e-12.
@@ -87,8 +89,6 @@ class StudentT:
         """Newton's step of ν, from sums over n sources at the current ν, and how many of its errors it is long."""
         if not self.estimated:
             return self, 0.0
-        from scipy.special import digamma, polygamma  # slow to import
-
         nu, k = self.nu, self.components
         log, beyond, slope = (sums[name] / n for name in ("log", "beyond", "slope of beyond"))
         # Derivatives of `_log_t` in ν.
@@ -122,13 +122,17 @@ class Share:
     leverage: float
     #: The sources for which it was computed last with what it gave, a pair: errors and weights ask for the same again.
     last: list[Any] = dataclass_field(default_factory=list, init=False, repr=False)
+    #: The same of the model at the sources, which does not depend on the weight.
+    models: list[Any] = dataclass_field(default_factory=list, repr=False)
 
     def __call__(self, field: Field) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """X² over one less the share, u and its slope, each (n,); and the residuals, (components, n)."""
         pair: Any = self.last[0] if self.last else (None, None)
         if pair[0] is not field:  # a local pair: threads may compute for several parts
             field.check_frame(self.solution.frame)
-            model = np.atleast_2d(self.solution.model(field))
+            known: Any = self.models[0] if self.models else (None, None)
+            model = known[1] if known[0] is field else np.atleast_2d(self.solution.model(field))
+            self.models[:] = [(field, model)]
             numbers, residual = np.empty((3, len(field))), np.empty(model.shape)
             for part in blocks(len(field)):
                 residual[:, part], _, _, *numbers[:, part] = self.of(field[part], model[:, part])
@@ -268,13 +272,14 @@ class ReweightedFit(AboutSolution):
         return replace(normal, templates=new_templates, **terms)
 
 
-@logged("Student-t")
+@logged(_NAME)
 @arguments.accepts(
     field=arguments.a(Field, ScalarField, Parts),
     nu=arguments.positive,
     tolerance=arguments.positive,
     max_rounds=arguments.whole,
     noise=arguments.not_negative,
+    least_nu=arguments.not_negative,
 )
 def student_t(
     field: Field | ScalarField | Parts,
@@ -284,6 +289,7 @@ def student_t(
     tolerance: float = 1e-4,
     max_rounds: int = 500,
     noise: float = 0.0,
+    least_nu: float = 0.0,
 ) -> ReweightedFit:
     """Fit with a Student-t likelihood of each source's residual, both components of a motion together.
 
@@ -301,9 +307,13 @@ def student_t(
         Largest number of rounds.
     noise : float
         Standard deviation to add in quadrature to every error before the fit, such as that of `excess_noise`. [µas/yr]
+    least_nu : float
+        The fit of 20 000 sources or more begins with that of a sample: it ends there if ν is below this.
 
     Raises
     ------
+    TailsError
+        If ν of the sample is below `least_nu`.
     ConvergenceError
         If the weights have not settled.
     ParameterError
@@ -320,43 +330,31 @@ def student_t(
     then adds an excess noise. Of few sources the covariance has few degrees of freedom (`covariance_dof`), which
     standard errors, p-values and limits use.
     """
-    return fit_t(field, modes, nu, tolerance, max_rounds, noise)
-
-
-def fit_t(
-    field: Field | ScalarField | Parts,
-    modes: Modes | int,
-    nu: float | None = None,
-    tolerance: float = 1e-4,
-    max_rounds: int = 500,
-    noise: float = 0.0,
-    least_nu: float = 0.0,
-) -> ReweightedFit:
-    """Fit as `student_t` does; TailsError where ν of the sample that many sources begin with is below `least_nu`."""
     modes, sky = modes_for(field, modes), _with_noise(field, noise)
     weight = StudentT(4.0 if nu is None else nu, estimated=nu is None, components=modes.components)
-    rounds = _iterate_weights(sky, modes, weight, "Student-t", tolerance, max_rounds, least_nu)
+    rounds = _iterate_weights(sky, modes, weight, tolerance, max_rounds, least_nu)
     fitted = _with_errors(sky, *rounds)
     log_likelihood = _log_likelihood(sky, fitted.share)
-    fitted.share.last.clear()
+    for kept in (fitted.share.last, fitted.share.models):
+        kept.clear()
     return replace(fitted, noise=float(noise), log_likelihood=log_likelihood)
 
 
-class TailsError(VshError):
+class TailsError(VshError, ValueError):
     """Tails so long that no fit without a noise will do."""
 
 
-def _iterate_weights(sky, modes, weight, name, tolerance, max_rounds, least_nu=0.0):
+def _iterate_weights(sky, modes, weight, tolerance, max_rounds, least_nu=0.0):
     """Iterate the weighted fit until no coefficient moves by `tolerance` of its error.
 
     Returns the plain fit, the weighted one, its weights, the rounds, and the total weight where the last round knew it.
     """
-    normal, information = sky.sum(partial(_plain, modes=modes), roles=(), words=name)
+    normal, information = sky.sum(partial(_plain, modes=modes), roles=(), words=_NAME)
     plain = solve(normal)
     if plain.n_sources >= max(_SAMPLE, 2 * _FOR_EACH * len(modes)):
         with suppress(ConvergenceError, DegeneracyError):
-            return plain, *_approach(sky, plain, weight, information, name, tolerance, max_rounds, least_nu)
-    settle = partial(_settle, sky, plain, weight, information, name, tolerance, max_rounds)
+            return plain, *_approach(sky, plain, weight, information, tolerance, max_rounds, least_nu)
+    settle = partial(_settle, sky, plain, weight, information, tolerance, max_rounds)
     try:
         return plain, *settle(plain.values), None
     except (ConvergenceError, DegeneracyError):
@@ -364,7 +362,7 @@ def _iterate_weights(sky, modes, weight, name, tolerance, max_rounds, least_nu=0
         return plain, *settle(np.zeros(len(modes))), None
 
 
-def _approach(sky, plain, weight, information, name, tolerance, max_rounds, least_nu):
+def _approach(sky, plain, weight, information, tolerance, max_rounds, least_nu):
     """The weighted fit of many sources by Newton's steps, each one pass: from that of a sample, or the plain one.
 
     The curvature is the plain matrix times ⟨ψ'⟩, which is that of the scores but for what the residuals of a place have
@@ -373,20 +371,20 @@ def _approach(sky, plain, weight, information, name, tolerance, max_rounds, leas
     n, modes = plain.n_sources, plain.modes
     if n < _MANY:
         leverage, values = len(modes) / modes.components / information, plain.values
-        weight = weight.fitted(sky, Share(plain, weight, leverage), name)
+        weight = weight.fitted(sky, Share(plain, weight, leverage), _NAME)
     else:
         chosen = sample_of(sky, max(_SAMPLE, _FOR_EACH * len(modes), n // 100), n, draw=1)
         if not len(modes) < len(chosen) < n / 2:
             raise ConvergenceError(f"{len(chosen)} of {n} sources are no sample: are many at one place?")
         sample = as_parts(chosen, SourcesWithErrors)
-        _, solution, share, _, _ = _iterate_weights(sample, modes, weight, name, _NEAR, max_rounds)
+        _, solution, share, _, _ = _iterate_weights(sample, modes, weight, _NEAR, max_rounds)
         leverage, values, weight = share.leverage * len(sample.in_memory) / n, solution.values, share.weight
         if weight.nu < least_nu:
             raise TailsError(f"ν = {weight.nu:.2g} in a sample of the sources")
     inverse, before = None, 0.0
     for rounds in range(1, _MOST_STEPS + 1):
         solution = replace(plain, coefficients=replace(plain.coefficients, values=values))
-        share, label = Share(solution, weight, leverage), f"{name}, step {rounds}"
+        share, label = Share(solution, weight, leverage), f"{_NAME}, step {rounds}"
         sums = sky.sum(partial(_step_sums, share=share), roles=(), words=label)
         step = plain.covariance @ sums["score"] * (sums["information"] / sums["ψ'"])
         step = step if inverse is None else inverse @ sums["score"]
@@ -401,7 +399,7 @@ def _approach(sky, plain, weight, information, name, tolerance, max_rounds, leas
             break
         before = change
     else:
-        raise ConvergenceError(f"{name} has not settled after {rounds} steps")
+        raise ConvergenceError(f"{_NAME} has not settled after {rounds} steps")
     solution = replace(plain, coefficients=replace(plain.coefficients, values=values))
     return solution, Share(solution, weight, leverage), rounds, (n, sums["u"])
 
@@ -439,15 +437,15 @@ def _step_sums(field, share):
     return {"score": score, **dict(zip(names, map(float, sums), strict=True))}
 
 
-def _settle(sky, plain, weight, information, name, tolerance, max_rounds, values):
+def _settle(sky, plain, weight, information, tolerance, max_rounds, values):
     """The weighted fit, its weights and the number of rounds, from values of the coefficients to begin with."""
     modes, leverage = plain.modes, len(plain.modes) / plain.modes.components / information
     solution = replace(plain, coefficients=replace(plain.coefficients, values=values))
     for rounds in range(1, max_rounds + 1):
-        label = f"{name}, round {rounds}"
+        label = f"{_NAME}, round {rounds}"
         share = Share(solution, weight, leverage)
         weight = weight.fitted(sky, share, label)
-        share = Share(solution, weight, leverage)
+        share = Share(solution, weight, leverage, share.models)
         sums = sky.sum(partial(_weight_field, share=share, modes=modes), roles=(), words=label)
         solution = solve(sums["normal"])
         if rounds <= _ADAPTING:  # held fixed later, so that all settles
@@ -465,15 +463,14 @@ def _settle(sky, plain, weight, information, name, tolerance, max_rounds, values
 
 def _with_errors(sky, plain, solution, share, rounds, total):
     """The settled fit with the covariance of its residuals, and what is said of it."""
-    name = "Student-t"
     scores = partial(_scores, share=share)
-    covariance, dof = sandwich(sky, scores, solution.modes, words=f"{name}, errors", total=total)
+    covariance, dof = sandwich(sky, scores, solution.modes, words=f"{_NAME}, errors", total=total)
     inflation = float(np.sqrt(np.mean(np.diag(covariance) / np.diag(plain.covariance))))
-    facts = sky.sum(partial(_facts, share=share), roles=("name",), words=f"{name}, weights")
+    facts = sky.sum(partial(_facts, share=share), roles=("name",), words=f"{_NAME}, weights")
     effective = facts["u"] ** 2 / facts["u²"]
     largest_weight = max(facts["most"])
     note = (
-        f"{name}: converged in {rounds} iterations; effective number of sources {effective:.1f} of "
+        f"{_NAME}: converged in {rounds} iterations; effective number of sources {effective:.1f} of "
         f"{facts['sources']}; errors are {inflation:.3g} times those of the catalogue; sources with "
         f"the lowest weights: {', '.join((f'{label} ({u / largest_weight:.2g})' for u, label in facts['least'].few))}"
     )
@@ -521,7 +518,7 @@ def _with_noise(field, noise):
 
 def _log_likelihood(sky, share):
     """ln of the likelihood of a Student-t fit."""
-    sums = sky.sum(partial(_likelihood_terms, share=share), roles=(), words="Student-t, likelihood")
+    sums = sky.sum(partial(_likelihood_terms, share=share), roles=(), words=f"{_NAME}, likelihood")
     mean = _log_t(share.weight.nu, share.weight.components, sums["log"] / sums["sources"])
     return float(sums["sources"] * mean - sums["logdet"] / 2)
 

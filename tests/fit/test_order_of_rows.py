@@ -61,3 +61,12 @@ def test_gap_in_the_sky_is_the_same_in_any_order(interleaved):
     north = interleaved[interleaved.lat > 0.2]
     order = np.random.default_rng(3).permutation(len(north))
     assert widest_gap(north.lon, north.lat) == widest_gap(north.lon[order], north.lat[order])
+
+
+def test_gap_of_sources_on_one_meridian():
+    """A selection by longitudes alone took all of them or none."""
+    lat = np.linspace(-1.5, 1.5, 1000)
+    radius, lon, _ = widest_gap(np.zeros(1000), lat, 400)
+    assert radius == pytest.approx(np.pi / 2, abs=0.1)
+    assert abs(lon - np.pi) < 1.7
+    assert widest_gap(np.zeros(1000), np.zeros(1000), 1)[0] > 3.0

@@ -11,12 +11,12 @@ from conftest import ROOT
 PACKAGES = ("vsh", "fit", "sim", "study")
 #: Lines of code that all packages may have together: it falls with every cut, to 33 500, and only a decision of the
 #: maintainers raises it.
-TOTAL = 36_145
+TOTAL = 36_141
 #: Lines of code (no docstrings, comments or blank lines) that a room may have.
 BUDGET = {
-    "fit": 599, "fit/background": 2003, "fit/commands": 1516, "fit/correlation": 560, "fit/distances": 720,
+    "fit": 600, "fit/background": 2003, "fit/commands": 1516, "fit/correlation": 560, "fit/distances": 720,
     "fit/frames": 2038, "fit/in_time": 430, "fit/motions": 651, "fit/normal": 961, "fit/pairs": 515,
-    "fit/posterior": 1621, "fit/redshift": 812, "fit/results": 1684, "fit/robust": 686,
+    "fit/posterior": 1621, "fit/redshift": 812, "fit/results": 1684, "fit/robust": 681,
     "fit/secular_parallax": 1259, "fit/waves": 424, "sim": 829, "sim/agis": 2008, "sim/commands": 360,
     "sim/gaia": 486, "sim/scanning": 452, "sim/signal": 359, "study": 0, "study/commands": 305,
     "study/forecast": 371, "study/referee": 991, "vsh": 1613, "vsh/commands": 1563, "vsh/figures": 1085,

@@ -96,9 +96,9 @@ def widest_gap(lon: FloatArray, lat: FloatArray, most: int = 10_000) -> tuple[fl
     most : int
         How many are looked at; the gap of fewer is as wide or wider.
     """
-    selection = select_share(most / max(len(lon), 1), lon)
+    selection = select_share(most / max(len(lon), 1), lon, lat)
     places = _spiral()
-    nearest = (triad(lon[selection], lat[selection])[2].T @ places).max(0)
+    nearest = (triad(lon[selection], lat[selection])[2].T @ places).max(0, initial=-1.0)
     widest = int(nearest.argmin())
     center_lon, center_lat = angles(places[:, widest])
     return float(np.arccos(np.clip(nearest[widest], -1, 1))), float(center_lon), float(center_lat)

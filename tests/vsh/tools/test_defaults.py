@@ -24,19 +24,14 @@ def defaults():
             thing = getattr(module, name)
             if inspect.ismodule(thing) and depth < 3:
                 walk(thing, depth + 1)
-            elif callable(thing) and getattr(thing, "__module__", "").split(".")[0] in ("vsh", "fit", "sim", "study"):
+            elif callable(thing) and is_ours(thing):
                 members = inspect.getmembers(thing, inspect.isroutine) if inspect.isclass(thing) else []
                 public = [(f".{key}", each) for key, each in members if not key.startswith("_")]
                 for suffix, function in [("", thing), *public]:
                     add(f"{module.__name__}.{name}{suffix}", function)
 
     def add(name, function):
-        if (getattr(function, "__module__", None) or "").split(".")[0] not in (
-            "vsh",
-            "fit",
-            "sim",
-            "study",
-        ):  # inherited
+        if not is_ours(function):  # inherited
             return
         try:
             parameters = inspect.signature(function).parameters.values()
@@ -49,6 +44,10 @@ def defaults():
     for module in (vsh, fit, sim, study):
         walk(module)
     return dict(sorted(found.items()))
+
+
+def is_ours(thing):
+    return (getattr(thing, "__module__", None) or "").split(".")[0] in ("vsh", "fit", "sim", "study")
 
 
 def shown(value):

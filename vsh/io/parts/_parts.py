@@ -281,7 +281,7 @@ def sample_of(sky: Parts, n_sources: int = 20_000, total: int | None = None, dra
 
 
 def _chosen(field, share, draw):
-    # A table in degrees and the same in memory differ in the last bits.
+    """A share of the sources by their places to a nanoradian: tables in degrees change the last bits."""
     return field[select_share(share, np.round(field.lon, 9), np.round(field.lat, 9), draw=draw)]
 
 
