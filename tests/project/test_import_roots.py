@@ -90,7 +90,7 @@ def test_packages_are_not_hidden(python, tmp_path):
 #: Imports the name of each line of standard input in a child that nothing else of ours has been imported in.
 _CODE = """
 import importlib, os, sys, traceback
-import numpy, scipy  # not ours, and slow
+import astropy.coordinates, astropy.table, healpy, matplotlib.pyplot, numpy, scipy  # not ours, and slow
 for line in sys.stdin:
     module, name = line.split()
     child = os.fork()
@@ -105,21 +105,25 @@ for line in sys.stdin:
 
 
 def promised():
-    """Each module of ours with the names that it promises."""
+    """Each module of ours with the names that it promises, one for each module that defines some."""
+    seen = set()
     for package in ("vsh", "sim", "fit", "study"):
         for path in sorted((ROOT / package).rglob("*.py")):
             parts = path.relative_to(ROOT).with_suffix("").parts
             module = ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
             if "__all__" in path.read_text(encoding="utf-8"):
                 for name in getattr(importlib.import_module(module), "__all__", ()):
-                    yield module, name
+                    origin = getattr(getattr(importlib.import_module(module), name), "__module__", name)
+                    if (module, origin) not in seen:
+                        seen.add((module, origin))
+                        yield module, name
 
 
 @POSIX
 @pytest.mark.slow
 def test_each_promised_name_is_imported_by_itself():
     names = "\n".join(f"{module} {name}" for module, name in promised())
-    assert names.count("\n") > 200
+    assert names.count("\n") > 100
     done = subprocess.run(
         [sys.executable, "-c", _CODE], input=names, capture_output=True, text=True, check=True,
         cwd=ROOT, env=os.environ | {"PYTHONPATH": str(ROOT)},
