@@ -96,8 +96,9 @@ class Classes(InNotebook):
             raise ParameterError(f"edges of classes are numbers that rise, not {edges!r}")
         below, greater_sign = ("<", ">=") if closed == "left" else ("<=", ">")
         after = "<=" if closed == "left" else "<"
-        inner = [f"{lower:g} {after} {name} {below} {upper:g}" for lower, upper in pairwise(edges)]
-        conditions = (f"{name} {below} {edges[0]:g}", *inner, f"{name} {greater_sign} {edges[-1]:g}")
+        texts = [_in_full(edge) for edge in edges]
+        inner = [f"{lower} {after} {name} {below} {upper}" for lower, upper in pairwise(texts)]
+        conditions = (f"{name} {below} {texts[0]}", *inner, f"{name} {greater_sign} {texts[-1]}")
         conditions = conditions if ends else conditions[1:-1]
         labels = tuple(condition.replace("<=", "≤").replace(">=", "≥") for condition in conditions)
         if values is None:
@@ -131,9 +132,15 @@ class Classes(InNotebook):
         if len(levels) < 2:
             raise DegeneracyError(f"{name} is the same for all sources")
         if len(levels) <= k:
-            return cls(tuple(f"{name} {value:g}" for value in levels), numbers == levels[:, None])
-        edges = np.unique(np.nanquantile(numbers, np.arange(1, k) / k))
-        return cls.by_edges(name, [float(f"{edge:.4g}") for edge in edges], numbers)
+            return cls(tuple(f"{name} {_in_full(value)}" for value in levels), numbers == levels[:, None])
+        quantiles = np.unique(np.nanquantile(numbers, np.arange(1, k) / k))
+        quantiles = quantiles[quantiles > levels[0]] if quantiles[-1] > levels[0] else levels[1:2]
+        spread = np.diff(quantiles, prepend=levels[0], append=levels[-1]).max()
+        for digits in (4, 6, 8, 17):  # as few as leave the classes what they are
+            edges = [float(f"{edge:.{digits}g}") for edge in quantiles]
+            if np.abs(edges - quantiles).max() < 0.05 * spread and (np.diff(edges, prepend=levels[0]) > 0).all():
+                break
+        return cls.by_edges(name, edges, numbers)
 
     @classmethod
     def by_halves(cls, frame: str) -> Classes:
@@ -194,8 +201,15 @@ class Classes(InNotebook):
             All of them.
         """
         if isinstance(sources, Parts):
+            if not self.frame:
+                raise ParameterError("only halves of the sky split a catalogue in parts: others take .map or --where")
             return [sources.map(partial(_class_of, classes=self, i=i)) for i in range(len(self))]
         return [sources[mask] for _, mask in self.of(sources)]
+
+
+def _in_full(number):
+    """Text of a number with all of its digits."""
+    return f"{number:g}" if float(f"{number:g}") == number else repr(float(number))
 
 
 def _class_of(field, classes, i):

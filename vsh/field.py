@@ -34,6 +34,7 @@ from vsh.tools.bad_rows import (
     invalid_rows,
     joint_span,
     placeholders,
+    row_numbers,
     select_usable,
     span_of,
 )  # fmt: skip
@@ -248,7 +249,8 @@ def usable_columns(
     arrays = {"lon": lon[keep], "lat": lat[keep], "motion": motion[:, keep], "sigma": sigma[:, keep], "rho": rho[keep]}
     arrays |= {c: columns[c][keep] for c in (*MEASURED, "name") if c in columns}
     of_all = spans if isinstance(keep, slice) else None
-    return arrays, (*notes, *doubtful({c: columns[c][keep] for c in ("pmra", "pmdec")}, of_all), *added_notes)
+    numbers = row_numbers(np.arange(n), first_row)[keep]
+    return arrays, (*notes, *doubtful({c: columns[c][keep] for c in ("pmra", "pmdec")}, of_all, numbers), *added_notes)
 
 
 def _set_unknown(columns, first_row):
@@ -260,7 +262,7 @@ def _set_unknown(columns, first_row):
     index = int(np.argmax(mask))
     text = (
         f"{mask.sum()} redshifts with an error of 1 + z or more are taken as missing (first: row "
-        f"{first_row + index}, {columns['redshift'][index]:.4g} ± {columns['redshift_error'][index]:.4g})"
+        f"{row_numbers(index, first_row)}, {columns['redshift'][index]:.4g} ± {columns['redshift_error'][index]:.4g})"
     )
     for column in ("redshift", "redshift_error"):
         columns[column] = np.where(mask, np.nan, columns[column])

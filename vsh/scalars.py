@@ -260,7 +260,7 @@ class ScalarField(TableIO):
 
     def with_errors(self, sigma: ArrayLike) -> ScalarField:
         """Replace the standard errors `sigma`, (n,). [`unit`]"""
-        return replace(self, sigma=float_array("sigma", sigma, finite=False))
+        return replace(self, sigma=float_array("sigma", sigma, finite=False, unit=self.unit))
 
     def to_frame(self, name: str) -> ScalarField:
         """Turn the positions to the frame `name` (icrs, galactic, ecliptic); the values stay."""

@@ -264,11 +264,14 @@ class Vector(Equal, Frozen):
         The posterior of the direction under a prior that is flat in length and in direction.
         """
         probability = between("probability", probability, 0, 1)
-        sigma = np.sqrt(np.trace(self.covariance) / 3)
-        if not (sigma > 0 and np.linalg.det(self.covariance) > 0):
+        if not np.isfinite(self.covariance).all() or self.dof < FEWEST_DOF:
+            return float("nan")
+        if not (widest := np.linalg.eigvalsh(self.covariance)[-1]) > 0:
             return 0.0
-        precision = np.linalg.inv(self.covariance)
-        reach = min(np.pi, 12 * np.sqrt(np.linalg.eigvalsh(self.covariance)[-1]) / max(self.amplitude, 1e-300))
+        # A component that is known exactly is taken as known a thousand times better than the others.
+        covariance = float(standard_errors(1.0, self.dof)) ** 2 * (self.covariance + 1e-6 * widest * np.eye(3))
+        precision = np.linalg.inv(covariance)
+        reach = min(np.pi, 12 * np.sqrt(np.linalg.eigvalsh(covariance)[-1]) / max(self.amplitude, 1e-300))
         angle = np.linspace(0, reach, 400)
         around = (np.arange(72) + 0.5) * 2 * np.pi / 72
         p, q, r = triad(*np.radians(self.direction))
@@ -297,8 +300,8 @@ class Vector(Equal, Frozen):
         lon, lat = np.radians(self.direction)
         p, q, _ = triad(lon, lat)
         with np.errstate(divide="ignore", invalid="ignore"):
-            east = np.sqrt(p @ self.covariance @ p) / (self.amplitude * np.cos(lat))
-            north = np.sqrt(q @ self.covariance @ q) / self.amplitude
+            east, north = standard_errors([axis @ self.covariance @ axis for axis in (p, q)], self.dof) / self.amplitude
+            east /= np.cos(lat)
         return float(np.degrees(east)), float(np.degrees(north))
 
     def to_frame(self, name: str) -> Vector:

@@ -6,7 +6,7 @@ observer's: (1 + z_obs) = (1 + z) (1 + v_r/c)/(1 + v·r/c), with v the observer'
 background, toward the apex. Frames differ by that observer.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -16,7 +16,6 @@ from vsh.field import Field
 from vsh.sky.frames import TRUE, check_frame, check_redshift_frame, rotation_matrix
 from vsh.sky.sphere import triad
 from vsh.tools.arguments import a, accepts, float_array, number, positive
-from vsh.tools.arguments import between as between_limits
 from vsh.tools.errors import ConvergenceError, EmptyFieldError, FieldError, ParameterError
 from vsh.tools.notes import WithoutRedshift
 from vsh.tools.printing import in_a_line
@@ -153,7 +152,7 @@ def distance_modulus(distance: ArrayLike, redshift: ArrayLike) -> FloatArray:
 def redshift_of(distance: ArrayLike, cosmology: Cosmology | None = None) -> FloatArray:
     """The redshift at each transverse comoving distance [Mpc], (n,); nan where the distance is.
 
-    To the antipode of a closed cosmology, and to z = 1000.
+    Below z = 10⁻⁴ by Hubble's law; not beyond the antipode of a closed cosmology, nor beyond z = 1000.
     """
     cosmology = FLAT_PLANCK13 if cosmology is None else cosmology
     from scipy.interpolate import make_interp_spline  # slow to import
@@ -163,14 +162,8 @@ def redshift_of(distance: ArrayLike, cosmology: Cosmology | None = None) -> Floa
     rising = slice(0, int(np.argmax(grid_distances)) + 1)
     spline = make_interp_spline(np.log(grid_distances[rising]), np.log(grid[rising]), k=3)
     distance = np.asarray(distance, float)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        return np.exp(spline(np.clip(np.log(distance), np.log(grid_distances[0]), np.log(grid_distances[rising][-1]))))
-
-
-def flat(omega_m: float) -> Cosmology:
-    """A flat cosmology with a cosmological constant; ParameterError unless 0.001 < Ω_m < 2."""
-    between_limits("omega_m", omega_m, 0.001, 2)
-    return FlatLCDM(FLAT_PLANCK13.hubble, omega_m)
+    within = np.clip(distance, grid_distances[0], grid_distances[rising][-1])
+    return np.exp(spline(np.log(within))) * np.minimum(distance / grid_distances[0], 1)
 
 
 def hubble_value(cosmology: Cosmology) -> float:
@@ -262,7 +255,7 @@ def velocity_along(value: Any, frame: str) -> Vector:
         raise ParameterError(
             f"a velocity of {value.amplitude} km/s has no direction: a secular parallax cannot be scaled by it"
         )
-    return replace(value.to_frame(frame), unit="km/s")
+    return value.to_frame(frame).to("km/s")
 
 
 def velocity_from_apex(speed: float, l: float, b: float) -> Vector:
@@ -341,6 +334,8 @@ _WORTH = 0.5
 
 def with_certain_redshift(field: Field) -> Field:
     """The sources whose redshift is known to half of itself, or whose distance is; a note counts and names the others.
+
+    Where no redshift is known so well, none is better than the others, and all sources stay.
 
     One wrong error among many puts its source so far away that no peculiar velocity scatters it, and lets it outweigh
     all others.

@@ -367,7 +367,8 @@ def flow_of_galaxies(
     distance that is fitted to the logarithm of counts in shells.
     """
     lon = arguments.dimension(1)("lon", lon)
-    lat, distance = (float_array(name, x, lon.shape) for name, x in (("lat", lat), ("distance", distance)))
+    lat = float_array("lat", lat, lon.shape)
+    distance = float_array("distance in Mpc/h", distance, lon.shape)  # not that of other functions, so without a unit
     beta, smoothing, size = positive("beta", beta), positive("smoothing", smoothing), arguments.whole("size", size, 8)
     if len(lon) < 100 or not (distance > 0).all():
         raise ParameterError(f"a density takes a hundred galaxies with distances above zero, not {len(lon)}")
@@ -390,6 +391,7 @@ def flow_of_galaxies(
             raise ParameterError(f"visible is a HEALPix map, of 12 nside² pixels, not of shape {visible.shape}")
         is_seen &= visible[pixels_of(*angles(cells.reshape(3, -1)), nside)].reshape(radius.shape)
         share = float(visible.mean())
+        distance = distance[visible[pixels_of(lon, lat, nside)]]
     shells = farthest * np.linspace(0, 1, _SHELLS + 1) ** (1 / 3)
     volume = 4 / 3 * np.pi * share * np.diff(shells**3)
     at = ((shells[1:] ** 3 + shells[:-1] ** 3) / 2) ** (1 / 3)

@@ -147,12 +147,13 @@ def _with_light_time(lon, lat, parallax, motion, velocity, start, end):
             2451545.0, (start - 2000.0) * 365.25, 2451545.0, (end - 2000.0) * 365.25,
         )  # fmt: skip
     new_lon, new_lat, by_lon, by_lat, new_parallax, _ = result
-    small = parallax * UAS / _ARCSEC < 1e-6  # ERFA has replaced this parallax
+    # ERFA replaces parallaxes that are zero, and those of stars that would move at a hundredth of the speed of light.
+    replaced = parallax * UAS / _ARCSEC < np.maximum(1e-6, 327 * np.hypot(*motion) * UAS)
     return np.stack(
         [
             new_lon % (2 * np.pi),
             new_lat,
-            np.where(small, parallax, new_parallax * _ARCSEC / UAS),
+            np.where(replaced, parallax, new_parallax * _ARCSEC / UAS),
             by_lon * np.cos(new_lat) / UAS,
             by_lat / UAS,
         ]

@@ -186,7 +186,7 @@ class Positions(Frozen):
         return Positions(**columns)
 
     def at_epoch(self, epoch: float | None) -> Positions:
-        """Move the sources to `epoch` [Julian year] along straight lines; those without motion stay.
+        """Move the sources to `epoch` [Julian year] along straight lines; without motions they stay.
 
         Raises
         ------

@@ -42,7 +42,8 @@ def as_floats(column: str, value: Any, unit: Any = None) -> tuple[FloatArray, Bo
     missing = np.ma.getmaskarray(value) if np.ma.isMaskedArray(value) else getattr(value, "mask", None)
     array = np.asarray(np.ma.getdata(getattr(value, "unmasked", value)))
     if array.dtype.kind == "O":
-        missing = np.array([x is None or type(x).__name__ == "NAType" for x in array.ravel()]).reshape(array.shape)
+        none = np.array([x is None or type(x).__name__ == "NAType" for x in array.ravel()], bool).reshape(array.shape)
+        missing = none if missing is None else none | missing
         array = np.where(missing, np.nan, array)
     if array.dtype.kind not in "OiufUS":
         raise FieldError(f"{column} holds {array.dtype.name}, not real numbers")
@@ -196,7 +197,9 @@ def unmeasured(pmra: FloatArray, pmdec: FloatArray) -> dict[str, BoolArray]:
     return {"motion of exactly 0 in both components, a mark of missing values": both}
 
 
-def doubtful(columns: Mapping[str, FloatArray], spans: Mapping[str, Span] | None = None) -> tuple[str, ...]:
+def doubtful(
+    columns: Mapping[str, FloatArray], spans: Mapping[str, Span] | None = None, row_numbers: Any = None
+) -> tuple[str, ...]:
     """A note on motions that are −999 or 99.99, say, in one component: perhaps missing values; they are used."""
     column_spans = {name: span_of(values) for name, values in columns.items()} if spans is None else spans
     if all(within(column_spans[name], -50.0, 50.0) for name in ("pmra", "pmdec")):
@@ -209,10 +212,11 @@ def doubtful(columns: Mapping[str, FloatArray], spans: Mapping[str, Span] | None
     values = np.unique(np.concatenate([columns[name][mask] for name, mask in zip(("pmra", "pmdec"), odd)]))
     examples = ", ".join(f"{value:g}" for value in values[:4])
     count = f"{rows.sum()} row{' has' if rows.sum() == 1 else 's have'}"
+    first = rows.argmax() if row_numbers is None else np.asarray(row_numbers)[rows.argmax()]
     return (
         CodedNote(
             f"warning: {count} a motion of {examples} in one component: a mark of missing values? It is used (first: "
-            f"row {rows.argmax()}); leave such rows out with --where",
+            f"row {first}); leave such rows out with --where",
             DOUBT,
         ),
     )
@@ -278,8 +282,13 @@ def select_usable(
 def _rows(mask, first_row=0, limit=5):
     """The first rows of a mask, counted from 0."""
     rows = np.flatnonzero(mask)
-    row_numbers = ", ".join(map(str, rows[:limit] + first_row if np.ndim(first_row) == 0 else first_row[rows[:limit]]))
-    return f"row{'s' * (rows.size > 1)} {row_numbers}{', …' * (rows.size > limit)}"
+    numbers = ", ".join(map(str, row_numbers(rows[:limit], first_row)))
+    return f"row{'s' * (rows.size > 1)} {numbers}{', …' * (rows.size > limit)}"
+
+
+def row_numbers(rows: Any, first_row: Any) -> Any:
+    """Numbers in a whole table of rows of a block: which one it begins with, or that of each row."""
+    return rows + first_row if np.ndim(first_row) == 0 else first_row[rows]
 
 
 def _is_number(text):
@@ -291,11 +300,12 @@ def _is_number(text):
 
 
 def check_measured(noun: Any) -> None:
-    """Raise FieldError where redshifts or distances of a field have no errors that can be used."""
+    """Raise FieldError where errors of redshifts and parallaxes, or distances of a field cannot be used."""
     for column, least in (
         ("redshift_error", "zero or more"),
         ("distance", "above zero"),
         ("distance_error", "above zero"),
+        ("parallax_error", "above zero"),
     ):
         values = getattr(noun, column)
         if values is None:

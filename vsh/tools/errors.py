@@ -150,7 +150,7 @@ class MissingAttribute(AttributeError):
         thing, name = self.obj, str(self.name)
         names = _public(thing)
         hint = ATTRIBUTES.get(name, "")
-        if re.sub(r"\W.*", "", hint) not in names and " " not in hint:
+        if re.sub(r"\W.*", "", hint) not in names and not hint.startswith(("fit.", "field[")):
             inner = _public(vars(thing)["solution"]) if "solution" in names and "solution" in vars(thing) else []
             inside = next((each for each in (name, hint) if each in inner), "")
             hint = f"solution.{inside}" if inside else " or ".join(get_close_matches(name, names, n=2))

@@ -21,7 +21,7 @@ import tempfile
 import time
 import warnings
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from pathlib import Path
 from typing import Any
@@ -119,7 +119,9 @@ def _add_systems(document, element, meta):
     if sky_columns:
         epoch = facts.get("REF_EPOCH") or facts.get("EPOCH")
         system = _SYSTEMS.get(str(facts.get("FRAME", "icrs")).lower(), "ICRS")
-        options = {"epoch": f"J{float(epoch):.3f}"} if isinstance(epoch, (int, float)) else {}
+        options = {}
+        with suppress(TypeError, ValueError):  # none, or no number
+            options = {"epoch": f"J{float(epoch):.3f}"}
         config = {"version_1_2_or_later": True, "version_1_4_or_later": True}
         resource.coordinate_systems.append(CooSys(ID=_FRAME, system=system, config=config, **options))
         axes = _UCD_OF_FRAME.get(system, {})
@@ -363,6 +365,8 @@ def _exchange(temporary_path, path):
 def _remove_abandoned(path):
     """Remove what killed writers of this file or folder left beside it: of this machine, or a day ago and earlier."""
     for candidate in path.parent.glob(f"{UNFINISHED}*-{glob.escape(path.name[-100:])}"):
+        if candidate.name.startswith(_LOCK):
+            continue
         machine, _, rest = candidate.name.removeprefix(UNFINISHED).partition("-")
         try:
             age = time.time() - candidate.stat().st_mtime

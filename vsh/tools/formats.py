@@ -71,7 +71,8 @@ READ = WRITTEN | {ending: row.kind for row in FORMATS for ending in row.endings}
 
 #: A scheme in front of an address, or several of fsspec's that are chained: simplecache::https://…
 _SCHEMES = re.compile(r"(?:[\w+.-]+::)*[\w+.-]{2,}://")
-_ADDRESS = re.compile(_SCHEMES.pattern + r"[^\s'\"]+")
+_ADDRESS = re.compile(_SCHEMES.pattern + r"(?:[^\s@/]*:[^\s@]*@)?[^\s'\"]+")
+_LINK = re.compile(r"::(?=[\w+.-]{2,}(?:::|://))")
 
 
 def is_address(text: str) -> bool:
@@ -87,7 +88,7 @@ def shown_address(text: str) -> str:
 def shown_addresses(text: str) -> str:
     """A message, each address in it without passwords and keys: for whatever is printed, logged or written."""
     return (
-        _ADDRESS.sub(lambda address: "::".join(map(_format_link, address[0].split("::"))), text)
+        _ADDRESS.sub(lambda address: "::".join(map(_format_link, _LINK.split(address[0]))), text)
         if "://" in text
         else text
     )
@@ -98,7 +99,7 @@ def _format_link(link):
     scheme, separator, location = link.partition("://")
     if not separator:
         return link
-    location = re.split(r"[?#]", location, maxsplit=1)[0]
     before, at, host_path = location.rpartition("@")
-    # A password may hold any sign; a path with an @ and no colon before it is one.
-    return f"{scheme}://{host_path if at and (':' in before or '/' not in before) else location}"
+    # A password may hold any sign; a path or a query with an @ and no colon before it is one.
+    location = host_path if at and (":" in before or "/" not in before) else location
+    return f"{scheme}://{re.split(r'[?#]', location, maxsplit=1)[0]}"

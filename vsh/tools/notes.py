@@ -154,11 +154,12 @@ class MoreNotes(str):
 def merge_notes(*groups: Iterable[str]) -> tuple[str, ...]:
     """The notes of several tables as those of one: repeated lines once, dropped rows added up, at most ten lines."""
     plain: dict[str, None] = {}
-    counted_notes: dict[type[CountedNote], dict[str, Any]] = {}
+    counted_notes: dict[tuple[type[CountedNote], object], dict[str, Any]] = {}
     hashes: set[str] = set()
     for note in (note for group in groups for note in group):
         if isinstance(note, CountedNote):
-            counted_notes.setdefault(type(note), {}).update(note.parts)
+            condition = next(iter(note.parts.values()))[2] if isinstance(note, NotSelected) else None
+            counted_notes.setdefault((type(note), condition), {}).update(note.parts)
         elif isinstance(note, MoreNotes):
             hashes |= note.hashes
         else:
@@ -172,7 +173,7 @@ def merge_notes(*groups: Iterable[str]) -> tuple[str, ...]:
         lines = first_lines
     return (
         *lines,
-        *(note_class(chunk_counts) for note_class, chunk_counts in counted_notes.items()),
+        *(note_class(chunk_counts) for (note_class, _), chunk_counts in counted_notes.items()),
         *([MoreNotes(hashes)] if hashes else []),
     )
 

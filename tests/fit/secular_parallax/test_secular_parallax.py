@@ -7,7 +7,7 @@ from conftest import few_or_many
 import sim
 from fit.secular_parallax import DistanceModel, hubble_constant, observer_velocity
 from vsh import Field, Vector
-from vsh.models.cosmology import BACHCHAN_2016, flat
+from vsh.models.cosmology import BACHCHAN_2016, FlatLCDM
 from vsh.tools.errors import DegeneracyError, FieldError, ParameterError
 
 VELOCITY = BACHCHAN_2016.to_frame("icrs").value
@@ -50,7 +50,7 @@ def test_sources_move_toward_the_antapex():
 
 
 def test_another_cosmology_changes_the_shape_alone():
-    cosmology = flat(0.2)
+    cosmology = FlatLCDM(67.3, 0.2)
     truth = sim.secular_parallax(VELOCITY, cosmology=cosmology, hubble=80.0) + sim.acceleration(ACCELERATION)
     field = exact(galaxies(500, 1), truth)
     np.testing.assert_allclose(observer_velocity(field, 80.0, cosmology=cosmology).velocity.value, VELOCITY, rtol=1e-9)

@@ -274,7 +274,7 @@ class ShownPage:
 
 
 def sky(*shown: ShownPage) -> Panel:
-    """Show one or two solutions on an interactive globe; shows nothing if the package was built without d3.
+    """Show one or two solutions on an interactive globe.
 
     Parameters
     ----------

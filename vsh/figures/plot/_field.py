@@ -298,10 +298,11 @@ def plot_field(
     lon, lat = arrow_grid(axes)
     motion = coefficients.at(lon, lat)
     colour: Any = COLOURS[0]
-    is_noise = covariance is not None and not is_seen(coefficients.values, np.asarray(covariance))
+    is_known = covariance is not None and bool(np.isfinite(covariance).all())
+    is_noise = is_known and not is_seen(coefficients.values, np.asarray(covariance))
     if is_noise:
         colour = "0.7"
-    elif covariance is not None:
+    elif is_known:
         basis = harmonics(lon, lat, modes)
         significance = significance_of(motion, basis, np.asarray(covariance))
         colour = _colours()(np.clip(np.nan_to_num(significance), 0, TOP) / TOP)
