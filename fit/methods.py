@@ -215,7 +215,7 @@ def _robust(field, degree, n_sources, by_many):
             fits = [student_t(field, degree, tolerance=tolerance, max_rounds=_ROUNDS, noise=noise) for noise in noises]
     if not fits:
         solution = fit_field(field, degree)
-        note = f"warning: least squares in place of Student's t ({reason})"
+        note = f"warning: least squares in place of Student's t ({reason or 'no fit with an excess noise settled'})"
         return None, replace(solution, notes=(*solution.notes, note))
     best = fits[-1]
     solution = best.solution

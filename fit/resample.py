@@ -71,8 +71,8 @@ class ResampledFit(AboutSolution):
 
     @property
     def sigma(self) -> FloatArray:
-        """Standard error of each coefficient, (p,). [µas/yr]"""
-        return np.sqrt(np.diag(self.covariance))
+        """Standard error of each coefficient, (p,): that of `resampled_solution`. [µas/yr]"""
+        return self.resampled_solution.sigma
 
     @property
     def resampled_solution(self) -> Solution:
@@ -97,7 +97,8 @@ class ResampledFit(AboutSolution):
         """
         probability = between("probability", probability, 0, 1)
         if self.method == "jackknife":
-            reach = stdtrit(len(self.replicates) - 1, 0.5 + probability / 2) * self.sigma
+            quantile = stdtrit(len(self.replicates) - 1, 0.5 + probability / 2)
+            reach = quantile * np.sqrt(np.diag(self.covariance))
             return self.solution.coefficients.values + np.array([[-1], [1]]) * reach
         return np.percentile(self.replicates, [50 - 50 * probability, 50 + 50 * probability], axis=0)
 
@@ -401,7 +402,9 @@ def _pixels(field, nside):
 
 def _length(growth, nside):
     formal = np.concatenate([growth.solution.spin.sigma, growth.solution.acceleration.sigma])
-    errors = np.concatenate([growth.spin.sigma, growth.acceleration.sigma])
+    # Without the factor of few replicates, which grows with the blocks by itself.
+    variances = np.concatenate([np.diag(vector.covariance) for vector in (growth.spin, growth.acceleration)])
+    errors = np.sqrt(variances)
     blocks = len(growth.replicates)
     ratio = float(np.sqrt(np.mean((errors / formal) ** 2)))
     # The ratio rests on six variances, each with B − 1 degrees of freedom.

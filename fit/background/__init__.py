@@ -1,6 +1,6 @@
-"""Backgrounds of known shape and unknown amplitude: systematic floors, gravitational waves, evidence.
+"""Backgrounds of known shape and unknown amplitude: systematic floors, gravitational waves.
 
-Systematic errors is a Gaussian field of a known spectrum. Its amplitude is estimated by the exact likelihood of the
+Systematic errors are a Gaussian field of a known spectrum. Its amplitude is estimated by the exact likelihood of the
 normal equations, with whatever else is fitted marginalised.
 """
 

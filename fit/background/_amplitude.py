@@ -31,7 +31,7 @@ from fit.results.storage import Result
 from vsh.io import tables
 from vsh.io.sections import Section
 from vsh.models.covariance import Spectrum
-from vsh.tools.arguments import between, choice
+from vsh.tools.arguments import between, choice, positive
 from vsh.tools.errors import ModesError
 from vsh.tools.notebook import Frozen
 from vsh.tools.parallel import blas_for
@@ -86,7 +86,7 @@ class Amplitude(Frozen):
         prior : {"flat", "root", "log"}
             Flat in A, in √A, or in ln A.
         lowest : float, optional
-            Where a prior flat in ln A begins; it has no limit otherwise.
+            Where a prior flat in ln A begins; a millionth of the largest A unless given.
         """
         x, share = self._shares(prior, lowest)
         return float(np.interp(between("probability", probability, 0, 1), share, x) ** 2)
@@ -124,7 +124,7 @@ class Amplitude(Frozen):
         x, density = self.root, np.exp(self.log_likelihood)
         if power >= 0:
             return x, density * x**power
-        start = np.sqrt(lowest) if lowest is not None else x[-1] / 1e3
+        start = np.sqrt(positive("lowest", lowest)) if lowest is not None else x[-1] / 1e3
         x = np.geomspace(start, x[-1], 4 * len(self.root))
         return x, np.interp(x, self.root, density, left=density[0]) / x
 
@@ -331,7 +331,8 @@ def fit_amplitudes(
     equations = equations_of(normal)
     modes = equations.modes
     spectrum_list = [spectra] if isinstance(spectra, Spectrum) else spectra
-    flat = fitted_degrees(modes, free, "free") if not _is_empty(free) else ()
+    free = tuple(free) if isinstance(free, Iterable) else free
+    flat = fitted_degrees(modes, free, "free") if free != () else ()
     default_degrees = [l for l in range(1, modes.lmax + 1) if l not in flat]
     degrees = fitted_degrees(modes, default_degrees if degrees is None else degrees)
     if overlap := set(degrees) & set(flat):
@@ -358,7 +359,3 @@ def fit_amplitudes(
         frame=equations.frame or "icrs",
         notes=equations.notes,
     )
-
-
-def _is_empty(degrees):
-    return not isinstance(degrees, (int, np.integer)) and isinstance(degrees, Iterable) and not list(degrees)

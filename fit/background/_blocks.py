@@ -310,7 +310,8 @@ class ClassAmplitudes:
         Where fewer than `least` draws count the proposal goes on learning from twice as many, and twice again.
         """
         middle, covariance = self._peak()
-        for count in (n // 2, n // 2, n, 2 * n, 4 * n):
+        half = max(1, n // 2)
+        for count in (half, half, n, 2 * n, 4 * n):
             x, log_density = _fold_negatives(middle, 1.2 * covariance, count, rng)
             log = self.log_likelihoods(x) - log_density
             weight = np.exp(log - log.max())

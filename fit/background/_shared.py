@@ -601,7 +601,7 @@ def _highest(equations, degrees):
     if degrees is None:
         highest = limit
     else:
-        unique_degrees = sorted({int(l) for l in ([degrees] if isinstance(degrees, int) else degrees)})
+        unique_degrees = sorted({whole("degrees", l) for l in ([degrees] if isinstance(degrees, int) else degrees)})
         if not unique_degrees or unique_degrees != list(range(2, unique_degrees[-1] + 1)):
             raise ModesError(f"systematic errors are estimated in degrees 2, 3, … without a gap, not {unique_degrees}")
         highest = unique_degrees[-1]
@@ -637,7 +637,7 @@ def _classes(equations, names, modes, scale_flags, is_free=None) -> tuple[ClassE
         if classes[-1].condition[0] > _CAP:
             notes.append(
                 f"the class {name} sees too little of the sky to tell degrees to {modes.lmax} apart: merge it with "
-                "another, or look at higher degrees"
+                "another, or fit lower degrees"
             )
     return ClassEquations.beside(classes), notes
 

@@ -1,1 +1,1 @@
-"""The commands `vsh-fit`, `vsh-redshift` and `vsh-correlate`."""
+"""The commands `vsh-fit`, `vsh-redshift`, `vsh-correlate`, `vsh-compare`, `vsh-link` and `vsh-pairs`."""

@@ -148,7 +148,7 @@ def _sources(path, source, options):
 
 def _labels(paths):
     names = [Path(path).stem for path in paths]
-    return names if len(set(names)) == len(names) else [str(path) for path in paths]
+    return names if len(set(names)) == len(names) else [f"{name}_{k}" for k, name in enumerate(names, 1)]
 
 
 def _sky(correlation, field, label, lmax):

@@ -337,6 +337,8 @@ def _template(word, run, source, path, field):
             solution = fit.storage.read(word)
             if not isinstance(solution, fit.Solution):
                 raise ParameterError(f"--templates {name} is no solution of motions")
+            if frame not in (None, solution.frame or "icrs"):
+                raise ParameterError(f"--templates {name} is a solution in {solution.frame} axes, not in {frame}")
             return fit.background.Template(name, solution.coefficients, solution.frame or "icrs")
         return fit.background.Template(name, word, frame)
     if word not in source.names:

@@ -93,7 +93,7 @@ def predict_covariance(
 
     Examples
     --------
-    Systematic errors adds to the errors of degree 1:
+    Systematic errors add to the errors of degree 1:
 
     >>> from vsh import Field
     >>> quasars = Field([0.1, 2.0, 4.0], [0.3, -0.7, 0.2], np.zeros((2, 3)), np.ones((2, 3)))
@@ -104,7 +104,11 @@ def predict_covariance(
     modes = as_modes(modes)
     field = field_from_positions(sources, sigma)
     normal = normal_equations(field, modes)
-    solution = _with_spectrum(normal, floor) if isinstance(floor, Spectrum) else solve(normal, floor=floor)
+    if isinstance(floor, Spectrum) or floor is None:
+        solution = solve(normal) if floor is None else _with_spectrum(normal, floor)
+    else:  # the errors of these sources are not those of the other catalogue
+        one = [replace(part, noise_scale=1.0) for part in floor.parts]
+        solution = solve(normal, floor=replace(floor, noise_scale=1.0, parts=tuple(one)))
     # N of the six vectors, from that of the degree-1 coefficients: c = F v.
     to_coefficients = np.zeros((len(modes), 6))
     for k, kind in enumerate(KINDS):

@@ -126,7 +126,7 @@ class Leakage(Result):
         modes = self.unmodelled
         lmin = self.fitted.lmax + 1
         spectrum = np.zeros((2, modes.lmax + 1))
-        if isinstance(power, dict):
+        if isinstance(power, Mapping):
             for l, value in power.items():
                 if not lmin <= l <= modes.lmax:
                     raise ParameterError(f"degree {l} is none of the unmodelled degrees {lmin} to {modes.lmax}")

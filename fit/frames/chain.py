@@ -113,7 +113,8 @@ class FrameNetwork(FrameResult):
         one, two : str, optional
             The catalogue, and the one that is subtracted; the first two unless given.
         """
-        pair = (one or self.labels[0], two or (self.labels[1] if one is None else self.labels[0]))
+        first = one or next(label for label in self.labels if label != two)
+        pair = (first, two or next(label for label in self.labels if label != first))
         solution = self.difference(*pair) if self.shared is None else self.frames(*pair)
         return {"rotation": solution.spin, "glide": solution.acceleration}
 

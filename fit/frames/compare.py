@@ -216,7 +216,8 @@ class FrameComparison(FrameResult, AboutSolution):
             errors += f"; systematic floor included (rotation ± {spin:.3g}, glide ± {glide:.3g} {solution.unit})"
             includes_floor = True
         elif solution.n_sources < FEW:
-            errors += f"; without systematic errors, because there are fewer than {FEW} sources: --floor includes them"
+            errors += f"; without systematic errors: of fewer than {FEW} sources they are not known, and floor=True "
+            errors += "(--floor) includes those of the higher degrees"
         else:
             errors += "; without systematic errors"
         return replace(
@@ -256,7 +257,11 @@ class FrameComparison(FrameResult, AboutSolution):
         one, two : str, optional
             The two catalogues, or neither.
         """
-        return {"rotation": self.best.spin, "glide": self.best.acceleration}
+        if one == two is not None or {one, two} - {*self.labels, None}:
+            raise ParameterError(f"the catalogues are {' and '.join(self.labels)}, not {one} and {two}")
+        sign = -1 if one == self.labels[1] or two == self.labels[0] else 1
+        vectors = {"rotation": self.best.spin, "glide": self.best.acceleration}
+        return {name: replace(vector, value=sign * vector.value) for name, vector in vectors.items()}
 
     @property
     def deformation_p_value_by_class(self) -> float:

@@ -139,7 +139,7 @@ def normal_equations(
     lmax : int or Modes
         The highest degree.
     functions : Functions
-        `waves`, `legendre`, `splines`, or a sum of them.
+        `waves`, or a sum of several.
     attitude : sim.agis.Response, or "known"
         What the attitude takes of a changing sky where it was solved from that sky, as in Gaia's releases; or that it
         is known from elsewhere. There is no default.
@@ -149,7 +149,7 @@ def normal_equations(
     Returns
     -------
     TimeEquations
-        For `solve` and `background`.
+        For `solve`.
 
     Raises
     ------

@@ -241,7 +241,7 @@ def expansion(solution: HarmonicSolution, *, hubble: float = 70.0) -> Shear:
     ----------
     solution : Solution
         To degree 2 at least. Its errors are taken as they are, of a robust fit where some are wrong; of a fit with a
-        floor or another prior it is the fit without, for a prior would shrink what is sought. Systematic errors is
+        floor or another prior it is the fit without, for a prior would shrink what is sought. Systematic errors are
         not in these errors: the toroidal part of degree 2 is no expansion, and as large only if neither is one.
     hubble : float
         To which rates are compared. [km/s/Mpc]

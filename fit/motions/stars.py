@@ -117,6 +117,7 @@ class Kinematics(NamedSolution):
 
     def model(self, field: Field) -> FloatArray:
         """The motions of the model at the sources of a `field` with distances or parallaxes, (2, n). [µas/yr]"""
+        field.check_frame(self.frame)
         rates = inverse_distances_from_measurements(field, self.length / 1000, self.power)
         return np.tensordot(self.values, _design(field, rates.mean, "A" in self.names), 1)
 

@@ -290,7 +290,7 @@ class Moments(Result):
         values = weight[ring, column]
         return plot_map(
             values,
-            "weight of the sources  [(yr/µas)² a steradian]",
+            f"weight of the sources  [1/({self.unit})² a steradian]",
             frame=self.frame,
             ax=ax,
             vmin=0,

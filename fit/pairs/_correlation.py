@@ -110,13 +110,15 @@ class TemplateFit(Result):
     @property
     def verdict(self) -> str:
         """State which templates are detected in the pairs: as large by chance in less than 0.27 % each."""
-        detections = [name for name, (lower, _) in zip(self.names, self.interval(1 - SEEN), strict=True) if lower > 0]
+        # From zero upward: half of what is outside of an interval is below it.
+        lower_limits = self.interval(1 - 2 * SEEN)[:, 0]
+        detections = [name for name, lower in zip(self.names, lower_limits, strict=True) if lower > 0]
         if detections:
             return (
                 f"pairs show {', '.join(detections)}, of the sky or of systematic errors, which pairs do not separate: "
                 "a fit of harmonics does (vsh-fit --waves)"
             )
-        limits = [_limit_words(name, upper) for name, (_, upper) in zip(self.names, self.interval(), strict=True)]
+        limits = [_limit_words(name, upper) for name, (_, upper) in zip(self.names, self.interval(0.9), strict=True)]
         return f"none of the templates is detected (p < 0.0027): {', '.join(limits)} (95 %)"
 
     def _sections(self, long):

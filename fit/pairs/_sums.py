@@ -31,7 +31,7 @@ from vsh.models.covariance import d_minus, d_plus
 from vsh.modes import Modes, ScalarModes
 from vsh.sky.pixels import pixels_of
 from vsh.tools.arguments import float_array
-from vsh.tools.errors import FieldError, ParameterError
+from vsh.tools.errors import FieldError, FrameError, ParameterError
 from vsh.tools.notes import format_notes, merge_notes
 from vsh.tools.parallel import map_blocks
 from vsh.tools.types import ArrayLike, FloatArray
@@ -99,7 +99,11 @@ def sums_of(field: Field | Parts, lmax: int, nside: int, weights: ArrayLike | No
                 raise ParameterError(
                     f"weights are zero or more, and not all zero: {np.sum(weights < 0)} are below zero"
                 )
+        if len(field) < 2:
+            raise FieldError("pairs need two sources at least")
         sums = _of_part(field, lmax, nside, weights, threads)
+    if len(frames := set(sums["frames"])) > 1:
+        raise FrameError(f"parts are in several frames: {', '.join(sorted(frames))}")
     blocks = [sums["blocks"][pixel] for pixel in sorted(sums["blocks"])]
     total = blocks[0]
     for block in blocks[1:]:

@@ -136,7 +136,6 @@ def plot_trace(posterior: Any, n_shown: int = 40, *, ax: OnAxes | None = None) -
     subplots = panels(ax, len(names), 1, size=(WIDTH, 0.75 * len(names) + 0.5), sharex=True)
     walker_stride, every = max(1, chain.shape[1] // n_shown), max(1, len(chain) // 2000)
     r_hat, size = posterior.r_hat, posterior.effective_size
-    left_out = min(len(chain), 5 * np.nan_to_num(max(posterior.autocorrelation.values()), nan=np.inf))
     for axes, name, values in zip(subplots, names, np.moveaxis(chain, 2, 0), strict=True):
         axes.plot(
             np.arange(0, len(chain), every),
@@ -146,10 +145,11 @@ def plot_trace(posterior: Any, n_shown: int = 40, *, ax: OnAxes | None = None) -
             linewidth=0.3,
             rasterized=True,
         )
-        axes.axvspan(0, left_out, color="0.85", zorder=0)
+        if posterior.burn_in:
+            axes.axvspan(0, posterior.burn_in, color="0.85", zorder=0)
         axes.set_ylabel(label(name) if name in UNITS else f"${name}$")
         axes.set_title(f"R̂ = {r_hat[name]:.3f}, effective size {size[name]:.0f}", loc="right", fontsize=6.5, pad=2)
-    subplots[-1].set_xlabel("step (shaded: left out)")
+    subplots[-1].set_xlabel(f"step{' (shaded: left out)' if posterior.burn_in else ''}")
     return subplots
 
 

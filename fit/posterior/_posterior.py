@@ -246,7 +246,8 @@ class Posterior(SampleResult):
     def burn_in(self) -> int:
         """Steps left out at the start: five autocorrelation times of the slowest coordinate; none of draws."""
         begins_anywhere = self.method == "emcee" and self.cells is None
-        return int(np.ceil(5 * self._slowest())) if begins_anywhere else 0
+        steps = 5 * np.nan_to_num(self._slowest(), nan=np.inf)  # of a walker that never moved
+        return int(min(np.ceil(steps), len(self.chain))) if begins_anywhere else 0
 
     @property
     def n_walkers(self) -> int:
@@ -267,7 +268,7 @@ class Posterior(SampleResult):
     @property
     def thinning(self) -> int:
         """The thinning interval, in steps: half the autocorrelation time of the quickest."""
-        return max(1, int(min(self.autocorrelation.values()) / 2))
+        return max(1, int(np.nan_to_num(min(self.autocorrelation.values())) / 2))
 
     @cached_property
     def samples(self) -> dict[str, FloatArray]:
@@ -446,7 +447,10 @@ def _hubble_likelihood(model: Any) -> tuple[FloatArray, FloatArray] | None:
     if len(nuisance_priors) > max(_POINTS):
         return None
     number, axis_size = _POINTS[len(nuisance_priors)]
-    hubble, log_prior, axes = np.geomspace(*HUBBLE_LIMITS, number), np.zeros(()), []
+    # What depends on H0 beside v was tabulated for the H0 that its prior allows.
+    is_tabulated = bool(nuisance_priors) or model.priors.group is not None
+    limits = model.priors.limits("H0") if is_tabulated else HUBBLE_LIMITS
+    hubble, log_prior, axes = np.geomspace(max(limits[0], HUBBLE_LIMITS[0]), limits[1], number), np.zeros(()), []
     for name, prior in nuisance_priors.items():
         lower, upper = model.priors.limits(name)
         axes.append(
@@ -458,7 +462,7 @@ def _hubble_likelihood(model: Any) -> tuple[FloatArray, FloatArray] | None:
         points = np.stack([grid.ravel() for grid in np.meshgrid(hubble[chunk], *axes, indexing="ij")], axis=1)
         log = model.conditional(points, with_priors=False)[0].reshape(len(chunk), -1)
         total[chunk] = logsumexp(log + log_prior.ravel(), axis=1)
-    fine = np.geomspace(*HUBBLE_LIMITS, 4000)
+    fine = np.geomspace(hubble[0], hubble[-1], 4000)
     return fine, np.interp(np.log(fine), np.log(hubble), total)
 
 

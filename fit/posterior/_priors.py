@@ -247,7 +247,7 @@ def checked_priors(priors: Priors, frame: str, model: DistanceModel | None = Non
         _number_or_prior(dispersion, "peculiar_dispersion"),
         _number_or_prior(priors.excess_noise, "excess_noise"),
         1.0 if amplitude is None else as_prior(amplitude, "flow_amplitude"),
-        priors.acceleration,
+        None if priors.acceleration is None else priors.acceleration.to_frame(frame),
     )
 
 

@@ -215,7 +215,7 @@ def sections_of(
         for b, solution in enumerate(binned.solutions)
         if binned.is_scaled and solution.quality.warning()  # errors are of the residuals already otherwise
     ]
-    if any(solution.dof < 34 for solution in binned.solutions):
+    if binned.is_scaled and binned.counts.min() < 20:
         warnings.append("warning: a bin has fewer than 20 sources, too few to tell the scale of its errors")
     if binned.counts.sum() >= _MANY and binned.modes.lmax < 7:
         warnings.append(

@@ -326,7 +326,7 @@ class SolutionSummary:
     def bic(self) -> float:
         """The Bayesian information criterion, χ² + k ln n, up to a constant of the data: smaller is better.
 
-        It compares degrees by the catalogue's errors; `fit.background.evidence` compares them without that assumption.
+        It compares degrees by the catalogue's errors.
         """
         k = len(self.coefficients.values) - self.by_prior
         return float(self.chi2 + k * np.log(self.n_data))

@@ -63,6 +63,8 @@ def encode(value: Any) -> Any:
     if type(value).__module__.split(".")[0] in ("fit", "vsh") and (is_dataclass(value) or hasattr(value, "_fields")):
         about = {"type": type(value).__name__, "module": type(value).__module__}
         return about | {"fields": {name: encode(getattr(value, name)) for name in _attributes(type(value))}}
+    if isinstance(value, np.bool_):
+        return bool(value)
     if isinstance(value, (bool, int, np.integer)) or value is None:
         return value if value is None or isinstance(value, (bool, int)) else int(value)
     if isinstance(value, (float, np.floating)):

@@ -123,7 +123,7 @@ class Share:
     #: The sources for which it was computed last with what it gave, a pair: errors and weights ask for the same again.
     last: list[Any] = dataclass_field(default_factory=list, init=False, repr=False)
     #: The same of the model at the sources, which does not depend on the weight.
-    models: list[Any] = dataclass_field(default_factory=list, repr=False)
+    models: list[Any] = dataclass_field(default_factory=list, init=False, repr=False)
 
     def __call__(self, field: Field) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """X² over one less the share, u and its slope, each (n,); and the residuals, (components, n)."""
@@ -445,7 +445,9 @@ def _settle(sky, plain, weight, information, tolerance, max_rounds, values):
         label = f"{_NAME}, round {rounds}"
         share = Share(solution, weight, leverage)
         weight = weight.fitted(sky, share, label)
-        share = Share(solution, weight, leverage, share.models)
+        models = share.models
+        share = Share(solution, weight, leverage)
+        share.models[:] = models
         sums = sky.sum(partial(_weight_field, share=share, modes=modes), roles=(), words=label)
         solution = solve(sums["normal"])
         if rounds <= _ADAPTING:  # held fixed later, so that all settles
@@ -542,6 +544,7 @@ def _weight_field(field, share, modes):
 def _class_equations(field, share, modes, stretch):
     """Weighted equations of some sources whose residuals are stretched."""
     _, u, _, residual = share(field)
+    residual = residual[0] if field.components == 1 else residual
     return normal_equations(field.minus((1 - stretch) * residual).with_errors(field.sigma / np.sqrt(u)), modes)
 
 

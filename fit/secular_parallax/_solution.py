@@ -14,7 +14,15 @@ from scipy.special import chdtrc, ndtri
 
 from fit.results.output import amplitude, components, direction, is_seen, p_value, pulls
 from fit.results.solution import NamedSolution
-from fit.secular_parallax._equations import OMEGA, Flow, ParallaxEquations, with_acceleration, with_flow, without_flow
+from fit.secular_parallax._equations import (
+    OMEGA,
+    Flow,
+    ParallaxEquations,
+    V,
+    with_acceleration,
+    with_flow,
+    without_flow,
+)
 from vsh import Coefficients
 from vsh.field import Field
 from vsh.io import tables
@@ -238,7 +246,8 @@ def preferred_dispersion(
             matrix[:, OMEGA, OMEGA] += np.linalg.inv(spin_vector.covariance)
         else:
             keep = slice(0, OMEGA.start)
-    n, b = matrix[:, keep, keep], rhs[:, keep]
+    columns = np.r_[keep, V] if matrix[:, V].any() else np.r_[keep]
+    n, b = matrix[:, columns[:, None], columns], rhs[:, columns]
     n = n + 1e-12 * np.trace(n, axis1=1, axis2=2)[:, None, None] * np.eye(n.shape[1])
     chi2 = null - np.einsum("gi,gi->g", b, np.linalg.solve(n, b[..., None])[..., 0])
     log = -(chi2 + sums.logdet + np.linalg.slogdet(n)[1]) / 2

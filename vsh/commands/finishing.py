@@ -154,7 +154,9 @@ def repeats(
 ) -> str:
     """The configuration that repeats a run, as TOML."""
     files, hashes = ((provenance or {}).get(key, []) for key in ("catalogue", "sha256"))
-    read = dict(zip(files, hashes, strict=True)) if isinstance(files, list) else {files: hashes}
+    pairs = list(zip(files, hashes, strict=True)) if isinstance(files, list) else [(files, hashes)]
+    names = [file for file, _ in pairs]
+    read = {file: sha for file, sha in pairs if names.count(file) == 1}  # of two files of one name none is known by it
     return parsing.Configuration(options.program, options.given, vsh.__version__, read, written or {}).text(name)
 
 

@@ -237,7 +237,8 @@ def figure_formats(text: str) -> tuple[list[str], float]:
 
 def table_formats(text: str) -> list[str]:
     """The formats of tables among `formats`."""
-    return list(dict.fromkeys(name for name in text.split(",") if name.strip() in TABLE_FORMATS))
+    names_given = [entry.partition("@")[0].strip() for entry in text.split(",")]
+    return list(dict.fromkeys(name for name in names_given if name in TABLE_FORMATS))
 
 
 def names(text: str) -> list[str]:
@@ -578,7 +579,7 @@ def without_folder(text: str) -> str:
 def _is_given(option, tokens):
     """Return whether an option is among the words, perhaps shortened."""
     heads = {token.partition("=")[0] for token in tokens}
-    return any(len(head) > 4 and option.startswith(head) for head in heads)
+    return any(len(head) > 3 and option.startswith(head) for head in heads)
 
 
 def _without_config(tokens):

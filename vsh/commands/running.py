@@ -204,7 +204,9 @@ def logged(options: argparse.Namespace) -> Iterator[None]:
 
 def _say_what_changed(options):
     """Files that are not those that a configuration was written for."""
-    for path in [Path(value) for value in vars(options).values() if options.expected and isinstance(value, str)]:
+    values = vars(options).values() if options.expected else ()
+    texts = [text for value in values for text in (value if isinstance(value, list) else [value])]
+    for path in [Path(text) for text in texts if isinstance(text, str)]:
         checksum = options.expected.get(path.name)
         if checksum is not None and path.exists() and digest(path) != checksum:
             line = f"{options.program}: note: {path.name} is not the file that the configuration was written for"

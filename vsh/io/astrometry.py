@@ -98,6 +98,10 @@ def read_astrometry(
     label = catalogue or (Path(source).name.split(".")[0] if isinstance(source, str | Path) else "catalogue")
     suffix = _suffix([name.lower() for name in table.names])
     if suffix and not columns:
+        if still or catalogue or epoch is not None:
+            raise TableError(
+                f"{table.label} has two catalogues side by side: still=, catalogue= and epoch= are of a table of one"
+            )
         bare = _Rows(table, aliases, {}, "").astrometry(_BARE, once=True)
         return bare + _Rows(table, aliases, {}, suffix).astrometry(suffix.strip("_"))
     return _Rows(table, aliases, dict(columns or {}), "", epoch).astrometry(label, still=still)
@@ -136,7 +140,7 @@ class _Rows:
         self.data = table.columns(tuple(dict.fromkeys(self.names.values())))
 
     def numbers(self, role, n):
-        """A column in our units, nan where nothing is; None where there is no such column."""
+        """A column in our units, nan where nothing is, and all nan where there is no such column."""
         if role not in self.names:
             return np.full(n, np.nan)
         name = self.names[role]

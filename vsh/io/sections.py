@@ -51,7 +51,10 @@ def printed(table: Table, forms: Mapping[str, str] | None = None) -> tuple[list[
     rows : list of list of str
         As many cells each.
     """
-    patterns = ("{}_error", "sigma_{}")
+    table, patterns = table.copy(), ("{}_error", "sigma_{}")
+    for column in table.itercols():
+        if column.unit == "rad":  # read in degrees
+            column.convert_unit_to("deg")
     errors = {
         name: item.format(name) for name in table.colnames for item in patterns if item.format(name) in table.colnames
     }
@@ -62,8 +65,6 @@ def printed(table: Table, forms: Mapping[str, str] | None = None) -> tuple[list[
         if name in errors.values():
             continue
         unit, values = table[name].unit, table[name].tolist()
-        if unit == "rad":  # read in degrees
-            unit, values = "deg", np.degrees(values).tolist()
         if (form := (forms or {}).get(name)) and name in errors:
             pairs = zip(values, table[errors[name]].tolist(), strict=True)
             cells = [f"{value:{form}} ± {error:{form.lstrip('+')}}" for value, error in pairs]

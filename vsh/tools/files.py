@@ -121,7 +121,7 @@ def _add_systems(document, element, meta):
         system = _SYSTEMS.get(str(facts.get("FRAME", "icrs")).lower(), "ICRS")
         options = {}
         with suppress(TypeError, ValueError):  # none, or no number
-            options = {"epoch": f"J{float(epoch):.3f}"}
+            options = {"epoch": f"J{float(str(epoch)):.3f}"}
         config = {"version_1_2_or_later": True, "version_1_4_or_later": True}
         resource.coordinate_systems.append(CooSys(ID=_FRAME, system=system, config=config, **options))
         axes = _UCD_OF_FRAME.get(system, {})

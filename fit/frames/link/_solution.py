@@ -198,6 +198,8 @@ class FrameTie(FrameResult, NamedSolution):
             As for `vector`.
         """
         catalogue_name = catalogue or self.unknowns.turned[0]
+        if "orientation" not in self.unknowns.vectors:
+            raise ParameterError("no orientation was fitted, so there is none at any epoch")
         a = self.unknowns.combination("orientation", catalogue_name, magnitude)
         if "spin" in self.unknowns.vectors:
             a = a + (epoch - self.unknowns.epoch) * self.unknowns.combination("spin", catalogue_name, magnitude)
@@ -362,6 +364,8 @@ class FrameTie(FrameResult, NamedSolution):
         one, two : str, optional
             The catalogue that is turned, the first unless given; and the reference.
         """
+        if two not in (None, self.reference):
+            raise ParameterError(f"catalogues are turned against {self.reference}, not against {two}")
         return {name: self.vector(name, catalogue=one) for name in self.unknowns.vectors}
 
     def jump_p_values(self, step: float) -> tuple[float, ...]:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.special import ndtri
@@ -33,9 +33,6 @@ from vsh.tools.notes import ASSUMED_UNITS, codes_of, has_code
 from vsh.tools.printing import printable
 from vsh.tools.types import FloatArray, Table
 from vsh.vector import GAIA_EDR3, Vector
-
-if TYPE_CHECKING:
-    pass
 
 
 class VectorRow(NamedTuple):

@@ -109,7 +109,7 @@ def fetch_epochs(
         with progress_bar(total=len(batches), words="fetching epochs", shown=progress) as bar:
             for k, batch_ids in enumerate(batches):
                 prefix = f"epochs-{k:05d}"
-                names = [name for name in files if name.startswith(prefix)]
+                names = [name for name in files if name.startswith(f"{prefix}-")]
                 if (not names and prefix not in missing) or any(not (folder / name).is_file() for name in names):
                     files = {name: sha for name, sha in files.items() if name not in names}
                     added, lost = _fetch_batch(source, batch_ids, folder / prefix)
@@ -174,6 +174,8 @@ class _Source:
 def _fetch_batch(source, ids, prefix):
     """Fetch a batch: its files with their hashes, and the sources that are in none of them."""
     contents = _members(source.fetch(ids), source.url)
+    for old in prefix.parent.glob(f"{prefix.name}-*"):  # of an answer in other files, or of one that was no good
+        old.unlink()
     files, received = {}, set()
     for number, (name, content) in enumerate(contents):
         suffix = ".fits" if content[:9] == b"SIMPLE  =" else ".csv" if name.lower().endswith(".csv") else ".vot"

@@ -11,8 +11,9 @@ import numpy as np
 
 from vsh.io import tables
 from vsh.io.archive._tap import SENT
-from vsh.tools.errors import ArchiveError
+from vsh.tools.errors import ArchiveError, first_line
 from vsh.tools.notebook import InNotebook
+from vsh.tools.printing import printable
 
 
 @dataclass(frozen=True)
@@ -308,7 +309,10 @@ def read_ids(source: Any) -> list[int]:
         If the list is empty, or some entries are not integers.
     """
     if isinstance(source, (str, Path)) and Path(source).suffix.lower() in _TEXTS:
-        text = Path(source).read_text(encoding="utf-8-sig").splitlines()
+        try:
+            text = Path(source).read_text(encoding="utf-8-sig").splitlines()
+        except (OSError, UnicodeDecodeError) as error:
+            raise ArchiveError(f"{printable(source)} cannot be read: {first_line(error)}") from None
         entries = [entry for line in text if (entry := line.partition("#")[0].strip())]
     else:
         table = tables.open_table(source)
@@ -316,7 +320,7 @@ def read_ids(source: Any) -> list[int]:
             raise ArchiveError(f"{table.label} has no column source_id: the table has {', '.join(table.names[:50])}")
         values, mask = table.columns(("source_id",))["source_id"]
         entries = list(map(str, np.asarray(values) if mask is None else np.asarray(values)[~mask]))
-    wrong = [entry for entry in entries if not re.fullmatch(r"\d{1,19}", entry)]
+    wrong = [entry for entry in entries if not (re.fullmatch(r"\d{1,19}", entry) and int(entry) < 2**63)]
     if wrong or not entries:
         raise ArchiveError(
             f"{len(wrong)} of {len(entries)} source_id are no whole numbers"

@@ -22,7 +22,7 @@ from typing import Any
 
 from vsh.io import tables
 from vsh.tools.arguments import positive, whole
-from vsh.tools.errors import ArchiveError, TableError
+from vsh.tools.errors import ArchiveError, TableError, first_line
 from vsh.tools.files import MARK, atomic_write, digest, exclusive
 from vsh.tools.parallel import progress_bar
 from vsh.tools.printing import printable
@@ -126,12 +126,12 @@ def _answer(path, request, upload, patience, interval, max_bytes, overwrite, pro
             _check_same(path, record, request)
             _rows_of(path)
             return path
+    before = {"sha256": record["sha256"]} if path.exists() and "sha256" in record else {}
     record = {} if overwrite else record
     job = record.get("job") if all(record.get(key) == value for key, value in request.items()) else None
     job = job if _belongs_to(job, url) else None
     row_limit = None if max_rows is None else whole("max_rows", max_rows)
     job = _still_there(job) or _submit(adql, url, row_limit, upload)
-    before = {"sha256": record["sha256"]} if path.exists() and "sha256" in record else {}
     _write(note, request | {"job": job} | before)
     _wait(job, positive("patience", patience), positive("interval", interval), progress)
     with atomic_write(path, overwrite) as temporary_path:
@@ -280,10 +280,13 @@ def _soon(end=None):
 def _read_some(answer, size, end):
     """Read a limited number of bytes of an answer, until `end` at the latest; all that it announced, or none."""
     body = bytearray()
-    while len(body) < size and (block := answer.read1(size - len(body))):
-        body += block
-        if time.monotonic() > end:
-            raise ArchiveError("the server sends too slowly: the same call later waits on")
+    try:
+        while len(body) < size and (block := answer.read1(size - len(body))):
+            body += block
+            if time.monotonic() > end:
+                raise ArchiveError("the server sends too slowly: the same call later waits on")
+    except (OSError, http.client.HTTPException) as error:
+        raise ArchiveError(f"{answer.geturl()}: the connection broke ({first_line(error)}); try again") from error
     if answer.length and len(body) < size:
         raise ArchiveError(
             f"{answer.geturl()}: {len(body)} of {len(body) + answer.length} bytes came; the same call fetches it again"

@@ -163,9 +163,11 @@ def missing_column(name: str | None, source: TableSource) -> str:
 
 def doubt_positions(columns: Any, assumed: Any, at_least: int = 20, names: Mapping[str, str] | None = None) -> None:
     """Raise FieldError where bare positions look like radians or hours rather than degrees."""
-    if not assumed or (columns["ra"].size and columns["ra"].max() > 24):
+    if not assumed:
         return
-    ra, dec = (np.ma.compressed(columns[role]) for role in ("ra", "dec"))
+    ra, dec = (np.ma.compressed(np.ma.masked_invalid(columns[role])) for role in ("ra", "dec"))
+    if ra.size and ra.max() > 24:
+        return
     lon, lat = (printable((names or {}).get(role, role)) for role in ("ra", "dec"))
     if ra.size < at_least or dec.size < at_least:
         return
@@ -495,8 +497,11 @@ def from_modulus(columns: dict[str, Any]) -> list[str]:
 _SEXAGESIMAL = re.compile(r"\s*([-+]?)(\d+)[\s:hd°]+(\d+)[\s:m']+(\d+(?:\.\d*)?)[s\"]?\s*")
 
 
-def sexagesimal(role: str, values: Any, missing: BoolArray | None) -> Any:
-    """Degrees of positions that are text in hours or degrees, minutes and seconds; None of other columns."""
+def sexagesimal(role: str, values: Any, missing: BoolArray | None, unit: str = "") -> Any:
+    """Degrees of positions that are text in hours or degrees, minutes and seconds; None of other columns.
+
+    Right ascension is in hours unless its text has a mark of degrees, or its unit is one of degrees.
+    """
     if role not in ("ra", "dec") or getattr(values, "dtype", np.dtype(float)).kind not in "US":
         return None
     text = values.astype(str)
@@ -508,7 +513,9 @@ def sexagesimal(role: str, values: Any, missing: BoolArray | None) -> Any:
     components = np.array([[0, 0, 0] if match is None else match.groups()[1:] for match in matches], float).T
     size = components[0] + components[1] / 60 + components[2] / 3600
     negative = np.array([match is not None and match[1] == "-" for match in matches])
-    return np.where(wrong, np.nan, np.where(negative, -size, size) * (15.0 if role == "ra" else 1.0))
+    in_degrees = role == "dec" or unit.strip('"').lower() == "d:m:s"
+    is_degree = np.array([in_degrees or "d" in entry or "°" in entry for entry in text])
+    return np.where(wrong, np.nan, np.where(negative, -size, size) * np.where(is_degree, 1.0, 15.0))
 
 
 def plain(name: str, values: Any, missing: BoolArray | None) -> Any:

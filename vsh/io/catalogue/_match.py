@@ -13,7 +13,7 @@ from vsh.io.catalogue._columns import ChosenColumns, missing_column, unit_factor
 from vsh.sky.frames import Positions
 from vsh.sky.sphere import triad
 from vsh.tools.arguments import positive
-from vsh.tools.bad_rows import select_usable
+from vsh.tools.bad_rows import as_floats, select_usable
 from vsh.tools.errors import FieldError, FrameError, TableError
 from vsh.tools.printing import in_a_line
 from vsh.tools.types import IntArray, OnBad, PathName
@@ -64,7 +64,10 @@ def renamed(catalogue: Any, crosswalk: Any) -> Any:
     if len(columns) != 2:
         raise TableError(f"{table.label} is no crosswalk: it has {len(columns)} columns such as dr3_source_id, not two")
     further = [name for name in ("angular_distance",) if name in table.names]
-    values = {name: np.asarray(pair[0]) for name, pair in table.columns((*columns, *further)).items()}
+    pairs = table.columns((*columns, *further))
+    absent = np.logical_or.reduce([mask for _, mask in pairs.values() if mask is not None] or [False])
+    known = np.broadcast_to(~absent, len(pairs[columns[0]][0]))
+    values = {name: np.asarray(column)[known] for name, (column, _) in pairs.items()}
     order = np.argsort(values[further[0]], kind="stable") if further else np.arange(len(values[columns[0]]))
     names = np.asarray(catalogue.name).astype(str)
     ours, theirs = sorted(columns, key=lambda name: -np.isin(values[name].astype(str), names).sum())
@@ -79,9 +82,10 @@ def renamed(catalogue: Any, crosswalk: Any) -> Any:
     selection = rows >= 0
     selection[selection] = counts[inverse] == 1
     found = replace(catalogue[selection], name=new_names[selection])
-    if isinstance(found, Positions):
-        return found
-    return found.add_note(f"{selection.sum()} of {len(names)} sources have a name in {theirs} by {table.label}")
+    shared = int((rows >= 0).sum() - selection.sum())
+    reason = f"; {shared} that share one are left out" if shared else ""
+    note = f"{selection.sum()} of {len(names)} sources have a name of their own in {theirs} by {table.label}{reason}"
+    return replace(found, notes=(*found.notes, note))
 
 
 def counterparts(a: Any, b: Any, *, by: Literal["name", "position"] = "name", radius: Any = None) -> MatchResult:
@@ -197,9 +201,10 @@ def _by_name(a, b):
     once = []
     ambiguous = 0
     for catalogue in (a, b):
-        _, indices, counts = np.unique(catalogue.name, return_index=True, return_counts=True)
+        repeated, indices, counts = np.unique(catalogue.name, return_index=True, return_counts=True)
         once.append(indices[counts == 1])
-        ambiguous += int(counts[counts > 1].sum())
+        has_counterpart = np.isin(repeated, (b if catalogue is a else a).name)
+        ambiguous += int(counts[(counts > 1) & has_counterpart].sum())
     _, i, j = np.intersect1d(a.name[once[0]], b.name[once[1]], assume_unique=True, return_indices=True)
     i, j = once[0][i], once[1][j]
     order = np.argsort(i)
@@ -327,6 +332,7 @@ def read_positions(
     if is_icrf or set_name == "icrf":
         columns = {"name": designation} | columns
     roles = {role: columns.get(role, role) for role in (*_COLUMNS, *_OPTIONAL)}
+    roles |= {"defining": "defining"} if is_icrf else {}
     if "name" not in columns:
         roles["name"] = next((name for name in _NAMES if name in table_source.names), "name")
     if sigma is not None:
@@ -343,11 +349,11 @@ def read_positions(
         table, rows, selection_notes = clause.of(table, 0)
     numbers, bad = {}, {}
     for role, name in roles.items():
-        if role == "name":
+        if role in ("name", "defining"):
             continue
         values, missing = table[name]
         factor = unit_factor(name, table_source.units.get(name), _COLUMNS[role]) if role in _COLUMNS else 1.0
-        numbers[role] = np.asarray(values, float) * factor
+        numbers[role] = as_floats(name, np.asarray(values))[0] * factor
         lost = ~np.isfinite(numbers[role]) | (False if missing is None else np.asarray(missing))
         if role.endswith("error"):
             lost |= ~(numbers[role] > 0)
@@ -365,7 +371,9 @@ def read_positions(
     if names is not None and names.dtype.kind not in "iu":
         names = names.astype(str)
     rho = numbers["ra_dec_corr"][keep] if "ra_dec_corr" in numbers else np.zeros(lon.size)
-    return Positions(lon, lat, errors, rho, name=names, frame=frame, notes=(*table_source.notes, *notes))
+    defining = np.asarray(table["defining"][0]).astype(str)[keep] == "D" if is_icrf else None
+    notes = (*table_source.notes, *notes)
+    return Positions(lon, lat, errors, rho, name=names, frame=frame, notes=notes, defining=defining)
 
 
 def _with_sigma(field, sigma):

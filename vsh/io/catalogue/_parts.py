@@ -90,7 +90,7 @@ def parts(
     read = Reader(request, units, on_bad, frame, whole("rows", rows), motions, sigma, where=where, format=format)
     pieces = _pieces(source, request, motions, format, where)
     files = [piece for piece in pieces if isinstance(piece, (Path, Place))]
-    paths = {str(file) if isinstance(file, Path) else file.path for file in files}
+    paths = {str(file.resolve()) if isinstance(file, Path) else file.path for file in files}
     if len(paths) < len(files):
         raise ParameterError(f"{len(files) - len(paths)} of the parts are files that stand there twice")
     if len(files) > 1:

@@ -271,6 +271,7 @@ class _maker:
         if (self.factors.get("distance") == MODULUS) != (self.factors.get("distance_error") == MODULUS):
             raise TableError("a distance modulus and its error are both in mag: say so of both columns (--units)")
         # What marks missing values does so in the table's own units; in Gaia's the field looks for it.
+        self.stated = self.source.units | {self.where.get(name, name): unit for name, unit in (units or {}).items()}
         self.other_units = any(self.factors[role] != 1 for role in REQUIRED[2:])
         self.assumed = any(self.where["ra"] in names for names in assumed_units.values())
         lines = [
@@ -304,7 +305,7 @@ class _maker:
                 columns[role], name_notes = identifiers(printable(name), np.asarray(values), mask)
                 notes += name_notes
             else:
-                degrees = sexagesimal(role, values, mask)
+                degrees = sexagesimal(role, values, mask, str(self.stated.get(name) or ""))
                 columns[role] = plain(name, values if degrees is None else degrees, mask)
                 if role in _ERRORS and columns[role].size:
                     _check_positive(name, columns[role])
@@ -557,9 +558,11 @@ def read_scalars(
     for column in required_columns:
         if column not in table.names:
             raise TableError(missing_column(column, table))
-    columns, notes = table.columns(tuple(dict.fromkeys((*required_columns, *(clause.names if clause else ()))))), []
+    columns = table.columns(tuple(dict.fromkeys((*required_columns, *(clause.names if clause else ())))))
+    notes: list[str] = list(table.notes)
     if clause:
-        columns, _, notes = clause.of(columns, 0)
+        columns, _, selection_notes = clause.of(columns, 0)
+        notes += selection_notes
     units = {column: parse_unit(table.units.get(column) or "") for column in (value, error)}
     for column in (value, error):
         if units[column].is_unity() and column in ("parallax", "parallax_error"):
@@ -578,8 +581,7 @@ def read_scalars(
     notes += axes.notes
     numbers = {
         column: np.ma.array(
-            np.asarray(columns[column][0], float) * factor,
-            mask=False if columns[column][1] is None else columns[column][1],
+            plain(column, *columns[column]) * factor, mask=False if columns[column][1] is None else columns[column][1]
         )
         for column, factor in factors.items()
     }

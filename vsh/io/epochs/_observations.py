@@ -607,7 +607,8 @@ def _date(values, mask, unit):
     """The name of the dates that times are, where they are days since JD 0 or since MJD 0; else None."""
     if unit is not None and str(unit).strip() not in ("d", "day", "days", ""):
         return None
-    times = values if mask is None else np.asarray(values)[~mask]
+    times = np.asarray(values)[np.ones(np.shape(values), bool) if mask is None else ~mask]
+    times = times[times != 0]  # arrays of transits with fewer CCDs are filled up with zeros
     middle = float(np.nanmedian(times)) if np.size(times) else 0.0
     return next((name for name, origin in _ORIGINS.items() if abs(middle - origin) < _FAR), None)
 

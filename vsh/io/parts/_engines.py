@@ -11,7 +11,7 @@ import pickle
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, ThreadPoolExecutor, wait
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -535,11 +535,14 @@ def _first_that_fails(pieces):
 
 def _in_our_words(compute, guilty):
     """Convert an error of Dask's own graph into one of ours."""
-    from distributed.scheduler import KilledWorker
+    ended: tuple[type[BaseException], ...] = (VshError, MemoryError)
+    with suppress(ImportError):  # Dask's own threads and processes do without
+        from distributed.scheduler import KilledWorker
 
+        ended = (*ended, KilledWorker)
     try:
         return compute()
-    except (VshError, KilledWorker, MemoryError):
+    except ended:
         raise
     except Exception as error:  # whatever the graph of a part raises
         message, cause = guilty()

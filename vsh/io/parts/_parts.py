@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -12,7 +13,7 @@ import numpy as np
 from vsh.field import MEASURED, Field, SourcesWithErrors
 from vsh.io.parts._engines import Engine, InProcess, LostNotes, Work, left_by
 from vsh.sky.frames import check_frame
-from vsh.tools.errors import EmptyFieldError, FieldError, ParameterError
+from vsh.tools.errors import EmptyFieldError, EmptySelectionError, FieldError, FrameError, ParameterError
 from vsh.tools.notebook import InNotebook
 from vsh.tools.parallel import progress_bar
 from vsh.tools.subsample import select_share
@@ -55,10 +56,11 @@ class Parts(InNotebook):
     def __iter__(self) -> Iterator[Field]:
         """The fields one after the other, a block of sources at a time, in this process."""
         for piece in self.pieces:
-            for block in self.read(self.engine.fetched(piece), OPTIONAL):
-                field, _ = left_by(self.steps, block)
-                if field is not None:
-                    yield field
+            with suppress(EmptySelectionError):  # others may hold some
+                for block in self.read(self.engine.fetched(piece), OPTIONAL):
+                    field, _ = left_by(self.steps, block)
+                    if field is not None:
+                        yield field
 
     def map(self, step: Callable[[Field], Field]) -> Parts:
         """Add a step, which is done where the parts are when they are read.
@@ -237,7 +239,7 @@ def weighted_quantiles(
 def _find_targets(sky, numbers, weights, counts, targets, roles, label):
     """The numbers at which the cumulative weight reaches the targets."""
     cumulative_weight = np.cumsum(counts)
-    bins = np.minimum(np.searchsorted(cumulative_weight, targets), BINS - 1)
+    bins = np.searchsorted(cumulative_weight, np.minimum(targets, cumulative_weight[-1]))
     target_bins = np.unique(bins)
     contents = sky.sum(partial(_inside, numbers=numbers, weights=weights, bins=target_bins), roles=roles, words=label)
     sources = []
@@ -275,9 +277,11 @@ def sample_of(sky: Parts, n_sources: int = 20_000, total: int | None = None, dra
     if (field := sky.in_memory) is not None:
         return _chosen(field, share, draw)
     columns: dict[str, Any] = sky.sum(partial(_some, share=share, draw=draw), roles=(), words="a sample")
-    frame = columns.pop("frame")[0]
+    frames = columns.pop("frame")
+    if len(set(frames)) > 1:
+        raise FrameError(f"parts are in several frames: {', '.join(sorted(set(frames)))}")
     arrays: dict[str, Any] = {name: np.concatenate(values, axis=-1) for name, values in columns.items()}
-    return Field(**arrays, frame=frame)
+    return Field(**arrays, frame=frames[0])
 
 
 def _chosen(field, share, draw):

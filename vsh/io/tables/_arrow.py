@@ -148,7 +148,10 @@ def open_lazy(frame: Any, label: str) -> TableSource:
     _check_names(names, label)
 
     def batches(request, rows):
-        table = frame.select(list(request)).collect().to_arrow()
+        try:
+            table = frame.select(list(request)).collect().to_arrow()
+        except Exception as error:  # whatever a plan that cannot be carried out raises
+            raise TableError(f"{label} cannot be collected: {first_line(error)}") from error
         return table.to_batches(max_chunksize=min(rows, 2**20))
 
     return _source(label, empty.schema, batches)

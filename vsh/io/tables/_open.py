@@ -224,6 +224,11 @@ def files_at(place: Place) -> list[Place]:
             raise
         raise _unreachable(place.label, error) from error
     inside = {entry.path[len(place.path) :].lstrip("/"): entry.path for entry in entries if entry.is_file}
+    if "collection.properties" in inside:
+        raise TableError(
+            f"{place.label} is a HATS collection, whose margin cache repeats sources: name the folder of its main "
+            "catalogue"
+        )
     if "hats.properties" in inside or ("properties" in inside and any(p.startswith("dataset/") for p in inside)):
         paths = {p: full for p, full in inside.items() if p.startswith("dataset/Norder=") and p.endswith(".parquet")}
     else:
@@ -278,7 +283,7 @@ def open_table(source: Any, format: str | None = None) -> TableSource:
     if isinstance(source, TableSource):
         return source
     if is_address(source) or isinstance(source, Place):
-        return open_at(source, _open_fetched, BY_NAME[format].kind if format else None)
+        return open_at(source, _open_fetched, _kind_of(format))
     if isinstance(source, (str, os.PathLike)):
         return _open_path(source, format)
     if is_frame(source):
@@ -309,9 +314,15 @@ def _open_fetched(path, label, file_format):
 _NUMBERED = re.compile(r"(.+)#(\d+)")
 
 
-def _open_path(path, format):
+def _kind_of(format):
+    """The kind of a format by its name; None where it is not said."""
     if format is not None and format not in BY_NAME:
         raise TableError(f"no format is called {format!r}: {', '.join(BY_NAME)} are")
+    return format and BY_NAME[format].kind
+
+
+def _open_path(path, format):
+    _kind_of(format)
     text = os.fspath(path)
     text = text.decode("utf-8", "replace") if isinstance(text, bytes) else text
     label = STANDARD_INPUT if os.path.basename(text) == STANDARD_INPUT else printable(text)
@@ -424,7 +435,7 @@ def _tables_in(path, label, format=None):
         if any(component.startswith((".", "_")) for component in inside) or not file.is_file():
             continue
         if format:
-            groups.setdefault(BY_NAME[format].kind, []).append(file)
+            groups.setdefault(_kind_of(format), []).append(file)
             continue
         try:
             groups.setdefault(format_of(file, READ), []).append(file)

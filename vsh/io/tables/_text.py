@@ -369,10 +369,9 @@ def _records(lines, indices, width, delimiter, label, number):
     for line in lines:
         number += 1
         quotes = '"' in line
-        if line.count(delimiter) == width - 1 and (not quotes or line.count('"') % 2 == 0):
+        if line.count(delimiter) == width - 1 and (not quotes or _quotes_whole_fields(line, delimiter)):
             row = line.rstrip("\r\n").split(delimiter, n_splits)
             values = pick(row)
-            # Quoted fields without a delimiter within, which the count has just shown.
             yield tuple(_unquote(value) for value in values) if quotes else values
             continue
         if not line.strip() or line.startswith("#"):  # VizieR ends with #END#
@@ -435,6 +434,11 @@ def open_numbered(path: PathName, number: int, label: str) -> TableSource:
     return replace(source, read=lambda names, rows: source.read(names, rows) if copy.name else iter(()))
 
 
+def _quotes_whole_fields(line, delimiter):
+    """Return whether no delimiter of a line stands between quotation marks."""
+    return all(field.count('"') % 2 == 0 for field in line.split(delimiter))
+
+
 def _unquote(field):
     if len(field) > 1 and field[0] == field[-1] == '"':
         return field[1:-1].replace('""', '"')
@@ -486,6 +490,8 @@ def _values(text, datatype):
         true, false = np.char.lower(text) == "true", np.char.lower(text) == "false"
         return (true, mask if mask.any() else None) if (true | false | mask).all() else (text, mask)
     filled_text = np.where(mask, "0", text) if mask.any() else text
+    if (np.char.find(filled_text, "_") >= 0).any():  # which Python leaves out of numbers: 1_2 is a name
+        return text, mask if mask.any() else None
     for dtype in (np.int64, float):
         if dtype is np.int64 and datatype is not None and datatype not in _INTEGERS:
             continue

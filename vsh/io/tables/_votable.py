@@ -55,11 +55,9 @@ def open_votable(path: PathName, label: str, overflow: bool = False) -> TableSou
     if not tables:
         raise TableError(f"{label} holds no table")
     table = tables[0]
-    names = [column.name for column in table.fields]
-    if len(set(names)) < len(names):
-        names = [column.ID for column in table.fields]
+    names = _names_of(table)
     columns = dict(zip(names, table.fields, strict=True))
-    alike = [other for other in tables if [column.name for column in other.fields] == names]
+    alike = [other for other in tables if _names_of(other) == names]
     units = {name: str(column.unit) for name, column in columns.items() if column.unit is not None}
     notes: tuple[str, ...] = ()
     if len(tables) > 1:
@@ -98,12 +96,18 @@ def _systems(document, columns):
     return systems
 
 
+def _names_of(table):
+    """Names of the columns; their IDs where two have one name."""
+    names = [column.name for column in table.fields]
+    return names if len(set(names)) == len(names) else [column.ID for column in table.fields]
+
+
 def _check_units(table, units, label):
     """Raise TableError where a table of several has another unit than the first."""
-    for column in table.fields:
-        unit = None if column.unit is None else str(column.unit)
-        if unit != units.get(column.name, unit):
-            raise TableError(f"{label} holds tables with {column.name} in {units[column.name]} and in {unit}")
+    for name, column in zip(_names_of(table), table.fields, strict=True):
+        first, unit = units.get(name, "no unit"), "no unit" if column.unit is None else str(column.unit)
+        if unit != first:
+            raise TableError(f"{label} holds tables with {name} in {first} and in {unit}")
 
 
 def _infos(resource):

@@ -181,8 +181,7 @@ class Where(InNotebook):
         left = self._of(node.left, block)
         for op, comparator in zip(node.ops, node.comparators, strict=True):
             if isinstance(op, ast.In | ast.NotIn):
-                right, lost = left, left[1]
-                is_true = self._among(left, comparator, node, block)
+                right, (is_true, lost) = left, self._among(left, comparator, node, block)
                 is_true = ~is_true if isinstance(op, ast.NotIn) else is_true
             else:
                 right = self._of(comparator, block)
@@ -191,17 +190,20 @@ class Where(InNotebook):
         return np.asarray(value, bool), missing
 
     def _among(self, left, members, node, block):
-        """Return whether each value is one of a list, or of the names in a file."""
+        """Return whether each value is one of a list, or of the names in a file; and where that is not known."""
         path = _listed_file(members)
         if path is not None:
-            return np.isin(left[0], _as_those(left[0], names_in(path), path))
+            return np.isin(left[0], _as_those(left[0], names_in(path), path)), left[1]
         constants = [member.value for member in members.elts if isinstance(member, ast.Constant)]
         text_flags = {isinstance(value, str) for value in constants}
         text = np.asarray(left[0]).dtype.kind in "US"
         if len(constants) == len(members.elts) and text_flags == {text}:
-            return np.isin(left[0], np.array(constants))
-        among = [_order_operands(ast.Eq(), left, self._of(member, block), node) for member in members.elts]
-        return np.logical_or.reduce(np.broadcast_arrays(*among))
+            return np.isin(left[0], np.array(constants)), left[1]
+        operands = [self._of(member, block) for member in members.elts]
+        among = [_order_operands(ast.Eq(), left, operand, node) & ~operand[1] for operand in operands]
+        is_true = np.logical_or.reduce(np.broadcast_arrays(*among))
+        unknown = np.logical_or.reduce(np.broadcast_arrays(*(lost for _, lost in operands), is_true)) & ~is_true
+        return is_true, left[1] | unknown
 
 
 def _check_size(tree):
