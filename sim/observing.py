@@ -110,6 +110,8 @@ def observe(
     if attitude is not None:
         base_mission = as_mission(NominalScanningLaw() if mission is None else mission, release)
         mission = replace(base_mission, attitude=attitude)
+    if mission is not None and (sigma is not None or np.any(rho != 0.0)):
+        raise ParameterError("a mission gives the errors and their correlation: sigma= and rho= are without one")
     if mission is not None:
         mission = as_mission(mission, release)
         errors, covariance, keep, notes = _through_mission(
@@ -117,8 +119,8 @@ def observe(
         )
         field = _field(population[keep], as_signal(signal), errors, covariance, notes)
         return _with_redshifts(field, as_signal(signal), redshifts, redshift_error, rng)
-    if variability is not None:
-        raise ParameterError("variability needs a mission, at whose transits the photocentre is displaced")
+    if variability is not None or quote_variability or np.any(excess_noise != 0.0):
+        raise ParameterError("variability and excess noise need a mission, at whose transits sources are displaced")
     if sigma is None:
         if population.magnitude is None:
             raise ParameterError("Gaia's errors need magnitudes: give sigma=, or a population that has them")

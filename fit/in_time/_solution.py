@@ -142,7 +142,7 @@ def waves(*frequencies: float, span: tuple[float, float] = DR4_SPAN) -> Function
         raise ParameterError("a frequency at least is expected [1/yr]")
     numbers = [arguments.positive("frequency", frequency) for frequency in frequencies]
     if len({f"{number:g}" for number in numbers}) < len(numbers):
-        raise ParameterError(f"two frequencies are the same to six digits, which no observations separate: {numbers}")
+        raise ParameterError(f"a frequency is given twice, to the six digits that observations separate: {numbers}")
     return Functions(
         tuple((family, frequency) for frequency in numbers for family in ("cos", "sin")), (span[0], span[1])
     )

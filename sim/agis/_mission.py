@@ -42,7 +42,7 @@ def observations(
     Returns
     -------
     along, across : (k,) arrays
-        Zero across where nothing is measured; on disk where the transits are. [µas]
+        Across scan of no weight where nothing is measured; on disk where the transits are. [µas]
     """
     noise, chains = generator(rng).spawn(2)
     with np.errstate(divide="ignore"):

@@ -119,7 +119,9 @@ class Response(InNotebook):
         if self.calibration is not None:
             self._design = hstack([self._design, self._angle(self._time)], format="csr")
             # Steps have the weights of stars, of no scale: that of `information` is what the prior is measured by.
-            years = law.years - float(np.sum(law.lost[:, 1] - law.lost[:, 0]))
+            starts, ends = np.clip(np.array(law.lost, float).reshape(-1, 2).T, 0.0, law.years)
+            before = np.concatenate([[0.0], np.maximum.accumulate(ends)])[:-1]  # gaps may overlap
+            years = law.years - float(np.sum(np.maximum(ends - np.maximum(starts, before), 0.0)))
             self._scale = self.information * years / float(np.sum(preceding_weight + following_weight))
         self._factor: Any = None
         self._taken: dict[Any, FloatArray] = {}
@@ -139,7 +141,7 @@ class Response(InNotebook):
 
     def save(self, path: PathName, overwrite: bool = False) -> None:
         """Write what was factored to `path`, NPZ of 8 (60 nside²)² bytes, for `read`; `overwrite` replaces it."""
-        arrays = {"factor": self._factorise()[0], "weights": self.weights, "steps": np.array(len(self._time))}
+        arrays = {"factor": self._factorise()[0], "weights": self.weights, "law": self._facts_of_law()}
         calibration = self.calibration
         numbers = () if calibration is None else (calibration.order, calibration.days, calibration.known)
         write_arrays(path, arrays | {"calibration": np.array([*numbers, self.information], float)}, overwrite=overwrite)
@@ -168,10 +170,17 @@ class Response(InNotebook):
         calibration = Calibration(int(numbers[0]), *numbers[1:]) if numbers else None
         options = {"calibration": calibration, "information": information} | options
         response = cls(law, arrays["weights"], nside, **options)
-        if len(response._time) != int(arrays["steps"]):
+        facts = response._facts_of_law()
+        if facts.shape != arrays["law"].shape or not np.allclose(facts, arrays["law"], rtol=0, atol=1e-9):
             raise ParameterError("this factor belongs to another scanning law or to other steps: compute it again")
         response._factor = (arrays["factor"], False)
         return response
+
+    def _facts_of_law(self):
+        """Times and directions at some steps: what tells one law, epoch and number of steps from another."""
+        few = np.linspace(0, len(self._time) - 1, 50).astype(int)
+        views = [component for view in self._seen for component in (*view[0][:, few], *view[1][:, few])]
+        return np.stack([few.astype(float), self._time[few], *views])
 
     def left(
         self,
@@ -224,7 +233,7 @@ class Response(InNotebook):
 
         Behind it what the calibration of the basic angle takes, where it is free.
         """
-        key = template_key(modes, functions)
+        key = modes, functions(self._time).tobytes()
         if key not in self._taken:
             right: Any = 0.0
             step = max(1, len(self._time) // _STEPS)
@@ -266,11 +275,6 @@ class Response(InNotebook):
         sun = rotation_matrix("ecliptic", self.law.frame) @ sun * distance
         a, b = np.sum(m * p, 0), np.sum(m * q, 0)
         return np.array([a, b, -np.sum(m * sun, 0), a * time, b * time])
-
-
-def template_key(modes: Modes, functions: Functions) -> tuple[Modes, bytes]:
-    """Key of templates: their modes, and the values of the functions of time."""
-    return modes, functions(np.linspace(-1.0, 1.0, 7)).tobytes()
 
 
 def _along(r, m, modes):

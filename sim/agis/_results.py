@@ -29,7 +29,7 @@ def correlation_by_angle(
 
     Notes
     -----
-    Bins below 1.7° use all pairs, others those with at most 2000 of the sources, evenly picked.
+    All pairs are used where all bins are below 1.7°, else those with at most 2000 of the sources, evenly picked.
     """
     lon, lat, edges = (arguments.dimension(1)(*argument) for argument in (("lon", lon), ("lat", lat), ("edges", edges)))
     draws = np.atleast_2d(arguments.float_array("errors", errors))
@@ -60,11 +60,12 @@ def correlation_by_angle(
         count(2 * np.arcsin(chord / 2), np.mean(draws[:, i] * draws[:, j], axis=0))
     else:
         pivots = np.unique(np.linspace(0, len(lon) - 1, min(_PIVOTS, len(lon))).astype(int))
+        is_pivot = np.isin(np.arange(len(lon)), pivots)
         for start in range(0, len(pivots), _ROWS):
             rows = pivots[start : start + _ROWS]
             product = draws[:, rows].T @ draws / len(draws)
             angle = np.arccos(np.clip(positions[rows] @ positions.T, -1, 1))
-            angle[np.arange(len(rows)), rows] = np.inf  # not with itself
+            angle[is_pivot & (np.arange(len(lon)) <= rows[:, None])] = np.inf  # not itself, nor a pair twice
             count(angle.ravel(), product.ravel())
     return np.divide(total, pairs, out=np.full(len(total), np.nan), where=pairs > 0), pairs
 
@@ -211,7 +212,7 @@ class AgisSolution(Frozen):
         )
 
     def rotated(self, orientation: ArrayLike, spin: ArrayLike, note: str = "") -> AgisSolution:
-        """Turn the solution back by ε₀ + ω t.
+        """Turn positions and motions of the sources back by ε₀ + ω t; attitude and history stay as they were solved.
 
         Parameters
         ----------

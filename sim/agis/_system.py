@@ -15,6 +15,7 @@ import re
 import warnings
 import zipfile
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -67,6 +68,8 @@ class Equations(InNotebook):
         self.blocks = blocks
         if motion is not None:
             motion.check(scans.n_sources, self.solved)
+            if not self.solved.all():  # sources without a solution tell nothing, not a motion of zero
+                motion = self.motion = replace(motion, weights=np.where(self.solved, motion.weights, 0.0))
             self._tighter = blocks.copy()
             self._tighter[:, [3, 4], [3, 4]] += motion.weights[:, None]
             self.start = _inverse(self._tighter)

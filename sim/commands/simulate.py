@@ -137,7 +137,7 @@ def _taken(kind):
     not_taken = {
         "quasars": (*OF_GALAXIES, "orientation"),
         "galaxies": ("orientation",),
-        "vlbi": OF_GALAXIES,
+        "vlbi": (*OF_GALAXIES, "spin", "acceleration", "redshifts"),
         "epochs": NOT_OF_EPOCHS,
         "link": NOT_OF_LINK,
         "crf3": NOT_OF_CRF3,

@@ -349,7 +349,7 @@ def in_time(function: Callable[[Any, Any, Any], Any]) -> Signal:
 
     Examples
     --------
-    >>> turning = in_time(lambda time, lon, lat: np.stack([10 * np.sin(time) * np.cos(lat), 0 * lat]))
+    >>> turning = in_time(lambda lon, lat, time: np.stack([10 * np.sin(time) * np.cos(lat), 0 * lat]))
     >>> isinstance(turning, Signal)
     True
     """

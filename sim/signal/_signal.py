@@ -60,7 +60,7 @@ class Signal(InNotebook):
 
     def __call__(self, lon: ArrayLike, lat: ArrayLike, redshift: ArrayLike | None = None) -> FloatArray:
         lon, lat = np.atleast_1d(float_array("lon", lon)), np.atleast_1d(float_array("lat", lat))
-        return sum(component(lon, lat, redshift) for component in self.parts)
+        return sum((component(lon, lat, redshift) for component in self.parts), np.zeros((2, len(lon))))
 
     @property
     def steady(self) -> Signal:
@@ -108,7 +108,8 @@ class Signal(InNotebook):
         ParameterError
             If the frame is another.
         """
-        lon, lat, redshift = (np.atleast_1d(float_array("lon", x, finite=False)) for x in (lon, lat, redshift))
+        given = {"lon": lon, "lat": lat, "redshift": redshift}
+        lon, lat, redshift = (np.atleast_1d(float_array(name, x, finite=False)) for name, x in given.items())
         if frame not in ("heliocentric", "cmb", "true"):
             raise ParameterError(f"redshifts are observed as heliocentric, cmb or true ones, not {frame!r}")
         if frame == "true":

@@ -244,8 +244,8 @@ QUANTITIES = {
 }
 
 
-#: So many stand for all: so many quasars; of galaxies the nearest and every tenth of the rest, fewer where flows are
-#: unknowns.
+#: So many stand for all: so many quasars; of galaxies the nearest and every twentieth of the rest, fewer where flows
+#: are unknowns.
 _QUASARS, _GALAXIES, _NEAREST, _EVERY, _IN_FLOWS = 5000, 100_000, 4000, 20, 2000
 #: The highest degree that is looked at.
 _DEGREES = 400
@@ -489,7 +489,7 @@ def _of_galaxies(survey, sample, flows):
     if not survey.n_galaxies:
         return dict.fromkeys(names, float("nan"))
     order = np.argsort(sample.redshift)
-    # The nearest weigh most: all of them, and of the rest every tenth for ten.
+    # The nearest weigh most: all of them, and of the rest every twentieth for twenty.
     few = np.concatenate([order[:_NEAREST], order[_NEAREST::_EVERY]])
     independent_errors = _errors(survey, sample[few], _ALONE, np.where(np.arange(len(few)) < _NEAREST, 1, _EVERY))
     values = [*_velocity(sample[few], independent_errors, flows=None)]

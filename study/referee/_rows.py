@@ -164,7 +164,7 @@ class Check(InNotebook):
 def format_verdict(p: float, nothing: str, something: str) -> str:
     """A verdict in words by its p-value."""
     p_text = f"p = {printed_p_value(p)}"
-    if p >= HINT:
+    if not p < HINT:  # nan, too
         return f"{nothing} ({p_text})"
     if p >= SEEN:
         return f"weak evidence: {something} ({p_text}; by chance in one test of {1 / p:.0f})"

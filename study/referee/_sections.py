@@ -311,7 +311,7 @@ def _position_drift(inputs: SectionInput) -> dict[str, Any]:
     if np.isfinite(p):
         null_text = "no quadrupole is detected" if formal_p >= SEEN else "the quadrupole is systematic errors"
         sentence = format_verdict(p, null_text, "a quadrupole beyond systematic errors")
-        contents["verdict"] = f"{sentence}; {contents['verdict']}"
+        contents |= {"verdict": f"{sentence}; {contents['verdict']}", "p_value": p}
     return contents
 
 

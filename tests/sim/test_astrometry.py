@@ -137,7 +137,7 @@ def test_positions_and_frames_must_agree():
     population = sim.Population(np.zeros(3), np.zeros(3), np.full(3, 18.0), frame="galactic")
     with pytest.raises(ValueError, match="positions are in galactic, the mission's in icrs"):
         sim.observe(population, sim.spin((0, 0, 0)), 1, mission=LAW)
-    with pytest.raises(ValueError, match="variability needs a mission"):
+    with pytest.raises(ValueError, match="variability and excess noise need a mission"):
         sim.observe(sim.quasars(10, 1), sim.spin((0, 0, 0)), 1, variability=Variability(1, 1))
 
 

@@ -9,6 +9,7 @@ import sim
 from examples import make_demo_catalogue
 from vsh import Coefficients, Modes
 from vsh.sky.frames import rotation_matrix
+from vsh.tools.errors import VshError
 
 
 @pytest.mark.parametrize(("release", "east", "north"), [("DR3", 635, 549), ("DR4", 268, 231), ("DR5", 94, 81)])
@@ -72,3 +73,15 @@ def test_demo_is_what_its_script_makes():
     for name, column in make_demo_catalogue.demo_columns().items():
         np.testing.assert_allclose(table[name], column, rtol=1e-6, err_msg=name)
     np.testing.assert_allclose([table.meta[f"SPIN_{axis}"] for axis in "XYZ"], make_demo_catalogue.SPIN)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{"excess_noise": 10.0}, {"quote_variability": True}, {"sigma": 1.0, "mission": 5}, {"rho": 0.1, "mission": 5}],
+)
+def test_options_that_would_have_no_effect_are_refused(options):
+    """They were ignored without a word."""
+    if "mission" in options:
+        options = options | {"mission": sim.NominalScanningLaw(years=1.0)}
+    with pytest.raises(VshError, match="mission"):
+        sim.observe(sim.quasars(5, 1), sim.spin((0, 0, 0)), 1, **options)

@@ -256,6 +256,7 @@ def make_passes(scans: Scans, solved: BoolArray, threads: int | None = None, com
         except ImportError:
             if compiled or len(scans) > MAX_TRANSITS:
                 raise ParameterError(
-                    f"{len(scans)} transits are too many without numba: pip install 'vsh-astrometry[agis]'"
+                    f"compiled sums, and more than {MAX_TRANSITS} transits, need numba: pip install "
+                    "'vsh-astrometry[agis]'"
                 ) from None
     return SparsePasses(scans, table)

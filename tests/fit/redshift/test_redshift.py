@@ -153,7 +153,7 @@ def test_left_out_sources_are_counted_and_named():
 @pytest.mark.parametrize(
     ("edges", "error", "words"),
     [
-        ([0.1, 0.1000001, 4.0], DegeneracyError, "bin 1 of 2, 0.1 ≤ z < 0.1, is empty"),
+        ([0.1, 0.1000001, 4.0], DegeneracyError, "bin 1 of 2, 0.1 ≤ z < 0.1000001, is empty"),
         ([4.0, 5.0], DegeneracyError, "bin 1 of 1, .* is empty"),
         ([1.0, 0.1], ParameterError, "[Ee]dges of redshift bins rise"),
         ([1.0, 1.0], ParameterError, "[Ee]dges of redshift bins rise"),

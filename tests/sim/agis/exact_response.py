@@ -5,7 +5,6 @@ from typing import Any
 import numpy as np
 from scipy.special import gammaln, lpmv
 
-from sim.agis._response import template_key
 from sim.agis._system import Iteration, System
 from sim.agis.passes import spline_at
 from vsh.basis import harmonics
@@ -133,7 +132,7 @@ class ExactResponse:
             If the iterations do not do.
         """
         scans, passes = self.system.scans, self.system.passes
-        key = template_key(modes, functions)
+        key = modes, functions(self._time).tobytes()
         if key in self._taken:
             return self._taken[key]
         basis = harmonics(scans.lon, scans.lat, modes)

@@ -200,7 +200,7 @@ def test_without_numba_many_transits_are_refused(monkeypatch):
     monkeypatch.delattr("sim.agis.passes._kernels", raising=False)
     assert System(found).solved.any()  # the sparse passes do
     monkeypatch.setattr("sim.agis.passes._make.MAX_TRANSITS", 100)
-    with pytest.raises(ParameterError, match=r"too many without numba: pip install 'vsh-astrometry\[agis\]'"):
+    with pytest.raises(ParameterError, match=r"need numba: pip install 'vsh-astrometry\[agis\]'"):
         System(found)
 
 

@@ -78,3 +78,24 @@ def test_neighbours_share_errors_of_the_attitude():
     assert found[0] == pytest.approx(0.16, abs=0.02)
     assert abs(found[2]) < 0.005
     assert -0.01 < found[4] < -0.001
+
+
+def test_each_pair_of_sources_counts_once():
+    _, pairs = agis.correlation_by_angle(np.ones(3), [0, 0.5, 1.0], [0, 0, 0.0], [0, 2.0], sigma=np.ones(3))
+    assert pairs.tolist() == [3]
+
+
+def test_sources_without_a_solution_say_nothing_of_a_global_motion():
+    """They acted as if they had been seen not to move."""
+    from sim.agis._system import System
+
+    quasars = sim.quasars(150, rng=1)
+    law = sim.NominalScanningLaw(years=0.6)
+    seen = agis.scans(law, quasars.lon, quasars.lat, 100.0, 500.0, knots=2 * 86400.0)
+    motion = agis.global_motion(quasars.lon, quasars.lat, 1, scatter=10.0)
+    system = System(seen, motion=motion)
+    solved = system.solved
+    assert 0 < solved.sum() < len(solved)
+    few = motion.design[solved], motion.weights[solved]
+    information = np.einsum("nik,n,nil->kl", few[0], few[1], few[0])
+    assert np.allclose(system.motion.normal, information)

@@ -203,3 +203,28 @@ def test_search_knows_the_response(coarse):
         search_in_time(noisy, 2.3)
     with pytest.raises(ParameterError, match="known"):
         search_in_time(noisy, 2.3, attitude="solved")
+
+
+def test_templates_that_differ_late_are_two():
+    """Functions were told apart by what they are within a year of the middle."""
+    response = Response(LAW, nside=1, steps=4000)
+    early, late = (response.taken(Modes(1), lambda time, when=when: (time > when)[None] * 1.0) for when in (1.5, 2.2))
+    assert np.abs(early - late).max() > 1e-3 * np.abs(late).max()
+
+
+def test_a_factor_of_another_law_is_refused(tmp_path):
+    law = sim.NominalScanningLaw(years=1.0)
+    Response(law, nside=1, steps=2000).save(tmp_path / "f.npz")
+    assert Response.read(tmp_path / "f.npz", law, steps=2000).nside == 1
+    other = sim.NominalScanningLaw(years=1.0, precession_phase=1.0)
+    for wrong, options in ((other, {}), (law, {"epoch": 2021.0})):
+        with pytest.raises(ParameterError, match="another scanning law"):
+            Response.read(tmp_path / "f.npz", wrong, steps=2000, **options)
+
+
+def test_gaps_that_overlap_count_once():
+    def scale(gaps):
+        law = sim.NominalScanningLaw(years=1.0, gaps=gaps)
+        return Response(law, nside=1, steps=2000, calibration="constant to order 1, known to 1 µas")._scale
+
+    assert scale(((0.0, 0.5), (0.1, 0.5))) == pytest.approx(scale(((0.0, 0.5),)))
