@@ -87,7 +87,7 @@ def make_share(folder, version):
     from argparse_manpage.manpage import Manpage
 
     from vsh.__main__ import COMMANDS, module_of
-    from vsh.__main__ import about as purpose
+    from vsh.__main__ import describe_command as purpose
 
     about = {
         "project_name": "vsh-astrometry",

@@ -76,7 +76,7 @@ def raw_transforms(field, lmax):
     """Spin 0 and spin 2 adjoints to 2L and a spin 1 adjoint to L, by ducc0."""
     import ducc0
 
-    from vsh.tools.parallel import cores
+    from vsh.tools.parallel import thread_count
 
     a, b, c = field.weights
     loc = np.stack([np.pi / 2 - field.lat, field.lon], axis=1)
@@ -84,7 +84,7 @@ def raw_transforms(field, lmax):
     start = time.perf_counter()
     for spin, values in maps.items():
         ducc0.sht.adjoint_synthesis_general(
-            map=values, spin=spin, lmax=lmax if spin == 1 else 2 * lmax, loc=loc, epsilon=5e-13, nthreads=cores()
+            map=values, spin=spin, lmax=lmax if spin == 1 else 2 * lmax, loc=loc, epsilon=5e-13, nthreads=thread_count()
         )
     return time.perf_counter() - start
 

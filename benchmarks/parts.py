@@ -21,7 +21,7 @@ from fit import Moments
 from vsh import Field
 from vsh.io.catalogue import parts
 from vsh.io.tables import files_of, is_address
-from vsh.tools.parallel import limited
+from vsh.tools.parallel import limit_threads
 
 NAMES = ["ra", "dec", "pmra", "pmdec", "pmra_error", "pmdec_error", "pmra_pmdec_corr"]
 
@@ -67,7 +67,7 @@ def main(folder, lmax=10):
     if os.path.exists(os.path.join(folder, "hats.properties")):
         ways["LSDB"] = by_lsdb
     best, wall, sums = {}, {}, {}
-    with nullcontext() if is_address(folder) else limited(1):
+    with nullcontext() if is_address(folder) else limit_threads(1):
         for _ in range(3):
             for way, function in ways.items():
                 start, clock = time.process_time(), time.perf_counter()

@@ -109,7 +109,7 @@ def in_two(field, rng, kind):
     else:
         first, estimate = rng.uniform(size=len(field)) < 0.5, fit.estimate(field, 3)
         halves, lmax = [field[first], field[~first]], estimate.solution.modes.lmax
-        normals = fit.background.widened(
+        normals = fit.background.extend_degrees(
             [estimate.equations(half, lmax) for half in halves], estimate.equations, halves
         )
         shared = fit.background.shared(

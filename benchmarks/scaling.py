@@ -40,7 +40,7 @@ def write_folder(folder, files=20, rows=500_000):
         columns = {"source_id": np.arange(rows) + i * rows, "ra": np.degrees(field.lon), "dec": np.degrees(field.lat)}
         columns |= {"pmra": field.motion[0] / 1000, "pmdec": field.motion[1] / 1000}
         columns |= {"pmra_error": field.sigma[0] / 1000, "pmdec_error": field.sigma[1] / 1000}
-        tables.write(folder / f"part{i:03d}.parquet", columns | {"pmra_pmdec_corr": field.rho})
+        tables.write_columns(folder / f"part{i:03d}.parquet", columns | {"pmra_pmdec_corr": field.rho})
 
 
 def stream(folder, lmax=10, workers=None):

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.stats import kstest
 
 import sim
-from fit.frames.compare import by_error_class
+from fit.frames.compare import fit_by_error_class
 from fit.normal import fit_field
 from fit.results.quality import f_p_value
 from vsh import Field, Modes
@@ -46,7 +46,7 @@ def main(n_pairs=300, n=500):
             chi2 = solution.values[beyond] @ np.linalg.solve(inner, solution.values[beyond])
             q = int(beyond.sum())
             one = f_p_value(chi2 / solution.reduced_chi2, q, solution.dof)
-            p.append([f_p_value(chi2, q, np.inf), one, by_error_class(field, Modes(2)).p_value])
+            p.append([f_p_value(chi2, q, np.inf), one, fit_by_error_class(field, Modes(2)).p_value])
         p = np.array(p)
         print(
             f"{name:30}"

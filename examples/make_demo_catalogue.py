@@ -47,5 +47,5 @@ if __name__ == "__main__":
     units = dict.fromkeys(["ra", "dec"], "deg") | dict.fromkeys(
         ["pmra", "pmdec", "pmra_error", "pmdec_error"], "mas / yr"
     )
-    tables.write(sys.argv[1], demo_columns(), truth, units)
+    tables.write_columns(sys.argv[1], demo_columns(), truth, units)
     print(f"written: {sys.argv[1]}")

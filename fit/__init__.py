@@ -1,7 +1,7 @@
 """From a field to what it says: normal equations, their solution, its report."""
 
 from vsh import __version__ as __version__
-from vsh.tools.modules import from_stub
+from vsh.tools.modules import lazy_names_from_stub
 
 # What is named in __init__.pyi is imported when it is first asked for.
-__getattr__, __dir__, __all__ = from_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = lazy_names_from_stub(__name__, __file__)

@@ -22,7 +22,7 @@ from fit.results.solution import NamedSolution, Solution
 from fit.results.storage import Result
 from vsh.field import Field
 from vsh.io import tables
-from vsh.io.parts import Parts, added, as_parts
+from vsh.io.parts import Parts, add_sums, as_parts
 from vsh.io.sections import Section
 from vsh.models.covariance import Covariance, as_covariance
 from vsh.modes import Modes
@@ -31,7 +31,7 @@ from vsh.tools import arguments
 from vsh.tools.errors import DegeneracyError, FieldError, FrameError
 from vsh.tools.notes import merge_notes
 from vsh.tools.parallel import map_blocks
-from vsh.tools.printing import logged
+from vsh.tools.printing import log_calls
 from vsh.tools.types import Axes, FloatArray, Table
 from vsh.vector import Vector
 
@@ -87,7 +87,7 @@ class FrameSolution(NamedSolution):
         return self._vector("epsilon", "µas") if "epsilon_x" in self.names else None
 
 
-@logged("frame solver")
+@log_calls("frame solver")
 def solve_frame(
     motions: Field | Parts, offsets: Field | Parts | None = None, *, covariance: Covariance | FloatArray | None = None
 ) -> FrameSolution:
@@ -167,16 +167,16 @@ def _triangle(field, column, size, covariance=None):
     if covariance is not None:
         rows = np.zeros((size + 1, 2 * len(field)))
         plain = field.with_errors(np.ones((2, len(field))), np.zeros(len(field)))
-        _fill(plain, rows.reshape(size + 1, 2, len(field))[column:], motions)
+        _fill_whitened_rows(plain, rows.reshape(size + 1, 2, len(field))[column:], motions)
         return _Triangle(qr(np.asfortranarray(covariance.whiten(rows).T)), 2 * len(field), field.frame, field.notes)
 
     def block(selection):
         subset = field[selection]
         rows = np.zeros((size + 1, 2, len(subset)))
-        _fill(subset, rows[column:], motions)
+        _fill_whitened_rows(subset, rows[column:], motions)
         return _Triangle(qr(rows.reshape(size + 1, -1).T), 2 * len(subset), field.frame, field.notes)
 
-    return reduce(added, map_blocks(block, len(field), _ROWS))
+    return reduce(add_sums, map_blocks(block, len(field), _ROWS))
 
 
 def qr(rows: FloatArray) -> FloatArray:
@@ -185,7 +185,7 @@ def qr(rows: FloatArray) -> FloatArray:
     return np.triu(factor[: rows.shape[1]])
 
 
-def _fill(field, rows, acceleration):
+def _fill_whitened_rows(field, rows, acceleration):
     """Fill columns of [coefficients | right-hand side], (k + 1, 2, n), decorrelated, of unit weight."""
     (sin_a, cos_a), (sin_d, cos_d) = sin_cos(field.lon), sin_cos(field.lat)
     p = np.stack([-sin_a, cos_a, np.zeros_like(sin_a)])
@@ -249,9 +249,9 @@ class CrossCheck(Result):
     largest: float
 
     def _sections(self, long):
-        from fit.results.output import check_sections
+        from fit.results.output import cross_check_sections
 
-        return check_sections(self)
+        return cross_check_sections(self)
 
     def to_table(self) -> Table:
         """Both solutions as an astropy Table: a row for each component of spin and acceleration."""
@@ -267,7 +267,7 @@ class CrossCheck(Result):
         return self.frame.plot(ax=ax)
 
 
-@logged("cross-check")
+@log_calls("cross-check")
 @arguments.accepts(field=arguments.a(Field, Parts))
 def cross_check(field: Field | Parts, *, covariance: Covariance | FloatArray | None = None) -> CrossCheck:
     """Fit degree 1 to a field by both solvers and compare.

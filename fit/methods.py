@@ -13,14 +13,14 @@ from typing import Any
 import numpy as np
 
 from fit.background import Floor, equations_of, floor
-from fit.normal import NormalEquations, Template, fit_field, normal_equations, solve, with_coverage
+from fit.normal import NormalEquations, Template, add_coverage_notes, fit_field, normal_equations, solve
 from fit.resample import bootstrap, compare_blocks, jackknife
 from fit.results.quality import ERRORS_TOO_SMALL
 from fit.results.solution import AboutSolution, Solution
 from fit.robust import ExcessNoise, ReweightedFit, TailsError, clip, excess_noise, student_t
 from vsh.field import Field
 from vsh.io.catalogue import as_field
-from vsh.io.parts import Parts, applied, as_parts, median, sample_of
+from vsh.io.parts import Parts, apply_step, as_parts, median, sample_of
 from vsh.modes import Modes
 from vsh.tools import arguments
 from vsh.tools.arguments import choice
@@ -56,7 +56,7 @@ _ROUNDS = 100
 _LEAST = 3
 
 
-class Weighted(AboutSolution):
+class WeightedFit(AboutSolution):
     """A fit whose weights sum other equations, too: of classes, of other degrees, with templates."""
 
     weights: ReweightedFit | ExcessNoise | None
@@ -77,7 +77,7 @@ class Weighted(AboutSolution):
 
 
 @dataclass(frozen=True, eq=False)
-class Recommended(Weighted):
+class Recommended(WeightedFit):
     """The recommended fit.
 
     Attributes
@@ -166,13 +166,13 @@ def recommended(field: Any, lmax: int | None = None) -> Recommended:
     >>> result.solution.modes.lmax, result.floor is not None
     (5, True)
     """
-    counts, w, w2 = as_parts(field).sum(_weights, roles=())
+    counts, w, w2 = as_parts(field).sum(_sum_weights, roles=())
     n_sources = int(counts)
     max_degree = _DEGREE if lmax is None else arguments.whole("lmax", lmax)
     degree, reason = degree_for(max(n_sources, _FEWEST), max_degree), f"{n_sources} sources do not bear more"
     while True:
         try:
-            weights, solution = _robust(field, degree, n_sources, w**2 > _PRECISE * w2)
+            weights, solution = _fit_robustly(field, degree, n_sources, w**2 > _PRECISE * w2)
             break
         except DegeneracyError:
             if degree == 1:
@@ -181,7 +181,7 @@ def recommended(field: Any, lmax: int | None = None) -> Recommended:
     if degree < max_degree:
         note = f"fitted to degree {degree} instead of {max_degree}: {reason}"
         solution = replace(solution, notes=(*solution.notes, note))
-    plain = with_coverage(solution, field)
+    plain = add_coverage_notes(solution, field)
     systematic = _floor(plain)
     if systematic is None:
         return Recommended(replace(plain, is_recommended=True), plain, weights)
@@ -190,7 +190,7 @@ def recommended(field: Any, lmax: int | None = None) -> Recommended:
     return Recommended(replace(solution, formal_covariance=formal, is_recommended=True), plain, weights)
 
 
-def _robust(field, degree, n_sources, by_many):
+def _fit_robustly(field, degree, n_sources, by_many):
     """Student's t, with an excess noise where the quoted errors need one; least squares where no weights settle.
 
     `by_many` tells that many sources share the weight: only then may a fit without a noise stand.
@@ -208,9 +208,9 @@ def _robust(field, degree, n_sources, by_many):
         reason = str(error)
     with suppress(ConvergenceError, DegeneracyError):
         if n_sources <= _LARGE:
-            fits = _by_noise(field, degree)
+            fits = _fit_halving_noise(field, degree)
         else:  # which noise it is, a sample tells
-            tried = _by_noise(sample_of(as_parts(field), _LARGE // 5, n_sources), min(degree, _DEGREE))
+            tried = _fit_halving_noise(sample_of(as_parts(field), _LARGE // 5, n_sources), min(degree, _DEGREE))
             noises = [each.noise for each in tried[-1:]]
             fits = [student_t(field, degree, tolerance=tolerance, max_rounds=_ROUNDS, noise=noise) for noise in noises]
     if not fits:
@@ -226,11 +226,11 @@ def _robust(field, degree, n_sources, by_many):
     return best, solution
 
 
-def _by_noise(field, degree):
+def _fit_halving_noise(field, degree):
     """Fits with an excess noise, halved while that makes them likelier by more than it must; the last is the best."""
     fits: list[ReweightedFit] = []
-    limit = _TYPICAL * median(as_parts(field), _sizes, "noise")
-    noise = excess_noise(applied(field, partial(_smaller, limit=limit)), degree).excess_noise
+    limit = _TYPICAL * median(as_parts(field), _motion_sizes, "noise")
+    noise = excess_noise(apply_step(field, partial(_select_small_motions, limit=limit)), degree).excess_noise
     for _ in range(_HALVINGS):
         with suppress(ConvergenceError, DegeneracyError):
             smaller = student_t(field, degree, noise=noise, max_rounds=_ROUNDS)
@@ -243,17 +243,17 @@ def _by_noise(field, degree):
     return fits
 
 
-def _sizes(field):
+def _motion_sizes(field):
     """The size of each motion."""
     return np.hypot(*field.motion)
 
 
-def _smaller(field, limit):
+def _select_small_motions(field, limit):
     """The sources whose motion is not larger than a limit."""
-    return field[_sizes(field) <= limit]
+    return field[_motion_sizes(field) <= limit]
 
 
-def _weights(field):
+def _sum_weights(field):
     """Counts of the sources, and sums of their weights and of the squares of these."""
     weights = field.information
     return np.array([len(field), weights.sum(), weights @ weights])
@@ -275,7 +275,7 @@ DEGREE = 3
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Estimate(Weighted):
+class Estimate(WeightedFit):
     """A fit by one of `METHODS`.
 
     Attributes
@@ -351,7 +351,7 @@ def _clip(field, lmax, value, rng):
 
 def _student(field, lmax, value, rng):
     weights = student_t(field, lmax)
-    return _estimate_by("student", _without_errors(weights.solution), field, 0, weights)
+    return _estimate_by("student", _drop_unsure_errors(weights.solution), field, 0, weights)
 
 
 #: Degrees of freedom that the scores of a robust fit must have for its errors to be those of the sources; and the same
@@ -359,7 +359,7 @@ def _student(field, lmax, value, rng):
 _SURE, _DOUBTFUL = 7, 100
 
 
-def _without_errors(solution):
+def _drop_unsure_errors(solution):
     """Return a fit without errors where a few sources decide it: nothing could contradict them."""
     if solution.covariance_dof >= (_DOUBTFUL if ERRORS_TOO_SMALL in codes_of(solution.notes) else _SURE):
         return solution
@@ -387,7 +387,7 @@ def _jackknife(field, lmax, value, rng):
 
 def _estimate_by(method, solution, sources, n_clipped=0, weights=None):
     """An estimate whose errors are those of the solution; of the catalogue's, scaled where χ² contradicts them."""
-    solution = with_coverage(solution, sources)
+    solution = add_coverage_notes(solution, sources)
     return Estimate(
         solution=solution.scaled, method=method, sources=sources, plain=solution, n_clipped=n_clipped, weights=weights
     )

@@ -30,7 +30,7 @@ from vsh.tools import arguments
 from vsh.tools.arguments import between, generator
 from vsh.tools.errors import DegeneracyError
 from vsh.tools.parallel import map_blocks, progress_bar
-from vsh.tools.printing import logged
+from vsh.tools.printing import log_calls
 from vsh.tools.types import FloatArray, Rng
 
 __all__ = ["ResampledFit", "block_bootstrap", "bootstrap", "compare_blocks", "jackknife"]
@@ -111,7 +111,7 @@ _POWER = 0.75
 _POISSON = np.searchsorted(gammaincc(np.arange(1, 13), 1.0), (np.arange(2**16) + 0.5) / 2**16).astype(np.float32) - 1
 
 
-@logged("bootstrap")
+@log_calls("bootstrap")
 @arguments.accepts(
     field=arguments.a(Field, ScalarField, Parts), n_replicates=partial(arguments.whole, least=2), rng=arguments.seed
 )
@@ -150,13 +150,13 @@ def bootstrap(
     for every draw are 0.81.
     """
     modes, rng = modes_for(field, modes), generator(rng)
-    return _one_step(
+    return _bootstrap_scores(
         as_parts(field, SourcesWithErrors), solve(normal_equations(field, modes)), n_replicates, rng, progress
     )
 
 
-def _one_step(sky, solution, n_replicates, rng, progress):
-    total = sky.sum(_size, roles=(), words="bootstrap", progress=progress)
+def _bootstrap_scores(sky, solution, n_replicates, rng, progress):
+    total = sky.sum(_count_and_weight, roles=(), words="bootstrap", progress=progress)
     seed = int(rng.integers(2**63))
     work = partial(_drawn_scores, solution=solution, total=total, n_replicates=n_replicates, seed=seed)
     sums = sky.sum(work, roles=(), words="bootstrap", progress=progress)
@@ -166,7 +166,7 @@ def _one_step(sky, solution, n_replicates, rng, progress):
     return ResampledFit("one-step bootstrap", solution, replicates, np.cov(replicates, rowvar=False), dof)
 
 
-def _size(field):
+def _count_and_weight(field):
     return len(field), float(field.weights[: field.components].sum())
 
 
@@ -250,7 +250,7 @@ def block_bootstrap(
     return ResampledFit("block bootstrap", solution, replicates, np.cov(replicates, rowvar=False))
 
 
-@logged("jackknife")
+@log_calls("jackknife")
 @arguments.accepts(field=arguments.a(Field, ScalarField, Parts), nside=arguments.whole)
 def jackknife(
     field: Field | ScalarField | Parts, modes: Modes | int, nside: int, *, progress: bool = True
@@ -298,7 +298,7 @@ class normals_of_blocks:
     def __init__(self, field: Field | ScalarField | Parts, modes: Modes, nside: int, progress: bool = True) -> None:
         self.field, self.modes, self.words, self.progress = field, modes, f"blocks, nside {nside}", progress
         if isinstance(field, Parts):
-            work = partial(_by_block, modes=modes, nside=nside)
+            work = partial(_moments_by_block, modes=modes, nside=nside)
             blocks = field.sum(work, roles=(), words=self.words, progress=progress)
             self.blocks: list[Any] = [blocks[pixel] for pixel in sorted(blocks)]
         else:
@@ -319,7 +319,7 @@ class normals_of_blocks:
                 yield normal_equations(self.field[block], self.modes)
 
 
-def _by_block(field, modes, nside):
+def _moments_by_block(field, modes, nside):
     pixel = pixels_of(field.lon, field.lat, nside)
     return {int(block): Moments.of(field[pixel == block], modes) for block in np.unique(pixel)}
 
@@ -329,7 +329,7 @@ def _by_block(field, modes, nside):
 BLOCKS_PER_COEFFICIENT = 2
 
 
-class BlockLength(NamedTuple):
+class BlockErrors(NamedTuple):
     """Jackknife errors for one block size, with the rms of their ratio to formal errors, for spin and acceleration."""
 
     nside: int
@@ -343,7 +343,7 @@ class BlockLength(NamedTuple):
 @arguments.accepts(field=arguments.a(Field, Parts))
 def compare_blocks(
     field: Field | Parts, modes: Modes | int, *, nsides: Sequence[int] = (8, 4, 2, 1), progress: bool = True
-) -> tuple[list[BlockLength], BlockLength, str]:
+) -> tuple[list[BlockErrors], BlockErrors, str]:
     """Compare jackknife errors for several block sizes, to find which blocks are large enough.
 
     If errors of neighbouring sources are correlated, jackknife errors grow with the size of the blocks, until blocks
@@ -386,7 +386,7 @@ def compare_blocks(
             )
             continue
         try:
-            rows.append(_length(jackknife(field, modes, nside, progress=progress), nside))
+            rows.append(_block_errors(jackknife(field, modes, nside, progress=progress), nside))
         except DegeneracyError as error:
             failure = error
     if not rows:
@@ -400,7 +400,7 @@ def _pixels(field, nside):
     return dict.fromkeys(np.unique(pixels_of(field.lon, field.lat, nside)).tolist())
 
 
-def _length(growth, nside):
+def _block_errors(growth, nside):
     formal = np.concatenate([growth.solution.spin.sigma, growth.solution.acceleration.sigma])
     # Without the factor of few replicates, which grows with the blocks by itself.
     variances = np.concatenate([np.diag(vector.covariance) for vector in (growth.spin, growth.acceleration)])
@@ -408,7 +408,7 @@ def _length(growth, nside):
     blocks = len(growth.replicates)
     ratio = float(np.sqrt(np.mean((errors / formal) ** 2)))
     # The ratio rests on six variances, each with B − 1 degrees of freedom.
-    return BlockLength(nside, 58.6 / nside, blocks, ratio, ratio / np.sqrt(2 * 6 * (blocks - 1)), growth)
+    return BlockErrors(nside, 58.6 / nside, blocks, ratio, ratio / np.sqrt(2 * 6 * (blocks - 1)), growth)
 
 
 def _grows(row, later):

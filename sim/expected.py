@@ -87,13 +87,13 @@ def expected_covariances(
 
     law, is_compiled = mission.scanning_law, mission.scanning_law.compiles(len(population))
 
-    def block(chunk):
+    def block_covariances(chunk):
         transits = law.transits_of_block(population.lon[chunk], population.lat[chunk], compiled=is_compiled)
         return expected_solution_covariances(
             transits, error[chunk], years=mission.years, variability=variability, attitude=float(mission.attitude)
         )
 
-    covariances = list(map_blocks(block, len(population), BLOCK, threads, "transits" if progress else None))
+    covariances = list(map_blocks(block_covariances, len(population), BLOCK, threads, "transits" if progress else None))
     formal, true = (np.concatenate(blocks)[:, columns, columns] for blocks in zip(*covariances, strict=True))
     return formal, true
 

@@ -18,14 +18,14 @@ from vsh.tools import arguments
 from vsh.tools.arguments import generator
 from vsh.tools.errors import ParameterError
 from vsh.tools.parallel import map_blocks
-from vsh.tools.printing import logged
+from vsh.tools.printing import log_calls
 from vsh.tools.types import ArrayLike, Release, Rng
 
 #: Errors of redshifts by name: at z = 0, and for each unit of z.
 REDSHIFT_ERRORS = {"spectroscopic": (1e-4, 0.0), "photometric": (0.015, 0.015)}
 
 
-@logged("observed")
+@log_calls("observed")
 @arguments.accepts(population=arguments.a(Population), rng=arguments.seed)
 def observe(
     population: Population,
@@ -114,7 +114,7 @@ def observe(
         raise ParameterError("a mission gives the errors and their correlation: sigma= and rho= are without one")
     if mission is not None:
         mission = as_mission(mission, release)
-        errors, covariance, keep, notes = _through_mission(
+        errors, covariance, keep, notes = _solve_mission_sources(
             population, rng, mission, variability, excess_noise, quote_variability, threads, progress, (3, 4)
         )
         field = _field(population[keep], as_signal(signal), errors, covariance, notes)
@@ -214,7 +214,7 @@ def observe_offsets(
     2
     """
     rng = generator(rng)
-    errors, covariance, keep, notes = _through_mission(
+    errors, covariance, keep, notes = _solve_mission_sources(
         population, rng, as_mission(mission, release), variability, 0.0, False, threads, progress, (0, 1)
     )
     error = arguments.float_array("radio", radio, (len(population),), broadcast=True)[keep]
@@ -223,12 +223,12 @@ def observe_offsets(
     return _field(population[keep], as_signal(signal), errors, covariance, notes)
 
 
-def _through_mission(population, rng, mission, variability, excess_noise, quote, threads, progress, columns):
+def _solve_mission_sources(population, rng, mission, variability, excess_noise, quote, threads, progress, columns):
     """Errors (2, k) and covariances (k, 2, 2) of two of the five parameters; which sources have them."""
     mission.check_frame(population.frame)
     columns = list(columns)
     if mission.is_solved:
-        return _solved_together(population, rng, mission, variability, excess_noise, quote, threads, progress, columns)
+        return _solve_jointly(population, rng, mission, variability, excess_noise, quote, threads, progress, columns)
     # A seed of its own for every block: threads may take them in any order.
     seeds = rng.spawn(-(-len(population) // BLOCK) + 1)
     attitude_errors = mission.attitude_noise(seeds[-1])
@@ -236,7 +236,7 @@ def _through_mission(population, rng, mission, variability, excess_noise, quote,
 
     law, is_compiled = mission.scanning_law, mission.scanning_law.compiles(len(population))
 
-    def block(chunk):
+    def solve_block(chunk):
         transits = law.transits_of_block(population.lon[chunk], population.lat[chunk], compiled=is_compiled)
         seed = seeds[chunk.start // BLOCK]
         solution = solve_astrometry(
@@ -256,7 +256,7 @@ def _through_mission(population, rng, mission, variability, excess_noise, quote,
         )
 
     label = "transits" if progress else None
-    results = list(map_blocks(block, len(population), BLOCK, threads, label))
+    results = list(map_blocks(solve_block, len(population), BLOCK, threads, label))
     of_errors, of_covariance, of_keep, counts = zip(*results, strict=True)
     errors, covariance, keep = np.concatenate(of_errors, axis=1), np.concatenate(of_covariance), np.concatenate(of_keep)
     notes = [f"simulated: {sum(counts)} transits in {mission.years:g} years, errors of {mission.release}"]
@@ -265,7 +265,7 @@ def _through_mission(population, rng, mission, variability, excess_noise, quote,
     return errors[:, keep], covariance[keep], keep, notes
 
 
-def _solved_together(population, rng, mission, variability, excess_noise, quote, threads, progress, columns):
+def _solve_jointly(population, rng, mission, variability, excess_noise, quote, threads, progress, columns):
     """Observe with an attitude that is solved as well, so that neighbours share errors."""
     if quote:
         raise ParameterError(

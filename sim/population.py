@@ -175,7 +175,7 @@ def quasar_redshifts(n: int, rng: Rng) -> FloatArray:
 REDSHIFT_BY_MAGNITUDE = 0.243
 
 
-def by_magnitude(redshift: FloatArray, magnitude: FloatArray, rng: Rng) -> FloatArray:
+def assign_redshifts(redshift: FloatArray, magnitude: FloatArray, rng: Rng) -> FloatArray:
     """Assign the redshifts so that their ranks follow those of the magnitudes as they do in SDSS."""
     rho = 2 * np.sin(np.pi * REDSHIFT_BY_MAGNITUDE / 6)  # Pearson's, of normal numbers with these ranks
     ranks = np.argsort(np.argsort(magnitude, kind="stable"), kind="stable")
@@ -224,7 +224,7 @@ def quasars(
     # Redshifts from streams of their own: they shift nothing that is drawn later.
     light, order = rng.spawn(2)
     magnitude = quasar_magnitudes(n, rng, max_magnitude)
-    return Population(lon, lat, magnitude, by_magnitude(quasar_redshifts(n, light), magnitude, order))
+    return Population(lon, lat, magnitude, assign_redshifts(quasar_redshifts(n, light), magnitude, order))
 
 
 @arguments.accepts(quasars=arguments.a(Population), n=arguments.whole, rng=arguments.seed)
@@ -463,9 +463,11 @@ def clustered_galaxies(
     h = hubble_value(FLAT_PLANCK13) / 100
     min_distance, max_distance = transverse_distance(np.array([_NEAREST, max_redshift])) * h
     half = 1.6 * max_distance
-    density, velocity = _linear(LINEAR_PLANCK18, rng, size, half, min_wavenumber=0.0)
+    density, velocity = _draw_linear_field(LINEAR_PLANCK18, rng, size, half, min_wavenumber=0.0)
     # Waves longer than the box carry galaxies along without clustering them.
-    _, large = _linear(LINEAR_PLANCK18, rng, 48, 8 * half, min_wavenumber=0.0, max_wavenumber=np.pi / half / 2)
+    _, large = _draw_linear_field(
+        LINEAR_PLANCK18, rng, 48, 8 * half, min_wavenumber=0.0, max_wavenumber=np.pi / half / 2
+    )
     x = np.linspace(-half, half, size, endpoint=False) + half / size
     cells = np.stack(np.meshgrid(x, x, x, indexing="ij")).reshape(3, -1)
     coarse_grid = VelocityGrid(large, 8 * half * (1 - 1 / 48), "icrs")
@@ -488,7 +490,7 @@ def clustered_galaxies(
     return Population(lon, lat, magnitude, redshift), grid
 
 
-def _linear(theory, rng, size, half, min_wavenumber, max_wavenumber=np.inf):
+def _draw_linear_field(theory, rng, size, half, min_wavenumber, max_wavenumber=np.inf):
     """Density contrast and velocity on a periodic grid, of the waves between two wave numbers."""
     step = 2 * half / size
     k = wave_vectors(size, step)

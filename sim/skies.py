@@ -50,7 +50,12 @@ def sky_map(sky: str) -> tuple[FloatArray, str]:
     ParameterError
         If the name is unknown.
     """
-    makers = {"uniform": _uniform, "plane-avoiding": _plane_avoiding, "gums": _gums, "igql": _igql}
+    makers = {
+        "uniform": _uniform_density,
+        "plane-avoiding": _plane_avoiding_density,
+        "gums": _gums_density,
+        "igql": _igql_density,
+    }
     if not isinstance(sky, str) or sky not in makers:
         raise ParameterError(f"unknown sky {sky!r}: choose one of {', '.join(makers)}, or give a HEALPix map")
     return makers[sky](), "galactic"
@@ -65,24 +70,24 @@ def draw_positions(
     return angles(rotation_matrix(frame, "icrs") @ triad(lon, lat)[2])
 
 
-def _uniform():
+def _uniform_density():
     return np.ones(12 * NSIDE**2)
 
 
-def _plane_avoiding():
-    return (np.abs(_galactic()[1]) > 15).astype(float)
+def _plane_avoiding_density():
+    return (np.abs(_galactic_centres()[1]) > 15).astype(float)
 
 
-def _gums():
+def _gums_density():
     edge, swing, scale = GUMS_PLANE
-    l, b = _galactic()
+    l, b = _galactic_centres()
     return 1 / (1 + np.exp(-(np.abs(b) - edge - swing * np.cos(np.radians(l))) / scale))
 
 
-def _igql():
+def _igql_density():
     """Fill the footprint of each survey evenly with its share of the sources."""
-    b = _galactic()[1]
-    ra, dec = _equatorial()
+    b = _galactic_centres()[1]
+    ra, dec = _equatorial_centres()
     outside = np.abs(b) > 15
     footprints = {
         # Spectroscopy and imaging of SDSS in the northern Galactic cap (Ahn et al. 2014, ApJS 211, 17).
@@ -102,10 +107,10 @@ def _igql():
     return sum(share * footprints[name] / footprints[name].sum() for name, share in IGQL_SHARES.items())
 
 
-def _galactic():
+def _galactic_centres():
     return np.degrees(centres(NSIDE))
 
 
-def _equatorial():
+def _equatorial_centres():
     lon, lat = centres(NSIDE)
     return np.degrees(angles(rotation_matrix("galactic", "icrs") @ triad(lon, lat)[2]))

@@ -34,7 +34,7 @@ def module_of(command: str) -> ModuleType:
     return import_module(COMMANDS[command].module)
 
 
-def about(command: str) -> str:
+def describe_command(command: str) -> str:
     """Describe a command in a few words."""
     return re.split(r"[:.] ", module_of(command).make_parser().description)[0].rstrip(".")
 
@@ -42,16 +42,16 @@ def about(command: str) -> str:
 def run(command: str, arguments: Sequence[str] | None = None) -> NoReturn:
     """Parse the options of a command, run it, and exit with its status."""
 
-    def interrupted(*_):
+    def exit_interrupted(*_):
         os.write(2, b"interrupted\n")
         os._exit(1)
 
-    signal.signal(signal.SIGINT, interrupted)
+    signal.signal(signal.SIGINT, exit_interrupted)
     atexit.register(gc.freeze)  # a search for garbage in all that ends anyhow takes a seventh of a small job
-    sys.excepthook = _without_secrets
-    from vsh.tools.printing import printing
+    sys.excepthook = _print_without_secrets
+    from vsh.tools.printing import guard_printing
 
-    with printing():
+    with guard_printing():
         from vsh.commands.parsing import parse
 
         program = module_of(command)
@@ -66,13 +66,13 @@ def run(command: str, arguments: Sequence[str] | None = None) -> NoReturn:
     sys.exit(status)
 
 
-def _without_secrets(error_type, error, traceback):
+def _print_without_secrets(error_type, error, traceback):
     """Print what went wrong with us, without the passwords of addresses that may stand in it."""
     from traceback import format_exception
 
-    from vsh.tools.formats import shown_addresses
+    from vsh.tools.formats import hide_secrets
 
-    sys.stderr.write(shown_addresses("".join(format_exception(error_type, error, traceback))))
+    sys.stderr.write(hide_secrets("".join(format_exception(error_type, error, traceback))))
 
 
 def main(arguments: Sequence[str] | None = None) -> NoReturn:
@@ -85,7 +85,7 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
         print(f"vsh-astrometry {vsh.__version__}")
         sys.exit(0)
     if command in ("-h", "--help"):
-        print(_USAGE.format(commands="\n".join(f"  {name:10} {about(name)}" for name in COMMANDS)))
+        print(_USAGE.format(commands="\n".join(f"  {name:10} {describe_command(name)}" for name in COMMANDS)))
         sys.exit(0)
     if command not in COMMANDS:
         sys.exit(f"python -m vsh: there is no command {tokens[0]!r}: {', '.join(COMMANDS)} are")

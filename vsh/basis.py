@@ -13,13 +13,13 @@ to degree 1000 its sectoral start underflows only where the function itself is b
 import numpy as np
 
 from vsh.modes import Modes, ScalarModes, as_modes
-from vsh.sky.sphere import multiples, sin_cos
+from vsh.sky.sphere import cos_sin_multiples, sin_cos
 from vsh.tools import arguments
 from vsh.tools.errors import ParameterError
 from vsh.tools.types import FloatArray
 
 
-@arguments.accepts(lon=arguments.dimension(1), lat=arguments.dimension(1))
+@arguments.accepts(lon=arguments.array_with_dimensions(1), lat=arguments.array_with_dimensions(1))
 def harmonics(lon: FloatArray, lat: FloatArray, modes: Modes | int) -> FloatArray:
     """The field of each mode at each source: the design matrix."""
     modes = as_modes(modes, None)
@@ -40,7 +40,7 @@ def toroidal_harmonics(lon: FloatArray, lat: FloatArray, lmax: int) -> FloatArra
     """The toroidal half of `harmonics`: (lmax (lmax + 2), 2, n)."""
     lon, lat = np.asarray(lon, float), np.asarray(lat, float)
     sin, cos = sin_cos(lat)
-    turn_re, turn_im = multiples(lon, lmax)
+    turn_re, turn_im = cos_sin_multiples(lon, lmax)
     values = np.empty((lmax * (lmax + 2), 2, lon.size))
     row = 0
     for l, q, q_below in _legendre_over_cos(sin, cos, lmax):
@@ -74,7 +74,7 @@ def scalar_harmonics(lon: FloatArray, lat: FloatArray, lmax: int) -> FloatArray:
     values[0] = 1 / np.sqrt(4 * np.pi)
     if lmax == 0:
         return values
-    turn_re, turn_im = multiples(lon, lmax)
+    turn_re, turn_im = cos_sin_multiples(lon, lmax)
     zonal, zonal_below = sin, np.ones_like(sin)  # P_l and P_l-1, not normalised
     for l, q, _ in _legendre_over_cos(sin, cos, lmax):
         block = values[l * l : (l + 1) ** 2]

@@ -199,11 +199,16 @@ class Classes(InNotebook):
         ----------
         sources : Field or Parts
             All of them.
+
+        Raises
+        ------
+        ParameterError
+            If parts are to be split other than by halves of the sky.
         """
         if isinstance(sources, Parts):
             if not self.frame:
                 raise ParameterError("only halves of the sky split a catalogue in parts: others take .map or --where")
-            return [sources.map(partial(_class_of, classes=self, i=i)) for i in range(len(self))]
+            return [sources.map(partial(_select_class, classes=self, i=i)) for i in range(len(self))]
         return [sources[mask] for _, mask in self.of(sources)]
 
 
@@ -212,7 +217,7 @@ def _in_full(number):
     return f"{number:g}" if float(f"{number:g}") == number else repr(float(number))
 
 
-def _class_of(field, classes, i):
+def _select_class(field, classes, i):
     """The sources of class i in one part."""
     sources = field[classes.of(field).masks[i]]
     if not len(sources):

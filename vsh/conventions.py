@@ -111,7 +111,7 @@ def from_icrf3(parameters: Mapping[str, float]) -> Coefficients:
     return Coefficients(modes, values)
 
 
-def _of_vityazev(mode):
+def _vityazev_term(mode):
     """The name t_nkp of a mode and the factor from our coefficient to theirs: orthonormal real harmonics."""
     name = f"{mode.kind.lower()}_{mode.l}.{mode.m}.{0 if mode.part == 'im' else 1}"
     if mode.m == 0:
@@ -139,7 +139,7 @@ def to_vityazev(coefficients: Coefficients) -> dict[str, float]:
     >>> [round(theirs[name], 3) for name in ("t_1.1.1", "t_1.1.0", "t_1.0.1")]
     [2.894, 5.789, 8.683]
     """
-    terms = [_of_vityazev(mode) for mode in coefficients.modes]
+    terms = [_vityazev_term(mode) for mode in coefficients.modes]
     return {name: float(factor * v) for (name, factor), v in zip(terms, coefficients.values, strict=True)}
 
 
@@ -163,7 +163,7 @@ def from_vityazev(parameters: Mapping[str, float]) -> Coefficients:
     """
     degrees = [re.fullmatch(r"[ts]_(\d+)\.\d+\.[01]", name) for name in parameters]
     modes = Modes(max([int(match[1]) for match in degrees if match], default=1))
-    terms = {name: (i, factor) for i, (name, factor) in enumerate(map(_of_vityazev, modes))}
+    terms = {name: (i, factor) for i, (name, factor) in enumerate(map(_vityazev_term, modes))}
     invalid_names = [name for name in parameters if name not in terms]
     if invalid_names:
         raise ModesError(

@@ -21,23 +21,11 @@ from vsh.sky.frames import (
     REDSHIFT_FRAME_KEY,
     check_frame,
     check_redshift_frame,
+    rotate_motions,
     rotation_matrix,
-    turned,
 )
+from vsh.tools import bad_rows
 from vsh.tools.arguments import float_array, read_only
-from vsh.tools.bad_rows import (
-    as_floats,
-    check_measured,
-    check_shapes,
-    checked_columns,
-    doubtful,
-    invalid_rows,
-    joint_span,
-    placeholders,
-    row_numbers,
-    select_usable,
-    span_of,
-)  # fmt: skip
 from vsh.tools.errors import FieldError, FrameError
 from vsh.tools.files import check_new, table_of, write_table
 from vsh.tools.notebook import Equal, Frozen
@@ -67,32 +55,32 @@ class ByColumns:
     @property
     def ra(self) -> FloatArray:
         """Right ascension of each source, (n,). [deg]"""
-        return self._icrs("ra", self.lon / DEGREE)
+        return self._require_icrs("ra", self.lon / DEGREE)
 
     @property
     def dec(self) -> FloatArray:
         """Declination of each source, (n,). [deg]"""
-        return self._icrs("dec", self.lat / DEGREE)
+        return self._require_icrs("dec", self.lat / DEGREE)
 
     @property
     def pmra(self) -> FloatArray:
         """Proper motion µ_α* of each source, cos δ included, (n,). [mas/yr]"""
-        return self._icrs("pmra", self.motion[0] / MAS)
+        return self._require_icrs("pmra", self.motion[0] / MAS)
 
     @property
     def pmdec(self) -> FloatArray:
         """Proper motion µ_δ of each source, (n,). [mas/yr]"""
-        return self._icrs("pmdec", self.motion[1] / MAS)
+        return self._require_icrs("pmdec", self.motion[1] / MAS)
 
     @property
     def pmra_error(self) -> FloatArray:
         """Standard error of µ_α* of each source, (n,). [mas/yr]"""
-        return self._icrs("pmra_error", self.sigma[0] / MAS)
+        return self._require_icrs("pmra_error", self.sigma[0] / MAS)
 
     @property
     def pmdec_error(self) -> FloatArray:
         """Standard error of µ_δ of each source, (n,). [mas/yr]"""
-        return self._icrs("pmdec_error", self.sigma[1] / MAS)
+        return self._require_icrs("pmdec_error", self.sigma[1] / MAS)
 
     @property
     def z(self) -> FloatArray | None:
@@ -109,7 +97,7 @@ class ByColumns:
         names = getattr(self, "name", None)
         return names is not None and bool(np.any(np.asarray(names) == name))
 
-    def _icrs(self, name, values):
+    def _require_icrs(self, name, values):
         if self.frame != "icrs":
             raise FrameError(f'{name} is of ICRS axes, and this field has {self.frame} ones: use .to_frame("icrs")')
         return read_only(np.asarray(values))
@@ -213,14 +201,14 @@ def usable_columns(
     absent = [c for c in ("ra", "dec", *_MOTIONS) if given[c] is None]
     if absent:
         raise FieldError(f"{', '.join(absent)} must be given")
-    pairs = {c: as_floats(c, v, units.get(c, "")) for c, v in given.items() if v is not None}
+    pairs = {c: bad_rows.as_floats(c, v, units.get(c, "")) for c, v in given.items() if v is not None}
     columns: dict[str, Any] = {column: pair[0] for column, pair in pairs.items()}
     missing: dict[str, BoolArray] = {column: pair[1] for column, pair in pairs.items()}
     columns.setdefault("pmra_pmdec_corr", np.zeros(columns["ra"].shape))
     n = columns["ra"].size
     if name is not None:
         columns["name"] = np.asarray(name)
-    check_shapes(columns, lambda column: (n,))
+    bad_rows.check_shapes(columns, lambda column: (n,))
 
     block = np.empty((6, n))  # at once: the memory of a large block comes in large pages
     for column, row in zip(("ra", "dec", *_MOTIONS), block, strict=True):
@@ -237,23 +225,25 @@ def usable_columns(
                 notes = (*notes, CodedNote(f"{text}: {VELOCITIES}", NO_REDSHIFTS) if speeds else text)
             columns[column] = np.where(odd | np.isinf(values), np.nan, values)
     if "redshift" in columns and "redshift_error" in columns:
-        notes = (*notes, *_set_unknown(columns, first_row))
-    spans = {column: span_of(columns[column]) for column in _MOTIONS}
-    invalid = invalid_rows(
+        notes = (*notes, *_blank_unknown_redshifts(columns, first_row))
+    spans = {column: bad_rows.span_of(columns[column]) for column in _MOTIONS}
+    invalid = bad_rows.invalid_rows(
         lon, lat, motion, sigma, rho,
         dict(unusable or {}) | {f"{c} missing": mask for c, mask in missing.items() if c not in MEASURED},
-        placeholders({c: columns[c] for c in _MOTIONS}, spans), turns=1,
-        spans={"motion": joint_span(spans, _MOTIONS[:2], MAS), "sigma": joint_span(spans, _MOTIONS[2:], MAS)},
+        bad_rows.find_placeholder_rows({c: columns[c] for c in _MOTIONS}, spans), turns=1,
+        spans={"motion": bad_rows.joint_span(spans, _MOTIONS[:2], MAS),
+               "sigma": bad_rows.joint_span(spans, _MOTIONS[2:], MAS)},
     )  # fmt: skip
-    keep, added_notes = select_usable(invalid, n, on_bad, first_row, (lon, lat), aside)
+    keep, added_notes = bad_rows.select_usable(invalid, n, on_bad, first_row, (lon, lat), aside)
     arrays = {"lon": lon[keep], "lat": lat[keep], "motion": motion[:, keep], "sigma": sigma[:, keep], "rho": rho[keep]}
     arrays |= {c: columns[c][keep] for c in (*MEASURED, "name") if c in columns}
     of_all = spans if isinstance(keep, slice) else None
-    numbers = row_numbers(np.arange(n), first_row)[keep]
-    return arrays, (*notes, *doubtful({c: columns[c][keep] for c in ("pmra", "pmdec")}, of_all, numbers), *added_notes)
+    numbers = bad_rows.row_numbers(np.arange(n), first_row)[keep]
+    doubts = bad_rows.doubtful_motion_notes({c: columns[c][keep] for c in ("pmra", "pmdec")}, of_all, numbers)
+    return arrays, (*notes, *doubts, *added_notes)
 
 
-def _set_unknown(columns, first_row):
+def _blank_unknown_redshifts(columns, first_row):
     """Make redshifts missing whose error says that they are not known; a note counts them and names the first."""
     with np.errstate(invalid="ignore"):
         mask = columns["redshift_error"] >= 1 + columns["redshift"]
@@ -262,14 +252,15 @@ def _set_unknown(columns, first_row):
     index = int(np.argmax(mask))
     text = (
         f"{mask.sum()} redshifts with an error of 1 + z or more are taken as missing (first: row "
-        f"{row_numbers(index, first_row)}, {columns['redshift'][index]:.4g} ± {columns['redshift_error'][index]:.4g})"
+        f"{bad_rows.row_numbers(index, first_row)}, {columns['redshift'][index]:.4g} ± "
+        f"{columns['redshift_error'][index]:.4g})"
     )
     for column in ("redshift", "redshift_error"):
         columns[column] = np.where(mask, np.nan, columns[column])
     return (text,)
 
 
-def still_columns(sources: Any, sigma: ArrayLike | None) -> dict[str, Any]:
+def zero_motion_columns(sources: Any, sigma: ArrayLike | None) -> dict[str, Any]:
     """The arrays of a field whose motions are zero."""
     if not (hasattr(sources, "lon") and hasattr(sources, "lat")):
         raise FieldError(f"sources are a Field, or positions with lon and lat, not {type(sources).__name__}")
@@ -583,9 +574,11 @@ class Field(ByColumns, Equal, TableIO):
         check_frame(self.frame)
         if self.redshift_frame is not None:
             self._set("redshift_frame", check_redshift_frame(self.redshift_frame))
-        for column, array in checked_columns(self, ("lat", "motion", "sigma", "rho", *MEASURED), ("name",)).items():
+        for column, array in bad_rows.checked_columns(
+            self, ("lat", "motion", "sigma", "rho", *MEASURED), ("name",)
+        ).items():
             self._set(column, array)
-        check_measured(self)
+        bad_rows.check_measurements(self)
         self._set("notes", tuple(self.notes))
 
     @classmethod
@@ -718,7 +711,7 @@ class Field(ByColumns, Equal, TableIO):
             raise FieldError("a ScalarField has no motions, and no errors of motions")
         if isinstance(sources, Field):
             return sources if sigma is None else sources.with_errors(sigma)
-        return cls(**still_columns(sources, sigma), frame=getattr(sources, "frame", "icrs"))
+        return cls(**zero_motion_columns(sources, sigma), frame=getattr(sources, "frame", "icrs"))
 
     def __len__(self) -> int:
         return self.lon.size
@@ -774,8 +767,8 @@ class Field(ByColumns, Equal, TableIO):
         rho = self.rho if rho is None else float_array("rho", rho, finite=False)
         sigma = float_array("sigma", sigma, (2, len(self)) if np.ndim(sigma) == 0 else None, False, broadcast=True)
         shapes: dict[str, tuple[int, ...]] = {"sigma": (2, len(self)), "rho": (len(self),)}
-        check_shapes({"sigma": sigma, "rho": rho}, shapes.__getitem__)
-        select_usable(invalid_rows(self.lon, self.lat, self.motion, sigma, rho), len(self))
+        bad_rows.check_shapes({"sigma": sigma, "rho": rho}, shapes.__getitem__)
+        bad_rows.select_usable(bad_rows.invalid_rows(self.lon, self.lat, self.motion, sigma, rho), len(self))
         return self._with(sigma=sigma, rho=rho)
 
     def to_frame(self, name: str) -> Field:
@@ -784,7 +777,7 @@ class Field(ByColumns, Equal, TableIO):
         if check_frame(name) == self.frame:
             return self
         matrix = rotation_matrix(self.frame, name)
-        lon, lat, motion, sigma, rho = turned(matrix, self.lon, self.lat, self.motion, self.sigma, self.rho)
+        lon, lat, motion, sigma, rho = rotate_motions(matrix, self.lon, self.lat, self.motion, self.sigma, self.rho)
         return self._with(lon=lon, lat=lat, motion=motion, sigma=sigma, rho=rho, frame=name)
 
     def _table(self):

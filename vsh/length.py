@@ -134,16 +134,16 @@ def length_limits(
     components = components * np.sqrt(np.maximum(1.0, shortest))[:, None]
     square = np.sum(components**2, axis=1)
     relative, unit = variances / variances[:, -1:], sigma[:, -1]
-    null = _shorter(square, variances, np.zeros_like(components), dof)
+    null = _shorter_probabilities(square, variances, np.zeros_like(components), dof)
     # Each may underestimate the tail of short vectors by any factor, which would exclude nothing; the larger one is
     # right to a few per cent, and the first is exact where all errors are equal.
     null_tails = [np.maximum(tail, _SAME * np.maximum(*null)) for tail in null]
-    lower, upper = np.sqrt(square), np.sqrt(square) + _reach(dof, components.shape[1]) * unit
+    lower, upper = np.sqrt(square), np.sqrt(square) + _search_reach(dof, components.shape[1]) * unit
     for _ in range(30):
         middle = (lower + upper) / 2
-        mu = _multiplier(components.T, relative.T, middle)
+        mu = _lagrange_multiplier(components.T, relative.T, middle)
         truth = components / (1 + mu[:, None] * relative)
-        chance = _shorter(square, variances, truth, dof)
+        chance = _shorter_probabilities(square, variances, truth, dof)
         is_allowed = np.any(
             [
                 signal_tail > (1 - probability) * null_tail
@@ -155,7 +155,9 @@ def length_limits(
     return upper
 
 
-def _shorter(square: FloatArray, variances: FloatArray, truth: FloatArray, dof: float) -> tuple[FloatArray, FloatArray]:
+def _shorter_probabilities(
+    square: FloatArray, variances: FloatArray, truth: FloatArray, dof: float
+) -> tuple[FloatArray, FloatArray]:
     """Probability of a vector with a smaller |v|² than `square`, in two approximations, (n,) each."""
     excess = truth**2 / variances
     c1, c2, c3, c4 = (np.sum(variances**j * (1 + j * excess), axis=1) for j in (1, 2, 3, 4))
@@ -170,7 +172,7 @@ def _shorter(square: FloatArray, variances: FloatArray, truth: FloatArray, dof: 
     h = np.where(np.abs(h) < 1e-3, 1e-3, h)
     mean, scatter = 1 + c2 * h * (h - 1) / c1**2, np.sqrt(2 * c2) * np.abs(h) / c1
     sums = [np.zeros_like(square), np.zeros_like(square)]
-    scales = _error_scales(dof, truth.shape[1])
+    scales = _variance_scales(dof, truth.shape[1])
     for scale in scales:
         x = square * scale
         statistic = (x - c1) / np.sqrt(2 * c2) * np.sqrt(2) * a + degrees + delta
@@ -179,7 +181,7 @@ def _shorter(square: FloatArray, variances: FloatArray, truth: FloatArray, dof: 
     return np.maximum(sums[0] / len(scales), 1e-9), np.maximum(sums[1] / len(scales), 1e-9)
 
 
-def _error_scales(dof: float, size: int) -> FloatArray:
+def _variance_scales(dof: float, size: int) -> FloatArray:
     """Equally likely factors between estimated and true variances: Hotelling's of k components, one of a known one."""
     if np.isinf(dof):
         return np.ones(1)
@@ -187,7 +189,7 @@ def _error_scales(dof: float, size: int) -> FloatArray:
     return chdtri(degrees, (np.arange(16) + 0.5) / 16) / dof
 
 
-def _reach(dof: float, size: int) -> float:
+def _search_reach(dof: float, size: int) -> float:
     """Distance beyond its length that a vector may have, in its largest errors."""
     return 6.0 if np.isinf(dof) else 6.0 + 60.0 / max(dof - size + 1, 1.0)
 
@@ -209,8 +211,8 @@ class _Profile:
         self.unequal = float(np.clip((ratio - 1) / 3, 0.0, 1.0))
         # Hotelling's T² with k components is k ν/(ν − k + 1) times an F with k and ν − k + 1 degrees of freedom.
         self.dof, self.free = dof, dof - len(self.value) + 1
-        self.noise = np.sqrt(self.variances)[:, None] * _points(len(self.value))
-        reach = _reach(dof, len(self.value))
+        self.noise = np.sqrt(self.variances)[:, None] * _normal_points(len(self.value))
+        reach = _search_reach(dof, len(self.value))
         self.lowest, self.highest = max(self.norm - reach, 0.0), self.norm + reach
 
     def tails(self, lengths: FloatArray) -> FloatArray:
@@ -260,14 +262,14 @@ class _Profile:
     def _nearest(self, vectors: FloatArray, lengths: FloatArray) -> tuple[FloatArray, FloatArray]:
         """The vectors of given lengths next to `vectors` in their errors, (k, m, n), and the profile there, (m, n)."""
         variances, length = self.variances[:, None, None], lengths[:, None]
-        mu = _multiplier(vectors, variances, np.maximum(length, 1e-12))
+        mu = _lagrange_multiplier(vectors, variances, np.maximum(length, 1e-12))
         theta = vectors / (1 + mu * variances)
         profile = (theta**2 * variances).sum(axis=0) * mu**2
         null = np.broadcast_to((vectors**2 / variances).sum(axis=0), profile.shape)
         return np.where(length > 0, theta, 0.0), np.where(length > 0, profile, null)
 
 
-def _multiplier(vectors: FloatArray, variances: FloatArray, length: FloatArray) -> FloatArray:
+def _lagrange_multiplier(vectors: FloatArray, variances: FloatArray, length: FloatArray) -> FloatArray:
     """µ at which θ = v/(1 + µσ²), the nearest vector to v, has a length; components first, the widest axis last.
 
     Newton's method on 1/|θ|, which is nearly straight in µ.
@@ -285,7 +287,7 @@ def _multiplier(vectors: FloatArray, variances: FloatArray, length: FloatArray) 
 
 
 @lru_cache(maxsize=8)
-def _points(size: int) -> Any:
+def _normal_points(size: int) -> Any:
     """Points of a normal distribution of so many components, each with its mirror image, (size, _POINTS)."""
     # Kronecker's sequence of the generalised golden ratio fills the unit cube evenly.
     ratio = 2.0

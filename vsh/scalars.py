@@ -143,7 +143,7 @@ class ScalarField(TableIO):
         if self.name is not None:
             arrays["name"] = np.asarray(self.name)
         check_shapes(arrays, lambda column: (arrays["lon"].size,))
-        reasons = _invalid(arrays["lon"], arrays["lat"], arrays["values"], arrays["sigma"])
+        reasons = _invalid_scalar_rows(arrays["lon"], arrays["lat"], arrays["values"], arrays["sigma"])
         select_usable(reasons, arrays["lon"].size)
         for column, array in arrays.items():
             object.__setattr__(self, column, array)
@@ -202,13 +202,13 @@ class ScalarField(TableIO):
             ("values", values, unit),
             ("errors", errors, unit),
         ):
-            columns[column], missing[column] = as_floats(column, _with_unit(array), of)
+            columns[column], missing[column] = as_floats(column, _as_quantity(array), of)
         if name is not None:
             columns["name"] = np.asarray(name)
         check_shapes(columns, lambda column: (columns["ra"].size,))
         lon, lat = columns["ra"] * DEGREE, columns["dec"] * DEGREE
         absent = {f"{column} missing": mask for column, mask in missing.items()}
-        invalid = _invalid(lon, lat, columns["values"], columns["errors"], absent, turns=1)
+        invalid = _invalid_scalar_rows(lon, lat, columns["values"], columns["errors"], absent, turns=1)
         keep, added_notes = select_usable(invalid, lon.size, on_bad, mark=(lon, lat))
         label = columns["name"][keep] if name is not None else None
         return cls(
@@ -276,11 +276,11 @@ class ScalarField(TableIO):
         return field
 
 
-def _invalid(lon, lat, values, sigma, further=None, turns=2):
+def _invalid_scalar_rows(lon, lat, values, sigma, further=None, turns=2):
     return invalid_rows(lon, lat, values[None], sigma[None], np.zeros(lon.shape), further, turns=turns, what="value")
 
 
-def _with_unit(column):
+def _as_quantity(column):
     """A column of a table as a Quantity, where it has a unit."""
     return column.quantity if getattr(column, "unit", None) is not None and hasattr(column, "quantity") else column
 

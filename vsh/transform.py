@@ -16,7 +16,7 @@ from vsh.modes import Modes, ScalarModes, as_modes
 from vsh.scalars import ScalarCoefficients
 from vsh.tools import arguments
 from vsh.tools.errors import FieldError
-from vsh.tools.parallel import cores
+from vsh.tools.parallel import thread_count
 from vsh.tools.types import ArrayLike, ComplexArray, FloatArray
 
 __all__ = ["adjoint", "synthesis"]
@@ -48,7 +48,7 @@ def synthesis(coefficients: Coefficients, lon: ArrayLike, lat: ArrayLike) -> Flo
     FieldError
         If positions are not finite, differ in number, or lie beyond a pole.
     """
-    return _at_sources(coefficients, _locations(lon, lat), EPSILON)
+    return _synthesize_field(coefficients, _locations(lon, lat), EPSILON)
 
 
 @arguments.accepts(lon=arguments.float_array, lat=arguments.float_array, motion=arguments.float_array)
@@ -91,7 +91,7 @@ def adjoint(
     motion = np.asarray(motion, float)
     if motion.shape != (modes.components, len(loc)):
         raise FieldError(f"motion has shape {motion.shape}, expected {(modes.components, len(loc))}")
-    return _by_modes(modes, loc, motion, EPSILON, threads)
+    return _sum_by_mode(modes, loc, motion, EPSILON, threads)
 
 
 def project_response(
@@ -106,11 +106,11 @@ def project_response(
     `response` takes and gives an array of shape (2, n), or (1, n) of scalars; `epsilon` is the relative accuracy.
     """
     loc, modes = _locations(lon, lat), coefficients.modes
-    field = np.atleast_2d(_at_sources(coefficients, loc, epsilon))
-    return _by_modes(modes, loc, response(field), epsilon, None)
+    field = np.atleast_2d(_synthesize_field(coefficients, loc, epsilon))
+    return _sum_by_mode(modes, loc, response(field), epsilon, None)
 
 
-def _at_sources(coefficients, loc, epsilon):
+def _synthesize_field(coefficients, loc, epsilon):
     """The field at each location, (2, n); (n,) of a scalar field."""
     scalar = isinstance(coefficients.modes, ScalarModes)
     values = ducc0.sht.synthesis_general(
@@ -119,7 +119,7 @@ def _at_sources(coefficients, loc, epsilon):
         lmax=coefficients.modes.lmax,
         loc=loc,
         epsilon=epsilon,
-        nthreads=cores(),
+        nthreads=thread_count(),
     )
     if scalar:
         return values[0]
@@ -127,7 +127,7 @@ def _at_sources(coefficients, loc, epsilon):
     return values[::-1]  # a copy would take as long as the transform
 
 
-def _by_modes(modes, loc, motion, epsilon, threads):
+def _sum_by_mode(modes, loc, motion, epsilon, threads):
     """Σ motion · V_i for every mode, (p,)."""
     scalar = isinstance(modes, ScalarModes)
     alm = ducc0.sht.adjoint_synthesis_general(
@@ -136,7 +136,7 @@ def _by_modes(modes, loc, motion, epsilon, threads):
         lmax=modes.lmax,
         loc=loc,
         epsilon=epsilon,
-        nthreads=cores(threads),
+        nthreads=thread_count(threads),
     )
     return modes.norm2 * (scalar_from_healpy(alm[0]) if scalar else from_healpy(alm)).values
 

@@ -212,7 +212,7 @@ class Vector(Equal, Frozen):
         """
         if self.dof < FEWEST_DOF or not np.linalg.det(self.covariance) > 0:
             return float("nan")
-        return probability_of(float(self.value @ np.linalg.solve(self.covariance, self.value)), 3, self.dof)
+        return chance_probability(float(self.value @ np.linalg.solve(self.covariance, self.value)), 3, self.dof)
 
     def amplitude_interval(self, probability: float = 0.68) -> tuple[float, float]:
         """Compute the lower and upper end of an interval that contains the true length with `probability`.
@@ -322,7 +322,7 @@ class Vector(Equal, Frozen):
             return self.value / np.linalg.norm(self.value)
 
 
-def probability_of(square: float, size: int, dof: float = float("inf")) -> float:
+def chance_probability(square: float, size: int, dof: float = float("inf")) -> float:
     """Probability of as large a vᵀ C⁻¹ v by chance: of χ², or of Hotelling's T² where C has degrees of freedom."""
     if np.isinf(dof):
         return float(chdtrc(size, square))

@@ -11,19 +11,19 @@ from fit.background._floor import SHAPES, Floor, floor
 from fit.background._likelihood import Amplitudes, equations_of
 from fit.normal import Template
 from vsh.models.covariance import Spectrum
-from vsh.tools.modules import lazily
+from vsh.tools.modules import lazy_names
 
 if TYPE_CHECKING:
     from fit.background._cross import CrossPowers, cross_powers
     from fit.background._shared import BEYOND as BEYOND
     from fit.background._shared import ClassComparison, Verdict, shared
+    from fit.background._shared import compare_classes_jointly as compare_classes_jointly
     from fit.background._shared import contrast_p_value as contrast_p_value
-    from fit.background._shared import kept_of as kept_of
+    from fit.background._shared import extend_degrees as extend_degrees
     from fit.background._shared import pool_draws as pool_draws
-    from fit.background._shared import sampled_lots as sampled_lots
+    from fit.background._shared import resample_draws as resample_draws
+    from fit.background._shared import sample_class_errors as sample_class_errors
     from fit.background._shared import sees_part as sees_part
-    from fit.background._shared import shared_jointly as shared_jointly
-    from fit.background._shared import widened as widened
     from fit.background._waves import WaveLimit, wave_limit
 
 __all__ = [
@@ -44,7 +44,7 @@ __all__ = [
 ]
 
 # Every fit has a floor; the rest is imported when it is first asked for.
-__getattr__, __dir__ = lazily(
+__getattr__, __dir__ = lazy_names(
     __name__,
     __all__,
     {
@@ -54,13 +54,13 @@ __getattr__, __dir__ = lazily(
             "ClassComparison",
             "Verdict",
             "contrast_p_value",
-            "kept_of",
+            "resample_draws",
             "pool_draws",
-            "sampled_lots",
+            "sample_class_errors",
             "sees_part",
             "shared",
-            "shared_jointly",
-            "widened",
+            "compare_classes_jointly",
+            "extend_degrees",
         ],
         "_waves": ["WaveLimit", "wave_limit"],
     },

@@ -17,13 +17,13 @@ from scipy.special import gammaln
 from fit.background._likelihood import (
     Likelihood,
     Maximum,
+    degrees_text,
     equations_of,
     fitted_degrees,
     gauss_nodes,
-    is_scaled,
-    scales_of,
+    should_fit_scale,
     span_of,
-    words_of,
+    squared_scale_nodes,
 )
 from fit.normal import NormalEquations
 from fit.results.solution import HarmonicSolution
@@ -34,7 +34,7 @@ from vsh.models.covariance import Spectrum
 from vsh.tools.arguments import between, choice, positive
 from vsh.tools.errors import ModesError
 from vsh.tools.notebook import Frozen
-from vsh.tools.parallel import blas_for
+from vsh.tools.parallel import limit_blas
 from vsh.tools.types import ArrayLike, Axes, FloatArray, Table
 
 #: Densities that an amplitude A is given a priori: 1, A^−½, 1/A.
@@ -42,7 +42,7 @@ Prior: TypeAlias = Literal["flat", "root", "log"]
 _POWERS = {"flat": 1, "root": 0, "log": -1}
 
 
-def trapezoids(y: FloatArray, x: FloatArray) -> FloatArray:
+def cumulative_integral(y: FloatArray, x: FloatArray) -> FloatArray:
     """The integral of y from x[0] to each x."""
     return np.concatenate([[0.0], np.cumsum((y[1:] + y[:-1]) / 2 * np.diff(x))])
 
@@ -88,13 +88,13 @@ class Amplitude(Frozen):
         lowest : float, optional
             Where a prior flat in ln A begins; a millionth of the largest A unless given.
         """
-        x, share = self._shares(prior, lowest)
+        x, share = self._cumulative_probability(prior, lowest)
         return float(np.interp(between("probability", probability, 0, 1), share, x) ** 2)
 
     def mean(self, prior: Prior = "flat") -> float:
         """The mean amplitude, with the `prior` of `quantile`."""
-        x, mass = self._mass(prior)
-        return float(trapezoids(mass * x**2, x)[-1] / trapezoids(mass, x)[-1])
+        x, mass = self._posterior_density(prior)
+        return float(cumulative_integral(mass * x**2, x)[-1] / cumulative_integral(mass, x)[-1])
 
     def interval(self, probability: float = 0.68, prior: Prior = "flat") -> tuple[float, float]:
         """The likeliest amplitudes that hold the true one with `probability`, with the `prior` of `quantile`.
@@ -104,7 +104,7 @@ class Amplitude(Frozen):
         tuple of two floats
             Lower and upper limit of A.
         """
-        x, mass = self._mass(prior)
+        x, mass = self._posterior_density(prior)
         dense = np.linspace(x[0], x[-1], 8 * len(x))
         mass = np.interp(dense, x, mass)
         order = np.argsort(-self.likelihood(dense**2), kind="stable")
@@ -112,13 +112,13 @@ class Amplitude(Frozen):
         inside = order[: np.searchsorted(share, between("probability", probability, 0, 1)) + 1]
         return float(dense[inside.min()] ** 2), float(dense[inside.max()] ** 2)
 
-    def _shares(self, prior, lowest=None):
+    def _cumulative_probability(self, prior, lowest=None):
         """√A and the probability below it."""
-        x, mass = self._mass(prior, lowest)
-        share = trapezoids(mass, x)
+        x, mass = self._posterior_density(prior, lowest)
+        share = cumulative_integral(mass, x)
         return x, share / share[-1]
 
-    def _mass(self, prior, lowest=None):
+    def _posterior_density(self, prior, lowest=None):
         """√A and the density of the posterior in it, not normalised."""
         power = _POWERS[choice("prior", prior, tuple(_POWERS))]
         x, density = self.root, np.exp(self.log_likelihood)
@@ -142,7 +142,7 @@ def posteriors(
     The prior of the others is the uniform-shrinkage one, A/(A + u) uniform with u the amplitude seen at one standard
     error (Daniels 1999, Canadian J. Statistics 27, 567); that of κ is 1/κ. The evidence is the mean likelihood.
     """
-    with blas_for(len(likelihood.rhs)):
+    with limit_blas(len(likelihood.rhs)):
         grid = _Grid(likelihood, best)
     summaries = [grid.of(k) for k in (range(len(likelihood)) if which is None else which)]
     return [amplitude for amplitude, _ in summaries], summaries[0][1]
@@ -153,7 +153,7 @@ class _Grid:
 
     def __init__(self, likelihood: Likelihood, best: Maximum) -> None:
         self.likelihood, self.best = likelihood, best
-        self.taus, self.weights = scales_of(likelihood, best)
+        self.taus, self.weights = squared_scale_nodes(likelihood, best)
         self.spans = [span_of(likelihood, best, k) for k in range(len(likelihood))]
         self.parts = likelihood.between(self.spans, self.taus)
 
@@ -176,7 +176,7 @@ class _Grid:
         sums = reduce(np.matmul, reversed(weights), total)
         target = nodes[k]
         evidence = (
-            float(np.log(trapezoids(sums * self._prior(k, target), target)[-1]) + highest)
+            float(np.log(cumulative_integral(sums * self._prior(k, target), target)[-1]) + highest)
             - self._log_evidence_of_none()
         )
         logarithm = np.log(sums + 1e-300)
@@ -247,7 +247,7 @@ class Background(Result):
 
     def __repr__(self) -> str:
         amplitudes = ", ".join(f"{name}: {value:.4g}" for name, value in zip(self.names, self.amplitudes, strict=True))
-        return f"<Background: {amplitudes}; degrees {words_of(self.degrees)}>"
+        return f"<Background: {amplitudes}; degrees {degrees_text(self.degrees)}>"
 
     @property
     def sigma(self) -> FloatArray:
@@ -255,8 +255,8 @@ class Background(Result):
         return np.sqrt(np.diag(self.covariance))
 
     def _sections(self, long):
-        suffix = f"; degrees {words_of(self.free)} fitted freely" if self.free else ""
-        facts = [("degrees", words_of(self.degrees) + suffix), ("sources", f"{self.n_data // 2}")]
+        suffix = f"; degrees {degrees_text(self.free)} fitted freely" if self.free else ""
+        facts = [("degrees", degrees_text(self.degrees) + suffix), ("sources", f"{self.n_data // 2}")]
         if self.noise_scale_error:
             facts.append(("errors", f"scaled by {self.noise_scale:.4f} ± {self.noise_scale_error:.4f}"))
         relative = f"relative to no background: ln L {self.log_likelihood:+.2f}, ln Z {self.log_evidence:+.2f}"
@@ -337,7 +337,7 @@ def fit_amplitudes(
     degrees = fitted_degrees(modes, default_degrees if degrees is None else degrees)
     if overlap := set(degrees) & set(flat):
         raise ModesError(f"degree {min(overlap)} is in both degrees= and free=: remove it from one of them")
-    fit_scale = is_scaled(normal, noise_scale)
+    fit_scale = should_fit_scale(normal, noise_scale)
     likelihood = Likelihood(equations, spectrum_list, degrees, flat, fit_scale)
     best = likelihood.maximum()
     covariance = likelihood.covariance(best)

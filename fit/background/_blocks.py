@@ -30,7 +30,7 @@ from fit.normal import NormalEquations
 from vsh.models.covariance import Spectrum
 from vsh.modes import Modes
 from vsh.tools.errors import DegeneracyError
-from vsh.tools.parallel import blas_for
+from vsh.tools.parallel import limit_blas
 from vsh.tools.types import BoolArray, FloatArray, IntArray
 
 #: Degrees of freedom of the proposals.
@@ -69,7 +69,7 @@ class ClassEquations:
         return np.einsum("kikj->kij", self.matrix) if self.matrix.ndim == 4 else self.matrix
 
     @classmethod
-    def beside(cls, classes: "Sequence[ClassEquations]") -> "ClassEquations":
+    def from_separate_classes(cls, classes: "Sequence[ClassEquations]") -> "ClassEquations":
         """Classes that have no source in common."""
         k, (size, q) = len(classes), classes[0].leverage.shape[::2]
         leverage = np.zeros((k, size, k, q))
@@ -85,13 +85,15 @@ class ClassEquations:
         )  # fmt: skip
 
     @classmethod
-    def jointly(cls, matrix: FloatArray, rhs: FloatArray, modes: Modes) -> "ClassEquations":
+    def from_joint_equations(cls, matrix: FloatArray, rhs: FloatArray, modes: Modes) -> "ClassEquations":
         """Classes whose noise is shared, from their normal equations, (K, p, K, p) and (K, p)."""
         is_free = modes.degrees == 1
         k, mask = len(rhs), np.tile(is_free, len(rhs))
         size = rhs.size
         message = "sources in common do not determine rotation and glide of all catalogues"
-        free_block, leverage, inner, reduced_rhs = _free_apart(matrix.reshape(size, size), rhs.ravel(), mask, message)
+        free_block, leverage, inner, reduced_rhs = _eliminate_free(
+            matrix.reshape(size, size), rhs.ravel(), mask, message
+        )
         q = len(reduced_rhs) // k
         return cls(
             inner.reshape(k, q, k, q), reduced_rhs.reshape(k, q), free_block, rhs.ravel()[mask],
@@ -100,7 +102,7 @@ class ClassEquations:
         )  # fmt: skip
 
 
-def _free_apart(matrix, rhs, mask, message):
+def _eliminate_free(matrix, rhs, mask, message):
     """N of what is free, what it takes of the rest, N and b without it; DegeneracyError with `message` if singular."""
     free_block, across = matrix[np.ix_(mask, mask)], matrix[np.ix_(mask, ~mask)]
     if np.linalg.cond(free_block) > 1e12:
@@ -117,7 +119,7 @@ def condition_of(matrix: FloatArray) -> float:
     return float(np.linalg.cond(matrix / np.outer(size, size)))
 
 
-def reduce_to_classes(
+def reduce_class_equations(
     normal: NormalEquations, modes: Modes, scaled: bool = True, free: BoolArray | None = None
 ) -> ClassEquations:
     """The equations of a class to the degree of `modes`; errors scaled by its own χ²/dof where that is known.
@@ -138,7 +140,7 @@ def reduce_to_classes(
     matrix, rhs = extension @ matrix @ extension.T / tau, extension @ rhs / tau
     mask = np.r_[free, np.zeros(len(templates), bool)]
     message = "a class does not determine its spin and acceleration: merge it with another"
-    free_block, leverage, inner, remainder = _free_apart(matrix, rhs, mask, message)
+    free_block, leverage, inner, remainder = _eliminate_free(matrix, rhs, mask, message)
     return ClassEquations(
         inner[None],
         remainder[None],
@@ -157,7 +159,7 @@ def parities(modes: Modes) -> IntArray:
     return np.where(toroidal == (modes.degrees % 2 == 1), 0, 1)
 
 
-class ClassAmplitudes:
+class ClassLikelihood:
     """ln L of the amplitudes x = (a, b_1 … b_K) of both parities, in their units, for one shape of the spectrum."""
 
     def __init__(self, classes: ClassEquations, modes: Modes, variances: FloatArray, own: str) -> None:
@@ -213,7 +215,7 @@ class ClassAmplitudes:
             common[..., :2, :, :] += class_squares[..., None] * np.eye(self.n_classes)
         return common
 
-    def _root_of(self, x):
+    def _power_roots(self, x):
         """The Cholesky factor of C of each group, (n, 2 or 3, K, K)."""
         shares = self.shares(x)
         # Without what each has for itself C would be singular.
@@ -242,7 +244,7 @@ class ClassAmplitudes:
 
         Above the diagonal of Λ stands anything.
         """
-        root = self._root_of(x)
+        root = self._power_roots(x)
         r = root[:, self.group].transpose(0, 2, 3, 1) * self.root
         n, k, q = len(x), self.n_classes, self.size
         square = np.zeros((n, k * q + 1, k * q + 1))
@@ -312,7 +314,7 @@ class ClassAmplitudes:
         middle, covariance = self._peak()
         half = max(1, n // 2)
         for count in (half, half, n, 2 * n, 4 * n):
-            x, log_density = _fold_negatives(middle, 1.2 * covariance, count, rng)
+            x, log_density = _draw_folded_t(middle, 1.2 * covariance, count, rng)
             log = self.log_likelihoods(x) - log_density
             weight = np.exp(log - log.max())
             evidence = float(np.log(weight.mean()) + log.max())
@@ -334,12 +336,12 @@ class ClassAmplitudes:
 
         size = self.units.size
 
-        def by_log(y):  # x² = eʸ − 1 is linear next to zero, where x itself would be stuck
+        def loss_by_log(y):  # x² = eʸ − 1 is linear next to zero, where x itself would be stuck
             value, slope = self.loss(np.sqrt(np.expm1(y)))
             return value, slope * np.exp(y)
 
         best = minimize(
-            by_log, np.ones(size), jac=True, method="L-BFGS-B", bounds=[(0, 30)] * size, options={"ftol": 1e-9}
+            loss_by_log, np.ones(size), jac=True, method="L-BFGS-B", bounds=[(0, 30)] * size, options={"ftol": 1e-9}
         )
         middle, bend = np.sqrt(np.expm1(best.x)), np.empty((size, size))
         for k in range(size):
@@ -381,7 +383,7 @@ class ClassAmplitudes:
         return covariance @ (self.rhs[:, n:].sum(0) - z[:, :-1].T @ z[:, -1]), covariance
 
 
-def _fold_negatives(middle, covariance, n, rng) -> tuple[FloatArray, FloatArray]:
+def _draw_folded_t(middle, covariance, n, rng) -> tuple[FloatArray, FloatArray]:
     """|x| of a multivariate t, and ln of its density: all signs of what lies near zero are summed over."""
     size = len(middle)
     root = np.linalg.cholesky(covariance + 1e-12 * np.eye(size))
@@ -405,13 +407,13 @@ def _fold_negatives(middle, covariance, n, rng) -> tuple[FloatArray, FloatArray]
     return x, density - np.log(np.diag(root)).sum() + constant
 
 
-class Lot(NamedTuple):
+class ShapeDraws(NamedTuple):
     """Draws of the amplitudes of one shape: shares times `scale` times the spectrum's variances are powers."""
 
     shape: str
     spectrum: Spectrum
     probability: float
-    likelihood: ClassAmplitudes
+    likelihood: ClassLikelihood
     scale: float
     x: FloatArray
     weight: FloatArray
@@ -422,34 +424,34 @@ class Lot(NamedTuple):
         return float(1 / np.sum(self.weight**2))
 
 
-def lots_of(
+def sample_shapes(
     classes: ClassEquations,
     modes: Modes,
     spectra: Sequence[tuple[str, Spectrum]],
     own: str,
     draws: int,
     rng: np.random.Generator,
-) -> list[Lot]:
+) -> list[ShapeDraws]:
     """Draws of the amplitudes for each shape, again where too few of them count."""
     squares: Any = sum(classes.own**2)
     is_higher = ~classes.free
     flat = Spectrum.flat().variances(modes)[is_higher]
     squares = squares[: len(flat), : len(flat)]  # without templates
     lots, evidences = [], []
-    with blas_for(len(classes) * len(modes)):
+    with limit_blas(len(classes) * len(modes)):
         for name, spectrum in spectra:
             variances = spectrum.variances(modes)
             # All shapes as well seen as the flat one, or their evidence would depend on units.
             scale = np.sqrt((flat @ squares @ flat) / (variances[is_higher] @ squares @ variances[is_higher]))
-            likelihood = ClassAmplitudes(classes, modes, variances * scale, own)
+            likelihood = ClassLikelihood(classes, modes, variances * scale, own)
             x, weight, evidence = likelihood.sample(draws, rng, EFFECTIVE)
-            lots.append(Lot(name, spectrum, np.nan, likelihood, float(scale), x, weight))
+            lots.append(ShapeDraws(name, spectrum, np.nan, likelihood, float(scale), x, weight))
             evidences.append(evidence)
     probability = shape_probabilities([name for name, _ in spectra], evidences)
     return [lot._replace(probability=float(p)) for lot, p in zip(lots, probability, strict=True)]
 
 
-def kept_of(lots: Sequence[Lot], rng: np.random.Generator) -> tuple[Any, Any, Any, Any]:
+def resample_draws(lots: Sequence[ShapeDraws], rng: np.random.Generator) -> tuple[Any, Any, Any, Any]:
     """Draws of equal weight by systematic resampling: free modes, their covariance, C by the flat one, templates."""
     weight = np.concatenate([lot.probability * lot.weight for lot in lots])
     draws = [(lot, i) for lot in lots for i in range(len(lot.x))]

@@ -10,13 +10,13 @@ from scipy.special import softmax
 from fit.background._amplitude import posteriors
 from fit.background._likelihood import (
     Likelihood,
+    coefficient_indices,
+    degrees_text,
     equations_of,
-    errors_of,
+    error_source_of,
     fitted_degrees,
-    is_scaled,
     parity_p_value,
-    places,
-    words_of,
+    should_fit_scale,
 )
 from fit.normal import NormalEquations, gaussian_prior
 from fit.results.quality import ErrorSource
@@ -27,7 +27,7 @@ from vsh.io.sections import Section
 from vsh.models.covariance import LINDEGREN_2021, Spectrum
 from vsh.modes import Modes
 from vsh.tools.errors import DegeneracyError, ModesError, ParameterError
-from vsh.tools.printing import logged
+from vsh.tools.printing import log_calls
 from vsh.tools.types import ArrayLike, Axes, FloatArray, Table
 
 #: Spectra of the systematic errors by name: one power for each mode, what Gaia EDR3's astrometry was published with
@@ -116,18 +116,20 @@ class Floor(Result):
     def __repr__(self) -> str:
         return (
             f"<Floor: spin ± {self.spin_error:.3g}, acceleration ± {self.acceleration_error:.3g} µas/yr, from degrees "
-            f"{words_of(self.degrees)}>"
+            f"{degrees_text(self.degrees)}>"
         )
 
     @property
     def spin_error(self) -> float:
         """Floor of the spin in each component, for one shape √(3 s/8π). [µas/yr]"""
-        return self._mixed_error([shape_floor._of_degree_one.spin_error for shape_floor in self._shapes])
+        return self._mixed_error([shape_floor._mean_power_spectrum.spin_error for shape_floor in self._floors_by_shape])
 
     @property
     def acceleration_error(self) -> float:
         """Floor of the acceleration in each component, for one shape √(3 s/8π). [µas/yr]"""
-        return self._mixed_error([shape_floor._of_degree_one.acceleration_error for shape_floor in self._shapes])
+        return self._mixed_error(
+            [shape_floor._mean_power_spectrum.acceleration_error for shape_floor in self._floors_by_shape]
+        )
 
     @property
     def spin_interval(self) -> tuple[float, float]:
@@ -151,11 +153,11 @@ class Floor(Result):
         return odd * shape.only("odd") + even * shape.only("even")
 
     @property
-    def _of_degree_one(self):
+    def _mean_power_spectrum(self):
         return self._spectrum_of(*(self.mean or (self.odd, self.even)))
 
     @property
-    def _shapes(self):
+    def _floors_by_shape(self):
         return self.parts or (self,)
 
     def _mixed_error(self, errors):
@@ -165,7 +167,7 @@ class Floor(Result):
     def _interval(self, parity, error):
         """Ends of the 68 % intervals of the shapes, as degree 1 has them, averaged by probability."""
         ends = []
-        for shape_floor in self._shapes:
+        for shape_floor in self._floors_by_shape:
             unit = getattr(shape_floor._spectrum_of(1.0, 1.0), error)
             ends.append([unit * np.sqrt(end) for end in getattr(shape_floor, f"{parity}_interval")])
         lower, upper = np.asarray(self.probability or (1.0,)) @ np.array(ends)
@@ -173,7 +175,7 @@ class Floor(Result):
 
     def _sections(self, long):
         facts = [
-            ("estimated from", f"the power of degrees {words_of(self.degrees)} of {self.n_data // 2} sources"),
+            ("estimated from", f"the power of degrees {degrees_text(self.degrees)} of {self.n_data // 2} sources"),
             (
                 "parities",
                 (
@@ -225,7 +227,7 @@ class Floor(Result):
         """
         if max(self.degrees) > modes.lmax:
             raise ModesError(
-                f"the floor was estimated from degrees {words_of(self.degrees)}, and these normal equations go to "
+                f"the floor was estimated from degrees {degrees_text(self.degrees)}, and these normal equations go to "
                 f"{modes.lmax}"
             )
         variances = self.spectrum.variances(modes)
@@ -256,11 +258,11 @@ class Floor(Result):
         prior = self.prior(modes) if normal.prior is None else self.prior(modes) + normal.prior
         solution = solve(scaled_data + prior)
         covariance = np.array(solution.covariance)
-        indices = places(modes, (1,))
+        indices = coefficient_indices(modes, (1,))
         covariance[indices, indices] += self.added(modes)[indices]
         note = (
-            f"the floor is a prior that shrinks the coefficients of degrees {words_of(self.degrees)}; their powers and "
-            "p-values are from the fit without it"
+            f"the floor is a prior that shrinks the coefficients of degrees {degrees_text(self.degrees)}; their powers "
+            "and p-values are from the fit without it"
         )
         try:
             plain = solve(normal)
@@ -277,8 +279,8 @@ class Floor(Result):
             formal_covariance=formal,
             notes=(*solution.notes, note),
             errors_from=(
-                f"{self.errors_from}{scale}, with the systematic floor from degrees {words_of(self.degrees)}: spin ± "
-                f"{self.spin_error:.3g}, acceleration ± {self.acceleration_error:.3g} µas/yr in each component"
+                f"{self.errors_from}{scale}, with the systematic floor from degrees {degrees_text(self.degrees)}: spin "
+                f"± {self.spin_error:.3g}, acceleration ± {self.acceleration_error:.3g} µas/yr in each component"
             ),
             error_source=self._source,
             includes_floor=True,
@@ -304,7 +306,7 @@ class Floor(Result):
             coefficients=replace(best_solution.coefficients, values=mean),
             covariance=covariance,
             errors_from=(
-                f"{self.errors_from}{scale}, with the systematic floor from degrees {words_of(self.degrees)} "
+                f"{self.errors_from}{scale}, with the systematic floor from degrees {degrees_text(self.degrees)} "
                 f"(spectra: {text}): spin ± {self.spin_error:.3g}, acceleration ± {self.acceleration_error:.3g} "
                 "µas/yr in each component"
             ),
@@ -325,7 +327,7 @@ class Floor(Result):
         ]
 
 
-@logged("floor")
+@log_calls("floor")
 def floor(
     normal: NormalEquations | HarmonicSolution,
     degrees: Iterable[int] | None = None,
@@ -401,9 +403,10 @@ def floor(
     if not shape_names or not all(isinstance(shape, str) and shape in SHAPES for shape in shape_names):
         raise ParameterError(f"shapes of the spectrum are {', '.join(map(repr, SHAPES))}, not {shapes!r}")
     free_degrees = tuple(l for l in range(1, modes.lmax + 1) if l not in degrees)
-    fit_scale = is_scaled(normal, noise_scale)
+    fit_scale = should_fit_scale(normal, noise_scale)
     estimates = [
-        _of_shape(shape, equations, degrees, free_degrees, fit_scale, errors_of(normal)) for shape in shape_names
+        _estimate_for_shape(shape, equations, degrees, free_degrees, fit_scale, error_source_of(normal))
+        for shape in shape_names
     ]
     if len(estimates) == 1:
         return replace(estimates[0][0], mean=None)
@@ -416,7 +419,7 @@ def floor(
     )
 
 
-def _of_shape(name, equations, degrees, free_degrees, fit_scale, errors):
+def _estimate_for_shape(name, equations, degrees, free_degrees, fit_scale, errors):
     """The floor for one shape of the spectrum, and ln of its evidence."""
     likelihood, common = _likelihood(equations, degrees, free_degrees, fit_scale, SHAPES[name])
     best = likelihood.maximum()

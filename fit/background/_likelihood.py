@@ -31,8 +31,8 @@ from vsh.modes import Modes
 from vsh.tools.arguments import choice
 from vsh.tools.errors import DegeneracyError, ModesError, ParameterError
 from vsh.tools.notebook import InNotebook
-from vsh.tools.notes import format_notes
-from vsh.tools.parallel import blas_for
+from vsh.tools.notes import drop_empty_notes
+from vsh.tools.parallel import limit_blas
 from vsh.tools.types import FloatArray, IntArray
 
 #: How far below its maximum the likelihood is followed: e^−18.
@@ -41,7 +41,7 @@ _DROP = 18.0
 OnTensor: TypeAlias = Callable[[list[FloatArray]], FloatArray]
 
 
-def parts_of(matrix: FloatArray, rhs: FloatArray, variances: FloatArray) -> tuple[float, float]:
+def logdet_gain_of_variances(matrix: FloatArray, rhs: FloatArray, variances: FloatArray) -> tuple[float, float]:
     """ln|K| and Q of coefficients with variances D, for errors of scale one."""
     root, k = kernel(matrix, variances)
     side = root * rhs
@@ -121,7 +121,7 @@ class Amplitudes(InNotebook):
         if self._eigen is not None:
             values, squares = amplitudes[0] * np.array(self._eigen)
             return float(np.log1p(values).sum()), float(np.sum(squares / (1 + values)))
-        return parts_of(self.matrix, self.rhs, amplitudes @ self.shares)
+        return logdet_gain_of_variances(self.matrix, self.rhs, amplitudes @ self.shares)
 
     def on_tensor(self, roots: list[FloatArray]) -> FloatArray:
         """ln|K| and Q on the tensor of the `roots` of the amplitudes, (2, …)."""
@@ -129,14 +129,14 @@ class Amplitudes(InNotebook):
             values, squares = (roots[0][:, None] ** 2 * array for array in self._eigen)
             return np.array([np.log1p(values).sum(1), np.sum(squares / (1 + values), 1)])
         if len(roots) == 2 and not (self.shares[0] * self.shares[1]).any():
-            return self._on_plane(*roots)
+            return self._evaluate_on_plane(*roots)
         values = np.empty((2, *map(len, roots)))
         for index in np.ndindex(*map(len, roots)):
             amplitudes = np.array([axis[i] ** 2 for axis, i in zip(roots, index, strict=True)])
             values[(slice(None), *index)] = self.parts(amplitudes)
         return values
 
-    def _on_plane(self, first, second):
+    def _evaluate_on_plane(self, first, second):
         """`on_tensor` of two fields that share no coefficient: for each amplitude of the second in closed form."""
         one, two = (np.flatnonzero(share) for share in self.shares)
         root = np.sqrt(self.shares.sum(0))
@@ -167,7 +167,7 @@ class Amplitudes(InNotebook):
             values, squares = self._eigen
             remainder = 1 / (1 + amplitudes[0] * values)
             return (*self.parts(amplitudes), np.sum(values * remainder), np.sum(squares * remainder**2))
-        factor, w, t = self._solved(amplitudes)
+        factor, w, t = self._solve_kernel(amplitudes)
         remainder = self.rhs - w @ t
         diagonal = np.diag(self.matrix) - np.sum(t * t, 0)
         return 2 * np.log(np.diag(factor)).sum(), w @ w, self.shares @ diagonal, self.shares @ remainder**2
@@ -177,11 +177,11 @@ class Amplitudes(InNotebook):
         if self._eigen is not None:
             remainder = self._eigen[0] / (1 + amplitudes[0] * self._eigen[0])
             return np.array([[np.sum(remainder**2)]]), np.array([np.sum(remainder)])
-        t = self._solved(amplitudes)[-1]
+        t = self._solve_kernel(amplitudes)[-1]
         remainder = self.matrix - t.T @ t
         return self.shares @ remainder**2 @ self.shares.T, self.shares @ np.diag(remainder)
 
-    def _solved(self, amplitudes):
+    def _solve_kernel(self, amplitudes):
         """L of K = L Lᵀ, L⁻¹ R b, and the T = L⁻¹ R N of the information N − TᵀT that is left."""
         root, k = kernel(self.matrix, amplitudes @ self.shares)
         factor = cholesky(k, lower=True, overwrite_a=True, check_finite=False)
@@ -208,13 +208,13 @@ class Likelihood(Amplitudes):
         spectra = list(spectra) if isinstance(spectra, Iterable) else []
         if not spectra or not all(isinstance(spectrum, Spectrum) for spectrum in spectra):
             raise ParameterError("a background needs a list of fit.background.Spectrum, one at least")
-        indices = places(modes, degrees)
+        indices = coefficient_indices(modes, degrees)
         shapes = np.array([spectrum.variances(modes)[indices] for spectrum in spectra])
         for spectrum, shape in zip(spectra, shapes, strict=True):
             if not shape.any():
-                raise ParameterError(f"the spectrum {spectrum.name} has no power in degrees {words_of(degrees)}")
+                raise ParameterError(f"the spectrum {spectrum.name} has no power in degrees {degrees_text(degrees)}")
         indices, shapes = indices[shapes.any(0)], shapes[:, shapes.any(0)]
-        free_indices = places(modes, free)
+        free_indices = coefficient_indices(modes, free)
         matrix, rhs, self.chi2 = _eliminate_free_degrees(normal, free_indices, indices)
         super().__init__(matrix, rhs, shapes)
         self.n_data = normal.n_data - len(free_indices)
@@ -281,7 +281,7 @@ class Likelihood(Amplitudes):
 
     def maximum(self) -> Maximum:
         """Amplitude of the maximum."""
-        with blas_for(len(self.rhs)):
+        with limit_blas(len(self.rhs)):
             return self._maximum()
 
     def _maximum(self):
@@ -370,7 +370,7 @@ def _eigen(matrix, rhs, shape):
     return np.maximum(values, 0.0), (vectors.T @ (root * rhs)) ** 2
 
 
-def scales_of(likelihood: Likelihood, best: Maximum) -> tuple[FloatArray, FloatArray]:
+def squared_scale_nodes(likelihood: Likelihood, best: Maximum) -> tuple[FloatArray, FloatArray]:
     """κ² and the weights of a sum over ln κ²."""
     if not likelihood.noise_scale:
         return np.ones(1), np.ones(1)
@@ -390,7 +390,7 @@ def span_of(likelihood: Likelihood, best: Maximum, k: int) -> tuple[float, float
     tau = best.noise_scale**2
     highest = likelihood.profile(best.amplitudes / tau)
 
-    def fallen(x):
+    def has_dropped(x):
         amplitudes = np.array(best.amplitudes)
         amplitudes[k] = x * x
         return highest - likelihood.profile(amplitudes / tau) > _DROP
@@ -398,12 +398,12 @@ def span_of(likelihood: Likelihood, best: Maximum, k: int) -> tuple[float, float
     top = np.sqrt(best.amplitudes[k])
     step = np.sqrt(likelihood.unit[k] * tau)
     upper = top + step
-    while not fallen(upper) and upper < 1e6 * (top + step):
+    while not has_dropped(upper) and upper < 1e6 * (top + step):
         upper = top + 1.5 * (upper - top)
-    return (0.0 if not fallen(0.0) else _edge(fallen, 0.0, top)), upper
+    return (0.0 if not has_dropped(0.0) else _bisect_edge(has_dropped, 0.0, top)), upper
 
 
-def _edge(is_outside, outside, inside):
+def _bisect_edge(is_outside, outside, inside):
     for _ in range(6):
         middle = (outside + inside) / 2
         outside, inside = (middle, inside) if is_outside(middle) else (outside, middle)
@@ -412,7 +412,7 @@ def _edge(is_outside, outside, inside):
 
 def equations_of(source: Any) -> NormalEquations:
     """Normal equations of data alone: as they are less their prior, or those that a solution is the solution of."""
-    source = _about(source)
+    source = _underlying_solution(source)
     if isinstance(source, NormalEquations | HarmonicSolution) and source.modes.components != 2:
         raise ParameterError(
             "backgrounds are fields of motions: their spectra have toroidal and spheroidal parts, and a scalar field "
@@ -451,20 +451,20 @@ def equations_of(source: Any) -> NormalEquations:
     rhs = matrix @ source.values
     chi2_null = float(source.chi2 + rhs @ source.values)
     return NormalEquations(
-        source.modes, matrix, rhs, chi2_null, source.n_data, source.frame, format_notes(source.notes)
+        source.modes, matrix, rhs, chi2_null, source.n_data, source.frame, drop_empty_notes(source.notes)
     )
 
 
-def errors_of(source: Any) -> tuple[str, ErrorSource]:
+def error_source_of(source: Any) -> tuple[str, ErrorSource]:
     """Source of the errors, in words and as an ErrorSource; normal equations have those of the catalogue."""
-    about = _about(source)
+    about = _underlying_solution(source)
     return (getattr(about, "errors_from", "the catalogue"), getattr(about, "error_source", ErrorSource.CATALOGUE))
 
 
-def is_scaled(source: Any, noise_scale: bool | None) -> bool:
+def should_fit_scale(source: Any, noise_scale: bool | None) -> bool:
     """Return whether the scale of the errors is estimated: as told, or where the errors are the catalogue's."""
     option = choice("noise_scale", noise_scale, (None, True, False))
-    return errors_of(source)[1] == ErrorSource.CATALOGUE if option is None else option
+    return error_source_of(source)[1] == ErrorSource.CATALOGUE if option is None else option
 
 
 def fitted_degrees(modes: Modes, degrees: Any, name: str = "degrees") -> tuple[int, ...]:
@@ -482,12 +482,12 @@ def fitted_degrees(modes: Modes, degrees: Any, name: str = "degrees") -> tuple[i
     return tuple(unique_degrees)
 
 
-def places(modes: Modes, degrees: Iterable[int]) -> IntArray:
+def coefficient_indices(modes: Modes, degrees: Iterable[int]) -> IntArray:
     """Indices of the coefficients of some degrees."""
     return np.flatnonzero(np.isin(modes.degrees, list(degrees)))
 
 
-def words_of(degrees: Sequence[int]) -> str:
+def degrees_text(degrees: Sequence[int]) -> str:
     """Degrees as a reader sees them: "2, 3", "2 to 7"."""
     degrees = list(degrees)
     if len(degrees) > 2 and degrees == list(range(degrees[0], degrees[-1] + 1)):
@@ -495,5 +495,5 @@ def words_of(degrees: Sequence[int]) -> str:
     return ", ".join(map(str, degrees))
 
 
-def _about(source):
+def _underlying_solution(source):
     return getattr(source, "resampled_solution", getattr(source, "solution", source))

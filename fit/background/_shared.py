@@ -22,17 +22,17 @@ from scipy.special import chdtrc
 from fit.background._blocks import (
     EFFECTIVE,
     ClassEquations,
-    Lot,
+    ShapeDraws,
     condition_of,
-    kept_of,
-    lots_of,
     parities,
-    reduce_to_classes,
+    reduce_class_equations,
+    resample_draws,
+    sample_shapes,
 )
 from fit.background._floor import SHAPES, usual_shapes
-from fit.background._likelihood import equations_of, is_scaled, words_of
+from fit.background._likelihood import degrees_text, equations_of, should_fit_scale
 from fit.normal import NormalEquations, eliminate
-from fit.results.output import components
+from fit.results.output import format_components
 from fit.results.quality import ErrorSource, gls
 from fit.results.solution import HarmonicSolution, Solution
 from fit.results.storage import Result
@@ -43,8 +43,8 @@ from vsh.models.covariance import Spectrum
 from vsh.modes import Modes
 from vsh.tools.arguments import choice, generator, whole
 from vsh.tools.errors import DegeneracyError, FrameError, ModesError, ParameterError
-from vsh.tools.parallel import blas_for
-from vsh.tools.printing import logged
+from vsh.tools.parallel import limit_blas
+from vsh.tools.printing import log_calls
 from vsh.tools.types import ArrayLike, AxesArray, BoolArray, FloatArray, OnAxes, Rng, Table
 
 #: Beyond this condition of its normal matrix a class takes higher degrees for lower ones: the sky outside the Galactic
@@ -135,7 +135,7 @@ class ClassComparison(Result):
         return len(self.labels)
 
     def __repr__(self) -> str:
-        return f"<ClassComparison: {len(self)} classes, degrees {words_of(self.degrees)}>"
+        return f"<ClassComparison: {len(self)} classes, degrees {degrees_text(self.degrees)}>"
 
     @property
     def values(self) -> FloatArray:
@@ -162,7 +162,7 @@ class ClassComparison(Result):
     def together(self) -> Solution:
         """Fit one spin and acceleration to all classes, by generalised least squares."""
         values, _, covariance = gls(self.values, self.covariance, np.ones((len(self), 1)))
-        return self._harmonic(values, covariance, 2 * sum(self.n_sources))
+        return self._degree_one_solution(values, covariance, 2 * sum(self.n_sources))
 
     def equality(self, kind: str | None = None) -> float:
         """p-value of classes that are alike, the mean over what may be shared.
@@ -260,7 +260,7 @@ class ClassComparison(Result):
         return float(middle), float(lower), float(upper)
 
     def _sections(self, long):
-        facts = [("degrees", f"{words_of(self.degrees)}, {self.frame} axes")]
+        facts = [("degrees", f"{degrees_text(self.degrees)}, {self.frame} axes")]
         sigma = np.sqrt(np.diag(self.amplitude_covariance))
         for name, value, error in zip(self.templates, self.amplitudes, sigma, strict=True):
             text = f"{value:+.2f} ± {error:.2f} {self.unit}, {value / error:+.1f} errors"
@@ -275,7 +275,7 @@ class ClassComparison(Result):
             change = self.difference(0, len(self) - 1)
             pairs = zip(("spin", "acceleration"), (change.spin, change.acceleration), strict=True)
             facts.append(
-                ("last − first", "; ".join(f"{name} {', '.join(components(vector))}" for name, vector in pairs))
+                ("last − first", "; ".join(f"{name} {', '.join(format_components(vector))}" for name, vector in pairs))
             )
         if long:
             remarks.append(
@@ -354,10 +354,10 @@ class ClassComparison(Result):
             n_data = 2 * sum(n for n, weight in zip(self.n_sources, row, strict=True) if weight)
         values = row @ self.values
         covariance = np.einsum("i,iajb,j->ab", row, self._blocks(), row)
-        return self._harmonic(values, covariance, n_data)
+        return self._degree_one_solution(values, covariance, n_data)
 
-    def _harmonic(self, values, covariance, n_data):
-        errors_from = f"normal equations, with systematic errors, degrees {words_of(self.degrees)}"
+    def _degree_one_solution(self, values, covariance, n_data):
+        errors_from = f"normal equations, with systematic errors, degrees {degrees_text(self.degrees)}"
         return Solution(
             coefficients=Coefficients(Modes(1), values),
             covariance=covariance,
@@ -423,7 +423,7 @@ def contrast_p_value(means: FloatArray, covariances: FloatArray, rows: FloatArra
     return float(np.mean(chdtrc(values.shape[1], np.sum(values * solution, 1))))
 
 
-@logged("shared errors")
+@log_calls("shared errors")
 def shared(
     normals: Sequence[NormalEquations | HarmonicSolution],
     degrees: Iterable[int] | None = None,
@@ -490,13 +490,13 @@ def shared(
     True
     """
     generator_ = generator(rng)
-    lots, modes, notes, facts = sampled_lots(
+    lots, modes, notes, facts = sample_class_errors(
         normals, degrees, labels=labels, shapes=shapes, own=own, draws=draws, noise_scale=noise_scale, rng=generator_
     )
-    return drawn(lots, modes, generator_, notes=notes, **facts)
+    return average_draws(lots, modes, generator_, notes=notes, **facts)
 
 
-def sampled_lots(
+def sample_class_errors(
     normals: Any,
     degrees: Iterable[int] | None,
     *,
@@ -507,7 +507,7 @@ def sampled_lots(
     noise_scale: bool | None,
     rng: np.random.Generator,
     free: Callable[[Modes], BoolArray] | None = None,
-) -> tuple[list[Lot], Modes, list[str], dict[str, Any]]:
+) -> tuple[list[ShapeDraws], Modes, list[str], dict[str, Any]]:
     """Draws of the systematic errors of classes, as `shared` takes them; the modes, notes, and facts of the classes.
 
     `free` tells the modes that each class has for itself; degree 1 unless given.
@@ -525,23 +525,23 @@ def sampled_lots(
         for normal in equations
     ):
         raise ParameterError("classes have different templates: give all of them the same maps")
-    scale_flags = [is_scaled(each, noise_scale) for each in inputs]
+    scale_flags = [should_fit_scale(each, noise_scale) for each in inputs]
     names = tuple(f"class {k + 1}" for k in range(len(inputs))) if labels is None else tuple(map(str, labels))
     if len(names) != len(inputs):
         raise ParameterError(f"{len(names)} labels for {len(inputs)} classes")
-    modes = Modes(_highest(equations, degrees))
+    modes = Modes(_highest_degree(equations, degrees))
     spectra = spectra_of(usual_shapes(modes.lmax) if shapes is None else shapes)
     draws, own_modes = whole("draws", draws), None if free is None else free(modes)
 
-    def sampled(classes):
-        return lots_of(classes, modes, spectra, own, draws, rng)
+    def draw_lots(classes):
+        return sample_shapes(classes, modes, spectra, own, draws, rng)
 
     classes, notes = _classes(equations, names, modes, scale_flags, own_modes)
-    notes += _leaking(equations, classes, names, modes) if len(classes) > 1 else []
-    lots = sampled(classes)
+    notes += _leakage_notes(equations, classes, names, modes) if len(classes) > 1 else []
+    lots = draw_lots(classes)
     if any(each.modes.lmax > modes.lmax for each in equations):
         equations = _without_leakage(equations, lots, modes)
-        lots = sampled(
+        lots = draw_lots(
             _classes(equations, names, modes, scale_flags, own_modes)[0]
         )  # what was noted of them above stays
     facts = {
@@ -554,16 +554,16 @@ def sampled_lots(
 def _without_leakage(equations, lots, modes):
     """Equations of `modes` alone: higher degrees have the power that a first estimate, `lots`, gives them."""
     all_modes = max((normal.modes for normal in equations), key=len)
-    powers = powers_beyond(lots, all_modes)
+    powers = class_variances(lots, all_modes)
     return [
-        marginalised(normal, modes, power[all_modes.degrees <= normal.modes.lmax], scale)
+        marginalise_higher_degrees(normal, modes, power[all_modes.degrees <= normal.modes.lmax], scale)
         if normal.modes.lmax > modes.lmax
         else normal
         for normal, scale, power in zip(equations, lots[0].likelihood.classes.noise_scale, powers, strict=True)
     ]
 
 
-def _leaking(equations, classes, names, modes):
+def _leakage_notes(equations, classes, names, modes):
     """A note on classes into which higher degrees leak, and what to do."""
     leaky_classes = [
         name
@@ -579,13 +579,13 @@ def _leaking(equations, classes, names, modes):
     ]
 
 
-def drawn(
-    lots: Sequence[Lot], modes: Modes, rng: np.random.Generator, *, notes: Sequence[str] = (), **facts: Any
+def average_draws(
+    lots: Sequence[ShapeDraws], modes: Modes, rng: np.random.Generator, *, notes: Sequence[str] = (), **facts: Any
 ) -> ClassComparison:
     """Shared errors of the classes, averaged over draws of their amplitudes and over spectra."""
     classes = lots[0].likelihood.classes
-    with blas_for(len(classes) * len(modes)):
-        means, covariances, shares, (amplitudes, amplitude_covariance) = kept_of(lots, rng)
+    with limit_blas(len(classes) * len(modes)):
+        means, covariances, shares, (amplitudes, amplitude_covariance) = resample_draws(lots, rng)
     if min(lot.effective for lot in lots if lot.probability > 0.05) < EFFECTIVE:
         notes = [*notes, "few draws of the systematic errors count: give more of them (draws=), or merge classes"]
     return ClassComparison(
@@ -596,7 +596,7 @@ def drawn(
     )  # fmt: skip
 
 
-def _highest(equations, degrees):
+def _highest_degree(equations, degrees):
     limit = min(normal.modes.lmax for normal in equations)
     if degrees is None:
         highest = limit
@@ -631,7 +631,7 @@ def _classes(equations, names, modes, scale_flags, is_free=None) -> tuple[ClassE
         if not normal.n_data:
             raise DegeneracyError(f"the class {name} is empty: leave it out")
         try:
-            classes.append(reduce_to_classes(normal, modes, own_scale, is_free))
+            classes.append(reduce_class_equations(normal, modes, own_scale, is_free))
         except DegeneracyError as error:
             raise DegeneracyError(f"{name}: {error}") from None
         if classes[-1].condition[0] > _CAP:
@@ -639,10 +639,10 @@ def _classes(equations, names, modes, scale_flags, is_free=None) -> tuple[ClassE
                 f"the class {name} sees too little of the sky to tell degrees to {modes.lmax} apart: merge it with "
                 "another, or fit lower degrees"
             )
-    return ClassEquations.beside(classes), notes
+    return ClassEquations.from_separate_classes(classes), notes
 
 
-def shared_jointly(
+def compare_classes_jointly(
     matrix: FloatArray,
     rhs: FloatArray,
     modes: Modes,
@@ -653,12 +653,12 @@ def shared_jointly(
     **facts: Any,
 ) -> ClassComparison:
     """Compute `shared` from the normal equations of all classes together, (K, p, K, p) and (K, p)."""
-    classes = ClassEquations.jointly(matrix, rhs, modes)
+    classes = ClassEquations.from_joint_equations(matrix, rhs, modes)
     draw, spectra = generator(rng), spectra_of(usual_shapes(modes.lmax) if shapes is None else shapes)
-    return drawn(lots_of(classes, modes, spectra, "each", draws, draw), modes, draw, **facts)
+    return average_draws(sample_shapes(classes, modes, spectra, "each", draws, draw), modes, draw, **facts)
 
 
-def widened(
+def extend_degrees(
     normals: Sequence[NormalEquations], make: Callable[[Any, int], NormalEquations], classes: Iterable[Any]
 ) -> list[NormalEquations]:
     """Equations of classes, or what `make` makes of all to three degrees more where one sees a part of the sky."""
@@ -678,7 +678,7 @@ def sees_part(normal: NormalEquations, lmax: int) -> bool:
         return False
 
 
-def powers_beyond(lots: Sequence[Lot], modes: Modes) -> FloatArray:
+def class_variances(lots: Sequence[ShapeDraws], modes: Modes) -> FloatArray:
     """Variances of the coefficients of each class, (K, p), the mean over draws and shapes."""
     total: FloatArray = np.zeros(())
     for lot in lots:
@@ -688,7 +688,9 @@ def powers_beyond(lots: Sequence[Lot], modes: Modes) -> FloatArray:
     return total
 
 
-def marginalised(normal: NormalEquations, modes: Modes, variances: FloatArray, noise_scale: float) -> NormalEquations:
+def marginalise_higher_degrees(
+    normal: NormalEquations, modes: Modes, variances: FloatArray, noise_scale: float
+) -> NormalEquations:
     """The equations of `modes`, all higher degrees marginalised with a prior of so much power, (p,)."""
     low_indices, high_indices = (
         np.flatnonzero(at) for at in (normal.modes.degrees <= modes.lmax, normal.modes.degrees > modes.lmax)

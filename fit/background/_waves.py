@@ -9,12 +9,12 @@ import numpy as np
 from fit.background._amplitude import Amplitude, posteriors
 from fit.background._likelihood import (
     Likelihood,
+    coefficient_indices,
+    degrees_text,
     equations_of,
     fitted_degrees,
-    is_scaled,
     parity_p_value,
-    places,
-    words_of,
+    should_fit_scale,
 )
 from fit.normal import NormalEquations
 from fit.results.solution import HarmonicSolution
@@ -84,7 +84,7 @@ class WaveLimit(Result):
     @property
     def _data(self):
         """Data of the limit, in words."""
-        return f"degree{'s' * (len(self.degrees) > 1)} {words_of(self.degrees)}"
+        return f"degree{'s' * (len(self.degrees) > 1)} {degrees_text(self.degrees)}"
 
     @property
     def maximum(self) -> float:
@@ -239,7 +239,7 @@ def wave_limit(
     degrees = fitted_degrees(equations.modes, degrees)
     if degrees[0] < 2:
         raise ModesError("gravitational waves have no power in degree 1: name degrees from 2 on")
-    fit_scale = is_scaled(normal, noise_scale)
+    fit_scale = should_fit_scale(normal, noise_scale)
     free_degrees = tuple(l for l in range(1, degrees[-1]) if l not in degrees)
     backgrounds = list(systematics) if systematics is not None else [Spectrum.flat()] if degrees != (2,) else []
     likelihood = Likelihood(equations, [Spectrum.waves(hubble), *backgrounds], degrees, free_degrees, fit_scale)
@@ -250,7 +250,7 @@ def wave_limit(
         Likelihood(equations, spectra, (2,), (1,), fit_scale).maximum()
         for spectra in ([Spectrum.odd(), Spectrum.even()], [Spectrum.flat()])
     )
-    power, noise, squares = squares_of(equations, degrees[-1], fit_scale)
+    power, noise, squares = quadrupole_statistics(equations, degrees[-1], fit_scale)
     return WaveLimit(
         amplitude=amplitude,
         degrees=degrees,
@@ -305,10 +305,10 @@ def quantile(probability: float, variances: FloatArray, shifts: FloatArray) -> f
     )
 
 
-def squares_of(equations: NormalEquations, lmax: int, scaled: bool) -> tuple[float, float, FloatArray]:
+def quadrupole_statistics(equations: NormalEquations, lmax: int, scaled: bool) -> tuple[float, float, FloatArray]:
     """P_2, its noise, variances and shifts of its terms, (2, 10), fitted with all degrees to lmax, or nan."""
     modes = equations.modes
-    indices = places(modes, range(1, lmax + 1))
+    indices = coefficient_indices(modes, range(1, lmax + 1))
     matrix, rhs = equations.matrix[np.ix_(indices, indices)], equations.rhs[indices]
     quadrupole = np.flatnonzero(modes.degrees[indices] == 2)
     if equations.n_data <= len(indices) or np.linalg.cond(matrix) > 1e12:

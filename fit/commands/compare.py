@@ -47,7 +47,7 @@ def make_parser() -> argparse.ArgumentParser:
         "--match name|ARCSEC",
         "how sources are matched: by name (default), or by position within ARCSEC",
         _matching,
-        action=parsing.Joined,
+        action=parsing.JoinValues,
     )
     add(
         "--crosswalk FILE",
@@ -65,7 +65,7 @@ def make_parser() -> argparse.ArgumentParser:
         "least-squares (default), student, excess-noise, bootstrap=N or jackknife; clip=X | least squares rescales "
         "errors in classes of sources with similar formal errors; clip=X beside another or alone: sources whose "
         "difference exceeds X standard errors are excluded and listed (5 unless given)",
-        action=parsing.Joined,
+        action=parsing.JoinValues,
     )
     add(
         "--floor",
@@ -118,7 +118,7 @@ def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
 def _run(options):
     run = finishing.Run(options)
     from fit.frames.compare import compare_catalogues
-    from vsh.io.catalogue import renamed
+    from vsh.io.catalogue import rename_sources
 
     paths = [options.catalogue, options.catalogue2, *options.others]
     quantity = options.what or ("motions" if all(_has_motions(path, options) for path in paths) else "positions")
@@ -130,7 +130,7 @@ def _run(options):
     for path, label in zip(paths[1:], labels[1:], strict=True):
         fields[label] = _read(path, quantity, options, options.where2 or options.where)
         if options.crosswalk:
-            fields[label] = renamed(fields[label], options.crosswalk)
+            fields[label] = rename_sources(fields[label], options.crosswalk)
         results[label] = compare_catalogues(
             reference,
             fields[label],
@@ -183,7 +183,7 @@ def _run(options):
         tables=sheets,
         plot=lambda: (
             {
-                f"{name}{_of(label, results)}": axes
+                f"{name}{_file_suffix(label, results)}": axes
                 for label, (comparison, differences) in results.items()
                 for name, axes in _draw(comparison, differences).items()
             }
@@ -198,7 +198,7 @@ def _run(options):
         answer=Answer(tuple(answer)),
         paths=paths,
         counts=_counts(list(results.values())),
-        page=None if several else partial(_page, *results[labels[1]], options),
+        page=None if several else partial(_write_page, *results[labels[1]], options),
         title=f"{labels[0]} beside {', '.join(labels[1:])}",
     )
 
@@ -208,7 +208,7 @@ def _floor(options):
     return None if options.floor is None else options.floor == "yes"
 
 
-def _of(label, results):
+def _file_suffix(label, results):
     """Suffix of a file name where there are several catalogues."""
     return f"_{label}" if len(results) > 1 else ""
 
@@ -228,11 +228,11 @@ def _compare_several(catalogues, options):
     from fit.frames.chain import combine_frames
 
     if options.match["by"] == "position":
-        catalogues = _named_by_place(catalogues, options.match.get("radius"))
+        catalogues = _rename_by_position(catalogues, options.match.get("radius"))
     return combine_frames(catalogues, options.lmax, floor=_floor(options) is not False)
 
 
-def _named_by_place(catalogues, radius):
+def _rename_by_position(catalogues, radius):
     """The catalogues with the numbers of the first one's sources for names, without what has no counterpart there."""
     from vsh.io.catalogue import counterparts
 
@@ -251,7 +251,7 @@ def _write(folder, results, network, meta):
     if network is not None:
         network.write(folder / "chain.ecsv", meta)
     for label, (comparison, _) in results.items():
-        of = _of(label, results)
+        of = _file_suffix(label, results)
         comparison.write(folder / f"comparison{of}.ecsv", meta)
         comparison.best.write(folder / f"solution{of}.ecsv", meta)
         write_correlation(comparison.best, folder / f"correlation{of}.ecsv", meta)
@@ -278,7 +278,7 @@ def _draw(comparison, differences):
     return figures if comparison.shared is None else figures | {"shared": comparison.shared.plot()}
 
 
-def _page(comparison, differences, options, figures, meta, path):
+def _write_page(comparison, differences, options, figures, meta, path):
     from fit.results.output import write_html
 
     sections = [Section("Under the names of the ICRF3 papers", (), comparison.parameters_table())]
@@ -310,7 +310,7 @@ def _has_motions(path, options):
 
     try:
         names = tables.open_table(path, options.input_format).names
-        columns, _ = catalogue.as_columns(options.columns).among(names)
+        columns, _ = catalogue.as_columns(options.columns).choose_names(names)
         return {columns.pmra, columns.pmdec} <= set(names)
     except TableError:  # ICRF's fixed columns, or columns of positions
         return False
@@ -320,7 +320,7 @@ def _read(path, quantity, options, condition):
     from vsh.io.catalogue import read_field, read_positions
 
     if quantity == "motions":
-        arguments = reading.arguments(options) | {"where": condition, "sigma": options.sigma}
+        arguments = reading.field_arguments(options) | {"where": condition, "sigma": options.sigma}
         return read_field(path, roles=("name",), **arguments).to_frame(options.frame)
     if options.frame != (options.catalogue_frame or "icrs"):
         raise VshError(f"positions are compared in the axes they are given in: leave out --frame {options.frame}")

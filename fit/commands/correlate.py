@@ -37,7 +37,7 @@ def make_parser() -> argparse.ArgumentParser:
     add(
         "--influence NAME,NAME",
         "map what drives the correlation of two parameters, or the variance of one | omega_y,a_x; may be repeated",
-        _pair,
+        _parameter_names,
         action="append",
     )
     add("--leakage L", "compute the bias of the fit that is caused by unfitted degrees up to L", parsing.count(2))
@@ -53,7 +53,7 @@ def make_parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _pair(text):
+def _parameter_names(text):
     parameters = tuple(name.strip() for name in re.findall(r"[^,()]+(?:\([^)]*\))?", text))
     if len(parameters) not in (1, 2) or not all(parameters) or len(set(parameters)) != len(parameters):
         raise argparse.ArgumentTypeError(f"one or two different names are expected, not {text!r}")
@@ -92,14 +92,14 @@ def _run(options):
     parts = [finishing.Part("correlation", matrices, "Correlations", caption, as_table=True)]
     details = []
     for field, label in zip(fields, labels, strict=True):
-        details.append(_sky(correlation, field, label, options.lmax))
+        details.append(_degree_section(correlation, field, label, options.lmax))
         for pair in options.influence or []:
-            parts.append(_influence_map(correlation, field, label, pair, options.lmax))
-            details.append(_influence(correlation, field, label, pair, options.lmax))
+            parts.append(_influence_part(correlation, field, label, pair, options.lmax))
+            details.append(_influence_section(correlation, field, label, pair, options.lmax))
         if options.leakage:
             leak = correlation.leakage(field, options.lmax, options.leakage)
             parts.append(finishing.Part(f"leakage_{label}", leak, f"Leakage, {label}", _LEAKAGE, as_table=True))
-            details.append(_leak(leak, label, options.power_per_degree))
+            details.append(_leakage_section(leak, label, options.power_per_degree))
     notes = [f"{label}: {note}" for field, label in zip(fields, labels, strict=True) for note in _notes(field)]
 
     def sections(long):
@@ -140,10 +140,10 @@ def _sources(path, source, options):
     from vsh.io.catalogue import is_map, parts, read_sources
 
     if reading.in_parts(options):
-        options_of_parts = reading.reading_parts(options)
+        options_of_parts = reading.parts_arguments(options)
         return parts(path, motions=False, sigma=options.sigma, **options_of_parts).to_frame(options.frame)
     catalogue = path if is_map(source) else source
-    return read_sources(catalogue, sigma=options.sigma, **reading.arguments(options)).to_frame(options.frame)
+    return read_sources(catalogue, sigma=options.sigma, **reading.field_arguments(options)).to_frame(options.frame)
 
 
 def _labels(paths):
@@ -151,11 +151,12 @@ def _labels(paths):
     return names if len(set(names)) == len(names) else [f"{name}_{k}" for k, name in enumerate(names, 1)]
 
 
-def _sky(correlation, field, label, lmax):
+def _degree_section(correlation, field, label, lmax):
     rows = correlation.lmax_table(field, max(5, lmax))
     prediction = correlation.predict_covariance(field, lmax)
     columns = dict(zip(("degree", "condition", "largest correlation"), map(list, zip(*rows, strict=True)), strict=True))
-    errors = f"spin {_three(prediction.spin.sigma)}, acceleration {_three(prediction.acceleration.sigma)} µas/yr"
+    spin, acceleration = (_format_vector(vector.sigma) for vector in (prediction.spin, prediction.acceleration))
+    errors = f"spin {spin}, acceleration {acceleration} µas/yr"
     efficiency = (
         f"{100 * prediction.efficiency:.0f} % of the information of uniformly distributed sources of the same weight"
     )
@@ -166,7 +167,7 @@ def _sky(correlation, field, label, lmax):
     )
 
 
-def _influence(correlation, field, label, pair, lmax):
+def _influence_section(correlation, field, label, pair, lmax):
     from vsh.sky.pixels import centres
 
     # Regions of some 30°: single pixels of a fine map say little.
@@ -191,13 +192,15 @@ def _influence(correlation, field, label, pair, lmax):
 
 
 def _correlation_of(correlation, field, lmax, pair):
-    from fit.correlation import named
+    from fit.correlation import select_parameters
     from vsh.vector import correlation_of
 
-    return correlation_of(named(pair, lmax).covariance(correlation.predict_covariance(field, lmax).covariance))[0, 1]
+    return correlation_of(
+        select_parameters(pair, lmax).covariance(correlation.predict_covariance(field, lmax).covariance)
+    )[0, 1]
 
 
-def _leak(leak, label, power):
+def _leakage_section(leak, label, power):
     from fit.correlation import parameters_of
 
     names = parameters_of("spin+acceleration").names
@@ -209,7 +212,7 @@ def _leak(leak, label, power):
     return Section(title, facts)
 
 
-def _three(values):
+def _format_vector(values):
     return "(" + ", ".join(f"{value:.3g}" for value in values) + ")"
 
 
@@ -217,7 +220,7 @@ def _three(values):
 _NSIDE = 16
 
 
-def _influence_map(correlation, field, label, pair, lmax):
+def _influence_part(correlation, field, label, pair, lmax):
     """The map of an influence as a part of the result."""
     from vsh.io import tables
 
@@ -232,7 +235,7 @@ def _influence_map(correlation, field, label, pair, lmax):
         None,
         caption="Which part of the sky causes it: the change if the weight of the sources there were doubled.",
         plot=lambda: correlation.plot_influence(values, field, title, unit),
-        files=lambda folder, _: tables.write(folder / f"{name}.fits", {"influence": values}, about),
+        files=lambda folder, _: tables.write_columns(folder / f"{name}.fits", {"influence": values}, about),
     )
 
 

@@ -14,7 +14,7 @@ from vsh.commands import finishing, parsing, reading, running
 from vsh.io.sections import Answer
 from vsh.sky.frames import FRAMES
 from vsh.tools.errors import EmptySelectionError, ModesError, ParameterError, VshError
-from vsh.tools.notes import count_unselected, dropped
+from vsh.tools.notes import count_dropped, count_unselected
 
 
 def make_parser() -> argparse.ArgumentParser:
@@ -110,7 +110,7 @@ def _run(options):
     from vsh.io import catalogue, tables
 
     # Each class reads its rows; names tell of sources that stand there twice, and no fit looks at further columns.
-    source = tables.cache_rows(source) if options.classes and not reading.in_parts(options) else source
+    source = tables.cache_columns(source) if options.classes and not reading.in_parts(options) else source
     field = run.read(source, path, roles=("name",)).to_frame(options.frame)
     estimate = fit.estimate(field, options.lmax, *parsing.method_and_value(options.method))
     solution, sources, plain = estimate.solution, estimate.sources, estimate.plain
@@ -119,7 +119,7 @@ def _run(options):
         has_floor = options.floor or solution.includes_floor
         results["waves"] = _limit_on_waves(plain, has_floor, options.years)
     if options.floor and not solution.includes_floor:
-        solution = _with_floor(plain)
+        solution = _solve_with_floor(plain)
     if solution.floor is not None:
         results["floor"] = solution.floor
     maps = [_template(template, run, source, path, field) for template in options.templates or ()]
@@ -127,7 +127,7 @@ def _run(options):
         n_sources = solution.n_sources + (estimate.n_clipped or 0)
         results["shared"] = _compare_subsets(run, source, path, estimate, maps, n_sources)
     elif maps:
-        results["shared"] = _with_templates(estimate, maps)
+        results["shared"] = _fit_templates(estimate, maps)
     if maps:
         results["cross_powers"] = _cross_powers_of(plain, solution.floor, maps)
     name = "the simulated catalogue of the demo" if options.demo else source.label
@@ -135,18 +135,20 @@ def _run(options):
     answer = _answer(solution, results, options.classes)
     captions = {key: text for key, text in _CAPTIONS.items() if key in results}
 
-    def further():
+    def further_tables():
         return {_HEADINGS.get(key, key): result.to_table() for key, result in results.items()}
 
     def latex():
-        extra_tables = (finishing.as_latex(table, head) for head, table in further().items()) if options.long else ()
+        extra_tables = (
+            (finishing.as_latex(table, head) for head, table in further_tables().items()) if options.long else ()
+        )
         return "\n\n".join([fit.output.latex_of(solution, full=options.long), *extra_tables])
 
     def write(folder, meta):
         fit.output.write_tables(solution, sources, folder, meta, estimate.source_weights)
         fit.output.write_correlation(solution, folder / "correlation.ecsv", meta)
 
-    def page(figures, meta, path):
+    def write_page(figures, meta, path):
         fit.output.write_html(
             solution,
             sources,
@@ -186,11 +188,11 @@ def _run(options):
         paths=path,
         counts=_counts(solution, estimate.n_clipped, options.where),
         files=write,
-        page=page,
+        page=write_page,
     )
 
 
-def _with_templates(estimate, maps):
+def _fit_templates(estimate, maps):
     """Spin and acceleration of all sources with the templates fitted."""
     normal = estimate.equations(estimate.sources, estimate.solution.modes.lmax, templates=maps)
     comparison = fit.background.shared([normal], labels=["all sources"], noise_scale=estimate.is_scaled)
@@ -220,7 +222,11 @@ def _sections(results, long):
 
 def _counts(solution, n_clipped, condition):
     """Rows of the table, by what became of them."""
-    n_refused, n_unselected, n_sources = dropped(solution.notes), count_unselected(solution.notes), solution.n_sources
+    n_refused, n_unselected, n_sources = (
+        count_dropped(solution.notes),
+        count_unselected(solution.notes),
+        solution.n_sources,
+    )
     counts = {
         "rows": n_sources + n_clipped + n_refused + n_unselected,
         "rows_used": n_sources,
@@ -242,11 +248,11 @@ def _compare_subsets(run, source, path, estimate, templates, n_sources):
     if classes.frame:
         subsets = list(classes.split(read()))
     else:
-        conditions = [_and(options.where, condition) for condition in classes.conditions]
-        subsets = [_class(read, *item) for item in zip(classes.labels, conditions, strict=True)]
+        conditions = [_join_conditions(options.where, condition) for condition in classes.conditions]
+        subsets = [_read_class(read, *item) for item in zip(classes.labels, conditions, strict=True)]
         if ";" in options.classes:
             either = " or ".join(f"({condition})" for condition in classes.conditions)
-            _check_apart(read(where=_and(options.where, either)), classes, subsets)
+            _check_apart(read(where=_join_conditions(options.where, either)), classes, subsets)
     lmax, inside = estimate.solution.modes.lmax, 0
     if estimate.method == "clip":
         inside = sum(vsh.io.parts.as_parts(subset).sum(len) for subset in subsets)
@@ -254,7 +260,7 @@ def _compare_subsets(run, source, path, estimate, templates, n_sources):
     subsets = [subset.to_frame(options.frame) for subset in subsets]
     make = partial(estimate.equations, templates=templates)
     normals = [make(subset, lmax) for subset in subsets]
-    normals = fit.background.widened(normals, make, subsets)
+    normals = fit.background.extend_degrees(normals, make, subsets)
     comparison = fit.background.shared(
         normals, range(2, lmax + 1), labels=classes.labels, noise_scale=estimate.is_scaled
     )
@@ -264,12 +270,12 @@ def _compare_subsets(run, source, path, estimate, templates, n_sources):
     return replace(comparison, notes=(*comparison.notes, *notes, estimate.class_note))
 
 
-def _and(selection, condition):
+def _join_conditions(selection, condition):
     """The rows that are expected, and of those the ones that fulfil a condition."""
     return condition if selection is None else f"({selection}) and ({condition})"
 
 
-def _class(read, label, condition):
+def _read_class(read, label, condition):
     try:
         return read(where=condition)
     except EmptySelectionError:
@@ -310,7 +316,7 @@ def _limit_on_waves(plain, has_floor, years):
     return replace(fit.background.wave_limit(plain, **systematics), years=years)
 
 
-def _with_floor(plain):
+def _solve_with_floor(plain):
     """A fit with the systematic floor in its errors."""
     if plain.modes.lmax < 3:
         raise ModesError(f"degree {plain.modes.lmax} cannot determine a systematic floor: use --lmax 3 or higher")
@@ -346,14 +352,14 @@ def _template(word, run, source, path, field):
             f"--templates {word}: there is no such file, and no such column in {source.label}; density is that of the "
             "sources"
         )
-    return _column(word, run, source, path)
+    return _column_template(word, run, source, path)
 
 
-def _column(name, run, source, path):
+def _column_template(name, run, source, path):
     """Numbers of a column at the places of the sources that are read."""
     from vsh.io import catalogue
 
-    arguments = reading.arguments(run.options)
+    arguments = reading.field_arguments(run.options)
     if reading.in_parts(run.options):
         chunks = catalogue.stream_columns(source, [name], **arguments)
         pairs = ((field.to_frame("icrs"), columns[name]) for field, columns in chunks)

@@ -109,7 +109,7 @@ def _run(options):
     if options.candidates:
         results["plan"] = forecast(solution, read_astrometry(options.candidates))
 
-    truth = _truth(solution, options.catalogues[0])
+    truth = _truth_sections(solution, options.catalogues[0])
     headings = {"steps": "Place of the jump", "link": "Link", "plan": "Observe next"}
     parts = [finishing.Part(name, result, headings[name]) for name, result in results.items()]
     parts.append(
@@ -133,7 +133,7 @@ def _run(options):
     )
 
 
-def _truth(solution, path):
+def _truth_sections(solution, path):
     """The truth of a simulated table, with how many errors the solution is from it, as a section."""
     from vsh.io import catalogue
 

@@ -14,9 +14,9 @@ import fit
 import vsh
 from vsh.commands import finishing, parsing, reading, running
 from vsh.io.sections import Answer, Section
-from vsh.io.tables import printed_p_value, three_digits
+from vsh.io.tables import format_three_digits, printed_p_value
 from vsh.tools.errors import ConvergenceError, DegeneracyError, ParameterError, VshError
-from vsh.tools.notes import count_unselected, dropped
+from vsh.tools.notes import count_dropped, count_unselected
 
 
 def make_parser() -> argparse.ArgumentParser:
@@ -42,7 +42,7 @@ def make_parser() -> argparse.ArgumentParser:
         "fit our velocity for this Hubble constant, km/s/Mpc | of the posterior, a Gaussian prior where an error is "
         "given, 67.4±1 (or 67.4+-1), and a flat prior between limits, 40:110; flat unless given",
         _hubble,
-        action=parsing.Joined,
+        action=parsing.JoinValues,
     )
     add(
         "--velocity planck|SPEED,L,B",
@@ -202,18 +202,18 @@ def _run(options):
 
     truth = catalogue.truth_of(source)
     sky = run.read(source, options.catalogue).to_frame(options.frame)
-    frame, counts = _check_sky(sky, source, options)
+    frame, counts = _redshift_facts(sky, source, options)
     prior = reading.velocity_of(options.velocity) or vsh.models.cosmology.CMB_VELOCITY_PLANCK18
     model, failure = _model_of(options), None
     method, value = parsing.method_and_value(options.method) if options.method else (None, None)
-    parts = _bins(sky, options, model, prior, method, value) if options.bins else []
+    parts = _bin_parts(sky, options, model, prior, method, value) if options.bins else []
     sky = _clip_field(sky, float(value or 3.0)) if method == "clip" else sky
     if options.h0 or options.velocity or options.posterior:
-        field = _with_distances(sky, options, source.label)
+        field = _select_known_redshifts(sky, options, source.label)
         estimates = _estimates(field, options, model, prior, truth)
         if options.posterior:
             try:
-                parts.append(_posterior(field, options, model, prior, truth))
+                parts.append(_posterior_part(field, options, model, prior, truth))
             except ConvergenceError as error:  # every other result is written all the same
                 failure = error
         has_posterior = options.posterior and failure is None
@@ -247,13 +247,13 @@ def _run(options):
         raise failure
 
 
-def _check_sky(sky, source, options):
+def _redshift_facts(sky, source, options):
     """The frame of the redshifts, as facts, and the numbers of rows; VshError where there are no redshifts."""
     is_parts = isinstance(sky, vsh.io.parts.Parts)
     counts = {}
     if not is_parts:
         reading.refuse_velocities(sky.notes, source.label)
-        n_refused = dropped(sky.notes)
+        n_refused = count_dropped(sky.notes)
         counts = {"rows": len(sky) + n_refused + count_unselected(sky.notes), "rows_read": len(sky)}
     if not (sky.has("redshift") if is_parts else sky.redshift is not None):
         raise VshError(
@@ -290,7 +290,7 @@ def _model_of(options):
     return model
 
 
-def _bins(sky, options, model, velocity, method, value):
+def _bin_parts(sky, options, model, velocity, method, value):
     """Spin and acceleration in bins, and where asked for, or of many sources, with common systematic errors."""
     from fit.redshift import binned
 
@@ -311,7 +311,7 @@ def _bins(sky, options, model, velocity, method, value):
         comparison, remark = _estimate_shared_floor(bin_up_to, bins, options.lmax, options.floor == "yes")
     else:
         p_values = _p_values(sky, bins, velocity, options.redshift_frame, dispersion)
-        remark = _left_out(sky, bins)
+        remark = _floor_remark(sky, bins)
 
     def sections(long):
         tests: Any
@@ -349,7 +349,7 @@ def _estimate_shared_floor(bin_up_to, bins, lmax, is_asked):
     return comparison, "These p-values are for independent errors; those with systematic errors follow."
 
 
-def _left_out(sky, bins):
+def _floor_remark(sky, bins):
     """The size of what errors of bins leave out, in words."""
     from fit.redshift import FLOW_MATTERS
 
@@ -377,13 +377,13 @@ def _p_values(field, bins, velocity, redshift_frame, dispersion):
     return permutation_test(field, bins, velocity=test_velocity, **options)
 
 
-def _with_distances(sky, options, label):
+def _select_known_redshifts(sky, options, label):
     """The sources with redshifts; VshError where nobody told their frame."""
     from fit.secular_parallax import is_frame_undeclared
     from vsh.models.cosmology import with_redshift
 
     step = partial(with_redshift, redshift_frame=options.redshift_frame, missing_only=options.on_bad != "drop")
-    field = vsh.io.parts.applied(sky, step)
+    field = vsh.io.parts.apply_step(sky, step)
     if is_frame_undeclared(field, options.redshift_frame):
         raise VshError(
             f"the frame of the redshifts of {label} is not given: use --redshift-frame heliocentric, cmb, "
@@ -433,7 +433,7 @@ def _estimate_part(name, estimate, label, truth, has_posterior):
     heading = "Our velocity" if name == "velocity" else "The Hubble constant"
 
     def tables():
-        sheet = _beside_truth(estimate.to_table(), _truths(truth, estimate))
+        sheet = _add_truth_column(estimate.to_table(), _truths(truth, estimate))
         sheet.meta["summary"] = _summary_of(estimate)
         return {heading: sheet}
 
@@ -449,7 +449,7 @@ def _estimate_part(name, estimate, label, truth, has_posterior):
     )
 
 
-def _posterior(field, options, model, prior, truth):
+def _posterior_part(field, options, model, prior, truth):
     """The posterior of our velocity and H0."""
     from fit.posterior import Flat, Normal, sample
 
@@ -489,7 +489,7 @@ def _posterior(field, options, model, prior, truth):
         return {"corner": posterior.corner(truths=truths or None), "trace": posterior.trace()}
 
     def tables():
-        return {"Posterior": _beside_truth(posterior.to_table(), truths)}
+        return {"Posterior": _add_truth_column(posterior.to_table(), truths)}
 
     return finishing.Part("posterior", posterior, sections=sections, plot=draw, tables=tables, files=files)
 
@@ -506,7 +506,7 @@ def _truths(truth, result):
     return {name: value for name, value in values.items() if name in names}
 
 
-def _beside_truth(table, truths):
+def _add_truth_column(table, truths):
     """A table of parameters with the truth of a simulated catalogue, if there is one, beside their errors."""
     if truths:
         position = table.colnames.index("sigma") + 1
@@ -549,7 +549,7 @@ def _hubble_line(solution):
     value, error = solution.hubble, solution.hubble_error
     if not _is_determined(solution):
         limit = solution.hubble_limits[1]
-        return f"not determined: < {three_digits(limit)} km/s/Mpc (95 %), {_beside_published(limit)}"
+        return f"not determined: < {format_three_digits(limit)} km/s/Mpc (95 %), {_compare_with_published(limit)}"
     return f"{value:.3g} ± {error:.2g} km/s/Mpc, {_format_deviation(value, error)}"
 
 
@@ -564,7 +564,7 @@ def _format_deviation(value, error):
     )
 
 
-def _beside_published(limit):
+def _compare_with_published(limit):
     """Say if an upper limit leaves room for the published values."""
     return f"{'consistent with' if limit > _PUBLISHED[0] else 'excludes'} the published 67 to 73"
 
@@ -573,7 +573,7 @@ def _posterior_hubble(posterior):
     """H0 by the posterior, with its interval or as a limit; and how it stands to the published values."""
     if posterior.hubble_limits is not None:
         _, below = posterior.hubble_limits
-        return f"not determined: < {three_digits(below)} km/s/Mpc (95 %)", _beside_published(below)
+        return f"not determined: < {format_three_digits(below)} km/s/Mpc (95 %)", _compare_with_published(below)
     h0 = posterior.summary()["H0"]
     error = (h0.median - h0.low68) if h0.median > _PUBLISHED[1] else (h0.high68 - h0.median)
     median, lower, upper, *_ = posterior.print_summary()["H0"]
@@ -596,7 +596,7 @@ def _posterior_lines(posterior):
     medians = [quantiles.median for quantiles in posterior.hubble_by_prior.values()]
     if medians and max(medians) > _BY_PRIOR * min(medians):
         limits = [quantiles.below for quantiles in posterior.hubble_by_prior.values()]
-        interval = f"{three_digits(min(limits))} to {three_digits(max(limits))} km/s/Mpc"
+        interval = f"{format_three_digits(min(limits))} to {format_three_digits(max(limits))} km/s/Mpc"
         caution = f"the motions determine H0 poorly: its 95 % upper limit ranges over {interval} with other priors"
         lines.append(("caution", caution))
     return lines
@@ -618,7 +618,7 @@ def _summary_of(solution):
         phrase = f"for H0 = {solution.assumed_hubble:g} km/s/Mpc"
     else:
         lower, upper = solution.hubble_limits
-        limits = f"below {three_digits(upper)}" + (f", above {three_digits(lower)}" if lower > 0 else "")
+        limits = f"below {format_three_digits(upper)}" + (f", above {format_three_digits(lower)}" if lower > 0 else "")
         if not _is_determined(solution):
             limits += " (not determined: the table has the least-squares value)"
         ours = solution.assumed_velocity.amplitude
@@ -635,14 +635,16 @@ def _cards_of(results):
     if "velocity" in results:
         solution = results["velocity"]
         v = solution.velocity
-        size = f"{three_digits(v.amplitude)} ± {three_digits(v.amplitude_error)} km/s"
-        size = size if v.p_value < fit.quality.SEEN else f"< {three_digits(v.amplitude_limit())} km/s (95 %)"
+        size = f"{format_three_digits(v.amplitude)} ± {format_three_digits(v.amplitude_error)} km/s"
+        size = size if v.p_value < fit.quality.SEEN else f"< {format_three_digits(v.amplitude_limit())} km/s (95 %)"
         remark = f"p = {printed_p_value(v.p_value)} for none; for H0 = {solution.assumed_hubble:g} km/s/Mpc"
         cards.append(("Our velocity", size, remark))
     if "hubble" in results and "posterior" not in results:  # one limit on H0, that of the lines to quote
         solution = results["hubble"]
         size = f"{solution.hubble:.3g} ± {solution.hubble_error:.2g} km/s/Mpc"
-        size = size if _is_determined(solution) else f"< {three_digits(solution.hubble_limits[1])} km/s/Mpc (95 %)"
+        size = (
+            size if _is_determined(solution) else f"< {format_three_digits(solution.hubble_limits[1])} km/s/Mpc (95 %)"
+        )
         cards.append(("The Hubble constant", size, f"least squares {solution.hubble:.3g}"))
     if "posterior" in results:
         cards.append(("H0, posterior", *_posterior_hubble(results["posterior"])))

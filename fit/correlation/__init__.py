@@ -11,10 +11,10 @@ from fit.correlation._matrices import (
     dipole,
     field_from_positions,
     influence_map,
-    named,
     parameters_of,
+    select_parameters,
 )
-from vsh.tools.modules import lazily
+from vsh.tools.modules import lazy_names
 
 if TYPE_CHECKING:
     from fit.correlation._plot import plot_influence, symbol
@@ -32,4 +32,4 @@ __all__ = [
 ]
 
 # matplotlib is imported when a figure is first asked for.
-__getattr__, __dir__ = lazily(__name__, __all__, {"_plot": ["plot_influence", "symbol"]})
+__getattr__, __dir__ = lazy_names(__name__, __all__, {"_plot": ["plot_influence", "symbol"]})

@@ -5,10 +5,10 @@ from typing import Any
 
 import numpy as np
 
-from fit.correlation._matrices import FRAME_NAMES, field_from_positions, largest_correlation, named
+from fit.correlation._matrices import FRAME_NAMES, field_from_positions, largest_correlation, select_parameters
 from fit.normal import gaussian_prior, normal_equations, solve
 from fit.results.solution import Solution
-from fit.results.storage import exact, number
+from fit.results.storage import number, to_hex
 from vsh.coefficients import FIRST_DEGREE, Coefficients
 from vsh.io.parts import as_parts
 from vsh.models.covariance import Spectrum
@@ -39,7 +39,7 @@ class Prediction(Solution):
     @property
     def largest(self) -> tuple[float, tuple[str, str]]:
         """The largest correlation among spin and acceleration, and the pair it is of."""
-        pair = named(FRAME_NAMES, self.modes)
+        pair = select_parameters(FRAME_NAMES, self.modes)
         correlation = correlation_of(pair.covariance(self.covariance))
         return largest_correlation(correlation, pair.names)
 
@@ -47,7 +47,7 @@ class Prediction(Solution):
         columns, metadata, units = super()._pack()
         return (
             columns,
-            metadata | {"weight": exact(self._weight), "alone": [[exact(x) for x in row] for row in self._alone]},
+            metadata | {"weight": to_hex(self._weight), "alone": [[to_hex(x) for x in row] for row in self._alone]},
             units,
         )
 
@@ -105,7 +105,7 @@ def predict_covariance(
     field = field_from_positions(sources, sigma)
     normal = normal_equations(field, modes)
     if isinstance(floor, Spectrum) or floor is None:
-        solution = solve(normal) if floor is None else _with_spectrum(normal, floor)
+        solution = solve(normal) if floor is None else _solve_with_spectrum(normal, floor)
     else:  # the errors of these sources are not those of the other catalogue
         one = [replace(part, noise_scale=1.0) for part in floor.parts]
         solution = solve(normal, floor=replace(floor, noise_scale=1.0, parts=tuple(one)))
@@ -126,7 +126,7 @@ def predict_covariance(
     )
 
 
-def _with_spectrum(normal, spectrum):
+def _solve_with_spectrum(normal, spectrum):
     """The solution with errors of a known spectrum: a prior from degree 2 on, and more of degree 1."""
     variances, degree_one = spectrum.variances(normal.modes), normal.modes.degrees == 1
     solution = solve(normal + gaussian_prior(normal.modes, np.sqrt(np.where(degree_one, np.inf, variances))))

@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from fit.correlation._matrices import FRAME_NAMES, check_lower, field_from_positions, named
+from fit.correlation._matrices import FRAME_NAMES, check_unmodelled_higher, field_from_positions, select_parameters
 from fit.normal import normal_equations, solve
-from fit.results.storage import Result, words
+from fit.results.storage import Result, checked_strings
 from vsh import Coefficients, Modes
 from vsh.io import tables
 from vsh.io.sections import Section
@@ -73,7 +73,7 @@ class Leakage(Result):
 
     def bias_of(self, names: Sequence[str], power: float | Mapping[int, float] | ArrayLike) -> dict[str, float]:
         """Rms bias by `names`, omega_x … a_z or coefficients, for a `power` as in `bias`: a dict. [µas/yr]"""
-        parameters = named(names, self.fitted)
+        parameters = select_parameters(names, self.fitted)
         return dict(zip(names, np.sqrt(np.diag(parameters.covariance(self.covariance(power)))).tolist(), strict=True))
 
     def to_table(self) -> Table:
@@ -104,10 +104,10 @@ class Leakage(Result):
     @classmethod
     def _unpack(cls, columns, metadata):
         fitted, unmodelled = Modes(metadata["fitted"]), Modes(metadata["unmodelled"])
-        check_lower(fitted, unmodelled)
+        check_unmodelled_higher(fitted, unmodelled)
         unmodelled_names = tuple(str(mode) for mode in unmodelled if mode.l > fitted.lmax)
         names = tuple(columns["coefficient"].tolist())
-        if names != tuple(map(str, fitted)) or words(metadata["names"]) != unmodelled_names:
+        if names != tuple(map(str, fitted)) or checked_strings(metadata["names"]) != unmodelled_names:
             raise TableError("names of coefficients")
         matrix = float_array("matrix", columns["matrix"], (len(names), len(unmodelled_names)))
         return cls(
@@ -158,7 +158,7 @@ def leakage(sources: Any, fitted: Modes | int, unmodelled: Modes | int, *, sigma
         Errors in place of the sources' own. [µas/yr]
     """
     fitted, unmodelled = as_modes(fitted), as_modes(unmodelled)
-    check_lower(fitted, unmodelled)
+    check_unmodelled_higher(fitted, unmodelled)
     normal = normal_equations(field_from_positions(sources, sigma), unmodelled)
     inside = np.array([mode.l <= fitted.lmax for mode in unmodelled])
     block = normal.matrix[np.ix_(inside, inside)]

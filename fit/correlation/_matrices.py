@@ -10,7 +10,7 @@ import numpy as np
 from fit.direct import solve_frame
 from fit.normal import normal_equations, solve
 from fit.results.solution import at_sources
-from fit.results.storage import Result, exact, number, words
+from fit.results.storage import Result, checked_strings, number, to_hex
 from vsh import Coefficients
 from vsh.coefficients import FIRST_DEGREE
 from vsh.field import Field
@@ -60,12 +60,12 @@ def parameters_of(what: Modes | int | str) -> Parameters:
     if isinstance(what, str):
         if what != FRAME:
             raise ParameterError(f"parameters must be {FRAME!r}, a degree or Modes, not {what!r}")
-        return named(FRAME_NAMES, 1)
+        return select_parameters(FRAME_NAMES, 1)
     modes = as_modes(what)
     return Parameters(tuple(map(str, modes)), modes, np.eye(len(modes)))
 
 
-def named(names: Sequence[str], parameters: Modes | int | str) -> Parameters:
+def select_parameters(names: Sequence[str], parameters: Modes | int | str) -> Parameters:
     """Select parameters of a fit by name: coefficients such as "t(1,0)", or omega_x … a_z."""
     if isinstance(parameters, str):
         if parameters != FRAME:
@@ -88,7 +88,7 @@ def named(names: Sequence[str], parameters: Modes | int | str) -> Parameters:
     return Parameters(tuple(names), modes, np.stack([rows[name] for name in names]))
 
 
-def check_lower(fitted: Modes, unmodelled: Modes) -> None:
+def check_unmodelled_higher(fitted: Modes, unmodelled: Modes) -> None:
     """Raise ModesError unless `unmodelled` has a higher degree than `fitted`."""
     if not unmodelled.lmax > fitted.lmax:
         raise ModesError(f"unmodelled degrees must be above the fitted degree {fitted.lmax}, not {unmodelled.lmax}")
@@ -195,13 +195,13 @@ class CorrelationMatrices(Result):
 
     def _pack(self):
         columns = {"parameter": list(self.names)} | {f"matrix_{i}": matrix for i, matrix in enumerate(self.matrices)}
-        dipoles = [[exact(x) for x in d] for d in self.dipoles]
+        dipoles = [[to_hex(x) for x in d] for d in self.dipoles]
         metadata = {"labels": list(self.labels), "frame": self.frame, "dipoles": dipoles}
         return columns, metadata, {}
 
     @classmethod
     def _unpack(cls, columns, metadata):
-        labels, names = words(metadata["labels"]), tuple(columns["parameter"].tolist())
+        labels, names = checked_strings(metadata["labels"]), tuple(columns["parameter"].tolist())
         dipoles = [float_array("dipole", [number(x) for x in d], (3,)) for d in metadata["dipoles"]]
         matrices = [covariance(f"matrix_{i}", columns[f"matrix_{i}"], len(names)) for i in range(len(labels))]
         if (
@@ -304,11 +304,11 @@ def correlation_matrices(
 
 def dipole(field: Field | Parts) -> FloatArray:
     """Compute the weighted mean unit vector of the sources, (3,); it is zero on a uniform sky."""
-    vector, weight = as_parts(field).sum(_directions, roles=(), words="dipole")
+    vector, weight = as_parts(field).sum(_direction_sums, roles=(), words="dipole")
     return vector / weight
 
 
-def _directions(field):
+def _direction_sums(field):
     weight = field.information
     return triad(field.lon, field.lat)[2] @ weight, weight.sum()
 
@@ -355,10 +355,10 @@ def influence_map(
 
     field = Field.from_positions(sources, sigma)
     pixels = pixels_of(field.lon, field.lat, nside)
-    return np.bincount(pixels, _by_source(field, modes, parameters, quantity), 12 * nside**2).astype(float)
+    return np.bincount(pixels, _source_derivatives(field, modes, parameters, quantity), 12 * nside**2).astype(float)
 
 
-def _by_source(field, modes, parameters, quantity):
+def _source_derivatives(field, modes, parameters, quantity):
     """Compute the derivative with respect to ln of the weight of each source, (n,)."""
     covariance, row_i, row_j, selection = _prepare_influence(field, modes, parameters)
     g = at_sources(Coefficients(selection.modes, covariance @ row_i), field)
@@ -370,10 +370,10 @@ def _by_source(field, modes, parameters, quantity):
     if quantity is not None:
         raise ParameterError(f'quantity is None or "value", not {quantity!r}')
     h = None if row_j is None else at_sources(Coefficients(selection.modes, covariance @ row_j), field)
-    return _change(covariance, row_i, row_j, g, h, field)
+    return _weight_derivative(covariance, row_i, row_j, g, h, field)
 
 
-def _change(covariance, row_i, row_j, g, h, field):
+def _weight_derivative(covariance, row_i, row_j, g, h, field):
     """Compute dρ for two parameters, or d ln σ² for one."""
     c_ii = row_i @ covariance @ row_i
     if row_j is None:
@@ -391,6 +391,6 @@ def _prepare_influence(field, modes, parameters):
     if len(names) not in (1, 2) or len(set(names)) != len(names):
         raise ParameterError(f"parameters must be one name or two different names, not {parameters!r}")
     modes = as_modes(1 if isinstance(modes, str) and modes == FRAME else modes)
-    selection = named(names, modes)
+    selection = select_parameters(names, modes)
     covariance = solve(normal_equations(field, modes)).covariance
     return covariance, selection.rows[0], selection.rows[1] if len(names) == 2 else None, selection

@@ -11,13 +11,13 @@ from fit.distances._calibration import (
     mean_rates,
 )
 from fit.distances._density import (
-    ErrorsByRedshift,
     LuminosityFunction,
     MeasuredInverseDistances,
     SourceDensity,
-    flow_counts,
+    VariancesByRedshift,
+    flow_information,
     flow_limits,
-    has_distances,
+    has_distance_or_parallax,
     inverse_distances_from_measurements,
 )
 

@@ -20,34 +20,34 @@ from scipy.interpolate import CubicSpline, make_interp_spline
 
 from fit.distances._density import (
     MODULI,
-    ErrorsByRedshift,
     GivenDensity,
     LogCurve,
     LuminosityFunction,
     SourceDensity,
+    VariancesByRedshift,
     complete_density,
-    complete_to,
-    errors_by_redshift,
+    find_completeness_limit,
     fit_density,
     fit_luminosity,
-    flow_counts,
+    flow_information,
     flow_limits,
     magnitude_counts,
     median_spread,
     redshift_counts,
     variance_sums,
+    variances_by_redshift,
 )
 from vsh.field import Field
 from vsh.io.parts import DISTANCES, Parts, as_parts
 from vsh.models.cosmology import (
     FLAT_PLANCK13,
     FLOW_LIMIT,
-    count_unusable,
+    describe_unusable,
     distance_modulus,
     hubble_value,
     to_cmb,
     transverse_distance,
-    usable,
+    usable_mask,
     with_redshift,
 )
 from vsh.sky.frames import TRUE, check_redshift_frame
@@ -88,7 +88,7 @@ class Calibration(InNotebook):
     cosmology: Cosmology
     density: SourceDensity
     luminosity: LuminosityFunction | None = None
-    errors: ErrorsByRedshift | None = None
+    errors: VariancesByRedshift | None = None
     notes: tuple[str, ...] = ()
     limits: tuple[float, float] = (np.nan, np.nan)
     flow_limits: tuple[float, float] = (np.nan, np.nan)
@@ -110,12 +110,12 @@ class Calibration(InNotebook):
             transverse_distance(field.redshift, self.cosmology)  # which says what is missing
         assert field.redshift is not None
         redshift = to_cmb(field.redshift, field.lon, field.lat, field.frame, self.frame)
-        lost = ~usable(redshift)
+        lost = ~usable_mask(redshift)
         if lost.any():
             at = lost.argmax()
             raise FieldError(
                 f"{lost.sum()} of {len(field)} redshifts give no distance once they are taken from {self.frame} ones to"
-                f" the frame of the microwave background: {count_unusable(redshift)} (first: row {at}, "
+                f" the frame of the microwave background: {describe_unusable(redshift)} (first: row {at}, "
                 f"{field.redshift[at]:.6f} → {redshift[at]:.6f}). Leave those sources out: "
                 "vsh.models.cosmology.with_redshift(field), or --on-bad drop"
             )
@@ -219,10 +219,10 @@ def inverse_distances(field: Field, calibration: Calibration, threads: int | Non
         g = None if magnitude is None else magnitude[indices]
         moments = _moments_by_x(calibration, x, s) if g is None else _moments(calibration)
 
-        def block(chunk):
+        def chunk_moments(chunk):
             return moments(x[chunk], s[chunk], None if g is None else g[chunk])
 
-        blocks = list(map_blocks(block, indices.size, _BLOCK, threads))
+        blocks = list(map_blocks(chunk_moments, indices.size, _BLOCK, threads))
         mean[indices], variance[indices], slope[indices] = np.concatenate(blocks, axis=1)
     if calibration.exact:
         slope[:] = 0.0
@@ -230,7 +230,7 @@ def inverse_distances(field: Field, calibration: Calibration, threads: int | Non
     if has_distance.any():
         assert field.distance is not None
         assert field.distance_error is not None
-        mean[has_distance], variance[has_distance] = _by_distance(
+        mean[has_distance], variance[has_distance] = _moments_from_distances(
             calibration,
             field.distance[has_distance],
             field.distance_error[has_distance],
@@ -247,7 +247,7 @@ def mean_rates(field: Field, calibration: Calibration | None) -> FloatArray:
     redshift = field.redshift
     if calibration is not None:
         redshift = to_cmb(redshift, field.lon, field.lat, field.frame, calibration.frame)
-    is_usable, rate = usable(redshift), np.zeros(len(field))
+    is_usable, rate = usable_mask(redshift), np.zeros(len(field))
     if is_usable.any():
         if calibration is None:
             rate[is_usable] = 1 / (AU_PER_YEAR * transverse_distance(redshift[is_usable]))
@@ -271,10 +271,10 @@ class _Cubics:
         cell = position.astype(np.int32)
         np.clip(cell, 0, _CELLS - 1, out=cell)
         position -= cell
-        return [self._one(powers, cell, position) for powers in self._powers]
+        return [self._evaluate_cubic(powers, cell, position) for powers in self._powers]
 
     @staticmethod
-    def _one(powers, cell, position):
+    def _evaluate_cubic(powers, cell, position):
         value = powers[0].take(cell)
         for power in powers[1:]:
             value *= position
@@ -288,21 +288,21 @@ class _Moments:
     def __init__(self, calibration: Calibration) -> None:
         self.calibration = calibration
         # Functions of the user's may have steps and ends, which cubics have not.
-        self.curves: Callable[[FloatArray], Sequence[FloatArray]] = self._of_log_x
-        self.log_luminosity: Callable[[FloatArray], Sequence[FloatArray]] = self._of_magnitude
+        self.curves: Callable[[FloatArray], Sequence[FloatArray]] = self._weight_and_rate
+        self.log_luminosity: Callable[[FloatArray], Sequence[FloatArray]] = self._luminosity_curve
         if not isinstance(calibration.density.curve, GivenDensity):
-            self.curves = _Cubics(np.log(np.log1p(FLOW_LIMIT)), np.log(_FARTHEST), self._of_log_x)
+            self.curves = _Cubics(np.log(np.log1p(FLOW_LIMIT)), np.log(_FARTHEST), self._weight_and_rate)
         if calibration.luminosity is not None and isinstance(calibration.luminosity.curve, LogCurve):
-            self.log_luminosity = _Cubics(-60.0, 40.0, self._of_magnitude)
+            self.log_luminosity = _Cubics(-60.0, 40.0, self._luminosity_curve)
 
-    def _of_log_x(self, log_x):
+    def _weight_and_rate(self, log_x):
         """The logarithm of the weight, the rate, and the distance modulus with its (1 + z)."""
         x = np.exp(log_x)
         log_d, log_weight = self.calibration.log_distance(x)
         weight = log_weight + self.calibration.density.log(np.exp(log_d))
         return weight, np.exp(-log_d) / AU_PER_YEAR, 5 / np.log(10) * (log_d + x) + 25
 
-    def _of_magnitude(self, magnitude):
+    def _luminosity_curve(self, magnitude):
         """The logarithm of the luminosity function."""
         assert self.calibration.luminosity is not None
         return (self.calibration.luminosity.log(magnitude),)
@@ -317,7 +317,7 @@ class _Moments:
         weight -= (offset / error) ** 2 / 2
         if magnitude is not None:
             weight += self.log_luminosity(magnitude - modulus)[0]
-        weight = _normal(weight)
+        weight = _normalise_weights(weight)
         mean, centre = np.einsum("qn,qn->n", weight, rate), np.einsum("qn,qn->n", weight, offset)
         rate -= mean
         offset -= centre
@@ -341,13 +341,13 @@ def _moments_by_x(calibration, x, error):
     return lambda x, error, magnitude: spline(np.log(x))
 
 
-def _by_distance(calibration, distance, error, redshift, magnitude):
+def _moments_from_distances(calibration, distance, error, redshift, magnitude):
     """Mean and variance of the rate where the distance itself was measured, (2, n)."""
     lower, upper = np.maximum(distance - _REACH * error, 1e-3 * distance), distance + _REACH * error
     nodes = (upper + lower) / 2 + (upper - lower) / 2 * _NODES[:, None]
     log_d = np.log(nodes)
     log_weight = 2 * log_d - ((nodes - distance) / error) ** 2 / 2
-    weight = _normal(log_weight + _log_prior(calibration, log_d, np.log1p(redshift), magnitude))
+    weight = _normalise_weights(log_weight + _log_prior(calibration, log_d, np.log1p(redshift), magnitude))
     rate = np.exp(-log_d) / AU_PER_YEAR
     mean = np.sum(weight * rate, 0)
     return mean, np.sum(weight * (rate - mean) ** 2, 0)
@@ -361,7 +361,7 @@ def _log_prior(calibration, log_d, x, magnitude):
     return log
 
 
-def _normal(log_weight):
+def _normalise_weights(log_weight):
     log_weight -= log_weight.max(0)
     weight = np.exp(log_weight, out=log_weight)
     weight *= _WEIGHTS[:, None]
@@ -414,13 +414,13 @@ def calibrate(
     cosmology = FLAT_PLANCK13 if cosmology is None else cosmology
     sky = as_parts(field)
     bare = bare_calibration(field, redshift_frame, dispersion, cosmology)
-    facts = sky.sum(partial(_facts, calibration=bare), roles=DISTANCES, words="redshifts")
+    facts = sky.sum(partial(_calibration_sums, calibration=bare), roles=DISTANCES, words="redshifts")
     limits = float(min(facts["lowest"])), float(max(facts["highest"]))
     bare = replace(bare, limits=limits, flow_limits=flow_limits(facts["flow"]))
     if not facts["counts"][:, 0].any():
         return bare
     typical = median_spread(facts["counts"])
-    _check_size(bare, facts, dispersion)
+    _check_redshift_errors(bare, facts, dispersion)
     n_magnitudes, n = facts["magnitudes"], facts["n"]
     if magnitudes is None and 0 < n_magnitudes < n:
         raise FieldError(
@@ -431,11 +431,11 @@ def calibrate(
     if magnitudes and n_magnitudes < n:
         raise ParameterError(f"magnitudes are asked for, and {n - n_magnitudes} of {n} sources have none")
     use = n_magnitudes == n if magnitudes is None else bool(magnitudes)
-    notes = _mixture(facts["counts"], typical)
+    notes = _uncertain_redshifts_note(facts["counts"], typical)
     has_luminosity = luminosity is not None
-    bright, complete = _far_enough(facts["bright"], typical, cosmology), max(facts["faintest"], default=np.nan)
+    bright, complete = _select_far_counts(facts["bright"], typical, cosmology), max(facts["faintest"], default=np.nan)
     if use and not has_luminosity:
-        limit, brighter = complete_to(bright, complete)
+        limit, brighter = find_completeness_limit(bright, complete)
         if magnitudes is None and not limit >= complete - _FADES:
             use = False
             reach = "none of them" if np.isnan(limit) else f"magnitude {limit:.2f}, not to its faintest, {complete:.2f}"
@@ -449,7 +449,7 @@ def calibrate(
                 "luminosity function and density are those of the complete part"
             )
             bright, complete = brighter, limit
-            work = partial(_counts_to, calibration=bare, limit=limit)
+            work = partial(_bright_redshift_counts, calibration=bare, limit=limit)
             facts |= {"counts": sky.sum(work, roles=DISTANCES, words="redshifts of the complete part")}
     if use:
         luminosity_function = (
@@ -466,7 +466,7 @@ def calibrate(
     elif has_luminosity:
         raise ParameterError("a luminosity function needs magnitudes, which are not used")
     else:
-        errors = errors_by_redshift(facts["variances"])
+        errors = variances_by_redshift(facts["variances"])
         bare = replace(bare, errors=errors)
         notes.append(
             "no magnitudes: distances follow from redshifts alone, and sources with distance errors above 5 % have the "
@@ -487,7 +487,7 @@ def bare_calibration(
 _UNSURE, _MANY = 2.0, 0.02
 
 
-def _mixture(counts, typical):
+def _uncertain_redshifts_note(counts, typical):
     """A note where some redshifts are much less certain than most, as photometric ones among spectroscopic ones."""
     number = counts[:, 1:].sum(axis=1)
     error = np.sqrt(counts[:, 0] / np.maximum(number, 1.0))
@@ -511,7 +511,7 @@ def calibrate_if_known(
         return None
     usable_ones = sky.map(partial(with_redshift, redshift_frame=frame))
     try:
-        n_magnitudes, n = usable_ones.sum(_magnitudes, roles=DISTANCES, words="magnitudes")
+        n_magnitudes, n = usable_ones.sum(_count_magnitudes, roles=DISTANCES, words="magnitudes")
     except EmptyFieldError:  # no source is beyond the flow
         return None
     return calibrate(
@@ -522,7 +522,7 @@ def calibrate_if_known(
     )
 
 
-def _magnitudes(field):
+def _count_magnitudes(field):
     return np.array([0 if field.magnitude is None else np.isfinite(field.magnitude).sum(), len(field)])
 
 
@@ -550,7 +550,7 @@ def declared_frame(field: Field | Parts) -> str | None:
     return frame
 
 
-def _facts(field, calibration):
+def _calibration_sums(field, calibration):
     """Sums over some sources for the calibration of all."""
     z = calibration.redshift(field)
     error = calibration.spread(field, z)
@@ -569,19 +569,19 @@ def _facts(field, calibration):
         "faintest": [bright.max()] if has_magnitude.any() else [],
         "bright": magnitude_counts(bright, modulus[has_magnitude]),
         "counts": redshift_counts(z, error),
-        "flow": flow_counts(z, field.information),
+        "flow": flow_information(z, field.information),
         "variances": variance_sums(z, field.sigma),
     }
 
 
-def _counts_to(field, calibration, limit):
+def _bright_redshift_counts(field, calibration, limit):
     """Redshifts of the sources that are as bright as a limit."""
     z = calibration.redshift(field)
     inside = field.magnitude <= limit
     return redshift_counts(z[inside], calibration.spread(field, z)[inside])
 
 
-def _check_size(calibration, facts, dispersion):
+def _check_redshift_errors(calibration, facts, dispersion):
     if 2 * facts["lost"] > facts["n"]:
         raise FieldError(
             f"the errors and peculiar velocities of redshifts ({dispersion:g} km/s) are larger than c z of "
@@ -590,7 +590,7 @@ def _check_size(calibration, facts, dispersion):
         )
 
 
-def _far_enough(counts, error, cosmology):
+def _select_far_counts(counts, error, cosmology):
     """Counts of sources whose absolute magnitudes are not blurred by the errors of redshifts, where they are enough."""
     z = 10 * error
     modulus = distance_modulus(transverse_distance(np.array([max(z, FLOW_LIMIT)]), cosmology)[0], z)

@@ -154,7 +154,7 @@ def median_spread(counts: FloatArray) -> float:
 _OWN = 300.0
 
 
-def flow_counts(redshift: FloatArray, weight: FloatArray) -> FloatArray:
+def flow_information(redshift: FloatArray, weight: FloatArray) -> FloatArray:
     """Information of sources on a velocity by redshift, a table that adds over parts; `weight` is of their motions.
 
     1/(s² + (4.74 d)²/w) each, of distances d to s/H0 at best, s the velocity that a galaxy has of its own: else a few
@@ -268,7 +268,7 @@ def completeness_deviate(counts: FloatArray, limit: float) -> float:
     return float(number @ (share - 0.5) / np.sqrt(np.maximum(number @ variance, 1e-300)))
 
 
-def complete_to(counts: FloatArray, faintest: float) -> tuple[float, FloatArray]:
+def find_completeness_limit(counts: FloatArray, faintest: float) -> tuple[float, FloatArray]:
     """Find the faintest magnitude to which a sample is complete, and the counts of galaxies to it; nan where to none.
 
     Tried from the faintest of all on in steps of a quarter of a magnitude, as far as a quarter of the galaxies is left.
@@ -312,7 +312,7 @@ def fit_luminosity(counts: FloatArray, limit: float) -> LuminosityFunction:
 
 
 @dataclass(frozen=True, eq=False)
-class ErrorsByRedshift(InNotebook):
+class VariancesByRedshift(InNotebook):
     """The mean variance of motions, a smooth function of redshift.
 
     Weights by a source's own error, which follows its magnitude, tell near sources from far ones of the same
@@ -333,7 +333,7 @@ def variance_sums(redshift: FloatArray, sigma: FloatArray) -> FloatArray:
     return np.stack([np.histogram(x, EDGES)[0], np.histogram(x, EDGES, weights=np.mean(sigma**2, 0))[0]])
 
 
-def errors_by_redshift(sums: FloatArray, knots: int = 6) -> ErrorsByRedshift:
+def variances_by_redshift(sums: FloatArray, knots: int = 6) -> VariancesByRedshift:
     """The local mean of the variances, which are taken as exponentially distributed about it."""
     has_sources = sums[0] > 0
     counts, totals = sums[:, has_sources]
@@ -350,7 +350,7 @@ def errors_by_redshift(sums: FloatArray, knots: int = 6) -> ErrorsByRedshift:
         return value, basis.T @ (counts - ratio) / n + 2e-4 * bends.T @ bent
 
     shape = minimize(misfit, np.zeros(knots), jac=True, method="BFGS", options={"gtol": 1e-7}).x
-    return ErrorsByRedshift(LogCurve(knot_positions, shape + np.log(scale)))
+    return VariancesByRedshift(LogCurve(knot_positions, shape + np.log(scale)))
 
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(96)
@@ -424,10 +424,10 @@ def inverse_distances_from_measurements(
         error[of_parallax] = 1000 * field.parallax_error[of_parallax]
     length = _length(data, error, of_parallax, power) if length is None else float(length)
 
-    def block(chunk):
+    def chunk_moments(chunk):
         return _moments(data[chunk], error[chunk], of_parallax[chunk], length, power)[:2]
 
-    mean, variance = np.concatenate(list(map_blocks(block, len(field), _BLOCK)), axis=1)
+    mean, variance = np.concatenate(list(map_blocks(chunk_moments, len(field), _BLOCK)), axis=1)
     return MeasuredInverseDistances(mean, variance, length, int(of_parallax.sum()))
 
 
@@ -463,20 +463,20 @@ def _length(data, error, of_parallax, power):
     data, error, of_parallax = data[selection], error[selection], of_parallax[selection]
     typical = np.where(of_parallax, 1 / np.maximum(data, error), data)
 
-    def minus(log_length):
+    def negative_log_likelihood(log_length):
         return -_moments(data, error, of_parallax, np.exp(log_length), power)[2].sum()
 
     grid = np.log(np.median(typical) / 3) + np.linspace(-4, 4, 33)
-    best = int(np.argmin([minus(point) for point in grid]))
+    best = int(np.argmin([negative_log_likelihood(point) for point in grid]))
     lower, upper = grid[max(best - 1, 0)], grid[min(best + 1, 32)]
     golden_ratio = (np.sqrt(5) - 1) / 2
     while upper - lower > 1e-3:
         a, b = upper - golden_ratio * (upper - lower), lower + golden_ratio * (upper - lower)
-        lower, upper = (lower, b) if minus(a) < minus(b) else (a, upper)
+        lower, upper = (lower, b) if negative_log_likelihood(a) < negative_log_likelihood(b) else (a, upper)
     return float(np.exp((lower + upper) / 2))
 
 
-def has_distances(field: Field) -> BoolArray:
+def has_distance_or_parallax(field: Field) -> BoolArray:
     """Mask of sources with a distance, or a parallax with its error, (n,)."""
     mask = np.zeros(len(field), bool) if field.distance is None else np.isfinite(field.distance)
     if field.parallax is None or field.parallax_error is None:

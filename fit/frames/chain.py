@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from scipy.special import chdtrc
 
-from fit.background import ClassComparison, shared_jointly
+from fit.background import ClassComparison, compare_classes_jointly
 from fit.frames.results import FrameResult
 from fit.normal import normal_equations
 from fit.results.quality import MANY, ErrorSource
@@ -31,7 +31,7 @@ from vsh.sky.sphere import triad
 from vsh.tools import arguments
 from vsh.tools.errors import DegeneracyError, FieldError, FrameError, ParameterError
 from vsh.tools.notes import merge_notes
-from vsh.tools.printing import logged
+from vsh.tools.printing import log_calls
 from vsh.tools.types import Axes, FloatArray, Rng, Table
 from vsh.tools.units import UAS
 from vsh.vector import Vector
@@ -288,7 +288,7 @@ class FrameNetwork(FrameResult):
         return self.labels.index(label)
 
 
-@logged("chain of catalogues")
+@log_calls("chain of catalogues")
 @arguments.accepts(catalogues=arguments.a(Mapping))
 def combine_frames(
     catalogues: Mapping[str, Positions | Field],
@@ -358,7 +358,7 @@ def combine_frames(
             "catalogues are in different frames "
             f"({', '.join(sorted({catalogue.frame for catalogue in catalogue_list}))}): use to_frame"
         )
-    sky = _Sky(labels, catalogue_list)
+    sky = _CommonSources(labels, catalogue_list)
     correlation, selection = np.eye(len(labels)), np.ones(sky.n, bool)
     has_floor = sky.n >= MANY if floor is None else floor
     # What is shared over the sky is neither noise nor an outlier.
@@ -373,7 +373,7 @@ def combine_frames(
             selection = chdtrc(np.maximum(sky.contrasts, 1), chi2_of / scale) > _CHANCE / max(sky.n, 1)
         if np.allclose(before[0], correlation, atol=1e-4) and (before[1] == selection).all():
             break
-    errors = _over_the_sky(sky, correlation, selection, labels, rng) if has_floor else None
+    errors = _estimate_shared_errors(sky, correlation, selection, labels, rng) if has_floor else None
     values, covariance, chi2_of, chi2, dof = _solve(sky, modes, correlation, selection, labels)
     factor = float(np.sqrt(chi2 / dof)) if dof > 0 else float("nan")
     order = np.flatnonzero(~selection)[np.argsort(-chi2_of[~selection], kind="stable")]
@@ -397,14 +397,14 @@ def combine_frames(
     )
 
 
-def _over_the_sky(sky, correlation, selection, labels, rng):
+def _estimate_shared_errors(sky, correlation, selection, labels, rng):
     """Rotation and glide with systematic errors; errors multiplied by √(χ²/dof) of the fit to degree 5."""
-    normal = _normal(sky, _FLOOR, correlation, selection)
+    normal = _sum_normal_equations(sky, _FLOOR, correlation, selection)
     *_, chi2, dof = _solve_network(sky, _FLOOR, normal, selection, labels)
     matrix, rhs, _ = normal
     tau = chi2 / dof if dof > 0 else 1.0
     is_common = sky.seen[1:, selection] & sky.seen[0, selection]
-    return shared_jointly(
+    return compare_classes_jointly(
         matrix[1:, :, 1:] / tau,
         rhs[1:] / tau,
         _FLOOR,
@@ -416,7 +416,7 @@ def _over_the_sky(sky, correlation, selection, labels, rng):
     )
 
 
-class _Sky:
+class _CommonSources:
     """Sources that two catalogues at least have: where each sees them, and the root of its covariance."""
 
     def __init__(self, labels, catalogues):
@@ -452,7 +452,7 @@ class _Sky:
                 self.x[i][:, at] = np.stack([np.sum(offset * p, 0), np.sum(offset * q, 0)]) / UAS
             else:
                 self.x[i][:, at] = catalogue.motion[:, mine]
-            self.root[i, at] = _root(catalogue.sigma[:, mine], catalogue.rho[mine])
+            self.root[i, at] = _covariance_roots(catalogue.sigma[:, mine], catalogue.rho[mine])
         self.contrasts = 2 * (self.seen.sum(0) - 1)
         single_counts = [
             f"{label} {int(len(catalogue) - membership.sum())}"
@@ -465,7 +465,7 @@ class _Sky:
         fields = [Coefficients(modes, coefficients).at(self.lon, self.lat) for coefficients in values]
         return self.x - np.stack([np.zeros((2, self.n)), *fields])
 
-    def patterns(self, selection):
+    def group_by_catalogues(self, selection):
         """Sources that the same catalogues have: which catalogues, which sources."""
         codes = (2 ** np.arange(len(self.seen))) @ self.seen
         for code in np.unique(codes[selection]):
@@ -473,7 +473,7 @@ class _Sky:
             yield np.flatnonzero(self.seen[:, rows[0]]), rows
 
 
-def _root(sigma, rho):
+def _covariance_roots(sigma, rho):
     """The symmetric roots of covariances, (n, 2, 2)."""
     a, b, c = sigma[0] ** 2, sigma[1] ** 2, rho * sigma[0] * sigma[1]
     s = np.sqrt(np.maximum(a * b - c**2, 0.0))
@@ -481,12 +481,12 @@ def _root(sigma, rho):
     return np.moveaxis(np.array([[a + s, c], [c, b + s]]) / t, -1, 0)
 
 
-def _normal(sky, modes, correlation, selection):
+def _sum_normal_equations(sky, modes, correlation, selection):
     """Normal equations of all catalogues, (K, p, K, p) and (K, p), and the weights of the sources' differences."""
     k, p = len(sky.seen), len(modes)
     matrix, rhs = np.zeros((k, p, k, p)), np.zeros((k, p))
     weights = []
-    for has, rows in sky.patterns(np.ones(sky.n, bool)):
+    for has, rows in sky.group_by_catalogues(np.ones(sky.n, bool)):
         w = _weights(sky.root[has][:, rows], correlation[np.ix_(has, has)])
         weights.append((has, rows, w))
         if len(has) == 2:  # their difference is all that counts: the sums of a field, whatever its size
@@ -512,7 +512,7 @@ def _normal(sky, modes, correlation, selection):
 
 def _solve(sky, modes, correlation, selection, labels):
     """Coefficients, their covariance, χ² of each source, in all, and the degrees of freedom."""
-    return _solve_network(sky, modes, _normal(sky, modes, correlation, selection), selection, labels)
+    return _solve_network(sky, modes, _sum_normal_equations(sky, modes, correlation, selection), selection, labels)
 
 
 def _solve_network(sky, modes, normal, selection, labels):
@@ -544,14 +544,14 @@ def _solve_network(sky, modes, normal, selection, labels):
 
 def _difference(sky, i, j, at, rho):
     """Differences of two catalogues with their common noise, as a field."""
-    total, cross = _spreads(sky, i, j, at)
+    total, cross = _covariance_sums(sky, i, j, at)
     v = total - rho * cross
     sigma = np.sqrt(np.stack([v[:, 0, 0], v[:, 1, 1]]))
     d = sky.x[i][:, at] - sky.x[j][:, at]
     return Field(sky.lon[at], sky.lat[at], d, sigma, v[:, 0, 1] / (sigma[0] * sigma[1]))
 
 
-def _spreads(sky, i, j, at):
+def _covariance_sums(sky, i, j, at):
     """Σ of the covariances of two catalogues, and what noise that both share takes from it: (n, 2, 2) each."""
     a, b = sky.root[i, at], sky.root[j, at]
     cross = a @ np.swapaxes(b, 1, 2)
@@ -579,7 +579,7 @@ def _estimate_common_noise(sky, modes, values, selection):
             continue
         d = residuals[i][:, common] - residuals[j][:, common]
         d *= np.sqrt(2 * len(common) / (2 * len(common) - p))  # the fit has taken its part
-        total, cross = _spreads(sky, i, j, common)
+        total, cross = _covariance_sums(sky, i, j, common)
 
         def loss(rho, own=total, cross=cross, d=d):
             v = own - rho * cross

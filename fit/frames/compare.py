@@ -28,9 +28,9 @@ from vsh.sky.frames import Positions
 from vsh.tools import arguments
 from vsh.tools.errors import ParameterError, VshError
 from vsh.tools.notebook import Frozen
-from vsh.tools.printing import in_a_line
+from vsh.tools.printing import one_line_text
 from vsh.tools.types import FloatArray, IntArray, Rng, Table
-from vsh.vector import Vector, probability_of
+from vsh.vector import Vector, chance_probability
 
 __all__ = ["FrameComparison", "compare_catalogues"]
 #: Outliers that the report lists.
@@ -52,7 +52,7 @@ _METHODS = ("least-squares", "student", "excess-noise", "bootstrap", "jackknife"
 
 
 @dataclass(frozen=True, eq=False)
-class ByErrorClass(Frozen):
+class ErrorClassFit(Frozen):
     """A fit with errors scaled in classes of their size: what a catalogue shares with another changes with it.
 
     Attributes
@@ -71,7 +71,7 @@ class ByErrorClass(Frozen):
     p_value: float
 
 
-def by_error_class(differences: Field, modes: Modes, indices: IntArray | None = None) -> ByErrorClass | None:
+def fit_by_error_class(differences: Field, modes: Modes, indices: IntArray | None = None) -> ErrorClassFit | None:
     """Fit differences with a factor on the errors of each of five classes of quoted error; None where residuals vanish.
 
     Only the coefficients `indices` are fitted, the others held at zero.
@@ -113,7 +113,7 @@ def by_error_class(differences: Field, modes: Modes, indices: IntArray | None = 
         share = np.array([np.trace(e.matrix) / t for e, t in zip(normals, tau, strict=True)])
         share /= share.sum()
         p_value = f_p_value(float(size), int(is_deformation.sum()), 1 / np.sum(share**2 / dof))
-    return ByErrorClass(values, np.asarray(covariance, float), tuple(map(float, np.sqrt(tau))), float(p_value))
+    return ErrorClassFit(values, np.asarray(covariance, float), tuple(map(float, np.sqrt(tau))), float(p_value))
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -137,13 +137,13 @@ class FrameComparison(FrameResult, AboutSolution):
         By which errors would have to be multiplied for χ² to be as expected.
     correlations : CorrelationMatrices
         Correlations of the coefficients, by the errors of either catalogue alone at the sources they have in common.
-    by_class : ByErrorClass or None
+    by_class : ErrorClassFit or None
         The same fit with errors scaled in classes of their size, each by its own residuals.
     shared : ClassComparison or None
         Rotation and glide with systematic errors, where that was asked for.
     floor : Floor or None
         The size of systematic errors, where it is in no error above.
-    alone : ByErrorClass or None
+    alone : ErrorClassFit or None
         Rotation or glide alone, the rest held at zero, where that was asked for.
     alone_names : tuple of str
         Its coefficients, by names of the ICRF3 papers.
@@ -158,10 +158,10 @@ class FrameComparison(FrameResult, AboutSolution):
     distances: FloatArray
     factor: float
     correlations: CorrelationMatrices
-    by_class: "ByErrorClass | None" = None
+    by_class: "ErrorClassFit | None" = None
     shared: ClassComparison | None = None
     floor: Floor | None = None
-    alone: "ByErrorClass | None" = None
+    alone: "ErrorClassFit | None" = None
     alone_names: tuple[str, ...] = ()
     method: str = ""
 
@@ -255,7 +255,12 @@ class FrameComparison(FrameResult, AboutSolution):
         Parameters
         ----------
         one, two : str, optional
-            The two catalogues, or neither.
+            The two catalogues, the second subtracted from the first; or neither.
+
+        Raises
+        ------
+        ParameterError
+            If they are not those that were compared.
         """
         if one == two is not None or {one, two} - {*self.labels, None}:
             raise ParameterError(f"the catalogues are {' and '.join(self.labels)}, not {one} and {two}")
@@ -306,7 +311,7 @@ class FrameComparison(FrameResult, AboutSolution):
         )
         chi2, count = float(values @ np.linalg.solve(matrix, values)), int(is_deformation.sum())
         if self.method:  # errors are of the scatter already, and their degrees of freedom are known
-            return probability_of(chi2, count, self.solution.covariance_dof)
+            return chance_probability(chi2, count, self.solution.covariance_dof)
         dof = self.solution.dof if factor != 1 else np.inf  # the factor is an estimate
         return f_p_value(chi2 / factor**2, count, dof)
 
@@ -323,7 +328,7 @@ class FrameComparison(FrameResult, AboutSolution):
             "formal error": [parameters[name][1] for name in term_names],
         }
         table = tables.table_of(columns, {}, dict.fromkeys(("value", "sigma", "formal error"), unit))
-        facts = [("sources", f"{solution.n_sources}, {len(self.names)} excluded"), *self._about_errors(long)]
+        facts = [("sources", f"{solution.n_sources}, {len(self.names)} excluded"), *self._error_facts(long)]
         remarks = [
             (
                 "R1, R2, R3 are the components of the rotation with the opposite sign, because they rotate the axes "
@@ -335,7 +340,7 @@ class FrameComparison(FrameResult, AboutSolution):
             remarks.append(f"These alone, all others held at zero (errors scaled in classes): {pairs} {solution.unit}")
         if self.names and not long:
             nearest = zip(self.names[:_FEW_LISTED], self.distances, strict=False)
-            outliers = ", ".join(f"{in_a_line(name)} ({x:.1f} standard errors)" for name, x in nearest)
+            outliers = ", ".join(f"{one_line_text(name)} ({x:.1f} standard errors)" for name, x in nearest)
             remarks.append(f"Largest deviations among the {len(self.names)} excluded sources: {outliers}")
         quantity = "position" if solution.unit == "µas" else "motion"
         notes = () if long else solution.notes
@@ -359,7 +364,7 @@ class FrameComparison(FrameResult, AboutSolution):
             sections += best.sections(long=True)
         return tuple(sections)
 
-    def _about_errors(self, long):
+    def _error_facts(self, long):
         """Facts on the errors: their source and what they leave out."""
         solution, facts = self.solution, []
         if self.method:
@@ -506,15 +511,15 @@ def compare_catalogues(
     # A few that are off by thousands of errors would carry a first fit away: none of them goes into it.
     is_near = np.ones(len(differences), bool)
     if differences.motion.any():  # a catalogue beside itself has no scatter
-        is_near = _distances(student_t(differences, modes).solution, differences) <= _FAR * threshold
+        is_near = _normalised_residuals(student_t(differences, modes).solution, differences) <= _FAR * threshold
     clipping = clip(differences[is_near] if is_near.any() else differences, modes, threshold=threshold)
     selection = is_near.copy()
     selection[is_near] = clipping.kept
-    distances = _distances(clipping.solution, differences)
+    distances = _normalised_residuals(clipping.solution, differences)
     order = np.flatnonzero(~selection)[np.argsort(-distances[~selection], kind="stable")]
     source_names = differences.name if differences.name is not None else np.arange(len(differences))
     fitted = differences[selection]
-    estimate = _by_method(fitted, modes, method, replicates, rng) or clipping.solution
+    estimate = _solve_by_method(fitted, modes, method, replicates, rng) or clipping.solution
     notes = estimate.notes
     if not is_near.all():
         notes = (
@@ -534,15 +539,15 @@ def compare_catalogues(
         distances=distances[order],
         factor=solution.quality.factor,
         correlations=correlation_matrices(sources, modes.lmax, labels=list(labels)),
-        by_class=by_error_class(fitted, modes) if method == "least-squares" else None,
-        alone=by_error_class(fitted, modes, indices) if names else None,
+        by_class=fit_by_error_class(fitted, modes) if method == "least-squares" else None,
+        alone=fit_by_error_class(fitted, modes, indices) if names else None,
         alone_names=names,
         method="" if method == "least-squares" else method,
     )
-    return _with_floor(comparison, fitted, floor, replicates, rng), fitted
+    return _add_floor(comparison, fitted, floor, replicates, rng), fitted
 
 
-def _by_method(fitted, modes, method, replicates, rng):
+def _solve_by_method(fitted, modes, method, replicates, rng):
     """The solution by one of `fit.METHODS`; None of least squares."""
     if method in ("", "least-squares"):
         return None
@@ -550,7 +555,7 @@ def _by_method(fitted, modes, method, replicates, rng):
     return METHODS[method](fitted, modes, value, rng).plain
 
 
-def _with_floor(comparison, fitted, floor, replicates, rng):
+def _add_floor(comparison, fitted, floor, replicates, rng):
     """The comparison with systematic errors in its errors, or its size beside them."""
     if floor is None:
         floor = len(fitted) >= MANY
@@ -559,7 +564,7 @@ def _with_floor(comparison, fitted, floor, replicates, rng):
     elif not floor:
         return comparison
     degree = as_modes(max(_DEGREE, comparison.solution.modes.lmax))
-    normal = _by_method(fitted, degree, comparison.method, replicates, rng) or normal_equations(fitted, degree)
+    normal = _solve_by_method(fitted, degree, comparison.method, replicates, rng) or normal_equations(fitted, degree)
     if floor:
         errors = shared([normal], range(2, _DEGREE + 1), labels=[" − ".join(comparison.labels)], rng=rng)
         return replace(comparison, shared=replace(errors, unit=comparison.solution.unit))
@@ -570,7 +575,7 @@ def _with_floor(comparison, fitted, floor, replicates, rng):
     return comparison
 
 
-def _distances(solution, field):
+def _normalised_residuals(solution, field):
     return np.sqrt(solution.residuals(field).chi2)
 
 

@@ -184,7 +184,7 @@ def normal_equations(
                 " need all of its observations together"
             )
         names |= mine
-        equations = _sum(chunk, modes, functions, attitude, threads)
+        equations = _sum_part(chunk, modes, functions, attitude, threads)
         total = equations if total is None else total + equations
     if total is None or total.n_sources == 0:
         raise EmptyFieldError("no source has more observations than five parameters of its own: none tells of time")
@@ -204,7 +204,7 @@ def _iterate_chunks(observations: Any) -> Iterator[Observations]:
         raise ParameterError(f"observations must be Observations or files of epochs, not {observations!r}")
 
 
-def _sum(observations, modes, functions, attitude, threads):
+def _sum_part(observations, modes, functions, attitude, threads):
     """The sums of one part."""
     n, size = len(observations.lon), len(functions) * len(modes)
     bounds = np.searchsorted(observations.source, np.arange(n + 1))
@@ -212,14 +212,14 @@ def _sum(observations, modes, functions, attitude, threads):
     if has_response:
         attitude.taken(modes, functions)  # once, before threads ask for it
 
-    def block(selection):
-        return _block(
+    def chunk_products(selection):
+        return _block_products(
             observations, bounds, selection.start, selection.stop, modes, functions, attitude if has_response else None
         )
 
     matrix: Any = np.zeros((size + 1, size + 1))
     n_data = sources = 0
-    for products, count, number in map_blocks(block, n, _SOURCES, threads):
+    for products, count, number in map_blocks(chunk_products, n, _SOURCES, threads):
         matrix += products
         n_data, sources = n_data + count, sources + number
     lost = n - sources
@@ -239,7 +239,7 @@ def _sum(observations, modes, functions, attitude, threads):
     )
 
 
-def _block(observations, bounds, start, stop, modes, functions, attitude):
+def _block_products(observations, bounds, start, stop, modes, functions, attitude):
     """Products of the templates and positions of some sources, their five parameters taken out."""
     transits = slice(bounds[start], bounds[stop])
     size = len(functions) * len(modes) + 1

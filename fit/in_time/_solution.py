@@ -272,7 +272,7 @@ class TimeSolution(Result):
         norm = self.modes.norm2[indices]
         at = row * len(self.modes) + indices
         block = self.covariance[np.ix_(at, at)]
-        chi2, rank = _test(self.values[row, indices], block, self.seen[row, indices] > SEEN)
+        chi2, rank = _test_against_zero(self.values[row, indices], block, self.seen[row, indices] > SEEN)
         return (
             float(norm @ self.values[row, indices] ** 2),
             float(norm @ np.diag(block)),
@@ -289,7 +289,9 @@ class TimeSolution(Result):
         """
         indices = np.arange(len(self.modes))[self.modes.slice_of(kind, 1)]
         at = (np.arange(len(self.functions))[:, None] * len(self.modes) + indices).ravel()
-        chi2, rank = _test(self.values.ravel()[at], self.covariance[np.ix_(at, at)], self.seen.ravel()[at] > SEEN)
+        chi2, rank = _test_against_zero(
+            self.values.ravel()[at], self.covariance[np.ix_(at, at)], self.seen.ravel()[at] > SEEN
+        )
         return chi2, rank, f_p_value(chi2, rank, self.dof) if rank else float("nan")
 
     def _sections(self, long):
@@ -349,7 +351,7 @@ class TimeSolution(Result):
         return plot_in_time(self, ax=ax)
 
 
-def _test(values, coefficient_covariance, mask):
+def _test_against_zero(values, coefficient_covariance, mask):
     """χ² against zero of the coefficients that are seen, and how many those are."""
     at = np.flatnonzero(mask)
     if not len(at):

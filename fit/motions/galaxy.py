@@ -17,7 +17,7 @@ from vsh.tools.arguments import not_negative, number, positive
 from vsh.tools.errors import ParameterError
 from vsh.tools.types import Axes, FloatArray, Table
 from vsh.tools.units import AU_PER_YEAR, JULIAN_YEAR, KM_S_MYR
-from vsh.vector import Vector, probability_of
+from vsh.vector import Vector, chance_probability
 
 __all__ = ["R0", "GalacticOrbit", "circular_speed", "distance_of_centre", "expected_acceleration", "orbit"]
 
@@ -172,15 +172,15 @@ class GalacticOrbit(Result):
     @property
     def circular_speed(self) -> tuple[float, float]:
         """V0 = √(a R0) of the component towards the centre, and its error. [km/s]"""
-        value, error = self._inward_seen()
+        value, error = self._require_inward()
         return circular_speed(value, error, self.r0, self.r0_error)
 
     @property
     def distance_of_centre(self) -> tuple[float, float]:
         """R0 = a/Ω0² with the motion of Sgr A*, and its error. [kpc]"""
-        return distance_of_centre(*self._inward_seen())
+        return distance_of_centre(*self._require_inward())
 
-    def _inward_seen(self) -> tuple[float, float]:
+    def _require_inward(self) -> tuple[float, float]:
         value, error = self.inward
         if not value > 0:
             raise ParameterError(
@@ -193,7 +193,7 @@ class GalacticOrbit(Result):
     def across_p_value(self) -> float:
         """Probability of as much along rotation and north from noise alone, with the component inward as it is."""
         values, covariance = self.acceleration.value[1:], self.acceleration.covariance[1:, 1:]
-        return probability_of(float(values @ np.linalg.solve(covariance, values)), 2, self.acceleration.dof)
+        return chance_probability(float(values @ np.linalg.solve(covariance, values)), 2, self.acceleration.dof)
 
     def compared(self, potential: Callable[[FloatArray], Any], *, height: float = 0.021) -> tuple[Vector, float]:
         """An acceleration from a model of the Galaxy, and how probable ours is in its light.

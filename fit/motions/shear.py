@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from scipy.special import chdtrc
 
-from fit.background import contrast_p_value, kept_of, pool_draws, sampled_lots
+from fit.background import contrast_p_value, pool_draws, resample_draws, sample_class_errors
 from fit.normal import NormalEquations, solve
 from fit.results.solution import HarmonicSolution
 from fit.results.storage import Result
@@ -86,10 +86,10 @@ def to_tensor(coefficients: Coefficients) -> FloatArray:
     ModesError
         If there is no degree 2.
     """
-    return matrix_of(TO_TENSOR @ coefficients.values[degree_two(coefficients.modes)])
+    return matrix_of(TO_TENSOR @ coefficients.values[spheroidal_degree_two(coefficients.modes)])
 
 
-def degree_two(modes: Modes) -> slice:
+def spheroidal_degree_two(modes: Modes) -> slice:
     """Indices of the spheroidal coefficients of degree 2."""
     if modes.lmax < 2 or modes.components != 2:
         raise ModesError("an expansion that differs from axis to axis is of degree 2: fit motions to degree 2 at least")
@@ -256,7 +256,7 @@ def expansion(solution: HarmonicSolution, *, hubble: float = 70.0) -> Shear:
     Quercellini et al. (2009, PRL 102, 151302), Fontanini et al. (2009); Darling (2014, MNRAS 442, L66) found less than
     7 % of H0.
     """
-    degree_two(solution.modes)
+    spheroidal_degree_two(solution.modes)
     values, matrix = solution.of_degree("S", 2)
     six, tensor_covariance = TO_TENSOR @ values, TO_TENSOR @ matrix @ TO_TENSOR.T
     p_value = solution.p_value("S", 2)
@@ -276,7 +276,7 @@ def expansion(solution: HarmonicSolution, *, hubble: float = 70.0) -> Shear:
 def _own_modes(modes: Modes) -> BoolArray:
     """Degree 1 and the spheroidal coefficients of degree 2: what each class has for itself."""
     mask = np.array(modes.degrees == 1)
-    mask[degree_two(modes)] = True
+    mask[spheroidal_degree_two(modes)] = True
     return mask
 
 
@@ -475,7 +475,7 @@ def compare_expansions(
     True
     """
     generator_ = generator(rng)
-    lots, modes, notes, facts = sampled_lots(
+    lots, modes, notes, facts = sample_class_errors(
         normals, degrees, labels=labels, shapes=None, own=own, draws=draws, noise_scale=noise_scale, rng=generator_,
         free=_own_modes,
     )  # fmt: skip
@@ -483,8 +483,8 @@ def compare_expansions(
     at = np.arange(number, dtype=float) if places is None else float_array("places", places, (number,))
     if number > 1 and not np.ptp(at) > 0:
         raise ParameterError(f"a test of growth needs a place for each of {number} classes, not all the same")
-    means, covariances = kept_of(lots, generator_)[:2]
-    five = np.flatnonzero(_own_modes(modes)).searchsorted(np.arange(len(modes))[degree_two(modes)])
+    means, covariances = resample_draws(lots, generator_)[:2]
+    five = np.flatnonzero(_own_modes(modes)).searchsorted(np.arange(len(modes))[spheroidal_degree_two(modes)])
     six = np.einsum("ab,nkb->nka", TO_TENSOR, means[:, :, five])
     tensor_covariances = np.einsum("ab,nibjc,dc->niajd", TO_TENSOR, covariances[:, :, five][..., five], TO_TENSOR)
     formal = [expansion(solve(normal)).p_value for normal in normals]

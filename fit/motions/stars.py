@@ -231,17 +231,19 @@ def kinematics(
 
 def _solve(field, rates, names, dispersion):
     """The parameters, the dispersion (of greatest likelihood where it is None), and the matrices they came from."""
-    design, errors = _design(field, rates.mean, len(names) > len(_V)), _errors(field)
+    design, errors = _design(field, rates.mean, len(names) > len(_V)), _covariance_components(field)
     model, is_free = np.zeros((2, len(field))), dispersion is None
     for _ in range(4):  # what an unsure distance adds depends on the velocity
         across = model / np.where(rates.mean > 0, rates.mean, 1.0)
         error_covariance = errors + rates.variance * np.stack([across[0] ** 2, across[1] ** 2, across[0] * across[1]])
         if is_free:
-            _check(_normal_equations(design, field.motion, _weights(error_covariance, 0.0, rates)[0])[0], names)
+            _check_separable(
+                _normal_equations(design, field.motion, _weights(error_covariance, 0.0, rates)[0])[0], names
+            )
             dispersion = _dispersion(design, field.motion, error_covariance, rates)
         weights, _ = _weights(error_covariance, dispersion, rates)
         normal, rhs = _normal_equations(design, field.motion, weights)
-        _check(normal, names)
+        _check_separable(normal, names)
         values = np.linalg.solve(normal, rhs)
         model = np.tensordot(values[:3], design[:3], 1)
     return values, dispersion, (design, weights, normal)
@@ -257,7 +259,7 @@ def _design(field, rate, gradient):
     return np.array(columns)
 
 
-def _errors(field):
+def _covariance_components(field):
     s1, s2 = field.sigma
     return np.stack([s1**2, s2**2, field.rho * s1 * s2])
 
@@ -270,7 +272,7 @@ def _weights(error_covariance, dispersion, rates):
     return np.stack([b, a, -c]) / determinant, float(np.log(determinant).sum())
 
 
-def _times(weights, vectors):
+def _multiply_weights(weights, vectors):
     """W x of each source, for (…, 2, n)."""
     a, b, c = weights
     x, y = vectors[..., 0, :], vectors[..., 1, :]
@@ -278,7 +280,7 @@ def _times(weights, vectors):
 
 
 def _normal_equations(design, motion, weights):
-    product = _times(weights, design).reshape(len(design), -1)
+    product = _multiply_weights(weights, design).reshape(len(design), -1)
     return product @ design.reshape(len(design), -1).T, product @ motion.ravel()
 
 
@@ -289,7 +291,7 @@ def _dispersion(design, motion, error_covariance, rates):
     def minus_two_log(dispersion):
         weights, logdet = _weights(error_covariance, dispersion, rates)
         normal, rhs = _normal_equations(design, motion, weights)
-        chi2 = np.sum(motion * _times(weights, motion)) - rhs @ np.linalg.solve(normal, rhs)
+        chi2 = np.sum(motion * _multiply_weights(weights, motion)) - rhs @ np.linalg.solve(normal, rhs)
         return logdet + chi2 + np.linalg.slogdet(normal)[1]
 
     # Its logarithm first, so that a large range costs little; then whether none at all is likelier.
@@ -300,7 +302,7 @@ def _dispersion(design, motion, error_covariance, rates):
     return 0.0 if minus_two_log(0.0) <= optimum.fun else float(optimum.x)
 
 
-def _check(normal, names):
+def _check_separable(normal, names):
     scale = np.sqrt(np.diag(normal))
     if not (scale > 0).all() or np.linalg.cond(normal / np.outer(scale, scale)) > 1e12:
         raise DegeneracyError(f"these sources cannot separate {', '.join(names)}: too few, or too close together")
@@ -309,8 +311,8 @@ def _check(normal, names):
 def _sandwich(design, motion, values, weights, normal):
     """Covariance from the residuals of each source (HC3), and χ²."""
     residual = motion - np.tensordot(values, design, 1)
-    product = _times(weights, design)
+    product = _multiply_weights(weights, design)
     inverse = np.linalg.inv(normal)
     leverage = np.einsum("pin,pq,qin->n", product, inverse, design, optimize=True) / 2
     scores = np.einsum("pin,in->pn", product, residual) / (1 - np.minimum(leverage, 0.99))
-    return inverse @ (scores @ scores.T) @ inverse, float(np.sum(residual * _times(weights, residual)))
+    return inverse @ (scores @ scores.T) @ inverse, float(np.sum(residual * _multiply_weights(weights, residual)))

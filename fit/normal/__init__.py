@@ -2,7 +2,7 @@
 
 from fit.normal._equations import NormalEquations, TemplateField, eliminate, gaussian_prior
 from fit.normal._moments import Moments
-from fit.normal._solving import fit_field, solve, with_coverage
+from fit.normal._solving import add_coverage_notes, fit_field, solve
 from fit.normal._sum import normal_equations
 from fit.normal._templates import Template, template_fields
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from fit.normal._equations import NormalEquations
 from fit.normal.sums import fourier_sums, rings_of
-from fit.results.storage import Result, count, exact, number, words
+from fit.results.storage import Result, checked_count, checked_strings, number, to_hex
 from vsh.field import Field
 from vsh.io.parts import Parts
 from vsh.io.sections import Section
@@ -30,7 +30,7 @@ def shapes(kind: type[Modes], lmax: int) -> tuple[tuple[int, ...], tuple[int, ..
     return (weights, 2 * lmax + 1, 4 * lmax + 1), (values, lmax + 1, 2 * lmax + 1)
 
 
-def packed(moments: Any) -> tuple[dict[str, Any], dict[str, Any], dict[str, str]]:
+def pack_moments(moments: Any) -> tuple[dict[str, Any], dict[str, Any], dict[str, str]]:
     """Columns, the rest as plain values, units of columns: what `Result._pack` gives."""
     components, m, n, values = [], [], [], []
     for names, grids, half in (("abc", moments.weights, 2 * moments.lmax), ("en", moments.motions, moments.lmax)):
@@ -50,7 +50,7 @@ def packed(moments: Any) -> tuple[dict[str, Any], dict[str, Any], dict[str, str]
     }
     header = {
         "lmax": moments.lmax,
-        "chi2_null": exact(moments.chi2_null),
+        "chi2_null": to_hex(moments.chi2_null),
         "n_data": moments.n_data,
         "frame": moments.frame,
         "unit": moments.unit,
@@ -59,7 +59,7 @@ def packed(moments: Any) -> tuple[dict[str, Any], dict[str, Any], dict[str, str]
     return columns, header, {}
 
 
-def unpacked(columns: dict[str, Any], rest: dict[str, Any]) -> dict[str, Any]:
+def unpack_moments(columns: dict[str, Any], rest: dict[str, Any]) -> dict[str, Any]:
     """The attributes of moments from what was written."""
     mode_class = Modes if "b" in columns["of"] else ScalarModes
     lmax = mode_class(rest["lmax"]).lmax
@@ -73,9 +73,9 @@ def unpacked(columns: dict[str, Any], rest: dict[str, Any]) -> dict[str, Any]:
         "weights": values[:n_weights].reshape(of_weights),
         "motions": values[n_weights:].reshape(of_values),
         "chi2_null": number(rest["chi2_null"]),
-        "n_data": count(rest["n_data"]),
+        "n_data": checked_count(rest["n_data"]),
         "frame": rest["frame"],
-        "notes": words(rest["notes"]),
+        "notes": checked_strings(rest["notes"]),
         "unit": str(rest["unit"]),
     }
 
@@ -300,11 +300,11 @@ class Moments(Result):
         )
 
     def _pack(self):
-        return packed(self)
+        return pack_moments(self)
 
     @classmethod
     def _unpack(cls, columns, header):
-        return cls(**unpacked(columns, header))
+        return cls(**unpack_moments(columns, header))
 
     def _combine(self, other, sign):
         if not isinstance(other, Moments):

@@ -21,8 +21,8 @@ from vsh.sky.frames import ANGLES
 from vsh.sky.sphere import widest_gap
 from vsh.tools import arguments
 from vsh.tools.errors import DegeneracyError, ParameterError
-from vsh.tools.notes import CodedNote, format_notes
-from vsh.tools.printing import in_a_line, logged
+from vsh.tools.notes import CodedNote, drop_empty_notes
+from vsh.tools.printing import log_calls, one_line_text
 from vsh.tools.types import FloatArray
 
 _LOST = "warning: values are a million times their errors, so χ² is lost to rounding: take a model away first"
@@ -32,7 +32,7 @@ _DEGREE = 3
 MAX_CONDITION = 1e10
 
 
-@logged("solved")
+@log_calls("solved")
 @arguments.accepts(prior=arguments.a(NormalEquations), max_condition=arguments.positive)
 def solve(
     normal: NormalEquations,
@@ -88,7 +88,7 @@ def solve(
     factor, scale = _factor(normal, max_condition)
     covariance = cho_solve(factor, np.diag(scale)) * scale[:, None]
     values = scale * cho_solve(factor, scale * normal.rhs)
-    chi2, notes = float(normal.chi2_null - values @ normal.rhs), format_notes(normal.notes)
+    chi2, notes = float(normal.chi2_null - values @ normal.rhs), drop_empty_notes(normal.notes)
     if normal.templates:
         names = ", ".join(template.name for template in normal.templates)
         notes = (*notes, f"templates are not in this fit, but in that of fit.background.shared: {names}")
@@ -162,8 +162,8 @@ def fit_field(
     if isinstance(field, Field | ScalarField):
         target = modes_for(field, target)
         if target.components * len(field) < len(target):
-            raise DegeneracyError(_too_few(len(field), target))
-    return with_coverage(solve(normal_equations(field, target, covariance=covariance)), field)
+            raise DegeneracyError(_degeneracy_message(len(field), target))
+    return add_coverage_notes(solve(normal_equations(field, target, covariance=covariance)), field)
 
 
 #: A part of the sky without sources that is wider than this is worth a word [rad], and a source with more than this
@@ -173,7 +173,7 @@ _WIDE, _MOST = np.radians(60), 0.5
 _BY_CHANCE = 1e-5
 
 
-def with_coverage(solution: Any, field: Any) -> Any:
+def add_coverage_notes(solution: Any, field: Any) -> Any:
     """The solution with a note where a large part of the sky has no source, or one source most of the weight."""
     if not isinstance(field, Field | ScalarField) or not len(field):
         return solution
@@ -182,7 +182,7 @@ def with_coverage(solution: Any, field: Any) -> Any:
     share = weight[k] / weight.sum()
     if share > _MOST:
         names = getattr(field, "name", None)
-        label = f"source {k}" if names is None else in_a_line(names[k])
+        label = f"source {k}" if names is None else one_line_text(names[k])
         note = f"warning: {label} has {100 * share:.4g} % of the weight of all sources: is its error right?"
         solution = solution if note in solution.notes else replace(solution, notes=(*solution.notes, note))
     by_chance = np.arccos(2 * _BY_CHANCE ** (1 / len(field)) - 1)
@@ -200,7 +200,7 @@ def with_coverage(solution: Any, field: Any) -> Any:
     return solution if note in solution.notes else replace(solution, notes=(*solution.notes, note))
 
 
-def _too_few(sources, modes, reason=""):
+def _degeneracy_message(sources, modes, reason=""):
     return (
         f"{sources} sources cannot separate {len(modes)} modes{reason}: lower lmax from {modes.lmax}, widen the "
         "sky coverage, or add fit.gaussian_prior to the normal equations"
@@ -221,18 +221,23 @@ def _factor(normal, max_condition):
         reciprocal = 0.0
     if not reciprocal * max_condition > 1:
         _raise_degenerate(
-            normal, 1 / reciprocal if reciprocal else np.inf, max_condition, _weakest(matrix, normal.modes)
+            normal,
+            1 / reciprocal if reciprocal else np.inf,
+            max_condition,
+            _describe_weakest_modes(matrix, normal.modes),
         )
     return factor, scale
 
 
 def _raise_degenerate(normal, condition, max_condition, weakest):
     raise DegeneracyError(
-        _too_few(normal.n_sources, normal.modes, f" (condition {condition:.1e} > {max_condition:.0e}{weakest})")
+        _degeneracy_message(
+            normal.n_sources, normal.modes, f" (condition {condition:.1e} > {max_condition:.0e}{weakest})"
+        )
     )
 
 
-def _weakest(matrix, modes, count=4):
+def _describe_weakest_modes(matrix, modes, count=4):
     """The modes that make up the combination the data see least."""
     vector = eigh(matrix, subset_by_index=[0, 0])[1][:, 0]
     order = np.argsort(-np.abs(vector))[:count]

@@ -13,7 +13,7 @@ import numpy as np
 from fit.normal._equations import NormalEquations
 from fit.normal._moments import Moments
 from fit.normal._templates import Template, template_fields
-from fit.normal.sums import compressed_sums, design_matrix_sums, design_matrix_up_to
+from fit.normal.sums import compressed_sums, design_matrix_limit, design_matrix_sums
 from vsh.basis import harmonics
 from vsh.field import Field, SourcesWithErrors
 from vsh.io.parts import Parts
@@ -22,14 +22,14 @@ from vsh.modes import Modes
 from vsh.scalars import ScalarField, modes_for
 from vsh.tools.arguments import choice
 from vsh.tools.errors import FieldError, ModesError
-from vsh.tools.printing import logged
+from vsh.tools.printing import log_calls
 from vsh.tools.types import FloatArray
 
 #: A normal matrix beyond this is refused. [bytes]
 MEMORY = 8 * 2**30
 
 
-@logged("normal equations")
+@log_calls("normal equations")
 def normal_equations(
     field: Field | ScalarField | Parts | Iterable[Field],
     modes: Modes | int,
@@ -90,7 +90,7 @@ def normal_equations(
     if isinstance(field, (str, PathLike)):
         raise FieldError(f"{field} is a path: read it first, with vsh.io.catalogue.read_field or parts")
     if not isinstance(field, SourcesWithErrors | Parts) and covariance is None:
-        return _of_stream(field, partial(normal_equations, modes=modes, method=method, threads=threads))
+        return _sum_stream(field, partial(normal_equations, modes=modes, method=method, threads=threads))
     in_memory = field.in_memory if isinstance(field, Parts) else None
     sources = cast(Any, field if in_memory is None else in_memory)
     modes = modes_for(sources, modes)
@@ -100,14 +100,14 @@ def normal_equations(
             f"{len(modes) ** 2 * 8 / 2**30:.0f} GiB: lower lmax"
         )
     if covariance is not None:
-        return _of_dense(sources, modes, as_covariance(covariance, sources))
+        return _whitened_equations(sources, modes, as_covariance(covariance, sources))
     if isinstance(sources, Parts):
         if modes.lmax == 1 or method == "design-matrix":
             return sources.sum(
                 partial(normal_equations, modes=modes, method=method), roles=(), words="normal equations"
             )
         return sources.sum(partial(Moments.of, lmax=modes.lmax), roles=(), words="normal equations").normal_equations()
-    if method == "compressed" or (method == "auto" and len(sources) > design_matrix_up_to(modes)):
+    if method == "compressed" or (method == "auto" and len(sources) > design_matrix_limit(modes)):
         sums = compressed_sums(sources, modes, threads)
     else:
         sums = design_matrix_sums(sources, modes)
@@ -116,7 +116,7 @@ def normal_equations(
     )
 
 
-def _of_dense(field, modes, covariance):
+def _whitened_equations(field, modes, covariance):
     """The equations of n sources, whitened by their dense covariance: 2n independent rows of unit weight."""
     n = len(field)
     rows = covariance.whiten(harmonics(field.lon, field.lat, modes).reshape(len(modes), 2 * n))
@@ -124,7 +124,7 @@ def _of_dense(field, modes, covariance):
     return NormalEquations(modes, rows @ rows.T, rows @ motion, float(motion @ motion), 2 * n, field.frame, field.notes)
 
 
-def _of_stream(fields, work):
+def _sum_stream(fields, work):
     if isinstance(fields, np.ndarray) or not hasattr(fields, "__iter__"):
         raise FieldError(f"a Field, a ScalarField, or a stream of them, is expected, not {type(fields).__name__}")
     total: Any = sum(map(work, fields))

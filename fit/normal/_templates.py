@@ -73,10 +73,10 @@ class Template(Frozen):
 
     def __post_init__(self) -> None:
         if isinstance(self.source, str | PathLike):
-            from vsh.io.maps import read_map_of  # healpy
+            from vsh.io.maps import read_map_with_frame  # healpy
 
             remedy = f"frame='galactic' (--templates galactic:{self.name}), or which it is"
-            values, frame = read_map_of(self.source, self.frame, remedy)
+            values, frame = read_map_with_frame(self.source, self.frame, remedy)
             object.__setattr__(self, "source", values)
             object.__setattr__(self, "frame", frame)
         elif self.frame is None:
@@ -198,7 +198,7 @@ class Template(Frozen):
             least = Modes(min(modes.lmax, self.source.modes.lmax))
             vectors = {self.name: _pad_coefficients(self.source.to_degree(least.lmax), modes)}
         else:
-            scalar = self._scalar(modes.lmax, frame)
+            scalar = self._gradient_coefficients(modes.lmax, frame)
             zeros = np.zeros_like(scalar)
             vectors = {f"{self.name}, along": np.r_[zeros, scalar], f"{self.name}, across": np.r_[scalar, zeros]}
         fields = []
@@ -211,9 +211,9 @@ class Template(Frozen):
             fields.append(TemplateField(name, values / size))
         return fields
 
-    def _scalar(self, lmax, frame):
+    def _gradient_coefficients(self, lmax, frame):
         """Coefficients of its gradient in spheroidal modes."""
-        field, scale = self._places()
+        field, scale = self._standardised_field()
         if scale == 0:
             raise ParameterError(f"the template {self.name} is constant: it moves nothing")
         modes = ScalarModes(lmax)
@@ -227,18 +227,18 @@ class Template(Frozen):
         degrees = modes.degrees[1:]
         return values * np.sqrt(degrees * (degrees + 1.0))
 
-    def _places(self):
+    def _standardised_field(self):
         """Its numbers at places, about their mean and in units of their scatter, and that scatter."""
         field = self.source
         if not isinstance(field, ScalarField):
-            from vsh.sky.pixels import centres, missing_pixels
+            from vsh.sky.pixels import centres, count_missing_pixels
 
             values, frame = self.source, self.frame
             lon, lat = centres(int(np.sqrt(values.size / 12)))
             valid = np.isfinite(values) & (values > -1e30)  # healpy's UNSEEN
             if valid.sum() < values.size / 2:
                 raise ParameterError(
-                    f"the template {self.name} has no value in {missing_pixels(values)} of {values.size} pixels"
+                    f"the template {self.name} has no value in {count_missing_pixels(values)} of {values.size} pixels"
                 )
             field = ScalarField(lon[valid], lat[valid], values[valid], np.ones(valid.sum()), frame=frame)
         weights = field.sigma**-2

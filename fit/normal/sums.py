@@ -34,7 +34,7 @@ import numpy as np
 
 from vsh.basis import harmonics, scalar_harmonics, toroidal_harmonics
 from vsh.field import Field, multiply_weights
-from vsh.io.parts import Parts, added
+from vsh.io.parts import Parts, add_sums
 from vsh.modes import Mode, Modes, ScalarModes
 from vsh.tools.parallel import map_blocks
 from vsh.tools.types import ComplexArray, FloatArray
@@ -46,14 +46,14 @@ def design_matrix_sums(field: Any, modes: Modes) -> tuple[FloatArray, FloatArray
     # Enough sources to keep NumPy busy, and a whitened basis of a few MiB, which stays in the cache.
     size = max(256, min(_SMALL, 2**19 // p))
     matrix, rhs, chi2_null = np.zeros((p, p)), np.zeros(p), 0.0
-    for n, b, chi2 in map_blocks(lambda part: _block(field[part], modes), len(field), size, 1, "normal equations"):
+    for n, b, chi2 in map_blocks(lambda part: _block_sums(field[part], modes), len(field), size, 1, "normal equations"):
         matrix += n
         rhs += b
         chi2_null += chi2
     return matrix, rhs, chi2_null
 
 
-def _block(field, modes):
+def _block_sums(field, modes):
     """N, b and Σ yᵀ C⁻¹ y of a few sources, from the basis in units of each source's error."""
     if isinstance(modes, ScalarModes):
         a, y = scalar_harmonics(field.lon, field.lat, modes.lmax) / field.sigma, field.values / field.sigma
@@ -80,7 +80,7 @@ def _block(field, modes):
     return a @ a.T, a @ y, float(y @ y)
 
 
-def design_matrix_up_to(modes: Modes) -> int:
+def design_matrix_limit(modes: Modes) -> int:
     """The number of sources up to which the direct sum is the faster one, as measured (docs/performance.md)."""
     return sys.maxsize if modes.lmax <= 2 else max(1000, 2**20 // modes.lmax**3)
 
@@ -172,9 +172,9 @@ class Rings:
         """N from the moments of a, b, c."""
         a, b, c = self.spectra(weights, turns_over=False)
         # S is T turned by +90°, J = [[0, −1], [1, 0]]: N_SS has Jᵀ W J in place of W, N_TS has W J.
-        tt = self.form(a, c, c, b)
-        ss = self.form(b, -c, -c, a)
-        ts = self.form(c, -a, b, -c)
+        tt = self.product_matrix(a, c, c, b)
+        ss = self.product_matrix(b, -c, -c, a)
+        ts = self.product_matrix(c, -a, b, -c)
         return np.block([[tt, ts], [ts.T, ss]])
 
     def rhs(self, motions: ComplexArray) -> FloatArray:
@@ -187,7 +187,7 @@ class Rings:
             row[self.im[positive]] = np.sum(self.b * e.imag + self.a * n.real, axis=1)[positive]
         return rhs.ravel()
 
-    def form(self, ee: Any, en: Any, ne: Any, nn: Any) -> FloatArray:
+    def product_matrix(self, ee: Any, en: Any, ne: Any, nn: Any) -> FloatArray:
         """Σ T_iᵀ W T_j for weights W = [[ee, en], [ne, nn]] on the rings, in the order of the modes."""
         spectra = np.stack([ee, en, ne, nn])
         real, sine = spectra.real, -spectra.imag  # Σ w cos Mα, Σ w sin Mα
@@ -241,7 +241,7 @@ class ScalarRings(Rings):
     def matrix(self, weights: ComplexArray) -> FloatArray:
         """N from the moments of the weights."""
         (w,) = self.spectra(weights, turns_over=False)
-        return self.form(w, 0 * w, 0 * w, 0 * w)
+        return self.product_matrix(w, 0 * w, 0 * w, 0 * w)
 
     def rhs(self, motions: ComplexArray) -> FloatArray:
         """b from the moments of the weighted values."""
@@ -260,14 +260,14 @@ _ENOUGH = 1e-9
 _NEGLIGIBLE = 1e-3
 
 
-def _is_exact(n_sources, modes):
+def _has_exact_leverages(n_sources, modes):
     """Return whether leverages are computed source by source."""
     p = len(modes)
     return n_sources * p * p <= EXACT and p > _NEGLIGIBLE * modes.components * n_sources
 
 
 @dataclass(frozen=True, eq=False)
-class _Weighted:
+class _WeightedSources:
     """Sources with matrices in place of errors: what the sums look at of a field."""
 
     lon: FloatArray
@@ -279,15 +279,15 @@ class _Weighted:
         return self.lon.size
 
     def __getitem__(self, index):
-        return _Weighted(self.lon[index], self.lat[index], self.weights[:, index], self.data[:, index])
+        return _WeightedSources(self.lon[index], self.lat[index], self.weights[:, index], self.data[:, index])
 
 
 def weighted_sums(
     field: Field, weights: FloatArray, modes: Modes, threads: int | None = None
 ) -> tuple[FloatArray, FloatArray, float]:
     """Σ Aᵀ X A, Σ Aᵀ X y and Σ yᵀ X y with any symmetric X = [[a, c], [c, b]] at each source."""
-    sources = _Weighted(field.lon, field.lat, np.asarray(weights, float), field.data)
-    if len(sources) > design_matrix_up_to(modes):
+    sources = _WeightedSources(field.lon, field.lat, np.asarray(weights, float), field.data)
+    if len(sources) > design_matrix_limit(modes):
         return compressed_sums(sources, modes, threads)
 
     def block(chunk):
@@ -296,7 +296,7 @@ def weighted_sums(
         square = np.vdot(subset.data, multiply_weights(subset.weights, subset.data))
         return basis.reshape(len(modes), -1) @ flat.T, flat @ subset.data.ravel(), float(square)
 
-    return reduce(added, map_blocks(block, len(sources), max(64, 2**21 // len(modes)), threads))
+    return reduce(add_sums, map_blocks(block, len(sources), max(64, 2**21 // len(modes)), threads))
 
 
 def weighted_matrix(field: Field, weights: FloatArray, modes: Modes, threads: int | None = None) -> FloatArray:
@@ -322,8 +322,8 @@ def leverage(
     weights, components = field.weights * factors, field.components
     trace = weights[:components].sum(0)
     n_sources, total_trace = (len(field), trace.sum()) if total is None else total
-    if not _is_exact(n_sources, modes):
-        return _mean_leverage(trace, p, components, total_trace)
+    if not _has_exact_leverages(n_sources, modes):
+        return _approximate_leverage(trace, p, components, total_trace)
 
     root = np.linalg.cholesky((inverse + inverse.T) / 2).T
     pairs = ((0, 0), (1, 1), (0, 1))[: len(weights)]
@@ -339,7 +339,7 @@ def leverage(
     return np.clip(leverages, 0.0, 0.9)
 
 
-def _mean_leverage(trace, p, components, total_trace):
+def _approximate_leverage(trace, p, components, total_trace):
     """The leverages by the sources' weights alone."""
     return np.minimum(p * trace / total_trace / components, 0.9)
 
@@ -370,18 +370,18 @@ def sandwich(
     scatter as much, for Gaussian scores p(p + 1)/Σ [(tr H_i)² + tr H_i²], where H_i is the share of source i in the
     information (Zhang 2012, J. Agric. Biol. Environ. Stat. 17, 652): (k² + k) h_i² for a leverage h_i in k components.
     """
-    if total is not None and not _is_exact(total[0], modes):
-        work = partial(_slopes_and_scores, scores=scores, modes=modes, total=total, power=power)
+    if total is not None and not _has_exact_leverages(total[0], modes):
+        work = partial(_slopes_and_products, scores=scores, modes=modes, total=total, power=power)
         middle = sky.sum(work, roles=(), words=words)
         slope, n_sources = np.linalg.inv(middle["slope"]), total[0]
     else:
         # The fitted matrix is for exact leverages, which large problems do without.
-        exact = sky.in_memory is None or _is_exact(len(sky.in_memory), modes)
-        slopes = sky.sum(partial(_slopes, scores=scores, modes=modes, exact=exact), roles=(), words=words)
+        exact = sky.in_memory is None or _has_exact_leverages(len(sky.in_memory), modes)
+        slopes = sky.sum(partial(_slope_sums, scores=scores, modes=modes, exact=exact), roles=(), words=words)
         slope, n_sources = np.linalg.inv(slopes["slope"]), slopes["sources"]
         fitted = np.linalg.inv(slopes["fitted"]) if exact else slope
         total = (n_sources, slopes["trace"])
-        work = partial(_scores, scores=scores, modes=modes, inverse=fitted, total=total, power=power)
+        work = partial(_score_products, scores=scores, modes=modes, inverse=fitted, total=total, power=power)
         middle = sky.sum(work, roles=(), words=words)
     covariance = slope @ middle["matrix"] @ slope
     left = modes.components * n_sources - len(modes)  # by which residuals can differ
@@ -394,7 +394,7 @@ def score_dof(squares: float, modes: Modes) -> float:
     return p * (p + 1) / ((k**2 + k) * squares)
 
 
-def _slopes(field, scores, modes, exact):
+def _slope_sums(field, scores, modes, exact):
     """Sums over some sources: the matrices with weights u and with their slopes, Σ u tr W, and how many they are."""
     _, u, slopes = scores(field)
     return {
@@ -405,7 +405,7 @@ def _slopes(field, scores, modes, exact):
     }
 
 
-def _scores(field, scores, modes, inverse, total, power):
+def _score_products(field, scores, modes, inverse, total, power):
     """Σ AᵀψψᵀA of some sources, and Σ h²."""
     residual, u, _ = scores(field)
     leverages = leverage(field, modes, inverse, u, total=total)
@@ -413,7 +413,7 @@ def _scores(field, scores, modes, inverse, total, power):
     return {"matrix": weighted_matrix(field, products, modes), "squares": float(leverages @ leverages)}
 
 
-def _slopes_and_scores(field, scores, modes, total, power):
+def _slopes_and_products(field, scores, modes, total, power):
     """Σ Aᵀ u'W A and Σ AᵀψψᵀA of some of many sources, and Σ h²: from moments of both, summed together."""
     from vsh.transform import fourier_moments
 
@@ -424,14 +424,14 @@ def _slopes_and_scores(field, scores, modes, total, power):
         planes = np.empty((2 * half, len(chunk)))
         for small in blocks(len(chunk)):
             subset, rows = chunk[small], slice(part.start + small.start, part.start + small.stop)
-            leverages = _mean_leverage(subset.information * u[rows], len(modes), subset.components, total[1])
+            leverages = _approximate_leverage(subset.information * u[rows], len(modes), subset.components, total[1])
             planes[:half, small] = subset.weights * slopes[rows]
             planes[half:, small] = outer_products(subset, residual[:, rows], u[rows] / (1 - leverages) ** power)
             squares += float(leverages @ leverages)
         moments = fourier_moments(chunk.lon, chunk.lat, planes, 2 * modes.lmax, _ENOUGH)
         return {"moments": moments[:, 2 * modes.lmax :], "squares": squares}
 
-    sums = reduce(added, map_blocks(block, len(field), BLOCK))
+    sums = reduce(add_sums, map_blocks(block, len(field), BLOCK))
     rings = rings_of(modes)
     slope, matrix = (rings.matrix(moments) for moments in np.split(sums.pop("moments"), 2))
     return sums | {"slope": slope, "matrix": matrix}

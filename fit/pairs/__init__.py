@@ -3,7 +3,7 @@
 from typing import TYPE_CHECKING
 
 from fit.pairs._correlation import TEMPLATES, Correlation, TemplateFit, correlation_function, waves_curve
-from vsh.tools.modules import lazily
+from vsh.tools.modules import lazy_names
 
 if TYPE_CHECKING:
     from fit.pairs._plot import plot_pairs
@@ -11,4 +11,4 @@ if TYPE_CHECKING:
 __all__ = ["Correlation", "TemplateFit", "correlation_function"]
 
 # matplotlib is imported when a figure is first asked for.
-__getattr__, __dir__ = lazily(__name__, __all__, {"_plot": ["plot_pairs"]})
+__getattr__, __dir__ = lazy_names(__name__, __all__, {"_plot": ["plot_pairs"]})

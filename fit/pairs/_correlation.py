@@ -155,7 +155,7 @@ class TemplateFit(Result):
         return plot_curves(self, ax=ax)
 
 
-def names_of(templates: Any, hubble: float) -> dict[str, Callable[[FloatArray], FloatArray]]:
+def template_functions(templates: Any, hubble: float) -> dict[str, Callable[[FloatArray], FloatArray]]:
     """Templates as functions of θ that give ξ+ and ξ−, (2, n), by name."""
     if isinstance(templates, Mapping) and templates:
         for name, function in templates.items():
@@ -179,7 +179,7 @@ def names_of(templates: Any, hubble: float) -> dict[str, Callable[[FloatArray], 
     return {name: functions[name] for name in templates}
 
 
-def fitted(correlation: Any, templates: dict[str, Callable[[FloatArray], FloatArray]]) -> TemplateFit:
+def fit_templates(correlation: Any, templates: dict[str, Callable[[FloatArray], FloatArray]]) -> TemplateFit:
     """Amplitudes by least squares, with the weight of the pairs in each bin."""
     bins, valid = windows(correlation.edges, correlation.lmax), np.isfinite(correlation.plus)
     pairs = bins.values * (correlation.window @ bins.scalar)  # as the pairs spread within each bin
@@ -205,7 +205,7 @@ def fitted(correlation: Any, templates: dict[str, Callable[[FloatArray], FloatAr
         covariance=(covariance + covariance.T) / 2,
         curves=np.tensordot(values, np.array(curves), 1),
         theta=correlation.theta,
-        coefficients=np.array([_coefficients(function) for function in templates.values()]),
+        coefficients=np.array([_effective_count(function) for function in templates.values()]),
         n_effective=correlation.n_effective,
     )
 
@@ -232,7 +232,7 @@ def _noncentrality(ratio, k, dof, p):
     return (lower + upper) / 2
 
 
-def _coefficients(function, lmax=40):
+def _effective_count(function, lmax=40):
     """(Σ P)²/Σ P²/(2l + 1) over degrees and kinds of a template: 3 for spin or glide, 13 for waves."""
     node, weight = np.polynomial.legendre.leggauss(400)
     theta = np.arccos(node)
@@ -342,7 +342,7 @@ class Correlation(Result):
         ParameterError
             If a template is unknown, or bins are fewer than templates.
         """
-        return fitted(self, names_of(templates, arguments.positive("hubble", hubble)))
+        return fit_templates(self, template_functions(templates, arguments.positive("hubble", hubble)))
 
     def _sections(self, long):
         facts = [

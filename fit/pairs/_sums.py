@@ -32,7 +32,7 @@ from vsh.modes import Modes, ScalarModes
 from vsh.sky.pixels import pixels_of
 from vsh.tools.arguments import float_array
 from vsh.tools.errors import FieldError, FrameError, ParameterError
-from vsh.tools.notes import format_notes, merge_notes
+from vsh.tools.notes import drop_empty_notes, merge_notes
 from vsh.tools.parallel import map_blocks
 from vsh.tools.types import ArrayLike, FloatArray
 
@@ -75,7 +75,7 @@ class PairSums:
         return power_t + power_s - itself[0, 1:], power_t - power_s, weights - itself[1], numbers - itself[2]
 
 
-class Gathered(NamedTuple):
+class GatheredSums(NamedTuple):
     """Sums of one pass over the sources."""
 
     total: PairSums
@@ -84,14 +84,16 @@ class Gathered(NamedTuple):
     notes: tuple[str, ...]
 
 
-def sums_of(field: Field | Parts, lmax: int, nside: int, weights: ArrayLike | None, threads: int | None) -> Gathered:
+def sums_of(
+    field: Field | Parts, lmax: int, nside: int, weights: ArrayLike | None, threads: int | None
+) -> GatheredSums:
     """The sums of all sources, and of each HEALPix block that holds some."""
     if isinstance(field, Parts):
         if weights is not None:
             raise ParameterError(
                 "weights= are of the sources of a Field in memory; those of parts follow from their errors"
             )
-        sums = field.sum(partial(_of_part, lmax=lmax, nside=nside), roles=(), words="pairs")
+        sums = field.sum(partial(_part_sums, lmax=lmax, nside=nside), roles=(), words="pairs")
     else:
         if weights is not None:
             weights = float_array("weights", weights, (len(field),))
@@ -101,7 +103,7 @@ def sums_of(field: Field | Parts, lmax: int, nside: int, weights: ArrayLike | No
                 )
         if len(field) < 2:
             raise FieldError("pairs need two sources at least")
-        sums = _of_part(field, lmax, nside, weights, threads)
+        sums = _part_sums(field, lmax, nside, weights, threads)
     if len(frames := set(sums["frames"])) > 1:
         raise FrameError(f"parts are in several frames: {', '.join(sorted(frames))}")
     blocks = [sums["blocks"][pixel] for pixel in sorted(sums["blocks"])]
@@ -110,15 +112,15 @@ def sums_of(field: Field | Parts, lmax: int, nside: int, weights: ArrayLike | No
         total = total + block
     if total.alone[2] < 2:
         raise FieldError("pairs need two sources at least")
-    return Gathered(total, blocks, sums["frames"][0], format_notes(merge_notes(*sums["notes"])))
+    return GatheredSums(total, blocks, sums["frames"][0], drop_empty_notes(merge_notes(*sums["notes"])))
 
 
-def _of_part(field, lmax, nside, weights=None, threads=1):
-    blocks = _blocks(field, lmax, nside, weights, threads)
+def _part_sums(field, lmax, nside, weights=None, threads=1):
+    blocks = _sums_by_block(field, lmax, nside, weights, threads)
     return {"blocks": blocks, "frames": [field.frame], "notes": [tuple(field.notes)]}
 
 
-def _blocks(field, lmax, nside, weights, threads):
+def _sums_by_block(field, lmax, nside, weights, threads):
     """Sums by pixel."""
     pixel = pixels_of(field.lon, field.lat, nside)
     order = np.argsort(pixel, kind="stable")

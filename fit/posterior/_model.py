@@ -37,10 +37,10 @@ from fit.secular_parallax import (
     ParallaxParts,
     ParallaxSums,
     U,
+    add_flow_prior,
     check_determined,
+    marginalise_flow,
     with_acceleration,
-    with_flow,
-    without_flow,
 )
 from vsh.tools.errors import ConvergenceError, ParameterError
 from vsh.tools.types import FloatArray
@@ -77,7 +77,7 @@ class CompressedLikelihood:
 
 
 @dataclass(frozen=True, eq=False)
-class TabulatedDensity:
+class LikelihoodFunctions:
     """Tables of the functions of s, x and q."""
 
     rows: ParallaxEquations | ParallaxParts
@@ -98,10 +98,10 @@ class TabulatedDensity:
                 sums.matrix[pair], sums.rhs[pair], sums.chi2_null[pair], sums.logdet[pair], sums.n_data
             )
             if self.group is None:
-                pair_sums = with_flow(pair_sums, 9, size)
+                pair_sums = add_flow_prior(pair_sums, 9, size)
             else:  # the amplitudes stand for H_ref, and their mean goes with H0
-                pair_sums = self.group.added(with_flow(pair_sums, 9, 1.0), 9, 1.0, None, size)
-            marginal, _ = without_flow(pair_sums, 9)
+                pair_sums = self.group.added(add_flow_prior(pair_sums, 9, 1.0), 9, 1.0, None, size)
+            marginal, _ = marginalise_flow(pair_sums, 9)
             terms.append(marginalise(marginal, self.spin, self.rows.frame))
         return np.stack(terms, axis=1)
 
@@ -123,8 +123,8 @@ def compress_likelihood(
     noise = float(np.sqrt(rows.smallest_variance))
     limits = ((spread, scale), (excess_noise, noise), (flow, flow[1]))
     axes = [Axis(*pair, size, 1 if pair[0] == pair[1] else 12) for pair, size in limits]
-    density = TabulatedDensity(rows, spin, acceleration, threads, group)
-    _check(rows, spread[1], excess_noise[1], spin, threads)
+    density = LikelihoodFunctions(rows, spin, acceleration, threads, group)
+    _check_separable(rows, spread[1], excess_noise[1], spin, threads)
     for i in range(3):  # each axis along the sharp edge of the others
         edge = [Axis(axis.low, axis.low, axis.scale, 1) for axis in axes]
         while axes[i].count > 1:
@@ -176,9 +176,9 @@ def marginalise(sums: ParallaxSums, spin: Literal["free"] | Vector | None, frame
     n_aa, n_au = matrix[..., nuisance, :][..., nuisance], matrix[..., nuisance, U]
     inverse = np.linalg.inv(n_aa)
     slope = -inverse @ n_au
-    mean = _times(inverse, rhs[..., nuisance])
+    mean = _matrix_vector_product(inverse, rhs[..., nuisance])
     m = matrix[..., U, U] + np.swapaxes(n_au, -1, -2) @ slope
-    b = rhs[..., U] + _times(np.swapaxes(slope, -1, -2), rhs[..., nuisance])
+    b = rhs[..., U] + _matrix_vector_product(np.swapaxes(slope, -1, -2), rhs[..., nuisance])
     peak = np.linalg.solve(m, b[..., None])[..., 0]
     least = chi2 - np.sum(rhs[..., nuisance] * mean, -1) - np.sum(b * peak, -1)
     c = -(least + sums.logdet + np.linalg.slogdet(n_aa)[1]) / 2
@@ -187,7 +187,7 @@ def marginalise(sums: ParallaxSums, spin: Literal["free"] | Vector | None, frame
     return np.moveaxis(np.concatenate(functions, axis=-1), -1, 0)
 
 
-def _check(rows, dispersion, excess_noise, spin, threads):
+def _check_separable(rows, dispersion, excess_noise, spin, threads):
     keep = slice(0, 9 if spin is not None else 6)
     matrix = rows.sums(dispersion, excess_noise, threads=threads).matrix[keep, keep]
     names = ["v_x", "v_y", "v_z", "a_x", "a_y", "a_z", "omega_x", "omega_y", "omega_z"][keep]
@@ -210,7 +210,7 @@ def _error(table, density, points=24):
     return max((np.abs(c0 - c1) / depth).max(), (peak_error / depth).max(), (matrix_error / depth).max())
 
 
-def _times(matrix, vector):
+def _matrix_vector_product(matrix, vector):
     return (matrix @ vector[..., None])[..., 0]
 
 
@@ -241,7 +241,7 @@ class ParallaxModel:
 
     def log_jacobian(self, ratio: FloatArray) -> FloatArray | float:
         """log |∂v/∂(coordinates)|, or |∂u/∂(coordinates)| for a prior that is flat in u."""
-        if self.priors.velocity.in_product:
+        if self.priors.velocity.flat_in_product:
             return 0.0 if self.along == "u" else 3 * np.log(ratio)
         return -3 * np.log(ratio) if self.along == "u" else 0.0
 
@@ -249,7 +249,7 @@ class ParallaxModel:
         """Log posterior density of coordinates (n, d), up to a constant."""
         total = self.priors.log(theta[:, 3:])
         good = np.isfinite(total)
-        spreads, ratio = self.spreads(theta[good, 3:])
+        spreads, ratio = self.likelihood_arguments(theta[good, 3:])
         u, v = self.velocities(theta[good])
         c, peak, matrix = self.likelihood(spreads)
         offset = u - peak
@@ -257,7 +257,7 @@ class ParallaxModel:
         total[good] += self.priors.velocity.log(v) + self.log_jacobian(ratio)
         return np.where(np.isnan(total), -np.inf, total)
 
-    def spreads(self, numbers: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def likelihood_arguments(self, numbers: FloatArray) -> tuple[FloatArray, FloatArray]:
         """s, x and q of the likelihood, (3, n), and H0/H_ref, from the free numbers (n, k)."""
         columns = dict(zip(self.priors.free, numbers.T, strict=True))
         ratio = columns["H0"] / self.likelihood.hubble
@@ -276,9 +276,11 @@ class ParallaxModel:
         ]
         return np.stack(inside), ratio
 
-    def conditional(self, numbers: FloatArray, with_priors: bool = True) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def marginalise_velocity(
+        self, numbers: FloatArray, with_priors: bool = True
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Log of the posterior at free numbers (n, k), a Gaussian v marginalised exactly; its mean and covariance."""
-        spreads, ratio = self.spreads(numbers)
+        spreads, ratio = self.likelihood_arguments(numbers)
         c, peak, matrix = self.likelihood(spreads)
         prior = self.priors.velocity
         data = matrix * ratio[:, None, None] ** 2
@@ -290,7 +292,7 @@ class ParallaxModel:
         log = c - (misfit - np.einsum("ni,ni->n", pull, mean)) / 2 - np.linalg.slogdet(precision)[1] / 2
         if prior.proper:
             log += np.linalg.slogdet(prior.precision)[1] / 2
-        if prior.in_product:
+        if prior.flat_in_product:
             log += 3 * np.log(ratio)
         return (self.priors.log(numbers) + log if with_priors else log), mean, covariance
 
@@ -330,21 +332,21 @@ class ParallaxModel:
         self, rng: np.random.Generator | np.random.RandomState, numbers: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
         """The first three coordinates given the rest, (n, 3), and the log-density they were drawn with."""
-        mean, root, logdet = self._first_given(numbers)
+        mean, root, logdet = self._velocity_given_numbers(numbers)
         unit = rng.standard_normal(mean.shape)
         return mean + np.einsum("nij,nj->ni", root, unit), -np.sum(unit**2, 1) / 2 - logdet
 
     def log_density_of_velocity(self, theta: FloatArray) -> FloatArray:
         """The log-density with which `draw_velocity` gives the first three of coordinates (n, d)."""
-        mean, root, logdet = self._first_given(theta[:, 3:])
+        mean, root, logdet = self._velocity_given_numbers(theta[:, 3:])
         unit = np.linalg.solve(root, (theta[:, :3] - mean)[..., None])[..., 0]
         return -np.sum(unit**2, 1) / 2 - logdet
 
-    def _first_given(self, numbers):
+    def _velocity_given_numbers(self, numbers):
         """Mean, root of the covariance and its log-determinant of the first three coordinates, given the rest."""
-        spreads, ratio = self.spreads(numbers)
+        spreads, ratio = self.likelihood_arguments(numbers)
         if self.priors.velocity.gaussian:
-            _, mean, covariance = self.conditional(numbers)
+            _, mean, covariance = self.marginalise_velocity(numbers)
         else:
             _, mean, matrix = self.likelihood(spreads)
             mean, covariance = mean / ratio[:, None], np.linalg.inv(matrix) / ratio[:, None, None] ** 2
@@ -356,7 +358,7 @@ class ParallaxModel:
     def to_samples(self, theta: FloatArray, rng: np.random.Generator) -> dict[str, FloatArray]:
         """Convert the samples to quantities by name: v, H0, the others, and ã, drawn given them."""
         numbers = theta[:, 3:]
-        spreads, _ = self.spreads(numbers)
+        spreads, _ = self.likelihood_arguments(numbers)
         u, v = self.velocities(theta)
         samples = dict(zip(("v_x", "v_y", "v_z"), v.T)) | {"speed": np.linalg.norm(v, axis=1)}
         samples |= dict(zip(self.priors.free, numbers.T))
@@ -393,10 +395,10 @@ def parallax_model(
         group=given.group,
         threads=threads,
     )
-    return ParallaxModel(table, given, "v" if _is_known(given.velocity, table) else "u")
+    return ParallaxModel(table, given, "v" if _prior_is_sharper(given.velocity, table) else "u")
 
 
-def _is_known(velocity, table):
+def _prior_is_sharper(velocity, table):
     """Return whether the prior on the velocity says more than the data, where they say most."""
     if not (velocity.gaussian and velocity.proper):
         return False

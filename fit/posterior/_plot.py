@@ -9,7 +9,7 @@ import numpy as np
 from fit.posterior._priors import UNITS
 from fit.posterior._sampling import Normal
 from vsh.figures.plot import COLOURS, WIDTH, apply_style, figure_of, panels
-from vsh.io.tables import two_digits
+from vsh.io.tables import decimals_of_error
 from vsh.tools.errors import ParameterError
 from vsh.tools.printing import import_quietly
 from vsh.tools.types import AxesArray, OnAxes
@@ -80,7 +80,7 @@ def plot_corner(
         figure.subplots_adjust(left=edge, bottom=edge, right=1 - 0.1 / size, top=1 - 0.35 / size)
     subplots = np.array(figure.axes[-k * k :], dtype=object).reshape(k, k)
     for axes, name, values in zip(subplots.diagonal(), quantities, data.T, strict=True):
-        axes.set_title(f"{_LABELS.get(name, name)} = {_median(values)}", fontsize=7)
+        axes.set_title(f"{_LABELS.get(name, name)} = {_format_median(values)}", fontsize=7)
     _draw_prior(subplots, posterior, quantities)
     figure.suptitle(f"{posterior.frame} axes, velocity toward the apex", x=0.98, ha="right")
     return subplots
@@ -99,10 +99,10 @@ def _prior_sigma(posterior, name):
     return prior.sigma if isinstance(prior, Normal) else np.inf
 
 
-def _median(values):
+def _format_median(values):
     """Median with the way to both ends of its 68 %, two digits of the smaller."""
     lower, middle, upper = np.quantile(values, (0.15865525, 0.5, 0.84134475))
-    digits = two_digits(min(middle - lower, upper - middle))
+    digits = decimals_of_error(min(middle - lower, upper - middle))
     return rf"${middle:.{digits}f}^{{+{upper - middle:.{digits}f}}}_{{-{middle - lower:.{digits}f}}}$"
 
 

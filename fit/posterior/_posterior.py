@@ -20,7 +20,7 @@ from fit.posterior._sampling import ENOUGH, Flat, Normal, autocorrelation, infer
 from fit.posterior._summary import SampleResult, Samples, sections_of
 from vsh.io import tables
 from vsh.io.sections import Section
-from vsh.io.tables import three_digits
+from vsh.io.tables import format_three_digits
 from vsh.tools.errors import ConvergenceError, ParameterError
 from vsh.tools.types import AxesArray, FloatArray, OnAxes, PathName
 
@@ -64,13 +64,13 @@ class Cells:
         cells = cls._on(model, edges)
         if count is not None:
             return cells
-        return cls._on(model, [_closer(edge, p, fine_count) for edge, p in zip(edges, cells.shares, strict=True)])
+        return cls._on(model, [_refine_edges(edge, p, fine_count) for edge, p in zip(edges, cells.shares, strict=True)])
 
     @classmethod
     def _on(cls, model, edges):
         middles = [(edge[1:] + edge[:-1]) / 2 for edge in edges]
         points = np.stack([grid.ravel() for grid in np.meshgrid(*middles, indexing="ij")], axis=1)
-        log, mean, covariance = model.conditional(points)
+        log, mean, covariance = model.marginalise_velocity(points)
         volume = reduce(np.multiply.outer, [np.diff(edge) for edge in edges])
         p = np.exp(log - log.max()).reshape(volume.shape) * volume
         return cls(model, tuple(edges), p / p.sum(), mean, covariance)
@@ -119,7 +119,7 @@ class Cells:
         draws, log_new = self.draw(rng, len(coordinates))
         return draws, self.log_density(coordinates) - log_new
 
-    def independent(self, rng: np.random.Generator, n: int) -> tuple[FloatArray, FloatArray]:
+    def draw_independent(self, rng: np.random.Generator, n: int) -> tuple[FloatArray, FloatArray]:
         """n independent draws of the posterior itself, (n, d), and their log-densities.
 
         Draws are kept with the ratio of the posterior to the density of the cells, over the largest that was seen: what
@@ -145,7 +145,7 @@ class Cells:
             return np.log(self.probability[indices]) - log_size
 
 
-def check_few(priors: ModelPriors) -> None:
+def check_grid_possible(priors: ModelPriors) -> None:
     """Raise ParameterError where a posterior is not known in cells."""
     names = tuple(priors.free)
     if len(names) > MOST:
@@ -154,10 +154,10 @@ def check_few(priors: ModelPriors) -> None:
         raise ParameterError("on a grid the prior on the velocity must be Gaussian or flat: sample with emcee")
 
 
-def in_cells(model: Any) -> Cells | None:
+def cells_of(model: Any) -> Cells | None:
     """The cells of a model; None where it has none."""
     try:
-        check_few(model.priors)
+        check_grid_possible(model.priors)
     except ParameterError:
         return None
     return Cells.of(model) if isinstance(model, ParallaxModel) else None
@@ -169,7 +169,7 @@ def _support(edge, share):
     return edge[inside[0]], edge[inside[-1] + 1]
 
 
-def _closer(edge, share, number):
+def _refine_edges(edge, share, number):
     """Edges of cells of which half share the probability evenly, and half the range."""
     uniform_cdf = np.linspace(0, 1, edge.size)
     return np.interp(np.linspace(0, 1, number + 1), (np.concatenate([[0.0], np.cumsum(share)]) + uniform_cdf) / 2, edge)
@@ -246,7 +246,7 @@ class Posterior(SampleResult):
     def burn_in(self) -> int:
         """Steps left out at the start: five autocorrelation times of the slowest coordinate; none of draws."""
         begins_anywhere = self.method == "emcee" and self.cells is None
-        steps = 5 * np.nan_to_num(self._slowest(), nan=np.inf)  # of a walker that never moved
+        steps = 5 * np.nan_to_num(self._longest_autocorrelation(), nan=np.inf)  # of a walker that never moved
         return int(min(np.ceil(steps), len(self.chain))) if begins_anywhere else 0
 
     @property
@@ -288,7 +288,7 @@ class Posterior(SampleResult):
 
     def _sections(self, long):
         quantiles = self.hubble_by_prior if long else {}
-        return (*sections_of(self, long), *([_sensitivity(quantiles)] if quantiles else []))
+        return (*sections_of(self, long), *([_prior_section(quantiles)] if quantiles else []))
 
     @cached_property
     def hubble_by_prior(self) -> dict[str, HubbleQuantiles]:
@@ -394,11 +394,11 @@ class Posterior(SampleResult):
 
     def _after_burn_in(self):
         """The chain as it is kept; its second half where it is too short to tell."""
-        slowest = self._slowest()
+        slowest = self._longest_autocorrelation()
         half = len(self.chain) // 2
         return self.chain[min(half, self.burn_in) if np.isfinite(slowest) else half :]
 
-    def _slowest(self):
+    def _longest_autocorrelation(self):
         return float(np.max(list(self.autocorrelation.values())))  # nan if any is
 
     def _check_length(self):
@@ -410,7 +410,7 @@ class Posterior(SampleResult):
                     "--posterior N)"
                 )
             return
-        slowest = self._slowest()
+        slowest = self._longest_autocorrelation()
         if steps >= ENOUGH * slowest:
             return
         is_finite = np.isfinite(slowest)
@@ -441,7 +441,7 @@ _POINTS = {0: (4000, 1), 1: (800, 150), 2: (300, 40)}
 
 def _hubble_likelihood(model: Any) -> tuple[FloatArray, FloatArray] | None:
     """H0, and ln of its likelihood with all else integrated over its prior; None where there is no closed form."""
-    if not hasattr(model, "conditional") or not model.priors.velocity.gaussian:
+    if not hasattr(model, "marginalise_velocity") or not model.priors.velocity.gaussian:
         return None
     nuisance_priors = {name: prior for name, prior in model.priors.free.items() if name != "H0"}
     if len(nuisance_priors) > max(_POINTS):
@@ -460,13 +460,13 @@ def _hubble_likelihood(model: Any) -> tuple[FloatArray, FloatArray] | None:
     total = np.empty(number)
     for chunk in np.array_split(np.arange(number), max(1, number * log_prior.size // 20_000)):
         points = np.stack([grid.ravel() for grid in np.meshgrid(hubble[chunk], *axes, indexing="ij")], axis=1)
-        log = model.conditional(points, with_priors=False)[0].reshape(len(chunk), -1)
+        log = model.marginalise_velocity(points, with_priors=False)[0].reshape(len(chunk), -1)
         total[chunk] = logsumexp(log + log_prior.ravel(), axis=1)
     fine = np.geomspace(hubble[0], hubble[-1], 4000)
     return fine, np.interp(np.log(fine), np.log(hubble), total)
 
 
-def _other_priors(prior: Any) -> dict[str, Any]:
+def _priors_to_compare(prior: Any) -> dict[str, Any]:
     """Priors beside the one that was given, as functions of H0 that return log-densities."""
     priors = {"as given": prior.log}
     if isinstance(prior, Normal):
@@ -488,7 +488,7 @@ def _hubble_by_prior(model):
         return {}
     hubble, log = likelihood
     step, quantiles = np.gradient(hubble), {}
-    for name, prior in _other_priors(model.priors.hubble).items():
+    for name, prior in _priors_to_compare(model.priors.hubble).items():
         total = log + prior(hubble)
         weight = np.where(np.isfinite(total), np.exp(total - np.nanmax(total[np.isfinite(total)])), 0.0) * step
         share = np.cumsum(weight) / weight.sum()
@@ -498,9 +498,9 @@ def _hubble_by_prior(model):
     return quantiles
 
 
-def _sensitivity(quantiles: dict[str, HubbleQuantiles]) -> Section:
+def _prior_section(quantiles: dict[str, HubbleQuantiles]) -> Section:
     """H0 under several priors, as a section."""
-    cells = [[three_digits(value) for value in estimate[:5]] for estimate in quantiles.values()]
+    cells = [[format_three_digits(value) for value in estimate[:5]] for estimate in quantiles.values()]
     columns = {
         "prior": list(quantiles),
         "median": [row[0] for row in cells],

@@ -6,7 +6,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from fit.posterior._sampling import Flat, Normal, Prior, as_prior, integrable_over_cube, named_function
+from fit.posterior._sampling import Flat, Normal, Prior, as_prior, function_identity, integrable_with_inverse_cube
 from fit.secular_parallax import ASSUMED, DistanceModel, LocalGroup
 from vsh.models.cosmology import CMB_VELOCITY_PLANCK18
 from vsh.tools.errors import ParameterError
@@ -31,7 +31,7 @@ class VelocityPrior:
         return self.name not in ("flat", "flat-product")
 
     @property
-    def in_product(self) -> bool:
+    def flat_in_product(self) -> bool:
         """Return whether the density is flat in u = v H0, not in v: p(v, H0) = p(H0) H0³."""
         return self.name == "flat-product"
 
@@ -64,7 +64,7 @@ def velocity_prior(value: Any, frame: str) -> VelocityPrior:
         text = f"{value.amplitude:.2f} ± {value.amplitude_error:.2g} km/s toward l = {l:.2f}°, b = {b:+.2f}°"
         return VelocityPrior(f"Gaussian {value.value} {value.sigma} {value.frame}", vector.value, precision, words=text)
     if callable(value):
-        return VelocityPrior(f"function {named_function(value)}", function=value)
+        return VelocityPrior(f"function {function_identity(value)}", function=value)
     raise ParameterError(f"a velocity prior is 'planck', 'flat', 'flat-product', a Vector or a function, not {value!r}")
 
 
@@ -230,7 +230,7 @@ def checked_priors(priors: Priors, frame: str, model: DistanceModel | None = Non
             "the data constrain only the product v · H0: with a flat prior on the velocity, that on H0 must be proper "
             "(Flat(low, high), Normal(mean, sigma)), or the other way round"
         )
-    if velocity.name == "flat" and not integrable_over_cube(hubble):
+    if velocity.name == "flat" and not integrable_with_inverse_cube(hubble):
         raise ParameterError(
             f"with a prior flat in the velocity the posterior of H0 goes as p(H0)/H0³, which for {hubble} has no"
             ' integral: small H0 would dominate it. Take velocity_prior="flat-product" (flat in v · H0: the prior on'

@@ -11,9 +11,9 @@ import numpy as np
 
 from fit.distances import declared_frame
 from fit.posterior._model import parallax_model
-from fit.posterior._posterior import Cells, Posterior, check_few, in_cells
+from fit.posterior._posterior import Cells, Posterior, cells_of, check_grid_possible
 from fit.posterior._priors import ModelPriors, Priors, as_priors, checked_priors
-from fit.posterior._sampling import Prior, Run, check_writable, fingerprint, named_function
+from fit.posterior._sampling import Prior, Run, check_writable, fingerprint, function_identity
 from fit.results.storage import Result
 from fit.secular_parallax import (
     ASSUMED,
@@ -22,7 +22,7 @@ from fit.secular_parallax import (
     DistanceModel,
     ParallaxEquations,
     ParallaxParts,
-    collect_notes,
+    add_frame_warning,
     flow_covariance,
     local_group_of,
 )
@@ -33,7 +33,7 @@ from vsh.io.sections import Section
 from vsh.tools import arguments
 from vsh.tools.arguments import choice, generator
 from vsh.tools.errors import ParameterError
-from vsh.tools.files import exclusive
+from vsh.tools.files import hold_lock
 from vsh.tools.printing import log_result
 from vsh.tools.types import AxesArray, Cosmology, FloatArray, OnAxes, PathName, Rng, Table
 from vsh.vector import Vector
@@ -56,9 +56,9 @@ def posterior_equations(
             f"{rows.n_own} sources have distances in Mpc, of which the motions tell v, not v · H0: the posterior takes "
             "redshifts alone. Leave those distances out, or fit with fit.secular_parallax.observer_velocity"
         )
-    rows = collect_notes(rows, field, model.redshift_frame)
+    rows = add_frame_warning(rows, field, model.redshift_frame)
     if rows.left_out is not None:
-        rows = replace(rows, notes=(_left_out(rows, model_priors), *rows.notes))
+        rows = replace(rows, notes=(_omitted_flow_note(rows, model_priors), *rows.notes))
     group = local_group_of(priors.local_group, rows)
     if group is not None and "flow_amplitude" in model_priors.free:
         raise ParameterError("the Local Group tells a flow of known amplitude: leave out local_group or flow_amplitude")
@@ -74,7 +74,7 @@ def posterior_equations(
     return rows, model_priors
 
 
-def _left_out(rows, model_priors):
+def _omitted_flow_note(rows, model_priors):
     """Note on what omitted flows would add."""
     sums = rows.left_out.sums(model_priors.typical_dispersion, 0.0, rows.n_data // 2)
     size = np.sqrt(np.diag(flow_covariance(sums, np.eye(9)[:, : OMEGA.start], 1.0)))
@@ -165,7 +165,7 @@ def sample(
     )
     spin = priors.spin
     if method == "grid":  # before the likelihood is tabulated
-        check_few(model_priors)
+        check_grid_possible(model_priors)
         if checkpoint is not None:
             raise ParameterError("independent draws from a grid are made at once: they take no checkpoint")
     model: Any = parallax_model(rows, model_priors, spin, threads)
@@ -178,18 +178,18 @@ def sample(
     seed, begun = int(generator(rng).integers(2**32)), perf_counter()
     about: Any = {"model": model, "frame": rows.frame, "notes": rows.notes, "seed": seed}
     if method == "grid":
-        theta, log = Cells.of(model).independent(np.random.default_rng(seed), steps * n_walkers)
+        theta, log = Cells.of(model).draw_independent(np.random.default_rng(seed), steps * n_walkers)
         chain, log_probability = theta.reshape(steps, n_walkers, -1), log.reshape(steps, n_walkers)
         return _log_run(Posterior(chain=chain, log_probability=log_probability, method=method, **about), begun)
-    cells, start = in_cells(model), np.random.default_rng(seed)
-    begin = model.start(start, n_walkers) if cells is None else cells.independent(start, n_walkers)[0]
+    cells, start = cells_of(model), np.random.default_rng(seed)
+    begin = model.start(start, n_walkers) if cells is None else cells.draw_independent(start, n_walkers)[0]
     max_steps = 16 * steps if max_samples is None else int(max_samples) // n_walkers
     run = Run(model, begin, seed, steps, progress, save_every, max_steps, None if cells is None else cells.propose)
     if checkpoint is not None:
         check_writable(checkpoint)
         spin_said = f"{spin.value} {spin.sigma}" if isinstance(spin, Vector) else str(spin)
         identity = fingerprint(
-            _data(field, rows),
+            _identifying_arrays(field, rows),
             f"{rows.n_data // 2} sources, {rows.frame}",
             model_priors.describe()
             | {
@@ -200,7 +200,7 @@ def sample(
                 "seed": str(seed),
             },
         )
-    with nullcontext() if checkpoint is None else exclusive(checkpoint):
+    with nullcontext() if checkpoint is None else hold_lock(checkpoint):
         if checkpoint is not None:
             run.resume_from(checkpoint, identity)
         chain, log_probability = run.run()
@@ -212,7 +212,7 @@ def _log_run(posterior, begun):
     return posterior
 
 
-def _data(field, rows):
+def _identifying_arrays(field, rows):
     """The arrays that tell one catalogue from another: of the field, or the sums of its parts."""
     if isinstance(field, Field):
         arrays = [getattr(field, name) for name in ("lon", "lat", "motion", "sigma", "rho", "redshift")]
@@ -225,7 +225,7 @@ def _in_words(distances):
     """Describe how distances follow from redshifts, the same text in every run."""
     return str(
         {
-            name: named_function(value) if callable(value) and not isinstance(value, type) else repr(value)
+            name: function_identity(value) if callable(value) and not isinstance(value, type) else repr(value)
             for name, value in sorted(distances.items())
         }
     )
@@ -325,11 +325,11 @@ def grid(
     rows, model_priors = posterior_equations(
         field, priors, DistanceModel(cosmology=cosmology, **_select_assumed(options))
     )
-    check_few(model_priors)
-    return of_cells(Cells.of(parallax_model(rows, model_priors, priors.spin, threads), n_points))
+    check_grid_possible(model_priors)
+    return summarise_cells(Cells.of(parallax_model(rows, model_priors, priors.spin, threads), n_points))
 
 
-def of_cells(cells: Cells) -> GridPosterior:
+def summarise_cells(cells: Cells) -> GridPosterior:
     """Summarise the cells."""
     weight, mean = cells.probability.ravel(), cells.mean
     centre = weight @ mean

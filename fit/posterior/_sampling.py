@@ -88,7 +88,7 @@ class Prior(Protocol):
         ...
 
 
-def _limit(name, value):
+def _check_number(name, value):
     """A number, which may be infinite; whole ones stay whole."""
     if isinstance(value, (int, float, np.number)) and not isinstance(value, bool) and value == value:
         return value
@@ -104,7 +104,7 @@ class Flat(InNotebook):
 
     def __post_init__(self) -> None:
         for name in ("low", "high"):
-            object.__setattr__(self, name, _limit(name, getattr(self, name)))
+            object.__setattr__(self, name, _check_number(name, getattr(self, name)))
         if not self.low < self.high:
             raise ParameterError(f"a flat prior needs limits that rise, not {self.low} and {self.high}")
 
@@ -132,7 +132,7 @@ class Normal(InNotebook):
 
     def __post_init__(self) -> None:
         for name in ("mean", "sigma", "low", "high"):
-            object.__setattr__(self, name, _limit(name, getattr(self, name)))
+            object.__setattr__(self, name, _check_number(name, getattr(self, name)))
         if not (self.sigma > 0 and np.isfinite(self.sigma) and np.isfinite(self.mean)):
             raise ParameterError(f"a Gaussian prior needs a finite mean and σ > 0, not {self.mean} ± {self.sigma}")
 
@@ -153,7 +153,7 @@ class Density(InNotebook):
     proper = True
 
     def __repr__(self) -> str:
-        return f"Density({named_function(self.function)}, {self.low}, {self.high})"
+        return f"Density({function_identity(self.function)}, {self.low}, {self.high})"
 
     def log(self, x: FloatArray) -> FloatArray:
         """Log-density at `x`, any shape."""
@@ -161,7 +161,7 @@ class Density(InNotebook):
         return np.where(inside, self.function(np.where(inside, x, (self.low + self.high) / 2)), -np.inf)
 
 
-def integrable_over_cube(prior: Prior) -> bool:
+def integrable_with_inverse_cube(prior: Prior) -> bool:
     """Return whether ∫ p(x)/x³ dx over x > 0 is finite at zero."""
     if prior.low > 0:
         return True
@@ -189,7 +189,7 @@ def as_prior(value: Any, name: str, named: Mapping[str, Prior] | tuple[()] = ())
     return value
 
 
-def named_function(function: Callable[..., Any]) -> str:
+def function_identity(function: Callable[..., Any]) -> str:
     """The name of a function and a hash of what it does."""
     code = getattr(function, "__code__", None)
     mark = sha256(code.co_code + repr(code.co_consts).encode()).hexdigest()[:12] if code else ""

@@ -8,10 +8,10 @@ import numpy as np
 
 from fit.posterior._priors import FITS_UNITS, SHORT_NAMES, UNITS
 from fit.posterior._sampling import autocorrelation, inference_data, split_r_hat
-from fit.results.storage import Result, count, words
+from fit.results.storage import Result, checked_count, checked_strings
 from vsh.io import tables
 from vsh.io.sections import Section
-from vsh.io.tables import three_digits
+from vsh.io.tables import format_three_digits
 from vsh.sky.frames import check_frame
 from vsh.tools.arguments import float_array
 from vsh.tools.errors import ParameterError
@@ -53,7 +53,7 @@ class SampleResult(Result):
         """Number of chains that the samples come from, step by step and within a step walker by walker."""
         raise NotImplementedError
 
-    def _effective(self):
+    def _effective_sizes(self):
         """Effective number of independent samples of each quantity, by name."""
         return {
             name: values.size / float(autocorrelation(self._chains(name))[0]) for name, values in self.samples.items()
@@ -86,8 +86,8 @@ class SampleResult(Result):
 
     def print_summary(self) -> dict[str, list[str]]:
         """Median, and the limits of the 68 and 95 % intervals, to the digits that their Monte Carlo errors allow."""
-        size = self._effective()
-        return {name: _as_sure(row, size[name]) for name, row in self.summary().items()}
+        size = self._effective_sizes()
+        return {name: _format_interval(row, size[name]) for name, row in self.summary().items()}
 
     @property
     def velocity(self) -> Vector:
@@ -180,7 +180,7 @@ class Samples(SampleResult):
         return cls(
             samples=samples,
             frame=check_frame(metadata["frame"]),
-            notes=words(metadata["notes"]),
+            notes=checked_strings(metadata["notes"]),
             priors=dict(metadata["priors"]),
             seed=int(metadata["seed"]),
             walkers=_walkers(samples, metadata),
@@ -189,7 +189,7 @@ class Samples(SampleResult):
 
 def _walkers(samples, header):
     """The number of walkers of a file; one where an older file does not say it."""
-    walkers = count(header.get("walkers", 1))
+    walkers = checked_count(header.get("walkers", 1))
     if not walkers or any(values.size % walkers for values in samples.values()):
         raise ParameterError(f"{walkers} walkers do not go with the number of samples")
     return walkers
@@ -198,7 +198,7 @@ def _walkers(samples, header):
 def sections_of(posterior: Any, long: bool = True) -> tuple[Section, ...]:
     """A posterior as sections."""
     facts = prior_facts(posterior.model.priors.in_words()) + _origin(posterior) if long else []
-    remarks = [*_at_limits(posterior), *_product(posterior)]
+    remarks = [*_limit_warnings(posterior), *_product_remarks(posterior)]
     section = summary_section(posterior, facts, _fixed_by_prior(posterior.model.priors))
     return (replace(section, remarks=remarks, notes=posterior.notes),)
 
@@ -249,7 +249,7 @@ def _fixed_by_prior(priors):
 
 def summary_section(result: SampleResult, facts: Sequence[tuple[str, str]] = (), given: Sequence[str] = ()) -> Section:
     """Medians and intervals of a SampleResult; those that were given are marked as priors."""
-    size, r_hat = result._effective(), result._r_hat()
+    size, r_hat = result._effective_sizes(), result._r_hat()
     effective = f"{min(size.values()):.0f} independent samples at least, R̂ {max(r_hat.values()):.3f} at most"
     rows = result.print_summary()
     columns = {
@@ -263,7 +263,7 @@ def summary_section(result: SampleResult, facts: Sequence[tuple[str, str]] = (),
     return Section(title, [*facts, ("effective", f"{effective}; digits are those they have")], tables.table_of(columns))
 
 
-def _as_sure(row, effective):
+def _format_interval(row, effective):
     """Median and limits to the digits that the Monte Carlo error of the median allows."""
     error = np.sqrt(np.pi / 2) * row.sigma / np.sqrt(max(effective, 1.0))
     digits = int(np.clip(np.floor(-np.log10(error)), -6, 12)) if np.isfinite(error) and error > 0 else 4
@@ -274,7 +274,7 @@ def _as_sure(row, effective):
 _WIDE = 1 / 3
 
 
-def _product(posterior):
+def _product_remarks(posterior):
     """v · H0, and one-sided limits of H0, where its error is too large for a ±."""
     if posterior.hubble_limits is None:
         return []
@@ -282,11 +282,12 @@ def _product(posterior):
     product = posterior.product
     return [
         f"v · H0: median {product[0]:.0f}, 68 % {product[1]:.0f} … {product[2]:.0f} (km/s)²/Mpc",
-        f"H0 is below {three_digits(upper)} with 95 %, above {three_digits(lower)} with 95 % (one-sided) km/s/Mpc",
+        f"H0 is below {format_three_digits(upper)} with 95 %, above {format_three_digits(lower)} with 95 % (one-sided) "
+        "km/s/Mpc",
     ]
 
 
-def _at_limits(posterior, margin=0.02, share=1e-3):
+def _limit_warnings(posterior, margin=0.02, share=1e-3):
     """Warnings where samples lean against a limit that neither data nor priors give."""
     prior, samples = posterior.model.priors.hubble, posterior.samples["H0"]
     lower, upper = posterior.model.priors.limits("H0")

@@ -19,21 +19,21 @@ from vsh import Coefficients
 from vsh.basis import harmonics
 from vsh.classes import Classes
 from vsh.field import Field
-from vsh.io.parts import Parts, added, applied, as_parts, fields_or_parts, weighted_quantiles
-from vsh.models.cosmology import usable, velocity_along, with_redshift
+from vsh.io.parts import Parts, add_sums, apply_step, as_parts, check_fields_or_parts, weighted_quantiles
+from vsh.models.cosmology import usable_mask, velocity_in_frame, with_redshift
 from vsh.models.flows import LinearTheory
 from vsh.modes import KINDS, Modes, as_modes
 from vsh.sky.sphere import triad
 from vsh.tools import arguments
 from vsh.tools.arguments import generator
 from vsh.tools.errors import DegeneracyError, EmptyFieldError, ParameterError
-from vsh.tools.notes import format_notes, merge_notes
+from vsh.tools.notes import drop_empty_notes, merge_notes
 from vsh.tools.types import ArrayLike, FloatArray, Rng
 from vsh.tools.units import AU_PER_YEAR
 from vsh.vector import Vector
 
 
-@arguments.accepts(field=fields_or_parts)
+@arguments.accepts(field=check_fields_or_parts)
 def binned(
     field: Field | Parts | Iterable[Field],
     modes: Modes | int,
@@ -95,7 +95,7 @@ def binned(
     if isinstance(edges, (str, dict)) or np.ndim(edges) == 0:
         if not isinstance(field, Field | Parts):
             raise ParameterError("bins of equal information need the whole field, or parts: give their edges")
-        edges = equal_information(field, cast(int, edges))
+        edges = equal_information_edges(field, cast(int, edges))
     edges = arguments.float_array("edges", edges)
     if edges.ndim != 1 or len(edges) < 2:
         raise ParameterError(
@@ -130,11 +130,11 @@ def binned(
         radial = peculiar_dispersion if flow is None else float(np.hypot(flow.dispersion, flow.theory.sigma))
         calibration = calibrate_if_known(field, redshift_frame, radial)
     sums_of = None if is_weighted else partial(normal_equations, threads=threads)
-    work = partial(_by_bin, edges=edges, modes=modes, calibration=calibration, flow=flow, sums_of=sums_of)
+    work = partial(_sums_by_bin, edges=edges, modes=modes, calibration=calibration, flow=flow, sums_of=sums_of)
     if isinstance(field, Parts):
         bin_sums = field.sum(work, roles=("redshift",), words="bins of redshift")
     else:
-        bin_sums = reduce(added, map(work, [field] if isinstance(field, Field) else field), {})
+        bin_sums = reduce(add_sums, map(work, [field] if isinstance(field, Field) else field), {})
     for b in range(bins):
         if b not in bin_sums:
             raise DegeneracyError(f"bin {b + 1} of {bins}, {_labels(edges)[b]}, is empty: choose other edges")
@@ -144,11 +144,11 @@ def binned(
         normals, is_scaled, remarks = _weighted_normals(field, modes, edges, counts, method, value, rng)
     else:
         normals = [bin_sums[b][1] for b in range(bins)]
-    notes = [*format_notes(merge_notes(*bin_sums.get("notes", ()))), *remarks]
+    notes = [*drop_empty_notes(merge_notes(*bin_sums.get("notes", ()))), *remarks]
     if bin_sums.get("outside"):
         notes.append(f"left out {bin_sums['outside']} sources with redshifts outside {edges[0]:g} … {edges[-1]:g}")
     columns = None if flow is None else [bin_sums[b][2] for b in range(bins)]
-    solve_bins = _joint if shared_higher_degrees and modes.lmax > 1 else _split_bins
+    solve_bins = _solve_jointly if shared_higher_degrees and modes.lmax > 1 else _solve_each_bin
     solutions, covariance, free_modes, flow_covariance = solve_bins(normals, edges, columns)
     with np.errstate(invalid="ignore", divide="ignore"):
         mean_inverse_distance = sums[:, 3] / sums[:, 4]
@@ -199,7 +199,7 @@ def _weighted_normals(field, modes, edges, counts, method, value, rng):
         )
     own = min(counts) >= _OWN
     lmax = None if method == "recommended" else modes
-    inside = [applied(field, partial(_select_bin, low=low, high=high)) for low, high in pairwise(edges)]
+    inside = [apply_step(field, partial(_select_bin, low=low, high=high)) for low, high in pairwise(edges)]
     try:
         fits = [estimate(sources, lmax, method, value, rng=rng) for sources in (inside if own else [field])]
     except DegeneracyError as error:
@@ -219,10 +219,10 @@ def _select_bin(field, low, high):
     """The sources of a bin."""
     if field.redshift is None:
         return with_redshift(field, 0.0)  # which says what is missing
-    return field[usable(field.redshift, 0.0) & (field.redshift >= low) & (field.redshift < high)]
+    return field[usable_mask(field.redshift, 0.0) & (field.redshift >= low) & (field.redshift < high)]
 
 
-def _by_bin(field, edges, modes, calibration, flow, sums_of):
+def _sums_by_bin(field, edges, modes, calibration, flow, sums_of):
     """Some sources by bin: moments of the redshifts, normal equations, columns of the flow; and what was left out."""
     try:
         good = with_redshift(field, 0.0)
@@ -245,10 +245,10 @@ def _by_bin(field, edges, modes, calibration, flow, sums_of):
 
 
 @arguments.accepts(field=arguments.a(Field, Parts), n_bins=arguments.whole)
-def equal_information(field: Field | Parts, n_bins: int) -> FloatArray:
+def equal_information_edges(field: Field | Parts, n_bins: int) -> FloatArray:
     """Edges of redshift bins that hold the same weight of motions, (n_bins + 1,)."""
     sky = as_parts(field)
-    sources, lowest, highest = sky.sum(_reach, roles=("redshift",), words="redshifts")
+    sources, lowest, highest = sky.sum(_count_and_range, roles=("redshift",), words="redshifts")
     if sources < n_bins:
         raise DegeneracyError(f"{sources} sources do not fill {n_bins} bins")
     inner = weighted_quantiles(
@@ -272,7 +272,7 @@ def _usable_column(field, column):
     return getattr(_select_bin(field, 0.0, np.inf), column)
 
 
-def _reach(field):
+def _count_and_range(field):
     """Count the sources with a redshift, and list the least and the largest, one of each part."""
     z = _usable_column(field, "redshift")
     return len(z), [z.min()] if z.size else [], [z.max()] if z.size else []
@@ -284,14 +284,14 @@ def _moments(field, rate):
     return np.array([len(field), weight.sum(), weight @ z, AU_PER_YEAR * (weight @ rate), weight[rate > 0].sum()])
 
 
-def _split_bins(normals, edges, columns):
+def _solve_each_bin(normals, edges, columns):
     """Solve each bin by itself: solutions, the covariance of their noise, which modes are free, what the flow adds."""
     solutions = []
     for b, normal in enumerate(normals):
         try:
             solutions.append(solve(normal))
         except DegeneracyError as error:
-            raise DegeneracyError(_of_bin(b, edges, error)) from None
+            raise DegeneracyError(_bin_message(b, edges, error)) from None
     p, bins = len(normals[0].modes), len(normals)
     covariance = np.zeros((bins, p, bins, p))
     for b, solution in enumerate(solutions):
@@ -315,7 +315,7 @@ def _with_flow(solution, flow_response):
     )
 
 
-def _joint(normals, edges, columns):
+def _solve_jointly(normals, edges, columns):
     """Degree 1 in each bin, the rest in common: one system of normal equations."""
     modes, bins = normals[0].modes, len(normals)
     free_modes = np.array([i for i, mode in enumerate(modes) if mode.l == 1])
@@ -327,7 +327,7 @@ def _joint(normals, edges, columns):
         try:
             solve(free_normal)
         except DegeneracyError as error:
-            raise DegeneracyError(_of_bin(b, edges, error)) from None
+            raise DegeneracyError(_bin_message(b, edges, error)) from None
     size, common_slice = 6 * bins + len(common_modes), slice(6 * bins, None)
     matrix, rhs = np.zeros((size, size)), np.zeros(size)
     for b, normal in enumerate(normals):
@@ -375,7 +375,7 @@ def _joint(normals, edges, columns):
     return solutions, noise, free_modes, flow_covariance
 
 
-def _of_bin(b, edges, error):
+def _bin_message(b, edges, error):
     return f"bin {b + 1}, {_labels(edges)[b]}: {error}; or take fewer bins"
 
 
@@ -503,6 +503,6 @@ def _solve_bins(sums, sources, column):
 
 def _parallax(field, velocity, calibration):
     """The motions by our velocity, (2, n); none within the flow. [µas/yr]"""
-    velocity = velocity_along(velocity, field.frame).value
+    velocity = velocity_in_frame(velocity, field.frame).value
     p, q, _ = triad(field.lon, field.lat)
     return -np.stack([velocity @ p, velocity @ q]) * mean_rates(field, calibration)

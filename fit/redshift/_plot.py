@@ -4,8 +4,8 @@ from typing import Any
 
 import numpy as np
 
-from vsh.figures.plot import COLOURS, WIDTH, apply_style, figure_of, legend_above, log_ticks, panels
-from vsh.models.cosmology import FLOW_LIMIT, transverse_distance, velocity_along
+from vsh.figures.plot import COLOURS, WIDTH, apply_style, figure_of, legend_above, panels, set_log_ticks
+from vsh.models.cosmology import FLOW_LIMIT, transverse_distance, velocity_in_frame
 from vsh.tools.errors import ParameterError
 from vsh.tools.types import Axes, AxesArray, OnAxes
 from vsh.tools.units import AU_PER_YEAR
@@ -59,13 +59,13 @@ def plot_bins(binned: Any, velocity: str | Vector | None = "planck", *, ax: OnAx
         if logarithmic:
             lower = max(edges[0], z.min() / 20)  # a first bin from next to nothing would take half the axis
             axes.set_xlim(lower / 1.2, edges[-1] * 1.2)
-            log_ticks(axes.xaxis, lower, edges[-1])
+            set_log_ticks(axes.xaxis, lower, edges[-1])
     figure_of(axes_array).suptitle(f"{binned.counts.sum()} sources in {len(binned)} bins; {binned.frame} axes")
     return axes_array
 
 
 def _draw_prediction(binned_solution, velocity, axes_pair):
-    velocity = velocity_along(velocity, binned_solution.frame)
+    velocity = velocity_in_frame(velocity, binned_solution.frame)
     try:
         acceleration, _ = binned_solution.secular_parallax(velocity)
     except ParameterError:

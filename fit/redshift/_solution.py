@@ -15,8 +15,8 @@ from scipy.linalg import eigh
 from scipy.special import chdtrc
 
 from fit.background import ClassComparison, shared
-from fit.distances import flow_counts, flow_limits
-from fit.results.output import amplitude
+from fit.distances import flow_information, flow_limits
+from fit.results.output import format_amplitude
 from fit.results.quality import Quality, f_p_value, gls
 from fit.results.storage import Result
 from fit.secular_parallax import LEFT_DISPERSION, modes_within
@@ -28,7 +28,7 @@ from vsh.io import tables
 from vsh.io.parts import Parts, as_parts
 from vsh.io.sections import Section
 from vsh.io.tables import printed_p_value
-from vsh.models.cosmology import CMB_VELOCITY_PLANCK18, FLAT_PLANCK13, FLOW_LIMIT, hubble_value, usable
+from vsh.models.cosmology import CMB_VELOCITY_PLANCK18, FLAT_PLANCK13, FLOW_LIMIT, hubble_value, usable_mask
 from vsh.models.flows import FlowModes, LinearTheory
 from vsh.modes import KINDS, Modes
 from vsh.tools.errors import ParameterError
@@ -102,14 +102,14 @@ class Trend(Result):
 
 def welch(binned: Any, steps: int) -> tuple[float, float]:
     """Divisor of a scaled χ², and the degrees of freedom of its scale (Welch 1951), for `steps` contrasts."""
-    weight, dof = information(binned)
+    weight, dof = weights_and_dof(binned)
     share = weight / weight.sum()
     welch_sum = np.sum((1 - share) ** 2 / dof)
     k = steps + 1
     return 1 + 2 * (k - 2) / (k * k - 1) * welch_sum, (k * k - 1) / (3 * welch_sum)
 
 
-def information(binned: Any) -> tuple[FloatArray, FloatArray]:
+def weights_and_dof(binned: Any) -> tuple[FloatArray, FloatArray]:
     """Weight of each bin with scaled errors, and the degrees of freedom of its scale."""
     size = len(binned.free)
     noise = [np.trace(binned.covariance[i : i + size, i : i + size]) for i in range(0, size * len(binned), size)]
@@ -117,7 +117,7 @@ def information(binned: Any) -> tuple[FloatArray, FloatArray]:
     return weight, np.array([max(s.dof, 1) for s in binned.solutions])
 
 
-def slope_of(estimate: tuple[FloatArray, float, FloatArray], q: int) -> float:
+def estimated_slope_chi2(estimate: tuple[FloatArray, float, FloatArray], q: int) -> float:
     """χ² of no slope, from what `gls` found for constants and slopes."""
     theta, _, theta_covariance = estimate
     return float(theta[q:] @ np.linalg.solve(theta_covariance[q:, q:], theta[q:]))
@@ -178,8 +178,8 @@ class SharedFlow:
 def _counts(field, lower, upper):
     if field.redshift is None:
         return 0.0
-    inside = usable(field.redshift) & (field.redshift >= lower) & (field.redshift < upper)
-    return flow_counts(field.redshift[inside], field.information[inside]) if inside.any() else 0.0
+    inside = usable_mask(field.redshift) & (field.redshift >= lower) & (field.redshift < upper)
+    return flow_information(field.redshift[inside], field.information[inside]) if inside.any() else 0.0
 
 
 def shared_flow(
@@ -229,7 +229,7 @@ def sections_of(
     table = binned.to_table()
     if not long:
         for name in ("spin", "acceleration"):
-            table[f"|{name}| [µas/yr]"] = [amplitude(vector) for vector in binned.vectors(name)]
+            table[f"|{name}| [µas/yr]"] = [format_amplitude(vector) for vector in binned.vectors(name)]
     columns = [name for name in table.colnames if long or not name.startswith(("spin", "acceleration"))]
     bins_section = Section(title, (), table, columns, forms={"chi2_dof": ".2f"}, remarks=warnings)
     return (bins_section, _tests_section(binned, velocity, p_values))
@@ -255,12 +255,12 @@ def _tests_section(binned_solution, velocity, p_values):
         "p_value permuted": [p for _, _, p in rows],
         "verdict": ["contradicted" if p < _REMARKABLE else "not contradicted" for p in verdict_p_values],
     }
-    remarks = [f"permuted: {reason}"] if (reason := _not_permuted(binned_solution, p_values)) else []
+    remarks = [f"permuted: {reason}"] if (reason := _why_not_permuted(binned_solution, p_values)) else []
     table, forms = tables.table_of(columns), {"χ²": ".2f"}
     return Section("Do the bins differ?", (), table, forms=forms, remarks=remarks, notes=binned_solution.notes)
 
 
-def _not_permuted(binned_solution, p_values):
+def _why_not_permuted(binned_solution, p_values):
     """Reason why redshifts were not permuted; nothing where they were."""
     if p_values is not None or len(binned_solution) == 1:
         return ""
@@ -423,9 +423,9 @@ class BinnedSolution(Result):
         slopes, error = theta[q:], theta_covariance[q:, q:]
         spin, acceleration = (_vector(self.modes, kind, slopes, error, free_modes, self.frame) for kind in KINDS)
         misfit, scaled_estimate, quoted_estimate = self._compare_with_model(None, l, line)
-        chi2_pair = slope_of(scaled_estimate, q), slope_of(quoted_estimate, q)
+        chi2_pair = estimated_slope_chi2(scaled_estimate, q), estimated_slope_chi2(quoted_estimate, q)
         # Satterthwaite's (1946) degrees of freedom of a slope's scale, from each bin's share in its variance.
-        weight, dof = information(self)
+        weight, dof = weights_and_dof(self)
         shares = weight * (x - weight @ x / weight.sum()) ** 2
         p = f_p_value(chi2_pair[0], q, shares.sum() ** 2 / np.sum(shares**2 / dof))
         test = ChiSquare(chi2_pair[0], q, p, chi2_pair[1], float(chdtrc(q, chi2_pair[1])))

@@ -2,11 +2,11 @@
 
 from typing import TYPE_CHECKING
 
-from vsh.tools.modules import lazily
+from vsh.tools.modules import lazy_names
 
 if TYPE_CHECKING:
     from fit.results import output, quality, solution, spectrum, storage
 
 __all__ = ["output", "quality", "solution", "spectrum", "storage"]
 
-__getattr__, __dir__ = lazily(__name__, __all__, {})
+__getattr__, __dir__ = lazy_names(__name__, __all__, {})

@@ -14,7 +14,16 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from fit.results.quality import ErrorSource, Quality
-from fit.results.storage import Result, coefficient_columns, count, decoded, encode, exact, number, words
+from fit.results.storage import (
+    Result,
+    checked_count,
+    checked_strings,
+    coefficient_columns,
+    decode_value,
+    encode,
+    number,
+    to_hex,
+)
 from vsh.coefficients import FIRST_DEGREE, Coefficients, vector_of
 from vsh.field import Field
 from vsh.io import tables
@@ -25,9 +34,9 @@ from vsh.scalars import DIPOLE, ScalarCoefficients
 from vsh.sky.frames import check_frame
 from vsh.tools.arguments import covariance, float_array, generator, whole
 from vsh.tools.errors import DegeneracyError, ParameterError, TableError
-from vsh.tools.notes import coded, codes_of
+from vsh.tools.notes import add_codes, codes_of
 from vsh.tools.types import ArrayLike, Axes, FloatArray, Kind, Rng, Table
-from vsh.vector import Vector, correlation_of, probability_of
+from vsh.vector import Vector, chance_probability, correlation_of
 
 
 class Gaussian(NamedTuple):
@@ -224,7 +233,7 @@ class HarmonicSolution(LinearSolution):
         when the true ones are zero, whatever the sky coverage. Where C was estimated from replicates, it is
         Hotelling's T²; nan where they are too few to determine it.
         """
-        return probability_of(self.chi2_of_degree(kind, l), 2 * l + 1, self.covariance_dof)
+        return chance_probability(self.chi2_of_degree(kind, l), 2 * l + 1, self.covariance_dof)
 
     def chi2_of_degree(self, kind: Kind, l: int) -> float:
         """W̃ = cᵀ C⁻¹ c over the coefficients of one kind and degree; nan where too few replicates determine C."""
@@ -255,7 +264,7 @@ def at_sources(coefficients: Coefficients, field: Field) -> FloatArray:
     return synthesis(coefficients, field.lon, field.lat)
 
 
-class SolutionSummary:
+class SolutionMethods:
     """The mixin of solutions for coefficients of motions."""
 
     coefficients: Coefficients
@@ -333,7 +342,7 @@ class SolutionSummary:
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
-class Solution(SolutionSummary, HarmonicSolution):
+class Solution(SolutionMethods, HarmonicSolution):
     """Coefficients with their covariance.
 
     Attributes
@@ -551,10 +560,10 @@ class Solution(SolutionSummary, HarmonicSolution):
         height : int
             [pixels]
         """
-        from vsh.figures.page import ShownPage, widget
+        from vsh.figures.page import ShownSolution, widget
 
         field = field.to_frame(self.frame)
-        return widget(ShownPage("fit", field, self.coefficients, self.covariance, self.unit), height=height)
+        return widget(ShownSolution("fit", field, self.coefficients, self.covariance, self.unit), height=height)
 
     def _pack(self):
         columns = coefficient_columns(self.modes) | {
@@ -564,14 +573,14 @@ class Solution(SolutionSummary, HarmonicSolution):
         }
         metadata = {
             "lmax": self.modes.lmax,
-            "chi2": exact(self.chi2),
+            "chi2": to_hex(self.chi2),
             "n_data": int(self.n_data),
             "frame": self.frame,
             "notes": list(map(str, self.notes)),
             "note_codes": list(codes_of(self.notes)),
             "errors_from": self.errors_from,
-            "covariance_dof": exact(self.covariance_dof),
-            "by_prior": exact(self.by_prior),
+            "covariance_dof": to_hex(self.covariance_dof),
+            "by_prior": to_hex(self.by_prior),
             "without_prior": encode(self.without_prior),
             "unit": self.unit,
             "floor": encode(self.floor),
@@ -604,16 +613,16 @@ class Solution(SolutionSummary, HarmonicSolution):
             coefficients=coefficients,
             covariance=columns["covariance"],
             chi2=number(metadata["chi2"]),
-            n_data=count(metadata["n_data"]),
+            n_data=checked_count(metadata["n_data"]),
             frame=check_frame(metadata["frame"]),
-            notes=coded(words(metadata["notes"]), words(metadata["note_codes"])),
+            notes=add_codes(checked_strings(metadata["notes"]), checked_strings(metadata["note_codes"])),
             errors_from=str(metadata["errors_from"]),
             covariance_dof=number(metadata["covariance_dof"]),
             by_prior=number(metadata["by_prior"]),
-            without_prior=decoded(metadata["without_prior"]),
+            without_prior=decode_value(metadata["without_prior"]),
             unit=str(metadata["unit"]),
-            floor=decoded(metadata.get("floor")),
-            formal_covariance=decoded(metadata.get("formal_covariance")),
+            floor=decode_value(metadata.get("floor")),
+            formal_covariance=decode_value(metadata.get("formal_covariance")),
             error_source=ErrorSource(metadata["error_source"]),
             includes_floor=metadata["includes_floor"] is True,
             is_recommended=metadata["is_recommended"] is True,
@@ -728,8 +737,8 @@ class NamedSolution(LinearSolution):
 
     @classmethod
     def _unpack(cls, columns, metadata):
-        options = {name: decoded(value) for name, value in metadata["fields"].items()}
-        options["n_data"], options["frame"] = count(options["n_data"]), check_frame(options["frame"])
+        options = {name: decode_value(value) for name, value in metadata["fields"].items()}
+        options["n_data"], options["frame"] = checked_count(options["n_data"]), check_frame(options["frame"])
         names = tuple(columns["parameter"].tolist())
         if len(set(names)) < len(names):
             raise TableError("names of parameters repeat")

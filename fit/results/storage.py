@@ -24,7 +24,7 @@ from typing import Any, Self, cast
 import numpy as np
 
 from vsh.io import tables
-from vsh.io.results import MOVED
+from vsh.io.results import MOVED, RENAMED
 from vsh.io.sections import Answer, Section, text_of
 from vsh.modes import Modes
 from vsh.tools.errors import TableError, VshError
@@ -68,7 +68,7 @@ def encode(value: Any) -> Any:
     if isinstance(value, (bool, int, np.integer)) or value is None:
         return value if value is None or isinstance(value, (bool, int)) else int(value)
     if isinstance(value, (float, np.floating)):
-        return {"float": exact(float(value))}
+        return {"float": to_hex(float(value))}
     if isinstance(value, dict):
         return {"dict": [[encode(key), encode(item)] for key, item in value.items()]}
     if isinstance(value, (list, tuple)):
@@ -87,13 +87,13 @@ def _attributes(record_class):
     )
 
 
-def decoded(plain: Any) -> Any:
+def decode_value(plain: Any) -> Any:
     """Decode what `encode` wrote."""
     if not isinstance(plain, dict):
         return plain
     if "array" in plain:
         dtype = np.dtype(plain["kind"])
-        shape = tuple(count(size) for size in plain["shape"])
+        shape = tuple(checked_count(size) for size in plain["shape"])
         if dtype.hasobject or dtype.itemsize * int(np.prod(shape, dtype=float)) > 2**34:
             raise TableError("an array")
         size = dtype.itemsize * int(np.prod(shape))
@@ -108,22 +108,22 @@ def decoded(plain: Any) -> Any:
     if "float" in plain:
         return number(plain["float"])
     if "dict" in plain:
-        return {decoded(key): decoded(item) for key, item in plain["dict"]}
+        return {decode_value(key): decode_value(item) for key, item in plain["dict"]}
     if "list" in plain:
-        return [decoded(item) for item in plain["list"]]
+        return [decode_value(item) for item in plain["list"]]
     if "tuple" in plain:
-        return tuple(decoded(item) for item in plain["tuple"])
+        return tuple(decode_value(item) for item in plain["tuple"])
     if not re.fullmatch(r"(fit|vsh)(\.\w+)+", plain["module"]):
         raise TableError(f"a {plain['type']}")
-    home: Any = _named(plain["module"], plain["type"])
+    home: Any = _import_class(plain["module"], plain["type"])
     if _attributes(home) is None:
         raise TableError(f"a {plain['type']}")
-    return home(**{name: decoded(item) for name, item in plain["fields"].items()})
+    return home(**{name: decode_value(item) for name, item in plain["fields"].items()})
 
 
-def _named(module, name):
+def _import_class(module, name):
     """A class by the module that a file names, or by its face."""
-    module = MOVED.get(module, module)
+    module, name = MOVED.get(module, module), RENAMED.get(name, name)
     for module_name in (module, module.partition("._")[0]):
         with suppress(ImportError, AttributeError):
             return getattr(import_module(module_name), name)
@@ -142,7 +142,7 @@ def coefficient_columns(modes: Modes) -> dict[str, list[Any]]:
     }
 
 
-def exact(x: Any) -> str:
+def to_hex(x: Any) -> str:
     """A number in hexadecimal: every bit, nan and inf among them."""
     return float(x).hex()
 
@@ -152,14 +152,14 @@ def number(text: Any) -> Any:
     return float.fromhex(text) if isinstance(text, str) else text
 
 
-def words(values: Any) -> tuple[str, ...]:
+def checked_strings(values: Any) -> tuple[str, ...]:
     """A list of strings, checked, as a tuple."""
     if not isinstance(values, list) or not all(isinstance(value, str) for value in values):
         raise TableError(f"a list of words is expected, not {values!r}")
     return tuple(values)
 
 
-def count(value: Any) -> int:
+def checked_count(value: Any) -> int:
     """A whole number of at least zero, checked."""
     if isinstance(value, bool) or not isinstance(value, int) or value < 0:
         raise TableError(f"{value!r} is no count")
@@ -253,7 +253,7 @@ class Result(Frozen):
 
     @classmethod
     def _unpack(cls, columns, metadata):
-        return cls(**{entry.name: decoded(metadata["fields"][entry.name]) for entry in fields(cast(Any, cls))})
+        return cls(**{entry.name: decode_value(metadata["fields"][entry.name]) for entry in fields(cast(Any, cls))})
 
     def __init_subclass__(cls, **options):
         super().__init_subclass__(**options)
@@ -287,7 +287,7 @@ class Result(Frozen):
         plain = self._plain_facts()
         if getattr(self, "notes", None) and tables.format_of(path) == "ascii.ecsv":  # a FITS header has no lists
             plain["notes"] = list(map(str, getattr(self, "notes", ())))
-        tables.write(path, columns, plain | (meta or {}) | {"RESULT": mark}, units, overwrite)
+        tables.write_columns(path, columns, plain | (meta or {}) | {"RESULT": mark}, units, overwrite)
 
     @classmethod
     def read(cls, path: PathName) -> Self:
@@ -372,7 +372,7 @@ def read(path: PathName) -> Result:
 def _kind(name, module):
     if name not in _KINDS and _OURS.fullmatch(module):
         with suppress(TableError):
-            _named(module, name)
+            _import_class(module, name)
     return _KINDS[name]
 
 

@@ -13,14 +13,14 @@ from fit.normal.sums import sandwich, weighted_sums
 from fit.results.quality import CLIPPED, ErrorSource
 from fit.results.solution import AboutSolution, Solution
 from vsh.field import Field, SourcesWithErrors
-from vsh.io.parts import Parts, applied, as_parts, median
+from vsh.io.parts import Parts, apply_step, as_parts, median
 from vsh.modes import Modes, as_modes
 from vsh.scalars import ScalarField, modes_for
 from vsh.tools import arguments
 from vsh.tools.arguments import positive
 from vsh.tools.errors import ConvergenceError
 from vsh.tools.notes import CodedNote
-from vsh.tools.printing import logged
+from vsh.tools.printing import log_calls
 from vsh.tools.types import BoolArray
 
 
@@ -71,7 +71,7 @@ class ClippedFit(AboutSolution):
         return selection.add_note(self.solution.notes[-1])
 
 
-@logged("clipped")
+@log_calls("clipped")
 @arguments.accepts(
     field=arguments.a(Field, ScalarField, Parts), threshold=arguments.positive, max_rounds=arguments.whole
 )
@@ -168,7 +168,9 @@ def clip(
             )
         mark, n_kept = summary["mark"], summary["sources"]
         if mark in marks or rounds == max_rounds:
-            swing = sky.sum(partial(_differing, criterion=(distances, limit), previous=before), roles=(), words="clip")
+            swing = sky.sum(
+                partial(_count_differing, criterion=(distances, limit), previous=before), roles=(), words="clip"
+            )
         if mark in marks and swing <= max(1, n_sources // 1000):
             return _find_fixed_point(sky, modes, (distances, limit), before, rounds, swing, q)
         if mark in marks:
@@ -178,7 +180,7 @@ def clip(
             )
         marks.add(mark)
         before = distances, limit
-        normal = normal_equations(applied(sky, partial(_select, distances=distances, limit=limit)), modes)
+        normal = normal_equations(apply_step(sky, partial(_select, distances=distances, limit=limit)), modes)
     raise ConvergenceError(
         f"the clip has not settled after {max_rounds} rounds: {swing} sources more or less in the last"
     )
@@ -186,10 +188,10 @@ def clip(
 
 def _find_fixed_point(sky, modes, criterion, previous, rounds, swing, q):
     """The fit to what both choices keep between which a few sources swing."""
-    ratios = partial(_larger, criterion=criterion, previous=previous)
+    ratios = partial(_larger_ratio, criterion=criterion, previous=previous)
     select = partial(_select, distances=ratios, limit=1.0)
     mask = None if sky.in_memory is None else ratios(sky.in_memory) <= 1.0
-    normal = normal_equations(applied(sky, select), modes)
+    normal = normal_equations(apply_step(sky, select), modes)
     n_sources, n_kept = sky.sum(len), normal.n_sources
     limit = criterion[1]
     note = (
@@ -199,14 +201,14 @@ def _find_fixed_point(sky, modes, criterion, previous, rounds, swing, q):
     return _correct_bias(solve(normal), mask, rounds, limit, q, CodedNote(note, CLIPPED), n_sources - n_kept)
 
 
-def _larger(field, criterion, previous):
+def _larger_ratio(field, criterion, previous):
     """The larger of X over its limit by two fits."""
     return np.maximum(*(distances(field) / limit for distances, limit in (criterion, previous)))
 
 
 def _correct_bias(solution, mask, rounds, limit, q, note, n_clipped):
     """The clipped solution, its errors and χ² corrected for the choice by residuals up to X²/2 = q."""
-    variance, share = truncation(q, solution.modes.components)
+    variance, share = truncation_factors(q, solution.modes.components)
     if variance > 1.001:
         note += f"; errors multiplied by {np.sqrt(variance):.3f} and χ² divided by {share:.3f} for that choice"
     solution = replace(
@@ -231,7 +233,7 @@ def _select(field, distances, limit):
     return field[distances(field) <= limit]
 
 
-def _differing(field, criterion, previous):
+def _count_differing(field, criterion, previous):
     """Count the sources that one fit keeps and the other does not."""
     selection, before = (distances(field) <= limit for distances, limit in (criterion, previous or criterion))
     return int((selection != before).sum())
@@ -247,18 +249,18 @@ def _count_within(field, distances, limit):
         hashes = (hashes ^ (hashes >> np.uint64(shift))) * np.uint64(factor)
     return {
         "sources": int(selection.sum()),
-        "mark": _Mark(int(np.sum(hashes ^ (hashes >> np.uint64(31)), dtype=np.uint64))),
+        "mark": _HashSum(int(np.sum(hashes ^ (hashes >> np.uint64(31)), dtype=np.uint64))),
     }
 
 
-class _Mark(int):
+class _HashSum(int):
     """A sum of hashes, modulo 2⁶⁴."""
 
     def __add__(self, other):
-        return _Mark(int.__add__(self, other) % 2**64)
+        return _HashSum(int.__add__(self, other) % 2**64)
 
 
-def truncation(q: float, components: int = 2) -> tuple[float, float]:
+def truncation_factors(q: float, components: int = 2) -> tuple[float, float]:
     """Effect of a cut at X²/2 = q on Gaussian residuals: factors on variance and on χ²."""
     # For two, 1 − e^{−q} and 1 − (1 + q) e^{−q}.
     fraction, slope = chdtr(components, 2 * q), chdtr(components + 2, 2 * q)
@@ -302,7 +304,7 @@ class ExcessNoise(AboutSolution):
         return normal_equations(noisy_sky, as_modes(modes), templates=templates)
 
 
-@logged("excess noise")
+@log_calls("excess noise")
 @arguments.accepts(field=arguments.a(Field, Parts), tolerance=arguments.positive, max_rounds=arguments.whole)
 def excess_noise(
     field: Field | Parts, modes: Modes | int, *, scale: bool = False, tolerance: float = 1e-4, max_rounds: int = 100
@@ -336,7 +338,7 @@ def excess_noise(
     not right where errors of neighbours are correlated: `fit.resample` tells.
     """
     modes, sky = as_modes(modes), as_parts(field)
-    problem = _RestrictedErrors(sky, modes, bool(scale))
+    problem = _RestrictedLikelihood(sky, modes, bool(scale))
     parameters = problem.maximum(max_rounds, tolerance)
     _, slope = problem.loss(parameters)
     errors = problem.errors(parameters)
@@ -354,9 +356,9 @@ def excess_noise(
             f"maximum of the likelihood; allow more than max_rounds={max_rounds}"
         )
     unit = problem.unit
-    noisy_sky = sky.map(problem.enlarged(parameters))
+    noisy_sky = sky.map(problem.error_enlargement(parameters))
     solution = solve(problem.sums(parameters)["normal"])
-    covariance, dof = sandwich(noisy_sky, partial(_scores, solution=solution), modes)
+    covariance, dof = sandwich(noisy_sky, partial(_score_factors, solution=solution), modes)
     noise = unit * np.sqrt(parameters[0])
     # From the variance s² to s; at the boundary s = 0 the error is the s at one error of s².
     noise_error = unit**2 * errors[0] / (2 * noise) if parameters[0] > errors[0] / 4 else unit * np.sqrt(errors[0])
@@ -384,7 +386,7 @@ def excess_noise(
     )
 
 
-def _scores(field, solution):
+def _score_factors(field, solution):
     weights = np.ones(len(field))
     return solution.residuals(field).data, weights, weights
 
@@ -404,11 +406,11 @@ class EnlargedErrors:
         return field.with_errors(sigma, self.factor * rho * s1 * s2 / (sigma[0] * sigma[1]))
 
 
-def _size(field):
+def _count_and_weight(field):
     return len(field), float(field.information.sum())
 
 
-def _sums(field, error_model, modes):
+def _likelihood_sums(field, error_model, modes):
     """All that the likelihood needs of some sources."""
     field = error_model(field)
     a, b, c = field.weights
@@ -427,17 +429,17 @@ def _sums(field, error_model, modes):
     }
 
 
-class _RestrictedErrors:
+class _RestrictedLikelihood:
     """−ln of the restricted likelihood a source, of s² (in units of the mean variance by weight) and f²."""
 
     def __init__(self, sky, modes, scale):
         self.sky, self.modes, self.scale = sky, modes, scale
-        self.n_sources, information = sky.sum(_size, roles=(), words="excess noise")
+        self.n_sources, information = sky.sum(_count_and_weight, roles=(), words="excess noise")
         self.unit = float(np.sqrt(2 * self.n_sources / information))
         self.n_rounds = 0
         self.last: tuple[Any, Any] = (None, None)
 
-    def enlarged(self, parameters):
+    def error_enlargement(self, parameters):
         """The step to the field with errors f² C + s² I."""
         return EnlargedErrors(float(parameters[0]) * self.unit**2, float(parameters[1]) if self.scale else 1.0)
 
@@ -446,7 +448,7 @@ class _RestrictedErrors:
         key = tuple(map(float, parameters))
         if key != self.last[0]:
             self.n_rounds += 1
-            work = partial(_sums, error_model=self.enlarged(parameters), modes=self.modes)
+            work = partial(_likelihood_sums, error_model=self.error_enlargement(parameters), modes=self.modes)
             self.last = key, self.sky.sum(work, roles=(), words=f"excess noise, trial {self.n_rounds}")
         return self.last[1]
 

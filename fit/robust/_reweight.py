@@ -23,13 +23,13 @@ from fit.results.quality import ERRORS_TOO_SMALL, TOO_LITTLE_SCATTER, ErrorSourc
 from fit.results.solution import AboutSolution, Solution
 from fit.robust._clip import EnlargedErrors
 from vsh.field import Field, SourcesWithErrors, multiply_weights
-from vsh.io.parts import Parts, applied, as_parts, sample_of
+from vsh.io.parts import Parts, apply_step, as_parts, sample_of
 from vsh.modes import Modes, as_modes
 from vsh.scalars import ScalarField, modes_for
 from vsh.tools import arguments
 from vsh.tools.errors import ConvergenceError, DegeneracyError, VshError
 from vsh.tools.notes import CodedNote
-from vsh.tools.printing import in_a_line, logged
+from vsh.tools.printing import log_calls, one_line_text
 from vsh.tools.types import FloatArray
 
 #: What notes, progress and the log call it.
@@ -85,7 +85,7 @@ class StudentT:
         b = self.nu + chi2 + right_side
         return np.asarray(2 * right_side / (b + np.sqrt(b**2 - 4 * self.nu * right_side)), float)
 
-    def stepped(self, sums: dict[str, Any], n: int) -> tuple[StudentT, float]:
+    def take_newton_step(self, sums: dict[str, Any], n: int) -> tuple[StudentT, float]:
         """Newton's step of ν, from sums over n sources at the current ν, and how many of its errors it is long."""
         if not self.estimated:
             return self, 0.0
@@ -102,7 +102,7 @@ class StudentT:
         tau = np.clip(1 / nu + step, max(1 / nu / _FARTHEST, np.exp(-_HIGH)), min(_FARTHEST / nu, np.exp(-_LOW)))
         return replace(self, nu=float(1 / tau)), float(abs(tau - 1 / nu) * np.sqrt(n * abs(curvature)))
 
-    def fitted(self, sky: Parts, share: Share, words: str) -> StudentT:
+    def fitted(self, sky: Parts, share: SourceWeights, words: str) -> StudentT:
         """Update the weights with the likeliest ν, from the residuals and leverages at the current ν."""
         if not self.estimated:
             return self
@@ -114,7 +114,7 @@ class StudentT:
 
 
 @dataclass(frozen=True)
-class Share:
+class SourceWeights:
     """Weights of the sources: for each: its residual from a solution, and its share in its own fit."""
 
     solution: Solution
@@ -152,7 +152,7 @@ class Share:
         return residual, score, information, x2, *self.weight(x2)
 
     def __reduce__(self):
-        return Share, (self.solution, self.weight, self.leverage)
+        return SourceWeights, (self.solution, self.weight, self.leverage)
 
 
 def _log_terms(field, share):
@@ -231,7 +231,7 @@ class ReweightedFit(AboutSolution):
     inflation: float
     effective: float
     nu: float | None = None
-    share: Share | None = None
+    share: SourceWeights | None = None
     noise: float = 0.0
     log_likelihood: float = np.nan
 
@@ -263,7 +263,7 @@ class ReweightedFit(AboutSolution):
         """
         modes, sky = as_modes(modes, type(self.solution.modes)), _with_noise(field, self.noise)
         label = "weights of the classes"
-        sums = sky.sum(partial(_class_sums, share=self.share), roles=(), words=label)
+        sums = sky.sum(partial(_scale_sums, share=self.share), roles=(), words=label)
         factor = sums["u"] * sums["ψ²"] / (modes.components * sums["ψ'"] ** 2)
         work = partial(_class_equations, share=self.share, modes=modes, stretch=sums["u"] / sums["ψ'"])
         normal = sky.sum(work, roles=(), words=label)
@@ -272,7 +272,7 @@ class ReweightedFit(AboutSolution):
         return replace(normal, templates=new_templates, **terms)
 
 
-@logged(_NAME)
+@log_calls(_NAME)
 @arguments.accepts(
     field=arguments.a(Field, ScalarField, Parts),
     nu=arguments.positive,
@@ -333,7 +333,7 @@ def student_t(
     modes, sky = modes_for(field, modes), _with_noise(field, noise)
     weight = StudentT(4.0 if nu is None else nu, estimated=nu is None, components=modes.components)
     rounds = _iterate_weights(sky, modes, weight, tolerance, max_rounds, least_nu)
-    fitted = _with_errors(sky, *rounds)
+    fitted = _make_result(sky, *rounds)
     log_likelihood = _log_likelihood(sky, fitted.share)
     for kept in (fitted.share.last, fitted.share.models):
         kept.clear()
@@ -349,11 +349,11 @@ def _iterate_weights(sky, modes, weight, tolerance, max_rounds, least_nu=0.0):
 
     Returns the plain fit, the weighted one, its weights, the rounds, and the total weight where the last round knew it.
     """
-    normal, information = sky.sum(partial(_plain, modes=modes), roles=(), words=_NAME)
+    normal, information = sky.sum(partial(_plain_sums, modes=modes), roles=(), words=_NAME)
     plain = solve(normal)
     if plain.n_sources >= max(_SAMPLE, 2 * _FOR_EACH * len(modes)):
         with suppress(ConvergenceError, DegeneracyError):
-            return plain, *_approach(sky, plain, weight, information, tolerance, max_rounds, least_nu)
+            return plain, *_fit_by_newton(sky, plain, weight, information, tolerance, max_rounds, least_nu)
     settle = partial(_settle, sky, plain, weight, information, tolerance, max_rounds)
     try:
         return plain, *settle(plain.values), None
@@ -362,7 +362,7 @@ def _iterate_weights(sky, modes, weight, tolerance, max_rounds, least_nu=0.0):
         return plain, *settle(np.zeros(len(modes))), None
 
 
-def _approach(sky, plain, weight, information, tolerance, max_rounds, least_nu):
+def _fit_by_newton(sky, plain, weight, information, tolerance, max_rounds, least_nu):
     """The weighted fit of many sources by Newton's steps, each one pass: from that of a sample, or the plain one.
 
     The curvature is the plain matrix times ⟨ψ'⟩, which is that of the scores but for what the residuals of a place have
@@ -371,7 +371,7 @@ def _approach(sky, plain, weight, information, tolerance, max_rounds, least_nu):
     n, modes = plain.n_sources, plain.modes
     if n < _MANY:
         leverage, values = len(modes) / modes.components / information, plain.values
-        weight = weight.fitted(sky, Share(plain, weight, leverage), _NAME)
+        weight = weight.fitted(sky, SourceWeights(plain, weight, leverage), _NAME)
     else:
         chosen = sample_of(sky, max(_SAMPLE, _FOR_EACH * len(modes), n // 100), n, draw=1)
         if not len(modes) < len(chosen) < n / 2:
@@ -384,7 +384,7 @@ def _approach(sky, plain, weight, information, tolerance, max_rounds, least_nu):
     inverse, before = None, 0.0
     for rounds in range(1, _MOST_STEPS + 1):
         solution = replace(plain, coefficients=replace(plain.coefficients, values=values))
-        share, label = Share(solution, weight, leverage), f"{_NAME}, step {rounds}"
+        share, label = SourceWeights(solution, weight, leverage), f"{_NAME}, step {rounds}"
         sums = sky.sum(partial(_step_sums, share=share), roles=(), words=label)
         step = plain.covariance @ sums["score"] * (sums["information"] / sums["ψ'"])
         step = step if inverse is None else inverse @ sums["score"]
@@ -392,7 +392,7 @@ def _approach(sky, plain, weight, information, tolerance, max_rounds, least_nu):
             inverse = np.linalg.inv(sky.sum(partial(_slope_matrix, share=share, modes=modes), roles=(), words=label))
             step = inverse @ sums["score"]
         values = values + step
-        weight, change = weight.stepped(sums, n)
+        weight, change = weight.take_newton_step(sums, n)
         leverage = len(modes) / modes.components / sums["u"]
         change = max(change, float(np.max(np.abs(step) / plain.sigma)))
         if change**2 < tolerance * max(before, change):  # what is left for the next step
@@ -401,12 +401,12 @@ def _approach(sky, plain, weight, information, tolerance, max_rounds, least_nu):
     else:
         raise ConvergenceError(f"{_NAME} has not settled after {rounds} steps")
     solution = replace(plain, coefficients=replace(plain.coefficients, values=values))
-    return solution, Share(solution, weight, leverage), rounds, (n, sums["u"])
+    return solution, SourceWeights(solution, weight, leverage), rounds, (n, sums["u"])
 
 
 def _slope_matrix(field, share, modes):
     """Σ Aᵀ ψ'W A: the curvature of the likelihood where the residuals are."""
-    return weighted_matrix(field, field.weights * _scores(field, share)[2], modes)
+    return weighted_matrix(field, field.weights * _score_factors(field, share)[2], modes)
 
 
 def _step_sums(field, share):
@@ -443,12 +443,12 @@ def _settle(sky, plain, weight, information, tolerance, max_rounds, values):
     solution = replace(plain, coefficients=replace(plain.coefficients, values=values))
     for rounds in range(1, max_rounds + 1):
         label = f"{_NAME}, round {rounds}"
-        share = Share(solution, weight, leverage)
+        share = SourceWeights(solution, weight, leverage)
         weight = weight.fitted(sky, share, label)
         models = share.models
-        share = Share(solution, weight, leverage)
+        share = SourceWeights(solution, weight, leverage)
         share.models[:] = models
-        sums = sky.sum(partial(_weight_field, share=share, modes=modes), roles=(), words=label)
+        sums = sky.sum(partial(_weighted_sums, share=share, modes=modes), roles=(), words=label)
         solution = solve(sums["normal"])
         if rounds <= _ADAPTING:  # held fixed later, so that all settles
             leverage = len(modes) / modes.components / sums["u"]
@@ -460,15 +460,15 @@ def _settle(sky, plain, weight, information, tolerance, max_rounds, values):
         raise ConvergenceError(
             f"the weights have not settled after {max_rounds} rounds: coefficients move by {change:.1e} σ"
         )
-    return solution, Share(solution, weight, leverage), rounds
+    return solution, SourceWeights(solution, weight, leverage), rounds
 
 
-def _with_errors(sky, plain, solution, share, rounds, total):
+def _make_result(sky, plain, solution, share, rounds, total):
     """The settled fit with the covariance of its residuals, and what is said of it."""
-    scores = partial(_scores, share=share)
+    scores = partial(_score_factors, share=share)
     covariance, dof = sandwich(sky, scores, solution.modes, words=f"{_NAME}, errors", total=total)
     inflation = float(np.sqrt(np.mean(np.diag(covariance) / np.diag(plain.covariance))))
-    facts = sky.sum(partial(_facts, share=share), roles=("name",), words=f"{_NAME}, weights")
+    facts = sky.sum(partial(_weight_facts, share=share), roles=("name",), words=f"{_NAME}, weights")
     effective = facts["u"] ** 2 / facts["u²"]
     largest_weight = max(facts["most"])
     note = (
@@ -515,7 +515,7 @@ def _with_errors(sky, plain, solution, share, rounds, total):
 def _with_noise(field, noise):
     """The sources in parts, with a noise in their errors."""
     sky = as_parts(field, SourcesWithErrors)
-    return applied(sky, EnlargedErrors(float(noise) ** 2, 1.0)) if noise else sky
+    return apply_step(sky, EnlargedErrors(float(noise) ** 2, 1.0)) if noise else sky
 
 
 def _log_likelihood(sky, share):
@@ -531,14 +531,14 @@ def _likelihood_terms(field, share):
     return {"log": float(log), "logdet": float(logdet), "sources": len(field)}
 
 
-def _plain(field, modes):
+def _plain_sums(field, modes):
     return normal_equations(field, modes), float(field.information.sum())
 
 
-def _weight_field(field, share, modes):
+def _weighted_sums(field, share, modes):
     _, u, _, _ = share(field)
     normal = normal_equations(field.with_errors(field.sigma / np.sqrt(u)), modes)
-    return {"normal": normal} | _class_sums(field, share)
+    return {"normal": normal} | _scale_sums(field, share)
 
 
 def _class_equations(field, share, modes, stretch):
@@ -548,7 +548,7 @@ def _class_equations(field, share, modes, stretch):
     return normal_equations(field.minus((1 - stretch) * residual).with_errors(field.sigma / np.sqrt(u)), modes)
 
 
-def _class_sums(field, share):
+def _scale_sums(field, share):
     """The sums that the scale of weighted equations follows from."""
     x2, u, slope, _ = share(field)
     weight = field.information
@@ -559,13 +559,13 @@ def _class_sums(field, share):
     }
 
 
-def _scores(field, share):
+def _score_factors(field, share):
     x2, u, slope, residual = share(field)
     # ∂(uΔ)/∂Δ is u across Δ and u + 2u'X² along it: their mean over the components.
     return residual, u, u + 2 / field.components * slope * x2
 
 
-def _facts(field, share):
+def _weight_facts(field, share):
     _, u, _, residual = share(field)
     labels = field.name if field.name is not None else np.arange(len(field))
     few = np.argpartition(u, min(5, len(u) - 1))[:5]
@@ -575,16 +575,16 @@ def _facts(field, share):
         "u²": float(u @ u),
         "chi2": float(sum(field[part].inner(*2 * [residual[:, part]]).sum() for part in blocks(len(field)))),
         "sources": len(field),
-        "least": _Least([(float(u[i]), in_a_line(labels[i])) for i in least]),
+        "least": _LeastWeighted([(float(u[i]), one_line_text(labels[i])) for i in least]),
         "most": [float(u.max())],
     }
 
 
 @dataclass(frozen=True)
-class _Least:
+class _LeastWeighted:
     """The five sources with the least weight; of several parts, the five least of all."""
 
     few: list
 
     def __add__(self, other):
-        return _Least(sorted([*self.few, *other.few], key=lambda pair: pair[0])[:5])
+        return _LeastWeighted(sorted([*self.few, *other.few], key=lambda pair: pair[0])[:5])

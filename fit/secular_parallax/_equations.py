@@ -26,11 +26,11 @@ from fit.distances import Calibration, inverse_distances
 from fit.results.storage import Result
 from vsh.field import Field
 from vsh.io import tables
-from vsh.io.parts import DISTANCES, Parts, applied
+from vsh.io.parts import DISTANCES, Parts, apply_step
 from vsh.io.sections import Section
 from vsh.models.cosmology import CMB_VELOCITY_PLANCK18, hubble_value, parallax_factor
 from vsh.models.flows import FlowModes, LinearTheory, VelocityGrid
-from vsh.sky.sphere import across_and_along, triad
+from vsh.sky.sphere import local_components, triad
 from vsh.tools.arguments import positive
 from vsh.tools.errors import DegeneracyError, FrameError, ParameterError
 from vsh.tools.notes import merge_notes
@@ -121,7 +121,7 @@ class ParallaxEquations:
         n_near = 0 if self.flow is None else len(self.flow.lon)
         far_rows = np.r_[n_near:n, n + n_near : 2 * n]
 
-        def weighted(index, further):
+        def weighted_gram(index, further):
             base = self.variance[index, None] + self.left[index, None] * ratio**2
             variance = self.rate[index, None] ** 2 * squares[0] + (base + squares[1])
             rows = np.concatenate([self.design[index].T, self.motion[index][None], *further])
@@ -129,10 +129,10 @@ class ParallaxEquations:
 
         def near_block(chunk):
             assert self.flow is not None
-            return weighted(np.r_[chunk, slice(n + chunk.start, n + chunk.stop)], [self.flow.rows(chunk).T])
+            return weighted_gram(np.r_[chunk, slice(n + chunk.start, n + chunk.stop)], [self.flow.rows(chunk).T])
 
         def far_block(chunk):
-            return weighted(far_rows[chunk], [])
+            return weighted_gram(far_rows[chunk], [])
 
         total = size + (0 if self.modes is None else len(self.modes))
         gram: Any = np.zeros((n_variances, total, total))
@@ -190,7 +190,7 @@ def equations_of(
     scale = np.where(k.own, ratio, 1.0)  # what is in Mpc moves by v/d, not by u/d
     mean, variance_of_k = mean / scale, k.variance / scale**2
     p, q, _ = triad(field.lon, field.lat)
-    cos, sin, large, small = _axes(field, calibration, k)
+    cos, sin, large, small = _error_ellipses(field, calibration, k)
     own_mask = np.where(k.own & apart, 1.0, 0.0)
     # Our own motion moves sources by v/d_P, which in curved space is another distance than d_M.
     parallax_rate = mean * parallax_factor(
@@ -245,7 +245,7 @@ def equations_of(
     )
 
 
-def _axes(field, calibration, k):
+def _error_ellipses(field, calibration, k):
     """Direction and variances of error ellipses; circles where distances are unsure and only redshifts may weigh."""
     (s1, s2), rho = field.sigma**2, field.rho
     if calibration.errors is not None:
@@ -373,7 +373,7 @@ def known_flow(
 ) -> tuple[FloatArray, FloatArray, tuple[str, ...]]:
     """Velocities that are known from elsewhere: across, what they do to 1/d by the redshift, and a note."""
     velocity, inside = grid.at(field.lon, field.lat, distance, field.frame)
-    across, along = across_and_along(velocity, field.lon, field.lat)
+    across, along = local_components(velocity, field.lon, field.lat)
     outside = int((~inside).sum())
     note = f"{outside} sources lie outside of the reconstructed flow, which is taken as zero there"
     return across, -slope * along / SPEED_OF_LIGHT, (note,) if outside else ()
@@ -486,7 +486,7 @@ def with_acceleration(sums: ParallaxSums, acceleration: Vector | None, frame: st
     return replace(sums, matrix=matrix, rhs=rhs, chi2_null=sums.chi2_null + prior.value @ weight @ prior.value)
 
 
-def with_flow(sums: ParallaxSums, width: int, scale: FloatArray | float) -> ParallaxSums:
+def add_flow_prior(sums: ParallaxSums, width: int, scale: FloatArray | float) -> ParallaxSums:
     """Scale the prior amplitudes of the modes by `scale`."""
     matrix = sums.matrix.copy()
     modes = np.arange(width, matrix.shape[-1])
@@ -504,7 +504,7 @@ class Amplitudes:
     covariance: FloatArray
 
 
-def without_flow(sums: ParallaxSums, width: int) -> tuple[ParallaxSums, Amplitudes]:
+def marginalise_flow(sums: ParallaxSums, width: int) -> tuple[ParallaxSums, Amplitudes]:
     """The modes marginalised: normal equations of what is left, and the modes given that."""
     parameters, modes = slice(0, width), slice(width, None)
     matrix, rhs = sums.matrix, sums.rhs
@@ -573,7 +573,7 @@ _SOURCES = 20_000
 
 
 @dataclass(frozen=True, eq=False)
-class LeftOut:
+class OmittedFlow:
     """A catalogue that is fitted without a flow, and the modes that would describe it."""
 
     field: Field | Parts
@@ -583,7 +583,7 @@ class LeftOut:
 
     def sums(self, spread: float, excess_noise: float, n_sources: int) -> ParallaxSums:
         """Normal matrix and right-hand side with the flow's columns, from a subsample, scaled to all sources."""
-        subsample = applied(self.field, partial(_some, share=_SOURCES / n_sources))
+        subsample = apply_step(self.field, partial(_take_subsample, share=_SOURCES / n_sources))
         rows = equations(subsample, self.calibration, modes=self.modes, **self.options)
         sums = rows.sums(spread, excess_noise)
         scale = n_sources / (sums.n_data // 2)
@@ -598,7 +598,7 @@ def flow_covariance(sums: ParallaxSums, to_u: FloatArray, ratio: float) -> Float
     return response @ response.T
 
 
-def _some(field, share):
+def _take_subsample(field, share):
     """A share of the sources, by their places: at least one."""
     selection = select_share(share, field.lon, field.lat)
     return field[selection] if selection.any() else field[:1]
@@ -637,10 +637,10 @@ def solve_for(
         spin = spin.to_frame(rows.frame)
         constants[OMEGA] = spin.value
     if rows.modes is not None:
-        sums = with_flow(sums, width, ratio)
+        sums = add_flow_prior(sums, width, ratio)
         if group is not None:
             sums = group.added(sums, width, ratio, velocity)
-        sums, amplitudes = without_flow(sums, width)
+        sums, amplitudes = marginalise_flow(sums, width)
     normal = to_u.T @ sums.matrix @ to_u
     check_determined(normal, names, sums.n_data // 2)
     inverse = np.linalg.inv(normal)

@@ -11,7 +11,7 @@ from warnings import warn
 
 import numpy as np
 
-from fit.distances import declared_frame, has_distances
+from fit.distances import declared_frame, has_distance_or_parallax
 from fit.results.storage import Result
 from fit.secular_parallax._equations import OMEGA, A, LocalGroup, ParallaxEquations, ParallaxParts, U, solve_for
 from fit.secular_parallax._model import DistanceModel, model_of
@@ -20,7 +20,7 @@ from vsh.field import Field
 from vsh.io import tables
 from vsh.io.parts import Parts
 from vsh.io.sections import Section
-from vsh.models.cosmology import LOCAL_GROUP, velocity_along, with_redshift
+from vsh.models.cosmology import LOCAL_GROUP, velocity_in_frame, with_redshift
 from vsh.tools import arguments
 from vsh.tools.errors import DegeneracyError, ParameterError, VshWarning
 from vsh.tools.types import ArrayLike, AxesArray, OnAxes, Table
@@ -35,7 +35,7 @@ def is_frame_undeclared(field: Field | Parts, redshift_frame: str | None) -> boo
     return first_field.redshift is not None and first_field.redshift_frame is None
 
 
-def collect_notes(rows: Any, field: Field | Parts, redshift_frame: str | None) -> Any:
+def add_frame_warning(rows: Any, field: Field | Parts, redshift_frame: str | None) -> Any:
     """The equations, with a note and a warning where the frame of the redshifts is not given."""
     if not is_frame_undeclared(field, redshift_frame):
         return rows
@@ -107,7 +107,7 @@ def observer_velocity(
     error above half of itself, and no distance, are left out and named. A dispersion that is wrong biases: 300 km/s
     taken as 450 gives pulls of 1.2; `preferred` says what the residuals prefer.
     """
-    if isinstance(field, Field) and field.redshift is None and has_distances(field).all():
+    if isinstance(field, Field) and field.redshift is None and has_distance_or_parallax(field).all():
         raise ParameterError("sources with distances and no redshifts need no H0: use fit.kinematics(field)")
     if hubble is None:
         raise DegeneracyError(
@@ -115,7 +115,7 @@ def observer_velocity(
             "fit.posterior.sample"
         )
     model = model_of(model, options)
-    rows = collect_notes(model.equations(field, ratio=hubble / model.hubble), field, model.redshift_frame)
+    rows = add_frame_warning(model.equations(field, ratio=hubble / model.hubble), field, model.redshift_frame)
     return velocity_from(rows, hubble, model.dispersion, spin, acceleration, excess_noise)
 
 
@@ -136,21 +136,21 @@ def velocity_from(
     to_u[U, U] *= ratio  # u = v H0/H_ref
     names = ("v_x", "v_y", "v_z", "a_x", "a_y", "a_z")
     group = local_group_of(local_group, rows)
-    left_out = _left_out(rows, dispersion, excess_noise, ratio)
-    best = _select_preferred(rows, dispersion, excess_noise, acceleration, ratio, spin) if preferred else None
+    left_out = _omitted_flow_sums(rows, dispersion, excess_noise, ratio)
+    best = _residual_preference(rows, dispersion, excess_noise, acceleration, ratio, spin) if preferred else None
     attributes = solve_for(
         sums, to_u[:, : OMEGA.start], names, spin, rows, acceleration, ratio, group, left_out=left_out
     )
     return VelocitySolution(**attributes, preferred=best, peculiar_dispersion=dispersion, assumed_hubble=hubble)
 
 
-def _left_out(rows, dispersion, excess_noise, ratio):
+def _omitted_flow_sums(rows, dispersion, excess_noise, ratio):
     """Sums with the columns of a flow that is left out."""
     omission = rows.left_out
     return None if omission is None else omission.sums(dispersion * ratio, excess_noise, rows.n_data // 2)
 
 
-def _select_preferred(rows, dispersion, excess_noise, acceleration, ratio, spin):
+def _residual_preference(rows, dispersion, excess_noise, acceleration, ratio, spin):
     """Dispersion that the residuals prefer; None for parts."""
     if not isinstance(rows, ParallaxEquations):
         return None
@@ -196,7 +196,7 @@ def hubble_constant(
             "fit.posterior.sample"
         )
     model = model_of(model, options)
-    rows = collect_notes(model.equations(field, apart=True), field, model.redshift_frame)
+    rows = add_frame_warning(model.equations(field, apart=True), field, model.redshift_frame)
     solution = hubble_from(rows, velocity, model.dispersion, spin, acceleration, excess_noise, hubble, local_group)
     frame = model.redshift_frame or declared_frame(field)
     if rows.modes is None or local_group or frame in (None, "true"):
@@ -223,13 +223,13 @@ def hubble_from(
     preferred: bool = True,
 ) -> HubbleSolution:
     """The Hubble constant from equations with V apart; `preferred` is whether a preferred dispersion is looked for."""
-    velocity = velocity_along(velocity, rows.frame)
+    velocity = velocity_in_frame(velocity, rows.frame)
     group = local_group_of(local_group, rows)
     ratio = 1.0 if hubble is None else hubble / rows.hubble
     sums = rows.sums(dispersion * ratio, excess_noise, ratio=ratio)
     names = ("H0", "a_x", "a_y", "a_z")
-    left_out = _left_out(rows, dispersion, excess_noise, ratio)
-    best = _select_preferred(rows, dispersion, excess_noise, acceleration, ratio, spin) if preferred else None
+    left_out = _omitted_flow_sums(rows, dispersion, excess_noise, ratio)
+    best = _residual_preference(rows, dispersion, excess_noise, acceleration, ratio, spin) if preferred else None
 
     def at(v):
         to_u = np.zeros((12, 4))
@@ -372,17 +372,17 @@ class VelocityForecast(Result):
 _FLOWS: dict[str, Any] = {"flows": "linear"}
 
 
-def _glide(error):
+def _glide_options(error):
     return {"acceleration": Vector(np.zeros(3), error**2 * np.eye(3))}
 
 
 KNOWN: dict[str, dict[str, Any]] = {
     "independent": {"peculiar_dispersion": 306.0, "flows": None},
     "flows": _FLOWS,
-    "+ glide 0.35": _FLOWS | _glide(0.35),
-    "+ glide 0.1": _FLOWS | _glide(0.1),
+    "+ glide 0.35": _FLOWS | _glide_options(0.35),
+    "+ glide 0.1": _FLOWS | _glide_options(0.1),
     "+ Local Group": _FLOWS | {"local_group": True},
-    "+ both": _FLOWS | _glide(0.1) | {"local_group": True},
+    "+ both": _FLOWS | _glide_options(0.1) | {"local_group": True},
 }
 
 

@@ -8,10 +8,10 @@ from typing import Any, Literal
 import numpy as np
 
 from fit.distances import WHOLE_DISPERSION, Calibration, calibrate
-from fit.secular_parallax._equations import LeftOut, ParallaxEquations, ParallaxParts, equations
+from fit.secular_parallax._equations import OmittedFlow, ParallaxEquations, ParallaxParts, equations
 from vsh.field import Field
-from vsh.io.parts import Parts, applied
-from vsh.models.cosmology import FLAT_PLANCK13, hubble_value, transverse_distance, with_certain_redshift
+from vsh.io.parts import Parts, apply_step
+from vsh.models.cosmology import FLAT_PLANCK13, hubble_value, select_certain_redshifts, transverse_distance
 from vsh.models.flows import FARTHEST, LINEAR_PLANCK18, FlowModes, LinearTheory, VelocityGrid, flow_modes
 from vsh.tools.arguments import not_negative
 from vsh.tools.errors import ParameterError
@@ -112,10 +112,10 @@ class DistanceModel(InNotebook):
     @property
     def hubble(self) -> float:
         """H0 of the distances, by which motions are products of v and H0/H_ref. [km/s/Mpc]"""
-        return hubble_value(self._shape)
+        return hubble_value(self._distance_cosmology)
 
     @property
-    def _shape(self):
+    def _distance_cosmology(self):
         return FLAT_PLANCK13 if self.cosmology is None else self.cosmology
 
     def equations(
@@ -142,7 +142,7 @@ class DistanceModel(InNotebook):
         threads : int, optional
             One a core unless given.
         """
-        field, theory = applied(field, with_certain_redshift), self.flow
+        field, theory = apply_step(field, select_certain_redshifts), self.flow
         if theory is not None and self.reconstruction is not None:  # what the reconstruction lacks
             theory = _scale_theory(theory, float(self.reconstruction_error))
         calibration = self._calibrate(field, theory)
@@ -152,7 +152,7 @@ class DistanceModel(InNotebook):
         rows = equations(field, calibration, theory=theory, modes=modes, reconstruction=self.reconstruction, **keywords)
         if theory is None and flow_left_out:
             reach = modes_within(limits, calibration.cosmology, LINEAR_PLANCK18, _MODES_LEFT_OUT)
-            rows = replace(rows, left_out=None if reach is None else LeftOut(field, calibration, reach, keywords))
+            rows = replace(rows, left_out=None if reach is None else OmittedFlow(field, calibration, reach, keywords))
         return rows
 
     def _calibrate(self, field, theory) -> Calibration:
@@ -161,7 +161,7 @@ class DistanceModel(InNotebook):
             field,
             self.redshift_frame,
             radial,
-            cosmology=self._shape,
+            cosmology=self._distance_cosmology,
             density=self.density,
             luminosity=self.luminosity,
             magnitudes=self.magnitudes,

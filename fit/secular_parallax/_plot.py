@@ -14,8 +14,8 @@ from vsh.figures.plot import (
     draw_map,
     draw_vectors,
     even_grid,
-    log_ticks,
     panels,
+    set_log_ticks,
     sky_axes,
 )
 from vsh.sky.pixels import centres
@@ -71,7 +71,7 @@ def plot_forecast(forecast: Any, *, ax: OnAxes | None = None) -> AxesArray:
             style = "--" if assumption == "independent" else "-"
             axes.plot(forecast.limits, curve, marker="o", color=colour, linestyle=style, label=assumption)
         axes.set_yscale("log")
-        log_ticks(axes.yaxis, *axes.get_ylim())
+        set_log_ticks(axes.yaxis, *axes.get_ylim())
         axes.set_xticks(forecast.limits)
         axes.set_title(name, loc="left")
         axes.set_ylabel("error of H0  [km/s/Mpc]")

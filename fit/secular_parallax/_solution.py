@@ -12,16 +12,16 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.special import chdtrc, ndtri
 
-from fit.results.output import amplitude, components, direction, is_seen, p_value, pulls
+from fit.results.output import format_amplitude, format_components, format_direction, is_seen, p_value, pulls
 from fit.results.solution import NamedSolution
 from fit.secular_parallax._equations import (
     OMEGA,
     Flow,
     ParallaxEquations,
     V,
+    add_flow_prior,
+    marginalise_flow,
     with_acceleration,
-    with_flow,
-    without_flow,
 )
 from vsh import Coefficients
 from vsh.field import Field
@@ -44,8 +44,8 @@ def sections_of(
     fitted = f", χ²/dof = {quality.reduced:.3f}" if np.isfinite(quality.reduced) else ""
     prefix = f"{printable(source)}: " if source else ""
     facts = [("sources", f"{prefix}{solution.n_sources} sources, {solution.frame} axes{fitted}")]
-    facts.append(("flows", _cosmic(solution)))
-    is_warned, about = _dispersion(solution)
+    facts.append(("flows", _describe_flow_share(solution)))
+    is_warned, about = _dispersion_verdict(solution)
     if long:
         suffix = ", with the flow" if solution.flow is not None else ""
         text = f"{solution.peculiar_dispersion:g} km/s of peculiar velocities in each component, in the weights{suffix}"
@@ -68,18 +68,18 @@ def sections_of(
     facts += _velocity_facts(solution, quality, long) if is_velocity else _hubble_facts(solution, quality, truth)
     a = solution.acceleration
     if is_seen(a) and (long or is_velocity):
-        facts.append(("acceleration", direction(a.to_frame("galactic"))))
+        facts.append(("acceleration", format_direction(a.to_frame("galactic"))))
     title = f"{quantity} from the secular parallax of galaxies"
-    section = Section(title, facts, _vector_rows(solution, truth or {}, long), remarks=_left_out(solution))
+    section = Section(title, facts, _vector_table(solution, truth or {}, long), remarks=_omitted_flow_warning(solution))
     return (section, below) if long else (replace(section, notes=solution.notes),)
 
 
-def _vector_rows(solution, truth, long):
+def _vector_table(solution, truth, long):
     """Velocity and acceleration by component, with the truth of a simulation, as a table of text."""
     rows = []
     if hasattr(solution, "velocity"):
         v = solution.velocity
-        rows.append(("velocity [km/s]", *components(v), amplitude(v)))
+        rows.append(("velocity [km/s]", *format_components(v), format_amplitude(v)))
         if "velocity" in truth:
             true = truth["velocity"].to_frame(solution.frame)
             expectation = replace(true, value=true.value * truth["hubble"] / solution.assumed_hubble)
@@ -87,9 +87,9 @@ def _vector_rows(solution, truth, long):
             rows.append(_true_row(v, expectation, "+.1f", f"(simulated with H0 = {truth['hubble']:g})" * is_other))
         if long:
             galactic = v.to_frame("galactic")
-            rows.append(("  galactic axes", *components(galactic), ""))
+            rows.append(("  galactic axes", *format_components(galactic), ""))
     a = solution.acceleration
-    rows.append(("acceleration [µas/yr]", *components(a), amplitude(a)))
+    rows.append(("acceleration [µas/yr]", *format_components(a), format_amplitude(a)))
     if "acceleration" in truth:
         rows.append(_true_row(a, truth["acceleration"].to_frame(solution.frame), "+.3f"))
     heads = ("vector", "x", "y", "z", "amplitude")
@@ -101,7 +101,7 @@ def _true_row(vector, true, form, remark=""):
     return ("  truth", *cells, remark)
 
 
-def _dispersion(solution):
+def _dispersion_verdict(solution):
     """Return whether the residuals contradict the dispersion, with words."""
     preference = solution.preferred
     if preference is None:
@@ -117,7 +117,7 @@ def _dispersion(solution):
     return True, f"the residuals {prefer}: results are biased where the dispersion is wrong, {remedy}"
 
 
-def _left_out(solution):
+def _omitted_flow_warning(solution):
     """The size of flows that errors leave out."""
     if solution.flow_covariance is None:
         return []
@@ -135,7 +135,7 @@ def _left_out(solution):
     ]
 
 
-def _cosmic(solution):
+def _describe_flow_share(solution):
     """Share of flows in the error, in words."""
     if solution.flow is None and solution.flow_covariance is None:
         return "too far for coherent flows"
@@ -156,7 +156,7 @@ def _velocity_facts(solution, quality, long):
     ]
     if is_seen(v) or long:
         remark = f"; noise-debiased |v| {v.debiased_amplitude:.1f}" if is_seen(v) and long else ""
-        facts.append(("apex", f"{direction(galactic)}{remark}"))
+        facts.append(("apex", f"{format_direction(galactic)}{remark}"))
     if long:
         from_planck = solution.against(CMB_VELOCITY_PLANCK18)[0]
         from_none = float(v.value @ np.linalg.solve(v.covariance, v.value))
@@ -174,7 +174,7 @@ def _format_chi2(chi2, dof, quality):
     return line
 
 
-def _limits(lower_limit, upper_limit):
+def _describe_limits(lower_limit, upper_limit):
     if upper_limit <= 0:
         return "negative, beyond its 95 % limit: no positive one is allowed by the motions"
     lower = f"above {lower_limit:.1f} with 95 % (one-sided)" if lower_limit > 0 else "without a limit from below"
@@ -184,12 +184,12 @@ def _limits(lower_limit, upper_limit):
 def _hubble_facts(solution, quality, truth):
     v = solution.assumed_velocity.to_frame("galactic")
     pull = solution.hubble / solution.hubble_error
-    facts = [("velocity", f"{v.amplitude:.2f} km/s {direction(v)}, assumed")]
+    facts = [("velocity", f"{v.amplitude:.2f} km/s {format_direction(v)}, assumed")]
     if pull < 3:  # the error is no longer a ±
         product, error = (v.amplitude * value for value in (solution.hubble, solution.hubble_error))
         size = f"{product:.0f}, standard error {error:.0f} (km/s)²/Mpc: {pull:.1f} of them from zero"
         facts.append(("v · H0", size))
-        facts.append(("H0", f"{_limits(*solution.hubble_limits)}; least squares {solution.hubble:.1f}"))
+        facts.append(("H0", f"{_describe_limits(*solution.hubble_limits)}; least squares {solution.hubble:.1f}"))
     else:
         remark = f"; {pull / quality.factor:.1f} with scaled errors" if quality.factor > 1 else ""
         size = f"{solution.hubble:.2f} ± {solution.hubble_error:.2f} km/s/Mpc"
@@ -207,7 +207,7 @@ _SOURCES = 4000
 
 
 @dataclass(frozen=True)
-class PreferredScale:
+class PreferredDispersion:
     """The dispersion that the residuals prefer."""
 
     best: float
@@ -229,12 +229,14 @@ def preferred_dispersion(
     acceleration: Vector | None,
     ratio: float,
     spin: Literal["free"] | Vector | None = None,
-) -> PreferredScale:
+) -> PreferredDispersion:
     """The likelihood of the dispersion beside the flow and the spin; `taken` is that of the estimate. [km/s]"""
     few = rows.most_sensitive(_SOURCES)
     sums = with_acceleration(few.sums(GRID * ratio, excess_noise, ratio=ratio), acceleration, rows.frame)
     if rows.modes is not None:
-        sums, _ = without_flow(with_flow(sums, few.design.shape[1], np.full(len(GRID), ratio)), few.design.shape[1])
+        sums, _ = marginalise_flow(
+            add_flow_prior(sums, few.design.shape[1], np.full(len(GRID), ratio)), few.design.shape[1]
+        )
     matrix, rhs, null = np.array(sums.matrix), sums.rhs, sums.chi2_null
     keep = slice(0, OMEGA.start if spin is None else OMEGA.stop)
     if isinstance(spin, Vector):  # what is known is taken away, and its error is a prior on what is left
@@ -254,7 +256,7 @@ def preferred_dispersion(
     return _summary(log, taken)
 
 
-def _summary(log: FloatArray, dispersion: float) -> PreferredScale:
+def _summary(log: FloatArray, dispersion: float) -> PreferredDispersion:
     """Summarise ln L on the grid."""
     curve = CubicSpline(GRID, log)
     fine = np.linspace(0, GRID[-1], 1401)
@@ -263,7 +265,7 @@ def _summary(log: FloatArray, dispersion: float) -> PreferredScale:
     share = np.cumsum(np.exp(values - values[best]))
     lower, upper = np.interp([0.15865525, 0.84134475], share / share[-1], fine)
     gain = values[best] - float(curve(min(dispersion, GRID[-1])))
-    return PreferredScale(float(fine[best]), float(lower), float(upper), float(max(gain, 0.0)))
+    return PreferredDispersion(float(fine[best]), float(lower), float(upper), float(max(gain, 0.0)))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -300,7 +302,7 @@ class ParallaxSolution(NamedSolution):
     flow: Flow | None = None
     noise_covariance: FloatArray | None = None
     flow_covariance: FloatArray | None = None
-    preferred: PreferredScale | None = None
+    preferred: PreferredDispersion | None = None
 
     @property
     def cosmic_share(self) -> float | None:
@@ -380,7 +382,7 @@ class VelocitySolution(ParallaxSolution):
 
     def against(self, velocity: Vector = CMB_VELOCITY_PLANCK18) -> tuple[float, float]:
         """χ² of the difference from another `velocity` [km/s] (its own errors included), and its p-value."""
-        return _difference(self.velocity, velocity)
+        return _test_difference(self.velocity, velocity)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -418,7 +420,7 @@ class HubbleSolution(ParallaxSolution):
         return {"assumed_velocity": self.assumed_velocity.amplitude, **limits, "hubble_below_95": upper}
 
 
-def _difference(a, b):
+def _test_difference(a, b):
     b = b.to_frame(a.frame)
     difference = a.value - b.value
     chi2 = float(difference @ np.linalg.solve(a.covariance + b.covariance, difference))

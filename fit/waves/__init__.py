@@ -3,7 +3,7 @@
 from typing import TYPE_CHECKING
 
 from fit.waves._search import WaveSearch, WaveSpectrum, search, search_in_time
-from vsh.tools.modules import lazily
+from vsh.tools.modules import lazy_names
 
 if TYPE_CHECKING:
     from fit.waves._plot import plot_search, plot_spectrum
@@ -11,4 +11,4 @@ if TYPE_CHECKING:
 __all__ = ["WaveSearch", "WaveSpectrum", "search", "search_in_time"]
 
 # matplotlib is imported when a figure is first asked for.
-__getattr__, __dir__ = lazily(__name__, __all__, {"_plot": ["plot_search", "plot_spectrum"]})
+__getattr__, __dir__ = lazy_names(__name__, __all__, {"_plot": ["plot_search", "plot_spectrum"]})

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from vsh.figures.plot import COLOURS, WIDTH, apply_style, draw_points, legend_above, log_ticks, panels, plot_map
+from vsh.figures.plot import COLOURS, WIDTH, apply_style, draw_points, legend_above, panels, plot_map, set_log_ticks
 from vsh.io.tables import printed_p_value
 from vsh.tools.types import Axes, AxesArray, OnAxes
 
@@ -41,7 +41,7 @@ def plot_spectrum(spectrum: Any, *, ax: Axes | None = None) -> Axes:
     axes.set_yscale("log")
     if f[-1] > 5 * f[0]:
         axes.set_xscale("log")
-        log_ticks(axes.xaxis, f[0], f[-1])
+        set_log_ticks(axes.xaxis, f[0], f[-1])
     axes.set_xlabel("frequency  [1/yr]")
     axes.set_ylabel("strain")
     legend_above(axes, 2)

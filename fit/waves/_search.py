@@ -70,7 +70,9 @@ def templates(lmax: int, nside: int) -> FloatArray:
     return templates
 
 
-def map_of(white: WhitenedData, modes: Modes, nside: int, copies: int = 1) -> tuple[FloatArray, FloatArray, FloatArray]:
+def search_directions(
+    white: WhitenedData, modes: Modes, nside: int, copies: int = 1
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Compute 2F, best amplitudes (2 copies, n) and their covariance (n, 2 copies, 2 copies) for every direction."""
     basis, inverse = _basis(white, modes, nside, copies)
     g = np.tensordot(white.values, basis, axes=(0, 1))
@@ -91,15 +93,15 @@ def _basis(white, modes, nside, copies):
 
 def chance(white: WhitenedData, modes: Modes, nside: int, largest: float, n_skies: int, rng: Rng) -> float:
     """Estimate the probability that noise alone gives as large a 2F in any direction."""
-    return share_beyond(chances(white, modes, nside, n_skies, rng), largest)
+    return simulated_p_value(noise_maxima(white, modes, nside, n_skies, rng), largest)
 
 
-def share_beyond(maxima: FloatArray, largest: float) -> float:
+def simulated_p_value(maxima: FloatArray, largest: float) -> float:
     """Compute (1 + number of skies that reach `largest`)/(1 + number of skies)."""
     return (1 + int(np.sum(maxima >= largest))) / (1 + len(maxima))
 
 
-def chances(white: WhitenedData, modes: Modes, nside: int, n_skies: int, rng: Rng, copies: int = 1) -> FloatArray:
+def noise_maxima(white: WhitenedData, modes: Modes, nside: int, n_skies: int, rng: Rng, copies: int = 1) -> FloatArray:
     """Compute the largest 2F of each of `n_skies` simulated skies of noise."""
     basis, inverse = _basis(white, modes, nside, copies)
     root = np.linalg.cholesky(inverse)
@@ -113,10 +115,10 @@ def chances(white: WhitenedData, modes: Modes, nside: int, n_skies: int, rng: Rn
 
 def p_in_words(p_value: float, n_skies: int) -> str:
     """Format a p-value from `n_skies` simulated skies, with "at most" if none of them reached the value."""
-    return "at most " * _is_least(p_value, n_skies) + printed_p_value(p_value)
+    return "at most " * _no_sky_reached(p_value, n_skies) + printed_p_value(p_value)
 
 
-def _is_least(p_value, n_skies):
+def _no_sky_reached(p_value, n_skies):
     """Return whether none of the simulated skies reached the value."""
     return p_value * (1 + n_skies) < 1.5
 
@@ -322,7 +324,7 @@ def search(
     if not search_degrees or search_degrees[0] < 2 or search_degrees[-1] > modes.lmax:
         raise ModesError(f"waves need degrees from 2 on, up to the fitted {modes.lmax}, not {search_degrees or 'none'}")
     white = WhitenedData.of(equations.matrix, equations.rhs, np.isin(modes.degrees, search_degrees))
-    statistic, amplitudes, covariance = map_of(white, modes, nside)
+    statistic, amplitudes, covariance = search_directions(white, modes, nside)
     search = WaveSearch(
         statistic=statistic,
         amplitudes=amplitudes,
@@ -409,7 +411,7 @@ class WaveSpectrum(Result):
         """The lines to quote: whether a wave is detected, and how strong one can be."""
         best = int(np.argmax(self.statistic))
         p = p_in_words(self.p_value, self.n_skies)
-        is_detected, is_least = self.p_value < SEEN, _is_least(self.p_value, self.n_skies)
+        is_detected, is_least = self.p_value < SEEN, _no_sky_reached(self.p_value, self.n_skies)
         verdict = "detected" if is_detected else "not decided" if is_least else "not detected"
         text = f"{verdict} at {len(self.frequencies)} frequencies, p = {p} for all of them together"
         if is_detected:
@@ -574,7 +576,7 @@ def search_in_time(
         amplitudes=np.array([item.amplitude for item in searches]),
         limits=np.array([np.quantile(item.limits, [0, 0.5, 1]) for item in searches]),
         p_values=np.array([item.p_value for item in searches]),
-        p_value=share_beyond(np.max(largest, axis=0), top.max()),
+        p_value=simulated_p_value(np.max(largest, axis=0), top.max()),
         lost=np.array(lost),
         n_skies=n_skies,
         n_data=searches[0].n_data,
@@ -595,8 +597,8 @@ def _search(equations: TimeEquations, frequency, nside, n_skies, rng):
     # A rotation is indistinguishable from attitude: any prior will do.
     matrix = equations.matrix + np.diag(np.where(is_unconstrained, np.median(size), 1e-9 * size))
     white = WhitenedData.of(matrix, equations.rhs, np.tile(modes.degrees >= 2, 2))
-    statistic, amplitudes, covariance = map_of(white, modes, nside, copies=2)
-    maxima = chances(white, modes, nside, n_skies, rng, copies=2)
+    statistic, amplitudes, covariance = search_directions(white, modes, nside, copies=2)
+    maxima = noise_maxima(white, modes, nside, n_skies, rng, copies=2)
     notes = (*equations.notes, SOLVED_ATTITUDE if equations.attitude != "known" else KNOWN_ATTITUDE)
     lost = np.flatnonzero(~is_determined)
     if len(lost):
@@ -610,7 +612,7 @@ def _search(equations: TimeEquations, frequency, nside, n_skies, rng):
         statistic=statistic,
         amplitudes=amplitudes,
         limits=length_limits(amplitudes.T, covariance),
-        p_value=share_beyond(maxima, statistic.max()),
+        p_value=simulated_p_value(maxima, statistic.max()),
         n_skies=n_skies,
         degrees=tuple(range(2, modes.lmax + 1)),
         frame="icrs",

@@ -27,7 +27,7 @@ from vsh import Field, Modes, Vector
 from vsh.io import tables
 from vsh.models.cosmology import transverse_distance, with_redshift
 from vsh.tools.files import read_arrays, write_arrays
-from vsh.tools.parallel import cores, process_pool, progress_bar
+from vsh.tools.parallel import process_pool, progress_bar, thread_count
 
 #: Kinds of sources, in the order of their streams of random numbers.
 KINDS = ("quasars", "vlbi", "galaxies")
@@ -185,7 +185,7 @@ def run(study: Mapping[str, Any], folder: Path, count: int, workers: int | None 
     for index in {index for index, _ in tasks}:
         for kind in KINDS:  # before the processes, which share the files
             prepare(study, study["case"][index], kind, folder / "prepared")
-    with path.open("w", encoding="utf-8") as output, process_pool(workers or cores()) as pool:
+    with path.open("w", encoding="utf-8") as output, process_pool(workers or thread_count()) as pool:
         output.writelines(whole)  # without the line that a killed run was writing
         work = pool.map(partial(_row_of, study, folder / "prepared"), tasks)
         for row in progress_bar(work, len(tasks), "realisations", progress):
@@ -252,7 +252,7 @@ def main() -> None:
     run(study, options.folder, count, options.workers)
     rows = summary(study, read_realisations(study, options.folder, count))
     columns = {key: [row[key] for row in rows] for key in rows[0]}
-    tables.write(options.folder / "summary.ecsv", columns, {"n_realisations": count}, overwrite=True)
+    tables.write_columns(options.folder / "summary.ecsv", columns, {"n_realisations": count}, overwrite=True)
 
 
 if __name__ == "__main__":

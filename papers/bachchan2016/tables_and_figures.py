@@ -39,7 +39,7 @@ def write_paper(study: Mapping[str, Any], folder: Path, n_realisations: int, dra
     rows = summary(study, read_realisations(study, folder, n_realisations))
     correlations = {name: _correlation(study, folder, name) for name in ("A", "D")}
     _write_text(folder / "tables.md", _tables(rows, correlations, n_realisations))
-    tables.write(
+    tables.write_columns(
         folder / "tables.ecsv",
         {key: [row[key] for row in rows] for key in rows[0]},
         {"realisations": n_realisations},

@@ -46,7 +46,7 @@ from vsh.tools.arguments import generator
 from vsh.tools.errors import DegeneracyError, TableError, VshError
 from vsh.tools.files import atomic_folder
 from vsh.tools.notebook import InNotebook
-from vsh.tools.notes import dropped
+from vsh.tools.notes import count_dropped
 from vsh.tools.parallel import progress_bar
 from vsh.tools.types import BoolArray, FloatArray, Rng, Table
 from vsh.vector import Vector, correlation_of
@@ -394,10 +394,12 @@ def power_table(study: GaiaStudy) -> Table:
 
 def correlation_table(study: GaiaStudy) -> Table:
     """Correlations of spin and acceleration in the main fit, by the catalogue's errors."""
-    from fit.correlation import FRAME, named, parameters_of
+    from fit.correlation import FRAME, parameters_of, select_parameters
 
     solution: Any = study.main.solution
-    matrix = correlation_of(named(parameters_of(FRAME).names, solution.modes).covariance(solution.covariance))
+    matrix = correlation_of(
+        select_parameters(parameters_of(FRAME).names, solution.modes).covariance(solution.covariance)
+    )
     return tables.table_of({"of": _FRAME} | dict(zip(_FRAME, matrix.T, strict=True)))
 
 
@@ -598,7 +600,7 @@ def main(words: Sequence[str] | None = None) -> None:
         study = run_gaia(sources, max_lmax=options.lmax, n_replicates=options.n_bootstrap, rng=options.seed)
     except VshError as error:
         parser.error(str(error))
-    counts = {"rows_used": len(sources.field), "rows_refused": dropped(sources.field.notes)}
+    counts = {"rows_used": len(sources.field), "rows_refused": count_dropped(sources.field.notes)}
     meta = provenance(options.file, options, **counts)
     with atomic_folder(options.output) as folder:
         print(write_gaia(study, folder, truth=truth, provenance=meta, figures={}))

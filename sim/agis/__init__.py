@@ -10,16 +10,16 @@ from sim.agis._mission import (
     ACROSS,
     KINDS,
     Mixture,
-    as_whole,
     in_own_frame,
     joint_system,
     mixture,
     observations,
+    scale_mission,
     solve_mission,
     start_errors,
 )
 from sim.agis._response import Response
-from sim.agis._results import AgisSolution, correlation_by_angle, ratio_by
+from sim.agis._results import AgisSolution, correlation_by_angle, error_ratios
 from sim.agis._system import System
 from sim.agis.passes import FULL, Plan, Scans, plan, scaled, scans
 

@@ -109,7 +109,7 @@ def global_motion(
     ParameterError
         If a scatter is not above zero, or shapes disagree.
     """
-    lon, modes = arguments.dimension(1)("lon", lon), as_modes(modes)
+    lon, modes = arguments.array_with_dimensions(1)("lon", lon), as_modes(modes)
     lat = arguments.float_array("lat", lat, lon.shape)
     scatters = arguments.float_array("scatter", scatter, lon.shape, finite=False, broadcast=True)
     if not (scatters > 0).all():
@@ -136,7 +136,7 @@ LOW_DEGREES = 3
 _TOGETHER = 2**16
 
 
-def few(n: int) -> Iterator[slice]:
+def source_slices(n: int) -> Iterator[slice]:
     """Sources so many at a time that no copy of theirs is large."""
     return (slice(start, min(start + _TOGETHER, n)) for start in range(0, n, _TOGETHER))
 
@@ -151,7 +151,7 @@ class MotionFit:
         normal = np.zeros((p, p))
         #: What a source's motion adds to the right-hand sides, (p, 2, k).
         self.weighted = scans.array(p, 2, len(self.sources))
-        for chunk in few(len(self.sources)):
+        for chunk in source_slices(len(self.sources)):
             indices = self.sources[chunk]
             field = harmonics(scans.lon[indices], scans.lat[indices], modes)
             weights = np.linalg.inv(equations.formal[indices][:, 3:, 3:])
@@ -176,7 +176,7 @@ class MotionFit:
         return functionals
 
 
-def low_fit(equations: Any, sources: IntArray) -> MotionFit:
+def low_degree_fit(equations: Any, sources: IntArray) -> MotionFit:
     """The fit whose coefficients must come to rest: to degree three, or as high as the sources determine."""
     for degree in range(LOW_DEGREES, 0, -1):
         if len(Modes(degree)) < 2 * equations.solved[sources].sum():
@@ -191,7 +191,7 @@ def sources_at(scans: Scans, lon: ArrayLike | None, lat: ArrayLike | None) -> In
     """Indices of the sources at given positions; all where none are given."""
     if lon is None and lat is None:
         return np.arange(scans.n_sources)
-    lon = arguments.dimension(1)("lon", lon)
+    lon = arguments.array_with_dimensions(1)("lon", lon)
     lat = arguments.float_array("lat", lat, lon.shape)
     if lon.shape == scans.lon.shape and (lon == scans.lon).all() and (lat == scans.lat).all():
         return np.arange(scans.n_sources)

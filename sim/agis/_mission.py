@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from sim.agis._calibration import Calibration
-from sim.agis._globals import GlobalMotion, few
+from sim.agis._globals import GlobalMotion, source_slices
 from sim.agis._results import AgisSolution
 from sim.agis._system import ROUGH, System
 from sim.agis.passes import FULL, Scans, check_memory, plan, scaled, scans
@@ -79,7 +79,7 @@ def start_errors(
     start = random * rng.standard_normal((scans.n_sources, 5))
     modes = Modes(3)
     coefficients, fields = rng.standard_normal((2, len(modes))), np.empty((2, 2, scans.n_sources))
-    for part in few(scans.n_sources):
+    for part in source_slices(scans.n_sources):
         fields[..., part] = np.tensordot(coefficients, harmonics(scans.lon[part], scans.lat[part], modes), 1)
     for columns, field in zip((slice(0, 2), slice(3, 5)), fields, strict=True):
         start[:, columns] += systematic * (field / np.sqrt(np.mean(np.sum(field**2, 0)))).T
@@ -141,7 +141,7 @@ def joint_system(
     notes : list of str
         What a reader of the result should know.
     """
-    law, knots, notes = as_whole(law, number or len(lon), knots, full)
+    law, knots, notes = scale_mission(law, number or len(lon), knots, full)
     cost = plan(law, lon, lat, knots, ccds=ccds)
     # All of it before the work begins; transits on disk need no memory of their own.
     check_memory(
@@ -169,7 +169,7 @@ def joint_system(
     return system, notes
 
 
-def as_whole(law: Any, n: int, knots: float, full: int | None = FULL) -> tuple[Any, float, list[str]]:
+def scale_mission(law: Any, n: int, knots: float, full: int | None = FULL) -> tuple[Any, float, list[str]]:
     """The law and knots of a mission, scaled if it has fewer sources than the whole one."""
     if full is None or n >= full:
         return law, knots, []

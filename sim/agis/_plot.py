@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sim.agis._results import AgisSolution, ratio_by
+from sim.agis._results import AgisSolution, error_ratios
 from vsh.figures.plot import COLOURS, SkyAxes, apply_style, legend_above, panels, plot_map
 from vsh.sky.pixels import pixels_of
 from vsh.tools.types import ArrayLike, Axes, FloatArray, IntArray
@@ -37,7 +37,7 @@ def plot_errors_by_magnitude(solution: AgisSolution, magnitude: ArrayLike, *, ax
     group = np.clip(np.searchsorted(edges, g, side="right") - 1, 0, len(edges) - 2)
     (axes,) = panels(ax)
     for column, name in enumerate(_PARAMETERS):
-        ratio, counts = ratio_by(
+        ratio, counts = error_ratios(
             solution.sources[selection, column],
             np.sqrt(solution.formal[selection, column, column]),
             group,
@@ -84,7 +84,7 @@ def plot_ratio_map(solution: AgisSolution, nside: int = 8, *, ax: Axes | None = 
     squares = []
     for column in (3, 4):
         sigma = np.sqrt(solution.formal[selection, column, column])
-        squares.append(ratio_by(solution.sources[selection, column], sigma, pixel, 12 * nside**2)[0] ** 2)
+        squares.append(error_ratios(solution.sources[selection, column], sigma, pixel, 12 * nside**2)[0] ** 2)
     ratio = np.sqrt(np.mean(squares, axis=0))
     values = ratio[np.isfinite(ratio)]
     return plot_map(

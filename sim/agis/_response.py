@@ -108,7 +108,7 @@ class Response(InNotebook):
         self._difference = preceding_weight * following_weight / np.maximum(preceding_weight + following_weight, 1e-300)
         columns = [5 * pixel[:, None] + np.arange(5) for pixel in pixels]
         values = [
-            sign * self._five(pixel, scan, self._time).T
+            sign * self._parameter_partials(pixel, scan, self._time).T
             for sign, pixel, (_, scan) in zip((1, -1), pixels, self._seen, strict=True)
         ]
         rows = 10 * np.arange(len(time) + 1)
@@ -219,11 +219,11 @@ class Response(InNotebook):
         own_pixel, other_pixel = self._pixel(r), self._pixel(r2)
         own_weight, other_weight = self.weights[own_pixel], self.weights[other_pixel]
         share = (other_weight / np.maximum(own_weight + other_weight, 1e-300))[:, None]
-        remainder = share * _outer(functions(time), _along(r, m, modes) - _along(r2, m2, modes))
+        remainder = share * _outer(functions(time), _modes_along_scan(r, m, modes) - _modes_along_scan(r2, m2, modes))
         parameters = self.taken(modes, functions)
         for weight, pixel, direction in ((1 - share, own_pixel, m), (share, other_pixel, m2)):
             x = parameters[5 * pixel[:, None] + np.arange(5)]
-            remainder += weight * np.einsum("ik,kin->kn", self._five(pixel, direction, time), x)
+            remainder += weight * np.einsum("ik,kin->kn", self._parameter_partials(pixel, direction, time), x)
         if self.calibration is not None:
             remainder -= share * view[:, None] * (self._angle(time) @ parameters[5 * len(self.weights) :])
         return remainder
@@ -239,7 +239,7 @@ class Response(InNotebook):
             step = max(1, len(self._time) // _STEPS)
             for start in range(step):
                 subset = slice(start, None, step)
-                fields = [_along(r[:, subset], m[:, subset], modes) for r, m in self._seen]
+                fields = [_modes_along_scan(r[:, subset], m[:, subset], modes) for r, m in self._seen]
                 difference = _outer(functions(self._time[subset]), fields[0] - fields[1])
                 right = right + self._design[subset].T @ (self._difference[subset, None] * difference)
             self._taken = {key: cho_solve(self._factorise(), right, check_finite=False)}
@@ -268,7 +268,7 @@ class Response(InNotebook):
     def _pixel(self, r):
         return pixels_of(*angles(r), self.nside, any_size=True)
 
-    def _five(self, pixel, m, time):
+    def _parameter_partials(self, pixel, m, time):
         """Motion along scan by five parameters, east and north at the centre of the pixel, (5, k)."""
         p, q, _ = triad(self._lon[pixel], self._lat[pixel])
         sun, distance = self.law.sun(time + (self.epoch - self.law.start))
@@ -277,7 +277,7 @@ class Response(InNotebook):
         return np.array([a, b, -np.sum(m * sun, 0), a * time, b * time])
 
 
-def _along(r, m, modes):
+def _modes_along_scan(r, m, modes):
     """Modes along the scan m at r, (p, k)."""
     lon, lat = angles(r)
     p, q, _ = triad(lon, lat)

@@ -31,7 +31,9 @@ def correlation_by_angle(
     -----
     All pairs are used where all bins are below 1.7°, else those with at most 2000 of the sources, evenly picked.
     """
-    lon, lat, edges = (arguments.dimension(1)(*argument) for argument in (("lon", lon), ("lat", lat), ("edges", edges)))
+    lon, lat, edges = (
+        arguments.array_with_dimensions(1)(*argument) for argument in (("lon", lon), ("lat", lat), ("edges", edges))
+    )
     draws = np.atleast_2d(arguments.float_array("errors", errors))
     if draws.shape[1:] != lon.shape or lat.shape != lon.shape:
         raise ParameterError(f"errors have shape {draws.shape}, expected (draws, {len(lon)})")
@@ -45,7 +47,7 @@ def correlation_by_angle(
     positions = triad(lon, lat)[2].T
     total, pairs = np.zeros(len(edges) - 1), np.zeros(len(edges) - 1, int)
 
-    def count(angle, product):
+    def add_pairs(angle, product):
         bins = np.searchsorted(edges, angle, side="right") - 1
         inside = (bins >= 0) & (bins < len(total))
         total[:] += np.bincount(bins[inside], product[inside], len(total))
@@ -57,7 +59,7 @@ def correlation_by_angle(
 
         i, j = cKDTree(positions).query_pairs(2 * np.sin(edges[-1] / 2), output_type="ndarray").T
         chord = np.linalg.norm(positions[i] - positions[j], axis=1)
-        count(2 * np.arcsin(chord / 2), np.mean(draws[:, i] * draws[:, j], axis=0))
+        add_pairs(2 * np.arcsin(chord / 2), np.mean(draws[:, i] * draws[:, j], axis=0))
     else:
         pivots = np.unique(np.linspace(0, len(lon) - 1, min(_PIVOTS, len(lon))).astype(int))
         is_pivot = np.isin(np.arange(len(lon)), pivots)
@@ -66,11 +68,11 @@ def correlation_by_angle(
             product = draws[:, rows].T @ draws / len(draws)
             angle = np.arccos(np.clip(positions[rows] @ positions.T, -1, 1))
             angle[is_pivot & (np.arange(len(lon)) <= rows[:, None])] = np.inf  # not itself, nor a pair twice
-            count(angle.ravel(), product.ravel())
+            add_pairs(angle.ravel(), product.ravel())
     return np.divide(total, pairs, out=np.full(len(total), np.nan), where=pairs > 0), pairs
 
 
-def ratio_by(
+def error_ratios(
     errors: ArrayLike, sigma: ArrayLike, group: ArrayLike, n_groups: int | None = None
 ) -> tuple[FloatArray, IntArray]:
     """True over formal errors of groups of sources: the rms of error over standard error."""
@@ -86,7 +88,7 @@ def ratio_by(
 
 
 def _groups(group):
-    dimension = arguments.dimension(1)("group", group)
+    dimension = arguments.array_with_dimensions(1)("group", group)
     if not (np.isfinite(dimension).all() and (dimension == np.floor(dimension)).all() and (dimension < 1e9).all()):
         raise ParameterError("groups are whole numbers")
     return dimension.astype(int)

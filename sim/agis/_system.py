@@ -23,16 +23,16 @@ import numpy as np
 from scipy.linalg import LinAlgError, cho_solve_banded, cholesky_banded
 
 from sim.agis._calibration import AngleBlock, Calibration
-from sim.agis._globals import GlobalMotion, MotionFit, few, low_fit, sources_at
+from sim.agis._globals import GlobalMotion, MotionFit, low_degree_fit, source_slices, sources_at
 from sim.agis._results import AgisSolution
-from sim.agis.passes import Scans, check_memory, make_passes, smooth, system_memory
+from sim.agis.passes import Scans, add_smoothing, check_memory, make_passes, system_memory
 from sim.variability import Variability, chain_products
 from vsh.modes import Modes, as_modes
 from vsh.tools import arguments
 from vsh.tools.errors import CheckpointError, ConvergenceError, DegeneracyError, ParameterError, VshWarning
 from vsh.tools.files import read_arrays, write_arrays
 from vsh.tools.notebook import InNotebook
-from vsh.tools.parallel import blas_for, progress_bar
+from vsh.tools.parallel import limit_blas, progress_bar
 from vsh.tools.types import ArrayLike, FloatArray, PathName
 from vsh.tools.units import JULIAN_YEAR
 
@@ -55,14 +55,14 @@ class Equations(InNotebook):
     ) -> None:
         self.scans, self.prior, self.smoothing, self.motion = scans, prior, smoothing, motion
         self.coefficients = scans.intervals + 3
-        self._check_data()
+        self._check_across_scan()
         check_memory(
             system_memory(scans.n_sources, self.coefficients, 1, scans.folder is not None),
             "the normal equations",
             "take fewer sources, or knots farther apart, or give scans a folder",
         )
-        self.passes, blocks, band, self.solved = self._solvable(threads, compiled)
-        self._check_numbers()
+        self.passes, blocks, band, self.solved = self._assemble_normals(threads, compiled)
+        self._check_redundancy()
         blocks[~self.solved] = np.eye(5)
         self.formal = _inverse(blocks)
         self.blocks = blocks
@@ -76,7 +76,7 @@ class Equations(InNotebook):
             self._low_rank = motion.reduced(self.formal)
         else:
             self._tighter, self.start = blocks, self.formal
-        smooth(band, 1 / smoothing**2)
+        add_smoothing(band, 1 / smoothing**2)
         if prior is not None:
             band[0] += 1 / prior**2
         self.factor = self._factorise(band)
@@ -129,7 +129,7 @@ class Equations(InNotebook):
 
     def null_space(self) -> FloatArray:
         """The six motions that no observation sees, (6, n, 5): ε₀ along x, y, z, then ω."""
-        return _unseen(self.scans.directions)
+        return _rotation_basis(self.scans.sines_and_cosines)
 
     @property
     def defect(self) -> int:
@@ -157,13 +157,13 @@ class Equations(InNotebook):
 
     def _rotations(self):
         """Some sources at a time: which, the null space of those that are solved, and that times the blocks S."""
-        directions = self.scans.directions
-        for part in few(len(self.blocks)):
-            basis = _unseen(directions[:, part])[: self.defect]
+        directions = self.scans.sines_and_cosines
+        for part in source_slices(len(self.blocks)):
+            basis = _rotation_basis(directions[:, part])[: self.defect]
             basis[:, ~self.solved[part]] = 0
             yield part, basis, np.einsum("nij,knj->kni", self.blocks[part], basis)
 
-    def _check_data(self):
+    def _check_across_scan(self):
         scans = self.scans
         if self.prior is None and not (scans.weights[1] > 0).any():
             raise DegeneracyError(
@@ -172,7 +172,7 @@ class Equations(InNotebook):
                 "from elsewhere"
             )
 
-    def _check_numbers(self):
+    def _check_redundancy(self):
         """Raise DegeneracyError if the solved sources have fewer observations than there are unknowns."""
         scans, n = self.scans, int(self.solved.sum())
         observed = np.sum((scans.counts * (1 + (scans.weights[1] > 0)))[self.solved])
@@ -184,13 +184,13 @@ class Equations(InNotebook):
                 f"unknowns ({scans.intervals} intervals). Take {longer}more sources, sim.agis.scaled, or a prior"
             )
 
-    def _solvable(self, threads, compiled):
+    def _assemble_normals(self, threads, compiled):
         """Passes, blocks and band of the sources that have transits enough."""
         scans = self.scans
         is_solved = scans.counts > 5
         passes = make_passes(scans, is_solved, threads, compiled)
         blocks, band = passes.blocks()
-        good = np.concatenate([_determinate(blocks[part]) for part in few(len(blocks))])
+        good = np.concatenate([_determinate(blocks[part]) for part in source_slices(len(blocks))])
         if (is_solved & ~good).any():
             is_solved &= good
             passes = make_passes(scans, is_solved, threads, compiled)
@@ -214,7 +214,7 @@ class Equations(InNotebook):
             ) from None
 
 
-def _unseen(directions):
+def _rotation_basis(directions):
     """Rotations ε₀ and ω about x, y and z as parameters of the sources in some directions, (6, n, 5)."""
     # The directions are those that the observations have, in single precision.
     sa, ca, sd, cd = directions.astype(float)
@@ -234,7 +234,7 @@ def _determinate(blocks):
 
 def _inverse(blocks):
     inverses = np.empty_like(blocks)
-    for part in few(len(blocks)):
+    for part in source_slices(len(blocks)):
         scale = 1 / np.sqrt(np.einsum("nii->ni", blocks[part]))
         scale = scale[:, :, None] * scale[:, None]
         inverses[part] = np.linalg.inv(blocks[part] * scale) * scale
@@ -298,7 +298,7 @@ class ExactErrors(Equations):
         """gᵀ N⁺ g of each pair of functionals (n, 5, K), what the null space does to them left out."""
         right = self._seen(functionals)
         solutions = np.empty_like(right)
-        with blas_for(0):
+        with limit_blas(0):
             for start in range(0, right.shape[-1], TOGETHER):
                 columns = slice(start, start + TOGETHER)
                 sides = np.ascontiguousarray(right[..., columns])
@@ -306,7 +306,7 @@ class ExactErrors(Equations):
         k = right.shape[-1]
         covariance = right.reshape(-1, k).T @ solutions.reshape(-1, k)
         if variability is not None and variability.sigma > 0:
-            covariance += self._varying(solutions, variability)
+            covariance += self._variability_covariance(solutions, variability)
         return (covariance + covariance.T) / 2
 
     def _seen(self, functionals):
@@ -319,7 +319,7 @@ class ExactErrors(Equations):
                 right[part] -= np.einsum("kr,kni->nir", share, weighted_basis)
         return right
 
-    def _varying(self, solutions, variability):
+    def _variability_covariance(self, solutions, variability):
         """Contribution of varying photocentres: Σ over sources of aᵀ C a, a the weight of each observation in a
         functional."""
         scans = self.scans
@@ -448,12 +448,12 @@ class System(ExactErrors):
         along, across : (k,) arrays
             [µas]
         """
-        along, across = self.passes.predict(*self._reshape_unknowns(sources, attitude))
+        along, across = self.passes.predict(*self._check_unknowns(sources, attitude))
         return along if angle is None or self.angle is None else along + self.angle.along(angle), across
 
     def adjoint(self, along: ArrayLike, across: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """The weighted transpose of `predict`: right-hand sides of observations `along` and `across`, (k,). [µas]"""
-        return self.passes.adjoint(*self._observed(along, across))
+        return self.passes.adjoint(*self._check_observations(along, across))
 
     def solve(
         self,
@@ -515,11 +515,11 @@ class System(ExactErrors):
         CheckpointError
             If the checkpoint belongs to a different problem.
         """
-        observed = self._observed(along, across)
+        observed = self._check_observations(along, across)
         n = self.scans.n_sources
         start = np.zeros((n, 5)) if start is None else start
         attitude = np.zeros((self.coefficients, 3)) if attitude is None else attitude
-        first_start, first_attitude = self._reshape_unknowns(start, attitude)
+        first_start, first_attitude = self._check_unknowns(start, attitude)
         if known is not None:
             if self.prior is None:
                 raise ParameterError("known= is what a prior says of the attitude: give System a prior")
@@ -534,7 +534,7 @@ class System(ExactErrors):
             first=first,
             iterations=arguments.whole("iterations", iterations),
             stop=None if stop is None else arguments.positive("stop", stop),
-            fit=low_fit(self, arguments.indices("sources", sources, n)),
+            fit=low_degree_fit(self, arguments.indices("sources", sources, n)),
             watch=watch,
             checkpoint=checkpoint,
             progress=progress,
@@ -548,11 +548,11 @@ class System(ExactErrors):
             )
         return solution
 
-    def _observed(self, along, across):
+    def _check_observations(self, along, across):
         shape = (len(self.scans),)
         return arguments.float_array("along", along, shape), arguments.float_array("across", across, shape)
 
-    def _reshape_unknowns(self, sources, attitude):
+    def _check_unknowns(self, sources, attitude):
         x = arguments.float_array("sources", sources, (self.scans.n_sources, 5))
         return x, arguments.float_array("attitude", attitude, (self.coefficients, 3))
 
@@ -667,12 +667,12 @@ def solve_observations(
     x = start
     if first == "sources":
         of_sources, _ = passes.adjoint(along, across, x, attitude)
-        x = x + equations.precondition((of_sources - _constrain(equations, x))[..., None])[..., 0]
+        x = x + equations.precondition((of_sources - _constraint_terms(equations, x))[..., None])[..., 0]
     of_sources, of_attitude = passes.adjoint(along, across, x, np.zeros_like(attitude))
     if known is not None:
         of_attitude += known / equations.prior**2
     remainder = None if equations.angle is None else along - passes.predict(x, np.zeros_like(attitude))[0]
-    right = equations.reduce(of_sources, of_attitude, remainder) - _constrain(equations, x)
+    right = equations.reduce(of_sources, of_attitude, remainder) - _constraint_terms(equations, x)
     right[~equations.solved] = 0
     work = Iteration(equations, right[..., None])
 
@@ -686,14 +686,14 @@ def solve_observations(
             history, updates = list(state.pop("history")), list(state.pop("updates"))
             work.restore(state)
 
-    def keep():
+    def write_checkpoint():
         if checkpoint is not None and key is not None:
             save(checkpoint, key, work.state() | {"history": np.array(history), "updates": np.array(updates)})
 
     bar = progress_bar(
         total=iterations, words="joint solution", shown=progress, unit=" iterations", initial=len(history)
     )
-    with bar, blas_for(0):  # its threads would wait for each other longer than they work
+    with bar, limit_blas(0):  # its threads would wait for each other longer than they work
         while True:
             if watch is not None:
                 watch(len(history), x + work.x[..., 0])
@@ -709,8 +709,8 @@ def solve_observations(
                 refresh=False,
             )
             if len(history) % _EVERY == 0:
-                keep()
-    keep()
+                write_checkpoint()
+    write_checkpoint()
     corrections = work.x[..., 0]
     h = equations.attitude_of(of_attitude - passes.to_attitude(work.x)[..., 0])
     angle = None
@@ -739,7 +739,7 @@ def solve_observations(
     )
 
 
-def _constrain(equations, x):
+def _constraint_terms(equations, x):
     """Constraints of a global motion on parameters, (n, 5)."""
     constraints = np.zeros_like(x)
     if equations.motion is not None:

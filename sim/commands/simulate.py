@@ -76,7 +76,7 @@ def make_parser() -> argparse.ArgumentParser:
         "--columns ROLE=NAME,…",
         "names of the columns of --positions: redshift=zsp",
         parsing.columns,
-        action=parsing.Joined,
+        action=parsing.JoinValues,
     )
     add(
         "--sky NAME|MAP",
@@ -102,7 +102,7 @@ def make_parser() -> argparse.ArgumentParser:
         "--flow linear|SIGMA",
         "galaxies: peculiar velocities | those of linear theory, a dispersion in km/s, or both, as linear,250",
         _flow,
-        action=parsing.Joined,
+        action=parsing.JoinValues,
     )
     add(
         "--redshifts",
@@ -132,7 +132,7 @@ def make_parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _taken(kind):
+def _foreign_options(kind):
     """The options that a kind does not take."""
     not_taken = {
         "quasars": (*OF_GALAXIES, "orientation"),
@@ -155,7 +155,7 @@ def narrow(parser: argparse.ArgumentParser, words: Sequence[str]) -> None:
     """Hide the options that the kind among the `words` does not take, for its --help."""
     kind = next((argument for argument in words if not argument.startswith("-")), None)
     for action in parser._actions if kind in KINDS else ():
-        if action.dest in _taken(kind):
+        if action.dest in _foreign_options(kind):
             action.help = argparse.SUPPRESS
 
 
@@ -173,9 +173,9 @@ def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
         parser.error("--positions takes the sources of a table: --number and --sky draw others")
     if options.sigma or (options.columns and not options.positions):
         parser.error("--columns names those of the table of --positions, whose errors are simulated")
-    foreign = [name for name in _taken(options.kind) if getattr(options, name) != parser.get_default(name)]
+    foreign = [name for name in _foreign_options(options.kind) if getattr(options, name) != parser.get_default(name)]
     if foreign:
-        takers = " and ".join(kind for kind in KINDS if foreign[0] not in _taken(kind))
+        takers = " and ".join(kind for kind in KINDS if foreign[0] not in _foreign_options(kind))
         parser.error(f"--{foreign[0]} does not go with {options.kind}: --{foreign[0]} is for {takers}")
     if options.wave is not None and (len(options.wave) != 5 or options.wave[0] <= 0):
         parser.error("--wave is a frequency above zero, plus, cross, and a direction, as 2,100,0,30,-20")
@@ -193,17 +193,17 @@ def _run(options):
 
     tables.check_writable(options.output)  # what cannot be written is better told before the work than after
     finishing.check_file(options.output, options.overwrite)
-    finishing.check_configuration(_repeats(options))
+    finishing.check_configuration(_configuration_path(options))
     if options.kind in ("crf3", "crf4"):
-        _frame(options)
+        _write_crf(options)
         return
     if options.kind in ("epochs", "link"):
-        (_epochs if options.kind == "epochs" else _link)(options)
+        (_write_epochs if options.kind == "epochs" else _write_link)(options)
         return
     # A stream of its own for each step, so that one option does not shift what another draws.
     sky, selection_rng, gaps, observed, noise = np.random.default_rng(options.seed).spawn(5)
     population, notes = (
-        _simulate_own(options, sky) if options.positions else (_population(options, sky, selection_rng), [])
+        _read_population(options, sky) if options.positions else (_population(options, sky, selection_rng), [])
     )
     signal = sim.spin(options.spin) + sim.acceleration(options.acceleration)
     ours = reading.velocity_of(options.velocity)
@@ -214,7 +214,9 @@ def _run(options):
             if options.flow and ours is None:  # we take part in it
                 from vsh.models.cosmology import SUN_IN_LOCAL_GROUP
 
-                group = next(part for part in motions.parts if hasattr(part, "here")).here(population.redshift)
+                group = next(part for part in motions.parts if hasattr(part, "velocity_here")).velocity_here(
+                    population.redshift
+                )
                 velocity = group + SUN_IN_LOCAL_GROUP.to_frame("icrs").value
             signal += motions
         if velocity.any():
@@ -254,7 +256,7 @@ def _run(options):
     _finish(options, notes, meta, f"{len(field)} sources")
 
 
-def _frame(options):
+def _write_crf(options):
     """A catalogue in the archive's own columns."""
     from vsh.io import tables
 
@@ -273,7 +275,7 @@ def _frame(options):
     _finish(options, [], dict(table.meta) | truth, f"{five} sources with five parameters, {six} with six{suffix}")
 
 
-def _epochs(options):
+def _write_epochs(options):
     """Write the transits of quasars, in the columns of DR4's epoch astrometry."""
     from vsh.io import tables
     from vsh.vector import Vector
@@ -296,7 +298,7 @@ def _epochs(options):
     _finish(options, [], truth, f"{len(table)} transits of {len(population)} quasars, attitude {attitude}")
 
 
-def _link(options):
+def _write_link(options):
     """Radio stars, and quasars, in Gaia and VLBI."""
     from vsh.io.astrometry import write_astrometry
     from vsh.vector import Vector
@@ -314,10 +316,11 @@ def _link(options):
 
 def _finish(options, notes, meta, summary):
     """The configuration that repeats it, and what is said."""
-    with atomic_write(_repeats(options), overwrite=True) as temporary_path:
+    with atomic_write(_configuration_path(options), overwrite=True) as temporary_path:
         digests = {Path(options.output).name: digest(options.output)}
         temporary_path.write_text(
-            finishing.repeats(options, name=_repeats(options).name, written=digests), encoding="utf-8"
+            finishing.configuration_text(options, name=_configuration_path(options).name, written=digests),
+            encoding="utf-8",
         )
     true = ", ".join(f"{name} {value:g}" for name, value in meta.items() if isinstance(value, (int, float)))
     text = "\n".join([*notes, f"written to {options.output}: {summary}", f"truth: {true}"])
@@ -330,10 +333,10 @@ def _finish(options, notes, meta, summary):
             "truth": table_of({"name": np.array(list(numbers), str), "value": np.array(list(numbers.values()), float)})
         }
 
-    finishing.print_result(options, finishing.message(text, truth, notes))
+    finishing.print_result(options, finishing.message_result(text, truth, notes))
 
 
-def _repeats(options):
+def _configuration_path(options):
     """Path of the configuration: its name with run.toml for the ending."""
     path = Path(options.output)
     return path.with_name(f"{path.name}.{parsing.NAME}")
@@ -346,19 +349,19 @@ def _truth(vectors, options):
         for name, vector in vectors.items()
         for axis, value in zip("XYZ", vector, strict=True)
     }
-    return meta | {"PROGRAM": f"vsh-sim {vsh.__version__}", "OPTIONS": json.dumps(_plain(options))}
+    return meta | {"PROGRAM": f"vsh-sim {vsh.__version__}", "OPTIONS": json.dumps(_recorded_options(options))}
 
 
 def _population(options, rng, selection_rng):
     sky, frame = options.sky or "uniform", "icrs"
     if sky not in parsing.SKIES:
-        from vsh.io.maps import read_map_of
-        from vsh.sky.pixels import missing_pixels
+        from vsh.io.maps import read_map_with_frame
+        from vsh.sky.pixels import count_missing_pixels
 
         axes, _, path = sky.rpartition(":")
         stated = axes if axes in parsing.FRAMES else None
-        sky, frame = read_map_of(path if stated else sky, stated, "galactic:FILE, or which it is")
-        empty = missing_pixels(sky)
+        sky, frame = read_map_with_frame(path if stated else sky, stated, "galactic:FILE, or which it is")
+        empty = count_missing_pixels(sky)
         if empty:
             finishing.print_line(
                 options, f"note: {empty} of {sky.size} pixels of {options.sky} have no value and hold no sources"
@@ -372,7 +375,7 @@ def _population(options, rng, selection_rng):
     return sim.quasars(options.number, rng, sky, map_frame=frame)
 
 
-def _simulate_own(options, rng):
+def _read_population(options, rng):
     """The sources of a user's own table, and what is to be said of them."""
     from vsh.io.catalogue import read_sources
     from vsh.models.cosmology import with_redshift
@@ -408,7 +411,7 @@ def _simulate_own(options, rng):
     return sim.Population(read.lon, read.lat, magnitude, read.redshift), notes
 
 
-def _plain(options):
+def _recorded_options(options):
     """All options but those that change nothing."""
     exclusions = [*running.NOT_TOLD, *(NOT_OF_CRF3 if options.kind in ("crf3", "crf4") else ())]
     settings = {key: value for key, value in vars(options).items() if key not in exclusions}

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from sim.astrometry import solve_astrometry
-from sim.gaia._link import colour_of, deception, learnt_redshifts, scan_columns, too_small
+from sim.gaia._link import error_inflation, learnt_redshifts, scan_columns, systematic_motions, wavenumber_offset
 from sim.mission import Mission
-from sim.population import CRF3_COUNTS, SIX_PARAMETERS, by_magnitude, crf3_magnitudes, quasar_redshifts
+from sim.population import CRF3_COUNTS, SIX_PARAMETERS, assign_redshifts, crf3_magnitudes, quasar_redshifts
 from sim.scanning import NominalScanningLaw
 from sim.signal import Signal, acceleration, as_signal
 from sim.skies import draw_positions
@@ -82,7 +82,7 @@ def crf3(
     >>> len(table), 'pmra_pmdec_corr' in table.colnames
     (80, True)
     """
-    return _frame_table(rng, signal, n_five, n_six, "DR3", traps)
+    return _simulate_catalogue(rng, signal, n_five, n_six, "DR3", traps)
 
 
 #: The share of DR4's sources whose quality is flagged, and by how much their motions scatter [mas/yr]: guesses.
@@ -129,7 +129,7 @@ def crf4(
     """
     arguments.choice("table", table, ("gaia_source", "all_source_astrometry"))
     rng = generator(rng)
-    catalogue = _frame_table(rng, signal, n_five, n_six, "DR4", traps)
+    catalogue = _simulate_catalogue(rng, signal, n_five, n_six, "DR4", traps)
     params = np.asarray(catalogue["astrometric_params_solved"]).copy()
     if table == "gaia_source":
         draw = rng.spawn(1)[0].random(len(catalogue))
@@ -147,7 +147,7 @@ def crf4(
     return catalogue
 
 
-def _frame_table(rng, signal, n_five, n_six, release, traps=False):
+def _simulate_catalogue(rng, signal, n_five, n_six, release, traps=False):
     """The table of `crf3`, or of another release."""
     years = {"DR3": _YEARS, "DR4": 66 / 12}[release]
     six_count = n_five * CRF3_COUNTS[95] / CRF3_COUNTS[31] if n_six is None else arguments.not_negative("n_six", n_six)
@@ -158,7 +158,7 @@ def _frame_table(rng, signal, n_five, n_six, release, traps=False):
     lon, lat = draw_positions(n, sky, "gums")
     six = np.arange(n) >= n_five
     magnitude = crf3_magnitudes(n_five, n - n_five, light)
-    photometry = _light(properties, six, magnitude)
+    photometry = _photometry_columns(properties, six, magnitude)
     mission = Mission(NominalScanningLaw(years=years, rng=gaps), release)
     pixel = pixels_of(lon, lat, _NSIDE)
     transits = mission.scanning_law.transits(*centres(_NSIDE))
@@ -171,12 +171,12 @@ def _frame_table(rng, signal, n_five, n_six, release, traps=False):
     correlation = unit / (deviation[:, :, None] * deviation[:, None])
     wrong = np.where(errors.random(n) < _OUTLIERS, _TIMES, 1.0)
     if traps:
-        wrong *= too_small(magnitude)
+        wrong *= error_inflation(magnitude)
     scatter = np.einsum("nij,nj->in", np.linalg.cholesky(unit)[pixel], noise.standard_normal((n, 3))) * size * wrong
     sigma = deviation[pixel].T * size
     motion = (truth(lon, lat) + scatter[1:]) / MAS
     if traps:
-        motion += deception(lon, lat, sigma[1:], magnitude, photometry["nu"], release, deceit) / MAS
+        motion += systematic_motions(lon, lat, sigma[1:], magnitude, photometry["nu"], release, deceit) / MAS
     columns = {
         "source_id": _identifiers(lon, lat),
         "ra": np.degrees(lon),
@@ -197,15 +197,15 @@ def _frame_table(rng, signal, n_five, n_six, release, traps=False):
     return _table(columns | transit_columns | photometry)
 
 
-def _light(rng: np.random.Generator, six: BoolArray, magnitude: FloatArray) -> dict[str, Any]:
+def _photometry_columns(rng: np.random.Generator, six: BoolArray, magnitude: FloatArray) -> dict[str, Any]:
     """Colours, redshifts and quality; `nu` is the wavenumber of all."""
     n = len(six)
     wavenumber = rng.normal(1.589, 0.06, n)
     has_redshift = rng.random(n) < 0.6
     z, ruwe, colour_scatter = quasar_redshifts(n, rng), rng.lognormal(0.0, 0.04, n), rng.normal(0, 0.1, n)
     spin, order, learnt = rng.random(n), *rng.spawn(2)
-    z = by_magnitude(z, magnitude, order)
-    wavenumber += colour_of(z) - colour_of(z).mean()
+    z = assign_redshifts(z, magnitude, order)
+    wavenumber += wavenumber_offset(z) - wavenumber_offset(z).mean()
     return {
         "nu": wavenumber,
         "nu_eff_used_in_astrometry": np.where(six, np.nan, wavenumber).astype(np.float32),

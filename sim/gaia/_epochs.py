@@ -213,7 +213,7 @@ def _complete(columns: dict[str, Any], transits: Transits, magnitude: FloatArray
     """All columns of the pre-release: ten CCDs, of which the first is the sky mapper's."""
     k = len(magnitude)
 
-    def slots(values, mapper_value, dtype):
+    def ten_ccds(values, mapper_value, dtype):
         values = np.broadcast_to(np.reshape(values, (k, -1)), (k, CCDS))
         return np.concatenate([np.full((k, 1), mapper_value), values], 1).astype(dtype)
 
@@ -241,23 +241,23 @@ def _complete(columns: dict[str, Any], transits: Transits, magnitude: FloatArray
         "g_class": np.where(magnitude < 13, 0, np.where(magnitude < 16, 1, 2)).astype(np.int16),
         "ac_rate": rng.normal(0, 0.5, k).astype(np.float32),
         "obs_time_tcb": tenth,
-        "scan_pos_angle": slots(columns["scan_pos_angle"], np.nan, float),
-        "colour_factor_al": slots(none, 0.0, np.float32),
-        "colour_factor_ac": slots(none, np.nan, np.float32),
-        "centroid_pos_al": slots(centroid, 46_009.93, float),
+        "scan_pos_angle": ten_ccds(columns["scan_pos_angle"], np.nan, float),
+        "colour_factor_al": ten_ccds(none, 0.0, np.float32),
+        "colour_factor_ac": ten_ccds(none, np.nan, np.float32),
+        "centroid_pos_al": ten_ccds(centroid, 46_009.93, float),
         "centroid_pos_ac": np.full((k, 10), np.nan),
-        "calculated_pos_ac": slots(none, np.nan, float),
-        "centroid_pos_error_al": slots(sigma, 0.3024, np.float32),
+        "calculated_pos_ac": ten_ccds(none, np.nan, float),
+        "centroid_pos_error_al": ten_ccds(sigma, 0.3024, np.float32),
         "centroid_pos_error_ac": np.full((k, 10), np.nan, np.float32),
-        "used_by_agis_al": slots(~lost, False, bool),
+        "used_by_agis_al": ten_ccds(~lost, False, bool),
         "used_by_agis_ac": np.zeros((k, 10), bool),
         "ccd_proc_flags": np.zeros((k, 10), np.int16),
-        "ipd_error_al": slots(error, np.nan, np.float32),
+        "ipd_error_al": ten_ccds(error, np.nan, np.float32),
         "ipd_error_ac": np.full((k, 10), np.nan, np.float32),
-        "gates": slots(none, 12, np.int16),
-        "source_dist_to_last_ci": slots(rng.uniform(0, 2000, (k, CCDS)), np.nan, np.float32),
-        "sub_pixel_coord": slots(rng.random((k, CCDS)), 0.0, np.float32),
-        "mu": slots(rng.uniform(13, 1991, (k, CCDS)), 1000.0, np.float32),
+        "gates": ten_ccds(none, 12, np.int16),
+        "source_dist_to_last_ci": ten_ccds(rng.uniform(0, 2000, (k, CCDS)), np.nan, np.float32),
+        "sub_pixel_coord": ten_ccds(rng.random((k, CCDS)), 0.0, np.float32),
+        "mu": ten_ccds(rng.uniform(13, 1991, (k, CCDS)), 1000.0, np.float32),
     }
 
 

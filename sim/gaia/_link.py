@@ -212,7 +212,7 @@ _LEARNT, _WRONG = 0.1, 0.05
 _PERIOD = 4.0 / 365.25
 
 
-def colour_of(z: FloatArray) -> FloatArray:
+def wavenumber_offset(z: FloatArray) -> FloatArray:
     """Wavenumber by redshift [µm⁻¹]: emission lines, and no light beyond Lyman α from z = 2.5.
 
     A stand-in of the right size, of no table.
@@ -243,13 +243,13 @@ def scan_columns(transits: Transits, n: int) -> dict[str, FloatArray]:
     }
 
 
-def too_small(magnitude: FloatArray) -> FloatArray:
+def error_inflation(magnitude: FloatArray) -> FloatArray:
     """True errors over quoted ones."""
     lower, upper = _FAINT
     return 1 + _TOO_SMALL * np.clip((magnitude - lower) / (upper - lower), 0, 1)
 
 
-def deception(
+def systematic_motions(
     lon: FloatArray, lat: FloatArray, sigma: FloatArray, magnitude: FloatArray, wavenumber: FloatArray, release: str,
     rng: np.random.Generator,
 ) -> FloatArray:  # fmt: skip

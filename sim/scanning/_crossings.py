@@ -53,14 +53,14 @@ YEAR = 365.25  # days
 _MEAN_RATE = 0.9856474 - 50.29 / 3600 / YEAR
 
 
-def _anomaly(start, time):
+def _mean_angles(start, time):
     days = (start - 2000.0 + time) * YEAR
     return (357.528 + 0.9856003 * days) * DEGREE, (280.460 + _MEAN_RATE * days) * DEGREE
 
 
 def sun_position(start: float, time: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Ecliptic longitude [rad] and distance [AU] of the Sun, equinox J2000, to 0.01° (Astronomical Almanac, C5)."""
-    g, mean = _anomaly(start, time)
+    g, mean = _mean_angles(start, time)
     sin, cos = sin_cos(g)
     # sin 2g = 2 sin g cos g, cos 2g = 2 cos² g − 1
     longitude = mean + (1.915 + 0.040 * cos) * sin * DEGREE
@@ -69,7 +69,7 @@ def sun_position(start: float, time: FloatArray) -> tuple[FloatArray, FloatArray
 
 def sun_rate(start: float, time: FloatArray) -> FloatArray:
     """dλ/dt [rad/yr]."""
-    g, _ = _anomaly(start, time)
+    g, _ = _mean_angles(start, time)
     turn = 0.9856003 * DEGREE * YEAR
     return _MEAN_RATE * DEGREE * YEAR + (1.915 * np.cos(g) + 0.040 * np.cos(2 * g)) * DEGREE * turn
 
@@ -142,7 +142,7 @@ class Spins:
                 np.ascontiguousarray(r.T), np.ascontiguousarray(self.z.T), np.ascontiguousarray(self.u.T),
                 np.ascontiguousarray(self.w.T), self.times, self.reach, CHUNK, wide, half,
             )  # fmt: skip
-        source, spin, h0, h1 = self._near_scan(r, wide)
+        source, spin, h0, h1 = self._find_near_sources(r, wide)
         directions = r[:, source]
         azimuth = np.arctan2(dot(directions, self.w[:, spin]), dot(directions, self.u[:, spin]))
         turn = np.arctan2(dot(directions, self.w[:, spin + 1]), dot(directions, self.u[:, spin + 1])) - azimuth
@@ -163,7 +163,7 @@ class Spins:
         order = np.argsort(owner + time / (self.times[-1] + 1), kind="stable")
         return owner[order], time[order], views[order]
 
-    def _near_scan(self, r, max_height):
+    def _find_near_sources(self, r, max_height):
         """Find the sources near the scan circle in which spins, and their heights at the start and the end of each."""
         # Height above the circle at every eighth spin: z moves a degree in one.
         start = self.z[:, ::CHUNK][:, : len(self.reach)]
@@ -215,7 +215,7 @@ def draw_gaps(years: float, dead_time: float, rng: Rng | None) -> FloatArray:
     return np.stack([starts, starts + lengths], axis=1)
 
 
-def alive(time: FloatArray, gaps: FloatArray) -> BoolArray:
+def outside_gaps(time: FloatArray, gaps: FloatArray) -> BoolArray:
     """Mask of the times in no gap, (n,)."""
     before = np.searchsorted(gaps[:, 0], time, side="right") - 1
     return (before < 0) | (time >= np.append(gaps[:, 1], 0.0)[before])

@@ -21,10 +21,10 @@ from sim.scanning._crossings import (
     YEAR,
     Cubics,
     Spins,
-    alive,
     check_gaps,
     dot,
     draw_gaps,
+    outside_gaps,
     sun_direction,
     sun_position,
     sun_rate,
@@ -44,14 +44,14 @@ _SLOWEST = 1.5
 
 
 @dataclass(frozen=True)
-class _Turning:
+class _PeriodicIntegral:
     """∫ f dν of a periodic f, from its values at even steps of ν: a slope, and a Fourier series."""
 
     slope: float
     terms: FloatArray
 
     @classmethod
-    def of(cls, values: FloatArray) -> "_Turning":
+    def of(cls, values: FloatArray) -> "_PeriodicIntegral":
         order = np.arange(1, len(values) // 2)
         waves = np.fft.rfft(values)[: len(order) + 1] / len(values)
         terms = 2 * waves[1:] / (1j * order)
@@ -93,7 +93,7 @@ class Precession:
             if abs(step) < 1e-15 * self.speed:
                 break
         rate = self.rate(nu)
-        self._longitude, self._sine = _Turning.of(1 / rate), _Turning.of(np.sin(nu) / rate)
+        self._longitude, self._sine = _PeriodicIntegral.of(1 / rate), _PeriodicIntegral.of(np.sin(nu) / rate)
 
     def rate(self, nu: FloatArray) -> FloatArray:
         """g = dν/dλ."""
@@ -298,7 +298,7 @@ class NominalScanningLaw(Frozen):
         owner, time, views = spins.crossings(r, max_height, self.basic_angle / 2, compiled=compiled)
         if spins.bend >= _BEND:
             time = self._refine_crossings(r[:, owner], time, views)
-        keep = alive(time, self._state["gaps"])
+        keep = outside_gaps(time, self._state["gaps"])
         owner, time, views = owner[keep], time[keep], views[keep]
         z, sun, distance = self._spin_axis(time)
         directions = r[:, owner]

@@ -12,11 +12,11 @@ from typing import Any
 
 import numpy as np
 
-from sim.signal._signal import Observer, Signal, TimeDependent, direction_of
+from sim.signal._signal import ObserverMotion, Signal, TimeDependent, nonzero_vector
 from vsh.models.cosmology import FLAT_PLANCK13, hubble_value, parallax_factor, transverse_distance
 from vsh.models.flows import LINEAR_PLANCK18, LinearTheory, VelocityGrid, flow_modes
-from vsh.models.waves import unit, wave_motions
-from vsh.sky.sphere import across_and_along, triad
+from vsh.models.waves import unit_vector, wave_motions
+from vsh.sky.sphere import local_components, triad
 from vsh.tools import arguments
 from vsh.tools.arguments import generator, not_negative, number, positive, whole
 from vsh.tools.errors import ParameterError
@@ -48,7 +48,7 @@ class Velocities:
 
 
 @dataclass(frozen=True)
-class Peculiar(Velocities):
+class RandomVelocities(Velocities):
     """Random velocities [km/s], the same sky from the same seed."""
 
     sigma: float
@@ -71,7 +71,7 @@ class Peculiar(Velocities):
         for start in range(0, len(lon), 8192):
             block = slice(start, start + 8192)
             velocity[:, block] = amplitudes @ np.cos(numbers @ (r * distance)[:, block] + phases[:, None])
-        return across_and_along(velocity, lon, lat)
+        return local_components(velocity, lon, lat)
 
 
 @dataclass(frozen=True)
@@ -94,9 +94,9 @@ class LinearFlow(Velocities):
                 raise ParameterError(
                     f"{len(lon)} galaxies are too many to be drawn exactly: {_MOST_EXACT} at most; take exact=False"
                 )
-            root = _root(self.theory, lon.tobytes(), lat.tobytes(), scaled_distance.tobytes())
+            root = _covariance_root(self.theory, lon.tobytes(), lat.tobytes(), scaled_distance.tobytes())
             velocity = (root @ draw.standard_normal(root.shape[0])).reshape(-1, 3).T
-            return across_and_along(velocity, lon, lat)
+            return local_components(velocity, lon, lat)
         # To the same limits whichever sources are asked for: the flow is one field.
         modes = flow_modes(
             0.0, 100.0 * 2 ** np.ceil(np.log2(max(scaled_distance.max(), 50.0) / 100)), self.n_modes, self.theory
@@ -111,7 +111,7 @@ class LinearFlow(Velocities):
         tangential += scatter[0] * draw.standard_normal(tangential.shape)
         return tangential, radial + scatter[1] * draw.standard_normal(radial.shape)
 
-    def here(self, redshift: ArrayLike) -> FloatArray:
+    def velocity_here(self, redshift: ArrayLike) -> FloatArray:
         """The flow where we are, along the axes of its frame, (3,), of galaxies at so large a redshift. [km/s]"""
         farthest = np.max(distance_of(redshift, self.cosmology, self.hubble))
         lon, lat = np.array([0, np.pi / 2, 0, 0]), np.array([0, 0, np.pi / 2, 0])
@@ -133,7 +133,7 @@ class GridFlow(Velocities):
         flow, inside = self.grid.at(lon, lat, scaled_distance, self.frame)
         if not inside.all():
             raise ParameterError(f"{(~inside).sum()} sources lie outside of the grid of velocities, {self.grid!r}")
-        return across_and_along(flow, lon, lat)
+        return local_components(flow, lon, lat)
 
 
 @arguments.accepts(rng=arguments.seed, flow=arguments.a(str, LinearTheory, VelocityGrid))
@@ -192,7 +192,7 @@ def peculiar(
     length = None if length is None else positive("length", length)
     hubble = None if hubble is None else positive("hubble", hubble)
     seed = int(generator(rng).integers(2**63))
-    random = Peculiar(not_negative("sigma", sigma), seed, length, cosmology, hubble, whole("n_waves", n_waves))
+    random = RandomVelocities(not_negative("sigma", sigma), seed, length, cosmology, hubble, whole("n_waves", n_waves))
     if flow is None:
         return Signal((random,))
     coherent_flow: Velocities
@@ -210,7 +210,7 @@ def peculiar(
 
 
 @lru_cache(maxsize=1)
-def _root(theory, lon, lat, scaled_distance):
+def _covariance_root(theory, lon, lat, scaled_distance):
     """A root of the covariance of velocities; many skies of the same galaxies share it."""
     positions = triad(np.frombuffer(lon), np.frombuffer(lat))[2] * np.frombuffer(scaled_distance)
     covariance = theory.covariance(positions)
@@ -229,7 +229,7 @@ def _little_h(cosmology, hubble):
 
 
 @dataclass(frozen=True)
-class SecularParallax(Observer):
+class SecularParallax(ObserverMotion):
     """Parallax by our velocity [km/s, toward the apex]."""
 
     velocity: FloatArray
@@ -268,7 +268,7 @@ def secular_parallax(velocity: ArrayLike, *, cosmology: Cosmology | None = None,
     (50,)
     """
     hubble = None if hubble is None else positive("hubble", hubble)
-    return Signal((SecularParallax(direction_of(velocity, "velocity", "km / s"), cosmology, hubble),))
+    return Signal((SecularParallax(nonzero_vector(velocity, "velocity", "km / s"), cosmology, hubble),))
 
 
 @dataclass(frozen=True)
@@ -288,7 +288,7 @@ class SwingingWave(TimeDependent):
 
 
 @dataclass(frozen=True)
-class AnyInTime(TimeDependent):
+class TimeFunction(TimeDependent):
     """Any function of position and time."""
 
     function: Callable[[Any, Any, Any], Any]
@@ -330,7 +330,9 @@ def wave_in_time(
     array([0., 1.])
     """
     strains = number("plus", plus), number("cross", cross)
-    return Signal((SwingingWave(unit(direction), positive("frequency", frequency), *strains, number("phase", phase)),))
+    return Signal(
+        (SwingingWave(unit_vector(direction), positive("frequency", frequency), *strains, number("phase", phase)),)
+    )
 
 
 def in_time(function: Callable[[Any, Any, Any], Any]) -> Signal:
@@ -355,4 +357,4 @@ def in_time(function: Callable[[Any, Any, Any], Any]) -> Signal:
     """
     if not callable(function):
         raise ParameterError(f"a displacement is a function of (lon, lat, time), not {function!r}")
-    return Signal((AnyInTime(function),))
+    return Signal((TimeFunction(function),))

@@ -10,7 +10,7 @@ import numpy as np
 
 from vsh import Coefficients
 from vsh.models.covariance import Spectrum
-from vsh.models.waves import unit, wave_motions
+from vsh.models.waves import unit_vector, wave_motions
 from vsh.modes import as_modes
 from vsh.sky.sphere import triad
 from vsh.tools import arguments
@@ -22,7 +22,7 @@ from vsh.tools.types import ArrayLike, FloatArray, Rng
 from vsh.tools.units import SPEED_OF_LIGHT
 
 
-class Observer:
+class ObserverMotion:
     """Base of signals by our own velocity, toward the apex. [km/s]"""
 
     velocity: FloatArray
@@ -118,7 +118,9 @@ class Signal(InNotebook):
         wavelength_ratio = (1 + redshift) * (1 + outward / SPEED_OF_LIGHT)
         if frame == "heliocentric":
             ours = sum(
-                component.velocity @ triad(lon, lat)[2] for component in self.parts if isinstance(component, Observer)
+                component.velocity @ triad(lon, lat)[2]
+                for component in self.parts
+                if isinstance(component, ObserverMotion)
             )
             wavelength_ratio = wavelength_ratio / (1 + ours / SPEED_OF_LIGHT)
         return wavelength_ratio - 1
@@ -145,7 +147,7 @@ class Signal(InNotebook):
 
 def _scale_signal(component, factor):
     """A part of a signal, so many times as large; our own velocity stays one, for redshifts."""
-    if isinstance(component, Observer):
+    if isinstance(component, ObserverMotion):
         return replace(cast(Any, component), velocity=factor * np.asarray(component.velocity, float))
     if isinstance(component, ScaledSignal):
         return replace(component, factor=factor * component.factor)
@@ -265,7 +267,7 @@ def three_components(value: Any, name: str, unit: str = "") -> FloatArray:
     return value
 
 
-def direction_of(value: Any, name: str, unit: str = "") -> FloatArray:
+def nonzero_vector(value: Any, name: str, unit: str = "") -> FloatArray:
     """Three finite components that are not all zero, bare or as a Quantity."""
     value = three_components(value, name, unit)
     if not value.any():
@@ -428,4 +430,4 @@ def plane_wave(direction: ArrayLike, plus: float, cross: float = 0.0) -> Signal:
     >>> plane_wave((0, 0, 1), 2.0)([0.0], [0.0]).round(12).ravel()
     array([0., 1.])
     """
-    return Signal((PlaneWave(unit(direction), number("plus", plus), number("cross", cross)),))
+    return Signal((PlaneWave(unit_vector(direction), number("plus", plus), number("cross", cross)),))

@@ -26,7 +26,7 @@ def make_parser() -> argparse.ArgumentParser:
     add(
         "--survey NAME=N,SIGMA",
         "a survey of your own: number of quasars, and error of their motions in µas/yr; may be repeated",
-        _surveys,
+        _survey,
         action="append",
     )
     add(
@@ -45,7 +45,7 @@ def _names(text):
     return tuple(name.strip() for name in text.split(","))
 
 
-def _surveys(text):
+def _survey(text):
     name, _, numbers = text.partition("=")
     try:
         n, sigma = parsing.numbers(numbers)

@@ -3,7 +3,7 @@
 import argparse
 
 from vsh.commands import finishing, parsing, reading, running
-from vsh.tools.notes import dropped
+from vsh.tools.notes import count_dropped
 
 
 def make_parser() -> argparse.ArgumentParser:
@@ -43,14 +43,14 @@ def _run(options):
     source = reading.open_catalogue(options.catalogue, options)
     from study.referee import read_quasars, referee
 
-    quasars = read_quasars(source, axes=options.frame, **reading.arguments(options) | {"format": None})
+    quasars = read_quasars(source, axes=options.frame, **reading.field_arguments(options) | {"format": None})
     earlier = None
     if options.earlier:
         from vsh.io.catalogue import read_field
 
         earlier = read_field(options.earlier, roles=("name",), on_bad=options.on_bad)
     answer = referee(quasars, options.seed, earlier=earlier)
-    counts = {"rows_used": len(quasars.whole), "rows_refused": dropped(quasars.field.notes)}
+    counts = {"rows_used": len(quasars.whole), "rows_refused": count_dropped(quasars.field.notes)}
 
     def draw():
         from study.referee.page import draw

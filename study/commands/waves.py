@@ -151,7 +151,7 @@ def _response(chunks, span, options):
         times = np.sort(np.concatenate([chunk.time for chunk in chunks]))
         longest = max(0.003, 30 * float(np.median(np.diff(times))))
         start = DR4.epoch + span[0]
-        law = _nominal(chunks, start, span[1] - span[0], find_gaps(DR4.epoch + times, start, longest=longest))
+        law = _nominal_law(chunks, start, span[1] - span[0], find_gaps(DR4.epoch + times, start, longest=longest))
     response = Response(law, nside=_NSIDE, epoch=DR4.epoch, calibration=options.calibration)
     offset = np.degrees(np.median([_median_axis_offset(chunk, law) for chunk in chunks]))
     note = f"spin axis of the scanning law: {offset:.2g}° from that of the transits, median"
@@ -160,7 +160,7 @@ def _response(chunks, span, options):
     return response, [note], offset > _FAR
 
 
-def _nominal(chunks, start, years, gaps):
+def _nominal_law(chunks, start, years, gaps):
     """A nominal law whose axis is, at the first transit, where it was seen: r × m of the scan."""
     from sim import NominalScanningLaw
     from sim.scanning import sun_position

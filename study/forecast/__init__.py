@@ -3,7 +3,7 @@
 from typing import TYPE_CHECKING
 
 from study.forecast._forecast import SURVEYS, SecondEpoch, Survey, SurveyForecast, forecast_surveys
-from vsh.tools.modules import lazily
+from vsh.tools.modules import lazy_names
 
 if TYPE_CHECKING:
     from study.forecast._plot import plot_forecast
@@ -11,4 +11,4 @@ if TYPE_CHECKING:
 __all__ = ["SURVEYS", "SecondEpoch", "Survey", "SurveyForecast", "forecast_surveys"]
 
 # matplotlib is imported when a figure is first asked for.
-__getattr__, __dir__ = lazily(__name__, __all__, {"_plot": ["plot_forecast"]})
+__getattr__, __dir__ = lazy_names(__name__, __all__, {"_plot": ["plot_forecast"]})

@@ -130,7 +130,7 @@ class Survey(InNotebook):
         if self.release is None:
             errors[:] = self._own_error()[:, None]
         else:
-            magnitude, larger = _quasars()
+            magnitude, larger = _crf3_sample()
             errors[:] = _mean_error(larger * gaia_errors(magnitude, self.release))[:, None]
             if self.second is not None:
                 inside = self.second.covers(lon, lat)
@@ -158,7 +158,7 @@ def _mean_error(sigma):
 
 
 @lru_cache(maxsize=1)
-def _quasars():
+def _crf3_sample():
     """Magnitudes of Gaia-CRF3's quasars, and factors on their errors: information to half a per cent."""
     five, six = (count // 8 for count in CRF3_COUNTS.values())
     return crf3_magnitudes(five, six, 1), np.where(np.arange(five + six) < five, 1.0, SIX_PARAMETERS)
@@ -184,7 +184,7 @@ _VLBA = (2.1, 5.5, 9.6, 15.6, 39.2)
 _DR5_YEARS, _SUCCESSOR = 10.0, 27.7
 
 
-def _with(second: SecondEpoch, says: str, floor: float = _FLOORS["DR5"]) -> Survey:
+def _add_second_epoch(second: SecondEpoch, says: str, floor: float = _FLOORS["DR5"]) -> Survey:
     """DR5 with the positions of another survey, which keep the floor of DR5's frame unless they have one of theirs."""
     return Survey(_OF_QUASARS, "DR5", n_galaxies=_OF_GALAXIES, floor=floor, says=says, second=second)
 
@@ -198,19 +198,19 @@ SURVEYS = {
     "Gaia DR5": Survey(
         _OF_QUASARS, "DR5", n_galaxies=_OF_GALAXIES, floor=_FLOORS["DR5"], says="the same quasars, ten years of data"
     ),
-    "DR5 + Euclid": _with(
+    "DR5 + Euclid": _add_second_epoch(
         SecondEpoch(350.0, 7.7, latitude=30.0, ecliptic_latitude=15.0),
         "positions at J2027.5 in 14 000 deg², four exposures of 0.7 mas (Libralato et al. 2024, arXiv:2411.02487)",
     ),
-    "DR5 + Roman": _with(
+    "DR5 + Roman": _add_second_epoch(
         SecondEpoch(350.0, 9.7, latitude=43.0, declination=(-45.0, 0.0)),
         "positions at J2029.5 in 5100 deg², ten exposures of 0.01 pixel (Sanderson et al. 2019, JATIS 5, 044005)",
     ),
-    "DR5 + Rubin": _with(
+    "DR5 + Rubin": _add_second_epoch(
         SecondEpoch(400.0, 11.2, latitude=15.0, declination=(-70.0, 12.5)),
         "positions at J2031 in 18 000 deg², 825 visits of 11 mas (Ivezić et al. 2019, ApJ 873, 111)",
     ),
-    "near infrared": _with(
+    "near infrared": _add_second_epoch(
         SecondEpoch("DR4", _SUCCESSOR),
         "positions by a successor to Gaia launched in 2045, at J2047.5 with DR4's errors by magnitude: it is to be "
         "as precise as Gaia (Hobbs et al. 2021, Exp. Astron. 51, 783); floor: that of DR5 by the time between",
@@ -431,8 +431,8 @@ def forecast_surveys(
     sample = galaxies(_GALAXIES, stream)
     values = {
         name: (
-            _of_quasars(Field(lon, lat, still, survey.errors(lon, lat)), survey, power)
-            | _of_galaxies(survey, sample, flows)
+            _forecast_quasars(Field(lon, lat, still, survey.errors(lon, lat)), survey, power)
+            | _forecast_galaxies(survey, sample, flows)
         )
         for name, survey in surveys.items()
     }
@@ -450,7 +450,7 @@ def _draw_positions(sky, rng):
     return i * np.pi * (3 - np.sqrt(5)) % (2 * np.pi), np.arcsin((2 * i + 1) / _QUASARS - 1)
 
 
-def _of_quasars(field, survey, power):
+def _forecast_quasars(field, survey, power):
     prediction = predict_covariance(field, 2)
     spin, acceleration = (
         float(np.sqrt(np.mean(vector.sigma**2))) for vector in (prediction.spin, prediction.acceleration)
@@ -484,7 +484,7 @@ def _last_above(power, noise):
     return below[0] if below.size else len(power)
 
 
-def _of_galaxies(survey, sample, flows):
+def _forecast_galaxies(survey, sample, flows):
     names = ("velocity", "hubble", "velocity_flows", "hubble_flows")
     if not survey.n_galaxies:
         return dict.fromkeys(names, float("nan"))
@@ -492,11 +492,11 @@ def _of_galaxies(survey, sample, flows):
     # The nearest weigh most: all of them, and of the rest every twentieth for twenty.
     few = np.concatenate([order[:_NEAREST], order[_NEAREST::_EVERY]])
     independent_errors = _errors(survey, sample[few], _ALONE, np.where(np.arange(len(few)) < _NEAREST, 1, _EVERY))
-    values = [*_velocity(sample[few], independent_errors, flows=None)]
+    values = [*_velocity_errors(sample[few], independent_errors, flows=None)]
     if flows:
         few = order[:: len(order) // _IN_FLOWS]
         residual_errors = _errors(survey, sample[few], _BEYOND, len(order) / len(few))
-        values += _velocity(sample[few], residual_errors, flows="linear", n_modes=_MODES)
+        values += _velocity_errors(sample[few], residual_errors, flows="linear", n_modes=_MODES)
     else:
         values += [float("nan")] * 2
     return dict(zip(names, values, strict=True))
@@ -509,7 +509,7 @@ def _errors(survey, sample, dispersion, times):
     return np.hypot(errors, scatter) / np.sqrt(times * survey.n_galaxies / _GALAXIES)
 
 
-def _velocity(sample, errors, **options):
+def _velocity_errors(sample, errors, **options):
     field = Field(sample.lon, sample.lat, np.zeros_like(errors), errors, redshift=sample.redshift)
     ours, constant = predict_velocity(field, 67.3, peculiar_dispersion=_NONE, left_out=False, **options)
     return float(np.sqrt(np.trace(ours.velocity.covariance) / 3)), float(constant.hubble_error)

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from vsh.figures.plot import COLOURS, WIDTH, apply_style, legend_above, log_ticks, panels
+from vsh.figures.plot import COLOURS, WIDTH, apply_style, legend_above, panels, set_log_ticks
 from vsh.tools.types import AxesArray, OnAxes
 
 #: What each panel shows: its label, and quantities with what they are.
@@ -26,7 +26,7 @@ def plot_forecast(forecast: Any, *, ax: OnAxes | None = None) -> AxesArray:
             axes.plot(positions, values, "os"[k], color=COLOURS[k], markersize=4, label=description)
         axes.set_yscale("log")
         axes.margins(y=0.15)
-        log_ticks(axes.yaxis, *axes.get_ylim())
+        set_log_ticks(axes.yaxis, *axes.get_ylim())
         axes.set_xlim(-0.5, len(names) - 0.5)
         axes.grid(axis="y", color="0.9", linewidth=0.4)
         axes.set_xticks(range(len(names)), names, rotation=90)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from scipy.special import chdtrc, fdtrc
 
-from fit.background import ClassComparison, Floor, Verdict, shared, widened
+from fit.background import ClassComparison, Floor, Verdict, extend_degrees, shared
 from fit.methods import Recommended, degree_for, recommended
 from fit.normal import NormalEquations, Template, fit_field, normal_equations, solve
 from fit.results.quality import gls
@@ -252,7 +252,7 @@ def compare(quasars: Quasars, classes: Classes, rng: Rng = 1, lmax: int | None =
     degree = degree_for(min(mask.sum() for _, mask in large_classes), _DEGREE, least=3, per_mode=4)
     normals = [quasars.equations(mask, degree) for _, mask in large_classes]
     plain = [solve(quasars.plain_equations(mask, lmax or degree)) for _, mask in large_classes]
-    extensions = widened(normals, quasars.equations, [mask for _, mask in large_classes])
+    extensions = extend_degrees(normals, quasars.equations, [mask for _, mask in large_classes])
     comparison = shared(
         extensions,
         range(2, degree + 1),
@@ -272,7 +272,7 @@ _BLOCK = 20_000
 _ANGLES = np.cos((np.arange(32) + 0.5) * np.pi / 32) ** 2
 
 
-def by_degree(field: Field, low: int, high: int, floor: Floor | None) -> tuple[FloatArray, FloatArray, float]:
+def degree_shift(field: Field, low: int, high: int, floor: Floor | None) -> tuple[FloatArray, FloatArray, float]:
     """Check how the acceleration moves from a fit of degree `low` to one of degree `high`.
 
     Both are linear in the same data: with M the matrix of one less the other, the move M b has the covariance
@@ -320,7 +320,7 @@ def _with_squared_covariance(field):
     return field.with_errors(np.sqrt([p, q]), r / np.sqrt(p * q))
 
 
-def by_method(field: Field, rng: Rng = 1) -> tuple[FloatArray, FloatArray, float]:
+def method_shift(field: Field, rng: Rng = 1) -> tuple[FloatArray, FloatArray, float]:
     """Check how the acceleration of degree 1 moves from least squares to Student's t, on random parts of the sources.
 
     Each part gives the difference of the two; Hotelling's T² of their mean asks nothing of the errors.
@@ -357,7 +357,7 @@ def by_method(field: Field, rng: Rng = 1) -> tuple[FloatArray, FloatArray, float
     return mean, np.sqrt(np.diag(covariance)), float(p)
 
 
-def by_source(field: Field, lmax: int) -> tuple[int, float, float]:
+def most_influential_source(field: Field, lmax: int) -> tuple[int, float, float]:
     """The source that moves the acceleration most, by how many of its errors, and how probable that is.
 
     A source moves g by VᵀW r times the covariance, which in errors of g is a quadratic form of its residual r; the
@@ -382,30 +382,33 @@ def by_source(field: Field, lmax: int) -> tuple[int, float, float]:
     whitening = np.linalg.inv(np.linalg.cholesky(solution.covariance[np.ix_(rows, rows)])) @ solution.covariance[rows]
     residual = solution.residuals(field)
     blocks = [np.arange(start, min(start + _BLOCK, len(field))) for start in range(0, len(field), _BLOCK)]
-    moves = np.concatenate([_moves(residual[block], solution.modes, whitening) for block in blocks])
+    moves = np.concatenate([_squared_influences(residual[block], solution.modes, whitening) for block in blocks])
     largest = int(np.argmax(moves))
     # The scatter of the others: the source that is asked about must not excuse itself.
     scale, excess_variance = _scatter(residual[np.delete(np.arange(len(field)), largest)])
     log = sum(
-        _log_none(residual[block], solution, whitening, scale, excess_variance, moves[largest]) for block in blocks
+        _log_probability_none(residual[block], solution, whitening, scale, excess_variance, moves[largest])
+        for block in blocks
     )
     return largest, float(np.sqrt(moves[largest])), float(-np.expm1(log))
 
 
-def _moves(residual, modes, whitening):
+def _squared_influences(residual, modes, whitening):
     """Squared influence of each source on the acceleration, in errors."""
-    return np.sum(np.einsum("ajp,jp->ap", _seen(residual, modes, whitening), residual.whitened) ** 2, 0)
+    return np.sum(
+        np.einsum("ajp,jp->ap", _acceleration_derivative(residual, modes, whitening), residual.whitened) ** 2, 0
+    )
 
 
-def _seen(residual, modes, whitening):
+def _acceleration_derivative(residual, modes, whitening):
     """Derivative of the whitened acceleration, (3, 2, n)."""
     g = np.tensordot(whitening, harmonics(residual.lon, residual.lat, modes), 1)
-    return np.einsum("aip,jip->ajp", g, _root(residual))
+    return np.einsum("aip,jip->ajp", g, _weight_root(residual))
 
 
-def _log_none(residual, solution, whitening, scale, excess_variance, size):
+def _log_probability_none(residual, solution, whitening, scale, excess_variance, size):
     """Log of the probability that none of these sources moves it by so much."""
-    root, derivative = _root(residual), _seen(residual, solution.modes, whitening)
+    root, derivative = _weight_root(residual), _acceleration_derivative(residual, solution.modes, whitening)
     # What least squares leave of a residual, 1 − R Vᵀ C V Rᵀ, and what all sources scatter by besides.
     white = np.einsum("pin,jin->pjn", harmonics(residual.lon, residual.lat, solution.modes), root)
     redundancy = np.eye(2)[..., None] - np.einsum("pjn,pq,qkn->jkn", white, solution.covariance, white, optimize=True)
@@ -436,7 +439,7 @@ def _scatter(residual):
     return float(scale), float(excess_variance)
 
 
-def _root(field):
+def _weight_root(field):
     """R with Rᵀ R the inverse covariance of each source, (2, 2, n)."""
     (s1, s2), rho = field.sigma, field.rho
     k = np.sqrt(1 - rho**2)

@@ -23,7 +23,7 @@ _QUOTED = "klioner2021"
 _LISTED = 3
 
 
-def _numbers(section):
+def _analysis_section(section):
     """The numbers of an analysis with the published ones."""
     title = f"{section.title} — {section.paper.reference}"
     if section.lacking:
@@ -121,14 +121,20 @@ class Referee(InNotebook):
         other_sections = [section for section in self.sections if section.paper.key != _QUOTED]
         if not long:
             facts += [
-                (section.paper.short, f"not tested: {section.lacking}" if section.lacking else section.verdict)
+                (section.paper.citation, f"not tested: {section.lacking}" if section.lacking else section.verdict)
                 for section in other_sections
             ]
-        return (Section(quasars.label, facts), *(map(_numbers, self.sections) if long else ()), self._checks(long))
+        return (
+            Section(quasars.label, facts),
+            *(map(_analysis_section, self.sections) if long else ()),
+            self._checks(long),
+        )
 
     def _checks(self, long):
         """The checks with their p-values; short, those with the smallest."""
-        tests = sorted((check for check in self.checks if not check.lacking), key=lambda check: _order(check.p_value))
+        tests = sorted(
+            (check for check in self.checks if not check.lacking), key=lambda check: _sort_key(check.p_value)
+        )
         selection = self.checks if long else tests[:_LISTED]
         columns = {
             "check": [check.question for check in selection],
@@ -188,7 +194,7 @@ class Referee(InNotebook):
         return results
 
 
-def _order(p_value):
+def _sort_key(p_value):
     """Sort key that puts nan last."""
     return p_value if np.isfinite(p_value) else np.inf
 

@@ -43,7 +43,7 @@ class Paper(InNotebook):
     numbers: dict[str, Number]
 
     @property
-    def short(self) -> str:
+    def citation(self) -> str:
         """Its authors and year: the reference up to the year."""
         match = re.match(r"(?:Gaia Collaboration, )?(.*?\d{4})", self.reference)
         return match[1] if match else self.reference

@@ -9,21 +9,30 @@ import numpy as np
 from scipy.special import chdtrc
 
 from fit import pairs
-from fit.background import SHAPES, Template, WaveLimit, cross_powers, floor, shared, wave_limit, widened
+from fit.background import SHAPES, Template, WaveLimit, cross_powers, extend_degrees, floor, shared, wave_limit
 from fit.frames.chain import combine_frames
 from fit.motions.shear import compare_expansions, expansion
 from fit.normal import fit_field, normal_equations, solve, template_fields
 from fit.results.quality import SEEN
 from fit.results.spectrum import spectrum
 from fit.secular_parallax import observer_velocity
-from study.referee._quasars import FEWEST, Quasars, by_degree, by_method, by_source, clip_quasars, compare, degree_for
+from study.referee._quasars import (
+    FEWEST,
+    Quasars,
+    clip_quasars,
+    compare,
+    degree_for,
+    degree_shift,
+    method_shift,
+    most_influential_source,
+)
 from study.referee._rows import NONE, Analysis, Check, Headline, Row, Value, format_verdict, papers
 from vsh.classes import Classes
 from vsh.field import Field
 from vsh.models.cosmology import CMB_VELOCITY_PLANCK18, with_redshift
 from vsh.tools.errors import DegeneracyError, VshError
 from vsh.tools.parallel import progress_bar
-from vsh.tools.printing import in_a_line
+from vsh.tools.printing import one_line_text
 from vsh.tools.types import Rng
 
 #: Columns that sources are split by, each into so many classes.
@@ -37,18 +46,20 @@ _MAPS = ("G", "colour", "visibility periods", "scan strength")
 def checks(quasars: Quasars, headline: Headline, rng: Rng = 1, earlier: Field | None = None) -> list[Check]:
     """All of them; one that could not be asked says why."""
     questions: list[tuple[str, str, Callable[[], dict[str, Any]]]] = [
-        *((name, f"independent of {name}", partial(_by_column, quasars, name, k, rng))
+        *((name, f"independent of {name}", partial(_check_column, quasars, name, k, rng))
           for name, k in _SPLITS.items()),
-        ("plane", "the same near the Galactic plane", partial(_by_latitude, quasars, rng)),
-        *((frame, f"the same in both {frame} halves of the sky", partial(_by_half, quasars, frame, rng))
+        ("plane", "the same near the Galactic plane", partial(_check_latitude, quasars, rng)),
+        *((frame, f"the same in both {frame} halves of the sky", partial(_check_halves, quasars, frame, rng))
           for frame in _FRAMES),
-        ("degree", "independent of the maximum degree", partial(_degree, quasars, headline)),
-        ("robust", "the same with Student's t and with least squares", partial(_method, quasars, rng)),
-        ("one source", "not made by a single source", partial(_source, quasars)),
-        ("maps", "not explained by maps of the survey's properties", partial(_templates, quasars, headline, rng)),
+        ("degree", "independent of the maximum degree", partial(_check_degree, quasars, headline)),
+        ("robust", "the same with Student's t and with least squares", partial(_check_method, quasars, rng)),
+        ("one source", "not made by a single source", partial(_check_source, quasars)),
+        ("maps", "not explained by maps of the survey's properties", partial(_check_maps, quasars, headline, rng)),
     ]  # fmt: skip
     if earlier is not None:
-        questions.append(("earlier", "the same in an earlier release", partial(_earlier, quasars, earlier, rng)))
+        questions.append(
+            ("earlier", "the same in an earlier release", partial(_check_earlier_release, quasars, earlier, rng))
+        )
     return [_answer_question(*question) for question in progress_bar(questions, words="checks", unit="check")]
 
 
@@ -60,20 +71,22 @@ def _answer_question(key, question, act):
     return Check(key, question, **contents)
 
 
-def _by_column(quasars, name, k, rng):
-    return _split_classes(quasars, Classes.by_parts(name, quasars.column(name), k), rng)
+def _check_column(quasars, name, k, rng):
+    return _compare_classes(quasars, Classes.by_parts(name, quasars.column(name), k), rng)
 
 
-def _by_latitude(quasars, rng):
+def _check_latitude(quasars, rng):
     is_near_plane = np.abs(quasars.field.to_frame("galactic").lat) < np.pi / 6
-    return _split_classes(quasars, Classes(("|b| < 30°", "|b| ≥ 30°"), np.array([is_near_plane, ~is_near_plane])), rng)
+    return _compare_classes(
+        quasars, Classes(("|b| < 30°", "|b| ≥ 30°"), np.array([is_near_plane, ~is_near_plane])), rng
+    )
 
 
-def _by_half(quasars, frame, rng):
-    return _split_classes(quasars, Classes.by_halves(frame).of(quasars.field), rng)
+def _check_halves(quasars, frame, rng):
+    return _compare_classes(quasars, Classes.by_halves(frame).of(quasars.field), rng)
 
 
-def _split_classes(quasars, classes, rng) -> dict[str, Any]:
+def _compare_classes(quasars, classes, rng) -> dict[str, Any]:
     comparison = compare(quasars, classes, rng)
     verdict = comparison.verdict
     labels = comparison.shared.labels
@@ -86,19 +99,19 @@ def _split_classes(quasars, classes, rng) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _degree(quasars, headline) -> dict[str, Any]:
+def _check_degree(quasars, headline) -> dict[str, Any]:
     lower_degree = degree_for(len(quasars.field), 3)
     if quasars.degree <= lower_degree:
         raise VshError(f"the sources bear no more than degree {quasars.degree}")
-    move, _, p = by_degree(quasars.field, lower_degree, quasars.degree, headline.floor)
-    plain = by_degree(quasars.field, lower_degree, quasars.degree, None)[2]
+    move, _, p = degree_shift(quasars.field, lower_degree, quasars.degree, headline.floor)
+    plain = degree_shift(quasars.field, lower_degree, quasars.degree, None)[2]
     change = ", ".join(f"{x:+.2f}" for x in move)
     text = f"from maximum degree {lower_degree} to {quasars.degree} the acceleration changes by ({change}) µas/yr"
     return {"answer": text, "p_value": p, "at_face_value": plain}
 
 
-def _method(quasars, rng) -> dict[str, Any]:
-    move, error, p = by_method(quasars.whole, rng)
+def _check_method(quasars, rng) -> dict[str, Any]:
+    move, error, p = method_shift(quasars.whole, rng)
     components = ", ".join(f"{x:+.2f} ± {e:.2f}" for x, e in zip(move, error, strict=True))
     return {
         "answer": f"Student's t minus least squares, mean of random subsamples: ({components}) µas/yr",
@@ -106,14 +119,14 @@ def _method(quasars, rng) -> dict[str, Any]:
     }
 
 
-def _source(quasars) -> dict[str, Any]:
+def _check_source(quasars) -> dict[str, Any]:
     field = quasars.field
-    row, size, p = by_source(field, degree_for(len(field), 3))
-    name = f"row {row}" if field.name is None else in_a_line(field.name[row])
+    row, size, p = most_influential_source(field, degree_for(len(field), 3))
+    name = f"row {row}" if field.name is None else one_line_text(field.name[row])
     return {"answer": f"the most influential source, {name}, changes it by {size:.2f} standard errors", "p_value": p}
 
 
-def _earlier(quasars, earlier, rng) -> dict[str, Any]:
+def _check_earlier_release(quasars, earlier, rng) -> dict[str, Any]:
     """Differences of sources in both, with their common noise and what is systematic in one alone."""
     field = quasars.field
     if field.name is None or earlier.name is None:
@@ -139,7 +152,7 @@ def _earlier(quasars, earlier, rng) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _templates(quasars, headline, rng) -> dict[str, Any]:
+def _check_maps(quasars, headline, rng) -> dict[str, Any]:
     field, lmax = quasars.field, min(quasars.degree, 5)
     maps = [Template.density("density", field)]
     for name in _MAPS:
@@ -198,7 +211,7 @@ def _published_value(paper, name):
     return Value(number.value, number.error, value_type)
 
 
-def _vectors(paper, letter, theirs, ours):
+def _vector_rows(paper, letter, theirs, ours):
     """Rows of a vector: its components, those published where the axes are theirs, and its size."""
     rows = [
         Row(
@@ -222,13 +235,13 @@ def _p_row(quantity, theirs, ours):
     return Row(f"p, {quantity}", theirs=Value(theirs, kind="p"), shared=Value(ours, kind="p"))
 
 
-def _acceleration(inputs: SectionInput) -> dict[str, Any]:
+def _repeat_acceleration(inputs: SectionInput) -> dict[str, Any]:
     """Clipped, degree 3, errors by the scatter: Klioner et al. 2021."""
     quasars = inputs.quasars
     fit = clip_quasars(quasars.whole)
     theirs = fit.solution.scaled.acceleration
     ours = inputs.headline.acceleration
-    rows = _vectors("klioner2021", "g", theirs, ours)
+    rows = _vector_rows("klioner2021", "g", theirs, ours)
     for k, name in enumerate(("ra", "dec")):
         if ours.frame == "icrs":
             values = (
@@ -241,11 +254,11 @@ def _acceleration(inputs: SectionInput) -> dict[str, Any]:
     return {"rows": rows, "verdict": inputs.headline.verdict, "p_value": inputs.headline.p_acceleration}
 
 
-def _frame(inputs: SectionInput) -> dict[str, Any]:
+def _repeat_frame(inputs: SectionInput) -> dict[str, Any]:
     """Spin, what is systematic, bright and faint: Gaia-CRF3."""
     quasars, headline = inputs.quasars, inputs.headline
     theirs = fit_field(quasars.field, degree_for(len(quasars.field), 3)).scaled
-    rows = _vectors("crf3", "ω", theirs.spin, headline.solution.spin)
+    rows = _vector_rows("crf3", "ω", theirs.spin, headline.solution.spin)
     results, remark = {}, ""
     if (systematic_floor := headline.floor) is not None:
         plain = solve(quasars.normal)
@@ -279,14 +292,14 @@ def _frame(inputs: SectionInput) -> dict[str, Any]:
     return {"rows": rows, "verdict": verdict + remark, "p_value": p, "results": results}
 
 
-def _learnt_redshifts(inputs: SectionInput) -> dict[str, Any]:
+def _repeat_learnt_redshifts(inputs: SectionInput) -> dict[str, Any]:
     """Three bins of redshift, degree 3: Makarov 2025."""
     z = inputs.quasars.column("redshift")
     comparison = compare(inputs.quasars, Classes.by_edges("z", _Z_EDGES, z).within(z >= 1), inputs.rng, lmax=3)
-    return _by_redshift(comparison, papers()["makarov2025"].words)
+    return _redshift_contents(comparison, papers()["makarov2025"].words)
 
 
-def _by_redshift(comparison, published_text):
+def _redshift_contents(comparison, published_text):
     verdict = comparison.verdict
     rows = [
         _p_row(f"one {name} at all redshifts", comparison.at_face_value(kind), comparison.shared.equality(kind))
@@ -301,12 +314,12 @@ def _by_redshift(comparison, published_text):
     }  # fmt: skip
 
 
-def _position_drift(inputs: SectionInput) -> dict[str, Any]:
+def _repeat_position_drift(inputs: SectionInput) -> dict[str, Any]:
     """Dipole and quadrupole by redshift: Tsigkas Kouvelis et al. 2025."""
     quasars = inputs.quasars
     comparison = compare(quasars, Classes.by_parts("z", quasars.column("redshift"), 4), inputs.rng, lmax=2)
-    contents = _by_redshift(comparison, papers()["tsigkas2025"].words)
-    row, formal_p, p = _quadrupole(quasars, inputs.headline)
+    contents = _redshift_contents(comparison, papers()["tsigkas2025"].words)
+    row, formal_p, p = _quadrupole_row(quasars, inputs.headline)
     contents["rows"].append(row)
     if np.isfinite(p):
         null_text = "no quadrupole is detected" if formal_p >= SEEN else "the quadrupole is systematic errors"
@@ -315,7 +328,7 @@ def _position_drift(inputs: SectionInput) -> dict[str, Any]:
     return contents
 
 
-def _quadrupole(quasars, headline):
+def _quadrupole_row(quasars, headline):
     """p-values of no quadrupole: with formal errors, and as one of the degrees that sources share."""
     plain = solve(quasars.normal)
     at = np.flatnonzero(plain.modes.degrees == 2)
@@ -339,7 +352,7 @@ def _chi2_p(values, covariance):
     return float(chdtrc(len(values), values @ np.linalg.solve(covariance, values)))
 
 
-def _expansion(inputs: SectionInput) -> dict[str, Any]:
+def _repeat_expansion(inputs: SectionInput) -> dict[str, Any]:
     """Anisotropic expansion in five bins of redshift: Makarov, Heinesen & Schücker 2026."""
     quasars = inputs.quasars
     z = quasars.column("redshift")
@@ -348,7 +361,7 @@ def _expansion(inputs: SectionInput) -> dict[str, Any]:
         raise DegeneracyError(f"fewer than two bins of {FEWEST} sources with redshifts from 0.5 to 3")
     degree = degree_for(min(mask.sum() for _, mask in classes), 5, least=3, per_mode=4)
     masks = [mask for _, mask in classes]
-    normals = widened([quasars.equations(mask, degree) for mask in masks], quasars.equations, masks)
+    normals = extend_degrees([quasars.equations(mask, degree) for mask in masks], quasars.equations, masks)
     result = compare_expansions(
         normals, [float(z[mask].mean()) for mask in masks], degrees=range(2, degree + 1), labels=classes.labels,
         noise_scale=quasars.is_scaled, rng=inputs.rng,
@@ -373,7 +386,7 @@ def _expansion(inputs: SectionInput) -> dict[str, Any]:
     return {"rows": rows, "verdict": text, "p_value": p, "results": {"expansion": result}}
 
 
-def _waves(inputs: SectionInput) -> dict[str, Any]:
+def _repeat_waves(inputs: SectionInput) -> dict[str, Any]:
     """Waves longer than the observations, by harmonics and by pairs: Jaraba et al. 2023, Darling 2024."""
     theirs = wave_limit(normal_equations(inputs.quasars.whole, 2)).limit(prior="coefficients")
     harmonics = inputs.wave_limit
@@ -389,7 +402,7 @@ def _waves(inputs: SectionInput) -> dict[str, Any]:
     return {"rows": rows, "verdict": verdict, "results": {"waves": harmonics}}
 
 
-def _pairs(inputs: SectionInput) -> dict[str, Any]:
+def _repeat_pairs(inputs: SectionInput) -> dict[str, Any]:
     """Waves by pairs beside harmonics: Akhmetov et al. 2026, Darling 2024."""
     quasars = inputs.quasars
     correlation = pairs.correlation_function(quasars.field, np.linspace(0, np.pi, _BINS + 2))
@@ -409,11 +422,11 @@ def _pairs(inputs: SectionInput) -> dict[str, Any]:
     return {"rows": rows, "verdict": verdict, "results": {"pairs": correlation}}
 
 
-def _spectrum(inputs: SectionInput) -> dict[str, Any]:
+def _repeat_spectrum(inputs: SectionInput) -> dict[str, Any]:
     """The acceleration with all higher degrees free, and how far its errors grow: Nguyen & Murray 2026."""
     quasars, ours = inputs.quasars, inputs.headline.acceleration
     theirs = solve(quasars.normal).acceleration
-    rows = _vectors("nguyen2026", "g", theirs, ours)
+    rows = _vector_rows("nguyen2026", "g", theirs, ours)
     wider = float(np.mean(ours.sigma / clip_quasars(quasars.whole).solution.acceleration.sigma))
     rows.append(Row("errors of the headline / formal errors, clipped, degree 3", shared=Value(wider)))
     lower, upper = (papers()["nguyen2026"][f"errors, {bound}"].value for bound in ("at least", "at most"))
@@ -425,7 +438,7 @@ def _spectrum(inputs: SectionInput) -> dict[str, Any]:
     return {"rows": rows, "verdict": verdict, "results": results}
 
 
-def _galaxies(inputs: SectionInput) -> dict[str, Any]:
+def _repeat_galaxies(inputs: SectionInput) -> dict[str, Any]:
     """Our motion past galaxies: Maloney et al. 2026."""
     z = inputs.quasars.column("redshift")
     is_near = (z > 0.002) & (z < _NEAR)
@@ -443,22 +456,22 @@ def _galaxies(inputs: SectionInput) -> dict[str, Any]:
     return {"rows": rows, "verdict": format_verdict(p, "no motion is seen", "our motion is seen"), "p_value": p}
 
 
-class _Analysis(NamedTuple):
+class _AnalysisTask(NamedTuple):
     key: str
     title: str
     act: Callable[[SectionInput], dict[str, Any]]
 
 
 _ANALYSES = (
-    _Analysis("klioner2021", "The acceleration of the Solar System", _acceleration),
-    _Analysis("crf3", "The reference frame: spin, systematic errors, bright and faint sources", _frame),
-    _Analysis("makarov2025", "Three bins of redshift", _learnt_redshifts),
-    _Analysis("tsigkas2025", "Dipole and quadrupole by redshift", _position_drift),
-    _Analysis("makarov2026", "Anisotropic expansion by redshift", _expansion),
-    _Analysis("darling2024", "Gravitational waves by harmonics", _waves),
-    _Analysis("akhmetov2026", "Gravitational waves by pairs", _pairs),
-    _Analysis("nguyen2026", "The spectrum, and wider errors", _spectrum),
-    _Analysis("maloney2026", "Motions of galaxies", _galaxies),
+    _AnalysisTask("klioner2021", "The acceleration of the Solar System", _repeat_acceleration),
+    _AnalysisTask("crf3", "The reference frame: spin, systematic errors, bright and faint sources", _repeat_frame),
+    _AnalysisTask("makarov2025", "Three bins of redshift", _repeat_learnt_redshifts),
+    _AnalysisTask("tsigkas2025", "Dipole and quadrupole by redshift", _repeat_position_drift),
+    _AnalysisTask("makarov2026", "Anisotropic expansion by redshift", _repeat_expansion),
+    _AnalysisTask("darling2024", "Gravitational waves by harmonics", _repeat_waves),
+    _AnalysisTask("akhmetov2026", "Gravitational waves by pairs", _repeat_pairs),
+    _AnalysisTask("nguyen2026", "The spectrum, and wider errors", _repeat_spectrum),
+    _AnalysisTask("maloney2026", "Motions of galaxies", _repeat_galaxies),
 )
 
 

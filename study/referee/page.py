@@ -10,7 +10,7 @@ from fit.results.quality import SEEN
 from study.referee._referee import Referee
 from study.referee._rows import HINT, Analysis, Check, Value
 from vsh.figures import page
-from vsh.figures.plot import COLOURS, WIDTH, apply_style, legend_above, many_figures, panels, plot_field
+from vsh.figures.plot import COLOURS, WIDTH, allow_many_figures, apply_style, legend_above, panels, plot_field
 from vsh.io.tables import printed_p_value
 from vsh.tools.types import Axes
 
@@ -23,7 +23,7 @@ def draw(referee: Referee) -> dict[str, Any]:
         "checks": plot_checks(referee.checks),
         "sky": plot_field(referee.quasars.whole, solution.coefficients, covariance=solution.covariance),
     }
-    with many_figures():
+    with allow_many_figures():
         return figures | {name: result.plot() for name, result in referee.results().items()}
 
 
@@ -36,7 +36,7 @@ def plot_accelerations(sections: Sequence[Analysis], *, ax: Axes | None = None) 
     for section in sections:
         rows = {row.quantity[:3]: row for row in section.rows if row.quantity.startswith("g_")}
         if len(rows) == 3:
-            for of, label in (("published", section.paper.short), ("theirs", "here, published method")):
+            for of, label in (("published", section.paper.citation), ("theirs", "here, published method")):
                 lines.append((label, [getattr(rows[f"g_{axis}"], of) for axis in "xyz"]))
             recommended_lines = [("here, recommended fit", [rows[f"g_{axis}"].shared for axis in "xyz"])]
     lines += recommended_lines
@@ -84,7 +84,7 @@ def html(
 ) -> str:
     """The page: first the acceleration with systematic errors, then a section for each analysis, then the checks."""
     solution, quasars = referee.headline.solution, referee.quasars
-    sky = page.ShownPage("with systematic errors", quasars.whole, solution.coefficients, solution.covariance)
+    sky = page.ShownSolution("with systematic errors", quasars.whole, solution.coefficients, solution.covariance)
     remaining_figures = dict(figures)
     overview = {name: remaining_figures.pop(name) for name in _CAPTIONS if name in remaining_figures}
     sky_panel = page.sky(sky)
@@ -92,11 +92,11 @@ def html(
         remaining_figures.pop("sky", None)
     panels_ = [
         page.facts(referee.answer.lines),
-        page.heading("At a glance", page.figures(overview, _CAPTIONS)),
+        page.heading("At a glance", page.figure_panels(overview, _CAPTIONS)),
         page.heading("The sky", sky_panel),
         *(_section(section, remaining_figures) for section in referee.sections),
-        page.heading("Is it the instrument?", page.words(_CHECKS, "faint"), _checks(referee)),
-        page.heading("Figures", page.figures(remaining_figures, {})),
+        page.heading("Is it the instrument?", page.paragraph(_CHECKS, "faint"), _checks(referee)),
+        page.heading("Figures", page.figure_panels(remaining_figures, {})),
         page.notes(quasars.field.notes),
         page.provenance(dict(provenance), command),
     ]
@@ -125,17 +125,17 @@ _CHECKS = (
 
 def _section(section: Analysis, figures: dict[str, Any]) -> page.Panel:
     """Numbers of one analysis: published, with the published method, with systematic errors; and its figures."""
-    about = page.words(f"{section.paper.reference}; {section.paper.data}", "faint")
+    about = page.paragraph(f"{section.paper.reference}; {section.paper.data}", "faint")
     if section.lacking:
-        return page.heading(section.title, about, page.words(f"Not done: {section.lacking}."))
+        return page.heading(section.title, about, page.paragraph(f"Not done: {section.lacking}."))
     rows = [[row.quantity, *map(str, (row.published, row.theirs, row.shared))] for row in section.rows]
     heads = ["", "published", "ours, published method", "ours, systematic errors included"]
     names = [f"{section.paper.key}_{name}" for name in section.results]
     section_figures = {name: figures.pop(name) for name in names if name in figures}
     captions = {name: _OF_SECTIONS.get(name.partition("_")[2], section.title) for name in section_figures}
     return page.heading(
-        section.title, about, page.words(f"Verdict: {section.verdict}."), page.table(heads, rows),
-        page.figures(section_figures, captions) if section_figures else page.Panel(""),
+        section.title, about, page.paragraph(f"Verdict: {section.verdict}."), page.table(heads, rows),
+        page.figure_panels(section_figures, captions) if section_figures else page.Panel(""),
     )  # fmt: skip
 
 

@@ -8,7 +8,7 @@ import sim
 from fit import Moments
 from fit.correlation import correlation_matrices, leakage, lmax_table
 from fit.posterior import grid, sample
-from fit.redshift import binned, equal_information
+from fit.redshift import binned, equal_information_edges
 from fit.resample import block_bootstrap, bootstrap, compare_blocks, jackknife
 from fit.robust import clip, excess_noise, student_t
 from fit.secular_parallax import hubble_constant, observer_velocity
@@ -151,7 +151,7 @@ def test_edges_of_equal_information_are_those_of_the_whole():
     columns = {name: getattr(crowded, name) for name in ("lon", "lat", "motion", "sigma", "rho")}
     crowded = Field(**columns, redshift=np.where(rng.random(500) < 0.2, np.nan, rng.choice([0.1, 0.2, 0.3, 1.0], 500)))
     np.testing.assert_array_equal(
-        equal_information(as_parts([crowded[:200], crowded[200:]]), 3), equal_information(crowded, 3)
+        equal_information_edges(as_parts([crowded[:200], crowded[200:]]), 3), equal_information_edges(crowded, 3)
     )
 
 

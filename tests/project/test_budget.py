@@ -10,17 +10,17 @@ from conftest import ROOT
 
 PACKAGES = ("vsh", "fit", "sim", "study")
 #: Lines of code that all packages may have together: it falls with every cut, to 33 500, and only a decision of the
-#: maintainers raises it.
-TOTAL = 36_141
+#: maintainers raises it, as when faults were mended at seventy places and 660 names made true (36 141 before).
+TOTAL = 36_441
 #: Lines of code (no docstrings, comments or blank lines) that a room may have.
 BUDGET = {
-    "fit": 600, "fit/background": 2003, "fit/commands": 1516, "fit/correlation": 560, "fit/distances": 720,
-    "fit/frames": 2038, "fit/in_time": 430, "fit/motions": 651, "fit/normal": 961, "fit/pairs": 515,
-    "fit/posterior": 1621, "fit/redshift": 812, "fit/results": 1684, "fit/robust": 681,
-    "fit/secular_parallax": 1259, "fit/waves": 424, "sim": 829, "sim/agis": 2008, "sim/commands": 360,
-    "sim/gaia": 486, "sim/scanning": 452, "sim/signal": 359, "study": 0, "study/commands": 305,
-    "study/forecast": 371, "study/referee": 991, "vsh": 1613, "vsh/commands": 1563, "vsh/figures": 1085,
-    "vsh/io": 6255, "vsh/models": 969, "vsh/sky": 432, "vsh/tools": 1588,
+    "fit": 602, "fit/background": 2012, "fit/commands": 1529, "fit/correlation": 564, "fit/distances": 720,
+    "fit/frames": 2067, "fit/in_time": 434, "fit/motions": 654, "fit/normal": 966, "fit/pairs": 522,
+    "fit/posterior": 1627, "fit/redshift": 812, "fit/results": 1703, "fit/robust": 686,
+    "fit/secular_parallax": 1270, "fit/waves": 426, "sim": 838, "sim/agis": 2024, "sim/commands": 363,
+    "sim/gaia": 486, "sim/scanning": 452, "sim/signal": 364, "study": 0, "study/commands": 305,
+    "study/forecast": 371, "study/referee": 1013, "vsh": 1623, "vsh/commands": 1574, "vsh/figures": 1086,
+    "vsh/io": 6341, "vsh/models": 970, "vsh/sky": 434, "vsh/tools": 1603,
 }  # fmt: skip
 _NO_CODE = {
     tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT, tokenize.ENCODING,

@@ -263,7 +263,7 @@ def test_eight_spins_at_a_time_miss_none(law):
     for wide in (0.001, 0.006, 0.1):
         low, high = height < wide, height > -wide
         pairs = set(zip(*np.nonzero((low[:, :-1] | low[:, 1:]) & (high[:, :-1] | high[:, 1:])), strict=True))
-        source, spin, h0, h1 = spins._near_scan(r, wide)
+        source, spin, h0, h1 = spins._find_near_sources(r, wide)
         assert set(zip(source, spin, strict=True)) == pairs
         np.testing.assert_allclose(h0, height[source, spin], atol=1e-15)
         np.testing.assert_allclose(h1, height[source, spin + 1], atol=1e-15)

@@ -7,8 +7,8 @@ from scipy.stats import spearmanr
 
 import sim
 from sim.commands.simulate import main as simulate
-from sim.gaia._link import TRAPS, too_small
-from sim.population import REDSHIFT_BY_MAGNITUDE, by_magnitude
+from sim.gaia._link import TRAPS, error_inflation
+from sim.population import REDSHIFT_BY_MAGNITUDE, assign_redshifts
 from vsh.io.catalogue import read_field
 from vsh.models.covariance import LINDEGREN_2021
 
@@ -17,7 +17,7 @@ def test_bright_quasars_are_nearer():
     quasars = sim.quasars(40_000, 1)
     assert spearmanr(quasars.redshift, quasars.magnitude)[0] == pytest.approx(REDSHIFT_BY_MAGNITUDE, abs=0.015)
     z, g = np.random.default_rng(1).gamma(2, 1, 1000), np.random.default_rng(2).normal(19, 1, 1000)
-    np.testing.assert_array_equal(np.sort(by_magnitude(z, g, 3)), np.sort(z))  # the same redshifts
+    np.testing.assert_array_equal(np.sort(assign_redshifts(z, g, 3)), np.sort(z))  # the same redshifts
 
 
 def test_as_in_sdss():
@@ -63,7 +63,7 @@ def test_traps_are_shared_by_sources(both):
     """The difference of both skies: systematic errors, stars within five errors, noise of faint ones a tenth larger."""
     clean, trapped = (read_field(table) for table in both)
     away = trapped.motion - clean.motion
-    noise = clean.motion * (too_small(clean.magnitude) - 1)
+    noise = clean.motion * (error_inflation(clean.magnitude) - 1)
     shared = np.median(np.abs(away - noise)) / 0.6745
     # One sky scatters; between half of it (the bright and red) and all of it is shared by a source.
     assert 0.35 < shared / (TRAPS["DR3"] * np.sqrt(LINDEGREN_2021(np.zeros(1))[0])) < 1.6

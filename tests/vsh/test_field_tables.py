@@ -8,7 +8,7 @@ from astropy.table import Table
 
 from vsh import Field, FieldError, FrameError, ScalarField, Vector
 from vsh.io import catalogue
-from vsh.tools.notebook import shown
+from vsh.tools.notebook import format_value
 
 RNG = np.random.default_rng(1)
 N = 20
@@ -118,6 +118,6 @@ def test_in_a_notebook():
     assert "<script>" not in html
     html = Vector([3.0, 4.0, 0.0], np.eye(3))._repr_html_()
     assert "5 ± 1 µas/yr" in html
-    assert shown(np.array([1.0, np.nan] * 20)) == "40, from 1 to 1, 20 missing"
-    assert shown(np.array(["a", "b", "c", "d"])) == "4: a, b, c, …"
-    assert len(shown("x" * 1000)) < 200
+    assert format_value(np.array([1.0, np.nan] * 20)) == "40, from 1 to 1, 20 missing"
+    assert format_value(np.array(["a", "b", "c", "d"])) == "4: a, b, c, …"
+    assert len(format_value("x" * 1000)) < 200

@@ -96,7 +96,7 @@ def test_signals_and_laws_are_the_same_after_a_pickle():
     signal, law = pickle.loads(pickle.dumps(NOUNS["Signal"])), pickle.loads(pickle.dumps(LAW))
     np.testing.assert_array_equal(signal(lon, lat, z), NOUNS["Signal"](lon, lat, z))
     np.testing.assert_array_equal(law.transits(lon, lat).time, LAW.transits(lon, lat).time)
-    assert repr(signal).startswith("<Signal: BandLimitedSignal + SecularParallax + Peculiar")
+    assert repr(signal).startswith("<Signal: BandLimitedSignal + SecularParallax + RandomVelocities")
 
 
 def test_rows_left_out_count_once_however_they_come_in():

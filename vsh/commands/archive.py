@@ -16,12 +16,12 @@ from vsh.io.archive import (
     UPLOADED,
     check_schema,
     fetch_epochs,
-    of_positions,
+    make_upload,
     of_table,
     query,
+    query_near_positions,
     read_ids,
     sources_without_epochs,
-    upload_of,
 )
 from vsh.tools.errors import ArchiveError
 from vsh.tools.files import atomic_write, check_not_read
@@ -176,7 +176,7 @@ def _adql(options, by_name):
     if kind == "a list that is sent":
         if by_name:
             return of_table(UPLOADED, release=release, astrometry=astrometry)
-        return of_positions(release=release or DR3, astrometry=astrometry)
+        return query_near_positions(release=release or DR3, astrometry=astrometry)
     try:
         return Path(options.what).read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
@@ -199,12 +199,12 @@ def _run(options):
             raise ArchiveError(f"no query runs in {options.check}: see the names that are missing")
         return
     if options.what == "epochs":
-        _epochs(options)
+        _fetch_batches(options)
         return
-    upload, by_name = upload_of(options.upload) if options.upload else (None, True)
+    upload, by_name = make_upload(options.upload) if options.upload else (None, True)
     adql = _adql(options, by_name)
     if options.show:
-        finishing.print_result(options, finishing.message(adql))
+        finishing.print_result(options, finishing.message_result(adql))
         return
     is_reused = Path(options.output).exists() and not options.overwrite
     check_not_read(options.output, f"--output {printable(options.output)}")
@@ -215,11 +215,11 @@ def _run(options):
     )
     was = f"{path} was there already, as it was fetched: nothing was asked"
     with atomic_write(config_path, overwrite=True) as temporary_path:
-        temporary_path.write_text(finishing.repeats(options, name=config_path.name), encoding="utf-8")
-    finishing.print_result(options, finishing.message(was if is_reused else f"written to {path}"))
+        temporary_path.write_text(finishing.configuration_text(options, name=config_path.name), encoding="utf-8")
+    finishing.print_result(options, finishing.message_result(was if is_reused else f"written to {path}"))
 
 
-def _epochs(options):
+def _fetch_batches(options):
     """Fetch the epochs of a list of sources, a batch at a time."""
     keywords = {
         name: value for name in ("retrieval_type", "structure") if (value := getattr(options, name)) is not None
@@ -232,7 +232,7 @@ def _epochs(options):
     if lost:
         listing = ", ".join(map(str, lost[:5])) + (", …" if len(lost) > 5 else "")
         lines.append(f"{len(lost)} of {len(set(ids))} sources have no epochs: {listing} (all in {folder.name}.json)")
-    finishing.print_result(options, finishing.message("\n".join(lines)))
+    finishing.print_result(options, finishing.message_result("\n".join(lines)))
 
 
 main, run = running.make_entry(__name__, _run)

@@ -24,7 +24,7 @@ from vsh.commands import parsing, reading, running
 from vsh.commands.parsing import NOT_KEPT, NUMBER
 from vsh.io.sections import Answer, Section, text_of
 from vsh.tools.errors import TableError, VshError
-from vsh.tools.files import UNFINISHED, atomic_folder, atomic_write, check_not_read, check_unchanged, digest, record_of
+from vsh.tools.files import UNFINISHED, atomic_folder, atomic_write, check_not_read, check_unchanged, digest, file_stamp
 from vsh.tools.formats import is_address
 from vsh.tools.printing import latex_text, printable, silence
 from vsh.tools.types import PathName
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 MARK = "provenance.json"
 
 
-def check(options: argparse.Namespace) -> None:
+def check_outputs(options: argparse.Namespace) -> None:
     """Raise VshError now if --output or --html could not be written later."""
     if options.output:
         check_folder(options.output, options.program, options.overwrite)
@@ -111,7 +111,7 @@ def results_folder(options: argparse.Namespace, provenance: dict[str, Any]) -> I
         yield folder
         for note in _copy_tables(folder, parsing.table_formats(getattr(options, "format", ""))):
             print_line(options, note)
-        (folder / parsing.NAME).write_text(repeats(options, provenance), encoding="utf-8")
+        (folder / parsing.NAME).write_text(configuration_text(options, provenance), encoding="utf-8")
         (folder / "citation.bib").write_text(parsing.bibtex(options.program, options.given) + "\n", encoding="utf-8")
         files = {x.name: digest(x) for x in sorted(folder.iterdir())}
         mark = {"command": options.program, "files": files} | provenance
@@ -128,13 +128,15 @@ def _copy_tables(folder, endings):
         table = tables.read_table(path)
         for ending in endings:
             try:
-                tables.write_table(_flat(table) if ending == "csv" else table, path.with_suffix(f".{ending}"))
+                tables.write_table(
+                    _flatten_columns(table) if ending == "csv" else table, path.with_suffix(f".{ending}")
+                )
             except TableError as error:
                 notes.append(f"note: {path.name} is not written as {ending}: {error}")
     return notes
 
 
-def _flat(table):
+def _flatten_columns(table):
     """A table whose columns of several numbers a row are columns of one each, numbered from 1."""
     flat = table.copy(copy_data=False)
     for name in [name for name in table.colnames if table[name].ndim > 1]:
@@ -146,7 +148,7 @@ def _flat(table):
     return flat
 
 
-def repeats(
+def configuration_text(
     options: argparse.Namespace,
     provenance: Mapping[str, Any] | None = None,
     name: str = parsing.NAME,
@@ -233,7 +235,7 @@ def write_page(
     panels = [
         page.facts(answer.lines if answer else ()),
         page.cards(cards),
-        page.heading("Figures", page.figures(figures.drawn, captions or {})),
+        page.heading("Figures", page.figure_panels(figures.drawn, captions or {})),
         *map(page.section, sections),
         page.provenance(provenance or {}, command),
     ]
@@ -276,7 +278,9 @@ class RunResult:
         return self.make_tables()
 
 
-def message(text: str, make_tables: Callable[[], Mapping[str, Table]] = dict, notes: Iterable[str] = ()) -> RunResult:
+def message_result(
+    text: str, make_tables: Callable[[], Mapping[str, Table]] = dict, notes: Iterable[str] = ()
+) -> RunResult:
     """The result of a run that has little to say."""
     return RunResult(lambda _: [Section(text)], make_tables, notes)
 
@@ -345,7 +349,7 @@ class Part:
         axes = self.result.plot() if self.plot is None else self.plot()
         return axes if isinstance(axes, dict) else {self.name: axes}
 
-    def tabulated(self) -> Mapping[str, Table]:
+    def tables_by_heading(self) -> Mapping[str, Table]:
         """Its tables by heading, for JSON and LaTeX."""
         if self.tables is None:
             return {self.heading: self.result.to_table()} if self.heading else {}
@@ -375,12 +379,12 @@ class Run:
         self.options = options
         #: Hashes of the files that were opened, and by what each is known again.
         self.opened: dict[str, tuple[str, Any]] = {}
-        check(options)
+        check_outputs(options)
 
     def open(self, path: str) -> Any:
         """Open a catalogue; its hash in the provenance is that of what was opened."""
         if not is_address(path) and Path(path).is_file():
-            record = record_of(path)
+            record = file_stamp(path)
             is_told = self.options.output or self.options.html  # a run that writes nothing tells no hash
             self.opened[str(path)] = digest(path) if is_told else "", record
         return reading.open_catalogue(path, self.options)
@@ -389,7 +393,7 @@ class Run:
         """A catalogue that is open, as a field, or in parts where that is asked for; `more` as for `read_field`."""
         from vsh.io import catalogue
 
-        keywords = reading.arguments(self.options) | more
+        keywords = reading.field_arguments(self.options) | more
         if getattr(self.options, "sigma", None) is not None:
             keywords["sigma"] = self.options.sigma
         if not reading.in_parts(self.options):
@@ -398,11 +402,11 @@ class Run:
             return field
         keywords.pop("roles", None)
         self._check_unchanged()  # the parts have records of their own from here on
-        return catalogue.parts(path, **reading.reading_parts(self.options) | keywords)
+        return catalogue.parts(path, **reading.parts_arguments(self.options) | keywords)
 
     def _check_unchanged(self):
         for path, (_, record) in self.opened.items():
-            check_unchanged(path, record, record_of(path))
+            check_unchanged(path, record, file_stamp(path))
 
     def finish(
         self,
@@ -449,7 +453,7 @@ class Run:
         """
         options = self.options
         make_sections = sections or (lambda long: [section for part in parts for section in part.shown(long)])
-        make_tables = partial(_joined, parts, Part.tabulated)
+        make_tables = partial(_join_by_name, parts, Part.tables_by_heading)
         result = RunResult(make_sections, make_tables, notes, latex, answer or Answer())
         try:
             print_result(options, result)
@@ -458,10 +462,10 @@ class Run:
         if not (options.output or options.html):
             return
         meta = running.provenance(paths or [], options, self.opened, **(counts or {}))
-        figure_set = Figures(partial(_joined, parts, Part.drawn))
+        figure_set = Figures(partial(_join_by_name, parts, Part.drawn))
         with (
-            _named(options.html, lambda path: atomic_write(path, options.overwrite)) as page_path,
-            _named(options.output, lambda _: results_folder(options, meta)) as folder,
+            _open_if_named(options.html, lambda path: atomic_write(path, options.overwrite)) as page_path,
+            _open_if_named(options.output, lambda _: results_folder(options, meta)) as folder,
         ):
             if folder is not None:
                 (folder / "report.txt").write_text(result.report(), encoding="utf-8")
@@ -481,17 +485,17 @@ class Run:
                     command=options.command, answer=result.answer, cards=cards(), overwrite=True,
                 )  # fmt: skip
         if options.output:
-            print_line(options, running.written(options.output, (x.name for x in Path(options.output).iterdir())))
+            print_line(options, running.written_line(options.output, (x.name for x in Path(options.output).iterdir())))
         if options.html:
             print_line(options, f"written to {options.html}")
 
 
-def _named(path, make):
+def _open_if_named(path, make):
     """The place where results are written, which takes its name at the end; None where nobody named one."""
     return make(path) if path else nullcontext()
 
 
-def _joined(parts, give):
+def _join_by_name(parts, give):
     """All that parts give by name."""
     return {name: item for part in parts for name, item in give(part).items()}
 
@@ -504,11 +508,11 @@ def as_json(options: argparse.Namespace, result: RunResult) -> str:
         "options": {name: _json_value(value) for name, value in options.given.items() if name not in NOT_KEPT},
         "answer": dict(result.answer.lines) or None,
         "notes": [str(note) for note in result.notes],
-        "tables": {name: _columns(table) for name, table in result.tables.items()},
+        "tables": {name: _table_for_json(table) for name, table in result.tables.items()},
         "written": [str(path) for path in (options.output, getattr(options, "html", None)) if path],
     }
     encoding = getattr(sys.stdout, "encoding", None) or "utf-8"
-    return json.dumps(_plain(document), ensure_ascii=encoding.lower() not in ("utf-8", "utf8"), allow_nan=False)
+    return json.dumps(_as_json_types(document), ensure_ascii=encoding.lower() not in ("utf-8", "utf8"), allow_nan=False)
 
 
 def as_latex(table: Table, caption: str = "") -> str:
@@ -516,7 +520,9 @@ def as_latex(table: Table, caption: str = "") -> str:
     from astropy.io import ascii
     from astropy.table import Table
 
-    heads, rows = vsh.io.tables.printed(table[[name for name in table.colnames if not name.startswith("correlation_")]])
+    heads, rows = vsh.io.tables.format_table(
+        table[[name for name in table.colnames if not name.startswith("correlation_")]]
+    )
     full_caption = ": ".join(text for text in (caption, str(table.meta.get("summary", ""))) if text)
     form = {"tabletype": "table", "header_start": r"\toprule", "header_end": r"\midrule", "data_end": r"\bottomrule"}
     form |= {"col_align": "l" + "c" * (len(heads) - 1)}
@@ -534,7 +540,7 @@ def _latex(text):
     return latex_text(text)
 
 
-def _columns(table):
+def _table_for_json(table):
     meta = {str(key): value for key, value in table.meta.items()}
     columns = {
         name: {"unit": None if table[name].unit is None else str(table[name].unit), "values": table[name].tolist()}
@@ -548,14 +554,14 @@ def _json_value(value):
     return json.loads(value) if isinstance(value, str) and NUMBER.fullmatch(value) else value
 
 
-def _plain(value):
+def _as_json_types(value):
     """A value made of what JSON knows."""
     if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
+        return {str(key): _as_json_types(item) for key, item in value.items()}
     if isinstance(value, np.ndarray):
-        return _plain(value.tolist())
+        return _as_json_types(value.tolist())
     if isinstance(value, (list, tuple)):
-        return [_plain(item) for item in value]
+        return [_as_json_types(item) for item in value]
     if isinstance(value, (bool, np.bool_)):
         return bool(value)
     if isinstance(value, (int, np.integer)):

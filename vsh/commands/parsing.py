@@ -20,8 +20,8 @@ from typing import Any, NoReturn
 
 import vsh
 from vsh.commands import COMMANDS
-from vsh.commands.renamed import GONE, renewed, renewed_options
-from vsh.tools.formats import BY_NAME, TITLES, is_address, shown_address, shown_addresses
+from vsh.commands.renamed import GONE, renew_words, renewed_options
+from vsh.tools.formats import BY_NAME, TITLES, hide_address_secrets, hide_secrets, is_address
 from vsh.tools.printing import printable
 
 _ALWAYS = ("vsh_astrometry", "harris2020", "virtanen2020", "astropy2022")
@@ -128,7 +128,7 @@ def positive(text: str) -> float:
     return _number(text, lambda x: 0 < x < math.inf, "a positive number")
 
 
-def _scale(text):
+def _check_scale(text):
     if text != "scale":
         raise argparse.ArgumentTypeError(f"excess-noise or excess-noise=scale is expected, not excess-noise={text}")
 
@@ -136,7 +136,7 @@ def _scale(text):
 #: `fit.METHODS` with the types of the values of those that take one, `fit.methods.WITH_VALUE`.
 METHODS: dict[str, Callable[[str], Any] | None] = {
     "recommended": None, "least-squares": None, "clip": positive, "student": None,
-    "excess-noise": _scale, "bootstrap": count(2), "jackknife": nside,
+    "excess-noise": _check_scale, "bootstrap": count(2), "jackknife": nside,
 }  # fmt: skip
 
 
@@ -285,7 +285,7 @@ def columns(text: str) -> dict[str, Any]:
     return columns_by_role
 
 
-def state_facts(options: argparse.Namespace) -> None:
+def set_table_options(options: argparse.Namespace) -> None:
     """Take what --columns says besides names to options of their own: frame, format and error of a table."""
     given_columns = dict(options.columns or {})
     for name, (dest, _) in _FACTS.items():
@@ -296,15 +296,15 @@ def state_facts(options: argparse.Namespace) -> None:
 def _columns(text):
     head, _, remainder = text.partition(",")
     if "=" in head:
-        return _with_none(text)
+        return _pairs_with_none(text)
     if head.strip() not in COLUMNS:
         raise argparse.ArgumentTypeError(
             f"{text!r} is not of the form name=value,name=value, {' or '.join(COLUMNS)} before it or not"
         )
-    return {"names": head.strip()} | (_with_none(remainder) if remainder else {})
+    return {"names": head.strip()} | (_pairs_with_none(remainder) if remainder else {})
 
 
-def _with_none(text):
+def _pairs_with_none(text):
     """NAME=VALUE,… with None where nothing stands behind the equals sign: no such column is looked for."""
     empty = {token.partition("=")[0].strip() for token in text.split(",") if token.strip().endswith("=")}
     remainder = ",".join(token for token in text.split(",") if not token.strip().endswith("="))
@@ -377,7 +377,7 @@ def configuration_of(path: str, command: str) -> Configuration:
     return Configuration(command, options, str(raw.get("version", "")), raw.get("files", {}))
 
 
-def given(parser: argparse.ArgumentParser, words: Sequence[str]) -> dict[str, Any]:
+def collect_options(parser: argparse.ArgumentParser, words: Sequence[str]) -> dict[str, Any]:
     """Collect the options of a command line as text, by name; nothing is checked."""
     actions = parser._actions
     parser.usage = parser.format_usage().split(": ", 1)[1].strip()  # of the parser as it was
@@ -398,11 +398,11 @@ def given(parser: argparse.ArgumentParser, words: Sequence[str]) -> dict[str, An
     }
 
 
-def merged(
+def merge_configuration(
     parser: argparse.ArgumentParser, make_parser: Callable[[], argparse.ArgumentParser], words: Sequence[str]
 ) -> tuple[list[str], Configuration]:
     """The words of the command line after those of its --config; what is on the line prevails."""
-    settings = given(make_parser(), words)
+    settings = collect_options(make_parser(), words)
     try:
         configuration = configuration_of(settings["config"], parser.prog)
     except argparse.ArgumentTypeError as error:
@@ -513,26 +513,26 @@ def parse(module: Any, arguments: Sequence[str] | None = None) -> argparse.Names
         if token.startswith("--") and token.endswith("=--"):  # which argparse of Python 3.11 takes for nothing at all
             parser.error(f"argument {token[:-3]}: '--' is no value")
     configuration = None
-    command_line, settings_of_process = renewed(parser.prog, command_line)
+    command_line, settings_of_process = renew_words(parser.prog, command_line)
     asks = {"-h", "--help", "--help-all", "--version"} & set(command_line)
     if hasattr(module, "narrow") and asks - {"--version"}:
         module.narrow(parser, command_line)
     if settings_of_process.get("citation") and not asks:
-        print(bibtex(parser.prog, given(module.make_parser(), command_line)))
+        print(bibtex(parser.prog, collect_options(module.make_parser(), command_line)))
         parser.exit()
     if _is_given("--config", command_line) and not asks:
-        command_line, configuration = merged(parser, module.make_parser, command_line)
-    command_line = _optional_last(parser, command_line)
+        command_line, configuration = merge_configuration(parser, module.make_parser, command_line)
+    command_line = _move_optional_last(parser, command_line)
     options = parser.parse_args(command_line)
     options.log = settings_of_process.get("log", os.environ.get("VSH_LOG") or None)
     options.threads = _threads(parser, settings_of_process.get("threads"))
     if hasattr(options, "columns"):
-        state_facts(options)
+        set_table_options(options)
     if hasattr(module, "check"):
         module.check(parser, options)
     options.program = parser.prog
     options.expected = {} if configuration is None else dict(configuration.files)
-    settings = given(module.make_parser(), command_line)
+    settings = collect_options(module.make_parser(), command_line)
     options.given = {name: _without_secrets(value) for name, value in settings.items()}
     options.command = [
         parser.prog,
@@ -541,7 +541,7 @@ def parse(module: Any, arguments: Sequence[str] | None = None) -> argparse.Names
     return options
 
 
-def _optional_last(parser, words):
+def _move_optional_last(parser, words):
     """The words with the options last whose value is optional, where what follows is none: --waves catalogue.fits."""
     kept, last = [], []
     for word, following in pairwise([*words, ""]):
@@ -571,7 +571,7 @@ def _threads(parser, text):
 def without_folder(text: str) -> str:
     """The name of a file without its folder, an address without its password; any other text as it is."""
     if is_address(text):
-        return shown_address(text)
+        return hide_address_secrets(text)
     path = Path(text)
     return path.name if path.is_absolute() or ("/" in text and os.path.lexists(path)) else text
 
@@ -602,11 +602,11 @@ def _without_folders(token):
 def _without_secrets(value):
     """Value of an option, its addresses without their passwords."""
     if isinstance(value, tuple):
-        return tuple(map(shown_address, value))
-    return shown_address(value) if isinstance(value, str) else value
+        return tuple(map(hide_address_secrets, value))
+    return hide_address_secrets(value) if isinstance(value, str) else value
 
 
-class _Lines(argparse.HelpFormatter):
+class _ExampleFormatter(argparse.HelpFormatter):
     """Help in which examples stand a line each."""
 
     def _fill_text(self, text: str, width: int, indent: str) -> str:
@@ -624,10 +624,10 @@ def make(prog: str, description: str, examples: Sequence[str]) -> argparse.Argum
     """The parser of a command, whose help ends with examples and the place of its page."""
     lines = "".join(f"  {example}\n" for example in examples)
     epilog = f"{_EXAMPLES}{lines}\nfull documentation: docs/commands/{prog}.md"
-    return _Parser(prog=prog, description=description, epilog=epilog, formatter_class=_Lines)
+    return _Parser(prog=prog, description=description, epilog=epilog, formatter_class=_ExampleFormatter)
 
 
-class Joined(argparse.Action):
+class JoinValues(argparse.Action):
     """An option that may be repeated: texts are joined with commas, dicts are merged, and the later prevails."""
 
     def __call__(self, parser: Any, namespace: argparse.Namespace, values: Any, option_string: Any = None) -> None:
@@ -694,7 +694,7 @@ class _Parser(argparse.ArgumentParser):
         left_out = (*shared, *self._actions[:2])  # --help itself
         own = [action for action in self._actions if action not in left_out and action.help != argparse.SUPPRESS]
         formatter.start_section("options")
-        formatter.add_arguments(list(map(_brief, own)))
+        formatter.add_arguments(list(map(_brief_option, own)))
         formatter.end_section()
         names = ", ".join(f"--{name_of(action)}" for action in shared)
         formatter.add_text(f"And --help-all has details, and as every command {names}.")
@@ -711,7 +711,7 @@ class _Parser(argparse.ArgumentParser):
             near = get_close_matches(option, self._option_string_actions, n=1)
             hints += [f"in Python: {gone}"] if gone else [f"is it {near[0]}?"] if near else []
         hint = f" ({'; '.join(dict.fromkeys(hints))})" if hints else ""
-        text = printable(shown_addresses(f"{message}{hint}"))
+        text = printable(hide_secrets(f"{message}{hint}"))
         self.exit(2, f"{self.prog}: error: {text}\n{self.prog} --help lists the options\n")
 
 
@@ -725,7 +725,7 @@ class _HelpAll(argparse.Action):
 _SHARED = "options of every command"
 
 
-def _brief(action):
+def _brief_option(action):
     """An option with the first words of its help."""
     shown = copy(action)
     shown.help = action.brief

@@ -47,7 +47,7 @@ def add_columns(parser: argparse.ArgumentParser, of: str) -> None:
         "frame=galactic, format=mrt where its name does not tell it, sigma=30 for one error of all sources, µas/yr "
         "(of positions µas)",
         parsing.columns,
-        action=parsing.Joined,
+        action=parsing.JoinValues,
     )
     add("--units NAME=UNIT,…", "units of columns, such as mu_ra=uas/yr", parsing.pairs)
 
@@ -62,13 +62,13 @@ def add_output(parser: argparse.ArgumentParser) -> None:
         "tables in addition to ECSV: fits, vot, csv",
         parsing.formats,
         "png",
-        action=parsing.Joined,
+        action=parsing.JoinValues,
     )
     add("--html FILE", "write the whole result to one HTML page that works offline")
     parsing.add_overwrite(parser)
 
 
-def arguments(options: argparse.Namespace) -> dict[str, Any]:
+def field_arguments(options: argparse.Namespace) -> dict[str, Any]:
     """The arguments of `read_field` that `add_reading` asks for."""
     return {
         "columns": options.columns,
@@ -88,7 +88,7 @@ def open_catalogue(path: str, options: argparse.Namespace) -> TableSource:
 
 
 @contextmanager
-def standard_input(options: argparse.Namespace) -> Iterator[None]:
+def keep_standard_input(options: argparse.Namespace) -> Iterator[None]:
     """Keep standard input, where a catalogue is called -, in a file meanwhile: it is read more than once."""
     from vsh.tools.errors import TableError
 
@@ -138,9 +138,9 @@ def in_parts(options: argparse.Namespace) -> bool:
     return getattr(options, "workers", None) is not None
 
 
-def reading_parts(options: argparse.Namespace) -> dict[str, Any]:
+def parts_arguments(options: argparse.Namespace) -> dict[str, Any]:
     """The arguments of `vsh.io.catalogue.parts` that `add_reading` and `add_workers` ask for."""
-    return arguments(options) | {"workers" if isinstance(options.workers, int) else "scheduler": options.workers}
+    return field_arguments(options) | {"workers" if isinstance(options.workers, int) else "scheduler": options.workers}
 
 
 def refuse_velocities(notes: Iterable[object], label: str) -> None:

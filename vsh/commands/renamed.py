@@ -74,7 +74,7 @@ def _rule(command, name, has_value):
     return RULES.get(f"{command} {key}", RULES.get(key))
 
 
-def renewed(command: str, words: Sequence[str]) -> tuple[list[str], dict[str, Any]]:
+def renew_words(command: str, words: Sequence[str]) -> tuple[list[str], dict[str, Any]]:
     """The words of a command with the names of today, and what they set for the process."""
     tokens, settings, said = [], {}, []
     rest = list(words)
@@ -91,7 +91,7 @@ def renewed(command: str, words: Sequence[str]) -> tuple[list[str], dict[str, An
         if name in _SETTINGS:
             settings[name] = value if _SETTINGS[name] else True
         else:
-            said.append(f"--{_said(command, name, value if with_value else True)}")
+            said.append(f"--{_renew_option(command, name, value if with_value else True)}")
     return tokens + said, settings
 
 
@@ -100,13 +100,13 @@ def renewed_options(command: str, options: Mapping[str, Any]) -> Iterable[tuple[
     for name, value in options.items():
         text = ",".join(value) if isinstance(value, tuple) else value
         if _rule(command, name, value is not True):
-            new_name, _, new_value = _said(command, name, text).partition("=")
+            new_name, _, new_value = _renew_option(command, name, text).partition("=")
             yield new_name, new_value
         else:
             yield name, value
 
 
-def _said(command, name, value):
+def _renew_option(command, name, value):
     """An option as it is said today, NAME=VALUE."""
     rule = _rule(command, name, value is not True)
     text = rule(value) if callable(rule) else rule.format(value)

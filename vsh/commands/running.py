@@ -19,12 +19,12 @@ import numpy as np
 
 import vsh
 from vsh.commands.parsing import NOT_KEPT, WRITTEN, parse, without_folder
-from vsh.commands.reading import standard_input
+from vsh.commands.reading import keep_standard_input
 from vsh.tools.errors import VshError, VshWarning
-from vsh.tools.files import check_not_read, digest, reading
-from vsh.tools.formats import is_address, shown_address, shown_addresses
-from vsh.tools.parallel import limited, without_bars
-from vsh.tools.printing import PACKAGES, printable, printing, silence, silence_if_broken, system_words
+from vsh.tools.files import check_not_read, digest, protect_files
+from vsh.tools.formats import hide_address_secrets, hide_secrets, is_address
+from vsh.tools.parallel import limit_threads, without_bars
+from vsh.tools.printing import PACKAGES, guard_printing, printable, silence, silence_if_broken, system_message
 
 #: Options that change no result, and what the parser found besides.
 NOT_TOLD = (*sorted({*NOT_KEPT} - {"checkpoint", "url"}), "log", "threads", "command", "given", "program", "expected")
@@ -40,11 +40,11 @@ class _OneLine(logging.Formatter):
     """Records without the control characters and line breaks that names of files and columns may bring along."""
 
     def formatMessage(self, record: logging.LogRecord) -> str:
-        record.message = printable(shown_addresses(record.message))
+        record.message = printable(hide_secrets(record.message))
         return super().formatMessage(record)
 
     def formatException(self, error: Any) -> str:
-        return shown_addresses(super().formatException(error))
+        return hide_secrets(super().formatException(error))
 
 
 def make_entry(
@@ -56,7 +56,7 @@ def make_entry(
         return run_safely(options, lambda: act(options))
 
     def main(arguments: Sequence[str] | None = None) -> int:
-        with printing():
+        with guard_printing():
             return run(parse(sys.modules[module], arguments))
 
     return main, run
@@ -72,12 +72,12 @@ def run_safely(options: argparse.Namespace, action: Callable[[], object]) -> int
     try:
         with (
             warnings.catch_warnings(),
-            limited(getattr(options, "threads", None)),
-            reading(_inputs(options)),
-            logged(options),
+            limit_threads(getattr(options, "threads", None)),
+            protect_files(_inputs(options)),
+            write_log(options),
             without_bars(options.quiet),
-            standard_input(options),
-            _ended_by_terminate(),
+            keep_standard_input(options),
+            _interrupt_on_terminate(),
         ):
             warnings.simplefilter("ignore", VshWarning)  # the report's notes say it
             _say_what_changed(options)
@@ -92,7 +92,7 @@ def run_safely(options: argparse.Namespace, action: Callable[[], object]) -> int
         return 0
     except OSError as error:
         silence_if_broken()
-        return _report_failure(program, f"error: {system_words(error)}")
+        return _report_failure(program, f"error: {system_message(error)}")
     except VshError as error:
         return _report_failure(program, f"error: {error}")
     except KeyboardInterrupt:
@@ -106,7 +106,7 @@ _THREADS = ("OMP_NUM_THREADS", "DUCC0_NUM_THREADS")
 
 
 @contextmanager
-def _ended_by_terminate():
+def _interrupt_on_terminate():
     """Meanwhile SIGTERM ends the run as Ctrl-C does, so that what is unfinished is taken away."""
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -139,13 +139,13 @@ class _Log(logging.FileHandler):
 
     def handleError(self, record: logging.LogRecord) -> None:
         error = sys.exc_info()[1]
-        self.failed = self.failed or (system_words(error) if isinstance(error, OSError) else str(error))
+        self.failed = self.failed or (system_message(error) if isinstance(error, OSError) else str(error))
 
     def close(self) -> None:
         try:
             super().close()
         except OSError as error:
-            self.failed = self.failed or system_words(error)
+            self.failed = self.failed or system_message(error)
 
 
 def _check_log(options):
@@ -168,7 +168,7 @@ def _check_log(options):
 
 
 @contextmanager
-def logged(options: argparse.Namespace) -> Iterator[None]:
+def write_log(options: argparse.Namespace) -> Iterator[None]:
     """Write the log of our packages to the file of VSH_LOG, with the command and how it ended."""
     if options.log is None:
         yield
@@ -215,17 +215,17 @@ def _say_what_changed(options):
 
 def _report_failure(program, reason):
     print(
-        f"{program}: {printable(shown_addresses(str(reason)))}".replace("\n", r"\n"), file=sys.stderr
+        f"{program}: {printable(hide_secrets(str(reason)))}".replace("\n", r"\n"), file=sys.stderr
     )  # one line, whatever a name holds
     return 1
 
 
 def print_text(text: object) -> None:
     """Print text without the control characters that file and column names may bring along."""
-    print("\n".join(printable(line) for line in shown_addresses(str(text)).split("\n")))
+    print("\n".join(printable(line) for line in hide_secrets(str(text)).split("\n")))
 
 
-def written(path: object, files: Iterable[str]) -> str:
+def written_line(path: object, files: Iterable[str]) -> str:
     """Last line of a command, which names its folder."""
     return f"written to {path}: {', '.join(sorted(files))}"
 
@@ -238,7 +238,7 @@ def provenance(
     import scipy
 
     names = [str(path) for path in (paths if isinstance(paths, list) else [paths])]
-    paths = [Path(shown_address(path)) for path in names]
+    paths = [Path(hide_address_secrets(path)) for path in names]
     # What lies at an address is not fetched once more for its hash.
     known = opened or {}
     hashes = [
@@ -251,7 +251,7 @@ def provenance(
         "sha256": hashes[0] if is_single else hashes,
         **counts,
         "options": {
-            key: _plain(value, paths)
+            key: _provenance_value(value, paths)
             for key, value in vars(options).items()
             if value is not None and key not in NOT_TOLD and not (key == "workers" and isinstance(value, str))
         },
@@ -265,7 +265,7 @@ def provenance(
     }
 
 
-def _plain(value, paths):
+def _provenance_value(value, paths):
     if isinstance(value, str):
         return Path(value).name if value in map(str, paths) else without_folder(value)
     return value if isinstance(value, (int, float, tuple, list, dict)) else str(value)

@@ -2,11 +2,11 @@
 
 from typing import TYPE_CHECKING
 
-from vsh.tools.modules import lazily
+from vsh.tools.modules import lazy_names
 
 if TYPE_CHECKING:
     from vsh.io import archive, catalogue, epochs, maps, parts, results, tables
 
 __all__ = ["archive", "catalogue", "epochs", "maps", "parts", "results", "tables"]
 
-__getattr__, __dir__ = lazily(__name__, __all__, {})
+__getattr__, __dir__ = lazy_names(__name__, __all__, {})

@@ -102,9 +102,9 @@ def read_astrometry(
             raise TableError(
                 f"{table.label} has two catalogues side by side: still=, catalogue= and epoch= are of a table of one"
             )
-        bare = _Rows(table, aliases, {}, "").astrometry(_BARE, once=True)
-        return bare + _Rows(table, aliases, {}, suffix).astrometry(suffix.strip("_"))
-    return _Rows(table, aliases, dict(columns or {}), "", epoch).astrometry(label, still=still)
+        bare = _CatalogueColumns(table, aliases, {}, "").astrometry(_BARE, once=True)
+        return bare + _CatalogueColumns(table, aliases, {}, suffix).astrometry(suffix.strip("_"))
+    return _CatalogueColumns(table, aliases, dict(columns or {}), "", epoch).astrometry(label, still=still)
 
 
 def _suffix(names):
@@ -115,7 +115,7 @@ def _suffix(names):
     return next(iter(suffixes), "") if "ra" in names else ""
 
 
-class _Rows:
+class _CatalogueColumns:
     """The columns of a table that belong to one catalogue."""
 
     def __init__(self, table, aliases, columns, suffix, epoch=None):
@@ -257,4 +257,6 @@ def write_astrometry(
     }  # fmt: skip
     units = {name: _UNITS.get(name.removesuffix("_error"), "") for name in columns}
     units |= {"ra_error": "mas", "dec_error": "mas", "epoch": "yr", "phot_g_mean_mag": "mag"}
-    tables.write(path, columns, dict(meta or {}), {name: unit for name, unit in units.items() if unit}, overwrite)
+    tables.write_columns(
+        path, columns, dict(meta or {}), {name: unit for name, unit in units.items() if unit}, overwrite
+    )

@@ -5,7 +5,7 @@ import warnings
 import numpy as np
 
 from vsh.field import Field
-from vsh.io.tables import fits_checked
+from vsh.io.tables import open_checked_fits
 from vsh.sky.pixels import centres, is_valueless
 from vsh.tools.arguments import positive
 from vsh.tools.errors import TableError, first_line
@@ -33,7 +33,7 @@ def read_map(path: PathName) -> tuple[FloatArray, str | None]:
         import healpy
     except ImportError as error:
         raise TableError(f"{label}: maps need healpy, which is not installed; there is none for Windows") from error
-    with fits_checked(path, label) as plain:
+    with open_checked_fits(path, label) as plain:
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
@@ -55,7 +55,7 @@ _SYSTEMS = {
 }  # fmt: skip
 
 
-def read_map_of(path: PathName, frame: str | None, remedy: str) -> tuple[FloatArray, str]:
+def read_map_with_frame(path: PathName, frame: str | None, remedy: str) -> tuple[FloatArray, str]:
     """A HEALPix map and its frame: the one given, or that of its header; without either it is asked for."""
     values, header_frame = read_map(path)
     if frame is None and header_frame is None:
@@ -86,7 +86,7 @@ def read_density(path: PathName, sigma: float = 1000.0, frame: str | None = None
     TableError
         If the file is no map, a value is negative, all are zero, or the frame is not known.
     """
-    values, frame = read_map_of(path, frame, "frame='galactic' (--columns frame=galactic), or which it is")
+    values, frame = read_map_with_frame(path, frame, "frame='galactic' (--columns frame=galactic), or which it is")
     label = printable(path)
     missing = is_valueless(values)
     if (values[~missing] < 0).any():

@@ -12,6 +12,11 @@ from vsh.tools.types import PathName
 
 #: Modules whose names stand in older files, and what they are called today.
 MOVED = {"fit.solving.frame": "fit.direct"}
+#: The same of classes within them.
+RENAMED = {
+    "ByErrorClass": "ErrorClassFit", "ErrorsByRedshift": "VariancesByRedshift", "LeftOut": "OmittedFlow",
+    "Lot": "ShapeDraws", "PreferredScale": "PreferredDispersion", "Share": "SourceWeights",
+}  # fmt: skip
 #: Modules whose results are read by their mark; a file cannot have anything else imported.
 _OURS = re.compile(r"(fit|sim|study)(\.\w+)+")
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from vsh.tools.notebook import InNotebook
-from vsh.tools.printing import labelled, printable
+from vsh.tools.printing import format_labelled_lines, printable
 from vsh.tools.types import Table
 
 __all__ = ["Answer", "Section", "text_of"]
@@ -23,18 +23,18 @@ _ALIKE = ("median", "mean", "truth", "low", "high", "above", "below")
 _MANY = re.compile(r" / \(([^()]*)\)")
 
 
-def two_digits(sigma: Any) -> int:
+def decimals_of_error(sigma: Any) -> int:
     """Decimals by which the smallest error has two digits, 0 to 6."""
     least = np.min(sigma)
     return int(np.clip(1 - np.floor(np.log10(least)), 0, 6)) if least > 0 and np.isfinite(least) else 3
 
 
-def three_digits(value: float) -> str:
+def format_three_digits(value: float) -> str:
     """Three digits at least, and no power of ten for what is large."""
     return f"{value:.0f}" if abs(value) >= 100 else f"{value:#.3g}"
 
 
-def printed(table: Table, forms: Mapping[str, str] | None = None) -> tuple[list[str], list[list[str]]]:
+def format_table(table: Table, forms: Mapping[str, str] | None = None) -> tuple[list[str], list[list[str]]]:
     """Heads and rows of text: `value` and `sigma`, or `x` and `x_error`, are one cell with two digits of the error.
 
     Parameters
@@ -71,7 +71,7 @@ def printed(table: Table, forms: Mapping[str, str] | None = None) -> tuple[list[
         elif form:
             cells = [format(item, form) for item in values]
         elif name in errors:
-            cells = [_with_error(*item) for item in zip(values, table[errors[name]].tolist(), strict=True)]
+            cells = [_format_with_error(*item) for item in zip(values, table[errors[name]].tolist(), strict=True)]
         elif name.startswith("p_value"):
             cells = list(map(printed_p_value, values))
         elif name == "unit":
@@ -81,7 +81,7 @@ def printed(table: Table, forms: Mapping[str, str] | None = None) -> tuple[list[
         elif (name.startswith(_ALIKE) and "sigma" in table.colnames) or name == "sigma":
             cells = [_round_to_error(*item) for item in zip(values, table["sigma"].tolist(), strict=True)]
         else:
-            cells = list(map(cell, values))
+            cells = list(map(format_cell, values))
         head = f"r({name.removeprefix('correlation_')})" if name.startswith("correlation_") else name.replace("_", " ")
         heads.append(f"{head} [{unit_words(unit)}]" if unit else head)
         columns.append(cells)
@@ -93,7 +93,7 @@ def printed_p_value(p: float) -> str:
     return f"{p:.4f}" if p > 1e-3 else f"{p:.1e}" if p > 0 else "<1e-300" if p == 0 else "–"
 
 
-def cell(value: Any) -> str:
+def format_cell(value: Any) -> str:
     """A value of a table as text: numbers to five digits."""
     if isinstance(value, (bool, np.bool_)):
         return "yes" if value else "no"
@@ -102,18 +102,18 @@ def cell(value: Any) -> str:
     return "" if value is None else str(value)
 
 
-def _with_error(value, error):
+def _format_with_error(value, error):
     if not (isinstance(value, float) and isinstance(error, float) and np.isfinite(value) and error > 0):
         return _round_to_error(value, error)
     if not 1e-6 < error < 1e6:
         return f"{value:.5g} ± {error:.2g}"
-    digits = two_digits(error)
+    digits = decimals_of_error(error)
     return f"{value:.{digits}f} ± {error:.{digits}f}"
 
 
 def _round_to_error(value, error):
     has_error = isinstance(value, float) and isinstance(error, float) and np.isfinite(value) and 1e-6 < error < 1e6
-    return f"{value:.{two_digits(error)}f}" if has_error else cell(value)
+    return f"{value:.{decimals_of_error(error)}f}" if has_error else format_cell(value)
 
 
 def unit_words(unit: Any) -> str:
@@ -150,7 +150,7 @@ class Answer:
         object.__setattr__(self, "lines", tuple((printable(label), printable(text)) for label, text in self.lines))
 
     def __str__(self) -> str:
-        return labelled(self.lines)
+        return format_labelled_lines(self.lines)
 
     @property
     def sentence(self) -> str:
@@ -206,9 +206,9 @@ class Section(InNotebook):
     def __str__(self) -> str:
         lines = [self.title]
         if self.facts:
-            lines.append(labelled(self.facts))
+            lines.append(format_labelled_lines(self.facts))
         if self.shown is not None:
-            lines += aligned(*printed(self.shown, self.forms))
+            lines += align_columns(*format_table(self.shown, self.forms))
         lines += self.remarks
         if self.notes:
             lines += ["", "Notes", *(f"  - {note}" for note in dict.fromkeys(map(str, self.notes)))]
@@ -234,7 +234,7 @@ def text_of(sections: Iterable[Section]) -> str:
     return "\n\n".join(map(str, sections)) + "\n"
 
 
-def aligned(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
+def align_columns(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
     """Lines of a table: words to the left, numbers to the right, two spaces before the first column."""
     columns = list(zip(heads, *rows, strict=True))
     sides = ["<" if any(cell[:1].isalpha() for cell in column[1:]) else ">" for column in columns]

@@ -2,11 +2,11 @@
 
 from typing import TYPE_CHECKING
 
-from vsh.tools.modules import lazily
+from vsh.tools.modules import lazy_names
 
 if TYPE_CHECKING:
     from vsh.models import cosmology, covariance, flows, waves
 
 __all__ = ["cosmology", "covariance", "flows", "waves"]
 
-__getattr__, __dir__ = lazily(__name__, __all__, {})
+__getattr__, __dir__ = lazy_names(__name__, __all__, {})

@@ -17,8 +17,8 @@ from vsh.sky.frames import TRUE, check_frame, check_redshift_frame, rotation_mat
 from vsh.sky.sphere import triad
 from vsh.tools.arguments import a, accepts, float_array, number, positive
 from vsh.tools.errors import ConvergenceError, EmptyFieldError, FieldError, ParameterError
-from vsh.tools.notes import WithoutRedshift
-from vsh.tools.printing import in_a_line
+from vsh.tools.notes import UnusableRedshifts
+from vsh.tools.printing import one_line_text
 from vsh.tools.types import ArrayLike, BoolArray, Cosmology, FloatArray, Quantity
 from vsh.tools.units import SPEED_OF_LIGHT
 from vsh.vector import Vector
@@ -119,19 +119,19 @@ def transverse_distance(
     redshift = float_array("redshift", redshift, finite=False)
     if not redshift.size:
         raise FieldError("there are no redshifts to take distances of")
-    good = usable(redshift)
+    good = usable_mask(redshift)
     if not good.all():
         raise FieldError(
-            f"{(~good).sum()} of {redshift.size} redshifts give no distance: {count_unusable(redshift)}. "
+            f"{(~good).sum()} of {redshift.size} redshifts give no distance: {describe_unusable(redshift)}. "
             "Leave those sources out first: vsh.models.cosmology.with_redshift(field), or --on-bad drop"
         )
-    farthest = _exact(np.linspace(redshift.min(), redshift.max(), 64), cosmology)
+    farthest = _exact_distance(np.linspace(redshift.min(), redshift.max(), 64), cosmology)
     if not (farthest > 0).all():
         raise FieldError(
             f"redshifts up to {redshift.max():.3g} reach beyond the antipode of this closed cosmology, where distances "
             "are not positive: leave them out, or lower its densities"
         )
-    distance = (_interpolate_distance if redshift.size > _EXACT else _exact)(redshift, cosmology)
+    distance = (_interpolate_distance if redshift.size > _EXACT else _exact_distance)(redshift, cosmology)
     return distance if hubble is None else distance * (hubble_value(cosmology) / hubble)
 
 
@@ -158,7 +158,7 @@ def redshift_of(distance: ArrayLike, cosmology: Cosmology | None = None) -> Floa
     from scipy.interpolate import make_interp_spline  # slow to import
 
     grid = np.geomspace(FLOW_LIMIT, 1000.0, 4000)
-    grid_distances = _exact(grid, cosmology)
+    grid_distances = _exact_distance(grid, cosmology)
     rising = slice(0, int(np.argmax(grid_distances)) + 1)
     spline = make_interp_spline(np.log(grid_distances[rising]), np.log(grid[rising]), k=3)
     distance = np.asarray(distance, float)
@@ -198,7 +198,7 @@ def _check_cosmology(cosmology):
     return cosmology
 
 
-def _exact(redshift, cosmology):
+def _exact_distance(redshift, cosmology):
     if isinstance(cosmology, FlatLCDM):
         return cosmology.distance(redshift)
     return cosmology.comoving_transverse_distance(redshift).to_value("Mpc")
@@ -213,10 +213,10 @@ def _interpolate_distance(redshift, cosmology, accuracy=1e-9):
     while nodes <= 4096:
         x = np.linspace(lower, upper, nodes + 1)
         z = np.expm1(x)
-        spline = make_interp_spline(x, np.log(_exact(z, cosmology) / z), k=5)
+        spline = make_interp_spline(x, np.log(_exact_distance(z, cosmology) / z), k=5)
         midpoints = (x[1:] + x[:-1]) / 2
         z = np.expm1(midpoints)
-        if np.abs(spline(midpoints) - np.log(_exact(z, cosmology) / z)).max() < accuracy / 4:
+        if np.abs(spline(midpoints) - np.log(_exact_distance(z, cosmology) / z)).max() < accuracy / 4:
             return redshift * np.exp(spline(np.log1p(redshift)))
         nodes *= 2
     raise ConvergenceError(f"the distances of {cosmology} are too rough to interpolate")
@@ -230,7 +230,7 @@ BACHCHAN_2016 = Vector.from_spherical(369.0, 263.99, 48.26, frame="galactic", un
 VELOCITIES = {"planck": CMB_VELOCITY_PLANCK18, "paper": BACHCHAN_2016}
 
 
-def velocity_along(value: Any, frame: str) -> Vector:
+def velocity_in_frame(value: Any, frame: str) -> Vector:
     """A velocity along the axes of `frame`."""
     check_frame(frame)
     if isinstance(value, str):
@@ -332,7 +332,7 @@ FLOW_LIMIT = 1e-4
 _WORTH = 0.5
 
 
-def with_certain_redshift(field: Field) -> Field:
+def select_certain_redshifts(field: Field) -> Field:
     """The sources whose redshift is known to half of itself, or whose distance is; a note counts and names the others.
 
     Where no redshift is known so well, none is better than the others, and all sources stay.
@@ -350,23 +350,25 @@ def with_certain_redshift(field: Field) -> Field:
         return field
     names = np.flatnonzero(bad)[:5] if field.name is None else field.name[bad][:5]
     reasons = {f"with an error above {_WORTH:g} of it": int(bad.sum())}
-    note = WithoutRedshift.of_table(reasons, len(field), field.lon, field.redshift, names=tuple(map(in_a_line, names)))
+    note = UnusableRedshifts.of_table(
+        reasons, len(field), field.lon, field.redshift, names=tuple(map(one_line_text, names))
+    )
     return field[~bad].add_note(note)
 
 
-def usable(redshift: ArrayLike, min_redshift: float = FLOW_LIMIT) -> BoolArray:
+def usable_mask(redshift: ArrayLike, min_redshift: float = FLOW_LIMIT) -> BoolArray:
     """Mask of redshifts that are finite, positive and at least `min_redshift`."""
     redshift = np.asarray(redshift, float)
     return np.isfinite(redshift) & (redshift > 0) & (redshift >= min_redshift)
 
 
-def count_unusable(redshift: ArrayLike, min_redshift: float = FLOW_LIMIT) -> str:
+def describe_unusable(redshift: ArrayLike, min_redshift: float = FLOW_LIMIT) -> str:
     """Describe how many redshifts cannot be used, and why."""
-    counts = reasons_unusable(redshift, min_redshift)
+    counts = unusable_counts(redshift, min_redshift)
     return ", ".join(f"{count} {reason}" for reason, count in counts.items() if count)
 
 
-def reasons_unusable(redshift: ArrayLike, min_redshift: float = FLOW_LIMIT) -> dict[str, int]:
+def unusable_counts(redshift: ArrayLike, min_redshift: float = FLOW_LIMIT) -> dict[str, int]:
     """Count the redshifts that cannot be used, by reason."""
     redshift = np.asarray(redshift, float)
     return {
@@ -406,18 +408,18 @@ def with_redshift(
     redshift = np.asarray(field.redshift)
     if frame is not None:
         redshift = to_cmb(redshift, field.lon, field.lat, field.frame, check_redshift_frame(frame))
-    good = np.isfinite(redshift) if missing_only else usable(redshift, min_redshift)
+    good = np.isfinite(redshift) if missing_only else usable_mask(redshift, min_redshift)
     if good.all():
         return field
     redshift = np.where(good, min_redshift, redshift) if missing_only else redshift
     bad = ~good
-    names = () if field.name is None else tuple(in_a_line(name) for name in field.name[bad][:5])
-    reasons = reasons_unusable(redshift, min_redshift)
-    note = WithoutRedshift.of_table(reasons, len(field), field.lon, field.redshift, names=names)
+    names = () if field.name is None else tuple(one_line_text(name) for name in field.name[bad][:5])
+    reasons = unusable_counts(redshift, min_redshift)
+    note = UnusableRedshifts.of_table(reasons, len(field), field.lon, field.redshift, names=names)
     if bad.all():
         error = EmptyFieldError(
             f"{bad.sum()} of {len(field)} sources without a usable redshift: "
-            f"{count_unusable(redshift, min_redshift)}. No source is left"
+            f"{describe_unusable(redshift, min_redshift)}. No source is left"
         )
         error.notes = (note,)
         raise error

@@ -118,25 +118,25 @@ def wave_fractions(lmax: int) -> FloatArray:
     return np.r_[0.0, 24 * (2 * l + 1) / ((l - 1) * l**2 * (l + 1) ** 2 * (l + 2))]
 
 
-def both(power: FloatArray) -> FloatArray:
+def repeat_for_kinds(power: FloatArray) -> FloatArray:
     """Spectrum with the same power for T and S."""
     return np.stack([power, power])
 
 
-def is_odd(lmax: int) -> IntArray:
+def spin_parity_mask(lmax: int) -> IntArray:
     """Return whether the fields of T and S of each degree are those of a spin's parity, (2, lmax)."""
     odd = np.arange(1, lmax + 1) % 2 == 1
     return np.stack([odd, ~odd])
 
 
-def cut(power: FloatArray, lmax: int, name: str) -> FloatArray:
+def truncate_spectrum(power: FloatArray, lmax: int, name: str) -> FloatArray:
     """The first degrees of a given spectrum, (2, lmax)."""
     if lmax > power.shape[1]:
         raise ModesError(f"the spectrum {name} is given to degree {power.shape[1]}, and degree {lmax} is expected")
     return power[:, :lmax]
 
 
-def without_rounding(power: FloatArray) -> FloatArray:
+def zero_rounding_errors(power: FloatArray) -> FloatArray:
     """Set to zero what is negative by the rounding of an integral alone."""
     return np.where(np.abs(power) < 1e-10 * np.abs(power).max(), 0.0, power)
 
@@ -184,13 +184,14 @@ class Spectrum(InNotebook):
         """
         total_power = 4 * np.pi * hubble_rate(arguments.positive("hubble", hubble)) ** 2
         return cls(
-            f"gravitational waves, H0 = {hubble:g} km/s/Mpc", lambda lmax: both(total_power * wave_fractions(lmax) / 2)
+            f"gravitational waves, H0 = {hubble:g} km/s/Mpc",
+            lambda lmax: repeat_for_kinds(total_power * wave_fractions(lmax) / 2),
         )
 
     @classmethod
     def flat(cls) -> Spectrum:
         """Spectrum with the same power in every mode: P_l = 2l + 1 in each kind."""
-        return cls("flat", lambda lmax: both(2 * np.arange(1.0, lmax + 1) + 1))
+        return cls("flat", lambda lmax: repeat_for_kinds(2 * np.arange(1.0, lmax + 1) + 1))
 
     @classmethod
     def odd(cls) -> Spectrum:
@@ -206,7 +207,7 @@ class Spectrum(InNotebook):
     def power_law(cls, index: float) -> Spectrum:
         """P_l = l^`index` in each kind; 0 for the same power in every degree."""
         index = arguments.number("index", index)
-        return cls(f"power law l^{index:g}", lambda lmax: both(np.arange(1.0, lmax + 1) ** index))
+        return cls(f"power law l^{index:g}", lambda lmax: repeat_for_kinds(np.arange(1.0, lmax + 1) ** index))
 
     @classmethod
     def given(cls, toroidal: ArrayLike, spheroidal: ArrayLike | None = None, name: str = "given") -> Spectrum:
@@ -232,7 +233,7 @@ class Spectrum(InNotebook):
         )
         if powers.ndim != 2 or not powers.shape[1] or (powers < 0).any():
             raise ParameterError("a spectrum is one power of at least zero for each degree from 1 on")
-        return cls(name, lambda lmax: cut(powers, lmax, name))
+        return cls(name, lambda lmax: truncate_spectrum(powers, lmax, name))
 
     @classmethod
     def from_covariance(cls, function: Callable[[FloatArray], FloatArray], name: str | None = None) -> Spectrum:
@@ -263,8 +264,8 @@ class Spectrum(InNotebook):
         """
         values_of(function, np.array([0.1, 1.0]))
         name = name or f"of the covariance function {getattr(function, '__name__', 'V(θ)')}"
-        integrals = lru_cache(maxsize=16)(lambda lmax: without_rounding(power_of(function, lmax)))
-        return cls(name, lambda lmax: both(integrals(lmax)))
+        integrals = lru_cache(maxsize=16)(lambda lmax: zero_rounding_errors(power_of(function, lmax)))
+        return cls(name, lambda lmax: repeat_for_kinds(integrals(lmax)))
 
     def only(self, parity: str) -> Spectrum:
         """The part of it that is odd, as a spin is, or even, as a glide is.
@@ -276,7 +277,7 @@ class Spectrum(InNotebook):
         """
         arguments.choice("parity", parity, PARITIES)
         return Spectrum(
-            f"{self.name}, {parity} parity", lambda lmax: self.law(lmax) * (is_odd(lmax) == (parity == "odd"))
+            f"{self.name}, {parity} parity", lambda lmax: self.law(lmax) * (spin_parity_mask(lmax) == (parity == "odd"))
         )
 
     def power(self, lmax: int) -> FloatArray:
@@ -461,40 +462,40 @@ def read_matrix(path: PathName, check_shape: Callable[[tuple[int, ...]], Any]) -
     path = Path(path)
     ending = path.suffix.lower()
     if ending == ".npy":
-        with _refuse_file(path):
+        with _translate_read_errors(path):
             matrix = np.load(path, mmap_mode="r", allow_pickle=False)
         check_shape(matrix.shape)
     elif ending in (".fits", ".fit"):
-        matrix = _from_fits(path, check_shape)
+        matrix = _read_fits_matrix(path, check_shape)
     else:
-        with _refuse_file(path):
+        with _translate_read_errors(path):
             matrix = np.loadtxt(path, ndmin=2)
         check_shape(matrix.shape)
-    with _refuse_file(path):
+    with _translate_read_errors(path):
         return np.array(matrix, float)
 
 
-def _from_fits(path, check_shape):
+def _read_fits_matrix(path, check_shape):
     from astropy.io import fits
 
-    with _refuse_file(path):
+    with _translate_read_errors(path):
         units = fits.open(path)
     with units:
-        with _refuse_file(path):
+        with _translate_read_errors(path):
             images = [
                 unit for unit in units if unit.is_image and unit.header.get("NAXIS") == 2 and "NAXIS2" in unit.header
             ]
             if not images:
                 raise TableError(f"{path} holds no image of two axes")
-        with _refuse_file(path):
+        with _translate_read_errors(path):
             shape = images[0].shape
         check_shape(shape)
-        with _refuse_file(path):
+        with _translate_read_errors(path):
             return np.array(images[0].data, float)
 
 
 @contextmanager
-def _refuse_file(path):
+def _translate_read_errors(path):
     try:
         yield
     except TableError:

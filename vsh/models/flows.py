@@ -264,7 +264,7 @@ class LinearTheory(Frozen):
         >>> [round(LINEAR_PLANCK18.bulk_flow(radius)) for radius in (20, 45, 100)]
         [406, 316, 215]
         """
-        k, log_step = self._fine
+        k, log_step = self._fine_wave_numbers
         x = k * positive("radius", radius)
         window = 3 * spherical_jn(1, x) / x
         return float(np.sqrt(self._scale * np.sum(self.power_at(k) * window**2 * k) * log_step))
@@ -274,7 +274,7 @@ class LinearTheory(Frozen):
         return (self.growth_rate * HUBBLE) ** 2 / (2 * np.pi**2)
 
     @cached_property
-    def _fine(self):
+    def _fine_wave_numbers(self):
         """Wave numbers close enough for sums, and their step in ln k."""
         log_k, step = np.linspace(np.log(self.k[0]), np.log(self.k[-1]), 6001, retstep=True)
         return np.exp(log_k), step
@@ -286,7 +286,7 @@ class LinearTheory(Frozen):
     @cached_property
     def _correlations(self):
         """Ψ∥ and Ψ⊥ as a spline in arsinh r, and as a table."""
-        k, step = self._fine
+        k, step = self._fine_wave_numbers
         weight = self._scale * self.power_at(k) * k * step
         x = np.linspace(0, np.arcsinh(_FARTHEST), 500)
         table = np.empty((len(x), 2))
@@ -306,14 +306,14 @@ def _spline_through(x, y):
     return make_interp_spline(x, y)
 
 
-def _planck() -> LinearTheory:
+def _load_planck_theory() -> LinearTheory:
     with (Path(__file__).parent / "planck2018_power.txt").open(encoding="utf-8") as file:
         k, power = np.loadtxt(file, unpack=True)
     return LinearTheory(k, power, 0.3111**0.55, "linear ΛCDM, Planck 2018")
 
 
 #: Flat, Ω_m = 0.3111, σ_8 = 0.8102: Planck Collaboration (2020, A&A 641, A6), with f = Ω_m^0.55.
-LINEAR_PLANCK18 = _planck()
+LINEAR_PLANCK18 = _load_planck_theory()
 #: Shells in which the density of galaxies is counted, and how far beyond the farthest the cube goes.
 _SHELLS, _MARGIN = 16, 1.6
 
@@ -366,7 +366,7 @@ def flow_of_galaxies(
     v = −β H ∇ ∇⁻² δ with δ the density of galaxies over its mean at their distance, less one. The mean is a cubic in
     distance that is fitted to the logarithm of counts in shells.
     """
-    lon = arguments.dimension(1)("lon", lon)
+    lon = arguments.array_with_dimensions(1)("lon", lon)
     lat = float_array("lat", lat, lon.shape)
     distance = float_array("distance in Mpc/h", distance, lon.shape)  # not that of other functions, so without a unit
     beta, smoothing, size = positive("beta", beta), positive("smoothing", smoothing), arguments.whole("size", size, 8)
@@ -478,14 +478,14 @@ class FlowModes(Frozen):
             Outwards. [km/s]
         """
         distance = np.asarray(distance, float)
-        across, along = self._functions(distance)
-        return self._combine_components(np.asarray(lon, float), np.asarray(lat, float), across, along)
+        across, along = self._interpolate_functions(distance)
+        return self._mode_velocities(np.asarray(lon, float), np.asarray(lat, float), across, along)
 
     def at_origin(self) -> FloatArray:
         """Velocity where we are by each mode, (3, p), along the axes of the positions. [km/s]"""
         lon, lat = np.array([0.0, np.pi / 2, 0.0]), np.array([0.0, 0.0, np.pi / 2])  # along x, y and z
         functions = np.broadcast_to(self.origin, (3, self.origin.size))
-        return self._combine_components(lon, lat, np.zeros_like(functions), functions)[1]
+        return self._mode_velocities(lon, lat, np.zeros_like(functions), functions)[1]
 
     def left(self, distance: FloatArray) -> tuple[FloatArray, FloatArray]:
         """The variance of velocities that the modes leave, in each tangential component and in the radial one.
@@ -500,7 +500,7 @@ class FlowModes(Frozen):
         tuple[array, array]
             [(km/s)²]
         """
-        across, along = self._functions(np.asarray(distance, float))
+        across, along = self._interpolate_functions(np.asarray(distance, float))
         l = np.repeat(np.arange(len(self.counts)), self.counts)
         share = (2 * l + 1) / (4 * np.pi)  # Σ_m |S_lm|² = Σ_m |Y_lm|²
         total = self.theory.sigma**2
@@ -511,10 +511,10 @@ class FlowModes(Frozen):
         return _spline_through(np.log(self.radii), np.hstack([self.tangential, self.radial]))
 
     @cached_property
-    def _tangential(self):
+    def _tangential_spline(self):
         return _spline_through(np.log(self.radii), self.tangential)
 
-    def _functions(self, distance):
+    def _interpolate_functions(self, distance):
         """The functions of distance at sources: two (n, f) arrays; zero beyond the last radius."""
         values = self._spline(np.log(np.clip(distance, self.radii[0], self.radii[-1])))
         values[self._beyond_sphere(distance)] = 0.0
@@ -542,7 +542,7 @@ class FlowModes(Frozen):
             [km/s, times `turn`]
         """
         distance = np.asarray(distance, float)
-        across = self._tangential(np.log(np.clip(distance, self.radii[0], self.radii[-1])))
+        across = self._tangential_spline(np.log(np.clip(distance, self.radii[0], self.radii[-1])))
         across[self._beyond_sphere(distance)] = 0.0
         t = toroidal_harmonics(lon, lat, max(len(self.counts) - 1, 1))
         harmonics = np.empty_like(t)
@@ -551,7 +551,7 @@ class FlowModes(Frozen):
             harmonics[:, axis] -= turn[axis, 0] * t[:, 1]
         return self._times(harmonics, across, 1)
 
-    def _combine_components(self, lon, lat, across, along):
+    def _mode_velocities(self, lon, lat, across, along):
         """Functions of distance times harmonics, normalised to one over the sphere."""
         top = len(self.counts) - 1
         y = scalar_harmonics(lon, lat, top)

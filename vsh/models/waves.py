@@ -40,9 +40,9 @@ def wave_motions(lon: ArrayLike, lat: ArrayLike, direction: ArrayLike, plus: flo
     plus, cross : float
         Rates of strain of the two polarisations. [µas/yr]
     """
-    k, lon = unit(direction), np.atleast_1d(float_array("lon", lon))
+    k, lon = unit_vector(direction), np.atleast_1d(float_array("lon", lon))
     p, q, r = triad(lon, float_array("lat", np.atleast_1d(lat), lon.shape))
-    along = number("plus", plus) * _tensor(k, 1, 0) + number("cross", cross) * _tensor(k, 0, 1)
+    along = number("plus", plus) * _strain_tensor(k, 1, 0) + number("cross", cross) * _strain_tensor(k, 0, 1)
     strain = along @ r
     numerator = np.sum(r * strain, axis=0)
     denominator = 1 + k @ r
@@ -53,7 +53,7 @@ def wave_motions(lon: ArrayLike, lat: ArrayLike, direction: ArrayLike, plus: flo
     return np.stack([np.sum(motion * p, axis=0), np.sum(motion * q, axis=0)])
 
 
-def _tensor(k, plus, cross):
+def _strain_tensor(k, plus, cross):
     lon, lat = angles(k)
     east, north, _ = triad(lon, lat)
     south = -north
@@ -62,7 +62,7 @@ def _tensor(k, plus, cross):
     )
 
 
-def unit(direction: ArrayLike) -> FloatArray:
+def unit_vector(direction: ArrayLike) -> FloatArray:
     """A direction as a unit vector, (3,)."""
     towards = float_array("direction", direction, (3,))
     if not np.linalg.norm(towards) > 0:
@@ -95,7 +95,7 @@ def wave_coefficients(direction: ArrayLike, plus: float, cross: float = 0.0, *, 
     >>> float(wave.values[wave.modes.index(Mode("T", 2, 2, "im"))].round(6))
     0.660555
     """
-    templates = wave_templates(unit(direction)[:, None], lmax)[..., 0]
+    templates = wave_templates(unit_vector(direction)[:, None], lmax)[..., 0]
     return Coefficients(Modes(lmax), number("plus", plus) * templates[0] + number("cross", cross) * templates[1])
 
 
@@ -111,14 +111,14 @@ def wave_templates(directions: FloatArray, lmax: int) -> FloatArray:
         for column, (row, sign) in enumerate(((im, 1), (re, 1), (re, -1), (im, 1))):
             columns[row, column] = sign * amplitude[l - 1]
         tilted_columns = np.array([degree_matrix(l, np.array([0.0, tilt, 0.0])) @ columns for tilt in tilts])[of]
-        coefficients = _about_z(tilted_columns, lon, l)
+        coefficients = _rotate_about_z(tilted_columns, lon, l)
         for polarisation in range(2):
             templates[polarisation, modes.slice_of("T", l)] = coefficients[:, :, polarisation].T
             templates[polarisation, modes.slice_of("S", l)] = coefficients[:, :, 2 + polarisation].T
     return templates
 
 
-def _about_z(values, angle, l):
+def _rotate_about_z(values, angle, l):
     """Coefficients of one degree, (n, 2l + 1, …), turned about z by an angle each: f e^{−imφ}."""
     result = values.copy()
     m = np.arange(1, l + 1)

@@ -14,7 +14,7 @@ from vsh.tools.bad_rows import as_floats, check_shapes
 from vsh.tools.errors import EmptyFieldError, FieldError
 from vsh.tools.notebook import Frozen
 from vsh.tools.notes import merge_notes
-from vsh.tools.printing import in_a_line
+from vsh.tools.printing import one_line_text
 from vsh.tools.types import ArrayLike, BoolArray, FloatArray, IntArray
 from vsh.tools.units import AU_PER_YEAR, UAS
 
@@ -64,7 +64,7 @@ def propagate(
     radial_rate = np.sum(r_end * rate, 0)
     across = f * (rate - r_end * radial_rate)
     if light_time:
-        later = _with_light_time(lon, lat, parallax, motion, velocity, start, end)
+        later = _propagate_with_erfa(lon, lat, parallax, motion, velocity, start, end)
     else:
         new_lon, new_lat = angles(r_end)
         p_end, q_end, _ = triad(new_lon, new_lat)
@@ -138,7 +138,7 @@ def add_positions(covariance: ArrayLike, position_covariance: ArrayLike, years: 
     return covariance - projected.swapaxes(1, 2) @ gain
 
 
-def _with_light_time(lon, lat, parallax, motion, velocity, start, end):
+def _propagate_with_erfa(lon, lat, parallax, motion, velocity, start, end):
     """Propagate with ERFA; its warning that it replaces a zero or negative parallax is ignored."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", erfa.ErfaWarning)
@@ -271,12 +271,12 @@ class AstrometryRows(Frozen):
             "nothing measured that has an error": ~is_measured.any(1),
             "|dec| > 90°": np.abs(self.lat) > np.pi / 2 * (1 + 1e-14),
             "a position with only one coordinate": is_measured[:, 0] != is_measured[:, 1],
-            "a covariance that is not positive definite": ~self._positive(is_measured),
+            "a covariance that is not positive definite": ~self._is_positive_definite(is_measured),
         }
         _, inverse, count = np.unique(self._keys(), axis=0, return_inverse=True, return_counts=True)
         bad["the same row twice"] = count[inverse.ravel()] > 1
         messages = [
-            f"{reason}: {int(mask.sum())} ({in_a_line(self.name[mask][0])} in {self.catalogue[mask][0]}, "
+            f"{reason}: {int(mask.sum())} ({one_line_text(self.name[mask][0])} in {self.catalogue[mask][0]}, "
             f"row {int(mask.argmax())})"
             for reason, mask in bad.items()
             if mask.any()
@@ -292,7 +292,7 @@ class AstrometryRows(Frozen):
         catalogue_index = np.unique(self.catalogue, return_inverse=True)[1].ravel()
         return np.nan_to_num(np.column_stack([self.source, catalogue_index, self.epoch, self.values.T]), nan=-1e300)
 
-    def _positive(self, is_measured):
+    def _is_positive_definite(self, is_measured):
         pair_mask = is_measured[:, :, None] & is_measured[:, None, :]
         diagonal = np.eye(5, dtype=bool)
         sigma = np.sqrt(np.where(is_measured, np.diagonal(self.covariance, axis1=1, axis2=2), 1.0))

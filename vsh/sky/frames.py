@@ -79,7 +79,7 @@ def _rotation(frame, target):
     return matrix
 
 
-def turned(
+def rotate_motions(
     matrix: FloatArray, lon: FloatArray, lat: FloatArray, motion: FloatArray, sigma: FloatArray, rho: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
     """Positions, motions and their errors along other axes."""

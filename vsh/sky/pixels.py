@@ -11,7 +11,9 @@ from vsh.tools.types import ArrayLike, BoolArray, FloatArray, IntArray, Rng
 __all__ = ["centres", "pixels_of"]
 
 
-@arguments.accepts(lon=arguments.dimension(1), lat=arguments.dimension(1), nside=arguments.whole)
+@arguments.accepts(
+    lon=arguments.array_with_dimensions(1), lat=arguments.array_with_dimensions(1), nside=arguments.whole
+)
 def pixels_of(lon: ArrayLike, lat: ArrayLike, nside: int, *, nested: bool = False, any_size: bool = False) -> IntArray:
     """The HEALPix pixel of each position, (n,), in ring order unless told otherwise.
 
@@ -64,7 +66,7 @@ def centres(nside: int, *, any_size: bool = False) -> tuple[FloatArray, FloatArr
     return phi, np.pi / 2 - theta
 
 
-@arguments.accepts(density=arguments.dimension(1), n=arguments.whole, rng=arguments.seed)
+@arguments.accepts(density=arguments.array_with_dimensions(1), n=arguments.whole, rng=arguments.seed)
 def random_positions(density: ArrayLike, n: int, rng: Rng) -> tuple[FloatArray, FloatArray]:
     """n positions drawn with the density of a HEALPix map, evenly within each pixel."""
     rng = generator(rng)
@@ -87,7 +89,7 @@ def random_positions(density: ArrayLike, n: int, rng: Rng) -> tuple[FloatArray, 
     return phi, np.pi / 2 - theta
 
 
-def missing_pixels(values: ArrayLike) -> int:
+def count_missing_pixels(values: ArrayLike) -> int:
     """Count the pixels of a map without a value: nan, masked, or healpy's UNSEEN."""
     return int(is_valueless(np.ma.filled(np.ma.asarray(values, float), np.nan)).sum())
 

@@ -38,7 +38,7 @@ def triad(lon: ArrayLike, lat: ArrayLike) -> tuple[FloatArray, FloatArray, Float
     return p, q, r
 
 
-def across_and_along(vector: FloatArray, lon: ArrayLike, lat: ArrayLike) -> tuple[FloatArray, FloatArray]:
+def local_components(vector: FloatArray, lon: ArrayLike, lat: ArrayLike) -> tuple[FloatArray, FloatArray]:
     """Vectors at positions as components east and north, (2, n), and outwards, (n,)."""
     p, q, r = triad(lon, lat)
     return np.stack([np.sum(vector * p, 0), np.sum(vector * q, 0)]), np.sum(vector * r, 0)
@@ -56,7 +56,7 @@ def sin_cos(x: FloatArray) -> tuple[FloatArray, FloatArray]:
     return t, square
 
 
-def multiples(x: FloatArray, max_k: int) -> tuple[FloatArray, FloatArray]:
+def cos_sin_multiples(x: FloatArray, max_k: int) -> tuple[FloatArray, FloatArray]:
     """cos kx and sin kx for k = 1 … max_k: two (max_k, n) arrays, by doubling."""
     cos, sin = np.empty((max_k, *np.shape(x))), np.empty((max_k, *np.shape(x)))
     sin[0], cos[0] = sin_cos(x)
@@ -97,7 +97,7 @@ def widest_gap(lon: FloatArray, lat: FloatArray, most: int = 10_000) -> tuple[fl
         How many are looked at; the gap of fewer is as wide or wider.
     """
     selection = select_share(most / max(len(lon), 1), lon, lat)
-    places = _spiral()
+    places = _spiral_directions()
     nearest = (triad(lon[selection], lat[selection])[2].T @ places).max(0, initial=-1.0)
     widest = int(nearest.argmin())
     center_lon, center_lat = angles(places[:, widest])
@@ -105,7 +105,7 @@ def widest_gap(lon: FloatArray, lat: FloatArray, most: int = 10_000) -> tuple[fl
 
 
 @cache
-def _spiral():
+def _spiral_directions():
     """Directions on a spiral of Fibonacci's over the whole sky, (3, 600)."""
     k = np.arange(600) + 0.5
     z, turn = 1 - k / 300, np.pi * (1 + np.sqrt(5)) * k

@@ -9,7 +9,7 @@ from typing import Any, ParamSpec, TypeAlias, TypeVar
 
 import numpy as np
 
-from vsh.tools.errors import ParameterError, first_line, unknown_argument
+from vsh.tools.errors import ParameterError, first_line, unknown_argument_error
 from vsh.tools.types import ArrayLike, FloatArray, IntArray
 
 P = ParamSpec("P")
@@ -113,7 +113,7 @@ def accepts(**checks: Check) -> Callable[[Callable[P, T]], Callable[P, T]]:
                 try:
                     return function(*arguments, **options)  # whose own error names it
                 except TypeError as error:
-                    raise unknown_argument(function, error) from None
+                    raise unknown_argument_error(function, error) from None
             bound.apply_defaults()
             for name, check in checks.items():
                 value = bound.arguments[name]
@@ -237,7 +237,7 @@ def read_only(array: ArrayLike) -> FloatArray:
     return view
 
 
-def dimension(size: int) -> Callable[[str, Any], FloatArray]:
+def array_with_dimensions(size: int) -> Callable[[str, Any], FloatArray]:
     """A check for a float array of so many dimensions."""
 
     def check(name, value):

@@ -24,7 +24,7 @@ _DOUBLE = np.dtype(float)
 def as_floats(column: str, value: Any, unit: Any = None) -> tuple[FloatArray, BoolArray]:
     """A column as doubles in native byte order, and the mask of what is missing."""
     if type(value) is np.ndarray and value.dtype == _DOUBLE and value.ndim and value.flags.c_contiguous:
-        return value, _none_missing(value.shape)  # at once: small parts wait for this more than for their sums
+        return value, _empty_mask(value.shape)  # at once: small parts wait for this more than for their sums
     if callable(value) or isinstance(value, dict) or value is None:
         raise FieldError(f"{column} must be a column of numbers, not {type(value).__name__}")
     if hasattr(value, "to_value"):  # a Quantity, bare or masked, without importing astropy
@@ -58,11 +58,11 @@ def as_floats(column: str, value: Any, unit: Any = None) -> tuple[FloatArray, Bo
         floats = np.ascontiguousarray(array, dtype=float)
     except (TypeError, ValueError) as error:
         raise FieldError(f"{column} must be a column of numbers: {error}") from None
-    return floats, _none_missing(floats.shape) if missing is None else np.broadcast_to(missing, floats.shape)
+    return floats, _empty_mask(floats.shape) if missing is None else np.broadcast_to(missing, floats.shape)
 
 
 @lru_cache(maxsize=16)
-def _none_missing(shape):
+def _empty_mask(shape):
     """The mask of a column that has all its values: one False for all rows."""
     return np.broadcast_to(False, shape)
 
@@ -100,7 +100,7 @@ def invalid_rows(
         "lon": (lon, -2 * np.pi * turns, 2 * np.pi * turns),
     }
     column_spans = {} if spans is None else spans
-    if not any(_marks(mask) for mask in marks) and all(
+    if not any(_any_marked(mask) for mask in marks) and all(
         within(column_spans.get(name) or span_of(values), lower, upper)
         for name, (values, lower, upper) in limits.items()
     ):
@@ -141,7 +141,7 @@ def joint_span(spans: Mapping[str, Span], names: Sequence[str], factor: float) -
     return float(lower.min()), float(upper.max())
 
 
-def _marks(mask):
+def _any_marked(mask):
     """Return whether a mask marks any row; where one number stands for all, it is looked at once."""
     return bool(mask[:1].any() if mask.strides == (0,) else mask.any())
 
@@ -165,7 +165,7 @@ _ROUNDED = 0.01
 _LIKELY = np.array([-9.99, -99.0, -99.9, -99.99, -999.0, -999.9, -999.99, 99.9, 99.99, 999.0, 999.9, 999.99])
 
 
-def placeholders(columns: Mapping[str, FloatArray], spans: Mapping[str, Span] | None = None) -> BoolArray:
+def find_placeholder_rows(columns: Mapping[str, FloatArray], spans: Mapping[str, Span] | None = None) -> BoolArray:
     """Rows whose motions or errors are numbers that stand for none: −9999 anywhere, −99 and −999 in both components."""
     column_spans = {name: span_of(values) for name, values in columns.items()} if spans is None else spans
     is_placeholder = np.zeros(len(columns["pmra"]), bool)
@@ -182,7 +182,7 @@ def placeholders(columns: Mapping[str, FloatArray], spans: Mapping[str, Span] | 
     return is_placeholder
 
 
-def unmeasured(pmra: FloatArray, pmdec: FloatArray) -> dict[str, BoolArray]:
+def zero_motion_rows(pmra: FloatArray, pmdec: FloatArray) -> dict[str, BoolArray]:
     """Rows whose motions are exactly (0, 0), where those are more than a few, as a reason to leave them out.
 
     Rounded motions, some of which are zero in one component alone, are none. Where all are zero, the
@@ -197,7 +197,7 @@ def unmeasured(pmra: FloatArray, pmdec: FloatArray) -> dict[str, BoolArray]:
     return {"motion of exactly 0 in both components, a mark of missing values": both}
 
 
-def doubtful(
+def doubtful_motion_notes(
     columns: Mapping[str, FloatArray], spans: Mapping[str, Span] | None = None, row_numbers: Any = None
 ) -> tuple[str, ...]:
     """A note on motions that are −999 or 99.99, say, in one component: perhaps missing values; they are used."""
@@ -264,7 +264,9 @@ def select_usable(
     if not count:
         return slice(None), ()
     invalid = {**(aside or {}), **wrong}
-    details = "; ".join(f"{reason}: {mask.sum()} ({_rows(mask, first_row)})" for reason, mask in invalid.items())
+    details = "; ".join(
+        f"{reason}: {mask.sum()} ({_format_row_numbers(mask, first_row)})" for reason, mask in invalid.items()
+    )
     message = f"{count} of {n} rows cannot be used: {details}"
     counts = {reason: int(mask.sum()) for reason, mask in invalid.items()}
     note = DroppedRows.of_table(counts, n, np.packbits(bad), *mark)
@@ -279,7 +281,7 @@ def select_usable(
     return ~bad, (note,)
 
 
-def _rows(mask, first_row=0, limit=5):
+def _format_row_numbers(mask, first_row=0, limit=5):
     """The first rows of a mask, counted from 0."""
     rows = np.flatnonzero(mask)
     numbers = ", ".join(map(str, row_numbers(rows[:limit], first_row)))
@@ -299,7 +301,7 @@ def _is_number(text):
     return True
 
 
-def check_measured(noun: Any) -> None:
+def check_measurements(noun: Any) -> None:
     """Raise FieldError where errors of redshifts and parallaxes, or distances of a field cannot be used."""
     for column, least in (
         ("redshift_error", "zero or more"),

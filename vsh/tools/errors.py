@@ -148,16 +148,16 @@ class MissingAttribute(AttributeError):
 
     def __str__(self) -> str:
         thing, name = self.obj, str(self.name)
-        names = _public(thing)
+        names = _public_names(thing)
         hint = ATTRIBUTES.get(name, "")
         if re.sub(r"\W.*", "", hint) not in names and not hint.startswith(("fit.", "field[")):
-            inner = _public(vars(thing)["solution"]) if "solution" in names and "solution" in vars(thing) else []
+            inner = _public_names(vars(thing)["solution"]) if "solution" in names and "solution" in vars(thing) else []
             inside = next((each for each in (name, hint) if each in inner), "")
             hint = f"solution.{inside}" if inside else " or ".join(get_close_matches(name, names, n=2))
         return f"{type(thing).__name__} has no {name}{hint and f': did you mean {hint}?'}"
 
 
-def no_name(module: str, name: str, names: list[str], otherwise: AttributeError) -> AttributeError:
+def missing_name_error(module: str, name: str, names: list[str], otherwise: AttributeError) -> AttributeError:
     """The error for a name that a module does not have, with what it may be."""
     if name.startswith("_"):
         return otherwise
@@ -165,7 +165,7 @@ def no_name(module: str, name: str, names: list[str], otherwise: AttributeError)
     return AttributeError(f"{module} has no {name}: did you mean {hint}?", name=name) if hint else otherwise
 
 
-def unknown_argument(function: Callable[..., Any], error: TypeError) -> TypeError:
+def unknown_argument_error(function: Callable[..., Any], error: TypeError) -> TypeError:
     """Add to an error the name that an unknown argument may have."""
     match = re.fullmatch(r".*\(\) got an unexpected keyword argument '(\w+)'", str(error))
     if match is None:
@@ -178,5 +178,5 @@ def unknown_argument(function: Callable[..., Any], error: TypeError) -> TypeErro
     return TypeError(f"{error}: did you mean {hint}?") if hint else error
 
 
-def _public(thing):
+def _public_names(thing):
     return [name for name in dir(thing) if not name.startswith("_")]

@@ -174,15 +174,15 @@ def atomic_write(path: PathName, overwrite: bool = False) -> Iterator[Path]:
     check_not_read(path)
     check_new(path, overwrite)
     _remove_abandoned(path)
-    handle, name = tempfile.mkstemp(prefix=_unfinished(), suffix=f"-{path.name[-100:]}", dir=path.parent)
+    handle, name = tempfile.mkstemp(prefix=_unfinished_prefix(), suffix=f"-{path.name[-100:]}", dir=path.parent)
     os.close(handle)
     temporary_path = Path(name)
     try:
         yield temporary_path
         with temporary_path.open("rb") as file:
             os.fsync(file.fileno())  # else a power cut could leave an empty file under the name
-        os.chmod(temporary_path, _mode(path))
-        if overwrite or not _linked(temporary_path, path):
+        os.chmod(temporary_path, _file_permissions(path))
+        if overwrite or not _link_new(temporary_path, path):
             check_new(path, overwrite)
             os.replace(temporary_path, path)
         if UNFINISHED not in str(path):  # of a folder the whole is told
@@ -191,7 +191,7 @@ def atomic_write(path: PathName, overwrite: bool = False) -> Iterator[Path]:
         temporary_path.unlink(missing_ok=True)
 
 
-def _linked(temporary_path, path):
+def _link_new(temporary_path, path):
     """Give a file its name where no other has it; False where the system cannot."""
     try:
         os.link(temporary_path, path)
@@ -203,12 +203,12 @@ def _linked(temporary_path, path):
     return True
 
 
-def _unfinished():
+def _unfinished_prefix():
     """The beginning of the names of unfinished files of this process."""
     return f"{UNFINISHED}{_MACHINE}-{os.getpid()}-"
 
 
-def record_of(path: PathName) -> tuple[int, int]:
+def file_stamp(path: PathName) -> tuple[int, int]:
     """The size and time of change of a file, by which it is known again on any machine that sees it."""
     try:
         facts = Path(path).stat()
@@ -227,7 +227,7 @@ def check_unchanged(label: PathName, record: Any, now: Any) -> None:
 _PACKED, _SMALL = 200, 2**26
 
 
-def check_size(label: str, n_bytes: float, size: int) -> None:
+def check_unpacked_size(label: str, n_bytes: float, size: int) -> None:
     """Raise TableError where a file says of itself that it holds much more than a catalogue could be packed into it."""
     if n_bytes > max(_PACKED * size, _SMALL):
         raise TableError(
@@ -249,7 +249,7 @@ def digest(path: PathName) -> str:
 
 
 @contextmanager
-def reading(paths: Iterable[PathName]) -> Iterator[None]:
+def protect_files(paths: Iterable[PathName]) -> Iterator[None]:
     """Meanwhile nothing is written to these files, into these folders, nor to a folder with one of them in it."""
     token = _READ.set(_READ.get() | {Path(os.path.realpath(path)) for path in paths})
     try:
@@ -268,7 +268,7 @@ def check_not_read(path: PathName, shown: str | None = None) -> None:
 
 
 @contextmanager
-def exclusive(path: PathName) -> Iterator[None]:
+def hold_lock(path: PathName) -> Iterator[None]:
     """Meanwhile no other process that asks may write to this path."""
     path = Path(os.path.realpath(path))
     if fcntl is None:
@@ -299,7 +299,7 @@ def write_arrays(path: PathName, arrays: Mapping[str, Any], *, compress: bool = 
         save(file, **arrays)
 
 
-def scratch(folder: PathName | None, shape: tuple[int, ...]) -> FloatArray:
+def scratch_array(folder: PathName | None, shape: tuple[int, ...]) -> FloatArray:
     """Zeros in memory; or, in a folder, in a file without a name that goes with the array.
 
     The room is taken at once: a disk that is full says so here, and not by a signal when the array is written to.
@@ -317,7 +317,7 @@ def read_arrays(path: PathName) -> dict[str, Any]:
     """The arrays by name of a file of `write_arrays`; whatever NumPy raises on a damaged one."""
     with Path(path).open("rb") as stream, np.load(stream, allow_pickle=False) as file:
         size = sum(each.file_size for each in file.zip.infolist()) if hasattr(file, "zip") else 0
-        check_size(printable(path), size, Path(path).stat().st_size)
+        check_unpacked_size(printable(path), size, Path(path).stat().st_size)
         return dict(file.items())
 
 
@@ -334,7 +334,7 @@ def atomic_folder(path: PathName) -> Iterator[Path]:
     path = Path(os.path.realpath(path))
     check_not_read(path)
     _remove_abandoned(path)
-    temporary_path = Path(tempfile.mkdtemp(prefix=_unfinished(), suffix=f"-{path.name[-100:]}", dir=path.parent))
+    temporary_path = Path(tempfile.mkdtemp(prefix=_unfinished_prefix(), suffix=f"-{path.name[-100:]}", dir=path.parent))
     try:
         yield temporary_path
         os.chmod(temporary_path, 0o777 & ~_umask())
@@ -390,7 +390,7 @@ def _is_dead(machine, number):
     return False
 
 
-def _mode(path):
+def _file_permissions(path):
     """The permissions of the file that is replaced, or those a new one would have."""
     try:
         return path.stat().st_mode & 0o7777
@@ -435,7 +435,7 @@ def table_of(
     return table
 
 
-def write(
+def write_columns(
     path: PathName,
     columns: Mapping[str, Any],
     meta: dict[str, Any] | None = None,
@@ -455,7 +455,7 @@ def write_table(table: Table, path: PathName, meta: dict[str, Any] | None = None
     metadata = {CREATOR: f"{MARK} {vsh.__version__}"}
     metadata |= {key: value for key, value in table.meta.items() if key != CREATOR}
     table = table.copy(copy_data=False)
-    table.meta = type(table.meta)(_plain(metadata | (meta or {})))
+    table.meta = type(table.meta)(_to_plain_types(metadata | (meta or {})))
     format_name = format_of(path)
     _fit_to_format(table, format_name, path)
     with atomic_write(path, overwrite) as temporary_path, warnings.catch_warnings():
@@ -518,12 +518,12 @@ _IN_ASCII = str.maketrans({"≥": ">=", "≤": "<=", "−": "-", "µ": "u", "°"
 _ESSENTIAL = (FRAME_KEY, MEASURED_KEY)
 
 
-def _plain(value: Any) -> Any:
+def _to_plain_types(value: Any) -> Any:
     """Metadata with subclasses of str, such as counted notes, as the str that YAML can represent."""
     if isinstance(value, dict):
-        return {key: _plain(item) for key, item in value.items()}
+        return {key: _to_plain_types(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):
-        return [_plain(item) for item in value]
+        return [_to_plain_types(item) for item in value]
     return str(value) if isinstance(value, str) else value
 
 

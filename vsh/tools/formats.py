@@ -34,7 +34,7 @@ FORMATS = (
     Format("votable", "votable", (".vot", ".votable", ".xml"),
            re.compile(rb"(\xef\xbb\xbf)?\s*(<\?xml|<!--|<VOTABLE)"), _TABLES + "_votable:open_votable", "VOTable",
            True),
-    Format("votable-overflow", "votable.overflow", (), None, _TABLES + "_votable:open_overflow"),
+    Format("votable-overflow", "votable.overflow", (), None, _TABLES + "_votable:open_truncated_votable"),
     Format("ecsv", "ascii.ecsv", (".ecsv",), re.compile(rb"(\xef\xbb\xbf)?#\s*%ECSV", re.IGNORECASE),
            _TABLES + "_text:open_text", "ECSV", True),
     Format("mrt", "ascii.mrt", (".mrt",), re.compile(rb"[\s\S]*^(# ?)?Byte-by-byte Description", re.MULTILINE),
@@ -80,21 +80,21 @@ def is_address(text: str) -> bool:
     return _SCHEMES.match(text) is not None
 
 
-def shown_address(text: str) -> str:
+def hide_address_secrets(text: str) -> str:
     """An address without passwords, and without what stands behind a question mark; any other text as it is."""
-    return shown_addresses(text) if is_address(text) else text
+    return hide_secrets(text) if is_address(text) else text
 
 
-def shown_addresses(text: str) -> str:
+def hide_secrets(text: str) -> str:
     """A message, each address in it without passwords and keys: for whatever is printed, logged or written."""
     return (
-        _ADDRESS.sub(lambda address: "::".join(map(_format_link, _LINK.split(address[0]))), text)
+        _ADDRESS.sub(lambda address: "::".join(map(_hide_link_secrets, _LINK.split(address[0]))), text)
         if "://" in text
         else text
     )
 
 
-def _format_link(link):
+def _hide_link_secrets(link):
     """Text of one address of a chain."""
     scheme, separator, location = link.partition("://")
     if not separator:

@@ -63,27 +63,27 @@ def import_ours() -> None:
             spec.loader.exec_module(sys.modules[name])
 
 
-def from_stub(module: str, file: str) -> tuple[Callable[[str], Any], Callable[[], list[str]], list[str]]:
+def lazy_names_from_stub(module: str, file: str) -> tuple[Callable[[str], Any], Callable[[], list[str]], list[str]]:
     """`__getattr__`, `__dir__` and `__all__` of a package whose names stand in its stub.
 
     Errors and warnings are not listed by `dir`: whoever looks for a function need not read past them.
     """
     getter, _, names = lazy_loader.attach_stub(module, file)
     dir_names = sorted(name for name in names if not name.endswith(("Error", "Warning")))
-    return _with_hints(module, getter, names), lambda: list(dir_names), names
+    return _add_hints(module, getter, names), lambda: list(dir_names), names
 
 
-def lazily(
+def lazy_names(
     module: str, names: Sequence[str], attributes: Mapping[str, list[str]]
 ) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
     """A face's `__getattr__` and `__dir__`: attributes of its files, or sub-modules, imported when first asked for."""
     submodules = () if attributes else names
     getter, _, _ = lazy_loader.attach(module, submodules=submodules, submod_attrs=dict(attributes))
 
-    return _with_hints(module, getter, list(names)), lambda: list(names)
+    return _add_hints(module, getter, list(names)), lambda: list(names)
 
 
-def _with_hints(module, getter, names):
+def _add_hints(module, getter, names):
     """A `__getattr__` whose error names what may be meant."""
 
     def get(name):
@@ -92,8 +92,8 @@ def _with_hints(module, getter, names):
         except AttributeError as error:
             if name in names:  # an import of ours failed, and its cause is what helps
                 raise
-            from vsh.tools.errors import no_name
+            from vsh.tools.errors import missing_name_error
 
-            raise no_name(module, name, names, error) from None
+            raise missing_name_error(module, name, names, error) from None
 
     return get

@@ -33,8 +33,8 @@ class InNotebook:
     def _repr_html_(self) -> str:
         if type(self).__str__ is not object.__str__:  # it says itself what there is to say
             return f"<pre>{escape(str(self))}</pre>"
-        names = [entry.name for entry in fields(self)] if is_dataclass(self) else list(_public(self))
-        rows = {name: shown(getattr(self, name)) for name in names if not name.startswith("_")}
+        names = [entry.name for entry in fields(self)] if is_dataclass(self) else list(_public_names(self))
+        rows = {name: format_value(getattr(self, name)) for name in names if not name.startswith("_")}
         for name in rows.keys() & self.units_shown.keys():
             rows[name] = f"{rows[name]} {self.units_shown[name]}" if rows[name] else None
         return as_html(type(self).__name__, {**rows, **self._facts()}, heading=self._heading())
@@ -60,12 +60,12 @@ def as_html(title: str, rows: dict[str, str | None], *, heading: str = "") -> st
     return f"<p><b>{escape(title)}</b>{': ' if subtitle else ''}{escape(subtitle)}</p><table>{cells}</table>"
 
 
-def shown(value: Any) -> str | None:
+def format_value(value: Any) -> str | None:
     """A value in a cell, in HTML: arrays by shape and range; None for what is missing, and for functions."""
     if value is None or (callable(value) and not hasattr(value, "_repr_html_")):
         return None
     if isinstance(value, np.ndarray):
-        return escape(_array(value))
+        return escape(_describe_array(value))
     if type(value).__repr__ is object.__repr__:  # an address says nothing
         return None
     if isinstance(value, (float, np.floating)):
@@ -76,7 +76,7 @@ def shown(value: Any) -> str | None:
     return escape(text if len(text) <= _WIDTH else f"{text[:_WIDTH]} …")
 
 
-def _array(values):
+def _describe_array(values):
     if values.size <= 9 and values.dtype.kind in "iufb":
         return np.array2string(values, precision=5, separator=", ").replace("\n", "")
     shape = " × ".join(map(str, values.shape))
@@ -91,7 +91,7 @@ def _array(values):
     return f"{shape}: {', '.join(map(str, values.ravel()[:3]))}{', …' if values.size > 3 else ''}"
 
 
-def _public(instance):
+def _public_names(instance):
     return [name for name in getattr(instance, "__dict__", {}) if not name.startswith("_")]
 
 

@@ -90,7 +90,7 @@ def codes_of(notes: Iterable[str]) -> tuple[str, ...]:
     return tuple(getattr(note, "code", "") for note in notes)
 
 
-def coded(notes: Iterable[str], codes: Iterable[str]) -> tuple[str, ...]:
+def add_codes(notes: Iterable[str], codes: Iterable[str]) -> tuple[str, ...]:
     """Notes with their codes, as `codes_of` gave them."""
     pairs = zip(notes, codes, strict=True)
     return tuple(CodedNote(note, code) if code else note for note, code in pairs)
@@ -110,7 +110,7 @@ class DroppedRows(CountedNote):
 FALSE, MISSING = "not so", "a value missing"
 
 
-class NotSelected(CountedNote):
+class UnselectedRows(CountedNote):
     """A note that says how many rows a condition selected, and how many it could not tell of."""
 
     @staticmethod
@@ -121,7 +121,7 @@ class NotSelected(CountedNote):
         return f"selected {total - sum(counts.values())} of {total} rows, where {names[0]}{suffix}"
 
 
-class WithoutRedshift(CountedNote):
+class UnusableRedshifts(CountedNote):
     """A note that says how many sources have no redshift that can be used."""
 
     complete = False
@@ -158,7 +158,7 @@ def merge_notes(*groups: Iterable[str]) -> tuple[str, ...]:
     hashes: set[str] = set()
     for note in (note for group in groups for note in group):
         if isinstance(note, CountedNote):
-            condition = next(iter(note.parts.values()))[2] if isinstance(note, NotSelected) else None
+            condition = next(iter(note.parts.values()))[2] if isinstance(note, UnselectedRows) else None
             counted_notes.setdefault((type(note), condition), {}).update(note.parts)
         elif isinstance(note, MoreNotes):
             hashes |= note.hashes
@@ -178,21 +178,21 @@ def merge_notes(*groups: Iterable[str]) -> tuple[str, ...]:
     )
 
 
-def format_notes(notes: Iterable[str]) -> tuple[str, ...]:
+def drop_empty_notes(notes: Iterable[str]) -> tuple[str, ...]:
     """The notes of a result: without those that count nothing, which are there for the sum of several parts."""
     return tuple(
         note for note in notes if not (isinstance(note, CountedNote) and len(note.parts) > 1 and not note.counts)
     )
 
 
-def dropped(notes: Iterable[str]) -> int:
+def count_dropped(notes: Iterable[str]) -> int:
     """Number of rows that were left out, from the notes."""
     return _count(notes, DroppedRows)
 
 
 def count_unselected(notes: Iterable[str]) -> int:
     """Number of rows that a condition left out, from the notes."""
-    return _count(notes, NotSelected)
+    return _count(notes, UnselectedRows)
 
 
 def _count(notes, note_class):

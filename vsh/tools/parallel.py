@@ -81,7 +81,7 @@ _LIMIT: ContextVar[int | None] = ContextVar("threads", default=None)
 
 
 @contextmanager
-def limited(threads: int | None = None) -> Iterator[None]:
+def limit_threads(threads: int | None = None) -> Iterator[None]:
     """Within it, that many threads at most unless a function is told otherwise."""
     token = _LIMIT.set(threads)
     try:
@@ -90,7 +90,7 @@ def limited(threads: int | None = None) -> Iterator[None]:
         _LIMIT.reset(token)
 
 
-def cores(threads: int | None = None) -> int:
+def thread_count(threads: int | None = None) -> int:
     """Number of threads to use: `threads`, the limit that is set, or one for each core this process may run on."""
     n_threads = threads or _LIMIT.get()
     if n_threads:
@@ -120,10 +120,10 @@ def process_pool(workers: int) -> "ProcessPoolExecutor":
     from multiprocessing import get_context
 
     # Spawned, not forked: the threads of NumPy and Arrow do not survive a fork.
-    return ProcessPoolExecutor(workers, get_context("spawn"), _begin)
+    return ProcessPoolExecutor(workers, get_context("spawn"), _start_worker)
 
 
-def _begin():
+def _start_worker():
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     end_with_parent()
 
@@ -141,7 +141,7 @@ def delay_interrupts() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def ahead(things: Iterator[T]) -> Generator[T, None, None]:
+def prefetch_items(things: Iterator[T]) -> Generator[T, None, None]:
     """Iterate over items, each made in a thread while the one before it is used."""
     with ThreadPoolExecutor(1) as pool:
         following = pool.submit(next, things, _NOTHING)
@@ -151,17 +151,17 @@ def ahead(things: Iterator[T]) -> Generator[T, None, None]:
 
 
 @lru_cache
-def _libraries():
+def _thread_controller():
     return ThreadpoolController()  # looks through all that is loaded, once
 
 
 @contextmanager
-def blas_for(size: int) -> Iterator[None]:
+def limit_blas(size: int) -> Iterator[None]:
     """Within it BLAS works on small matrices in one thread: several would wait for each other longer than they work."""
     if size > _SMALL:
         yield
         return
-    with _libraries().limit(limits=1, user_api="blas"):
+    with _thread_controller().limit(limits=1, user_api="blas"):
         yield
 
 
@@ -175,9 +175,9 @@ def map_blocks(
     results a thread are waiting at any time, however many blocks there are.
     """
     slices = [slice(start, min(start + size, n)) for start in range(0, n, size)]
-    threads = min(cores(threads), len(slices))
+    threads = min(thread_count(threads), len(slices))
     bar = progress_bar(total=n, words=progress, shown=progress is not None, unit=" sources")
-    with bar, _libraries().limit(limits=1, user_api="blas"):
+    with bar, _thread_controller().limit(limits=1, user_api="blas"):
         if threads <= 1:
             for block in slices:
                 yield function(block)
@@ -209,11 +209,11 @@ def free_memory() -> float:
     with suppress(AttributeError, ValueError, OSError):  # others tell no more than what they have
         if len(limits) == 1:
             limits.append(float(os.sysconf("SC_PHYS_PAGES")) * os.sysconf("SC_PAGE_SIZE"))
-    limits.append(_left_of_limit())
+    limits.append(_memory_below_limit())
     return min(limits)
 
 
-def _left_of_limit():
+def _memory_below_limit():
     if resource is None:
         return float("inf")
     limit, _ = resource.getrlimit(resource.RLIMIT_AS)

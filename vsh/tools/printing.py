@@ -26,7 +26,7 @@ def printable(text: object) -> str:
     return _CONTROL.sub(lambda match: match.group().encode("unicode_escape").decode(), str(text))
 
 
-def labelled(lines: Iterable[tuple[str, str]]) -> str:
+def format_labelled_lines(lines: Iterable[tuple[str, str]]) -> str:
     """Lines of text behind their labels, which stand in a column."""
     pairs = list(lines)
     width = max([15, *(len(label) + 2 for label, _ in pairs)])
@@ -50,13 +50,13 @@ def latex_text(text: object) -> str:
     return _SIGN.sub(lambda sign: _TEX[sign[0]], printable(text))
 
 
-def in_a_line(name: object) -> str:
+def one_line_text(name: object) -> str:
     """A name out of somebody's table, printable, its line breaks too: it cannot look like a line of ours."""
     return printable(name).replace("\n", "\\n")
 
 
 @contextmanager
-def printing() -> Iterator[None]:
+def guard_printing() -> Iterator[None]:
     """Print letters that standard output cannot take as ?, report a full disk, end quietly where a pipe closes."""
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):
@@ -73,7 +73,7 @@ def printing() -> Iterator[None]:
     except OSError as error:
         silence()
         if sys.stderr is not None:
-            print(f"vsh: error: not all could be printed: {system_words(error)}", file=sys.stderr)
+            print(f"vsh: error: not all could be printed: {system_message(error)}", file=sys.stderr)
         raise SystemExit(1) from None
 
 
@@ -94,7 +94,7 @@ def silence_if_broken() -> None:
         silence()
 
 
-def system_words(error: OSError) -> str:
+def system_message(error: OSError) -> str:
     """Message of the system, with its file."""
     suffix = f": {error.filename}" if error.filename else ""
     if error.errno == errno.ENOSPC:
@@ -135,7 +135,7 @@ for _name in PACKAGES:
     logging.getLogger(_name).addHandler(logging.NullHandler())
 
 
-def logged(words: str) -> Callable[[Callable[_P, _T]], Callable[_P, _T]]:
+def log_calls(words: str) -> Callable[[Callable[_P, _T]], Callable[_P, _T]]:
     """A decorator: at level INFO the logger of a function's module says what came out of it, and how long it took.
 
     Examples
@@ -172,10 +172,10 @@ def logged(words: str) -> Callable[[Callable[_P, _T]], Callable[_P, _T]]:
 def log_result(logger: logging.Logger, words: str, result: object, begin: float) -> None:
     """Log a result where a decorator would stand between a warning and its caller."""
     if not _INSIDE.get():
-        logger.info("%s: %s, %.3g s", words, _short(result), time.perf_counter() - begin)
+        logger.info("%s: %s, %.3g s", words, _shorten_repr(result), time.perf_counter() - begin)
 
 
-def _short(result):
+def _shorten_repr(result):
     """Shorten to one line."""
     lines = repr(result).strip("<>").splitlines()
     return lines[0] if len(lines) == 1 and len(lines[0]) < 200 else type(result).__name__

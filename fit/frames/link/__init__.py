@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 from fit.frames.link._link import StepSearch, find_step, link
 from fit.frames.link._rows import LinkPrior, Unknowns, read_priors
 from fit.frames.link._solution import FrameTie, LinkPlan, forecast
-from vsh.tools.modules import lazily
+from vsh.tools.modules import lazy_names
 
 if TYPE_CHECKING:
     from fit.frames.link._plot import plot_link
@@ -23,4 +23,4 @@ __all__ = [
 ]
 
 # matplotlib is imported when a figure is first asked for.
-__getattr__, __dir__ = lazily(__name__, __all__, {"_plot": ["plot_link"]})
+__getattr__, __dir__ = lazy_names(__name__, __all__, {"_plot": ["plot_link"]})

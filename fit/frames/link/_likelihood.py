@@ -15,7 +15,7 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 from scipy.special import gammainc, gammaln, logsumexp
 
-from fit.frames.link._rows import Rows
+from fit.frames.link._rows import WhitenedDifferences
 from vsh.tools.types import FloatArray, IntArray
 
 #: Degrees of freedom that are tried without and with separate outliers; the largest is practically a normal law.
@@ -97,18 +97,21 @@ class Node:
 
 
 def nodes(
-    rows: Rows, prior: tuple[FloatArray, FloatArray], families: Sequence[Tails] = FAMILIES, scale: float | None = None
+    rows: WhitenedDifferences,
+    prior: tuple[FloatArray, FloatArray],
+    families: Sequence[Tails] = FAMILIES,
+    scale: float | None = None,
 ) -> Iterator[Node]:
     """Yield the frame for each family of tails and for error scales around the best, or for the fixed `scale`."""
     d = rows.dims
     values = np.zeros(rows.design.shape[1])
     for tails in families:
-        values, best = _best(rows, prior, tails, values, scale)
+        values, best = _fit_with_scale(rows, prior, tails, values, scale)
         centre = values
         log_sigma = np.sqrt((tails.nu + d.mean() + 2) / tails.nu / (2 * d.sum())) if scale is None else 0.0
         for step in _AROUND if scale is None else (0.0,):
             s = float(best * np.exp(step * log_sigma))
-            values, size = _climb(rows, prior, tails, s, centre)
+            values, size = _maximise_posterior(rows, prior, tails, s, centre)
             log_density, weight, curvature = tails.logs(size, d, s)
             evidence, covariance = _laplace(rows, prior, tails, s, values, weight, curvature)
             # The prior is flat in ln s, and the steps are one standard error of ln s.
@@ -132,7 +135,11 @@ _NODES = 40
 
 
 def influence_of(
-    listed: Sequence[Node], share: FloatArray, rows: Rows, prior: tuple[FloatArray, FloatArray], mean: FloatArray
+    listed: Sequence[Node],
+    share: FloatArray,
+    rows: WhitenedDifferences,
+    prior: tuple[FloatArray, FloatArray],
+    mean: FloatArray,
 ) -> FloatArray:
     """Estimate the change of each parameter if one source is left out, for each source, (n, p).
 
@@ -153,7 +160,7 @@ def influence_of(
         node = listed[k]
         size = np.bincount(rows.source, (rows.rhs - design @ node.values) ** 2, minlength=n)
         log_density, weight, curvature = node.tails.logs(size, rows.dims, node.scale)
-        pull = _pull(rows, node.values)
+        pull = _source_gradients(rows, node.values)
         source_curvature = curvature[:, None, None] * pull[:, :, None] * pull[:, None, :]
         normal_matrix = prior[0] + np.tensordot(weight, squares, 1)
         remainder = normal_matrix - weight[:, None, None] * squares
@@ -172,12 +179,12 @@ def influence_of(
     return step_sum / total[:, None] - mean
 
 
-def _best(rows, prior, tails, values, scale):
+def _fit_with_scale(rows, prior, tails, values, scale):
     """Find the frame and the error scale together, for one family of tails."""
     d = rows.dims
     s = 1.0 if scale is None else scale
     for _ in range(100 if scale is None else 1):
-        values, size = _climb(rows, prior, tails, s, values, max_steps=1)
+        values, size = _maximise_posterior(rows, prior, tails, s, values, max_steps=1)
         if scale is not None:
             break
         _, weight, _ = tails.logs(size, d, s)
@@ -189,15 +196,15 @@ def _best(rows, prior, tails, values, scale):
     return values, s
 
 
-def _climb(rows, prior, tails, s, values, max_steps=60):
+def _maximise_posterior(rows, prior, tails, s, values, max_steps=60):
     """Find the frame of highest posterior and χ² of each source, by reweighting and by Newton steps that climb."""
     d, n = rows.dims, len(rows.names)
     matrix0, rhs0 = prior
 
-    def size_at(x):
+    def chi2_at(x):
         return np.bincount(rows.source, (rows.rhs - rows.design @ x) ** 2, minlength=n)
 
-    size = size_at(values)
+    size = chi2_at(values)
     log_density, weight, curvature = tails.logs(size, d, s)
     height = np.sum(log_density) + rhs0 @ values - values @ matrix0 @ values / 2
     for step in range(max_steps):
@@ -206,11 +213,11 @@ def _climb(rows, prior, tails, s, values, max_steps=60):
         moves = [cho_solve(cho_factor(normal_matrix), downhill)]
         if step > 1:
             with suppress(np.linalg.LinAlgError):
-                pull = _pull(rows, values)
+                pull = _source_gradients(rows, values)
                 moves.insert(0, cho_solve(cho_factor(normal_matrix + (pull * curvature[:, None]).T @ pull), downhill))
         for move in moves:
             new_values = values + move
-            new_size = size_at(new_values)
+            new_size = chi2_at(new_values)
             new_logs = tails.logs(new_size, d, s)
             new_height = np.sum(new_logs[0]) + rhs0 @ new_values - new_values @ matrix0 @ new_values / 2
             if new_height >= height - 1e-9 * abs(height):
@@ -222,7 +229,7 @@ def _climb(rows, prior, tails, s, values, max_steps=60):
     return values, size
 
 
-def _pull(rows, values):
+def _source_gradients(rows, values):
     """Compute Bᵀr of each source, (n, p), with B its design and r its residuals."""
     residual = rows.rhs - rows.design @ values
     products = rows.design * residual[:, None]
@@ -233,7 +240,7 @@ def _laplace(rows, prior, tails, s, values, weight, curvature):
     """Compute ln of prior and volume at the highest posterior, and the covariance from the curvature there."""
     matrix0, rhs0 = prior
     normal_matrix = (rows.design * weight[rows.source, None]).T @ rows.design + matrix0
-    pull = _pull(rows, values)
+    pull = _source_gradients(rows, values)
     matrix = normal_matrix + (pull * curvature[:, None]).T @ pull
     if np.linalg.eigvalsh(matrix)[0] <= 0.2 * np.linalg.eigvalsh(normal_matrix)[0]:  # between two modes
         d = rows.dims

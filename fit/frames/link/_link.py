@@ -9,7 +9,7 @@ from scipy.special import logsumexp
 
 from fit.frames.link._likelihood import FAMILIES, FEWER, NORMAL, Node, nodes
 from fit.frames.link._rows import LinkPrior, Unknowns, equations
-from fit.frames.link._solution import FrameTie, made
+from fit.frames.link._solution import FrameTie, make_frame_tie
 from fit.frames.results import FrameResult
 from fit.results.quality import SEEN
 from vsh.io import tables
@@ -18,7 +18,7 @@ from vsh.io.tables import printed_p_value
 from vsh.sky.astrometry import AstrometryRows
 from vsh.tools import arguments
 from vsh.tools.errors import DegeneracyError, ParameterError
-from vsh.tools.printing import logged
+from vsh.tools.printing import log_calls
 from vsh.tools.types import Axes, FloatArray, Table
 from vsh.vector import GAIA_EDR3, Vector
 
@@ -30,7 +30,7 @@ _EXCESS = (0.2, 0.5, 1.0, 2.0, 4.0, 8.0)
 _ALIKE = 1e-10
 
 
-@logged("link")
+@log_calls("link")
 @arguments.accepts(astrometry=arguments.a(AstrometryRows), scale=arguments.positive)
 def link(
     astrometry: AstrometryRows,
@@ -122,12 +122,12 @@ def link(
     )
     prior = _prior(priors, parameters)
     rows = raw.eliminate_stars()
-    _check(rows, prior, parameters.names, raw)
+    _check_separable(rows, prior, parameters.names, raw)
     if excess is None:
         excess = robust and bool(((astrometry.catalogue == reference_name) & astrometry.measured[:, 0]).any())
     families = (FAMILIES if not excess else FEWER) if robust else (NORMAL,)
     node_list: list[Node] = []
-    sizes: list[float] = _offsets(astrometry, reference_name) if excess else [0.0]
+    sizes: list[float] = _excess_sizes(astrometry, reference_name) if excess else [0.0]
     rows_by_offset = {size: raw.eliminate_stars(size, reference_name) if size else rows for size in sizes}
     for size, offset_rows in rows_by_offset.items():
         # As likely as not there is none; all sizes are alike then.
@@ -136,10 +136,12 @@ def link(
             evidence = node.evidence - offset_rows.log_determinant + chance
             node_list.append(replace(node, evidence=evidence, excess=size))
     best = max(node_list, key=lambda node: node.evidence)
-    return made(node_list, rows_by_offset[best.excess], prior, parameters, reference_name, (*astrometry.notes, *notes))
+    return make_frame_tie(
+        node_list, rows_by_offset[best.excess], prior, parameters, reference_name, (*astrometry.notes, *notes)
+    )
 
 
-def _offsets(astrometry, reference):
+def _excess_sizes(astrometry, reference):
     """Sizes of the excess noise that are tried."""
     mine = (astrometry.catalogue == reference) & astrometry.measured[:, 0]
     if not mine.any():
@@ -169,7 +171,7 @@ def _prior(priors, unknowns):
 _TOLD = 1e-12
 
 
-def _check(rows, prior, names, raw):
+def _check_separable(rows, prior, names, raw):
     """Raise DegeneracyError, with the names, where the sources cannot separate unknowns."""
     matrix = rows.design.T @ rows.design + prior[0]
     size = np.sqrt(np.diag(matrix))

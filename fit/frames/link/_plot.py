@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from vsh.figures.plot import COLOURS, WIDTH, apply_style, legend_above, log_ticks, panels
+from vsh.figures.plot import COLOURS, WIDTH, apply_style, legend_above, panels, set_log_ticks
 from vsh.tools.types import Axes, AxesArray, OnAxes
 
 
@@ -53,7 +53,7 @@ def plot_link(solution: Any, *, ax: OnAxes | None = None) -> AxesArray:
             ha=side, fontsize="x-small",
         )  # fmt: skip
     axes.set_xscale("log")
-    log_ticks(axes.xaxis, *axes.get_xlim())
+    set_log_ticks(axes.xaxis, *axes.get_xlim())
     axes.set_xlabel("√χ² per difference, formal errors")
     axes.set_ylabel("change without it  [σ]")
     return panel_axes

@@ -25,7 +25,7 @@ from vsh.tools.arguments import choice, covariance, float_array
 from vsh.tools.bad_rows import as_floats
 from vsh.tools.errors import DegeneracyError, FieldError, ParameterError, TableError
 from vsh.tools.notebook import InNotebook
-from vsh.tools.printing import in_a_line
+from vsh.tools.printing import one_line_text
 from vsh.tools.types import ArrayLike, FloatArray, IntArray
 from vsh.tools.units import AU_PER_YEAR, UAS
 from vsh.vector import Vector
@@ -216,7 +216,7 @@ class Unknowns(InNotebook):
     def _parameters(self):
         """Name and unit of each parameter, in their order."""
         for catalogue in self.turned:
-            before = self._before(catalogue)
+            before = self._name_prefix(catalogue)
             for vector in self.vectors:
                 if vector != "acceleration":
                     for term in self.terms:
@@ -226,13 +226,13 @@ class Unknowns(InNotebook):
         if "acceleration" in self.vectors:
             yield from ((_name("", "acceleration", axis, ""), VECTORS["acceleration"][1]) for axis in _AXES)
 
-    def _before(self, catalogue):
+    def _name_prefix(self, catalogue):
         """Prefix of the names of a catalogue's parameters."""
         return f"{catalogue}:" if len(self.turned) > 1 else ""
 
     def parallax_names(self, catalogue: str) -> tuple[str, ...]:
         """Names of zero point and scale of the parallaxes of a `catalogue`; none if they are not unknown."""
-        before = self._before(catalogue)
+        before = self._name_prefix(catalogue)
         return (f"{before}parallax_zero", f"{before}parallax_scale") if self.has_parallax_terms else ()
 
     @property
@@ -273,7 +273,7 @@ class Unknowns(InNotebook):
         if magnitude is None:
             values = np.where(np.isnan(values), 0.0, values)
         names = self.names
-        before = self._before(catalogue)
+        before = self._name_prefix(catalogue)
         matrix = np.zeros((3, len(names)))
         terms = self.terms if vector != "acceleration" else ("",)
         for k, axis in enumerate(_AXES):
@@ -334,7 +334,7 @@ _TOGETHER = 4096
 
 
 @dataclass(frozen=True, eq=False)
-class Rows:
+class WhitenedDifferences:
     """Differences that hold no true parameter, of unit variance and independent of each other.
 
     Attributes
@@ -372,7 +372,7 @@ class Rows:
         return [slice(end - size, end) for end, size in zip(ends.tolist(), self.dims.tolist(), strict=True)]
 
 
-class _Eliminated(NamedTuple):
+class _GroupDifferences(NamedTuple):
     """Data that one group leaves: its number, differences of unit variance, and half of ln of the determinant."""
 
     group: int
@@ -419,12 +419,14 @@ class Equations:
         text = ", ".join(f"{name} in {each}" for each, name in examples.items())
         return f"sources are matched by name: {text} …"
 
-    def eliminate_stars(self, excess: float = 0.0, reference: str = "") -> Rows:
+    def eliminate_stars(self, excess: float = 0.0, reference: str = "") -> WhitenedDifferences:
         """The differences that are left, with an offset of `excess` between the reference and the others added.
 
         The same in all rows of the reference that are of one source, or of one calibrator.
         """
-        pieces = [piece for members in self._alike for piece in self._left(members, excess, reference)]
+        pieces = [
+            piece for members in self._groups_by_shape for piece in self._eliminate_group(members, excess, reference)
+        ]
         pieces = [each for each in pieces if each.design.size and np.abs(each.design).max() > 0]
         pieces.sort(key=lambda each: each.group)
         if not pieces:
@@ -433,7 +435,7 @@ class Equations:
                 f"({self.how_matched()})"
             )
         groups = [self.rows[each.group] for each in pieces]
-        return Rows(
+        return WhitenedDifferences(
             np.concatenate([each.design for each in pieces]),
             np.concatenate([each.rhs for each in pieces]),
             np.repeat(np.arange(len(pieces)), [len(each.rhs) for each in pieces]),
@@ -444,7 +446,7 @@ class Equations:
         )
 
     @cached_property
-    def _alike(self):
+    def _groups_by_shape(self):
         """Groups whose rows measure the same, of the same catalogues and sources: their equations have one shape."""
         mask = self.data.measured
         catalogue = np.unique(self.data.catalogue, return_inverse=True)[1].ravel()
@@ -459,7 +461,7 @@ class Equations:
             for i in range(0, len(members), _TOGETHER)
         ]
 
-    def _left(self, members, excess, reference):
+    def _eliminate_group(self, members, excess, reference):
         """Eliminate the true parameters of groups of one shape."""
         data, rows = self.data, np.array([self.rows[k] for k in members])
         keep = data.measured[rows[0]]
@@ -487,7 +489,7 @@ class Equations:
         size += np.log(np.where(is_nonzero, s, 1.0)).sum(1)
         for i, rank in enumerate(is_nonzero.sum(1)):
             null_space = u[i, :, rank:].T
-            yield _Eliminated(int(members[i]), null_space @ a[i], null_space @ y[i], float(size[i]))
+            yield _GroupDifferences(int(members[i]), null_space @ a[i], null_space @ y[i], float(size[i]))
 
     def _magnitude(self, rows):
         """Magnitude of a source, or the mean of several."""
@@ -521,7 +523,7 @@ def equations(
     number, n = data.source, len(data)
     order = np.argsort(number, kind="stable")
     groups = tuple(np.split(order, np.flatnonzero(np.diff(number[order])) + 1))
-    calibrator_groups = _of_one_calibrator(data, groups)
+    calibrator_groups = _join_by_calibrator(data, groups)
     # The magnitude of a source is that of any of its rows.
     values = {role: np.full(n, np.nan) for role in ("magnitude", "radial_velocity")}
     start = np.zeros((5, n))
@@ -536,14 +538,14 @@ def equations(
         still[rows] = data.still[rows].any()
         best_row = rows[np.argmax(mask[rows].sum(1) + 0.5 * np.isfinite(data.lon[rows]))]
         if not np.isfinite(data.lon[best_row]):
-            raise FieldError(f"no row of {in_a_line(data.name[best_row])} has a position, if without an error")
+            raise FieldError(f"no row of {one_line_text(data.name[best_row])} has a position, if without an error")
         start[0, rows], start[1, rows], epoch[rows] = data.lon[best_row], data.lat[best_row], data.epoch[best_row]
         if not still[rows[0]]:
             for k in (2, 3, 4):
                 with_it = rows[np.isfinite(data.values[k, rows])]
                 row = best_row if np.isfinite(data.values[k, best_row]) else with_it[0] if with_it.size else -1
                 start[k, rows] = data.values[k, row] if row >= 0 else 0.0
-    notes = _moving_without_velocity(data, values["radial_velocity"], still)
+    notes = _missing_velocity_note(data, values["radial_velocity"], still)
     later, jacobian = propagate(
         start, np.nan_to_num(values["radial_velocity"]), epoch, data.epoch, light_time=light_time
     )
@@ -552,8 +554,8 @@ def equations(
     if (np.sum(positions * r, 0) < np.cos(_FAR)).any():
         bad = np.flatnonzero(np.sum(positions * r, 0) < np.cos(_FAR))
         raise FieldError(
-            f"positions more than 1' from where the source should be: {len(bad)} ({in_a_line(data.name[bad[0]])} in "
-            f"{data.catalogue[bad[0]]}, row {bad[0]}): names that are given twice, or a wrong epoch or motion"
+            f"positions more than 1' from where the source should be: {len(bad)} ({one_line_text(data.name[bad[0]])} "
+            f"in {data.catalogue[bad[0]]}, row {bad[0]}): names that are given twice, or a wrong epoch or motion"
         )
     residual = np.stack(
         [
@@ -589,7 +591,7 @@ def equations(
         lost = data.name[np.isnan(design).any((1, 2))]
         raise FieldError(
             f"{len(np.unique(lost))} sources have no magnitude, which the frame is to depend on: "
-            f"{in_a_line(lost[0])} for one"
+            f"{one_line_text(lost[0])} for one"
         )
     # Apparent motions follow the acceleration of the Solar System. A catalogue that is fixed to calibrators at an
     # epoch does not: there stars move against it.
@@ -610,7 +612,7 @@ def equations(
     return Equations(calibrator_groups, residual, design, truth, data), notes
 
 
-def _of_one_calibrator(data, groups):
+def _join_by_calibrator(data, groups):
     """Rows of sources that share a calibrator, joined: its error is in all of them."""
     has_calibrator = data.calibrator != ""
     if not has_calibrator.any():
@@ -627,7 +629,7 @@ def _of_one_calibrator(data, groups):
     )
 
 
-def _moving_without_velocity(data, velocity, still):
+def _missing_velocity_note(data, velocity, still):
     """A note on fast stars near us whose radial velocity is not known."""
     with np.errstate(invalid="ignore"):
         # Perspective acceleration of 50 km/s over twenty years, 2 µ v ϖ t / A. [µas/yr]
@@ -636,6 +638,6 @@ def _moving_without_velocity(data, velocity, still):
     if not doubtful.size:
         return ()
     return (
-        f"warning: {doubtful.size} near, fast stars without a radial velocity, {in_a_line(doubtful[0])} for one: "
+        f"warning: {doubtful.size} near, fast stars without a radial velocity, {one_line_text(doubtful[0])} for one: "
         "50 km/s change their motion by more than 20 µas/yr in twenty years",
     )

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.special import logsumexp
 
 from fit.frames.link._likelihood import NORMAL, Node, Tails, combine_nodes, influence_of
-from fit.frames.link._rows import VECTORS, Rows, Unknowns, equations
+from fit.frames.link._rows import VECTORS, Unknowns, WhitenedDifferences, equations
 from fit.frames.results import FrameResult
 from fit.results.quality import SEEN, f_p_value, hint_of
 from fit.results.solution import NamedSolution
@@ -20,7 +20,7 @@ from vsh.io.tables import printed_p_value
 from vsh.sky.astrometry import AstrometryRows
 from vsh.tools import arguments
 from vsh.tools.errors import FieldError, ParameterError
-from vsh.tools.printing import in_a_line
+from vsh.tools.printing import one_line_text
 from vsh.tools.types import Axes, AxesArray, FloatArray, IntArray, OnAxes, Table
 from vsh.vector import Vector
 
@@ -146,17 +146,17 @@ class FrameTie(FrameResult, NamedSolution):
         step : float
             One of the steps that were sought.
         """
-        return self._combine_and_test(self._jumps(step))[1]
+        return self._combine_and_test(self._jump_combinations(step))[1]
 
-    def _jumps(self, step, vectors=None):
+    def _jump_combinations(self, step, vectors=None):
         """Rows from the parameters to the jumps of some vectors, all unless given, of all catalogues."""
-        unknowns, vectors = self.unknowns, vectors or self._jumping
+        unknowns, vectors = self.unknowns, vectors or self._jumping_vectors
         return np.concatenate(
             [unknowns.jump(vector, catalogue, step) for catalogue in unknowns.turned for vector in vectors]
         )
 
     @property
-    def _jumping(self):
+    def _jumping_vectors(self):
         """The vectors that jump at a step."""
         return [vector for vector in self.unknowns.vectors if vector != "acceleration"]
 
@@ -196,6 +196,11 @@ class FrameTie(FrameResult, NamedSolution):
             [Julian year]
         magnitude, catalogue
             As for `vector`.
+
+        Raises
+        ------
+        ParameterError
+            If no orientation was fitted.
         """
         catalogue_name = catalogue or self.unknowns.turned[0]
         if "orientation" not in self.unknowns.vectors:
@@ -231,7 +236,7 @@ class FrameTie(FrameResult, NamedSolution):
         ]
         if self.excess:
             facts.append(("offset", f"{self.excess:.3g} µas a coordinate, of positions of {self.reference}"))
-        levels = [line.partition(": ") for line in self._levels(long)]
+        levels = [line.partition(": ") for line in self._level_lines(long)]
         facts += [(label, text) for label, _, text in levels]
         if long:
             facts.append(
@@ -241,7 +246,7 @@ class FrameTie(FrameResult, NamedSolution):
                 )
             )
         table = None if unknowns.steps and not long else self.to_table()  # else the levels say it in fewer lines
-        remarks = [*self._influences(), "ICRF3's R1, R2, R3 are −ε."]
+        remarks = [*self._influence_remarks(), "ICRF3's R1, R2, R3 are −ε."]
         sections = [
             Section(
                 f"{catalogues} against {self.reference}",
@@ -254,18 +259,18 @@ class FrameTie(FrameResult, NamedSolution):
         ]
         return (*sections, *(self._by_source() if long else ()))
 
-    def _influences(self):
+    def _influence_remarks(self):
         """Sentences on probable outliers, and on sources that the answer hangs on."""
         several = int(np.sum(self.outlier > 0.5))
         order = np.argsort(-self.outlier, kind="stable")[:several]
         lines = []
         if several:
-            names = ", ".join(in_a_line(self.sources[i]) for i in order[:_LISTED])
+            names = ", ".join(one_line_text(self.sources[i]) for i in order[:_LISTED])
             lines.append(
                 f"Probable outliers (errors more than three times as large): {several} of {len(self.sources)}: {names}."
             )
         largest = np.abs(self.influence).max(1)
-        heavy = [in_a_line(self.sources[i]) for i in np.argsort(-largest, kind="stable") if largest[i] > _HEAVY]
+        heavy = [one_line_text(self.sources[i]) for i in np.argsort(-largest, kind="stable") if largest[i] > _HEAVY]
         if heavy:
             lines.append(
                 f"warning: {', '.join(heavy[:3])} alone move{'s' * (len(heavy) == 1)} a parameter by more than "
@@ -277,14 +282,14 @@ class FrameTie(FrameResult, NamedSolution):
         """The sources that are most probably outliers, and those with most influence, a section each."""
         outliers = np.argsort(-self.outlier, kind="stable")[: max(int(np.sum(self.outlier > 0.5)), 3)][:_LISTED]
         columns = {
-            "source": [in_a_line(self.sources[i]) for i in outliers],
+            "source": [one_line_text(self.sources[i]) for i in outliers],
             "probability": self.outlier[outliers],
             "formal errors": self.distances[outliers],
         }
         heaviest = np.argsort(-np.abs(self.influence).max(1), kind="stable")[:3]
         worst = np.abs(self.influence[heaviest]).argmax(1)
         influence_columns = {
-            "source": [in_a_line(self.sources[i]) for i in heaviest],
+            "source": [one_line_text(self.sources[i]) for i in heaviest],
             "parameter": [self.names[k] for k in worst],
             "errors": self.influence[heaviest, worst],
         }
@@ -325,8 +330,8 @@ class FrameTie(FrameResult, NamedSolution):
         for step in steps:
             p_value, *p_values = self.jump_p_values(step)
             phrases = [
-                f"{vector} {self._components(step, vector) if p < SEEN else 'not detected'} (p = {printed_p_value(p)})"
-                for vector, p in zip(self._jumping, p_values, strict=True)
+                f"{vector} {self._jump_text(step, vector) if p < SEEN else 'not detected'} (p = {printed_p_value(p)})"
+                for vector, p in zip(self._jumping_vectors, p_values, strict=True)
             ]
             # One of two vectors can be detected where both together are not: a hint would contradict it.
             hint = "" if min(p_values) < SEEN else hint_of(p_value)
@@ -339,11 +344,14 @@ class FrameTie(FrameResult, NamedSolution):
                 )
             )
         lines.append(
-            ("errors", f"{self._tails()}, times {self.scale:.3g}: from the residuals of {len(self.sources)} sources")
+            (
+                "errors",
+                f"{self._tails_text()}, times {self.scale:.3g}: from the residuals of {len(self.sources)} sources",
+            )
         )
         return Answer(tuple(lines))
 
-    def _components(self, step, vector):
+    def _jump_text(self, step, vector):
         """The jump of a vector at a step, by its components where there is one catalogue."""
         if len(self.unknowns.turned) > 1:
             return "detected"
@@ -378,23 +386,28 @@ class FrameTie(FrameResult, NamedSolution):
         """
         if self.searched:
             return self.searched
-        jumps = [self._jumps(step), *(self._jumps(step, [vector]) for vector in self._jumping)]
+        jumps = [
+            self._jump_combinations(step),
+            *(self._jump_combinations(step, [vector]) for vector in self._jumping_vectors),
+        ]
         return tuple(self._combine_and_test(jump)[2] for jump in jumps)
 
-    def _levels(self, long):
+    def _level_lines(self, long):
         """The value of each vector between the steps, and the p-values of the jumps."""
         lines, unknowns = [], self.unknowns
         if not unknowns.steps:
             return lines
         for catalogue in unknowns.turned:
-            for vector in self._jumping:
+            for vector in self._jumping_vectors:
                 for label, magnitude in unknowns.levels:
                     level = self.vector(vector, magnitude, catalogue=catalogue)
                     values = ", ".join(f"{v:+.1f} ± {s:.1f}" for v, s in zip(level.value, level.sigma, strict=True))
                     lines.append(f"{vector} of {catalogue}, {label}: {values} {level.unit}")
         for step in unknowns.steps if long else ():
             p_value, *p_values = self.jump_p_values(step)
-            phrases = [f"{vector} {printed_p_value(p)}" for vector, p in zip(self._jumping, p_values, strict=True)]
+            phrases = [
+                f"{vector} {printed_p_value(p)}" for vector, p in zip(self._jumping_vectors, p_values, strict=True)
+            ]
             remark = "after allowing for all places" if self.searched else "as if the place were known in advance"
             phrases += [f"together {printed_p_value(p_value)}"] * (len(p_values) > 1)
             lines.append(f"p-values of no jump at {step:.4g} mag, {remark}: {', '.join(phrases)}")
@@ -417,12 +430,12 @@ class FrameTie(FrameResult, NamedSolution):
         table.meta |= {"chi2": self.chi2, "dof": self.dof, "summary": self.verdict}
         for step in self.unknowns.steps:
             for name, p in zip(
-                ("", *(f"_{vector}" for vector in self._jumping)), self.jump_p_values(step), strict=True
+                ("", *(f"_{vector}" for vector in self._jumping_vectors)), self.jump_p_values(step), strict=True
             ):
                 table.meta[f"p_value_jump_{step:g}{name}"] = p
         return table
 
-    def _tails(self):
+    def _tails_text(self):
         nu, share = self.tails.nu, self.tails.share
         text = "normal" if nu > 1e5 else f"Student's t, ν = {nu:g}"
         return text + (f", {100 * share:.0f} % outliers with errors {self.tails.times:g} times larger" if share else "")
@@ -443,9 +456,9 @@ class FrameTie(FrameResult, NamedSolution):
         return plot_link(self, ax=ax)
 
 
-def made(
+def make_frame_tie(
     listed: Sequence[Node],
-    rows: Rows,
+    rows: WhitenedDifferences,
     prior: tuple[FloatArray, FloatArray],
     unknowns: Unknowns,
     reference: str,

@@ -5,12 +5,12 @@ from typing import TYPE_CHECKING
 from fit.results.output._files import draw_figures, latex_of, sources_table, write_correlation, write_tables
 from fit.results.output._text import (
     WIDTH,
-    amplitude,
     answer_of,
     cell,
-    check_sections,
-    components,
-    direction,
+    cross_check_sections,
+    format_amplitude,
+    format_components,
+    format_direction,
     is_seen,
     power_rows,
     powers_table,
@@ -23,7 +23,7 @@ from fit.results.output._text import (
 )
 from fit.results.output._text import words_of as words_of
 from vsh.io.tables import printed_p_value as p_value
-from vsh.tools.modules import lazily
+from vsh.tools.modules import lazy_names
 
 if TYPE_CHECKING:
     from fit.results.output._figures import plot_correlation, plot_residuals, plot_spectrum, plot_terms
@@ -33,4 +33,4 @@ __all__ = ["answer_of", "plot_correlation", "plot_residuals", "plot_spectrum", "
 
 # matplotlib is imported when a figure is first asked for.
 _FIGURES = ["plot_correlation", "plot_residuals", "plot_spectrum", "plot_terms"]
-__getattr__, __dir__ = lazily(__name__, __all__, {"_figures": _FIGURES, "_html": ["write_html"]})
+__getattr__, __dir__ = lazy_names(__name__, __all__, {"_figures": _FIGURES, "_html": ["write_html"]})

@@ -23,9 +23,9 @@ from vsh.figures.plot import (
     colour_bar,
     draw_matrix,
     legend_above,
-    log_ticks,
     panels,
     plot_map,
+    set_log_ticks,
     symbol,
 )
 from vsh.io.parts import Parts, as_parts
@@ -94,14 +94,14 @@ def plot_spectrum(solution: Any, *, ax: Axes | None = None) -> Axes:
     positive_levels = np.array(levels)[np.isfinite(levels) & (np.array(levels) > 0)]
     reach = (positive_levels.min() / 2, positive_levels.max() * 2) if positive_levels.size else (0.5, 2.0)
     axes.set_ylim(reach)
-    log_ticks(axes.yaxis, *reach)
+    set_log_ticks(axes.yaxis, *reach)
     if solution.modes.lmax <= 12:
         axes.set_xticks(np.unique([row.l for row in rows]))
     axes.set_xlabel("degree")
     axes.set_ylabel(f"power  {unit_squared(solution)}")
     roots = axes.secondary_yaxis("right", functions=(lambda x: np.sqrt(np.maximum(x, 0)), np.square))
     roots.set_ylabel(f"√power  [{solution.unit}]" if solution.unit else "√power")
-    log_ticks(roots.yaxis, *np.sqrt(reach))
+    set_log_ticks(roots.yaxis, *np.sqrt(reach))
     handles.append(Line2D([], [], color="0.3", marker=r"$\downarrow$", linestyle="none", label="95 % limit"))
     handles.append(Line2D([], [], color="0.3", linestyle=":", label="noise alone"))
     legend_above(axes, 2, handles=handles)
@@ -134,7 +134,7 @@ def plot_correlation(solution: Any, *, ax: Axes | None = None) -> Axes:
     """
     (axes,) = panels(ax, size=(WIDTH, 3.7))
     if hasattr(solution, "coefficients"):
-        names, matrix, groups = _known_names(solution)
+        names, matrix, groups = _vector_correlations(solution)
         title = (
             "; ".join(f"{kind}: {KIND_NAMES[kind]}" for kind in solution.modes.kinds) if solution.modes.lmax > 1 else ""
         )
@@ -146,7 +146,7 @@ def plot_correlation(solution: Any, *, ax: Axes | None = None) -> Axes:
     return axes
 
 
-def _known_names(solution):
+def _vector_correlations(solution):
     """Names, correlations and degrees of the coefficients, degree 1 turned into vectors along the axes."""
     modes = solution.modes
     names, turn = [symbol(str(mode)) for mode in modes], np.eye(len(modes))

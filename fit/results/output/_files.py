@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from fit.results.output._text import (
-    amplitude,
     answer_of,
-    components,
+    format_amplitude,
+    format_components,
     is_scalar,
     p_value,
     powers_table,
@@ -22,7 +22,7 @@ from vsh.field import Field
 from vsh.io import tables
 from vsh.io.parts import Parts, sample_of
 from vsh.io.sections import Answer
-from vsh.io.tables import two_digits
+from vsh.io.tables import decimals_of_error
 from vsh.scalars import ScalarField
 from vsh.sky.frames import AXES
 from vsh.tools.arguments import choice
@@ -64,7 +64,7 @@ def latex_of(solution: Any, style: str = "booktabs", *, full: bool = False, answ
         value, error = solution.mean
         body.append(rf"Mean & ${value:.4g} \pm {error:.2g}$ & & & \\")
     for name, vector in reversed(vectors_of(solution).items()):
-        cells = [_number(cell, style) for cell in (*components(vector), amplitude(vector))]
+        cells = [_format_number(cell, style) for cell in (*format_components(vector), format_amplitude(vector))]
         body.append(rf"{_SYMBOLS.get(name, name.capitalize())} & " + " & ".join(cells) + r" \\")
     if full:
         body += [mid_rule, *_powers(solution, style)]
@@ -93,9 +93,9 @@ def _powers(solution, style):
     """Rows of the power of each degree, without its noise."""
     lines = [rf"Power & noise-debiased & error & $p$-value & {_square_unit(solution.unit)} \\"]
     for power in spectrum(solution):
-        digits = two_digits(power.error)
+        digits = decimals_of_error(power.error)
         texts = (*(f"{value:.{digits}f}" for value in (power.debiased, power.error)), p_value(power.p_value))
-        cells = " & ".join(_number(c, style) for c in texts)
+        cells = " & ".join(_format_number(c, style) for c in texts)
         lines.append(rf"$P^{{\rm {power.kind}}}_{{{power.l}}}$ & {cells} & \\")
     return lines
 
@@ -121,7 +121,7 @@ def _square_unit(unit):
     return rf"(({latex_text(unit)})$^2$)" if unit else ""
 
 
-def _number(cell, style):
+def _format_number(cell, style):
     """A printed number, or one with its error, in a style."""
     match = re.fullmatch(r"([+-]?[\d.]+(?:e[+-]?\d+)?)(?: ± ([\d.]+))?", cell)
     if style == "siunitx" and match:
@@ -140,7 +140,7 @@ def write_correlation(solution: Any, path: PathName, meta: dict[str, Any] | None
     """Write the correlation matrix as a table, a row and a column for each coefficient."""
     names = [str(mode) for mode in solution.modes]
     columns = {"coefficient": names} | dict(zip(names, np.asarray(solution.correlation)))
-    tables.write(path, columns, meta)
+    tables.write_columns(path, columns, meta)
 
 
 #: So many sources have a row each in a folder of results; a table of more is as large as the catalogue.

@@ -4,7 +4,15 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from fit.results.output._files import draw_figures
-from fit.results.output._text import amplitude, answer_of, direction, is_scalar, vectors_of, warnings_of, what_of
+from fit.results.output._text import (
+    answer_of,
+    format_amplitude,
+    format_direction,
+    is_scalar,
+    subject_of,
+    vectors_of,
+    warnings_of,
+)
 from fit.results.quality import ErrorSource
 from vsh.field import Field
 from vsh.figures import page
@@ -89,11 +97,11 @@ def write_html(
     panels = [
         page.facts(answer.lines),
         _cards(solution),
-        page.words(_warnings(solution), "warning"),
+        page.paragraph(_warnings(solution), "warning"),
         page.heading("The sky", sky_panel),
         *map(page.section, solution.sections(long=True, check=check, truth=truth, source=source)),
         *map(page.section, sections),
-        page.heading("Figures", page.figures(plots, {**_CAPTIONS, **(captions or {})})),
+        page.heading("Figures", page.figure_panels(plots, {**_CAPTIONS, **(captions or {})})),
         _coefficients(solution),
         page.provenance(provenance or {}, command),
     ]
@@ -103,7 +111,7 @@ def write_html(
         f"({len(modes)} coefficients), {solution.frame} axes"
     )
     close_figures(new_figures.values())
-    page.write_page(path, page.page(title or what_of(solution), panels, lead=lead), overwrite=overwrite)
+    page.write_page(path, page.page(title or subject_of(solution), panels, lead=lead), overwrite=overwrite)
 
 
 def _cards(solution):
@@ -112,7 +120,7 @@ def _cards(solution):
         value, error = solution.mean
         items.append(("Mean", f"{value:.4g} ± {error:.2g} {solution.unit}", ""))
     for name, vector in reversed(vectors_of(solution).items()):
-        items.append((name.capitalize(), f"{amplitude(vector)} {solution.unit}", direction(vector)))
+        items.append((name.capitalize(), f"{format_amplitude(vector)} {solution.unit}", format_direction(vector)))
     remark = f"{solution.chi2:.6g} / {solution.dof}; errors from {solution.errors_from}"
     suffix = "" if solution.error_source == ErrorSource.CATALOGUE else ", by the catalogue's errors"
     return page.cards([*items, (f"χ² per degree of freedom{suffix}", f"{solution.reduced_chi2:.3f}", remark)])
@@ -137,7 +145,7 @@ def _skies(solution, field, comparisons):
         return ()
     main_label = f"degree {solution.modes.lmax}, errors from {solution.errors_from}" if comparisons else ""
     return [
-        page.ShownPage(
+        page.ShownSolution(
             label,
             sample_of(sources) if isinstance(sources, Parts) else sources,
             result.coefficients,

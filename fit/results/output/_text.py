@@ -25,7 +25,7 @@ from fit.results.quality import (
 from fit.results.spectrum import spectrum
 from vsh.io import tables
 from vsh.io.sections import Answer, Section
-from vsh.io.tables import printed_p_value, three_digits, two_digits
+from vsh.io.tables import decimals_of_error, format_three_digits, printed_p_value
 from vsh.io.tables import printed_p_value as p_value
 from vsh.length import FEWEST_DOF
 from vsh.sky.frames import ANGLES
@@ -48,12 +48,12 @@ def vector_rows(vectors: Mapping[str, Vector], truth: Mapping[str, Vector] | Non
     """Rows of the table of vectors."""
     rows = []
     for name, vector in vectors.items():
-        rows.append(VectorRow(name, components(vector), amplitude(vector), False))
+        rows.append(VectorRow(name, format_components(vector), format_amplitude(vector), False))
         true = (truth or {}).get(name)
         if true is not None:
             true = true.to_frame(vector.frame)
             cells = zip(true.value, pulls(vector, true), strict=True)
-            digits = two_digits(vector.sigma)
+            digits = decimals_of_error(vector.sigma)
             texts = tuple(f"{t:+.{digits}f} ({d:+.1f}σ)" for t, d in cells)
             rows.append(VectorRow("truth", texts, f"{true.amplitude:.{digits}f}", True))
     return rows
@@ -82,23 +82,23 @@ def pulls(vector: Vector, true: Vector) -> FloatArray:
     return (vector.value - true.to_frame(vector.frame).value) / vector.sigma
 
 
-def components(vector: Vector) -> tuple[str, ...]:
+def format_components(vector: Vector) -> tuple[str, ...]:
     """Three components with their errors, of which the smallest has two digits."""
-    digits = two_digits(vector.sigma)
+    digits = decimals_of_error(vector.sigma)
     pairs = zip(vector.value, vector.sigma, strict=True)
     return tuple(f"± {s:.{digits}f}" if np.isnan(v) else f"{v:+.{digits}f} ± {s:.{digits}f}" for v, s in pairs)
 
 
-def amplitude(vector: Vector) -> str:
+def format_amplitude(vector: Vector) -> str:
     """Length with its error where the vector is detected, otherwise its upper limit."""
     if np.isnan(vector.amplitude):  # errors of a fit that is to come
         return ""
     if not vector.amplitude_error > 0:
         return f"{vector.amplitude:.3f}"
     if is_seen(vector):
-        digits = two_digits(vector.amplitude_error)
+        digits = decimals_of_error(vector.amplitude_error)
         return f"{vector.amplitude:.{digits}f} ± {vector.amplitude_error:.{digits}f}"
-    return f"< {three_digits(vector.amplitude_limit(0.95))} (95 %)"
+    return f"< {format_three_digits(vector.amplitude_limit(0.95))} (95 %)"
 
 
 #: A vector of fewer errors along itself has no size and no direction to quote, however unlikely zero is.
@@ -110,21 +110,21 @@ def is_seen(vector: Vector) -> bool:
     return bool(vector.p_value < SEEN and vector.amplitude >= _CERTAIN * vector.amplitude_error)
 
 
-def place(vector: Vector) -> str:
+def format_place(vector: Vector) -> str:
     """Direction of a vector with its cone of 68 %: "α = 269°, δ = −28° (± 7°)"."""
     names = ANGLES[vector.frame]
     coordinates = ", ".join(f"{name} = {value:.0f}°" for name, value in zip(names, vector.direction, strict=True))
     return f"{coordinates} (± {vector.direction_cone():.0f}°)"
 
 
-def direction(vector: Vector) -> str:
+def format_direction(vector: Vector) -> str:
     """Direction of a vector, named after the frame: with errors, or with a cone where they are large."""
     names = ANGLES[vector.frame]
     errors = vector.direction_error
     if not vector.amplitude_error > 0 or (is_seen(vector) and max(errors) <= 40):
         pairs = zip(names, vector.direction, errors, strict=True)
         return "towards " + ", ".join(f"{name} = {value:.1f} ± {error:.1f}°" for name, value, error in pairs)
-    return f"towards {place(vector)}" if is_seen(vector) else "direction not determined"
+    return f"towards {format_place(vector)}" if is_seen(vector) else "direction not determined"
 
 
 class PowerRow(NamedTuple):
@@ -268,11 +268,11 @@ def answer_of(solution: Any) -> Answer:
     if solution.covariance_dof < FEWEST_DOF:
         text = f"no result: {_origin_of(solution)} are too few for the errors of a vector"
         return Answer((("acceleration", text),))
-    errors = ("errors" if solution.is_recommended else "this fit", _errors(solution))
+    errors = ("errors" if solution.is_recommended else "this fit", _describe_errors(solution))
     lines = [
         ("acceleration", words_of(solution.acceleration)),
         ("spin", words_of(solution.spin)),
-        ("Gaia EDR3", _distance(solution.acceleration)),
+        ("Gaia EDR3", _describe_distance(solution.acceleration)),
     ]
     if assumed := [str(note) for note in solution.notes if has_code(note, ASSUMED_UNITS)]:
         lines.append(("units", f"{'; '.join(assumed)}; {solution.frame} axes"))
@@ -288,15 +288,15 @@ def words_of(vector: Vector) -> str:
     """Size, place and p-value of a vector; an upper limit where it is not detected."""
     p = printed_p_value(vector.p_value)
     if is_seen(vector):
-        return f"{amplitude(vector)} {vector.unit} towards {place(vector)}, p = {p}"
-    limit = f"< {three_digits(vector.amplitude_limit())} {vector.unit} (95 %)"
+        return f"{format_amplitude(vector)} {vector.unit} towards {format_place(vector)}, p = {p}"
+    limit = f"< {format_three_digits(vector.amplitude_limit())} {vector.unit} (95 %)"
     if vector.p_value < SEEN:
         return f"not zero (p = {p}), but its correlated components tell no size or direction: {limit}"
     hint = f" ({hint})" if (hint := hint_of(vector.p_value)) else ""
     return f"not detected: {limit}, p = {p}{hint}"
 
 
-def _distance(acceleration: Vector) -> str:
+def _describe_distance(acceleration: Vector) -> str:
     """Distance of an acceleration from that of Gaia EDR3, in standard deviations of both together."""
     gaia = GAIA_EDR3.to_frame(acceleration.frame)
     covariance = acceleration.covariance + gaia.covariance
@@ -308,7 +308,7 @@ def _distance(acceleration: Vector) -> str:
     return f"this acceleration is {abs(ndtri(max(p, 1e-300) / 2)):.1f} σ from {size} (p = {printed_p_value(p)}){hint}"
 
 
-def _errors(solution: Any) -> str:
+def _describe_errors(solution: Any) -> str:
     """Describe the errors, what they leave out, and what to be careful of."""
     clipped = "after clipping: " if CLIPPED in codes_of(solution.notes) else ""
     text = f"{clipped}{_NAMES[ErrorSource(solution.error_source)]}, to degree {solution.modes.lmax}"
@@ -356,7 +356,7 @@ def sections_of(
         vectors = _vectors(solution, truth or {}, long)
         directions = [*_directions(solution), *_FREE * solution.includes_floor] if long else ()
         sections = [Section(title, facts, vectors, remarks=directions)]
-        sections.append(_degrees(solution) if long else _powers(solution))
+        sections.append(_detailed_powers(solution) if long else _powers(solution))
     if check is not None and (long or not check.largest < AGREE):
         sections += check.sections()
     sections[-1] = replace(sections[-1], notes=solution.notes)
@@ -372,14 +372,14 @@ def _title(solution, source):
 
 def _details(solution):
     """Facts on the fit and the source of its errors."""
-    facts = [("fit", what_of(solution)), ("coefficients", f"{len(solution.modes)}")]
+    facts = [("fit", subject_of(solution)), ("coefficients", f"{len(solution.modes)}")]
     if np.isfinite(solution.chi2):
         suffix = "" if solution.error_source == ErrorSource.CATALOGUE else " (with the catalogue's errors)"
         facts.append(("χ²/dof", f"{solution.chi2:.6g} / {solution.dof}{suffix}"))
     return [*facts, ("errors from", solution.errors_from)]
 
 
-def what_of(solution: Any) -> str:
+def subject_of(solution: Any) -> str:
     """Subject of a solution, the title of its page."""
     if is_scalar(solution):
         return f"Spherical harmonics of a scalar field{', in ' * bool(solution.unit)}{solution.unit}"
@@ -464,7 +464,7 @@ def _vectors(solution, truth, long):
     for row in vector_rows(vectors, truth):
         rows.append((f"  {row.name}" if row.is_truth else row.name, *row.cells, row.amplitude))
         if not row.is_truth and row.name in formal:
-            errors = (cell.partition("± ")[2] for cell in components(formal[row.name]))
+            errors = (cell.partition("± ")[2] for cell in format_components(formal[row.name]))
             rows.append(("  formal error", *(f"± {error}" for error in errors), ""))
     heads = (f"[{solution.unit}]" if solution.unit else "vector", "x", "y", "z", "amplitude")
     return tables.table_of({name: list(column) for name, column in zip(heads, zip(*rows, strict=True), strict=True)})
@@ -476,7 +476,9 @@ def _directions(solution):
     for name, vector in vectors_of(solution).items():
         if is_seen(vector) or not vector.amplitude_error > 0:
             counterpart = vector.to_frame("galactic" if vector.frame != "galactic" else "icrs")
-            lines.append(f"{name:14}{direction(vector)}; {direction(counterpart).removeprefix('towards ')}")
+            lines.append(
+                f"{name:14}{format_direction(vector)}; {format_direction(counterpart).removeprefix('towards ')}"
+            )
     return lines
 
 
@@ -489,20 +491,20 @@ def _powers(solution):
     columns: dict[str, Any] = {"degree": [str(l) for l in degrees]}
     for kind in fitted_kinds:
         each = [powers.get((kind, l)) for l in degrees]
-        columns[kind_names[kind]] = [_power(power) if power else "" for power in each]
+        columns[kind_names[kind]] = [_format_power(power) if power else "" for power in each]
         columns[f"p ({kind_names[kind]})"] = [printed_p_value(power.p_value) if power else "" for power in each]
     title = f"Power by degree {unit_squared(solution)}".rstrip()
     title += " minus that of noise, and the p-value: the probability that noise alone gives at least this power"
     return Section(title, (), tables.table_of(columns))
 
 
-def _power(power):
+def _format_power(power):
     """The power of a degree with its error."""
-    digits = two_digits(power.error)
+    digits = decimals_of_error(power.error)
     return f"{power.debiased:.{digits}f} ± {power.error:.{digits}f}"
 
 
-def _degrees(solution):
+def _detailed_powers(solution):
     law = "exact χ², any sky" if np.isinf(solution.covariance_dof) else "Hotelling's T²: the errors are estimates"
     field = "|V|" if solution.modes.components == 2 else "f"
     heads = ("degree", "power", "debiased", "±", "√power", "p-value", "z", "M&K Z")
@@ -519,7 +521,7 @@ def _degrees(solution):
     return Section(title, (), tables.table_of(columns), remarks=remarks)
 
 
-def check_sections(check: Any) -> tuple[Section, ...]:
+def cross_check_sections(check: Any) -> tuple[Section, ...]:
     """Section on whether two solvers agree."""
     on = f"on the same {check.frame.n_sources} sources"
     if check.largest < AGREE:
@@ -535,7 +537,7 @@ def check_sections(check: Any) -> tuple[Section, ...]:
             ),
         )
     rows = [
-        (name, solver, *components(getattr(result, name)))
+        (name, solver, *format_components(getattr(result, name)))
         for name in ("spin", "acceleration")
         for solver, result in (("harmonics", check.harmonics), ("frame, QR", check.frame))
     ]

@@ -5,12 +5,12 @@ from sim.agis.passes._scans import (
     FULL,
     Plan,
     Scans,
+    add_smoothing,
     check_memory,
     plan,
     scaled,
     scans,
-    smooth,
-    spline_at,
+    spline_terms,
     system_memory,
 )
 

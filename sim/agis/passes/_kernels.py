@@ -41,7 +41,7 @@ def _axes(s, c, table, q):
 
 
 @njit(inline="always")
-def _add(attitude, k, axis, r, b, g):
+def _add_spline_terms(attitude, k, axis, r, b, g):
     attitude[k, axis, r] += b[0] * g
     attitude[k + _ONE, axis, r] += b[1] * g
     attitude[k + _TWO, axis, r] += b[2] * g
@@ -49,7 +49,7 @@ def _add(attitude, k, axis, r, b, g):
 
 
 @njit(inline="always")
-def _at(h, k, axis, r, b):
+def _spline_value(h, k, axis, r, b):
     return (
         b[0] * h[k, axis, r] + b[1] * h[k + _ONE, axis, r] + b[2] * h[k + _TWO, axis, r] + b[3] * h[k + _THREE, axis, r]
     )
@@ -71,9 +71,9 @@ def to_attitude(
             east, north = x[q, 0, r] + t * x[q, 3, r], x[q, 1, r] + t * x[q, 4, r]
             along = table[q, 4] * (s * east + c * north + fal[i] * x[q, 2, r])
             across = table[q, 5] * (s * north - c * east + fac[i] * x[q, 2, r])
-            _add(out, k, 0, r, b, mx * across - nx * along)
-            _add(out, k, 1, r, b, my * across - ny * along)
-            _add(out, k, 2, r, b, mz * across - nz * along)
+            _add_spline_terms(out, k, 0, r, b, mx * across - nx * along)
+            _add_spline_terms(out, k, 1, r, b, my * across - ny * along)
+            _add_spline_terms(out, k, 2, r, b, mz * across - nz * along)
 
 
 @_compile
@@ -87,7 +87,7 @@ def to_sources(start: int, stop: int, lengths: tuple, h: FloatArray, out: FloatA
         b = _spline(f)
         nx, ny, nz, mx, my, mz = _axes(s, c, table, q)
         for r in range(np.uintp(len(lengths))):
-            ex, ey, ez = _at(h, k, 0, r, b), _at(h, k, 1, r, b), _at(h, k, 2, r, b)
+            ex, ey, ez = _spline_value(h, k, 0, r, b), _spline_value(h, k, 1, r, b), _spline_value(h, k, 2, r, b)
             along = -table[q, 4] * (nx * ex + ny * ey + nz * ez)
             across = table[q, 5] * (mx * ex + my * ey + mz * ez)
             east, north = s * along - c * across, c * along + s * across
@@ -109,7 +109,7 @@ def predict(
         s, c, f = np.float64(sin[i]), np.float64(cos[i]), np.float64(frac[i])
         t = (knot[i] + f) * spacing - middle
         b = _spline(f)
-        ex, ey, ez = _at(h, k, 0, 0, b), _at(h, k, 1, 0, b), _at(h, k, 2, 0, b)
+        ex, ey, ez = _spline_value(h, k, 0, 0, b), _spline_value(h, k, 1, 0, b), _spline_value(h, k, 2, 0, b)
         nx, ny, nz, mx, my, mz = _axes(s, c, table, q)
         east, north = x[q, 0, 0] + t * x[q, 3, 0], x[q, 1, 0] + t * x[q, 4, 0]
         along[i] = s * east + c * north + fal[i] * x[q, 2, 0] - (nx * ex + ny * ey + nz * ez)
@@ -136,9 +136,9 @@ def adjoint(
         b = _spline(f)
         nx, ny, nz, mx, my, mz = _axes(s, c, table, q)
         al, ac = table[q, 4] * along[i], table[q, 5] * across[i]
-        _add(attitude, k, 0, 0, b, mx * ac - nx * al)
-        _add(attitude, k, 1, 0, b, my * ac - ny * al)
-        _add(attitude, k, 2, 0, b, mz * ac - nz * al)
+        _add_spline_terms(attitude, k, 0, 0, b, mx * ac - nx * al)
+        _add_spline_terms(attitude, k, 1, 0, b, my * ac - ny * al)
+        _add_spline_terms(attitude, k, 2, 0, b, mz * ac - nz * al)
         east, north = s * al - c * ac, c * al + s * ac
         out[q, 0] += east
         out[q, 1] += north

@@ -8,9 +8,9 @@ from typing import Any, Protocol
 import numpy as np
 from scipy import sparse
 
-from sim.agis.passes._scans import BANDS, PARTS, TOGETHER, Scans, values
+from sim.agis.passes._scans import BANDS, PARTS, TOGETHER, Scans, spline_weights
 from vsh.tools.errors import ParameterError
-from vsh.tools.parallel import cores
+from vsh.tools.parallel import thread_count
 from vsh.tools.types import BoolArray, FloatArray
 
 
@@ -22,7 +22,7 @@ class CompiledPasses:
 
         self._kernels = _kernels
         self.coefficients, self.n = scans.intervals + 3, len(table)
-        self.threads = min(cores(threads), PARTS)
+        self.threads = min(thread_count(threads), PARTS)
         self.order, self.array = scans.order, scans.array
         self.rank = np.empty(self.n, np.int32)
         self.rank[self.order] = np.arange(self.n, dtype=np.int32)
@@ -36,7 +36,7 @@ class CompiledPasses:
         bounds = np.searchsorted(scans.knot, edges)
         self.bounds = list(pairwise(bounds.tolist()))
 
-    def _transits(self, chunk=slice(None)):
+    def _kernel_arguments(self, chunk=slice(None)):
         """Arguments of the kernels for some transits, which they count from zero."""
         return (*(column[chunk] for column in self.columns), self.table, self.spacing, self.middle)
 
@@ -50,7 +50,7 @@ class CompiledPasses:
             for start in range(0, len(arguments), self.threads):
                 yield from pool.map(lambda piece: work(*piece), arguments[start : start + self.threads])
 
-    def _join_passes(self, partial_sums, total):
+    def _add_parts(self, partial_sums, total):
         """Sums of parts that overlap by the three coefficients at their ends."""
         for (first_knot, last_knot), partial_sum in zip(self.knots, partial_sums, strict=True):
             total[first_knot : last_knot + 3] += partial_sum
@@ -58,31 +58,31 @@ class CompiledPasses:
 
     def to_attitude(self, x: FloatArray) -> FloatArray:
         """Cᵀ x."""
-        x, lengths, transits = x[self.order], (0,) * x.shape[-1], self._transits()
+        x, lengths, transits = x[self.order], (0,) * x.shape[-1], self._kernel_arguments()
 
-        def work(start, stop, first_knot, last_knot):
+        def attitude_part(start, stop, first_knot, last_knot):
             attitude = np.zeros((last_knot - first_knot + 3, 3, len(lengths)))
             self._kernels.to_attitude(start, stop, first_knot, lengths, x, attitude, transits)
             return attitude
 
-        return self._join_passes(self._map(work), np.zeros((self.coefficients, 3, len(lengths))))
+        return self._add_parts(self._map(attitude_part), np.zeros((self.coefficients, 3, len(lengths))))
 
     def to_sources(self, h: FloatArray) -> FloatArray:
         """C h."""
-        h, lengths, transits = np.ascontiguousarray(h), (0,) * h.shape[-1], self._transits()
+        h, lengths, transits = np.ascontiguousarray(h), (0,) * h.shape[-1], self._kernel_arguments()
 
-        def work(start, stop, first_knot, last_knot):
+        def source_part(start, stop, first_knot, last_knot):
             sources = np.zeros((self.n, 5, len(lengths)))
             self._kernels.to_sources(start, stop, lengths, h, sources, transits)
             return sources
 
         # From the end, where `to_attitude` stopped: of transits on disk the last are still in memory.
-        return _sum(self._map(work, -1))[self.rank]
+        return _sum(self._map(source_part, -1))[self.rank]
 
     def predict(self, x: FloatArray, h: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Predict the observations by the parameters."""
         along, across = (self.array(len(self.columns[0])) for _ in range(2))
-        x, h, transits = x[self.order][..., None], np.ascontiguousarray(h)[..., None], self._transits()
+        x, h, transits = x[self.order][..., None], np.ascontiguousarray(h)[..., None], self._kernel_arguments()
         tasks = self._map(
             lambda start, stop, first_knot, last_knot: self._kernels.predict(start, stop, x, h, along, across, transits)
         )
@@ -96,11 +96,15 @@ class CompiledPasses:
         along, across = np.ascontiguousarray(along), np.ascontiguousarray(across)
         parameters = None if x is None or h is None else (x[self.order][..., None], np.ascontiguousarray(h)[..., None])
 
-        def work(start, stop, first_knot, last_knot):
+        def adjoint_part(start, stop, first_knot, last_knot):
             sources, attitude = np.zeros((self.n, 5)), np.zeros((last_knot - first_knot + 3, 3, 1))
             for offset in range(start, stop, TOGETHER):
                 chunk = slice(offset, min(offset + TOGETHER, stop))
-                observations, k, transits = (along[chunk], across[chunk]), chunk.stop - offset, self._transits(chunk)
+                observations, k, transits = (
+                    (along[chunk], across[chunk]),
+                    chunk.stop - offset,
+                    self._kernel_arguments(chunk),
+                )
                 if parameters is not None:
                     prediction = np.empty((2, k))
                     self._kernels.predict(0, k, *parameters, *prediction, transits)
@@ -109,7 +113,7 @@ class CompiledPasses:
             return sources, attitude
 
         sources, attitude = np.zeros((self.n, 5)), np.zeros((self.coefficients, 3, 1))
-        for (first, last), (source_sums, attitude_sums) in zip(self.knots, self._map(work), strict=True):
+        for (first, last), (source_sums, attitude_sums) in zip(self.knots, self._map(adjoint_part), strict=True):
             sources += source_sums
             attitude[first : last + 3] += attitude_sums
         return sources[self.rank], attitude[..., 0]
@@ -117,7 +121,7 @@ class CompiledPasses:
     def blocks(self) -> tuple[FloatArray, FloatArray]:
         """Blocks of the sources, (n, 5, 5), and the lower band of the attitude's matrix."""
         squares, band = np.zeros((self.n, 5, 5)), self.array(3 * self.coefficients, BANDS)
-        transits = self._transits()
+        transits = self._kernel_arguments()
         # In turn, not side by side: these are the largest arrays of all.
         for (start, stop), (first_knot, last_knot) in zip(self.bounds, self.knots, strict=True):
             segment = np.zeros((3 * (last_knot - first_knot + 3), BANDS))
@@ -166,7 +170,7 @@ class SparsePasses:
         of_source = [
             np.stack([s, c, factor, t * s, t * c], axis=1) for s, c, factor in ((sin, cos, fal), (-cos, sin, fac))
         ]
-        b, attitude_columns = values(frac), 3 * (knot[:, None, None] + np.arange(4)[:, None]) + np.arange(3)
+        b, attitude_columns = spline_weights(frac), 3 * (knot[:, None, None] + np.arange(4)[:, None]) + np.arange(3)
         of_attitude = [np.einsum("jk,ak->kja", b, axis) for axis in (-normal, m)]
 
         def matrix(blocks, block_columns, width):
@@ -249,7 +253,7 @@ def make_passes(scans: Scans, solved: BoolArray, threads: int | None = None, com
 
     `compiled` is whether they are compiled; None: where numba is installed and they are many.
     """
-    table = np.stack([*scans.directions, *(scans.weights * solved).astype(np.float32)], axis=1)
+    table = np.stack([*scans.sines_and_cosines, *(scans.weights * solved).astype(np.float32)], axis=1)
     if compiled or (compiled is None and len(scans) >= COMPILED_FROM):
         try:
             return CompiledPasses(scans, table, threads)

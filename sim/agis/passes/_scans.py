@@ -20,7 +20,7 @@ from vsh.sky.frames import rotation_matrix
 from vsh.sky.sphere import triad
 from vsh.tools import arguments
 from vsh.tools.errors import ParameterError
-from vsh.tools.files import atomic_folder, atomic_write, scratch
+from vsh.tools.files import atomic_folder, atomic_write, scratch_array
 from vsh.tools.notebook import Frozen, InNotebook
 from vsh.tools.parallel import GIB, free_memory, progress_bar
 from vsh.tools.types import ArrayLike, FloatArray, IntArray, PathName
@@ -69,8 +69,8 @@ class Plan(InNotebook):
 
 @arguments.accepts(
     law=arguments.a(NominalScanningLaw),
-    lon=arguments.dimension(1),
-    lat=arguments.dimension(1),
+    lon=arguments.array_with_dimensions(1),
+    lat=arguments.array_with_dimensions(1),
     knots=arguments.positive,
 )
 def plan(law: NominalScanningLaw, lon: ArrayLike, lat: ArrayLike, knots: float = 30.0, *, ccds: int = 1) -> Plan:
@@ -220,7 +220,7 @@ class Scans(Frozen):
         return self.years / 2
 
     @property
-    def directions(self) -> FloatArray:
+    def sines_and_cosines(self) -> FloatArray:
         """sin α, cos α, sin δ and cos δ of each source, in single precision, (4, n)."""
         columns = [function(angle) for angle in (self.lon, self.lat) for function in (np.sin, np.cos)]
         return np.array(columns, np.float32)
@@ -239,7 +239,7 @@ class Scans(Frozen):
     def order(self) -> IntArray:
         """The order of the sources by their places, (n,)."""
         if "order" not in self._state:
-            self._state["order"] = _by_place(self.lon, self.lat)
+            self._state["order"] = _sky_order(self.lon, self.lat)
         return self._state["order"]
 
     def blocks(self) -> Iterator[slice]:
@@ -248,7 +248,7 @@ class Scans(Frozen):
 
     def array(self, *shape: int) -> FloatArray:
         """Zeros of this shape, beside the transits: in memory, or on disk where they are."""
-        return scratch(self.folder, shape)
+        return scratch_array(self.folder, shape)
 
     def time(self, part: slice = slice(None)) -> FloatArray:
         """Times of transits since the start of the mission. [yr]"""
@@ -257,8 +257,8 @@ class Scans(Frozen):
 
 @arguments.accepts(
     law=arguments.a(NominalScanningLaw),
-    lon=arguments.dimension(1),
-    lat=arguments.dimension(1),
+    lon=arguments.array_with_dimensions(1),
+    lat=arguments.array_with_dimensions(1),
     knots=arguments.positive,
 )
 def scans(
@@ -333,21 +333,21 @@ def scans(
             2 * _RECORD.itemsize * expected_transits(law, lon, lat) * ccds, "transits", "give a folder= for them"
         )
         return Scans(
-            **attributes, **_sorted(_follow_law(law, lon, lat, ccds, threads, progress, None), attributes, None)
+            **attributes, **_sort_transits(_follow_law(law, lon, lat, ccds, threads, progress, None), attributes, None)
         )
-    path = _ours(Path(folder))
+    path = _check_folder(Path(folder))
     if not (path / f"{key}.json").exists():
         parts = path / f"{key}.parts"  # stay where the run is killed, and go with the folder that is replaced
         parts.mkdir(parents=True, exist_ok=True)
         with atomic_folder(path) as temporary_folder:
-            _sorted(_follow_law(law, lon, lat, ccds, threads, progress, parts), attributes, temporary_folder)
+            _sort_transits(_follow_law(law, lon, lat, ccds, threads, progress, parts), attributes, temporary_folder)
             (temporary_folder / f"{key}.json").write_text(
                 json.dumps({"sources": n, "knots": knots, "ccds": ccds}), encoding="utf-8"
             )
     return Scans(**attributes, **{name: np.load(path / f"{name}.npy", mmap_mode="r") for name in _COLUMNS}, folder=path)
 
 
-def _ours(folder):
+def _check_folder(folder):
     """The folder, if nothing else than scans is in it, which may be replaced."""
     file_names = {f"{name}.npy" for name in _COLUMNS}
     if folder.exists() and not folder.is_dir():
@@ -405,13 +405,13 @@ def _follow_law(law, lon, lat, ccds, threads, progress, folder):
                 yield np.load(part_path, mmap_mode="r")
 
 
-def _sorted(chunks, attributes, folder):
+def _sort_transits(chunks, attributes, folder):
     """All parts in one order of time: columns, in memory or as files of a folder."""
     chunks = list(chunks)
     total = sum(map(len, chunks))
     dtypes = {name: np.dtype("i4" if name in ("source", "place", "knot") else "f4") for name in _COLUMNS}
     rank = np.empty(len(attributes["lon"]), np.int32)
-    rank[_by_place(attributes["lon"], attributes["lat"])] = np.arange(len(rank), dtype=np.int32)
+    rank[_sky_order(attributes["lon"], attributes["lat"])] = np.arange(len(rank), dtype=np.int32)
     columns = {
         name: (
             np.empty(total, dtype)
@@ -442,7 +442,7 @@ def _sorted(chunks, attributes, folder):
     return columns
 
 
-def _by_place(lon, lat):
+def _sky_order(lon, lat):
     """The order of sources in bands of latitude, along each by longitude; some fifty in a square of a band's height."""
     band = np.floor(lat / np.sqrt(4 * np.pi * 50 / len(lat)))
     return np.lexsort((lon, band))
@@ -461,20 +461,20 @@ def _key(law, attributes, ccds):
 BANDS = 12
 
 
-def values(fraction: FloatArray) -> FloatArray:
+def spline_weights(fraction: FloatArray) -> FloatArray:
     """The four B-splines that are not zero at a fraction of an interval, (4, k)."""
     f, g = fraction, 1 - fraction
     return np.stack([g**3, 4 - 6 * f**2 + 3 * f**3, 4 - 6 * g**2 + 3 * g**3, f**3]) / 6
 
 
-def spline_at(scans: Scans, time: FloatArray) -> Iterator[tuple[IntArray, FloatArray]]:
+def spline_terms(scans: Scans, time: FloatArray) -> Iterator[tuple[IntArray, FloatArray]]:
     """The four coefficients that make the attitude at times since the start [yr], and their weights, (k,) each."""
     knot_time = time / scans.spacing
     knot = np.clip(knot_time.astype(int), 0, scans.intervals - 1)
-    return ((knot + i, weight) for i, weight in enumerate(values(knot_time - knot)))
+    return ((knot + i, weight) for i, weight in enumerate(spline_weights(knot_time - knot)))
 
 
-def smooth(band: FloatArray, weight: float) -> None:
+def add_smoothing(band: FloatArray, weight: float) -> None:
     """Add to the normal equations a penalty on second differences of the coefficients.
 
     It bridges gaps in which nothing is observed, costs no bandwidth and spares ε₀ + ω t, which a ridge would not.

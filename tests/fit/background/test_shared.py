@@ -9,8 +9,8 @@ from conftest import random_field
 import fit
 import sim
 import vsh
-from fit.background import Spectrum, shared, shared_jointly
-from fit.background._blocks import ClassAmplitudes, ClassEquations, parities, reduce_to_classes
+from fit.background import Spectrum, compare_classes_jointly, shared
+from fit.background._blocks import ClassEquations, ClassLikelihood, parities, reduce_class_equations
 from vsh import DegeneracyError, Field, FrameError, Modes, ModesError, ParameterError
 
 
@@ -32,9 +32,9 @@ def three():
 
 def test_gradient_is_that_of_the_likelihood():
     modes = Modes(4)
-    parts = ClassEquations.beside([reduce_to_classes(each, modes) for each in classes(lmax=4, k=2)])
+    parts = ClassEquations.from_separate_classes([reduce_class_equations(each, modes) for each in classes(lmax=4, k=2)])
     for own in ("each", "one"):
-        blocks = ClassAmplitudes(parts, modes, Spectrum.flat().variances(modes), own)
+        blocks = ClassLikelihood(parts, modes, Spectrum.flat().variances(modes), own)
         x = np.linspace(0.7, 1.9, blocks.unit.size)
         value, slope = blocks.loss(x)
         assert value == pytest.approx(-blocks.log_likelihoods(x[None])[0], rel=1e-12)
@@ -48,9 +48,11 @@ def test_gradient_is_that_of_the_likelihood():
 def test_likelihood_is_that_of_the_dense_covariance():
     """ln L of degrees 2 … L by the covariance of all coefficients' right-hand sides."""
     modes = Modes(3)
-    parts = ClassEquations.beside([reduce_to_classes(each, modes, False) for each in classes(lmax=3, k=2, n=500)])
+    parts = ClassEquations.from_separate_classes(
+        [reduce_class_equations(each, modes, False) for each in classes(lmax=3, k=2, n=500)]
+    )
     variances = Spectrum.flat().variances(modes)
-    blocks = ClassAmplitudes(parts, modes, variances, "each")
+    blocks = ClassLikelihood(parts, modes, variances, "each")
     x = np.array([1.0, 0.5, 2.0, 0.7, 1.1, 0.2])
     shares = blocks.shares(x)
     high = modes.degrees > 1
@@ -199,7 +201,7 @@ def test_classes_that_share_no_noise_are_classes_of_their_own():
     for k, each in enumerate(normals):
         matrix[k, :, k] = each.matrix
     plain = shared(normals, noise_scale=False, draws=100)
-    joint = shared_jointly(matrix, rhs, modes, draws=100, labels=("a", "b", "c"), n_sources=(500,) * 3)
+    joint = compare_classes_jointly(matrix, rhs, modes, draws=100, labels=("a", "b", "c"), n_sources=(500,) * 3)
     np.testing.assert_allclose(joint.values, plain.values, rtol=1e-8, atol=1e-10 * np.abs(plain.values).max())
     np.testing.assert_allclose(joint.covariance, plain.covariance, atol=1e-10 * plain.covariance.max())
     assert joint.probability == pytest.approx(plain.probability, rel=1e-9)
@@ -207,9 +209,9 @@ def test_classes_that_share_no_noise_are_classes_of_their_own():
     mixed = matrix.reshape(rhs.size, -1)
     root, turn = np.linalg.cholesky(mixed), rng.normal(size=mixed.shape) / 60
     mixed = root @ (np.eye(rhs.size) + turn @ turn.T) @ root.T
-    joint = ClassEquations.jointly(mixed.reshape(matrix.shape), rhs, modes)
+    joint = ClassEquations.from_joint_equations(mixed.reshape(matrix.shape), rhs, modes)
     variances = Spectrum.flat().variances(modes)
-    blocks = ClassAmplitudes(joint, modes, variances, "each")
+    blocks = ClassLikelihood(joint, modes, variances, "each")
     x = rng.uniform(0.5, 3, blocks.units.size)
     _, slope = blocks.loss(x)
     for k in range(x.size):

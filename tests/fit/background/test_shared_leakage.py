@@ -8,8 +8,8 @@ from conftest import few_or_many
 
 import fit
 import sim
-from fit.background import Template, sees_part, shared, widened
-from fit.background._shared import marginalised
+from fit.background import Template, extend_degrees, sees_part, shared
+from fit.background._shared import marginalise_higher_degrees
 from fit.normal import gaussian_prior
 from vsh import Modes
 from vsh.models.covariance import Spectrum
@@ -28,7 +28,7 @@ def test_marginalising_is_a_fit_with_a_prior():
     normal = whole_and_caps(1, 7)[1]
     variances = Spectrum.flat().variances(normal.modes) * 30
     at = normal.modes.degrees <= 5
-    found = marginalised(normal, Modes(5), variances, 1.3)
+    found = marginalise_higher_degrees(normal, Modes(5), variances, 1.3)
     whole = fit.solve(normal + gaussian_prior(normal.modes, np.where(at, np.inf, np.sqrt(variances) / 1.3)))
     one = fit.solve(found)
     np.testing.assert_allclose(one.values, whole.values[at], rtol=1e-8, atol=1e-8)
@@ -71,7 +71,7 @@ def test_spectrum_that_ends_leaks_nothing():
     normals = whole_and_caps(1, 7)
     assert np.isfinite(shared(normals, range(2, 6), shapes=[ends], draws=50).covariance).all()
     narrow = _cut(normals[1], np.flatnonzero(normals[1].modes.degrees <= 5))
-    found = marginalised(normals[1], Modes(5), ends.variances(normals[1].modes), 1.0)
+    found = marginalise_higher_degrees(normals[1], Modes(5), ends.variances(normals[1].modes), 1.0)
     np.testing.assert_allclose(found.matrix, narrow.matrix)
     np.testing.assert_allclose(found.rhs, narrow.rhs)
 
@@ -82,7 +82,7 @@ def test_equations_are_wide_where_a_class_sees_a_part():
     north = field.lat > 0
     for classes, lmax in (([field[::2], field[1::2]], 4), ([field[north], field[~north]], 7)):
         normals = [fit.normal_equations(each, 4) for each in classes]
-        assert {each.modes.lmax for each in widened(normals, fit.normal_equations, classes)} == {lmax}
+        assert {each.modes.lmax for each in extend_degrees(normals, fit.normal_equations, classes)} == {lmax}
 
 
 def test_templates_keep_their_units():

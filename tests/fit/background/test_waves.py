@@ -24,7 +24,7 @@ VLBA = [
 
 def rank(amplitude, value):
     """The probability of a smaller amplitude, with a flat prior."""
-    return float(np.interp(np.sqrt(value), *amplitude._shares("flat")))
+    return float(np.interp(np.sqrt(value), *amplitude._cumulative_probability("flat")))
 
 
 @pytest.mark.parametrize(("kappa", "scaled", "limits"), VLBA)

@@ -4,7 +4,7 @@ from conftest import nonuniform, random_field
 
 import fit
 import sim
-from fit.correlation import correlation_matrices, influence_map, leakage, named, parameters_of
+from fit.correlation import correlation_matrices, influence_map, leakage, parameters_of, select_parameters
 from vsh import Field
 from vsh.sky.pixels import smooth_map
 from vsh.sky.sphere import triad
@@ -16,11 +16,11 @@ def test_names_and_rows():
     assert parameters_of(2).names[:2] == ("t(1,0)", "t(1,1,re)")
     field = random_field(200, 1)
     solution = fit.fit_field(field, 3)
-    chosen = named(("omega_y", "t(2,0)", "a_z"), 3)
+    chosen = select_parameters(("omega_y", "t(2,0)", "a_z"), 3)
     values = chosen.rows @ solution.coefficients.values
     np.testing.assert_allclose(values[[0, 2]], [solution.spin.value[1], solution.acceleration.value[2]])
     with pytest.raises(ParameterError, match="no parameter is called omega_w; there are omega_x"):
-        named(("omega_w",), 1)
+        select_parameters(("omega_w",), 1)
     with pytest.raises(ParameterError, match="'spin.acceleration', a degree or Modes"):
         parameters_of("vsh")
 

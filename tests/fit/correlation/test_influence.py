@@ -3,7 +3,7 @@ import pytest
 from conftest import nonuniform
 
 import fit
-from fit.correlation import influence_map, named, parameters_of
+from fit.correlation import influence_map, parameters_of, select_parameters
 from vsh import Modes
 from vsh.sky.pixels import pixels_of
 from vsh.vector import correlation_of
@@ -15,7 +15,7 @@ def finite_difference(field, modes, pair, pixels, pixel, step=1e-4, quantity=Non
         factor = np.where(pixels == pixel, 1 + sign * step, 1.0)
         weighted = field.with_errors(field.sigma / np.sqrt(factor))
         solution = fit.solve(fit.normal_equations(weighted, modes, method="design-matrix"))
-        chosen = named((pair,) if isinstance(pair, str) else pair, modes)
+        chosen = select_parameters((pair,) if isinstance(pair, str) else pair, modes)
         covariance = chosen.covariance(solution.covariance)
         if quantity == "value":
             values.append((chosen.rows @ solution.coefficients.values)[0])
@@ -63,10 +63,10 @@ def test_thousands_of_sources_take_the_transform():
 
 def influence_of_part(field, keep):
     """The same sum over some of the sources, evaluated by the harmonics."""
-    from fit.correlation._matrices import _change, _prepare_influence
+    from fit.correlation._matrices import _prepare_influence, _weight_derivative
     from vsh import Coefficients
 
     covariance, first, second, chosen = _prepare_influence(field, 2, ("omega_x", "a_y"))
     part = field[keep]
     g, h = (Coefficients(chosen.modes, covariance @ row).at(part.lon, part.lat) for row in (first, second))
-    return np.bincount(pixels_of(part.lon, part.lat, 4), _change(covariance, first, second, g, h, part), 192)
+    return np.bincount(pixels_of(part.lon, part.lat, 4), _weight_derivative(covariance, first, second, g, h, part), 192)

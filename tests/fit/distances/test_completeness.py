@@ -6,7 +6,7 @@ from conftest import few_or_many
 
 import sim
 from fit.distances import calibrate
-from fit.distances._density import complete_to, completeness_deviate, magnitude_counts
+from fit.distances._density import completeness_deviate, find_completeness_limit, magnitude_counts
 from fit.secular_parallax import observer_velocity
 from vsh import Field
 from vsh.models.cosmology import distance_modulus, transverse_distance
@@ -52,7 +52,7 @@ def test_deviate_of_complete_samples_is_normal(n_skies):
 
 def test_sample_that_fades_out_is_complete_to_a_brighter_magnitude():
     field = galaxies(1, n=4000, softness=1.0)
-    limit, brighter = complete_to(table(field), field.magnitude.max())
+    limit, brighter = find_completeness_limit(table(field), field.magnitude.max())
     assert 11 < limit < 12.8
     assert brighter.sum() < 0.8 * len(field)
     notes = calibrate(field, dispersion=300.0).notes
@@ -74,7 +74,9 @@ def test_magnitudes_of_a_sample_that_is_complete_to_none_are_left_out():
 
 @pytest.mark.parametrize(("gap", "is_used"), [(1.5, True), (2.5, False)])
 def test_magnitudes_of_inhomogeneous_lists_are_left_out(monkeypatch, gap, is_used):
-    monkeypatch.setattr("fit.distances._calibration.complete_to", lambda bright, faintest: (faintest - gap, bright))
+    monkeypatch.setattr(
+        "fit.distances._calibration.find_completeness_limit", lambda bright, faintest: (faintest - gap, bright)
+    )
     calibration = calibrate(galaxies(1), dispersion=300.0)
     assert (calibration.luminosity is not None) == is_used
     assert any("magnitudes are not used" in note for note in calibration.notes) != is_used

@@ -212,7 +212,7 @@ def test_p_values_of_catalogues_that_share_noise():
 @pytest.mark.parametrize("faint", [False, True])
 def test_p_values_where_some_share_noise(faint):
     """All noise of the faint, or of the bright, is shared: one factor for all is wrong, classes of errors are right."""
-    from fit.frames.compare import by_error_class
+    from fit.frames.compare import fit_by_error_class
     from vsh import Modes
 
     rng, p = np.random.default_rng(3), []
@@ -223,7 +223,7 @@ def test_p_values_where_some_share_noise(faint):
         field = Field(
             lon, lat, rng.normal(size=(2, 500)) * sigma * np.sqrt(2 * (1 - share)), np.sqrt(2) * np.tile(sigma, (2, 1))
         )
-        found = by_error_class(field, Modes(2))
+        found = fit_by_error_class(field, Modes(2))
         p.append(found.p_value)
     assert np.mean(np.array(p) < 0.05) <= 0.15
     assert 0.3 < np.mean(p) < 0.7
@@ -234,14 +234,14 @@ def test_p_value_allows_for_factors_that_are_estimated():
     """F with the degrees of freedom of the classes, weighed by their information: larger than χ² has it."""
     from scipy.stats import chi2
 
-    from fit.frames.compare import by_error_class
+    from fit.frames.compare import fit_by_error_class
     from vsh import Modes
 
     rng, modes = np.random.default_rng(5), Modes(2)
     lon, lat = sim.uniform_sky(40, rng)
     sigma = np.full((2, 40), 10.0)
     field = Field(lon, lat, sigma * rng.normal(size=(2, 40)) + 8.0, sigma)
-    found = by_error_class(field, modes)
+    found = fit_by_error_class(field, modes)
     beyond = modes.degrees > 1
     inner = found.covariance[np.ix_(beyond, beyond)]
     size = found.values[beyond] @ np.linalg.solve(inner, found.values[beyond])
@@ -253,14 +253,14 @@ def test_p_value_allows_for_factors_that_are_estimated():
 
 
 def test_errors_by_class_of_few_sources_and_of_none():
-    from fit.frames.compare import by_error_class
+    from fit.frames.compare import fit_by_error_class
     from vsh import Modes
 
     field = random_field(40, 1)
-    assert len(by_error_class(field, Modes(1)).factors) == 1
-    assert np.isnan(by_error_class(field, Modes(1)).p_value)
-    assert by_error_class(field[:2], Modes(2)) is None
-    assert by_error_class(field.minus(field.motion), Modes(1)) is None
+    assert len(fit_by_error_class(field, Modes(1)).factors) == 1
+    assert np.isnan(fit_by_error_class(field, Modes(1)).p_value)
+    assert fit_by_error_class(field[:2], Modes(2)) is None
+    assert fit_by_error_class(field.minus(field.motion), Modes(1)) is None
 
 
 def sharing(seed, n=1500, power=900.0):

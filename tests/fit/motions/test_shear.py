@@ -8,7 +8,7 @@ from scipy.linalg import block_diag
 
 import fit
 import sim
-from fit.background._blocks import ClassAmplitudes, ClassEquations, parities, reduce_to_classes
+from fit.background._blocks import ClassEquations, ClassLikelihood, parities, reduce_class_equations
 from fit.motions.shear import PLACES, _own_modes, compare_expansions, expansion, from_tensor, to_tensor
 from fit.results.storage import read
 from vsh import Coefficients, Field, Mode, Modes, ModesError, ParameterError
@@ -135,9 +135,9 @@ def test_free_modes_by_the_dense_covariance():
     own = _own_modes(modes)
     assert own.sum() == 11
     normals = [fit.normal_equations(sky(800, seed), 4) for seed in range(k)]
-    parts = ClassEquations.beside([reduce_to_classes(each, modes, False, own) for each in normals])
+    parts = ClassEquations.from_separate_classes([reduce_class_equations(each, modes, False, own) for each in normals])
     variances = Spectrum.flat().variances(modes)
-    blocks = ClassAmplitudes(parts, modes, variances, "each")
+    blocks = ClassLikelihood(parts, modes, variances, "each")
     x = np.random.default_rng(1).uniform(0.5, 3, blocks.units.size)
     mean, covariance = blocks.free_modes(x)
     p = len(modes)

@@ -389,11 +389,11 @@ def test_digits_are_those_that_the_sample_has():
     assert "independent samples at least, R̂ 1.0" in text
     row = next(line for line in text.splitlines() if line.startswith("  H0   ")).split()
     digits = len(row[1].partition(".")[2])
-    error = 1.25 * found.samples["H0"].std() / np.sqrt(found._effective()["H0"])
+    error = 1.25 * found.samples["H0"].std() / np.sqrt(found._effective_sizes()["H0"])
     assert 0.1 * 10.0**-digits < error <= 10.0**-digits
     kept = found.kept()
     assert kept.report().splitlines()[-9:] != []
-    assert kept._effective() == found._effective()
+    assert kept._effective_sizes() == found._effective_sizes()
 
 
 @pytest.mark.parametrize("velocity", ["flat", "flat-product"])
@@ -403,10 +403,10 @@ def test_conditional_is_the_integral_over_velocities(velocity):
     calibration = DistanceModel(peculiar_dispersion=300.0, flows=None).equations(field)
     model = parallax_model(calibration, checked_priors(Priors(velocity, Flat(40, 120)), "icrs"))
     hubble = np.array([[45.0], [70.0], [110.0]])
-    log, mean, _ = model.conditional(hubble)
+    log, mean, _ = model.marginalise_velocity(hubble)
     ratio = hubble / model.likelihood.hubble
     coordinates = np.column_stack([mean * ratio if model.along == "u" else mean, hubble])
-    _, _, matrix = model.likelihood(model.spreads(hubble)[0])
+    _, _, matrix = model.likelihood(model.likelihood_arguments(hubble)[0])
     if model.along == "v":
         matrix = matrix * ratio[:, :, None] ** 2
     by_hand = model.log_probability(coordinates) - np.linalg.slogdet(matrix)[1] / 2

@@ -8,7 +8,7 @@ from conftest import few_or_many, random_field, real_catalogue
 
 import fit
 import sim
-from fit.redshift import binned, equal_information, permutation_test
+from fit.redshift import binned, equal_information_edges, permutation_test
 from vsh import Field, Modes, Vector
 from vsh.io import catalogue
 from vsh.models.cosmology import BACHCHAN_2016, CMB_VELOCITY_PLANCK18, transverse_distance
@@ -57,7 +57,7 @@ def test_one_pass_over_a_stream():
 
 def test_bins_of_equal_information():
     field = quasars(5000, 3)
-    edges = equal_information(field, 4)
+    edges = equal_information_edges(field, 4)
     weight = field.weights[:2].sum(0)
     shares = [weight[(field.redshift >= a) & (field.redshift < b)].sum() for a, b in pairwise(edges)]
     np.testing.assert_allclose(shares, weight.sum() / 4, rtol=0.05)

@@ -14,7 +14,6 @@ from vsh.tools.errors import ParameterError, VshError
 
 
 def test_motions_of_a_model_are_those_of_its_axes():
-
     near = Field.from_columns(*(np.random.default_rng(1).uniform(0, 80, (2, 40))), *np.ones((4, 40)),
                               parallax=np.full(40, 5.0), parallax_error=np.full(40, 0.1))  # fmt: skip
     kinematics = fit.motions.stars.kinematics(near)
@@ -85,11 +84,11 @@ def test_edges_of_classes_keep_their_digits():
 
 
 def test_velocities_are_converted():
-    from vsh.models.cosmology import velocity_along
+    from vsh.models.cosmology import velocity_in_frame
 
-    assert velocity_along(Vector([369000.0, 0, 0], np.eye(3), unit="m/s"), "icrs").value[0] == pytest.approx(369.0)
+    assert velocity_in_frame(Vector([369000.0, 0, 0], np.eye(3), unit="m/s"), "icrs").value[0] == pytest.approx(369.0)
     with pytest.raises(VshError):
-        velocity_along(Vector([369.0, 0, 0], np.eye(3), unit="uas/yr"), "icrs")
+        velocity_in_frame(Vector([369.0, 0, 0], np.eye(3), unit="uas/yr"), "icrs")
 
 
 def test_parallaxes_below_their_motions_stay():
@@ -102,9 +101,9 @@ def test_parallaxes_below_their_motions_stay():
 
 @pytest.mark.parametrize("address", ["https://u:pa?ss@host/t", "https://u:p::w@host/t", "https://u:pa'ss@host/t"])
 def test_passwords_of_any_characters_are_hidden(address):
-    from vsh.tools.formats import shown_addresses
+    from vsh.tools.formats import hide_secrets
 
-    assert shown_addresses(f"no answer from {address}") == "no answer from https://host/t"
+    assert hide_secrets(f"no answer from {address}") == "no answer from https://host/t"
 
 
 def test_differences_of_two_frames_have_a_sign():

@@ -42,9 +42,9 @@ def test_every_result_can_do_everything(name):
 
 def test_file_of_a_module_that_moved_is_read_by_its_face():
     """A kind whose private module has another name now is what the room has under the name of the kind."""
-    assert storage._named("fit.background._moved_since", "Floor") is fit.background.Floor
+    assert storage._import_class("fit.background._moved_since", "Floor") is fit.background.Floor
     with pytest.raises(TableError):
-        storage._named("fit.background._moved_since", "NoSuchKind")
+        storage._import_class("fit.background._moved_since", "NoSuchKind")
 
 
 @pytest.mark.slow

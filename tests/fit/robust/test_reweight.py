@@ -7,7 +7,7 @@ from conftest import few_or_many, real_catalogue
 import fit
 import sim
 from fit.robust import _reweight, student_t
-from fit.robust._reweight import ERRORS_TOO_SMALL, Share, StudentT
+from fit.robust._reweight import ERRORS_TOO_SMALL, SourceWeights, StudentT
 from vsh import Field, Modes
 from vsh.io.catalogue import read_field
 from vsh.tools.notes import codes_of
@@ -82,12 +82,12 @@ def test_step_of_nu_is_newtons(components):
     for _ in range(8):
         beyond = x2 / (weight.nu + x2)
         sums = {"log": np.log1p(x2 / weight.nu).sum(), "beyond": beyond.sum()}
-        weight, length = weight.stepped(sums | {"slope of beyond": (beyond / (weight.nu + x2)).sum()}, len(x2))
+        weight, length = weight.take_newton_step(sums | {"slope of beyond": (beyond / (weight.nu + x2)).sum()}, len(x2))
     nus = weight.nu * np.array([0.99, 1.0, 1.01])
     values = [_reweight._log_t(nu, components, np.log1p(x2 / nu).mean()) for nu in nus]
     assert values[1] > max(values[0], values[2])
     assert length < 1e-6
-    assert StudentT(6.0, False).stepped({}, 1) == (StudentT(6.0, False), 0.0)
+    assert StudentT(6.0, False).take_newton_step({}, 1) == (StudentT(6.0, False), 0.0)
 
 
 def test_worst_sources_are_named():
@@ -179,7 +179,7 @@ def test_shares_and_weights_agree_with_each_other(weight):
     n = 40
     field = Field(rng.uniform(0, 6, n), rng.uniform(-1, 1, n), rng.normal(size=(2, n)) * 2, rng.uniform(0.5, 2, (2, n)))
     solution = fit.fit_field(field, 1)
-    share = Share(solution, weight, 3.0 / field.information.sum() * 3)
+    share = SourceWeights(solution, weight, 3.0 / field.information.sum() * 3)
     x2, u, slope, residual = share(field)
     chi2 = field.inner(residual, residual)
     own = 1 - chi2 / x2

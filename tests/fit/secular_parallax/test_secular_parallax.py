@@ -226,6 +226,6 @@ def test_residuals_are_those_of_chi2(spin):
 )
 def test_limits_are_said_where_there_are_some(limits, words):
     """Found by a newcomer: below 0.0 and above 0.0."""
-    from fit.secular_parallax._solution import _limits
+    from fit.secular_parallax._solution import _describe_limits
 
-    assert _limits(*limits) == words
+    assert _describe_limits(*limits) == words

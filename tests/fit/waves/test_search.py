@@ -9,7 +9,7 @@ from scipy.stats import kstest
 import fit
 import sim
 from fit.waves import search, search_in_time
-from fit.waves._search import WhitenedData, _basis, chance, map_of
+from fit.waves._search import WhitenedData, _basis, chance, search_directions
 from vsh import DegeneracyError, Field, ModesError, ParameterError
 from vsh.io.epochs import Observations, read_observations
 from vsh.length import length_limits
@@ -37,7 +37,7 @@ def test_noise_is_chi_square_and_p_values_are_uniform():
     rng, one, chances = np.random.default_rng(1), [], []
     for _ in range(300):
         noise = replace(white, values=rng.standard_normal(len(white.values)))
-        statistic = map_of(noise, modes, 4)[0]
+        statistic = search_directions(noise, modes, 4)[0]
         one.append(statistic[17])
         chances.append(chance(noise, modes, 4, statistic.max(), 200, rng))
     assert kstest(one, "chi2", args=(2,)).pvalue > 0.01
@@ -66,14 +66,14 @@ def test_wave_is_found():
     # At its own direction the amplitudes are without bias.
     white, modes = whitened(sky(signal=sim.plane_wave((0, 0, 1), 15.0, -8.0)), 5)
     at = 0  # the first pixel is next to the pole
-    _, amplitudes, covariance = map_of(white, modes, 64)
+    _, amplitudes, covariance = search_directions(white, modes, 64)
     assert abs(np.linalg.norm(amplitudes[:, at]) - 17) < 4 * np.sqrt(np.trace(covariance[at]) / 2)
 
 
 def test_error_of_an_amplitude_on_an_even_sky():
     """σ(ḣ) = σ_µ √(6/N), with all degrees; those to 5 hold 99 %."""
     white, modes = whitened(sky(20000, lowest=-1), 5)
-    spread = np.sqrt(np.einsum("nii->n", map_of(white, modes, 2)[2]) / 2)
+    spread = np.sqrt(np.einsum("nii->n", search_directions(white, modes, 2)[2]) / 2)
     assert spread == pytest.approx(50 * np.sqrt(6 / 20000), rel=0.02)
 
 

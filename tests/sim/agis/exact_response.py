@@ -6,7 +6,7 @@ import numpy as np
 from scipy.special import gammaln, lpmv
 
 from sim.agis._system import Iteration, System
-from sim.agis.passes import spline_at
+from sim.agis.passes import spline_terms
 from vsh.basis import harmonics
 from vsh.modes import Modes
 from vsh.sky.sphere import triad
@@ -107,7 +107,7 @@ class ExactResponse:
         remainder = np.einsum("fk,pk->kfp", functions(time), along).reshape(len(time), -1)
         normal = q * scan[0] - p * scan[1]
         scans = self.system.scans
-        for coefficient, weight in spline_at(scans, time + scans.middle):
+        for coefficient, weight in spline_terms(scans, time + scans.middle):
             remainder += weight[:, None] * np.einsum("ik,kif->kf", normal, attitude[coefficient])
         return remainder
 
@@ -132,7 +132,7 @@ class ExactResponse:
             If the iterations do not do.
         """
         scans, passes = self.system.scans, self.system.passes
-        key = modes, functions(self._time).tobytes()
+        key = modes, functions(scans.time() - scans.middle).tobytes()
         if key in self._taken:
             return self._taken[key]
         basis = harmonics(scans.lon, scans.lat, modes)

@@ -47,7 +47,7 @@ def test_ratios_by_group():
     rng = np.random.default_rng(1)
     group = np.r_[np.zeros(5000, int), np.full(5000, 2), -1]
     errors = np.r_[2 * rng.standard_normal(5000), 3 * rng.standard_normal(5000), 1e9]
-    ratio, counts = agis.ratio_by(errors, np.ones(10_001), group)
+    ratio, counts = agis.error_ratios(errors, np.ones(10_001), group)
     np.testing.assert_allclose(ratio[[0, 2]], [2, 3], rtol=0.03)
     assert np.isnan(ratio[1])
     assert counts.tolist() == [5000, 0, 5000]

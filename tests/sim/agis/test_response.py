@@ -79,7 +79,9 @@ def test_rotation_in_time_is_attitude_and_a_glide_is_seen(coarse):
     both.append(np.einsum("fk,pck,ck->kfp", functions(time), basis, swept).reshape(len(time), -1))
     x = coarse.taken(modes, functions)
     stars = [
-        np.einsum("ik,kin->kn", coarse._five(pixel, direction, time), x[5 * pixel[:, None] + np.arange(5)])
+        np.einsum(
+            "ik,kin->kn", coarse._parameter_partials(pixel, direction, time), x[5 * pixel[:, None] + np.arange(5)]
+        )
         for r, direction in ((preceding, m), (following, other))
         for pixel in [coarse._pixel(r)]
     ]

@@ -14,7 +14,7 @@ import sim
 from study.commands.referee import main
 from study.referee import Quasars, Referee, read_quasars, referee
 from study.referee._rows import Value, format_verdict, headline, papers
-from study.referee._sections import SectionInput, _answer_question, _earlier, _galaxies, checks
+from study.referee._sections import SectionInput, _answer_question, _check_earlier_release, _repeat_galaxies, checks
 from vsh import Field
 from vsh.io.tables import printed_p_value
 from vsh.tools.errors import DegeneracyError, TableError
@@ -85,7 +85,7 @@ def test_published_numbers_say_where_they_are():
     assert np.linalg.norm(g) == pytest.approx(klioner["|g|"].value, abs=0.01)
     assert np.degrees(np.arctan2(g[1], g[0])) % 360 == pytest.approx(klioner["ra"].value, abs=0.1)
     assert np.degrees(np.arcsin(g[2] / np.linalg.norm(g))) == pytest.approx(klioner["dec"].value, abs=0.1)
-    assert klioner.short == "Klioner et al. 2021"
+    assert klioner.citation == "Klioner et al. 2021"
     nguyen = papers()["nguyen2026"]
     size = np.linalg.norm([nguyen[f"g_{axis}"].value for axis in "xyz"])
     assert size == pytest.approx(nguyen["|g|"].value, abs=0.12)  # the median of a size is not that of its components
@@ -251,19 +251,19 @@ def test_earlier_release(table, tmp_path):
     for glide in ((0, 0, 0), (0, 80, 0)):
         motion = true + noise + sim.acceleration(glide)(whole.lon, whole.lat)
         earlier = Field(whole.lon, whole.lat, motion, 2 * whole.sigma, name=whole.name)
-        asked = _answer_question("earlier", "", lambda earlier=earlier: _earlier(quasars, earlier, 1))
+        asked = _answer_question("earlier", "", lambda earlier=earlier: _check_earlier_release(quasars, earlier, 1))
         assert "whose noise is correlated by" in asked.answer
         assert asked.results["chain"].correlation[0, 1] == pytest.approx(0.7, abs=0.1)
         p.append(asked.p_value)
     assert p[0] > 0.01
     assert p[1] < 1e-6
     bare = Field(whole.lon, whole.lat, motion, whole.sigma)
-    assert "no names" in _answer_question("earlier", "", lambda: _earlier(quasars, bare, 1)).lacking
+    assert "no names" in _answer_question("earlier", "", lambda: _check_earlier_release(quasars, bare, 1)).lacking
 
 
 def test_our_velocity_is_expected_in_the_axes_of_the_catalogue():
     """The microwave background's dipole in ICRS; it once stood there in Galactic axes."""
     field = sim.observe(sim.galaxies(1500, 1), sim.spin((0, 0, 0)), 2, sigma=50.0)
     quasars = Quasars.of(field, {"redshift": field.redshift}, {}, "galaxies")
-    made = _galaxies(SectionInput(quasars, None, 1))
+    made = _repeat_galaxies(SectionInput(quasars, None, 1))
     assert [row.quantity.split()[2] for row in made["rows"]] == ["-359", "+77", "-45"]

@@ -8,7 +8,7 @@ from scipy.stats import kstest
 import sim
 from fit import normal_equations
 from fit.background import floor
-from study.referee._quasars import by_degree, by_method, by_source
+from study.referee._quasars import degree_shift, method_shift, most_influential_source
 from vsh import Field
 from vsh.models.covariance import Spectrum
 
@@ -30,10 +30,10 @@ def test_by_degree_is_exact():
     from fit import fit_field
 
     field = sky(np.random.default_rng(1))
-    move, error, _ = by_degree(field, 2, 5, None)
+    move, error, _ = degree_shift(field, 2, 5, None)
     fits = [fit_field(field, lmax).acceleration.value for lmax in (5, 2)]
     np.testing.assert_allclose(move, fits[0] - fits[1], atol=1e-9)
-    seen = [by_degree(sky(np.random.default_rng(k)), 2, 5, None) for k in range(150)]
+    seen = [degree_shift(sky(np.random.default_rng(k)), 2, 5, None) for k in range(150)]
     moves, p = np.array([each[0] for each in seen]), [each[2] for each in seen]
     np.testing.assert_allclose(moves.std(0), error, rtol=0.2)
     assert kstest(p, "uniform").pvalue > 0.01
@@ -47,8 +47,8 @@ def test_by_degree_knows_what_sources_share(n_skies):
         shared = sim.systematics(40 * Spectrum.flat(), seed)(LON, LAT)
         field = sky(np.random.default_rng(seed))
         field = Field(LON, LAT, field.motion + shared, SIGMA, RHO)
-        p.append(by_degree(field, 2, 6, floor(normal_equations(field, 6)))[2])
-        plain.append(by_degree(field, 2, 6, None)[2])
+        p.append(degree_shift(field, 2, 6, floor(normal_equations(field, 6)))[2])
+        plain.append(degree_shift(field, 2, 6, None)[2])
     # One sky in ten with so little to tell the floor by, and without it more than one in four.
     assert np.mean(np.array(p) < 0.05) < 0.1 + 2.5 * np.sqrt(0.1 * 0.9 / n_skies)
     assert np.mean(np.array(plain) < 0.05) > np.mean(np.array(p) < 0.05)
@@ -58,21 +58,23 @@ def test_by_degree_knows_what_sources_share(n_skies):
 @pytest.mark.slow
 def test_by_source():
     """Uniform where errors are right, and found where one source is not."""
-    p = [by_source(sky(np.random.default_rng(k)), 2)[2] for k in range(120)]
+    p = [most_influential_source(sky(np.random.default_rng(k)), 2)[2] for k in range(120)]
     assert kstest(p, "uniform").pvalue > 0.01
-    p = [by_source(sky(np.random.default_rng(k), factor=1.7), 2)[2] for k in range(60)]
+    p = [most_influential_source(sky(np.random.default_rng(k), factor=1.7), 2)[2] for k in range(60)]
     assert kstest(p, "uniform").pvalue > 0.01
     # Systematic errors beyond the degree of the fit is scatter of the best ones.
     p = []
     for seed in range(60):
         shared = sim.systematics(15 * Spectrum.flat(), seed)(LON, LAT)
-        p.append(by_source(Field(LON, LAT, sky(np.random.default_rng(seed)).motion + shared, SIGMA, RHO), 2)[2])
+        p.append(
+            most_influential_source(Field(LON, LAT, sky(np.random.default_rng(seed)).motion + shared, SIGMA, RHO), 2)[2]
+        )
     assert np.mean(np.array(p) < 0.05) < 0.12
     field = sky(np.random.default_rng(3))
     motion = field.motion.copy()
     best = int(np.argmin(SIGMA.sum(0)))
     motion[:, best] += 8 * SIGMA[:, best]
-    row, size, p_value = by_source(Field(LON, LAT, motion, SIGMA, RHO), 2)
+    row, size, p_value = most_influential_source(Field(LON, LAT, motion, SIGMA, RHO), 2)
     assert row == best
     assert size > 0.5
     assert p_value < 1e-3
@@ -82,7 +84,7 @@ def test_by_source_is_the_move_when_it_is_left_out():
     from fit import fit_field
 
     field = sky(np.random.default_rng(8))
-    row, size, _ = by_source(field, 2)
+    row, size, _ = most_influential_source(field, 2)
     kept = np.delete(np.arange(N), row)
     whole, rest = (fit_field(each, 2).acceleration for each in (field, field[kept]))
     away = whole.value - rest.value
@@ -100,5 +102,5 @@ def test_by_method_asks_nothing_of_the_errors(monkeypatch):
             field = sky(rng, factor=2.0)
             if tails:
                 field = Field(LON, LAT, rng.standard_t(3, (2, N)) * SIGMA, SIGMA, RHO)
-            p.append(by_method(field, seed)[2])
+            p.append(method_shift(field, seed)[2])
         assert kstest(p, "uniform").pvalue > 0.01

@@ -50,9 +50,9 @@ def test_full_disk_is_said_in_one_line(words, catalogue):
 @pytest.mark.parametrize("letters", [10, 3000, 8190, 8193, 20000])  # shorter than what Python holds back, and longer
 def test_full_disk_is_not_said_again_by_what_waits_to_be_printed(letters):
     code = (
-        "import argparse, sys\nfrom vsh.commands.running import run_safely\nfrom vsh.tools.printing import printing\n"
+        "import argparse, sys\nfrom vsh.commands.running import run_safely\nfrom vsh.tools.printing import guard_printing\n"
         "options = argparse.Namespace(program='vsh-fit', log=None, quiet=True, expected={})\n"
-        f"with printing():\n    sys.exit(run_safely(options, lambda: print('x' * {letters}, flush=True)))"
+        f"with guard_printing():\n    sys.exit(run_safely(options, lambda: print('x' * {letters}, flush=True)))"
     )
     environment = {name: value for name, value in os.environ.items() if name != "PYTHONUNBUFFERED"}
     with open("/dev/full", "w") as full:

@@ -10,8 +10,8 @@ from conftest import random_field
 
 from vsh import read_field
 from vsh.io import tables
-from vsh.io.catalogue import match, parts, read_positions, read_scalars, renamed
-from vsh.io.sections import printed
+from vsh.io.catalogue import match, parts, read_positions, read_scalars, rename_sources
+from vsh.io.sections import format_table
 from vsh.sky.frames import Positions
 from vsh.tools.errors import FieldError, TableError, VshError
 
@@ -92,7 +92,7 @@ def test_positions_say_which_names_a_crosswalk_has_not():
     here = Positions(np.arange(n) / 10.0, np.zeros(n), np.ones((2, n)), np.zeros(n), name=np.array([1, 2, 3]))
     neighbours = Table({"dr3_source_id": [1, 2, 3], "dr4_source_id": np.ma.MaskedArray([11, 12, 0], [0, 0, 1]),
                         "angular_distance": [0.1, 0.1, 0.0]})  # fmt: skip
-    there = renamed(here, neighbours)
+    there = rename_sources(here, neighbours)
     assert there.name.tolist() == [11, 12]
     assert any("2 of 3 sources have a name" in note for note in there.notes)
 
@@ -118,7 +118,7 @@ def test_text_in_tables_of_scalars():
 
 def test_errors_in_radians_are_printed_in_degrees():
     table = Table({"lon": [1.0] * u.rad, "lon_error": [0.1] * u.rad})
-    assert printed(table)[1][0][0].endswith("± 5.7")
+    assert format_table(table)[1][0][0].endswith("± 5.7")
     assert table["lon_error"][0] == 0.1
 
 

@@ -27,7 +27,7 @@ def test_results_fields_and_tables_come_back(tmp_path):
     assert vsh.read(tmp_path / "frame.ecsv") == frame
     field.write(tmp_path / "field.fits")
     assert isinstance(vsh.read(tmp_path / "field.fits"), Field)
-    tables.write(tmp_path / "t.csv", {"a": np.arange(3)})
+    tables.write_columns(tmp_path / "t.csv", {"a": np.arange(3)})
     assert vsh.read(tmp_path / "t.csv")["a"].tolist() == [0, 1, 2]
     text = (tmp_path / "frame.ecsv").read_text()
     (tmp_path / "older.ecsv").write_text(text.replace("fit.direct", "fit.solving.frame"))  # its name once

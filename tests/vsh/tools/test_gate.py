@@ -15,7 +15,7 @@ from vsh import WriteError
 from vsh.figures.page import write_page
 from vsh.io import tables
 from vsh.models.flows import VelocityGrid
-from vsh.tools.files import UNFINISHED, atomic_folder, atomic_write, check_not_read, exclusive, reading
+from vsh.tools.files import UNFINISHED, atomic_folder, atomic_write, check_not_read, hold_lock, protect_files
 
 
 def test_foreign_files_are_not_replaced(tmp_path):
@@ -87,20 +87,20 @@ def test_inputs_are_not_overwritten(tmp_path):
     source.parent.mkdir()
     random_field(5, 1).write(source)
     before = source.read_bytes()
-    with reading([source]):
+    with protect_files([source]):
         with pytest.raises(WriteError, match="is what is read"):
             tables.write_table(Table({"a": [1]}), source)
         with pytest.raises(WriteError, match="holds what is read"):
             check_not_read(tmp_path)
         check_not_read(tmp_path / "folder" / "other.fits")
-    with reading([source.parent]), pytest.raises(WriteError, match="lies in|holds"):
+    with protect_files([source.parent]), pytest.raises(WriteError, match="lies in|holds"):
         check_not_read(source.parent / "new.fits")
     assert source.read_bytes() == before
     tables.write_table(Table({"a": [1]}), source, overwrite=True)  # no longer read
 
 
 def _hold(path, begun, finish):
-    with exclusive(path):
+    with hold_lock(path):
         begun.set()
         finish.wait(20)
 
@@ -112,11 +112,11 @@ def test_two_processes_lock_each_other_out(tmp_path):
     other = context.Process(target=_hold, args=(tmp_path / "x", begun, finish))
     other.start()
     assert begun.wait(30)
-    with pytest.raises(WriteError, match="another process is writing x"), exclusive(tmp_path / "x"):
+    with pytest.raises(WriteError, match="another process is writing x"), hold_lock(tmp_path / "x"):
         pass
     other.kill()  # a lock goes with its process
     other.join()
-    with exclusive(tmp_path / "x"):
+    with hold_lock(tmp_path / "x"):
         pass
     assert list(tmp_path.iterdir()) == []
 

@@ -18,9 +18,9 @@ import numpy as np
 from vsh.basis import harmonics
 from vsh.coefficients import Coefficients
 from vsh.field import Field
-from vsh.figures.plot import CHANCE, LONGEST, SURE, even_grid, is_seen, picture_of
+from vsh.figures.plot import CHANCE, LONGEST, SURE, even_grid, is_detected, picture_of
 from vsh.io.sections import Section
-from vsh.io.tables import printed
+from vsh.io.tables import format_table
 from vsh.sky.frames import ANGLES
 from vsh.tools.errors import ParameterError
 from vsh.tools.files import atomic_write
@@ -49,7 +49,7 @@ def heading(text: str, *panels: Panel) -> Panel:
     return Panel(f"<h2>{escape(text)}</h2>\n{html}" if html else "", scripts)
 
 
-def words(text: str, kind: str = "") -> Panel:
+def paragraph(text: str, kind: str = "") -> Panel:
     """A paragraph."""
     return Panel(f"<p{f' class={kind!r}' if kind else ''}>{escape(text)}</p>" if text else "")
 
@@ -108,13 +108,13 @@ def section(part: Section) -> Panel:
     """A section of a result: its title, facts, table, remarks and notes."""
     table_panel = footnote = Panel("")
     if (rows := part.shown) is not None:
-        table_panel = table(*printed(rows[:_ROWS], part.forms), sortable=True)
-        footnote = words(
+        table_panel = table(*format_table(rows[:_ROWS], part.forms), sortable=True)
+        footnote = paragraph(
             f"The first {_ROWS} of {len(rows)} rows; the files have all." if len(rows) > _ROWS else "", "faint"
         )
     inner = "".join(f"<li>{escape(str(entry))}</li>" for entry in dict.fromkeys(map(str, part.notes)))
     notes = Panel(f"<ul>{inner}</ul>" if inner else "")
-    return heading(part.title, facts(part.facts), table_panel, footnote, *map(words, part.remarks), notes)
+    return heading(part.title, facts(part.facts), table_panel, footnote, *map(paragraph, part.remarks), notes)
 
 
 def figure(picture: bytes, caption: str) -> Panel:
@@ -127,15 +127,15 @@ def figure(picture: bytes, caption: str) -> Panel:
     )
 
 
-def pictures(figures: Sequence[Panel]) -> Panel:
+def picture_row(figures: Sequence[Panel]) -> Panel:
     """Figures beside each other where the page is wide enough."""
     inner = "".join(panel.html for panel in figures)
     return Panel(f'<div class="pictures">{inner}</div>' if inner else "")
 
 
-def figures(drawn: Mapping[str, Any], captions: Mapping[str, str]) -> Panel:
+def figure_panels(drawn: Mapping[str, Any], captions: Mapping[str, str]) -> Panel:
     """Figures as pictures beside each other, each under its caption, or its name."""
-    return pictures(
+    return picture_row(
         [figure(picture_of(plot), captions.get(name, name.replace("_", " "))) for name, plot in drawn.items()]
     )
 
@@ -161,7 +161,7 @@ def provenance(sources: Mapping[str, Any], command: Sequence[str] | None = None)
         if value not in ([], {}, None)
     ]
     command_panels = (
-        [words("To repeat the run:"), preformatted_panel(shlex.join(command), "command")] if command else []
+        [paragraph("To repeat the run:"), preformatted_panel(shlex.join(command), "command")] if command else []
     )
     return heading("Where this comes from", *command_panels, facts(entries))
 
@@ -209,7 +209,7 @@ def page(title: str, panels: Iterable[Panel], *, lead: str = "") -> str:
     """
     contents = [panel for panel in panels if panel.html]
     script_names = list(dict.fromkeys(script for panel in contents for script in panel.scripts))
-    texts = [bundle() if name == "d3" else _asset(f"{name}.js") for name in script_names]
+    texts = [d3_script() if name == "d3" else _asset(f"{name}.js") for name in script_names]
     style = _asset("page.css")
     return _PAGE.substitute(
         title=escape(title),
@@ -223,7 +223,7 @@ def page(title: str, panels: Iterable[Panel], *, lead: str = "") -> str:
 
 
 @lru_cache
-def bundle() -> str:
+def d3_script() -> str:
     """The script that projects the sky, d3 with its licences."""
     return f"/*\n{_asset('d3.LICENSES.txt').replace('*/', '')}*/\n{_asset('d3.min.js')}"
 
@@ -262,7 +262,7 @@ _KINDS = ("TS", "T", "S")
 
 
 @dataclass(frozen=True)
-class ShownPage:
+class ShownSolution:
     """A solution on the interactive sky."""
 
     label: str
@@ -273,7 +273,7 @@ class ShownPage:
     n_sources: int | None = None
 
 
-def sky(*shown: ShownPage) -> Panel:
+def sky(*shown: ShownSolution) -> Panel:
     """Show one or two solutions on an interactive globe.
 
     Parameters
@@ -290,14 +290,14 @@ def sky(*shown: ShownPage) -> Panel:
         raise ParameterError(f"one or two solutions are shown side by side, not {len(shown)}")
     if len({item.field.frame for item in shown}) > 1 or len({item.unit for item in shown}) > 1:
         raise ParameterError("solutions side by side must have one frame and one unit")
-    sent = [_sky(item) for item in shown]
+    sent = [_sky_data(item) for item in shown]
     data = {
         "axes": ANGLES[shown[0].field.frame],
         "unit": shown[0].unit,
         "sure": SURE,
         "chance": CHANCE,
         "longest": LONGEST * STEP / 12.0,
-        "grid": dict(zip(("lon", "lat"), (_floats(np.degrees(item)) for item in even_grid(STEP)), strict=True)),
+        "grid": dict(zip(("lon", "lat"), (_encode_floats(np.degrees(item)) for item in even_grid(STEP)), strict=True)),
         "skies": sent,
     }
     top = max(item["lmax"] for item in sent)
@@ -347,7 +347,7 @@ def _figure(i, solution, sent):
     )
 
 
-def _sky(solution):
+def _sky_data(solution):
     modes, field = solution.coefficients.modes, solution.field
     if np.shape(solution.covariance) != (len(modes), len(modes)):
         raise ParameterError(f"covariance has shape {np.shape(solution.covariance)}, the coefficients are {len(modes)}")
@@ -361,21 +361,21 @@ def _sky(solution):
         "fitted": modes.lmax,
         "sent": int(order.size),
         "names": names,
-        "seen": is_seen(solution.coefficients.values, np.asarray(solution.covariance)),
+        "seen": is_detected(solution.coefficients.values, np.asarray(solution.covariance)),
         "sources": {
-            "lon": _floats(np.degrees(field.lon[order])),
-            "lat": _floats(np.degrees(field.lat[order])),
-            "motion": _floats(field.motion[:, order]),
-            "error": _floats(field.sigma[:, order]),
-            "residual": _floats(residual[:, order]),
-            "sigmas": _floats(np.sqrt(chi2[order])),
+            "lon": _encode_floats(np.degrees(field.lon[order])),
+            "lat": _encode_floats(np.degrees(field.lat[order])),
+            "motion": _encode_floats(field.motion[:, order]),
+            "error": _encode_floats(field.sigma[:, order]),
+            "residual": _encode_floats(residual[:, order]),
+            "sigmas": _encode_floats(np.sqrt(chi2[order])),
         },
-        **_fields(solution, *even_grid(STEP)),
+        **_grid_data(solution, *even_grid(STEP)),
         "marks": _marks(solution),
     }
 
 
-def _fields(solution, lon, lat):
+def _grid_data(solution, lon, lat):
     """The field of each degree and kind on the grid, and the variance of every sum the page can show."""
     modes, covariance = solution.coefficients.modes, np.asarray(solution.covariance, float)
     basis = harmonics(lon, lat, modes)
@@ -385,7 +385,7 @@ def _fields(solution, lon, lat):
     for l in range(1, lmax + 1):
         for kind in "TS":
             selection = (degrees == l) & (kinds == kind)
-            fields.append(_floats(np.tensordot(solution.coefficients.values[selection], basis[selection], 1)))
+            fields.append(_encode_floats(np.tensordot(solution.coefficients.values[selection], basis[selection], 1)))
     for is_single in (False, True):
         for combination in _KINDS:
             for l in range(1, lmax + 1):
@@ -398,7 +398,7 @@ def _fields(solution, lon, lat):
                     np.sum((block @ north) * north, 0),
                     np.sum(with_east * north, 0),
                 ]
-                variances.append(_floats(moments))
+                variances.append(_encode_floats(moments))
     return {"fields": fields, "variances": variances}
 
 
@@ -412,7 +412,7 @@ def _marks(solution):
     return marks
 
 
-def _floats(values: Any) -> str:
+def _encode_floats(values: Any) -> str:
     """Numbers in single precision, as text."""
     return base64.b64encode(np.ascontiguousarray(values, dtype="<f4").tobytes()).decode()
 
@@ -427,7 +427,7 @@ class FramedPage:
         return self.html
 
 
-def widget(*shown: ShownPage, height: int = 720) -> Any:
+def widget(*shown: ShownSolution, height: int = 720) -> Any:
     """Show one or two solutions on a sky that can be turned, as the last line of a notebook's cell.
 
     Parameters

@@ -8,7 +8,7 @@ from vsh.figures.plot._field import (
     draw_key,
     draw_vectors,
     even_grid,
-    is_seen,
+    is_detected,
     plot_field,
     plot_scalar_field,
     plot_sources,
@@ -38,16 +38,16 @@ from vsh.figures.plot._style import (
     SIGNIFICANCE,
     STYLE,
     WIDTH,
+    allow_many_figures,
     apply_style,
     close_figures,
     colour_bar,
     figure_of,
     legend_above,
-    log_ticks,
-    many_figures,
     panels,
     picture_of,
     save_figures,
+    set_log_ticks,
 )
 
 __all__ = [

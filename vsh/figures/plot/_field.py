@@ -193,7 +193,7 @@ def even_grid(step: float = 12.0) -> tuple[FloatArray, FloatArray]:
 
 def arrow_grid(axes: SkyAxes, step: float = 12.0) -> tuple[FloatArray, FloatArray]:
     """Positions evenly placed on a map, half a step off its rim: as many wherever its centre is."""
-    return axes.of_native(*(_whole_sky_grid(step) if axes.is_whole else _half(step)))
+    return axes.of_native(*(_whole_sky_grid(step) if axes.is_whole else _half_sky_grid(step)))
 
 
 def _whole_sky_grid(step):
@@ -211,7 +211,7 @@ def _whole_sky_grid(step):
     return np.radians(np.concatenate(phi)), np.radians(np.concatenate(theta))
 
 
-def _half(step):
+def _half_sky_grid(step):
     """The middle, and rings about it to half a step off the limb."""
     phi, theta = [np.zeros(1)], [np.full(1, 90.0)]
     rings = int((90 - step / 2) / step)
@@ -238,7 +238,7 @@ def significance_of(motion: FloatArray, basis: FloatArray, covariance: FloatArra
         return np.asarray(np.sqrt((east**2 * b - 2 * east * north * c + north**2 * a) / (a * b - c**2)))
 
 
-def is_seen(values: FloatArray, covariance: FloatArray) -> bool:
+def is_detected(values: FloatArray, covariance: FloatArray) -> bool:
     """Return whether noise alone gives such coefficients in less than 0.27 % of skies."""
     if not np.isfinite(covariance).all():
         return False
@@ -299,19 +299,19 @@ def plot_field(
     motion = coefficients.at(lon, lat)
     colour: Any = COLOURS[0]
     is_known = covariance is not None and bool(np.isfinite(covariance).all())
-    is_noise = is_known and not is_seen(coefficients.values, np.asarray(covariance))
+    is_noise = is_known and not is_detected(coefficients.values, np.asarray(covariance))
     if is_noise:
         colour = "0.7"
     elif is_known:
         basis = harmonics(lon, lat, modes)
         significance = significance_of(motion, basis, np.asarray(covariance))
-        colour = _colours()(np.clip(np.nan_to_num(significance), 0, TOP) / TOP)
+        colour = _significance_colours()(np.clip(np.nan_to_num(significance), 0, TOP) / TOP)
     draw_vectors(axes, lon, lat, motion, color=colour)
     largest = float(np.hypot(*motion).max())
     if largest > 0:
         draw_key(axes, largest, unit)
     names = ("spin", "acceleration") if unit == "µas/yr" else ("rotation", "glide")
-    handles, legend_title = _directions(axes, coefficients, covariance, names)
+    handles, legend_title = _draw_directions(axes, coefficients, covariance, names)
     if hatching is not None:
         handles.append(Patch(facecolor="none", edgecolor="0.55", hatch="//////", linewidth=0.0, label="no sources"))
     if is_noise:
@@ -328,7 +328,7 @@ def plot_field(
             title_fontsize=6.5,
         )
     if covariance is not None and not is_noise:
-        scale = ScalarMappable(Normalize(0, TOP), _colours())
+        scale = ScalarMappable(Normalize(0, TOP), _significance_colours())
         bar = colour_bar(axes, scale, r"$\sqrt{v^T C^{-1} v}$ of an arrow (grey: $p > 0.05$)", extend="max", shrink=0.6)
         bar.set_ticks(range(0, int(TOP) + 1))
     axes.set_title(title or f"{len(field)} sources and the field fitted to degree {modes.lmax}")
@@ -360,14 +360,14 @@ def plot_sources(field: Field, *, n_arrows: int = 300, ax: Axes | None = None) -
     return axes
 
 
-def _colours():
+def _significance_colours():
     steps = np.linspace(0, 1, 256)
     colours = mpl.colormaps[SIGNIFICANCE](steps)
     colours[steps < SURE / TOP] = mpl.colors.to_rgba(FADED)
     return ListedColormap(colours)
 
 
-def _directions(axes, coefficients, covariance, names):
+def _draw_directions(axes, coefficients, covariance, names):
     """Stars of acceleration and spin, and why arrows need not meet there."""
     handles, detections = [], []
     for kind, name, colour in (("S", names[1], COLOURS[1]), ("T", names[0], COLOURS[3])):

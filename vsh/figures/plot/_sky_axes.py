@@ -154,7 +154,7 @@ def sky_axes(
         if ax.sky_frame != frame:
             raise ParameterError(f"the map is in {ax.sky_frame} axes, what is drawn on it in {frame}")
         return ax
-    centre = _centre(centre, projection)
+    centre = _check_centre(centre, projection)
     wcs = _wcs(frame, projection, centre)
     is_whole = projection in _WHOLE
     options: dict[str, Any] = {"axes_class": SkyAxes, "wcs": wcs, "frame_class": EllipticalFrame}
@@ -175,14 +175,14 @@ def sky_axes(
         coordinate.set_ticklabel_visible(False)
         coordinate.set_axislabel("")
     axes.coords.frame.set_linewidth(0.6)
-    _graticule(axes)
+    _draw_graticule(axes)
     names = ANGLES[frame]
     label = f"{'ICRS' if frame == 'icrs' else frame}: {names[0]} ←, {names[1]} ↑"
     axes.text(1.0, 0.0, label, transform=axes.transAxes, ha="right", va="bottom", fontsize=_SIZE, color="0.35")
     return axes
 
 
-def _centre(centre, projection):
+def _check_centre(centre, projection):
     if centre is None:
         centre = (0.0, 90.0) if projection == "polar" else (0.0, 0.0)
     try:
@@ -210,7 +210,7 @@ def _wcs(frame, projection, centre):
     return wcs
 
 
-def lines_on(axes: SkyAxes, lon: FloatArray, lat: FloatArray) -> FloatArray:
+def project_curve(axes: SkyAxes, lon: FloatArray, lat: FloatArray) -> FloatArray:
     """A curve on the sky as points on the map, with gaps of NaN where it goes over the seam."""
     xy, native = axes.project(lon, lat)
     if not axes.is_whole:
@@ -219,13 +219,13 @@ def lines_on(axes: SkyAxes, lon: FloatArray, lat: FloatArray) -> FloatArray:
     return np.insert(xy, crossings, np.nan, axis=0)
 
 
-def _graticule(axes):
+def _draw_graticule(axes):
     style = {"color": "0.82", "linewidth": 0.4, "zorder": 1}
     along, around = np.radians(np.linspace(-90, 90, 181)), np.radians(np.linspace(0, 360, 721))
     for lon in range(0, 360, 30):
-        axes.plot(*lines_on(axes, np.full(181, np.radians(lon)), along).T, **style)
+        axes.plot(*project_curve(axes, np.full(181, np.radians(lon)), along).T, **style)
     for lat in range(-60, 61, 30):
-        axes.plot(*lines_on(axes, around, np.full(721, np.radians(lat))).T, **style)
+        axes.plot(*project_curve(axes, around, np.full(721, np.radians(lat))).T, **style)
     # About a pole the equator is the rim: longitudes stand inside it.
     at = (
         0.0
@@ -310,7 +310,7 @@ def draw_points(axes: SkyAxes, lon: ArrayLike, lat: ArrayLike, **style: Any) -> 
 
 def draw_line(axes: SkyAxes, lon: FloatArray, lat: FloatArray, **style: Any) -> Any:
     """A curve on the sky, cut at the seam."""
-    return axes.plot(*lines_on(axes, lon, lat).T, **({"zorder": 5} | style))[0]
+    return axes.plot(*project_curve(axes, lon, lat).T, **({"zorder": 5} | style))[0]
 
 
 def draw_direction(

@@ -94,7 +94,7 @@ def panels(
     return axes
 
 
-def many_figures() -> Any:
+def allow_many_figures() -> Any:
     """A context in which matplotlib does not count open figures: they are closed when all are written."""
     return plt.rc_context({"figure.max_open_warning": 0})
 
@@ -114,7 +114,7 @@ def colour_bar(axes: Axes, image: Any, label: str, **how: Any) -> Any:
     return bar
 
 
-def log_ticks(axis: Any, low: float, high: float) -> None:
+def set_log_ticks(axis: Any, low: float, high: float) -> None:
     """Ticks of a logarithmic axis as plain numbers where it is short: 1, 2, 5, 10, 20."""
     decades = np.log10(high / low)
     if not (0 < decades < 2.2 and low > 1e-4 and high < 1e5):

@@ -14,11 +14,11 @@ from vsh.io.archive._queries import (
     RELEASES,
     UPLOADED,
     DataRelease,
-    of_positions,
+    make_upload,
     of_table,
+    query_near_positions,
     read_ids,
     release_of,
-    upload_of,
 )
 from vsh.io.archive._schema import SchemaCheck, check_schema
 from vsh.io.archive._tap import ESA, query

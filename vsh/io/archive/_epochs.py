@@ -11,10 +11,10 @@ from pathlib import Path
 import numpy as np
 
 from vsh.io import tables
-from vsh.io.archive._tap import _message, _open, _read, _read_some, _RefusedError, _write
+from vsh.io.archive._tap import _message, _open, _read_note, _read_some, _RefusedError, _write_note
 from vsh.tools.arguments import positive, whole
 from vsh.tools.errors import ArchiveError, VshError
-from vsh.tools.files import atomic_write, digest, exclusive, remove_unfinished
+from vsh.tools.files import atomic_write, digest, hold_lock, remove_unfinished
 from vsh.tools.parallel import progress_bar
 from vsh.tools.printing import printable
 from vsh.tools.types import PathName
@@ -89,8 +89,8 @@ def fetch_epochs(
         "retrieval_type": retrieval_type, "structure": structure, "release": release, "url": str(url), "batch": size,
         "sources": len(numbers), "sha256_of_ids": checksum,
     }  # fmt: skip
-    with exclusive(note):
-        record = _read(note)
+    with hold_lock(note):
+        record = _read_note(note)
         if record and any(record.get(key) != value for key, value in request.items()):
             raise ArchiveError(f"{printable(folder)} holds the answer to another request: name another folder")
         if not record and folder.exists() and any(folder.iterdir()):
@@ -100,11 +100,11 @@ def fetch_epochs(
         files: dict[str, str] = dict(record.get("files", {}))
         missing: dict[str, list[int]] = dict(record.get("missing", {}))
         if not record:  # first of all: who is killed in the first batch goes on as well
-            _write(note, request | {"files": files, "missing": missing})
+            _write_note(note, request | {"files": files, "missing": missing})
         folder.mkdir(exist_ok=True)
         remove_unfinished(folder)
         _check_unchanged(folder, files)
-        source = _Source(request, retrieval_type, structure, positive("patience", patience))
+        source = _DataServer(request, retrieval_type, structure, positive("patience", patience))
         batches = [numbers[k : k + size] for k in range(0, len(numbers), size)]
         with progress_bar(total=len(batches), words="fetching epochs", shown=progress) as bar:
             for k, batch_ids in enumerate(batches):
@@ -116,7 +116,7 @@ def fetch_epochs(
                     files |= added
                     missing.pop(prefix, None)
                     missing |= {prefix: lost} if lost else {}
-                    _write(note, request | {"files": files, "missing": missing})
+                    _write_note(note, request | {"files": files, "missing": missing})
                 bar.update(1)
     return folder
 
@@ -124,7 +124,7 @@ def fetch_epochs(
 def sources_without_epochs(folder: PathName) -> list[int]:
     """The source_id that were asked for and of which the archive sent no epochs, by the note beside a folder."""
     folder = Path(folder)
-    record = _read(folder.with_name(f"{folder.name}.json"))
+    record = _read_note(folder.with_name(f"{folder.name}.json"))
     return sorted(source_id for lost in record.get("missing", {}).values() for source_id in lost)
 
 
@@ -139,7 +139,7 @@ def _check_unchanged(folder, files):
         )
 
 
-class _Source:
+class _DataServer:
     """A data server, and the structure that it knows."""
 
     def __init__(self, request, retrieval_type, structure, patience):

@@ -71,7 +71,7 @@ _FURTHER = {"DR4": ("tentative_parallax_bias", "quality_flag")}
 _NAME = re.compile(r"[A-Za-z_][\w]*(\.[A-Za-z_][\w]*){0,2}")
 
 
-def _listed(release, prefix="g"):
+def _column_list(release, prefix="g"):
     return ", ".join(f"{prefix}.{name}" for name in _columns_of(release))
 
 
@@ -81,33 +81,33 @@ def _columns_of(release):
     return (*columns, *_FURTHER.get(release.name, ()))
 
 
-def _solution_columns(release, prefix="g"):
+def _solution_condition(release, prefix="g"):
     return f"{prefix}.{release.solution} IN ({', '.join(map(str, release.accepted))})"
 
 
 #: The 1.6 million quasars of Gaia-CRF3 (Gaia Collaboration, Klioner et al. 2022, A&A 667, A148), five- and
 #: six-parameter solutions, with the redshifts of DR3's own quasar module where there are any.
 GAIA_CRF3 = f"""\
-SELECT {_listed(DR3)}, q.redshift_qsoc, f.used_for_reference_frame_spin
+SELECT {_column_list(DR3)}, q.redshift_qsoc, f.used_for_reference_frame_spin
 FROM gaiadr3.gaia_source AS g
 JOIN (SELECT DISTINCT source_id FROM gaiadr3.agn_cross_id) AS c ON g.source_id = c.source_id
 LEFT JOIN gaiadr3.qso_candidates AS q ON g.source_id = q.source_id
 LEFT JOIN gaiadr3.frame_rotator_source AS f ON g.source_id = f.source_id
-WHERE {_solution_columns(DR3)}"""
+WHERE {_solution_condition(DR3)}"""
 #: The same sources as EDR3 had them: those of the acceleration paper (Gaia Collaboration, Klioner et al. 2021, A&A 649,
 #: A9).
 GAIA_EDR3_QSO = f"""\
-SELECT {_listed(EDR3)}, f.used_for_reference_frame_spin
+SELECT {_column_list(EDR3)}, f.used_for_reference_frame_spin
 FROM gaiaedr3.gaia_source AS g
 JOIN (SELECT DISTINCT source_id FROM gaiaedr3.agn_cross_id) AS c ON g.source_id = c.source_id
 LEFT JOIN gaiaedr3.frame_rotator_source AS f ON g.source_id = f.source_id
-WHERE {_solution_columns(EDR3)}"""
+WHERE {_solution_condition(EDR3)}"""
 #: DR3's candidates for galaxies that have a redshift from its own spectra.
 GAIA_DR3_GALAXIES = f"""\
-SELECT {_listed(DR3)}, x.redshift_ugc AS redshift
+SELECT {_column_list(DR3)}, x.redshift_ugc AS redshift
 FROM gaiadr3.gaia_source AS g
 JOIN gaiadr3.galaxy_candidates AS x ON g.source_id = x.source_id
-WHERE {_solution_columns(DR3)} AND x.redshift_ugc IS NOT NULL"""
+WHERE {_solution_condition(DR3)} AND x.redshift_ugc IS NOT NULL"""
 #: By the names that `vsh-archive` takes.
 QUERIES = {"gaia-crf3": GAIA_CRF3, "gaia-edr3-qso": GAIA_EDR3_QSO, "gaia-dr3-galaxies": GAIA_DR3_GALAXIES}
 #: Queries for a list that is sent with them.
@@ -195,14 +195,14 @@ def of_table(
             )
     condition = "" if where is None else f"\nWHERE {where.strip()}"
     return (
-        _joined(
+        _join_astrometry(
             release, astrometry, [f"t.{name}" for name in columns], f"FROM {table} AS t", "g.source_id = t.source_id"
         )
         + condition
     )
 
 
-def _joined(release, astrometry, further, source, match):
+def _join_astrometry(release, astrometry, further, source, match):
     """The query that joins the astrometry of a release to a source of rows: `match` is the condition of the join."""
     if astrometry not in ASTROMETRY or (astrometry != "gaia_source" and release is not DR4):
         raise ArchiveError(
@@ -226,7 +226,7 @@ MATCH_RADIUS = 1.0
 UPLOADED = f"tap_upload.{SENT}"
 
 
-def upload_of(source: Any) -> tuple[bytes, bool]:
+def make_upload(source: Any) -> tuple[bytes, bool]:
     """Make the VOTable that is sent with a query from a list of sources of one's own.
 
     Parameters
@@ -271,10 +271,10 @@ def _as_votable(columns):
         return Path(folder, "list.vot").read_bytes()
 
 
-def of_positions(*, release: DataRelease = DR3, astrometry: str = "gaia_source") -> str:
+def query_near_positions(*, release: DataRelease = DR3, astrometry: str = "gaia_source") -> str:
     """The query for the sources within an arcsecond of the positions that are sent with it."""
     circle = f"CIRCLE('ICRS', t.ra, t.dec, {MATCH_RADIUS}/3600)"
-    return _joined(
+    return _join_astrometry(
         release,
         astrometry,
         ["t.ra AS list_ra", "t.dec AS list_dec"],

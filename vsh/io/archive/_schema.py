@@ -107,7 +107,7 @@ def check_schema(schema: str = DR4.schema, url: str = ESA) -> SchemaCheck:
         names |= {row[0] for row in query_rows(adql, ("table_name",), url) if row[0].startswith(f"{schema}.")}
     if not names:
         raise ArchiveError(f"{printable(url)} has no schema {schema}, or shows no columns of it")
-    missing = {name: _missing(adql, schema, table_columns, names) for name, adql in queries.items()}
+    missing = {name: _missing_names(adql, schema, table_columns, names) for name, adql in queries.items()}
     used = [table for table in wanted if table in table_columns]
     return SchemaCheck(schema, len(used), sum(len(table_columns[table]) for table in used), missing)
 
@@ -117,7 +117,7 @@ def _aliases(adql, schema):
     return {alias: table.lower() for table, alias in _TABLES.findall(adql) if table.lower().startswith(f"{schema}.")}
 
 
-def _missing(adql, schema, table_columns, names):
+def _missing_names(adql, schema, table_columns, names):
     """Names of a query that a schema lacks, with the nearest ones; `names` are those of its tables."""
     absent: list[tuple[str, str | None]] = []
     aliases = _aliases(adql, schema)

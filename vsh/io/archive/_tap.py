@@ -23,7 +23,7 @@ from typing import Any
 from vsh.io import tables
 from vsh.tools.arguments import positive, whole
 from vsh.tools.errors import ArchiveError, TableError, first_line
-from vsh.tools.files import MARK, atomic_write, digest, exclusive
+from vsh.tools.files import MARK, atomic_write, digest, hold_lock
 from vsh.tools.parallel import progress_bar
 from vsh.tools.printing import printable
 from vsh.tools.types import PathName
@@ -112,27 +112,27 @@ def query(
     request = {"query": adql, "url": url, "max_rows": max_rows}
     if upload is not None:
         request["upload"] = hashlib.sha256(upload).hexdigest()
-    with exclusive(path):
-        return _answer(path, request, upload, patience, interval, max_bytes, overwrite, progress)
+    with hold_lock(path):
+        return _fetch_answer(path, request, upload, patience, interval, max_bytes, overwrite, progress)
 
 
-def _answer(path, request, upload, patience, interval, max_bytes, overwrite, progress):
+def _fetch_answer(path, request, upload, patience, interval, max_bytes, overwrite, progress):
     """The file, while no other process fetches it."""
     note, (adql, url, max_rows, *_) = path.with_name(f"{path.name}.json"), request.values()
-    record = _read(note)
+    record = _read_note(note)
     if path.exists():
         _check_as_fetched(path, record)
         if not overwrite:
-            _check_same(path, record, request)
-            _rows_of(path)
+            _check_same_request(path, record, request)
+            _check_whole_table(path)
             return path
     before = {"sha256": record["sha256"]} if path.exists() and "sha256" in record else {}
     record = {} if overwrite else record
     job = record.get("job") if all(record.get(key) == value for key, value in request.items()) else None
     job = job if _belongs_to(job, url) else None
     row_limit = None if max_rows is None else whole("max_rows", max_rows)
-    job = _still_there(job) or _submit(adql, url, row_limit, upload)
-    _write(note, request | {"job": job} | before)
+    job = _usable_job(job) or _submit(adql, url, row_limit, upload)
+    _write_note(note, request | {"job": job} | before)
     _wait(job, positive("patience", patience), positive("interval", interval), progress)
     with atomic_write(path, overwrite) as temporary_path:
         _fetch(
@@ -142,9 +142,9 @@ def _answer(path, request, upload, patience, interval, max_bytes, overwrite, pro
             positive("max_bytes", max_bytes),
             progress,
         )
-        rows, sha = _rows(temporary_path, max_rows), digest(temporary_path)
+        rows, sha = _count_rows(temporary_path, max_rows), digest(temporary_path)
         timestamp = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
-        _write(note, request | {"rows": rows, "fetched": timestamp, "sha256": sha})
+        _write_note(note, request | {"rows": rows, "fetched": timestamp, "sha256": sha})
     return path
 
 
@@ -164,7 +164,7 @@ def _check_as_fetched(path, record):
         )
 
 
-def _check_same(path, record, request):
+def _check_same_request(path, record, request):
     """Raise ArchiveError where a file is the answer to something else."""
     if record.get("query") != request["query"]:
         raise ArchiveError(f"{printable(path)} is the answer to another query: choose another name, or overwrite it")
@@ -182,7 +182,7 @@ def _check_same(path, record, request):
         )
 
 
-def _rows_of(path):
+def _check_whole_table(path):
     """The rows of a file that is there, once it is known to be whole."""
     try:
         return tables.fits_rows(path, path.name)
@@ -253,7 +253,7 @@ def _belongs_to(job, url):
     return (address.scheme, address.netloc) == (service.scheme, service.netloc)
 
 
-def _still_there(job):
+def _usable_job(job):
     """A job of before, if the server still knows it and it did not fail."""
     if job is None:
         return None
@@ -265,13 +265,13 @@ def _still_there(job):
 
 def _phase(job, end=None):
     with _open(f"{job}/phase", end=end) as answer:
-        phase = _read_some(answer, 1000, _soon(end)).decode("utf-8", "replace").strip()
+        phase = _read_some(answer, 1000, _short_deadline(end)).decode("utf-8", "replace").strip()
     if phase not in (*_WAITING, *_ENDED):
         raise ArchiveError(f"{job}/phase sent {printable(phase[:80])!r}, which is no phase of a job")
     return phase
 
 
-def _soon(end=None):
+def _short_deadline(end=None):
     """Until when a short answer is waited for, by the monotonic clock."""
     soon = time.monotonic() + _TIMEOUT
     return soon if end is None else min(soon, max(end, time.monotonic() + 1.0))
@@ -321,7 +321,7 @@ def _wait(job, patience, interval, progress):
             interval = min(1.3 * interval, 30.0)
     if phase != "COMPLETED":
         with _open(f"{job}/error") as answer:
-            message = _message(_read_some(answer, _BLOCK, _soon()))
+            message = _message(_read_some(answer, _BLOCK, _short_deadline()))
         raise ArchiveError(f"the query ended {phase.lower()}: {message or 'the server does not say why'}")
 
 
@@ -365,7 +365,7 @@ def _check_room(size, path, max_bytes):
         raise ArchiveError(f"the answer has {size} bytes, and the disk has room for {free_space}")
 
 
-def _rows(path, max_rows):
+def _count_rows(path, max_rows):
     """Count the rows of the table, once it is known to be complete."""
     with path.open("rb") as file:
         start = file.read(_BLOCK)
@@ -421,14 +421,14 @@ def _open(url, form=None, end=None, upload=None):
 
     threading.Thread(target=ask, daemon=True).start()
     try:
-        answer = answers.get(timeout=max(_soon(end) - time.monotonic(), 0.1))
+        answer = answers.get(timeout=max(_short_deadline(end) - time.monotonic(), 0.1))
     except queue.Empty:
         raise ArchiveError(f"{url} does not answer in time") from None
     if not isinstance(answer, BaseException):
         return answer
     if isinstance(answer, urllib.error.HTTPError):
         with answer:
-            message = _message(_read_some(answer, _BLOCK, _soon()))
+            message = _message(_read_some(answer, _BLOCK, _short_deadline()))
         raise _RefusedError(f"{url} answered {answer.code}: {message or answer.reason}") from answer
     if isinstance(answer, (OSError, http.client.HTTPException, ValueError)):
         reason = getattr(answer, "reason", None) or answer
@@ -456,7 +456,7 @@ def _message(body):
     return " ".join(" ".join(messages).split())[:500]
 
 
-def _read(path) -> dict[str, Any]:
+def _read_note(path) -> dict[str, Any]:
     try:
         job = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError):
@@ -464,6 +464,6 @@ def _read(path) -> dict[str, Any]:
     return job if isinstance(job, dict) else {}
 
 
-def _write(path, facts):
+def _write_note(path, facts):
     with atomic_write(path, overwrite=True) as temporary_path:
         Path(temporary_path).write_text(json.dumps({"program": MARK} | facts, indent=1), encoding="utf-8")

@@ -13,7 +13,7 @@ import numpy as np
 from astropy import units as u
 
 from vsh.io import tables
-from vsh.io.catalogue._names import ASSUMED, NAMED, REQUIRED, Columns, Request, like_correlations, name_and_unit
+from vsh.io.catalogue._names import ASSUMED, NAMED, REQUIRED, ColumnRequest, Columns, find_correlations, name_and_unit
 from vsh.io.tables import TableSource
 from vsh.sky.frames import MEASURED_KEY
 from vsh.tools.bad_rows import as_floats, span_of, within
@@ -27,7 +27,7 @@ from vsh.tools.notes import (
     UNUSED_CORRELATIONS,
     VELOCITIES,
     CodedNote,
-    NotSelected,
+    UnselectedRows,
 )
 from vsh.tools.printing import printable
 from vsh.tools.types import BoolArray
@@ -44,14 +44,14 @@ FURTHER_UNITS = {
 MUST_SAY = ("distance", "distance_error", "parallax", "parallax_error")
 
 
-def as_columns(columns: Any) -> Request:
+def as_columns(columns: Any) -> ColumnRequest:
     """Interpret a choice of columns: None (any known set of names), the name of a set, role to name, or Columns."""
     if columns is None:
-        return Request()
-    if isinstance(columns, Request):
+        return ColumnRequest()
+    if isinstance(columns, ColumnRequest):
         return columns
     if isinstance(columns, Columns):
-        return Request(columns, None)
+        return ColumnRequest(columns, None)
     columns = {"names": columns} if isinstance(columns, str) else columns
     if not isinstance(columns, dict):
         raise TableError(
@@ -65,13 +65,13 @@ def as_columns(columns: Any) -> Request:
     wrong = [str(role) for role in names if role not in roles]
     if wrong:
         raise TableError(f"columns: nothing is called {', '.join(wrong)}; there are {', '.join(roles)}")
-    return Request(replace(NAMED[set_name], **names), None if "names" in columns else tuple(names))
+    return ColumnRequest(replace(NAMED[set_name], **names), None if "names" in columns else tuple(names))
 
 
-def locate(wanted: Request, source: TableSource) -> tuple[dict[str, str], list[str]]:
+def locate_columns(wanted: ColumnRequest, source: TableSource) -> tuple[dict[str, str], list[str]]:
     """Find the columns of a table that a field needs, and notes."""
     column_names, notes, absent = {}, [], []
-    columns, set_name = wanted.among(source.names)
+    columns, set_name = wanted.choose_names(source.names)
     for f in fields(Columns):
         name = getattr(columns, f.name)
         if name is None and f.name not in REQUIRED:
@@ -86,7 +86,7 @@ def locate(wanted: Request, source: TableSource) -> tuple[dict[str, str], list[s
             if present:
                 column_names[f.name] = present[0]
             elif f.name == "pmra_pmdec_corr":
-                notes += _without_correlations(name, source)
+                notes += _notes_on_correlations(name, source)
     # What a field wrote of itself it reads: elsewhere a column called distance or parallax may be anything.
     for role in str(source.meta.get(MEASURED_KEY, "")).split():
         if role in MUST_SAY and role in source.names and role not in (wanted.asked or ()):
@@ -107,7 +107,7 @@ def locate(wanted: Request, source: TableSource) -> tuple[dict[str, str], list[s
                 "compares two of them, vsh-correlate needs one, vsh-sim --positions simulates motions; or say which "
                 "columns are the motions: columns={'pmra': …} (--columns pmra=…,pmdec=…)"
             )
-        best, set_name = Request().among(source.names)
+        best, set_name = ColumnRequest().choose_names(source.names)
         fits = set_name and all(getattr(best, column) in source.names for column in REQUIRED)
         wish = set_name if fits else ",".join(f"{role}=…" for role, _ in absent)
         argument = f"columns={set_name!r}" if fits else f"columns={{{role!r}: …}}"
@@ -135,9 +135,9 @@ def _role_of(name, column_names):
     return next(role for role, column in column_names.items() if column == name)
 
 
-def _without_correlations(names, source):
+def _notes_on_correlations(names, source):
     """Notes on a table without correlations where they are looked for."""
-    like = like_correlations(source)
+    like = find_correlations(source)
     if not like:
         text = f"no column {' or '.join(dict.fromkeys(names))}: correlations taken as zero"
         return [CodedNote(text, ASSUMED_MOTIONS)]
@@ -194,7 +194,7 @@ _MOTIONS = 3e6
 _SMALL = 0.1
 
 
-def doubtful_sizes(field: Any, at_least: int = 20) -> list[str]:
+def size_warnings(field: Any, at_least: int = 20) -> list[str]:
     """Warnings of numbers that no survey has, with the likely cause; nothing is changed."""
     sigma, motion = field.sigma, field.motion
     if len(field) < at_least or (motion == 0).all():
@@ -202,7 +202,7 @@ def doubtful_sizes(field: Any, at_least: int = 20) -> list[str]:
     # Where all are plausible their medians are, which take longer to see.
     (least, most), (lowest, highest) = span_of(sigma), span_of(motion)
     plausible = within((least, most), *_ERRORS) and within((lowest, highest), -_MOTIONS, _MOTIONS)
-    notes = [] if plausible else _doubtful_motions(np.median(sigma), np.median(np.abs(motion)))
+    notes = [] if plausible else _motion_warnings(np.median(sigma), np.median(np.abs(motion)))
     if max(-lowest, highest) < _SMALL * least:
         text = f"no motion is above {max(-lowest, highest):.3g} µas/yr, and no error below {least:.3g} µas/yr"
         notes.append(CodedNote(f"warning: {text}: in which units are they (units=, --units)?", DOUBT))
@@ -213,7 +213,7 @@ def doubtful_sizes(field: Any, at_least: int = 20) -> list[str]:
     return notes
 
 
-def _doubtful_motions(error, size):
+def _motion_warnings(error, size):
     """Warnings of a median error and a median motion in µas/yr."""
     notes = []
     if not _ERRORS[0] < error < _ERRORS[1]:
@@ -226,7 +226,7 @@ def _doubtful_motions(error, size):
     return notes
 
 
-class ChosenColumns:
+class RowSelection:
     """A condition on one table."""
 
     def __init__(self, where: str, source: tables.TableSource, roles: Mapping[str, str] | None = None) -> None:
@@ -251,7 +251,7 @@ class ChosenColumns:
             np.array([first_row]),
             *(np.asarray(array) for array, _ in list(block.values())[:2]),
         ]
-        note = NotSelected.of_table(counts, len(selection), *mark, names=(self._where.shown,))
+        note = UnselectedRows.of_table(counts, len(selection), *mark, names=(self._where.shown,))
         if not selection.any():
             raise nothing_selected((note,))
         rows = np.flatnonzero(selection)
@@ -269,7 +269,7 @@ def nothing_selected(notes: Iterable[str]) -> EmptySelectionError:
     return error
 
 
-def factors(
+def conversion_factors(
     where: Mapping[str, str], units: Mapping[str, Any] | None, source: TableSource, usual: str | None = None
 ) -> Any:
     """Factors on the columns of positions, motions and errors, and notes on units that were assumed."""
@@ -286,25 +286,25 @@ def factors(
         name, target = where[role], UNITS.get(role, FURTHER_UNITS.get(role))
         unit = unit_of(name, units, source)
         if role == "ra":
-            unit = _hours(unit)
+            unit = _as_hour_angle(unit)
         if unit is not None:
-            role_factors[role] = (_factor if role in REQUIRED else partial(_further, role))(
+            role_factors[role] = (_factor if role in REQUIRED else partial(_optional_factor, role))(
                 name, unit, target, name in units
             )
         elif role in _UNIT_OF and unit_of(where[_UNIT_OF[role]], units, source) is not None:
             # An error is in the unit of what it is the error of, unless the table states another.
             motion = where[_UNIT_OF[role]]
             unit = unit_of(motion, units, source)
-            assumed_units.setdefault(f"{_text(unit)}, the unit of {printable(motion)}", []).append(name)
+            assumed_units.setdefault(f"{_unit_text(unit)}, the unit of {printable(motion)}", []).append(name)
             role_factors[role] = _factor(motion, unit, target, motion in units)
         elif usual is not None and role in REQUIRED[2:]:
             assumed_units.setdefault(usual, []).append(name)
             role_factors[role] = _factor(name, usual, target, False)
         elif role in ("ra", "dec") or (role in _GAIA_UNITS and name.lower() == role) or role in like_gaia:
-            assumed_units.setdefault(_text(target), []).append(name)
+            assumed_units.setdefault(_unit_text(target), []).append(name)
             role_factors[role] = 1.0
         elif role in REQUIRED or role in MUST_SAY:
-            missing_units[name] = _text(target)
+            missing_units[name] = _unit_text(target)
     if missing_units:
         several = (
             f"columns {', '.join(map(repr, missing_units))} have"
@@ -336,11 +336,11 @@ def unit_of(name: str, units: Mapping[str, Any], source: TableSource) -> Any:
 
 
 @lru_cache
-def _text(unit):
+def _unit_text(unit):
     return str(unit)
 
 
-def differing_units(where: Mapping[str, str], units: Mapping[str, Any]) -> list[str]:
+def notes_on_units(where: Mapping[str, str], units: Mapping[str, Any]) -> list[str]:
     """A note where motions and their errors are not all in one unit, which is seldom meant."""
     roles = [role for role in REQUIRED[2:] if role in units and not where[role].startswith(ASSUMED)]
     sizes = {role: units[role] for role in roles}
@@ -424,12 +424,12 @@ def _remedy(name, target):
     )
 
 
-def _hours(unit):
+def _as_hour_angle(unit):
     """The unit of a right ascension: hours are those of an angle."""
     return "hourangle" if str(unit).strip().lower() in ("h", "hr", "hour", "hours") else unit
 
 
-def _further(role, name, unit, target, from_user):
+def _optional_factor(role, name, unit, target, from_user):
     """The factor of a column that need not be there: a pure number, a magnitude, a distance."""
     try:
         astropy_unit = parse_unit(unit)
@@ -475,7 +475,7 @@ def _is_modulus(astropy_unit):
     return astropy_unit == u.mag or isinstance(astropy_unit, u.MagUnit)
 
 
-def from_modulus(columns: dict[str, Any]) -> list[str]:
+def convert_modulus(columns: dict[str, Any]) -> list[str]:
     """Transverse distances [Mpc] and their errors in place of distance moduli [mag], which are of luminosity; notes."""
     distance = 10 ** ((columns["distance"] - 25) / 5)
     notes = []
@@ -497,7 +497,7 @@ def from_modulus(columns: dict[str, Any]) -> list[str]:
 _SEXAGESIMAL = re.compile(r"\s*([-+]?)(\d+)[\s:hd°]+(\d+)[\s:m']+(\d+(?:\.\d*)?)[s\"]?\s*")
 
 
-def sexagesimal(role: str, values: Any, missing: BoolArray | None, unit: str = "") -> Any:
+def sexagesimal_degrees(role: str, values: Any, missing: BoolArray | None, unit: str = "") -> Any:
     """Degrees of positions that are text in hours or degrees, minutes and seconds; None of other columns.
 
     Right ascension is in hours unless its text has a mark of degrees, or its unit is one of degrees.
@@ -518,7 +518,7 @@ def sexagesimal(role: str, values: Any, missing: BoolArray | None, unit: str = "
     return np.where(wrong, np.nan, np.where(negative, -size, size) * np.where(is_degree, 1.0, 15.0))
 
 
-def plain(name: str, values: Any, missing: BoolArray | None) -> Any:
+def as_doubles(name: str, values: Any, missing: BoolArray | None) -> Any:
     """A column of numbers as an array of doubles, masked where values are missing."""
     if missing is None and not np.ma.isMaskedArray(values):
         return as_floats(printable(name), values)[0]

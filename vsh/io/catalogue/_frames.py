@@ -70,14 +70,14 @@ def frames_of(where: Mapping[str, str], frame: str | None, source: TableSource) 
     TableError
         If the table states axes that are not read, or names alone do not tell them.
     """
-    by_name = _named(where.get("ra"), where.get("dec"))
+    by_name = _frame_by_names(where.get("ra"), where.get("dec"))
     if frame is None and (old := [where[role] for role in _POSITIONS if _OLD.search(where.get(role, ""))]):
         raise TableError(
             f"column {printable(old[0])!r}: positions of B1950 are not read. Turn them to ICRS first, or say frame= "
             "(--columns frame=) if the name is wrong"
         )
-    of_motions = next((name for name, pattern in _MOTIONS.items() if _are_of(pattern, where)), None)
-    stated, notes = (None, ()) if frame is not None else _stated(where, source)
+    of_motions = next((name for name, pattern in _MOTIONS.items() if _have_motion_names(pattern, where)), None)
+    stated, notes = (None, ()) if frame is not None else _stated_frame(where, source)
     known = check_frame(frame) if frame is not None else stated if by_name in (None, stated) else None
     if by_name and of_motions == "icrs" and known in (None, by_name):
         names = ", ".join(printable(where[role]) for role in (*_POSITIONS, "pmra", "pmdec"))
@@ -88,7 +88,7 @@ def frames_of(where: Mapping[str, str], frame: str | None, source: TableSource) 
     if by_name and of_motions == by_name:
         return TableFrames(by_name, by_name, (f"{by_name} axes, by the names of the columns",))
     if by_name:
-        role = next(role for role in _POSITIONS if _named(where.get(role)))
+        role = next(role for role in _POSITIONS if _frame_by_names(where.get(role)))
         raise TableError(
             f"column {where[role]!r} is given as {role}: are these {by_name} coordinates? Say frame={by_name!r} "
             f'(--columns frame={by_name}), or frame="icrs"'
@@ -96,19 +96,19 @@ def frames_of(where: Mapping[str, str], frame: str | None, source: TableSource) 
     return TableFrames("icrs", "icrs", notes)
 
 
-def _named(*names):
+def _frame_by_names(*names):
     """The frame that names of positions are of, other than ICRS."""
     plain = [re.sub(r"[^a-z]", "", name_and_unit(name)[0].lower()) for name in names if name]
     return next((frame for frame, known in _BY_NAME.items() if any(name in known for name in plain)), None)
 
 
-def _are_of(pattern, where):
+def _have_motion_names(pattern, where):
     """Return whether both components of the motions have names of a frame."""
     names = [where[role] for role in ("pmra", "pmdec") if role in where]
     return len(names) == 2 and all(pattern.fullmatch(name_and_unit(name)[0].strip("_ ")) for name in names)
 
 
-def _stated(where, source):
+def _stated_frame(where, source):
     """The frame that a table states of itself, or None, and notes."""
     header = {str(key).upper(): value for key, value in source.meta.items()}
     if header.get(FRAME_KEY) in FRAMES:
@@ -125,11 +125,11 @@ def _stated(where, source):
         listing = ", ".join(sorted(printable(name) for name, _ in systems))
         raise TableError(f"{source.label} states several coordinate systems of its positions: {listing}. Say frame=")
     for name, equinox in systems:
-        return _of_system(name, equinox, source.label)
+        return _frame_of_system(name, equinox, source.label)
     return None, ()
 
 
-def _of_system(name, equinox, label):
+def _frame_of_system(name, equinox, label):
     """Our frame of a system that a table names, and notes."""
     system = _SYSTEMS.get(name.lower())
     year = _equinox(equinox)

@@ -9,13 +9,13 @@ import numpy as np
 
 from vsh.field import MEASURED, Field
 from vsh.io import tables
-from vsh.io.catalogue._columns import ChosenColumns, missing_column, unit_factor
+from vsh.io.catalogue._columns import RowSelection, missing_column, unit_factor
 from vsh.sky.frames import Positions
 from vsh.sky.sphere import triad
 from vsh.tools.arguments import positive
 from vsh.tools.bad_rows import as_floats, select_usable
 from vsh.tools.errors import FieldError, FrameError, TableError
-from vsh.tools.printing import in_a_line
+from vsh.tools.printing import one_line_text
 from vsh.tools.types import IntArray, OnBad, PathName
 from vsh.tools.units import DEGREE, MAS, UAS
 
@@ -39,7 +39,7 @@ class MatchResult(NamedTuple):
 _OF_RELEASE = re.compile(r"e?dr\d\w*_source_id", re.IGNORECASE)
 
 
-def renamed(catalogue: Any, crosswalk: Any) -> Any:
+def rename_sources(catalogue: Any, crosswalk: Any) -> Any:
     """A catalogue of one release with the identifiers of another, by a table of neighbours of Gaia's archive.
 
     Parameters
@@ -101,7 +101,9 @@ def counterparts(a: Any, b: Any, *, by: Literal["name", "position"] = "name", ra
         raise FieldError(f'match by "name" or "position", not {by!r}')
     if types == {Positions}:
         b = b.at_epoch(a.epoch)
-    (i, j), ambiguous = _by_name(a, b) if by == "name" else _by_position(a, b, 1.0 if radius is None else float(radius))
+    (i, j), ambiguous = (
+        _match_by_name(a, b) if by == "name" else _match_by_position(a, b, 1.0 if radius is None else float(radius))
+    )
     if not len(i):
         alternative = 'position, by="position" (--match 1)' if by == "name" else "name, or a larger radius"
         raise TableError(
@@ -167,10 +169,9 @@ def match(
         if n_distant > max(_FAR_APART * len(i), 3):
             k = int(np.argmax(separation > 1e6))
             raise FieldError(
-                f"{n_distant} of {len(i)} pairs of one name are more than 1 arcsec apart ({in_a_line(a.name[i[k]])} "
-                "for one): other sources, or columns and units that were misread; by position (--match 1) names "
-                "do not "
-                "count"
+                f"{n_distant} of {len(i)} pairs of one name are more than 1 arcsec apart "
+                f"({one_line_text(a.name[i[k]])} for one): other sources, or columns and units that were misread; by "
+                "position (--match 1) names do not count"
             )
         if n_distant:
             notes.append(f"{n_distant} of the pairs are more than 1 arcsec apart: are they the same sources?")
@@ -190,13 +191,13 @@ def match(
     )
 
 
-def _by_name(a, b):
+def _match_by_name(a, b):
     if a.name is None or b.name is None:
         raise FieldError('a catalogue without names cannot be matched by name: by="position" (--match 1) needs none')
     if a.name.dtype.kind != b.name.dtype.kind and "U" in (a.name.dtype.kind, b.name.dtype.kind):
         raise FieldError(
-            f"names of type {a.name.dtype} and {b.name.dtype} are never equal, {in_a_line(a.name[0])} and "
-            f'{in_a_line(b.name[0])} say: by="position" (--match 1) needs none'
+            f"names of type {a.name.dtype} and {b.name.dtype} are never equal, {one_line_text(a.name[0])} and "
+            f'{one_line_text(b.name[0])} say: by="position" (--match 1) needs none'
         )
     once = []
     ambiguous = 0
@@ -211,7 +212,7 @@ def _by_name(a, b):
     return (i[order], j[order]), ambiguous
 
 
-def _by_position(a, b, radius):
+def _match_by_position(a, b, radius):
     if not 0 < radius < 180 * 3600:
         raise FieldError(f"the radius of a match is an angle above zero, not {radius} arcsec")
     chord = 2 * np.sin(radius * DEGREE / 7200)
@@ -273,10 +274,10 @@ def read_icrf(path: PathName, name: str | None = "icrf") -> Positions:
     """
     if name not in ("icrf", "iers"):
         raise TableError(f"sources are named by icrf or iers, not {name!r}")
-    return _read_names(tables.open_table(path, "icrf"), name)
+    return _read_vlbi_positions(tables.open_table(path, "icrf"), name)
 
 
-def _read_names(table_source, name):
+def _read_vlbi_positions(table_source, name):
     """The positions of a list from VLBI."""
     if "ra_error" not in table_source.names:
         raise TableError(f"{table_source.label} has no errors: give one for all, sigma= (--columns sigma=)")
@@ -321,7 +322,7 @@ def read_positions(
     table_source = tables.open_table(source, format)
     is_icrf = {"icrf", "iers", "defining"} <= set(table_source.names)
     if is_icrf and where is None and not columns and "ra_error" in table_source.names:
-        positions = _read_names(table_source, designation)
+        positions = _read_vlbi_positions(table_source, designation)
         return positions if sigma is None else _with_sigma(positions, sigma)
     wrong = [str(role) for role in columns if role not in (*_COLUMNS, *_OPTIONAL)]
     if wrong:
@@ -342,7 +343,7 @@ def read_positions(
             remark = "; or one error for all, sigma= (--columns sigma=)" if role.endswith("error") else ""
             raise TableError(missing_column(roles[role], table_source) + remark)
     roles = {role: name for role, name in roles.items() if name in table_source.names}
-    clause = None if where is None else ChosenColumns(where, table_source)
+    clause = None if where is None else RowSelection(where, table_source)
     table = table_source.columns(tuple(dict.fromkeys([*roles.values(), *(clause.names if clause else ())])))
     rows: Any = 0
     if clause:

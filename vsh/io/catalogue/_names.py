@@ -55,7 +55,7 @@ class Columns(InNotebook):
     quality: str | tuple | None = ("quality_flag",)
 
 
-def names_of(frame: str) -> dict[str, str]:
+def column_names_of(frame: str) -> dict[str, str]:
     """Role to name of the columns that a field of this frame is written with."""
     lon, lat, east, north = AXES[frame]
     names = {"ra": lon, "dec": lat, "pmra": east, "pmdec": north}
@@ -66,7 +66,7 @@ def names_of(frame: str) -> dict[str, str]:
 def has_motions(names: Iterable[str]) -> bool:
     """Return whether a table has all columns of positions, motions and errors that a field of some axes writes."""
     present = set(names)
-    return any({names_of(frame)[role] for role in REQUIRED} <= present for frame in AXES)
+    return any({column_names_of(frame)[role] for role in REQUIRED} <= present for frame in AXES)
 
 
 #: Gaia's archive names.
@@ -83,8 +83,8 @@ _VIZIER = Columns(
     redshift=("z", "zsp", "Redshift"), redshift_error=("e_z", "e_zsp"), solution=("Solved",),
 )  # fmt: skip
 _OTHER_AXES = {
-    frame: replace(GAIA, **{role: name for role, name in names_of(frame).items() if not role.endswith("corr")},
-                   pmra_pmdec_corr=(names_of(frame)["pmra_pmdec_corr"],))
+    frame: replace(GAIA, **{role: name for role, name in column_names_of(frame).items() if not role.endswith("corr")},
+                   pmra_pmdec_corr=(column_names_of(frame)["pmra_pmdec_corr"],))
     for frame in AXES if frame != "icrs"
 }  # fmt: skip
 _SHARED = ("pmra_pmdec_corr", "name", "magnitude", "redshift", "redshift_error")
@@ -164,14 +164,14 @@ def name_and_unit(name: str) -> tuple[str, str | None]:
     return name, None
 
 
-class Request(NamedTuple):
+class ColumnRequest(NamedTuple):
     """The names that a user wants: those of a set, or of whatever set a table has where none was asked for."""
 
     columns: Columns = GAIA
     #: Roles whose names are the user's; None where all are.
     asked: tuple[str, ...] | None = ()
 
-    def among(self, names: Iterable[str]) -> tuple[Columns, str | None]:
+    def choose_names(self, names: Iterable[str]) -> tuple[Columns, str | None]:
         """The names that a table has for each role, and the set that was chosen, where it is not Gaia's."""
         return _choose_names(self, tuple(names))
 
@@ -197,7 +197,7 @@ def _resolve_names(columns, names, index):
     replacements: dict[str, Any] = {}
     for roles in _PAIRS:
         candidate_lists = [_candidates(columns, role) for role in roles]
-        present = [[_in(name, names, index) for name in candidates] for candidates in candidate_lists]
+        present = [[_name_in_table(name, names, index) for name in candidates] for candidates in candidate_lists]
         pairs = zip(*present, strict=True) if len(present[0]) == len(present[1]) else ()
         best_pair = next((pair for pair in pairs if all(pair)), None)
         best_pair = best_pair or tuple(next(filter(None, matches), None) for matches in present)
@@ -206,9 +206,11 @@ def _resolve_names(columns, names, index):
     for role in Columns.__dataclass_fields__:
         candidates = getattr(columns, role)
         if role not in REQUIRED and isinstance(candidates, tuple):
-            name = next(filter(None, (_in(candidate, names, index) for candidate in candidates)), None)
+            name = next(filter(None, (_name_in_table(candidate, names, index) for candidate in candidates)), None)
             replacements[role] = (name, *candidates) if name else candidates
-    if isinstance(columns.redshift_error, tuple) and not _has(replacements.get("redshift", columns.redshift), names):
+    if isinstance(columns.redshift_error, tuple) and not _has_candidate(
+        replacements.get("redshift", columns.redshift), names
+    ):
         replacements["redshift_error"] = None  # what has no redshift has no error of one
     return replace(columns, **replacements)
 
@@ -230,7 +232,7 @@ def _index(names):
 _BY_CASE = ("z", "z_error", "e_z", "z_err", "zerr")
 
 
-def _in(name, names, index):
+def _name_in_table(name, names, index):
     """The name as the table has it: as it is, or the only one that differs by case or a unit alone; or None."""
     if name in names:
         return name
@@ -238,12 +240,12 @@ def _in(name, names, index):
     return matches[0] if len(matches) == 1 else None
 
 
-def _has(candidates, names):
+def _has_candidate(candidates, names):
     """Return whether a table has the column of a role."""
     return any(candidate in names for candidate in ((candidates,) if isinstance(candidates, str) else candidates or ()))
 
 
-def like_correlations(source: TableSource) -> list[str]:
+def find_correlations(source: TableSource) -> list[str]:
     """Columns that may be the correlation of the proper motions, by their names."""
     return [name for name in source.names if _CORRELATION.search(name) and not _OF_PARALLAX.search(name)]
 
@@ -252,7 +254,7 @@ _ELLIPSES = (("pm_err_maj", "pm_err_min", "pm_err_angle"), ("PM_ERR_MAJA", "PM_E
 
 
 @lru_cache
-def derived_from(names: tuple[str, ...]) -> dict[str, tuple[str, ...]]:
+def derivable_columns(names: tuple[str, ...]) -> dict[str, tuple[str, ...]]:
     """The columns that can be made of those of a table, and of which: errors of two sides, error ellipses."""
     present = set(names)
     bases = [name[:-3] for name in names if name.endswith("_em")]
@@ -265,9 +267,9 @@ def derived_from(names: tuple[str, ...]) -> dict[str, tuple[str, ...]]:
     }
 
 
-def with_derived(source: TableSource) -> TableSource:
+def add_derived_columns(source: TableSource) -> TableSource:
     """A table with the columns that others are made of: errors of two sides, error ellipses."""
-    derived_columns = derived_from(source.names)
+    derived_columns = derivable_columns(source.names)
     if not derived_columns:
         return source
     recipes: dict[str, Any] = {}
@@ -275,7 +277,7 @@ def with_derived(source: TableSource) -> TableSource:
     for name, inputs in derived_columns.items():
         unit = None if name == "pmra_pmdec_corr" else source.units.get(inputs[0])
         if len(inputs) == 1:
-            recipes[name] = inputs, _from_inverse_variance, _root_of_inverse(unit)
+            recipes[name] = inputs, _from_inverse_variance, _error_unit(unit)
             continue
         recipes[name] = inputs, _FROM_ELLIPSE[name] if len(inputs) == 3 else _larger, unit
     if asymmetric_errors := [
@@ -316,7 +318,7 @@ def _from_inverse_variance(values):
     return 1 / np.sqrt(values)
 
 
-def _root_of_inverse(unit):
+def _error_unit(unit):
     """The unit of an error, from that of its inverse variance."""
     if not unit:
         return None

@@ -9,13 +9,13 @@ from typing import Any
 
 from vsh.field import Field
 from vsh.io.catalogue._columns import as_columns
-from vsh.io.catalogue._names import REQUIRED, Columns, Request, derived_from
-from vsh.io.catalogue._read import open_positions, stream_fields
-from vsh.io.parts import Dask, Engine, InProcess, Parts, Processes, delayed_of, is_delayed
-from vsh.io.tables import Place, TableSource, Where, check_alike, files_of, is_address, mark_of, open_table
+from vsh.io.catalogue._names import REQUIRED, ColumnRequest, Columns, derivable_columns
+from vsh.io.catalogue._read import add_zero_motions, stream_fields
+from vsh.io.parts import Dask, Engine, InProcess, Parts, Processes, delayed_partitions, is_delayed
+from vsh.io.tables import RemotePath, TableSource, Where, check_alike, files_of, fingerprint_of, is_address, open_table
 from vsh.tools.arguments import whole
 from vsh.tools.errors import ParameterError, TableError
-from vsh.tools.files import check_unchanged, record_of
+from vsh.tools.files import check_unchanged, file_stamp
 from vsh.tools.types import OnBad
 
 #: Sources in a block of a part: some 200 MB while it is read and checked.
@@ -89,7 +89,7 @@ def parts(
         Where(where)  # its mistakes before anything is read
     read = Reader(request, units, on_bad, frame, whole("rows", rows), motions, sigma, where=where, format=format)
     pieces = _pieces(source, request, motions, format, where)
-    files = [piece for piece in pieces if isinstance(piece, (Path, Place))]
+    files = [piece for piece in pieces if isinstance(piece, (Path, RemotePath))]
     paths = {str(file.resolve()) if isinstance(file, Path) else file.path for file in files}
     if len(paths) < len(files):
         raise ParameterError(f"{len(files) - len(paths)} of the parts are files that stand there twice")
@@ -104,7 +104,7 @@ def parts(
 class Reader:
     """Reader of the fields of a piece, a block of sources at a time."""
 
-    columns: Request
+    columns: ColumnRequest
     units: Mapping[str, Any] | None
     on_bad: OnBad
     frame: str | None
@@ -122,16 +122,16 @@ class Reader:
         if isinstance(piece, Field):
             yield piece
             return
-        columns, file = self.columns, piece if isinstance(piece, (Path, Place)) else None
+        columns, file = self.columns, piece if isinstance(piece, (Path, RemotePath)) else None
         if isinstance(file, Path):
             self._check_unchanged(file)
-        if isinstance(piece, (str, os.PathLike, Place)):
+        if isinstance(piece, (str, os.PathLike, RemotePath)):
             piece = open_table(piece, self.format)
         if self.like is not None and isinstance(piece, TableSource):
             _check_same_columns(piece, columns, *self.like)
         notes: tuple[str, ...] = ()
         if not self.motions:
-            piece, position_columns, notes = open_positions(open_table(piece), columns, self.sigma)
+            piece, position_columns, notes = add_zero_motions(open_table(piece), columns, self.sigma)
         fields = stream_fields(
             piece,
             self.rows,
@@ -154,11 +154,11 @@ class Reader:
 
 
 def _name_of(file):
-    return file.label if isinstance(file, Place) else str(file)
+    return file.label if isinstance(file, RemotePath) else str(file)
 
 
 def _record_of(file):
-    return mark_of(file) if isinstance(file, Place) else record_of(file)
+    return fingerprint_of(file) if isinstance(file, RemotePath) else file_stamp(file)
 
 
 def _layout(table, columns):
@@ -169,11 +169,11 @@ def _layout(table, columns):
 @lru_cache
 def _layout_of(present, units, columns):
     column_units, present_set = dict(units), set(present)
-    resolved_columns, _ = columns.among((*present, *derived_from(present)))
+    resolved_columns, _ = columns.choose_names((*present, *derivable_columns(present)))
     column_names = [name for role in Columns.__dataclass_fields__ for name in _candidates(resolved_columns, role)]
     column_names += [
         name
-        for derived_name, inputs in derived_from(present).items()
+        for derived_name, inputs in derivable_columns(present).items()
         if derived_name in column_names
         for name in inputs
     ]
@@ -200,8 +200,8 @@ def _engine(pieces, workers, scheduler) -> Engine:
         return Dask(None, None if workers is None else whole("workers", workers))
     if workers is not None and whole("workers", workers) > 1:
         return Processes(workers)
-    if len(pieces) > 1 and all(isinstance(piece, (Path, Place)) for piece in pieces):
-        return InProcess(_READERS if isinstance(pieces[0], Place) else 1)
+    if len(pieces) > 1 and all(isinstance(piece, (Path, RemotePath)) for piece in pieces):
+        return InProcess(_READERS if isinstance(pieces[0], RemotePath) else 1)
     return InProcess()
 
 
@@ -254,8 +254,8 @@ def _partitions(collection, columns, motions, condition):
     names = tuple(map(str, getattr(collection, "columns", ())))
     if not names:
         return collection.to_delayed()
-    derived_columns = derived_from(names)
-    resolved_columns, _ = columns.among((*names, *derived_columns))
+    derived_columns = derivable_columns(names)
+    resolved_columns, _ = columns.choose_names((*names, *derived_columns))
     column_names = [name for name in (() if condition is None else Where(condition).names) if name in names]
     for role in Columns.__dataclass_fields__:
         candidates = getattr(resolved_columns, role)
@@ -265,4 +265,4 @@ def _partitions(collection, columns, motions, condition):
                 f"the {type(collection).__name__} has no column {candidates!r} for {role}: it has {', '.join(names)}"
             )
         column_names += [name for column in present[:1] for name in derived_columns.get(column, (column,))]
-    return delayed_of(collection, column_names)
+    return delayed_partitions(collection, column_names)

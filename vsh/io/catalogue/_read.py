@@ -17,30 +17,30 @@ from vsh.io import tables
 from vsh.io.archive import DR4
 from vsh.io.catalogue._columns import (
     MODULUS,
-    ChosenColumns,
+    RowSelection,
     as_columns,
-    differing_units,
+    as_doubles,
+    conversion_factors,
+    convert_modulus,
     doubt_positions,
-    doubtful_sizes,
-    factors,
-    from_modulus,
     identifiers,
-    locate,
+    locate_columns,
     missing_column,
+    notes_on_units,
     nothing_selected,
     parse_unit,
-    plain,
-    sexagesimal,
+    sexagesimal_degrees,
+    size_warnings,
     unit_factor,
 )
 from vsh.io.catalogue._frames import frames_of, one_redshift_frame, redshift_frame_of, turn_positions
-from vsh.io.catalogue._names import ASSUMED, REQUIRED, USUAL_UNITS, Columns, derive_columns, with_derived
+from vsh.io.catalogue._names import ASSUMED, REQUIRED, USUAL_UNITS, Columns, add_derived_columns, derive_columns
 from vsh.io.maps import read_density
 from vsh.io.parts import OPTIONAL, Parts
 from vsh.scalars import ScalarField
 from vsh.sky.frames import REDSHIFT_FRAME_COLUMN
 from vsh.tools.arguments import positive, whole
-from vsh.tools.bad_rows import PLACEHOLDER, as_floats, placeholders, unmeasured
+from vsh.tools.bad_rows import PLACEHOLDER, as_floats, find_placeholder_rows, zero_motion_rows
 from vsh.tools.errors import EmptyFieldError, EmptySelectionError, FieldError, TableError, VshWarning
 from vsh.tools.notes import (
     ASSUMED_MOTIONS,
@@ -50,7 +50,7 @@ from vsh.tools.notes import (
     UNUSED_CORRELATIONS,
     CodedNote,
     DroppedRows,
-    dropped,
+    count_dropped,
     has_code,
     merge_notes,
 )
@@ -124,7 +124,7 @@ def read_field(
     'no unit in the table, so taken in deg: ra, dec'
     """
     begin = perf_counter()
-    make = _maker(tables.open_table(source, format), columns, units, on_bad, frame, roles, where, sigma)
+    make = _FieldMaker(tables.open_table(source, format), columns, units, on_bad, frame, roles, where, sigma)
     field = make(make.source.columns(make.names))
     log_result(_LOG, f"read {make.source.label}", field, begin)
     return field
@@ -155,8 +155,8 @@ def read_columns(source: Any, names: Iterable[str], **reading: Any) -> dict[str,
         If one holds no numbers, or `read_field` would raise it.
     """
     names = list(names)
-    make = _with_columns(source, names, reading)
-    _, values = _append_columns(make, make.source.columns(make.names), names, 0)
+    make = _maker_of_columns(source, names, reading)
+    _, values = _field_and_columns(make, make.source.columns(make.names), names, 0)
     return values
 
 
@@ -165,40 +165,40 @@ def stream_columns(
 ) -> Iterator[tuple[Field, dict[str, FloatArray]]]:
     """A catalogue larger than memory: fields of at most `rows` sources, and numbers of any columns beside them."""
     names, first_row = list(names), 0
-    make = _with_columns(source, names, reading)
+    make = _maker_of_columns(source, names, reading)
     for block in make.source.blocks(make.names, whole("rows", rows)):
         try:
-            yield _append_columns(make, block, names, first_row)
+            yield _field_and_columns(make, block, names, first_row)
         except EmptyFieldError as error:
             if make.on_bad == "raise" and not isinstance(error, EmptySelectionError):
                 raise
         first_row += len(next(iter(block.values()))[0])
 
 
-def _with_columns(source, names, reading):
+def _maker_of_columns(source, names, reading):
     """Maker of fields of a table with further columns."""
     options = {"columns": None, "units": None, "on_bad": "raise", "frame": None, "where": None, "sigma": None} | reading
     table = tables.open_table(source, options.pop("format", None))
     for name in names:
         if name not in table.names:
             raise TableError(f"{table.label}: {missing_column(name, table)}")
-    make = _maker(table, **options, roles=())
+    make = _FieldMaker(table, **options, roles=())
     make.names = tuple(dict.fromkeys((*make.names, *names)))
     make.where["name"] = _ROW  # names are carried along by whatever leaves rows out
     return make
 
 
-def _append_columns(make, block, names, first_row):
+def _field_and_columns(make, block, names, first_row):
     """The field of a block, and numbers of columns at its rows."""
     block = dict(block)
-    values = {name: as_floats(name, np.ma.MaskedArray(*_mask_of(block[name]))) for name in names}
+    values = {name: as_floats(name, np.ma.MaskedArray(*_values_and_mask(block[name]))) for name in names}
     block[_ROW] = np.arange(len(next(iter(block.values()))[0])), None
     field = make(block, first_row)
     indices = np.asarray(field.name, int)
     return field, {name: np.where(missing, np.nan, array)[indices] for name, (array, missing) in values.items()}
 
 
-def _mask_of(column):
+def _values_and_mask(column):
     """Values of a column and their mask."""
     values, mask = column
     return values, (False if mask is None else mask)
@@ -219,7 +219,7 @@ def stream_fields(
 ) -> Iterator[Field]:
     """A catalogue larger than memory, as fields of at most `rows` sources; options as for `read_field`."""
     rows = whole("rows", rows)
-    make = _maker(tables.open_table(source, format), columns, units, on_bad, frame, roles, where, sigma)
+    make = _FieldMaker(tables.open_table(source, format), columns, units, on_bad, frame, roles, where, sigma)
     return _fields(make, rows)
 
 
@@ -244,30 +244,32 @@ def _fields(make, rows):
             pending_field, lost = field.add_note(*lost), ()
         first_row += len(next(iter(block.values()))[0])
     if pending_field is None:
-        raise nothing_selected(lost) if make.chosen and not dropped(lost) else last_error
+        raise nothing_selected(lost) if make.chosen and not count_dropped(lost) else last_error
     yield pending_field.add_note(*lost)
 
 
-class _maker:
+class _FieldMaker:
     """Maker of fields from the columns of one table."""
 
     def __init__(self, source, columns, units, on_bad, frame, roles=OPTIONAL, where=None, sigma=None):
-        self.source = source = with_derived(source)
+        self.source = source = add_derived_columns(source)
         assumed_errors: tuple[str, ...] = ()
         if sigma is not None:
-            source, columns, assumed_errors = _with_sigma(source, as_columns(columns).among(source.names)[0], sigma)
+            source, columns, assumed_errors = _with_sigma(
+                source, as_columns(columns).choose_names(source.names)[0], sigma
+            )
             self.source = source
-        column_names, self.notes = locate(as_columns(columns), self.source)
+        column_names, self.notes = locate_columns(as_columns(columns), self.source)
         self.notes = [*assumed_errors, *self.notes]
-        self.chosen = None if where is None else ChosenColumns(where, self.source, column_names)
+        self.chosen = None if where is None else RowSelection(where, self.source, column_names)
         self.where = {role: name for role, name in column_names.items() if role not in OPTIONAL or role in roles}
         self.frames = frames_of(self.where, frame, self.source)
         self.frame = self.frames.frame
         self.redshift_frame = redshift_frame_of(self.where, self.source)
         if "redshift" in self.where and self.redshift_frame is None and REDSHIFT_FRAME_COLUMN in self.source.names:
             self.where[REDSHIFT_FRAME_COLUMN] = REDSHIFT_FRAME_COLUMN
-        _, family = as_columns(columns).among(self.source.names)
-        self.factors, assumed_units = factors(self.where, units, self.source, USUAL_UNITS.get(family or ""))
+        _, family = as_columns(columns).choose_names(self.source.names)
+        self.factors, assumed_units = conversion_factors(self.where, units, self.source, USUAL_UNITS.get(family or ""))
         if (self.factors.get("distance") == MODULUS) != (self.factors.get("distance_error") == MODULUS):
             raise TableError("a distance modulus and its error are both in mag: say so of both columns (--units)")
         # What marks missing values does so in the table's own units; in Gaia's the field looks for it.
@@ -279,10 +281,10 @@ class _maker:
         ]
         if not any(self.source.units.get(name) for name in self.where.values() if not name.startswith(ASSUMED)):
             lines = [CodedNote(line, ASSUMED_UNITS) for line in lines]
-        lines += differing_units(self.where, self.factors)
+        lines += notes_on_units(self.where, self.factors)
         if (errors := self.where.get("redshift_error", "redshift_error")) != "redshift_error":
             lines.append(f"errors of the redshifts are in column {printable(errors)}")
-        lines += _unused_redshifts(column_names, self.source) if "redshift" in roles else []
+        lines += _note_on_redshifts(column_names, self.source) if "redshift" in roles else []
         self.notes = [*self.source.notes, *lines, *self.notes, *self.frames.notes]
         self.on_bad = on_bad
         self.names = tuple(dict.fromkeys([*self.where.values(), *(self.chosen.names if self.chosen else ())]))
@@ -298,15 +300,15 @@ class _maker:
             if role == "solution":
                 aside |= _other_solutions(name, values, mask)
             elif role == "quality":
-                aside |= _flagged(name, values, mask)
+                aside |= _flagged_rows(name, values, mask)
             elif role == REDSHIFT_FRAME_COLUMN:
                 redshift_frame = one_redshift_frame(values, self.source)
             elif role == "name":
                 columns[role], name_notes = identifiers(printable(name), np.asarray(values), mask)
                 notes += name_notes
             else:
-                degrees = sexagesimal(role, values, mask, str(self.stated.get(name) or ""))
-                columns[role] = plain(name, values if degrees is None else degrees, mask)
+                degrees = sexagesimal_degrees(role, values, mask, str(self.stated.get(name) or ""))
+                columns[role] = as_doubles(name, values if degrees is None else degrees, mask)
                 if role in _ERRORS and columns[role].size:
                     _check_positive(name, columns[role])
                 if self.other_units and role in REQUIRED[2:]:
@@ -314,26 +316,26 @@ class _maker:
                 if degrees is None and self.factors.get(role, 1.0) not in (1.0, MODULUS):
                     columns[role] = columns[role] * self.factors[role]
         if self.factors.get("distance") == MODULUS:
-            notes += from_modulus(columns)
+            notes += convert_modulus(columns)
         if not any(self.where[role].startswith(ASSUMED) for role in _MOTIONS):
-            aside |= unmeasured(*(columns[role] for role in _MOTIONS))
+            aside |= zero_motion_rows(*(columns[role] for role in _MOTIONS))
         doubt_positions(columns, self.assumed, names=self.where)
         if self.frames.positions != self.frame:
             turn_positions(columns, self.frames)
         flat = all(values.ndim == 1 for values in raw.values())  # others are refused below
-        if raw and flat and (is_placeholder := placeholders(raw)).any():
+        if raw and flat and (is_placeholder := find_placeholder_rows(raw)).any():
             columns["unusable"] = columns.get("unusable", {}) | {PLACEHOLDER: is_placeholder}
         with np.errstate(invalid="ignore", over="ignore"):
             field = Field.from_columns(
                 **columns,
-                aside=_missing_values(self.where, block, aside),
+                aside=_reasons_to_drop(self.where, block, aside),
                 frame=self.frame,
                 redshift_frame=redshift_frame,
                 on_bad=self.on_bad,
                 notes=notes,
                 first_row=first_row,
             )
-        doubts = doubtful_sizes(field)
+        doubts = size_warnings(field)
         for warning in (*notes, *doubts):
             if has_code(warning, DOUBT, NO_REDSHIFTS, UNUSED_CORRELATIONS):
                 warn(warning, VshWarning, stacklevel=3)
@@ -360,7 +362,7 @@ def _with_sigma(table, columns, sigma):
     return table, replace(columns, **names, pmra_pmdec_corr=None), (note,)
 
 
-def _missing_values(column_names, block, aside):
+def _reasons_to_drop(column_names, block, aside):
     """Reasons to leave rows out that are no mistake: other models, and positions or motions that are marked missing.
 
     What is missing in a source is missing as a whole: a row with one component of a motion is a mistake.
@@ -390,7 +392,7 @@ def _other_solutions(name, values, mask):
     }
 
 
-def _flagged(name, values, mask):
+def _flagged_rows(name, values, mask):
     """Rows whose flag of quality is not zero; where it is null, nothing speaks against a source."""
     if values.dtype.kind not in "iub":
         return {}
@@ -399,7 +401,7 @@ def _flagged(name, values, mask):
     return {reason: is_flagged} if is_flagged.any() else {}
 
 
-def _unused_redshifts(column_names, source):
+def _note_on_redshifts(column_names, source):
     """A note on columns whose name holds "redshift" and that are not read, where a table has no other redshift."""
     if "redshift" in column_names:
         return []
@@ -435,7 +437,7 @@ def read_sources(
         if columns is not None or where is not None:
             raise TableError(f"{table.label} is a HEALPix map, which has neither columns nor rows to select")
         return read_density(source, 1000.0 if sigma is None else sigma, frame)
-    table, position_columns, notes = open_positions(table, columns, sigma)
+    table, position_columns, notes = add_zero_motions(table, columns, sigma)
     return read_field(table, position_columns, units, on_bad=on_bad, frame=frame, where=where).add_note(*notes)
 
 
@@ -444,15 +446,15 @@ def is_map(opened: tables.TableSource) -> bool:
     return str(opened.meta.get("PIXTYPE", "")).upper() == "HEALPIX" and not {"ra", "lon"} & set(opened.names)
 
 
-def open_positions(
+def add_zero_motions(
     table: tables.TableSource, columns: Any, sigma: float | None = None
 ) -> tuple[tables.TableSource, Columns, tuple[str, ...]]:
     """Add zero motions and errors to a table that lacks them; return the table, its columns, and notes.
 
     If there are no motions, errors of positions are used as errors of motions, to weight the sources.
     """
-    table = with_derived(table)
-    resolved_columns, _ = as_columns(columns).among(table.names)
+    table = add_derived_columns(table)
+    resolved_columns, _ = as_columns(columns).choose_names(table.names)
     absent = {role for role in (*_MOTIONS, *_ERRORS) if getattr(resolved_columns, role) not in table.names}
     recipes: dict[str, Any] = {}
     notes: tuple[str, ...] = ()
@@ -552,7 +554,7 @@ def read_scalars(
     array([-20.])
     """
     table = tables.open_table(source, format)
-    clause = None if where is None else ChosenColumns(where, table)
+    clause = None if where is None else RowSelection(where, table)
     error = error or f"{value}_error"
     required_columns = [ra, dec, value, error] + ([name] if name else [])
     for column in required_columns:
@@ -581,7 +583,8 @@ def read_scalars(
     notes += axes.notes
     numbers = {
         column: np.ma.array(
-            plain(column, *columns[column]) * factor, mask=False if columns[column][1] is None else columns[column][1]
+            as_doubles(column, *columns[column]) * factor,
+            mask=False if columns[column][1] is None else columns[column][1],
         )
         for column, factor in factors.items()
     }

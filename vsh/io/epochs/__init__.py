@@ -2,8 +2,8 @@
 
 from typing import TYPE_CHECKING
 
-from vsh.io.epochs._solve import COLOUR_PRIOR, FiveParameters, design_row, downweight, solve_epochs
-from vsh.tools.modules import lazily
+from vsh.io.epochs._solve import COLOUR_PRIOR, FiveParameters, design_row, downweighting_factor, solve_epochs
+from vsh.tools.modules import lazy_names
 
 if TYPE_CHECKING:
     from vsh.io.epochs._observations import (
@@ -19,4 +19,4 @@ __all__ = ["FiveParameters", "Observations", "epoch_files", "iterate_observation
            "solve_epochs"]  # fmt: skip
 
 # Imported when first asked for: astropy comes with it.
-__getattr__, __dir__ = lazily(__name__, __all__, {"_observations": _LATER})
+__getattr__, __dir__ = lazy_names(__name__, __all__, {"_observations": _LATER})

@@ -71,7 +71,7 @@ def matrix_of(values: Any, mask: Any, name: str, label: str) -> tuple[Any, BoolA
     )
     if values.dtype.kind in "SU":
         texts = np.char.decode(values, "utf-8", "replace") if values.dtype.kind == "S" else values
-        entries = [_of_text(text, name, label) for text in texts]
+        entries = [_parse_text(text, name, label) for text in texts]
     elif values.dtype.kind == "O" and values.ndim == 1:
         entries = list(values)
     else:
@@ -81,7 +81,7 @@ def matrix_of(values: Any, mask: Any, name: str, label: str) -> tuple[Any, BoolA
     if all(entry is None or np.ndim(entry) == 0 for entry in entries):
         numbers, lost = _numbers(entries, name, label)
         return numbers, lost if lost.any() else None, None
-    rows = [_row(entry) for entry in entries]
+    rows = [_masked_row(entry) for entry in entries]
     lengths = np.array([len(row) for row in rows])
     inside = np.arange(lengths.max()) < lengths[:, None]
     nonempty_rows = [row for row in rows if len(row)]
@@ -104,7 +104,7 @@ def _spread_mask(mask, shape):
     return np.broadcast_to(mask.reshape(mask.shape + (1,) * (len(shape) - mask.ndim)), shape)
 
 
-def _row(entry):
+def _masked_row(entry):
     """Entries of a row as a masked array; none of None."""
     if entry is None:
         return np.ma.array(np.zeros(0))
@@ -164,7 +164,7 @@ _WRITTEN = {
 }  # fmt: skip
 
 
-def _of_text(text, name, label):
+def _parse_text(text, name, label):
     """A word, or the list that it writes out."""
     text = str(text).strip()
     if not text.startswith(("[", "(", "{")):
@@ -441,7 +441,7 @@ def read_observations(
     }
     values = table_source.columns(tuple(column_names.values()))
     columns_by_role = {name: values[column] for name, column in column_names.items()}
-    flat, notes = _observations(columns_by_role, factors, table_source)
+    flat, notes = _flatten_observations(columns_by_role, factors, table_source)
     if twins:  # the first is that along scan, the second across
         notes = (*notes, "several columns are called used_by_agis_al, as in ESA's CSV: the first was read")
     if "obs_time_bary_corr" not in column_names:
@@ -515,7 +515,7 @@ _MOST = {
 }  # fmt: skip
 
 
-def _observations(
+def _flatten_observations(
     table: Mapping[str, Any], factors: Mapping[str, float], table_source: Any
 ) -> tuple[dict[str, FloatArray], tuple[str, ...]]:
     """Columns with a value for each observation that can be used, and a note that counts the others."""
@@ -545,7 +545,7 @@ def _observations(
         if name == "transit_id":
             if values.dtype.kind in "iu":
                 flat["view"] = broadcast_values.ravel().astype(np.int64)
-        elif name == "obs_time_tcb" and (scale := _date(values, mask, table_source.units.get(name))):
+        elif name == "obs_time_tcb" and (scale := _date_scale(values, mask, table_source.units.get(name))):
             flat[name] = (broadcast_values.ravel() - _ORIGINS[scale]) * _DAY
             times = (f"obs_time_tcb holds {scale}: times are counted from J2010.0",)
         else:
@@ -603,7 +603,7 @@ def _matrices(table, table_source):
     return columns, padding
 
 
-def _date(values, mask, unit):
+def _date_scale(values, mask, unit):
     """The name of the dates that times are, where they are days since JD 0 or since MJD 0; else None."""
     if unit is not None and str(unit).strip() not in ("d", "day", "days", ""):
         return None

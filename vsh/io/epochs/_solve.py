@@ -68,7 +68,7 @@ def design_row(angle: FloatArray, parallax_factor: FloatArray, time: FloatArray)
     return np.stack([sin, cos, parallax_factor, time * sin, time * cos])
 
 
-def downweight(z: FloatArray) -> FloatArray:
+def downweighting_factor(z: FloatArray) -> FloatArray:
     """The weight of an observation at z standard deviations: 1 up to 2, a cubic to 3, e^{−z/3} beyond."""
     z = np.abs(z)
     cubic = 1 - _SQUARE * (z - 2) ** 2 + _CUBE * (z - 2) ** 3
@@ -102,20 +102,20 @@ def solve_epochs(
     """
     n = int(source[-1]) + 1 if len(source) else 0
     columns = design if colour is None else np.vstack([design, -np.asarray(colour, float)])
-    sums = _Sums(source, n, columns, position, error)
+    sums = _LeastSquares(source, n, columns, position, error)
     good = sums.solvable()
     weight, variance = np.ones(len(source)), np.zeros(n)
     if robust:
-        weight, variance = _robust(sums, good)
+        weight, variance = _robust_weights(sums, good)
     values, inverse = sums.solved(weight, variance, good)
-    outliers = sums.per_source((weight < _OUTLIER).astype(float)).astype(int)
+    outliers = sums.sum_per_source((weight < _OUTLIER).astype(float)).astype(int)
     five = FiveParameters(values[:, :5], inverse[:, :5, :5], np.sqrt(variance), sums.counts, outliers, weight)
     if colour is None:
         return five
     return replace(five, pseudocolour=values[:, 5], pseudocolour_error=np.sqrt(inverse[:, 5, 5]))
 
 
-class _Sums:
+class _LeastSquares:
     """Observations of many sources, and least squares of each with any weights."""
 
     def __init__(self, source, n, design, position, error):
@@ -124,7 +124,7 @@ class _Sums:
         self.counts = np.bincount(source, minlength=n)
         self.parameters = len(design)
 
-    def per_source(self, values):
+    def sum_per_source(self, values):
         return np.bincount(self.source, values, self.n)
 
     def normal(self, weight, variance):
@@ -133,9 +133,9 @@ class _Sums:
         matrix, rhs = np.empty((self.n, self.parameters, self.parameters)), np.empty((self.n, self.parameters))
         for i in range(self.parameters):
             weighted_row = w * self.design[i]
-            rhs[:, i] = self.per_source(weighted_row * self.position)
+            rhs[:, i] = self.sum_per_source(weighted_row * self.position)
             for j in range(i + 1):
-                matrix[:, i, j] = matrix[:, j, i] = self.per_source(weighted_row * self.design[j])
+                matrix[:, i, j] = matrix[:, j, i] = self.sum_per_source(weighted_row * self.design[j])
         if self.parameters > 5:
             matrix[:, 5, 5] += 1 / COLOUR_PRIOR**2
         return matrix, rhs
@@ -163,13 +163,13 @@ class _Sums:
         """Σ w r²/(σ² + s²) of every source and its slope by s²."""
         share = 1 / (self.noise + variance[self.source])
         terms = weight * self.residual(weight, variance, good) ** 2 * share
-        return self.per_source(terms), -self.per_source(terms * share)
+        return self.sum_per_source(terms), -self.sum_per_source(terms * share)
 
     def of(self, selection):
         """Only some of the sources, numbered anew, and which observations are theirs."""
         inside = selection[self.source]
         number = np.cumsum(selection) - 1
-        subset = _Sums(
+        subset = _LeastSquares(
             number[self.source[inside]],
             int(selection.sum()),
             self.design[:, inside],
@@ -179,7 +179,7 @@ class _Sums:
         return subset, inside
 
 
-def _robust(sums, good):
+def _robust_weights(sums, good):
     """Weights of the observations and variances of the excess noise."""
     weight, variance = np.ones(len(sums.source)), np.zeros(sums.n)
     squares, _ = sums.squares(weight, variance, good)
@@ -189,25 +189,27 @@ def _robust(sums, good):
     subset, inside = sums.of(noisy)
     all_of = np.ones(subset.n, bool)
     excess = _dispersion(subset) ** 2
-    mine = downweight(subset.position / np.sqrt(subset.noise + excess[subset.source]))
+    mine = downweighting_factor(subset.position / np.sqrt(subset.noise + excess[subset.source]))
     moving = np.ones(subset.n, bool)
     for _ in range(_ROUNDS):
         squares, slope = subset.squares(mine, excess, all_of)
-        following = np.maximum(excess - squares / slope * (squares / _freedom(subset, mine) - 1), 0.0)
+        following = np.maximum(excess - squares / slope * (squares / _degrees_of_freedom(subset, mine) - 1), 0.0)
         step = np.abs(following - excess)
         excess = np.where(moving, following, excess)
-        fresh = downweight(subset.residual(mine, excess, all_of) / np.sqrt(subset.noise + excess[subset.source]))
+        fresh = downweighting_factor(
+            subset.residual(mine, excess, all_of) / np.sqrt(subset.noise + excess[subset.source])
+        )
         mine = np.where(moving[subset.source], fresh, mine)
         moving = moving & (step > _TOLERANCE * excess)
         if not moving.any():
             break
-    weight[inside], variance[noisy] = mine, _excess(subset, mine, all_of)
+    weight[inside], variance[noisy] = mine, _excess_variance(subset, mine, all_of)
     return weight, variance
 
 
-def _freedom(sums, weight):
+def _degrees_of_freedom(sums, weight):
     """Degrees of freedom, outliers not counted."""
-    return np.maximum(sums.counts - sums.parameters - sums.per_source((weight < _OUTLIER).astype(float)), 1)
+    return np.maximum(sums.counts - sums.parameters - sums.sum_per_source((weight < _OUTLIER).astype(float)), 1)
 
 
 def _dispersion(sums):
@@ -224,9 +226,9 @@ def _dispersion(sums):
     return (quantile(5 / 6) - quantile(1 / 6)) / 2 + np.abs(quantile(1 / 2))
 
 
-def _excess(sums, weight, all_of):
+def _excess_variance(sums, weight, all_of):
     """The excess variance with which Σ w r²/(σ² + s²) equals the degrees of freedom; zero if it is smaller anyway."""
-    excess, freedom = np.zeros(sums.n), _freedom(sums, weight)
+    excess, freedom = np.zeros(sums.n), _degrees_of_freedom(sums, weight)
     squares, slope = sums.squares(weight, excess, all_of)
     moving = squares > freedom
     for _ in range(_STEPS + 1):

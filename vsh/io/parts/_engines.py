@@ -31,22 +31,22 @@ from vsh.tools.errors import (
 )
 from vsh.tools.notebook import InNotebook
 from vsh.tools.notes import merge_notes
-from vsh.tools.parallel import ahead, delay_interrupts, limited, process_pool
+from vsh.tools.parallel import delay_interrupts, limit_threads, prefetch_items, process_pool
 from vsh.tools.printing import printable
 
 #: So many sums are added up at a time, level by level.
 BRANCHES = 8
 
 
-def added(first: Any, second: Any) -> Any:
+def add_sums(first: Any, second: Any) -> Any:
     """Add two sums: None is nothing, dicts add key by key, tuples item by item, all else by `+`."""
     if first is None or second is None:
         return second if first is None else first
     if isinstance(first, dict):
         keys = dict.fromkeys([*first, *second])
-        return {key: added(first.get(key), second.get(key)) for key in keys}
+        return {key: add_sums(first.get(key), second.get(key)) for key in keys}
     if isinstance(first, tuple):
-        return tuple(added(item, other_item) for item, other_item in zip(first, second, strict=True))
+        return tuple(add_sums(item, other_item) for item, other_item in zip(first, second, strict=True))
     return first + second
 
 
@@ -54,11 +54,11 @@ def total_of(some: Iterable[Any]) -> Any:
     """The sum of a few, from the first to the last; None if there is none."""
     total = None
     for term in some:
-        total = added(total, term)
+        total = add_sums(total, term)
     return total
 
 
-class Tree:
+class SumTree:
     """A sum that is taken eight at a time, level by level, whatever computes the leaves and wherever.
 
     Examples
@@ -125,12 +125,12 @@ class Engine(InNotebook):
 _WORTH_A_THREAD = 2**15
 
 
-def _read_on(first, blocks):
+def _read_ahead(first, blocks):
     """A first block and those behind it, each read in a thread while the one before it is summed, if they are large."""
     if first is None:
         return
     yield first
-    with closing(ahead(blocks) if len(first) >= _WORTH_A_THREAD else blocks) as following:
+    with closing(prefetch_items(blocks) if len(first) >= _WORTH_A_THREAD else blocks) as following:
         yield from following
 
 
@@ -151,7 +151,7 @@ class InProcess(Engine):
 
     def total(self, work: Any, pieces: Sequence[Any], done: Callable[[], object]) -> Any:
         """The sum of `work` over the pieces."""
-        tree = Tree()
+        tree = SumTree()
         with ThreadPoolExecutor(max(self.readers, 1)) as pool:  # which starts no thread before it is asked to
             begun: deque[Future] = deque()
             try:
@@ -200,12 +200,12 @@ class Processes(Engine):
                 f"this cannot be sent to other processes ({error}): functions must stand in a module that can be "
                 "imported, not be a lambda or within another; or let Dask send them, with its own collections"
             ) from error
-        tree = Tree()
-        for leaf in self._in_order(work, pieces, done):
+        tree = SumTree()
+        for leaf in self._run_in_order(work, pieces, done):
             tree.add(leaf)
         return tree.total()
 
-    def _in_order(self, work, pieces, callback) -> Iterator[Any]:
+    def _run_in_order(self, work, pieces, callback) -> Iterator[Any]:
         """The results in the order of the pieces, however often a process is killed."""
         ready = {}
         waiting, suspects = list(range(len(pieces))), []
@@ -272,16 +272,16 @@ class Processes(Engine):
         raise TableError(f"{name} {ATTEMPTS + 1} times: {memory}. ({script}.)")
 
 
-def _through(steps, field):
+def _run_steps(steps, field):
     for step in steps:
         field = arguments.a(Field)("what a step returns", step(field))
     return field
 
 
-def left_by(steps: tuple[Callable[[Field], Field], ...], block: Field) -> tuple[Field | None, LostNotes]:
+def apply_steps(steps: tuple[Callable[[Field], Field], ...], block: Field) -> tuple[Field | None, LostNotes]:
     """Apply the steps to a block: the sources that are left, or None, and notes on empty blocks."""
     try:
-        field = _through(steps, block)
+        field = _run_steps(steps, block)
     except EmptyFieldError as error:  # there may be more in other blocks
         return None, LostNotes(error.notes)
     return (field, LostNotes()) if len(field) else (None, LostNotes(field.notes))
@@ -294,21 +294,21 @@ class LostNotes(list):
         return LostNotes(merge_notes(self, other))
 
 
-def _name_piece(piece, error):
+def _message_with_piece(piece, error):
     """Message of an error, with its file."""
     name = label_of(piece)
     return str(error) if name in str(error) or isinstance(piece, Field) else f"{name}: {error}"
 
 
-def _left_out(piece, error):
+def _unusable_rows_error(piece, error):
     """The error of a part all of whose rows are bad, with what can be done."""
-    empty = EmptyFieldError(f'{_name_piece(piece, error)}. Leave them out with on_bad="drop" (--on-bad drop)')
+    empty = EmptyFieldError(f'{_message_with_piece(piece, error)}. Leave them out with on_bad="drop" (--on-bad drop)')
     empty.notes = error.notes
     return empty
 
 
 @dataclass(frozen=True)
-class Work:
+class PartSum:
     """The sum over one part: (sum, notes of what had no sources, number of sources)."""
 
     read: Callable[[Any, tuple[str, ...]], Iterator[Field]]
@@ -325,22 +325,22 @@ class Work:
     def __call__(self, piece: Any, begun: Future | None = None) -> Any:
         """The sum over a piece, of which the first block may be read already."""
         total, notes, sources = None, LostNotes(), 0
-        with limited(self.threads):
+        with limit_threads(self.threads):
             try:
-                for block in _read_on(*(begun.result() if begun else self.begin(piece))):
-                    field, lost = left_by(self.steps, block)
+                for block in _read_ahead(*(begun.result() if begun else self.begin(piece))):
+                    field, lost = apply_steps(self.steps, block)
                     notes = notes + lost
                     if field is not None:
-                        total, sources = added(total, self.function(field)), sources + len(field)
+                        total, sources = add_sums(total, self.function(field)), sources + len(field)
             except EmptyFieldError as error:  # of the whole part: a reader hands on what is lost of some of it
                 empty_selection = isinstance(error, EmptySelectionError)  # other parts may hold some
                 if error.notes and not empty_selection and getattr(self.read, "on_bad", "drop") == "raise":
-                    raise _left_out(piece, error) from error
+                    raise _unusable_rows_error(piece, error) from error
                 notes = notes + LostNotes(error.notes)
             except FieldError as error:
-                raise FieldError(_name_piece(piece, error)) from error
+                raise FieldError(_message_with_piece(piece, error)) from error
             except TableError as error:
-                raise TableError(_name_piece(piece, error)) from error
+                raise TableError(_message_with_piece(piece, error)) from error
             except VshError:
                 raise
             except Exception as error:  # of a step or of what is summed
@@ -391,9 +391,9 @@ class Dask(Engine):
             return None
         client, is_temporary = self._client()
         if client is None:
-            return self._local(work, pieces, done)
+            return self._sum_locally(work, pieces, done)
         try:
-            return _on_cluster(client, work, pieces, done)
+            return _sum_on_cluster(client, work, pieces, done)
         finally:
             if is_temporary:
                 client.close()
@@ -415,8 +415,8 @@ class Dask(Engine):
             if is_temporary:
                 client.close()
 
-    def _local(self, work, pieces, callback):
-        root = _merge_level(_leaves(work, pieces))
+    def _sum_locally(self, work, pieces, callback):
+        root = _delayed_tree(_leaves(work, pieces))
         from dask.callbacks import Callback
 
         def after(key, *_):
@@ -425,7 +425,7 @@ class Dask(Engine):
 
         options = {"scheduler": "processes", "num_workers": self.workers} if self.workers else {"scheduler": "threads"}
         with Callback(posttask=after):
-            return _in_our_words(lambda: root.compute(**options), lambda: _first_that_fails(pieces))
+            return _translate_errors(lambda: root.compute(**options), lambda: _find_failing_part(pieces))
 
     def _client(self):
         """A client and whether it was opened here; None where there is no cluster."""
@@ -454,7 +454,7 @@ class Dask(Engine):
             _check_scheduler_file(self.address)
         location = {"scheduler_file" if file else "address": self.address}
         try:
-            with _without_log("distributed"):  # which tells what it tries meanwhile
+            with _silence_log("distributed"):  # which tells what it tries meanwhile
                 return distributed.Client(**location, timeout=PATIENCE, set_as_default=False), True
         except (OSError, ValueError, TimeoutError) as error:
             raise TableError(
@@ -474,7 +474,7 @@ def _check_scheduler_file(path):
 
 
 @contextmanager
-def _without_log(name):
+def _silence_log(name):
     logger = logging.getLogger(name)
     before = logger.level
     logger.setLevel(logging.CRITICAL + 1)
@@ -486,25 +486,25 @@ def _without_log(name):
 
 def _leaves(work, pieces):
     """The sums of the parts, delayed; under new names, so that nothing that failed is remembered."""
-    leaf, run = _dask().delayed(work, pure=False), uuid4().hex[:12]
+    leaf, run = _import_dask().delayed(work, pure=False), uuid4().hex[:12]
     return [leaf(piece, dask_key_name=f"{_KEY}{i}-{run}") for i, piece in enumerate(pieces)]
 
 
-def _merge_level(level):
+def _delayed_tree(level):
     """The tree over them, delayed."""
-    add = _dask().delayed(total_of, pure=False)
+    add = _import_dask().delayed(total_of, pure=False)
     while len(level) > 1:
         groups = [level[i : i + BRANCHES] for i in range(0, len(level), BRANCHES)]
         level = [add(group) if len(group) > 1 else group[0] for group in groups]
     return level[0]
 
 
-def _on_cluster(client, work, pieces, callback):
+def _sum_on_cluster(client, work, pieces, callback):
     from distributed.scheduler import KilledWorker
 
     leaves = _leaves(work, pieces)
     try:
-        return _in_our_words(lambda: _gather(client, leaves, callback), lambda: _first_that_fails(pieces))
+        return _translate_errors(lambda: _gather(client, leaves, callback), lambda: _find_failing_part(pieces))
     except KilledWorker as error:
         key = str(error.task)
     # Parts that waited at the same worker are blamed too. Alone, the guilty one does it again, and it alone.
@@ -522,7 +522,7 @@ def _on_cluster(client, work, pieces, callback):
         raise TableError(f"workers ended while they computed {error.task} ({error})") from error
 
 
-def _first_that_fails(pieces):
+def _find_failing_part(pieces):
     """Find the part whose own graph raises, with a word on it."""
     for number, piece in enumerate(pieces):
         if is_delayed(piece):
@@ -533,7 +533,7 @@ def _first_that_fails(pieces):
     return "a part cannot be computed", None
 
 
-def _in_our_words(compute, guilty):
+def _translate_errors(compute, guilty):
     """Convert an error of Dask's own graph into one of ours."""
     ended: tuple[type[BaseException], ...] = (VshError, MemoryError)
     with suppress(ImportError):  # Dask's own threads and processes do without
@@ -552,7 +552,7 @@ def _in_our_words(compute, guilty):
 def _gather(client, leaves, callback):
     from distributed import as_completed
 
-    *futures, total = client.compute([*leaves, _merge_level(leaves)])
+    *futures, total = client.compute([*leaves, _delayed_tree(leaves)])
     # Each is let go when it is done: the tree keeps what it still needs.
     completions = as_completed(futures, loop=client.loop)
     del futures
@@ -567,7 +567,7 @@ def _gather(client, leaves, callback):
         total.cancel()
 
 
-def _dask():
+def _import_dask():
     try:
         import dask
     except ImportError as error:
@@ -581,7 +581,7 @@ def _dask():
 KEPT = 2**30
 
 
-def delayed_of(collection: Any, columns: Sequence[str]) -> list[Any]:
+def delayed_partitions(collection: Any, columns: Sequence[str]) -> list[Any]:
     """Some columns of a collection of Dask or LSDB, as delayed partitions.
 
     LSDB reads all columns of a catalogue that was opened with them, and chooses then: as long as nothing else was done
@@ -596,13 +596,13 @@ def delayed_of(collection: Any, columns: Sequence[str]) -> list[Any]:
 
     structure = getattr(collection, "hc_structure", None)
     rows = getattr(getattr(structure, "catalog_info", None), "total_rows", None)
-    catalogue = _opened_again(collection, operation, structure, names)
+    catalogue = _reopen_catalogue(collection, operation, structure, names)
     partitions = (collection[names] if catalogue is None else catalogue).to_delayed()
     fits = rows and 8 * int(rows) * len(names) <= KEPT
     return list(dask.persist(*partitions)) if fits else partitions
 
 
-def _opened_again(collection, operation, structure, names):
+def _reopen_catalogue(collection, operation, structure, names):
     """A catalogue of LSDB as it was opened, with fewer columns; None where something else was done to it."""
     path = getattr(structure, "catalog_path", None)
     if path is None or type(operation).__name__ != "FromHealpixMap" or set(names) == set(collection.columns):

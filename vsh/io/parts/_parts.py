@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from vsh.field import MEASURED, Field, SourcesWithErrors
-from vsh.io.parts._engines import Engine, InProcess, LostNotes, Work, left_by
+from vsh.io.parts._engines import Engine, InProcess, LostNotes, PartSum, apply_steps
 from vsh.sky.frames import check_frame
 from vsh.tools.errors import EmptyFieldError, EmptySelectionError, FieldError, FrameError, ParameterError
 from vsh.tools.notebook import InNotebook
@@ -58,7 +58,7 @@ class Parts(InNotebook):
         for piece in self.pieces:
             with suppress(EmptySelectionError):  # others may hold some
                 for block in self.read(self.engine.fetched(piece), OPTIONAL):
-                    field, _ = left_by(self.steps, block)
+                    field, _ = apply_steps(self.steps, block)
                     if field is not None:
                         yield field
 
@@ -131,7 +131,7 @@ class Parts(InNotebook):
                 "fit.normal_equations(parts, modes)"
             )
         read_roles = OPTIONAL if self.steps else tuple(role for role in OPTIONAL if role in set(roles))
-        work = Work(self.read, self.steps, function, read_roles, self.engine.threads)
+        work = PartSum(self.read, self.steps, function, read_roles, self.engine.threads)
         bar = progress_bar(total=len(self.pieces), words=words, shown=progress and len(self.pieces) > 1, unit=" parts")
         with bar:
             result = self.engine.total(work, self.pieces, bar.update)
@@ -171,17 +171,17 @@ def as_parts(field: Any, kind: type = Field) -> Parts:
         raise FieldError(
             f"a Field, a list of Fields, or parts of a catalogue, are expected, not {type(field).__name__}"
         )
-    return Parts(fields, itself)
+    return Parts(fields, yield_field)
 
 
-def applied(field: Any, step: Callable[[Any], Any]) -> Any:
+def apply_step(field: Any, step: Callable[[Any], Any]) -> Any:
     """Sources after a step: done at once where they are in memory, and where they are read of other parts."""
     if not isinstance(field, Parts):
         return step(field)
     return field.map(step) if field.in_memory is None else as_parts(step(field.in_memory), SourcesWithErrors)
 
 
-def itself(field: Field, roles: tuple[str, ...]) -> Iterator[Field]:
+def yield_field(field: Field, roles: tuple[str, ...]) -> Iterator[Field]:
     """The reader of a part that is a Field."""
     yield field
 
@@ -202,9 +202,9 @@ class _WithNotes:
         return field.add_note(*self.notes)
 
 
-def fields_or_parts(name: str, value: Any) -> Any:
+def check_fields_or_parts(name: str, value: Any) -> Any:
     """A Field, Parts, or a list, tuple or stream of Fields."""
-    return value if isinstance(value, Parts) else field_or_fields(name, value)
+    return value if isinstance(value, Parts) else check_fields(name, value)
 
 
 #: Bins: 512 in every factor of two, from 2⁻⁶⁴ to 2⁶⁴. What lies beyond is in the first and the last.
@@ -219,7 +219,7 @@ def median(sky: Parts, numbers: Callable[[Field], FloatArray], words: str = "med
     counts = sky.sum(partial(_histogram, numbers=numbers, weights=None), roles=(), words=words)
     n = int(counts.sum())
     middle = [(n + 1) // 2, n // 2 + 1]
-    return float(np.mean(_find_targets(sky, numbers, None, counts, middle, (), words)))
+    return float(np.mean(_numbers_at_weights(sky, numbers, None, counts, middle, (), words)))
 
 
 def weighted_quantiles(
@@ -233,15 +233,17 @@ def weighted_quantiles(
 ) -> FloatArray:
     """Weighted quantiles: for each share, the least value up to which sources have that share of the weight."""
     counts = sky.sum(partial(_histogram, numbers=numbers, weights=weights), roles=roles, words=words)
-    return _find_targets(sky, numbers, weights, counts, np.asarray(shares) * counts.sum(), roles, words)
+    return _numbers_at_weights(sky, numbers, weights, counts, np.asarray(shares) * counts.sum(), roles, words)
 
 
-def _find_targets(sky, numbers, weights, counts, targets, roles, label):
+def _numbers_at_weights(sky, numbers, weights, counts, targets, roles, label):
     """The numbers at which the cumulative weight reaches the targets."""
     cumulative_weight = np.cumsum(counts)
     bins = np.searchsorted(cumulative_weight, np.minimum(targets, cumulative_weight[-1]))
     target_bins = np.unique(bins)
-    contents = sky.sum(partial(_inside, numbers=numbers, weights=weights, bins=target_bins), roles=roles, words=label)
+    contents = sky.sum(
+        partial(_numbers_in_bins, numbers=numbers, weights=weights, bins=target_bins), roles=roles, words=label
+    )
     sources = []
     for bin_, target in zip(bins, targets, strict=True):
         values, mass = (np.concatenate(column) for column in zip(*contents[int(bin_)], strict=True))
@@ -263,7 +265,7 @@ def _histogram(field, numbers, weights):
     return np.bincount(bin_of(numbers(field)), mass, BINS)
 
 
-def _inside(field, numbers, weights, bins):
+def _numbers_in_bins(field, numbers, weights, bins):
     """Numbers and weights of the sources in some bins, a list for each, which grow by the parts."""
     values = numbers(field)
     mass = np.ones(len(values)) if weights is None else weights(field)
@@ -275,8 +277,8 @@ def sample_of(sky: Parts, n_sources: int = 20_000, total: int | None = None, dra
     """Some of the sources as a Field, by their places; of `total`, where it is known; a draw as for `select_share`."""
     share = n_sources / max(total or sky.counted(), 1)
     if (field := sky.in_memory) is not None:
-        return _chosen(field, share, draw)
-    columns: dict[str, Any] = sky.sum(partial(_some, share=share, draw=draw), roles=(), words="a sample")
+        return _choose_share(field, share, draw)
+    columns: dict[str, Any] = sky.sum(partial(_sample_columns, share=share, draw=draw), roles=(), words="a sample")
     frames = columns.pop("frame")
     if len(set(frames)) > 1:
         raise FrameError(f"parts are in several frames: {', '.join(sorted(set(frames)))}")
@@ -284,17 +286,17 @@ def sample_of(sky: Parts, n_sources: int = 20_000, total: int | None = None, dra
     return Field(**arrays, frame=frames[0])
 
 
-def _chosen(field, share, draw):
+def _choose_share(field, share, draw):
     """A share of the sources by their places to a nanoradian: tables in degrees change the last bits."""
     return field[select_share(share, np.round(field.lon, 9), np.round(field.lat, 9), draw=draw)]
 
 
-def _some(field, share, draw):
-    sample = _chosen(field, share, draw)
+def _sample_columns(field, share, draw):
+    sample = _choose_share(field, share, draw)
     return {name: [getattr(sample, name)] for name in ("lon", "lat", "motion", "sigma", "rho", "frame")}
 
 
-def field_or_fields(name: str, value: Any) -> Any:
+def check_fields(name: str, value: Any) -> Any:
     """A Field, or a list, tuple or stream of Fields."""
     if isinstance(value, Field):
         return value

@@ -3,11 +3,20 @@
 Every way a file can be unreadable ends in a TableError that names it.
 """
 
-from vsh.io.sections import cell, printed, printed_p_value, three_digits, two_digits
-from vsh.io.tables._fits import fits_checked, fits_rows
-from vsh.io.tables._open import STANDARD_INPUT, Place, as_table, files_of, is_address, mark_of, open_table, read_table
-from vsh.io.tables._source import TableSource, cache_rows, check_alike
+from vsh.io.sections import decimals_of_error, format_cell, format_table, format_three_digits, printed_p_value
+from vsh.io.tables._fits import fits_rows, open_checked_fits
+from vsh.io.tables._open import (
+    STANDARD_INPUT,
+    RemotePath,
+    as_table,
+    files_of,
+    fingerprint_of,
+    is_address,
+    open_table,
+    read_table,
+)
+from vsh.io.tables._source import TableSource, cache_columns, check_alike
 from vsh.io.tables._where import Where
-from vsh.tools.files import CREATOR, check_writable, format_of, table_of, write, write_table
+from vsh.tools.files import CREATOR, check_writable, format_of, table_of, write_columns, write_table
 
 __all__ = ["open_table", "read_table", "write_table"]

@@ -13,16 +13,16 @@ import numpy as np
 
 from vsh.io.tables._source import FRAME_KEY, TableSource, plain_file
 from vsh.tools.errors import TableError, first_line
-from vsh.tools.files import check_size
+from vsh.tools.files import check_unpacked_size
 from vsh.tools.printing import printable
 from vsh.tools.types import PathName
 
 
 def open_parquet(paths: PathName | Sequence[PathName], label: str) -> TableSource:
     """A Parquet file, or files with the same columns as one table."""
-    arrow, dataset_module = _arrow(label)
+    arrow, dataset_module = _import_pyarrow(label)
     if isinstance(paths, (str, os.PathLike)):
-        return _open_one(arrow, paths, label)
+        return _open_parquet_file(arrow, paths, label)
     try:
         options = dataset_module.ParquetFragmentScanOptions(page_checksum_verification=True)
         form = dataset_module.ParquetFileFormat(default_fragment_scan_options=options)
@@ -38,10 +38,10 @@ def open_parquet(paths: PathName | Sequence[PathName], label: str) -> TableSourc
             columns=list(names), batch_size=min(rows, 2**17), batch_readahead=1, fragment_readahead=1
         )
 
-    return _source(label, schema, batches)
+    return _make_source(label, schema, batches)
 
 
-def _open_one(arrow, path, label):
+def _open_parquet_file(arrow, path, label):
     """Open a file; a dataset of it would take twice as long."""
     from pyarrow.parquet import ParquetFile
 
@@ -50,34 +50,34 @@ def _open_one(arrow, path, label):
     except OSError as error:
         raise TableError(f"{label} cannot be read as Parquet: {first_line(error)}") from error
 
-    def opened(footer=None):  # which keeps an unpacked copy for as long as it is read
+    def open_parts_of_file(footer=None):  # which keeps an unpacked copy for as long as it is read
         return ParquetFile(str(plain.name), metadata=footer, page_checksum_verification=True)
 
     try:
-        with opened() as file:
+        with open_parts_of_file() as file:
             schema, footer = file.schema_arrow, file.metadata
     except (arrow.ArrowException, OSError, ValueError, TypeError, MemoryError) as error:
         raise TableError(f"{label} cannot be read as Parquet: {first_line(error)}") from error
     _check_names(schema.names, label)
-    check_size(label, 8 * footer.num_rows * min(len(schema.names), _NEEDED), os.path.getsize(plain.name))
+    check_unpacked_size(label, 8 * footer.num_rows * min(len(schema.names), _NEEDED), os.path.getsize(plain.name))
 
     def batches(names, rows):
-        with opened(footer) as file:
+        with open_parts_of_file(footer) as file:
             yield from file.iter_batches(rows, columns=list(names))
 
-    return _source(label, schema, batches)
+    return _make_source(label, schema, batches)
 
 
 def open_parquet_at(filesystem: Any, path: str, label: str) -> TableSource:
     """A Parquet file of a pyarrow filesystem: of the columns that are expected, the byte ranges are fetched."""
     from pyarrow.parquet import ParquetFile
 
-    def opened(footer=None):
+    def open_remote_file(footer=None):
         stream = filesystem.open_input_file(path)
         return ParquetFile(stream, metadata=footer, page_checksum_verification=True, pre_buffer=True)
 
     try:
-        file = opened()
+        file = open_remote_file()
         schema, footer = file.schema_arrow, file.metadata
         file.close(force=True)
     except Exception as error:  # of Arrow, or of the library that speaks to the server
@@ -85,7 +85,7 @@ def open_parquet_at(filesystem: Any, path: str, label: str) -> TableSource:
     _check_names(schema.names, label)
 
     def batches(names, rows):
-        file = opened(footer)
+        file = open_remote_file(footer)
         try:
             yield from file.iter_batches(min(rows, 2**20), columns=list(names))
         except Exception as error:  # a server that dies in the middle
@@ -95,7 +95,7 @@ def open_parquet_at(filesystem: Any, path: str, label: str) -> TableSource:
         finally:
             file.close(force=True)
 
-    return _source(label, schema, batches)
+    return _make_source(label, schema, batches)
 
 
 def _check_fragments(dataset, label):
@@ -134,12 +134,12 @@ def open_dataset(dataset: Any, label: str) -> TableSource:
     def batches(names, rows):
         return dataset.to_batches(columns=list(names), batch_size=min(rows, 2**17))
 
-    return _source(label, dataset.schema, batches)
+    return _make_source(label, dataset.schema, batches)
 
 
-def open_lazy(frame: Any, label: str) -> TableSource:
+def open_lazyframe(frame: Any, label: str) -> TableSource:
     """A LazyFrame of polars: what is expected of it is collected when it is."""
-    _arrow(label)  # polars's own way to it, for pyarrow before 16 does not know polars
+    _import_pyarrow(label)  # polars's own way to it, for pyarrow before 16 does not know polars
     try:
         names = list(frame.collect_schema())
         empty = frame.head(0).collect().to_arrow()
@@ -154,27 +154,27 @@ def open_lazy(frame: Any, label: str) -> TableSource:
             raise TableError(f"{label} cannot be collected: {first_line(error)}") from error
         return table.to_batches(max_chunksize=min(rows, 2**20))
 
-    return _source(label, empty.schema, batches)
+    return _make_source(label, empty.schema, batches)
 
 
 def open_stream(thing: Any, label: str) -> TableSource:
     """An object with `__arrow_c_stream__` or `__arrow_c_array__`: of pyarrow, polars, DuckDB, …"""
-    arrow, _ = _arrow(label)
-    reader = _reopen(arrow, thing, label)
+    arrow, _ = _import_pyarrow(label)
+    reader = _open_reader(arrow, thing, label)
     _check_names(reader.schema.names, label)
 
     streams = [reader]
 
     def batches(names, rows):
         # A table gives as many streams as are asked for; what streams once gives the one that is open.
-        stream = streams.pop() if streams else _reopen(arrow, thing, label)
+        stream = streams.pop() if streams else _open_reader(arrow, thing, label)
         for batch in stream:
             yield batch.select(list(names))
 
-    return _source(label, reader.schema, batches)
+    return _make_source(label, reader.schema, batches)
 
 
-def _reopen(arrow, source, label):
+def _open_reader(arrow, source, label):
     try:
         if hasattr(source, "__arrow_c_stream__"):
             return arrow.RecordBatchReader.from_stream(source)
@@ -186,7 +186,7 @@ def _reopen(arrow, source, label):
         raise TableError(f"{label} is no table, or its stream was read before: {first_line(error)}") from error
 
 
-def _arrow(label):
+def _import_pyarrow(label):
     try:
         import pyarrow
         import pyarrow.dataset
@@ -207,7 +207,7 @@ def _check_names(names, label):
         raise TableError(f"{label}: several columns are called {', '.join(map(repr, duplicates))}")
 
 
-def _source(label, schema, batches):
+def _make_source(label, schema, batches):
     def read(names, rows):
         buffer, count, empty = [], 0, True
         for batch in _wrap_read_errors(batches(names, rows), label):
@@ -349,7 +349,7 @@ def csv_blocks(
     try:
         with ExitStack() as files:
             while True:
-                file = files.enter_context(closing(_Plain(opened(), layout.delimiter)))
+                file = files.enter_context(closing(_CheckedStream(opened(), layout.delimiter)))
                 convert = csv.ConvertOptions(
                     include_columns=list(wanted), null_values=list(NULLS), true_values=[], false_values=[],
                     column_types=numbers | dict.fromkeys(text, pa.string()),
@@ -374,7 +374,7 @@ def csv_blocks(
         raise NotPlain from error
 
 
-class _Plain:
+class _CheckedStream:
     """A file whose bytes are UTF-8 as far as they are read, or UnicodeDecodeError; NotPlain where a number has a plus.
 
     Arrow takes an integer with a plus for a fraction.

@@ -12,7 +12,7 @@ import numpy as np
 
 from vsh.io.tables._source import TableSource, number_twins, plain_file
 from vsh.tools.errors import TableError, first_line
-from vsh.tools.parallel import cores
+from vsh.tools.parallel import thread_count
 from vsh.tools.types import PathName
 
 _BLOCK, _CARD = 2880, 80
@@ -20,7 +20,7 @@ _BYTES = {"L": 1, "B": 1, "I": 2, "J": 4, "K": 8, "A": 1, "E": 4, "D": 8, "C": 8
 _CODE = re.compile(r"\s*(\d*)([LXBIJKAEDCMPQ])")
 
 
-def check_layout(path: PathName, label: str) -> Any:
+def read_headers(path: PathName, label: str) -> Any:
     """Walk through the headers of a FITS file; a list of dicts of keywords, one a unit."""
     tables = []
     with open(path, "rb") as file:
@@ -110,7 +110,7 @@ def _check_row(header, lengths, label):
 
 def fits_rows(path: PathName, label: str) -> int:
     """Count the rows of the first table of a FITS file, once the file is known to be complete."""
-    for header in check_layout(path, label):
+    for header in read_headers(path, label):
         if header.get("XTENSION") in ("BINTABLE", "TABLE"):
             return int(header["NAXIS2"])
     raise TableError(f"{label} holds no table")
@@ -123,7 +123,7 @@ _DAMAGE = re.compile(r"truncat|checksum|datasum|corrupt|invalid|illegal|extra by
 def open_fits(path: PathName, label: str) -> TableSource:
     """The first table of a FITS file, packed with gzip or not."""
     plain = plain_file(path, label)
-    units = check_layout(plain.name, label)
+    units = read_headers(plain.name, label)
     tables = [number for number, header in enumerate(units) if header.get("XTENSION") in ("BINTABLE", "TABLE")]
     if not tables:
         raise TableError(f"{label} holds no table")
@@ -156,7 +156,7 @@ def open_fits(path: PathName, label: str) -> TableSource:
                     # Views of the file's bytes, one after the other; turned into numbers side by side.
                     views = [np.asarray(chunk[name]) for name in request]
                     selection = [definitions[name] for name in request]
-                    with ThreadPoolExecutor(cores()) as pool:
+                    with ThreadPoolExecutor(thread_count()) as pool:
                         block = dict(zip(request, pool.map(partial(_column, chunk), views, selection), strict=True))
                     del chunk, views
                     for column in hdus[extension].columns:  # or astropy copies them all when the file is closed
@@ -239,11 +239,11 @@ def _meta(header):
 
 
 @contextmanager
-def fits_checked(path: PathName, label: str) -> Iterator[str]:
+def open_checked_fits(path: PathName, label: str) -> Iterator[str]:
     """The name of a FITS file, unpacked where it was packed, whose layout has been checked."""
     try:
         plain = plain_file(path, label)
-        check_layout(plain.name, label)
+        read_headers(plain.name, label)
     except OSError as error:
         raise TableError(f"{label} cannot be read: {error.strerror or error}") from error
     yield plain.name

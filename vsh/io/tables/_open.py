@@ -18,21 +18,21 @@ from pathlib import Path, PurePosixPath
 from typing import Any, NamedTuple
 from urllib.parse import urlsplit
 
-from vsh.io.tables._arrow import open_dataset, open_lazy, open_parquet, open_parquet_at, open_stream
+from vsh.io.tables._arrow import open_dataset, open_lazyframe, open_parquet, open_parquet_at, open_stream
 from vsh.io.tables._source import (
     DAMAGE,
     TableSource,
+    TemporaryPath,
     concatenate_sources,
     first_bytes,
-    in_folder,
-    is_frame,
+    is_dataframe,
     open_astropy,
-    open_frame,
-    open_other,
+    open_dataframe,
+    open_dict_or_array,
     open_skycoord,
     open_xarray,
 )
-from vsh.io.tables._text import open_numbered
+from vsh.io.tables._text import open_numbered_table
 from vsh.tools import formats
 from vsh.tools.errors import TableError, first_line
 from vsh.tools.files import format_of
@@ -51,7 +51,7 @@ def is_address(source: Any) -> bool:
     return any(c.__name__ == "UPath" for c in type(source).__mro__) and bool(source.protocol)
 
 
-class Place(NamedTuple):
+class RemotePath(NamedTuple):
     """A file or a folder at an address."""
 
     filesystem: Any
@@ -59,12 +59,12 @@ class Place(NamedTuple):
     label: str
     address: Any
 
-    def inside(self, path: str) -> "Place":
+    def inside(self, path: str) -> "RemotePath":
         """A file within this folder."""
-        return Place(self.filesystem, path, f"{self.label.rstrip('/')}/{PurePosixPath(path).name}", None)
+        return RemotePath(self.filesystem, path, f"{self.label.rstrip('/')}/{PurePosixPath(path).name}", None)
 
 
-def mark_of(place: Place) -> tuple[Any, ...]:
+def fingerprint_of(place: RemotePath) -> tuple[Any, ...]:
     """Size, time of change and mark (ETag) of a file at an address, by which it is known again."""
     try:
         if hasattr(place.filesystem, "handler"):  # of fsspec, whose libraries have names of their own for these
@@ -73,13 +73,13 @@ def mark_of(place: Place) -> tuple[Any, ...]:
         facts = place.filesystem.get_file_info(place.path)
         return facts.size, facts.mtime_ns
     except Exception as error:  # whatever a server that dies makes of its library
-        raise (_refused(place) or _unreachable(place.label, error)) from error
+        raise (_refusal_error(place) or _unreachable_error(place.label, error)) from error
 
 
-def place_of(source: Any) -> Place:
+def remote_path_of(source: Any) -> RemotePath:
     """File system and path of an address."""
     text = source if isinstance(source, str) else f"{source.protocol}://{source.path.lstrip('/')}"
-    label = printable(formats.shown_address(text))
+    label = printable(formats.hide_address_secrets(text))
     try:
         import pyarrow.fs
     except ImportError as error:
@@ -89,27 +89,27 @@ def place_of(source: Any) -> Place:
         ) from error
     try:
         if not isinstance(source, str):
-            return Place(pyarrow.fs.PyFileSystem(pyarrow.fs.FSSpecHandler(source.fs)), source.path, label, source)
+            return RemotePath(pyarrow.fs.PyFileSystem(pyarrow.fs.FSSpecHandler(source.fs)), source.path, label, source)
         scheme = urlsplit(text).scheme
         if scheme in ("s3", "s3a"):
-            return Place(_s3(text, pyarrow.fs), _below(text), label, source)
+            return RemotePath(_s3_filesystem(text, pyarrow.fs), _bucket_path(text), label, source)
         if scheme in ("gs", "gcs"):
-            anonymous = _anonymous(text, os.environ.get("GOOGLE_APPLICATION_CREDENTIALS"))
-            return Place(pyarrow.fs.GcsFileSystem(anonymous=anonymous), _below(text), label, source)
+            anonymous = _is_anonymous(text, os.environ.get("GOOGLE_APPLICATION_CREDENTIALS"))
+            return RemotePath(pyarrow.fs.GcsFileSystem(anonymous=anonymous), _bucket_path(text), label, source)
         import fsspec
 
         # Arrow asks for the ranges that it needs, and joins near ones: reading ahead would fetch the rest as well.
         http = {"cache_type": "none", "client_kwargs": {"timeout": _http_timeout()}}
         options = http if scheme in ("http", "https") else {}
         filesystem, path = fsspec.core.url_to_fs(text, **options)
-        return Place(pyarrow.fs.PyFileSystem(pyarrow.fs.FSSpecHandler(filesystem)), path, label, source)
+        return RemotePath(pyarrow.fs.PyFileSystem(pyarrow.fs.FSSpecHandler(filesystem)), path, label, source)
     except ImportError as error:
         raise TableError(
             f"{label} cannot be reached: a library is missing ({first_line(error)}): pip install "
             "'vsh-astrometry[remote]'"
         ) from error
     except (OSError, ValueError, TypeError) as error:
-        raise _unreachable(label, error) from error
+        raise _unreachable_error(label, error) from error
 
 
 def _http_timeout():
@@ -118,20 +118,20 @@ def _http_timeout():
     return aiohttp.ClientTimeout(total=None, connect=CONNECT, sock_read=ANSWER)
 
 
-def _below(text):
+def _bucket_path(text):
     address = urlsplit(text)
     return f"{address.netloc.rpartition('@')[2]}{address.path}".rstrip("/")
 
 
-def _anonymous(text, credentials):
+def _is_anonymous(text, credentials):
     """Return whether no credentials are used: asked for, or none are set up."""
     return urlsplit(text).netloc.rpartition("@")[0] == "anonymous" or not credentials
 
 
-def _s3(text, fs):
+def _s3_filesystem(text, fs):
     names = ("AWS_ACCESS_KEY_ID", "AWS_PROFILE", "AWS_WEB_IDENTITY_TOKEN_FILE", "AWS_CONTAINER_CREDENTIALS_FULL_URI")
     set_up = any(map(os.environ.get, names)) or os.path.exists(os.path.expanduser("~/.aws/credentials"))
-    anonymous = _anonymous(text, set_up)
+    anonymous = _is_anonymous(text, set_up)
     endpoint = os.environ.get("AWS_ENDPOINT_URL_S3") or os.environ.get("AWS_ENDPOINT_URL") or ""
     scheme, _, host = endpoint.rpartition("://")
     options = {"endpoint_override": host, "scheme": scheme or "https"} if host else {}
@@ -140,16 +140,16 @@ def _s3(text, fs):
     return fs.S3FileSystem(anonymous=anonymous, connect_timeout=CONNECT, request_timeout=ANSWER, **options)
 
 
-def _unreachable(label, error):
+def _unreachable_error(label, error):
     missing = isinstance(error, FileNotFoundError)
-    reason = "no such file, or no server answers" if missing else formats.shown_addresses(first_line(error))
+    reason = "no such file, or no server answers" if missing else formats.hide_secrets(first_line(error))
     return TableError(
         f"{label} cannot be read: {reason}. Is there a network, and the address right? Started again, it is "
         "fetched again"
     )
 
 
-def _refused(place):
+def _refusal_error(place):
     """The error of a web server that answers that it does not give a file; None where it gives it."""
     if not str(place.address).startswith(("http://", "https://")):
         return None
@@ -166,29 +166,29 @@ def _refused(place):
 
 def open_at(source: Any, open_file: Any, file_format: str | None = None) -> TableSource:
     """A table at an address; `open_file(path, label, kind)` opens a file that was fetched."""
-    location = source if isinstance(source, Place) else place_of(source)
+    location = source if isinstance(source, RemotePath) else remote_path_of(source)
     label = location.label
     files = files_at(location)
     if len(files) > 1:
         raise TableError(f"{label} holds {len(files)} files: go through them with vsh.io.catalogue.parts, or --workers")
     (file,) = files
-    file_format = file_format or _kind_of_store(file.path)
+    file_format = file_format or _format_by_ending(file.path)
     if file_format == "parquet":
         try:
             return open_parquet_at(file.filesystem, file.path, label)
         except TableError as error:
-            raise (_refused(file) or error) from error
-    copy = in_folder(PurePosixPath(file.path).name)
+            raise (_refusal_error(file) or error) from error
+    copy = TemporaryPath(PurePosixPath(file.path).name)
     try:
         with file.filesystem.open_input_stream(file.path, compression=None) as stream, open(copy.name, "wb") as output:
             shutil.copyfileobj(stream, output, 2**20)
     except Exception as error:  # whatever a server that dies makes of its library
-        raise (_refused(file) or _unreachable(label, error)) from error
+        raise (_refusal_error(file) or _unreachable_error(label, error)) from error
     table = open_file(Path(copy.name), label, file_format)
-    return _keeping(table, copy)
+    return _keep_copy(table, copy)
 
 
-def _keeping(table, copy):
+def _keep_copy(table, copy):
     """A table that holds the copy it is read from."""
 
     def read(names, rows) -> Iterator[dict[str, Any]]:
@@ -198,7 +198,7 @@ def _keeping(table, copy):
     return replace(table, read=read)
 
 
-def _kind_of_store(path):
+def _format_by_ending(path):
     """The format that an ending says, or None."""
     try:
         return format_of(path, formats.READ)
@@ -206,7 +206,7 @@ def _kind_of_store(path):
         return None
 
 
-def files_at(place: Place) -> list[Place]:
+def files_at(place: RemotePath) -> list[RemotePath]:
     """The tables of a folder at an address by name, or the file."""
     import pyarrow.fs as fs
 
@@ -222,7 +222,7 @@ def files_at(place: Place) -> list[Place]:
     except Exception as error:  # whatever a server that dies makes of its library
         if isinstance(error, TableError):
             raise
-        raise _unreachable(place.label, error) from error
+        raise _unreachable_error(place.label, error) from error
     inside = {entry.path[len(place.path) :].lstrip("/"): entry.path for entry in entries if entry.is_file}
     if "collection.properties" in inside:
         raise TableError(
@@ -235,10 +235,10 @@ def files_at(place: Place) -> list[Place]:
         hidden_paths = {
             p for p in inside if any(component.startswith((".", "_")) for component in PurePosixPath(p).parts)
         }
-        paths = {p: full for p, full in inside.items() if p not in hidden_paths and _kind_of_store(p)}
+        paths = {p: full for p, full in inside.items() if p not in hidden_paths and _format_by_ending(p)}
     if not paths:
         raise TableError(f"{place.label} is a folder without tables: known endings are {', '.join(formats.READ)}")
-    file_formats = {_kind_of_store(p) for p in paths}
+    file_formats = {_format_by_ending(p) for p in paths}
     if len(file_formats) > 1:
         raise TableError(
             f"{place.label} holds tables of several formats ({', '.join(sorted(file_formats))}): name those of one"
@@ -282,12 +282,12 @@ def open_table(source: Any, format: str | None = None) -> TableSource:
     """
     if isinstance(source, TableSource):
         return source
-    if is_address(source) or isinstance(source, Place):
+    if is_address(source) or isinstance(source, RemotePath):
         return open_at(source, _open_fetched, _kind_of(format))
     if isinstance(source, (str, os.PathLike)):
         return _open_path(source, format)
-    if is_frame(source):
-        return open_frame(source)
+    if is_dataframe(source):
+        return open_dataframe(source)
     if any(c.__name__ == "SkyCoord" for c in type(source).__mro__):
         return open_skycoord(source)
     if type(source).__name__ == "Dataset" and type(source).__module__.startswith("xarray"):
@@ -298,12 +298,12 @@ def open_table(source: Any, format: str | None = None) -> TableSource:
         return open_stream(source, f"the {type(source).__name__}")
     cls = type(source)
     if cls.__name__ == "LazyFrame":
-        return open_lazy(source, "the LazyFrame")
+        return open_lazyframe(source, "the LazyFrame")
     if any(c.__name__ == "Dataset" and c.__module__.startswith("pyarrow") for c in cls.__mro__):
         return open_dataset(source, "the Dataset")
     if hasattr(cls, "__dask_graph__") or hasattr(cls, "to_delayed"):
         raise TableError("a table of Dask is in parts: give it to vsh.io.catalogue.parts(…), or .compute() it")
-    return open_other(source)
+    return open_dict_or_array(source)
 
 
 def _open_fetched(path, label, file_format):
@@ -331,7 +331,7 @@ def _open_path(path, format):
         if path.is_dir():
             return _open_folder(path, label, format)
         if (match := _NUMBERED.fullmatch(text)) and not path.exists() and Path(match[1]).is_file():
-            return open_numbered(Path(match[1]), int(match[2]), label)
+            return open_numbered_table(Path(match[1]), int(match[2]), label)
         if not path.is_file():
             raise TableError(f"{label}: no such file" if not path.exists() else f"{label} is no regular file")
         if path.suffix.lower() in ("", ".zip") and zipfile.is_zipfile(path):
@@ -377,7 +377,7 @@ def _has_cds_readme(path):
 
 
 def _open_folder(path, label, format):
-    file_format, files = _tables_in(path, label, format)
+    file_format, files = _format_and_files(path, label, format)
     if file_format == "parquet":
         return open_parquet(files, label)  # one dataset
     return concatenate_sources(label, [_open_file(file, printable(file), file_format) for file in files])
@@ -385,7 +385,7 @@ def _open_folder(path, label, format):
 
 def _open_zip(path, label, format):
     """The tables of a zip archive, as those of a folder."""
-    holder = in_folder("tables")
+    holder = TemporaryPath("tables")
     folder = Path(holder.name)
     folder.mkdir()
     try:
@@ -404,24 +404,24 @@ def _open_zip(path, label, format):
         if isinstance(error, TableError):
             raise
         raise TableError(f"{label} cannot be unpacked: {first_line(error)}. Fetch it again") from None
-    return _keeping(_open_folder(folder, label, format), holder)
+    return _keep_copy(_open_folder(folder, label, format), holder)
 
 
 def files_of(path: PathName, format: str | None = None) -> list[Any]:
     """The files that `open_table` would read from a path or an address: those of a folder by name, or the file."""
     if is_address(path):
-        return files_at(place_of(path))
+        return files_at(remote_path_of(path))
     path, label = Path(path), printable(path)
     if path.is_dir():
-        return _tables_in(path, label, format)[1]
+        return _format_and_files(path, label, format)[1]
     if not path.is_file():
         raise TableError(f"{label}: no such file" if not path.exists() else f"{label} is no regular file")
     return [path]
 
 
-def _tables_in(path, label, format=None):
+def _format_and_files(path, label, format=None):
     """The format and the files of a folder."""
-    path = _main_table(path, label)
+    path = _main_folder(path, label)
     if _is_hats(path):  # beside its partitions lie a thumbnail of them, and maps of the sky
         files = [
             partition for partition in sorted((path / "dataset").glob("Norder=*/**/*.parquet")) if partition.is_file()
@@ -502,7 +502,7 @@ def _property(path, key):
     return {name.strip(): value.strip() for name, _, value in pairs}.get(key, "")
 
 
-def _main_table(path, label):
+def _main_folder(path, label):
     """The main catalogue of a HATS collection, whose margin cache repeats sources; else the folder itself."""
     properties = path / "collection.properties"
     if not properties.is_file():

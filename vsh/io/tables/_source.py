@@ -20,7 +20,7 @@ import numpy as np
 
 from vsh.sky.frames import FRAME_KEY, FRAMES
 from vsh.tools.errors import TableError, first_line
-from vsh.tools.files import check_size
+from vsh.tools.files import check_unpacked_size
 from vsh.tools.notebook import InNotebook
 from vsh.tools.types import PathName, Table
 
@@ -34,7 +34,7 @@ def packing(begin: bytes) -> str | None:
     return next((name for magic, name in _MAGIC.items() if begin.startswith(magic)), None)
 
 
-def unpacked(path: PathName, label: str) -> io.BufferedReader:
+def open_unpacked(path: PathName, label: str) -> io.BufferedReader:
     """The bytes of a file, unpacked where it is packed, as a stream to read from."""
     file = open(path, "rb")  # noqa: SIM115 (the caller closes the stream, and with it the file)
     compression = packing(file.peek(6)[:6])
@@ -59,13 +59,13 @@ def unpacked(path: PathName, label: str) -> io.BufferedReader:
 def first_bytes(path: PathName, label: str, count: int = 2**14) -> bytes:
     """The first bytes of a file, unpacked; as many as can be had where it is damaged."""
     try:
-        with unpacked(path, label) as stream:
+        with open_unpacked(path, label) as stream:
             return stream.read(count)
     except (*DAMAGE, TableError):
         return b""
 
 
-class in_folder:
+class TemporaryPath:
     """A file to be written under its own name, in a folder that is deleted when nobody holds this any more."""
 
     def __init__(self, name):
@@ -79,12 +79,12 @@ def plain_file(path: PathName, label: str) -> Any:
     with open(path, "rb") as file:
         if packing(file.read(6)) is None:
             return file
-    copy = in_folder(Path(path).stem)
+    copy = TemporaryPath(Path(path).stem)
     try:
-        with unpacked(path, label) as stream, open(copy.name, "wb") as output:
+        with open_unpacked(path, label) as stream, open(copy.name, "wb") as output:
             while chunk := stream.read(2**20):
                 output.write(chunk)
-                check_size(label, output.tell(), os.path.getsize(path))
+                check_unpacked_size(label, output.tell(), os.path.getsize(path))
     except DAMAGE as error:
         if isinstance(error, TableError):
             raise
@@ -180,7 +180,7 @@ def concatenate_sources(label: str, sources: Sequence[TableSource]) -> TableSour
     return TableSource(label, order, read, units, reference.meta, notes, descriptions=reference.descriptions)
 
 
-def cache_rows(source: TableSource) -> TableSource:
+def cache_columns(source: TableSource) -> TableSource:
     """Cache the columns of a table, each of which is then read once."""
     cache: dict[str, Any] = {}
 
@@ -233,7 +233,7 @@ def open_astropy(table: Any) -> TableSource:
     coordinates = [name for name in table.colnames if hasattr(table[name], "spherical")]
     if coordinates:
         plain = table[[name for name in table.colnames if name not in coordinates]]
-        columns, frame = _of_skycoord(table[coordinates[0]])
+        columns, frame = _skycoord_columns(table[coordinates[0]])
         for name, values in columns.items():
             if name not in plain.colnames:
                 plain[name] = values
@@ -254,11 +254,11 @@ def open_skycoord(coord: Any) -> TableSource:
     """An astropy SkyCoord: positions, and motions and distances where it has them."""
     from astropy.table import Table
 
-    columns, frame = _of_skycoord(coord)
+    columns, frame = _skycoord_columns(coord)
     return open_astropy(Table(columns, meta={FRAME_KEY: frame}))
 
 
-def _of_skycoord(coord):
+def _skycoord_columns(coord):
     """Columns of coordinates in the names of Gaia's archive, and their frame."""
     from astropy import units as u
 
@@ -293,7 +293,7 @@ def open_xarray(dataset: Any) -> TableSource:
     return replace(open_astropy(table), label="the Dataset", units=units)
 
 
-def open_frame(frame: Any) -> TableSource:
+def open_dataframe(frame: Any) -> TableSource:
     """A pandas DataFrame, or an object of a class made from it (geopandas, LSDB's NestedFrame)."""
     names = tuple(map(str, frame.columns))
     if len(set(names)) < len(names):
@@ -302,7 +302,7 @@ def open_frame(frame: Any) -> TableSource:
 
     def read(request, rows):
         for start in range(0, max(1, len(frame)), rows):
-            yield {name: _series(frame.iloc[start : start + rows, at[name]], name) for name in request}
+            yield {name: _series_values(frame.iloc[start : start + rows, at[name]], name) for name in request}
 
     meta = {str(key): value for key, value in getattr(frame, "attrs", {}).items()}
     unit_attribute = meta.get("units")  # as users of pandas keep them
@@ -314,7 +314,7 @@ def open_frame(frame: Any) -> TableSource:
     return TableSource("the table", names, read, units, meta)
 
 
-def open_other(thing: Any) -> TableSource:
+def open_dict_or_array(thing: Any) -> TableSource:
     """A dict of columns or a structured array."""
     from astropy.table import Table
 
@@ -326,7 +326,7 @@ def open_other(thing: Any) -> TableSource:
         raise TableError(f"a {type(thing).__name__} is no table: {first_line(error)}") from error
 
 
-def is_frame(thing: Any) -> bool:
+def is_dataframe(thing: Any) -> bool:
     """Return whether an object is pandas' DataFrame or made from it; pandas need not be installed."""
     return any(c.__name__ == "DataFrame" and c.__module__.split(".")[0] == "pandas" for c in type(thing).__mro__)
 
@@ -339,7 +339,7 @@ def _column(column):
     return np.asarray(np.ma.getdata(values)), mask
 
 
-def _series(series, name):
+def _series_values(series, name):
     mask = series.isna().to_numpy()
     if isinstance(series.dtype, np.dtype) and series.dtype.kind == "f":
         return series.to_numpy(), None  # a nan is not finite, as in every format
@@ -377,9 +377,9 @@ def open_whole(path: PathName, label: str, kind: str) -> TableSource:
             warnings.simplefilter("ignore")  # units that a format spells in its own way
             if kind == "hdf5":
                 plain = plain_file(path, label)
-                table = _hdf5(plain.name, label)
+                table = _read_hdf5(plain.name, label)
             else:
-                table = _text(Path(path), label, kind)
+                table = _read_text(Path(path), label, kind)
     except (TableError, MemoryError):
         raise
     except ImportError as error:
@@ -397,7 +397,7 @@ def open_whole(path: PathName, label: str, kind: str) -> TableSource:
 _DEEPEST = 20
 
 
-def _hdf5(path, label):
+def _read_hdf5(path, label):
     """The one table of a file: a compound dataset, or a group with a dataset for each column."""
     import h5py
     from astropy.table import Table
@@ -418,7 +418,7 @@ def _hdf5(path, label):
                     "(h5repack)"
                 )
             total += item.nbytes
-            check_size(label, total, size)
+            check_unpacked_size(label, total, size)
             if total > _LARGEST:
                 raise TableError(
                     f"{label} has {total / 2**30:.3g} GiB, and HDF5 is read whole: make it FITS or Parquet"
@@ -436,15 +436,15 @@ def _hdf5(path, label):
             raise TableError(f"{label} holds {len(tables) + len(column_groups)} tables ({present}): keep one in a file")
         if column_groups:
             (names,) = column_groups.values()
-            return Table({name.rpartition("/")[2]: _plain(file[name][()]) for name in names})
+            return Table({name.rpartition("/")[2]: _decode_bytes(file[name][()]) for name in names})
     return Table.read(path, path=tables[0], format="hdf5", character_as_bytes=False)
 
 
-def _plain(values: Any) -> Any:
+def _decode_bytes(values: Any) -> Any:
     return np.char.decode(values.astype(bytes), "utf-8", "replace") if values.dtype.kind in "SO" else values
 
 
-def _text(path, label, file_format):
+def _read_text(path, label, file_format):
     from astropy.io import ascii
 
     readme = path.with_name("ReadMe")

@@ -24,7 +24,7 @@ from pathlib import Path
 import numpy as np
 
 from vsh.io.tables._arrow import FIELD, NULLS, NotPlain, csv_blocks
-from vsh.io.tables._source import DAMAGE, TableSource, in_folder, number_twins, open_other, unpacked
+from vsh.io.tables._source import DAMAGE, TableSource, TemporaryPath, number_twins, open_dict_or_array, open_unpacked
 from vsh.tools.errors import TableError, first_line
 from vsh.tools.printing import printable
 from vsh.tools.types import PathName
@@ -87,11 +87,11 @@ def layout_of(lines: Iterator[str], label: str) -> Layout:
     top = 1 if len(body) > 2 and _RULE.fullmatch(body[0]) else 0  # a rule above the names
     rule = next((k for k in range(top + 1, len(body)) if _RULE.fullmatch(body[k])), None)
     if rule is not None and rule - top <= 6:
-        return _split_by_rule(body[top:rule], body[rule], skip + rule + 1, label)
-    return _plain(body, comments, skip, label)
+        return _layout_with_rule(body[top:rule], body[rule], skip + rule + 1, label)
+    return _layout_without_rule(body, comments, skip, label)
 
 
-def _split_by_rule(heading, rule, skip, label):
+def _layout_with_rule(heading, rule, skip, label):
     """Names, units and a rule of dashes below them, as VizieR writes them."""
     delimiter = next((d for d in (";", "\t", "|", ",") if d in rule and d in heading[0]), None)
     if delimiter:
@@ -106,17 +106,17 @@ def _split_by_rule(heading, rule, skip, label):
     return _with_units(_layout(names, skip, "", tuple(spans)), units)
 
 
-def _plain(body, comments, skip, label):
+def _layout_without_rule(body, comments, skip, label):
     """Names in the first line, behind a #, or nowhere; lines above the names are left out with a note."""
-    titles = _titles(body)
+    titles = _count_titles(body)
     if titles:
-        layout = _plain(body[titles:], comments, skip + titles, label)
+        layout = _layout_without_rule(body[titles:], comments, skip + titles, label)
         remark = f"{titles} line{'s' * (titles > 1)} above the names of the columns left out: {printable(body[0][:60])}"
         return replace(layout, notes=(*layout.notes, remark))
     rows = [line for line in body if line.strip()]
     delimiter = _delimiter(rows)
     fields = _fields(rows[0], delimiter)
-    if _looks_like_data(fields) and not _quoted_name(rows[0]):
+    if _looks_like_data(fields) and not _is_quoted_name(rows[0]):
         names = _names_in_comment(comments, len(fields), delimiter)
         notes: tuple[str, ...] = ()
         if names is None:
@@ -135,7 +135,7 @@ def _plain(body, comments, skip, label):
     return _with_units(_with_comma(_layout(fields, skip + 1, delimiter), rows[1:]), units)
 
 
-def _titles(body):
+def _count_titles(body):
     """Number of lines above the names: a title, or headings of several columns, where the rows have more fields."""
     for k, line in enumerate(body[1:6], 1):
         below = [row for row in body[k:] if row.strip()]
@@ -210,7 +210,7 @@ def _looks_like_data(fields: Sequence[str]) -> bool:
     return numbers >= 2 and 3 * numbers >= len(fields)
 
 
-def _quoted_name(line):
+def _is_quoted_name(line):
     return line.lstrip().startswith('"') and not any(_NUMBER.fullmatch(f) for f in line.split(","))
 
 
@@ -273,7 +273,7 @@ def open_text(path: PathName, label: str) -> TableSource:
         # A mark of the byte order, which spreadsheets write, is no part of the first name.
         ecsv = top_line.lstrip("\ufeff").replace(" ", "").upper().startswith("#%ECSV")
         if ecsv:
-            layout, types, meta, descriptions = _ecsv(top_line, lines, label)
+            layout, types, meta, descriptions = _ecsv_layout(top_line, lines, label)
         else:
             layout, types, meta, descriptions = layout_of(chain([top_line], lines), label), {}, {}, {}
     names, width = layout.names, len(layout.names)
@@ -283,7 +283,7 @@ def open_text(path: PathName, label: str) -> TableSource:
         count = 0
         if layout.delimiter and not layout.decimal_comma and os.path.getsize(path) >= LARGE:
             with suppress(NotPlain):
-                for columns in csv_blocks(lambda: unpacked(path, label), layout, types, request, rows):
+                for columns in csv_blocks(lambda: open_unpacked(path, label), layout, types, request, rows):
                     block = {name: _from_arrow(column, name, types) for name, column in columns.items()}
                     yield block
                     count += len(next(iter(block.values()))[0])
@@ -309,7 +309,7 @@ def open_text(path: PathName, label: str) -> TableSource:
     )
 
 
-def _ecsv(top_line, lines, label):
+def _ecsv_layout(top_line, lines, label):
     """Layout, types, metadata and descriptions, from the header of an ECSV file."""
     comments, line = [], top_line
     while line.lstrip("\ufeff").startswith("#"):
@@ -333,13 +333,13 @@ class open_lines:
         self.path, self.label = path, label
 
     def __enter__(self):
-        self.text = io.TextIOWrapper(unpacked(self.path, self.label), encoding="utf-8", newline="\n")
-        return self._guarded()
+        self.text = io.TextIOWrapper(open_unpacked(self.path, self.label), encoding="utf-8", newline="\n")
+        return self._read_lines()
 
     def __exit__(self, *_):
         self.text.close()
 
-    def _guarded(self):
+    def _read_lines(self):
         try:
             while line := self.text.readline(LINE):
                 if len(line) == LINE:
@@ -375,7 +375,7 @@ def _records(lines, indices, width, delimiter, label, number):
             yield tuple(_unquote(value) for value in values) if quotes else values
             continue
         if not line.strip() or line.startswith("#"):  # VizieR ends with #END#
-            _check_second(line, number, label)
+            _check_single_table(line, number, label)
             continue
         start = number
         while line.count('"') % 2:  # a field may hold line breaks
@@ -394,7 +394,7 @@ def _cut_columns(lines, indices, layout, label):
     """The wanted fields of each row of fields between blanks, or in fixed columns."""
     for number, line in enumerate(lines, layout.skip + 1):
         if not line.strip() or line.startswith("#"):
-            _check_second(line, number, label)
+            _check_single_table(line, number, label)
             continue
         row = layout.fields(line.rstrip("\r\n"))
         if row is None:
@@ -410,7 +410,7 @@ def _cut_columns(lines, indices, layout, label):
 _TABLE = re.compile(r"#\s*Table\b", re.IGNORECASE)
 
 
-def _check_second(line, number, label):
+def _check_single_table(line, number, label):
     """Raise TableError where another table of VizieR begins below the rows."""
     if _TABLE.match(line):
         raise TableError(
@@ -419,9 +419,9 @@ def _check_second(line, number, label):
         )
 
 
-def open_numbered(path: PathName, number: int, label: str) -> TableSource:
+def open_numbered_table(path: PathName, number: int, label: str) -> TableSource:
     """Open one of several tables that VizieR writes into a file, by its number from 1."""
-    copy = in_folder("table.tsv")
+    copy = TemporaryPath("table.tsv")
     count = 0
     with open_lines(path, label) as lines, open(copy.name, "w", encoding="utf-8") as file:
         for line in lines:
@@ -498,14 +498,14 @@ def _values(text, datatype):
         try:
             values = filled_text.astype(dtype)
         except (ValueError, OverflowError):
-            if dtype is np.int64 and _long_integers(filled_text):
+            if dtype is np.int64 and _are_integers(filled_text):
                 break  # as text, they keep all their digits
             continue
         return values, mask if mask.any() else None
     return text, mask if mask.any() else None
 
 
-def _long_integers(text):
+def _are_integers(text):
     return all(value.lstrip("+-").isdigit() for value in text)
 
 
@@ -557,23 +557,23 @@ def open_vlbi(path: PathName, label: str) -> TableSource:
     getpar = any(line.startswith("SOU_GCO:") for _, line in numbered_lines)
     pattern = _GETPAR if getpar else _ROW
     rows = [(k, line) for k, line in numbered_lines if line.strip() and not line.startswith(_COMMENT)]
-    start = next((i for i, (_, line) in enumerate(rows) if pattern.match(line) or _like_a_row(line)), None)
+    start = next((i for i, (_, line) in enumerate(rows) if pattern.match(line) or _looks_like_source(line)), None)
     if start is None:
         raise TableError(f"{label} has no line with a position in hours and degrees: is it a list of VLBI positions?")
     # Above the first source is the heading; below it, every line that is not blank is a source.
     rows = [(k, line) for k, line in rows[start:] if any(map(str.isalnum, line))]
     icrf = rows[0][1].startswith("ICRF J")
-    sources = [_parse(label, k, line, pattern, icrf) for k, line in rows]
+    sources = [_parse_source(label, k, line, pattern, icrf) for k, line in rows]
     mas = getpar or any(phrase in line for _, line in numbered_lines for phrase in _MAS_WORDS)
-    return _table(label, rows, sources, mas)
+    return _vlbi_table(label, rows, sources, mas)
 
 
-def _like_a_row(line):
+def _looks_like_source(line):
     """Return whether a line is a source, perhaps a damaged one, and no heading: so many numbers stand in no heading."""
     return line.startswith("ICRF J") or sum(_SIGNED.fullmatch(token) is not None for token in line.split()) > 6
 
 
-def _table(label, rows, sources, mas):
+def _vlbi_table(label, rows, sources, mas):
     names, positions, rests = zip(*sources, strict=True)
     if len(rests) > 2 and len(rests[-1]) < min(map(len, rests[:-1])):
         number, line = rows[-1]
@@ -612,11 +612,11 @@ def _table(label, rows, sources, mas):
             f"errors of the list are read in {unit_text}; those of right ascension do not include cos δ and were "
             "multiplied by it",
         )
-    table = replace(open_other(columns), label=label, units=units)
+    table = replace(open_dict_or_array(columns), label=label, units=units)
     return replace(table, notes=notes)
 
 
-def _parse(label, number, line, pattern, icrf):
+def _parse_source(label, number, line, pattern, icrf):
     """Names, the position [deg], and the words behind it."""
     excerpt = printable(line.strip()[:80])
     if icrf and not re.match(r"\s*(ICRF(\s|$)|-\s|\s)", line + " "):
@@ -634,10 +634,10 @@ def _parse(label, number, line, pattern, icrf):
     remainder = match["rest"].split()
     if pattern is _GETPAR:
         remainder = [match["e1"], *(token for token in remainder if token != "C:")]
-    return _names(match["names"]), (lon, -size if match["sign"] == "-" else size), remainder
+    return _parse_names(match["names"]), (lon, -size if match["sign"] == "-" else size), remainder
 
 
-def _names(text):
+def _parse_names(text):
     """Designation by J2000.0 coordinates, the other name, and whether the source is defining."""
     tokens = [token for token in text.split() if token not in ("ICRF", "RFC", "-")]
     mark = "D" in tokens[1:]

@@ -18,7 +18,7 @@ _DECLARED = re.compile(rb"""\s*<\?xml\b[^>]*\bencoding\s*=\s*["']([^"']*)["']"""
 _LOSSES = re.compile(r"\b(E\d\d|W46|W51|W53)\b")
 
 
-def open_overflow(path: PathName, label: str) -> TableSource:
+def open_truncated_votable(path: PathName, label: str) -> TableSource:
     """The first table of a VOTable that an archive cut off at its limit of rows, with a note."""
     return open_votable(path, label, overflow=True)
 
@@ -28,7 +28,7 @@ def open_votable(path: PathName, label: str, overflow: bool = False) -> TableSou
     from astropy.io import votable
 
     plain = plain_file(path, label)
-    _check_text(plain.name, label)
+    _check_declarations(plain.name, label)
     with warnings.catch_warnings(record=True) as warning_records:
         warnings.simplefilter("always")
         try:
@@ -78,11 +78,18 @@ def open_votable(path: PathName, label: str, overflow: bool = False) -> TableSou
     meta |= {str(info.name): info.value for info in table.infos}
     descriptions = {name: str(column.description) for name, column in columns.items() if column.description}
     return TableSource(
-        label, tuple(names), read, units, meta, notes, descriptions=descriptions, systems=_systems(document, columns)
+        label,
+        tuple(names),
+        read,
+        units,
+        meta,
+        notes,
+        descriptions=descriptions,
+        systems=_coordinate_systems(document, columns),
     )
 
 
-def _systems(document, columns):
+def _coordinate_systems(document, columns):
     """The coordinate system of each column: that of its COOSYS, the only one there is, or by its UCD."""
     declared = {one.ID: (str(one.system), one.equinox) for one in document.iter_coosys()}
     alone = next(iter(declared.values())) if len(declared) == 1 else None
@@ -129,7 +136,7 @@ def _column(column):
     return np.array(values), mask if mask.any() else None
 
 
-def _check_text(path, label):
+def _check_declarations(path, label):
     """No fixed size in the header may exceed the file, and nothing may be read from elsewhere."""
     with open(path, "rb") as file:
         size = file.seek(0, 2)
@@ -174,7 +181,7 @@ def _check_streams(path, label):
 
     parser = expat.ParserCreate(namespace_separator=" ")
 
-    def element(name, attributes):
+    def refuse_outside_rows(name, attributes):
         if name.rpartition(" ")[2].upper() == "STREAM" and any(
             attribute.rpartition(" ")[2].lower() == "href" for attribute in attributes
         ):
@@ -183,7 +190,7 @@ def _check_streams(path, label):
                 "the rows in it"
             )
 
-    parser.StartElementHandler = element
+    parser.StartElementHandler = refuse_outside_rows
     try:
         with open(path, "rb") as file:
             parser.ParseFile(file)

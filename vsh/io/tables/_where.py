@@ -96,7 +96,7 @@ class Where(InNotebook):
             case ast.UnaryOp(op=ast.USub() | ast.UAdd() | ast.Not() | ast.Invert(), operand=inner):
                 yield from self._column_names(inner)
             case ast.BinOp(left=left, op=op, right=right) if type(op) in (*_NUMBERS, ast.Pow, ast.BitAnd, ast.BitOr):
-                if isinstance(op, ast.Pow) and not _small(right):
+                if isinstance(op, ast.Pow) and not _is_small_power(right):
                     raise TableError(f"--where: a power is a number between −{MAX_POWER:g} and {MAX_POWER:g}")
                 yield from self._column_names(left)
                 yield from self._column_names(right)
@@ -117,9 +117,9 @@ class Where(InNotebook):
                     elif type(sign) in _ORDER:
                         yield from self._column_names(value)
                     else:
-                        raise _refuse_node(node)
+                        raise _refusal_of_node(node)
             case _:
-                raise _refuse_node(node)
+                raise _refusal_of_node(node)
 
     def _of(self, node, block):
         """Values, and which of them are not known."""
@@ -134,7 +134,7 @@ class Where(InNotebook):
             case ast.Call(func=ast.Name(id=name), args=args):
                 return self._numbers(FUNCTIONS[name], args, block)
             case ast.UnaryOp(op=ast.Not() | ast.Invert(), operand=inner):
-                value, missing = self._condition(inner, block)
+                value, missing = self._evaluate_condition(inner, block)
                 return ~value, missing
             case ast.UnaryOp(op=op, operand=inner):
                 return self._numbers(np.negative if isinstance(op, ast.USub) else np.positive, [inner], block)
@@ -157,7 +157,7 @@ class Where(InNotebook):
             np.broadcast_arrays(np.isnan(value), *(missing for _, missing in conditions))
         )
 
-    def _condition(self, node, block):
+    def _evaluate_condition(self, node, block):
         value, missing = self._of(node, block)
         if np.asarray(value).dtype != bool:
             raise TableError(
@@ -168,7 +168,7 @@ class Where(InNotebook):
 
     def _join_conditions(self, is_and, nodes, block):
         """Kleene's logic: what is false whatever the missing value is, is false."""
-        conditions = [self._condition(node, block) for node in nodes]
+        conditions = [self._evaluate_condition(node, block) for node in nodes]
         value, missing = conditions[0]
         for operand, lost in conditions[1:]:
             decisive = [((a if not is_and else ~a) & ~b) for a, b in ((value, missing), (operand, lost))]
@@ -181,26 +181,26 @@ class Where(InNotebook):
         left = self._of(node.left, block)
         for op, comparator in zip(node.ops, node.comparators, strict=True):
             if isinstance(op, ast.In | ast.NotIn):
-                right, (is_true, lost) = left, self._among(left, comparator, node, block)
+                right, (is_true, lost) = left, self._evaluate_membership(left, comparator, node, block)
                 is_true = ~is_true if isinstance(op, ast.NotIn) else is_true
             else:
                 right = self._of(comparator, block)
-                is_true, lost = _order_operands(op, left, right, node), left[1] | right[1]
+                is_true, lost = _compare_operands(op, left, right, node), left[1] | right[1]
             value, missing, left = value & is_true, missing | lost, right
         return np.asarray(value, bool), missing
 
-    def _among(self, left, members, node, block):
+    def _evaluate_membership(self, left, members, node, block):
         """Return whether each value is one of a list, or of the names in a file; and where that is not known."""
         path = _listed_file(members)
         if path is not None:
-            return np.isin(left[0], _as_those(left[0], names_in(path), path)), left[1]
+            return np.isin(left[0], _names_as_values(left[0], names_in(path), path)), left[1]
         constants = [member.value for member in members.elts if isinstance(member, ast.Constant)]
         text_flags = {isinstance(value, str) for value in constants}
         text = np.asarray(left[0]).dtype.kind in "US"
         if len(constants) == len(members.elts) and text_flags == {text}:
             return np.isin(left[0], np.array(constants)), left[1]
         operands = [self._of(member, block) for member in members.elts]
-        among = [_order_operands(ast.Eq(), left, operand, node) & ~operand[1] for operand in operands]
+        among = [_compare_operands(ast.Eq(), left, operand, node) & ~operand[1] for operand in operands]
         is_true = np.logical_or.reduce(np.broadcast_arrays(*among))
         unknown = np.logical_or.reduce(np.broadcast_arrays(*(lost for _, lost in operands), is_true)) & ~is_true
         return is_true, left[1] | unknown
@@ -252,7 +252,7 @@ def _names_in(path, *_):
     return names
 
 
-def _as_those(values, names, path):
+def _names_as_values(values, names, path):
     """The names of a list as what the column holds, numbers or text."""
     type_code = np.asarray(values).dtype.kind
     if type_code in "US":
@@ -263,7 +263,7 @@ def _as_those(values, names, path):
         raise TableError(f"--where: the column holds numbers, and {printable(path)} has lines that are none") from None
 
 
-def _order_operands(op, left, right, node):
+def _compare_operands(op, left, right, node):
     operand_types = {"text" if np.asarray(operand).dtype.kind in "USO" else "number" for operand, _ in (left, right)}
     if len(operand_types) > 1:
         raise TableError(f"--where: {printable(ast.unparse(node))} compares a text with a number")
@@ -283,7 +283,7 @@ def _column(values, mask):
     return values, missing
 
 
-def _small(node):
+def _is_small_power(node):
     sign = 1.0
     if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub):
         sign, node = -1.0, node.operand
@@ -292,7 +292,7 @@ def _small(node):
     )
 
 
-def _refuse_node(node):
+def _refusal_of_node(node):
     return TableError(
         f"--where: {printable(ast.unparse(node))[:80]} is not allowed; there are columns, numbers, text, comparisons, "
         f"and, or, not, in, column(), ismissing(), file(), {', '.join(f'{name}()' for name in FUNCTIONS)}"

@@ -197,7 +197,7 @@ def test_every_output_has_the_same_numbers(catalogue, tmp_path, capsys):
         assert (formal > 0).all()  # a prior on the higher degrees may make them larger than those quoted
         assert table["p_value"][k] == pytest.approx(vector.p_value, rel=1e-9)
         assert table["limit_95"][k] == pytest.approx(vector.amplitude_limit(), rel=1e-6)
-        for cell in fit.output.components(vector):
+        for cell in fit.output.format_components(vector):
             assert cell in text
             assert cell in html
             assert cell.replace("±", r"\pm") in latex
@@ -256,7 +256,7 @@ def test_rows_of_the_sources(catalogue, tmp_path, capsys):
 
 def test_a_vector_below_two_of_its_errors_has_no_direction_anywhere():
     """Correlated components: zero is unlikely, and the length is 0.4 of its error."""
-    from fit.results.output import amplitude, direction, is_seen
+    from fit.results.output import format_amplitude, format_direction, is_seen
     from fit.results.output._text import words_of
 
     axis = np.array([1.0, 1.0, 1.0]) / np.sqrt(3)
@@ -265,8 +265,8 @@ def test_a_vector_below_two_of_its_errors_has_no_direction_anywhere():
     assert vector.p_value < 1e-4
     assert vector.amplitude < vector.amplitude_error
     assert not is_seen(vector)
-    assert amplitude(vector).startswith("< ")
-    assert direction(vector) == "direction not determined"
+    assert format_amplitude(vector).startswith("< ")
+    assert format_direction(vector) == "direction not determined"
     words = words_of(vector)
     assert "not zero" in words
     assert "towards" not in words

@@ -10,8 +10,8 @@ from conftest import random_field
 
 import fit
 import sim
-from fit.results.output import amplitude, direction, pulls, sections_of, vector_rows, vectors_of
-from fit.results.output._files import two_digits
+from fit.results.output import format_amplitude, format_direction, pulls, sections_of, vector_rows, vectors_of
+from fit.results.output._files import decimals_of_error
 from vsh import Field, Vector
 from vsh.io.sections import text_of
 from vsh.tools.errors import ParameterError
@@ -32,7 +32,7 @@ def numbers(text):
 
 
 def cells_of(solution):
-    return {cell for vector in vectors_of(solution).values() for cell in fit.output.components(vector)}
+    return {cell for vector in vectors_of(solution).values() for cell in fit.output.format_components(vector)}
 
 
 def page_of(solution, folder, **about):
@@ -54,14 +54,14 @@ def test_all_forms_say_the_same(solution, tmp_path):
     for form in (solution.report(long=True), page):
         assert all(row.power in form for row in rows)
     for row in rows:  # two digits of each error
-        digits = two_digits(float(row.error))
+        digits = decimals_of_error(float(row.error))
         assert f"{float(row.debiased):.{digits}f} ± " in text
         assert f"${float(row.debiased):.{digits}f}$" in solution.latex(full=True)
 
 
 @pytest.mark.parametrize(("sigma", "digits"), [(0.19, 2), (0.0999, 3), (1.0, 1), (34.0, 0), (3400.0, 0), (0.0, 3)])
 def test_two_digits_of_the_error(sigma, digits):
-    assert two_digits([sigma, 10 * sigma]) == digits
+    assert decimals_of_error([sigma, 10 * sigma]) == digits
 
 
 def test_latex_in_other_styles(solution):
@@ -105,13 +105,13 @@ def test_pulls_are_positive_where_the_fit_is_larger():
 def test_low_signal_to_noise_is_said_as_such():
     """Directions ± 127°, ± 349°, ± 57296° at a pole."""
     strong, weak, none = (Vector([0, 0, a], np.eye(3)) for a in (10.0, 2.9, 0.5))
-    assert amplitude(strong) == "10.0 ± 1.0"
-    assert re.fullmatch(r"< \d\.\d+ \(95 %\)", amplitude(weak))
-    assert re.fullmatch(r"< \d\.\d+ \(95 %\)", amplitude(none))
-    assert "(± 6°)" in direction(Vector([0, 0, 10.0], 0.5 * np.eye(3)))  # at the pole longitude has no error bar
-    assert "±" in direction(Vector([10.0, 0, 0], np.eye(3)))
-    assert "direction not determined" in direction(weak)
-    assert "direction not determined" in direction(none)
+    assert format_amplitude(strong) == "10.0 ± 1.0"
+    assert re.fullmatch(r"< \d\.\d+ \(95 %\)", format_amplitude(weak))
+    assert re.fullmatch(r"< \d\.\d+ \(95 %\)", format_amplitude(none))
+    assert "(± 6°)" in format_direction(Vector([0, 0, 10.0], 0.5 * np.eye(3)))  # at the pole longitude has no error bar
+    assert "±" in format_direction(Vector([10.0, 0, 0], np.eye(3)))
+    assert "direction not determined" in format_direction(weak)
+    assert "direction not determined" in format_direction(none)
 
 
 def test_cross_check_takes_one_line_unless_it_fails(solution, tmp_path):

@@ -49,9 +49,9 @@ NASTY = "<b>&\"'</script>"
 def test_page_of_everything_is_whole():
     columns = Table({"a_b": [1.0, np.nan], NASTY: [NASTY, "x"]})
     panels = [
-        page.cards([("Spin", "1 ± 2", NASTY)]), page.words(NASTY, "warning"), page.words(""), page.section(Section(NASTY, (), columns)),
+        page.cards([("Spin", "1 ± 2", NASTY)]), page.paragraph(NASTY, "warning"), page.paragraph(""), page.section(Section(NASTY, (), columns)),
         page.table(["x", ""], [[NASTY, "1"]], sortable=True, summary=NASTY), page.figure(b"png", NASTY), page.notes([NASTY, 3]),
-        page.pictures([page.figure(b"png", "one"), page.figure(b"png", "two")]), page.preformatted_panel(NASTY),
+        page.picture_row([page.figure(b"png", "one"), page.figure(b"png", "two")]), page.preformatted_panel(NASTY),
         page.provenance({"file": NASTY, "versions": {"numpy": "2"}}, ["vsh-fit", NASTY]), page.heading("empty", Panel("")),
     ]  # fmt: skip
     html = page.page(NASTY, panels, lead=NASTY)
@@ -73,7 +73,7 @@ def test_policy_allows_what_is_there_and_nothing_else():
     for text in ("".join(reader.code["style"]), "".join(reader.code["script"])):
         digest = base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
         assert f"'sha256-{digest}'" in policy
-    assert "script-src 'none'" in page.page("t", [page.words("x")])
+    assert "script-src 'none'" in page.page("t", [page.paragraph("x")])
 
 
 def test_long_tables_say_what_is_left_out():

@@ -11,7 +11,7 @@ from conftest import random_field
 
 import fit
 from vsh import Coefficients, ParameterError
-from vsh.figures.page import MAX_SOURCES, ShownPage, sky
+from vsh.figures.page import MAX_SOURCES, ShownSolution, sky
 from vsh.figures.page import _page as sky_module
 from vsh.figures.plot import even_grid
 
@@ -31,7 +31,7 @@ def data_of(panel):
 
 def shown(field, lmax, **how):
     solution = fit.fit_field(field, lmax)
-    return ShownPage("s", field, solution.coefficients, solution.covariance, **how), solution
+    return ShownSolution("s", field, solution.coefficients, solution.covariance, **how), solution
 
 
 def test_fields_and_their_errors_are_exact():
@@ -99,7 +99,7 @@ def test_marks_point_where_vectors_do():
         vector = getattr(solution, name)
         np.testing.assert_allclose(mark["at"], vector.direction)
         assert mark["cone"] == pytest.approx(vector.direction_cone())
-    lost = ShownPage("s", field, solution.coefficients * 1e-3, solution.covariance)
+    lost = ShownSolution("s", field, solution.coefficients * 1e-3, solution.covariance)
     assert data_of(sky(lost))["skies"][0]["marks"] == []  # directions that are not known
 
 
@@ -111,6 +111,6 @@ def test_two_solutions_have_one_frame():
         sky(shown(field, 1)[0], shown(field.to_frame("galactic"), 1)[0])
     with pytest.raises(ParameterError, match="one or two"):
         sky()
-    wrong = ShownPage("s", field, fit.fit_field(field, 1).coefficients, np.eye(3))
+    wrong = ShownSolution("s", field, fit.fit_field(field, 1).coefficients, np.eye(3))
     with pytest.raises(ParameterError, match="covariance has shape"):
         sky(wrong)

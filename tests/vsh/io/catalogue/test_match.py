@@ -10,7 +10,7 @@ import fit
 import sim
 from vsh import Coefficients, Modes
 from vsh.conventions import to_icrf3
-from vsh.io.catalogue import match, read_icrf, read_positions, renamed
+from vsh.io.catalogue import match, read_icrf, read_positions, rename_sources
 from vsh.sky.frames import Positions
 from vsh.tools.errors import FieldError, FrameError, TableError
 from vsh.tools.units import UAS
@@ -215,9 +215,9 @@ def test_a_crosswalk_gives_the_names_of_another_release(tmp_path, capsys):
     assert re.search(r"rotation +[345]\d\.", said)
     assert main([*paths, "--lmax", "1"]) == 1  # without it nothing has a common name
     with pytest.raises(TableError, match="no crosswalk"):
-        renamed(replace(two, name=np.arange(300)), Table({"dr3_source_id": [1]}))
+        rename_sources(replace(two, name=np.arange(300)), Table({"dr3_source_id": [1]}))
     with pytest.raises(TableError, match="neither dr3_source_id nor dr4_source_id"):
-        renamed(replace(two, name=np.arange(300)), tmp_path / "n.ecsv")
+        rename_sources(replace(two, name=np.arange(300)), tmp_path / "n.ecsv")
 
 
 def test_link_and_comparison_name_sources_of_a_list_alike():

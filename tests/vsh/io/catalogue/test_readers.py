@@ -349,19 +349,19 @@ def test_damaged_lines_of_icrf_are_refused(tmp_path, old, new, message):
 
 @pytest.mark.parametrize("ending", ["ecsv", "csv", "fits", "vot"])
 def test_name_with_gz_is_a_compressed_file(tmp_path, ending):
-    tables.write(tmp_path / f"t.{ending}.gz", {"x": [1.5, 2.5]})
+    tables.write_columns(tmp_path / f"t.{ending}.gz", {"x": [1.5, 2.5]})
     assert (tmp_path / f"t.{ending}.gz").read_bytes()[:2] == b"\x1f\x8b"
     assert tables.read_table(tmp_path / f"t.{ending}.gz")["x"].tolist() == [1.5, 2.5]
 
 
 def test_parquet_is_compressed_by_itself(tmp_path):
     with pytest.raises(TableError, match="leave out the .gz"):
-        tables.write(tmp_path / "t.parquet.gz", {"x": [1.5]})
+        tables.write_columns(tmp_path / "t.parquet.gz", {"x": [1.5]})
 
 
 def test_votables_keep_metadata_whole(tmp_path):
     meta = {"SEED": 2**60 + 1, "SIZE": 1.5, "NOTES": ["one", "two µ"], "FLAG": True, "NAME": "x"}
-    tables.write(tmp_path / "t.vot", {"x": [1.5]}, meta)
+    tables.write_columns(tmp_path / "t.vot", {"x": [1.5]}, meta)
     again = tables.read_table(tmp_path / "t.vot").meta
     assert int(again["SEED"]) == 2**60 + 1
     assert (again["SIZE"], again["NOTES"], again["FLAG"], again["NAME"]) == (1.5, '["one", "two µ"]', "True", "x")

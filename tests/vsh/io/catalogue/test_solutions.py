@@ -5,7 +5,7 @@ import pytest
 
 from vsh.io.catalogue import parts, read_field
 from vsh.tools.errors import FieldError, TableError
-from vsh.tools.notes import dropped
+from vsh.tools.notes import count_dropped
 
 #: As many as the draft of DR4's data model has; what they stand for beyond 3, 31 and 95 is not published.
 VALUES = [3, 31, 95, *range(101, 117)]
@@ -26,7 +26,7 @@ def test_all_values_of_the_draft_are_counted():
     values = np.repeat(VALUES, np.arange(1, 20))
     field = read_field(table("astrometric_params", values))
     assert len(field) == 2 + 3  # of 31 and 95
-    assert dropped(field.notes) == 190 - 5
+    assert count_dropped(field.notes) == 190 - 5
     (note,) = [note for note in field.notes if note.startswith("left out")]
     for value, count in zip(VALUES, range(1, 20), strict=True):
         words = "position alone" if value == 3 else "not of 5 or 6 parameters"
@@ -65,6 +65,6 @@ def test_flagged_rows_are_counted_and_left_out():
     flag = np.ma.MaskedArray([0, 1, 0, 2, 0], [False, False, False, False, True])
     field = read_field(table("quality_flag", flag))
     assert list(field.name) == [0, 2, 4]
-    assert dropped(field.notes) == 2
+    assert count_dropped(field.notes) == 2
     assert any("quality_flag is not 0" in note for note in field.notes)
     assert len(read_field(table("quality_flag", flag), columns={"quality": None})) == 5  # as the note says

@@ -11,7 +11,7 @@ from fit.commands.fit import main
 from vsh import EmptySelectionError, Field, FieldError, TableError, VshError
 from vsh.io.catalogue import parts, read_field, read_positions, read_sources, stream_fields
 from vsh.io.tables import Where
-from vsh.tools.notes import NotSelected, count_unselected
+from vsh.tools.notes import UnselectedRows, count_unselected
 
 N = 200
 
@@ -130,7 +130,7 @@ def test_every_format(ending, tmp_path):
 
 def test_rest_is_counted():
     field = read_field(TABLE, where="0.5 < z < 2")
-    note = next(note for note in field.notes if isinstance(note, NotSelected))
+    note = next(note for note in field.notes if isinstance(note, UnselectedRows))
     kept = ((Z > 0.5) & (Z < 2) & ~GAP).sum()
     assert note == f"selected {kept} of {N} rows, where 0.5 < z < 2, 20 of the others with a value missing"
     assert len(field) == kept

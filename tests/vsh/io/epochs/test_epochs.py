@@ -10,7 +10,14 @@ from astropy.table import Table
 from conftest import real_catalogue as real
 
 import sim
-from vsh.io.epochs import design_row, downweight, iterate_observations, read_epochs, read_observations, solve_epochs
+from vsh.io.epochs import (
+    design_row,
+    downweighting_factor,
+    iterate_observations,
+    read_epochs,
+    read_observations,
+    solve_epochs,
+)
 from vsh.tools.errors import EmptyFieldError, FieldError, ParameterError, TableError
 
 
@@ -134,9 +141,9 @@ def test_outliers_have_less_weight(with_outliers):
 
 def test_weights_join_smoothly():
     for z in (2.0, 3.0):
-        below, above = downweight(np.array([z - 1e-9, z + 1e-9]))
+        below, above = downweighting_factor(np.array([z - 1e-9, z + 1e-9]))
         assert below == pytest.approx(above, abs=1e-8)
-    slope = np.diff(downweight(np.array([2.999999, 3.0, 3.000001])))
+    slope = np.diff(downweighting_factor(np.array([2.999999, 3.0, 3.000001])))
     assert slope[0] == pytest.approx(slope[1], rel=1e-4)
 
 

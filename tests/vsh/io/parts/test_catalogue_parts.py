@@ -15,7 +15,7 @@ from fit import Moments
 from vsh import Field
 from vsh.io import tables
 from vsh.io.catalogue import parts, read_field
-from vsh.io.parts import InProcess, Parts, Processes, Tree, as_parts, median, weighted_quantiles
+from vsh.io.parts import InProcess, Parts, Processes, SumTree, as_parts, median, weighted_quantiles
 from vsh.tools.errors import EmptyFieldError, FieldError, ParameterError, TableError
 
 
@@ -172,7 +172,7 @@ def test_sums_over_parts_add(folder):
     assert found[0]["n"] == sum(map(len, FIELDS))
     assert set(found[0]) == {"n", *map(len, FIELDS)}
     assert found[2] is None
-    tree = Tree()
+    tree = SumTree()
     assert tree.total() is None
     for i in range(1000):
         tree.add([i])
@@ -185,7 +185,7 @@ def test_tree_is_the_same_however_it_is_grown():
 
     for n in (1, 7, 8, 9, 63, 64, 65, 511, 600):
         leaves = np.random.default_rng(n).normal(size=n) * 10.0 ** np.random.default_rng(n).uniform(-8, 8, n)
-        tree, level = Tree(), list(leaves)
+        tree, level = SumTree(), list(leaves)
         for leaf in leaves:
             tree.add(leaf)
         while len(level) > 1:
@@ -199,7 +199,7 @@ def test_rows_that_cannot_be_used(tmp_path):
             name: np.array(column) for name, column in zip(
                 ("pmra", "pmdec", "pmra_error", "pmdec_error"), [*field.motion / 1000, *field.sigma / 1000], strict=True)}  # fmt: skip
         table["pmra"][: (3, len(field), 0)[i]] = np.nan
-        tables.write(tmp_path / f"{i}.parquet", table)
+        tables.write_columns(tmp_path / f"{i}.parquet", table)
     found = fit.normal_equations(parts(tmp_path, on_bad="drop"), 2)
     kept = len(FIELDS[0]) - 3 + len(FIELDS[2])
     assert found.n_data == 2 * kept
@@ -394,7 +394,7 @@ def test_positions_are_enough(tmp_path):
     from vsh.io.catalogue import read_sources
 
     for i, field in enumerate(FIELDS[:2]):
-        tables.write(tmp_path / f"{i}.csv", {"ra": np.degrees(field.lon), "dec": np.degrees(field.lat)})
+        tables.write_columns(tmp_path / f"{i}.csv", {"ra": np.degrees(field.lon), "dec": np.degrees(field.lat)})
     with pytest.raises(TableError, match="no column 'pmra'"):
         parts(tmp_path).counted()
     for sigma in (None, 50.0):
