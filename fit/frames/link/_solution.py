@@ -371,6 +371,11 @@ class FrameTie(FrameResult, NamedSolution):
         ----------
         one, two : str, optional
             The catalogue that is turned, the first unless given; and the reference.
+
+        Raises
+        ------
+        ParameterError
+            If the second is not the reference.
         """
         if two not in (None, self.reference):
             raise ParameterError(f"catalogues are turned against {self.reference}, not against {two}")
