@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import dataclass, fields, replace
 from difflib import get_close_matches
@@ -682,9 +682,15 @@ class AboutSolution(Result):
         """The result to quote as text, a line each for acceleration, spin, Gaia EDR3 and the errors."""
         return self.quoted.verdict
 
-    def gaussian(self) -> Gaussian:
-        """Names, estimates and covariance of the coefficients, for a sampler or another code's likelihood."""
-        return self.quoted.gaussian()
+    def __getattr__(self, name: str) -> Any:
+        """Whatever else a solution answers for: with the errors of this result."""
+        if "solution" in vars(self) and (name in Solution.__dataclass_fields__ or hasattr(Solution, name)):
+            return getattr(self.quoted, name)
+        return super().__getattr__(name)  # type: ignore[misc]
+
+    def __dir__(self) -> Iterable[str]:
+        """Return the names of this result, and of its solution."""
+        return {*super().__dir__(), *dir(self.solution)}
 
     def summary(self) -> Table:
         """Spin and acceleration as an astropy Table, a row for each component."""

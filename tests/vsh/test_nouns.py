@@ -223,19 +223,22 @@ def test_columns_of_a_field_are_read_only():
         random_field(3, 1).pmra[0] = 1.0
 
 
-def test_hints_name_what_the_object_has():
+def test_results_answer_for_their_solution_and_by_usual_names():
+    """Hints sent to attributes one level down, which the object that everybody gets had not."""
     import fit
 
-    result = fit.recommended(random_field(100, 1))
-    for thing, name, hint in (
-        (result, "cov", "solution.covariance"),
-        (result.spin, "save", ""),
-        (result.solution, "cov", "covariance"),
-    ):
-        with pytest.raises(AttributeError) as caught:
-            getattr(thing, name)
-        words = str(caught.value)
-        assert (f"did you mean {hint}?" in words) if hint else "write" not in words
+    result, field = fit.recommended(random_field(100, 1)), random_field(100, 1)
+    for name in (*(name for name in dir(fit.Solution) if not name.startswith("_")), "coefficients", "chi2", "notes"):
+        assert hasattr(result, name), name
+        assert name in dir(result)
+    assert result.n_sources == result.solution.n_sources == 100
+    assert result.cov is result.covariance
+    assert result.save == result.write
+    assert (result.spin.std == result.spin.sigma).all()
+    assert np.array_equal(result.predict(field.lon, field.lat), result.solution.predict(field.lon, field.lat))
+    with pytest.raises(AttributeError) as caught:
+        _ = result.spin.save
+    assert "write" not in str(caught.value)
 
 
 def heirs(kind):

@@ -85,34 +85,35 @@ def first_line(error: object) -> str:
     return text.splitlines()[0].rstrip(".") if text else type(error).__name__
 
 
-#: What people who know other packages ask a result, a field or a vector for, and what it is here.
+#: What people who know other packages ask a result, a field or a vector for, and what it is here: a name answers, other
+#: words are a hint.
 ATTRIBUTES = {
-    "aic": "bic",
+    "aic": "bic, which compares degrees as well",
     "cl": "power(kind, l), or fit.output.powers_table(solution)",
-    "coef_": "values, named by modes",
+    "coef_": "values",
     "coords": "to_skycoord()",
     "cov": "covariance",
     "describe": "to_table().info()",
     "error": "sigma",
-    "evaluate": "predict(lon, lat)",
+    "evaluate": "predict",
     "fit": "fit.recommended(field)",
     "galactic": 'to_frame("galactic")',
-    "get_power": "power(kind, l)",
+    "get_power": "power",
     "icrs": 'to_frame("icrs")',
     "log_likelihood": "chi2, −2 ln L up to a constant",
     "mag": "magnitude",
     "mask": "field[mask], which selects",
-    "params": "values, named by modes",
+    "params": "values",
     "plot_sky": "fit.output.draw_figures(solution, field), or widget(field) in a notebook",
-    "plot_spectrum": "plot()",
-    "save": "write(path)",
+    "plot_spectrum": "plot",
+    "save": "write",
     "skycoord": "to_skycoord()",
     "sort": "to_table(), whose rows can be sorted",
     "std": "sigma",
     "to_arviz": "sample(n), whose draws ArviZ takes",
     "to_dict": "to_table(), or --json of the command",
     "to_json": "to_table(), or --json of the command",
-    "to_latex": "latex()",
+    "to_latex": "latex",
 }
 #: The same of modules.
 NAMES = {
@@ -151,9 +152,7 @@ class MissingAttribute(AttributeError):
         names = _public_names(thing)
         hint = ATTRIBUTES.get(name, "")
         if re.sub(r"\W.*", "", hint) not in names and not hint.startswith(("fit.", "field[")):
-            inner = _public_names(vars(thing)["solution"]) if "solution" in names and "solution" in vars(thing) else []
-            inside = next((each for each in (name, hint) if each in inner), "")
-            hint = f"solution.{inside}" if inside else " or ".join(get_close_matches(name, names, n=2))
+            hint = " or ".join(get_close_matches(name, names, n=2))
         return f"{type(thing).__name__} has no {name}{hint and f': did you mean {hint}?'}"
 
 

@@ -26,8 +26,10 @@ class InNotebook:
                 raise AttributeError(name)
             if (attribute := getattr_static(type(self), name, None)) is not None:
                 return attribute.__get__(self, type(self))  # a property whose own error is one of attributes
-            from vsh.tools.errors import MissingAttribute
+            from vsh.tools.errors import ATTRIBUTES, MissingAttribute
 
+            if (ours := ATTRIBUTES.get(name, "")).isidentifier() and ours in dir(self):
+                return getattr(self, ours)
             raise MissingAttribute(name=name, obj=self)
 
     def _repr_html_(self) -> str:

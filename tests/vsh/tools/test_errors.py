@@ -14,11 +14,9 @@ import vsh
 @pytest.mark.parametrize(
     ("ask", "words"),
     [
-        (lambda field, _: field.mag, "did you mean magnitude?"),
         (lambda field, _: field.redshfit, "did you mean redshift"),
-        (lambda _, solution: solution.cov, "did you mean covariance?"),
-        (lambda _, solution: solution.save("x.ecsv"), "did you mean write(path)?"),
-        (lambda _, solution: solution.spin.std, "did you mean sigma?"),
+        (lambda field, _: field.galactic, 'did you mean to_frame("galactic")?'),
+        (lambda _, solution: solution.aic, "did you mean bic, which"),
         (lambda *_: vsh.harmonics, "did you mean vsh.basis.harmonics?"),
         (lambda *_: fit.fit_feild, "did you mean fit_field"),
         (lambda *_: vsh.read_feild, "read_field"),
