@@ -127,3 +127,28 @@ def test_no_format_of_that_name():
 
     with pytest.raises(TableError, match="no format is called 'foo'"):
         open_table("https://host/t.fits", "foo")
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        ("RA (deg)", "Dec (deg)", "PM RA (mas/yr)", "PM Dec (mas/yr)", "PM RA error", "PM Dec error"),  # ExoFOP
+        ("Gaia-RA", "Gaia-DEC", "pmra", "pmdec", "pmra-err", "pmdec-err"),
+        ("ra_gaia", "dec_gaia", "pmra", "pmdec", "pmra_error", "pmdec_error"),
+        ("ra", "dec", "muRA_masyr", "muDEC_masyr", "muRA_err", "muDEC_err"),  # SIMPLE
+        ("ra", "dec", "sy_pmra", "sy_pmdec", "sy_pmraerr1", "sy_pmdecerr1"),  # exoplanet archive
+        ("raj", "decj", "pmra", "pmdec", "pmra_err", "pmdec_err"),
+    ],
+)
+def test_names_that_people_give(names):
+    table = Table([np.full(60, value) for value in (10.0, 20.0, 0.1, 0.2, 0.3, 0.4)], names=names)
+    for name in names[2:]:
+        table[name].unit = "mas/yr"
+    field = read_field(table)
+    assert [field.ra[0], field.pmra[0], field.pmdec_error[0]] == pytest.approx([10.0, 0.1, 0.4])
+
+
+def test_a_coordinate_is_not_a_redshift_by_its_case():
+    field = read_field(Table(_sky(Z=np.full(60, 0.5), _RA=np.full(60, 1.0))))
+    assert field.redshift is None
+    assert np.ptp(field.ra) > 100

@@ -357,10 +357,11 @@ def parse_unit(unit: Any) -> Any:
 
 #: How units are written that astropy does not know so.
 _SPELLED = {
+    "see description": "",
     "degrees": "deg", "degree": "deg", "hours": "hourangle", "milliarcsec": "mas", "microarcsec": "uas", "muas": "uas",
 }  # fmt: skip
 #: What units are written within, and spellings of a numerator and of a time.
-_FRAMED = re.compile(r"\s*(?:angular velocity|angle)?\s*\[(.*)\]\s*", re.IGNORECASE)
+_FRAMED = re.compile(r"\s*(?:angular velocity|angle|dimensionless)?\s*\[(.*)\]\s*", re.IGNORECASE)
 _WITHIN = (
     (re.compile(r"^(?:muas|micro-?arcsec)\b"), "uas"),
     (re.compile(r"^milli-?arcsec\b"), "mas"),

@@ -129,6 +129,16 @@ NAMED = {
         pmra_error=("mu_ra_error", "mu_ra_err", "e_mu_ra", "mu_alpha_star_error", "mu_alpha_error"),
         pmdec_error=("mu_dec_error", "mu_dec_err", "e_mu_dec", "mu_delta_error", "mu_delta_error"),
     ),
+    # Tables that somebody joined: Gaia's columns by a mark of their own; SIMPLE, ATNF, the exoplanet archive, clusters.
+    "joined": replace(
+        GAIA, ra=("ra", "ra_gaia", "gaia_ra", "raj", "icrsra"), dec=("dec", "dec_gaia", "gaia_dec", "decj", "icrsdec"),
+        pmra=("pmra", "pmra_gaia", "gaia_pmra", "sy_pmra", "pmra_val", "mura", "mua", "pmra_radio"),
+        pmdec=("pmdec", "pmdec_gaia", "gaia_pmdec", "sy_pmdec", "pmdec_val", "mudec", "mud", "pmdec_radio"),
+        pmra_error=("pmra_error", "pmra_error_gaia", "gaia_pmra_error", "sy_pmraerr1", "pmra_err", "mura_err",
+                    "muaerr"),
+        pmdec_error=("pmdec_error", "pmdec_error_gaia", "gaia_pmdec_error", "sy_pmdecerr1", "pmdec_err", "mudec_err",
+                     "muderr"),
+    ),
 }  # fmt: skip
 #: Units that the makers of a catalogue publish for its motions, where a table has none.
 USUAL_UNITS = dict.fromkeys((*_OTHER_AXES, "desi", "rubin"), "mas / yr") | {"catwise": "arcsec / yr"}
@@ -221,11 +231,16 @@ def _candidates(columns, role):
 
 
 def _index(names):
-    """Names as they are compared where no name is the same: without units, case and underscores at the ends."""
+    """Names as they are compared where no name is the same."""
     index: dict[str, list[str]] = {}
     for name in names:
-        index.setdefault(name_and_unit(name)[0].lower(), []).append(name)
+        index.setdefault(_as_compared(name), []).append(name)
     return index
+
+
+def _as_compared(name):
+    """A name without its unit, case and what stands between words: PM RA (mas/yr), pm-ra and pmRA are one."""
+    return re.sub(r"(?<=\w)[\s_.-]+(?=\w)", "", name_and_unit(name)[0].lower())
 
 
 #: Names that are found as they are written alone: Z is a coordinate or a metallicity, and E_Z an energy.
@@ -233,10 +248,10 @@ _BY_CASE = ("z", "z_error", "e_z", "z_err", "zerr")
 
 
 def _name_in_table(name, names, index):
-    """The name as the table has it: as it is, or the only one that differs by case or a unit alone; or None."""
+    """The name as the table has it: as it is, or the only one that is compared alike; or None."""
     if name in names:
         return name
-    matches = [] if name in _BY_CASE else index.get(name_and_unit(name)[0].lower(), [])
+    matches = [] if name in _BY_CASE else index.get(_as_compared(name), [])
     return matches[0] if len(matches) == 1 else None
 
 
