@@ -13,7 +13,7 @@ PIP := -m pip install --quiet --disable-pip-version-check
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help demo paper gaia dr4 page package docs test test-all test-slow test-oracles test-oldest test-newest coverage mutate mutants fuzz style bench lock clean
+.PHONY: help demo paper gaia dr4 page package docs test test-all test-slow test-studies test-oracles test-oldest test-newest coverage mutate mutants fuzz style bench lock clean
 
 help:  ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-11s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -32,7 +32,10 @@ test: $(VENV)/installed-test  ## set up, and pass the tests
 	$(BIN)/mypy & types=$$!; $(BIN)/pytest -m "not slow" -n auto --dist worksteal; passed=$$?; wait $$types && exit $$passed
 
 test-slow: $(VENV)/installed-test  ## the tests that take long, on all cores, and which took longest
-	$(BIN)/pytest -m slow -n auto --dist worksteal --durations=50
+	$(BIN)/pytest -m "slow and not study" -n auto --dist worksteal --durations=50
+
+test-studies: $(VENV)/installed-test  ## studies of coverage on many simulated skies, for an hour or two
+	$(BIN)/pytest -m study -n auto --dist worksteal --durations=50
 
 test-all:  ## all tests: the quick ones with the style, and those that take long
 	$(MAKE) test

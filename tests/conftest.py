@@ -77,9 +77,13 @@ ROOT = Path(__file__).parents[1]
 POSIX = pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such signals, links or shells")
 
 
+#: Marks of a study of coverage on many simulated skies: not among the tests that `make test-slow` runs.
+STUDY = (pytest.mark.slow, pytest.mark.study)
+
+
 def few_or_many(few, many, name="n_skies"):
-    """A test on so few simulated skies each time, and on many among the slow tests; its bounds follow the number."""
-    return pytest.mark.parametrize(name, [few, pytest.param(many, marks=pytest.mark.slow)])
+    """A test on so few simulated skies each time, and on many among the studies; its bounds follow the number."""
+    return pytest.mark.parametrize(name, [few, pytest.param(many, marks=STUDY)])
 
 
 #: Real catalogues, which are not part of the project.

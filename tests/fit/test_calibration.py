@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from conftest import few_or_many
+from conftest import STUDY, few_or_many
 from scipy import stats
 
 import fit
@@ -144,12 +144,7 @@ def test_sandwich_of_many_in_one_pass():
 
 @pytest.mark.parametrize(
     ("n", "degree", "skies"),
-    [
-        (14, 1, 60),
-        (40, 2, 40),
-        pytest.param(14, 1, 400, marks=pytest.mark.slow),
-        pytest.param(30, 1, 400, marks=pytest.mark.slow),
-    ],
+    [(14, 1, 60), (40, 2, 40), pytest.param(14, 1, 400, marks=STUDY), pytest.param(30, 1, 400, marks=STUDY)],
 )
 @pytest.mark.parametrize("method", ["student", "excess-noise", "bootstrap"])
 def test_few_sources_without_a_signal_are_no_detection(n, degree, skies, method):
@@ -193,7 +188,7 @@ def quasars(seed, case, n=300):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("skies", [6, pytest.param(300, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("skies", [6, pytest.param(300, marks=STUDY)])
 @pytest.mark.parametrize(
     "case",
     [

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import random_field, real_catalogue
+from conftest import STUDY, random_field, real_catalogue
 
 import fit
 import sim
@@ -116,8 +116,7 @@ def test_errors_that_are_wrong_by_any_factor_do_not_matter():
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("strength", "n"),
-    [(1.0, 50), pytest.param(1.0, 100, marks=pytest.mark.slow), pytest.param(0.0, 100, marks=pytest.mark.slow)],
+    ("strength", "n"), [(1.0, 50), pytest.param(1.0, 100, marks=STUDY), pytest.param(0.0, 100, marks=STUDY)]
 )
 def test_coverage(strength, n):
     """Skies to degree 4, noise and systematics of one size: spin and acceleration within their errors."""

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from astropy.table import Table
-from conftest import random_field, real_catalogue
+from conftest import STUDY, random_field, real_catalogue
 
 import fit
 import sim
@@ -365,7 +365,7 @@ def test_commands_of_these(tmp_path, capsys):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("n_skies", [10, pytest.param(200, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("n_skies", [10, pytest.param(200, marks=STUDY)])
 def test_rotation_and_glide_with_what_sources_share_hold(n_skies):
     """Of a flat field errors are 1.28 times too large: Gaia's spectrum, with odds of three to one, rises to degree 1."""
     pulls, plain = [], []

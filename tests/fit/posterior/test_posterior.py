@@ -357,6 +357,7 @@ def calibrate(seed):
     return [int((named[name][chosen] < value).sum()) for name, value in truths.items()]
 
 
+@pytest.mark.study
 @pytest.mark.slow
 def test_simulation_based_calibration():
     """Ranks in 300 posteriors are uniform: χ² over ten bins and Kolmogorov–Smirnov, each p > 0.001."""

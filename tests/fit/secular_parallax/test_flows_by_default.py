@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from conftest import STUDY
 from scipy.stats import binom
 
 import fit
@@ -26,7 +27,7 @@ def galaxies(seed, n=700, flow="linear", dispersion=150.0, **options):
     return field[np.asarray(field.redshift) > 0.003]
 
 
-@pytest.fixture(scope="module", params=[10, pytest.param(40, marks=pytest.mark.slow)])
+@pytest.fixture(scope="module", params=[10, pytest.param(40, marks=STUDY)])
 def skies(request):
     """Pulls of v and H0, p-values of a constant velocity in bins, for skies with flows."""
     pulls, p_values = [], []
