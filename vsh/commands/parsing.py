@@ -82,7 +82,7 @@ REDSHIFT_FRAMES = ("heliocentric", "cmb", "local-group", "true")
 #: The sets of names that `vsh.io.catalogue.as_columns` knows
 COLUMNS = (
     "gaia", "vizier", "hipparcos", "icrf", "skycoord", "simbad", "ned", "galactic", "ecliptic", "lvdb",
-    "err", "desi", "catwise", "rubin", "mu",
+    "err", "desi", "catwise", "rubin", "mu", "joined",
 )  # fmt: skip
 #: Formats of tables.
 INPUT_FORMATS = tuple(BY_NAME)

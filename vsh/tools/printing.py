@@ -142,7 +142,7 @@ def log_calls(words: str) -> Callable[[Callable[_P, _T]], Callable[_P, _T]]:
     --------
     >>> import logging, sys
     >>> logger = logging.getLogger(__name__)
-    >>> @logged("half")
+    >>> @log_calls("half")
     ... def half(x):
     ...     return x / 2
     >>> half(4)

@@ -63,7 +63,7 @@ class SumTree:
 
     Examples
     --------
-    >>> tree = Tree()
+    >>> tree = SumTree()
     >>> for leaf in range(100):
     ...     tree.add(leaf)
     >>> tree.total()
