@@ -1,16 +1,9 @@
 """What is said of fields that change with time, on skies with a known truth.
 
-`python benchmarks/time_axis.py background [SKIES]`: powers of four bands at 0, .25, 1 and 4 times the noise (in P), coefficients
-drawn beside noise of the covariance of real scans: how often 68 and 95 % hold, and CPU seconds a sky.
-
 `python benchmarks/time_axis.py dips`: which share of a wave's degrees 2 and 3 along the scan is left, by frequency.
 
 `python benchmarks/time_axis.py waves [STARS] [NSIDE] [CROWD]`: a wave put into sky and attitude, solved together, and found again; with
 stars so many times as dense in the Galactic plane as at its poles.
-
-`python benchmarks/time_axis.py exact [SOURCES]`: the same with the exact response of few sources.
-
-`python benchmarks/time_axis.py resolved [STARS]`: Legendre polynomials 2 to 9 × degree 3 through a solved attitude.
 
 `python benchmarks/time_axis.py limits [SKIES]`: p-values and limits of the search with a response, noise alone drawn anew.
 """
@@ -28,12 +21,12 @@ from scipy.stats import kstest
 
 import sim
 from fit import in_time
-from fit.in_time._background import _shares
 from fit.waves import search_in_time
 from sim import agis
 from vsh import Modes
 from vsh.basis import harmonics
 from vsh.io.epochs import Observations, design_row
+from vsh.models.covariance import wave_fractions
 from vsh.models.waves import wave_motions
 from vsh.sky.frames import rotation_matrix
 from vsh.sky.pixels import centres, pixels_of
@@ -60,7 +53,9 @@ def dips(nside=8):
     response, modes = agis.Response(LAW, nside=int(nside), steps=200_000), Modes(3)
     some = observed(400)
     basis = harmonics(some.lon, some.lat, modes)[:, :, some.source]
-    weight = np.tile(_shares(modes, None), 2)
+    degrees = np.maximum(modes.degrees, 2)
+    share_of = wave_fractions(modes.lmax)[degrees - 1] / (2 * (2 * degrees + 1)) * (modes.degrees > 1)
+    weight = np.tile(4 * np.pi * share_of / modes.norm2, 2)
     print("f [1/yr], share of a wave's degrees 2 and 3 along the scan that is left (rms)")
     for f in (
         0.05,

@@ -12,7 +12,7 @@ import numpy as np
 
 import sim
 from sim import agis
-from sim.agis._mission import MotionFit
+from sim.agis._globals import MotionFit
 from vsh import Modes
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "papers" / "bachchan2016"))

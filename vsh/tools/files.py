@@ -1,7 +1,7 @@
 """The gate for all writing: files and folders are whole or not there, and nothing is replaced that nobody named.
 
-A file that is there is an error without `overwrite`. What a run reads is never written to (`reading`), and what two
-processes must not write at once is locked (`exclusive`).
+A file that is there is an error without `overwrite`. What a run reads is never written to (`protect_files`), and what
+two processes must not write at once is locked (`hold_lock`).
 
 Tables are written with units and provenance by astropy.table, VOTables as the IVOA defines them: UCDs, coordinate frame
 and epoch, time scale, and metadata as parameters.

@@ -76,7 +76,7 @@ T = TypeVar("T")
 _NOTHING: Any = object()
 #: Rows of matrices from which on several threads are faster than one.
 _SMALL = 500
-#: What `limited` set.
+#: What `limit_threads` set.
 _LIMIT: ContextVar[int | None] = ContextVar("threads", default=None)
 
 

@@ -61,7 +61,7 @@ class ExactResponse:
     Notes
     -----
     Each template costs a joint solution, and there are 2 × 70 for a wave at degree 5: 65 CPU seconds in all with 1500
-    sources and knots of 3000 s (`benchmarks/time_axis.py exact`). Times are counted from the middle of the mission.
+    sources and knots of 3000 s. Times are counted from the middle of the mission.
     """
 
     def __init__(self, system: System, *, tolerance: float = 1e-8, iterations: int = 300) -> None:

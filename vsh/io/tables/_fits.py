@@ -177,7 +177,7 @@ def open_fits(path: PathName, label: str) -> TableSource:
         notes = (f"{label} holds {len(tables)} tables; the first was read (extension {extension})",)
     # Rows in one block are at most as many as the file holds, whose size has been looked at.
     units_of = {c.name: c.unit for c in columns if c.unit and c.unit.strip()}
-    rows = max(1, units[extension]["NAXIS2"])  # the file holds as many: `check_layout` has looked
+    rows = max(1, units[extension]["NAXIS2"])  # the file holds as many: `read_headers` has looked
     return TableSource(
         label, tuple(names), read, units_of, meta, notes, whole=rows, descriptions=descriptions, twins=twins
     )
