@@ -55,32 +55,32 @@ class ByColumns:
     @property
     def ra(self) -> FloatArray:
         """Right ascension of each source, (n,). [deg]"""
-        return self._require_icrs("ra", self.lon / DEGREE)
+        return self._icrs_values("ra", self.lon / DEGREE)
 
     @property
     def dec(self) -> FloatArray:
         """Declination of each source, (n,). [deg]"""
-        return self._require_icrs("dec", self.lat / DEGREE)
+        return self._icrs_values("dec", self.lat / DEGREE)
 
     @property
     def pmra(self) -> FloatArray:
         """Proper motion µ_α* of each source, cos δ included, (n,). [mas/yr]"""
-        return self._require_icrs("pmra", self.motion[0] / MAS)
+        return self._icrs_values("pmra", self.motion[0] / MAS)
 
     @property
     def pmdec(self) -> FloatArray:
         """Proper motion µ_δ of each source, (n,). [mas/yr]"""
-        return self._require_icrs("pmdec", self.motion[1] / MAS)
+        return self._icrs_values("pmdec", self.motion[1] / MAS)
 
     @property
     def pmra_error(self) -> FloatArray:
         """Standard error of µ_α* of each source, (n,). [mas/yr]"""
-        return self._require_icrs("pmra_error", self.sigma[0] / MAS)
+        return self._icrs_values("pmra_error", self.sigma[0] / MAS)
 
     @property
     def pmdec_error(self) -> FloatArray:
         """Standard error of µ_δ of each source, (n,). [mas/yr]"""
-        return self._require_icrs("pmdec_error", self.sigma[1] / MAS)
+        return self._icrs_values("pmdec_error", self.sigma[1] / MAS)
 
     @property
     def z(self) -> FloatArray | None:
@@ -97,7 +97,7 @@ class ByColumns:
         names = getattr(self, "name", None)
         return names is not None and bool(np.any(np.asarray(names) == name))
 
-    def _require_icrs(self, name, values):
+    def _icrs_values(self, name, values):
         if self.frame != "icrs":
             raise FrameError(f'{name} is of ICRS axes, and this field has {self.frame} ones: use .to_frame("icrs")')
         return read_only(np.asarray(values))

@@ -416,7 +416,7 @@ class Dask(Engine):
                 client.close()
 
     def _sum_locally(self, work, pieces, callback):
-        root = _delayed_tree(_leaves(work, pieces))
+        root = _delayed_tree(_delayed_sums(work, pieces))
         from dask.callbacks import Callback
 
         def after(key, *_):
@@ -484,7 +484,7 @@ def _silence_log(name):
         logger.setLevel(before)
 
 
-def _leaves(work, pieces):
+def _delayed_sums(work, pieces):
     """The sums of the parts, delayed; under new names, so that nothing that failed is remembered."""
     leaf, run = _import_dask().delayed(work, pure=False), uuid4().hex[:12]
     return [leaf(piece, dask_key_name=f"{_KEY}{i}-{run}") for i, piece in enumerate(pieces)]
@@ -502,7 +502,7 @@ def _delayed_tree(level):
 def _sum_on_cluster(client, work, pieces, callback):
     from distributed.scheduler import KilledWorker
 
-    leaves = _leaves(work, pieces)
+    leaves = _delayed_sums(work, pieces)
     try:
         return _translate_errors(lambda: _gather(client, leaves, callback), lambda: _find_failing_part(pieces))
     except KilledWorker as error:
@@ -512,12 +512,12 @@ def _sum_on_cluster(client, work, pieces, callback):
     suspects = [i for i in numbers if key in (leaves[i].key, getattr(pieces[i], "key", None))]
     for number in [*suspects, *(i for i in numbers if i not in suspects)]:
         try:
-            client.compute(_leaves(work, [pieces[number]])[0]).result()
+            client.compute(_delayed_sums(work, [pieces[number]])[0]).result()
         except KilledWorker as error:
             name = f"part {number + 1} of {len(pieces)}, {label_of(pieces[number])}"
             raise TableError(f"{name}, ended every worker that computed it ({error})") from error
     try:
-        return _gather(client, _leaves(work, pieces), lambda: None)
+        return _gather(client, _delayed_sums(work, pieces), lambda: None)
     except KilledWorker as error:
         raise TableError(f"workers ended while they computed {error.task} ({error})") from error
 
