@@ -77,6 +77,7 @@ def test_global_parameters():
     assert np.sqrt(np.trace(true[3:, 3:]) / np.trace(formal[3:, 3:])) == pytest.approx(1.61, abs=0.05)
 
 
+@pytest.mark.study
 @pytest.mark.slow
 @pytest.mark.parametrize("options", [{"equal": True}, {}], ids=["equal", "magnitudes"])
 def test_exact_errors_are_what_draws_scatter(options):
