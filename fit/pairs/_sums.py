@@ -26,12 +26,12 @@ import numpy as np
 from numpy.polynomial.legendre import leggauss, legvander
 
 from vsh.field import Field
-from vsh.io.parts import Parts
+from vsh.io.parts import Parts, single_frame
 from vsh.models.covariance import d_minus, d_plus
 from vsh.modes import Modes, ScalarModes
 from vsh.sky.pixels import pixels_of
 from vsh.tools.arguments import float_array
-from vsh.tools.errors import FieldError, FrameError, ParameterError
+from vsh.tools.errors import FieldError, ParameterError
 from vsh.tools.notes import drop_empty_notes, merge_notes
 from vsh.tools.parallel import map_blocks
 from vsh.tools.types import ArrayLike, FloatArray
@@ -104,15 +104,14 @@ def sums_of(
         if len(field) < 2:
             raise FieldError("pairs need two sources at least")
         sums = _part_sums(field, lmax, nside, weights, threads)
-    if len(frames := set(sums["frames"])) > 1:
-        raise FrameError(f"parts are in several frames: {', '.join(sorted(frames))}")
+    frame = single_frame(sums["frames"])
     blocks = [sums["blocks"][pixel] for pixel in sorted(sums["blocks"])]
     total = blocks[0]
     for block in blocks[1:]:
         total = total + block
     if total.alone[2] < 2:
         raise FieldError("pairs need two sources at least")
-    return GatheredSums(total, blocks, sums["frames"][0], drop_empty_notes(merge_notes(*sums["notes"])))
+    return GatheredSums(total, blocks, frame, drop_empty_notes(merge_notes(*sums["notes"])))
 
 
 def _part_sums(field, lmax, nside, weights=None, threads=1):

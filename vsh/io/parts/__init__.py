@@ -11,6 +11,7 @@ from vsh.io.parts._parts import (
     check_fields_or_parts,
     median,
     sample_of,
+    single_frame,
     weighted_quantiles,
 )
 

@@ -280,10 +280,16 @@ def sample_of(sky: Parts, n_sources: int = 20_000, total: int | None = None, dra
         return _choose_share(field, share, draw)
     columns: dict[str, Any] = sky.sum(partial(_sample_columns, share=share, draw=draw), roles=(), words="a sample")
     frames = columns.pop("frame")
-    if len(set(frames)) > 1:
-        raise FrameError(f"parts are in several frames: {', '.join(sorted(set(frames)))}")
     arrays: dict[str, Any] = {name: np.concatenate(values, axis=-1) for name, values in columns.items()}
-    return Field(**arrays, frame=frames[0])
+    return Field(**arrays, frame=single_frame(frames))
+
+
+def single_frame(frames: Iterable[str]) -> str:
+    """The frame that all parts are in; FrameError where there are several."""
+    names = sorted(set(frames))
+    if len(names) > 1:
+        raise FrameError(f"parts are in several frames: {', '.join(names)}")
+    return names[0]
 
 
 def _choose_share(field, share, draw):

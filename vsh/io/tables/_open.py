@@ -206,6 +206,9 @@ def _format_by_ending(path):
         return None
 
 
+_COLLECTION = "is a HATS collection, whose margin cache repeats sources: name the folder of its main catalogue"
+
+
 def files_at(place: RemotePath) -> list[RemotePath]:
     """The tables of a folder at an address by name, or the file."""
     import pyarrow.fs as fs
@@ -225,10 +228,7 @@ def files_at(place: RemotePath) -> list[RemotePath]:
         raise _unreachable_error(place.label, error) from error
     inside = {entry.path[len(place.path) :].lstrip("/"): entry.path for entry in entries if entry.is_file}
     if "collection.properties" in inside:
-        raise TableError(
-            f"{place.label} is a HATS collection, whose margin cache repeats sources: name the folder of its main "
-            "catalogue"
-        )
+        raise TableError(f"{place.label} {_COLLECTION}")
     if "hats.properties" in inside or ("properties" in inside and any(p.startswith("dataset/") for p in inside)):
         paths = {p: full for p, full in inside.items() if p.startswith("dataset/Norder=") and p.endswith(".parquet")}
     else:
@@ -509,9 +509,7 @@ def _main_folder(path, label):
         return path
     name = _property(properties, "hats_primary_table_url")
     if not name or not _is_hats(path / name):
-        raise TableError(
-            f"{label} is a HATS collection, whose margin cache repeats sources: name the folder of its main catalogue"
-        )
+        raise TableError(f"{label} {_COLLECTION}")
     return path / name
 
 
