@@ -451,7 +451,6 @@ def permutation_test(
     bin_index = np.searchsorted(binned.edges, redshift, side="right") - 1
     inside = (bin_index >= 0) & (bin_index < len(binned))
     field, bin_index = field[inside], bin_index[inside]
-    field = field.with_errors(field.sigma * np.sqrt(binned.scales)[bin_index])
     motions = [field.motion]
     if velocity is not None:
         motions.append(field.motion - _parallax(field, velocity, calibration))
@@ -462,12 +461,14 @@ def permutation_test(
     products = np.einsum("ikn,jkn->nij", rows, weighted_rows)
     size = products.shape[1]
     products = products.reshape(len(field), -1)
+    # By the errors as they are quoted: bins that were fitted robustly have a scale of one, whatever their χ².
+    sums, sources = _sum_bins(products, bin_index, len(binned), size)
+    products /= _chi2_per_dof(sums, sources, 6)[bin_index, None]
     counts: dict[str, int] = {}
     observed: dict[str, float] = {}
     for _ in range(n_permutations + 1):
-        sums = np.stack([np.bincount(bin_index, column, len(binned)) for column in products.T], axis=1)
-        sums = sums.reshape(-1, size, size)
-        statistics = _statistics(sums, np.bincount(bin_index, minlength=len(binned)), binned, velocity is not None)
+        sums, sources = _sum_bins(products, bin_index, len(binned), size)
+        statistics = _statistics(sums, sources, binned, velocity is not None)
         if not observed:
             observed, counts = statistics, dict.fromkeys(statistics, 0)
         for name, chi2 in statistics.items():
@@ -491,14 +492,25 @@ def _statistics(sums, sources, binned_solution, with_velocity):
     return statistics
 
 
+def _sum_bins(products, bin_index, n_bins, size):
+    """Sums of the products of the sources of each bin, and how many sources it has."""
+    sums = np.stack([np.bincount(bin_index, column, n_bins) for column in products.T], axis=1)
+    return sums.reshape(-1, size, size), np.bincount(bin_index, minlength=n_bins)
+
+
 def _solve_bins(sums, sources, column):
     """Coefficients of each bin, and their covariance times the bin's χ²/dof."""
     inverse = np.linalg.inv(sums[:, :6, :6])
+    values = np.einsum("bij,bj->bi", inverse, sums[:, :6, column])
+    return values, inverse * _chi2_per_dof(sums, sources, column)[:, None, None]
+
+
+def _chi2_per_dof(sums, sources, column):
+    """The χ²/dof of degree 1 in each bin; 1 where there are no degrees of freedom."""
     rhs = sums[:, :6, column]
-    values = np.einsum("bij,bj->bi", inverse, rhs)
-    chi2, dof = sums[:, column, column] - np.sum(values * rhs, 1), 2 * sources - 6
-    scale = np.where(dof > 0, chi2 / np.maximum(dof, 1), 1.0)
-    return values, inverse * scale[:, None, None]
+    fitted = np.einsum("bi,bi->b", rhs, np.linalg.solve(sums[:, :6, :6], rhs[:, :, None])[:, :, 0])
+    chi2, dof = sums[:, column, column] - fitted, 2 * sources - 6
+    return np.where(dof > 0, chi2 / np.maximum(dof, 1), 1.0)
 
 
 def _parallax(field, velocity, calibration):

@@ -187,7 +187,6 @@ def quasars(seed, case, n=300):
     return Field(lon, lat, sigma * rng.normal(size=(2, n)) * np.where(wrong, 4, 1), sigma, redshift=z), rng
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("skies", [6, pytest.param(300, marks=STUDY)])
 @pytest.mark.parametrize(
     "case",
