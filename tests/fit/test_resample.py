@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from conftest import few_or_many
 
 import fit
 import sim
@@ -28,14 +29,15 @@ METHODS = {
 
 
 @pytest.mark.slow
+@few_or_many(40, 300, "skies")
 @pytest.mark.parametrize("method", METHODS)
-def test_intervals_cover_the_truth(method):
-    """68 % intervals of 300 skies hold the truth in 68 ± 5 %."""
+def test_intervals_cover_the_truth(method, skies):
+    """68 % intervals hold the truth in 68 %; 300 skies, of six values each, tell it to 5 %."""
     inside = []
-    for seed in range(300):
+    for seed in range(skies):
         low, high = METHODS[method](observed(seed), seed).interval(0.68)
         inside.append((low < TRUTH.values) & (TRUTH.values < high))
-    assert abs(np.mean(inside) - 0.68) < 0.05
+    assert abs(np.mean(inside) - 0.68) < 0.05 * np.sqrt(300 / skies)
 
 
 @pytest.mark.parametrize("method", METHODS)

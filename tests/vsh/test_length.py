@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from conftest import few_or_many
 from scipy.special import chdtr, chdtrc, chndtrinc
 
 from vsh import Vector
@@ -75,10 +76,10 @@ def test_interval_allows_for_directions_that_the_data_allow():
 
 
 @pytest.mark.slow
+@few_or_many(100, 1000, "n")
 @pytest.mark.parametrize(("errors", "axis"), CELLS)
-def test_coverage_for_unequal_errors(errors, axis):
+def test_coverage_for_unequal_errors(errors, axis, n):
     """Limits had .78 to .93 coverage with one mean error along the worst axis, intervals .40 to .52."""
-    n = 1000
     rng = np.random.default_rng(sum(errors) + axis)
     covariance = np.diag(np.square(errors)).astype(float)
     for signal_to_noise in (0, 1, 2, 3, 5):

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from conftest import few_or_many
 from scipy.stats import kstest
 
 import sim
@@ -61,8 +62,9 @@ def ranks(seed):
 
 
 @pytest.mark.slow
-def test_ranks_of_the_truth_are_uniform():
-    found = [ranks(seed) for seed in range(300)]
+@few_or_many(12, 300, "skies")
+def test_ranks_of_the_truth_are_uniform(skies):
+    found = [ranks(seed) for seed in range(skies)]
     for name in found[0]:
         assert kstest([each[name] for each in found], "uniform").pvalue > 1e-3, name
 

@@ -92,12 +92,13 @@ def test_by_source_is_the_move_when_it_is_left_out():
 
 
 @pytest.mark.slow
-def test_by_method_asks_nothing_of_the_errors(monkeypatch):
+@few_or_many(12, 60, "skies")
+def test_by_method_asks_nothing_of_the_errors(monkeypatch, skies):
     """Errors wrong by a factor, tails: uniform; motions of one kind of source that only robust fits see: found."""
     monkeypatch.setattr("study.referee._quasars._IN_GROUP", 40)
     for tails in (False, True):
         p = []
-        for seed in range(60):
+        for seed in range(skies):
             rng = np.random.default_rng(seed)
             field = sky(rng, factor=2.0)
             if tails:
