@@ -241,7 +241,6 @@ def _run(options):
         counts=counts,
         title=f"Motions against redshift: {source.label}",
         captions=_CAPTIONS,
-        cards=lambda: _cards_of(results),
     )
     if failure is not None:
         raise failure
@@ -627,33 +626,6 @@ def _summary_of(solution):
         f"{solution.n_sources} sources, {solution.frame} axes, {phrase}, χ²/dof = {solution.quality.reduced:.3f}, "
         f"{'coherent flows in the errors' if solution.flow is not None else 'errors without flows'}"
     )
-
-
-def _cards_of(results):
-    """Main results, large: our velocity, H0, and χ² of both."""
-    cards = []
-    if "velocity" in results:
-        solution = results["velocity"]
-        v = solution.velocity
-        size = f"{format_three_digits(v.amplitude)} ± {format_three_digits(v.amplitude_error)} km/s"
-        size = size if v.p_value < fit.quality.SEEN else f"< {format_three_digits(v.amplitude_limit())} km/s (95 %)"
-        remark = f"p = {printed_p_value(v.p_value)} for none; for H0 = {solution.assumed_hubble:g} km/s/Mpc"
-        cards.append(("Our velocity", size, remark))
-    if "hubble" in results and "posterior" not in results:  # one limit on H0, that of the lines to quote
-        solution = results["hubble"]
-        size = f"{solution.hubble:.3g} ± {solution.hubble_error:.2g} km/s/Mpc"
-        size = (
-            size if _is_determined(solution) else f"< {format_three_digits(solution.hubble_limits[1])} km/s/Mpc (95 %)"
-        )
-        cards.append(("The Hubble constant", size, f"least squares {solution.hubble:.3g}"))
-    if "posterior" in results:
-        cards.append(("H0, posterior", *_posterior_hubble(results["posterior"])))
-    for name in ("velocity", "hubble"):
-        if name in results:
-            quality = results[name].quality
-            cards.append(("χ² per degree of freedom", f"{quality.reduced:.3f}", f"{results[name].dof} of them"))
-            break
-    return cards
 
 
 main, run = running.make_entry(__name__, _run)

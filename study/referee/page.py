@@ -91,7 +91,7 @@ def html(
     if sky_panel.html:
         remaining_figures.pop("sky", None)
     panels_ = [
-        page.facts(referee.answer.lines),
+        page.facts(referee.answer.lines, "answer"),
         page.heading("At a glance", page.figure_panels(overview, _CAPTIONS)),
         page.heading("The sky", sky_panel),
         *(_section(section, remaining_figures) for section in referee.sections),

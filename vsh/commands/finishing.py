@@ -224,7 +224,6 @@ def write_page(
     captions: Mapping[str, str] | None = None,
     lead: str = "",
     answer: Answer | None = None,
-    cards: Sequence[tuple[str, str, str]] = (),
     provenance: Mapping[str, Any] | None = None,
     command: Sequence[str] | None = None,
     overwrite: bool = False,
@@ -233,8 +232,7 @@ def write_page(
     from vsh.figures import page
 
     panels = [
-        page.facts(answer.lines if answer else ()),
-        page.cards(cards),
+        page.facts(answer.lines if answer else (), "answer"),
         page.heading("Figures", page.figure_panels(figures.drawn, captions or {})),
         *map(page.section, sections),
         page.provenance(provenance or {}, command),
@@ -421,7 +419,6 @@ class Run:
         latex: Callable[[], str] | None = None,
         files: Callable[[Path, dict[str, Any]], object] | None = None,
         captions: Mapping[str, str] | None = None,
-        cards: Callable[[], Sequence[tuple[str, str, str]]] = tuple,
         page: Callable[[Figures, dict[str, Any], Path], None] | None = None,
     ) -> None:
         """Print the result, and write what was asked for: a folder, a page.
@@ -448,8 +445,6 @@ class Run:
             Writes further files into a folder.
         captions : dict, optional
             Captions of further figures, by name.
-        cards : callable, optional
-            The main results, large, for the page.
         """
         options = self.options
         make_sections = sections or (lambda long: [section for part in parts for section in part.shown(long)])
@@ -482,7 +477,7 @@ class Run:
                 write_page(
                     page_path, title, make_sections(True), figure_set,
                     captions={**part_captions, **(captions or {})}, provenance=meta,
-                    command=options.command, answer=result.answer, cards=cards(), overwrite=True,
+                    command=options.command, answer=result.answer, overwrite=True,
                 )  # fmt: skip
         if options.output:
             print_line(options, running.written_line(options.output, (x.name for x in Path(options.output).iterdir())))

@@ -4,16 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from fit.results.output._files import draw_figures
-from fit.results.output._text import (
-    answer_of,
-    format_amplitude,
-    format_direction,
-    is_scalar,
-    subject_of,
-    vectors_of,
-    warnings_of,
-)
-from fit.results.quality import ErrorSource
+from fit.results.output._text import answer_of, subject_of, warnings_of
 from vsh.field import Field
 from vsh.figures import page
 from vsh.figures.plot import close_figures
@@ -95,8 +86,7 @@ def write_html(
     all_figures = {**new_figures, **(figures or {}), **(further or {})}
     plots = {name: axes for name, axes in all_figures.items() if not (skies and name == "sky")}
     panels = [
-        page.facts(answer.lines),
-        _cards(solution),
+        page.facts(answer.lines, "answer"),
         page.paragraph(_warnings(solution), "warning"),
         page.heading("The sky", sky_panel),
         *map(page.section, solution.sections(long=True, check=check, truth=truth, source=source)),
@@ -111,19 +101,9 @@ def write_html(
         f"({len(modes)} coefficients), {solution.frame} axes"
     )
     close_figures(new_figures.values())
-    page.write_page(path, page.page(title or subject_of(solution), panels, lead=lead), overwrite=overwrite)
-
-
-def _cards(solution):
-    items = []
-    if is_scalar(solution):
-        value, error = solution.mean
-        items.append(("Mean", f"{value:.4g} ± {error:.2g} {solution.unit}", ""))
-    for name, vector in reversed(vectors_of(solution).items()):
-        items.append((name.capitalize(), f"{format_amplitude(vector)} {solution.unit}", format_direction(vector)))
-    remark = f"{solution.chi2:.6g} / {solution.dof}; errors from {solution.errors_from}"
-    suffix = "" if solution.error_source == ErrorSource.CATALOGUE else ", by the catalogue's errors"
-    return page.cards([*items, (f"χ² per degree of freedom{suffix}", f"{solution.reduced_chi2:.3f}", remark)])
+    page.write_page(
+        path, page.page(title or subject_of(solution), panels, lead=lead, source=source), overwrite=overwrite
+    )
 
 
 def _warnings(solution):

@@ -3,6 +3,7 @@
 import base64
 import hashlib
 import json
+import re
 import shlex
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -18,7 +19,7 @@ import numpy as np
 from vsh.basis import harmonics
 from vsh.coefficients import Coefficients
 from vsh.field import Field
-from vsh.figures.plot import CHANCE, LONGEST, SURE, even_grid, is_detected, picture_of
+from vsh.figures.plot import CHANCE, LONGEST, SURE, close_figures, even_grid, is_detected, picture_of, plot_field
 from vsh.io.sections import Section
 from vsh.io.tables import format_table
 from vsh.sky.frames import ANGLES
@@ -46,7 +47,8 @@ def heading(text: str, *panels: Panel) -> Panel:
     """Panels under a heading; nothing if they are empty."""
     html = "\n".join(panel.html for panel in panels if panel.html)
     scripts = tuple(script for panel in panels for script in panel.scripts)
-    return Panel(f"<h2>{escape(text)}</h2>\n{html}" if html else "", scripts)
+    anchor = re.sub(r"\W+", "-", text.lower()).strip("-")
+    return Panel(f'<h2 id="{anchor}">{escape(text)}</h2>\n{html}' if html else "", scripts)
 
 
 def paragraph(text: str, kind: str = "") -> Panel:
@@ -54,22 +56,13 @@ def paragraph(text: str, kind: str = "") -> Panel:
     return Panel(f"<p{f' class={kind!r}' if kind else ''}>{escape(text)}</p>" if text else "")
 
 
-def facts(entries: Iterable[tuple[Any, Any]]) -> Panel:
-    """Words with a label in front of each, broken where they are longer than the page is wide."""
+def facts(entries: Iterable[tuple[Any, Any]], kind: str = "") -> Panel:
+    """Words with a label in front of each, broken where they are too long; those of the kind "answer" are large."""
     rows = "".join(
         f"<tr><th scope='row'>{escape(str(label))}</th><td class='broken'>{escape(str(text))}</td></tr>"
         for label, text in entries
     )
-    return Panel(f"<div class='wide'><table><tbody>{rows}</tbody></table></div>" if rows else "")
-
-
-def cards(items: Iterable[tuple[str, str, str]]) -> Panel:
-    """The main results, large."""
-    inner = "".join(
-        f'<div class="card">{escape(name)}<b>{escape(value)}</b><span class="faint">{escape(remark)}</span></div>'
-        for name, value, remark in items
-    )
-    return Panel(f'<div class="cards">{inner}</div>' if inner else "")
+    return Panel(f"<div class='wide {kind}'><table><tbody>{rows}</tbody></table></div>" if rows else "")
 
 
 def table(heads: Sequence[str], rows: Iterable[Sequence[str]], *, sortable: bool = False, summary: str = "") -> Panel:
@@ -174,7 +167,7 @@ _PAGE = Template("""<!doctype html>
 <meta http-equiv="Content-Security-Policy" \
 content="default-src 'none'; img-src data:; style-src $style_hash; script-src $script_hashes">
 <meta name="generator" content="vsh-astrometry">
-<title>$title</title>
+<title>$name</title>
 <link rel="icon" href="data:,">
 <style>$style</style>
 </head>
@@ -182,6 +175,7 @@ content="default-src 'none'; img-src data:; style-src $style_hash; script-src $s
 <main>
 <h1>$title</h1>
 $lead
+$contents
 $body
 </main>
 $scripts
@@ -190,7 +184,7 @@ $scripts
 """)
 
 
-def page(title: str, panels: Iterable[Panel], *, lead: str = "") -> str:
+def page(title: str, panels: Iterable[Panel], *, lead: str = "", source: str = "") -> str:
     """Assemble panels into one HTML file that needs no network.
 
     Parameters
@@ -201,6 +195,8 @@ def page(title: str, panels: Iterable[Panel], *, lead: str = "") -> str:
         In order; empty ones are left out.
     lead : str
         Under the title.
+    source : str
+        What it is about, which stands first in the name of the browser's tab.
 
     Returns
     -------
@@ -208,15 +204,20 @@ def page(title: str, panels: Iterable[Panel], *, lead: str = "") -> str:
         A Content-Security-Policy in it allows its own style and scripts, by their hashes, and pictures within it.
     """
     contents = [panel for panel in panels if panel.html]
+    body = "\n".join(panel.html for panel in contents)
+    headings = re.findall(r'<h2 id="([^"]+)">(.*?)</h2>', body)
+    links = "".join(f'<li><a href="#{anchor}">{text}</a></li>' for anchor, text in headings)
     script_names = list(dict.fromkeys(script for panel in contents for script in panel.scripts))
     texts = [d3_script() if name == "d3" else _asset(f"{name}.js") for name in script_names]
     style = _asset("page.css")
     return _PAGE.substitute(
         title=escape(title),
+        name=escape(f"{source}: {title}" if source else title),
         lead=f'<p class="lead">{escape(lead)}</p>' if lead else "",
         style=style,
         style_hash=_hash(style),
-        body="\n".join(panel.html for panel in contents),
+        contents=f'<nav class="contents" aria-label="contents"><ul>{links}</ul></nav>' if len(headings) > 3 else "",
+        body=body,
         scripts="\n".join(f"<script>{text}</script>" for text in texts),
         script_hashes=" ".join(map(_hash, texts)) or "'none'",
     )
@@ -302,11 +303,13 @@ def sky(*shown: ShownSolution) -> Panel:
     }
     top = max(item["lmax"] for item in sent)
     figures = "".join(_figure(i, item, sent[i]["sent"]) for i, item in enumerate(shown))
+    marked = " and ".join(dict.fromkeys(mark["name"] for item in sent for mark in item["marks"]))
     # "<" would end the block wherever a name holds "</script>".
     blob = json.dumps(data, ensure_ascii=False, separators=(",", ":")).replace("<", "\\u003c")
+    inner = f'{_controls(top)}<div class="skies">{figures}</div>{_keys(marked)}'
     return Panel(
-        f'<section class="sky" aria-label="interactive sky">{_controls(top)}<div class="skies">{figures}</div>{_KEYS}'
-        f'</section><script type="application/json" id="sky-data">{blob}</script>',
+        f'<section class="sky" aria-label="interactive sky">{inner}</section>'
+        f'<script type="application/json" id="sky-data">{blob}</script>',
         ("d3", "sky"),
     )
 
@@ -324,15 +327,20 @@ def _controls(top):
 <option value="polar">half, equal areas</option></select></label>
 <span class="row"><button id="farther" type="button" aria-label="zoom out">−</button>
 <button id="closer" type="button" aria-label="zoom in">+</button>
-<button id="home" type="button">reset</button></span>
+<button id="home" type="button">reset</button> <button id="save" type="button">save picture</button></span>
+<label for="go"><span>go to <output id="went" for="go"></output></span>
+<input id="go" type="search" placeholder="name, or 83.63 22.01" autocomplete="off" spellcheck="false"></label>
 </div>"""
 
 
-_KEYS = f"""<p class="faint" id="sky-keys">Drag or arrow keys turn it, + and − zoom, 0 goes back, n and p step \
-through the
-sources. Noise alone colours {100 * CHANCE:.0f} % of the arrows;
-where the field is not detected all are grey. Stars with circles: where acceleration and spin \
-point, with 68 % cones.</p>"""
+def _keys(pointed):
+    stars = f" Stars with circles show where {pointed} point{'' if ' and ' in pointed else 's'}, with 68 % cones."
+    return (
+        '<p class="faint" id="sky-keys">Drag the sky or use the arrow keys to turn it, + and − to zoom, 0 to go back,'
+        " and n and p to step through the sources. Tap a source, or a name in a table below, to see where it is."
+        f" Noise alone colours {100 * CHANCE:.0f} % of the arrows; where the field is not detected all are grey."
+        f"{stars if pointed else ''}</p>"
+    )
 
 
 def _figure(i, solution, sent):
@@ -340,11 +348,20 @@ def _figure(i, solution, sent):
     caption = f"{sent} of {n} sources, those with the most significant residuals" if sent < n else f"all {n} sources"
     caption = f"{solution.label}: {caption}" if solution.label else caption
     return (
-        f'<figure><canvas tabindex="0" role="img" aria-label="{escape(solution.label)} sky with the fitted field as'
+        f"<figure>{_still(solution)}"
+        f'<canvas tabindex="0" role="img" aria-label="{escape(solution.label)} sky with the fitted field as'
         f' arrows; the text below says what is shown" aria-describedby="said-{i} sky-keys"></canvas><figcaption><p'
         f' class="faint">{escape(caption)}</p><p class="said" id="said-{i}" role="status"'
         ' aria-live="polite"></p></figcaption></figure>'
     )
+
+
+def _still(solution):
+    """The picture that stands there where no script runs."""
+    axes = plot_field(solution.field, solution.coefficients, covariance=solution.covariance, unit=solution.unit)
+    data = base64.b64encode(picture_of(axes, dpi=120)).decode()
+    close_figures([axes])
+    return f'<img class="still" alt="the sources, and the motions fitted to them" src="data:image/png;base64,{data}">'
 
 
 def _sky_data(solution):

@@ -6,6 +6,11 @@
   const floats = (text) => new Float32Array(Uint8Array.from(atob(text), (c) => c.charCodeAt(0)).buffer);
   // What two skies have in common: how they are turned and what is shown of them.
   const state = { zoom: 1, turn: [0, 0], dragging: false };
+  const section = document.querySelector("section.sky");
+  // One scale for all skies: the length of the longest arrow of any; and round numbers below another.
+  const largest = () => Math.max(...skies.map((sky) => sky.largest)) || 1;
+  const round = (x) => { const p = 10 ** Math.floor(Math.log10(x)); return p * (x >= 5 * p ? 5 : x >= 2 * p ? 2 : 1); };
+  const figures = (x) => (x >= 1 ? x.toFixed(0) : x.toPrecision(1));
   const projections = {
     hammer: d3.geoHammer, mollweide: d3.geoMollweide, globe: d3.geoOrthographic, polar: d3.geoAzimuthalEqualArea,
   };
@@ -31,6 +36,7 @@
       this.motion = new Float64Array(2 * grid.n);
       this.sure = new Uint8Array(grid.n);
       this.lines = [];
+      this.index = new Map(given.names.map((name, i) => [name, i]));
     }
 
     // The field that is asked for, with the exact error of its length at every arrow.
@@ -59,7 +65,7 @@
       const more = this.given.fitted > this.given.lmax ? ` (fitted to ${this.given.fitted})` : "";
       const label = this.given.label ? `${this.given.label}: ` : "";
       this.summary = `${label}${what}${more}, ${part}: rms ${Math.sqrt(squares / m).toFixed(2)} ${data.unit}, ` +
-        `largest ${largest.toFixed(2)} ${data.unit}; ` +
+        `largest ${largest.toFixed(2)} ${data.unit}; arrows to one scale; ` +
         (this.given.seen ? `${sure} of ${m} arrows with p < ${data.chance} (${Math.round(data.chance * m)} expected by chance).`
           : "not detected.");
       this.said.textContent = this.summary;
@@ -135,7 +141,9 @@
       context.fill();
       context.save();
       context.clip();
-      trace(d3.geoGraticule().step([30, 30]).stepMajor([90, 360])());
+      // Lines some hundred pixels apart, however large the map is drawn.
+      const steps = [30, 15, 10, 5, 2, 1].find((step) => step * RAD * projection.scale() < 160) || 1;
+      trace(d3.geoGraticule().step([steps, steps]).stepMajor([90, 360])());
       context.strokeStyle = colour("--grid");
       context.lineWidth = 0.8;
       context.stroke();
@@ -160,7 +168,10 @@
       context.strokeStyle = colour("--faint");
       context.lineWidth = 1;
       context.stroke();
-      this.labels(colour, few);
+      this.labels(colour, few, steps);
+      this.key(colour, few);
+      this.tip(colour);
+      section.classList.add("ready");
       if (!document.body.dataset.ready) document.body.dataset.ready = performance.now().toFixed(0);
     }
 
@@ -194,7 +205,7 @@
         for (let i = 0; i < m; i += few ? 2 : 1) {
           const size = Math.hypot(this.motion[i], this.motion[m + i]);
           if (!(size > 0) || !!this.sure[i] !== sure || this.hidden([grid.lon[i], grid.lat[i]])) continue;
-          const points = this.arrow(i, longest * size / this.largest);
+          const points = this.arrow(i, longest * size / largest());
           if (!points) continue;
           this.lines.push({ i, points, sure });
           points.forEach((at, k) => (k ? context.lineTo(at[0], at[1]) : context.moveTo(at[0], at[1])));
@@ -213,6 +224,50 @@
       }
     }
 
+    // How long an arrow is: in the corner, which the map leaves free.
+    key(colour, few) {
+      const { context, height } = this, unit = (few ? 1.8 : 1) * data.longest * RAD * this.projection.scale() / largest();
+      const value = round(Math.min(largest(), 90 / unit)), size = value * unit, y = height - 12;
+      if (!(size > 0)) return;
+      context.strokeStyle = context.fillStyle = colour("--ink");
+      context.lineWidth = 1.5;
+      context.beginPath();
+      context.moveTo(12, y);
+      context.lineTo(12 + size, y);
+      context.lineTo(12 + size - Math.min(5, size / 2), y - 3);
+      context.moveTo(12 + size, y);
+      context.lineTo(12 + size - Math.min(5, size / 2), y + 3);
+      context.stroke();
+      context.font = "11px system-ui, sans-serif";
+      context.textAlign = "left";
+      context.textBaseline = "middle";
+      context.lineWidth = 3;
+      context.strokeStyle = colour("--back");
+      const words = `${figures(value)} ${data.unit}`;
+      context.strokeText(words, 18 + size, y);
+      context.fillText(words, 18 + size, y);
+    }
+
+    // The name of the chosen source, beside it.
+    tip(colour) {
+      const i = this.chosen, { context, sources, n } = this;
+      if (i < 0 || !Number.isFinite(this.x[i])) return;
+      const lines = [this.given.names[i] || "source without a name",
+        `${Math.hypot(sources.motion[i], sources.motion[n + i]).toPrecision(3)} ${data.unit}, residual ${sources.sigmas[i].toFixed(1)} σ`];
+      context.font = "12px system-ui, sans-serif";
+      const wide = Math.max(...lines.map((line) => context.measureText(line).width)) + 12;
+      const x = Math.max(2, Math.min(this.width - wide - 2, this.x[i] + 12)), y = this.y[i] > 60 ? this.y[i] - 50 : this.y[i] + 14;
+      context.fillStyle = colour("--back");
+      context.strokeStyle = colour("--faint");
+      context.lineWidth = 1;
+      context.fillRect(x, y, wide, 36);
+      context.strokeRect(x, y, wide, 36);
+      context.fillStyle = colour("--ink");
+      context.textAlign = "left";
+      context.textBaseline = "middle";
+      lines.forEach((line, k) => context.fillText(line, x + 6, y + 10 + 16 * k));
+    }
+
     star(x, y) {
       const { context } = this;
       context.beginPath();
@@ -224,7 +279,7 @@
       context.fill();
     }
 
-    labels(colour, few) {
+    labels(colour, few, steps) {
       const { context, projection, width, height } = this, taken = [];
       context.textAlign = "center";
       context.textBaseline = "middle";
@@ -246,14 +301,26 @@
       };
       for (const mark of this.given.marks) write(mark.name, mark.at, colour(`--${mark.kind}`), "600 12px system-ui, sans-serif", 14);
       const plain = "11px system-ui, sans-serif", ink = colour("--ink");
-      for (let lon = 0; lon < 360; lon += few ? 120 : 60) write(`${lon}°`, [lon, 0], ink, plain, 0);
-      for (const lat of few ? [45, -45] : [30, -30, 60, -60])
-        write(`${lat > 0 ? "+" : "−"}${Math.abs(lat)}°`, [state.turn[0], lat], ink, plain, 0);
+      const signed = (lat) => `${lat > 0 ? "+" : lat < 0 ? "−" : ""}${Math.abs(lat)}°`;
+      if (steps === 30) {
+        for (let lon = 0; lon < 360; lon += few ? 120 : 60) write(`${lon}°`, [lon, 0], ink, plain, 0);
+        for (const lat of few ? [45, -45] : [30, -30, 60, -60]) write(signed(lat), [state.turn[0], lat], ink, plain, 0);
+        return;
+      }
+      // Nearer: the lines through the middle of what is seen.
+      const [lon0, lat0] = state.turn.map((angle) => steps * Math.round(angle / steps));
+      for (let k = -8; k <= 8; k++) {
+        write(`${(((lon0 + k * steps) % 360) + 360) % 360}°`, [lon0 + k * steps, lat0], ink, plain, 0);
+        if (k && Math.abs(lat0 + k * steps) < 90) write(signed(lat0 + k * steps), [lon0, lat0 + k * steps], ink, plain, 0);
+      }
     }
 
     choose(i) {
       if (i === this.chosen) return;
       this.chosen = i;
+      document.querySelectorAll("tr.chosen").forEach((row) => row.classList.remove("chosen"));
+      if (i >= 0) for (const button of document.querySelectorAll("button.source"))
+        if (button.textContent === this.given.names[i]) button.closest("tr").classList.add("chosen");
       if (i < 0) this.said.textContent = this.summary;
       else {
         const s = this.sources, n = this.n, [lon, lat] = data.axes, one = (name, k) => s[name][k * n + i].toFixed(1);
@@ -264,17 +331,20 @@
       this.ask();
     }
 
-    // Brings a source to where it can be seen.
-    step(by) {
-      this.choose((this.chosen + by + this.n) % this.n);
+    // Steps to a source, and brings it to where it can be seen.
+    step(by) { this.show((this.chosen + by + this.n) % this.n); }
+
+    show(i) {
+      this.choose(i);
       const at = [this.sources.lon[this.chosen], this.sources.lat[this.chosen]];
       const q = this.projection(at);
-      if (this.hidden(at) || q[0] < 0 || q[0] > this.width || q[1] < 0 || q[1] > this.height) look(at[0], at[1]);
+      this.kept = true;
+      if (state.zoom > 2 || this.hidden(at) || q[0] < 0 || q[0] > this.width || q[1] < 0 || q[1] > this.height) look(at[0], at[1]);
     }
 
-    nearest(event) {
+    nearest(event, within) {
       const box = this.canvas.getBoundingClientRect(), x = event.clientX - box.left, y = event.clientY - box.top;
-      let best = -1, near = 100;
+      let best = -1, near = within ** 2;
       for (let i = 0; i < this.n; i++) {
         const away = (this.x[i] - x) ** 2 + (this.y[i] - y) ** 2;
         if (away < near) { near = away; best = i; }
@@ -283,23 +353,37 @@
     }
 
     listen() {
-      let from = null;
+      let from = null, moved = false;
       const { canvas } = this;
       canvas.addEventListener("pointerdown", (event) => {
         from = [event.clientX, event.clientY, ...state.turn];
+        moved = false;
         canvas.setPointerCapture(event.pointerId);
       });
       for (const kind of ["pointerup", "pointercancel"])
-        canvas.addEventListener(kind, () => {
+        canvas.addEventListener(kind, (event) => {
+          // A tap, or a click: what is nearest stays chosen until something else is.
+          if (from && !moved && kind === "pointerup") {
+            const i = this.nearest(event, event.pointerType === "touch" ? 24 : 10);
+            this.choose(i);
+            this.kept = i >= 0;
+          }
           from = null;
           if (state.dragging) { state.dragging = false; each((sky) => sky.ask()); }
         });
       canvas.addEventListener("pointermove", (event) => {
-        if (!from) return this.choose(this.nearest(event));
+        if (!from) {
+          const i = this.nearest(event, 10);
+          if (i >= 0 || !this.kept) { this.choose(i); this.kept = false; }
+          return;
+        }
+        if (!moved && Math.hypot(event.clientX - from[0], event.clientY - from[1]) < 4) return;
+        moved = true;
         const k = 1 / (RAD * this.projection.scale());
         state.dragging = true;
         look(from[2] + (event.clientX - from[0]) * k, from[3] + (event.clientY - from[1]) * k);
       });
+      canvas.addEventListener("pointerleave", () => { if (!this.kept) this.choose(-1); });
       canvas.addEventListener("wheel", (event) => {
         if (document.activeElement !== canvas && !event.ctrlKey) return;
         event.preventDefault();
@@ -339,6 +423,42 @@
     each((sky) => sky.sum());
   }
 
+  // A name, or a place in degrees: "83.63 22.01".
+  function goTo(text) {
+    const place = text.trim().match(/^([\d.]+)°?[\s,]+([+−-]?[\d.]+)°?$/);
+    if (place) {
+      state.zoom = Math.max(state.zoom, 4);
+      each((sky) => sky.projection.scale(sky.radius * state.zoom));
+      return look(+place[1], +place[2].replace("−", "-")), "";
+    }
+    let found = false;
+    each((sky) => {
+      const i = sky.index.get(text.trim());
+      if (i !== undefined) { sky.show(i); found = true; }
+    });
+    return found ? "" : `no source that is shown is called “${text.trim()}”`;
+  }
+  function save() {
+    skies.forEach((sky, i) => {
+      const link = Object.assign(document.createElement("a"), { href: sky.canvas.toDataURL("image/png"), download: `sky${i || ""}.png` });
+      link.click();
+    });
+  }
+  // Names of sources in the tables lead to the sky.
+  function linkRows() {
+    const isNamed = (cell) => {
+      const head = cell.closest("table").tHead;
+      return head && /^(source|name|source_id|object)/.test(head.rows[0].cells[cell.cellIndex].textContent.trim());
+    };
+    for (const head of document.querySelectorAll("table tbody th, table tbody td")) {
+      const name = head.textContent;
+      if (head.children.length || !isNamed(head) || !skies.some((sky) => sky.index.has(name))) continue;
+      const button = Object.assign(document.createElement("button"), { type: "button", className: "source", textContent: name });
+      button.addEventListener("click", () => { goTo(name); section.scrollIntoView({ block: "center" }); });
+      head.replaceChildren(button);
+    }
+  }
+
   const canvases = Array.from(document.querySelectorAll(".skies canvas"));
   const skies = canvases.map((canvas, i) => new Sky(canvas, data.skies[i], byId(`said-${i}`)));
   each((sky) => {
@@ -353,5 +473,14 @@
   byId("closer").addEventListener("click", () => zoom(1.3));
   byId("farther").addEventListener("click", () => zoom(1 / 1.3));
   byId("home").addEventListener("click", home);
+  byId("save").addEventListener("click", save);
+  byId("go").addEventListener("change", () => { byId("went").textContent = byId("go").value ? goTo(byId("go").value) : ""; });
+  linkRows();
+  // On paper it is light, whatever the screen is.
+  for (const [kind, light] of [["beforeprint", true], ["afterprint", false]])
+    addEventListener(kind, () => {
+      document.documentElement.classList.toggle("light", light);
+      each((sky) => sky.paint());
+    });
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => each((sky) => sky.ask()));
 })();

@@ -19,4 +19,16 @@ for (const table of document.querySelectorAll("table.sortable")) {
       head.setAttribute("aria-sort", rising ? "ascending" : "descending");
     });
   });
+  // The rows as they stand, for a spreadsheet.
+  const save = Object.assign(document.createElement("a"), { className: "save", href: "#", textContent: "save as CSV" });
+  save.addEventListener("click", (event) => {
+    event.preventDefault();
+    const cell = (each) => `"${each.textContent.trim().replace("−", "-").replaceAll('"', '""')}"`;
+    const text = Array.from(table.rows, (row) => Array.from(row.cells, cell).join(",")).join("\r\n");
+    const url = URL.createObjectURL(new Blob([`\ufeff${text}\r\n`], { type: "text/csv" }));
+    const title = table.closest(".wide").getAttribute("aria-label").replace(/\W+/g, "_").toLowerCase();
+    Object.assign(document.createElement("a"), { href: url, download: `${title}.csv` }).click();
+    URL.revokeObjectURL(url);
+  });
+  table.closest(".wide").after(save);
 }
