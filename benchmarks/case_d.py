@@ -1,4 +1,4 @@
-"""Can the non-uniform list of quasars alone turn 4.3 µas/yr into 6.0? The numbers of docs/leakage.md.
+"""Can the non-uniform list of quasars alone turn 4.3 µas/yr into 6.0? The numbers of docs/theory.md.
 
 The sky and errors of the paper's case D (Bachchan, Hobbs & Lindegren 2016): 500 000 quasars of the IGQL-like
 sky, errors of the nominal scanning law by place and magnitude.

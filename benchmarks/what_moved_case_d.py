@@ -1,4 +1,4 @@
-"""What moved case D of Bachchan, Hobbs & Lindegren (2016)? The numbers and the figure of docs/case_d.md.
+"""What moved case D of Bachchan, Hobbs & Lindegren (2016)? The numbers and the figure of docs/paper.md.
 
     python benchmarks/what_moved_case_d.py [N] [DRAWS] [FIGURE]
 

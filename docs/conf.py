@@ -10,7 +10,7 @@ HERE = Path(__file__).parent
 ROOT = HERE.parent
 sys.path[:0] = [str(ROOT), str(HERE)]
 
-from reference import escape  # noqa: E402
+from sphinx_gallery.sorting import ExplicitOrder  # noqa: E402
 
 import vsh  # noqa: E402 (found by the path above)
 from vsh.tools.parallel import without_bars  # noqa: E402
@@ -23,6 +23,7 @@ extensions = [
     "myst_parser",
     "sphinx.ext.autodoc",
     "sphinx.ext.intersphinx",
+    "sphinx.ext.viewcode",
     "sphinx-mathjax-offline",
     "numpydoc",
     "sphinxarg.ext",
@@ -32,12 +33,15 @@ extensions = [
     "accessible",
 ]
 exclude_patterns = ["_build", "_examples", "tutorials", "images", "style"]
+# Options are copied from these pages: two hyphens stay two hyphens.
+smartquotes = False
+default_role = "py:obj"
 html_theme = "furo"
 html_title = "vsh-astrometry"
 html_show_copyright = False
 html_static_path = ["style"]
 html_css_files = ["pages.css"]
-myst_heading_anchors = 3
+myst_heading_anchors = 4
 myst_enable_extensions = ["dollarmath"]
 suppress_warnings = ["config.cache", "myst.header"]
 
@@ -60,6 +64,9 @@ intersphinx_mapping = (
 numpydoc_validation_checks = {"GL08", "PR02"}
 # A class documents its attributes, which are what it is made with.
 numpydoc_validation_exclude = {r"\.[A-Z]\w*$", r"\.__\w+__$", r"\.(index|count)$"}
+# Types of arguments and results are links where they are classes of the project.
+numpydoc_xref_param_type = True
+numpydoc_xref_ignore = {"default", "optional", "of", "or", "and", "a", "an", "the", "shape", "in", "at", "by", "to", "for", "each"}
 numpydoc_show_class_members = False
 numpydoc_class_members_toctree = False
 autosummary_generate = False
@@ -73,14 +80,43 @@ without_bars().__enter__()
 for name in PACKAGES:
     logging.getLogger(name).setLevel("WARNING")
 
-# The gallery runs in a copy: the examples write their figures where they stand.
+# The gallery runs in a copy, by subject: the examples write their figures where they stand.
 EXAMPLES = HERE / "_examples"
+SECTIONS = {
+    "first_steps": ("First steps", "first_fit real_catalogue harmonics simulated_sky"),
+    "estimators": ("Estimators and systematic errors", "robust_fits shared_errors correlation_matrices vlbi_backgrounds"),
+    "frames": ("Reference frames", "compare_catalogues parallax_zero_point"),
+    "galaxies": (
+        "Galaxies: velocity and the Hubble constant",
+        "redshift_dipoles velocity_or_hubble velocity_forecast growth_from_motions",
+    ),
+    "waves": ("Gravitational waves", "pairs_and_waves pulsars_and_motions skies_in_place_of_a_likelihood"),
+    "joint": ("Joint solutions of sources and attitude", "joint_solution calibrated_basic_angle"),
+}
 shutil.rmtree(EXAMPLES, ignore_errors=True)
-shutil.copytree(ROOT / "examples", EXAMPLES, ignore=shutil.ignore_patterns("make_*", "*.png", "__pycache__"))
-(EXAMPLES / "GALLERY_HEADER.rst").write_text(
-    "Gallery\n=======\n\nEvery example runs when these pages are built; each is a script of its own in ``examples/``.\n",
-    encoding="utf-8",
-)
+shutil.copytree(ROOT / "examples", EXAMPLES, ignore=shutil.ignore_patterns("*.py", "*.png", "__pycache__"))
+ABOUT = "Every example runs when these pages are built; each is a script of its own in ``examples/``.\n"
+(EXAMPLES / "GALLERY_HEADER.rst").write_text(f"Gallery\n=======\n\n{ABOUT}", encoding="utf-8")
+for folder, (title, scripts) in SECTIONS.items():
+    section = EXAMPLES / folder
+    section.mkdir()
+    (section / "GALLERY_HEADER.rst").write_text(f"{title}\n{'-' * len(title)}\n", encoding="utf-8")
+    for script in scripts.split():
+        shutil.copy(ROOT / "examples" / f"{script}.py", section)
+
+
+class InOrder:
+    """Examples of a section as they are listed above, tutorials by their file names."""
+
+    def __init__(self, folder):
+        self.names = [name for _, scripts in SECTIONS.values() for name in scripts.split()]
+
+    def __call__(self, name):
+        name = name.removesuffix(".py")
+        return (self.names.index(name), name) if name in self.names else (0, name)
+
+    def __repr__(self):
+        return "InOrder"
 
 
 sphinx_gallery_conf = {
@@ -90,7 +126,11 @@ sphinx_gallery_conf = {
     "ignore_repr_types": r"matplotlib|vsh\.plot|numpy|builtins|class '(int|list|tuple|dict)",
     "filename_pattern": r"\.py$",
     "reset_argv": "gallery_arguments.arguments_of",
-    "within_subsection_order": "FileNameSortKey",
+    "subsection_order": ExplicitOrder([f"_examples/{folder}" for folder in SECTIONS]),
+    "within_subsection_order": InOrder,
+    # A page of the reference names the examples that use it.
+    "backreferences_dir": "gallery/uses",
+    "doc_module": ("vsh", "sim", "fit", "study"),
     "abort_on_example_error": True,
     "download_all_examples": True,  # notebooks of all tutorials, in one archive
     "show_memory": False,
@@ -104,7 +144,3 @@ if repository := os.environ.get("BINDER_REPOSITORY"):
         "org": owner, "repo": name, "branch": os.environ.get("BINDER_BRANCH", "main"), "use_jupyter_lab": True,
         "binderhub_url": "https://mybinder.org", "dependencies": str(ROOT / ".binder" / "requirements.txt"),
     }  # fmt: skip
-
-
-def setup(app):
-    app.connect("autodoc-process-docstring", lambda app, what, name, thing, options, lines: escape(lines), priority=100)

@@ -1,7 +1,8 @@
-"""The reference: pages of `api/` list the names of a module in tables, and each name has a page of its own.
+"""The reference: `api/index.md` lists the promised names by task in tables, and each name has a page of its own.
 
 A block `.. automodule:: M` with `:members:` becomes a table of these names, each with the first line of its docstring and
-a link to `api/one/M.name`, which has the whole docstring and, below it, the names that stand beside it in the table.
+a link to `api/one/M.name`, which has the whole docstring, what it returns, and the examples of the gallery that use it.
+Names of the project that are written in backticks, in docstrings and on pages, become links to these pages.
 """
 
 import importlib
@@ -10,9 +11,11 @@ import re
 import shutil
 from pathlib import Path
 
+from docutils import nodes
+from sphinx.addnodes import pending_xref
+
 _BLOCK = re.compile(r"\.\. automodule:: ([\w.]+)\n((?:   :[^\n]*\n)*)")
-#: So many neighbours are named below a docstring.
-_BESIDE = 8
+_NAME = re.compile(r"((?:vsh|fit|sim|study)\.[\w.]*\w)(?:\(.*\))?")
 
 
 def escape(lines):
@@ -25,6 +28,22 @@ def escape(lines):
             parts[k] = re.sub(r"(?<!\\)[*|]", r"\\\g<0>", parts[k])
             parts[k] = re.sub(r"(?<=\w)_(?=\W|$)", r"\\_", parts[k])
         lines[i] = "`".join(parts)
+
+
+def say_what_is_returned(what, thing, lines):
+    """A section "Returns" from the annotation, where a docstring has none of its own."""
+    if what not in ("function", "method") or "Returns" in lines or "Yields" in lines:
+        return
+    try:
+        given = inspect.signature(thing).return_annotation
+    except (TypeError, ValueError):
+        return
+    if given is inspect.Signature.empty or given in (None, "None"):
+        return
+    said = given if isinstance(given, str) else inspect.formatannotation(given)
+    said = re.sub(r"\b\w*Array\b(?:\[[^\]]*\])?", "ndarray", said.strip("'\""))
+    said = re.sub(r"\b(?:[a-z_]\w*\.)+(?=[A-Z])", "", said).replace(" | ", " or ").replace("'", "")
+    lines += ["", "Returns", "-------", said, ""]
 
 
 def names_of(module, options):
@@ -52,57 +71,113 @@ def directive_of(thing):
     return ("autofunction", []) if callable(thing) else ("autodata", ["no-value:"])
 
 
+def file_name(module, name):
+    """Of the page of a name: `Floor` and `floor` differ where file names ignore case."""
+    thing = getattr(importlib.import_module(module), name)
+    return f"{module}.{name}-class" if inspect.isclass(thing) else f"{module}.{name}"
+
+
+def name_classes(app, config):
+    """Where each class that is named as a type has its page."""
+    config.numpydoc_xref_aliases = {"ndarray": "numpy.ndarray", "Axes": "matplotlib.axes.Axes", "Table": "astropy.table.Table"}
+    for module, options in _BLOCK.findall((Path(app.srcdir) / "api" / "index.md").read_text(encoding="utf-8")):
+        for name in names_of(module, options):
+            if inspect.isclass(getattr(importlib.import_module(module), name)):
+                config.numpydoc_xref_aliases[name] = f"{module}.{name}"
+
+
 def write_pages(app):
     """A page for every name, anew each time."""
-    api = Path(app.srcdir) / "api"
-    one = api / "one"
+    one = Path(app.srcdir) / "api" / "one"
     shutil.rmtree(one, ignore_errors=True)
     one.mkdir()
-    for page in sorted(api.glob("*.md")):
-        for module, options in _BLOCK.findall(page.read_text(encoding="utf-8")):
-            names = names_of(module, options)
-            for name in names:
-                full = f"{module}.{name}"
-                directive, more = directive_of(getattr(importlib.import_module(module), name))
-                if ":no-inherited-members:" in options and directive == "autoclass":
-                    more = [*more, "no-inherited-members:"]
-                place = names.index(name)
-                beside = [each for each in [*names[place + 1 :], *names[:place]] if each != name][:_BESIDE]
-                also = ", ".join(f":py:obj:`{each} <{module}.{each}>`" for each in beside)
-                lines = [
-                    ":orphan:", "", name, "=" * len(name), "", f"In :doc:`{module} </api/{page.stem}>`.", "",
-                    f".. {directive}:: {full}", *(f"   :{option}" for option in more), "",
-                    *([".. seealso::", "", f"   {also}", ""] if also else []),
-                ]  # fmt: skip
-                (one / f"{full}.rst").write_text("\n".join(lines), encoding="utf-8")
+    for module, options in _BLOCK.findall((Path(app.srcdir) / "api" / "index.md").read_text(encoding="utf-8")):
+        for name in names_of(module, options):
+            full = f"{module}.{name}"
+            thing = getattr(importlib.import_module(module), name)
+            directive, more = directive_of(thing)
+            if ":no-inherited-members:" in options:
+                more = [*more, "no-inherited-members:"]
+            kind = "class" if inspect.isclass(thing) else "function" if callable(thing) else "constant"
+            lines = [
+                full, "=" * len(full), "", f"A {kind} of the :doc:`reference </api/index>`.", "",
+                f".. {directive}:: {full}", *(f"   :{option}" for option in more), "",
+                f".. minigallery:: {full}", "   :add-heading: Examples that use it", "   :heading-level: -", "",
+            ]  # fmt: skip
+            (one / f"{file_name(module, name)}.rst").write_text("\n".join(lines), encoding="utf-8")
 
 
 def as_tables(app, docname, source):
     """Blocks of a page as tables of what is on pages of their own."""
-    if not docname.startswith("api/") or docname.startswith("api/one/"):
+    if docname != "api/index":
         return
-
     seen = set()
 
     def table(block):
         module, options = block.groups()
         names = names_of(module, options)
-        if not names:
-            return block[0]
         head = f".. py:module:: {module}\n\n" if module not in seen else ""
-        if not seen.add(module) and ":no-index:" not in options:
-            lines = inspect.getdoc(importlib.import_module(module)).splitlines()
+        if module not in seen and ":no-index:" not in options:
+            lines = [inspect.getdoc(importlib.import_module(module)).splitlines()[0]]
             escape(lines)
-            head += "\n".join(lines) + "\n\n"
+            head += lines[0] + "\n\n"
+        seen.add(module)
         rows = "".join(f"   {name}\n" for name in names)
-        return f"{head}.. py:currentmodule:: {module}\n\n.. autosummary::\n   :nosignatures:\n\n{rows}"
+        pages = "".join(f"   {name} <one/{file_name(module, name)}>\n" for name in names)
+        return (
+            f"{head}.. py:currentmodule:: {module}\n\n.. autosummary::\n   :nosignatures:\n\n{rows}\n"
+            f".. toctree::\n   :hidden:\n\n{pages}"
+        )
 
     source[0] = _BLOCK.sub(table, source[0])
 
 
+def link_names(app, doctree):
+    """Names of the project in the code of a page as links; what is no name stays as it is."""
+    if app.env.docname.startswith(("gallery/", "learn/")):
+        return
+    for literal in list(doctree.findall(nodes.literal)):
+        found = _NAME.fullmatch(literal.astext())
+        if found is None or isinstance(literal.parent, (nodes.reference, pending_xref)):
+            continue
+        link = pending_xref(
+            "", refdomain="py", reftype="obj", reftarget=found[1], refdoc=app.env.docname, refwarn=False, refexplicit=True
+        )
+        literal.replace_self(link)
+        link += literal
+
+
+def find_name(app, env, node, contnode):
+    """What a name without its module means, where a single promised name ends with it."""
+    if node.get("refdomain") != "py" or node.get("reftype") not in ("obj", "class", "func", "exc", "data"):
+        return None
+    target = node["reftarget"].lstrip(".")
+    domain = env.get_domain("py")
+    things = {
+        full: each for full, each in domain.objects.items()
+        if (full == target or full.endswith(f".{target}")) and (each.objtype not in ("method", "attribute", "property") or "." in target)
+    }  # fmt: skip
+    if len(things) != 1:
+        named = target.rsplit(".", 1)[-1]
+        things = {full: each for full, each in domain.objects.items()
+                  if full.rsplit(".", 1)[-1] == named and each.objtype in ("function", "class", "exception", "data")
+                  and full.split(".")[0] == target.split(".")[0]} if "." in target else {}  # fmt: skip
+    if len(things) != 1:
+        return None
+    ((_, found),) = things.items()
+    from sphinx.util.nodes import make_refnode
+
+    return make_refnode(app.builder, node["refdoc"], found.docname, found.node_id, contnode, target)
+
+
 def setup(app):
-    """Tables in place of members, and a page for each."""
+    """Tables in place of members, a page for each, and links."""
     app.setup_extension("sphinx.ext.autosummary")
+    app.connect("config-inited", name_classes, priority=100)  # before numpydoc reads them
     app.connect("builder-inited", write_pages)
     app.connect("source-read", as_tables)
+    app.connect("doctree-read", link_names)
+    app.connect("missing-reference", find_name)
+    app.connect("autodoc-process-docstring", lambda app, what, name, thing, options, lines: (
+        escape(lines), say_what_is_returned(what, thing, lines)), priority=100)  # fmt: skip
     return {"parallel_read_safe": True}

@@ -16,7 +16,7 @@ from vsh.tools.types import ArrayLike, FloatArray, Kind, Quantity
 from vsh.vector import Vector, as_quantity
 
 #: Degree 1 is a rigid rotation (T) or a glide (S): rows (1,0), (1,1,re), (1,1,im) of its
-#: coefficients from x, y, z of the vector (docs/conventions.md).
+#: coefficients from x, y, z of the vector (docs/theory.md).
 FIRST_DEGREE = np.sqrt(4 * np.pi / 3) * np.array([[0, 0, np.sqrt(2)], [-1, 0, 0], [0, 1, 0]])
 FIRST_DEGREE.flags.writeable = False
 

@@ -1,6 +1,6 @@
 """To and from other people's coefficients: ICRF3's R, D, E, M, Vityazev and Tsvetkov's t_nkp, healpy's E/B alm.
 
-Signs and factors are those of docs/conventions.md; a test pins each.
+Signs and factors are those of docs/theory.md; a test pins each.
 """
 
 import re

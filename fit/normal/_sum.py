@@ -50,7 +50,7 @@ def normal_equations(
     method : {"auto", "design-matrix", "compressed"}
         "design-matrix" sums the design matrix, exact to rounding; "compressed" sums the moments of
         the weights and is as good to 1e-12, in a time that hardly grows with the degree.
-        "auto" takes what was measured to be faster (docs/performance.md).
+        "auto" takes what was measured to be faster (docs/large_catalogues.md).
     threads : int, optional
         Number of threads of the moments (default: one per core). The sum is always taken in the order of the
         sources, so the result does not depend on the number of threads.

@@ -2,7 +2,7 @@
 
 The design matrix, a block of sources at a time, is the definition: exact to rounding at any degree, and the reference
 for the faster ways. The sums stay in one thread: a block takes some microseconds a step, and threads lose more at
-handing the interpreter round than they gain (docs/performance.md).
+handing the interpreter round than they gain (docs/large_catalogues.md).
 
 From a few thousand sources on, moments of the weights are faster. A source's inverse covariance [[a, c], [c, b]] enters
 N in products of two harmonics, which are trigonometric polynomials of degree 2L in α and in δ. So N needs of the
@@ -81,7 +81,7 @@ def _block_sums(field, modes):
 
 
 def design_matrix_limit(modes: Modes) -> int:
-    """The number of sources up to which the direct sum is the faster one, as measured (docs/performance.md)."""
+    """The number of sources up to which the direct sum is the faster one, as measured (docs/large_catalogues.md)."""
     return sys.maxsize if modes.lmax <= 2 else max(1000, 2**20 // modes.lmax**3)
 
 

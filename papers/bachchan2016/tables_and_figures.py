@@ -251,7 +251,7 @@ def _why(case, name, what, theirs, ours):
     if what == "Std":
         return f"Std/⟨σ⟩ is {theirs:.2f} there and {ours:.2f} here"
     if case == "D" and what == "mean" and name.startswith(("omega", "a_", "epsilon")):
-        return "not reproduced: see docs/leakage.md"
+        return "not reproduced: see docs/theory.md"
     if name.startswith("epsilon") and what == "⟨σ⟩":
         return "the paper does not tell the magnitudes of its 3300 sources"
     return "not explained"

@@ -62,7 +62,7 @@ def test_there_and_back(frame):
 
 
 def test_galactic_centre_in_icrs():
-    """conventions.md: ã = (4.3, 0, 0) Galactic = (−0.235965, −3.755779, −2.080491) ICRS."""
+    """docs/theory.md: ã = (4.3, 0, 0) Galactic = (−0.235965, −3.755779, −2.080491) ICRS."""
     found = rotation_matrix("galactic", "icrs") @ [4.3, 0, 0]
     np.testing.assert_allclose(found, [-0.235965, -3.755779, -2.080491], atol=5e-7)
 

@@ -50,7 +50,7 @@ class Balanced(HTMLParser):
 @pytest.mark.slow
 def test_notebook_of_every_object_runs():
     """The page of the gallery that shows them all, executed; each form is whole HTML."""
-    source = ROOT / "docs" / "tutorials" / "in_a_notebook.py"
+    source = ROOT / "tests" / "notebook_objects.py"
     space = {"__name__": "notebook"}
     exec(compile(source.read_text(encoding="utf-8"), str(source), "exec"), space)
     shown = {type(each) for each in space["OBJECTS"]}

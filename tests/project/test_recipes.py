@@ -1,20 +1,25 @@
 """The recipes of the documentation, run as they stand."""
 
+import contextlib
 import os
 import re
 import shlex
+import shutil
 import subprocess
 import sys
+import textwrap
+from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import POSIX, ROOT
+from astropy.table import Table
+from conftest import POSIX, ROOT, real_catalogue
 from tap_server import serving
 
 from vsh import Field
 from vsh.commands import COMMANDS
 
-PAGES = [ROOT / "docs" / name for name in ("large_catalogues.md", "archive.md", "samplers.md")]
+PAGES = [ROOT / "docs" / name for name in ("large_catalogues.md", "archive.md", "further.md")]
 RECIPES = {
     found.group(1): found.group(0)
     for page in PAGES
@@ -201,3 +206,108 @@ def test_cheatsheet_runs(tmp_path, monkeypatch):
     a, truth = names["a"], (0.0, -40.0, -20.0)
     assert np.abs(a.value - truth).max() < 4 * a.sigma.max()
     assert (tmp_path / "page.html").stat().st_size > 100_000
+
+
+#: What a page may suppose: files of the names that the documentation uses, each made as its user would have it.
+FILES = (
+    "sim quasars --number 3000 --sky igql --seed 1 --output catalogue.fits",
+    "sim quasars --number 3000 --sky gums --seed 2 --output gums.fits",
+    "sim crf3 --number 5000 --seed 1 --output crf3.fits",
+    "sim galaxies --number 3000 --no-transits --release DR5 --velocity planck --seed 1 --output galaxies.fits",
+    "sim link --seed 1 --output gaia.csv",
+    "sim epochs --number 30 --wave 2,900,0,60,-20 --seed 1 --output epochs.fits",
+)
+#: Lines that ask a server, a cluster, a shell or another program: the tests of these have servers of their own.
+ELSEWHERE = re.compile(r"://|vsh-archive|neighbours|[|$]")
+GUIDE = [*sorted((ROOT / "docs").glob("*.md")), *sorted((ROOT / "docs" / "commands").glob("*.md")), ROOT / "README.md"]
+#: `extending.md` has a test of its own, and so have `cheatsheet.md` and the day of DR4.
+GUIDE = [
+    page for page in GUIDE if page.name not in ("extending.md", "cheatsheet.md", "dr4.md", "changelog.md", "vsh-sim.md")
+]
+
+
+def code_of(page):
+    """Python's blocks and the lines of commands, in the order of the page; recipes are run above."""
+    text = re.sub(r"```\{sample\}.*?```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL)
+    pattern = r"^```python\n(.*?)^```|(?<=\n\n)((?: {4}[^\n]*\n|\n(?= {4}))+)|^```(?:text|console)\n(.*?)^```"
+    for found in re.finditer(pattern, text, re.MULTILINE | re.DOTALL):
+        python, indented, shown = found.groups()
+        block = textwrap.dedent(python or indented or shown)
+        if python or re.match(r"(import|from) ", block):
+            if not block.startswith("# recipe"):
+                yield "python", block
+        else:
+            for line in block.splitlines():
+                if re.match(r"(vsh-\w+|python -m vsh) ", line) and not ELSEWHERE.search(line):
+                    yield "shell", line.partition("   #")[0].replace("python -m vsh ", "vsh-")
+
+
+def write_others(field, rng):
+    """Tables with names and units of their own, a list, a map, and stars with distances."""
+    Path("defining.txt").write_text("\n".join(map(str, field.name[:600])) + "\n")
+    galactic = field.to_frame("galactic")
+    for path, sky, names in (
+        ("table.fits", galactic, "l b pml pmb pmra_error pmdec_error"),
+        ("table.csv", field, "ra dec mu_ra mu_de e_mu_ra e_mu_de"),
+        ("motions.csv", field, "ra dec pmra pmdec pmra_error pmdec_error"),
+    ):
+        columns = [np.degrees(sky.lon), np.degrees(sky.lat), *sky.motion, *sky.sigma]
+        if path == "table.fits":
+            columns[2:] = [each / 1000 for each in columns[2:]]  # without a unit, motions are in mas/yr
+        table = Table(columns, names=names.split())
+        if path == "motions.csv":
+            table["zsp"] = rng.uniform(0.5, 2, len(sky))
+            table["phot_g_mean_mag"] = sky.magnitude
+        table.write(path)
+    n, d = 400, rng.uniform(2, 20, 400)
+    far = {"ra": rng.uniform(0, 360, n), "dec": np.degrees(np.arcsin(rng.uniform(-1, 1, n))), "pmra": rng.normal(0, 5, n),
+           "pmdec": rng.normal(0, 5, n), "pmra_error": np.full(n, 0.1), "pmdec_error": np.full(n, 0.1)}  # fmt: skip
+    Table({**far, "R_sun": d, "e_R_sun": 0.1 * d}).write("clusters.fits")
+    Table({**far, "parallax": 1 / d, "parallax_error": np.full(n, 0.02)}).write("stars.fits")
+    healpy = pytest.importorskip("healpy")
+    healpy.write_map("map.fits", rng.normal(size=12 * 16**2), dtype=float)
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    files = tmp_path_factory.mktemp("files")
+    with contextlib.chdir(files):
+        for line in FILES:
+            assert run_line(f"vsh-{line}") == 0, line
+        catalogue = Field.read("catalogue.fits")
+        for name in ("quasars.fits", "gaia.fits", "igql.fits", "icrf.fits"):
+            catalogue.write(name)
+        for name, rows in (("icrf3.txt", slice(0, 400)), ("icrf2.txt", slice(100, 500))):
+            lines = [f"{k} {np.degrees(a):.12f} {np.degrees(d):.12f} 1e-7 1e-7" for k, a, d in zip(
+                catalogue.name[rows], catalogue.lon[rows], catalogue.lat[rows], strict=True)]  # fmt: skip
+            Path(name).write_text("\n".join(["source_id ra dec ra_error dec_error", *lines]) + "\n")
+        Path("folder").mkdir()
+        for i in range(3):
+            Field.read("galaxies.fits")[i * 1000 : (i + 1) * 1000].write(f"folder/{i}.parquet")
+        write_others(catalogue, np.random.default_rng(1))
+        assert run_line("vsh-fit catalogue.fits --output results") == 0
+        Path("epochs").mkdir()
+        shutil.copy("epochs.fits", "epochs")
+        shutil.copy("gaia.csv", "vlbi.csv")
+    return files
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", [page for page in GUIDE if any(code_of(page))], ids=lambda page: page.stem)
+def test_what_a_page_prints_runs(page, files, tmp_path, monkeypatch):
+    """One after the other, in a folder of its own that has the files the pages name."""
+    home = tmp_path / "home"
+    shutil.copytree(files, home)
+    monkeypatch.chdir(home)
+    monkeypatch.setenv("MPLBACKEND", "agg")
+    names: dict[str, object] = {}
+    for kind, code in code_of(page):
+        if kind == "python":
+            exec(compile(code, page.name, "exec"), names)
+            continue
+        for name in ("icrf3sx.txt", "icrf2-all.txt"):
+            if name in code and not (home / name).exists():
+                shutil.copy(real_catalogue(name), home)
+        more = ["--overwrite"] if "--output" in code else []
+        more += ["--number", "5000"] if re.match("vsh-sim crf", code) else []
+        assert run_line(code, *more) == 0, code

@@ -9,7 +9,7 @@ from vsh.sky.frames import rotation_matrix
 from vsh.sky.sphere import triad
 
 LAW = NominalScanningLaw()
-#: Mean counts in five years after 6 % loss, by |sin β| (docs/conventions.md).
+#: Mean counts in five years after 6 % loss, by |sin β| (docs/theory.md).
 #: From the Gaia Science Performance table of geometrical factors, which PyGaia 1 carried.
 PUBLISHED = {0.025: 61, 0.125: 62, 0.225: 63, 0.325: 66, 0.425: 71, 0.525: 80, 0.575: 87, 0.625: 98, 0.675: 122,
              0.725: 144, 0.775: 106, 0.825: 93, 0.875: 85, 0.925: 80, 0.975: 75}  # fmt: skip

@@ -24,7 +24,7 @@ APEX = np.array([-25.7, -244.3, 275.3])
      (0.1, 434.756, 0.1790), (1.0, 3406.3, 0.0229)],
 )  # fmt: skip
 def test_secular_parallax_values(z, distance, motion):
-    """conventions.md: d_M and the secular parallax of 369 km/s."""
+    """docs/theory.md: d_M and the secular parallax of 369 km/s."""
     assert float(transverse_distance([z])[0]) == pytest.approx(distance, abs=0.05 if z == 1 else 6e-4)  # as printed
     away = sim.secular_parallax((369.0, 0, 0))([np.pi / 2], [0.0], [z])  # 90° from the apex
     np.testing.assert_allclose(away[:, 0], [motion, 0], atol=6e-4 if z < 0.01 else 6e-5)
@@ -75,7 +75,7 @@ def test_peculiar_motion_may_be_correlated():
 
 
 def gamma_of(theta):
-    """conventions.md: correlation of two sources under gravitational waves."""
+    """docs/theory.md: correlation of two sources under gravitational waves."""
     s = np.sin(theta / 2)
     return 1 - 7 * s**2 - 12 * s**4 * np.log(s) / (1 - s**2)
 

@@ -14,7 +14,7 @@ from vsh.tools.errors import VshError
 
 @pytest.mark.parametrize(("release", "east", "north"), [("DR3", 635, 549), ("DR4", 268, 231), ("DR5", 94, 81)])
 def test_errors_at_20_are_the_published_ones(release, east, north):
-    # conventions.md gives them for t and the ratios rounded; the DR4 and DR5 ratios already hold t.
+    # docs/theory.md gives them for t and the ratios rounded; the DR4 and DR5 ratios already hold t.
     found = sim.gaia_errors(np.array([20.0]), release).ravel()
     np.testing.assert_allclose(found, [east, north], rtol=0.01)
 

@@ -1,4 +1,4 @@
-"""The reference values of docs/conventions.md."""
+"""The reference values of docs/theory.md."""
 
 import numpy as np
 import pytest
