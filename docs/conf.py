@@ -66,7 +66,7 @@ numpydoc_validation_checks = {"GL08", "PR02"}
 numpydoc_validation_exclude = {r"\.[A-Z]\w*$", r"\.__\w+__$", r"\.(index|count)$"}
 # Types of arguments and results are links where they are classes of the project.
 numpydoc_xref_param_type = True
-numpydoc_xref_ignore = {"default", "optional", "of", "or", "and", "a", "an", "the", "shape", "in", "at", "by", "to", "for", "each"}
+numpydoc_xref_ignore = "all"  # words that are no classes stay words
 numpydoc_show_class_members = False
 numpydoc_class_members_toctree = False
 autosummary_generate = False

@@ -12,6 +12,7 @@ import shutil
 from pathlib import Path
 
 from docutils import nodes
+from numpydoc import xref
 from sphinx.addnodes import pending_xref
 
 _BLOCK = re.compile(r"\.\. automodule:: ([\w.]+)\n((?:   :[^\n]*\n)*)")
@@ -79,6 +80,7 @@ def file_name(module, name):
 
 def name_classes(app, config):
     """Where each class that is named as a type has its page."""
+    xref.DEFAULT_LINKS.clear()  # Python's own words, whose inventory is not there without a network
     config.numpydoc_xref_aliases = {"ndarray": "numpy.ndarray", "Axes": "matplotlib.axes.Axes", "Table": "astropy.table.Table"}
     for module, options in _BLOCK.findall((Path(app.srcdir) / "api" / "index.md").read_text(encoding="utf-8")):
         for name in names_of(module, options):
@@ -96,8 +98,8 @@ def write_pages(app):
             full = f"{module}.{name}"
             thing = getattr(importlib.import_module(module), name)
             directive, more = directive_of(thing)
-            if ":no-inherited-members:" in options:
-                more = [*more, "no-inherited-members:"]
+            if shown := re.search(":show: (.+)", options):  # of a class of matplotlib's, what is ours
+                more = [f"members: {shown[1]}", "no-inherited-members:"]
             kind = "class" if inspect.isclass(thing) else "function" if callable(thing) else "constant"
             lines = [
                 full, "=" * len(full), "", f"A {kind} of the :doc:`reference </api/index>`.", "",

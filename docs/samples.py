@@ -6,12 +6,15 @@ vsh-fit quasars.fits --output fit
 ```
 """
 
+import hashlib
+import json
 import os
 import shlex
 import shutil
 import subprocess
 import sys
 import tempfile
+from functools import cache
 from pathlib import Path
 from typing import ClassVar
 
@@ -21,6 +24,7 @@ from sphinx.errors import ExtensionError
 from sphinx.util.docutils import SphinxDirective
 
 HERE = Path(__file__).parent
+KEPT = HERE / "_build" / "samples"
 
 
 class Sample(SphinxDirective):
@@ -36,26 +40,40 @@ class Sample(SphinxDirective):
 
     def run(self):
         commands = [line for line in self.content if line.strip()]
-        with tempfile.TemporaryDirectory() as folder:
-            if "file" in self.options:
-                shutil.copy(Path(self.get_source_info()[0]).parent / self.options["file"], folder)
-            for command in commands:
-                printed = _printed(command, folder)
-            picture = self._picture(folder) if self.arguments else []
-        lines = printed.rstrip().splitlines()
-        most = self.options.get("lines", len(lines))
-        shown = [*lines[:most], *(["…"] if most < len(lines) else [])]
-        typed = nodes.literal_block("", "\n".join(f"$ {each}" for each in commands), language="console")
-        output = nodes.literal_block("", "\n".join(shown), language="text")
-        return [nodes.container("", typed, output, classes=["sample"]), *picture]
-
-    def _picture(self, folder):
-        """The figure, kept where the build finds it."""
         name = f"{Path(self.env.docname).name}.png"
-        kept = HERE / "_build" / "samples" / name
-        kept.parent.mkdir(parents=True, exist_ok=True)
-        shutil.copy(Path(folder, self.arguments[0]), kept)
-        return [nodes.image(uri=f"/_build/samples/{name}", alt=self.options.get("alt", "the figure that is written"))]
+        kept, record = KEPT / name, KEPT / f"{name}.json"
+        key = hashlib.sha256("\n".join([_code(), *commands, *self.arguments]).encode()).hexdigest()
+        known = json.loads(record.read_text(encoding="utf-8")) if record.exists() else {}
+        if known.get("key") != key or (self.arguments and not kept.exists()):
+            with tempfile.TemporaryDirectory() as folder:
+                if "file" in self.options:
+                    shutil.copy(Path(self.get_source_info()[0]).parent / self.options["file"], folder)
+                for command in commands:
+                    printed = _printed(command, folder)
+                KEPT.mkdir(parents=True, exist_ok=True)
+                if self.arguments:
+                    shutil.copy(Path(folder, self.arguments[0]), kept)
+            known = {"key": key, "printed": printed}
+            record.write_text(json.dumps(known), encoding="utf-8")
+        lines = known["printed"].rstrip().splitlines()
+        most = self.options.get("lines", len(lines))
+        text = [*lines[:most], *(["…"] if most < len(lines) else [])]
+        typed = nodes.literal_block("", "\n".join(f"$ {each}" for each in commands), language="console")
+        output = nodes.literal_block("", "\n".join(text), language="text")
+        alt = self.options.get("alt", "the figure that is written")
+        shown = [nodes.image(uri=f"/_build/samples/{name}", alt=alt)] if self.arguments else []
+        return [nodes.container("", typed, output, classes=["sample"]), *shown]
+
+
+@cache
+def _code():
+    """What the commands are made of: a sample is run again when any of it has changed."""
+    digest = hashlib.sha256()
+    for package in ("vsh", "fit", "sim", "study"):
+        for path in sorted((HERE.parent / package).rglob("*")):
+            if path.suffix in (".py", ".toml", ".txt", ".css", ".js", ".fits"):
+                digest.update(path.read_bytes())
+    return digest.hexdigest()
 
 
 def _printed(command, folder):

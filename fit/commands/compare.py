@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from vsh.commands import finishing, parsing, reading, running
+from vsh.io.quantities import latex_table
 from vsh.io.sections import Answer, Section
 from vsh.tools.errors import TableError, VshError
 from vsh.tools.notes import merge_notes
@@ -267,7 +268,7 @@ def _latex(comparison):
     from fit.results.output import latex_of
 
     table = comparison.parameters_table()["ICRF3", "value", "sigma"]
-    terms = finishing.as_latex(table, " − ".join(comparison.labels))
+    terms = latex_table(table, " − ".join(comparison.labels))
     return f"{terms}\n\n{latex_of(comparison.best, answer=comparison.answer)}"
 
 

@@ -11,6 +11,7 @@ from typing import Any
 import fit
 import vsh
 from vsh.commands import finishing, parsing, reading, running
+from vsh.io.quantities import latex_table
 from vsh.io.sections import Answer
 from vsh.sky.frames import FRAMES
 from vsh.tools.errors import EmptySelectionError, ModesError, ParameterError, VshError
@@ -139,9 +140,7 @@ def _run(options):
         return {_HEADINGS.get(key, key): result.to_table() for key, result in results.items()}
 
     def latex():
-        extra_tables = (
-            (finishing.as_latex(table, head) for head, table in further_tables().items()) if options.long else ()
-        )
+        extra_tables = (latex_table(table, head) for head, table in further_tables().items()) if options.long else ()
         return "\n\n".join([fit.output.latex_of(solution, full=options.long), *extra_tables])
 
     def write(folder, meta):

@@ -21,8 +21,8 @@ from vsh.figures.plot import (
     legend_above,
     panels,
     sky_axes,
-    symbol,
 )
+from vsh.io.quantities import symbol
 from vsh.modes import KINDS
 from vsh.sky.pixels import smooth_map
 from vsh.tools.types import Axes, AxesArray, FloatArray, OnAxes

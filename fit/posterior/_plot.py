@@ -9,6 +9,7 @@ import numpy as np
 from fit.posterior._priors import UNITS
 from fit.posterior._sampling import Normal
 from vsh.figures.plot import COLOURS, WIDTH, apply_style, figure_of, panels
+from vsh.io.quantities import symbol
 from vsh.io.tables import decimals_of_error
 from vsh.tools.errors import ParameterError
 from vsh.tools.printing import import_quietly
@@ -16,17 +17,12 @@ from vsh.tools.types import AxesArray, OnAxes
 
 #: The data say something of a quantity if they take a tenth off the width of its prior.
 _TOLD = 0.9
-_LABELS = {
-    "v_x": "$v_x$", "v_y": "$v_y$", "v_z": "$v_z$", "speed": "$|v|$", "H0": "$H_0$",
-    "peculiar_dispersion": r"$\sigma_{\rm pec}$", "excess_noise": r"$\sigma_{\rm excess}$",
-    "a_x": r"$\tilde a_x$", "a_y": r"$\tilde a_y$", "a_z": r"$\tilde a_z$",
-}  # fmt: skip
 
 
 def label(name: str) -> str:
     """A quantity's name with its unit, as on an axis."""
     unit = f"\n[{UNITS[name]}]" if UNITS.get(name) else ""
-    return _LABELS.get(name, name) + unit
+    return symbol(name) + unit
 
 
 @apply_style
@@ -80,7 +76,7 @@ def plot_corner(
         figure.subplots_adjust(left=edge, bottom=edge, right=1 - 0.1 / size, top=1 - 0.35 / size)
     subplots = np.array(figure.axes[-k * k :], dtype=object).reshape(k, k)
     for axes, name, values in zip(subplots.diagonal(), quantities, data.T, strict=True):
-        axes.set_title(f"{_LABELS.get(name, name)} = {_format_median(values)}", fontsize=7)
+        axes.set_title(f"{symbol(name)} = {_format_median(values)}", fontsize=7)
     _draw_prior(subplots, posterior, quantities)
     figure.suptitle(f"{posterior.frame} axes, velocity toward the apex", x=0.98, ha="right")
     return subplots
@@ -147,7 +143,7 @@ def plot_trace(posterior: Any, n_shown: int = 40, *, ax: OnAxes | None = None) -
         )
         if posterior.burn_in:
             axes.axvspan(0, posterior.burn_in, color="0.85", zorder=0)
-        axes.set_ylabel(label(name) if name in UNITS else f"${name}$")
+        axes.set_ylabel(label(name) if name in UNITS else symbol(name))
         axes.set_title(f"R̂ = {r_hat[name]:.3f}, effective size {size[name]:.0f}", loc="right", fontsize=6.5, pad=2)
     subplots[-1].set_xlabel(f"step{' (shaded: left out)' if posterior.burn_in else ''}")
     return subplots

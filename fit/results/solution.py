@@ -128,7 +128,7 @@ class LinearSolution(Result):
     def residuals(self, field: Field) -> Field:
         """The field less the model: a Field, whose `chi2` is that of each source.
 
-        Its `.whitened` are the residuals decorrelated and in units of their errors.
+        Its `whitened` are the residuals decorrelated and in units of their errors.
         """
         field.check_frame(self.frame)
         return field.minus(self.model(field))

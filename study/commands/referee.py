@@ -3,6 +3,7 @@
 import argparse
 
 from vsh.commands import finishing, parsing, reading, running
+from vsh.io.quantities import latex_table
 from vsh.tools.notes import count_dropped
 
 
@@ -80,7 +81,7 @@ def _run(options):
         paths=[options.catalogue, options.earlier] if options.earlier else options.catalogue,
         counts=counts,
         latex=lambda: "\n\n".join(
-            finishing.as_latex(section.table, section.title) for section in answer.details() if section.table
+            latex_table(section.table, section.title) for section in answer.details() if section.table
         ),
         page=page,
     )

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import argparse
-import io
 import json
 import math
 import os
-import re
 import sys
 import tempfile
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -22,11 +20,12 @@ import numpy as np
 import vsh
 from vsh.commands import parsing, reading, running
 from vsh.commands.parsing import NOT_KEPT, NUMBER
+from vsh.io.quantities import latex_table
 from vsh.io.sections import Answer, Section, text_of
 from vsh.tools.errors import TableError, VshError
 from vsh.tools.files import UNFINISHED, atomic_folder, atomic_write, check_not_read, check_unchanged, digest, file_stamp
 from vsh.tools.formats import is_address
-from vsh.tools.printing import latex_text, printable, silence
+from vsh.tools.printing import printable, silence
 from vsh.tools.types import PathName
 
 if TYPE_CHECKING:
@@ -241,10 +240,6 @@ def write_page(
     page.write_page(path, page.page(title, panels, lead=lead), overwrite=overwrite)
 
 
-#: Letters that LaTeX obeys.
-_NUMBERS = re.compile(r"[+-]?[\d.]+( ± [\d.]+)?")
-
-
 @dataclass(frozen=True)
 class RunResult:
     """The result of a run, in whatever form it is printed.
@@ -288,7 +283,7 @@ def print_result(options: argparse.Namespace, result: RunResult) -> None:
     if options.json:
         print(as_json(options, result), flush=True)  # who reads may have seen enough
     elif options.latex:
-        tables = (as_latex(table, heading) for heading, table in result.tables.items())
+        tables = (latex_table(table, heading) for heading, table in result.tables.items())
         running.print_text(result.latex() if result.latex else "\n\n".join(tables))
     elif not options.quiet:
         running.print_text(result.report(options.long).rstrip("\n"))
@@ -508,31 +503,6 @@ def as_json(options: argparse.Namespace, result: RunResult) -> str:
     }
     encoding = getattr(sys.stdout, "encoding", None) or "utf-8"
     return json.dumps(_as_json_types(document), ensure_ascii=encoding.lower() not in ("utf-8", "utf8"), allow_nan=False)
-
-
-def as_latex(table: Table, caption: str = "") -> str:
-    """A table in LaTeX, with units, errors in the cells of their values, and the rules of booktabs; no correlations."""
-    from astropy.io import ascii
-    from astropy.table import Table
-
-    heads, rows = vsh.io.tables.format_table(
-        table[[name for name in table.colnames if not name.startswith("correlation_")]]
-    )
-    full_caption = ": ".join(text for text in (caption, str(table.meta.get("summary", ""))) if text)
-    form = {"tabletype": "table", "header_start": r"\toprule", "header_end": r"\midrule", "data_end": r"\bottomrule"}
-    form |= {"col_align": "l" + "c" * (len(heads) - 1)}
-    buffer = io.StringIO()
-    cells = [list(map(_latex, row)) for row in rows]
-    latex_table = Table(rows=cells or None, names=list(map(_latex, heads)), dtype=[str] * len(heads))
-    ascii.write(latex_table, buffer, format="latex", latexdict=form, caption=_latex(full_caption))
-    return buffer.getvalue().rstrip("\n")
-
-
-def _latex(text):
-    """Text that LaTeX prints as it is; numbers in its minus and ±."""
-    if _NUMBERS.fullmatch(text):
-        return "$" + text.replace("±", r"\pm") + "$"
-    return latex_text(text)
 
 
 def _table_for_json(table):

@@ -6,7 +6,7 @@ A table is printed as a reader wants it: a value with its error in one cell, dig
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -34,7 +34,13 @@ def format_three_digits(value: float) -> str:
     return f"{value:.0f}" if abs(value) >= 100 else f"{value:#.3g}"
 
 
-def format_table(table: Table, forms: Mapping[str, str] | None = None) -> tuple[list[str], list[list[str]]]:
+def format_table(
+    table: Table,
+    forms: Mapping[str, str] | None = None,
+    *,
+    written: Callable[[str], str] | None = None,
+    digits: int = 4,
+) -> tuple[list[str], list[list[str]]]:
     """Heads and rows of text: `value` and `sigma`, or `x` and `x_error`, are one cell with two digits of the error.
 
     Parameters
@@ -43,6 +49,10 @@ def format_table(table: Table, forms: Mapping[str, str] | None = None) -> tuple[
         Any.
     forms : dict of str to str, optional
         Formats of columns, by name.
+    written : callable, optional
+        How the name of a column is written: in words unless given.
+    digits : int
+        Of numbers without errors.
 
     Returns
     -------
@@ -81,8 +91,9 @@ def format_table(table: Table, forms: Mapping[str, str] | None = None) -> tuple[
         elif (name.startswith(_ALIKE) and "sigma" in table.colnames) or name == "sigma":
             cells = [_round_to_error(*item) for item in zip(values, table["sigma"].tolist(), strict=True)]
         else:
-            cells = list(map(format_cell, values))
-        head = f"r({name.removeprefix('correlation_')})" if name.startswith("correlation_") else name.replace("_", " ")
+            cells = [format_cell(item, digits) for item in values]
+        words = f"r({name.removeprefix('correlation_')})" if name.startswith("correlation_") else name.replace("_", " ")
+        head = words if written is None else written(name)
         heads.append(f"{head} [{unit_words(unit)}]" if unit else head)
         columns.append(cells)
     return heads, [list(row) for row in zip(*columns, strict=True)]
@@ -93,12 +104,14 @@ def printed_p_value(p: float) -> str:
     return f"{p:.4f}" if p > 1e-3 else f"{p:.1e}" if p > 0 else "<1e-300" if p == 0 else "–"
 
 
-def format_cell(value: Any) -> str:
-    """A value of a table as text: numbers to five digits."""
+def format_cell(value: Any, digits: int = 4) -> str:
+    """A value of a table as text: numbers to so many digits, and all digits of what is larger."""
     if isinstance(value, (bool, np.bool_)):
         return "yes" if value else "no"
     if isinstance(value, (float, np.floating)):
-        return f"{value:.5g}" if np.isfinite(value) else "–"
+        if not np.isfinite(value):
+            return "–"
+        return f"{value:.0f}" if 10**digits <= abs(value) < 1e9 else f"{value:.{digits}g}"
     return "" if value is None else str(value)
 
 

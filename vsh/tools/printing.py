@@ -40,14 +40,19 @@ _TEX = {
     "±": r"$\pm$", "µ": r"\textmu{}", "²": "$^2$", "°": r"$^\circ$", "≤": r"$\leq$", "≥": r"$\geq$", "−": "$-$",
     "–": "--", "…": r"\ldots ", "Λ": r"$\Lambda$", "Σ": r"$\Sigma$", "Ω": r"$\Omega$", "α": r"$\alpha$",
     "β": r"$\beta$", "δ": r"$\delta$", "ε": r"$\epsilon$", "λ": r"$\lambda$", "ν": r"$\nu$", "σ": r"$\sigma$",
-    "ϖ": r"$\varpi$", "ω": r"$\omega$", "ã": r"$\tilde a$", "∫": r"$\int$", "√": r"$\surd$",
+    "ϖ": r"$\varpi$", "ω": r"$\omega$", "ã": r"$\tilde a$", "|": "$|$", "∫": r"$\int$", "√": r"$\surd$",
 } | {letter: f"\\{letter}" for letter in "&%$#_{}"}  # fmt: skip
 _SIGN = re.compile("|".join(map(re.escape, _TEX)))
+_POWER = re.compile(r"\b(\d+(?:\.\d+)?)e([+-]\d+)\b")
 
 
 def latex_text(text: object) -> str:
-    """Text that LaTeX prints as it is."""
-    return _SIGN.sub(lambda sign: _TEX[sign[0]], printable(text))
+    """Text that LaTeX prints as it is, with its own minus and powers of ten for numbers."""
+    signed = re.sub(r"(?<![\w-])-(?=\d)", "−", printable(text))
+    powers = _POWER.split(signed)
+    whole = [_SIGN.sub(lambda sign: _TEX[sign[0]], part) for part in powers[::3]]
+    numbers = zip(powers[1::3], powers[2::3], whole[1:], strict=True)
+    return whole[0] + "".join(rf"${value} \times 10^{{{int(power)}}}${part}" for value, power, part in numbers)
 
 
 def one_line_text(name: object) -> str:

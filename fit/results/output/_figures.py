@@ -26,9 +26,9 @@ from vsh.figures.plot import (
     panels,
     plot_map,
     set_log_ticks,
-    symbol,
 )
 from vsh.io.parts import Parts, as_parts
+from vsh.io.quantities import symbol
 from vsh.modes import KINDS
 from vsh.scalars import ScalarField
 from vsh.sky.pixels import pixels_of
@@ -156,7 +156,7 @@ def _vector_correlations(solution):
             block = modes.slice_of(kind, 1)
             turn[block, block] = inverse
             glide = "omega" if vector == "omega" else "a" if solution.unit == "µas/yr" else "g"
-            names[block] = [symbol(f"{glide}_{axis}") if glide != "g" else f"$g_{axis}$" for axis in "xyz"]
+            names[block] = [symbol(f"{glide}_{axis}") for axis in "xyz"]
     matrix = correlation_of(turn @ solution.covariance @ turn.T)
     return names, matrix, [f"{mode.kind}{mode.l}" for mode in modes]
 

@@ -109,11 +109,7 @@ def _caption(solution, answer):
         f"degrees {solution.modes.lowest} to {solution.modes.lmax}, χ²/dof = {solution.reduced_chi2:.3f}"
     ]
     facts += [f"{label.capitalize() if label.islower() else label}: {text}" for label, text in answer.lines]
-    return " ".join(f"{_powers_of_ten(latex_text(fact))}." for fact in facts)
-
-
-def _powers_of_ten(text):
-    return re.sub(r"(\d(?:\.\d+)?)e([+-]?\d+)", lambda m: rf"${m[1]} \times 10^{{{int(m[2])}}}$", text)
+    return " ".join(f"{latex_text(fact)}." for fact in facts)
 
 
 def _square_unit(unit):

@@ -17,6 +17,7 @@ import sim
 from fit.commands.fit import main
 from vsh.commands import running
 from vsh.io.catalogue import read_field
+from vsh.io.quantities import latex_table
 from vsh.tools.errors import TableError
 
 
@@ -152,9 +153,7 @@ def test_tables_that_are_plans():
 
 
 def test_latex_prints_names_as_they_are():
-    from vsh.commands.finishing import as_latex
-
-    text = as_latex(Table({"a_b": ["50 % & {x}_1 #$ ~^ \\"]}), "A_B, χ²")
+    text = latex_table(Table({"a_b": ["50 % & {x}_1 #$ ~^ \\"]}), "A_B, χ²")
     assert r"\caption{A\_B, $\chi^2$}" in text
     assert "\na b " in text  # a head is words
     assert r"50 \% \& \{x\}\_1 \#\$ \textasciitilde{}\textasciicircum{} \textbackslash{}" in text

@@ -8,7 +8,8 @@ from vsh.io.tables import decimals_of_error, format_cell, format_table, format_t
 
 
 @pytest.mark.parametrize(
-    ("value", "text"), [(1 / 3, "0.33333"), (np.True_, "yes"), (None, ""), (12345, "12345"), ("x", "x")]
+    ("value", "text"),
+    [(1 / 3, "0.3333"), (204370.4, "204370"), (np.True_, "yes"), (None, ""), (12345, "12345"), ("x", "x")],
 )
 def test_cells(value, text):
     assert format_cell(value) == text
@@ -25,7 +26,7 @@ def test_value_has_two_digits_of_its_error():
 
 def test_errors_have_the_digits_of_values():
     table = Table({"median": [85.812], "low68": [41.93], "mean": [88.01], "sigma": [43.8], "r_hat": [1.00123]})
-    assert format_table(table)[1] == [["86", "42", "88", "44", "1.0012"]]
+    assert format_table(table)[1] == [["86", "42", "88", "44", "1.001"]]
 
 
 def test_units_stand_in_the_heads_or_in_a_column():

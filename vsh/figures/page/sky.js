@@ -65,7 +65,7 @@
       const more = this.given.fitted > this.given.lmax ? ` (fitted to ${this.given.fitted})` : "";
       const label = this.given.label ? `${this.given.label}: ` : "";
       this.summary = `${label}${what}${more}, ${part}: rms ${Math.sqrt(squares / m).toFixed(2)} ${data.unit}, ` +
-        `largest ${largest.toFixed(2)} ${data.unit}; arrows to one scale; ` +
+        `largest ${largest.toFixed(2)} ${data.unit}; ` +
         (this.given.seen ? `${sure} of ${m} arrows with p < ${data.chance} (${Math.round(data.chance * m)} expected by chance).`
           : "not detected.");
       this.said.textContent = this.summary;

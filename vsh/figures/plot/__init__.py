@@ -25,7 +25,6 @@ from vsh.figures.plot._sky_axes import (
     draw_sources,
     plot_map,
     sky_axes,
-    symbol,
 )
 from vsh.figures.plot._style import (
     COLOURS,

@@ -1,6 +1,5 @@
 """Axes that show the sky (astropy's WCSAxes), of any projection and centre, with marks and maps on them."""
 
-import re
 from collections.abc import Sequence
 from itertools import pairwise
 from typing import Any
@@ -350,28 +349,6 @@ def draw_direction(
 
 #: So many rows have a name each, and so many a number in each cell.
 NAMED, NUMBERED = 30, 8
-_LETTERS = {"epsilon_": r"\epsilon", "omega_": r"\omega", "a_": r"\tilde a", "v_": "v"}
-
-
-#: The name of a coefficient: kind, degree, order, and real or imaginary part.
-_MODE = re.compile(r"([tsf])\((\d+),(\d+)(?:,(re|im))?\)")
-
-
-def symbol(name: str) -> str:
-    """A parameter's name as it is written: ω_x, ã_x, t_20, s_21^R."""
-    mode = _MODE.fullmatch(name)
-    if mode:
-        kind, l, m, component = mode.groups()
-        subscript = f"{l}{m}" if len(l) == len(m) == 1 else f"{l},{m}"
-        return (
-            f"${kind}_{{{subscript}}}^{{\\rm {'R' if component == 're' else 'I'}}}$"
-            if component
-            else f"${kind}_{{{subscript}}}$"
-        )
-    for plain, letter in _LETTERS.items():
-        if name.startswith(plain):
-            return f"${letter}_{name[len(plain) :]}$"
-    return name
 
 
 def draw_matrix(axes: Axes, matrix: FloatArray, names: Sequence[str], groups: Sequence[str] | None = None) -> Any:
