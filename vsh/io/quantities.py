@@ -54,7 +54,7 @@ def symbol(name: str) -> str:
     return _NAMES.get(name, name)
 
 
-#: Of a page [characters]: one column; smaller letters; what does not fit into a page either is split; broken words.
+#: Widths in characters: of a column, of what needs smaller letters, of a page, and of words that are broken.
 _COLUMN, _SMALL, _PAGE, _WORDS = 42, 70, 82, 20
 #: What is printed of a cell has no room of its own.
 _COMMANDS = re.compile(r"\\(rm|tilde|mu|times|pm|xi|chi|omega|epsilon|theta)\b|[${}^_\\,]")

@@ -52,7 +52,7 @@ def format_table(
     written : callable, optional
         How the name of a column is written: in words unless given.
     digits : int
-        Of numbers without errors.
+        How many digits a number without an error has.
 
     Returns
     -------

@@ -97,7 +97,7 @@ def test_every_command_tells(command, how, galaxies, tmp_path, capsys):
         assert set(told["tables"]) == headings
         assert told["written"] == [str(tmp_path / "out")]
     elif how == "--latex":
-        assert out.count(r"\begin{table}") == len(headings)
+        assert out.count(r"\caption{") == len(headings)
         assert out.count(r"\toprule") == out.count(r"\bottomrule") == len(headings)
         rows = [line for line in out.splitlines() if line.endswith(r"\\")]
         assert all(row.count("&") == rows[0].count("&") for row in rows[:3])
