@@ -4,7 +4,7 @@ Skies in place of a likelihood
 
 Where errors are wrong by an unknown factor, the likelihood of the motions is not known, but skies can be drawn. Each is
 kept as the coefficients and the reduced χ² of a plain fit; here the parameters follow from these by a regression, and
-in `the recipe for sbi <../samplers.html#sbi>`_ by a network.
+in `the recipe for sbi <../../further.html#sbi>`_ by a network.
 """
 
 import matplotlib.pyplot as plt
