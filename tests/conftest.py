@@ -25,6 +25,13 @@ settings.load_profile("project")
 threadpool_limits(1, "blas")
 
 
+def pytest_configure(config):
+    """Reports are wrapped at the width of the terminal: what tests look for stands in one line."""
+    if reporter := config.pluginmanager.get_plugin("terminalreporter"):
+        reporter._tw.fullwidth = reporter._tw.fullwidth  # pytest's own stays
+    os.environ["COLUMNS"] = "1000"
+
+
 def pytest_collection_finish(session):
     """What is loaded by now stays: a search for garbage in it, again and again, takes a part of every test."""
     gc.freeze()

@@ -44,7 +44,8 @@ def run(command: str, arguments: Sequence[str] | None = None) -> NoReturn:
 
     def exit_interrupted(*_):
         os.write(2, b"interrupted\n")
-        os._exit(1)
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
+        os.kill(os.getpid(), signal.SIGINT)
 
     signal.signal(signal.SIGINT, exit_interrupted)
     atexit.register(gc.freeze)  # a search for garbage in all that ends anyhow takes a seventh of a small job
@@ -58,11 +59,12 @@ def run(command: str, arguments: Sequence[str] | None = None) -> NoReturn:
         options = parse(program, arguments)
         signal.signal(signal.SIGINT, signal.default_int_handler)  # from here on `vsh.commands.running.guarded` sees it
         status = program.run(options)
-    if getattr(options, "is_interrupted", False):  # within exec, Python would end as by a signal, not with the status
+    if number := getattr(options, "interrupted_by", None):  # a shell's loop ends where a signal ended its command
         atexit._run_exitfuncs()
         sys.stdout.flush()
         sys.stderr.flush()
-        os._exit(status)
+        signal.signal(number, signal.SIG_DFL)
+        os.kill(os.getpid(), number)
     sys.exit(status)
 
 

@@ -6,6 +6,7 @@ import argparse
 import json
 import math
 import os
+import shutil
 import sys
 import tempfile
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -25,7 +26,7 @@ from vsh.io.sections import Answer, Section, text_of
 from vsh.tools.errors import TableError, VshError
 from vsh.tools.files import UNFINISHED, atomic_folder, atomic_write, check_not_read, check_unchanged, digest, file_stamp
 from vsh.tools.formats import is_address
-from vsh.tools.printing import printable, silence
+from vsh.tools.printing import printable, silence, wrap_lines
 from vsh.tools.types import PathName
 
 if TYPE_CHECKING:
@@ -286,7 +287,8 @@ def print_result(options: argparse.Namespace, result: RunResult) -> None:
         tables = (latex_table(table, heading) for heading, table in result.tables.items())
         running.print_text(result.latex() if result.latex else "\n\n".join(tables))
     elif not options.quiet:
-        running.print_text(result.report(options.long).rstrip("\n"))
+        width = shutil.get_terminal_size().columns  # 80 in a pipe
+        running.print_text(wrap_lines(result.report(options.long).rstrip("\n"), width))
 
 
 def print_line(options: argparse.Namespace, text: str) -> None:

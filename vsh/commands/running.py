@@ -95,8 +95,8 @@ def run_safely(options: argparse.Namespace, action: Callable[[], object]) -> int
         return _report_failure(program, f"error: {system_message(error)}")
     except VshError as error:
         return _report_failure(program, f"error: {error}")
-    except KeyboardInterrupt:
-        options.is_interrupted = True
+    except KeyboardInterrupt as error:
+        options.interrupted_by = error.args[0] if error.args else signal.SIGINT
         return _report_failure(program, "interrupted")
     return 0
 
@@ -115,7 +115,7 @@ def _interrupt_on_terminate():
 
     def end(number, frame):
         if os.getpid() == ours:
-            raise KeyboardInterrupt
+            raise KeyboardInterrupt(number)
         os._exit(128 + number)  # a worker that was forked
 
     previous = signal.signal(signal.SIGTERM, end)

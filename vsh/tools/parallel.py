@@ -50,7 +50,7 @@ def progress_bar(
         return _NoBar(things)
     from tqdm import tqdm
 
-    return tqdm(things, total=total, desc=words or None, delay=2, unit=unit, **options)
+    return tqdm(things, total=total, desc=words or None, delay=2, unit=unit, dynamic_ncols=True, **options)
 
 
 class _NoBar:

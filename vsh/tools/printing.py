@@ -9,6 +9,7 @@ import logging
 import os
 import re
 import sys
+import textwrap
 import time
 import warnings
 from collections.abc import Callable, Iterable, Iterator
@@ -31,6 +32,25 @@ def format_labelled_lines(lines: Iterable[tuple[str, str]]) -> str:
     pairs = list(lines)
     width = max([15, *(len(label) + 2 for label, _ in pairs)])
     return "\n".join(f"{label:{width}}{text}" for label, text in pairs)
+
+
+#: What stands before the text of a line: blanks, a mark of a list, or a label in a column.
+_BEFORE = re.compile(r" *(?:- |\S+(?: \S+)* {2,}(?=\S))?")
+
+
+def wrap_lines(text: str, width: int) -> str:
+    """Lines no longer than this, broken between words below where their text begins; rows of tables stay whole."""
+    return "\n".join(_wrap_line(line, width) if len(line) > width else line for line in text.split("\n"))
+
+
+def _wrap_line(line, width):
+    before = _BEFORE.match(line)[0]
+    words = line[len(before) :]
+    if "  " in words or len(before) > width // 2:
+        return line
+    together = re.sub(r" ([±=<]) ", "\u00a0\\1\u00a0", words)  # a number stays with its error and its name
+    lines = textwrap.wrap(together, max(width - len(before), 20), break_long_words=False, break_on_hyphens=False)
+    return before + ("\n" + " " * len(before)).join(lines).replace("\u00a0", " ")
 
 
 #: Signs of a text in LaTeX; longer ones first.
