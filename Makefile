@@ -13,7 +13,7 @@ PIP := -m pip install --quiet --disable-pip-version-check
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help demo paper gaia dr4 page package docs test test-all test-slow test-studies test-oracles test-oldest test-newest coverage mutate mutants fuzz style bench lock clean
+.PHONY: help demo paper gaia dr4 page package docs test test-all test-slow test-studies test-browser test-oracles test-oldest test-newest coverage mutate mutants fuzz style bench lock clean
 
 help:  ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-11s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -40,6 +40,10 @@ test-studies: $(VENV)/installed-test  ## studies of coverage on many simulated s
 test-all:  ## all tests: the quick ones with the style, and those that take long
 	$(MAKE) test
 	$(MAKE) test-slow
+
+test-browser: $(VENV)/installed-test  ## pages in Chromium: taps, keys, names, contrast, print
+	$(BIN)/python $(PIP) --editable '.[test,browser]'
+	$(BIN)/pytest tests/vsh/figures/page/test_in_a_browser.py
 
 test-oracles: .venv-oracles/bin/python  ## the tests with LSDB, PyVO and ESA's gaiasupdate, which pin so much that they have a place of their own
 	.venv-oracles/bin/python $(PIP) --editable '.[test]' lsdb pyvo

@@ -25,9 +25,9 @@ settings.load_profile("project")
 threadpool_limits(1, "blas")
 
 
-def pytest_configure(config):
+def pytest_sessionstart(session):
     """Reports are wrapped at the width of the terminal: what tests look for stands in one line."""
-    if reporter := config.pluginmanager.get_plugin("terminalreporter"):
+    if reporter := session.config.pluginmanager.get_plugin("terminalreporter"):
         reporter._tw.fullwidth = reporter._tw.fullwidth  # pytest's own stays
     os.environ["COLUMNS"] = "1000"
 

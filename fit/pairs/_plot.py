@@ -4,10 +4,11 @@ from typing import Any
 
 import numpy as np
 
-from vsh.figures.plot import KIND_COLOURS, WIDTH, apply_style, legend_above, panels
+from vsh.figures.plot import COLOURS, WIDTH, apply_style, legend_above, panels
+from vsh.io.sections import decimals_of_error
 from vsh.tools.types import Axes, AxesArray, OnAxes
 
-_PLUS, _MINUS = KIND_COLOURS["S"], KIND_COLOURS["T"]
+_PLUS, _MINUS = COLOURS[0], COLOURS[2]
 _ANGLE, _VALUE = "angle between the sources  [°]", "correlation of motions  [(µas/yr)²]"
 
 
@@ -27,7 +28,8 @@ def plot_pairs(correlation: Any, fit: Any = None, *, ax: OnAxes | None = None) -
         for curve, colour in zip(fit.curves, (_PLUS, _MINUS), strict=True):
             axes.plot(degrees, curve, color=colour, alpha=0.8)
         for name, value, error in zip(fit.names, fit.values, fit.sigma, strict=True):
-            axes.plot([], [], color="0.4", label=f"{name} {value:.3g} ± {error:.2g}")
+            digits = decimals_of_error(error)
+            axes.plot([], [], " ", label=f"{name} {value:.{digits}f} ± {error:.{digits}f}")
     axes.axhline(0, color="0.6", linewidth=0.6)
     axes.set_ylabel(_VALUE)
     legend_above(axes, 2)

@@ -1,9 +1,10 @@
 """Figures of a joint solution (matplotlib)."""
 
 import numpy as np
+from matplotlib.colors import TwoSlopeNorm
 
 from sim.agis._results import AgisSolution, error_ratios
-from vsh.figures.plot import COLOURS, SkyAxes, apply_style, legend_above, panels, plot_map
+from vsh.figures.plot import COLOURS, DIVERGING, SkyAxes, apply_style, legend_above, panels, plot_map
 from vsh.sky.pixels import pixels_of
 from vsh.tools.types import ArrayLike, Axes, FloatArray, IntArray
 
@@ -57,7 +58,7 @@ def plot_errors_by_magnitude(solution: AgisSolution, magnitude: ArrayLike, *, ax
     ticks = [tick for tick in (0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50) if lower <= tick <= upper]
     axes.set_yticks(ticks, [f"{tick:g}" for tick in ticks])
     axes.set_yticks([], minor=True)
-    axes.set(xlabel="G", ylabel="true / formal error")
+    axes.set(xlabel="G  [mag]", ylabel="true / formal error")
     legend_above(axes, 5)
     return axes
 
@@ -86,13 +87,13 @@ def plot_ratio_map(solution: AgisSolution, nside: int = 8, *, ax: Axes | None = 
         sigma = np.sqrt(solution.formal[selection, column, column])
         squares.append(error_ratios(solution.sources[selection, column], sigma, pixel, 12 * nside**2)[0] ** 2)
     ratio = np.sqrt(np.mean(squares, axis=0))
-    values = ratio[np.isfinite(ratio)]
+    low, high = np.percentile(ratio[np.isfinite(ratio)], [2, 98])
     return plot_map(
         ratio,
         "true / formal error of the motions",
         frame=solution.frame,
         ax=ax,
-        extend="max",
-        vmin=min(1.0, values.min()),
-        vmax=np.percentile(values, 98),
+        cmap=DIVERGING,
+        extend="both",
+        norm=TwoSlopeNorm(1.0, min(low, 0.99), max(high, 1.01)),
     )

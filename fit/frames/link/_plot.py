@@ -35,7 +35,7 @@ def plot_link(solution: Any, *, ax: OnAxes | None = None) -> AxesArray:
             magnitudes, np.full(magnitudes.size, 0.02), "|", color="0.4", ms=6, transform=axes.get_xaxis_transform()
         )
         axes.set_ylabel(f"{vector}  [{'µas' if vector == 'orientation' else 'µas/yr'}]")
-        axes.set_xlabel("magnitude")
+        axes.set_xlabel("magnitude  [mag]")
     legend_above(panel_axes[0], 3)
     axes = panel_axes[len(vectors)]
     influence = np.abs(solution.influence).max(1)
@@ -54,8 +54,8 @@ def plot_link(solution: Any, *, ax: OnAxes | None = None) -> AxesArray:
         )  # fmt: skip
     axes.set_xscale("log")
     set_log_ticks(axes.xaxis, *axes.get_xlim())
-    axes.set_xlabel("√χ² per difference, formal errors")
-    axes.set_ylabel("change without it  [σ]")
+    axes.set_xlabel("√χ² per difference of a source, by its formal errors")
+    axes.set_ylabel("change of the result without it  [σ]")
     return panel_axes
 
 
@@ -65,10 +65,11 @@ def plot_steps(search: Any, *, ax: Axes | None = None) -> Axes:
     (axes,) = panels(ax, size=(WIDTH, 2.6))
     axes.vlines(search.places, 0, search.probability, color=COLOURS[0], linewidth=1)
     axes.plot(search.places, search.probability, "o", color=COLOURS[0], markersize=4)
-    axes.axvspan(*search.interval, color=COLOURS[0], alpha=0.12, linewidth=0)
+    axes.axvspan(*search.interval, color=COLOURS[0], alpha=0.12, linewidth=0, label="68 % of the probability")
     axes.set_ylim(0, None)
-    axes.set_xlabel("magnitude of the jump")
-    axes.set_ylabel("probability")
+    axes.set_xlabel("magnitude at which the frame jumps")
+    axes.set_ylabel("probability of this place")
+    legend_above(axes)
     return axes
 
 

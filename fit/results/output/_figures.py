@@ -172,7 +172,7 @@ def plot_terms(terms: Mapping[str, Mapping[str, tuple[float, float]]], unit: str
     names = list(next(iter(terms.values())))
     axes.axhline(0, color="0.6", linewidth=0.6, zorder=0)
     axes.set_xticks(range(len(names)), names, rotation=60 if len(names) > 6 else 0)
-    axes.set_ylabel(unit)
+    axes.set_ylabel(f"value of the term  [{unit}]")
     legend_above(axes, 3)
     return axes
 

@@ -23,7 +23,7 @@ from vsh.figures.plot._sky_axes import (
     plot_map,
     sky_axes,
 )
-from vsh.figures.plot._style import COLOURS, DIVERGING, FADED, SIGNIFICANCE, apply_style, colour_bar
+from vsh.figures.plot._style import COLOURS, DIVERGING, FADED, KIND_COLOURS, SIGNIFICANCE, apply_style, colour_bar
 from vsh.scalars import ScalarCoefficients, ScalarField
 from vsh.sky.pixels import centres
 from vsh.sky.sphere import angles, triad
@@ -356,7 +356,8 @@ def plot_sources(field: Field, *, n_arrows: int = 300, ax: Axes | None = None) -
     if longest > 0:
         motion = field.motion[:, indices] * np.minimum(1, longest / np.maximum(size, 1e-300))
         draw_vectors(axes, field.lon[indices], field.lat[indices], motion, scale=longest, linewidth=0.5)
-        axes.set_title(f"{len(field)} sources; longest arrow {longest:.3g} µas/yr", fontsize="small")
+        shown = "" if len(indices) == len(field) else f", motions of the {len(indices)} surest"
+        axes.set_title(f"{len(field)} sources{shown}; longest arrow {longest:.3g} µas/yr", fontsize="small")
     return axes
 
 
@@ -370,10 +371,10 @@ def _significance_colours():
 def _draw_directions(axes, coefficients, covariance, names):
     """Stars of acceleration and spin, and why arrows need not meet there."""
     handles, detections = [], []
-    for kind, name, colour in (("S", names[1], COLOURS[1]), ("T", names[0], COLOURS[3])):
+    for kind, name in (("S", names[1]), ("T", names[0])):
         vector = coefficients.vector(kind, covariance, axes.sky_frame)
         if vector.value.any():
-            handles.append(draw_direction(axes, vector, name, colour))
+            handles.append(draw_direction(axes, vector, name, KIND_COLOURS[kind]))
             if covariance is None or vector.p_value < SEEN:
                 detections.append(name)
     needs_remark = names[1] in detections and (coefficients.modes.lmax > 1 or len(detections) > 1)

@@ -370,8 +370,11 @@ def draw_matrix(axes: Axes, matrix: FloatArray, names: Sequence[str], groups: Se
         ends = [*starts, k]
         middles = [(a + b - 1) / 2 for a, b in pairwise(ends)]
         labels = [groups[i] for i in starts]
-        # The narrow ones of the lowest degrees would lie on each other.
-        indices = [i for i, (a, b) in enumerate(pairwise(ends)) if b - a > k / 22]
+        # The first of each kind, degree 1, and of the others those that do not lie on the one before.
+        indices: list[int] = []
+        for i, middle in enumerate(middles):
+            if not indices or labels[i][:1] != labels[indices[-1]][:1] or middle - middles[indices[-1]] > k / 24:
+                indices.append(i)
         axes.set_xticks([middles[i] for i in indices], [labels[i] for i in indices])
         axes.set_yticks([middles[i] for i in indices], [labels[i] for i in indices])
     else:

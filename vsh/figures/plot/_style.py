@@ -8,7 +8,7 @@ from typing import Any, ParamSpec, TypeVar
 
 import matplotlib.pyplot as plt
 import numpy as np
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 from PIL import Image
 
 from vsh.tools.arguments import choice, positive
@@ -23,7 +23,8 @@ WIDTH = 3.54
 #: Classes that everybody can tell apart (Okabe & Ito 2008), the three axes first;
 #: tests/vsh/figures/plot/test_colours.py.
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#000000", "#e69f00")
-KIND_COLOURS = {"T": COLOURS[1], "S": COLOURS[0], "F": COLOURS[0]}
+#: One colour for each kind in all figures: spin and toroidal harmonics, acceleration and spheroidal ones, scalars.
+KIND_COLOURS = {"T": COLOURS[3], "S": COLOURS[1], "F": COLOURS[0]}
 KIND_NAMES = {"T": "toroidal", "S": "spheroidal", "F": "scalar"}
 #: From little to much; of either sign; of how sure something is. Their luminance never turns back.
 SEQUENTIAL, DIVERGING, SIGNIFICANCE = "viridis", "RdBu_r", "viridis_r"
@@ -110,6 +111,9 @@ def colour_bar(axes: Axes, image: Any, label: str, **how: Any) -> Any:
     options: dict[str, Any] = {"orientation": "horizontal", "shrink": 0.7, "pad": 0.04, "aspect": 30} | how
     bar = axes.figure.colorbar(image, ax=axes, **options)
     bar.set_label(label)
+    if "ticks" not in how:
+        bar.locator = MaxNLocator(5)  # so that no two numbers touch
+        bar.update_ticks()
     bar.outline.set_linewidth(0.4)
     return bar
 

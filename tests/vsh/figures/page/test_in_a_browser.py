@@ -227,3 +227,98 @@ def test_sources_are_read_under_the_pointer(browser, pages):
     middle = tab.evaluate("document.querySelector('canvas').sky.projection.rotate()")
     assert abs(middle[0]) > 5  # it followed
     tab.context.close()
+
+
+def test_every_dot_has_its_own_name(browser, pages):
+    """A thousand of 20 000: name and place are those of one row of the catalogue."""
+    field = Field.read(pages["many"].with_suffix(".fits"))
+    tab, _ = opened(browser, pages["many"])
+    sent = json.loads(
+        tab.evaluate("""() => { const { given, sources, n } = document.querySelector("canvas").sky;
+            return JSON.stringify(Array.from({ length: n }, (_, i) => [given.names[i], sources.lon[i], sources.lat[i]])); }""")
+    )
+    tab.context.close()
+    row_of = {str(name): row for row, name in enumerate(field.name)} if field.name is not None else {}
+    rng = np.random.default_rng(1)
+    for name, lon, lat in (sent[i] for i in rng.choice(len(sent), 1000, replace=False)):
+        row = row_of[name]
+        assert np.degrees([field.lon[row], field.lat[row]]) == pytest.approx([lon, lat], abs=1e-4)
+
+
+def test_a_tap_a_name_and_a_row_show_a_source(browser, pages):
+    context = browser.new_context(viewport={"width": 390, "height": 800}, has_touch=True, is_mobile=True)
+    tab = context.new_page()
+    tab.goto(pages["demo"].as_uri())
+    tab.wait_for_selector("body[data-ready]")
+    tab.locator("canvas").scroll_into_view_if_needed()
+    box = tab.locator("canvas").bounding_box()
+    x, y, name = tab.evaluate(
+        "(() => { const s = document.querySelector('canvas').sky; return [s.x[5], s.y[5], s.given.names[5]]; })()"
+    )
+    tab.touchscreen.tap(box["x"] + x, box["y"] + y)
+    assert tab.inner_text("#said-0").startswith(f"{name}: ")
+    tab.fill("#go", "no such source")
+    tab.press("#go", "Enter")
+    assert "no source" in tab.inner_text("#went")
+    other = tab.evaluate("document.querySelector('canvas').sky.given.names[9]")
+    tab.fill("#go", other)
+    tab.press("#go", "Enter")
+    assert tab.inner_text("#went") == ""
+    assert tab.inner_text("#said-0").startswith(f"{other}: ")
+    tab.fill("#go", "83.63 -22.01")
+    tab.press("#go", "Enter")
+    assert tab.evaluate("document.querySelector('canvas').sky.projection.rotate()")[:2] == pytest.approx(
+        [-83.63, 22.01]
+    )
+    context.close()
+
+
+def test_two_skies_have_one_scale(browser, pages):
+    """The same place in both: pixels of its arrow over its motion."""
+    tab, _ = opened(browser, pages["beside"])
+    largest, *scales = tab.evaluate("""() => {
+        const skies = Array.from(document.querySelectorAll("canvas"), (canvas) => canvas.sky);
+        const scale = (sky) => Object.fromEntries(sky.lines.map(({ i, points }) => {
+            let length = 0;
+            for (let k = 1; k < 7; k++) length += Math.hypot(points[k][0] - points[k - 1][0], points[k][1] - points[k - 1][1]);
+            return [i, length / Math.hypot(sky.motion[i], sky.motion[sky.motion.length / 2 + i])];
+        }));
+        return [skies.map((sky) => sky.largest), ...skies.map(scale)];
+    }""")
+    tab.context.close()
+    assert largest[0] != largest[1]
+    ratios = [scales[0][i] / scales[1][i] for i in set(scales[0]) & set(scales[1])]
+    assert len(ratios) > 200
+    assert np.median(ratios) == pytest.approx(1, abs=0.01)
+
+
+def test_it_is_light_on_paper_and_a_picture_without_a_script(browser, pages):
+    tab, _ = opened(browser, pages["demo"], scheme="dark")
+    ground = "getComputedStyle(document.documentElement).getPropertyValue('--back')"
+    assert tab.evaluate(ground) == "#0d1117"
+    tab.evaluate("dispatchEvent(new Event('beforeprint'))")
+    assert tab.evaluate(ground) == "#ffffff"
+    tab.evaluate("dispatchEvent(new Event('afterprint'))")
+    assert tab.evaluate(ground) == "#0d1117"
+    assert not tab.locator("img.still").is_visible()
+    tab.context.close()
+    context = browser.new_context(java_script_enabled=False)
+    tab = context.new_page()
+    tab.goto(pages["demo"].as_uri())
+    assert tab.locator("img.still").is_visible()
+    assert not tab.locator("canvas").is_visible()
+    assert not tab.locator(".controls").is_visible()
+    context.close()
+
+
+def test_contents_lead_to_what_they_name(browser, pages):
+    tab, _ = opened(browser, pages["demo"])
+    links = tab.locator("nav.contents a")
+    assert links.count() >= 6
+    for i in range(links.count()):
+        assert tab.locator(links.nth(i).get_attribute("href")).inner_text() == links.nth(i).inner_text()
+    assert tab.title().startswith("the simulated catalogue of the demo: ")
+    with tab.expect_download() as saved:
+        tab.locator("a.save").first.click()
+    assert saved.value.suggested_filename.endswith(".csv")
+    tab.context.close()
