@@ -11,7 +11,7 @@ import numpy as np
 from vsh.coefficients import Coefficients
 from vsh.field import TableIO
 from vsh.modes import Modes, ScalarModes, as_modes
-from vsh.sky.frames import FRAME_KEY, check_frame, rotation_matrix
+from vsh.sky.frames import AXES, FRAME_KEY, check_frame, rotation_matrix
 from vsh.sky.sphere import angles, triad
 from vsh.tools.arguments import float_array, number
 from vsh.tools.bad_rows import as_floats, check_shapes, invalid_rows, select_usable
@@ -224,13 +224,14 @@ class ScalarField(TableIO):
 
     def _table(self):
         columns = {"source_id": np.arange(1, len(self) + 1) if self.name is None else self.name}
+        lon, lat, *_ = AXES[self.frame]
         columns |= {
-            "ra": np.degrees(self.lon),
-            "dec": np.degrees(self.lat),
+            lon: np.degrees(self.lon),
+            lat: np.degrees(self.lat),
             "value": self.values,
             "value_error": self.sigma,
         }
-        units = {"ra": "deg", "dec": "deg"} | (dict.fromkeys(("value", "value_error"), self.unit) if self.unit else {})
+        units = {lon: "deg", lat: "deg"} | (dict.fromkeys(("value", "value_error"), self.unit) if self.unit else {})
         return columns, units, {} if self.frame == "icrs" else {FRAME_KEY: self.frame}
 
     def __len__(self) -> int:

@@ -152,3 +152,17 @@ def test_copy_is_as_frozen():
     assert list(again.name) == list(range(10))
     with pytest.raises(ValueError):
         again.values[0] = 1.0
+
+
+@pytest.mark.parametrize(
+    ("frame", "names"), [("galactic", ["l", "b"]), ("ecliptic", ["ecl_lon", "ecl_lat"]), ("icrs", ["ra", "dec"])]
+)
+def test_written_positions_have_the_names_of_their_axes(frame, names, tmp_path):
+    """They stood as ra, dec, whatever they were."""
+    field = ScalarField(LON, LAT, np.arange(40.0), np.ones(40), "uas", frame=frame)
+    for path in (tmp_path / "scalars.csv", tmp_path / "scalars.fits"):
+        field.write(path)
+        assert Table.read(path).colnames[1:3] == names
+        again = read_scalars(path, "value")
+        assert again.frame == frame
+        assert_allclose([again.lon, again.lat], [LON, LAT], rtol=1e-12)

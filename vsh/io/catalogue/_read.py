@@ -38,7 +38,7 @@ from vsh.io.catalogue._names import ASSUMED, REQUIRED, USUAL_UNITS, Columns, add
 from vsh.io.maps import read_density
 from vsh.io.parts import OPTIONAL, Parts
 from vsh.scalars import ScalarField
-from vsh.sky.frames import REDSHIFT_FRAME_COLUMN
+from vsh.sky.frames import AXES, REDSHIFT_FRAME_COLUMN
 from vsh.tools.arguments import positive, whole
 from vsh.tools.bad_rows import PLACEHOLDER, as_floats, find_placeholder_rows, zero_motion_rows
 from vsh.tools.errors import EmptyFieldError, EmptySelectionError, FieldError, TableError, VshWarning
@@ -556,6 +556,9 @@ def read_scalars(
     table = tables.open_table(source, format)
     clause = None if where is None else RowSelection(where, table)
     error = error or f"{value}_error"
+    own = [key for key, names in AXES.items() if set(names[:2]) <= set(table.names)]
+    if "ra" == ra not in table.names and own:  # a field that was written has the names of its own axes
+        ra, dec, frame = *AXES[own[0]][:2], frame or own[0]
     required_columns = [ra, dec, value, error] + ([name] if name else [])
     for column in required_columns:
         if column not in table.names:
