@@ -35,7 +35,7 @@ def format_labelled_lines(lines: Iterable[tuple[str, str]]) -> str:
 
 
 #: What stands before the text of a line: blanks, a mark of a list, or a label in a column.
-_BEFORE = re.compile(r" *(?:- |\S+(?: \S+)* {2,}(?=\S))?")
+_BEFORE = re.compile(r"( *(?:- |\S+(?: \S+)* {2,}(?=\S))?)(.*)")
 
 
 def wrap_lines(text: str, width: int) -> str:
@@ -44,8 +44,7 @@ def wrap_lines(text: str, width: int) -> str:
 
 
 def _wrap_line(line, width):
-    before = _BEFORE.match(line)[0]
-    words = line[len(before) :]
+    ((before, words),) = _BEFORE.findall(line)[:1]
     if "  " in words or len(before) > width // 2:
         return line
     together = re.sub(r" ([±=<]) ", "\u00a0\\1\u00a0", words)  # a number stays with its error and its name
