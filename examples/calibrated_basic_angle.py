@@ -15,7 +15,7 @@ from fit import in_time
 from sim import agis
 from vsh import Modes
 from vsh.basis import harmonics
-from vsh.figures.plot import figure_of
+from vsh.figures.plot import COLOURS, STYLE, figure_of
 from vsh.io.epochs import design_row
 
 # %%
@@ -68,11 +68,14 @@ for words in calibrations:
 # Constant harmonics absorb next to nothing, except at 2 per year. Harmonics of order 1 that are free every five days leave
 # two thirds of the pattern, those of order 2 a fifth. A prior of 1 µas does not help: the stars determine the harmonics ten
 # times as well.
-fig, ax = plt.subplots(figsize=(7, 4.8), layout="constrained")
-for marker, (words, values) in zip("osD^v*", shares.items(), strict=True):
-    ax.plot(frequencies, values, marker=marker, ms=4, ls="--" if "known" in words else "-", label=words)
+plt.rcParams.update(STYLE)
+fig, ax = plt.subplots(figsize=(7, 4.2))
+for marker, colour, (words, values) in zip("osD^v*", COLOURS, shares.items(), strict=True):
+    # What lies on another line is seen beside it: open marks, and dashes.
+    style = {"ls": "--", "mfc": "w"} if "known" in words or "constant" in words else {"ls": "-"}
+    ax.plot(frequencies, values, marker=marker, color=colour, label=words, **style)
 ax.set_ylim(0, 1)
 ax.set_xlabel("frequency [1/yr]")
-ax.set_ylabel("share of degree 2 that is left (rms)")
-fig.legend(title="basic angle", fontsize="small", ncols=2, loc="outside upper center")
+ax.set_ylabel("share of a wave's motions of degree 2 that is left (rms)")
+fig.legend(title="variations of the basic angle that are solved for", ncols=2, loc="outside upper center")
 figure_of(ax).savefig("calibrated_basic_angle.png")

@@ -111,7 +111,7 @@ def format_cell(value: Any, digits: int = 4) -> str:
     if isinstance(value, (float, np.floating)):
         if not np.isfinite(value):
             return "–"
-        return f"{value:.0f}" if 10.0**digits <= abs(value) < 1e9 else f"{value:.{digits}g}"
+        return f"{value:.0f}" if 10.0**digits <= abs(float(value)) < 1e9 else f"{value:.{digits}g}"
     return "" if value is None else str(value)
 
 
