@@ -14,10 +14,11 @@ import numpy as np
 import pytest
 from astropy import units
 from astropy.table import Table
-from conftest import POSIX, ROOT, real_catalogue
+from conftest import DATA, POSIX, ROOT, real_catalogue
 from tap_server import serving
 
 from vsh import Field
+from vsh.__main__ import module_of
 from vsh.commands import COMMANDS
 
 PAGES = [ROOT / "docs" / name for name in ("large_catalogues.md", "archive.md", "further.md")]
@@ -40,7 +41,7 @@ def field(seed):
 
 
 @pytest.fixture(scope="module")
-def home(tmp_path_factory):
+def tables(tmp_path_factory):
     home = tmp_path_factory.mktemp("recipes")
     (home / "folder").mkdir()
     for i in range(3):
@@ -73,7 +74,8 @@ def test_no_recipe_is_forgotten():
         for name in sorted(set(RECIPES) - {*SAMPLERS})
     ],
 )
-def test_recipe(name, home):
+def test_recipe(name, tables):
+    home = tables
     if name in NEEDS:
         pytest.importorskip(NEEDS[name], exc_type=ImportError)
     text = RECIPES[name]
@@ -134,7 +136,8 @@ print(mean, np.sqrt(np.average((omega - mean) ** 2, weights=weight)))
 
 @POSIX
 @pytest.mark.slow
-def test_job_for_one_node_runs(home, tmp_path):
+def test_job_for_one_node_runs(tables, tmp_path):
+    home = tables
     """SLURM's lines are comments to bash."""
     page = PAGES[0].read_text(encoding="utf-8")
     one, several = re.findall(r"```bash\n(.*?)```", page, re.DOTALL)
@@ -214,6 +217,7 @@ FILES = (
     "sim quasars --number 3000 --sky igql --seed 1 --output catalogue.fits",
     "sim quasars --number 3000 --sky gums --seed 2 --output gums.fits",
     "sim crf3 --number 5000 --seed 1 --output crf3.fits",
+    "sim crf4 --number 5000 --seed 1 --output crf4.fits",
     "sim galaxies --number 3000 --no-transits --release DR5 --velocity planck --seed 1 --output galaxies.fits",
     "sim link --seed 1 --output both.csv",
     "sim epochs --number 30 --wave 2,900,0,60,-20 --seed 1 --output epochs.fits",
@@ -298,24 +302,52 @@ def files(tmp_path_factory):
     return files
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("page", [page for page in GUIDE if any(code_of(page))], ids=lambda page: page.stem)
-def test_what_a_page_prints_runs(page, files, tmp_path, monkeypatch):
-    """One after the other, in a folder of its own that has the files the pages name."""
-    home = tmp_path / "home"
-    shutil.copytree(files, home)
-    monkeypatch.chdir(home)
+@pytest.fixture
+def home(files, tmp_path, monkeypatch):
+    """A folder of its own that has the files the pages name; real ones where they are at hand."""
+    shutil.copytree(files, tmp_path / "home")
+    for name in ("icrf3sx.txt", "icrf2-all.txt"):
+        if (DATA / name).exists():
+            shutil.copy(DATA / name, tmp_path / "home")
+    monkeypatch.chdir(tmp_path / "home")
     monkeypatch.setenv("MPLBACKEND", "agg")
+
+
+def printed(kind):
+    return {page: [code for each, code in code_of(page) if each == kind] for page in GUIDE}
+
+
+def skip_what_needs(code):
+    for name in ("icrf3sx.txt", "icrf2-all.txt"):
+        if name in code:
+            real_catalogue(name)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "page", [page for page, blocks in printed("python").items() if blocks], ids=lambda page: page.stem
+)
+def test_python_of_a_page_runs(page, home):
+    """One block after the other, with nothing given but the files."""
     names: dict[str, object] = {}
-    for kind, code in code_of(page):
-        if "results/run.toml" in code and not Path("results").exists():
-            assert run_line("vsh-fit catalogue.fits --output results") == 0
-        for name in ("icrf3sx.txt", "icrf2-all.txt"):
-            if name in code and not (home / name).exists():
-                shutil.copy(real_catalogue(name), home)
-        if kind == "python":
-            exec(compile(code, page.name, "exec"), names)
-            continue
-        more = ["--overwrite"] if "--output" in code else []
-        more += ["--number", "5000"] if re.match("vsh-sim crf", code) else []
-        assert run_line(code, *more) == 0, code
+    for code in printed("python")[page]:
+        skip_what_needs(code)
+        few = code.replace("range(200)", "range(10)")  # skies that are simulated
+        exec(compile(few, page.name, "exec"), names)
+
+
+#: What the help of a command shows is run by tests/vsh/commands/test_help.py.
+SHOWN = {line.strip() for name in COMMANDS for line in module_of(name).make_parser().epilog.splitlines()}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "line", sorted({line.strip() for lines in printed("shell").values() for line in lines} - SHOWN)
+)
+def test_printed_command_runs(line, home):
+    skip_what_needs(line)
+    if "results/run.toml" in line:
+        assert run_line("vsh-fit catalogue.fits --output results") == 0
+    more = ["--overwrite"] if "--output" in line else []
+    more += ["--number", "5000"] if re.match("vsh-sim crf", line) else []
+    assert run_line(line, *more) == 0
