@@ -170,7 +170,7 @@ def test_command_from_simulation_to_page(tmp_path, capsys):
     assert "| five-parameter sources | 1215942 |  | 6000 |  |" in text
     assert "A simulated catalogue; the truth is g = (-0.236, -3.756, -2.080)" in text
     page = (home / "gaia.html").read_text(encoding="utf-8")
-    assert page.count("<img ") == 6  # the sky is one that turns
+    assert page.count("<img ") == 7  # that of the sky where no script runs, and six figures
     assert "The acceleration of the Solar System" in page
     assert 'src="http' not in page
     degrees = Table.read(home / "degrees.ecsv")

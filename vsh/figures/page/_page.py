@@ -19,7 +19,17 @@ import numpy as np
 from vsh.basis import harmonics
 from vsh.coefficients import Coefficients
 from vsh.field import Field
-from vsh.figures.plot import CHANCE, LONGEST, SURE, close_figures, even_grid, is_detected, picture_of, plot_field
+from vsh.figures.plot import (
+    CHANCE,
+    LONGEST,
+    SURE,
+    allow_many_figures,
+    close_figures,
+    even_grid,
+    is_detected,
+    picture_of,
+    plot_field,
+)
 from vsh.io.sections import Section
 from vsh.io.tables import format_table
 from vsh.sky.frames import ANGLES
@@ -358,7 +368,8 @@ def _figure(i, solution, sent):
 
 def _still(solution):
     """The picture that stands there where no script runs."""
-    axes = plot_field(solution.field, solution.coefficients, covariance=solution.covariance, unit=solution.unit)
+    with allow_many_figures():  # those of the page are open
+        axes = plot_field(solution.field, solution.coefficients, covariance=solution.covariance, unit=solution.unit)
     data = base64.b64encode(picture_of(axes, dpi=120)).decode()
     close_figures([axes])
     return f'<img class="still" alt="the sources, and the motions fitted to them" src="data:image/png;base64,{data}">'
