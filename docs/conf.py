@@ -84,7 +84,10 @@ for name in PACKAGES:
 EXAMPLES = HERE / "_examples"
 SECTIONS = {
     "first_steps": ("First steps", "first_fit real_catalogue harmonics simulated_sky"),
-    "estimators": ("Estimators and systematic errors", "robust_fits shared_errors correlation_matrices vlbi_backgrounds"),
+    "estimators": (
+        "Estimators and systematic errors",
+        "robust_fits shared_errors correlation_matrices vlbi_backgrounds",
+    ),
     "frames": ("Reference frames", "compare_catalogues parallax_zero_point"),
     "galaxies": (
         "Galaxies: velocity and the Hubble constant",

@@ -81,7 +81,11 @@ def file_name(module, name):
 def name_classes(app, config):
     """Where each class that is named as a type has its page."""
     xref.DEFAULT_LINKS.clear()  # Python's own words, whose inventory is not there without a network
-    config.numpydoc_xref_aliases = {"ndarray": "numpy.ndarray", "Axes": "matplotlib.axes.Axes", "Table": "astropy.table.Table"}
+    config.numpydoc_xref_aliases = {
+        "ndarray": "numpy.ndarray",
+        "Axes": "matplotlib.axes.Axes",
+        "Table": "astropy.table.Table",
+    }
     for module, options in _BLOCK.findall((Path(app.srcdir) / "api" / "index.md").read_text(encoding="utf-8")):
         for name in names_of(module, options):
             if inspect.isclass(getattr(importlib.import_module(module), name)):
@@ -143,7 +147,13 @@ def link_names(app, doctree):
         if found is None or isinstance(literal.parent, (nodes.reference, pending_xref)):
             continue
         link = pending_xref(
-            "", refdomain="py", reftype="obj", reftarget=found[1], refdoc=app.env.docname, refwarn=False, refexplicit=True
+            "",
+            refdomain="py",
+            reftype="obj",
+            reftarget=found[1],
+            refdoc=app.env.docname,
+            refwarn=False,
+            refexplicit=True,
         )
         literal.replace_self(link)
         link += literal

@@ -10,7 +10,8 @@ from conftest import ROOT
 
 PACKAGES = ("vsh", "fit", "sim", "study")
 #: Lines of code that all packages may have together: it falls with every cut, to 33 500, and only a decision of the
-#: maintainers raises it, as when faults were mended at seventy places and 660 names made true (36 141 before).
+#: maintainers raises it, as when faults were mended at seventy places and 660 names made true (36 141
+#: before), and when tables in LaTeX and reports were made to fit their page (36 429 before).
 TOTAL = 36_543
 #: Lines of code (no docstrings, comments or blank lines) that a room may have.
 BUDGET = {
