@@ -194,7 +194,7 @@
     }
 
     arrows(colour, few) {
-      const { context } = this, m = grid.n, longest = (few ? 1.8 : 1) * data.longest;
+      const { context } = this, m = grid.n, scale = this.degrees(few);
       this.lines = [];
       const heads = [];
       for (const sure of [false, true]) {
@@ -205,7 +205,7 @@
         for (let i = 0; i < m; i += few ? 2 : 1) {
           const size = Math.hypot(this.motion[i], this.motion[m + i]);
           if (!(size > 0) || !!this.sure[i] !== sure || this.hidden([grid.lon[i], grid.lat[i]])) continue;
-          const points = this.arrow(i, longest * size / largest());
+          const points = this.arrow(i, scale * size);
           if (!points) continue;
           this.lines.push({ i, points, sure });
           points.forEach((at, k) => (k ? context.lineTo(at[0], at[1]) : context.moveTo(at[0], at[1])));
@@ -224,9 +224,12 @@
       }
     }
 
+    // How long an arrow is for a motion of 1, of all skies alike. [deg]
+    degrees(few) { return (few ? 1.8 : 1) * data.longest / largest(); }
+
     // How long an arrow is: in the corner, which the map leaves free.
     key(colour, few) {
-      const { context, height } = this, unit = (few ? 1.8 : 1) * data.longest * RAD * this.projection.scale() / largest();
+      const { context, height } = this, unit = this.degrees(few) * RAD * this.projection.scale();
       const value = round(Math.min(largest(), 90 / unit)), size = value * unit, y = height - 12;
       if (!(size > 0)) return;
       context.strokeStyle = context.fillStyle = colour("--ink");
