@@ -8,7 +8,7 @@ import shlex
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from html import escape
+from html import escape, unescape
 from importlib.resources import files
 from importlib.util import find_spec
 from string import Template
@@ -57,8 +57,7 @@ def heading(text: str, *panels: Panel) -> Panel:
     """Panels under a heading; nothing if they are empty."""
     html = "\n".join(panel.html for panel in panels if panel.html)
     scripts = tuple(script for panel in panels for script in panel.scripts)
-    anchor = re.sub(r"\W+", "-", text.lower()).strip("-")
-    return Panel(f'<h2 id="{anchor}">{escape(text)}</h2>\n{html}' if html else "", scripts)
+    return Panel(f"<h2>{escape(text)}</h2>\n{html}" if html else "", scripts)
 
 
 def paragraph(text: str, kind: str = "") -> Panel:
@@ -214,9 +213,17 @@ def page(title: str, panels: Iterable[Panel], *, lead: str = "", source: str = "
         A Content-Security-Policy in it allows its own style and scripts, by their hashes, and pictures within it.
     """
     contents = [panel for panel in panels if panel.html]
-    body = "\n".join(panel.html for panel in contents)
-    headings = re.findall(r'<h2 id="([^"]+)">(.*?)</h2>', body)
-    links = "".join(f'<li><a href="#{anchor}">{text}</a></li>' for anchor, text in headings)
+    headings: dict[str, str] = {}
+
+    def mark(found: re.Match[str]) -> str:
+        """A heading with its anchor, which is its own even where two have the same words."""
+        anchor = re.sub(r"\W+", "-", unescape(found[1]).lower()).strip("-")
+        anchor = f"{anchor}-{len(headings)}" if anchor in headings else anchor
+        headings[anchor] = found[1]
+        return f'<h2 id="{anchor}">{found[1]}</h2>'
+
+    body = re.sub("<h2>(.*?)</h2>", mark, "\n".join(panel.html for panel in contents))
+    links = "".join(f'<li><a href="#{anchor}">{text}</a></li>' for anchor, text in headings.items())
     script_names = list(dict.fromkeys(script for panel in contents for script in panel.scripts))
     texts = [d3_script() if name == "d3" else _asset(f"{name}.js") for name in script_names]
     style = _asset("page.css")

@@ -79,3 +79,11 @@ def test_long_tables_say_what_is_left_out():
     html = page.section(Section("Rows", (), Table({"x": np.arange(500)}))).html
     assert html.count("<tr>") == 201
     assert "The first 200 of 500 rows" in html
+
+
+def test_headings_with_the_same_words_have_anchors_of_their_own():
+    html = page.page("x", [page.heading("Sources & more", page.paragraph(str(k))) for k in range(4)])
+    anchors = re.findall('<h2 id="([^"]+)">', html)
+    assert len(set(anchors)) == 4
+    assert anchors[0] == "sources-more"
+    assert re.findall('<a href="#([^"]+)">', html) == anchors
