@@ -57,7 +57,7 @@ calibrations = (
     "free every 5 days to order 1, known to 1 µas",
     "free every 5 days to order 2",
 )
-frequencies = np.array([0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 2.5, 3.8, 4.2, 5.0, 5.8, 6.4, 6.8])
+frequencies = np.array([0.25, 0.5, 1.0, 1.5, 2.0, 3.0, 4.2, 6.8])
 shares = {}
 for words in calibrations:
     response = agis.Response(law, nside=4, steps=100_000, calibration=words)

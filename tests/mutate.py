@@ -4,13 +4,17 @@
 with status 1 if one was not, or if a place to break is not there any more. `python tests/mutate.py 3 7` runs some.
 
 `python tests/mutate.py --random 120 --seed 5` draws the places instead, evenly by lines of code: an operator, a number, a
-condition or a default is changed, and the quick tests of the folder and those that name the function run. It prints what
+condition or a default is changed, and the quick tests that run this line, the quickest first, and then those of the folder
+have to notice. Which tests run which line is measured once, by a run of the quick tests under coverage. It prints what
 survived, which somebody has to judge: some changes make no difference.
 """
 
 import argparse
 import ast
+import collections
+import concurrent.futures
 import os
+import queue
 import random
 import re
 import shutil
@@ -19,6 +23,8 @@ import sys
 import tempfile
 from pathlib import Path
 
+import coverage
+import pytest
 from breaks import BREAKS
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -115,48 +121,99 @@ def tests_of(path, function):
 
 
 def copied(folder):
-    """A copy of the project, and the environment in which Python imports it."""
+    """A copy of the project, and the environment in which Python imports it and pytest finds the hook below."""
     copy = Path(folder) / "copy"
-    ignored = shutil.ignore_patterns(".venv*", ".git", "__pycache__", "paper", "demo", ".hypothesis")
+    ignored = shutil.ignore_patterns(".venv*", ".git", "__pycache__", "paper", "demo", ".hypothesis", "_build")
     shutil.copytree(ROOT, copy, ignore=ignored)
-    return copy, os.environ | {"PYTHONPATH": str(copy), "PYTHONDONTWRITEBYTECODE": "1"}
+    paths = f"{copy}{os.pathsep}{copy / 'tests'}"
+    return copy, os.environ | {"PYTHONPATH": paths, "PYTHONDONTWRITEBYTECODE": "1", "OMP_NUM_THREADS": "1"}
 
 
-def run_random(number, seed):
-    """Plant random mutants one at a time; prints the share that the quick tests find."""
-    found = 0
-    with tempfile.TemporaryDirectory() as folder:
-        copy, environment = copied(folder)
-        for path, source, kind, first, last, new, function in draw(number, seed):
-            whole = source.encode()
-            old = whole[first:last].decode()
-            (copy / path).write_bytes(whole[:first] + new.encode() + whole[last:])
-            tests = [*tests_of(path, function), "--doctest-modules", path.as_posix()]
-            command = [
-                sys.executable,
-                "-m",
-                "pytest",
-                "-q",
-                "-x",
-                "-p",
-                "no:cacheprovider",
-                "-m",
-                "not slow",
-                "-n",
-                "2",
-            ]
-            try:
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_logstart(nodeid):
+    """Coverage is told which test runs, with `-p mutate`."""
+    if running := coverage.Coverage.current():
+        running.switch_context(nodeid)
+
+
+def measure_tests(copy, environment):
+    """The tests that run each line: {(file, line): [test, ...]}, the quickest first; and the seconds of each test."""
+    settings = copy / "coverage.ini"
+    settings.write_text(
+        "[run]\nsource = vsh,sim,fit,study\nparallel = true\nconcurrency = multiprocessing,thread\npatch = subprocess\n"
+        "relative_files = true\ncontext = ${PYTEST_CURRENT_TEST-}\n"
+    )
+    command = [sys.executable, "-m", "coverage", "run", f"--rcfile={settings}", "-m", "pytest", "-p", "mutate", "-q"]
+    options = ["-p", "no:cacheprovider", "-m", "not slow", "-n", "auto", "--dist", "worksteal", "-vv", "--durations=0"]
+    done = subprocess.run([*command, *options], cwd=copy, env=environment, capture_output=True, text=True, check=False)
+    seconds = collections.Counter()
+    for spent, test in re.findall(r"^(\d+\.\d+)s (?:call|setup|teardown) +(.+)$", done.stdout, re.MULTILINE):
+        seconds[test.strip()] += float(spent)
+    print(done.stdout[-300:], flush=True)
+    combine = [sys.executable, "-m", "coverage", "combine", "--quiet", f"--rcfile={settings}"]
+    subprocess.run(combine, cwd=copy, env=environment, check=True)
+    lines, contexts = collections.defaultdict(set), coverage.CoverageData(str(copy / ".coverage"))
+    contexts.read()
+    for file in contexts.measured_files():
+        for line, tests in contexts.contexts_by_lineno(file).items():
+            lines[file, line] |= {
+                re.sub(r" \((?:setup|call|teardown)\)$", "", each.split("|")[-1]) for each in tests
+            } - {""}
+    return {place: sorted(tests, key=seconds.__getitem__) for place, tests in lines.items()}, seconds
+
+
+def judge(mutant, copy, environment, tests_by_line, seconds):
+    """Plant one random mutant in a copy and run its tests; returns (found, the line to print)."""
+    path, source, kind, first, last, new, function = mutant
+    whole = source.encode()
+    number = whole[:first].count(b"\n") + 1
+    line = f"{kind:10} {path}:{number} {function}: {whole[first:last].decode()!r} → {new!r}"
+    # What is run at import, as a default is, is seen by the tests of the lines below it.
+    lines = (tests_by_line.get((path.as_posix(), each)) for each in range(number, number + 12))
+    covering, spent = [], 0.0
+    for test in next(filter(None, lines), []):
+        spent += seconds[test]
+        if spent > 120 or len(covering) == 500:
+            break
+        covering.append(test)
+    (copy / path).write_bytes(whole[:first] + new.encode() + whole[last:])
+    command = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", "-m", "not slow"]
+    found = False
+    try:
+        for tests in (covering, [*tests_of(path, function), "--doctest-modules", path.as_posix()]):
+            if tests and not found:
                 done = subprocess.run([*command, *tests], cwd=copy, env=environment, capture_output=True, text=True,
                                       check=False, timeout=600)  # fmt: skip
-                state = "SURVIVES" if not done.returncode else "NOT RUN"
-                state = "found" if re.search(r"\d+ (failed|error)", done.stdout) else state
-            except subprocess.TimeoutExpired:
-                state = "found"  # it never ends
-            (copy / path).write_bytes(whole)
-            found += state == "found"
-            line = whole[:first].count(b"\n") + 1
-            print(f"{state:10} {kind:10} {path}:{line} {function}: {old!r} → {new!r}", flush=True)
-    print(f"{found} of {number} random mutants found (seed {seed})")
+                found = re.search(r"\d+ (failed|error)", done.stdout) is not None or done.returncode in (3, 4)
+    except subprocess.TimeoutExpired:
+        found = True  # it never ends
+    finally:
+        (copy / path).write_bytes(whole)
+    return found, f"{'found' if found else 'SURVIVES':10} {len(covering):4} tests  {line}"
+
+
+def run_random(number, seeds):
+    """Plant random mutants, one at a time in each of as many copies as there are cores; prints what the tests find."""
+    with tempfile.TemporaryDirectory() as folder:
+        copy, environment = copied(f"{folder}/0")
+        measured = measure_tests(copy, environment)
+        copies = queue.Queue()
+        for each in range(os.cpu_count()):
+            copies.put((copy, environment) if not each else copied(f"{folder}/{each}"))
+
+        def run(mutant):
+            taken = copies.get()
+            try:
+                found, line = judge(mutant, *taken, *measured)
+            finally:
+                copies.put(taken)
+            print(line, flush=True)
+            return found
+
+        for seed in seeds:
+            with concurrent.futures.ThreadPoolExecutor(os.cpu_count()) as pool:
+                found = sum(pool.map(run, list(draw(number, seed))))
+            print(f"{found} of {number} random mutants found (seed {seed})", flush=True)
     return False
 
 
@@ -197,6 +254,6 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser()
     parser.add_argument("breaks", nargs="*", type=int)
     parser.add_argument("--random", type=int, metavar="N")
-    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--seed", type=int, nargs="+", default=[1])
     options = parser.parse_args()
     sys.exit(run_random(options.random, options.seed) if options.random else main(options.breaks))

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import ROOT
+from conftest import ROOT, few_or_many
 
 import sim
 from fit.posterior import Flat, Normal, sample
@@ -172,15 +172,10 @@ def kill_many(tmp_path, groups):
 
 
 @pytest.mark.slow
-def test_killed_at_any_moment(tmp_path):
-    assert kill_many(tmp_path, [(1.5, 2.0), (0.5, 1.8)]) >= 2
-
-
-@pytest.mark.slow
-def test_killed_at_sixty_moments(tmp_path):
+@few_or_many(5, 30, "chains")
+def test_killed_at_any_moment(chains, tmp_path):
     rng = np.random.default_rng(1)
-    groups = [tuple(rng.uniform(0.2, 3.0, 3)) for _ in range(30)]
-    assert kill_many(tmp_path, groups) >= 60
+    assert kill_many(tmp_path, [tuple(rng.uniform(0.2, 3.0, 3)) for _ in range(chains)]) >= 2 * chains
 
 
 def test_prior_that_differs_by_its_numbers_only_is_told(field, tmp_path):
