@@ -548,7 +548,13 @@ def sample_class_errors(
         "labels": names, "n_sources": tuple(each.n_data // 2 for each in equations),
         "frame": equations[0].frame or "icrs", "templates": tuple(each.name for each in equations[0].templates),
     }  # fmt: skip
-    return lots, modes, notes, facts
+    return lots, modes, notes + _few_draws_notes(lots), facts
+
+
+def _few_draws_notes(lots):
+    if min(lot.effective for lot in lots if lot.probability > 0.05) >= EFFECTIVE:
+        return []
+    return ["few draws of the systematic errors count: give more of them (draws=), or merge classes"]
 
 
 def _without_leakage(equations, lots, modes):
@@ -586,8 +592,6 @@ def average_draws(
     classes = lots[0].likelihood.classes
     with limit_blas(len(classes) * len(modes)):
         means, covariances, shares, (amplitudes, amplitude_covariance) = resample_draws(lots, rng)
-    if min(lot.effective for lot in lots if lot.probability > 0.05) < EFFECTIVE:
-        notes = [*notes, "few draws of the systematic errors count: give more of them (draws=), or merge classes"]
     return ClassComparison(
         means=means, covariances=covariances, shares=shares, shapes=tuple(lot.shape for lot in lots),
         probability=tuple(lot.probability for lot in lots), effective=tuple(lot.effective for lot in lots),
@@ -655,7 +659,8 @@ def compare_classes_jointly(
     """Compute `shared` from the normal equations of all classes together, (K, p, K, p) and (K, p)."""
     classes = ClassEquations.from_joint_equations(matrix, rhs, modes)
     draw, spectra = generator(rng), spectra_of(usual_shapes(modes.lmax) if shapes is None else shapes)
-    return average_draws(sample_shapes(classes, modes, spectra, "each", draws, draw), modes, draw, **facts)
+    lots = sample_shapes(classes, modes, spectra, "each", draws, draw)
+    return average_draws(lots, modes, draw, notes=_few_draws_notes(lots), **facts)
 
 
 def extend_degrees(

@@ -443,6 +443,11 @@ def calibrate(
                 f"magnitudes are not used: the sample is complete to {reach} (Rauzy's T_C); magnitudes=True uses those "
                 "of the complete part"
             )
+        elif np.isnan(limit):
+            notes.append(
+                "the magnitudes are complete to no limit (Rauzy's T_C): luminosity function and density of a sample "
+                "that loses faint sources are wrong"
+            )
         elif limit < complete:
             notes.append(
                 f"the sample is complete to magnitude {limit:.2f}, not to its faintest, {complete:.2f} (Rauzy's T_C): "

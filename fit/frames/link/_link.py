@@ -136,9 +136,10 @@ def link(
             evidence = node.evidence - offset_rows.log_determinant + chance
             node_list.append(replace(node, evidence=evidence, excess=size))
     best = max(node_list, key=lambda node: node.evidence)
-    return make_frame_tie(
+    tie = make_frame_tie(
         node_list, rows_by_offset[best.excess], prior, parameters, reference_name, (*astrometry.notes, *notes)
     )
+    return replace(tie, fixed=fixed)
 
 
 def _excess_sizes(astrometry, reference):

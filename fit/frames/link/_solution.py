@@ -1,7 +1,7 @@
 """A link of frames: orientation and spin at any magnitude, what each source does to it, and what to observe next."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -67,6 +67,8 @@ class FrameTie(FrameResult, NamedSolution):
     searched : tuple of float
         Where the place of the step was searched for: p-values of no jump after allowing for all places, of all vectors
         together and then of each. Empty where the step was given.
+    fixed : dict
+        Catalogues that are fixed to calibrators, and the epoch of these, as of `link`.
     """
 
     unknowns: Any = None
@@ -83,6 +85,7 @@ class FrameTie(FrameResult, NamedSolution):
     information: FloatArray = None  # type: ignore[assignment]
     log_evidence: float = float("nan")
     searched: tuple[float, ...] = ()
+    fixed: Mapping[str, float] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         return f"<FrameTie: {', '.join(self.unknowns.turned)} against {self.reference}, {len(self.sources)} sources>"
@@ -569,8 +572,8 @@ def forecast(solution: FrameTie, candidates: AstrometryRows) -> LinkPlan:
     Each step takes the candidate with the largest gain of ln det of the inverse covariance. The error model (tails
     and scale) is that found in `solution`, averaged over simulated skies.
     """
-    epochs = {solution.reference: 2015.0} if solution.reference in candidates.catalogues else {}
-    raw, _ = equations(candidates, solution.unknowns, fixed=epochs, aberration=None)
+    fixed = {name: epoch for name, epoch in solution.fixed.items() if name in candidates.catalogues}
+    raw, _ = equations(candidates, solution.unknowns, fixed=fixed, aberration=None)
     rows = raw.eliminate_stars(solution.excess, solution.reference)
     tails, d = solution.tails, rows.dims
     ratio = (1 - tails.share) * (tails.nu + d) / (tails.nu + d + 2) / solution.scale**2

@@ -82,6 +82,14 @@ def test_magnitudes_of_inhomogeneous_lists_are_left_out(monkeypatch, gap, is_use
     assert any("magnitudes are not used" in note for note in calibration.notes) != is_used
 
 
+def test_magnitudes_that_are_asked_for_are_not_used_without_a_word(monkeypatch):
+    """Where they were complete to no limit, nothing was said."""
+    monkeypatch.setattr("fit.distances._calibration.find_completeness_limit", lambda bright, faintest: (np.nan, bright))
+    asked = calibrate(galaxies(1), dispersion=300.0, magnitudes=True)
+    assert asked.luminosity is not None
+    assert any("complete to no limit" in note for note in asked.notes)
+
+
 @pytest.mark.slow
 @few_or_many(12, 200)
 @pytest.mark.parametrize("softness", [0.0, 0.3, 1.0])

@@ -142,6 +142,17 @@ def test_more_stars():
     assert plan.report().count("star") == 5
 
 
+def test_plan_is_of_the_same_calibrators_as_its_link():
+    """With an acceleration, what a star tells depends on the epoch of its calibrators; the plan took 2015.0."""
+    data, others = sim.link(6, 40, binaries=0.0), sim.link(7, 5, binaries=0.0)
+    candidates = replace(others, name=np.char.add("new ", others.name))
+    sought = {"unknowns": ("orientation", "spin", "acceleration"), "robust": False, "scale": 1.0, "aberration": None}
+    for fixed in (None, {"vlbi": 1990.0}):
+        solution = link(data, fixed=fixed, **sought)
+        more = link(data + candidates, fixed=fixed, **sought)
+        assert forecast(solution, candidates).sigma[-1] == pytest.approx(more.sigma, rel=1e-6)
+
+
 def test_three_catalogues_close():
     """Differences of frames found together close: A − C is A − B plus B − C."""
     one, two = sim.link(8, 40, **FRAME), sim.link(8, 40, spin=(5, 5, 5))
