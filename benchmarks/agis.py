@@ -3,7 +3,6 @@
 python benchmarks/agis.py errors [N]        true over formal errors by attitude, stars, knots, global parameters
 python benchmarks/agis.py carlo [N] [DRAWS] the same for two of them by Monte Carlo
 python benchmarks/agis.py iterations [N]    to 1 and 0.01 µas, and to the rule on low degrees
-python benchmarks/agis.py correlation [N] [DRAWS]
 python benchmarks/agis.py full SKY [N [IN]] a whole mission: seconds, memory, iterations, figures in IN/agis_SKY_N; goes on after a kill
 python benchmarks/agis.py paper [N] [DRAWS] the cases of the paper
 python benchmarks/agis.py level [N]         a second level: iterations and cost
@@ -119,30 +118,6 @@ def iterations(n=5000, *skies):
         )
 
 
-def correlation(n=5000, draws=200):
-    """Of parallax errors of neighbours, in heights of a field, and at the basic angle."""
-    made, _ = system(n)
-    root = np.sqrt(agis.FULL / n)
-    near = np.radians(np.array([0.0, 0.1, 0.25, 0.5, 0.7, 1.0, 2.0])) * root
-    basic = np.radians(106.5) + np.radians(np.array([-0.15, 0.15])) * root
-    found = []
-    for seed in range(draws):
-        solution = made.solve(*agis.observations(made.scans, [9, seed]), stop=0.02)
-        found.append(solution.sources[:, 2])
-    from vsh.figures.plot import save_figures
-
-    fine = np.radians(np.r_[0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.85, 1.0, 1.5, 2.0, 3.0]) * root
-    values = agis.correlation_by_angle(found, made.scans.lon, made.scans.lat, fine)
-    save_figures({"correlation": agis.plot_correlation(fine / root, *values, draws=draws)}, Path("."))
-    for edges in (near, basic):
-        values, pairs = agis.correlation_by_angle(found, made.scans.lon, made.scans.lat, edges)
-        for low, high, value, count in zip(edges, edges[1:], values, pairs, strict=False):
-            print(
-                f"{np.degrees(low) / root:8.2f} to {np.degrees(high) / root:7.2f}°: {value:+.4f} ({count} pairs)",
-                flush=True,
-            )
-
-
 def laps():
     """A function that tells time and memory since its last call, and the most that was taken of both memories."""
     most, moments = [0.0], [(time.perf_counter(), time.process_time())]
@@ -202,7 +177,6 @@ def full(sky, n=agis.FULL, parent="."):
         {
             "convergence": agis.plot_convergence(solution),
             "errors": agis.plot_errors_by_magnitude(solution, quasars.magnitude),
-            "map": agis.plot_ratio_map(solution, 16),
         },
         folder,
     )
@@ -335,7 +309,5 @@ def kernels(n=5000):
 
 
 if __name__ == "__main__":
-    what = {
-        each.__name__: each for each in (errors, carlo, iterations, correlation, full, paper, level, memory, kernels)
-    }
+    what = {each.__name__: each for each in (errors, carlo, iterations, full, paper, level, memory, kernels)}
     what[sys.argv[1]](*(int(x) if x.isdecimal() else x for x in sys.argv[2:]))

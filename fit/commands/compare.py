@@ -328,6 +328,7 @@ def _read(path, quantity, options, condition):
     return read_positions(
         path,
         options.columns,
+        units=options.units,
         sigma=options.sigma,
         on_bad=options.on_bad,
         frame=options.catalogue_frame or "icrs",

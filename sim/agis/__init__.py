@@ -19,12 +19,12 @@ from sim.agis._mission import (
     start_errors,
 )
 from sim.agis._response import Response
-from sim.agis._results import AgisSolution, correlation_by_angle, error_ratios
+from sim.agis._results import AgisSolution, error_ratios
 from sim.agis._system import System
 from sim.agis.passes import FULL, Plan, Scans, plan, scaled, scans
 
 if TYPE_CHECKING:
-    from sim.agis._plot import plot_convergence, plot_correlation, plot_errors_by_magnitude, plot_ratio_map
+    from sim.agis._plot import plot_convergence, plot_errors_by_magnitude
 
 __all__ = [
     "AgisSolution",
@@ -44,8 +44,7 @@ __all__ = [
 
 # matplotlib and healpy are imported when a figure is asked for.
 __getattr__, _, _ = lazy_loader.attach(
-    __name__,
-    submod_attrs={"_plot": ["plot_convergence", "plot_correlation", "plot_errors_by_magnitude", "plot_ratio_map"]},
+    __name__, submod_attrs={"_plot": ["plot_convergence", "plot_errors_by_magnitude"]}
 )
 
 

@@ -1,12 +1,10 @@
 """Figures of a joint solution (matplotlib)."""
 
 import numpy as np
-from matplotlib.colors import TwoSlopeNorm
 
 from sim.agis._results import AgisSolution, error_ratios
-from vsh.figures.plot import COLOURS, DIVERGING, SkyAxes, apply_style, legend_above, panels, plot_map
-from vsh.sky.pixels import pixels_of
-from vsh.tools.types import ArrayLike, Axes, FloatArray, IntArray
+from vsh.figures.plot import COLOURS, apply_style, legend_above, panels
+from vsh.tools.types import ArrayLike, Axes
 
 _PARAMETERS = ("α*", "δ", "ϖ", "µα*", "µδ")
 _MARKS = "os^Dv"
@@ -61,39 +59,3 @@ def plot_errors_by_magnitude(solution: AgisSolution, magnitude: ArrayLike, *, ax
     axes.set(xlabel="G  [mag]", ylabel="true / formal error")
     legend_above(axes, 5)
     return axes
-
-
-@apply_style
-def plot_correlation(
-    angle: FloatArray, correlation: FloatArray, pairs: IntArray, draws: int = 1, *, ax: Axes | None = None
-) -> Axes:
-    """Correlation of errors by the angle between two sources."""
-    (axes,) = panels(ax)
-    middle = np.degrees((angle[:-1] + angle[1:]) / 2)
-    axes.errorbar(middle, correlation, 1 / np.sqrt(np.maximum(pairs, 1) * draws), marker="o", color=COLOURS[0])
-    axes.axhline(0, color="0.3", linewidth=0.6)
-    if middle[-1] > 30 * middle[0]:
-        axes.set_xscale("log")
-    axes.set(xlabel="angle between sources [deg]", ylabel="correlation of parallax errors")
-    return axes
-
-
-def plot_ratio_map(solution: AgisSolution, nside: int = 8, *, ax: Axes | None = None) -> SkyAxes:
-    """True over formal errors of the motions over the sky, from this draw of the noise."""
-    selection = solution.solved
-    pixel = pixels_of(solution.lon[selection], solution.lat[selection], nside)
-    squares = []
-    for column in (3, 4):
-        sigma = np.sqrt(solution.formal[selection, column, column])
-        squares.append(error_ratios(solution.sources[selection, column], sigma, pixel, 12 * nside**2)[0] ** 2)
-    ratio = np.sqrt(np.mean(squares, axis=0))
-    low, high = np.percentile(ratio[np.isfinite(ratio)], [2, 98])
-    return plot_map(
-        ratio,
-        "true / formal error of the motions",
-        frame=solution.frame,
-        ax=ax,
-        cmap=DIVERGING,
-        extend="both",
-        norm=TwoSlopeNorm(1.0, min(low, 0.99), max(high, 1.01)),
-    )

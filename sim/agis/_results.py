@@ -17,60 +17,6 @@ from vsh.tools.errors import ParameterError
 from vsh.tools.notebook import Frozen
 from vsh.tools.types import ArrayLike, BoolArray, FloatArray, IntArray
 
-#: Up to which angle neighbours are looked up; beyond, pairs with some of the sources are enough. [rad]
-_NEAR = 0.03
-_PIVOTS, _ROWS = 2000, 200
-
-
-def correlation_by_angle(
-    errors: ArrayLike, lon: ArrayLike, lat: ArrayLike, edges: ArrayLike, *, sigma: ArrayLike | None = None
-) -> tuple[FloatArray, IntArray]:
-    """Correlation of the errors of one parameter, in bins of the angle between two sources.
-
-    Notes
-    -----
-    All pairs are used where all bins are below 1.7°, else those with at most 2000 of the sources, evenly picked.
-    """
-    lon, lat, edges = (
-        arguments.array_with_dimensions(1)(*argument) for argument in (("lon", lon), ("lat", lat), ("edges", edges))
-    )
-    draws = np.atleast_2d(arguments.float_array("errors", errors))
-    if draws.shape[1:] != lon.shape or lat.shape != lon.shape:
-        raise ParameterError(f"errors have shape {draws.shape}, expected (draws, {len(lon)})")
-    if len(edges) < 2 or (np.diff(edges) <= 0).any():
-        raise ParameterError("edges of bins of angle must rise")
-    if sigma is None:
-        if len(draws) < 10:
-            raise ParameterError(f"{len(draws)} draws are too few to estimate the errors: give sigma")
-        sigma = np.sqrt(np.mean(draws**2, axis=0))
-    draws = draws / arguments.float_array("sigma", sigma, lon.shape)
-    positions = triad(lon, lat)[2].T
-    total, pairs = np.zeros(len(edges) - 1), np.zeros(len(edges) - 1, int)
-
-    def add_pairs(angle, product):
-        bins = np.searchsorted(edges, angle, side="right") - 1
-        inside = (bins >= 0) & (bins < len(total))
-        total[:] += np.bincount(bins[inside], product[inside], len(total))
-        pairs[:] += np.bincount(bins[inside], minlength=len(total))
-
-    is_near = edges[-1] <= _NEAR
-    if is_near:
-        from scipy.spatial import cKDTree  # slow to import
-
-        i, j = cKDTree(positions).query_pairs(2 * np.sin(edges[-1] / 2), output_type="ndarray").T
-        chord = np.linalg.norm(positions[i] - positions[j], axis=1)
-        add_pairs(2 * np.arcsin(chord / 2), np.mean(draws[:, i] * draws[:, j], axis=0))
-    else:
-        pivots = np.unique(np.linspace(0, len(lon) - 1, min(_PIVOTS, len(lon))).astype(int))
-        is_pivot = np.isin(np.arange(len(lon)), pivots)
-        for start in range(0, len(pivots), _ROWS):
-            rows = pivots[start : start + _ROWS]
-            product = draws[:, rows].T @ draws / len(draws)
-            angle = np.arccos(np.clip(positions[rows] @ positions.T, -1, 1))
-            angle[is_pivot & (np.arange(len(lon)) <= rows[:, None])] = np.inf  # not itself, nor a pair twice
-            add_pairs(angle.ravel(), product.ravel())
-    return np.divide(total, pairs, out=np.full(len(total), np.nan), where=pairs > 0), pairs
-
 
 def error_ratios(
     errors: ArrayLike, sigma: ArrayLike, group: ArrayLike, n_groups: int | None = None

@@ -251,24 +251,6 @@ class LinearTheory(Frozen):
                 matrix[:, i, :, j] = (along - across) * unit[i] * unit[j] + (across if i == j else 0.0)
         return matrix.reshape(3 * n, 3 * n)
 
-    def bulk_flow(self, radius: float) -> float:
-        """The rms speed of the mean velocity within a sphere. [km/s]
-
-        Parameters
-        ----------
-        radius : float
-            Radius of the sphere, whose edge is sharp. [Mpc/h]
-
-        Examples
-        --------
-        >>> [round(LINEAR_PLANCK18.bulk_flow(radius)) for radius in (20, 45, 100)]
-        [406, 316, 215]
-        """
-        k, log_step = self._fine_wave_numbers
-        x = k * positive("radius", radius)
-        window = 3 * spherical_jn(1, x) / x
-        return float(np.sqrt(self._scale * np.sum(self.power_at(k) * window**2 * k) * log_step))
-
     @property
     def _scale(self):
         return (self.growth_rate * HUBBLE) ** 2 / (2 * np.pi**2)

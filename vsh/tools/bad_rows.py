@@ -254,16 +254,16 @@ def select_usable(
     """The sources to keep, and a note about the others; those set `aside` are no error, whatever `on_bad` is."""
     if n == 0:
         raise EmptyFieldError("the catalogue is empty: there are no sources to use")
-    is_aside = np.zeros(n, bool)
-    for mask in (aside or {}).values():
-        is_aside |= mask
-    wrong = {reason: mask & ~is_aside for reason, mask in invalid.items()}
-    wrong = {reason: mask for reason, mask in wrong.items() if mask.any()}
-    bad = np.logical_or.reduce([is_aside, *wrong.values()])
+    # A row is counted once, for the first of its reasons.
+    bad, reasons = np.zeros(n, bool), {**(aside or {}), **invalid}
+    for reason, mask in reasons.items():
+        reasons[reason] = mask & ~bad
+        bad |= mask
+    wrong = any(reasons[reason].any() for reason in invalid)
+    invalid = {reason: mask for reason, mask in reasons.items() if mask.any()}
     count = int(bad.sum())
     if not count:
         return slice(None), ()
-    invalid = {**(aside or {}), **wrong}
     details = "; ".join(
         f"{reason}: {mask.sum()} ({_format_row_numbers(mask, first_row)})" for reason, mask in invalid.items()
     )

@@ -467,13 +467,6 @@ def spline_weights(fraction: FloatArray) -> FloatArray:
     return np.stack([g**3, 4 - 6 * f**2 + 3 * f**3, 4 - 6 * g**2 + 3 * g**3, f**3]) / 6
 
 
-def spline_terms(scans: Scans, time: FloatArray) -> Iterator[tuple[IntArray, FloatArray]]:
-    """The four coefficients that make the attitude at times since the start [yr], and their weights, (k,) each."""
-    knot_time = time / scans.spacing
-    knot = np.clip(knot_time.astype(int), 0, scans.intervals - 1)
-    return ((knot + i, weight) for i, weight in enumerate(spline_weights(knot_time - knot)))
-
-
 def add_smoothing(band: FloatArray, weight: float) -> None:
     """Add to the normal equations a penalty on second differences of the coefficients.
 

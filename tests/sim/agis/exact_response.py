@@ -6,7 +6,7 @@ import numpy as np
 from scipy.special import gammaln, lpmv
 
 from sim.agis._system import Iteration, System
-from sim.agis.passes import spline_terms
+from sim.agis.passes._scans import spline_weights
 from vsh.basis import harmonics
 from vsh.modes import Modes
 from vsh.sky.sphere import triad
@@ -107,8 +107,10 @@ class ExactResponse:
         remainder = np.einsum("fk,pk->kfp", functions(time), along).reshape(len(time), -1)
         normal = q * scan[0] - p * scan[1]
         scans = self.system.scans
-        for coefficient, weight in spline_terms(scans, time + scans.middle):
-            remainder += weight[:, None] * np.einsum("ik,kif->kf", normal, attitude[coefficient])
+        knot_time = (time + scans.middle) / scans.spacing
+        knot = np.clip(knot_time.astype(int), 0, scans.intervals - 1)
+        for i, weight in enumerate(spline_weights(knot_time - knot)):
+            remainder += weight[:, None] * np.einsum("ik,kif->kf", normal, attitude[knot + i])
         return remainder
 
     def taken(self, modes: Modes, functions: Any) -> Any:

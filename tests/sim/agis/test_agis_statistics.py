@@ -1,6 +1,4 @@
-"""Errors by magnitude, place and angle: on errors whose correlations are known."""
-
-from itertools import pairwise
+"""Errors by magnitude and angle, and of global motions."""
 
 import numpy as np
 import pytest
@@ -9,38 +7,6 @@ import sim
 from sim import agis
 from sim.variability import Variability, chain_products
 from vsh.sky.sphere import triad
-from vsh.tools.errors import ParameterError
-
-
-def test_correlations_of_a_known_field():
-    """Errors that are a random glide: their correlation is the cosine of the angle, at every angle."""
-    lon, lat = sim.uniform_sky(1500, 1)
-    errors = np.random.default_rng(2).standard_normal((4000, 3)) @ triad(lon, lat)[2]
-    edges = np.radians([0.0, 2.0, 30.0, 60.0, 90.0, 120.0, 178.0])
-    found, pairs = agis.correlation_by_angle(errors, lon, lat, edges)
-    middle = [
-        np.average(np.cos(angles), weights=np.sin(angles))
-        for angles in (np.linspace(low, high, 200) for low, high in pairwise(edges))
-    ]
-    np.testing.assert_allclose(found, middle, atol=0.02)
-    assert pairs.sum() <= 1500 * 1499
-    near, counted = agis.correlation_by_angle(errors, lon, lat, np.radians([0.0, 0.5, 1.0]))
-    np.testing.assert_allclose(near, 1.0, atol=0.01)
-    cosine = np.einsum("ij,ik->jk", triad(lon, lat)[2], triad(lon, lat)[2])[np.triu_indices(1500, 1)]
-    assert counted.sum() == np.sum(cosine > np.cos(np.radians(1.0)))
-
-
-def test_one_draw_needs_its_errors():
-    lon, lat = sim.uniform_sky(100, 1)
-    errors = np.random.default_rng(1).standard_normal(100)
-    with pytest.raises(ParameterError, match="1 draws are too few to estimate the errors"):
-        agis.correlation_by_angle(errors, lon, lat, [0.0, 1.0])
-    found, _ = agis.correlation_by_angle(errors, lon, lat, [0.0, np.pi], sigma=np.ones(100))
-    assert abs(found[0]) < 0.1
-    with pytest.raises(ParameterError, match="edges of bins of angle must rise"):
-        agis.correlation_by_angle(errors, lon, lat, [1.0, 0.5], sigma=np.ones(100))
-    with pytest.raises(ParameterError, match=r"expected \(draws, 100\)"):
-        agis.correlation_by_angle(errors[:5], lon, lat, [0.0, 1.0], sigma=np.ones(100))
 
 
 def test_ratios_by_group():
@@ -73,16 +39,18 @@ def test_neighbours_share_errors_of_the_attitude():
     sigma = sim.Mission(sim.NominalScanningLaw(), "paper").transit_error(quasars.magnitude)
     system, _ = agis.joint_system(sim.NominalScanningLaw(), quasars.lon, quasars.lat, sigma)
     draws = [system.solve(*agis.observations(system.scans, [1, seed]), stop=0.05).sources[:, 2] for seed in range(60)]
-    edges = np.radians([0.0, 1.0, 10.0, 20.0, 105.0, 108.0])
-    found, _ = agis.correlation_by_angle(draws, quasars.lon, quasars.lat, edges)
-    assert found[0] == pytest.approx(0.16, abs=0.02)
-    assert abs(found[2]) < 0.005
-    assert -0.01 < found[4] < -0.001
+    values = np.array(draws) / np.std(draws, axis=0)
+    first, second = np.triu_indices(len(quasars), 1)
+    cosine = (np.stack(triad(quasars.lon, quasars.lat)[2], axis=1) @ triad(quasars.lon, quasars.lat)[2])[first, second]
+    product = (values.T @ values / len(values))[first, second]
 
+    def correlation(low, high):
+        between = (cosine <= np.cos(np.radians(low))) & (cosine > np.cos(np.radians(high)))
+        return product[between].mean()
 
-def test_each_pair_of_sources_counts_once():
-    _, pairs = agis.correlation_by_angle(np.ones(3), [0, 0.5, 1.0], [0, 0, 0.0], [0, 2.0], sigma=np.ones(3))
-    assert pairs.tolist() == [3]
+    assert correlation(0, 1) == pytest.approx(0.16, abs=0.02)
+    assert abs(correlation(10, 20)) < 0.005
+    assert -0.01 < correlation(105, 108) < -0.001
 
 
 def test_sources_without_a_solution_say_nothing_of_a_global_motion():

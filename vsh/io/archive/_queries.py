@@ -110,8 +110,6 @@ JOIN gaiadr3.galaxy_candidates AS x ON g.source_id = x.source_id
 WHERE {_solution_condition(DR3)} AND x.redshift_ugc IS NOT NULL"""
 #: By the names that `vsh-archive` takes.
 QUERIES = {"gaia-crf3": GAIA_CRF3, "gaia-edr3-qso": GAIA_EDR3_QSO, "gaia-dr3-galaxies": GAIA_DR3_GALAXIES}
-#: Queries for a list that is sent with them.
-QUERIES_OF_LISTS = {"dr3-neighbourhood"}
 
 
 #: Where DR4 has its astrometry: the best model of each source, or the core solution of all sources.

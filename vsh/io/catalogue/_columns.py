@@ -13,7 +13,16 @@ import numpy as np
 from astropy import units as u
 
 from vsh.io import tables
-from vsh.io.catalogue._names import ASSUMED, NAMED, REQUIRED, ColumnRequest, Columns, find_correlations, name_and_unit
+from vsh.io.catalogue._names import (
+    ASSUMED,
+    NAMED,
+    REQUIRED,
+    ColumnRequest,
+    Columns,
+    find_correlations,
+    guess_names,
+    name_and_unit,
+)
 from vsh.io.tables import TableSource
 from vsh.sky.frames import MEASURED_KEY
 from vsh.tools.bad_rows import as_floats, span_of, within
@@ -109,11 +118,11 @@ def locate_columns(wanted: ColumnRequest, source: TableSource) -> tuple[dict[str
             )
         best, set_name = ColumnRequest().choose_names(source.names)
         fits = set_name and all(getattr(best, column) in source.names for column in REQUIRED)
-        wish = set_name if fits else ",".join(f"{role}=…" for role, _ in absent)
-        argument = f"columns={set_name!r}" if fits else f"columns={{{role!r}: …}}"
-        raise TableError(
-            f"{source.label}: {missing_column(name, source)}{remark}. Say which it is: {argument} (--columns {wish})"
-        )
+        if fits:
+            answer = f"columns={set_name!r} (--columns {set_name})"
+        else:
+            answer = _propose([role for role, _ in absent], column_names, source)
+        raise TableError(f"{source.label}: {missing_column(name, source)}{remark}. Say which it is: {answer}")
     if twins := [name for name in column_names.values() if name in source.twins]:
         raise TableError(
             f"{source.label}: several columns are called {', '.join(map(repr, twins))}, and which is meant cannot be "
@@ -128,6 +137,23 @@ def locate_columns(wanted: ColumnRequest, source: TableSource) -> tuple[dict[str
         if len(roles) > 1:
             notes.append(f"column {printable(name)} is used for {' and '.join(roles)}")
     return column_names, notes
+
+
+def _propose(absent, column_names, source):
+    """The words that answer a question for columns: those of the likeliest names, and of units that nobody says."""
+    guesses = guess_names(column_names, source.names)
+    choice = {role: guesses.get(role, "…") for role in absent}
+    all_names = column_names | choice
+    bare = [all_names.get(role, "…") for role in REQUIRED[2:]]
+    bare = [name for name in bare if name != "…" and unit_of(name, {}, source) is None]
+    units = dict.fromkeys(bare, "mas/yr") if "…" not in choice.values() else {}
+    words = [
+        (f"{argument}={mapping!r}", f"--{argument} {shlex.quote(','.join(f'{a}={b}' for a, b in mapping.items()))}")
+        for argument, mapping in (("columns", choice), ("units", units))
+        if mapping
+    ]
+    python, shell = zip(*words, strict=True)
+    return f"{', '.join(python)} ({' '.join(shell)})" + (", or another unit" if units else "")
 
 
 def _role_of(name, column_names):

@@ -9,11 +9,19 @@ import numpy as np
 
 from vsh.field import MEASURED, Field
 from vsh.io import tables
-from vsh.io.catalogue._columns import RowSelection, missing_column, unit_factor
-from vsh.sky.frames import Positions
+from vsh.io.catalogue._columns import (
+    RowSelection,
+    doubt_positions,
+    missing_column,
+    sexagesimal_degrees,
+    unit_factor,
+    unit_of,
+)
+from vsh.io.catalogue._names import ColumnRequest
+from vsh.sky.frames import AXES, Positions
 from vsh.sky.sphere import triad
 from vsh.tools.arguments import positive
-from vsh.tools.bad_rows import as_floats, select_usable
+from vsh.tools.bad_rows import RHO2_LIMIT, as_floats, select_usable
 from vsh.tools.errors import FieldError, FrameError, TableError
 from vsh.tools.printing import one_line_text
 from vsh.tools.types import IntArray, OnBad, PathName
@@ -274,39 +282,31 @@ def read_icrf(path: PathName, name: str | None = "icrf") -> Positions:
     """
     if name not in ("icrf", "iers"):
         raise TableError(f"sources are named by icrf or iers, not {name!r}")
-    return _read_vlbi_positions(tables.open_table(path, "icrf"), name)
-
-
-def _read_vlbi_positions(table_source, name):
-    """The positions of a list from VLBI."""
-    if "ra_error" not in table_source.names:
-        raise TableError(f"{table_source.label} has no errors: give one for all, sigma= (--columns sigma=)")
-    columns = {key: values for key, (values, _) in table_source.columns().items()}
-    if not all(columns[name]):
-        raise TableError(
-            f"{table_source.label} has sources without a designation of the {name.upper()}: name them by iers"
-        )
-    return Positions(
-        columns["ra"] * DEGREE,
-        columns["dec"] * DEGREE,
-        np.stack([columns["ra_error"], columns["dec_error"]]) * MAS,
-        columns["ra_dec_corr"],
-        name=columns[name],
-        defining=columns["defining"] == "D",
-        notes=table_source.notes,
-    )
+    return read_positions(path, designation=name, format="icrf")
 
 
 #: Roles of columns, Gaia's names, and what a column without a unit is in.
 _COLUMNS = {"ra": "deg", "dec": "deg", "ra_error": "mas", "dec_error": "mas"}
 _OPTIONAL = ("ra_dec_corr", "name")
-_NAMES = ("source_id", "name", "designation")
+_VIZIER = {"ra_error": "e_RA_ICRS", "dec_error": "e_DE_ICRS", "ra_dec_corr": "RADEcor", "name": "Source"}
+_NAMES = ("source_id", "name", "designation", "iers", "icrf")
+
+
+def _known_names(names):
+    """The columns of a table that have the roles, of names that are not of other axes; Gaia's where none has."""
+    roles = {role: role for role in (*_COLUMNS, *_OPTIONAL)}
+    found, set_name = ColumnRequest().choose_names(names)
+    if set_name not in AXES and {found.ra, found.dec} <= set(names):
+        roles |= {"ra": str(found.ra), "dec": str(found.dec)}
+        roles |= {role: name for role, name in _VIZIER.items() if role not in names and name in names}
+    return roles
 
 
 def read_positions(
     source: Any,
     columns: Mapping[str, str] | str | None = None,
     *,
+    units: Mapping[str, str] | None = None,
     sigma: float | None = None,
     on_bad: OnBad = "raise",
     frame: str = "icrs",
@@ -320,10 +320,9 @@ def read_positions(
     if set_name not in ("gaia", "icrf"):
         raise TableError(f"columns: no set of names of positions is called {set_name!r}; there are gaia, icrf")
     table_source = tables.open_table(source, format)
+    for name in set(units or ()) - set(table_source.names):
+        raise TableError(f"units: {missing_column(name, table_source)}")
     is_icrf = {"icrf", "iers", "defining"} <= set(table_source.names)
-    if is_icrf and where is None and not columns and "ra_error" in table_source.names:
-        positions = _read_vlbi_positions(table_source, designation)
-        return positions if sigma is None else _with_sigma(positions, sigma)
     wrong = [str(role) for role in columns if role not in (*_COLUMNS, *_OPTIONAL)]
     if wrong:
         raise TableError(
@@ -332,7 +331,7 @@ def read_positions(
         )
     if is_icrf or set_name == "icrf":
         columns = {"name": designation} | columns
-    roles = {role: columns.get(role, role) for role in (*_COLUMNS, *_OPTIONAL)}
+    roles = {role: columns.get(role, name) for role, name in _known_names(table_source.names).items()}
     roles |= {"defining": "defining"} if is_icrf else {}
     if "name" not in columns:
         roles["name"] = next((name for name in _NAMES if name in table_source.names), "name")
@@ -348,17 +347,24 @@ def read_positions(
     rows: Any = 0
     if clause:
         table, rows, selection_notes = clause.of(table, 0)
-    numbers, bad = {}, {}
+    numbers, bad, assumed = {}, {}, []
     for role, name in roles.items():
         if role in ("name", "defining"):
             continue
         values, missing = table[name]
-        factor = unit_factor(name, table_source.units.get(name), _COLUMNS[role]) if role in _COLUMNS else 1.0
-        numbers[role] = as_floats(name, np.asarray(values))[0] * factor
+        unit = unit_of(name, units or {}, table_source)
+        numbers[role] = sexagesimal_degrees(role, np.asarray(values), missing, str(unit or ""))
+        if numbers[role] is None:
+            factor = unit_factor(name, unit, _COLUMNS[role]) if role in _COLUMNS else 1.0
+            numbers[role] = as_floats(name, np.asarray(values))[0] * factor
+            assumed += [role] * (role in ("ra", "dec") and unit is None)
         lost = ~np.isfinite(numbers[role]) | (False if missing is None else np.asarray(missing))
         if role.endswith("error"):
             lost |= ~(numbers[role] > 0)
+        if role == "ra_dec_corr":
+            lost |= ~(numbers[role] ** 2 < RHO2_LIMIT)
         bad[f"{name} missing or not usable"] = lost
+    doubt_positions(numbers, assumed, names=roles)
     unusable = {reason: mask for reason, mask in bad.items() if mask.any()}
     keep, notes = select_usable(unusable, len(numbers["ra"]), on_bad, rows, (numbers["ra"], numbers["dec"]))
     notes = (*notes, *selection_notes) if clause else notes
@@ -371,11 +377,12 @@ def read_positions(
     names = None if "name" not in roles else np.asarray(table[roles["name"]][0])[keep]
     if names is not None and names.dtype.kind not in "iu":
         names = names.astype(str)
+    if is_icrf and names is not None and not all(names):
+        raise TableError(
+            f"{table_source.label} has sources without a designation of the {designation.upper()}: name them by "
+            f"{'iers' if designation == 'icrf' else 'icrf'}"
+        )
     rho = numbers["ra_dec_corr"][keep] if "ra_dec_corr" in numbers else np.zeros(lon.size)
     defining = np.asarray(table["defining"][0]).astype(str)[keep] == "D" if is_icrf else None
     notes = (*table_source.notes, *notes)
     return Positions(lon, lat, errors, rho, name=names, frame=frame, notes=notes, defining=defining)
-
-
-def _with_sigma(field, sigma):
-    return replace(field, sigma=np.full((2, len(field)), positive("sigma", sigma)), rho=np.zeros(len(field)))

@@ -3,6 +3,7 @@
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
+from difflib import SequenceMatcher
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -263,6 +264,31 @@ def _has_candidate(candidates, names):
 def find_correlations(source: TableSource) -> list[str]:
     """Columns that may be the correlation of the proper motions, by their names."""
     return [name for name in source.names if _CORRELATION.search(name) and not _OF_PARALLAX.search(name)]
+
+
+_MOTION, _ERROR = re.compile("pm|mu"), re.compile("err|sig|unc|std|^e_|_e$")
+_LONGITUDE, _LATITUDE = re.compile("(?<![a-z])ra(?![dntw])|alpha|lon"), re.compile("(?<![a-z])de(?![fgnprt])|delta|lat")
+
+
+def guess_names(column_names: Mapping[str, str], names: Iterable[str]) -> dict[str, str]:
+    """For a question: the columns that may have the roles that none is known for, and are not used for others."""
+    guesses = dict(column_names)
+    kinds = {name: _kind(name.lower()) for name in names}
+    for role in REQUIRED:
+        left = [name for name, kind in kinds.items() if kind == _kind(role) and name not in guesses.values()]
+        if role not in guesses and left:
+            like = guesses.get(role.removesuffix("_error") if role.endswith("error") else role.replace("dec", "ra"), "")
+            guesses[role] = max(left, key=lambda name: (SequenceMatcher(None, like, name).ratio(), -len(name)))
+    return {role: name for role, name in guesses.items() if role not in column_names}
+
+
+def _kind(name):
+    """Whether a name is of a motion, of an error, and of a longitude or a latitude; none of the last: no kind."""
+    axis = re.sub("^.*?(pm|mu)_?", "", name)
+    is_longitude, is_latitude = (bool(pattern.search(axis)) for pattern in (_LONGITUDE, _LATITUDE))
+    if is_longitude == is_latitude:
+        return None
+    return bool(_MOTION.search(name)), bool(_ERROR.search(name)), is_longitude
 
 
 _ELLIPSES = (("pm_err_maj", "pm_err_min", "pm_err_angle"), ("PM_ERR_MAJA", "PM_ERR_MINA", "PM_ERR_ANGLE"))

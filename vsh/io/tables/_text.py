@@ -14,6 +14,7 @@ import csv
 import io
 import os
 import re
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
@@ -116,8 +117,9 @@ def _layout_without_rule(body, comments, skip, label):
     rows = [line for line in body if line.strip()]
     delimiter = _delimiter(rows)
     fields = _fields(rows[0], delimiter)
-    if _looks_like_data(fields) and not _is_quoted_name(rows[0]):
-        names = _names_in_comment(comments, len(fields), delimiter)
+    names = _names_in_comment(comments, len(fields), delimiter)
+    # Where a comment has names, a row is one with few numbers as well.
+    if _looks_like_data(fields, 1 if names else 2) and not _is_quoted_name(rows[0]):
         notes: tuple[str, ...] = ()
         if names is None:
             names = [f"col{k + 1}" for k in range(len(fields))]
@@ -186,8 +188,29 @@ def _layout(names, skip, delimiter, spans=(), notes=()):
     return Layout(unique, skip, delimiter, spans, notes=notes, twins=twins)
 
 
+#: A line of the header of IVS catalogues: number, unit and meaning of a column.
+_NUMBERED = re.compile(r"\s*(\d+)\s+(\S+)\s+(.+?)\s*")
+#: What these meanings are called here; errors of right ascension only where they include cos δ.
+_MEANINGS = {
+    "IERS designation": "iers", "IVS designation": "ivs", "Right ascension": "ra", "Declination": "dec",
+    "Formal uncertainty of the right ascension (*cos(Dec))": "ra_error",
+    "Formal uncertainty of the declination": "dec_error",
+    "Correlation between right ascension and declination": "ra_dec_corr",
+}  # fmt: skip
+
+
+def _numbered_columns(comments, count):
+    """Names and units of a header that numbers its columns; none where it does not have all of them."""
+    matches = [match for match in map(_NUMBERED.fullmatch, comments) if match]
+    if [int(match[1]) for match in matches] != list(range(1, count + 1)):
+        return None, []
+    return [_MEANINGS.get(match[3], match[3]) for match in matches], [match[2] for match in matches]
+
+
 def _names_in_comment(comments, count, delimiter):
     """The names behind a # right above the rows, where they are as many as the columns."""
+    if names := _numbered_columns(comments, count)[0]:
+        return names
     for comment in reversed(comments[-5:]):
         for names in (_fields(comment, delimiter), comment.split(), _fields(comment, ",")):
             if len(names) == count and not _looks_like_data(names) and not _are_units(names):
@@ -197,6 +220,8 @@ def _names_in_comment(comments, count, delimiter):
 
 def _units_in_comment(comments, count, delimiter):
     """The units behind a # right above the rows, where they are as many as the columns."""
+    if units := _numbered_columns(comments, count)[1]:
+        return units
     for comment in reversed(comments[-3:]):
         for units in (_fields(comment, delimiter), comment.split()):
             if len(units) == count and _are_units(units):
@@ -204,10 +229,10 @@ def _units_in_comment(comments, count, delimiter):
     return []
 
 
-def _looks_like_data(fields: Sequence[str]) -> bool:
-    """Return whether a third of the fields, and at least two, are numbers."""
+def _looks_like_data(fields: Sequence[str], least: int = 2) -> bool:
+    """Return whether at least two of the fields, and a third of them unless one is enough, are numbers."""
     numbers = sum(bool(_NUMBER.fullmatch(text) or _ANGLE.fullmatch(text)) for text in fields)
-    return numbers >= 2 and 3 * numbers >= len(fields)
+    return numbers >= least and (3 * numbers >= len(fields) or least == 1)
 
 
 def _is_quoted_name(line):
@@ -402,6 +427,7 @@ def _cut_columns(lines, indices, layout, label):
         if len(row) != len(layout.names):
             raise TableError(
                 f"{label}, line {number} is damaged: {len(row)} fields where the table has {len(layout.names)} columns"
+                + (". Blanks do not tell which value is missing: put commas between them" if not layout.spans else "")
             )
         yield tuple(row[index] for index in indices)
 
@@ -541,6 +567,7 @@ _GETPAR = re.compile(
     r"SOU_GCO:\s+(?P<names>\S+)\s+R:\s*(?P<h>\d+)_(?P<m>\d+)_(?P<s>[\d.]+)\s+-\+\s+(?P<e1>\S+)\s+"
     r"D:\s*(?P<sign>[-+]?)(?P<d>\d+)_(?P<dm>\d+)_(?P<ds>[\d.]+)\s+-\+(?P<rest>.*)"
 )
+_THREE_WORDS = re.compile(r"\s*\S+\s+\S+\s+\S+")
 _SIGNED = re.compile(r"[-+]?\d*\.?\d+")
 _COMMENT = ("#", "*", "!", "%", "$")
 _DESIGNATION = re.compile(r"J\d{4}\S*")
@@ -574,7 +601,7 @@ def _looks_like_source(line):
 
 
 def _vlbi_table(label, rows, sources, mas):
-    names, positions, rests = zip(*sources, strict=True)
+    names, positions, texts, rests = zip(*sources, strict=True)
     if len(rests) > 2 and len(rests[-1]) < min(map(len, rests[:-1])):
         number, line = rows[-1]
         excerpt = printable(line.strip()[:80])
@@ -595,13 +622,13 @@ def _vlbi_table(label, rows, sources, mas):
     if all(epochs) or not any(rests):  # the catalogue of VieVS has an epoch there, and no errors
         notes = ("the list has no errors",)
     else:
-        errors = np.array(
-            [_errors(label, k, line, remainder) for (k, line), remainder in zip(rows, rests, strict=True)]
-        )
+        words, n_blank = _blank_errors(texts, rests)
+        errors = np.array([_errors(label, k, line, rest) for (k, line), rest in zip(rows, words, strict=True)])
         scale = 1.0 if mas else 1000.0
-        if np.median(errors[:, 1]) * scale > 1000 * _LARGEST:
+        median = np.nanmedian(errors[:, 1]) * scale
+        if median > 1000 * _LARGEST:
             raise TableError(
-                f"{label}: errors of declination are {np.median(errors[:, 1]) * scale / 1000:.3g} arcsec in the median "
+                f"{label}: errors of declination are {median / 1000:.3g} arcsec in the median "
                 f"if in {'mas' if mas else 'arcsec'}: another unit? Make it a table with units (CSV, ECSV)"
             )
         east = errors[:, 0] * scale * (1.0 if mas else 15.0) * np.cos(np.radians(lat))
@@ -611,9 +638,26 @@ def _vlbi_table(label, rows, sources, mas):
         notes = (
             f"errors of the list are read in {unit_text}; those of right ascension do not include cos δ and were "
             "multiplied by it",
+            *([f"{n_blank} sources have errors and no correlation, which was taken as zero"] if n_blank else []),
         )
     table = replace(open_dict_or_array(columns), label=label, units=units)
     return replace(table, notes=notes)
+
+
+def _blank_errors(texts, rests):
+    """The words behind each position, with nan where errors are blank, and 0 where a correlation is; and how many."""
+    # Where the words of most rows end: one that is blank up to there has none, whatever stands behind.
+    ends = Counter(match.end() for match in map(_THREE_WORDS.match, texts) if match)
+    usual = max(ends, key=ends.__getitem__, default=0)
+    words, n_blank = [], 0
+    for text, remainder in zip(texts, rests, strict=True):
+        here = text[:usual].split()
+        if not here and text.strip():
+            remainder = ["nan"] * 3
+        elif len(here) == 2 and not text[usual - 2 : usual].strip():
+            remainder, n_blank = [*here, "0"], n_blank + 1
+        words.append(remainder)
+    return words, n_blank
 
 
 def _parse_source(label, number, line, pattern, icrf):
@@ -634,7 +678,7 @@ def _parse_source(label, number, line, pattern, icrf):
     remainder = match["rest"].split()
     if pattern is _GETPAR:
         remainder = [match["e1"], *(token for token in remainder if token != "C:")]
-    return _parse_names(match["names"]), (lon, -size if match["sign"] == "-" else size), remainder
+    return _parse_names(match["names"]), (lon, -size if match["sign"] == "-" else size), match["rest"], remainder
 
 
 def _parse_names(text):
@@ -655,6 +699,6 @@ def _errors(label, number, line, remainder):
         east, north, rho = errors
     except ValueError:
         raise TableError(f"{label}, line {number} is damaged: {excerpt!r}") from None
-    if not (np.isfinite(errors).all() and east > 0 and north > 0 and abs(rho) < 1):
+    if not np.isnan(errors).all() and not (np.isfinite(errors).all() and east > 0 and north > 0 and abs(rho) < 1):
         raise TableError(f"{label}, line {number} has no usable errors: {excerpt!r}")
     return errors

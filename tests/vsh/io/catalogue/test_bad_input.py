@@ -1,5 +1,6 @@
 """Every kind of bad table, and what its owner is told. None may end in a library's traceback."""
 
+import ast
 import gzip
 import re
 
@@ -272,3 +273,31 @@ def test_names_of_vizier_are_told():
     assert read_field(made).notes[0].startswith("columns by their names (vizier): ra = RA_ICRS, dec = DE_ICRS, pmra")
     with pytest.raises(TableError, match=r"Say which it is: columns='vizier' \(--columns vizier\)"):
         read_field(made, "gaia")
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        ("ra1", "dec1", "pmra1", "pmdec1", "pmra_err1", "pmdec_err1"),
+        ("Alpha", "Delta", "muAlphaStar", "muDelta", "sigMuAlpha", "sigMuDelta"),
+        ("lon_deg", "lat_deg", "pm_lon", "pm_lat", "pm_lon_std", "pm_lat_std"),
+    ],
+)
+def test_answer_in_a_question_is_complete(names):
+    """Two rounds of questions, of columns and then of units, were one more than a user has patience for."""
+    made = table()
+    before = read_field(made)
+    for old, new in zip(("ra", "dec", "pmra", "pmdec", "pmra_error", "pmdec_error"), names):
+        made[new] = np.asarray(made[old])
+        del made[old]
+    made["parallax_error1"], made["radial"], made["ra_error1"] = made[names[0]], made[names[0]], made[names[4]]
+    with pytest.raises(TableError) as caught:
+        read_field(made)
+    answer = re.search(
+        r"Say which it is: columns=(\{.*?\}), units=(\{.*?\}) \(--columns (\S+) --units", str(caught.value)
+    )
+    columns, units = map(ast.literal_eval, answer.groups()[:2])
+    assert answer[3] == ",".join(f"{role}={name}" for role, name in columns.items())
+    after = read_field(made, columns=columns, units=units)
+    np.testing.assert_allclose([after.lon, after.lat, *after.motion, *after.sigma],
+                               [before.lon, before.lat, *before.motion, *before.sigma])  # fmt: skip

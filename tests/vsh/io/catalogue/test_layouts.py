@@ -10,7 +10,7 @@ from gaia_table import table
 
 from vsh.io import tables
 from vsh.io.catalogue import read_field, read_icrf, read_positions
-from vsh.tools.errors import TableError, VshError
+from vsh.tools.errors import FieldError, TableError, VshError
 
 NAMES = ["ra", "dec", "pmra", "pmdec", "pmra_error", "pmdec_error"]
 UNITS = ["deg", "deg", "mas/yr", "mas/yr", "mas/yr", "mas/yr"]
@@ -243,13 +243,81 @@ def test_lists_of_vlbi(kind, tmp_path):
         assert positions.defining.all()
 
 
+@pytest.mark.parametrize("kind", ["crf", "icrf with flags"])
+def test_list_with_blank_errors(kind, tmp_path):
+    """OCARS has sources without errors, and others without a correlation: numbers behind the blanks are neither."""
+    lines = (listed(kind) + listed(kind).splitlines()[-1]).splitlines()
+    (_, _, _, *error), (*_, rho) = POSITIONS[1], POSITIONS[2]
+    blank = f"{error[0]:.8f} {error[1]:.7f} {error[2]:7.4f}"
+    lines[-3] = lines[-3].replace(blank, " " * len(blank))
+    lines[-2] = lines[-2].replace(f"{rho:7.4f}", " " * 7)
+    path = tmp_path / "list.txt"
+    path.write_text("\n".join(lines) + "\n")
+    with pytest.raises(FieldError, match=r"1 of 4 rows cannot be used: ra_error.*\(row 1\)"):
+        read_icrf(path, "iers")
+    positions = read_positions(path, on_bad="drop")
+    assert positions.name.tolist() == ["0002-478", "3C273B", "3C273B"]
+    np.testing.assert_allclose(positions.rho, [0.383, 0, rho], atol=1e-6)
+    np.testing.assert_allclose(positions.sigma[1], [213.9, 100, 100])
+    # A source that lacks three numbers is one source.
+    assert any("left out 1 of 4 rows" in note for note in positions.notes)
+    assert any("1 sources have errors and no correlation" in note for note in positions.notes)
+
+
+def test_columns_that_a_header_numbers(tmp_path):
+    """The .cat of the IVS analysis centre in Paris; without cos δ its errors would be others, and are not taken."""
+    meanings = ("IVS designation", "IERS designation", "Right ascension", "Declination",
+                "Formal uncertainty of the right ascension (*cos(Dec))", "Formal uncertainty of the declination",
+                "Correlation between right ascension and declination")  # fmt: skip
+    units = ("--", "--", "deg", "deg", "mas", "mas", "--")
+    header = "".join(f"# {k:4}  {unit:8} {words}\n" for k, (unit, words) in enumerate(zip(units, meanings), 1))
+    path = tmp_path / "solution.cat"
+    rows = "2357-326  2357-326 0.0849999277 -32.3503427004 0.0754 0.2096 +0.0460\n" * 2
+    path.write_text("# A solution\n# Columns  Units   Meaning\n" + header + "# Created 04/08/2018\n#\n" + rows)
+    positions = read_positions(path)
+    np.testing.assert_allclose(np.degrees([positions.lon[0], positions.lat[0]]), [0.0849999277, -32.3503427004])
+    np.testing.assert_allclose(positions.sigma[:, 0], [75.4, 209.6])
+    assert positions.rho[0] == 0.046
+    assert positions.name[0] == "2357-326"
+    path.write_text(path.read_text().replace(" (*cos(Dec))", ""))
+    with pytest.raises(TableError, match="no column 'ra_error'"):
+        read_positions(path)
+
+
+def test_names_behind_a_mark_above_rows_with_few_numbers(tmp_path):
+    """The list of the EVN: two angles among eight fields; its first source became the names."""
+    path = tmp_path / "evn.csv"
+    row = "0004+139,,, ,Q , 00:06:57.681,  14:15:53.90, EVN_list\n"
+    path.write_text("#IAUname,Alias1,Alias2,redshift,Q/B/G,RA2000,Dec2000,fromfile\n" + row * 3)
+    positions = read_positions(path, {"ra": "RA2000", "dec": "Dec2000", "name": "IAUname"}, sigma=100)
+    assert len(positions) == 3
+    np.testing.assert_allclose(np.degrees([positions.lon[0], positions.lat[0]]), [1.7403375, 14.2649722], atol=1e-6)
+
+
+def test_positions_are_checked_as_those_of_motions_are():
+    """Radians and hours were read as degrees where positions alone are compared; VizieR's names were not known."""
+    rng = np.random.default_rng(1)
+    lon, lat = rng.uniform(0, 360, 50), rng.uniform(-80, 80, 50)
+    errors = {"ra_error": np.full(50, 0.1), "dec_error": np.full(50, 0.1)}
+    with pytest.raises(FieldError, match="radians.*--units ra=rad,dec=rad"):
+        read_positions({"ra": np.radians(lon), "dec": np.radians(lat), **errors})
+    turned = {"ra": np.radians(lon), "dec": np.radians(lat), **errors}
+    found = read_positions(turned, units={"ra": "rad", "dec": "rad"})
+    np.testing.assert_allclose(np.degrees([found.lon, found.lat]), [lon, lat])
+    with pytest.raises(TableError, match="units: no column 'alpha'"):
+        read_positions(turned, units={"alpha": "rad"})
+    with pytest.raises(FieldError, match="is ra in hours"):
+        read_positions({"ra": lon / 15, "dec": lat, **errors})
+    vizier = {"RA_ICRS": lon, "DE_ICRS": lat, "e_RA_ICRS": errors["ra_error"], "e_DE_ICRS": errors["dec_error"]}
+    np.testing.assert_allclose(np.degrees(read_positions(vizier).lon), lon)
+
+
 def test_list_without_errors(tmp_path):
     path = tmp_path / "vievsCrf.txt"
     path.write_text(listed("vievs"))
-    with pytest.raises(TableError, match="no column 'ra_error'.*one error for all, sigma="):
-        read_positions(path)
-    with pytest.raises(TableError, match="has no errors: give one for all"):
-        read_icrf(path)
+    for read in (read_positions, read_icrf):
+        with pytest.raises(TableError, match="no column 'ra_error'.*one error for all, sigma="):
+            read(path)
     assert (read_positions(path, sigma=100.0).sigma == 100).all()
 
 
