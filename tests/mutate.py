@@ -162,15 +162,29 @@ def measure_tests(copy, environment):
     return {place: sorted(tests, key=seconds.__getitem__) for place, tests in lines.items()}, seconds
 
 
+def find_line(source, number):
+    """Where it is measured which tests run a line: at the line, or, of a header, at the body; None of what imports run."""
+    homes = [
+        node
+        for node in ast.walk(ast.parse(source))
+        if isinstance(node, ast.FunctionDef) and node.lineno <= number <= node.end_lineno
+    ]
+    if not homes:
+        return None
+    home = max(homes, key=lambda node: node.lineno)
+    body = home.body[1:] if ast.get_docstring(home) and len(home.body) > 1 else home.body
+    return max(number, body[0].lineno)
+
+
 def judge(mutant, copy, environment, tests_by_line, seconds):
     """Plant one random mutant in a copy and run its tests; returns (found, the line to print)."""
     path, source, kind, first, last, new, function = mutant
     whole = source.encode()
     number = whole[:first].count(b"\n") + 1
     line = f"{kind:10} {path}:{number} {function}: {whole[first:last].decode()!r} → {new!r}"
-    # What is run at import, as a default is, is seen by the tests of the lines below it.
-    lines = (tests_by_line.get((path.as_posix(), each)) for each in range(number, number + 12))
-    covering, spent = [], 0.0
+    place, covering, spent = find_line(source, number), [], 0.0
+    # Of a statement of several lines those below its first may have no tests.
+    lines = (tests_by_line.get((path.as_posix(), each)) for each in range(place or 0, (place or 0) - 15, -1))
     for test in next(filter(None, lines), []):
         spent += seconds[test]
         if spent > 240 or len(covering) == 1000:

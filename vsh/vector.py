@@ -264,7 +264,7 @@ class Vector(Equal, Frozen):
         The posterior of the direction under a prior that is flat in length and in direction.
         """
         probability = between("probability", probability, 0, 1)
-        if not np.isfinite(self.covariance).all() or self.dof < FEWEST_DOF:
+        if self.dof < FEWEST_DOF:
             return float("nan")
         if not (widest := np.linalg.eigvalsh(self.covariance)[-1]) > 0:
             return 0.0

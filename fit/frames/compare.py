@@ -196,7 +196,7 @@ class FrameComparison(FrameResult, AboutSolution):
         solution, errors = self.solution, self.solution.errors_from
         source, includes_floor = solution.error_source, solution.includes_floor
         values, covariance = np.array(solution.values), np.array(solution.covariance)
-        if self.by_class is not None and not self.method:
+        if self.by_class is not None:
             values, covariance = np.array(self.by_class.values), np.array(self.by_class.covariance)
             errors, source = (
                 "the scatter of the residuals in classes of sources with similar formal errors",

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 import sim
-from sim.scanning import NominalScanningLaw
+from sim.scanning import NominalScanningLaw, TabulatedLaw
 from vsh.sky.frames import rotation_matrix
 from vsh.sky.sphere import triad
+from vsh.tools.errors import ParameterError
 
 LAW = NominalScanningLaw()
 #: Mean counts in five years after 6 % loss, by |sin β| (docs/theory.md).
@@ -267,3 +268,10 @@ def test_eight_spins_at_a_time_miss_none(law):
         assert set(zip(source, spin, strict=True)) == pairs
         np.testing.assert_allclose(h0, height[source, spin], atol=1e-15)
         np.testing.assert_allclose(h1, height[source, spin + 1], atol=1e-15)
+
+
+@pytest.mark.parametrize("time", [[0.0], [0.0, 2.0, 1.0], [0.0, 0.0, 1.0]])
+def test_times_of_a_tabulated_law_rise(time):
+    view = np.zeros((2, len(time)))
+    with pytest.raises(ParameterError, match="rise"):
+        TabulatedLaw(time, view, view + 1.0)

@@ -85,3 +85,26 @@ def test_options_that_would_have_no_effect_are_refused(options):
         options = options | {"mission": sim.NominalScanningLaw(years=1.0)}
     with pytest.raises(VshError, match="mission"):
         sim.observe(sim.quasars(5, 1), sim.spin((0, 0, 0)), 1, **options)
+
+
+def test_epochs_show_both_components_along_the_scan():
+    """µ_α* sin ψ + µ_δ cos ψ, times the time since the epoch; the noise is the same of the same seed."""
+    population = sim.quasars(6, rng=1)
+    mission = sim.Mission(sim.NominalScanningLaw(years=2.0), "DR4")
+    still, moving = (
+        sim.epochs(population, sim.acceleration(value), 2, mission=mission)
+        for value in ((0.0, 0.0, 0.0), (3e4, -2e4, 5e4))
+    )
+    arrival = np.asarray(still["obs_time_tcb"], float) + np.asarray(still["obs_time_bary_corr"], float)[:, None]
+    time = arrival / 1e9 / (365.25 * 86400) + 2010
+    angle, source = np.radians(np.asarray(still["scan_pos_angle"])), np.asarray(still["source_id"]) - 1
+    motion = sim.acceleration((3e4, -2e4, 5e4))(population.lon, population.lat)[:, source]
+    shift = (motion[0] * np.sin(angle) + motion[1] * np.cos(angle))[:, None] * (time - still.meta["REFEPOCH"])
+    np.testing.assert_allclose(moving["centroid_pos_al"] - still["centroid_pos_al"], shift / 1000, atol=1e-3)
+
+
+def test_errors_of_vlbi_scatter_by_a_factor_of_two():
+    data = sim.link(1, 400, binaries=0.0)
+    here = data.catalogue == "vlbi"
+    spread = np.log10(np.sqrt(data.covariance[here][:, 0, 0]))
+    assert np.std(spread) == pytest.approx(0.3, abs=0.05)

@@ -111,6 +111,11 @@ def test_few_replicates_make_hotelling_of_chi2(dof):
     np.testing.assert_allclose(many.amplitude_interval(), plain.amplitude_interval(), rtol=3e-3)
 
 
+def test_no_cone_without_degrees_of_freedom():
+    assert np.isfinite(Vector([9, 0, 0], np.eye(3), dof=50).direction_cone())
+    assert np.isnan(Vector([9, 0, 0], np.eye(3), dof=2).direction_cone())
+
+
 def test_bad_vectors():
     for value, spread in (
         ([1, 2], np.eye(3)),

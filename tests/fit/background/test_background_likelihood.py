@@ -63,6 +63,11 @@ def test_likelihood_adds_and_depends_on_no_frame():
         assert other.log_evidence == pytest.approx(whole.log_evidence, abs=1e-8)
 
 
+def test_one_free_degree_is_a_degree():
+    one, several = (fit_background(fit.normal_equations(FIELD, MODES), SPECTRA, free=free) for free in (1, (1,)))
+    np.testing.assert_array_equal(one.amplitudes, several.amplitudes)
+
+
 def test_fewer_sources_than_coefficients():
     """20 sources, 96 coefficients: the normal matrix is singular, the likelihood is the dense one."""
     field, modes = random_field(20, seed=2), Modes(6)

@@ -10,7 +10,8 @@ from scipy.stats import chi2, kstest, ncx2
 import fit
 import sim
 from fit.background import Spectrum, wave_limit
-from fit.background._waves import probability_above, quantile
+from fit.background._amplitude import Amplitude
+from fit.background._waves import probability_above, quadrupole_statistics, quantile
 from vsh.io.catalogue import read_field
 from vsh.tools.errors import ModesError, ParameterError
 
@@ -153,3 +154,17 @@ def test_messages():
         few.limit(0.95, "coefficients")
     assert few.report().rstrip().endswith("–")
     few.plot()
+    # As many numbers as unknowns determine no scatter, whatever the matrix is.
+    assert np.isnan(quadrupole_statistics(fit.normal_equations(random_field(8, 1), 2), 2, True)[0])
+
+
+def test_limit_by_coefficients_goes_with_the_square_of_the_hubble_constant():
+    found = wave_limit(injected(0.0, 1))
+    other = replace(found, hubble=2 * found.hubble)
+    assert found.limit(0.95, "coefficients") == pytest.approx(4 * other.limit(0.95, "coefficients"))
+
+
+def test_likeliest_amplitude_at_the_ends_of_its_grid():
+    root = np.array([3.0, 4.0, 5.0])
+    for log_likelihood, at in (([0.0, -1, -2], 9), ([-2.0, -1, 0], 25), ([-1.0, 0, -1], 16)):
+        assert Amplitude(root, np.array(log_likelihood)).maximum == pytest.approx(at)

@@ -53,6 +53,17 @@ def test_differences_put_in_are_recovered():
     assert len(kept) == found.solution.n_sources
 
 
+def test_errors_to_quote_are_those_of_the_scatter():
+    """The older catalogue quotes a third of its errors; by least squares these are worked out in classes."""
+    new, old = two(truth={})
+    found, _ = compare_catalogues(new, replace(old, sigma=old.sigma / 3), floor=False, threshold=1000)
+    assert found.best.sigma / found.solution.sigma == pytest.approx(np.full(len(found.solution.sigma), 3), rel=0.1)
+    assert "classes" in found.best.errors_from
+    by_tails, _ = compare_catalogues(new, old, floor=False, method="student")
+    assert by_tails.by_class is None
+    np.testing.assert_allclose(by_tails.best.sigma, by_tails.solution.sigma)
+
+
 def test_more_outliers_than_are_listed():
     found, _ = compare_catalogues(*two(outliers=14))
     assert "among the 14 excluded sources" in found.report()

@@ -57,9 +57,24 @@ def test_draws_are_independent_and_of_the_posterior(field):
     assert found.burn_in == 0
     assert len(found.samples["H0"]) == found.chain.shape[0] * found.chain.shape[1]
     assert "independent draws from a grid" in found.report(long=True)
+    chain = sample(field, CMB_VELOCITY_PLANCK18, n_samples=20_000, rng=3, **COMMON)
+    mean, sigma = chain.cells.hubble
+    away = (chain.samples["H0"].mean() - mean) / (sigma / np.sqrt(chain.effective_size["H0"]))
+    assert f"mean H0 is {away:+.1f} of its Monte Carlo errors" in chain.report(long=True)
     np.testing.assert_array_equal(
         found.log_probability.ravel(), found.model.log_probability(found.chain.reshape(-1, 4))
     )
+
+
+def test_cells_may_be_coarse(field):
+    """What varies within a cell is allowed for: draws of few cells are those of the posterior, too."""
+    model = sample(field, CMB_VELOCITY_PLANCK18, method="grid", n_samples=2000, rng=3, **COMMON).model
+    cells = Cells.of(model, 6)
+    assert [len(edge) for edge in cells.edges] == [7]
+    draws = cells.draw_independent(np.random.default_rng(1), 20_000)[0][:, 3]
+    exact = grid(field, CMB_VELOCITY_PLANCK18, n_points=2000, flows=None)
+    assert draws.std() == pytest.approx(exact.sigma("H0"), rel=0.03)
+    assert abs(draws.mean() - exact.mean("H0")) < 0.03 * exact.sigma("H0")
 
 
 def test_density_of_draws_is_what_they_are_drawn_with(field, free):

@@ -151,6 +151,16 @@ def test_excess_noise_is_recovered():
     assert abs(of_the_fit.std() - 1) < 4 / np.sqrt(2 * of_the_fit.size)
 
 
+def test_components_that_are_exchanged_change_no_excess_noise():
+    """East is as good as north: the field turned by 90°, of the same sources, has the same likelihood."""
+    field = noisy(1, 15.0)
+    turned = Field(field.lon, field.lat, field.motion[::-1] * [[1], [-1]], field.sigma[::-1], -field.rho)
+    for scale in (False, True):
+        found, other = (fit.robust.excess_noise(each, Modes(1), scale=scale) for each in (field, turned))
+        assert other.excess_noise == pytest.approx(found.excess_noise, rel=0.02)
+        assert other.excess_noise_error == pytest.approx(found.excess_noise_error, rel=0.02)
+
+
 def test_excess_noise_and_scale_together():
     found = [fit.robust.excess_noise(noisy(seed, 15.0, 1.3), Modes(1), scale=True) for seed in range(40)]
     for value, name in ((15.0, "excess_noise"), (1.3, "scale")):

@@ -406,6 +406,13 @@ def test_one_source_a_calibrator_changes_nothing():
     np.testing.assert_allclose(link(alone).values, link(stars).values, rtol=1e-12)
 
 
+def test_p_value_of_a_search_allows_for_its_places():
+    found = find_step(sim.link(2, 30, binaries=0.0), [10.0, 11.0, 13.0], excess=False, robust=False)
+    p = np.array([link(sim.link(2, 30, binaries=0.0), steps=[x], excess=False, robust=False).jump_p_values(x)
+                  for x in (10.0, 11.0, 13.0)]).min(axis=0)  # fmt: skip
+    np.testing.assert_allclose(found.solution.searched, 1 - (1 - p) ** 3, rtol=1e-6)
+
+
 @pytest.mark.slow
 def test_place_of_a_jump_is_found():
     stars = sim.link(2, 80, jump=(120.0, 0.0, -60.0), tails=4)

@@ -38,6 +38,16 @@ def test_names_and_units_are_known(columns, factor, redshift):
         np.testing.assert_allclose(field.redshift, Z)
 
 
+@pytest.mark.parametrize("unit", ["mas", "arcsec"])
+def test_units_of_inverse_variances(unit):
+    size = {"mas": 1.0, "arcsec": 1e-3}[unit]
+    made = Table({"RA": RA, "DEC": DEC, "PMRA": MOTION[0] * size, "PMDEC": MOTION[1] * size,
+                  "PMRA_IVAR": (ERROR * size) ** -2.0, "PMDEC_IVAR": (ERROR * size) ** -2.0})  # fmt: skip
+    for name in ("PMRA", "PMDEC"):
+        made[name].unit, made[f"{name}_IVAR"].unit = f"{unit} / yr", f"yr2 / {unit}2"
+    np.testing.assert_allclose(read_field(made).sigma, 300, rtol=1e-12)
+
+
 def test_motions_called_mu_ask_for_their_unit():
     columns = {
         "ra": RA,
