@@ -408,7 +408,6 @@ BREAKS = [
     ("fit/frames/compare.py", "value=sign * vector.value", "value=vector.value", "test_same_question.py"),
     ("fit/motions/stars.py", "field.check_frame(self.frame)\n        rates", "rates", "test_same_question.py"),
     ("sim/agis/_system.py", "np.where(self.solved, motion.weights, 0.0)", "motion.weights", "test_agis_statistics.py"),
-    ("sim/agis/_results.py", "(np.arange(len(lon)) <= rows[:, None])", "(np.arange(len(lon)) == rows[:, None])", "test_agis_statistics.py"),
     ("sim/agis/_response.py", "np.maximum(starts, before)", "starts", "test_response.py"),
     ("sim/agis/_response.py", "key = modes, functions(self._time).tobytes()", "key = modes", "test_response.py"),
 ]  # fmt: skip

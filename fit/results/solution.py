@@ -189,12 +189,14 @@ class HarmonicSolution(LinearSolution):
         """The acceleration ã of the Solar System, in apparent motion, a Vector. [µas/yr]"""
         return self._first_degree("S", FIRST_DEGREE, self.unit)
 
-    def power(self, kind: Kind, l: int | None = None, *, debiased: bool = True) -> Any:
-        """Power of one kind and degree, ∫ |V_l|² dΩ; without `l` of all degrees, an array. [(µas/yr)²]
+    def power(self, kind: Kind | None = None, l: int | None = None, *, debiased: bool = True) -> Any:
+        """Power of one kind and degree, ∫ |V_l|² dΩ; without `l` of all degrees, without `kind` of T and S. [(µas/yr)²]
 
         Noise adds Σ σ² (with the weights of the power) on average; it is taken away
         unless `debiased` is false, so that a small power may come out negative.
         """
+        if kind is None:
+            return np.array([self.power(each, l, debiased=debiased) for each in self.modes.kinds])
         if l is None:
             return np.array([self.power(kind, degree, debiased=debiased) for degree in np.unique(self.modes.degrees)])
         values, _ = self.of_degree(kind, l)

@@ -89,7 +89,7 @@ def first_line(error: object) -> str:
 #: words are a hint.
 ATTRIBUTES = {
     "aic": "bic, which compares degrees as well",
-    "cl": "power(kind, l), or fit.output.powers_table(solution)",
+    "cl": "power",
     "coef_": "values",
     "coords": "to_skycoord()",
     "cov": "covariance",
@@ -126,14 +126,15 @@ NAMES = {
     "fit": "fit.recommended(field), after `import fit`",
     "harmonics": "vsh.basis.harmonics",
     "healpix": "vsh.sky.pixels",
-    "huber": "fit.robust.student_t",
+    "huber": "fit.robust.student_t, which leaves less to a choice",
     "plot": "vsh.figures.plot",
     "plot_sky": "vsh.figures.plot.plot_field",
+    "read": "vsh.read_field",
     "read_table": "vsh.read_field",
     "run_mcmc": "fit.posterior.sample",
     "simulate": "sim.observe(sim.quasars(n), signal)",
     "sky": "vsh.figures.plot.plot_field",
-    "vsh": "vsh.basis.harmonics",
+    "vsh": "vsh.basis.harmonics(lon, lat, modes)",
 }
 #: The same of arguments.
 ARGUMENTS = {

@@ -5,11 +5,13 @@ script comes first in Python's search, and hides ours.
 """
 
 import os
+import re
 import sys
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from importlib.machinery import PathFinder
 from importlib.util import find_spec, module_from_spec
+from pkgutil import resolve_name
 from typing import Any
 
 import lazy_loader
@@ -92,8 +94,10 @@ def _add_hints(module, getter, names):
         except AttributeError as error:
             if name in names:  # an import of ours failed, and its cause is what helps
                 raise
-            from vsh.tools.errors import missing_name_error
+            from vsh.tools.errors import NAMES, missing_name_error
 
+            if re.fullmatch(r"\w+(\.\w+)+", NAMES.get(name, "")):  # another name for one of ours
+                return resolve_name(NAMES[name])
             raise missing_name_error(module, name, names, error) from None
 
     return get

@@ -1,5 +1,6 @@
 """What a notebook shows of a noun: what it is, and what it holds, a row each."""
 
+import re
 from dataclasses import fields, is_dataclass
 from html import escape
 from inspect import getattr_static
@@ -28,8 +29,11 @@ class InNotebook:
                 return attribute.__get__(self, type(self))  # a property whose own error is one of attributes
             from vsh.tools.errors import ATTRIBUTES, MissingAttribute
 
-            if (ours := ATTRIBUTES.get(name, "")).isidentifier() and ours in dir(self):
-                return getattr(self, ours)
+            # What is another name for one of ours, or for a call without anything to choose, is that.
+            ours = re.fullmatch(r'(\w+)(\((?:"(\w+)")?\))?', ATTRIBUTES.get(name, ""))
+            if ours and ours[1] in dir(self):
+                attribute = getattr(self, ours[1])
+                return attribute(*filter(None, [ours[3]])) if ours[2] else attribute
             raise MissingAttribute(name=name, obj=self)
 
     def _repr_html_(self) -> str:

@@ -3,6 +3,7 @@
 import copy
 import pickle
 
+import numpy as np
 import pytest
 from conftest import random_field
 
@@ -15,9 +16,10 @@ import vsh
     ("ask", "words"),
     [
         (lambda field, _: field.redshfit, "did you mean redshift"),
-        (lambda field, _: field.galactic, 'did you mean to_frame("galactic")?'),
+        (lambda field, _: field.sort, "did you mean to_table(), whose rows"),
         (lambda _, solution: solution.aic, "did you mean bic, which"),
-        (lambda *_: vsh.harmonics, "did you mean vsh.basis.harmonics?"),
+        (lambda _, solution: solution.to_arviz, "did you mean sample(n), whose draws"),
+        (lambda *_: vsh.vsh, "did you mean vsh.basis.harmonics(lon, lat, modes)?"),
         (lambda *_: fit.fit_feild, "did you mean fit_field"),
         (lambda *_: vsh.read_feild, "read_field"),
     ],
@@ -27,6 +29,19 @@ def test_attributes(ask, words):
     with pytest.raises(AttributeError) as error:
         ask(field, fit.fit_field(field, 1))
     assert words in str(error.value)
+
+
+def test_other_names_of_ours_are_ours():
+    """A name by which another package has the same, and of what needs no choice."""
+    field = random_field(200, 1)
+    solution = fit.fit_field(field, 2)
+    np.testing.assert_array_equal(field.galactic.lon, field.to_frame("galactic").lon)
+    np.testing.assert_array_equal(solution.spin.galactic.value, solution.spin.to_frame("galactic").value)
+    assert field.skycoord.frame.name == "icrs"
+    np.testing.assert_array_equal(solution.cl(), [solution.power("T"), solution.power("S")])
+    np.testing.assert_array_equal(solution.get_power(l=2), [solution.power("T", 2), solution.power("S", 2)])
+    assert vsh.harmonics is vsh.basis.harmonics
+    assert vsh.figures.plot_sky is vsh.figures.plot.plot_field
 
 
 @pytest.mark.parametrize(

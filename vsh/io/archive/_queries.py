@@ -25,8 +25,6 @@ class DataRelease(InNotebook):
     name : str
     epoch : float
         Epoch of positions, a Julian year (TCB).
-    months : int
-        Months of observations.
     schema : str
         Schema of its tables in the archive.
     solution : str
@@ -46,7 +44,6 @@ class DataRelease(InNotebook):
 
     name: str
     epoch: float
-    months: int
     schema: str
     solution: str
     accepted: dict[int, str]
@@ -54,9 +51,9 @@ class DataRelease(InNotebook):
 
 
 _SINGLE = {31: "position, parallax, proper motion", 95: "the same and a colour"}
-EDR3 = DataRelease("EDR3", 2016.0, 34, "gaiaedr3", "astrometric_params_solved", _SINGLE)
-DR3 = DataRelease("DR3", 2016.0, 34, "gaiadr3", "astrometric_params_solved", _SINGLE)
-DR4 = DataRelease("DR4", 2017.5, 66, "gaiadr4", "astrometric_params", _SINGLE, "tentative_parallax_bias")
+EDR3 = DataRelease("EDR3", 2016.0, "gaiaedr3", "astrometric_params_solved", _SINGLE)
+DR3 = DataRelease("DR3", 2016.0, "gaiadr3", "astrometric_params_solved", _SINGLE)
+DR4 = DataRelease("DR4", 2017.5, "gaiadr4", "astrometric_params", _SINGLE, "tentative_parallax_bias")
 #: By name.
 RELEASES = {release.name: release for release in (EDR3, DR3, DR4)}
 #: What a fit needs, what selections look at, and what tells of the quality.

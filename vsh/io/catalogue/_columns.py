@@ -13,16 +13,8 @@ import numpy as np
 from astropy import units as u
 
 from vsh.io import tables
-from vsh.io.catalogue._names import (
-    ASSUMED,
-    NAMED,
-    REQUIRED,
-    ColumnRequest,
-    Columns,
-    find_correlations,
-    guess_names,
-    name_and_unit,
-)
+from vsh.io.catalogue import _names
+from vsh.io.catalogue._names import ASSUMED, NAMED, REQUIRED, ColumnRequest, Columns, find_correlations, name_and_unit
 from vsh.io.tables import TableSource
 from vsh.sky.frames import MEASURED_KEY
 from vsh.tools.bad_rows import as_floats, span_of, within
@@ -141,19 +133,18 @@ def locate_columns(wanted: ColumnRequest, source: TableSource) -> tuple[dict[str
 
 def _propose(absent, column_names, source):
     """The words that answer a question for columns: those of the likeliest names, and of units that nobody says."""
-    guesses = guess_names(column_names, source.names)
+    guesses = _names.guess_names(column_names, source.names)
     choice = {role: guesses.get(role, "…") for role in absent}
     all_names = column_names | choice
     bare = [all_names.get(role, "…") for role in REQUIRED[2:]]
     bare = [name for name in bare if name != "…" and unit_of(name, {}, source) is None]
-    units = dict.fromkeys(bare, "mas/yr") if "…" not in choice.values() else {}
-    words = [
-        (f"{argument}={mapping!r}", f"--{argument} {shlex.quote(','.join(f'{a}={b}' for a, b in mapping.items()))}")
-        for argument, mapping in (("columns", choice), ("units", units))
-        if mapping
-    ]
-    python, shell = zip(*words, strict=True)
-    return f"{', '.join(python)} ({' '.join(shell)})" + (", or another unit" if units else "")
+    options = {"columns": choice}
+    if bare and "…" not in choice.values():
+        options["units"] = dict.fromkeys(bare, "mas/yr")
+    python = ", ".join(f"{name}={mapping!r}" for name, mapping in options.items())
+    pairs = {name: ",".join(f"{a}={b}" for a, b in mapping.items()) for name, mapping in options.items()}
+    shell = " ".join(f"--{name} {shlex.quote(text)}" for name, text in pairs.items())
+    return f"{python} ({shell})" + (", or another unit" if "units" in options else "")
 
 
 def _role_of(name, column_names):

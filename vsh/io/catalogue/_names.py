@@ -271,7 +271,7 @@ _LONGITUDE, _LATITUDE = re.compile("(?<![a-z])ra(?![dntw])|alpha|lon"), re.compi
 
 
 def guess_names(column_names: Mapping[str, str], names: Iterable[str]) -> dict[str, str]:
-    """For a question: the columns that may have the roles that none is known for, and are not used for others."""
+    """Guess, for a question, the columns of the roles that none is known for."""
     guesses = dict(column_names)
     kinds = {name: _kind(name.lower()) for name in names}
     for role in REQUIRED:
@@ -283,7 +283,7 @@ def guess_names(column_names: Mapping[str, str], names: Iterable[str]) -> dict[s
 
 
 def _kind(name):
-    """Whether a name is of a motion, of an error, and of a longitude or a latitude; none of the last: no kind."""
+    """Return whether a name is of a motion, of an error, and of a longitude; None where it is of neither axis."""
     axis = re.sub("^.*?(pm|mu)_?", "", name)
     is_longitude, is_latitude = (bool(pattern.search(axis)) for pattern in (_LONGITUDE, _LATITUDE))
     if is_longitude == is_latitude:
