@@ -1,4 +1,4 @@
-"""Time per source from 10⁵ to 10⁷ sources, and a Parquet folder of 10⁷ in little memory.
+"""CPU time from 10³ to 10⁷ sources beside its limits, and a Parquet folder of 10⁷ in little memory.
 
 python benchmarks/scaling.py [FOLDER [WORKERS]]
 """
@@ -18,29 +18,42 @@ from vsh import Modes
 from vsh.io import tables
 
 
-def per_source(lmax=10, runs=5):
-    """Time of a fit divided by the number of sources, as that grows."""
-    print(f"degree {lmax}, the whole fit")
-    print(f"{'sources':>9} {'seconds':>9} {'ns/source':>10}")
-    for n in (100_000, 300_000, 1_000_000, 3_000_000, 10_000_000):
-        field = synthetic(n)
-        times = []
-        for _ in range(runs + 1):
-            start = time.perf_counter()
-            fit.fit_field(field, lmax)
-            times.append(time.perf_counter() - start)
-        median = np.median(times[1:])
-        print(f"{n:9d} {median:9.3f} {median / n * 1e9:10.1f}", flush=True)
+def by_size(lmax=5):
+    """CPU seconds from 10³ to 10⁷ sources: the fit beside the raw transforms, the fit to quote, a file beside a bare read."""
+    import pyarrow.parquet
+    from fits import least_cpu, raw_transforms, recommended, this_project
+
+    from vsh.io.catalogue import read_field
+
+    print(f"CPU seconds, degree {lmax}")
+    print(
+        f"{'sources':>9} {'transforms':>11} {'fit_field':>10} {'recommended':>12} {'bare read':>10} {'read_field':>11}"
+    )
+    with tempfile.TemporaryDirectory() as folder:
+        for n in (1000, 10_000, 100_000, 1_000_000, 10_000_000):
+            field, path, runs = synthetic(n), Path(folder) / "one.parquet", 3 if n < 10**7 else 1
+            times = [least_cpu(code, field, lmax, runs=runs) for code in (raw_transforms, this_project, recommended)]
+            write_rows(path, n, 0)
+            times += [least_cpu(read, path, runs=3) for read in (pyarrow.parquet.read_table, read_field)]
+            print(
+                f"{n:9d} {times[0]:11.4f} {times[1]:10.4f} {times[2]:12.4f} {times[3]:10.4f} {times[4]:11.4f}",
+                flush=True,
+            )
 
 
 def write_folder(folder, files=20, rows=500_000):
     """10⁷ sources in Gaia's columns."""
     for i in range(files):
-        field = synthetic(rows, seed=i)
-        columns = {"source_id": np.arange(rows) + i * rows, "ra": np.degrees(field.lon), "dec": np.degrees(field.lat)}
-        columns |= {"pmra": field.motion[0] / 1000, "pmdec": field.motion[1] / 1000}
-        columns |= {"pmra_error": field.sigma[0] / 1000, "pmdec_error": field.sigma[1] / 1000}
-        tables.write_columns(folder / f"part{i:03d}.parquet", columns | {"pmra_pmdec_corr": field.rho})
+        write_rows(folder / f"part{i:03d}.parquet", rows, i)
+
+
+def write_rows(path, rows, seed):
+    field = synthetic(rows, seed=seed)
+    columns = {"source_id": np.arange(rows) + seed * rows, "ra": np.degrees(field.lon), "dec": np.degrees(field.lat)}
+    columns |= {"pmra": field.motion[0] / 1000, "pmdec": field.motion[1] / 1000}
+    columns |= {"pmra_error": field.sigma[0] / 1000, "pmdec_error": field.sigma[1] / 1000}
+    path.unlink(missing_ok=True)
+    tables.write_columns(path, columns | {"pmra_pmdec_corr": field.rho})
 
 
 def stream(folder, lmax=10, workers=None):
@@ -67,7 +80,7 @@ if __name__ == "__main__":
     if len(sys.argv) > 1:
         stream(Path(sys.argv[1]), workers=int(sys.argv[2]) if len(sys.argv) > 2 else None)
     else:
-        per_source()
+        by_size()
         with tempfile.TemporaryDirectory() as folder:
             write_folder(Path(folder))
             for workers in ([], ["2"]):
