@@ -1,8 +1,13 @@
 """Pages in headless Chromium: what they do, ask for, weigh and how soon; skipped where there is no browser."""
 
+import contextlib
+import functools
 import json
 import os
+import re
 import shutil
+from importlib import import_module
+from pathlib import Path
 
 import matplotlib as mpl
 import numpy as np
@@ -13,11 +18,14 @@ mpl.use("agg")
 import matplotlib.pyplot as plt
 
 import fit
+import sim
 from fit.commands.fit import main
 from vsh import Field
+from vsh.commands import COMMANDS as LISTED
 from vsh.figures.plot import even_grid, sky_axes
 from vsh.figures.plot._field import arrow_lines
 from vsh.io import catalogue
+from vsh.io.astrometry import write_astrometry
 from vsh.sky.sphere import triad
 
 playwright = pytest.importorskip("playwright.sync_api", reason="no playwright: pip install -e '.[browser]'")
@@ -58,6 +66,48 @@ def pages(tmp_path_factory):
 
 
 NAMES = ["demo", "vlba", "beside", "many"]
+#: A small job of each command that writes a page.
+COMMANDS = {
+    "correlate": "correlate q.fits --leakage 2",
+    "compare": "compare icrf_a.csv icrf_b.csv",
+    "redshift": "redshift g.fits --h0 70 --redshift-frame true --bins 2",
+    "link": "link gaia.csv vlbi.csv --steps 13",
+    "pairs": "pairs q.fits",
+    "waves": "waves epochs.fits --frequencies 0.5:1:2",
+    "referee": "referee crf3.fits --on-bad drop",
+    "forecast": "forecast",
+    "fit": "fit q.fits --lmax 3 --waves",
+}
+
+
+@pytest.fixture(scope="module")
+def command_pages(tmp_path_factory):
+    """A page of each command, made when it is first asked for."""
+    folder = tmp_path_factory.mktemp("commands")
+    with contextlib.chdir(folder):
+        quasars = sim.quasars(600, 1)
+        sim.observe(quasars, sim.spin((10.0, 0, 0)), 2, sigma=30.0).write("q.fits")
+        galaxies = sim.observe(sim.galaxies(800, 1), sim.secular_parallax((300.0, 0, 0)), 2, sigma=20.0)
+        galaxies.write("g.fits")
+        sim.crf3(1, n_five=3000, n_six=100).write("crf3.fits")
+        sim.epochs(sim.quasars(20, 1), sim.spin((0, 0, 0)), 2).write("epochs.fits")
+        stars = sim.link(1, 20)
+        for name in ("gaia", "vlbi"):
+            write_astrometry(stars[stars.catalogue == name], f"{name}.csv")
+        rng = np.random.default_rng(1)
+        for name in "ab":
+            places = np.degrees([quasars.lon, quasars.lat]) + rng.normal(0, 3e-8, (2, len(quasars)))
+            rows = [f"S{i},{a:.12f},{d:.12f},0.1,0.1" for i, (a, d) in enumerate(places.T)]
+            Path(f"icrf_{name}.csv").write_text("\n".join(["name,ra,dec,ra_error,dec_error", *rows]) + "\n")
+
+    @functools.cache
+    def make(name):
+        command, *words = COMMANDS[name].split()
+        with contextlib.chdir(folder):
+            assert import_module(LISTED[command].module).main([*words, "--html", f"{name}.html"]) == 0
+        return folder / f"{name}.html"
+
+    return make
 
 
 def opened(browser, path, width=1280, scheme="light"):
@@ -70,7 +120,7 @@ def opened(browser, path, width=1280, scheme="light"):
         "request", lambda request: said.append(request.url) if not request.url.startswith(("data:", "file:")) else None
     )
     tab.goto(path.as_uri())
-    tab.wait_for_selector("body[data-ready]", timeout=20_000)
+    tab.wait_for_selector("body[data-ready]" if tab.locator("canvas").count() else "h1", timeout=20_000)
     return tab, said
 
 
@@ -122,6 +172,32 @@ def test_page_works_offline_and_is_accessible(browser, pages, name, width, schem
     found = axe.Axe().run(tab)
     assert found.violations_count == 0, found.generate_report()
     tab.context.close()
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_page_of_every_command(browser, command_pages, name):
+    """On a phone, a tablet and a screen, light and dark, on paper and without a script: nothing asked, said or cut."""
+    path = command_pages(name)
+    for width, scheme in ((390, "light"), (390, "dark"), (768, "light"), (1440, "dark"), (1440, "light")):
+        tab, said = opened(browser, path, width, scheme)
+        assert tab.evaluate("document.documentElement.scrollWidth <= window.innerWidth"), width
+        assert said == []
+        found = axe.Axe().run(tab)
+        assert found.violations_count == 0, found.generate_report()
+        if width == 1440 and scheme == "dark":
+            tab.emulate_media(media="print", color_scheme="dark")
+            light = tab.evaluate("getComputedStyle(document.body).backgroundColor")
+            assert light in ("rgb(255, 255, 255)", "rgba(0, 0, 0, 0)")
+        tab.context.close()
+    bare = browser.new_context(java_script_enabled=False)
+    tab = bare.new_page()
+    tab.goto(path.as_uri())
+    with_script = path.read_text(encoding="utf-8")
+    assert tab.locator("h1").count() == 1
+    assert tab.locator("table").count() == len(
+        re.findall("<table", re.sub("<script.*?</script>", "", with_script, flags=re.DOTALL))
+    )
+    bare.close()
 
 
 @pytest.mark.parametrize("projection", ["hammer", "mollweide", "globe", "polar"])
