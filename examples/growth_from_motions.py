@@ -11,11 +11,13 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import sim
-from vsh.figures.plot import figure_of
+from vsh.figures.plot import STYLE, figure_of
 from vsh.models.cosmology import FLAT_PLANCK13, hubble_value, transverse_distance
 from vsh.models.flows import LINEAR_PLANCK18, flow_of_galaxies
 from vsh.sky.sphere import triad
 from vsh.tools.units import AU_PER_YEAR
+
+plt.rcParams.update(STYLE)
 
 # %%
 # Ten thousand galaxies out to 90 Mpc/h whose density follows matter, and their true velocities.
@@ -31,15 +33,16 @@ flow = flow_of_galaxies(population.lon, population.lat, distance)
 positions = triad(population.lon, population.lat)[2] * distance
 in_slice = np.abs(positions[2]) < 8
 fig, ax = plt.subplots(figsize=(6, 5.6), layout="constrained")
-ax.plot(*positions[:2, in_slice], ".", ms=2, color="0.6")
+ax.plot(*positions[:2, in_slice], ".", ms=2, color="0.6", label="galaxies within 8 Mpc/h of the plane")
 grid = np.linspace(-80, 80, 21)
 x, y = (each.ravel() for each in np.meshgrid(grid, grid))
 velocity, _ = flow.at(np.arctan2(y, x), np.zeros_like(x), np.hypot(x, y), "icrs")
 arrows = ax.quiver(x, y, *velocity[:2], color="C0", scale=9000, width=0.003)
 ax.quiverkey(arrows, 0.84, 0.96, 500, "500 km/s", labelpos="E", coordinates="axes")
 ax.set_aspect("equal")
-ax.set_xlabel("x [Mpc/h]")
-ax.set_ylabel("y [Mpc/h]")
+ax.set_xlabel("x (ICRS)  [Mpc/h]")
+ax.set_ylabel("y (ICRS)  [Mpc/h]")
+fig.legend(loc="outside upper center")
 figure_of(ax).savefig("growth_flow.png")
 
 # %%

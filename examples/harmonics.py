@@ -19,12 +19,12 @@ modes = Modes(2)
 for l in (1, 2):
     chosen = [i for i, mode in enumerate(modes) if mode.l == l]
     columns = 2 * l + 1
-    figure = plt.figure(figsize=(0.62 * WIDTH * columns, 0.9 * WIDTH), layout="constrained")
+    figure = plt.figure(figsize=(0.95 * WIDTH * columns, 1.25 * WIDTH), layout="constrained")
     for place, i in enumerate(chosen):
         axes = sky_axes("icrs", figure.add_subplot(2, columns, place + 1))
         field = Coefficients(modes, np.eye(len(modes))[i])
         mode = list(modes)[i]
-        lon, lat = arrow_grid(axes, 18.0)
-        draw_vectors(axes, lon, lat, field.at(lon, lat), longest=16.0, color=KIND_COLOURS[mode.kind])
+        lon, lat = arrow_grid(axes, 24.0)
+        draw_vectors(axes, lon, lat, field.at(lon, lat), longest=20.0, color=KIND_COLOURS[mode.kind])
         axes.set_title(str(mode))
     figure.savefig(f"harmonics_{l}.png", dpi=300)

@@ -15,8 +15,10 @@ import sim
 from fit.background import wave_limit
 from fit.pairs import correlation_function
 from vsh import Field
-from vsh.figures.plot import figure_of
+from vsh.figures.plot import STYLE, figure_of
 from vsh.sky.sphere import triad
+
+plt.rcParams.update(STYLE)
 
 # %%
 # How an isotropic background correlates what is seen at two places, in units of the mean square of a deflection: two pulsars
@@ -42,6 +44,7 @@ pairs = correlation_function(waves, np.radians(np.arange(0, 181, 6.0)))
 curve = pairs.plus / np.mean(np.sum(waves.motion**2, 0))
 ax.plot(np.degrees(pairs.theta), curve, ":", label="two quasars, one sky")
 ax.axhline(0, color="0.7", lw=0.8, zorder=0)
+ax.set_xlim(0, 1.2)
 ax.set_xlabel("angle [deg]")
 ax.set_ylabel("correlation")
 ax.legend()
@@ -81,7 +84,8 @@ densities = {"motions": limit.likelihood(grid), "pulsars": np.exp(log_likelihood
 densities["motions and pulsars"] = densities["motions"] * densities["pulsars"]
 
 # %%
-# Pulsars see a sum over as many waves as there are directions, motions the one quadrupole of our sky.
+# Pulsars see a sum over as many waves as there are directions, motions the one quadrupole of our sky: their likelihood falls slowly
+# beyond its maximum, so that together they move the pulsars' towards the truth and make it no narrower.
 fig, ax = plt.subplots(figsize=(6.5, 4), layout="constrained")
 for (label, density), style in zip(densities.items(), ("--", ":", "-"), strict=True):
     density = density / np.sum(density)
@@ -89,6 +93,7 @@ for (label, density), style in zip(densities.items(), ("--", ":", "-"), strict=T
     print(f"{label}: Ω from {low:.2f} to {high:.2f} (68 %), {omega} is true")
     ax.plot(grid, density / (grid[1] - grid[0]), style, label=label)
 ax.axvline(omega, color="0.6", lw=1, label="truth")
+ax.set_xlim(0, 1.2)
 ax.set_xlabel(r"$h_{70}^2\,\Omega$ of waves with f < 1/T")
 ax.set_ylabel("posterior density, flat in Ω")
 ax.legend()

@@ -28,7 +28,9 @@ for sky in ("gums", "igql"):
     a = solution.acceleration
     print(f"{sky}: ã = {a.value.round(2)} ± {a.sigma.round(2)} µas/yr in Galactic axes; truth (4.3, 0, 0)")
     print(f"      largest correlation of spin and acceleration {np.abs(solution.correlation[:3, 3:]).max():.2f}")
-    plot_density(quasars, nside=8, title=f"{len(quasars)} quasars, {sky}").figure.savefig(f"density_{sky}.png", dpi=300)
+    plot_density(quasars, nside=8, title=f"{len(quasars)} quasars, {sky.upper()}-like").figure.savefig(
+        f"density_{sky}.png", dpi=300
+    )
 
 # %%
 # The scanning law, and the rest of the picture.

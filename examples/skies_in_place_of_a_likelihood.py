@@ -12,6 +12,9 @@ import numpy as np
 
 import fit
 import sim
+from vsh.figures.plot import COLOURS, STYLE
+
+plt.rcParams.update(STYLE)
 
 # %%
 # The catalogue: 3000 quasars, a glide of (4, -3, 2) µas/yr, and errors that are 1.3 times as large as they say.
@@ -49,8 +52,12 @@ for name, value, error, true in zip(
 
 # %%
 # The noise of the skies that were drawn has the factors of the prior: errors are those of the average sky.
-figure, axes = plt.subplots(1, 4, figsize=(10, 2.6), layout="constrained")
-for ax, name, column in zip(axes, ("g_x", "g_y", "g_z", "factor"), residual.T, strict=True):
-    ax.hist(column, 30, color="0.5")
-    ax.set(xlabel=f"truth − estimate of {name}", yticks=[])
+figure, axes = plt.subplots(2, 2, figsize=(5, 4), layout="constrained")
+names = ("glide x  [µas/yr]", "glide y  [µas/yr]", "glide z  [µas/yr]", "error factor")
+for ax, name, column, off in zip(axes.flat, names, residual.T, estimate - [*TRUTH, FACTOR], strict=True):
+    ax.hist(column, 30, color="0.75", label="skies that were drawn")
+    ax.axvline(0, color="0.2", lw=0.8)
+    ax.axvline(-off, color=COLOURS[1], ls="--", label="the catalogue")
+    ax.set(xlabel=f"truth − estimate: {name}", ylabel="skies")
+figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=2)
 figure.savefig("skies_in_place_of_a_likelihood.png", dpi=150)

@@ -29,7 +29,8 @@ def plot_pairs(correlation: Any, fit: Any = None, *, ax: OnAxes | None = None) -
             axes.plot(degrees, curve, color=colour, alpha=0.8)
         for name, value, error in zip(fit.names, fit.values, fit.sigma, strict=True):
             digits = decimals_of_error(error)
-            axes.plot([], [], " ", label=f"{name} {value:.{digits}f} ± {error:.{digits}f}")
+            label = f"{name} {value:.{digits}f} ± {error:.{digits}f}".replace("-", "−")
+            axes.plot([], [], " ", label=label)
     axes.axhline(0, color="0.6", linewidth=0.6)
     axes.set_ylabel(_VALUE)
     legend_above(axes, 2)

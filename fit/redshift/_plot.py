@@ -44,15 +44,14 @@ def plot_bins(binned: Any, velocity: str | Vector | None = "planck", *, ax: OnAx
             color="0.25",
             label="as fitted",
         )
-        amplitude.plot(
-            z, [v.debiased_amplitude for v in vectors], "_", color=COLOURS[1], ms=8, mew=1.5, label="noise-debiased"
-        )
+        debiased = [v.debiased_amplitude for v in vectors]
+        amplitude.plot(z, debiased, "_", color=COLOURS[3], ms=8, mew=1.5, label="noise-debiased", clip_on=False)
         amplitude.set_ylabel(f"|{symbol}|  [µas/yr]")
         amplitude.set_ylim(bottom=0)
     if velocity is not None:
         _draw_prediction(binned, velocity, axes_array[:2])
     for axes in axes_array:
-        legend_above(axes, 5)
+        legend_above(axes, 3)
     axes_array[-1].set_xlabel("redshift (markers: where the mean of 1/distance is)")
     for axes in axes_array:
         axes.set_xscale("log" if logarithmic else "linear")
@@ -81,6 +80,7 @@ def _draw_prediction(binned_solution, velocity, axes_pair):
     steps = acceleration.value[:, None] - np.outer(velocity.value, binned_solution.mean_inverse_distance) / AU_PER_YEAR
     for step, colour in zip(steps, COLOURS, strict=False):
         components.hlines(step, edges[:-1], edges[1:], color=colour, linewidth=1.6, alpha=0.35, zorder=0.6)
+    components.plot([], [], color="0.4", linewidth=1.6, alpha=0.35, label="mean of ã − v/d in a bin")
     components.plot(
         [], [], color="0.4", linestyle="--", linewidth=0.7, label=f"ã − v/d, |v| = {velocity.amplitude:.0f} km/s"
     )

@@ -19,7 +19,7 @@ from sim.agis._mission import (
     start_errors,
 )
 from sim.agis._response import Response
-from sim.agis._results import AgisSolution, error_ratios
+from sim.agis._results import AgisSolution
 from sim.agis._system import System
 from sim.agis.passes import FULL, Plan, Scans, plan, scaled, scans
 

@@ -2,12 +2,19 @@
 
 import numpy as np
 
-from sim.agis._results import AgisSolution, error_ratios
+from sim.agis._results import AgisSolution
 from vsh.figures.plot import COLOURS, apply_style, legend_above, panels
 from vsh.tools.types import ArrayLike, Axes
 
 _PARAMETERS = ("α*", "δ", "ϖ", "µα*", "µδ")
 _MARKS = "os^Dv"
+
+
+def _error_ratios(errors, sigma, group, n_groups):
+    """True over formal errors of groups of sources, the rms of error over standard error; and how many they are."""
+    counts = np.bincount(group, minlength=n_groups)
+    with np.errstate(invalid="ignore"):  # of groups without a source
+        return np.sqrt(np.bincount(group, (errors / sigma) ** 2, n_groups) / counts), counts
 
 
 @apply_style
@@ -36,7 +43,7 @@ def plot_errors_by_magnitude(solution: AgisSolution, magnitude: ArrayLike, *, ax
     group = np.clip(np.searchsorted(edges, g, side="right") - 1, 0, len(edges) - 2)
     (axes,) = panels(ax)
     for column, name in enumerate(_PARAMETERS):
-        ratio, counts = error_ratios(
+        ratio, counts = _error_ratios(
             solution.sources[selection, column],
             np.sqrt(solution.formal[selection, column, column]),
             group,

@@ -15,30 +15,7 @@ from vsh.sky.sphere import triad
 from vsh.tools import arguments
 from vsh.tools.errors import ParameterError
 from vsh.tools.notebook import Frozen
-from vsh.tools.types import ArrayLike, BoolArray, FloatArray, IntArray
-
-
-def error_ratios(
-    errors: ArrayLike, sigma: ArrayLike, group: ArrayLike, n_groups: int | None = None
-) -> tuple[FloatArray, IntArray]:
-    """True over formal errors of groups of sources: the rms of error over standard error."""
-    labels: IntArray = _groups(group)
-    values = np.atleast_2d(arguments.float_array("errors", errors))
-    if values.shape[1:] != labels.shape:
-        raise ParameterError(f"errors of {values.shape[-1]} sources, and groups of {labels.size}")
-    square = np.mean((values / arguments.float_array("sigma", sigma, labels.shape)) ** 2, axis=0)
-    has_group = labels >= 0
-    counts = np.bincount(labels[has_group], minlength=n_groups or 0)
-    total = np.bincount(labels[has_group], square[has_group], len(counts))
-    return np.sqrt(np.divide(total, counts, out=np.full(len(counts), np.nan), where=counts > 0)), counts
-
-
-def _groups(group):
-    dimension = arguments.array_with_dimensions(1)("group", group)
-    if not (np.isfinite(dimension).all() and (dimension == np.floor(dimension)).all() and (dimension < 1e9).all()):
-        raise ParameterError("groups are whole numbers")
-    return dimension.astype(int)
-
+from vsh.tools.types import ArrayLike, BoolArray, FloatArray
 
 _COLUMNS = {"position": slice(0, 2), "motion": slice(3, 5)}
 

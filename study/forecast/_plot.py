@@ -10,7 +10,7 @@ from vsh.tools.types import AxesArray, OnAxes
 #: What each panel shows: its label, and quantities with what they are.
 _SHOWN = (
     ("acceleration  [µas/yr]", {"acceleration": "noise alone", "acceleration_floor": "with the systematic floor"}),
-    ("H0  [km/s/Mpc]", {"hubble": "noise alone", "hubble_flows": "flows fitted"}),
+    ("$H_0$  [km/s/Mpc]", {"hubble": "noise alone", "hubble_flows": "flows fitted"}),
 )
 
 

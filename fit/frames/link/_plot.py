@@ -25,25 +25,19 @@ def plot_link(solution: Any, *, ax: OnAxes | None = None) -> AxesArray:
                 each = [solution.vector(vector, float(g)) for g in grid]
                 value = np.array([v.value[k] for v in each])
                 sigma = np.array([v.sigma[k] for v in each])
-                axes.plot(grid, value, color=COLOURS[k], label=axis if start == edges[0] else None)
-                at = round(29 * (k + 1) / 4)  # error bars stand side by side
-                axes.errorbar(
-                    grid[at], value[at], sigma[at], fmt="o", color=COLOURS[k], markersize=3, capsize=2, linewidth=0.9
-                )
+                label = axis if start == edges[0] else None
+                axes.plot(grid, value, color=COLOURS[k], linestyle=("-", "--", "-.")[k], label=label)
+                axes.fill_between(grid, value - sigma, value + sigma, color=COLOURS[k], alpha=0.15, linewidth=0)
         axes.axhline(0, color="0.6", lw=0.6)
-        axes.plot(
-            magnitudes, np.full(magnitudes.size, 0.02), "|", color="0.4", ms=6, transform=axes.get_xaxis_transform()
-        )
-        axes.set_ylabel(f"{vector}  [{'µas' if vector == 'orientation' else 'µas/yr'}]")
+        rug = {"color": "0.4", "ms": 6, "transform": axes.get_xaxis_transform(), "label": "sources"}
+        axes.plot(magnitudes, np.full(magnitudes.size, 0.02), "|", **rug)
+        axes.set_ylabel(f"{vector} ± error  [{'µas' if vector == 'orientation' else 'µas/yr'}]")
         axes.set_xlabel("magnitude  [mag]")
-    legend_above(panel_axes[0], 3)
+    legend_above(panel_axes[0], 4)
     axes = panel_axes[len(vectors)]
     influence = np.abs(solution.influence).max(1)
     outlier = solution.outlier > 0.5
-    for selection, tint, marker, label in (
-        (~outlier, COLOURS[0], "o", "source"),
-        (outlier, COLOURS[1], "x", "outlier"),
-    ):
+    for selection, tint, marker, label in ((~outlier, COLOURS[0], "o", "source"), (outlier, "0.2", "x", "outlier")):
         axes.scatter(solution.distances[selection], influence[selection], color=tint, marker=marker, s=14, label=label)
     axes.legend(fontsize="x-small", loc="best")
     # Those of most influence may stand side by side: each name has a corner of its own.

@@ -251,7 +251,7 @@ def _draw_graticule(axes):
             va="center",
             fontsize=_SIZE,
             color="0.25",
-            path_effects=HALO,
+            bbox={"boxstyle": "square,pad=0.05", "facecolor": "white", "edgecolor": "none", "alpha": 0.8},
             zorder=9,
             gid="graticule",
         )
