@@ -124,7 +124,8 @@ def set_log_ticks(axis: Any, low: float, high: float) -> None:
         return
     powers = 10.0 ** np.arange(np.floor(np.log10(low)), np.ceil(np.log10(high)) + 1)
     for subs in ((1.0, 2.0, 5.0), (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.0), tuple(np.arange(1, 10, 0.2).round(1))):
-        if np.sum((ticks := np.multiply.outer(powers, subs)) >= low) - np.sum(ticks > high) >= 3:
+        ticks = np.multiply.outer(powers, np.array(subs))
+        if np.sum((ticks >= low) & (ticks <= high)) >= 3:
             break
     axis.set_major_locator(LogLocator(subs=subs))
     axis.set_major_formatter(FuncFormatter(_format_tick))
