@@ -422,7 +422,7 @@ def _group_of(field, options, truth):
     if not options.has_group:
         return None
     if truth:
-        return truth.get("group")
+        return truth.get("group", False)  # where the observer does not move with the flow nobody needs it
     return (options.redshift_frame or declared_frame(field)) != "true" or None
 
 

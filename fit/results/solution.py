@@ -698,8 +698,9 @@ class AboutSolution(Result):
         """Spin and acceleration as an astropy Table, a row for each component."""
         return self.quoted.summary()
 
-    def _sections(self, long):
-        return self.quoted.sections(long=long)
+    def sections(self, *, long: bool = False, **about: Any) -> tuple[Section, ...]:
+        """The parts of the text of `Solution.sections`, which has the options `long` and `about`."""
+        return self.quoted.sections(long=long, **about)
 
     def to_table(self) -> Table:
         """The coefficients with their errors as an astropy Table, a row each."""

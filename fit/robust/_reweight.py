@@ -334,6 +334,11 @@ def student_t(
     weight = StudentT(4.0 if nu is None else nu, estimated=nu is None, components=modes.components)
     rounds = _iterate_weights(sky, modes, weight, tolerance, max_rounds, least_nu)
     fitted = _make_result(sky, *rounds)
+    if noise:  # χ² is that of the catalogue's errors, as without a noise
+        chi2 = as_parts(field).sum(partial(_chi2_about, solution=fitted.solution), roles=())
+        notes = [note.replace("those of the catalogue;", "those of the catalogue with the noise;")
+                 if note.startswith(_NAME) else note for note in fitted.solution.notes]  # fmt: skip
+        fitted = replace(fitted, solution=replace(fitted.solution, chi2=float(chi2), notes=tuple(notes)))
     log_likelihood = _log_likelihood(sky, fitted.share)
     for kept in (fitted.share.last, fitted.share.models):
         kept.clear()
@@ -523,6 +528,10 @@ def _log_likelihood(sky, share):
     sums = sky.sum(partial(_likelihood_terms, share=share), roles=(), words=f"{_NAME}, likelihood")
     mean = _log_t(share.weight.nu, share.weight.components, sums["log"] / sums["sources"])
     return float(sums["sources"] * mean - sums["logdet"] / 2)
+
+
+def _chi2_about(field, solution):
+    return float(np.sum(solution.residuals(field).whitened ** 2))
 
 
 def _likelihood_terms(field, share):

@@ -199,7 +199,7 @@ def hubble_constant(
     rows = add_frame_warning(model.equations(field, apart=True), field, model.redshift_frame)
     solution = hubble_from(rows, velocity, model.dispersion, spin, acceleration, excess_noise, hubble, local_group)
     frame = model.redshift_frame or declared_frame(field)
-    if rows.modes is None or local_group or frame in (None, "true"):
+    if rows.modes is None or local_group or local_group is False or frame in (None, "true"):
         return solution
     return replace(solution, notes=(*solution.notes, WITHOUT_GROUP))
 

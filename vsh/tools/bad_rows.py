@@ -1,5 +1,7 @@
 """What makes a source unusable, how it is counted, and how it is said."""
 
+import re
+import shlex
 from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
 from typing import Any, TypeAlias
@@ -8,6 +10,7 @@ import numpy as np
 
 from vsh.tools.errors import EmptyFieldError, FieldError
 from vsh.tools.notes import DOUBT, CodedNote, DroppedRows
+from vsh.tools.printing import one_line_text
 from vsh.tools.types import BoolArray, FloatArray, OnBad
 
 #: The smallest and the largest of an array.
@@ -21,8 +24,10 @@ SIGMA_RANGE = 1e-140, 1e140
 _DOUBLE = np.dtype(float)
 
 
-def as_floats(column: str, value: Any, unit: Any = None) -> tuple[FloatArray, BoolArray]:
-    """A column as doubles in native byte order, and the mask of what is missing."""
+def as_floats(
+    column: str, value: Any, unit: Any = None, first_row: int | FloatArray = 0
+) -> tuple[FloatArray, BoolArray]:
+    """A column as doubles in native byte order, and the mask of what is missing; numbers may be written as text."""
     if type(value) is np.ndarray and value.dtype == _DOUBLE and value.ndim and value.flags.c_contiguous:
         return value, _empty_mask(value.shape)  # at once: small parts wait for this more than for their sums
     if callable(value) or isinstance(value, dict) or value is None:
@@ -48,12 +53,7 @@ def as_floats(column: str, value: Any, unit: Any = None) -> tuple[FloatArray, Bo
     if array.dtype.kind not in "OiufUS":
         raise FieldError(f"{column} holds {array.dtype.name}, not real numbers")
     if array.dtype.kind in "OUS":
-        text = [(row, x) for row, x in enumerate(array.ravel()) if isinstance(x, (str, bytes))]
-        if text:
-            row, x = next((pair for pair in text if not _is_number(pair[1])), text[0])
-            raise FieldError(
-                f"{column} holds text ({str(x)!r} in row {row}, counted from 0); it must be a column of numbers"
-            )
+        array = _parse_text(column, array if missing is None else np.where(missing, "", array), first_row)
     try:
         floats = np.ascontiguousarray(array, dtype=float)
     except (TypeError, ValueError) as error:
@@ -293,12 +293,30 @@ def row_numbers(rows: Any, first_row: Any) -> Any:
     return rows + first_row if np.ndim(first_row) == 0 else first_row[rows]
 
 
-def _is_number(text):
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eEdD][+-]?\d+)?|nan|", re.IGNORECASE)
+
+
+def _parse_text(column, array, first_row):
+    """An array whose texts are numbers, with a minus or an exponent as they may be written; blank ones are nan."""
+    parsed, wrong = array.astype(object), {}
+    for row, entry in enumerate(array.ravel()):
+        if isinstance(entry, (str, bytes)):
+            text = (entry.decode("utf-8", "replace") if isinstance(entry, bytes) else str(entry)).strip()
+            number = text.replace("\u2212", "-")
+            if _NUMBER.fullmatch(number):
+                parsed.flat[row] = float(re.sub("[dD]", "e", number) or "nan")
+            else:
+                wrong[row] = text
+    if wrong:
+        (row, text), several = next(iter(wrong.items())), f" and {len(wrong) - 1} more" if len(wrong) > 1 else ""
+        quoted = one_line_text(text[:40])
+        remedy = f"--where {shlex.quote(f'{column} != {quoted!r}')}" if len(set(wrong.values())) == 1 else "a condition"
+        at = row_numbers(np.array([row]), first_row)[0]
+        raise FieldError(
+            f"{column} holds text ({quoted!r} in row {at}, counted from 0{several}); it must "
+            f"be a column of numbers: correct them, or leave them out by {remedy}"
+        )
+    return parsed
 
 
 def check_measurements(noun: Any) -> None:

@@ -536,11 +536,12 @@ def sexagesimal_degrees(role: str, values: Any, missing: BoolArray | None, unit:
     return np.where(wrong, np.nan, np.where(negative, -size, size) * np.where(is_degree, 1.0, 15.0))
 
 
-def as_doubles(name: str, values: Any, missing: BoolArray | None) -> Any:
+def as_doubles(name: str, values: Any, missing: BoolArray | None, first_row: Any = 0) -> Any:
     """A column of numbers as an array of doubles, masked where values are missing."""
     if missing is None and not np.ma.isMaskedArray(values):
-        return as_floats(printable(name), values)[0]
-    floats, mask = as_floats(printable(name), np.ma.MaskedArray(values, False if missing is None else missing))
+        return as_floats(printable(name), values, None, first_row)[0]
+    masked = np.ma.MaskedArray(values, False if missing is None else missing)
+    floats, mask = as_floats(printable(name), masked, None, first_row)
     return np.ma.MaskedArray(floats, mask)
 
 

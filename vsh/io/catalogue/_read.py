@@ -308,7 +308,7 @@ class _FieldMaker:
                 notes += name_notes
             else:
                 degrees = sexagesimal_degrees(role, values, mask, str(self.stated.get(name) or ""))
-                columns[role] = as_doubles(name, values if degrees is None else degrees, mask)
+                columns[role] = as_doubles(name, values if degrees is None else degrees, mask, first_row)
                 if role in _ERRORS and columns[role].size:
                     _check_positive(name, columns[role])
                 if self.other_units and role in REQUIRED[2:]:

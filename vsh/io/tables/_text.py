@@ -411,7 +411,10 @@ def _records(lines, indices, width, delimiter, label, number):
             line += continuation
         row = _split_line(line, delimiter, f"{label}, line {start}")
         if len(row) != width:
-            raise TableError(f"{label}, line {start} is damaged: {len(row)} fields where the table has {width} columns")
+            raise TableError(
+                f"{label}, line {start} is damaged: {len(row)} fields where the table has {width} "
+                "columns. Complete the line, or delete it"
+            )
         yield pick(row)
 
 
@@ -427,7 +430,11 @@ def _cut_columns(lines, indices, layout, label):
         if len(row) != len(layout.names):
             raise TableError(
                 f"{label}, line {number} is damaged: {len(row)} fields where the table has {len(layout.names)} columns"
-                + (". Blanks do not tell which value is missing: put commas between them" if not layout.spans else "")
+                + (
+                    ". Complete the line, or delete it"
+                    if layout.spans
+                    else ". Blanks do not tell which value is missing: put commas between the fields"
+                )
             )
         yield tuple(row[index] for index in indices)
 

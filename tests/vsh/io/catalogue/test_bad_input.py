@@ -3,6 +3,7 @@
 import ast
 import gzip
 import re
+import shlex
 
 import numpy as np
 import pytest
@@ -62,7 +63,6 @@ TABLES = {
     "error in mas": (set_unit("pmra_error", "mas"), "column 'pmra_error' is in 'mas', which cannot be turned"),
     "position in mag": (set_unit("ra", "mag"), "column 'ra' is in 'mag', which cannot be turned into deg"),
     "text in a column of numbers": (replaced("pmra", ["1.0"] * (N - 1) + ["bright"]), "pmra holds text .'bright' in row 29."),
-    "numbers as text": (replaced("pmra", ["1.0"] * N), "pmra holds text .'1.0' in row 0."),
     "truth values": (replaced("pmra", [True] * N), "pmra holds bool, not real numbers"),
     "complex numbers": (replaced("pmra", [1j] * N), "pmra holds complex128, not real numbers"),
     "all masked": (masked("pmdec", True), "30 of 30 rows cannot be used: pmdec missing: 30 .*No row is left"),
@@ -301,3 +301,21 @@ def test_answer_in_a_question_is_complete(names):
     after = read_field(made, columns=columns, units=units)
     np.testing.assert_allclose([after.lon, after.lat, *after.motion, *after.sigma],
                                [before.lon, before.lat, *before.motion, *before.sigma])  # fmt: skip
+
+
+def test_rows_of_text_can_be_left_out_as_the_message_says(tmp_path):
+    """The number of the row was that of the selection; and where it was left out, a number was called text."""
+    made = table()
+    made["name"] = [f"s{i}" for i in range(N)]
+    texts = [str(x) for x in made["pmra"]]
+    texts[5], texts[7], texts[9] = "bad", texts[7].replace("-", "\u2212"), f"{float(texts[9]):e}".replace("e", "D")
+    made["pmra"] = texts
+    path = tmp_path / "text.csv"
+    made.write(path)
+    for where in (None, "name != 's0'"):
+        with pytest.raises(FieldError, match="'bad' in row 5, counted from 0") as caught:
+            read_field(path, where=where)
+    remedy = re.search(r"--where (.*)$", str(caught.value))[1]
+    field = read_field(path, where=shlex.split(remedy)[0])
+    kept = np.delete(np.arange(N), 5)
+    np.testing.assert_allclose(field.motion[0], 1000 * np.asarray(table()["pmra"])[kept], rtol=1e-6)
