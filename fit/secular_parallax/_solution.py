@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 import numpy as np
 from scipy.interpolate import CubicSpline
-from scipy.special import chdtrc, ndtri
+from scipy.special import chdtrc, ndtr, ndtri
 
 from fit.results.output import format_amplitude, format_components, format_direction, is_seen, p_value, pulls
 from fit.results.solution import NamedSolution
@@ -175,8 +175,6 @@ def _format_chi2(chi2, dof, quality):
 
 
 def _describe_limits(lower_limit, upper_limit):
-    if upper_limit <= 0:
-        return "negative, beyond its 95 % limit: no positive one is allowed by the motions"
     lower = f"above {lower_limit:.1f} with 95 % (one-sided)" if lower_limit > 0 else "without a limit from below"
     return f"below {upper_limit:.1f} km/s/Mpc with 95 %, {lower}"
 
@@ -410,9 +408,15 @@ class HubbleSolution(ParallaxSolution):
 
     @property
     def hubble_limits(self) -> tuple[float, float]:
-        """Limits from below and from above, 95 % each, zero where they are negative. [km/s/Mpc]"""
-        lower, upper = (max(self.hubble + float(ndtri(p)) * self.hubble_error, 0.0) for p in (0.05, 0.95))
-        return lower, upper
+        """Limits from below, zero at least, and from above, for a constant that is positive, 95 % each. [km/s/Mpc]
+
+        That from above is the quantile of what is above zero of the normal distribution: where the estimate is below
+        zero, noise alone makes it so, and coverage is more than 95 %.
+        """
+        above_zero = ndtr(self.hubble / self.hubble_error)
+        lower = self.hubble + ndtri(0.05) * self.hubble_error
+        upper = self.hubble - ndtri(0.05 * above_zero) * self.hubble_error
+        return max(float(lower), 0.0), float(upper)
 
     def _tests(self):
         lower, upper = self.hubble_limits
