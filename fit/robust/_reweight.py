@@ -333,12 +333,10 @@ def student_t(
     modes, sky = modes_for(field, modes), _with_noise(field, noise)
     weight = StudentT(4.0 if nu is None else nu, estimated=nu is None, components=modes.components)
     rounds = _iterate_weights(sky, modes, weight, tolerance, max_rounds, least_nu)
-    fitted = _make_result(sky, *rounds)
+    fitted = _make_result(sky, "the catalogue with the noise" if noise else "the catalogue", *rounds)
     if noise:  # χ² is that of the catalogue's errors, as without a noise
         chi2 = as_parts(field).sum(partial(_chi2_about, solution=fitted.solution), roles=())
-        notes = [note.replace("those of the catalogue;", "those of the catalogue with the noise;")
-                 if note.startswith(_NAME) else note for note in fitted.solution.notes]  # fmt: skip
-        fitted = replace(fitted, solution=replace(fitted.solution, chi2=float(chi2), notes=tuple(notes)))
+        fitted = replace(fitted, solution=replace(fitted.solution, chi2=float(chi2)))
     log_likelihood = _log_likelihood(sky, fitted.share)
     for kept in (fitted.share.last, fitted.share.models):
         kept.clear()
@@ -468,7 +466,7 @@ def _settle(sky, plain, weight, information, tolerance, max_rounds, values):
     return solution, SourceWeights(solution, weight, leverage), rounds
 
 
-def _make_result(sky, plain, solution, share, rounds, total):
+def _make_result(sky, errors, plain, solution, share, rounds, total):
     """The settled fit with the covariance of its residuals, and what is said of it."""
     scores = partial(_score_factors, share=share)
     covariance, dof = sandwich(sky, scores, solution.modes, words=f"{_NAME}, errors", total=total)
@@ -478,7 +476,7 @@ def _make_result(sky, plain, solution, share, rounds, total):
     largest_weight = max(facts["most"])
     note = (
         f"{_NAME}: converged in {rounds} iterations; effective number of sources {effective:.1f} of "
-        f"{facts['sources']}; errors are {inflation:.3g} times those of the catalogue; sources with "
+        f"{facts['sources']}; errors are {inflation:.3g} times those of {errors}; sources with "
         f"the lowest weights: {', '.join((f'{label} ({u / largest_weight:.2g})' for u, label in facts['least'].few))}"
     )
     warnings = []

@@ -21,6 +21,7 @@ from vsh.tools.bad_rows import as_floats, span_of, within
 from vsh.tools.errors import EmptySelectionError, FieldError, TableError
 from vsh.tools.notes import (
     ASSUMED_MOTIONS,
+    ASSUMED_UNITS,
     DOUBT,
     FALSE,
     MISSING,
@@ -364,7 +365,7 @@ def notes_on_units(where: Mapping[str, str], units: Mapping[str, Any]) -> list[s
     if len({float(f"{size:.9g}") for size in sizes.values()}) < 2:
         return []
     listing = ", ".join(f"{printable(where[role])} in units of {size:.6g} mas/yr" for role, size in sizes.items())
-    return [f"proper motions and errors are in different units: is that so? ({listing})"]
+    return [CodedNote(f"proper motions and errors are in different units: is that so? ({listing})", ASSUMED_UNITS)]
 
 
 def parse_unit(unit: Any) -> Any:

@@ -276,11 +276,14 @@ class _FieldMaker:
         self.stated = self.source.units | {self.where.get(name, name): unit for name, unit in (units or {}).items()}
         self.other_units = any(self.factors[role] != 1 for role in REQUIRED[2:])
         self.assumed = any(self.where["ra"] in names for names in assumed_units.values())
-        lines = [
-            f"no unit in the table, so taken in {unit}: {', '.join(names)}" for unit, names in assumed_units.items()
+        bare = not any(self.source.units.get(name) for name in self.where.values() if not name.startswith(ASSUMED))
+        motions = {self.where[role] for role in REQUIRED[2:]}
+        # What is assumed of motions decides on the result; of positions alone, where other columns have units, less.
+        lines: list[str] = [
+            CodedNote(f"no unit in the table, so taken in {unit}: {', '.join(names)}", ASSUMED_UNITS if code else "")
+            for unit, names in assumed_units.items()
+            for code in [bare or not motions.isdisjoint(names)]
         ]
-        if not any(self.source.units.get(name) for name in self.where.values() if not name.startswith(ASSUMED)):
-            lines = [CodedNote(line, ASSUMED_UNITS) for line in lines]
         lines += notes_on_units(self.where, self.factors)
         if (errors := self.where.get("redshift_error", "redshift_error")) != "redshift_error":
             lines.append(f"errors of the redshifts are in column {printable(errors)}")
