@@ -327,23 +327,6 @@ class Posterior(SampleResult):
         """Samples that `write` wrote to an ECSV or FITS file `path`, a `Samples`."""
         return Samples.read(path)
 
-    def to_getdist(self) -> Any:
-        """The samples as getdist's MCSamples.
-
-        Raises
-        ------
-        ImportError
-            If getdist is not installed.
-        ConvergenceError
-            If the chain is too short.
-        """
-        try:
-            from getdist import MCSamples
-        except ImportError:
-            raise ImportError("getdist is not installed: pip install getdist") from None
-        samples = self.samples
-        return MCSamples(samples=np.column_stack(list(samples.values())), names=list(samples), labels=list(samples))
-
     def to_arviz(self) -> Any:
         """The samples as arviz' InferenceData (its DataTree from version 1 on), a chain for each walker.
 

@@ -34,14 +34,11 @@ def plot_spectrum(spectrum: Any, *, ax: Axes | None = None) -> Axes:
     (axes,) = panels(ax, size=(WIDTH, 3.0))
     order = np.argsort(spectrum.frequencies)
     f, limits = spectrum.frequencies[order], spectrum.strain_limits[order]
-    axes.fill_between(
-        f, limits[:, 0], limits[:, 2], color=COLOURS[0], alpha=0.25, linewidth=0, label="range over directions"
-    )
+    axes.fill_between(f, limits[:, 0], limits[:, 2], color=COLOURS[0], alpha=0.25, lw=0, label="range over directions")
     axes.plot(
         f, limits[:, 1], "o-" if len(f) < 60 else "-", ms=3, color=COLOURS[0], label="95 % limit, median direction"
     )
     axes.set_yscale("log")
-    set_log_ticks(axes.yaxis, *axes.get_ylim())
     if f[-1] > 5 * f[0]:
         axes.set_xscale("log")
         set_log_ticks(axes.xaxis, f[0], f[-1])

@@ -64,13 +64,6 @@ def observations(
     return along, across
 
 
-@arguments.accepts(
-    scans=arguments.a(Scans),
-    rng=arguments.seed,
-    random=arguments.not_negative,
-    systematic=arguments.not_negative,
-    attitude=arguments.not_negative,
-)
 def start_errors(
     scans: Scans, rng: Rng, *, random: float = 1e5, systematic: float = 1e4, attitude: float = 10.0
 ) -> tuple[FloatArray, FloatArray]:

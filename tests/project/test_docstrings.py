@@ -42,7 +42,6 @@ REASONS = {
     "Result.plot": "axes, or an array: each result says which", "Floor.allowed_for": "what `solve` returns",
     "Parts.sum": "what `function` returns", "Dask.total": "what `work` returns", "Processes.total": "what `work` returns",
     "Dask.fetched": SAME, "Parts.in_memory": SAME, "Study.plain": HEADER, "Referee.results": "results of many kinds",
-    "Posterior.to_getdist": "getdist's, which may not be installed",
     "Posterior.to_arviz": "arviz's, which may not be installed", "Samples.to_arviz": "arviz's, which may not be installed",
     "widget": "ipywidgets', which may not be installed", "Solution.widget": "ipywidgets', which may not be installed",
     **dict.fromkeys(("draw_vectors", "draw_map", "draw_sources", "draw_points", "draw_direction"), DRAWN),

@@ -89,7 +89,6 @@ MADE = {
     sim.NominalScanningLaw: (2014.73, 0.2), sim.Variability: (100.0, 2.0), sim.galaxies: (10, 1), read_field: ({"ra": [1.0]},),
     Spectrum.given: (np.ones(3), np.ones(3)), Spectrum.power_law: (-1.0,), Spectrum.waves: (70.0,), Covariance: (np.eye(4),),
     covariance.of_errors: (FIELD,), covariance.from_blocks: ([([0, 1], 1.0)], 3), agis.System: (SCANS, 10.0), agis.scaled: (5000,),
-    agis.start_errors: (SCANS, 1),
     SYSTEM.solve: NOISE, SYSTEM.adjoint: NOISE,
     SYSTEM.predict: (np.zeros((60, 5)), np.zeros((SYSTEM.coefficients, 3))), SYSTEM.formal_covariance: (1, FIELD.lon, FIELD.lat),
     SYSTEM.true_covariance: (1, FIELD.lon, FIELD.lat), SYSTEM.covariance_of: (np.ones((60, 5, 1)),), SOLVED.rotated: ((1, 2, 3), (1, 2, 3)),

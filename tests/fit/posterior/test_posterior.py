@@ -283,16 +283,6 @@ def test_arviz():
 
 
 @pytest.mark.slow
-def test_samples_of_getdist_are_those_of_the_posterior():
-    pytest.importorskip("getdist")
-    found = sample(galaxies(300), CMB_VELOCITY_PLANCK18, Flat(20, 150), n_samples=100_000, **SETTINGS)
-    theirs = found.to_getdist()
-    for name, values in found.samples.items():
-        assert theirs.mean(name) == pytest.approx(np.mean(values), rel=1e-12, abs=1e-9)
-        assert theirs.std(name) == pytest.approx(np.std(values), rel=1e-4)
-
-
-@pytest.mark.slow
 def test_posterior_without_limits_says_so():
     field = galaxies(30, sigma=200.0)
     found = sample(field, CMB_VELOCITY_PLANCK18, "flat", n_samples=400_000, **SETTINGS)

@@ -120,7 +120,7 @@ def colour_bar(axes: Axes, image: Any, label: str, **how: Any) -> Any:
 
 def set_log_ticks(axis: Any, low: float, high: float) -> None:
     """Three ticks at least of a logarithmic axis where it is short, as plain numbers: 1, 2, 5, 10."""
-    if not (0 < low < high < 160 * low):
+    if not (1e-4 < low < high < min(160 * low, 1e5)):
         return
     powers = 10.0 ** np.arange(np.floor(np.log10(low)), np.ceil(np.log10(high)) + 1)
     for subs in ((1.0, 2.0, 5.0), (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.0), tuple(np.arange(1, 10, 0.2).round(1))):
@@ -128,16 +128,8 @@ def set_log_ticks(axis: Any, low: float, high: float) -> None:
         if np.sum((ticks >= low) & (ticks <= high)) >= 3:
             break
     axis.set_major_locator(LogLocator(subs=subs))
-    axis.set_major_formatter(FuncFormatter(_format_tick))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axis.set_minor_formatter(NullFormatter())
-
-
-def _format_tick(value, _):
-    """A number as it is, or with its power of ten where it is long."""
-    if 1e-4 < value < 1e5:
-        return f"{value:g}"
-    digits, power = f"{value:e}".split("e")
-    return rf"${float(digits):g}\times10^{{{int(power)}}}$"
 
 
 def legend_above(axes: Axes, columns: int = 4, **options: Any) -> Any:

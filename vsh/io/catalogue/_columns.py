@@ -111,10 +111,8 @@ def locate_columns(wanted: ColumnRequest, source: TableSource) -> tuple[dict[str
             )
         best, set_name = ColumnRequest().choose_names(source.names)
         fits = set_name and all(getattr(best, column) in source.names for column in REQUIRED)
-        if fits:
-            answer = f"columns={set_name!r} (--columns {set_name})"
-        else:
-            answer = _propose([role for role, _ in absent], column_names, source)
+        proposal = _propose([role for role, _ in absent], column_names, source)
+        answer = f"columns={set_name!r} (--columns {set_name})" if fits else proposal
         raise TableError(f"{source.label}: {missing_column(name, source)}{remark}. Say which it is: {answer}")
     if twins := [name for name in column_names.values() if name in source.twins]:
         raise TableError(
