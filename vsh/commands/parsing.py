@@ -299,7 +299,7 @@ def _columns(text):
         return _pairs_with_none(text)
     if head.strip() not in COLUMNS:
         raise argparse.ArgumentTypeError(
-            f"{text!r} is not of the form name=value,name=value, {' or '.join(COLUMNS)} before it or not"
+            f"{text!r} is neither name=value,name=value nor a set of names: {', '.join(COLUMNS)}"
         )
     return {"names": head.strip()} | (_pairs_with_none(remainder) if remainder else {})
 

@@ -161,6 +161,13 @@ def test_components_that_are_exchanged_change_no_excess_noise():
         assert other.excess_noise_error == pytest.approx(found.excess_noise_error, rel=0.02)
 
 
+def test_chi2_is_that_of_the_catalogue_beside_a_noise_too():
+    field = noisy(1, 200.0)
+    found = student_t(field, 1, noise=200.0).solution
+    assert found.chi2 == pytest.approx(np.sum(found.residuals(field).whitened ** 2))
+    assert found.reduced_chi2 > 10
+
+
 def test_excess_noise_and_scale_together():
     found = [fit.robust.excess_noise(noisy(seed, 15.0, 1.3), Modes(1), scale=True) for seed in range(40)]
     for value, name in ((15.0, "excess_noise"), (1.3, "scale")):

@@ -182,7 +182,8 @@ def match(
                 "position (--match 1) names do not count"
             )
         if n_distant:
-            notes.append(f"{n_distant} of the pairs are more than 1 arcsec apart: are they the same sources?")
+            some = ", ".join(one_line_text(name) for name in a.name[i][separation > 1e6][:3])
+            notes.append(f"{n_distant} of the pairs are more than 1 arcsec apart ({some}): are they the same sources?")
     extras: dict[str, Any] = {}
     if not positions:
         extras = {column: _pick(getattr(a, column), i) for column in MEASURED} | {"redshift_frame": a.redshift_frame}

@@ -2,8 +2,9 @@ import re
 from html.parser import HTMLParser
 
 import pytest
-from conftest import ROOT
+from conftest import ROOT, random_field
 
+import fit
 from fit.commands.fit import main
 
 
@@ -62,3 +63,14 @@ def test_page_escapes_what_a_table_contains(tmp_path, capsys):
     assert "&lt;b&gt;&amp;.fits" in page
     assert main([str(path), "--html", str(tmp_path / "none" / "report.html")]) == 1
     assert "there is no folder" in capsys.readouterr().err
+
+
+def test_page_of_a_recommended_fit_is_that_of_its_solution(tmp_path):
+    field = random_field(300, 1)
+    best = fit.recommended(field)
+    truth = {"spin": best.spin}
+    for name, result in (("result", best), ("solution", best.solution)):
+        fit.output.write_html(result, field, tmp_path / f"{name}.html", truth=truth)
+    one, two = ((tmp_path / f"{name}.html").read_text(encoding="utf-8") for name in ("result", "solution"))
+    assert len(one) == len(two)
+    assert best.report(truth=truth) == best.solution.report(truth=truth)

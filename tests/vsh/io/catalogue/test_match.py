@@ -74,7 +74,7 @@ def test_pairs_too_far_apart_are_remarked():
     a = positions()
     offset = np.zeros((2, 500))
     offset[1, 3] = 5e6
-    assert "1 of the pairs are more than 1 arcsec apart" in match(a, moved(a, offset)).notes[-1]
+    assert "1 of the pairs are more than 1 arcsec apart (" in match(a, moved(a, offset)).notes[-1]
     assert len(match(a, moved(a, offset), by="position")) == 499
 
 
@@ -190,7 +190,7 @@ def test_motions_of_one_name_in_two_places_are_no_pair():
         match(one, other)
     lat = np.array(one.lat)
     lat[7] += 5e6 * UAS
-    assert "1 of the pairs are more than 1 arcsec apart" in match(one, replace(one, lat=lat)).notes[-1]
+    assert "1 of the pairs are more than 1 arcsec apart (" in match(one, replace(one, lat=lat)).notes[-1]
     motion = np.array(one.motion)
     motion[1, 7] = 2e5  # 20 arcsec in a century
     assert "apart" not in match(replace(one, motion=motion), replace(one, lat=lat, motion=motion)).notes[-1]

@@ -4,7 +4,9 @@ import astropy.units as u
 import numpy as np
 import pytest
 from astropy.table import Table
+from gaia_table import table as table_of_gaia
 
+import fit
 from vsh import Field, FieldError, TableError
 from vsh.io.catalogue import read_field
 
@@ -170,3 +172,19 @@ def test_marks_of_missing_values_in_one_component_are_said():
     assert "2 rows have a motion of -999, 99.99 in one component: a mark of missing values? It is used" in " ".join(
         map(str, field.notes)
     )
+
+
+def test_what_is_assumed_of_motions_stands_in_the_first_lines():
+    """Positions had a unit and motions none; motions had one and errors another: it was a note at the end."""
+    made = table_of_gaia()
+    for name in ("pmra", "pmdec", "pmra_error", "pmdec_error"):
+        made[name].unit = None
+    made["ra"].unit = made["dec"].unit = "deg"
+    assert "taken in mas / yr" in dict(fit.recommended(read_field(made)).answer.lines)["units"]
+    mixed = read_field(
+        made, units={"pmra": "mas/yr", "pmdec": "uas/yr", "pmra_error": "mas/yr", "pmdec_error": "uas/yr"}
+    )
+    assert "in different units: is that so?" in dict(fit.fit_field(mixed, 1).answer.lines)["units"]
+    for name, unit in {"pmra": "mas/yr", "pmdec": "mas/yr", "pmra_error": "mas/yr", "pmdec_error": "mas/yr"}.items():
+        made[name].unit = unit
+    assert "units" not in dict(fit.recommended(read_field(made)).answer.lines)
