@@ -699,8 +699,11 @@ class AboutSolution(Result):
         return self.quoted.summary()
 
     def sections(self, *, long: bool = False, **about: Any) -> tuple[Section, ...]:
-        """The parts of the text of `Solution.sections`, which has the options `long` and `about`."""
-        return self.quoted.sections(long=long, **about)
+        """The parts of the text; with more `about` it than `long`, those of `Solution.sections`."""
+        return self.quoted.sections(long=long, **about) if about else self._sections(long)
+
+    def _sections(self, long):
+        return self.quoted.sections(long=long)
 
     def to_table(self) -> Table:
         """The coefficients with their errors as an astropy Table, a row each."""

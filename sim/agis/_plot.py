@@ -43,12 +43,8 @@ def plot_errors_by_magnitude(solution: AgisSolution, magnitude: ArrayLike, *, ax
     group = np.clip(np.searchsorted(edges, g, side="right") - 1, 0, len(edges) - 2)
     (axes,) = panels(ax)
     for column, name in enumerate(_PARAMETERS):
-        ratio, counts = _error_ratios(
-            solution.sources[selection, column],
-            np.sqrt(solution.formal[selection, column, column]),
-            group,
-            len(edges) - 1,
-        )
+        sigma = np.sqrt(solution.formal[selection, column, column])
+        ratio, counts = _error_ratios(solution.sources[selection, column], sigma, group, len(edges) - 1)
         axes.errorbar(
             (edges[:-1] + edges[1:]) / 2 + 0.03 * (column - 2),
             ratio,
