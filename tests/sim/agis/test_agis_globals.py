@@ -35,6 +35,19 @@ def test_global_motions_are_found_inside_the_solution():
     assert 0.5 < np.mean(np.square(noise)) < 1.8  # 36 numbers: 1 ± 0.24
 
 
+@pytest.mark.parametrize("first", ["sources", "attitude"])
+def test_a_solution_with_a_global_motion_forgets_its_start(first):
+    quasars = sim.quasars(100, 1)
+    scans = agis.scans(LAW, quasars.lon, quasars.lat, 100.0, 500.0, knots=5 * 86400.0)
+    system = agis.System(scans, motion=agis.global_motion(quasars.lon, quasars.lat, 1, scatter=10.0))
+    seen = agis.observations(scans, 1)
+    start, attitude = agis.start_errors(scans, 3, random=1e3, systematic=1e3)
+    options = {"stop": None, "iterations": 2000, "first": first}
+    zero, other = system.solve(*seen, **options), system.solve(*seen, start=start, attitude=attitude, **options)
+    left, _ = system.without_null_space((other.sources - zero.sources)[..., None])
+    assert np.abs(left).max() < 1e-3 * np.abs(zero.sources).max()
+
+
 def test_global_motions_spare_free_sources_and_rotations():
     quasars, stars = sim.quasars(150, 1), sim.stars(150, 2)
     lon, lat = np.r_[quasars.lon, stars.lon], np.r_[quasars.lat, stars.lat]

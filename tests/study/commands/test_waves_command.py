@@ -7,8 +7,10 @@ import pytest
 
 import sim
 from sim.commands import simulate
+from study.commands import waves
 from study.commands.waves import main
 from vsh.io import tables
+from vsh.io.archive import DR4
 from vsh.io.epochs import read_observations
 from vsh.sky.sphere import angles
 from vsh.vector import Vector
@@ -151,3 +153,12 @@ def test_law_that_is_far_off_is_said_in_short(epochs, tmp_path, capsys):
     words = ["--frequencies", "2", "--nside", "2", "--skies", "5"]
     assert main([str(tmp_path / "radians.fits"), *words, "--lmax", "2"]) == 0
     assert "warning: spin axis of the scanning law: " in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("phase", [2.0, 4.0])
+def test_nominal_law_goes_through_the_first_transit(phase):
+    """Of one year: what is left is the precession about the Sun's own uneven motion."""
+    mission = sim.Mission(sim.NominalScanningLaw(years=1.0, precession_phase=phase), "DR4")
+    seen = read_observations(sim.epochs(sim.quasars(40, 1), sim.spin((0, 0, 0)), 1, mission=mission))
+    law = waves._nominal_law([seen], DR4.epoch + seen.time.min(), float(np.ptp(seen.time)), ())
+    assert np.degrees(waves._median_axis_offset(seen, law)) < 0.5
