@@ -119,3 +119,12 @@ def test_errors_hold_where_few_sources_have_all_the_weight(n, lmax, few):
         pulls.append(found.solution.values / found.sigma)
     # Some 300 pulls a case, those of a sky not independent: known to 5 %.
     assert 0.8 < np.sqrt(np.mean(np.square(pulls))) < 1.2
+
+
+def test_advice_on_blocks_says_where_errors_still_grow():
+    from fit.resample import BlockErrors, _advice
+
+    rows = [BlockErrors(k, 58.6 / k, 12 * k**2, 1.0, 0.1, None) for k in (8, 4, 2)]
+    assert "errors still grow" in _advice(rows, rows[-1])
+    assert "errors still grow" not in _advice(rows, rows[0])
+    assert "errors still grow" not in _advice(rows[:1], rows[0])

@@ -101,3 +101,11 @@ def test_table_without_rows_has_data_all_the_same(tmp_path):
     write_table(Table({"ra": np.zeros(0), "name": np.zeros(0, "U3")}), tmp_path / "none.xml")
     assert "<DATA><TABLEDATA/></DATA>" in (tmp_path / "none.xml").read_text(encoding="utf-8")
     assert Table.read(tmp_path / "none.xml").colnames == ["ra", "name"]
+
+
+def test_counts_are_numbers_up_to_the_largest_that_a_long_holds(tmp_path):
+    path = tmp_path / "counts.vot"
+    document = written(Table({"a": [1.0]}), path, {"ROWS": 2**62, "MORE": 2**70})
+    kinds = {each.name: each.datatype for each in (*document.resources[0].params, *document.get_first_table().params)}
+    assert kinds["ROWS"] == "long"
+    assert kinds["MORE"] != "long"
