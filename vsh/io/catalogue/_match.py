@@ -261,7 +261,7 @@ def _pick(column, index):
     return None if column is None else column[index]
 
 
-def read_icrf(path: PathName, name: str | None = "icrf") -> Positions:
+def read_icrf(path: PathName, name: str | None = "icrf", *, on_bad: OnBad = "raise") -> Positions:
     """Read a catalogue of VLBI positions in the layout of ICRF2 or ICRF3.
 
     Parameters
@@ -270,6 +270,8 @@ def read_icrf(path: PathName, name: str | None = "icrf") -> Positions:
         The file.
     name : {"icrf", "iers"}
         Which designation names the sources: J000020.3-322101 or 2357-326.
+    on_bad : {"raise", "drop"}
+        What to do about sources without errors; a note counts what was dropped.
 
     Returns
     -------
@@ -283,7 +285,7 @@ def read_icrf(path: PathName, name: str | None = "icrf") -> Positions:
     """
     if name not in ("icrf", "iers"):
         raise TableError(f"sources are named by icrf or iers, not {name!r}")
-    return read_positions(path, designation=name, format="icrf")
+    return read_positions(path, designation=name, format="icrf", on_bad=on_bad)
 
 
 #: Roles of columns, Gaia's names, and what a column without a unit is in.

@@ -255,6 +255,7 @@ def test_list_with_blank_errors(kind, tmp_path):
     path.write_text("\n".join(lines) + "\n")
     with pytest.raises(FieldError, match=r"1 of 4 rows cannot be used: ra_error.*\(row 1\)"):
         read_icrf(path, "iers")
+    assert len(read_icrf(path, "iers", on_bad="drop")) == 3
     positions = read_positions(path, on_bad="drop")
     assert positions.name.tolist() == ["0002-478", "3C273B", "3C273B"]
     np.testing.assert_allclose(positions.rho, [0.383, 0, rho], atol=1e-6)
