@@ -3,6 +3,7 @@
 python benchmarks/agis.py errors [N]        true over formal errors by attitude, stars, knots, global parameters
 python benchmarks/agis.py carlo [N] [DRAWS] the same for two of them by Monte Carlo
 python benchmarks/agis.py iterations [N]    to 1 and 0.01 µas, and to the rule on low degrees
+python benchmarks/agis.py correlation [N] [DRAWS]
 python benchmarks/agis.py full SKY [N [IN]] a whole mission: seconds, memory, iterations, figures in IN/agis_SKY_N; goes on after a kill
 python benchmarks/agis.py paper [N] [DRAWS] the cases of the paper
 python benchmarks/agis.py level [N]         a second level: iterations and cost
@@ -13,6 +14,7 @@ python benchmarks/agis.py kernels           time of a pass, with and without num
 import sys
 import threading
 import time
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -86,6 +88,30 @@ def carlo(n=10_000, draws=200):
         scatter, formal = np.mean(np.square(found), axis=0), np.diag(fit.formal)[3:]
         print(f"{name}: scatter/formal {np.sqrt(scatter.sum() / formal.sum()):.3f} ± {np.sqrt(scatter.sum() / formal.sum()) / np.sqrt(6 * draws):.3f}"
               f" ({draws} draws), exact {np.sqrt(np.trace(exact) / formal.sum()):.3f}", flush=True)  # fmt: skip
+
+
+def correlation(n=5000, draws=200):
+    """Of parallax errors of neighbours, in heights of a field, and at the basic angle."""
+    from vsh.sky.sphere import triad
+
+    made, _ = system(n)
+    root = np.sqrt(agis.FULL / n)
+    found = np.array(
+        [made.solve(*agis.observations(made.scans, [9, seed]), stop=0.02).sources[:, 2] for seed in range(draws)]
+    )
+    values = found / np.sqrt(np.mean(found**2, axis=0))
+    first, second = np.triu_indices(n, 1)
+    places = triad(made.scans.lon, made.scans.lat)[2]
+    angle = np.degrees(np.arccos(np.clip(places.T @ places, -1, 1)[first, second]))
+    product = (values.T @ values / draws)[first, second]
+    near = np.array([0.0, 0.1, 0.25, 0.5, 0.7, 1.0, 2.0]) * root
+    for edges in (near, 106.5 + np.array([-0.15, 0.15]) * root):
+        for low, high in pairwise(edges):
+            here = (angle >= low) & (angle < high)
+            print(
+                f"{low / root:8.2f} to {high / root:7.2f}°: {product[here].mean():+.4f} ({here.sum()} pairs)",
+                flush=True,
+            )
 
 
 def iterations(n=5000, *skies):
@@ -309,5 +335,7 @@ def kernels(n=5000):
 
 
 if __name__ == "__main__":
-    what = {each.__name__: each for each in (errors, carlo, iterations, full, paper, level, memory, kernels)}
+    what = {
+        each.__name__: each for each in (errors, carlo, iterations, correlation, full, paper, level, memory, kernels)
+    }
     what[sys.argv[1]](*(int(x) if x.isdecimal() else x for x in sys.argv[2:]))
