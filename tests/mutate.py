@@ -156,9 +156,8 @@ def measure_tests(copy, environment):
     contexts.read()
     for file in contexts.measured_files():
         for line, tests in contexts.contexts_by_lineno(file).items():
-            lines[file, line] |= {
-                re.sub(r" \((?:setup|call|teardown)\)$", "", each.split("|")[-1]) for each in tests
-            } - {""}
+            named = {re.sub(r" \((?:setup|call|teardown)\)$", "", each) for each in tests}
+            lines[file, line] |= {each for each in named if each in seconds and str(copy) not in each}
     return {place: sorted(tests, key=seconds.__getitem__) for place, tests in lines.items()}, seconds
 
 
@@ -196,6 +195,10 @@ def judge(mutant, copy, environment, tests_by_line, seconds):
     try:
         done = subprocess.run([*command, *tests], cwd=copy, env=environment, capture_output=True, text=True,
                               check=False, timeout=600)  # fmt: skip
+        # A test that is not there is no answer; what pytest cannot even import is one.
+        missing = re.search(r"^ERROR: not found.*", done.stderr + done.stdout, re.MULTILINE)
+        if missing:
+            raise RuntimeError(missing[0])
         found = re.search(r"\d+ (failed|error)", done.stdout) is not None or done.returncode in (3, 4)
     except subprocess.TimeoutExpired:
         found = True  # it never ends
