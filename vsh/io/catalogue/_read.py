@@ -277,13 +277,12 @@ class _FieldMaker:
         self.other_units = any(self.factors[role] != 1 for role in REQUIRED[2:])
         self.assumed = any(self.where["ra"] in names for names in assumed_units.values())
         bare = not any(self.source.units.get(name) for name in self.where.values() if not name.startswith(ASSUMED))
-        motions = {self.where[role] for role in REQUIRED[2:]}
         # What is assumed of motions decides on the result; of positions alone, where other columns have units, less.
-        lines: list[str] = [
-            CodedNote(f"no unit in the table, so taken in {unit}: {', '.join(names)}", ASSUMED_UNITS if code else "")
-            for unit, names in assumed_units.items()
-            for code in [bare or not motions.isdisjoint(names)]
-        ]
+        deciding = {self.where[role] for role in (self.where if bare else REQUIRED[2:])}
+        lines: list[str] = []
+        for unit, names in assumed_units.items():
+            code = "" if deciding.isdisjoint(names) else ASSUMED_UNITS
+            lines.append(CodedNote(f"no unit in the table, so taken in {unit}: {', '.join(names)}", code))
         lines += notes_on_units(self.where, self.factors)
         if (errors := self.where.get("redshift_error", "redshift_error")) != "redshift_error":
             lines.append(f"errors of the redshifts are in column {printable(errors)}")
