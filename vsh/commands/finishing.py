@@ -26,6 +26,7 @@ from vsh.io.sections import Answer, Section, text_of
 from vsh.tools.errors import TableError, VshError
 from vsh.tools.files import UNFINISHED, atomic_folder, atomic_write, check_not_read, check_unchanged, digest, file_stamp
 from vsh.tools.formats import is_address
+from vsh.tools.parallel import end_elapsed
 from vsh.tools.printing import printable, silence, wrap_lines
 from vsh.tools.types import PathName
 
@@ -281,6 +282,7 @@ def message_result(
 
 def print_result(options: argparse.Namespace, result: RunResult) -> None:
     """Print the report, or with --json or --latex what other programs read, or nothing."""
+    end_elapsed()
     if options.json:
         print(as_json(options, result), flush=True)  # who reads may have seen enough
     elif options.latex:

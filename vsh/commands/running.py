@@ -23,7 +23,7 @@ from vsh.commands.reading import keep_standard_input
 from vsh.tools.errors import VshError, VshWarning
 from vsh.tools.files import check_not_read, digest, protect_files
 from vsh.tools.formats import hide_address_secrets, hide_secrets, is_address
-from vsh.tools.parallel import limit_threads, without_bars
+from vsh.tools.parallel import end_elapsed, limit_threads, show_elapsed, without_bars
 from vsh.tools.printing import PACKAGES, guard_printing, printable, silence, silence_if_broken, system_message
 
 #: Options that change no result, and what the parser found besides.
@@ -78,6 +78,7 @@ def run_safely(options: argparse.Namespace, action: Callable[[], object]) -> int
             without_bars(options.quiet),
             keep_standard_input(options),
             _interrupt_on_terminate(),
+            show_elapsed(program),
         ):
             warnings.simplefilter("ignore", VshWarning)  # the report's notes say it
             _say_what_changed(options)
@@ -222,6 +223,7 @@ def _report_failure(program, reason):
 
 def print_text(text: object) -> None:
     """Print text without the control characters that file and column names may bring along."""
+    end_elapsed()
     print("\n".join(printable(line) for line in hide_secrets(str(text)).split("\n")))
 
 

@@ -25,6 +25,8 @@ except ImportError:  # Windows
     resource = None
 
 _HIDDEN: ContextVar[bool] = ContextVar("hidden", default=False)
+#: Seconds before a bar or a line of progress is shown.
+_DELAY = 2.0
 
 
 @contextmanager
@@ -50,7 +52,49 @@ def progress_bar(
         return _NoBar(things)
     from tqdm import tqdm
 
-    return tqdm(things, total=total, desc=words or None, delay=2, unit=unit, dynamic_ncols=True, **options)
+    return tqdm(things, total=total, desc=words or None, delay=_DELAY, unit=unit, dynamic_ncols=True, **options)
+
+
+#: What is at work, the innermost last; and how to end the line that tells it.
+_STEPS: list[str] = ["at work"]
+_ENDS: list[Callable[[], object]] = []
+
+
+@contextmanager
+def name_step(words: str) -> Iterator[None]:
+    """Meanwhile the line of `show_elapsed` says that this is at work."""
+    _STEPS.append(words)
+    try:
+        yield
+    finally:
+        _STEPS.pop()
+
+
+@contextmanager
+def show_elapsed(program: str) -> Iterator[None]:
+    """A line on stderr tells after two seconds what a program is doing, until `end_elapsed` or the end of the block."""
+    bar, has_ended = progress_bar(bar_format="{desc}: {elapsed}", leave=False), threading.Event()
+
+    def tell():
+        while not has_ended.wait(0.5):
+            bar.set_description_str(f"{program}, {_STEPS[-1]}", refresh=False)
+            bar.update(0)
+        bar.close()
+
+    thread = threading.Thread(target=tell, daemon=True)
+    if not isinstance(bar, _NoBar):
+        thread.start()
+        _ENDS[:] = [has_ended.set, thread.join]
+    try:
+        yield
+    finally:
+        end_elapsed()
+
+
+def end_elapsed() -> None:
+    """Take the line of `show_elapsed` away, before something is printed."""
+    while _ENDS:
+        _ENDS.pop(0)()
 
 
 class _NoBar:

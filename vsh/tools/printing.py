@@ -19,6 +19,8 @@ from functools import wraps
 from importlib import import_module
 from typing import Any, ParamSpec, TypeVar
 
+from vsh.tools.parallel import name_step
+
 _CONTROL = re.compile(r"[\x00-\x09\x0b-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\u2066-\u2069]")
 
 
@@ -179,10 +181,12 @@ def log_calls(words: str) -> Callable[[Callable[_P, _T]], Callable[_P, _T]]:
         @wraps(function)
         def timed(*args: _P.args, **options: _P.kwargs) -> _T:
             if not logger.isEnabledFor(logging.INFO):
-                return function(*args, **options)
+                with name_step(words):
+                    return function(*args, **options)
             begin, outer = time.perf_counter(), _INSIDE.set(True)
             try:
-                result = function(*args, **options)
+                with name_step(words):
+                    result = function(*args, **options)
             finally:
                 _INSIDE.reset(outer)
             log_result(logger, words, result, begin)

@@ -1,5 +1,6 @@
 """Folders and files of results: whole, old or new, and never another command's."""
 
+import io
 import json
 import os
 import shutil
@@ -221,6 +222,37 @@ def test_no_bar_in_a_log(capfd):
     bar = progress_bar(range(3), words="work")
     assert bar.disable
     assert capfd.readouterr().err == ""
+
+
+class _Terminal(io.StringIO):
+    def isatty(self):
+        return True
+
+
+@pytest.mark.parametrize("quiet", [False, True])
+def test_terminal_is_told_what_is_at_work_and_since_when(catalogue, monkeypatch, capsys, quiet):
+    """A fit of a large catalogue was silent until its answer; the line is gone before that is printed."""
+    from vsh.io import catalogue as reader
+    from vsh.tools import parallel
+
+    def read_slowly(*arguments, **keywords):
+        with parallel.name_step("reading"):
+            time.sleep(1.1)
+            return original(*arguments, **keywords)
+
+    original = reader.read_field
+    monkeypatch.setattr(reader, "read_field", read_slowly)
+    monkeypatch.setattr(parallel, "_DELAY", 0.0)
+    monkeypatch.setattr(sys, "stderr", terminal := _Terminal())
+    monkeypatch.setattr("vsh.commands.running.printable", lambda text: f"{len(terminal.getvalue())}|{text}")
+    assert main([catalogue, "--lmax", "1", *(["--quiet"] if quiet else [])]) == 0
+    shown, printed = terminal.getvalue(), capsys.readouterr().out
+    if quiet:
+        assert shown == printed == ""
+    else:
+        assert "vsh-fit, reading: 00:01" in shown
+        assert shown.endswith("\r"), "the line was not taken away"
+        assert printed.startswith(f"{len(shown)}|acceleration"), "the answer came into the line"
 
 
 def test_reader_that_has_seen_enough_is_no_error(catalogue):

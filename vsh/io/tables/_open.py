@@ -37,6 +37,7 @@ from vsh.tools import formats
 from vsh.tools.errors import TableError, first_line
 from vsh.tools.files import format_of
 from vsh.tools.formats import BY_KIND, BY_NAME, FORMATS, PACKED, READ
+from vsh.tools.parallel import name_step
 from vsh.tools.printing import printable
 from vsh.tools.types import PathName, Table
 
@@ -263,6 +264,7 @@ _EXPANSION = 200
 _PARTITION = re.compile(r"Norder=(\d+)/(?:.*/)?Npix=(\d+)(?:\.parquet$|/)")
 
 
+@name_step("reading")
 def open_table(source: Any, format: str | None = None) -> TableSource:
     """Open a table without reading its rows.
 

@@ -22,6 +22,7 @@ from vsh.sky.frames import FRAME_KEY, FRAMES
 from vsh.tools.errors import TableError, first_line
 from vsh.tools.files import check_unpacked_size
 from vsh.tools.notebook import InNotebook
+from vsh.tools.parallel import name_step
 from vsh.tools.types import PathName, Table
 
 #: What a damaged packed file makes of the libraries that unpack it.
@@ -121,6 +122,7 @@ class TableSource(InNotebook):
         for block in self.read(tuple(dict.fromkeys(request + masks)), rows):
             yield {name: _with_mask(block, name) for name in request}
 
+    @name_step("reading")
     def columns(self, names: Sequence[str] | None = None) -> dict[str, Any]:
         """Some columns whole, a dict of (values, mask or None); all of them unless named."""
         blocks = list(self.blocks(names, self.whole))
