@@ -80,11 +80,13 @@ def to_icrf3(coefficients: Coefficients) -> dict[str, float]:
 
 
 def icrf3_terms(coefficients: Coefficients, sigma: FloatArray) -> dict[str, tuple[float, float]]:
-    """`to_icrf3` with the errors of the coefficients, (p,): (value, error) by name."""
-    return {
+    """(value, error) by name: `to_icrf3` with the errors of the coefficients, (p,), and ours of degree 3 and higher."""
+    terms = {
         name: (value, float(sigma[coefficients.modes.index(ICRF3[name][0])] / abs(ICRF3[name][1])))
         for name, value in to_icrf3(coefficients).items()
     }
+    values = zip(coefficients.modes, coefficients.values, sigma, strict=True)
+    return terms | {str(mode): (float(value), float(error)) for mode, value, error in values if mode.l > 2}
 
 
 def from_icrf3(parameters: Mapping[str, float]) -> Coefficients:

@@ -149,6 +149,8 @@ class FrameComparison(FrameResult, AboutSolution):
         Its coefficients, by names of the ICRF3 papers.
     method : str
         How errors of `solution` were made: "" as quoted, or what was asked for in place of them.
+    n_same : int
+        How many sources have the same values in both catalogues, to a thousandth of their errors.
     """
 
     labels: tuple[str, str]
@@ -164,6 +166,7 @@ class FrameComparison(FrameResult, AboutSolution):
     alone: "ErrorClassFit | None" = None
     alone_names: tuple[str, ...] = ()
     method: str = ""
+    n_same: int = 0
 
     def __repr__(self) -> str:
         return (
@@ -173,7 +176,7 @@ class FrameComparison(FrameResult, AboutSolution):
 
     @property
     def parameters(self) -> dict[str, tuple[float, float]]:
-        """Rotation, glide and quadrupoles with errors, by names and signs of the ICRF3 papers; to degree 2."""
+        """Coefficients with errors, by names and signs of the ICRF3 papers to degree 2 and by those of modes beyond."""
         return icrf3_terms(self.solution.coefficients, self.solution.sigma)
 
     @property
@@ -237,7 +240,13 @@ class FrameComparison(FrameResult, AboutSolution):
 
     @property
     def answer(self) -> Answer:
-        """The result to quote: rotation, glide, whether one frame is deformed against the other, and the errors."""
+        """The result to quote: rotation, glide, whether one frame is deformed against the other, and the errors.
+
+        There is none where most sources have the same values in both catalogues.
+        """
+        if 2 * self.n_same > self.solution.n_sources:
+            told = f"{self.n_same} of {self.solution.n_sources} sources have the same values in both catalogues"
+            return Answer((("no comparison", f"{told}: one has taken them from the other"),))
         lines = list(super().answer.lines)
         p = self.deformation_p_value if self.by_class is None else self.deformation_p_value_by_class
         if np.isfinite(p):
@@ -527,6 +536,9 @@ def compare_catalogues(
             f"{int((~is_near).sum())} of {len(is_near)} pairs deviate by more than {_FAR * threshold:g} standard "
             "errors from a robust fit: excluded before the first least-squares fit",
         )
+    n_same = int((abs(fitted.motion) < 1e-3 * fitted.sigma).all(axis=0).sum())
+    if 100 * n_same > len(fitted):  # one in a million if catalogues are independent
+        notes = (*notes, f"{n_same} of {len(fitted)} sources have the same values in both catalogues")
     solution = replace(estimate, unit=unit, notes=notes)
     names = tuple(name for name, (mode, _) in ICRF3.items() if mode.l == 1 and mode.kind in PARAMETERS[parameters])
     indices = np.array([modes.index(ICRF3[each][0]) for each in names], int)
@@ -543,6 +555,7 @@ def compare_catalogues(
         alone=fit_by_error_class(fitted, modes, indices) if names else None,
         alone_names=names,
         method="" if method == "least-squares" else method,
+        n_same=n_same,
     )
     return _add_floor(comparison, fitted, floor, replicates, rng), fitted
 

@@ -84,6 +84,36 @@ def test_outliers_are_left_out_and_listed():
     assert len(found.outliers_table()) == 7
 
 
+def test_catalogues_with_the_same_values_are_not_compared():
+    """ "Not detected: < 7 µas" was said of OCARS beside ICRF3, from which it takes its positions."""
+    new, old = two(300)
+    rounded = replace(new, lon=new.lon + 1e-5 * new.sigma[0] * UAS, sigma=2 * new.sigma)
+    found, _ = compare_catalogues(new, rounded)
+    assert found.n_same == found.solution.n_sources == 300
+    ((label, text),) = found.answer.lines
+    assert label == "no comparison"
+    assert "300 of 300" in text
+    third = np.arange(300) < 100
+    taken = replace(old, lon=np.where(third, new.lon, old.lon), lat=np.where(third, new.lat, old.lat))
+    mixed, _ = compare_catalogues(new, taken)
+    assert mixed.n_same == 100
+    assert mixed.answer.lines[0][0] == "rotation"
+    assert any(f"{mixed.n_same} of" in note for note in mixed.solution.notes)
+    assert compare_catalogues(*two(300))[0].n_same == 0
+
+
+def test_every_degree_has_its_terms(tmp_path, capsys):
+    """Degree 3 stood neither in `parameters` nor in the tables of a paper."""
+    found, _ = compare_catalogues(*two(300), modes=3)
+    assert len(found.parameters) == len(found.parameters_table()) == len(found.solution.modes)
+    *_, mode = found.solution.modes
+    value, error = found.parameters[str(mode)]
+    assert (value, error) == (found.solution.values[-1], found.solution.sigma[-1])
+    files = [str(table(catalogue, tmp_path / f"{i}.ecsv")) for i, catalogue in enumerate(two(300))]
+    assert main([*files, "--lmax", "3", "--latex"]) == 0
+    assert "$t_{31}^{\\rm R}$" in capsys.readouterr().out
+
+
 def test_motions():
     rng = np.random.default_rng(1)
     lon, lat = sim.uniform_sky(2000, rng)
