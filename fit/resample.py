@@ -28,6 +28,7 @@ from vsh.scalars import ScalarField, modes_for
 from vsh.sky.pixels import pixels_of
 from vsh.tools import arguments
 from vsh.tools.arguments import between, generator
+from vsh.tools.digits import format_with_error
 from vsh.tools.errors import DegeneracyError
 from vsh.tools.parallel import map_blocks, progress_bar
 from vsh.tools.printing import log_calls
@@ -417,7 +418,8 @@ def _grows(row, later):
 
 def _advice(rows, best):
     table = "; ".join(
-        f"nside {r.nside} ({r.degrees:.0f}°, {r.blocks} blocks): {r.ratio:.2f} ± {r.ratio_error:.2f}" for r in rows
+        f"nside {r.nside} ({r.degrees:.0f}°, {r.blocks} blocks): {format_with_error(r.ratio, r.ratio_error)}"
+        for r in rows
     )
     note = f"ratio of jackknife errors to formal errors: {table}; chosen: nside {best.nside}"
     if best is rows[-1] and len(rows) > 1:

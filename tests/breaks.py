@@ -266,7 +266,7 @@ BREAKS = [
     ("vsh/field.py", "self.motion[1] / MAS)", "self.motion[0] / MAS)", "test_columns.py"),
     ("fit/results/solution.py", "return values + draws", "return values + 2 * draws", "test_summary.py"),
     ("fit/frames/compare.py", "values[degree_one] = shared_solution.values", "pass", "test_compare.py"),
-    ("vsh/io/sections.py", "1 - np.floor(np.log10(least))", "2 - np.floor(np.log10(least))", "test_sections_printed.py"),
+    ("vsh/tools/digits.py", "1 - np.floor(np.log10(least))", "2 - np.floor(np.log10(least))", "test_sections_printed.py"),
     ("vsh/models/flows.py", "below - (l + 1) / kr", "below - l / kr", "test_linear_theory.py"),
     ("sim/agis/passes/_make.py", "len(scans) >= COMPILED_FROM", "False", "test_agis_scans.py"),
     ("fit/background/_floor.py", "self.mean or (self.odd, self.even)", "self.odd, self.even", "test_floor.py"),

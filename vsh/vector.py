@@ -13,6 +13,7 @@ from vsh.length import FEWEST_DOF, length_interval, length_limits, standard_erro
 from vsh.sky.frames import check_frame, rotation_matrix
 from vsh.sky.sphere import angles, triad
 from vsh.tools.arguments import between, covariance, float_array, number, read_only
+from vsh.tools.digits import format_values, format_with_error
 from vsh.tools.errors import ParameterError
 from vsh.tools.notebook import Equal, Frozen
 from vsh.tools.types import FloatArray, Quantity
@@ -312,8 +313,8 @@ class Vector(Equal, Frozen):
     def _facts(self):
         """Length and direction, for a notebook."""
         lon, lat = self.direction
-        size = f"{self.amplitude:.4g} ± {self.amplitude_error:.2g} {self.unit}"
-        value = ", ".join(f"{x:+.4g} ± {s:.2g}" for x, s in zip(self.value, self.sigma, strict=True))
+        size = f"{format_with_error(self.amplitude, self.amplitude_error)} {self.unit}"
+        value = ", ".join(format_values(self.value, self.sigma))
         direction = f"{lon:.1f}°, {lat:+.1f}° ({self.frame})"
         return {"value": f"({value}) {self.unit}", "amplitude": size, "direction": direction}
 

@@ -32,6 +32,7 @@ from vsh.io import tables
 from vsh.io.sections import Section
 from vsh.models.covariance import Spectrum
 from vsh.tools.arguments import between, choice, positive
+from vsh.tools.digits import format_with_error
 from vsh.tools.errors import ModesError
 from vsh.tools.notebook import Frozen
 from vsh.tools.parallel import limit_blas
@@ -258,7 +259,7 @@ class Background(Result):
         suffix = f"; degrees {degrees_text(self.free)} fitted freely" if self.free else ""
         facts = [("degrees", degrees_text(self.degrees) + suffix), ("sources", f"{self.n_data // 2}")]
         if self.noise_scale_error:
-            facts.append(("errors", f"scaled by {self.noise_scale:.4f} ± {self.noise_scale_error:.4f}"))
+            facts.append(("errors", f"scaled by {format_with_error(self.noise_scale, self.noise_scale_error)}"))
         relative = f"relative to no background: ln L {self.log_likelihood:+.2f}, ln Z {self.log_evidence:+.2f}"
         facts.append(("evidence", relative))
         return (Section("Amplitudes of the backgrounds", facts, self.to_table(), notes=self.notes),)

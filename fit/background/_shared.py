@@ -42,6 +42,7 @@ from vsh.io.sections import Section
 from vsh.models.covariance import Spectrum
 from vsh.modes import Modes
 from vsh.tools.arguments import choice, generator, whole
+from vsh.tools.digits import format_with_error
 from vsh.tools.errors import DegeneracyError, FrameError, ModesError, ParameterError
 from vsh.tools.parallel import limit_blas
 from vsh.tools.printing import log_calls
@@ -263,7 +264,7 @@ class ClassComparison(Result):
         facts = [("degrees", f"{degrees_text(self.degrees)}, {self.frame} axes")]
         sigma = np.sqrt(np.diag(self.amplitude_covariance))
         for name, value, error in zip(self.templates, self.amplitudes, sigma, strict=True):
-            text = f"{value:+.2f} ± {error:.2f} {self.unit}, {value / error:+.1f} errors"
+            text = f"{format_with_error(value, error, '+')} {self.unit}, {value / error:+.1f} errors"
             facts.append((f"template {name}", text))
         if long:
             spectra = ", ".join(

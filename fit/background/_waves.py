@@ -21,9 +21,9 @@ from fit.results.solution import HarmonicSolution
 from fit.results.storage import Result
 from vsh.io import tables
 from vsh.io.sections import Answer, Section
-from vsh.io.tables import printed_p_value
 from vsh.models.covariance import Spectrum
 from vsh.tools.arguments import between, choice, positive
+from vsh.tools.digits import printed_p_value
 from vsh.tools.errors import ModesError, ParameterError
 from vsh.tools.types import ArrayLike, Axes, FloatArray, Table
 from vsh.tools.units import JULIAN_YEAR, hubble_rate

@@ -201,7 +201,7 @@ def _fit_templates(estimate, maps):
 def _answer(solution, results, has_classes):
     """The lines to quote: those of the fit, the limit on waves, and whether classes differ."""
     from fit.results.quality import SEEN
-    from vsh.io.tables import printed_p_value
+    from vsh.tools.digits import printed_p_value
 
     lines = [*solution.answer.lines, *(results["waves"].answer.lines if "waves" in results else ())]
     if has_classes:

@@ -14,7 +14,7 @@ import fit
 import vsh
 from vsh.commands import finishing, parsing, reading, running
 from vsh.io.sections import Answer, Section
-from vsh.io.tables import format_three_digits, printed_p_value
+from vsh.tools.digits import format_three_digits, format_with_error, printed_p_value
 from vsh.tools.errors import ConvergenceError, DegeneracyError, ParameterError, VshError
 from vsh.tools.notes import count_dropped, count_unselected
 
@@ -549,7 +549,7 @@ def _hubble_line(solution):
     if not _is_determined(solution):
         limit = solution.hubble_limits[1]
         return f"not determined: < {format_three_digits(limit)} km/s/Mpc (95 %), {_compare_with_published(limit)}"
-    return f"{value:.3g} ± {error:.2g} km/s/Mpc, {_format_deviation(value, error)}"
+    return f"{format_with_error(value, error)} km/s/Mpc, {_format_deviation(value, error)}"
 
 
 def _format_deviation(value, error):

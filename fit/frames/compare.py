@@ -22,10 +22,10 @@ from vsh.field import Field
 from vsh.io import tables
 from vsh.io.catalogue import counterparts, match
 from vsh.io.sections import Answer, Section
-from vsh.io.tables import printed_p_value
 from vsh.modes import Modes, as_modes
 from vsh.sky.frames import Positions
 from vsh.tools import arguments
+from vsh.tools.digits import format_with_error, printed_p_value
 from vsh.tools.errors import ParameterError, VshError
 from vsh.tools.notebook import Frozen
 from vsh.tools.printing import one_line_text
@@ -345,7 +345,9 @@ class FrameComparison(FrameResult, AboutSolution):
             )
         ]
         if self.alone is not None:
-            pairs = ", ".join(f"{name} {v:+.2f} ± {s:.2f}" for name, (v, s) in self.parameters_alone.items())
+            pairs = ", ".join(
+                f"{name} {format_with_error(v, s, '+')}" for name, (v, s) in self.parameters_alone.items()
+            )
             remarks.append(f"These alone, all others held at zero (errors scaled in classes): {pairs} {solution.unit}")
         if self.names and not long:
             nearest = zip(self.names[:_FEW_LISTED], self.distances, strict=False)
@@ -353,7 +355,7 @@ class FrameComparison(FrameResult, AboutSolution):
             remarks.append(f"Largest deviations among the {len(self.names)} excluded sources: {outliers}")
         quantity = "position" if solution.unit == "µas" else "motion"
         notes = () if long else solution.notes
-        forms = {"value": "+.2f", "value / error": "+.1f", "formal error": ".2f"}
+        forms = {"value / error": "+z.1f", "formal error": ".2f"}
         title = f"{a} − {b}: differences of {quantity}"
         sections = [Section(title, facts, table, forms=forms, remarks=remarks, notes=notes)]
         if long and self.names:

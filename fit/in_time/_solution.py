@@ -16,10 +16,10 @@ from fit.results.storage import Result, coefficient_columns
 from vsh.coefficients import Coefficients
 from vsh.io import tables
 from vsh.io.sections import Section
-from vsh.io.tables import printed_p_value
 from vsh.modes import Modes
 from vsh.tools import arguments
 from vsh.tools.arguments import covariance, float_array
+from vsh.tools.digits import printed_p_value
 from vsh.tools.errors import ModesError, ParameterError
 from vsh.tools.notebook import Frozen
 from vsh.tools.types import ArrayLike, AxesArray, FloatArray, Kind, OnAxes, Table

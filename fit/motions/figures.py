@@ -17,6 +17,7 @@ from vsh.figures.plot import (
     sky_axes,
 )
 from vsh.sky.sphere import angles
+from vsh.tools.digits import format_with_error
 from vsh.tools.types import Axes
 
 #: The components xx, yy, zz, xy, xz, yz by how often they stand in a symmetric tensor.
@@ -65,7 +66,13 @@ def plot_shear(tensor: Any, coefficients: Coefficients, *, ax: Axes | None = Non
     ):
         longitudes, latitudes = angles(np.stack([axis, -axis], axis=1))
         draw_points(
-            axes, longitudes, latitudes, s=36, color=colour, edgecolor="white", label=f"{rate:+.2f} ± {error:.2f}"
+            axes,
+            longitudes,
+            latitudes,
+            s=36,
+            color=colour,
+            edgecolor="white",
+            label=format_with_error(rate, error, "+"),
         )
     axes.legend(
         loc="upper center",

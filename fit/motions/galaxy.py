@@ -12,8 +12,8 @@ import numpy as np
 from fit.results.storage import Result
 from vsh.io import tables
 from vsh.io.sections import Section
-from vsh.io.tables import printed_p_value
 from vsh.tools.arguments import not_negative, number, positive
+from vsh.tools.digits import format_with_error, printed_p_value
 from vsh.tools.errors import ParameterError
 from vsh.tools.types import Axes, FloatArray, Table
 from vsh.tools.units import AU_PER_YEAR, JULIAN_YEAR, KM_S_MYR
@@ -154,8 +154,7 @@ class GalacticOrbit(Result):
     notes: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
-        value, error = self.inward
-        return f"<GalacticOrbit: {value:.3g} ± {error:.2g} µas/yr towards the centre>"
+        return f"<GalacticOrbit: {format_with_error(*self.inward)} µas/yr towards the centre>"
 
     @property
     def inward(self) -> tuple[float, float]:
@@ -184,8 +183,8 @@ class GalacticOrbit(Result):
         value, error = self.inward
         if not value > 0:
             raise ParameterError(
-                f"this acceleration does not point to the centre ({value:.3g} ± {error:.2g} µas/yr towards it): no "
-                "orbit"
+                f"this acceleration does not point to the centre ({format_with_error(value, error)} µas/yr towards "
+                "it): no orbit"
             )
         return value, error
 
@@ -240,7 +239,7 @@ class GalacticOrbit(Result):
         facts = [
             (
                 "amplitude",
-                f"{vector.amplitude:.3f} ± {vector.amplitude_error:.3f} µas/yr, on average "
+                f"{format_with_error(vector.amplitude, vector.amplitude_error)} µas/yr, on average "
                 f"{self.amplitude_bias:.3f} too large",
             ),
             (
@@ -252,8 +251,8 @@ class GalacticOrbit(Result):
             speed, centre, prediction = self.circular_speed, self.distance_of_centre, expected_acceleration(self.r0)
             r0 = f"R0 = {self.r0:g} ± {self.r0_error:g} kpc"
             facts += [
-                ("circular speed", f"{speed[0]:.1f} ± {speed[1]:.1f} km/s with {r0}"),
-                ("centre", f"{centre[0]:.2f} ± {centre[1]:.2f} kpc away by the motion of Sgr A*, no R0 assumed"),
+                ("circular speed", f"{format_with_error(*speed)} km/s with {r0}"),
+                ("centre", f"{format_with_error(*centre)} kpc away by the motion of Sgr A*, no R0 assumed"),
                 ("expected", f"{prediction:.3f} µas/yr inward with that motion and R0 = {self.r0:g} kpc"),
             ]
         else:

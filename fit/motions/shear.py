@@ -15,13 +15,13 @@ from fit.results.storage import Result
 from vsh.coefficients import Coefficients
 from vsh.io import tables
 from vsh.io.sections import Section
-from vsh.io.tables import printed_p_value
 from vsh.length import length_limits
 from vsh.modes import Modes
 from vsh.sky.frames import check_frame, rotation_matrix
 from vsh.sky.sphere import angles
 from vsh.tools import arguments
 from vsh.tools.arguments import between, covariance, float_array, generator, positive, read_only
+from vsh.tools.digits import printed_p_value
 from vsh.tools.errors import ModesError, ParameterError
 from vsh.tools.types import ArrayLike, Axes, BoolArray, FloatArray, Rng, Table
 from vsh.tools.units import hubble_rate

@@ -24,6 +24,7 @@ from vsh.io.sections import Section
 from vsh.sky.sphere import triad
 from vsh.tools import arguments
 from vsh.tools.arguments import choice, not_negative, positive
+from vsh.tools.digits import format_with_error
 from vsh.tools.errors import DegeneracyError, ParameterError
 from vsh.tools.types import FloatArray
 from vsh.tools.units import AU_PER_YEAR, SPEED_OF_LIGHT
@@ -132,9 +133,11 @@ class Kinematics(NamedSolution):
         if speed > SPEED_OF_LIGHT:
             facts.append(("warning", "faster than light: are distances and motions in the unit that was taken?"))
         if self.oort:
-            constants = ", ".join(f"{name} = {value:+.2f} ± {error:.2f}" for name, (value, error) in self.oort.items())
+            constants = ", ".join(
+                f"{name} = {format_with_error(value, error, '+')}" for name, (value, error) in self.oort.items()
+            )
             assert self.vertex is not None
-            facts += [("Oort constants", f"{constants} km/s/kpc"), ("vertex", "{:.1f}° ± {:.1f}°".format(*self.vertex))]
+            facts += [("Oort constants", f"{constants} km/s/kpc"), ("vertex", f"{format_with_error(*self.vertex)}°")]
         columns = {"parameter": list(self.names), "value": self.values, "sigma": self.sigma}
         columns["unit"] = ["km/s" if name in _V else "km/s/kpc" for name in self.names]
         return (Section("Our velocity with respect to stars", facts, tables.table_of(columns), notes=self.notes),)

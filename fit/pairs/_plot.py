@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from vsh.figures.plot import COLOURS, WIDTH, apply_style, legend_above, panels
-from vsh.io.sections import decimals_of_error
+from vsh.tools.digits import format_with_error
 from vsh.tools.types import Axes, AxesArray, OnAxes
 
 _PLUS, _MINUS = COLOURS[0], COLOURS[2]
@@ -28,8 +28,7 @@ def plot_pairs(correlation: Any, fit: Any = None, *, ax: OnAxes | None = None) -
         for curve, colour in zip(fit.curves, (_PLUS, _MINUS), strict=True):
             axes.plot(degrees, curve, color=colour, alpha=0.8)
         for name, value, error in zip(fit.names, fit.values, fit.sigma, strict=True):
-            digits = decimals_of_error(error)
-            label = f"{name} {value:.{digits}f} ± {error:.{digits}f}".replace("-", "−")
+            label = f"{name} {format_with_error(value, error)}".replace("-", "−")
             axes.plot([], [], " ", label=label)
     axes.axhline(0, color="0.6", linewidth=0.6)
     axes.set_ylabel(_VALUE)

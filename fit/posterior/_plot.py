@@ -10,7 +10,7 @@ from fit.posterior._priors import UNITS
 from fit.posterior._sampling import Normal
 from vsh.figures.plot import COLOURS, WIDTH, apply_style, figure_of, panels
 from vsh.io.quantities import symbol
-from vsh.io.tables import decimals_of_error
+from vsh.tools.digits import decimals_of_error
 from vsh.tools.errors import ParameterError
 from vsh.tools.printing import import_quietly
 from vsh.tools.types import AxesArray, OnAxes

@@ -20,7 +20,7 @@ from fit.posterior._sampling import ENOUGH, Flat, Normal, autocorrelation, infer
 from fit.posterior._summary import SampleResult, Samples, sections_of
 from vsh.io import tables
 from vsh.io.sections import Section
-from vsh.io.tables import format_three_digits
+from vsh.tools.digits import format_three_digits
 from vsh.tools.errors import ConvergenceError, ParameterError
 from vsh.tools.types import AxesArray, FloatArray, OnAxes, PathName
 

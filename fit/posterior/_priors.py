@@ -9,6 +9,7 @@ import numpy as np
 from fit.posterior._sampling import Flat, Normal, Prior, as_prior, function_identity, integrable_with_inverse_cube
 from fit.secular_parallax import ASSUMED, DistanceModel, LocalGroup
 from vsh.models.cosmology import CMB_VELOCITY_PLANCK18
+from vsh.tools.digits import format_with_error
 from vsh.tools.errors import ParameterError
 from vsh.tools.notebook import InNotebook
 from vsh.tools.types import FloatArray
@@ -61,7 +62,7 @@ def velocity_prior(value: Any, frame: str) -> VelocityPrior:
             raise ParameterError("a Gaussian prior on the velocity needs errors in all three components")
         precision = np.asarray(np.linalg.inv(vector.covariance), float)
         l, b = value.to_frame("galactic").direction
-        text = f"{value.amplitude:.2f} ± {value.amplitude_error:.2g} km/s toward l = {l:.2f}°, b = {b:+.2f}°"
+        text = f"{format_with_error(value.amplitude, value.amplitude_error)} km/s toward l = {l:.2f}°, b = {b:+.2f}°"
         return VelocityPrior(f"Gaussian {value.value} {value.sigma} {value.frame}", vector.value, precision, words=text)
     if callable(value):
         return VelocityPrior(f"function {function_identity(value)}", function=value)

@@ -32,6 +32,7 @@ from vsh.io.parts import Parts
 from vsh.io.sections import Section
 from vsh.tools import arguments
 from vsh.tools.arguments import choice, generator
+from vsh.tools.digits import format_values, format_with_error
 from vsh.tools.errors import ParameterError
 from vsh.tools.files import hold_lock
 from vsh.tools.printing import log_result
@@ -254,8 +255,8 @@ class GridPosterior(Result):
 
     def _sections(self, long):
         v = self.velocity
-        facts = [(name, f"{self.mean(name):.4g} ± {self.sigma(name):.2g}") for name in self.names]
-        facts += [(f"v_{axis}", f"{x:+.1f} ± {s:.1f} km/s") for axis, x, s in zip("xyz", v.value, v.sigma, strict=True)]
+        facts = [(name, format_with_error(self.mean(name), self.sigma(name))) for name in self.names]
+        facts += [(f"v_{axis}", f"{x} km/s") for axis, x in zip("xyz", format_values(v.value, v.sigma), strict=True)]
         return (Section(f"Posterior on a grid ({v.frame} axes, velocity toward the apex)", facts),)
 
     def to_table(self) -> Table:

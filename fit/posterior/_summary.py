@@ -11,9 +11,9 @@ from fit.posterior._sampling import autocorrelation, inference_data, split_r_hat
 from fit.results.storage import Result, checked_count, checked_strings
 from vsh.io import tables
 from vsh.io.sections import Section
-from vsh.io.tables import format_three_digits
 from vsh.sky.frames import check_frame
 from vsh.tools.arguments import float_array
+from vsh.tools.digits import format_three_digits
 from vsh.tools.errors import ParameterError
 from vsh.tools.types import AxesArray, FloatArray, OnAxes, Table
 from vsh.vector import Vector

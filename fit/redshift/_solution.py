@@ -27,10 +27,10 @@ from vsh.field import Field
 from vsh.io import tables
 from vsh.io.parts import Parts, as_parts
 from vsh.io.sections import Section
-from vsh.io.tables import printed_p_value
 from vsh.models.cosmology import CMB_VELOCITY_PLANCK18, FLAT_PLANCK13, FLOW_LIMIT, hubble_value, usable_mask
 from vsh.models.flows import FlowModes, LinearTheory
 from vsh.modes import KINDS, Modes
+from vsh.tools.digits import printed_p_value
 from vsh.tools.errors import ParameterError
 from vsh.tools.types import ArrayLike, Axes, AxesArray, FloatArray, Kind, OnAxes, Table
 from vsh.tools.units import AU_PER_YEAR

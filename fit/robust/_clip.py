@@ -18,6 +18,7 @@ from vsh.modes import Modes, as_modes
 from vsh.scalars import ScalarField, modes_for
 from vsh.tools import arguments
 from vsh.tools.arguments import positive
+from vsh.tools.digits import format_with_error
 from vsh.tools.errors import ConvergenceError
 from vsh.tools.notes import CodedNote
 from vsh.tools.printing import log_calls
@@ -364,9 +365,9 @@ def excess_noise(
     noise_error = unit**2 * errors[0] / (2 * noise) if parameters[0] > errors[0] / 4 else unit * np.sqrt(errors[0])
     factor = float(np.sqrt(parameters[1])) if scale else 1.0
     factor_error = float(errors[1] / (2 * factor)) if scale else 0.0
-    note = f"excess noise: {noise:.4g} ± {noise_error:.2g} µas/yr added in quadrature to every component"
+    note = f"excess noise: {format_with_error(noise, noise_error)} µas/yr added in quadrature to every component"
     if scale:
-        note += f", after scaling the errors by {factor:.3f} ± {factor_error:.3f}"
+        note += f", after scaling the errors by {format_with_error(factor, factor_error)}"
     solution = replace(
         solution,
         covariance=covariance,

@@ -22,6 +22,7 @@ from vsh.io.parts import Parts
 from vsh.io.sections import Section
 from vsh.models.cosmology import LOCAL_GROUP, velocity_in_frame, with_redshift
 from vsh.tools import arguments
+from vsh.tools.digits import format_with_error
 from vsh.tools.errors import DegeneracyError, ParameterError, VshWarning
 from vsh.tools.types import ArrayLike, AxesArray, OnAxes, Table
 from vsh.vector import Vector
@@ -252,7 +253,7 @@ def hubble_from(
 
 
 def _in_words(velocity):
-    return f"|v| = {velocity.amplitude:.0f} ± {velocity.amplitude_error:.0f} km/s"
+    return f"|v| = {format_with_error(velocity.amplitude, velocity.amplitude_error)} km/s"
 
 
 def local_group_of(value: Vector | bool | None, rows: ParallaxEquations | ParallaxParts) -> LocalGroup | None:

@@ -29,6 +29,7 @@ from vsh.io import tables
 from vsh.io.sections import Section
 from vsh.models.cosmology import CMB_VELOCITY_PLANCK18, transverse_distance
 from vsh.sky.sphere import triad
+from vsh.tools.digits import format_with_error
 from vsh.tools.printing import printable
 from vsh.tools.types import FloatArray, Table
 from vsh.tools.units import AU_PER_YEAR, SPEED_OF_LIGHT
@@ -190,7 +191,7 @@ def _hubble_facts(solution, quality, truth):
         facts.append(("H0", f"{_describe_limits(*solution.hubble_limits)}; least squares {solution.hubble:.1f}"))
     else:
         remark = f"; {pull / quality.factor:.1f} with scaled errors" if quality.factor > 1 else ""
-        size = f"{solution.hubble:.2f} ± {solution.hubble_error:.2f} km/s/Mpc"
+        size = f"{format_with_error(solution.hubble, solution.hubble_error)} km/s/Mpc"
         facts.append(("H0", f"{size}, {pull:.1f} standard errors from zero{remark}"))
     if truth and "velocity" in truth:
         true = truth["hubble"]

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from vsh.figures.plot import COLOURS, WIDTH, apply_style, draw_points, legend_above, panels, plot_map, set_log_ticks
-from vsh.io.tables import printed_p_value
+from vsh.tools.digits import printed_p_value
 from vsh.tools.types import Axes, AxesArray, OnAxes
 
 

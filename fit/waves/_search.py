@@ -21,7 +21,6 @@ from fit.results.solution import HarmonicSolution
 from fit.results.storage import Result
 from vsh.io import tables
 from vsh.io.sections import Answer, Section
-from vsh.io.tables import printed_p_value
 from vsh.length import length_limits
 from vsh.models.waves import strain_of, wave_templates
 from vsh.modes import Modes, as_modes
@@ -30,6 +29,7 @@ from vsh.sky.pixels import centres
 from vsh.sky.sphere import triad
 from vsh.tools import arguments
 from vsh.tools.arguments import generator
+from vsh.tools.digits import printed_p_value
 from vsh.tools.errors import DegeneracyError, EmptyFieldError, ModesError, ParameterError
 from vsh.tools.notebook import Frozen
 from vsh.tools.notes import merge_notes

@@ -12,8 +12,8 @@ from study.referee._sections import checks, sections
 from vsh.field import Field
 from vsh.io import tables
 from vsh.io.sections import Answer, Section, text_of
-from vsh.io.tables import printed_p_value
 from vsh.tools.arguments import generator
+from vsh.tools.digits import printed_p_value
 from vsh.tools.notebook import InNotebook
 from vsh.tools.types import Rng, Table
 

@@ -14,7 +14,7 @@ from fit.methods import Recommended
 from fit.results.quality import SEEN
 from fit.results.solution import Solution
 from study.referee._quasars import Quasars
-from vsh.io.tables import printed_p_value
+from vsh.tools.digits import format_with_error, printed_p_value
 from vsh.tools.notebook import InNotebook
 from vsh.vector import Vector
 
@@ -85,9 +85,7 @@ class Value(NamedTuple):
             return f"< {self.value:.3g}"
         if not np.isfinite(self.error):
             return f"{self.value:,.0f}".replace(",", " ") if abs(self.value) > 1e4 else f"{self.value:.4g}"
-        digits = max(0, 1 - int(np.floor(np.log10(self.error)))) if self.error > 0 else 3
-        sign = "" if self.kind == "size" else "+"
-        return f"{self.value:{sign}.{digits}f} ± {self.error:.{digits}f}"
+        return format_with_error(self.value, self.error, "" if self.kind == "size" else "+")
 
 
 #: Nothing to say.

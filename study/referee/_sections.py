@@ -30,6 +30,7 @@ from study.referee._rows import NONE, Analysis, Check, Headline, Row, Value, for
 from vsh.classes import Classes
 from vsh.field import Field
 from vsh.models.cosmology import CMB_VELOCITY_PLANCK18, with_redshift
+from vsh.tools.digits import format_values
 from vsh.tools.errors import DegeneracyError, VshError
 from vsh.tools.parallel import progress_bar
 from vsh.tools.printing import one_line_text
@@ -112,7 +113,7 @@ def _check_degree(quasars, headline) -> dict[str, Any]:
 
 def _check_method(quasars, rng) -> dict[str, Any]:
     move, error, p = method_shift(quasars.whole, rng)
-    components = ", ".join(f"{x:+.2f} ± {e:.2f}" for x, e in zip(move, error, strict=True))
+    components = ", ".join(format_values(move, error))
     return {
         "answer": f"Student's t minus least squares, mean of random subsamples: ({components}) µas/yr",
         "p_value": p,
@@ -140,7 +141,7 @@ def _check_earlier_release(quasars, earlier, rng) -> dict[str, Any]:
     chain = combine_frames(samples, degree_for(len(common_names), 5, 3))
     comparison = shared([chain.difference("now")], labels=["now minus earlier"], noise_scale=False, rng=rng)
     change = comparison.solutions[0].acceleration
-    components = ", ".join(f"{v:+.2f} ± {s:.2f}" for v, s in zip(change.value, change.sigma, strict=True))
+    components = ", ".join(format_values(change.value, change.sigma))
     text = (
         f"of {len(common_names)} sources in both, whose noise is correlated by "
         f"{100 * chain.correlation[0, 1]:.0f} %, it changes by ({components}) µas/yr"
@@ -168,8 +169,7 @@ def _check_maps(quasars, headline, rng) -> dict[str, Any]:
     powers = cross_powers(plain, template_fields(maps, plain.modes, field.frame), spectrum)
     text = (
         f"{', '.join(template.name for template in maps)}; marginalised over these maps, the acceleration is "
-        f"({', '.join(f'{v:+.2f} ± {s:.2f}' for v, s in zip(acceleration.value, acceleration.sigma, strict=True))}) "
-        "µas/yr"
+        f"({', '.join(format_values(acceleration.value, acceleration.sigma))}) µas/yr"
     )
     return {
         "answer": text, "p_value": float(chdtrc(len(amplitudes), chi2)),

@@ -11,7 +11,7 @@ from study.referee._referee import Referee
 from study.referee._rows import HINT, Analysis, Check, Value
 from vsh.figures import page
 from vsh.figures.plot import COLOURS, WIDTH, allow_many_figures, apply_style, legend_above, panels, plot_field
-from vsh.io.tables import printed_p_value
+from vsh.tools.digits import printed_p_value
 from vsh.tools.types import Axes
 
 

@@ -117,7 +117,7 @@ def test_in_a_notebook():
     assert "&lt;script&gt;" in html
     assert "<script>" not in html
     html = Vector([3.0, 4.0, 0.0], np.eye(3))._repr_html_()
-    assert "5 ± 1 µas/yr" in html
+    assert "5.0 ± 1.0 µas/yr" in html
     assert format_value(np.array([1.0, np.nan] * 20)) == "40, from 1 to 1, 20 missing"
     assert format_value(np.array(["a", "b", "c", "d"])) == "4: a, b, c, …"
     assert len(format_value("x" * 1000)) < 200

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from vsh.tools.digits import format_cell, format_with_error, printed_p_value, round_to_error
 from vsh.tools.notebook import InNotebook
 from vsh.tools.printing import format_labelled_lines, printable
 from vsh.tools.types import Table
@@ -21,17 +22,6 @@ __all__ = ["Answer", "Section", "text_of"]
 #: Numbers beside a value that are known as well as it is.
 _ALIKE = ("median", "mean", "truth", "low", "high", "above", "below")
 _MANY = re.compile(r" / \(([^()]*)\)")
-
-
-def decimals_of_error(sigma: Any) -> int:
-    """Decimals by which the smallest error has two digits, 0 to 6."""
-    least = np.min(sigma)
-    return int(np.clip(1 - np.floor(np.log10(least)), 0, 6)) if least > 0 and np.isfinite(least) else 3
-
-
-def format_three_digits(value: float) -> str:
-    """Three digits at least, and no power of ten for what is large."""
-    return f"{value:.0f}" if abs(value) >= 100 else f"{value:#.3g}"
 
 
 def format_table(
@@ -75,13 +65,10 @@ def format_table(
         if name in errors.values():
             continue
         unit, values = table[name].unit, table[name].tolist()
-        if (form := (forms or {}).get(name)) and name in errors:
-            pairs = zip(values, table[errors[name]].tolist(), strict=True)
-            cells = [f"{value:{form}} ± {error:{form.lstrip('+')}}" for value, error in pairs]
-        elif form:
+        if name in errors:
+            cells = [format_with_error(*item) for item in zip(values, table[errors[name]].tolist(), strict=True)]
+        elif form := (forms or {}).get(name):
             cells = [format(item, form) for item in values]
-        elif name in errors:
-            cells = [_format_with_error(*item) for item in zip(values, table[errors[name]].tolist(), strict=True)]
         elif name.startswith("p_value"):
             cells = list(map(printed_p_value, values))
         elif name == "unit":
@@ -89,7 +76,7 @@ def format_table(
         elif name.startswith("correlation_"):
             cells = [f"{item:+.3f}" for item in values]
         elif (name.startswith(_ALIKE) and "sigma" in table.colnames) or name == "sigma":
-            cells = [_round_to_error(*item) for item in zip(values, table["sigma"].tolist(), strict=True)]
+            cells = [round_to_error(*item) for item in zip(values, table["sigma"].tolist(), strict=True)]
         else:
             cells = [format_cell(item, digits) for item in values]
         words = f"r({name.removeprefix('correlation_')})" if name.startswith("correlation_") else name.replace("_", " ")
@@ -97,36 +84,6 @@ def format_table(
         heads.append(f"{head} [{unit_words(unit)}]" if unit else head)
         columns.append(cells)
     return heads, [list(row) for row in zip(*columns, strict=True)]
-
-
-def printed_p_value(p: float) -> str:
-    """A probability as it is printed."""
-    return f"{p:.4f}" if p > 1e-3 else f"{p:.1e}" if p > 0 else "<1e-300" if p == 0 else "–"
-
-
-def format_cell(value: Any, digits: int = 4) -> str:
-    """A value of a table as text: numbers to so many digits, and all digits of what is larger."""
-    if isinstance(value, (bool, np.bool_)):
-        return "yes" if value else "no"
-    if isinstance(value, (float, np.floating)):
-        if not np.isfinite(value):
-            return "–"
-        return f"{value:.0f}" if 10.0**digits <= abs(float(value)) < 1e9 else f"{value:.{digits}g}"
-    return "" if value is None else str(value)
-
-
-def _format_with_error(value, error):
-    if not (isinstance(value, float) and isinstance(error, float) and np.isfinite(value) and error > 0):
-        return _round_to_error(value, error)
-    if not 1e-6 < error < 1e6:
-        return f"{value:.5g} ± {error:.2g}"
-    digits = decimals_of_error(error)
-    return f"{value:.{digits}f} ± {error:.{digits}f}"
-
-
-def _round_to_error(value, error):
-    has_error = isinstance(value, float) and isinstance(error, float) and np.isfinite(value) and 1e-6 < error < 1e6
-    return f"{value:.{decimals_of_error(error)}f}" if has_error else format_cell(value)
 
 
 def unit_words(unit: Any) -> str:

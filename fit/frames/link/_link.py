@@ -14,9 +14,9 @@ from fit.frames.results import FrameResult
 from fit.results.quality import SEEN
 from vsh.io import tables
 from vsh.io.sections import Answer, Section
-from vsh.io.tables import printed_p_value
 from vsh.sky.astrometry import AstrometryRows
 from vsh.tools import arguments
+from vsh.tools.digits import printed_p_value
 from vsh.tools.errors import DegeneracyError, ParameterError
 from vsh.tools.printing import log_calls
 from vsh.tools.types import Axes, FloatArray, Table

@@ -16,9 +16,9 @@ from fit.results.storage import Result
 from vsh.field import Field
 from vsh.io import tables
 from vsh.io.sections import Answer, Section
-from vsh.io.tables import printed_p_value
 from vsh.sky.astrometry import AstrometryRows
 from vsh.tools import arguments
+from vsh.tools.digits import format_values, format_with_error, printed_p_value
 from vsh.tools.errors import FieldError, ParameterError
 from vsh.tools.printing import one_line_text
 from vsh.tools.types import Axes, AxesArray, FloatArray, IntArray, OnAxes, Table
@@ -325,11 +325,13 @@ class FrameTie(FrameResult, NamedSolution):
         ]
         for catalogue in self.unknowns.turned if self.unknowns.has_parallax_terms else ():
             zero, scale = (self.names.index(name) for name in self.unknowns.parallax_names(catalogue))
+            values, sigma = self.values.tolist(), self.sigma.tolist()
             text = (
-                f"zero point {self.values[zero]:+.3g} ± {self.sigma[zero]:.2g} µas, scale {1 + self.values[scale]:.5g}"
+                f"zero point {format_with_error(values[zero], sigma[zero], '+')} µas, scale "
+                f"{format_with_error(1 + values[scale], sigma[scale])} ({catalogue} relative to {self.reference})"
             )
             label = f"parallaxes, {catalogue}" if several else "parallaxes"
-            lines.append((label, f"{text} ± {self.sigma[scale]:.2g} ({catalogue} relative to {self.reference})"))
+            lines.append((label, text))
         for step in steps:
             p_value, *p_values = self.jump_p_values(step)
             phrases = [
@@ -359,8 +361,7 @@ class FrameTie(FrameResult, NamedSolution):
         if len(self.unknowns.turned) > 1:
             return "detected"
         jump = self.jump(step, vector)[0]
-        components = ", ".join(f"{v:+.3g} ± {s:.2g}" for v, s in zip(jump.value, jump.sigma, strict=True))
-        return f"detected: ({components}) {jump.unit}"
+        return f"detected: ({', '.join(format_values(jump.value, jump.sigma))}) {jump.unit}"
 
     @property
     def pairs(self) -> tuple[tuple[str, str], ...]:
@@ -409,7 +410,7 @@ class FrameTie(FrameResult, NamedSolution):
             for vector in self._jumping_vectors:
                 for label, magnitude in unknowns.levels:
                     level = self.vector(vector, magnitude, catalogue=catalogue)
-                    values = ", ".join(f"{v:+.1f} ± {s:.1f}" for v, s in zip(level.value, level.sigma, strict=True))
+                    values = ", ".join(format_values(level.value, level.sigma))
                     lines.append(f"{vector} of {catalogue}, {label}: {values} {level.unit}")
         for step in unknowns.steps if long else ():
             p_value, *p_values = self.jump_p_values(step)
@@ -425,8 +426,8 @@ class FrameTie(FrameResult, NamedSolution):
         vector = self.vector(name, catalogue=catalogue)
         p = self._combine_and_test(self.unknowns.combination(name, catalogue))[2]
         if p < SEEN:
-            size = f"{vector.amplitude:.3g} ± {vector.amplitude_error:.2g} {vector.unit}"
-            return f"{size}, p = {printed_p_value(p)}"
+            size = format_with_error(vector.amplitude, vector.amplitude_error)
+            return f"{size} {vector.unit}, p = {printed_p_value(p)}"
         return f"not detected: < {vector.amplitude_limit():.3g} {vector.unit} (95 %), p = {printed_p_value(p)}"
 
     def to_table(self) -> Table:

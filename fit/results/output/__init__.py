@@ -22,7 +22,7 @@ from fit.results.output._text import (
     warnings_of,
 )
 from fit.results.output._text import words_of as words_of
-from vsh.io.tables import printed_p_value as p_value
+from vsh.tools.digits import printed_p_value as p_value
 from vsh.tools.modules import lazy_names
 
 if TYPE_CHECKING:

@@ -22,10 +22,10 @@ from vsh.field import Field
 from vsh.io import tables
 from vsh.io.parts import Parts, sample_of
 from vsh.io.sections import Answer
-from vsh.io.tables import decimals_of_error
 from vsh.scalars import ScalarField
 from vsh.sky.frames import AXES
 from vsh.tools.arguments import choice
+from vsh.tools.digits import decimals_of_error
 from vsh.tools.printing import latex_text
 from vsh.tools.types import FloatArray, PathName, Table
 

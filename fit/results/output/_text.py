@@ -25,10 +25,10 @@ from fit.results.quality import (
 from fit.results.spectrum import spectrum
 from vsh.io import tables
 from vsh.io.sections import Answer, Section
-from vsh.io.tables import decimals_of_error, format_three_digits, printed_p_value
-from vsh.io.tables import printed_p_value as p_value
 from vsh.length import FEWEST_DOF
 from vsh.sky.frames import ANGLES
+from vsh.tools.digits import decimals_of_error, format_three_digits, format_values, format_with_error, printed_p_value
+from vsh.tools.digits import printed_p_value as p_value
 from vsh.tools.notes import ASSUMED_UNITS, codes_of, has_code
 from vsh.tools.printing import printable
 from vsh.tools.types import FloatArray, Table
@@ -84,9 +84,7 @@ def pulls(vector: Vector, true: Vector) -> FloatArray:
 
 def format_components(vector: Vector) -> tuple[str, ...]:
     """Three components with their errors, of which the smallest has two digits."""
-    digits = decimals_of_error(vector.sigma)
-    pairs = zip(vector.value, vector.sigma, strict=True)
-    return tuple(f"± {s:.{digits}f}" if np.isnan(v) else f"{v:+.{digits}f} ± {s:.{digits}f}" for v, s in pairs)
+    return format_values(vector.value, vector.sigma)
 
 
 def format_amplitude(vector: Vector) -> str:
@@ -96,8 +94,7 @@ def format_amplitude(vector: Vector) -> str:
     if not vector.amplitude_error > 0:
         return f"{vector.amplitude:.3f}"
     if is_seen(vector):
-        digits = decimals_of_error(vector.amplitude_error)
-        return f"{vector.amplitude:.{digits}f} ± {vector.amplitude_error:.{digits}f}"
+        return format_with_error(vector.amplitude, vector.amplitude_error)
     return f"< {format_three_digits(vector.amplitude_limit(0.95))} (95 %)"
 
 
@@ -304,7 +301,7 @@ def _describe_distance(acceleration: Vector) -> str:
     difference = replace(acceleration, value=acceleration.value - gaia.value, covariance=covariance, dof=float(dof))
     p = difference.p_value
     hint = "; this may be an instrumental effect" if p < SEEN else ""
-    size = f"{gaia.amplitude:.2f} ± {gaia.amplitude_error:.2f} {gaia.unit}"
+    size = f"{format_with_error(gaia.amplitude, gaia.amplitude_error)} {gaia.unit}"
     return f"this acceleration is {abs(ndtri(max(p, 1e-300) / 2)):.1f} σ from {size} (p = {printed_p_value(p)}){hint}"
 
 
@@ -460,7 +457,7 @@ def _vectors(solution, truth, long):
     formal = vectors_of(solution.formal) if long and solution.formal is not solution else {}
     if is_scalar(solution):
         value, error = solution.mean
-        rows.append(("mean", "", "", "", f"{value:+.4g} ± {error:.2g}"))
+        rows.append(("mean", "", "", "", format_with_error(value, error, "+")))
     for row in vector_rows(vectors, truth):
         rows.append((f"  {row.name}" if row.is_truth else row.name, *row.cells, row.amplitude))
         if not row.is_truth and row.name in formal:
@@ -500,8 +497,7 @@ def _powers(solution):
 
 def _format_power(power):
     """The power of a degree with its error."""
-    digits = decimals_of_error(power.error)
-    return f"{power.debiased:.{digits}f} ± {power.error:.{digits}f}"
+    return format_with_error(power.debiased, power.error)
 
 
 def _detailed_powers(solution):

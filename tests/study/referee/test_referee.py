@@ -16,7 +16,7 @@ from study.referee import Quasars, Referee, read_quasars, referee
 from study.referee._rows import Value, format_verdict, headline, papers
 from study.referee._sections import SectionInput, _answer_question, _check_earlier_release, _repeat_galaxies, checks
 from vsh import Field
-from vsh.io.tables import printed_p_value
+from vsh.tools.digits import printed_p_value
 from vsh.tools.errors import DegeneracyError, TableError
 
 TRUTH = sim.acceleration((0, -40, -20))

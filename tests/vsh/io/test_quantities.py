@@ -1,5 +1,6 @@
 """How quantities are written: one symbol each in figures and LaTeX, and tables that fit on a page."""
 
+import html
 import re
 import shutil
 import subprocess
@@ -107,3 +108,62 @@ def test_latex_of_every_command_compiles_without_overfull_lines(command, files, 
             continue
         assert done.returncode == 0, [line for line in log.splitlines() if line.startswith("!")]
         assert [x for x in re.findall(r"Overfull \\hbox \(([\d.]+)pt", log) if float(x) > 5] == [], name
+
+
+#: A value with its error: as text, or in LaTeX.
+_WITH_ERROR = re.compile(r"([+-]?\d+(?:\.\d+)?) ?± ?(\d+(?:\.\d+)?)(?: × 10\^(-?\d+))?")
+
+
+def values_with_errors(text):
+    """{(value, error): how it is written} of a report, a page, LaTeX or the letters of a figure."""
+    text = re.sub(r"\$([-−+])\$", r"\1", text)  # a sign alone
+    for tex, plain in (("\\pm", "±"), ("\\times", "×"), ("−", "-"), ("\\,", " "), ("$", " ")):
+        text = text.replace(tex, plain)
+    text = re.sub(r"\s+", " ", re.sub(r"10\^\{(-?\d+)\}", r"10^\1", text))
+    return {
+        (float(f"{value}e{power or 0}"), float(f"{error}e{power or 0}")): f"{value.lstrip('+')} ± {error}"
+        for value, error, power in _WITH_ERROR.findall(text)
+    }
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("command", sorted(COMMANDS))
+def test_a_quantity_reads_the_same_everywhere(command, files, monkeypatch, capsys, tmp_path):
+    """Report, page, LaTeX and figures write one value with one error in one way; ICRF3's terms had three."""
+    from matplotlib.figure import Figure
+    from matplotlib.text import Text
+
+    letters, original = [], Figure.savefig
+
+    def listen(figure, *arguments, **keywords):
+        letters.extend(text.get_text() for text in figure.findobj(Text))
+        return original(figure, *arguments, **keywords)
+
+    module, words = COMMANDS[command]
+    monkeypatch.chdir(files)
+    monkeypatch.setattr(Figure, "savefig", listen)
+    page = tmp_path / "page.html"
+    assert module.main([*words.split(), "--long", "--output", str(tmp_path / "out"), "--html", str(page)]) == 0
+    report = capsys.readouterr().out
+    assert module.main([*words.split(), "--latex"]) == 0
+    bare = re.sub(r"<(script|style|svg).*?</\1>", "", page.read_text(encoding="utf-8"), flags=re.DOTALL)
+    texts = {
+        "page": html.unescape(re.sub("<[^>]*>", " ", bare)),
+        "LaTeX": capsys.readouterr().out,
+        "figures": "\n".join(letters),
+    }
+    known = values_with_errors(report)
+    assert not any(re.fullmatch(r"-0(\.0+)? ± .*", text) for text in known.values()), "a minus before zero"
+    for name, text in texts.items():
+        for (value, error), written in values_with_errors(text).items():
+            alike = {
+                other for (x, s), other in known.items()
+                if error > 0 and abs(x - value) < 0.06 * error and abs(s / error - 1) < 0.06
+            }  # fmt: skip
+            assert written in alike or not alike, f"{name}: {written} is {' and '.join(alike)} in the report"
+
+
+def test_values_with_errors_are_found_in_every_kind_of_text():
+    expected = {(-0.3, 0.83): "-0.30 ± 0.83", (1200.0, 100.0): "1.2 ± 0.1"}
+    assert values_with_errors(r"($-$0.30 $\pm$ 0.83) & $1.2 \pm 0.1 \times 10^{3}$") == expected
+    assert values_with_errors("x −0.30 ± 0.83")[-0.3, 0.83] == "-0.30 ± 0.83"

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from astropy.table import Table
 
-from vsh.io.tables import decimals_of_error, format_cell, format_table, format_three_digits
+from vsh.io.tables import format_table
+from vsh.tools.digits import decimals_of_error, format_cell, format_three_digits
 
 
 @pytest.mark.parametrize(

@@ -19,7 +19,7 @@ from fit.resample import bootstrap
 from fit.results.output import answer_of
 from sim.commands.simulate import main as simulate
 from study.referee import read_quasars, referee
-from vsh.io.tables import printed_p_value
+from vsh.tools.digits import printed_p_value
 from vsh.vector import GAIA_EDR3
 
 

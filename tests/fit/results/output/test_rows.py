@@ -11,9 +11,9 @@ from conftest import random_field
 import fit
 import sim
 from fit.results.output import format_amplitude, format_direction, pulls, sections_of, vector_rows, vectors_of
-from fit.results.output._files import decimals_of_error
 from vsh import Field, Vector
 from vsh.io.sections import text_of
+from vsh.tools.digits import decimals_of_error
 from vsh.tools.errors import ParameterError
 
 TRUTH = {"spin": Vector([3, -4, 5], np.zeros((3, 3))), "acceleration": Vector([0, -4, -2], np.zeros((3, 3)))}

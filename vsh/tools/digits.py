@@ -1,0 +1,55 @@
+"""Numbers as they are printed everywhere: digits by the error, and no minus before what is rounded to zero."""
+
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+
+
+def decimals_of_error(sigma: Any) -> int:
+    """Decimals by which the smallest error has two digits, 0 to 6."""
+    least = np.min(sigma)
+    return int(np.clip(1 - np.floor(np.log10(least)), 0, 6)) if least > 0 and np.isfinite(least) else 3
+
+
+def format_with_error(value: Any, error: Any, sign: str = "") -> str:
+    """A value with its error, of which two digits are printed; `sign` "+" prints a sign of positive values, too."""
+    if not (isinstance(value, float) and isinstance(error, float) and np.isfinite(value) and error > 0):
+        return round_to_error(value, error)
+    if not 1e-6 < error < 1e6:
+        return f"{value:{sign}.5g} ± {error:.2g}"
+    digits = decimals_of_error(error)
+    return f"{value:{sign}z.{digits}f} ± {error:.{digits}f}"
+
+
+def format_values(values: Iterable[float], sigmas: Any) -> tuple[str, ...]:
+    """Values with their errors, all with the decimals of the smallest error; an error alone where a value is nan."""
+    digits, pairs = decimals_of_error(sigmas), zip(values, sigmas, strict=True)
+    return tuple(f"± {s:.{digits}f}" if np.isnan(v) else f"{v:+z.{digits}f} ± {s:.{digits}f}" for v, s in pairs)
+
+
+def round_to_error(value: Any, error: Any) -> str:
+    """A value with the decimals that its error would have."""
+    has_error = isinstance(value, float) and isinstance(error, float) and np.isfinite(value) and 1e-6 < error < 1e6
+    return f"{value:z.{decimals_of_error(error)}f}" if has_error else format_cell(value)
+
+
+def format_three_digits(value: float) -> str:
+    """Three digits at least, and no power of ten for what is large."""
+    return f"{value:.0f}" if abs(value) >= 100 else f"{value:#.3g}"
+
+
+def printed_p_value(p: float) -> str:
+    """A probability as it is printed."""
+    return f"{p:.4f}" if p > 1e-3 else f"{p:.1e}" if p > 0 else "<1e-300" if p == 0 else "–"
+
+
+def format_cell(value: Any, digits: int = 4) -> str:
+    """A value of a table as text: numbers to so many digits, and all digits of what is larger."""
+    if isinstance(value, (bool, np.bool_)):
+        return "yes" if value else "no"
+    if isinstance(value, (float, np.floating)):
+        if not np.isfinite(value):
+            return "–"
+        return f"{value:.0f}" if 10.0**digits <= abs(float(value)) < 1e9 else f"{value:.{digits}g}"
+    return "" if value is None else str(value)
