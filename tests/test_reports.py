@@ -111,7 +111,7 @@ def test_answer_of_waves_in_time():
         p_values=np.array([0.5, 1e-9, 0.4]), p_value=1e-3, lost=zero, n_skies=999, n_data=400, degrees=(2, 3),
     )  # fmt: skip
     (_, wave), (_, strain) = spectrum.answer.lines
-    assert wave.startswith("detected at 3 frequencies")
+    assert wave.startswith("detected in a search of 3 frequencies")
     assert wave.endswith("the largest at 1 per year")
     assert strain.startswith("4.8e-10 at 1 per year, as fitted; where there is no wave < 2.4e-10 to 2.4e-10")
     # More than on all of too few skies decides nothing.

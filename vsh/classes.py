@@ -96,11 +96,17 @@ class Classes(InNotebook):
             raise ParameterError(f"edges of classes are numbers that rise, not {edges!r}")
         below, greater_sign = ("<", ">=") if closed == "left" else ("<=", ">")
         after = "<=" if closed == "left" else "<"
+
+        def intervals(texts):
+            inner = [f"{lower} {after} {name} {below} {upper}" for lower, upper in pairwise(texts)]
+            every = (f"{name} {below} {texts[0]}", *inner, f"{name} {greater_sign} {texts[-1]}")
+            return every if ends else every[1:-1]
+
         texts = [_in_full(edge) for edge in edges]
-        inner = [f"{lower} {after} {name} {below} {upper}" for lower, upper in pairwise(texts)]
-        conditions = (f"{name} {below} {texts[0]}", *inner, f"{name} {greater_sign} {texts[-1]}")
-        conditions = conditions if ends else conditions[1:-1]
-        labels = tuple(condition.replace("<=", "≤").replace(">=", "≥") for condition in conditions)
+        short = [text if len(text) <= 8 else f"{edge:.4g}" for text, edge in zip(texts, edges, strict=True)]
+        conditions = intervals(texts)
+        labels = intervals(short if len({*short}) == len(short) else texts)  # quantiles have sixteen digits
+        labels = tuple(label.replace("<=", "≤").replace(">=", "≥") for label in labels)
         if values is None:
             return cls(labels, conditions=conditions)
         numbers = np.asarray(values, float)

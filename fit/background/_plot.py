@@ -1,5 +1,6 @@
 """Figures of backgrounds (matplotlib)."""
 
+import textwrap
 from typing import Any
 
 import numpy as np
@@ -102,7 +103,7 @@ def plot_shared(classes: Any, *, ax: OnAxes | None = None) -> AxesArray:
         labels, solutions = [*labels, "together"], [*solutions, classes.together()]
     subplots = panels(ax, 1, 2, size=(WIDTH, 1.3 + 0.36 * len(labels)))
     names = ("spin", "acceleration") if classes.unit == "µas/yr" else ("rotation", "glide")
-    positions = np.arange(len(labels))
+    positions, wrapped = np.arange(len(labels)), ["\n".join(textwrap.wrap(label, 24)) for label in labels]
     for axes, attribute, name in zip(subplots, ("spin", "acceleration"), names, strict=True):
         vectors = [getattr(solution, attribute) for solution in solutions]
         for k, axis in enumerate("xyz"):
@@ -113,7 +114,7 @@ def plot_shared(classes: Any, *, ax: OnAxes | None = None) -> AxesArray:
             )
         axes.axvline(0, color="0.7", linewidth=0.8)
         axes.set_ylim(len(labels) - 0.5, -0.5)
-        axes.set_yticks(positions, labels if axes is subplots[0] else [""] * len(labels))
+        axes.set_yticks(positions, wrapped if axes is subplots[0] else [""] * len(labels))
         axes.set_xlabel(f"{name}\n[{classes.unit}]")
     legend_above(subplots[0], 3)
     return subplots

@@ -641,8 +641,8 @@ def _classes(equations, names, modes, scale_flags, is_free=None) -> tuple[ClassE
             raise DegeneracyError(f"{name}: {error}") from None
         if classes[-1].condition[0] > _CAP:
             notes.append(
-                f"the class {name} sees too little of the sky to tell degrees to {modes.lmax} apart: merge it with "
-                "another, or fit lower degrees"
+                f"warning: the class {name} sees too little of the sky to tell degrees to {modes.lmax} apart: merge it "
+                "with another, or fit lower degrees"
             )
     return ClassEquations.from_separate_classes(classes), notes
 

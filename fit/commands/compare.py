@@ -318,6 +318,11 @@ def _has_motions(path, options):
 
 
 def _read(path, quantity, options, condition):
+    with reading.naming_file(path):
+        return reading.label_counts(_read_catalogue(path, quantity, options, condition), path)
+
+
+def _read_catalogue(path, quantity, options, condition):
     from vsh.io.catalogue import read_field, read_positions
 
     if quantity == "motions":

@@ -91,6 +91,8 @@ def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
     if options.templates and options.lmax < 3:
         parser.error("--templates needs --lmax 3 or more, 5 is best: degrees 1 and 2 alone tell them from nothing")
     options.years = options.waves if isinstance(options.waves, float) else None
+    if options.floor == "no" and options.method == "recommended":
+        parser.error("the recommended fit includes the systematic floor: --method student is the same fit without it")
     options.floor = options.floor == "yes"
 
 

@@ -1,6 +1,5 @@
 """The solution of normal equations."""
 
-from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -8,21 +7,19 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve, eigh
 from scipy.linalg.lapack import dpocon
 
+from fit.normal._coverage import add_coverage_notes
 from fit.normal._equations import NormalEquations
 from fit.normal._sum import normal_equations
-from fit.results.quality import ONE_SIDE
 from fit.results.solution import ScalarSolution, Solution
 from vsh import Coefficients, Field
 from vsh.io.parts import Parts
 from vsh.models.covariance import Covariance
 from vsh.modes import Modes, ScalarModes
 from vsh.scalars import ScalarCoefficients, ScalarField, modes_for
-from vsh.sky.frames import ANGLES
-from vsh.sky.sphere import widest_gap
 from vsh.tools import arguments
 from vsh.tools.errors import DegeneracyError, ParameterError
-from vsh.tools.notes import CodedNote, drop_empty_notes
-from vsh.tools.printing import log_calls, one_line_text
+from vsh.tools.notes import drop_empty_notes
+from vsh.tools.printing import log_calls
 from vsh.tools.types import FloatArray
 
 _LOST = "warning: values are a million times their errors, so χ² is lost to rounding: take a model away first"
@@ -164,40 +161,6 @@ def fit_field(
         if target.components * len(field) < len(target):
             raise DegeneracyError(_degeneracy_message(len(field), target))
     return add_coverage_notes(solve(normal_equations(field, target, covariance=covariance)), field)
-
-
-#: A part of the sky without sources that is wider than this is worth a word [rad], and a source with more than this
-#: share of the weight.
-_WIDE, _MOST = np.radians(60), 0.5
-#: Few sources leave wide parts empty by chance: one about a given point is worth a word if that has this probability.
-_BY_CHANCE = 1e-5
-
-
-def add_coverage_notes(solution: Any, field: Any) -> Any:
-    """The solution with a note where a large part of the sky has no source, or one source most of the weight."""
-    if not isinstance(field, Field | ScalarField) or not len(field):
-        return solution
-    weight = field.information
-    k = int(np.argmax(weight))
-    share = weight[k] / weight.sum()
-    if share > _MOST:
-        names = getattr(field, "name", None)
-        label = f"source {k}" if names is None else one_line_text(names[k])
-        note = f"warning: {label} has {100 * share:.4g} % of the weight of all sources: is its error right?"
-        solution = solution if note in solution.notes else replace(solution, notes=(*solution.notes, note))
-    by_chance = np.arccos(2 * _BY_CHANCE ** (1 / len(field)) - 1)
-    for most in (400, 10_000):  # a few hundred tell of most skies that there is none
-        radius, lon, lat = widest_gap(field.lon, field.lat, most)
-        if radius < max(_WIDE, by_chance):
-            return solution
-    names = ANGLES[field.frame]
-    location = ", ".join(f"{name} = {np.degrees(x):.0f}°" for name, x in zip(names, (lon, lat), strict=True))
-    note = CodedNote(
-        f"warning: no source within {np.degrees(radius):.0f}° of {location}: a part of a file, or of the sky? What is "
-        "said of the whole sky rests on the other part",
-        ONE_SIDE,
-    )
-    return solution if note in solution.notes else replace(solution, notes=(*solution.notes, note))
 
 
 def _degeneracy_message(sources, modes, reason=""):

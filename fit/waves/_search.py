@@ -413,7 +413,7 @@ class WaveSpectrum(Result):
         p = p_in_words(self.p_value, self.n_skies)
         is_detected, is_least = self.p_value < SEEN, _no_sky_reached(self.p_value, self.n_skies)
         verdict = "detected" if is_detected else "not decided" if is_least else "not detected"
-        text = f"{verdict} at {len(self.frequencies)} frequencies, p = {p} for all of them together"
+        text = f"{verdict} in a search of {len(self.frequencies)} frequencies, p = {p} for all of them together"
         if is_detected:
             text += f"; the largest at {self.frequencies[best]:.4g} per year"
         elif is_least:

@@ -4,7 +4,8 @@ import argparse
 
 from vsh.commands import finishing, parsing, reading, running
 from vsh.io.quantities import latex_table
-from vsh.tools.notes import count_dropped
+from vsh.io.sections import Section
+from vsh.tools.notes import count_dropped, merge_notes
 
 
 def make_parser() -> argparse.ArgumentParser:
@@ -49,7 +50,9 @@ def _run(options):
     if options.earlier:
         from vsh.io.catalogue import read_field
 
-        earlier = read_field(options.earlier, roles=("name",), on_bad=options.on_bad)
+        with reading.naming_file(options.earlier):
+            earlier = read_field(options.earlier, roles=("name",), on_bad=options.on_bad)
+        earlier = reading.label_counts(earlier, options.earlier)
     answer = referee(quasars, options.seed, earlier=earlier)
     counts = {"rows_used": len(quasars.whole), "rows_refused": count_dropped(quasars.field.notes)}
 
@@ -57,6 +60,10 @@ def _run(options):
         from study.referee.page import draw
 
         return draw(answer)
+
+    def sections(long):
+        of_earlier = [Section(f"Earlier: {options.earlier}", notes=earlier.notes)] if earlier and earlier.notes else []
+        return [*answer.details(long), *of_earlier]
 
     def write(folder, meta):
         from vsh.io import tables
@@ -75,8 +82,8 @@ def _run(options):
         write_page(path, text, overwrite=True)
 
     run.finish(
-        [finishing.Part("referee", None, sections=answer.details, plot=draw, tables=answer.tables, files=write)],
-        notes=quasars.field.notes,
+        [finishing.Part("referee", None, sections=sections, plot=draw, tables=answer.tables, files=write)],
+        notes=merge_notes(quasars.field.notes, () if earlier is None else earlier.notes),
         answer=answer.answer,
         paths=[options.catalogue, options.earlier] if options.earlier else options.catalogue,
         counts=counts,

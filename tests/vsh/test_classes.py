@@ -94,3 +94,13 @@ def test_small_classes_are_left_out():
 def test_messages_name_the_error(make, error, words):
     with pytest.raises(error, match=words):
         make()
+
+
+def test_edges_that_were_computed_are_labelled_with_four_digits():
+    """A quantile of redshifts in single precision had sixteen, and its figure no room for anything else."""
+    edges = [float(np.float32(0.01)), 0.5368239283561707, 1.7367043495178223]
+    classes = Classes.by_edges("z", edges, np.array([0.01, 0.53682, 0.53683, 1.7]), ends=False)
+    assert classes.labels == ("0.01 ≤ z < 0.5368", "0.5368 ≤ z < 1.737")
+    assert classes.masks.sum(axis=1).tolist() == [2, 2]  # by all digits
+    close = Classes.by_edges("z", [0.5368239283, 0.5368239284])
+    assert len(set(close.labels)) == 3

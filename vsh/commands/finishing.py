@@ -27,7 +27,7 @@ from vsh.tools.errors import TableError, VshError
 from vsh.tools.files import UNFINISHED, atomic_folder, atomic_write, check_not_read, check_unchanged, digest, file_stamp
 from vsh.tools.formats import is_address
 from vsh.tools.parallel import end_elapsed
-from vsh.tools.printing import printable, silence, wrap_lines
+from vsh.tools.printing import one_line_text, printable, silence, wrap_lines
 from vsh.tools.types import PathName
 
 if TYPE_CHECKING:
@@ -268,6 +268,14 @@ class RunResult:
         return f"{self.answer}\n\n{text}" if self.answer.lines else text
 
     @cached_property
+    def all_notes(self) -> tuple[str, ...]:
+        """The notes of the run, and those, the warnings and the remarks of its sections."""
+        sections = self.sections(True)
+        told = [f"{label}: {text}" for part in sections for label, text in part.facts if label.startswith("warning")]
+        told += [text for part in sections for text in (*part.notes, *part.remarks)]
+        return tuple(dict.fromkeys(map(str, (*self.notes, *told))))
+
+    @cached_property
     def tables(self) -> Mapping[str, Table]:
         """Tables by heading, for --json and --latex; made when they are first asked for."""
         return self.make_tables()
@@ -287,7 +295,8 @@ def print_result(options: argparse.Namespace, result: RunResult) -> None:
         print(as_json(options, result), flush=True)  # who reads may have seen enough
     elif options.latex:
         tables = (latex_table(table, heading) for heading, table in result.tables.items())
-        running.print_text(result.latex() if result.latex else "\n\n".join(tables))
+        comments = (f"% {one_line_text(note)}" for note in result.all_notes if "warning" in note)
+        running.print_text("\n".join((result.latex() if result.latex else "\n\n".join(tables), *comments)))
     elif not options.quiet:
         width = shutil.get_terminal_size().columns  # 80 in a pipe
         running.print_text(wrap_lines(result.report(options.long).rstrip("\n"), width))
@@ -501,7 +510,7 @@ def as_json(options: argparse.Namespace, result: RunResult) -> str:
         "version": vsh.__version__,
         "options": {name: _json_value(value) for name, value in options.given.items() if name not in NOT_KEPT},
         "answer": dict(result.answer.lines) or None,
-        "notes": [str(note) for note in result.notes],
+        "notes": list(result.all_notes),
         "tables": {name: _table_for_json(table) for name, table in result.tables.items()},
         "written": [str(path) for path in (options.output, getattr(options, "html", None)) if path],
     }

@@ -9,10 +9,14 @@ import sys
 import tempfile
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vsh.commands import parsing
+from vsh.tools.errors import FieldError
+from vsh.tools.notes import CountedNote
+from vsh.tools.printing import printable
 
 if TYPE_CHECKING:
     from vsh.io.tables import TableSource
@@ -117,6 +121,24 @@ def keep_standard_input(options: argparse.Namespace) -> Iterator[None]:
             raise TableError("standard input is empty")
         setattr(options, option_names[0], str(path))
         yield
+
+
+@contextmanager
+def naming_file(path: str) -> Iterator[None]:
+    """Say in errors on rows of which of several files they are."""
+    try:
+        yield
+    except FieldError as error:
+        if Path(path).name not in str(error):
+            error.args = (f"{printable(Path(path).name)}: {error}",)
+        raise
+
+
+def label_counts(catalogue: Any, path: str) -> Any:
+    """A catalogue of several, whose notes with counts name its file."""
+    name = printable(Path(path).name)
+    notes = (f"{name}: {note}" if isinstance(note, CountedNote) else note for note in catalogue.notes)
+    return replace(catalogue, notes=tuple(notes))
 
 
 def add_workers(parser: argparse.ArgumentParser) -> None:

@@ -1,5 +1,7 @@
 """`vsh-fit --classes`: magnitudes, conditions, halves of the sky; in memory and in parts."""
 
+import json
+
 import numpy as np
 import pytest
 from astropy.table import Table
@@ -123,3 +125,28 @@ def test_templates_have_the_floor_however_it_was_asked_for(tmp_path, capsys):
     np.testing.assert_allclose(tables[1].errors_with_floor, tables[0].errors_with_floor, rtol=1e-12)
     np.testing.assert_allclose(tables[1].values, tables[0].values, rtol=1e-12)
     assert np.all(tables[0].errors_with_floor > 1.01 * tables[0].errors)
+
+
+@pytest.mark.parametrize(
+    ("classes", "warned"),
+    [("magnitude < 18; magnitude > 19", "are in no class"), ("halves:galactic", "sees too little")],
+)
+def test_json_and_latex_warn_of_what_the_report_warns(classes, warned, path, capsys):
+    """Notes of the sections that stand below the fit were in the terminal's report alone."""
+    words = [str(path), "--lmax", "4", "--classes", classes, "--method", "least-squares"]
+    assert main([*words, "--long"]) == 0
+    assert warned in " ".join(capsys.readouterr().out.split())
+    assert main([*words, "--json"]) == 0
+    assert any(warned in note for note in json.loads(capsys.readouterr().out)["notes"])
+    assert main([*words, "--latex"]) == 0
+    comments = [line for line in capsys.readouterr().out.splitlines() if line.startswith("% ")]
+    assert ("sees" not in warned) or any(warned in line for line in comments)
+
+
+def test_the_floor_cannot_be_taken_out_of_the_recommended_fit(path, capsys):
+    """`--floor no` changed nothing, without a word."""
+    with pytest.raises(SystemExit):
+        main([str(path), "--floor", "no"])
+    assert "--method student" in capsys.readouterr().err
+    assert main([str(path), "--floor", "no", "--method", "student", "--lmax", "1"]) == 0
+    assert "systematic floor included" not in capsys.readouterr().out

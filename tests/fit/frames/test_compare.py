@@ -102,6 +102,17 @@ def test_catalogues_with_the_same_values_are_not_compared():
     assert compare_catalogues(*two(300))[0].n_same == 0
 
 
+def test_messages_and_counts_name_the_file(tmp_path, capsys):
+    new, old = two(300)
+    sigma = np.array(old.sigma)
+    sigma[0, :7] = np.nan
+    files = [str(table(new, tmp_path / "new.ecsv")), str(table(old, tmp_path / "old.ecsv", ra_error=sigma[0]))]
+    assert main(files) == 1
+    assert "old.ecsv: 7 of 300 rows" in capsys.readouterr().err
+    assert main([*files, "--on-bad", "drop"]) == 0
+    assert "old.ecsv: left out 7 of 300 rows" in " ".join(capsys.readouterr().out.split())
+
+
 def test_every_degree_has_its_terms(tmp_path, capsys):
     """Degree 3 stood neither in `parameters` nor in the tables of a paper."""
     found, _ = compare_catalogues(*two(300), modes=3)

@@ -88,7 +88,9 @@ def locate_columns(wanted: ColumnRequest, source: TableSource) -> tuple[dict[str
             if present:
                 column_names[f.name] = present[0]
             elif f.name == "pmra_pmdec_corr":
-                notes += _notes_on_correlations(name, source)
+                notes += _notes_on_correlations(name, source, _names.affixes_of(column_names))
+            elif f.name in ("solution", "quality"):
+                notes += _notes_on_flags(f.name, name, source)
     # What a field wrote of itself it reads: elsewhere a column called distance or parallax may be anything.
     for role in str(source.meta.get(MEASURED_KEY, "")).split():
         if role in MUST_SAY and role in source.names and role not in (wanted.asked or ()):
@@ -151,9 +153,18 @@ def _role_of(name, column_names):
     return next(role for role, column in column_names.items() if column == name)
 
 
-def _notes_on_correlations(names, source):
-    """Notes on a table without correlations where they are looked for."""
-    like = find_correlations(source)
+def _notes_on_flags(role, names, source):
+    """Notes on columns of flags under other names than those that are looked for."""
+    like = [column for column in source.names if any(name in column.lower() for name in names)]
+    text = f"warning: {', '.join(map(printable, like))} is not used to leave out sources; "
+    remedy = f"--columns {shlex.quote(f'{role}={printable(like[0])}')}" if like else ""
+    return [CodedNote(f"{text}{remedy} uses it", DOUBT)] if like else []
+
+
+def _notes_on_correlations(names, source, affixes):
+    """Notes on a table without correlations where they are looked for; those of another table are not proposed."""
+    before, after = affixes
+    like = [name for name in find_correlations(source) if name.startswith(before) and name.endswith(after)]
     if not like:
         text = f"no column {' or '.join(dict.fromkeys(names))}: correlations taken as zero"
         return [CodedNote(text, ASSUMED_MOTIONS)]
@@ -204,7 +215,7 @@ def doubt_positions(columns: Any, assumed: Any, at_least: int = 20, names: Mappi
 
 
 #: Median errors outside these are of no survey, nor is a median motion above the last. [µas/yr]
-_ERRORS = 0.02, 1e5
+_ERRORS = 1.0, 1e5
 _MOTIONS = 3e6
 #: Motions below this share of the smallest error are in another unit: of twenty sources not one would be so small.
 _SMALL = 0.1

@@ -33,6 +33,8 @@ _MOTIONS = {
     "galactic": re.compile(r"(pm|mu)_?g?(al)?_?(l|b|lon|lat|l_?cos_?b)\*?", re.IGNORECASE),
     "ecliptic": re.compile(r"(pm|mu)_?e(cl)?_?(lon|lat|lon_?cos_?lat)\*?", re.IGNORECASE),
 }
+#: What makes the name of a motion that of its error.
+_ERROR_WORDS = re.compile(r"^e_(?=.*[a-z]{2})|_?(err(or)?|sig(ma)?|unc|std|stderr)s?(?=_|$)|^sig(ma)?_?", re.IGNORECASE)
 #: Systems that headers name, of FITS (RADESYS) and of VOTables (COOSYS), in small letters.
 _SYSTEMS = {
     "icrs": "icrs", "galactic": "galactic", "gal_ii": "galactic", "galactic_ii": "galactic",
@@ -77,6 +79,7 @@ def frames_of(where: Mapping[str, str], frame: str | None, source: TableSource) 
             "(--columns frame=) if the name is wrong"
         )
     of_motions = next((name for name, pattern in _MOTIONS.items() if _have_motion_names(pattern, where)), None)
+    _check_errors(where, of_motions)
     stated, notes = (None, ()) if frame is not None else _stated_frame(where, source)
     known = check_frame(frame) if frame is not None else stated if by_name in (None, stated) else None
     if by_name and of_motions == "icrs" and known in (None, by_name):
@@ -102,10 +105,24 @@ def _frame_by_names(*names):
     return next((frame for frame, known in _BY_NAME.items() if any(name in known for name in plain)), None)
 
 
-def _have_motion_names(pattern, where):
-    """Return whether both components of the motions have names of a frame."""
-    names = [where[role] for role in ("pmra", "pmdec") if role in where]
-    return len(names) == 2 and all(pattern.fullmatch(name_and_unit(name)[0].strip("_ ")) for name in names)
+def _have_motion_names(pattern, where, suffix=""):
+    """Return whether both components of the motions, or of what has the suffix, have names of a frame."""
+    names = [where[f"{role}{suffix}"] for role in ("pmra", "pmdec") if f"{role}{suffix}" in where]
+    return len(names) == 2 and all(
+        pattern.fullmatch(_ERROR_WORDS.sub("", name_and_unit(name)[0]).strip("_ ")) for name in names
+    )
+
+
+def _check_errors(where, of_motions):
+    """Raise TableError where errors have the names of other axes than the motions have."""
+    of_errors = next((name for name, pattern in _MOTIONS.items() if _have_motion_names(pattern, where, "_error")), None)
+    if of_motions and of_errors and of_motions != of_errors:
+        names = [printable(where[role]) for role in ("pmra", "pmdec", "pmra_error", "pmdec_error")]
+        raise TableError(
+            f"motions {names[0]} and {names[1]} are of {of_motions} axes, errors {names[2]} and {names[3]} of "
+            f"{of_errors} ones, by their names: errors and correlations have to be turned with the motions. Read both "
+            "in one system and turn the field (Field.to_frame, --frame), or rename the errors if they are of these axes"
+        )
 
 
 def _stated_frame(where, source):

@@ -214,9 +214,12 @@ def _resolve_names(columns, names, index):
         best_pair = best_pair or tuple(next(filter(None, matches), None) for matches in present)
         for role, name, candidates in zip(roles, best_pair, candidate_lists, strict=True):
             replacements[role] = name or (candidates[0] if candidates else getattr(columns, role))
+    before, after = affixes_of(replacements)
     for role in Columns.__dataclass_fields__:
         candidates = getattr(columns, role)
         if role not in REQUIRED and isinstance(candidates, tuple):
+            if before or after:  # of two tables that were joined, the columns of that of the motions
+                candidates = (*(f"{before}{name}{after}" for name in candidates), *candidates)
             name = next(filter(None, (_name_in_table(candidate, names, index) for candidate in candidates)), None)
             replacements[role] = (name, *candidates) if name else candidates
     if isinstance(columns.redshift_error, tuple) and not _has_candidate(
@@ -224,6 +227,12 @@ def _resolve_names(columns, names, index):
     ):
         replacements["redshift_error"] = None  # what has no redshift has no error of one
     return replace(columns, **replacements)
+
+
+def affixes_of(column_names: Mapping[str, Any]) -> tuple[str, str]:
+    """What stands before and after the names of a motion, or of a position, in joined tables: pmra_2, gaia_ra."""
+    parts = [str(column_names.get(role) or "").partition(role) for role in ("pmra", "ra")]
+    return next(((before, after) for before, found, after in parts if found and (before or after)), ("", ""))
 
 
 def _candidates(columns, role):

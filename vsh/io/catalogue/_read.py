@@ -383,10 +383,8 @@ def _reasons_to_drop(column_names, block, aside):
 
 def _other_solutions(name, values, mask):
     """Rows whose astrometric model is not one for quasars and galaxies, by its number."""
-    if values.dtype.kind not in "iuf":
-        raise TableError(f"column {printable(name)!r} holds {values.dtype.name}, not numbers of astrometric models")
-    missing = np.zeros(len(values), bool) if mask is None else np.asarray(mask)
-    is_other = ~np.isin(values, list(DR4.accepted)) & ~missing  # where it is null, the motions say what they are
+    values, known = _numbers_of(name, values, mask, "solution")
+    is_other = ~np.isin(values, list(DR4.accepted)) & known  # where it is null, the motions say what they are
     return {
         f"{printable(name)} = {value:g} ({'position alone' if value == 3 else 'not of 5 or 6 parameters'})": values
         == value
@@ -396,11 +394,36 @@ def _other_solutions(name, values, mask):
 
 def _flagged_rows(name, values, mask):
     """Rows whose flag of quality is not zero; where it is null, nothing speaks against a source."""
-    if values.dtype.kind not in "iub":
-        return {}
-    is_flagged = (values != 0) & ~(np.zeros(len(values), bool) if mask is None else np.asarray(mask))
+    values, known = _numbers_of(name, values, mask, "quality")
+    is_flagged = (values != 0) & known
     reason = f"{printable(name)} is not 0 (columns={{'quality': None}}, --columns quality=, uses these)"
     return {reason: is_flagged} if is_flagged.any() else {}
+
+
+#: How tables write flags as text.
+_FLAGS = {"true": 1.0, "t": 1.0, "yes": 1.0, "false": 0.0, "f": 0.0, "no": 0.0} | dict.fromkeys(
+    ("", "none", "null", "<na>"), np.nan
+)
+
+
+def _numbers_of(name, values, mask, role):
+    """The numbers of a model or flag, which joined tables hold as floats or as text, and where they are known."""
+    if values.dtype.kind in "OSU":
+        texts = [item.decode("utf-8", "replace") if isinstance(item, bytes) else str(item) for item in values]
+        words, places = np.unique([text.strip().lower() for text in texts], return_inverse=True)
+        try:
+            numbers = [_FLAGS[word] if word in _FLAGS else float(word) for word in words]
+        except ValueError:
+            remedy = f"columns={{{role!r}: None}} (--columns {role}=)"
+            raise TableError(
+                f"column {printable(name)!r} holds text, such as {printable(words[-1])!r}, where numbers say which "
+                f"rows can be used: {remedy} uses all rows"
+            ) from None
+        values = np.array(numbers)[places] if len(places) else np.zeros(0)
+    elif values.dtype.kind not in "iufb":
+        raise TableError(f"column {printable(name)!r} holds {values.dtype.name}, not numbers")
+    known = np.ones(len(values), bool) if mask is None else ~np.asarray(mask)
+    return values, known & (values == values)
 
 
 def _note_on_redshifts(column_names, source):

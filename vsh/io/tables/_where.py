@@ -20,7 +20,8 @@ FUNCTIONS: dict[str, Callable[..., Any]] = {
     name: getattr(np, name)
     for name in ("abs", "sqrt", "exp", "log", "log10", "hypot", "sin", "cos", "tan", "radians", "degrees", "floor")
 }
-_NUMBERS = {ast.Add: np.add, ast.Sub: np.subtract, ast.Mult: np.multiply, ast.Div: np.divide, ast.Mod: np.mod}
+_NUMBERS = {ast.Add: np.add, ast.Sub: np.subtract, ast.Mult: np.multiply, ast.Div: np.divide, ast.Mod: np.mod,
+            ast.FloorDiv: np.floor_divide}  # fmt: skip
 _ORDER = {
     ast.Lt: operator.lt, ast.LtE: operator.le, ast.Gt: operator.gt, ast.GtE: operator.ge,
     ast.Eq: operator.eq, ast.NotEq: operator.ne,
@@ -29,6 +30,25 @@ _ORDER = {
 MAX_LENGTH, MAX_PARTS, MAX_DEPTH, MAX_POWER = 10**6, 2000, 100, 20.0
 #: A list of names in a file has at most so many bytes.
 MAX_LIST = 2**28
+
+
+#: From here on a float does not hold every integer.
+_EXACT = 2**53
+
+
+def _calculate(function, operands):
+    """Numbers of a row: remainders and whole quotients of integers as integers, everything else in doubles."""
+    if function in (np.mod, np.floor_divide) and all(operand.dtype.kind in "iu" for operand in operands):
+        if operands[1].all():  # not by zero
+            return function(*operands)
+    elif function is not np.divide:
+        for operand in operands:
+            if operand.dtype.kind in "iu" and operand.size and max(int(operand.max()), -int(operand.min())) > _EXACT:
+                raise TableError(
+                    "--where: a number has more than 53 bits, of which this calculation would lose some: of such "
+                    "integers there are exact comparisons, remainders (%) and whole quotients (//) by integers"
+                )
+    return function(*(np.asarray(operand, float) for operand in operands))
 
 
 class Where(InNotebook):
@@ -125,6 +145,8 @@ class Where(InNotebook):
         """Values, and which of them are not known."""
         match node:
             case ast.Constant(value=value):
+                if isinstance(value, float) and value.is_integer() and abs(value) < 2**62:
+                    return int(value), np.False_  # 3e18 is compared with integers as one
                 return value, np.False_
             case ast.Name(id=name) | ast.Call(func=ast.Name(id="column"), args=[ast.Constant(value=name)]):
                 return _column(*block[name])
@@ -152,7 +174,7 @@ class Where(InNotebook):
         for node, (value, _) in zip(nodes, conditions, strict=True):
             if np.asarray(value).dtype.kind not in "iufb":
                 raise TableError(f"--where: {printable(ast.unparse(node))} is text, not a number")
-        value = function(*(np.asarray(operand, float) for operand, _ in conditions))
+        value = _calculate(function, [np.asarray(operand) for operand, _ in conditions])
         return value, np.logical_or.reduce(
             np.broadcast_arrays(np.isnan(value), *(missing for _, missing in conditions))
         )

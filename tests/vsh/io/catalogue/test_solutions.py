@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
+from conftest import for_each
 
 from vsh.io.catalogue import parts, read_field
-from vsh.tools.errors import FieldError, TableError
-from vsh.tools.notes import count_dropped
+from vsh.tools.errors import FieldError, TableError, VshWarning
+from vsh.tools.notes import DOUBT, count_dropped, has_code
 
 #: As many as the draft of DR4's data model has; what they stand for beyond 3, 31 and 95 is not published.
 VALUES = [3, 31, 95, *range(101, 117)]
@@ -52,7 +53,7 @@ def test_solutions_of_parts_add_up():
 def test_missing_solution_and_words():
     values = np.ma.MaskedArray([31, 31, 95], [False, True, False])
     assert len(read_field(table("astrometric_params_solved", values))) == 3  # which one it was is not known: used
-    with pytest.raises(TableError, match="not numbers of astrometric models"):
+    with pytest.raises(TableError, match="holds text, such as 'six'"):
         read_field(table("astrometric_params", np.array(["five", "six"])))
 
 
@@ -68,3 +69,103 @@ def test_flagged_rows_are_counted_and_left_out():
     assert count_dropped(field.notes) == 2
     assert any("quality_flag is not 0" in note for note in field.notes)
     assert len(read_field(table("quality_flag", flag), columns={"quality": None})) == 5  # as the note says
+
+
+FLAGS = [0, 1, 0, 2, 0]
+
+
+@for_each(
+    [
+        np.array(FLAGS, "i2"),
+        np.array(FLAGS, float),
+        np.array([0.0, 1.0, np.nan, 2.0, 0.0]),
+        np.array(FLAGS) > 0,
+        np.array(["0", "1", "0", "2", "0"]),
+        np.array(["False", "True", "", "true", "F"]),
+        np.array([b"0", b"1", b" 0", b"2.0", b"0"]),
+        np.array([0, 1, None, 2, False], object),
+        np.ma.MaskedArray(FLAGS, [False, False, True, False, False]),
+    ],
+    lambda values: str(values.dtype),
+)
+def test_flags_are_read_however_a_table_holds_them(values):
+    """A left join makes floats of flags, a CSV makes words of them: all sources were used then, without a word."""
+    field = read_field(table("quality_flag", values))
+    assert list(field.name) == [0, 2, 4]
+    assert count_dropped(field.notes) == 2
+    assert len(read_field(table("quality_flag", values), columns={"quality": None})) == 5
+
+
+def test_flags_that_are_words_are_asked_about():
+    with pytest.raises(TableError, match=r"such as 'poor'.*--columns quality="):
+        read_field(table("quality_flag", np.array(["good", "poor", "good"])))
+    assert len(read_field(table("quality_flag", np.array(["good", "poor"])), columns={"quality": None})) == 2
+
+
+def joined(suffixes=("_1", "_2"), bare=()):
+    """Two releases of one catalogue side by side, as TOPCAT and astropy join them; the second is right."""
+    rng = np.random.default_rng(2)
+    one, two = (
+        table("astrometric_params", np.full(5, 31))
+        | {"quality_flag": flags, "pmra_pmdec_corr": rng.uniform(-0.9, 0.9, 5)}
+        for flags in ([1, 0, 0, 0, 0], [0, 0, 0, 0, 1])
+    )
+    tables = zip((one, two), suffixes, strict=True)
+    columns = {
+        (name if name in bare else f"{name}{end}"): values for each, end in tables for name, values in each.items()
+    }
+    return columns, one, two
+
+
+@for_each([0, 1])
+def test_flags_and_correlations_are_those_of_the_table_of_the_motions(which):
+    columns, *releases = joined()
+    suffix = f"_{which + 1}"
+    names = {role: f"{role}{suffix}" for role in ("ra", "dec", "pmra", "pmdec", "pmra_error", "pmdec_error")}
+    field = read_field(columns, columns=names, units=dict.fromkeys(list(names.values())[2:], "mas/yr"))
+    release = releases[which]
+    good = np.array(release["quality_flag"]) == 0
+    assert len(field) == 4
+    np.testing.assert_allclose(field.rho, release["pmra_pmdec_corr"][good])
+
+
+def test_positions_alone_may_have_a_suffix():
+    """Following the answer to the question for ra and dec used sources of every model, with every flag."""
+    columns, one, _ = joined(bare=("pmra", "pmdec", "pmra_error", "pmdec_error", "source_id"))
+    columns["quality_flag_1"] = one["quality_flag"]
+    with pytest.raises(TableError, match="ra=ra_1,dec=dec_1"):
+        read_field(columns)
+    assert count_dropped(read_field(columns, columns={"ra": "ra_1", "dec": "dec_1"}).notes) == 1
+
+
+def test_flags_under_other_names_are_told_of():
+    with pytest.warns(VshWarning, match="my_quality_flag"):
+        field = read_field(table("my_quality_flag", FLAGS))
+    assert len(field) == 5
+    (note,) = [note for note in field.notes if "my_quality_flag" in note]
+    assert has_code(note, DOUBT)
+    assert "--columns quality=my_quality_flag" in note
+    assert len(read_field(table("my_quality_flag", FLAGS), columns={"quality": "my_quality_flag"})) == 3
+
+
+def test_correlations_of_another_table_are_not_proposed():
+    columns, *_ = joined()
+    del columns["pmra_pmdec_corr_2"]
+    names = {role: f"{role}_2" for role in ("ra", "dec", "pmra", "pmdec", "pmra_error", "pmdec_error")}
+    notes = read_field(columns, columns=names, units=dict.fromkeys(list(names.values())[2:], "mas/yr")).notes
+    assert not any("pmra_pmdec_corr_1" in note for note in notes)
+    assert any("correlations taken as zero" in note for note in notes)
+
+
+@for_each([("pm_l_cosb", "pm_b"), ("pmGLON", "pmGLAT"), ("pml", "pmb")])
+def test_errors_of_other_axes_than_the_motions_are_refused(motions):
+    """Gaia's table with motions turned to Galactic axes beside it: errors and correlations were not turned."""
+    columns = table("random_index", np.arange(5)) | {"l": np.arange(5.0), "b": np.arange(5.0)}
+    columns |= {name: np.ones(5) for name in motions}
+    names = {"ra": "l", "dec": "b", "pmra": motions[0], "pmdec": motions[1]}
+    with pytest.raises(TableError, match="errors and correlations have to be turned"):
+        read_field(columns, columns=names, frame="galactic")
+    errors = {f"{name}_error": np.ones(5) for name in motions}
+    roles = {"pmra_error": f"{motions[0]}_error", "pmdec_error": f"{motions[1]}_error"}
+    units = dict.fromkeys([*motions, *errors], "mas/yr")
+    assert read_field(columns | errors, columns=names | roles, frame="galactic", units=units).frame == "galactic"

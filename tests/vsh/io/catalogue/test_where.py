@@ -10,7 +10,8 @@ import fit
 from fit.commands.fit import main
 from vsh import EmptySelectionError, Field, FieldError, TableError, VshError
 from vsh.io.catalogue import parts, read_field, read_positions, read_sources, stream_fields
-from vsh.io.tables import Where
+from vsh.io.catalogue._columns import RowSelection
+from vsh.io.tables import Where, open_table
 from vsh.tools.notes import UnselectedRows, count_unselected
 
 N = 200
@@ -51,7 +52,7 @@ G, Z, GAP = np.array(TABLE["g"]), np.array(TABLE["z"].filled(-1)), np.array(TABL
         ("name in ('J0007', 'J0009') or name == 'J0011'", np.isin(np.arange(N), [7, 9, 11])),
         ("name not in ['J0007']", np.arange(N) != 7),
         ("source_id == 4611686018427387905", np.arange(N) == 1),  # beyond what a double holds
-        ("source_id % 2 == 1", np.arange(N) < 0),  # a remainder is a double's
+        ("source_id % 2 == 1", np.arange(N) % 2 == 1),  # of integers
         ('column("e_pm-RA") < 0.5', np.array(TABLE["e_pm-RA"]) < 0.5),
         ("abs(dec) > 30", np.abs(TABLE["dec"]) > 30),
         ("hypot(pmra, pmdec) / pmra_error < 2", np.hypot(TABLE["pmra"], TABLE["pmdec"]) / 0.1 < 2),
@@ -296,3 +297,21 @@ def test_scalars_and_two_catalogues(tmp_path, capsys):
     assert "matched 200 sources" in capsys.readouterr().out
     assert main([*paths, "--where", "g < 200", "--where2", "g >= 50"]) == 0
     assert "matched 150 sources" in capsys.readouterr().out
+
+
+def test_long_identifiers_keep_their_digits():
+    """Remainders of a source_id were those of a float, which has no room for its last three digits."""
+    ids = np.random.default_rng(1).integers(2**60, 2**62, 500)
+    source = open_table(Table({"source_id": ids, "x": np.arange(500.0)}))
+
+    def selected(condition):
+        block, _, _ = RowSelection(condition, source).of(source.columns(), 0)
+        return set(block["source_id"][0].tolist())
+
+    assert selected("source_id % 1000 < 500") == set(ids[ids % 1000 < 500].tolist())
+    assert selected("source_id // 34359738368 % 2 == 0") == set(ids[(ids // 2**35) % 2 == 0].tolist())
+    assert selected("source_id < 3e18") == set(ids[ids < 3 * 10**18].tolist())
+    assert selected("x % 7 == 2 and x // 100 == 3") == set(ids[303:400:7].tolist())
+    for condition in ("source_id + 1 > 5", "floor(source_id) > 3", "-source_id < 0", "source_id * 2 > x"):
+        with pytest.raises(TableError, match="more than 53 bits"):
+            selected(condition)

@@ -1,0 +1,120 @@
+"""Notes on sources that see one side of the sky, of which one has most of the weight, or that a catalogue has twice."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from hashlib import blake2b
+from typing import Any
+
+import numpy as np
+
+from fit.results.quality import ONE_SIDE
+from vsh import Field
+from vsh.io.parts import Parts
+from vsh.scalars import ScalarField
+from vsh.sky.frames import ANGLES
+from vsh.sky.sphere import widest_gap
+from vsh.tools.notes import DOUBT, CodedNote
+from vsh.tools.printing import one_line_text
+from vsh.tools.subsample import select_share
+from vsh.tools.types import FloatArray
+
+#: A part of the sky without sources that is wider than this is worth a word [rad], and a source with more than this
+#: share of the weight.
+_WIDE, _MOST = np.radians(60), 0.5
+#: Few sources leave wide parts empty by chance: one about a given point is worth a word if that has this probability.
+_BY_CHANCE = 1e-5
+#: So many places of a catalogue in parts are kept, and so many names to find those that stand twice.
+_PLACES, _NAMES = 20_000, 4_000_000
+
+
+def add_coverage_notes(solution: Any, field: Any) -> Any:
+    """The solution with a note where a large part of the sky has no source, or one source most of the weight.
+
+    Parts are gone through once for it, and sources are noted that stand in several blocks of them.
+    """
+    if isinstance(field, Parts):
+        seen = field.sum(_look, roles=("name",), words="sky seen", progress=False)
+    elif isinstance(field, Field | ScalarField) and len(field):
+        seen = _look_at(field, field.lon, field.lat)
+    else:
+        return solution
+    notes = [note for note in _notes(seen, solution.frame) if note not in solution.notes]
+    return replace(solution, notes=(*solution.notes, *notes)) if notes else solution
+
+
+def _notes(seen: _Seen, frame: str) -> Iterable[str]:
+    if (share := seen.largest / seen.weight) > _MOST:
+        yield f"warning: {seen.label} has {100 * share:.4g} % of the weight of all sources: is its error right?"
+    if n_repeats := len(seen.keys) - len(np.unique(seen.keys)):
+        about = "" if seen.every == 1 else "about "
+        text = f"{about}{n_repeats * seen.every} rows repeat the name of a row in another part or block and are used as"
+        yield CodedNote(f"warning: {text} separate sources", DOUBT)
+    by_chance = np.arccos(2 * _BY_CHANCE ** (1 / seen.n) - 1)
+    for most in (400, 10_000):  # a few hundred tell of most skies that there is none
+        radius, lon, lat = widest_gap(seen.lon, seen.lat, most)
+        if radius < max(_WIDE, by_chance):
+            return
+    place = ", ".join(f"{name} = {np.degrees(x):.0f}°" for name, x in zip(ANGLES[frame], (lon, lat), strict=True))
+    yield CodedNote(
+        f"warning: no source within {np.degrees(radius):.0f}° of {place}: a part of a file, or of the sky? What is "
+        "said of the whole sky rests on the other part",
+        ONE_SIDE,
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Seen:
+    """What notes are made of, of sources that add up: places, weights, and one in `every` of the hashes of names."""
+
+    n: int
+    weight: float
+    largest: float
+    label: str
+    lon: FloatArray
+    lat: FloatArray
+    keys: Any
+    every: int = 1
+
+    def __add__(self, other: _Seen) -> _Seen:
+        every = max(self.every, other.every)
+        keys = np.concatenate([self.keys, other.keys])
+        while len(keys := keys[keys % np.uint64(every) == 0]) > _NAMES:
+            every *= 2
+        lon, lat = (np.concatenate(pair) for pair in ((self.lon, other.lon), (self.lat, other.lat)))
+        kept = select_share(_PLACES / len(lon), lon, lat)
+        heavier = self if self.largest >= other.largest else other
+        return _Seen(
+            n=self.n + other.n,
+            weight=self.weight + other.weight,
+            largest=heavier.largest,
+            label=heavier.label,
+            lon=lon[kept],
+            lat=lat[kept],
+            keys=keys,
+            every=every,
+        )
+
+
+def _look_at(field, lon, lat, keys=()):
+    weight = field.information
+    k = int(np.argmax(weight))
+    names = getattr(field, "name", None)
+    label = f"source {k}" if names is None else one_line_text(names[k])
+    return _Seen(
+        n=len(field), weight=float(weight.sum()), largest=float(weight[k]), label=label, lon=lon, lat=lat, keys=keys
+    )
+
+
+def _look(field):
+    """The places of some sources of a block, its weights, and the different names it has."""
+    kept = select_share(_PLACES / len(field), field.lon, field.lat)
+    names = np.unique(field.name) if field.name is not None else np.zeros(0, np.uint64)
+    if names.dtype.kind not in "iu":
+        texts = (blake2b(str(name).encode(), digest_size=8).digest() for name in names if name)
+        keys = np.frombuffer(b"".join(texts), np.uint64)
+    else:
+        keys = names.astype(np.uint64) * np.uint64(0x9E3779B97F4A7C15)  # Fibonacci's hash: multiples are spread
+        keys ^= keys >> np.uint64(32)
+    return _look_at(field, field.lon[kept], field.lat[kept], keys)
