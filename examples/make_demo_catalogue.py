@@ -18,7 +18,7 @@ SPIN = (0.6, -1.0, 0.5)  # µas/yr, ICRS
 ACCELERATION = Vector([5.05, 0, 0], np.zeros((3, 3)), "galactic").to_frame("icrs").value.round(4)
 
 
-def demo_columns(seed=2016):
+def demo_columns(seed=2026):
     """The columns of the demo's table, in Gaia's names and units."""
     rng = np.random.default_rng(seed)
     sources = sim.quasars(4000, rng, sky="plane-avoiding", max_magnitude=18.5)
@@ -47,5 +47,5 @@ if __name__ == "__main__":
     units = dict.fromkeys(["ra", "dec"], "deg") | dict.fromkeys(
         ["pmra", "pmdec", "pmra_error", "pmdec_error"], "mas / yr"
     )
-    tables.write_columns(sys.argv[1], demo_columns(), truth, units)
+    tables.write_columns(sys.argv[1], demo_columns(), truth, units, overwrite=True)
     print(f"written: {sys.argv[1]}")

@@ -351,17 +351,19 @@ def _clip(field, lmax, value, rng):
 
 def _student(field, lmax, value, rng):
     weights = student_t(field, lmax)
-    return _estimate_by("student", _drop_unsure_errors(weights.solution), field, 0, weights)
+    return _estimate_by("student", _drop_unsure_errors(weights), field, 0, weights)
 
 
-#: Degrees of freedom that the scores of a robust fit must have for its errors to be those of the sources; and the same
-#: where many quoted errors are too small.
-_SURE, _DOUBTFUL = 7, 100
+#: Degrees of freedom that the scores of a robust fit must have for its errors to be those of the sources; and with many
+#: quoted errors that are too small. With tails, of which ν is below the last number, each coefficient needs one.
+_SURE, _DOUBTFUL, _TAILS = 7, 100, 10
 
 
-def _drop_unsure_errors(solution):
+def _drop_unsure_errors(weights):
     """Return a fit without errors where a few sources decide it: nothing could contradict them."""
-    if solution.covariance_dof >= (_DOUBTFUL if ERRORS_TOO_SMALL in codes_of(solution.notes) else _SURE):
+    solution = weights.solution
+    least = max(_SURE, len(solution.modes)) if weights.nu < _TAILS else _SURE
+    if solution.covariance_dof >= (_DOUBTFUL if ERRORS_TOO_SMALL in codes_of(solution.notes) else least):
         return solution
     text = "warning: few sources decide this fit, and it has no errors: fit.recommended adds a noise to those quoted"
     return replace(solution, covariance_dof=0.0, notes=(*solution.notes, CodedNote(text, ERRORS_TOO_SMALL)))

@@ -51,7 +51,8 @@ class ResampledFit(AboutSolution):
     covariance : (p, p) array
         Covariance of the coefficients, estimated from the replicates. [(µas/yr)²]
     scatter_dof : float
-        Degrees of freedom of the residuals that were drawn from; inf where they are not known.
+        Degrees of freedom of what was drawn from, residuals or blocks, beside the number of replicates; inf where they
+        are not known.
     """
 
     method: str
@@ -248,7 +249,13 @@ def block_bootstrap(
             modes, (times @ matrices).reshape(p, p), times @ sides, 0.0, total.n_data, total.frame
         )
         replicate[:] = solve(equations).coefficients.values
-    return ResampledFit("block bootstrap", solution, replicates, np.cov(replicates, rowvar=False))
+    covariance, dof = np.cov(replicates, rowvar=False), _block_dof([np.trace(normal.matrix) for normal in normals])
+    return ResampledFit("block bootstrap", solution, replicates, covariance, scatter_dof=dof)
+
+
+def _block_dof(weights):
+    """Degrees of freedom of a scatter between blocks of unequal weight: their effective number less one."""
+    return max(float(np.sum(weights) ** 2 / np.sum(np.square(weights)) - 1), 1e-3)
 
 
 @log_calls("jackknife")
@@ -285,12 +292,15 @@ def jackknife(
     modes = modes_for(field, modes)
     blocks = normals_of_blocks(field, modes, nside, progress)
     whole_sky = normal_equations(field, modes)
-    replicates = np.empty((len(blocks), len(modes)))
+    replicates, weights = np.empty((len(blocks), len(modes))), []
     for replicate, normal in zip(replicates, blocks, strict=True):
         replicate[:] = solve(whole_sky - normal).coefficients.values
+        weights.append(np.trace(normal.matrix))
     deviations = replicates - replicates.mean(0)
     scatter = (len(blocks) - 1) / len(blocks) * deviations.T @ deviations
-    return ResampledFit("jackknife", solve(whole_sky), replicates, scatter)
+    lost = 1 / _block_dof(weights) - 1 / (len(blocks) - 1)  # what unequal weights take from the degrees of freedom
+    scatter_dof = 1 / lost if lost > 1e-9 else np.inf
+    return ResampledFit("jackknife", solve(whole_sky), replicates, scatter, scatter_dof=float(scatter_dof))
 
 
 class normals_of_blocks:

@@ -440,7 +440,7 @@ def equations_of(source: Any) -> NormalEquations:
     covariance = source.covariance
     if formal is not None:
         # The noise of a covariance from residuals or replicates would pass for power; its mean size has little.
-        covariance = formal * np.mean(np.diag(covariance) / np.diag(formal))
+        covariance = formal * (np.trace(np.linalg.solve(formal, covariance)) / len(formal))  # in any axes the same
     scale = np.sqrt(np.outer(np.diag(covariance), np.diag(covariance)))
     try:
         matrix = cho_solve(cho_factor(covariance / scale), np.eye(len(scale))) / scale

@@ -118,6 +118,8 @@ def _run(options):
     estimate = fit.estimate(field, options.lmax, *parsing.method_and_value(options.method))
     solution, sources, plain = estimate.solution, estimate.sources, estimate.plain
     results: dict[str, Any] = {}
+    if not solution.covariance_dof > 0 and (options.floor or options.waves):
+        raise ParameterError("few sources decide this fit, so it has no errors that --floor or --waves could use")
     if options.waves:
         has_floor = options.floor or solution.includes_floor
         results["waves"] = _limit_on_waves(plain, has_floor, options.years)

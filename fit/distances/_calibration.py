@@ -477,6 +477,7 @@ def calibrate(
             "no magnitudes: distances follow from redshifts alone, and sources with distance errors above 5 % have the "
             "mean weight of their redshift"
         )
+        notes += _large_errors_note(facts["sizes"])
     return replace(bare, density=_density(density, complete if use else None, facts, bare), notes=tuple(notes))
 
 
@@ -503,6 +504,25 @@ def _uncertain_redshifts_note(counts, typical):
         f"{n_uncertain} of {int(number.sum())} redshifts have errors more than {_UNSURE:g} times the typical one, as "
         "photometric ones have: with galaxies as near as z = 0.002 the errors of a velocity are then up to 15 % too "
         "small (docs/validation.md). Leave those sources out where that matters (--where, field[mask])"
+    ]
+
+
+#: Edges of ln₁₀ of variances [(µas/yr)²], and the part of the sources below which half of all variance is of too few.
+_SIZES, _FEW = np.linspace(-8, 18, 261), 0.02
+
+
+def _large_errors_note(counts):
+    """A note where few sources have half of the variance, by whose mean sources of one redshift are weighted."""
+    variances = counts * 10 ** _SIZES[1:]
+    above = np.cumsum(variances[::-1])[::-1]
+    place = int(np.flatnonzero(above >= above[0] / 2)[-1])
+    number = int(counts[place:].sum())
+    if number >= _FEW * counts.sum():
+        return []
+    return [
+        f"warning: {number} of {counts.sum()} sources, with errors above {10 ** (_SIZES[place] / 2):.2g} µas/yr, have "
+        "half of the variance, by whose mean all sources of one redshift are weighted: leave them out (--where, "
+        "field[mask])"
     ]
 
 
@@ -576,6 +596,7 @@ def _calibration_sums(field, calibration):
         "counts": redshift_counts(z, error),
         "flow": flow_information(z, field.information),
         "variances": variance_sums(z, field.sigma),
+        "sizes": np.histogram(np.log10(np.mean(field.sigma**2, 0)), _SIZES)[0],
     }
 
 

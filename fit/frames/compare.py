@@ -13,7 +13,7 @@ from fit.background import floor as background_floor
 from fit.correlation import CorrelationMatrices, correlation_matrices
 from fit.frames.results import FrameResult
 from fit.methods import METHODS
-from fit.normal import normal_equations
+from fit.normal import fit_field, normal_equations
 from fit.results.quality import FEW, MANY, SEEN, ErrorSource, f_p_value
 from fit.results.solution import AboutSolution, Solution
 from fit.robust import clip, student_t
@@ -520,18 +520,31 @@ def compare_catalogues(
     differences = match(a, b, by=by, pairs=pairs)
     unit = "µas" if isinstance(a, Positions) else "µas/yr"
     # A few that are off by thousands of errors would carry a first fit away: none of them goes into it.
-    is_near = np.ones(len(differences), bool)
+    is_near, scatter = np.ones(len(differences), bool), np.ones(len(differences))
     if differences.motion.any():  # a catalogue beside itself has no scatter
-        is_near = _normalised_residuals(student_t(differences, modes).solution, differences) <= _FAR * threshold
-    clipping = clip(differences[is_near] if is_near.any() else differences, modes, threshold=threshold)
+        residuals = _normalised_residuals(student_t(differences, modes).solution, differences)
+        scatter = _scatter_by_class(residuals, differences)
+        is_near = residuals <= _FAR * threshold * scatter
+    scaled = differences.with_errors(differences.sigma * scatter, differences.rho)
+    clipping = clip(scaled[is_near] if is_near.any() else scaled, modes, threshold=threshold)
     selection = is_near.copy()
     selection[is_near] = clipping.kept
-    distances = _normalised_residuals(clipping.solution, differences)
+    formal = clipping.solution
+    if (scatter > 1).any():
+        formal = replace(fit_field(differences[selection], modes), notes=formal.notes)
+    distances = _normalised_residuals(formal, differences)
     order = np.flatnonzero(~selection)[np.argsort(-distances[~selection], kind="stable")]
     source_names = differences.name if differences.name is not None else np.arange(len(differences))
     fitted = differences[selection]
-    estimate = _solve_by_method(fitted, modes, method, replicates, rng) or clipping.solution
+    estimate = _solve_by_method(scaled[selection], modes, method, replicates, rng)
+    estimate = formal if estimate is None else replace(estimate, chi2=float(estimate.residuals(fitted).chi2.sum()))
     notes = estimate.notes
+    if (scatter > 1.2).any():
+        notes = (
+            *notes,
+            "sources are excluded by errors up to "
+            f"{scatter.max():.3g} times those given, as half of the residuals in classes of similar errors suggest",
+        )
     if not is_near.all():
         notes = (
             *notes,
@@ -559,7 +572,19 @@ def compare_catalogues(
         method="" if method == "least-squares" else method,
         n_same=n_same,
     )
-    return _add_floor(comparison, fitted, floor, replicates, rng), fitted
+    return _add_floor(comparison, fitted, scaled[selection], floor, replicates, rng), fitted
+
+
+def _scatter_by_class(residuals, differences):
+    """Factor on the errors of each source, one at least, from the median residual of sources with similar errors.
+
+    Sources with errors three times too small would be outliers by those, and the rest scatter less than the noise.
+    """
+    order = np.argsort(np.sum(differences.sigma**2, axis=0), kind="stable")
+    factors = np.ones(len(order))
+    for members in np.array_split(order, max(1, min(_CLASSES, len(order) // _FEWEST))):
+        factors[members] = max(1.0, np.median(residuals[members]) / np.sqrt(2 * np.log(2)))
+    return factors
 
 
 def _solve_by_method(fitted, modes, method, replicates, rng):
@@ -570,8 +595,8 @@ def _solve_by_method(fitted, modes, method, replicates, rng):
     return METHODS[method](fitted, modes, value, rng).plain
 
 
-def _add_floor(comparison, fitted, floor, replicates, rng):
-    """The comparison with systematic errors in its errors, or its size beside them."""
+def _add_floor(comparison, fitted, scaled, floor, replicates, rng):
+    """The comparison with systematic errors in its errors, or its size beside them; `scaled` is for robust fits."""
     if floor is None:
         floor = len(fitted) >= MANY
         if not floor and len(fitted) < FEW:
@@ -579,7 +604,7 @@ def _add_floor(comparison, fitted, floor, replicates, rng):
     elif not floor:
         return comparison
     degree = as_modes(max(_DEGREE, comparison.solution.modes.lmax))
-    normal = _solve_by_method(fitted, degree, comparison.method, replicates, rng) or normal_equations(fitted, degree)
+    normal = _solve_by_method(scaled, degree, comparison.method, replicates, rng) or normal_equations(fitted, degree)
     if floor:
         errors = shared([normal], range(2, _DEGREE + 1), labels=[" − ".join(comparison.labels)], rng=rng)
         return replace(comparison, shared=replace(errors, unit=comparison.solution.unit))

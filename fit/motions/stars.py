@@ -11,7 +11,7 @@ and nothing of an expansion alike in all directions. In Galactic axes (x to the 
     A = S_xy,  B = ω_z,  C = (S_xx − S_yy)/2,  K = (S_xx + S_yy)/2 − S_zz.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -69,6 +69,8 @@ class Kinematics(NamedSolution):
         Scale length of the density of sources, by which distances were inverted. [kpc]
     power : float
         Power of that density.
+    covariance_dof : float
+        Degrees of freedom of the covariance, by which p-values and limits of few sources are those of Student's t.
 
     Examples
     --------
@@ -85,16 +87,19 @@ class Kinematics(NamedSolution):
     dispersion: float = np.nan
     length: float = np.nan
     power: float = 2.0
+    covariance_dof: float = np.inf
 
     @property
     def velocity(self) -> Vector:
         """Our velocity with respect to the sources, toward its apex, a Vector in km/s."""
-        return self._vector("v", "km/s")
+        return replace(self._vector("v", "km/s"), dof=self.covariance_dof)
 
     @property
     def rotation(self) -> Vector | None:
         """ω of the velocities, a Vector in km/s/kpc; None without a gradient."""
-        return self._vector("w", "km/s/kpc") if "w_x" in self.names else None
+        if "w_x" not in self.names:
+            return None
+        return replace(self._vector("w", "km/s/kpc"), dof=self.covariance_dof)
 
     @property
     def oort(self) -> dict[str, tuple[float, float]]:
@@ -215,7 +220,7 @@ def kinematics(
     values, velocity_dispersion, (design, weights, normal) = _solve(
         field, rates, names, None if is_free else not_negative("dispersion", dispersion)
     )
-    covariance, chi2 = _sandwich(design, field.motion, values, weights, normal)
+    covariance, chi2, dof = _sandwich(design, field.motion, values, weights, normal)
     if power is None:  # cuts change the slope of the density, too
         more, less = (
             _solve(field, inverse_distances_from_measurements(field, rates.length, each), names, velocity_dispersion)[0]
@@ -229,6 +234,7 @@ def kinematics(
     return Kinematics(
         names=names, values=values, covariance=covariance, chi2=chi2, n_data=2 * len(field), frame=frame,
         notes=tuple(notes), dispersion=float(velocity_dispersion), length=1000 * rates.length, power=kappa,
+        covariance_dof=dof,
     )  # fmt: skip
 
 
@@ -312,10 +318,12 @@ def _check_separable(normal, names):
 
 
 def _sandwich(design, motion, values, weights, normal):
-    """Covariance from the residuals of each source (HC3), and χ²."""
+    """Covariance from the residuals of each source (HC3), χ², and degrees of freedom of the covariance."""
     residual = motion - np.tensordot(values, design, 1)
     product = _multiply_weights(weights, design)
     inverse = np.linalg.inv(normal)
     leverage = np.einsum("pin,pq,qin->n", product, inverse, design, optimize=True) / 2
     scores = np.einsum("pin,in->pn", product, residual) / (1 - np.minimum(leverage, 0.99))
-    return inverse @ (scores @ scores.T) @ inverse, float(np.sum(residual * _multiply_weights(weights, residual)))
+    chi2, p = float(np.sum(residual * _multiply_weights(weights, residual))), len(design)
+    dof = min(p * (p + 1) / (6 * float(leverage @ leverage)), 2.0 * motion.shape[1] - p)  # Zhang (2012), two components
+    return inverse @ (scores @ scores.T) @ inverse, chi2, dof

@@ -66,7 +66,7 @@ def _notes(seen: _Seen, frame: str) -> Iterable[str]:
 
 @dataclass(frozen=True, kw_only=True)
 class _Seen:
-    """What notes are made of, of sources that add up: places, weights, and one in `every` of the hashes of names."""
+    """Places, weights, and one in `every` of the hashes of names, of sources that add up."""
 
     n: int
     weight: float

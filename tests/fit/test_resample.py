@@ -128,3 +128,23 @@ def test_advice_on_blocks_says_where_errors_still_grow():
     assert "errors still grow" in _advice(rows, rows[-1])
     assert "errors still grow" not in _advice(rows, rows[0])
     assert "errors still grow" not in _advice(rows[:1], rows[0])
+
+
+@few_or_many(40, 300, "skies")
+@pytest.mark.parametrize("method", ["block bootstrap", "jackknife"])
+def test_p_values_of_few_blocks(method, skies):
+    """Twelve blocks: p < 0.0027 came out on 4 % of skies, and on 8 % where few blocks have most of the weight."""
+    p_values = []
+    for seed in range(skies):
+        rng = np.random.default_rng(seed)
+        lon, lat = sim.uniform_sky(300, rng)
+        sigma = np.full((2, 300), 30.0) * (1 + 2 * (lat > 0.5))
+        field = Field(lon, lat, sigma * rng.normal(size=(2, 300)), sigma)
+        if method == "jackknife":
+            found = resample.jackknife(field, 1, 1, progress=False)
+        else:
+            found = resample.block_bootstrap(field, 1, 1, 150, seed, progress=False)
+        assert found.resampled_solution.covariance_dof < 11
+        p_values += [found.spin.p_value, found.acceleration.p_value]
+    assert np.mean(np.array(p_values) < 0.0027) < 0.02
+    assert np.mean(np.array(p_values) < 0.05) < 0.05 + 3 * np.sqrt(0.05 / len(p_values))

@@ -39,6 +39,7 @@ def test_bins_leave_out_what_is_outside():
     ]
 
 
+@pytest.mark.filterwarnings("ignore:warning. half of the errors are below")
 def test_conditions_select_what_masks_do(field, tmp_path):
     """The same text of a command and edges of a column: no source in two classes, none without a value."""
     path = tmp_path / "c.fits"
@@ -61,6 +62,7 @@ def test_parts_have_as_many_sources_each():
         Classes.by_parts("z", np.ones(5), 4)
 
 
+@pytest.mark.filterwarnings("ignore:warning. half of the errors are below")
 def test_halves_in_memory_and_in_parts(field, tmp_path):
     halves = Classes.by_halves("galactic")
     assert halves.labels == ("northern galactic half", "southern galactic half")

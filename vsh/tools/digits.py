@@ -24,6 +24,8 @@ def format_with_error(value: Any, error: Any, sign: str = "") -> str:
 
 def format_values(values: Iterable[float], sigmas: Any) -> tuple[str, ...]:
     """Values with their errors, all with the decimals of the smallest error; an error alone where a value is nan."""
+    if np.isnan(sigmas).all():  # errors are not known
+        return tuple(f"{v:+.4g}" for v in values)
     digits, pairs = decimals_of_error(sigmas), zip(values, sigmas, strict=True)
     return tuple(f"± {s:.{digits}f}" if np.isnan(v) else f"{v:+z.{digits}f} ± {s:.{digits}f}" for v, s in pairs)
 

@@ -113,7 +113,9 @@ class FrameTie(FrameResult, NamedSolution):
                 f"the {name} of {catalogue_name} was not sought: {', '.join(self.unknowns.vectors)} were"
             )
         a = self.unknowns.combination(name, catalogue_name, magnitude)
-        return Vector(a @ self.values, a @ self.covariance @ a.T, self.frame, VECTORS[name][1])
+        covariance = a @ self.covariance @ a.T
+        covariance = (covariance + covariance.T) / 2  # of large variances that a prior cancels, rounding is left
+        return Vector(a @ self.values, covariance, self.frame, VECTORS[name][1])
 
     def jump(self, step: float, vector: str = "spin", catalogue: str | None = None) -> tuple[Vector, float]:
         """The jump at a magnitude, and the probability of as large a one by chance.

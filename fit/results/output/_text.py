@@ -263,7 +263,7 @@ def answer_of(solution: Any) -> Answer:
         text = "no result: the quoted errors say too little of the scatter. To quote: fit.recommended (no --method)"
         return Answer((("acceleration", text),))
     if solution.covariance_dof < FEWEST_DOF:
-        text = f"no result: {_origin_of(solution)} are too few for the errors of a vector"
+        text = f"no result: {_describe_dof(solution)} does not determine the errors of a vector"
         return Answer((("acceleration", text),))
     errors = ("errors" if solution.is_recommended else "this fit", _describe_errors(solution))
     lines = [
@@ -392,11 +392,8 @@ _FREE = (
 _FEW = 4
 
 
-def _origin_of(solution):
-    """Name what a covariance was estimated from, with their number."""
-    if solution.error_source in (ErrorSource.JACKKNIFE, ErrorSource.BOOTSTRAP):
-        return f"{solution.covariance_dof + 1:.0f} replicates"
-    return f"{solution.n_sources} sources"
+def _describe_dof(solution):
+    return f"a covariance with {solution.covariance_dof:.0f} degrees of freedom"
 
 
 def warnings_of(solution: Any) -> list[tuple[str, str]]:
@@ -406,16 +403,11 @@ def warnings_of(solution: Any) -> list[tuple[str, str]]:
     if warning and solution.error_source == ErrorSource.CATALOGUE:
         warnings.append(("warning", f"{warning}; those below are not scaled"))
     lost = [l for l in range(solution.modes.lowest, solution.modes.lmax + 1) if solution.covariance_dof < 2 * l + 1]
-    if lost:
-        warnings.append(
-            (
-                "warning",
-                (
-                    f"{_origin_of(solution)} are too few for the 2l + 1 coefficients of degree "
-                    f"{lost[0]} and above: p-values are nan there"
-                ),
-            )
-        )
+    if lost and not solution.covariance_dof > 0:
+        warnings.append(("warning", "few sources decide this fit: its errors are not known, and p-values are nan"))
+    elif lost:
+        text = f"{_describe_dof(solution)} does not determine the 2l + 1 coefficients of degree {lost[0]} and above"
+        warnings.append(("warning", f"{text}: p-values are nan there"))
     if len(solution.modes) <= solution.dof < _FEW * len(solution.modes):
         text = f"{len(solution.modes)} coefficients of {solution.n_data} numbers: errors grow with every degree"
         warnings.append(("warning", f"{text}; a lower --lmax is enough for spin and acceleration"))

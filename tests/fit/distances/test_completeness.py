@@ -1,5 +1,7 @@
 """Is a sample complete to its faintest magnitude? Rauzy's T_C, and what calibrations make of a sample that is not."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from conftest import few_or_many
@@ -99,3 +101,14 @@ def test_velocity_covers_whether_complete_or_not(softness, n_skies):
         v = observer_velocity(galaxies(seed, softness=softness), 70.0, flows=None, peculiar_dispersion=300.0).velocity
         pulls.append((v.to_frame("icrs").value - VELOCITY) / v.sigma)
     assert np.sqrt(np.mean(np.square(pulls))) == pytest.approx(1, abs=0.1 + 4 / np.sqrt(6 * n_skies))
+
+
+def test_few_sources_with_huge_errors_are_counted():
+    """Without magnitudes all sources of a redshift have their mean variance: one error of 0.1 arcsec/yr was in all."""
+    field = galaxies(3, n=1500)
+    field = replace(field, magnitude=None)
+    assert not any("half of the variance" in note for note in calibrate(field, dispersion=300.0).notes)
+    sigma = np.array(field.sigma)
+    sigma[:, 700] = 1e6
+    (note,) = [n for n in calibrate(replace(field, sigma=sigma), dispersion=300.0).notes if "half of the variance" in n]
+    assert note.startswith(f"warning: 1 of {len(field)} sources")

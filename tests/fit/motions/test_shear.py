@@ -183,3 +183,14 @@ def test_classes_without_order():
         compare_expansions(bins(n=300), [1, 1, 1], draws=100)
     with pytest.raises(ModesError):
         compare_expansions([fit.normal_equations(sky(300, 1), 1)])
+
+
+def test_no_p_value_of_a_fit_without_errors():
+    """χ² of a covariance that is not known had p < 0.0027 on 95 % of skies of noise."""
+    rng = np.random.default_rng(3)
+    lon, lat = sim.uniform_sky(60, rng)
+    sigma = np.tile(100 * 10 ** (4 * (rng.random(60) - 0.5)), (2, 1))
+    field = Field(lon, lat, np.hypot(sigma, 300.0) * rng.normal(size=(2, 60)), sigma)
+    solution = fit.estimate(field, 2, "student").solution
+    assert np.isnan(solution.p_value("S", 2))
+    assert np.isnan(expansion(solution).p_value)

@@ -230,7 +230,7 @@ def _resolve_names(columns, names, index):
 
 
 def affixes_of(column_names: Mapping[str, Any]) -> tuple[str, str]:
-    """What stands before and after the names of a motion, or of a position, in joined tables: pmra_2, gaia_ra."""
+    """The text before and after the name of a motion, or of a position, in joined tables: pmra_2, gaia_ra."""
     parts = [str(column_names.get(role) or "").partition(role) for role in ("pmra", "ra")]
     return next(((before, after) for before, found, after in parts if found and (before or after)), ("", ""))
 

@@ -83,7 +83,9 @@ def test_few_replicates_are_no_evidence():
             assert getattr(resampled, name).p_value == pytest.approx(solution.p_value(kind, 1), rel=1e-9)
             assert f"p = {printed_p_value(solution.p_value(kind, 1))}" in line(resampled, name)
     few = bootstrap(field, 1, 3, 1, progress=False)
-    assert few.verdict == "acceleration   no result: 3 replicates are too few for the errors of a vector"
+    assert few.verdict == (
+        "acceleration   no result: a covariance with 2 degrees of freedom does not determine the errors of a vector"
+    )
 
 
 def test_errors_that_are_too_small_are_said():

@@ -37,6 +37,7 @@ def ask(url, path, adql=ADQL, **options):
     return query(adql, path, url, **({"interval": 0.01, "progress": False} | options))
 
 
+@pytest.mark.filterwarnings("ignore:warning. half of the errors are below")
 def test_success_and_the_second_run_offline(tap, table, tmp_path):
     url, service = tap
     service.phases = ["PENDING", "QUEUED", "EXECUTING", "COMPLETED"]

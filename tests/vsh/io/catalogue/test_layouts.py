@@ -120,6 +120,7 @@ def test_every_layout_gives_the_same_numbers(name, tmp_path):
         np.testing.assert_array_equal(read_field(packed).motion, field.motion)
 
 
+@pytest.mark.filterwarnings("ignore:warning. half of the errors are below")
 @pytest.mark.parametrize("none", ["--", "---"])
 def test_row_of_units_counts(none, tmp_path):
     """Other units than Gaia's, and dashes where there is none."""

@@ -48,6 +48,7 @@ def test_coordinates_that_are_no_catalogue():
         read_field(SkyCoord(1 * u.deg, 2 * u.deg), sigma=1)
 
 
+@pytest.mark.filterwarnings("ignore:warning. half of the errors are below")
 def test_distances_of_a_skycoord():
     coord = SkyCoord(FIELD.lon * u.rad, FIELD.lat * u.rad, distance=np.full(50, 2.0) * u.Mpc,
                      pm_ra_cosdec=FIELD.motion[0] * u.uas / u.yr, pm_dec=FIELD.motion[1] * u.uas / u.yr)  # fmt: skip

@@ -91,6 +91,7 @@ def test_units_that_are_not_linear_are_refused(unit):
         read_field(table(), units={"pmra": unit})
 
 
+@pytest.mark.filterwarnings("ignore:warning. half of the errors are below")
 @pytest.mark.parametrize("unit", ["uas/yr", "mas.yr**-1", "mas yr-1", "mas / yr", "marcsec/yr"])
 def test_units_in_every_spelling_by_every_way(tmp_path, unit):
     """Uas/yr in a FITS file was refused by one reader and taken by the other."""

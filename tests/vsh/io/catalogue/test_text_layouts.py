@@ -72,6 +72,7 @@ def test_one_of_several_tables_is_asked_for_and_chosen(tmp_path):
         read_field(f"{path}#3")
 
 
+@pytest.mark.filterwarnings("ignore:warning. half of the errors are below")
 def test_errors_have_the_unit_of_their_motion():
     table = dict(zip(("ra", "dec", "pmra", "pmdec", "pmra_err", "pmdec_err"), ROWS.T, strict=True))
     field = read_field(table, units={"pmra": "uas/yr", "pmdec": "uas/yr"})
