@@ -166,7 +166,7 @@ class Classes(InNotebook):
         Raises
         ------
         ParameterError
-            If it is none of these.
+            If the text is in none of these forms.
         """
         if ";" in text:
             conditions = tuple(condition.strip() for condition in text.split(";") if condition.strip())

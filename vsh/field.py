@@ -1,4 +1,4 @@
-"""A field of proper motions: the one noun that simulations make and fits consume.
+"""A catalogue of proper motions with errors, `Field`, which simulations return and fits take.
 
 Inside, angles are radians and motions µas/yr; `ByColumns` has the names and units of Gaia's archive, and the objects of
 other packages.
@@ -316,7 +316,7 @@ def table_columns(field: Any) -> tuple[dict[str, Any], dict[str, str], dict[str,
 
 
 def concatenate_columns(one: Any, other: Any) -> dict[str, Any]:
-    """The attributes of a field with the sources of two; what one of them does not know is missing."""
+    """The attributes of two fields, one after the other; those that only one of them has are missing in the other."""
     if other.frame != one.frame:
         raise FrameError(f"the fields are in {one.frame} and {other.frame}: take both to one frame")
     frames = {field.redshift_frame for field in (one, other) if field.redshift is not None}
@@ -381,8 +381,8 @@ class SourcesWithErrors(Frozen):
         Parameters
         ----------
         which : mask, slice, or names
-            Booleans, one a source; or names of sources as `name` has them, text or integers, in any order: the sources
-            come in their own. For indices: ``field[indices]``.
+            Booleans, one a source; or names of sources as `name` has them, text or integers, in any order; the selected
+            sources keep the order of the field. For indices: ``field[indices]``.
 
         Raises
         ------
@@ -508,7 +508,7 @@ class TableIO(SourcesWithErrors):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Field(ByColumns, Equal, TableIO):
-    """Proper motions of n sources, with their errors; checked once, here. Its arrays are read-only.
+    """Proper motions of n sources with their errors; checked when it is made, with read-only arrays.
 
     Attributes
     ----------
@@ -523,9 +523,9 @@ class Field(ByColumns, Equal, TableIO):
     redshift, magnitude, redshift_error : (n,) arrays or None
         nan where unknown.
     distance, distance_error : (n,) arrays or None
-        Where something tells it better than the redshift; nan where nothing does. [Mpc, transverse comoving]
+        Transverse comoving distances that are known independently of the redshift, otherwise nan. [Mpc]
     parallax, parallax_error : (n,) arrays or None
-        Where asked for: of stars, for what depends on their distance. [mas]
+        Parallaxes, read on request, for analyses of stars. [mas]
     name : (n,) array or None
         64-bit integers or text.
     frame : str

@@ -7,10 +7,10 @@ sides, Σ = C ⊗ S = R Rᵀ and G = 1 + Rᵀ A R = Λ Λᵀ,
 
     ln L = ½ wᵀ w − Σ ln Λ_kk,   w = Λ⁻¹ Rᵀ β.
 
-Classes that have no source in common have A = blockdiag A_i. Several catalogues of the same sources against one of them
-share their noise: A has blocks between any two then, a is what the reference has by itself, which all differences from
-it show, and b_i what catalogue i has. Amplitudes of templates stand behind the modes, with one variance for all of
-them, the same in all classes.
+Classes that have no source in common have A = blockdiag A_i. If several catalogues of the same sources are compared
+with one of them, their differences have common noise, and A has blocks between any two of them. Then a is the amplitude
+of the systematic errors of the reference, which enter all differences, and b_i that of catalogue i. Amplitudes of
+templates stand behind the modes, with one variance for all of them, the same in all classes.
 
 The amplitudes a, b_i are drawn by importance sampling, flat in each a priori; ln L is even in them.
 """
@@ -309,7 +309,8 @@ class ClassLikelihood:
     def sample(self, n: int, rng: np.random.Generator, least: float = 0.0) -> tuple[FloatArray, FloatArray, float]:
         """Draws of the amplitudes, (n, d), their weights, and ln of the evidence: the mode, then importance.
 
-        Where fewer than `least` draws count the proposal goes on learning from twice as many, and twice again.
+        If the effective number of draws is below `least`, the proposal is adapted with twice as many, and then with
+        four times.
         """
         middle, covariance = self._peak()
         half = max(1, n // 2)

@@ -20,7 +20,7 @@ _SEEN = 3.0
 
 @dataclass(frozen=True, eq=False, repr=False)
 class CrossPowers(Result):
-    """Projection of a solution on templates, by degree: its projection on the template's part of that degree.
+    """Projection of a solution on each template, separately for each degree.
 
     Attributes
     ----------
@@ -31,10 +31,10 @@ class CrossPowers(Result):
     values : (n,) array
         Motion along the template's part of this degree, rms over the sky; negative where it is against it. [µas/yr]
     errors : (n,) array
-        What the covariance of the solution makes of it. [µas/yr]
+        Standard errors of `values`, from the covariance of the solution. [µas/yr]
     errors_with_floor : (n,) array
-        The same with systematic errors, where a spectrum of it was given: what a template that causes nothing scatters
-        by. [µas/yr]
+        Standard errors that include the systematic errors, if a spectrum of these was given: the scatter of `values`
+        for a template that is not a cause of the motions. [µas/yr]
     """
 
     templates: tuple[str, ...]
@@ -86,7 +86,7 @@ def cross_powers(
     templates : sequence of TemplateField
         `normal.templates` of the normal equations it was solved from.
     spectrum : Spectrum, optional
-        That of systematic errors, `Floor.spectrum` say: the power that is there whatever a template does.
+        Spectrum of the systematic errors, such as `Floor.spectrum`: power that does not depend on the template.
 
     Raises
     ------
@@ -95,8 +95,8 @@ def cross_powers(
 
     Notes
     -----
-    Σ t_k c_k over the modes of a degree, by the norm of the template there. Nguyen & Murray (2026) take cross-powers of
-    Gaia's quasar motions with maps of scans, densities and stars in this sense.
+    Each value is Σ t_k c_k over the modes of a degree, divided by the norm of the template in this degree. Nguyen &
+    Murray (2026) take cross-powers of Gaia's quasar motions with maps of scans, densities and stars in this sense.
     """
     modes = solution.modes
     if not templates or any(len(template.values) != len(modes) for template in templates):

@@ -52,7 +52,7 @@ _STEEP_TO = 12
 
 
 def usual_shapes(highest: int) -> tuple[str, ...]:
-    """The spectra that are averaged unless others are named: higher degrees than 12 know how steep theirs is."""
+    """Default spectra to average over: degrees beyond 12 determine the slope, so that "steep" is left out."""
     return tuple(SHAPES) if highest <= _STEEP_TO else ("flat", "gaia")
 
 
@@ -87,9 +87,9 @@ class Floor(Result):
     shape : str
         Spectrum: "flat" for one power of each mode, "gaia" for that of Lindegren et al. (2021), "steep" for l⁻².
     mean : tuple of two floats, or None
-        Mean powers over the posterior, of a spin's parity and of a glide's, for each part of an average: degree 1 has
-        its errors from these, as the variance of a mixture is the mean of the variances. Of one shape alone it has
-        them from the medians.
+        Posterior means of the two powers, of the parity of a spin and of a glide, for each part of an average over
+        shapes: the errors of degree 1 follow from these, because the variance of a mixture is the mean of the
+        variances. None for a single shape, where they follow from the medians.
     parts, probability : tuple of Floor, tuple of float
         Where several shapes were averaged, the floor for each and its probability; `odd`, `even` and their intervals
         are those of the first then, and what is implied for degree 1 is the mean over all.
@@ -133,7 +133,7 @@ class Floor(Result):
 
     @property
     def spin_interval(self) -> tuple[float, float]:
-        """The likeliest 68 % of the spin's floor; an average, of the mean power, may lie above. [µas/yr]"""
+        """68 % interval of the floor of the spin; an average over shapes, of mean powers, may be above. [µas/yr]"""
         return self._interval("odd", "spin_error")
 
     @property
@@ -143,7 +143,7 @@ class Floor(Result):
 
     @property
     def spectrum(self) -> Spectrum:
-        """The spectrum that was found, by the medians, for `sim.systematics` say; of several shapes the likeliest."""
+        """Estimated spectrum with the median powers, for `sim.systematics`; of several shapes the most probable."""
         if self.parts:
             return self.parts[int(np.argmax(self.probability))].spectrum
         return self._spectrum_of(self.odd, self.even)
@@ -351,10 +351,12 @@ def floor(
     shapes : iterable of "flat", "gaia", "steep", optional
         Spectra, averaged by their evidence with prior odds of 1 : 3 : ½: one power of each mode; that of Gaia EDR3's
         published covariance (Lindegren et al. 2021), which rises towards low degrees; and l⁻², which rises more
-        steeply. Unless given all three, or the first two beyond degree 12. ("flat",) is the estimate of one spectrum.
+        steeply. Default: all three; "flat" and "gaia" if the highest of `degrees` is above 12. ("flat",) assumes a
+        single spectrum.
     noise_scale : bool, optional
-        Estimate a factor on the catalogue's errors along with the powers: errors that are too small pass for
-        systematics otherwise. Unless given it is, but for a solution whose errors come from residuals.
+        Estimate a factor on the catalogue's errors along with the powers: otherwise errors that are too small are
+        mistaken for systematic errors. Default: yes for normal equations and for solutions with the catalogue's errors,
+        no for all others (errors scaled, or from residuals or replicates).
 
     Raises
     ------
@@ -363,22 +365,23 @@ def floor(
     DegeneracyError
         If the data do not determine what is fitted freely.
     ParameterError
-        If a shape is not known, or the normal equations have templates: `shared` gives the floor beside them.
+        If a shape is unknown, or if the normal equations have templates; use `shared` for these.
 
     Notes
     -----
     The floor extrapolates from degrees 2, 3, … to degree 1 along the spectra that it is given. On simulated skies with
     power of the size of the noise, drawn from Gaia EDR3's published covariance, from a flat spectrum and from one that
-    falls as 1/(3 + l²), the scatter of spin and acceleration is 0.8 to 1.05 of their errors at degrees 3 to 7, and
-    95 % intervals have 93 to 99 % coverage; without the steep spectrum 1.2 and 89 % on the last of these skies. Where
-    the power is far above the noise the data determine the spectrum. Degree 5 is a good choice: degree 3 has errors
-    that are a tenth larger.
-    Systematics of degrees that are not fitted leak into those that are, and make the powers larger than they are, not
-    the coverage. Of one shape alone the median of the posterior covers better than the largest likelihood where modes
-    are few (degree 3: 12 of each parity); an average of shapes takes the mean power, as the variance of a mixture is
-    the mean of its variances. Where there is nothing that makes errors 1.1 times those of the flat shape at degrees 5
-    and 7, 1.3 times a plain fit's at degree 4, and takes away what the higher degrees cost. Coverage on simulated
-    skies: docs/backgrounds.md.
+    falls as 1/(3 + l²), the scatter of spin and acceleration is 0.8 to 1.05 of their errors at degrees 3 to 7, and 95 %
+    intervals have 93 to 99 % coverage; without "steep" the scatter is 1.2 times the errors and the coverage 89 % for
+    the last of these spectra. Where the power is far above the noise, the data determine the spectrum. Degree 5 is a
+    good choice: degree 3 has errors that are a tenth larger. Systematic errors in degrees that are not fitted leak into
+    the fitted ones: the estimated powers are then too large, but the coverage does not change. For a single shape, the
+    median of the posterior has better coverage than the maximum of the likelihood if there are few modes (degree 3: 12
+    of each parity); an average over shapes takes the mean power, because the variance of a mixture is the mean of the
+    variances. If there are no systematic errors, the average over shapes makes the errors 1.1 times those of the flat
+    shape at degrees 5 and 7, and 1.3 times those of a plain fit at degree 4. The floor is also a prior on the higher
+    degrees, which then no longer increase the errors of degree 1. docs/backgrounds.md has the coverage on simulated
+    skies.
 
     Examples
     --------

@@ -7,8 +7,9 @@ degree 1, and of differences of classes, follow.
 A class that does not see the whole sky takes systematics of higher degrees for its own lower ones: on two caps beyond
 latitude 40° degrees 6 to 16 put 170 times the power of degree 1 into it. Where the normal equations hold degrees beyond
 those in which something shared is looked for, these have a prior of the power that the class has by a first estimate,
-and are marginalised (`fit.normal.eliminate`), class by class: what classes that see the same part share of these would
-cancel in their differences, whose errors are then larger than need be.
+and are marginalised (`fit.normal.eliminate`), class by class. If two classes cover the same part of the sky, the part
+of these modes that they have in common would cancel in their difference; marginalised separately, it makes the errors
+of differences larger than necessary.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -65,9 +66,9 @@ class Verdict(NamedTuple):
     p_value : float
         The p-value of the largest difference, among as many as were looked at.
     face_value : float
-        The same had it been the only one.
+        The p-value of the same difference without a correction for the number of comparisons.
     comparison : str
-        Which it is.
+        Name of the comparison with the largest difference.
     looked_at : int
         How many were looked at.
     """
@@ -95,9 +96,9 @@ class ClassComparison(Result):
     probability : tuple of float
         How probable each shape is, with odds of three to one for Gaia's a priori.
     effective : tuple of float
-        How many draws of each shape count.
+        Effective number of draws for each shape.
     degrees : tuple of int
-        What was looked at.
+        Degrees from which the systematic errors were estimated.
     noise_scale : tuple of float
         Factor on the errors of each class.
     n_sources : tuple of int
@@ -111,7 +112,7 @@ class ClassComparison(Result):
     unit : str
         "µas/yr" of motions, "µas" of positions.
     made_by : str
-        What divides the classes, for the words of the verdict: "redshift" for bins.
+        Quantity that defines the classes, as the verdict names it: "redshift" for bins.
     """
 
     labels: tuple[str, ...]
@@ -166,7 +167,7 @@ class ClassComparison(Result):
         return self._degree_one_solution(values, covariance, 2 * sum(self.n_sources))
 
     def equality(self, kind: str | None = None) -> float:
-        """p-value of classes that are alike, the mean over what may be shared.
+        """p-value of equal dipoles in all classes, averaged over the posterior of the common systematic errors.
 
         Parameters
         ----------
@@ -176,9 +177,10 @@ class ClassComparison(Result):
         return self._p_value(kind, None)
 
     def p_value(self, kind: str, i: int = 0, less: int | None = None) -> float:
-        """Probability that a class without a spin, or without an acceleration, shows one as large.
+        """p-value of the spin or the acceleration of a class, or of its difference from another class.
 
-        The mean over what may be shared, whose amount is not known: benchmarks/referee.py says how often it is small.
+        It is averaged over the posterior of the common systematic errors, whose size is unknown: benchmarks/referee.py
+        measures how often it is small.
 
         Parameters
         ----------
@@ -216,8 +218,9 @@ class ClassComparison(Result):
     def verdict(self, n: int = 4000, rng: Rng = 1) -> Verdict:
         """Test whether the dipole changes along the classes: the largest difference, after allowing for the search.
 
-        Every edge between neighbouring classes, and a slope, for spin and acceleration, are contrasts of the same
-        parameters; skies on which classes are alike are drawn from the posterior.
+        The comparisons are the difference across each edge between neighbouring classes, and a slope along the classes,
+        for spin and for acceleration. The distribution of the largest is simulated with classes that have the same
+        dipole, and systematic errors from the posterior.
 
         Parameters
         ----------
@@ -246,7 +249,7 @@ class ClassComparison(Result):
         return Verdict(p, float(chdtrc(3, largest[0])), names[index], len(names))
 
     def power(self, kind: str) -> tuple[float, float, float]:
-        """Median and 68 % interval of what classes have in common, as it adds to a component. [µas/yr]
+        """Median and 68 % interval of the common systematic error of a component. [µas/yr]
 
         Parameters
         ----------
@@ -348,7 +351,7 @@ class ClassComparison(Result):
         weights : (K,) array
             One a class.
         n_data : int, optional
-            Numbers that it is of; those of the classes that weigh anything unless given.
+            Number of data in the combination. Default: those of all classes with a non-zero weight.
         """
         row = np.asarray(weights, float)
         if n_data is None:

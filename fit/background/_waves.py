@@ -114,15 +114,17 @@ class WaveLimit(Result):
         probability : float
             Between 0 and 1.
         prior : {"flat", "root", "log", "coefficients"}
-            Flat in Ω; in √Ω, the amplitude of the waves; in ln Ω; or in each coefficient of degree 2, as most published
-            limits have it, which is no likelihood of Ω: it gives a limit on the power that this one sky has.
+            Flat in Ω; in √Ω, the amplitude of the waves; in ln Ω; or in each coefficient of degree 2, as in most
+            published limits. The last is not a prior on Ω: it gives a limit on the power that is realised on this one
+            sky.
         lowest : float, optional
             Where the prior flat in ln Ω begins, on which that limit depends; a millionth of the largest Ω unless given.
 
         Raises
         ------
         ParameterError
-            If the probability or the prior is none, or coefficients of degree 2 were not determined.
+            If the probability is not between 0 and 1, if the prior is unknown, or if the data do not determine degree
+            2.
         """
         probability = between("probability", probability, 0, 1)
         if choice("prior", prior, ("flat", "root", "log", "coefficients")) != "coefficients":
@@ -210,12 +212,13 @@ def wave_limit(
         What was summed or fitted, to degree 2 at least. Degrees above the highest named are left out; those below it
         that are not named, degree 1 among them, are fitted freely.
     degrees : iterable of int
-        Where waves are looked for. General relativity gives 5/6 of the power to degree 2; each higher one has little
-        signal and the systematic errors, which pass for waves.
+        Degrees in which waves are looked for. In general relativity degree 2 has 5/6 of the power. Higher degrees add
+        little signal, and systematic errors that can be mistaken for waves.
     hubble : float
         H0 for which Ω is meant; the default gives h70² Ω. [km/s/Mpc]
     noise_scale : bool, optional
-        Marginalise a factor on the errors; unless given, where they do not come from residuals.
+        Whether to marginalise over a factor on the errors. Default: yes for normal equations and for solutions with the
+        catalogue's errors, no for all others.
     systematics : sequence of Spectrum, optional
         Backgrounds whose amplitudes are marginalised: one flat spectrum where degrees beyond 2 are used, none for
         degree 2 alone, unless given.
@@ -231,9 +234,10 @@ def wave_limit(
     -----
     Book & Flanagan (2011, PhRvD 83, 024024) give the spectrum; the likelihood is exact for Gaussian errors of the size
     quoted, up to a factor: ranks of 500 known Ω are uniform. Where errors are wrong from source to source, clip or fit
-    robustly first (`fit.robust.student_t`) and give that solution: with errors four times too small on half the sky and
-    no waves, 95 % intervals leave zero out on 4 % of the skies, those of plain normal equations on 9 %. A scalar wave
-    has only the degree that the acceleration has: no limit is offered.
+    robustly first (`fit.robust.student_t`) and give that solution: in simulations without waves and with errors four
+    times too small on half of the sky, the 95 % interval excludes zero on 4 % of the skies, and on 9 % for plain normal
+    equations. A scalar wave appears only in degree 1, where it cannot be separated from the acceleration, so that no
+    limit on it is given.
     """
     equations = equations_of(normal)
     degrees = fitted_degrees(equations.modes, degrees)

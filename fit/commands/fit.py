@@ -240,7 +240,7 @@ def _counts(solution, n_clipped, condition):
 
 
 def _compare_subsets(run, source, path, estimate, templates, n_sources):
-    """Normal equations of each class by the weights of the `estimate`, and the systematic errors.
+    """The classes with their common systematic errors, summed by the weights of the `estimate`.
 
     Those of `n_sources` that are in no class are counted.
     """

@@ -65,7 +65,7 @@ class Leakage(Result):
         return (self.matrix * variance) @ self.matrix.T
 
     def bias(self, power: float | Mapping[int, float] | ArrayLike) -> FloatArray:
-        """Rms bias of each fitted coefficient, (p,), for a Gaussian random field of `power` ∫ |V_l|² dΩ. [(µas/yr)²]
+        """Rms bias of each fitted coefficient, (p,), for a Gaussian random field of `power` ∫ |V_l|² dΩ. [µas/yr]
 
         `power` as for `covariance`.
         """

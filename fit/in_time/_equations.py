@@ -113,7 +113,7 @@ class TimeEquations(Frozen):
         return indices, values, directions, (values > 0) & (values > _LOST * values[-1])
 
     def named(self, free: IntArray, direction: FloatArray, most: int = 3) -> str:
-        """A combination of the unknowns `free` by the coefficients that are `most` of its `direction`."""
+        """A combination of the unknowns `free` in words, by the `most` largest coefficients of its `direction`."""
         names = [f"{function} {mode}" for function in self.functions.names for mode in self.modes]
         largest = np.argsort(-np.abs(direction))[:most]
         return ", ".join(f"{direction[i]:+.2f} {names[free[i]]}" for i in largest)

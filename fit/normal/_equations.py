@@ -39,7 +39,7 @@ class NormalEquations(Frozen):
     chi2_null : float
         Σ yᵀ C⁻¹ y, the χ² of fitting nothing.
     n_data : int
-        How many measured numbers went in: two a source. A prior adds none.
+        How many measured numbers went in: two for each motion, one for each scalar. A prior adds none.
     frame : str or None
         Frame of the axes; None fits any (a prior that is the same along all axes).
     notes : tuple of str

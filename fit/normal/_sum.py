@@ -44,7 +44,8 @@ def normal_equations(
     Parameters
     ----------
     field : Field, ScalarField, Parts or iterable of Fields
-        The sources. Parts are summed on the machine that holds them; only the moments are transferred.
+        The sources. Parts are summed on the machine that holds them; only their moments, or at degree 1 their normal
+        equations, are transferred.
     modes : Modes, or the degree lmax
         What to fit; ScalarModes of a ScalarField.
     method : {"auto", "design-matrix", "compressed"}

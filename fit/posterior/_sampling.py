@@ -121,7 +121,7 @@ class Flat(InNotebook):
 
 @dataclass(frozen=True)
 class Normal(InNotebook):
-    """A Gaussian, which may be cut off below (at zero, for what is positive)."""
+    """A Gaussian, which may be cut off below (at zero, for what is positive) and above."""
 
     mean: float
     sigma: float
@@ -137,7 +137,7 @@ class Normal(InNotebook):
             raise ParameterError(f"a Gaussian prior needs a finite mean and σ > 0, not {self.mean} ± {self.sigma}")
 
     def log(self, x: FloatArray) -> FloatArray:
-        """Log-density at `x`, any shape, but for the constant that a cut-off adds."""
+        """Log-density at `x`, of any shape, up to a constant."""
         inside = (x >= self.low) & (x <= self.high)
         return np.where(inside, -(((x - self.mean) / self.sigma) ** 2) / 2 - np.log(self.sigma), -np.inf)
 

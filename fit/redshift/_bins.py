@@ -54,9 +54,9 @@ def binned(
     Parameters
     ----------
     field : Field, Parts or iterable of Fields
-        Parts are gone through once where the edges are given, three times otherwise, and twice more where somebody says
-        in which frame redshifts stand (of a stream, they are taken as true ones). Sources without a usable redshift are
-        left out; a note counts and names them.
+        A catalogue in parts is read once if the edges are given and three times otherwise, and twice more if the frame
+        of the redshifts is known. Redshifts of a stream are taken as "true". Sources without a usable redshift are left
+        out; a note counts and names them.
     modes : Modes, or the degree lmax
         What to fit.
     edges : (B + 1,) array, or int
@@ -64,14 +64,15 @@ def binned(
     shared_higher_degrees : bool
         Fit one set of coefficients above degree 1 to all bins.
     redshift_frame : str, optional
-        "heliocentric", "cmb", "local-group", or "true" as redshifts are taken where it is not given; the field's own
-        unless given. It bears on the mean of 1/d of each bin, not on which sources a bin holds.
+        "heliocentric", "cmb", "local-group" or "true". Default: the frame that the field declares, "true" if it
+        declares none. The frame affects the mean of 1/d of each bin, but not the assignment of sources to bins.
     peculiar_dispersion : float, optional
-        Dispersion of the velocities of galaxies beside flows, in their redshifts (where they are not true ones) and
-        errors: 150 unless given; 750 with flows=None, in the redshifts alone. [km/s]
+        Dispersion of peculiar velocities in addition to the flows, in the redshifts (unless these are "true") and in
+        the errors. Default: 150; with flows=None 750, in the redshifts alone. [km/s]
     flows : "linear", LinearTheory or None
-        Velocities that near galaxies share: they add to the errors of the bins and correlate them. "linear", Planck's,
-        unless given; without (None) bins of near galaxies differ significantly where nothing but flows is there.
+        Coherent flows of nearby galaxies, which add to the errors of the bins and correlate them. Default: "linear",
+        linear theory with Planck's parameters. With None, bins of nearby galaxies differ significantly because of flows
+        alone.
     n_modes : int
         Unknowns of the flow.
     method, value
@@ -85,7 +86,7 @@ def binned(
     Raises
     ------
     ParameterError
-        If the edges do not rise, or are too few; or if the method is none for these sources.
+        If the edges do not rise, or are too few; or if the method cannot be used for these sources.
     DegeneracyError
         If a bin is empty, or cannot separate the modes; or if the robust fit does not settle.
     FieldError
@@ -406,7 +407,7 @@ def permutation_test(
     Parameters
     ----------
     field : Field
-        That went into the bins.
+        The field from which the bins were made.
     binned : BinnedSolution
         Bins fitted to degree 1.
     n_permutations : int
@@ -431,11 +432,11 @@ def permutation_test(
 
     Notes
     -----
-    Permuting assumes that without a signal a source's motion has nothing to do with its redshift. It fails
-    where the sky has degrees above 1 that are the same at all redshifts *and* redshifts depend on the place
-    (two surveys of different depth): a dipole then leaks into the bins, by place. Bins with a higher degree
-    in common (`binned(…, shared_higher_degrees=True)`) take such a field out. It fails as well for near galaxies, whose
-    flows neighbours share: one for a true constant velocity came out at p = 0.001 on every sky.
+    Permuting assumes that without a signal a source's motion has nothing to do with its redshift. It fails where the
+    sky has degrees above 1 that are the same at all redshifts *and* redshifts depend on the place (two surveys of
+    different depth): this field then leaks into the dipoles of the bins, depending on their place on the sky; bins with
+    higher degrees in common (`binned(…, shared_higher_degrees=True)`) remove it. The test also fails for nearby
+    galaxies, because neighbours have a common flow: for a true constant velocity p was 0.001 on every simulated sky.
     """
     if binned.modes.lmax != 1:
         raise ParameterError(f"permutations are for bins of degree 1, not {binned.modes.lmax}")

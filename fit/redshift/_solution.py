@@ -42,8 +42,8 @@ class ChiSquare(NamedTuple):
 
     `chi2` and `p_value` are with the errors of each bin multiplied by the root of its own χ²/dof, which makes them
     right whatever their scale is in each bin; `quoted` and `p_value_quoted` with the catalogue's errors as they are.
-    Where errors are wrong by different factors within one bin, those of its faint sources for example, p-values may
-    be too large (0.05 came out in 1 % of skies instead of 5): put an edge of a bin there.
+    Where errors are wrong by different factors within one bin, those of its faint sources for example, p-values may be
+    too large (p < 0.05 on 1 % of simulated skies, not 5 %). Choose an edge of a bin where the errors change.
     """
 
     chi2: float
@@ -296,7 +296,7 @@ class BinnedSolution(Result):
         Mean of 1/d_M of the sources beyond the flow, weighted by information; nan where there is none. [1/Mpc]
     notes : tuple of str
     flow_covariance : (B q, B q) array or None
-        What coherent flows add to it; None without flows. Errors of the `solutions` hold it.
+        Contribution of coherent flows to the covariance; None without flows. The errors of the `solutions` include it.
     flow : str
         The flow in words.
     is_scaled : bool
@@ -382,11 +382,11 @@ class BinnedSolution(Result):
         Returns
         -------
         ChiSquare
-            Right for errors that are wrong by any factor in each bin, with 20 sources or more a bin, and for near
-            galaxies under flows of linear theory. Not where sources share other errors over the sky (with Gaia's,
-            p < 0.05 in 11 to 14 % of skies at degrees 1 and 3; at degree 7 in 3 to 7 % where the bins cover the same
-            sky, in 67 to 98 % where they do not), nor where the sky has degrees that were not fitted and the bins cover
-            different parts of the sky.
+            Valid if the errors of each bin are wrong by any one factor, with at least 20 sources a bin, and for nearby
+            galaxies with flows of linear theory. Not valid if sources have other errors in common over the sky (with
+            Gaia's, p < 0.05 in 11 to 14 % of skies at degrees 1 and 3; at degree 7 in 3 to 7 % where the bins cover the
+            same sky, in 67 to 98 % where they do not), nor where the sky has degrees that were not fitted and the bins
+            cover different parts of the sky.
 
         Notes
         -----
@@ -396,7 +396,7 @@ class BinnedSolution(Result):
         return self._compare_with_model(kind, l, np.ones((len(self), 1)))[0]
 
     def trend(self, x: ArrayLike | None = None, *, first: bool = False) -> Trend:
-        """Do they change with x? A straight line through the bins.
+        """Fit a straight line in x to the coefficients of the bins, and test its slope.
 
         Parameters
         ----------
@@ -437,7 +437,7 @@ class BinnedSolution(Result):
         Parameters
         ----------
         velocity : Vector
-            Ours, toward the apex, at the distances that `mean_inverse_distance` holds [km/s]
+            Our velocity, toward the apex, for the distances in `mean_inverse_distance`. [km/s]
 
         Returns
         -------
@@ -467,7 +467,7 @@ class BinnedSolution(Result):
         Parameters
         ----------
         name : {"spin", "acceleration"}
-            Which. By least squares without flows, errors are multiplied by √(χ²/dof) where it contradicts those quoted.
+            Which vector. For least squares without flows, errors are multiplied by √(χ²/dof) if χ² contradicts them.
         """
         scales = self.is_scaled and self.flow_covariance is None
         return [getattr(solution.scaled if scales else solution, name) for solution in self.solutions]
@@ -526,7 +526,7 @@ class BinnedSolution(Result):
 
         Notes
         -----
-        The covariance of flows, where near galaxies share them, adds to it.
+        For nearby galaxies the covariance of coherent flows is added to that of the systematic errors.
         """
         labels = Classes.by_edges("z", self.edges, ends=False).labels
         options = {"noise_scale": self.is_scaled} | options

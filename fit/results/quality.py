@@ -90,16 +90,16 @@ class Quality:
 
 
 def log_p_value(chi2: float, dof: float) -> float:
-    """Logarithm of the probability of as much χ² or more; exact where the probability underflows."""
+    """Logarithm of the probability of as much χ² or more, also where the probability underflows."""
     p = chdtrc(dof, chi2)
     if p > 1e-290:
         return np.log(p)
     # Q(a, x) = x^(a−1) e^{−x}/Γ(a) (1 + (a−1)/x + (a−1)(a−2)/x² + …), the terms as long as they fall.
     a, x = dof / 2, chi2 / 2
     term = total = 1.0
-    for k in range(1, 200):
+    for k in range(1, 1_000_000):
         before, term = term, term * (a - k) / x
-        if term == 0 or abs(term) > abs(before):
+        if abs(term) < 1e-17 * abs(total) or abs(term) > abs(before):
             break
         total += term
     return (a - 1) * np.log(x) - x - gammaln(a) + np.log(total)

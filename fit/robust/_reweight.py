@@ -296,15 +296,15 @@ def student_t(
     Parameters
     ----------
     field : Field, ScalarField or Parts
-        The sources. Parts are gone through twice a round.
+        The sources. Parts are gone through once a step, and twice a round where there are few sources.
     modes : Modes, or the degree lmax
         What to fit.
     nu : float, optional
         Degrees of freedom of the distribution; estimated by maximum likelihood, between 0.5 and 200, unless given.
     tolerance : float
-        The fit has settled when no coefficient moves by so much of its error.
+        The fit has settled when no coefficient moves by this fraction of its error, or would with the next Newton step.
     max_rounds : int
-        Largest number of rounds.
+        Largest number of rounds; fits of many sources, from some 5000 on, take a few Newton steps.
     noise : float
         Standard deviation to add in quadrature to every error before the fit, such as that of `excess_noise`. [µas/yr]
     least_nu : float

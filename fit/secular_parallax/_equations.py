@@ -341,10 +341,11 @@ def equations(field: Field | Parts, calibration: Calibration, **options: Any) ->
 class FlowRows:
     """Columns of the equations for the modes of a flow, along the axes of the error ellipses.
 
-    The flow moves redshifts as well, and with them the distances at which motions are expected. That is a product of
-    two velocities that are not known, ours less the flow across, and the flow along: it is scatter, and stands among
-    the errors of distances. Taken as v_⊥ V_r alone, with our own velocity known, it would tell the flow where it tells
-    nothing: with 60 000 galaxies errors of v come out 1.5 times too small.
+    The flow moves redshifts as well, and with them the distances at which motions are expected. The effect is the
+    product of two unknown velocities, our velocity minus the flow across the line of sight, and the flow along it. It
+    is therefore treated as scatter, among the errors of the distances. If only the term v_⊥ V_r with a known v were in
+    the model, the data would seem to constrain the flow although they do not: with 60 000 galaxies the errors of v
+    would be 1.5 times too small.
     """
 
     modes: FlowModes
@@ -387,7 +388,7 @@ class Flow(Result):
     ----------
     modes : vsh.models.flows.FlowModes
     values : (p,) array
-        One on average before the motions were seen.
+        Amplitudes of the modes, whose standard deviation is one a priori.
     covariance : (p, p) array
         That of the other parameters of the fit included.
     frame : str
@@ -534,8 +535,9 @@ class LocalGroup:
         c = Dᵀ (D Dᵀ + Σ)⁻¹ V,   P = (1 + Dᵀ Σ⁻¹ D)⁻¹,
 
     D the modes where we are and Σ what else there is in V. The motions tell amplitudes times h = H0/H_ref, so that
-    their mean is h c; P stands for H_ref, as all variances of the flow. This is linear in h, and the Group's speed by
-    itself says nothing of H0: had h been taken as known, or V as drawn from flows of known size, H_ref would come back.
+    their mean is h c; P stands for H_ref, as all variances of the flow. This is linear in h, and the speed of the Local
+    Group alone has no information on H0. If h were taken as known, or V as drawn from flows of known variance, the
+    estimate of H0 would be biased towards H_ref.
     """
 
     modes: FlowModes

@@ -70,8 +70,8 @@ def observer_velocity(
     Parameters
     ----------
     field : Field or Parts
-        With redshifts, none missing or below 1e-4 (`vsh.models.cosmology.with_redshift`, also as a step of parts).
-        Clusters, masers and stars, with distances and without redshifts, go by `fit.kinematics`.
+        With redshifts, none missing or below 1e-4 (`vsh.models.cosmology.with_redshift`, also as a step of parts). For
+        clusters, masers and stars with distances but no redshifts, use `fit.kinematics`.
     hubble : float
         H0. [km/s/Mpc]
     model : DistanceModel, optional
@@ -91,18 +91,19 @@ def observer_velocity(
     DegeneracyError
         Without a Hubble constant, or if the sources cannot separate the parameters.
     ParameterError
-        If H0 is not positive, a frame or flow unknown, or a dispersion counts the flows twice.
+        If H0 is not positive, if a frame or a flow is unknown, or if the dispersion is so large that it includes the
+        flows.
     FieldError
-        If a redshift is missing, not positive or below the flow, some magnitudes are missing, or redshifts tell no
-        distance; the message counts them.
+        If a redshift is missing, not positive or below the flow, if some magnitudes are missing, or if redshifts do not
+        determine distances; the message gives the number of sources.
 
     Notes
     -----
     Flows of linear theory are unknowns unless flows=None: on the real sky they are nearly the whole error. On simulated
     skies with such flows, 10⁴ galaxies to z = 0.03 and heliocentric redshifts, 68 and 95 % intervals cover 0.71 and
     0.96, those of `hubble_constant` 0.73 and 0.98 (benchmarks/flows_by_default.py), of an observer who takes no part in
-    the flow. Where our velocity contains the flow of our place the components cover as well, but the length comes out
-    too short, by 270 km/s of 370: galaxies nearby move with us, and the velocity is that with respect to them.
+    the flow. If the observer moves with the local flow, the intervals of the components have the same coverage, but the
+    speed is too low, by 270 of 370 km/s: nearby galaxies move with us, and the fit gives the velocity relative to them.
     Without flows, on skies of independent velocities of 300 and 750 km/s, pulls are 1.0 and the bias below 0.2 standard
     errors, with magnitudes and without; `flow_covariance` then says what flows would add. Sources whose redshift has an
     error above half of itself, and no distance, are left out and named. A dispersion that is wrong biases: 300 km/s
@@ -180,11 +181,11 @@ def hubble_constant(
     velocity : "planck", "paper", Vector or (3,) array
         Ours, toward the apex; an array is along the field's axes. The covariance of a Vector is propagated. [km/s]
     hubble : float, optional
-        The H0 for which the peculiar velocities are weighed; the cosmology's unless given. It
-        shifts no expectation. [km/s/Mpc]
+        H0 that the weights of the peculiar velocities assume. Default: that of the cosmology. It does not bias the
+        estimate. [km/s/Mpc]
     local_group : Vector, optional
-        The Local Group's velocity in the microwave background, which tells the flow where we are; True for that of
-        Kogut et al. (1993), 627 ± 22 km/s. With flows only. [km/s]
+        Velocity of the Local Group relative to the microwave background, as a measurement of the flow at our position;
+        True for that of Kogut et al. (1993), 627 ± 22 km/s. It requires flows. [km/s]
 
     Raises
     ------
@@ -281,7 +282,7 @@ def predict_errors(
     left_out: bool = True,
     **options: Any,
 ) -> tuple[VelocitySolution, HubbleSolution]:
-    """Errors of our velocity and of H0 to come: a VelocitySolution and a HubbleSolution with nan for values.
+    """Forecast the errors of our velocity and of H0: a VelocitySolution and a HubbleSolution whose values are nan.
 
     Parameters
     ----------
@@ -292,11 +293,12 @@ def predict_errors(
     velocity
         As for `fit.secular_parallax.hubble_constant`.
     local_group : Vector or bool, optional
-        As there. It lowers the error of the velocity as if it were independent of ours, which it is not.
+        As for `hubble_constant`. The error of our velocity is then too small, because the velocity of the Local Group
+        is treated as independent of it.
     left_out : bool
         With flows=None: whether what flows would add to the errors is worked out beside them.
     **options
-        Those of `fit.secular_parallax.observer_velocity`, but hubble: flows="linear", acceleration=Vector, …
+        Other arguments of `fit.secular_parallax.observer_velocity` except `hubble`, such as flows="linear".
     """
     still = Field.from_positions(sources, sigma)
     still = still.minus(still.motion)
@@ -414,7 +416,7 @@ def forecast_velocity(
 
     Returns
     -------
-    Forecast
+    VelocityForecast
         In columns: independent velocities of 306 km/s; flows of linear theory; with the quasars' glide known to
         0.35 or 0.1 µas/yr in each component; with the Local Group's motion; with the latter two.
 

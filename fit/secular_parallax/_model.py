@@ -39,17 +39,18 @@ class DistanceModel(InNotebook):
     n_modes : int
         Unknowns of the flow.
     reconstruction : VelocityGrid, optional
-        A known flow: what is fitted is what it lacks, a fraction `reconstruction_error` of linear theory.
+        A known velocity field. The fitted flow is the difference from it, with `reconstruction_error` times the
+        standard deviation of linear theory.
     reconstruction_error : float
     peculiar_dispersion : float, optional
-        Dispersion of the peculiar velocities in each component that flows do not hold, which adds (σ_pec/d)² to every
-        variance, and scatters redshifts that are not true ones: 150 unless given; 750 with flows=None. [km/s]
+        Dispersion of the peculiar velocities in each component in addition to the flow. It adds (σ_pec/d)² to every
+        variance, and scatters redshifts unless their frame is "true". Default: 150; 750 with flows=None. [km/s]
     density : "volume", "fitted" or function, optional
         Density of galaxies by distance, as for `fit.distances.calibrate`.
     luminosity : function, optional
         Luminosity function; fitted unless given.
     magnitudes : bool, optional
-        Whether magnitudes tell distances, too: where there are some, unless given.
+        Whether magnitudes constrain the distances. Default: if every source has one and the sample is nearly complete.
 
     Raises
     ------
@@ -136,7 +137,7 @@ class DistanceModel(InNotebook):
         ratio : float
             H0 over that of the cosmology, in the weights.
         apart : bool
-            Whether our velocity is known, and stands apart.
+            Whether our velocity is known, so that its part is kept separate from the unknowns.
         flow_left_out : bool
             Whether, without flows, what they would add is worked out.
         threads : int, optional

@@ -288,11 +288,11 @@ class ParallaxSolution(NamedSolution):
     flow : Flow or None
         The velocities that galaxies share, as far as they were fitted.
     noise_covariance : (p, p) array or None
-        The covariance were the flow known.
+        The covariance that the solution would have if the flow were known.
     flow_covariance : (p, p) array or None
         What the flow of linear theory would add to the covariance, where it was left out (flows=None) and galaxies are
         near enough for one.
-    preferred : Preferred or None
+    preferred : PreferredDispersion or None
         What the residuals say of the dispersion; None for catalogues in parts.
     notes : tuple of str
     """
@@ -327,7 +327,8 @@ class ParallaxSolution(NamedSolution):
         Parameters
         ----------
         long : bool
-            Add the dispersion, tests against none and against the microwave background, and correlations.
+            Add the dispersion, tests of no velocity and of the velocity relative to the microwave background, and
+            correlations.
         source : str, optional
             What was fitted.
         truth : dict, optional
@@ -411,8 +412,8 @@ class HubbleSolution(ParallaxSolution):
     def hubble_limits(self) -> tuple[float, float]:
         """Limits from below, zero at least, and from above, for a constant that is positive, 95 % each. [km/s/Mpc]
 
-        That from above is the quantile of what is above zero of the normal distribution: where the estimate is below
-        zero, noise alone makes it so, and coverage is more than 95 %.
+        The upper limit is the 95 % quantile of the normal distribution truncated at zero. Where the estimate is
+        negative, which only noise can cause, its coverage is above 95 %.
         """
         above_zero = ndtr(self.hubble / self.hubble_error)
         lower = self.hubble + ndtri(0.05) * self.hubble_error

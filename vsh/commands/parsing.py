@@ -378,7 +378,7 @@ def configuration_of(path: str, command: str) -> Configuration:
 
 
 def collect_options(parser: argparse.ArgumentParser, words: Sequence[str]) -> dict[str, Any]:
-    """Collect the options of a command line as text, by name; nothing is checked."""
+    """Collect the options of a command line as text, by name, without checking values; the parser is changed."""
     actions = parser._actions
     parser.usage = parser.format_usage().split(": ", 1)[1].strip()  # of the parser as it was
     for action in actions:

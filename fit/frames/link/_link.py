@@ -56,7 +56,7 @@ def link(
     astrometry : AstrometryRows
         Rows of all catalogues. The true parameters of a source are eliminated; they need not be known.
     reference : str, optional
-        The catalogue that is not turned; the one called vlbi or icrf… unless given.
+        The catalogue that is not turned. Default: the only one whose name begins with vlbi or icrf.
     unknowns : sequence of str
         Some of "orientation", "spin", "acceleration", and "parallax" for the zero point and the scale of the parallaxes
         of each catalogue relative to the reference.
@@ -74,8 +74,8 @@ def link(
         By which all errors are multiplied; found from the data unless given.
     excess : bool
         Whether a radio–optical offset of each source is included in the model: drawn from a distribution with one size
-        for all sources. Source structure and calibrator errors are
-        absorbed as well. Default: yes, if the reference has positions.
+        for all sources. Source structure and calibrator errors are absorbed as well. Default: yes, if the fit is robust
+        and the reference has positions.
     fixed : dict, optional
         Catalogues whose stars are measured against calibrators with fixed positions, and the epoch of these; the
         reference, at 2015.0, unless given.

@@ -285,7 +285,7 @@ class Unknowns(InNotebook):
     def design(
         self, lon: FloatArray, lat: FloatArray, epoch: FloatArray, functions: FloatArray, catalogue: str
     ) -> FloatArray:
-        """Derivatives of Δα*, Δδ, ϖ, µ_α*, µ_δ by the parameters, for rows of one catalogue, (n, 5, p).
+        """Derivatives of Δα*, Δδ, ϖ, µ_α*, µ_δ by the parameters of the frame, for rows of one catalogue, (n, 5, p).
 
         The frame turns what it gives by ε + ω (t − epoch) (`fit.direct`): Δα* = q·ε, Δδ = −p·ε.
 

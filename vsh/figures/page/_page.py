@@ -296,7 +296,7 @@ def sky(*shown: ShownSolution) -> Panel:
 
     Parameters
     ----------
-    *shown : ShownPage
+    *shown : ShownSolution
         In one frame and unit; two are turned together.
 
     Raises
@@ -467,7 +467,7 @@ def widget(*shown: ShownSolution, height: int = 720) -> Any:
 
     Parameters
     ----------
-    *shown : ShownPage
+    *shown : ShownSolution
         As for `sky`.
     height : int
         That of the frame. [pixels]

@@ -299,7 +299,7 @@ def nothing_selected(notes: Iterable[str]) -> EmptySelectionError:
 def conversion_factors(
     where: Mapping[str, str], units: Mapping[str, Any] | None, source: TableSource, usual: str | None = None
 ) -> Any:
-    """Factors on the columns of positions, motions and errors, and notes on units that were assumed."""
+    """Factors on the columns by role, and the names of the columns that were taken in an assumed unit, by unit."""
     units = {str(name).strip(): unit for name, unit in (units or {}).items()}
     for name in units:
         if name not in source.names:

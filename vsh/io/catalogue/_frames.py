@@ -65,7 +65,7 @@ class TableFrames(NamedTuple):
 def frames_of(where: Mapping[str, str], frame: str | None, source: TableSource) -> TableFrames:
     """The axes of a table: those asked for, those it states of itself, or by the names of its columns.
 
-    Positions with names of one frame and motions with those of ICRS, l, b, pmra, pmdec say, are of two frames.
+    If positions have names of one frame and motions those of ICRS (l, b, pmra, pmdec), they are in these two frames.
 
     Raises
     ------

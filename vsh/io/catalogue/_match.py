@@ -34,7 +34,7 @@ class MatchResult(NamedTuple):
     Attributes
     ----------
     a, b : (k,) int arrays
-        Where each stands in either.
+        Indices of the matched sources in the first and in the second catalogue.
     ambiguous : int
         Sources left out for several counterparts.
     """

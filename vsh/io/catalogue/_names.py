@@ -23,13 +23,12 @@ _PAIRS = (("ra", "dec"), ("pmra", "pmdec"), ("pmra_error", "pmdec_error"))
 
 @dataclass(frozen=True)
 class Columns(InNotebook):
-    """Names of the columns that a field needs: a new survey is a new value of this.
+    """Names of the columns that a field needs. Tables of another survey need another `Columns`.
 
-    The first six must be there. The others may be left out with None; of several names in
-    a tuple the first that the table has is taken, and none need be there. Where there is a `solution`, sources
-    whose astrometry is not that of a single source with a parallax (31 or 95, `vsh.io.archive.DR4`) cannot be used;
-    where it is null, a source is what its motion says. Nor can sources whose `quality` is a flag other than zero, as
-    DR4's quality_flag.
+    The first six must be there. The others may be left out with None; of several names in a tuple the first that the
+    table has is taken, and none need be there. Where there is a `solution`, sources whose astrometry is not that of a
+    single source with a parallax (31 or 95, `vsh.io.archive.DR4`) cannot be used; a source whose `solution` is null is
+    used if it has a motion. Nor can sources whose `quality` is a flag other than zero, as DR4's quality_flag.
 
     Examples
     --------

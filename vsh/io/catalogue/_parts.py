@@ -50,23 +50,24 @@ def parts(
     columns, units, on_bad, frame, where, format
         As for `read_field`. Name, magnitude and redshift are read where a step or a sum wants them.
     rows : int
-        The largest number of sources in a block. In memory are the block that is summed, the next of the same part,
-        and in this process the first of the part that follows (of four at an address), which are read meanwhile.
+        The largest number of sources in a block. While a block is summed, the next block of the same part is read, and
+        in this process also the first block of the next part (of the next four parts at an address); all of these are
+        in memory.
     motions : bool
         Whether there must be motions and errors: false for skies of which only positions, or errors, matter.
     sigma : float, optional
         One error for all motions, in place of the table's. [µas/yr]
     workers : int, optional
-        So many processes on this machine; one, with a thread a core, unless given.
+        Number of processes on this machine. Default: one process with a thread for each core.
     scheduler : str, optional
         Address of a scheduler of Dask, or the path of its scheduler file. Files must lie where its workers see them.
 
     Returns
     -------
     Parts
-        All that takes a stream of Fields takes it; `fit.normal_equations(parts, modes)` runs where the parts are,
-        and ``parts.map(lambda field: field[field.magnitude < 20])`` chooses from them. What Dask's collections hold is
-        summed by the client that is open, or by threads of this process.
+        Every function that takes a stream of Fields accepts it; `fit.normal_equations(parts, modes)` runs where the
+        parts are, and ``parts.map(lambda field: field[field.magnitude < 20])`` chooses from them. What Dask's
+        collections hold is summed by the client that is open, or by threads of this process.
 
     Raises
     ------

@@ -92,10 +92,10 @@ def read_field(
     on_bad : {"raise", "drop"}
         What to do about rows that cannot be used.
     frame : {"icrs", "galactic", "ecliptic"}, optional
-        Axes of positions and motions; ICRS unless given. Columns called l, b, glon, … in place of ra and
-        dec ask for it.
+        Axes of positions and motions. Default: those that the table states, or ICRS. It must be given for positions in
+        columns such as l, b or glon if the names of the motions do not say the same.
     roles : iterable of str
-        Those of name, redshift, magnitude, redshift_error, distance, distance_error that are expected.
+        Optional quantities to read if the table has them, such as "name", "redshift" and "magnitude".
     where : str, optional
         A condition on the table's columns, in its units: "phot_g_mean_mag < 19 and 0.5 < redshift < 2"; see
         `vsh.io.tables.Where`. Rows with a missing value in it are not selected; a note counts all that are left out.
@@ -558,7 +558,7 @@ def read_scalars(
     name : str, optional
         Column of names.
     unit : str, optional
-        To convert to, "uas" say; that of the table unless given, and mas for Gaia's parallaxes without one.
+        Unit to convert to, for example "uas". Default: that of the table, or mas for Gaia's parallaxes without a unit.
     on_bad : {"raise", "drop"}
         What to do about rows that cannot be used; the field's notes count them.
     frame : str, optional

@@ -120,8 +120,8 @@ class Parts(InNotebook):
         ------
         EmptyFieldError
             If no part has a source that can be used.
-        FieldError
-            If the function does not return what adds.
+        ParameterError
+            If it is not a function.
         TableError
             If a part cannot be read.
         """
