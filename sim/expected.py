@@ -85,7 +85,7 @@ def expected_covariances(
         return np.zeros((0, 2, 2)), np.zeros((0, 2, 2))
     error = mission.transit_error(population.magnitude, excess_noise)
 
-    law, is_compiled = mission.scanning_law, mission.scanning_law.compiles(len(population))
+    law, is_compiled = mission.scanning_law, mission.scanning_law.uses_compiled_search(len(population))
 
     def block_covariances(chunk):
         transits = law.transits_of_block(population.lon[chunk], population.lat[chunk], compiled=is_compiled)

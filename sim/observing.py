@@ -234,7 +234,7 @@ def _solve_mission_sources(population, rng, mission, variability, excess_noise, 
     attitude_errors = mission.attitude_noise(seeds[-1])
     error = mission.transit_error(population.magnitude, excess_noise)
 
-    law, is_compiled = mission.scanning_law, mission.scanning_law.compiles(len(population))
+    law, is_compiled = mission.scanning_law, mission.scanning_law.uses_compiled_search(len(population))
 
     def solve_block(chunk):
         transits = law.transits_of_block(population.lon[chunk], population.lat[chunk], compiled=is_compiled)

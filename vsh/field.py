@@ -184,7 +184,7 @@ _MEASURED_UNITS = dict.fromkeys(MEASURED[3:5], "Mpc") | dict.fromkeys(MEASURED[5
 _MOTIONS = ("pmra", "pmdec", "pmra_error", "pmdec_error")
 
 
-def usable_columns(
+def field_arrays(
     given: Mapping[str, Any],
     name: ArrayLike | None,
     on_bad: OnBad,
@@ -218,12 +218,12 @@ def usable_columns(
     for column, (lower, upper) in _PLAUSIBLE.items():
         if column in columns:
             values = np.where(missing[column], np.nan, columns[column])
-            odd = np.isfinite(values) & ~((values > lower) & (values < upper))
-            if odd.any():
-                speeds = column == "redshift" and 2 * odd.sum() > odd.size
-                text = f"{odd.sum()} values of {column} beyond {lower:g} … {upper:g} taken as missing"
-                notes = (*notes, CodedNote(f"{text}: {VELOCITIES}", NO_REDSHIFTS) if speeds else text)
-            columns[column] = np.where(odd | np.isinf(values), np.nan, values)
+            is_implausible = np.isfinite(values) & ~((values > lower) & (values < upper))
+            if is_implausible.any():
+                look_like_velocities = column == "redshift" and 2 * is_implausible.sum() > is_implausible.size
+                text = f"{is_implausible.sum()} values of {column} beyond {lower:g} … {upper:g} taken as missing"
+                notes = (*notes, CodedNote(f"{text}: {VELOCITIES}", NO_REDSHIFTS) if look_like_velocities else text)
+            columns[column] = np.where(is_implausible | np.isinf(values), np.nan, values)
     if "redshift" in columns and "redshift_error" in columns:
         notes = (*notes, *_blank_unknown_redshifts(columns, first_row))
     spans = {column: bad_rows.span_of(columns[column]) for column in _MOTIONS}
@@ -653,7 +653,7 @@ class Field(ByColumns, Equal, TableIO):
             raise FieldError(
                 f"no column is called {', '.join(set(measured) - set(MEASURED))}: {', '.join(MEASURED)} are"
             )
-        columns, added_notes = usable_columns(main_columns | measured, name, on_bad, first_row, unusable, aside)
+        columns, added_notes = field_arrays(main_columns | measured, name, on_bad, first_row, unusable, aside)
         return cls(**columns, frame=frame, redshift_frame=redshift_frame, notes=(*notes, *added_notes))
 
     @classmethod

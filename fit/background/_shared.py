@@ -230,11 +230,11 @@ class ClassComparison(Result):
             The source of all randomness.
         """
         draw, size = generator(rng), 6 * len(self)
-        per = max(1, whole("n", n) // len(self.means))
+        skies_per_draw = max(1, whole("n", n) // len(self.means))
         skies = [self.values.reshape(1, size)]
         for covariance in self.covariances.reshape(-1, size, size):
             root = np.linalg.cholesky(covariance + 1e-12 * np.trace(covariance) * np.eye(size))
-            skies.append(draw.normal(size=(per, size)) @ root.T)
+            skies.append(draw.normal(size=(skies_per_draw, size)) @ root.T)
         draws = np.concatenate(skies).reshape(-1, len(self), 6)
         sizes, names = [], []
         for row, kind, name in self._contrasts():
@@ -540,13 +540,13 @@ def sample_class_errors(
     def draw_lots(classes):
         return sample_shapes(classes, modes, spectra, own, draws, rng)
 
-    classes, notes = _classes(equations, names, modes, scale_flags, own_modes)
+    classes, notes = _reduce_classes(equations, names, modes, scale_flags, own_modes)
     notes += _leakage_notes(equations, classes, names, modes) if len(classes) > 1 else []
     lots = draw_lots(classes)
     if any(each.modes.lmax > modes.lmax for each in equations):
         equations = _without_leakage(equations, lots, modes)
         lots = draw_lots(
-            _classes(equations, names, modes, scale_flags, own_modes)[0]
+            _reduce_classes(equations, names, modes, scale_flags, own_modes)[0]
         )  # what was noted of them above stays
     facts = {
         "labels": names, "n_sources": tuple(each.n_data // 2 for each in equations),
@@ -633,7 +633,7 @@ def spectra_of(shapes: Any) -> list[tuple[str, Spectrum]]:
     return [(shape.name, shape) if isinstance(shape, Spectrum) else (shape, SHAPES[shape]) for shape in shape_list]
 
 
-def _classes(equations, names, modes, scale_flags, is_free=None) -> tuple[ClassEquations, list[str]]:
+def _reduce_classes(equations, names, modes, scale_flags, is_free=None) -> tuple[ClassEquations, list[str]]:
     classes, notes = [], []
     for normal, name, own_scale in zip(equations, names, scale_flags, strict=True):
         if not normal.n_data:

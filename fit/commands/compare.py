@@ -15,7 +15,7 @@ from vsh.tools.notes import merge_notes
 
 def make_parser() -> argparse.ArgumentParser:
     """The parser of its options."""
-    parser = parsing.make(
+    parser = parsing.make_parser(
         prog="vsh-compare",
         description=(
             "Match the sources of two catalogues and fit vector spherical harmonics to their differences, with both "

@@ -17,7 +17,7 @@ from vsh.tools.errors import VshError
 
 def make_parser() -> argparse.ArgumentParser:
     """The parser of its options."""
-    parser = parsing.make(
+    parser = parsing.make_parser(
         prog="vsh-correlate",
         description=(
             "Show which parameters are correlated for the positions and errors of a catalogue's "

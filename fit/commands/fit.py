@@ -20,7 +20,7 @@ from vsh.tools.notes import count_dropped, count_unselected
 
 def make_parser() -> argparse.ArgumentParser:
     """The parser of its options."""
-    parser = parsing.make(
+    parser = parsing.make_parser(
         prog="vsh-fit",
         description=(
             "Fit vector spherical harmonics to a catalogue of proper motions: the spin of its frame, the "

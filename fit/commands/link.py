@@ -11,7 +11,7 @@ from vsh.tools.errors import ParameterError
 
 def make_parser() -> argparse.ArgumentParser:
     """The parser of its options."""
-    parser = parsing.make(
+    parser = parsing.make_parser(
         prog="vsh-link",
         description=(
             "Link frames over all magnitudes: orientation and spin of Gaia against VLBI (or any catalogues) from radio "

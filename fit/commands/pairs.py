@@ -11,7 +11,7 @@ from vsh.io.sections import Answer
 
 def make_parser() -> argparse.ArgumentParser:
     """The parser of its options."""
-    parser = parsing.make(
+    parser = parsing.make_parser(
         prog="vsh-pairs",
         description=(
             "Compute the two-point correlation of proper motions as a function of angular "

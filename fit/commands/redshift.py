@@ -21,7 +21,7 @@ from vsh.tools.notes import count_dropped, count_unselected
 
 def make_parser() -> argparse.ArgumentParser:
     """The parser of its options."""
-    parser = parsing.make(
+    parser = parsing.make_parser(
         prog="vsh-redshift",
         description=(
             "Fit our velocity (of the Solar System in the frame of the microwave background) or the Hubble constant "
@@ -206,7 +206,7 @@ def _run(options):
     prior = reading.velocity_of(options.velocity) or vsh.models.cosmology.CMB_VELOCITY_PLANCK18
     model, failure = _model_of(options), None
     method, value = parsing.method_and_value(options.method) if options.method else (None, None)
-    parts = _bin_parts(sky, options, model, prior, method, value) if options.bins else []
+    parts = _report_parts_of_bins(sky, options, model, prior, method, value) if options.bins else []
     sky = _clip_field(sky, float(value or 3.0)) if method == "clip" else sky
     if options.h0 or options.velocity or options.posterior:
         field = _select_known_redshifts(sky, options, source.label)
@@ -289,7 +289,7 @@ def _model_of(options):
     return model
 
 
-def _bin_parts(sky, options, model, velocity, method, value):
+def _report_parts_of_bins(sky, options, model, velocity, method, value):
     """Spin and acceleration in bins, and where asked for, or of many sources, with common systematic errors."""
     from fit.redshift import binned
 
@@ -307,7 +307,7 @@ def _bin_parts(sky, options, model, velocity, method, value):
     comparison, p_values = None, None
     if options.floor == "yes" or (bins.counts.sum() >= fit.quality.MANY and options.floor != "no"):
         # Permutations know nothing of the systematic errors.
-        comparison, remark = _estimate_shared_floor(bin_up_to, bins, options.lmax, options.floor == "yes")
+        comparison, remark = _compare_bins_with_systematics(bin_up_to, bins, options.lmax, options.floor == "yes")
     else:
         p_values = _p_values(sky, bins, velocity, options.redshift_frame, dispersion)
         remark = _floor_remark(sky, bins)
@@ -330,7 +330,7 @@ def _bin_parts(sky, options, model, velocity, method, value):
     return parts
 
 
-def _estimate_shared_floor(bin_up_to, bins, lmax, is_asked):
+def _compare_bins_with_systematics(bin_up_to, bins, lmax, is_asked):
     """The systematic errors, or None; and a remark on the p-values without them."""
     from fit.background import BEYOND, sees_part
 

@@ -8,7 +8,7 @@ from fit.distances._calibration import (
     calibrate_if_known,
     declared_frame,
     inverse_distances,
-    mean_rates,
+    motions_per_velocity,
 )
 from fit.distances._density import (
     LuminosityFunction,

@@ -25,13 +25,13 @@ from fit.distances._density import (
     LuminosityFunction,
     SourceDensity,
     VariancesByRedshift,
+    absolute_magnitude_histogram,
     complete_density,
     find_completeness_limit,
     fit_density,
     fit_luminosity,
     flow_information,
     flow_limits,
-    magnitude_counts,
     median_spread,
     redshift_counts,
     variance_sums,
@@ -241,7 +241,7 @@ def inverse_distances(field: Field, calibration: Calibration, threads: int | Non
     return InverseDistances(mean, variance, slope, has_distance, redshift)
 
 
-def mean_rates(field: Field, calibration: Calibration | None) -> FloatArray:
+def motions_per_velocity(field: Field, calibration: Calibration | None) -> FloatArray:
     """The motion that 1 km/s gives to each source, (n,), on average; nothing within the flow. [µas/yr per km/s]"""
     assert field.redshift is not None
     redshift = field.redshift
@@ -317,7 +317,7 @@ class _Moments:
         weight -= (offset / error) ** 2 / 2
         if magnitude is not None:
             weight += self.log_luminosity(magnitude - modulus)[0]
-        weight = _normalise_weights(weight)
+        weight = _quadrature_probabilities(weight)
         mean, centre = np.einsum("qn,qn->n", weight, rate), np.einsum("qn,qn->n", weight, offset)
         rate -= mean
         offset -= centre
@@ -347,7 +347,7 @@ def _moments_from_distances(calibration, distance, error, redshift, magnitude):
     nodes = (upper + lower) / 2 + (upper - lower) / 2 * _NODES[:, None]
     log_d = np.log(nodes)
     log_weight = 2 * log_d - ((nodes - distance) / error) ** 2 / 2
-    weight = _normalise_weights(log_weight + _log_prior(calibration, log_d, np.log1p(redshift), magnitude))
+    weight = _quadrature_probabilities(log_weight + _log_prior(calibration, log_d, np.log1p(redshift), magnitude))
     rate = np.exp(-log_d) / AU_PER_YEAR
     mean = np.sum(weight * rate, 0)
     return mean, np.sum(weight * (rate - mean) ** 2, 0)
@@ -361,7 +361,7 @@ def _log_prior(calibration, log_d, x, magnitude):
     return log
 
 
-def _normalise_weights(log_weight):
+def _quadrature_probabilities(log_weight):
     log_weight -= log_weight.max(0)
     weight = np.exp(log_weight, out=log_weight)
     weight *= _WEIGHTS[:, None]
@@ -592,7 +592,7 @@ def _calibration_sums(field, calibration):
         "lost": int(np.sum(error > np.log1p(z))),
         "magnitudes": int(has_magnitude.sum()),
         "faintest": [bright.max()] if has_magnitude.any() else [],
-        "bright": magnitude_counts(bright, modulus[has_magnitude]),
+        "bright": absolute_magnitude_histogram(bright, modulus[has_magnitude]),
         "counts": redshift_counts(z, error),
         "flow": flow_information(z, field.information),
         "variances": variance_sums(z, field.sigma),

@@ -228,7 +228,7 @@ class LuminosityFunction(InNotebook):
         return self.curve(magnitude)
 
 
-def magnitude_counts(magnitude: FloatArray, modulus: FloatArray) -> FloatArray:
+def absolute_magnitude_histogram(magnitude: FloatArray, modulus: FloatArray) -> FloatArray:
     """Sources by absolute magnitude and distance modulus, a table that adds over parts."""
     edges = [np.r_[lower_edges, lower_edges[-1] + _STEP] for lower_edges in (MAGNITUDES, MODULI)]
     return np.histogram2d(magnitude - modulus, modulus, bins=edges)[0]
@@ -246,7 +246,7 @@ def completeness_deviate(counts: FloatArray, limit: float) -> float:
     seen at its distance, the share that is brighter is uniform in a complete sample, however galaxies are distributed.
 
     counts : (m, k) array
-        Those of `magnitude_counts`.
+        Those of `absolute_magnitude_histogram`.
     limit : float
         The magnitude. Too few galaxies to tell give 0.
     """

@@ -58,16 +58,18 @@ class Cells:
         few, fine_count = _COUNTS[len(limits)]
         edges = [np.linspace(*pair, (count or few) + 1) for pair in limits]
         for _ in range(2):  # what the one before left over
-            coarse = cls._on(model, edges)
+            coarse = cls._evaluate_on_grid(model, edges)
             limits = [_support(edge, share) for edge, share in zip(edges, coarse.shares, strict=True)]
             edges = [np.linspace(*pair, (count or few) + 1) for pair in limits]
-        cells = cls._on(model, edges)
+        cells = cls._evaluate_on_grid(model, edges)
         if count is not None:
             return cells
-        return cls._on(model, [_refine_edges(edge, p, fine_count) for edge, p in zip(edges, cells.shares, strict=True)])
+        return cls._evaluate_on_grid(
+            model, [_refine_edges(edge, p, fine_count) for edge, p in zip(edges, cells.shares, strict=True)]
+        )
 
     @classmethod
-    def _on(cls, model, edges):
+    def _evaluate_on_grid(cls, model, edges):
         middles = [(edge[1:] + edge[:-1]) / 2 for edge in edges]
         points = np.stack([grid.ravel() for grid in np.meshgrid(*middles, indexing="ij")], axis=1)
         log, mean, covariance = model.marginalise_velocity(points)

@@ -22,9 +22,9 @@ from fit.secular_parallax import (
     DistanceModel,
     ParallaxEquations,
     ParallaxParts,
-    add_frame_warning,
     flow_covariance,
     local_group_of,
+    warn_of_undeclared_frame,
 )
 from vsh.field import MEASURED, Field
 from vsh.io import tables
@@ -57,7 +57,7 @@ def posterior_equations(
             f"{rows.n_own} sources have distances in Mpc, of which the motions tell v, not v · H0: the posterior takes "
             "redshifts alone. Leave those distances out, or fit with fit.secular_parallax.observer_velocity"
         )
-    rows = add_frame_warning(rows, field, model.redshift_frame)
+    rows = warn_of_undeclared_frame(rows, field, model.redshift_frame)
     if rows.left_out is not None:
         rows = replace(rows, notes=(_omitted_flow_note(rows, model_priors), *rows.notes))
     group = local_group_of(priors.local_group, rows)

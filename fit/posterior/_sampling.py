@@ -344,7 +344,7 @@ class Run:
         while True:
             self._make_room(target)
             if target > self.done:
-                self._go_on(target)
+                self._sample_until(target)
             if target >= self.most:
                 break
             slowest = float(np.max(autocorrelation(self.chain[:target])))
@@ -360,7 +360,7 @@ class Run:
             self.chain = np.concatenate([self.chain, np.empty((extra_steps, *self.chain.shape[1:]))])
             self.log_probability = np.concatenate([self.log_probability, np.empty((extra_steps, self.chain.shape[1]))])
 
-    def _go_on(self, target):
+    def _sample_until(self, target):
         """Run to a step, saving on the way."""
         save_time, cost = time.monotonic(), 0.0
         bar = progress_bar(None, target, "chain", self.progress, " steps", initial=self.done)

@@ -8,7 +8,7 @@ from typing import Any, Literal, cast
 
 import numpy as np
 
-from fit.distances import calibrate_if_known, mean_rates
+from fit.distances import calibrate_if_known, motions_per_velocity
 from fit.methods import estimate
 from fit.normal import NormalEquations, normal_equations, solve
 from fit.redshift._solution import FLOW_MATTERS, BinnedSolution, equality_chi2, shared_flow, slope_chi2
@@ -235,7 +235,7 @@ def _sums_by_bin(field, edges, modes, calibration, flow, sums_of):
         if not mask.any():
             continue
         inside = good[mask]
-        rate = mean_rates(inside, calibration)
+        rate = motions_per_velocity(inside, calibration)
         moments = _moments(inside, rate)
         columns: tuple[Any, ...] = ()
         if flow is not None:
@@ -518,4 +518,4 @@ def _parallax(field, velocity, calibration):
     """The motions by our velocity, (2, n); none within the flow. [µas/yr]"""
     velocity = velocity_in_frame(velocity, field.frame).value
     p, q, _ = triad(field.lon, field.lat)
-    return -np.stack([velocity @ p, velocity @ q]) * mean_rates(field, calibration)
+    return -np.stack([velocity @ p, velocity @ q]) * motions_per_velocity(field, calibration)

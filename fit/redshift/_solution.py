@@ -416,7 +416,7 @@ class BinnedSolution(Result):
         if len(self) < 2 or np.ptp(x) == 0:
             raise ParameterError("a trend needs at least two bins")
         l = 1 if first else None
-        values, covariance, free_modes, _ = self._select_series(None, l)
+        values, covariance, free_modes, _ = self._select_coefficients(None, l)
         q = values.shape[1]
         line = np.stack([np.ones(len(self)), x - x.mean()], 1)
         theta, _, theta_covariance = gls(values, covariance, line)
@@ -454,7 +454,7 @@ class BinnedSolution(Result):
             raise ParameterError(
                 "a secular parallax needs a distance in every bin, and some bin has no source with z ≥ 1e-4"
             )
-        values, covariance, free_modes, _ = self._select_series("S", 1)
+        values, covariance, free_modes, _ = self._select_coefficients("S", 1)
         rows = FIRST_DEGREE @ -velocity.to_frame(self.frame).value / AU_PER_YEAR
         constant, parallaxes = np.ones((len(self), 1)), np.outer(self.mean_inverse_distance, rows)
         theta, _, theta_covariance = gls(values - parallaxes, covariance, constant)
@@ -557,7 +557,7 @@ class BinnedSolution(Result):
 
         return plot_bins(self, velocity, ax=ax)
 
-    def _select_series(self, kind, l):
+    def _select_coefficients(self, kind, l):
         """Values (B, q) of some of the free coefficients, their covariance, which they are, and what of it is noise."""
         modes = list(self.modes)
         keep = [i for i, k in enumerate(self.free) if kind in (None, modes[k].kind) and l in (None, modes[k].l)]
@@ -573,7 +573,7 @@ class BinnedSolution(Result):
 
     def _compare_with_model(self, kind, l, design, model=0.0):
         """A test of the bins about a linear design; and what the fit gave, scaled and as quoted: (θ, χ², errors)."""
-        values, covariance, _, noise = self._select_series(kind, l)
+        values, covariance, _, noise = self._select_coefficients(kind, l)
         q = values.shape[1]
         root = np.repeat(np.sqrt(self.scales), q)
         scaled_estimate = gls(values - model, noise * np.outer(root, root) + (covariance - noise), design)

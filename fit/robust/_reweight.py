@@ -357,7 +357,7 @@ def _iterate_weights(sky, modes, weight, tolerance, max_rounds, least_nu=0.0):
     if plain.n_sources >= max(_SAMPLE, 2 * _FOR_EACH * len(modes)):
         with suppress(ConvergenceError, DegeneracyError):
             return plain, *_fit_by_newton(sky, plain, weight, information, tolerance, max_rounds, least_nu)
-    settle = partial(_settle, sky, plain, weight, information, tolerance, max_rounds)
+    settle = partial(_iterate_to_convergence, sky, plain, weight, information, tolerance, max_rounds)
     try:
         return plain, *settle(plain.values), None
     except (ConvergenceError, DegeneracyError):
@@ -440,18 +440,18 @@ def _step_sums(field, share):
     return {"score": score, **dict(zip(names, map(float, sums), strict=True))}
 
 
-def _settle(sky, plain, weight, information, tolerance, max_rounds, values):
+def _iterate_to_convergence(sky, plain, weight, information, tolerance, max_rounds, values):
     """The weighted fit, its weights and the number of rounds, from values of the coefficients to begin with."""
     modes, leverage = plain.modes, len(plain.modes) / plain.modes.components / information
     solution = replace(plain, coefficients=replace(plain.coefficients, values=values))
     for rounds in range(1, max_rounds + 1):
         label = f"{_NAME}, round {rounds}"
-        share = SourceWeights(solution, weight, leverage)
-        weight = weight.fitted(sky, share, label)
-        models = share.models
-        share = SourceWeights(solution, weight, leverage)
-        share.models[:] = models
-        sums = sky.sum(partial(_weighted_sums, share=share, modes=modes), roles=(), words=label)
+        source_weights = SourceWeights(solution, weight, leverage)
+        weight = weight.fitted(sky, source_weights, label)
+        models = source_weights.models
+        source_weights = SourceWeights(solution, weight, leverage)
+        source_weights.models[:] = models
+        sums = sky.sum(partial(_weighted_sums, share=source_weights, modes=modes), roles=(), words=label)
         solution = solve(sums["normal"])
         if rounds <= _ADAPTING:  # held fixed later, so that all settles
             leverage = len(modes) / modes.components / sums["u"]

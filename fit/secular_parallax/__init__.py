@@ -18,13 +18,13 @@ from fit.secular_parallax._equations import (
 from fit.secular_parallax._estimate import (
     WITHOUT_GROUP,
     VelocityForecast,
-    add_frame_warning,
     forecast_velocity,
     hubble_constant,
     is_frame_undeclared,
     local_group_of,
     observer_velocity,
     predict_errors,
+    warn_of_undeclared_frame,
 )
 from fit.secular_parallax._model import ASSUMED, LEFT_DISPERSION, DistanceModel, modes_within
 from fit.secular_parallax._solution import HubbleSolution, ParallaxSolution, VelocitySolution

@@ -36,7 +36,7 @@ def is_frame_undeclared(field: Field | Parts, redshift_frame: str | None) -> boo
     return first_field.redshift is not None and first_field.redshift_frame is None
 
 
-def add_frame_warning(rows: Any, field: Field | Parts, redshift_frame: str | None) -> Any:
+def warn_of_undeclared_frame(rows: Any, field: Field | Parts, redshift_frame: str | None) -> Any:
     """The equations, with a note and a warning where the frame of the redshifts is not given."""
     if not is_frame_undeclared(field, redshift_frame):
         return rows
@@ -117,7 +117,7 @@ def observer_velocity(
             "fit.posterior.sample"
         )
     model = model_of(model, options)
-    rows = add_frame_warning(model.equations(field, ratio=hubble / model.hubble), field, model.redshift_frame)
+    rows = warn_of_undeclared_frame(model.equations(field, ratio=hubble / model.hubble), field, model.redshift_frame)
     return velocity_from(rows, hubble, model.dispersion, spin, acceleration, excess_noise)
 
 
@@ -198,7 +198,7 @@ def hubble_constant(
             "fit.posterior.sample"
         )
     model = model_of(model, options)
-    rows = add_frame_warning(model.equations(field, apart=True), field, model.redshift_frame)
+    rows = warn_of_undeclared_frame(model.equations(field, apart=True), field, model.redshift_frame)
     solution = hubble_from(rows, velocity, model.dispersion, spin, acceleration, excess_noise, hubble, local_group)
     frame = model.redshift_frame or declared_frame(field)
     if rows.modes is None or local_group or local_group is False or frame in (None, "true"):

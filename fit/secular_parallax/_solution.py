@@ -314,7 +314,7 @@ class ParallaxSolution(NamedSolution):
     def to_table(self) -> Table:
         """Parameters with their errors, units and correlations as an astropy Table, a row each; tests in its meta."""
         table = super().to_table()
-        table.meta |= self._tests() | {"n_sources": self.n_sources, "chi2": self.chi2, "dof": self.dof}
+        table.meta |= self._table_metadata() | {"n_sources": self.n_sources, "chi2": self.chi2, "dof": self.dof}
         units = {"v": "km / s", "H0": "km / (s Mpc)"}
         table.add_column([units.get(name.partition("_")[0], "uas / yr") for name in self.names], 3, "unit")
         return table
@@ -336,7 +336,7 @@ class ParallaxSolution(NamedSolution):
         """
         return sections_of(self, source, truth, long)
 
-    def _tests(self):
+    def _table_metadata(self):
         """p-values and limits by name."""
         return {}
 
@@ -373,7 +373,7 @@ class VelocitySolution(ParallaxSolution):
         galactic = self.velocity.to_frame("galactic")
         return galactic.direction, galactic.direction_error
 
-    def _tests(self):
+    def _table_metadata(self):
         return {
             "assumed_hubble": self.assumed_hubble,
             "p_value_zero": self.velocity.p_value,
@@ -420,7 +420,7 @@ class HubbleSolution(ParallaxSolution):
         upper = self.hubble - ndtri(0.05 * above_zero) * self.hubble_error
         return max(float(lower), 0.0), float(upper)
 
-    def _tests(self):
+    def _table_metadata(self):
         lower, upper = self.hubble_limits
         limits = {"hubble_above_95": lower} if lower > 0 else {}
         return {"assumed_velocity": self.assumed_velocity.amplitude, **limits, "hubble_below_95": upper}

@@ -36,7 +36,7 @@ HUBBLE = 67.3
 
 def make_parser() -> argparse.ArgumentParser:
     """The parser of its options."""
-    parser = parsing.make(
+    parser = parsing.make_parser(
         prog="vsh-sim",
         description=(
             "Simulate quasars or galaxies as Gaia sees them: every transit of a five-year mission, photocentres "

@@ -122,9 +122,9 @@ def link(
     else:
         orientations, turning = frame(magnitude)
     truth = np.vstack([lon, lat, parallax, motion])
-    size = wrong * np.ones(total)
+    error_factor = wrong * np.ones(total)
     if np.isfinite(tails):
-        size /= np.sqrt(rng.chisquare(tails, total) / tails)
+        error_factor /= np.sqrt(rng.chisquare(tails, total) / tails)
     orbit = np.zeros((5, total))
     double = ~still & (rng.uniform(size=total) < binaries)
     orbit[:2] = _ORBIT[0] * rng.standard_normal((2, total)) * double + offset * rng.standard_normal((2, total)) * still
@@ -142,7 +142,7 @@ def link(
 
     sigma = _GAIA[:, None] * parallax_error(np.maximum(magnitude, 9.0))
     root = np.linalg.cholesky(np.eye(5) + 0.3 * (np.ones((5, 5)) - np.eye(5)))
-    gaia = sigma * (root @ rng.standard_normal((5, total))) * size
+    gaia = sigma * (root @ rng.standard_normal((5, total))) * error_factor
     gaia[:2] += np.stack([np.sum(q * orientations, 0), -np.sum(p * orientations, 0)])
     gaia[3:] += np.stack([np.sum(q * turning, 0), -np.sum(p * turning, 0)])
     covariance = (root @ root.T)[None] * sigma.T[:, :, None] * sigma.T[:, None, :]
@@ -158,7 +158,7 @@ def link(
         t = (epoch + np.where(once, k * 0.37, 0.0))[indices]
         later, _ = propagate(truth[:, indices], velocity[indices], _GAIA_EPOCH, t)
         east, north, _ = triad(later[0], later[1])
-        error = sigma[:, indices] * rng.standard_normal((5, len(indices))) * size[indices] + orbit[:, indices]
+        error = sigma[:, indices] * rng.standard_normal((5, len(indices))) * error_factor[indices] + orbit[:, indices]
         error[:2] += orbit[3:, indices] * (t - _GAIA_EPOCH)
         is_single = once[indices]
         b = earth(t)

@@ -258,7 +258,7 @@ class NominalScanningLaw(Frozen):
             Show a bar, after two seconds.
         """
         lon, lat = np.atleast_1d(np.asarray(lon, float)), np.atleast_1d(np.asarray(lat, float))
-        is_compiled = self.compiles(len(lon))
+        is_compiled = self.uses_compiled_search(len(lon))
         blocks = list(
             map_blocks(
                 lambda part: (part.start, self.transits_of_block(lon[part], lat[part], compiled=is_compiled)),
@@ -275,7 +275,7 @@ class NominalScanningLaw(Frozen):
             *(np.concatenate([getattr(b, name) for _, b in blocks] or [np.zeros(0)]) for name in names),
         )
 
-    def compiles(self, n: int) -> bool:
+    def uses_compiled_search(self, n: int) -> bool:
         """Return whether transits of `n` sources are looked for by a compiled loop: they are many, and numba is
         installed."""
         return n >= _MANY and has_numba()

@@ -8,7 +8,7 @@ from vsh.tools.errors import VshError
 
 def make_parser() -> argparse.ArgumentParser:
     """Make the parser of the command's options."""
-    parser = parsing.make(
+    parser = parsing.make_parser(
         prog="vsh-forecast",
         description=(
             "Forecast uncertainties of spin, acceleration, R0, gravitational waves, shear, our velocity and H0 for "

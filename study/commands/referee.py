@@ -10,7 +10,7 @@ from vsh.tools.notes import count_dropped, merge_notes
 
 def make_parser() -> argparse.ArgumentParser:
     """The parser of its options."""
-    parser = parsing.make(
+    parser = parsing.make_parser(
         prog="vsh-referee",
         description=(
             "Repeat every published analysis of the motions of quasars on one catalogue, with systematic errors "

@@ -22,7 +22,7 @@ from vsh.tools.units import DEGREE
 
 def make_parser() -> argparse.ArgumentParser:
     """The parser of its options."""
-    parser = parsing.make(
+    parser = parsing.make_parser(
         prog="vsh-waves",
         description=(
             "Look for gravitational waves within the mission in epoch astrometry: limits by frequency, with what an"

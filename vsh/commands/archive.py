@@ -50,7 +50,7 @@ _NEIGHBOURS = "dr3-neighbourhood"
 
 def make_parser() -> argparse.ArgumentParser:
     """The parser of its options."""
-    parser = parsing.make(
+    parser = parsing.make_parser(
         prog="vsh-archive",
         description=(
             "Fetch a catalogue from an archive (TAP), as a FITS file that vsh-fit reads. A file that is there is "

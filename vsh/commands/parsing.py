@@ -377,7 +377,7 @@ def configuration_of(path: str, command: str) -> Configuration:
     return Configuration(command, options, str(raw.get("version", "")), raw.get("files", {}))
 
 
-def collect_options(parser: argparse.ArgumentParser, words: Sequence[str]) -> dict[str, Any]:
+def parse_options_as_text(parser: argparse.ArgumentParser, words: Sequence[str]) -> dict[str, Any]:
     """Collect the options of a command line as text, by name, without checking values; the parser is changed."""
     actions = parser._actions
     parser.usage = parser.format_usage().split(": ", 1)[1].strip()  # of the parser as it was
@@ -402,7 +402,7 @@ def merge_configuration(
     parser: argparse.ArgumentParser, make_parser: Callable[[], argparse.ArgumentParser], words: Sequence[str]
 ) -> tuple[list[str], Configuration]:
     """The words of the command line after those of its --config; what is on the line prevails."""
-    settings = collect_options(make_parser(), words)
+    settings = parse_options_as_text(make_parser(), words)
     try:
         configuration = configuration_of(settings["config"], parser.prog)
     except argparse.ArgumentTypeError as error:
@@ -518,7 +518,7 @@ def parse(module: Any, arguments: Sequence[str] | None = None) -> argparse.Names
     if hasattr(module, "narrow") and asks - {"--version"}:
         module.narrow(parser, command_line)
     if settings_of_process.get("citation") and not asks:
-        print(bibtex(parser.prog, collect_options(module.make_parser(), command_line)))
+        print(bibtex(parser.prog, parse_options_as_text(module.make_parser(), command_line)))
         parser.exit()
     if _is_given("--config", command_line) and not asks:
         command_line, configuration = merge_configuration(parser, module.make_parser, command_line)
@@ -532,7 +532,7 @@ def parse(module: Any, arguments: Sequence[str] | None = None) -> argparse.Names
         module.check(parser, options)
     options.program = parser.prog
     options.expected = {} if configuration is None else dict(configuration.files)
-    settings = collect_options(module.make_parser(), command_line)
+    settings = parse_options_as_text(module.make_parser(), command_line)
     options.given = {name: _without_secrets(value) for name, value in settings.items()}
     options.command = [
         parser.prog,
@@ -620,7 +620,7 @@ _EXAMPLES, _EXAMPLE = "examples:\n", "example:\n"
 MORE = " | "
 
 
-def make(prog: str, description: str, examples: Sequence[str]) -> argparse.ArgumentParser:
+def make_parser(prog: str, description: str, examples: Sequence[str]) -> argparse.ArgumentParser:
     """The parser of a command, whose help ends with examples and the place of its page."""
     lines = "".join(f"  {example}\n" for example in examples)
     epilog = f"{_EXAMPLES}{lines}\nfull documentation: docs/commands/{prog}.md"

@@ -46,7 +46,7 @@ def read(path: PathName) -> Any:
     source = tables.open_table(path)
     mark = {str(key).upper(): value for key, value in source.meta.items()}.get("RESULT")
     if mark is None:
-        return catalogue.read_field(path) if catalogue.has_motions(source.names) else tables.read_table(path)
+        return catalogue.read_field(path) if catalogue.has_field_columns(source.names) else tables.read_table(path)
     try:
         facts = json.loads(mark)
         module, class_name = str(facts["module"]), str(facts["type"])

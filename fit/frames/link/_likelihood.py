@@ -240,12 +240,12 @@ def _laplace(rows, prior, tails, s, values, weight, curvature):
     """Compute ln of prior and volume at the highest posterior, and the covariance from the curvature there."""
     matrix0, rhs0 = prior
     normal_matrix = (rows.design * weight[rows.source, None]).T @ rows.design + matrix0
-    pull = _source_gradients(rows, values)
-    matrix = normal_matrix + (pull * curvature[:, None]).T @ pull
+    gradients = _source_gradients(rows, values)
+    matrix = normal_matrix + (gradients * curvature[:, None]).T @ gradients
     if np.linalg.eigvalsh(matrix)[0] <= 0.2 * np.linalg.eigvalsh(normal_matrix)[0]:  # between two modes
         d = rows.dims
         ratio = (1 - tails.share) * (tails.nu + d) / (tails.nu + d + 2) / s**2
         matrix = (rows.design * ratio[rows.source, None]).T @ rows.design + matrix0
     factor = cho_factor(matrix)
-    volume = rhs0 @ values - values @ matrix0 @ values / 2 - np.sum(np.log(np.diag(factor[0])))
-    return float(volume), cho_solve(factor, np.eye(len(values)))
+    log_volume = rhs0 @ values - values @ matrix0 @ values / 2 - np.sum(np.log(np.diag(factor[0])))
+    return float(log_volume), cho_solve(factor, np.eye(len(values)))

@@ -91,7 +91,7 @@ def latex_of(solution: Any, style: str = "booktabs", *, full: bool = False, answ
 
 def _powers(solution, style):
     """Rows of the power of each degree, without its noise."""
-    lines = [rf"Power & noise-debiased & error & $p$-value & {_square_unit(solution.unit)} \\"]
+    lines = [rf"Power & noise-debiased & error & $p$-value & {_latex_squared_unit(solution.unit)} \\"]
     for power in spectrum(solution):
         digits = decimals_of_error(power.error)
         texts = (*(f"{value:.{digits}f}" for value in (power.debiased, power.error)), p_value(power.p_value))
@@ -112,7 +112,7 @@ def _caption(solution, answer):
     return " ".join(f"{latex_text(fact)}." for fact in facts)
 
 
-def _square_unit(unit):
+def _latex_squared_unit(unit):
     """The unit of powers."""
     return rf"(({latex_text(unit)})$^2$)" if unit else ""
 

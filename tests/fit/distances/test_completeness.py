@@ -8,7 +8,7 @@ from conftest import few_or_many
 
 import sim
 from fit.distances import calibrate
-from fit.distances._density import completeness_deviate, find_completeness_limit, magnitude_counts
+from fit.distances._density import absolute_magnitude_histogram, completeness_deviate, find_completeness_limit
 from fit.secular_parallax import observer_velocity
 from vsh import Field
 from vsh.models.cosmology import distance_modulus, transverse_distance
@@ -38,7 +38,9 @@ def galaxies(seed, n=1500, softness=0.0):
 
 
 def table(field):
-    return magnitude_counts(field.magnitude, distance_modulus(transverse_distance(field.redshift), field.redshift))
+    return absolute_magnitude_histogram(
+        field.magnitude, distance_modulus(transverse_distance(field.redshift), field.redshift)
+    )
 
 
 @few_or_many(12, 100)

@@ -8,7 +8,7 @@ from conftest import few_or_many
 from scipy.optimize import minimize
 
 import sim
-from fit.distances import calibrate, inverse_distances, mean_rates
+from fit.distances import calibrate, inverse_distances, motions_per_velocity
 from fit.distances._density import LogCurve
 from fit.secular_parallax import observer_velocity
 from vsh.io.parts import as_parts
@@ -114,7 +114,7 @@ def test_true_redshifts_are_taken_as_they_are():
     np.testing.assert_allclose(found.mean, 1 / (AU_PER_YEAR * transverse_distance(true)))
     assert not found.variance.any()
     assert not found.slope.any()
-    np.testing.assert_allclose(mean_rates(field, None), found.mean)
+    np.testing.assert_allclose(motions_per_velocity(field, None), found.mean)
 
 
 @few_or_many(4, 30)

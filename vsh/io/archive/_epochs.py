@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from vsh.io import tables
-from vsh.io.archive._tap import _message, _open, _read_note, _read_some, _RefusedError, _write_note
+from vsh.io.archive._tap import _message, _open, _read_at_most, _read_note, _RefusedError, _write_note
 from vsh.tools.arguments import positive, whole
 from vsh.tools.errors import ArchiveError, VshError
 from vsh.tools.files import atomic_write, digest, hold_lock, remove_unfinished
@@ -168,7 +168,7 @@ class _DataServer:
         }  # fmt: skip
         end = time.monotonic() + self.patience
         with _open(self.url, form, end) as answer:
-            return _read_some(answer, _MOST, end)
+            return _read_at_most(answer, _MOST, end)
 
 
 def _fetch_batch(source, ids, prefix):

@@ -92,7 +92,7 @@ def check_schema(schema: str = DR4.schema, url: str = ESA) -> SchemaCheck:
     if release is DR4:
         queries["dr3-neighbourhood"] = NEIGHBOURS
     url = str(url).rstrip("/")
-    wanted = sorted({table for adql in queries.values() for table in _aliases(adql, schema).values()})
+    wanted = sorted({table for adql in queries.values() for table in _tables_by_alias(adql, schema).values()})
     listing = ", ".join(f"'{table}'" for table in wanted) or f"'{schema}'"
     table_columns: dict[str, set[str]] = {}
     for table, column in query_rows(
@@ -112,7 +112,7 @@ def check_schema(schema: str = DR4.schema, url: str = ESA) -> SchemaCheck:
     return SchemaCheck(schema, len(used), sum(len(table_columns[table]) for table in used), missing)
 
 
-def _aliases(adql, schema):
+def _tables_by_alias(adql, schema):
     """The tables of a schema that a query names, by their aliases."""
     return {alias: table.lower() for table, alias in _TABLES.findall(adql) if table.lower().startswith(f"{schema}.")}
 
@@ -120,7 +120,7 @@ def _aliases(adql, schema):
 def _missing_names(adql, schema, table_columns, names):
     """Names of a query that a schema lacks, with the nearest ones; `names` are those of its tables."""
     absent: list[tuple[str, str | None]] = []
-    aliases = _aliases(adql, schema)
+    aliases = _tables_by_alias(adql, schema)
     for table in dict.fromkeys(aliases.values()):
         if table not in table_columns:
             absent.append((table, _nearest(table, names)))

@@ -142,7 +142,7 @@ def _fetch_answer(path, request, upload, patience, interval, max_bytes, overwrit
             positive("max_bytes", max_bytes),
             progress,
         )
-        rows, sha = _count_rows(temporary_path, max_rows), digest(temporary_path)
+        rows, sha = _check_complete(temporary_path, max_rows), digest(temporary_path)
         timestamp = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
         _write_note(note, request | {"rows": rows, "fetched": timestamp, "sha256": sha})
     return path
@@ -206,12 +206,12 @@ def query_rows(adql: str, names: tuple[str, ...], url: str) -> list[list[str]]:
     """
     form = {"REQUEST": "doQuery", "LANG": "ADQL", "FORMAT": "csv", "QUERY": adql}
     with _open(f"{url}/sync", form) as answer:
-        rows = _rows_of_csv(_read_some(answer, _NAMES_BYTES, time.monotonic() + 120), names, url)
+        rows = _rows_of_csv(_read_at_most(answer, _NAMES_BYTES, time.monotonic() + 120), names, url)
     if rows and len(rows) % _ROUND == 0:
         job = _submit(adql, url, None, table_format="csv")
         _wait(job, 600.0, 1.0, False)
         with _open(f"{job}/results/result") as answer:
-            rows = _rows_of_csv(_read_some(answer, _NAMES_BYTES, time.monotonic() + 120), names, url)
+            rows = _rows_of_csv(_read_at_most(answer, _NAMES_BYTES, time.monotonic() + 120), names, url)
     return rows
 
 
@@ -265,7 +265,7 @@ def _usable_job(job):
 
 def _phase(job, end=None):
     with _open(f"{job}/phase", end=end) as answer:
-        phase = _read_some(answer, 1000, _short_deadline(end)).decode("utf-8", "replace").strip()
+        phase = _read_at_most(answer, 1000, _short_deadline(end)).decode("utf-8", "replace").strip()
     if phase not in (*_WAITING, *_ENDED):
         raise ArchiveError(f"{job}/phase sent {printable(phase[:80])!r}, which is no phase of a job")
     return phase
@@ -277,13 +277,13 @@ def _short_deadline(end=None):
     return soon if end is None else min(soon, max(end, time.monotonic() + 1.0))
 
 
-def _read_some(answer, size, end):
+def _read_at_most(answer, size, deadline):
     """Read a limited number of bytes of an answer, until `end` at the latest; all that it announced, or none."""
     body = bytearray()
     try:
         while len(body) < size and (block := answer.read1(size - len(body))):
             body += block
-            if time.monotonic() > end:
+            if time.monotonic() > deadline:
                 raise ArchiveError("the server sends too slowly: the same call later waits on")
     except (OSError, http.client.HTTPException) as error:
         raise ArchiveError(f"{answer.geturl()}: the connection broke ({first_line(error)}); try again") from error
@@ -321,7 +321,7 @@ def _wait(job, patience, interval, progress):
             interval = min(1.3 * interval, 30.0)
     if phase != "COMPLETED":
         with _open(f"{job}/error") as answer:
-            message = _message(_read_some(answer, _BLOCK, _short_deadline()))
+            message = _message(_read_at_most(answer, _BLOCK, _short_deadline()))
         raise ArchiveError(f"the query ended {phase.lower()}: {message or 'the server does not say why'}")
 
 
@@ -365,7 +365,7 @@ def _check_room(size, path, max_bytes):
         raise ArchiveError(f"the answer has {size} bytes, and the disk has room for {free_space}")
 
 
-def _count_rows(path, max_rows):
+def _check_complete(path, max_rows):
     """Count the rows of the table, once it is known to be complete."""
     with path.open("rb") as file:
         start = file.read(_BLOCK)
@@ -428,7 +428,7 @@ def _open(url, form=None, end=None, upload=None):
         return answer
     if isinstance(answer, urllib.error.HTTPError):
         with answer:
-            message = _message(_read_some(answer, _BLOCK, _short_deadline()))
+            message = _message(_read_at_most(answer, _BLOCK, _short_deadline()))
         raise _RefusedError(f"{url} answered {answer.code}: {message or answer.reason}") from answer
     if isinstance(answer, (OSError, http.client.HTTPException, ValueError)):
         reason = getattr(answer, "reason", None) or answer

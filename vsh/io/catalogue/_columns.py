@@ -297,7 +297,7 @@ def nothing_selected(notes: Iterable[str]) -> EmptySelectionError:
 
 
 def conversion_factors(
-    where: Mapping[str, str], units: Mapping[str, Any] | None, source: TableSource, usual: str | None = None
+    column_of: Mapping[str, str], units: Mapping[str, Any] | None, source: TableSource, assumed_unit: str | None = None
 ) -> Any:
     """Factors on the columns by role, and the names of the columns that were taken in an assumed unit, by unit."""
     units = {str(name).strip(): unit for name, unit in (units or {}).items()}
@@ -308,9 +308,9 @@ def conversion_factors(
     assumed_units: dict[str, list[str]] = {}
     missing_units: dict[str, str] = {}
     # Motions and errors without a unit are all in that of pmra.
-    like_gaia = REQUIRED[3:] if where.get("pmra", "").lower() == "pmra" else ()
-    for role in [role for role in (*REQUIRED, *FURTHER_UNITS) if role in where]:
-        name, target = where[role], UNITS.get(role, FURTHER_UNITS.get(role))
+    like_gaia = REQUIRED[3:] if column_of.get("pmra", "").lower() == "pmra" else ()
+    for role in [role for role in (*REQUIRED, *FURTHER_UNITS) if role in column_of]:
+        name, target = column_of[role], UNITS.get(role, FURTHER_UNITS.get(role))
         unit = unit_of(name, units, source)
         if role == "ra":
             unit = _as_hour_angle(unit)
@@ -318,15 +318,15 @@ def conversion_factors(
             role_factors[role] = (_factor if role in REQUIRED else partial(_optional_factor, role))(
                 name, unit, target, name in units
             )
-        elif role in _UNIT_OF and unit_of(where[_UNIT_OF[role]], units, source) is not None:
+        elif role in _UNIT_OF and unit_of(column_of[_UNIT_OF[role]], units, source) is not None:
             # An error is in the unit of what it is the error of, unless the table states another.
-            motion = where[_UNIT_OF[role]]
+            motion = column_of[_UNIT_OF[role]]
             unit = unit_of(motion, units, source)
             assumed_units.setdefault(f"{_unit_text(unit)}, the unit of {printable(motion)}", []).append(name)
             role_factors[role] = _factor(motion, unit, target, motion in units)
-        elif usual is not None and role in REQUIRED[2:]:
-            assumed_units.setdefault(usual, []).append(name)
-            role_factors[role] = _factor(name, usual, target, False)
+        elif assumed_unit is not None and role in REQUIRED[2:]:
+            assumed_units.setdefault(assumed_unit, []).append(name)
+            role_factors[role] = _factor(name, assumed_unit, target, False)
         elif role in ("ra", "dec") or (role in _GAIA_UNITS and name.lower() == role) or role in like_gaia:
             assumed_units.setdefault(_unit_text(target), []).append(name)
             role_factors[role] = 1.0
@@ -341,7 +341,7 @@ def conversion_factors(
         hint = shlex.quote(",".join(f"{name}={unit.replace(' ', '')}" for name, unit in missing_units.items()))
         lengths = (
             ", or kpc or pc"
-            if any(role.startswith("distance") and where.get(role) in missing_units for role in MUST_SAY)
+            if any(role.startswith("distance") and column_of.get(role) in missing_units for role in MUST_SAY)
             else ""
         )
         raise TableError(f"{several} no unit: say which, units={missing_units!r}{lengths} (--units {hint})")
@@ -367,13 +367,13 @@ def _unit_text(unit):
     return str(unit)
 
 
-def notes_on_units(where: Mapping[str, str], units: Mapping[str, Any]) -> list[str]:
+def notes_on_units(column_of: Mapping[str, str], units: Mapping[str, Any]) -> list[str]:
     """A note where motions and their errors are not all in one unit, which is seldom meant."""
-    roles = [role for role in REQUIRED[2:] if role in units and not where[role].startswith(ASSUMED)]
+    roles = [role for role in REQUIRED[2:] if role in units and not column_of[role].startswith(ASSUMED)]
     sizes = {role: units[role] for role in roles}
     if len({float(f"{size:.9g}") for size in sizes.values()}) < 2:
         return []
-    listing = ", ".join(f"{printable(where[role])} in units of {size:.6g} mas/yr" for role, size in sizes.items())
+    listing = ", ".join(f"{printable(column_of[role])} in units of {size:.6g} mas/yr" for role, size in sizes.items())
     return [CodedNote(f"proper motions and errors are in different units: is that so? ({listing})", ASSUMED_UNITS)]
 
 

@@ -62,7 +62,7 @@ class TableFrames(NamedTuple):
     notes: tuple[str, ...] = ()
 
 
-def frames_of(where: Mapping[str, str], frame: str | None, source: TableSource) -> TableFrames:
+def frames_of(column_of: Mapping[str, str], frame: str | None, source: TableSource) -> TableFrames:
     """The axes of a table: those asked for, those it states of itself, or by the names of its columns.
 
     If positions have names of one frame and motions those of ICRS (l, b, pmra, pmdec), they are in these two frames.
@@ -72,18 +72,18 @@ def frames_of(where: Mapping[str, str], frame: str | None, source: TableSource) 
     TableError
         If the table states axes that are not read, or names alone do not tell them.
     """
-    by_name = _frame_by_names(where.get("ra"), where.get("dec"))
-    if frame is None and (old := [where[role] for role in _POSITIONS if _OLD.search(where.get(role, ""))]):
+    by_name = _frame_by_names(column_of.get("ra"), column_of.get("dec"))
+    if frame is None and (old := [column_of[role] for role in _POSITIONS if _OLD.search(column_of.get(role, ""))]):
         raise TableError(
             f"column {printable(old[0])!r}: positions of B1950 are not read. Turn them to ICRS first, or say frame= "
             "(--columns frame=) if the name is wrong"
         )
-    of_motions = next((name for name, pattern in _MOTIONS.items() if _have_motion_names(pattern, where)), None)
-    _check_errors(where, of_motions)
-    stated, notes = (None, ()) if frame is not None else _stated_frame(where, source)
+    of_motions = next((name for name, pattern in _MOTIONS.items() if _have_motion_names(pattern, column_of)), None)
+    _check_errors(column_of, of_motions)
+    stated, notes = (None, ()) if frame is not None else _stated_frame(column_of, source)
     known = check_frame(frame) if frame is not None else stated if by_name in (None, stated) else None
     if by_name and of_motions == "icrs" and known in (None, by_name):
-        names = ", ".join(printable(where[role]) for role in (*_POSITIONS, "pmra", "pmdec"))
+        names = ", ".join(printable(column_of[role]) for role in (*_POSITIONS, "pmra", "pmdec"))
         note = f"{names}: {by_name} positions, turned to ICRS, in whose axes the motions are by their names"
         return TableFrames("icrs", by_name, (*notes, note))
     if known is not None:
@@ -91,9 +91,9 @@ def frames_of(where: Mapping[str, str], frame: str | None, source: TableSource) 
     if by_name and of_motions == by_name:
         return TableFrames(by_name, by_name, (f"{by_name} axes, by the names of the columns",))
     if by_name:
-        role = next(role for role in _POSITIONS if _frame_by_names(where.get(role)))
+        role = next(role for role in _POSITIONS if _frame_by_names(column_of.get(role)))
         raise TableError(
-            f"column {where[role]!r} is given as {role}: are these {by_name} coordinates? Say frame={by_name!r} "
+            f"column {column_of[role]!r} is given as {role}: are these {by_name} coordinates? Say frame={by_name!r} "
             f'(--columns frame={by_name}), or frame="icrs"'
         )
     return TableFrames("icrs", "icrs", notes)
@@ -105,19 +105,21 @@ def _frame_by_names(*names):
     return next((frame for frame, known in _BY_NAME.items() if any(name in known for name in plain)), None)
 
 
-def _have_motion_names(pattern, where, suffix=""):
+def _have_motion_names(pattern, column_of, suffix=""):
     """Return whether both components of the motions, or of what has the suffix, have names of a frame."""
-    names = [where[f"{role}{suffix}"] for role in ("pmra", "pmdec") if f"{role}{suffix}" in where]
+    names = [column_of[f"{role}{suffix}"] for role in ("pmra", "pmdec") if f"{role}{suffix}" in column_of]
     return len(names) == 2 and all(
         pattern.fullmatch(_ERROR_WORDS.sub("", name_and_unit(name)[0]).strip("_ ")) for name in names
     )
 
 
-def _check_errors(where, of_motions):
+def _check_errors(column_of, of_motions):
     """Raise TableError where errors have the names of other axes than the motions have."""
-    of_errors = next((name for name, pattern in _MOTIONS.items() if _have_motion_names(pattern, where, "_error")), None)
+    of_errors = next(
+        (name for name, pattern in _MOTIONS.items() if _have_motion_names(pattern, column_of, "_error")), None
+    )
     if of_motions and of_errors and of_motions != of_errors:
-        names = [printable(where[role]) for role in ("pmra", "pmdec", "pmra_error", "pmdec_error")]
+        names = [printable(column_of[role]) for role in ("pmra", "pmdec", "pmra_error", "pmdec_error")]
         raise TableError(
             f"motions {names[0]} and {names[1]} are of {of_motions} axes, errors {names[2]} and {names[3]} of "
             f"{of_errors} ones, by their names: errors and correlations have to be turned with the motions. Read both "
@@ -125,12 +127,12 @@ def _check_errors(where, of_motions):
         )
 
 
-def _stated_frame(where, source):
+def _stated_frame(column_of, source):
     """The frame that a table states of itself, or None, and notes."""
     header = {str(key).upper(): value for key, value in source.meta.items()}
     if header.get(FRAME_KEY) in FRAMES:
         return str(header[FRAME_KEY]), ()
-    systems = {source.systems[where[role]] for role in _POSITIONS if where.get(role) in source.systems}
+    systems = {source.systems[column_of[role]] for role in _POSITIONS if column_of.get(role) in source.systems}
     if not systems:
         systems = {
             (str(header[key]).strip(), header.get("EQUINOX")) for key in ("RADESYS", "RADECSYS") if header.get(key)
@@ -178,14 +180,14 @@ def turn_positions(columns: dict[str, Any], frames: TableFrames) -> None:
         columns[role] = np.ma.MaskedArray(np.degrees(values), missing) if missing.any() else np.degrees(values)
 
 
-def redshift_frame_of(where: Mapping[str, str], source: TableSource) -> str | None:
+def redshift_frame_of(column_of: Mapping[str, str], source: TableSource) -> str | None:
     """The frame of a table's redshifts, where its metadata or the column's description tell it."""
-    if "redshift" not in where:
+    if "redshift" not in column_of:
         return None
     header_frame = next((value for key, value in source.meta.items() if str(key).upper() == REDSHIFT_FRAME_KEY), None)
     if header_frame in REDSHIFT_FRAME_NAMES:
         return str(header_frame)
-    return redshift_frame_in(source.descriptions.get(where["redshift"]))
+    return redshift_frame_in(source.descriptions.get(column_of["redshift"]))
 
 
 def one_redshift_frame(values: Any, source: TableSource) -> str | None:

@@ -63,7 +63,7 @@ def column_names_of(frame: str) -> dict[str, str]:
     return names | {"pmra_pmdec_corr": f"{east}_{north}_corr"}
 
 
-def has_motions(names: Iterable[str]) -> bool:
+def has_field_columns(names: Iterable[str]) -> bool:
     """Return whether a table has all columns of positions, motions and errors that a field of some axes writes."""
     present = set(names)
     return any({column_names_of(frame)[role] for role in REQUIRED} <= present for frame in AXES)

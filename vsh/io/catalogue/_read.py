@@ -184,7 +184,7 @@ def _maker_of_columns(source, names, reading):
             raise TableError(f"{table.label}: {missing_column(name, table)}")
     make = _FieldMaker(table, **options, roles=())
     make.names = tuple(dict.fromkeys((*make.names, *names)))
-    make.where["name"] = _ROW  # names are carried along by whatever leaves rows out
+    make.column_of["name"] = _ROW  # names are carried along by whatever leaves rows out
     return make
 
 
@@ -262,34 +262,36 @@ class _FieldMaker:
         column_names, self.notes = locate_columns(as_columns(columns), self.source)
         self.notes = [*assumed_errors, *self.notes]
         self.chosen = None if where is None else RowSelection(where, self.source, column_names)
-        self.where = {role: name for role, name in column_names.items() if role not in OPTIONAL or role in roles}
-        self.frames = frames_of(self.where, frame, self.source)
+        self.column_of = {role: name for role, name in column_names.items() if role not in OPTIONAL or role in roles}
+        self.frames = frames_of(self.column_of, frame, self.source)
         self.frame = self.frames.frame
-        self.redshift_frame = redshift_frame_of(self.where, self.source)
-        if "redshift" in self.where and self.redshift_frame is None and REDSHIFT_FRAME_COLUMN in self.source.names:
-            self.where[REDSHIFT_FRAME_COLUMN] = REDSHIFT_FRAME_COLUMN
+        self.redshift_frame = redshift_frame_of(self.column_of, self.source)
+        if "redshift" in self.column_of and self.redshift_frame is None and REDSHIFT_FRAME_COLUMN in self.source.names:
+            self.column_of[REDSHIFT_FRAME_COLUMN] = REDSHIFT_FRAME_COLUMN
         _, family = as_columns(columns).choose_names(self.source.names)
-        self.factors, assumed_units = conversion_factors(self.where, units, self.source, USUAL_UNITS.get(family or ""))
+        self.factors, assumed_units = conversion_factors(
+            self.column_of, units, self.source, USUAL_UNITS.get(family or "")
+        )
         if (self.factors.get("distance") == MODULUS) != (self.factors.get("distance_error") == MODULUS):
             raise TableError("a distance modulus and its error are both in mag: say so of both columns (--units)")
         # What marks missing values does so in the table's own units; in Gaia's the field looks for it.
-        self.stated = self.source.units | {self.where.get(name, name): unit for name, unit in (units or {}).items()}
+        self.stated = self.source.units | {self.column_of.get(name, name): unit for name, unit in (units or {}).items()}
         self.other_units = any(self.factors[role] != 1 for role in REQUIRED[2:])
-        self.assumed = any(self.where["ra"] in names for names in assumed_units.values())
-        bare = not any(self.source.units.get(name) for name in self.where.values() if not name.startswith(ASSUMED))
+        self.assumed = any(self.column_of["ra"] in names for names in assumed_units.values())
+        bare = not any(self.source.units.get(name) for name in self.column_of.values() if not name.startswith(ASSUMED))
         # What is assumed of motions decides on the result; of positions alone, where other columns have units, less.
-        deciding = {self.where[role] for role in (self.where if bare else REQUIRED[2:])}
+        deciding = {self.column_of[role] for role in (self.column_of if bare else REQUIRED[2:])}
         lines: list[str] = []
         for unit, names in assumed_units.items():
             code = "" if deciding.isdisjoint(names) else ASSUMED_UNITS
             lines.append(CodedNote(f"no unit in the table, so taken in {unit}: {', '.join(names)}", code))
-        lines += notes_on_units(self.where, self.factors)
-        if (errors := self.where.get("redshift_error", "redshift_error")) != "redshift_error":
+        lines += notes_on_units(self.column_of, self.factors)
+        if (errors := self.column_of.get("redshift_error", "redshift_error")) != "redshift_error":
             lines.append(f"errors of the redshifts are in column {printable(errors)}")
         lines += _note_on_redshifts(column_names, self.source) if "redshift" in roles else []
         self.notes = [*self.source.notes, *lines, *self.notes, *self.frames.notes]
         self.on_bad = on_bad
-        self.names = tuple(dict.fromkeys([*self.where.values(), *(self.chosen.names if self.chosen else ())]))
+        self.names = tuple(dict.fromkeys([*self.column_of.values(), *(self.chosen.names if self.chosen else ())]))
 
     def __call__(self, block, first_row=0):
         columns, raw, notes, redshift_frame = {}, {}, list(self.notes), self.redshift_frame
@@ -297,7 +299,7 @@ class _FieldMaker:
         if self.chosen:
             block, first_row, note = self.chosen.of(block, first_row)
             notes += note
-        for role, name in self.where.items():
+        for role, name in self.column_of.items():
             values, mask = block[name]
             if role == "solution":
                 aside |= _other_solutions(name, values, mask)
@@ -319,9 +321,9 @@ class _FieldMaker:
                     columns[role] = columns[role] * self.factors[role]
         if self.factors.get("distance") == MODULUS:
             notes += convert_modulus(columns)
-        if not any(self.where[role].startswith(ASSUMED) for role in _MOTIONS):
+        if not any(self.column_of[role].startswith(ASSUMED) for role in _MOTIONS):
             aside |= zero_motion_rows(*(columns[role] for role in _MOTIONS))
-        doubt_positions(columns, self.assumed, names=self.where)
+        doubt_positions(columns, self.assumed, names=self.column_of)
         if self.frames.positions != self.frame:
             turn_positions(columns, self.frames)
         flat = all(values.ndim == 1 for values in raw.values())  # others are refused below
@@ -330,7 +332,7 @@ class _FieldMaker:
         with np.errstate(invalid="ignore", over="ignore"):
             field = Field.from_columns(
                 **columns,
-                aside=_reasons_to_drop(self.where, block, aside),
+                aside=_reasons_to_drop(self.column_of, block, aside),
                 frame=self.frame,
                 redshift_frame=redshift_frame,
                 on_bad=self.on_bad,

@@ -425,7 +425,7 @@ class Dask(Engine):
 
         options = {"scheduler": "processes", "num_workers": self.workers} if self.workers else {"scheduler": "threads"}
         with Callback(posttask=after):
-            return _translate_errors(lambda: root.compute(**options), lambda: _find_failing_part(pieces))
+            return _run_with_translated_errors(lambda: root.compute(**options), lambda: _find_failing_part(pieces))
 
     def _client(self):
         """A client and whether it was opened here; None where there is no cluster."""
@@ -504,7 +504,9 @@ def _sum_on_cluster(client, work, pieces, callback):
 
     leaves = _delayed_sums(work, pieces)
     try:
-        return _translate_errors(lambda: _gather(client, leaves, callback), lambda: _find_failing_part(pieces))
+        return _run_with_translated_errors(
+            lambda: _gather(client, leaves, callback), lambda: _find_failing_part(pieces)
+        )
     except KilledWorker as error:
         key = str(error.task)
     # Parts that waited at the same worker are blamed too. Alone, the guilty one does it again, and it alone.
@@ -533,7 +535,7 @@ def _find_failing_part(pieces):
     return "a part cannot be computed", None
 
 
-def _translate_errors(compute, guilty):
+def _run_with_translated_errors(compute, guilty):
     """Convert an error of Dask's own graph into one of ours."""
     ended: tuple[type[BaseException], ...] = (VshError, MemoryError)
     with suppress(ImportError):  # Dask's own threads and processes do without

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from vsh.io.tables._source import FRAME_KEY, TableSource, plain_file
+from vsh.io.tables._source import FRAME_KEY, TableSource, unpacked_file
 from vsh.tools.errors import TableError, first_line
 from vsh.tools.files import check_unpacked_size
 from vsh.tools.printing import printable
@@ -46,7 +46,7 @@ def _open_parquet_file(arrow, path, label):
     from pyarrow.parquet import ParquetFile
 
     try:
-        plain = plain_file(path, label)
+        plain = unpacked_file(path, label)
     except OSError as error:
         raise TableError(f"{label} cannot be read as Parquet: {first_line(error)}") from error
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from vsh.io.tables._source import TableSource, number_twins, plain_file
+from vsh.io.tables._source import TableSource, number_twins, unpacked_file
 from vsh.tools.errors import TableError, first_line
 from vsh.tools.parallel import thread_count
 from vsh.tools.types import PathName
@@ -122,7 +122,7 @@ _DAMAGE = re.compile(r"truncat|checksum|datasum|corrupt|invalid|illegal|extra by
 
 def open_fits(path: PathName, label: str) -> TableSource:
     """The first table of a FITS file, packed with gzip or not."""
-    plain = plain_file(path, label)
+    plain = unpacked_file(path, label)
     units = read_headers(plain.name, label)
     tables = [number for number, header in enumerate(units) if header.get("XTENSION") in ("BINTABLE", "TABLE")]
     if not tables:
@@ -242,7 +242,7 @@ def _meta(header):
 def open_checked_fits(path: PathName, label: str) -> Iterator[str]:
     """The name of a FITS file, unpacked where it was packed, whose layout has been checked."""
     try:
-        plain = plain_file(path, label)
+        plain = unpacked_file(path, label)
         read_headers(plain.name, label)
     except OSError as error:
         raise TableError(f"{label} cannot be read: {error.strerror or error}") from error

@@ -75,7 +75,7 @@ class TemporaryPath:
         self.name = os.path.join(folder, name)
 
 
-def plain_file(path: PathName, label: str) -> Any:
+def unpacked_file(path: PathName, label: str) -> Any:
     """The file itself, or an unpacked copy that is deleted when nobody holds it any more: something with a `name`."""
     with open(path, "rb") as file:
         if packing(file.read(6)) is None:
@@ -378,7 +378,7 @@ def open_whole(path: PathName, label: str, kind: str) -> TableSource:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # units that a format spells in its own way
             if kind == "hdf5":
-                plain = plain_file(path, label)
+                plain = unpacked_file(path, label)
                 table = _read_hdf5(plain.name, label)
             else:
                 table = _read_text(Path(path), label, kind)
@@ -450,7 +450,7 @@ def _read_text(path, label, file_format):
     from astropy.io import ascii
 
     readme = path.with_name("ReadMe")
-    plain = plain_file(path, label)
+    plain = unpacked_file(path, label)
     size = Path(plain.name).stat().st_size
     if size > _MOST:
         raise TableError(

@@ -5,7 +5,7 @@ import warnings
 
 import numpy as np
 
-from vsh.io.tables._source import TableSource, plain_file
+from vsh.io.tables._source import TableSource, unpacked_file
 from vsh.tools.errors import TableError, first_line
 from vsh.tools.printing import printable
 from vsh.tools.types import PathName
@@ -27,7 +27,7 @@ def open_votable(path: PathName, label: str, overflow: bool = False) -> TableSou
     """The first table of a VOTable; one that was cut off by the archive where `overflow` accepts it."""
     from astropy.io import votable
 
-    plain = plain_file(path, label)
+    plain = unpacked_file(path, label)
     _check_declarations(plain.name, label)
     with warnings.catch_warnings(record=True) as warning_records:
         warnings.simplefilter("always")
