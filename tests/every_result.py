@@ -21,7 +21,6 @@ from fit.secular_parallax import hubble_constant, observer_velocity
 from vsh import Field, ScalarField, Vector
 from vsh.io.epochs import read_observations
 from vsh.models.cosmology import CMB_VELOCITY_PLANCK18
-from vsh.models.covariance import Spectrum
 
 field = random_field(200, 1)
 galaxies = sim.observe(sim.galaxies(200, 1), sim.secular_parallax((300, 0, 0)), rng=1, sigma=5.0)
@@ -98,9 +97,6 @@ RESULTS: dict[str, Callable[[], Any]] = {
     "recommended": lambda: fit.recommended(field, 3),
     "estimate": lambda: fit.estimate(field, 3, "student"),
     "floor": lambda: fit.background.floor(fit.normal_equations(field, 3)),
-    "background": lambda: fit.background.fit_amplitudes(
-        fit.normal_equations(field, 3), [Spectrum.odd(), Spectrum.waves()]
-    ),
     "waves": lambda: fit.background.wave_limit(fit.normal_equations(field, 2)),
     "common": lambda: binned(binning, 2, 2, shared_higher_degrees=True),
     "correlations": lambda: correlation_matrices({"one": field, "two": random_field(300, 3)}, 2),

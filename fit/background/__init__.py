@@ -6,7 +6,7 @@ normal equations, with whatever else is fitted marginalised.
 
 from typing import TYPE_CHECKING
 
-from fit.background._amplitude import Amplitude, Background, fit_amplitudes
+from fit.background._amplitude import Amplitude
 from fit.background._floor import SHAPES, Floor, floor
 from fit.background._likelihood import Amplitudes, equations_of
 from fit.normal import Template
@@ -29,7 +29,6 @@ if TYPE_CHECKING:
 __all__ = [
     "Amplitude",
     "Amplitudes",
-    "Background",
     "ClassComparison",
     "CrossPowers",
     "Floor",
@@ -37,7 +36,6 @@ __all__ = [
     "Verdict",
     "WaveLimit",
     "cross_powers",
-    "fit_amplitudes",
     "floor",
     "shared",
     "wave_limit",

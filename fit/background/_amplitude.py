@@ -6,37 +6,19 @@ Everything is a function of √A, in which the likelihood is smooth down to zero
 nodes of the amplitudes (for one spectrum they are known everywhere) and summed over the others and over κ.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import reduce
-from typing import Any, Literal, TypeAlias
+from typing import Literal, TypeAlias
 
 import numpy as np
 from scipy.special import gammaln
 
-from fit.background._likelihood import (
-    Likelihood,
-    Maximum,
-    degrees_text,
-    equations_of,
-    fitted_degrees,
-    gauss_nodes,
-    should_fit_scale,
-    span_of,
-    squared_scale_nodes,
-)
-from fit.normal import NormalEquations
-from fit.results.solution import HarmonicSolution
-from fit.results.storage import Result
-from vsh.io import tables
-from vsh.io.sections import Section
-from vsh.models.covariance import Spectrum
+from fit.background._likelihood import Likelihood, Maximum, gauss_nodes, span_of, squared_scale_nodes
 from vsh.tools.arguments import between, choice, positive
-from vsh.tools.digits import format_with_error
-from vsh.tools.errors import ModesError
 from vsh.tools.notebook import Frozen
 from vsh.tools.parallel import limit_blas
-from vsh.tools.types import ArrayLike, Axes, FloatArray, Table
+from vsh.tools.types import ArrayLike, FloatArray
 
 #: Densities that an amplitude A is given a priori: 1, A^−½, 1/A.
 Prior: TypeAlias = Literal["flat", "root", "log"]
@@ -201,163 +183,3 @@ class _Grid:
             return float(self.likelihood.of_parts(0.0, 0.0, 1.0))
         half, chi2 = self.likelihood.n_data / 2, self.likelihood.chi2 / 2
         return float(gammaln(half) - half * np.log(chi2))
-
-
-@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
-class Background(Result):
-    """Amplitudes of random fields of known spectra.
-
-    Attributes
-    ----------
-    names : tuple of str
-        Names of the spectra.
-    amplitudes : (k,) array
-        Factors on the spectra at the maximum of the likelihood, none of them below zero.
-    covariance : (k, k) array
-        Covariance of the amplitudes, from the expected information; good where an amplitude is several times its error.
-    intervals : (k, 2) array
-        68 %, each with the other amplitudes and the scale of the errors marginalised; from zero where zero is likely.
-    noise_scale, noise_scale_error : float
-        Factor on the catalogue's errors; 1 and 0 where it was not estimated.
-    log_likelihood : float
-        Logarithm of the likelihood of these amplitudes, relative to no background.
-    log_evidence : float
-        ln of the mean likelihood, relative to no background, for amplitudes A whose A/(A + u) is uniform a priori, u
-        the amplitude that is seen at one standard error.
-    degrees, free : tuple of int
-        Where the background is, and which degrees were fitted without a prior.
-    n_data : int
-        How many numbers were fitted.
-    frame : str
-    notes : tuple of str
-    """
-
-    names: tuple[str, ...]
-    amplitudes: FloatArray
-    covariance: FloatArray
-    intervals: FloatArray
-    noise_scale: float
-    noise_scale_error: float
-    log_likelihood: float
-    log_evidence: float
-    degrees: tuple[int, ...]
-    free: tuple[int, ...]
-    n_data: int
-    frame: str = "icrs"
-    notes: tuple[str, ...] = ()
-
-    def __repr__(self) -> str:
-        amplitudes = ", ".join(f"{name}: {value:.4g}" for name, value in zip(self.names, self.amplitudes, strict=True))
-        return f"<Background: {amplitudes}; degrees {degrees_text(self.degrees)}>"
-
-    @property
-    def sigma(self) -> FloatArray:
-        """Standard error of each amplitude, (k,)."""
-        return np.sqrt(np.diag(self.covariance))
-
-    def _sections(self, long):
-        suffix = f"; degrees {degrees_text(self.free)} fitted freely" if self.free else ""
-        facts = [("degrees", degrees_text(self.degrees) + suffix), ("sources", f"{self.n_data // 2}")]
-        if self.noise_scale_error:
-            facts.append(("errors", f"scaled by {format_with_error(self.noise_scale, self.noise_scale_error)}"))
-        relative = f"relative to no background: ln L {self.log_likelihood:+.2f}, ln Z {self.log_evidence:+.2f}"
-        facts.append(("evidence", relative))
-        return (Section("Amplitudes of the backgrounds", facts, self.to_table(), notes=self.notes),)
-
-    def to_table(self) -> Table:
-        """A row for each spectrum as an astropy Table."""
-        columns: dict[str, Any] = {
-            "spectrum": list(self.names),
-            "amplitude": self.amplitudes,
-            "sigma": self.sigma,
-            "low": self.intervals[:, 0],
-            "high": self.intervals[:, 1],
-        }
-        return tables.table_of(columns, {"frame": self.frame, "n_data": self.n_data})
-
-    def plot(self, *, ax: Axes | None = None) -> Axes:
-        """The amplitudes with their intervals on matplotlib axes."""
-        from fit.background._plot import plot_amplitudes
-
-        return plot_amplitudes(self, ax=ax)
-
-
-def fit_amplitudes(
-    normal: NormalEquations | HarmonicSolution,
-    spectra: Spectrum | Sequence[Spectrum],
-    noise_scale: bool | None = None,
-    *,
-    degrees: Iterable[int] | None = None,
-    free: Iterable[int] = (1,),
-) -> Background:
-    """Estimate the amplitudes of random fields of known spectra, whatever else is fitted marginalised.
-
-    Parameters
-    ----------
-    normal : NormalEquations or Solution
-        What was summed or fitted.
-    spectra : Spectrum or sequence of Spectrum
-        One for each amplitude.
-    noise_scale : bool, optional
-        Whether to estimate a factor on the errors. Default: yes for normal equations and for solutions with the
-        catalogue's errors, no for all others.
-    degrees : iterable of int, optional
-        Degrees that contain the background. Default: all fitted degrees that are not in `free`.
-    free : iterable of int
-        Degrees that are fitted without a prior. Degrees that are in neither list are left out of the model.
-
-    Raises
-    ------
-    ModesError
-        If a degree is not fitted, or is both free and of the background.
-    ParameterError
-        If a spectrum is negative, or has no power where it is looked for.
-    DegeneracyError
-        If the data do not determine what is free.
-
-    Notes
-    -----
-    The likelihood is exact for Gaussian errors (that of the dense 2N × 2N covariance to 1e-10). In 500 simulated skies
-    the ranks of the true amplitude in the posterior are uniform.
-
-    Examples
-    --------
-    >>> from fit import normal_equations
-    >>> from vsh import Field
-    >>> rng = np.random.default_rng(1)
-    >>> field = Field(*rng.uniform(0, 1.5, (2, 500)), rng.normal(size=(2, 500)), np.ones((2, 500)))
-    >>> result = fit_amplitudes(normal_equations(field, 3), [Spectrum.waves(hubble=70)])
-    >>> bool(result.intervals[0, 0] == 0)
-    True
-    """
-    equations = equations_of(normal)
-    modes = equations.modes
-    spectrum_list = [spectra] if isinstance(spectra, Spectrum) else spectra
-    free = tuple(free) if isinstance(free, Iterable) else free
-    flat = fitted_degrees(modes, free, "free") if free != () else ()
-    default_degrees = [l for l in range(1, modes.lmax + 1) if l not in flat]
-    degrees = fitted_degrees(modes, default_degrees if degrees is None else degrees)
-    if overlap := set(degrees) & set(flat):
-        raise ModesError(f"degree {min(overlap)} is in both degrees= and free=: remove it from one of them")
-    fit_scale = should_fit_scale(normal, noise_scale)
-    likelihood = Likelihood(equations, spectrum_list, degrees, flat, fit_scale)
-    best = likelihood.maximum()
-    covariance = likelihood.covariance(best)
-    amplitudes, evidence = posteriors(likelihood, best)
-    k = len(likelihood)
-    error = float(np.sqrt(covariance[k, k]) / (2 * best.noise_scale)) if fit_scale else 0.0
-    return Background(
-        names=tuple(spectrum.name for spectrum in spectrum_list),
-        amplitudes=best.amplitudes,
-        covariance=covariance[:k, :k],
-        intervals=np.array([amplitude.interval(0.68) for amplitude in amplitudes]),
-        noise_scale=best.noise_scale,
-        noise_scale_error=error,
-        log_likelihood=best.log_likelihood,
-        log_evidence=evidence,
-        degrees=degrees,
-        free=flat,
-        n_data=equations.n_data,
-        frame=equations.frame or "icrs",
-        notes=equations.notes,
-    )

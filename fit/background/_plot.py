@@ -52,15 +52,6 @@ def plot_floor(floor: Any, *, ax: Axes | None = None) -> Axes:
     return _draw_intervals(names, [floor.odd, floor.even], intervals, [label, label], "median", ax)
 
 
-@apply_style
-def plot_amplitudes(background: Any, *, ax: Axes | None = None) -> Axes:
-    """The amplitudes of the spectra with 68 % intervals."""
-    labels = ["amplitude"] * len(background.names)
-    return _draw_intervals(
-        background.names, background.amplitudes, background.intervals, labels, "largest likelihood", ax
-    )
-
-
 def _draw_intervals(names, values, intervals, labels, point, ax):
     """Draw one axis for each amplitude: they have units of their own."""
     subplots = panels(ax, len(names), 1, size=(WIDTH, 0.5 + 0.75 * len(names)))

@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from amplitudes import fit_amplitudes as fit_background
 from conftest import random_field
 from scipy.integrate import quad
 
 import fit
 import sim
 from fit.background import Spectrum
-from fit.background import fit_amplitudes as fit_background
 from fit.background._amplitude import posteriors
 from fit.background._likelihood import Likelihood, Maximum
 from vsh import Field, Modes
@@ -212,15 +212,12 @@ def test_degrees_that_are_free_are_not_shrunk():
     free = fit_background(normal, Spectrum.flat(), free=(1, 2))
     assert free.degrees == (3, 4)
     assert free.log_likelihood < 5
-    assert "degrees 1, 2 fitted freely" in free.report()
 
 
 def test_messages():
     normal = fit.normal_equations(FIELD, 3)
     with pytest.raises(ModesError, match="degree 5 is not fitted: these normal equations go from degree 1 to 3"):
         fit_background(normal, Spectrum.flat(), degrees=(2, 5))
-    with pytest.raises(ModesError, match="degree 2 is in both degrees= and free="):
-        fit_background(normal, Spectrum.flat(), degrees=(2, 3), free=(1, 2))
     with pytest.raises(ParameterError, match="a list of fit.background.Spectrum, one at least"):
         fit_background(normal, [])
     with pytest.raises(ParameterError, match="has no power in degrees 2, 3"):

@@ -50,14 +50,6 @@ def test_frequencies_that_no_name_separates():
         waves(1.0, 1.0000001)
 
 
-def test_free_degrees_may_be_an_iterator():
-    normal = fit.normal_equations(random_field(300, 1), 3)
-    from vsh.models.covariance import Spectrum
-
-    names = [fit.background.fit_amplitudes(normal, [Spectrum.flat()], free=free).free for free in ((1,), iter((1,)))]
-    assert names[0] == names[1] == (1,)
-
-
 def test_degrees_are_whole():
     normals = [fit.normal_equations(random_field(300, seed), 4) for seed in (1, 2)]
     with pytest.raises(VshError, match=r"3\.7"):

@@ -1,0 +1,35 @@
+"""Amplitudes of random fields of known spectra: what the likelihood of the floor and of waves is tested by."""
+
+from types import SimpleNamespace
+
+import numpy as np
+
+from fit.background._amplitude import posteriors
+from fit.background._likelihood import Likelihood, equations_of, fitted_degrees, should_fit_scale
+from vsh.models.covariance import Spectrum
+
+
+def fit_amplitudes(normal, spectra, noise_scale=None, *, degrees=None, free=(1,)):
+    """The amplitudes of the spectra, with their errors, at the maximum of the likelihood."""
+    equations = equations_of(normal)
+    modes = equations.modes
+    spectra = [spectra] if isinstance(spectra, Spectrum) else spectra
+    flat = fitted_degrees(modes, free, "free") if free != () else ()
+    rest = [l for l in range(1, modes.lmax + 1) if l not in flat]
+    degrees = fitted_degrees(modes, rest if degrees is None else degrees)
+    fit_scale = should_fit_scale(normal, noise_scale)
+    likelihood = Likelihood(equations, spectra, degrees, flat, fit_scale)
+    best = likelihood.maximum()
+    covariance = likelihood.covariance(best)
+    amplitudes, evidence = posteriors(likelihood, best)
+    k = len(likelihood)
+    return SimpleNamespace(
+        amplitudes=best.amplitudes,
+        sigma=np.sqrt(np.diag(covariance)[:k]),
+        intervals=np.array([amplitude.interval(0.68) for amplitude in amplitudes]),
+        noise_scale=best.noise_scale,
+        noise_scale_error=float(np.sqrt(covariance[k, k]) / (2 * best.noise_scale)) if fit_scale else 0.0,
+        log_likelihood=best.log_likelihood,
+        log_evidence=evidence,
+        degrees=degrees,
+    )
