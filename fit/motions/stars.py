@@ -189,7 +189,9 @@ def kinematics(
     -----
     Errors are from the scatter of the sources (a sandwich, HC3), so they also hold where velocities scatter more along
     one axis than another, or with distance; not where groups of sources move together. Stars that are not the same in
-    all directions and depths also see the curvature of the rotation: A and B are then means over their volume.
+    all directions and depths also see the curvature of the rotation: A and B are then means over their volume. Errors
+    of distances are taken as Gaussian in the distance; where they are fractions of it, as those of distance moduli are,
+    velocities are 1 % too small for 0.2 mag and 6 % for 0.4 mag.
 
     References
     ----------

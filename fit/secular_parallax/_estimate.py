@@ -104,6 +104,8 @@ def observer_velocity(
     0.96, those of `hubble_constant` 0.73 and 0.98 (benchmarks/flows_by_default.py), of an observer who takes no part in
     the flow. If the observer moves with the local flow, the intervals of the components have the same coverage, but the
     speed is too low, by 270 of 370 km/s: nearby galaxies move with us, and the fit gives the velocity relative to them.
+    Errors of measured distances are taken as Gaussian in the distance: where they are fractions of it, as those of
+    distance moduli are, the velocity is 5 % too small for 10 % and 13 % for 20 %, coverage of 95 % intervals 85 %.
     Without flows, on skies of independent velocities of 300 and 750 km/s, pulls are 1.0 and the bias below 0.2 standard
     errors, with magnitudes and without; `flow_covariance` then says what flows would add. Sources whose redshift has an
     error above half of itself, and no distance, are left out and named. A dispersion that is wrong biases: 300 km/s
