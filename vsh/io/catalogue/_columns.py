@@ -88,7 +88,7 @@ def locate_columns(wanted: ColumnRequest, source: TableSource) -> tuple[dict[str
             if present:
                 column_names[f.name] = present[0]
             elif f.name == "pmra_pmdec_corr":
-                notes += _notes_on_correlations(name, source, _names.affixes_of(column_names))
+                notes += _notes_on_correlations(name, source, column_names.get("pmra"))
             elif f.name in ("solution", "quality"):
                 notes += _notes_on_flags(f.name, name, source)
     # What a field wrote of itself it reads: elsewhere a column called distance or parallax may be anything.
@@ -161,10 +161,15 @@ def _notes_on_flags(role, names, source):
     return [CodedNote(f"{text}{remedy} uses it", DOUBT)] if like else []
 
 
-def _notes_on_correlations(names, source, affixes):
-    """Notes on a table without correlations where they are looked for; those of another table are not proposed."""
-    before, after = affixes
-    like = [name for name in find_correlations(source) if name.startswith(before) and name.endswith(after)]
+def _notes_on_correlations(names, source, motion):
+    """Notes on a table without correlations where they are looked for; those of other motions are not proposed."""
+    motions = [name for name in source.names if not re.search("corr|err|sig|unc|std", name)]
+    others = {_names.affixes_of({"pmra": name}) for name in motions} - {_names.affixes_of({"pmra": motion}), ("", "")}
+    like = [
+        name
+        for name in find_correlations(source)
+        if not any(name.startswith(b) and name.endswith(a) for b, a in others)
+    ]
     if not like:
         text = f"no column {' or '.join(dict.fromkeys(names))}: correlations taken as zero"
         return [CodedNote(text, ASSUMED_MOTIONS)]

@@ -220,7 +220,7 @@ def _resolve_names(columns, names, index):
             if before or after:  # of two tables that were joined, the columns of that of the motions
                 candidates = (*(f"{before}{name}{after}" for name in candidates), *candidates)
             name = next(filter(None, (_name_in_table(candidate, names, index) for candidate in candidates)), None)
-            replacements[role] = (name, *candidates) if name else candidates
+            replacements[role] = (name, *candidates) if name else getattr(columns, role)
     if isinstance(columns.redshift_error, tuple) and not _has_candidate(
         replacements.get("redshift", columns.redshift), names
     ):

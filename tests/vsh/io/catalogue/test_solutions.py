@@ -1,5 +1,7 @@
 """Which astrometric solutions are taken: Gaia's releases say so by a number."""
 
+import warnings
+
 import numpy as np
 import pytest
 from conftest import for_each
@@ -169,3 +171,16 @@ def test_errors_of_other_axes_than_the_motions_are_refused(motions):
     roles = {"pmra_error": f"{motions[0]}_error", "pmdec_error": f"{motions[1]}_error"}
     units = dict.fromkeys([*motions, *errors], "mas/yr")
     assert read_field(columns | errors, columns=names | roles, frame="galactic", units=units).frame == "galactic"
+
+
+@for_each([("raj2000", "pmra", "pm_corr"), ("ra", "pmra_cosdec", "corr_pm"), ("ra", "pmra", "pm_corr")])
+def test_correlations_under_other_names_are_told_of(names):
+    """A suffix of a name that is no join's (J2000, cos δ) takes no correlations away."""
+    ra, motion, correlation = names
+    columns = {"dec": np.arange(5.0), "pmdec": np.ones(5), "pmra_error": np.ones(5), "pmdec_error": np.ones(5)}
+    columns |= {ra: np.arange(5.0), motion: np.ones(5), correlation: np.zeros(5)}
+    units = dict.fromkeys([motion, "pmdec", "pmra_error", "pmdec_error"], "mas/yr")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        notes = read_field(columns, columns={"ra": ra, "pmra": motion}, units=units).notes
+    assert any(f"pmra_pmdec_corr={correlation}" in note for note in notes)
