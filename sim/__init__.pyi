@@ -1,6 +1,6 @@
 """What `sim` holds: for type checkers, and for whoever asks (lazy_loader reads the imports here)."""
 
-from . import agis, astrometry, gaia, plot, population, scanning, signal, skies, variability
+from . import agis, astrometry, gaia, population, scanning, signal, skies, variability
 from .astrometry import gaia_errors
 from .expected import expected_covariances, scan_maps
 from .gaia import crf3, crf4, epochs, link
@@ -62,7 +62,6 @@ __all__ = [
     "peculiar",
     "plane_avoiding_sky",
     "plane_wave",
-    "plot",
     "population",
     "quasars",
     "random_field",

@@ -11,10 +11,12 @@ import numpy as np
 
 import sim
 from sim.astrometry import transit_error
-from sim.plot import plot_density, plot_distance_and_parallax
 from sim.variability import markov_chain
-from vsh.figures.plot import COLOURS, WIDTH, apply_style, panels, save_figures
+from vsh.figures.plot import COLOURS, WIDTH, apply_style, draw_line, panels, plot_map, save_figures
 from vsh.models.cosmology import transverse_distance
+from vsh.sky.frames import rotation_matrix
+from vsh.sky.pixels import pixels_of
+from vsh.sky.sphere import angles, triad
 from vsh.tools.units import AU_PER_YEAR
 
 
@@ -22,7 +24,7 @@ def write_figures(study: Mapping[str, Any], folder: Path) -> list[Path]:
     """Figures 1 to 4 as PNG and PDF; returns their paths."""
     matplotlib.use("agg")
     figures = {
-        "figure1_distance": plot_distance_and_parallax,
+        "figure1_distance": _distance,
         "figure2_variability": lambda: _tracks(study),
         "figure3_galaxies": lambda: _galaxies(study),
         "figure4a_gums": lambda: _sky("gums"),
@@ -79,6 +81,30 @@ def _galaxies(study):
     return drawn
 
 
+@apply_style
+def _distance():
+    """Fig. 1: the comoving distance, and the secular parallax by our velocity, against redshift."""
+    z = np.geomspace(1e-3, 6, 400)
+    distance = transverse_distance(z)
+    upper, lower = drawn = panels(None, 2, 1, size=(WIDTH, 3.8), sharex=True)
+    upper.loglog(z, distance, color=COLOURS[0])
+    upper.set_ylabel("transverse comoving\ndistance [Mpc]")
+    lower.loglog(z, 369 / (AU_PER_YEAR * distance), color=COLOURS[1])
+    lower.set(xlabel="redshift", ylabel="secular parallax at 90°\nfrom 369 km/s [µas/yr]")
+    return drawn
+
+
+@apply_style
 def _sky(name):
+    """Fig. 4: sources per square degree, with the ecliptic."""
     population = sim.quasars(500_000, 1, name)
-    return plot_density(population, nside=32, title=f"{name.upper()}-like quasars")
+    pixel = pixels_of(population.lon, population.lat, 32)
+    density = np.bincount(pixel, minlength=12 * 32**2) / (41252.96 / (12 * 32**2))
+    axes = plot_map(
+        density, "sources per square degree", frame=population.frame, title=f"{name.upper()}-like quasars",
+        vmin=0, vmax=np.percentile(density, 99), extend="max",
+    )  # fmt: skip
+    ecliptic = triad(np.linspace(0, 2 * np.pi, 721), np.zeros(721))[2]
+    draw_line(axes, *angles(rotation_matrix("ecliptic", population.frame) @ ecliptic), color="cyan", label="ecliptic")
+    axes.legend(loc="lower left", bbox_to_anchor=(0.0, 0.0), borderaxespad=0)
+    return axes

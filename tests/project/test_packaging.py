@@ -109,7 +109,7 @@ def test_commands_run_without_healpy(without_healpy, tmp_path):
     "code",
     [
         "from vsh.tools.printing import import_quietly; import_quietly('corner')",
-        "import vsh.figures.plot, vsh.figures.page, sim.plot, study",
+        "import vsh.figures.plot, vsh.figures.page, study",
     ],
 )
 def test_imports_warn_of_nothing_in_an_empty_home(code, tmp_path):

@@ -117,3 +117,12 @@ def test_positions_of_a_table():
         from_table(good, redshift="zed")
     with pytest.raises(FieldError, match=r"1 of 2 positions are missing or not on the sky \(first: row 1\)"):
         from_table(good | {"dec": [0.0, 95.0]})
+
+
+@pytest.mark.slow
+def test_galaxies_that_cluster_do_cluster():
+    galaxies, _ = sim.clustered_galaxies(3000, 1)
+    assert len(galaxies) == 3000
+    counts = np.histogram2d(galaxies.lon, np.sin(galaxies.lat), (8, 4))[0]
+    # Poisson counts would have a variance of their mean.
+    assert counts.var() > 1.5 * counts.mean()
