@@ -197,16 +197,6 @@ def full(sky, n=agis.FULL, parent="."):
         here = made.solved & (quasars.magnitude >= low) & (quasars.magnitude < high)
         pulls = solution.sources[here] / np.sqrt(np.einsum("nii->ni", solution.formal[here]))
         print(f"G {low:g} to {high:g}: true/formal {np.sqrt(np.mean(pulls**2, axis=0)).round(3)}")
-    from vsh.figures.plot import save_figures
-
-    save_figures(
-        {
-            "convergence": agis.plot_convergence(solution),
-            "errors": agis.plot_errors_by_magnitude(solution, quasars.magnitude),
-        },
-        folder,
-    )
-    lap("figures")
     if sky != "igql" and n <= agis.FULL:
         print(f"true/formal of the acceleration {ratio(made, np.ones(n, bool)):.3f}")
         lap("exact errors")

@@ -53,5 +53,31 @@ plt.savefig("joint_solution.png", dpi=300)
 
 solution, system, _ = agis.solve_mission(law, quasars.lon, quasars.lat, sigma, rng=2)
 print(f"{solution.iterations} iterations, degrees 1 to 3 at rest: {solution.converged}")
-agis.plot_convergence(solution).figure.savefig("joint_convergence.png", dpi=300)
-agis.plot_errors_by_magnitude(solution, quasars.magnitude).figure.savefig("joint_errors.png", dpi=300)
+
+distance = np.abs(solution.history - solution.history[-1])[:-1] / np.sqrt(np.diag(solution.formal_low))
+figure, ax = plt.subplots()
+for degree, colour in zip(range(1, solution.modes.lmax + 1), COLOURS, strict=False):
+    largest = distance[:, solution.modes.degrees == degree].max(axis=1)
+    ax.semilogy(1 + np.arange(len(largest)), largest, color=colour, label=f"degree {degree}")
+ax.axhline(0.05, color="0.3", linewidth=0.6, label="0.05: converged")
+ax.set(xlabel="iteration", ylabel="distance from the last [formal errors]")
+ax.legend()
+figure.savefig("joint_convergence.png", dpi=300)
+
+# %%
+# True over formal errors of the five parameters by magnitude, from this draw of the noise.
+
+magnitude = quasars.magnitude[solution.solved]
+edges = np.arange(np.floor(magnitude.min()), np.ceil(magnitude.max()) + 1)
+group = np.digitize(magnitude, edges) - 1
+counts = np.bincount(group, minlength=len(edges) - 1)
+figure, ax = plt.subplots()
+for column, name in enumerate(("α*", "δ", "ϖ", "µα*", "µδ")):
+    pulls = solution.sources[solution.solved, column] / np.sqrt(solution.formal[solution.solved, column, column])
+    true = np.sqrt(np.bincount(group, pulls**2, len(edges) - 1) / np.maximum(counts, 1))
+    place = edges[:-1] + 0.5 + 0.04 * (column - 2)
+    ax.errorbar(place, true, true / np.sqrt(2 * np.maximum(counts, 1)), fmt="os^Dv"[column], label=name)
+ax.axhline(1, color="0.3", linewidth=0.6)
+ax.set(xlabel="G  [mag]", ylabel="true / formal error", ylim=(0, None))
+ax.legend(ncols=5)
+figure.savefig("joint_errors.png", dpi=300)

@@ -1,9 +1,5 @@
 """Sources and attitude solved together, as Gaia's astrometric global iterative solution does (AGIS), at full scale."""
 
-from typing import TYPE_CHECKING
-
-import lazy_loader
-
 from sim.agis._calibration import GAIA_CALIBRATION, Calibration
 from sim.agis._globals import GlobalMotion, MotionFit, global_motion
 from sim.agis._mission import (
@@ -23,9 +19,6 @@ from sim.agis._results import AgisSolution
 from sim.agis._system import System
 from sim.agis.passes import FULL, Plan, Scans, plan, scaled, scans
 
-if TYPE_CHECKING:
-    from sim.agis._plot import plot_convergence, plot_errors_by_magnitude
-
 __all__ = [
     "AgisSolution",
     "Calibration",
@@ -41,12 +34,3 @@ __all__ = [
     "scans",
     "solve_mission",
 ]
-
-# matplotlib and healpy are imported when a figure is asked for.
-__getattr__, _, _ = lazy_loader.attach(
-    __name__, submod_attrs={"_plot": ["plot_convergence", "plot_errors_by_magnitude"]}
-)
-
-
-def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})

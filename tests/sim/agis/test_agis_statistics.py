@@ -5,19 +5,8 @@ import pytest
 
 import sim
 from sim import agis
-from sim.agis._plot import _error_ratios
 from sim.variability import Variability, chain_products
 from vsh.sky.sphere import triad
-
-
-def test_ratios_by_group():
-    rng = np.random.default_rng(1)
-    group = np.r_[np.zeros(5000, int), np.full(5000, 2)]
-    errors = np.r_[2 * rng.standard_normal(5000), 3 * rng.standard_normal(5000)]
-    ratio, counts = _error_ratios(errors, np.ones(10_000), group, 3)
-    np.testing.assert_allclose(ratio[[0, 2]], [2, 3], rtol=0.03)
-    assert np.isnan(ratio[1])
-    assert counts.tolist() == [5000, 0, 5000]
 
 
 def test_products_of_chains_are_those_of_the_dense_covariance():
