@@ -341,7 +341,8 @@ def _run_recommended(field, lmax, value, rng):
 
 
 def _least_squares(field, lmax, value, rng):
-    return _estimate_by("least-squares", fit_field(field, lmax), field)
+    solution = solve(normal_equations(field, lmax)) if isinstance(field, Parts) else fit_field(field, lmax)
+    return _estimate_by("least-squares", solution, field)
 
 
 def _clip(field, lmax, value, rng):

@@ -103,7 +103,12 @@ class Classes(InNotebook):
             return every if ends else every[1:-1]
 
         texts = [_in_full(edge) for edge in edges]
-        short = [text if len(text) <= 8 else f"{edge:.4g}" for text, edge in zip(texts, edges, strict=True)]
+        near = 1e-3 * min(np.diff(edges), default=0.0)
+        written = [[f"{edge:.{digits}g}" for digits in (4, 7, 10)] for edge in edges]
+        short = [
+            text if len(text) <= 8 else next((t for t in choices if abs(float(t) - edge) <= near), text)
+            for text, choices, edge in zip(texts, written, edges, strict=True)
+        ]
         conditions = intervals(texts)
         labels = intervals(short if len({*short}) == len(short) else texts)  # quantiles have sixteen digits
         labels = tuple(label.replace("<=", "≤").replace(">=", "≥") for label in labels)

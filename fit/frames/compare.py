@@ -531,13 +531,14 @@ def compare_catalogues(
     selection[is_near] = clipping.kept
     formal = clipping.solution
     if (scatter > 1).any():
-        formal = replace(fit_field(differences[selection], modes), notes=formal.notes)
+        formal = _with_given_errors(
+            formal, fit_field(scaled[selection], modes), fit_field(differences[selection], modes)
+        )
     distances = _normalised_residuals(formal, differences)
     order = np.flatnonzero(~selection)[np.argsort(-distances[~selection], kind="stable")]
     source_names = differences.name if differences.name is not None else np.arange(len(differences))
     fitted = differences[selection]
-    estimate = _solve_by_method(scaled[selection], modes, method, replicates, rng)
-    estimate = formal if estimate is None else replace(estimate, chi2=float(estimate.residuals(fitted).chi2.sum()))
+    estimate = _solve_by_method(fitted, modes, method, replicates, rng) or formal
     notes = estimate.notes
     if (scatter > 1.2).any():
         notes = (
@@ -572,7 +573,13 @@ def compare_catalogues(
         method="" if method == "least-squares" else method,
         n_same=n_same,
     )
-    return _add_floor(comparison, fitted, scaled[selection], floor, replicates, rng), fitted
+    return _add_floor(comparison, fitted, floor, replicates, rng), fitted
+
+
+def _with_given_errors(clipped, scaled, given):
+    """The fit of what clipping by scaled errors left, with the errors given and what clipping does to them and χ²."""
+    share, variance = scaled.chi2 / clipped.chi2, np.trace(clipped.covariance) / np.trace(scaled.covariance)
+    return replace(given, covariance=given.covariance * variance, chi2=given.chi2 / share, notes=clipped.notes)
 
 
 def _scatter_by_class(residuals, differences):
@@ -595,8 +602,8 @@ def _solve_by_method(fitted, modes, method, replicates, rng):
     return METHODS[method](fitted, modes, value, rng).plain
 
 
-def _add_floor(comparison, fitted, scaled, floor, replicates, rng):
-    """The comparison with systematic errors in its errors, or its size beside them; `scaled` is for robust fits."""
+def _add_floor(comparison, fitted, floor, replicates, rng):
+    """The comparison with systematic errors in its errors, or its size beside them."""
     if floor is None:
         floor = len(fitted) >= MANY
         if not floor and len(fitted) < FEW:
@@ -604,7 +611,7 @@ def _add_floor(comparison, fitted, scaled, floor, replicates, rng):
     elif not floor:
         return comparison
     degree = as_modes(max(_DEGREE, comparison.solution.modes.lmax))
-    normal = _solve_by_method(scaled, degree, comparison.method, replicates, rng) or normal_equations(fitted, degree)
+    normal = _solve_by_method(fitted, degree, comparison.method, replicates, rng) or normal_equations(fitted, degree)
     if floor:
         errors = shared([normal], range(2, _DEGREE + 1), labels=[" − ".join(comparison.labels)], rng=rng)
         return replace(comparison, shared=replace(errors, unit=comparison.solution.unit))

@@ -83,7 +83,7 @@ class _Seen:
         while len(keys := keys[keys % np.uint64(every) == 0]) > _NAMES:
             every *= 2
         lon, lat = (np.concatenate(pair) for pair in ((self.lon, other.lon), (self.lat, other.lat)))
-        kept = select_share(_PLACES / len(lon), lon, lat)
+        kept = select_share(_PLACES / (self.n + other.n), lon, lat)  # of those that either kept by the same draw
         heavier = self if self.largest >= other.largest else other
         return _Seen(
             n=self.n + other.n,

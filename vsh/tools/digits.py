@@ -8,12 +8,13 @@ import numpy as np
 
 def decimals_of_error(sigma: Any) -> int:
     """Decimals by which the smallest error has two digits, 0 to 6."""
-    least = np.min(sigma)
-    return int(np.clip(1 - np.floor(np.log10(least)), 0, 6)) if least > 0 and np.isfinite(least) else 3
+    least = np.min(sigma, initial=np.inf, where=np.asarray(sigma) > 0)
+    return int(np.clip(1 - np.floor(np.log10(least)), 0, 6)) if np.isfinite(least) else 3
 
 
 def format_with_error(value: Any, error: Any, sign: str = "") -> str:
     """A value with its error, of which two digits are printed; `sign` "+" prints a sign of positive values, too."""
+    value, error = (float(x) if isinstance(x, (int, np.number)) else x for x in (value, error))
     if not (isinstance(value, float) and isinstance(error, float) and np.isfinite(value) and error > 0):
         return round_to_error(value, error)
     if not 1e-6 < error < 1e6:
@@ -26,6 +27,8 @@ def format_values(values: Iterable[float], sigmas: Any) -> tuple[str, ...]:
     """Values with their errors, all with the decimals of the smallest error; an error alone where a value is nan."""
     if np.isnan(sigmas).all():  # errors are not known
         return tuple(f"{v:+.4g}" for v in values)
+    if not 1e-6 < np.nanmax(sigmas) < 1e6:
+        return tuple(f"{v:+.5g} ± {s:.2g}" for v, s in zip(values, sigmas, strict=True))
     digits, pairs = decimals_of_error(sigmas), zip(values, sigmas, strict=True)
     return tuple(f"± {s:.{digits}f}" if np.isnan(v) else f"{v:+z.{digits}f} ± {s:.{digits}f}" for v, s in pairs)
 

@@ -163,13 +163,10 @@ def _notes_on_flags(role, names, source):
 
 def _notes_on_correlations(names, source, motion):
     """Notes on a table without correlations where they are looked for; those of other motions are not proposed."""
-    motions = [name for name in source.names if not re.search("corr|err|sig|unc|std", name)]
-    others = {_names.affixes_of({"pmra": name}) for name in motions} - {_names.affixes_of({"pmra": motion}), ("", "")}
-    like = [
-        name
-        for name in find_correlations(source)
-        if not any(name.startswith(b) and name.endswith(a) for b, a in others)
-    ]
+    correlations = find_correlations(source)
+    motions = [n for n in source.names if n not in correlations and not re.search("err|sig|unc|std|parallax|plx", n)]
+    others = {_names.affixes_of(name, "pmra") for name in motions} - {_names.affixes_of(motion, "pmra"), ("", "")}
+    like = [name for name in correlations if not any(name.startswith(b) and name.endswith(a) for b, a in others)]
     if not like:
         text = f"no column {' or '.join(dict.fromkeys(names))}: correlations taken as zero"
         return [CodedNote(text, ASSUMED_MOTIONS)]

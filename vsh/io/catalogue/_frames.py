@@ -118,8 +118,10 @@ def _check_errors(column_of, of_motions):
     of_errors = next(
         (name for name, pattern in _MOTIONS.items() if _have_motion_names(pattern, column_of, "_error")), None
     )
-    if of_motions and of_errors and of_motions != of_errors:
-        names = [printable(column_of[role]) for role in ("pmra", "pmdec", "pmra_error", "pmdec_error")]
+    roles = ("pmra", "pmdec", "pmra_error", "pmdec_error")
+    is_plain = any(re.search(r"(pm|mu)_?(lon|lat)", column_of.get(role, ""), re.IGNORECASE) for role in roles)
+    if of_motions and of_errors and of_motions != of_errors and not is_plain:  # longitudes are of any axes
+        names = [printable(column_of[role]) for role in roles]
         raise TableError(
             f"motions {names[0]} and {names[1]} are of {of_motions} axes, errors {names[2]} and {names[3]} of "
             f"{of_errors} ones, by their names: errors and correlations have to be turned with the motions. Read both "

@@ -213,12 +213,16 @@ def _resolve_names(columns, names, index):
         best_pair = best_pair or tuple(next(filter(None, matches), None) for matches in present)
         for role, name, candidates in zip(roles, best_pair, candidate_lists, strict=True):
             replacements[role] = name or (candidates[0] if candidates else getattr(columns, role))
-    before, after = affixes_of(replacements)
+    of_motion, of_place = affixes_of(replacements.get("pmra"), "pmra"), affixes_of(replacements.get("ra"), "ra")
     for role in Columns.__dataclass_fields__:
         candidates = getattr(columns, role)
         if role not in REQUIRED and isinstance(candidates, tuple):
-            if before or after:  # of two tables that were joined, the columns of that of the motions
-                candidates = (*(f"{before}{name}{after}" for name in candidates), *candidates)
+            joined = [name for name in candidates if name not in _BY_CASE]
+            # In joined tables those of the motions come first; flags may have the suffix of the positions.
+            if any(of_motion):
+                candidates = (*(name.join(of_motion) for name in joined), *candidates)
+            if any(of_place) and role in ("solution", "quality"):
+                candidates = (*candidates, *(name.join(of_place) for name in joined))
             name = next(filter(None, (_name_in_table(candidate, names, index) for candidate in candidates)), None)
             replacements[role] = (name, *candidates) if name else getattr(columns, role)
     if isinstance(columns.redshift_error, tuple) and not _has_candidate(
@@ -228,10 +232,10 @@ def _resolve_names(columns, names, index):
     return replace(columns, **replacements)
 
 
-def affixes_of(column_names: Mapping[str, Any]) -> tuple[str, str]:
-    """The text before and after the name of a motion, or of a position, in joined tables: pmra_2, gaia_ra."""
-    parts = [str(column_names.get(role) or "").partition(role) for role in ("pmra", "ra")]
-    return next(((before, after) for before, found, after in parts if found and (before or after)), ("", ""))
+def affixes_of(name: Any, role: str) -> tuple[str, str]:
+    """The text before and after a role in the name of its column, as joined tables have it: pmra_2, gaia_ra."""
+    before, found, after = str(name or "").partition(role)
+    return (before, after) if found else ("", "")
 
 
 def _candidates(columns, role):

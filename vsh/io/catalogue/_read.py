@@ -411,18 +411,21 @@ _FLAGS = {"true": 1.0, "t": 1.0, "yes": 1.0, "false": 0.0, "f": 0.0, "no": 0.0} 
 def _numbers_of(name, values, mask, role):
     """The numbers of a model or flag, which joined tables hold as floats or as text, and where they are known."""
     if values.dtype.kind in "OSU":
-        texts = [item.decode("utf-8", "replace") if isinstance(item, bytes) else str(item) for item in values]
+        present = values if mask is None else np.where(mask, "", values)
+        texts = [item.decode("utf-8", "replace") if isinstance(item, bytes) else str(item) for item in present]
         words, places = np.unique([text.strip().lower() for text in texts], return_inverse=True)
+        numbers = []
         try:
-            numbers = [_FLAGS[word] if word in _FLAGS else float(word) for word in words]
+            for word in words:
+                numbers.append(_FLAGS[word] if word in _FLAGS else float(word))
         except ValueError:
             remedy = f"columns={{{role!r}: None}} (--columns {role}=)"
             raise TableError(
-                f"column {printable(name)!r} holds text, such as {printable(words[-1])!r}, where numbers say which "
-                f"rows can be used: {remedy} uses all rows"
+                f"column {printable(name)!r} holds text, such as {printable(words[len(numbers)])!r}, where numbers say "
+                f"which rows can be used: {remedy} uses all rows"
             ) from None
         values = np.array(numbers)[places] if len(places) else np.zeros(0)
-    elif values.dtype.kind not in "iufb":
+    elif values.dtype.kind not in ("iuf" if role == "solution" else "iufb"):
         raise TableError(f"column {printable(name)!r} holds {values.dtype.name}, not numbers")
     known = np.ones(len(values), bool) if mask is None else ~np.asarray(mask)
     return values, known & (values == values)

@@ -34,16 +34,28 @@ MAX_LIST = 2**28
 
 #: From here on a float does not hold every integer.
 _EXACT = 2**53
+#: What is calculated of integers as integers.
+_OF_INTEGERS = (np.mod, np.floor_divide, np.negative, np.positive, np.abs)
 
 
-def _calculate(function, operands):
-    """Numbers of a row: remainders and whole quotients of integers as integers, everything else in doubles."""
-    if function in (np.mod, np.floor_divide) and all(operand.dtype.kind in "iu" for operand in operands):
-        if operands[1].all():  # not by zero
-            return function(*operands)
-    elif function is not np.divide:
+def _calculate(function, operands, missing):
+    """Numbers of a row, exact for remainders and whole quotients of integers; nan where nothing can be divided."""
+    if function in _OF_INTEGERS and all(operand.dtype.kind in "iu" for operand in operands):
+        if any(operand.dtype == np.uint64 for operand in operands) and all((x >= 0).all() for x in operands):
+            operands = [operand.astype(np.uint64) for operand in operands]
+        if len(operands) == 1:
+            return function(operands[0])
+        divisor = np.where(operands[1] == 0, 1, operands[1])
+        value = function(operands[0], divisor)
+        return (
+            value
+            if (operands[1] != 0).all()
+            else np.ma.MaskedArray(value, np.broadcast_to(operands[1] == 0, value.shape))
+        )
+    if function is not np.divide:
         for operand in operands:
-            if operand.dtype.kind in "iu" and operand.size and max(int(operand.max()), -int(operand.min())) > _EXACT:
+            sizes = np.where(missing, 0, operand) if operand.dtype.kind in "iu" and operand.ndim else operand
+            if sizes.dtype.kind in "iu" and sizes.size and max(int(sizes.max()), -int(sizes.min())) > _EXACT:
                 raise TableError(
                     "--where: a number has more than 53 bits, of which this calculation would lose some: of such "
                     "integers there are exact comparisons, remainders (%) and whole quotients (//) by integers"
@@ -145,8 +157,6 @@ class Where(InNotebook):
         """Values, and which of them are not known."""
         match node:
             case ast.Constant(value=value):
-                if isinstance(value, float) and value.is_integer() and abs(value) < 2**62:
-                    return int(value), np.False_  # 3e18 is compared with integers as one
                 return value, np.False_
             case ast.Name(id=name) | ast.Call(func=ast.Name(id="column"), args=[ast.Constant(value=name)]):
                 return _column(*block[name])
@@ -174,10 +184,10 @@ class Where(InNotebook):
         for node, (value, _) in zip(nodes, conditions, strict=True):
             if np.asarray(value).dtype.kind not in "iufb":
                 raise TableError(f"--where: {printable(ast.unparse(node))} is text, not a number")
-        value = _calculate(function, [np.asarray(operand) for operand, _ in conditions])
-        return value, np.logical_or.reduce(
-            np.broadcast_arrays(np.isnan(value), *(missing for _, missing in conditions))
-        )
+        missing = np.logical_or.reduce(np.broadcast_arrays(*(lost for _, lost in conditions)))
+        value = _calculate(function, [np.asarray(operand) for operand, _ in conditions], missing)
+        undefined = np.ma.getmaskarray(value) if np.ma.isMaskedArray(value) else np.isnan(value)
+        return np.ma.getdata(value), undefined | missing
 
     def _evaluate_condition(self, node, block):
         value, missing = self._of(node, block)
@@ -289,7 +299,14 @@ def _compare_operands(op, left, right, node):
     operand_types = {"text" if np.asarray(operand).dtype.kind in "USO" else "number" for operand, _ in (left, right)}
     if len(operand_types) > 1:
         raise TableError(f"--where: {printable(ast.unparse(node))} compares a text with a number")
-    return np.asarray(_ORDER[type(op)](left[0], right[0]), bool)
+    one, other = (_as_integer(a, b) for a, b in ((left[0], right[0]), (right[0], left[0])))
+    return np.asarray(_ORDER[type(op)](one, other), bool)
+
+
+def _as_integer(value, other):
+    """A whole number that is compared with integers as one of them: 3e18 has no digit too few."""
+    is_whole = isinstance(value, float) and value.is_integer() and abs(value) < 2**62
+    return int(value) if is_whole and np.asarray(other).dtype.kind in "iu" else value
 
 
 def _column(values, mask):
