@@ -252,7 +252,7 @@ def write_others(field, rng):
     Path("defining.txt").write_text("\n".join(map(str, field.name[:600])) + "\n")
     galactic = field.to_frame("galactic")
     for path, sky, names in (
-        ("table.fits", galactic, "l b pml pmb pmra_error pmdec_error"),
+        ("table.fits", galactic, "l b pml pmb e_pml e_pmb"),
         ("table.csv", field, "ra dec mu_ra mu_de e_mu_ra e_mu_de"),
         ("motions.csv", field, "ra dec pmra pmdec pmra_error pmdec_error"),
     ):

@@ -14,9 +14,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vsh.commands import parsing
-from vsh.tools.errors import FieldError
-from vsh.tools.notes import CountedNote
-from vsh.tools.printing import printable
 
 if TYPE_CHECKING:
     from vsh.io.tables import TableSource
@@ -126,6 +123,9 @@ def keep_standard_input(options: argparse.Namespace) -> Iterator[None]:
 @contextmanager
 def naming_file(path: str) -> Iterator[None]:
     """Say in errors on rows of which of several files they are."""
+    from vsh.tools.errors import FieldError
+    from vsh.tools.printing import printable
+
     try:
         yield
     except FieldError as error:
@@ -136,6 +136,9 @@ def naming_file(path: str) -> Iterator[None]:
 
 def label_counts(catalogue: Any, path: str) -> Any:
     """A catalogue of several, whose notes with counts name its file."""
+    from vsh.tools.notes import CountedNote  # NumPy is slow to import
+    from vsh.tools.printing import printable
+
     name = printable(Path(path).name)
     notes = (f"{name}: {note}" if isinstance(note, CountedNote) else note for note in catalogue.notes)
     return replace(catalogue, notes=tuple(notes))

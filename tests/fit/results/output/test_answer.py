@@ -19,7 +19,7 @@ from fit.resample import bootstrap
 from fit.results.output import answer_of
 from sim.commands.simulate import main as simulate
 from study.referee import read_quasars, referee
-from vsh.tools.digits import printed_p_value
+from vsh.tools.digits import format_with_error, printed_p_value
 from vsh.vector import GAIA_EDR3
 
 
@@ -233,7 +233,7 @@ def test_comparison_has_the_same_numbers(tmp_path, capsys):
     written = Table.read(out / "parameters.ecsv")
     for name, value, sigma in zip(written["ICRF3"], written["value"], written["sigma"], strict=True):
         if name[0] in "RD":
-            assert re.search(rf"^  {name} +{re.escape(f'{value:+.2f} ± {sigma:.2f}')} ", text, re.MULTILINE)
+            assert re.search(rf"^  {name} +{re.escape(format_with_error(value, sigma))} ", text, re.MULTILINE)
     best = comparison.best
     for kind, vector in (("R", best.spin), ("D", best.acceleration)):
         chosen = [name.startswith(kind) for name in written["ICRF3"]]
