@@ -318,8 +318,7 @@ def _has_motions(path, options):
 
 
 def _read(path, quantity, options, condition):
-    with reading.naming_file(path):
-        return reading.label_counts(_read_catalogue(path, quantity, options, condition), path)
+    return reading.read_one_of_several(path, lambda: _read_catalogue(path, quantity, options, condition))
 
 
 def _read_catalogue(path, quantity, options, condition):

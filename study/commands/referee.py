@@ -1,6 +1,7 @@
 """`vsh-referee`: every published analysis of quasar motions from one catalogue, on the command line."""
 
 import argparse
+from functools import partial
 
 from vsh.commands import finishing, parsing, reading, running
 from vsh.io.quantities import latex_table
@@ -50,9 +51,8 @@ def _run(options):
     if options.earlier:
         from vsh.io.catalogue import read_field
 
-        with reading.naming_file(options.earlier):
-            earlier = read_field(options.earlier, roles=("name",), on_bad=options.on_bad)
-        earlier = reading.label_counts(earlier, options.earlier)
+        read = partial(read_field, options.earlier, roles=("name",), on_bad=options.on_bad)
+        earlier = reading.read_one_of_several(options.earlier, read)
     answer = referee(quasars, options.seed, earlier=earlier)
     counts = {"rows_used": len(quasars.whole), "rows_refused": count_dropped(quasars.field.notes)}
 

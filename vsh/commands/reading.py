@@ -7,7 +7,7 @@ import re
 import shutil
 import sys
 import tempfile
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -120,27 +120,20 @@ def keep_standard_input(options: argparse.Namespace) -> Iterator[None]:
         yield
 
 
-@contextmanager
-def naming_file(path: str) -> Iterator[None]:
-    """Say in errors on rows of which of several files they are."""
+def read_one_of_several(path: str, read: Callable[[], Any]) -> Any:
+    """A catalogue whose notes with counts, and whose errors on rows, name its file."""
     from vsh.tools.errors import FieldError
-    from vsh.tools.printing import printable
-
-    try:
-        yield
-    except FieldError as error:
-        if Path(path).name not in str(error):
-            error.args = (f"{printable(Path(path).name)}: {error}",)
-        raise
-
-
-def label_counts(catalogue: Any, path: str) -> Any:
-    """A catalogue of several, whose notes with counts name its file."""
     from vsh.tools.notes import CountedNote  # NumPy is slow to import
     from vsh.tools.printing import printable
 
-    name = printable(Path(path).name)
-    notes = (f"{name}: {note}" if isinstance(note, CountedNote) else note for note in catalogue.notes)
+    name = Path(path).name
+    try:
+        catalogue = read()
+    except FieldError as error:
+        if name not in str(error):
+            error.args = (f"{printable(name)}: {error}",)
+        raise
+    notes = (f"{printable(name)}: {note}" if isinstance(note, CountedNote) else note for note in catalogue.notes)
     return replace(catalogue, notes=tuple(notes))
 
 

@@ -180,15 +180,14 @@ def log_calls(words: str) -> Callable[[Callable[_P, _T]], Callable[_P, _T]]:
 
         @wraps(function)
         def timed(*args: _P.args, **options: _P.kwargs) -> _T:
-            if not logger.isEnabledFor(logging.INFO):
-                with name_step(words):
+            with name_step(words):
+                if not logger.isEnabledFor(logging.INFO):
                     return function(*args, **options)
-            begin, outer = time.perf_counter(), _INSIDE.set(True)
-            try:
-                with name_step(words):
+                begin, outer = time.perf_counter(), _INSIDE.set(True)
+                try:
                     result = function(*args, **options)
-            finally:
-                _INSIDE.reset(outer)
+                finally:
+                    _INSIDE.reset(outer)
             log_result(logger, words, result, begin)
             return result
 

@@ -39,19 +39,14 @@ _OF_INTEGERS = (np.mod, np.floor_divide, np.negative, np.positive, np.abs)
 
 
 def _calculate(function, operands, missing):
-    """Numbers of a row, exact for remainders and whole quotients of integers; nan where nothing can be divided."""
+    """Numbers of a row, exact for remainders and whole quotients of integers, and where they are undefined."""
     if function in _OF_INTEGERS and all(operand.dtype.kind in "iu" for operand in operands):
         if any(operand.dtype == np.uint64 for operand in operands) and all((x >= 0).all() for x in operands):
             operands = [operand.astype(np.uint64) for operand in operands]
         if len(operands) == 1:
-            return function(operands[0])
-        divisor = np.where(operands[1] == 0, 1, operands[1])
-        value = function(operands[0], divisor)
-        return (
-            value
-            if (operands[1] != 0).all()
-            else np.ma.MaskedArray(value, np.broadcast_to(operands[1] == 0, value.shape))
-        )
+            return function(operands[0]), np.False_
+        is_zero = operands[1] == 0
+        return function(operands[0], np.where(is_zero, 1, operands[1])), is_zero
     if function is not np.divide:
         for operand in operands:
             sizes = np.where(missing, 0, operand) if operand.dtype.kind in "iu" and operand.ndim else operand
@@ -60,7 +55,8 @@ def _calculate(function, operands, missing):
                     "--where: a number has more than 53 bits, of which this calculation would lose some: of such "
                     "integers there are exact comparisons, remainders (%) and whole quotients (//) by integers"
                 )
-    return function(*(np.asarray(operand, float) for operand in operands))
+    value = function(*(np.asarray(operand, float) for operand in operands))
+    return value, np.isnan(value)
 
 
 class Where(InNotebook):
@@ -185,9 +181,8 @@ class Where(InNotebook):
             if np.asarray(value).dtype.kind not in "iufb":
                 raise TableError(f"--where: {printable(ast.unparse(node))} is text, not a number")
         missing = np.logical_or.reduce(np.broadcast_arrays(*(lost for _, lost in conditions)))
-        value = _calculate(function, [np.asarray(operand) for operand, _ in conditions], missing)
-        undefined = np.ma.getmaskarray(value) if np.ma.isMaskedArray(value) else np.isnan(value)
-        return np.ma.getdata(value), undefined | missing
+        value, undefined = _calculate(function, [np.asarray(operand) for operand, _ in conditions], missing)
+        return value, undefined | missing
 
     def _evaluate_condition(self, node, block):
         value, missing = self._of(node, block)
