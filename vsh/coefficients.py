@@ -155,9 +155,9 @@ class Coefficients(Frozen):
         return self.at(lon, lat)
 
     def at(self, lon: ArrayLike, lat: ArrayLike) -> FloatArray:
-        """The field at `lon`, `lat` [rad], (n,): east and north component, (2, n). [µas/yr]"""
-        lon, lat = in_unit("lon", lon), in_unit("lat", lat)
-        lon, lat = np.broadcast_arrays(np.atleast_1d(lon).astype(float), np.atleast_1d(lat).astype(float))
+        """The field at `lon`, `lat` [rad], (…): east and north component, (2, …). [µas/yr]"""
+        lon, lat = np.broadcast_arrays(np.asarray(in_unit("lon", lon), float), np.asarray(in_unit("lat", lat), float))
+        shape, lon, lat = lon.shape, lon.ravel(), lat.ravel()
         field_values = np.empty((self.modes.components, lon.size))
         block = max(1, min(8192, 2**24 // len(self.modes)))  # at most 256 MiB of basis
 
@@ -167,7 +167,7 @@ class Coefficients(Frozen):
 
         for _ in map_blocks(fill, lon.size, block):
             pass
-        return field_values
+        return field_values.reshape(-1, *shape)
 
     def to_degree(self, lmax: int) -> Coefficients:
         """Change the highest degree to `lmax`: new modes are zero, those above are cut off."""

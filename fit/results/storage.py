@@ -28,7 +28,7 @@ from vsh.io.results import MOVED, RENAMED
 from vsh.io.sections import Answer, Section, text_of
 from vsh.modes import Modes
 from vsh.tools.errors import TableError, VshError
-from vsh.tools.files import check_new
+from vsh.tools.files import RESULT_MARK, check_new
 from vsh.tools.notebook import Frozen
 from vsh.tools.printing import printable
 from vsh.tools.types import PathName, Table
@@ -287,7 +287,7 @@ class Result(Frozen):
         plain = self._plain_facts()
         if getattr(self, "notes", None) and tables.format_of(path) == "ascii.ecsv":  # a FITS header has no lists
             plain["notes"] = list(map(str, getattr(self, "notes", ())))
-        tables.write_columns(path, columns, plain | (meta or {}) | {"RESULT": mark}, units, overwrite)
+        tables.write_columns(path, columns, plain | (meta or {}) | {RESULT_MARK: mark}, units, overwrite)
 
     @classmethod
     def read(cls, path: PathName) -> Self:
@@ -346,7 +346,7 @@ def read(path: PathName) -> Result:
     _check_format(path)
     table, file_name = tables.read_table(path), printable(path)
     try:
-        metadata = json.loads({key.upper(): value for key, value in table.meta.items()}["RESULT"])
+        metadata = json.loads({key.upper(): value for key, value in table.meta.items()}[RESULT_MARK])
         type_name, module = str(metadata.pop("type")), str(metadata.pop("module"))
     except (KeyError, TypeError, ValueError, AttributeError, RecursionError, ImportError):
         raise TableError(f"{file_name} holds no result of a fit: it lacks its mark, RESULT, in the metadata") from None

@@ -7,6 +7,7 @@ from typing import Any
 
 from vsh.io import catalogue, tables
 from vsh.tools.errors import TableError
+from vsh.tools.files import RESULT_MARK
 from vsh.tools.printing import printable
 from vsh.tools.types import PathName
 
@@ -44,7 +45,7 @@ def read(path: PathName) -> Any:
     <Field: 1 sources, icrs, with name>
     """
     source = tables.open_table(path)
-    mark = {str(key).upper(): value for key, value in source.meta.items()}.get("RESULT")
+    mark = {str(key).upper(): value for key, value in source.meta.items()}.get(RESULT_MARK)
     if mark is None:
         return catalogue.read_field(path) if catalogue.has_field_columns(source.names) else tables.read_table(path)
     try:

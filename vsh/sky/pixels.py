@@ -22,7 +22,7 @@ def pixels_of(lon: ArrayLike, lat: ArrayLike, nside: int, *, nested: bool = Fals
     lon, lat : (n,) arrays
         Positions [rad]
     nside : int
-        A power of two.
+        A power of two, to 2²⁹.
     nested : bool
         Pixels in nested order.
     any_size : bool
@@ -33,7 +33,7 @@ def pixels_of(lon: ArrayLike, lat: ArrayLike, nside: int, *, nested: bool = Fals
     FieldError
         If nside is no power of two, or a position is not on the sky.
     """
-    check_nside(nside, any_size and not nested)
+    check_nside(nside, any_size and not nested, most=2**29)
     lon, lat = np.asarray(lon, float), np.asarray(lat, float)
     if lon.shape != lat.shape:
         raise FieldError(f"lon and lat have shapes {lon.shape} and {lat.shape}")
@@ -43,13 +43,16 @@ def pixels_of(lon: ArrayLike, lat: ArrayLike, nside: int, *, nested: bool = Fals
     return Healpix_Base(int(nside), "NEST" if nested else "RING").ang2pix(positions)
 
 
-def check_nside(nside: int, any_size: bool = False) -> int:
-    """Return nside; raise FieldError unless it is a power of two from 1 to 8192, or any whole number in ring order."""
-    if any_size and isinstance(nside, (int, np.integer)) and 1 <= nside <= 8192:
+def check_nside(nside: int, any_size: bool = False, most: int = 8192) -> int:
+    """Return nside; raise FieldError unless it is a power of two, or any whole number where that is allowed.
+
+    Maps have at most nside 8192; a pixel alone may be one of any that HEALPix numbers, up to 2²⁹.
+    """
+    if isinstance(nside, (int, np.integer)) and 1 <= nside <= most and (any_size or nside & (nside - 1) == 0):
         return nside
-    if not (isinstance(nside, (int, np.integer)) and 1 <= nside <= 8192 and nside & (nside - 1) == 0):
-        raise FieldError(f"nside must be a power of two from 1 to 8192, not {nside!r}")
-    return nside
+    raise FieldError(
+        f"nside must be a {'whole number' if any_size else 'power of two'} from 1 to {most}, not {nside!r}"
+    )
 
 
 def centres(nside: int, *, any_size: bool = False) -> tuple[FloatArray, FloatArray]:

@@ -31,27 +31,12 @@ import numpy as np
 import vsh
 from vsh.sky.frames import AXES, FRAME_KEY, MEASURED_KEY, REDSHIFT_FRAME_COLUMN, REDSHIFT_FRAME_KEY
 from vsh.tools.errors import ParameterError, TableError, WriteError
-from vsh.tools.formats import BY_KIND, PACKED, WRITTEN
+from vsh.tools.formats import BY_KIND, PACKED, WRITTEN, column_of
 from vsh.tools.printing import printable
 from vsh.tools.types import FloatArray, PathName, Table
 
-#: What columns are, in the words of the IVOA (UCD1+ controlled vocabulary 1.5).
-UCDS = {
-    "source_id": "meta.id;meta.main", "name": "meta.id;meta.main", "ra": "pos.eq.ra;meta.main",
-    "dec": "pos.eq.dec;meta.main", "pmra": "pos.pm;pos.eq.ra", "pmdec": "pos.pm;pos.eq.dec",
-    "pmra_error": "stat.error;pos.pm;pos.eq.ra", "pmdec_error": "stat.error;pos.pm;pos.eq.dec",
-    "pmra_pmdec_corr": "stat.correlation;pos.pm;pos.eq.ra;pos.pm;pos.eq.dec", "phot_g_mean_mag": "phot.mag;em.opt",
-    "redshift": "src.redshift", "redshift_error": "stat.error;src.redshift", "distance": "pos.distance",
-    "distance_error": "stat.error;pos.distance", "parallax": "pos.parallax",
-    "parallax_error": "stat.error;pos.parallax", "parameter": "meta.id", "value": "stat.fit.param",
-    "sigma": "stat.error;stat.fit.param", "covariance": "stat.covariance", "correlation": "stat.correlation",
-}  # fmt: skip
-for _lon, _lat, _east, _north in (AXES["galactic"], AXES["ecliptic"]):
-    for _name, _like in zip((_lon, _lat, _east, _north), AXES["icrs"], strict=True):
-        UCDS |= {_name: UCDS[_like]} | ({f"{_name}_error": UCDS[f"{_like}_error"]} if _like.startswith("pm") else {})
-    UCDS[f"{_east}_{_north}_corr"] = UCDS["pmra_pmdec_corr"]
 #: Columns of positions and motions, and of times, in the order of barycentric coordinate time since 2010 (Gaia DR4).
-_ON_THE_SKY = ("lon", "lat", *(name for names in AXES.values() for name in names))
+_ON_THE_SKY = ("lon", "lat", "ra0", "dec0", *(name for names in AXES.values() for name in names))
 _ON_THE_SKY += tuple(f"{name}_error" for names in AXES.values() for name in names[2:])
 _TIMES = ("obs_time_tcb",)
 #: IVOA's names of the frames (COOSYS of VOTable 1.4), and the Julian date (TCB) that DR4's times are counted from.
@@ -61,6 +46,8 @@ _UCD_OF_FRAME = {
     "galactic": {"pos.eq.ra": "pos.galactic.lon", "pos.eq.dec": "pos.galactic.lat"},
     "ecl_FK5": {"pos.eq.ra": "pos.ecliptic.lon", "pos.eq.dec": "pos.ecliptic.lat"},
 }
+#: What the epoch of positions is called in metadata.
+_EPOCHS = ("REFEPOCH", "REF_EPOCH", "EPOCH")
 #: Names within the file that no column and no parameter has.
 _FRAME, _TIME = "vsh_frame", "vsh_time"
 
@@ -74,7 +61,8 @@ def write_votable(table: Table, path: Path) -> None:
     document.version = "1.4"
     element = document.get_first_table()
     for entry in element.fields:
-        entry.ucd = UCDS.get(str(entry.name))
+        column = column_of(str(entry.name), entry.unit)
+        entry.ucd = column and column.ucd
         entry.unit = _standard_unit(entry.unit)
         if entry.arraysize == "1" and entry.datatype in ("char", "unicodeChar"):
             entry.arraysize = "*"  # a single character has no array size since erratum 3 of VOTable 1.3
@@ -114,10 +102,11 @@ def _add_systems(document, element, meta):
     from astropy.io.votable.tree import CooSys, TimeSys
 
     resource = document.resources[0]
-    sky_columns = [column for column in element.fields if column.name in _ON_THE_SKY]
+    # `l` is a degree as well as a longitude: its UCD says which.
+    sky_columns = [column for column in element.fields if column.name in _ON_THE_SKY and "pos." in str(column.ucd)]
     facts = {str(key).upper(): value for key, value in meta.items()}
     if sky_columns:
-        epoch = facts.get("REF_EPOCH") or facts.get("EPOCH")
+        epoch = next((facts[key] for key in _EPOCHS if facts.get(key)), None)
         system = _SYSTEMS.get(str(facts.get("FRAME", "icrs")).lower(), "ICRS")
         options = {}
         with suppress(TypeError, ValueError):  # none, or no number
@@ -133,7 +122,7 @@ def _add_systems(document, element, meta):
     if times:
         config = {"version_1_4_or_later": True}
         resource.time_systems.append(TimeSys(ID=_TIME, timeorigin=_DR4_ORIGIN, timescale="TCB",
-                                             refposition="BARYCENTER", config=config))  # fmt: skip
+                                             refposition="TOPOCENTER", config=config))  # fmt: skip
         for column in times:
             column.ref = _TIME
 
@@ -404,8 +393,8 @@ def _umask():
     return mask
 
 
-#: In the metadata of every table that is written: by what.
-CREATOR = "CREATOR"
+#: In the metadata of every table that is written: by what; and in that of a result: what is needed to read it again.
+CREATOR, RESULT_MARK = "CREATOR", "RESULT"
 
 
 def format_of(path: PathName, known: Mapping[str, str] = WRITTEN) -> str:
@@ -456,6 +445,9 @@ def write_table(table: Table, path: PathName, meta: dict[str, Any] | None = None
     metadata |= {key: value for key, value in table.meta.items() if key != CREATOR}
     table = table.copy(copy_data=False)
     table.meta = type(table.meta)(_to_plain_types(metadata | (meta or {})))
+    for name in table.colnames:
+        if not table[name].description and (column := column_of(name, table[name].unit)):
+            table[name].description = column.meaning
     format_name = format_of(path)
     _fit_to_format(table, format_name, path)
     with atomic_write(path, overwrite) as temporary_path, warnings.catch_warnings():
@@ -464,12 +456,28 @@ def write_table(table: Table, path: PathName, meta: dict[str, Any] | None = None
             write_votable(table, temporary_path)
         elif format_name == "hdf5":
             table.write(temporary_path, format=format_name, path="table", serialize_meta=True, overwrite=True)
+        elif format_name == "fits":
+            _write_fits(table, temporary_path)
         else:
             table.write(temporary_path, format=format_name, overwrite=True)
         if (
             format_name.startswith("ascii") and path.suffix.lower() == ".gz"
         ):  # astropy compresses FITS and VOTables alone
             temporary_path.write_bytes(gzip.compress(temporary_path.read_bytes(), mtime=0))
+
+
+def _write_fits(table, path):
+    """Write a FITS table whose columns are described as other readers expect it, by TCOMM."""
+    from astropy.io.fits import table_to_hdu
+
+    meanings = {name: table[name].description for name in table.colnames}
+    for name in table.colnames:  # or astropy adds a comment in YAML that is longer than many a table
+        table[name].description = None
+    hdu = table_to_hdu(table)
+    for number, meaning in enumerate(meanings.values(), 1):
+        if meaning:
+            hdu.header.set(f"TCOMM{number}", meaning.translate(_IN_ASCII), after=f"TFORM{number}")
+    hdu.writeto(path, overwrite=True)
 
 
 def _fit_to_format(table, format_name, path):
@@ -489,6 +497,14 @@ def _fit_to_format(table, format_name, path):
                 ".parquet"
             )
     if format_name == "fits":
+        for key, value in table.meta.items():
+            if isinstance(value, (list, tuple)):  # each of which would be a card of the same name
+                table.meta[key] = "; ".join(map(str, value))
+        if any(isinstance(value, str) and len(value) > _CARD for value in table.meta.values()):
+            table.meta["LONGSTRN"] = "OGIP 1.0"  # by which readers know that texts go on in further cards
+        if RESULT_MARK not in table.meta:  # of a result the names are read again
+            for name in filter(_COEFFICIENT.fullmatch, table.colnames):
+                table.rename_column(name, re.sub(r"\W+", "_", name).strip("_"))
         for name in [name for name in table.colnames if table[name].dtype.kind in "UO"]:
             if _is_ascii(np.ma.getdata(table[name])):
                 continue
@@ -512,6 +528,10 @@ def _is_ascii(texts):
     return True
 
 
+#: The longest text that one card of a FITS header holds.
+_CARD = 68
+#: Columns of coefficients, t(2,1,re), whose names FITS would have without brackets: t_2_1_re.
+_COEFFICIENT = re.compile(r"[a-z]\(\d+,\d+(,re|,im)?\)")
 #: What labels of ours have beyond ASCII.
 _IN_ASCII = str.maketrans({"≥": ">=", "≤": "<=", "−": "-", "µ": "u", "°": "deg", "δ": "delta", "α": "alpha"})
 #: Metadata without which a table says something else.

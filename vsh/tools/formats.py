@@ -1,6 +1,14 @@
-"""What names of tables say: formats by their endings, a row each, and addresses, shown without what is secret."""
+"""What names say: of tables, formats by their endings, a row each; of columns, what they are; and addresses.
 
+columns.tsv has the IVOA's words for each column (UCD1+, vocabulary 1.5) and a sentence for a reader: from it VOTables,
+FITS, ECSV and Parquet files describe their columns, and docs/output.md lists them.
+"""
+
+import csv
 import re
+from fnmatch import fnmatchcase
+from functools import cache
+from pathlib import Path
 from typing import NamedTuple
 
 
@@ -103,3 +111,33 @@ def _hide_link_secrets(link):
     # A password may hold any sign; a path or a query with an @ and no colon before it is one.
     location = host_path if at and (":" in before or "/" not in before) else location
     return f"{scheme}://{re.split(r'[?#]', location, maxsplit=1)[0]}"
+
+
+#: Names of standard errors: what is left of each is the name of what has the error.
+_OF_ERRORS = re.compile(r"(?:(?:formal_)?sigma|error)_(.+)|(.+)_error")
+
+
+class Column(NamedTuple):
+    """The meaning of a column: the words of the IVOA for it, and a sentence."""
+
+    ucd: str
+    meaning: str
+
+
+@cache
+def _rows():
+    with Path(__file__).with_name("columns.tsv").open(encoding="utf-8", newline="") as file:
+        return [(row["column"], Column(row["UCD"], row["meaning"])) for row in csv.DictReader(file, delimiter="\t")]
+
+
+def column_of(name: str, unit: object = None) -> Column | None:
+    """Return the meaning of a column by its name and, where that is not enough, its unit; None where none is known."""
+    for pattern, column in _rows():
+        if pattern == f"{name} [{unit}]" or fnmatchcase(name, pattern):
+            return column
+    match = _OF_ERRORS.fullmatch(name)
+    what = match and column_of(match[1] or match[2], unit)
+    if not what:
+        return None
+    words = [word for word in what.ucd.split(";") if not word.startswith(("stat.", "meta."))]
+    return Column(";".join(["stat.error", *words]), f"Standard error of this: {what.meaning}")

@@ -44,7 +44,7 @@ def test_catalogue_states_its_frame(tmp_path, frame, system, ucd):
 def test_epochs_state_their_time_scale(tmp_path):
     document = written(Table({"obs_time_tcb": [1.0, 2.0]}), tmp_path / "epochs.vot")
     (times,) = document.resources[0].time_systems
-    assert (times.timescale, times.refposition, float(times.timeorigin)) == ("TCB", "BARYCENTER", 2455197.5)
+    assert (times.timescale, times.refposition, float(times.timeorigin)) == ("TCB", "TOPOCENTER", 2455197.5)
     assert not document.resources[0].coordinate_systems
 
 
