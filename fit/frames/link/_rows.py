@@ -43,7 +43,7 @@ class LinkPrior(InNotebook):
         [µas or µas/yr]
     covariance : (3, 3) array
     magnitude : float, optional
-        Those of the sources it is from; of the brightest, without steps and powers, unless given.
+        That of the sources it is from; needed where the frame changes with magnitude.
     catalogue : str, optional
         Whose; of the one that is turned unless given.
     """
@@ -71,7 +71,7 @@ def read_priors(source: Any, magnitude: float | None = None) -> list[LinkPrior]:
         given), `magnitude`, `catalogue`; in µas and µas/yr where the table does not say. Or the folder that
         `vsh-fit --output` wrote, or its `vectors.ecsv`: the spin of the motions of its sources, turned to ICRS axes.
     magnitude : float, optional
-        Magnitude of all priors for which the table has none.
+        Magnitude of all priors for which the table has none; of the results of a fit 20, as of quasars, unless given.
 
     Raises
     ------
@@ -138,11 +138,13 @@ def _priors_of_fit(table, magnitude):
         frame = np.asarray(table.columns(("frame",))["frame"][0]).astype(str)[row]
     turn = rotation_matrix(str(frame), "icrs")
     value = turn @ np.array([number(axis) for axis in "xyz"])
-    return [LinkPrior("spin", value, turn @ matrix @ turn.T, magnitude=magnitude)]
+    return [LinkPrior("spin", value, turn @ matrix @ turn.T, magnitude=_QUASARS if magnitude is None else magnitude)]
 
 
 #: The table of a fit's spin and acceleration, in its folder of results.
 _OF_A_FIT = "vectors.ecsv"
+#: Magnitude of quasars, whose frame may be another one than that of the stars of a link. [G]
+_QUASARS = 20.0
 _NUMBERS = (*"xyz", *(f"{axis}_error" for axis in "xyz"), "x_y_corr", "x_z_corr", "y_z_corr", "magnitude")
 _WORDS = ("vector", "catalogue")
 
@@ -257,8 +259,9 @@ class Unknowns(InNotebook):
         return at - self.combination(vector, catalogue, np.nextafter(step, -np.inf))
 
     def combination(self, vector: str, catalogue: str, magnitude: float | None = None) -> FloatArray:
-        """Linear combination of the parameters for a vector of one catalogue at a magnitude, (3, p); the constants
-        unless given.
+        """Linear combination of the parameters for a vector of one catalogue at a magnitude, (3, p).
+
+        Without a magnitude it is that of the brightest sources, before all steps and without powers.
 
         Parameters
         ----------

@@ -202,6 +202,24 @@ def test_priors_are_read_from_the_results_of_a_fit(tmp_path, frame):
     np.testing.assert_allclose(prior.covariance, expected.covariance, atol=1e-9)
 
 
+def test_spin_of_quasars_says_nothing_of_bright_stars(tmp_path):
+    """Where the frame jumps, a prior is of its own side, and one without a magnitude is refused."""
+    data = sim.link(9, 40)
+    step = float(np.nanmedian(data.magnitude))
+    quasars = sim.observe(sim.quasars(500, rng=1), sim.spin((0, 0, 0)), rng=2, release="DR5")
+    fit.output.vectors_table(fit.fit_field(quasars, 1)).write(tmp_path / "vectors.ecsv")
+    options = {"steps": (step,), "robust": False, "scale": 1.0}
+    free, tied = link(data, **options), link(data, priors=read_priors(tmp_path), **options)
+    bright = [each.vector("spin", magnitude=step - 1.0) for each in (free, tied)]
+    assert np.abs(bright[1].value - bright[0].value).max() < 2 * bright[0].sigma.max()
+    assert tied.vector("spin", magnitude=20.0).sigma.max() < 0.8 * free.vector("spin", magnitude=20.0).sigma.max()
+    bare = LinkPrior("spin", (0, 0, 0), np.eye(3))
+    with pytest.raises(ParameterError, match="no magnitude"):
+        link(data, priors=[bare], **options)
+    with pytest.raises(ParameterError, match="no magnitude"):
+        link(data, priors=[bare], order=1)
+
+
 def test_effects_have_their_size():
     """Switched off, parallax and aberration change the answer; light-time hardly."""
     data = sim.link(10, 40, **FRAME, **EXACT, single=0.5, aberration=AT)
