@@ -116,6 +116,14 @@ def fit_by_error_class(differences: Field, modes: Modes, indices: IntArray | Non
     return ErrorClassFit(values, np.asarray(covariance, float), tuple(map(float, np.sqrt(tau))), float(p_value))
 
 
+def _count_same(differences):
+    """How many sources have the same values in both catalogues."""
+    size = abs(differences.motion)
+    is_near = (size < 1e-3 * differences.sigma).all(axis=0)
+    least = 0.01 * np.median(size[:, ~is_near]) if (~is_near).any() else np.inf
+    return int((is_near & (size < least).all(axis=0)).sum())
+
+
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class FrameComparison(FrameResult, AboutSolution):
     """Comparison of two catalogues.
@@ -150,7 +158,8 @@ class FrameComparison(FrameResult, AboutSolution):
     method : str
         How errors of `solution` were made: "" as quoted, or what was asked for in place of them.
     n_same : int
-        How many sources have the same values in both catalogues, to a thousandth of their errors.
+        How many sources have the same values in both catalogues: to a thousandth of their errors, and to a hundredth of
+        what the others differ by, for errors may be in a wrong unit.
     """
 
     labels: tuple[str, str]
@@ -552,7 +561,7 @@ def compare_catalogues(
             f"{int((~is_near).sum())} of {len(is_near)} pairs deviate by more than {_FAR * threshold:g} standard "
             "errors from a robust fit: excluded before the first least-squares fit",
         )
-    n_same = int((abs(fitted.motion) < 1e-3 * fitted.sigma).all(axis=0).sum())
+    n_same = _count_same(fitted)
     if 100 * n_same > len(fitted):  # one in a million if catalogues are independent
         notes = (*notes, f"{n_same} of {len(fitted)} sources have the same values in both catalogues")
     solution = replace(estimate, unit=unit, notes=notes)

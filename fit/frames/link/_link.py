@@ -163,8 +163,8 @@ def _prior(priors, unknowns):
             raise ParameterError(f"a prior is of {phrase}, which is not sought here")
         if prior.magnitude is None and len(unknowns.terms) > 1 and prior.vector != "acceleration":
             raise ParameterError(
-                f"a prior of the {prior.vector} has no magnitude, and the frame that is sought changes with it: say that "
-                "of its sources (magnitude=, a column magnitude of --priors)"
+                f"a prior of the {prior.vector} has no magnitude, and the frame that is sought changes with it: say "
+                "that of its sources (magnitude=, a column magnitude of --priors)"
             )
         a = unknowns.combination(prior.vector, catalogue, prior.magnitude)
         product = np.linalg.solve(prior.covariance, a)

@@ -223,15 +223,19 @@ _MOTIONS = 3e6
 _SMALL = 0.1
 
 
-def size_warnings(field: Any, at_least: int = 20) -> list[str]:
-    """Warnings of numbers that no survey has, with the likely cause; nothing is changed."""
+def size_warnings(field: Any, at_least: int = 20, *, is_assumed: bool = False) -> list[str]:
+    """Warnings of numbers that no survey has, with the likely cause; nothing is changed.
+
+    Where the unit of motions is assumed, smaller numbers are doubted already.
+    """
+    limits = _ERRORS[0], _ERRORS[1] / (2 if is_assumed else 1)
     sigma, motion = field.sigma, field.motion
     if len(field) < at_least or (motion == 0).all():
         return []
     # Where all are plausible their medians are, which take longer to see.
     (least, most), (lowest, highest) = span_of(sigma), span_of(motion)
-    plausible = within((least, most), *_ERRORS) and within((lowest, highest), -_MOTIONS, _MOTIONS)
-    notes = [] if plausible else _motion_warnings(np.median(sigma), np.median(np.abs(motion)))
+    plausible = within((least, most), *limits) and within((lowest, highest), -_MOTIONS, _MOTIONS)
+    notes = [] if plausible else _motion_warnings(np.median(sigma), np.median(np.abs(motion)), limits)
     if max(-lowest, highest) < _SMALL * least:
         text = f"no motion is above {max(-lowest, highest):.3g} µas/yr, and no error below {least:.3g} µas/yr"
         notes.append(CodedNote(f"warning: {text}: in which units are they (units=, --units)?", DOUBT))
@@ -242,10 +246,10 @@ def size_warnings(field: Any, at_least: int = 20) -> list[str]:
     return notes
 
 
-def _motion_warnings(error, size):
+def _motion_warnings(error, size, limits):
     """Warnings of a median error and a median motion in µas/yr."""
     notes = []
-    if not _ERRORS[0] < error < _ERRORS[1]:
+    if not limits[0] < error < limits[1]:
         side, likely = ("above", "µas/yr read as mas/yr") if error > 1 else ("below", "mas/yr read as µas/yr")
         text = f"{side} {error:.3g} µas/yr, which no survey has: {likely}? Say the unit: units= (--units)"
         notes.append(CodedNote(f"warning: half of the errors are {text}", DOUBT))
@@ -527,10 +531,15 @@ def convert_modulus(columns: dict[str, Any]) -> list[str]:
 _SEXAGESIMAL = re.compile(r"\s*([-+]?)(\d+)[\s:hd°]+(\d+)[\s:m']+(\d+(?:\.\d*)?)[s\"]?\s*")
 
 
-def sexagesimal_degrees(role: str, values: Any, missing: BoolArray | None, unit: str = "") -> Any:
+def sexagesimal_degrees(role: str, name: str, values: Any, missing: BoolArray | None, unit: str = "") -> Any:
     """Degrees of positions that are text in hours or degrees, minutes and seconds; None of other columns.
 
     Right ascension is in hours unless its text has a mark of degrees, or its unit is one of degrees.
+
+    Raises
+    ------
+    FieldError
+        If right ascensions without such a unit go beyond 24 hours.
     """
     if role not in ("ra", "dec") or getattr(values, "dtype", np.dtype(float)).kind not in "US":
         return None
@@ -543,8 +552,14 @@ def sexagesimal_degrees(role: str, values: Any, missing: BoolArray | None, unit:
     components = np.array([[0, 0, 0] if match is None else match.groups()[1:] for match in matches], float).T
     size = components[0] + components[1] / 60 + components[2] / 3600
     negative = np.array([match is not None and match[1] == "-" for match in matches])
-    in_degrees = role == "dec" or unit.strip('"').lower() == "d:m:s"
+    in_degrees = role == "dec" or unit.strip('"').lower() in ("d:m:s", "deg", "degree", "degrees")
     is_degree = np.array([in_degrees or "d" in entry or "°" in entry for entry in text])
+    beyond = (size >= 24) & ~is_degree & ~wrong & ~lost
+    if 10 * beyond.sum() > len(text):
+        raise FieldError(
+            f"column {name!r} goes beyond 24 hours in {beyond.sum()} of {len(text)} rows, {printable(text[beyond][0])} "
+            f"say: degrees, minutes and seconds? Say units={{{name!r}: 'deg'}} (--units {shlex.quote(f'{name}=deg')})"
+        )
     return np.where(wrong, np.nan, np.where(negative, -size, size) * np.where(is_degree, 1.0, 15.0))
 
 

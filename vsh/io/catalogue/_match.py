@@ -23,7 +23,8 @@ from vsh.sky.sphere import triad
 from vsh.tools.arguments import positive
 from vsh.tools.bad_rows import RHO2_LIMIT, as_floats, select_usable
 from vsh.tools.errors import FieldError, FrameError, TableError
-from vsh.tools.printing import one_line_text
+from vsh.tools.notes import DOUBT, CodedNote
+from vsh.tools.printing import one_line_text, printable
 from vsh.tools.types import IntArray, OnBad, PathName
 from vsh.tools.units import DEGREE, MAS, UAS
 
@@ -202,7 +203,11 @@ def match(
 
 def _match_by_name(a, b):
     if a.name is None or b.name is None:
-        raise FieldError('a catalogue without names cannot be matched by name: by="position" (--match 1) needs none')
+        which = "the first" if a.name is None else "the second"
+        raise FieldError(
+            f"{which} catalogue has no column of names that is known: say which has them (--columns name=…); "
+            'by="position" (--match 1) needs none'
+        )
     if a.name.dtype.kind != b.name.dtype.kind and "U" in (a.name.dtype.kind, b.name.dtype.kind):
         raise FieldError(
             f"names of type {a.name.dtype} and {b.name.dtype} are never equal, {one_line_text(a.name[0])} and "
@@ -292,7 +297,9 @@ def read_icrf(path: PathName, name: str | None = "icrf", *, on_bad: OnBad = "rai
 _COLUMNS = {"ra": "deg", "dec": "deg", "ra_error": "mas", "dec_error": "mas"}
 _OPTIONAL = ("ra_dec_corr", "name")
 _VIZIER = {"ra_error": "e_RA_ICRS", "dec_error": "e_DE_ICRS", "ra_dec_corr": "RADEcor", "name": "Source"}
-_NAMES = ("source_id", "name", "designation", "iers", "icrf")
+_NAMES = ("source_id", "name", "source_name", "designation", "iers", "iers_name", "icrf")
+#: Median errors without a unit outside these are of no list of positions. [mas]
+_ERRORS = 1e-3, 50.0
 
 
 def _known_names(names):
@@ -332,15 +339,19 @@ def read_positions(
             f"columns: nothing of positions is called {', '.join(wrong)}; there are "
             f"{', '.join((*_COLUMNS, *_OPTIONAL))}"
         )
+    if is_icrf:  # whose columns have our names: what was said is meant for the other catalogue
+        columns = {role: name for role, name in columns.items() if name in table_source.names}
     if is_icrf or set_name == "icrf":
         columns = {"name": designation} | columns
     roles = {role: columns.get(role, name) for role, name in _known_names(table_source.names).items()}
     roles |= {"defining": "defining"} if is_icrf else {}
     if "name" not in columns:
-        roles["name"] = next((name for name in _NAMES if name in table_source.names), "name")
-    if sigma is not None:
+        by_lower = {name.lower(): name for name in table_source.names}
+        roles["name"] = next((by_lower[name] for name in _NAMES if name in by_lower), "name")
+    has_errors = {roles["ra_error"], roles["dec_error"]} <= set(table_source.names)
+    if sigma is not None and not has_errors:
         roles.pop("ra_error"), roles.pop("dec_error"), roles.pop("ra_dec_corr")
-    for role in _COLUMNS:
+    for role in (*_COLUMNS, *columns):
         if role in roles and roles[role] not in table_source.names:
             remark = "; or one error for all, sigma= (--columns sigma=)" if role.endswith("error") else ""
             raise TableError(missing_column(roles[role], table_source) + remark)
@@ -350,32 +361,39 @@ def read_positions(
     rows: Any = 0
     if clause:
         table, rows, selection_notes = clause.of(table, 0)
-    numbers, bad, assumed = {}, {}, []
+    numbers, bad, bare, filled = {}, {}, {}, np.zeros(1, bool)
     for role, name in roles.items():
         if role in ("name", "defining"):
             continue
         values, missing = table[name]
         unit = unit_of(name, units or {}, table_source)
-        numbers[role] = sexagesimal_degrees(role, np.asarray(values), missing, str(unit or ""))
+        numbers[role] = sexagesimal_degrees(role, name, np.asarray(values), missing, str(unit or ""))
         if numbers[role] is None:
             factor = unit_factor(name, unit, _COLUMNS[role]) if role in _COLUMNS else 1.0
             numbers[role] = as_floats(name, np.asarray(values))[0] * factor
-            assumed += [role] * (role in ("ra", "dec") and unit is None)
+            bare |= {role: name} if role in _COLUMNS and unit is None else {}
         lost = ~np.isfinite(numbers[role]) | (False if missing is None else np.asarray(missing))
         if role.endswith("error"):
             lost |= ~(numbers[role] > 0)
+            if sigma is not None:
+                numbers[role], filled, lost = np.where(lost, sigma / MAS, numbers[role]), filled | lost, False & lost
         if role == "ra_dec_corr":
             lost |= ~(numbers[role] ** 2 < RHO2_LIMIT)
+            lost &= ~filled
         bad[f"{name} missing or not usable"] = lost
-    doubt_positions(numbers, assumed, names=roles)
+    doubt_positions(numbers, {"ra", "dec"} & {*bare}, names=roles)
     unusable = {reason: mask for reason, mask in bad.items() if mask.any()}
     keep, notes = select_usable(unusable, len(numbers["ra"]), on_bad, rows, (numbers["ra"], numbers["dec"]))
     notes = (*notes, *selection_notes) if clause else notes
     lon, lat = numbers["ra"][keep] * DEGREE, numbers["dec"][keep] * DEGREE
     errors = (
         np.stack([numbers["ra_error"], numbers["dec_error"]])[:, keep] * MAS
-        if sigma is None
+        if has_errors
         else np.full((2, lon.size), positive("sigma", sigma))
+    )
+    notes = (
+        *notes,
+        *_notes_on_errors(table_source.label, bare, errors / MAS, sigma, np.count_nonzero(filled), has_errors),
     )
     names = None if "name" not in roles else np.asarray(table[roles["name"]][0])[keep]
     if names is not None and names.dtype.kind not in "iu":
@@ -385,7 +403,21 @@ def read_positions(
             f"{table_source.label} has sources without a designation of the {designation.upper()}: name them by "
             f"{'iers' if designation == 'icrf' else 'icrf'}"
         )
-    rho = numbers["ra_dec_corr"][keep] if "ra_dec_corr" in numbers else np.zeros(lon.size)
+    rho = np.where(filled, 0.0, numbers["ra_dec_corr"])[keep] if "ra_dec_corr" in numbers else np.zeros(lon.size)
     defining = np.asarray(table["defining"][0]).astype(str)[keep] == "D" if is_icrf else None
     notes = (*table_source.notes, *notes)
     return Positions(lon, lat, errors, rho, name=names, frame=frame, notes=notes, defining=defining)
+
+
+def _notes_on_errors(label, bare, errors, sigma, n_filled, has_errors):
+    """Notes on units that were assumed of columns, by role, on errors that were given, and on others [mas]."""
+    if sigma is not None:
+        which = f"of the {n_filled} sources that have none" if has_errors else "of every source"
+        yield f"{label}: {sigma:g} µas is the error {which} (as asked)"
+    for unit in ("deg", "mas"):
+        if names := [name for role, name in bare.items() if _COLUMNS[role] == unit]:
+            yield f"{label}: no unit in the table, so taken in {unit}: {', '.join(map(printable, names))}"
+    median = float(np.median(errors)) if errors.size else 1.0
+    if "ra_error" in bare and not _ERRORS[0] <= median <= _ERRORS[1]:
+        text = f"half of the errors are {'below' if median < 1 else 'above'} {median:.3g} mas"
+        yield CodedNote(f"warning: {label}: {text}: in which unit are they (units=, --units)?", DOUBT)

@@ -285,6 +285,9 @@ class _FieldMaker:
         for unit, names in assumed_units.items():
             code = "" if deciding.isdisjoint(names) else ASSUMED_UNITS
             lines.append(CodedNote(f"no unit in the table, so taken in {unit}: {', '.join(names)}", code))
+        self.assumes_motions = any(
+            not {*names}.isdisjoint(map(self.column_of.get, _MOTIONS)) for names in assumed_units.values()
+        )
         lines += notes_on_units(self.column_of, self.factors)
         if (errors := self.column_of.get("redshift_error", "redshift_error")) != "redshift_error":
             lines.append(f"errors of the redshifts are in column {printable(errors)}")
@@ -311,7 +314,7 @@ class _FieldMaker:
                 columns[role], name_notes = identifiers(printable(name), np.asarray(values), mask)
                 notes += name_notes
             else:
-                degrees = sexagesimal_degrees(role, values, mask, str(self.stated.get(name) or ""))
+                degrees = sexagesimal_degrees(role, name, values, mask, str(self.stated.get(name) or ""))
                 columns[role] = as_doubles(name, values if degrees is None else degrees, mask, first_row)
                 if role in _ERRORS and columns[role].size:
                     _check_positive(name, columns[role])
@@ -339,7 +342,7 @@ class _FieldMaker:
                 notes=notes,
                 first_row=first_row,
             )
-        doubts = size_warnings(field)
+        doubts = size_warnings(field, is_assumed=self.assumes_motions)
         for warning in (*notes, *doubts):
             if has_code(warning, DOUBT, NO_REDSHIFTS, UNUSED_CORRELATIONS):
                 warn(warning, VshWarning, stacklevel=3)

@@ -579,8 +579,10 @@ _SIGNED = re.compile(r"[-+]?\d*\.?\d+")
 _COMMENT = ("#", "*", "!", "%", "$")
 _DESIGNATION = re.compile(r"J\d{4}\S*")
 _MAS_WORDS = ("VLBI SOURCE POSITION CATALOGUE", "Radio Fundamental Catalogue", "RFC J")
-#: No list of compact radio sources is as uncertain as this in the median: its errors are in another unit. [arcsec]
-_LARGEST = 2.0
+#: No list in the layout of ICRF is as uncertain as this in the median: its errors are in mas. [arcsec]
+_LARGEST = 0.02
+#: And none of compact radio sources as this. [mas]
+_MOST = 2000.0
 
 
 def open_vlbi(path: PathName, label: str) -> TableSource:
@@ -598,7 +600,9 @@ def open_vlbi(path: PathName, label: str) -> TableSource:
     rows = [(k, line) for k, line in rows[start:] if any(map(str.isalnum, line))]
     icrf = rows[0][1].startswith("ICRF J")
     sources = [_parse_source(label, k, line, pattern, icrf) for k, line in rows]
+    heading = numbered_lines[: rows[0][0] - 1]
     mas = getpar or any(phrase in line for _, line in numbered_lines for phrase in _MAS_WORDS)
+    mas |= any(re.search(r"\(mas\)", line) is not None for _, line in heading)
     return _vlbi_table(label, rows, sources, mas)
 
 
@@ -626,29 +630,49 @@ def _vlbi_table(label, rows, sources, mas):
     epochs = [
         len(remainder) > 0 and re.fullmatch(r"(19|20)\d\d(\.\d*)?", remainder[0]) is not None for remainder in rests
     ]
-    if all(epochs) or not any(rests):  # the catalogue of VieVS has an epoch there, and no errors
-        notes = ("the list has no errors",)
+    words, n_blank = _blank_errors(texts, rests)
+    errors = None if all(epochs) or not any(rests) else _errors_of_all(label, rows, words)
+    if errors is None:  # the catalogue of VieVS has an epoch there, JVAS nothing, AT20G fluxes
+        notes = (f"{label} has no errors",)
     else:
-        words, n_blank = _blank_errors(texts, rests)
-        errors = np.array([_errors(label, k, line, rest) for (k, line), rest in zip(rows, words, strict=True)])
-        scale = 1.0 if mas else 1000.0
-        median = np.nanmedian(errors[:, 1]) * scale
-        if median > 1000 * _LARGEST:
-            raise TableError(
-                f"{label}: errors of declination are {median / 1000:.3g} arcsec in the median "
-                f"if in {'mas' if mas else 'arcsec'}: another unit? Make it a table with units (CSV, ECSV)"
+        median = np.nanmedian(errors[:, 1])
+        unit_text = "seconds of time and arcsec"
+        if mas or median > _LARGEST:
+            unit_text = (
+                "mas" if mas else f"mas: as seconds of time and arcsec, their median of {median:.3g} is too large"
             )
-        east = errors[:, 0] * scale * (1.0 if mas else 15.0) * np.cos(np.radians(lat))
+        scale, per_east = (1.0, 1.0) if mas or median > _LARGEST else (1000.0, 15.0)
+        if median * scale > _MOST:
+            raise TableError(
+                f"{label}: errors of declination are {median * scale / 1000:.3g} arcsec in the median if in "
+                f"{'mas' if scale == 1.0 else 'arcsec'}: another unit? Make it a table with units (CSV, ECSV)"
+            )
+        east = errors[:, 0] * scale * per_east * np.cos(np.radians(lat))
         columns |= {"ra_error": east, "dec_error": errors[:, 1] * scale, "ra_dec_corr": errors[:, 2]}
         units |= {"ra_error": "mas", "dec_error": "mas"}
-        unit_text = "mas" if mas else "seconds of time and arcsec"
         notes = (
-            f"errors of the list are read in {unit_text}; those of right ascension do not include cos δ and were "
+            f"{label}: errors are read in {unit_text}; those of right ascension do not include cos δ and were "
             "multiplied by it",
             *([f"{n_blank} sources have errors and no correlation, which was taken as zero"] if n_blank else []),
         )
     table = replace(open_dict_or_array(columns), label=label, units=units)
     return replace(table, notes=notes)
+
+
+def _errors_of_all(label, rows, words):
+    """Errors and correlations of all sources, (n, 3); None where most lines have something else there."""
+    found, damaged = [], None
+    for (number, line), rest in zip(rows, words, strict=True):
+        try:
+            found.append(_errors(label, number, line, rest))
+        except TableError as error:
+            damaged = damaged or error
+    n_usable = sum(not np.isnan(errors).all() for errors in found)
+    if 2 * n_usable < len(rows):
+        return None
+    if damaged is not None:
+        raise damaged
+    return np.array(found)
 
 
 def _blank_errors(texts, rests):

@@ -3,6 +3,7 @@
 import bz2
 import gzip
 import lzma
+import re
 
 import numpy as np
 import pytest
@@ -328,11 +329,32 @@ def test_files_that_are_no_list_of_positions(tmp_path):
     path.write_text("no\nsources\n")
     with pytest.raises(TableError, match="no line with a position in hours and degrees"):
         read_positions(path)
-    path.write_text(
-        listed("crf").replace("0.0002139", "213.9000").replace("0.0002624", "262.40").replace("0.0001", "100.")
-    )
-    with pytest.raises(TableError, match="arcsec in the median if in arcsec: another unit"):
+    lines = [line for line in listed("rfc").splitlines() if not line.startswith("#")]
+    path.write_text("\n".join(re.sub(r"\S+ +\S+ +(\S+)$", r"9e4 9e4 \1", line) for line in lines))
+    with pytest.raises(TableError, match="arcsec in the median if in mas: another unit"):
         read_positions(path)
+
+
+def test_errors_that_cannot_be_in_seconds_are_in_mas(tmp_path):
+    """Of a list of the RFC without its header: 0.2 is an error in mas, not in arcsec."""
+    path = tmp_path / "list.crf"
+    path.write_text(listed("rfc"))
+    told = read_positions(path)
+    lines = [line for line in listed("rfc").splitlines() if not line.startswith("#")]
+    path.write_text("\n".join(lines).replace("RFC J", "C J"))
+    guessed = read_positions(path)
+    np.testing.assert_array_equal(guessed.sigma, told.sigma)
+    assert any("errors are read in mas: as seconds" in str(note) for note in guessed.notes)
+
+
+def test_list_without_usable_errors_has_none(tmp_path):
+    """AT20G has fluxes where others have errors, JVAS nothing: both are read with one error for all."""
+    path = tmp_path / "list.crf"
+    lines = [line for line in listed("rfc").splitlines() if not line.startswith("#")]
+    path.write_text("\n".join(re.sub(r"\S+ +\S+ +(\S+)$", "-3.2 f 0", line) for line in lines))
+    with pytest.raises(TableError, match="sigma="):
+        read_positions(path)
+    assert (read_positions(path, sigma=50.0).sigma == 50).all()
 
 
 def test_zstandard(tmp_path):

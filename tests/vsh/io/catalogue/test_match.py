@@ -115,7 +115,7 @@ def test_motions_are_compared_too():
     [
         (lambda a: match(a, random_field(5, 1)), FieldError, "two Positions or two Fields"),
         (lambda a: match(a, a, by="nearest"), FieldError, 'by "name" or "position"'),
-        (lambda a: match(a, positions(names=False)), FieldError, "without names"),
+        (lambda a: match(a, positions(names=False)), FieldError, "column of names"),
         (lambda a: match(a, a, by="position", radius=0), FieldError, "above zero"),
         (lambda a: match(a, positions(seed=2), by="position"), TableError, "the catalogues have no source in common"),
         (lambda a: match(random_field(5, 1), random_field(5, 1, frame="galactic")), FrameError, "icrs and galactic"),
