@@ -368,6 +368,7 @@ class ClassComparison(Result):
             chi2=float("nan"),
             n_data=int(n_data),
             frame=self.frame,
+            unit=self.unit,
             errors_from=errors_from,
             error_source=ErrorSource.JOINT,
             includes_floor=True,

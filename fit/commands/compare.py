@@ -149,12 +149,7 @@ def _run(options):
 
     def sections(long):
         report = [section for comparison in comparisons for section in comparison.sections(long=long)]
-        if network is not None:
-            report += network.sections(long=long)
-        elif len(results) > 1:
-            remark = f"Errors of {labels[0]} are in all of these differences: they are not independent."
-            report[-1] = replace(report[-1], remarks=[*report[-1].remarks, remark])
-        return report
+        return report if network is None else [*network.sections(long=long), *report]
 
     def sheets():
         from fit.results.output import vectors_table
@@ -171,12 +166,17 @@ def _run(options):
                 tables[f"Sources that were left out{of}"] = comparison.outliers_table()
         return tables
 
-    several = len(results) > 1
+    several = network is not None
     answer = [
-        (f"{label}: {name}" if several else name, text)
+        (f"{labels[0]} − {label}: {name}" if several else name, text)
         for label, (comparison, _) in results.items()
         for name, text in comparison.answer.lines
+        if not several or name in ("deformation", "no comparison")
     ]
+    if several:  # one result to quote: that of all catalogues together, of each two of them
+        copies = [name.removesuffix("no comparison") for name, _ in answer if name.endswith("no comparison")]
+        joint = [line for line in network.answer.lines if not line[0].startswith(tuple(copies))]
+        answer = [*joint, *answer, ("errors", network.errors_in_words)]
     part = finishing.Part(
         "comparison",
         None,

@@ -118,6 +118,14 @@ class FrameNetwork(FrameResult):
         solution = self.difference(*pair) if self.shared is None else self.frames(*pair)
         return {"rotation": solution.spin, "glide": solution.acceleration}
 
+    @property
+    def errors_in_words(self) -> str:
+        """Where the errors of the answer are from."""
+        words = "one solution of all catalogues, with their common noise"
+        if self.shared is None:
+            return f"{words}; the systematic floor is not in them (floor=True adds it)"
+        return f"{words} and the systematic floor in rotation and glide, from degrees 2 to {max(self.shared.degrees)}"
+
     def difference(self, catalogue: str, other: str | None = None) -> Solution:
         """Difference of two catalogues, the second the reference unless given: a `Solution` with its covariance.
 
@@ -225,11 +233,7 @@ class FrameNetwork(FrameResult):
         notes = merge_notes(self.notes, () if self.shared is None else self.shared.notes)
         quantity = "position" if self.unit == "µas" else "motion"
         title = f"Differences of {quantity} of {len(self.labels)} catalogues in one solution"
-        remarks.append(
-            "The systematic floor is not in these errors (floor=True adds it)."
-            if self.shared is None
-            else f"R and D have the systematic floor in their errors, from degrees 2 to {max(self.shared.degrees)}."
-        )
+        remarks.append(f"Errors are from {self.errors_in_words}. Quote these: two catalogues alone know less.")
         return (Section(title, facts, table, remarks=remarks, notes=notes),)
 
     def _terms(self, catalogue, other):

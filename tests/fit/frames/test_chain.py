@@ -107,6 +107,9 @@ def test_three_icrf_like_catalogues():
     one, two = (read_icrf(real_catalogue(name)) for name in ("icrf3sx.txt", "icrf2-all.txt"))
     chain = combine_frames({"icrf3": one, "icrf2": two}, 2)
     plain, _ = compare_catalogues(two, one, 2)
+    with_floor = combine_frames({"icrf3": one, "icrf2": two}, 1, floor=True)
+    assert {vector.unit for each in (chain, with_floor) for vector in each.vectors().values()} == {"µas"}
+    assert "µas/yr" not in with_floor.verdict
     rotation = chain.difference("icrf2").spin
     assert np.abs((rotation.value - plain.solution.spin.value) / plain.solution.spin.sigma).max() < 1.5
     assert 0.02 < chain.correlation[0, 1] < 0.995
@@ -167,7 +170,7 @@ def test_frames_close_with_what_sources_share():
     np.testing.assert_allclose(chain.frames("a", "b").values, -one.values, atol=1e-12)
     # Errors are larger than those without, and the report has one of the two, as the pairs have.
     assert (one.sigma > chain.difference("b").sigma[[0, 1, 2, 8, 9, 10]]).all()
-    assert "R and D have the systematic floor in their errors, from degrees 2 to 5" in chain.report()
+    assert "the systematic floor in rotation and glide, from degrees 2 to 5" in chain.report()
     assert "frames agree" not in chain.report()  # which knows one scale of the errors for all sources: pairs say it
     assert combine_frames(bent(3, 8.0), 2).shared is None
     with pytest.raises(ParameterError, match="floor=True"):
