@@ -214,7 +214,7 @@ def _fit_robustly(field, degree, n_sources, by_many):
             noises = [each.noise for each in tried[-1:]]
             fits = [student_t(field, degree, tolerance=tolerance, max_rounds=_ROUNDS, noise=noise) for noise in noises]
     if not fits:
-        solution = fit_field(field, degree)
+        solution = fit_field(field, degree).scaled
         note = f"warning: least squares in place of Student's t ({reason or 'no fit with an excess noise settled'})"
         return None, replace(solution, notes=(*solution.notes, note))
     best = fits[-1]

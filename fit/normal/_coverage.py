@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from fit.results.quality import ONE_SIDE
+from fit.results.quality import ONE_SIDE, REPEATED
 from vsh import Field
 from vsh.io.parts import Parts
 from vsh.scalars import ScalarField
@@ -23,6 +23,9 @@ from vsh.tools.types import FloatArray
 #: A part of the sky without sources that is wider than this is worth a word [rad], and a source with more than this
 #: share of the weight.
 _WIDE, _MOST = np.radians(60), 0.5
+#: Rows within an arcsecond of one another are of one source [rad]; where they are more than this share of all, errors
+#: that take them as independent are wrong.
+_ONE_PLACE, _REPEATS = np.radians(1 / 3600), 0.2
 #: Few sources leave wide parts empty by chance: one about a given point is worth a word if that has this probability.
 _BY_CHANCE = 1e-5
 #: So many places of a catalogue in parts are kept, and so many names to find those that stand twice.
@@ -51,6 +54,9 @@ def _notes(seen: _Seen, frame: str) -> Iterable[str]:
         about = "" if seen.every == 1 else "about "
         text = f"{about}{n_repeats * seen.every} rows repeat the name of a row in another part or block and are used as"
         yield CodedNote(f"warning: {text} separate sources", DOUBT)
+    if seen.n_repeats > _REPEATS * seen.n:
+        text = f"{seen.n_repeats} of {seen.n} rows are at the place of another: rows of one source are not independent"
+        yield CodedNote(f"warning: {text}, and errors from them are too small: keep one row of each source", REPEATED)
     by_chance = np.arccos(2 * _BY_CHANCE ** (1 / seen.n) - 1)
     for most in (400, 10_000):  # a few hundred tell of most skies that there is none
         radius, lon, lat = widest_gap(seen.lon, seen.lat, most)
@@ -76,6 +82,7 @@ class _Seen:
     lat: FloatArray
     keys: Any
     every: int = 1
+    n_repeats: int = 0
 
     def __add__(self, other: _Seen) -> _Seen:
         every = max(self.every, other.every)
@@ -94,6 +101,7 @@ class _Seen:
             lat=lat[kept],
             keys=keys,
             every=every,
+            n_repeats=self.n_repeats + other.n_repeats,
         )
 
 
@@ -102,8 +110,16 @@ def _look_at(field, lon, lat, keys=()):
     k = int(np.argmax(weight))
     names = getattr(field, "name", None)
     label = f"source {k}" if names is None else one_line_text(names[k])
+    places = np.unique(np.round(lon * np.cos(lat) / _ONE_PLACE) + 1j * np.round(lat / _ONE_PLACE))
     return _Seen(
-        n=len(field), weight=float(weight.sum()), largest=float(weight[k]), label=label, lon=lon, lat=lat, keys=keys
+        n=len(field),
+        weight=float(weight.sum()),
+        largest=float(weight[k]),
+        label=label,
+        lon=lon,
+        lat=lat,
+        keys=keys,
+        n_repeats=len(lon) - len(places),
     )
 
 

@@ -21,6 +21,8 @@ __all__ = ["ErrorSource", "Quality"]
 SIGNIFICANT = 3.0
 #: The code of the note that a fit leaves where a large part of the sky has no source.
 ONE_SIDE = "one side of the sky"
+#: That of a fit to a table with several rows a source.
+REPEATED = "several rows a source"
 #: That of a fit with heavy tails in which the quoted errors say little of the scatter, and that of a clipped one.
 ERRORS_TOO_SMALL, CLIPPED = "quoted errors are too small", "clipped"
 #: That of a fit whose residuals are many times smaller than the errors.

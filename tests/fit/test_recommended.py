@@ -9,7 +9,7 @@ import sim
 from fit.commands.fit import main
 from fit.methods import degree_for
 from vsh import Field
-from vsh.tools.errors import DegeneracyError, ParameterError, TableError
+from vsh.tools.errors import ConvergenceError, DegeneracyError, ParameterError, TableError
 
 TRUTH = np.array([0.0, 60.0, -40.0])
 
@@ -173,3 +173,28 @@ def test_it_is_the_same_in_all_axes():
     assert other.floor.acceleration_error == pytest.approx(one.floor.acceleration_error, rel=1e-6)
     turned = other.acceleration.to_frame("icrs")
     assert turned.sigma == pytest.approx(one.acceleration.sigma, rel=1e-6)
+
+
+def test_several_rows_a_source_are_no_sample(quasars):
+    """Pulsars in a compilation: each measured a few times, with a motion of its own that all of its rows share."""
+    few = quasars[:40]
+    motion = few.motion + 5000 * np.random.default_rng(5).normal(size=(2, 40))
+    rows = np.repeat(np.arange(40), 4)
+    few = Field(few.lon, few.lat, motion, few.sigma)
+    assert "no result: 120 of 160 rows are at the place of another" in fit.recommended(few[rows], 1).verdict
+    assert "no result" in fit.estimate(few[rows], 1, "excess-noise").answer.sentence
+    assert "at the place" not in fit.recommended(few, 1).verdict
+    some = np.r_[np.arange(1500), np.arange(100)]  # a catalogue with a few sources twice
+    assert "no result" not in fit.recommended(quasars[some]).verdict
+
+
+def test_errors_of_least_squares_in_place_of_a_robust_fit_are_scaled(quasars, monkeypatch):
+    def fail(*args, **keywords):
+        raise ConvergenceError("no weights")
+
+    monkeypatch.setattr("fit.methods.student_t", fail)
+    wrong = Field(quasars.lon, quasars.lat, quasars.motion, quasars.sigma / 20)
+    answer = fit.recommended(wrong, 1)
+    assert answer.weights is None
+    assert answer.solution.error_source == "catalogue, scaled"
+    assert "times the formal errors" in answer.answer.sentence

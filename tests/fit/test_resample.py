@@ -81,7 +81,7 @@ def test_fits_that_cannot_be_resampled():
     near = field[pixels_of(field.lon, field.lat, 1) == 0]
     with pytest.raises(DegeneracyError, match="all sources lie in one block of nside 1"):
         fit.resample.jackknife(near, Modes(1), 1)
-    with pytest.raises(FieldError, match="power of two from 1 to 8192, not 3"):
+    with pytest.raises(FieldError, match="power of two from 1 to .*, not 3"):
         fit.resample.jackknife(field, Modes(1), 3)
     with pytest.raises(ValueError, match="n_replicates must be a whole number of at least 2"):
         fit.resample.bootstrap(field, Modes(1), 1, rng=1)

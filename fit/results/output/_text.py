@@ -16,6 +16,7 @@ from fit.results.quality import (
     CLIPPED,
     ERRORS_TOO_SMALL,
     ONE_SIDE,
+    REPEATED,
     SEEN,
     TOO_LITTLE_SCATTER,
     ErrorSource,
@@ -262,6 +263,8 @@ def answer_of(solution: Any) -> Answer:
     if ERRORS_TOO_SMALL in codes_of(solution.notes) and not solution.is_recommended:
         text = "no result: the quoted errors say too little of the scatter. To quote: fit.recommended (no --method)"
         return Answer((("acceleration", text),))
+    if repeated := [note for note in solution.notes if has_code(note, REPEATED)]:
+        return Answer((("acceleration", f"no result: {str(repeated[0]).removeprefix('warning: ')}"),))
     if solution.covariance_dof < FEWEST_DOF:
         text = f"no result: {_describe_dof(solution)} does not determine the errors of a vector"
         return Answer((("acceleration", text),))

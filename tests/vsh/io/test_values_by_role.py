@@ -242,3 +242,14 @@ def test_a_list_of_positions_is_told_as_one():
     made = table()["source_id", "ra", "dec"]
     with pytest.raises(TableError, match="is a list of positions, without motions.*vsh-compare.*vsh-correlate"):
         read_field(made)
+
+
+def test_zeros_are_missing_values_where_one_motion_is_along_an_axis():
+    """72 pulsars of which one has a measured motion, in right ascension alone."""
+    n = 72
+    motion = np.zeros((2, n))
+    motion[0, 3] = -25.4
+    table = {"ra": np.linspace(1, 359, n), "dec": np.linspace(-60, 60, n), "pmra": motion[0], "pmdec": motion[1]}
+    read = read_field(table, sigma=100.0)
+    assert len(read) == 1
+    assert any("71 of 72" in str(note) for note in read.notes)
