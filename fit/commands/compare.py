@@ -166,14 +166,13 @@ def _run(options):
                 tables[f"Sources that were left out{of}"] = comparison.outliers_table()
         return tables
 
-    several = network is not None
     answer = [
-        (f"{labels[0]} − {label}: {name}" if several else name, text)
+        (f"{labels[0]} − {label}: {name}" if network is not None else name, text)
         for label, (comparison, _) in results.items()
         for name, text in comparison.answer.lines
-        if not several or name in ("deformation", "no comparison")
+        if network is None or name in ("deformation", "no comparison")
     ]
-    if several:  # one result to quote: that of all catalogues together, of each two of them
+    if network is not None:  # one result to quote: that of all catalogues together, of each two of them
         copies = [name.removesuffix("no comparison") for name, _ in answer if name.endswith("no comparison")]
         joint = [line for line in network.answer.lines if not line[0].startswith(tuple(copies))]
         answer = [*joint, *answer, ("errors", network.errors_in_words)]
@@ -199,7 +198,7 @@ def _run(options):
         answer=Answer(tuple(answer)),
         paths=paths,
         counts=_counts(list(results.values())),
-        page=None if several else partial(_write_page, *results[labels[1]], options),
+        page=None if network is not None else partial(_write_page, *results[labels[1]], options),
         title=f"{labels[0]} beside {', '.join(labels[1:])}",
     )
 

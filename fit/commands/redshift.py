@@ -16,7 +16,7 @@ from vsh.commands import finishing, parsing, reading, running
 from vsh.io.sections import Answer, Section
 from vsh.tools.digits import format_three_digits, format_with_error, printed_p_value
 from vsh.tools.errors import ConvergenceError, DegeneracyError, ParameterError, VshError
-from vsh.tools.notes import count_dropped, count_unselected
+from vsh.tools.notes import count_dropped, count_unselected, has_code
 
 
 def make_parser() -> argparse.ArgumentParser:
@@ -538,6 +538,10 @@ def _answer_lines(results):
         text = "a change with redshift is not tested, because systematic errors are not included: add --floor"
         lines.append(("dipole", text))
     estimates = [results[name] for name in ("velocity", "hubble") if name in results]
+    notes = [note for result in results.values() for note in getattr(result, "notes", ())]
+    from fit.secular_parallax import WITH_GROUP
+
+    lines += [("assumed", str(note)) for note in dict.fromkeys(notes) if has_code(note, WITH_GROUP)]
     if any(estimate.flow_covariance is not None for estimate in estimates):
         lines.append(("errors", "do not include flows that galaxies have in common"))
     return lines
@@ -571,7 +575,9 @@ def _compare_with_published(limit):
 def _posterior_hubble(posterior):
     """H0 by the posterior, with its interval or as a limit; and how it stands to the published values."""
     if posterior.hubble_limits is not None:
-        _, below = posterior.hubble_limits
+        above, below = posterior.hubble_limits
+        if below == float("inf"):
+            return f"not limited from above; > {format_three_digits(above)} km/s/Mpc (95 %)", "the prior has no end"
         return f"not determined: < {format_three_digits(below)} km/s/Mpc (95 %)", _compare_with_published(below)
     h0 = posterior.summary()["H0"]
     error = (h0.median - h0.low68) if h0.median > _PUBLISHED[1] else (h0.high68 - h0.median)

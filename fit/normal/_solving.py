@@ -166,8 +166,8 @@ def fit_field(
 def _degeneracy_message(sources, modes, reason=""):
     lower = f"lower lmax from {modes.lmax} (--lmax), or " if modes.lmax > 1 else ""
     return (
-        f"{sources} sources cannot separate {len(modes)} modes{reason}: {lower}add sources, in other parts of the sky; in "
-        "Python a prior is known to normal equations as well (fit.gaussian_prior)"
+        f"{sources} sources cannot separate {len(modes)} modes{reason}: {lower}add sources, in other parts of the sky "
+        "(in Python normal equations know priors, too: fit.gaussian_prior)"
     )
 
 

@@ -245,6 +245,10 @@ class Posterior(SampleResult):
         return dict(zip(self.model.names, map(float, times)))
 
     @property
+    def _largest_hubble(self):
+        return self.model.priors.hubble.high
+
+    @property
     def burn_in(self) -> int:
         """Steps left out at the start: five autocorrelation times of the slowest coordinate; none of draws."""
         begins_anywhere = self.method == "emcee" and self.cells is None

@@ -97,7 +97,7 @@ class Priors(InNotebook):
         integral is refused. "flat-product" is flat in u = v H0, which is what the data see: the prior on H0
         comes back. A function takes velocities (n, 3) along the field's axes and returns log-densities (n,).
     hubble : "planck", "flat", (mean, σ), Flat, Normal or Density
-        [km/s/Mpc] "flat" has no upper limit; the chain stays below 1000.
+        [km/s/Mpc] "flat" has no upper limit; the chain stays below 1000. One that is given is kept.
     peculiar_dispersion : float or prior, optional
         Dispersion of peculiar velocities in each component, beside the flow where one is fitted: 750 unless given, 150
         with flows. [km/s] Fixed, it enters the weights alone, for the cosmology's H0; with a prior, the scatter of the
@@ -173,7 +173,7 @@ class ModelPriors:
         if isinstance(prior, Normal):
             lower, upper = max(lower, prior.mean - 8 * prior.sigma), min(upper, prior.mean + 8 * prior.sigma)
         if name == "H0":
-            return max(lower, min(HUBBLE_LIMITS[0], upper / 100)), min(upper, HUBBLE_LIMITS[1])
+            return max(lower, min(HUBBLE_LIMITS[0], upper / 100)), upper if np.isfinite(upper) else HUBBLE_LIMITS[1]
         if not np.isfinite(upper):
             raise ParameterError(f"the prior on {name} needs an upper limit: Flat(0, high)")
         return max(lower, 0.0), upper

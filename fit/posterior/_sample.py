@@ -18,12 +18,12 @@ from fit.results.storage import Result
 from fit.secular_parallax import (
     ASSUMED,
     OMEGA,
-    WITHOUT_GROUP,
     DistanceModel,
     ParallaxEquations,
     ParallaxParts,
     flow_covariance,
     local_group_of,
+    notes_on_group,
     warn_of_undeclared_frame,
 )
 from vsh.field import MEASURED, Field
@@ -66,12 +66,8 @@ def posterior_equations(
     if rows.modes is not None:
         words = f"{len(rows.modes)} modes of {rows.modes.theory.name}" + (", and the Local Group" if group else "")
         model_priors = replace(model_priors, flows=words, group=group)
-    if (
-        group is None
-        and rows.modes is not None
-        and (model.redshift_frame or declared_frame(first_field)) not in (None, "true")
-    ):
-        rows = replace(rows, notes=(*rows.notes, WITHOUT_GROUP))
+    frame = model.redshift_frame or declared_frame(first_field)
+    rows = replace(rows, notes=(*rows.notes, *notes_on_group(rows, priors.local_group, frame)))
     return rows, model_priors
 
 

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fit.posterior._priors import FITS_UNITS, SHORT_NAMES, UNITS
+from fit.posterior._priors import FITS_UNITS, HUBBLE_LIMITS, SHORT_NAMES, UNITS
 from fit.posterior._sampling import autocorrelation, inference_data, split_r_hat
 from fit.results.storage import Result, checked_count, checked_strings
 from vsh.io import tables
@@ -33,7 +33,7 @@ class Interval(NamedTuple):
 
 def intervals(samples: Mapping[str, FloatArray]) -> dict[str, Interval]:
     """An Interval for each name."""
-    levels = [50, 15.865525, 84.134475, 2.2750132, 97.7249868]  # the median, and the Gaussian's 1 and 2 σ
+    levels = [50, 15.865525, 84.134475, 2.5, 97.5]  # the median, the Gaussian's 1 σ, and 95 %
     intervals = {}
     for name, x in samples.items():
         median, low68, high68, low95, high95 = map(float, np.percentile(x, levels))
@@ -73,9 +73,19 @@ class SampleResult(Result):
     @property
     def hubble_limits(self) -> tuple[float, float] | None:
         """Limits of H0: one-sided 95 % limits of H0, lower and upper, where its error is too large for a ±; else None.
-        [km/s/Mpc]"""
-        lower, middle, upper = np.percentile(self.samples["H0"], [5, 50, 95]).tolist()
-        return None if np.std(self.samples["H0"]) < _WIDE * middle else (lower, upper)
+
+        The upper one is inf where the samples reach the end of a flat prior that has no limit. [km/s/Mpc]
+        """
+        samples = self.samples["H0"]
+        lower, middle, upper = np.percentile(samples, [5, 50, 95]).tolist()
+        if np.mean(samples > _NEAR_END * HUBBLE_LIMITS[1]) > _AT_END and not np.isfinite(self._largest_hubble):
+            upper = float("inf")
+        return None if np.std(samples) < _WIDE * middle else (lower, upper)
+
+    @property
+    def _largest_hubble(self):
+        """The upper limit of the prior on H0; nan where samples alone are left."""
+        return float("nan")
 
     @property
     def product(self) -> tuple[float, float, float]:
@@ -270,6 +280,8 @@ def _format_interval(row, effective):
     return [f"{round(value, digits):.{max(digits, 0)}f}" for value in row[:5]]
 
 
+#: Samples that reach so far towards the end of an infinite prior, and their share, say that H0 has no upper limit.
+_NEAR_END, _AT_END = 0.9, 0.01
 #: H0 is given by limits where its standard deviation is more than this share of its median.
 _WIDE = 1 / 3
 
@@ -280,10 +292,10 @@ def _product_remarks(posterior):
         return []
     lower, upper = posterior.hubble_limits
     product = posterior.product
+    below = f"below {format_three_digits(upper)} with 95 %" if np.isfinite(upper) else "not limited from above"
     return [
         f"v · H0: median {product[0]:.0f}, 68 % {product[1]:.0f} … {product[2]:.0f} (km/s)²/Mpc",
-        f"H0 is below {format_three_digits(upper)} with 95 %, above {format_three_digits(lower)} with 95 % (one-sided) "
-        "km/s/Mpc",
+        f"H0 is {below}, above {format_three_digits(lower)} with 95 % (one-sided) km/s/Mpc",
     ]
 
 

@@ -545,6 +545,7 @@ class Solution(SolutionMethods, HarmonicSolution):
     def __post_init__(self) -> None:
         """Check what a file or a caller may have mixed up."""
         object.__setattr__(self, "covariance", covariance("the covariance", self.covariance, len(self.modes)))
+        object.__setattr__(self, "error_source", ErrorSource(self.error_source))  # a word where it was in a file
         if (self.covariance.diagonal() == 0).any():
             raise DegeneracyError(
                 f"the errors from {self.errors_from} are zero: the motions have no scatter (are they all alike?). "

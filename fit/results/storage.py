@@ -30,6 +30,7 @@ from vsh.modes import Modes
 from vsh.tools.errors import TableError, VshError
 from vsh.tools.files import RESULT_MARK, check_new
 from vsh.tools.notebook import Frozen
+from vsh.tools.notes import CodedNote
 from vsh.tools.printing import printable
 from vsh.tools.types import PathName, Table
 
@@ -73,6 +74,8 @@ def encode(value: Any) -> Any:
         return {"dict": [[encode(key), encode(item)] for key, item in value.items()]}
     if isinstance(value, (list, tuple)):
         return {"list" if isinstance(value, list) else "tuple": [encode(item) for item in value]}
+    if isinstance(value, CodedNote) and value.code:
+        return {"note": str(value), "code": value.code}
     return str(value)
 
 
@@ -107,6 +110,8 @@ def decode_value(plain: Any) -> Any:
         return array.astype(dtype.newbyteorder("="))
     if "float" in plain:
         return number(plain["float"])
+    if "note" in plain:
+        return CodedNote(str(plain["note"]), str(plain["code"]))
     if "dict" in plain:
         return {decode_value(key): decode_value(item) for key, item in plain["dict"]}
     if "list" in plain:

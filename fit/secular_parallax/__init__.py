@@ -16,12 +16,13 @@ from fit.secular_parallax._equations import (
     with_acceleration,
 )
 from fit.secular_parallax._estimate import (
-    WITHOUT_GROUP,
+    WITH_GROUP,
     VelocityForecast,
     forecast_velocity,
     hubble_constant,
     is_frame_undeclared,
     local_group_of,
+    notes_on_group,
     observer_velocity,
     predict_errors,
     warn_of_undeclared_frame,

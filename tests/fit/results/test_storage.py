@@ -13,6 +13,7 @@ from fit.results import storage
 from fit.results.storage import _KINDS, read
 from vsh.figures.plot import figure_of
 from vsh.tools.errors import TableError
+from vsh.tools.notes import codes_of
 
 
 def test_every_kind_of_result_is_tried():
@@ -86,6 +87,8 @@ def test_there_and_back(name, ending, tmp_path):
     again = read(path)
     assert same(again, result)
     assert again.report() == result.report()
+    assert repr(again) == repr(result)
+    assert codes_of(getattr(again, "notes", ())) == codes_of(getattr(result, "notes", ()))
     plain = Table.read(path)  # astropy alone
     assert len(plain)
     assert plain.meta["ORIGIN"] == "a test"
