@@ -256,8 +256,8 @@ def _redshift_facts(sky, source, options):
         counts = {"rows": len(sky) + n_refused + count_unselected(sky.notes), "rows_read": len(sky)}
     if not (sky.has("redshift") if is_parts else sky.redshift is not None):
         raise VshError(
-            f"{source.label} has no column of redshifts: name it, --columns redshift=NAME; where distances or "
-            "parallaxes are known, fit.kinematics needs none. "
+            f"{source.label} has no column of redshifts: name it, --columns redshift=NAME (of stars and clusters with "
+            "distances or parallaxes, fit.kinematics needs none). "
             f"The table has {', '.join(source.names)}"
         )
     table_frame = next(iter(sky)).redshift_frame if is_parts else sky.redshift_frame

@@ -294,7 +294,7 @@ def fit_luminosity(counts: FloatArray, limit: float) -> LuminosityFunction:
     if total < _LEAST:
         raise DegeneracyError(
             f"{total:.0f} galaxies with magnitudes say nothing of a luminosity function: give one (luminosity=), or use"
-            " no magnitudes (magnitudes=False)"
+            " no magnitudes (magnitudes=False, --columns magnitude=)"
         )
     by_magnitude = counts.sum(1)
     share = np.cumsum(by_magnitude) / total

@@ -28,10 +28,12 @@ from vsh.tools.digits import format_with_error
 from vsh.tools.errors import DegeneracyError, ParameterError
 from vsh.tools.types import FloatArray
 from vsh.tools.units import AU_PER_YEAR, SPEED_OF_LIGHT
-from vsh.vector import Vector
+from vsh.vector import GAIA_EDR3, Vector
 
 _V = ("v_x", "v_y", "v_z")
 _GRADIENT = ("w_x", "w_y", "w_z", "A", "C", "K", "S_xz", "S_yz")
+#: A median distance above this is one of galaxies. [Mpc]
+_GALAXIES = 1.0
 #: From km/s/kpc to µas/yr.
 _PER_KPC = 1000 / AU_PER_YEAR
 #: Symmetric tensors of A, C, K, S_xz and S_yz; K is of the plane against the pole.
@@ -184,6 +186,9 @@ def kinematics(
         If a source has neither a distance nor a parallax.
     DegeneracyError
         If the sources cannot separate the parameters.
+    ParameterError
+        If they are galaxies, at more than a megaparsec: the acceleration of the Solar System, which moves all sources
+        by 5 µas/yr, is then more than the velocities, and no parameter of this model.
 
     Notes
     -----
@@ -219,6 +224,12 @@ def kinematics(
         raise ParameterError(f"a dispersion is a number [km/s], or 'free', not {dispersion!r}")
     kappa = 2.0 if power is None else positive("power", power)
     rates = inverse_distances_from_measurements(field, length, kappa)
+    if (distance := float(np.median(1 / rates.mean)) / AU_PER_YEAR) > _GALAXIES:
+        raise ParameterError(
+            f"half of the sources are beyond {distance:.3g} Mpc, where the acceleration of the Solar System alone is "
+            f"{AU_PER_YEAR * distance * GAIA_EDR3.amplitude:.0f} km/s: fit.secular_parallax.observer_velocity fits both "
+            "(it needs redshifts beside the distances)"
+        )
     values, velocity_dispersion, (design, weights, normal) = _solve(
         field, rates, names, None if is_free else not_negative("dispersion", dispersion)
     )

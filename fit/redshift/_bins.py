@@ -130,7 +130,7 @@ def binned(
     if isinstance(field, Field | Parts):
         radial = peculiar_dispersion if flow is None else float(np.hypot(flow.dispersion, flow.theory.sigma))
         calibration = calibrate_if_known(field, redshift_frame, radial)
-    sums_of = None if is_weighted else partial(normal_equations, threads=threads)
+    sums_of = partial(normal_equations, threads=threads)
     work = partial(_sums_by_bin, edges=edges, modes=modes, calibration=calibration, flow=flow, sums_of=sums_of)
     if isinstance(field, Parts):
         bin_sums = field.sum(work, roles=("redshift",), words="bins of redshift")
@@ -145,12 +145,16 @@ def binned(
         normals, is_scaled, remarks = _weighted_normals(field, modes, edges, counts, method, value, rng)
     else:
         normals = [bin_sums[b][1] for b in range(bins)]
+    by_catalogue = [bin_sums[b][1] for b in range(bins)]
     notes = [*drop_empty_notes(merge_notes(*bin_sums.get("notes", ()))), *remarks]
     if bin_sums.get("outside"):
         notes.append(f"left out {bin_sums['outside']} sources with redshifts outside {edges[0]:g} … {edges[-1]:g}")
     columns = None if flow is None else [bin_sums[b][2] for b in range(bins)]
     solve_bins = _solve_jointly if shared_higher_degrees and modes.lmax > 1 else _solve_each_bin
     solutions, covariance, free_modes, flow_covariance = solve_bins(normals, edges, columns)
+    if not is_scaled:  # errors are of the residuals, and χ² is still that of the catalogue's
+        pairs = zip(solutions, by_catalogue, strict=True)
+        solutions = [replace(solution, chi2=_chi2_of(normal, solution.values)) for solution, normal in pairs]
     with np.errstate(invalid="ignore", divide="ignore"):
         mean_inverse_distance = sums[:, 3] / sums[:, 4]
     return BinnedSolution(
@@ -241,7 +245,7 @@ def _sums_by_bin(field, edges, modes, calibration, flow, sums_of):
         if flow is not None:
             inside, further = flow.of(inside, rate, modes)
             columns = (further,)
-        sums[b] = (moments, *(() if sums_of is None else (sums_of(inside, modes),)), *columns)
+        sums[b] = (moments, sums_of(inside, modes), *columns)
     return sums
 
 
@@ -316,6 +320,11 @@ def _with_flow(solution, flow_response):
     )
 
 
+def _chi2_of(normal, values):
+    """χ² of coefficients by normal equations."""
+    return float(normal.chi2_null - 2 * values @ normal.rhs + values @ normal.matrix @ values)
+
+
 def _solve_jointly(normals, edges, columns):
     """Degree 1 in each bin, the rest in common: one system of normal equations."""
     modes, bins = normals[0].modes, len(normals)
@@ -351,12 +360,11 @@ def _solve_jointly(normals, edges, columns):
         index = np.empty(len(modes), int)
         index[free_modes], index[common_modes] = np.arange(6 * b, 6 * b + 6), np.arange(6 * bins, size)
         values = theta[index]
-        chi2 = float(normal.chi2_null - 2 * values @ normal.rhs + values @ normal.matrix @ values)
         solutions.append(
             Solution(
                 coefficients=Coefficients(modes, values),
                 covariance=covariance[np.ix_(index, index)],
-                chi2=chi2,
+                chi2=_chi2_of(normal, values),
                 n_data=normal.n_data,
                 frame=normal.frame,
                 notes=normal.notes,

@@ -113,7 +113,10 @@ def observer_velocity(
     taken as 450 gives pulls of 1.2; `preferred` says what the residuals prefer.
     """
     if isinstance(field, Field) and field.redshift is None and has_distance_or_parallax(field).all():
-        raise ParameterError("sources with distances and no redshifts need no H0: use fit.kinematics(field)")
+        raise ParameterError(
+            "redshifts tell the flows and the place of each source: stars and clusters with distances alone are for "
+            "fit.kinematics(field), galaxies with distances need their redshifts, too"
+        )
     if hubble is None:
         raise DegeneracyError(
             f"{_PRODUCT}: give hubble=, or a velocity to fit.secular_parallax.hubble_constant, or priors to "
@@ -243,6 +246,11 @@ def hubble_from(
 ) -> HubbleSolution:
     """The Hubble constant from equations with V apart; `preferred` is whether a preferred dispersion is looked for."""
     velocity = velocity_in_frame(velocity, rows.frame)
+    if rows.n_own and 2 * rows.n_own >= rows.n_data:
+        raise ParameterError(
+            f"all {rows.n_own} sources have measured distances, of which the motions tell v and nothing of H0: leave "
+            "the distances out (--columns distance=), or fit v with observer_velocity (--h0)"
+        )
     group = local_group_of(local_group, rows)
     ratio = 1.0 if hubble is None else hubble / rows.hubble
     sums = rows.sums(dispersion * ratio, excess_noise, ratio=ratio)

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import few_or_many
+from conftest import few_or_many, random_field
 from scipy import stats
 
 import fit
@@ -219,3 +219,12 @@ def test_p_values_of_few_stars(n, skies):
         p_values.append(replace(velocity, value=velocity.value - SUN).p_value)
     assert np.mean(np.array(p_values) < 0.0027) < 0.03
     assert np.mean(np.array(p_values) < 0.05) < 0.05 + 3 * np.sqrt(0.05 / skies)
+
+
+def test_galaxies_are_refused():
+    """At 60 Mpc the acceleration of the Solar System is 1400 km/s, and no parameter here."""
+    field = random_field(100, 1)
+    near = replace(field, distance=np.full(100, 0.5), distance_error=np.full(100, 0.05))
+    assert fit.kinematics(near, gradient=False).names == ("v_x", "v_y", "v_z")
+    with pytest.raises(ParameterError, match="beyond 60 Mpc"):
+        fit.kinematics(replace(near, distance=np.full(100, 60.0)), gradient=False)

@@ -401,3 +401,13 @@ def test_bins_of_many_have_what_they_share_unasked(tmp_path, capsys, monkeypatch
     with pytest.raises(SystemExit):
         main([str(tmp_path / "q.fits"), "--h0", "70", "--floor", "no"])
     assert "--floor is for --bins" in capsys.readouterr().err
+
+
+def test_chi2_of_robust_bins_is_that_of_the_catalogue():
+    """It was in units of errors that the robust fit had changed: 0.6 to 1.9 where the errors were right."""
+    field = sim.observe(sim.quasars(1500, 1), sim.acceleration((0, 0, 5)), rng=2)
+    bins = binned(field, 3, 1, method="recommended")
+    np.testing.assert_allclose(bins.to_table()["chi2_dof"], 1.0, atol=0.15)
+    for low, high, solution in zip(bins.edges[:-1], bins.edges[1:], bins.solutions, strict=True):
+        inside = field[(field.redshift >= low) & (field.redshift < high)]
+        assert solution.chi2 == pytest.approx(solution.residuals(inside).chi2.sum(), rel=1e-9)

@@ -253,3 +253,18 @@ def test_zeros_are_missing_values_where_one_motion_is_along_an_axis():
     read = read_field(table, sigma=100.0)
     assert len(read) == 1
     assert any("71 of 72" in str(note) for note in read.notes)
+
+
+@pytest.mark.parametrize("names", [("sgl", "sgb"), ("SGLON", "SGLAT"), ("SuperGalacticL", "SuperGalacticB")])
+def test_supergalactic_axes_are_refused_by_their_names(names):
+    with pytest.raises(TableError, match="supergalactic"):
+        read_field(table(names=names), {"ra": names[0], "dec": names[1]})
+    assert len(read_field(table(names=names), {"ra": names[0], "dec": names[1]}, frame="icrs")) == N
+
+
+@pytest.mark.parametrize("name", ["mu", "DM", "dist_mod", "modulus", "mu0"])
+def test_moduli_are_asked_for_their_unit(name):
+    made = table()
+    made[name], made[f"e_{name}"] = np.full(N, 31.0), np.full(N, 0.1)
+    with pytest.raises(TableError, match=f"{name}=mag"):
+        read_field(made, {"distance": name, "distance_error": f"e_{name}"})

@@ -337,7 +337,8 @@ def conversion_factors(
             assumed_units.setdefault(_unit_text(target), []).append(name)
             role_factors[role] = 1.0
         elif role in REQUIRED or role in MUST_SAY:
-            missing_units[name] = _unit_text(target)
+            is_modulus = role.startswith("distance") and _OF_MODULI.search(name)
+            missing_units[name] = "mag" if is_modulus else _unit_text(target)
     if missing_units:
         several = (
             f"columns {', '.join(map(repr, missing_units))} have"
@@ -346,7 +347,7 @@ def conversion_factors(
         )
         hint = shlex.quote(",".join(f"{name}={unit.replace(' ', '')}" for name, unit in missing_units.items()))
         lengths = (
-            ", or kpc or pc"
+            ", or kpc, pc, or mag of distance moduli"
             if any(role.startswith("distance") and column_of.get(role) in missing_units for role in MUST_SAY)
             else ""
         )
@@ -354,6 +355,8 @@ def conversion_factors(
     return role_factors, assumed_units
 
 
+#: Names of distance moduli and of their errors.
+_OF_MODULI = re.compile(r"(^|_)(mu\d?|dm|dmod|mod|modul\w*)(_|$)|dist\w*mod", re.IGNORECASE)
 #: The motions whose units their errors have.
 _UNIT_OF = {"pmra_error": "pmra", "pmdec_error": "pmdec"}
 #: Columns that are taken in Gaia's units where they have its names and no unit; positions are in any case.

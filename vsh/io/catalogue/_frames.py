@@ -28,6 +28,8 @@ _BY_NAME = {
     "ecliptic": ("elon", "elat", "ecllon", "ecllat", "eclipticlon", "eclipticlat"),
 }
 _OLD = re.compile(r"B1950|1950|FK4", re.IGNORECASE)
+#: Names of supergalactic longitudes and latitudes, and of motions along them.
+_SUPER = re.compile(r"(pm_?|mu_?|e_?)*(sg[lb]|super_?gal)", re.IGNORECASE)
 _MOTIONS = {
     "icrs": re.compile(r"(pm|mu|e?pm)_?(ra|alpha|de|dec|delta|ra_?cos_?dec|alpha_?(star|\*))\*?", re.IGNORECASE),
     "galactic": re.compile(r"(pm|mu)_?g?(al)?_?(l|b|lon|lat|l_?cos_?b)\*?", re.IGNORECASE),
@@ -77,6 +79,11 @@ def frames_of(column_of: Mapping[str, str], frame: str | None, source: TableSour
         raise TableError(
             f"column {printable(old[0])!r}: positions of B1950 are not read. Turn them to ICRS first, or say frame= "
             "(--columns frame=) if the name is wrong"
+        )
+    if frame is None and (super_galactic := [name for name in column_of.values() if _SUPER.match(name)]):
+        raise TableError(
+            f"column {printable(super_galactic[0])!r}: supergalactic axes are not read. Turn them to ICRS first, or "
+            "say frame= (--columns frame=) if the name is wrong"
         )
     of_motions = next((name for name, pattern in _MOTIONS.items() if _have_motion_names(pattern, column_of)), None)
     _check_errors(column_of, of_motions)
