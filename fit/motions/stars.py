@@ -226,9 +226,9 @@ def kinematics(
     rates = inverse_distances_from_measurements(field, length, kappa)
     if (distance := float(np.median(1 / rates.mean)) / AU_PER_YEAR) > _GALAXIES:
         raise ParameterError(
-            f"half of the sources are beyond {distance:.3g} Mpc, where the acceleration of the Solar System alone is "
-            f"{AU_PER_YEAR * distance * GAIA_EDR3.amplitude:.0f} km/s: fit.secular_parallax.observer_velocity fits both "
-            "(it needs redshifts beside the distances)"
+            f"half of the sources are beyond {distance:.3g} Mpc, where the Solar System's acceleration alone is "
+            f"{AU_PER_YEAR * distance * GAIA_EDR3.amplitude:.0f} km/s: fit.secular_parallax.observer_velocity fits both"
+            " (it needs redshifts beside the distances)"
         )
     values, velocity_dispersion, (design, weights, normal) = _solve(
         field, rates, names, None if is_free else not_negative("dispersion", dispersion)

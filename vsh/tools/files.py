@@ -229,7 +229,7 @@ def digest(path: PathName) -> str:
     """SHA-256 of a file, or of the names and hashes of all files of a folder."""
     path = Path(path)
     if not path.exists():  # one of several tables in a file, by its number
-        path = Path(re.sub(r"#\d+$", "", str(path)))
+        path = Path(re.sub(r"#\w+$", "", str(path)))
     if path.is_dir():
         inside = sorted(file for file in path.rglob("*") if file.is_file())
         return hashlib.sha256("\n".join(f"{f.relative_to(path)} {digest(f)}" for f in inside).encode()).hexdigest()

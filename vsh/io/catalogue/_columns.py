@@ -101,7 +101,7 @@ def locate_columns(wanted: ColumnRequest, source: TableSource) -> tuple[dict[str
             f"; missing too: {', '.join(printable(missing_name) for _, missing_name in remainder)}" if remainder else ""
         )
         if all(re.fullmatch(r"col\d+", column) for column in source.names):
-            remark += "; it has no line of names, so its columns are called by their numbers"
+            remark += "; no line has as many names as there are values, so columns are called by their numbers"
         if {role for role, _ in absent} == {"pmra_error", "pmdec_error"}:
             same = "gives all motions the same error in µas/yr"
             remark += f"; for a table without errors, sigma=100 (--columns sigma=100) {same}"
@@ -187,7 +187,7 @@ def missing_column(name: str | None, source: TableSource) -> str:
     hint = f"; nearest: {', '.join(map(printable, nearest))}" if nearest else ""
     labels = list(map(printable, names[:200]))
     suffix = f" and {len(names) - 200} more" if len(names) > 200 else ""
-    return f"no column {printable(name)!r}. The table has {', '.join(labels)}{suffix}{hint}"
+    return f"no column {printable(name)!r}. The table has {', '.join(labels)}{suffix}{hint}{source.others}"
 
 
 def doubt_positions(columns: Any, assumed: Any, at_least: int = 20, names: Mapping[str, str] | None = None) -> None:

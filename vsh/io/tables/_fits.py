@@ -120,14 +120,20 @@ def fits_rows(path: PathName, label: str) -> int:
 _DAMAGE = re.compile(r"truncat|checksum|datasum|corrupt|invalid|illegal|extra bytes", re.IGNORECASE)
 
 
-def open_fits(path: PathName, label: str) -> TableSource:
-    """The first table of a FITS file, packed with gzip or not."""
+def open_fits(path: PathName, label: str, table: str | None = None) -> TableSource:
+    """A table of a FITS file, packed with gzip or not: the first, or that of a number from 1 or of a name (EXTNAME)."""
     plain = unpacked_file(path, label)
     units = read_headers(plain.name, label)
     tables = [number for number, header in enumerate(units) if header.get("XTENSION") in ("BINTABLE", "TABLE")]
     if not tables:
         raise TableError(f"{label} holds no table")
-    extension = tables[0]
+    table_names = [str(units[number].get("EXTNAME", "")).strip() for number in tables]
+    words = [[str(k), name.lower()] for k, name in enumerate(table_names, 1)]
+    wanted = [k for k, each in enumerate(words) if table is None or table.lower() in each]
+    listing = ", ".join(f"#{k}" + f" ({name})" * bool(name) for k, name in enumerate(table_names, 1))
+    if not wanted:
+        raise TableError(f"{label}: there is no such table; the file holds {listing}")
+    extension = tables[wanted[0]]
     header = units[extension]
     names, twins = number_twins([str(header.get(f"TTYPE{i}", "")) for i in range(1, int(header.get("TFIELDS", 0)) + 1)])
     with _wrap_read_errors(label), _open(plain.name, extension, names if twins else ()) as hdus:
@@ -168,18 +174,28 @@ def open_fits(path: PathName, label: str) -> TableSource:
         [units[number].get(f"TTYPE{i}") for i in range(1, units[number].get("TFIELDS", 0) + 1)] == names
         for number in tables
     )
-    if alike > 1:
+    if alike > 1 and table is None:
         raise TableError(
             f"{label} holds {alike} tables with the same columns, of one source each perhaps: join them "
             "(astropy.table.vstack), or write a file for each into a folder"
         )
-    if len(tables) > 1:
+    others = f"; the file holds {len(tables)} tables, {listing}: {label}#2 is the second" if len(tables) > 1 else ""
+    if others and table is None:
         notes = (f"{label} holds {len(tables)} tables; the first was read (extension {extension})",)
     # Rows in one block are at most as many as the file holds, whose size has been looked at.
     units_of = {c.name: c.unit for c in columns if c.unit and c.unit.strip()}
     rows = max(1, units[extension]["NAXIS2"])  # the file holds as many: `read_headers` has looked
     return TableSource(
-        label, tuple(names), read, units_of, meta, notes, whole=rows, descriptions=descriptions, twins=twins
+        label,
+        tuple(names),
+        read,
+        units_of,
+        meta,
+        notes,
+        whole=rows,
+        descriptions=descriptions,
+        twins=twins,
+        others="" if table else others,
     )
 
 

@@ -19,6 +19,7 @@ from typing import Any, NamedTuple
 from urllib.parse import urlsplit
 
 from vsh.io.tables._arrow import open_dataset, open_lazyframe, open_parquet, open_parquet_at, open_stream
+from vsh.io.tables._fits import open_fits
 from vsh.io.tables._source import (
     DAMAGE,
     TableSource,
@@ -312,8 +313,10 @@ def _open_fetched(path, label, file_format):
     return _open_file(path, label, file_format or _find_format(path, label))
 
 
-#: A file with several tables, and the number of one: tables.tsv#2.
-_NUMBERED = re.compile(r"(.+)#(\d+)")
+#: How the words begin that Git LFS puts in place of a file.
+_POINTER = b"version https://git-lfs"
+#: A file with several tables, and the number or the name of one: tables.tsv#2.
+_NUMBERED = re.compile(r"(.+)#(\w+)")
 
 
 def _kind_of(format):
@@ -333,9 +336,17 @@ def _open_path(path, format):
         if path.is_dir():
             return _open_folder(path, label, format)
         if (match := _NUMBERED.fullmatch(text)) and not path.exists() and Path(match[1]).is_file():
-            return open_numbered_table(Path(match[1]), int(match[2]), label)
+            path, table = Path(match[1]), match[2]
+            if (BY_NAME[format].kind if format else _find_format(path, label)) == "fits":
+                return open_fits(path, label, table)
+            if table.isdecimal():
+                return open_numbered_table(path, int(table), label)
+            raise TableError(f"{label}: tables of text are told by their numbers, tables of FITS by names as well")
         if not path.is_file():
             raise TableError(f"{label}: no such file" if not path.exists() else f"{label} is no regular file")
+        with path.open("rb") as file:
+            if file.read(len(_POINTER)) == _POINTER:
+                raise TableError(f"{label} is a pointer of Git LFS in place of the file: fetch that (git lfs pull)")
         if path.suffix.lower() in ("", ".zip") and zipfile.is_zipfile(path):
             return _open_zip(path, label, format)
         file_format = BY_NAME[format].kind if format else _find_format(path, label)

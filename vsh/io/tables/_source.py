@@ -113,6 +113,8 @@ class TableSource(InNotebook):
     twins: tuple[str, ...] = ()
     #: The coordinate system that a column states, and its equinox or None.
     systems: dict = field(default_factory=dict)
+    #: Words on other tables in the same file, for a message; empty where there are none.
+    others: str = ""
 
     def blocks(self, names: Sequence[str] | None = None, rows: int = ROWS) -> Iterator[dict[str, Any]]:
         """Some columns in blocks of at most `rows` rows: dicts of (values, mask or None)."""
@@ -400,7 +402,7 @@ _DEEPEST = 20
 
 
 def _read_hdf5(path, label):
-    """The one table of a file: a compound dataset, or a group with a dataset for each column."""
+    """The one table of a file: a compound dataset, a group with a dataset for each column, or one of pandas or vaex."""
     import h5py
     from astropy.table import Table
 
@@ -431,6 +433,8 @@ def _read_hdf5(path, label):
                 groups.setdefault(name.rpartition("/")[0], []).append(name)
 
         file.visititems(visit)
+        if columns := _pandas_columns(file, label) or _vaex_columns(file, groups):
+            return Table(columns)
         tables = [name for name in compound if not name.endswith("__table_column_meta__")]
         column_groups = {group: names for group, names in groups.items() if len(names) > 1 and not tables}
         if len(tables) + len(column_groups) != 1:
@@ -440,6 +444,32 @@ def _read_hdf5(path, label):
             (names,) = column_groups.values()
             return Table({name.rpartition("/")[2]: _decode_bytes(file[name][()]) for name in names})
     return Table.read(path, path=tables[0], format="hdf5", character_as_bytes=False)
+
+
+def _pandas_columns(file, label):
+    """The columns of numbers of the one frame that pandas wrote; none where it wrote none."""
+    frames = [group for group in file.values() if "pandas_type" in group.attrs]
+    if len(frames) > 1:
+        raise TableError(f"{label} holds {len(frames)} frames of pandas: keep one in a file")
+    for frame in frames:
+        names = frame["table"].dtype.names or () if "table" in frame else ()
+        if any(name.startswith("values_block_") for name in names):
+            raise TableError(
+                f"{label}: pandas keeps the names of these columns as Python objects, which are not read from files. "
+                "Write it with data_columns=True, or as Parquet; in Python vsh.read_field(pandas.read_hdf(…)) reads it"
+            )
+        columns = {}
+        for key in [key for key in frame if key.endswith("_values") and frame[key].ndim == 2]:
+            items = _decode_bytes(frame[key.replace("_values", "_items")][()])
+            columns |= dict(zip(items.tolist(), frame[key][()].T, strict=True))
+        return columns
+    return {}
+
+
+def _vaex_columns(file, groups):
+    """The columns of numbers of a file of vaex, which has a group for each."""
+    names = [name for name in groups if name.startswith("table/columns/") and f"{name}/data" in file]
+    return {name.rpartition("/")[2]: file[f"{name}/data"][()] for name in names if len(groups[name]) == 1}
 
 
 def _decode_bytes(values: Any) -> Any:

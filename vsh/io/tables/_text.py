@@ -123,7 +123,9 @@ def _layout_without_rule(body, comments, skip, label):
         notes: tuple[str, ...] = ()
         if names is None:
             names = [f"col{k + 1}" for k in range(len(fields))]
-            notes = (f"{label} has no line of names: its columns are called col1 to col{len(fields)}",)
+            notes = (
+                f"{label} has no line of as many names as values: its columns are called col1 to col{len(fields)}",
+            )
         layout = _with_comma(_layout(names, skip, delimiter, notes=notes), rows)
         return _with_units(layout, _units_in_comment(comments, len(fields), delimiter))
     below = [_fields(line, delimiter) for line in rows[1:]]
@@ -725,11 +727,15 @@ def _parse_names(text):
 
 def _errors(label, number, line, remainder):
     excerpt = printable(line.strip()[:80])
+    # Where a list has a band or a mark in place of a correlation, there is none.
+    tokens = [*remainder[:2], "0"] if re.fullmatch(r"[-*A-Z]", "".join(remainder[2:3])) else remainder[:3]
     try:
-        errors = [float(token) for token in remainder[:3]]
+        errors = [float(token) for token in tokens]
         east, north, rho = errors
     except ValueError:
         raise TableError(f"{label}, line {number} is damaged: {excerpt!r}") from None
+    if east == 0 or north == 0:  # rounded away: nobody knows how large it is
+        return [np.nan] * 3
     if not np.isnan(errors).all() and not (np.isfinite(errors).all() and east > 0 and north > 0 and abs(rho) < 1):
         raise TableError(f"{label}, line {number} has no usable errors: {excerpt!r}")
     return errors

@@ -149,7 +149,7 @@ def test_damaged_line_is_named(name, tmp_path):
 def test_table_without_names(tmp_path):
     path = tmp_path / "bare.txt"
     path.write_text(delimited(head=False, between=" "))
-    with pytest.raises(TableError, match="has no line of names, so its columns are called by their numbers"):
+    with pytest.raises(TableError, match="as there are values, so columns are called by their numbers"):
         read_field(path)
     columns = {name: f"col{k + 1}" for k, name in enumerate(NAMES)}
     with pytest.raises(TableError, match="columns 'col3', .* have no unit: say which.*--units col3=mas/yr,col4=mas/yr"):
@@ -345,6 +345,23 @@ def test_errors_that_cannot_be_in_seconds_are_in_mas(tmp_path):
     guessed = read_positions(path)
     np.testing.assert_array_equal(guessed.sigma, told.sigma)
     assert any("errors are read in mas: as seconds" in str(note) for note in guessed.notes)
+
+
+def test_list_of_vlba_calibrators(tmp_path):
+    """A band stands where others have a correlation, and errors are in mas; one that is rounded to zero is missing."""
+    path = tmp_path / "calibrators.txt"
+    path.write_text(
+        "#      N A M E                RA            DEC          RAE  DECE  B1  Sh    Lg\n"
+        "J0000-3221  2357-326  00 00 20.399952  -32 21 01.23354   0.28  0.62 -  0.50  0.34\n"
+        "J0004-4736  0002-478  00 04 35.655504  -47 36 19.60373   0.07  0.12 X  0.32  0.29\n"
+        "J0121+1149  0119+115  01 21 41.595043  +11 49 50.41311   0.00  0.01 -  1.20  0.90\n"
+    )
+    with pytest.raises(FieldError, match="1 of 3 rows cannot be used: ra_error"):
+        read_positions(path)
+    read = read_positions(path, on_bad="drop")
+    np.testing.assert_allclose(read.sigma[1], [620.0, 120.0])
+    np.testing.assert_allclose(read.sigma[0, 0], 280.0 * np.cos(read.lat[0]))
+    assert (read.rho == 0).all()
 
 
 def test_list_without_usable_errors_has_none(tmp_path):
