@@ -3,11 +3,13 @@
 Catalogue k sees source s at x_ks = x_s + A_s c_k + e_ks, with c the coefficients of its frame against the reference's
 and Cov(e_js, e_ks) = ρ_jk S_js S_ks, S² the covariance that each quotes. The true places x_s are eliminated source by
 source, and ρ_jk maximises the likelihood of the differences of j and k: catalogues with observations in common, as each
-ICRF and the one before, differ by less than their errors say. Differences of any two follow from one covariance.
+ICRF and the one before, differ by less than their errors say. The faint may share noise that the bright do not, so that
+ρ, and a factor on the errors, are those of sources with similar quoted errors. Differences of any two follow from one
+covariance.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Any
 
@@ -15,6 +17,7 @@ import numpy as np
 from scipy.special import chdtrc
 
 from fit.background import ClassComparison, compare_classes_jointly
+from fit.frames.compare import CLASSES, FEWEST
 from fit.frames.results import FrameResult
 from fit.normal import normal_equations
 from fit.results.quality import MANY, ErrorSource
@@ -32,13 +35,15 @@ from vsh.tools import arguments
 from vsh.tools.errors import DegeneracyError, FieldError, FrameError, ParameterError
 from vsh.tools.notes import merge_notes
 from vsh.tools.printing import log_calls
-from vsh.tools.types import Axes, FloatArray, Rng, Table
+from vsh.tools.types import Axes, FloatArray, IntArray, Rng, Table
 from vsh.tools.units import UAS
 from vsh.vector import Vector
 
 __all__ = ["FrameNetwork", "combine_frames"]
 #: The most noise that two catalogues may share: of all of it nothing would be left to compare.
 _MOST = 0.995
+#: A pair has a correlation of its own in a class from so many sources on.
+_FEW_OF_PAIR = 10
 #: Rounds of common noise and of outliers; what is left out has a chance of less than this in all the catalogue.
 _ROUNDS, _CHANCE = 12, 0.5
 #: What catalogues share over the sky is looked for to this degree.
@@ -59,9 +64,9 @@ class FrameNetwork(FrameResult):
     values : (K − 1, p) array
         Coefficients of each less those of the reference. [`unit`]
     covariance : ((K − 1) p, (K − 1) p) array
-        That of all of them, errors multiplied by `factor` where it is above one.
+        That of all of them, errors scaled by the residuals in classes of sources with similar quoted errors.
     correlation : (K, K) array
-        ρ, the common noise, of formal errors.
+        ρ, the common noise, of formal errors: the mean over classes of sources with similar errors.
     common : (K, K) array
         How many sources any two have in common; on the diagonal how many of each are used.
     chi2 : float
@@ -208,13 +213,13 @@ class FrameNetwork(FrameResult):
     def _sections(self, long):
         reference, *catalogues = self.labels
         counts = ", ".join(f"{name} {int(n)}" for name, n in zip(self.labels, np.diag(self.common), strict=True))
-        larger = "; errors are multiplied by it" if self.factor > 1 else ""
+        scaled = "; errors are scaled by the residuals, in classes of sources with similar formal errors"
         facts = [("sources", counts)]
         for (i, a), (j, b) in combinations(enumerate(self.labels), 2):
             if self.common[i, j]:
                 text = f"{int(self.common[i, j])} sources in common, {100 * self.correlation[i, j]:.0f} % of the noise"
                 facts.append((f"{a} and {b}", text))
-        facts.append(("residuals", f"{self.factor:.3g} times the errors with the common noise{larger}"))
+        facts.append(("residuals", f"{self.factor:.3g} times the errors with the common noise{scaled}"))
         columns: dict[str, Any] = {}
         for name in catalogues:
             terms = self._terms(reference, name)
@@ -336,8 +341,9 @@ def combine_frames(
 
     Notes
     -----
-    Charlot et al. (2020, A&A 644, A159) and A&A 706, A342 (2026) compare frames two at a time. A correlation that is
-    the same for all sources of two catalogues is assumed.
+    Charlot et al. (2020, A&A 644, A159) and A&A 706, A342 (2026) compare frames two at a time. Correlations of two
+    catalogues, and factors on their errors, are the same for sources with similar quoted errors: five classes of at
+    least 30.
 
     Examples
     --------
@@ -363,22 +369,24 @@ def combine_frames(
             f"({', '.join(sorted({catalogue.frame for catalogue in catalogue_list}))}): use to_frame"
         )
     sky = _CommonSources(labels, catalogue_list)
-    correlation, selection = np.eye(len(labels)), np.ones(sky.n, bool)
     has_floor = sky.n >= MANY if floor is None else floor
     # What is shared over the sky is neither noise nor an outlier.
     noise_modes = _FLOOR if has_floor and modes.lmax < _FLOOR.lmax else modes
+    noise, selection = _noise_of_quoted_errors(sky, len(noise_modes)), np.ones(sky.n, bool)
     for _ in range(_ROUNDS):
-        before = correlation, selection
-        values, _, chi2_of, chi2, dof = _solve(sky, noise_modes, correlation, selection, labels)
+        before = noise, selection
+        values, _, chi2_of, factors, *_ = _solve(sky, noise_modes, noise, selection, labels)
+        noise = replace(noise, factors=factors)
         if shared_noise:
-            correlation = _estimate_common_noise(sky, noise_modes, values, selection)
+            noise = _estimate_common_noise(sky, noise_modes, values, selection, noise)
         if clip:
-            scale = max(1.0, chi2 / max(dof, 1))
+            scale = np.maximum(1.0, factors)[noise.classes]
             selection = chdtrc(np.maximum(sky.contrasts, 1), chi2_of / scale) > _CHANCE / max(sky.n, 1)
-        if np.allclose(before[0], correlation, atol=1e-4) and (before[1] == selection).all():
+        if noise.is_near(before[0]) and (before[1] == selection).all():
             break
-    errors = _estimate_shared_errors(sky, correlation, selection, labels, rng) if has_floor else None
-    values, covariance, chi2_of, chi2, dof = _solve(sky, modes, correlation, selection, labels)
+    errors = _estimate_shared_errors(sky, noise, selection, labels, rng) if has_floor else None
+    *_, factors, _, _ = _solve(sky, modes, noise, selection, labels)
+    values, covariance, chi2_of, _, chi2, dof = _solve(sky, modes, replace(noise, factors=factors), selection, labels)
     factor = float(np.sqrt(chi2 / dof)) if dof > 0 else float("nan")
     order = np.flatnonzero(~selection)[np.argsort(-chi2_of[~selection], kind="stable")]
     membership = sky.seen[:, selection].astype(int)
@@ -386,8 +394,8 @@ def combine_frames(
         labels=labels,
         modes=modes,
         values=values,
-        covariance=covariance * (factor**2 if factor > 1 else 1.0),
-        correlation=correlation,
+        covariance=covariance,
+        correlation=np.average(noise.correlation, axis=0, weights=np.bincount(noise.classes)),
         common=(membership @ membership.T).astype(float),
         chi2=float(chi2),
         n_data=int(dof + values.size),
@@ -401,16 +409,15 @@ def combine_frames(
     )
 
 
-def _estimate_shared_errors(sky, correlation, selection, labels, rng):
-    """Rotation and glide with systematic errors; errors multiplied by √(χ²/dof) of the fit to degree 5."""
-    normal = _sum_normal_equations(sky, _FLOOR, correlation, selection)
-    *_, chi2, dof = _solve_network(sky, _FLOOR, normal, selection, labels)
-    matrix, rhs, _ = normal
-    tau = chi2 / dof if dof > 0 else 1.0
+def _estimate_shared_errors(sky, noise, selection, labels, rng):
+    """Rotation and glide with systematic errors; errors by the scatter about a fit to degree 5, in classes of error."""
+    normal = _sum_normal_equations(sky, _FLOOR, noise, selection)
+    factors = _solve_network(sky, _FLOOR, normal, noise, selection, labels)[3]
+    matrix, rhs = (np.tensordot(1 / factors, sums, 1) for sums in normal[:2])
     is_common = sky.seen[1:, selection] & sky.seen[0, selection]
     return compare_classes_jointly(
-        matrix[1:, :, 1:] / tau,
-        rhs[1:] / tau,
+        matrix[1:, :, 1:],
+        rhs[1:],
         _FLOOR,
         rng=rng,
         labels=tuple(f"{label} − {labels[0]}" for label in labels[1:]),
@@ -469,12 +476,36 @@ class _CommonSources:
         fields = [Coefficients(modes, coefficients).at(self.lon, self.lat) for coefficients in values]
         return self.x - np.stack([np.zeros((2, self.n)), *fields])
 
-    def group_by_catalogues(self, selection):
-        """Sources that the same catalogues have: which catalogues, which sources."""
+    def groups(self, classes):
+        """Sources of one class that the same catalogues have: which catalogues, which class, which sources."""
         codes = (2 ** np.arange(len(self.seen))) @ self.seen
-        for code in np.unique(codes[selection]):
-            rows = np.flatnonzero(selection & (codes == code))
-            yield np.flatnonzero(self.seen[:, rows[0]]), rows
+        for code, number in sorted({*zip(codes.tolist(), classes.tolist(), strict=True)}):
+            rows = np.flatnonzero((codes == code) & (classes == number))
+            yield np.flatnonzero(self.seen[:, rows[0]]), number, rows
+
+
+@dataclass(frozen=True)
+class _Noise:
+    """The class of quoted error of each source, (n,); of each class ρ of catalogues, (C, K, K), and χ²/dof, (C,)."""
+
+    classes: IntArray
+    correlation: FloatArray
+    factors: FloatArray
+
+    def is_near(self, other):
+        """Return whether another is the same but for what changes nothing."""
+        pairs = ((self.correlation, other.correlation), (np.sqrt(self.factors), np.sqrt(other.factors)))
+        return all(np.allclose(one, two, atol=1e-4) for one, two in pairs)
+
+
+def _noise_of_quoted_errors(sky, n_modes):
+    """Classes of quoted error as those of a comparison of two, without common noise: the faint may share it alone."""
+    count = max(1, min(CLASSES, sky.n // max(FEWEST, 2 * n_modes)))
+    size = np.einsum("kiab,kiab->i", sky.root, sky.root) / sky.seen.sum(0)
+    classes = np.empty(sky.n, int)
+    for number, members in enumerate(np.array_split(np.argsort(size, kind="stable"), count)):
+        classes[members] = number
+    return _Noise(classes, np.tile(np.eye(len(sky.seen)), (count, 1, 1)), np.ones(count))
 
 
 def _covariance_roots(sigma, rho):
@@ -485,12 +516,13 @@ def _covariance_roots(sigma, rho):
     return np.moveaxis(np.array([[a + s, c], [c, b + s]]) / t, -1, 0)
 
 
-def _sum_normal_equations(sky, modes, correlation, selection):
-    """Normal equations of all catalogues, (K, p, K, p) and (K, p), and the weights of the sources' differences."""
+def _sum_normal_equations(sky, modes, noise, selection):
+    """Normal equations of all catalogues by class, (C, K, p, K, p) and (C, K, p), and the weights of differences."""
     k, p = len(sky.seen), len(modes)
-    matrix, rhs = np.zeros((k, p, k, p)), np.zeros((k, p))
+    matrix, rhs = (np.zeros((len(noise.factors), *shape)) for shape in ((k, p, k, p), (k, p)))
     weights = []
-    for has, rows in sky.group_by_catalogues(np.ones(sky.n, bool)):
+    for has, c, rows in sky.groups(noise.classes):
+        correlation = noise.correlation[c]
         w = _weights(sky.root[has][:, rows], correlation[np.ix_(has, has)])
         weights.append((has, rows, w))
         if len(has) == 2:  # their difference is all that counts: the sums of a field, whatever its size
@@ -498,9 +530,9 @@ def _sum_normal_equations(sky, modes, correlation, selection):
             if len(at):
                 normal = normal_equations(_difference(sky, i, j, at, correlation[i, j]), modes)
                 for row, column, sign in ((i, i, 1), (j, j, 1), (i, j, -1), (j, i, -1)):
-                    matrix[row, :, column] += sign * normal.matrix
-                rhs[i] += normal.rhs
-                rhs[j] -= normal.rhs
+                    matrix[c, row, :, column] += sign * normal.matrix
+                rhs[c, i] += normal.rhs
+                rhs[c, j] -= normal.rhs
             continue
         for start in range(0, len(rows), _TOGETHER):
             chunk = slice(start, start + _TOGETHER)
@@ -509,21 +541,22 @@ def _sum_normal_equations(sky, modes, correlation, selection):
             for i, row in enumerate(has):
                 for j, column in enumerate(has):
                     product = np.einsum("pam,mab->pbm", a, chunk_weights[:, i, :, j])
-                    matrix[row, :, column] += product.reshape(p, -1) @ a.reshape(p, -1).T
-                    rhs[row] += product.reshape(p, -1) @ x[j].ravel()
+                    matrix[c, row, :, column] += product.reshape(p, -1) @ a.reshape(p, -1).T
+                    rhs[c, row] += product.reshape(p, -1) @ x[j].ravel()
     return matrix, rhs, weights
 
 
-def _solve(sky, modes, correlation, selection, labels):
-    """Coefficients, their covariance, χ² of each source, in all, and the degrees of freedom."""
-    return _solve_network(sky, modes, _sum_normal_equations(sky, modes, correlation, selection), selection, labels)
+def _solve(sky, modes, noise, selection, labels):
+    """Coefficients, their covariance, χ² of each source, χ²/dof of each class, all χ², and its degrees of freedom."""
+    return _solve_network(sky, modes, _sum_normal_equations(sky, modes, noise, selection), noise, selection, labels)
 
 
-def _solve_network(sky, modes, normal, selection, labels):
-    """Solve normal equations that are at hand."""
+def _solve_network(sky, modes, normal, noise, selection, labels):
+    """Solve normal equations that are at hand; the errors of each class are multiplied by the root of its factor."""
     k, p = len(labels), len(modes)
     matrix, rhs, weights = normal
-    n = matrix[1:, :, 1:].reshape((k - 1) * p, -1)
+    of_class = matrix[:, 1:, :, 1:].reshape(len(matrix), (k - 1) * p, -1) / noise.factors[:, None, None]
+    n = of_class.sum(0)
     size = np.sqrt(np.diag(n))
     if not (size > 0).all() or np.linalg.cond(n / np.outer(size, size)) > 1e10:
         raise DegeneracyError(
@@ -531,19 +564,18 @@ def _solve_network(sky, modes, normal, selection, labels):
             "out a catalogue that shares few"
         )
     covariance = np.linalg.inv(n)
-    values = (covariance @ rhs[1:].ravel()).reshape(k - 1, p)
+    values = (covariance @ np.tensordot(1 / noise.factors, rhs[:, 1:], 1).ravel()).reshape(k - 1, p)
     chi2_of, residuals = np.zeros(sky.n), sky.left(values, modes)
     for has, rows, w in weights:
         chi2_of[rows] = np.einsum(
             "iam,miajb,jbm->m", residuals[has][:, :, rows], w, residuals[has][:, :, rows], optimize=True
         )
-    return (
-        values,
-        covariance,
-        chi2_of,
-        float(chi2_of[selection].sum()),
-        float(sky.contrasts[selection].sum() - values.size),
+    chi2, dof = (
+        np.bincount(noise.classes[selection], numbers[selection], len(matrix)) for numbers in (chi2_of, sky.contrasts)
     )
+    dof = dof - np.einsum("ij,cji->c", covariance, of_class)
+    factors = np.where((dof > 0) & (chi2 > 1e-12 * dof), chi2 / np.maximum(dof, 1e-300), 1.0)
+    return values, covariance, chi2_of, factors, float(chi2.sum()), float(dof.sum())
 
 
 def _difference(sky, i, j, at, rho):
@@ -571,18 +603,28 @@ def _weights(root, correlation):
     return w - np.einsum("miab,mbc,mjdc->miajd", once, np.linalg.inv(once.sum(1)), once, optimize=True)
 
 
-def _estimate_common_noise(sky, modes, values, selection):
-    """ρ of each pair by the likelihood of its differences; the nearest that all can have together."""
+def _estimate_common_noise(sky, modes, values, selection, noise):
+    """The noise with ρ of each pair in each class by the likelihood of its differences."""
+    residuals, p = sky.left(values, modes), len(modes)
+    correlation = [
+        _correlation_of(sky, residuals, selection, noise.classes == number, p) for number in range(len(noise.factors))
+    ]
+    return replace(noise, correlation=np.array(correlation))
+
+
+def _correlation_of(sky, residuals, selection, members, p):
+    """ρ of each pair of catalogues for some sources; the nearest that all can have together."""
     from scipy.optimize import minimize_scalar  # slow to import
 
-    k, p = len(sky.seen), len(modes)
-    correlation, residuals = np.eye(k), sky.left(values, modes)
+    k = len(sky.seen)
+    correlation = np.eye(k)
     for i, j in combinations(range(k), 2):
-        common = np.flatnonzero(selection & sky.seen[i] & sky.seen[j])
-        if 2 * len(common) <= 2 * p:
+        pair = selection & sky.seen[i] & sky.seen[j]
+        common = np.flatnonzero(pair & members)
+        if len(common) < _FEW_OF_PAIR or pair.sum() <= p:
             continue
         d = residuals[i][:, common] - residuals[j][:, common]
-        d *= np.sqrt(2 * len(common) / (2 * len(common) - p))  # the fit has taken its part
+        d *= np.sqrt(2 * pair.sum() / (2 * pair.sum() - p))  # the fit has taken its part
         total, cross = _covariance_sums(sky, i, j, common)
 
         def loss(rho, own=total, cross=cross, d=d):

@@ -40,7 +40,7 @@ _FAR = 3.0
 #: The degree that it is looked for to.
 _DEGREE = 5
 #: Classes of quoted error, and the fewest sources in one.
-_CLASSES, _FEWEST = 5, 30
+CLASSES, FEWEST = 5, 30
 #: The nside of the blocks that are left out one by one.
 _BLOCKS = 2
 
@@ -82,7 +82,7 @@ def fit_by_error_class(differences: Field, modes: Modes, indices: IntArray | Non
     n = len(differences)
     indices = np.arange(len(modes)) if indices is None else indices
     p = len(indices)
-    count = max(1, min(_CLASSES, n // max(_FEWEST, 2 * p)))
+    count = max(1, min(CLASSES, n // max(FEWEST, 2 * p)))
     if 2 * n <= p:
         return None
     order = np.argsort(np.sum(differences.sigma**2, axis=0), kind="stable")
@@ -598,7 +598,7 @@ def _scatter_by_class(residuals, differences):
     """
     order = np.argsort(np.sum(differences.sigma**2, axis=0), kind="stable")
     factors = np.ones(len(order))
-    for members in np.array_split(order, max(1, min(_CLASSES, len(order) // _FEWEST))):
+    for members in np.array_split(order, max(1, min(CLASSES, len(order) // FEWEST))):
         factors[members] = max(1.0, np.median(residuals[members]) / np.sqrt(2 * np.log(2)))
     return factors
 

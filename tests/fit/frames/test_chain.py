@@ -56,10 +56,39 @@ def test_frames_come_back_and_close():
 def test_two_independent_ones_are_a_comparison():
     listed = catalogues(3)
     chain = combine_frames({"b": listed["b"], "a": listed["a"]}, 2, shared_noise=False, clip=False)
-    plain, _ = compare_catalogues(listed["a"], listed["b"], 2, threshold=50.0)
-    np.testing.assert_allclose(chain.values[0], plain.solution.values, atol=1e-8)
-    scale = chain.factor**2 if chain.factor > 1 else 1.0
-    np.testing.assert_allclose(chain.covariance, plain.solution.covariance * scale, rtol=1e-7, atol=1e-12)
+    pair = compare_catalogues(listed["a"], listed["b"], 2, threshold=50.0)[0].by_class
+    np.testing.assert_allclose(chain.values[0], pair.values, atol=1e-3)
+    np.testing.assert_allclose(chain.covariance, pair.covariance, rtol=1e-3, atol=1e-3)
+
+
+@few_or_many(15, 100, "n_skies")
+def test_noise_that_the_faint_share_alone_detects_nothing(n_skies):
+    """One ρ for all sources took the errors of the bright for too small: p < 0.0027 on 18 % of rotations and glides."""
+    p = []
+    for seed in range(n_skies):
+        rng = np.random.default_rng([7, seed])
+        lon, lat = sim.uniform_sky(300, rng)
+        sigma, name = 10 ** rng.uniform(0.8, 2.0, 300), np.arange(300)
+        shared = np.where(sigma < 25, 0.0, 0.95)
+        common = np.sqrt(shared) * sigma * rng.normal(size=(2, 300))
+        chain = combine_frames(
+            {
+                label: Field(
+                    lon,
+                    lat,
+                    common + np.sqrt(1 - shared) * sigma * rng.normal(size=(2, 300)),
+                    [sigma, sigma],
+                    name=name,
+                )
+                for label in "abc"
+            },
+            2,
+            floor=False,
+        )
+        for solution in (chain.difference("b"), chain.difference("c", "b")):
+            p += [solution.spin.p_value, solution.acceleration.p_value]
+    assert np.mean(np.array(p) < 0.05) < 0.05 + 3 * np.sqrt(0.05 / (len(p) / 2))
+    assert np.mean(np.array(p) < 0.0027) < 0.04
 
 
 @few_or_many(20, 200, "n_skies")
@@ -144,7 +173,7 @@ def test_frames_with_what_sources_share_over_the_sky(power, n_skies):
 @pytest.mark.parametrize("power", [0.0, 20.0])
 def test_two_catalogues_have_the_floor_of_their_difference(power):
     """Of one class alone the matrix may stand in any order of memory, and is what `shared` makes of it."""
-    a, b = (bent(3, power)[label] for label in "ab")
+    a, b = (bent(3, power)[label][:250] for label in "ab")  # too few for classes of quoted errors
     chain = combine_frames({"a": a, "b": b}, 1, floor=True, shared_noise=False, clip=False)
     sigma = np.hypot(a.sigma, b.sigma)
     rho = (a.rho * a.sigma.prod(0) + b.rho * b.sigma.prod(0)) / sigma.prod(0)
