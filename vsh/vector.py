@@ -75,9 +75,13 @@ class Vector(Equal, Frozen):
     def __repr__(self) -> str:
         return f"<Vector: {self.in_numbers()}>"
 
-    def in_numbers(self) -> str:
+    def __format__(self, form: str) -> str:
+        """Components with their errors, the unit and the frame, numbers in a format such as ".2f"."""
+        return self.in_numbers(form) if form else str(self)
+
+    def in_numbers(self, form: str = ".3g") -> str:
         """Components with their errors, the unit and the frame, as a repr has them."""
-        values, errors = (", ".join(f"{x:.3g}" for x in components) for components in (self.value, self.sigma))
+        values, errors = (", ".join(format(float(x), form) for x in row) for row in (self.value, self.sigma))
         return f"({values}) ± ({errors}) {self.unit}, {self.frame}"
 
     @classmethod

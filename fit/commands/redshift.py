@@ -323,7 +323,12 @@ def _report_parts_of_bins(sky, options, model, velocity, method, value):
 
     caption = "Acceleration and spin in bins of redshift; dashed: what our motion past nearby galaxies adds."
     plot = partial(bins.plot, velocity)
-    parts = [finishing.Part("bins", bins, "Bins of redshift", caption, sections=sections, plot=plot)]
+
+    def tables():
+        table = sections(True)[-1].table
+        return {"Bins of redshift": bins.to_table()} | ({} if table is None else {"Do the bins differ?": table})
+
+    parts = [finishing.Part("bins", bins, "", caption, sections=sections, plot=plot, tables=tables)]
     if comparison is not None:
         caption = "Spin and acceleration of the bins, with common systematic errors."
         parts.append(finishing.Part("shared", comparison, "Bins with common systematic errors", caption))

@@ -53,6 +53,21 @@ class SampleResult(Result):
         """Number of chains that the samples come from, step by step and within a step walker by walker."""
         raise NotImplementedError
 
+    def __len__(self) -> int:
+        return len(next(iter(self.samples.values())))
+
+    def __getitem__(self, name: str) -> FloatArray:
+        """The samples of a quantity, by its name."""
+        if name not in self.samples:
+            raise ParameterError(f"no quantity is called {name!r}: there are {', '.join(self.samples)}")
+        return self.samples[name]
+
+    def to_pandas(self) -> Any:
+        """The samples as a pandas DataFrame, a column a quantity."""
+        from pandas import DataFrame
+
+        return DataFrame(self.samples)
+
     def _effective_sizes(self):
         """Effective number of independent samples of each quantity, by name."""
         return {

@@ -48,6 +48,8 @@ def same(one: Any, two: Any) -> bool:
             and len(one) == len(two)
             and all(map(same, one, two))
         )
+    if isinstance(one, dict) and isinstance(two, dict):
+        return [*one] == [*two] and all(same(one[key], two[key]) for key in one)
     if isinstance(one, float) and isinstance(two, float) and np.isnan(one):
         return bool(np.isnan(two))
     if is_dataclass(one) and not isinstance(one, type) and type(one) is type(two):

@@ -137,3 +137,9 @@ def test_quantities_out(unit, in_si):
     found = Vector([1, 2, 3], np.eye(3), unit=unit).quantity
     target = {"µas/yr": u.rad / u.yr, "km/s": u.km / u.s}.get(unit, u.rad)
     np.testing.assert_allclose(found.to_value(target), np.array([1, 2, 3]) * in_si)
+
+
+def test_format_is_that_of_each_number():
+    vector = Vector([1.234, -5.678, 0.0], np.eye(3))
+    assert f"{vector:.1f}" == "(1.2, -5.7, 0.0) ± (1.0, 1.0, 1.0) µas/yr, icrs"
+    assert f"{vector}" == str(vector)

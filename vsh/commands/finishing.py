@@ -34,6 +34,8 @@ if TYPE_CHECKING:
     from vsh.tools.types import Table
 
 
+#: Endings that nobody gives to a folder.
+_OF_FILES = (".json", ".csv", ".ecsv", ".fits", ".vot", ".tex", ".txt", ".html", ".pdf", ".png")
 #: The file by which a command knows its own folders; it holds where the results come from, too.
 MARK = "provenance.json"
 
@@ -58,6 +60,11 @@ def check_folder(path: PathName, command: str, overwrite: bool = False) -> None:
     path, label = Path(path), f"--output {printable(path)}"
     if path.exists() and not path.is_dir():
         raise VshError(f"{label} is a file, not a folder")
+    if not path.exists() and path.suffix.lower() in _OF_FILES:
+        raise VshError(
+            f"{label} would be a folder with the results of {command}: --json and --latex print the tables (> FILE), "
+            "--html FILE writes a page"
+        )
     _check_parent(path, label, make_parents=True)
     check_not_read(path, label)
     if not path.exists() or not any(path.iterdir()):

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.stats import chi2, kstest
@@ -402,3 +404,35 @@ def test_conditional_is_the_integral_over_velocities(velocity):
         matrix = matrix * ratio[:, :, None] ** 2
     by_hand = model.log_probability(coordinates) - np.linalg.slogdet(matrix)[1] / 2
     np.testing.assert_allclose(np.diff(log), np.diff(by_hand), atol=1e-9)
+
+
+def test_samples_are_taken_by_name(tmp_path):
+    rng = np.random.default_rng(1)
+    drawn = {"H0": rng.exponential(30, 400), "v_x": rng.normal(0, 30, 400)}
+    samples = Samples(samples=drawn, frame="galactic", notes=(), priors={}, seed=1)
+    assert samples["H0"] is drawn["H0"]
+    assert len(samples) == 400
+    assert samples.to_pandas()["v_x"].tolist() == drawn["v_x"].tolist()
+    with pytest.raises(ParameterError, match="no quantity is called 'h0': there are H0, v_x"):
+        samples["h0"]
+    assert samples == replace(samples, samples={name: values.copy() for name, values in drawn.items()})
+    assert samples != replace(samples, samples=drawn | {"H0": drawn["H0"] + 1})
+    assert (samples.summary()["H0"].low95, samples.summary()["H0"].high95) == tuple(
+        np.percentile(drawn["H0"], [2.5, 97.5])
+    )
+
+
+def test_constant_without_an_end_has_no_upper_limit():
+    """Samples that reach the end of an infinite prior were quoted as a limit of 95 %, at 952."""
+    rng = np.random.default_rng(1)
+    base = {"frame": "galactic", "notes": (), "priors": {}, "seed": 1}
+    endless = Samples(samples={"H0": rng.uniform(1, 1000, 4000)}, **base)
+    assert endless.hubble_limits[1] == np.inf
+    assert 40 < endless.hubble_limits[0] < 60
+    assert Samples(samples={"H0": rng.exponential(50, 4000)}, **base).hubble_limits[1] < 200
+
+
+def test_limits_that_are_given_are_kept():
+    given = checked_priors(Priors("flat-product", Flat(1, 5000)), "icrs", DistanceModel())
+    assert given.limits("H0") == (1, 5000)
+    assert checked_priors(Priors(), "icrs", DistanceModel()).limits("H0")[1] == 1000

@@ -425,3 +425,12 @@ def test_a_table_that_a_format_cannot_hold_is_told(tmp_path, capsys):
     assert (out / "sources.ecsv").exists()
     assert (out / "vectors.fits").exists()
     assert not (out / "sources.fits").exists()
+
+
+@pytest.mark.parametrize("name", ["result.json", "table.tex", "page.html"])
+def test_folder_has_no_name_of_a_file(name, tmp_path, monkeypatch):
+    """A folder of that name came out where somebody wanted a file."""
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(VshError, match="would be a folder.*--json and --latex print"):
+        finishing.check_folder(name, "vsh-fit")
+    finishing.check_folder("result.1", "vsh-fit")

@@ -325,7 +325,7 @@ _EXACT = 2.0**53
 #: A field that is expected is a number or a name. [characters]
 FIELD = 1000
 #: What stands for a missing value; Gaia's archive writes null.
-NULLS = ("", "null", "NULL")
+NULLS = ("", "null", "NULL", "--")
 
 
 def csv_blocks(
