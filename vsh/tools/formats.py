@@ -58,6 +58,7 @@ FORMATS = (
            "VizieR"),
     Format("icrf", "ascii.icrf", (".crf", ".sou"), re.compile(_VLBI, re.MULTILINE), _TABLES + "_text:open_vlbi",
            "VLBI"),
+    Format("sinex", "ascii.sinex", (".snx",), re.compile(rb"%=SNX"), _TABLES + "_sinex:open_sinex", "SINEX"),
     Format("ipac", "ascii.ipac", (".tbl",), re.compile(rb"(\\\\[^\n]*\n)*\|[^\n]*\|\s*\n\|"), _TABLES
            + "_source:open_ipac",
            "IPAC"),

@@ -347,6 +347,47 @@ def test_errors_that_cannot_be_in_seconds_are_in_mas(tmp_path):
     assert any("errors are read in mas: as seconds" in str(note) for note in guessed.notes)
 
 
+def sinex(kind="COVA"):
+    """Three sources with a correlation of −0.3 each, as a solution of the IVS."""
+    lines = ["%=SNX 2.02 IVS 21:050:00000 IVS 79:215:00000 21:001:00000 R 00006 2 S", "+SOURCE/ID"]
+    estimates, matrix = [], []
+    for k, (name, lon, lat, *_) in enumerate(POSITIONS, 1):
+        lines.append(f" {k:04d} {name:8} J{k:06d}.0+000000")
+        for j, (what, value, error) in enumerate((("RA", lon, 5e-10), ("DE", lat, 8e-10))):
+            index = 2 * k - 1 + j
+            estimates.append(
+                f" {index:5} RS_{what}  {k:04d} -- ---- 15:001:00000 rad  2 {np.radians(value):.14E} {error:.5E}"
+            )
+            rho = -0.3 * (5e-10 * 8e-10 if kind == "COVA" else 1.0)
+            own = error**2 if kind == "COVA" else 1.0
+            matrix.append(f" {index:5} {index - j:5} " + (f"{own:.10E}" if not j else f"{rho:.10E} {own:.10E}"))
+    lines += ["-SOURCE/ID", "+SOLUTION/ESTIMATE", "*INDEX TYPE", *estimates, "-SOLUTION/ESTIMATE"]
+    return "\n".join([*lines, f"+SOLUTION/MATRIX_ESTIMATE L {kind}", *matrix, "-SOLUTION", "%ENDSNX"]) + "\n"
+
+
+@pytest.mark.parametrize("kind", ["COVA", "CORR"])
+@pytest.mark.parametrize("name", ["solution.snx", "solution"])
+def test_sinex(tmp_path, kind, name):
+    (tmp_path / name).write_text(sinex(kind))
+    read = read_positions(tmp_path / name)
+    assert read.name.tolist() == [row[0] for row in POSITIONS]
+    np.testing.assert_allclose(read.lon, np.radians([row[1] for row in POSITIONS]), rtol=1e-12)
+    np.testing.assert_allclose(read.sigma[1], np.degrees(8e-10) * 3.6e9)
+    np.testing.assert_allclose(read.sigma[0], np.degrees(5e-10) * 3.6e9 * np.cos(read.lat))
+    np.testing.assert_allclose(read.rho, -0.3)
+    assert any("is not used" in str(note) for note in read.notes)
+
+
+def test_sinex_without_sources_is_told(tmp_path):
+    path = tmp_path / "stations.snx"
+    path.write_text("%=SNX 2.02\n+SOLUTION/ESTIMATE\n     1 STAX   0001  A    1 00:001:00000 m    2 1.0 1.0\n%ENDSNX\n")
+    with pytest.raises(TableError, match="no solution of positions .* in SINEX: it has no block 'SOURCE/ID'"):
+        read_positions(path)
+    path.write_text(sinex().replace("RS_RA", "RS_XX"))
+    with pytest.raises(TableError, match="no solution of positions"):
+        read_positions(path)
+
+
 def test_list_of_vlba_calibrators(tmp_path):
     """A band stands where others have a correlation, and errors are in mas; one that is rounded to zero is missing."""
     path = tmp_path / "calibrators.txt"
