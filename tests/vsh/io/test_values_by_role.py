@@ -268,3 +268,17 @@ def test_moduli_are_asked_for_their_unit(name):
     made[name], made[f"e_{name}"] = np.full(N, 31.0), np.full(N, 0.1)
     with pytest.raises(TableError, match=f"{name}=mag"):
         read_field(made, {"distance": name, "distance_error": f"e_{name}"})
+
+
+def test_sexagesimal_degrees_are_not_hours():
+    """Where right ascensions go beyond 24 hours they are degrees; as hours a few rows were left, at wrong places."""
+    made = table()
+    degrees = np.asarray(made["ra"]) % 360
+    whole = degrees.astype(int)
+    minutes = ((degrees - whole) * 60).astype(int)
+    seconds = ((degrees - whole) * 60 - minutes) * 60
+    made.replace_column("ra", [f"{d:03d}:{m:02d}:{s:09.6f}" for d, m, s in zip(whole, minutes, seconds, strict=True)])
+    with pytest.raises(FieldError, match="goes beyond 24 hours in .*--units ra=deg"):
+        read_field(made)
+    read = read_field(made, units={"ra": "deg"})
+    np.testing.assert_allclose(np.degrees(read.lon) % 360, degrees, atol=1e-8)
