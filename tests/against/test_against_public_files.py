@@ -74,4 +74,4 @@ def test_public_file_is_fitted_with_one_option(row, capsys, monkeypatch, tmp_pat
     values, errors = (np.array([columns[f"{p}{x}"][k] for k in (0, 1) for x in "xyz"]) for p in ("", "formal_sigma_"))
     expected, sigma = least_squares(*columns_of(row))
     np.testing.assert_allclose(errors, sigma, rtol=1e-6)
-    assert np.max(np.abs(values - expected) / sigma) < 1e-3
+    assert np.max(np.abs(values - expected) / sigma) < 1e-5
