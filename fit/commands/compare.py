@@ -176,6 +176,11 @@ def _run(options):
         copies = [name.removesuffix("no comparison") for name, _ in answer if name.endswith("no comparison")]
         joint = [line for line in network.answer.lines if not line[0].startswith(tuple(copies))]
         answer = [*joint, *answer, ("errors", network.errors_in_words)]
+
+    def latex():
+        joint = [] if network is None else [latex_table(part.table, part.title) for part in network.sections()]
+        return "\n\n".join([*joint, *map(_latex, comparisons)])
+
     part = finishing.Part(
         "comparison",
         None,
@@ -193,8 +198,10 @@ def _run(options):
     )
     run.finish(
         [part],
-        notes=merge_notes(*(comparison.solution.notes for comparison in comparisons)),
-        latex=lambda: "\n\n".join(_latex(comparison) for comparison in comparisons),
+        notes=merge_notes(
+            *(comparison.solution.notes for comparison in comparisons), () if network is None else network.notes
+        ),
+        latex=latex,
         answer=Answer(tuple(answer)),
         paths=paths,
         counts=_counts(list(results.values())),

@@ -42,8 +42,9 @@ from vsh.vector import Vector
 __all__ = ["FrameNetwork", "combine_frames"]
 #: The most noise that two catalogues may share: of all of it nothing would be left to compare.
 _MOST = 0.995
-#: A pair has a correlation of its own in a class from so many sources on.
-_FEW_OF_PAIR = 10
+#: A pair has a correlation of its own in a class from so many sources on; fewer degrees of freedom make no errors
+#: smaller than those quoted.
+_FEW_OF_PAIR, _FEW_DOF = 10, 30
 #: Rounds of common noise and of outliers; what is left out has a chance of less than this in all the catalogue.
 _ROUNDS, _CHANCE = 12, 0.5
 #: What catalogues share over the sky is looked for to this degree.
@@ -66,7 +67,7 @@ class FrameNetwork(FrameResult):
     covariance : ((K − 1) p, (K − 1) p) array
         That of all of them, errors scaled by the residuals in classes of sources with similar quoted errors.
     correlation : (K, K) array
-        ρ, the common noise, of formal errors: the mean over classes of sources with similar errors.
+        ρ, the common noise, of formal errors: of all sources, where classes of them have their own.
     common : (K, K) array
         How many sources any two have in common; on the diagonal how many of each are used.
     chi2 : float
@@ -128,7 +129,7 @@ class FrameNetwork(FrameResult):
         """Where the errors of the answer are from."""
         words = "one solution of all catalogues, with their common noise"
         if self.shared is None:
-            return f"{words}; the systematic floor is not in them (floor=True adds it)"
+            return f"{words}; the systematic floor is not in them (floor=True, --floor)"
         return f"{words} and the systematic floor in rotation and glide, from degrees 2 to {max(self.shared.degrees)}"
 
     def difference(self, catalogue: str, other: str | None = None) -> Solution:
@@ -395,7 +396,7 @@ def combine_frames(
         modes=modes,
         values=values,
         covariance=covariance,
-        correlation=np.average(noise.correlation, axis=0, weights=np.bincount(noise.classes)),
+        correlation=noise.of_all,
         common=(membership @ membership.T).astype(float),
         chi2=float(chi2),
         n_data=int(dof + values.size),
@@ -486,11 +487,12 @@ class _CommonSources:
 
 @dataclass(frozen=True)
 class _Noise:
-    """The class of quoted error of each source, (n,); of each class ρ of catalogues, (C, K, K), and χ²/dof, (C,)."""
+    """The class of quoted error of each source, (n,); of each class ρ, (C, K, K), and χ²/dof, (C,); ρ of all."""
 
     classes: IntArray
     correlation: FloatArray
     factors: FloatArray
+    of_all: FloatArray
 
     def is_near(self, other):
         """Return whether another is the same but for what changes nothing."""
@@ -505,7 +507,8 @@ def _noise_of_quoted_errors(sky, n_modes):
     classes = np.empty(sky.n, int)
     for number, members in enumerate(np.array_split(np.argsort(size, kind="stable"), count)):
         classes[members] = number
-    return _Noise(classes, np.tile(np.eye(len(sky.seen)), (count, 1, 1)), np.ones(count))
+    independent = np.eye(len(sky.seen))
+    return _Noise(classes, np.tile(independent, (count, 1, 1)), np.ones(count), independent)
 
 
 def _covariance_roots(sigma, rho):
@@ -575,6 +578,7 @@ def _solve_network(sky, modes, normal, noise, selection, labels):
     )
     dof = dof - np.einsum("ij,cji->c", covariance, of_class)
     factors = np.where((dof > 0) & (chi2 > 1e-12 * dof), chi2 / np.maximum(dof, 1e-300), 1.0)
+    factors = np.where(dof < _FEW_DOF, np.maximum(factors, 1.0), factors)
     return values, covariance, chi2_of, factors, float(chi2.sum()), float(dof.sum())
 
 
@@ -606,18 +610,20 @@ def _weights(root, correlation):
 def _estimate_common_noise(sky, modes, values, selection, noise):
     """The noise with ρ of each pair in each class by the likelihood of its differences."""
     residuals, p = sky.left(values, modes), len(modes)
+    of_all = _correlation_of(sky, residuals, selection, np.eye(len(sky.seen)), p)
     correlation = [
-        _correlation_of(sky, residuals, selection, noise.classes == number, p) for number in range(len(noise.factors))
+        _correlation_of(sky, residuals, selection, of_all, p, noise.classes == number)
+        for number in range(len(noise.factors))
     ]
-    return replace(noise, correlation=np.array(correlation))
+    return replace(noise, correlation=np.array(correlation), of_all=of_all)
 
 
-def _correlation_of(sky, residuals, selection, members, p):
-    """ρ of each pair of catalogues for some sources; the nearest that all can have together."""
+def _correlation_of(sky, residuals, selection, otherwise, p, members=True):
+    """ρ of each pair of catalogues for some sources, or `otherwise` of few; the nearest that all can have together."""
     from scipy.optimize import minimize_scalar  # slow to import
 
     k = len(sky.seen)
-    correlation = np.eye(k)
+    correlation = np.array(otherwise)
     for i, j in combinations(range(k), 2):
         pair = selection & sky.seen[i] & sky.seen[j]
         common = np.flatnonzero(pair & members)

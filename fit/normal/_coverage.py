@@ -23,8 +23,8 @@ from vsh.tools.types import FloatArray
 #: A part of the sky without sources that is wider than this is worth a word [rad], and a source with more than this
 #: share of the weight.
 _WIDE, _MOST = np.radians(60), 0.5
-#: Rows within an arcsecond of one another are of one source [rad]; where they are more than this share of all, errors
-#: that take them as independent are wrong.
+#: Rows in one square of an arcsecond are of one source [rad]; where they are more than this share of all, errors that
+#: take them as independent are wrong.
 _ONE_PLACE, _REPEATS = np.radians(1 / 3600), 0.2
 #: Few sources leave wide parts empty by chance: one about a given point is worth a word if that has this probability.
 _BY_CHANCE = 1e-5
@@ -110,7 +110,9 @@ def _look_at(field, lon, lat, keys=()):
     k = int(np.argmax(weight))
     names = getattr(field, "name", None)
     label = f"source {k}" if names is None else one_line_text(names[k])
-    places = np.unique(np.round(lon * np.cos(lat) / _ONE_PLACE) + 1j * np.round(lat / _ONE_PLACE))
+    some = select_share(_PLACES / len(lon), lon, lat) if len(lon) > _PLACES else slice(None)
+    x, y = lon[some], lat[some]
+    places = np.unique(np.round(x * np.cos(y) / _ONE_PLACE) + 1j * np.round(y / _ONE_PLACE))
     return _Seen(
         n=len(field),
         weight=float(weight.sum()),
@@ -119,7 +121,7 @@ def _look_at(field, lon, lat, keys=()):
         lon=lon,
         lat=lat,
         keys=keys,
-        n_repeats=len(lon) - len(places),
+        n_repeats=round((1 - len(places) / max(1, len(x))) * len(field)),
     )
 
 

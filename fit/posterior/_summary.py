@@ -1,6 +1,6 @@
 """Samples in a few numbers: our own, since libraries change what an interval is."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -56,6 +56,12 @@ class SampleResult(Result):
     def __len__(self) -> int:
         return len(next(iter(self.samples.values())))
 
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.samples)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.samples
+
     def __getitem__(self, name: str) -> FloatArray:
         """The samples of a quantity, by its name."""
         if name not in self.samples:
@@ -93,7 +99,8 @@ class SampleResult(Result):
         """
         samples = self.samples["H0"]
         lower, middle, upper = np.percentile(samples, [5, 50, 95]).tolist()
-        if np.mean(samples > _NEAR_END * HUBBLE_LIMITS[1]) > _AT_END and not np.isfinite(self._largest_hubble):
+        is_at_end = np.mean(samples > _NEAR_END * HUBBLE_LIMITS[1]) > _AT_END and samples.max() <= HUBBLE_LIMITS[1]
+        if is_at_end and not np.isfinite(self._largest_hubble):
             upper = float("inf")
         return None if np.std(samples) < _WIDE * middle else (lower, upper)
 

@@ -223,11 +223,13 @@ def notes_on_group(
     origin is in our velocity. `local_group=False` says that we do not move with the flow, as in simulations.
     """
     if local_group is None or local_group is False:
-        text = (
-            "warning: where we move with the galaxies nearby, H0 is too low by about its error: use the Local Group's "
-        )
+        text = "warning: where we move with the galaxies nearby, H0 is too low by about its error"
         is_missing = local_group is None and rows.modes is not None and frame not in (None, "true")
-        return [CodedNote(f"{text} motion, local_group=True (--flows yes)", "")] if is_missing else []
+        return (
+            [CodedNote(f"{text}: use the Local Group's motion, local_group=True (--flows yes)", "")]
+            if is_missing
+            else []
+        )
     velocity = LOCAL_GROUP if local_group is True else local_group
     text = f"the galaxies nearby move as the Local Group, {velocity.amplitude:.0f} km/s in the microwave background"
     return [CodedNote(f"{text}, and we with them; without that: --flows alone (local_group=False)", WITH_GROUP)]

@@ -11,17 +11,18 @@ from conftest import ROOT
 PACKAGES = ("vsh", "fit", "sim", "study")
 #: Lines of code that all packages may have together: it falls with every cut, to 33 500, and only a decision of the
 #: maintainers raises it, as when faults were mended at seventy places and 660 names made true (36 141
-#: before), and when tables in LaTeX and reports were made to fit their page (36 429 before).
-TOTAL = 36_616
+#: before), when tables in LaTeX and reports were made to fit their page (36 429 before), and when lists, files and chains
+#: that gave wrong numbers in trials by three users were mended (36 616 before).
+TOTAL = 36_988
 #: Lines of code (no docstrings, comments or blank lines) that a room may have.
 BUDGET = {
-    "fit": 613, "fit/background": 1912, "fit/commands": 1511, "fit/correlation": 564, "fit/distances": 740,
-    "fit/frames": 2100, "fit/in_time": 434, "fit/motions": 665, "fit/normal": 1030, "fit/pairs": 523,
-    "fit/posterior": 1620, "fit/redshift": 817, "fit/results": 1680, "fit/robust": 692,
-    "fit/secular_parallax": 1272, "fit/waves": 426, "sim": 767, "sim/agis": 1852, "sim/commands": 363,
+    "fit": 613, "fit/background": 1913, "fit/commands": 1523, "fit/correlation": 564, "fit/distances": 740,
+    "fit/frames": 2144, "fit/in_time": 434, "fit/motions": 672, "fit/normal": 1047, "fit/pairs": 523,
+    "fit/posterior": 1640, "fit/redshift": 822, "fit/results": 1692, "fit/robust": 692,
+    "fit/secular_parallax": 1291, "fit/waves": 426, "sim": 767, "sim/agis": 1852, "sim/commands": 363,
     "sim/gaia": 486, "sim/scanning": 452, "sim/signal": 364, "study": 0, "study/commands": 312,
-    "study/forecast": 371, "study/referee": 1014, "vsh": 1638, "vsh/commands": 1578, "vsh/figures": 1108,
-    "vsh/io": 6605, "vsh/models": 965, "vsh/sky": 434, "vsh/tools": 1708,
+    "study/forecast": 371, "study/referee": 1014, "vsh": 1640, "vsh/commands": 1584, "vsh/figures": 1108,
+    "vsh/io": 6793, "vsh/models": 965, "vsh/sky": 434, "vsh/tools": 1747,
 }  # fmt: skip
 _NO_CODE = {
     tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT, tokenize.ENCODING,

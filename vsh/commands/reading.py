@@ -95,7 +95,7 @@ def keep_standard_input(options: argparse.Namespace) -> Iterator[None]:
 
     paths = getattr(options, "others", [])
     for path in [getattr(options, "catalogue", None), getattr(options, "catalogue2", None), *paths]:
-        bare = re.sub(r"#\w+$", "", path or "")  # one of several tables in a file
+        bare = re.sub(r"#[^#]+$", "", path or "")  # one of several tables in a file
         if path not in (None, "-") and "://" not in path and not (Path(path).exists() or Path(bare).exists()):
             raise TableError(f"{path}: no such file")
     option_names = [name for name in ("catalogue", "catalogue2") if getattr(options, name, None) == "-"]

@@ -192,7 +192,7 @@ def zero_motion_rows(pmra: FloatArray, pmdec: FloatArray) -> dict[str, BoolArray
         return {}
     is_zero = np.ma.filled(np.ma.asarray(pmra) == 0, False), np.ma.filled(np.ma.asarray(pmdec) == 0, False)
     both, one = is_zero[0] & is_zero[1], is_zero[0] ^ is_zero[1]
-    is_rounding = one.sum() > max(_ROUNDED * (len(both) - both.sum()), both.sum() / 10)
+    is_rounding = one.sum() > max(_ROUNDED * (len(both) - both.sum()), both.sum() / 50)
     if not _FEW_ZEROS < both.sum() < len(both) or is_rounding:
         return {}
     return {"motion of exactly 0 in both components, a mark of missing values": both}

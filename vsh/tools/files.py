@@ -229,7 +229,7 @@ def digest(path: PathName) -> str:
     """SHA-256 of a file, or of the names and hashes of all files of a folder."""
     path = Path(path)
     if not path.exists():  # one of several tables in a file, by its number
-        path = Path(re.sub(r"#\w+$", "", str(path)))
+        path = Path(re.sub(r"#[^#]+$", "", str(path)))
     if path.is_dir():
         inside = sorted(file for file in path.rglob("*") if file.is_file())
         return hashlib.sha256("\n".join(f"{f.relative_to(path)} {digest(f)}" for f in inside).encode()).hexdigest()
@@ -446,8 +446,9 @@ def write_table(table: Table, path: PathName, meta: dict[str, Any] | None = None
     table = table.copy(copy_data=False)
     table.meta = type(table.meta)(_to_plain_types(metadata | (meta or {})))
     for name in table.colnames:
-        if not table[name].description and (column := column_of(name, table[name].unit)):
-            table[name].description = column.meaning
+        about = table[name].info
+        if not about.description and (column := column_of(name, about.unit)):
+            about.description = column.meaning
     format_name = format_of(path)
     _fit_to_format(table, format_name, path)
     with atomic_write(path, overwrite) as temporary_path, warnings.catch_warnings():
@@ -470,13 +471,14 @@ def _write_fits(table, path):
     """Write a FITS table whose columns are described as other readers expect it, by TCOMM."""
     from astropy.io.fits import table_to_hdu
 
-    meanings = {name: table[name].description for name in table.colnames}
+    meanings = {name: table[name].info.description for name in table.colnames}
     for name in table.colnames:  # or astropy adds a comment in YAML that is longer than many a table
-        table[name].description = None
+        table[name].info.description = None
     hdu = table_to_hdu(table)
     for number, meaning in enumerate(meanings.values(), 1):
         if meaning:
-            hdu.header.set(f"TCOMM{number}", meaning.translate(_IN_ASCII), after=f"TFORM{number}")
+            text = " ".join(meaning.translate(_IN_ASCII).encode("ascii", "replace").decode().split())
+            hdu.header.set(f"TCOMM{number}", text, after=f"TFORM{number}")
     hdu.writeto(path, overwrite=True)
 
 

@@ -237,3 +237,35 @@ def test_catalogues_that_are_matched_by_position_are_combined_too(tmp_path, caps
     assert main([*paths, "--match", "1", "--lmax", "1", "--output", str(tmp_path / "o"), "--format", "none"]) == 0
     assert "3 catalogues in one solution" in capsys.readouterr().out
     assert (tmp_path / "o" / "chain.ecsv").exists()
+
+
+def test_noise_of_few_common_sources_is_that_of_all_of_them():
+    """Classes with fewer than ten of a pair had no correlation: 0.26 for 0.9."""
+    rng = np.random.default_rng(3)
+    lon, lat = sim.uniform_sky(600, rng)
+    sigma, name = 10 ** rng.uniform(0.8, 2.0, 600), np.arange(600)
+    common = np.sqrt(0.9) * sigma * rng.normal(size=(2, 600))
+    fields = [
+        Field(lon, lat, common + np.sqrt(0.1) * sigma * rng.normal(size=(2, 600)), [sigma, sigma], name=name)
+        for _ in range(3)
+    ]
+    chain = combine_frames({"a": fields[0], "b": fields[1], "c": fields[2][:40]}, 1, floor=False)
+    assert chain.correlation[0, 2] > 0.75
+    assert chain.difference("c").spin.sigma.max() < 2.5
+
+
+def test_few_sources_make_no_errors_smaller():
+    p = []
+    for seed in range(25):
+        rng = np.random.default_rng([11, seed])
+        lon, lat = sim.uniform_sky(4, rng)
+        fields = {
+            label: Field(lon, lat, rng.normal(size=(2, 4)), np.ones((2, 4)), name=np.arange(4)) for label in "abc"
+        }
+        try:
+            chain = combine_frames(fields, 1, floor=False)
+        except DegeneracyError:
+            continue
+        p += [chain.difference("b").spin.p_value, chain.difference("b").acceleration.p_value]
+    assert len(p) > 20
+    assert np.mean(np.array(p) < 0.0027) < 0.05

@@ -29,7 +29,7 @@ _BY_NAME = {
 }
 _OLD = re.compile(r"B1950|1950|FK4", re.IGNORECASE)
 #: Names of supergalactic longitudes and latitudes, and of motions along them.
-_SUPER = re.compile(r"(pm_?|mu_?|e_?)*(sg[lb]|super_?gal)", re.IGNORECASE)
+_SUPER = re.compile(r"(pm_?|mu_?|e_?)*(sg_?(l|b|lon|lat)|super_?gal\w*)", re.IGNORECASE)
 _MOTIONS = {
     "icrs": re.compile(r"(pm|mu|e?pm)_?(ra|alpha|de|dec|delta|ra_?cos_?dec|alpha_?(star|\*))\*?", re.IGNORECASE),
     "galactic": re.compile(r"(pm|mu)_?g?(al)?_?(l|b|lon|lat|l_?cos_?b)\*?", re.IGNORECASE),
@@ -80,7 +80,8 @@ def frames_of(column_of: Mapping[str, str], frame: str | None, source: TableSour
             f"column {printable(old[0])!r}: positions of B1950 are not read. Turn them to ICRS first, or say frame= "
             "(--columns frame=) if the name is wrong"
         )
-    if frame is None and (super_galactic := [name for name in column_of.values() if _SUPER.match(name)]):
+    places = [column_of.get(role, "") for role in (*_POSITIONS, "pmra", "pmdec")]
+    if frame is None and (super_galactic := list(filter(_SUPER.fullmatch, places))):
         raise TableError(
             f"column {printable(super_galactic[0])!r}: supergalactic axes are not read. Turn them to ICRS first, or "
             "say frame= (--columns frame=) if the name is wrong"

@@ -339,8 +339,10 @@ def read_positions(
             f"columns: nothing of positions is called {', '.join(wrong)}; there are "
             f"{', '.join((*_COLUMNS, *_OPTIONAL))}"
         )
-    if is_icrf:  # whose columns have our names: what was said is meant for the other catalogue
-        columns = {role: name for role, name in columns.items() if name in table_source.names}
+    if is_icrf and columns.get("name") not in table_source.names:  # what was said is meant for the other catalogue
+        columns.pop("name", None)
+    if sigma is not None:
+        sigma = positive("sigma", sigma)
     if is_icrf or set_name == "icrf":
         columns = {"name": designation} | columns
     roles = {role: columns.get(role, name) for role, name in _known_names(table_source.names).items()}
@@ -389,7 +391,7 @@ def read_positions(
     errors = (
         np.stack([numbers["ra_error"], numbers["dec_error"]])[:, keep] * MAS
         if has_errors
-        else np.full((2, lon.size), positive("sigma", sigma))
+        else np.full((2, lon.size), sigma)
     )
     notes = (
         *notes,

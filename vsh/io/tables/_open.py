@@ -316,7 +316,7 @@ def _open_fetched(path, label, file_format):
 #: How the words begin that Git LFS puts in place of a file.
 _POINTER = b"version https://git-lfs"
 #: A file with several tables, and the number or the name of one: tables.tsv#2.
-_NUMBERED = re.compile(r"(.+)#(\w+)")
+_NUMBERED = re.compile(r"(.+)#([^#]+)")
 
 
 def _kind_of(format):

@@ -23,12 +23,12 @@ def open_sinex(path: PathName, label: str) -> TableSource:
     try:
         names = {line[1:5].strip(): (line[6:14].strip(), line[15:31].strip()) for line in blocks["SOURCE/ID"]}
         estimates = [line.split() for line in blocks["SOLUTION/ESTIMATE"]]
-        values = {(row[2], row[1]): tuple(map(float, row[-2:])) for row in estimates if row[1] in _KINDS}
+        values = {(row[2], row[1]): tuple(map(_number, row[-2:])) for row in estimates if row[1] in _KINDS}
         number = {(row[2], row[1]): int(row[0]) for row in estimates if row[1] in _KINDS}
         codes = [code for code in names if all((code, kind) in values for kind in _KINDS)]
         lon, east, lat, north = np.array([values[code, "RS_RA"] + values[code, "RS_DE"] for code in codes]).T
         pairs = [(number[code, "RS_RA"], number[code, "RS_DE"]) for code in codes]
-        rho = _correlations_of(blocks, pairs, east * north)
+        rho = _correlations_of(blocks, pairs)
     except (KeyError, IndexError, ValueError) as error:
         reason = f"it has no block {error}" if isinstance(error, KeyError) else f"none, or a damaged one ({error})"
         raise TableError(f"{label} is no solution of positions (RS_RA, RS_DE) in SINEX: {reason}") from None
@@ -56,15 +56,25 @@ def _blocks_of(lines):
     return blocks
 
 
-def _correlations_of(blocks, pairs, products):
-    """The correlation of both coordinates of each source, (n,); zero where the file has no matrix."""
+def _number(text):
+    """A number, perhaps with an exponent of Fortran's."""
+    return float(text.upper().replace("D", "E"))
+
+
+def _correlations_of(blocks, pairs):
+    """The correlation of both coordinates of each source, (n,); zero where the file has no matrix of them."""
     title = next((name for name in blocks if name.startswith("SOLUTION/MATRIX_ESTIMATE")), "")
-    wanted = {tuple(sorted(pair)): k for k, pair in enumerate(pairs)}
-    elements = np.zeros(len(pairs))
-    for line in blocks.get(title, ()) if not title.endswith("INFO") else ():
+    if not title.endswith(("COVA", "CORR")):
+        return np.zeros(len(pairs))
+    wanted = {place for i, j in pairs for place in ((i, i), (j, j), (min(i, j), max(i, j)))}
+    elements = dict.fromkeys(wanted, 0.0)
+    for line in blocks[title]:
         row, column, *numbers = line.split()
         for offset, text in enumerate(numbers):
-            k = wanted.get(tuple(sorted((int(row), int(column) + offset))))
-            if k is not None:
-                elements[k] = float(text)
-    return elements / products if title.endswith("COVA") else elements
+            place = tuple(sorted((int(row), int(column) + offset)))
+            if place in wanted:
+                elements[place] = _number(text)
+    cross = np.array([elements[min(pair), max(pair)] for pair in pairs])
+    if title.endswith("CORR"):  # whose diagonal may hold the errors
+        return cross
+    return cross / np.sqrt([elements[i, i] * elements[j, j] for i, j in pairs])

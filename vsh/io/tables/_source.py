@@ -468,8 +468,15 @@ def _pandas_columns(file, label):
 
 def _vaex_columns(file, groups):
     """The columns of numbers of a file of vaex, which has a group for each."""
-    names = [name for name in groups if name.startswith("table/columns/") and f"{name}/data" in file]
-    return {name.rpartition("/")[2]: file[f"{name}/data"][()] for name in names if len(groups[name]) == 1}
+    from astropy.table import MaskedColumn
+
+    columns = {}
+    for name in [name for name in groups if name.startswith("table/columns/") and f"{name}/data" in file]:
+        group = file[name]
+        if "indices" not in group:  # of text
+            mask = group["mask"][()] if "mask" in group else False
+            columns[name.rpartition("/")[2]] = MaskedColumn(group["data"][()], mask=mask, unit=group.attrs.get("unit"))
+    return columns
 
 
 def _decode_bytes(values: Any) -> Any:

@@ -27,6 +27,7 @@ import numpy as np
 from vsh.io.tables._arrow import FIELD, NULLS, NotPlain, csv_blocks
 from vsh.io.tables._source import DAMAGE, TableSource, TemporaryPath, number_twins, open_dict_or_array, open_unpacked
 from vsh.tools.errors import TableError, first_line
+from vsh.tools.notes import DOUBT, CodedNote
 from vsh.tools.printing import printable
 from vsh.tools.types import PathName
 
@@ -582,7 +583,9 @@ _COMMENT = ("#", "*", "!", "%", "$")
 _DESIGNATION = re.compile(r"J\d{4}\S*")
 _MAS_WORDS = ("VLBI SOURCE POSITION CATALOGUE", "Radio Fundamental Catalogue", "RFC J")
 #: No list in the layout of ICRF is as uncertain as this in the median: its errors are in mas. [arcsec]
-_LARGEST = 0.02
+_LARGEST = 0.1
+#: A heading with (mas) is of the errors where they are at least so large. [mas]
+_LEAST = 0.005
 #: And none of compact radio sources as this. [mas]
 _MOST = 2000.0
 
@@ -604,8 +607,7 @@ def open_vlbi(path: PathName, label: str) -> TableSource:
     sources = [_parse_source(label, k, line, pattern, icrf) for k, line in rows]
     heading = numbered_lines[: rows[0][0] - 1]
     mas = getpar or any(phrase in line for _, line in numbered_lines for phrase in _MAS_WORDS)
-    mas |= any(re.search(r"\(mas\)", line) is not None for _, line in heading)
-    return _vlbi_table(label, rows, sources, mas)
+    return _vlbi_table(label, rows, sources, mas, any("(mas)" in line for _, line in heading))
 
 
 def _looks_like_source(line):
@@ -613,7 +615,7 @@ def _looks_like_source(line):
     return line.startswith("ICRF J") or sum(_SIGNED.fullmatch(token) is not None for token in line.split()) > 6
 
 
-def _vlbi_table(label, rows, sources, mas):
+def _vlbi_table(label, rows, sources, mas, in_heading):
     names, positions, texts, rests = zip(*sources, strict=True)
     if len(rests) > 2 and len(rests[-1]) < min(map(len, rests[:-1])):
         number, line = rows[-1]
@@ -638,12 +640,9 @@ def _vlbi_table(label, rows, sources, mas):
         notes = (f"{label} has no errors",)
     else:
         median = np.nanmedian(errors[:, 1])
-        unit_text = "seconds of time and arcsec"
-        if mas or median > _LARGEST:
-            unit_text = (
-                "mas" if mas else f"mas: as seconds of time and arcsec, their median of {median:.3g} is too large"
-            )
-        scale, per_east = (1.0, 1.0) if mas or median > _LARGEST else (1000.0, 15.0)
+        in_mas = mas or median > (_LEAST if in_heading else _LARGEST)
+        unit_text = "mas" if in_mas else "seconds of time and arcsec"
+        scale, per_east = (1.0, 1.0) if in_mas else (1000.0, 15.0)
         if median * scale > _MOST:
             raise TableError(
                 f"{label}: errors of declination are {median * scale / 1000:.3g} arcsec in the median if in "
@@ -652,7 +651,9 @@ def _vlbi_table(label, rows, sources, mas):
         east = errors[:, 0] * scale * per_east * np.cos(np.radians(lat))
         columns |= {"ra_error": east, "dec_error": errors[:, 1] * scale, "ra_dec_corr": errors[:, 2]}
         units |= {"ra_error": "mas", "dec_error": "mas"}
+        told = f"warning: {label}: no unit of the errors is stated; their median of {median:.3g} is too large in arcsec"
         notes = (
+            *([CodedNote(told, DOUBT)] if in_mas and not (mas or in_heading) else []),
             f"{label}: errors are read in {unit_text}; those of right ascension do not include cos δ and were "
             "multiplied by it",
             *([f"{n_blank} sources have errors and no correlation, which was taken as zero"] if n_blank else []),
@@ -669,8 +670,7 @@ def _errors_of_all(label, rows, words):
             found.append(_errors(label, number, line, rest))
         except TableError as error:
             damaged = damaged or error
-    n_usable = sum(not np.isnan(errors).all() for errors in found)
-    if 2 * n_usable < len(rows):
+    if 2 * len(found) < len(rows) or np.isnan(found).all():
         return None
     if damaged is not None:
         raise damaged

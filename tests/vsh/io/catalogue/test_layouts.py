@@ -12,6 +12,7 @@ from gaia_table import table
 from vsh.io import tables
 from vsh.io.catalogue import read_field, read_icrf, read_positions
 from vsh.tools.errors import FieldError, TableError, VshError
+from vsh.tools.notes import DOUBT, has_code
 
 NAMES = ["ra", "dec", "pmra", "pmdec", "pmra_error", "pmdec_error"]
 UNITS = ["deg", "deg", "mas/yr", "mas/yr", "mas/yr", "mas/yr"]
@@ -344,7 +345,12 @@ def test_errors_that_cannot_be_in_seconds_are_in_mas(tmp_path):
     path.write_text("\n".join(lines).replace("RFC J", "C J"))
     guessed = read_positions(path)
     np.testing.assert_array_equal(guessed.sigma, told.sigma)
-    assert any("errors are read in mas: as seconds" in str(note) for note in guessed.notes)
+    assert any(has_code(note, DOUBT) for note in guessed.notes)
+    assert not any(has_code(note, DOUBT) for note in told.notes)
+    path.write_text("# noise of 0.03 (mas) is in the errors, which are in s and arcsec\n" + listed("crf"))
+    with_words = read_positions(path)
+    path.write_text(listed("crf"))
+    np.testing.assert_array_equal(with_words.sigma, read_positions(path).sigma)
 
 
 def sinex(kind="COVA"):
@@ -375,6 +381,8 @@ def test_sinex(tmp_path, kind, name):
     np.testing.assert_allclose(read.sigma[1], np.degrees(8e-10) * 3.6e9)
     np.testing.assert_allclose(read.sigma[0], np.degrees(5e-10) * 3.6e9 * np.cos(read.lat))
     np.testing.assert_allclose(read.rho, -0.3)
+    (tmp_path / name).write_text(sinex(kind).replace("E-10", "D-10"))
+    np.testing.assert_allclose(read_positions(tmp_path / name).rho, -0.3)
     assert any("is not used" in str(note) for note in read.notes)
 
 

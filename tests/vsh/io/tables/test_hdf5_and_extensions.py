@@ -20,13 +20,13 @@ NAMES = ("ra", "dec", "pmra", "pmdec", "pmra_error", "pmdec_error")
 def several(tmp_path):
     hdus = [fits.PrimaryHDU(np.zeros((3, 3))), fits.table_to_hdu(Table({"obs": [1, 2], "flux": [3.0, 4.0]}))]
     hdus += [fits.table_to_hdu(table)]
-    for hdu, name in zip(hdus[1:], ("LOG", "CATALOG"), strict=True):
+    for hdu, name in zip(hdus[1:], ("LOG", "GAIA-CATALOG"), strict=True):
         hdu.header["EXTNAME"] = name
     fits.HDUList(hdus).writeto(tmp_path / "several.fits")
     return tmp_path / "several.fits"
 
 
-@pytest.mark.parametrize("which", ["2", "CATALOG", "catalog"])
+@pytest.mark.parametrize("which", ["2", "GAIA-CATALOG", "gaia-catalog"])
 def test_any_table_of_a_fits_file_is_read_by_number_or_name(several, which):
     read = read_field(f"{several}#{which}")
     np.testing.assert_allclose(read.motion, field.motion, rtol=1e-12)
@@ -35,7 +35,7 @@ def test_any_table_of_a_fits_file_is_read_by_number_or_name(several, which):
 
 
 def test_other_tables_are_named_where_the_first_lacks_a_column(several):
-    with pytest.raises(TableError, match=r"2 tables, #1 \(LOG\), #2 \(CATALOG\)"):
+    with pytest.raises(TableError, match=r"2 tables, #1 \(LOG\), #2 \(GAIA-CATALOG\)"):
         read_field(several)
     for wrong in ("3", "NONE"):
         with pytest.raises(TableError, match="no such table"):
@@ -66,5 +66,11 @@ def test_columns_of_vaex(tmp_path):
     h5py = pytest.importorskip("h5py")
     with h5py.File(tmp_path / "vaex.hdf5", "w") as file:
         for name in NAMES:
-            file[f"table/columns/{name}/data"] = np.asarray(table[name])
-    np.testing.assert_allclose(read_field(tmp_path / "vaex.hdf5").motion, field.motion, rtol=1e-12)
+            file[f"table/columns/{name}/data"] = np.asarray(table[name]) * (1000 if name.startswith("pm") else 1)
+            if name.startswith("pm"):
+                file[f"table/columns/{name}"].attrs["unit"] = "uas / yr"
+        file["table/columns/redshift/data"] = np.full(60, 0.5)
+        file["table/columns/redshift/mask"] = np.arange(60) < 10
+    read = read_field(tmp_path / "vaex.hdf5")
+    np.testing.assert_allclose(read.motion, field.motion, rtol=1e-12)
+    assert np.isfinite(read.redshift).sum() == 50
