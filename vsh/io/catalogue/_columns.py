@@ -356,7 +356,7 @@ def conversion_factors(
 
 
 #: Names of distance moduli and of their errors.
-_OF_MODULI = re.compile(r"(^|_)(mu\d?|dm|dmod|mod|modul\w*)(_|$)|dist\w*mod", re.IGNORECASE)
+_OF_MODULI = re.compile(r"(^|_)(mu\d?|dm|dmod|mod|modulus|moduli)(_|$)|dist\w*mod", re.IGNORECASE)
 #: The motions whose units their errors have.
 _UNIT_OF = {"pmra_error": "pmra", "pmdec_error": "pmdec"}
 #: Columns that are taken in Gaia's units where they have its names and no unit; positions are in any case.
