@@ -113,7 +113,7 @@ CASES = [
     (
         "fit.posterior._summary",
         '[round(x, 2) for x in intervals({"x": np.arange(101.0)})["x"]]',
-        "[50.0, 15.87, 84.13, 2.28, 97.72, 50.0, 29.3]",
+        "[50.0, 15.87, 84.13, 2.5, 97.5, 50.0, 29.3]",
     ),
     ("fit.results.quality", "round(float(log_p_value(2000.0, 3)), 2)", "-996.42"),
     (

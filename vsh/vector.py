@@ -77,10 +77,13 @@ class Vector(Equal, Frozen):
 
     def __format__(self, form: str) -> str:
         """Components with their errors, the unit and the frame, numbers in a format such as ".2f"."""
-        return self.in_numbers(form) if form else str(self)
+        return self._in_numbers(form) if form else str(self)
 
-    def in_numbers(self, form: str = ".3g") -> str:
+    def in_numbers(self) -> str:
         """Components with their errors, the unit and the frame, as a repr has them."""
+        return self._in_numbers(".3g")
+
+    def _in_numbers(self, form):
         values, errors = (", ".join(format(float(x), form) for x in row) for row in (self.value, self.sigma))
         return f"({values}) ± ({errors}) {self.unit}, {self.frame}"
 

@@ -126,7 +126,7 @@ class FrameNetwork(FrameResult):
 
     @property
     def errors_in_words(self) -> str:
-        """Where the errors of the answer are from."""
+        """Words on the origin of the errors of the answer."""
         words = "one solution of all catalogues, with their common noise"
         if self.shared is None:
             return f"{words}; the systematic floor is not in them (floor=True, --floor)"

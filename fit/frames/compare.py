@@ -117,7 +117,7 @@ def fit_by_error_class(differences: Field, modes: Modes, indices: IntArray | Non
 
 
 def _count_same(differences):
-    """How many sources have the same values in both catalogues."""
+    """Count the sources that have the same values in both catalogues."""
     size = abs(differences.motion)
     is_near = (size < 1e-3 * differences.sigma).all(axis=0)
     least = 0.01 * np.median(size[:, ~is_near]) if (~is_near).any() else np.inf

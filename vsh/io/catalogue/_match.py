@@ -413,6 +413,7 @@ def read_positions(
 
 def _notes_on_errors(label, bare, errors, sigma, n_filled, has_errors):
     """Notes on units that were assumed of columns, by role, on errors that were given, and on others [mas]."""
+    label = label.rpartition("/")[2]  # pages and files do not say where a catalogue lies
     if sigma is not None:
         which = f"of the {n_filled} sources that have none" if has_errors else "of every source"
         yield f"{label}: {sigma:g} µas is the error {which} (as asked)"

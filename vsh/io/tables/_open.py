@@ -341,7 +341,7 @@ def _open_path(path, format):
                 return open_fits(path, label, table)
             if table.isdecimal():
                 return open_numbered_table(path, int(table), label)
-            raise TableError(f"{label}: tables of text are told by their numbers, tables of FITS by names as well")
+            raise TableError(f"{label}: tables of text have numbers, those of FITS names as well")
         if not path.is_file():
             raise TableError(f"{label}: no such file" if not path.exists() else f"{label} is no regular file")
         with path.open("rb") as file:

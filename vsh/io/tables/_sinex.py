@@ -4,6 +4,8 @@ Right ascensions and declinations (RS_RA, RS_DE) are read with the correlation o
 common stands in the matrix, too, and is not used. Reference: IERS Message 103, SINEX 2.02 (2006).
 """
 
+from pathlib import Path
+
 import numpy as np
 
 from vsh.io.tables._source import TableSource, open_dict_or_array
@@ -40,7 +42,7 @@ def open_sinex(path: PathName, label: str) -> TableSource:
         "ra_error": east * np.cos(lat) * _MAS, "dec_error": north * _MAS, "ra_dec_corr": rho,
     }  # fmt: skip
     units = {"ra": "deg", "dec": "deg", "ra_error": "mas", "dec_error": "mas"}
-    note = f"{label}: what the errors of two sources have in common, by the matrix of SINEX, is not used"
+    note = f"{Path(path).name}: what the errors of two sources have in common, by the matrix of SINEX, is not used"
     source = open_dict_or_array(columns)
     return TableSource(label, source.names, source.read, units, notes=(note,))
 

@@ -637,7 +637,7 @@ def _vlbi_table(label, rows, sources, mas, in_heading):
     words, n_blank = _blank_errors(texts, rests)
     errors = None if all(epochs) or not any(rests) else _errors_of_all(label, rows, words)
     if errors is None:  # the catalogue of VieVS has an epoch there, JVAS nothing, AT20G fluxes
-        notes = (f"{label} has no errors",)
+        notes = (f"{label.rpartition('/')[2]} has no errors",)
     else:
         median = np.nanmedian(errors[:, 1])
         in_mas = mas or median > (_LEAST if in_heading else _LARGEST)
@@ -651,10 +651,11 @@ def _vlbi_table(label, rows, sources, mas, in_heading):
         east = errors[:, 0] * scale * per_east * np.cos(np.radians(lat))
         columns |= {"ra_error": east, "dec_error": errors[:, 1] * scale, "ra_dec_corr": errors[:, 2]}
         units |= {"ra_error": "mas", "dec_error": "mas"}
-        told = f"warning: {label}: no unit of the errors is stated; their median of {median:.3g} is too large in arcsec"
+        file = label.rpartition("/")[2]
+        told = f"warning: {file}: no unit of the errors is stated; their median of {median:.3g} is too large in arcsec"
         notes = (
             *([CodedNote(told, DOUBT)] if in_mas and not (mas or in_heading) else []),
-            f"{label}: errors are read in {unit_text}; those of right ascension do not include cos δ and were "
+            f"{file}: errors are read in {unit_text}; those of right ascension do not include cos δ and were "
             "multiplied by it",
             *([f"{n_blank} sources have errors and no correlation, which was taken as zero"] if n_blank else []),
         )

@@ -50,7 +50,7 @@ def test_fields_and_their_errors_are_exact():
         atol=1e-5,
     )
     at, rows = 100, np.eye(len(solution.modes))[only]
-    basis = np.array([Coefficients(solution.modes, row).at(lon[at], lat[at])[:, 0] for row in rows])
+    basis = np.array([Coefficients(solution.modes, row).at(lon[at], lat[at]) for row in rows])
     expected = basis.T @ solution.covariance[np.ix_(only, only)] @ basis
     variances = floats(sent["variances"][2 * 3 + 1]).reshape(3, -1)[:, at]  # kinds TS, T, S; degrees 1, 2, 3
     np.testing.assert_allclose(variances, [expected[0, 0], expected[1, 1], expected[0, 1]], rtol=1e-4)
