@@ -13,7 +13,7 @@ PACKAGES = ("vsh", "fit", "sim", "study")
 #: maintainers raises it, as when faults were mended at seventy places and 660 names made true (36 141
 #: before), when tables in LaTeX and reports were made to fit their page (36 429 before), and when lists, files and chains
 #: that gave wrong numbers in trials by three users were mended (36 616 before).
-TOTAL = 36_988
+TOTAL = 36_993
 #: Lines of code (no docstrings, comments or blank lines) that a room may have.
 BUDGET = {
     "fit": 613, "fit/background": 1913, "fit/commands": 1523, "fit/correlation": 564, "fit/distances": 740,
@@ -21,8 +21,8 @@ BUDGET = {
     "fit/posterior": 1640, "fit/redshift": 822, "fit/results": 1692, "fit/robust": 692,
     "fit/secular_parallax": 1291, "fit/waves": 426, "sim": 767, "sim/agis": 1852, "sim/commands": 363,
     "sim/gaia": 486, "sim/scanning": 452, "sim/signal": 364, "study": 0, "study/commands": 312,
-    "study/forecast": 371, "study/referee": 1014, "vsh": 1640, "vsh/commands": 1584, "vsh/figures": 1108,
-    "vsh/io": 6793, "vsh/models": 965, "vsh/sky": 434, "vsh/tools": 1747,
+    "study/forecast": 371, "study/referee": 1014, "vsh": 1642, "vsh/commands": 1584, "vsh/figures": 1108,
+    "vsh/io": 6796, "vsh/models": 965, "vsh/sky": 434, "vsh/tools": 1747,
 }  # fmt: skip
 _NO_CODE = {
     tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT, tokenize.ENCODING,
