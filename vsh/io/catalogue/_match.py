@@ -3,6 +3,7 @@
 import re
 from collections.abc import Mapping
 from dataclasses import replace
+from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -203,10 +204,9 @@ def match(
 
 def _match_by_name(a, b):
     if a.name is None or b.name is None:
-        which = "the first" if a.name is None else "the second"
         raise FieldError(
-            f"{which} catalogue has no column of names that is known: say which has them (--columns name=…); "
-            'by="position" (--match 1) needs none'
+            f"the {'first' if a.name is None else 'second'} catalogue has no column of names that is known: say which "
+            'has them (--columns name=…); by="position" (--match 1) needs none'
         )
     if a.name.dtype.kind != b.name.dtype.kind and "U" in (a.name.dtype.kind, b.name.dtype.kind):
         raise FieldError(
@@ -413,7 +413,7 @@ def read_positions(
 
 def _notes_on_errors(label, bare, errors, sigma, n_filled, has_errors):
     """Notes on units that were assumed of columns, by role, on errors that were given, and on others [mas]."""
-    label = label.rpartition("/")[2]  # pages and files do not say where a catalogue lies
+    label = Path(label).name  # pages and files do not say where a catalogue lies
     if sigma is not None:
         which = f"of the {n_filled} sources that have none" if has_errors else "of every source"
         yield f"{label}: {sigma:g} µas is the error {which} (as asked)"

@@ -635,9 +635,10 @@ def _vlbi_table(label, rows, sources, mas, in_heading):
         len(remainder) > 0 and re.fullmatch(r"(19|20)\d\d(\.\d*)?", remainder[0]) is not None for remainder in rests
     ]
     words, n_blank = _blank_errors(texts, rests)
+    file = Path(label).name  # pages and files do not say where a catalogue lies
     errors = None if all(epochs) or not any(rests) else _errors_of_all(label, rows, words)
     if errors is None:  # the catalogue of VieVS has an epoch there, JVAS nothing, AT20G fluxes
-        notes = (f"{label.rpartition('/')[2]} has no errors",)
+        notes = (f"{file} has no errors",)
     else:
         median = np.nanmedian(errors[:, 1])
         in_mas = mas or median > (_LEAST if in_heading else _LARGEST)
@@ -651,7 +652,6 @@ def _vlbi_table(label, rows, sources, mas, in_heading):
         east = errors[:, 0] * scale * per_east * np.cos(np.radians(lat))
         columns |= {"ra_error": east, "dec_error": errors[:, 1] * scale, "ra_dec_corr": errors[:, 2]}
         units |= {"ra_error": "mas", "dec_error": "mas"}
-        file = label.rpartition("/")[2]
         told = f"warning: {file}: no unit of the errors is stated; their median of {median:.3g} is too large in arcsec"
         notes = (
             *([CodedNote(told, DOUBT)] if in_mas and not (mas or in_heading) else []),
