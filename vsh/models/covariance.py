@@ -16,15 +16,16 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from scipy.linalg import solve_triangular
 from scipy.linalg.lapack import dpotrf
+from scipy.special import eval_legendre
 
 from vsh.basis import harmonics
 from vsh.field import Field
-from vsh.modes import Modes, as_modes
+from vsh.modes import Modes, ScalarModes, as_modes
 from vsh.sky.sphere import triad
 from vsh.tools import arguments
 from vsh.tools.arguments import float_array, read_only
@@ -34,7 +35,16 @@ from vsh.tools.parallel import map_blocks
 from vsh.tools.types import ArrayLike, FloatArray, IntArray, PathName
 from vsh.tools.units import hubble_rate
 
-__all__ = ["LINDEGREN_2021", "Covariance", "Spectrum", "from_function", "from_spectrum", "read_covariance"]
+__all__ = [
+    "LINDEGREN_2021",
+    "LINDEGREN_2021_PARALLAX",
+    "Covariance",
+    "ScalarSpectrum",
+    "Spectrum",
+    "from_function",
+    "from_spectrum",
+    "read_covariance",
+]
 
 
 #: Panels of 16 nodes in the integral over θ, at least, and the power by which they crowd towards zero.
@@ -61,16 +71,22 @@ def d_minus(lmax: int, theta: ArrayLike) -> FloatArray:
     return signs[:, None] * d_plus(lmax, np.pi - np.atleast_1d(np.asarray(theta, float)))
 
 
-def power_of(function: Callable[[FloatArray], FloatArray], lmax: int) -> FloatArray:
-    """P_l = 2π (2l + 1) ∫ V d⁺_l sin θ dθ, the power of one kind, for l = 1 … lmax. [(µas/yr)²]"""
+def legendre(lmax: int, theta: ArrayLike) -> FloatArray:
+    """P_l(cos θ) for l = 0 … lmax."""
+    return eval_legendre(np.arange(lmax + 1)[:, None], np.cos(theta))
+
+
+def power_of(function: Callable[[FloatArray], FloatArray], lmax: int, kernel: Any = d_plus) -> FloatArray:
+    """P_l = 2π (2l + 1) ∫ V d⁺_l sin θ dθ of one kind, for l = 1 … lmax; or by another kernel. [(µas/yr)²]"""
     node, weight = np.polynomial.legendre.leggauss(16)
     panels = max(_PANELS, lmax)
     u = ((np.arange(panels)[:, None] + (node + 1) / 2) / panels).ravel()
     theta = np.pi * u**_GRADING
     value = values_of(function, theta) * np.sin(theta) * _GRADING * np.pi * u ** (_GRADING - 1)
     value *= np.tile(weight / (2 * panels), panels)
-    l = np.arange(1, lmax + 1)
-    return 2 * np.pi * (2 * l + 1) * (d_plus(lmax, theta) @ value)
+    integrals = kernel(lmax, theta) @ value
+    l = np.arange(lmax + 1 - len(integrals), lmax + 1)
+    return 2 * np.pi * (2 * l + 1) * integrals
 
 
 def values_of(function: Callable[[FloatArray], FloatArray], theta: FloatArray) -> FloatArray:
@@ -108,6 +124,22 @@ def LINDEGREN_2021(theta: ArrayLike) -> FloatArray:
     return 292 * np.exp(-np.degrees(theta) / 12)
 
 
+@arguments.accepts(theta=arguments.float_array)
+def LINDEGREN_2021_PARALLAX(theta: ArrayLike) -> FloatArray:
+    """⟨ϖ ϖ'⟩ of Gaia EDR3's quasars at large angles, less their mean: 142 exp(−θ/16°). [µas²]
+
+    Parameters
+    ----------
+    theta : array
+        Angles. [rad]
+
+    Notes
+    -----
+    Lindegren et al. (2021, A&A 649, A2), section 5.6.
+    """
+    return 142 * np.exp(-np.degrees(theta) / 16)
+
+
 def wave_fractions(lmax: int) -> FloatArray:
     """Share of each degree in the power of a stochastic gravitational-wave background, (lmax,).
 
@@ -116,11 +148,6 @@ def wave_fractions(lmax: int) -> FloatArray:
     """
     l = np.arange(2, lmax + 1.0)
     return np.r_[0.0, 24 * (2 * l + 1) / ((l - 1) * l**2 * (l + 1) ** 2 * (l + 2))]
-
-
-def repeat_for_kinds(power: FloatArray) -> FloatArray:
-    """Spectrum with the same power for T and S."""
-    return np.stack([power, power])
 
 
 def spin_parity_mask(lmax: int) -> IntArray:
@@ -171,8 +198,12 @@ class Spectrum(InNotebook):
     name: str
     law: Callable[[int], FloatArray]
 
+    #: Modes of the field.
+    mode_class: ClassVar[type[Modes]] = Modes
+    _kernel: ClassVar[Any] = staticmethod(d_plus)
+
     def __repr__(self) -> str:
-        return f"<Spectrum: {self.name}>"
+        return f"<{type(self).__name__}: {self.name}>"
 
     @classmethod
     def waves(cls, hubble: float = 70.0) -> Spectrum:
@@ -185,13 +216,31 @@ class Spectrum(InNotebook):
         total_power = 4 * np.pi * hubble_rate(arguments.positive("hubble", hubble)) ** 2
         return cls(
             f"gravitational waves, H0 = {hubble:g} km/s/Mpc",
-            lambda lmax: repeat_for_kinds(total_power * wave_fractions(lmax) / 2),
+            lambda lmax: cls._repeat_for_kinds(total_power * wave_fractions(lmax) / 2),
         )
 
     @classmethod
-    def flat(cls) -> Spectrum:
+    def flat(cls) -> Self:
         """Spectrum with the same power in every mode: P_l = 2l + 1 in each kind."""
-        return cls("flat", lambda lmax: repeat_for_kinds(2 * np.arange(1.0, lmax + 1) + 1))
+        return cls.of_modes(np.ones_like, "flat")
+
+    @classmethod
+    def of_modes(cls, variance: Callable[[FloatArray], FloatArray], name: str) -> Self:
+        """Spectrum with a given variance of every mode: P_l = (2l + 1) V_l in each kind.
+
+        Parameters
+        ----------
+        variance : function
+            From degrees l to V_l.
+        name : str
+            For reports.
+        """
+
+        def law(lmax):
+            l = np.arange(cls.mode_class.lowest, lmax + 1.0)
+            return cls._repeat_for_kinds((2 * l + 1) * variance(l))
+
+        return cls(name, law)
 
     @classmethod
     def odd(cls) -> Spectrum:
@@ -207,7 +256,7 @@ class Spectrum(InNotebook):
     def power_law(cls, index: float) -> Spectrum:
         """P_l = l^`index` in each kind; 0 for the same power in every degree."""
         index = arguments.number("index", index)
-        return cls(f"power law l^{index:g}", lambda lmax: repeat_for_kinds(np.arange(1.0, lmax + 1) ** index))
+        return cls(f"power law l^{index:g}", lambda lmax: cls._repeat_for_kinds(np.arange(1.0, lmax + 1) ** index))
 
     @classmethod
     def given(cls, toroidal: ArrayLike, spheroidal: ArrayLike | None = None, name: str = "given") -> Spectrum:
@@ -236,7 +285,7 @@ class Spectrum(InNotebook):
         return cls(name, lambda lmax: truncate_spectrum(powers, lmax, name))
 
     @classmethod
-    def from_covariance(cls, function: Callable[[FloatArray], FloatArray], name: str | None = None) -> Spectrum:
+    def from_covariance(cls, function: Callable[[FloatArray], FloatArray], name: str | None = None) -> Self:
         """The spectrum of a field whose motions are correlated by V(θ), carried along great circles; P_T = P_S.
 
         Parameters
@@ -264,8 +313,13 @@ class Spectrum(InNotebook):
         """
         values_of(function, np.array([0.1, 1.0]))
         name = name or f"of the covariance function {getattr(function, '__name__', 'V(θ)')}"
-        integrals = lru_cache(maxsize=16)(lambda lmax: zero_rounding_errors(power_of(function, lmax)))
-        return cls(name, lambda lmax: repeat_for_kinds(integrals(lmax)))
+        integrals = lru_cache(maxsize=16)(lambda lmax: zero_rounding_errors(power_of(function, lmax, cls._kernel)))
+        return cls(name, lambda lmax: cls._repeat_for_kinds(integrals(lmax)))
+
+    @classmethod
+    def _repeat_for_kinds(cls, power):
+        """The same power for each kind of modes."""
+        return np.tile(power, (len(cls.mode_class.kinds), 1))
 
     def only(self, parity: str) -> Spectrum:
         """The part of it that is odd, as a spin is, or even, as a glide is.
@@ -290,22 +344,23 @@ class Spectrum(InNotebook):
         ModesError
             If it was given to a lower degree.
         """
-        lmax = as_modes(lmax).lmax
-        powers = float_array(f"the spectrum {self.name}", self.law(lmax), (2, lmax))
+        kinds, lowest = self.mode_class.kinds, self.mode_class.lowest
+        lmax = as_modes(lmax, self.mode_class).lmax
+        powers = float_array(f"the spectrum {self.name}", self.law(lmax), (len(kinds), lmax + 1 - lowest))
         if (powers < 0).any():
-            row, degree = np.argwhere(powers < 0)[0]
+            row, place = np.argwhere(powers < 0)[0]
             raise ParameterError(
-                f"the power of {'TS'[row]}{degree + 1} is {powers[row, degree]:.3g} in the spectrum "
+                f"the power of {kinds[row]}{place + lowest} is {powers[row, place]:.3g} in the spectrum "
                 f"{self.name}: no field has a negative power"
             )
         return powers
 
     def variances(self, modes: Modes | int) -> FloatArray:
         """Variance of each of `modes`, (p,): P_l/(2l + 1), half where a mode stands for ±m. [(µas/yr)²]"""
-        modes = as_modes(modes)
-        l = modes.degrees
-        rows = np.repeat([0, 1], len(modes) // 2)
-        return self.power(modes.lmax)[rows, l - 1] / (2 * l + 1) / modes.norm2
+        modes = as_modes(modes, self.mode_class)
+        l, n_kinds = modes.degrees, len(modes.kinds)
+        rows = np.repeat(np.arange(n_kinds), len(modes) // n_kinds)
+        return self.power(modes.lmax)[rows, l - modes.lowest] / (2 * l + 1) / modes.norm2
 
     def covariance(self, theta: ArrayLike, lmax: int = 400) -> FloatArray:
         """V(θ) = ½ ξ+ = Σ ½ (P_T + P_S) d⁺_l/4π, of the shape of θ. [(µas/yr)²]
@@ -333,13 +388,44 @@ class Spectrum(InNotebook):
     def __add__(self, other: Any) -> Spectrum:
         if not isinstance(other, Spectrum):
             return NotImplemented
-        return Spectrum(f"{self.name} + {other.name}", lambda lmax: self.law(lmax) + other.law(lmax))
+        return type(self)(f"{self.name} + {other.name}", lambda lmax: self.law(lmax) + other.law(lmax))
 
     def __mul__(self, factor: float) -> Spectrum:
         factor = arguments.not_negative("the factor on a spectrum", factor)
-        return Spectrum(f"{factor:g} × {self.name}", lambda lmax: factor * self.law(lmax))
+        return type(self)(f"{factor:g} × {self.name}", lambda lmax: factor * self.law(lmax))
 
     __rmul__ = __mul__
+
+
+class ScalarSpectrum(Spectrum):
+    """The mean power of a statistically isotropic scalar field, parallaxes say, in each degree from 0 on.
+
+    Attributes
+    ----------
+    name : str
+        For reports.
+    law : function
+        From lmax to the powers ∫ |f_l|² dΩ of degrees 0 … lmax, (1, lmax + 1). [squares of the field's unit] That of a
+        covariance is P_l = 2π (2l + 1) ∫ V P_l(cos θ) sin θ dθ.
+
+    Examples
+    --------
+    >>> ScalarSpectrum.from_covariance(LINDEGREN_2021_PARALLAX).power(2).round(1)
+    array([[ 64.5, 159.1, 189.6]])
+    """
+
+    mode_class = ScalarModes
+    _kernel = staticmethod(legendre)
+
+    @property
+    def mean_error(self) -> float:
+        """Standard deviation of the mean over the sky of such a field: √(P_0/4π)."""
+        return float(np.sqrt(self.power(0)[0, 0] / (4 * np.pi)))
+
+    @property
+    def dipole_error(self) -> float:
+        """Standard deviation of each component of the dipole of such a field: √(P_1/4π)."""
+        return float(np.sqrt(self.power(1)[0, 1] / (4 * np.pi)))
 
 
 #: More sources have matrices that no machine of today likes: 3 GiB at 10 000, and as much again for its factor.
