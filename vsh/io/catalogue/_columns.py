@@ -127,7 +127,7 @@ def locate_columns(wanted: ColumnRequest, source: TableSource) -> tuple[dict[str
         notes.insert(0, f"columns by their names ({set_name}): {listing}")
     for name in dict.fromkeys(column_names.values()):
         roles = [role for role in REQUIRED if column_names.get(role) == name]
-        if len(roles) > 1:
+        if len(roles) > 1 and not name.startswith(ASSUMED):
             notes.append(f"column {printable(name)} is used for {' and '.join(roles)}")
     return column_names, notes
 

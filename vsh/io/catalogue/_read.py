@@ -31,7 +31,6 @@ from vsh.io.catalogue._columns import (
     parse_unit,
     sexagesimal_degrees,
     size_warnings,
-    unit_factor,
 )
 from vsh.io.catalogue._frames import frames_of, one_redshift_frame, redshift_frame_of, turn_positions
 from vsh.io.catalogue._names import ASSUMED, REQUIRED, USUAL_UNITS, Columns, add_derived_columns, derive_columns
@@ -278,7 +277,11 @@ class _FieldMaker:
         self.stated = self.source.units | {self.column_of.get(name, name): unit for name, unit in (units or {}).items()}
         self.other_units = any(self.factors[role] != 1 for role in REQUIRED[2:])
         self.assumed = any(self.column_of["ra"] in names for names in assumed_units.values())
-        bare = not any(self.source.units.get(name) for name in self.column_of.values() if not name.startswith(ASSUMED))
+        #: What stands in place of a motion, where it is a number.
+        motion = self.column_of["pmra"]
+        self.value = motion.removeprefix(f"{ASSUMED}pm") if motion == self.column_of["pmdec"] else None
+        stated = (self.source.units.get(name) for name in self.column_of.values() if not name.startswith(ASSUMED))
+        bare = self.value is None and not any(stated)
         # What is assumed of motions decides on the result; of positions alone, where other columns have units, less.
         deciding = {self.column_of[role] for role in (self.column_of if bare else REQUIRED[2:])}
         lines: list[str] = []
@@ -324,6 +327,8 @@ class _FieldMaker:
                     columns[role] = columns[role] * self.factors[role]
         if self.factors.get("distance") == MODULUS:
             notes += convert_modulus(columns)
+        if self.value is not None and not (finite := np.isfinite(columns["pmra"])).all():
+            columns["unusable"] = {f"{self.value} not finite": ~np.ma.filled(finite, True)}
         if not any(self.column_of[role].startswith(ASSUMED) for role in _MOTIONS):
             aside |= zero_motion_rows(*(columns[role] for role in _MOTIONS))
         doubt_positions(columns, self.assumed, names=self.column_of)
@@ -335,14 +340,14 @@ class _FieldMaker:
         with np.errstate(invalid="ignore", over="ignore"):
             field = Field.from_columns(
                 **columns,
-                aside=_reasons_to_drop(self.column_of, block, aside),
+                aside=_reasons_to_drop(self.column_of, block, aside, self.value or "proper motion"),
                 frame=self.frame,
                 redshift_frame=redshift_frame,
                 on_bad=self.on_bad,
                 notes=notes,
                 first_row=first_row,
             )
-        doubts = size_warnings(field, is_assumed=self.assumes_motions)
+        doubts = [] if self.value else size_warnings(field, is_assumed=self.assumes_motions)
         for warning in (*notes, *doubts):
             if has_code(warning, DOUBT, NO_REDSHIFTS, UNUSED_CORRELATIONS):
                 warn(warning, VshWarning, stacklevel=3)
@@ -369,12 +374,12 @@ def _with_sigma(table, columns, sigma):
     return table, replace(columns, **names, pmra_pmdec_corr=None), (note,)
 
 
-def _reasons_to_drop(column_names, block, aside):
+def _reasons_to_drop(column_names, block, aside, measured):
     """Reasons to leave rows out that are no mistake: other models, and positions or motions that are marked missing.
 
     What is missing in a source is missing as a whole: a row with one component of a motion is a mistake.
     """
-    for quantity, roles in (("position", REQUIRED[:2]), ("proper motion", REQUIRED[2:4])):
+    for quantity, roles in (("position", REQUIRED[:2]), (measured, REQUIRED[2:4])):
         masks = [np.asarray(block[column_names[role]][1]) for role in roles if block[column_names[role]][1] is not None]
         if len(masks) < 2 or any(mask.ndim != 1 for mask in masks):
             continue
@@ -544,9 +549,8 @@ def read_scalars(
     value: str = "parallax",
     error: str | None = None,
     *,
-    ra: str = "ra",
-    dec: str = "dec",
-    name: str | None = None,
+    columns: Columns | Mapping[str, str] | str | None = None,
+    units: Mapping[str, Any] | None = None,
     unit: str | None = None,
     on_bad: OnBad = "raise",
     frame: str | None = None,
@@ -559,20 +563,16 @@ def read_scalars(
     ----------
     source : path, table, dict
         As for `vsh.io.catalogue.read_field`.
-    value, error : str
-        Columns of the numbers and of their standard errors; "parallax_error" of "parallax" unless given.
-    ra, dec : str
-        Columns of positions in the axes of `frame`; in degrees where the table says nothing.
-    name : str, optional
-        Column of names.
+    value : str
+        Column of the numbers, or what is to be calculated of columns: "parallax - zero_point".
+    error : str, optional
+        Column of their standard errors: that of the first column of `value` unless given, "parallax_error" of
+        "parallax".
+    columns, units, on_bad, frame, where, format
+        As for `read_field`: the names of positions and names, the rows to use, the axes of the positions.
     unit : str, optional
-        Unit to convert to, for example "uas". Default: that of the table, or mas for Gaia's parallaxes without a unit.
-    on_bad : {"raise", "drop"}
-        What to do about rows that cannot be used; the field's notes count them.
-    frame : str, optional
-        "icrs", "galactic" or "ecliptic"; that of a field that was written, or ICRS, unless given.
-    where, format : str, optional
-        As for `read_field`: the rows to use, and the format of a file.
+        Unit to convert to. Default: that of the table, and µas for mas, which Gaia's parallaxes have where no unit is
+        stated.
 
     Raises
     ------
@@ -583,58 +583,58 @@ def read_scalars(
 
     Examples
     --------
-    >>> read_scalars({"ra": [10.0], "dec": [-20.0], "parallax": [-0.02], "parallax_error": [0.1]}, unit="uas").values
+    >>> table = {"ra": [10.0], "dec": [-20.0], "parallax": [-0.02], "parallax_error": [0.1], "bias": [-0.03]}
+    >>> read_scalars(table).values
     array([-20.])
+    >>> read_scalars(table, "parallax - bias").values.round(6)
+    array([10.])
     """
-    table = tables.open_table(source, format)
-    clause = None if where is None else RowSelection(where, table)
-    error = error or f"{value}_error"
-    own = [key for key, names in AXES.items() if set(names[:2]) <= set(table.names)]
-    if "ra" == ra not in table.names and own:  # a field that was written has the names of its own axes
-        ra, dec, frame = *AXES[own[0]][:2], frame or own[0]
-    required_columns = [ra, dec, value, error] + ([name] if name else [])
-    for column in required_columns:
-        if column not in table.names:
-            raise TableError(missing_column(column, table))
-    columns = table.columns(tuple(dict.fromkeys((*required_columns, *(clause.names if clause else ())))))
-    notes: list[str] = list(table.notes)
-    if clause:
-        columns, _, selection_notes = clause.of(columns, 0)
-        notes += selection_notes
-    units = {column: parse_unit(table.units.get(column) or "") for column in (value, error)}
-    for column in (value, error):
-        if units[column].is_unity() and column in ("parallax", "parallax_error"):
-            units[column] = parse_unit("mas")
-            notes.append(f"no unit in the table, so taken in mas: {column}")
-    target = parse_unit(unit) if unit else units[value]
-    factors = {}
-    for column in (value, error):
-        try:
-            factors[column] = units[column].to(target)
-        except ValueError as wrong:  # astropy's UnitConversionError is one
-            raise TableError(f"column {column!r} cannot be converted to {target}: {wrong}") from None
-    for column in (ra, dec):
-        factors[column] = unit_factor(column, table.units.get(column), "deg")
-    axes = frames_of({"ra": ra, "dec": dec}, frame, table)
-    notes += axes.notes
-    numbers = {
-        column: np.ma.array(
-            as_doubles(column, *columns[column]) * factor,
-            mask=False if columns[column][1] is None else columns[column][1],
-        )
-        for column, factor in factors.items()
+    table = add_derived_columns(tables.open_table(source, format))
+    formula = tables.Where(f"column({value!r})" if value in table.names else value)
+    if not formula.names:
+        raise TableError(f"{value!r} names no column")
+    error = error or f"{formula.names[0]}_error"
+    for name in (*formula.names, error):
+        if name not in table.names:
+            raise TableError(missing_column(name, table))
+    stated, notes = {name: str((units or {}).get(name) or table.units.get(name) or "") for name in table.names}, []
+    bare = [name for name in (formula.names[0], error) if not stated[name] and name.startswith("parallax")]
+    if bare:
+        stated |= dict.fromkeys(bare, "mas")
+        notes = [f"no unit in the table, so taken in mas: {', '.join(bare)}"]
+    usual = "uas" if parse_unit(stated[formula.names[0]]) == parse_unit("mas") else stated[formula.names[0]]
+    target = parse_unit(unit or usual)
+    try:
+        factors = {
+            name: parse_unit(stated[name]).to(target) if stated[name] else None for name in (*formula.names, error)
+        }
+    except ValueError as wrong:  # astropy's UnitConversionError is one
+        raise TableError(f"{', '.join((*formula.names, error))} cannot be converted to {target}: {wrong}") from None
+    first = factors[formula.names[0]] or 1.0  # what has no unit is in that of the first
+    factors = {name: first if factor is None else factor for name, factor in factors.items()}
+
+    def values(*numbers):
+        block = {name: (array * factors[name], None) for name, array in zip(formula.names, numbers, strict=True)}
+        return formula.numbers(block)
+
+    # The numbers stand for both components of a motion: what is checked of a catalogue's rows is checked of these.
+    names = {"value": f"{ASSUMED}pm{value}", "error": f"{ASSUMED}pm{error}"}
+    made = {
+        names["value"]: (formula.names, values, "uas / yr"),
+        names["error"]: ((error,), lambda array: array * factors[error], "uas / yr"),
     }
-    return ScalarField.from_columns(
-        numbers[ra],
-        numbers[dec],
-        numbers[value],
-        numbers[error],
-        unit=target.to_string(),
-        name=None if name is None else columns[name][0],
-        frame=axes.frame,
-        on_bad=on_bad,
-        notes=notes,
+    roles = {role: names["error" if role in _ERRORS else "value"] for role in (*_MOTIONS, *_ERRORS)}
+    chosen = replace(as_columns(columns).choose_names(table.names)[0], **roles, pmra_pmdec_corr=None)
+    if frame is None:  # a field that was written has the names of its own axes
+        frame = next(
+            (key for key, names in AXES.items() if (chosen.ra, chosen.dec) == names[:2] != ("ra", "dec")), None
+        )
+    field = read_field(
+        derive_columns(table, made), chosen, units, on_bad=on_bad, frame=frame, where=where, roles=("name",)
     )
+    unit = "µas" if target == parse_unit("uas") else target.to_string()
+    numbers = field.motion[0], field.sigma[0]
+    return ScalarField(field.lon, field.lat, *numbers, unit, field.name, field.frame, (*notes, *field.notes))
 
 
 def is_readable(value: Any) -> bool:

@@ -274,7 +274,7 @@ class Processes(Engine):
 
 def _run_steps(steps, field):
     for step in steps:
-        field = arguments.a(Field)("what a step returns", step(field))
+        field = arguments.a(type(field))("what a step returns", step(field))
     return field
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from vsh.tools.errors import TableError
 from vsh.tools.notebook import InNotebook
 from vsh.tools.printing import printable
-from vsh.tools.types import BoolArray
+from vsh.tools.types import BoolArray, FloatArray
 
 #: What may be called. `column("e_pm-RA")` names a column whose name is no word, `ismissing(redshift)` asks for gaps.
 FUNCTIONS: dict[str, Callable[..., Any]] = {
@@ -96,6 +96,14 @@ class Where(InNotebook):
                 raise TableError(
                     f"--where: {label} has no column {printable(name)!r}{hint}. Conditions take the table's own names"
                 )
+
+    def numbers(self, block: Mapping[str, Any]) -> FloatArray:
+        """Numbers that are calculated of the columns; nan where one is missing."""
+        with np.errstate(all="ignore"):
+            value, missing = self._of(self._tree, block)
+        if np.asarray(value).dtype.kind not in "iuf":
+            raise TableError(f"{self.shown!r} is a condition or a text, not a number")
+        return np.where(missing, np.nan, np.asarray(value, float))
 
     def rows(self, block: Mapping[str, Any]) -> tuple[BoolArray, BoolArray]:
         """Mask of the selected rows, and of rows with missing values, which are not selected."""
