@@ -124,9 +124,9 @@ def reduce_class_equations(
 ) -> ClassEquations:
     """The equations of a class to the degree of `modes`; errors scaled by its own χ²/dof where that is known.
 
-    Degree 1 is free unless `free`, (p,), says more.
+    Degree 1, and the mean of a scalar field, are free unless `free`, (p,), says more.
     """
-    free = modes.degrees == 1 if free is None else free
+    free = modes.degrees <= 1 if free is None else free
     at = np.flatnonzero(normal.modes.degrees <= modes.lmax)
     matrix, rhs = normal.matrix[np.ix_(at, at)], normal.rhs[at]
     templates = np.reshape([template.values[at] for template in normal.templates], (-1, len(at)))
@@ -139,7 +139,7 @@ def reduce_class_equations(
     extension = np.vstack([np.eye(len(at)), templates])  # EᵀNE and Eᵀb
     matrix, rhs = extension @ matrix @ extension.T / tau, extension @ rhs / tau
     mask = np.r_[free, np.zeros(len(templates), bool)]
-    message = "a class does not determine its spin and acceleration: merge it with another"
+    message = "a class does not determine its degree 1: merge it with another"
     free_block, leverage, inner, remainder = _eliminate_free(matrix, rhs, mask, message)
     return ClassEquations(
         inner[None],
@@ -154,7 +154,9 @@ def reduce_class_equations(
 
 
 def parities(modes: Modes) -> IntArray:
-    """0 for the parity of a spin (T of odd degrees, S of even ones), 1 for that of a glide."""
+    """0 for the parity of a spin (T of odd degrees, S of even ones), 1 for that of a glide; 0 of all scalar modes."""
+    if modes.components == 1:
+        return np.zeros(len(modes), int)
     toroidal = np.arange(len(modes)) < len(modes) // 2
     return np.where(toroidal == (modes.degrees % 2 == 1), 0, 1)
 
@@ -165,10 +167,11 @@ class ClassLikelihood:
     def __init__(self, classes: ClassEquations, modes: Modes, variances: FloatArray, own: str) -> None:
         is_free, high = classes.free, ~classes.free
         group = parities(modes)
+        self.n_groups = n_groups = int(group.max()) + 1
         self.classes, self.own = classes, own
         self.n_classes, self.n_modes = len(classes), int(high.sum())
         among = np.ones(classes.rhs.shape[1] - self.n_modes)
-        group_index = np.r_[group[high], np.full(among.size, 2)]
+        group_index = np.r_[group[high], np.full(among.size, n_groups)]
         order = np.argsort(group_index, kind="stable")  # one parity, the other, templates
         self.group, self.first_group, self.size = group_index[order], group[is_free], order.size
         self.matrices = classes.own[:, order][:, :, order]
@@ -179,7 +182,7 @@ class ClassLikelihood:
         self.root, self.first = np.sqrt(shape), variances[is_free]
         self.dipole = variances[modes.degrees == 1]
         scaled_matrices = self.matrices * self.root[:, None] * self.root
-        ends = np.searchsorted(self.group, range(2 + (among.size > 0) + 1))
+        ends = np.searchsorted(self.group, range(n_groups + (among.size > 0) + 1))
         self.groups = [slice(low, high) for low, high in pairwise(ends)]
         #: √S A √S of the classes, flat, for each pair of groups.
         self.scaled = {
@@ -187,14 +190,14 @@ class ClassLikelihood:
             for g, rows in enumerate(self.groups)
             for h, columns in enumerate(self.groups)
         }
-        units = np.array([self._units(np.flatnonzero(self.group == g), shape) for g in range(2)])
+        units = np.array([self._units(np.flatnonzero(self.group == g), shape) for g in range(n_groups)])
         if self.n_classes == 1:
             units = units[:, :1]
         elif own == "one":
             units = np.c_[units[:, 0], units[:, 0]]
-        #: Roots of amplitudes that would be seen at one standard error, (2, 1 + K), and that of templates behind them.
+        #: Roots of amplitudes that would be seen at one standard error, (1 or 2, 1 + K), that of templates behind them.
         self.unit = units
-        template = self._units(np.flatnonzero(self.group == 2), shape)[:1] if among.size else np.empty(0)
+        template = self._units(np.flatnonzero(self.group == n_groups), shape)[:1] if among.size else np.empty(0)
         self.units = np.r_[units.ravel(), template]
 
     def _units(self, at, shape):
@@ -212,7 +215,7 @@ class ClassLikelihood:
             class_squares = (
                 of_modes[..., 1:] if self.own == "each" else np.repeat(of_modes[..., 1:2], self.n_classes, -1)
             )
-            common[..., :2, :, :] += class_squares[..., None] * np.eye(self.n_classes)
+            common[..., : self.n_groups, :, :] += class_squares[..., None] * np.eye(self.n_classes)
         return common
 
     def _power_roots(self, x):
@@ -287,13 +290,13 @@ class ClassLikelihood:
         solution = solution.reshape(-1, k, q)
         trace = -np.einsum("zik,zjk->ijk", solution, solution)
         slope = (residual[:, None] * residual[None] - trace - own_trace) * self.root**2 / 2
-        by_group = np.stack([slope[:, :, self.group == g].sum(2) for g in range(3)])
-        diagonal = np.einsum("gii->gi", by_group)[:2]
+        by_group = np.stack([slope[:, :, self.group == g].sum(2) for g in range(self.n_groups + 1)])
+        diagonal = np.einsum("gii->gi", by_group)[: self.n_groups]
         common = by_group.sum((1, 2))
-        gradient = common[:2, None]
+        gradient = common[: self.n_groups, None]
         if k > 1:
             gradient = np.c_[gradient, diagonal if self.own == "each" else diagonal.sum(1)]
-        gradient = np.r_[gradient.ravel(), common[2:]][: self.units.size]
+        gradient = np.r_[gradient.ravel(), common[self.n_groups :]][: self.units.size]
         return float(np.log(np.diag(lower)).sum() - w @ w / 2), -gradient * self.units**2
 
     def _seen(self, r):
@@ -436,7 +439,7 @@ def sample_shapes(
     """Draws of the amplitudes for each shape, again where too few of them count."""
     squares: Any = sum(classes.own**2)
     is_higher = ~classes.free
-    flat = Spectrum.flat().variances(modes)[is_higher]
+    flat = spectra[0][1].flat().variances(modes)[is_higher]
     squares = squares[: len(flat), : len(flat)]  # without templates
     lots, evidences = [], []
     with limit_blas(len(classes) * len(modes)):
@@ -462,9 +465,10 @@ def resample_draws(lots: Sequence[ShapeDraws], rng: np.random.Generator) -> tupl
     for k in indices:
         if k not in results:
             lot, i = draws[k]
-            power = lot.likelihood.dipole.reshape(2, 3).mean(1)[[0, 1]]
-            unit = Spectrum.flat().variances(Modes(1)).reshape(2, 3).mean(1)
-            shares = lot.likelihood.shares(lot.x[i])[:2] * (power / unit)[:, None, None]
+            n_groups, dipole = lot.likelihood.n_groups, lot.likelihood.dipole
+            unit = lot.spectrum.flat().variances(lot.spectrum.mode_class(1))[-dipole.size :]
+            power = (dipole.reshape(n_groups, 3).mean(1)) / unit.reshape(n_groups, 3).mean(1)
+            shares = lot.likelihood.shares(lot.x[i])[:n_groups] * power[:, None, None]
             results[k] = (*lot.likelihood.free_modes(lot.x[i]), shares, *lot.likelihood.template_amplitudes(lot.x[i]))
     means, covariances, shares, values, spreads = (np.array([results[k][index] for k in indices]) for index in range(5))
     deviations = values - values.mean(0)

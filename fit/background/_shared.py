@@ -30,18 +30,19 @@ from fit.background._blocks import (
     resample_draws,
     sample_shapes,
 )
-from fit.background._floor import SHAPES, usual_shapes
+from fit.background._floor import SCALAR_SHAPES, SHAPES, usual_shapes
 from fit.background._likelihood import degrees_text, equations_of, should_fit_scale
 from fit.normal import NormalEquations, eliminate
 from fit.results.output import format_components
 from fit.results.quality import ErrorSource, gls
-from fit.results.solution import HarmonicSolution, Solution
+from fit.results.solution import HarmonicSolution, ScalarSolution, Solution
 from fit.results.storage import Result
 from vsh.coefficients import Coefficients
 from vsh.io import tables
 from vsh.io.sections import Section
-from vsh.models.covariance import Spectrum
+from vsh.models.covariance import ScalarSpectrum, Spectrum
 from vsh.modes import Modes
+from vsh.scalars import ScalarCoefficients
 from vsh.tools.arguments import choice, generator, whole
 from vsh.tools.digits import format_with_error
 from vsh.tools.errors import DegeneracyError, FrameError, ModesError, ParameterError
@@ -87,10 +88,12 @@ class ClassComparison(Result):
     ----------
     labels : tuple of str
         The classes.
-    means, covariances : (s, K, 6) and (s, K, 6, K, 6) arrays
-        Degree 1 of each class (T, then S) for draws of equal weight of the systematic errors.
+    means, covariances : (s, K, f) and (s, K, f, K, f) arrays
+        Degree 1 of each class (T, then S) for draws of equal weight of the systematic errors, f = 6; degrees 0 and 1 of
+        a scalar field, f = 4.
     shares : (s, 2, K, K) array
-        C of these draws: the power of each mode that classes have in common, of the parity of a spin and of a glide.
+        C of these draws: the power of each mode that classes have in common, of the parity of a spin and of a glide;
+        (s, 1, K, K) of a scalar field.
     shapes : tuple of str
         Shapes of the spectrum that were averaged.
     probability : tuple of float
@@ -140,39 +143,46 @@ class ClassComparison(Result):
         return f"<ClassComparison: {len(self)} classes, degrees {degrees_text(self.degrees)}>"
 
     @property
+    def parameters(self) -> dict[str, tuple[str, slice]]:
+        """Names of what each class has, and its place among the f parameters, by kind: spin of "T", say."""
+        if self.means.shape[2] == 4:
+            return {"mean": ("mean", slice(0, 1)), "dipole": ("dipole", slice(1, 4))}
+        return {"T": ("spin", slice(0, 3)), "S": ("acceleration", slice(3, 6))}
+
+    @property
     def values(self) -> FloatArray:
-        """Degree 1 of each class, the mean over what may be shared, (K, 6). [µas/yr]"""
+        """Degree 1 of each class, the mean over what may be shared, (K, f). [`unit`]"""
         return self.means.mean(0)
 
     @property
     def covariance(self) -> FloatArray:
-        """Covariance of degree 1 of all classes, (6 K, 6 K). [(µas/yr)²]"""
-        size = 6 * len(self)
+        """Covariance of degree 1 of all classes, (f K, f K). [`unit`²]"""
+        size = self.values.size
         return pool_draws(self.means, self.covariances).reshape(size, size)
 
     @property
     def solutions(self) -> list[Solution]:
         """A Solution of degree 1 for each class, its errors with systematic errors."""
-        return [self.combination(np.eye(len(self))[i], 2 * self.n_sources[i]) for i in range(len(self))]
+        return [self.combination(np.eye(len(self))[i]) for i in range(len(self))]
 
     def difference(self, i: int, j: int) -> Solution:
         """Degree 1 of class `j` less that of class `i`, with its errors."""
         row = np.zeros(len(self))
         row[j], row[i] = row[j] + 1, row[i] - 1
-        return self.combination(row, 2 * (self.n_sources[i] + self.n_sources[j]))
+        return self.combination(row)
 
     def together(self) -> Solution:
         """Fit one spin and acceleration to all classes, by generalised least squares."""
         values, _, covariance = gls(self.values, self.covariance, np.ones((len(self), 1)))
-        return self._degree_one_solution(values, covariance, 2 * sum(self.n_sources))
+        return self._degree_one_solution(values, covariance, sum(self.n_sources))
 
     def equality(self, kind: str | None = None) -> float:
         """p-value of equal dipoles in all classes, averaged over the posterior of the common systematic errors.
 
         Parameters
         ----------
-        kind : {"T", "S"}, optional
-            The spin or the acceleration alone.
+        kind : {"T", "S"} or {"mean", "dipole"}, optional
+            The spin or the acceleration alone; the mean or the dipole of a scalar field.
         """
         return self._p_value(kind, None)
 
@@ -184,14 +194,14 @@ class ClassComparison(Result):
 
         Parameters
         ----------
-        kind : {"T", "S"}
-            The spin or the acceleration.
+        kind : {"T", "S"} or {"mean", "dipole"}
+            The spin or the acceleration; the mean or the dipole of a scalar field.
         i : int
             Number of the class.
         less : int, optional
             Number of another that is subtracted: whether the two are alike.
         """
-        block = {"T": slice(0, 3), "S": slice(3, 6)}[choice("kind", kind, ("T", "S"))]
+        block = self._block(kind)
         row = np.eye(len(self))[i] - (0 if less is None else np.eye(len(self))[less])
         return contrast_p_value(self.means[:, :, block], self.covariances[:, :, block][..., block], row[None])
 
@@ -229,37 +239,39 @@ class ClassComparison(Result):
         rng : Generator or int
             The source of all randomness.
         """
-        draw, size = generator(rng), 6 * len(self)
+        draw, size = generator(rng), self.values.size
         skies_per_draw = max(1, whole("n", n) // len(self.means))
         skies = [self.values.reshape(1, size)]
         for covariance in self.covariances.reshape(-1, size, size):
             root = np.linalg.cholesky(covariance + 1e-12 * np.trace(covariance) * np.eye(size))
             skies.append(draw.normal(size=(skies_per_draw, size)) @ root.T)
-        draws = np.concatenate(skies).reshape(-1, len(self), 6)
-        sizes, names = [], []
+        draws = np.concatenate(skies).reshape(-1, *self.values.shape)
+        chances, names = [], []
         for row, kind, name in self._contrasts():
-            block = slice(0, 3) if kind == "T" else slice(3, 6)
+            block = self._block(kind)
             contrast_covariance = np.einsum("i,iajb,j->ab", row, self._blocks()[:, block][:, :, :, block], row)
             differences = np.einsum("i,nia->na", row, draws[:, :, block])
-            sizes.append(np.einsum("na,ab,nb->n", differences, np.linalg.inv(contrast_covariance), differences))
+            sizes = np.einsum("na,ab,nb->n", differences, np.linalg.inv(contrast_covariance), differences)
+            chances.append(chdtrc(block.stop - block.start, sizes))
             names.append(name)
-        largest = np.max(sizes, axis=0)
-        index = int(np.argmax([size[0] for size in sizes]))
-        p = float((1 + np.sum(largest[1:] >= largest[0])) / len(largest))
-        return Verdict(p, float(chdtrc(3, largest[0])), names[index], len(names))
+        least = np.min(chances, axis=0)
+        index = int(np.argmin([chance[0] for chance in chances]))
+        p = float((1 + np.sum(least[1:] <= least[0])) / len(least))
+        return Verdict(p, float(least[0]), names[index], len(names))
 
     def power(self, kind: str) -> tuple[float, float, float]:
         """Median and 68 % interval of the common systematic error of a component. [µas/yr]
 
         Parameters
         ----------
-        kind : {"T", "S"}
-            For the spin or the acceleration.
+        kind : {"T", "S"} or "dipole"
+            For the spin or the acceleration, or the dipole of a scalar field.
         """
-        group = 0 if choice("kind", kind, ("T", "S")) == "T" else 1
-        common = self.shares[:, group]
+        names = [each for each in self.parameters if each != "mean"]
+        common = self.shares[:, names.index(choice("kind", kind, names))]
         smallest = common.min((1, 2)) if len(self) > 1 else common[:, 0, 0]
-        errors = np.sqrt(np.maximum(smallest, 0)) * Spectrum.flat().spin_error
+        unit = ScalarSpectrum.flat().dipole_error if kind == "dipole" else Spectrum.flat().spin_error
+        errors = np.sqrt(np.maximum(smallest, 0)) * unit
         lower, middle, upper = np.quantile(errors, [0.16, 0.5, 0.84])
         return float(middle), float(lower), float(upper)
 
@@ -277,10 +289,13 @@ class ClassComparison(Result):
         remarks = [self.verdict_words()] if len(self) > 1 else []
         if len(self) > 1:
             change = self.difference(0, len(self) - 1)
-            pairs = zip(("spin", "acceleration"), (change.spin, change.acceleration), strict=True)
-            facts.append(
-                ("last − first", "; ".join(f"{name} {', '.join(format_components(vector))}" for name, vector in pairs))
-            )
+            texts = []
+            if isinstance(change, ScalarSolution):
+                value, error = change.mean
+                texts.append(f"mean {format_with_error(value, error, '+')}")
+            names = [name for name, _ in self.parameters.values() if name != "mean"]
+            texts += [f"{name} {', '.join(format_components(getattr(change, name)))}" for name in names]
+            facts.append(("last − first", "; ".join(texts)))
         if long:
             remarks.append(
                 "The systematic errors are assumed to have one of these spectra: higher degrees do not show a part "
@@ -292,7 +307,7 @@ class ClassComparison(Result):
     @cached_property
     def _tests(self):
         """The verdict, and the p-values of one spin and of one acceleration: report and table have them, each time."""
-        return self.verdict(), self.equality("T"), self.equality("S")
+        return self.verdict(), {name: self.equality(kind) for kind, (name, _) in self.parameters.items()}
 
     def verdict_words(self, what: str | None = None) -> str:
         """State in one sentence whether the dipole changes from class to class.
@@ -302,13 +317,14 @@ class ClassComparison(Result):
         what : str, optional
             What classes are made by: "magnitude", say; `made_by` unless given.
         """
-        verdict, spin, acceleration = self._tests
+        verdict, chances = self._tests
+        question, one = ("Does the dipole", "dipole") if "mean" not in chances else ("Do mean and dipole", "value")
         phrase = "not contradicted" if verdict.p_value > 0.0027 else "contradicted"
         return (
-            f"Does the dipole change with {what or self.made_by}? spin p = {spin:.2g}, acceleration p = "
-            f"{acceleration:.2g}; the largest of {verdict.looked_at} comparisons ({verdict.comparison}) p = "
-            f"{verdict.p_value:.2g} after allowing for all ({verdict.face_value:.2g} before that): one dipole for "
-            f"all is {phrase}."
+            f"{question} change with {what or self.made_by}? "
+            f"{', '.join(f'{name} p = {p:.2g}' for name, p in chances.items())}; the largest of "
+            f"{verdict.looked_at} comparisons ({verdict.comparison}) p = {verdict.p_value:.2g} after allowing for all "
+            f"({verdict.face_value:.2g} before that): one {one} for all is {phrase}."
         )
 
     def to_table(self) -> Table:
@@ -319,18 +335,21 @@ class ClassComparison(Result):
             "n_sources": [*self.n_sources, sum(self.n_sources)],
         }
         # Differences of positions have a rotation and a glide.
-        names = ("rotation", "glide") if self.unit == "µas" else ("spin", "acceleration")
-        for name, attribute in zip(names, ("spin", "acceleration"), strict=True):
-            vectors = [getattr(row, attribute) for row in rows]
+        attributes = [name for name, _ in self.parameters.values() if name != "mean"]
+        names = {"spin": "rotation", "acceleration": "glide"} if self.unit == "µas" else {}
+        if means := [row.mean for row in rows if isinstance(row, ScalarSolution)]:
+            columns["mean"], columns["mean_error"] = map(list, zip(*means, strict=True))
+        for attribute in attributes:
+            name, vectors = names.get(attribute, attribute), [getattr(row, attribute) for row in rows]
             for k, axis in enumerate("xyz"):
                 columns[f"{name}_{axis}"] = [vector.value[k] for vector in vectors]
                 columns[f"{name}_{axis}_error"] = [vector.sigma[k] for vector in vectors]
-        unit = "uas / yr" if self.unit == "µas/yr" else "uas"
-        units = {name: unit for name in columns if name.startswith(names)}
+        unit = {"µas/yr": "uas / yr", "µas": "uas"}.get(self.unit, self.unit)
+        units = {name: unit for name in columns if name not in ("class", "n_sources")} if unit else {}
         meta: dict[str, Any] = {f"probability {name}": p for name, p in zip(self.shapes, self.probability, strict=True)}
         if len(self) > 1:
-            verdict, spin, acceleration = self._tests
-            meta |= {"p_value_spin": spin, "p_value_acceleration": acceleration, "p_value_largest": verdict.p_value}
+            verdict, chances = self._tests
+            meta |= {f"p_value_{name}": p for name, p in chances.items()} | {"p_value_largest": verdict.p_value}
             meta["summary"] = self.verdict_words().rstrip(".")
         return tables.table_of(columns, meta, units)
 
@@ -341,32 +360,35 @@ class ClassComparison(Result):
         return plot_shared(self, ax=ax)
 
     def _blocks(self):
-        return self.covariance.reshape(len(self), 6, len(self), 6)
+        return self.covariance.reshape(2 * self.values.shape)
 
-    def combination(self, weights: ArrayLike, n_data: int | None = None) -> Solution:
+    def _block(self, kind):
+        """The place of a kind among the parameters."""
+        return self.parameters[choice("kind", kind, tuple(self.parameters))][1]
+
+    def combination(self, weights: ArrayLike) -> Solution:
         """Degree 1 of a sum of the classes.
 
         Parameters
         ----------
         weights : (K,) array
             One a class.
-        n_data : int, optional
-            Number of data in the combination. Default: those of all classes with a non-zero weight.
         """
         row = np.asarray(weights, float)
-        if n_data is None:
-            n_data = 2 * sum(n for n, weight in zip(self.n_sources, row, strict=True) if weight)
+        n_sources = sum(n for n, weight in zip(self.n_sources, row, strict=True) if weight)
         values = row @ self.values
         covariance = np.einsum("i,iajb,j->ab", row, self._blocks(), row)
-        return self._degree_one_solution(values, covariance, n_data)
+        return self._degree_one_solution(values, covariance, n_sources)
 
-    def _degree_one_solution(self, values, covariance, n_data):
+    def _degree_one_solution(self, values, covariance, n_sources):
+        kind: Any = Solution if len(values) == 6 else ScalarSolution
+        coefficients: Any = Coefficients if len(values) == 6 else ScalarCoefficients
         errors_from = f"normal equations, with systematic errors, degrees {degrees_text(self.degrees)}"
-        return Solution(
-            coefficients=Coefficients(Modes(1), values),
+        return kind(
+            coefficients=coefficients(1, values),
             covariance=covariance,
             chi2=float("nan"),
-            n_data=int(n_data),
+            n_data=len(values) // 3 * n_sources,
             frame=self.frame,
             unit=self.unit,
             errors_from=errors_from,
@@ -377,9 +399,7 @@ class ClassComparison(Result):
     def _p_value(self, kind, x):
         if len(self) < 2:
             raise ParameterError("a comparison needs two classes at least, not one")
-        block = {None: slice(0, 6), "T": slice(0, 3), "S": slice(3, 6)}[
-            None if kind is None else choice("kind", kind, ("T", "S"))
-        ]
+        block = slice(None) if kind is None else self._block(kind)
         design, total = np.ones((len(self), 1)), 0.0
         for mean, covariance in zip(self.means[:, :, block], self.covariances[:, :, block][..., block], strict=True):
             flat, width = covariance.reshape(mean.size, mean.size), mean.shape[1]
@@ -394,7 +414,7 @@ class ClassComparison(Result):
         k = len(self)
         if k < 2:
             raise ParameterError("a comparison needs two classes at least, not one")
-        weight = 1 / np.diag(self.covariance).reshape(k, 6).mean(1)
+        weight = 1 / np.diag(self.covariance).reshape(k, -1).mean(1)
         positions = np.arange(k) - weight @ np.arange(k) / weight.sum()
         rows = []
         for edge in range(1, k):
@@ -407,11 +427,7 @@ class ClassComparison(Result):
             rows.append((np.where(np.arange(k) < edge, -weight / lower, weight / upper), name))
         if k > 2:
             rows.append((weight * positions, "a slope"))
-        return [
-            (row, kind, f"{name}, {label}")
-            for row, name in rows
-            for kind, label in (("T", "spin"), ("S", "acceleration"))
-        ]
+        return [(row, kind, f"{name}, {label}") for row, name in rows for kind, (label, _) in self.parameters.items()]
 
 
 def pool_draws(means: FloatArray, covariances: FloatArray) -> FloatArray:
@@ -521,7 +537,9 @@ def sample_class_errors(
     inputs = [normals] if isinstance(normals, NormalEquations | HarmonicSolution) else list(normals)
     if not inputs:
         raise ParameterError("there are no classes: give normal equations, one a class")
-    equations = [equations_of(each) for each in inputs]
+    equations = [equations_of(each, scalars=True) for each in inputs]
+    if len({type(each.modes) for each in equations}) > 1:
+        raise ModesError("classes are motions and numbers: compare those of one kind")
     frames = {each.frame for each in equations}
     if len(frames) > 1:
         raise FrameError(f"classes are in {' and '.join(sorted(map(str, frames)))}: take all to one frame")
@@ -534,8 +552,8 @@ def sample_class_errors(
     names = tuple(f"class {k + 1}" for k in range(len(inputs))) if labels is None else tuple(map(str, labels))
     if len(names) != len(inputs):
         raise ParameterError(f"{len(names)} labels for {len(inputs)} classes")
-    modes = Modes(_highest_degree(equations, degrees))
-    spectra = spectra_of(usual_shapes(modes.lmax) if shapes is None else shapes)
+    modes = type(equations[0].modes)(_highest_degree(equations, degrees))
+    spectra = spectra_of(usual_shapes(modes.lmax) if shapes is None else shapes, modes)
     draws, own_modes = whole("draws", draws), None if free is None else free(modes)
 
     def draw_lots(classes):
@@ -550,8 +568,9 @@ def sample_class_errors(
             _reduce_classes(equations, names, modes, scale_flags, own_modes)[0]
         )  # what was noted of them above stays
     facts = {
-        "labels": names, "n_sources": tuple(each.n_data // 2 for each in equations),
-        "frame": equations[0].frame or "icrs", "templates": tuple(each.name for each in equations[0].templates),
+        "labels": names, "n_sources": tuple(each.n_sources for each in equations),
+        "frame": equations[0].frame or "icrs", "unit": equations[0].unit or "",
+        "templates": tuple(each.name for each in equations[0].templates),
     }  # fmt: skip
     return lots, modes, notes + _few_draws_notes(lots), facts
 
@@ -623,15 +642,16 @@ def _highest_degree(equations, degrees):
     return highest
 
 
-def spectra_of(shapes: Any) -> list[tuple[str, Spectrum]]:
-    """Names and spectra of shapes; ParameterError where one is none."""
+def spectra_of(shapes: Any, modes: Modes) -> list[tuple[str, Spectrum]]:
+    """Names and spectra of shapes for some modes; ParameterError where one is none."""
+    named, kind = (SCALAR_SHAPES, ScalarSpectrum) if modes.components == 1 else (SHAPES, Spectrum)
     shape_list = [shapes] if isinstance(shapes, str | Spectrum) else list(shapes)
     for shape in shape_list:
-        if not isinstance(shape, Spectrum) and shape not in SHAPES:
-            raise ParameterError(f"a shape is {', '.join(map(repr, SHAPES))} or a Spectrum, not {shape!r}")
+        if type(shape) is not kind and (isinstance(shape, Spectrum) or shape not in named):
+            raise ParameterError(f"a shape is {', '.join(map(repr, named))} or a {kind.__name__}, not {shape!r}")
     if not shape_list:
         raise ParameterError("a shape of the spectrum is needed: 'flat', 'gaia' or a Spectrum")
-    return [(shape.name, shape) if isinstance(shape, Spectrum) else (shape, SHAPES[shape]) for shape in shape_list]
+    return [(shape.name, shape) if isinstance(shape, Spectrum) else (shape, named[shape]) for shape in shape_list]
 
 
 def _reduce_classes(equations, names, modes, scale_flags, is_free=None) -> tuple[ClassEquations, list[str]]:
@@ -663,7 +683,7 @@ def compare_classes_jointly(
 ) -> ClassComparison:
     """Compute `shared` from the normal equations of all classes together, (K, p, K, p) and (K, p)."""
     classes = ClassEquations.from_joint_equations(matrix, rhs, modes)
-    draw, spectra = generator(rng), spectra_of(usual_shapes(modes.lmax) if shapes is None else shapes)
+    draw, spectra = generator(rng), spectra_of(usual_shapes(modes.lmax) if shapes is None else shapes, modes)
     lots = sample_shapes(classes, modes, spectra, "each", draws, draw)
     return average_draws(lots, modes, draw, notes=_few_draws_notes(lots), **facts)
 
