@@ -24,7 +24,8 @@ def make_parser() -> argparse.ArgumentParser:
         prog="vsh-fit",
         description=(
             "Fit vector spherical harmonics to a catalogue of proper motions: the spin of its frame, the "
-            "acceleration of the Solar System, and the power of every degree."
+            "acceleration of the Solar System, and the power of every degree. With --value: the mean, the dipole and "
+            "the power of parallaxes, or of any other number."
         ),
         examples=(
             "vsh-fit catalogue.fits --lmax 3 --frame galactic --output results",
@@ -44,6 +45,11 @@ def make_parser() -> argparse.ArgumentParser:
         "from errors that are too small, not from outliers",
         parsing.method,
         "recommended",
+    )
+    add(
+        "--value COLUMN[,ERROR]",
+        "fit this number in place of the motions: parallax, or what is calculated of columns, such as 'parallax - "
+        "bias' | its standard error is in the column ERROR, or that of its name with _error behind (parallax_error)",
     )
     add(
         "--floor",
@@ -90,6 +96,8 @@ def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
         parser.error("--classes needs --lmax 3 or more: degrees 1 and 2 contain no information on systematic errors")
     if options.templates and options.lmax < 3:
         parser.error("--templates needs --lmax 3 or more, 5 is best: degrees 1 and 2 alone tell them from nothing")
+    if options.value and (options.waves or options.templates or reading.in_parts(options)):
+        parser.error("--value fits one number of each source: --waves, --templates and --workers are for motions")
     options.years = options.waves if isinstance(options.waves, float) else None
     if options.floor == "no" and options.method == "recommended":
         parser.error("the recommended fit includes the systematic floor: --method student is the same fit without it")
@@ -114,7 +122,7 @@ def _run(options):
 
     # Each class reads its rows; names tell of sources that stand there twice, and no fit looks at further columns.
     source = tables.cache_columns(source) if options.classes and not reading.in_parts(options) else source
-    field = run.read(source, path, roles=("name",)).to_frame(options.frame)
+    field = run.read(source, path, roles=("name",), value=options.value).to_frame(options.frame)
     estimate = fit.estimate(field, options.lmax, *parsing.method_and_value(options.method))
     solution, sources, plain = estimate.solution, estimate.sources, estimate.plain
     results: dict[str, Any] = {}
@@ -136,7 +144,9 @@ def _run(options):
     if maps:
         results["cross_powers"] = _cross_powers_of(plain, solution.floor, maps)
     name = "the simulated catalogue of the demo" if options.demo else source.label
-    about: dict[str, Any] = {"check": fit.cross_check(sources), "truth": catalogue.truth_of(source), "source": name}
+    about: dict[str, Any] = {"source": name}
+    if not options.value:
+        about |= {"check": fit.cross_check(sources), "truth": catalogue.truth_of(source)}
     answer = _answer(solution, results, options.classes)
     captions = {key: text for key, text in _CAPTIONS.items() if key in results}
 
@@ -246,7 +256,7 @@ def _compare_subsets(run, source, path, estimate, templates, n_sources):
     """
     options = run.options
     classes = vsh.Classes.from_text(options.classes)
-    read = partial(run.read, source, path, roles=())
+    read = partial(run.read, source, path, roles=(), value=options.value)
     subsets: list[Any]
     if classes.frame:
         subsets = list(classes.split(read()))
@@ -323,7 +333,7 @@ def _solve_with_floor(plain):
     """A fit with the systematic floor in its errors."""
     if plain.modes.lmax < 3:
         raise ModesError(f"degree {plain.modes.lmax} cannot determine a systematic floor: use --lmax 3 or higher")
-    solution = fit.solve(fit.background.equations_of(plain), floor=fit.background.floor(plain))
+    solution = fit.solve(fit.background.equations_of(plain, scalars=True), floor=fit.background.floor(plain))
     return replace(solution, formal_covariance=plain.formal.covariance)
 
 

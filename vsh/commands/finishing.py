@@ -409,6 +409,10 @@ class Run:
         keywords = reading.field_arguments(self.options) | more
         if getattr(self.options, "sigma", None) is not None:
             keywords["sigma"] = self.options.sigma
+        if value := keywords.pop("value", None):
+            number, _, error = value.partition(",")
+            keywords = {name: each for name, each in keywords.items() if name not in ("roles", "sigma")}
+            return catalogue.read_scalars(source, number.strip(), error.strip() or None, **keywords)
         if not reading.in_parts(self.options):
             field = catalogue.read_field(source, **keywords)
             self._check_unchanged()
