@@ -18,7 +18,7 @@ from fit.resample import bootstrap, compare_blocks, jackknife
 from fit.results.quality import ERRORS_TOO_SMALL
 from fit.results.solution import AboutSolution, Solution
 from fit.robust import ExcessNoise, ReweightedFit, TailsError, clip, excess_noise, student_t
-from vsh.field import Field
+from vsh.field import Field, SourcesWithErrors
 from vsh.io.catalogue import as_field
 from vsh.io.parts import Parts, apply_step, as_parts, median, sample_of
 from vsh.modes import Modes
@@ -138,8 +138,9 @@ def recommended(field: Any, lmax: int | None = None) -> Recommended:
 
     Parameters
     ----------
-    field : Field, Parts, path or table
-        The sources; a path or a table is read by `vsh.read_field`.
+    field : Field, ScalarField, Parts, path or table
+        The sources; a path or a table is read by `vsh.read_field`. Of a scalar field, parallaxes say, the result is the
+        mean and the dipole.
     lmax : int, optional
         The highest degree; 5 unless given. It is lowered, with a note, if there are too few sources, or if they cover
         too little of the sky to separate the modes. Below degree 3 there is no floor.
@@ -166,7 +167,7 @@ def recommended(field: Any, lmax: int | None = None) -> Recommended:
     >>> result.solution.modes.lmax, result.floor is not None
     (5, True)
     """
-    counts, w, w2 = as_parts(field).sum(_sum_weights, roles=())
+    counts, w, w2 = as_parts(field, SourcesWithErrors).sum(_sum_weights, roles=())
     n_sources = int(counts)
     max_degree = _DEGREE if lmax is None else arguments.whole("lmax", lmax)
     degree, reason = degree_for(max(n_sources, _FEWEST), max_degree), f"{n_sources} sources do not bear more"
@@ -185,7 +186,7 @@ def recommended(field: Any, lmax: int | None = None) -> Recommended:
     systematic = _floor(plain)
     if systematic is None:
         return Recommended(replace(plain, is_recommended=True), plain, weights)
-    solution = solve(equations_of(plain), floor=systematic)
+    solution = solve(equations_of(plain, scalars=True), floor=systematic)
     formal = plain.covariance if plain.formal_covariance is None else plain.formal_covariance
     return Recommended(replace(solution, formal_covariance=formal, is_recommended=True), plain, weights)
 
@@ -210,7 +211,9 @@ def _fit_robustly(field, degree, n_sources, by_many):
         if n_sources <= _LARGE:
             fits = _fit_halving_noise(field, degree)
         else:  # which noise it is, a sample tells
-            tried = _fit_halving_noise(sample_of(as_parts(field), _LARGE // 5, n_sources), min(degree, _DEGREE))
+            tried = _fit_halving_noise(
+                sample_of(as_parts(field, SourcesWithErrors), _LARGE // 5, n_sources), min(degree, _DEGREE)
+            )
             noises = [each.noise for each in tried[-1:]]
             fits = [student_t(field, degree, tolerance=tolerance, max_rounds=_ROUNDS, noise=noise) for noise in noises]
     if not fits:
@@ -220,8 +223,9 @@ def _fit_robustly(field, degree, n_sources, by_many):
     best = fits[-1]
     solution = best.solution
     if best.noise:
-        text = "an excess noise of {:.4g} µas/yr, by the residuals, was added in quadrature to every error"
-        note = CodedNote(text.format(best.noise), ERRORS_TOO_SMALL)
+        size = f"{best.noise:.4g} {solution.unit}".rstrip()
+        text = f"an excess noise of {size}, by the residuals, was added in quadrature to every error"
+        note = CodedNote(text, ERRORS_TOO_SMALL)
         solution = replace(solution, notes=(*solution.notes, note))
     return best, solution
 
@@ -229,8 +233,8 @@ def _fit_robustly(field, degree, n_sources, by_many):
 def _fit_halving_noise(field, degree):
     """Fits with an excess noise, halved while that makes them likelier by more than it must; the last is the best."""
     fits: list[ReweightedFit] = []
-    limit = _TYPICAL * median(as_parts(field), _motion_sizes, "noise")
-    noise = excess_noise(apply_step(field, partial(_select_small_motions, limit=limit)), degree).excess_noise
+    limit = _TYPICAL * median(as_parts(field, SourcesWithErrors), _sizes, "noise")
+    noise = excess_noise(apply_step(field, partial(_select_small, limit=limit)), degree).excess_noise
     for _ in range(_HALVINGS):
         with suppress(ConvergenceError, DegeneracyError):
             smaller = student_t(field, degree, noise=noise, max_rounds=_ROUNDS)
@@ -243,14 +247,14 @@ def _fit_halving_noise(field, degree):
     return fits
 
 
-def _motion_sizes(field):
-    """The size of each motion."""
-    return np.hypot(*field.motion)
+def _sizes(field):
+    """The size of each motion, or number."""
+    return np.linalg.norm(field.data, axis=0)
 
 
-def _select_small_motions(field, limit):
+def _select_small(field, limit):
     """The sources whose motion is not larger than a limit."""
-    return field[_motion_sizes(field) <= limit]
+    return field[_sizes(field) <= limit]
 
 
 def _sum_weights(field):
@@ -267,7 +271,7 @@ def _floor(solution):
         systematic = floor(solution)
     except VshError:
         return None
-    return systematic if np.isfinite([*systematic.odd_interval, *systematic.even_interval]).all() else None
+    return systematic if np.isfinite(list(systematic.powers.values())).all() else None
 
 
 #: The degree of every estimator but the recommended one, which chooses its own.

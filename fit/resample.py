@@ -18,12 +18,13 @@ from scipy.special import gammaincc, stdtrit
 
 from fit.normal import Moments, NormalEquations, normal_equations, solve
 from fit.normal.sums import leverage, score_dof
+from fit.results.output import vectors_of
 from fit.results.quality import ErrorSource
 from fit.results.solution import AboutSolution, Solution
 from vsh.basis import harmonics
 from vsh.field import Field, SourcesWithErrors, multiply_weights
 from vsh.io.parts import Parts, as_parts
-from vsh.modes import Modes, as_modes
+from vsh.modes import Modes
 from vsh.scalars import ScalarField, modes_for
 from vsh.sky.pixels import pixels_of
 from vsh.tools import arguments
@@ -351,9 +352,13 @@ class BlockErrors(NamedTuple):
     resampled: ResampledFit
 
 
-@arguments.accepts(field=arguments.a(Field, Parts))
+@arguments.accepts(field=arguments.a(Field, ScalarField, Parts))
 def compare_blocks(
-    field: Field | Parts, modes: Modes | int, *, nsides: Sequence[int] = (8, 4, 2, 1), progress: bool = True
+    field: Field | ScalarField | Parts,
+    modes: Modes | int,
+    *,
+    nsides: Sequence[int] = (8, 4, 2, 1),
+    progress: bool = True,
 ) -> tuple[list[BlockErrors], BlockErrors, str]:
     """Compare jackknife errors for several block sizes, to find which blocks are large enough.
 
@@ -362,7 +367,7 @@ def compare_blocks(
 
     Parameters
     ----------
-    field : Field or Parts
+    field : Field, ScalarField or Parts
         The sources.
     modes : Modes, or the degree lmax
         What to fit.
@@ -386,10 +391,10 @@ def compare_blocks(
     DegeneracyError
         If no size can be used.
     """
-    modes = as_modes(modes)
+    modes = modes_for(field, modes)
     min_blocks, rows, failure = BLOCKS_PER_COEFFICIENT * len(modes), [], None
     for nside in nsides:
-        blocks = len(as_parts(field).sum(partial(_pixels, nside=nside), roles=(), words="blocks"))
+        blocks = len(as_parts(field, SourcesWithErrors).sum(partial(_pixels, nside=nside), roles=(), words="blocks"))
         if blocks < min_blocks:
             failure = DegeneracyError(
                 f"{blocks} blocks of nside {nside} are too few for {len(modes)} coefficients; "
@@ -412,9 +417,9 @@ def _pixels(field, nside):
 
 
 def _block_errors(growth, nside):
-    formal = np.concatenate([growth.solution.spin.sigma, growth.solution.acceleration.sigma])
+    formal = np.concatenate([vector.sigma for vector in vectors_of(growth.solution).values()])
     # Without the factor of few replicates, which grows with the blocks by itself.
-    variances = np.concatenate([np.diag(vector.covariance) for vector in (growth.spin, growth.acceleration)])
+    variances = np.concatenate([np.diag(vector.covariance) for vector in vectors_of(growth.quoted).values()])
     errors = np.sqrt(variances)
     blocks = len(growth.replicates)
     ratio = float(np.sqrt(np.mean((errors / formal) ** 2)))

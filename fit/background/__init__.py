@@ -7,7 +7,7 @@ normal equations, with whatever else is fitted marginalised.
 from typing import TYPE_CHECKING
 
 from fit.background._amplitude import Amplitude
-from fit.background._floor import SHAPES, Floor, floor
+from fit.background._floor import SCALAR_SHAPES, SHAPES, Floor, ScalarFloor, floor
 from fit.background._likelihood import Amplitudes, equations_of
 from fit.normal import Template
 from vsh.models.covariance import Spectrum
@@ -32,6 +32,7 @@ __all__ = [
     "ClassComparison",
     "CrossPowers",
     "Floor",
+    "ScalarFloor",
     "Template",
     "Verdict",
     "WaveLimit",

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from scipy.special import softmax
@@ -10,7 +10,6 @@ from scipy.special import softmax
 from fit.background._amplitude import posteriors
 from fit.background._likelihood import (
     Likelihood,
-    coefficient_indices,
     degrees_text,
     equations_of,
     error_source_of,
@@ -19,12 +18,13 @@ from fit.background._likelihood import (
     should_fit_scale,
 )
 from fit.normal import NormalEquations, gaussian_prior
+from fit.results.output import square_of
 from fit.results.quality import ErrorSource
 from fit.results.solution import HarmonicSolution
 from fit.results.storage import Result
 from vsh.io import tables
 from vsh.io.sections import Section
-from vsh.models.covariance import LINDEGREN_2021, Spectrum
+from vsh.models.covariance import LINDEGREN_2021, LINDEGREN_2021_PARALLAX, ScalarSpectrum, Spectrum
 from vsh.modes import Modes
 from vsh.tools.errors import DegeneracyError, ModesError, ParameterError
 from vsh.tools.printing import log_calls
@@ -32,13 +32,14 @@ from vsh.tools.types import ArrayLike, Axes, FloatArray, Table
 
 #: Spectra of the systematic errors by name: one power for each mode, what Gaia EDR3's astrometry was published with
 #: (Lindegren et al. 2021), and l⁻², which rises towards degree 1 more steeply than either.
-SHAPES = {
-    "flat": Spectrum.flat(),
-    "gaia": Spectrum.from_covariance(LINDEGREN_2021, "Gaia's, Lindegren et al. 2021"),
-    "steep": Spectrum(
-        "l⁻² for each mode", lambda lmax: np.stack([(2 * l + 1) / l**2 for l in [np.arange(1.0, lmax + 1)] * 2])
-    ),
-}
+SHAPES, SCALAR_SHAPES = (
+    {
+        "flat": kind.flat(),
+        "gaia": kind.from_covariance(published, "Gaia's, Lindegren et al. 2021"),
+        "steep": kind.of_modes(lambda l: np.maximum(l, 1.0) ** -2, "l⁻² for each mode"),
+    }
+    for kind, published in ((Spectrum, LINDEGREN_2021), (ScalarSpectrum, LINDEGREN_2021_PARALLAX))
+)
 
 
 #: Prior odds of the spectra. Both published spectra of Gaia's astrometry rise towards low degrees, and with odds of 3
@@ -62,7 +63,214 @@ def shape_probabilities(names: Sequence[str], log_evidence: ArrayLike) -> FloatA
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
-class Floor(Result):
+class FloorOfKind(Result):
+    """Base of the floors of vector and of scalar fields: an average over spectra, and what it does to a fit."""
+
+    degrees: tuple[int, ...]
+    noise_scale: float
+    log_likelihood: float
+    n_data: int
+    errors_from: str = "the catalogue"
+    shape: str = "flat"
+    mean: tuple[float, ...] | None = None
+    parts: tuple[Any, ...] = ()
+    probability: tuple[float, ...] = ()
+    error_source: ErrorSource = ErrorSource.CATALOGUE
+    unit: str = "µas/yr"
+
+    #: What of the low degrees has an error by the floor, and the fields with the powers, and with their intervals.
+    _parameters: ClassVar[tuple[str, str]]
+    _powers: ClassVar[tuple[str, ...]]
+    _shapes: ClassVar[dict[str, Any]]
+    _remark: ClassVar[str] = ""
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__}: {self._words()}, from degrees {degrees_text(self.degrees)}>"
+
+    @property
+    def errors(self) -> dict[str, float]:
+        """The floor in each component of what stands in the low degrees, by its name. [`unit`]"""
+        return {
+            name: self._mixed_error([getattr(each._mean_power_spectrum, f"{name}_error") for each in self._by_shape])
+            for name in self._parameters
+        }
+
+    @property
+    def powers(self) -> dict[str, tuple[float, float, float]]:
+        """Power of each mode with the ends of its 68 % interval, by parity. [`unit`²]"""
+        return {name: (getattr(self, name), *getattr(self, f"{name}_interval")) for name in self._powers}
+
+    @property
+    def spectrum(self) -> Any:
+        """Estimated spectrum with the median powers, for `sim.systematics`; of several shapes the most probable."""
+        if self.parts:
+            return self.parts[int(np.argmax(self.probability))].spectrum
+        return self._spectrum_of(*(value for value, *_ in self.powers.values()))
+
+    def _spectrum_of(self, *powers):
+        """The spectrum with some powers, in the shape of this floor."""
+        raise NotImplementedError
+
+    @property
+    def _mean_power_spectrum(self):
+        return self._spectrum_of(*self.mean) if self.mean else self.spectrum
+
+    @property
+    def _by_shape(self):
+        return self.parts or (self,)
+
+    def _words(self, digits=3):
+        """The errors as a reader sees them: "spin ± 1.23, acceleration ± 0.8 µas/yr"."""
+        errors = ", ".join(f"{name} ± {error:.{digits}g}" for name, error in self.errors.items())
+        return f"{errors} {self.unit}".rstrip()
+
+    def _mixed_error(self, errors):
+        """The error of a mixture: its variance is the mean of those of the shapes."""
+        return float(np.sqrt(np.dot(self.probability or (1.0,), np.square(errors))))
+
+    def _sections(self, long):
+        n_sources = self.n_data // self._shapes["flat"].mode_class.components
+        gain = f"ln L exceeds that without systematic errors by {self.log_likelihood:.2f}"
+        facts = [("estimated from", f"the power of degrees {degrees_text(self.degrees)} of {n_sources} sources")]
+        facts.append(self._fact(gain))
+        facts += [
+            (f"spectrum {each.shape}", f"{100 * p:.0f} %: {each._words()}")
+            for each, p in zip(self.parts, self.probability, strict=True)
+        ]
+        if self.noise_scale != 1:
+            facts.append(("errors", f"the catalogue's, scaled by {self.noise_scale:.4f} in the same fit"))
+        remark = (
+            f"The powers (median, ends of the 68 % interval) are those of the {self.shape} spectrum; the floor is the "
+            "posterior mean, averaged over all spectra with their probabilities as weights."
+            if self.parts
+            else self._remark
+        )
+        return (Section("Systematic floor", facts, self.to_table(), remarks=[remark]),)
+
+    def _fact(self, gain):
+        """What the report tells of the likelihood."""
+        return ("likelihood", gain)
+
+    def to_table(self) -> Table:
+        """A row for each power as an astropy Table."""
+        numbers = list(self.powers.values()) * (len(self.errors) // len(self.powers))
+        columns: dict[str, Any] = {"parameter": list(self.errors)}
+        columns |= dict(zip(("power", "power_low", "power_high"), map(list, zip(*numbers, strict=True)), strict=True))
+        columns["floor"] = list(self.errors.values())
+        unit = self.unit.replace("µ", "u")
+        units = dict.fromkeys(("power", "power_low", "power_high"), square_of(unit)) | {"floor": unit}
+        return tables.table_of(columns, self._meta(), units if unit else {})
+
+    def _meta(self):
+        return {}
+
+    def plot(self, *, ax: Axes | None = None) -> Axes:
+        """The powers with their intervals on matplotlib axes."""
+        from fit.background._plot import plot_floor
+
+        return plot_floor(self, ax=ax)
+
+    def prior(self, modes: Modes) -> NormalEquations:
+        """The prior on the degrees that it was estimated from, among `modes`, as normal equations without data.
+
+        Raises
+        ------
+        ModesError
+            If it was estimated from degrees that are not fitted.
+        """
+        if max(self.degrees) > modes.lmax:
+            raise ModesError(
+                f"the floor was estimated from degrees {degrees_text(self.degrees)}, and these normal equations go to "
+                f"{modes.lmax}"
+            )
+        variances = self.spectrum.variances(modes)
+        variances[~np.isin(modes.degrees, self.degrees)] = np.inf
+        return gaussian_prior(modes, np.sqrt(variances))
+
+    def added(self, modes: Modes) -> FloatArray:
+        """Addition to the variances of the coefficients of low degrees among `modes`, zero for the others, (p,)."""
+        raise NotImplementedError
+
+    def allowed_for(self, solve: Callable[[NormalEquations], Any], normal: NormalEquations) -> Any:
+        """The solution with this prior on the higher degrees, and with the floor in the errors of degree 1.
+
+        Parameters
+        ----------
+        solve : function
+            From normal equations to their solution.
+        normal : NormalEquations
+            Normal equations of the data.
+        """
+        if self.parts:
+            return self._average_over_shapes(solve, normal)
+        modes, tau = normal.modes, self.noise_scale**2
+        data = equations_of(normal, scalars=True)
+        scaled_data = replace(data, matrix=data.matrix / tau, rhs=data.rhs / tau, chi2_null=data.chi2_null / tau)
+        prior = self.prior(modes) if normal.prior is None else self.prior(modes) + normal.prior
+        solution = solve(scaled_data + prior)
+        covariance = solution.covariance + np.diag(self.added(modes))
+        note = (
+            f"the floor is a prior that shrinks the coefficients of degrees {degrees_text(self.degrees)}; their powers "
+            "and p-values are from the fit without it"
+        )
+        try:
+            plain = solve(normal)
+            formal = plain.covariance
+            plain = replace(plain, covariance=plain.covariance * tau)
+        except DegeneracyError:  # that the prior alone mends
+            plain = formal = None
+        scale = "" if self.noise_scale == 1 else f" times {self.noise_scale:.4g}"
+        return replace(
+            solution,
+            covariance=covariance,
+            chi2=solution.chi2 * tau,
+            without_prior=plain,
+            formal_covariance=formal,
+            notes=(*solution.notes, note),
+            errors_from=(
+                f"{self.errors_from}{scale}, with the systematic floor from degrees {degrees_text(self.degrees)}: "
+                f"{self._words()} in each component"
+            ),
+            error_source=self._source,
+            includes_floor=True,
+            floor=self,
+        )
+
+    def _average_over_shapes(self, solve, normal):
+        """The mean over the shapes, its covariance with their scatter."""
+        solutions = [shape_floor.allowed_for(solve, normal) for shape_floor in self.parts]
+        weights = np.array(self.probability)
+        values = np.array([solution.coefficients.values for solution in solutions])
+        mean = weights @ values
+        deviations = values - mean
+        covariance = np.tensordot(weights, [solution.covariance for solution in solutions], 1)
+        covariance = covariance + np.einsum("s,si,sj->ij", weights, deviations, deviations)
+        best_solution = solutions[int(np.argmax(weights))]
+        text = ", ".join(
+            f"{shape_floor.shape} {100 * p:.0f} %" for shape_floor, p in zip(self.parts, weights, strict=True)
+        )
+        scale = "" if self.noise_scale == 1 else f" times {self.noise_scale:.4g}"
+        return replace(
+            best_solution,
+            coefficients=replace(best_solution.coefficients, values=mean),
+            covariance=covariance,
+            errors_from=(
+                f"{self.errors_from}{scale}, with the systematic floor from degrees {degrees_text(self.degrees)} "
+                f"(spectra: {text}): {self._words()} in each component"
+            ),
+            error_source=self._source,
+            includes_floor=True,
+            floor=self,
+        )
+
+    @property
+    def _source(self):
+        """Source of errors with this floor: those of the catalogue are scaled already."""
+        return ErrorSource.SCALED if self.error_source == ErrorSource.CATALOGUE else self.error_source
+
+
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class Floor(FloorOfKind):
     """Systematic floor: the power of the higher degrees, and the error that it implies for degree 1.
 
     Attributes
@@ -95,6 +303,8 @@ class Floor(Result):
         are those of the first then, and what is implied for degree 1 is the mean over all.
     error_source : ErrorSource
         Where those errors come from, as one of a few.
+    unit : str
+        That of the errors.
     """
 
     odd: float
@@ -102,34 +312,24 @@ class Floor(Result):
     odd_interval: tuple[float, float]
     even_interval: tuple[float, float]
     parity_p_value: float
-    degrees: tuple[int, ...]
-    noise_scale: float
-    log_likelihood: float
-    n_data: int
-    errors_from: str = "the catalogue"
-    shape: str = "flat"
-    mean: tuple[float, float] | None = None
-    parts: tuple["Floor", ...] = ()
-    probability: tuple[float, ...] = ()
-    error_source: ErrorSource = ErrorSource.CATALOGUE
 
-    def __repr__(self) -> str:
-        return (
-            f"<Floor: spin ± {self.spin_error:.3g}, acceleration ± {self.acceleration_error:.3g} µas/yr, from degrees "
-            f"{degrees_text(self.degrees)}>"
-        )
+    _parameters = ("spin", "acceleration")
+    _powers = ("odd", "even")
+    _shapes = SHAPES
+    _remark = (
+        "A spectrum that rises towards degree 1, as the published one of Gaia EDR3 does, makes the floor too small: "
+        "true errors are then 1.2, 1.5, 1.8 times those with the floor from degree 3, 7, 10."
+    )
 
     @property
     def spin_error(self) -> float:
         """Floor of the spin in each component, for one shape √(3 s/8π). [µas/yr]"""
-        return self._mixed_error([shape_floor._mean_power_spectrum.spin_error for shape_floor in self._floors_by_shape])
+        return self.errors["spin"]
 
     @property
     def acceleration_error(self) -> float:
         """Floor of the acceleration in each component, for one shape √(3 s/8π). [µas/yr]"""
-        return self._mixed_error(
-            [shape_floor._mean_power_spectrum.acceleration_error for shape_floor in self._floors_by_shape]
-        )
+        return self.errors["acceleration"]
 
     @property
     def spin_interval(self) -> tuple[float, float]:
@@ -142,97 +342,30 @@ class Floor(Result):
         return self._interval("even", "acceleration_error")
 
     @property
-    def spectrum(self) -> Spectrum:
-        """Estimated spectrum with the median powers, for `sim.systematics`; of several shapes the most probable."""
-        if self.parts:
-            return self.parts[int(np.argmax(self.probability))].spectrum
-        return self._spectrum_of(self.odd, self.even)
-
-    def _spectrum_of(self, odd, even):
-        shape = SHAPES[self.shape]
-        return odd * shape.only("odd") + even * shape.only("even")
-
-    @property
-    def _mean_power_spectrum(self):
-        return self._spectrum_of(*(self.mean or (self.odd, self.even)))
-
-    @property
-    def _floors_by_shape(self):
-        return self.parts or (self,)
-
-    def _mixed_error(self, errors):
-        """The error of a mixture: its variance is the mean of those of the shapes."""
-        return float(np.sqrt(np.dot(self.probability or (1.0,), np.square(errors))))
+    def bands(self) -> list[tuple[str, int, float, float]]:
+        """The likeliest 68 % of the power of degree 1 of either kind: kind, degree, and both ends. [(µas/yr)²]"""
+        # Power of a vector v is 8π v²/3, of three components.
+        pairs = (("T", self.spin_interval), ("S", self.acceleration_interval))
+        return [(kind, 1, *(8 * np.pi * np.square(interval)).tolist()) for kind, interval in pairs]
 
     def _interval(self, parity, error):
         """Ends of the 68 % intervals of the shapes, as degree 1 has them, averaged by probability."""
         ends = []
-        for shape_floor in self._floors_by_shape:
+        for shape_floor in self._by_shape:
             unit = getattr(shape_floor._spectrum_of(1.0, 1.0), error)
             ends.append([unit * np.sqrt(end) for end in getattr(shape_floor, f"{parity}_interval")])
         lower, upper = np.asarray(self.probability or (1.0,)) @ np.array(ends)
         return float(lower), float(upper)
 
-    def _sections(self, long):
-        facts = [
-            ("estimated from", f"the power of degrees {degrees_text(self.degrees)} of {self.n_data // 2} sources"),
-            (
-                "parities",
-                (
-                    f"p = {self.parity_p_value:.3g} that both parities have equal power (ln L "
-                    f"exceeds that without systematic errors by {self.log_likelihood:.2f})"
-                ),
-            ),
-        ]
-        for shape_floor, p in zip(self.parts, self.probability, strict=True) if self.parts else ():
-            errors = f"spin ± {shape_floor.spin_error:.3g}, acceleration ± {shape_floor.acceleration_error:.3g} µas/yr"
-            facts.append((f"spectrum {shape_floor.shape}", f"{100 * p:.0f} %: {errors}"))
-        if self.noise_scale != 1:
-            facts.append(("errors", f"the catalogue's, scaled by {self.noise_scale:.4f} in the same fit"))
-        remark = (
-            f"The powers (median, ends of the 68 % interval) are those of the {self.shape} spectrum; the floor is the "
-            "posterior mean, averaged over all spectra with their probabilities as weights."
-            if self.parts
-            else "A spectrum that rises towards degree 1, as the published one of Gaia EDR3 does, makes the floor too "
-            "small: true errors are then 1.2, 1.5, 1.8 times those with the floor from degree 3, 7, 10."
-        )
-        return (Section("Systematic floor", facts, self.to_table(), remarks=[remark]),)
+    def _spectrum_of(self, odd, even):
+        shape = SHAPES[self.shape]
+        return odd * shape.only("odd") + even * shape.only("even")
 
-    def to_table(self) -> Table:
-        """A row for each parity as an astropy Table."""
-        rows = self._rows()
-        columns: dict[str, Any] = {
-            "parameter": [row[0] for row in rows],
-            "power": [row[1] for row in rows],
-            "power_low": [row[2][0] for row in rows],
-            "power_high": [row[2][1] for row in rows],
-            "floor": [row[3] for row in rows],
-        }
-        units = dict.fromkeys(("power", "power_low", "power_high"), "uas2 / yr2") | {"floor": "uas / yr"}
-        return tables.table_of(columns, {"parity_p_value": self.parity_p_value}, units)
+    def _fact(self, gain):
+        return ("parities", f"p = {self.parity_p_value:.3g} that both parities have equal power ({gain})")
 
-    def plot(self, *, ax: Axes | None = None) -> Axes:
-        """The two powers with their intervals on matplotlib axes."""
-        from fit.background._plot import plot_floor
-
-        return plot_floor(self, ax=ax)
-
-    def prior(self, modes: Modes) -> NormalEquations:
-        """The prior on the degrees that it was estimated from, among `modes`, as normal equations without data.
-
-        Raises
-        ------
-        ModesError
-            If it was estimated from degrees that are not fitted.
-        """
-        if max(self.degrees) > modes.lmax:
-            raise ModesError(
-                f"the floor was estimated from degrees {degrees_text(self.degrees)}, and these normal equations go to "
-                f"{modes.lmax}"
-            )
-        variances = self.spectrum.variances(modes)
-        variances[~np.isin(modes.degrees, self.degrees)] = np.inf
-        return gaussian_prior(modes, np.sqrt(variances))
+    def _meta(self):
+        return {"parity_p_value": self.parity_p_value}
 
     def added(self, modes: Modes) -> FloatArray:
         """Addition to the variances of the coefficients of degree 1 among `modes`, zero for the others, (p,)."""
@@ -240,91 +373,55 @@ class Floor(Result):
         spin, glide = self.spin_error / odd.spin_error, self.acceleration_error / even.acceleration_error
         return np.where(modes.degrees == 1, (spin**2 * odd + glide**2 * even).variances(modes), 0.0)
 
-    def allowed_for(self, solve: Callable[[NormalEquations], Any], normal: NormalEquations) -> Any:
-        """The solution with this prior on the higher degrees, and with the floor in the errors of degree 1.
 
-        Parameters
-        ----------
-        solve : function
-            From normal equations to their solution.
-        normal : NormalEquations
-            Normal equations of the data.
-        """
-        if self.parts:
-            return self._average_over_shapes(solve, normal)
-        modes, tau = normal.modes, self.noise_scale**2
-        data = equations_of(normal)
-        scaled_data = replace(data, matrix=data.matrix / tau, rhs=data.rhs / tau, chi2_null=data.chi2_null / tau)
-        prior = self.prior(modes) if normal.prior is None else self.prior(modes) + normal.prior
-        solution = solve(scaled_data + prior)
-        covariance = np.array(solution.covariance)
-        indices = coefficient_indices(modes, (1,))
-        covariance[indices, indices] += self.added(modes)[indices]
-        note = (
-            f"the floor is a prior that shrinks the coefficients of degrees {degrees_text(self.degrees)}; their powers "
-            "and p-values are from the fit without it"
-        )
-        try:
-            plain = solve(normal)
-            formal = plain.covariance
-            plain = replace(plain, covariance=plain.covariance * tau)
-        except DegeneracyError:  # that the prior alone mends
-            plain = formal = None
-        scale = "" if self.noise_scale == 1 else f" times {self.noise_scale:.4g}"
-        return replace(
-            solution,
-            covariance=covariance,
-            chi2=solution.chi2 * tau,
-            without_prior=plain,
-            formal_covariance=formal,
-            notes=(*solution.notes, note),
-            errors_from=(
-                f"{self.errors_from}{scale}, with the systematic floor from degrees {degrees_text(self.degrees)}: spin "
-                f"± {self.spin_error:.3g}, acceleration ± {self.acceleration_error:.3g} µas/yr in each component"
-            ),
-            error_source=self._source,
-            includes_floor=True,
-            floor=self,
-        )
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class ScalarFloor(FloorOfKind):
+    """Systematic floor of a scalar field, parallaxes say: the errors that it implies for the mean and the dipole.
 
-    def _average_over_shapes(self, solve, normal):
-        """The mean over the shapes, its covariance with their scatter."""
-        solutions = [shape_floor.allowed_for(solve, normal) for shape_floor in self.parts]
-        weights = np.array(self.probability)
-        values = np.array([solution.coefficients.values for solution in solutions])
-        mean = weights @ values
-        deviations = values - mean
-        covariance = np.tensordot(weights, [solution.covariance for solution in solutions], 1)
-        covariance = covariance + np.einsum("s,si,sj->ij", weights, deviations, deviations)
-        best_solution = solutions[int(np.argmax(weights))]
-        text = ", ".join(
-            f"{shape_floor.shape} {100 * p:.0f} %" for shape_floor, p in zip(self.parts, weights, strict=True)
-        )
-        scale = "" if self.noise_scale == 1 else f" times {self.noise_scale:.4g}"
-        return replace(
-            best_solution,
-            coefficients=replace(best_solution.coefficients, values=mean),
-            covariance=covariance,
-            errors_from=(
-                f"{self.errors_from}{scale}, with the systematic floor from degrees {degrees_text(self.degrees)} "
-                f"(spectra: {text}): spin ± {self.spin_error:.3g}, acceleration ± {self.acceleration_error:.3g} "
-                "µas/yr in each component"
-            ),
-            error_source=self._source,
-            includes_floor=True,
-            floor=self,
-        )
+    Attributes
+    ----------
+    power : float
+        Power of each mode: the median of its posterior. [`unit`²]
+    power_interval : tuple of two floats
+        68 % interval.
+    mean : tuple of a float, or None
+        Posterior mean of the power for each part of an average over shapes; None for a single shape.
+    degrees, noise_scale, log_likelihood, n_data, errors_from, shape, parts, probability, error_source, unit
+        As in `Floor`.
+    """
+
+    power: float
+    power_interval: tuple[float, float]
+
+    _parameters = ("dipole", "mean")
+    _powers = ("power",)
+    _shapes = SCALAR_SHAPES
 
     @property
-    def _source(self):
-        """Source of errors with this floor: those of the catalogue are scaled already."""
-        return ErrorSource.SCALED if self.error_source == ErrorSource.CATALOGUE else self.error_source
+    def mean_error(self) -> float:
+        """Floor of the mean over the sky. [`unit`]"""
+        return self.errors["mean"]
 
-    def _rows(self):
-        return [
-            ("spin", self.odd, self.odd_interval, self.spin_error),
-            ("acceleration", self.even, self.even_interval, self.acceleration_error),
-        ]
+    @property
+    def dipole_error(self) -> float:
+        """Floor of the dipole in each component. [`unit`]"""
+        return self.errors["dipole"]
+
+    @property
+    def bands(self) -> list[tuple[str, int, float, float]]:
+        """The likeliest 68 % of the power of degrees 0 and 1: kind, degree, and both ends. [`unit`²]"""
+        powers = [np.outer(each.power_interval, SCALAR_SHAPES[each.shape].power(1)[0]) for each in self._by_shape]
+        ends = np.tensordot(self.probability or (1.0,), powers, 1)
+        return [("F", l, float(ends[0, l]), float(ends[1, l])) for l in (0, 1)]
+
+    def _spectrum_of(self, power):
+        return power * SCALAR_SHAPES[self.shape]
+
+    def added(self, modes: Modes) -> FloatArray:
+        """Addition to the variances of the coefficients of degrees 0 and 1 among `modes`, zero for others, (p,)."""
+        flat = ScalarSpectrum.flat()
+        mean, dipole = self.mean_error / flat.mean_error, self.dipole_error / flat.dipole_error
+        return np.select([modes.degrees == 0, modes.degrees == 1], [mean**2, dipole**2 / modes.norm2], 0.0)
 
 
 @log_calls("floor")
@@ -334,7 +431,7 @@ def floor(
     *,
     shapes: Iterable[str] | None = None,
     noise_scale: bool | None = None,
-) -> Floor:
+) -> Any:
     """Estimate systematic errors from the power of the higher degrees, and what they do to degree 1.
 
     Systematics are taken as a Gaussian field with one power for each mode of either parity: T of odd and S of even
@@ -357,6 +454,11 @@ def floor(
         Estimate a factor on the catalogue's errors along with the powers: otherwise errors that are too small are
         mistaken for systematic errors. Default: yes for normal equations and for solutions with the catalogue's errors,
         no for all others (errors scaled, or from residuals or replicates).
+
+    Returns
+    -------
+    Floor or ScalarFloor
+        A ScalarFloor of a scalar field: one power of all modes, and the errors of the mean and of the dipole.
 
     Raises
     ------
@@ -393,22 +495,26 @@ def floor(
     >>> solve(normal, floor=floor(normal)).n_data
     1000
     """
-    equations = equations_of(normal)
+    equations = equations_of(normal, scalars=True)
     modes = equations.modes
+    kind = ScalarFloor if modes.components == 1 else Floor
     if equations.templates:
         raise ParameterError("fit.background.shared([normal]) gives the floor beside templates; this one knows none")
     if degrees is None and modes.lmax < 2:
         raise ModesError("a floor is estimated from degrees 2 and higher: fit to degree 3 at least")
     degrees = fitted_degrees(modes, range(2, modes.lmax + 1) if degrees is None else degrees)
-    if degrees[0] == 1:
-        raise ModesError("degree 1 holds the spin and the acceleration: a floor is estimated from higher degrees")
+    if degrees[0] < 2:
+        raise ModesError(
+            f"degree {degrees[0]} holds the {' and the '.join(kind._parameters)}: a floor is estimated from degrees "
+            "above 1"
+        )
     shape_names = [shapes] if isinstance(shapes, str) else list(usual_shapes(degrees[-1]) if shapes is None else shapes)
     if not shape_names or not all(isinstance(shape, str) and shape in SHAPES for shape in shape_names):
         raise ParameterError(f"shapes of the spectrum are {', '.join(map(repr, SHAPES))}, not {shapes!r}")
-    free_degrees = tuple(l for l in range(1, modes.lmax + 1) if l not in degrees)
+    free_degrees = tuple(l for l in range(modes.lowest, modes.lmax + 1) if l not in degrees)
     fit_scale = should_fit_scale(normal, noise_scale)
     estimates = [
-        _estimate_for_shape(shape, equations, degrees, free_degrees, fit_scale, error_source_of(normal))
+        _estimate_for_shape(kind, shape, equations, degrees, free_degrees, fit_scale, error_source_of(normal))
         for shape in shape_names
     ]
     if len(estimates) == 1:
@@ -422,34 +528,29 @@ def floor(
     )
 
 
-def _estimate_for_shape(name, equations, degrees, free_degrees, fit_scale, errors):
+def _estimate_for_shape(kind, name, equations, degrees, free_degrees, fit_scale, errors):
     """The floor for one shape of the spectrum, and ln of its evidence."""
-    likelihood, common = _likelihood(equations, degrees, free_degrees, fit_scale, SHAPES[name])
+    shape = kind._shapes[name]
+    spectra = [shape.only("odd"), shape.only("even")] if kind is Floor else [shape]
+    likelihood = Likelihood(equations, spectra, degrees, free_degrees, fit_scale)
     best = likelihood.maximum()
     amplitudes, evidence = posteriors(likelihood, best)
-    odd, even = (amplitude.quantile(0.5, "root") for amplitude in amplitudes)
-    intervals = [amplitude.interval(0.68, "root") for amplitude in amplitudes]
-    of_odd, of_even = (amplitude.mean("root") for amplitude in amplitudes)
-    estimate = Floor(
-        odd=odd,
-        even=even,
-        odd_interval=intervals[0],
-        even_interval=intervals[1],
-        parity_p_value=parity_p_value(best.log_likelihood, common),
+    powers: dict[str, Any] = {}
+    for power, amplitude in zip(kind._powers, amplitudes, strict=True):
+        powers |= {power: amplitude.quantile(0.5, "root"), f"{power}_interval": amplitude.interval(0.68, "root")}
+    if kind is Floor:  # beside one power for both parities
+        common = Likelihood(equations, [shape], degrees, free_degrees, fit_scale).maximum()
+        powers["parity_p_value"] = parity_p_value(best.log_likelihood, common.log_likelihood)
+    estimate = kind(
+        **powers,
         degrees=degrees,
         noise_scale=best.noise_scale,
         log_likelihood=best.log_likelihood,
         n_data=equations.n_data,
         errors_from=errors[0],
         shape=name,
-        mean=(of_odd, of_even),
+        mean=tuple(amplitude.mean("root") for amplitude in amplitudes),
         error_source=errors[1],
+        unit=equations.unit or "",
     )
     return estimate, evidence
-
-
-def _likelihood(equations, degrees, free_degrees, fit_scale, shape):
-    """ln L of the two powers, and its largest value for one power in both parities."""
-    parity_spectra, common_spectra = [shape.only("odd"), shape.only("even")], [shape]
-    common_maximum = Likelihood(equations, common_spectra, degrees, free_degrees, fit_scale).maximum()
-    return Likelihood(equations, parity_spectra, degrees, free_degrees, fit_scale), common_maximum.log_likelihood

@@ -410,13 +410,13 @@ def _bisect_edge(is_outside, outside, inside):
     return outside
 
 
-def equations_of(source: Any) -> NormalEquations:
+def equations_of(source: Any, scalars: bool = False) -> NormalEquations:
     """Normal equations of data alone: as they are less their prior, or those that a solution is the solution of."""
     source = _underlying_solution(source)
-    if isinstance(source, NormalEquations | HarmonicSolution) and source.modes.components != 2:
+    if not scalars and isinstance(source, NormalEquations | HarmonicSolution) and source.modes.components != 2:
         raise ParameterError(
-            "backgrounds are fields of motions: their spectra have toroidal and spheroidal parts, and a scalar field "
-            "has neither"
+            "this is of fields of motions: their spectra have toroidal and spheroidal parts, and a scalar field has "
+            "neither"
         )
     if isinstance(source, NormalEquations):
         return source if source.prior is None else source - source.prior
@@ -450,8 +450,9 @@ def equations_of(source: Any) -> NormalEquations:
         ) from None
     rhs = matrix @ source.values
     chi2_null = float(source.chi2 + rhs @ source.values)
+    notes = drop_empty_notes(source.notes)
     return NormalEquations(
-        source.modes, matrix, rhs, chi2_null, source.n_data, source.frame, drop_empty_notes(source.notes)
+        source.modes, matrix, rhs, chi2_null, source.n_data, source.frame, notes, unit=source.unit or None
     )
 
 
@@ -474,11 +475,13 @@ def fitted_degrees(modes: Modes, degrees: Any, name: str = "degrees") -> tuple[i
         unique_degrees = sorted({int(degree) for degree in values if int(degree) == degree})
     except (TypeError, ValueError, OverflowError, np.ma.MaskError):
         unique_degrees = []
+    lowest = modes.lowest
     if not unique_degrees or len(unique_degrees) != len(set(values)):
-        raise ModesError(f"{name} must be whole numbers from 1 on, one at least, not {degrees!r}")
-    missing = [l for l in unique_degrees if not 1 <= l <= modes.lmax]
+        raise ModesError(f"{name} must be whole numbers from {lowest} on, one at least, not {degrees!r}")
+    missing = [l for l in unique_degrees if not lowest <= l <= modes.lmax]
     if missing:
-        raise ModesError(f"degree {missing[0]} is not fitted: these normal equations go from degree 1 to {modes.lmax}")
+        text = f"these normal equations go from degree {lowest} to {modes.lmax}"
+        raise ModesError(f"degree {missing[0]} is not fitted: {text}")
     return tuple(unique_degrees)
 
 

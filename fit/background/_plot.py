@@ -43,13 +43,11 @@ def _colour(prior):
 
 @apply_style
 def plot_floor(floor: Any, *, ax: Axes | None = None) -> Axes:
-    """The power of a mode of either parity, with 68 % intervals."""
-    names = [
-        f"odd parity: spin ± {floor.spin_error:.3g} µas/yr",
-        f"even parity: acceleration ± {floor.acceleration_error:.3g} µas/yr",
-    ]
-    intervals, label = [floor.odd_interval, floor.even_interval], "power of a mode  [(µas/yr)²]"
-    return _draw_intervals(names, [floor.odd, floor.even], intervals, [label, label], "median", ax)
+    """The power of a mode of either parity, or of a scalar field, with 68 % intervals."""
+    errors = [f"{name} ± {error:.3g} {floor.unit}" for name, error in floor.errors.items()]
+    names = [f"odd parity: {errors[0]}", f"even parity: {errors[1]}"] if len(floor.powers) == 2 else [", ".join(errors)]
+    values, intervals = zip(*((value, interval) for value, *interval in floor.powers.values()), strict=True)
+    return _draw_intervals(names, values, intervals, [f"power of a mode  [({floor.unit})²]"] * len(names), "median", ax)
 
 
 def _draw_intervals(names, values, intervals, labels, point, ax):
@@ -93,19 +91,19 @@ def plot_shared(classes: Any, *, ax: OnAxes | None = None) -> AxesArray:
     if len(classes) > 1:
         labels, solutions = [*labels, "together"], [*solutions, classes.together()]
     subplots = panels(ax, 1, 2, size=(WIDTH, 1.3 + 0.36 * len(labels)))
-    names = ("spin", "acceleration") if classes.unit == "µas/yr" else ("rotation", "glide")
+    names = {"spin": "rotation", "acceleration": "glide"} if classes.unit == "µas" else {}
     positions, wrapped = np.arange(len(labels)), ["\n".join(textwrap.wrap(label, 24)) for label in labels]
-    for axes, attribute, name in zip(subplots, ("spin", "acceleration"), names, strict=True):
-        vectors = [getattr(solution, attribute) for solution in solutions]
-        for k, axis in enumerate("xyz"):
-            values = [vector.value[k] for vector in vectors]
-            errors = [vector.sigma[k] for vector in vectors]
-            axes.errorbar(
-                values, positions + 0.2 * (k - 1), xerr=errors, fmt="o", markersize=3, color=COLOURS[k], label=axis
-            )
+    for axes, (attribute, _) in zip(subplots, classes.parameters.values(), strict=True):
+        series = {"": [solution.mean for solution in solutions]} if attribute == "mean" else {}
+        vectors = [] if series else [getattr(solution, attribute) for solution in solutions]
+        for k, axis in enumerate("xyz" if vectors else ""):
+            series[axis] = [(vector.value[k], vector.sigma[k]) for vector in vectors]
+        for k, (axis, pairs) in enumerate(series.items()):
+            at, (values, errors) = positions + 0.2 * (k - (len(series) - 1) / 2), zip(*pairs, strict=True)
+            axes.errorbar(values, at, xerr=errors, fmt="o", markersize=3, color=COLOURS[k], label=axis or None)
         axes.axvline(0, color="0.7", linewidth=0.8)
         axes.set_ylim(len(labels) - 0.5, -0.5)
         axes.set_yticks(positions, wrapped if axes is subplots[0] else [""] * len(labels))
-        axes.set_xlabel(f"{name}\n[{classes.unit}]")
-    legend_above(subplots[0], 3)
+        axes.set_xlabel(f"{names.get(attribute, attribute)}\n[{classes.unit}]")
+    legend_above(subplots[-1], 3)
     return subplots

@@ -285,7 +285,7 @@ class SolutionMethods:
         from fit.results.output import vectors_of
 
         formal = vectors_of(self.formal)
-        rows: list[Any] = [
+        rows: list[Any] = self._mean_row() + [
             (f"{name}_{axis}", value, error, formal_error, value - error, value + error)
             for name, vector in vectors_of(self).items()
             for axis, value, error, formal_error in zip(
@@ -296,6 +296,10 @@ class SolutionMethods:
         columns = dict(zip(names, map(np.array, zip(*rows, strict=True)), strict=True))
         unit = self.unit.replace("µ", "u")
         return tables.table_of(columns, {"frame": self.frame}, dict.fromkeys(names[1:], unit) if unit else {})
+
+    def _mean_row(self):
+        """The row of the mean, of a scalar field alone."""
+        return []
 
     def predict(self, lon: ArrayLike | Field, lat: ArrayLike | None = None) -> FloatArray:
         """The fitted motions at places, (2, n): east and north component. [µas/yr]
@@ -643,8 +647,11 @@ class ScalarSolution(Solution):
     @property
     def mean(self) -> tuple[float, float]:
         """The mean over the sky with its error, f_00/√4π; for degree 0 the weighted mean of the sources."""
-        value, variance = self.coefficients.values[0], self.covariance[0, 0]
-        return float(value / np.sqrt(4 * np.pi)), float(np.sqrt(variance / (4 * np.pi)))
+        return float(self.values[0] / np.sqrt(4 * np.pi)), float(self.sigma[0] / np.sqrt(4 * np.pi))
+
+    def _mean_row(self):
+        (value, error), formal = self.mean, float(self.formal.sigma[0] / np.sqrt(4 * np.pi))
+        return [("mean", value, error, formal, value - error, value + error)]
 
     @property
     def dipole(self) -> Vector:

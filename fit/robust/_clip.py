@@ -301,20 +301,27 @@ class ExcessNoise(AboutSolution):
         field, modes, templates
             As for `ReweightedFit.equations`.
         """
-        noisy_sky = as_parts(field).map(EnlargedErrors(self.excess_noise**2, self.scale**2))
-        return normal_equations(noisy_sky, as_modes(modes), templates=templates)
+        noisy_sky = as_parts(field, SourcesWithErrors).map(EnlargedErrors(self.excess_noise**2, self.scale**2))
+        return normal_equations(noisy_sky, as_modes(modes, type(self.solution.modes)), templates=templates)
 
 
 @log_calls("excess noise")
-@arguments.accepts(field=arguments.a(Field, Parts), tolerance=arguments.positive, max_rounds=arguments.whole)
+@arguments.accepts(
+    field=arguments.a(Field, ScalarField, Parts), tolerance=arguments.positive, max_rounds=arguments.whole
+)
 def excess_noise(
-    field: Field | Parts, modes: Modes | int, *, scale: bool = False, tolerance: float = 1e-4, max_rounds: int = 100
+    field: Field | ScalarField | Parts,
+    modes: Modes | int,
+    *,
+    scale: bool = False,
+    tolerance: float = 1e-4,
+    max_rounds: int = 100,
 ) -> ExcessNoise:
     """Fit with C + s² I for every source's covariance, s by restricted maximum likelihood.
 
     Parameters
     ----------
-    field : Field or Parts
+    field : Field, ScalarField or Parts
         The sources. Parts are gone through once for each trial of s.
     modes : Modes, or the degree lmax
         What to fit.
@@ -338,7 +345,7 @@ def excess_noise(
     (pulls within 5 % at degree 6 on 400 sources, and with errors 5 times too small on half the sky). It is
     not right where errors of neighbours are correlated: `fit.resample` tells.
     """
-    modes, sky = as_modes(modes), as_parts(field)
+    modes, sky = modes_for(field, modes), as_parts(field, SourcesWithErrors)
     problem = _RestrictedLikelihood(sky, modes, bool(scale))
     parameters = problem.maximum(max_rounds, tolerance)
     _, slope = problem.loss(parameters)
@@ -365,7 +372,8 @@ def excess_noise(
     noise_error = unit**2 * errors[0] / (2 * noise) if parameters[0] > errors[0] / 4 else unit * np.sqrt(errors[0])
     factor = float(np.sqrt(parameters[1])) if scale else 1.0
     factor_error = float(errors[1] / (2 * factor)) if scale else 0.0
-    note = f"excess noise: {format_with_error(noise, noise_error)} µas/yr added in quadrature to every component"
+    size = f"{format_with_error(noise, noise_error)} {solution.unit}".rstrip()
+    note = f"excess noise: {size} added in quadrature to every component"
     if scale:
         note += f", after scaling the errors by {format_with_error(factor, factor_error)}"
     solution = replace(
@@ -414,19 +422,23 @@ def _count_and_weight(field):
 def _likelihood_sums(field, error_model, modes):
     """All that the likelihood needs of some sources."""
     field = error_model(field)
-    a, b, c = field.weights
+    k, weights = field.components, field.weights
     # 1 − s² W, the share of the catalogue's own errors: from sums of W it would be lost to rounding where s is large.
-    shares = np.stack([1 - error_model.noise * a, 1 - error_model.noise * b, -error_model.noise * c])
-    squares = np.stack([a * a + c * c, b * b + c * c, c * (a + b)])
+    one, often = (np.array([[1.0], [1.0], [0.0]]), [1, 1, 2]) if k == 2 else (np.ones((1, 1)), [1])
+    shares = one - error_model.noise * weights
+    squares = weights**2
+    if k == 2:
+        a, b, c = weights
+        squares = np.stack([a * a + c * c, b * b + c * c, c * (a + b)])
     # C⁻¹ ∂C: W for s², (1 − s² W)/f² for f². Their products' traces are the expected information.
     return {
         "normal": normal_equations(field, modes),
         "squared": weighted_sums(field, squares, modes),
         "logdet": float(field.log_determinants.sum()),
-        "trace": float(np.sum(a + b)),
-        "trace of squares": float(np.sum(squares[0] + squares[1])),
-        "cross": float(np.sum(a * shares[0] + b * shares[1] + 2 * c * shares[2])),
-        "own": float(np.sum(shares[0] ** 2 + shares[1] ** 2 + 2 * shares[2] ** 2)),
+        "trace": float(weights[:k].sum()),
+        "trace of squares": float(squares[:k].sum()),
+        "cross": float(np.sum(often @ (weights * shares))),
+        "own": float(np.sum(often @ shares**2)),
     }
 
 
@@ -436,7 +448,7 @@ class _RestrictedLikelihood:
     def __init__(self, sky, modes, scale):
         self.sky, self.modes, self.scale = sky, modes, scale
         self.n_sources, information = sky.sum(_count_and_weight, roles=(), words="excess noise")
-        self.unit = float(np.sqrt(2 * self.n_sources / information))
+        self.unit = float(np.sqrt(modes.components * self.n_sources / information))
         self.n_rounds = 0
         self.last: tuple[Any, Any] = (None, None)
 
@@ -467,7 +479,9 @@ class _RestrictedLikelihood:
         slope = [by_noise * self.unit**2]
         if self.scale:  # ∂C/∂f² = (C − s² I)/f²
             noise = parameters[0] * self.unit**2
-            slope.append(((2 * n - solution.chi2 - len(self.modes)) / 2 - noise * by_noise) / parameters[1])
+            slope.append(
+                ((self.modes.components * n - solution.chi2 - len(self.modes)) / 2 - noise * by_noise) / parameters[1]
+            )
         return value / n, np.array(slope) / n
 
     def maximum(self, max_rounds, tolerance):
@@ -521,5 +535,5 @@ class _RestrictedLikelihood:
             cross = self.unit**2 * sums["cross"] / parameters[1]
             factor_term = sums["own"] / parameters[1] ** 2
             information = np.array([[information[0, 0], cross], [cross, factor_term]])
-        share = max(1 - len(self.modes) / (2 * n), 1e-3)
+        share = max(1 - len(self.modes) / (self.modes.components * n), 1e-3)
         return information / 2 * share

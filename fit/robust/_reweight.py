@@ -335,7 +335,7 @@ def student_t(
     rounds = _iterate_weights(sky, modes, weight, tolerance, max_rounds, least_nu)
     fitted = _make_result(sky, "the catalogue with the noise" if noise else "the catalogue", *rounds)
     if noise:  # χ² is that of the catalogue's errors, as without a noise
-        chi2 = as_parts(field).sum(partial(_chi2_about, solution=fitted.solution), roles=())
+        chi2 = as_parts(field, SourcesWithErrors).sum(partial(_chi2_about, solution=fitted.solution), roles=())
         fitted = replace(fitted, solution=replace(fitted.solution, chi2=float(chi2)))
     log_likelihood = _log_likelihood(sky, fitted.share)
     for kept in (fitted.share.last, fitted.share.models):

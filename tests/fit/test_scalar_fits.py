@@ -20,6 +20,7 @@ from vsh import (
     ScalarField,
     ScalarModes,
 )
+from vsh.models.covariance import ScalarSpectrum
 
 
 def sky(n=2000, seed=1, lmax=2, tails=False, unit="µas"):
@@ -156,7 +157,7 @@ def test_report_page_table(tmp_path):
     assert "µas" not in text
     assert "spin" not in text
     assert "coefficients   9" in fit.fit_field(field, 2).report(long=True)
-    assert "Mean & $-2.532" in solution.latex()
+    assert "Mean & $-2.53 \\pm 0.3" in solution.latex()
     figures = fit.output.draw_figures(solution, field)
     assert set(figures) == {"sky", "spectrum", "correlation", "residuals"}
     fit.output.write_html(solution, field, tmp_path / "page.html", figures=figures)
@@ -166,6 +167,80 @@ def test_report_page_table(tmp_path):
     solution.write(tmp_path / "solution.ecsv")
     assert fit.storage.read(tmp_path / "solution.ecsv") == solution
     assert "mean  " in fit.fit_field(field, 0).report()
+
+
+def systematic_sky(seed, power, n=600, quoted=1.0):
+    """Parallaxes without a zero point but systematic errors of one power for each mode, from degree 0 to 8."""
+    rng = np.random.default_rng(seed)
+    lon, lat = rng.uniform(0, 2 * np.pi, n), np.arcsin(rng.uniform(-0.7, 1, n))
+    modes = ScalarModes(8)
+    errors = ScalarCoefficients(modes, np.sqrt(power * ScalarSpectrum.flat().variances(modes)) * rng.normal(size=81))
+    sigma = rng.uniform(50, 150, n)
+    return ScalarField(lon, lat, errors.at(lon, lat) + sigma * rng.normal(size=n), quoted * sigma, "µas")
+
+
+def pulls_of(power, skies=60, **options):
+    """Mean and dipole in their errors, of the recommended fit to many skies, (skies, 4)."""
+    solutions = [fit.recommended(systematic_sky(seed, power, **options)).solution for seed in range(skies)]
+    return np.array([[s.mean[0] / s.mean[1], *(s.dipole.value / s.dipole.sigma)] for s in solutions])
+
+
+@pytest.mark.parametrize(
+    ("power", "options"),
+    [(0.0, {}), (2000.0, {}), (0.0, {"n": 60}), pytest.param(2000.0, {"quoted": 0.3}, marks=pytest.mark.slow)],
+)
+def test_errors_with_the_floor_cover(power, options):
+    """Systematic errors three times the noise of the mean, few sources, errors three times too small."""
+    pulls = pulls_of(power, **options)
+    assert 0.55 < np.sqrt(np.mean(pulls**2)) < 1.2  # the average over spectra is careful of a flat one
+    assert np.mean(np.abs(pulls) < 1.96) > 0.9
+
+
+def test_floor_is_the_power_that_was_put_in():
+    found = fit.background.floor(fit.fit_field(systematic_sky(3, 2000.0, 20_000), 8), shapes="flat")
+    assert found.power_interval[0] < 2000 < found.power_interval[1]
+    assert found.mean_error == pytest.approx(np.sqrt(found.power / (4 * np.pi)), rel=0.1)  # of its mean power
+    assert found.dipole_error == pytest.approx(np.sqrt(3) * found.mean_error)
+    solution = fit.recommended(systematic_sky(3, 2000.0)).solution
+    added = solution.floor.added(solution.modes)
+    assert_allclose(added[0], 4 * np.pi * solution.floor.mean_error**2)
+    assert_allclose(added[1:4] * [1, 2, 2], 4 * np.pi / 3 * solution.floor.dipole_error**2)
+    assert not added[4:].any()
+
+
+def test_floor_is_read_as_it_was_written_and_drawn(tmp_path):
+    result = fit.recommended(systematic_sky(1, 500.0)).solution
+    result.write(tmp_path / "solution.ecsv")
+    assert fit.storage.read(tmp_path / "solution.ecsv") == result
+    assert result.floor.to_table().colnames == ["parameter", "power", "power_low", "power_high", "floor"]
+    assert "spin" not in result.floor.report(long=True)
+    assert len(result.plot().patches) + len(result.plot().collections) > 2
+    result.floor.plot()
+
+
+def test_answer_has_the_mean_first():
+    solution = fit.recommended(sky()[0]).solution
+    labels, words = zip(*solution.answer.lines, strict=True)
+    assert labels == ("mean", "dipole", "errors")
+    assert words[0].startswith(f"{solution.mean[0]:+.1f} ± {solution.mean[1]:.1f} µas, p = ")
+    assert solution.summary()["parameter"].tolist() == ["mean", "dipole_x", "dipole_y", "dipole_z"]
+
+
+def test_excess_noise_of_numbers():
+    rng = np.random.default_rng(1)
+    field, _ = sky(4000)
+    noisy = field.minus(-rng.normal(0, 20, len(field)))
+    found = fit.robust.excess_noise(noisy, 2)
+    assert abs(found.excess_noise - 20) < 3 * found.excess_noise_error
+    scaled = fit.robust.excess_noise(noisy.with_errors(noisy.sigma / 2), 2, scale=True)
+    assert abs(scaled.scale - 2) < 3 * scaled.scale_error
+
+
+@pytest.mark.parametrize("method", ["least-squares", "clip", "student", "excess-noise", "bootstrap", "jackknife"])
+def test_estimators_agree_on_the_mean(method):
+    field, truth = sky(3000)
+    value, error = fit.estimate(field, 2, method).solution.mean
+    assert abs(value - truth.mean) < 4 * error
 
 
 def test_units_do_not_mix():
@@ -180,16 +255,13 @@ def test_units_do_not_mix():
 @pytest.mark.parametrize(
     ("call", "said"),
     [
-        (lambda f: fit.robust.excess_noise(f, 1), "holds numbers, not motions"),
         (lambda f: fit.solve_frame(f), "not a ScalarField"),
         (lambda f: fit.cross_check(f), "holds numbers, not motions"),
-        (lambda f: fit.background.floor(fit.normal_equations(f, 3)), "a scalar field has neither"),
         (lambda f: fit.background.wave_limit(fit.fit_field(f, 3)), "a scalar field has neither"),
         (lambda f: fit.correlation.predict_covariance(f, 2), "has no motions"),
         (lambda f: fit.correlation.leakage(f, 1, 3), "has no motions"),
         (lambda f: fit.redshift.binned(f, 2, 2), "not ScalarField"),
         (lambda f: fit.secular_parallax.observer_velocity(f, 70), "holds numbers, not motions"),
-        (lambda f: fit.resample.compare_blocks(f, 1), "holds numbers, not motions"),
         (lambda f: fit.normal_equations(f, 2, covariance=np.eye(4000)), "not of ScalarField"),
         (lambda f: fit.fit_field(f, Modes(2)), "expanded in ScalarModes"),
         (lambda f: fit.pairs.correlation_function(f, [0, 1, 2]), "holds numbers, not motions"),

@@ -109,12 +109,11 @@ def plot_spectrum(solution: Any, *, ax: Axes | None = None) -> Axes:
 
 
 def _draw_floor(axes, floor, handles):
-    """The systematic floor of degree 1, the likeliest 68 % of its power, as a band at its side; and its levels."""
+    """The floor of low degrees, the likeliest 68 % of their power, as bands at their sides; and its levels."""
     levels = []
-    for kind, side, interval in (("T", -1, floor.spin_interval), ("S", 1, floor.acceleration_interval)):
-        # Power of a vector v is 8π v²/3, of three components.
-        lower, upper = 8 * np.pi * np.square(interval)
-        axes.fill_between([1 + side * 0.3 - 0.08, 1 + side * 0.3 + 0.08], max(lower, upper / 30), upper, alpha=0.35,
+    for kind, l, lower, upper in floor.bands:
+        middle = l + (0.3 if kind == "S" else -0.3)
+        axes.fill_between([middle - 0.08, middle + 0.08], max(lower, upper / 30), upper, alpha=0.35,
                           color=KIND_COLOURS[kind], linewidth=0)  # fmt: skip
         levels += [max(lower, upper / 30), upper]
     handles.append(Patch(color="0.6", alpha=0.6, linewidth=0, label="floor, 68 %"))

@@ -25,7 +25,7 @@ from vsh.io.sections import Answer
 from vsh.scalars import ScalarField
 from vsh.sky.frames import AXES
 from vsh.tools.arguments import choice
-from vsh.tools.digits import decimals_of_error
+from vsh.tools.digits import decimals_of_error, format_with_error
 from vsh.tools.printing import latex_text
 from vsh.tools.types import FloatArray, PathName, Table
 
@@ -62,7 +62,7 @@ def latex_of(solution: Any, style: str = "booktabs", *, full: bool = False, answ
     body = []
     if is_scalar(solution):
         value, error = solution.mean
-        body.append(rf"Mean & ${value:.4g} \pm {error:.2g}$ & & & \\")
+        body.append(rf"Mean & {_format_number(format_with_error(value, error, '+'), style)} & & & \\")
     for name, vector in reversed(vectors_of(solution).items()):
         cells = [_format_number(cell, style) for cell in (*format_components(vector), format_amplitude(vector))]
         body.append(rf"{_SYMBOLS.get(name, name.capitalize())} & " + " & ".join(cells) + r" \\")
@@ -102,7 +102,8 @@ def _powers(solution, style):
 
 def _caption(solution, answer):
     """Caption: what was fitted to what, and the answer where the vectors have one."""
-    subject = " and ".join(reversed(vectors_of(solution))).capitalize()
+    names = ["mean"] * is_scalar(solution) + list(reversed(vectors_of(solution)))
+    subject = " and ".join(names).capitalize()
     frame = "ICRS" if solution.frame == "icrs" else solution.frame
     facts = [
         f"{subject} of {solution.n_sources} sources, {frame} axes, "

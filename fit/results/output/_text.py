@@ -163,7 +163,7 @@ def cell(value: Any) -> str:
 
 
 def vectors_table(solution: Any) -> Table:
-    """Spin and acceleration (rotation and glide; a dipole) as an astropy Table, a row each.
+    """Spin and acceleration (rotation and glide; a dipole, with the mean in `meta`) as an astropy Table, a row each.
 
     Errors are those of the result; formal ones, N⁻¹ by the weights of the fit, stand beside them. lon and lat are nan
     where the vector is not detected; fitted_lon and fitted_lat are there always.
@@ -194,7 +194,7 @@ def vectors_table(solution: Any) -> Table:
     heads = (*components, *products, *lengths, *angles, "p_value")
     values = np.array(rows, float).reshape(-1, len(heads)).T
     unit = solution.unit.replace("µ", "u")  # as astropy writes it
-    units = dict.fromkeys((*components, *lengths), unit) | dict.fromkeys(products, _squared(unit))
+    units = dict.fromkeys((*components, *lengths), unit) | dict.fromkeys(products, square_of(unit))
     units |= dict.fromkeys(angles, "deg")
     meta = {
         "frame": solution.frame,
@@ -207,6 +207,8 @@ def vectors_table(solution: Any) -> Table:
         "error_source": str(solution.error_source),
         "includes_floor": bool(solution.includes_floor),
     }
+    if is_scalar(solution):
+        meta |= dict(zip(("mean", "mean_error"), solution.mean, strict=True))
     columns = {"name": np.array(list(vectors), str)} | dict(zip(heads, values, strict=True))
     columns["detected"] = np.array([is_seen(v) for v in vectors.values()], bool)
     return tables.table_of(columns, meta, {name: unit_text for name, unit_text in units.items() if unit_text})
@@ -218,11 +220,11 @@ def powers_table(solution: Any) -> Table:
     numbers = ("power", "debiased", "error", "p_value", "z", "mk_z")
     columns = {"kind": np.array([d.kind for d in degrees]), "l": np.array([d.l for d in degrees])}
     columns |= {name: np.array([getattr(d, name) for d in degrees], float) for name in numbers}
-    unit = _squared(solution.unit.replace("µ", "u"))
+    unit = square_of(solution.unit.replace("µ", "u"))
     return tables.table_of(columns, {"frame": solution.frame}, dict.fromkeys(numbers[:3], unit) if unit else {})
 
 
-def _squared(unit):
+def square_of(unit: str) -> str:
     """Square a unit as astropy writes it: uas2 / yr2."""
     return " / ".join(f"{factor.strip()}2" for factor in unit.split("/")) if unit else ""
 
@@ -248,35 +250,46 @@ def answer_of(solution: Any) -> Answer:
     Parameters
     ----------
     solution : Solution
-        A fit of proper motions; of anything else the answer has no lines.
+        A fit of proper motions or of a scalar field; of positions the answer has no lines.
     """
     solution = solution_of(solution, "answer")
-    if solution.unit != "µas/yr" or not np.isfinite([*solution.covariance.diagonal(), *solution.values]).all():
+    if (solution.unit != "µas/yr" and not is_scalar(solution)) or not np.isfinite(
+        [*solution.covariance.diagonal(), *solution.values]
+    ).all():
         return Answer()
-    factor = error_factor(solution)
-    if factor > _WRONG:
-        text = f"no result: residuals are {factor:.3g} times the errors. Are both in the units that were assumed?"
-        return Answer((("acceleration", text),))
-    if TOO_LITTLE_SCATTER in codes_of(solution.notes):
-        text = "no result: residuals are far below the errors. Are both in the units that were assumed?"
-        return Answer((("acceleration", text),))
-    if ERRORS_TOO_SMALL in codes_of(solution.notes) and not solution.is_recommended:
-        text = "no result: the quoted errors say too little of the scatter. To quote: fit.recommended (no --method)"
-        return Answer((("acceleration", text),))
-    if repeated := [note for note in solution.notes if has_code(note, REPEATED)]:
-        return Answer((("acceleration", f"no result: {str(repeated[0]).removeprefix('warning: ')}"),))
-    if solution.covariance_dof < FEWEST_DOF:
-        text = f"no result: {_describe_dof(solution)} does not determine the errors of a vector"
-        return Answer((("acceleration", text),))
+    if reason := _reason_for_no_result(solution):
+        return Answer(((("mean" if is_scalar(solution) else "acceleration"), f"no result: {reason}"),))
     errors = ("errors" if solution.is_recommended else "this fit", _describe_errors(solution))
-    lines = [
-        ("acceleration", words_of(solution.acceleration)),
-        ("spin", words_of(solution.spin)),
-        ("Gaia EDR3", _describe_distance(solution.acceleration)),
-    ]
+    if is_scalar(solution):
+        value, error = solution.mean
+        size = f"{format_with_error(value, error, '+')} {solution.unit}".rstrip()
+        lines = [("mean", f"{size}, p = {printed_p_value(solution.p_value('F', 0))}")]
+        lines += [(name, words_of(vector)) for name, vector in vectors_of(solution).items()]
+    else:
+        lines = [
+            ("acceleration", words_of(solution.acceleration)),
+            ("spin", words_of(solution.spin)),
+            ("Gaia EDR3", _describe_distance(solution.acceleration)),
+        ]
     if assumed := [str(note) for note in solution.notes if has_code(note, ASSUMED_UNITS)]:
         lines.append(("units", f"{'; '.join(assumed)}; {solution.frame} axes"))
     return Answer((*lines, errors) if solution.is_recommended else (errors, *lines))
+
+
+def _reason_for_no_result(solution):
+    """Why a fit has nothing to quote; None where it has."""
+    factor, codes = error_factor(solution), codes_of(solution.notes)
+    if factor > _WRONG:
+        return f"residuals are {factor:.3g} times the errors. Are both in the units that were assumed?"
+    if TOO_LITTLE_SCATTER in codes:
+        return "residuals are far below the errors. Are both in the units that were assumed?"
+    if ERRORS_TOO_SMALL in codes and not solution.is_recommended:
+        return "the quoted errors say too little of the scatter. To quote: fit.recommended (no --method)"
+    if repeated := [note for note in solution.notes if has_code(note, REPEATED)]:
+        return str(repeated[0]).removeprefix("warning: ")
+    if solution.covariance_dof < FEWEST_DOF:
+        return f"{_describe_dof(solution)} does not determine the errors of a vector"
+    return None
 
 
 def error_factor(solution: Any) -> float:
@@ -316,7 +329,8 @@ def _describe_errors(solution: Any) -> str:
         text += f", {solution.quality.factor:.3g} times the formal errors"
     if solution.floor is not None and solution.includes_floor:
         floor = solution.floor
-        size = f"acceleration ± {floor.acceleration_error:.2g}, spin ± {floor.spin_error:.2g} µas/yr per component"
+        errors = ", ".join(f"{name} ± {error:.2g}" for name, error in reversed(floor.errors.items()))
+        size = f"{errors} {floor.unit}".rstrip() + " per component"
         text += f", systematic floor included ({size})"
     elif solution.includes_floor:
         text += ", systematic errors included"
