@@ -209,16 +209,13 @@ def errors_of_unit_transits(law: NominalScanningLaw, n: int = 2000, seed: int = 
     return law.remembered[n, seed]
 
 
-def transit_error(
-    magnitude: ArrayLike, law: NominalScanningLaw, release: Release = "DR4", unit: FloatArray | None = None
-) -> FloatArray:
+def transit_error(magnitude: ArrayLike, law: NominalScanningLaw, release: Release = "DR4") -> FloatArray:
     """Along-scan error of a transit by magnitude, (n,). [µas]
 
     Such that the sky-mean parallax error of the mission is the published one of the release,
     whatever the length of the mission.
     """
-    unit = errors_of_unit_transits(law) if unit is None else unit
-    return parallax_error(np.asarray(magnitude, float), release) / unit[2]
+    return parallax_error(np.asarray(magnitude, float), release) / errors_of_unit_transits(law)[2]
 
 
 def attitude_noise(law: NominalScanningLaw, sigma: float, rng: Rng) -> FloatArray:

@@ -7,12 +7,11 @@ import numpy as np
 from sim.astrometry import expected_solution_covariances, solve_astrometry
 from sim.mission import Mission, as_mission
 from sim.population import Population
-from sim.scanning import BLOCK, NominalScanningLaw
+from sim.scanning import NominalScanningLaw
 from sim.variability import Variability
-from vsh.sky.pixels import centres, check_nside
+from vsh.sky.pixels import centres, check_nside, pixels_of
 from vsh.tools import arguments
 from vsh.tools.errors import ParameterError
-from vsh.tools.parallel import map_blocks
 from vsh.tools.types import ArrayLike, FloatArray, Release
 
 __all__ = ["errors_by_place", "scan_maps"]
@@ -85,15 +84,12 @@ def expected_covariances(
         return np.zeros((0, 2, 2)), np.zeros((0, 2, 2))
     error = mission.transit_error(population.magnitude, excess_noise)
 
-    law, is_compiled = mission.scanning_law, mission.scanning_law.uses_compiled_search(len(population))
-
-    def block_covariances(chunk):
-        transits = law.transits_of_block(population.lon[chunk], population.lat[chunk], compiled=is_compiled)
+    def of_block(chunk, transits):
         return expected_solution_covariances(
             transits, error[chunk], years=mission.years, variability=variability, attitude=float(mission.attitude)
         )
 
-    covariances = list(map_blocks(block_covariances, len(population), BLOCK, threads, "transits" if progress else None))
+    covariances = mission.scanning_law.map_transits(of_block, population.lon, population.lat, threads, progress)
     formal, true = (np.concatenate(blocks)[:, columns, columns] for blocks in zip(*covariances, strict=True))
     return formal, true
 
@@ -135,8 +131,6 @@ def errors_by_place(
     ParameterError
         If a source has too few transits for five parameters.
     """
-    from vsh.sky.pixels import centres, pixels_of  # healpy
-
     mission = as_mission(mission, release)
     pixels, pixel = np.unique(pixels_of(lon, lat, nside), return_inverse=True)
     middle = [angle[pixels] for angle in centres(nside)]

@@ -5,7 +5,7 @@ from typing import Literal
 
 import numpy as np
 
-from sim.astrometry import RELEASES, attitude_noise, errors_of_unit_transits, transit_error
+from sim.astrometry import RELEASES, attitude_noise, transit_error
 from sim.scanning import NominalScanningLaw
 from vsh.tools import arguments
 from vsh.tools.errors import FrameError, ParameterError
@@ -95,8 +95,7 @@ class Mission(InNotebook):
         """
         if magnitude is None:
             raise ParameterError("errors of transits go by magnitude, and these sources have none")
-        unit = errors_of_unit_transits(self.scanning_law)
-        return np.hypot(transit_error(magnitude, self.scanning_law, self.release, unit), excess_noise)
+        return np.hypot(transit_error(magnitude, self.scanning_law, self.release), excess_noise)
 
     def attitude_noise(self, rng: Rng) -> FloatArray | None:
         """Error of the attitude in every interval between knots, (k,) [µas], by `rng`; None where it has none.

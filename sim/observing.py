@@ -17,7 +17,6 @@ from vsh.coefficients import Coefficients
 from vsh.tools import arguments
 from vsh.tools.arguments import generator
 from vsh.tools.errors import ParameterError
-from vsh.tools.parallel import map_blocks
 from vsh.tools.printing import log_calls
 from vsh.tools.types import ArrayLike, Release, Rng
 
@@ -117,7 +116,7 @@ def observe(
         errors, covariance, keep, notes = _solve_mission_sources(
             population, rng, mission, variability, excess_noise, quote_variability, threads, progress, (3, 4)
         )
-        field = _field(population[keep], as_signal(signal), errors, covariance, notes)
+        field = _field(population[keep], as_signal(signal), errors, notes, *_errors_of(covariance))
         return _with_redshifts(field, as_signal(signal), redshifts, redshift_error, rng)
     if variability is not None or quote_variability or np.any(excess_noise != 0.0):
         raise ParameterError("variability and excess noise need a mission, at whose transits sources are displaced")
@@ -131,17 +130,7 @@ def observe(
         raise ParameterError("sigma must be above zero, and rho between −1 and 1")
     unit = rng.standard_normal((2, n))
     noise = sigma * np.stack([unit[0], rho * unit[0] + np.sqrt(1 - rho**2) * unit[1]])
-    motion = as_signal(signal)(population.lon, population.lat, population.redshift) + noise
-    field = Field(
-        population.lon,
-        population.lat,
-        motion,
-        sigma,
-        rho,
-        redshift=population.redshift,
-        magnitude=population.magnitude,
-        frame=population.frame,
-    )
+    field = _field(population, as_signal(signal), noise, (), sigma, rho)
     return _with_redshifts(field, as_signal(signal), redshifts, redshift_error, rng)
 
 
@@ -220,7 +209,7 @@ def observe_offsets(
     error = arguments.float_array("radio", radio, (len(population),), broadcast=True)[keep]
     errors = errors + error * rng.standard_normal(errors.shape)
     covariance = covariance + error[:, None, None] ** 2 * np.eye(2)
-    return _field(population[keep], as_signal(signal), errors, covariance, notes)
+    return _field(population[keep], as_signal(signal), errors, notes, *_errors_of(covariance))
 
 
 def _solve_mission_sources(population, rng, mission, variability, excess_noise, quote, threads, progress, columns):
@@ -234,10 +223,7 @@ def _solve_mission_sources(population, rng, mission, variability, excess_noise, 
     attitude_errors = mission.attitude_noise(seeds[-1])
     error = mission.transit_error(population.magnitude, excess_noise)
 
-    law, is_compiled = mission.scanning_law, mission.scanning_law.uses_compiled_search(len(population))
-
-    def solve_block(chunk):
-        transits = law.transits_of_block(population.lon[chunk], population.lat[chunk], compiled=is_compiled)
+    def solve_block(chunk, transits):
         seed = seeds[chunk.start // BLOCK]
         solution = solve_astrometry(
             transits,
@@ -248,15 +234,10 @@ def _solve_mission_sources(population, rng, mission, variability, excess_noise, 
             attitude=attitude_errors,
             quote_variability=quote,
         )
-        return (
-            solution.errors[:, columns].T,
-            solution.covariance[:, columns][:, :, columns],
-            solution.solved,
-            len(transits),
-        )
+        covariance = solution.covariance[:, columns][:, :, columns]
+        return solution.errors[:, columns].T, covariance, solution.solved, len(transits)
 
-    label = "transits" if progress else None
-    results = list(map_blocks(solve_block, len(population), BLOCK, threads, label))
+    results = mission.scanning_law.map_transits(solve_block, population.lon, population.lat, threads, progress)
     of_errors, of_covariance, of_keep, counts = zip(*results, strict=True)
     errors, covariance, keep = np.concatenate(of_errors, axis=1), np.concatenate(of_covariance), np.concatenate(of_keep)
     notes = [f"simulated: {sum(counts)} transits in {mission.years:g} years, errors of {mission.release}"]
@@ -290,16 +271,13 @@ def _solve_jointly(population, rng, mission, variability, excess_noise, quote, t
     return solution.sources[keep][:, columns].T, solution.formal[keep][:, columns][:, :, columns], keep, notes
 
 
-def _field(population, signal, errors, covariance, notes):
+def _errors_of(covariance):
+    """Standard errors and correlations of covariances."""
     sigma = np.sqrt(np.stack([covariance[:, 0, 0], covariance[:, 1, 1]]))
-    return Field(
-        population.lon,
-        population.lat,
-        signal(population.lon, population.lat, population.redshift) + errors,
-        sigma,
-        covariance[:, 0, 1] / (sigma[0] * sigma[1]),
-        redshift=population.redshift,
-        magnitude=population.magnitude,
-        frame=population.frame,
-        notes=notes,
-    )
+    return sigma, covariance[:, 0, 1] / (sigma[0] * sigma[1])
+
+
+def _field(sky, signal, errors, notes, sigma, rho):
+    motion = signal(sky.lon, sky.lat, sky.redshift) + errors
+    columns = {name: getattr(sky, name) for name in ("redshift", "magnitude", "frame")}
+    return Field(sky.lon, sky.lat, motion, sigma, rho, **columns, notes=notes)

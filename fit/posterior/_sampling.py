@@ -16,7 +16,7 @@ import numpy as np
 from numpy.polynomial import chebyshev
 
 from vsh.tools.errors import CheckpointError, ParameterError
-from vsh.tools.files import check_not_read, read_arrays, write_arrays
+from vsh.tools.files import check_not_read, digest_of, read_arrays, write_arrays
 from vsh.tools.notebook import InNotebook
 from vsh.tools.parallel import progress_bar
 from vsh.tools.printing import import_quietly
@@ -201,10 +201,7 @@ _STATE = ("key", "position", "has_gauss", "gauss")
 
 def fingerprint(arrays: Iterable[ArrayLike], about: str, model: dict[str, str]) -> dict[str, str]:
     """Fingerprint of a chain: a hash of the data, and the model in words."""
-    digest = sha256()
-    for array in arrays:
-        digest.update(np.ascontiguousarray(array).tobytes())
-    return {"data": f"{about}, {digest.hexdigest()[:16]}"} | model
+    return {"data": f"{about}, {digest_of(map(np.asarray, arrays))[:16]}"} | model
 
 
 def save(

@@ -81,15 +81,9 @@ class GlobalMotion(Frozen):
 
 
 def global_motion(
-    lon: ArrayLike,
-    lat: ArrayLike,
-    modes: Modes | int = 1,
-    *,
-    scatter: ArrayLike = 10.0,
-    spin: bool = True,
-    factors: ArrayLike | None = None,
+    lon: ArrayLike, lat: ArrayLike, modes: Modes | int = 1, *, scatter: ArrayLike = 10.0, spin: bool = True
 ) -> GlobalMotion:
-    """Motions that follow vector spherical harmonics, or our own velocity.
+    """Motions that follow vector spherical harmonics.
 
     Parameters
     ----------
@@ -101,8 +95,6 @@ def global_motion(
         Scatter of the motions about it; infinite for sources whose motions are free. [µas/yr]
     spin : bool
         With the rotation, so that the frame stays free; else only a frame in which sources do not rotate is left.
-    factors : (n,) array, optional
-        Three more parameters: a glide of each source times its factor, 1/(4.74 d) for our velocity [µas/yr per km/s].
 
     Raises
     ------
@@ -120,10 +112,6 @@ def global_motion(
         keep = np.ones(len(modes), bool)
         keep[modes.slice_of("T", 1)] = False
         field, names = field[keep], [name for name, is_included in zip(names, keep, strict=True) if is_included]
-    if factors is not None:
-        glide = harmonics(lon, lat, 1)[3:]
-        field = np.concatenate([field, glide * arguments.float_array("factors", factors, lon.shape)])
-        names += ["v(1,0)", "v(1,1,re)", "v(1,1,im)"]
     weights = 1 / scatters**2
     return GlobalMotion(field.transpose(2, 1, 0) * (weights > 0)[:, None, None], weights, tuple(names), bool(spin))
 

@@ -135,6 +135,7 @@ def joint_system(
         What a reader of the result should know.
     """
     law, knots, notes = scale_mission(law, number or len(lon), knots, full)
+    sigma = np.asarray(sigma)
     cost = plan(law, lon, lat, knots, ccds=ccds)
     # All of it before the work begins; transits on disk need no memory of their own.
     check_memory(
@@ -147,16 +148,7 @@ def joint_system(
             f"smoothing of {smoothing:g} µas is a statement on the attitude: errors are right where it bends no more"
         )
     scan = scans(
-        law,
-        lon,
-        lat,
-        sigma,
-        across * np.asarray(sigma),
-        knots,
-        ccds=ccds,
-        folder=folder,
-        threads=threads,
-        progress=progress,
+        law, lon, lat, sigma, across * sigma, knots, ccds=ccds, folder=folder, threads=threads, progress=progress
     )
     system = System(scan, prior, smoothing=smoothing, motion=motion, threads=threads, calibration=calibration)
     return system, notes
@@ -291,7 +283,7 @@ def mixture(
     FrameError
         If one is in another frame.
     """
-    columns: dict[str, list] = {name: [] for name in ("lon", "lat", "sigma", "magnitude", "redshift", "kind")}
+    rows = []
     for index, population in enumerate((quasars, galaxies, stars)):
         if population is None:
             continue
@@ -304,12 +296,7 @@ def mixture(
             sigma = np.full(n, arguments.positive("star_error", star_error))
         nans = np.full(n, np.nan)
         redshift = nans if population.redshift is None else population.redshift
-        for name, column in zip(
-            columns,
-            (population.lon, population.lat, sigma, population.magnitude, redshift, np.full(n, index)),
-            strict=True,
-        ):
-            columns[name].append(column)
-    arrays = {name: np.concatenate(chunks) for name, chunks in columns.items()}
-    arguments.float_array("sigma", arrays["sigma"])
-    return Mixture(**arrays)
+        rows.append((population.lon, population.lat, sigma, population.magnitude, redshift, np.full(n, index)))
+    mixed = Mixture(*(np.concatenate(column) for column in zip(*rows, strict=True)))
+    arguments.float_array("sigma", mixed.sigma)
+    return mixed

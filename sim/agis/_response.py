@@ -213,7 +213,7 @@ class Response(InNotebook):
         """
         p, q, r = triad(lon, lat)
         m = p * scan[0] + q * scan[1]
-        view = self._view(r, time) if view is None else view
+        view = views_at(self.law, r, time + (self.epoch - self.law.start)) if view is None else view
         turn = -view * self.law.basic_angle
         r2, m2 = r * np.cos(turn) + m * np.sin(turn), m * np.cos(turn) - r * np.sin(turn)
         own_pixel, other_pixel = self._pixel(r), self._pixel(r2)
@@ -260,10 +260,6 @@ class Response(InNotebook):
         """The basic angle by every coefficient of its calibration."""
         assert self.calibration is not None
         return self.calibration.columns(self.law, time + (self.epoch - self.law.start))
-
-    def _view(self, r, time):
-        """+1 in the preceding field, −1 in the following one: they are far from each other."""
-        return views_at(self.law, r, time + (self.epoch - self.law.start))
 
     def _pixel(self, r):
         return pixels_of(*angles(r), self.nside, any_size=True)

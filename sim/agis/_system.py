@@ -10,11 +10,10 @@ source in S, and a band of twelve in A. A is factored once; what is left for the
 A⁻¹ g_a.
 """
 
-import hashlib
 import re
 import warnings
 import zipfile
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
@@ -30,7 +29,7 @@ from sim.variability import Variability, chain_products
 from vsh.modes import Modes, as_modes
 from vsh.tools import arguments
 from vsh.tools.errors import CheckpointError, ConvergenceError, DegeneracyError, ParameterError, VshWarning
-from vsh.tools.files import read_arrays, write_arrays
+from vsh.tools.files import digest_of, read_arrays, write_arrays
 from vsh.tools.notebook import InNotebook
 from vsh.tools.parallel import limit_blas, progress_bar
 from vsh.tools.types import ArrayLike, FloatArray, PathName
@@ -46,14 +45,27 @@ class Equations(InNotebook):
     def __init__(
         self,
         scans: Scans,
-        prior: float | None,
-        smoothing: float,
-        motion: GlobalMotion | None,
-        threads: int | None,
-        compiled: bool | None,
-        calibration: Calibration | None = None,
+        prior: float | None = None,
+        *,
+        smoothing: float = 1e6,
+        motion: GlobalMotion | None = None,
+        threads: int | None = None,
+        compiled: bool | None = None,
+        calibration: Calibration | str | None = None,
     ) -> None:
-        self.scans, self.prior, self.smoothing, self.motion = scans, prior, smoothing, motion
+        arguments.a(Scans)("scans", scans)
+        if motion is not None:
+            arguments.a(GlobalMotion)("motion", motion)
+        prior = None if prior is None else arguments.positive("prior", prior)
+        if arguments.positive("smoothing", smoothing) < ROUGH:
+            warnings.warn(
+                f"smoothing of {smoothing:g} µas is a statement on the attitude: errors are right only where its "
+                f"coefficients really bend no more; {ROUGH:g} and more bridge gaps alone",
+                VshWarning,
+                stacklevel=2,
+            )
+        basic_angle = Calibration.parse(calibration)
+        self.scans, self.prior, self.smoothing, self.motion = scans, prior, float(smoothing), motion
         self.coefficients = scans.intervals + 3
         self._check_across_scan()
         check_memory(
@@ -80,7 +92,7 @@ class Equations(InNotebook):
         if prior is not None:
             band[0] += 1 / prior**2
         self.factor = self._factorise(band)
-        self.angle = None if calibration is None else AngleBlock(self, calibration)
+        self.angle = None if basic_angle is None else AngleBlock(self, basic_angle)
 
     def apply(self, x: FloatArray) -> FloatArray:
         """(S − C A⁻¹ Cᵀ) x, with what holds global motions; the basic angle eliminated like the attitude."""
@@ -414,30 +426,6 @@ class System(ExactErrors):
     True
     """
 
-    def __init__(
-        self,
-        scans: Scans,
-        prior: float | None = None,
-        *,
-        smoothing: float = 1e6,
-        motion: GlobalMotion | None = None,
-        threads: int | None = None,
-        compiled: bool | None = None,
-        calibration: Calibration | str | None = None,
-    ) -> None:
-        arguments.a(Scans)("scans", scans)
-        if motion is not None:
-            arguments.a(GlobalMotion)("motion", motion)
-        prior = None if prior is None else arguments.positive("prior", prior)
-        if arguments.positive("smoothing", smoothing) < ROUGH:
-            warnings.warn(
-                f"smoothing of {smoothing:g} µas is a statement on the attitude: errors are right only where its "
-                f"coefficients really bend no more; {ROUGH:g} and more bridge gaps alone",
-                VshWarning,
-                stacklevel=2,
-            )
-        super().__init__(scans, prior, float(smoothing), motion, threads, compiled, Calibration.parse(calibration))
-
     def predict(
         self, sources: ArrayLike, attitude: ArrayLike, angle: FloatArray | None = None
     ) -> tuple[FloatArray, FloatArray]:
@@ -515,29 +503,88 @@ class System(ExactErrors):
         CheckpointError
             If the checkpoint belongs to a different problem.
         """
-        observed = self._check_observations(along, across)
-        n = self.scans.n_sources
+        observed, passes, n = self._check_observations(along, across), self.passes, self.scans.n_sources
         start = np.zeros((n, 5)) if start is None else start
         attitude = np.zeros((self.coefficients, 3)) if attitude is None else attitude
-        first_start, first_attitude = self._check_unknowns(start, attitude)
+        x, first_attitude = self._check_unknowns(start, attitude)
+        pull: Any = 0.0
         if known is not None:
             if self.prior is None:
                 raise ParameterError("known= is what a prior says of the attitude: give System a prior")
-            known = arguments.float_array("known", known, (self.coefficients, 3))
+            pull = arguments.float_array("known", known, (self.coefficients, 3)) / self.prior**2
         arguments.choice("first", first, ("sources", "attitude"))
-        solution = solve_observations(
-            self,
-            *observed,
-            start=first_start,
-            attitude=first_attitude,
-            known=known,
-            first=first,
-            iterations=arguments.whole("iterations", iterations),
-            stop=None if stop is None else arguments.positive("stop", stop),
-            fit=low_degree_fit(self, arguments.indices("sources", sources, n)),
-            watch=watch,
-            checkpoint=checkpoint,
-            progress=progress,
+        iterations = arguments.whole("iterations", iterations)
+        stop = None if stop is None else arguments.positive("stop", stop)
+        fit = low_degree_fit(self, arguments.indices("sources", sources, n))
+        if first == "sources":
+            of_sources, _ = passes.adjoint(*observed, x, first_attitude)
+            x = x + self.precondition((of_sources - _constraint_terms(self, x))[..., None])[..., 0]
+        of_sources, of_attitude = passes.adjoint(*observed, x, np.zeros_like(first_attitude))
+        of_attitude += pull
+        remainder = None if self.angle is None else observed[0] - passes.predict(x, np.zeros_like(first_attitude))[0]
+        right = self.reduce(of_sources, of_attitude, remainder) - _constraint_terms(self, x)
+        right[~self.solved] = 0
+        work = Iteration(self, right[..., None])
+
+        sigma = np.sqrt(np.diag(fit.formal))
+        history, updates = [fit.of(x[..., None])[:, 0]], []
+        key = None
+        if checkpoint is not None:
+            key = digest_of((right, of_attitude, x, self.prior, self.smoothing, fit.sources, len(fit.modes)))
+            state = load(checkpoint, key)
+            if state is not None:
+                history, updates = list(state.pop("history")), list(state.pop("updates"))
+                work.restore(state)
+
+        def write_checkpoint():
+            if checkpoint is not None and key is not None:
+                arrays = work.state() | {"history": np.array(history), "updates": np.array(updates)}
+                write_arrays(checkpoint, {"key": np.array(key)} | arrays, overwrite=True)
+
+        bar = progress_bar(
+            total=iterations, words="joint solution", shown=progress, unit=" iterations", initial=len(history)
+        )
+        with bar, limit_blas(0):  # its threads would wait for each other longer than they work
+            while True:
+                if watch is not None:
+                    watch(len(history), x + work.x[..., 0])
+                is_settled = stop is not None and len(history) > REST and _largest_update(history, sigma) < stop
+                if is_settled or len(history) >= iterations or work.residual < _SOLVED:
+                    break
+                work.step()
+                history.append(fit.of(x[..., None] + work.x)[:, 0])
+                updates.append(float(np.sqrt(np.mean(work.z[self.solved, 2] ** 2))))
+                bar.update()
+                bar.set_postfix_str(
+                    f"low degrees moved by {_largest_update(history, sigma):.2g} σ in {min(REST, len(history) - 1)}",
+                    refresh=False,
+                )
+                if len(history) % _EVERY == 0:
+                    write_checkpoint()
+        write_checkpoint()
+        found = x + work.x[..., 0]
+        h = self.attitude_of(of_attitude - passes.to_attitude(work.x)[..., 0])
+        angle = None
+        if self.angle is not None:
+            angle = self.angle_of(observed[0], found, h)
+            h -= self.angle.effect(angle)[2]
+        scans = self.scans
+        solution = AgisSolution(
+            np.where(self.solved[:, None], found, np.nan),
+            h,
+            len(history),
+            bool(is_settled or work.residual < _SOLVED),
+            np.array(history),
+            np.array(updates),
+            fit.modes,
+            fit.formal,
+            self.formal,
+            self.solved,
+            scans.lon,
+            scans.lat,
+            scans.frame,
+            self.motion.parameters(found[..., None])[:, 0] if self.motion is not None else None,
+            angle,
         )
         if not solution.converged and stop is not None:
             warnings.warn(
@@ -612,19 +659,6 @@ def _dot(a, b):
     return (a * b).reshape(-1, a.shape[-1]).sum(axis=0)
 
 
-def key_of(things: Iterable[Any]) -> str:
-    """A hash of arrays and plain values."""
-    digest = hashlib.sha256()
-    for value in things:
-        digest.update(np.ascontiguousarray(value).tobytes() if isinstance(value, np.ndarray) else repr(value).encode())
-    return digest.hexdigest()
-
-
-def save(path: PathName, key: str, state: dict[str, Any]) -> None:
-    """Write a state; whole, or not at all."""
-    write_arrays(path, {"key": np.array(key)} | state, overwrite=True)
-
-
 def load(path: PathName, key: str) -> dict[str, Any] | None:
     """A state that was saved, or None where there is none."""
     if not Path(path).exists():
@@ -644,99 +678,6 @@ REST = 10
 _EVERY = 5
 #: Residual below which nothing is left to do in double precision.
 _SOLVED = 1e-13
-
-
-def solve_observations(
-    equations: Any,
-    along: FloatArray,
-    across: FloatArray,
-    *,
-    start: FloatArray,
-    attitude: FloatArray,
-    known: FloatArray | None,
-    first: Literal["sources", "attitude"],
-    iterations: int,
-    stop: float | None,
-    fit: MotionFit,
-    watch: Callable[[int, FloatArray], None] | None,
-    checkpoint: PathName | None,
-    progress: bool,
-) -> AgisSolution:
-    """Solve; arguments as of `System.solve`, checked there."""
-    passes = equations.passes
-    x = start
-    if first == "sources":
-        of_sources, _ = passes.adjoint(along, across, x, attitude)
-        x = x + equations.precondition((of_sources - _constraint_terms(equations, x))[..., None])[..., 0]
-    of_sources, of_attitude = passes.adjoint(along, across, x, np.zeros_like(attitude))
-    if known is not None:
-        of_attitude += known / equations.prior**2
-    remainder = None if equations.angle is None else along - passes.predict(x, np.zeros_like(attitude))[0]
-    right = equations.reduce(of_sources, of_attitude, remainder) - _constraint_terms(equations, x)
-    right[~equations.solved] = 0
-    work = Iteration(equations, right[..., None])
-
-    sigma = np.sqrt(np.diag(fit.formal))
-    history, updates = [fit.of(x[..., None])[:, 0]], []
-    key = None
-    if checkpoint is not None:
-        key = key_of((right, of_attitude, x, equations.prior, equations.smoothing, fit.sources, len(fit.modes)))
-        state = load(checkpoint, key)
-        if state is not None:
-            history, updates = list(state.pop("history")), list(state.pop("updates"))
-            work.restore(state)
-
-    def write_checkpoint():
-        if checkpoint is not None and key is not None:
-            save(checkpoint, key, work.state() | {"history": np.array(history), "updates": np.array(updates)})
-
-    bar = progress_bar(
-        total=iterations, words="joint solution", shown=progress, unit=" iterations", initial=len(history)
-    )
-    with bar, limit_blas(0):  # its threads would wait for each other longer than they work
-        while True:
-            if watch is not None:
-                watch(len(history), x + work.x[..., 0])
-            is_settled = stop is not None and len(history) > REST and _largest_update(history, sigma) < stop
-            if is_settled or len(history) >= iterations or work.residual < _SOLVED:
-                break
-            work.step()
-            history.append(fit.of(x[..., None] + work.x)[:, 0])
-            updates.append(float(np.sqrt(np.mean(work.z[equations.solved, 2] ** 2))))
-            bar.update()
-            bar.set_postfix_str(
-                f"low degrees moved by {_largest_update(history, sigma):.2g} σ in {min(REST, len(history) - 1)}",
-                refresh=False,
-            )
-            if len(history) % _EVERY == 0:
-                write_checkpoint()
-    write_checkpoint()
-    corrections = work.x[..., 0]
-    h = equations.attitude_of(of_attitude - passes.to_attitude(work.x)[..., 0])
-    angle = None
-    if equations.angle is not None:
-        angle = equations.angle_of(along, x + corrections, h)
-        h -= equations.angle.effect(angle)[2]
-    sources = x + corrections
-    sources[~equations.solved] = np.nan
-    scans = equations.scans
-    return AgisSolution(
-        sources,
-        h,
-        len(history),
-        bool(is_settled or work.residual < _SOLVED),
-        np.array(history),
-        np.array(updates),
-        fit.modes,
-        fit.formal,
-        equations.formal,
-        equations.solved,
-        scans.lon,
-        scans.lat,
-        scans.frame,
-        equations.motion.parameters((x + corrections)[..., None])[:, 0] if equations.motion is not None else None,
-        angle,
-    )
 
 
 def _constraint_terms(equations, x):

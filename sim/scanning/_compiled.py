@@ -14,17 +14,10 @@ def _height(r, i, axis, k):
 
 @compile_loops()
 def crossings(
-    r: FloatArray,
-    z: FloatArray,
-    u: FloatArray,
-    w: FloatArray,
-    times: FloatArray,
-    reach: FloatArray,
-    chunk: int,
-    wide: float,
-    half: float,
+    r: FloatArray, axes: tuple, times: FloatArray, reach: FloatArray, chunk: int, wide: float, half: float
 ) -> tuple[IntArray, FloatArray, IntArray]:
     """Source, time and field of all crossings, by source and time; axes and directions are rows of three."""
+    z, u, w = axes
     size = 200 * len(r) + 100
     owner, time, views = np.empty(size, np.int64), np.empty(size), np.empty(size, np.int64)
     count, spins, turn = 0, len(times) - 1, 2 * np.pi

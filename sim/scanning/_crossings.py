@@ -138,10 +138,8 @@ class Spins:
         if compiled:
             from sim.scanning import _compiled
 
-            return _compiled.crossings(
-                np.ascontiguousarray(r.T), np.ascontiguousarray(self.z.T), np.ascontiguousarray(self.u.T),
-                np.ascontiguousarray(self.w.T), self.times, self.reach, CHUNK, wide, half,
-            )  # fmt: skip
+            directions, *axes = (np.ascontiguousarray(vectors.T) for vectors in (r, self.z, self.u, self.w))
+            return _compiled.crossings(directions, tuple(axes), self.times, self.reach, CHUNK, wide, half)
         source, spin, h0, h1 = self._find_near_sources(r, wide)
         directions = r[:, source]
         azimuth = np.arctan2(dot(directions, self.w[:, spin]), dot(directions, self.u[:, spin]))

@@ -12,8 +12,9 @@ of the spin's phase is −cos ξ ∫ dν − sin ξ ∫ sin ν dλ. Both integra
 steps of ν give their Fourier series, whose terms fall off as a power, to rounding.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -134,6 +135,7 @@ class Transits(Frozen):
         return np.bincount(self.source, minlength=n)
 
 
+T = TypeVar("T")
 #: Longer missions are typing errors, and in a shorter one Gaia does not turn ten times.
 MAX_YEARS, MIN_YEARS = 100, 0.01
 #: Sources looked at together; each with every spin of the mission.
@@ -258,16 +260,7 @@ class NominalScanningLaw(Frozen):
             Show a bar, after two seconds.
         """
         lon, lat = np.atleast_1d(np.asarray(lon, float)), np.atleast_1d(np.asarray(lat, float))
-        is_compiled = self.uses_compiled_search(len(lon))
-        blocks = list(
-            map_blocks(
-                lambda part: (part.start, self.transits_of_block(lon[part], lat[part], compiled=is_compiled)),
-                len(lon),
-                BLOCK,
-                threads,
-                "transits" if progress else None,
-            )
-        )
+        blocks = self.map_transits(lambda part, block: (part.start, block), lon, lat, threads, progress)
         names = ("time", "angle", "parallax_factor", "view", "across")
         source = [block.source + start for start, block in blocks] or [np.zeros(0, int)]
         return Transits(
@@ -275,10 +268,16 @@ class NominalScanningLaw(Frozen):
             *(np.concatenate([getattr(b, name) for _, b in blocks] or [np.zeros(0)]) for name in names),
         )
 
-    def uses_compiled_search(self, n: int) -> bool:
-        """Return whether transits of `n` sources are looked for by a compiled loop: they are many, and numba is
-        installed."""
-        return n >= _MANY and has_numba()
+    def map_transits(
+        self, work: Callable[..., T], lon: FloatArray, lat: FloatArray, threads: int | None, progress: bool
+    ) -> list[T]:
+        """`work` of blocks of `lon`, `lat` and their transits, in order, by `threads`; `progress` shows a bar."""
+        is_compiled = len(lon) >= _MANY and has_numba()
+
+        def of_block(part):
+            return work(part, self.transits_of_block(lon[part], lat[part], compiled=is_compiled))
+
+        return list(map_blocks(of_block, len(lon), BLOCK, threads, "transits" if progress else None))
 
     def transits_of_block(self, lon: ArrayLike, lat: ArrayLike, *, compiled: bool = False) -> Transits:
         """Find transits in one thread, for few enough `lon`, `lat` [rad] that each may meet every spin at once.

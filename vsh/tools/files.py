@@ -237,6 +237,14 @@ def digest(path: PathName) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
+def digest_of(things: Iterable[Any]) -> str:
+    """A hash of arrays and plain values."""
+    digest = hashlib.sha256()
+    for value in things:
+        digest.update(np.ascontiguousarray(value).tobytes() if isinstance(value, np.ndarray) else repr(value).encode())
+    return digest.hexdigest()
+
+
 @contextmanager
 def protect_files(paths: Iterable[PathName]) -> Iterator[None]:
     """Meanwhile nothing is written to these files, into these folders, nor to a folder with one of them in it."""

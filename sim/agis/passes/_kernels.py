@@ -118,16 +118,10 @@ def predict(
 
 @_compile
 def adjoint(
-    start: int,
-    stop: int,
-    first: int,
-    along: FloatArray,
-    across: FloatArray,
-    out: FloatArray,
-    attitude: FloatArray,
-    transits: tuple,
+    start: int, stop: int, first: int, observations: tuple, out: FloatArray, attitude: FloatArray, transits: tuple
 ) -> None:
     """Apply the weighted transpose of `predict`, and add the result to `out` and `attitude`."""
+    along, across = observations
     source, knot, frac, sin, cos, fal, fac, table, spacing, middle = transits
     for i in range(np.uintp(start), np.uintp(stop)):
         q, k = np.uintp(source[i]), np.uintp(knot[i] - first)

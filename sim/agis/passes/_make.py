@@ -2,8 +2,9 @@
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from functools import reduce
 from itertools import pairwise
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from scipy import sparse
@@ -50,12 +51,6 @@ class CompiledPasses:
             for start in range(0, len(arguments), self.threads):
                 yield from pool.map(lambda piece: work(*piece), arguments[start : start + self.threads])
 
-    def _add_parts(self, partial_sums, total):
-        """Sums of parts that overlap by the three coefficients at their ends."""
-        for (first_knot, last_knot), partial_sum in zip(self.knots, partial_sums, strict=True):
-            total[first_knot : last_knot + 3] += partial_sum
-        return total
-
     def to_attitude(self, x: FloatArray) -> FloatArray:
         """Cᵀ x."""
         x, lengths, transits = x[self.order], (0,) * x.shape[-1], self._kernel_arguments()
@@ -65,7 +60,10 @@ class CompiledPasses:
             self._kernels.to_attitude(start, stop, first_knot, lengths, x, attitude, transits)
             return attitude
 
-        return self._add_parts(self._map(attitude_part), np.zeros((self.coefficients, 3, len(lengths))))
+        total = np.zeros((self.coefficients, 3, len(lengths)))
+        for (first_knot, last_knot), partial_sum in zip(self.knots, self._map(attitude_part), strict=True):
+            total[first_knot : last_knot + 3] += partial_sum  # parts overlap by the three coefficients at their ends
+        return total
 
     def to_sources(self, h: FloatArray) -> FloatArray:
         """C h."""
@@ -77,16 +75,13 @@ class CompiledPasses:
             return sources
 
         # From the end, where `to_attitude` stopped: of transits on disk the last are still in memory.
-        return _sum(self._map(source_part, -1))[self.rank]
+        return reduce(lambda total, part: np.add(total, part, out=total), self._map(source_part, -1))[self.rank]
 
     def predict(self, x: FloatArray, h: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Predict the observations by the parameters."""
         along, across = (self.array(len(self.columns[0])) for _ in range(2))
         x, h, transits = x[self.order][..., None], np.ascontiguousarray(h)[..., None], self._kernel_arguments()
-        tasks = self._map(
-            lambda start, stop, first_knot, last_knot: self._kernels.predict(start, stop, x, h, along, across, transits)
-        )
-        list(tasks)
+        list(self._map(lambda start, stop, *_: self._kernels.predict(start, stop, x, h, along, across, transits)))
         return along, across
 
     def adjoint(
@@ -100,16 +95,13 @@ class CompiledPasses:
             sources, attitude = np.zeros((self.n, 5)), np.zeros((last_knot - first_knot + 3, 3, 1))
             for offset in range(start, stop, TOGETHER):
                 chunk = slice(offset, min(offset + TOGETHER, stop))
-                observations, k, transits = (
-                    (along[chunk], across[chunk]),
-                    chunk.stop - offset,
-                    self._kernel_arguments(chunk),
-                )
+                observations, k = (along[chunk], across[chunk]), chunk.stop - offset
+                transits = self._kernel_arguments(chunk)
                 if parameters is not None:
                     prediction = np.empty((2, k))
                     self._kernels.predict(0, k, *parameters, *prediction, transits)
                     observations = tuple(np.subtract(observations, prediction, out=prediction))
-                self._kernels.adjoint(0, k, first_knot, *observations, sources, attitude, transits)
+                self._kernels.adjoint(0, k, first_knot, observations, sources, attitude, transits)
             return sources, attitude
 
         sources, attitude = np.zeros((self.n, 5)), np.zeros((self.coefficients, 3, 1))
@@ -132,13 +124,6 @@ class CompiledPasses:
         return squares[self.rank], band.T
 
 
-def _sum(partial_sums):
-    total = None
-    for partial_sum in partial_sums:
-        total = partial_sum if total is None else np.add(total, partial_sum, out=total)
-    return total
-
-
 #: Transits that a design matrix is made for; each takes 400 bytes.
 MAX_TRANSITS = 3_000_000
 #: From so many on compiled passes are worth the second that it takes to load them.
@@ -149,19 +134,11 @@ class SparsePasses:
     """Passes over the observations of some transits."""
 
     def __init__(self, scans: Any, table: FloatArray) -> None:
-        source, knot, frac, sin, cos, fal, fac, spacing, middle = (
-            scans.source,
-            scans.knot,
-            *(
-                np.asarray(getattr(scans, name), float)
-                for name in ("frac", "sin", "cos", "along_factor", "across_factor")
-            ),
-            scans.spacing,
-            scans.middle,
-        )
-        table = np.asarray(table, float)
+        source, knot, table = scans.source, scans.knot, np.asarray(table, float)
+        names = ("frac", "sin", "cos", "along_factor", "across_factor")
+        frac, sin, cos, fal, fac = (np.asarray(getattr(scans, name), float) for name in names)
         k, n, self.coefficients = len(source), len(table), scans.intervals + 3
-        t = (knot + frac) * spacing - middle
+        t = (knot + frac) * scans.spacing - scans.middle
         sa, ca, sd, cd = table[source, :4].T
         q = np.stack([-sd * ca, -sd * sa, cd])
         p = np.stack([-sa, ca, np.zeros(k)])
@@ -223,29 +200,8 @@ class SparsePasses:
         return blocks, band
 
 
-class Passes(Protocol):
-    """Passes over the observations of some transits; x are of sources, h of the attitude."""
-
-    def to_attitude(self, x: FloatArray) -> FloatArray:
-        """Cᵀ x, (coefficients, 3, K)."""
-        ...
-
-    def to_sources(self, h: FloatArray) -> FloatArray:
-        """C h, (n, 5, K)."""
-        ...
-
-    def predict(self, x: FloatArray, h: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Predict the observations by the parameters: along and across, (k,) each."""
-        ...
-
-    def adjoint(
-        self, along: FloatArray, across: FloatArray, x: FloatArray | None = None, h: FloatArray | None = None
-    ) -> tuple[FloatArray, FloatArray]:
-        """Its weighted transpose, of observations less what parameters make of them: (n, 5) and (coefficients, 3)."""
-        ...
-
-    def blocks(self) -> tuple[FloatArray, FloatArray]:
-        """S as (n, 5, 5), and the lower band of A."""
+#: Passes over the observations of some transits; x are of sources, (n, 5, K), h of the attitude, (coefficients, 3, K).
+Passes = CompiledPasses | SparsePasses
 
 
 def make_passes(scans: Scans, solved: BoolArray, threads: int | None = None, compiled: bool | None = None) -> Passes:

@@ -5,7 +5,6 @@ The attitude's errors: a cubic B-spline in time, of three components along the a
 Along the axes of the sky, not of the satellite: so it holds a rotation ε₀ + ω t exactly, whatever its knots.
 """
 
-import hashlib
 import json
 import re
 from collections.abc import Iterator
@@ -20,7 +19,7 @@ from vsh.sky.frames import rotation_matrix
 from vsh.sky.sphere import triad
 from vsh.tools import arguments
 from vsh.tools.errors import ParameterError
-from vsh.tools.files import atomic_folder, atomic_write, scratch_array
+from vsh.tools.files import atomic_folder, atomic_write, digest_of, scratch_array
 from vsh.tools.notebook import Frozen, InNotebook
 from vsh.tools.parallel import GIB, free_memory, progress_bar
 from vsh.tools.types import ArrayLike, FloatArray, IntArray, PathName
@@ -352,11 +351,8 @@ def _check_folder(folder):
     file_names = {f"{name}.npy" for name in _COLUMNS}
     if folder.exists() and not folder.is_dir():
         raise ParameterError(f"{folder} is a file, not a folder for scans")
-    other_files = (
-        [entry.name for entry in folder.iterdir() if entry.name not in file_names and not _KEY.fullmatch(entry.name)]
-        if folder.exists()
-        else []
-    )
+    names = [entry.name for entry in folder.iterdir()] if folder.exists() else []
+    other_files = [name for name in names if name not in file_names and not _KEY.fullmatch(name)]
     if other_files:
         raise ParameterError(f"{folder} holds other files ({other_files[0]}, …): name a new folder for scans")
     return folder
@@ -385,14 +381,8 @@ def _follow_law(law, lon, lat, ccds, threads, progress, folder):
             sun = turn @ sun
             east, north = (np.einsum("ij,ij->j", v[:, transits.source], sun) for v in (p, q))
             # As of the parallax along the scan: the Sun seen from 1 % beyond the Earth.
-            columns = (
-                transits.source + start,
-                sin,
-                cos,
-                transits.parallax_factor,
-                1.01 * distance * (sin * north - cos * east),
-            )
-            for name, column in zip(_NAMES[1:], columns, strict=True):
+            factors = transits.parallax_factor, 1.01 * distance * (sin * north - cos * east)
+            for name, column in zip(_NAMES[1:], (transits.source + start, sin, cos, *factors), strict=True):
                 records[name] = column[:, None]
             records = records.ravel()
             records = records[np.argsort(records["time"], kind="stable")]
@@ -451,10 +441,8 @@ def _sky_order(lon, lat):
 def _key(law, attributes, ccds):
     """A hash of all that determines the transits, and of what is kept of each."""
     arguments = {entry.name: getattr(law, entry.name) for entry in fields(law) if entry.init and entry.name != "rng"}
-    digest = hashlib.sha256(repr((arguments, attributes["spacing"], ccds, _COLUMNS)).encode())
-    for array in (law.lost, attributes["lon"], attributes["lat"], attributes["weights"]):
-        digest.update(np.ascontiguousarray(array).tobytes())
-    return digest.hexdigest()[:16]
+    arrays = law.lost, attributes["lon"], attributes["lat"], attributes["weights"]
+    return digest_of(((arguments, attributes["spacing"], ccds, _COLUMNS), *arrays))[:16]
 
 
 #: Coefficients that meet in an interval, times three components: rows of the band, the diagonal among them.
