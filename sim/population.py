@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from scipy.special import ndtr, ndtri
 
-from vsh.models.cosmology import distance_modulus, transverse_distance
+from vsh.models.cosmology import FLAT_PLANCK13, distance_modulus, hubble_value, redshift_of, transverse_distance
 from vsh.models.flows import LINEAR_PLANCK18, VelocityGrid, velocities_of, wave_vectors
 from vsh.sky.frames import check_frame, rotation_matrix
 from vsh.sky.sphere import angles, triad
@@ -457,17 +457,13 @@ def clustered_galaxies(
     >>> len(sky)
     200
     """
-    from vsh.models.cosmology import FLAT_PLANCK13, distance_modulus, hubble_value, redshift_of, transverse_distance
-
     rng, max_redshift = generator(rng), arguments.between("max_redshift", max_redshift, _NEAREST, 10.0)
     h = hubble_value(FLAT_PLANCK13) / 100
     min_distance, max_distance = transverse_distance(np.array([_NEAREST, max_redshift])) * h
     half = 1.6 * max_distance
-    density, velocity = _draw_linear_field(LINEAR_PLANCK18, rng, size, half, min_wavenumber=0.0)
+    density, velocity = _draw_linear_field(rng, size, half)
     # Waves longer than the box carry galaxies along without clustering them.
-    _, large = _draw_linear_field(
-        LINEAR_PLANCK18, rng, 48, 8 * half, min_wavenumber=0.0, max_wavenumber=np.pi / half / 2
-    )
+    _, large = _draw_linear_field(rng, 48, 8 * half, np.pi / half / 2)
     x = np.linspace(-half, half, size, endpoint=False) + half / size
     cells = np.stack(np.meshgrid(x, x, x, indexing="ij")).reshape(3, -1)
     coarse_grid = VelocityGrid(large, 8 * half * (1 - 1 / 48), "icrs")
@@ -490,16 +486,14 @@ def clustered_galaxies(
     return Population(lon, lat, magnitude, redshift), grid
 
 
-def _draw_linear_field(theory, rng, size, half, min_wavenumber, max_wavenumber=np.inf):
+def _draw_linear_field(rng, size, half, max_wavenumber=np.inf):
     """Density contrast and velocity on a periodic grid, of the waves between two wave numbers."""
     step = 2 * half / size
     k = wave_vectors(size, step)
     length = np.sqrt(np.sum(k**2, 0))
     length[0, 0, 0] = 1.0
-    power = np.where(
-        (np.abs(k).max(0) > min_wavenumber) & (np.abs(k).max(0) < max_wavenumber), theory.power_at(length), 0.0
-    )
+    power = np.where(np.abs(k).max(0) < max_wavenumber, LINEAR_PLANCK18.power_at(length), 0.0)
     power[0, 0, 0] = 0.0
     wave = np.fft.rfftn(rng.standard_normal((size, size, size))) * np.sqrt(power / step**3)
     density = np.fft.irfftn(wave, (size,) * 3, axes=(0, 1, 2))
-    return density, velocities_of(wave, k, theory.growth_rate)
+    return density, velocities_of(wave, k, LINEAR_PLANCK18.growth_rate)

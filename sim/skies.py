@@ -87,7 +87,7 @@ def _gums_density():
 def _igql_density():
     """Fill the footprint of each survey evenly with its share of the sources."""
     b = _galactic_centres()[1]
-    ra, dec = _equatorial_centres()
+    ra, dec = np.degrees(angles(rotation_matrix("galactic", "icrs") @ triad(*centres(NSIDE))[2]))
     outside = np.abs(b) > 15
     footprints = {
         # Spectroscopy and imaging of SDSS in the northern Galactic cap (Ahn et al. 2014, ApJS 211, 17).
@@ -109,8 +109,3 @@ def _igql_density():
 
 def _galactic_centres():
     return np.degrees(centres(NSIDE))
-
-
-def _equatorial_centres():
-    lon, lat = centres(NSIDE)
-    return np.degrees(angles(rotation_matrix("galactic", "icrs") @ triad(lon, lat)[2]))

@@ -11,7 +11,7 @@ import sim
 import vsh
 from vsh.commands import finishing, parsing, reading, running
 from vsh.tools.errors import TableError
-from vsh.tools.files import atomic_write, digest
+from vsh.tools.files import digest
 from vsh.tools.printing import printable
 
 #: Towards the Galactic centre, and towards the apex of the microwave background (Bachchan et al. 2016).
@@ -20,16 +20,14 @@ ACCELERATION = "-0.235965,-3.755779,-2.080491"
 YEARS = {"DR3": 2.8, "DR4": 5.0, "DR5": 10.0, "paper": 5.0}
 #: Length of the epochs. [yr]
 EPOCHS = 5.5
-#: What positions along scan take of the other kinds' options.
-NOT_OF_EPOCHS = ("velocity", "redshifts", "flow", "orientation")
-NOT_OF_CRF3 = (
-    "sky", "orientation", "velocity", "flow", "redshifts", "errors", "release", "wave", "columns", "positions",
-)  # fmt: skip
-#: What radio stars take of the other kinds' options.
-NOT_OF_LINK = tuple(each for each in NOT_OF_CRF3 if each != "orientation")
 KINDS = ("quasars", "galaxies", "vlbi", "crf3", "crf4", "epochs", "link")
-#: Options of galaxies alone.
-OF_GALAXIES = ("velocity", "flow")
+#: Kinds that take an option, of those that not all take.
+_TAKERS = {
+    "velocity": ("galaxies",), "flow": ("galaxies",), "orientation": ("vlbi", "link"), "wave": ("epochs",),
+    "traps": ("crf3", "crf4"), **dict.fromkeys(("redshifts", "positions", "columns"), ("quasars", "galaxies")),
+    **dict.fromkeys(("sky", "errors", "release"), ("quasars", "galaxies", "vlbi", "epochs")),
+    **dict.fromkeys(("spin", "acceleration"), tuple(kind for kind in KINDS if kind != "vlbi")),
+}  # fmt: skip
 #: The Hubble constant of simulated galaxies. [km/s/Mpc]
 HUBBLE = 67.3
 
@@ -134,21 +132,7 @@ def make_parser() -> argparse.ArgumentParser:
 
 def _foreign_options(kind):
     """The options that a kind does not take."""
-    not_taken = {
-        "quasars": (*OF_GALAXIES, "orientation"),
-        "galaxies": ("orientation",),
-        "vlbi": (*OF_GALAXIES, "spin", "acceleration", "redshifts"),
-        "epochs": NOT_OF_EPOCHS,
-        "link": NOT_OF_LINK,
-        "crf3": NOT_OF_CRF3,
-        "crf4": NOT_OF_CRF3,
-    }
-    return (
-        *not_taken[kind],
-        *(() if kind == "epochs" else ("wave",)),
-        *(() if kind in ("crf3", "crf4") else ("traps",)),
-        *(() if kind in ("quasars", "galaxies") else ("positions", "columns")),
-    )
+    return [name for name, kinds in _TAKERS.items() if kind not in kinds]
 
 
 def narrow(parser: argparse.ArgumentParser, words: Sequence[str]) -> None:
@@ -175,7 +159,7 @@ def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
         parser.error("--columns names those of the table of --positions, whose errors are simulated")
     foreign = [name for name in _foreign_options(options.kind) if getattr(options, name) != parser.get_default(name)]
     if foreign:
-        takers = " and ".join(kind for kind in KINDS if foreign[0] not in _foreign_options(kind))
+        takers = " and ".join(_TAKERS[foreign[0]])
         parser.error(f"--{foreign[0]} does not go with {options.kind}: --{foreign[0]} is for {takers}")
     if options.wave is not None and (len(options.wave) != 5 or options.wave[0] <= 0):
         parser.error("--wave is a frequency above zero, plus, cross, and a direction, as 2,100,0,30,-20")
@@ -189,17 +173,15 @@ def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
 
 
 def _run(options):
-    from vsh.io import tables
-
-    tables.check_writable(options.output)  # what cannot be written is better told before the work than after
+    vsh.io.tables.check_writable(options.output)  # what cannot be written is better told before the work than after
     finishing.check_file(options.output, options.overwrite)
-    finishing.check_configuration(_configuration_path(options))
-    if options.kind in ("crf3", "crf4"):
-        _write_crf(options)
-        return
-    if options.kind in ("epochs", "link"):
-        (_write_epochs if options.kind == "epochs" else _write_link)(options)
-        return
+    finishing.check_configuration(options.output)
+    writers = {"crf3": _write_crf, "crf4": _write_crf, "epochs": _write_epochs, "link": _write_link}
+    writers.get(options.kind, _write_field)(options)
+
+
+def _write_field(options):
+    """Write the motions of quasars or galaxies, or offsets from radio positions."""
     # A stream of its own for each step, so that one option does not shift what another draws.
     sky, selection_rng, gaps, observed, noise = np.random.default_rng(options.seed).spawn(5)
     population, notes = (
@@ -212,20 +194,19 @@ def _run(options):
         if options.dispersion or options.flow:
             motions = sim.peculiar(options.dispersion, noise, flow=options.flow, hubble=HUBBLE)
             if options.flow and ours is None:  # we take part in it
-                from vsh.models.cosmology import SUN_IN_LOCAL_GROUP
-
                 group = next(part for part in motions.parts if hasattr(part, "velocity_here")).velocity_here(
                     population.redshift
                 )
-                velocity = group + SUN_IN_LOCAL_GROUP.to_frame("icrs").value
+                velocity = group + vsh.models.cosmology.SUN_IN_LOCAL_GROUP.to_frame("icrs").value
             signal += motions
         if velocity.any():
             signal += sim.secular_parallax(velocity, hubble=HUBBLE)
     law = sim.NominalScanningLaw(years=YEARS[options.release], dead_time=sim.scanning.DEAD_TIME, rng=gaps)
     mission = sim.Mission(law, options.release, "solved" if options.errors == "solved" else 10.0)
-    if options.kind == "vlbi":
-        truth = sim.spin(options.orientation)
-        field = sim.observe_offsets(population, truth, observed, mission)
+    true = {"SPIN": options.spin, "ACC": options.acceleration}
+    if options.kind == "vlbi":  # offsets [µas] have an orientation; spin and acceleration are of motions
+        true = {"ORIENT": options.orientation}
+        field = sim.observe_offsets(population, sim.spin(options.orientation), observed, mission)
     elif options.errors == "expected":
         from sim.expected import errors_by_place
 
@@ -233,41 +214,27 @@ def _run(options):
         field = sim.observe(population, signal, observed, sigma=sigma, rho=rho, redshifts=options.redshifts)
     else:
         field = sim.observe(population, signal, observed, mission=mission, redshifts=options.redshifts)
-    # Offsets [µas] have an orientation; spin and acceleration are of motions.
-    true = (
-        {"ORIENT": options.orientation}
-        if options.kind == "vlbi"
-        else {"SPIN": options.spin, "ACC": options.acceleration}
-    )
     meta = _truth(true, options)
     if options.kind == "galaxies":
         meta |= {f"VEL_{axis}": float(value) for axis, value in zip("XYZ", velocity, strict=True)}
         meta["HUBBLE"] = HUBBLE
         if group is not None:
             meta |= {f"GROUP_{axis}": float(value) for axis, value in zip("XYZ", group, strict=True)}
-    if options.kind == "galaxies":  # our own default output is what our own default input takes
-        from vsh.models.cosmology import with_redshift
-
-        field = with_redshift(field)
+        field = vsh.models.cosmology.with_redshift(field)  # our own default output is what our own default input takes
     field.write(options.output, meta, overwrite=options.overwrite)  # another run may have written it meanwhile
     notes += field.notes
-    if tables.format_of(options.output) == "ascii.csv":
+    if vsh.io.tables.format_of(options.output) == "ascii.csv":
         notes.append("note: CSV has no place for the truth; FITS, ECSV, VOTable and Parquet keep it with the table")
     _finish(options, notes, meta, f"{len(field)} sources")
 
 
 def _write_crf(options):
     """A catalogue in the archive's own columns."""
-    from vsh.io import tables
-
     signal = sim.spin(options.spin) + sim.acceleration(options.acceleration)
     counts = {} if options.number is None else {"n_five": options.number}
-    if options.kind == "crf3":
-        table = sim.crf3(options.seed, signal, traps=options.traps, **counts)
-    else:
-        table = sim.crf4(options.seed, signal, traps=options.traps, **counts)
+    table = getattr(sim, options.kind)(options.seed, signal, traps=options.traps, **counts)
     truth = _truth({"SPIN": options.spin, "ACC": options.acceleration}, options)
-    tables.write_table(table, options.output, truth, overwrite=options.overwrite)
+    vsh.io.tables.write_table(table, options.output, truth, overwrite=options.overwrite)
     params = table["astrometric_params_solved" if options.kind == "crf3" else "astrometric_params"]
     five, six = (int(np.sum(params == value)) for value in (31, 95))
     n_other = len(table) - five - six
@@ -277,22 +244,19 @@ def _write_crf(options):
 
 def _write_epochs(options):
     """Write the transits of quasars, in the columns of DR4's epoch astrometry."""
-    from vsh.io import tables
-    from vsh.vector import Vector
-
     sky, gaps, observed = np.random.default_rng(options.seed).spawn(3)
     population = _population(options, sky, sky)
     signal = sim.spin(options.spin) + sim.acceleration(options.acceleration)
     meta = {"SPIN": options.spin, "ACC": options.acceleration}
     if options.wave:
         frequency, plus, cross, lon, lat = options.wave
-        signal += sim.wave_in_time(Vector.from_spherical(1.0, lon, lat).value, frequency, plus, cross)
+        signal += sim.wave_in_time(vsh.Vector.from_spherical(1.0, lon, lat).value, frequency, plus, cross)
         meta["WAVE"] = options.wave
     law = sim.NominalScanningLaw(years=EPOCHS, dead_time=sim.scanning.DEAD_TIME, rng=gaps)
     attitude, mission = "solved" if options.errors == "solved" else "perfect", sim.Mission(law, options.release, 10.0)
     table = sim.epochs(population, signal, observed, mission=mission, attitude=attitude, complete=True)
     truth = {f"{name}_{i}": float(value) for name, values in meta.items() for i, value in enumerate(values)}
-    tables.write_table(
+    vsh.io.tables.write_table(
         table, options.output, truth | {"ATTITUDE": attitude, "SEED": options.seed}, overwrite=options.overwrite
     )
     _finish(options, [], truth, f"{len(table)} transits of {len(population)} quasars, attitude {attitude}")
@@ -301,27 +265,20 @@ def _write_epochs(options):
 def _write_link(options):
     """Radio stars, and quasars, in Gaia and VLBI."""
     from vsh.io.astrometry import write_astrometry
-    from vsh.vector import Vector
 
     rows = sim.link(
         options.seed, options.number, orientation=options.orientation, spin=options.spin,
-        aberration=Vector(np.array(options.acceleration), np.zeros((3, 3))),
+        aberration=vsh.Vector(np.array(options.acceleration), np.zeros((3, 3))),
     )  # fmt: skip
     vectors = {"ORIENT": options.orientation, "SPIN": options.spin, "JUMP": (0.0,) * 3, "ACC": options.acceleration}
     meta = _truth(vectors, options)
     write_astrometry(rows, options.output, meta, overwrite=options.overwrite)
-    summary = f"{len(rows)} rows of {options.number} stars, gaia and vlbi"
-    _finish(options, [], meta, summary)
+    _finish(options, [], meta, f"{len(rows)} rows of {options.number} stars, gaia and vlbi")
 
 
 def _finish(options, notes, meta, summary):
     """The configuration that repeats it, and what is said."""
-    with atomic_write(_configuration_path(options), overwrite=True) as temporary_path:
-        digests = {Path(options.output).name: digest(options.output)}
-        temporary_path.write_text(
-            finishing.configuration_text(options, name=_configuration_path(options).name, written=digests),
-            encoding="utf-8",
-        )
+    finishing.write_configuration(options, {Path(options.output).name: digest(options.output)})
     true = ", ".join(f"{name} {value:g}" for name, value in meta.items() if isinstance(value, (int, float)))
     text = "\n".join([*notes, f"written to {options.output}: {summary}", f"truth: {true}"])
 
@@ -334,12 +291,6 @@ def _finish(options, notes, meta, summary):
         }
 
     finishing.print_result(options, finishing.message_result(text, truth, notes))
-
-
-def _configuration_path(options):
-    """Path of the configuration: its name with run.toml for the ending."""
-    path = Path(options.output)
-    return path.with_name(f"{path.name}.{parsing.NAME}")
 
 
 def _truth(vectors, options):
@@ -355,12 +306,11 @@ def _truth(vectors, options):
 def _population(options, rng, selection_rng):
     sky, frame = options.sky or "uniform", "icrs"
     if sky not in parsing.SKIES:
-        from vsh.io.maps import read_map_with_frame
         from vsh.sky.pixels import count_missing_pixels
 
         axes, _, path = sky.rpartition(":")
         stated = axes if axes in parsing.FRAMES else None
-        sky, frame = read_map_with_frame(path if stated else sky, stated, "galactic:FILE, or which it is")
+        sky, frame = vsh.io.maps.read_map_with_frame(path if stated else sky, stated, "galactic:FILE, or which it is")
         empty = count_missing_pixels(sky)
         if empty:
             finishing.print_line(
@@ -377,12 +327,11 @@ def _population(options, rng, selection_rng):
 
 def _read_population(options, rng):
     """The sources of a user's own table, and what is to be said of them."""
-    from vsh.io.catalogue import read_sources
-    from vsh.models.cosmology import with_redshift
     from vsh.tools.notes import ASSUMED_MOTIONS, UNUSED_CORRELATIONS, has_code
 
     facts = {"frame": options.catalogue_frame, "format": options.input_format}
-    read = read_sources(options.positions, options.columns, on_bad="drop", sigma=1.0, **facts).to_frame("icrs")
+    read = vsh.io.catalogue.read_sources(options.positions, options.columns, on_bad="drop", sigma=1.0, **facts)
+    read = read.to_frame("icrs")
     of_motions = (ASSUMED_MOTIONS, UNUSED_CORRELATIONS)  # which are made here
     notes = [note for note in read.notes if not has_code(note, *of_motions)]
     if options.kind == "galaxies":
@@ -392,7 +341,7 @@ def _read_population(options, rng):
                 "column holds them, say --columns redshift=NAME"
             )
         reading.refuse_velocities(read.notes, printable(options.positions))
-        usable_sources = with_redshift(read)
+        usable_sources = vsh.models.cosmology.with_redshift(read)
         notes += usable_sources.notes[len(read.notes) :]
         read = usable_sources
     n = len(read)
@@ -413,7 +362,7 @@ def _read_population(options, rng):
 
 def _recorded_options(options):
     """All options but those that change nothing."""
-    exclusions = [*running.NOT_TOLD, *(NOT_OF_CRF3 if options.kind in ("crf3", "crf4") else ())]
+    exclusions = [*running.NOT_TOLD, *(_foreign_options(options.kind) if options.kind in ("crf3", "crf4") else ())]
     settings = {key: value for key, value in vars(options).items() if key not in exclusions}
     if options.velocity is not None:
         ours = reading.velocity_of(options.velocity)

@@ -147,8 +147,10 @@ def crf4(
     return catalogue
 
 
-def _simulate_catalogue(rng, signal, n_five, n_six, release, traps=False):
+def _simulate_catalogue(rng, signal, n_five, n_six, release, traps):
     """The table of `crf3`, or of another release."""
+    from vsh.io import tables
+
     years = {"DR3": _YEARS, "DR4": 66 / 12}[release]
     six_count = n_five * CRF3_COUNTS[95] / CRF3_COUNTS[31] if n_six is None else arguments.not_negative("n_six", n_six)
     n = n_five + round(six_count)
@@ -194,7 +196,8 @@ def _simulate_catalogue(rng, signal, n_five, n_six, release, traps=False):
     }
     transit_columns = {name: values[pixel] for name, values in scan_columns(transits, 12 * _NSIDE**2).items()}
     del photometry["nu"]
-    return _table(columns | transit_columns | photometry)
+    meta = {"REFEPOCH": 2016.0, "RELEASE": "simulated Gaia-CRF3"}
+    return tables.table_of(columns | transit_columns | photometry, meta, _CRF3_UNITS)
 
 
 def _photometry_columns(rng: np.random.Generator, six: BoolArray, magnitude: FloatArray) -> dict[str, Any]:
@@ -226,9 +229,3 @@ def _identifiers(lon, lat):
     running = np.empty(len(pixel), np.int64)
     running[order] = np.arange(len(pixel)) - starts
     return pixel.astype(np.int64) * 2**35 + (running + 1) * 2**7
-
-
-def _table(columns):
-    from vsh.io import tables
-
-    return tables.table_of(columns, {"REFEPOCH": 2016.0, "RELEASE": "simulated Gaia-CRF3"}, _CRF3_UNITS)

@@ -13,7 +13,5 @@ from sim.signal._signal import (
     systematics,
     wave_background,
 )
-from vsh.models.covariance import wave_fractions
-from vsh.tools.units import hubble_rate
 
 __all__: list[str] = []

@@ -28,10 +28,11 @@ _MOST_EXACT = 6000
 _BLOCK = 2048
 
 
+@dataclass(frozen=True)
 class Velocities:
     """Base of signals that are velocities of the sources."""
 
-    cosmology: object
+    cosmology: Cosmology | None
     hubble: float | None
 
     def velocity(self, lon: FloatArray, lat: FloatArray, distance: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -39,12 +40,12 @@ class Velocities:
         raise NotImplementedError
 
     def __call__(self, lon: FloatArray, lat: FloatArray, redshift: ArrayLike) -> FloatArray:
-        distance = distance_of(redshift, self.cosmology, self.hubble)
+        distance = transverse_distance(redshift, self.cosmology, hubble=self.hubble)
         return self.velocity(lon, lat, distance)[0] / (AU_PER_YEAR * distance)
 
     def radial(self, lon: FloatArray, lat: FloatArray, redshift: ArrayLike) -> FloatArray:
         """Outward velocities, (n,). [km/s]"""
-        return self.velocity(lon, lat, distance_of(redshift, self.cosmology, self.hubble))[1]
+        return self.velocity(lon, lat, transverse_distance(redshift, self.cosmology, hubble=self.hubble))[1]
 
 
 @dataclass(frozen=True)
@@ -54,8 +55,6 @@ class RandomVelocities(Velocities):
     sigma: float
     seed: int
     length: float | None
-    cosmology: object
-    hubble: float | None
     n_waves: int
 
     def velocity(self, lon: FloatArray, lat: FloatArray, distance: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -80,8 +79,6 @@ class LinearFlow(Velocities):
 
     theory: LinearTheory
     seed: int
-    cosmology: object
-    hubble: float | None
     n_modes: int
     exact: bool
 
@@ -113,7 +110,7 @@ class LinearFlow(Velocities):
 
     def velocity_here(self, redshift: ArrayLike) -> FloatArray:
         """The flow where we are, along the axes of its frame, (3,), of galaxies at so large a redshift. [km/s]"""
-        farthest = np.max(distance_of(redshift, self.cosmology, self.hubble))
+        farthest = np.max(transverse_distance(redshift, self.cosmology, hubble=self.hubble))
         lon, lat = np.array([0, np.pi / 2, 0, 0]), np.array([0, 0, np.pi / 2, 0])
         return self.velocity(lon, lat, np.array([1e-3, 1e-3, 1e-3, farthest]))[1][:3]
 
@@ -124,8 +121,6 @@ class GridFlow(Velocities):
 
     grid: VelocityGrid
     frame: str
-    cosmology: object
-    hubble: float | None
 
     def velocity(self, lon: FloatArray, lat: FloatArray, distance: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Tangential and radial velocities, as `Velocities.velocity` says."""
@@ -192,12 +187,12 @@ def peculiar(
     length = None if length is None else positive("length", length)
     hubble = None if hubble is None else positive("hubble", hubble)
     seed = int(generator(rng).integers(2**63))
-    random = RandomVelocities(not_negative("sigma", sigma), seed, length, cosmology, hubble, whole("n_waves", n_waves))
+    random = RandomVelocities(cosmology, hubble, not_negative("sigma", sigma), seed, length, whole("n_waves", n_waves))
     if flow is None:
         return Signal((random,))
     coherent_flow: Velocities
     if isinstance(flow, VelocityGrid):
-        coherent_flow = GridFlow(flow, frame, cosmology, hubble)
+        coherent_flow = GridFlow(cosmology, hubble, flow, frame)
     else:
         if isinstance(flow, str):
             if flow != "linear":
@@ -205,7 +200,7 @@ def peculiar(
             flow = LINEAR_PLANCK18
         # A stream of its own: with a flow the random velocities are those without.
         flow_seed = int(np.random.default_rng([seed, 1]).integers(2**63))
-        coherent_flow = LinearFlow(flow, flow_seed, cosmology, hubble, whole("n_modes", n_modes), bool(exact))
+        coherent_flow = LinearFlow(cosmology, hubble, flow, flow_seed, whole("n_modes", n_modes), bool(exact))
     return Signal((random, coherent_flow) if random.sigma else (coherent_flow,))
 
 
@@ -216,11 +211,6 @@ def _covariance_root(theory, lon, lat, scaled_distance):
     covariance = theory.covariance(positions)
     covariance[np.diag_indices_from(covariance)] += 1e-9 * theory.sigma**2
     return np.linalg.cholesky(covariance)
-
-
-def distance_of(redshift: ArrayLike, cosmology: Any, hubble: float | None) -> FloatArray:
-    """Transverse comoving distances [Mpc]; flat, Ω_m = 0.315, H0 = 67.3 unless given."""
-    return transverse_distance(redshift, FLAT_PLANCK13 if cosmology is None else cosmology, hubble=hubble)
 
 
 def _little_h(cosmology, hubble):
@@ -238,9 +228,9 @@ class SecularParallax(ObserverMotion):
 
     def __call__(self, lon: FloatArray, lat: FloatArray, redshift: ArrayLike) -> FloatArray:
         p, q, _ = triad(lon, lat)
-        distance = distance_of(redshift, self.cosmology, self.hubble)
+        distance = transverse_distance(redshift, self.cosmology, hubble=self.hubble)
         # The curvature acts on distances for the cosmology's own H0.
-        factor = parallax_factor(distance_of(redshift, self.cosmology, None), self.cosmology)
+        factor = parallax_factor(transverse_distance(redshift, self.cosmology), self.cosmology)
         return -np.stack([self.velocity @ p, self.velocity @ q]) * (factor / (AU_PER_YEAR * distance))
 
 

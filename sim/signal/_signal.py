@@ -170,11 +170,8 @@ class ScaledSignal:
 
 
 @dataclass(frozen=True)
-class ScaledInTime(TimeDependent):
+class ScaledInTime(TimeDependent, ScaledSignal):
     """A field that changes with time, so many times as large."""
-
-    part: Any
-    factor: float
 
     def displacement(self, lon: FloatArray, lat: FloatArray, time: FloatArray) -> FloatArray:
         """Displacements of sources at `lon`, `lat` [rad], a `time` each [yr since the epoch], (2, k). [µas]"""
