@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+import sim
 import vsh
 from sim.commands import calibration_words
 from vsh.commands import finishing, parsing, reading, running
@@ -131,28 +132,25 @@ def _run(options):
 
 def _response(chunks, span, options):
     """Response of the attitude, by the law of a table or a nominal one that is laid through the epochs."""
-    from sim import TabulatedLaw, find_gaps
-    from sim.agis import Response
-    from vsh.io.archive import DR4
-
+    epoch = vsh.io.archive.DR4.epoch
     if any(chunk.view is None for chunk in chunks) and not options.law:
         raise TableError(
             f"{printable(options.epochs)} does not say in which field of view a source was seen (transit_id does): "
             "an attitude that was solved needs it. --law FILE, Gaia's commanded scanning law, tells it from the times"
         )
     if options.law:
-        law: Any = _read_scanning_law(options.law, TabulatedLaw)
-        if law.start > DR4.epoch + span[0] or law.start + law.years < DR4.epoch + span[1]:
+        law: Any = _read_scanning_law(options.law)
+        if law.start > epoch + span[0] or law.start + law.years < epoch + span[1]:
             raise TableError(
                 f"{printable(options.law)} goes from {law.start:.2f} to {law.start + law.years:.2f}, the epochs from "
-                f"{DR4.epoch + span[0]:.2f} to {DR4.epoch + span[1]:.2f}"
+                f"{epoch + span[0]:.2f} to {epoch + span[1]:.2f}"
             )
     else:
         times = np.sort(np.concatenate([chunk.time for chunk in chunks]))
         longest = max(0.003, 30 * float(np.median(np.diff(times))))
-        start = DR4.epoch + span[0]
-        law = _nominal_law(chunks, start, span[1] - span[0], find_gaps(DR4.epoch + times, start, longest=longest))
-    response = Response(law, nside=_NSIDE, epoch=DR4.epoch, calibration=options.calibration)
+        start = epoch + span[0]
+        law = _nominal_law(chunks, start, span[1] - span[0], sim.find_gaps(epoch + times, start, longest=longest))
+    response = sim.agis.Response(law, nside=_NSIDE, epoch=epoch, calibration=options.calibration)
     offset = np.degrees(np.median([_median_axis_offset(chunk, law) for chunk in chunks]))
     note = f"spin axis of the scanning law: {offset:.2g}° from that of the transits, median"
     if offset > _FAR:
@@ -162,16 +160,13 @@ def _response(chunks, span, options):
 
 def _nominal_law(chunks, start, years, gaps):
     """A nominal law whose axis is, at the first transit, where it was seen: r × m of the scan."""
-    from sim import NominalScanningLaw
-    from sim.scanning import sun_position
-
     earliest_chunk = min(chunks, key=lambda chunk: chunk.time.min())
     axis, time = _axes(earliest_chunk)
     k = int(np.argmin(time))
-    longitude, _ = sun_position(start, np.zeros(1))
+    longitude, _ = sim.scanning.sun_position(start, np.zeros(1))
     east = np.array([-np.sin(longitude[0]), np.cos(longitude[0]), 0.0])
     ecliptic_axis = rotation_matrix("icrs", "ecliptic") @ axis[:, k]
-    return NominalScanningLaw(
+    return sim.NominalScanningLaw(
         start=start,
         years=years,
         precession_phase=float(np.arctan2(ecliptic_axis[2], ecliptic_axis @ east)),
@@ -188,14 +183,12 @@ def _axes(observations):
 
 def _median_axis_offset(observations, law):
     """Median offset of the axis of the law. [rad]"""
-    from vsh.io.archive import DR4
-
     axis, time = _axes(observations)
-    z = law.attitude(np.clip(time + (DR4.epoch - law.start), 0, law.years))[0]
+    z = law.attitude(np.clip(time + (vsh.io.archive.DR4.epoch - law.start), 0, law.years))[0]
     return np.median(np.arccos(np.clip(np.sum(axis * z, 0), -1, 1)))
 
 
-def _read_scanning_law(path, law_class):
+def _read_scanning_law(path):
     """The columns of Gaia's commanded_scan_law, or time [Julian years] in place of its days."""
     table = vsh.io.tables.open_table(path)
     names = ("ra_fov1", "dec_fov1", "ra_fov2", "dec_fov2")
@@ -211,7 +204,7 @@ def _read_scanning_law(path, law_class):
     years = times if time == "time" else 2010.0 + (times - (2455197.5 if times[0] > 1e6 else 0.0)) / 365.25
     order = np.argsort(years, kind="stable")
     views = [np.array([values[f"{axis}_fov{k}"][order] for axis in ("ra", "dec")]) * DEGREE for k in (1, 2)]
-    return law_class(years[order], *views)
+    return sim.TabulatedLaw(years[order], *views)
 
 
 main, run = running.make_entry(__name__, _run)

@@ -18,6 +18,7 @@ from fit.secular_parallax import predict_errors as predict_velocity
 from sim.astrometry import POSITION_FACTORS, RELEASES, gaia_errors, parallax_error
 from sim.population import CRF3_COUNTS, SIX_PARAMETERS, crf3_magnitudes, galaxies
 from vsh import Coefficients, Field
+from vsh.io import tables
 from vsh.io.sections import Answer, Section, text_of
 from vsh.models.cosmology import FLAT_PLANCK13, transverse_distance
 from vsh.models.covariance import LINDEGREN_2021, Spectrum
@@ -184,37 +185,33 @@ _VLBA = (2.1, 5.5, 9.6, 15.6, 39.2)
 _DR5_YEARS, _SUCCESSOR = 10.0, 27.7
 
 
-def _add_second_epoch(second: SecondEpoch, says: str, floor: float = _FLOORS["DR5"]) -> Survey:
-    """DR5 with the positions of another survey, which keep the floor of DR5's frame unless they have one of theirs."""
-    return Survey(_OF_QUASARS, "DR5", n_galaxies=_OF_GALAXIES, floor=floor, says=says, second=second)
+def _gaia(says: str, release: Release = "DR5", second: SecondEpoch | None = None, floor: float | None = None) -> Survey:
+    """A release, perhaps with positions of another survey, which keep its floor unless they have theirs."""
+    floor = _FLOORS[release] if floor is None else floor
+    return Survey(_OF_QUASARS, release, n_galaxies=_OF_GALAXIES, floor=floor, says=says, second=second)
 
 
 #: By name. Floors beyond DR3 are an assumption.
 SURVEYS = {
-    "Gaia DR3": Survey(_OF_QUASARS, "DR3", n_galaxies=_OF_GALAXIES, floor=_FLOORS["DR3"], says="quasars of Gaia-CRF3"),
-    "Gaia DR4": Survey(
-        _OF_QUASARS, "DR4", n_galaxies=_OF_GALAXIES, floor=_FLOORS["DR4"], says="the same quasars, 66 months of data"
-    ),
-    "Gaia DR5": Survey(
-        _OF_QUASARS, "DR5", n_galaxies=_OF_GALAXIES, floor=_FLOORS["DR5"], says="the same quasars, ten years of data"
-    ),
-    "DR5 + Euclid": _add_second_epoch(
-        SecondEpoch(350.0, 7.7, latitude=30.0, ecliptic_latitude=15.0),
+    "Gaia DR3": _gaia("quasars of Gaia-CRF3", "DR3"),
+    "Gaia DR4": _gaia("the same quasars, 66 months of data", "DR4"),
+    "Gaia DR5": _gaia("the same quasars, ten years of data"),
+    "DR5 + Euclid": _gaia(
         "positions at J2027.5 in 14 000 deg², four exposures of 0.7 mas (Libralato et al. 2024, arXiv:2411.02487)",
+        second=SecondEpoch(350.0, 7.7, latitude=30.0, ecliptic_latitude=15.0),
     ),
-    "DR5 + Roman": _add_second_epoch(
-        SecondEpoch(350.0, 9.7, latitude=43.0, declination=(-45.0, 0.0)),
+    "DR5 + Roman": _gaia(
         "positions at J2029.5 in 5100 deg², ten exposures of 0.01 pixel (Sanderson et al. 2019, JATIS 5, 044005)",
+        second=SecondEpoch(350.0, 9.7, latitude=43.0, declination=(-45.0, 0.0)),
     ),
-    "DR5 + Rubin": _add_second_epoch(
-        SecondEpoch(400.0, 11.2, latitude=15.0, declination=(-70.0, 12.5)),
+    "DR5 + Rubin": _gaia(
         "positions at J2031 in 18 000 deg², 825 visits of 11 mas (Ivezić et al. 2019, ApJ 873, 111)",
+        second=SecondEpoch(400.0, 11.2, latitude=15.0, declination=(-70.0, 12.5)),
     ),
-    "near infrared": _add_second_epoch(
-        SecondEpoch("DR4", _SUCCESSOR),
+    "near infrared": _gaia(
         "positions by a successor to Gaia launched in 2045, at J2047.5 with DR4's errors by magnitude: it is to be "
         "as precise as Gaia (Hobbs et al. 2021, Exp. Astron. 51, 783); floor: that of DR5 by the time between",
-        _FLOORS["DR5"] * _DR5_YEARS / _SUCCESSOR,
+        second=SecondEpoch("DR4", _SUCCESSOR), floor=_FLOORS["DR5"] * _DR5_YEARS / _SUCCESSOR,
     ),
     "VLBI": Survey(
         1500, sigma=_VLBA, floor=0.1,
@@ -289,8 +286,6 @@ class SurveyForecast(InNotebook):
         long : bool
             Give every quantity, and the source of each survey.
         """
-        from vsh.io import tables
-
         rows = [
             ("quasars", *(str(survey.n_quasars) for survey in self.surveys.values())),
             ("galaxies", *(str(survey.n_galaxies or "") for survey in self.surveys.values())),
@@ -362,24 +357,15 @@ class SurveyForecast(InNotebook):
 
     def to_table(self) -> Table:
         """A row for each survey, as an astropy Table."""
-        from vsh.io import tables
-
         columns: dict[str, Any] = {
             "survey": list(self.surveys),
             "quasars": [s.n_quasars for s in self.surveys.values()],
             "galaxies": [s.n_galaxies for s in self.surveys.values()],
         }
         columns |= {name: [float(self.values[survey][name]) for survey in self.surveys] for name in QUANTITIES}
-        units = {
-            "µas/yr": "uas / yr",
-            "°": "deg",
-            "km/s": "km / s",
-            "km/s/Mpc": "km / (s Mpc)",
-            "kpc": "kpc",
-            "% of H0": "%",
-        }
+        units = {"km/s/Mpc": "km / (s Mpc)", "% of H0": "%"}  # what astropy reads otherwise, or not
         return tables.table_of(
-            columns, {"sky": self.sky}, {name: units[unit] for name, (_, unit) in QUANTITIES.items() if unit}
+            columns, {"sky": self.sky}, {name: units.get(unit, unit) for name, (_, unit) in QUANTITIES.items() if unit}
         )
 
     def plot(self, *, ax: OnAxes | None = None) -> AxesArray:
@@ -474,14 +460,8 @@ def _forecast_quasars(field, survey, power):
         "waves": 6 / 5 * (noise + mode) * float(chdtri(10, 0.05)) / (4 * np.pi * hubble_rate(_HUBBLE) ** 2),
         "wave": float(np.sqrt(noise * 6 / (4 * np.pi))),
         "shear": 100 * float(np.sqrt(np.mean(np.sum(np.square(tensors), axis=0)))) / hubble_rate(_HUBBLE),
-        "degree": float(_last_above(power, (2 * degrees + 1) * noise)),
+        "degree": float(np.argmin(np.append(power > (2 * degrees + 1) * noise, False))),
     }
-
-
-def _last_above(power, noise):
-    """The highest degree up to which power stands above noise."""
-    below = np.flatnonzero(power <= noise)
-    return below[0] if below.size else len(power)
 
 
 def _forecast_galaxies(survey, sample, flows):

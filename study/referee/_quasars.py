@@ -245,21 +245,16 @@ def compare(quasars: Quasars, classes: Classes, rng: Rng = 1, lmax: int | None =
     DegeneracyError
         If fewer than two classes have enough sources.
     """
-    large_classes = classes.of_at_least(FEWEST)
-    if len(large_classes) < 2:
+    large = classes.of_at_least(FEWEST)
+    if len(large) < 2:
         counts = ", ".join(f"{name}: {mask.sum()}" for name, mask in classes)
         raise DegeneracyError(f"fewer than two classes have {FEWEST} sources or more ({counts})")
-    degree = degree_for(min(mask.sum() for _, mask in large_classes), _DEGREE, least=3, per_mode=4)
-    normals = [quasars.equations(mask, degree) for _, mask in large_classes]
-    plain = [solve(quasars.plain_equations(mask, lmax or degree)) for _, mask in large_classes]
-    extensions = extend_degrees(normals, quasars.equations, [mask for _, mask in large_classes])
+    degree = degree_for(min(mask.sum() for _, mask in large), _DEGREE, least=3, per_mode=4)
+    normals = [quasars.equations(mask, degree) for _, mask in large]
+    plain = [solve(quasars.plain_equations(mask, lmax or degree)) for _, mask in large]
+    extensions = extend_degrees(normals, quasars.equations, [mask for _, mask in large])
     comparison = shared(
-        extensions,
-        range(2, degree + 1),
-        labels=large_classes.labels,
-        draws=_DRAWS,
-        noise_scale=quasars.is_scaled,
-        rng=rng,
+        extensions, range(2, degree + 1), labels=large.labels, draws=_DRAWS, noise_scale=quasars.is_scaled, rng=rng
     )
     return Comparison(plain, comparison)
 

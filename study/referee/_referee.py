@@ -5,9 +5,10 @@ from typing import Any
 
 import numpy as np
 
+from fit.methods import Recommended
 from fit.results.quality import SEEN
 from study.referee._quasars import Quasars
-from study.referee._rows import HINT, Analysis, Check, Headline, headline
+from study.referee._rows import HINT, Analysis, Check
 from study.referee._sections import checks, sections
 from vsh.field import Field
 from vsh.io import tables
@@ -45,7 +46,7 @@ class Referee(InNotebook):
     ----------
     quasars : Quasars
         The sources.
-    headline : Headline
+    headline : Recommended
         The acceleration with every error that is known of.
     sections : list of Analysis
         Published analyses, each repeated.
@@ -54,7 +55,7 @@ class Referee(InNotebook):
     """
 
     quasars: Quasars
-    headline: Headline
+    headline: Recommended
     sections: list[Analysis]
     checks: list[Check]
 
@@ -74,7 +75,7 @@ class Referee(InNotebook):
     @property
     def answer(self) -> Answer:
         """The result to quote, that of the recommended fit, and whether a check contradicts it."""
-        return Answer((*self.headline.fit.answer.lines, ("checks", self.conclusion)))
+        return Answer((*self.headline.answer.lines, ("checks", self.conclusion)))
 
     @property
     def conclusion(self) -> str:
@@ -111,13 +112,8 @@ class Referee(InNotebook):
         quasars, solution = self.quasars, self.headline.solution
         floor = f"estimated from degrees 2 to {solution.modes.lmax}"
         floor = floor if solution.includes_floor else "not known, because so few sources determine none"
-        facts = [
-            (
-                "sources",
-                (f"{len(quasars.whole)}; {quasars.n_clipped} outliers are excluded from the least-squares fits"),
-            ),
-            ("fit", f"{solution.frame} axes; systematic errors {floor}"),
-        ]
+        sources = f"{len(quasars.whole)}; {quasars.n_clipped} outliers are excluded from the least-squares fits"
+        facts = [("sources", sources), ("fit", f"{solution.frame} axes; systematic errors {floor}")]
         other_sections = [section for section in self.sections if section.paper.key != _QUOTED]
         if not long:
             facts += [
@@ -133,7 +129,8 @@ class Referee(InNotebook):
     def _checks(self, long):
         """The checks with their p-values; short, those with the smallest."""
         tests = sorted(
-            (check for check in self.checks if not check.lacking), key=lambda check: _sort_key(check.p_value)
+            (check for check in self.checks if not check.lacking),
+            key=lambda check: (np.isnan(check.p_value), check.p_value),
         )
         selection = self.checks if long else tests[:_LISTED]
         columns = {
@@ -194,18 +191,10 @@ class Referee(InNotebook):
         return results
 
 
-def _sort_key(p_value):
-    """Sort key that puts nan last."""
-    return p_value if np.isfinite(p_value) else np.inf
-
-
 def _cells(row):
-    value_types = {
-        number.kind.replace("size", "value")
-        for number in (row.published, row.theirs, row.shared)
-        if np.isfinite(number.value)
-    }
-    pairs = [x for number in (row.published, row.theirs, row.shared) for x in (number.value, number.error)]
+    numbers = row.published, row.theirs, row.shared
+    value_types = {number.kind.replace("size", "value") for number in numbers if np.isfinite(number.value)}
+    pairs = [x for number in numbers for x in (number.value, number.error)]
     return (*pairs, "/".join(sorted(value_types)))
 
 
@@ -228,5 +217,5 @@ def referee(quasars: Quasars, rng: Rng = 1, *, earlier: Field | None = None) -> 
         If there are too few sources for a spin and an acceleration.
     """
     sections_seed, checks_seed = (int(stream.integers(2**31)) for stream in generator(rng).spawn(2))
-    main = headline(quasars)
+    main = quasars.recommended
     return Referee(quasars, main, sections(quasars, main, sections_seed), checks(quasars, main, checks_seed, earlier))

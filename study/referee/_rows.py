@@ -9,14 +9,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fit.background import Floor
-from fit.methods import Recommended
 from fit.results.quality import SEEN
-from fit.results.solution import Solution
-from study.referee._quasars import Quasars
 from vsh.tools.digits import format_with_error, printed_p_value
 from vsh.tools.notebook import InNotebook
-from vsh.vector import Vector
 
 
 @dataclass(frozen=True)
@@ -167,48 +162,3 @@ def format_verdict(p: float, nothing: str, something: str) -> str:
     if p >= SEEN:
         return f"weak evidence: {something} ({p_text}; by chance in one test of {1 / p:.0f})"
     return f"{something} ({p_text})"
-
-
-@dataclass(frozen=True, eq=False)
-class Headline(InNotebook):
-    """The recommended fit of all sources, the same as that of `vsh-fit`.
-
-    Attributes
-    ----------
-    fit : Recommended
-    verdict : str
-        The result to quote, in one sentence.
-    """
-
-    fit: Recommended
-    verdict: str
-
-    @property
-    def solution(self) -> Solution:
-        """The solution, with the systematic floor in its errors where there is one."""
-        return self.fit.solution
-
-    @property
-    def floor(self) -> Floor | None:
-        """The systematic floor, or None where the sources do not determine one."""
-        return self.fit.floor
-
-    @property
-    def p_acceleration(self) -> float:
-        """Probability of as large an acceleration by chance."""
-        return self.fit.acceleration.p_value
-
-    @property
-    def p_spin(self) -> float:
-        """Probability of as large a spin by chance."""
-        return self.fit.spin.p_value
-
-    @property
-    def acceleration(self) -> Vector:
-        """The acceleration, with systematic errors. [µas/yr]"""
-        return self.solution.acceleration
-
-
-def headline(quasars: Quasars) -> Headline:
-    """Give the recommended fit of all quasars, and its answer in one sentence."""
-    return Headline(quasars.recommended, quasars.recommended.answer.sentence)

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from scipy.special import chdtrc
@@ -11,6 +11,7 @@ from scipy.special import chdtrc
 from fit import pairs
 from fit.background import SHAPES, Template, WaveLimit, cross_powers, extend_degrees, floor, shared, wave_limit
 from fit.frames.chain import combine_frames
+from fit.methods import Recommended
 from fit.motions.shear import compare_expansions, expansion
 from fit.normal import fit_field, normal_equations, solve, template_fields
 from fit.results.quality import SEEN
@@ -26,7 +27,7 @@ from study.referee._quasars import (
     method_shift,
     most_influential_source,
 )
-from study.referee._rows import NONE, Analysis, Check, Headline, Row, Value, format_verdict, papers
+from study.referee._rows import NONE, Analysis, Check, Row, Value, format_verdict, papers
 from vsh.classes import Classes
 from vsh.field import Field
 from vsh.models.cosmology import CMB_VELOCITY_PLANCK18, with_redshift
@@ -44,7 +45,7 @@ _FRAMES = ("galactic", "ecliptic", "icrs")
 _MAPS = ("G", "colour", "visibility periods", "scan strength")
 
 
-def checks(quasars: Quasars, headline: Headline, rng: Rng = 1, earlier: Field | None = None) -> list[Check]:
+def checks(quasars: Quasars, headline: Recommended, rng: Rng = 1, earlier: Field | None = None) -> list[Check]:
     """All of them; one that could not be asked says why."""
     questions: list[tuple[str, str, Callable[[], dict[str, Any]]]] = [
         *((name, f"independent of {name}", partial(_check_column, quasars, name, k, rng))
@@ -161,8 +162,6 @@ def _check_maps(quasars, headline, rng) -> dict[str, Any]:
             maps.append(Template.of_sources(name, field.lon, field.lat, quasars.columns[name], field.frame))
     normal = quasars.equations(slice(None), lmax, templates=maps)
     template_fit = shared([normal], labels=["all sources"], noise_scale=quasars.is_scaled, rng=rng)
-    amplitudes = template_fit.amplitudes
-    chi2 = amplitudes @ np.linalg.solve(template_fit.amplitude_covariance, amplitudes)
     acceleration = template_fit.solutions[0].acceleration
     plain = solve(quasars.equations(slice(None), lmax))
     spectrum = None if headline.floor is None else headline.floor.spectrum
@@ -172,7 +171,7 @@ def _check_maps(quasars, headline, rng) -> dict[str, Any]:
         f"({', '.join(format_values(acceleration.value, acceleration.sigma))}) µas/yr"
     )
     return {
-        "answer": text, "p_value": float(chdtrc(len(amplitudes), chi2)),
+        "answer": text, "p_value": _chi2_p(template_fit.amplitudes, template_fit.amplitude_covariance),
         "results": {"templates": template_fit, "cross_powers": powers},
     }  # fmt: skip
 
@@ -191,7 +190,7 @@ class SectionInput:
     """Input of a section."""
 
     quasars: Quasars
-    headline: Headline
+    headline: Recommended
     rng: Rng
 
     @cached_property
@@ -251,7 +250,7 @@ def _repeat_acceleration(inputs: SectionInput) -> dict[str, Any]:
             rows.append(Row(f"{name} [deg]", _published_value("klioner2021", name), *values))
     counts = (Value(float(n)) for n in (fit.solution.n_sources, len(quasars.whole)))
     rows.append(Row("sources", _published_value("klioner2021", "sources"), *counts))
-    return {"rows": rows, "verdict": inputs.headline.verdict, "p_value": inputs.headline.p_acceleration}
+    return {"rows": rows, "verdict": inputs.headline.answer.sentence, "p_value": ours.p_value}
 
 
 def _repeat_frame(inputs: SectionInput) -> dict[str, Any]:
@@ -264,29 +263,18 @@ def _repeat_frame(inputs: SectionInput) -> dict[str, Any]:
         plain = solve(quasars.normal)
         power = sum(row.debiased for row in spectrum(plain) if row.l > 1)
         rms = Value(float(np.sqrt(max(power, 0) / (4 * np.pi))))
-        by_floor = float(
-            np.sqrt(sum(systematic_floor.spectrum.variances(plain.modes)[plain.modes.degrees > 1]) / (4 * np.pi))
-        )
-        rows.append(
-            Row(
-                f"motions of degrees 2–{plain.modes.lmax}, rms [µas/yr]",
-                _published_value("crf3", "systematic motions"),
-                rms, Value(by_floor),
-            )
-        )  # fmt: skip
+        variances = systematic_floor.spectrum.variances(plain.modes)[plain.modes.degrees > 1]
+        by_floor = Value(float(np.sqrt(sum(variances) / (4 * np.pi))))
+        quantity = f"motions of degrees 2–{plain.modes.lmax}, rms [µas/yr]"
+        rows.append(Row(quantity, _published_value("crf3", "systematic motions"), rms, by_floor))
     try:
         comparison = compare(quasars, Classes.by_edges("G", _G_EDGES, quasars.column("G")), inputs.rng)
-        rows.append(
-            _p_row(
-                "bright and faint sources have the same spin",
-                comparison.at_face_value("T"),
-                comparison.shared.equality("T"),
-            )
-        )
+        p_values = comparison.at_face_value("T"), comparison.shared.equality("T")
+        rows.append(_p_row("bright and faint sources have the same spin", *p_values))
         results["magnitudes"] = comparison.shared
     except VshError as error:
         remark = f"; bright and faint sources are not compared: {error}"
-    p = headline.p_spin
+    p = headline.spin.p_value
     below = headline.solution.spin.amplitude_limit()
     verdict = format_verdict(p, f"no spin is detected, < {below:.3g} µas/yr (95 %)", "the frame of these sources turns")
     return {"rows": rows, "verdict": verdict + remark, "p_value": p, "results": results}
@@ -347,8 +335,6 @@ def _quadrupole_row(quasars, headline):
 
 
 def _chi2_p(values, covariance):
-    from scipy.special import chdtrc
-
     return float(chdtrc(len(values), values @ np.linalg.solve(covariance, values)))
 
 
@@ -456,26 +442,20 @@ def _repeat_galaxies(inputs: SectionInput) -> dict[str, Any]:
     return {"rows": rows, "verdict": format_verdict(p, "no motion is seen", "our motion is seen"), "p_value": p}
 
 
-class _AnalysisTask(NamedTuple):
-    key: str
-    title: str
-    act: Callable[[SectionInput], dict[str, Any]]
-
-
 _ANALYSES = (
-    _AnalysisTask("klioner2021", "The acceleration of the Solar System", _repeat_acceleration),
-    _AnalysisTask("crf3", "The reference frame: spin, systematic errors, bright and faint sources", _repeat_frame),
-    _AnalysisTask("makarov2025", "Three bins of redshift", _repeat_learnt_redshifts),
-    _AnalysisTask("tsigkas2025", "Dipole and quadrupole by redshift", _repeat_position_drift),
-    _AnalysisTask("makarov2026", "Anisotropic expansion by redshift", _repeat_expansion),
-    _AnalysisTask("darling2024", "Gravitational waves by harmonics", _repeat_waves),
-    _AnalysisTask("akhmetov2026", "Gravitational waves by pairs", _repeat_pairs),
-    _AnalysisTask("nguyen2026", "The spectrum, and wider errors", _repeat_spectrum),
-    _AnalysisTask("maloney2026", "Motions of galaxies", _repeat_galaxies),
+    ("klioner2021", "The acceleration of the Solar System", _repeat_acceleration),
+    ("crf3", "The reference frame: spin, systematic errors, bright and faint sources", _repeat_frame),
+    ("makarov2025", "Three bins of redshift", _repeat_learnt_redshifts),
+    ("tsigkas2025", "Dipole and quadrupole by redshift", _repeat_position_drift),
+    ("makarov2026", "Anisotropic expansion by redshift", _repeat_expansion),
+    ("darling2024", "Gravitational waves by harmonics", _repeat_waves),
+    ("akhmetov2026", "Gravitational waves by pairs", _repeat_pairs),
+    ("nguyen2026", "The spectrum, and wider errors", _repeat_spectrum),
+    ("maloney2026", "Motions of galaxies", _repeat_galaxies),
 )
 
 
-def sections(quasars: Quasars, headline: Headline, rng: Rng) -> list[Analysis]:
+def sections(quasars: Quasars, headline: Recommended, rng: Rng) -> list[Analysis]:
     """All of them; one that cannot be done says why."""
     analyses, inputs = [], SectionInput(quasars, headline, rng)
     for key, title, act in progress_bar(_ANALYSES, words="published analyses", unit="analysis"):

@@ -36,10 +36,8 @@ def plot_accelerations(sections: Sequence[Analysis], *, ax: Axes | None = None) 
     for section in sections:
         rows = {row.quantity[:3]: row for row in section.rows if row.quantity.startswith("g_")}
         if len(rows) == 3:
-            for of, label in (
-                ("published", section.paper.citation),
-                ("theirs", f"here, method of {section.paper.citation}"),
-            ):
+            citation = section.paper.citation
+            for of, label in (("published", citation), ("theirs", f"here, method of {citation}")):
                 lines.append((label, [getattr(rows[f"g_{axis}"], of) for axis in "xyz"]))
             recommended_lines = [("here, recommended fit", [rows[f"g_{axis}"].shared for axis in "xyz"])]
     lines += recommended_lines
