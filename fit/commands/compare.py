@@ -6,6 +6,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import fit
+import vsh
 from vsh.commands import finishing, parsing, reading, running
 from vsh.io.quantities import latex_table
 from vsh.io.sections import Answer, Section
@@ -118,9 +120,6 @@ def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
 
 def _run(options):
     run = finishing.Run(options)
-    from fit.frames.compare import compare_catalogues
-    from vsh.io.catalogue import rename_sources
-
     paths = [options.catalogue, options.catalogue2, *options.others]
     quantity = options.what or ("motions" if all(_has_motions(path, options) for path in paths) else "positions")
     labels = _labels(paths)
@@ -131,8 +130,8 @@ def _run(options):
     for path, label in zip(paths[1:], labels[1:], strict=True):
         fields[label] = _read(path, quantity, options, options.where2 or options.where)
         if options.crosswalk:
-            fields[label] = rename_sources(fields[label], options.crosswalk)
-        results[label] = compare_catalogues(
+            fields[label] = vsh.io.catalogue.rename_sources(fields[label], options.crosswalk)
+        results[label] = fit.compare.compare_catalogues(
             reference,
             fields[label],
             options.lmax,
@@ -152,13 +151,11 @@ def _run(options):
         return report if network is None else [*network.sections(long=long), *report]
 
     def sheets():
-        from fit.results.output import vectors_table
-
         tables = {} if network is None else {"All catalogues in one solution": network.to_table()}
         for label, (comparison, _) in results.items():
             of = f": {label}" if len(results) > 1 else ""
             tables[f"Under the names of the ICRF3 papers{of}"] = comparison.parameters_table()
-            tables[f"Vectors{of}"] = vectors_table(comparison.best)
+            tables[f"Vectors{of}"] = fit.output.vectors_table(comparison.best)
             tables[f"Coefficients{of}"] = comparison.best.to_table()
             if comparison.shared is not None:
                 tables[f"With systematic errors{of}"] = comparison.shared.to_table()
@@ -223,71 +220,55 @@ def _file_suffix(label, results):
 def _counts(results):
     match_counts = [len(differences) + len(comparison.names) for comparison, differences in results]
     outlier_counts = [len(comparison.names) for comparison, _ in results]
-    return (
-        {"matched": match_counts, "left_out": outlier_counts}
-        if len(results) > 1
-        else {"matched": match_counts[0], "left_out": outlier_counts[0]}
-    )
+    counts = {"matched": match_counts, "left_out": outlier_counts}
+    return counts if len(results) > 1 else {name: count for name, (count,) in counts.items()}
 
 
 def _compare_several(catalogues, options):
     """All catalogues in one solution with their common noise; by position, sources have the names of the first."""
-    from fit.frames.chain import combine_frames
-
     if options.match["by"] == "position":
         catalogues = _rename_by_position(catalogues, options.match.get("radius"))
-    return combine_frames(catalogues, options.lmax, floor=_floor(options) is not False)
+    return fit.chain.combine_frames(catalogues, options.lmax, floor=_floor(options) is not False)
 
 
 def _rename_by_position(catalogues, radius):
     """The catalogues with the numbers of the first one's sources for names, without what has no counterpart there."""
-    from vsh.io.catalogue import counterparts
-
     (label, reference), *others = catalogues.items()
     named = {label: replace(reference, name=range(len(reference)))}
     for label, catalogue in others:
-        i, j, _ = counterparts(reference, catalogue, by="position", radius=radius)
+        i, j, _ = vsh.io.catalogue.counterparts(reference, catalogue, by="position", radius=radius)
         named[label] = replace(catalogue[j], name=i)
     return named
 
 
 def _write(folder, results, network, meta):
-    from fit.results.output import write_correlation
-    from vsh.io import tables
-
     if network is not None:
         network.write(folder / "chain.ecsv", meta)
     for label, (comparison, _) in results.items():
         of = _file_suffix(label, results)
         comparison.write(folder / f"comparison{of}.ecsv", meta)
         comparison.best.write(folder / f"solution{of}.ecsv", meta)
-        write_correlation(comparison.best, folder / f"correlation{of}.ecsv", meta)
+        fit.output.write_correlation(comparison.best, folder / f"correlation{of}.ecsv", meta)
         if comparison.shared is not None:
             comparison.shared.write(folder / f"shared{of}.ecsv", meta)
-        tables.write_table(comparison.parameters_table(), folder / f"parameters{of}.ecsv", meta)
-        tables.write_table(comparison.outliers_table(), folder / f"outliers{of}.ecsv", meta)
+        vsh.io.tables.write_table(comparison.parameters_table(), folder / f"parameters{of}.ecsv", meta)
+        vsh.io.tables.write_table(comparison.outliers_table(), folder / f"outliers{of}.ecsv", meta)
 
 
 def _latex(comparison):
     """Format tables for a paper: parameters under their names with the errors of the verdict, then vectors and
     powers."""
-    from fit.results.output import latex_of
-
     table = comparison.parameters_table()["ICRF3", "value", "sigma"]
     terms = latex_table(table, " − ".join(comparison.labels))
-    return f"{terms}\n\n{latex_of(comparison.best, answer=comparison.answer)}"
+    return f"{terms}\n\n{fit.output.latex_of(comparison.best, answer=comparison.answer)}"
 
 
 def _draw(comparison, differences):
-    from fit.results.output import draw_figures
-
-    figures = draw_figures(comparison.best, differences) | {"catalogues": comparison.correlations.plot()}
+    figures = fit.output.draw_figures(comparison.best, differences) | {"catalogues": comparison.correlations.plot()}
     return figures if comparison.shared is None else figures | {"shared": comparison.shared.plot()}
 
 
 def _write_page(comparison, differences, options, figures, meta, path):
-    from fit.results.output import write_html
-
     sections = [Section("Under the names of the ICRF3 papers", (), comparison.parameters_table())]
     if comparison.shared is not None:
         sections += comparison.shared.sections(long=True)
@@ -297,7 +278,7 @@ def _write_page(comparison, differences, options, figures, meta, path):
         "catalogues": "Correlations of the coefficients by the errors of either catalogue, one in each triangle.",
         "shared": "Rotation and glide with systematic errors.",
     }
-    write_html(
+    fit.output.write_html(
         comparison.best,
         differences,
         path,
@@ -313,11 +294,9 @@ def _write_page(comparison, differences, options, figures, meta, path):
 
 
 def _has_motions(path, options):
-    from vsh.io import catalogue, tables
-
     try:
-        names = tables.open_table(path, options.input_format).names
-        columns, _ = catalogue.as_columns(options.columns).choose_names(names)
+        names = vsh.io.tables.open_table(path, options.input_format).names
+        columns, _ = vsh.io.catalogue.as_columns(options.columns).choose_names(names)
         return {columns.pmra, columns.pmdec} <= set(names)
     except TableError:  # ICRF's fixed columns, or columns of positions
         return False
@@ -328,14 +307,12 @@ def _read(path, quantity, options, condition):
 
 
 def _read_catalogue(path, quantity, options, condition):
-    from vsh.io.catalogue import read_field, read_positions
-
     if quantity == "motions":
         arguments = reading.field_arguments(options) | {"where": condition, "sigma": options.sigma}
-        return read_field(path, roles=("name",), **arguments).to_frame(options.frame)
+        return vsh.io.catalogue.read_field(path, roles=("name",), **arguments).to_frame(options.frame)
     if options.frame != (options.catalogue_frame or "icrs"):
         raise VshError(f"positions are compared in the axes they are given in: leave out --frame {options.frame}")
-    return read_positions(
+    return vsh.io.catalogue.read_positions(
         path,
         options.columns,
         units=options.units,

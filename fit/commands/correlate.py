@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+import fit
 import vsh
 from vsh.commands import finishing, parsing, reading, running
 from vsh.commands.parsing import FRAME
@@ -75,29 +76,27 @@ def _run(options):
     run = finishing.Run(options)
     paths = [path for path in (options.catalogue, options.catalogue2) if path]
     sources = [reading.open_catalogue(path, options) for path in paths]
-    from fit import correlation
-
     if reading.in_parts(options) and options.influence:
         raise VshError("--influence looks at every source: it needs the catalogue whole, without --workers")
     fields = [_sources(*pair, options) for pair in zip(paths, sources, strict=True)]
     labels = _labels(paths)
     parameters: Any = FRAME if options.lmax == 1 else options.lmax
-    matrices = correlation.correlation_matrices(fields, parameters, labels=labels)
+    matrices = fit.correlation.correlation_matrices(fields, parameters, labels=labels)
     remarks = []
     if parameters == FRAME:
-        direct = correlation.correlation_matrices(fields, parameters, labels=labels, solver="frame")
+        direct = fit.correlation.correlation_matrices(fields, parameters, labels=labels, solver="frame")
         difference = max(np.abs(a - b).max() for a, b in zip(matrices.matrices, direct.matrices, strict=True))
         remarks.append(f"The independent solver of degree 1 gives the same correlations to {difference:.0e}.")
     caption = "Correlations of the errors: what a fit to this sky cannot separate."
     parts = [finishing.Part("correlation", matrices, "Correlations", caption, as_table=True)]
     details = []
     for field, label in zip(fields, labels, strict=True):
-        details.append(_degree_section(correlation, field, label, options.lmax))
+        details.append(_degree_section(field, label, options.lmax))
         for pair in options.influence or []:
-            parts.append(_influence_part(correlation, field, label, pair, options.lmax))
-            details.append(_influence_section(correlation, field, label, pair, options.lmax))
+            parts.append(_influence_part(field, label, pair, options.lmax))
+            details.append(_influence_section(field, label, pair, options.lmax))
         if options.leakage:
-            leak = correlation.leakage(field, options.lmax, options.leakage)
+            leak = fit.correlation.leakage(field, options.lmax, options.leakage)
             parts.append(finishing.Part(f"leakage_{label}", leak, f"Leakage, {label}", _LEAKAGE, as_table=True))
             details.append(_leakage_section(leak, label, options.power_per_degree))
     notes = [f"{label}: {note}" for field, label in zip(fields, labels, strict=True) for note in _notes(field)]
@@ -110,7 +109,7 @@ def _run(options):
     run.finish(
         parts,
         sections=sections,
-        answer=Answer(tuple(_answer(matrices))),
+        answer=Answer(tuple(_answer_lines(matrices))),
         notes=notes,
         paths=paths,
         counts={"sources": [_count(f) for f in fields]},
@@ -126,24 +125,21 @@ def _count(field):
     return field.counted() if isinstance(field, vsh.io.parts.Parts) else len(field)
 
 
-def _answer(matrices):
+def _answer_lines(matrices):
     """The parameters that each sky determines together worst."""
-    lines = []
     for k, label in enumerate(matrices.labels):
         value, (parameter_a, parameter_b) = matrices.largest(k)
-        lines.append((label, f"largest correlation {value:+.3f}, of {parameter_a} and {parameter_b}"))
-    return lines
+        yield label, f"largest correlation {value:+.3f}, of {parameter_a} and {parameter_b}"
 
 
 def _sources(path, source, options):
     """Positions and errors, whole or in parts."""
-    from vsh.io.catalogue import is_map, parts, read_sources
-
     if reading.in_parts(options):
-        options_of_parts = reading.parts_arguments(options)
-        return parts(path, motions=False, sigma=options.sigma, **options_of_parts).to_frame(options.frame)
-    catalogue = path if is_map(source) else source
-    return read_sources(catalogue, sigma=options.sigma, **reading.field_arguments(options)).to_frame(options.frame)
+        arguments = reading.parts_arguments(options)
+        return vsh.io.catalogue.parts(path, motions=False, sigma=options.sigma, **arguments).to_frame(options.frame)
+    catalogue = path if vsh.io.catalogue.is_map(source) else source
+    arguments = reading.field_arguments(options)
+    return vsh.io.catalogue.read_sources(catalogue, sigma=options.sigma, **arguments).to_frame(options.frame)
 
 
 def _labels(paths):
@@ -151,12 +147,13 @@ def _labels(paths):
     return names if len(set(names)) == len(names) else [f"{name}_{k}" for k, name in enumerate(names, 1)]
 
 
-def _degree_section(correlation, field, label, lmax):
-    rows = correlation.lmax_table(field, max(5, lmax))
-    prediction = correlation.predict_covariance(field, lmax)
+def _degree_section(field, label, lmax):
+    rows = fit.correlation.lmax_table(field, max(5, lmax))
+    prediction = fit.correlation.predict_covariance(field, lmax)
     columns = dict(zip(("degree", "condition", "largest correlation"), map(list, zip(*rows, strict=True)), strict=True))
-    spin, acceleration = (_format_vector(vector.sigma) for vector in (prediction.spin, prediction.acceleration))
-    errors = f"spin {spin}, acceleration {acceleration} µas/yr"
+    vectors = (prediction.spin, prediction.acceleration)
+    spin, acceleration = (", ".join(f"{sigma:.3g}" for sigma in vector.sigma) for vector in vectors)
+    errors = f"spin ({spin}), acceleration ({acceleration}) µas/yr"
     efficiency = (
         f"{100 * prediction.efficiency:.0f} % of the information of uniformly distributed sources of the same weight"
     )
@@ -167,43 +164,26 @@ def _degree_section(correlation, field, label, lmax):
     )
 
 
-def _influence_section(correlation, field, label, pair, lmax):
+def _influence_section(field, label, pair, lmax):
     from vsh.sky.pixels import centres
+    from vsh.vector import correlation_of
 
     # Regions of some 30°: single pixels of a fine map say little.
-    coarse, (lon, lat) = correlation.influence_map(field, lmax, pair, 2), np.degrees(centres(2))
+    coarse, (lon, lat) = fit.correlation.influence_map(field, lmax, pair, 2), np.degrees(centres(2))
     k = int(np.argmax(np.abs(coarse)))
     if len(pair) == 2:
-        now = _correlation_of(correlation, field, lmax, pair)
+        covariance = fit.correlation.predict_covariance(field, lmax).covariance
+        now = correlation_of(fit.correlation.select_parameters(pair, lmax).covariance(covariance))[0, 1]
         quantity = f"correlation of {pair[0]} and {pair[1]}, {now:+.4f}"
     else:
         quantity = f"ln σ² of {pair[0]}"
     region = f"the sky around {lon[k]:.0f}°, {lat[k]:+.0f}°"
-    facts = [
-        (
-            "depends most on",
-            (
-                f"{region}: doubling the weight of the sources in the pixel there (29° "
-                f"wide) changes it by {coarse[k]:+.4f}"
-            ),
-        )
-    ]
-    return Section(f"{label}: {quantity}", facts)
-
-
-def _correlation_of(correlation, field, lmax, pair):
-    from fit.correlation import select_parameters
-    from vsh.vector import correlation_of
-
-    return correlation_of(
-        select_parameters(pair, lmax).covariance(correlation.predict_covariance(field, lmax).covariance)
-    )[0, 1]
+    text = f"{region}: doubling the weight of the sources in the pixel there (29° wide) changes it by {coarse[k]:+.4f}"
+    return Section(f"{label}: {quantity}", [("depends most on", text)])
 
 
 def _leakage_section(leak, label, power):
-    from fit.correlation import parameters_of
-
-    names = parameters_of("spin+acceleration").names
+    names = fit.correlation.parameters_of("spin+acceleration").names
     biases = leak.bias_of(names, power)
     cells = ", ".join(f"{name} {value:.3g}" for name, value in biases.items())
     lowest_degree = leak.fitted.lmax + 1
@@ -212,21 +192,15 @@ def _leakage_section(leak, label, power):
     return Section(title, facts)
 
 
-def _format_vector(values):
-    return "(" + ", ".join(f"{value:.3g}" for value in values) + ")"
-
-
 #: HEALPix NSIDE of maps of what drives a correlation.
 _NSIDE = 16
 
 
-def _influence_part(correlation, field, label, pair, lmax):
+def _influence_part(field, label, pair, lmax):
     """The map of an influence as a part of the result."""
-    from vsh.io import tables
-
-    values = correlation.influence_map(field, lmax, pair, _NSIDE)
+    values = fit.correlation.influence_map(field, lmax, pair, _NSIDE)
     name = f"influence_{label}_{'_'.join(pair)}".replace("(", "").replace(")", "").replace(",", "")
-    symbols = " and ".join(map(correlation.symbol, pair))
+    symbols = " and ".join(map(fit.correlation.symbol, pair))
     quantity = f"correlation of {symbols}" if len(pair) == 2 else f"ln σ² of {symbols}"
     title, unit = f"{label}:\nwhat drives the {quantity}", "change per doubling of weight"
     about = {"ORDERING": "RING", "FRAME": field.frame}
@@ -234,8 +208,8 @@ def _influence_part(correlation, field, label, pair, lmax):
         name,
         None,
         caption="Which part of the sky causes it: the change if the weight of the sources there were doubled.",
-        plot=lambda: correlation.plot_influence(values, field, title, unit),
-        files=lambda folder, _: tables.write_columns(folder / f"{name}.fits", {"influence": values}, about),
+        plot=lambda: fit.correlation.plot_influence(values, field, title, unit),
+        files=lambda folder, _: vsh.io.tables.write_columns(folder / f"{name}.fits", {"influence": values}, about),
     )
 
 

@@ -235,11 +235,8 @@ def _sections(results, long):
 
 def _counts(solution, n_clipped, condition):
     """Rows of the table, by what became of them."""
-    n_refused, n_unselected, n_sources = (
-        count_dropped(solution.notes),
-        count_unselected(solution.notes),
-        solution.n_sources,
-    )
+    n_refused, n_unselected = count_dropped(solution.notes), count_unselected(solution.notes)
+    n_sources = solution.n_sources
     counts = {
         "rows": n_sources + n_clipped + n_refused + n_unselected,
         "rows_used": n_sources,
@@ -370,16 +367,14 @@ def _template(word, run, source, path, field):
 
 def _column_template(name, run, source, path):
     """Numbers of a column at the places of the sources that are read."""
-    from vsh.io import catalogue
-
     arguments = reading.field_arguments(run.options)
     if reading.in_parts(run.options):
-        chunks = catalogue.stream_columns(source, [name], **arguments)
+        chunks = vsh.io.catalogue.stream_columns(source, [name], **arguments)
         pairs = ((field.to_frame("icrs"), columns[name]) for field, columns in chunks)
         return fit.background.Template.of_parts(name, ((field.lon, field.lat, values) for field, values in pairs))
     field = run.read(source, path, roles=())
     return fit.background.Template.of_sources(
-        name, field.lon, field.lat, catalogue.read_columns(source, [name], **arguments)[name], field.frame
+        name, field.lon, field.lat, vsh.io.catalogue.read_columns(source, [name], **arguments)[name], field.frame
     )
 
 

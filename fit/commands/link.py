@@ -68,16 +68,9 @@ def make_parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _priors(options):
-    """Read what is known of the frames from elsewhere."""
-    from fit.frames.link import read_priors
-
-    return read_priors(options.priors) if options.priors else ()
-
-
 def _run(options):
     run = finishing.Run(options)
-    from fit.frames.link import find_step, forecast, link
+    from fit.frames.link import find_step, forecast, link, read_priors
     from vsh.io.astrometry import read_astrometry
     from vsh.io.tables import write_table
 
@@ -95,7 +88,7 @@ def _run(options):
     keywords: dict[str, Any] = {
         "reference": options.reference, "unknowns": options.unknowns, "order": options.order,
         "epoch": options.epoch, "robust": not options.no_robust,
-        "scale": options.scale, "priors": _priors(options), "fixed": fixed_epochs,
+        "scale": options.scale, "priors": read_priors(options.priors) if options.priors else (), "fixed": fixed_epochs,
     }  # fmt: skip
     results: dict[str, Any] = {}
     if options.seek_step is None:

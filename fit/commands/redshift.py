@@ -198,16 +198,14 @@ _CAPTIONS = {
 def _run(options):
     run = finishing.Run(options)
     source = run.open(options.catalogue)
-    from vsh.io import catalogue
-
-    truth = catalogue.truth_of(source)
+    truth = vsh.io.catalogue.truth_of(source)
     sky = run.read(source, options.catalogue).to_frame(options.frame)
     frame, counts = _redshift_facts(sky, source, options)
     prior = reading.velocity_of(options.velocity) or vsh.models.cosmology.CMB_VELOCITY_PLANCK18
     model, failure = _model_of(options), None
     method, value = parsing.method_and_value(options.method) if options.method else (None, None)
     parts = _report_parts_of_bins(sky, options, model, prior, method, value) if options.bins else []
-    sky = _clip_field(sky, float(value or 3.0)) if method == "clip" else sky
+    sky = fit.robust.clip(sky, vsh.Modes(1), float(value or 3.0)).sources(sky) if method == "clip" else sky
     if options.h0 or options.velocity or options.posterior:
         field = _select_known_redshifts(sky, options, source.label)
         estimates = _estimates(field, options, model, prior, truth)
@@ -268,24 +266,15 @@ def _redshift_facts(sky, source, options):
     return facts, counts
 
 
-def _clip_field(field, kappa):
-    """The sources that agree with a fit of degree 1."""
-    from fit.robust import clip
-
-    return clip(field, vsh.Modes(1), kappa).sources(field)
-
-
 def _model_of(options):
     """Assumptions of every estimate about distances and motions, as keyword arguments."""
-    from vsh.models.flows import read_velocity_grid
-
     model = {
         "peculiar_dispersion": options.dispersion if isinstance(options.dispersion, float) else None,
         "redshift_frame": options.redshift_frame,
         "flows": "linear" if options.flows else None,
     }
     if options.reconstruction is not None:
-        model["reconstruction"] = read_velocity_grid(options.reconstruction)
+        model["reconstruction"] = vsh.models.flows.read_velocity_grid(options.reconstruction)
     return model
 
 
@@ -293,23 +282,16 @@ def _report_parts_of_bins(sky, options, model, velocity, method, value):
     """Spin and acceleration in bins, and where asked for, or of many sources, with common systematic errors."""
     from fit.redshift import binned
 
-    dispersion = options.dispersion if isinstance(options.dispersion, float) else None
-    bin_up_to: Any = partial(
-        binned,
-        sky,
-        edges=int(options.bins[0]) if len(options.bins) == 1 else options.bins,
-        **{name: model[name] for name in ("redshift_frame", "flows")},
-        peculiar_dispersion=dispersion,
-        method=method,
-        value=value,
-    )
+    of_bins = {name: model[name] for name in ("redshift_frame", "peculiar_dispersion")}
+    edges = int(options.bins[0]) if len(options.bins) == 1 else options.bins
+    bin_up_to: Any = partial(binned, sky, edges=edges, flows=model["flows"], method=method, value=value, **of_bins)
     bins = bin_up_to(options.lmax)
     comparison, p_values = None, None
     if options.floor == "yes" or (bins.counts.sum() >= fit.quality.MANY and options.floor != "no"):
         # Permutations know nothing of the systematic errors.
         comparison, remark = _compare_bins_with_systematics(bin_up_to, bins, options.lmax, options.floor == "yes")
     else:
-        p_values = _p_values(sky, bins, velocity, options.redshift_frame, dispersion)
+        p_values = _p_values(sky, bins, velocity, of_bins)
         remark = _floor_remark(sky, bins)
 
     def sections(long):
@@ -337,13 +319,11 @@ def _report_parts_of_bins(sky, options, model, velocity, method, value):
 
 def _compare_bins_with_systematics(bin_up_to, bins, lmax, is_asked):
     """The systematic errors, or None; and a remark on the p-values without them."""
-    from fit.background import BEYOND, sees_part
-
     degree = lmax if lmax >= 3 else _DEGREE
     bins = bins if lmax >= 3 else bin_up_to(degree)
-    if any(sees_part(normal, degree) for normal in bins.normals):
+    if any(fit.background.sees_part(normal, degree) for normal in bins.normals):
         with suppress(DegeneracyError):  # a bin of few sources does not bear so many, and a note says what that means
-            bins = replace(bins, normals=bin_up_to(degree + BEYOND).normals)
+            bins = replace(bins, normals=bin_up_to(degree + fit.background.BEYOND).normals)
     try:
         comparison = bins.shared(range(2, degree + 1))
     except VshError as error:
@@ -355,9 +335,7 @@ def _compare_bins_with_systematics(bin_up_to, bins, lmax, is_asked):
 
 def _floor_remark(sky, bins):
     """The size of what errors of bins leave out, in words."""
-    from fit.redshift import FLOW_MATTERS
-
-    if bins.counts.sum() < fit.quality.FEW or bins.flow_share > FLOW_MATTERS:
+    if bins.counts.sum() < fit.quality.FEW or bins.flow_share > fit.redshift.FLOW_MATTERS:
         return ""
     try:
         floor = fit.background.floor(fit.fit_field(sky, _DEGREE))
@@ -369,26 +347,21 @@ def _floor_remark(sky, bins):
     )
 
 
-def _p_values(field, bins, velocity, redshift_frame, dispersion):
+def _p_values(field, bins, velocity, of_bins):
     """Permute redshifts of up to so many sources, for p-values."""
-    from fit.redshift import FLOW_MATTERS, permutation_test
-
     few = isinstance(field, vsh.Field) and len(field) <= 20_000
-    if not (bins.modes.lmax == 1 and len(bins) > 1 and few and bins.flow_share <= FLOW_MATTERS):
+    if not (bins.modes.lmax == 1 and len(bins) > 1 and few and bins.flow_share <= fit.redshift.FLOW_MATTERS):
         return None
     test_velocity = velocity if np.isfinite(bins.mean_inverse_distance).all() else None
-    options = {"redshift_frame": redshift_frame, "peculiar_dispersion": dispersion}
-    return permutation_test(field, bins, velocity=test_velocity, **options)
+    return fit.redshift.permutation_test(field, bins, velocity=test_velocity, **of_bins)
 
 
 def _select_known_redshifts(sky, options, label):
     """The sources with redshifts; VshError where nobody told their frame."""
-    from fit.secular_parallax import is_frame_undeclared
-    from vsh.models.cosmology import with_redshift
-
-    step = partial(with_redshift, redshift_frame=options.redshift_frame, missing_only=options.on_bad != "drop")
+    with_redshift, missing_only = vsh.models.cosmology.with_redshift, options.on_bad != "drop"
+    step = partial(with_redshift, redshift_frame=options.redshift_frame, missing_only=missing_only)
     field = vsh.io.parts.apply_step(sky, step)
-    if is_frame_undeclared(field, options.redshift_frame):
+    if fit.secular_parallax.is_frame_undeclared(field, options.redshift_frame):
         raise VshError(
             f"the frame of the redshifts of {label} is not given: use --redshift-frame heliocentric, cmb, "
             "local-group, or true (of the expansion alone, as simulations have them)"
@@ -398,14 +371,12 @@ def _select_known_redshifts(sky, options, label):
 
 def _estimates(field, options, model, velocity, truth):
     """Our velocity for a known H0, and H0 for a known velocity, by least squares."""
-    from fit.secular_parallax import hubble_constant, observer_velocity
-
     estimates: dict[str, Any] = {}
     if options.h0:
-        estimates["velocity"] = observer_velocity(field, options.h0, **model)
+        estimates["velocity"] = fit.secular_parallax.observer_velocity(field, options.h0, **model)
     if options.velocity:
         estimates["hubble"] = _run_with_group(
-            partial(hubble_constant, field, velocity, **model), _group_of(field, options, truth)
+            partial(fit.secular_parallax.hubble_constant, field, velocity, **model), _group_of(field, options, truth)
         )
     return estimates
 
@@ -455,24 +426,22 @@ def _estimate_part(name, estimate, label, truth, has_posterior):
 
 def _posterior_part(field, options, model, prior, truth):
     """The posterior of our velocity and H0."""
-    from fit.posterior import Flat, Normal, sample
-
-    hubble: Any = Normal(options.h0, options.h0_error) if options.h0 and options.h0_error else "flat"
+    hubble: Any = fit.posterior.Normal(options.h0, options.h0_error) if options.h0 and options.h0_error else "flat"
     if options.h0_range:
-        hubble = Flat(*options.h0_range)
+        hubble = fit.posterior.Flat(*options.h0_range)
     group = _group_of(field, options, truth)
     if isinstance(options.dispersion, tuple):
-        model = model | {"peculiar_dispersion": Flat(*options.dispersion)}
+        model = model | {"peculiar_dispersion": fit.posterior.Flat(*options.dispersion)}
     elif options.dispersion == "free":
-        model = model | {"peculiar_dispersion": Flat(0.0, _WIDEST[options.flows])}
+        model = model | {"peculiar_dispersion": fit.posterior.Flat(0.0, _WIDEST[options.flows])}
     if not prior.covariance.any():  # a speed without an error is taken to a thousandth, a direction to 0.001°
         l, b = prior.direction
         prior = vsh.Vector.from_spherical(
             prior.amplitude, l, b, (1e-3 * prior.amplitude, 1e-3, 1e-3), "galactic", "km/s"
         )
     drawn = partial(
-        sample, field, prior, hubble, method=options.sampler or "emcee", n_samples=options.posterior, rng=1,
-        checkpoint=options.checkpoint, **model,
+        fit.posterior.sample, field, prior, hubble, method=options.sampler or "emcee", n_samples=options.posterior,
+        rng=1, checkpoint=options.checkpoint, **model,
     )  # fmt: skip
     posterior = _run_with_group(drawn, group)
 
@@ -565,11 +534,8 @@ def _format_deviation(value, error):
     """Distance of a Hubble constant from the published ones, in its errors."""
     lower, upper = _PUBLISHED
     distance = max(lower - value, value - upper, 0.0) / error
-    return (
-        f"{distance:.1f} σ outside the published range of 67 to 73"
-        if distance
-        else "within the published range of 67 to 73"
-    )
+    place = f"{distance:.1f} σ outside" if distance else "within"
+    return f"{place} the published range of 67 to 73"
 
 
 def _compare_with_published(limit):

@@ -5,26 +5,9 @@ import re
 from pathlib import Path
 
 from vsh.commands import finishing, parsing, running
-from vsh.io.archive import (
-    ASTROMETRY,
-    DATA_SERVER,
-    DR3,
-    ESA,
-    NEIGHBOURS,
-    QUERIES,
-    RELEASES,
-    UPLOADED,
-    check_schema,
-    fetch_epochs,
-    make_upload,
-    of_table,
-    query,
-    query_near_positions,
-    read_ids,
-    sources_without_epochs,
-)
+from vsh.io import archive
 from vsh.tools.errors import ArchiveError
-from vsh.tools.files import atomic_write, check_not_read
+from vsh.tools.files import check_not_read
 from vsh.tools.printing import printable
 
 #: Options of any query, and of each kind of request besides. An option that a kind does not take is an error: it would
@@ -39,12 +22,6 @@ _TAKEN = {
     "a table of the archive": _OF_QUERIES | {"release", "table", "with_columns", "where"},
     "a list that is sent": _OF_QUERIES | {"upload", "release", "table"},
 }
-#: Options that belong to some kinds alone or have no meaning in others, by their name in the namespace.
-_FLAGS = {
-    "ids": "--ids", "retrieval_type": "--retrieval-type", "structure": "--structure",
-    "release": "--release", "table": "--table", "with_columns": "--with", "where": "--where", "upload": "--upload",
-    "show": "--show", "max_rows": "--max-rows", "output": "--output", "overwrite": "--overwrite",
-}  # fmt: skip
 _NEIGHBOURS = "dr3-neighbourhood"
 
 
@@ -65,7 +42,7 @@ def make_parser() -> argparse.ArgumentParser:
     add = parsing.adder(parser)
     add(
         "what",
-        f"{', '.join(QUERIES)}, {_NEIGHBOURS}, a file with a query, a table of the archive, or epochs | "
+        f"{', '.join(archive.QUERIES)}, {_NEIGHBOURS}, a file with a query, a table of the archive, or epochs | "
         f"{_NEIGHBOURS}: DR4's names of the sources of DR3 in --upload; a query in ADQL; a table that names sources by "
         "source_id (schema.table); epochs: the epoch astrometry of --ids",
         nargs="?",
@@ -94,13 +71,13 @@ def make_parser() -> argparse.ArgumentParser:
     add(
         "--release",
         "of a list or a table of your own (default: DR3) | a table of the archive's has its own",
-        tuple(RELEASES),
+        tuple(archive.RELEASES),
     )
     add(
         "--table",
         "for a table or a list, of DR4 | the best model of each source (default: gaia_source), or the core solution of "
         "all",
-        ASTROMETRY,
+        archive.ASTROMETRY,
     )
     add(
         "--with NAMES",
@@ -115,7 +92,7 @@ def make_parser() -> argparse.ArgumentParser:
     )
     add("--output FILE", "the FITS file to be")
     add("--show", "print the query and ask nobody")
-    add("--url", "of the TAP service (default: ESA's archive of Gaia)", default=ESA)
+    add("--url", "of the TAP service (default: ESA's archive of Gaia)", default=archive.ESA)
     add("--max-rows N", "the server's own limit unless given", parsing.count(1))
     parsing.add_overwrite(parser)
     parsing.add_common(parser, "list of what was written")
@@ -130,7 +107,7 @@ def _kind(options):
         return options.what
     if options.what is None:
         return "a list that is sent"
-    if options.what in QUERIES:
+    if options.what in archive.QUERIES:
         return "a query of ours"
     is_name = re.fullmatch(r"\w+\.(?!(adql|sql|txt)$)\w+", options.what) and not Path(options.what).exists()
     return "a table of the archive" if is_name else "a query in a file"
@@ -143,7 +120,8 @@ def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
     kind = _kind(options)
     if kind == "a table of the archive" and options.upload:
         parser.error("--upload goes with a query in a file, or alone: a table of the archive is its own list")
-    ignored = [flag for name, flag in _FLAGS.items() if name not in _TAKEN[kind] and getattr(options, name)]
+    foreign = set().union(*_TAKEN.values()) - _TAKEN[kind]
+    ignored = [f"--{parsing.name_of(a)}" for a in parser._actions if a.dest in foreign and getattr(options, a.dest)]
     if ignored:
         what = f"{options.what}, {kind}" if kind.startswith("a query") else kind
         hint = ": its release is its own" if ignored[0] == "--release" else ""
@@ -162,60 +140,54 @@ def _adql(options, by_name):
     """The query that is asked for; `by_name` says whether a list that is sent names its sources."""
     kind = _kind(options)
     if kind == "a query of ours":
-        return QUERIES[options.what]
+        return archive.QUERIES[options.what]
     if kind == _NEIGHBOURS:
         if not by_name:
             raise ArchiveError(f"{_NEIGHBOURS} needs the source_id of DR3: {printable(options.upload)} has positions")
-        return NEIGHBOURS
-    release = None if options.release is None else RELEASES[options.release]
+        return archive.NEIGHBOURS
+    release = None if options.release is None else archive.RELEASES[options.release]
     astrometry = options.table or "gaia_source"
     if kind == "a table of the archive":
-        return of_table(
+        return archive.of_table(
             options.what, options.with_columns or (), release=release, astrometry=astrometry, where=options.where
         )
     if kind == "a list that is sent":
         if by_name:
-            return of_table(UPLOADED, release=release, astrometry=astrometry)
-        return query_near_positions(release=release or DR3, astrometry=astrometry)
+            return archive.of_table(archive.UPLOADED, release=release, astrometry=astrometry)
+        return archive.query_near_positions(release=release or archive.DR3, astrometry=astrometry)
     try:
         return Path(options.what).read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise ArchiveError(
-            f"{options.what} is neither a query of ours ({', '.join((*QUERIES, _NEIGHBOURS))}) nor a file with one: "
-            f"{getattr(error, 'strerror', None) or error}"
+            f"{options.what} is neither a query of ours ({', '.join((*archive.QUERIES, _NEIGHBOURS))}) nor a file with "
+            f"one: {getattr(error, 'strerror', None) or error}"
         ) from None
 
 
 def _run(options):
     if options.check:
-        schema_check = check_schema(options.check, options.url)
-        finishing.print_result(
-            options,
-            finishing.RunResult(
-                lambda _: schema_check.sections(), lambda: {"Names that are missing": schema_check.to_table()}
-            ),
-        )
-        if not schema_check.any_runs:
+        found = archive.check_schema(options.check, options.url)
+        result = finishing.RunResult(lambda _: found.sections(), lambda: {"Names that are missing": found.to_table()})
+        finishing.print_result(options, result)
+        if not found.any_runs:
             raise ArchiveError(f"no query runs in {options.check}: see the names that are missing")
         return
     if options.what == "epochs":
         _fetch_batches(options)
         return
-    upload, by_name = make_upload(options.upload) if options.upload else (None, True)
+    upload, by_name = archive.make_upload(options.upload) if options.upload else (None, True)
     adql = _adql(options, by_name)
     if options.show:
         finishing.print_result(options, finishing.message_result(adql))
         return
     is_reused = Path(options.output).exists() and not options.overwrite
     check_not_read(options.output, f"--output {printable(options.output)}")
-    config_path = Path(f"{options.output}.{parsing.NAME}")
-    finishing.check_configuration(config_path)
-    path = query(
+    finishing.check_configuration(options.output)
+    path = archive.query(
         adql, options.output, options.url, max_rows=options.max_rows, overwrite=options.overwrite, upload=upload
     )
     was = f"{path} was there already, as it was fetched: nothing was asked"
-    with atomic_write(config_path, overwrite=True) as temporary_path:
-        temporary_path.write_text(finishing.configuration_text(options, name=config_path.name), encoding="utf-8")
+    finishing.write_configuration(options)
     finishing.print_result(options, finishing.message_result(was if is_reused else f"written to {path}"))
 
 
@@ -224,10 +196,10 @@ def _fetch_batches(options):
     keywords = {
         name: value for name in ("retrieval_type", "structure") if (value := getattr(options, name)) is not None
     }
-    ids = read_ids(options.ids)
-    url = DATA_SERVER if options.url == ESA else options.url
-    folder = fetch_epochs(ids, options.output, url, progress=not options.quiet, **keywords)
-    count, lost = sum(1 for path in folder.iterdir() if path.is_file()), sources_without_epochs(folder)
+    ids = archive.read_ids(options.ids)
+    url = archive.DATA_SERVER if options.url == archive.ESA else options.url
+    folder = archive.fetch_epochs(ids, options.output, url, progress=not options.quiet, **keywords)
+    count, lost = sum(1 for path in folder.iterdir() if path.is_file()), archive.sources_without_epochs(folder)
     lines = [f"written to {folder}: {count} files of {len(set(ids)) - len(lost)} sources"]
     if lost:
         listing = ", ".join(map(str, lost[:5])) + (", …" if len(lost) > 5 else "")

@@ -40,14 +40,6 @@ _OF_FILES = (".json", ".csv", ".ecsv", ".fits", ".vot", ".tex", ".txt", ".html",
 MARK = "provenance.json"
 
 
-def check_outputs(options: argparse.Namespace) -> None:
-    """Raise VshError now if --output or --html could not be written later."""
-    if options.output:
-        check_folder(options.output, options.program, options.overwrite)
-    if options.html:
-        check_file(options.html, options.overwrite, "--html")
-
-
 def _check_local(path, option):
     """Raise VshError where a result would go to an address, of which a folder named s3: would be made."""
     if is_address(str(path)):
@@ -104,8 +96,21 @@ def check_file(path: PathName, overwrite: bool = False, option: str = "--output"
         raise VshError(f"{label} exists already: use --overwrite to replace it, or name another file")
 
 
-def check_configuration(path: Path) -> None:
+def _configuration_path(output):
+    """Path of the configuration beside a file that is written: its name with run.toml for the ending."""
+    return Path(output).with_name(f"{Path(output).name}.{parsing.NAME}")
+
+
+def write_configuration(options: argparse.Namespace, written: Mapping[str, str] | None = None) -> None:
+    """Write the configuration that repeats a run beside its --output, a file."""
+    path = _configuration_path(options.output)
+    with atomic_write(path, overwrite=True) as temporary_path:
+        temporary_path.write_text(_configuration_text(options, name=path.name, written=written), encoding="utf-8")
+
+
+def check_configuration(output: PathName) -> None:
     """Raise VshError where the file of a run's configuration, which nobody named, is somebody's."""
+    path = _configuration_path(output)
     if path.exists() and not path.read_bytes().startswith(parsing.REPEATS.encode()):
         raise VshError(f"{printable(path)} is no configuration of a run, and is not replaced: move it")
 
@@ -113,13 +118,12 @@ def check_configuration(path: Path) -> None:
 @contextmanager
 def results_folder(options: argparse.Namespace, provenance: dict[str, Any]) -> Iterator[Path]:
     """A folder for results, `run.toml`, citations and provenance; it becomes --output when all is written."""
-    check_folder(options.output, options.program, options.overwrite)
     Path(os.path.realpath(options.output)).parent.mkdir(parents=True, exist_ok=True)
     with atomic_folder(options.output) as folder:
         yield folder
         for note in _copy_tables(folder, parsing.table_formats(getattr(options, "format", ""))):
             print_line(options, note)
-        (folder / parsing.NAME).write_text(configuration_text(options, provenance), encoding="utf-8")
+        (folder / parsing.NAME).write_text(_configuration_text(options, provenance), encoding="utf-8")
         (folder / "citation.bib").write_text(parsing.bibtex(options.program, options.given) + "\n", encoding="utf-8")
         files = {x.name: digest(x) for x in sorted(folder.iterdir())}
         mark = {"command": options.program, "files": files} | provenance
@@ -129,14 +133,12 @@ def results_folder(options: argparse.Namespace, provenance: dict[str, Any]) -> I
 
 def _copy_tables(folder, endings):
     """Write the tables of a folder in other formats as well; notes on those that a format cannot hold."""
-    from vsh.io import tables
-
     notes = []
     for path in sorted(folder.glob("*.ecsv")) if endings else ():
-        table = tables.read_table(path)
+        table = vsh.io.tables.read_table(path)
         for ending in endings:
             try:
-                tables.write_table(
+                vsh.io.tables.write_table(
                     _flatten_columns(table) if ending == "csv" else table, path.with_suffix(f".{ending}")
                 )
             except TableError as error:
@@ -156,12 +158,7 @@ def _flatten_columns(table):
     return flat
 
 
-def configuration_text(
-    options: argparse.Namespace,
-    provenance: Mapping[str, Any] | None = None,
-    name: str = parsing.NAME,
-    written: Mapping[str, str] | None = None,
-) -> str:
+def _configuration_text(options, provenance=None, name=parsing.NAME, written=None):
     """The configuration that repeats a run, as TOML."""
     files, hashes = ((provenance or {}).get(key, []) for key in ("catalogue", "sha256"))
     pairs = list(zip(files, hashes, strict=True)) if isinstance(files, list) else [(files, hashes)]
@@ -204,17 +201,15 @@ class Figures:
         matplotlib.use("agg")  # a command writes files only: there may be no screen
         return dict(self._draw())
 
-    def write(self, folder: Path, options: argparse.Namespace) -> list[Path]:
-        """Write them, unless there are to be none; returns their paths."""
+    def write(self, folder: Path, options: argparse.Namespace) -> None:
+        """Write them, unless there are to be none."""
         formats, dpi = parsing.figure_formats(options.format)
-        if not formats:
-            return []
-        from vsh.figures.plot import save_figures
+        if formats:
+            from vsh.figures.plot import save_figures
 
-        paths = save_figures(self.drawn, folder, format=formats, dpi=dpi, close=False, overwrite=True)
-        if not options.html:  # nobody wants them any more
-            self.close()
-        return paths
+            save_figures(self.drawn, folder, format=formats, dpi=dpi, close=False, overwrite=True)
+            if not options.html:  # nobody wants them any more
+                self.close()
 
     def close(self) -> None:
         """Close them."""
@@ -223,30 +218,18 @@ class Figures:
         close_figures(self.drawn.values())
 
 
-def write_page(
-    path: PathName,
-    title: str,
-    sections: Iterable[Section],
-    figures: Figures,
-    *,
-    captions: Mapping[str, str] | None = None,
-    lead: str = "",
-    answer: Answer | None = None,
-    provenance: Mapping[str, Any] | None = None,
-    command: Sequence[str] | None = None,
-    overwrite: bool = False,
-) -> None:
+def _write_page(path, title, sections, figures, captions, answer, provenance, command):
     """Write a page of a run: its main results, figures, sections with tables that sort, and where it comes from."""
     from vsh.figures import page
 
     panels = [
-        page.facts(answer.lines if answer else (), "answer"),
-        page.heading("Figures", page.figure_panels(figures.drawn, captions or {})),
+        page.facts(answer.lines, "answer"),
+        page.heading("Figures", page.figure_panels(figures.drawn, captions)),
         *map(page.section, sections),
-        page.provenance(provenance or {}, command),
+        page.provenance(provenance, command),
     ]
     figures.close()
-    page.write_page(path, page.page(title, panels, lead=lead), overwrite=overwrite)
+    page.write_page(path, page.page(title, panels), overwrite=True)
 
 
 @dataclass(frozen=True)
@@ -392,7 +375,10 @@ class Run:
         self.options = options
         #: Hashes of the files that were opened, and by what each is known again.
         self.opened: dict[str, tuple[str, Any]] = {}
-        check_outputs(options)
+        if options.output:
+            check_folder(options.output, options.program, options.overwrite)
+        if options.html:
+            check_file(options.html, options.overwrite, "--html")
 
     def open(self, path: str) -> Any:
         """Open a catalogue; its hash in the provenance is that of what was opened."""
@@ -492,14 +478,13 @@ class Run:
                 page(figure_set, meta, page_path)
                 figure_set.close()
             elif page_path is not None:
-                part_captions = {part.name: part.caption for part in parts if part.caption}
-                write_page(
-                    page_path, title, make_sections(True), figure_set,
-                    captions={**part_captions, **(captions or {})}, provenance=meta,
-                    command=options.command, answer=result.answer, overwrite=True,
-                )  # fmt: skip
+                captions = {part.name: part.caption for part in parts if part.caption} | dict(captions or {})
+                _write_page(
+                    page_path, title, make_sections(True), figure_set, captions, result.answer, meta, options.command
+                )
         if options.output:
-            print_line(options, running.written_line(options.output, (x.name for x in Path(options.output).iterdir())))
+            names = sorted(x.name for x in Path(options.output).iterdir())
+            print_line(options, f"written to {options.output}: {', '.join(names)}")
         if options.html:
             print_line(options, f"written to {options.html}")
 

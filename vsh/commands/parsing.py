@@ -440,11 +440,7 @@ def _is_count(name, value):
 
 def name_of(action: argparse.Action) -> str:
     """Name of an option in a configuration, without dashes."""
-    return (
-        action.option_strings[-1 if len(action.option_strings) < 2 else 0].lstrip("-")
-        if action.option_strings
-        else action.dest
-    )
+    return (action.option_strings or [action.dest])[0].lstrip("-")
 
 
 def _format_value(action, value):
@@ -500,12 +496,7 @@ def parse(module: Any, arguments: Sequence[str] | None = None) -> argparse.Names
     tokens = list(sys.argv[1:] if arguments is None else map(str, arguments))
     command_line: list[str] = []
     for token in tokens:
-        if (
-            command_line
-            and _NEGATIVE.match(token)
-            and command_line[-1].startswith("--")
-            and "=" not in command_line[-1]
-        ):
+        if _NEGATIVE.match(token) and command_line and re.fullmatch("--[^=]*", command_line[-1]):
             command_line[-1] += f"={token}"
         else:
             command_line.append(token)

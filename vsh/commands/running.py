@@ -10,7 +10,7 @@ import signal
 import sys
 import threading
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -225,11 +225,6 @@ def print_text(text: object) -> None:
     """Print text without the control characters that file and column names may bring along."""
     end_elapsed()
     print("\n".join(printable(line) for line in hide_secrets(str(text)).split("\n")))
-
-
-def written_line(path: object, files: Iterable[str]) -> str:
-    """Last line of a command, which names its folder."""
-    return f"written to {path}: {', '.join(sorted(files))}"
 
 
 def provenance(
