@@ -166,7 +166,7 @@ def effects(redshift: float = 0.01) -> dict[str, Any]:
         Mapping from effect to (minimum, maximum); if the paper gives one number, both are equal. The value of the void
         is the paper's own; its model is not computed here.
     """
-    from sim.signal import hubble_rate
+    from vsh.tools.units import hubble_rate
 
     distance = float(transverse_distance([redshift], FLAT_PLANCK13)[0])
     galactic = float(circular_acceleration(223 * u.km / u.s, 8.2 * u.kpc).value)

@@ -6,11 +6,12 @@ from astropy import units as u
 from astropy.cosmology import FlatLambdaCDM, Planck18
 
 import sim
-from sim.signal import hubble_rate, wave_fractions
 from vsh import Coefficients, Modes
 from vsh.basis import harmonics
 from vsh.models.cosmology import transverse_distance
+from vsh.models.covariance import wave_fractions
 from vsh.tools.errors import FieldError
+from vsh.tools.units import hubble_rate
 
 SKY = sim.galaxies(300, rng=1, sky="gums", min_redshift=0.002)
 PLACES = (SKY.lon, SKY.lat, SKY.redshift)

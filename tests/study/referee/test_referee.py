@@ -13,7 +13,7 @@ from conftest import ROOT, real_catalogue
 import sim
 from study.commands.referee import main
 from study.referee import Quasars, Referee, read_quasars, referee
-from study.referee._rows import Value, format_verdict, headline, papers
+from study.referee._rows import Value, format_verdict, papers
 from study.referee._sections import SectionInput, _answer_question, _check_earlier_release, _repeat_galaxies, checks
 from vsh import Field
 from vsh.tools.digits import printed_p_value
@@ -54,14 +54,14 @@ def test_first_line_is_the_acceleration_with_what_sources_share(answer):
     g = answer.headline.acceleration
     away = g.value - (0, -40, -20)
     assert away @ np.linalg.solve(g.covariance, away) < 16
-    assert answer.report().startswith(answer.headline.fit.verdict + "\nchecks")
+    assert answer.report().startswith(answer.headline.verdict + "\nchecks")
     assert answer.headline.floor is not None
 
 
 @pytest.mark.slow
 def test_spin_has_one_p_value(answer):
     """That of its draws, in the first line as in the section on the frame."""
-    assert f"p = {printed_p_value(answer.headline.p_spin)}" in answer.report().splitlines()[1]
+    assert f"p = {printed_p_value(answer.headline.spin.p_value)}" in answer.report().splitlines()[1]
 
 
 @pytest.mark.slow
@@ -110,7 +110,7 @@ def test_instrument_is_seen(table):
     faint = bent["phot_g_mean_mag"] > 19.5
     bent["pmra"] = bent["pmra"] + np.where(faint, 0.5 * np.cos(np.radians(bent["dec"])), 0.0)
     quasars = read_quasars(bent)
-    main = headline(quasars)
+    main = quasars.recommended
     answer = Referee(quasars, main, [], checks(quasars, main, 1))
     by_g = next(each for each in answer.checks if each.key == "G")
     assert by_g.p_value < 0.0027

@@ -5,11 +5,11 @@ import pytest
 from scipy.special import eval_jacobi
 
 import sim
-from sim.signal import hubble_rate, wave_fractions
 from vsh import Modes
-from vsh.models.covariance import LINDEGREN_2021, VASILIEV_BAUMGARDT_2021, Spectrum, d_minus, d_plus
+from vsh.models.covariance import LINDEGREN_2021, VASILIEV_BAUMGARDT_2021, Spectrum, d_minus, d_plus, wave_fractions
 from vsh.sky.sphere import triad
 from vsh.tools.errors import ModesError, ParameterError, VshError
+from vsh.tools.units import hubble_rate
 
 # The published functions, their power in degrees 1 … 5 of one kind, and the glide they imply in each component.
 PUBLISHED = [
