@@ -2,8 +2,9 @@
 
     python benchmarks/parallaxes.py [SKIES]
 
-For each kind of sky: rms pull of the mean and of the dipole's components, and how many lie within 1 and 1.96 errors.
-The truth has a mean of −21 µas and a dipole; the systematic errors, from degree 0 on, belong to the errors.
+For each kind of sky: rms pull of the mean and of the dipole's components, how many lie within 1 and 1.96 errors, and how
+often p-values that two classes of magnitude have the same mean and dipole are below 0.05 and 0.0027. The truth has a mean
+of −21 µas and a dipole; the systematic errors, from degree 0 on and common to the classes, belong to the errors.
 """
 
 import sys
@@ -44,25 +45,33 @@ def parallaxes(rng, shape=None, n=4000, tails=False):
 
 
 def pulls(seed, **sky):
-    """Deviations of the mean and of the dipole in their errors, (4,), and the p-value of the truth's dipole."""
-    solution = fit.recommended(parallaxes(np.random.default_rng(seed), **sky)).solution
-    value, error = solution.mean
-    off = solution.dipole.value - DIPOLE
-    return [(value - MEAN) / error, *(off / solution.dipole.sigma)]
+    """Deviations of the mean and of the dipole in their errors, (4,), and the p-value of equal classes."""
+    field = parallaxes(np.random.default_rng(seed), **sky)
+    result = fit.recommended(field)
+    (value, error), dipole = result.mean, result.dipole
+    p_value = np.nan
+    if result.modes.lmax >= 3:
+        precise = field.sigma < np.median(field.sigma)
+        normals = [result.equations(part, result.modes.lmax) for part in (field[precise], field[~precise])]
+        p_value = fit.background.shared(normals, draws=100, noise_scale=False).verdict(n=2000).p_value
+    return [(value - MEAN) / error, *((dipole.value - DIPOLE) / dipole.sigma), p_value]
 
 
 def main(n_skies=300):
     """Print a row for each kind of sky."""
-    print("sky                        rms of mean, dipole    within 1 σ    within 1.96 σ")
+    print("sky                        rms of mean, dipole    within 1 σ    within 1.96 σ    classes: p < 0.05, 0.0027")
     kinds = {name: {"shape": shape} for name, shape in SKIES.items()}
     kinds["Student's t, ν = 3"] = {"tails": True}
     kinds["100 sources"] = {"n": 100}
     with ProcessPoolExecutor() as pool:
         for name, sky in kinds.items():
             found = np.array(list(pool.map(partial(pulls, **sky), range(n_skies))))
-            rms = [np.sqrt(np.mean(found[:, 0] ** 2)), np.sqrt(np.mean(found[:, 1:] ** 2))]
-            within = [[np.mean(np.abs(x) < k) for x in (found[:, 0], found[:, 1:])] for k in (1, 1.96)]
-            print(f"{name:26} {rms[0]:.2f} {rms[1]:.2f}    " + "    ".join(f"{a:.3f} {b:.3f}" for a, b in within))
+            mean, dipole, p_values = found[:, 0], found[:, 1:4], found[:, 4]
+            rms = [np.sqrt(np.mean(x**2)) for x in (mean, dipole)]
+            within = [[np.mean(np.abs(x) < k) for x in (mean, dipole)] for k in (1, 1.96)]
+            cells = "    ".join(f"{a:.3f} {b:.3f}" for a, b in within)
+            small = " ".join(f"{np.mean(p_values < p):.3f}" for p in (0.05, 0.0027))
+            print(f"{name:26} {rms[0]:.2f} {rms[1]:.2f}    {cells}    {small}", flush=True)
 
 
 if __name__ == "__main__":

@@ -694,8 +694,10 @@ class AboutSolution(Result):
 
     def __getattr__(self, name: str) -> Any:
         """Whatever else a solution answers for: with the errors of this result."""
-        if "solution" in vars(self) and (name in Solution.__dataclass_fields__ or hasattr(Solution, name)):
-            return getattr(self.quoted, name)
+        if "solution" in vars(self):
+            kind = type(self.solution)
+            if name in kind.__dataclass_fields__ or hasattr(kind, name):
+                return getattr(self.quoted, name)
         return super().__getattr__(name)  # type: ignore[misc]
 
     def __dir__(self) -> Iterable[str]:

@@ -219,7 +219,9 @@ def test_floor_is_read_as_it_was_written_and_drawn(tmp_path):
 
 
 def test_answer_has_the_mean_first():
-    solution = fit.recommended(sky()[0]).solution
+    result = fit.recommended(sky()[0])
+    solution = result.solution
+    assert (result.mean, result.dipole.unit) == (solution.mean, "µas")
     labels, words = zip(*solution.answer.lines, strict=True)
     assert labels == ("mean", "dipole", "errors")
     assert words[0].startswith(f"{solution.mean[0]:+.1f} ± {solution.mean[1]:.1f} µas, p = ")
