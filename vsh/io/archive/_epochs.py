@@ -6,6 +6,7 @@ import re
 import time
 import zipfile
 from collections.abc import Iterable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -104,7 +105,8 @@ def fetch_epochs(
         folder.mkdir(exist_ok=True)
         remove_unfinished(folder)
         _check_unchanged(folder, files)
-        source = _DataServer(request, retrieval_type, structure, positive("patience", patience))
+        structures = [structure] if structure else list(STRUCTURES)
+        fetch = partial(_fetch, request, structures, positive("patience", patience))
         batches = [numbers[k : k + size] for k in range(0, len(numbers), size)]
         with progress_bar(total=len(batches), words="fetching epochs", shown=progress) as bar:
             for k, batch_ids in enumerate(batches):
@@ -112,7 +114,7 @@ def fetch_epochs(
                 names = [name for name in files if name.startswith(f"{prefix}-")]
                 if (not names and prefix not in missing) or any(not (folder / name).is_file() for name in names):
                     files = {name: sha for name, sha in files.items() if name not in names}
-                    added, lost = _fetch_batch(source, batch_ids, folder / prefix)
+                    added, lost = _fetch_batch(fetch, request["url"], batch_ids, folder / prefix)
                     files |= added
                     missing.pop(prefix, None)
                     missing |= {prefix: lost} if lost else {}
@@ -139,41 +141,30 @@ def _check_unchanged(folder, files):
         )
 
 
-class _DataServer:
-    """A data server, and the structure that it knows."""
-
-    def __init__(self, request, retrieval_type, structure, patience):
-        self.url, self.retrieval_type, self.release = request["url"], retrieval_type, request["release"]
-        self.structures = [structure] if structure else list(STRUCTURES)
-        self.patience = patience
-
-    def fetch(self, ids):
-        """The body of the answer for some sources."""
-        try:
-            return self._fetch(ids, self.structures[0])
-        except _RefusedError as error:
-            # ESA's server: "Invalid Data Structure parameter: 'X', valid ones are: RAW, INDIVIDUAL".
-            if len(self.structures) == 1 or "data structure" not in str(error).lower():
-                raise
-            valid = re.findall(r"\w+", str(error).partition("valid ones are")[2])
-            self.structures = [name for name in STRUCTURES[1:] if not valid or name in valid]
-            if not self.structures:
-                raise
-            return self.fetch(ids)
-
-    def _fetch(self, ids, structure):
-        form = {
-            "ID": ",".join(map(str, ids)), "RETRIEVAL_TYPE": self.retrieval_type, "FORMAT": "votable",
-            "DATA_STRUCTURE": structure, "RELEASE": self.release, "VALID_DATA": "false", "USE_ZIP_ALWAYS": "true",
-        }  # fmt: skip
-        end = time.monotonic() + self.patience
-        with _open(self.url, form, end) as answer:
+def _fetch(request, structures, patience, ids):
+    """The body of the answer for some sources; of the `structures` those that the server knows are left."""
+    form = {
+        "ID": ",".join(map(str, ids)), "RETRIEVAL_TYPE": request["retrieval_type"], "FORMAT": "votable",
+        "DATA_STRUCTURE": structures[0], "RELEASE": request["release"], "VALID_DATA": "false", "USE_ZIP_ALWAYS": "true",
+    }  # fmt: skip
+    end = time.monotonic() + patience
+    try:
+        with _open(request["url"], form, end) as answer:
             return _read_at_most(answer, _MOST, end)
+    except _RefusedError as error:
+        # ESA's server: "Invalid Data Structure parameter: 'X', valid ones are: RAW, INDIVIDUAL".
+        if len(structures) == 1 or "data structure" not in str(error).lower():
+            raise
+        valid = re.findall(r"\w+", str(error).partition("valid ones are")[2])
+        structures[:] = [name for name in STRUCTURES[1:] if not valid or name in valid]
+        if not structures:
+            raise
+        return _fetch(request, structures, patience, ids)
 
 
-def _fetch_batch(source, ids, prefix):
+def _fetch_batch(fetch, url, ids, prefix):
     """Fetch a batch: its files with their hashes, and the sources that are in none of them."""
-    contents = _members(source.fetch(ids), source.url)
+    contents = _members(fetch(ids), url)
     for old in prefix.parent.glob(f"{prefix.name}-*"):  # of an answer in other files, or of one that was no good
         old.unlink()
     files, received = {}, set()
@@ -182,12 +173,12 @@ def _fetch_batch(source, ids, prefix):
         path = prefix.with_name(f"{prefix.name}-{number:05d}{suffix}")
         with atomic_write(path, overwrite=True) as temporary_path:
             temporary_path.write_bytes(content)
-            received |= _sources_in(temporary_path, name, content, source.url)
+            received |= _sources_in(temporary_path, name, content, url)
             files[path.name] = digest(temporary_path)
     foreign = received - set(ids)
     if foreign:
         raise ArchiveError(
-            f"{source.url} sent epochs of {len(foreign)} sources that were not asked for, {min(foreign)} for one"
+            f"{url} sent epochs of {len(foreign)} sources that were not asked for, {min(foreign)} for one"
         )
     return files, sorted(set(ids) - received)
 

@@ -68,8 +68,8 @@ _FURTHER = {"DR4": ("tentative_parallax_bias", "quality_flag")}
 _NAME = re.compile(r"[A-Za-z_][\w]*(\.[A-Za-z_][\w]*){0,2}")
 
 
-def _column_list(release, prefix="g"):
-    return ", ".join(f"{prefix}.{name}" for name in _columns_of(release))
+def _column_list(release):
+    return ", ".join(f"g.{name}" for name in _columns_of(release))
 
 
 def _columns_of(release):
@@ -78,8 +78,8 @@ def _columns_of(release):
     return (*columns, *_FURTHER.get(release.name, ()))
 
 
-def _solution_condition(release, prefix="g"):
-    return f"{prefix}.{release.solution} IN ({', '.join(map(str, release.accepted))})"
+def _solution_condition(release):
+    return f"g.{release.solution} IN ({', '.join(map(str, release.accepted))})"
 
 
 #: The 1.6 million quasars of Gaia-CRF3 (Gaia Collaboration, Klioner et al. 2022, A&A 667, A148), five- and
@@ -188,13 +188,9 @@ def of_table(
             raise ArchiveError(
                 f"{name!r} is no name of a table or column: letters, digits and _, tables with their schema"
             )
-    condition = "" if where is None else f"\nWHERE {where.strip()}"
-    return (
-        _join_astrometry(
-            release, astrometry, [f"t.{name}" for name in columns], f"FROM {table} AS t", "g.source_id = t.source_id"
-        )
-        + condition
-    )
+    further = [f"t.{name}" for name in columns]
+    adql = _join_astrometry(release, astrometry, further, f"FROM {table} AS t", "g.source_id = t.source_id")
+    return adql if where is None else f"{adql}\nWHERE {where.strip()}"
 
 
 def _join_astrometry(release, astrometry, further, source, match):
@@ -269,13 +265,9 @@ def _as_votable(columns):
 def query_near_positions(*, release: DataRelease = DR3, astrometry: str = "gaia_source") -> str:
     """The query for the sources within an arcsecond of the positions that are sent with it."""
     circle = f"CIRCLE('ICRS', t.ra, t.dec, {MATCH_RADIUS}/3600)"
-    return _join_astrometry(
-        release,
-        astrometry,
-        ["t.ra AS list_ra", "t.dec AS list_dec"],
-        f"FROM {UPLOADED} AS t",
-        f"1 = CONTAINS(POINT('ICRS', g.ra, g.dec), {circle})",
-    )
+    match = f"1 = CONTAINS(POINT('ICRS', g.ra, g.dec), {circle})"
+    further = ["t.ra AS list_ra", "t.dec AS list_dec"]
+    return _join_astrometry(release, astrometry, further, f"FROM {UPLOADED} AS t", match)
 
 
 #: DR4's names of the sources of DR3 that are sent with the query (`gaiadr4.dr3_neighbourhood`): a source may have
@@ -316,10 +308,8 @@ def read_ids(source: Any) -> list[int]:
         values, mask = table.columns(("source_id",))["source_id"]
         entries = list(map(str, np.asarray(values) if mask is None else np.asarray(values)[~mask]))
     wrong = [entry for entry in entries if not (re.fullmatch(r"\d{1,19}", entry) and int(entry) < 2**63)]
-    if wrong or not entries:
-        raise ArchiveError(
-            f"{len(wrong)} of {len(entries)} source_id are no whole numbers"
-            if wrong
-            else "the list of source_id is empty"
-        )
+    if not entries:
+        raise ArchiveError("the list of source_id is empty")
+    if wrong:
+        raise ArchiveError(f"{len(wrong)} of {len(entries)} source_id are no whole numbers")
     return [int(entry) for entry in entries]

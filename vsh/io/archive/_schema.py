@@ -95,11 +95,8 @@ def check_schema(schema: str = DR4.schema, url: str = ESA) -> SchemaCheck:
     wanted = sorted({table for adql in queries.values() for table in _tables_by_alias(adql, schema).values()})
     listing = ", ".join(f"'{table}'" for table in wanted) or f"'{schema}'"
     table_columns: dict[str, set[str]] = {}
-    for table, column in query_rows(
-        f"SELECT table_name, column_name FROM TAP_SCHEMA.columns WHERE table_name IN ({listing})",
-        ("table_name", "column_name"),
-        url,
-    ):
+    adql = f"SELECT table_name, column_name FROM TAP_SCHEMA.columns WHERE table_name IN ({listing})"
+    for table, column in query_rows(adql, ("table_name", "column_name"), url):
         table_columns.setdefault(table, set()).add(column)
     names = set(table_columns)
     if not names.issuperset(wanted) or not wanted:  # what is missing may have another name

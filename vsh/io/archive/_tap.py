@@ -102,7 +102,9 @@ def query(
     >>> query(GAIA_CRF3, "crf3.fits")  # doctest: +SKIP
     PosixPath('crf3.fits')
     """
-    path, adql, url = Path(path), _check_query(adql), str(url).rstrip("/")
+    if not isinstance(adql, str) or not adql.strip():
+        raise ArchiveError(f"a query is text in ADQL, not {adql!r}")
+    path, adql, url = Path(path), adql.strip(), str(url).rstrip("/")
     if tables.format_of(path) != "fits" or path.suffix == ".gz":
         raise ArchiveError(f"{printable(path)}: answers are kept as .fits")
     if not path.absolute().parent.is_dir():
@@ -113,39 +115,29 @@ def query(
     if upload is not None:
         request["upload"] = hashlib.sha256(upload).hexdigest()
     with hold_lock(path):
-        return _fetch_answer(path, request, upload, patience, interval, max_bytes, overwrite, progress)
-
-
-def _fetch_answer(path, request, upload, patience, interval, max_bytes, overwrite, progress):
-    """The file, while no other process fetches it."""
-    note, (adql, url, max_rows, *_) = path.with_name(f"{path.name}.json"), request.values()
-    record = _read_note(note)
-    if path.exists():
-        _check_as_fetched(path, record)
-        if not overwrite:
-            _check_same_request(path, record, request)
-            _check_whole_table(path)
-            return path
-    before = {"sha256": record["sha256"]} if path.exists() and "sha256" in record else {}
-    record = {} if overwrite else record
-    job = record.get("job") if all(record.get(key) == value for key, value in request.items()) else None
-    job = job if _belongs_to(job, url) else None
-    row_limit = None if max_rows is None else whole("max_rows", max_rows)
-    job = _usable_job(job) or _submit(adql, url, row_limit, upload)
-    _write_note(note, request | {"job": job} | before)
-    _wait(job, positive("patience", patience), positive("interval", interval), progress)
-    with atomic_write(path, overwrite) as temporary_path:
-        _fetch(
-            f"{job}/results/result",
-            temporary_path,
-            time.monotonic() + patience,
-            positive("max_bytes", max_bytes),
-            progress,
-        )
-        rows, sha = _check_complete(temporary_path, max_rows), digest(temporary_path)
-        timestamp = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
-        _write_note(note, request | {"rows": rows, "fetched": timestamp, "sha256": sha})
-    return path
+        note = path.with_name(f"{path.name}.json")
+        record = _read_note(note)
+        if path.exists():
+            _check_as_fetched(path, record)
+            if not overwrite:
+                _check_same_request(path, record, request)
+                _check_whole_table(path)
+                return path
+        before = {"sha256": record["sha256"]} if path.exists() and "sha256" in record else {}
+        record = {} if overwrite else record
+        job = record.get("job") if all(record.get(key) == value for key, value in request.items()) else None
+        job = job if _belongs_to(job, url) else None
+        row_limit = None if max_rows is None else whole("max_rows", max_rows)
+        job = _usable_job(job) or _submit(adql, url, row_limit, upload)
+        _write_note(note, request | {"job": job} | before)
+        _wait(job, positive("patience", patience), positive("interval", interval), progress)
+        with atomic_write(path, overwrite) as temporary_path:
+            end = time.monotonic() + patience
+            _fetch(f"{job}/results/result", temporary_path, end, positive("max_bytes", max_bytes), progress)
+            rows, sha = _check_complete(temporary_path, max_rows), digest(temporary_path)
+            timestamp = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
+            _write_note(note, request | {"rows": rows, "fetched": timestamp, "sha256": sha})
+        return path
 
 
 def _check_as_fetched(path, record):
@@ -166,20 +158,14 @@ def _check_as_fetched(path, record):
 
 def _check_same_request(path, record, request):
     """Raise ArchiveError where a file is the answer to something else."""
-    if record.get("query") != request["query"]:
-        raise ArchiveError(f"{printable(path)} is the answer to another query: choose another name, or overwrite it")
-    if record.get("url") != request["url"]:
-        raise ArchiveError(
-            f"{printable(path)} is the answer of {printable(record.get('url'))}: choose another name, or overwrite it"
-        )
-    if record.get("upload") != request.get("upload"):
-        raise ArchiveError(
-            f"{printable(path)} is the answer for another list of sources: choose another name, or overwrite it"
-        )
-    if record.get("max_rows") != request["max_rows"]:
-        raise ArchiveError(
-            f"{printable(path)} was asked for with another limit of rows: choose another name, or overwrite it"
-        )
+    for key, was in (
+        ("query", "is the answer to another query"),
+        ("url", f"is the answer of {printable(record.get('url'))}"),
+        ("upload", "is the answer for another list of sources"),
+        ("max_rows", "was asked for with another limit of rows"),
+    ):
+        if record.get(key) != request.get(key):
+            raise ArchiveError(f"{printable(path)} {was}: choose another name, or overwrite it")
 
 
 def _check_whole_table(path):
@@ -223,12 +209,6 @@ def _rows_of_csv(body, names, url):
     return [
         [cell.strip().strip('"').lower() for cell in row[: len(names)]] for row in rows[1:] if len(row) >= len(names)
     ]
-
-
-def _check_query(adql):
-    if not isinstance(adql, str) or not adql.strip():
-        raise ArchiveError(f"a query is text in ADQL, not {adql!r}")
-    return adql.strip()
 
 
 def _submit(adql, url, max_rows, upload=None, table_format="fits"):
