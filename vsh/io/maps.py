@@ -5,10 +5,10 @@ import warnings
 import numpy as np
 
 from vsh.field import Field
-from vsh.io.tables import open_checked_fits
+from vsh.io.tables import open_checked_fits, readable_as
 from vsh.sky.pixels import centres, is_valueless
 from vsh.tools.arguments import positive
-from vsh.tools.errors import TableError, first_line
+from vsh.tools.errors import TableError
 from vsh.tools.printing import printable
 from vsh.tools.types import FloatArray, PathName
 
@@ -33,13 +33,9 @@ def read_map(path: PathName) -> tuple[FloatArray, str | None]:
         import healpy
     except ImportError as error:
         raise TableError(f"{label}: maps need healpy, which is not installed; there is none for Windows") from error
-    with open_checked_fits(path, label) as plain:
-        try:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")
-                values, header = healpy.read_map(plain, h=True)
-        except Exception as error:  # whatever a damaged file makes of healpy
-            raise TableError(f"{label} cannot be read as a HEALPix map: {first_line(error)}") from error
+    with open_checked_fits(path, label) as plain, readable_as(label, "a HEALPix map"), warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        values, header = healpy.read_map(plain, h=True)
     values = np.asarray(values)
     if values.ndim != 1 or values.dtype.kind not in "fiu":
         raise TableError(f"{label} cannot be read as a HEALPix map: it holds {values.ndim} maps of {values.dtype}")

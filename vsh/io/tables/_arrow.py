@@ -4,14 +4,13 @@ import json
 import os
 import re
 from codecs import getincrementaldecoder
-from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing
 from typing import Any
 
 import numpy as np
 
-from vsh.io.tables._source import FRAME_KEY, TableSource, unpacked_file
+from vsh.io.tables._source import FRAME_KEY, TableSource, join_blocks, number_twins, readable_as, unpacked_file
 from vsh.tools.errors import TableError, first_line
 from vsh.tools.files import check_unpacked_size
 from vsh.tools.printing import printable
@@ -20,17 +19,14 @@ from vsh.tools.types import PathName
 
 def open_parquet(paths: PathName | Sequence[PathName], label: str) -> TableSource:
     """A Parquet file, or files with the same columns as one table."""
-    arrow, dataset_module = _import_pyarrow(label)
+    _, dataset_module = _import_pyarrow(label)
     if isinstance(paths, (str, os.PathLike)):
-        return _open_parquet_file(arrow, paths, label)
-    try:
+        return _open_parquet_file(paths, label)
+    with readable_as(label, "Parquet"):
         options = dataset_module.ParquetFragmentScanOptions(page_checksum_verification=True)
         form = dataset_module.ParquetFileFormat(default_fragment_scan_options=options)
         dataset = dataset_module.dataset([str(path) for path in paths], format=form)
         schema = dataset.schema
-    except (arrow.ArrowException, OSError, ValueError, TypeError, MemoryError) as error:
-        raise TableError(f"{label} cannot be read as Parquet: {first_line(error)}") from error
-    _check_names(schema.names, label)
     _check_fragments(dataset, label)
 
     def batches(names, rows):
@@ -41,24 +37,18 @@ def open_parquet(paths: PathName | Sequence[PathName], label: str) -> TableSourc
     return _make_source(label, schema, batches)
 
 
-def _open_parquet_file(arrow, path, label):
+def _open_parquet_file(path, label):
     """Open a file; a dataset of it would take twice as long."""
     from pyarrow.parquet import ParquetFile
 
-    try:
+    with readable_as(label, "Parquet"):
         plain = unpacked_file(path, label)
-    except OSError as error:
-        raise TableError(f"{label} cannot be read as Parquet: {first_line(error)}") from error
 
     def open_parts_of_file(footer=None):  # which keeps an unpacked copy for as long as it is read
         return ParquetFile(str(plain.name), metadata=footer, page_checksum_verification=True)
 
-    try:
-        with open_parts_of_file() as file:
-            schema, footer = file.schema_arrow, file.metadata
-    except (arrow.ArrowException, OSError, ValueError, TypeError, MemoryError) as error:
-        raise TableError(f"{label} cannot be read as Parquet: {first_line(error)}") from error
-    _check_names(schema.names, label)
+    with readable_as(label, "Parquet"), open_parts_of_file() as file:
+        schema, footer = file.schema_arrow, file.metadata
     check_unpacked_size(label, 8 * footer.num_rows * min(len(schema.names), _NEEDED), os.path.getsize(plain.name))
 
     def batches(names, rows):
@@ -76,13 +66,10 @@ def open_parquet_at(filesystem: Any, path: str, label: str) -> TableSource:
         stream = filesystem.open_input_file(path)
         return ParquetFile(stream, metadata=footer, page_checksum_verification=True, pre_buffer=True)
 
-    try:
+    with readable_as(label, "Parquet"):  # errors of Arrow, or of the library that speaks to the server
         file = open_remote_file()
         schema, footer = file.schema_arrow, file.metadata
         file.close(force=True)
-    except Exception as error:  # of Arrow, or of the library that speaks to the server
-        raise TableError(f"{label} cannot be read as Parquet: {first_line(error)}") from error
-    _check_names(schema.names, label)
 
     def batches(names, rows):
         file = open_remote_file(footer)
@@ -102,10 +89,8 @@ def _check_fragments(dataset, label):
     """Raise TableError where a file has other columns, kinds of numbers or units than the first."""
     first = None
     for fragment in dataset.get_fragments():
-        try:
+        with readable_as(label, "Parquet"):
             schema = fragment.physical_schema
-        except Exception as error:  # whatever a damaged file, or a server, makes of Arrow
-            raise TableError(f"{label} cannot be read as Parquet: {first_line(error)}") from error
         units = {name: str(unit) for name, unit in _header(schema)[0].items()}
         columns = {field.name: (str(field.type), units.get(field.name)) for field in schema}
         first = first or (fragment, columns)
@@ -128,7 +113,6 @@ def _name_of(fragment):
 
 def open_dataset(dataset: Any, label: str) -> TableSource:
     """A pyarrow Dataset, wherever its files lie."""
-    _check_names(dataset.schema.names, label)
     _check_fragments(dataset, label)
 
     def batches(names, rows):
@@ -141,11 +125,10 @@ def open_lazyframe(frame: Any, label: str) -> TableSource:
     """A LazyFrame of polars: what is expected of it is collected when it is."""
     _import_pyarrow(label)  # polars's own way to it, for pyarrow before 16 does not know polars
     try:
-        names = list(frame.collect_schema())
+        frame.collect_schema()
         empty = frame.head(0).collect().to_arrow()
     except Exception as error:  # whatever a plan that cannot be carried out raises
         raise TableError(f"{label} cannot be collected: {first_line(error)}") from error
-    _check_names(names, label)
 
     def batches(request, rows):
         try:
@@ -161,8 +144,6 @@ def open_stream(thing: Any, label: str) -> TableSource:
     """An object with `__arrow_c_stream__` or `__arrow_c_array__`: of pyarrow, polars, DuckDB, …"""
     arrow, _ = _import_pyarrow(label)
     reader = _open_reader(arrow, thing, label)
-    _check_names(reader.schema.names, label)
-
     streams = [reader]
 
     def batches(names, rows):
@@ -201,13 +182,10 @@ def _import_pyarrow(label):
 _NEEDED = 6
 
 
-def _check_names(names, label):
-    duplicates = sorted(name for name, count in Counter(names).items() if count > 1)
-    if duplicates:
-        raise TableError(f"{label}: several columns are called {', '.join(map(repr, duplicates))}")
-
-
 def _make_source(label, schema, batches):
+    if twins := number_twins(schema.names)[1]:
+        raise TableError(f"{label}: several columns are called {', '.join(map(repr, sorted(twins)))}")
+
     def read(names, rows):
         buffer, count, empty = [], 0, True
         for batch in _wrap_read_errors(batches(names, rows), label):
@@ -227,25 +205,14 @@ def _make_source(label, schema, batches):
 
 
 def _wrap_read_errors(batches, label):
-    import pyarrow
-
-    try:
+    with readable_as(label, "Parquet"):
         yield from batches
-    except (pyarrow.ArrowException, OSError, ValueError, KeyError, MemoryError) as error:
-        raise TableError(f"{label} cannot be read as Parquet: {first_line(error)}") from error
 
 
 def _block(batches, names, label):
     if not batches:
         return {name: (np.empty(0), None) for name in names}
-    block = {}
-    for name in names:
-        chunks = [_column(batch.column(name), name, label) for batch in batches]
-        values = chunks[0][0] if len(chunks) == 1 else np.concatenate([values for values, _ in chunks])
-        missing = any(mask is not None for _, mask in chunks)
-        masks = [np.zeros(len(column), bool) if mask is None else mask for column, mask in chunks] if missing else []
-        block[name] = values, np.concatenate(masks) if missing else None
-    return block
+    return {name: join_blocks([_column(batch.column(name), name, label) for batch in batches]) for name in names}
 
 
 def _column(array, name, label):

@@ -137,13 +137,9 @@ def open_fits(path: PathName, label: str, table: str | None = None) -> TableSour
     header = units[extension]
     names, twins = number_twins([str(header.get(f"TTYPE{i}", "")) for i in range(1, int(header.get("TFIELDS", 0)) + 1)])
     with _wrap_read_errors(label), _open(plain.name, extension, names if twins else ()) as hdus:
-        columns = list(hdus[extension].columns)
-        meta = _meta(hdus[extension].header)
-        descriptions = {
-            c.name: str(hdus[extension].header[f"TCOMM{i}"])
-            for i, c in enumerate(columns, 1)
-            if f"TCOMM{i}" in hdus[extension].header
-        }
+        columns, cards = list(hdus[extension].columns), hdus[extension].header
+        meta = _meta(cards)
+        descriptions = {c.name: str(cards[f"TCOMM{i}"]) for i, c in enumerate(columns, 1) if f"TCOMM{i}" in cards}
     definitions = {column.name: column for column in columns}
     names = [column.name for column in columns]
     if not names or not all(names):

@@ -10,7 +10,6 @@ import os
 import re
 import shutil
 import zipfile
-from collections.abc import Iterator
 from dataclasses import replace
 from http.client import responses
 from importlib import import_module
@@ -32,6 +31,7 @@ from vsh.io.tables._source import (
     open_dict_or_array,
     open_skycoord,
     open_xarray,
+    readable_as,
 )
 from vsh.io.tables._text import open_numbered_table
 from vsh.tools import formats
@@ -166,8 +166,8 @@ def _refusal_error(place):
     return None
 
 
-def open_at(source: Any, open_file: Any, file_format: str | None = None) -> TableSource:
-    """A table at an address; `open_file(path, label, kind)` opens a file that was fetched."""
+def open_at(source: Any, file_format: str | None) -> TableSource:
+    """A table at an address."""
     location = source if isinstance(source, RemotePath) else remote_path_of(source)
     label = location.label
     files = files_at(location)
@@ -186,18 +186,13 @@ def open_at(source: Any, open_file: Any, file_format: str | None = None) -> Tabl
             shutil.copyfileobj(stream, output, 2**20)
     except Exception as error:  # whatever a server that dies makes of its library
         raise (_refusal_error(file) or _unreachable_error(label, error)) from error
-    table = open_file(Path(copy.name), label, file_format)
-    return _keep_copy(table, copy)
+    file_format = file_format or _find_format(Path(copy.name), label)
+    return _keep_copy(_open_file(Path(copy.name), label, file_format), copy)
 
 
 def _keep_copy(table, copy):
     """A table that holds the copy it is read from."""
-
-    def read(names, rows) -> Iterator[dict[str, Any]]:
-        assert copy.name
-        yield from table.read(names, rows)
-
-    return replace(table, read=read)
+    return replace(table, read=lambda names, rows, _held=copy: table.read(names, rows))
 
 
 def _format_by_ending(path):
@@ -286,7 +281,7 @@ def open_table(source: Any, format: str | None = None) -> TableSource:
     if isinstance(source, TableSource):
         return source
     if is_address(source) or isinstance(source, RemotePath):
-        return open_at(source, _open_fetched, _kind_of(format))
+        return open_at(source, _kind_of(format))
     if isinstance(source, (str, os.PathLike)):
         return _open_path(source, format)
     if is_dataframe(source):
@@ -309,10 +304,6 @@ def open_table(source: Any, format: str | None = None) -> TableSource:
     return open_dict_or_array(source)
 
 
-def _open_fetched(path, label, file_format):
-    return _open_file(path, label, file_format or _find_format(path, label))
-
-
 #: How the words begin that Git LFS puts in place of a file.
 _POINTER = b"version https://git-lfs"
 #: A file with several tables, and the number or the name of one: tables.tsv#2.
@@ -327,7 +318,7 @@ def _kind_of(format):
 
 
 def _open_path(path, format):
-    _kind_of(format)
+    kind = _kind_of(format)
     text = os.fspath(path)
     text = text.decode("utf-8", "replace") if isinstance(text, bytes) else text
     label = STANDARD_INPUT if os.path.basename(text) == STANDARD_INPUT else printable(text)
@@ -337,7 +328,7 @@ def _open_path(path, format):
             return _open_folder(path, label, format)
         if (match := _NUMBERED.fullmatch(text)) and not path.exists() and Path(match[1]).is_file():
             path, table = Path(match[1]), match[2]
-            if (BY_NAME[format].kind if format else _find_format(path, label)) == "fits":
+            if (kind or _find_format(path, label)) == "fits":
                 return open_fits(path, label, table)
             if table.isdecimal():
                 return open_numbered_table(path, int(table), label)
@@ -349,8 +340,7 @@ def _open_path(path, format):
                 raise TableError(f"{label} is a pointer of Git LFS in place of the file: fetch that (git lfs pull)")
         if path.suffix.lower() in ("", ".zip") and zipfile.is_zipfile(path):
             return _open_zip(path, label, format)
-        file_format = BY_NAME[format].kind if format else _find_format(path, label)
-        return _open_file(path, label, file_format)
+        return _open_file(path, label, kind or _find_format(path, label))
     except (OSError, ValueError) as error:
         if isinstance(error, TableError):
             raise
@@ -359,24 +349,19 @@ def _open_path(path, format):
 
 def _find_format(path, label):
     """The format of a file by its ending, or by its first bytes."""
-    try:
-        return format_of(path, READ)
-    except TableError:
-        if _has_cds_readme(path):
-            return "ascii.cds"
-        begin = first_bytes(path, label)
-        for row in FORMATS:
-            if row.begins is not None and row.begins.match(begin):
-                return row.kind
-        hint = (
-            ""
-            if label == STANDARD_INPUT
-            else f" Known endings: {', '.join(READ)}, each also with .gz, or several in a .zip."
-        )
-        raise TableError(
-            f"{label}: unrecognised format.{hint} Name it: --columns format=NAME, of {'|'.join(BY_NAME)}, where ascii "
-            "is any text in columns (format=…)"
-        ) from None
+    if kind := _format_by_ending(path):
+        return kind
+    if _has_cds_readme(path):
+        return "ascii.cds"
+    begin = first_bytes(path, label)
+    for row in FORMATS:
+        if row.begins is not None and row.begins.match(begin):
+            return row.kind
+    hint = f" Known endings: {', '.join(READ)}, each also with .gz, or several in a .zip." * (label != STANDARD_INPUT)
+    raise TableError(
+        f"{label}: unrecognised format.{hint} Name it: --columns format=NAME, of {'|'.join(BY_NAME)}, where ascii "
+        "is any text in columns (format=…)"
+    )
 
 
 def _has_cds_readme(path):
@@ -447,13 +432,8 @@ def _format_and_files(path, label, format=None):
         inside = file.relative_to(path).parts
         if any(component.startswith((".", "_")) for component in inside) or not file.is_file():
             continue
-        if format:
-            groups.setdefault(_kind_of(format), []).append(file)
-            continue
-        try:
-            groups.setdefault(format_of(file, READ), []).append(file)
-        except TableError:
-            continue
+        if kind := _kind_of(format) or _format_by_ending(file):
+            groups.setdefault(kind, []).append(file)
     folders = {part for files in groups.values() for file in files for part in file.relative_to(path).parts[:-1]}
     keys = {name.partition("=")[0] for name in folders if "=" in name} - {"Norder", "Dir", "Npix"}
     if keys:
@@ -498,10 +478,8 @@ def _listed_partitions(path, files, label):
     if stated.isdecimal():
         from pyarrow.parquet import read_metadata
 
-        try:
+        with readable_as(label, "Parquet"):
             rows = sum(read_metadata(file).num_rows for file in listed)
-        except (OSError, ValueError) as error:
-            raise TableError(f"{label} cannot be read as Parquet: {first_line(error)}") from error
         if rows != int(stated):
             raise TableError(f"{label} has {rows} rows, and its hats.properties says {stated}: fetch it again")
     return listed
@@ -558,10 +536,8 @@ def _read_ecsv(path, label):
     from astropy.table import Table
 
     _check_memory(path, label)
-    try:
+    with readable_as(label, "ECSV"):
         return Table.read(path, format="ascii.ecsv")
-    except Exception as error:  # whatever a damaged file makes of a reader
-        raise TableError(f"{label} cannot be read as ECSV: {first_line(error)}") from error
 
 
 def _check_memory(path, label, limit=2**28):

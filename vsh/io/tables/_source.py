@@ -11,6 +11,7 @@ import warnings
 import weakref
 import zlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -18,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from vsh.sky.frames import FRAME_KEY, FRAMES
+from vsh.sky.frames import FRAME_KEY, coordinate_columns
 from vsh.tools.errors import TableError, first_line
 from vsh.tools.files import check_unpacked_size
 from vsh.tools.notebook import InNotebook
@@ -28,6 +29,7 @@ from vsh.tools.types import PathName, Table
 #: What a damaged packed file makes of the libraries that unpack it.
 DAMAGE = (OSError, EOFError, ValueError, zlib.error, lzma.LZMAError)
 _MAGIC = {b"\x1f\x8b": "gzip", b"BZh": "bzip2", b"\xfd7zXZ\0": "xz", b"\x28\xb5\x2f\xfd": "zstd"}
+_OPENERS: dict[str, Callable[..., Any]] = {"gzip": gzip.open, "bzip2": bz2.open, "xz": lzma.open}
 
 
 def packing(begin: bytes) -> str | None:
@@ -42,12 +44,8 @@ def open_unpacked(path: PathName, label: str) -> io.BufferedReader:
     if compression is None:
         return file
     file.close()
-    if compression == "gzip":
-        return io.BufferedReader(gzip.open(path, "rb"), 2**20)
-    if compression == "bzip2":
-        return io.BufferedReader(bz2.open(path, "rb"), 2**20)
-    if compression == "xz":
-        return io.BufferedReader(lzma.open(path, "rb"), 2**20)
+    if compression in _OPENERS:
+        return io.BufferedReader(_OPENERS[compression](path, "rb"), 2**20)
     try:
         import pyarrow
     except ImportError as error:
@@ -64,6 +62,17 @@ def first_bytes(path: PathName, label: str, count: int = 2**14) -> bytes:
             return stream.read(count)
     except (*DAMAGE, TableError):
         return b""
+
+
+@contextmanager
+def readable_as(label: str, what: str) -> Iterator[None]:
+    """Whatever a damaged file makes of a reader within is a TableError."""
+    try:
+        yield
+    except TableError:
+        raise
+    except Exception as error:
+        raise TableError(f"{label} cannot be read as {what}: {first_line(error)}") from error
 
 
 class TemporaryPath:
@@ -128,9 +137,7 @@ class TableSource(InNotebook):
     def columns(self, names: Sequence[str] | None = None) -> dict[str, Any]:
         """Some columns whole, a dict of (values, mask or None); all of them unless named."""
         blocks = list(self.blocks(names, self.whole))
-        if len(blocks) == 1:
-            return blocks[0]
-        return {name: _join_blocks([block[name] for block in blocks]) for name in blocks[0]}
+        return {name: join_blocks([block[name] for block in blocks]) for name in blocks[0]}
 
     def to_table(self) -> Table:
         """The whole as an astropy Table."""
@@ -225,7 +232,10 @@ def _with_mask(block, name):
     return values, further if mask is None else mask | further
 
 
-def _join_blocks(blocks):
+def join_blocks(blocks: Sequence[Any]) -> Any:
+    """Values and masks of blocks of a column, one after the other."""
+    if len(blocks) == 1:
+        return blocks[0]
     values = np.concatenate([values for values, _ in blocks])
     if all(mask is None for _, mask in blocks):
         return values, None
@@ -264,24 +274,9 @@ def open_skycoord(coord: Any) -> TableSource:
 
 def _skycoord_columns(coord):
     """Columns of coordinates in the names of Gaia's archive, and their frame."""
-    from astropy import units as u
-
-    frame_names = {theirs: ours for ours, theirs in FRAMES.items()}
-    frame = coord.frame.name
-    if frame not in frame_names:
-        raise TableError(
-            f"coordinates in {frame} are not supported: convert to {', '.join(frame_names)}, as with coord.icrs"
-        )
     if coord.isscalar:
         raise TableError("the SkyCoord holds one position: give it arrays")
-    position = coord.spherical
-    columns = {"ra": position.lon.to(u.deg), "dec": position.lat.to(u.deg)}
-    if "s" in coord.frame.data.differentials:
-        moves = coord.sphericalcoslat.differentials["s"]
-        columns |= {"pmra": moves.d_lon_coslat.to(u.mas / u.yr), "pmdec": moves.d_lat.to(u.mas / u.yr)}
-    if position.distance.unit.is_equivalent(u.m):
-        columns["distance"] = position.distance
-    return {name: u.Quantity(np.ravel(values)) for name, values in columns.items()}, frame_names[frame]
+    return coordinate_columns(coord, TableError)
 
 
 def open_xarray(dataset: Any) -> TableSource:
@@ -309,12 +304,9 @@ def open_dataframe(frame: Any) -> TableSource:
             yield {name: _series_values(frame.iloc[start : start + rows, at[name]], name) for name in request}
 
     meta = {str(key): value for key, value in getattr(frame, "attrs", {}).items()}
-    unit_attribute = meta.get("units")  # as users of pandas keep them
-    units = (
-        {name: str(unit_attribute[name]) for name in names if name in unit_attribute}
-        if isinstance(unit_attribute, Mapping)
-        else {}
-    )
+    stated = meta.get("units")  # as users of pandas keep them
+    stated = stated if isinstance(stated, Mapping) else {}
+    units = {name: str(stated[name]) for name in names if name in stated}
     return TableSource("the table", names, read, units, meta)
 
 

@@ -16,7 +16,7 @@ import os
 import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from itertools import chain, islice
 from operator import itemgetter
@@ -251,17 +251,10 @@ def _are_units(fields):
 
 
 def _is_unit(candidate):
-    if candidate in ("h:m:s", "d:m:s"):
-        return True
     from astropy import units as u
 
-    for form in ("generic", "cds"):
-        try:
-            u.Unit(candidate, format=form)
-            return True
-        except (ValueError, TypeError):
-            continue
-    return False
+    units = [u.Unit(candidate, format=form, parse_strict="silent") for form in ("generic", "cds")]
+    return candidate in ("h:m:s", "d:m:s") or not all(isinstance(unit, u.UnrecognizedUnit) for unit in units)
 
 
 def _pad_row(row, count):
@@ -345,7 +338,23 @@ def _ecsv_layout(top_line, lines, label):
         line = next(lines, "")
     if not line.strip():
         raise TableError(f"{label} has a header and no table")
-    types, units, meta, delimiter, descriptions = _ecsv_header(comments, label)
+    from astropy.table.meta import get_header_from_yaml
+
+    try:
+        header = get_header_from_yaml(comments[1:])
+        columns = header["datatype"]
+        types = {column["name"]: column["datatype"] for column in columns}
+        units = {column["name"]: column["unit"] for column in columns if column.get("unit")}
+        descriptions = {column["name"]: str(column["description"]) for column in columns if column.get("description")}
+        special = any(column.get("subtype") for column in columns)
+        delimiter = header.get("delimiter", " ")
+        meta = dict(header.get("meta") or {})
+    except Exception as error:  # whatever a damaged header makes of YAML
+        raise TableError(f"{label} cannot be read as ECSV: its header is damaged ({first_line(error)})") from error
+    if delimiter not in (" ", ","):
+        raise TableError(f"{label} cannot be read as ECSV: its fields are separated by {delimiter!r}")
+    if special or "__serialized_columns__" in meta:
+        meta["__special__"] = True
     names = _split_line(line, delimiter, label)
     if list(types) != names:
         raise TableError(f"{label} is damaged: its header describes other columns than the line of names")
@@ -354,33 +363,25 @@ def _ecsv_layout(top_line, lines, label):
     return Layout(names, len(comments) + 1, delimiter, units=units), types, meta, descriptions
 
 
-class open_lines:
+@contextmanager
+def open_lines(path: PathName, label: str) -> Iterator[Iterator[str]]:
     """The lines of a file, packed or not; as a context, so that a file is always closed."""
+    with io.TextIOWrapper(open_unpacked(path, label), encoding="utf-8", newline="\n") as text:
+        yield _read_lines(text, label)
 
-    def __init__(self, path, label):
-        self.path, self.label = path, label
 
-    def __enter__(self):
-        self.text = io.TextIOWrapper(open_unpacked(self.path, self.label), encoding="utf-8", newline="\n")
-        return self._read_lines()
-
-    def __exit__(self, *_):
-        self.text.close()
-
-    def _read_lines(self):
-        try:
-            while line := self.text.readline(LINE):
-                if len(line) == LINE:
-                    raise TableError(
-                        f"{self.label} is damaged, or no table: it has a line of more than {LINE} characters"
-                    )
-                yield line
-        except UnicodeDecodeError as error:
-            raise TableError(f"{self.label} is no text in UTF-8: {error.reason} at byte {error.start}") from error
-        except TableError:
-            raise
-        except DAMAGE as error:
-            raise TableError(f"{self.label} cannot be unpacked: {first_line(error)}. Fetch it again") from error
+def _read_lines(text, label):
+    try:
+        while line := text.readline(LINE):
+            if len(line) == LINE:
+                raise TableError(f"{label} is damaged, or no table: it has a line of more than {LINE} characters")
+            yield line
+    except UnicodeDecodeError as error:
+        raise TableError(f"{label} is no text in UTF-8: {error.reason} at byte {error.start}") from error
+    except TableError:
+        raise
+    except DAMAGE as error:
+        raise TableError(f"{label} cannot be unpacked: {first_line(error)}. Fetch it again") from error
 
 
 def _split_line(line, delimiter, label):
@@ -534,37 +535,11 @@ def _values(text, datatype):
         try:
             values = filled_text.astype(dtype)
         except (ValueError, OverflowError):
-            if dtype is np.int64 and _are_integers(filled_text):
+            if dtype is np.int64 and all(value.lstrip("+-").isdigit() for value in filled_text):
                 break  # as text, they keep all their digits
             continue
         return values, mask if mask.any() else None
     return text, mask if mask.any() else None
-
-
-def _are_integers(text):
-    return all(value.lstrip("+-").isdigit() for value in text)
-
-
-def _ecsv_header(comments, label):
-    """Types and units by column, metadata, delimiter, and descriptions by column."""
-    from astropy.table.meta import get_header_from_yaml
-
-    try:
-        header = get_header_from_yaml(comments[1:])
-        columns = header["datatype"]
-        types = {column["name"]: column["datatype"] for column in columns}
-        units = {column["name"]: column["unit"] for column in columns if column.get("unit")}
-        descriptions = {column["name"]: str(column["description"]) for column in columns if column.get("description")}
-        special = any(column.get("subtype") for column in columns)
-        delimiter = header.get("delimiter", " ")
-        meta = dict(header.get("meta") or {})
-    except Exception as error:  # whatever a damaged header makes of YAML
-        raise TableError(f"{label} cannot be read as ECSV: its header is damaged ({first_line(error)})") from error
-    if delimiter not in (" ", ","):
-        raise TableError(f"{label} cannot be read as ECSV: its fields are separated by {delimiter!r}")
-    if special or "__serialized_columns__" in meta:
-        meta["__special__"] = True
-    return types, units, meta, delimiter, descriptions
 
 
 #: Names and flags, hours, minutes and seconds, sign, degrees, minutes and seconds, and the rest.

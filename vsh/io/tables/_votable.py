@@ -5,7 +5,7 @@ import warnings
 
 import numpy as np
 
-from vsh.io.tables._source import TableSource, unpacked_file
+from vsh.io.tables._source import TableSource, readable_as, unpacked_file
 from vsh.tools.errors import TableError, first_line
 from vsh.tools.printing import printable
 from vsh.tools.types import PathName
@@ -191,8 +191,5 @@ def _check_streams(path, label):
             )
 
     parser.StartElementHandler = refuse_outside_rows
-    try:
-        with open(path, "rb") as file:
-            parser.ParseFile(file)
-    except expat.ExpatError as error:
-        raise TableError(f"{label} cannot be read as VOTable: {first_line(error)}") from error
+    with readable_as(label, "VOTable"), open(path, "rb") as file:
+        parser.ParseFile(file)

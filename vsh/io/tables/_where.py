@@ -83,19 +83,14 @@ class Where(InNotebook):
 
     def check(self, names: tuple[str, ...], label: str) -> None:
         """Raise TableError unless a table has all columns; the message names the nearest."""
-        for name in self.names:
-            if name not in names:
-                suggestions = [
-                    candidate for candidate in names if candidate.lower() == name.lower()
-                ] or get_close_matches(name, names, 3, 0.6)
-                hint = (
-                    f"; nearest: {', '.join(map(printable, suggestions))}"
-                    if suggestions
-                    else f". It has {', '.join(map(printable, names[:50]))}"
-                )
-                raise TableError(
-                    f"--where: {label} has no column {printable(name)!r}{hint}. Conditions take the table's own names"
-                )
+        for name in [name for name in self.names if name not in names]:
+            near = [column for column in names if column.lower() == name.lower()]
+            near = near or get_close_matches(name, names, 3, 0.6)
+            listing = ", ".join(map(printable, near or names[:50]))
+            hint = f"; nearest: {listing}" if near else f". It has {listing}"
+            raise TableError(
+                f"--where: {label} has no column {printable(name)!r}{hint}. Conditions take the table's own names"
+            )
 
     def numbers(self, block: Mapping[str, Any]) -> FloatArray:
         """Numbers that are calculated of the columns; nan where one is missing."""
@@ -326,12 +321,8 @@ def _column(values, mask):
 
 
 def _is_small_power(node):
-    sign = 1.0
-    if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub):
-        sign, node = -1.0, node.operand
-    return (
-        isinstance(node, ast.Constant) and isinstance(node.value, int | float) and abs(sign * node.value) <= MAX_POWER
-    )
+    node = node.operand if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub) else node
+    return isinstance(node, ast.Constant) and isinstance(node.value, int | float) and abs(node.value) <= MAX_POWER
 
 
 def _refusal_of_node(node):
