@@ -78,19 +78,15 @@ def locate_columns(wanted: ColumnRequest, source: TableSource) -> tuple[dict[str
         name = getattr(columns, f.name)
         if name is None and f.name not in REQUIRED:
             continue
-        if name is None or isinstance(name, str):
-            if name not in source.names:
-                absent.append((f.name, name))
-            else:
-                column_names[f.name] = name
-        else:
-            present = [candidate for candidate in name if candidate in source.names]
-            if present:
-                column_names[f.name] = present[0]
-            elif f.name == "pmra_pmdec_corr":
-                notes += _notes_on_correlations(name, source, column_names.get("pmra"))
-            elif f.name in ("solution", "quality"):
-                notes += _notes_on_flags(f.name, name, source)
+        present = [candidate for candidate in _names.candidates_of(name) if candidate in source.names]
+        if present:
+            column_names[f.name] = present[0]
+        elif name is None or isinstance(name, str):
+            absent.append((f.name, name))
+        elif f.name == "pmra_pmdec_corr":
+            notes += _notes_on_correlations(name, source, column_names.get("pmra"))
+        elif f.name in ("solution", "quality"):
+            notes += _notes_on_flags(f.name, name, source)
     # What a field wrote of itself it reads: elsewhere a column called distance or parallax may be anything.
     for role in str(source.meta.get(MEASURED_KEY, "")).split():
         if role in MUST_SAY and role in source.names and role not in (wanted.asked or ()):

@@ -75,18 +75,15 @@ def frames_of(column_of: Mapping[str, str], frame: str | None, source: TableSour
         If the table states axes that are not read, or names alone do not tell them.
     """
     by_name = _frame_by_names(column_of.get("ra"), column_of.get("dec"))
-    if frame is None and (old := [column_of[role] for role in _POSITIONS if _OLD.search(column_of.get(role, ""))]):
-        raise TableError(
-            f"column {printable(old[0])!r}: positions of B1950 are not read. Turn them to ICRS first, or say frame= "
-            "(--columns frame=) if the name is wrong"
-        )
     places = [column_of.get(role, "") for role in (*_POSITIONS, "pmra", "pmdec")]
-    if frame is None and (super_galactic := list(filter(_SUPER.fullmatch, places))):
-        raise TableError(
-            f"column {printable(super_galactic[0])!r}: supergalactic axes are not read. Turn them to ICRS first, or "
-            "say frame= (--columns frame=) if the name is wrong"
-        )
-    of_motions = next((name for name, pattern in _MOTIONS.items() if _have_motion_names(pattern, column_of)), None)
+    old, super_galactic = filter(_OLD.search, places[:2]), filter(_SUPER.fullmatch, places)
+    for what, found in (("positions of B1950", old), ("supergalactic axes", super_galactic)):
+        if frame is None and (name := next(found, None)):
+            raise TableError(
+                f"column {printable(name)!r}: {what} are not read. Turn them to ICRS first, or say frame= (--columns "
+                "frame=) if the name is wrong"
+            )
+    of_motions = _frame_of_motions(column_of)
     _check_errors(column_of, of_motions)
     stated, notes = (None, ()) if frame is not None else _stated_frame(column_of, source)
     known = check_frame(frame) if frame is not None else stated if by_name in (None, stated) else None
@@ -113,19 +110,17 @@ def _frame_by_names(*names):
     return next((frame for frame, known in _BY_NAME.items() if any(name in known for name in plain)), None)
 
 
-def _have_motion_names(pattern, column_of, suffix=""):
-    """Return whether both components of the motions, or of what has the suffix, have names of a frame."""
+def _frame_of_motions(column_of, suffix=""):
+    """The frame that the names of both components of the motions are of, or of what has the suffix; or None."""
     names = [column_of[f"{role}{suffix}"] for role in ("pmra", "pmdec") if f"{role}{suffix}" in column_of]
-    return len(names) == 2 and all(
-        pattern.fullmatch(_ERROR_WORDS.sub("", name_and_unit(name)[0]).strip("_ ")) for name in names
-    )
+    plain = [_ERROR_WORDS.sub("", name_and_unit(name)[0]).strip("_ ") for name in names]
+    frames = [frame for frame, pattern in _MOTIONS.items() if all(map(pattern.fullmatch, plain))]
+    return frames[0] if frames and len(names) == 2 else None
 
 
 def _check_errors(column_of, of_motions):
     """Raise TableError where errors have the names of other axes than the motions have."""
-    of_errors = next(
-        (name for name, pattern in _MOTIONS.items() if _have_motion_names(pattern, column_of, "_error")), None
-    )
+    of_errors = _frame_of_motions(column_of, "_error")
     roles = ("pmra", "pmdec", "pmra_error", "pmdec_error")
     is_plain = any(re.search(r"(pm|mu)_?(lon|lat)", column_of.get(role, ""), re.IGNORECASE) for role in roles)
     if of_motions and of_errors and of_motions != of_errors and not is_plain:  # longitudes are of any axes

@@ -167,11 +167,8 @@ def match(
     sigma = np.sqrt(covariance[:2])
     unmatched_counts = f"{len(a) - len(i)} of {len(a)} and {len(b) - len(j)} of {len(b)}"
     notes = [
-        (
-            f"matched {len(i)} sources by {by}; unmatched: {unmatched_counts} (first and second catalogue), "
-            f"{ambiguous} of them with several "
-            "counterparts"
-        )
+        f"matched {len(i)} sources by {by}; unmatched: {unmatched_counts} (first and second catalogue), {ambiguous} of "
+        "them with several counterparts"
     ]
     if by == "name":
         separation = np.hypot(*difference) if positions else _separation(a, b, i, j)

@@ -206,7 +206,7 @@ def _resolve_names(columns, names, index):
     """Columns with one name a role: that of the table where it has one of those wanted, in pairs."""
     replacements: dict[str, Any] = {}
     for roles in _PAIRS:
-        candidate_lists = [_candidates(columns, role) for role in roles]
+        candidate_lists = [candidates_of(getattr(columns, role)) for role in roles]
         present = [[_name_in_table(name, names, index) for name in candidates] for candidates in candidate_lists]
         pairs = zip(*present, strict=True) if len(present[0]) == len(present[1]) else ()
         best_pair = next((pair for pair in pairs if all(pair)), None)
@@ -225,9 +225,8 @@ def _resolve_names(columns, names, index):
                 candidates = (*candidates, *(name.join(of_place) for name in joined))
             name = next(filter(None, (_name_in_table(candidate, names, index) for candidate in candidates)), None)
             replacements[role] = (name, *candidates) if name else getattr(columns, role)
-    if isinstance(columns.redshift_error, tuple) and not _has_candidate(
-        replacements.get("redshift", columns.redshift), names
-    ):
+    redshifts = candidates_of(replacements.get("redshift", columns.redshift))
+    if isinstance(columns.redshift_error, tuple) and not any(name in names for name in redshifts):
         replacements["redshift_error"] = None  # what has no redshift has no error of one
     return replace(columns, **replacements)
 
@@ -238,8 +237,8 @@ def affixes_of(name: Any, role: str) -> tuple[str, str]:
     return (before, after) if found else ("", "")
 
 
-def _candidates(columns, role):
-    names = getattr(columns, role)
+def candidates_of(names: Any) -> tuple[str, ...]:
+    """The names that a role may have, of one, of several or of none."""
     return (names,) if isinstance(names, str) else names or ()
 
 
@@ -266,11 +265,6 @@ def _name_in_table(name, names, index):
         return name
     matches = [] if name in _BY_CASE else index.get(_as_compared(name), [])
     return matches[0] if len(matches) == 1 else None
-
-
-def _has_candidate(candidates, names):
-    """Return whether a table has the column of a role."""
-    return any(candidate in names for candidate in ((candidates,) if isinstance(candidates, str) else candidates or ()))
 
 
 def find_correlations(source: TableSource) -> list[str]:
@@ -330,7 +324,7 @@ def add_derived_columns(source: TableSource) -> TableSource:
     for name, inputs in derived_columns.items():
         unit = None if name == "pmra_pmdec_corr" else source.units.get(inputs[0])
         if len(inputs) == 1:
-            recipes[name] = inputs, _from_inverse_variance, _error_unit(unit)
+            recipes[name] = inputs, lambda values: 1 / np.sqrt(values), _error_unit(unit)
             continue
         recipes[name] = inputs, _FROM_ELLIPSE[name] if len(inputs) == 3 else _larger, unit
     if asymmetric_errors := [
@@ -365,10 +359,6 @@ def _apply_recipe(recipe, block, count):
     with np.errstate(all="ignore"):
         values = np.broadcast_to(function(*(np.asarray(block[name][0], float) for name in inputs)), count).copy()
     return values, np.logical_or.reduce(masks) if masks else None
-
-
-def _from_inverse_variance(values):
-    return 1 / np.sqrt(values)
 
 
 def _error_unit(unit):

@@ -9,7 +9,7 @@ from typing import Any
 
 from vsh.field import Field
 from vsh.io.catalogue._columns import as_columns
-from vsh.io.catalogue._names import REQUIRED, ColumnRequest, Columns, derivable_columns
+from vsh.io.catalogue._names import REQUIRED, ColumnRequest, Columns, candidates_of, derivable_columns
 from vsh.io.catalogue._read import add_zero_motions, stream_fields
 from vsh.io.parts import Dask, Engine, InProcess, Parts, Processes, delayed_partitions, is_delayed
 from vsh.io.tables import RemotePath, TableSource, Where, check_alike, files_of, fingerprint_of, is_address, open_table
@@ -133,18 +133,9 @@ class Reader:
         notes: tuple[str, ...] = ()
         if not self.motions:
             piece, position_columns, notes = add_zero_motions(open_table(piece), columns, self.sigma)
-        fields = stream_fields(
-            piece,
-            self.rows,
-            columns=columns if self.motions else position_columns,  # type: ignore[arg-type]
-            units=self.units,
-            on_bad=self.on_bad,
-            frame=self.frame,
-            roles=roles,
-            where=self.where,
-            sigma=self.sigma if self.motions else None,
-        )
-        for each in fields:
+        reading = {name: getattr(self, name) for name in ("units", "on_bad", "frame", "where")}
+        reading |= {"columns": columns, "sigma": self.sigma} if self.motions else {"columns": position_columns}
+        for each in stream_fields(piece, self.rows, roles=roles, **reading):
             yield each.add_note(*notes) if notes else each
         if file is not None:
             self._check_unchanged(file)
@@ -171,7 +162,7 @@ def _layout(table, columns):
 def _layout_of(present, units, columns):
     column_units, present_set = dict(units), set(present)
     resolved_columns, _ = columns.choose_names((*present, *derivable_columns(present)))
-    column_names = [name for role in Columns.__dataclass_fields__ for name in _candidates(resolved_columns, role)]
+    column_names = [name for names in vars(resolved_columns).values() for name in candidates_of(names)]
     column_names += [
         name
         for derived_name, inputs in derivable_columns(present).items()
@@ -187,11 +178,6 @@ def _check_same_columns(table, columns, label, layout):
     further = [name for name in _layout(table, columns) if name not in layout]
     if further:
         raise TableError(f"{label} has no column {', '.join(further)}, which {table.label} has")
-
-
-def _candidates(columns, role):
-    candidates = getattr(columns, role)
-    return (candidates,) if isinstance(candidates, str) else candidates or ()
 
 
 def _engine(pieces, workers, scheduler) -> Engine:
@@ -260,7 +246,7 @@ def _partitions(collection, columns, motions, condition):
     column_names = [name for name in (() if condition is None else Where(condition).names) if name in names]
     for role in Columns.__dataclass_fields__:
         candidates = getattr(resolved_columns, role)
-        present = [name for name in _candidates(resolved_columns, role) if name in names or name in derived_columns]
+        present = [name for name in candidates_of(candidates) if name in names or name in derived_columns]
         if role in (REQUIRED if motions else REQUIRED[:2]) and not present:
             raise TableError(
                 f"the {type(collection).__name__} has no column {candidates!r} for {role}: it has {', '.join(names)}"

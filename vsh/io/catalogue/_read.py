@@ -251,15 +251,15 @@ class _FieldMaker:
     """Maker of fields from the columns of one table."""
 
     def __init__(self, source, columns, units, on_bad, frame, roles=OPTIONAL, where=None, sigma=None):
-        self.source = source = add_derived_columns(source)
-        assumed_errors: tuple[str, ...] = ()
-        if sigma is not None:
-            source, columns, assumed_errors = _with_sigma(
-                source, as_columns(columns).choose_names(source.names)[0], sigma
-            )
-            self.source = source
-        column_names, self.notes = locate_columns(as_columns(columns), self.source)
-        self.notes = [*assumed_errors, *self.notes]
+        self.source = add_derived_columns(source)
+        assumed_errors: list[str] = []
+        if sigma is not None:  # one error for all motions
+            size = positive("sigma", sigma)
+            names = {role: f"{ASSUMED}{role}" for role in _ERRORS}
+            columns = replace(as_columns(columns).choose_names(self.source.names)[0], **names, pmra_pmdec_corr=None)
+            self.source = derive_columns(self.source, {name: ((), lambda: size, "uas / yr") for name in names.values()})
+            assumed_errors = [CodedNote(f"errors of {size:g} µas/yr for every source (as asked)", ASSUMED_MOTIONS)]
+        column_names, notes = locate_columns(as_columns(columns), self.source)
         self.chosen = None if where is None else RowSelection(where, self.source, column_names)
         self.column_of = {role: name for role, name in column_names.items() if role not in OPTIONAL or role in roles}
         self.frames = frames_of(self.column_of, frame, self.source)
@@ -295,7 +295,7 @@ class _FieldMaker:
         if (errors := self.column_of.get("redshift_error", "redshift_error")) != "redshift_error":
             lines.append(f"errors of the redshifts are in column {printable(errors)}")
         lines += _note_on_redshifts(column_names, self.source) if "redshift" in roles else []
-        self.notes = [*self.source.notes, *lines, *self.notes, *self.frames.notes]
+        self.notes = [*self.source.notes, *lines, *assumed_errors, *notes, *self.frames.notes]
         self.on_bad = on_bad
         self.names = tuple(dict.fromkeys([*self.column_of.values(), *(self.chosen.names if self.chosen else ())]))
 
@@ -363,15 +363,6 @@ def _check_positive(name, errors):
                 f"column {column!r} is zero or negative in all rows, so there are no errors: sigma=100 (--columns "
                 "sigma=100) gives all sources the same error in µas/yr"
             )
-
-
-def _with_sigma(table, columns, sigma):
-    """A table with one error for all motions: table, its columns, and a note."""
-    size = positive("sigma", sigma)
-    names = {role: f"{ASSUMED}{role}" for role in _ERRORS}
-    table = derive_columns(table, {name: ((), lambda: size, "uas / yr") for name in names.values()})
-    note = CodedNote(f"errors of {size:g} µas/yr for every source (as asked)", ASSUMED_MOTIONS)
-    return table, replace(columns, **names, pmra_pmdec_corr=None), (note,)
 
 
 def _reasons_to_drop(column_names, block, aside, measured):
@@ -515,11 +506,8 @@ def add_zero_motions(
     if not recipes:
         return table, resolved_columns, ()
     names = {role: f"{ASSUMED}{role}" for role in recipes}
-    position_columns = replace(
-        resolved_columns,
-        **{role: names.get(role, getattr(resolved_columns, role)) for role in Columns.__dataclass_fields__},
-    )
-    return derive_columns(table, {names[role]: recipe for role, recipe in recipes.items()}), position_columns, notes
+    table = derive_columns(table, {names[role]: recipe for role, recipe in recipes.items()})
+    return table, replace(resolved_columns, **names), notes
 
 
 def truth_of(source: Any) -> dict[str, Any] | None:

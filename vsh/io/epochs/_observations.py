@@ -12,6 +12,7 @@ the preceding one again.
 import json
 import re
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -148,13 +149,10 @@ def _parse_entry(entry):
     text = entry.strip().lower()
     if text in _TRUTH:
         return _TRUTH[text]
-    try:
-        return int(text)
-    except ValueError:
-        try:
-            return float(text)
-        except ValueError:
-            return entry
+    for kind in (int, float):
+        with suppress(ValueError):
+            return kind(text)
+    return entry
 
 
 #: Values of lists as Python, NumPy and pandas write them, and as JSON has them.

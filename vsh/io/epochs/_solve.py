@@ -169,14 +169,8 @@ class _LeastSquares:
         """Only some of the sources, numbered anew, and which observations are theirs."""
         inside = selection[self.source]
         number = np.cumsum(selection) - 1
-        subset = _LeastSquares(
-            number[self.source[inside]],
-            int(selection.sum()),
-            self.design[:, inside],
-            self.position[inside],
-            np.sqrt(self.noise[inside]),
-        )
-        return subset, inside
+        design, position, error = self.design[:, inside], self.position[inside], np.sqrt(self.noise[inside])
+        return _LeastSquares(number[self.source[inside]], int(selection.sum()), design, position, error), inside
 
 
 def _robust_weights(sums, good):

@@ -7,7 +7,6 @@ from vsh.io.parts._parts import (
     Parts,
     apply_step,
     as_parts,
-    check_fields,
     check_fields_or_parts,
     median,
     sample_of,

@@ -11,7 +11,7 @@ import pickle
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, ThreadPoolExecutor, wait
-from contextlib import closing, contextmanager, suppress
+from contextlib import closing, contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -272,16 +272,12 @@ class Processes(Engine):
         raise TableError(f"{name} {ATTEMPTS + 1} times: {memory}. ({script}.)")
 
 
-def _run_steps(steps, field):
-    for step in steps:
-        field = arguments.a(type(field))("what a step returns", step(field))
-    return field
-
-
 def apply_steps(steps: tuple[Callable[[Field], Field], ...], block: Field) -> tuple[Field | None, LostNotes]:
     """Apply the steps to a block: the sources that are left, or None, and notes on empty blocks."""
+    field = block
     try:
-        field = _run_steps(steps, block)
+        for step in steps:
+            field = arguments.a(type(field))("what a step returns", step(field))
     except EmptyFieldError as error:  # there may be more in other blocks
         return None, LostNotes(error.notes)
     return (field, LostNotes()) if len(field) else (None, LostNotes(field.notes))
@@ -389,14 +385,10 @@ class Dask(Engine):
         """
         if not pieces:
             return None
-        client, is_temporary = self._client()
-        if client is None:
-            return self._sum_locally(work, pieces, done)
-        try:
+        with self._client() as client:
+            if client is None:
+                return self._sum_locally(work, pieces, done)
             return _sum_on_cluster(client, work, pieces, done)
-        finally:
-            if is_temporary:
-                client.close()
 
     def fetched(self, piece: Any) -> Any:
         """A piece as something that can be read in this process.
@@ -408,12 +400,8 @@ class Dask(Engine):
         """
         if not is_delayed(piece):
             return piece
-        client, is_temporary = self._client()
-        try:
+        with self._client() as client:
             return client.compute(piece).result() if client else piece.compute(scheduler="threads")
-        finally:
-            if is_temporary:
-                client.close()
 
     def _sum_locally(self, work, pieces, callback):
         root = _delayed_tree(_delayed_sums(work, pieces))
@@ -428,7 +416,7 @@ class Dask(Engine):
             return _run_with_translated_errors(lambda: root.compute(**options), lambda: _find_failing_part(pieces))
 
     def _client(self):
-        """A client and whether it was opened here; None where there is no cluster."""
+        """A context with a client, which is closed if it was opened here; with None where there is no cluster."""
         try:
             import distributed
         except ImportError as error:
@@ -436,7 +424,7 @@ class Dask(Engine):
                 raise TableError(
                     f"a scheduler needs dask.distributed: pip install 'vsh-astrometry[dask]' ({error})"
                 ) from error
-            return None, False
+            return nullcontext()
         try:
             client = distributed.get_client()
         except ValueError:
@@ -446,7 +434,7 @@ class Dask(Engine):
             and client.scheduler is not None
             and self.address in (client.scheduler.address, client.scheduler_file)
         ):
-            return client, False
+            return nullcontext(client)
         file = "://" not in self.address
         if file and not Path(self.address).is_file():  # for which Dask would wait for ever
             raise TableError(f"{self.address} is neither an address such as tcp://host:8786 nor a scheduler file")
@@ -455,7 +443,7 @@ class Dask(Engine):
         location = {"scheduler_file" if file else "address": self.address}
         try:
             with _silence_log("distributed"):  # which tells what it tries meanwhile
-                return distributed.Client(**location, timeout=PATIENCE, set_as_default=False), True
+                return closing(distributed.Client(**location, timeout=PATIENCE, set_as_default=False))
         except (OSError, ValueError, TimeoutError) as error:
             raise TableError(
                 f"the scheduler {self.address} cannot be reached: {str(error) or type(error).__name__}"

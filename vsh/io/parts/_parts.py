@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
+from operator import methodcaller
 from typing import Any
 
 import numpy as np
@@ -82,11 +83,11 @@ class Parts(InNotebook):
 
     def to_frame(self, name: str) -> Parts:
         """Turn the sources to the frame `name`: icrs, galactic or ecliptic."""
-        return self.map(_InFrame(check_frame(name)))
+        return self.map(methodcaller("to_frame", check_frame(name)))
 
     def add_note(self, *notes: str) -> Parts:
         """Add `notes` that the reader of a result should know."""
-        return self.map(_WithNotes(notes))
+        return self.map(methodcaller("add_note", *notes))
 
     def sum(
         self,
@@ -186,25 +187,12 @@ def yield_field(field: Field, roles: tuple[str, ...]) -> Iterator[Field]:
     yield field
 
 
-@dataclass(frozen=True)
-class _InFrame:
-    name: str
-
-    def __call__(self, field):
-        return field.to_frame(self.name)
-
-
-@dataclass(frozen=True)
-class _WithNotes:
-    notes: tuple[str, ...]
-
-    def __call__(self, field):
-        return field.add_note(*self.notes)
-
-
 def check_fields_or_parts(name: str, value: Any) -> Any:
     """A Field, Parts, or a list, tuple or stream of Fields."""
-    return value if isinstance(value, Parts) else check_fields(name, value)
+    is_list = isinstance(value, (list, tuple)) and value and all(isinstance(item, Field) for item in value)
+    if isinstance(value, Field | Parts) or is_list or hasattr(value, "__next__"):
+        return value
+    raise ParameterError(f"{name} must be a Field, or a list or stream of Fields, not {type(value).__name__}")
 
 
 #: Bins: 512 in every factor of two, from 2⁻⁶⁴ to 2⁶⁴. What lies beyond is in the first and the last.
@@ -300,14 +288,3 @@ def _choose_share(field, share, draw):
 def _sample_columns(field, share, draw):
     sample = _choose_share(field, share, draw)
     return {name: [getattr(sample, name)] for name in ("lon", "lat", "motion", "sigma", "rho", "frame")}
-
-
-def check_fields(name: str, value: Any) -> Any:
-    """A Field, or a list, tuple or stream of Fields."""
-    if isinstance(value, Field):
-        return value
-    if isinstance(value, (list, tuple)) and value and all(isinstance(item, Field) for item in value):
-        return value
-    if hasattr(value, "__next__"):
-        return value
-    raise ParameterError(f"{name} must be a Field, or a list or stream of Fields, not {type(value).__name__}")
