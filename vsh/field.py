@@ -1,14 +1,14 @@
 """A catalogue of proper motions with errors, `Field`, which simulations return and fits take.
 
-Inside, angles are radians and motions µas/yr; `ByColumns` has the names and units of Gaia's archive, and the objects of
-other packages.
+Inside, angles are radians and motions µas/yr; `ra`, `pmra` … have the names and units of Gaia's archive, and
+`to_…` the objects of other packages.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, Any, ClassVar, Self, cast
+from typing import Any, ClassVar, Self, cast
 
 import numpy as np
 
@@ -16,11 +16,11 @@ import vsh  # its face: what draws and reads fields knows them itself
 from vsh.sky.frames import (
     AXES,
     FRAME_KEY,
-    FRAMES,
     MEASURED_KEY,
     REDSHIFT_FRAME_KEY,
     check_frame,
     check_redshift_frame,
+    coordinate_columns,
     rotate_motions,
     rotation_matrix,
 )
@@ -32,144 +32,6 @@ from vsh.tools.notebook import Equal, Frozen
 from vsh.tools.notes import NO_REDSHIFTS, VELOCITIES, CodedNote, merge_notes
 from vsh.tools.types import ArrayLike, Axes, BoolArray, FloatArray, OnBad, PathName, Table
 from vsh.tools.units import DEGREE, MAS
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-
-class ByColumns:
-    """Attributes of a field by the names of its table: positions in degrees, motions in mas/yr.
-
-    Attributes inside are `lon`, `lat` in radians, `motion` and `sigma` in µas/yr.
-    """
-
-    lon: FloatArray
-    lat: FloatArray
-    motion: FloatArray
-    sigma: FloatArray
-    redshift: FloatArray | None
-    frame: str
-    to_table: Callable[[], Table]
-    _table: Callable[[], tuple[dict[str, Any], dict[str, str], dict[str, Any]]]
-
-    @property
-    def ra(self) -> FloatArray:
-        """Right ascension of each source, (n,). [deg]"""
-        return self._icrs_values("ra", self.lon / DEGREE)
-
-    @property
-    def dec(self) -> FloatArray:
-        """Declination of each source, (n,). [deg]"""
-        return self._icrs_values("dec", self.lat / DEGREE)
-
-    @property
-    def pmra(self) -> FloatArray:
-        """Proper motion µ_α* of each source, cos δ included, (n,). [mas/yr]"""
-        return self._icrs_values("pmra", self.motion[0] / MAS)
-
-    @property
-    def pmdec(self) -> FloatArray:
-        """Proper motion µ_δ of each source, (n,). [mas/yr]"""
-        return self._icrs_values("pmdec", self.motion[1] / MAS)
-
-    @property
-    def pmra_error(self) -> FloatArray:
-        """Standard error of µ_α* of each source, (n,). [mas/yr]"""
-        return self._icrs_values("pmra_error", self.sigma[0] / MAS)
-
-    @property
-    def pmdec_error(self) -> FloatArray:
-        """Standard error of µ_δ of each source, (n,). [mas/yr]"""
-        return self._icrs_values("pmdec_error", self.sigma[1] / MAS)
-
-    @property
-    def z(self) -> FloatArray | None:
-        """Another name of `redshift`."""
-        return self.redshift
-
-    @property
-    def columns(self) -> list[str]:
-        """The names of the columns of `to_table`."""
-        return list(self._table()[0])
-
-    def __contains__(self, name: object) -> bool:
-        """Return whether a source has this name."""
-        names = getattr(self, "name", None)
-        return names is not None and bool(np.any(np.asarray(names) == name))
-
-    def _icrs_values(self, name, values):
-        if self.frame != "icrs":
-            raise FrameError(f'{name} is of ICRS axes, and this field has {self.frame} ones: use .to_frame("icrs")')
-        return read_only(np.asarray(values))
-
-    def head(self, n: int = 5) -> Table:
-        """The first rows of the table.
-
-        Parameters
-        ----------
-        n : int
-            How many.
-        """
-        return self.to_table()[:n]
-
-    def to_pandas(self) -> Any:
-        """The sources as a pandas DataFrame in the names and units of Gaia's archive; `attrs` has units and frame."""
-        table = self.to_table()
-        data = table.to_pandas()
-        units = {name: str(table[name].unit) for name in table.colnames if table[name].unit}
-        data.attrs |= {"units": units} | dict(table.meta)
-        return data
-
-    def to_skycoord(self) -> Any:
-        """The sources as an astropy SkyCoord with positions and proper motions."""
-        from astropy import units
-        from astropy.coordinates import SkyCoord
-
-        names = ("ra", "dec") if self.frame == "icrs" else ("l", "b") if self.frame == "galactic" else ("lon", "lat")
-        east = f"pm_{names[0]}_cos{names[1]}"
-        degrees, motions = (self.lon / DEGREE, self.lat / DEGREE), self.motion / MAS * units.mas / units.yr
-        keywords: dict[str, Any] = {name: angle * units.deg for name, angle in zip(names, degrees, strict=True)}
-        keywords |= {east: motions[0], f"pm_{names[1]}": motions[1]}
-        frame = "barycentricmeanecliptic" if self.frame == "ecliptic" else self.frame
-        return SkyCoord(**keywords, frame=frame)
-
-    def plot(self, *, ax: Axes | None = None) -> Axes:
-        """The sources on the sky, on matplotlib axes.
-
-        Parameters
-        ----------
-        ax : matplotlib axes, optional
-            Sky axes of `vsh.figures.plot.sky_axes`; a new figure unless given.
-        """
-        return vsh.figures.plot.plot_sources(cast("vsh.Field", self), ax=ax)
-
-    @classmethod
-    def read(cls, source: Any, **reading: Any) -> Self:
-        """Read a catalogue: `vsh.read_field`.
-
-        Parameters
-        ----------
-        source : path or table
-            As for `vsh.io.catalogue.read_field`.
-        **reading
-            Its arguments: columns, units, on_bad, frame, where, format.
-        """
-        field: Any = vsh.read_field(source, **reading)
-        return field
-
-    @classmethod
-    def from_table(cls, table: Any, **reading: Any) -> Self:
-        """The field of a table in memory: astropy, pandas, polars, Arrow.
-
-        Parameters
-        ----------
-        table : table
-            As for `vsh.io.catalogue.read_field`.
-        **reading
-            Its arguments.
-        """
-        return cls.read(table, **reading)
-
 
 #: Beyond these a number stands for a missing value, or is none.
 _PLAUSIBLE = {"redshift": (-1.0, 1100.0), "magnitude": (-30.0, 50.0), "redshift_error": (-1e-300, 100.0),
@@ -273,46 +135,9 @@ def zero_motion_columns(sources: Any, sigma: ArrayLike | None) -> dict[str, Any]
     return still | {name: getattr(sources, name, None) for name in ("rho", "redshift")}
 
 
-def skycoord_columns(coord: Any) -> tuple[dict[str, Any], str]:
-    """Positions and motions of an astropy SkyCoord as `from_columns` takes them, and the frame."""
-    frame = getattr(coord, "frame", None)
-    if frame is None or not hasattr(coord, "spherical"):
-        raise FieldError(f"a SkyCoord is expected, not {type(coord).__name__}")
-    frame_names = {theirs: ours for ours, theirs in FRAMES.items()}
-    if frame.name not in frame_names:
-        raise FrameError(
-            f"coordinates in {frame.name} are not supported: convert to {', '.join(frame_names)}, as with coord.icrs"
-        )
-    if "s" not in frame.data.differentials:
-        raise FieldError("the SkyCoord has no proper motions: give it pm_ra_cosdec and pm_dec")
-    positions, moves = coord.spherical, coord.sphericalcoslat.differentials["s"]
-    columns = {"ra": positions.lon, "dec": positions.lat, "pmra": moves.d_lon_coslat, "pmdec": moves.d_lat}
-    return {name: np.ravel(values) for name, values in columns.items()}, frame_names[frame.name]
-
-
 def _broadcast(value, shape):
     """A column, or one number or Quantity for all sources."""
     return np.broadcast_to(value, shape, subok=True) if np.ndim(value) == 0 else value
-
-
-def table_columns(field: Any) -> tuple[dict[str, Any], dict[str, str], dict[str, Any]]:
-    """A field in Gaia's names: columns, their units, and plain facts."""
-    columns = {"source_id": np.arange(1, len(field) + 1) if field.name is None else field.name}
-    lon, lat, east, north = AXES[field.frame]
-    motions = (east, north, f"{east}_error", f"{north}_error")
-    columns |= {lon: np.degrees(field.lon), lat: np.degrees(field.lat)}
-    columns |= dict(zip(motions, (*(field.motion / MAS), *(field.sigma / MAS)), strict=True))
-    columns[f"{east}_{north}_corr"] = field.rho
-    optional = {"phot_g_mean_mag" if role == "magnitude" else role: getattr(field, role) for role in MEASURED}
-    columns |= {name: values for name, values in optional.items() if values is not None}
-    facts = {} if field.frame == "icrs" else {FRAME_KEY: field.frame}
-    if field.redshift is not None and field.redshift_frame is not None:
-        facts[REDSHIFT_FRAME_KEY] = field.redshift_frame
-    if measured := [role for role in MEASURED[3:] if optional[role] is not None]:
-        facts[MEASURED_KEY] = " ".join(measured)
-    units = dict.fromkeys((lon, lat), "deg") | dict.fromkeys(motions, "mas / yr") | {"phot_g_mean_mag": "mag"}
-    units |= _MEASURED_UNITS
-    return columns, {name: unit for name, unit in units.items() if name in columns}, facts
 
 
 def concatenate_columns(one: Any, other: Any) -> dict[str, Any]:
@@ -329,25 +154,27 @@ def concatenate_columns(one: Any, other: Any) -> dict[str, Any]:
 
 def _concatenate_column(first_field, second_field, name):
     """A column of two fields; NaN, or no name, for the sources of which it is not known."""
-    columns = [getattr(field, name) for field in (first_field, second_field)]
+    both = (first_field, second_field)
+    columns = [getattr(field, name) for field in both]
     if all(column is None for column in columns):
         return None
-    if name == "name" and len({None if column is None else column.dtype.kind for column in columns}) > 1:
-        columns = [
-            np.full(len(field), "") if column is None else column.astype(str)
-            for field, column in zip((first_field, second_field), columns)
-        ]
-    columns = [
-        np.full(len(field), np.nan) if column is None else column
-        for field, column in zip((first_field, second_field), columns)
-    ]
+    as_text = name == "name" and len({None if column is None else column.dtype.kind for column in columns}) > 1
+    blank = "" if as_text else np.nan
+    columns = [np.full(len(field), blank) if column is None else column for field, column in zip(both, columns)]
+    columns = [column.astype(str) if as_text else column for column in columns]
     return np.concatenate(columns, axis=-1)
 
 
 class SourcesWithErrors(Frozen):
-    """Base of sources with values and errors: weights, information, whitened values."""
+    """Base of sources with values and errors; `_table` gives columns, units and plain facts of the table of them."""
 
     components: ClassVar[int]
+    units_shown: ClassVar[dict[str, str]] = {
+        "lon": "rad",
+        "lat": "rad",
+        "motion": "µas/yr",
+        "sigma": "µas/yr",
+    } | _MEASURED_UNITS
     frame: str
     notes: tuple[str, ...]
 
@@ -449,26 +276,6 @@ class SourcesWithErrors(Frozen):
         a, b, c = self.weights
         return -np.log(a * b) - np.log1p(-(c**2) / (a * b))
 
-
-def multiply_weights(weights: FloatArray, values: FloatArray) -> FloatArray:
-    """W x of each source."""
-    if len(weights) == 1:
-        return weights * values
-    a, b, c = weights
-    x, y = values[..., 0, :], values[..., 1, :]
-    return np.stack([a * x + c * y, c * x + b * y], axis=-2)
-
-
-class TableIO(SourcesWithErrors):
-    """Base of sources that are written as tables; `_table` gives columns, units and plain facts."""
-
-    units_shown: ClassVar[dict[str, str]] = {
-        "lon": "rad",
-        "lat": "rad",
-        "motion": "µas/yr",
-        "sigma": "µas/yr",
-    } | _MEASURED_UNITS
-
     def _table(self) -> tuple[dict[str, Any], dict[str, str], dict[str, Any]]:
         raise NotImplementedError
 
@@ -506,8 +313,17 @@ class TableIO(SourcesWithErrors):
         write_table(self.to_table(), path, meta, overwrite=overwrite)
 
 
+def multiply_weights(weights: FloatArray, values: FloatArray) -> FloatArray:
+    """W x of each source."""
+    if len(weights) == 1:
+        return weights * values
+    a, b, c = weights
+    x, y = values[..., 0, :], values[..., 1, :]
+    return np.stack([a * x + c * y, c * x + b * y], axis=-2)
+
+
 @dataclass(frozen=True, eq=False, repr=False)
-class Field(ByColumns, Equal, TableIO):
+class Field(Equal, SourcesWithErrors):
     """Proper motions of n sources with their errors; checked when it is made, with read-only arrays.
 
     Attributes
@@ -640,15 +456,9 @@ class Field(ByColumns, Equal, TableIO):
         >>> field.motion.ravel()
         array([100., 200.])
         """
-        main_columns = {
-            "ra": ra,
-            "dec": dec,
-            "pmra": pmra,
-            "pmdec": pmdec,
-            "pmra_error": pmra_error,
-            "pmdec_error": pmdec_error,
-            "pmra_pmdec_corr": pmra_pmdec_corr,
-        }
+        names = ("ra", "dec", *_MOTIONS, "pmra_pmdec_corr")
+        values = (ra, dec, pmra, pmdec, pmra_error, pmdec_error, pmra_pmdec_corr)
+        main_columns = dict(zip(names, values, strict=True))
         if not set(measured) <= set(MEASURED):
             raise FieldError(
                 f"no column is called {', '.join(set(measured) - set(MEASURED))}: {', '.join(MEASURED)} are"
@@ -680,7 +490,12 @@ class Field(ByColumns, Equal, TableIO):
         FrameError
             If it is in another frame.
         """
-        columns, frame = skycoord_columns(coord)
+        if not hasattr(coord, "frame") or not hasattr(coord, "spherical"):
+            raise FieldError(f"a SkyCoord is expected, not {type(coord).__name__}")
+        columns, frame = coordinate_columns(coord)
+        columns.pop("distance", None)
+        if "pmra" not in columns:
+            raise FieldError("the SkyCoord has no proper motions: give it pm_ra_cosdec and pm_dec")
         shape = np.shape(columns["ra"])
         return cls.from_columns(
             **columns,
@@ -712,6 +527,123 @@ class Field(ByColumns, Equal, TableIO):
         if isinstance(sources, Field):
             return sources if sigma is None else sources.with_errors(sigma)
         return cls(**zero_motion_columns(sources, sigma), frame=getattr(sources, "frame", "icrs"))
+
+    @property
+    def ra(self) -> FloatArray:
+        """Right ascension of each source, (n,). [deg]"""
+        return self._icrs_values("ra", self.lon / DEGREE)
+
+    @property
+    def dec(self) -> FloatArray:
+        """Declination of each source, (n,). [deg]"""
+        return self._icrs_values("dec", self.lat / DEGREE)
+
+    @property
+    def pmra(self) -> FloatArray:
+        """Proper motion µ_α* of each source, cos δ included, (n,). [mas/yr]"""
+        return self._icrs_values("pmra", self.motion[0] / MAS)
+
+    @property
+    def pmdec(self) -> FloatArray:
+        """Proper motion µ_δ of each source, (n,). [mas/yr]"""
+        return self._icrs_values("pmdec", self.motion[1] / MAS)
+
+    @property
+    def pmra_error(self) -> FloatArray:
+        """Standard error of µ_α* of each source, (n,). [mas/yr]"""
+        return self._icrs_values("pmra_error", self.sigma[0] / MAS)
+
+    @property
+    def pmdec_error(self) -> FloatArray:
+        """Standard error of µ_δ of each source, (n,). [mas/yr]"""
+        return self._icrs_values("pmdec_error", self.sigma[1] / MAS)
+
+    @property
+    def z(self) -> FloatArray | None:
+        """Another name of `redshift`."""
+        return self.redshift
+
+    @property
+    def columns(self) -> list[str]:
+        """The names of the columns of `to_table`."""
+        return list(self._table()[0])
+
+    def __contains__(self, name: object) -> bool:
+        """Return whether a source has this name."""
+        return self.name is not None and bool(np.any(self.name == name))
+
+    def _icrs_values(self, name, values):
+        if self.frame != "icrs":
+            raise FrameError(f'{name} is of ICRS axes, and this field has {self.frame} ones: use .to_frame("icrs")')
+        return read_only(np.asarray(values))
+
+    def head(self, n: int = 5) -> Table:
+        """The first rows of the table.
+
+        Parameters
+        ----------
+        n : int
+            How many.
+        """
+        return self.to_table()[:n]
+
+    def to_pandas(self) -> Any:
+        """The sources as a pandas DataFrame in the names and units of Gaia's archive; `attrs` has units and frame."""
+        table = self.to_table()
+        data = table.to_pandas()
+        units = {name: str(table[name].unit) for name in table.colnames if table[name].unit}
+        data.attrs |= {"units": units} | dict(table.meta)
+        return data
+
+    def to_skycoord(self) -> Any:
+        """The sources as an astropy SkyCoord with positions and proper motions."""
+        from astropy import units
+        from astropy.coordinates import SkyCoord
+
+        names = ("ra", "dec") if self.frame == "icrs" else ("l", "b") if self.frame == "galactic" else ("lon", "lat")
+        east = f"pm_{names[0]}_cos{names[1]}"
+        degrees, motions = (self.lon / DEGREE, self.lat / DEGREE), self.motion / MAS * units.mas / units.yr
+        keywords: dict[str, Any] = {name: angle * units.deg for name, angle in zip(names, degrees, strict=True)}
+        keywords |= {east: motions[0], f"pm_{names[1]}": motions[1]}
+        frame = "barycentricmeanecliptic" if self.frame == "ecliptic" else self.frame
+        return SkyCoord(**keywords, frame=frame)
+
+    def plot(self, *, ax: Axes | None = None) -> Axes:
+        """The sources on the sky, on matplotlib axes.
+
+        Parameters
+        ----------
+        ax : matplotlib axes, optional
+            Sky axes of `vsh.figures.plot.sky_axes`; a new figure unless given.
+        """
+        return vsh.figures.plot.plot_sources(self, ax=ax)
+
+    @classmethod
+    def read(cls, source: Any, **reading: Any) -> Self:
+        """Read a catalogue: `vsh.read_field`.
+
+        Parameters
+        ----------
+        source : path or table
+            As for `vsh.io.catalogue.read_field`.
+        **reading
+            Its arguments: columns, units, on_bad, frame, where, format.
+        """
+        field: Any = vsh.read_field(source, **reading)
+        return field
+
+    @classmethod
+    def from_table(cls, table: Any, **reading: Any) -> Self:
+        """The field of a table in memory: astropy, pandas, polars, Arrow.
+
+        Parameters
+        ----------
+        table : table
+            As for `vsh.io.catalogue.read_field`.
+        **reading
+            Its arguments.
+        """
+        return cls.read(table, **reading)
 
     def __len__(self) -> int:
         return self.lon.size
@@ -781,7 +713,23 @@ class Field(ByColumns, Equal, TableIO):
         return self._with(lon=lon, lat=lat, motion=motion, sigma=sigma, rho=rho, frame=name)
 
     def _table(self):
-        return table_columns(self)
+        """A field in Gaia's names: columns, their units, and plain facts."""
+        columns = {"source_id": np.arange(1, len(self) + 1) if self.name is None else self.name}
+        lon, lat, east, north = AXES[self.frame]
+        motions = (east, north, f"{east}_error", f"{north}_error")
+        columns |= {lon: np.degrees(self.lon), lat: np.degrees(self.lat)}
+        columns |= dict(zip(motions, (*(self.motion / MAS), *(self.sigma / MAS)), strict=True))
+        columns[f"{east}_{north}_corr"] = self.rho
+        optional = {"phot_g_mean_mag" if role == "magnitude" else role: getattr(self, role) for role in MEASURED}
+        columns |= {name: values for name, values in optional.items() if values is not None}
+        facts = {} if self.frame == "icrs" else {FRAME_KEY: self.frame}
+        if self.redshift is not None and self.redshift_frame is not None:
+            facts[REDSHIFT_FRAME_KEY] = self.redshift_frame
+        if measured := [role for role in MEASURED[3:] if optional[role] is not None]:
+            facts[MEASURED_KEY] = " ".join(measured)
+        units = dict.fromkeys((lon, lat), "deg") | dict.fromkeys(motions, "mas / yr") | {"phot_g_mean_mag": "mag"}
+        units |= _MEASURED_UNITS
+        return columns, {name: unit for name, unit in units.items() if name in columns}, facts
 
     def _set(self, column, value):
         # A read-only view: the caller's array stays as it is.

@@ -137,20 +137,14 @@ def length_limits(
     null = _shorter_probabilities(square, variances, np.zeros_like(components), dof)
     # Each may underestimate the tail of short vectors by any factor, which would exclude nothing; the larger one is
     # right to a few per cent, and the first is exact where all errors are equal.
-    null_tails = [np.maximum(tail, _SAME * np.maximum(*null)) for tail in null]
+    null_tail = np.maximum(null, _SAME * np.maximum(*null))
     lower, upper = np.sqrt(square), np.sqrt(square) + _search_reach(dof, components.shape[1]) * unit
     for _ in range(30):
         middle = (lower + upper) / 2
         mu = _lagrange_multiplier(components.T, relative.T, middle)
         truth = components / (1 + mu[:, None] * relative)
         chance = _shorter_probabilities(square, variances, truth, dof)
-        is_allowed = np.any(
-            [
-                signal_tail > (1 - probability) * null_tail
-                for signal_tail, null_tail in zip(chance, null_tails, strict=True)
-            ],
-            axis=0,
-        )
+        is_allowed = (np.array(chance) > (1 - probability) * null_tail).any(0)
         lower, upper = np.where(is_allowed, middle, lower), np.where(is_allowed, upper, middle)
     return upper
 

@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from vsh.coefficients import Coefficients
-from vsh.field import TableIO
+from vsh.field import SourcesWithErrors
 from vsh.modes import Modes, ScalarModes, as_modes
 from vsh.sky.frames import AXES, FRAME_KEY, check_frame, rotation_matrix
 from vsh.sky.sphere import angles, triad
@@ -88,7 +88,7 @@ class ScalarCoefficients(Coefficients):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ScalarField(TableIO):
+class ScalarField(SourcesWithErrors):
     """Numbers of n sources, with their errors: parallaxes, differences of magnitudes or colours, logarithms of ratios.
 
     A field is checked once, here. Its arrays are read-only.
@@ -211,16 +211,8 @@ class ScalarField(TableIO):
         invalid = _invalid_scalar_rows(lon, lat, columns["values"], columns["errors"], absent, turns=1)
         keep, added_notes = select_usable(invalid, lon.size, on_bad, mark=(lon, lat))
         label = columns["name"][keep] if name is not None else None
-        return cls(
-            lon[keep],
-            lat[keep],
-            columns["values"][keep],
-            columns["errors"][keep],
-            unit,
-            label,
-            frame,
-            (*notes, *added_notes),
-        )
+        lon, lat, numbers, sigma = (column[keep] for column in (lon, lat, columns["values"], columns["errors"]))
+        return cls(lon, lat, numbers, sigma, unit, label, frame, (*notes, *added_notes))
 
     def _table(self):
         columns = {"source_id": np.arange(1, len(self) + 1) if self.name is None else self.name}

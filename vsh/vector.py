@@ -77,13 +77,10 @@ class Vector(Equal, Frozen):
 
     def __format__(self, form: str) -> str:
         """Components with their errors, the unit and the frame, numbers in a format such as ".2f"."""
-        return self._in_numbers(form) if form else str(self)
+        return self.in_numbers(form) if form else str(self)
 
-    def in_numbers(self) -> str:
-        """Components with their errors, the unit and the frame, as a repr has them."""
-        return self._in_numbers(".3g")
-
-    def _in_numbers(self, form):
+    def in_numbers(self, form: str = ".3g") -> str:
+        """Components with their errors, the unit and the frame, numbers in the format `form`."""
         values, errors = (", ".join(format(float(x), form) for x in row) for row in (self.value, self.sigma))
         return f"({values}) ± ({errors}) {self.unit}, {self.frame}"
 
@@ -204,7 +201,8 @@ class Vector(Equal, Frozen):
 
         Below it, `amplitude_interval` and `amplitude_limit`.
         """
-        along = self._unit_vector()
+        with np.errstate(invalid="ignore"):
+            along = self.value / np.linalg.norm(self.value)
         return float(standard_errors(along @ self.covariance @ along, self.dof))
 
     @property
@@ -325,21 +323,15 @@ class Vector(Equal, Frozen):
         direction = f"{lon:.1f}°, {lat:+.1f}° ({self.frame})"
         return {"value": f"({value}) {self.unit}", "amplitude": size, "direction": direction}
 
-    def _unit_vector(self):
-        with np.errstate(invalid="ignore"):
-            return self.value / np.linalg.norm(self.value)
-
 
 def chance_probability(square: float, size: int, dof: float = float("inf")) -> float:
     """Probability of as large a vᵀ C⁻¹ v by chance: of χ², or of Hotelling's T² where C has degrees of freedom."""
     if np.isinf(dof):
         return float(chdtrc(size, square))
     denominator_dof = dof - size + 1
-    return (
-        float(fdtrc(size, denominator_dof, square * denominator_dof / (size * dof)))
-        if denominator_dof > 0
-        else float("nan")
-    )
+    if denominator_dof <= 0:
+        return float("nan")
+    return float(fdtrc(size, denominator_dof, square * denominator_dof / (size * dof)))
 
 
 def correlation_of(covariance: FloatArray) -> FloatArray:

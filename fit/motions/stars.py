@@ -18,7 +18,7 @@ import numpy as np
 
 from fit.distances import inverse_distances_from_measurements
 from fit.results.solution import NamedSolution
-from vsh.field import Field
+from vsh.field import Field, multiply_weights
 from vsh.io import tables
 from vsh.io.sections import Section
 from vsh.sky.sphere import triad
@@ -294,15 +294,8 @@ def _weights(error_covariance, dispersion, rates):
     return np.stack([b, a, -c]) / determinant, float(np.log(determinant).sum())
 
 
-def _multiply_weights(weights, vectors):
-    """W x of each source, for (…, 2, n)."""
-    a, b, c = weights
-    x, y = vectors[..., 0, :], vectors[..., 1, :]
-    return np.stack([a * x + c * y, c * x + b * y], axis=-2)
-
-
 def _normal_equations(design, motion, weights):
-    product = _multiply_weights(weights, design).reshape(len(design), -1)
+    product = multiply_weights(weights, design).reshape(len(design), -1)
     return product @ design.reshape(len(design), -1).T, product @ motion.ravel()
 
 
@@ -313,7 +306,7 @@ def _dispersion(design, motion, error_covariance, rates):
     def minus_two_log(dispersion):
         weights, logdet = _weights(error_covariance, dispersion, rates)
         normal, rhs = _normal_equations(design, motion, weights)
-        chi2 = np.sum(motion * _multiply_weights(weights, motion)) - rhs @ np.linalg.solve(normal, rhs)
+        chi2 = np.sum(motion * multiply_weights(weights, motion)) - rhs @ np.linalg.solve(normal, rhs)
         return logdet + chi2 + np.linalg.slogdet(normal)[1]
 
     # Its logarithm first, so that a large range costs little; then whether none at all is likelier.
@@ -333,10 +326,10 @@ def _check_separable(normal, names):
 def _sandwich(design, motion, values, weights, normal):
     """Covariance from the residuals of each source (HC3), χ², and degrees of freedom of the covariance."""
     residual = motion - np.tensordot(values, design, 1)
-    product = _multiply_weights(weights, design)
+    product = multiply_weights(weights, design)
     inverse = np.linalg.inv(normal)
     leverage = np.einsum("pin,pq,qin->n", product, inverse, design, optimize=True) / 2
     scores = np.einsum("pin,in->pn", product, residual) / (1 - np.minimum(leverage, 0.99))
-    chi2, p = float(np.sum(residual * _multiply_weights(weights, residual))), len(design)
+    chi2, p = float(np.sum(residual * multiply_weights(weights, residual))), len(design)
     dof = min(p * (p + 1) / (6 * float(leverage @ leverage)), 2.0 * motion.shape[1] - p)  # Zhang (2012), two components
     return inverse @ (scores @ scores.T) @ inverse, chi2, dof

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import warnings
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import erfa
 import numpy as np
 
 from vsh.sky.sphere import angles, triad
-from vsh.tools.bad_rows import as_floats, check_shapes
+from vsh.tools.bad_rows import check_shapes, floats_or_nan
 from vsh.tools.errors import EmptyFieldError, FieldError
 from vsh.tools.notebook import Frozen
 from vsh.tools.notes import merge_notes
@@ -244,10 +244,10 @@ class AstrometryRows(Frozen):
             raise EmptyFieldError("there is no row of astrometry")
         columns: dict[str, Any] = {"name": name, "catalogue": np.asarray(self.catalogue).astype(str)}
         for column in ("epoch", "lon", "lat", "parallax", "motion", "covariance"):
-            columns[column] = _floats(column, getattr(self, column))
+            columns[column] = floats_or_nan(column, getattr(self, column))
         for column in ("radial_velocity", "magnitude"):
             value = getattr(self, column)
-            columns[column] = np.full(n, np.nan) if value is None else _floats(column, value)
+            columns[column] = np.full(n, np.nan) if value is None else floats_or_nan(column, value)
         calibrator = np.full(n, "") if self.calibrator is None else np.asarray(self.calibrator).astype(str)
         columns["calibrator"] = np.char.strip(calibrator)
         still = np.zeros(n, bool) if self.still is None else np.asarray(self.still, bool)
@@ -313,11 +313,8 @@ class AstrometryRows(Frozen):
 
     def __getitem__(self, keep: Any) -> AstrometryRows:
         """Select rows by a mask, a slice or indices."""
-        columns: dict[str, Any] = {entry.name: getattr(self, entry.name) for entry in fields(self)}
-        for column, value in columns.items():
-            if column != "notes":
-                columns[column] = value[:, keep] if column == "motion" else value[keep]
-        return AstrometryRows(**columns)
+        arrays = {column: value for column, value in vars(self).items() if column != "notes"}
+        return replace(self, **{k: v[:, keep] if k == "motion" else v[keep] for k, v in arrays.items()})
 
     def __add__(self, other: AstrometryRows) -> AstrometryRows:
         """Concatenate the rows of both."""
@@ -353,8 +350,3 @@ class AstrometryRows(Frozen):
         """Mask of the parameters that each row has together with an error, (n, 5)."""
         with np.errstate(invalid="ignore"):
             return np.isfinite(self.values.T) & (np.diagonal(self.covariance, axis1=1, axis2=2) > 0)
-
-
-def _floats(column, value):
-    values, missing = as_floats(column, value)
-    return np.where(missing, np.nan, values) if missing.any() else values

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
@@ -38,6 +38,24 @@ def check_frame(name: str) -> str:
     if not isinstance(name, str) or name not in FRAMES:
         raise FrameError(f"unknown frame {name!r}: choose one of {', '.join(FRAMES)}")
     return name
+
+
+def coordinate_columns(coord: Any, error: type[Exception] = FrameError) -> tuple[dict[str, Any], str]:
+    """Positions of an astropy SkyCoord, motions and distances where it has them, in Gaia's names; and their frame."""
+    frame_names = {theirs: ours for ours, theirs in FRAMES.items()}
+    frame = coord.frame.name
+    if frame not in frame_names:
+        raise error(
+            f"coordinates in {frame} are not supported: convert to {', '.join(frame_names)}, as with coord.icrs"
+        )
+    position = coord.spherical
+    columns = {"ra": position.lon.to("deg"), "dec": position.lat.to("deg")}
+    if "s" in coord.frame.data.differentials:
+        moves = coord.sphericalcoslat.differentials["s"]
+        columns |= {"pmra": moves.d_lon_coslat.to("mas / yr"), "pmdec": moves.d_lat.to("mas / yr")}
+    if position.distance.unit.is_equivalent("m"):
+        columns["distance"] = position.distance
+    return {name: np.ravel(values) for name, values in columns.items()}, frame_names[frame]
 
 
 def rotation_matrix(frame: str, to: str) -> FloatArray:
@@ -181,9 +199,8 @@ class Positions(Frozen):
 
     def __getitem__(self, keep: Any) -> Positions:
         """The sources picked by a mask, a slice or indices."""
-        columns: dict[str, Any] = {f.name: getattr(self, f.name) for f in fields(self)}
-        columns = {k: v[..., keep] if isinstance(v, np.ndarray) else v for k, v in columns.items()}
-        return Positions(**columns)
+        arrays: dict[str, Any] = {k: v[..., keep] for k, v in vars(self).items() if isinstance(v, np.ndarray)}
+        return replace(self, **arrays)
 
     def at_epoch(self, epoch: float | None) -> Positions:
         """Move the sources to `epoch` [Julian year] along straight lines; without motions they stay.
@@ -200,5 +217,4 @@ class Positions(Frozen):
         p, q, r = triad(self.lon, self.lat)
         east, north = self.motion * (UAS * (epoch - self.epoch))
         lon, lat = angles(r + east * p + north * q)
-        columns: dict[str, Any] = {f.name: getattr(self, f.name) for f in fields(self)}
-        return Positions(**columns | {"lon": lon, "lat": lat, "epoch": epoch})
+        return replace(self, lon=lon, lat=lat, epoch=epoch)
