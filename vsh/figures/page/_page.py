@@ -12,6 +12,7 @@ from html import escape, unescape
 from importlib.resources import files
 from importlib.util import find_spec
 from string import Template
+from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -168,31 +169,6 @@ def provenance(sources: Mapping[str, Any], command: Sequence[str] | None = None)
     return heading("Where this comes from", *command_panels, facts(entries))
 
 
-_PAGE = Template("""<!doctype html>
-<html lang="en">
-<head>
-<meta charset="utf-8">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<meta http-equiv="Content-Security-Policy" \
-content="default-src 'none'; img-src data:; style-src $style_hash; script-src $script_hashes">
-<meta name="generator" content="vsh-astrometry">
-<title>$name</title>
-<link rel="icon" href="data:,">
-<style>$style</style>
-</head>
-<body>
-<main>
-<h1>$title</h1>
-$lead
-$contents
-$body
-</main>
-$scripts
-</body>
-</html>
-""")
-
-
 def page(title: str, panels: Iterable[Panel], *, lead: str = "", source: str = "") -> str:
     """Assemble panels into one HTML file that needs no network.
 
@@ -227,7 +203,7 @@ def page(title: str, panels: Iterable[Panel], *, lead: str = "", source: str = "
     script_names = list(dict.fromkeys(script for panel in contents for script in panel.scripts))
     texts = [d3_script() if name == "d3" else _asset(f"{name}.js") for name in script_names]
     style = _asset("page.css")
-    return _PAGE.substitute(
+    return Template(_asset("page.html")).substitute(
         title=escape(title),
         name=escape(f"{source}: {title}" if source else title),
         lead=f'<p class="lead">{escape(lead)}</p>' if lead else "",
@@ -323,31 +299,13 @@ def sky(*shown: ShownSolution) -> Panel:
     marked = " and ".join(dict.fromkeys(mark["name"] for item in sent for mark in item["marks"]))
     # "<" would end the block wherever a name holds "</script>".
     blob = json.dumps(data, ensure_ascii=False, separators=(",", ":")).replace("<", "\\u003c")
-    inner = f'{_controls(top)}<div class="skies">{figures}</div>{_keys(marked)}'
+    controls = Template(_asset("controls.html")).substitute(top=top)
+    inner = f'{controls}<div class="skies">{figures}</div>{_keys(marked)}'
     return Panel(
         f'<section class="sky" aria-label="interactive sky">{inner}</section>'
         f'<script type="application/json" id="sky-data">{blob}</script>',
         ("d3", "sky"),
     )
-
-
-def _controls(top):
-    return f"""
-<div class="controls">
-<label for="degree"><span>highest degree: <output id="degree-text" for="degree">{top}</output></span>
-<input type="range" id="degree" min="1" max="{top}" value="{top}" step="1"></label>
-<label for="kinds">part <select id="kinds"><option value="TS">T and S</option><option value="T">T, turning</option>
-<option value="S">S, flowing</option></select></label>
-<label class="row" for="only"><input type="checkbox" id="only"> this degree alone</label>
-<label for="projection">projection <select id="projection"><option value="hammer">Hammer</option>
-<option value="mollweide">Mollweide</option><option value="globe">globe</option>\
-<option value="polar">half, equal areas</option></select></label>
-<span class="row"><button id="farther" type="button" aria-label="zoom out">−</button>
-<button id="closer" type="button" aria-label="zoom in">+</button>
-<button id="home" type="button">reset</button> <button id="save" type="button">save picture</button></span>
-<label for="go"><span>go to <output id="went" for="go"></output></span>
-<input id="go" type="search" placeholder="name, or 83.63 22.01" autocomplete="off" spellcheck="false"></label>
-</div>"""
 
 
 def _keys(pointed):
@@ -428,11 +386,7 @@ def _grid_data(solution, lon, lat):
                 east, north = np.moveaxis(basis[selection], 1, 0)
                 block = covariance[np.ix_(selection, selection)]
                 with_east = block @ east
-                moments = [
-                    np.sum(with_east * east, 0),
-                    np.sum((block @ north) * north, 0),
-                    np.sum(with_east * north, 0),
-                ]
+                moments = np.sum([with_east * east, (block @ north) * north, with_east * north], axis=1)
                 variances.append(_encode_floats(moments))
     return {"fields": fields, "variances": variances}
 
@@ -450,16 +404,6 @@ def _marks(solution):
 def _encode_floats(values: Any) -> str:
     """Numbers in single precision, as text."""
     return base64.b64encode(np.ascontiguousarray(values, dtype="<f4").tobytes()).decode()
-
-
-class FramedPage:
-    """A page of its own within a notebook's: it asks for nothing from any network, and its styles stay inside."""
-
-    def __init__(self, html: str) -> None:
-        self.html = html
-
-    def _repr_html_(self) -> str:
-        return self.html
 
 
 def widget(*shown: ShownSolution, height: int = 720) -> Any:
@@ -485,7 +429,7 @@ def widget(*shown: ShownSolution, height: int = 720) -> Any:
     inner = escape(page("", [sky(*shown)]), quote=True)
     html = f'<iframe srcdoc="{inner}" style="width: 100%; height: {height}px; border: 0" title="sky"></iframe>'
     if find_spec("ipywidgets") is None:
-        return FramedPage(html)
+        return SimpleNamespace(_repr_html_=lambda: html)  # which notebooks show
     import ipywidgets
 
     return ipywidgets.HTML(html)

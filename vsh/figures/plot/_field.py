@@ -113,7 +113,6 @@ def draw_key(axes: SkyAxes, largest: float, unit: str, longest: float = LONGEST)
         (share, 0.03),
         (0.0, 0.03),
         xycoords="axes fraction",
-        textcoords="axes fraction",
         arrowprops={
             "arrowstyle": "-|>,head_width=0.12,head_length=0.25",
             "linewidth": 0.8,
@@ -169,16 +168,8 @@ def _heads(lines, size):
     along = along / np.maximum(np.hypot(*along.T), 1e-12)[:, None]
     across = np.stack([-along[:, 1], along[:, 0]], axis=1)
     size = np.minimum(size, 0.55 * chord)
-    return list(
-        np.stack(
-            [
-                tip + 0.25 * size * along,
-                tip - 0.75 * size * along + 0.42 * size * across,
-                tip - 0.75 * size * along - 0.42 * size * across,
-            ],
-            axis=1,
-        )
-    )
+    back, side = tip - 0.75 * size * along, 0.42 * size * across
+    return list(np.stack([tip + 0.25 * size * along, back + side, back - side], axis=1))
 
 
 def even_grid(step: float = 12.0) -> tuple[FloatArray, FloatArray]:

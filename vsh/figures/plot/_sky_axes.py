@@ -226,11 +226,9 @@ def _draw_graticule(axes):
     for lat in range(-60, 61, 30):
         axes.plot(*project_curve(axes, around, np.full(721, np.radians(lat))).T, **style)
     # About a pole the equator is the rim: longitudes stand inside it.
-    at = (
-        0.0
-        if axes.is_whole or abs(axes.centre[1]) < 60
-        else np.copysign(20.0 if axes.projection_name == "polar" else 42.0, axes.centre[1])
-    )
+    at = 0.0
+    if not axes.is_whole and abs(axes.centre[1]) >= 60:
+        at = np.copysign(20.0 if axes.projection_name == "polar" else 42.0, axes.centre[1])
     labels = [(lon, at, f"{lon}°") for lon in range(0, 360, 60)]
     labels += [(axes.centre[0], lat, f"{lat:+d}°".replace("-", "−")) for lat in (30, -30, 60, -60)]
     boxes: list[tuple[float, float, float]] = []
