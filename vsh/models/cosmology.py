@@ -246,10 +246,6 @@ def velocity_in_frame(value: Any, frame: str) -> Vector:
             three = np.empty(0)
         if three.shape != (3,):
             raise ParameterError(f"a velocity has three components, not {value!r}")
-        if not (np.isfinite(three).all() and three.any()):
-            raise ParameterError(
-                f"a velocity of {three} km/s has no direction: a secular parallax cannot be scaled by it"
-            )
         value = Vector(three, np.zeros((3, 3)), frame, "km/s")
     if not value.amplitude > 0:
         raise ParameterError(

@@ -12,7 +12,6 @@ Two motions are compared by carrying one along the great circle to the other. Th
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -29,10 +28,10 @@ from vsh.modes import Modes, ScalarModes, as_modes
 from vsh.sky.sphere import triad
 from vsh.tools import arguments
 from vsh.tools.arguments import float_array, read_only
-from vsh.tools.errors import CovarianceError, ModesError, ParameterError, TableError, first_line
+from vsh.tools.errors import CovarianceError, ModesError, ParameterError, TableError, VshError, first_line
 from vsh.tools.notebook import Frozen, InNotebook
 from vsh.tools.parallel import map_blocks
-from vsh.tools.types import ArrayLike, FloatArray, IntArray, PathName
+from vsh.tools.types import ArrayLike, FloatArray, PathName
 from vsh.tools.units import hubble_rate
 
 __all__ = [
@@ -148,12 +147,6 @@ def wave_fractions(lmax: int) -> FloatArray:
     """
     l = np.arange(2, lmax + 1.0)
     return np.r_[0.0, 24 * (2 * l + 1) / ((l - 1) * l**2 * (l + 1) ** 2 * (l + 2))]
-
-
-def spin_parity_mask(lmax: int) -> IntArray:
-    """Return whether the fields of T and S of each degree are those of a spin's parity, (2, lmax)."""
-    odd = np.arange(1, lmax + 1) % 2 == 1
-    return np.stack([odd, ~odd])
 
 
 def truncate_spectrum(power: FloatArray, lmax: int, name: str) -> FloatArray:
@@ -330,9 +323,12 @@ class Spectrum(InNotebook):
             Odd: T of odd degrees and S of even ones.
         """
         arguments.choice("parity", parity, PARITIES)
-        return Spectrum(
-            f"{self.name}, {parity} parity", lambda lmax: self.law(lmax) * (spin_parity_mask(lmax) == (parity == "odd"))
-        )
+
+        def law(lmax):
+            is_odd = np.arange(1, lmax + 1) % 2 == [[1], [0]]  # T of odd degrees and S of even ones, as a spin
+            return self.law(lmax) * (is_odd == (parity == "odd"))
+
+        return Spectrum(f"{self.name}, {parity} parity", law)
 
     def power(self, lmax: int) -> FloatArray:
         """∫ |V_l|² dΩ of T and S for l = 1 … `lmax`, (2, lmax). [(µas/yr)²]
@@ -543,51 +539,22 @@ def check_size(n_sources: int) -> None:
         )
 
 
-def read_matrix(path: PathName, check_shape: Callable[[tuple[int, ...]], Any]) -> FloatArray:
-    """A matrix from a file: NumPy's .npy, the first image of two axes of a FITS file, or numbers as text."""
-    path = Path(path)
+def _read_matrix(path):
+    """The first image of two axes of a FITS file, an array of NumPy, or numbers as text, once its size is known."""
     ending = path.suffix.lower()
-    if ending == ".npy":
-        with _translate_read_errors(path):
-            matrix = np.load(path, mmap_mode="r", allow_pickle=False)
-        check_shape(matrix.shape)
-    elif ending in (".fits", ".fit"):
-        matrix = _read_fits_matrix(path, check_shape)
-    else:
-        with _translate_read_errors(path):
-            matrix = np.loadtxt(path, ndmin=2)
-        check_shape(matrix.shape)
-    with _translate_read_errors(path):
-        return np.array(matrix, float)
+    if ending in (".fits", ".fit"):
+        from astropy.io import fits
 
-
-def _read_fits_matrix(path, check_shape):
-    from astropy.io import fits
-
-    with _translate_read_errors(path):
-        units = fits.open(path)
-    with units:
-        with _translate_read_errors(path):
-            images = [
-                unit for unit in units if unit.is_image and unit.header.get("NAXIS") == 2 and "NAXIS2" in unit.header
-            ]
+        with fits.open(path) as units:
+            images = [unit for unit in units if unit.is_image and unit.header.get("NAXIS") == 2]
+            images = [unit for unit in images if "NAXIS2" in unit.header]
             if not images:
                 raise TableError(f"{path} holds no image of two axes")
-        with _translate_read_errors(path):
-            shape = images[0].shape
-        check_shape(shape)
-        with _translate_read_errors(path):
+            check_size(max(images[0].shape) // 2)
             return np.array(images[0].data, float)
-
-
-@contextmanager
-def _translate_read_errors(path):
-    try:
-        yield
-    except TableError:
-        raise
-    except Exception as error:  # whatever a damaged file makes of NumPy or Astropy, a tokenizer's error included
-        raise TableError(f"{path} holds no matrix that can be read: {first_line(error)}") from None
+    matrix = np.load(path, mmap_mode="r", allow_pickle=False) if ending == ".npy" else np.loadtxt(path, ndmin=2)
+    check_size(max(matrix.shape, default=0) // 2)
+    return np.array(matrix, float)
 
 
 @arguments.accepts(field=arguments.a(Field))
@@ -724,4 +691,10 @@ def read_covariance(path: PathName) -> Covariance:
     ParameterError
         If what it holds is no covariance, or too large.
     """
-    return Covariance(read_matrix(path, lambda shape: check_size(max(shape, default=0) // 2)))
+    try:
+        matrix = _read_matrix(Path(path))
+    except VshError:
+        raise
+    except Exception as error:  # whatever a damaged file makes of NumPy or Astropy, a tokenizer's error included
+        raise TableError(f"{path} holds no matrix that can be read: {first_line(error)}") from None
+    return Covariance(matrix)

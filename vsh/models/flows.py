@@ -251,16 +251,6 @@ class LinearTheory(Frozen):
                 matrix[:, i, :, j] = (along - across) * unit[i] * unit[j] + (across if i == j else 0.0)
         return matrix.reshape(3 * n, 3 * n)
 
-    @property
-    def _scale(self):
-        return (self.growth_rate * HUBBLE) ** 2 / (2 * np.pi**2)
-
-    @cached_property
-    def _fine_wave_numbers(self):
-        """Wave numbers close enough for sums, and their step in ln k."""
-        log_k, step = np.linspace(np.log(self.k[0]), np.log(self.k[-1]), 6001, retstep=True)
-        return np.exp(log_k), step
-
     @cached_property
     def _spline(self):
         return _spline_through(np.log(self.k), np.log(self.power))
@@ -268,8 +258,10 @@ class LinearTheory(Frozen):
     @cached_property
     def _correlations(self):
         """Ψ∥ and Ψ⊥ as a spline in arsinh r, and as a table."""
-        k, step = self._fine_wave_numbers
-        weight = self._scale * self.power_at(k) * k * step
+        # Wave numbers close enough for sums, and their step in ln k.
+        log_k, step = np.linspace(np.log(self.k[0]), np.log(self.k[-1]), 6001, retstep=True)
+        k = np.exp(log_k)
+        weight = (self.growth_rate * HUBBLE) ** 2 / (2 * np.pi**2) * self.power_at(k) * k * step
         x = np.linspace(0, np.arcsinh(_FARTHEST), 500)
         table = np.empty((len(x), 2))
         for i, r in enumerate(np.sinh(x)):
@@ -288,14 +280,9 @@ def _spline_through(x, y):
     return make_interp_spline(x, y)
 
 
-def _load_planck_theory() -> LinearTheory:
-    with (Path(__file__).parent / "planck2018_power.txt").open(encoding="utf-8") as file:
-        k, power = np.loadtxt(file, unpack=True)
-    return LinearTheory(k, power, 0.3111**0.55, "linear ΛCDM, Planck 2018")
-
-
+_K, _POWER = np.loadtxt(Path(__file__).with_name("planck2018_power.txt"), unpack=True)
 #: Flat, Ω_m = 0.3111, σ_8 = 0.8102: Planck Collaboration (2020, A&A 641, A6), with f = Ω_m^0.55.
-LINEAR_PLANCK18 = _load_planck_theory()
+LINEAR_PLANCK18 = LinearTheory(_K, _POWER, 0.3111**0.55, "linear ΛCDM, Planck 2018")
 #: Shells in which the density of galaxies is counted, and how far beyond the farthest the cube goes.
 _SHELLS, _MARGIN = 16, 1.6
 
@@ -459,8 +446,7 @@ class FlowModes(Frozen):
         radial : (n, p) array
             Outwards. [km/s]
         """
-        distance = np.asarray(distance, float)
-        across, along = self._interpolate_functions(distance)
+        across, along = self._interpolate_functions(np.asarray(distance, float))
         return self._mode_velocities(np.asarray(lon, float), np.asarray(lat, float), across, along)
 
     def at_origin(self) -> FloatArray:
@@ -498,13 +484,12 @@ class FlowModes(Frozen):
 
     def _interpolate_functions(self, distance):
         """The functions of distance at sources: two (n, f) arrays; zero beyond the last radius."""
-        values = self._spline(np.log(np.clip(distance, self.radii[0], self.radii[-1])))
-        values[self._beyond_sphere(distance)] = 0.0
-        return np.split(values, 2, axis=1)
+        return np.split(self._interpolate(self._spline, distance), 2, axis=1)
 
-    def _beyond_sphere(self, distance):
-        """Mask of distances beyond the last radius, where no mode is."""
-        return distance > self.radii[-1] * (1 + 1e-9)
+    def _interpolate(self, spline, distance):
+        values = spline(np.log(np.clip(distance, self.radii[0], self.radii[-1])))
+        values[distance > self.radii[-1] * (1 + 1e-9)] = 0.0
+        return values
 
     def columns(self, lon: FloatArray, lat: FloatArray, distance: FloatArray, turn: FloatArray) -> FloatArray:
         """The tangential velocities of `at` along other axes: what a fit has in its rows.
@@ -523,9 +508,7 @@ class FlowModes(Frozen):
         (p, 2, n) array
             [km/s, times `turn`]
         """
-        distance = np.asarray(distance, float)
-        across = self._tangential_spline(np.log(np.clip(distance, self.radii[0], self.radii[-1])))
-        across[self._beyond_sphere(distance)] = 0.0
+        across = self._interpolate(self._tangential_spline, np.asarray(distance, float))
         t = toroidal_harmonics(lon, lat, max(len(self.counts) - 1, 1))
         harmonics = np.empty_like(t)
         for axis in range(2):  # S is (−n, e) of T

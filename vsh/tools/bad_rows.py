@@ -61,6 +61,12 @@ def as_floats(
     return floats, _empty_mask(floats.shape) if missing is None else np.broadcast_to(missing, floats.shape)
 
 
+def floats_or_nan(column: str, value: Any) -> FloatArray:
+    """A column as doubles, nan where they are missing."""
+    values, missing = as_floats(column, value)
+    return np.where(missing, np.nan, values) if missing.any() else values
+
+
 @lru_cache(maxsize=16)
 def _empty_mask(shape):
     """The mask of a column that has all its values: one False for all rows."""
@@ -214,13 +220,11 @@ def doubtful_motion_notes(
     examples = ", ".join(f"{value:g}" for value in values[:4])
     count = f"{rows.sum()} row{' has' if rows.sum() == 1 else 's have'}"
     first = rows.argmax() if row_numbers is None else np.asarray(row_numbers)[rows.argmax()]
-    return (
-        CodedNote(
-            f"warning: {count} a motion of {examples} in one component: a mark of missing values? It is used (first: "
-            f"row {first}); leave such rows out with --where",
-            DOUBT,
-        ),
+    text = (
+        f"warning: {count} a motion of {examples} in one component: a mark of missing values? It is used (first: "
+        f"row {first}); leave such rows out with --where"
     )
+    return (CodedNote(text, DOUBT),)
 
 
 def checked_columns(noun: Any, floats: Sequence[str], others: Sequence[str]) -> dict[str, FloatArray]:
@@ -232,8 +236,7 @@ def checked_columns(noun: Any, floats: Sequence[str], others: Sequence[str]) -> 
     arrays = {"rho": np.zeros(lon.shape)}
     for column in ("lon", *floats):
         if getattr(noun, column) is not None:
-            values, missing = as_floats(column, getattr(noun, column))
-            arrays[column] = np.where(missing, np.nan, values) if missing.any() else values
+            arrays[column] = floats_or_nan(column, getattr(noun, column))
     for column in others:
         if getattr(noun, column) is not None:
             arrays[column] = np.asarray(getattr(noun, column))
@@ -322,27 +325,21 @@ def _parse_text(column, array, first_row):
 
 def check_measurements(noun: Any) -> None:
     """Raise FieldError where errors of redshifts and parallaxes, or distances of a field cannot be used."""
-    for column, least in (
-        ("redshift_error", "zero or more"),
-        ("distance", "above zero"),
-        ("distance_error", "above zero"),
-        ("parallax_error", "above zero"),
-    ):
+    for column in ("redshift_error", "distance", "distance_error", "parallax_error"):
         values = getattr(noun, column)
         if values is None:
             continue
+        least = "zero or more" if column == "redshift_error" else "above zero"
         with np.errstate(invalid="ignore"):
             bad = (values < 0) | ((values == 0) & (least != "zero or more")) | np.isinf(values)
         if bad.any():
             raise FieldError(f"{bad.sum()} values of {column} (first: row {bad.argmax()}) are not {least}, nor missing")
     if noun.distance is not None:
         has_distance = np.isfinite(noun.distance)
-        has_error = (
-            np.zeros(has_distance.shape, bool) if noun.distance_error is None else np.isfinite(noun.distance_error)
-        )
-        if (has_distance & ~has_error).any():
+        lost = has_distance & ~np.isfinite(np.nan if noun.distance_error is None else noun.distance_error)
+        if lost.any():
             raise FieldError(
-                f"{(has_distance & ~has_error).sum()} of {has_distance.sum()} distances have no errors "
+                f"{lost.sum()} of {has_distance.sum()} distances have no errors "
                 "(distance_error=, --columns distance_error=NAME): how far they are to be trusted is what they are "
                 "worth"
             )

@@ -150,7 +150,7 @@ class MissingAttribute(AttributeError):
 
     def __str__(self) -> str:
         thing, name = self.obj, str(self.name)
-        names = _public_names(thing)
+        names = [name for name in dir(thing) if not name.startswith("_")]
         hint = ATTRIBUTES.get(name, "")
         if re.sub(r"\W.*", "", hint) not in names and not hint.startswith(("fit.", "field[")):
             hint = " or ".join(get_close_matches(name, names, n=2))
@@ -176,7 +176,3 @@ def unknown_argument_error(function: Callable[..., Any], error: TypeError) -> Ty
         hint if hint in annotations or " " in hint else " or ".join(get_close_matches(match[1], list(annotations), n=2))
     )
     return TypeError(f"{error}: did you mean {hint}?") if hint else error
-
-
-def _public_names(thing):
-    return [name for name in dir(thing) if not name.startswith("_")]

@@ -21,7 +21,7 @@ import tempfile
 import time
 import warnings
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, suppress
 from contextvars import ContextVar
 from pathlib import Path
 from typing import Any
@@ -32,6 +32,7 @@ import vsh
 from vsh.sky.frames import AXES, FRAME_KEY, MEASURED_KEY, REDSHIFT_FRAME_COLUMN, REDSHIFT_FRAME_KEY
 from vsh.tools.errors import ParameterError, TableError, WriteError
 from vsh.tools.formats import BY_KIND, PACKED, WRITTEN, column_of
+from vsh.tools.parallel import keep_set
 from vsh.tools.printing import printable
 from vsh.tools.types import FloatArray, PathName, Table
 
@@ -245,14 +246,9 @@ def digest_of(things: Iterable[Any]) -> str:
     return digest.hexdigest()
 
 
-@contextmanager
-def protect_files(paths: Iterable[PathName]) -> Iterator[None]:
+def protect_files(paths: Iterable[PathName]) -> AbstractContextManager[None]:
     """Meanwhile nothing is written to these files, into these folders, nor to a folder with one of them in it."""
-    token = _READ.set(_READ.get() | {Path(os.path.realpath(path)) for path in paths})
-    try:
-        yield
-    finally:
-        _READ.reset(token)
+    return keep_set(_READ, _READ.get() | {Path(os.path.realpath(path)) for path in paths})
 
 
 def check_not_read(path: PathName, shown: str | None = None) -> None:

@@ -96,11 +96,9 @@ def hide_address_secrets(text: str) -> str:
 
 def hide_secrets(text: str) -> str:
     """A message, each address in it without passwords and keys: for whatever is printed, logged or written."""
-    return (
-        _ADDRESS.sub(lambda address: "::".join(map(_hide_link_secrets, _LINK.split(address[0]))), text)
-        if "://" in text
-        else text
-    )
+    if "://" not in text:
+        return text
+    return _ADDRESS.sub(lambda address: "::".join(map(_hide_link_secrets, _LINK.split(address[0]))), text)
 
 
 def _hide_link_secrets(link):

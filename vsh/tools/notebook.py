@@ -39,7 +39,7 @@ class InNotebook:
     def _repr_html_(self) -> str:
         if type(self).__str__ is not object.__str__:  # it says itself what there is to say
             return f"<pre>{escape(str(self))}</pre>"
-        names = [entry.name for entry in fields(self)] if is_dataclass(self) else list(_public_names(self))
+        names = [entry.name for entry in fields(self)] if is_dataclass(self) else list(vars(self))
         rows = {name: format_value(getattr(self, name)) for name in names if not name.startswith("_")}
         for name in rows.keys() & self.units_shown.keys():
             rows[name] = f"{rows[name]} {self.units_shown[name]}" if rows[name] else None
@@ -95,10 +95,6 @@ def _describe_array(values):
             f", {lost} missing" if lost else ""
         )
     return f"{shape}: {', '.join(map(str, values.ravel()[:3]))}{', …' if values.size > 3 else ''}"
-
-
-def _public_names(instance):
-    return [name for name in getattr(instance, "__dict__", {}) if not name.startswith("_")]
 
 
 class Frozen(InNotebook):

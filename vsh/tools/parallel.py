@@ -7,7 +7,7 @@ import threading
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, suppress
 from contextvars import ContextVar
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -24,19 +24,25 @@ try:
 except ImportError:  # Windows
     resource = None
 
+T = TypeVar("T")
 _HIDDEN: ContextVar[bool] = ContextVar("hidden", default=False)
 #: Seconds before a bar or a line of progress is shown.
 _DELAY = 2.0
 
 
 @contextmanager
-def without_bars(hidden: bool = True) -> Iterator[None]:
-    """No progress bar is shown meanwhile."""
-    token = _HIDDEN.set(hidden or _HIDDEN.get())
+def keep_set(variable: ContextVar[T], value: T) -> Iterator[None]:
+    """Meanwhile a variable of the context has a value."""
+    token = variable.set(value)
     try:
         yield
     finally:
-        _HIDDEN.reset(token)
+        variable.reset(token)
+
+
+def without_bars(hidden: bool = True) -> AbstractContextManager[None]:
+    """No progress bar is shown meanwhile."""
+    return keep_set(_HIDDEN, hidden or _HIDDEN.get())
 
 
 def progress_bar(
@@ -116,7 +122,6 @@ class _NoBar:
         return lambda *words, **options: None
 
 
-T = TypeVar("T")
 _NOTHING: Any = object()
 #: Rows of matrices from which on several threads are faster than one.
 _SMALL = 500
@@ -124,14 +129,9 @@ _SMALL = 500
 _LIMIT: ContextVar[int | None] = ContextVar("threads", default=None)
 
 
-@contextmanager
-def limit_threads(threads: int | None = None) -> Iterator[None]:
+def limit_threads(threads: int | None = None) -> AbstractContextManager[None]:
     """Within it, that many threads at most unless a function is told otherwise."""
-    token = _LIMIT.set(threads)
-    try:
-        yield
-    finally:
-        _LIMIT.reset(token)
+    return keep_set(_LIMIT, threads)
 
 
 def thread_count(threads: int | None = None) -> int:

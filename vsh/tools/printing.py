@@ -19,7 +19,7 @@ from functools import wraps
 from importlib import import_module
 from typing import Any, ParamSpec, TypeVar
 
-from vsh.tools.parallel import name_step
+from vsh.tools.parallel import keep_set, name_step
 
 _CONTROL = re.compile(r"[\x00-\x09\x0b-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\u2066-\u2069]")
 
@@ -183,11 +183,9 @@ def log_calls(words: str) -> Callable[[Callable[_P, _T]], Callable[_P, _T]]:
             with name_step(words):
                 if not logger.isEnabledFor(logging.INFO):
                     return function(*args, **options)
-                begin, outer = time.perf_counter(), _INSIDE.set(True)
-                try:
+                begin = time.perf_counter()
+                with keep_set(_INSIDE, True):
                     result = function(*args, **options)
-                finally:
-                    _INSIDE.reset(outer)
             log_result(logger, words, result, begin)
             return result
 
