@@ -158,6 +158,7 @@ def _run(options):
         return "\n\n".join([fit.output.latex_of(solution, full=options.long), *extra_tables])
 
     def write(folder, meta):
+        solution.write(folder / "solution.ecsv", meta)
         fit.output.write_tables(solution, sources, folder, meta, estimate.source_weights)
         fit.output.write_correlation(solution, folder / "correlation.ecsv", meta)
 
@@ -188,6 +189,7 @@ def _run(options):
                     "powers": fit.output.powers_table(solution),
                     "coefficients": solution.to_table(),
                 },
+                files=write,
             ),
             *(
                 finishing.Part(key, result, key, plot=dict if key == "floor" else None)
@@ -200,7 +202,6 @@ def _run(options):
         notes=[*warnings, *solution.notes],
         paths=path,
         counts=_counts(solution, estimate.n_clipped, options.where),
-        files=write,
         page=write_page,
     )
 

@@ -218,20 +218,6 @@ class Figures:
         close_figures(self.drawn.values())
 
 
-def _write_page(path, title, sections, figures, captions, answer, provenance, command):
-    """Write a page of a run: its main results, figures, sections with tables that sort, and where it comes from."""
-    from vsh.figures import page
-
-    panels = [
-        page.facts(answer.lines, "answer"),
-        page.heading("Figures", page.figure_panels(figures.drawn, captions)),
-        *map(page.section, sections),
-        page.provenance(provenance, command),
-    ]
-    figures.close()
-    page.write_page(path, page.page(title, panels), overwrite=True)
-
-
 @dataclass(frozen=True)
 class RunResult:
     """The result of a run, in whatever form it is printed.
@@ -422,7 +408,6 @@ class Run:
         counts: Mapping[str, Any] | None = None,
         sections: Callable[[bool], Sequence[Section]] | None = None,
         latex: Callable[[], str] | None = None,
-        files: Callable[[Path, dict[str, Any]], object] | None = None,
         captions: Mapping[str, str] | None = None,
         page: Callable[[Figures, dict[str, Any], Path], None] | None = None,
     ) -> None:
@@ -446,8 +431,6 @@ class Run:
             In place of those of the parts.
         latex, page : callable, optional
             In place of LaTeX of the tables and of a page of the sections.
-        files : callable, optional
-            Writes further files into a folder.
         captions : dict, optional
             Captions of further figures, by name.
         """
@@ -471,17 +454,22 @@ class Run:
                 (folder / "report.txt").write_text(result.report(), encoding="utf-8")
                 for part in parts:
                     part.write(folder, meta)
-                if files is not None:
-                    files(folder, meta)
                 figure_set.write(folder, options)
             if page_path is not None and page is not None:
                 page(figure_set, meta, page_path)
-                figure_set.close()
             elif page_path is not None:
-                captions = {part.name: part.caption for part in parts if part.caption} | dict(captions or {})
-                _write_page(
-                    page_path, title, make_sections(True), figure_set, captions, result.answer, meta, options.command
-                )
+                from vsh.figures import page as pages
+
+                all_captions = {part.name: part.caption for part in parts if part.caption} | dict(captions or {})
+                panels = [
+                    pages.facts(result.answer.lines, "answer"),
+                    pages.heading("Figures", pages.figure_panels(figure_set.drawn, all_captions)),
+                    *map(pages.section, make_sections(True)),
+                    pages.provenance(meta, options.command),
+                ]
+                pages.write_page(page_path, pages.page(title, panels), overwrite=True)
+            if page_path is not None:
+                figure_set.close()
         if options.output:
             names = sorted(x.name for x in Path(options.output).iterdir())
             print_line(options, f"written to {options.output}: {', '.join(names)}")
@@ -532,14 +520,10 @@ def _as_json_types(value):
     """A value made of what JSON knows."""
     if isinstance(value, Mapping):
         return {str(key): _as_json_types(item) for key, item in value.items()}
-    if isinstance(value, np.ndarray):
+    if isinstance(value, np.ndarray | np.number | np.bool_):
         return _as_json_types(value.tolist())
     if isinstance(value, (list, tuple)):
         return [_as_json_types(item) for item in value]
-    if isinstance(value, (bool, np.bool_)):
-        return bool(value)
-    if isinstance(value, (int, np.integer)):
-        return int(value)
-    if isinstance(value, (float, np.floating)):
-        return float(value) if math.isfinite(value) else None
-    return value if value is None or isinstance(value, str) else str(value)
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    return value if value is None or isinstance(value, str | int) else str(value)

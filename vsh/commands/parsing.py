@@ -169,24 +169,25 @@ def _number(text, fits, description):
     return number
 
 
+def _finite_numbers(text):
+    """Numbers separated by commas; none where one of them is none, or not finite."""
+    try:
+        values = tuple(map(float, text.split(",")))
+    except ValueError:
+        return ()
+    return values if all(map(math.isfinite, values)) else ()
+
+
 def numbers(text: str) -> tuple[float, ...]:
     """Numbers separated by commas."""
-    try:
-        values = tuple(float(token) for token in text.split(","))
-    except ValueError:
-        values = (float("nan"),)
-    if not all(map(math.isfinite, values)):
+    if not (values := _finite_numbers(text)):
         raise argparse.ArgumentTypeError(f"numbers separated by commas are expected, not {text!r}")
     return values
 
 
 def vector(text: str) -> tuple[float, ...]:
     """The type of three numbers separated by commas."""
-    try:
-        components = numbers(text)
-    except argparse.ArgumentTypeError:
-        components = ()
-    if len(components) != 3:
+    if len(components := _finite_numbers(text)) != 3:
         raise argparse.ArgumentTypeError(f"three numbers separated by commas are expected, not {text!r}")
     return components
 
@@ -195,10 +196,8 @@ def velocity(text: str) -> str | tuple[float, ...]:
     """Our velocity as every command takes it: a name, or SPEED,L,B."""
     if text in VELOCITIES:
         return text
-    try:
-        speed, l, b = vector(text)
-    except argparse.ArgumentTypeError:
-        speed, l, b = 0.0, 0.0, 0.0
+    components = _finite_numbers(text)
+    speed, l, b = components if len(components) == 3 else (0.0, 0.0, 0.0)
     if not (0 < speed < 3e5 and abs(l) <= 360 and abs(b) <= 90):
         raise argparse.ArgumentTypeError(
             f"{' or '.join(VELOCITIES)}, or SPEED,L,B is expected (km/s above zero; Galactic longitude and latitude of "
@@ -428,9 +427,8 @@ def merge_configuration(
         names = {name_of(action) for action in exclusive._group_actions}
         overrides |= names if names & set(settings) else set()
     options = {name: value for name, value in configuration.options.items() if name not in overrides}
-    return [token for name, value in options.items() for token in _format_value(actions[name], value)] + list(
-        words
-    ), configuration
+    earlier = [token for name, value in options.items() for token in _format_value(actions[name], value)]
+    return [*earlier, *words], configuration
 
 
 def _is_count(name, value):
@@ -525,10 +523,8 @@ def parse(module: Any, arguments: Sequence[str] | None = None) -> argparse.Names
     options.expected = {} if configuration is None else dict(configuration.files)
     settings = parse_options_as_text(module.make_parser(), command_line)
     options.given = {name: _without_secrets(value) for name, value in settings.items()}
-    options.command = [
-        parser.prog,
-        *map(_without_folders, tokens if configuration is None else _without_config(command_line)),
-    ]
+    words = tokens if configuration is None else _without_config(command_line)
+    options.command = [parser.prog, *map(_without_folders, words)]
     return options
 
 

@@ -120,10 +120,10 @@ def test_estimator_of_bins(tmp_path, capsys):
 
 def test_rows_of_the_archive(monkeypatch, tmp_path):
     calls = []
-    monkeypatch.setattr(archive, "query", lambda *_, **keywords: calls.append(keywords) or tmp_path / "q.fits")
+    monkeypatch.setattr(archive.archive, "query", lambda *_, **keywords: calls.append(keywords) or tmp_path / "q.fits")
     archive.main(["gaia-crf3", "--output", str(tmp_path / "q.fits"), "--max-rows", "7"])
     assert calls[0]["max_rows"] == 7
-    monkeypatch.setattr(archive, "fetch_epochs", lambda *_, **keywords: calls.append(keywords) or tmp_path)
-    monkeypatch.setattr(archive, "read_ids", lambda _: [1, 2])
+    monkeypatch.setattr(archive.archive, "fetch_epochs", lambda *_, **keywords: calls.append(keywords) or tmp_path)
+    monkeypatch.setattr(archive.archive, "read_ids", lambda _: [1, 2])
     archive.main(["epochs", "--ids", "q.fits", "--output", str(tmp_path / "e"), "--retrieval-type", "EPOCH_PHOTOMETRY"])
     assert calls[1]["retrieval_type"] == "EPOCH_PHOTOMETRY"
