@@ -25,6 +25,7 @@ from vsh.models.cosmology import CMB_VELOCITY_PLANCK18
 field = random_field(200, 1)
 galaxies = sim.observe(sim.galaxies(200, 1), sim.secular_parallax((300, 0, 0)), rng=1, sigma=5.0)
 binning = galaxies.add_note("a note: ã in µas/yr")
+scalars = ScalarField(field.lon, field.lat, field.motion[0], field.sigma[0], "µas")
 spin = Vector([0.1, 0.2, 0.3], 0.01 * np.eye(3))
 
 
@@ -97,6 +98,7 @@ RESULTS: dict[str, Callable[[], Any]] = {
     "recommended": lambda: fit.recommended(field, 3),
     "estimate": lambda: fit.estimate(field, 3, "student"),
     "floor": lambda: fit.background.floor(fit.normal_equations(field, 3)),
+    "floor of a scalar field": lambda: fit.recommended(scalars).floor,
     "waves": lambda: fit.background.wave_limit(fit.normal_equations(field, 2)),
     "common": lambda: binned(binning, 2, 2, shared_higher_degrees=True),
     "correlations": lambda: correlation_matrices({"one": field, "two": random_field(300, 3)}, 2),

@@ -148,7 +148,7 @@ class FloorOfKind(Result):
         return (Section("Systematic floor", facts, self.to_table(), remarks=[remark]),)
 
     def _fact(self, gain):
-        """What the report tells of the likelihood."""
+        """Line of the report on the likelihood."""
         return ("likelihood", gain)
 
     def to_table(self) -> Table:

@@ -102,10 +102,10 @@ def test_written_and_read(ending, frame, tmp_path):
 
 
 def test_scalar_fields_are_written_too(tmp_path):
-    field = ScalarField.from_columns([10.0, 20.0], [1.0, 2.0], [3.0, 4.0], [1.0, 1.0], unit="uas", frame="ecliptic")
+    field = ScalarField.from_columns([10.0, 20.0], [1.0, 2.0], [3.0, 4.0], [1.0, 1.0], unit="µas", frame="ecliptic")
     field.write(tmp_path / "s.ecsv")
     back = catalogue.read_scalars(tmp_path / "s.ecsv", "value")
-    assert (back.frame, back.unit) == ("ecliptic", "uas")
+    assert (back.frame, back.unit) == ("ecliptic", "µas")
     np.testing.assert_allclose(back.values, field.values, rtol=1e-15)
 
 

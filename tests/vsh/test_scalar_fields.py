@@ -167,3 +167,15 @@ def test_written_positions_have_the_names_of_their_axes(frame, names, tmp_path):
         again = read_scalars(path, "value")
         assert again.frame == frame
         assert_allclose([again.lon, again.lat], [LON, LAT], rtol=1e-12)
+
+
+def test_numbers_that_are_calculated_of_columns():
+    table = QTable({"ra": [10.0, 20.0] * u.deg, "dec": [0.0, 1.0] * u.deg})
+    table["parallax"], table["parallax_error"] = [-0.02, 0.01] * u.mas, [0.1, 0.2] * u.mas
+    table["zero"], table["shift"] = [-17.0, -20.0] * u.uas, [0.001, 0.002]
+    field = read_scalars(table, "parallax - zero")
+    assert_allclose(field.values, [-3, 30])
+    assert_allclose(field.sigma, [100, 200])
+    assert field.unit == "µas"
+    assert_allclose(read_scalars(table, "parallax - shift").values, [-21, 8])  # without a unit: that of the first
+    assert_allclose(read_scalars(table, "zero", "parallax_error").sigma, [100, 200])

@@ -311,7 +311,7 @@ class Spectrum(InNotebook):
 
     @classmethod
     def _repeat_for_kinds(cls, power):
-        """The same power for each kind of modes."""
+        """Repeat the power for each kind of modes."""
         return np.tile(power, (len(cls.mode_class.kinds), 1))
 
     def only(self, parity: str) -> Spectrum:

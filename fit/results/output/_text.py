@@ -277,7 +277,7 @@ def answer_of(solution: Any) -> Answer:
 
 
 def _reason_for_no_result(solution):
-    """Why a fit has nothing to quote; None where it has."""
+    """Reason why a fit has nothing to quote; None where it has something."""
     factor, codes = error_factor(solution), codes_of(solution.notes)
     if factor > _WRONG:
         return f"residuals are {factor:.3g} times the errors. Are both in the units that were assumed?"

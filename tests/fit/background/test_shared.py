@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from conftest import random_field
+from scipy.special import chdtrc
 
 import fit
 import sim
@@ -228,3 +229,28 @@ def test_classes_that_share_no_noise_are_classes_of_their_own():
     solved = np.linalg.inv(precision)
     np.testing.assert_allclose(covariance.reshape(18, 18), solved[:18, :18], rtol=1e-5, atol=1e-6 * covariance.max())
     np.testing.assert_allclose(mean.ravel(), (solved @ (both.T @ rhs.ravel()))[:18], atol=1e-5 * np.abs(mean).max())
+
+
+def scalar_classes(offset, n=3000):
+    """Two classes of numbers whose means differ."""
+    rng = np.random.default_rng(4)
+    lon, lat = rng.uniform(0, 2 * np.pi, n), np.arcsin(rng.uniform(-1, 1, n))
+    values = rng.normal(size=n) + np.where(np.arange(n) < n // 2, 0.0, offset)
+    field = vsh.ScalarField(lon, lat, values, np.ones(n), "mag")
+    return shared([fit.normal_equations(part, 4) for part in (field[: n // 2], field[n // 2 :])], labels=["a", "b"])
+
+
+def test_means_and_dipoles_of_classes_of_numbers():
+    found = scalar_classes(0.4)
+    value, error = found.difference(0, 1).mean
+    assert abs(value - 0.4) < 3 * error
+    verdict = found.verdict()
+    assert verdict.p_value < 0.0027
+    assert verdict.comparison == "b against a, mean"
+    assert verdict.face_value == pytest.approx(chdtrc(1, (value / error) ** 2), rel=0.01)
+    assert found.p_value("dipole", 0, 1) > 0.001
+    table = found.to_table()
+    assert table["mean"].unit == table["dipole_x_error"].unit == "mag"
+    assert "mean p = " in found.report()
+    assert "spin" not in found.report(long=True)
+    assert scalar_classes(0.0).verdict().p_value > 0.0027

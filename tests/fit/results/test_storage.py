@@ -1,4 +1,5 @@
 import re
+from dataclasses import fields
 from importlib import import_module
 
 import matplotlib.pyplot as plt
@@ -60,7 +61,7 @@ def test_every_result_can_be_drawn(name):
 def same(a, b):
     """Equal to the last bit, whatever is inside."""
     if hasattr(a, "__dataclass_fields__"):
-        return type(a) is type(b) and all(same(getattr(a, f), getattr(b, f)) for f in a.__dataclass_fields__)
+        return type(a) is type(b) and all(same(getattr(a, f.name), getattr(b, f.name)) for f in fields(a))
     if isinstance(a, np.ndarray):
         return a.shape == b.shape and a.tobytes() == np.asarray(b, a.dtype).tobytes()
     if isinstance(a, dict):

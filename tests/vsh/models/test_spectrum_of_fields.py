@@ -2,11 +2,22 @@
 
 import numpy as np
 import pytest
-from scipy.special import eval_jacobi
+from numpy.testing import assert_allclose
+from scipy.special import eval_jacobi, eval_legendre
 
 import sim
-from vsh import Modes
-from vsh.models.covariance import LINDEGREN_2021, VASILIEV_BAUMGARDT_2021, Spectrum, d_minus, d_plus, wave_fractions
+from vsh import Modes, ScalarModes
+from vsh.basis import harmonics
+from vsh.models.covariance import (
+    LINDEGREN_2021,
+    LINDEGREN_2021_PARALLAX,
+    VASILIEV_BAUMGARDT_2021,
+    ScalarSpectrum,
+    Spectrum,
+    d_minus,
+    d_plus,
+    wave_fractions,
+)
 from vsh.sky.sphere import triad
 from vsh.tools.errors import ModesError, ParameterError, VshError
 from vsh.tools.units import hubble_rate
@@ -112,3 +123,20 @@ def test_values_that_are_no_spectrum_are_refused():
     for bad in (0, -1, "x"):
         with pytest.raises(VshError):
             Spectrum.flat().power(bad)
+
+
+def test_scalar_spectrum_is_that_of_its_covariance():
+    spectrum, theta = ScalarSpectrum.from_covariance(LINDEGREN_2021_PARALLAX), np.radians([3.0, 30.0, 120.0])
+    degrees = np.arange(401)
+    legendre = eval_legendre(degrees[:, None], np.cos(theta))
+    assert_allclose(spectrum.power(400)[0] @ legendre / (4 * np.pi), LINDEGREN_2021_PARALLAX(theta), atol=0.2)
+    modes = ScalarModes(3)
+    rows, at = harmonics([0.3, 1.0], [0.1, -0.4], modes)[:, 0], spectrum.variances(modes)
+    between = np.cos(np.arccos(np.sin(0.1) * np.sin(-0.4) + np.cos(0.1) * np.cos(-0.4) * np.cos(0.7)))
+    expected = spectrum.power(3)[0] @ eval_legendre(np.arange(4), between) / (4 * np.pi)
+    assert (rows[:, 0] * at) @ rows[:, 1] == pytest.approx(expected)  # the addition theorem
+    assert (spectrum.mean_error, spectrum.dipole_error) == pytest.approx(
+        np.sqrt(spectrum.power(1)[0] / (4 * np.pi)).tolist()
+    )
+    with pytest.raises(ModesError, match="ScalarModes"):
+        spectrum.variances(Modes(2))

@@ -620,7 +620,7 @@ def read_scalars(
     field = read_field(
         derive_columns(table, made), chosen, units, on_bad=on_bad, frame=frame, where=where, roles=("name",)
     )
-    unit = "µas" if target == parse_unit("uas") else target.to_string()
+    unit = "µas" if unit is None and target == parse_unit("uas") else target.to_string()
     numbers = field.motion[0], field.sigma[0]
     return ScalarField(field.lon, field.lat, *numbers, unit, field.name, field.frame, (*notes, *field.notes))
 

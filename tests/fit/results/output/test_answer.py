@@ -145,12 +145,9 @@ def test_empty_part_of_the_sky_is_said():
     assert not any("no source within" in str(each) for each in fit.fit_field(field, 1).notes)
 
 
-def test_scalars_have_no_answer():
-    """Positions, scalar fields and fits that are to come."""
+def test_positions_have_no_answer():
     solution = fit.fit_field(random_field(100, 1), 1)
     assert answer_of(replace(solution, unit="µas")).lines == ()
-    scalar = fit.fit_field(vsh.scalars.ScalarField(*np.random.default_rng(1).uniform(0, 1, (3, 50)), np.ones(50)), 1)
-    assert answer_of(scalar).lines == ()
 
 
 SLOW = ("VLBI", "few", "CRF3", "CRF3 whole")
