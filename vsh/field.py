@@ -686,6 +686,18 @@ class Field(Equal, SourcesWithErrors):
         """Subtract the motions of a model, `model` (2, n) [µas/yr]."""
         return self._with(motion=self.motion - float_array("model", model, self.motion.shape, broadcast=True))
 
+    def corrected(self, correction: Any) -> Field:
+        """Subtract motions that are not the sources': those of a frame that turns, as published or as a fit found.
+
+        Parameters
+        ----------
+        correction : function, or result of a fit
+            A function from a Field to motions, (2, n) [µas/yr], such as
+            `vsh.models.bright_stars.CANTAT_GAUDIN_BRANDT_2021`; or what has a `model`, as `fit.frames.link` gives.
+        """
+        name = getattr(correction, "__name__", type(correction).__name__)
+        return self.minus(getattr(correction, "model", correction)(self)).add_note(f"motions are corrected by {name}")
+
     def with_errors(self, sigma: ArrayLike, rho: ArrayLike | None = None) -> Field:
         """Replace the standard errors, (2, n) [µas/yr], and perhaps correlations, (n,).
 

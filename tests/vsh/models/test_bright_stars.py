@@ -1,0 +1,45 @@
+"""The frame of Gaia's bright stars."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+import fit
+import sim
+from vsh import Field, FieldError
+from vsh.models.bright_stars import CANTAT_GAUDIN_BRANDT_2021
+
+
+def stars(n=300, seed=1, magnitude=None):
+    rng = np.random.default_rng(seed)
+    lon, lat = rng.uniform(0, 2 * np.pi, n), np.arcsin(rng.uniform(-1, 1, n))
+    magnitude = rng.uniform(6, 16, n) if magnitude is None else np.full(n, magnitude)
+    return Field(lon, lat, np.zeros((2, n)), np.ones((2, n)), magnitude=magnitude)
+
+
+@pytest.mark.parametrize(
+    ("magnitude", "spin"), [(5.0, (18.4, 33.8, -11.3)), (12.99, (34.9, 68.9, -2.9)), (13.0, (0, 0, 0))]
+)
+def test_spin_of_a_magnitude_is_the_published_one(magnitude, spin):
+    field = stars(magnitude=magnitude)
+    assert_allclose(CANTAT_GAUDIN_BRANDT_2021(field), sim.spin(spin)(field.lon, field.lat), atol=1e-12)
+
+
+def test_corrected_motions_do_not_turn_in_any_axes():
+    plain = stars()
+    turned = plain.minus(-CANTAT_GAUDIN_BRANDT_2021(plain))
+    for frame in ("icrs", "galactic"):
+        corrected = turned.to_frame(frame).corrected(CANTAT_GAUDIN_BRANDT_2021)
+        assert_allclose(corrected.motion, 0, atol=1e-9)
+        assert "motions are corrected by CANTAT_GAUDIN_BRANDT_2021" in corrected.notes
+
+
+def test_fit_corrects_as_well():
+    field = stars().minus(-sim.spin((1.0, 2.0, 3.0))(stars().lon, stars().lat))
+    assert_allclose(field.corrected(fit.fit_field(field, 1)).motion, 0, atol=1e-9)
+
+
+def test_sources_without_magnitudes_are_counted():
+    magnitude = np.where(np.arange(300) < 7, np.nan, 10.0)
+    with pytest.raises(FieldError, match="7 of 300 sources have no magnitude"):
+        CANTAT_GAUDIN_BRANDT_2021(stars(magnitude=magnitude))
