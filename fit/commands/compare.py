@@ -81,8 +81,7 @@ def make_parser() -> argparse.ArgumentParser:
     )
     add("--where2 CONDITION", "rows to use of the second and all further catalogues (default: as --where)")
     reading.add_reading(parser)
-    parsing.add_common(parser)
-    return parser
+    return parsing.add_common(parser)
 
 
 def _matching(text):

@@ -50,8 +50,7 @@ def make_parser() -> argparse.ArgumentParser:
     )
     reading.add_workers(parser)
     reading.add_reading(parser)
-    parsing.add_common(parser)
-    return parser
+    return parsing.add_common(parser)
 
 
 def _parameter_names(text):
@@ -150,7 +149,7 @@ def _labels(paths):
 def _degree_section(field, label, lmax):
     rows = fit.correlation.lmax_table(field, max(5, lmax))
     prediction = fit.correlation.predict_covariance(field, lmax)
-    columns = dict(zip(("degree", "condition", "largest correlation"), map(list, zip(*rows, strict=True)), strict=True))
+    table = vsh.io.tables.table_of_rows(("degree", "condition", "largest correlation"), rows)
     vectors = (prediction.spin, prediction.acceleration)
     spin, acceleration = (", ".join(f"{sigma:.3g}" for sigma in vector.sigma) for vector in vectors)
     errors = f"spin ({spin}), acceleration ({acceleration}) µas/yr"
@@ -159,9 +158,7 @@ def _degree_section(field, label, lmax):
     )
     facts = [("sources", f"{prediction.n_sources}"), (f"errors, degree {lmax}", f"{errors}; {efficiency}")]
     forms = {"condition": ".4g", "largest correlation": ".3f"}
-    return Section(
-        f"{label}: by the highest degree that is fitted", facts, vsh.io.tables.table_of(columns), forms=forms
-    )
+    return Section(f"{label}: by the highest degree that is fitted", facts, table, forms=forms)
 
 
 def _influence_section(field, label, pair, lmax):

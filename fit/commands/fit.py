@@ -82,8 +82,7 @@ def make_parser() -> argparse.ArgumentParser:
     )
     reading.add_workers(parser)
     reading.add_reading(parser)
-    parsing.add_common(parser)
-    return parser
+    return parsing.add_common(parser)
 
 
 def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
@@ -236,15 +235,9 @@ def _sections(results, long):
 
 def _counts(solution, n_clipped, condition):
     """Rows of the table, by what became of them."""
-    n_refused, n_unselected = count_dropped(solution.notes), count_unselected(solution.notes)
-    n_sources = solution.n_sources
-    counts = {
-        "rows": n_sources + n_clipped + n_refused + n_unselected,
-        "rows_used": n_sources,
-        "rows_refused": n_refused,
-        "rows_clipped": n_clipped,
-    }
-    return counts | ({"rows_not_selected": n_unselected} if condition else {})
+    used, refused, unselected = solution.n_sources, count_dropped(solution.notes), count_unselected(solution.notes)
+    counts = {"rows": used + n_clipped + refused + unselected, "rows_used": used, "rows_refused": refused}
+    return counts | {"rows_clipped": n_clipped} | ({"rows_not_selected": unselected} if condition else {})
 
 
 def _compare_subsets(run, source, path, estimate, templates, n_sources):

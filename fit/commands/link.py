@@ -64,8 +64,7 @@ def make_parser() -> argparse.ArgumentParser:
     )
     add("--candidates FILE", "planned astrometry, to be ranked by the information that it would add")
     reading.add_output(parser)
-    parsing.add_common(parser)
-    return parser
+    return parsing.add_common(parser)
 
 
 def _run(options):

@@ -43,8 +43,7 @@ def make_parser() -> argparse.ArgumentParser:
     )
     reading.add_workers(parser)
     reading.add_reading(parser)
-    parsing.add_common(parser)
-    return parser
+    return parsing.add_common(parser)
 
 
 def _angle(text):

@@ -106,8 +106,7 @@ def make_parser() -> argparse.ArgumentParser:
     add("--checkpoint FILE", "save the chain in this file; an interrupted run resumes from it")
     reading.add_workers(parser)
     reading.add_reading(parser)
-    parsing.add_common(parser)
-    return parser
+    return parsing.add_common(parser)
 
 
 def _dispersion(text):

@@ -126,8 +126,7 @@ def make_parser() -> argparse.ArgumentParser:
         parsing.numbers,
     )
     add("--seed", "seed", int, 1)
-    parsing.add_common(parser, "list of what was written")
-    return parser
+    return parsing.add_common(parser, "list of what was written")
 
 
 def _foreign_options(kind):

@@ -37,8 +37,7 @@ def make_parser() -> argparse.ArgumentParser:
     )
     add("--no-flows", "omit velocity and H0 from fits with flows as unknowns")
     reading.add_output(parser)
-    parsing.add_common(parser)
-    return parser
+    return parsing.add_common(parser)
 
 
 def _names(text):

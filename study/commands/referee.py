@@ -31,8 +31,7 @@ def make_parser() -> argparse.ArgumentParser:
     )
     add("--seed", "of all that is drawn", int, 1)
     reading.add_reading(parser)
-    parsing.add_common(parser)
-    return parser
+    return parsing.add_common(parser)
 
 
 def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:

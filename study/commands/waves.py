@@ -63,8 +63,7 @@ def make_parser() -> argparse.ArgumentParser:
     add("--skies N", "number of simulated skies of noise, for p-values", parsing.count(1), 1000)
     add("--seed", "seed of the simulated skies", int, 1)
     reading.add_output(parser)
-    parsing.add_common(parser)
-    return parser
+    return parsing.add_common(parser)
 
 
 def _frequencies(text):

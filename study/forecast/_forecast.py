@@ -299,9 +299,7 @@ class SurveyForecast(InNotebook):
                 label = description + (f" [{unit}]" if unit else "")
                 rows.append((label, *("" if np.isnan(x) else f"{x:{form}}" for x in cells)))
         heads = ("expected errors (68 % unless stated otherwise)", *self.surveys)
-        table = tables.table_of(
-            {name: list(values) for name, values in zip(heads, zip(*rows, strict=True), strict=True)}
-        )
+        table = tables.table_of_rows(heads, rows)
         facts = [("sky", f"quasars: {self.sky}; galaxies: to z = 0.03, errors of faint galaxies as those of Gaia")]
         of_flows = np.isfinite([values["hubble_flows"] for values in self.values.values()]).any()
         velocities = (

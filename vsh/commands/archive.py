@@ -95,8 +95,7 @@ def make_parser() -> argparse.ArgumentParser:
     add("--url", "of the TAP service (default: ESA's archive of Gaia)", default=archive.ESA)
     add("--max-rows N", "the server's own limit unless given", parsing.count(1))
     parsing.add_overwrite(parser)
-    parsing.add_common(parser, "list of what was written")
-    return parser
+    return parsing.add_common(parser, "list of what was written")
 
 
 def _kind(options):

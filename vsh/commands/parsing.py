@@ -725,8 +725,8 @@ def shared_group(parser: argparse.ArgumentParser) -> Any:
     return groups[0] if groups else parser.add_argument_group(_SHARED)
 
 
-def add_common(parser: argparse.ArgumentParser, tells: str = "report") -> None:
-    """Add the options that every command has: repeat a run, print it for other programs."""
+def add_common(parser: argparse.ArgumentParser, tells: str = "report") -> argparse.ArgumentParser:
+    """The parser with the options that every command has: repeat a run, print it for other programs."""
     group = shared_group(parser)
     add, add_output = adder(group), adder(group.add_mutually_exclusive_group())
     add(
@@ -739,6 +739,7 @@ def add_common(parser: argparse.ArgumentParser, tells: str = "report") -> None:
     add_output("--long", f"print the full {tells}, as it is written to the folder of results")
     add_output("--quiet", "print only error messages, and no progress bars")
     group.add_argument("--version", action="version", version=f"{parser.prog} {vsh.__version__}")
+    return parser
 
 
 def add_overwrite(parser: argparse.ArgumentParser) -> None:

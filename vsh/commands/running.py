@@ -215,9 +215,8 @@ def _say_what_changed(options):
 
 
 def _report_failure(program, reason):
-    print(
-        f"{program}: {printable(hide_secrets(str(reason)))}".replace("\n", r"\n"), file=sys.stderr
-    )  # one line, whatever a name holds
+    # One line, whatever a name holds.
+    print(f"{program}: {printable(hide_secrets(str(reason)))}".replace("\n", r"\n"), file=sys.stderr)
     return 1
 
 

@@ -20,7 +20,7 @@ import shutil
 import tempfile
 import time
 import warnings
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, suppress
 from contextvars import ContextVar
 from pathlib import Path
@@ -428,6 +428,11 @@ def table_of(
     return table
 
 
+def table_of_rows(heads: Sequence[str], rows: Sequence[Sequence[Any]], *about: Any) -> Table:
+    """Return an astropy Table of rows under heads, with metadata and units as of `table_of`."""
+    return table_of({name: [row[k] for row in rows] for k, name in enumerate(heads)}, *about)
+
+
 def write_columns(
     path: PathName,
     columns: Mapping[str, Any],
@@ -465,9 +470,8 @@ def write_table(table: Table, path: PathName, meta: dict[str, Any] | None = None
             _write_fits(table, temporary_path)
         else:
             table.write(temporary_path, format=format_name, overwrite=True)
-        if (
-            format_name.startswith("ascii") and path.suffix.lower() == ".gz"
-        ):  # astropy compresses FITS and VOTables alone
+        # astropy compresses FITS and VOTables alone.
+        if format_name.startswith("ascii") and path.suffix.lower() == ".gz":
             temporary_path.write_bytes(gzip.compress(temporary_path.read_bytes(), mtime=0))
 
 

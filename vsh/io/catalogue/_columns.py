@@ -584,9 +584,8 @@ def identifiers(name: str, values: Any, missing: BoolArray | None) -> Any:
         values = np.where(mask, "", values.astype(str))
     elif values.dtype.kind in "iu":
         values = values.astype(values.dtype.newbyteorder("="))
-    sorted_names = np.sort(
-        values[values != ""] if values.dtype.kind == "U" else values
-    )  # a sort is faster than np.unique's hash
+    # A sort is faster than np.unique's hash.
+    sorted_names = np.sort(values[values != ""] if values.dtype.kind == "U" else values)
     n_repeats = int(np.sum(sorted_names[1:] == sorted_names[:-1]))
     if n_repeats:
         text = f"{n_repeats} rows repeat the {name} of another row and are used as separate sources"

@@ -237,9 +237,8 @@ def _fields(make, rows):
             if pending_field is not None:
                 yield pending_field
             if make.on_bad == "drop" and not any(isinstance(note, DroppedRows) for note in field.notes):
-                field = field.add_note(
-                    DroppedRows.of_table({}, len(field), field.lon, field.lat)
-                )  # totals count all rows
+                # Totals count all rows.
+                field = field.add_note(DroppedRows.of_table({}, len(field), field.lon, field.lat))
             pending_field, lost = field.add_note(*lost), ()
         first_row += len(next(iter(block.values()))[0])
     if pending_field is None:

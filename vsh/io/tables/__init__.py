@@ -17,6 +17,6 @@ from vsh.io.tables._open import (
 )
 from vsh.io.tables._source import TableSource, cache_columns, check_alike, readable_as
 from vsh.io.tables._where import Where
-from vsh.tools.files import CREATOR, check_writable, format_of, table_of, write_columns, write_table
+from vsh.tools.files import CREATOR, check_writable, format_of, table_of, table_of_rows, write_columns, write_table
 
 __all__ = ["open_table", "read_table", "write_table"]

@@ -383,9 +383,8 @@ def _as_arrays(table, pa):
             continue
         values = column.fill_null(0).to_numpy()
         if values.dtype.kind == "f":
-            is_large = (
-                np.abs(values) >= _EXACT
-            )  # perhaps integers of more digits than a double has, or too long for one
+            # Perhaps integers of more digits than a double has, or too long for one.
+            is_large = np.abs(values) >= _EXACT
             if np.isinf(values).any() or (is_large.any() and (values == np.rint(values)).all()):
                 raise NotPlain
         arrays[name] = np.ma.MaskedArray(values, mask)
