@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import dataclass, fields, replace
 from difflib import get_close_matches
@@ -83,13 +83,9 @@ class LinearSolution(Result):
         if name in names:
             index = names.index(name)
             return float(self.values[index]), float(self.sigma[index])
-        suggestions = [
-            candidate for candidate in get_close_matches(str(name), [*vectors, *names], n=3) if candidate != name
-        ]
-        raise ParameterError(
-            f"nothing of this solution is called {name!r}"
-            + (f": is it {' or '.join(suggestions)}?" if suggestions else "")
-        )
+        near = [each for each in get_close_matches(str(name), [*vectors, *names], n=3) if each != name]
+        hint = f": is it {' or '.join(near)}?" if near else ""
+        raise ParameterError(f"nothing of this solution is called {name!r}{hint}")
 
     @property
     def n_sources(self) -> int:
@@ -134,129 +130,6 @@ class LinearSolution(Result):
         return field.minus(self.model(field))
 
 
-class HarmonicSolution(LinearSolution):
-    """Base of solutions for coefficients, with or without their full covariance."""
-
-    coefficients: Coefficients
-    #: Where the covariance is from, in words and as a member of `ErrorSource`; of a solution that has one.
-    errors_from: str
-    error_source: ErrorSource
-    #: Whether the systematic floor is in the covariance.
-    includes_floor: bool = False
-    #: Degrees of freedom of a covariance that was not estimated from replicates.
-    covariance_dof: float = float("inf")
-    #: Unit of the coefficients.
-    unit: str = "µas/yr"
-    # The systematic floor in the covariance.
-    floor: Any = None
-
-    @property
-    def modes(self) -> Modes:
-        """The Modes that were fitted."""
-        return self.coefficients.modes
-
-    @property
-    def n_sources(self) -> int:
-        """Number of sources that were fitted."""
-        return self.n_data // self.modes.components
-
-    @property
-    def scaled(self) -> HarmonicSolution:
-        """Return the solution; one with a covariance may scale its errors."""
-        return self
-
-    @cached_property
-    def names(self) -> tuple[str, ...]:
-        """Names of the coefficients, (p,)."""
-        return tuple(map(str, self.modes))
-
-    @property
-    def values(self) -> FloatArray:
-        """The coefficients as an array, (p,). [µas/yr]"""
-        return self.coefficients.values
-
-    def model(self, field: Any) -> FloatArray:
-        """Predict the motions at the sources of a field, (2, n), or (n,) of a scalar field. [µas/yr]"""
-        return at_sources(self.coefficients, field)
-
-    @property
-    def spin(self) -> Vector:
-        """The spin ω of the frame, a Vector. [µas/yr]"""
-        return self._first_degree("T", FIRST_DEGREE, self.unit)
-
-    @property
-    def acceleration(self) -> Vector:
-        """The acceleration ã of the Solar System, in apparent motion, a Vector. [µas/yr]"""
-        return self._first_degree("S", FIRST_DEGREE, self.unit)
-
-    def power(self, kind: Kind | None = None, l: int | None = None, *, debiased: bool = True) -> Any:
-        """Power of one kind and degree, ∫ |V_l|² dΩ; without `l` of all degrees, without `kind` of T and S. [(µas/yr)²]
-
-        Noise adds Σ σ² (with the weights of the power) on average; it is taken away
-        unless `debiased` is false, so that a small power may come out negative.
-        """
-        if kind is None:
-            return np.array([self.power(each, l, debiased=debiased) for each in self.modes.kinds])
-        if l is None:
-            return np.array([self.power(kind, degree, debiased=debiased) for degree in np.unique(self.modes.degrees)])
-        values, _ = self.of_degree(kind, l)
-        power = float(self._power_weights(l) @ values**2)
-        return power - self.noise_power(kind, l) if debiased else power
-
-    def of_degree(self, kind: Kind, l: int) -> tuple[FloatArray, FloatArray]:
-        """Coefficients of one kind and degree, (2l + 1,), with their covariance: what its power and p-value are of."""
-        degree = self.modes.slice_of(kind, l)
-        return self.coefficients.values[degree], self.covariance[degree, degree]
-
-    def noise_power(self, kind: Kind, l: int) -> float:
-        """The power that noise alone gives on average. [(µas/yr)²]"""
-        return float(np.trace(self._weighted_covariance(kind, l)))
-
-    def power_error(self, kind: Kind, l: int) -> float:
-        """Standard error of the power. [(µas/yr)²]
-
-        For Gaussian errors var(cᵀ W c) = 4 µᵀ W C W µ + 2 tr (W C)², with W the weights 1 and
-        2 of the power; µᵀ W C W µ is estimated without bias, and taken as zero where the degree is not
-        significant at 5 %: otherwise errors of powers without a signal come out a quarter too large.
-        """
-        values, covariance = self.of_degree(kind, l)
-        wc = self._weighted_covariance(kind, l)
-        wcwc = np.trace(wc @ wc)
-        wc_c = self._power_weights(l) * values
-        signal = max(0.0, wc_c @ covariance @ wc_c - wcwc)
-        if not self.p_value(kind, l) <= 0.05:
-            signal = 0.0
-        return float(np.sqrt(4 * signal + 2 * wcwc))
-
-    def p_value(self, kind: Kind, l: int) -> float:
-        """Probability that noise alone gives this degree as much signal or more.
-
-        W̃ = cᵀ C⁻¹ c over the 2l + 1 coefficients is χ² with 2l + 1 degrees of freedom
-        when the true ones are zero, whatever the sky coverage. Where C was estimated from replicates, it is
-        Hotelling's T²; nan where they are too few to determine it.
-        """
-        return chance_probability(self.chi2_of_degree(kind, l), 2 * l + 1, self.covariance_dof)
-
-    def chi2_of_degree(self, kind: Kind, l: int) -> float:
-        """W̃ = cᵀ C⁻¹ c over the coefficients of one kind and degree; nan where too few replicates determine C."""
-        if self.covariance_dof < max(2 * l + 1, FEWEST_DOF):
-            return float("nan")
-        values, covariance = self.of_degree(kind, l)
-        return float(values @ np.linalg.solve(covariance, values))
-
-    def _first_degree(self, kind, rows, unit):
-        degree = self.modes.slice_of(kind, 1)
-        vector = vector_of(rows, self.coefficients.values[degree], self.covariance[degree, degree], self.frame, unit)
-        return replace(vector, dof=self.covariance_dof)
-
-    def _weighted_covariance(self, kind, l):
-        return self._power_weights(l)[:, None] * self.of_degree(kind, l)[1]
-
-    @staticmethod
-    def _power_weights(l):
-        return np.array([1.0] + 2 * l * [2.0])
-
-
 def at_sources(coefficients: Coefficients, field: Field) -> FloatArray:
     """The motions of coefficients at the sources of a field, (2, n); by the transform for many of them."""
     if len(field) < 10_000:
@@ -266,89 +139,8 @@ def at_sources(coefficients: Coefficients, field: Field) -> FloatArray:
     return synthesis(coefficients, field.lon, field.lat)
 
 
-class SolutionMethods:
-    """The mixin of solutions for coefficients of motions."""
-
-    coefficients: Coefficients
-    covariance: FloatArray
-    covariance_dof: float
-    chi2: float
-    n_data: int
-    by_prior: float
-    frame: str
-    unit: str
-    formal: Any
-    model: Callable[[Field], FloatArray]
-
-    def summary(self) -> Table:
-        """Spin and acceleration as an astropy Table: a row for each component, with errors and 68 % intervals."""
-        from fit.results.output import vectors_of
-
-        formal = vectors_of(self.formal)
-        rows: list[Any] = self._mean_row() + [
-            (f"{name}_{axis}", value, error, formal_error, value - error, value + error)
-            for name, vector in vectors_of(self).items()
-            for axis, value, error, formal_error in zip(
-                "xyz", vector.value, vector.sigma, formal[name].sigma, strict=True
-            )
-        ]
-        names = ("parameter", "value", "error", "formal_error", "low_68", "high_68")
-        columns = dict(zip(names, map(np.array, zip(*rows, strict=True)), strict=True))
-        unit = self.unit.replace("µ", "u")
-        return tables.table_of(columns, {"frame": self.frame}, dict.fromkeys(names[1:], unit) if unit else {})
-
-    def _mean_row(self):
-        """The row of the mean, of a scalar field alone."""
-        return []
-
-    def predict(self, lon: ArrayLike | Field, lat: ArrayLike | None = None) -> FloatArray:
-        """The fitted motions at places, (2, n): east and north component. [µas/yr]
-
-        Parameters
-        ----------
-        lon, lat : (n,) arrays
-            Places in the frame of the solution [rad]; or a Field alone, whose sources are taken.
-
-        Raises
-        ------
-        ParameterError
-            If there is a longitude without a latitude.
-        """
-        if isinstance(lon, Field):
-            lon.check_frame(self.frame)
-            return self.model(lon)
-        if lat is None:
-            raise ParameterError("predict takes lon and lat in radians, or a Field")
-        return self.coefficients.at(lon, lat)
-
-    def sample(self, n: int, *, rng: Rng = 1) -> FloatArray:
-        """Draw coefficients from their distribution, (n, p): normal, or Student's t where replicates gave the errors.
-
-        Parameters
-        ----------
-        n : int
-            How many draws.
-        rng : Generator or int
-            The source of all randomness.
-        """
-        random, values = generator(rng), self.coefficients.values
-        draws = random.multivariate_normal(np.zeros(len(values)), self.covariance, size=whole("n", n))
-        if np.isfinite(self.covariance_dof):
-            draws /= np.sqrt(random.chisquare(self.covariance_dof, (n, 1)) / self.covariance_dof)
-        return values + draws
-
-    @property
-    def bic(self) -> float:
-        """The Bayesian information criterion, χ² + k ln n, up to a constant of the data: smaller is better.
-
-        It compares degrees by the catalogue's errors.
-        """
-        k = len(self.coefficients.values) - self.by_prior
-        return float(self.chi2 + k * np.log(self.n_data))
-
-
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
-class Solution(SolutionMethods, HarmonicSolution):
+class Solution(LinearSolution):
     """Coefficients with their covariance.
 
     Attributes
@@ -461,9 +253,8 @@ class Solution(SolutionMethods, HarmonicSolution):
     def to_table(self) -> Table:
         """The coefficients with their errors as an astropy Table, a row each."""
         columns = coefficient_columns(self.modes) | {"value": self.values, "sigma": self.sigma}
-        return tables.table_of(
-            columns, {"frame": self.frame}, {name: self._units[name] for name in ("value", "sigma") if self._units}
-        )
+        units = {name: self._units[name] for name in ("value", "sigma") if self._units}
+        return tables.table_of(columns, {"frame": self.frame}, units)
 
     @property
     def answer(self) -> Answer:
@@ -491,6 +282,166 @@ class Solution(SolutionMethods, HarmonicSolution):
             includes_floor=False,
             without_prior=None,
         )
+
+    @property
+    def modes(self) -> Modes:
+        """The Modes that were fitted."""
+        return self.coefficients.modes
+
+    @property
+    def n_sources(self) -> int:
+        """Number of sources that were fitted."""
+        return self.n_data // self.modes.components
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """Names of the coefficients, (p,)."""
+        return tuple(map(str, self.modes))
+
+    @property
+    def values(self) -> FloatArray:
+        """The coefficients as an array, (p,). [µas/yr]"""
+        return self.coefficients.values
+
+    def model(self, field: Any) -> FloatArray:
+        """Predict the motions at the sources of `field`, (2, n), or (n,) of a scalar field. [µas/yr]"""
+        return at_sources(self.coefficients, field)
+
+    @property
+    def spin(self) -> Vector:
+        """The spin ω of the frame, a Vector. [µas/yr]"""
+        return self._first_degree("T", FIRST_DEGREE)
+
+    @property
+    def acceleration(self) -> Vector:
+        """The acceleration ã of the Solar System, in apparent motion, a Vector. [µas/yr]"""
+        return self._first_degree("S", FIRST_DEGREE)
+
+    def power(self, kind: Kind | None = None, l: int | None = None, *, debiased: bool = True) -> Any:
+        """Power of one `kind` and degree `l`, ∫ |V_l|² dΩ, `debiased` or not; of all without either. [(µas/yr)²]
+
+        Noise adds Σ σ² (with the weights of the power) on average; it is taken away
+        unless `debiased` is false, so that a small power may come out negative.
+        """
+        if kind is None:
+            return np.array([self.power(each, l, debiased=debiased) for each in self.modes.kinds])
+        if l is None:
+            return np.array([self.power(kind, degree, debiased=debiased) for degree in np.unique(self.modes.degrees)])
+        values, _ = self.of_degree(kind, l)
+        power = float(self._power_weights(l) @ values**2)
+        return power - self.noise_power(kind, l) if debiased else power
+
+    def noise_power(self, kind: Kind, l: int) -> float:
+        """The power of `kind` and degree `l` that noise alone gives on average. [(µas/yr)²]"""
+        return float(np.trace(self._weighted_covariance(kind, l)))
+
+    def power_error(self, kind: Kind, l: int) -> float:
+        """Standard error of the power of `kind` and degree `l`. [(µas/yr)²]
+
+        For Gaussian errors var(cᵀ W c) = 4 µᵀ W C W µ + 2 tr (W C)², with W the weights 1 and
+        2 of the power; µᵀ W C W µ is estimated without bias, and taken as zero where the degree is not
+        significant at 5 %: otherwise errors of powers without a signal come out a quarter too large.
+        """
+        values, covariance = self.of_degree(kind, l)
+        wc = self._weighted_covariance(kind, l)
+        wcwc = np.trace(wc @ wc)
+        wc_c = self._power_weights(l) * values
+        signal = max(0.0, wc_c @ covariance @ wc_c - wcwc)
+        if not self.p_value(kind, l) <= 0.05:
+            signal = 0.0
+        return float(np.sqrt(4 * signal + 2 * wcwc))
+
+    def p_value(self, kind: Kind, l: int) -> float:
+        """Probability that noise alone gives degree `l` of `kind` as much signal or more.
+
+        W̃ = cᵀ C⁻¹ c over the 2l + 1 coefficients is χ² with 2l + 1 degrees of freedom
+        when the true ones are zero, whatever the sky coverage. Where C was estimated from replicates, it is
+        Hotelling's T²; nan where they are too few to determine it.
+        """
+        return chance_probability(self.chi2_of_degree(kind, l), 2 * l + 1, self.covariance_dof)
+
+    def chi2_of_degree(self, kind: Kind, l: int) -> float:
+        """W̃ = cᵀ C⁻¹ c over coefficients of one `kind` and degree `l`; nan where too few replicates determine C."""
+        if self.covariance_dof < max(2 * l + 1, FEWEST_DOF):
+            return float("nan")
+        values, covariance = self.of_degree(kind, l)
+        return float(values @ np.linalg.solve(covariance, values))
+
+    def _first_degree(self, kind, rows):
+        vector = vector_of(rows, *self.of_degree(kind, 1), self.frame, self.unit)
+        return replace(vector, dof=self.covariance_dof)
+
+    def _weighted_covariance(self, kind, l):
+        return self._power_weights(l)[:, None] * self.of_degree(kind, l)[1]
+
+    @staticmethod
+    def _power_weights(l):
+        return np.array([1.0] + 2 * l * [2.0])
+
+    def summary(self) -> Table:
+        """Spin and acceleration as an astropy Table: a row for each component, with errors and 68 % intervals."""
+        from fit.results.output import vectors_of
+
+        formal = vectors_of(self.formal)
+        rows = self._mean_row() + [
+            (f"{name}_{axis}", value, error, formal_error, value - error, value + error)
+            for name, vector in vectors_of(self).items()
+            for axis, value, error, formal_error in zip(
+                "xyz", vector.value, vector.sigma, formal[name].sigma, strict=True
+            )
+        ]
+        names = ("parameter", "value", "error", "formal_error", "low_68", "high_68")
+        unit = self.unit.replace("µ", "u")
+        return tables.table_of_rows(names, rows, {"frame": self.frame}, dict.fromkeys(names[1:], unit) if unit else {})
+
+    def _mean_row(self):
+        """The row of the mean, of a scalar field alone."""
+        return []
+
+    def predict(self, lon: ArrayLike | Field, lat: ArrayLike | None = None) -> FloatArray:
+        """The fitted motions at places, (2, n): east and north component. [µas/yr]
+
+        Parameters
+        ----------
+        lon, lat : (n,) arrays
+            Places in the frame of the solution [rad]; or a Field alone, whose sources are taken.
+
+        Raises
+        ------
+        ParameterError
+            If there is a longitude without a latitude.
+        """
+        if isinstance(lon, Field):
+            lon.check_frame(self.frame)
+            return self.model(lon)
+        if lat is None:
+            raise ParameterError("predict takes lon and lat in radians, or a Field")
+        return self.coefficients.at(lon, lat)
+
+    def sample(self, n: int, *, rng: Rng = 1) -> FloatArray:
+        """Draw coefficients from their distribution, (n, p): normal, or Student's t where replicates gave the errors.
+
+        Parameters
+        ----------
+        n : int
+            How many draws.
+        rng : Generator or int
+            The source of all randomness.
+        """
+        random, values = generator(rng), self.coefficients.values
+        draws = random.multivariate_normal(np.zeros(len(values)), self.covariance, size=whole("n", n))
+        if np.isfinite(self.covariance_dof):
+            draws /= np.sqrt(random.chisquare(self.covariance_dof, (n, 1)) / self.covariance_dof)
+        return values + draws
+
+    @property
+    def bic(self) -> float:
+        """The Bayesian information criterion, χ² + k ln n, up to a constant of the data: smaller is better.
+
+        It compares degrees by the catalogue's errors.
+        """
+        k = len(self.coefficients.values) - self.by_prior
+        return float(self.chi2 + k * np.log(self.n_data))
 
     def latex(
         self, style: Literal["booktabs", "siunitx", "aastex", "aa", "mnras"] = "booktabs", *, full: bool = False
@@ -525,7 +476,8 @@ class Solution(SolutionMethods, HarmonicSolution):
         """
         if self.without_prior is not None and l > 1:
             return self.without_prior.of_degree(kind, l)
-        return super().of_degree(kind, l)
+        degree = self.modes.slice_of(kind, l)
+        return self.coefficients.values[degree], self.covariance[degree, degree]
 
     @property
     def dof(self) -> int:
@@ -538,13 +490,8 @@ class Solution(SolutionMethods, HarmonicSolution):
         factor = self.quality.factor
         if factor == 1.0 or self.error_source != ErrorSource.CATALOGUE:
             return self
-        return replace(
-            self,
-            covariance=self.covariance * factor**2,
-            formal_covariance=self.covariance,
-            errors_from=f"the catalogue, times {factor:.3g}",
-            error_source=ErrorSource.SCALED,
-        )
+        text = f"the catalogue, times {factor:.3g}"
+        return with_errors(self, self.covariance * factor**2, text, ErrorSource.SCALED)
 
     def __post_init__(self) -> None:
         """Check what a file or a caller may have mixed up."""
@@ -636,6 +583,14 @@ class Solution(SolutionMethods, HarmonicSolution):
         )
 
 
+def with_errors(
+    solution: Solution, covariance: FloatArray, errors_from: str, error_source: ErrorSource, **changes: Any
+) -> Solution:
+    """The solution with another covariance, beside which its own is the formal one."""
+    changes |= {"errors_from": errors_from, "error_source": error_source, "formal_covariance": solution.covariance}
+    return replace(solution, covariance=covariance, **changes)
+
+
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class ScalarSolution(Solution):
     """Coefficients of a scalar field with their covariance."""
@@ -656,7 +611,7 @@ class ScalarSolution(Solution):
     @property
     def dipole(self) -> Vector:
         """d of the part d·r, a Vector in `unit`."""
-        return self._first_degree("F", DIPOLE, self.unit)
+        return self._first_degree("F", DIPOLE)
 
 
 class AboutSolution(Result):
@@ -744,18 +699,10 @@ class NamedSolution(LinearSolution):
         super().__post_init__()
 
     def _pack(self):
-        columns = {
-            "parameter": list(self.names),
-            "value": self.values,
-            "sigma": self.sigma,
-            "covariance": self.covariance,
-        }
-        attributes = {
-            entry.name: encode(getattr(self, entry.name))
-            for entry in fields(self)
-            if entry.name not in ("names", "values", "covariance")
-        }
-        return columns, {"fields": attributes}, {}
+        columns = {"parameter": list(self.names), "value": self.values, "sigma": self.sigma}
+        columns["covariance"] = self.covariance
+        others = [entry.name for entry in fields(self) if entry.name not in ("names", "values", "covariance")]
+        return columns, {"fields": {name: encode(getattr(self, name)) for name in others}}, {}
 
     @classmethod
     def _unpack(cls, columns, metadata):

@@ -43,11 +43,8 @@ def same(one: Any, two: Any) -> bool:
         one, two = np.asarray(one), np.asarray(two)
         return one.shape == two.shape and np.array_equal(one, two, equal_nan=one.dtype.kind == "f")
     if isinstance(one, (list, tuple)) and isinstance(two, (list, tuple)):
-        return (
-            getattr(one, "_fields", None) == getattr(two, "_fields", None)
-            and len(one) == len(two)
-            and all(map(same, one, two))
-        )
+        is_same_kind = getattr(one, "_fields", None) == getattr(two, "_fields", None)
+        return is_same_kind and len(one) == len(two) and all(map(same, one, two))
     if isinstance(one, dict) and isinstance(two, dict):
         return [*one] == [*two] and all(same(one[key], two[key]) for key in one)
     if isinstance(one, float) and isinstance(two, float) and np.isnan(one):
@@ -85,11 +82,8 @@ def _attributes(record_class):
     """Names of what a dataclass or a NamedTuple is made with; None for anything else."""
     if is_dataclass(record_class):
         return [entry.name for entry in fields(record_class) if entry.init]
-    return (
-        list(record_class._fields)
-        if isinstance(record_class, type) and issubclass(record_class, tuple) and hasattr(record_class, "_fields")
-        else None
-    )
+    is_named = isinstance(record_class, type) and issubclass(record_class, tuple) and hasattr(record_class, "_fields")
+    return list(record_class._fields) if is_named else None
 
 
 def decode_value(plain: Any) -> Any:
@@ -252,11 +246,8 @@ class Result(Frozen):
         table = type(self).to_table(self)
         columns = {name: np.asarray(table[name]) for name in table.colnames}
         units = {name: str(table[name].unit) for name in table.colnames if table[name].unit is not None}
-        return (
-            columns,
-            {"fields": {entry.name: encode(getattr(self, entry.name)) for entry in fields(cast(Any, self))}},
-            units,
-        )
+        attributes = {entry.name: encode(getattr(self, entry.name)) for entry in fields(cast(Any, self))}
+        return columns, {"fields": attributes}, units
 
     @classmethod
     def _unpack(cls, columns, metadata):
@@ -385,22 +376,17 @@ def _kind(name, module):
 
 def _check_same(solution, columns, table):
     """Packed again, the result must give the columns that were read, in their order and units."""
+    from astropy.units import Unit
+
     packed_columns, _, units = solution._pack()
     if set(packed_columns) != set(columns):
         raise TableError(f"columns {', '.join(sorted(set(packed_columns) ^ set(columns)))}")
     for name, values in packed_columns.items():
         if not same(np.asarray(values).astype(columns[name].dtype), columns[name]):
             raise TableError(f"column {name} does not go with the others")
-        unit = table[name].unit
-        expected_unit = units.get(name)
-        if (unit is None) != (expected_unit is None) or (expected_unit is not None and unit != _unit(expected_unit)):
+        unit, expected_unit = table[name].unit, units.get(name)
+        if (unit is None) != (expected_unit is None) or (expected_unit is not None and unit != Unit(expected_unit)):
             raise TableError(f"column {name} is in {unit}, not in {expected_unit}")
-
-
-def _unit(text):
-    from astropy.units import Unit
-
-    return Unit(text)
 
 
 def _check_format(path):

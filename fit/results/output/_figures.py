@@ -97,8 +97,7 @@ def plot_spectrum(solution: Any, *, ax: Axes | None = None) -> Axes:
     set_log_ticks(axes.yaxis, *reach)
     if solution.modes.lmax <= 12:
         axes.set_xticks(np.unique([row.l for row in rows]))
-    axes.set_xlabel("degree")
-    axes.set_ylabel(f"power  {unit_squared(solution)}")
+    axes.set(xlabel="degree", ylabel=f"power  {unit_squared(solution)}")
     roots = axes.secondary_yaxis("right", functions=(lambda x: np.sqrt(np.maximum(x, 0)), np.square))
     roots.set_ylabel(f"√power  [{solution.unit}]" if solution.unit else "√power")
     set_log_ticks(roots.yaxis, *np.sqrt(reach))

@@ -12,7 +12,6 @@ from fit.results.output._text import (
     format_amplitude,
     format_components,
     is_scalar,
-    p_value,
     powers_table,
     vectors_of,
     vectors_table,
@@ -25,7 +24,7 @@ from vsh.io.sections import Answer
 from vsh.scalars import ScalarField
 from vsh.sky.frames import AXES
 from vsh.tools.arguments import choice
-from vsh.tools.digits import decimals_of_error, format_with_error
+from vsh.tools.digits import decimals_of_error, format_with_error, printed_p_value
 from vsh.tools.printing import latex_text
 from vsh.tools.types import FloatArray, PathName, Table
 
@@ -94,7 +93,7 @@ def _powers(solution, style):
     lines = [rf"Power & noise-debiased & error & $p$-value & {_latex_squared_unit(solution.unit)} \\"]
     for power in spectrum(solution):
         digits = decimals_of_error(power.error)
-        texts = (*(f"{value:.{digits}f}" for value in (power.debiased, power.error)), p_value(power.p_value))
+        texts = (*(f"{value:.{digits}f}" for value in (power.debiased, power.error)), printed_p_value(power.p_value))
         cells = " & ".join(_format_number(c, style) for c in texts)
         lines.append(rf"$P^{{\rm {power.kind}}}_{{{power.l}}}$ & {cells} & \\")
     return lines

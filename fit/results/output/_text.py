@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from scipy.special import ndtri
@@ -29,34 +29,27 @@ from vsh.io.sections import Answer, Section
 from vsh.length import FEWEST_DOF
 from vsh.sky.frames import ANGLES
 from vsh.tools.digits import decimals_of_error, format_three_digits, format_values, format_with_error, printed_p_value
-from vsh.tools.digits import printed_p_value as p_value
 from vsh.tools.notes import ASSUMED_UNITS, codes_of, has_code
 from vsh.tools.printing import printable
 from vsh.tools.types import FloatArray, Table
 from vsh.vector import GAIA_EDR3, Vector
 
 
-class VectorRow(NamedTuple):
-    """A row of the table of vectors."""
-
-    name: str
-    cells: tuple
-    amplitude: str
-    is_truth: bool
-
-
-def vector_rows(vectors: Mapping[str, Vector], truth: Mapping[str, Vector] | None = None) -> list[VectorRow]:
-    """Rows of the table of vectors."""
+def vector_rows(
+    vectors: Mapping[str, Vector], truth: Mapping[str, Vector] | None = None, formal: Mapping[str, Vector] | None = None
+) -> list[tuple[str, ...]]:
+    """Rows of the table of vectors, formal errors and the truth of a simulation below each."""
     rows = []
     for name, vector in vectors.items():
-        rows.append(VectorRow(name, format_components(vector), format_amplitude(vector), False))
-        true = (truth or {}).get(name)
-        if true is not None:
-            true = true.to_frame(vector.frame)
+        rows.append((name, *format_components(vector), format_amplitude(vector)))
+        if formal:
+            errors = (cell.partition("± ")[2] for cell in format_components(formal[name]))
+            rows.append(("  formal error", *(f"± {error}" for error in errors), ""))
+        if (true := (truth or {}).get(name)) is not None:
+            true, digits = true.to_frame(vector.frame), decimals_of_error(vector.sigma)
             cells = zip(true.value, pulls(vector, true), strict=True)
-            digits = decimals_of_error(vector.sigma)
-            texts = tuple(f"{t:+.{digits}f} ({d:+.1f}σ)" for t, d in cells)
-            rows.append(VectorRow("truth", texts, f"{true.amplitude:.{digits}f}", True))
+            texts = (f"{t:+.{digits}f} ({d:+.1f}σ)" for t, d in cells)
+            rows.append(("  truth", *texts, f"{true.amplitude:.{digits}f}"))
     return rows
 
 
@@ -125,29 +118,16 @@ def format_direction(vector: Vector) -> str:
     return f"towards {format_place(vector)}" if is_seen(vector) else "direction not determined"
 
 
-class PowerRow(NamedTuple):
-    """A row of the table of powers, as text."""
-
-    degree: str
-    power: str
-    debiased: str
-    error: str
-    root: str
-    p_value: str
-    z: str
-    mk_z: str
-
-
-def power_rows(solution: Any) -> list[PowerRow]:
-    """Rows of the table of powers."""
+def power_rows(solution: Any) -> list[tuple[str, ...]]:
+    """Rows of the table of powers: degree, power, debiased, error, root, p-value, z and the z of Mignard & Klioner."""
     return [
-        PowerRow(
+        (
             f"{d.kind}{d.l}",
             f"{d.power:.5g}",
             f"{d.debiased:.5g}",
             f"{d.error:.3g}",
             f"{np.sqrt(d.power):.3g}",
-            p_value(d.p_value),
+            printed_p_value(d.p_value),
             f"{d.z:.2f}",
             f"{d.mk_z:.2f}",
         )
@@ -415,30 +395,21 @@ def _describe_dof(solution):
 
 def warnings_of(solution: Any) -> list[tuple[str, str]]:
     """Warnings on the errors of a solution, for all of its forms: pairs of a label and a sentence."""
-    warnings = []
-    warning = solution.quality.warning()
-    if warning and solution.error_source == ErrorSource.CATALOGUE:
-        warnings.append(("warning", f"{warning}; those below are not scaled"))
+    texts, size = [], len(solution.modes)
+    if (warning := solution.quality.warning()) and solution.error_source == ErrorSource.CATALOGUE:
+        texts.append(f"{warning}; those below are not scaled")
     lost = [l for l in range(solution.modes.lowest, solution.modes.lmax + 1) if solution.covariance_dof < 2 * l + 1]
     if lost and not solution.covariance_dof > 0:
-        warnings.append(("warning", "few sources decide this fit: its errors are not known, and p-values are nan"))
+        texts.append("few sources decide this fit: its errors are not known, and p-values are nan")
     elif lost:
         text = f"{_describe_dof(solution)} does not determine the 2l + 1 coefficients of degree {lost[0]} and above"
-        warnings.append(("warning", f"{text}: p-values are nan there"))
-    if len(solution.modes) <= solution.dof < _FEW * len(solution.modes):
-        text = f"{len(solution.modes)} coefficients of {solution.n_data} numbers: errors grow with every degree"
-        warnings.append(("warning", f"{text}; a lower --lmax is enough for spin and acceleration"))
-    if 0 < solution.dof < len(solution.modes):
-        warnings.append(
-            (
-                "warning",
-                (
-                    f"{solution.dof} degrees of freedom for {len(solution.modes)} coefficients: χ² says little of the "
-                    "errors"
-                ),
-            )
-        )
-    return warnings
+        texts.append(f"{text}: p-values are nan there")
+    if size <= solution.dof < _FEW * size:
+        text = f"{size} coefficients of {solution.n_data} numbers: errors grow with every degree"
+        texts.append(f"{text}; a lower --lmax is enough for spin and acceleration")
+    if 0 < solution.dof < size:
+        texts.append(f"{solution.dof} degrees of freedom for {size} coefficients: χ² says little of the errors")
+    return [("warning", text) for text in texts]
 
 
 def _errors_table(solution):
@@ -453,27 +424,20 @@ def _noise_powers(solution):
     degrees = range(1, solution.modes.lmax + 1)
     columns = {"degree": list(degrees)}
     columns |= {kind: [solution.noise_power(kind, l) for l in degrees] for kind in "TS"}
-    forms = dict.fromkeys("TS", ".3g")
-    return Section(
-        f"Power of noise by degree, ∫|V|²dΩ {unit_squared(solution)}", (), tables.table_of(columns), forms=forms
-    )
+    title = f"Power of noise by degree, ∫|V|²dΩ {unit_squared(solution)}"
+    return Section(title, (), tables.table_of(columns), forms=dict.fromkeys("TS", ".3g"))
 
 
 def _vectors(solution, truth, long):
     """Spin and acceleration by component, with the truth of a simulation below them."""
-    vectors = vectors_of(solution)
-    rows: list[tuple[str, ...]] = []
     formal = vectors_of(solution.formal) if long and solution.formal is not solution else {}
+    rows: list[tuple[str, ...]] = []
     if is_scalar(solution):
-        value, error = solution.mean
-        rows.append(("mean", "", "", "", format_with_error(value, error, "+")))
-    for row in vector_rows(vectors, truth):
-        rows.append((f"  {row.name}" if row.is_truth else row.name, *row.cells, row.amplitude))
-        if not row.is_truth and row.name in formal:
-            errors = (cell.partition("± ")[2] for cell in format_components(formal[row.name]))
-            rows.append(("  formal error", *(f"± {error}" for error in errors), ""))
+        mean, error = solution.mean
+        rows.append(("mean", "", "", "", format_with_error(mean, error, "+")))
+    rows += vector_rows(vectors_of(solution), truth, formal)
     heads = (f"[{solution.unit}]" if solution.unit else "vector", "x", "y", "z", "amplitude")
-    return tables.table_of({name: list(column) for name, column in zip(heads, zip(*rows, strict=True), strict=True)})
+    return tables.table_of_rows(heads, rows)
 
 
 def _directions(solution):
@@ -490,40 +454,28 @@ def _directions(solution):
 
 def _powers(solution):
     """The power of each degree without its noise, and its p-value."""
-    kind_names = {"T": "toroidal", "S": "spheroidal", "F": "power"}
-    powers = {(each.kind, each.l): each for each in spectrum(solution)}
-    fitted_kinds = [kind for kind in kind_names if any(kind == each for each, _ in powers)]
-    degrees = sorted({l for _, l in powers})
-    columns: dict[str, Any] = {"degree": [str(l) for l in degrees]}
-    for kind in fitted_kinds:
-        each = [powers.get((kind, l)) for l in degrees]
-        columns[kind_names[kind]] = [_format_power(power) if power else "" for power in each]
-        columns[f"p ({kind_names[kind]})"] = [printed_p_value(power.p_value) if power else "" for power in each]
+    kind_names, powers = {"T": "toroidal", "S": "spheroidal", "F": "power"}, spectrum(solution)
+    columns = {"degree": [str(l) for l in range(solution.modes.lowest, solution.modes.lmax + 1)]}
+    for kind in solution.modes.kinds:
+        own = [power for power in powers if power.kind == kind]
+        columns[kind_names[kind]] = [format_with_error(power.debiased, power.error) for power in own]
+        columns[f"p ({kind_names[kind]})"] = [printed_p_value(power.p_value) for power in own]
     title = f"Power by degree {unit_squared(solution)}".rstrip()
     title += " minus that of noise, and the p-value: the probability that noise alone gives at least this power"
     return Section(title, (), tables.table_of(columns))
-
-
-def _format_power(power):
-    """The power of a degree with its error."""
-    return format_with_error(power.debiased, power.error)
 
 
 def _detailed_powers(solution):
     law = "exact χ², any sky" if np.isinf(solution.covariance_dof) else "Hotelling's T²: the errors are estimates"
     field = "|V|" if solution.modes.components == 2 else "f"
     heads = ("degree", "power", "debiased", "±", "√power", "p-value", "z", "M&K Z")
-    columns = {name: list(column) for name, column in zip(heads, zip(*power_rows(solution), strict=True), strict=True)}
-    remarks = [
-        (
-            "Debiased: power minus the mean power of noise. p-values are the probability that noise alone gives at "
-            f"least this power ({law}); z is the "
-            "equivalent normal deviate; M&K Z is the statistic of Mignard & Klioner (2012), valid only for a "
-            "uniform sky."
-        )
-    ]
+    remark = (
+        "Debiased: power minus the mean power of noise. p-values are the probability that noise alone gives at least "
+        f"this power ({law}); z is the equivalent normal deviate; M&K Z is the statistic of Mignard & Klioner (2012), "
+        "valid only for a uniform sky."
+    )
     title = f"Power by degree, ∫{field}²dΩ {unit_squared(solution)}"
-    return Section(title, (), tables.table_of(columns), remarks=remarks)
+    return Section(title, (), tables.table_of_rows(heads, power_rows(solution)), remarks=[remark])
 
 
 def cross_check_sections(check: Any) -> tuple[Section, ...]:
@@ -532,24 +484,16 @@ def cross_check_sections(check: Any) -> tuple[Section, ...]:
     if check.largest < AGREE:
         solvers = f"two independent solvers, {on} with the catalogue's errors"
         text = f"Degree 1 fitted by {solvers}, agrees to {check.largest:.0e} σ."
-        return (
-            Section(
-                "Cross-check",
-                remarks=[
-                    text,
-                    ("This agreement tests the numerical solution only; it does not validate the errors above."),
-                ],
-            ),
-        )
+        caution = "This agreement tests the numerical solution only; it does not validate the errors above."
+        return (Section("Cross-check", remarks=[text, caution]),)
     rows = [
         (name, solver, *format_components(getattr(result, name)))
         for name in ("spin", "acceleration")
         for solver, result in (("harmonics", check.harmonics), ("frame, QR", check.frame))
     ]
     heads = ("[µas/yr]", "solver", "x", "y", "z")
-    columns = {name: list(column) for name, column in zip(heads, zip(*rows, strict=True), strict=True)}
     title = f"CROSS-CHECK FAILED: degree 1 {on} by two solvers differs by {check.largest:.1e} σ"
-    return (Section(title, (), tables.table_of(columns)),)
+    return (Section(title, (), tables.table_of_rows(heads, rows)),)
 
 
 #: Differences of the two solvers below this are rounding. [σ]
