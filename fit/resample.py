@@ -7,8 +7,8 @@ length (see `compare_blocks`). Errors common to the whole sky, above all a glide
 cannot be detected by any resampling.
 """
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import partial
 from hashlib import blake2b
 from typing import Any, NamedTuple
@@ -20,7 +20,7 @@ from fit.normal import Moments, NormalEquations, normal_equations, solve
 from fit.normal.sums import leverage, score_dof
 from fit.results.output import vectors_of
 from fit.results.quality import ErrorSource
-from fit.results.solution import AboutSolution, Solution
+from fit.results.solution import AboutSolution, Solution, with_errors
 from vsh.basis import harmonics
 from vsh.field import Field, SourcesWithErrors, multiply_weights
 from vsh.io.parts import Parts, as_parts
@@ -80,16 +80,10 @@ class ResampledFit(AboutSolution):
     @property
     def resampled_solution(self) -> Solution:
         """The solution with this covariance in place of N⁻¹: its `spin` and `acceleration` carry these errors."""
-        source = f"the {self.method}, {len(self.replicates)} replicates"
+        text = f"the {self.method}, {len(self.replicates)} replicates"
+        source = ErrorSource.JACKKNIFE if self.method == "jackknife" else ErrorSource.BOOTSTRAP
         dof = 1 / (1 / (len(self.replicates) - 1.0) + 1 / self.scatter_dof)
-        return replace(
-            self.solution,
-            covariance=self.covariance,
-            formal_covariance=self.solution.covariance,
-            errors_from=source,
-            error_source=ErrorSource.JACKKNIFE if self.method == "jackknife" else ErrorSource.BOOTSTRAP,
-            covariance_dof=dof,
-        )
+        return with_errors(self.solution, self.covariance, text, source, covariance_dof=dof)
 
     def interval(self, probability: float = 0.68) -> FloatArray:
         """Compute the lower and upper end of each coefficient's interval of `probability`, (2, p). [µas/yr]
@@ -232,10 +226,10 @@ def block_bootstrap(
     """
     modes = modes_for(field, modes)
     rng = generator(rng)
-    p, blocks = len(modes), normals_of_blocks(field, modes, nside, progress)
-    if len(blocks) * p * p * 8 > MEMORY:
+    p, (n_blocks, blocks) = len(modes), _normals_of_blocks(field, modes, nside, progress)
+    if n_blocks * p * p * 8 > MEMORY:
         raise DegeneracyError(
-            f"{len(blocks)} block matrices of {p} × {p} do not fit into memory: lower nside from {nside} or lmax from "
+            f"{n_blocks} block matrices of {p} × {p} do not fit into memory: lower nside from {nside} or lmax from "
             f"{modes.lmax}"
         )
     normals = list(blocks)
@@ -291,44 +285,33 @@ def jackknife(
         If fewer than two blocks hold sources, or the fit is degenerate without one of them.
     """
     modes = modes_for(field, modes)
-    blocks = normals_of_blocks(field, modes, nside, progress)
     whole_sky = normal_equations(field, modes)
-    replicates, weights = np.empty((len(blocks), len(modes))), []
+    n_blocks, blocks = _normals_of_blocks(field, modes, nside, progress)
+    replicates, weights = np.empty((n_blocks, len(modes))), []
     for replicate, normal in zip(replicates, blocks, strict=True):
         replicate[:] = solve(whole_sky - normal).coefficients.values
         weights.append(np.trace(normal.matrix))
     deviations = replicates - replicates.mean(0)
-    scatter = (len(blocks) - 1) / len(blocks) * deviations.T @ deviations
-    lost = 1 / _block_dof(weights) - 1 / (len(blocks) - 1)  # what unequal weights take from the degrees of freedom
+    scatter = (n_blocks - 1) / n_blocks * deviations.T @ deviations
+    lost = 1 / _block_dof(weights) - 1 / (n_blocks - 1)  # what unequal weights take from the degrees of freedom
     scatter_dof = 1 / lost if lost > 1e-9 else np.inf
     return ResampledFit("jackknife", solve(whole_sky), replicates, scatter, scatter_dof=float(scatter_dof))
 
 
-class normals_of_blocks:
-    """Iterable of the normal equations of each HEALPix block that contains sources."""
-
-    def __init__(self, field: Field | ScalarField | Parts, modes: Modes, nside: int, progress: bool = True) -> None:
-        self.field, self.modes, self.words, self.progress = field, modes, f"blocks, nside {nside}", progress
-        if isinstance(field, Parts):
-            work = partial(_moments_by_block, modes=modes, nside=nside)
-            blocks = field.sum(work, roles=(), words=self.words, progress=progress)
-            self.blocks: list[Any] = [blocks[pixel] for pixel in sorted(blocks)]
-        else:
-            pixel = pixels_of(field.lon, field.lat, nside)
-            order = np.argsort(pixel, kind="stable")
-            self.blocks = np.split(order, np.flatnonzero(np.diff(pixel[order])) + 1)
-        if len(self.blocks) < 2:
-            raise DegeneracyError(f"all sources lie in one block of nside {nside}: take a larger nside")
-
-    def __len__(self) -> int:
-        return len(self.blocks)
-
-    def __iter__(self) -> Iterator[NormalEquations]:
-        for block in progress_bar(self.blocks, words=self.words, shown=self.progress):
-            if isinstance(self.field, Parts):
-                yield block.normal_equations()
-            else:
-                yield normal_equations(self.field[block], self.modes)
+def _normals_of_blocks(field, modes, nside, progress):
+    """Count the HEALPix blocks that contain sources, and iterate over their normal equations."""
+    words, is_parts = f"blocks, nside {nside}", isinstance(field, Parts)
+    if is_parts:
+        sums = field.sum(partial(_moments_by_block, modes=modes, nside=nside), roles=(), words=words, progress=progress)
+        blocks = [sums[pixel] for pixel in sorted(sums)]
+    else:
+        pixel = pixels_of(field.lon, field.lat, nside)
+        order = np.argsort(pixel, kind="stable")
+        blocks = np.split(order, np.flatnonzero(np.diff(pixel[order])) + 1)
+    if len(blocks) < 2:
+        raise DegeneracyError(f"all sources lie in one block of nside {nside}: take a larger nside")
+    bar = progress_bar(blocks, words=words, shown=progress)
+    return len(blocks), (x.normal_equations() if is_parts else normal_equations(field[x], modes) for x in bar)
 
 
 def _moments_by_block(field, modes, nside):

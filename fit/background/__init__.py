@@ -43,24 +43,7 @@ __all__ = [
 ]
 
 # Every fit has a floor; the rest is imported when it is first asked for.
-__getattr__, __dir__ = lazy_names(
-    __name__,
-    __all__,
-    {
-        "_cross": ["CrossPowers", "cross_powers"],
-        "_shared": [
-            "BEYOND",
-            "ClassComparison",
-            "Verdict",
-            "contrast_p_value",
-            "resample_draws",
-            "pool_draws",
-            "sample_class_errors",
-            "sees_part",
-            "shared",
-            "compare_classes_jointly",
-            "extend_degrees",
-        ],
-        "_waves": ["WaveLimit", "wave_limit"],
-    },
-)
+_SHARED = "BEYOND ClassComparison Verdict compare_classes_jointly contrast_p_value extend_degrees pool_draws"
+_SHARED += " resample_draws sample_class_errors sees_part shared"
+_LATER = {"_cross": ["CrossPowers", "cross_powers"], "_shared": _SHARED.split(), "_waves": ["WaveLimit", "wave_limit"]}
+__getattr__, __dir__ = lazy_names(__name__, __all__, _LATER)

@@ -324,9 +324,8 @@ class ClassLikelihood:
             evidence = float(np.log(weight.mean()) + log.max())
             weight /= weight.sum()
             few = 1 / np.sum(weight**2) < 2 * middle.size
-            proposal_weight = (
-                weight**0.3 / np.sum(weight**0.3) if few else weight
-            )  # too few count: flatten the weights, and widen
+            # Where too few count, flatten the weights, and widen.
+            proposal_weight = weight**0.3 / np.sum(weight**0.3) if few else weight
             middle = proposal_weight @ x
             scatter = np.einsum("n,ni,nj->ij", proposal_weight, x - middle, x - middle)
             covariance = scatter + 0.1 * covariance if few else 1.1 * scatter

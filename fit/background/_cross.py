@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fit.normal import TemplateField
-from fit.results.solution import HarmonicSolution
+from fit.results.solution import Solution
 from fit.results.storage import Result
 from vsh.io import tables
 from vsh.io.sections import Section
@@ -58,14 +58,9 @@ class CrossPowers(Result):
 
     def to_table(self) -> Table:
         """A row for each template and degree as an astropy Table."""
-        columns = {
-            "template": list(self.templates),
-            "degree": self.degrees.astype(int),
-            "value": self.values,
-            "error": self.errors,
-            "error_with_floor": self.errors_with_floor,
-        }
-        return tables.table_of(columns, {}, dict.fromkeys(("value", "error", "error_with_floor"), "uas / yr"))
+        motions = {"value": self.values, "error": self.errors, "error_with_floor": self.errors_with_floor}
+        columns = {"template": list(self.templates), "degree": self.degrees.astype(int)} | motions
+        return tables.table_of(columns, {}, dict.fromkeys(motions, "uas / yr"))
 
     def plot(self, *, ax: Axes | None = None) -> Axes:
         """The projections in units of their errors on matplotlib axes."""
@@ -75,7 +70,7 @@ class CrossPowers(Result):
 
 
 def cross_powers(
-    solution: HarmonicSolution, templates: Sequence[TemplateField], spectrum: Spectrum | None = None
+    solution: Solution, templates: Sequence[TemplateField], spectrum: Spectrum | None = None
 ) -> CrossPowers:
     """Project a solution on templates, degree by degree.
 

@@ -20,7 +20,7 @@ from fit.background._likelihood import (
 from fit.normal import NormalEquations, gaussian_prior
 from fit.results.output import square_of
 from fit.results.quality import ErrorSource
-from fit.results.solution import HarmonicSolution
+from fit.results.solution import Solution
 from fit.results.storage import Result
 from vsh.io import tables
 from vsh.io.sections import Section
@@ -90,8 +90,10 @@ class FloorOfKind(Result):
     @property
     def errors(self) -> dict[str, float]:
         """The floor in each component of what stands in the low degrees, by its name. [`unit`]"""
+        spectra = [each._spectrum_of(*each.mean) if each.mean else each.spectrum for each in self._by_shape]
+        weights = self.probability or (1.0,)  # the variance of a mixture is the mean of those of the shapes
         return {
-            name: self._mixed_error([getattr(each._mean_power_spectrum, f"{name}_error") for each in self._by_shape])
+            name: float(np.sqrt(np.dot(weights, [getattr(each, f"{name}_error") ** 2 for each in spectra])))
             for name in self._parameters
         }
 
@@ -112,10 +114,6 @@ class FloorOfKind(Result):
         raise NotImplementedError
 
     @property
-    def _mean_power_spectrum(self):
-        return self._spectrum_of(*self.mean) if self.mean else self.spectrum
-
-    @property
     def _by_shape(self):
         return self.parts or (self,)
 
@@ -123,10 +121,6 @@ class FloorOfKind(Result):
         """The errors as a reader sees them: "spin ± 1.23, acceleration ± 0.8 µas/yr"."""
         errors = ", ".join(f"{name} ± {error:.{digits}g}" for name, error in self.errors.items())
         return f"{errors} {self.unit}".rstrip()
-
-    def _mixed_error(self, errors):
-        """The error of a mixture: its variance is the mean of those of the shapes."""
-        return float(np.sqrt(np.dot(self.probability or (1.0,), np.square(errors))))
 
     def _sections(self, long):
         n_sources = self.n_data // self._shapes["flat"].mode_class.components
@@ -154,12 +148,10 @@ class FloorOfKind(Result):
     def to_table(self) -> Table:
         """A row for each power as an astropy Table."""
         numbers = list(self.powers.values()) * (len(self.errors) // len(self.powers))
-        columns: dict[str, Any] = {"parameter": list(self.errors)}
-        columns |= dict(zip(("power", "power_low", "power_high"), map(list, zip(*numbers, strict=True)), strict=True))
-        columns["floor"] = list(self.errors.values())
-        unit = self.unit.replace("µ", "u")
-        units = dict.fromkeys(("power", "power_low", "power_high"), square_of(unit)) | {"floor": unit}
-        return tables.table_of(columns, self._meta(), units if unit else {})
+        rows = [(name, *power, error) for (name, error), power in zip(self.errors.items(), numbers, strict=True)]
+        names, unit = ("power", "power_low", "power_high"), self.unit.replace("µ", "u")
+        units = dict.fromkeys(names, square_of(unit)) | {"floor": unit}
+        return tables.table_of_rows(("parameter", *names, "floor"), rows, self._meta(), units if unit else {})
 
     def _meta(self):
         return {}
@@ -219,22 +211,8 @@ class FloorOfKind(Result):
             plain = replace(plain, covariance=plain.covariance * tau)
         except DegeneracyError:  # that the prior alone mends
             plain = formal = None
-        scale = "" if self.noise_scale == 1 else f" times {self.noise_scale:.4g}"
-        return replace(
-            solution,
-            covariance=covariance,
-            chi2=solution.chi2 * tau,
-            without_prior=plain,
-            formal_covariance=formal,
-            notes=(*solution.notes, note),
-            errors_from=(
-                f"{self.errors_from}{scale}, with the systematic floor from degrees {degrees_text(self.degrees)}: "
-                f"{self._words()} in each component"
-            ),
-            error_source=self._source,
-            includes_floor=True,
-            floor=self,
-        )
+        changes = {"without_prior": plain, "formal_covariance": formal, "notes": (*solution.notes, note)}
+        return self._included(solution, covariance, chi2=solution.chi2 * tau, **changes)
 
     def _average_over_shapes(self, solve, normal):
         """The mean over the shapes, its covariance with their scatter."""
@@ -249,24 +227,18 @@ class FloorOfKind(Result):
         text = ", ".join(
             f"{shape_floor.shape} {100 * p:.0f} %" for shape_floor, p in zip(self.parts, weights, strict=True)
         )
-        scale = "" if self.noise_scale == 1 else f" times {self.noise_scale:.4g}"
-        return replace(
-            best_solution,
-            coefficients=replace(best_solution.coefficients, values=mean),
-            covariance=covariance,
-            errors_from=(
-                f"{self.errors_from}{scale}, with the systematic floor from degrees {degrees_text(self.degrees)} "
-                f"(spectra: {text}): {self._words()} in each component"
-            ),
-            error_source=self._source,
-            includes_floor=True,
-            floor=self,
-        )
+        coefficients = replace(best_solution.coefficients, values=mean)
+        return self._included(best_solution, covariance, f" (spectra: {text})", coefficients=coefficients)
 
-    @property
-    def _source(self):
-        """Source of errors with this floor: those of the catalogue are scaled already."""
-        return ErrorSource.SCALED if self.error_source == ErrorSource.CATALOGUE else self.error_source
+    def _included(self, solution, covariance, spectra="", **changes):
+        """A solution with this floor in its covariance."""
+        scale = "" if self.noise_scale == 1 else f" times {self.noise_scale:.4g}"
+        degrees = f"degrees {degrees_text(self.degrees)}{spectra}"
+        text = f"{self.errors_from}{scale}, with the systematic floor from {degrees}: {self._words()} in each component"
+        # Those of the catalogue are scaled already.
+        source = ErrorSource.SCALED if self.error_source == ErrorSource.CATALOGUE else self.error_source
+        changes |= {"errors_from": text, "error_source": source, "includes_floor": True, "floor": self}
+        return replace(solution, covariance=covariance, **changes)
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -426,7 +398,7 @@ class ScalarFloor(FloorOfKind):
 
 @log_calls("floor")
 def floor(
-    normal: NormalEquations | HarmonicSolution,
+    normal: NormalEquations | Solution,
     degrees: Iterable[int] | None = None,
     *,
     shapes: Iterable[str] | None = None,

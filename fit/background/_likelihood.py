@@ -25,7 +25,7 @@ from scipy.special import chdtrc
 
 from fit.normal import NormalEquations, eliminate
 from fit.results.quality import ErrorSource
-from fit.results.solution import HarmonicSolution, Solution
+from fit.results.solution import Solution
 from vsh.models.covariance import Spectrum
 from vsh.modes import Modes
 from vsh.tools.arguments import choice
@@ -282,20 +282,14 @@ class Likelihood(Amplitudes):
     def maximum(self) -> Maximum:
         """Amplitude of the maximum."""
         with limit_blas(len(self.rhs)):
-            return self._maximum()
-
-    def _maximum(self):
-        best = self._start = self._search(self._start)
-        ratios = self.unit * np.expm1(best)
-        ratios[best < 1e-6] = 0.0  # rounding of the search is no background
-        logdet, gain = self.parts(ratios)
+            best = self._start = self._search(self._start)
+            ratios = self.unit * np.expm1(best)
+            ratios[best < 1e-6] = 0.0  # rounding of the search is no background
+            logdet, gain = self.parts(ratios)
         tau = self.scale(gain)
-        return Maximum(ratios * tau, float(np.sqrt(tau)), self._log_likelihood_excess(logdet, gain))
-
-    def _log_likelihood_excess(self, logdet, gain):
-        """ln L with κ where it is likeliest, relative to no background: there K = I, and Q = 0."""
-        log_likelihood = float(self.of_parts(logdet, gain, self.scale(gain)))
-        return max(log_likelihood - float(self.of_parts(0.0, 0.0, self.scale(0.0))), 0.0)
+        # Relative to no background, where K = I and Q = 0.
+        log_likelihood = float(self.of_parts(logdet, gain, tau)) - float(self.of_parts(0.0, 0.0, self.scale(0.0)))
+        return Maximum(ratios * tau, float(np.sqrt(tau)), max(log_likelihood, 0.0))
 
     def _search(self, x):
         """Minimise the loss for 0 ≤ x ≤ 60, by Newton's method with differences of its slope."""
@@ -413,23 +407,23 @@ def _bisect_edge(is_outside, outside, inside):
 def equations_of(source: Any, scalars: bool = False) -> NormalEquations:
     """Normal equations of data alone: as they are less their prior, or those that a solution is the solution of."""
     source = _underlying_solution(source)
-    if not scalars and isinstance(source, NormalEquations | HarmonicSolution) and source.modes.components != 2:
+    if not scalars and isinstance(source, NormalEquations | Solution) and source.modes.components != 2:
         raise ParameterError(
             "this is of fields of motions: their spectra have toroidal and spheroidal parts, and a scalar field has "
             "neither"
         )
     if isinstance(source, NormalEquations):
         return source if source.prior is None else source - source.prior
-    if not isinstance(source, HarmonicSolution):
+    if not isinstance(source, Solution):
         raise ParameterError(
             f"a background is fitted to normal equations or to a Solution, not to a {type(source).__name__}: "
             "fit.normal_equations(field, modes)"
         )
-    if getattr(source, "by_prior", 0.0):
+    if source.by_prior:
         raise ParameterError(
             "this solution holds a prior: give the normal equations of the data, fit.normal_equations(field, modes)"
         )
-    formal = source.formal_covariance if isinstance(source, Solution) else None
+    formal = source.formal_covariance
     if formal is None and source.covariance_dof < len(source.modes):
         raise DegeneracyError(
             f"{source.covariance_dof + 1:.0f} replicates determine no covariance of {len(source.modes)} coefficients: "

@@ -29,10 +29,9 @@ def plot_waves(limit: Any, *, ax: Axes | None = None) -> Axes:
                 value, color=_colour(prior), linestyle="--", linewidth=0.8, label=f"< {value:.3g}, {_LABELS[prior]}"
             )
     highest = float(np.max(limit.likelihood(omega) / (np.sum(limit.likelihood(omega)) * (omega[1] - omega[0]))))
-    axes.set_ylim(0, 1.6 * highest)  # a prior flat in √Ω rises without end towards zero
-    axes.set_xlim(0, top)
+    # A prior flat in √Ω rises without end towards zero.
+    axes.set(xlim=(0, top), ylim=(0, 1.6 * highest), ylabel="density (dashed: 95 % limits)")
     axes.set_xlabel("$h_{70}^2\\,\\Omega_\\mathrm{GW}$" if limit.hubble == 70 else "$\\Omega_\\mathrm{GW}$")
-    axes.set_ylabel("density (dashed: 95 % limits)")
     legend_above(axes, 2)
     return axes
 
@@ -46,20 +45,13 @@ def plot_floor(floor: Any, *, ax: Axes | None = None) -> Axes:
     """The power of a mode of either parity, or of a scalar field, with 68 % intervals."""
     errors = [f"{name} ± {error:.3g} {floor.unit}" for name, error in floor.errors.items()]
     names = [f"odd parity: {errors[0]}", f"even parity: {errors[1]}"] if len(floor.powers) == 2 else [", ".join(errors)]
-    values, intervals = zip(*((value, interval) for value, *interval in floor.powers.values()), strict=True)
-    return _draw_intervals(names, values, intervals, [f"power of a mode  [({floor.unit})²]"] * len(names), "median", ax)
-
-
-def _draw_intervals(names, values, intervals, labels, point, ax):
-    """Draw one axis for each amplitude: they have units of their own."""
     subplots = panels(ax, len(names), 1, size=(WIDTH, 0.5 + 0.75 * len(names)))
-    for axes, name, value, (lower, upper), label in zip(subplots, names, values, intervals, labels, strict=True):
+    for axes, name, (value, lower, upper) in zip(subplots, names, floor.powers.values(), strict=True):
         axes.hlines(0, lower, upper, color=COLOURS[0], linewidth=2, label="68 %")
-        axes.plot(value, 0, "o", color=COLOURS[1], markersize=5, label=point)
+        axes.plot(value, 0, "o", color=COLOURS[1], markersize=5, label="median")
         axes.set_title(name, loc="left")
         axes.set_xlim(-0.02 * upper, 1.15 * max(upper, value, 1e-30))
-        axes.set_yticks([])
-        axes.set_xlabel(label)
+        axes.set(xlabel=f"power of a mode  [({floor.unit})²]", yticks=[])
         axes.spines["left"].set_visible(False)
     subplots[0].legend(ncols=2, loc="lower right", bbox_to_anchor=(1, 0.9))
     return subplots
@@ -77,9 +69,8 @@ def plot_cross(powers: Any, *, ax: Axes | None = None) -> Axes:
         colour, marker = COLOURS[k % len(COLOURS)], "os^D"[k // len(COLOURS) % 4]
         axes.errorbar(x, size, 1.0, fmt=marker, markersize=3, color=colour, label=name)
     axes.axhline(0, color="0.7", linewidth=0.8)
-    axes.set_xticks(np.arange(2, powers.degrees.max() + 1))
-    axes.set_xlabel("degree")
-    axes.set_ylabel("along the template  [errors]")
+    degrees = np.arange(2, powers.degrees.max() + 1)
+    axes.set(xticks=degrees, xlabel="degree", ylabel="along the template  [errors]")
     legend_above(axes, 2, fontsize=6.5, columnspacing=0.8, handletextpad=0.3)
     return axes
 
@@ -102,8 +93,7 @@ def plot_shared(classes: Any, *, ax: OnAxes | None = None) -> AxesArray:
             at, (values, errors) = positions + 0.2 * (k - (len(series) - 1) / 2), zip(*pairs, strict=True)
             axes.errorbar(values, at, xerr=errors, fmt="o", markersize=3, color=COLOURS[k], label=axis or None)
         axes.axvline(0, color="0.7", linewidth=0.8)
-        axes.set_ylim(len(labels) - 0.5, -0.5)
         axes.set_yticks(positions, wrapped if axes is subplots[0] else [""] * len(labels))
-        axes.set_xlabel(f"{names.get(attribute, attribute)}\n[{classes.unit}]")
+        axes.set(ylim=(len(labels) - 0.5, -0.5), xlabel=f"{names.get(attribute, attribute)}\n[{classes.unit}]")
     legend_above(subplots[-1], 3)
     return subplots

@@ -35,7 +35,7 @@ from fit.background._likelihood import degrees_text, equations_of, should_fit_sc
 from fit.normal import NormalEquations, eliminate
 from fit.results.output import format_components
 from fit.results.quality import ErrorSource, gls
-from fit.results.solution import HarmonicSolution, ScalarSolution, Solution
+from fit.results.solution import ScalarSolution, Solution
 from fit.results.storage import Result
 from vsh.coefficients import Coefficients
 from vsh.io import tables
@@ -419,11 +419,7 @@ class ClassComparison(Result):
         rows = []
         for edge in range(1, k):
             lower, upper = weight[:edge].sum(), weight[edge:].sum()
-            name = (
-                f"{self.labels[edge]} and above against below"
-                if k > 2
-                else f"{self.labels[1]} against {self.labels[0]}"
-            )
+            name = f"{self.labels[edge]} {'and above against below' if k > 2 else f'against {self.labels[0]}'}"
             rows.append((np.where(np.arange(k) < edge, -weight / lower, weight / upper), name))
         if k > 2:
             rows.append((weight * positions, "a slope"))
@@ -446,7 +442,7 @@ def contrast_p_value(means: FloatArray, covariances: FloatArray, rows: FloatArra
 
 @log_calls("shared errors")
 def shared(
-    normals: Sequence[NormalEquations | HarmonicSolution],
+    normals: Sequence[NormalEquations | Solution],
     degrees: Iterable[int] | None = None,
     *,
     labels: Sequence[str] | None = None,
@@ -534,7 +530,7 @@ def sample_class_errors(
     `free` tells the modes that each class has for itself; degree 1 unless given.
     """
     choice("own", own, ("each", "one"))
-    inputs = [normals] if isinstance(normals, NormalEquations | HarmonicSolution) else list(normals)
+    inputs = [normals] if isinstance(normals, NormalEquations | Solution) else list(normals)
     if not inputs:
         raise ParameterError("there are no classes: give normal equations, one a class")
     equations = [equations_of(each, scalars=True) for each in inputs]
@@ -543,10 +539,8 @@ def sample_class_errors(
     frames = {each.frame for each in equations}
     if len(frames) > 1:
         raise FrameError(f"classes are in {' and '.join(sorted(map(str, frames)))}: take all to one frame")
-    if any(
-        [each.name for each in normal.templates] != [each.name for each in equations[0].templates]
-        for normal in equations
-    ):
+    templates = [tuple(each.name for each in normal.templates) for normal in equations]
+    if any(each != templates[0] for each in templates):
         raise ParameterError("classes have different templates: give all of them the same maps")
     scale_flags = [should_fit_scale(each, noise_scale) for each in inputs]
     names = tuple(f"class {k + 1}" for k in range(len(inputs))) if labels is None else tuple(map(str, labels))
@@ -564,13 +558,12 @@ def sample_class_errors(
     lots = draw_lots(classes)
     if any(each.modes.lmax > modes.lmax for each in equations):
         equations = _without_leakage(equations, lots, modes)
-        lots = draw_lots(
-            _reduce_classes(equations, names, modes, scale_flags, own_modes)[0]
-        )  # what was noted of them above stays
+        # What was noted of them above stays.
+        lots = draw_lots(_reduce_classes(equations, names, modes, scale_flags, own_modes)[0])
     facts = {
         "labels": names, "n_sources": tuple(each.n_sources for each in equations),
         "frame": equations[0].frame or "icrs", "unit": equations[0].unit or "",
-        "templates": tuple(each.name for each in equations[0].templates),
+        "templates": templates[0],
     }  # fmt: skip
     return lots, modes, notes + _few_draws_notes(lots), facts
 
@@ -672,18 +665,11 @@ def _reduce_classes(equations, names, modes, scale_flags, is_free=None) -> tuple
 
 
 def compare_classes_jointly(
-    matrix: FloatArray,
-    rhs: FloatArray,
-    modes: Modes,
-    *,
-    shapes: Sequence[str | Spectrum] | None = None,
-    draws: int = 400,
-    rng: Rng = 1,
-    **facts: Any,
+    matrix: FloatArray, rhs: FloatArray, modes: Modes, *, draws: int = 400, rng: Rng = 1, **facts: Any
 ) -> ClassComparison:
     """Compute `shared` from the normal equations of all classes together, (K, p, K, p) and (K, p)."""
     classes = ClassEquations.from_joint_equations(matrix, rhs, modes)
-    draw, spectra = generator(rng), spectra_of(usual_shapes(modes.lmax) if shapes is None else shapes, modes)
+    draw, spectra = generator(rng), spectra_of(usual_shapes(modes.lmax), modes)
     lots = sample_shapes(classes, modes, spectra, "each", draws, draw)
     return average_draws(lots, modes, draw, notes=_few_draws_notes(lots), **facts)
 
@@ -722,23 +708,14 @@ def marginalise_higher_degrees(
     normal: NormalEquations, modes: Modes, variances: FloatArray, noise_scale: float
 ) -> NormalEquations:
     """The equations of `modes`, all higher degrees marginalised with a prior of so much power, (p,)."""
-    low_indices, high_indices = (
-        np.flatnonzero(at) for at in (normal.modes.degrees <= modes.lmax, normal.modes.degrees > modes.lmax)
-    )
-    matrix, rhs, gain = eliminate(
-        normal.matrix, normal.rhs, low_indices, high_indices, variances[high_indices] / noise_scale**2
-    )
-    return replace(
-        normal,
-        modes=modes,
-        matrix=matrix,
-        rhs=rhs,
-        chi2_null=float(normal.chi2_null - gain),
-        templates=tuple(_truncate_template(template, low_indices, modes) for template in normal.templates),
-    )
+    low = normal.modes.degrees <= modes.lmax
+    matrix, rhs, gain = eliminate(normal.matrix, normal.rhs, low, ~low, variances[~low] / noise_scale**2)
+    chi2_null = float(normal.chi2_null - gain)
+    templates = tuple(_truncate_template(template, low, modes) for template in normal.templates)
+    return replace(normal, modes=modes, matrix=matrix, rhs=rhs, chi2_null=chi2_null, templates=templates)
 
 
-def _truncate_template(template, low_indices, modes):
+def _truncate_template(template, low, modes):
     """A template of these modes alone, of 1 µas/yr rms over the sky."""
-    values = template.values[low_indices]
+    values = template.values[low]
     return template._replace(values=values / np.sqrt(values**2 @ modes.norm2 / (4 * np.pi)))

@@ -17,7 +17,7 @@ from fit.background._likelihood import (
     should_fit_scale,
 )
 from fit.normal import NormalEquations
-from fit.results.solution import HarmonicSolution
+from fit.results.solution import Solution
 from fit.results.storage import Result
 from vsh.io import tables
 from vsh.io.sections import Answer, Section
@@ -197,7 +197,7 @@ class WaveLimit(Result):
 
 
 def wave_limit(
-    normal: NormalEquations | HarmonicSolution,
+    normal: NormalEquations | Solution,
     degrees: Iterable[int] = (2,),
     *,
     hubble: float = 70.0,

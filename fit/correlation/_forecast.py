@@ -31,9 +31,8 @@ class Prediction(Solution):
 
         The sixth root of the ratio of determinants of their normal equations of degree 1 alone.
         """
-        uniform_matrix = (
-            self._weight / 3 * np.eye(6)
-        )  # N of degree 1 on a uniform sky: two thirds of the mean weight a source
+        # N of degree 1 on a uniform sky: two thirds of the mean weight a source.
+        uniform_matrix = self._weight / 3 * np.eye(6)
         return float(np.exp((np.linalg.slogdet(self._alone)[1] - np.linalg.slogdet(uniform_matrix)[1]) / 6))
 
     @property
@@ -45,11 +44,8 @@ class Prediction(Solution):
 
     def _pack(self):
         columns, metadata, units = super()._pack()
-        return (
-            columns,
-            metadata | {"weight": to_hex(self._weight), "alone": [[to_hex(x) for x in row] for row in self._alone]},
-            units,
-        )
+        alone = [[to_hex(x) for x in row] for row in self._alone]
+        return columns, metadata | {"weight": to_hex(self._weight), "alone": alone}, units
 
     @classmethod
     def _unpack(cls, columns, metadata):

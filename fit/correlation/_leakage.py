@@ -94,12 +94,8 @@ class Leakage(Result):
 
     def _pack(self):
         columns = {"coefficient": list(self.names), "matrix": self.matrix}
-        metadata = {
-            "fitted": self.fitted.lmax,
-            "unmodelled": self.unmodelled.lmax,
-            "names": list(self.unmodelled_names),
-        }
-        return columns, metadata | {"frame": self.frame}, {}
+        metadata = {"fitted": self.fitted.lmax, "unmodelled": self.unmodelled.lmax, "frame": self.frame}
+        return columns, metadata | {"names": list(self.unmodelled_names)}, {}
 
     @classmethod
     def _unpack(cls, columns, metadata):

@@ -168,15 +168,13 @@ class CorrelationMatrices(Result):
         """Return the matrix as an astropy Table; two catalogues are in its upper and lower triangles."""
 
         meta = {"frame": self.frame, "upper": self.labels[0], "lower": self.labels[min(1, len(self.labels) - 1)]}
-        return tables.table_of(
-            {"parameter": list(self.names)} | dict(zip(self.names, self.combined().T, strict=True)), meta
-        )
+        columns = {"parameter": list(self.names)} | dict(zip(self.names, self.combined().T, strict=True))
+        return tables.table_of(columns, meta)
 
     def _sections(self, long):
         upper, lower = self.labels[0], self.labels[min(1, len(self.labels) - 1)]
-        facts = [("axes", self.frame)] + (
-            [("above diagonal", upper), ("below diagonal", lower)] if upper != lower else []
-        )
+        facts = [("axes", self.frame)]
+        facts += [("above diagonal", upper), ("below diagonal", lower)] if upper != lower else []
         for i, label in enumerate(self.labels):
             value, pair = self.largest(i)
             facts.append((label, f"largest correlation {value:+.3f}, of {pair[0]} and {pair[1]}"))
@@ -204,11 +202,8 @@ class CorrelationMatrices(Result):
         labels, names = checked_strings(metadata["labels"]), tuple(columns["parameter"].tolist())
         dipoles = [float_array("dipole", [number(x) for x in d], (3,)) for d in metadata["dipoles"]]
         matrices = [covariance(f"matrix_{i}", columns[f"matrix_{i}"], len(names)) for i in range(len(labels))]
-        if (
-            len(dipoles) != len(labels)
-            or any((np.abs(m) > 1 + 1e-9).any() for m in matrices)
-            or len(set(names)) < len(names)
-        ):
+        has_large = any((np.abs(matrix) > 1 + 1e-9).any() for matrix in matrices)
+        if len(dipoles) != len(labels) or has_large or len(set(names)) < len(names):
             raise TableError("labels, names or correlations")
         return cls(names, matrices, labels, dipoles, check_frame(metadata["frame"]))
 
@@ -216,12 +211,8 @@ class CorrelationMatrices(Result):
         x, y, z = self.dipoles[i]
         start, end = self.names.index("omega_x"), self.names.index("a_x")
         block = self.matrices[i][start : start + 3, end : end + 3]
-        lines = [
-            (
-                f"  weighted mean unit vector of the sources: ({x:+.3f}, {y:+.3f}, {z:+.3f}); "
-                "largest correlations, and how much of them this dipole explains:"
-            )
-        ]
+        mean = f"  weighted mean unit vector of the sources: ({x:+.3f}, {y:+.3f}, {z:+.3f})"
+        lines = [f"{mean}; largest correlations, and how much of them this dipole explains:"]
         prediction = self.dipole_prediction(i)
         order = np.argsort(-np.abs(block), axis=None)[:3]
         for row, column in zip(*np.unravel_index(order, (3, 3)), strict=True):

@@ -71,9 +71,7 @@ def plot_influence(
     image = draw_map(axes, sky_map, cmap=DIVERGING, vmin=-reach, vmax=reach)
     draw_sources(axes, field.lon, field.lat, max_sources=max_sources, color="0.15", alpha=0.4)
     label += f", smoothed over {smooth:.0f}°" if smooth > 0 else ""
-    bar = colour_bar(axes, image, f"{label}  [$10^{{{power}}}$]" if power else label, extend="both")
-    bar.locator = MaxNLocator(5)
-    bar.update_ticks()
+    colour_bar(axes, image, f"{label}  [$10^{{{power}}}$]" if power else label, extend="both")
     axes.set_title(title)
     return axes
 
@@ -93,8 +91,7 @@ def plot_leakage(leakage: Any, *, ax: OnAxes | None = None) -> AxesArray:
                 biases = leakage.bias_of([f"{vector}_{axis}" for axis in "xyz"], power)
                 rms.append(np.sqrt(sum(value**2 for value in biases.values())))
             axes.plot(degrees, rms, "os"[row] + "-", color=KIND_COLOURS[kind], label=f"from {KIND_NAMES[kind]} degrees")
-        axes.set_ylabel(f"bias, {name}  [µas/yr]")
-        axes.set_ylim(bottom=0)
+        axes.set(ylabel=f"bias, {name}  [µas/yr]", ylim=(0, None))
     legend_above(axes_array[0])
     axes_array[1].set_xlabel("degree left out, of power 1 (µas/yr)²: its rms bias")
     axes_array[1].xaxis.set_major_locator(MaxNLocator(integer=True))

@@ -228,23 +228,16 @@ def inverse_distances(field: Field, calibration: Calibration, threads: int | Non
         slope[:] = 0.0
     has_distance = np.zeros(len(field), bool) if field.distance is None else np.isfinite(field.distance)
     if has_distance.any():
-        assert field.distance is not None
-        assert field.distance_error is not None
-        mean[has_distance], variance[has_distance] = _moments_from_distances(
-            calibration,
-            field.distance[has_distance],
-            field.distance_error[has_distance],
-            redshift[has_distance],
-            None if magnitude is None else magnitude[has_distance],
-        )
+        columns = (field.distance, field.distance_error, redshift, magnitude)
+        given = [None if column is None else np.asarray(column)[has_distance] for column in columns]
+        mean[has_distance], variance[has_distance] = _moments_from_distances(calibration, *given)
         slope[has_distance] = 0.0
     return InverseDistances(mean, variance, slope, has_distance, redshift)
 
 
 def motions_per_velocity(field: Field, calibration: Calibration | None) -> FloatArray:
     """The motion that 1 km/s gives to each source, (n,), on average; nothing within the flow. [µas/yr per km/s]"""
-    assert field.redshift is not None
-    redshift = field.redshift
+    redshift = np.asarray(field.redshift)
     if calibration is not None:
         redshift = to_cmb(redshift, field.lon, field.lat, field.frame, calibration.frame)
     is_usable, rate = usable_mask(redshift), np.zeros(len(field))
@@ -326,9 +319,7 @@ class _Moments:
         return np.stack([mean, variance, slope / error**2])
 
 
-@lru_cache(maxsize=8)  # parts, and skies of one study, share a calibration
-def _moments(calibration):
-    return _Moments(calibration)
+_moments = lru_cache(maxsize=8)(_Moments)  # parts, and skies of one study, share a calibration
 
 
 def _moments_by_x(calibration, x, error):
@@ -457,17 +448,15 @@ def calibrate(
             work = partial(_bright_redshift_counts, calibration=bare, limit=limit)
             facts |= {"counts": sky.sum(work, roles=DISTANCES, words="redshifts of the complete part")}
     if use:
-        luminosity_function = (
-            LuminosityFunction(luminosity, "luminosity function as given")
-            if luminosity is not None
-            else fit_luminosity(bright, complete)
-        )
-        bare = replace(bare, luminosity=luminosity_function)
-        if not has_luminosity:
+        if luminosity is not None:
+            luminosity_function = LuminosityFunction(luminosity, "luminosity function as given")
+        else:
+            luminosity_function = fit_luminosity(bright, complete)
             notes.append(
                 "magnitudes constrain distances by a luminosity function fitted to the catalogue, which must be "
                 "complete to its faintest magnitude; otherwise use magnitudes=False (--columns magnitude=)"
             )
+        bare = replace(bare, luminosity=luminosity_function)
     elif has_luminosity:
         raise ParameterError("a luminosity function needs magnitudes, which are not used")
     else:

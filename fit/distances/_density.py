@@ -401,27 +401,22 @@ def inverse_distances_from_measurements(
         If some source has neither; the message counts them.
     """
     by_distance = np.zeros(len(field), bool) if field.distance is None else np.isfinite(field.distance)
-    has_parallax = np.zeros(len(field), bool)
-    if field.parallax is not None and field.parallax_error is not None:
-        has_parallax = np.isfinite(field.parallax) & np.isfinite(field.parallax_error)
-    lost = ~(by_distance | has_parallax)
+    lost = ~has_distance_or_parallax(field)
     if lost.any():
         raise FieldError(
             f"{lost.sum()} of {len(field)} sources have neither a distance nor a parallax with its error (first: row "
             f"{lost.argmax()}): name the columns (distance= and distance_error=, or parallax= and parallax_error=; "
             "--columns), and leave those sources out (--where 'not ismissing(distance)')"
         )
-    data, error = np.empty(len(field)), np.empty(len(field))
-    if by_distance.any():
-        assert field.distance is not None
-        assert field.distance_error is not None
-        data[by_distance], error[by_distance] = field.distance[by_distance], field.distance_error[by_distance]
-    of_parallax = ~by_distance
-    if of_parallax.any():
-        assert field.parallax is not None
-        assert field.parallax_error is not None
-        data[of_parallax] = 1000 * field.parallax[of_parallax]  # 1 mas is 1000 per Mpc
-        error[of_parallax] = 1000 * field.parallax_error[of_parallax]
+    data, error, of_parallax = np.empty(len(field)), np.empty(len(field)), ~by_distance
+    for column, measured, parallax in (
+        (data, field.distance, field.parallax),
+        (error, field.distance_error, field.parallax_error),
+    ):
+        if by_distance.any():
+            column[by_distance] = np.asarray(measured)[by_distance]
+        if of_parallax.any():
+            column[of_parallax] = 1000 * np.asarray(parallax)[of_parallax]  # 1 mas is 1000 per Mpc
     length = _length(data, error, of_parallax, power) if length is None else float(length)
 
     def chunk_moments(chunk):

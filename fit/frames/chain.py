@@ -203,13 +203,9 @@ class FrameNetwork(FrameResult):
         ParameterError
             If they are not, or systematic errors were not estimated (`floor=True`).
         """
-        return self._require_shared().combination(self._row(catalogue, other)[1:])
-
-    def _require_shared(self):
-        """Shared errors; ParameterError where they were not estimated."""
         if self.shared is None:
             raise ParameterError("systematic errors were not estimated: combine_frames(…, floor=True)")
-        return self.shared
+        return self.shared.combination(self._row(catalogue, other)[1:])
 
     def _sections(self, long):
         reference, *catalogues = self.labels
@@ -263,12 +259,9 @@ class FrameNetwork(FrameResult):
         }
         if self.shared is not None:
             is_degree_one, frames = np.tile(self.modes.degrees == 1, len(pairs)), [self.frames(*pair) for pair in pairs]
-            for name, numbers in (
-                ("value", [solution.values for solution in frames]),
-                ("sigma", [x.sigma for x in frames]),
-            ):
+            for name, attribute in (("value", "values"), ("sigma", "sigma")):
                 columns[f"{name}_floor"] = np.full(is_degree_one.size, np.nan)
-                columns[f"{name}_floor"][is_degree_one] = np.concatenate(numbers)
+                columns[f"{name}_floor"][is_degree_one] = np.concatenate([getattr(each, attribute) for each in frames])
         units = {name: unit for name in columns if name.startswith(("value", "sigma"))}
         return tables.table_of(columns, {"reference": self.labels[0], "frame": self.frame}, units)
 

@@ -86,12 +86,8 @@ def fit_by_error_class(differences: Field, modes: Modes, indices: IntArray | Non
     if 2 * n <= p:
         return None
     order = np.argsort(np.sum(differences.sigma**2, axis=0), kind="stable")
-    normals = [
-        replace(normal, matrix=normal.matrix[np.ix_(indices, indices)], rhs=normal.rhs[indices])
-        for normal in (
-            normal_equations(differences[np.sort(members)], modes) for members in np.array_split(order, count)
-        )
-    ]
+    normals = [normal_equations(differences[np.sort(members)], modes) for members in np.array_split(order, count)]
+    normals = [replace(e, matrix=e.matrix[np.ix_(indices, indices)], rhs=e.rhs[indices]) for e in normals]
     tau = np.ones(count)
     for _ in range(6):
         matrix = sum((normal.matrix / t for normal, t in zip(normals, tau, strict=True)), np.zeros((p, p)))
@@ -178,10 +174,8 @@ class FrameComparison(FrameResult, AboutSolution):
     n_same: int = 0
 
     def __repr__(self) -> str:
-        return (
-            f"<FrameComparison: {' − '.join(self.labels)}, {self.solution.n_sources} sources, {len(self.names)} left "
-            "out>"
-        )
+        counts = f"{self.solution.n_sources} sources, {len(self.names)} left out"
+        return f"<FrameComparison: {' − '.join(self.labels)}, {counts}>"
 
     @property
     def parameters(self) -> dict[str, tuple[float, float]]:
@@ -210,10 +204,8 @@ class FrameComparison(FrameResult, AboutSolution):
         values, covariance = np.array(solution.values), np.array(solution.covariance)
         if self.by_class is not None:
             values, covariance = np.array(self.by_class.values), np.array(self.by_class.covariance)
-            errors, source = (
-                "the scatter of the residuals in classes of sources with similar formal errors",
-                ErrorSource.RESIDUALS,
-            )
+            errors = "the scatter of the residuals in classes of sources with similar formal errors"
+            source = ErrorSource.RESIDUALS
         degree_one = np.flatnonzero(solution.modes.degrees == 1)
         if self.shared is not None:
             shared_solution = self.shared.solutions[0]
@@ -320,14 +312,11 @@ class FrameComparison(FrameResult, AboutSolution):
         return self._deformation_p_value(self.factor)
 
     def _deformation_p_value(self, factor):
-        is_deformation = self.solution.modes.degrees > 1
-        if not is_deformation.any():
+        at = np.flatnonzero(self.solution.modes.degrees > 1)
+        if not at.size:
             return float("nan")
-        values, matrix = (
-            self.solution.values[is_deformation],
-            self.solution.covariance[np.ix_(is_deformation, is_deformation)],
-        )
-        chi2, count = float(values @ np.linalg.solve(matrix, values)), int(is_deformation.sum())
+        values, matrix = self.solution.values[at], self.solution.covariance[np.ix_(at, at)]
+        chi2, count = float(values @ np.linalg.solve(matrix, values)), at.size
         if self.method:  # errors are of the scatter already, and their degrees of freedom are known
             return chance_probability(chi2, count, self.solution.covariance_dof)
         dof = self.solution.dof if factor != 1 else np.inf  # the factor is an estimate
@@ -338,21 +327,13 @@ class FrameComparison(FrameResult, AboutSolution):
         terms = icrf3_terms(best.coefficients, best.sigma)
         term_names = [name for name in terms if long or name[0] in "RD"]
         unit = "uas" if solution.unit == "µas" else "uas / yr"
-        columns = {
-            "ICRF3 term": term_names,
-            "value": [terms[name][0] for name in term_names],
-            "sigma": [terms[name][1] for name in term_names],
-            "value / error": [terms[name][0] / terms[name][1] for name in term_names],
-            "formal error": [parameters[name][1] for name in term_names],
-        }
+        values, errors = np.transpose([terms[name] for name in term_names])
+        columns = {"ICRF3 term": term_names, "value": values, "sigma": errors, "value / error": values / errors}
+        columns["formal error"] = [parameters[name][1] for name in term_names]
         table = tables.table_of(columns, {}, dict.fromkeys(("value", "sigma", "formal error"), unit))
         facts = [("sources", f"{solution.n_sources}, {len(self.names)} excluded"), *self._error_facts(long)]
-        remarks = [
-            (
-                "R1, R2, R3 are the components of the rotation with the opposite sign, because they rotate the axes "
-                "and not the sources."
-            )
-        ]
+        rotation = "R1, R2, R3 are the components of the rotation with the opposite sign"
+        remarks = [f"{rotation}, because they rotate the axes and not the sources."]
         if self.alone is not None:
             pairs = ", ".join(
                 f"{name} {format_with_error(v, s, '+')}" for name, (v, s) in self.parameters_alone.items()
@@ -368,17 +349,11 @@ class FrameComparison(FrameResult, AboutSolution):
         title = f"{a} − {b}: differences of {quantity}"
         sections = [Section(title, facts, table, forms=forms, remarks=remarks, notes=notes)]
         if long and self.names:
-            east, north = np.transpose(self.offsets[:_LISTED])
-            outlier_columns = {
-                "source": list(self.names[:_LISTED]),
-                "east": east,
-                "north": north,
-                "errors": self.distances[:_LISTED],
-            }
-            units = dict.fromkeys(("east", "north"), unit)
+            outliers = self.outliers_table()[:_LISTED]
+            outliers.rename_columns(["name", "distance"], ["source", "errors"])
             forms = dict.fromkeys(("east", "north", "errors"), ".1f")
             title = f"Largest deviations, of {len(self.names)} excluded sources"
-            sections.append(Section(title, (), tables.table_of(outlier_columns, {}, units), forms=forms))
+            sections.append(Section(title, (), outliers, forms=forms))
         if long:
             sections += self.shared.sections(long=True) if self.shared is not None else ()
             sections += best.sections(long=True)
@@ -427,30 +402,21 @@ class FrameComparison(FrameResult, AboutSolution):
 
     def parameters_table(self) -> Table:
         """`parameters` as the report has them, a row each: with the errors of the verdict, and as quoted."""
-        unit, (values, errors) = (
-            "uas" if self.solution.unit == "µas" else "uas / yr",
-            np.transpose(list(self.parameters.values())),
-        )
+        unit = "uas" if self.solution.unit == "µas" else "uas / yr"
+        values, errors = np.transpose(list(self.parameters.values()))
         columns: dict[str, Any] = {"ICRF3": list(self.parameters)}
         best = self.best
         columns["value"], columns["sigma"] = np.transpose(list(icrf3_terms(best.coefficients, best.sigma).values()))
         columns |= {"value_formal": values, "sigma_formal": errors}
         columns["in_errors"] = columns["value"] / columns["sigma"]
-        return tables.table_of(
-            columns,
-            {"frame": self.solution.frame, "summary": self.verdict},
-            {name: unit for name in columns if name.startswith(("value", "sigma"))},
-        )
+        units = {name: unit for name in columns if name.startswith(("value", "sigma"))}
+        return tables.table_of(columns, {"frame": self.solution.frame, "summary": self.verdict}, units)
 
     def outliers_table(self) -> Table:
         """A row for each source that was left out, as an astropy Table."""
         unit = "uas" if self.solution.unit == "µas" else "uas / yr"
-        columns = {
-            "name": np.array(self.names, dtype=str),
-            "east": self.offsets[:, 0],
-            "north": self.offsets[:, 1],
-            "distance": self.distances,
-        }
+        east, north = self.offsets.T
+        columns = {"name": np.array(self.names, dtype=str), "east": east, "north": north, "distance": self.distances}
         return tables.table_of(columns, {"frame": self.solution.frame}, dict.fromkeys(("east", "north"), unit))
 
 

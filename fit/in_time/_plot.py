@@ -23,8 +23,7 @@ def plot_in_time(solution: Any, *, ax: OnAxes | None = None) -> AxesArray:
             colour = COLOURS[(l - 1) % len(COLOURS)]
             axes.plot(x[is_finite], np.sqrt(power[is_finite]), "o-", ms=3, color=colour, label=f"degree {l}")
             axes.plot(x[is_finite], np.sqrt(noise[is_finite]), "_:", ms=8, color=colour, linewidth=0.9)
-        axes.set_ylabel(f"{label}, √power  [µas]")
-        axes.set_ylim(bottom=0)
+        axes.set(ylabel=f"{label}, √power  [µas]", ylim=(0, None))
     legend_above(subplots[0], 5, handles=subplots[1].get_legend_handles_labels()[0])
     subplots[1].set_xticks(x, names, rotation=60 if len(names) > 6 else 0, ha="right" if len(names) > 6 else "center")
     subplots[1].set_xlabel("function of time (dashes, dotted: what noise gives)")

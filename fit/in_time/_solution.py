@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -310,20 +311,13 @@ class TimeSolution(Result):
             text = f"χ² {chi2:.1f} of {rank} unknowns, p = {printed_p_value(p_value)}"
             message = "not seen: an attitude solved from the same sky takes all of it"
             facts.append((f"{quantity} in time", text if rank else message))
-        rows = [
-            (name, f"{kind}{l}", *self.power(name, kind, l))  # type: ignore[arg-type]
-            for name in self.functions.names
-            for l in range(1, self.modes.lmax + 1)
-            for kind in "TS"
-        ]
-        finite_rows = [row for row in rows if np.isfinite(row[-1])]
-        columns: dict[str, Any] = {
-            "function": [row[0] for row in finite_rows],
-            "degree": [row[1] for row in finite_rows],
-        }
-        columns |= {name: [float(np.sqrt(row[k])) for row in finite_rows] for k, name in ((2, "√power"), (3, "√noise"))}
-        columns["p_value"] = [row[-1] for row in finite_rows]
-        table = tables.table_of(columns, {}, {"√power": "uas", "√noise": "uas"})
+        rows = []
+        for name, l, kind in product(self.functions.names, range(1, self.modes.lmax + 1), "TS"):
+            power, noise, p_value = self.power(name, kind, l)  # type: ignore[arg-type]
+            if np.isfinite(p_value):
+                rows.append((name, f"{kind}{l}", float(np.sqrt(power)), float(np.sqrt(noise)), p_value))
+        heads = ("function", "degree", "√power", "√noise", "p_value")
+        table = tables.table_of_rows(heads, rows, {}, {"√power": "uas", "√noise": "uas"})
         remarks = []
         if self.lost:
             suffix = f"; and {len(self.lost) - 5} more" if len(self.lost) > 5 else ""

@@ -46,9 +46,8 @@ def plot_orbit(galactic_orbit: Any, circular: float, *, ax: Axes | None = None) 
         zorder=1,
     )
     axes.axhline(0, color="0.6", linewidth=0.6)
-    axes.set_xlim(-0.5, 2.5)
     axes.set_xticks(range(3), ["towards the\ncentre", "along\nrotation", "towards the\nnorth pole"])
-    axes.set_ylabel("acceleration ã  [µas/yr]")
+    axes.set(xlim=(-0.5, 2.5), ylabel="acceleration ã  [µas/yr]")
     legend_above(axes)
     return axes
 
@@ -97,7 +96,6 @@ def plot_shear_by_class(result: Any, *, ax: Axes | None = None) -> Axes:
     limits = [shear.limit() for shear in result.shears]
     axes.plot(x, limits, "v", color=COLOURS[1], markersize=4, label="95 % limit")
     axes.set_xticks(x, result.labels, rotation=20)
-    axes.set_ylim(0)
-    axes.set_ylabel("|Σ|  [µas/yr]")
+    axes.set(ylim=(0, None), ylabel="|Σ|  [µas/yr]")
     legend_above(axes)
     return axes

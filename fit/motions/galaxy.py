@@ -236,16 +236,11 @@ class GalacticOrbit(Result):
 
     def _sections(self, long):
         vector, remarks = self.acceleration, []
+        size = format_with_error(vector.amplitude, vector.amplitude_error)
+        p = printed_p_value(self.across_p_value)
         facts = [
-            (
-                "amplitude",
-                f"{format_with_error(vector.amplitude, vector.amplitude_error)} µas/yr, on average "
-                f"{self.amplitude_bias:.3f} too large",
-            ),
-            (
-                "across",
-                f"p = {printed_p_value(self.across_p_value)} of as much along rotation and north from noise alone",
-            ),
+            ("amplitude", f"{size} µas/yr, on average {self.amplitude_bias:.3f} too large"),
+            ("across", f"p = {p} of as much along rotation and north from noise alone"),
         ]
         if self.inward[0] > 0:
             speed, centre, prediction = self.circular_speed, self.distance_of_centre, expected_acceleration(self.r0)

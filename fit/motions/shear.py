@@ -3,13 +3,12 @@
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
 from fit.background import contrast_p_value, pool_draws, resample_draws, sample_class_errors
 from fit.normal import NormalEquations, solve
-from fit.results.solution import HarmonicSolution
+from fit.results.solution import Solution
 from fit.results.storage import Result
 from vsh.coefficients import Coefficients
 from vsh.io import tables
@@ -208,12 +207,9 @@ class Shear(Result):
         ]
         directions = np.array([angles(rotation_matrix(self.frame, "galactic") @ axis) for axis in self.axes])
         lon, lat = np.degrees(directions).T
-        columns = {
-            "rate": self.eigenvalues,
-            "rate_error": self.eigenvalue_errors,
-            "% of H0": self.percent(self.eigenvalues),
-        }
-        axes = tables.table_of(columns | {"l": lon % 360, "b": lat}, {}, {"rate": "uas / yr", "l": "deg", "b": "deg"})
+        columns = {"rate": self.eigenvalues, "rate_error": self.eigenvalue_errors}
+        columns |= {"% of H0": self.percent(self.eigenvalues), "l": lon % 360, "b": lat}
+        axes = tables.table_of(columns, {}, {"rate": "uas / yr", "l": "deg", "b": "deg"})
         forms = {"% of H0": "+.3g", "l": ".1f", "b": "+.1f"}
         return (
             Section("Expansion that differs from axis to axis: the tensor Σ", facts, self.to_table()),
@@ -232,8 +228,8 @@ class Shear(Result):
         return plot_shear(self, from_tensor(self.tensor), ax=ax)
 
 
-@arguments.accepts(solution=arguments.a(HarmonicSolution))
-def expansion(solution: HarmonicSolution, *, hubble: float = 70.0) -> Shear:
+@arguments.accepts(solution=arguments.a(Solution))
+def expansion(solution: Solution, *, hubble: float = 70.0) -> Shear:
     """The expansion that differs from axis to axis behind a fit of motions: µ = Σ r − (rᵀ Σ r) r.
 
     Parameters
@@ -378,20 +374,15 @@ class ShearByClass(Result):
 
     def to_table(self) -> Table:
         """A row for each class, as an astropy Table: |Σ|, limit, p-values, and the axis of the fastest expansion."""
-        names = "class place n_sources norm limit_95 p_value p_value_formal rate rate_error l b"
-        rows: dict[str, list[Any]] = {name: [] for name in names.split()}
+        names, rows = "class place n_sources norm limit_95 p_value p_value_formal rate rate_error l b", []
         for label, location, n, shear, formal in zip(
             self.labels, self.places, self.n_sources, self.shears, self.formal, strict=True
         ):
             lon, lat = np.degrees(angles(rotation_matrix(self.frame, "galactic") @ shear.axes[0]))
-            values = (
-                label, location, n, shear.norm, shear.limit(), shear.p_value, formal, shear.eigenvalues[0],
-                shear.eigenvalue_errors[0], lon % 360, lat,
-            )  # fmt: skip
-            for column, value in zip(rows.values(), values, strict=True):
-                column.append(value)
+            rate = (shear.eigenvalues[0], shear.eigenvalue_errors[0])
+            rows.append((label, location, n, shear.norm, shear.limit(), shear.p_value, formal, *rate, lon % 360, lat))
         units = dict.fromkeys(("norm", "limit_95", "rate", "rate_error"), "uas / yr") | {"l": "deg", "b": "deg"}
-        return tables.table_of(rows, self._plain_facts(), units)
+        return tables.table_of_rows(names.split(), rows, self._plain_facts(), units)
 
     def plot(self, *, ax: Axes | None = None) -> Axes:
         """|Σ| of the classes with limits, and what systematic errors alone would show, on matplotlib axes."""

@@ -30,56 +30,6 @@ def shapes(kind: type[Modes], lmax: int) -> tuple[tuple[int, ...], tuple[int, ..
     return (weights, 2 * lmax + 1, 4 * lmax + 1), (values, lmax + 1, 2 * lmax + 1)
 
 
-def pack_moments(moments: Any) -> tuple[dict[str, Any], dict[str, Any], dict[str, str]]:
-    """Columns, the rest as plain values, units of columns: what `Result._pack` gives."""
-    components, m, n, values = [], [], [], []
-    for names, grids, half in (("abc", moments.weights, 2 * moments.lmax), ("en", moments.motions, moments.lmax)):
-        for name, grid in zip(names, grids, strict=False):  # a and e alone of a scalar field
-            indices = np.indices(grid.shape)
-            components += [name] * grid.size
-            m.append(indices[0].ravel())
-            n.append(indices[1].ravel() - half)
-            values.append(grid.ravel())
-    values_of = np.concatenate(values)
-    columns = {
-        "of": components,
-        "m": np.concatenate(m),
-        "n": np.concatenate(n),
-        "real": values_of.real,
-        "imaginary": values_of.imag,
-    }
-    header = {
-        "lmax": moments.lmax,
-        "chi2_null": to_hex(moments.chi2_null),
-        "n_data": moments.n_data,
-        "frame": moments.frame,
-        "unit": moments.unit,
-        "notes": list(map(str, moments.notes)),
-    }
-    return columns, header, {}
-
-
-def unpack_moments(columns: dict[str, Any], rest: dict[str, Any]) -> dict[str, Any]:
-    """The attributes of moments from what was written."""
-    mode_class = Modes if "b" in columns["of"] else ScalarModes
-    lmax = mode_class(rest["lmax"]).lmax
-    values = np.asarray(columns["real"], float) + 1j * np.asarray(columns["imaginary"], float)
-    if not np.isfinite(values).all():
-        raise TableError("moments that are not finite")
-    of_weights, of_values = shapes(mode_class, lmax)
-    n_weights = int(np.prod(of_weights))
-    return {
-        "lmax": lmax,
-        "weights": values[:n_weights].reshape(of_weights),
-        "motions": values[n_weights:].reshape(of_values),
-        "chi2_null": number(rest["chi2_null"]),
-        "n_data": checked_count(rest["n_data"]),
-        "frame": rest["frame"],
-        "notes": checked_strings(rest["notes"]),
-        "unit": str(rest["unit"]),
-    }
-
-
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class Moments(Result):
     """All that fits to any degree up to `lmax` need of the sources; they add.
@@ -288,23 +238,45 @@ class Moments(Result):
         ring = np.abs(lat_of[:, None] - lat).argmin(1)
         column = np.round(lon_of / (2 * np.pi) * weight.shape[1]).astype(int) % weight.shape[1]
         values = weight[ring, column]
-        return plot_map(
-            values,
-            f"weight of the sources  [1/({self.unit})² a steradian]",
-            frame=self.frame,
-            ax=ax,
-            vmin=0,
-            extend="max",
-            vmax=np.percentile(values, 99),
-            title=f"{self.n_sources} sources, to degree {self.lmax}",
-        )
+        label = f"weight of the sources  [1/({self.unit})² a steradian]"
+        about = {"title": f"{self.n_sources} sources, to degree {self.lmax}", "extend": "max"}
+        return plot_map(values, label, frame=self.frame, ax=ax, vmin=0, vmax=np.percentile(values, 99), **about)
 
     def _pack(self):
-        return pack_moments(self)
+        components, m, n, values = [], [], [], []
+        for names, grids, half in (("abc", self.weights, 2 * self.lmax), ("en", self.motions, self.lmax)):
+            for name, grid in zip(names, grids, strict=False):  # a and e alone of a scalar field
+                indices = np.indices(grid.shape)
+                components += [name] * grid.size
+                m.append(indices[0].ravel())
+                n.append(indices[1].ravel() - half)
+                values.append(grid.ravel())
+        numbers = np.concatenate(values)
+        columns = {"of": components, "m": np.concatenate(m), "n": np.concatenate(n)}
+        columns |= {"real": numbers.real, "imaginary": numbers.imag}
+        header = {"lmax": self.lmax, "chi2_null": to_hex(self.chi2_null), "n_data": self.n_data}
+        header |= {"frame": self.frame, "unit": self.unit, "notes": list(map(str, self.notes))}
+        return columns, header, {}
 
     @classmethod
     def _unpack(cls, columns, header):
-        return cls(**unpack_moments(columns, header))
+        mode_class = Modes if "b" in columns["of"] else ScalarModes
+        lmax = mode_class(header["lmax"]).lmax
+        values = np.asarray(columns["real"], float) + 1j * np.asarray(columns["imaginary"], float)
+        if not np.isfinite(values).all():
+            raise TableError("moments that are not finite")
+        of_weights, of_values = shapes(mode_class, lmax)
+        n_weights = int(np.prod(of_weights))
+        return cls(
+            lmax=lmax,
+            weights=values[:n_weights].reshape(of_weights),
+            motions=values[n_weights:].reshape(of_values),
+            chi2_null=number(header["chi2_null"]),
+            n_data=checked_count(header["n_data"]),
+            frame=header["frame"],
+            notes=checked_strings(header["notes"]),
+            unit=str(header["unit"]),
+        )
 
     def _combine(self, other, sign):
         if not isinstance(other, Moments):

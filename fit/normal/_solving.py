@@ -1,5 +1,6 @@
 """The solution of normal equations."""
 
+from contextlib import suppress
 from functools import partial
 from typing import Any
 
@@ -173,32 +174,19 @@ def _degeneracy_message(sources, modes, reason=""):
 
 def _factor(normal, max_condition):
     """The Cholesky factor of N scaled to a unit diagonal, and the scale."""
-    diagonal = np.diag(normal.matrix)
-    if (normal.n_data == 0 and normal.prior is None) or not (diagonal > 0).all():
-        _raise_degenerate(normal, np.inf, max_condition, "")
-    scale = 1 / np.sqrt(diagonal)
-    matrix = normal.matrix * np.outer(scale, scale)
-    try:
-        factor = cho_factor(matrix, lower=True)
-        reciprocal, _ = dpocon(factor[0], np.abs(matrix).sum(0).max(), uplo="L")
-    except np.linalg.LinAlgError:
-        reciprocal = 0.0
-    if not reciprocal * max_condition > 1:
-        _raise_degenerate(
-            normal,
-            1 / reciprocal if reciprocal else np.inf,
-            max_condition,
-            _describe_weakest_modes(matrix, normal.modes),
-        )
-    return factor, scale
-
-
-def _raise_degenerate(normal, condition, max_condition, weakest):
-    raise DegeneracyError(
-        _degeneracy_message(
-            normal.n_sources, normal.modes, f" (condition {condition:.1e} > {max_condition:.0e}{weakest})"
-        )
-    )
+    diagonal, reciprocal, weakest = np.diag(normal.matrix), 0.0, ""
+    if (normal.n_data or normal.prior is not None) and (diagonal > 0).all():
+        scale = 1 / np.sqrt(diagonal)
+        matrix = normal.matrix * np.outer(scale, scale)
+        with suppress(np.linalg.LinAlgError):
+            factor = cho_factor(matrix, lower=True)
+            reciprocal, _ = dpocon(factor[0], np.abs(matrix).sum(0).max(), uplo="L")
+        if reciprocal * max_condition > 1:
+            return factor, scale
+        weakest = _describe_weakest_modes(matrix, normal.modes)
+    condition = 1 / reciprocal if reciprocal else np.inf
+    reason = f" (condition {condition:.1e} > {max_condition:.0e}{weakest})"
+    raise DegeneracyError(_degeneracy_message(normal.n_sources, normal.modes, reason))
 
 
 def _describe_weakest_modes(matrix, modes, count=4):

@@ -132,20 +132,23 @@ def _moments(field, lmax):
 class Rings:
     """The 2L + 1 rings of latitude on which the moments are put back."""
 
+    modes_class: type[Modes] = Modes
+
     def __init__(self, lmax: int) -> None:
-        self.lmax = lmax
-        count = 2 * lmax + 1
+        modes, count = self.modes_class(lmax), 2 * lmax + 1
+        self.lmax, self.size = lmax, len(modes) // len(modes.kinds)
         self.lat = -np.pi / 2 + (np.arange(count) + 0.5) * np.pi / count
-        # The harmonics at α = 0: T_lm = (B cos mα, A sin mα) and (−B sin mα, A cos mα).
-        toroidal = toroidal_harmonics(np.zeros(count), self.lat, lmax)
-        modes = Modes(lmax)
-        pairs = [(l, m) for m in range(lmax + 1) for l in range(max(m, 1), lmax + 1)]
+        pairs = [(l, m) for m in range(lmax + 1) for l in range(max(m, modes.lowest), lmax + 1)]
         self.m = np.array([m for _, m in pairs])
-        self.re = np.array([modes.index(Mode("T", l, m)) for l, m in pairs])
+        self.re = np.array([modes.index(Mode(modes.kinds[0], l, m)) for l, m in pairs])
         self.im = self.re + 1  # where m > 0
-        self.size = len(modes) // 2
-        self.b = toroidal[self.re, 0]
-        self.a = np.where(self.m[:, None] > 0, toroidal[np.minimum(self.im, len(toroidal) - 1), 1], 0.0)
+        self.b, self.a = self.harmonics(np.zeros(count))
+
+    def harmonics(self, lon: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """B and A of the harmonics at α = 0: T_lm = (B cos mα, A sin mα) and (−B sin mα, A cos mα)."""
+        toroidal = toroidal_harmonics(lon, self.lat, self.lmax)
+        a = toroidal[np.minimum(self.im, len(toroidal) - 1), 1]
+        return toroidal[self.re, 0], np.where(self.m[:, None] > 0, a, 0.0)
 
     def spectra(self, moments: ComplexArray, turns_over: bool) -> ComplexArray:
         """Σ w e^{−iMα} on each ring, (k, M, ring), from the Fourier moments in δ.
@@ -225,18 +228,12 @@ class Rings:
 class ScalarRings(Rings):
     """Rings for scalar fields: their harmonics are those of an east component alone, B cos mα and −B sin mα."""
 
-    def __init__(self, lmax: int) -> None:
-        self.lmax = lmax
-        count = 2 * lmax + 1
-        self.lat = -np.pi / 2 + (np.arange(count) + 0.5) * np.pi / count
-        modes = ScalarModes(lmax)
-        pairs = [(l, m) for m in range(lmax + 1) for l in range(m, lmax + 1)]
-        self.m = np.array([m for _, m in pairs])
-        self.re = np.array([modes.index(Mode("F", l, m)) for l, m in pairs])
-        self.im = self.re + 1  # where m > 0
-        self.size = len(modes)
-        self.b = scalar_harmonics(np.zeros(count), self.lat, lmax)[self.re]
-        self.a = np.zeros_like(self.b)
+    modes_class = ScalarModes
+
+    def harmonics(self, lon: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """B of the harmonics at α = 0, and A, which is zero."""
+        b = scalar_harmonics(lon, self.lat, self.lmax)[self.re]
+        return b, np.zeros_like(b)
 
     def matrix(self, weights: ComplexArray) -> FloatArray:
         """N from the moments of the weights."""

@@ -124,29 +124,14 @@ class TemplateFit(Result):
     def _sections(self, long):
         table = self.to_table()
         table["meaning"] = [TEMPLATES.get(name, "") for name in self.names]
-        facts = [
-            (
-                "errors",
-                (
-                    "from the scatter between blocks of the sky; the 95 % intervals allow for the "
-                    "distribution of sums of squares"
-                ),
-            )
-        ]
-        forms = dict.fromkeys(("low95", "high95"), ".3g")
+        errors = "from the scatter between blocks of the sky; the 95 % intervals allow for the distribution of sums of"
+        facts, forms = [("errors", f"{errors} squares")], dict.fromkeys(("low95", "high95"), ".3g")
         return (Section("Templates in the correlation of motions", facts, table, forms=forms),)
 
     def to_table(self) -> Table:
         """A row for each template, as an astropy Table."""
-        lower, upper = self.interval().T
-        columns = {
-            "template": list(self.names),
-            "value": self.values,
-            "sigma": self.sigma,
-            "low95": lower,
-            "high95": upper,
-        }
-        return tables.table_of(columns)
+        columns = {"template": list(self.names), "value": self.values, "sigma": self.sigma}
+        return tables.table_of(columns | dict(zip(("low95", "high95"), self.interval().T, strict=True)))
 
     def plot(self, *, ax: Axes | None = None) -> Axes:
         """The curves, on matplotlib axes."""
@@ -345,34 +330,21 @@ class Correlation(Result):
         return fit_templates(self, template_functions(templates, arguments.positive("hubble", hubble)))
 
     def _sections(self, long):
+        pairs = "pairs of a source with itself are excluded"
         facts = [
-            (
-                "sources",
-                (
-                    f"{self.n_data // 2}; harmonic sums to degree {self.lmax}; pairs of a source "
-                    "with itself are excluded"
-                ),
-            ),
+            ("sources", f"{self.n_data // 2}; harmonic sums to degree {self.lmax}; {pairs}"),
             ("ξ±", "⟨u∥u∥'⟩ ± ⟨u⊥u⊥'⟩; errors from the scatter of " + f"{self.n_blocks} blocks of the sky"),
         ]
         columns = ("theta", "n_pairs", "plus", "sigma_plus", "minus", "sigma_minus")
         forms = {"theta": ".2f", "n_pairs": ".4g"}
-        return (
-            Section("Correlation of motions by angle", facts, self.to_table(), columns, forms=forms, notes=self.notes),
-        )
+        title = "Correlation of motions by angle"
+        return (Section(title, facts, self.to_table(), columns, forms=forms, notes=self.notes),)
 
     def to_table(self) -> Table:
         """A row for each bin, as an astropy Table."""
-        columns = {
-            "theta": self.theta,
-            "plus": self.plus,
-            "sigma_plus": self.sigma_plus,
-            "minus": self.minus,
-            "sigma_minus": self.sigma_minus,
-            "weight": self.weight,
-            "n_pairs": self.n_pairs,
-        }
-        units = {"theta": "rad"} | dict.fromkeys(("plus", "sigma_plus", "minus", "sigma_minus"), "uas2 / yr2")
+        names = ("theta", "plus", "sigma_plus", "minus", "sigma_minus", "weight", "n_pairs")
+        columns = {name: getattr(self, name) for name in names}
+        units = {"theta": "rad"} | dict.fromkeys(names[1:5], "uas2 / yr2")
         return tables.table_of(columns, self._plain_facts(), units)
 
     def plot(self, fit: TemplateFit | None = None, *, ax: OnAxes | None = None) -> AxesArray:

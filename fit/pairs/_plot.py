@@ -37,8 +37,7 @@ def plot_pairs(correlation: Any, fit: Any = None, *, ax: OnAxes | None = None) -
     below.bar(
         degrees, np.maximum(correlation.n_pairs, 0), (width[:-1] + width[1:]) / 2, color="0.75", edgecolor="white"
     )
-    below.set_ylabel("pairs")
-    below.set_xlabel(_ANGLE)
+    below.set(xlabel=_ANGLE, ylabel="pairs")
     return panel_axes
 
 
@@ -49,7 +48,6 @@ def plot_curves(fit: Any, *, ax: Axes | None = None) -> Axes:
     for curve, colour, label in zip(fit.curves, (_PLUS, _MINUS), ("ξ₊", "ξ₋"), strict=True):
         axes.plot(np.degrees(fit.theta), curve, color=colour, label=label)
     axes.axhline(0, color="0.6", linewidth=0.6)
-    axes.set_xlabel(_ANGLE)
-    axes.set_ylabel(_VALUE)
+    axes.set(xlabel=_ANGLE, ylabel=_VALUE)
     legend_above(axes)
     return axes

@@ -18,9 +18,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache, partial
+from functools import lru_cache, partial, reduce
 from itertools import pairwise
-from typing import NamedTuple
+from operator import add
 
 import numpy as np
 from numpy.polynomial.legendre import leggauss, legvander
@@ -60,9 +60,7 @@ class PairSums:
         modes, scalar = Modes(self.lmax), ScalarModes(self.lmax)
         toroidal, spheroidal = np.split(self.motions**2 / modes.norm2, 2)
         degrees = modes.degrees[: len(toroidal)]
-        power_t, power_s = (
-            np.bincount(degrees, values, self.lmax + 1)[1:].astype(float) for values in (toroidal, spheroidal)
-        )
+        power_t, power_s = (np.bincount(degrees, x, self.lmax + 1)[1:].astype(float) for x in (toroidal, spheroidal))
         l = np.arange(self.lmax + 1)
         itself = np.multiply.outer(self.alone, (2 * l + 1) / (4 * np.pi))
         weights, numbers = (
@@ -75,19 +73,10 @@ class PairSums:
         return power_t + power_s - itself[0, 1:], power_t - power_s, weights - itself[1], numbers - itself[2]
 
 
-class GatheredSums(NamedTuple):
-    """Sums of one pass over the sources."""
-
-    total: PairSums
-    blocks: list[PairSums]
-    frame: str
-    notes: tuple[str, ...]
-
-
 def sums_of(
     field: Field | Parts, lmax: int, nside: int, weights: ArrayLike | None, threads: int | None
-) -> GatheredSums:
-    """The sums of all sources, and of each HEALPix block that holds some."""
+) -> tuple[PairSums, list[PairSums], str, tuple[str, ...]]:
+    """The sums of all sources, and of each HEALPix block that holds some; the frame, and notes."""
     if isinstance(field, Parts):
         if weights is not None:
             raise ParameterError(
@@ -106,12 +95,10 @@ def sums_of(
         sums = _part_sums(field, lmax, nside, weights, threads)
     frame = single_frame(sums["frames"])
     blocks = [sums["blocks"][pixel] for pixel in sorted(sums["blocks"])]
-    total = blocks[0]
-    for block in blocks[1:]:
-        total = total + block
+    total = reduce(add, blocks)
     if total.alone[2] < 2:
         raise FieldError("pairs need two sources at least")
-    return GatheredSums(total, blocks, frame, drop_empty_notes(merge_notes(*sums["notes"])))
+    return total, blocks, frame, drop_empty_notes(merge_notes(*sums["notes"]))
 
 
 def _part_sums(field, lmax, nside, weights=None, threads=1):

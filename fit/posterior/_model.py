@@ -301,7 +301,8 @@ class ParallaxModel:
         limits = np.array([self.priors.limits(name) for name in self.priors.free])
         lower, upper = limits.T
         n_candidates = max(4000, 20 * walkers)
-        numbers, log_drawn = rng.uniform(lower, upper, (n_candidates, len(lower))), 0.0
+        shape = n_candidates, len(lower)
+        numbers, log_drawn = rng.uniform(lower, upper, shape), 0.0
         for _ in range(4):
             velocity, log_first = self.draw_velocity(rng, numbers)
             theta = np.column_stack([velocity, numbers])
@@ -316,11 +317,7 @@ class ParallaxModel:
             best = theta[indices]
             # One in ten anywhere, so that no weight runs away; what falls outside has no density.
             anywhere = rng.uniform(size=(n_candidates, 1)) < 0.1
-            numbers = np.where(
-                anywhere,
-                rng.uniform(lower, upper, (n_candidates, len(lower))),
-                rng.normal(mean, width, (n_candidates, len(lower))),
-            )
+            numbers = np.where(anywhere, rng.uniform(lower, upper, shape), rng.normal(mean, width, shape))
             numbers = numbers[((numbers >= lower) & (numbers <= upper)).all(1)]
             log_gaussian = np.log(0.9) - np.sum(
                 ((numbers - mean) / width) ** 2 / 2 + np.log(width * np.sqrt(2 * np.pi)), 1

@@ -156,7 +156,5 @@ def plot_marginals(grid: Any, *, ax: OnAxes | None = None) -> AxesArray:
     for axes, name in zip(subplots, grid.names, strict=True):
         x, p = grid.marginal(name)
         axes.plot(x, p / (x[1] - x[0]), color=COLOURS[0])
-        axes.set_xlabel(label(name).replace("\n", "  "))
-        axes.set_ylabel("density")
-        axes.set_ylim(bottom=0)
+        axes.set(xlabel=label(name).replace("\n", "  "), ylabel="density", ylim=(0, None))
     return subplots

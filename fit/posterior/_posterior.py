@@ -442,9 +442,8 @@ def _hubble_likelihood(model: Any) -> tuple[FloatArray, FloatArray] | None:
     hubble, log_prior, axes = np.geomspace(max(limits[0], HUBBLE_LIMITS[0]), limits[1], number), np.zeros(()), []
     for name, prior in nuisance_priors.items():
         lower, upper = model.priors.limits(name)
-        axes.append(
-            np.geomspace(max(lower, 1e-3 * upper), upper, axis_size)
-        )  # what is large goes with an H0 that is small
+        # What is large goes with an H0 that is small.
+        axes.append(np.geomspace(max(lower, 1e-3 * upper), upper, axis_size))
         log_prior = np.add.outer(log_prior, prior.log(axes[-1]) + np.log(np.gradient(axes[-1])))
     total = np.empty(number)
     for chunk in np.array_split(np.arange(number), max(1, number * log_prior.size // 20_000)):
@@ -489,16 +488,13 @@ def _hubble_by_prior(model):
 
 def _prior_section(quantiles: dict[str, HubbleQuantiles]) -> Section:
     """H0 under several priors, as a section."""
-    cells = [[format_three_digits(value) for value in estimate[:5]] for estimate in quantiles.values()]
-    columns = {
-        "prior": list(quantiles),
-        "median": [row[0] for row in cells],
-        "68 %": [f"{row[1]} … {row[2]}" for row in cells],
-        "95 % below": [row[3] for row in cells],
-        "95 % above": [row[4] for row in cells],
-    }
+    rows = []
+    for name, estimate in quantiles.items():
+        median, low68, high68, below, above = map(format_three_digits, estimate[:5])
+        rows.append((name, median, f"{low68} … {high68}", below, above))
+    table = tables.table_of_rows(("prior", "median", "68 %", "95 % below", "95 % above"), rows)
     leaning = [name for name, estimate in quantiles.items() if estimate.at_limits]
     remarks = ["Computed on a grid: “as given” differs from the limits above by the Monte Carlo error of the samples."]
     remarks += [f"Leans on the limits: {', '.join(leaning)}."] if leaning else []
     title = "H0 under other priors [km/s/Mpc], between 1 and 1000; one-sided limits"
-    return Section(title, (), tables.table_of(columns), remarks=remarks)
+    return Section(title, (), table, remarks=remarks)

@@ -283,16 +283,13 @@ def summary_section(result: SampleResult, facts: Sequence[tuple[str, str]] = (),
     """Medians and intervals of a SampleResult; those that were given are marked as priors."""
     size, r_hat = result._effective_sizes(), result._r_hat()
     effective = f"{min(size.values()):.0f} independent samples at least, R̂ {max(r_hat.values()):.3f} at most"
-    rows = result.print_summary()
-    columns = {
-        "quantity": [SHORT_NAMES.get(name, name) + (" (prior)" if name in given else "") for name in rows],
-        "median": [cells[0] for cells in rows.values()],
-        "68 %": [f"{cells[1]} … {cells[2]}" for cells in rows.values()],
-        "95 %": [f"{cells[3]} … {cells[4]}" for cells in rows.values()],
-        "unit": [UNITS[name] for name in rows],
-    }
+    rows = []
+    for name, (median, low68, high68, low95, high95) in result.print_summary().items():
+        quantity = SHORT_NAMES.get(name, name) + (" (prior)" if name in given else "")
+        rows.append((quantity, median, f"{low68} … {high68}", f"{low95} … {high95}", UNITS[name]))
+    table = tables.table_of_rows(("quantity", "median", "68 %", "95 %", "unit"), rows)
     title = f"Posterior ({result.frame} axes, velocity toward the apex)"
-    return Section(title, [*facts, ("effective", f"{effective}; digits are those they have")], tables.table_of(columns))
+    return Section(title, [*facts, ("effective", f"{effective}; digits are those they have")], table)
 
 
 def _format_interval(row, effective):

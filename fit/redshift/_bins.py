@@ -18,7 +18,7 @@ from fit.secular_parallax import DistanceModel
 from vsh import Coefficients
 from vsh.basis import harmonics
 from vsh.classes import Classes
-from vsh.field import Field
+from vsh.field import Field, multiply_weights
 from vsh.io.parts import Parts, add_sums, apply_step, as_parts, check_fields_or_parts, weighted_quantiles
 from vsh.models.cosmology import usable_mask, velocity_in_frame, with_redshift
 from vsh.models.flows import LinearTheory
@@ -168,14 +168,7 @@ def binned(
         mean_inverse_distance=mean_inverse_distance,
         notes=tuple(notes),
         flow_covariance=flow_covariance,
-        flow=(
-            ""
-            if flow is None
-            else (
-                f"{len(flow.modes)} modes of {flow.theory.name}, and an independent dispersion of "
-                f"{flow.dispersion:g} km/s"
-            )
-        ),
+        flow="" if flow is None else flow.words,
         is_scaled=is_scaled,
     )
 
@@ -354,33 +347,27 @@ def _solve_jointly(normals, edges, columns):
             f"the bins together cannot separate {len(common_modes)} common and {6 * bins} free coefficients"
         )
     covariance = np.linalg.inv(scaled_matrix) * np.outer(scale, scale)
-    theta = covariance @ rhs
+    theta, flow_response = covariance @ rhs, None
+    if columns is not None:
+        of_common = sum(x[common_modes] for x in columns)
+        flow_response = covariance @ np.concatenate([*(x[free_modes] for x in columns), of_common])
     solutions = []
     for b, normal in enumerate(normals):
         index = np.empty(len(modes), int)
         index[free_modes], index[common_modes] = np.arange(6 * b, 6 * b + 6), np.arange(6 * bins, size)
         values = theta[index]
-        solutions.append(
-            Solution(
-                coefficients=Coefficients(modes, values),
-                covariance=covariance[np.ix_(index, index)],
-                chi2=_chi2_of(normal, values),
-                n_data=normal.n_data,
-                frame=normal.frame,
-                notes=normal.notes,
-                errors_from="the catalogue, all bins together",
-            )
+        solution = Solution(
+            coefficients=Coefficients(modes, values),
+            covariance=covariance[np.ix_(index, index)],
+            chi2=_chi2_of(normal, values),
+            n_data=normal.n_data,
+            frame=normal.frame,
+            notes=normal.notes,
+            errors_from="the catalogue, all bins together",
         )
-    noise, flow_covariance = covariance[: 6 * bins, : 6 * bins], None
-    if columns is not None:
-        flow_response = covariance @ np.concatenate(
-            [*(x[free_modes] for x in columns), sum(x[common_modes] for x in columns)]
-        )
-        for b, solution in enumerate(solutions):
-            index = np.empty(len(modes), int)
-            index[free_modes], index[common_modes] = np.arange(6 * b, 6 * b + 6), np.arange(6 * bins, size)
-            solutions[b] = _with_flow(solution, flow_response[index])
-        flow_covariance = flow_response[: 6 * bins] @ flow_response[: 6 * bins].T
+        solutions.append(solution if flow_response is None else _with_flow(solution, flow_response[index]))
+    of_bins = None if flow_response is None else flow_response[: 6 * bins]
+    noise, flow_covariance = covariance[: 6 * bins, : 6 * bins], None if of_bins is None else of_bins @ of_bins.T
     return solutions, noise, free_modes, flow_covariance
 
 
@@ -464,10 +451,8 @@ def permutation_test(
     if velocity is not None:
         motions.append(field.motion - _parallax(field, velocity, calibration))
     rows = np.concatenate([harmonics(field.lon, field.lat, Modes(1)), np.stack(motions)])
-    a, b, c = field.weights
-    weighted_rows = np.stack([a * rows[:, 0] + c * rows[:, 1], c * rows[:, 0] + b * rows[:, 1]], axis=1)
     # N, the right-hand sides, and χ² of nothing, of each source.
-    products = np.einsum("ikn,jkn->nij", rows, weighted_rows)
+    products = np.einsum("ikn,jkn->nij", rows, multiply_weights(field.weights, rows))
     size = products.shape[1]
     products = products.reshape(len(field), -1)
     # By the errors as they are quoted: bins that were fitted robustly have a scale of one, whatever their χ².

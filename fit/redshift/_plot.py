@@ -46,8 +46,7 @@ def plot_bins(binned: Any, velocity: str | Vector | None = "planck", *, ax: OnAx
         )
         debiased = [v.debiased_amplitude for v in vectors]
         amplitude.plot(z, debiased, "_", color=COLOURS[3], ms=8, mew=1.5, label="noise-debiased", clip_on=False)
-        amplitude.set_ylabel(f"|{symbol}|  [µas/yr]")
-        amplitude.set_ylim(bottom=0)
+        amplitude.set(ylabel=f"|{symbol}|  [µas/yr]", ylim=(0, None))
     if velocity is not None:
         _draw_prediction(binned, velocity, axes_array[:2])
     for axes in axes_array:
@@ -110,8 +109,7 @@ def plot_trend(trend: Any, *, ax: Axes | None = None) -> Axes:
                 label=f"{symbol}$_{axis}$",
             )
     axes.axhline(0, color="0.7", linewidth=0.6, zorder=0)
-    axes.set_xlim(-0.5, 1.5)
     axes.set_xticks([0, 1], ["spin", "acceleration"])
-    axes.set_ylabel("slope  [µas/yr per unit of x]")
+    axes.set(xlim=(-0.5, 1.5), ylabel="slope  [µas/yr per unit of x]")
     legend_above(axes, 6)
     return axes

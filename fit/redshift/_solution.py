@@ -85,13 +85,9 @@ class Trend(Result):
     def to_table(self) -> Table:
         """The slopes of spin and acceleration with their errors as an astropy Table."""
         names = [f"{name}_{axis}" for name in ("spin", "acceleration") for axis in "xyz"]
-        return tables.table_of(
-            {
-                "parameter": names,
-                "slope": np.concatenate([self.spin.value, self.acceleration.value]),
-                "slope_error": np.concatenate([self.spin.sigma, self.acceleration.sigma]),
-            }
-        )
+        spin, acceleration = self.spin, self.acceleration
+        columns = {"parameter": names, "slope": np.concatenate([spin.value, acceleration.value])}
+        return tables.table_of(columns | {"slope_error": np.concatenate([spin.sigma, acceleration.sigma])})
 
     def plot(self, *, ax: Axes | None = None) -> Axes:
         """The slopes with their errors, on matplotlib axes."""
@@ -152,6 +148,12 @@ class SharedFlow:
     modes: FlowModes
     dispersion: float
 
+    @property
+    def words(self) -> str:
+        """Description for a report."""
+        modes = f"{len(self.modes)} modes of {self.theory.name}"
+        return f"{modes}, and an independent dispersion of {self.dispersion:g} km/s"
+
     def of(self, field: Field, rate: FloatArray, modes: Modes) -> tuple[Field, FloatArray]:
         """Sources with errors that hold their own motions, and X (p, m) of those within reach of the flow."""
         indices = np.flatnonzero(rate > 0)
@@ -201,40 +203,6 @@ _REMARKABLE = 0.0027
 _MANY = 100_000
 
 
-def sections_of(
-    binned: Any, velocity: Vector | None, p_values: Mapping[str, float] | None = None, long: bool = False
-) -> tuple[Section, ...]:
-    """Dipoles in bins of redshift as sections: a table, and whether the bins differ.
-
-    Every hypothesis is tested three ways: with formal errors, with the errors of each bin multiplied by
-    the root of its own χ²/dof, and by permuting redshifts. It is called contradicted where both of the last
-    two say so (the second alone where there are no permutations).
-    """
-    warnings = [
-        f"warning: bin {b + 1}: {solution.quality.warning()}"
-        for b, solution in enumerate(binned.solutions)
-        if binned.is_scaled and solution.quality.warning()  # errors are of the residuals already otherwise
-    ]
-    if binned.is_scaled and binned.counts.min() < 20:
-        warnings.append("warning: a bin has fewer than 20 sources, too few to tell the scale of its errors")
-    if binned.counts.sum() >= _MANY and binned.modes.lmax < 7:
-        warnings.append(
-            "warning: systematic errors, as those of Gaia, are not in the p-values: with them p < "
-            "0.05 on 11 to 14 % of skies at degrees 1 to 3. --lmax 7 (degree 7) gives 3 to 7 % where the bins cover "
-            "the same sky; where they cover different skies it does not help"
-        )
-    if binned.flow_share > 0.01:
-        warnings.append(f"Errors and p-values contain coherent flows: {binned.flow}")
-    title = f"Bins of redshift ({binned.frame} axes, degree 1 to {binned.modes.lmax})"
-    table = binned.to_table()
-    if not long:
-        for name in ("spin", "acceleration"):
-            table[f"|{name}| [µas/yr]"] = [format_amplitude(vector) for vector in binned.vectors(name)]
-    columns = [name for name in table.colnames if long or not name.startswith(("spin", "acceleration"))]
-    bins_section = Section(title, (), table, columns, forms={"chi2_dof": ".2f"}, remarks=warnings)
-    return (bins_section, _tests_section(binned, velocity, p_values))
-
-
 def _tests_section(binned_solution, velocity, p_values):
     """Section on whether the bins differ, each hypothesis with its p-values."""
     tests = {"T": ("spin alike in all bins", binned_solution.equality("T", 1))}
@@ -244,19 +212,15 @@ def _tests_section(binned_solution, velocity, p_values):
     if velocity is not None and np.isfinite(binned_solution.mean_inverse_distance).all():
         hypothesis = f"constant acceleration plus secular parallax, |v| = {velocity.amplitude:.0f} km/s"
         tests["secular_parallax"] = (hypothesis, binned_solution.secular_parallax(velocity)[1])
-    rows = [(name, test, (p_values or {}).get(key, np.nan)) for key, (name, test) in tests.items() if test.dof]
-    verdict_p_values = [test.p_value if np.isnan(p) else max(test.p_value, p) for _, test, p in rows]
-    columns = {
-        "hypothesis": [name for name, _, _ in rows],
-        "χ²": [test.quoted for _, test, _ in rows],
-        "dof": [test.dof for _, test, _ in rows],
-        "p_value formal": [test.p_value_quoted for _, test, _ in rows],
-        "p_value scaled": [test.p_value for _, test, _ in rows],
-        "p_value permuted": [p for _, _, p in rows],
-        "verdict": ["contradicted" if p < _REMARKABLE else "not contradicted" for p in verdict_p_values],
-    }
+    rows = []
+    for key, (hypothesis, test) in tests.items():
+        if test.dof:
+            p = (p_values or {}).get(key, np.nan)
+            verdict = "contradicted" if np.fmax(test.p_value, p) < _REMARKABLE else "not contradicted"
+            rows.append((hypothesis, test.quoted, test.dof, test.p_value_quoted, test.p_value, p, verdict))
+    heads = ("hypothesis", "χ²", "dof", "p_value formal", "p_value scaled", "p_value permuted", "verdict")
     remarks = [f"permuted: {reason}"] if (reason := _why_not_permuted(binned_solution, p_values)) else []
-    table, forms = tables.table_of(columns), {"χ²": ".2f"}
+    table, forms = tables.table_of_rows(heads, rows), {"χ²": ".2f"}
     return Section("Do the bins differ?", (), table, forms=forms, remarks=remarks, notes=binned_solution.notes)
 
 
@@ -506,8 +470,36 @@ class BinnedSolution(Result):
             Our velocity, to test the secular parallax. [km/s]
         p_values : dict of str to float, optional
             Those of `permutation_test`.
+
+        Notes
+        -----
+        Every hypothesis is tested three ways: with formal errors, with the errors of each bin multiplied by the root
+        of its own χ²/dof, and by permuting redshifts. It is called contradicted where both of the last two say so (the
+        second alone where there are no permutations).
         """
-        return sections_of(self, velocity, p_values, long)
+        warnings = [
+            f"warning: bin {b + 1}: {solution.quality.warning()}"
+            for b, solution in enumerate(self.solutions)
+            if self.is_scaled and solution.quality.warning()  # errors are of the residuals already otherwise
+        ]
+        if self.is_scaled and self.counts.min() < 20:
+            warnings.append("warning: a bin has fewer than 20 sources, too few to tell the scale of its errors")
+        if self.counts.sum() >= _MANY and self.modes.lmax < 7:
+            warnings.append(
+                "warning: systematic errors, as those of Gaia, are not in the p-values: with them p < 0.05 on 11 to "
+                "14 % of skies at degrees 1 to 3. --lmax 7 (degree 7) gives 3 to 7 % where the bins cover the same "
+                "sky; where they cover different skies it does not help"
+            )
+        if self.flow_share > 0.01:
+            warnings.append(f"Errors and p-values contain coherent flows: {self.flow}")
+        title = f"Bins of redshift ({self.frame} axes, degree 1 to {self.modes.lmax})"
+        table = self.to_table()
+        if not long:
+            for name in ("spin", "acceleration"):
+                table[f"|{name}| [µas/yr]"] = [format_amplitude(vector) for vector in self.vectors(name)]
+        columns = [name for name in table.colnames if long or not name.startswith(("spin", "acceleration"))]
+        bins_section = Section(title, (), table, columns, forms={"chi2_dof": ".2f"}, remarks=warnings)
+        return (bins_section, _tests_section(self, velocity, p_values))
 
     def shared(self, degrees: Iterable[int] | None = None, **options: Any) -> ClassComparison:
         """Spin and acceleration of the bins with common systematic errors, from the power of their higher degrees.
@@ -585,13 +577,8 @@ class BinnedSolution(Result):
         if not dof:
             return ChiSquare(0.0, 0, float("nan"), 0.0, float("nan"))
         factor, denominator = welch(self, steps)
-        return ChiSquare(
-            scaled_chi2 / factor,
-            dof,
-            f_p_value(scaled_chi2 / factor, dof, denominator),
-            quoted_chi2,
-            float(chdtrc(dof, quoted_chi2)),
-        )
+        p, p_quoted = f_p_value(scaled_chi2 / factor, dof, denominator), float(chdtrc(dof, quoted_chi2))
+        return ChiSquare(scaled_chi2 / factor, dof, p, quoted_chi2, p_quoted)
 
 
 def _vector(modes, kind, values, covariance, free_modes, frame):

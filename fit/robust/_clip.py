@@ -11,7 +11,7 @@ from scipy.special import chdtr, chdtri
 from fit.normal import NormalEquations, Template, normal_equations, solve
 from fit.normal.sums import sandwich, weighted_sums
 from fit.results.quality import CLIPPED, ErrorSource
-from fit.results.solution import AboutSolution, Solution
+from fit.results.solution import AboutSolution, Solution, with_errors
 from vsh.field import Field, SourcesWithErrors
 from vsh.io.parts import Parts, apply_step, as_parts, median
 from vsh.modes import Modes, as_modes
@@ -376,15 +376,8 @@ def excess_noise(
     note = f"excess noise: {size} added in quadrature to every component"
     if scale:
         note += f", after scaling the errors by {format_with_error(factor, factor_error)}"
-    solution = replace(
-        solution,
-        covariance=covariance,
-        covariance_dof=dof,
-        formal_covariance=solution.covariance,
-        notes=(*solution.notes, note),
-        errors_from="the residuals, source by source, with excess noise",
-        error_source=ErrorSource.EXCESS_NOISE,
-    )
+    text, notes = "the residuals, source by source, with excess noise", (*solution.notes, note)
+    solution = with_errors(solution, covariance, text, ErrorSource.EXCESS_NOISE, covariance_dof=dof, notes=notes)
     return ExcessNoise(
         solution=solution,
         excess_noise=float(noise),

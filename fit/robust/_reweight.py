@@ -20,7 +20,7 @@ from scipy.special import digamma, gammaln, polygamma
 from fit.normal import NormalEquations, Template, normal_equations, solve, template_fields
 from fit.normal.sums import blocks, sandwich, weighted_matrix
 from fit.results.quality import ERRORS_TOO_SMALL, TOO_LITTLE_SCATTER, ErrorSource
-from fit.results.solution import AboutSolution, Solution
+from fit.results.solution import AboutSolution, Solution, with_errors
 from fit.robust._clip import EnlargedErrors
 from vsh.field import Field, SourcesWithErrors, multiply_weights
 from vsh.io.parts import Parts, apply_step, as_parts, sample_of
@@ -473,11 +473,11 @@ def _make_result(sky, errors, plain, solution, share, rounds, total):
     inflation = float(np.sqrt(np.mean(np.diag(covariance) / np.diag(plain.covariance))))
     facts = sky.sum(partial(_weight_facts, share=share), roles=("name",), words=f"{_NAME}, weights")
     effective = facts["u"] ** 2 / facts["u²"]
-    largest_weight = max(facts["most"])
+    largest_weight, least = max(facts["most"]), sorted(facts["least"], key=lambda pair: pair[0])[:5]
     note = (
         f"{_NAME}: converged in {rounds} iterations; effective number of sources {effective:.1f} of "
         f"{facts['sources']}; errors are {inflation:.3g} times those of {errors}; sources with "
-        f"the lowest weights: {', '.join((f'{label} ({u / largest_weight:.2g})' for u, label in facts['least'].few))}"
+        f"the lowest weights: {', '.join(f'{label} ({u / largest_weight:.2g})' for u, label in least)}"
     )
     warnings = []
     if inflation < _TOO_SMALL:
@@ -492,17 +492,9 @@ def _make_result(sky, errors, plain, solution, share, rounds, total):
             "scatter of the motions, and those of this fit may be; fit with a noise beside them (excess-noise)"
         )
         warnings.append(CodedNote(warning, ERRORS_TOO_SMALL))
-    solution = replace(
-        solution,
-        covariance=covariance,
-        covariance_dof=dof,
-        formal_covariance=solution.covariance,
-        chi2=facts["chi2"],
-        n_data=plain.n_data,
-        notes=(*plain.notes, *warnings, note),
-        errors_from="the residuals of the robust fit, source by source",
-        error_source=ErrorSource.RESIDUALS,
-    )
+    text, notes = "the residuals of the robust fit, source by source", (*plain.notes, *warnings, note)
+    about = {"covariance_dof": dof, "chi2": facts["chi2"], "n_data": plain.n_data, "notes": notes}
+    solution = with_errors(solution, covariance, text, ErrorSource.RESIDUALS, **about)
     weights = None if sky.in_memory is None else share(sky.in_memory)[1]
     return ReweightedFit(
         solution=solution,
@@ -582,16 +574,6 @@ def _weight_facts(field, share):
         "u²": float(u @ u),
         "chi2": float(sum(field[part].inner(*2 * [residual[:, part]]).sum() for part in blocks(len(field)))),
         "sources": len(field),
-        "least": _LeastWeighted([(float(u[i]), one_line_text(labels[i])) for i in least]),
+        "least": [(float(u[i]), one_line_text(labels[i])) for i in least],
         "most": [float(u.max())],
     }
-
-
-@dataclass(frozen=True)
-class _LeastWeighted:
-    """The five sources with the least weight; of several parts, the five least of all."""
-
-    few: list
-
-    def __add__(self, other):
-        return _LeastWeighted(sorted([*self.few, *other.few], key=lambda pair: pair[0])[:5])

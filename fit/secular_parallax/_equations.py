@@ -203,12 +203,7 @@ def equations_of(
         columns[1].append(-parallax_rate * own_mask * q)
     east, north = map(np.concatenate, columns)
     ours = CMB_VELOCITY_PLANCK18.to_frame(field.frame).value
-    velocity_variance, flow, residual_variance, order = (
-        ours @ ours / 3,
-        None,
-        np.zeros(len(field)),
-        np.arange(len(field)),
-    )
+    velocity_variance, flow, residual_variance = ours @ ours / 3, None, np.zeros(len(field))
     if theory is not None:
         velocity_variance += theory.sigma**2
         residual_variance = np.full(len(field), theory.sigma**2)
@@ -251,11 +246,8 @@ def _error_ellipses(field, calibration, k):
     if calibration.errors is not None:
         is_uncertain = ~k.own & (np.sqrt(k.variance) > _SURE * k.mean)
         mean = calibration.errors.at(k.redshift)
-        s1, s2, rho = (
-            np.where(is_uncertain, mean, s1),
-            np.where(is_uncertain, mean, s2),
-            np.where(is_uncertain, 0.0, rho),
-        )
+        s1, s2 = (np.where(is_uncertain, mean, square) for square in (s1, s2))
+        rho = np.where(is_uncertain, 0.0, rho)
     covariance = rho * np.sqrt(s1 * s2)
     angle = np.arctan2(2 * covariance, s1 - s2) / 2
     mean, half = (s1 + s2) / 2, np.hypot((s1 - s2) / 2, covariance)

@@ -225,11 +225,7 @@ def notes_on_group(
     if local_group is None or local_group is False:
         text = "warning: where we move with the galaxies nearby, H0 is too low by about its error"
         is_missing = local_group is None and rows.modes is not None and frame not in (None, "true")
-        return (
-            [CodedNote(f"{text}: use the Local Group's motion, local_group=True (--flows yes)", "")]
-            if is_missing
-            else []
-        )
+        return [CodedNote(f"{text}: use the Local Group's motion, local_group=True (--flows yes)", "")] * is_missing
     velocity = LOCAL_GROUP if local_group is True else local_group
     text = f"the galaxies nearby move as the Local Group, {velocity.amplitude:.0f} km/s in the microwave background"
     return [CodedNote(f"{text}, and we with them; without that: --flows alone (local_group=False)", WITH_GROUP)]
@@ -269,13 +265,8 @@ def hubble_from(
     attributes = at(velocity.value)
     if velocity.covariance.any():
         step = 1e-4 * velocity.amplitude
-        slopes = np.stack(
-            [
-                (at(velocity.value + s)["values"] - at(velocity.value - s)["values"]) / (2 * step)
-                for s in step * np.eye(3)
-            ],
-            axis=1,
-        )
+        v, steps = velocity.value, step * np.eye(3)
+        slopes = np.stack([at(v + s)["values"] - at(v - s)["values"] for s in steps], axis=1) / (2 * step)
         attributes["covariance"] = attributes["covariance"] + slopes @ velocity.covariance @ slopes.T
     return HubbleSolution(**attributes, preferred=best, peculiar_dispersion=dispersion, assumed_velocity=velocity)
 

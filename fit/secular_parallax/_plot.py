@@ -72,9 +72,8 @@ def plot_forecast(forecast: Any, *, ax: OnAxes | None = None) -> AxesArray:
             axes.plot(forecast.limits, curve, marker="o", color=colour, linestyle=style, label=assumption)
         axes.set_yscale("log")
         set_log_ticks(axes.yaxis, *axes.get_ylim())
-        axes.set_xticks(forecast.limits)
         axes.set_title(name, loc="left")
-        axes.set_ylabel("error of $H_0$  [km/s/Mpc]")
+        axes.set(xticks=forecast.limits, ylabel="error of $H_0$  [km/s/Mpc]")
     subplots[-1].set_xlabel("galaxies with z below")
     axes.figure.legend(*subplots[0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
     return subplots

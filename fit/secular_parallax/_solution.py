@@ -36,45 +36,6 @@ from vsh.tools.units import AU_PER_YEAR, SPEED_OF_LIGHT
 from vsh.vector import Vector
 
 
-def sections_of(
-    solution: Any, source: str | None = None, truth: dict[str, Any] | None = None, long: bool = False
-) -> tuple[Section, ...]:
-    """A velocity or a Hubble constant as sections."""
-    is_velocity, quality = hasattr(solution, "velocity"), solution.quality
-    quantity = "Our velocity" if is_velocity else "The Hubble constant"
-    fitted = f", χ²/dof = {quality.reduced:.3f}" if np.isfinite(quality.reduced) else ""
-    prefix = f"{printable(source)}: " if source else ""
-    facts = [("sources", f"{prefix}{solution.n_sources} sources, {solution.frame} axes{fitted}")]
-    facts.append(("flows", _describe_flow_share(solution)))
-    is_warned, about = _dispersion_verdict(solution)
-    if long:
-        suffix = ", with the flow" if solution.flow is not None else ""
-        text = f"{solution.peculiar_dispersion:g} km/s of peculiar velocities in each component, in the weights{suffix}"
-        facts.append(("dispersion", text))
-    if about and (long or is_warned):
-        facts.append(("warning" if is_warned else "residuals", about))
-    correlations = {"parameter": list(solution.names)} | dict(zip(solution.names, solution.correlation.T, strict=True))
-    forms = dict.fromkeys(solution.names, "+.3f")
-    below = Section("Correlations", (), tables.table_of(correlations), forms=forms, notes=solution.notes)
-    if np.isnan(solution.values).all():
-        errors = tables.table_of({"parameter": list(solution.names), "error": solution.sigma})
-        return (Section(f"{quantity} from the secular parallax of galaxies: errors of a fit", facts, errors), below)
-    if long:
-        facts.append(("χ²/dof", f"{solution.chi2:.6g} / {solution.dof}"))
-    if quality.warning():
-        remark = "; errors below are as quoted, p-values are given for both" if quality.factor > 1 else ""
-        facts.append(("warning", f"{quality.warning()}{remark}"))
-    if is_velocity and solution.velocity.amplitude > SPEED_OF_LIGHT:
-        facts.append(("warning", "faster than light: are redshifts and motions in the unit that was taken?"))
-    facts += _velocity_facts(solution, quality, long) if is_velocity else _hubble_facts(solution, quality, truth)
-    a = solution.acceleration
-    if is_seen(a) and (long or is_velocity):
-        facts.append(("acceleration", format_direction(a.to_frame("galactic"))))
-    title = f"{quantity} from the secular parallax of galaxies"
-    section = Section(title, facts, _vector_table(solution, truth or {}, long), remarks=_omitted_flow_warning(solution))
-    return (section, below) if long else (replace(section, notes=solution.notes),)
-
-
 def _vector_table(solution, truth, long):
     """Velocity and acceleration by component, with the truth of a simulation, as a table of text."""
     rows = []
@@ -93,8 +54,7 @@ def _vector_table(solution, truth, long):
     rows.append(("acceleration [µas/yr]", *format_components(a), format_amplitude(a)))
     if "acceleration" in truth:
         rows.append(_true_row(a, truth["acceleration"].to_frame(solution.frame), "+.3f"))
-    heads = ("vector", "x", "y", "z", "amplitude")
-    return tables.table_of({name: list(cells) for name, cells in zip(heads, zip(*rows, strict=True), strict=True)})
+    return tables.table_of_rows(("vector", "x", "y", "z", "amplitude"), rows)
 
 
 def _true_row(vector, true, form, remark=""):
@@ -149,12 +109,8 @@ def _describe_flow_share(solution):
 
 def _velocity_facts(solution, quality, long):
     v, galactic = solution.velocity, solution.velocity.to_frame("galactic")
-    facts = [
-        (
-            "velocity",
-            f"for H0 = {solution.assumed_hubble:g} km/s/Mpc, toward the apex (galaxies move toward the antapex)",
-        )
-    ]
+    apex = "toward the apex (galaxies move toward the antapex)"
+    facts = [("velocity", f"for H0 = {solution.assumed_hubble:g} km/s/Mpc, {apex}")]
     if is_seen(v) or long:
         remark = f"; noise-debiased |v| {v.debiased_amplitude:.1f}" if is_seen(v) and long else ""
         facts.append(("apex", f"{format_direction(galactic)}{remark}"))
@@ -334,7 +290,40 @@ class ParallaxSolution(NamedSolution):
         truth : dict, optional
             "velocity" and "hubble" of a simulated catalogue, printed below the fitted ones.
         """
-        return sections_of(self, source, truth, long)
+        result: Any = self  # a velocity, or a Hubble constant
+        is_velocity, quality = hasattr(result, "velocity"), self.quality
+        quantity = "Our velocity" if is_velocity else "The Hubble constant"
+        fitted = f", χ²/dof = {quality.reduced:.3f}" if np.isfinite(quality.reduced) else ""
+        prefix = f"{printable(source)}: " if source else ""
+        facts = [("sources", f"{prefix}{self.n_sources} sources, {self.frame} axes{fitted}")]
+        facts.append(("flows", _describe_flow_share(self)))
+        is_warned, about = _dispersion_verdict(self)
+        if long:
+            suffix = ", with the flow" if self.flow is not None else ""
+            text = f"{self.peculiar_dispersion:g} km/s of peculiar velocities in each component, in the weights{suffix}"
+            facts.append(("dispersion", text))
+        if about and (long or is_warned):
+            facts.append(("warning" if is_warned else "residuals", about))
+        correlations = {"parameter": list(self.names)} | dict(zip(self.names, self.correlation.T, strict=True))
+        forms = dict.fromkeys(self.names, "+.3f")
+        below = Section("Correlations", (), tables.table_of(correlations), forms=forms, notes=self.notes)
+        if np.isnan(self.values).all():
+            errors = tables.table_of({"parameter": list(self.names), "error": self.sigma})
+            return (Section(f"{quantity} from the secular parallax of galaxies: errors of a fit", facts, errors), below)
+        if long:
+            facts.append(("χ²/dof", f"{self.chi2:.6g} / {self.dof}"))
+        if quality.warning():
+            remark = "; errors below are as quoted, p-values are given for both" if quality.factor > 1 else ""
+            facts.append(("warning", f"{quality.warning()}{remark}"))
+        if is_velocity and result.velocity.amplitude > SPEED_OF_LIGHT:
+            facts.append(("warning", "faster than light: are redshifts and motions in the unit that was taken?"))
+        facts += _velocity_facts(self, quality, long) if is_velocity else _hubble_facts(self, quality, truth)
+        a = self.acceleration
+        if is_seen(a) and (long or is_velocity):
+            facts.append(("acceleration", format_direction(a.to_frame("galactic"))))
+        title = f"{quantity} from the secular parallax of galaxies"
+        section = Section(title, facts, _vector_table(self, truth or {}, long), remarks=_omitted_flow_warning(self))
+        return (section, below) if long else (replace(section, notes=self.notes),)
 
     def _table_metadata(self):
         """p-values and limits by name."""

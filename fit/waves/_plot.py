@@ -38,11 +38,9 @@ def plot_spectrum(spectrum: Any, *, ax: Axes | None = None) -> Axes:
     axes.plot(
         f, limits[:, 1], "o-" if len(f) < 60 else "-", ms=3, color=COLOURS[0], label="95 % limit, median direction"
     )
-    axes.set_yscale("log")
+    axes.set(yscale="log", xlabel="frequency  [1/yr]", ylabel="strain")
     if f[-1] > 5 * f[0]:
         axes.set_xscale("log")
         set_log_ticks(axes.xaxis, f[0], f[-1])
-    axes.set_xlabel("frequency  [1/yr]")
-    axes.set_ylabel("strain")
     legend_above(axes, 2)
     return axes

@@ -6,18 +6,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve, cholesky, solve_triangular
+from scipy.linalg import cholesky, solve_triangular
 
 from fit.background import equations_of
 from fit.in_time import TimeEquations, normal_equations, waves
-from fit.normal import NormalEquations
+from fit.normal import NormalEquations, eliminate
 from fit.results.quality import SEEN, hint_of
-from fit.results.solution import HarmonicSolution
+from fit.results.solution import Solution
 from fit.results.storage import Result
 from vsh.io import tables
 from vsh.io.sections import Answer, Section
@@ -50,16 +50,13 @@ class WhitenedData(Frozen):
     def of(cls, matrix: FloatArray, rhs: FloatArray, kept: BoolArray) -> WhitenedData:
         """Whiten normal equations."""
         try:
-            factor = cho_factor(matrix[np.ix_(~kept, ~kept)])
-            across = matrix[np.ix_(~kept, kept)]
-            reduced_matrix = matrix[np.ix_(kept, kept)] - across.T @ cho_solve(factor, across)
+            reduced_matrix, reduced_rhs, _ = eliminate(matrix, rhs, kept, ~kept)
             root = cholesky(reduced_matrix)
         except np.linalg.LinAlgError:
             raise DegeneracyError(
                 f"these sources do not determine {len(kept)} coefficients: lower lmax, or take more of the sky"
             ) from None
-        values = solve_triangular(root, rhs[kept] - across.T @ cho_solve(factor, rhs[~kept]), trans="T")
-        return cls(kept, root, values)
+        return cls(kept, root, solve_triangular(root, reduced_rhs, trans="T"))
 
 
 @lru_cache(maxsize=4)
@@ -89,11 +86,6 @@ def _basis(white, modes, nside, copies):
         template_blocks[2 * copy : 2 * copy + 2, copy * p : (copy + 1) * p] = single
     basis = np.tensordot(white.root, template_blocks[:, white.kept], axes=(1, 1)).transpose(1, 0, 2)
     return basis, np.linalg.inv(np.einsum("iqn,jqn->nij", basis, basis))
-
-
-def chance(white: WhitenedData, modes: Modes, nside: int, largest: float, n_skies: int, rng: Rng) -> float:
-    """Estimate the probability that noise alone gives as large a 2F in any direction."""
-    return simulated_p_value(noise_maxima(white, modes, nside, n_skies, rng), largest)
 
 
 def simulated_p_value(maxima: FloatArray, largest: float) -> float:
@@ -245,28 +237,22 @@ class WaveSearch(Result):
         of_all = f"{self.statistic.max():.2f} of {len(self.statistic)} directions"
         p = p_in_words(self.p_value, self.n_skies)
         at = f"at {self.frequency:.4g} per year" if self.frequency else "longer than the observations"
+        median = f"median {middle:.4g}, a strain of {strain}"
         facts = [
             ("data", f"degrees {self.degrees[0]} to {self.degrees[-1]} of {self.n_data} numbers"),
             ("largest 2F", f"{of_all}; noise alone gives χ² with {len(self.amplitudes)} degrees of freedom in each"),
             ("p-value", f"{p} for as large a 2F anywhere from noise alone ({self.n_skies} simulated skies)"),
             ("travels to", "; ".join(directions)),
             ("best wave", f"{wave} {self.unit}"),
-            (
-                "95 % limits",
-                f"{lower:.4g} … {upper:.4g} {self.unit} by direction, median {middle:.4g}, a strain of {strain}",
-            ),
+            ("95 % limits", f"{lower:.4g} … {upper:.4g} {self.unit} by direction, {median}"),
         ]
         return (Section(f"One gravitational wave, {at}", facts, notes=self.notes),)
 
     def to_table(self) -> Table:
         """Return an astropy Table with one row for each direction."""
         lon, lat = centres(self.nside)
-        columns = {
-            "lon": np.degrees(lon) % 360,
-            "lat": np.degrees(lat),
-            "statistic": self.statistic,
-            "limit": self.limits,
-        }
+        columns = {"lon": np.degrees(lon) % 360, "lat": np.degrees(lat)}
+        columns |= {"statistic": self.statistic, "limit": self.limits}
         columns |= {f"amplitude_{i}": amplitude for i, amplitude in enumerate(self.amplitudes)}
         return tables.table_of(columns, self._plain_facts() | {"ORDERING": "RING"}, {"lon": "deg", "lat": "deg"})
 
@@ -279,7 +265,7 @@ class WaveSearch(Result):
 
 @arguments.accepts(nside=arguments.whole, n_skies=arguments.whole, rng=arguments.seed)
 def search(
-    normal: NormalEquations | HarmonicSolution,
+    normal: NormalEquations | Solution,
     *,
     degrees: Iterable[int] | None = None,
     nside: int = 16,
@@ -324,19 +310,17 @@ def search(
     if not search_degrees or search_degrees[0] < 2 or search_degrees[-1] > modes.lmax:
         raise ModesError(f"waves need degrees from 2 on, up to the fitted {modes.lmax}, not {search_degrees or 'none'}")
     white = WhitenedData.of(equations.matrix, equations.rhs, np.isin(modes.degrees, search_degrees))
-    statistic, amplitudes, covariance = search_directions(white, modes, nside)
-    search = WaveSearch(
-        statistic=statistic,
-        amplitudes=amplitudes,
-        limits=length_limits(amplitudes.T, covariance),
-        p_value=1.0,
-        n_skies=n_skies,
-        degrees=search_degrees,
-        frame=equations.frame or "icrs",
-        n_data=equations.n_data,
-        notes=equations.notes,
-    )
-    return replace(search, p_value=chance(white, modes, nside, statistic.max(), n_skies, rng))
+    about = {"degrees": search_degrees, "frame": equations.frame or "icrs", "n_data": equations.n_data}
+    return _search_sky(white, modes, nside, n_skies, rng, notes=equations.notes, **about)[0]
+
+
+def _search_sky(white, modes, nside, n_skies, rng, copies=1, **about):
+    """Search all directions; return the search, and the largest 2F of each sky of noise."""
+    statistic, amplitudes, covariance = search_directions(white, modes, nside, copies)
+    maxima = noise_maxima(white, modes, nside, n_skies, rng, copies)
+    about |= {"p_value": simulated_p_value(maxima, statistic.max()), "n_skies": n_skies}
+    limits = length_limits(amplitudes.T, covariance)
+    return WaveSearch(statistic=statistic, amplitudes=amplitudes, limits=limits, **about), maxima
 
 
 #: Notes of searches in time: for an attitude that is known, and for one that was solved from the same sky.
@@ -445,26 +429,13 @@ class WaveSpectrum(Result):
         count = len(self.frequencies)
         remarks = [f"The {_LISTED} of {count} frequencies with the smallest p-values."] * (not long and count > _LISTED)
         columns = ("frequency", "statistic", "p_value", "limit_median", "limit_low", "limit_high", "strain")
-        forms = dict.fromkeys(("limit_median", "limit_low", "limit_high"), ".3g") | {
-            "statistic": ".2f",
-            "strain": ".2e",
-        }
+        forms = dict.fromkeys(columns[3:6], ".3g") | {"statistic": ".2f", "strain": ".2e"}
         remarks.append(
             "Limits are 95 % upper limits: median and extremes over directions [µas]. p-values are for one frequency "
             "alone."
         )
-        return (
-            Section(
-                f"One gravitational wave at {count} frequencies",
-                facts,
-                table,
-                columns,
-                rows,
-                forms,
-                remarks,
-                self.notes,
-            ),
-        )
+        title = f"One gravitational wave at {count} frequencies"
+        return (Section(title, facts, table, columns, rows, forms, remarks, self.notes),)
 
     def to_table(self) -> Table:
         """Return an astropy Table with one row for each frequency."""
@@ -597,8 +568,6 @@ def _search(equations: TimeEquations, frequency, nside, n_skies, rng):
     # A rotation is indistinguishable from attitude: any prior will do.
     matrix = equations.matrix + np.diag(np.where(is_unconstrained, np.median(size), 1e-9 * size))
     white = WhitenedData.of(matrix, equations.rhs, np.tile(modes.degrees >= 2, 2))
-    statistic, amplitudes, covariance = search_directions(white, modes, nside, copies=2)
-    maxima = noise_maxima(white, modes, nside, n_skies, rng, copies=2)
     notes = (*equations.notes, SOLVED_ATTITUDE if equations.attitude != "known" else KNOWN_ATTITUDE)
     lost = np.flatnonzero(~is_determined)
     if len(lost):
@@ -608,17 +577,7 @@ def _search(equations: TimeEquations, frequency, nside, n_skies, rng):
             f"at {frequency:.4g} per year {len(lost)} of {len(unknowns)} combinations are absorbed by the sources' own "
             f"parallaxes, positions and motions: {examples}{'; …' if len(lost) > 3 else ''}",
         )
-    search = WaveSearch(
-        statistic=statistic,
-        amplitudes=amplitudes,
-        limits=length_limits(amplitudes.T, covariance),
-        p_value=simulated_p_value(maxima, statistic.max()),
-        n_skies=n_skies,
-        degrees=tuple(range(2, modes.lmax + 1)),
-        frame="icrs",
-        n_data=equations.n_data,
-        frequency=float(frequency),
-        unit="µas",
-        notes=notes,
-    )
+    about = {"degrees": tuple(range(2, modes.lmax + 1)), "frame": "icrs", "n_data": equations.n_data, "unit": "µas"}
+    about |= {"frequency": float(frequency), "notes": notes}
+    search, maxima = _search_sky(white, modes, nside, n_skies, rng, 2, **about)
     return search, maxima, len(lost)

@@ -197,7 +197,10 @@ def test_errors_with_the_floor_cover(power, options):
 
 
 def test_floor_is_the_power_that_was_put_in():
-    found = fit.background.floor(fit.fit_field(systematic_sky(3, 2000.0, 20_000), 8), shapes="flat")
+    field = systematic_sky(3, 2000.0, 20_000)
+    found = fit.background.floor(fit.fit_field(field, 8), shapes="flat")
+    shifted = fit.background.floor(fit.fit_field(field.minus(500.0), 8), shapes="flat")
+    assert shifted.power == pytest.approx(found.power)  # the zero point is no systematic error of the others
     assert found.power_interval[0] < 2000 < found.power_interval[1]
     assert found.mean_error == pytest.approx(np.sqrt(found.power / (4 * np.pi)), rel=0.1)  # of its mean power
     assert found.dipole_error == pytest.approx(np.sqrt(3) * found.mean_error)

@@ -49,9 +49,8 @@ class Tails:
             )  # fmt: skip
             firsts.append(-(nu + d) / 2 / inner)
             seconds.append((nu + d) / 2 / inner**2)
-        total = np.logaddexp.reduce(
-            log_densities, axis=0
-        )  # takes a quarter of the time of scipy's logsumexp for one or two parts
+        # It takes a quarter of the time of scipy's logsumexp for one or two parts.
+        total = np.logaddexp.reduce(log_densities, axis=0)
         probabilities = np.exp(np.array(log_densities) - total)
         first_derivative = np.sum(probabilities * firsts, 0)
         second_derivative = np.sum(probabilities * (np.array(seconds) + np.square(firsts)), 0) - first_derivative**2

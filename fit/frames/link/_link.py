@@ -283,11 +283,9 @@ class StepSearch(FrameResult):
 
     def _sections(self, long):
         lower, upper = self.interval
+        p = printed_p_value(self.p_value)
         facts = [
-            (
-                "jump",
-                f"p = {printed_p_value(self.p_value)} of one as large by chance, at any of {len(self.places)} places",
-            ),
+            ("jump", f"p = {p} of one as large by chance, at any of {len(self.places)} places"),
             ("place", f"G = {self.place:.4g} is most probable if there is one; 68 %: {lower:.4g} to {upper:.4g}"),
             ("largest", f"p = {printed_p_value(float(self.p_values.min()))} of that jump alone, without the search"),
         ]

@@ -31,8 +31,8 @@ def plot_link(solution: Any, *, ax: OnAxes | None = None) -> AxesArray:
         axes.axhline(0, color="0.6", lw=0.6)
         rug = {"color": "0.4", "ms": 6, "transform": axes.get_xaxis_transform(), "label": "sources"}
         axes.plot(magnitudes, np.full(magnitudes.size, 0.02), "|", **rug)
-        axes.set_ylabel(f"{vector} ± error  [{'µas' if vector == 'orientation' else 'µas/yr'}]")
-        axes.set_xlabel("magnitude  [mag]")
+        unit = "µas" if vector == "orientation" else "µas/yr"
+        axes.set(xlabel="magnitude  [mag]", ylabel=f"{vector} ± error  [{unit}]")
     legend_above(panel_axes[0], 4)
     axes = panel_axes[len(vectors)]
     influence = np.abs(solution.influence).max(1)
@@ -46,9 +46,8 @@ def plot_link(solution: Any, *, ax: OnAxes | None = None) -> AxesArray:
             solution.sources[i], (solution.distances[i], influence[i]), textcoords="offset points", xytext=offset,
             ha=side, fontsize="x-small",
         )  # fmt: skip
-    axes.set_xscale("log")
+    axes.set(xscale="log", xlabel="√χ² per difference of a source, by its formal errors")
     set_log_ticks(axes.xaxis, *axes.get_xlim())
-    axes.set_xlabel("√χ² per difference of a source, by its formal errors")
     axes.set_ylabel("change of the result without it  [σ]")
     return panel_axes
 
@@ -60,9 +59,7 @@ def plot_steps(search: Any, *, ax: Axes | None = None) -> Axes:
     axes.vlines(search.places, 0, search.probability, color=COLOURS[0], linewidth=1)
     axes.plot(search.places, search.probability, "o", color=COLOURS[0], markersize=4)
     axes.axvspan(*search.interval, color=COLOURS[0], alpha=0.12, linewidth=0, label="68 % of the probability")
-    axes.set_ylim(0, None)
-    axes.set_xlabel("magnitude at which the frame jumps")
-    axes.set_ylabel("probability of this place")
+    axes.set(ylim=(0, None), xlabel="magnitude at which the frame jumps", ylabel="probability of this place")
     legend_above(axes)
     return axes
 
@@ -74,7 +71,6 @@ def plot_plan(plan: Any, *, ax: Axes | None = None) -> Axes:
     number = np.arange(len(plan.candidates) + 1)
     for k, name in enumerate(plan.names):
         axes.plot(number, np.r_[1, plan.sigma[:, k] / plan.before[k]], color=COLOURS[k % len(COLOURS)], label=name)
-    axes.set_xlabel("candidates observed, the best first")
-    axes.set_ylabel("error, in that of today")
+    axes.set(xlabel="candidates observed, the best first", ylabel="error, in that of today")
     legend_above(axes, 3)
     return axes

@@ -458,11 +458,7 @@ class Equations:
             indices = np.unique(self.source[rows], return_inverse=True)[1] if len(rows) > 1 else np.zeros(1, int)
             key = mask[rows].tobytes(), catalogue[rows].tobytes(), indices.tobytes()
             groups.setdefault(key, []).append(k)
-        return [
-            np.array(members[i : i + _TOGETHER])
-            for members in groups.values()
-            for i in range(0, len(members), _TOGETHER)
-        ]
+        return [np.array(each[i : i + _TOGETHER]) for each in groups.values() for i in range(0, len(each), _TOGETHER)]
 
     def _eliminate_group(self, members, excess, reference):
         """Eliminate the true parameters of groups of one shape."""
@@ -560,14 +556,8 @@ def equations(
             f"positions more than 1' from where the source should be: {len(bad)} ({one_line_text(data.name[bad[0]])} "
             f"in {data.catalogue[bad[0]]}, row {bad[0]}): names that are given twice, or a wrong epoch or motion"
         )
-    residual = np.stack(
-        [
-            np.sum(p * positions, 0) / UAS,
-            np.sum(q * positions, 0) / UAS,
-            data.parallax - later[2],
-            *(data.motion - later[3:]),
-        ]
-    ).T
+    offsets = [np.sum(axis * positions, 0) / UAS for axis in (p, q)]
+    residual = np.stack([*offsets, data.parallax - later[2], *(data.motion - later[3:])]).T
     truth = jacobian.copy()
     truth[still, :, 2:] = 0.0
     if parallax and (data.displaced & mask[:, 0]).any():

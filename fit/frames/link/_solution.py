@@ -228,15 +228,11 @@ class FrameTie(FrameResult, NamedSolution):
     def _sections(self, long):
         unknowns, n = self.unknowns, len(self.sources)
         catalogues = ", ".join(unknowns.turned) or self.reference
+        model = f"Δα* = q·ε, Δδ = −p·ε with ε + ω (t − {unknowns.epoch:g})"
+        differences = f"{n}, with {self.n_data} differences after their own positions, parallaxes and motions"
         facts = [
-            (
-                "sources",
-                f"{n}, with {self.n_data} differences after their own positions, parallaxes and motions are eliminated",
-            ),
-            (
-                "model",
-                f"Δα* = q·ε, Δδ = −p·ε with ε + ω (t − {unknowns.epoch:g}), catalogue − reference ({self.frame} axes)",
-            ),
+            ("sources", f"{differences} are eliminated"),
+            ("model", f"{model}, catalogue − reference ({self.frame} axes)"),
             ("χ²/dof", f"{self.chi2:.5g} / {self.dof} = {self.reduced_chi2:.3g} with formal errors"),
         ]
         if self.excess:
@@ -244,25 +240,13 @@ class FrameTie(FrameResult, NamedSolution):
         levels = [line.partition(": ") for line in self._level_lines(long)]
         facts += [(label, text) for label, _, text in levels]
         if long:
-            facts.append(
-                (
-                    "10 more sources",
-                    f"like these would give {np.mean(self.with_more(10) / self.sigma):.2f} of these errors",
-                )
-            )
+            share = np.mean(self.with_more(10) / self.sigma)
+            facts.append(("10 more sources", f"like these would give {share:.2f} of these errors"))
         table = None if unknowns.steps and not long else self.to_table()  # else the levels say it in fewer lines
         remarks = [*self._influence_remarks(), "ICRF3's R1, R2, R3 are −ε."]
-        sections = [
-            Section(
-                f"{catalogues} against {self.reference}",
-                facts,
-                table,
-                ("parameter", "value", "sigma", "unit"),
-                remarks=remarks,
-                notes=self.notes,
-            )
-        ]
-        return (*sections, *(self._by_source() if long else ()))
+        title, columns = f"{catalogues} against {self.reference}", ("parameter", "value", "sigma", "unit")
+        section = Section(title, facts, table, columns, remarks=remarks, notes=self.notes)
+        return (section, *(self._by_source() if long else ()))
 
     def _influence_remarks(self):
         """Sentences on probable outliers, and on sources that the answer hangs on."""
@@ -298,19 +282,11 @@ class FrameTie(FrameResult, NamedSolution):
             "parameter": [self.names[k] for k in worst],
             "errors": self.influence[heaviest, worst],
         }
+        doubtful, influential = tables.table_of(columns), tables.table_of(influence_columns)
+        forms = {"probability": ".2f", "formal errors": ".1f"}
         return (
-            Section(
-                "Sources most probably outliers",
-                (),
-                tables.table_of(columns),
-                forms={"probability": ".2f", "formal errors": ".1f"},
-            ),
-            Section(
-                "Sources with most influence, were they left out",
-                (),
-                tables.table_of(influence_columns),
-                forms={"errors": "+.2f"},
-            ),
+            Section("Sources most probably outliers", (), doubtful, forms=forms),
+            Section("Sources with most influence, were they left out", (), influential, forms={"errors": "+.2f"}),
         )
 
     @property
@@ -344,19 +320,10 @@ class FrameTie(FrameResult, NamedSolution):
             hint = "" if min(p_values) < SEEN else hint_of(p_value)
             if len(p_values) > 1:
                 phrases.append(f"both together p = {printed_p_value(p_value)}{hint and f' ({hint})'}")
-            lines.append(
-                (
-                    f"jump at {step:.4g}",
-                    ", ".join(phrases) + ("; p-values allow for all places" if self.searched else ""),
-                )
-            )
-        lines.append(
-            (
-                "errors",
-                f"{self._tails_text()}, times {self.scale:.3g}: from the residuals of {len(self.sources)} sources",
-            )
-        )
-        return Answer(tuple(lines))
+            remark = "; p-values allow for all places" if self.searched else ""
+            lines.append((f"jump at {step:.4g}", ", ".join(phrases) + remark))
+        errors = f"{self._tails_text()}, times {self.scale:.3g}: from the residuals of {len(self.sources)} sources"
+        return Answer((*lines, ("errors", errors)))
 
     def _jump_text(self, step, vector):
         """The jump of a vector at a step, by its components where there is one catalogue."""
@@ -397,11 +364,8 @@ class FrameTie(FrameResult, NamedSolution):
         """
         if self.searched:
             return self.searched
-        jumps = [
-            self._jump_combinations(step),
-            *(self._jump_combinations(step, [vector]) for vector in self._jumping_vectors),
-        ]
-        return tuple(self._combine_and_test(jump)[2] for jump in jumps)
+        groups = [None, *([vector] for vector in self._jumping_vectors)]
+        return tuple(self._combine_and_test(self._jump_combinations(step, each))[2] for each in groups)
 
     def _level_lines(self, long):
         """The value of each vector between the steps, and the p-values of the jumps."""
@@ -527,11 +491,8 @@ class LinkPlan(Result):
     def _sections(self, long):
         today = ", ".join(f"{name} {error:.3g}" for name, error in zip(self.names, self.before, strict=True))
         rows = range(len(self.candidates) if long else min(_PLANNED, len(self.candidates)))
-        return (
-            Section(
-                "What to observe next", [("errors today", today)], self.to_table(), rows=rows, forms={"gain": ".3f"}
-            ),
-        )
+        facts, forms = [("errors today", today)], {"gain": ".3f"}
+        return (Section("What to observe next", facts, self.to_table(), rows=rows, forms=forms),)
 
     def to_table(self) -> Table:
         """The candidates as an astropy Table, a row each."""

@@ -109,7 +109,7 @@ def test_messages():
         expansion(fit.fit_field(sky(), 1))
     with pytest.raises(ParameterError, match="symmetric"):
         from_tensor(np.triu(np.ones((3, 3))))
-    with pytest.raises(ParameterError, match="must be HarmonicSolution"):
+    with pytest.raises(ParameterError, match="must be Solution"):
         expansion(sky())
     with pytest.raises(ParameterError, match="hubble must be above zero"):
         expansion(fit.fit_field(sky(), 2), hubble=0)

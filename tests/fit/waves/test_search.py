@@ -9,7 +9,7 @@ from scipy.stats import kstest
 import fit
 import sim
 from fit.waves import search, search_in_time
-from fit.waves._search import WhitenedData, _basis, chance, search_directions
+from fit.waves._search import WhitenedData, _basis, noise_maxima, search_directions, simulated_p_value
 from vsh import DegeneracyError, Field, ModesError, ParameterError
 from vsh.io.epochs import Observations, read_observations
 from vsh.length import length_limits
@@ -39,7 +39,7 @@ def test_noise_is_chi_square_and_p_values_are_uniform():
         noise = replace(white, values=rng.standard_normal(len(white.values)))
         statistic = search_directions(noise, modes, 4)[0]
         one.append(statistic[17])
-        chances.append(chance(noise, modes, 4, statistic.max(), 200, rng))
+        chances.append(simulated_p_value(noise_maxima(noise, modes, 4, 200, rng), statistic.max()))
     assert kstest(one, "chi2", args=(2,)).pvalue > 0.01
     assert kstest(chances, "uniform").pvalue > 0.01
 
