@@ -59,7 +59,7 @@ def plot_spectrum(solution: Any, *, ax: Axes | None = None) -> Axes:
     """
     (axes,) = panels(ax, size=(WIDTH, 2.7))
     rows = spectrum(solution)
-    levels, handles = [], []
+    levels, handles, has_limits = [], [], False
     for kind, side in zip(solution.modes.kinds, (-1, 1), strict=False):
         colour, marker = KIND_COLOURS[kind], "o" if kind == "T" else "s"
         kind_rows = [row for row in rows if row.kind == kind]
@@ -84,8 +84,10 @@ def plot_spectrum(solution: Any, *, ax: Axes | None = None) -> Axes:
             color=colour,
             elinewidth=0.8,
         )
-        axes.hlines(noise, l - 0.2, l + 0.2, color=colour, linestyle=":")
-        handles.append(Line2D([], [], color=colour, marker=marker, linestyle="none", label=KIND_NAMES[kind]))
+        axes.hlines(noise, l - 0.085, l + 0.085, color=colour, linestyle=":")
+        look = {"marker": marker, "linestyle": "none"} if is_finite.any() else {"linestyle": ":"}  # of errors to come
+        handles.append(Line2D([], [], color=colour, label=KIND_NAMES[kind], **look))
+        has_limits = has_limits or bool(limit_mask.any())
         levels += [*power[signal], *(power + error)[signal], *limit[limit_mask], *(0.5 * limit[limit_mask]), *noise]
     if solution.floor is not None and solution.includes_floor:
         levels += _draw_floor(axes, solution.floor, handles)
@@ -101,7 +103,8 @@ def plot_spectrum(solution: Any, *, ax: Axes | None = None) -> Axes:
     roots = axes.secondary_yaxis("right", functions=(lambda x: np.sqrt(np.maximum(x, 0)), np.square))
     roots.set_ylabel(f"√power  [{solution.unit}]" if solution.unit else "√power")
     set_log_ticks(roots.yaxis, *np.sqrt(reach))
-    handles.append(Line2D([], [], color="0.3", marker=r"$\downarrow$", linestyle="none", label="95 % limit"))
+    if has_limits:
+        handles.append(Line2D([], [], color="0.3", marker=r"$\downarrow$", linestyle="none", label="95 % limit"))
     handles.append(Line2D([], [], color="0.3", linestyle=":", label="noise alone"))
     legend_above(axes, 2, handles=handles)
     return axes
