@@ -45,10 +45,11 @@ test-browser: $(VENV)/installed-test  ## pages in Chromium: taps, keys, names, c
 	$(BIN)/python $(PIP) --editable '.[test,browser]'
 	$(BIN)/pytest tests/vsh/figures/page/test_in_a_browser.py
 
-test-oracles: .venv-oracles/bin/python  ## the tests with LSDB, PyVO and ESA's gaiasupdate, which pin so much that they have a place of their own
+test-oracles: .venv-oracles/bin/python  ## the tests with LSDB, PyVO, SHTOOLS and ESA's gaiasupdate, which pin so much that they have a place of their own
 	.venv-oracles/bin/python $(PIP) --editable '.[test]' lsdb pyvo
 	.venv-oracles/bin/python $(PIP) --no-deps gaiasupdate
-	.venv-oracles/bin/pytest -n auto tests/vsh/io/parts tests/vsh/io/epochs tests/vsh/io/archive
+	.venv-oracles/bin/python $(PIP) --editable '.[against]'
+	.venv-oracles/bin/pytest -n auto tests/vsh/io/parts tests/vsh/io/epochs tests/vsh/io/archive tests/against
 
 test-oldest: .venv-oldest/installed-test  ## the tests with the lowest versions that setup.cfg allows (Python 3.11)
 	.venv-oldest/bin/pytest -m "not slow" -n auto
