@@ -1,4 +1,4 @@
-"""pyVSH (TU Dresden): spin, glide, their errors and the powers of the same catalogue."""
+"""pyVSH (TU Dresden): spin, glide, their errors and χ² of the same catalogue."""
 
 import numpy as np
 import pytest
