@@ -13,7 +13,7 @@ import json
 import re
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +24,7 @@ from vsh.io import tables
 from vsh.io.archive import DR4
 from vsh.io.catalogue import missing_column, unit_factor
 from vsh.io.epochs._solve import COLOUR_PRIOR, design_row, solve_epochs
+from vsh.tools.arguments import choice
 from vsh.tools.bad_rows import select_usable
 from vsh.tools.errors import EmptyFieldError, TableError
 from vsh.tools.notebook import Frozen
@@ -264,6 +265,8 @@ _COLUMNS = (
 _EXCESS = "agis_source_excess_noise"
 _OPTIONAL = ("obs_time_bary_corr", "used_by_agis_al", "transit_id", "colour_factor_al", _EXCESS)
 _PLACES = ("ra0", "dec0")
+#: Parts of the observations, by the field of view.
+_VIEWS = {"field of view 1": 1, "field of view 2": -1}
 #: CCDs of a transit with the sky mapper's, which is the first and never used.
 _SLOTS = 10
 #: What columns without a unit are in, and others are turned to.
@@ -316,6 +319,36 @@ class Observations(Frozen):
     view: IntArray | None = None
     colour: FloatArray | None = None
     excess_noise: FloatArray | None = None
+
+    def in_view(self, where: str) -> "Observations":
+        """Observations of one of both fields of view, of the sources that have some.
+
+        Parameters
+        ----------
+        where : {"field of view 1", "field of view 2"}
+            The preceding field is the first.
+
+        Raises
+        ------
+        ParameterError
+            If there is no such part.
+        TableError
+            If nothing tells the fields of view.
+        """
+        part = choice("where", where, tuple(_VIEWS))
+        if self.view is None:
+            raise TableError(f"no transit_id tells the field of view of an observation, so none is of {part}")
+        keep = self.view == _VIEWS[part]
+        if not keep.any():
+            raise EmptyFieldError(f"no observation is of {part}")
+        present, number = np.unique(self.source[keep], return_inverse=True)
+        sources = {name: getattr(self, name)[present] for name in ("lon", "lat", "name")}
+        attributes = ((entry.name, getattr(self, entry.name)) for entry in fields(self) if entry.name not in sources)
+        observed = {name: values[..., keep] for name, values in attributes if isinstance(values, np.ndarray)}
+        lost = len(self.lon) - len(present)
+        note = f"epochs: {keep.sum()} of {len(keep)} observations are of {part}"
+        note += f"; {lost} sources have none" * bool(lost)
+        return replace(self, **sources | observed | {"source": number}, notes=(*self.notes, note))
 
     def by_transit(self, gap: float = 60.0) -> "Observations":
         """Average the CCDs of each crossing of the field, weighted, into one observation.
@@ -634,6 +667,7 @@ def read_epochs(
     on_bad: OnBad = "raise",
     columns: Mapping[str, str] | None = None,
     positions: Any = None,
+    where: str | None = None,
 ) -> Field:
     """Solve for five parameters of every source of a table of epoch astrometry.
 
@@ -660,6 +694,9 @@ def read_epochs(
         Other names of these columns.
     positions : path or table, optional
         Where the sources are, by source_id, ra and dec, for files without ra0 and dec0.
+    where : {"field of view 1", "field of view 2"}, optional
+        Solve by the observations of the preceding (1) or the following field of view alone, which transit_id tells: two
+        catalogues whose comparison (`fit.compare.compare_catalogues`) tests the basic angle.
 
     Returns
     -------
@@ -680,6 +717,7 @@ def read_epochs(
     mode, which is that of DR4, and with ``robust=True`` in its mode ``compute_excess_noise=True``.
     """
     observations = read_observations(source, epoch=epoch, columns=columns, positions=positions)
+    observations = observations if where is None else observations.in_view(where)
     colour = observations.colour if pseudocolour else None
     error, excess, notes = observations.error, observations.excess_noise, observations.notes
     if robust is None and excess is None:

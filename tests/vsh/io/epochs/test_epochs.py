@@ -9,7 +9,9 @@ import pytest
 from astropy.table import Table
 from conftest import real_catalogue as real
 
+import fit
 import sim
+from vsh import Field
 from vsh.io.epochs import (
     design_row,
     downweighting_factor,
@@ -425,3 +427,49 @@ def test_observations_that_stand_twice_are_said_where_rows_are_observations(tran
         "360 observations stand in the table twice" in str(note)
         for note in read_observations(vstack([flat, flat])).notes
     )
+
+
+def test_fields_of_view_are_solved_apart(transits):
+    """Their normal equations add up to those of all; sources without an observation there are counted."""
+    whole = read_observations(transits)
+    halves = [whole.in_view(f"field of view {number}") for number in (1, 2)]
+    assert sum(len(half.time) for half in halves) == len(whole.time)
+    solutions = [solve_epochs(x.source, x.design, x.position, x.error, robust=False) for x in (whole, *halves)]
+    inverse = [np.linalg.inv(solution.covariance) for solution in solutions]
+    np.testing.assert_allclose(inverse[1] + inverse[2], inverse[0], rtol=1e-6, atol=1e-9 * np.abs(inverse[0]).max())
+    weighted = [np.einsum("nij,nj->ni", n, s.values) for n, s in zip(inverse, solutions, strict=True)]
+    np.testing.assert_allclose(weighted[1] + weighted[2], weighted[0], atol=1e-7 * np.abs(weighted[0]).max())
+    first = transits[(np.asarray(transits["transit_id"]) >> 15 & 3 == 0) | (np.asarray(transits["source_id"]) > 2)]
+    field = read_epochs(first, where="field of view 2")
+    assert len(field) == 58
+    assert any("2 sources have none" in note for note in field.notes)
+
+
+def test_basic_angle_that_differs_by_the_field_of_view_is_found(transits):
+    """Every star seems to move along the equator in one field alone, as by an angle that drifts."""
+    table = transits.copy()
+    is_first = (np.asarray(table["transit_id"]) >> 15) & 3 == 0
+    angle, years = np.radians(table["scan_pos_angle"]), np.asarray(table["obs_time_tcb"]) / (365.25 * 86400e9) - 7.5
+    spin = sim.spin((0.0, 0.0, 400.0))
+    motion = spin(np.radians(table["ra0"]), np.radians(table["dec0"])) / 1000  # mas/yr
+    shift = (motion[0] * np.sin(angle) + motion[1] * np.cos(angle))[:, None] * years
+    table["centroid_pos_al"] = table["centroid_pos_al"] + is_first[:, None] * shift
+
+    def spin_of(epochs):
+        one, two = (read_epochs(epochs, where=f"field of view {number}") for number in (1, 2))
+        sigma = np.hypot(one.sigma, two.sigma)
+        return fit.fit_field(Field(one.lon, one.lat, one.motion - two.motion, sigma), 1).spin
+
+    found, without = spin_of(table), spin_of(transits)
+    assert abs(found.value[2] - 400) < 3 * found.sigma[2]
+    assert found.p_value < 1e-4
+    assert without.p_value > 0.0027
+
+
+def test_fields_of_view_that_nothing_tells(transits):
+    bare = transits.copy()
+    bare.remove_column("transit_id")
+    with pytest.raises(TableError, match="no transit_id"):
+        read_epochs(bare, where="field of view 1")
+    with pytest.raises(ParameterError, match="field of view 3"):
+        read_epochs(transits, where="field of view 3")
