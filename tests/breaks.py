@@ -478,4 +478,5 @@ BREAKS = [
     ("fit/robust/_clip.py", "modes.components * self.n_sources / information", "2 * self.n_sources / information", "test_scalar_fits.py"),
     ("vsh/io/epochs/_observations.py", "keep = self.view == _VIEWS[part]", "keep = self.view != _VIEWS[part]", "test_epochs.py"),
     ("vsh/models/bright_stars.py", 'np.searchsorted(_UP_TO, magnitude, "right")', 'np.searchsorted(_UP_TO, magnitude)', "test_bright_stars.py"),
+    ("vsh/scalars.py", "counts[used].sum() * share[used] / share[used].sum()", "counts[used].sum() * share[used] / share[used].size", "test_scalar_fields.py"),
 ]  # fmt: skip

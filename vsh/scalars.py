@@ -12,15 +12,21 @@ from vsh.coefficients import Coefficients
 from vsh.field import SourcesWithErrors
 from vsh.modes import Modes, ScalarModes, as_modes
 from vsh.sky.frames import AXES, FRAME_KEY, check_frame, rotation_matrix
+from vsh.sky.pixels import centres, check_nside, pixels_of
 from vsh.sky.sphere import angles, triad
 from vsh.tools.arguments import float_array, number
 from vsh.tools.bad_rows import as_floats, check_shapes, invalid_rows, select_usable
+from vsh.tools.errors import ParameterError
 from vsh.tools.types import ArrayLike, FloatArray, OnBad
 from vsh.tools.units import DEGREE
 
 #: Degree 1 is d·r: rows (1,0), (1,1,re), (1,1,im) of its coefficients from x, y, z of d. That of a glide, over √2.
 DIPOLE = np.sqrt(2 * np.pi / 3) * np.array([[0, 0, np.sqrt(2)], [-1, 0, 0], [0, 1, 0]])
 DIPOLE.flags.writeable = False
+
+
+#: Sources that are expected in a pixel of counts at least; where so many are expected, none is no chance.
+_IN_PIXEL, _FULL = 30, 15.0
 
 
 class ScalarCoefficients(Coefficients):
@@ -213,6 +219,70 @@ class ScalarField(SourcesWithErrors):
         label = columns["name"][keep] if name is not None else None
         lon, lat, numbers, sigma = (column[keep] for column in (lon, lat, columns["values"], columns["errors"]))
         return cls(lon, lat, numbers, sigma, unit, label, frame, (*notes, *added_notes))
+
+    @classmethod
+    def from_counts(
+        cls, lon: ArrayLike, lat: ArrayLike, nside: int | None = None, selection: Any = None, *, frame: str = "icrs"
+    ) -> ScalarField:
+        """The number density of sources: counts in pixels over those expected, less one, with the noise of counts.
+
+        Parameters
+        ----------
+        lon, lat : (n,) arrays
+            Positions. [rad]
+        nside : int, optional
+            Resolution of the pixels; unless given, such that 30 sources are expected in each, 32 at most.
+        selection : (12 nside²,) array, optional
+            Share of the sources of each pixel that the catalogue has, a HEALPix map in ring order in the axes of
+            `frame`, up to a factor; zero, or not finite, where nothing was observed. The same everywhere unless given.
+        frame : str
+            Axes of the positions.
+
+        Raises
+        ------
+        ParameterError
+            If the selection is no map, or negative, or no source lies where it is above zero.
+
+        Notes
+        -----
+        The dipole of the field is that of the density relative to the mean of the pixels used; where these are a part
+        of the sky, it is divided by one plus the fitted mean. Clustering of the sources is power of every degree, which
+        the floor of `fit.recommended` takes into account.
+
+        Examples
+        --------
+        >>> rng = np.random.default_rng(1)
+        >>> lon, lat = rng.uniform(0, 2 * np.pi, 50_000), np.arcsin(rng.uniform(-1, 1, 50_000))
+        >>> ScalarField.from_counts(lon, lat, 8)
+        <ScalarField: 768 sources, icrs>
+        """
+        lon, lat = float_array("lon", lon), float_array("lat", lat)
+        share = np.ones(12) if selection is None else np.ravel(float_array("selection", selection, finite=False))
+        share, finest = np.where(np.isfinite(share), share, 0.0), np.sqrt(share.size / 12)
+        if finest != int(finest) or (share < 0).any():
+            raise ParameterError(f"a selection is a HEALPix map of at least zero, not {share.size} values")
+        if nside is None:
+            most = lon.size / (12 * _IN_PIXEL * max((share > 0).mean(), 1e-3))
+            nside = next((k for k in (32, 16, 8, 4, 2) if k**2 <= most), 1)
+        n_pixels = 12 * check_nside(nside) ** 2
+        if selection is None:
+            share = np.ones(n_pixels)
+        elif nside != finest:  # the mean of the pixels within
+            place = pixels_of(*centres(int(finest)), nside)
+            share = np.bincount(place, share, n_pixels) / np.maximum(np.bincount(place, minlength=n_pixels), 1)
+        counts, used = np.bincount(pixels_of(lon, lat, nside), minlength=n_pixels), share > 0
+        if not counts[used].any():
+            raise ParameterError(f"none of {lon.size} sources lies where the selection is above zero")
+        expected = counts[used].sum() * share[used] / share[used].sum()
+        notes = [f"counts of {counts[used].sum()} sources in {used.sum()} pixels of nside {nside}"]
+        if outside := int(counts[~used].sum()):
+            notes.append(f"{outside} sources lie where the selection is zero and are not counted")
+        if (empty := int(((counts[used] == 0) & (expected > _FULL)).sum())) > 0:
+            notes.append(
+                f"warning: {empty} pixels have no source where {_FULL:g} or more are expected: give a selection"
+            )
+        lon, lat = (angle[used] for angle in centres(nside))
+        return cls(lon, lat, counts[used] / expected - 1, 1 / np.sqrt(expected), "", None, frame, tuple(notes))
 
     def _table(self):
         columns = {"source_id": np.arange(1, len(self) + 1) if self.name is None else self.name}

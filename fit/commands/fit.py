@@ -49,7 +49,9 @@ def make_parser() -> argparse.ArgumentParser:
     add(
         "--value COLUMN[,ERROR]",
         "fit this number in place of the motions: parallax, or what is calculated of columns, such as 'parallax - "
-        "bias' | its standard error is in the column ERROR, or that of its name with _error behind (parallax_error)",
+        "bias', or density | its standard error is in the column ERROR, or that of its name with _error behind "
+        "(parallax_error); density[,MAP] is the number density of the sources, over that which a HEALPix map says of "
+        "their selection",
     )
     add(
         "--floor",

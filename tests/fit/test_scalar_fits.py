@@ -21,6 +21,8 @@ from vsh import (
     ScalarModes,
 )
 from vsh.models.covariance import ScalarSpectrum
+from vsh.sky.pixels import centres
+from vsh.sky.sphere import triad
 
 
 def sky(n=2000, seed=1, lmax=2, tails=False, unit="µas"):
@@ -246,6 +248,23 @@ def test_estimators_agree_on_the_mean(method):
     field, truth = sky(3000)
     value, error = fit.estimate(field, 2, method).solution.mean
     assert abs(value - truth.mean) < 4 * error
+
+
+def test_dipole_of_counts_behind_a_mask_and_a_selection():
+    """A density of 1 + d·r that is seen more often near the poles and not at all near the equator."""
+    truth, pulls = np.array([0.0, 0.05, 0.1]), []
+    map_lat = centres(32)[1]
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        lon, lat = rng.uniform(0, 2 * np.pi, 60_000), np.arcsin(rng.uniform(-1, 1, 60_000))
+        seen = np.where(np.abs(lat) < 0.4, 0.0, 0.6 + 0.4 * np.sin(lat) ** 2)
+        keep = rng.uniform(size=60_000) < seen * (1 + truth @ triad(lon, lat)[2]) / 1.2
+        selection = np.where(np.abs(map_lat) < 0.4, 0.0, 0.6 + 0.4 * np.sin(map_lat) ** 2)
+        field = ScalarField.from_counts(lon[keep], lat[keep], 8, selection)
+        result = fit.recommended(field)
+        pulls.append((result.dipole.value / (1 + result.mean[0]) - truth) / result.dipole.sigma)
+    assert 0.5 < np.sqrt(np.mean(np.square(pulls))) < 1.2
+    assert np.abs(np.mean(pulls, 0)).max() < 3 / np.sqrt(40)
 
 
 def test_units_do_not_mix():

@@ -14,7 +14,8 @@ from vsh.basis import harmonics
 from vsh.conventions import scalar_from_healpy, scalar_to_healpy
 from vsh.io.catalogue import read_scalars
 from vsh.rotate import rotate
-from vsh.tools.errors import FieldError, ModesError, TableError
+from vsh.sky.pixels import centres, pixels_of
+from vsh.tools.errors import FieldError, ModesError, ParameterError, TableError
 from vsh.transform import adjoint, synthesis
 
 RNG = np.random.default_rng(1)
@@ -179,3 +180,35 @@ def test_numbers_that_are_calculated_of_columns():
     assert field.unit == "µas"
     assert_allclose(read_scalars(table, "parallax - shift").values, [-21, 8])  # without a unit: that of the first
     assert_allclose(read_scalars(table, "zero", "parallax_error").sigma, [100, 200])
+
+
+def test_counts_are_those_of_pixels_over_their_selection():
+    nside = 2
+    lon, lat = centres(nside)
+    times = np.arange(1, 49)
+    selection = np.where(np.arange(48) < 40, 1.0 + times, 0.0)
+    field = ScalarField.from_counts(np.repeat(lon, times), np.repeat(lat, times), nside, selection)
+    expected = times[:40].sum() * selection[:40] / selection.sum()
+    assert_allclose(field.values, times[:40] / expected - 1)
+    assert_allclose(field.sigma, 1 / np.sqrt(expected))
+    assert_allclose((field.lon, field.lat), (lon[:40], lat[:40]))
+    assert field.notes == (
+        "counts of 820 sources in 40 pixels of nside 2", "356 sources lie where the selection is zero and are not counted",
+    )  # fmt: skip
+    finer = np.repeat(selection, 4)[np.argsort(pixels_of(*centres(4), nside), kind="stable").argsort()]
+    assert_allclose(
+        ScalarField.from_counts(np.repeat(lon, times), np.repeat(lat, times), nside, finer).values, field.values
+    )
+
+
+def test_counts_of_a_part_of_the_sky_ask_for_its_selection():
+    rng = np.random.default_rng(1)
+    lon, lat = rng.uniform(0, 2 * np.pi, 5000), np.arcsin(rng.uniform(0.1, 1, 5000))
+    field = ScalarField.from_counts(lon, lat)
+    assert any("give a selection" in note for note in field.notes)
+    assert not any("selection" in note for note in ScalarField.from_counts(lon, np.sin(3 * lat), nside=1).notes)
+    with pytest.raises(ParameterError, match="none of 5000 sources"):
+        ScalarField.from_counts(lon, lat, selection=(centres(4)[1] < -0.2).astype(float))
+    for wrong in (np.ones(13), -np.ones(48)):
+        with pytest.raises(ParameterError, match="HEALPix map"):
+            ScalarField.from_counts(lon, lat, selection=wrong)

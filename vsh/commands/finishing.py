@@ -382,9 +382,11 @@ class Run:
         if getattr(self.options, "sigma", None) is not None:
             keywords["sigma"] = self.options.sigma
         if value := keywords.pop("value", None):
-            number, _, error = value.partition(",")
+            number, error = (word.strip() for word in f"{value},".split(",")[:2])
             keywords = {name: each for name, each in keywords.items() if name not in ("roles", "sigma")}
-            return catalogue.read_scalars(source, number.strip(), error.strip() or None, **keywords)
+            if number == reading.DENSITY and number not in source.names:
+                return reading.count_sources(source, error, keywords)
+            return catalogue.read_scalars(source, number, error or None, **keywords)
         if not reading.in_parts(self.options):
             field = catalogue.read_field(source, **keywords)
             self._check_unchanged()

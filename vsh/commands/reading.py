@@ -17,6 +17,7 @@ from vsh.commands import parsing
 
 if TYPE_CHECKING:
     from vsh.io.tables import TableSource
+    from vsh.scalars import ScalarField
     from vsh.vector import Vector
 
 
@@ -86,6 +87,25 @@ def open_catalogue(path: str, options: argparse.Namespace) -> TableSource:
     from vsh.io import tables
 
     return tables.open_table(path, options.input_format)
+
+
+#: The number density of the sources in place of a column.
+DENSITY = "density"
+
+
+def count_sources(source: TableSource, selection: str, keywords: dict[str, Any]) -> ScalarField:
+    """The density of the sources of a catalogue, relative to a map of their selection where one is named."""
+    import vsh
+
+    field = vsh.io.catalogue.read_sources(source, sigma=1.0, **keywords)
+    shares, frame = None, field.frame
+    if selection:
+        axes, _, path = selection.rpartition(":")
+        stated = axes if axes in parsing.FRAMES else None
+        remedy = f"galactic:{path}, or which it is"
+        shares, frame = vsh.io.maps.read_map_with_frame(path if stated else selection, stated, remedy)
+        field = field.to_frame(frame)
+    return vsh.ScalarField.from_counts(field.lon, field.lat, selection=shares, frame=frame)
 
 
 @contextmanager

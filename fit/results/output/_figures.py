@@ -85,7 +85,9 @@ def plot_spectrum(solution: Any, *, ax: Axes | None = None) -> Axes:
             elinewidth=0.8,
         )
         axes.hlines(noise, l - 0.085, l + 0.085, color=colour, linestyle=":")
-        look = {"marker": marker, "linestyle": "none"} if is_finite.any() else {"linestyle": ":"}  # of errors to come
+        look: Any = (
+            {"marker": marker, "linestyle": "none"} if is_finite.any() else {"linestyle": ":"}
+        )  # of errors to come
         handles.append(Line2D([], [], color=colour, label=KIND_NAMES[kind], **look))
         has_limits = has_limits or bool(limit_mask.any())
         levels += [*power[signal], *(power + error)[signal], *limit[limit_mask], *(0.5 * limit[limit_mask]), *noise]

@@ -279,10 +279,10 @@ def error_factor(solution: Any) -> float:
 
 def words_of(vector: Vector) -> str:
     """Size, place and p-value of a vector; an upper limit where it is not detected."""
-    p = printed_p_value(vector.p_value)
+    p, unit = printed_p_value(vector.p_value), f" {vector.unit}" * bool(vector.unit)
     if is_seen(vector):
-        return f"{format_amplitude(vector)} {vector.unit} towards {format_place(vector)}, p = {p}"
-    limit = f"< {format_three_digits(vector.amplitude_limit())} {vector.unit} (95 %)"
+        return f"{format_amplitude(vector)}{unit} towards {format_place(vector)}, p = {p}"
+    limit = f"< {format_three_digits(vector.amplitude_limit())}{unit} (95 %)"
     if vector.p_value < SEEN:
         return f"not zero (p = {p}), but its correlated components tell no size or direction: {limit}"
     hint = f" ({hint})" if (hint := hint_of(vector.p_value)) else ""

@@ -2,6 +2,7 @@
 
 import json
 
+import healpy
 import numpy as np
 import pytest
 from astropy.table import Table
@@ -9,6 +10,7 @@ from astropy.table import Table
 import sim
 from fit.commands.fit import main
 from vsh.io.tables import write_table
+from vsh.sky.pixels import centres
 
 
 @pytest.fixture(scope="module")
@@ -53,6 +55,15 @@ def test_magnitude_that_changes_the_zero_point(catalogue, capsys):
     faint, bright = table["mean"]["values"][1], table["mean"]["values"][0]
     error = np.hypot(table["mean_error"]["values"][0], table["mean_error"]["values"][1])
     assert abs(faint - bright - 300) < 3 * error
+
+
+def test_density_of_the_sources_over_their_selection(catalogue, tmp_path, capsys):
+    plain = answer_of(catalogue, capsys, "--value", "density")
+    assert "dipole" in plain["answer"]
+    healpy.write_map(tmp_path / "selection.fits", (np.abs(centres(16)[1]) > 0.3).astype(float), coord="G", dtype=float)
+    masked = answer_of(catalogue, capsys, "--value", f"density,{tmp_path / 'selection.fits'}")
+    assert masked["tables"]["vectors"]["meta"]["frame"] == "icrs"
+    assert any("sources lie where the selection is zero" in note for note in masked["notes"])
 
 
 def test_everything_is_written(catalogue, tmp_path, capsys):
