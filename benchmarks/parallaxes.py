@@ -70,7 +70,9 @@ def main(n_skies=300):
             rms = [np.sqrt(np.mean(x**2)) for x in (mean, dipole)]
             within = [[np.mean(np.abs(x) < k) for x in (mean, dipole)] for k in (1, 1.96)]
             cells = "    ".join(f"{a:.3f} {b:.3f}" for a, b in within)
-            small = " ".join(f"{np.mean(p_values < p):.3f}" for p in (0.05, 0.0027))
+            small = " ".join(
+                "–" if np.isnan(p_values).any() else f"{np.mean(p_values < p):.3f}" for p in (0.05, 0.0027)
+            )
             print(f"{name:26} {rms[0]:.2f} {rms[1]:.2f}    {cells}    {small}", flush=True)
 
 

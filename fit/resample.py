@@ -400,9 +400,13 @@ def _pixels(field, nside):
 
 
 def _block_errors(growth, nside):
-    formal = np.concatenate([vector.sigma for vector in vectors_of(growth.solution).values()])
     # Without the factor of few replicates, which grows with the blocks by itself.
-    variances = np.concatenate([np.diag(vector.covariance) for vector in vectors_of(growth.quoted).values()])
+    if growth.solution.modes.components == 1:  # the mean, and the dipole where there is one
+        low = growth.solution.modes.degrees <= 1
+        formal, variances = growth.solution.sigma[low], np.diag(growth.covariance)[low]
+    else:
+        formal = np.concatenate([vector.sigma for vector in vectors_of(growth.solution).values()])
+        variances = np.concatenate([np.diag(vector.covariance) for vector in vectors_of(growth.quoted).values()])
     errors = np.sqrt(variances)
     blocks = len(growth.replicates)
     ratio = float(np.sqrt(np.mean((errors / formal) ** 2)))

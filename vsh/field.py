@@ -26,7 +26,7 @@ from vsh.sky.frames import (
 )
 from vsh.tools import bad_rows
 from vsh.tools.arguments import float_array, read_only
-from vsh.tools.errors import FieldError, FrameError
+from vsh.tools.errors import FieldError, FrameError, ParameterError
 from vsh.tools.files import check_new, table_of, write_table
 from vsh.tools.notebook import Equal, Frozen
 from vsh.tools.notes import NO_REDSHIFTS, VELOCITIES, CodedNote, merge_notes
@@ -693,10 +693,24 @@ class Field(Equal, SourcesWithErrors):
         ----------
         correction : function, or result of a fit
             A function from a Field to motions, (2, n) [µas/yr], such as
-            `vsh.models.bright_stars.CANTAT_GAUDIN_BRANDT_2021`; or what has a `model`, as `fit.frames.link` gives.
+            `vsh.models.bright_stars.CANTAT_GAUDIN_BRANDT_2021`; or what has a `model`, as `fit.frames.link` gives,
+            which is taken in its own axes.
+
+        Raises
+        ------
+        ParameterError
+            If it is neither, or not of motions.
         """
+        frame, unit = (getattr(correction, name, None) for name in ("frame", "unit"))
+        model = getattr(correction, "model", correction)
+        if not callable(model) or unit not in (None, "µas/yr"):
+            raise ParameterError(
+                f"a correction is a function of a Field, or has a model of motions, not {correction!r}"
+            )
+        if frame not in (None, self.frame):
+            return self.to_frame(frame).corrected(correction).to_frame(self.frame)
         name = getattr(correction, "__name__", type(correction).__name__)
-        return self.minus(getattr(correction, "model", correction)(self)).add_note(f"motions are corrected by {name}")
+        return self.minus(model(self)).add_note(f"motions are corrected by {name}")
 
     def with_errors(self, sigma: ArrayLike, rho: ArrayLike | None = None) -> Field:
         """Replace the standard errors, (2, n) [µas/yr], and perhaps correlations, (n,).

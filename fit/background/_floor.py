@@ -30,15 +30,18 @@ from vsh.tools.errors import DegeneracyError, ModesError, ParameterError
 from vsh.tools.printing import log_calls
 from vsh.tools.types import ArrayLike, Axes, FloatArray, Table
 
+_PUBLISHED: Any = ((Spectrum, LINDEGREN_2021), (ScalarSpectrum, LINDEGREN_2021_PARALLAX))
 #: Spectra of the systematic errors by name: one power for each mode, what Gaia EDR3's astrometry was published with
 #: (Lindegren et al. 2021), and l⁻², which rises towards degree 1 more steeply than either.
+SHAPES: dict[str, Spectrum]
+SCALAR_SHAPES: dict[str, ScalarSpectrum]
 SHAPES, SCALAR_SHAPES = (
     {
         "flat": kind.flat(),
         "gaia": kind.from_covariance(published, "Gaia's, Lindegren et al. 2021"),
         "steep": kind.of_modes(lambda l: np.maximum(l, 1.0) ** -2, "l⁻² for each mode"),
     }
-    for kind, published in ((Spectrum, LINDEGREN_2021), (ScalarSpectrum, LINDEGREN_2021_PARALLAX))
+    for kind, published in _PUBLISHED
 )
 
 
@@ -104,7 +107,7 @@ class FloorOfKind(Result):
 
     @property
     def spectrum(self) -> Any:
-        """Estimated spectrum with the median powers, for `sim.systematics`; of several shapes the most probable."""
+        """Estimated spectrum with the median powers; of several shapes the most probable."""
         if self.parts:
             return self.parts[int(np.argmax(self.probability))].spectrum
         return self._spectrum_of(*(value for value, *_ in self.powers.values()))

@@ -26,7 +26,7 @@ from scipy.special import chdtrc
 from fit.normal import NormalEquations, eliminate
 from fit.results.quality import ErrorSource
 from fit.results.solution import Solution
-from vsh.models.covariance import Spectrum
+from vsh.models.covariance import SpectrumOfKind
 from vsh.modes import Modes
 from vsh.tools.arguments import choice
 from vsh.tools.errors import DegeneracyError, ModesError, ParameterError
@@ -199,14 +199,14 @@ class Likelihood(Amplitudes):
     def __init__(
         self,
         normal: NormalEquations,
-        spectra: Sequence[Spectrum],
+        spectra: Sequence[SpectrumOfKind],
         degrees: Sequence[int],
         free: Sequence[int],
         noise_scale: bool = True,
     ) -> None:
         modes = normal.modes
         spectra = list(spectra) if isinstance(spectra, Iterable) else []
-        if not spectra or not all(isinstance(spectrum, Spectrum) for spectrum in spectra):
+        if not spectra or not all(isinstance(spectrum, SpectrumOfKind) for spectrum in spectra):
             raise ParameterError("a background needs a list of fit.background.Spectrum, one at least")
         indices = coefficient_indices(modes, degrees)
         shapes = np.array([spectrum.variances(modes)[indices] for spectrum in spectra])

@@ -40,7 +40,7 @@ from fit.results.storage import Result
 from vsh.coefficients import Coefficients
 from vsh.io import tables
 from vsh.io.sections import Section
-from vsh.models.covariance import ScalarSpectrum, Spectrum
+from vsh.models.covariance import ScalarSpectrum, Spectrum, SpectrumOfKind
 from vsh.modes import Modes
 from vsh.scalars import ScalarCoefficients
 from vsh.tools.arguments import choice, generator, whole
@@ -246,16 +246,17 @@ class ClassComparison(Result):
             root = np.linalg.cholesky(covariance + 1e-12 * np.trace(covariance) * np.eye(size))
             skies.append(draw.normal(size=(skies_per_draw, size)) @ root.T)
         draws = np.concatenate(skies).reshape(-1, *self.values.shape)
-        chances, names = [], []
+        chances, ranks, names = [], [], []
         for row, kind, name in self._contrasts():
             block = self._block(kind)
             contrast_covariance = np.einsum("i,iajb,j->ab", row, self._blocks()[:, block][:, :, :, block], row)
             differences = np.einsum("i,nia->na", row, draws[:, :, block])
             sizes = np.einsum("na,ab,nb->n", differences, np.linalg.inv(contrast_covariance), differences)
             chances.append(chdtrc(block.stop - block.start, sizes))
+            ranks.append((chances[-1][0], -sizes[0] / (block.stop - block.start)))  # by size where p underflows
             names.append(name)
         least = np.min(chances, axis=0)
-        index = int(np.argmin([chance[0] for chance in chances]))
+        index = ranks.index(min(ranks))
         p = float((1 + np.sum(least[1:] <= least[0])) / len(least))
         return Verdict(p, float(least[0]), names[index], len(names))
 
@@ -539,6 +540,9 @@ def sample_class_errors(
     frames = {each.frame for each in equations}
     if len(frames) > 1:
         raise FrameError(f"classes are in {' and '.join(sorted(map(str, frames)))}: take all to one frame")
+    units = {each.unit for each in equations} - {None}
+    if len(units) > 1:
+        raise ParameterError(f"classes are in {' and '.join(sorted(map(str, units)))}: take all to one unit")
     templates = [tuple(each.name for each in normal.templates) for normal in equations]
     if any(each != templates[0] for each in templates):
         raise ParameterError("classes have different templates: give all of them the same maps")
@@ -635,16 +639,16 @@ def _highest_degree(equations, degrees):
     return highest
 
 
-def spectra_of(shapes: Any, modes: Modes) -> list[tuple[str, Spectrum]]:
+def spectra_of(shapes: Any, modes: Modes) -> list[tuple[str, Any]]:
     """Names and spectra of shapes for some modes; ParameterError where one is none."""
     named, kind = (SCALAR_SHAPES, ScalarSpectrum) if modes.components == 1 else (SHAPES, Spectrum)
-    shape_list = [shapes] if isinstance(shapes, str | Spectrum) else list(shapes)
+    shape_list = [shapes] if isinstance(shapes, str | SpectrumOfKind) else list(shapes)
     for shape in shape_list:
-        if type(shape) is not kind and (isinstance(shape, Spectrum) or shape not in named):
+        if type(shape) is not kind and (isinstance(shape, SpectrumOfKind) or shape not in named):
             raise ParameterError(f"a shape is {', '.join(map(repr, named))} or a {kind.__name__}, not {shape!r}")
     if not shape_list:
         raise ParameterError("a shape of the spectrum is needed: 'flat', 'gaia' or a Spectrum")
-    return [(shape.name, shape) if isinstance(shape, Spectrum) else (shape, named[shape]) for shape in shape_list]
+    return [(shape.name, shape) if isinstance(shape, SpectrumOfKind) else (shape, named[shape]) for shape in shape_list]
 
 
 def _reduce_classes(equations, names, modes, scale_flags, is_free=None) -> tuple[ClassEquations, list[str]]:

@@ -97,6 +97,10 @@ def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
         parser.error("--classes needs --lmax 3 or more: degrees 1 and 2 contain no information on systematic errors")
     if options.templates and options.lmax < 3:
         parser.error("--templates needs --lmax 3 or more, 5 is best: degrees 1 and 2 alone tell them from nothing")
+    if options.value is not None and not options.value.strip(", "):
+        parser.error("--value names no column")
+    if options.value and options.sigma is not None:
+        parser.error("sigma= is an error of motions: name the column of errors of a number, --value VALUE,ERROR")
     if options.value and (options.waves or options.templates or reading.in_parts(options)):
         parser.error("--value fits one number of each source: --waves, --templates and --workers are for motions")
     options.years = options.waves if isinstance(options.waves, float) else None
@@ -145,7 +149,7 @@ def _run(options):
     if maps:
         results["cross_powers"] = _cross_powers_of(plain, solution.floor, maps)
     name = "the simulated catalogue of the demo" if options.demo else source.label
-    about: dict[str, Any] = {"source": name}
+    about: dict[str, Any] = {"source": f"{options.value} of {name}" if options.value else name}
     if not options.value:
         about |= {"check": fit.cross_check(sources), "truth": catalogue.truth_of(source)}
     answer = _answer(solution, results, options.classes)
@@ -261,7 +265,7 @@ def _compare_subsets(run, source, path, estimate, templates, n_sources):
             _check_apart(read(where=_join_conditions(options.where, either)), classes, subsets)
     lmax, inside = estimate.solution.modes.lmax, 0
     if estimate.method == "clip":
-        inside = sum(vsh.io.parts.as_parts(subset).sum(len) for subset in subsets)
+        inside = sum(vsh.io.parts.as_parts(subset, vsh.field.SourcesWithErrors).sum(len) for subset in subsets)
         subsets = [fit.estimate(subset, lmax, *parsing.method_and_value(options.method)).sources for subset in subsets]
     subsets = [subset.to_frame(options.frame) for subset in subsets]
     make = partial(estimate.equations, templates=templates)
@@ -290,8 +294,8 @@ def _read_class(read, label, condition):
 
 def _check_apart(union, classes, subsets):
     """Raise ParameterError where a source is in two classes."""
-    counts = [vsh.io.parts.as_parts(subset).sum(len) for subset in subsets]
-    total = vsh.io.parts.as_parts(union).sum(len)
+    counts = [vsh.io.parts.as_parts(subset, vsh.field.SourcesWithErrors).sum(len) for subset in subsets]
+    total = vsh.io.parts.as_parts(union, vsh.field.SourcesWithErrors).sum(len)
     if sum(counts) > total:
         raise ParameterError(
             f"{sum(counts) - total} sources are in more than one of the classes {'; '.join(classes.labels)}: make them "

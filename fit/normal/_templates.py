@@ -273,6 +273,8 @@ def template_fields(templates: Sequence[Template], modes: Modes, frame: str) -> 
     ParameterError
         If one is constant, or two are the same.
     """
+    if templates and modes.components == 1:
+        raise ParameterError("templates are of motions: numbers have none")
     fields = [field for template in templates for field in template.fields(modes, frame)]
     for i, candidate in enumerate(fields):
         for two in fields[:i]:

@@ -17,7 +17,7 @@ import re
 import textwrap
 import zlib
 from contextlib import suppress
-from dataclasses import fields, is_dataclass
+from dataclasses import MISSING, fields, is_dataclass
 from importlib import import_module
 from typing import Any, Self, cast
 
@@ -251,7 +251,9 @@ class Result(Frozen):
 
     @classmethod
     def _unpack(cls, columns, metadata):
-        return cls(**{entry.name: decode_value(metadata["fields"][entry.name]) for entry in fields(cast(Any, cls))})
+        stored = metadata["fields"]  # an older version may not have had a field with a default
+        entries = [entry for entry in fields(cast(Any, cls)) if entry.name in stored or entry.default is MISSING]
+        return cls(**{entry.name: decode_value(stored[entry.name]) for entry in entries})
 
     def __init_subclass__(cls, **options):
         super().__init_subclass__(**options)

@@ -301,7 +301,7 @@ class ExcessNoise(AboutSolution):
         field, modes, templates
             As for `ReweightedFit.equations`.
         """
-        noisy_sky = as_parts(field, SourcesWithErrors).map(EnlargedErrors(self.excess_noise**2, self.scale**2))
+        noisy_sky = apply_step(field, EnlargedErrors(self.excess_noise**2, self.scale**2))
         return normal_equations(noisy_sky, as_modes(modes, type(self.solution.modes)), templates=templates)
 
 

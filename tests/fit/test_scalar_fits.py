@@ -243,6 +243,11 @@ def test_excess_noise_of_numbers():
     assert abs(scaled.scale - 2) < 3 * scaled.scale_error
 
 
+def test_blocks_of_the_mean_alone():
+    rows, best, _ = fit.resample.compare_blocks(sky(3000)[0], 0)
+    assert best in rows  # which are larger than the structure of degree 2
+
+
 @pytest.mark.parametrize("method", ["least-squares", "clip", "student", "excess-noise", "bootstrap", "jackknife"])
 def test_estimators_agree_on_the_mean(method):
     field, truth = sky(3000)

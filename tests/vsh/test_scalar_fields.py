@@ -118,7 +118,7 @@ def test_table_with_units_and_masks():
     field = read_scalars(table, unit="uas")
     assert_allclose(field.values, [-20, 10, 300])
     assert_allclose(field.sigma, [100, 200, 300])
-    assert field.unit == "uas"
+    assert field.unit == "µas"
     masked = Table({"ra": [10.0, 20.0], "dec": [0.0, 1.0], "parallax_error": [0.1, 0.1]})
     masked["parallax"] = MaskedColumn([0.1, 0.2], mask=[False, True])
     assert "left out 1 of 2 rows: parallax missing: 1" in read_scalars(masked).notes  # no mistake, as of motions
@@ -130,7 +130,7 @@ def test_table_with_units_and_masks():
     assert any("1 of 2" in str(note) for note in kept.notes)
     with pytest.raises(TableError, match="no column 'colour'"):
         read_scalars(masked, "colour")
-    with pytest.raises(TableError, match="cannot be converted to mag"):
+    with pytest.raises(TableError, match="units of parallax, parallax_error do not go together"):
         read_scalars(masked, unit="mag")
 
 
@@ -178,7 +178,10 @@ def test_numbers_that_are_calculated_of_columns():
     assert_allclose(field.values, [-3, 30])
     assert_allclose(field.sigma, [100, 200])
     assert field.unit == "µas"
-    assert_allclose(read_scalars(table, "parallax - shift").values, [-21, 8])  # without a unit: that of the first
+    shifted = read_scalars(table, "parallax - shift")
+    assert_allclose(shifted.values, [-21, 8])  # without a unit, as constants: that of the first
+    assert "no unit in the table, so taken in mas: shift" in shifted.notes
+    assert_allclose(read_scalars(table, "parallax + 0.017").values, [-3, 27])
     assert_allclose(read_scalars(table, "zero", "parallax_error").sigma, [100, 200])
 
 

@@ -6,6 +6,7 @@ import argparse
 import json
 import math
 import os
+import re
 import shutil
 import sys
 import tempfile
@@ -382,11 +383,14 @@ class Run:
         if getattr(self.options, "sigma", None) is not None:
             keywords["sigma"] = self.options.sigma
         if value := keywords.pop("value", None):
-            number, error = (word.strip() for word in f"{value},".split(",")[:2])
+            number, error = (word.strip() for word in re.split(r",(?![^(]*\))", f"{value},")[:2])
             keywords = {name: each for name, each in keywords.items() if name not in ("roles", "sigma")}
             if number == reading.DENSITY and number not in source.names:
-                return reading.count_sources(source, error, keywords)
-            return catalogue.read_scalars(source, number, error or None, **keywords)
+                scalars = reading.count_sources(source, error, keywords)
+            else:
+                scalars = catalogue.read_scalars(source, number, error or None, **keywords)
+            self._check_unchanged()
+            return scalars
         if not reading.in_parts(self.options):
             field = catalogue.read_field(source, **keywords)
             self._check_unchanged()

@@ -166,26 +166,15 @@ PARITIES = ("odd", "even")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Spectrum(InNotebook):
-    """The mean power of a statistically isotropic field in each kind and degree, for an amplitude of one.
-
-    Spectra add, and are multiplied by numbers.
+class SpectrumOfKind(InNotebook):
+    """Base of the spectra of vector and of scalar fields: power by degree, and what it is for the modes.
 
     Attributes
     ----------
     name : str
         For reports.
     law : function
-        From lmax to the powers ∫ |V_l|² dΩ of T and S in degrees 1 … lmax, (2, lmax). [(µas/yr)²]
-
-    Examples
-    --------
-    >>> Spectrum.waves(hubble=70).power(3).round(2)
-    array([[   0.  , 1141.7 ,  159.84],
-           [   0.  , 1141.7 ,  159.84]])
-    >>> (2 * Spectrum.odd()).power(2)
-    array([[ 6.,  0.],
-           [ 0., 10.]])
+        From lmax to the powers of each kind and degree.
     """
 
     name: str
@@ -197,20 +186,6 @@ class Spectrum(InNotebook):
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__}: {self.name}>"
-
-    @classmethod
-    def waves(cls, hubble: float = 70.0) -> Spectrum:
-        """Gravitational waves longer than the observations; amplitude Ω_GW, H0 = `hubble` = 70 h70² Ω_GW. [km/s/Mpc]
-
-        Notes
-        -----
-        Book & Flanagan (2011, PhRvD 83, 024024): 4π H0² α_l, half of it toroidal.
-        """
-        total_power = 4 * np.pi * hubble_rate(arguments.positive("hubble", hubble)) ** 2
-        return cls(
-            f"gravitational waves, H0 = {hubble:g} km/s/Mpc",
-            lambda lmax: cls._repeat_for_kinds(total_power * wave_fractions(lmax) / 2),
-        )
 
     @classmethod
     def flat(cls) -> Self:
@@ -234,6 +209,120 @@ class Spectrum(InNotebook):
             return cls._repeat_for_kinds((2 * l + 1) * variance(l))
 
         return cls(name, law)
+
+    @classmethod
+    def from_covariance(cls, function: Callable[[FloatArray], FloatArray], name: str | None = None) -> Self:
+        """The spectrum of a field whose motions are correlated by V(θ), carried along great circles; P_T = P_S.
+
+        Parameters
+        ----------
+        function : function of θ [rad]
+            V = ½ ξ+, asked once for each number of degrees. [(µas/yr)²]
+        name : str, optional
+            For reports.
+
+        Raises
+        ------
+        ParameterError
+            If V is no function, or the power of a degree comes out negative: no field has such a covariance.
+
+        Notes
+        -----
+        P_l = 2π (2l + 1) ∫ V d⁺_l sin θ dθ. A published V is often measured as ½⟨µ_α*µ_α*' + µ_δµ_δ'⟩ in local
+        axes, which is the same below some 20°, and not near the poles.
+
+        Examples
+        --------
+        >>> from vsh.models.covariance import LINDEGREN_2021
+        >>> Spectrum.from_covariance(LINDEGREN_2021).power(5)[0].round(1)
+        array([218.3, 291.2, 306.9, 288.8, 257. ])
+        """
+        values_of(function, np.array([0.1, 1.0]))
+        name = name or f"of the covariance function {getattr(function, '__name__', 'V(θ)')}"
+        integrals = lru_cache(maxsize=16)(lambda lmax: zero_rounding_errors(power_of(function, lmax, cls._kernel)))
+        return cls(name, lambda lmax: cls._repeat_for_kinds(integrals(lmax)))
+
+    @classmethod
+    def _repeat_for_kinds(cls, power):
+        """Repeat the power for each kind of modes."""
+        return np.tile(power, (len(cls.mode_class.kinds), 1))
+
+    def power(self, lmax: int) -> FloatArray:
+        """∫ |V_l|² dΩ of T and S for l = 1 … `lmax`, (2, lmax). [(µas/yr)²]
+
+        Raises
+        ------
+        ParameterError
+            If a power is negative.
+        ModesError
+            If it was given to a lower degree.
+        """
+        kinds, lowest = self.mode_class.kinds, self.mode_class.lowest
+        lmax = as_modes(lmax, self.mode_class).lmax
+        powers = float_array(f"the spectrum {self.name}", self.law(lmax), (len(kinds), lmax + 1 - lowest))
+        if (powers < 0).any():
+            row, place = np.argwhere(powers < 0)[0]
+            raise ParameterError(
+                f"the power of {kinds[row]}{place + lowest} is {powers[row, place]:.3g} in the spectrum "
+                f"{self.name}: no field has a negative power"
+            )
+        return powers
+
+    def variances(self, modes: Modes | int) -> FloatArray:
+        """Variance of each of `modes`, (p,): P_l/(2l + 1), half where a mode stands for ±m. [(µas/yr)²]"""
+        modes = as_modes(modes, self.mode_class)
+        l, n_kinds = modes.degrees, len(modes.kinds)
+        rows = np.repeat(np.arange(n_kinds), len(modes) // n_kinds)
+        return self.power(modes.lmax)[rows, l - modes.lowest] / (2 * l + 1) / modes.norm2
+
+    def __add__(self, other: Any) -> Self:
+        if type(other) is not type(self):
+            return NotImplemented
+        return type(self)(f"{self.name} + {other.name}", lambda lmax: self.law(lmax) + other.law(lmax))
+
+    def __mul__(self, factor: float) -> Self:
+        factor = arguments.not_negative("the factor on a spectrum", factor)
+        return type(self)(f"{factor:g} × {self.name}", lambda lmax: factor * self.law(lmax))
+
+    __rmul__ = __mul__
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Spectrum(SpectrumOfKind):
+    """The mean power of a statistically isotropic field in each kind and degree, for an amplitude of one.
+
+    Spectra add, and are multiplied by numbers.
+
+    Attributes
+    ----------
+    name : str
+        For reports.
+    law : function
+        From lmax to the powers ∫ |V_l|² dΩ of T and S in degrees 1 … lmax, (2, lmax). [(µas/yr)²]
+
+    Examples
+    --------
+    >>> Spectrum.waves(hubble=70).power(3).round(2)
+    array([[   0.  , 1141.7 ,  159.84],
+           [   0.  , 1141.7 ,  159.84]])
+    >>> (2 * Spectrum.odd()).power(2)
+    array([[ 6.,  0.],
+           [ 0., 10.]])
+    """
+
+    @classmethod
+    def waves(cls, hubble: float = 70.0) -> Spectrum:
+        """Gravitational waves longer than the observations; amplitude Ω_GW, H0 = `hubble` = 70 h70² Ω_GW. [km/s/Mpc]
+
+        Notes
+        -----
+        Book & Flanagan (2011, PhRvD 83, 024024): 4π H0² α_l, half of it toroidal.
+        """
+        total_power = 4 * np.pi * hubble_rate(arguments.positive("hubble", hubble)) ** 2
+        return cls(
+            f"gravitational waves, H0 = {hubble:g} km/s/Mpc",
+            lambda lmax: cls._repeat_for_kinds(total_power * wave_fractions(lmax) / 2),
+        )
 
     @classmethod
     def odd(cls) -> Spectrum:
@@ -277,43 +366,6 @@ class Spectrum(InNotebook):
             raise ParameterError("a spectrum is one power of at least zero for each degree from 1 on")
         return cls(name, lambda lmax: truncate_spectrum(powers, lmax, name))
 
-    @classmethod
-    def from_covariance(cls, function: Callable[[FloatArray], FloatArray], name: str | None = None) -> Self:
-        """The spectrum of a field whose motions are correlated by V(θ), carried along great circles; P_T = P_S.
-
-        Parameters
-        ----------
-        function : function of θ [rad]
-            V = ½ ξ+, asked once for each number of degrees. [(µas/yr)²]
-        name : str, optional
-            For reports.
-
-        Raises
-        ------
-        ParameterError
-            If V is no function, or the power of a degree comes out negative: no field has such a covariance.
-
-        Notes
-        -----
-        P_l = 2π (2l + 1) ∫ V d⁺_l sin θ dθ. A published V is often measured as ½⟨µ_α*µ_α*' + µ_δµ_δ'⟩ in local
-        axes, which is the same below some 20°, and not near the poles.
-
-        Examples
-        --------
-        >>> from vsh.models.covariance import LINDEGREN_2021
-        >>> Spectrum.from_covariance(LINDEGREN_2021).power(5)[0].round(1)
-        array([218.3, 291.2, 306.9, 288.8, 257. ])
-        """
-        values_of(function, np.array([0.1, 1.0]))
-        name = name or f"of the covariance function {getattr(function, '__name__', 'V(θ)')}"
-        integrals = lru_cache(maxsize=16)(lambda lmax: zero_rounding_errors(power_of(function, lmax, cls._kernel)))
-        return cls(name, lambda lmax: cls._repeat_for_kinds(integrals(lmax)))
-
-    @classmethod
-    def _repeat_for_kinds(cls, power):
-        """Repeat the power for each kind of modes."""
-        return np.tile(power, (len(cls.mode_class.kinds), 1))
-
     def only(self, parity: str) -> Spectrum:
         """The part of it that is odd, as a spin is, or even, as a glide is.
 
@@ -329,34 +381,6 @@ class Spectrum(InNotebook):
             return self.law(lmax) * (is_odd == (parity == "odd"))
 
         return Spectrum(f"{self.name}, {parity} parity", law)
-
-    def power(self, lmax: int) -> FloatArray:
-        """∫ |V_l|² dΩ of T and S for l = 1 … `lmax`, (2, lmax). [(µas/yr)²]
-
-        Raises
-        ------
-        ParameterError
-            If a power is negative.
-        ModesError
-            If it was given to a lower degree.
-        """
-        kinds, lowest = self.mode_class.kinds, self.mode_class.lowest
-        lmax = as_modes(lmax, self.mode_class).lmax
-        powers = float_array(f"the spectrum {self.name}", self.law(lmax), (len(kinds), lmax + 1 - lowest))
-        if (powers < 0).any():
-            row, place = np.argwhere(powers < 0)[0]
-            raise ParameterError(
-                f"the power of {kinds[row]}{place + lowest} is {powers[row, place]:.3g} in the spectrum "
-                f"{self.name}: no field has a negative power"
-            )
-        return powers
-
-    def variances(self, modes: Modes | int) -> FloatArray:
-        """Variance of each of `modes`, (p,): P_l/(2l + 1), half where a mode stands for ±m. [(µas/yr)²]"""
-        modes = as_modes(modes, self.mode_class)
-        l, n_kinds = modes.degrees, len(modes.kinds)
-        rows = np.repeat(np.arange(n_kinds), len(modes) // n_kinds)
-        return self.power(modes.lmax)[rows, l - modes.lowest] / (2 * l + 1) / modes.norm2
 
     def covariance(self, theta: ArrayLike, lmax: int = 400) -> FloatArray:
         """V(θ) = ½ ξ+ = Σ ½ (P_T + P_S) d⁺_l/4π, of the shape of θ. [(µas/yr)²]
@@ -381,19 +405,8 @@ class Spectrum(InNotebook):
         """Standard deviation of each component of the glide of such a field: √(P_S1/8π). [µas/yr]"""
         return float(np.sqrt(self.power(1)[1, 0] / (8 * np.pi)))
 
-    def __add__(self, other: Any) -> Spectrum:
-        if not isinstance(other, Spectrum):
-            return NotImplemented
-        return type(self)(f"{self.name} + {other.name}", lambda lmax: self.law(lmax) + other.law(lmax))
 
-    def __mul__(self, factor: float) -> Spectrum:
-        factor = arguments.not_negative("the factor on a spectrum", factor)
-        return type(self)(f"{factor:g} × {self.name}", lambda lmax: factor * self.law(lmax))
-
-    __rmul__ = __mul__
-
-
-class ScalarSpectrum(Spectrum):
+class ScalarSpectrum(SpectrumOfKind):
     """The mean power of a statistically isotropic scalar field, parallaxes say, in each degree from 0 on.
 
     Attributes

@@ -406,7 +406,7 @@ def warnings_of(solution: Any) -> list[tuple[str, str]]:
         texts.append(f"{text}: p-values are nan there")
     if size <= solution.dof < _FEW * size:
         text = f"{size} coefficients of {solution.n_data} numbers: errors grow with every degree"
-        texts.append(f"{text}; a lower --lmax is enough for spin and acceleration")
+        texts.append(f"{text}; a lower --lmax is enough for degree 1")
     if 0 < solution.dof < size:
         texts.append(f"{solution.dof} degrees of freedom for {size} coefficients: χ² says little of the errors")
     return [("warning", text) for text in texts]

@@ -254,3 +254,10 @@ def test_means_and_dipoles_of_classes_of_numbers():
     assert "mean p = " in found.report()
     assert "spin" not in found.report(long=True)
     assert scalar_classes(0.0).verdict().p_value > 0.0027
+
+
+def test_classes_in_different_units_are_refused():
+    field = vsh.ScalarField(*np.random.default_rng(1).uniform(0, 1, (2, 500)), np.zeros(500), np.ones(500), "mas")
+    other = fit.normal_equations(replace(field, unit="µas"), 3)
+    with pytest.raises(ParameterError, match="mas and µas"):
+        shared([fit.normal_equations(field, 3), other])

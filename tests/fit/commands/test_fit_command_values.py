@@ -21,6 +21,7 @@ def catalogue(tmp_path_factory):
     faint = table["phot_g_mean_mag"] > 19.5
     table["bent"] = table["parallax"] + np.where(faint, 0.3, 0.0)
     table["bent_error"] = table["parallax_error"]
+    table["word"] = "a"
     table["bent"].unit = table["bent_error"].unit = "mas"
     write_table(table, path)
     return str(path)
@@ -57,6 +58,14 @@ def test_magnitude_that_changes_the_zero_point(catalogue, capsys):
     assert abs(faint - bright - 300) < 3 * error
 
 
+@pytest.mark.parametrize("method", ["recommended", "clip", "excess-noise"])
+def test_classes_by_conditions_and_estimators(catalogue, capsys, method):
+    options = ["--classes", "phot_g_mean_mag < 19.5; phot_g_mean_mag >= 19.5", "--method", method, "--lmax", "3"]
+    found = answer_of(catalogue, capsys, "--value", "parallax", *options)
+    assert found["answer"]["classes"].startswith("no change")
+    assert found["tables"]["shared"]["columns"]["mean"]["unit"] == "uas"
+
+
 def test_density_of_the_sources_over_their_selection(catalogue, tmp_path, capsys):
     plain = answer_of(catalogue, capsys, "--value", "density")
     assert "dipole" in plain["answer"]
@@ -83,8 +92,11 @@ def test_everything_is_written(catalogue, tmp_path, capsys):
         (["--value", "nothing"], "nothing"),
         (["--value", "parallax > 0"], "not a number"),
         (["--value", "3"], "names no column"),
-        (["--value", "parallax - phot_g_mean_mag"], "cannot be converted"),
+        (["--value", "parallax - phot_g_mean_mag"], "do not go together"),
         (["--value", "parallax", "--waves"], "--waves"),
+        (["--value", "word,ruwe"], "holds text"),
+        (["--value", " "], "names no column"),
+        (["--value", "parallax", "--columns", "sigma=10"], "sigma="),
     ],
 )
 def test_what_cannot_be_fitted(catalogue, options, said, capsys):

@@ -169,3 +169,14 @@ def test_stored_results_are_checked(spoiled, words, tmp_path):
     table.write(tmp_path / "s.ecsv", overwrite=True)
     with pytest.raises(TableError, match=rf"is damaged: its Solution is not as it was written.*{words}"):
         read(tmp_path / "s.ecsv")
+
+
+def test_results_of_an_older_version_have_defaults_for_what_it_did_not_know(tmp_path):
+    """A floor was written without its unit before version 0.2."""
+    floor = result_of("floor")
+    floor.write(tmp_path / "floor.ecsv")
+    text = (tmp_path / "floor.ecsv").read_text(encoding="utf-8")
+    older = text.replace(r', "unit": "\u00b5as/yr"', "")
+    assert older != text
+    (tmp_path / "old.ecsv").write_text(older, encoding="utf-8")
+    assert read(tmp_path / "old.ecsv") == floor

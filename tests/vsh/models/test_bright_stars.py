@@ -1,12 +1,14 @@
 """The frame of Gaia's bright stars."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
 import fit
 import sim
-from vsh import Field, FieldError
+from vsh import Field, FieldError, ParameterError
 from vsh.models.bright_stars import CANTAT_GAUDIN_BRANDT_2021
 
 
@@ -36,7 +38,12 @@ def test_corrected_motions_do_not_turn_in_any_axes():
 
 def test_fit_corrects_as_well():
     field = stars().minus(-sim.spin((1.0, 2.0, 3.0))(stars().lon, stars().lat))
-    assert_allclose(field.corrected(fit.fit_field(field, 1)).motion, 0, atol=1e-9)
+    solution = fit.fit_field(field, 1)
+    for frame in ("icrs", "galactic"):  # a result is taken in its own axes
+        assert_allclose(field.to_frame(frame).corrected(solution).motion, 0, atol=1e-9)
+    for wrong in (None, replace(solution, unit="µas")):
+        with pytest.raises(ParameterError, match="a correction is"):
+            field.corrected(wrong)
 
 
 def test_sources_without_magnitudes_are_counted():

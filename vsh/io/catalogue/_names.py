@@ -12,6 +12,7 @@ import numpy as np
 from vsh.io.archive import DR3, DR4
 from vsh.io.tables import TableSource
 from vsh.sky.frames import AXES
+from vsh.tools.bad_rows import as_floats
 from vsh.tools.notebook import InNotebook
 
 REQUIRED = ("ra", "dec", "pmra", "pmdec", "pmra_error", "pmdec_error")
@@ -357,7 +358,9 @@ def _apply_recipe(recipe, block, count):
     inputs, function, _ = recipe
     masks = [block[name][1] for name in inputs if block[name][1] is not None]
     with np.errstate(all="ignore"):
-        values = np.broadcast_to(function(*(np.asarray(block[name][0], float) for name in inputs)), count).copy()
+        columns = [as_floats(name, np.asarray(block[name][0])) for name in inputs]
+        numbers = [np.where(missing, np.nan, array) for array, missing in columns]
+        values = np.broadcast_to(function(*numbers), count).copy()
     return values, np.logical_or.reduce(masks) if masks else None
 
 

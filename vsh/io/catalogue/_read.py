@@ -278,7 +278,8 @@ class _FieldMaker:
         self.assumed = any(self.column_of["ra"] in names for names in assumed_units.values())
         #: What stands in place of a motion, where it is a number.
         motion = self.column_of["pmra"]
-        self.value = motion.removeprefix(f"{ASSUMED}pm") if motion == self.column_of["pmdec"] else None
+        is_number = motion.startswith(f"{ASSUMED}pm") and motion == self.column_of["pmdec"]
+        self.value = motion.removeprefix(f"{ASSUMED}pm") if is_number else None
         stated = (self.source.units.get(name) for name in self.column_of.values() if not name.startswith(ASSUMED))
         bare = self.value is None and not any(stated)
         # What is assumed of motions decides on the result; of positions alone, where other columns have units, less.
@@ -558,8 +559,8 @@ def read_scalars(
     columns, units, on_bad, frame, where, format
         As for `read_field`: the names of positions and names, the rows to use, the axes of the positions.
     unit : str, optional
-        Unit to convert to. Default: that of the table, and µas for mas, which Gaia's parallaxes have where no unit is
-        stated.
+        Unit to convert to. Default: that of the first column, and µas for mas, which Gaia's parallaxes have where no
+        unit is stated. Columns without a unit, and constants of a formula, are in the unit of the first column.
 
     Raises
     ------
@@ -575,6 +576,8 @@ def read_scalars(
     array([-20.])
     >>> read_scalars(table, "parallax - bias").values.round(6)
     array([10.])
+    >>> read_scalars(table, "parallax + 0.017").values.round(6)
+    array([-3.])
     """
     table = add_derived_columns(tables.open_table(source, format))
     formula = tables.Where(f"column({value!r})" if value in table.names else value)
@@ -584,31 +587,33 @@ def read_scalars(
     for name in (*formula.names, error):
         if name not in table.names:
             raise TableError(missing_column(name, table))
-    stated, notes = {name: str((units or {}).get(name) or table.units.get(name) or "") for name in table.names}, []
-    bare = [name for name in (formula.names[0], error) if not stated[name] and name.startswith("parallax")]
-    if bare:
-        stated |= dict.fromkeys(bare, "mas")
-        notes = [f"no unit in the table, so taken in mas: {', '.join(bare)}"]
-    usual = "uas" if parse_unit(stated[formula.names[0]]) == parse_unit("mas") else stated[formula.names[0]]
-    target = parse_unit(unit or usual)
+    used = tuple(dict.fromkeys((*formula.names, error)))
+    stated, notes = {name: str((units or {}).get(name) or table.units.get(name) or "") for name in used}, []
+    own = stated[used[0]] or ("mas" if used[0] == "parallax" else "")  # in which constants of the formula are, too
+    if own and (bare := [name for name in used if not stated[name]]):
+        notes = [f"no unit in the table, so taken in {own}: {', '.join(map(printable, bare))}"]
+    target = parse_unit(unit or ("uas" if parse_unit(own) == parse_unit("mas") else own))
     try:
-        factors = {
-            name: parse_unit(stated[name]).to(target) if stated[name] else None for name in (*formula.names, error)
-        }
+        factors = {name: parse_unit(stated[name] or own).to(parse_unit(own)) for name in used}
+        scale = parse_unit(own).to(target)
     except ValueError as wrong:  # astropy's UnitConversionError is one
-        raise TableError(f"{', '.join((*formula.names, error))} cannot be converted to {target}: {wrong}") from None
-    first = factors[formula.names[0]] or 1.0  # what has no unit is in that of the first
-    factors = {name: first if factor is None else factor for name, factor in factors.items()}
+        raise TableError(f"the units of {', '.join(map(printable, used))} do not go together: {wrong}") from None
 
-    def values(*numbers):
-        block = {name: (array * factors[name], None) for name, array in zip(formula.names, numbers, strict=True)}
-        return formula.numbers(block)
+    def number_of(name, column):
+        """A column in the unit of the first, without what marks a missing value in its own."""
+        is_mark = find_placeholder_rows({"pmra": column, "pmdec": column}) & (factors[name] * scale != 1)
+        return np.where(is_mark, np.nan, column) * factors[name]
+
+    def values(*columns):
+        return scale * formula.numbers(
+            {name: (number_of(name, column), None) for name, column in zip(formula.names, columns, strict=True)}
+        )
 
     # The numbers stand for both components of a motion: what is checked of a catalogue's rows is checked of these.
     names = {"value": f"{ASSUMED}pm{value}", "error": f"{ASSUMED}pm{error}"}
     made = {
         names["value"]: (formula.names, values, "uas / yr"),
-        names["error"]: ((error,), lambda array: array * factors[error], "uas / yr"),
+        names["error"]: ((error,), lambda column: scale * number_of(error, column), "uas / yr"),
     }
     roles = {role: names["error" if role in _ERRORS else "value"] for role in (*_MOTIONS, *_ERRORS)}
     chosen = replace(as_columns(columns).choose_names(table.names)[0], **roles, pmra_pmdec_corr=None)
@@ -619,7 +624,7 @@ def read_scalars(
     field = read_field(
         derive_columns(table, made), chosen, units, on_bad=on_bad, frame=frame, where=where, roles=("name",)
     )
-    unit = "µas" if unit is None and target == parse_unit("uas") else target.to_string()
+    unit = "µas" if target == parse_unit("uas") else target.to_string()
     numbers = field.motion[0], field.sigma[0]
     return ScalarField(field.lon, field.lat, *numbers, unit, field.name, field.frame, (*notes, *field.notes))
 
