@@ -309,7 +309,7 @@ _HIGHEST = 7
 
 #: Captions of the figures.
 _CAPTIONS = {
-    "shared": "Spin and acceleration of the classes, with common systematic errors.",
+    "shared": "The classes, with common systematic errors.",
     "cross_powers": "What of the solution follows each template, by degree, in errors with the floor.",
     "waves": "Energy in gravitational waves: posteriors and 95 % limits.",
 }

@@ -14,11 +14,11 @@ from vsh.scalars import ScalarField
 from vsh.tools.types import PathName
 
 _CAPTIONS = {
-    "sky": ("The sources, and the motions that were fitted to them: as dark as they are sure, grey below 2 σ."),
+    "sky": "The sources, and the field that was fitted to them: motions as dark as they are sure, grey below 2 σ.",
     "spectrum": (
         "Power by degree; arrows: 95 % limits where there is no signal; dotted: what noise alone gives on average."
     ),
-    "correlation": "Correlations of spin, acceleration and the coefficients of higher degrees.",
+    "correlation": "Correlations of degree 1 and of the coefficients of higher degrees.",
     "residuals": "Where residuals are larger (red) or smaller (blue) than their errors say, in standard deviations.",
 }
 
