@@ -44,7 +44,7 @@ def _colour(prior):
 def plot_floor(floor: Any, *, ax: Axes | None = None) -> Axes:
     """The power of a mode of either parity, or of a scalar field, with 68 % intervals."""
     errors = [f"{name} ± {error:.3g} {floor.unit}" for name, error in floor.errors.items()]
-    names = [f"odd parity: {errors[0]}", f"even parity: {errors[1]}"] if len(floor.powers) == 2 else [", ".join(errors)]
+    names = [f"odd parity: {errors[0]}", f"even parity: {errors[1]}"] if len(floor.powers) == 2 else ["\n".join(errors)]
     subplots = panels(ax, len(names), 1, size=(WIDTH, 0.5 + 0.75 * len(names)))
     for axes, name, (value, lower, upper) in zip(subplots, names, floor.powers.values(), strict=True):
         axes.hlines(0, lower, upper, color=COLOURS[0], linewidth=2, label="68 %")

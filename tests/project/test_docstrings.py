@@ -24,7 +24,8 @@ REASONS = {
     **dict.fromkeys(("options", "style", "reading", "further"), ON),
     **dict.fromkeys(("source", "path", "positions", "pairs", "a", "b"), TABLES),
     **dict.fromkeys(
-        ("ra", "dec", "pmra", "pmdec", "pmra_error", "pmdec_error", "values", "errors", "columns", "units"), COLUMNS
+        ("ra", "dec", "pmra", "pmdec", "pmra_error", "pmdec_error", "values", "errors", "columns", "units", "selection"),
+        COLUMNS,
     ),
     **dict.fromkeys(("coord", "radius", "orientation", "spin", "jump", "acceleration", "masses"), ASTROPY),
     **dict.fromkeys(("sources", "cases", "fields", "field", "table"), SOURCES),
@@ -32,7 +33,7 @@ REASONS = {
         ("solution", "check", "figures", "beside", "about", "models", "floor", "law", "folder", "observations",
          "attitude", "chosen"), ARROWS,
     ),
-    **dict.fromkeys(("work", "pieces", "piece", "function", "solve", "potential"), "a function of the caller's"),
+    **dict.fromkeys(("work", "pieces", "piece", "function", "solve", "potential", "correction"), "a function of the caller's"),
     "color": "a colour of matplotlib, or an array of them", "ax": "axes, or an array: each result says which",
     "rotate": "coefficients, or a pair with their covariance",
     "apparent_motion": SAME, "lensing_motion": SAME, "NominalScanningLaw.attitude": "three arrays, of any shape",

@@ -56,7 +56,7 @@ NOUNS = {
     "Variability": sim.Variability(100, 2),
 }
 #: Those that hold no array.
-PLAIN = {"Signal", "Shear", "Variability", "Modes", "NominalScanningLaw", "floor", "samples"}
+PLAIN = {"Signal", "Shear", "Variability", "Modes", "NominalScanningLaw", "floor", "floor of a scalar field", "samples"}
 
 
 def arrays(thing, seen=()):
