@@ -344,8 +344,8 @@ class Floor(FloorOfKind):
 
     def added(self, modes: Modes) -> FloatArray:
         """Addition to the variances of the coefficients of degree 1 among `modes`, zero for the others, (p,)."""
-        odd, even = Spectrum.odd(), Spectrum.even()
-        spin, glide = self.spin_error / odd.spin_error, self.acceleration_error / even.acceleration_error
+        odd, even, errors = Spectrum.odd(), Spectrum.even(), self.errors
+        spin, glide = errors["spin"] / odd.spin_error, errors["acceleration"] / even.acceleration_error
         return np.where(modes.degrees == 1, (spin**2 * odd + glide**2 * even).variances(modes), 0.0)
 
 
@@ -394,8 +394,8 @@ class ScalarFloor(FloorOfKind):
 
     def added(self, modes: Modes) -> FloatArray:
         """Addition to the variances of the coefficients of degrees 0 and 1 among `modes`, zero for others, (p,)."""
-        flat = ScalarSpectrum.flat()
-        mean, dipole = self.mean_error / flat.mean_error, self.dipole_error / flat.dipole_error
+        flat, errors = ScalarSpectrum.flat(), self.errors
+        mean, dipole = errors["mean"] / flat.mean_error, errors["dipole"] / flat.dipole_error
         return np.select([modes.degrees == 0, modes.degrees == 1], [mean**2, dipole**2 / modes.norm2], 0.0)
 
 

@@ -307,9 +307,7 @@ def _population(options, rng, selection_rng):
     if sky not in parsing.SKIES:
         from vsh.sky.pixels import count_missing_pixels
 
-        axes, _, path = sky.rpartition(":")
-        stated = axes if axes in parsing.FRAMES else None
-        sky, frame = vsh.io.maps.read_map_with_frame(path if stated else sky, stated, "galactic:FILE, or which it is")
+        sky, frame = reading.read_named_map(sky)
         empty = count_missing_pixels(sky)
         if empty:
             finishing.print_line(

@@ -18,6 +18,7 @@ from vsh.commands import parsing
 if TYPE_CHECKING:
     from vsh.io.tables import TableSource
     from vsh.scalars import ScalarField
+    from vsh.tools.types import FloatArray
     from vsh.vector import Vector
 
 
@@ -89,6 +90,15 @@ def open_catalogue(path: str, options: argparse.Namespace) -> TableSource:
     return tables.open_table(path, options.input_format)
 
 
+def read_named_map(text: str) -> tuple[FloatArray, str]:
+    """A HEALPix map and its axes, as options name it: FILE, or galactic:FILE where the header does not state them."""
+    import vsh
+
+    axes, _, path = text.rpartition(":")
+    stated = axes if axes in parsing.FRAMES else None
+    return vsh.io.maps.read_map_with_frame(path if stated else text, stated, "galactic:FILE, or which it is")
+
+
 #: The number density of the sources in place of a column.
 DENSITY = "density"
 
@@ -100,10 +110,7 @@ def count_sources(source: TableSource, selection: str, keywords: dict[str, Any])
     field = vsh.io.catalogue.read_sources(source, sigma=1.0, **keywords)
     shares, frame = None, field.frame
     if selection:
-        axes, _, path = selection.rpartition(":")
-        stated = axes if axes in parsing.FRAMES else None
-        remedy = f"galactic:{path}, or which it is"
-        shares, frame = vsh.io.maps.read_map_with_frame(path if stated else selection, stated, remedy)
+        shares, frame = read_named_map(selection)
         field = field.to_frame(frame)
     return vsh.ScalarField.from_counts(field.lon, field.lat, selection=shares, frame=frame)
 
