@@ -41,11 +41,32 @@ def _axes(s, c, table, q):
 
 
 @njit(inline="always")
-def _add_spline_terms(attitude, k, axis, r, b, g):
-    attitude[k, axis, r] += b[0] * g
-    attitude[k + _ONE, axis, r] += b[1] * g
-    attitude[k + _TWO, axis, r] += b[2] * g
-    attitude[k + _THREE, axis, r] += b[3] * g
+def _observation(i, first, transits):
+    """Source and knot of an observation, its splines, partial derivatives, axes n and m, and weights."""
+    source, knot, frac, sin, cos, fal, fac, table, spacing, middle = transits
+    q, k = np.uintp(source[i]), np.uintp(knot[i] - first)
+    s, c, f = np.float64(sin[i]), np.float64(cos[i]), np.float64(frac[i])
+    partials = (s, c, fal[i], fac[i], (knot[i] + f) * spacing - middle)
+    return q, k, _spline(f), partials, _axes(s, c, table, q), (table[q, 4], table[q, 5])
+
+
+@njit(inline="always")
+def _of_source(x, q, r, partials):
+    """Along and across scan by the parameters of a source."""
+    s, c, fal, fac, t = partials
+    east, north = x[q, 0, r] + t * x[q, 3, r], x[q, 1, r] + t * x[q, 4, r]
+    return s * east + c * north + fal * x[q, 2, r], s * north - c * east + fac * x[q, 2, r]
+
+
+@njit(inline="always")
+def _add_to_source(out, q, r, partials, along, across):
+    s, c, fal, fac, t = partials
+    east, north = s * along - c * across, c * along + s * across
+    out[q, 0, r] += east
+    out[q, 1, r] += north
+    out[q, 2, r] += fal * along + fac * across
+    out[q, 3, r] += t * east
+    out[q, 4, r] += t * north
 
 
 @njit(inline="always")
@@ -55,47 +76,50 @@ def _spline_value(h, k, axis, r, b):
     )
 
 
+@njit(inline="always")
+def _of_attitude(h, k, r, b, axes):
+    """Along and across scan by the coefficients of the attitude."""
+    nx, ny, nz, mx, my, mz = axes
+    ex, ey, ez = _spline_value(h, k, 0, r, b), _spline_value(h, k, 1, r, b), _spline_value(h, k, 2, r, b)
+    return -(nx * ex + ny * ey + nz * ez), mx * ex + my * ey + mz * ez
+
+
+@njit(inline="always")
+def _add_spline_terms(attitude, k, axis, r, b, g):
+    attitude[k, axis, r] += b[0] * g
+    attitude[k + _ONE, axis, r] += b[1] * g
+    attitude[k + _TWO, axis, r] += b[2] * g
+    attitude[k + _THREE, axis, r] += b[3] * g
+
+
+@njit(inline="always")
+def _add_to_attitude(out, k, r, b, axes, along, across):
+    nx, ny, nz, mx, my, mz = axes
+    _add_spline_terms(out, k, 0, r, b, mx * across - nx * along)
+    _add_spline_terms(out, k, 1, r, b, my * across - ny * along)
+    _add_spline_terms(out, k, 2, r, b, mz * across - nz * along)
+
+
 @_compile
 def to_attitude(
     start: int, stop: int, first: int, lengths: tuple, x: FloatArray, out: FloatArray, transits: tuple
 ) -> None:
     """Add Cᵀ x to `out`: the terms of the attitude's equations that the source parameters x give."""
-    source, knot, frac, sin, cos, fal, fac, table, spacing, middle = transits
     for i in range(np.uintp(start), np.uintp(stop)):
-        q, k = np.uintp(source[i]), np.uintp(knot[i] - first)
-        s, c, f = np.float64(sin[i]), np.float64(cos[i]), np.float64(frac[i])
-        t = (knot[i] + f) * spacing - middle
-        b = _spline(f)
-        nx, ny, nz, mx, my, mz = _axes(s, c, table, q)
+        q, k, b, partials, axes, weights = _observation(i, first, transits)
         for r in range(np.uintp(len(lengths))):
-            east, north = x[q, 0, r] + t * x[q, 3, r], x[q, 1, r] + t * x[q, 4, r]
-            along = table[q, 4] * (s * east + c * north + fal[i] * x[q, 2, r])
-            across = table[q, 5] * (s * north - c * east + fac[i] * x[q, 2, r])
-            _add_spline_terms(out, k, 0, r, b, mx * across - nx * along)
-            _add_spline_terms(out, k, 1, r, b, my * across - ny * along)
-            _add_spline_terms(out, k, 2, r, b, mz * across - nz * along)
+            along, across = _of_source(x, q, r, partials)
+            _add_to_attitude(out, k, r, b, axes, weights[0] * along, weights[1] * across)
 
 
 @_compile
 def to_sources(start: int, stop: int, lengths: tuple, h: FloatArray, out: FloatArray, transits: tuple) -> None:
     """Add C h to `out`: the terms of the sources' equations that the attitude coefficients h give."""
-    source, knot, frac, sin, cos, fal, fac, table, spacing, middle = transits
     for i in range(np.uintp(start), np.uintp(stop)):
-        q, k = np.uintp(source[i]), np.uintp(knot[i])
-        s, c, f = np.float64(sin[i]), np.float64(cos[i]), np.float64(frac[i])
-        t = (knot[i] + f) * spacing - middle
-        b = _spline(f)
-        nx, ny, nz, mx, my, mz = _axes(s, c, table, q)
+        q, k, b, partials, axes, weights = _observation(i, 0, transits)
         for r in range(np.uintp(len(lengths))):
-            ex, ey, ez = _spline_value(h, k, 0, r, b), _spline_value(h, k, 1, r, b), _spline_value(h, k, 2, r, b)
-            along = -table[q, 4] * (nx * ex + ny * ey + nz * ez)
-            across = table[q, 5] * (mx * ex + my * ey + mz * ez)
-            east, north = s * along - c * across, c * along + s * across
-            out[q, 0, r] += east
-            out[q, 1, r] += north
-            out[q, 2, r] += fal[i] * along + fac[i] * across
-            out[q, 3, r] += t * east
-            out[q, 4, r] += t * north
+            along, across = _of_attitude(h, k, r, b, axes)
+            _add_to_source(out, q, r, partials, weights[0] * along, weights[1] * across)
 
 
 @_compile
@@ -103,17 +127,10 @@ def predict(
     start: int, stop: int, x: FloatArray, h: FloatArray, along: FloatArray, across: FloatArray, transits: tuple
 ) -> None:
     """Compute the observations that the parameters x and h predict, and store them in `along` and `across`."""
-    source, knot, frac, sin, cos, fal, fac, table, spacing, middle = transits
     for i in range(np.uintp(start), np.uintp(stop)):
-        q, k = np.uintp(source[i]), np.uintp(knot[i])
-        s, c, f = np.float64(sin[i]), np.float64(cos[i]), np.float64(frac[i])
-        t = (knot[i] + f) * spacing - middle
-        b = _spline(f)
-        ex, ey, ez = _spline_value(h, k, 0, 0, b), _spline_value(h, k, 1, 0, b), _spline_value(h, k, 2, 0, b)
-        nx, ny, nz, mx, my, mz = _axes(s, c, table, q)
-        east, north = x[q, 0, 0] + t * x[q, 3, 0], x[q, 1, 0] + t * x[q, 4, 0]
-        along[i] = s * east + c * north + fal[i] * x[q, 2, 0] - (nx * ex + ny * ey + nz * ez)
-        across[i] = s * north - c * east + fac[i] * x[q, 2, 0] + mx * ex + my * ey + mz * ez
+        q, k, b, partials, axes, _ = _observation(i, 0, transits)
+        of_source, of_attitude = _of_source(x, q, 0, partials), _of_attitude(h, k, 0, b, axes)
+        along[i], across[i] = of_source[0] + of_attitude[0], of_source[1] + of_attitude[1]
 
 
 @_compile
@@ -122,44 +139,30 @@ def adjoint(
 ) -> None:
     """Apply the weighted transpose of `predict`, and add the result to `out` and `attitude`."""
     along, across = observations
-    source, knot, frac, sin, cos, fal, fac, table, spacing, middle = transits
     for i in range(np.uintp(start), np.uintp(stop)):
-        q, k = np.uintp(source[i]), np.uintp(knot[i] - first)
-        s, c, f = np.float64(sin[i]), np.float64(cos[i]), np.float64(frac[i])
-        t = (knot[i] + f) * spacing - middle
-        b = _spline(f)
-        nx, ny, nz, mx, my, mz = _axes(s, c, table, q)
-        al, ac = table[q, 4] * along[i], table[q, 5] * across[i]
-        _add_spline_terms(attitude, k, 0, 0, b, mx * ac - nx * al)
-        _add_spline_terms(attitude, k, 1, 0, b, my * ac - ny * al)
-        _add_spline_terms(attitude, k, 2, 0, b, mz * ac - nz * al)
-        east, north = s * al - c * ac, c * al + s * ac
-        out[q, 0] += east
-        out[q, 1] += north
-        out[q, 2] += fal[i] * al + fac[i] * ac
-        out[q, 3] += t * east
-        out[q, 4] += t * north
+        q, k, b, partials, axes, weights = _observation(i, first, transits)
+        weighted_along, weighted_across = weights[0] * along[i], weights[1] * across[i]
+        _add_to_attitude(attitude, k, 0, b, axes, weighted_along, weighted_across)
+        _add_to_source(out, q, 0, partials, weighted_along, weighted_across)
 
 
 @_compile
 def blocks(start: int, stop: int, first: int, squares: FloatArray, band: FloatArray, transits: tuple) -> None:
     """Add the lower triangles of the sources' blocks, and the lower band of the attitude's matrix, by columns."""
-    source, knot, frac, sin, cos, fal, fac, table, spacing, middle = transits
     a, d, n, m = np.empty(5), np.empty(5), np.empty(3), np.empty(3)
     for i in range(start, stop):
-        row, k, block = table[source[i]], knot[i] - first, squares[source[i]]
-        s, c, f = np.float64(sin[i]), np.float64(cos[i]), np.float64(frac[i])
-        t = (knot[i] + f) * spacing - middle
-        a[0], a[1], a[2], a[3], a[4] = s, c, fal[i], t * s, t * c
-        d[0], d[1], d[2], d[3], d[4] = -c, s, fac[i], -t * c, t * s
+        source, knot, b, (s, c, fal, fac, t), axes, (of_along, of_across) = _observation(i, first, transits)
+        block = squares[source]
+        a[0], a[1], a[2], a[3], a[4] = s, c, fal, t * s, t * c
+        d[0], d[1], d[2], d[3], d[4] = -c, s, fac, -t * c, t * s
         for p in range(5):
             for q in range(p + 1):
-                block[p, q] += row[4] * a[p] * a[q] + row[5] * d[p] * d[q]
-        b = _spline(f)
-        n[0], n[1], n[2], m[0], m[1], m[2] = _axes(s, c, table, source[i])
+                block[p, q] += of_along * a[p] * a[q] + of_across * d[p] * d[q]
+        n[0], n[1], n[2], m[0], m[1], m[2] = axes
+        k = np.intp(knot)
         for p in range(3):
             for q in range(3):
-                w = row[4] * n[p] * n[q] + row[5] * m[p] * m[q]
+                w = of_along * n[p] * n[q] + of_across * m[p] * m[q]
                 for u in range(4):
                     for v in range(u + 1):
                         distance = 3 * (u - v) + p - q

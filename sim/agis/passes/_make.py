@@ -92,7 +92,7 @@ class CompiledPasses:
         parameters = None if x is None or h is None else (x[self.order][..., None], np.ascontiguousarray(h)[..., None])
 
         def adjoint_part(start, stop, first_knot, last_knot):
-            sources, attitude = np.zeros((self.n, 5)), np.zeros((last_knot - first_knot + 3, 3, 1))
+            sources, attitude = np.zeros((self.n, 5, 1)), np.zeros((last_knot - first_knot + 3, 3, 1))
             for offset in range(start, stop, TOGETHER):
                 chunk = slice(offset, min(offset + TOGETHER, stop))
                 observations, k = (along[chunk], across[chunk]), chunk.stop - offset
@@ -104,11 +104,11 @@ class CompiledPasses:
                 self._kernels.adjoint(0, k, first_knot, observations, sources, attitude, transits)
             return sources, attitude
 
-        sources, attitude = np.zeros((self.n, 5)), np.zeros((self.coefficients, 3, 1))
+        sources, attitude = np.zeros((self.n, 5, 1)), np.zeros((self.coefficients, 3, 1))
         for (first, last), (source_sums, attitude_sums) in zip(self.knots, self._map(adjoint_part), strict=True):
             sources += source_sums
             attitude[first : last + 3] += attitude_sums
-        return sources[self.rank], attitude[..., 0]
+        return sources[self.rank][..., 0], attitude[..., 0]
 
     def blocks(self) -> tuple[FloatArray, FloatArray]:
         """Blocks of the sources, (n, 5, 5), and the lower band of the attitude's matrix."""
