@@ -13,7 +13,7 @@ from vsh.sky.sphere import angles, triad
 from vsh.tools import arguments
 from vsh.tools.arguments import generator
 from vsh.tools.bad_rows import as_floats
-from vsh.tools.errors import FieldError, ParameterError, TableError
+from vsh.tools.errors import FieldError, ParameterError
 from vsh.tools.notebook import Frozen
 from vsh.tools.types import FloatArray, Rng
 
@@ -64,30 +64,6 @@ class Population(Frozen):
         """The sources picked by a mask, a slice or indices."""
         columns = {f.name: getattr(self, f.name) for f in fields(self)}
         return Population(**{k: v[keep] if isinstance(v, np.ndarray) else v for k, v in columns.items()})
-
-
-def from_table(
-    source: Any, *, ra: str = "ra", dec: str = "dec", redshift: str | None = None, magnitude: str | None = None
-) -> Population:
-    """The positions, and perhaps redshifts and magnitudes, of a real table."""
-    from vsh.io import tables
-
-    table = tables.as_table(source)
-    columns = {}
-    for role, name in {"ra": ra, "dec": dec, "redshift": redshift, "magnitude": magnitude}.items():
-        if name is None:
-            continue
-        if name not in table.colnames:
-            raise TableError(f"no column {name!r} for {role}. The table has {', '.join(table.colnames)}")
-        values, missing = as_floats(name, np.ma.filled(np.ma.asarray(table[name]), np.nan))
-        columns[role] = np.where(missing, np.nan, values)
-    bad = ~(np.isfinite(columns["ra"]) & (np.abs(columns["dec"]) <= 90))
-    if bad.any():
-        raise FieldError(
-            f"{bad.sum()} of {bad.size} positions are missing or not on the sky (first: row {bad.argmax()})"
-        )
-    lon, lat = np.radians(columns["ra"]), np.radians(columns["dec"])
-    return Population(lon, lat, columns.get("magnitude"), columns.get("redshift"))
 
 
 #: Quasars in Gaia's frame brighter than each magnitude (Gaia DR3, five-parameter solutions).

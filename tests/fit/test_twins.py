@@ -191,7 +191,8 @@ def test_redshifts_and_places_of_a_survey(tmp_path, capsys):
     z[:40] = np.nan
     z[40:60] = -1e-4
     Table({"RA": np.degrees(galaxies.lon), "DEC": np.degrees(galaxies.lat), "Z": z}).write(tmp_path / "survey.fits")
-    population = sim.population.from_table(tmp_path / "survey.fits", ra="RA", dec="DEC", redshift="Z")
+    table = Table.read(tmp_path / "survey.fits")
+    population = sim.Population(np.radians(table["RA"]), np.radians(table["DEC"]), redshift=table["Z"])
     good = np.isfinite(population.redshift) & (population.redshift > 1e-3)
     assert good.sum() > 2900
     velocity = np.array([-359.0, 76.7, -44.7])

@@ -203,7 +203,8 @@ def test_simulate_and_bin_on_real_redshifts(name, column, edges, tmp_path, capsy
     table = Table.read(real_catalogue(name))
     column = next(each for each in table.colnames if each.lower() in ("z", "redshift"))
     ra, dec = (next(each for each in table.colnames if each.lower() in names) for names in (("ra", "raj2000"), ("dec", "dej2000")))  # fmt: skip
-    population = sim.population.from_table(table, ra=ra, dec=dec, redshift=column)
+    redshift = np.ma.filled(np.ma.asarray(table[column], float), np.nan)
+    population = sim.Population(np.radians(table[ra]), np.radians(table[dec]), redshift=redshift)
     good = np.isfinite(population.redshift) & (population.redshift > 1e-3)
     velocity = BACHCHAN_2016.to_frame("icrs").value * (1 if "galaxies" in name else 1000)
     truth = sim.secular_parallax(velocity) + sim.acceleration((-0.236, -3.756, -2.08))
