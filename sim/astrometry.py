@@ -207,17 +207,3 @@ def errors_of_unit_transits(law: NominalScanningLaw, n: int = 2000, seed: int = 
             )
         law.remembered[n, seed] = np.sqrt(np.einsum("nii->ni", solution.covariance[solution.solved])).mean(0)
     return law.remembered[n, seed]
-
-
-def transit_error(magnitude: ArrayLike, law: NominalScanningLaw, release: Release = "DR4") -> FloatArray:
-    """Along-scan error of a transit by magnitude, (n,). [µas]
-
-    Such that the sky-mean parallax error of the mission is the published one of the release,
-    whatever the length of the mission.
-    """
-    return parallax_error(np.asarray(magnitude, float), release) / errors_of_unit_transits(law)[2]
-
-
-def attitude_noise(law: NominalScanningLaw, sigma: float, rng: Rng) -> FloatArray:
-    """Error of the attitude along scan in every interval between knots, (k,). [µas]"""
-    return sigma * generator(rng).standard_normal(int(np.ceil(law.years / KNOT)) + 1)

@@ -8,7 +8,7 @@ from scipy import stats
 import fit
 import sim
 from fit.secular_parallax import hubble_constant, observer_velocity
-from sim.astrometry import PARAMETERS, errors_of_unit_transits, parallax_error, solve_astrometry, transit_error
+from sim.astrometry import PARAMETERS, errors_of_unit_transits, parallax_error, solve_astrometry
 from sim.expected import errors_by_place
 from sim.variability import Variability, markov_chain
 from vsh.models.cosmology import BACHCHAN_2016
@@ -57,7 +57,7 @@ def test_ratios_to_the_parallax_error_are_the_published_ones():
 
 def test_parallax_errors_are_the_published_ones():
     magnitude = np.array([14.0, 17.0, 20.0])
-    error = transit_error(magnitude, LAW, release="DR4")
+    error = sim.Mission(LAW, "DR4").transit_error(magnitude)
     np.testing.assert_allclose(error * errors_of_unit_transits(LAW)[2], parallax_error(magnitude, "DR4"))
 
 
@@ -101,9 +101,8 @@ def test_variability_spreads_motions_as_predicted():
 
 def test_attitude_noise_is_shared():
     """Two sources at one place, without noise of their own, have the same errors."""
-    found = solve_astrometry(
-        one_source(2), np.full(2, 1e-9), rng=1, attitude=sim.astrometry.attitude_noise(LAW, 10.0, rng=2)
-    )
+    attitude = sim.Mission(LAW, attitude=10.0).attitude_noise(2)
+    found = solve_astrometry(one_source(2), np.full(2, 1e-9), rng=1, attitude=attitude)
     np.testing.assert_allclose(found.errors[0], found.errors[1], atol=1e-6)
     assert np.abs(found.errors[0]).max() > 0.1
 
