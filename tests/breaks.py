@@ -136,7 +136,7 @@ BREAKS = [
     ("vsh/commands/parsing.py", "names if names & set(settings) else set()", "set()", "test_configuration.py"),
     ("vsh/commands/parsing.py", ", parse_float=str", "", "test_configuration.py"),
     ("vsh/commands/running.py", "digest(path) != checksum", "_hash(path) == checksum", "test_configuration.py"),
-    ("vsh/commands/finishing.py", "if math.isfinite(value) else None", "if value else None", "test_telling.py"),
+    ("vsh/io/sections.py", "if math.isfinite(value) else None", "if value else None", "test_telling.py"),
     ("vsh/commands/parsing.py", "import argparse\nimport json", "import argparse\nimport json\nimport astropy.table", "test_options.py"),
     ("vsh/commands/parsing.py", '"posterior": (', '"chain": (', "test_telling.py"),
     ("vsh/io/tables/_source.py", '== "-", -1.0, 1.0)', '== "-", 1.0, 1.0)', "test_input_formats.py"),

@@ -250,6 +250,20 @@ class Solution(LinearSolution):
 
         return plot_spectrum(self, ax=ax)
 
+    def plot_sky(self, field: Any = None, *, ax: Axes | None = None) -> Axes:
+        """The fitted field on the sky, with how sure it is, on matplotlib axes.
+
+        Parameters
+        ----------
+        field : Field or ScalarField, optional
+            The sources, drawn where they are; none unless given.
+        ax : matplotlib axes, optional
+            Axes whose place the map takes; a new figure unless given.
+        """
+        from fit.results.output import plot_sky
+
+        return plot_sky(self, field, ax=ax)
+
     def to_table(self) -> Table:
         """The coefficients with their errors as an astropy Table, a row each."""
         columns = coefficient_columns(self.modes) | {"value": self.values, "sigma": self.sigma}
@@ -435,13 +449,21 @@ class Solution(LinearSolution):
         return values + draws
 
     @property
+    def aic(self) -> float:
+        """Akaike's information criterion, χ² + 2k, up to a constant of the data: smaller is better."""
+        return self._penalised_chi2(2)
+
+    @property
     def bic(self) -> float:
         """The Bayesian information criterion, χ² + k ln n, up to a constant of the data: smaller is better.
 
         It compares degrees by the catalogue's errors.
         """
-        k = len(self.coefficients.values) - self.by_prior
-        return float(self.chi2 + k * np.log(self.n_data))
+        return self._penalised_chi2(np.log(self.n_data))
+
+    def _penalised_chi2(self, penalty):
+        """χ² with a penalty for each coefficient that the data determine."""
+        return float(self.chi2 + penalty * (len(self.coefficients.values) - self.by_prior))
 
     def latex(
         self, style: Literal["booktabs", "siunitx", "aastex", "aa", "mnras"] = "booktabs", *, full: bool = False

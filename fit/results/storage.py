@@ -25,7 +25,7 @@ import numpy as np
 
 from vsh.io import tables
 from vsh.io.results import MOVED, RENAMED
-from vsh.io.sections import Answer, Section, text_of
+from vsh.io.sections import Answer, Section, as_plain, text_of
 from vsh.modes import Modes
 from vsh.tools.errors import TableError, VshError
 from vsh.tools.files import RESULT_MARK, check_new
@@ -223,6 +223,16 @@ class Result(Frozen):
     def summary(self) -> Table:
         """The result as an astropy Table: `to_table`."""
         return self.to_table()
+
+    def to_dict(self) -> dict[str, Any]:
+        """The lines to quote, the notes and `to_table` as plain values; numbers that are not finite are None."""
+        answer: Any = getattr(self, "answer", Answer())
+        parts = {"type": type(self).__name__, "answer": dict(answer.lines), "notes": getattr(self, "notes", ())}
+        return {name: as_plain(part) for name, part in (parts | {"table": self.to_table()}).items()}
+
+    def to_json(self) -> str:
+        """Write `to_dict` as a JSON document."""
+        return json.dumps(self.to_dict(), ensure_ascii=False, allow_nan=False)
 
     def __repr__(self) -> str:
         """Name and attributes in one line, arrays by their shapes."""

@@ -18,7 +18,7 @@ from vsh.tools.arguments import float_array, generator, not_negative, number
 from vsh.tools.bad_rows import as_floats
 from vsh.tools.errors import FieldError, ParameterError
 from vsh.tools.notebook import InNotebook
-from vsh.tools.types import ArrayLike, FloatArray, Rng
+from vsh.tools.types import ArrayLike, Axes, FloatArray, Rng
 from vsh.tools.units import SPEED_OF_LIGHT
 
 
@@ -57,6 +57,26 @@ class Signal(InNotebook):
     """
 
     parts: tuple
+
+    def plot(self, redshift: float | None = None, *, ax: Axes | None = None) -> Axes:
+        """The motions on the sky as arrows, on matplotlib axes.
+
+        Parameters
+        ----------
+        redshift : float, optional
+            The redshift of all sources, for a signal that depends on it.
+        ax : matplotlib axes, optional
+            Axes whose place the map takes; a new figure unless given.
+        """
+        from vsh.figures import plot
+
+        axes = plot.sky_axes(ax=ax, below=0.5)
+        lon, lat = plot.arrow_grid(axes)
+        motion = self(lon, lat, None if redshift is None else np.full(len(lon), float(redshift)))
+        plot.draw_vectors(axes, lon, lat, motion)
+        if motion.any():
+            plot.draw_key(axes, float(np.hypot(*motion).max()), "µas/yr")
+        return axes
 
     def __call__(self, lon: ArrayLike, lat: ArrayLike, redshift: ArrayLike | None = None) -> FloatArray:
         lon, lat = np.atleast_1d(float_array("lon", lon)), np.atleast_1d(float_array("lat", lat))

@@ -44,7 +44,7 @@ REASONS = {
     "read": "a result, a field or a table: what is in the file",
     "Result.plot": "axes, or an array: each result says which", "Floor.allowed_for": "what `solve` returns",
     "Parts.sum": "what `function` returns", "Dask.total": "what `work` returns", "Processes.total": "what `work` returns",
-    "Dask.fetched": SAME, "Parts.in_memory": SAME, "Study.plain": HEADER, "Referee.results": "results of many kinds",
+    "Dask.fetched": SAME, "Parts.in_memory": SAME, "Study.plain": HEADER, "Result.to_dict": HEADER, "Referee.results": "results of many kinds",
     "Posterior.to_arviz": "arviz's, which may not be installed", "Samples.to_arviz": "arviz's, which may not be installed",
     "widget": "ipywidgets', which may not be installed", "Solution.widget": "ipywidgets', which may not be installed",
     **dict.fromkeys(("draw_vectors", "draw_map", "draw_sources", "draw_points", "draw_direction"), DRAWN),

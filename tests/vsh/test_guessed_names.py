@@ -1,7 +1,10 @@
 """Names that a user guesses do what they say, and others say what is near."""
 
+import json
+
 import numpy as np
 import pytest
+from matplotlib.text import Text
 
 import fit
 import sim
@@ -62,3 +65,29 @@ def test_results_print_in_three_lines(field):
 def test_field_is_drawn(field):
     axes = plot_sources(field)
     assert axes.get_title().startswith("300 sources")
+
+
+def test_sky_of_a_fit_and_of_a_signal(field):
+    solution = fit.fit_field(field, 2)
+    for of in (None, field):
+        axes = solution.plot_sky(of)
+        assert axes.get_title() == "300 sources and the field fitted to degree 2"
+        assert (len(axes.collections) > len(solution.plot_sky().collections)) == (of is not None)
+    for signal, redshift, key in ((sim.spin((0, 0, 0)), None, []), (sim.secular_parallax((370.0, 0, 0)), 0.01, ["1"])):
+        words = [text.get_text() for text in signal.plot(redshift).figure.findobj(Text)]
+        assert [word.removesuffix(" µas/yr") for word in words if "µas" in word] == key
+
+
+def test_criteria_of_information(field):
+    one, two = (fit.fit_field(field, l) for l in (1, 2))
+    assert one.aic - one.chi2 == pytest.approx(12)
+    assert two.bic - two.chi2 == pytest.approx(16 * np.log(600))
+
+
+def test_result_as_json(field):
+    solution = fit.recommended(field)
+    document = json.loads(solution.to_json())
+    assert document == solution.to_dict()
+    assert document["answer"] == dict(solution.answer.lines)
+    assert document["table"]["columns"]["value"]["unit"] is not None
+    assert np.array_equal(document["table"]["columns"]["value"]["values"], solution.to_table()["value"])

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import math
 import os
 import re
 import shutil
@@ -17,13 +16,11 @@ from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 import vsh
 from vsh.commands import parsing, reading, running
 from vsh.commands.parsing import NOT_KEPT, NUMBER
 from vsh.io.quantities import latex_table
-from vsh.io.sections import Answer, Section, text_of
+from vsh.io.sections import Answer, Section, as_plain, text_of
 from vsh.tools.errors import TableError, VshError
 from vsh.tools.files import UNFINISHED, atomic_folder, atomic_write, check_not_read, check_unchanged, digest, file_stamp
 from vsh.tools.formats import is_address
@@ -501,35 +498,13 @@ def as_json(options: argparse.Namespace, result: RunResult) -> str:
         "options": {name: _json_value(value) for name, value in options.given.items() if name not in NOT_KEPT},
         "answer": dict(result.answer.lines) or None,
         "notes": list(result.all_notes),
-        "tables": {name: _table_for_json(table) for name, table in result.tables.items()},
+        "tables": result.tables,
         "written": [str(path) for path in (options.output, getattr(options, "html", None)) if path],
     }
     encoding = getattr(sys.stdout, "encoding", None) or "utf-8"
-    return json.dumps(_as_json_types(document), ensure_ascii=encoding.lower() not in ("utf-8", "utf8"), allow_nan=False)
-
-
-def _table_for_json(table):
-    meta = {str(key): value for key, value in table.meta.items()}
-    columns = {
-        name: {"unit": None if table[name].unit is None else str(table[name].unit), "values": table[name].tolist()}
-        for name in table.colnames
-    }
-    return {"meta": meta, "columns": columns}
+    return json.dumps(as_plain(document), ensure_ascii=encoding.lower() not in ("utf-8", "utf8"), allow_nan=False)
 
 
 def _json_value(value):
     """A word as a number, where it is one."""
     return json.loads(value) if isinstance(value, str) and NUMBER.fullmatch(value) else value
-
-
-def _as_json_types(value):
-    """A value made of what JSON knows."""
-    if isinstance(value, Mapping):
-        return {str(key): _as_json_types(item) for key, item in value.items()}
-    if isinstance(value, np.ndarray | np.number | np.bool_):
-        return _as_json_types(value.tolist())
-    if isinstance(value, (list, tuple)):
-        return [_as_json_types(item) for item in value]
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    return value if value is None or isinstance(value, str | int) else str(value)

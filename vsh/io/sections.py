@@ -5,6 +5,7 @@ A table is printed as a reader wants it: a value with its error in one cell, dig
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -210,3 +211,28 @@ def align_columns(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> list[s
     sides = ["<" if any(cell[:1].isalpha() for cell in column[1:]) else ">" for column in columns]
     forms = [f"{side}{max(map(len, column))}" for side, column in zip(sides, columns, strict=True)]
     return [f"  {'   '.join(map(format, line, forms))}".rstrip() for line in (heads, *rows)]
+
+
+def as_plain(value: Any) -> Any:
+    """A value made of what JSON knows: tables by column with their units, numbers that are not finite as None.
+
+    Parameters
+    ----------
+    value : anything
+        Mappings, sequences, arrays, numbers, astropy Tables; whatever else becomes text.
+    """
+    if hasattr(value, "colnames"):
+        columns = {
+            name: {"unit": None if value[name].unit is None else str(value[name].unit), "values": value[name].tolist()}
+            for name in value.colnames
+        }
+        return as_plain({"meta": dict(value.meta), "columns": columns})
+    if isinstance(value, Mapping):
+        return {str(key): as_plain(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray | np.number | np.bool_):
+        return as_plain(value.tolist())
+    if isinstance(value, (list, tuple)):
+        return [as_plain(item) for item in value]
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    return value if value is None or isinstance(value, str | int) else str(value)

@@ -88,7 +88,6 @@ def first_line(error: object) -> str:
 #: What people who know other packages ask a result, a field or a vector for, and what it is here: a name answers, other
 #: words are a hint.
 ATTRIBUTES = {
-    "aic": "bic, which compares degrees as well",
     "cl": "power",
     "coef_": "values",
     "coords": "to_skycoord()",
@@ -104,15 +103,12 @@ ATTRIBUTES = {
     "mag": "magnitude",
     "mask": "field[mask], which selects",
     "params": "values",
-    "plot_sky": "fit.output.draw_figures(solution, field), or widget(field) in a notebook",
     "plot_spectrum": "plot",
     "save": "write",
     "skycoord": "to_skycoord()",
     "sort": "to_table(), whose rows can be sorted",
     "std": "sigma",
     "to_arviz": "sample(n), whose draws ArviZ takes",
-    "to_dict": "to_table(), or --json of the command",
-    "to_json": "to_table(), or --json of the command",
     "to_latex": "latex",
 }
 #: The same of modules.

@@ -27,11 +27,11 @@ from vsh.tools.digits import printed_p_value as p_value
 from vsh.tools.modules import lazy_names
 
 if TYPE_CHECKING:
-    from fit.results.output._figures import plot_correlation, plot_residuals, plot_spectrum, plot_terms
+    from fit.results.output._figures import plot_correlation, plot_residuals, plot_sky, plot_spectrum, plot_terms
     from fit.results.output._html import write_html
 
 __all__ = ["answer_of", "plot_correlation", "plot_residuals", "plot_spectrum", "write_html"]
 
 # matplotlib is imported when a figure is first asked for.
-_FIGURES = ["plot_correlation", "plot_residuals", "plot_spectrum", "plot_terms"]
+_FIGURES = ["plot_correlation", "plot_residuals", "plot_sky", "plot_spectrum", "plot_terms"]
 __getattr__, __dir__ = lazy_names(__name__, __all__, {"_figures": _FIGURES, "_html": ["write_html"]})

@@ -24,7 +24,9 @@ from vsh.figures.plot import (
     draw_matrix,
     legend_above,
     panels,
+    plot_field,
     plot_map,
+    plot_scalar_field,
     set_log_ticks,
 )
 from vsh.io.parts import Parts, as_parts
@@ -37,6 +39,15 @@ from vsh.vector import correlation_of
 
 #: A degree whose p-value is above this is shown as a limit.
 _SIGNAL = 0.05
+
+
+def plot_sky(solution: Any, field: Any = None, *, ax: Axes | None = None) -> Any:
+    """The fitted field on the sky, of motions or of a scalar, with its sources where a field is given."""
+    title = f"{solution.n_sources} sources and the field fitted to degree {solution.modes.lmax}"
+    about = {"frame": solution.frame, "title": title, "ax": ax, "unit": solution.unit}
+    if solution.modes.components == 1:
+        return plot_scalar_field(field, solution.coefficients, **about)
+    return plot_field(field, solution.coefficients, covariance=solution.covariance, **about)
 
 
 @apply_style

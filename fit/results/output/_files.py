@@ -1,7 +1,6 @@
 """A solution as files: report, tables with their provenance, figures, and a LaTeX table with caption and label."""
 
 import re
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -200,16 +199,10 @@ def draw_figures(
     solution: Any, field: Field | ScalarField | Parts, weights: FloatArray | None = None
 ) -> dict[str, Any]:
     """The sky, the spectrum, the correlations and the residuals: matplotlib axes by name; `weights` of a robust fit."""
-    from fit.results.output._figures import plot_correlation, plot_residuals, plot_spectrum
-    from vsh.figures.plot import plot_field, plot_scalar_field
+    from fit.results.output._figures import plot_correlation, plot_residuals, plot_sky, plot_spectrum
 
-    title = f"{solution.n_sources} sources and the field fitted to degree {solution.modes.lmax}"
-    sample: Any = sample_of(field) if isinstance(field, Parts) else field
-    draw: Any = plot_scalar_field
-    if not isinstance(sample, ScalarField):
-        draw = partial(plot_field, covariance=solution.covariance, unit=solution.unit)
     return {
-        "sky": draw(sample, solution.coefficients, title=title),
+        "sky": plot_sky(solution, sample_of(field) if isinstance(field, Parts) else field),
         "spectrum": plot_spectrum(solution),
         "correlation": plot_correlation(solution),
         "residuals": plot_residuals(solution, field, weights=weights if isinstance(field, Field) else None),

@@ -17,7 +17,7 @@ import vsh
     [
         (lambda field, _: field.redshfit, "did you mean redshift"),
         (lambda field, _: field.sort, "did you mean to_table(), whose rows"),
-        (lambda _, solution: solution.aic, "did you mean bic, which"),
+        (lambda _, solution: solution.log_likelihood, "did you mean chi2, −2 ln L"),
         (lambda _, solution: solution.to_arviz, "did you mean sample(n), whose draws"),
         (lambda *_: vsh.vsh, "did you mean vsh.basis.harmonics(lon, lat, modes)?"),
         (lambda *_: fit.fit_feild, "did you mean fit_field"),

@@ -242,12 +242,13 @@ def is_detected(values: FloatArray, covariance: FloatArray) -> bool:
 
 @apply_style
 def plot_field(
-    field: Field,
+    field: Field | None,
     coefficients: Coefficients,
     *,
     covariance: FloatArray | None = None,
     title: str | None = None,
     unit: str = "µas/yr",
+    frame: str = "icrs",
     ax: Axes | None = None,
     projection: str = "hammer",
     centre: tuple[float, float] | None = None,
@@ -260,8 +261,8 @@ def plot_field(
 
     Parameters
     ----------
-    field : Field
-        The sources; at most 20 000 are drawn.
+    field : Field, optional
+        The sources; at most 20 000 are drawn. None draws the motions alone.
     coefficients : Coefficients
         The field. [µas/yr]
     covariance : (p, p) array, optional
@@ -270,6 +271,8 @@ def plot_field(
         Title of the figure.
     unit : str
         Unit of the motions.
+    frame : str
+        Axes of the coefficients, where there is no field.
     ax : matplotlib Axes, optional
         Axes whose place the map takes; a new figure unless given.
     projection, centre
@@ -283,9 +286,8 @@ def plot_field(
     modes = coefficients.modes
     if covariance is not None and np.shape(covariance) != (len(modes), len(modes)):
         raise ParameterError(f"covariance has shape {np.shape(covariance)}, the coefficients are {len(modes)}")
-    axes = sky_axes(field.frame, ax, projection=projection, centre=centre, below=1.0)
-    draw_sources(axes, field.lon, field.lat)
-    hatching = draw_empty(axes, field.lon, field.lat)
+    axes = sky_axes(frame if field is None else field.frame, ax, projection=projection, centre=centre, below=1.0)
+    hatching = _draw_where_sources_are(axes, field)
     lon, lat = arrow_grid(axes)
     motion = coefficients.at(lon, lat)
     colour: Any = COLOURS[0]
@@ -322,8 +324,17 @@ def plot_field(
         scale = ScalarMappable(Normalize(0, TOP), _significance_colours())
         bar = colour_bar(axes, scale, r"$\sqrt{v^T C^{-1} v}$ of an arrow (grey: $p > 0.05$)", extend="max", shrink=0.6)
         bar.set_ticks(range(0, int(TOP) + 1))
-    axes.set_title(title or f"{len(field)} sources and the field fitted to degree {modes.lmax}")
+    of = "T" if field is None else f"{len(field)} sources and t"
+    axes.set_title(title or f"{of}he field fitted to degree {modes.lmax}")
     return axes
+
+
+def _draw_where_sources_are(axes, field, **style):
+    """Dots where sources stand, and hatching where none does; nothing without a field."""
+    if field is None:
+        return None
+    draw_sources(axes, field.lon, field.lat, **style)
+    return draw_empty(axes, field.lon, field.lat)
 
 
 @apply_style
@@ -374,28 +385,36 @@ def _draw_directions(axes, coefficients, covariance, names):
 
 @apply_style
 def plot_scalar_field(
-    field: ScalarField, coefficients: ScalarCoefficients, *, title: str | None = None, ax: Axes | None = None
+    field: ScalarField | None,
+    coefficients: ScalarCoefficients,
+    *,
+    title: str | None = None,
+    unit: str = "",
+    frame: str = "icrs",
+    ax: Axes | None = None,
 ) -> SkyAxes:
     """A map of a scalar field as fitted, and its sources, each where it is.
 
     Parameters
     ----------
-    field : ScalarField
-        The sources; at most 20 000 are shown.
+    field : ScalarField, optional
+        The sources; at most 20 000 are shown. None draws the map alone.
     coefficients : ScalarCoefficients
         The field drawn.
     title : str, optional
         Above the map.
+    unit, frame : str
+        Unit and axes of the coefficients, where there is no field.
     ax : matplotlib Axes, optional
         Axes whose place the map takes; a new figure unless given.
     """
     values = coefficients.at(*centres(32))
     middle = float(np.median(values))
     reach = float(np.abs(values - middle).max()) or 1.0
-    label = f"the field as fitted{f'  [{field.unit}]' if field.unit else ''}"
+    unit, frame = (unit, frame) if field is None else (field.unit, field.frame)
+    label = f"the field as fitted{f'  [{unit}]' if unit else ''}"
     axes = plot_map(
-        values, label, frame=field.frame, cmap=DIVERGING, title=title, ax=ax, vmin=middle - reach, vmax=middle + reach
+        values, label, frame=frame, cmap=DIVERGING, title=title, ax=ax, vmin=middle - reach, vmax=middle + reach
     )
-    draw_sources(axes, field.lon, field.lat, color="0.15", alpha=0.5)
-    draw_empty(axes, field.lon, field.lat)
+    _draw_where_sources_are(axes, field, color="0.15", alpha=0.5)
     return axes
