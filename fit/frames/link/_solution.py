@@ -1,5 +1,6 @@
 """A link of frames: orientation and spin at any magnitude, what each source does to it, and what to observe next."""
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -16,7 +17,9 @@ from fit.results.storage import Result
 from vsh.field import Field
 from vsh.io import tables
 from vsh.io.sections import Answer, Section
+from vsh.models.bright_stars import BRIGHT, published_spin
 from vsh.sky.astrometry import AstrometryRows
+from vsh.sky.frames import rotation_matrix
 from vsh.tools import arguments
 from vsh.tools.digits import format_values, format_with_error, printed_p_value
 from vsh.tools.errors import FieldError, ParameterError
@@ -237,6 +240,8 @@ class FrameTie(FrameResult, NamedSolution):
         ]
         if self.excess:
             facts.append(("offset", f"{self.excess:.3g} µas a coordinate, of positions of {self.reference}"))
+        if "spin" in unknowns.vectors and re.search("gaia|dr3", catalogues, re.IGNORECASE):
+            facts += self._published_spin()
         levels = [line.partition(": ") for line in self._level_lines(long)]
         facts += [(label, text) for label, _, text in levels]
         if long:
@@ -247,6 +252,18 @@ class FrameTie(FrameResult, NamedSolution):
         title, columns = f"{catalogues} against {self.reference}", ("parameter", "value", "sigma", "unit")
         section = Section(title, facts, table, columns, remarks=remarks, notes=self.notes)
         return (section, *(self._by_source() if long else ()))
+
+    def _published_spin(self):
+        """What was published of the frame of the bright ones among these sources; nothing where none is bright."""
+        bright = self.magnitude[self.magnitude < BRIGHT]
+        if not len(bright):
+            return []
+        middle = float(np.median(bright))
+        spin = ", ".join(f"{value:+.1f}" for value in rotation_matrix("icrs", self.frame) @ published_spin(middle))
+        words = f"median of {len(bright)} sources with G < {BRIGHT:g}, by clusters and binaries"
+        return [
+            ("published", f"spin ({spin}) µas/yr of (E)DR3 at G = {middle:.1f}, {words} (Cantat-Gaudin & Brandt 2021)")
+        ]
 
     def _influence_remarks(self):
         """Sentences on probable outliers, and on sources that the answer hangs on."""

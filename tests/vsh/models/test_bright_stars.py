@@ -1,5 +1,6 @@
 """The frame of Gaia's bright stars."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -8,8 +9,9 @@ from numpy.testing import assert_allclose
 
 import fit
 import sim
+from fit.frames.link import link
 from vsh import Field, FieldError, ParameterError
-from vsh.models.bright_stars import CANTAT_GAUDIN_BRANDT_2021
+from vsh.models.bright_stars import CANTAT_GAUDIN_BRANDT_2021, published_spin
 
 
 def stars(n=300, seed=1, magnitude=None):
@@ -50,3 +52,17 @@ def test_sources_without_magnitudes_are_counted():
     magnitude = np.where(np.arange(300) < 7, np.nan, 10.0)
     with pytest.raises(FieldError, match="7 of 300 sources have no magnitude"):
         CANTAT_GAUDIN_BRANDT_2021(stars(magnitude=magnitude))
+
+
+def test_link_has_the_published_spin_beside_its_own():
+    """A frame with the published spin, over the jump at 13: the fitted one agrees with the line that is printed."""
+    spin = published_spin(12.9)
+    data = sim.link(1, 120, spin=spin)
+    solution = link(data, steps=[13.0], robust=False)
+    found = solution.vector("spin", 12.9)
+    assert np.abs((found.value - spin) / found.sigma).max() < 4
+    median = np.median(solution.magnitude[solution.magnitude < 13])
+    (line,) = (text for name, text in solution.sections()[0].facts if name == "published")
+    assert [float(text) for text in re.findall(r"[+-]?\d+\.\d", line)[:3]] == published_spin(median).tolist()
+    other = link(replace(data, catalogue=np.where(data.catalogue == "gaia", "hip", "vlbi")), robust=False)
+    assert "published" not in dict(other.sections()[0].facts)
