@@ -58,6 +58,8 @@ from vsh.tools.types import FloatArray, OnBad
 from vsh.vector import Vector
 
 _LOG = getLogger(__name__)
+#: Columns that tables of epoch astrometry have, a row a transit or a source.
+_EPOCHS = {"obs_time_tcb", "centroid_pos_al"}
 #: The place of a row in its table, beside its columns.
 _ROW = "row of the table"
 
@@ -81,7 +83,8 @@ def read_field(
     source : path, astropy Table or QTable, pandas DataFrame, Arrow stream, dict or structured array
         Files: FITS, VOTable, ECSV, CSV, Parquet, HDF5, tables of journals (MRT), or a folder of them; text and FITS
         also packed with gzip. Only the columns that are needed are read. Objects of pyarrow, polars and DuckDB are
-        taken by their `__arrow_c_stream__`, classes made from DataFrame (LSDB's) as DataFrames.
+        taken by their `__arrow_c_stream__`, classes made from DataFrame (LSDB's) as DataFrames. Epoch astrometry is
+        solved for motions by `vsh.io.epochs.read_epochs`.
     columns : Columns, "gaia", "vizier", "icrf" or dict, optional
         Where the table keeps what; Gaia's archive names unless given. A dict goes from roles to names, with "names"
         for one of these sets that it changes: {"names": "vizier", "redshift": "zsp"}.
@@ -98,6 +101,7 @@ def read_field(
     where : str, optional
         A condition on the table's columns, in its units: "phot_g_mean_mag < 19 and 0.5 < redshift < 2"; see
         `vsh.io.tables.Where`. Rows with a missing value in it are not selected; a note counts all that are left out.
+        Of epochs: "field of view 1" or "field of view 2".
     format : str, optional
         Where the ending does not tell it: fits, votable, ecsv, mrt, csv, parquet, hdf5, cds, ascii or icrf.
     sigma : float, optional
@@ -123,10 +127,26 @@ def read_field(
     'no unit in the table, so taken in deg: ra, dec'
     """
     begin = perf_counter()
-    make = _FieldMaker(tables.open_table(source, format), columns, units, on_bad, frame, roles, where, sigma)
-    field = make(make.source.columns(make.names))
-    log_result(_LOG, f"read {make.source.label}", field, begin)
+    opened = tables.open_table(source, format)
+    if _EPOCHS <= set(opened.names):
+        field = _solve_epochs(opened, columns, on_bad, where, {"units": units, "frame": frame, "sigma": sigma})
+    else:
+        make = _FieldMaker(opened, columns, units, on_bad, frame, roles, where, sigma)
+        field = make(opened.columns(make.names))
+    log_result(_LOG, f"read {opened.label}", field, begin)
     return field
+
+
+def _solve_epochs(opened, columns, on_bad, where, others):
+    """The field that epoch astrometry gives, where a table has epochs in place of motions."""
+    from vsh.io.epochs import read_epochs
+
+    given = [name for name, value in others.items() if value is not None]
+    if given or not (columns is None or isinstance(columns, Mapping)):
+        what = ", ".join(given) or "names of columns other than single ones"
+        raise TableError(f"{opened.label} holds epoch astrometry, whose units and axes are Gaia's: leave out {what}")
+    solved = f"{opened.label}: epoch astrometry, solved for the motion of each source (vsh.io.epochs.read_epochs)"
+    return read_epochs(opened, on_bad=on_bad, columns=columns, where=where).add_note(solved)
 
 
 def read_columns(source: Any, names: Iterable[str], **reading: Any) -> dict[str, FloatArray]:

@@ -12,6 +12,7 @@ from conftest import real_catalogue as real
 import fit
 import sim
 from vsh import Field
+from vsh.io.catalogue import read_field
 from vsh.io.epochs import (
     design_row,
     downweighting_factor,
@@ -464,6 +465,22 @@ def test_basic_angle_that_differs_by_the_field_of_view_is_found(transits):
     assert abs(found.value[2] - 400) < 3 * found.sigma[2]
     assert found.p_value < 1e-4
     assert without.p_value > 0.0027
+
+
+def test_epochs_in_place_of_motions_are_solved(transits, tmp_path):
+    """`read_field`, and so every command, takes epochs as `read_epochs` does."""
+    transits.write(tmp_path / "epochs.fits")
+    for where in (None, "field of view 2"):
+        field, expected = read_field(tmp_path / "epochs.fits", where=where), read_epochs(transits, where=where)
+        assert field.name.tolist() == expected.name.tolist()
+        np.testing.assert_allclose(field.motion, expected.motion, rtol=1e-9)
+        np.testing.assert_allclose(field.sigma, expected.sigma, rtol=1e-9)
+        assert any("epoch astrometry, solved" in note for note in field.notes)
+    for wrong in ({"frame": "galactic"}, {"sigma": 1.0}, {"columns": "vizier"}, {"units": {"ra0": "deg"}}):
+        with pytest.raises(TableError, match=f"leave out.*{'' if 'columns' in wrong else next(iter(wrong))}"):
+            read_field(transits, **wrong)
+    with pytest.raises(ParameterError, match="field of view 1"):
+        read_field(transits, where="g_mag < 19")
 
 
 def test_fields_of_view_that_nothing_tells(transits):
