@@ -128,7 +128,7 @@ def read_field(
     """
     begin = perf_counter()
     opened = tables.open_table(source, format)
-    if _EPOCHS <= set(opened.names):
+    if set(opened.names) >= _EPOCHS:
         field = _solve_epochs(opened, columns, on_bad, where, {"units": units, "frame": frame, "sigma": sigma})
     else:
         make = _FieldMaker(opened, columns, units, on_bad, frame, roles, where, sigma)
