@@ -132,7 +132,7 @@ def read_field(
         field = _solve_epochs(opened, columns, on_bad, where, {"units": units, "frame": frame, "sigma": sigma})
     else:
         make = _FieldMaker(opened, columns, units, on_bad, frame, roles, where, sigma)
-        field = make(opened.columns(make.names))
+        field = make(make.source.columns(make.names))
     log_result(_LOG, f"read {opened.label}", field, begin)
     return field
 

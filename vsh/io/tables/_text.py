@@ -21,6 +21,7 @@ from dataclasses import dataclass, field, replace
 from itertools import chain, islice
 from operator import itemgetter
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -555,6 +556,7 @@ _GETPAR = re.compile(
 _THREE_WORDS = re.compile(r"\s*\S+\s+\S+\s+\S+")
 _SIGNED = re.compile(r"[-+]?\d*\.?\d+")
 _COMMENT = ("#", "*", "!", "%", "$")
+_PLACE = re.compile(r"#\s*(\d+)\s*-\s*(\d+)\s+(redshift from|object primary type)")
 _DESIGNATION = re.compile(r"J\d{4}\S*")
 _MAS_WORDS = ("VLBI SOURCE POSITION CATALOGUE", "Radio Fundamental Catalogue", "RFC J")
 #: No list in the layout of ICRF is as uncertain as this in the median: its errors are in mas. [arcsec]
@@ -582,7 +584,22 @@ def open_vlbi(path: PathName, label: str) -> TableSource:
     sources = [_parse_source(label, k, line, pattern, icrf) for k, line in rows]
     heading = numbered_lines[: rows[0][0] - 1]
     mas = getpar or any(phrase in line for _, line in numbered_lines for phrase in _MAS_WORDS)
-    return _vlbi_table(label, rows, sources, mas, any("(mas)" in line for _, line in heading))
+    described = _described_columns(heading, rows)
+    return _vlbi_table(label, rows, sources, mas, any("(mas)" in line for _, line in heading), described)
+
+
+def _described_columns(heading, rows):
+    """Redshifts and types of sources where the heading says in which characters they stand, as that of OCARS does."""
+    places: dict[str, list[slice]] = {"redshift from": [], "object primary type": []}
+    for _, line in heading:
+        if match := _PLACE.match(line):
+            places[match[3]].append(slice(int(match[1]) - 1, int(match[2])))
+    redshifts, (kind, *_) = places["redshift from"], [*places["object primary type"], None]
+    columns: dict[str, Any] = {} if kind is None else {"type": np.array([line[kind].strip() for _, line in rows])}
+    if redshifts:  # the first that is known, of NED, SIMBAD or SDSS; behind it c or d marks a limit
+        known = ((line[place] for place in redshifts if _is_known(line, place)) for _, line in rows)
+        columns["redshift"] = np.array([float(next(texts, "nan")) for texts in known])
+    return columns
 
 
 def _looks_like_source(line):
@@ -590,7 +607,12 @@ def _looks_like_source(line):
     return line.startswith("ICRF J") or sum(_SIGNED.fullmatch(token) is not None for token in line.split()) > 6
 
 
-def _vlbi_table(label, rows, sources, mas, in_heading):
+def _is_known(line, place):
+    """Return whether a number stands at a place of a line, and no mark of a limit behind it."""
+    return _SIGNED.fullmatch(line[place].strip()) and line[place.stop : place.stop + 1] not in ("c", "d")
+
+
+def _vlbi_table(label, rows, sources, mas, in_heading, described):
     names, positions, texts, rests = zip(*sources, strict=True)
     if len(rests) > 2 and len(rests[-1]) < min(map(len, rests[:-1])):
         number, line = rows[-1]
@@ -603,6 +625,7 @@ def _vlbi_table(label, rows, sources, mas, in_heading):
         "defining": np.where([mark for *_, mark in names], "D", ""),
         "ra": lon,
         "dec": lat,
+        **described,
     }
     units = {"ra": "deg", "dec": "deg"}
     notes: tuple[str, ...] = ()

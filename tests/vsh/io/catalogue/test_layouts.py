@@ -10,7 +10,7 @@ import pytest
 from gaia_table import table
 
 from vsh.io import tables
-from vsh.io.catalogue import read_field, read_icrf, read_positions
+from vsh.io.catalogue import read_field, read_icrf, read_positions, read_sources
 from vsh.tools.errors import FieldError, TableError, VshError
 from vsh.tools.notes import DOUBT, has_code
 
@@ -266,6 +266,29 @@ def test_list_with_blank_errors(kind, tmp_path):
     # A source that lacks three numbers is one source.
     assert any("left out 1 of 4 rows" in note for note in positions.notes)
     assert any("1 sources have errors and no correlation" in note for note in positions.notes)
+
+
+def test_redshifts_and_types_where_a_heading_says_that_they_stand(tmp_path):
+    """OCARS: the first redshift that is known, and none that is a limit (flags c and d)."""
+    told = (
+        "0.5000a 0.6000  AQ",
+        "        0.6000  AL",
+        "0.5000c 0.6000  G ",
+        "                R ",
+        "0.5000d           ",
+    )
+    start = "0002-478 J0004-4736 00 04 35.65550384 -47 36 19.6037899 0.00001383 0.0002139 0.3830  "
+    places = ((len(start) + 1, 6, "redshift from NED"), (len(start) + 9, 6, "redshift from SIMBAD"),
+              (len(start) + 17, 2, "object primary type:"))  # fmt: skip
+    heading = "".join(f"# {begin:3} - {begin + width - 1:3}  {words}\n" for begin, width, words in places)
+    path = tmp_path / "list.txt"
+    path.write_text(heading + "".join(f"{start}{text}\n" for text in told))
+    table = tables.read_table(path)
+    np.testing.assert_array_equal(table["redshift"], [0.5, 0.6, 0.6, np.nan, np.nan])
+    assert table["type"].tolist() == ["AQ", "AL", "G", "R", ""]
+    np.testing.assert_array_equal(read_sources(path, sigma=1.0).redshift, table["redshift"])
+    path.write_text("".join(f"{start}{text}\n" for text in told))
+    assert "redshift" not in tables.read_table(path).colnames
 
 
 def test_columns_that_a_header_numbers(tmp_path):
