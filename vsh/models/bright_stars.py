@@ -27,8 +27,8 @@ def published_spin(magnitude: ArrayLike) -> FloatArray:
 
     Parameters
     ----------
-    magnitude : array
-        G; the spin is zero from 13 on.
+    magnitude : array of any shape
+        Magnitudes in G. The spin is zero from 13 on.
     """
     return _SPIN[np.searchsorted(_UP_TO, magnitude, "right")]
 

@@ -241,7 +241,7 @@ class FrameTie(FrameResult, NamedSolution):
         if self.excess:
             facts.append(("offset", f"{self.excess:.3g} µas a coordinate, of positions of {self.reference}"))
         if "spin" in unknowns.vectors and re.search("gaia|dr3", catalogues, re.IGNORECASE):
-            facts += self._published_spin()
+            facts += self._quote_published_spin()
         levels = [line.partition(": ") for line in self._level_lines(long)]
         facts += [(label, text) for label, _, text in levels]
         if long:
@@ -253,7 +253,7 @@ class FrameTie(FrameResult, NamedSolution):
         section = Section(title, facts, table, columns, remarks=remarks, notes=self.notes)
         return (section, *(self._by_source() if long else ()))
 
-    def _published_spin(self):
+    def _quote_published_spin(self):
         """What was published of the frame of the bright ones among these sources; nothing where none is bright."""
         bright = self.magnitude[self.magnitude < BRIGHT]
         if not len(bright):

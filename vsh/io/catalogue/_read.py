@@ -101,7 +101,7 @@ def read_field(
     where : str, optional
         A condition on the table's columns, in its units: "phot_g_mean_mag < 19 and 0.5 < redshift < 2"; see
         `vsh.io.tables.Where`. Rows with a missing value in it are not selected; a note counts all that are left out.
-        Of epochs: "field of view 1" or "field of view 2".
+        A table of epochs takes "field of view 1" or "field of view 2" alone.
     format : str, optional
         Where the ending does not tell it: fits, votable, ecsv, mrt, csv, parquet, hdf5, cds, ascii or icrf.
     sigma : float, optional
