@@ -5,7 +5,7 @@ import warnings
 import numpy as np
 
 from vsh.field import Field
-from vsh.io.tables import open_checked_fits, readable_as
+from vsh.io.tables import as_table_error, open_checked_fits
 from vsh.sky.pixels import centres, is_valueless
 from vsh.tools.arguments import positive
 from vsh.tools.errors import TableError
@@ -33,7 +33,8 @@ def read_map(path: PathName) -> tuple[FloatArray, str | None]:
         import healpy
     except ImportError as error:
         raise TableError(f"{label}: maps need healpy, which is not installed; there is none for Windows") from error
-    with open_checked_fits(path, label) as plain, readable_as(label, "a HEALPix map"), warnings.catch_warnings():
+    unreadable = as_table_error(f"{label} cannot be read as a HEALPix map")
+    with open_checked_fits(path, label) as plain, unreadable, warnings.catch_warnings():
         warnings.simplefilter("ignore")
         values, header = healpy.read_map(plain, h=True)
     values = np.asarray(values)

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from vsh.io.tables._source import FRAME_KEY, TableSource, join_blocks, number_twins, readable_as, unpacked_file
-from vsh.tools.errors import TableError, first_line
+from vsh.io.tables._source import FRAME_KEY, TableSource, as_table_error, join_blocks, number_twins, unpacked_file
+from vsh.tools.errors import TableError
 from vsh.tools.files import check_unpacked_size
 from vsh.tools.printing import printable
 from vsh.tools.types import PathName
@@ -22,7 +22,7 @@ def open_parquet(paths: PathName | Sequence[PathName], label: str) -> TableSourc
     _, dataset_module = _import_pyarrow(label)
     if isinstance(paths, (str, os.PathLike)):
         return _open_parquet_file(paths, label)
-    with readable_as(label, "Parquet"):
+    with as_table_error(f"{label} cannot be read as Parquet"):
         options = dataset_module.ParquetFragmentScanOptions(page_checksum_verification=True)
         form = dataset_module.ParquetFileFormat(default_fragment_scan_options=options)
         dataset = dataset_module.dataset([str(path) for path in paths], format=form)
@@ -41,13 +41,13 @@ def _open_parquet_file(path, label):
     """Open a file; a dataset of it would take twice as long."""
     from pyarrow.parquet import ParquetFile
 
-    with readable_as(label, "Parquet"):
+    with as_table_error(f"{label} cannot be read as Parquet"):
         plain = unpacked_file(path, label)
 
     def open_parts_of_file(footer=None):  # which keeps an unpacked copy for as long as it is read
         return ParquetFile(str(plain.name), metadata=footer, page_checksum_verification=True)
 
-    with readable_as(label, "Parquet"), open_parts_of_file() as file:
+    with as_table_error(f"{label} cannot be read as Parquet"), open_parts_of_file() as file:
         schema, footer = file.schema_arrow, file.metadata
     check_unpacked_size(label, 8 * footer.num_rows * min(len(schema.names), _NEEDED), os.path.getsize(plain.name))
 
@@ -66,7 +66,7 @@ def open_parquet_at(filesystem: Any, path: str, label: str) -> TableSource:
         stream = filesystem.open_input_file(path)
         return ParquetFile(stream, metadata=footer, page_checksum_verification=True, pre_buffer=True)
 
-    with readable_as(label, "Parquet"):  # errors of Arrow, or of the library that speaks to the server
+    with as_table_error(f"{label} cannot be read as Parquet"):  # errors of Arrow, or of the library for the server
         file = open_remote_file()
         schema, footer = file.schema_arrow, file.metadata
         file.close(force=True)
@@ -74,11 +74,8 @@ def open_parquet_at(filesystem: Any, path: str, label: str) -> TableSource:
     def batches(names, rows):
         file = open_remote_file(footer)
         try:
-            yield from file.iter_batches(min(rows, 2**20), columns=list(names))
-        except Exception as error:  # a server that dies in the middle
-            raise TableError(
-                f"{label} cannot be read: {first_line(error)}. Start again: it is fetched again"
-            ) from error
+            with as_table_error(f"{label} cannot be read", ". Start again: it is fetched again"):
+                yield from file.iter_batches(min(rows, 2**20), columns=list(names))
         finally:
             file.close(force=True)
 
@@ -89,7 +86,7 @@ def _check_fragments(dataset, label):
     """Raise TableError where a file has other columns, kinds of numbers or units than the first."""
     first = None
     for fragment in dataset.get_fragments():
-        with readable_as(label, "Parquet"):
+        with as_table_error(f"{label} cannot be read as Parquet"):
             schema = fragment.physical_schema
         units = {name: str(unit) for name, unit in _header(schema)[0].items()}
         columns = {field.name: (str(field.type), units.get(field.name)) for field in schema}
@@ -124,17 +121,13 @@ def open_dataset(dataset: Any, label: str) -> TableSource:
 def open_lazyframe(frame: Any, label: str) -> TableSource:
     """A LazyFrame of polars: what is expected of it is collected when it is."""
     _import_pyarrow(label)  # polars's own way to it, for pyarrow before 16 does not know polars
-    try:
+    with as_table_error(f"{label} cannot be collected"):  # whatever a plan that cannot be carried out raises
         frame.collect_schema()
         empty = frame.head(0).collect().to_arrow()
-    except Exception as error:  # whatever a plan that cannot be carried out raises
-        raise TableError(f"{label} cannot be collected: {first_line(error)}") from error
 
     def batches(request, rows):
-        try:
+        with as_table_error(f"{label} cannot be collected"):
             table = frame.select(list(request)).collect().to_arrow()
-        except Exception as error:  # whatever a plan that cannot be carried out raises
-            raise TableError(f"{label} cannot be collected: {first_line(error)}") from error
         return table.to_batches(max_chunksize=min(rows, 2**20))
 
     return _make_source(label, empty.schema, batches)
@@ -156,15 +149,12 @@ def open_stream(thing: Any, label: str) -> TableSource:
 
 
 def _open_reader(arrow, source, label):
-    try:
+    kinds = (arrow.ArrowException, ValueError, TypeError)
+    with as_table_error(f"{label} is no table, or its stream was read before", kinds=kinds):
         if hasattr(source, "__arrow_c_stream__"):
             return arrow.RecordBatchReader.from_stream(source)
         batch = arrow.record_batch(source)
         return arrow.RecordBatchReader.from_batches(batch.schema, [batch])
-    except TableError:
-        raise
-    except (arrow.ArrowException, ValueError, TypeError) as error:
-        raise TableError(f"{label} is no table, or its stream was read before: {first_line(error)}") from error
 
 
 def _import_pyarrow(label):
@@ -205,7 +195,7 @@ def _make_source(label, schema, batches):
 
 
 def _wrap_read_errors(batches, label):
-    with readable_as(label, "Parquet"):
+    with as_table_error(f"{label} cannot be read as Parquet"):
         yield from batches
 
 
@@ -229,7 +219,7 @@ def _column(array, name, label):
         return np.full(len(array), np.nan), mask
     if types.is_decimal(array.type):
         array = array.cast(pa.float64())
-    try:
+    with as_table_error(f"{label}: column {name!r} cannot be read", kinds=(pa.ArrowException, ValueError)):
         if types.is_integer(array.type):
             return array.fill_null(0).to_numpy(zero_copy_only=False), mask
         if types.is_boolean(array.type):
@@ -239,8 +229,6 @@ def _column(array, name, label):
         if types.is_string(array.type) or types.is_large_string(array.type):
             return np.array(array.fill_null("").to_pylist(), dtype=str), mask
         return array.to_numpy(zero_copy_only=False), mask
-    except (pa.ArrowException, ValueError) as error:
-        raise TableError(f"{label}: column {name!r} cannot be read: {first_line(error)}") from error
 
 
 def _header(schema):
@@ -258,25 +246,21 @@ def _header(schema):
         return dict(meta.pop("units", {})) | units, meta, descriptions
     from astropy.table.meta import get_header_from_yaml
 
-    try:
+    with as_table_error("the metadata that astropy wrote are damaged"):
         header = get_header_from_yaml(re.split("\n", text.decode()))
         units |= {column["name"]: column["unit"] for column in header["datatype"] if "unit" in column}
         descriptions |= {
             column["name"]: str(column["description"]) for column in header["datatype"] if column.get("description")
         }
         return units, dict(header.get("meta") or {}), descriptions
-    except Exception as error:  # whatever a damaged header makes of YAML
-        raise TableError(f"the metadata that astropy wrote are damaged: {first_line(error)}") from error
 
 
 def _pandas_attributes(schema):
     """The attributes of the DataFrame that a schema is made from, and a frame that stands there by itself."""
     metadata = schema.metadata or {}
-    try:
+    with as_table_error("the metadata that pandas wrote are damaged", kinds=(ValueError,)):
         attributes = dict(json.loads(metadata.get(b"PANDAS_ATTRS") or b"{}"))  # as pandas 2 has them
         attributes |= json.loads(metadata.get(b"pandas") or b"{}").get("attributes") or {}
-    except ValueError as error:
-        raise TableError(f"the metadata that pandas wrote are damaged: {first_line(error)}") from error
     frame = metadata.get(FRAME_KEY.encode())
     return attributes | ({FRAME_KEY: frame.decode("utf-8", "replace")} if frame else {})
 

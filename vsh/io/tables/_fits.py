@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from vsh.io.tables._source import TableSource, number_twins, unpacked_file
+from vsh.io.tables._source import TableSource, as_table_error, number_twins, unpacked_file
 from vsh.tools.errors import TableError, first_line
 from vsh.tools.parallel import thread_count
 from vsh.tools.types import PathName
@@ -198,14 +198,9 @@ def open_fits(path: PathName, label: str, table: str | None = None) -> TableSour
 @contextmanager
 def _wrap_read_errors(label):
     """Whatever goes wrong within, and whatever astropy says of damage, is a TableError."""
-    with warnings.catch_warnings(record=True) as warning_records:
+    with warnings.catch_warnings(record=True) as warning_records, as_table_error(f"{label} cannot be read as FITS"):
         warnings.simplefilter("always")
-        try:
-            yield
-        except TableError:
-            raise
-        except Exception as error:  # whatever a damaged file makes of a reader
-            raise TableError(f"{label} cannot be read as FITS: {first_line(error)}") from error
+        yield
     for warning in warning_records:
         if _DAMAGE.search(str(warning.message)):
             raise TableError(f"{label} is damaged: {first_line(warning.message)}. Fetch it again")

@@ -20,9 +20,9 @@ from urllib.parse import urlsplit
 from vsh.io.tables._arrow import open_dataset, open_lazyframe, open_parquet, open_parquet_at, open_stream
 from vsh.io.tables._fits import open_fits
 from vsh.io.tables._source import (
-    DAMAGE,
     TableSource,
     TemporaryPath,
+    as_table_error,
     concatenate_sources,
     first_bytes,
     is_dataframe,
@@ -31,7 +31,7 @@ from vsh.io.tables._source import (
     open_dict_or_array,
     open_skycoord,
     open_xarray,
-    readable_as,
+    unpacking,
 )
 from vsh.io.tables._text import open_numbered_table
 from vsh.tools import formats
@@ -386,22 +386,18 @@ def _open_zip(path, label, format):
     holder = TemporaryPath("tables")
     folder = Path(holder.name)
     folder.mkdir()
-    try:
-        with zipfile.ZipFile(path) as archive:
-            members = [member for member in archive.infolist() if not member.is_dir()]
-            size, most = sum(member.file_size for member in members), _EXPANSION * path.stat().st_size
-            if size > most:
-                raise TableError(f"{label} would unpack to {size} bytes, more than {most}: unpack it yourself")
-            for number, member in enumerate(members):
-                inside = PurePosixPath(member.filename)
-                if any(component.startswith((".", "_")) for component in inside.parts):
-                    continue
-                with archive.open(member) as stream, open(folder / f"{number:06d}-{inside.name}", "wb") as output:
-                    shutil.copyfileobj(stream, output, 2**20)
-    except (*DAMAGE, zipfile.BadZipFile, NotImplementedError, RuntimeError) as error:
-        if isinstance(error, TableError):
-            raise
-        raise TableError(f"{label} cannot be unpacked: {first_line(error)}. Fetch it again") from None
+    damage = unpacking(label, zipfile.BadZipFile, NotImplementedError, RuntimeError)
+    with damage, zipfile.ZipFile(path) as archive:
+        members = [member for member in archive.infolist() if not member.is_dir()]
+        size, most = sum(member.file_size for member in members), _EXPANSION * path.stat().st_size
+        if size > most:
+            raise TableError(f"{label} would unpack to {size} bytes, more than {most}: unpack it yourself")
+        for number, member in enumerate(members):
+            inside = PurePosixPath(member.filename)
+            if any(component.startswith((".", "_")) for component in inside.parts):
+                continue
+            with archive.open(member) as stream, open(folder / f"{number:06d}-{inside.name}", "wb") as output:
+                shutil.copyfileobj(stream, output, 2**20)
     return _keep_copy(_open_folder(folder, label, format), holder)
 
 
@@ -478,7 +474,7 @@ def _listed_partitions(path, files, label):
     if stated.isdecimal():
         from pyarrow.parquet import read_metadata
 
-        with readable_as(label, "Parquet"):
+        with as_table_error(f"{label} cannot be read as Parquet"):
             rows = sum(read_metadata(file).num_rows for file in listed)
         if rows != int(stated):
             raise TableError(f"{label} has {rows} rows, and its hats.properties says {stated}: fetch it again")
@@ -536,7 +532,7 @@ def _read_ecsv(path, label):
     from astropy.table import Table
 
     _check_memory(path, label)
-    with readable_as(label, "ECSV"):
+    with as_table_error(f"{label} cannot be read as ECSV"):
         return Table.read(path, format="ascii.ecsv")
 
 

@@ -11,7 +11,7 @@ import warnings
 import weakref
 import zlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -65,14 +65,19 @@ def first_bytes(path: PathName, label: str, count: int = 2**14) -> bytes:
 
 
 @contextmanager
-def readable_as(label: str, what: str) -> Iterator[None]:
-    """Whatever a damaged file makes of a reader within is a TableError."""
+def as_table_error(message: str, remedy: str = "", kinds: tuple[type[Exception], ...] = (Exception,)) -> Iterator[None]:
+    """Whatever a damaged file makes of a reader within is a TableError: a message, what went wrong, and a remedy."""
     try:
         yield
     except TableError:
         raise
-    except Exception as error:
-        raise TableError(f"{label} cannot be read as {what}: {first_line(error)}") from error
+    except kinds as error:
+        raise TableError(f"{message}: {first_line(error)}{remedy}") from error
+
+
+def unpacking(label: str, *kinds: type[Exception]) -> AbstractContextManager[None]:
+    """Damage that is found while a file is unpacked is a TableError."""
+    return as_table_error(f"{label} cannot be unpacked", ". Fetch it again", (*DAMAGE, *kinds))
 
 
 class TemporaryPath:
@@ -90,15 +95,10 @@ def unpacked_file(path: PathName, label: str) -> Any:
         if packing(file.read(6)) is None:
             return file
     copy = TemporaryPath(Path(path).stem)
-    try:
-        with open_unpacked(path, label) as stream, open(copy.name, "wb") as output:
-            while chunk := stream.read(2**20):
-                output.write(chunk)
-                check_unpacked_size(label, output.tell(), os.path.getsize(path))
-    except DAMAGE as error:
-        if isinstance(error, TableError):
-            raise
-        raise TableError(f"{label} cannot be unpacked: {first_line(error)}. Fetch it again") from None
+    with unpacking(label), open_unpacked(path, label) as stream, open(copy.name, "wb") as output:
+        while chunk := stream.read(2**20):
+            output.write(chunk)
+            check_unpacked_size(label, output.tell(), os.path.getsize(path))
     return copy
 
 
@@ -316,10 +316,8 @@ def open_dict_or_array(thing: Any) -> TableSource:
 
     if isinstance(thing, (int, float, complex, bytes)) or thing is None:
         raise TableError(f"a {type(thing).__name__} is no table")
-    try:
+    with as_table_error(f"a {type(thing).__name__} is no table"):  # whatever astropy makes of what is none
         return open_astropy(Table(thing))
-    except Exception as error:  # whatever astropy makes of what is no table
-        raise TableError(f"a {type(thing).__name__} is no table: {first_line(error)}") from error
 
 
 def is_dataframe(thing: Any) -> bool:
@@ -340,7 +338,7 @@ def _series_values(series, name):
     if isinstance(series.dtype, np.dtype) and series.dtype.kind == "f":
         return series.to_numpy(), None  # a nan is not finite, as in every format
     type_code = series.dtype.kind
-    try:
+    with as_table_error(f"column {name!r} cannot be read", kinds=(TypeError, ValueError)):
         if isinstance(series.dtype, np.dtype) and type_code != "O":
             values = series.to_numpy()
         elif type_code in "iu":
@@ -353,8 +351,6 @@ def _series_values(series, name):
             values = series.to_numpy(dtype=object)
             if all(isinstance(value, str) for value in values[~mask]):
                 values = np.array(np.where(mask, "", values), dtype=str)
-    except (TypeError, ValueError) as error:
-        raise TableError(f"column {name!r} cannot be read: {first_line(error)}") from error
     return values, mask if mask.any() else None
 
 

@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 
 from vsh.io.tables._arrow import FIELD, NULLS, NotPlain, csv_blocks
-from vsh.io.tables._source import DAMAGE, TableSource, TemporaryPath, number_twins, open_dict_or_array, open_unpacked
+from vsh.io.tables._source import TableSource, TemporaryPath, number_twins, open_dict_or_array, open_unpacked, unpacking
 from vsh.tools.errors import TableError, first_line
 from vsh.tools.notes import DOUBT, CodedNote
 from vsh.tools.printing import printable
@@ -372,17 +372,14 @@ def open_lines(path: PathName, label: str) -> Iterator[Iterator[str]]:
 
 
 def _read_lines(text, label):
-    try:
-        while line := text.readline(LINE):
-            if len(line) == LINE:
-                raise TableError(f"{label} is damaged, or no table: it has a line of more than {LINE} characters")
-            yield line
-    except UnicodeDecodeError as error:
-        raise TableError(f"{label} is no text in UTF-8: {error.reason} at byte {error.start}") from error
-    except TableError:
-        raise
-    except DAMAGE as error:
-        raise TableError(f"{label} cannot be unpacked: {first_line(error)}. Fetch it again") from error
+    with unpacking(label):
+        try:
+            while line := text.readline(LINE):
+                if len(line) == LINE:
+                    raise TableError(f"{label} is damaged, or no table: it has a line of more than {LINE} characters")
+                yield line
+        except UnicodeDecodeError as error:
+            raise TableError(f"{label} is no text in UTF-8: {error.reason} at byte {error.start}") from error
 
 
 def _split_line(line, delimiter, label):

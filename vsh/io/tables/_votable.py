@@ -5,7 +5,7 @@ import warnings
 
 import numpy as np
 
-from vsh.io.tables._source import TableSource, readable_as, unpacked_file
+from vsh.io.tables._source import TableSource, as_table_error, unpacked_file
 from vsh.tools.errors import TableError, first_line
 from vsh.tools.printing import printable
 from vsh.tools.types import PathName
@@ -29,18 +29,12 @@ def open_votable(path: PathName, label: str, overflow: bool = False) -> TableSou
 
     plain = unpacked_file(path, label)
     _check_declarations(plain.name, label)
-    with warnings.catch_warnings(record=True) as warning_records:
+    unreadable = as_table_error(f"{label} cannot be read as VOTable", ". It may be truncated: fetch it again")
+    with warnings.catch_warnings(record=True) as warning_records, unreadable:
         warnings.simplefilter("always")
-        try:
-            document = votable.parse(plain.name, verify="warn", invalid="mask")
-            tables = [table for table in document.iter_tables()]
-            state = [
-                info for resource in document.resources for info in _infos(resource) if info.name == "QUERY_STATUS"
-            ]
-        except Exception as error:  # whatever a damaged file makes of a reader
-            raise TableError(
-                f"{label} cannot be read as VOTable: {first_line(error)}. It may be truncated: fetch it again"
-            ) from error
+        document = votable.parse(plain.name, verify="warn", invalid="mask")
+        tables = list(document.iter_tables())
+        state = [info for resource in document.resources for info in _infos(resource) if info.name == "QUERY_STATUS"]
     for warning in warning_records:
         if _LOSSES.search(str(warning.message)) or "truncated" in str(warning.message):
             raise TableError(f"{label} is damaged: {first_line(warning.message)}. Fetch it again")
@@ -191,5 +185,5 @@ def _check_streams(path, label):
             )
 
     parser.StartElementHandler = refuse_outside_rows
-    with readable_as(label, "VOTable"), open(path, "rb") as file:
+    with as_table_error(f"{label} cannot be read as VOTable"), open(path, "rb") as file:
         parser.ParseFile(file)
