@@ -206,28 +206,26 @@ class Processes(Engine):
         return tree.total()
 
     def _run_in_order(self, work, pieces, callback) -> Iterator[Any]:
-        """The results in the order of the pieces, however often a process is killed."""
-        ready = {}
-        waiting, suspects = list(range(len(pieces))), []
-        following, single = 0, []
-        while waiting or suspects:
-            # After a process was killed, the parts that were under way go one by one: the guilty one is known then.
-            if suspects:
-                ready[suspects[0]] = self._run_alone(work, pieces, suspects[0], single)
-                callback()
-                del suspects[0]
-                if not suspects and single:
-                    single.pop().shutdown()
-            else:
-                for number, result in self._run_together(work, pieces, waiting, suspects):
-                    ready[number] = result
-                    callback()
-                    while following in ready:
-                        yield ready.pop(following)
-                        following += 1
+        """The results in the order of the pieces."""
+        ready, following = {}, 0
+        for number, result in self._run_to_the_end(work, pieces):
+            ready[number] = result
+            callback()
             while following in ready:
                 yield ready.pop(following)
                 following += 1
+
+    def _run_to_the_end(self, work, pieces):
+        """Numbers and results as they come, however often a process is killed."""
+        waiting, suspects, single = list(range(len(pieces))), [], []
+        while waiting:
+            yield from self._run_together(work, pieces, waiting, suspects)
+            # After a process was killed, the parts that were under way go one by one: the guilty one is known then.
+            for number in suspects:
+                yield number, self._run_alone(work, pieces, number, single)
+            suspects.clear()
+            if single:
+                single.pop().shutdown()
 
     def _run_together(self, work, pieces, waiting, suspects):
         """Numbers and results as they come; what a broken pool leaves undone goes to `suspects`."""
@@ -413,7 +411,7 @@ class Dask(Engine):
 
         options = {"scheduler": "processes", "num_workers": self.workers} if self.workers else {"scheduler": "threads"}
         with Callback(posttask=after):
-            return _run_with_translated_errors(lambda: root.compute(**options), lambda: _find_failing_part(pieces))
+            return _run_with_translated_errors(lambda: root.compute(**options), pieces)
 
     def _client(self):
         """A context with a client, which is closed if it was opened here; with None where there is no cluster."""
@@ -492,9 +490,7 @@ def _sum_on_cluster(client, work, pieces, callback):
 
     leaves = _delayed_sums(work, pieces)
     try:
-        return _run_with_translated_errors(
-            lambda: _gather(client, leaves, callback), lambda: _find_failing_part(pieces)
-        )
+        return _run_with_translated_errors(lambda: _gather(client, leaves, callback), pieces)
     except KilledWorker as error:
         key = str(error.task)
     # Parts that waited at the same worker are blamed too. Alone, the guilty one does it again, and it alone.
@@ -523,7 +519,7 @@ def _find_failing_part(pieces):
     return "a part cannot be computed", None
 
 
-def _run_with_translated_errors(compute, guilty):
+def _run_with_translated_errors(compute, pieces):
     """Convert an error of Dask's own graph into one of ours."""
     ended: tuple[type[BaseException], ...] = (VshError, MemoryError)
     with suppress(ImportError):  # Dask's own threads and processes do without
@@ -535,7 +531,7 @@ def _run_with_translated_errors(compute, guilty):
     except ended:
         raise
     except Exception as error:  # whatever the graph of a part raises
-        message, cause = guilty()
+        message, cause = _find_failing_part(pieces)
         raise TableError(f"{message}: {type(cause or error).__name__}: {first_line(cause or error)}") from error
 
 
