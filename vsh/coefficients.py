@@ -77,18 +77,15 @@ class Coefficients(Frozen):
 
     def __post_init__(self) -> None:
         modes = as_modes(self.modes, self._kind)
-        object.__setattr__(self, "modes", modes)
         # nan stands for coefficients to come, in predictions.
         values = np.array(float_array("the coefficients", self.values, finite=False))
         if np.isinf(values).any():
             raise ModesError(f"{np.isinf(values).sum()} of {values.size} coefficients are infinite")
-        if values.shape != (len(self.modes),):
+        if values.shape != (len(modes),):
             raise ModesError(
-                f"degree {self.modes.lmax} has {len(self.modes)} coefficients; an array of shape {values.shape} was "
-                "given"
+                f"degree {modes.lmax} has {len(modes)} coefficients; an array of shape {values.shape} was given"
             )
-        values.flags.writeable = False
-        object.__setattr__(self, "values", values)
+        self._set(modes=modes, values=values)
 
     @classmethod
     def from_vectors(cls, rotation: ArrayLike = (0, 0, 0), glide: ArrayLike = (0, 0, 0), lmax: int = 1) -> Coefficients:

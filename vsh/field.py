@@ -251,8 +251,10 @@ class SourcesWithErrors(Frozen):
         return self._with(notes=merge_notes((*self.notes, *notes))) if notes else self
 
     def _with(self, **changes: Any) -> Self:
-        """Copy with other attributes."""
-        raise NotImplementedError
+        """A field derived from this one, which has been checked already."""
+        field = object.__new__(type(self))
+        field._set(**{**vars(self), **changes})
+        return field
 
     def inner(self, x: FloatArray, y: FloatArray) -> FloatArray:
         """xᵀ C⁻¹ y of each source, (n,), for two sets of values."""
@@ -389,13 +391,10 @@ class Field(Equal, SourcesWithErrors):
     def __post_init__(self) -> None:
         check_frame(self.frame)
         if self.redshift_frame is not None:
-            self._set("redshift_frame", check_redshift_frame(self.redshift_frame))
-        for column, array in bad_rows.checked_columns(
-            self, ("lat", "motion", "sigma", "rho", *MEASURED), ("name",)
-        ).items():
-            self._set(column, array)
+            self._set(redshift_frame=check_redshift_frame(self.redshift_frame))
+        columns = bad_rows.checked_columns(self, ("lat", "motion", "sigma", "rho", *MEASURED), ("name",))
+        self._set(**columns, notes=tuple(self.notes))
         bad_rows.check_measurements(self)
-        self._set("notes", tuple(self.notes))
 
     @classmethod
     def from_columns(
@@ -756,14 +755,3 @@ class Field(Equal, SourcesWithErrors):
         units = dict.fromkeys((lon, lat), "deg") | dict.fromkeys(motions, "mas / yr") | {"phot_g_mean_mag": "mag"}
         units |= _MEASURED_UNITS
         return columns, {name: unit for name, unit in units.items() if name in columns}, facts
-
-    def _set(self, column, value):
-        # A read-only view: the caller's array stays as it is.
-        object.__setattr__(self, column, read_only(value) if isinstance(value, np.ndarray) else value)
-
-    def _with(self, **changes):
-        """A field derived from this one, which has been checked already."""
-        field = object.__new__(Field)
-        for name, value in {**vars(self), **changes}.items():
-            field._set(name, value)
-        return field

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -15,7 +15,7 @@ from vsh.sky.frames import AXES, FRAME_KEY, check_frame, rotation_matrix
 from vsh.sky.pixels import centres, check_nside, pixels_of
 from vsh.sky.sphere import angles, triad
 from vsh.tools.arguments import float_array, number
-from vsh.tools.bad_rows import as_floats, check_shapes, invalid_rows, select_usable
+from vsh.tools.bad_rows import as_floats, check_shapes, floats_or_nan, invalid_rows, select_usable
 from vsh.tools.errors import ParameterError
 from vsh.tools.types import ArrayLike, FloatArray, OnBad
 from vsh.tools.units import DEGREE
@@ -142,20 +142,14 @@ class ScalarField(SourcesWithErrors):
 
     def __post_init__(self) -> None:
         check_frame(self.frame)
-        arrays = {}
-        for column in ("lon", "lat", "values", "sigma"):
-            numbers, missing = as_floats(column, getattr(self, column))
-            arrays[column] = np.where(missing, np.nan, numbers)
+        names = ("lon", "lat", "values", "sigma")
+        arrays = {column: np.array(floats_or_nan(column, getattr(self, column))) for column in names}
         if self.name is not None:
             arrays["name"] = np.asarray(self.name)
         check_shapes(arrays, lambda column: (arrays["lon"].size,))
         reasons = _invalid_scalar_rows(arrays["lon"], arrays["lat"], arrays["values"], arrays["sigma"])
         select_usable(reasons, arrays["lon"].size)
-        for column, array in arrays.items():
-            object.__setattr__(self, column, array)
-        object.__setattr__(self, "unit", str(self.unit))
-        object.__setattr__(self, "notes", tuple(self.notes))
-        super().__post_init__()
+        self._set(**arrays, unit=str(self.unit), notes=tuple(self.notes))
 
     @classmethod
     def from_columns(
@@ -331,12 +325,6 @@ class ScalarField(SourcesWithErrors):
             return self
         lon, lat = angles(rotation_matrix(self.frame, name) @ triad(self.lon, self.lat)[2])
         return self._with(lon=lon, lat=lat, frame=name)
-
-    def _with(self, **changes):
-        """A field derived from this one, which has been checked already."""
-        field = object.__new__(ScalarField)
-        field.__setstate__({entry.name: changes.get(entry.name, getattr(self, entry.name)) for entry in fields(self)})
-        return field
 
 
 def _invalid_scalar_rows(lon, lat, values, sigma, further=None, turns=2):

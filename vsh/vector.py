@@ -12,7 +12,7 @@ from scipy.special import chdtrc, fdtrc, log_ndtr
 from vsh.length import FEWEST_DOF, length_interval, length_limits, standard_errors
 from vsh.sky.frames import check_frame, rotation_matrix
 from vsh.sky.sphere import angles, triad
-from vsh.tools.arguments import between, covariance, float_array, number, read_only
+from vsh.tools.arguments import between, covariance, float_array, number
 from vsh.tools.digits import format_values, format_with_error
 from vsh.tools.errors import ParameterError
 from vsh.tools.notebook import Equal, Frozen
@@ -69,8 +69,7 @@ class Vector(Equal, Frozen):
         value = float_array("the components of a Vector", self.value, (3,), finite=False, unit=unit)
         if np.isinf(value).any():
             raise ParameterError(f"the components of a Vector are finite, not {value}")
-        object.__setattr__(self, "value", read_only(value))
-        object.__setattr__(self, "covariance", covariance("the covariance of a Vector", self.covariance, 3))
+        self._set(value=value, covariance=covariance("the covariance of a Vector", self.covariance, 3))
 
     def __repr__(self) -> str:
         return f"<Vector: {self.in_numbers()}>"

@@ -27,7 +27,7 @@ from vsh.field import Field
 from vsh.modes import Modes, ScalarModes, as_modes
 from vsh.sky.sphere import triad
 from vsh.tools import arguments
-from vsh.tools.arguments import float_array, read_only
+from vsh.tools.arguments import float_array
 from vsh.tools.errors import CovarianceError, ModesError, ParameterError, TableError, VshError, first_line
 from vsh.tools.notebook import Frozen, InNotebook
 from vsh.tools.parallel import map_blocks
@@ -474,7 +474,7 @@ class Covariance(Frozen):
             size = np.sqrt(np.outer(np.diag(matrix)[rows], np.diag(matrix)))
             if (np.abs(matrix[rows] - matrix[:, rows].T) > 1e-8 * size + 1e-300).any():
                 raise ParameterError("the covariance is not symmetric")
-        object.__setattr__(self, "matrix", read_only(matrix))
+        self._set(matrix=matrix)
 
     def __len__(self) -> int:
         return len(self.matrix) // 2

@@ -211,10 +211,7 @@ class LinearTheory(Frozen):
             )
         if not (power > 0).all():
             raise ParameterError("the power of matter is above zero at every wave number")
-        object.__setattr__(self, "k", k)
-        object.__setattr__(self, "power", power)
-        object.__setattr__(self, "growth_rate", positive("growth_rate", self.growth_rate))
-        super().__post_init__()
+        self._set(k=k, power=power, growth_rate=positive("growth_rate", self.growth_rate))
 
     def __repr__(self) -> str:
         return f"<LinearTheory: {self.name}, {self.sigma:.0f} km/s in each component>"

@@ -258,10 +258,8 @@ class AstrometryRows(Frozen):
         columns |= {"still": still, "displaced": is_displaced}
         shapes: dict[str, tuple[int, ...]] = {"motion": (2, n), "covariance": (n, 5, 5)}
         check_shapes(columns, lambda column: shapes.get(column, (n,)))
-        for column, value in columns.items():
-            object.__setattr__(self, column, value)
+        self._set(**columns)
         self._check()
-        super().__post_init__()
 
     def _check(self):
         """Raise FieldError if rows cannot be used, with the number of rows and the first row for each reason."""

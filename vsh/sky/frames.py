@@ -187,9 +187,7 @@ class Positions(Frozen):
 
     def __post_init__(self) -> None:
         check_frame(self.frame)
-        for column, array in checked_columns(self, ("lat", "sigma", "rho", "motion"), ("name", "defining")).items():
-            object.__setattr__(self, column, array)
-        super().__post_init__()
+        self._set(**checked_columns(self, ("lat", "sigma", "rho", "motion"), ("name", "defining")))
 
     def __len__(self) -> int:
         return self.lon.size

@@ -101,14 +101,14 @@ class Frozen(InNotebook):
     """Base of frozen dataclasses that hold arrays: arrays, in lists and tuples too, become read-only views."""
 
     def __post_init__(self) -> None:
-        for entry in fields(cast(Any, self)):
-            value = getattr(self, entry.name)
-            if isinstance(value, (np.ndarray, list, tuple)):
-                object.__setattr__(self, entry.name, _freeze(value))
+        self._set(**{entry.name: getattr(self, entry.name) for entry in fields(cast(Any, self))})
 
     def __setstate__(self, state):
-        # NumPy gives back arrays that can be written to.
-        for name, value in state.items():
+        self._set(**state)  # NumPy gives back arrays that can be written to
+
+    def _set(self, /, **values: Any) -> None:
+        """Set attributes, arrays as read-only views: the caller's stay as they are."""
+        for name, value in values.items():
             object.__setattr__(self, name, _freeze(value))
 
 
