@@ -38,7 +38,7 @@ _TRUTH = {"true": True, "t": True, "yes": True, "false": False, "f": False, "no"
 _NOTHING = ("", "null", "none", "nan", "--", "na", "<na>")
 
 
-def matrix_of(values: Any, mask: Any, name: str, label: str) -> tuple[Any, BoolArray | None, BoolArray | None]:
+def matrix_of(values: Any, mask: Any, name: str, label: str) -> tuple[Any, BoolArray, Any]:
     """Turn a column into numbers: (n,), or (n, k) where a row holds several, shorter rows padded.
 
     Parameters
@@ -55,9 +55,9 @@ def matrix_of(values: Any, mask: Any, name: str, label: str) -> tuple[Any, BoolA
     -------
     values : array
         Numbers or bools.
-    mask : bool array or None
+    mask : bool array
         What is missing, of the same shape.
-    padding : (n, k) bool array or None
+    padding : (n, k) bool array, or False
         Where a row had no entry: not a missing value, but none at all.
 
     Raises
@@ -66,11 +66,10 @@ def matrix_of(values: Any, mask: Any, name: str, label: str) -> tuple[Any, BoolA
         If an entry is no number.
     """
     values = np.asarray(values)
+    mask = _spread(np.asarray(False if mask is None else mask, bool), values.shape)
     if values.dtype.kind in "iufb":
-        return values, None if mask is None else _spread_mask(mask, values.shape), None
-    missing = (
-        np.zeros(len(values), bool) if mask is None else np.asarray(mask, bool).reshape(len(values), -1).all(axis=1)
-    )
+        return values, mask, np.False_
+    missing = mask.all(axis=tuple(range(1, mask.ndim)))
     if values.dtype.kind in "SU":
         texts = np.char.decode(values, "utf-8", "replace") if values.dtype.kind == "S" else values
         entries = [_parse_text(text, name, label) for text in texts]
@@ -81,8 +80,7 @@ def matrix_of(values: Any, mask: Any, name: str, label: str) -> tuple[Any, BoolA
     missing = missing | np.array([entry is None for entry in entries], bool)
     entries = [None if gone else entry for gone, entry in zip(missing, entries, strict=True)]
     if all(entry is None or np.ndim(entry) == 0 for entry in entries):
-        numbers, lost = _numbers(entries, name, label)
-        return numbers, lost if lost.any() else None, None
+        return *_numbers(entries, name, label), np.False_
     rows = [_masked_row(entry) for entry in entries]
     lengths = np.array([len(row) for row in rows])
     inside = np.arange(lengths.max()) < lengths[:, None]
@@ -96,14 +94,12 @@ def matrix_of(values: Any, mask: Any, name: str, label: str) -> tuple[Any, BoolA
     matrix[inside], absent[inside] = flat, lost
     # A row without a list, as of a transit whose arrays are null, is missing and no padding.
     absent[missing] = True
-    padding = ~inside & ~missing[:, None]
-    return matrix, absent if absent.any() else None, padding if padding.any() else None
+    return matrix, absent, ~inside & ~missing[:, None]
 
 
-def _spread_mask(mask, shape):
-    """A mask of rows, or of every number, in the shape of the values."""
-    mask = np.asarray(mask, bool)
-    return np.broadcast_to(mask.reshape(mask.shape + (1,) * (len(shape) - mask.ndim)), shape)
+def _spread(array, shape):
+    """An array in a shape with more dimensions: what a transit has once, all its CCDs have."""
+    return np.broadcast_to(array.reshape(array.shape + (1,) * (len(shape) - array.ndim)), shape)
 
 
 def _masked_row(entry):
@@ -478,35 +474,31 @@ def read_observations(
     if "obs_time_bary_corr" not in column_names:
         notes = (*notes, "no column obs_time_bary_corr: times are taken as the barycentre's")
     identifiers, indices, number = np.unique(flat["source_id"], return_index=True, return_inverse=True)
-    order = np.argsort(number, kind="stable")
     if positions is None:
         lon, lat = flat["ra0"][indices] * DEGREE, flat["dec0"][indices] * DEGREE
     else:
         lon, lat = _join_positions(identifiers, positions)
+    order = np.argsort(number, kind="stable")
+    number, flat = number[order], {name: values[order] for name, values in flat.items()}
     view = None
     if "view" in flat:
-        view, note = views_of(flat.pop("view"), number, flat["obs_time_tcb"])
-        view = None if view is None else view[order]
+        view, note = views_of(flat["view"], number, flat["obs_time_tcb"])
         notes = (*notes, *([note] if note else []))
     time = 2010.0 - epoch + (flat["obs_time_tcb"] + flat.get("obs_time_bary_corr", 0.0)) / _YEAR
-    colour = flat.get("colour_factor_al")
-    if colour is not None:
-        colour = MAS * colour[order] if colour.any() else None
-    excess = flat.get(_EXCESS)
-    design = design_row(flat["scan_pos_angle"] * DEGREE, flat["parallax_factor_al"], time)
+    colour, excess = flat.get("colour_factor_al"), flat.get(_EXCESS)
     return Observations(
         lon,
         lat,
-        number[order],
-        time[order],
-        design[:, order],
-        MAS * flat["centroid_pos_al"][order],
-        MAS * flat["centroid_pos_error_al"][order],
+        number,
+        time,
+        design_row(flat["scan_pos_angle"] * DEGREE, flat["parallax_factor_al"], time),
+        MAS * flat["centroid_pos_al"],
+        MAS * flat["centroid_pos_error_al"],
         identifiers,
         (*table_source.notes, *notes),
         view,
-        colour,
-        None if excess is None else MAS * excess[order],
+        None if colour is None or not colour.any() else MAS * colour,
+        None if excess is None else MAS * excess,
     )
 
 
@@ -553,35 +545,29 @@ def _flatten_observations(
     label = table_source.label
     columns, padding = _matrices(table, table_source)
     repeat_notes = _note_on_repeated_rows(columns)
-    if "colour_factor_al" in columns:
-        factors_of_colour, absent = columns["colour_factor_al"]
-        if not np.isfinite(np.where(False if absent is None else absent, np.nan, factors_of_colour)).any():
-            del columns["colour_factor_al"]  # null in every row
-    if _EXCESS in columns:
-        noise, absent = columns[_EXCESS]
-        is_given = np.isfinite(noise) & ~(np.zeros(np.shape(noise), bool) if absent is None else absent)
-        if is_given.any():
-            columns[_EXCESS] = np.where(is_given, noise, 0.0), None  # where it is null, AGIS added none
-        else:
-            del columns[_EXCESS]
+    for name in [name for name in ("colour_factor_al", _EXCESS) if name in columns]:
+        values, absent = columns[name]
+        is_given = np.isfinite(values) & ~absent
+        if not is_given.any():
+            del columns[name]  # null in every row
+        elif name == _EXCESS:  # where it is null, AGIS added none
+            columns[name] = np.where(is_given, values, 0.0), np.zeros_like(absent)
     shape = max((np.shape(values) for values, _ in columns.values()), key=len)
     flat: dict[str, Any] = {}
     bad = np.zeros(shape, bool)
     times: tuple[str, ...] = ()
     for name, (values, mask) in columns.items():
-        # What a transit has once, all its CCDs have.
-        broadcast_values = np.broadcast_to(values.reshape(values.shape + (1,) * (len(shape) - values.ndim)), shape)
-        if mask is not None:
-            bad |= np.broadcast_to(np.reshape(mask, values.shape + (1,) * (len(shape) - values.ndim)), shape)
+        spread_values = _spread(values, shape).ravel()
+        bad |= _spread(mask, shape)
         if name == "transit_id":
             if values.dtype.kind in "iu":
-                flat["view"] = broadcast_values.ravel().astype(np.int64)
+                flat["view"] = spread_values.astype(np.int64)
         elif name == "obs_time_tcb" and (scale := _date_scale(values, mask, table_source.units.get(name))):
-            flat[name] = (broadcast_values.ravel() - _ORIGINS[scale]) * _DAY
+            flat[name] = (spread_values - _ORIGINS[scale]) * _DAY
             times = (f"obs_time_tcb holds {scale}: times are counted from J2010.0",)
         else:
             factor = factors.get(name, 1.0)
-            flat[name] = broadcast_values.ravel() if factor == 1.0 else broadcast_values.ravel() * factor
+            flat[name] = spread_values if factor == 1.0 else spread_values * factor
     notes: tuple[str, ...] = ()
     is_used = flat.pop("used_by_agis_al", np.ones(bad.size, bool)).astype(bool)
     if "used_by_agis_al" not in columns and len(shape) == 2 and shape[1] == _SLOTS:
@@ -589,7 +575,7 @@ def _flatten_observations(
         notes = (f"no column used_by_agis_al: the first of {_SLOTS} CCDs, the sky mapper's, is left out",)
     is_unused = ~is_used
     bad = bad.ravel()
-    if padding is not None:  # where a transit has fewer CCDs than another there is no observation
+    if padding.any():  # where a transit has fewer CCDs than another there is no observation
         is_observation = ~np.broadcast_to(padding, shape).ravel()
         flat, bad, is_unused = (
             {name: values[is_observation] for name, values in flat.items()},
@@ -619,7 +605,8 @@ def _flatten_observations(
 def _matrices(table, table_source):
     """Convert columns to numbers, one row or matrix of CCDs per transit, and a mask of missing CCDs."""
     columns: dict[str, Any] = {}
-    padding, width, array_name = None, 0, ""
+    padding: Any = np.False_
+    width, array_name = 0, ""
     for name, (values, mask) in table.items():
         values, mask, absent = matrix_of(values, mask, name, table_source.label)
         if values.ndim > 1:
@@ -629,7 +616,7 @@ def _matrices(table, table_source):
                     f"has {width}: arrays of the CCDs are as long as each other"
                 )
             width, array_name = values.shape[1], name
-            padding = absent if padding is None else padding | absent if absent is not None else padding
+        padding = padding | absent
         columns[name] = values, mask
     return columns, padding
 
@@ -638,7 +625,7 @@ def _date_scale(values, mask, unit):
     """The name of the dates that times are, where they are days since JD 0 or since MJD 0; else None."""
     if unit is not None and str(unit).strip() not in ("d", "day", "days", ""):
         return None
-    times = np.asarray(values)[np.ones(np.shape(values), bool) if mask is None else ~mask]
+    times = values[~mask]
     times = times[times != 0]  # arrays of transits with fewer CCDs are filled up with zeros
     middle = float(np.nanmedian(times)) if np.size(times) else 0.0
     return next((name for name, origin in _ORIGINS.items() if abs(middle - origin) < _FAR), None)
