@@ -94,8 +94,8 @@ def invalid_rows(
     what: str = "proper motion",
     spans: Mapping[str, Span] | None = None,
 ) -> dict[str, BoolArray]:
-    """Reasons why sources cannot be used: each source under its first reason; `spans` of the arrays where they are
-    known."""
+    """Reasons why sources cannot be used, the first of a source being the one that counts; `spans` of the arrays where
+    they are known."""
     reasons: dict[str, Any] = dict(further or {})
     marks = [*reasons.values(), *([] if placeholders is None else [placeholders])]
     limits = {
@@ -113,7 +113,7 @@ def invalid_rows(
         return {}
     if placeholders is not None:
         reasons[PLACEHOLDER] = placeholders | reasons.get(PLACEHOLDER, False)
-    reasons = reasons | {
+    return reasons | {
         "position not finite": ~(np.isfinite(lon) & np.isfinite(lat)),
         f"{what} not finite": ~np.isfinite(motion).all(0),
         "error not finite": ~np.isfinite(sigma).all(0),
@@ -126,14 +126,6 @@ def invalid_rows(
         "|dec| > 90°": ~(np.abs(lat) <= np.pi / 2 * (1 + 1e-14)),
         f"ra outside −{360 * turns}° … {360 * turns}°": ~(np.abs(lon) <= 2 * np.pi * turns * (1 + 1e-14)),
     }
-    has_reason = np.zeros(lon.shape, bool)
-    invalid = {}
-    for reason, mask in reasons.items():
-        new_rows = mask & ~has_reason
-        if new_rows.any():
-            invalid[reason] = new_rows
-            has_reason |= mask
-    return invalid
 
 
 def span_of(values: FloatArray) -> Span:

@@ -306,7 +306,7 @@ def open_text(path: PathName, label: str) -> TableSource:
         if layout.delimiter and not layout.decimal_comma and os.path.getsize(path) >= LARGE:
             with suppress(NotPlain):
                 for columns in csv_blocks(lambda: open_unpacked(path, label), layout, types, request, rows):
-                    block = {name: _from_arrow(column, name, types) for name, column in columns.items()}
+                    block = {name: _from_arrow(column, types.get(name)) for name, column in columns.items()}
                     yield block
                     count += len(next(iter(block.values()))[0])
                 if count:
@@ -489,25 +489,24 @@ def _block(names, chunk, types, label, first_line_number, decimal_comma=False):
             raise TableError(
                 f"{label}, line {row}: a field of {longest} characters in column {name!r}, at most {FIELD} are read"
             )
-        block[name] = _parse_column(np.array(column), types.get(name), name in types, decimal_comma)
+        block[name] = _parse_column(np.array(column), types.get(name), decimal_comma)
     return block
 
 
-def _parse_column(text, datatype, is_typed, decimal_comma=False):
+def _parse_column(text, datatype, decimal_comma=False):
     """Values and mask of a column of text, whose header says a type or not."""
     values, mask = _values(np.char.replace(text, ",", ".") if decimal_comma else text, datatype)
-    if values.dtype.kind == "U" and not is_typed:  # blanks around a field are no part of it
+    if values.dtype.kind == "U" and datatype is None:  # blanks around a field are no part of it
         stripped_text = np.char.strip(text)
-        values, mask = (
-            (values, mask) if (stripped_text == text).all() and not decimal_comma else _values(stripped_text, None)
-        )
+        if decimal_comma or (stripped_text != text).any():
+            return _values(stripped_text, None)
     return values, mask
 
 
-def _from_arrow(column, name, types):
+def _from_arrow(column, datatype):
     """Values and mask of a column that Arrow has read as numbers, or as text where it is not sure of numbers."""
     if column.dtype.kind == "U":
-        return _parse_column(column, types.get(name), name in types)
+        return _parse_column(column, datatype)
     mask = np.ma.getmaskarray(column)
     if mask.all():
         return np.full(len(column), np.nan), mask
@@ -519,25 +518,22 @@ def _values(text, datatype):
     mask = np.isin(text, NULLS)
     if mask.all() and datatype not in ("string", "str"):
         return np.full(len(text), np.nan), mask
+    missing = mask if mask.any() else None
     if datatype in ("string", "str"):
-        return text, mask if mask.any() else None
+        return text, missing
     if datatype == "bool":
         true, false = np.char.lower(text) == "true", np.char.lower(text) == "false"
-        return (true, mask if mask.any() else None) if (true | false | mask).all() else (text, mask)
-    filled_text = np.where(mask, "0", text) if mask.any() else text
+        return true if (true | false | mask).all() else text, missing
+    filled_text = text if missing is None else np.where(mask, "0", text)
     if (np.char.find(filled_text, "_") >= 0).any():  # which Python leaves out of numbers: 1_2 is a name
-        return text, mask if mask.any() else None
-    for dtype in (np.int64, float):
-        if dtype is np.int64 and datatype is not None and datatype not in _INTEGERS:
-            continue
+        return text, missing
+    for dtype in (np.int64, float) if datatype is None or datatype in _INTEGERS else (float,):
         try:
-            values = filled_text.astype(dtype)
+            return filled_text.astype(dtype), missing
         except (ValueError, OverflowError):
             if dtype is np.int64 and all(value.lstrip("+-").isdigit() for value in filled_text):
                 break  # as text, they keep all their digits
-            continue
-        return values, mask if mask.any() else None
-    return text, mask if mask.any() else None
+    return text, missing
 
 
 #: Names and flags, hours, minutes and seconds, sign, degrees, minutes and seconds, and the rest.

@@ -112,30 +112,28 @@ class Where(InNotebook):
 
     def _column_names(self, node) -> Iterator[str]:
         """The columns, in order; and that there is nothing that is not allowed."""
+        inner: list[ast.expr] = []
         match node:
             case ast.Constant(value=bool() | int() | float() | str()):
                 pass
-            case ast.Name(id=name):
+            case (
+                ast.Name(id=name)
+                | ast.Call(func=ast.Name(id="column"), args=[ast.Constant(value=str() as name)], keywords=[])
+            ):
                 yield name
-            case ast.Call(func=ast.Name(id="column"), args=[ast.Constant(value=str() as name)], keywords=[]):
-                yield name
-            case ast.Call(func=ast.Name(id=name), args=args, keywords=[]) if name in FUNCTIONS or name == "ismissing":
-                if len(args) != (2 if name == "hypot" else 1):
+            case ast.Call(func=ast.Name(id=name), args=inner, keywords=[]) if name in FUNCTIONS or name == "ismissing":
+                if len(inner) != (2 if name == "hypot" else 1):
                     raise TableError(f"--where: {name}() takes {2 if name == 'hypot' else 1} argument")
-                for value in args:
-                    yield from self._column_names(value)
-            case ast.UnaryOp(op=ast.USub() | ast.UAdd() | ast.Not() | ast.Invert(), operand=inner):
-                yield from self._column_names(inner)
+            case ast.UnaryOp(op=ast.USub() | ast.UAdd() | ast.Not() | ast.Invert(), operand=operand):
+                inner = [operand]
             case ast.BinOp(left=left, op=op, right=right) if type(op) in (*_NUMBERS, ast.Pow, ast.BitAnd, ast.BitOr):
                 if isinstance(op, ast.Pow) and not _is_small_power(right):
                     raise TableError(f"--where: a power is a number between −{MAX_POWER:g} and {MAX_POWER:g}")
-                yield from self._column_names(left)
-                yield from self._column_names(right)
-            case ast.BoolOp(values=values):
-                for value in values:
-                    yield from self._column_names(value)
+                inner = [left, right]
+            case ast.BoolOp(values=inner):
+                pass
             case ast.Compare(left=left, ops=ops, comparators=others):
-                yield from self._column_names(left)
+                inner = [left]
                 for sign, value in zip(ops, others, strict=True):
                     if isinstance(sign, ast.In | ast.NotIn):
                         if _listed_file(value) is not None:
@@ -143,14 +141,15 @@ class Where(InNotebook):
                             continue
                         if not isinstance(value, ast.Tuple | ast.List) or not value.elts:
                             raise TableError("--where: what stands behind `in` is a list: in (1, 2)")
-                        for member in value.elts:
-                            yield from self._column_names(member)
+                        inner += value.elts
                     elif type(sign) in _ORDER:
-                        yield from self._column_names(value)
+                        inner.append(value)
                     else:
                         raise _refusal_of_node(node)
             case _:
                 raise _refusal_of_node(node)
+        for value in inner:
+            yield from self._column_names(value)
 
     def _of(self, node, block):
         """Values, and which of them are not known."""
