@@ -7,9 +7,8 @@ from typing import Any
 import numpy as np
 
 from vsh.io import tables
-from vsh.io.catalogue import doubt_positions, missing_column, unit_factor
+from vsh.io.catalogue import as_doubles, doubt_positions, missing_column, unit_factor
 from vsh.sky.astrometry import AstrometryRows
-from vsh.tools.bad_rows import as_floats
 from vsh.tools.errors import TableError
 from vsh.tools.files import check_new
 from vsh.tools.types import PathName
@@ -144,14 +143,11 @@ class _CatalogueColumns:
         if role not in self.names:
             return np.full(n, np.nan)
         name = self.names[role]
-        values, mask = self.data[name]
-        floats, missing = as_floats(name, values)
         unit = _UNITS.get(role.removesuffix("_error"))
         if role in ("ra_error", "dec_error"):
             unit = "mas"
         factor = 1.0 if unit is None else unit_factor(name, self.opened.units.get(name), unit)
-        lost = missing | (np.asarray(mask, bool) if mask is not None else False)
-        return np.where(lost, np.nan, floats * factor)
+        return np.ma.filled(as_doubles(name, *self.data[name]), np.nan) * factor
 
     def words(self, role):
         """A column of text."""

@@ -5,7 +5,7 @@ import shlex
 from collections.abc import Iterable, Mapping
 from dataclasses import fields, replace
 from difflib import get_close_matches
-from functools import lru_cache, partial
+from functools import lru_cache
 from itertools import product
 from typing import Any
 
@@ -317,13 +317,10 @@ def conversion_factors(
         if role == "ra":
             unit = _as_hour_angle(unit)
         if unit is not None:
-            role_factors[role] = (_factor if role in REQUIRED else partial(_optional_factor, role))(
-                name, unit, target, name in units
-            )
-        elif role in _UNIT_OF and unit_of(column_of[_UNIT_OF[role]], units, source) is not None:
+            role_factors[role] = _factor_of_role(role, name, unit, target, name in units)
+        elif role in _UNIT_OF and (unit := unit_of(column_of[_UNIT_OF[role]], units, source)) is not None:
             # An error is in the unit of what it is the error of, unless the table states another.
             motion = column_of[_UNIT_OF[role]]
-            unit = unit_of(motion, units, source)
             assumed_units.setdefault(f"{_unit_text(unit)}, the unit of {printable(motion)}", []).append(name)
             role_factors[role] = _factor(motion, unit, target, motion in units)
         elif assumed_unit is not None and role in REQUIRED[2:]:
@@ -374,8 +371,8 @@ def _unit_text(unit):
 
 def notes_on_units(column_of: Mapping[str, str], units: Mapping[str, Any]) -> list[str]:
     """A note where motions and their errors are not all in one unit, which is seldom meant."""
-    roles = [role for role in REQUIRED[2:] if role in units and not column_of[role].startswith(ASSUMED)]
-    sizes = {role: units[role] for role in roles}
+    roles = [role for role in REQUIRED[2:] if role in units]
+    sizes = {role: units[role] for role in roles if not column_of[role].startswith(ASSUMED)}
     if len({float(f"{size:.9g}") for size in sizes.values()}) < 2:
         return []
     listing = ", ".join(f"{printable(column_of[role])} in units of {size:.6g} mas/yr" for role, size in sizes.items())
@@ -462,8 +459,8 @@ def _as_hour_angle(unit):
     return "hourangle" if str(unit).strip().lower() in ("h", "hr", "hour", "hours") else unit
 
 
-def _optional_factor(role, name, unit, target, from_user):
-    """The factor of a column that need not be there: a pure number, a magnitude, a distance."""
+def _factor_of_role(role, name, unit, target, from_user):
+    """The factor of a column that may be a pure number, a magnitude or a distance."""
     try:
         astropy_unit = parse_unit(unit)
     except (ValueError, TypeError):

@@ -4,7 +4,7 @@ import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from difflib import SequenceMatcher
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,7 +12,7 @@ import numpy as np
 from vsh.io.archive import DR3, DR4
 from vsh.io.tables import TableSource
 from vsh.sky.frames import AXES
-from vsh.tools.bad_rows import as_floats
+from vsh.tools.bad_rows import floats_or_nan
 from vsh.tools.notebook import InNotebook
 
 REQUIRED = ("ra", "dec", "pmra", "pmdec", "pmra_error", "pmdec_error")
@@ -327,7 +327,7 @@ def add_derived_columns(source: TableSource) -> TableSource:
         if len(inputs) == 1:
             recipes[name] = inputs, lambda values: 1 / np.sqrt(values), _error_unit(unit)
             continue
-        recipes[name] = inputs, _FROM_ELLIPSE[name] if len(inputs) == 3 else _larger, unit
+        recipes[name] = inputs, partial(_of_ellipse, name) if len(inputs) == 3 else _larger, unit
     if asymmetric_errors := [
         name
         for name, inputs in derived_columns.items()
@@ -358,8 +358,7 @@ def _apply_recipe(recipe, block, count):
     inputs, function, _ = recipe
     masks = [block[name][1] for name in inputs if block[name][1] is not None]
     with np.errstate(all="ignore"):
-        columns = [as_floats(name, np.asarray(block[name][0])) for name in inputs]
-        numbers = [np.where(missing, np.nan, array) for array, missing in columns]
+        numbers = [floats_or_nan(name, np.asarray(block[name][0])) for name in inputs]
         values = np.broadcast_to(function(*numbers), count).copy()
     return values, np.logical_or.reduce(masks) if masks else None
 
@@ -380,22 +379,9 @@ def _larger(a, b):
     return np.maximum(np.abs(a), np.abs(b))
 
 
-def _sin(angle):
-    return np.sin(np.radians(angle))
-
-
-def _cos(angle):
-    return np.cos(np.radians(angle))
-
-
-def _ellipse_correlation(a, b, angle):
-    """The correlation that an ellipse is, whose major axis points `angle` degrees from north through east."""
-    cross = (a**2 - b**2) * _sin(angle) * _cos(angle)
-    return cross / (np.hypot(a * _sin(angle), b * _cos(angle)) * np.hypot(a * _cos(angle), b * _sin(angle)))
-
-
-_FROM_ELLIPSE = {
-    "pmra_error": lambda a, b, angle: np.hypot(a * _sin(angle), b * _cos(angle)),
-    "pmdec_error": lambda a, b, angle: np.hypot(a * _cos(angle), b * _sin(angle)),
-    "pmra_pmdec_corr": _ellipse_correlation,
-}
+def _of_ellipse(name, a, b, angle):
+    """The error or correlation that an ellipse is; its major axis points `angle` degrees from north through east."""
+    sin, cos = np.sin(np.radians(angle)), np.cos(np.radians(angle))
+    east, north = np.hypot(a * sin, b * cos), np.hypot(a * cos, b * sin)
+    cross = (a**2 - b**2) * sin * cos
+    return {"pmra_error": east, "pmdec_error": north, "pmra_pmdec_corr": cross / (east * north)}[name]

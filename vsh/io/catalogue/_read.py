@@ -39,7 +39,7 @@ from vsh.io.parts import OPTIONAL, Parts
 from vsh.scalars import ScalarField
 from vsh.sky.frames import AXES, REDSHIFT_FRAME_COLUMN
 from vsh.tools.arguments import positive, whole
-from vsh.tools.bad_rows import PLACEHOLDER, as_floats, find_placeholder_rows, zero_motion_rows
+from vsh.tools.bad_rows import PLACEHOLDER, find_placeholder_rows, zero_motion_rows
 from vsh.tools.errors import EmptyFieldError, EmptySelectionError, FieldError, TableError, VshWarning
 from vsh.tools.notes import (
     ASSUMED_MOTIONS,
@@ -210,17 +210,11 @@ def _maker_of_columns(source, names, reading):
 def _field_and_columns(make, block, names, first_row):
     """The field of a block, and numbers of columns at its rows."""
     block = dict(block)
-    values = {name: as_floats(name, np.ma.MaskedArray(*_values_and_mask(block[name]))) for name in names}
+    values = {name: np.ma.filled(as_doubles(name, *block[name]), np.nan) for name in names}
     block[_ROW] = np.arange(len(next(iter(block.values()))[0])), None
     field = make(block, first_row)
     indices = np.asarray(field.name, int)
-    return field, {name: np.where(missing, np.nan, array)[indices] for name, (array, missing) in values.items()}
-
-
-def _values_and_mask(column):
-    """Values of a column and their mask."""
-    values, mask = column
-    return values, (False if mask is None else mask)
+    return field, {name: array[indices] for name, array in values.items()}
 
 
 def stream_fields(
