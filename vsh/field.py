@@ -122,19 +122,6 @@ def _blank_unknown_redshifts(columns, first_row):
     return (text,)
 
 
-def zero_motion_columns(sources: Any, sigma: ArrayLike | None) -> dict[str, Any]:
-    """The arrays of a field whose motions are zero."""
-    if not (hasattr(sources, "lon") and hasattr(sources, "lat")):
-        raise FieldError(f"sources are a Field, or positions with lon and lat, not {type(sources).__name__}")
-    sigma = getattr(sources, "sigma", None) if sigma is None else sigma
-    if sigma is None:
-        raise FieldError("sources without errors need sigma=, in µas/yr")
-    lon = np.asarray(sources.lon, float)
-    shape = (2, lon.size)
-    still = {"lon": lon, "lat": sources.lat, "motion": np.zeros(shape), "sigma": np.broadcast_to(sigma, shape)}
-    return still | {name: getattr(sources, name, None) for name in ("rho", "redshift")}
-
-
 def _broadcast(value, shape):
     """A column, or one number or Quantity for all sources."""
     return np.broadcast_to(value, shape, subok=True) if np.ndim(value) == 0 else value
@@ -525,7 +512,15 @@ class Field(Equal, SourcesWithErrors):
             raise FieldError("a ScalarField has no motions, and no errors of motions")
         if isinstance(sources, Field):
             return sources if sigma is None else sources.with_errors(sigma)
-        return cls(**zero_motion_columns(sources, sigma), frame=getattr(sources, "frame", "icrs"))
+        if not (hasattr(sources, "lon") and hasattr(sources, "lat")):
+            raise FieldError(f"sources are a Field, or positions with lon and lat, not {type(sources).__name__}")
+        sigma = getattr(sources, "sigma", None) if sigma is None else sigma
+        if sigma is None:
+            raise FieldError("sources without errors need sigma=, in µas/yr")
+        shape = (2, np.size(sources.lon))
+        further: dict[str, Any] = {name: getattr(sources, name, None) for name in ("rho", "redshift")}
+        still = np.zeros(shape), np.broadcast_to(sigma, shape)
+        return cls(sources.lon, sources.lat, *still, **further, frame=getattr(sources, "frame", "icrs"))
 
     @property
     def ra(self) -> FloatArray:
