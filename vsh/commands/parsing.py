@@ -120,12 +120,12 @@ def nside(text: str) -> int:
 
 def not_negative(text: str) -> float:
     """The type of a number of zero or more."""
-    return _number(text, lambda x: 0 <= x < math.inf, "a number that is not negative")
+    return _number(text, lambda x: x >= 0, "a number that is not negative")
 
 
 def positive(text: str) -> float:
     """The type of a number above zero."""
-    return _number(text, lambda x: 0 < x < math.inf, "a positive number")
+    return _number(text, lambda x: x > 0, "a positive number")
 
 
 def _check_scale(text):
@@ -160,13 +160,10 @@ def method_and_value(text: str) -> tuple[str, str | None]:
 
 
 def _number(text, fits, description):
-    try:
-        number = float(text)
-    except ValueError:
-        number = math.nan
-    if not fits(number):
+    values = _finite_numbers(text)
+    if len(values) != 1 or not fits(values[0]):
         raise argparse.ArgumentTypeError(f"{description} is expected, not {text!r}")
-    return number
+    return values[0]
 
 
 def _finite_numbers(text):

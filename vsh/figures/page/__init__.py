@@ -4,7 +4,6 @@ from vsh.figures.page._page import (
     MAX_SOURCES,
     Panel,
     ShownSolution,
-    d3_script,
     facts,
     figure,
     figure_panels,

@@ -18,7 +18,6 @@ from vsh.io.archive._queries import (
     of_table,
     query_near_positions,
     read_ids,
-    release_of,
 )
 from vsh.io.archive._schema import SchemaCheck, check_schema
 from vsh.io.archive._tap import ESA, query
