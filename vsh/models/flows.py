@@ -25,7 +25,6 @@ amplitude of a mode is one on average.
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 from scipy.special import spherical_jn
@@ -582,14 +581,6 @@ def flow_modes(
     return _chosen_modes(nearest, farthest, n_modes, theory, max_degree)
 
 
-class _RadialFunction(NamedTuple):
-    power: float
-    degree: int
-    tangential: FloatArray
-    radial: FloatArray
-    origin: float
-
-
 @lru_cache(maxsize=64)  # reused for many realisations of the same sources
 def _chosen_modes(nearest, farthest, n_modes, theory, max_degree):
     radii = np.geomspace(nearest, farthest, _RADII)
@@ -598,7 +589,7 @@ def _chosen_modes(nearest, farthest, n_modes, theory, max_degree):
     weight = np.sqrt(np.gradient(radii)) * radii
     weight /= np.sqrt(np.sum(weight**2))
     kr = np.outer(radii, k)
-    candidates: list[_RadialFunction] = []
+    powers, functions = [], []
     bessel = spherical_jn(0, kr)
     slope = -spherical_jn(1, kr)
     for l in range(max_degree + 1):
@@ -611,28 +602,19 @@ def _chosen_modes(nearest, farthest, n_modes, theory, max_degree):
         _, singular, right = np.linalg.svd(matrix, full_matrices=False)
         origin = k / 3 * amplitude if l == 1 else np.zeros_like(k)
         leading = right[: n_modes // (2 * l + 1) + 1].T
-        power = singular[: leading.shape[1]] ** 2
-        functions = (tangential @ leading).T, (radial @ leading).T, origin @ leading
-        candidates += map(_RadialFunction, power, [l] * len(power), *functions)
+        powers.append(singular[: leading.shape[1]] ** 2)
+        functions.append((tangential @ leading, radial @ leading, origin @ leading))
         # No function of a higher degree has more power than the first of this one: the selection is complete.
-        if l > 1 and sum(2 * c.degree + 1 for c in candidates if c.power > power[0]) >= n_modes:
+        if l > 1 and sum((2 * k + 1) * np.sum(power > powers[l][0]) for k, power in enumerate(powers)) >= n_modes:
             break
-    candidates.sort(key=lambda function: -function.power)
-    bulk = next(function for function in candidates if function.degree == 1)
-    selection, count = [bulk], 3
-    for function in candidates:
-        if function is bulk:
-            continue
-        count += 2 * function.degree + 1
-        if count > n_modes:
-            break
-        selection.append(function)
-    selection.sort(key=lambda function: (function.degree, -function.power))
-    degrees = [function.degree for function in selection]
-    tangential = np.stack([function.tangential for function in selection], 1)
-    radial = np.stack([function.radial for function in selection], 1)
-    origin = np.array([function.origin for function in selection])
-    return FlowModes(theory, tuple(map(degrees.count, range(max(degrees) + 1))), radii, tangential, radial, origin)
+    power, degree = np.concatenate(powers), np.repeat(np.arange(len(powers)), list(map(len, powers)))
+    order = np.argsort(-power, kind="stable")
+    bulk = order[degree[order] == 1][0]
+    order = np.r_[bulk, order[order != bulk]]
+    order = order[np.cumsum(2 * degree[order] + 1) <= n_modes]
+    selection = order[np.lexsort([-power[order], degree[order]])]
+    selected = (np.concatenate(each, axis=-1)[..., selection] for each in zip(*functions, strict=True))
+    return FlowModes(theory, tuple(np.bincount(degree[selection]).tolist()), radii, *selected)
 
 
 def _wave_numbers(farthest, highest=0.6):
