@@ -81,9 +81,7 @@ def rename_sources(catalogue: Any, crosswalk: Any) -> Any:
     order = np.argsort(values[further[0]], kind="stable") if further else np.arange(len(values[columns[0]]))
     names = np.asarray(catalogue.name).astype(str)
     ours, theirs = sorted(columns, key=lambda name: -np.isin(values[name].astype(str), names).sum())
-    nearest: dict[str, int] = {}
-    for row in order:
-        nearest.setdefault(str(values[ours][row]), row)
+    nearest = {str(values[ours][row]): row for row in order[::-1]}
     rows = np.array([nearest.get(name, -1) for name in names])
     if (rows < 0).all():
         raise TableError(f"{table.label}: neither {columns[0]} nor {columns[1]} holds the names of the catalogue")

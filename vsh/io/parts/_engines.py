@@ -331,10 +331,8 @@ class PartSum:
                 if error.notes and not empty_selection and getattr(self.read, "on_bad", "drop") == "raise":
                     raise _unusable_rows_error(piece, error) from error
                 notes = notes + LostNotes(error.notes)
-            except FieldError as error:
-                raise FieldError(_message_with_piece(piece, error)) from error
-            except TableError as error:
-                raise TableError(_message_with_piece(piece, error)) from error
+            except (FieldError, TableError) as error:
+                raise type(error)(_message_with_piece(piece, error)) from error
             except VshError:
                 raise
             except Exception as error:  # of a step or of what is summed
