@@ -18,7 +18,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
-from itertools import chain, islice
+from itertools import chain, islice, zip_longest
 from operator import itemgetter
 from pathlib import Path
 from typing import Any
@@ -99,7 +99,7 @@ def _layout_with_rule(heading, rule, skip, label):
     delimiter = next((d for d in (";", "\t", "|", ",") if d in rule and d in heading[0]), None)
     if delimiter:
         names, *units = (_fields(line, delimiter) for line in heading)
-        units = [" ".join(fragments).strip() for fragments in zip(*(_pad_row(row, len(names)) for row in units))]
+        units = [" ".join(fragments).strip() for fragments in zip_longest(*units, fillvalue="")]
         return _with_units(_layout(names, skip, delimiter), units)
     spans = [slice(match.start(), match.end()) for match in _DASHES.finditer(rule.replace("=", "-"))]
     # The last column may be longer than its dashes; text between two columns belongs to none.
@@ -256,10 +256,6 @@ def _is_unit(candidate):
 
     units = [u.Unit(candidate, format=form, parse_strict="silent") for form in ("generic", "cds")]
     return candidate in ("h:m:s", "d:m:s") or not all(isinstance(unit, u.UnrecognizedUnit) for unit in units)
-
-
-def _pad_row(row, count):
-    return (row + [""] * count)[:count]
 
 
 def _with_units(layout, units):
