@@ -356,6 +356,7 @@ def read_positions(
     clause = None if where is None else RowSelection(where, table_source)
     table = table_source.columns(tuple(dict.fromkeys([*roles.values(), *(clause.names if clause else ())])))
     rows: Any = 0
+    selection_notes: list[str] = []
     if clause:
         table, rows, selection_notes = clause.of(table, 0)
     numbers, bad, bare, filled = {}, {}, {}, np.zeros(1, bool)
@@ -379,19 +380,15 @@ def read_positions(
             lost &= ~filled
         bad[f"{name} missing or not usable"] = lost
     doubt_positions(numbers, {"ra", "dec"} & {*bare}, names=roles)
-    unusable = {reason: mask for reason, mask in bad.items() if mask.any()}
-    keep, notes = select_usable(unusable, len(numbers["ra"]), on_bad, rows, (numbers["ra"], numbers["dec"]))
-    notes = (*notes, *selection_notes) if clause else notes
+    keep, notes = select_usable(bad, len(numbers["ra"]), on_bad, rows, (numbers["ra"], numbers["dec"]))
+    # What a table lacks: errors, for which one is given then, and correlations.
+    n = len(numbers["ra"])
+    numbers = dict.fromkeys(("ra_error", "dec_error"), np.full(n, (sigma or 0.0) / MAS)) | numbers
+    numbers = {"ra_dec_corr": np.zeros(n)} | numbers
     lon, lat = numbers["ra"][keep] * DEGREE, numbers["dec"][keep] * DEGREE
-    errors = (
-        np.stack([numbers["ra_error"], numbers["dec_error"]])[:, keep] * MAS
-        if has_errors
-        else np.full((2, lon.size), sigma)
-    )
-    notes = (
-        *notes,
-        *_notes_on_errors(table_source.label, bare, errors / MAS, sigma, np.count_nonzero(filled), has_errors),
-    )
+    errors = np.stack([numbers["ra_error"], numbers["dec_error"]])[:, keep]
+    of_errors = _notes_on_errors(table_source.label, bare, errors, sigma, np.count_nonzero(filled), has_errors)
+    notes = (*table_source.notes, *notes, *selection_notes, *of_errors)
     names = None if "name" not in roles else np.asarray(table[roles["name"]][0])[keep]
     if names is not None and names.dtype.kind not in "iu":
         names = names.astype(str)
@@ -400,10 +397,9 @@ def read_positions(
             f"{table_source.label} has sources without a designation of the {designation.upper()}: name them by "
             f"{'iers' if designation == 'icrf' else 'icrf'}"
         )
-    rho = np.where(filled, 0.0, numbers["ra_dec_corr"])[keep] if "ra_dec_corr" in numbers else np.zeros(lon.size)
+    rho = np.where(filled, 0.0, numbers["ra_dec_corr"])[keep]
     defining = np.asarray(table["defining"][0]).astype(str)[keep] == "D" if is_icrf else None
-    notes = (*table_source.notes, *notes)
-    return Positions(lon, lat, errors, rho, name=names, frame=frame, notes=notes, defining=defining)
+    return Positions(lon, lat, errors * MAS, rho, name=names, frame=frame, notes=notes, defining=defining)
 
 
 def _notes_on_errors(label, bare, errors, sigma, n_filled, has_errors):

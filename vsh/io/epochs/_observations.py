@@ -723,9 +723,7 @@ def read_epochs(
     is_short = solution.observations <= (5 if colour is None else 6)
     least = "six" if colour is None else "seven"
     lost = {f"fewer than {least} observations": is_short, "scans in too few directions": ~solution.solved & ~is_short}
-    keep, added_notes = select_usable(
-        {reason: mask for reason, mask in lost.items() if mask.any()}, len(lon), on_bad, 0, (lon, lat)
-    )
+    keep, added_notes = select_usable(lost, len(lon), on_bad, 0, (lon, lat))
     covariance = solution.covariance[keep][:, 3:, 3:]
     sigma = np.sqrt(np.stack([covariance[:, 0, 0], covariance[:, 1, 1]]))
     share = 100 * solution.outliers.sum() / max(1, solution.observations.sum())
