@@ -168,7 +168,6 @@ def unknown_argument_error(function: Callable[..., Any], error: TypeError) -> Ty
         return error
     annotations: Mapping[str, Any] = function.__annotations__
     hint = ARGUMENTS.get(match[1], "")
-    hint = (
-        hint if hint in annotations or " " in hint else " or ".join(get_close_matches(match[1], list(annotations), n=2))
-    )
+    if hint not in annotations and " " not in hint:
+        hint = " or ".join(get_close_matches(match[1], list(annotations), n=2))
     return TypeError(f"{error}: did you mean {hint}?") if hint else error

@@ -77,11 +77,9 @@ def facts(entries: Iterable[tuple[Any, Any]], kind: str = "") -> Panel:
 
 def table(heads: Sequence[str], rows: Iterable[Sequence[str]], *, sortable: bool = False, summary: str = "") -> Panel:
     """A table of text."""
-    cell = (
-        "<th scope='col' aria-sort='none'><button type='button'>{}</button></th>"
-        if sortable
-        else "<th scope='col'>{}</th>"
-    )
+    cell = "<th scope='col'>{}</th>"
+    if sortable:
+        cell = "<th scope='col' aria-sort='none'><button type='button'>{}</button></th>"
     head = "".join(cell.format(escape(title)) if title else "<td></td>" for title in heads)
     body = "".join(_row(row) for row in rows)
     tag = '<table class="sortable">' if sortable else "<table>"

@@ -261,11 +261,8 @@ class RowSelection:
     def __init__(self, where: str, source: tables.TableSource, roles: Mapping[str, str] | None = None) -> None:
         self._where = tables.Where(where)
         # A role stands for the column that has it, where no column is called so: redshift for redshift_qsoc.
-        self._roles = {
-            name: (roles or {})[name]
-            for name in self._where.names
-            if name not in source.names and name in (roles or {})
-        }
+        absent = [name for name in self._where.names if name not in source.names]
+        self._roles = {role: column for role, column in (roles or {}).items() if role in absent}
         self._where.check((*source.names, *self._roles), source.label)
         self.names = tuple(dict.fromkeys(self._roles.get(name, name) for name in self._where.names))
 
@@ -275,11 +272,7 @@ class RowSelection:
         selection, missing = self._where.rows(read or block)
         counts = {FALSE: int((~selection & ~missing).sum()), MISSING: int(missing.sum())}
         counts = {reason: count for reason, count in counts.items() if count}
-        mark = [
-            np.packbits(selection),
-            np.array([first_row]),
-            *(np.asarray(array) for array, _ in list(block.values())[:2]),
-        ]
+        mark = np.packbits(selection), np.array([first_row]), *(array for array, _ in list(block.values())[:2])
         note = UnselectedRows.of_table(counts, len(selection), *mark, names=(self._where.shown,))
         if not selection.any():
             raise nothing_selected((note,))

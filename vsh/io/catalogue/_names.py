@@ -310,9 +310,8 @@ def derivable_columns(names: tuple[str, ...]) -> dict[str, tuple[str, ...]]:
     ellipse = next((candidate for candidate in _ELLIPSES if present.issuperset(candidate)), None)
     ellipse_columns = dict.fromkeys(("pmra_error", "pmdec_error", "pmra_pmdec_corr"), ellipse) if ellipse else {}
     inverse = {f"{name}^-1/2": (name,) for name in names if name in ("PMRA_IVAR", "PMDEC_IVAR")}
-    return {
-        name: inputs for name, inputs in (asymmetric_errors | ellipse_columns | inverse).items() if name not in present
-    }
+    made = asymmetric_errors | ellipse_columns | inverse
+    return {name: inputs for name, inputs in made.items() if name not in present}
 
 
 def add_derived_columns(source: TableSource) -> TableSource:

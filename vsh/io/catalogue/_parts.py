@@ -160,15 +160,10 @@ def _layout(table, columns):
 
 @lru_cache
 def _layout_of(present, units, columns):
-    column_units, present_set = dict(units), set(present)
-    resolved_columns, _ = columns.choose_names((*present, *derivable_columns(present)))
+    column_units, present_set, derived = dict(units), set(present), derivable_columns(present)
+    resolved_columns, _ = columns.choose_names((*present, *derived))
     column_names = [name for names in vars(resolved_columns).values() for name in candidates_of(names)]
-    column_names += [
-        name
-        for derived_name, inputs in derivable_columns(present).items()
-        if derived_name in column_names
-        for name in inputs
-    ]
+    column_names += [name for made in derived if made in column_names for name in derived[made]]
     return {name: column_units.get(name, "None") for name in column_names if name in present_set}
 
 
