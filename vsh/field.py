@@ -162,8 +162,12 @@ class SourcesWithErrors(Frozen):
         "motion": "µas/yr",
         "sigma": "µas/yr",
     } | _MEASURED_UNITS
+    lon: FloatArray
     frame: str
     notes: tuple[str, ...]
+
+    def __len__(self) -> int:
+        return self.lon.size
 
     @property
     def data(self) -> FloatArray:
@@ -215,8 +219,8 @@ class SourcesWithErrors(Frozen):
         which = np.atleast_1d(np.asarray(which))
         source_names = getattr(self, "name", None)
         if which.dtype.kind == "b":
-            if which.shape != (len(self),):  # type: ignore[arg-type]
-                raise FieldError(f"a mask has one value a source: {which.shape} for {len(self)}")  # type: ignore[arg-type]
+            if which.shape != (len(self),):
+                raise FieldError(f"a mask has one value a source: {which.shape} for {len(self)}")
             return self[which]
         if source_names is None:
             raise FieldError("these sources have no names to select them by: give a mask, or use field[indices]")
@@ -639,18 +643,10 @@ class Field(Equal, SourcesWithErrors):
         """
         return cls.read(table, **reading)
 
-    def __len__(self) -> int:
-        return self.lon.size
-
     @property
     def data(self) -> FloatArray:
         """The motions, (2, n): what is fitted. [µas/yr]"""
         return self.motion
-
-    @property
-    def information(self) -> FloatArray:
-        """The trace of each source's inverse covariance, (n,). [(yr/µas)²]"""
-        return (1 / self.sigma**2).sum(0) / ((1 - self.rho**2) if self.rho.any() else 1.0)
 
     @property
     def weights(self) -> FloatArray:

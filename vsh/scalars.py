@@ -290,9 +290,6 @@ class ScalarField(SourcesWithErrors):
         units = {lon: "deg", lat: "deg"} | (dict.fromkeys(("value", "value_error"), self.unit) if self.unit else {})
         return columns, units, {} if self.frame == "icrs" else {FRAME_KEY: self.frame}
 
-    def __len__(self) -> int:
-        return self.lon.size
-
     def __repr__(self) -> str:
         return f"<ScalarField: {len(self)} sources, {self.frame}{', in ' if self.unit else ''}{self.unit}>"
 
