@@ -159,8 +159,7 @@ class _CatalogueColumns:
         if "calibrator" not in self.names:
             return np.full(n, "")
         _, mask = self.data[self.names["calibrator"]]
-        calibrators = self.words("calibrator")
-        return calibrators if mask is None else np.where(np.asarray(mask, bool), "", calibrators)
+        return np.where(False if mask is None else mask, "", self.words("calibrator"))
 
     def covariance(self, n):
         """Covariance of the five parameters, (n, 5, 5), from their errors and correlations. [µas, µas/yr]"""
@@ -186,9 +185,8 @@ class _CatalogueColumns:
         if not n:
             raise TableError(f"{self.opened.label}: the table has no rows")
         positions = {role: self.numbers(role, n) for role in ("ra", "dec")}
-        finite = {role: values[np.isfinite(values)] for role, values in positions.items()}
         assumed = "ra" in self.names and self.opened.units.get(self.names["ra"]) is None
-        doubt_positions(finite, assumed, names=self.names)
+        doubt_positions(positions, assumed, names=self.names)
         lon, lat = positions["ra"] * DEGREE, positions["dec"] * DEGREE
         parallax, *motion = (MAS * self.numbers(parameter, n) for parameter in _FIVE[2:])
         at_rest = np.nan_to_num(self.numbers("still", n)) != 0 if "still" in self.names else np.full(n, still)

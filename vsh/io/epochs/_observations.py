@@ -245,8 +245,7 @@ def views_of(transit: Any, source: Any, time: Any) -> tuple[Any, str | None]:
 def _neighbours(transit, source, time):
     """Observations of each source's transits and of the next one, and the time between them. [minutes]"""
     order = np.lexsort([time, source])
-    is_start = np.ones(len(order), bool)
-    is_start[1:] = (np.diff(np.asarray(transit)[order]) != 0) | (source[order][1:] != source[order][:-1])
+    is_start = np.r_[True, (np.diff(np.asarray(transit)[order]) != 0) | (np.diff(source[order]) != 0)]
     at = order[is_start]
     same_source = source[at][1:] == source[at][:-1]
     gap = np.diff(time[at]) / 6e10
@@ -356,8 +355,7 @@ class Observations(Frozen):
         """
         order = np.lexsort([self.time, self.source])
         source, time = self.source[order], self.time[order]
-        is_start = np.ones(len(order), bool)
-        is_start[1:] = (np.diff(source) > 0) | (np.diff(time) > gap / JULIAN_YEAR)
+        is_start = np.r_[True, (np.diff(source) > 0) | (np.diff(time) > gap / JULIAN_YEAR)]
         if is_start.all() and np.array_equal(order, np.arange(len(order))):
             return self
         number, starts = np.cumsum(is_start) - 1, order[is_start]
