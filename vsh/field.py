@@ -7,8 +7,8 @@ Inside, angles are radians and motions µas/yr; `ra`, `pmra` … have the names 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, fields
-from typing import Any, ClassVar, Self, cast
+from dataclasses import dataclass
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
@@ -190,8 +190,7 @@ class SourcesWithErrors(Frozen):
             keep = [keep]
         if isinstance(keep, str):
             raise FieldError(f"sources are picked by a mask, a slice or indices; the column is field.{keep}")
-        attributes = ((entry.name, getattr(self, entry.name)) for entry in fields(cast(Any, self)))
-        return self._with(**{name: value[..., keep] for name, value in attributes if isinstance(value, np.ndarray)})
+        return self._with(**{name: x[..., keep] for name, x in vars(self).items() if isinstance(x, np.ndarray)})
 
     def select(self, which: Any) -> Self:
         """The sources of a mask, or of these names.
