@@ -73,6 +73,8 @@ __all__ = ["Astrometry", "solve_astrometry"]
 #: Knots of the attitude, whose error all sources seen in between share. [yr]
 KNOT = 30.0 / (365.25 * 86400)
 PARAMETERS = ("ra", "dec", "parallax", "pmra", "pmdec")
+#: Where two of them that a field can have stand.
+COMPONENTS = {"motion": slice(3, 5), "position": slice(0, 2)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,6 +99,12 @@ class Astrometry(Frozen):
     def solved(self) -> BoolArray:
         """Mask of the sources with a solution, (n,)."""
         return np.isfinite(self.covariance[:, 0, 0])
+
+
+def errors_of(covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Standard errors, (2, n), and correlations, (n,), of covariances, (n, 2, 2)."""
+    sigma = np.sqrt(np.stack([covariance[:, 0, 0], covariance[:, 1, 1]]))
+    return sigma, covariance[:, 0, 1] / (sigma[0] * sigma[1])
 
 
 def solve_astrometry(

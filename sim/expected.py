@@ -4,7 +4,7 @@ from typing import Literal
 
 import numpy as np
 
-from sim.astrometry import expected_solution_covariances, solve_astrometry
+from sim.astrometry import COMPONENTS, errors_of, expected_solution_covariances, solve_astrometry
 from sim.mission import Mission, as_mission
 from sim.population import Population
 from sim.scanning import NominalScanningLaw
@@ -15,8 +15,6 @@ from vsh.tools.errors import ParameterError
 from vsh.tools.types import ArrayLike, FloatArray, Release
 
 __all__ = ["errors_by_place", "scan_maps"]
-
-_COLUMNS = {"motion": slice(3, 5), "position": slice(0, 2)}
 
 
 def expected_covariances(
@@ -71,7 +69,7 @@ def expected_covariances(
     >>> formal.shape, bool((true[:, 0, 0] >= formal[:, 0, 0]).all())
     ((4, 2, 2), True)
     """
-    arguments.choice("kind", kind, tuple(_COLUMNS))
+    columns = COMPONENTS[arguments.choice("kind", kind, tuple(COMPONENTS))]
     mission = as_mission(mission, release)
     mission.check_frame(population.frame)
     if isinstance(mission.attitude, str):
@@ -79,7 +77,6 @@ def expected_covariances(
             "if the attitude is solved with the sources, the errors of different sources are correlated: use "
             "sim.agis.System"
         )
-    columns = _COLUMNS[kind]
     if not len(population):
         return np.zeros((0, 2, 2)), np.zeros((0, 2, 2))
     error = mission.transit_error(population.magnitude, excess_noise)
@@ -142,8 +139,8 @@ def errors_by_place(
             f"{lost.sum()} of {lost.size} sources have too few transits for five parameters in {mission.years:g} years:"
             " a longer mission (years=) gives all of them errors"
         )
-    unit = np.sqrt(np.stack([covariance[:, 0, 0], covariance[:, 1, 1]]))
-    return mission.transit_error(magnitude) * unit, covariance[:, 0, 1] / (unit[0] * unit[1])
+    unit, rho = errors_of(covariance)
+    return mission.transit_error(magnitude) * unit, rho
 
 
 def scan_maps(

@@ -6,7 +6,7 @@ from typing import Literal
 import numpy as np
 
 from sim.agis import solve_mission
-from sim.astrometry import gaia_errors, solve_astrometry
+from sim.astrometry import COMPONENTS, errors_of, gaia_errors, solve_astrometry
 from sim.mission import Mission, as_mission
 from sim.population import Population
 from sim.scanning import BLOCK, NominalScanningLaw
@@ -109,28 +109,28 @@ def observe(
     if attitude is not None:
         base_mission = as_mission(NominalScanningLaw() if mission is None else mission, release)
         mission = replace(base_mission, attitude=attitude)
-    if mission is not None and (sigma is not None or np.any(rho != 0.0)):
-        raise ParameterError("a mission gives the errors and their correlation: sigma= and rho= are without one")
     if mission is not None:
-        mission = as_mission(mission, release)
+        if sigma is not None or np.any(rho != 0.0):
+            raise ParameterError("a mission gives the errors and their correlation: sigma= and rho= are without one")
         errors, covariance, keep, notes = _solve_mission_sources(
-            population, rng, mission, variability, excess_noise, quote_variability, threads, progress, (3, 4)
-        )
-        field = _field(population[keep], as_signal(signal), errors, notes, *_errors_of(covariance))
-        return _with_redshifts(field, as_signal(signal), redshifts, redshift_error, rng)
-    if variability is not None or quote_variability or np.any(excess_noise != 0.0):
-        raise ParameterError("variability and excess noise need a mission, at whose transits sources are displaced")
-    if sigma is None:
-        if population.magnitude is None:
-            raise ParameterError("Gaia's errors need magnitudes: give sigma=, or a population that has them")
-        sigma = gaia_errors(population.magnitude, release)
-    sigma = arguments.float_array("sigma", sigma, (2, n), broadcast=True)
-    rho = arguments.float_array("rho", rho, (n,), broadcast=True)
-    if not ((sigma > 0).all() and (np.abs(rho) < 1).all()):
-        raise ParameterError("sigma must be above zero, and rho between −1 and 1")
-    unit = rng.standard_normal((2, n))
-    noise = sigma * np.stack([unit[0], rho * unit[0] + np.sqrt(1 - rho**2) * unit[1]])
-    field = _field(population, as_signal(signal), noise, (), sigma, rho)
+            population, rng, as_mission(mission, release), variability, excess_noise, quote_variability, threads,
+            progress, "motion",
+        )  # fmt: skip
+        population, (sigma, rho) = population[keep], errors_of(covariance)
+    else:
+        if variability is not None or quote_variability or np.any(excess_noise != 0.0):
+            raise ParameterError("variability and excess noise need a mission, at whose transits sources are displaced")
+        if sigma is None:
+            if population.magnitude is None:
+                raise ParameterError("Gaia's errors need magnitudes: give sigma=, or a population that has them")
+            sigma = gaia_errors(population.magnitude, release)
+        sigma = arguments.float_array("sigma", sigma, (2, n), broadcast=True)
+        rho = arguments.float_array("rho", rho, (n,), broadcast=True)
+        if not ((sigma > 0).all() and (np.abs(rho) < 1).all()):
+            raise ParameterError("sigma must be above zero, and rho between −1 and 1")
+        unit = rng.standard_normal((2, n))
+        errors, notes = sigma * np.stack([unit[0], rho * unit[0] + np.sqrt(1 - rho**2) * unit[1]]), []
+    field = _field(population, as_signal(signal), errors, notes, sigma, rho)
     return _with_redshifts(field, as_signal(signal), redshifts, redshift_error, rng)
 
 
@@ -204,18 +204,18 @@ def observe_offsets(
     """
     rng = generator(rng)
     errors, covariance, keep, notes = _solve_mission_sources(
-        population, rng, as_mission(mission, release), variability, 0.0, False, threads, progress, (0, 1)
+        population, rng, as_mission(mission, release), variability, 0.0, False, threads, progress, "position"
     )
     error = arguments.float_array("radio", radio, (len(population),), broadcast=True)[keep]
     errors = errors + error * rng.standard_normal(errors.shape)
     covariance = covariance + error[:, None, None] ** 2 * np.eye(2)
-    return _field(population[keep], as_signal(signal), errors, notes, *_errors_of(covariance))
+    return _field(population[keep], as_signal(signal), errors, notes, *errors_of(covariance))
 
 
-def _solve_mission_sources(population, rng, mission, variability, excess_noise, quote, threads, progress, columns):
+def _solve_mission_sources(population, rng, mission, variability, excess_noise, quote, threads, progress, kind):
     """Errors (2, k) and covariances (k, 2, 2) of two of the five parameters; which sources have them."""
     mission.check_frame(population.frame)
-    columns = list(columns)
+    columns = COMPONENTS[kind]
     if mission.is_solved:
         return _solve_jointly(population, rng, mission, variability, excess_noise, quote, threads, progress, columns)
     # A seed of its own for every block: threads may take them in any order.
@@ -234,7 +234,7 @@ def _solve_mission_sources(population, rng, mission, variability, excess_noise, 
             attitude=attitude_errors,
             quote_variability=quote,
         )
-        covariance = solution.covariance[:, columns][:, :, columns]
+        covariance = solution.covariance[:, columns, columns]
         return solution.errors[:, columns].T, covariance, solution.solved, len(transits)
 
     results = mission.scanning_law.map_transits(solve_block, population.lon, population.lat, threads, progress)
@@ -268,13 +268,7 @@ def _solve_jointly(population, rng, mission, variability, excess_noise, quote, t
     note = f"simulated: {len(system.scans)} transits in {mission.years:g} years, errors of {mission.release}"
     # What a field of the solution says of itself.
     notes = [note, *notes, *solution.field().notes]
-    return solution.sources[keep][:, columns].T, solution.formal[keep][:, columns][:, :, columns], keep, notes
-
-
-def _errors_of(covariance):
-    """Standard errors and correlations of covariances."""
-    sigma = np.sqrt(np.stack([covariance[:, 0, 0], covariance[:, 1, 1]]))
-    return sigma, covariance[:, 0, 1] / (sigma[0] * sigma[1])
+    return solution.sources[keep][:, columns].T, solution.formal[keep][:, columns, columns], keep, notes
 
 
 def _field(sky, signal, errors, notes, sigma, rho):

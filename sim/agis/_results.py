@@ -7,6 +7,7 @@ from typing import Literal
 
 import numpy as np
 
+from sim.astrometry import COMPONENTS, errors_of
 from sim.signal import Signal, as_signal
 from vsh import Field
 from vsh.coefficients import Coefficients
@@ -16,8 +17,6 @@ from vsh.tools import arguments
 from vsh.tools.errors import ParameterError
 from vsh.tools.notebook import Frozen
 from vsh.tools.types import ArrayLike, BoolArray, FloatArray
-
-_COLUMNS = {"position": slice(0, 2), "motion": slice(3, 5)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +104,7 @@ class AgisSolution(Frozen):
         ParameterError
             If the kind is unknown, or there are no such sources.
         """
-        columns = _COLUMNS[arguments.choice("kind", kind, tuple(_COLUMNS))]
+        columns = COMPONENTS[arguments.choice("kind", kind, ("position", "motion"))]
         n = len(self.lon)
         candidates = arguments.indices("sources", sources, n)
         indices = candidates[self.solved[candidates]]
@@ -126,15 +125,11 @@ class AgisSolution(Frozen):
                 "parameters"
             )
         g = None if magnitude is None else arguments.float_array("magnitude", magnitude, (n,), finite=False)[indices]
-        covariance = self.formal[indices][:, columns, columns]
-        sigma = np.sqrt(np.stack([covariance[:, 0, 0], covariance[:, 1, 1]]))
+        lon, lat, covariance = self.lon[indices], self.lat[indices], self.formal[indices][:, columns, columns]
         motion = self.sources[indices][:, columns].T
         if truth is not None:
-            motion = motion + as_signal(truth)(self.lon[indices], self.lat[indices], None)
-        rho = covariance[:, 0, 1] / (sigma[0] * sigma[1])
-        return Field(
-            self.lon[indices], self.lat[indices], motion, sigma, rho, magnitude=g, frame=self.frame, notes=tuple(notes)
-        )
+            motion = motion + as_signal(truth)(lon, lat, None)
+        return Field(lon, lat, motion, *errors_of(covariance), magnitude=g, frame=self.frame, notes=tuple(notes))
 
     def rotated(self, orientation: ArrayLike, spin: ArrayLike, note: str = "") -> AgisSolution:
         """Turn positions and motions of the sources back by ε₀ + ω t; attitude and history stay as they were solved.
