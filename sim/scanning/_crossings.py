@@ -1,7 +1,6 @@
 """When fields of view cross sources, by NumPy or by a compiled loop; times without observations; a law from a table."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -85,38 +84,25 @@ def sun_direction(start: float, time: FloatArray) -> tuple[FloatArray, FloatArra
 CHUNK = 8
 
 
-@dataclass(frozen=True, eq=False)
 class Spins:
     """The axes of a law at the start of every spin.
 
-    Attributes
+    Parameters
     ----------
     times : (n,) array
         When spins start. [yr]
     z, u, w : (3, n) arrays
         The spin axis, and the axes that azimuths are counted from and to.
-    bend : float
-        By how much the axis leaves a straight line within a spin. [rad]
-    chunks, reach : (3, m, CHUNK + 1) and (m,) arrays
-        z at the spins of every chunk, the last one filled up, and how far it goes within.
     """
 
-    times: FloatArray
-    z: FloatArray
-    u: FloatArray
-    w: FloatArray
-    bend: float
-    chunks: FloatArray
-    reach: FloatArray
-
-    @classmethod
-    def of(cls, times: FloatArray, z: FloatArray, u: FloatArray, w: FloatArray) -> "Spins":
-        """Make it from the axes at the starts."""
-        bend = float(np.abs(np.diff(z, 2)).max() / 8) if z.shape[1] > 2 else 0.0
+    def __init__(self, times: FloatArray, z: FloatArray, u: FloatArray, w: FloatArray) -> None:
+        self.times, self.z, self.u, self.w = times, z, u, w
+        #: By how much the axis leaves a straight line within a spin. [rad]
+        self.bend = float(np.abs(np.diff(z, 2)).max() / 8) if z.shape[1] > 2 else 0.0
         spin = np.arange(0, max(len(times) - 1, 1), CHUNK)[:, None] + np.arange(CHUNK + 1)
-        chunks = z[:, np.minimum(spin, len(times) - 1)]
-        reach = np.sqrt(np.sum((chunks - chunks[:, :, :1]) ** 2, 0)).max(1)
-        return cls(times, z, u, w, bend, chunks, reach)
+        #: z at the spins of every chunk, the last one filled up, and how far it goes within.
+        self.chunks = z[:, np.minimum(spin, len(times) - 1)]
+        self.reach = np.sqrt(np.sum((self.chunks - self.chunks[:, :, :1]) ** 2, 0)).max(1)
 
     def crossings(
         self, r: FloatArray, wide: float, half: float, *, compiled: bool = False
@@ -292,9 +278,7 @@ class TabulatedLaw(InNotebook):
         middle = preceding_axis + following_axis
         self._middle = middle / np.sqrt(np.sum(middle**2, 0))
         self._times = time - self.start
-        step = np.diff(self._times)
-        long = np.flatnonzero(step > positive("gap", gap))
-        self.lost = np.stack([self._times[long], self._times[long + 1]], axis=1)
+        self.lost = np.reshape(find_gaps(time, self.start, longest=positive("gap", gap)), (-1, 2))
         rotations = np.arccos(np.clip(np.sum(self._middle[:, 1:] * self._middle[:, :-1], 0), -1, 1))
         if np.median(rotations) > 10 * DEGREE:
             raise ParameterError("the satellite turns by more than 10° from one time to the next: take a finer table")

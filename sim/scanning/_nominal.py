@@ -44,20 +44,15 @@ _STEPS = 256
 _SLOWEST = 1.5
 
 
-@dataclass(frozen=True)
 class _PeriodicIntegral:
     """∫ f dν of a periodic f, from its values at even steps of ν: a slope, and a Fourier series."""
 
-    slope: float
-    terms: FloatArray
-
-    @classmethod
-    def of(cls, values: FloatArray) -> "_PeriodicIntegral":
+    def __init__(self, values: FloatArray) -> None:
         order = np.arange(1, len(values) // 2)
         waves = np.fft.rfft(values)[: len(order) + 1] / len(values)
         terms = 2 * waves[1:] / (1j * order)
         large = np.flatnonzero(np.abs(terms) > 1e-17 * abs(waves[0]))
-        return cls(waves[0].real, terms[: large[-1] + 1 if len(large) else 0])
+        self.slope, self.terms = waves[0].real, terms[: large[-1] + 1 if len(large) else 0]
 
     def __call__(self, nu: Any) -> Any:
         wave, total = np.exp(1j * nu), np.zeros(np.shape(nu), complex)
@@ -94,7 +89,7 @@ class Precession:
             if abs(step) < 1e-15 * self.speed:
                 break
         rate = self.rate(nu)
-        self._longitude, self._sine = _PeriodicIntegral.of(1 / rate), _PeriodicIntegral.of(np.sin(nu) / rate)
+        self._longitude, self._sine = _PeriodicIntegral(1 / rate), _PeriodicIntegral(np.sin(nu) / rate)
 
     def rate(self, nu: FloatArray) -> FloatArray:
         """g = dν/dλ."""
@@ -339,7 +334,7 @@ class NominalScanningLaw(Frozen):
         times: Any = (turns - self.spin_phase) / rate
         for _ in range(4):  # Newton: Ω grows 1600 times as fast as its slow part
             times -= (self._phase(times) - turns) / (rate + slow.slope(times))
-        self._state["spins"] = Spins.of(times, *self._axes(times))
+        self._state["spins"] = Spins(times, *self._axes(times))
 
     def _refine_crossings(self, directions, time, views):
         """Times at which the fields really pass, by Newton steps: in a long spin its axis does not move straight."""
