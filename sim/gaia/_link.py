@@ -6,6 +6,8 @@ small.
 """
 
 from collections.abc import Callable
+from functools import reduce
+from operator import add
 from typing import Any
 
 import numpy as np
@@ -175,26 +177,19 @@ def link(
 
 def _rows(rows, magnitude, velocity, still, calibrator_names):
     """Rows of both catalogues, errors added to what is true."""
-    chunks: dict[str, list[Any]] = {}
+    parts = []
     for indices, t, label, values, error, covariance in rows:
         p, q, r = triad(values[0], values[1])
         lon, lat = angles(r + UAS * (p * error[0] + q * error[1]))
         names = np.where(still[indices], "quasar ", "star ").astype(object) + indices.astype(str)
         is_finite = np.isfinite(np.diagonal(covariance, axis1=1, axis2=2))
-        columns = {
-            "name": names.astype(str), "catalogue": np.full(len(indices), label), "epoch": t,
-            "lon": lon, "lat": lat,
-            "parallax": values[2] + error[2], "motion": values[3:] + error[3:],
-            "covariance": np.where(is_finite[:, :, None] & is_finite[:, None, :], covariance, np.nan),
-            "radial_velocity": velocity[indices], "magnitude": magnitude[indices], "still": still[indices],
-            "calibrator": calibrator_names[indices] if label == "vlbi" else np.full(len(indices), ""),
-        }  # fmt: skip
-        for name, column in columns.items():
-            chunks.setdefault(name, []).append(column)
-    table: dict[str, Any] = {
-        name: np.concatenate(arrays, axis=1 if name == "motion" else 0) for name, arrays in chunks.items()
-    }
-    return AstrometryRows(**table)
+        parts += [AstrometryRows(
+            names.astype(str), np.full(len(indices), label), t, lon, lat, values[2] + error[2], values[3:] + error[3:],
+            np.where(is_finite[:, :, None] & is_finite[:, None, :], covariance, np.nan),
+            radial_velocity=velocity[indices], magnitude=magnitude[indices], still=still[indices],
+            calibrator=calibrator_names[indices] if label == "vlbi" else None,
+        )]  # fmt: skip
+    return reduce(add, parts)
 
 
 #: By how much systematic errors are smaller than Gaia EDR3 published (Lindegren et al. 2021), whose quasars show about
