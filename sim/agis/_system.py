@@ -130,13 +130,9 @@ class Equations(InNotebook):
         """Solve each source by itself, with the constraints on global motions."""
         z = self.start @ r
         if self.motion is not None:
-            g = self.motion.design
-            parameters = np.linalg.solve(
-                self._low_rank, np.einsum("mik,mir->kr", g, self.motion.weights[:, None, None] * z[:, 3:])
-            )
-            pull = np.zeros_like(z)
-            pull[:, 3:] = self.motion.weights[:, None, None] * np.einsum("mik,kr->mir", g, parameters)
-            z += self.start @ pull
+            design, weights = self.motion.design, self.motion.weights
+            y = np.linalg.solve(self._low_rank, np.einsum("nik,n,nir->kr", design, weights, z[:, 3:]))
+            z += self.start[:, :, 3:] @ np.einsum("n,nik,kr->nir", weights, design, y)
         return z
 
     def null_space(self) -> FloatArray:
