@@ -8,7 +8,8 @@ Along the axes of the sky, not of the satellite: so it holds a rotation ε₀ + 
 import json
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -203,7 +204,6 @@ class Scans(Frozen):
     frame: str = "icrs"
     folder: Path | None = None
     law: NominalScanningLaw | None = None
-    _state: dict = field(default_factory=dict, init=False, repr=False)
 
     def __len__(self) -> int:
         return len(self.source)
@@ -224,22 +224,18 @@ class Scans(Frozen):
         columns = [function(angle) for angle in (self.lon, self.lat) for function in (np.sin, np.cos)]
         return np.array(columns, np.float32)
 
-    @property
+    @cached_property
     def counts(self) -> IntArray:
         """Transits of each source, (n,)."""
-        if "counts" not in self._state:
-            counts = np.zeros(self.n_sources, int)
-            for block in self.blocks():
-                counts += np.bincount(self.source[block], minlength=self.n_sources)
-            self._state["counts"] = counts
-        return self._state["counts"]
+        counts = np.zeros(self.n_sources, int)
+        for block in self.blocks():
+            counts += np.bincount(self.source[block], minlength=self.n_sources)
+        return counts
 
-    @property
+    @cached_property
     def order(self) -> IntArray:
         """The order of the sources by their places, (n,)."""
-        if "order" not in self._state:
-            self._state["order"] = _sky_order(self.lon, self.lat)
-        return self._state["order"]
+        return _sky_order(self.lon, self.lat)
 
     def blocks(self) -> Iterator[slice]:
         """Transits so many at a time that no copy of theirs is large."""
