@@ -73,6 +73,8 @@ __all__ = ["Astrometry", "solve_astrometry"]
 #: Knots of the attitude, whose error all sources seen in between share. [yr]
 KNOT = 30.0 / (365.25 * 86400)
 PARAMETERS = ("ra", "dec", "parallax", "pmra", "pmdec")
+#: A source is solved if it has more transits than parameters, and its normal matrix is no worse conditioned.
+LEAST_EIGENVALUE = 1e-6
 #: Where two of them that a field can have stand.
 COMPONENTS = {"motion": slice(3, 5), "position": slice(0, 2)}
 
@@ -99,6 +101,12 @@ class Astrometry(Frozen):
     def solved(self) -> BoolArray:
         """Mask of the sources with a solution, (n,)."""
         return np.isfinite(self.covariance[:, 0, 0])
+
+
+def smallest_eigenvalue(matrix: FloatArray) -> FloatArray:
+    """Smallest eigenvalue of normal matrices, (…, p, p), scaled to a diagonal of one: how well they are determined."""
+    scale = np.sqrt(np.maximum(np.diagonal(matrix, axis1=-2, axis2=-1), 1e-300))
+    return np.linalg.eigvalsh(matrix / (scale[..., :, None] * scale[..., None, :]))[..., 0]
 
 
 def errors_of(covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -155,11 +163,9 @@ def solve_astrometry(
         for j in range(i + 1):
             normal[:, i, j] = normal[:, j, i] = np.bincount(source, design[i] * design[j], n)
     # A solution wants more transits than parameters, and scans in more than one direction.
-    scale = np.sqrt(np.maximum(np.einsum("nii->ni", normal), 1e-300))
-    scaled_normal = normal / (scale[:, :, None] * scale[:, None])
-    good = (counts > 5) & (np.linalg.eigvalsh(scaled_normal)[:, 0] > 1e-6)
+    good = (counts > 5) & (smallest_eigenvalue(normal) > LEAST_EIGENVALUE)
     inverse = np.full((n, 5, 5), np.nan)
-    inverse[good] = np.linalg.inv(scaled_normal[good]) / (scale[good][:, :, None] * scale[good][:, None])
+    inverse[good] = np.linalg.inv(normal[good])
     errors = np.einsum("nij,nj->ni", inverse, rhs)
     covariance = inverse * error[:, None, None] ** 2
     if quote_variability and variability is not None:

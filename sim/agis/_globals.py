@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from sim.agis.passes import Scans
+from sim.astrometry import smallest_eigenvalue
 from vsh.basis import harmonics
 from vsh.modes import Modes, as_modes
 from vsh.tools import arguments
@@ -145,8 +146,7 @@ class MotionFit:
             weights = np.linalg.inv(equations.formal[indices][:, 3:, 3:])
             self.weighted[:, :, chunk] = weighted_field = np.einsum("nij,pjn->pin", weights, field)
             normal += field.reshape(p, -1) @ weighted_field.reshape(p, -1).T
-        scale = 1 / np.sqrt(np.diag(normal))
-        if np.linalg.eigvalsh(normal * np.outer(scale, scale))[0] < 1e-10:
+        if smallest_eigenvalue(normal) < 1e-10:
             raise DegeneracyError(f"{len(self.sources)} sources do not determine degree {modes.lmax}: lower it")
         #: As quoted, (p, p).
         self.formal = np.asarray(np.linalg.inv(normal), float)

@@ -25,6 +25,7 @@ from sim.agis._calibration import AngleBlock, Calibration
 from sim.agis._globals import GlobalMotion, MotionFit, low_degree_fit, source_slices, sources_at
 from sim.agis._results import AgisSolution
 from sim.agis.passes import Scans, add_smoothing, check_memory, make_passes, system_memory
+from sim.astrometry import LEAST_EIGENVALUE, smallest_eigenvalue
 from sim.variability import Variability, chain_products
 from vsh.modes import Modes, as_modes
 from vsh.tools import arguments
@@ -34,9 +35,6 @@ from vsh.tools.notebook import InNotebook
 from vsh.tools.parallel import limit_blas, progress_bar
 from vsh.tools.types import ArrayLike, FloatArray, PathName
 from vsh.tools.units import JULIAN_YEAR
-
-#: A source is solved if it has more transits than parameters, and its block is no worse conditioned.
-_LEAST = 1e-6
 
 
 class Equations(InNotebook):
@@ -76,7 +74,7 @@ class Equations(InNotebook):
         self.passes, blocks, band, self.solved = self._assemble_normals(threads, compiled)
         self._check_redundancy()
         blocks[~self.solved] = np.eye(5)
-        self.formal = _inverse(blocks)
+        self.formal = np.linalg.inv(blocks)
         self.blocks = blocks
         if motion is not None:
             motion.check(scans.n_sources, self.solved)
@@ -84,7 +82,7 @@ class Equations(InNotebook):
                 motion = self.motion = replace(motion, weights=np.where(self.solved, motion.weights, 0.0))
             self._tighter = blocks.copy()
             self._tighter[:, [3, 4], [3, 4]] += motion.weights[:, None]
-            self.start = _inverse(self._tighter)
+            self.start = np.linalg.inv(self._tighter)
             self._low_rank = motion.reduced(self.formal)
         else:
             self._tighter, self.start = blocks, self.formal
@@ -198,7 +196,8 @@ class Equations(InNotebook):
         is_solved = scans.counts > 5
         passes = make_passes(scans, is_solved, threads, compiled)
         blocks, band = passes.blocks()
-        good = np.concatenate([_determinate(blocks[part]) for part in source_slices(len(blocks))])
+        eigenvalues = [smallest_eigenvalue(blocks[part]) for part in source_slices(len(blocks))]
+        good = np.concatenate(eigenvalues) > LEAST_EIGENVALUE
         if (is_solved & ~good).any():
             is_solved &= good
             passes = make_passes(scans, is_solved, threads, compiled)
@@ -232,21 +231,6 @@ def _rotation_basis(directions):
     basis[:3, :, 0], basis[:3, :, 1] = q, -p
     basis[3:, :, 3], basis[3:, :, 4] = q, -p
     return basis
-
-
-def _determinate(blocks):
-    """Return whether a source's own observations determine its parameters."""
-    scale = np.sqrt(np.maximum(np.einsum("nii->ni", blocks), 1e-300))
-    return np.linalg.eigvalsh(blocks / (scale[:, :, None] * scale[:, None]))[:, 0] > _LEAST
-
-
-def _inverse(blocks):
-    inverses = np.empty_like(blocks)
-    for part in source_slices(len(blocks)):
-        scale = 1 / np.sqrt(np.einsum("nii->ni", blocks[part]))
-        scale = scale[:, :, None] * scale[:, None]
-        inverses[part] = np.linalg.inv(blocks[part] * scale) * scale
-    return inverses
 
 
 #: Functionals solved for together.
