@@ -152,9 +152,7 @@ class Spins:
         # Height above the circle at every eighth spin: z moves a degree in one.
         start = self.z[:, ::CHUNK][:, : len(self.reach)]
         source, chunk = np.nonzero(np.abs(r.T @ start) < max_height + self.reach)
-        height = r[0, source, None] * self.chunks[0, chunk]
-        height += r[1, source, None] * self.chunks[1, chunk]
-        height += r[2, source, None] * self.chunks[2, chunk]
+        height = dot(r[:, source, None], self.chunks[:, chunk])
         is_below, is_above = height < max_height, height > -max_height
         row, offset = np.nonzero((is_below[:, :-1] | is_below[:, 1:]) & (is_above[:, :-1] | is_above[:, 1:]))
         spin = chunk[row] * CHUNK + offset

@@ -13,7 +13,7 @@ steps of ν give their Fourier series, whose terms fall off as a power, to round
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, replace
 from typing import Any, TypeVar
 
 import numpy as np
@@ -255,13 +255,11 @@ class NominalScanningLaw(Frozen):
             Show a bar, after two seconds.
         """
         lon, lat = np.atleast_1d(np.asarray(lon, float)), np.atleast_1d(np.asarray(lat, float))
-        blocks = self.map_transits(lambda part, block: (part.start, block), lon, lat, threads, progress)
-        names = ("time", "angle", "parallax_factor", "view", "across")
-        source = [block.source + start for start, block in blocks] or [np.zeros(0, int)]
-        return Transits(
-            np.concatenate(source),
-            *(np.concatenate([getattr(b, name) for _, b in blocks] or [np.zeros(0)]) for name in names),
-        )
+        blocks = self.map_transits(
+            lambda part, block: replace(block, source=block.source + part.start), lon, lat, threads, progress
+        ) or [self.transits_of_block(lon, lat)]
+        names = [entry.name for entry in fields(Transits)]
+        return Transits(*(np.concatenate([getattr(block, name) for block in blocks]) for name in names))
 
     def map_transits(
         self, work: Callable[..., T], lon: FloatArray, lat: FloatArray, threads: int | None, progress: bool
