@@ -9,6 +9,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from scipy.linalg import block_diag
 from scipy.special import chdtrc, fdtrc
 
 from fit.background import ClassComparison, Floor, Verdict, extend_degrees, shared
@@ -211,17 +212,16 @@ class Comparison(InNotebook):
     def at_face_value(self, kind: str | None = None) -> float:
         """p-value of spins ("T"), accelerations ("S") or both that are alike, with formal errors and nothing shared."""
         components = {None: slice(0, 6), "T": slice(0, 3), "S": slice(3, 6)}[kind]
-        values = np.array([_degree_one(solution)[0][components] for solution in self.plain])
-        covariance = np.zeros(2 * values.shape)
-        for i, solution in enumerate(self.plain):
-            covariance[i, :, i, :] = _degree_one(solution)[1][components, components]
-        misfit = gls(values, covariance.reshape(values.size, values.size), np.ones((len(values), 1)))[1]
+        blocks = [of_degree(solution, 1) for solution in self.plain]
+        values = np.array([value[components] for value, _ in blocks])
+        covariance = block_diag(*(covariance[components, components] for _, covariance in blocks))
+        misfit = gls(values, covariance, np.ones((len(values), 1)))[1]
         return float(chdtrc(values.size - values.shape[1], misfit))
 
 
-def _degree_one(solution):
-    """Degree 1 of a solution, and its covariance."""
-    at = np.flatnonzero(solution.modes.degrees == 1)
+def of_degree(solution: Solution, degree: int) -> tuple[FloatArray, FloatArray]:
+    """Coefficients of one degree of a solution, and their covariance."""
+    at = np.flatnonzero(solution.modes.degrees == degree)
     return solution.values[at], solution.covariance[np.ix_(at, at)]
 
 

@@ -26,6 +26,7 @@ from study.referee._quasars import (
     degree_shift,
     method_shift,
     most_influential_source,
+    of_degree,
 )
 from study.referee._rows import NONE, Analysis, Check, Row, Value, format_verdict, papers
 from vsh.classes import Classes
@@ -62,15 +63,16 @@ def checks(quasars: Quasars, headline: Recommended, rng: Rng = 1, earlier: Field
         questions.append(
             ("earlier", "the same in an earlier release", partial(_check_earlier_release, quasars, earlier, rng))
         )
-    return [_answer_question(*question) for question in progress_bar(questions, words="checks", unit="check")]
+    bar = progress_bar(questions, words="checks", unit="check")
+    return [Check(key, question, **_contents_of(act)) for key, question, act in bar]
 
 
-def _answer_question(key, question, act):
+def _contents_of(act):
+    """Contents of a check or an analysis, or why it could not be made."""
     try:
-        contents = act()
+        return act()
     except VshError as error:
-        return Check(key, question, lacking=str(error))
-    return Check(key, question, **contents)
+        return {"lacking": str(error)}
 
 
 def _check_column(quasars, name, k, rng):
@@ -319,18 +321,13 @@ def _repeat_position_drift(inputs: SectionInput) -> dict[str, Any]:
 def _quadrupole_row(quasars, headline):
     """p-values of no quadrupole: with formal errors, and as one of the degrees that sources share."""
     plain = solve(quasars.normal)
-    at = np.flatnonzero(plain.modes.degrees == 2)
-    values = plain.values[at]
-    covariance = plain.covariance[np.ix_(at, at)]
-    theirs = _chi2_p(values, covariance)
-    if plain.modes.lmax < 4:
-        return _p_row("no quadrupole", theirs, float("nan")), theirs, float("nan")
+    values, covariance = of_degree(plain, 2)
+    theirs, p = _chi2_p(values, covariance), float("nan")
     # Degrees from 3 on tell systematic errors; the quadrupole must not judge itself.
-    systematic_floor = floor(plain, range(3, plain.modes.lmax + 1))
-    total_covariance = covariance * systematic_floor.noise_scale**2 + np.diag(
-        systematic_floor.spectrum.variances(plain.modes)[at]
-    )
-    p = _chi2_p(values, total_covariance)
+    if plain.modes.lmax > 3:
+        systematic_floor = floor(plain, range(3, plain.modes.lmax + 1))
+        systematic = np.diag(systematic_floor.spectrum.variances(plain.modes)[plain.modes.degrees == 2])
+        p = _chi2_p(values, covariance * systematic_floor.noise_scale**2 + systematic)
     return _p_row("no quadrupole", theirs, p), theirs, p
 
 
@@ -459,10 +456,6 @@ def sections(quasars: Quasars, headline: Recommended, rng: Rng) -> list[Analysis
     """All of them; one that cannot be done says why."""
     analyses, inputs = [], SectionInput(quasars, headline, rng)
     for key, title, act in progress_bar(_ANALYSES, words="published analyses", unit="analysis"):
-        try:
-            contents = act(inputs)
-        except VshError as error:
-            analyses.append(Analysis(title, papers()[key], lacking=str(error)))
-        else:
-            analyses.append(Analysis(title, papers()[key], **contents | {"rows": tuple(contents["rows"])}))
+        contents = _contents_of(partial(act, inputs))
+        analyses.append(Analysis(title, papers()[key], **contents | {"rows": tuple(contents.get("rows", ()))}))
     return analyses

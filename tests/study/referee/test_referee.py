@@ -14,7 +14,7 @@ import sim
 from study.commands.referee import main
 from study.referee import Quasars, Referee, read_quasars, referee
 from study.referee._rows import Value, format_verdict, papers
-from study.referee._sections import SectionInput, _answer_question, _check_earlier_release, _repeat_galaxies, checks
+from study.referee._sections import SectionInput, _check_earlier_release, _contents_of, _repeat_galaxies, checks
 from vsh import Field
 from vsh.tools.digits import printed_p_value
 from vsh.tools.errors import DegeneracyError, TableError
@@ -251,14 +251,14 @@ def test_earlier_release(table, tmp_path):
     for glide in ((0, 0, 0), (0, 80, 0)):
         motion = true + noise + sim.acceleration(glide)(whole.lon, whole.lat)
         earlier = Field(whole.lon, whole.lat, motion, 2 * whole.sigma, name=whole.name)
-        asked = _answer_question("earlier", "", lambda earlier=earlier: _check_earlier_release(quasars, earlier, 1))
-        assert "whose noise is correlated by" in asked.answer
-        assert asked.results["chain"].correlation[0, 1] == pytest.approx(0.7, abs=0.1)
-        p.append(asked.p_value)
+        contents = _contents_of(lambda earlier=earlier: _check_earlier_release(quasars, earlier, 1))
+        assert "whose noise is correlated by" in contents["answer"]
+        assert contents["results"]["chain"].correlation[0, 1] == pytest.approx(0.7, abs=0.1)
+        p.append(contents["p_value"])
     assert p[0] > 0.01
     assert p[1] < 1e-6
     bare = Field(whole.lon, whole.lat, motion, whole.sigma)
-    assert "no names" in _answer_question("earlier", "", lambda: _check_earlier_release(quasars, bare, 1)).lacking
+    assert "no names" in _contents_of(lambda: _check_earlier_release(quasars, bare, 1))["lacking"]
 
 
 def test_our_velocity_is_expected_in_the_axes_of_the_catalogue():
