@@ -174,22 +174,24 @@ def _heads(lines, size):
 
 def even_grid(step: float = 12.0) -> tuple[FloatArray, FloatArray]:
     """Positions about `step` degrees apart all over the sky: lon, lat. [rad]"""
-    lon, lat = [], []
-    for degrees in np.arange(-90 + step / 2, 90, step):
-        around = max(1, round(360 * np.cos(np.radians(degrees)) / step))
-        lon.append((np.arange(around) + 0.5) * 2 * np.pi / around)
-        lat.append(np.full(around, np.radians(degrees)))
-    return np.concatenate(lon), np.concatenate(lat)
+    latitudes = np.arange(-90 + step / 2, 90, step)
+    counts = [max(1, round(360 * np.cos(np.radians(degrees)) / step)) for degrees in latitudes]
+    return _join_rings((degrees, (np.arange(n) + 0.5) * 360 / n) for degrees, n in zip(latitudes, counts, strict=True))
+
+
+def _join_rings(rings):
+    """Longitudes and latitudes of rings, each a latitude and its longitudes [deg]: two arrays [rad]."""
+    latitudes, longitudes = zip(*rings, strict=True)
+    return np.radians(np.concatenate(longitudes)), np.radians(np.repeat(latitudes, [*map(len, longitudes)]))
 
 
 def arrow_grid(axes: SkyAxes, step: float = 12.0) -> tuple[FloatArray, FloatArray]:
     """Positions evenly placed on a map, half a step off its rim: as many wherever its centre is."""
-    return axes.of_native(*(_whole_sky_grid(step) if axes.is_whole else _half_sky_grid(step)))
+    return axes.of_native(*_join_rings(_whole_sky_rings(step) if axes.is_whole else _half_sky_rings(step)))
 
 
-def _whole_sky_grid(step):
+def _whole_sky_rings(step):
     """Rows of native latitude, each from half a step after the seam to half a step before it."""
-    phi, theta = [], []
     for degrees in np.arange(-90 + step / 2, 90, step):
         # A place so far from the meridian of the seam that an arrow of half a step does not reach it.
         sine = np.sin(np.radians(step / 2)) / np.cos(np.radians(degrees))
@@ -197,21 +199,17 @@ def _whole_sky_grid(step):
         n = max(1, 1 + int(2 * reach * np.cos(np.radians(degrees)) / step + 1e-9))
         if degrees < -90 + 0.75 * step or degrees > 90 - 0.75 * step:
             reach, n = 60.0, 3  # about the pole, which the seam ends at
-        phi.append(np.linspace(-reach, reach, n) if n > 1 else np.zeros(1))
-        theta.append(np.full(n, degrees))
-    return np.radians(np.concatenate(phi)), np.radians(np.concatenate(theta))
+        yield degrees, np.linspace(-reach, reach, n) if n > 1 else np.zeros(1)
 
 
-def _half_sky_grid(step):
+def _half_sky_rings(step):
     """The middle, and rings about it to half a step off the limb."""
-    phi, theta = [np.zeros(1)], [np.full(1, 90.0)]
+    yield 90.0, np.zeros(1)
     rings = int((90 - step / 2) / step)
     for i in range(1, rings + 1):
         distance = i * (90 - step / 2) / rings
         n = max(6, round(360 * np.sin(np.radians(distance)) / step))
-        phi.append((np.arange(n) + 0.5 * (i % 2)) * 360 / n)
-        theta.append(np.full(n, 90 - distance))
-    return np.radians(np.concatenate(phi)), np.radians(np.concatenate(theta))
+        yield 90 - distance, (np.arange(n) + 0.5 * (i % 2)) * 360 / n
 
 
 #: Chance of an arrow of noise to be coloured; its distance from zero is that of two components, √(vᵀC⁻¹v). An arrow is
