@@ -358,13 +358,13 @@ def draw_matrix(axes: Axes, matrix: FloatArray, names: Sequence[str], groups: Se
     image = axes.imshow(off, cmap=DIVERGING, vmin=-reach, vmax=reach)
     axes.spines[["top", "right"]].set_visible(True)
     axes.tick_params(length=0)
-    if groups is not None and len(set(groups)) > 1:
-        starts = [i for i in range(k) if i == 0 or groups[i] != groups[i - 1]]
-        for i in starts[1:]:
-            heavy = groups[i][:1] != groups[i - 1][:1]
-            for line in (axes.axhline, axes.axvline):
-                line(i - 0.5, color="0.4" if heavy else "0.6", linewidth=0.8 if heavy else 0.25 if k <= 60 else 0.1)
-    if k > NAMED and groups is not None:
+    groups = groups or ()
+    starts = [i for i, group in enumerate(groups) if i == 0 or group != groups[i - 1]]
+    for i in starts[1:]:
+        heavy = groups[i][:1] != groups[i - 1][:1]
+        for line in (axes.axhline, axes.axvline):
+            line(i - 0.5, color="0.4" if heavy else "0.6", linewidth=0.8 if heavy else 0.25 if k <= 60 else 0.1)
+    if k > NAMED and starts:
         ends = [*starts, k]
         middles = [(a + b - 1) / 2 for a, b in pairwise(ends)]
         labels = [groups[i] for i in starts]

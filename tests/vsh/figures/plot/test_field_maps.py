@@ -11,7 +11,7 @@ from conftest import random_field
 import fit
 from vsh import Coefficients, Field, Modes, ParameterError
 from vsh.basis import harmonics
-from vsh.figures.plot import FADED, SkyAxes, arrow_grid, even_grid, plot_field
+from vsh.figures.plot import FADED, SkyAxes, arrow_grid, draw_matrix, even_grid, plot_field
 from vsh.figures.plot._field import SURE, significance_of
 
 
@@ -139,3 +139,9 @@ def test_noise_colours_one_arrow_in_twenty():
         motion = np.tensordot(values, basis, 1)
         coloured.append(np.mean(significance_of(motion, basis, solution.covariance) > SURE))
     assert abs(np.mean(coloured) - 0.05) < 0.01
+
+
+def test_matrix_of_many_modes_of_one_degree_has_its_name():
+    axes = plt.subplots()[1]
+    draw_matrix(axes, np.eye(33), [f"s(16,{m})" for m in range(33)], ["S16"] * 33)
+    assert [label.get_text() for label in axes.get_xticklabels()] == ["S16"]
