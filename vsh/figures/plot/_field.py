@@ -87,14 +87,13 @@ def draw_vectors(
     lon, lat, motion = np.atleast_1d(lon).astype(float), np.atleast_1d(lat).astype(float), np.asarray(motion, float)
     if motion.shape != (2, lon.size) or lat.shape != lon.shape:
         raise ParameterError(f"lon, lat and motion have shapes {lon.shape}, {lat.shape} and {motion.shape}")
-    colours = color if not isinstance(color, str) and np.ndim(color) == 2 else None
     amplitude = np.hypot(*motion)
     has_motion = np.isfinite(amplitude) & (amplitude > 0)
     lon, lat, motion, amplitude = lon[has_motion], lat[has_motion], motion[:, has_motion], amplitude[has_motion]
     scale = scale or float(amplitude.max(initial=0.0)) or 1.0
     lines, fits = arrow_lines(axes, lon, lat, motion, np.radians(longest) * amplitude / scale)
-    if colours is not None:
-        color = np.asarray(colours)[has_motion][fits]
+    if np.ndim(color) == 2:
+        color = np.asarray(color)[has_motion][fits]
     style = {"zorder": 4} | style
     shafts = LineCollection(list(lines), colors=color, linewidths=linewidth, capstyle="butt", **style)
     heads = PolyCollection(_heads(lines, 4.2 * linewidth + 8.0), facecolors=color, edgecolors="none", **style)
