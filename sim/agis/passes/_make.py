@@ -25,8 +25,7 @@ class CompiledPasses:
         self.coefficients, self.n = scans.intervals + 3, len(table)
         self.threads = min(thread_count(threads), PARTS)
         self.order, self.array = scans.order, scans.array
-        self.rank = np.empty(self.n, np.int32)
-        self.rank[self.order] = np.arange(self.n, dtype=np.int32)
+        self.rank = np.argsort(self.order)
         names = ("place", "knot", "frac", "sin", "cos", "along_factor", "across_factor")
         self.columns = tuple(np.asarray(getattr(scans, name)) for name in names)
         self.table, self.spacing, self.middle = table[self.order], scans.spacing, scans.middle

@@ -396,8 +396,7 @@ def _sort_transits(chunks, attributes, folder):
     chunks = list(chunks)
     total = sum(map(len, chunks))
     dtypes = {name: np.dtype("i4" if name in ("source", "place", "knot") else "f4") for name in _COLUMNS}
-    rank = np.empty(len(attributes["lon"]), np.int32)
-    rank[_sky_order(attributes["lon"], attributes["lat"])] = np.arange(len(rank), dtype=np.int32)
+    rank = np.argsort(_sky_order(attributes["lon"], attributes["lat"]))
     columns = {
         name: (
             np.empty(total, dtype)
