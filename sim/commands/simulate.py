@@ -278,16 +278,12 @@ def _write_link(options):
 def _finish(options, notes, meta, summary):
     """The configuration that repeats it, and what is said."""
     finishing.write_configuration(options, {Path(options.output).name: digest(options.output)})
-    true = ", ".join(f"{name} {value:g}" for name, value in meta.items() if isinstance(value, (int, float)))
+    numbers = [(name, float(value)) for name, value in meta.items() if isinstance(value, (int, float))]
+    true = ", ".join(f"{name} {value:g}" for name, value in numbers)
     text = "\n".join([*notes, f"written to {options.output}: {summary}", f"truth: {true}"])
 
     def truth():
-        from vsh.io.tables import table_of
-
-        numbers = {name: value for name, value in meta.items() if isinstance(value, (int, float))}
-        return {
-            "truth": table_of({"name": np.array(list(numbers), str), "value": np.array(list(numbers.values()), float)})
-        }
+        return {"truth": vsh.io.tables.table_of_rows(("name", "value"), numbers)}
 
     finishing.print_result(options, finishing.message_result(text, truth, notes))
 
