@@ -234,7 +234,7 @@ class NominalScanningLaw(Frozen):
     def attitude(self, time: FloatArray) -> Any:
         """Spin axis and both fields of view at `time` [yr since the start], (n,): z, preceding, following."""
         time = np.asarray(time, float)
-        z, u, w = self._axes(time)
+        (z, u, w), _ = self._axes(time)
         phase = self._phase(time)
         views = [u * np.cos(phase + a) + w * np.sin(phase + a) for a in (self.basic_angle / 2, -self.basic_angle / 2)]
         rotation = rotation_matrix("ecliptic", self.frame)
@@ -292,7 +292,7 @@ class NominalScanningLaw(Frozen):
             time = self._refine_crossings(r[:, owner], time, views)
         keep = outside_gaps(time, self._state["gaps"])
         owner, time, views = owner[keep], time[keep], views[keep]
-        z, sun, distance = self._spin_axis(time)
+        (z, _, _), (sun, distance) = self._axes(time)
         directions = r[:, owner]
         sine = dot(directions, z)
         keep = np.abs(sine) < limit
@@ -332,13 +332,13 @@ class NominalScanningLaw(Frozen):
         times: Any = (turns - self.spin_phase) / rate
         for _ in range(4):  # Newton: Ω grows 1600 times as fast as its slow part
             times -= (self._phase(times) - turns) / (rate + slow.slope(times))
-        self._state["spins"] = Spins(times, *self._axes(times))
+        self._state["spins"] = Spins(times, *self._axes(times)[0])
 
     def _refine_crossings(self, directions, time, views):
         """Times at which the fields really pass, by Newton steps: in a long spin its axis does not move straight."""
         end_time = np.nextafter(self.years, 0)
         for _ in range(4):
-            _, u, w = self._axes(time)
+            (_, u, w), _ = self._axes(time)
             azimuth = np.arctan2(np.sum(directions * w, 0), np.sum(directions * u, 0))
             late = azimuth - self._phase(time) - views * self.basic_angle / 2
             time = np.clip(time + ((late + np.pi) % (2 * np.pi) - np.pi) / self._state["rate"], 0, end_time)
@@ -349,21 +349,14 @@ class NominalScanningLaw(Frozen):
         return self.spin_phase + self._state["rate"] * time + self._state["slow"](time)
 
     def _axes(self, time):
-        """z, and u = s × z/sin ξ and w = z × u from which Ω is counted, in the ecliptic.
+        """z, and u = s × z/sin ξ and w = z × u from which Ω is counted, in the ecliptic; and the Sun, as of `sun`.
 
         With e ahead of the Sun along the ecliptic and k its pole, z = cos ξ s + sin ξ (cos ν e + sin ν k).
         """
-        sun, _ = self.sun(time)
+        sun, distance = self.sun(time)
         sin, cos = sin_cos(self._state["nu"](time))
         perpendicular = np.stack([-cos * sun[1], cos * sun[0], sin])  # cos ν e + sin ν k
         u = np.stack([sin * sun[1], -sin * sun[0], cos])
         cos_xi, sin_xi = np.cos(self.solar_aspect), np.sin(self.solar_aspect)
-        return cos_xi * sun + sin_xi * perpendicular, u, sin_xi * sun - cos_xi * perpendicular
-
-    def _spin_axis(self, time):
-        """z, the direction of the Sun, and its distance, in the ecliptic."""
-        sun, distance = self.sun(time)
-        xi, nu = self.solar_aspect, self._state["nu"](time)
-        up, ahead = (np.sin(xi) * component for component in sin_cos(nu))
-        z = np.stack([np.cos(xi) * sun[0] - ahead * sun[1], np.cos(xi) * sun[1] + ahead * sun[0], up])
-        return z, sun, distance
+        axes = cos_xi * sun + sin_xi * perpendicular, u, sin_xi * sun - cos_xi * perpendicular
+        return axes, (sun, distance)
