@@ -21,7 +21,7 @@ from scipy.linalg import cho_factor, cho_solve
 from scipy.sparse import csr_matrix, hstack
 
 from sim.agis._calibration import Calibration, views_at
-from sim.scanning import NominalScanningLaw, TabulatedLaw
+from sim.scanning import NominalScanningLaw, TabulatedLaw, outside_gaps
 from vsh.basis import harmonics
 from vsh.modes import Modes
 from vsh.sky.frames import rotation_matrix
@@ -98,8 +98,7 @@ class Response(InNotebook):
             raise ParameterError(f"weights are {12 * nside**2} numbers of at least 0, one a pixel of nside {nside}")
         self._lon, self._lat = centres(nside, any_size=True)
         time = np.sort(arguments.generator(rng).uniform(0, law.years, arguments.whole("steps", steps)))
-        for start, end in law.lost:
-            time = time[(time < start) | (time > end)]
+        time = time[outside_gaps(time, law.lost)]
         z, *views = law.attitude(time)
         self._time = time - (self.epoch - law.start)
         self._seen = [(r, np.cross(z, r, axis=0)) for r in views]
