@@ -67,7 +67,7 @@ class Equations(InNotebook):
         self.coefficients = scans.intervals + 3
         self._check_across_scan()
         check_memory(
-            system_memory(scans.n_sources, self.coefficients, 1, scans.folder is not None),
+            system_memory(scans.n_sources, self.coefficients, scans.folder is not None),
             "the normal equations",
             "take fewer sources, or knots farther apart, or give scans a folder",
         )

@@ -104,7 +104,7 @@ def plan(law: NominalScanningLaw, lon: ArrayLike, lat: ArrayLike, knots: float =
     arguments.choice("ccds", ccds, (1, 9))
     n, k = np.size(lon), expected_transits(law, lon, lat) * ccds
     coefficients = law.years * JULIAN_YEAR / knots + 3
-    memory = _BASE + max(_SORTING * k, system_memory(n, coefficients, 1) + _TRANSIT * k)
+    memory = _BASE + max(_SORTING * k, system_memory(n, coefficients) + _TRANSIT * k)
     setup = (_FOLLOW / ccds + 5 * _ITERATE) * k / 1e6 + _SOLVE * coefficients / 1e6
     disk = _TRANSIT * k + _BAND * coefficients + _LOW * n
     iteration = _ITERATE * k / 1e6 + _SOLVE * coefficients / 1e6
@@ -121,10 +121,10 @@ def expected_transits(law: NominalScanningLaw, lon: ArrayLike, lat: ArrayLike) -
     return 1.02 * law.remembered[key] * len(lon) / len(sample)
 
 
-def system_memory(n_sources: int, coefficients: float, columns: int, mapped: bool = False) -> float:
+def system_memory(n_sources: int, coefficients: float, mapped: bool = False) -> float:
     """Bytes of the normal equations, without the transits and, mapped, without what is on disk then."""
     disk = n_sources * _LOW + coefficients * _BAND
-    vectors = n_sources * (_SOURCE + _COLUMN * columns) + coefficients * (_COEFFICIENT + 72 * (columns - 1))
+    vectors = n_sources * (_SOURCE + _COLUMN) + coefficients * _COEFFICIENT
     return vectors if mapped else vectors + disk
 
 
