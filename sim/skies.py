@@ -51,8 +51,8 @@ def sky_map(sky: str) -> tuple[FloatArray, str]:
         If the name is unknown.
     """
     makers = {
-        "uniform": _uniform_density,
-        "plane-avoiding": _plane_avoiding_density,
+        "uniform": lambda: np.ones(12 * NSIDE**2),
+        "plane-avoiding": lambda: (np.abs(_galactic_centres()[1]) > 15).astype(float),
         "gums": _gums_density,
         "igql": _igql_density,
     }
@@ -68,14 +68,6 @@ def draw_positions(
     density, frame = sky_map(sky) if isinstance(sky, str) else (sky, map_frame)
     lon, lat = random_positions(density, n, rng)
     return angles(rotation_matrix(frame, "icrs") @ triad(lon, lat)[2])
-
-
-def _uniform_density():
-    return np.ones(12 * NSIDE**2)
-
-
-def _plane_avoiding_density():
-    return (np.abs(_galactic_centres()[1]) > 15).astype(float)
 
 
 def _gums_density():
