@@ -1,6 +1,6 @@
 """Sources: where they are, how bright, how far."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -62,8 +62,7 @@ class Population(Frozen):
 
     def __getitem__(self, keep: Any):
         """The sources picked by a mask, a slice or indices."""
-        columns = {f.name: getattr(self, f.name) for f in fields(self)}
-        return Population(**{k: v[keep] if isinstance(v, np.ndarray) else v for k, v in columns.items()})
+        return replace(self, **{k: v[keep] for k, v in vars(self).items() if isinstance(v, np.ndarray)})
 
 
 #: Quasars in Gaia's frame brighter than each magnitude (Gaia DR3, five-parameter solutions).
