@@ -463,21 +463,20 @@ def _forecast_quasars(field, survey, power):
 
 
 def _forecast_galaxies(survey, sample, flows):
-    names = ("velocity", "hubble", "velocity_flows", "hubble_flows")
+    values = dict.fromkeys(("velocity", "hubble", "velocity_flows", "hubble_flows"), float("nan"))
     if not survey.n_galaxies:
-        return dict.fromkeys(names, float("nan"))
+        return values
     order = np.argsort(sample.redshift)
     # The nearest weigh most: all of them, and of the rest every twentieth for twenty.
     few = np.concatenate([order[:_NEAREST], order[_NEAREST::_EVERY]])
     independent_errors = _errors(survey, sample[few], _ALONE, np.where(np.arange(len(few)) < _NEAREST, 1, _EVERY))
-    values = [*_velocity_errors(sample[few], independent_errors, flows=None)]
+    values["velocity"], values["hubble"] = _velocity_errors(sample[few], independent_errors, flows=None)
     if flows:
         few = order[:: len(order) // _IN_FLOWS]
-        residual_errors = _errors(survey, sample[few], _BEYOND, len(order) / len(few))
-        values += _velocity_errors(sample[few], residual_errors, flows="linear", n_modes=_MODES)
-    else:
-        values += [float("nan")] * 2
-    return dict(zip(names, values, strict=True))
+        errors = _errors(survey, sample[few], _BEYOND, len(order) / len(few))
+        velocity, hubble = _velocity_errors(sample[few], errors, flows="linear", n_modes=_MODES)
+        values |= {"velocity_flows": velocity, "hubble_flows": hubble}
+    return values
 
 
 def _errors(survey, sample, dispersion, times):
