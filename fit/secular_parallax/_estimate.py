@@ -6,6 +6,7 @@ flows. Velocities are ours with respect to the background and point toward the a
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, Literal
 from warnings import warn
 
@@ -22,7 +23,6 @@ from vsh.io.parts import Parts
 from vsh.io.sections import Section
 from vsh.models.cosmology import LOCAL_GROUP, velocity_in_frame, with_redshift
 from vsh.tools import arguments
-from vsh.tools.digits import format_with_error
 from vsh.tools.errors import DegeneracyError, ParameterError, VshWarning
 from vsh.tools.notes import CodedNote
 from vsh.tools.types import ArrayLike, AxesArray, OnAxes, Table
@@ -139,30 +139,26 @@ def velocity_from(
 ) -> VelocitySolution:
     """Our velocity from equations with distances for this H0; `local_group` is for forecasts alone."""
     ratio = hubble / rows.hubble
-    sums = rows.sums(dispersion * ratio, excess_noise, ratio=ratio)
+    solve, about = _solver(rows, dispersion, spin, acceleration, excess_noise, ratio, local_group, preferred)
     to_u = np.eye(9)
     to_u[U, U] *= ratio  # u = v H0/H_ref
-    names = ("v_x", "v_y", "v_z", "a_x", "a_y", "a_z")
-    group = local_group_of(local_group, rows)
-    left_out = _omitted_flow_sums(rows, dispersion, excess_noise, ratio)
-    best = _residual_preference(rows, dispersion, excess_noise, acceleration, ratio, spin) if preferred else None
-    attributes = solve_for(
-        sums, to_u[:, : OMEGA.start], names, spin, rows, acceleration, ratio, group, left_out=left_out
-    )
-    return VelocitySolution(**attributes, preferred=best, peculiar_dispersion=dispersion, assumed_hubble=hubble)
+    attributes = solve(to_u[:, : OMEGA.start], ("v_x", "v_y", "v_z", "a_x", "a_y", "a_z"))
+    return VelocitySolution(**attributes, **about, assumed_hubble=hubble)
 
 
-def _omitted_flow_sums(rows, dispersion, excess_noise, ratio):
-    """Sums with the columns of a flow that is left out."""
-    omission = rows.left_out
-    return None if omission is None else omission.sums(dispersion * ratio, excess_noise, rows.n_data // 2)
+def _solver(rows, dispersion, spin, acceleration, excess_noise, ratio, local_group, preferred):
+    """`solve_for` these equations, a function of to_u, the names and our velocity; and the dispersions of the result.
 
-
-def _residual_preference(rows, dispersion, excess_noise, acceleration, ratio, spin):
-    """Dispersion that the residuals prefer; None for parts."""
-    if not isinstance(rows, ParallaxEquations):
-        return None
-    return preferred_dispersion(rows, dispersion, excess_noise, acceleration, ratio, spin)
+    The dispersion that the residuals prefer is None for parts, and where it is not asked for.
+    """
+    group, sums = local_group_of(local_group, rows), rows.sums(dispersion * ratio, excess_noise, ratio=ratio)
+    omission, best = rows.left_out, None
+    left_out = None if omission is None else omission.sums(dispersion * ratio, excess_noise, rows.n_data // 2)
+    if preferred and isinstance(rows, ParallaxEquations):
+        best = preferred_dispersion(rows, dispersion, excess_noise, acceleration, ratio, spin)
+    known = {"spin": spin, "rows": rows, "acceleration": acceleration, "ratio": ratio}
+    solve = partial(solve_for, sums, **known, group=group, left_out=left_out)
+    return solve, {"preferred": best, "peculiar_dispersion": dispersion}
 
 
 @arguments.accepts(field=arguments.a(Field, Parts), hubble=arguments.positive, excess_noise=arguments.not_negative)
@@ -249,18 +245,14 @@ def hubble_from(
             f"all {rows.n_own} sources have measured distances, of which the motions tell v and nothing of H0: leave "
             "the distances out (--columns distance=), or fit v with observer_velocity (--h0)"
         )
-    group = local_group_of(local_group, rows)
     ratio = 1.0 if hubble is None else hubble / rows.hubble
-    sums = rows.sums(dispersion * ratio, excess_noise, ratio=ratio)
-    names = ("H0", "a_x", "a_y", "a_z")
-    left_out = _omitted_flow_sums(rows, dispersion, excess_noise, ratio)
-    best = _residual_preference(rows, dispersion, excess_noise, acceleration, ratio, spin) if preferred else None
+    solve, about = _solver(rows, dispersion, spin, acceleration, excess_noise, ratio, local_group, preferred)
 
     def at(v):
         to_u = np.zeros((12, 4))
         to_u[U, 0] = v / rows.hubble
         to_u[A, 1:] = np.eye(3)
-        return solve_for(sums, to_u, names, spin, rows, acceleration, ratio, group, v, left_out)
+        return solve(to_u, ("H0", "a_x", "a_y", "a_z"), velocity=v)
 
     attributes = at(velocity.value)
     if velocity.covariance.any():
@@ -268,11 +260,7 @@ def hubble_from(
         v, steps = velocity.value, step * np.eye(3)
         slopes = np.stack([at(v + s)["values"] - at(v - s)["values"] for s in steps], axis=1) / (2 * step)
         attributes["covariance"] = attributes["covariance"] + slopes @ velocity.covariance @ slopes.T
-    return HubbleSolution(**attributes, preferred=best, peculiar_dispersion=dispersion, assumed_velocity=velocity)
-
-
-def _in_words(velocity):
-    return f"|v| = {format_with_error(velocity.amplitude, velocity.amplitude_error)} km/s"
+    return HubbleSolution(**attributes, **about, assumed_velocity=velocity)
 
 
 def local_group_of(value: Vector | bool | None, rows: ParallaxEquations | ParallaxParts) -> LocalGroup | None:
