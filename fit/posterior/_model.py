@@ -41,6 +41,8 @@ from fit.secular_parallax import (
     check_determined,
     marginalise_flow,
     with_acceleration,
+    with_prior,
+    without_known,
 )
 from vsh.tools.errors import ConvergenceError, ParameterError
 from vsh.tools.types import FloatArray
@@ -155,24 +157,14 @@ def _table(density, axes):
 
 def marginalise(sums: ParallaxSums, spin: Literal["free"] | Vector | None, frame: str) -> Any:
     """The functions that are tabulated, (28, …), from normal equations, (…, 9, 9)."""
-    matrix, rhs, chi2 = sums.matrix, sums.rhs, sums.chi2_null
-    nuisance = list(range(A.start, A.stop))
+    is_free = isinstance(spin, str) and spin == "free"
     if isinstance(spin, Vector):
         spin = spin.to_frame(frame)
-        if spin.covariance.any():
-            matrix, rhs = matrix.copy(), rhs.copy()
-            weight = np.linalg.inv(spin.covariance)
-            matrix[..., OMEGA, OMEGA] += weight
-            rhs[..., OMEGA] += weight @ spin.value
-            chi2 = chi2 + spin.value @ weight @ spin.value
-            nuisance += range(OMEGA.start, OMEGA.stop)
-        else:
-            chi2 = chi2 - 2 * rhs[..., OMEGA] @ spin.value + spin.value @ matrix[..., OMEGA, OMEGA] @ spin.value
-            rhs = rhs - matrix[..., OMEGA] @ spin.value
-    elif isinstance(spin, str) and spin == "free":
-        nuisance += range(OMEGA.start, OMEGA.stop)
-    elif spin is not None:
+        is_free = bool(spin.covariance.any())
+        sums = with_prior(sums, spin, OMEGA) if is_free else without_known(sums, spin.value, OMEGA)
+    elif spin is not None and not is_free:
         raise ParameterError(f"spin is None, 'free' or a Vector, not {spin!r}")
+    matrix, rhs, nuisance = sums.matrix, sums.rhs, list(range(A.start, OMEGA.stop if is_free else A.stop))
     n_aa, n_au = matrix[..., nuisance, :][..., nuisance], matrix[..., nuisance, U]
     inverse = np.linalg.inv(n_aa)
     slope = -inverse @ n_au
@@ -180,7 +172,7 @@ def marginalise(sums: ParallaxSums, spin: Literal["free"] | Vector | None, frame
     m = matrix[..., U, U] + np.swapaxes(n_au, -1, -2) @ slope
     b = rhs[..., U] + _matrix_vector_product(np.swapaxes(slope, -1, -2), rhs[..., nuisance])
     peak = np.linalg.solve(m, b[..., None])[..., 0]
-    least = chi2 - np.sum(rhs[..., nuisance] * mean, -1) - np.sum(b * peak, -1)
+    least = sums.chi2_null - np.sum(rhs[..., nuisance] * mean, -1) - np.sum(b * peak, -1)
     c = -(least + sums.logdet + np.linalg.slogdet(n_aa)[1]) / 2
     functions = [c[..., None], peak, m[..., _UPPER[0], _UPPER[1]], mean[..., :3]]
     functions += [slope[..., :3, :].reshape(*c.shape, 9), inverse[..., :3, :3][..., _UPPER[0], _UPPER[1]]]

@@ -14,6 +14,8 @@ from fit.secular_parallax._equations import (
     flow_covariance,
     marginalise_flow,
     with_acceleration,
+    with_prior,
+    without_known,
 )
 from fit.secular_parallax._estimate import (
     WITH_GROUP,

@@ -196,14 +196,11 @@ def equations_of(
     parallax_rate = mean * parallax_factor(
         1 / (AU_PER_YEAR * np.where(k.own, k.mean / ratio, k.mean)), calibration.cosmology
     )
-    ours_east, ours_north = (-parallax_rate * (1 - own_mask) * array for array in (p, q))
-    columns = [[ours_east, p, q], [ours_north, q, -p]]
-    if apart:
-        columns[0].append(-parallax_rate * own_mask * p)
-        columns[1].append(-parallax_rate * own_mask * q)
-    east, north = map(np.concatenate, columns)
-    ours = CMB_VELOCITY_PLANCK18.to_frame(field.frame).value
-    velocity_variance, flow, residual_variance = ours @ ours / 3, None, np.zeros(len(field))
+    ours = -parallax_rate * np.stack([p, q])
+    columns = [ours * (1 - own_mask), [p, q], [q, -p], *([ours * own_mask] if apart else [])]
+    east, north = np.concatenate(columns, axis=1)
+    flow, residual_variance = None, np.zeros(len(field))
+    velocity_variance = np.sum(CMB_VELOCITY_PLANCK18.to_frame(field.frame).value ** 2) / 3
     if theory is not None:
         velocity_variance += theory.sigma**2
         residual_variance = np.full(len(field), theory.sigma**2)
@@ -215,29 +212,18 @@ def equations_of(
         flow = FlowRows(modes, *(array[near_indices] for array in (field.lon, field.lat, distance, mean, cos, sin)))
     rate = np.sqrt(mean**2 + variance_of_k)
     scatter, residual_variance = variance_of_k * velocity_variance, residual_variance * rate**2
-    pairs = [
-        np.concatenate([cos * east + sin * north, cos * north - sin * east], axis=1).T,
-        np.concatenate([cos * y[0] + sin * y[1], cos * y[1] - sin * y[0]]),
-        np.concatenate([large + scatter, small + scatter]),
-        np.concatenate([rate, rate]),
-        np.concatenate([residual_variance, residual_variance]),
-    ]
+    rows: dict[str, Any] = {
+        "design": np.concatenate([cos * east + sin * north, cos * north - sin * east], axis=1).T,
+        "motion": np.concatenate([cos * y[0] + sin * y[1], cos * y[1] - sin * y[0]]),
+        "variance": np.concatenate([large + scatter, small + scatter]),
+        "rate": np.tile(rate, 2),
+        "left": np.tile(residual_variance, 2),
+    }
     if modes is not None:
         row_order = np.r_[order, order + len(field)]
-        pairs = [pair[row_order] for pair in pairs]
-    design, motion, variance, rates, lefts = pairs
-    return ParallaxEquations(
-        design,
-        motion,
-        variance,
-        rates,
-        lefts,
-        hubble_value(calibration.cosmology),
-        field.frame,
-        (*notes, *calibration.notes),
-        flow,
-        int(k.own.sum()),
-    )
+        rows = {name: column[row_order] for name, column in rows.items()}
+    hubble, notes = hubble_value(calibration.cosmology), (*notes, *calibration.notes)
+    return ParallaxEquations(**rows, hubble=hubble, frame=field.frame, notes=notes, flow=flow, n_own=int(k.own.sum()))
 
 
 def _error_ellipses(field, calibration, k):
@@ -472,11 +458,23 @@ def with_acceleration(sums: ParallaxSums, acceleration: Vector | None, frame: st
     prior = acceleration.to_frame(frame)
     if not np.linalg.eigvalsh(prior.covariance)[0] > 0:
         raise ParameterError("an acceleration that is known needs errors in all three components")
+    return with_prior(sums, prior, A)
+
+
+def with_prior(sums: ParallaxSums, prior: Vector, at: slice) -> ParallaxSums:
+    """Add a Gaussian prior on one of the vectors of unknowns."""
     weight = np.linalg.inv(prior.covariance)
     matrix, rhs = sums.matrix.copy(), sums.rhs.copy()
-    matrix[..., A, A] += weight
-    rhs[..., A] += weight @ prior.value
+    matrix[..., at, at] += weight
+    rhs[..., at] += weight @ prior.value
     return replace(sums, matrix=matrix, rhs=rhs, chi2_null=sums.chi2_null + prior.value @ weight @ prior.value)
+
+
+def without_known(sums: ParallaxSums, values: FloatArray, at: slice) -> ParallaxSums:
+    """Take the motions by known values of some unknowns away."""
+    motion = sums.matrix[..., at] @ values
+    chi2_null = sums.chi2_null - 2 * sums.rhs[..., at] @ values + motion[..., at] @ values
+    return replace(sums, rhs=sums.rhs - motion, chi2_null=chi2_null)
 
 
 def add_flow_prior(sums: ParallaxSums, width: int, scale: FloatArray | float) -> ParallaxSums:
@@ -639,9 +637,9 @@ def solve_for(
     check_determined(normal, names, sums.n_data // 2)
     inverse = np.linalg.inv(normal)
     covariance = (inverse + inverse.T) / 2
-    rhs = to_u.T @ (sums.rhs - sums.matrix @ constants)
+    remainder = without_known(sums, constants, slice(None))
+    rhs = to_u.T @ remainder.rhs
     values = inverse @ rhs
-    chi2 = sums.chi2_null - 2 * sums.rhs @ constants + constants @ sums.matrix @ constants - values @ rhs
     noise = np.linalg.inv(to_u.T @ noise_matrix @ to_u) if rows.modes is not None else covariance
     if isinstance(spin, Vector):
         carry = covariance @ to_u.T @ sums.matrix[:, OMEGA]
@@ -650,7 +648,7 @@ def solve_for(
         "names": names,
         "values": values,
         "covariance": covariance,
-        "chi2": float(chi2),
+        "chi2": float(remainder.chi2_null - values @ rhs),
         "n_data": sums.n_data,
         "frame": rows.frame,
         "notes": rows.notes,

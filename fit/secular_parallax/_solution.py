@@ -22,6 +22,8 @@ from fit.secular_parallax._equations import (
     add_flow_prior,
     marginalise_flow,
     with_acceleration,
+    with_prior,
+    without_known,
 )
 from vsh import Coefficients
 from vsh.field import Field
@@ -192,21 +194,16 @@ def preferred_dispersion(
         sums, _ = marginalise_flow(
             add_flow_prior(sums, few.design.shape[1], np.full(len(GRID), ratio)), few.design.shape[1]
         )
-    matrix, rhs, null = np.array(sums.matrix), sums.rhs, sums.chi2_null
-    keep = slice(0, OMEGA.start if spin is None else OMEGA.stop)
-    if isinstance(spin, Vector):  # what is known is taken away, and its error is a prior on what is left
-        spin_vector = spin.to_frame(rows.frame)
-        across = matrix[:, :, OMEGA] @ spin_vector.value
-        null = null - 2 * rhs[:, OMEGA] @ spin_vector.value + across[:, OMEGA] @ spin_vector.value
-        rhs = rhs - across
-        if np.linalg.det(spin_vector.covariance) > 0:
-            matrix[:, OMEGA, OMEGA] += np.linalg.inv(spin_vector.covariance)
-        else:
-            keep = slice(0, OMEGA.start)
-    columns = np.r_[keep, V] if matrix[:, V].any() else np.r_[keep]
-    n, b = matrix[:, columns[:, None], columns], rhs[:, columns]
+    is_free = spin is not None
+    if isinstance(spin, Vector):
+        known = spin.to_frame(rows.frame)
+        is_free = bool(np.linalg.det(known.covariance) > 0)
+        sums = with_prior(sums, known, OMEGA) if is_free else without_known(sums, known.value, OMEGA)
+    keep = slice(0, OMEGA.stop if is_free else OMEGA.start)
+    columns = np.r_[keep, V] if sums.matrix[:, V].any() else np.r_[keep]
+    n, b = sums.matrix[:, columns[:, None], columns], sums.rhs[:, columns]
     n = n + 1e-12 * np.trace(n, axis1=1, axis2=2)[:, None, None] * np.eye(n.shape[1])
-    chi2 = null - np.einsum("gi,gi->g", b, np.linalg.solve(n, b[..., None])[..., 0])
+    chi2 = sums.chi2_null - np.einsum("gi,gi->g", b, np.linalg.solve(n, b[..., None])[..., 0])
     log = -(chi2 + sums.logdet + np.linalg.slogdet(n)[1]) / 2
     return _summary(log, taken)
 
@@ -371,7 +368,10 @@ class VelocitySolution(ParallaxSolution):
 
     def against(self, velocity: Vector = CMB_VELOCITY_PLANCK18) -> tuple[float, float]:
         """χ² of the difference from another `velocity` [km/s] (its own errors included), and its p-value."""
-        return _test_difference(self.velocity, velocity)
+        ours, other = self.velocity, velocity.to_frame(self.frame)
+        difference = ours.value - other.value
+        chi2 = float(difference @ np.linalg.solve(ours.covariance + other.covariance, difference))
+        return chi2, float(chdtrc(3, chi2))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -413,10 +413,3 @@ class HubbleSolution(ParallaxSolution):
         lower, upper = self.hubble_limits
         limits = {"hubble_above_95": lower} if lower > 0 else {}
         return {"assumed_velocity": self.assumed_velocity.amplitude, **limits, "hubble_below_95": upper}
-
-
-def _test_difference(a, b):
-    b = b.to_frame(a.frame)
-    difference = a.value - b.value
-    chi2 = float(difference @ np.linalg.solve(a.covariance + b.covariance, difference))
-    return chi2, float(chdtrc(3, chi2))
