@@ -141,11 +141,9 @@ def binned(
             raise DegeneracyError(f"bin {b + 1} of {bins}, {_labels(edges)[b]}, is empty: choose other edges")
     sums = np.array([bin_sums[b][0] for b in range(bins)])
     counts = sums[:, 0].astype(int)
+    by_catalogue = normals = [bin_sums[b][1] for b in range(bins)]
     if is_weighted:
         normals, is_scaled, remarks = _weighted_normals(field, modes, edges, counts, method, value, rng)
-    else:
-        normals = [bin_sums[b][1] for b in range(bins)]
-    by_catalogue = [bin_sums[b][1] for b in range(bins)]
     notes = [*drop_empty_notes(merge_notes(*bin_sums.get("notes", ()))), *remarks]
     if bin_sums.get("outside"):
         notes.append(f"left out {bin_sums['outside']} sources with redshifts outside {edges[0]:g} … {edges[-1]:g}")

@@ -22,7 +22,7 @@ from fit.results.storage import Result
 from fit.secular_parallax import LEFT_DISPERSION, modes_within
 from vsh.basis import harmonics
 from vsh.classes import Classes
-from vsh.coefficients import FIRST_DEGREE
+from vsh.coefficients import FIRST_DEGREE, vector_of
 from vsh.field import Field
 from vsh.io import tables
 from vsh.io.parts import Parts, as_parts
@@ -379,15 +379,12 @@ class BinnedSolution(Result):
             raise ParameterError(f"a trend needs a finite x for each of the {len(self)} bins")
         if len(self) < 2 or np.ptp(x) == 0:
             raise ParameterError("a trend needs at least two bins")
-        l = 1 if first else None
-        values, covariance, free_modes, _ = self._select_coefficients(None, l)
-        q = values.shape[1]
         line = np.stack([np.ones(len(self)), x - x.mean()], 1)
-        theta, _, theta_covariance = gls(values, covariance, line)
-        slopes, error = theta[q:], theta_covariance[q:, q:]
+        misfit, scaled, quoted, free_modes = self._compare_with_model(None, 1 if first else None, line)
+        q = len(free_modes)
+        slopes, error = quoted[0][q:], quoted[2][q:, q:]
         spin, acceleration = (_vector(self.modes, kind, slopes, error, free_modes, self.frame) for kind in KINDS)
-        misfit, scaled_estimate, quoted_estimate = self._compare_with_model(None, l, line)
-        chi2_pair = estimated_slope_chi2(scaled_estimate, q), estimated_slope_chi2(quoted_estimate, q)
+        chi2_pair = estimated_slope_chi2(scaled, q), estimated_slope_chi2(quoted, q)
         # Satterthwaite's (1946) degrees of freedom of a slope's scale, from each bin's share in its variance.
         weight, dof = weights_and_dof(self)
         shares = weight * (x - weight @ x / weight.sum()) ** 2
@@ -418,12 +415,10 @@ class BinnedSolution(Result):
             raise ParameterError(
                 "a secular parallax needs a distance in every bin, and some bin has no source with z ≥ 1e-4"
             )
-        values, covariance, free_modes, _ = self._select_coefficients("S", 1)
         rows = FIRST_DEGREE @ -velocity.to_frame(self.frame).value / AU_PER_YEAR
-        constant, parallaxes = np.ones((len(self), 1)), np.outer(self.mean_inverse_distance, rows)
-        theta, _, theta_covariance = gls(values - parallaxes, covariance, constant)
-        test, _, _ = self._compare_with_model("S", 1, constant, parallaxes)
-        return _vector(self.modes, "S", theta, theta_covariance, free_modes, self.frame), test
+        parallaxes = np.outer(self.mean_inverse_distance, rows)
+        test, _, (theta, _, error), free_modes = self._compare_with_model("S", 1, np.ones((len(self), 1)), parallaxes)
+        return _vector(self.modes, "S", theta, error, free_modes, self.frame), test
 
     def vectors(self, name: Literal["spin", "acceleration"]) -> list[Vector]:
         """The spin or the acceleration of each bin, with the errors that are printed.
@@ -564,26 +559,24 @@ class BinnedSolution(Result):
         return values, total, free_modes, noise
 
     def _compare_with_model(self, kind, l, design, model=0.0):
-        """A test of the bins about a linear design; and what the fit gave, scaled and as quoted: (θ, χ², errors)."""
-        values, covariance, _, noise = self._select_coefficients(kind, l)
+        """A test of the bins about a linear design; what the fit gave, scaled and as quoted: (θ, χ², errors); of which.
+
+        The last are the modes of the coefficients.
+        """
+        values, covariance, free_modes, noise = self._select_coefficients(kind, l)
         q = values.shape[1]
         root = np.repeat(np.sqrt(self.scales), q)
         scaled_estimate = gls(values - model, noise * np.outer(root, root) + (covariance - noise), design)
         quoted_estimate = gls(values - model, covariance, design)
-        steps = len(self) - design.shape[1]
-        return self._test(scaled_estimate[1], quoted_estimate[1], steps * q, steps), scaled_estimate, quoted_estimate
-
-    def _test(self, scaled_chi2, quoted_chi2, dof, steps):
-        if not dof:
-            return ChiSquare(0.0, 0, float("nan"), 0.0, float("nan"))
-        factor, denominator = welch(self, steps)
-        p, p_quoted = f_p_value(scaled_chi2 / factor, dof, denominator), float(chdtrc(dof, quoted_chi2))
-        return ChiSquare(scaled_chi2 / factor, dof, p, quoted_chi2, p_quoted)
+        steps, test = len(self) - design.shape[1], ChiSquare(0.0, 0, float("nan"), 0.0, float("nan"))
+        if dof := steps * q:
+            factor, denominator = welch(self, steps)
+            chi2, quoted = scaled_estimate[1] / factor, quoted_estimate[1]
+            test = ChiSquare(chi2, dof, f_p_value(chi2, dof, denominator), quoted, float(chdtrc(dof, quoted)))
+        return test, scaled_estimate, quoted_estimate, free_modes
 
 
 def _vector(modes, kind, values, covariance, free_modes, frame):
     """A vector from those of the values that belong to degree 1 of a kind."""
-    dipole_modes = np.arange(len(modes))[modes.slice_of(kind, 1)]
-    at = [int(np.flatnonzero(free_modes == k)[0]) for k in dipole_modes]
-    inverse = np.linalg.inv(FIRST_DEGREE)
-    return Vector(inverse @ values[at], inverse @ covariance[np.ix_(at, at)] @ inverse.T, frame)
+    at = np.searchsorted(free_modes, np.arange(len(modes))[modes.slice_of(kind, 1)])
+    return vector_of(FIRST_DEGREE, values[at], covariance[np.ix_(at, at)], frame, "µas/yr")
