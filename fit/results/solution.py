@@ -542,30 +542,18 @@ class Solution(LinearSolution):
         return widget(ShownSolution("fit", field, self.coefficients, self.covariance, self.unit), height=height)
 
     def _pack(self):
-        columns = coefficient_columns(self.modes) | {
-            "value": self.coefficients.values,
-            "sigma": self.sigma,
-            "covariance": self.covariance,
-        }
-        metadata = {
-            "lmax": self.modes.lmax,
-            "chi2": to_hex(self.chi2),
-            "n_data": int(self.n_data),
-            "frame": self.frame,
-            "notes": list(map(str, self.notes)),
-            "note_codes": list(codes_of(self.notes)),
-            "errors_from": self.errors_from,
-            "covariance_dof": to_hex(self.covariance_dof),
-            "by_prior": to_hex(self.by_prior),
-            "without_prior": encode(self.without_prior),
-            "unit": self.unit,
-            "floor": encode(self.floor),
-            "formal_covariance": encode(self.formal_covariance),
-            "error_source": str(self.error_source),
-            "includes_floor": bool(self.includes_floor),
-            "is_recommended": bool(self.is_recommended),
-        }
-        return columns, metadata, self._units
+        columns = coefficient_columns(self.modes) | {"value": self.values, "sigma": self.sigma}
+        metadata: dict[str, Any] = {"lmax": self.modes.lmax, "notes": list(map(str, self.notes))}
+        metadata["note_codes"] = list(codes_of(self.notes))
+        attributes = {name: getattr(self, name) for name in self._plain_names()}
+        metadata |= {name: to_hex(x) if isinstance(x, float) else encode(x) for name, x in attributes.items()}
+        return columns | {"covariance": self.covariance}, metadata, self._units
+
+    @staticmethod
+    def _plain_names():
+        """Attributes of every solution that stand in the metadata of its file as they are."""
+        columns = ("coefficients", "covariance", "notes")
+        return [entry.name for entry in fields(Solution) if entry.name not in columns]
 
     @property
     def _units(self):
@@ -584,25 +572,15 @@ class Solution(LinearSolution):
     @classmethod
     def _plain(cls, columns, metadata):
         """Attributes of every solution."""
+        known = {"floor": None, "formal_covariance": None} | metadata  # which older files lack
+        plain = {name: decode_value(known[name]) for name in cls._plain_names()}
+        plain |= {name: number(plain[name]) for name in ("chi2", "covariance_dof", "by_prior")}
+        plain |= {name: str(plain[name]) for name in ("errors_from", "unit")}
+        plain |= {name: plain[name] is True for name in ("includes_floor", "is_recommended")}
+        plain["n_data"], plain["frame"] = checked_count(plain["n_data"]), check_frame(plain["frame"])
+        plain["notes"] = add_codes(checked_strings(metadata["notes"]), checked_strings(metadata["note_codes"]))
         coefficients = cls._coefficients(metadata["lmax"], columns["value"])
-        return dict(
-            coefficients=coefficients,
-            covariance=columns["covariance"],
-            chi2=number(metadata["chi2"]),
-            n_data=checked_count(metadata["n_data"]),
-            frame=check_frame(metadata["frame"]),
-            notes=add_codes(checked_strings(metadata["notes"]), checked_strings(metadata["note_codes"])),
-            errors_from=str(metadata["errors_from"]),
-            covariance_dof=number(metadata["covariance_dof"]),
-            by_prior=number(metadata["by_prior"]),
-            without_prior=decode_value(metadata["without_prior"]),
-            unit=str(metadata["unit"]),
-            floor=decode_value(metadata.get("floor")),
-            formal_covariance=decode_value(metadata.get("formal_covariance")),
-            error_source=ErrorSource(metadata["error_source"]),
-            includes_floor=metadata["includes_floor"] is True,
-            is_recommended=metadata["is_recommended"] is True,
-        )
+        return plain | {"coefficients": coefficients, "covariance": columns["covariance"]}
 
 
 def with_errors(
