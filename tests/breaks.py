@@ -248,7 +248,7 @@ BREAKS = [
     ("study/referee/_sections.py", "CMB_VELOCITY_PLANCK18.to_frame(flowing.frame)", "CMB_VELOCITY_PLANCK18", "test_referee.py"),
     ("sim/gaia/_epochs.py", "excess[source] / MAS", "0 * excess[source] / MAS", "test_epochs.py"),
     ("fit/background/_blocks.py", "plain = np.linalg.solve(self.classes.first, self.classes.first_rhs) - z.T @ w", "plain = np.linalg.solve(self.classes.first, self.classes.first_rhs) + z.T @ w", "test_shared.py"),
-    ("fit/background/_blocks.py", "return across, np.einsum", "return across, 0 * np.einsum", "test_shared.py"),
+    ("fit/background/_blocks.py", "trace[first, second] = matrix.diagonal()", "trace[first, second] = 0 * matrix.diagonal()", "test_shared.py"),
     ("fit/frames/link/_rows.py", "offset[:, data.catalogue[rows[0]] == reference, :2] = excess", "offset[:, data.catalogue[rows[0]] == reference, :2] = 0.3 * excess", "test_link.py"),
     ("fit/frames/link/_rows.py", "    if not has_calibrator.any():", "    if True:", "test_link.py"),
     ("fit/frames/link/_link.py", "solutions[int(evidence.argmax())]", "solutions[int(evidence.argmin())]", "test_link.py"),

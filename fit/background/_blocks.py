@@ -47,11 +47,13 @@ _KEPT = 60
 class ClassEquations:
     """Normal equations of K classes with the modes that are free in each of them eliminated, and these by themselves.
 
-    `matrix` is (K, q, q), or (K, q, K, q) where classes share their noise; `rhs` (K, q), `first` (f K, f K),
-    `first_rhs` (f K,), and `leverage` first⁻¹ times the part between, (f K, K, q). `free` tells the f free modes, (p,).
+    `matrix` is (t, q, q), of the t `pairs` of classes (2, t) between which there is anything: of each with itself, or
+    of any two where classes share their noise; `rhs` (K, q), `first` (f K, f K), `first_rhs` (f K,), and `leverage`
+    first⁻¹ times the part between, (f K, K, q). `free` tells the f free modes, (p,).
     """
 
     matrix: FloatArray
+    pairs: IntArray
     rhs: FloatArray
     first: FloatArray
     first_rhs: FloatArray
@@ -66,7 +68,7 @@ class ClassEquations:
     @property
     def own(self) -> FloatArray:
         """The normal matrix of each class by itself, (K, q, q)."""
-        return np.einsum("kikj->kij", self.matrix) if self.matrix.ndim == 4 else self.matrix
+        return self.matrix[self.pairs[0] == self.pairs[1]]
 
     @classmethod
     def from_separate_classes(cls, classes: "Sequence[ClassEquations]") -> "ClassEquations":
@@ -76,7 +78,7 @@ class ClassEquations:
         for i, equations in enumerate(classes):
             leverage[i, :, i] = equations.leverage[:, 0]
         return cls(
-            np.concatenate([equations.matrix for equations in classes]),
+            np.concatenate([equations.matrix for equations in classes]), np.tile(np.arange(k), (2, 1)),
             np.concatenate([equations.rhs for equations in classes]),
             block_diag(*(equations.first for equations in classes)),
             np.concatenate([equations.first_rhs for equations in classes]),
@@ -96,8 +98,8 @@ class ClassEquations:
         )
         q = len(reduced_rhs) // k
         return cls(
-            inner.reshape(k, q, k, q), reduced_rhs.reshape(k, q), free_block, rhs.ravel()[mask],
-            leverage.reshape(-1, k, q),
+            inner.reshape(k, q, k, q).swapaxes(1, 2).reshape(-1, q, q), np.indices((k, k)).reshape(2, -1),
+            reduced_rhs.reshape(k, q), free_block, rhs.ravel()[mask], leverage.reshape(-1, k, q),
             (1.0,) * k, (1.0,) * k, is_free,
         )  # fmt: skip
 
@@ -143,6 +145,7 @@ def reduce_class_equations(
     free_block, leverage, inner, remainder = _eliminate_free(matrix, rhs, mask, message)
     return ClassEquations(
         inner[None],
+        np.zeros((2, 1), int),
         remainder[None],
         free_block,
         rhs[mask],
@@ -174,19 +177,17 @@ class ClassLikelihood:
         group_index = np.r_[group[high], np.full(among.size, n_groups)]
         order = np.argsort(group_index, kind="stable")  # one parity, the other, templates
         self.group, self.first_group, self.size = group_index[order], group[is_free], order.size
-        self.matrices = classes.own[:, order][:, :, order]
+        self.matrices, self.pairs = classes.matrix[:, order][:, :, order], classes.pairs
         self.rhs, self.leverage = classes.rhs[:, order], classes.leverage[:, :, order]
-        #: A of all classes, (K, q, K, q), where there is anything between them.
-        self.whole = classes.matrix[:, order][:, :, :, order] if classes.matrix.ndim == 4 else None
         shape = np.r_[variances[high], among][order]
         self.root, self.first = np.sqrt(shape), variances[is_free]
         self.dipole = variances[modes.degrees == 1]
         scaled_matrices = self.matrices * self.root[:, None] * self.root
         ends = np.searchsorted(self.group, range(n_groups + (among.size > 0) + 1))
         self.groups = [slice(low, high) for low, high in pairwise(ends)]
-        #: √S A √S of the classes, flat, for each pair of groups.
+        #: √S A √S of the pairs of classes, flat, for each pair of groups.
         self.scaled = {
-            (g, h): scaled_matrices[:, rows, columns].reshape(self.n_classes, -1)
+            (g, h): scaled_matrices[:, rows, columns].reshape(len(scaled_matrices), -1)
             for g, rows in enumerate(self.groups)
             for h, columns in enumerate(self.groups)
         }
@@ -201,7 +202,7 @@ class ClassLikelihood:
         self.units = np.r_[units.ravel(), template]
 
     def _units(self, at, shape):
-        squares = self.matrices[:, at][:, :, at] ** 2
+        squares = self.matrices[self.pairs[0] == self.pairs[1]][:, at][:, :, at] ** 2
         among = [squares.sum(0), *squares]
         return np.sqrt([1 / np.sqrt(shape[at] @ square @ shape[at] / 2) for square in among])
 
@@ -227,17 +228,12 @@ class ClassLikelihood:
 
     def _fill(self, gram: FloatArray, root: FloatArray) -> None:
         """Set Rᵀ A R of each draw, (n, K, q, K, q), on and above the diagonal: a product for each pair of groups."""
-        if self.whole is not None:
-            for draw_gram, one in zip(gram, root, strict=True):
-                r = one[self.group].transpose(1, 2, 0) * self.root
-                half = np.einsum("nil,mknl->mkil", r, self.whole, optimize=True)
-                draw_gram[...] = np.einsum("mjk,mkil->jkil", r, half, optimize=True)
-            return
         i, j = np.triu_indices(self.n_classes)
+        first, second = self.pairs
         for (g, h), matrix in self.scaled.items():
             rows, columns = self.groups[g], self.groups[h]
-            weights = root[:, g].swapaxes(1, 2)[:, i] * root[:, h].swapaxes(1, 2)[:, j]
-            products = weights.reshape(-1, self.n_classes) @ matrix
+            weights = root[:, g].swapaxes(1, 2)[:, i][..., first] * root[:, h].swapaxes(1, 2)[:, j][..., second]
+            products = weights.reshape(-1, len(matrix)) @ matrix
             products = products.reshape(len(root), len(i), rows.stop - rows.start, -1)
             for k, (one, two) in enumerate(zip(i, j, strict=True)):
                 gram[:, one, rows, two, columns] = products[:, k]
@@ -302,12 +298,11 @@ class ClassLikelihood:
     def _seen(self, r):
         """Rᵀ A, and the diagonal over modes of A for each pair of classes, (K, K, q)."""
         k, q = self.n_classes, self.size
-        if self.whole is not None:
-            across = np.einsum("mjk,mknl->jknl", r, self.whole, optimize=True).reshape(k * q, k * q)
-            return across, np.einsum("iljl->ijl", self.whole)
-        trace = np.zeros((k, k, q))
-        trace[np.arange(k), np.arange(k)] = np.einsum("ikk->ik", self.matrices)
-        return np.einsum("mjk,mkl->jkml", r, self.matrices).reshape(k * q, k * q), trace
+        across, trace = np.zeros((k, q, k, q)), np.zeros((k, k, q))
+        for first, second, matrix in zip(*self.pairs, self.matrices, strict=True):
+            across[:, :, second] += r[first][:, :, None] * matrix
+            trace[first, second] = matrix.diagonal()
+        return across.reshape(k * q, k * q), trace
 
     def sample(self, n: int, rng: np.random.Generator, least: float = 0.0) -> tuple[FloatArray, FloatArray, float]:
         """Draws of the amplitudes, (n, d), their weights, and ln of the evidence: the mode, then importance.
