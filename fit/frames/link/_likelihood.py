@@ -39,36 +39,31 @@ class Tails:
 
     def logs(self, size: FloatArray, d: IntArray, s: float) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Compute ln p of each source from its χ², and −2 d ln p/dχ² and −4 d² ln p/d(χ²)²."""
-        nu = self.nu
-        log_densities, firsts, seconds = [], [], []
-        for share, scale in self._parts(s):
-            inner = nu * scale**2 + size
-            log_densities.append(
-                np.log(share) + gammaln((nu + d) / 2) - gammaln(nu / 2)
-                - d / 2 * np.log(np.pi * nu * scale**2) - (nu + d) / 2 * np.log1p(size / (nu * scale**2))
-            )  # fmt: skip
-            firsts.append(-(nu + d) / 2 / inner)
-            seconds.append((nu + d) / 2 / inner**2)
-        # It takes a quarter of the time of scipy's logsumexp for one or two parts.
-        total = np.logaddexp.reduce(log_densities, axis=0)
-        probabilities = np.exp(np.array(log_densities) - total)
+        total, probabilities, variance = self._mixture(size, d, s)
+        inner = self.nu * variance + size
+        firsts, seconds = -(self.nu + d) / 2 / inner, (self.nu + d) / 2 / inner**2
         first_derivative = np.sum(probabilities * firsts, 0)
-        second_derivative = np.sum(probabilities * (np.array(seconds) + np.square(firsts)), 0) - first_derivative**2
+        second_derivative = np.sum(probabilities * (seconds + firsts**2), 0) - first_derivative**2
         return total, -2 * first_derivative, -4 * second_derivative
 
     def outlier(self, size: FloatArray, d: IntArray, s: float) -> FloatArray:
         """Compute the probability that the errors of each source are more than OUTLIER times s."""
-        nu, log_densities, tail_probabilities = self.nu, [], []
-        for share, scale in self._parts(s):
-            log_densities.append(np.log(share) - d * np.log(scale) - (nu + d) / 2 * np.log1p(size / (nu * scale**2)))
-            limit = (scale / s / OUTLIER) ** 2
-            tail_probabilities.append(gammainc((nu + d) / 2, (nu + size / scale**2) / 2 * limit))
-        probabilities = np.exp(np.array(log_densities) - np.logaddexp.reduce(log_densities, axis=0))
-        return np.sum(probabilities * np.array(tail_probabilities), 0)
+        _, probabilities, variance = self._mixture(size, d, s)
+        limit = variance / (s * OUTLIER) ** 2
+        return np.sum(probabilities * gammainc((self.nu + d) / 2, (self.nu + size / variance) / 2 * limit), 0)
 
-    def _parts(self, s):
-        """Return the share and the error scale of the good sources, and of the outliers."""
-        return [(1 - self.share, s), (self.share, s * self.times)] if self.share else [(1.0, s)]
+    def _mixture(self, size, d, s):
+        """ln p of each source, (n,), and of good sources and outliers, (1 or 2, n): probability, and factor on C."""
+        parts = [(1 - self.share, s), (self.share, s * self.times)] if self.share else [(1.0, s)]
+        share, scale = np.array(parts).T[:, :, None]
+        nu, variance = self.nu, scale**2
+        log_densities = (
+            np.log(share) + gammaln((nu + d) / 2) - gammaln(nu / 2)
+            - d / 2 * np.log(np.pi * nu * variance) - (nu + d) / 2 * np.log1p(size / (nu * variance))
+        )  # fmt: skip
+        # It takes a quarter of the time of scipy's logsumexp for one or two parts.
+        total = np.logaddexp.reduce(log_densities, axis=0)
+        return total, np.exp(log_densities - total), variance
 
 
 NORMAL = Tails(TAILS[-1])
