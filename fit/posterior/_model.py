@@ -8,10 +8,6 @@ A dispersion σ_pec that is fixed enters the weights alone, for H_ref: H0 comes 
 the scatter of the galaxies measure σ_pec H0, and H0 as well as that prior allows. If it were fixed there, a poorly
 known number would determine H0 to a few per cent.
 
-Where a fraction f of the sources is not to be trusted, each source's motion comes from its own error ellipse with
-probability 1 − f, or, with probability f, from one widened by B in each axis. Nothing can be summed a priori: a
-sample costs one look at every source, and ã (and ω, if free) are sampled with the rest.
-
 The likelihood of the secular parallax is compressed: Gaussian in u = v H0/H_ref, smooth in all else. For given spread s
 = σ_pec H0/H_ref, excess noise x and size q of the flow that galaxies share the data enter through the normal equations
 of (u, ã[, ω], flow) alone, from which all but u is marginalised exactly. What is left,
@@ -22,6 +18,7 @@ is tabulated at Chebyshev nodes of asinh(s), asinh(x) and asinh(q) and interpola
 table agrees with sums made between them. A sample then costs microseconds, however many the sources.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -50,6 +47,8 @@ from vsh.vector import Vector
 
 _UPPER = np.triu_indices(3)
 _MOST_NODES = 129
+#: Of log L near its maximum, between the nodes.
+_ACCURACY = 1e-5
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,35 +107,23 @@ class LikelihoodFunctions:
         return np.stack(terms, axis=1)
 
 
-def compress_likelihood(
-    rows: ParallaxEquations | ParallaxParts,
-    spread: tuple[float, float] = (0.0, 0.0),
-    excess_noise: tuple[float, float] = (0.0, 0.0),
-    spin: Literal["free"] | Vector | None = None,
-    *,
-    flow: tuple[float, float] = (1.0, 1.0),
-    acceleration: Vector | None = None,
-    group: LocalGroup | None = None,
-    accuracy: float = 1e-5,
-    threads: int | None = None,
-) -> CompressedLikelihood:
-    """Tabulate the likelihood between limits."""
-    scale = max(np.sqrt(rows.smallest_variance) / rows.largest_rate, 1e-6 * max(spread[1], 1e-30))
-    noise = float(np.sqrt(rows.smallest_variance))
-    limits = ((spread, scale), (excess_noise, noise), (flow, flow[1]))
-    axes = [Axis(*pair, size, 1 if pair[0] == pair[1] else 12) for pair, size in limits]
-    density = LikelihoodFunctions(rows, spin, acceleration, threads, group)
-    _check_separable(rows, spread[1], excess_noise[1], spin, threads)
+def compress_likelihood(density: LikelihoodFunctions, limits: Sequence[tuple[float, float]]) -> CompressedLikelihood:
+    """Tabulate the likelihood between the limits of s, x and q."""
+    (_, widest), (_, noisiest), (_, largest) = limits
+    noise = float(np.sqrt(density.rows.smallest_variance))
+    scales = max(noise / density.rows.largest_rate, 1e-6 * max(widest, 1e-30)), noise, largest
+    axes = [Axis(*pair, size, 1 if pair[0] == pair[1] else 12) for pair, size in zip(limits, scales, strict=True)]
+    _check_separable(density, widest, noisiest)
     for i in range(3):  # each axis along the sharp edge of the others
         edge = [Axis(axis.low, axis.low, axis.scale, 1) for axis in axes]
         while axes[i].count > 1:
             edge[i] = axes[i]
-            if _error(_table(density, edge), density) < accuracy:
+            if _error(_table(density, edge), density) < _ACCURACY:
                 break
             axes[i] = _finer(axes[i])
     while True:
         table = _table(density, axes)
-        if max(axis.count for axis in axes) == 1 or _error(table, density) < accuracy:
+        if max(axis.count for axis in axes) == 1 or _error(table, density) < _ACCURACY:
             return table
         axes = [_finer(axis) for axis in axes]
 
@@ -179,11 +166,11 @@ def marginalise(sums: ParallaxSums, spin: Literal["free"] | Vector | None, frame
     return np.moveaxis(np.concatenate(functions, axis=-1), -1, 0)
 
 
-def _check_separable(rows, dispersion, excess_noise, spin, threads):
-    keep = slice(0, 9 if spin is not None else 6)
-    matrix = rows.sums(dispersion, excess_noise, threads=threads).matrix[keep, keep]
+def _check_separable(density, dispersion, excess_noise):
+    keep = slice(0, 9 if density.spin is not None else 6)
+    matrix = density.rows.sums(dispersion, excess_noise, threads=density.threads).matrix[keep, keep]
     names = ["v_x", "v_y", "v_z", "a_x", "a_y", "a_z", "omega_x", "omega_y", "omega_z"][keep]
-    check_determined(matrix, names, rows.n_data // 2)
+    check_determined(matrix, names, density.rows.n_data // 2)
 
 
 def _error(table, density, points=24):
@@ -231,11 +218,9 @@ class ParallaxModel:
         ratio = theta[:, 3:4] / self.likelihood.hubble  # H0 is the first of the free numbers
         return (theta[:, :3], theta[:, :3] / ratio) if self.along == "u" else (theta[:, :3] * ratio, theta[:, :3])
 
-    def log_jacobian(self, ratio: FloatArray) -> FloatArray | float:
+    def log_jacobian(self, ratio: FloatArray) -> FloatArray:
         """log |∂v/∂(coordinates)|, or |∂u/∂(coordinates)| for a prior that is flat in u."""
-        if self.priors.velocity.flat_in_product:
-            return 0.0 if self.along == "u" else 3 * np.log(ratio)
-        return -3 * np.log(ratio) if self.along == "u" else 0.0
+        return 3 * (self.priors.velocity.flat_in_product - (self.along == "u")) * np.log(ratio)
 
     def log_probability(self, theta: FloatArray) -> FloatArray:
         """Log posterior density of coordinates (n, d), up to a constant."""
@@ -374,16 +359,8 @@ def parallax_model(
         flow = max(lower, 1e-3) * slow, upper * fast
     elif given.group is not None:
         flow = slow, fast
-    table = compress_likelihood(
-        rows,
-        dispersion,
-        given.limits("excess_noise"),
-        spin,
-        flow=flow,
-        acceleration=given.acceleration,
-        group=given.group,
-        threads=threads,
-    )
+    density = LikelihoodFunctions(rows, spin, given.acceleration, threads, given.group)
+    table = compress_likelihood(density, (dispersion, given.limits("excess_noise"), flow))
     return ParallaxModel(table, given, "v" if _prior_is_sharper(given.velocity, table) else "u")
 
 

@@ -162,7 +162,7 @@ def cells_of(model: Any) -> Cells | None:
         check_grid_possible(model.priors)
     except ParameterError:
         return None
-    return Cells.of(model) if isinstance(model, ParallaxModel) else None
+    return Cells.of(model)
 
 
 def _support(edge, share):
@@ -430,10 +430,8 @@ _POINTS = {0: (4000, 1), 1: (800, 150), 2: (300, 40)}
 
 def _hubble_likelihood(model: Any) -> tuple[FloatArray, FloatArray] | None:
     """H0, and ln of its likelihood with all else integrated over its prior; None where there is no closed form."""
-    if not hasattr(model, "marginalise_velocity") or not model.priors.velocity.gaussian:
-        return None
     nuisance_priors = {name: prior for name, prior in model.priors.free.items() if name != "H0"}
-    if len(nuisance_priors) > max(_POINTS):
+    if not model.priors.velocity.gaussian or len(nuisance_priors) > max(_POINTS):
         return None
     number, axis_size = _POINTS[len(nuisance_priors)]
     # What depends on H0 beside v was tabulated for the H0 that its prior allows.

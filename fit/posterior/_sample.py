@@ -1,6 +1,6 @@
 """Posteriors of our velocity and the Hubble constant, by Markov chains (emcee) or on a grid."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from logging import getLogger
@@ -46,9 +46,10 @@ def _select_assumed(options):
 
 
 def posterior_equations(
-    field: Field | Parts, priors: Priors, model: DistanceModel
+    field: Field | Parts, priors: Priors, cosmology: Cosmology | None, options: Mapping[str, Any]
 ) -> tuple[ParallaxEquations | ParallaxParts, ModelPriors]:
     """The equations of a catalogue, and the priors along its axes."""
+    model = DistanceModel(cosmology=cosmology, **_select_assumed(options))
     first_field = field if isinstance(field, Field) else next(iter(field))
     model_priors = checked_priors(priors, first_field.frame, model)
     rows = replace(model, peculiar_dispersion=model_priors.typical_dispersion).equations(field)
@@ -156,10 +157,8 @@ def sample(
     are to a new draw, and the report has the grid's H0 beside the chain's.
     """
     choice("method", method, ("emcee", "grid"))
-    priors = as_priors(velocity_prior, hubble_prior, dict(options))
-    rows, model_priors = posterior_equations(
-        field, priors, DistanceModel(cosmology=cosmology, **_select_assumed(options))
-    )
+    priors = as_priors(velocity_prior, hubble_prior, options)
+    rows, model_priors = posterior_equations(field, priors, cosmology, options)
     spin = priors.spin
     if method == "grid":  # before the likelihood is tabulated
         check_grid_possible(model_priors)
@@ -318,10 +317,8 @@ def grid(
     ParameterError
         If more than two numbers are free, or the velocity's prior is a function.
     """
-    priors = as_priors(velocity_prior, hubble_prior, dict(options))
-    rows, model_priors = posterior_equations(
-        field, priors, DistanceModel(cosmology=cosmology, **_select_assumed(options))
-    )
+    priors = as_priors(velocity_prior, hubble_prior, options)
+    rows, model_priors = posterior_equations(field, priors, cosmology, options)
     check_grid_possible(model_priors)
     return summarise_cells(Cells.of(parallax_model(rows, model_priors, priors.spin, threads), n_points))
 
