@@ -72,7 +72,7 @@ BREAKS = [
     ("fit/normal/_sum.py", "motion = covariance.whiten(field.motion.ravel())", "motion = field.motion.ravel()", "test_dense.py"),
     ("fit/normal/_solving.py", "chi2 -= float(total_prior.chi2_null", "chi2 -= 0 * float(total_prior.chi2_null", "test_fit.py"),
     ("fit/normal/_equations.py", "float(rhs[nuisance] @ solution[:, -1])", "0 * float(rhs[nuisance] @ solution[:, -1])", "test_background_likelihood.py"),
-    ("fit/background/_likelihood.py", "information[k, :k] = single - cross @ ratios", "information[k, :k] = single", "test_background_likelihood.py"),
+    ("fit/background/_likelihood.py", "self.shares @ np.diag(remainder)", "self.shares @ np.diag(self.matrix)", "test_background_likelihood.py"),
     ("fit/background/_amplitude.py", "weight * self._unit(j) * np.cosh(y)", "weight * self._unit(j)", "test_background_likelihood.py"),
     ("fit/background/_floor.py", "+ np.diag(self.added(modes))", "+ 0", "test_floor.py"),
     ("fit/background/_floor.py", "covariance=plain.covariance * tau", "covariance=plain.covariance", "test_floor.py"),

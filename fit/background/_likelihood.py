@@ -320,23 +320,6 @@ class Likelihood(Amplitudes):
         slope = (by_logdet - by_gain / tau) / 2
         return -float(self.of_parts(logdet, gain, tau)), slope * self.unit * np.exp(x)
 
-    def covariance(self, best: Maximum) -> FloatArray:
-        """The covariance of the amplitudes and κ², from the expected information."""
-        tau = best.noise_scale**2
-        ratios = best.amplitudes / tau
-        cross, single = self.information(ratios)
-        k = len(self)
-        information = np.empty((k + 1, k + 1))
-        information[:k, :k] = cross
-        information[:k, k] = information[k, :k] = single - cross @ ratios
-        information[k, k] = self.n_data - 2 * ratios @ single + ratios @ cross @ ratios
-        block = slice(None) if self.noise_scale else slice(k)
-        scale = np.sqrt(np.diag(information)[block])
-        scale = np.outer(scale, scale)
-        covariance = np.full((k + 1, k + 1), np.nan)
-        covariance[block, block] = 2 * tau**2 * np.linalg.pinv(information[block, block] / scale) / scale
-        return covariance
-
 
 def parity_p_value(apart: float, together: float) -> float:
     """Probability that two parities of one power look as different as they do, by the ratio of likelihoods."""

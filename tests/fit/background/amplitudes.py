@@ -9,6 +9,24 @@ from fit.background._likelihood import Likelihood, equations_of, fitted_degrees,
 from vsh.models.covariance import Spectrum
 
 
+def covariance_of(likelihood, best):
+    """The covariance of the amplitudes and κ², from the expected information."""
+    tau = best.noise_scale**2
+    ratios = best.amplitudes / tau
+    cross, single = likelihood.information(ratios)
+    k = len(likelihood)
+    information = np.empty((k + 1, k + 1))
+    information[:k, :k] = cross
+    information[:k, k] = information[k, :k] = single - cross @ ratios
+    information[k, k] = likelihood.n_data - 2 * ratios @ single + ratios @ cross @ ratios
+    block = slice(None) if likelihood.noise_scale else slice(k)
+    scale = np.sqrt(np.diag(information)[block])
+    scale = np.outer(scale, scale)
+    covariance = np.full((k + 1, k + 1), np.nan)
+    covariance[block, block] = 2 * tau**2 * np.linalg.pinv(information[block, block] / scale) / scale
+    return covariance
+
+
 def fit_amplitudes(normal, spectra, noise_scale=None, *, degrees=None, free=(1,)):
     """The amplitudes of the spectra, with their errors, at the maximum of the likelihood."""
     equations = equations_of(normal)
@@ -20,7 +38,7 @@ def fit_amplitudes(normal, spectra, noise_scale=None, *, degrees=None, free=(1,)
     fit_scale = should_fit_scale(normal, noise_scale)
     likelihood = Likelihood(equations, spectra, degrees, flat, fit_scale)
     best = likelihood.maximum()
-    covariance = likelihood.covariance(best)
+    covariance = covariance_of(likelihood, best)
     amplitudes, evidence = posteriors(likelihood, best)
     k = len(likelihood)
     return SimpleNamespace(

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from amplitudes import covariance_of
 from amplitudes import fit_amplitudes as fit_background
 from conftest import random_field
 from scipy.integrate import quad
@@ -136,7 +137,7 @@ def test_information_is_the_mean_curvature():
                 found[i, j] = (at(centre + one + two) - at(centre + one - two) - at(centre - one + two)
                                + at(centre - one - two)) / (4 * steps[i] * steps[j])  # fmt: skip
         curvature.append(-found)
-    expected = np.linalg.inv(likelihood.covariance(Maximum(truth, 1.0, 0.0)))
+    expected = np.linalg.inv(covariance_of(likelihood, Maximum(truth, 1.0, 0.0)))
     scale = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
     np.testing.assert_allclose(np.mean(curvature, 0) / scale, expected / scale, atol=0.12)
 
