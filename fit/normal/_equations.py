@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self, cast
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
@@ -24,8 +24,31 @@ class TemplateField(NamedTuple):
     values: FloatArray
 
 
+class Additive:
+    """What of the data is summed: parts of them add, and what went in before can be taken away."""
+
+    notes: tuple[str, ...]
+
+    def __add__(self, other: Self) -> Self:
+        return self._combine(other, +1)
+
+    def __sub__(self, other: Self) -> Self:
+        """Take data away that went in before: a block of the sky, say."""
+        return self._combine(other, -1)
+
+    def __radd__(self, other: Any) -> Self:
+        return self if other == 0 else NotImplemented  # the start of sum()
+
+    def add_note(self, *notes: str) -> Self:
+        """Add `notes` that the reader of a result should know."""
+        return replace(cast(Any, self), notes=merge_notes((*self.notes, *notes)))
+
+    def _combine(self, other, sign):
+        raise NotImplementedError
+
+
 @dataclass(frozen=True, eq=False, repr=False)
-class NormalEquations(Frozen):
+class NormalEquations(Additive, Frozen):
     """N c = b, summed over data. They add: chunks, catalogues and priors alike.
 
     Attributes
@@ -86,20 +109,6 @@ class NormalEquations(Frozen):
     def n_sources(self) -> int:
         """Number of sources."""
         return self.n_data // self.modes.components
-
-    def __add__(self, other: NormalEquations) -> NormalEquations:
-        return self._combine(other, +1)
-
-    def __sub__(self, other: NormalEquations) -> NormalEquations:
-        """Take data away that went in before: a block of the sky, say."""
-        return self._combine(other, -1)
-
-    def __radd__(self, other: Any) -> NormalEquations:
-        return self if other == 0 else NotImplemented  # the start of sum()
-
-    def add_note(self, *notes: str) -> NormalEquations:
-        """Add `notes` that the reader of a result should know."""
-        return replace(self, notes=merge_notes((*self.notes, *notes)))
 
     def _combine(self, other, sign):
         if not isinstance(other, NormalEquations):

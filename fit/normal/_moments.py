@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 
-from fit.normal._equations import NormalEquations
+from fit.normal._equations import Additive, NormalEquations
 from fit.normal.sums import fourier_sums, rings_of
 from fit.results.storage import Result, checked_count, checked_strings, number, to_hex
 from vsh.field import Field
@@ -31,8 +30,8 @@ def shapes(kind: type[Modes], lmax: int) -> tuple[tuple[int, ...], tuple[int, ..
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
-class Moments(Result):
-    """All that fits to any degree up to `lmax` need of the sources; they add.
+class Moments(Additive, Result):
+    """All that fits to any degree up to `lmax` need of the sources; they add, to the lower of two degrees.
 
     The inverse covariances enter normal equations in products of two harmonics, which are trigonometric polynomials in
     α and δ: so of the sources no more is needed than the Fourier moments of their weights to twice the degree, and of
@@ -139,17 +138,6 @@ class Moments(Result):
     def __repr__(self) -> str:
         return f"<Moments: {self.n_data} numbers, to degree {self.lmax}, {self.frame}>"
 
-    def __add__(self, other: Moments) -> Moments:
-        """The moments of both, to the lower of two degrees."""
-        return self._combine(other, +1)
-
-    def __sub__(self, other: Moments) -> Moments:
-        """Take sources away that went in before."""
-        return self._combine(other, -1)
-
-    def __radd__(self, other: Any) -> Moments:
-        return self if other == 0 else NotImplemented
-
     def to_degree(self, lmax: Modes | int) -> Moments:
         """Cut to the lower degree `lmax`.
 
@@ -198,10 +186,6 @@ class Moments(Result):
             self.notes,
             unit=self.unit,
         )
-
-    def add_note(self, *notes: str) -> Moments:
-        """Add `notes` that the reader of a result should know."""
-        return replace(self, notes=merge_notes((*self.notes, *notes)))
 
     def on_sky(self) -> tuple[FloatArray, FloatArray]:
         """Compute the weight of the sources on the sky, at the resolution of the moments.
