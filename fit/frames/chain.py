@@ -406,7 +406,7 @@ def combine_frames(
 def _estimate_shared_errors(sky, noise, selection, labels, rng):
     """Rotation and glide with systematic errors; errors by the scatter about a fit to degree 5, in classes of error."""
     normal = _sum_normal_equations(sky, _FLOOR, noise, selection)
-    factors = _solve_network(sky, _FLOOR, normal, noise, selection, labels)[3]
+    factors = _solve(sky, _FLOOR, noise, selection, labels, normal)[3]
     matrix, rhs = (np.tensordot(1 / factors, sums, 1) for sums in normal[:2])
     is_common = sky.seen[1:, selection] & sky.seen[0, selection]
     return compare_classes_jointly(
@@ -542,15 +542,13 @@ def _sum_normal_equations(sky, modes, noise, selection):
     return matrix, rhs, weights
 
 
-def _solve(sky, modes, noise, selection, labels):
-    """Coefficients, their covariance, χ² of each source, χ²/dof of each class, all χ², and its degrees of freedom."""
-    return _solve_network(sky, modes, _sum_normal_equations(sky, modes, noise, selection), noise, selection, labels)
+def _solve(sky, modes, noise, selection, labels, normal=None):
+    """Coefficients, their covariance, χ² of each source, χ²/dof of each class, all χ², and its degrees of freedom.
 
-
-def _solve_network(sky, modes, normal, noise, selection, labels):
-    """Solve normal equations that are at hand; the errors of each class are multiplied by the root of its factor."""
+    The errors of each class are multiplied by the root of its factor; `normal` are equations that are at hand.
+    """
     k, p = len(labels), len(modes)
-    matrix, rhs, weights = normal
+    matrix, rhs, weights = normal or _sum_normal_equations(sky, modes, noise, selection)
     of_class = matrix[:, 1:, :, 1:].reshape(len(matrix), (k - 1) * p, -1) / noise.factors[:, None, None]
     n = of_class.sum(0)
     size = np.sqrt(np.diag(n))
@@ -632,9 +630,8 @@ def _correlation_of(sky, residuals, selection, otherwise, p, members=True):
             chi2 = (v[:, 1, 1] * d[0] ** 2 - 2 * v[:, 0, 1] * d[0] * d[1] + v[:, 0, 0] * d[1] ** 2) / det
             return float(np.sum(chi2 + np.log(det)))
 
-        correlation[i, j] = correlation[j, i] = minimize_scalar(
-            loss, bounds=(0.0, _MOST), method="bounded", options={"xatol": 1e-5}
-        ).x
+        best = minimize_scalar(loss, bounds=(0.0, _MOST), method="bounded", options={"xatol": 1e-5})
+        correlation[i, j] = correlation[j, i] = best.x
     weight, axes = np.linalg.eigh(correlation)
     if weight[0] < 1e-3:
         correlation = axes * np.maximum(weight, 1e-3) @ axes.T

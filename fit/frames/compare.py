@@ -514,23 +514,21 @@ def compare_catalogues(
     source_names = differences.name if differences.name is not None else np.arange(len(differences))
     fitted = differences[selection]
     estimate = _solve_by_method(fitted, modes, method, replicates, rng) or formal
-    notes = estimate.notes
+    notes = list(estimate.notes)
     if (scatter > 1.2).any():
-        notes = (
-            *notes,
+        notes.append(
             "sources are excluded by errors up to "
-            f"{scatter.max():.3g} times those given, as half of the residuals in classes of similar errors suggest",
+            f"{scatter.max():.3g} times those given, as half of the residuals in classes of similar errors suggest"
         )
     if not is_near.all():
-        notes = (
-            *notes,
+        notes.append(
             f"{int((~is_near).sum())} of {len(is_near)} pairs deviate by more than {_FAR * threshold:g} standard "
-            "errors from a robust fit: excluded before the first least-squares fit",
+            "errors from a robust fit: excluded before the first least-squares fit"
         )
     n_same = _count_same(fitted)
     if 100 * n_same > len(fitted):  # one in a million if catalogues are independent
-        notes = (*notes, f"{n_same} of {len(fitted)} sources have the same values in both catalogues")
-    solution = replace(estimate, unit=unit, notes=notes)
+        notes.append(f"{n_same} of {len(fitted)} sources have the same values in both catalogues")
+    solution = replace(estimate, unit=unit, notes=tuple(notes))
     names = tuple(name for name, (mode, _) in ICRF3.items() if mode.l == 1 and mode.kind in PARAMETERS[parameters])
     indices = np.array([modes.index(ICRF3[each][0]) for each in names], int)
     sources = [_with_own_errors(each, indices[selection], fitted) for each, indices in ((a, pairs.a), (b, pairs.b))]

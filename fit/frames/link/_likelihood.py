@@ -175,17 +175,15 @@ def influence_of(
 
 def _fit_with_scale(rows, prior, tails, values, scale):
     """Find the frame and the error scale together, for one family of tails."""
-    d = rows.dims
-    s = 1.0 if scale is None else scale
-    for _ in range(100 if scale is None else 1):
+    if scale is not None:
+        return _maximise_posterior(rows, prior, tails, scale, values, max_steps=1)[0], scale
+    d, s = rows.dims, 1.0
+    for _ in range(100):
         values, size = _maximise_posterior(rows, prior, tails, s, values, max_steps=1)
-        if scale is not None:
-            break
         _, weight, _ = tails.logs(size, d, s)
-        update = s * np.sqrt(max(np.sum(weight * size) / d.sum(), 1e-300))
-        has_converged = abs(np.log(update / s)) < 1e-3
-        s = update
-        if has_converged:
+        step = np.sqrt(max(np.sum(weight * size) / d.sum(), 1e-300))
+        s *= step
+        if abs(np.log(step)) < 1e-3:
             break
     return values, s
 

@@ -90,9 +90,10 @@ def read_priors(source: Any, magnitude: float | None = None) -> list[LinkPrior]:
             raise TableError(f"{table.label}: {missing_column(name, table)}")
     data = {name: _numbers(table, name) for name in table.names if name in _NUMBERS}
     texts = {name: np.asarray(table.columns((name,))[name][0]).astype(str) for name in _WORDS if name in table.names}
-    priors = []
-    for row in range(len(data["x"])):
-        unit = "uas" if texts.get("vector", ["spin"] * (row + 1))[row] == "orientation" else "uas / yr"
+    n, priors = len(data["x"]), []
+    vectors, catalogues = texts.get("vector", ["spin"] * n), texts.get("catalogue", [None] * n)
+    for row, (vector, catalogue) in enumerate(zip(vectors, catalogues, strict=True)):
+        unit = "uas" if vector == "orientation" else "uas / yr"
 
         def number(name, row=row, unit=unit):
             factor = unit_factor(name, table.units.get(name), unit) if name[:1] in "xyz" and "corr" not in name else 1.0
@@ -102,19 +103,10 @@ def read_priors(source: Any, magnitude: float | None = None) -> list[LinkPrior]:
         matrix = np.eye(3)
         for name, (i, j) in {"x_y_corr": (0, 1), "x_z_corr": (0, 2), "y_z_corr": (1, 2)}.items():
             matrix[i, j] = matrix[j, i] = number(name)
-        keywords = {name: float(data[name][row]) for name in ("magnitude",) if name in data}
-        keywords = {name: value for name, value in keywords.items() if np.isfinite(value)}
-        if magnitude is not None:
-            keywords.setdefault("magnitude", magnitude)
-        priors.append(
-            LinkPrior(
-                str(texts["vector"][row]) if "vector" in texts else "spin",
-                np.array([number(axis) for axis in "xyz"]),
-                matrix * np.outer(sigma, sigma),
-                catalogue=str(texts["catalogue"][row]) if "catalogue" in texts else None,
-                **keywords,
-            )
-        )
+        own = number("magnitude") if "magnitude" in data else np.nan
+        at, name = own if np.isfinite(own) else magnitude, None if catalogue is None else str(catalogue)
+        value = np.array([number(axis) for axis in "xyz"])
+        priors.append(LinkPrior(str(vector), value, matrix * np.outer(sigma, sigma), at, name))
     return priors
 
 
