@@ -89,28 +89,26 @@ class ClassEquations:
     @classmethod
     def from_joint_equations(cls, matrix: FloatArray, rhs: FloatArray, modes: Modes) -> "ClassEquations":
         """Classes whose noise is shared, from their normal equations, (K, p, K, p) and (K, p)."""
-        is_free = modes.degrees == 1
-        k, mask = len(rhs), np.tile(is_free, len(rhs))
-        size = rhs.size
+        k, is_free, matrix = len(rhs), modes.degrees == 1, matrix.reshape(rhs.size, rhs.size)
         message = "sources in common do not determine rotation and glide of all catalogues"
-        free_block, leverage, inner, reduced_rhs = _eliminate_free(
-            matrix.reshape(size, size), rhs.ravel(), mask, message
-        )
-        q = len(reduced_rhs) // k
-        return cls(
-            inner.reshape(k, q, k, q).swapaxes(1, 2).reshape(-1, q, q), np.indices((k, k)).reshape(2, -1),
-            reduced_rhs.reshape(k, q), free_block, rhs.ravel()[mask], leverage.reshape(-1, k, q),
-            (1.0,) * k, (1.0,) * k, is_free,
-        )  # fmt: skip
+        return _eliminate_free(matrix, rhs.ravel(), np.tile(is_free, k), message, (1.0,) * k, (1.0,) * k, is_free)
 
 
-def _eliminate_free(matrix, rhs, mask, message):
-    """N of what is free, what it takes of the rest, N and b without it; DegeneracyError with `message` if singular."""
+def _eliminate_free(matrix, rhs, mask, message, noise_scale, condition, free):
+    """The equations of classes without what of all their unknowns is free; DegeneracyError with `message` if singular.
+
+    There are as many classes as scales of the noise, one after the other, and any two may share some.
+    """
     free_block, across = matrix[np.ix_(mask, mask)], matrix[np.ix_(mask, ~mask)]
     if np.linalg.cond(free_block) > 1e12:
         raise DegeneracyError(message)
-    leverage = np.linalg.solve(free_block, across)
-    return free_block, leverage, matrix[np.ix_(~mask, ~mask)] - across.T @ leverage, rhs[~mask] - leverage.T @ rhs[mask]
+    leverage, k = np.linalg.solve(free_block, across), len(noise_scale)
+    inner, reduced_rhs = matrix[np.ix_(~mask, ~mask)] - across.T @ leverage, rhs[~mask] - leverage.T @ rhs[mask]
+    q = len(reduced_rhs) // k
+    return ClassEquations(
+        inner.reshape(k, q, k, q).swapaxes(1, 2).reshape(-1, q, q), np.indices((k, k)).reshape(2, -1),
+        reduced_rhs.reshape(k, q), free_block, rhs[mask], leverage.reshape(-1, k, q), noise_scale, condition, free,
+    )  # fmt: skip
 
 
 def condition_of(matrix: FloatArray) -> float:
@@ -142,18 +140,7 @@ def reduce_class_equations(
     matrix, rhs = extension @ matrix @ extension.T / tau, extension @ rhs / tau
     mask = np.r_[free, np.zeros(len(templates), bool)]
     message = "a class does not determine its degree 1: merge it with another"
-    free_block, leverage, inner, remainder = _eliminate_free(matrix, rhs, mask, message)
-    return ClassEquations(
-        inner[None],
-        np.zeros((2, 1), int),
-        remainder[None],
-        free_block,
-        rhs[mask],
-        leverage[:, None],
-        (float(np.sqrt(tau)),),
-        (condition,),
-        free,
-    )
+    return _eliminate_free(matrix, rhs, mask, message, (float(np.sqrt(tau)),), (condition,), free)
 
 
 def parities(modes: Modes) -> IntArray:
