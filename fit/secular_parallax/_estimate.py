@@ -124,32 +124,26 @@ def observer_velocity(
         )
     model = model_of(model, options)
     rows = warn_of_undeclared_frame(model.equations(field, ratio=hubble / model.hubble), field, model.redshift_frame)
-    return velocity_from(rows, hubble, model.dispersion, spin, acceleration, excess_noise)
+    known = {"spin": spin, "acceleration": acceleration, "excess_noise": excess_noise}
+    return _velocity_from(rows, hubble, model.dispersion, **known)
 
 
-def velocity_from(
-    rows: ParallaxEquations | ParallaxParts,
-    hubble: float,
-    dispersion: float,
-    spin: Literal["free"] | Vector | None = None,
-    acceleration: Vector | None = None,
-    excess_noise: float = 0.0,
-    local_group: Vector | bool | None = None,
-    preferred: bool = True,
-) -> VelocitySolution:
-    """Our velocity from equations with distances for this H0; `local_group` is for forecasts alone."""
+def _velocity_from(rows, hubble, dispersion, **known):
+    """Our velocity from equations with distances for this H0; of the rest `local_group` is for forecasts alone."""
     ratio = hubble / rows.hubble
-    solve, about = _solver(rows, dispersion, spin, acceleration, excess_noise, ratio, local_group, preferred)
+    solve, about = _solver(rows, dispersion, ratio, **known)
     to_u = np.eye(9)
     to_u[U, U] *= ratio  # u = v H0/H_ref
     attributes = solve(to_u[:, : OMEGA.start], ("v_x", "v_y", "v_z", "a_x", "a_y", "a_z"))
     return VelocitySolution(**attributes, **about, assumed_hubble=hubble)
 
 
-def _solver(rows, dispersion, spin, acceleration, excess_noise, ratio, local_group, preferred):
+def _solver(
+    rows, dispersion, ratio, *, spin=None, acceleration=None, excess_noise=0.0, local_group=None, preferred=True
+):
     """`solve_for` these equations, a function of to_u, the names and our velocity; and the dispersions of the result.
 
-    The dispersion that the residuals prefer is None for parts, and where it is not asked for.
+    The dispersion that the residuals prefer is None for parts, and where it is not `preferred`, asked for.
     """
     group, sums = local_group_of(local_group, rows), rows.sums(dispersion * ratio, excess_noise, ratio=ratio)
     omission, best = rows.left_out, None
@@ -201,7 +195,8 @@ def hubble_constant(
         )
     model = model_of(model, options)
     rows = warn_of_undeclared_frame(model.equations(field, apart=True), field, model.redshift_frame)
-    solution = hubble_from(rows, velocity, model.dispersion, spin, acceleration, excess_noise, hubble, local_group)
+    known = {"spin": spin, "acceleration": acceleration, "excess_noise": excess_noise, "local_group": local_group}
+    solution = _hubble_from(rows, velocity, model.dispersion, hubble, **known)
     frame = model.redshift_frame or declared_frame(field)
     return replace(solution, notes=(*solution.notes, *notes_on_group(rows, local_group, frame)))
 
@@ -227,18 +222,8 @@ def notes_on_group(
     return [CodedNote(f"{text}, and we with them; without that: --flows alone (local_group=False)", WITH_GROUP)]
 
 
-def hubble_from(
-    rows: ParallaxEquations | ParallaxParts,
-    velocity: str | Vector | ArrayLike,
-    dispersion: float,
-    spin: Literal["free"] | Vector | None = None,
-    acceleration: Vector | None = None,
-    excess_noise: float = 0.0,
-    hubble: float | None = None,
-    local_group: Vector | bool | None = None,
-    preferred: bool = True,
-) -> HubbleSolution:
-    """The Hubble constant from equations with V apart; `preferred` is whether a preferred dispersion is looked for."""
+def _hubble_from(rows, velocity, dispersion, hubble=None, **known):
+    """The Hubble constant from equations with V apart; the rest as for `_solver`."""
     velocity = velocity_in_frame(velocity, rows.frame)
     if rows.n_own and 2 * rows.n_own >= rows.n_data:
         raise ParameterError(
@@ -246,7 +231,7 @@ def hubble_from(
             "the distances out (--columns distance=), or fit v with observer_velocity (--h0)"
         )
     ratio = 1.0 if hubble is None else hubble / rows.hubble
-    solve, about = _solver(rows, dispersion, spin, acceleration, excess_noise, ratio, local_group, preferred)
+    solve, about = _solver(rows, dispersion, ratio, **known)
 
     def at(v):
         to_u = np.zeros((12, 4))
@@ -314,8 +299,8 @@ def predict_errors(
     keywords: dict[str, Any] = fit_options | {"local_group": local_group, "preferred": False}
     rows = model.equations(still, ratio=hubble / model.hubble, flow_left_out=left_out)
     apart = model.equations(still, apart=True, flow_left_out=left_out)
-    ours = velocity_from(rows, hubble, model.dispersion, **keywords)
-    constant = hubble_from(apart, velocity, model.dispersion, **keywords, hubble=hubble)
+    ours = _velocity_from(rows, hubble, model.dispersion, **keywords)
+    constant = _hubble_from(apart, velocity, model.dispersion, hubble, **keywords)
     nan = float("nan")
     return (
         replace(ours, values=np.full(len(ours.names), nan), chi2=nan),
