@@ -81,15 +81,9 @@ class TimeEquations(Frozen):
         for name in ("modes", "functions", "attitude"):
             if getattr(self, name) != getattr(other, name):
                 raise ModesError(f"equations of different {name} do not add: sum all parts with the same")
-        return replace(
-            self,
-            matrix=self.matrix + other.matrix,
-            rhs=self.rhs + other.rhs,
-            chi2_null=self.chi2_null + other.chi2_null,
-            n_data=self.n_data + other.n_data,
-            n_sources=self.n_sources + other.n_sources,
-            notes=merge_notes(self.notes, other.notes),
-        )
+        names = ("matrix", "rhs", "chi2_null", "n_data", "n_sources")
+        sums: dict[str, Any] = {name: getattr(self, name) + getattr(other, name) for name in names}
+        return replace(self, **sums, notes=merge_notes(self.notes, other.notes))
 
     def __radd__(self, other: Any) -> TimeEquations:
         return self if other == 0 else NotImplemented  # the start of sum()

@@ -91,12 +91,10 @@ class _Seen:
             every *= 2
         lon, lat = (np.concatenate(pair) for pair in ((self.lon, other.lon), (self.lat, other.lat)))
         kept = select_share(_PLACES / (self.n + other.n), lon, lat)  # of those that either kept by the same draw
-        heavier = self if self.largest >= other.largest else other
-        return _Seen(
+        return replace(
+            self if self.largest >= other.largest else other,
             n=self.n + other.n,
             weight=self.weight + other.weight,
-            largest=heavier.largest,
-            label=heavier.label,
             lon=lon[kept],
             lat=lat[kept],
             keys=keys,

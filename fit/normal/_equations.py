@@ -46,6 +46,11 @@ class Additive:
     def _combine(self, other, sign):
         raise NotImplementedError
 
+    def _with_sums(self, other, sign, names):
+        """These with their sums, and those of another added or taken away; and the notes of both."""
+        sums = {name: getattr(self, name) + sign * getattr(other, name) for name in names}
+        return replace(cast(Any, self), **sums, notes=merge_notes(self.notes, other.notes))
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class NormalEquations(Additive, Frozen):
@@ -133,17 +138,12 @@ class NormalEquations(Additive, Frozen):
             _check_alike(self.templates, other.templates)
         elif other.n_data and self.n_data and (self.templates or other.templates):
             raise ModesError("cannot add normal equations with templates and without")
-        return NormalEquations(
-            self.modes,
-            self.matrix + sign * other.matrix,
-            self.rhs + sign * other.rhs,
-            self.chi2_null + sign * other.chi2_null,
-            self.n_data + sign * other.n_data,
-            self.frame or other.frame,
-            merge_notes(self.notes, other.notes),
-            self._prior_with(other, sign),
-            other.unit if self.unit is None else self.unit,
-            self.templates or other.templates,
+        return replace(
+            self._with_sums(other, sign, ("matrix", "rhs", "chi2_null", "n_data")),
+            frame=self.frame or other.frame,
+            prior=self._prior_with(other, sign),
+            unit=other.unit if self.unit is None else self.unit,
+            templates=self.templates or other.templates,
         )
 
     def _prior_with(self, other, sign):
