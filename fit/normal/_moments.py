@@ -19,7 +19,6 @@ from vsh.sky.frames import check_frame
 from vsh.sky.pixels import centres
 from vsh.tools import arguments
 from vsh.tools.errors import EmptyFieldError, FrameError, ModesError, TableError
-from vsh.tools.notes import merge_notes
 from vsh.tools.types import Axes, ComplexArray, FloatArray
 
 
@@ -273,9 +272,5 @@ class Moments(Additive, Result):
         if (self.kind, self.unit) != (other.kind, other.unit):
             raise ModesError(f"cannot add moments of values in {self.unit or 'no unit'} and {other.unit or 'no unit'}")
         lmax = min(self.lmax, other.lmax)
-        base, two = self.to_degree(lmax), other.to_degree(lmax)
-        sums = {
-            name: getattr(base, name) + sign * getattr(two, name)
-            for name in ("weights", "motions", "chi2_null", "n_data")
-        }
-        return replace(base, **sums, notes=merge_notes(self.notes, other.notes))
+        names = ("weights", "motions", "chi2_null", "n_data")
+        return self.to_degree(lmax)._with_sums(other.to_degree(lmax), sign, names)

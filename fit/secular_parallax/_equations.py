@@ -270,25 +270,14 @@ class ParallaxParts:
         facts = sky.sum(work, roles=DISTANCES, words="redshifts")
         if len(facts["frames"]) > 1:
             raise FrameError(f"parts are in {' and '.join(sorted(facts['frames']))}: take all to one frame")
-        return cls(
-            sky,
-            calibration,
-            options,
-            facts["n_data"],
-            min(facts["variance"]),
-            max(facts["rate"]),
-            hubble_value(calibration.cosmology),
-            next(iter(facts["frames"])),
-            merge_notes(*facts["notes"]),
-            facts["n_own"],
-        )
+        about = {"frame": next(iter(facts["frames"])), "notes": merge_notes(*facts["notes"]), "n_own": facts["n_own"]}
+        about |= {"smallest_variance": min(facts["variance"]), "largest_rate": max(facts["rate"])}
+        hubble = hubble_value(calibration.cosmology)
+        return cls(sky, calibration, options, n_data=facts["n_data"], hubble=hubble, **about)
 
-    def sums(
-        self, spread: ArrayLike = 0.0, excess_noise: ArrayLike = 0.0, *, ratio: float = 1.0, threads: int | None = None
-    ) -> ParallaxSums:
-        """Compute the sums of `ParallaxEquations.sums`."""
-        keywords = {"spread": spread, "excess_noise": excess_noise, "ratio": ratio, "threads": threads}
-        work = partial(_sums_of, calibration=self.calibration, options=self.options, keywords=keywords)
+    def sums(self, *spreads: ArrayLike, **keywords: Any) -> ParallaxSums:
+        """Compute the sums of `ParallaxEquations.sums`, with its arguments."""
+        work = partial(_sums_of, calibration=self.calibration, options=self.options, spreads=spreads, keywords=keywords)
         return self.sky.sum(work, roles=DISTANCES, words="secular parallax")
 
 
@@ -304,8 +293,8 @@ def _facts_of(field, calibration, options):
     }
 
 
-def _sums_of(field, calibration, options, keywords):
-    return equations_of(field, calibration, **options).sums(**keywords)
+def _sums_of(field, calibration, options, spreads, keywords):
+    return equations_of(field, calibration, **options).sums(*spreads, **keywords)
 
 
 def equations(field: Field | Parts, calibration: Calibration, **options: Any) -> ParallaxEquations | ParallaxParts:
