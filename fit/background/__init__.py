@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from fit.background._amplitude import Amplitude
 from fit.background._floor import SCALAR_SHAPES, SHAPES, Floor, ScalarFloor, floor
-from fit.background._likelihood import Amplitudes, equations_of
+from fit.background._likelihood import Amplitudes, Axis, equations_of
 from fit.normal import Template
 from vsh.models.covariance import Spectrum
 from vsh.tools.modules import lazy_names

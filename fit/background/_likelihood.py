@@ -14,7 +14,6 @@ coefficients; N' may be singular.
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from functools import reduce
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -57,6 +56,51 @@ def kernel(matrix: FloatArray, variances: FloatArray) -> tuple[FloatArray, Float
     k = np.multiply(matrix, root[:, None] * root, order="F")
     k.ravel("K")[:: len(k) + 1] += 1
     return root, k
+
+
+@dataclass(frozen=True, eq=False)
+class Axis:
+    """Chebyshev nodes in asinh(value/scale); a single one where low = high."""
+
+    low: float
+    high: float
+    scale: float
+    count: int
+
+    @property
+    def nodes(self) -> FloatArray:
+        """Chebyshev nodes between low and high, (k,)."""
+        if self.count == 1:
+            return np.array([self.low])
+        return self._value(np.cos(np.pi * (np.arange(self.count) + 0.5) / self.count))
+
+    def basis(self, value: FloatArray) -> FloatArray:
+        """Chebyshev polynomials at values inside the limits, (n, count)."""
+        if self.count == 1:
+            return np.ones((value.size, 1))
+        a, b = self._ends
+        return chebyshev.chebvander((2 * np.arcsinh(value / self.scale) - a - b) / (b - a), self.count - 1)
+
+    def to_coefficients(self, table: FloatArray, axis: int) -> FloatArray:
+        """Convert values at the nodes, along one axis of a table, to Chebyshev coefficients."""
+        vander = self.basis(self.nodes)
+        return np.moveaxis(np.tensordot(np.linalg.inv(vander), table, (1, axis)), 0, axis)
+
+    def finer(self) -> "Axis":
+        """An axis with more nodes."""
+        return Axis(self.low, self.high, self.scale, 2 * self.count if self.count > 1 else 1)
+
+    def at(self, fraction: FloatArray) -> FloatArray:
+        """Values at fractions of the way from low to high."""
+        return self._value(2 * np.asarray(fraction) - 1) if self.count > 1 else np.full(len(fraction), self.low)
+
+    @property
+    def _ends(self):
+        return np.arcsinh(self.low / self.scale), np.arcsinh(self.high / self.scale)
+
+    def _value(self, t):
+        a, b = self._ends
+        return np.clip(self.scale * np.sinh((t * (b - a) + a + b) / 2), self.low, self.high)
 
 
 @dataclass(frozen=True, eq=False)
@@ -255,26 +299,20 @@ class Likelihood(Amplitudes):
         """ln|K| and Q on the tensor of any √a within the spans: by polynomials, or exactly for one spectrum."""
         if len(spans) == 1:
             return self.on_tensor
-        units = np.sqrt(self.unit)
-        ends = [
-            (np.arcsinh(lower / np.sqrt(taus[-1]) / u), np.arcsinh(upper / np.sqrt(taus[0]) / u))
-            for (lower, upper), u in zip(spans, units, strict=True)
-        ]
         number = {2: 20, 3: 12}.get(len(spans), 8)
         if len(self.rhs) > 300:  # where the degree is high, amplitudes are known well, and the spans short
             number = min(number, 12)
-        node = chebyshev.chebpts1(number)
-        axes = [lower + (upper - lower) * (node + 1) / 2 for lower, upper in ends]
-        values = self.on_tensor([u * np.sinh(axis) for u, axis in zip(units, axes, strict=True)])
-        inverse = np.linalg.inv(chebyshev.chebvander(node, number - 1))
-        # Contracting the first axis behind the two quantities once an amplitude comes back to the order of the axes.
-        series = reduce(lambda array, _: np.moveaxis(np.tensordot(inverse, array, (1, 1)), 0, -1), spans, values)
+        limits = np.array(spans) / np.sqrt([taus[-1], taus[0]])
+        axes = [Axis(low, high, u, number) for (low, high), u in zip(limits, np.sqrt(self.unit), strict=True)]
+        series = self.on_tensor([axis.nodes for axis in axes])
+        for k, axis in enumerate(axes):
+            series = axis.to_coefficients(series, k + 1)
 
         def at(roots):
             array = series
-            for x, u, (lower, upper) in zip(roots, units, ends, strict=True):
-                vander = chebyshev.chebvander(2 * (np.arcsinh(x / u) - lower) / (upper - lower) - 1, number - 1)
-                array = np.moveaxis(np.tensordot(vander, array, (1, 1)), 0, -1)
+            # Contracting the first axis behind the two quantities once an amplitude comes back to their order.
+            for x, axis in zip(roots, axes, strict=True):
+                array = np.moveaxis(np.tensordot(axis.basis(x), array, (1, 1)), 0, -1)
             return array
 
         return at

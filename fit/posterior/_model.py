@@ -24,8 +24,8 @@ from typing import Any, Literal
 
 import numpy as np
 
+from fit.background import Axis
 from fit.posterior._priors import ModelPriors
-from fit.posterior._sampling import Axis
 from fit.secular_parallax import (
     OMEGA,
     A,
