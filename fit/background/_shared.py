@@ -167,9 +167,7 @@ class ClassComparison(Result):
 
     def difference(self, i: int, j: int) -> Solution:
         """Degree 1 of class `j` less that of class `i`, with its errors."""
-        row = np.zeros(len(self))
-        row[j], row[i] = row[j] + 1, row[i] - 1
-        return self.combination(row)
+        return self.combination(np.eye(len(self))[j] - np.eye(len(self))[i])
 
     def together(self) -> Solution:
         """Fit one spin and acceleration to all classes, by generalised least squares."""

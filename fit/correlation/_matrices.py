@@ -58,9 +58,7 @@ class Parameters(Frozen):
 def parameters_of(what: Modes | int | str) -> Parameters:
     """Return all parameters that `what` stands for."""
     if isinstance(what, str):
-        if what != FRAME:
-            raise ParameterError(f"parameters must be {FRAME!r}, a degree or Modes, not {what!r}")
-        return select_parameters(FRAME_NAMES, 1)
+        return select_parameters(FRAME_NAMES, what)
     modes = as_modes(what)
     return Parameters(tuple(map(str, modes)), modes, np.eye(len(modes)))
 

@@ -51,20 +51,12 @@ def fit_log_curve(basis: FloatArray, counts: FloatArray, shares: FloatArray, smo
 
     def misfit(theta):
         curve = np.exp(basis @ theta - (basis @ theta).max())
-        if shares.ndim == 2:  # cells are seen as they are
-            norm = shares @ curve
-            inner = counts.sum(1) / np.maximum(norm, 1e-300)
-            value = np.sum(counts.sum(1) * np.log(np.maximum(norm, 1e-300))) - np.sum(counts.sum(0) * np.log(curve))
-            slope = curve * (shares.T @ inner) - counts.sum(0)
-        else:  # cells are seen through a kernel
-            prediction = shares @ curve
-            norm = prediction.sum(1)
-            inner = counts.sum(1) / norm
-            value = np.sum(counts.sum(1) * np.log(norm)) - np.sum(counts * np.log(np.maximum(prediction, 1e-300)))
-            slope = curve * (
-                np.einsum("bam,b->m", shares, inner)
-                - np.einsum("bam,ba->m", shares, counts / np.maximum(prediction, 1e-300))
-            )
+        # Cells are seen as they are, or through a kernel.
+        prediction = np.maximum(shares * curve if shares.ndim == 2 else shares @ curve, 1e-300)
+        norm = prediction.sum(1)
+        value = np.sum(counts.sum(1) * np.log(norm)) - np.sum(counts * np.log(prediction))
+        excess = (counts.sum(1) / norm)[:, None] - counts / prediction
+        slope = curve * np.einsum("bm,bm->m" if shares.ndim == 2 else "bam,ba->m", shares, excess)
         bent = bends @ theta
         return (
             value / total + smooth * bent @ bent + 1e-6 * theta.mean() ** 2,
