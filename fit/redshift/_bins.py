@@ -7,6 +7,7 @@ from itertools import pairwise
 from typing import Any, Literal, cast
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from fit.distances import calibrate_if_known, motions_per_velocity
 from fit.methods import estimate
@@ -282,23 +283,14 @@ def _moments(field, rate):
 
 def _solve_each_bin(normals, edges, columns):
     """Solve each bin by itself: solutions, the covariance of their noise, which modes are free, what the flow adds."""
-    solutions = []
-    for b, normal in enumerate(normals):
-        try:
-            solutions.append(solve(normal))
-        except DegeneracyError as error:
-            raise DegeneracyError(_bin_message(b, edges, error)) from None
-    p, bins = len(normals[0].modes), len(normals)
-    covariance = np.zeros((bins, p, bins, p))
-    for b, solution in enumerate(solutions):
-        covariance[b, :, b] = solution.covariance
-    flow_covariance = None
+    solutions = [_solve_bin(normal, b, edges) for b, normal in enumerate(normals)]
+    covariance, flow_covariance = block_diag(*(solution.covariance for solution in solutions)), None
     if columns is not None:
         flow_response = [s.covariance @ x for s, x in zip(solutions, columns, strict=True)]
         solutions = [_with_flow(s, k) for s, k in zip(solutions, flow_response, strict=True)]
         of_all = np.concatenate(flow_response)
         flow_covariance = of_all @ of_all.T
-    return solutions, covariance.reshape(bins * p, bins * p), np.arange(p), flow_covariance
+    return solutions, covariance, np.arange(len(normals[0].modes)), flow_covariance
 
 
 def _with_flow(solution, flow_response):
@@ -325,10 +317,7 @@ def _solve_jointly(normals, edges, columns):
         free_normal = NormalEquations(
             as_modes(1), normal.matrix[np.ix_(free_modes, free_modes)], normal.rhs[free_modes], 0.0, normal.n_data
         )
-        try:
-            solve(free_normal)
-        except DegeneracyError as error:
-            raise DegeneracyError(_bin_message(b, edges, error)) from None
+        _solve_bin(free_normal, b, edges)
     size, common_slice = 6 * bins + len(common_modes), slice(6 * bins, None)
     matrix, rhs = np.zeros((size, size)), np.zeros(size)
     for b, normal in enumerate(normals):
@@ -369,8 +358,12 @@ def _solve_jointly(normals, edges, columns):
     return solutions, noise, free_modes, flow_covariance
 
 
-def _bin_message(b, edges, error):
-    return f"bin {b + 1}, {_labels(edges)[b]}: {error}; or take fewer bins"
+def _solve_bin(normal, b, edges):
+    """Solve the equations of a bin; an error names it."""
+    try:
+        return solve(normal)
+    except DegeneracyError as error:
+        raise DegeneracyError(f"bin {b + 1}, {_labels(edges)[b]}: {error}; or take fewer bins") from None
 
 
 def _labels(edges):

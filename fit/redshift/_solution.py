@@ -107,9 +107,7 @@ def welch(binned: Any, steps: int) -> tuple[float, float]:
 
 def weights_and_dof(binned: Any) -> tuple[FloatArray, FloatArray]:
     """Weight of each bin with scaled errors, and the degrees of freedom of its scale."""
-    size = len(binned.free)
-    noise = [np.trace(binned.covariance[i : i + size, i : i + size]) for i in range(0, size * len(binned), size)]
-    weight = 1 / np.array(noise) / binned.scales
+    weight = 1 / np.diag(binned.covariance).reshape(len(binned), -1).sum(1) / binned.scales
     return weight, np.array([max(s.dof, 1) for s in binned.solutions])
 
 
