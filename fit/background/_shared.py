@@ -37,12 +37,10 @@ from fit.results.output import format_components
 from fit.results.quality import ErrorSource, gls
 from fit.results.solution import ScalarSolution, Solution
 from fit.results.storage import Result
-from vsh.coefficients import Coefficients
 from vsh.io import tables
 from vsh.io.sections import Section
 from vsh.models.covariance import ScalarSpectrum, Spectrum, SpectrumOfKind
 from vsh.modes import Modes
-from vsh.scalars import ScalarCoefficients
 from vsh.tools.arguments import choice, generator, whole
 from vsh.tools.digits import format_with_error
 from vsh.tools.errors import DegeneracyError, FrameError, ModesError, ParameterError
@@ -381,10 +379,9 @@ class ClassComparison(Result):
 
     def _degree_one_solution(self, values, covariance, n_sources):
         kind: Any = Solution if len(values) == 6 else ScalarSolution
-        coefficients: Any = Coefficients if len(values) == 6 else ScalarCoefficients
         errors_from = f"normal equations, with systematic errors, degrees {degrees_text(self.degrees)}"
         return kind(
-            coefficients=coefficients(1, values),
+            coefficients=kind._coefficients(1, values),
             covariance=covariance,
             chi2=float("nan"),
             n_data=len(values) // 3 * n_sources,

@@ -242,8 +242,7 @@ class FrameTie(FrameResult, NamedSolution):
             facts.append(("offset", f"{self.excess:.3g} µas a coordinate, of positions of {self.reference}"))
         if "spin" in unknowns.vectors and re.search("gaia|dr3", catalogues, re.IGNORECASE):
             facts += self._quote_published_spin()
-        levels = [line.partition(": ") for line in self._level_lines(long)]
-        facts += [(label, text) for label, _, text in levels]
+        facts += self._level_facts(long)
         if long:
             share = np.mean(self.with_more(10) / self.sigma)
             facts.append(("10 more sources", f"like these would give {share:.2f} of these errors"))
@@ -384,17 +383,15 @@ class FrameTie(FrameResult, NamedSolution):
         groups = [None, *([vector] for vector in self._jumping_vectors)]
         return tuple(self._combine_and_test(self._jump_combinations(step, each))[2] for each in groups)
 
-    def _level_lines(self, long):
+    def _level_facts(self, long):
         """The value of each vector between the steps, and the p-values of the jumps."""
-        lines, unknowns = [], self.unknowns
-        if not unknowns.steps:
-            return lines
-        for catalogue in unknowns.turned:
+        facts, unknowns = [], self.unknowns
+        for catalogue in unknowns.turned if unknowns.steps else ():
             for vector in self._jumping_vectors:
                 for label, magnitude in unknowns.levels:
                     level = self.vector(vector, magnitude, catalogue=catalogue)
                     values = ", ".join(format_values(level.value, level.sigma))
-                    lines.append(f"{vector} of {catalogue}, {label}: {values} {level.unit}")
+                    facts.append((f"{vector} of {catalogue}, {label}", f"{values} {level.unit}"))
         for step in unknowns.steps if long else ():
             p_value, *p_values = self.jump_p_values(step)
             phrases = [
@@ -402,8 +399,8 @@ class FrameTie(FrameResult, NamedSolution):
             ]
             remark = "after allowing for all places" if self.searched else "as if the place were known in advance"
             phrases += [f"together {printed_p_value(p_value)}"] * (len(p_values) > 1)
-            lines.append(f"p-values of no jump at {step:.4g} mag, {remark}: {', '.join(phrases)}")
-        return lines
+            facts.append((f"p-values of no jump at {step:.4g} mag, {remark}", ", ".join(phrases)))
+        return facts
 
     def _in_words(self, name, catalogue):
         vector = self.vector(name, catalogue=catalogue)
