@@ -28,14 +28,8 @@ _TWICE = np.diag([1, 1, 1, 2, 2, 2])
 def plot_orbit(galactic_orbit: Any, circular: float, *, ax: Axes | None = None) -> Axes:
     """The three components with their errors, and the acceleration of a circular orbit."""
     (axes,) = panels(ax)
-    axes.errorbar(
-        range(3),
-        galactic_orbit.acceleration.value,
-        galactic_orbit.acceleration.sigma,
-        fmt="o",
-        color=COLOURS[0],
-        label="found",
-    )
+    found = galactic_orbit.acceleration
+    axes.errorbar(range(3), found.value, found.sigma, fmt="o", color=COLOURS[0], label="found")
     axes.scatter(
         range(3),
         [circular, 0, 0],
@@ -63,16 +57,8 @@ def plot_shear(tensor: Any, coefficients: Coefficients, *, ax: Axes | None = Non
     for rate, error, axis, colour in zip(
         tensor.eigenvalues, tensor.eigenvalue_errors, tensor.axes, colours, strict=True
     ):
-        longitudes, latitudes = angles(np.stack([axis, -axis], axis=1))
-        draw_points(
-            axes,
-            longitudes,
-            latitudes,
-            s=36,
-            color=colour,
-            edgecolor="white",
-            label=format_with_error(rate, error, "+"),
-        )
+        ends, label = angles(np.stack([axis, -axis], axis=1)), format_with_error(rate, error, "+")
+        draw_points(axes, *ends, s=36, color=colour, edgecolor="white", label=label)
     axes.legend(
         loc="upper center",
         bbox_to_anchor=(0.5, -0.02),

@@ -131,16 +131,10 @@ def plot_trace(posterior: Any, n_shown: int = 40, *, ax: OnAxes | None = None) -
     names, chain = posterior.model.names, posterior.chain
     subplots = panels(ax, len(names), 1, size=(WIDTH, 0.75 * len(names) + 0.5), sharex=True)
     walker_stride, every = max(1, chain.shape[1] // n_shown), max(1, len(chain) // 2000)
-    r_hat, size = posterior.r_hat, posterior.effective_size
+    r_hat, size, steps = posterior.r_hat, posterior.effective_size, np.arange(0, len(chain), every)
     for axes, name, values in zip(subplots, names, np.moveaxis(chain, 2, 0), strict=True):
-        axes.plot(
-            np.arange(0, len(chain), every),
-            values[::every, ::walker_stride],
-            color=COLOURS[0],
-            alpha=0.2,
-            linewidth=0.3,
-            rasterized=True,
-        )
+        shown = values[::every, ::walker_stride]
+        axes.plot(steps, shown, color=COLOURS[0], alpha=0.2, linewidth=0.3, rasterized=True)
         if posterior.burn_in:
             axes.axvspan(0, posterior.burn_in, color="0.85", zorder=0)
         axes.set_ylabel(label(name) if name in UNITS else symbol(name))

@@ -23,27 +23,16 @@ def plot_bins(binned: Any, velocity: str | Vector | None = "planck", *, ax: OnAx
         axes_array.reshape(2, 2), ("acceleration", "spin"), ("ã", "ω"), strict=True
     ):
         vectors = binned.vectors(name)
-        for i, (axis, colour) in enumerate(zip("xyz", COLOURS, strict=False)):
+        for i, (values, errors) in enumerate(np.transpose([(v.value, v.sigma) for v in vectors], (2, 1, 0))):
             positions = z * 1.03 ** (i - 1) if logarithmic else z + (i - 1) * 0.006 * (edges[-1] - edges[0])
-            components.errorbar(
-                positions,
-                [v.value[i] for v in vectors],
-                [v.sigma[i] for v in vectors],
-                fmt="os^"[i],
-                color=colour,
-                label=f"{symbol}$_{axis}$",
-            )
+            _draw_component(components, i, positions, values, errors, symbol)
         components.axhline(0, color="0.7", linewidth=0.6, zorder=0)
         components.set_ylabel(f"{name}  [µas/yr]")
-        amplitude.errorbar(
-            z,
-            [v.amplitude for v in vectors],
-            [v.amplitude_error for v in vectors],
-            xerr=[z - edges[:-1], edges[1:] - z],
-            fmt="s",
-            color="0.25",
-            label="as fitted",
+        sizes, across = (
+            np.transpose([(v.amplitude, v.amplitude_error) for v in vectors]),
+            [z - edges[:-1], edges[1:] - z],
         )
+        amplitude.errorbar(z, *sizes, xerr=across, fmt="s", color="0.25", label="as fitted")
         debiased = [v.debiased_amplitude for v in vectors]
         amplitude.plot(z, debiased, "_", color=COLOURS[3], ms=8, mew=1.5, label="noise-debiased", clip_on=False)
         amplitude.set(ylabel=f"|{symbol}|  [µas/yr]", ylim=(0, None))
@@ -60,6 +49,11 @@ def plot_bins(binned: Any, velocity: str | Vector | None = "planck", *, ax: OnAx
             set_log_ticks(axes.xaxis, lower, edges[-1])
     figure_of(axes_array).suptitle(f"{binned.counts.sum()} sources in {len(binned)} bins; {binned.frame} axes")
     return axes_array
+
+
+def _draw_component(axes, i, positions, values, errors, symbol):
+    """A component of vectors with its errors, in the colour and the marker that it has in every panel."""
+    axes.errorbar(positions, values, errors, fmt="os^"[i], color=COLOURS[i], label=f"{symbol}$_{'xyz'[i]}$")
 
 
 def _draw_prediction(binned_solution, velocity, axes_pair):
@@ -99,15 +93,8 @@ def plot_trend(trend: Any, *, ax: Axes | None = None) -> Axes:
     """Slopes of spin and acceleration with redshift."""
     (axes,) = panels(ax)
     for at, (vector, symbol) in enumerate(((trend.spin, "ω"), (trend.acceleration, "ã"))):
-        for i, (axis, colour) in enumerate(zip("xyz", COLOURS, strict=False)):
-            axes.errorbar(
-                at + (i - 1) * 0.15,
-                vector.value[i],
-                vector.sigma[i],
-                fmt="os^"[i],
-                color=colour,
-                label=f"{symbol}$_{axis}$",
-            )
+        for i, (value, error) in enumerate(zip(vector.value, vector.sigma, strict=True)):
+            _draw_component(axes, i, at + (i - 1) * 0.15, value, error, symbol)
     axes.axhline(0, color="0.7", linewidth=0.6, zorder=0)
     axes.set_xticks([0, 1], ["spin", "acceleration"])
     axes.set(xlim=(-0.5, 1.5), ylabel="slope  [µas/yr per unit of x]")

@@ -137,13 +137,12 @@ class ParallaxEquations:
         total = size + (0 if self.modes is None else len(self.modes))
         gram: Any = np.zeros((n_variances, total, total))
         logdet: Any = np.zeros(n_variances)
-        if n_near:
-            for block, log in map_blocks(near_block, n_near, _BLOCK, threads):
-                gram, logdet = gram + block, logdet + log
-        if far_rows.size:
-            for block, log in map_blocks(far_block, far_rows.size, max(64, 2**20 // max(55, n_variances)), threads):
-                gram[:, :size, :size] += block
-                logdet = logdet + log
+        far_size = max(64, 2**20 // max(55, n_variances))
+        rooms = (near_block, n_near, _BLOCK, total), (far_block, far_rows.size, far_size, size)
+        for work, count, block_size, width in rooms:
+            for block, log in map_blocks(work, count, block_size, threads):
+                gram[:, :width, :width] += block
+                logdet += log
         order = np.r_[: size - 1, size:total, size - 1]  # the motion last
         gram = gram[:, order[:, None], order].reshape(*spread.shape, len(order), len(order))
         logdet_grid: Any = logdet.reshape(spread.shape)

@@ -82,26 +82,16 @@ def plot_spectrum(solution: Any, *, ax: Axes | None = None) -> Axes:
         signal = is_finite & (p <= _SIGNAL)
         limit_mask = is_finite & ~signal & (noise > 0)
         axes.errorbar(l[signal], power[signal], error[signal], fmt=marker, color=colour)
-        limit = np.array(
-            [row.limit() if has_limit else np.nan for row, has_limit in zip(kind_rows, limit_mask, strict=True)]
-        )
-        axes.errorbar(
-            l[limit_mask],
-            limit[limit_mask],
-            0.45 * limit[limit_mask],
-            uplims=True,
-            fmt="none",
-            capsize=2.5,
-            color=colour,
-            elinewidth=0.8,
-        )
+        limit = np.array([row.limit() for row, has_limit in zip(kind_rows, limit_mask, strict=True) if has_limit])
+        arrows: Any = {"uplims": True, "fmt": "none", "capsize": 2.5, "elinewidth": 0.8}
+        axes.errorbar(l[limit_mask], limit, 0.45 * limit, color=colour, **arrows)
         axes.hlines(noise, l - 0.085, l + 0.085, color=colour, linestyle=":")
         look: Any = (
             {"marker": marker, "linestyle": "none"} if is_finite.any() else {"linestyle": ":"}
         )  # of errors to come
         handles.append(Line2D([], [], color=colour, label=KIND_NAMES[kind], **look))
         has_limits = has_limits or bool(limit_mask.any())
-        levels += [*power[signal], *(power + error)[signal], *limit[limit_mask], *(0.5 * limit[limit_mask]), *noise]
+        levels += [*power[signal], *(power + error)[signal], *limit, *(0.5 * limit), *noise]
     if solution.floor is not None and solution.includes_floor:
         levels += _draw_floor(axes, solution.floor, handles)
     # An error as large as the power has no lower end on a logarithmic axis: its bar runs out of it.
