@@ -47,7 +47,7 @@ from vsh.vector import Vector
 
 _UPPER = np.triu_indices(3)
 _MOST_NODES = 129
-#: Of log L near its maximum, between the nodes.
+#: The largest error of log L near its maximum, between the nodes.
 _ACCURACY = 1e-5
 
 
