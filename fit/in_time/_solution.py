@@ -70,8 +70,7 @@ class Functions(Frozen):
         # An exact line by least squares at Gauss nodes.
         node, weight = _nodes()
         time = self._middle + self._half * node
-        line = np.array([np.full_like(node, np.sqrt(0.5)), node * np.sqrt(1.5)])
-        self._made["line"] = (self._plain(time) * weight) @ line.T
+        self._made["line"] = (self._plain(time) * weight) @ _line(node).T
 
     def __len__(self) -> int:
         return len(self.terms)
@@ -98,10 +97,7 @@ class Functions(Frozen):
     def __call__(self, time: ArrayLike) -> FloatArray:
         """Their values, (F, k), at `time` since the reference epoch, (k,). [yr]"""
         time = np.atleast_1d(np.asarray(time, float))
-        node = (time - self._middle) / self._half
-        return self._plain(time) - self._made["line"] @ np.array(
-            [np.full_like(node, np.sqrt(0.5)), node * np.sqrt(1.5)]
-        )
+        return self._plain(time) - self._made["line"] @ _line((time - self._middle) / self._half)
 
     @property
     def _middle(self):
@@ -113,6 +109,11 @@ class Functions(Frozen):
 
     def _plain(self, time):
         return np.array([getattr(np, family)(2 * np.pi * number * time) for family, number in self.terms])
+
+
+def _line(node):
+    """A constant and a slope, orthonormal from −1 to 1."""
+    return np.array([np.full_like(node, np.sqrt(0.5)), node * np.sqrt(1.5)])
 
 
 @lru_cache(maxsize=1)
@@ -277,7 +278,7 @@ class TimeSolution(Result):
         return (
             float(norm @ self.values[row, indices] ** 2),
             float(norm @ np.diag(block)),
-            f_p_value(chi2, rank, self.dof) if rank else float("nan"),
+            f_p_value(chi2, rank, self.dof),
         )
 
     def rest(self, kind: Kind) -> tuple[float, int, float]:
@@ -293,7 +294,7 @@ class TimeSolution(Result):
         chi2, rank = _test_against_zero(
             self.values.ravel()[at], self.covariance[np.ix_(at, at)], self.seen.ravel()[at] > SEEN
         )
-        return chi2, rank, f_p_value(chi2, rank, self.dof) if rank else float("nan")
+        return chi2, rank, f_p_value(chi2, rank, self.dof)
 
     def _sections(self, long):
         start, end = self.functions.span

@@ -25,7 +25,7 @@ class TemplateField(NamedTuple):
 
 
 class Additive:
-    """What of the data is summed: parts of them add, and what went in before can be taken away."""
+    """Sums over data: those of parts add, and what went in before can be taken away."""
 
     notes: tuple[str, ...]
 
@@ -47,7 +47,7 @@ class Additive:
         raise NotImplementedError
 
     def _with_sums(self, other, sign, names):
-        """These with their sums, and those of another added or taken away; and the notes of both."""
+        """Copy with the sums of another added or taken away, and the notes of both."""
         sums = {name: getattr(self, name) + sign * getattr(other, name) for name in names}
         return replace(cast(Any, self), **sums, notes=merge_notes(self.notes, other.notes))
 

@@ -401,11 +401,10 @@ class EnlargedErrors:
     factor: float
 
     def __call__(self, field):
-        if isinstance(field, ScalarField):
-            return field.with_errors(np.sqrt(self.factor * field.sigma**2 + self.noise))
-        (s1, s2), rho = field.sigma, field.rho
         sigma = np.sqrt(self.factor * field.sigma**2 + self.noise)
-        return field.with_errors(sigma, self.factor * rho * s1 * s2 / (sigma[0] * sigma[1]))
+        if isinstance(field, ScalarField):
+            return field.with_errors(sigma)
+        return field.with_errors(sigma, self.factor * field.rho * np.prod(field.sigma, 0) / np.prod(sigma, 0))
 
 
 def _count_and_weight(field):
