@@ -492,15 +492,11 @@ def floor(
         _estimate_for_shape(kind, shape, equations, degrees, free_degrees, fit_scale, error_source_of(normal))
         for shape in shape_names
     ]
-    if len(estimates) == 1:
-        return replace(estimates[0][0], mean=None)
-    probability = shape_probabilities(shape_names, [evidence for _, evidence in estimates])
-    return replace(
-        estimates[0][0],
-        mean=None,
-        parts=tuple(shape_floor for shape_floor, _ in estimates),
-        probability=tuple(map(float, probability)),
-    )
+    floors, evidences = zip(*estimates, strict=True)
+    if len(floors) == 1:
+        return replace(floors[0], mean=None)
+    probability = shape_probabilities(shape_names, evidences)
+    return replace(floors[0], mean=None, parts=floors, probability=tuple(probability.tolist()))
 
 
 def _estimate_for_shape(kind, name, equations, degrees, free_degrees, fit_scale, errors):

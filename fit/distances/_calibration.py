@@ -528,12 +528,8 @@ def calibrate_if_known(
         n_magnitudes, n = usable_ones.sum(_count_magnitudes, roles=DISTANCES, words="magnitudes")
     except EmptyFieldError:  # no source is beyond the flow
         return None
-    return calibrate(
-        usable_ones,
-        frame,
-        WHOLE_DISPERSION if dispersion is None else dispersion,
-        magnitudes=None if n_magnitudes == n else False,
-    )
+    dispersion = WHOLE_DISPERSION if dispersion is None else dispersion
+    return calibrate(usable_ones, frame, dispersion, magnitudes=None if n_magnitudes == n else False)
 
 
 def _count_magnitudes(field):
