@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
+from functools import reduce
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,7 @@ import numpy as np
 from fit.in_time._solution import Functions, TimeSolution
 from vsh.basis import harmonics
 from vsh.io.epochs import COLOUR_PRIOR, Observations, iterate_observations
+from vsh.io.parts import add_sums
 from vsh.modes import Modes, as_modes
 from vsh.tools import arguments
 from vsh.tools.errors import DegeneracyError, EmptyFieldError, ModesError, ParameterError, TableError
@@ -211,11 +213,8 @@ def _sum_part(observations, modes, functions, attitude, threads):
             observations, bounds, selection.start, selection.stop, modes, functions, attitude if has_response else None
         )
 
-    matrix: Any = np.zeros((size + 1, size + 1))
-    n_data = sources = 0
-    for products, count, number in map_blocks(chunk_products, n, _SOURCES, threads):
-        matrix += products
-        n_data, sources = n_data + count, sources + number
+    nothing: Any = np.zeros((size + 1, size + 1)), 0, 0
+    matrix, n_data, sources = reduce(add_sums, map_blocks(chunk_products, n, _SOURCES, threads), nothing)
     lost = n - sources
     notes = observations.notes + (tuple(getattr(attitude, "notes", ())) if has_response else ())
     if lost:

@@ -45,12 +45,8 @@ def design_matrix_sums(field: Any, modes: Modes) -> tuple[FloatArray, FloatArray
     p = len(modes)
     # Enough sources to keep NumPy busy, and a whitened basis of a few MiB, which stays in the cache.
     size = max(256, min(_SMALL, 2**19 // p))
-    matrix, rhs, chi2_null = np.zeros((p, p)), np.zeros(p), 0.0
-    for n, b, chi2 in map_blocks(lambda part: _block_sums(field[part], modes), len(field), size, 1, "normal equations"):
-        matrix += n
-        rhs += b
-        chi2_null += chi2
-    return matrix, rhs, chi2_null
+    blocks = map_blocks(lambda part: _block_sums(field[part], modes), len(field), size, 1, "normal equations")
+    return reduce(add_sums, blocks, (np.zeros((p, p)), np.zeros(p), 0.0))
 
 
 def _block_sums(field, modes):
@@ -109,12 +105,9 @@ def rings_of(modes: Modes) -> Rings:
 def fourier_sums(field: Any, lmax: int, threads: int | None = None) -> tuple[ComplexArray, ComplexArray, float]:
     """All that a fit to degree L needs of the sources: sums over them, which add."""
     blocks = map_blocks(lambda part: _moments(field[part], lmax), len(field), BLOCK, threads, "normal equations")
-    weights: Any = 0
-    motions: Any = 0
-    chi2_null = 0.0
-    for w, z, chi2 in blocks:
-        weights, motions, chi2_null = weights + w, motions + z, chi2_null + float(chi2)
-    return weights, motions, chi2_null
+    nothing: Any = 0, 0, 0.0
+    weights, motions, chi2_null = reduce(add_sums, blocks, nothing)
+    return weights, motions, float(chi2_null)
 
 
 def _moments(field, lmax):
