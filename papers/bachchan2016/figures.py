@@ -10,7 +10,6 @@ import matplotlib
 import numpy as np
 
 import sim
-from sim.astrometry import transit_error
 from sim.variability import markov_chain
 from vsh.figures.plot import COLOURS, WIDTH, apply_style, draw_line, panels, plot_map, save_figures
 from vsh.models.cosmology import transverse_distance
@@ -64,7 +63,7 @@ def _galaxies(study):
     )
     law = sim.NominalScanningLaw(years=study["mission"]["years"], dead_time=study["mission"]["dead_time"], rng=1)
     some = slice(0, min(5000, len(galaxies)))
-    error = np.hypot(transit_error(galaxies.magnitude, law, study["mission"]["release"]), case["excess_noise"])
+    error = sim.Mission(law, study["mission"]["release"]).transit_error(galaxies.magnitude, case["excess_noise"])
     counts = law.transits(galaxies.lon[some], galaxies.lat[some]).counts(some.stop)
     weight, redshift, number, parallax = drawn = panels(None, 2, 2, size=(WIDTH, 3.4))
     weight.semilogy(

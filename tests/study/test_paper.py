@@ -170,8 +170,7 @@ def test_expected_covariances_are_those_of_the_draws():
 
 def test_attitude_is_added_to_every_transit():
     law, one = sim.NominalScanningLaw(years=3.0, rng=1), sim.quasars(5, 3)
-    from sim.astrometry import transit_error
-
-    formal, true = sim.expected_covariances(one, sim.Mission(law, "DR4", 50.0), progress=False)
-    ratio = 1 + 50.0**2 / transit_error(one.magnitude, law) ** 2
+    mission = sim.Mission(law, "DR4", 50.0)
+    formal, true = sim.expected_covariances(one, mission, progress=False)
+    ratio = 1 + 50.0**2 / mission.transit_error(one.magnitude) ** 2
     np.testing.assert_allclose(true, formal * ratio[:, None, None], rtol=1e-9)

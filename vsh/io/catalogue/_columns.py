@@ -4,9 +4,7 @@ import re
 import shlex
 from collections.abc import Iterable, Mapping
 from dataclasses import fields, replace
-from difflib import get_close_matches
 from functools import lru_cache
-from itertools import product
 from typing import Any
 
 import numpy as np
@@ -14,8 +12,8 @@ from astropy import units as u
 
 from vsh.io import tables
 from vsh.io.catalogue import _names
-from vsh.io.catalogue._names import ASSUMED, NAMED, REQUIRED, ColumnRequest, Columns, find_correlations, name_and_unit
-from vsh.io.tables import TableSource
+from vsh.io.catalogue._names import NAMED, ColumnRequest, Columns, find_correlations, name_and_unit
+from vsh.io.tables import ASSUMED, REQUIRED, TableSource, factor_to, missing_column, parse_unit
 from vsh.sky.frames import MEASURED_KEY
 from vsh.tools.bad_rows import as_floats, span_of, within
 from vsh.tools.errors import EmptySelectionError, FieldError, TableError
@@ -174,18 +172,6 @@ def _notes_on_correlations(names, source, motion):
     return [CodedNote(text, UNUSED_CORRELATIONS)]
 
 
-def missing_column(name: str | None, source: TableSource) -> str:
-    """Message on a column that is missing, with the nearest names."""
-    names = [column for column in source.names if not column.startswith(ASSUMED)]
-    nearest = [column for column in names if column.lower() == str(name).lower()]
-    candidates = [column for column in names[:2000] if column.lower() not in REQUIRED]  # those are what they are called
-    nearest = nearest or get_close_matches(str(name), candidates, n=3, cutoff=0.6)
-    hint = f"; nearest: {', '.join(map(printable, nearest))}" if nearest else ""
-    labels = list(map(printable, names[:200]))
-    suffix = f" and {len(names) - 200} more" if len(names) > 200 else ""
-    return f"no column {printable(name)!r}. The table has {', '.join(labels)}{suffix}{hint}{source.others}"
-
-
 def doubt_positions(columns: Any, assumed: Any, at_least: int = 20, names: Mapping[str, str] | None = None) -> None:
     """Raise FieldError where bare positions look like radians or hours rather than degrees."""
     if not assumed:
@@ -315,10 +301,10 @@ def conversion_factors(
             # An error is in the unit of what it is the error of, unless the table states another.
             motion = column_of[_UNIT_OF[role]]
             assumed_units.setdefault(f"{_unit_text(unit)}, the unit of {printable(motion)}", []).append(name)
-            role_factors[role] = _factor(motion, unit, target, motion in units)
+            role_factors[role] = factor_to(motion, unit, target, motion in units)
         elif assumed_unit is not None and role in REQUIRED[2:]:
             assumed_units.setdefault(assumed_unit, []).append(name)
-            role_factors[role] = _factor(name, assumed_unit, target, False)
+            role_factors[role] = factor_to(name, assumed_unit, target, False)
         elif role in ("ra", "dec") or (role in _GAIA_UNITS and name.lower() == role) or role in like_gaia:
             assumed_units.setdefault(_unit_text(target), []).append(name)
             role_factors[role] = 1.0
@@ -372,81 +358,6 @@ def notes_on_units(column_of: Mapping[str, str], units: Mapping[str, Any]) -> li
     return [CodedNote(f"proper motions and errors are in different units: is that so? ({listing})", ASSUMED_UNITS)]
 
 
-def parse_unit(unit: Any) -> Any:
-    """A unit from what a table or a user says: in astropy's own spelling, that of FITS, VOTable or CDS."""
-    return _parse_unit(unit) if isinstance(unit, str) else u.Unit(unit)
-
-
-#: How units are written that astropy does not know so.
-_SPELLED = {
-    "see description": "",
-    "degrees": "deg", "degree": "deg", "hours": "hourangle", "milliarcsec": "mas", "microarcsec": "uas", "muas": "uas",
-}  # fmt: skip
-#: What units are written within, and spellings of a numerator and of a time.
-_FRAMED = re.compile(r"\s*(?:angular velocity|angle|dimensionless)?\s*\[(.*)\]\s*", re.IGNORECASE)
-_WITHIN = (
-    (re.compile(r"^(?:muas|micro-?arcsec)\b"), "uas"),
-    (re.compile(r"^milli-?arcsec\b"), "mas"),
-    (re.compile(r"/\s*(?:y|years?|yrs|a)$"), "/yr"),
-    (re.compile(r"^(.*)/\s*(?:century|cy)$"), r"0.01 \1/yr"),
-)
-#: Sexagesimal text, which is made degrees as it is read.
-_SPELLED |= dict.fromkeys(("h:m:s", "d:m:s", '"h:m:s"', '"d:m:s"'), "deg")
-
-
-@lru_cache(1000)
-def _parse_unit(unit):
-    unit = framed[1] if (framed := _FRAMED.fullmatch(unit)) else unit
-    unit = _SPELLED.get(unit.strip().lower(), unit)
-    spelled = unit.strip().lower()
-    for pattern, replacement in _WITHIN:
-        spelled = pattern.sub(replacement, spelled)
-    for text, form in (*product((unit,), ("generic", "vounit", "cds", "ogip")), (spelled, "generic")):
-        try:
-            return u.Unit(text, format=form)
-        except (ValueError, TypeError):
-            continue
-    return u.Unit(unit)
-
-
-def unit_factor(name: str, unit: Any, wanted: str) -> float:
-    """Factor from one unit to another; 1 where a column has none."""
-    return 1.0 if unit is None or not str(unit).strip() else _factor(name, unit, u.Unit(wanted), False)
-
-
-def _factor(name, unit, target, from_user):
-    try:
-        astropy_unit = parse_unit(unit)
-    except (ValueError, TypeError):
-        origin = "units" if from_user else "the table"
-        raise TableError(
-            f"{origin}: {printable(unit)!r}, given for {name}, is no unit that astropy knows: {_remedy(name, target)}"
-        ) from None
-    if not isinstance(astropy_unit, u.UnitBase):
-        raise TableError(
-            f"column {name!r} is in {printable(unit)!r}, a logarithm: turn it into a linear unit, {target} say"
-        )
-    try:
-        factor = float(astropy_unit.to(target))
-    except (u.UnitConversionError, ValueError, TypeError, AttributeError):
-        raise TableError(
-            f"column {name!r} is in {printable(unit)!r}, which cannot be turned into {target}: if the table is wrong, "
-            f"{_remedy(name, target)}"
-        ) from None
-    if not 0 < factor < np.inf:
-        raise TableError(f"column {name!r} is in {printable(unit)!r}, a negative unit: correct it, --units")
-    return factor
-
-
-def _remedy(name, target):
-    """The option that says a unit. None is proposed: only the user knows in which unit the numbers are."""
-    kinds = {u.deg: "deg, hourangle or rad", u.mas / u.yr: "uas/yr, mas/yr or arcsec/yr", u.Mpc: "kpc or Mpc"}
-    return (
-        f"say the unit of its numbers, units={{{name!r}: …}} (--units {shlex.quote(f'{name}=…')}): "
-        f"{kinds.get(target, f'{target} say')}"
-    )
-
-
 def _as_hour_angle(unit):
     """The unit of a right ascension: hours are those of an angle."""
     return "hourangle" if str(unit).strip().lower() in ("h", "hr", "hour", "hours") else unit
@@ -459,7 +370,7 @@ def _factor_of_role(role, name, unit, target, from_user):
     except (ValueError, TypeError):
         if target == u.dimensionless_unscaled and str(unit).strip().lower() in _NO_UNIT:
             return 1.0
-        return _factor(name, unit, target, from_user)  # which says what is wrong
+        return factor_to(name, unit, target, from_user)  # which says what is wrong
     if role == "magnitude":  # of any zero point: magnitudes are separated by their differences alone
         if astropy_unit == u.dimensionless_unscaled or astropy_unit == u.mag or isinstance(astropy_unit, u.MagUnit):
             return 1.0
@@ -485,7 +396,7 @@ def _factor_of_role(role, name, unit, target, from_user):
                 f"column {name!r} is in {printable(unit)!r}, which cannot be turned into Mpc: if it is a parallax, say "
                 f"so, --columns {shlex.quote(f'parallax={name}')},parallax_error=NAME"
             )
-    return _factor(name, unit, target, from_user)
+    return factor_to(name, unit, target, from_user)
 
 
 #: Words that tables have where there is no unit.

@@ -10,14 +10,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from vsh.io.archive import DR3, DR4
-from vsh.io.tables import TableSource
+from vsh.io.tables import REQUIRED, TableSource
 from vsh.sky.frames import AXES
 from vsh.tools.bad_rows import floats_or_nan
 from vsh.tools.notebook import InNotebook
 
-REQUIRED = ("ra", "dec", "pmra", "pmdec", "pmra_error", "pmdec_error")
-#: Before the names of columns that a table lacks, and that are made for it.
-ASSUMED = "assumed "
 #: Names that belong together: where a set has several, those of one place are taken.
 _PAIRS = (("ra", "dec"), ("pmra", "pmdec"), ("pmra_error", "pmdec_error"))
 
