@@ -329,8 +329,7 @@ def draw_direction(
         Probability of the cone.
     """
     lon, lat = np.radians(vector.direction)
-    has_covariance = bool(np.any(vector.covariance))
-    cone = vector.direction_cone(probability) if has_covariance else 0.0
+    cone = vector.direction_cone(probability)
     if cone > _LOST or vector.p_value > _CHANCE:
         return axes.scatter([], [], marker="*", s=0, color=color, label=f"{label}: direction not known")
     if cone > 0:
