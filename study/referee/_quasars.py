@@ -176,11 +176,8 @@ def read_quasars(source: Any, *, axes: str = "icrs", **reading: Any) -> Quasars:
     """
     table_source = tables.open_table(source, reading.pop("format", None))
     field = catalogue.read_field(table_source, **reading, roles=("name", "redshift", "magnitude")).to_frame(axes)
-    names = {
-        meaning: next(candidate for candidate in candidates if candidate in table_source.names)
-        for meaning, candidates in _COLUMNS.items()
-        if any(candidate in table_source.names for candidate in candidates)
-    }
+    present = {meaning: [name for name in names if name in table_source.names] for meaning, names in _COLUMNS.items()}
+    names = {meaning: found[0] for meaning, found in present.items() if found}
     read = catalogue.read_columns(table_source, names.values(), **reading)
     columns = {meaning: read[name] for meaning, name in names.items()}
     for meaning, values in (("redshift", field.redshift), ("G", field.magnitude)):

@@ -141,13 +141,8 @@ def _section(section: Analysis, figures: dict[str, Any]) -> page.Panel:
 
 
 def _checks(referee):
-    rows = [
-        [
-            check.question,
-            printed_p_value(check.p_value) if np.isfinite(check.p_value) else "–",
-            printed_p_value(check.at_face_value) if np.isfinite(check.at_face_value) else "–",
-            f"not tested: {check.lacking}" if check.lacking else check.answer,
-        ]
-        for check in referee.checks
-    ]
+    rows = []
+    for check in referee.checks:
+        p_values = map(printed_p_value, (check.p_value, check.at_face_value))
+        rows.append([check.question, *p_values, f"not tested: {check.lacking}" if check.lacking else check.answer])
     return page.table(["check", "p, shared errors", "p, as quoted", ""], rows, sortable=True)
