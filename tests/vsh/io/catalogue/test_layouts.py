@@ -2,19 +2,20 @@
 
 import bz2
 import gzip
+import io
 import lzma
 import re
 
 import numpy as np
 import pytest
-from gaia_table import table
+from astropy.table import Table
+from gaia_table import NAMES, table
 
 from vsh.io import tables
 from vsh.io.catalogue import read_field, read_icrf, read_positions, read_sources
 from vsh.tools.errors import FieldError, TableError, VshError
 from vsh.tools.notes import DOUBT, has_code
 
-NAMES = ["ra", "dec", "pmra", "pmdec", "pmra_error", "pmdec_error"]
 UNITS = ["deg", "deg", "mas/yr", "mas/yr", "mas/yr", "mas/yr"]
 VIZIER = ["RA_ICRS", "DE_ICRS", "pmRA", "pmDE", "e_pmRA", "e_pmDE"]
 
@@ -45,35 +46,39 @@ VIZIER_HEAD = """#
 """
 
 
-def fixed(above=VIZIER_HEAD):
-    """VizieR's "ascii table": a rule of dashes gives the columns."""
+def fixed(above=VIZIER_HEAD, rule=True):
+    """VizieR's "ascii table": a rule of dashes gives the columns, or blanks alone."""
     width = [12, 12, 11, 11, 9, 9]
-    cells = [VIZIER, [f"({unit})" for unit in UNITS], ["-" * w for w in width]]
+    cells = [VIZIER, *([[f"({unit})" for unit in UNITS], ["-" * w for w in width]] if rule else [])]
     cells += [[f"{value:.6f}" for value in row] for row in rows()]
     return above + "\n".join(" ".join(cell.rjust(w) for cell, w in zip(row, width)) for row in cells) + "\n"
 
 
 def mrt(mark=""):
-    made = table()[NAMES]
-    for name, unit, column in zip(NAMES, UNITS, rows().T):
-        made[name] = column
-        made[name].unit = unit
-    import io
-
     text = io.StringIO()
-    made.write(text, format="ascii.mrt")
+    Table(rows(), names=NAMES, units=UNITS).write(text, format="ascii.mrt")
     return "".join(f"{mark}{line}\n" for line in text.getvalue().splitlines())
 
 
+def numbered(mark=""):
+    """Rows behind their numbers, which have no name; all names in quotes, or none."""
+    head, *body = CSV.splitlines()
+    quoted = ",".join(f"{mark}{name}{mark}" for name in ("", *head.split(",")))
+    return "\n".join([quoted, *(f"{mark}{k}{mark},{line}" for k, line in enumerate(body))]) + "\n"
+
+
 CSV = delimited()
+ROWS = CSV.partition("\n")[2]
 LAYOUTS = {
     "vizier with tabs": ("v.tsv", delimited(VIZIER, "\t", VIZIER_HEAD, "\n#END#\n", UNITS, dashes=True)),
     "vizier with semicolons": ("v.txt", delimited(VIZIER, ";", VIZIER_HEAD, "#END#\n", UNITS, dashes=True)),
     "vizier with bars": ("v.dat", delimited(VIZIER, "|", VIZIER_HEAD, "", UNITS, dashes=True)),
     "vizier without comments": ("v.tsv", delimited(VIZIER, ";", "", "", UNITS, dashes=True)),
     "vizier without dashes": ("v.tsv", delimited(VIZIER, "\t", VIZIER_HEAD, "", UNITS)),
+    "vizier's number of a table alone": ("v.txt", delimited(VIZIER, ";", "#Table;J/A+A/1\n", "", UNITS, dashes=True)),
     "vizier ascii table": ("v.txt", fixed()),
     "vizier ascii table, rules around": ("v.txt", fixed("-" * 70 + "\n")),
+    "fixed width without a rule": ("v.txt", fixed("", rule=False)),
     "blanks after commas": ("a.csv", CSV.replace(",", " , ")),
     "semicolons": ("a.csv", CSV.replace(",", ";")),
     "semicolons and decimal commas": ("a.csv", delimited(between=";", comma=True)),
@@ -81,26 +86,24 @@ LAYOUTS = {
     "blanks": ("a.txt", CSV.replace(",", "  ")),
     "behind a #": ("a.txt", "# " + CSV.replace(",", " ")),
     "commas behind a #": ("a.csv", "# made by hand\n#" + CSV),
-    "an unnamed first column": (
-        "a.csv",
-        "\n".join(f"{'' if k == 0 else k - 1},{line}" for k, line in enumerate(CSV.splitlines())),
-    ),
+    "a heading of several lines": ("a.txt", "".join(f"#  {'  '.join(words)}\n" for words in (
+        VIZIER, [f"({unit})" for unit in UNITS])) + "#-----\n" + fixed("", rule=False).partition("\n")[2]),
+    "headings of groups": ("a.csv", "Position,,Motion,,Errors,\n" + CSV),
+    "a title": ("a.csv", "Table 3. Proper motions of quasars\n" + CSV),
+    "a line before the names": ("a.csv", "; version 2\n" + CSV),
+    "an unnamed first column": ("a.csv", numbered()),
+    "a row number of R": ("a.csv", numbered('"')),
+    "names of R": ("a.csv", delimited(["ra", "dec", "pmRA", "pmDE", "pmRA_error", "pmDE_error"])),
+    "names of R, with X_": ("a.csv", delimited(["X_RAJ2000", "X_DEJ2000", *VIZIER[2:]])),
     "a row of units": ("a.csv", delimited(units=UNITS)),
     "bom and crlf": ("a.csv", "\ufeff" + CSV.replace("\n", "\r\n")),
-    "names between ; over rows between blanks": (
-        "a.txt",
-        ";".join(NAMES) + "\n" + CSV.partition("\n")[2].replace(",", "   "),
-    ),
+    "names between ; over rows between blanks": ("a.txt", ";".join(NAMES) + "\n" + ROWS.replace(",", "   ")),
     "mrt behind #": ("a.txt", mrt("# ")),
-    "units in names": (
-        "a.csv",
-        delimited(
-            ["RA (deg)", "Dec (deg)", "pmra [mas/yr]", "pmdec_mas_yr", "pmra_error(mas/yr)", "pmdec_error_masyr"]
-        ),
-    ),
+    "units in names": ("a.csv", delimited([
+        "RA (deg)", "Dec (deg)", "pmra [mas/yr]", "pmdec_mas_yr", "pmra_error(mas/yr)", "pmdec_error_masyr"])),
     "upper case": ("a.csv", delimited([name.upper() for name in NAMES])),
     "errors called err": ("a.csv", delimited([*NAMES[:4], "pmra_err", "pmdec_err"], units=UNITS)),
-}
+}  # fmt: skip
 PACKERS = {".gz": gzip.compress, ".bz2": bz2.compress, ".xz": lzma.compress}
 
 

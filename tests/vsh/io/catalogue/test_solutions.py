@@ -25,7 +25,6 @@ def table(column, values):
 
 
 def test_all_values_of_the_draft_are_counted():
-    assert len(VALUES) == 19
     values = np.repeat(VALUES, np.arange(1, 20))
     field = read_field(table("astrometric_params", values))
     assert len(field) == 2 + 3  # of 31 and 95
@@ -34,22 +33,16 @@ def test_all_values_of_the_draft_are_counted():
     for value, count in zip(VALUES, range(1, 20), strict=True):
         words = "position alone" if value == 3 else "not of 5 or 6 parameters"
         assert (f"astrometric_params = {value} ({words}): {count}" in note) == (value not in (31, 95))
-    with pytest.raises(
-        FieldError, match=r"2 of 2 rows cannot be used: astrometric_params = 3 \(position alone\): 1 \(row 0\)"
-    ):
+    with pytest.raises(FieldError, match=r"2 of 2 rows .*astrometric_params = 3 \(position alone\): 1 \(row 0\)"):
         read_field(table("astrometric_params", [3, 101]))
 
 
 def test_solutions_of_parts_add_up():
     several = parts([table("astrometric_params", [31, 31, 103]), table("astrometric_params", [95, 103, 104])])
     assert several.counted() == 3
-    (note,) = {note for field in several for note in field.notes if note.startswith("left out")} - {
-        "left out 1 of 3 rows: astrometric_params = 103 (not of 5 or 6 parameters): 1"
-    }
-    assert note == (
-        "left out 2 of 3 rows: astrometric_params = 103 (not of 5 or 6 parameters): 1; astrometric_params = 104 (not of 5 "
-        "or 6 parameters): 1"
-    )
+    notes = sorted(str(note) for field in several for note in field.notes if note.startswith("left out"))
+    model = "astrometric_params = {} (not of 5 or 6 parameters): 1".format
+    assert notes == [f"left out 1 of 3 rows: {model(103)}", f"left out 2 of 3 rows: {model(103)}; {model(104)}"]
 
 
 def test_missing_solution_and_words():
@@ -63,23 +56,12 @@ def test_all_can_be_asked_for():
     assert len(read_field(table("astrometric_params", [31, 3, 120]), columns={"solution": None})) == 3
 
 
-def test_flagged_rows_are_counted_and_left_out():
-    """DR4's quality_flag was fetched and never looked at."""
-    flag = np.ma.MaskedArray([0, 1, 0, 2, 0], [False, False, False, False, True])
-    field = read_field(table("quality_flag", flag))
-    assert list(field.name) == [0, 2, 4]
-    assert count_dropped(field.notes) == 2
-    assert any("quality_flag is not 0" in note for note in field.notes)
-    assert len(read_field(table("quality_flag", flag), columns={"quality": None})) == 5  # as the note says
-
-
 FLAGS = [0, 1, 0, 2, 0]
 
 
 @for_each(
     [
         np.array(FLAGS, "i2"),
-        np.array(FLAGS, float),
         np.array([0.0, 1.0, np.nan, 2.0, 0.0]),
         np.array(FLAGS) > 0,
         np.array(["0", "1", "0", "2", "0"]),
@@ -87,6 +69,7 @@ FLAGS = [0, 1, 0, 2, 0]
         np.array([b"0", b"1", b" 0", b"2.0", b"0"]),
         np.array([0, 1, None, 2, False], object),
         np.ma.MaskedArray(FLAGS, [False, False, True, False, False]),
+        np.ma.MaskedArray(FLAGS, [False, False, False, False, True]),
     ],
     lambda values: str(values.dtype),
 )
@@ -95,7 +78,8 @@ def test_flags_are_read_however_a_table_holds_them(values):
     field = read_field(table("quality_flag", values))
     assert list(field.name) == [0, 2, 4]
     assert count_dropped(field.notes) == 2
-    assert len(read_field(table("quality_flag", values), columns={"quality": None})) == 5
+    assert any("quality_flag is not 0" in note for note in field.notes)
+    assert len(read_field(table("quality_flag", values), columns={"quality": None})) == 5  # as the note says
 
 
 def test_flags_that_are_words_are_asked_about():

@@ -2,6 +2,10 @@
 
 import numpy as np
 import pytest
+from astropy.io.votable import from_table
+from astropy.io.votable.tree import Info
+from astropy.table import Table
+from gaia_table import NAMES, UNITS
 
 from vsh import FieldError, TableError, read_field
 from vsh.io.catalogue import parts
@@ -11,15 +15,11 @@ RNG = np.random.default_rng(1)
 RA, DEC = RNG.uniform(0, 360, 40), np.degrees(np.arcsin(RNG.uniform(-1, 1, 40)))
 MOTION = RNG.normal(0, 0.1, (2, 40)).round(5)
 ROWS = np.column_stack([RA.round(6), DEC.round(6), *MOTION, np.full(40, 0.1), np.full(40, 0.2)])
-GAIA = "ra,dec,pmra,pmdec,pmra_error,pmdec_error\n"
+GAIA = ",".join(NAMES) + "\n"
 
 
 def body(delimiter, rows=ROWS):
     return "".join(delimiter.join(map(str, row)) + "\n" for row in rows)
-
-
-def fixed(rows=ROWS):
-    return "".join("".join(f"{value:>14}" for value in row) + "\n" for row in rows)
 
 
 def vizier(name, begin="#Table\t"):
@@ -27,39 +27,10 @@ def vizier(name, begin="#Table\t"):
     return f"{begin}{name}\n{names}deg\tdeg\tmas/yr\tmas/yr\tmas/yr\tmas/yr\n---\t---\t---\t---\t---\t---\n"
 
 
-LAYOUTS = {
-    "tabs and a rule": vizier("J/A+A/1") + body("\t"),
-    "semicolons": vizier("J/A+A/1").replace("\t", ";") + body(";"),
-    "fixed width without a rule": "".join(f"{n:>14}" for n in ("RA_ICRS", "DE_ICRS", "pmRA", "pmDE", "e_pmRA", "e_pmDE"))
-    + "\n" + fixed(),
-    "a heading of several lines": "#  RA  DEC  pmRA  pmDE  e_pmRA  e_pmDE\n#  (deg)  (deg)  (mas/yr)  (mas/yr)  (mas/yr)  (mas/yr)\n#-----\n"
-    + fixed(),
-    "headings of groups": "Position,,Motion,,Errors,\n" + GAIA + body(","),
-    "a title": "Table 3. Proper motions of quasars\n" + GAIA + body(","),
-    "a line before the names": "; version 2\n" + GAIA + body(","),
-    "names of R": "ra,dec,pmRA,pmDE,pmRA_error,pmDE_error\n" + body(","),
-    "names of R, with X_": "X_RAJ2000,X_DEJ2000,pmRA,pmDE,e_pmRA,e_pmDE\n" + body(","),
-    "a row number of R": '"","RA_ICRS","DE_ICRS","pmRA","pmDE","e_pmRA","e_pmDE"\n'
-    + "".join(f'"{i}",' + ",".join(map(str, row)) + "\n" for i, row in enumerate(ROWS, 1)),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("layout", LAYOUTS)
-def test_layout_is_read_as_the_plain_table_is(tmp_path, layout):
-    path = tmp_path / "table.txt"
-    path.write_text(LAYOUTS[layout])
-    field = read_field(path)
-    np.testing.assert_allclose(np.degrees(field.lon), ROWS[:, 0], atol=1e-9)
-    np.testing.assert_allclose(field.motion, 1000 * MOTION, rtol=1e-12)
-    np.testing.assert_allclose(field.sigma, 1000 * ROWS[:, 4:].T, rtol=1e-12)
-
-
 def test_lines_above_the_names_are_named(tmp_path):
     path = tmp_path / "table.csv"
-    path.write_text(LAYOUTS["a title"])
-    assert (
-        "1 line above the names of the columns left out: Table 3. Proper motions of quasars" in read_field(path).notes
-    )
+    path.write_text("Table 3. Proper motions\n" + GAIA + body(","))
+    assert "1 line above the names of the columns left out: Table 3. Proper motions" in read_field(path).notes
 
 
 def test_one_of_several_tables_is_asked_for_and_chosen(tmp_path):
@@ -74,7 +45,7 @@ def test_one_of_several_tables_is_asked_for_and_chosen(tmp_path):
 
 @pytest.mark.filterwarnings("ignore:warning. half of the errors are below")
 def test_errors_have_the_unit_of_their_motion():
-    table = dict(zip(("ra", "dec", "pmra", "pmdec", "pmra_err", "pmdec_err"), ROWS.T, strict=True))
+    table = dict(zip((*NAMES[:4], "pmra_err", "pmdec_err"), ROWS.T, strict=True))
     field = read_field(table, units={"pmra": "uas/yr", "pmdec": "uas/yr"})
     np.testing.assert_allclose(field.sigma, ROWS[:, 4:].T)
     assert "no unit in the table, so taken in uas/yr, the unit of pmra: pmra_err" in field.notes
@@ -104,25 +75,14 @@ def test_motions_without_errors_have_those_that_are_given(tmp_path):
 
 
 def test_ipac_tables_are_read(tmp_path):
-    from astropy.table import Table
-
-    names = ("ra", "dec", "pmra", "pmdec", "pmra_error", "pmdec_error")
-    table = Table(
-        dict(zip(names, ROWS.T, strict=True)),
-        units=dict.fromkeys(names[:2], "deg") | dict.fromkeys(names[2:], "mas/yr"),
-    )
+    table = Table(ROWS, names=NAMES, units=UNITS)
     for name in ("table.tbl", "table"):
         table.write(tmp_path / name, format="ascii.ipac")
         np.testing.assert_allclose(read_field(tmp_path / name).motion, 1000 * MOTION, rtol=1e-9)
 
 
 def test_overflow_is_accepted_in_so_many_words(tmp_path):
-    from astropy.io.votable import from_table
-    from astropy.io.votable.tree import Info
-    from astropy.table import Table
-
-    names = ("ra", "dec", "pmra", "pmdec", "pmra_error", "pmdec_error")
-    document = from_table(Table(dict(zip(names, ROWS.T, strict=True))))
+    document = from_table(Table(ROWS, names=NAMES))
     document.resources[0].infos.append(Info(name="QUERY_STATUS", value="OVERFLOW"))
     path = tmp_path / "part.vot"
     document.to_xml(str(path))
@@ -134,8 +94,7 @@ def test_overflow_is_accepted_in_so_many_words(tmp_path):
 
 
 def test_distances_without_a_unit_may_be_of_any_length():
-    names = ("ra", "dec", "pmra", "pmdec", "pmra_error", "pmdec_error", "dist", "e_dist")
-    table = dict(zip(names, [*ROWS.T, np.ones(40), np.full(40, 0.1)], strict=True))
+    table = dict(zip(NAMES, ROWS.T, strict=True)) | {"dist": np.ones(40), "e_dist": np.full(40, 0.1)}
     with pytest.raises(TableError, match=r"no unit: say which.*kpc, pc"):
         read_field(table, columns={"distance": "dist", "distance_error": "e_dist"})
 
