@@ -4,6 +4,7 @@ import numpy as np
 from astropy.table import Table
 
 N = 30
+NAMES = ("ra", "dec", "pmra", "pmdec", "pmra_error", "pmdec_error")
 UNITS = dict.fromkeys(["ra", "dec"], "deg") | dict.fromkeys(["pmra", "pmdec", "pmra_error", "pmdec_error"], "mas / yr")
 
 
@@ -28,14 +29,24 @@ def table(units=True):
     return out
 
 
+class Stream:
+    """An object of which nothing is known but its Arrow stream: what polars and DuckDB return."""
+
+    def __init__(self, arrow):
+        self.arrow = arrow
+
+    def __arrow_c_stream__(self, requested_schema=None):
+        return self.arrow.__arrow_c_stream__(requested_schema)
+
+
 def check(field):
+    """What is read of `table` in any form, with or without units."""
     t = table()
     np.testing.assert_array_equal(field.name, t["source_id"])
     assert field.name.dtype == np.int64
-    np.testing.assert_allclose(field.lon, np.radians(t["ra"].value), rtol=1e-14)
-    np.testing.assert_allclose(field.lat, np.radians(t["dec"].value), rtol=1e-14)
-    np.testing.assert_allclose(field.motion, [1000 * t["pmra"].value, 1000 * t["pmdec"].value], rtol=1e-13)
-    np.testing.assert_allclose(field.sigma, [1000 * t["pmra_error"].value, 1000 * t["pmdec_error"].value], rtol=1e-13)
-    np.testing.assert_allclose(field.rho, t["pmra_pmdec_corr"].value, rtol=1e-13)
-    np.testing.assert_allclose(field.magnitude, t["phot_g_mean_mag"].value, rtol=1e-13)
-    np.testing.assert_allclose(field.redshift, t["redshift_qsoc"].value, rtol=1e-13)
+    for found, names, factor in (
+        ([field.lon, field.lat], NAMES[:2], np.pi / 180),
+        ([*field.motion, *field.sigma], NAMES[2:], 1000),
+        ([field.rho, field.magnitude, field.redshift], ("pmra_pmdec_corr", "phot_g_mean_mag", "redshift_qsoc"), 1),
+    ):
+        np.testing.assert_allclose(found, [factor * t[name].value for name in names], rtol=1e-13)

@@ -1,40 +1,14 @@
 """Tables of every kind give the same field."""
 
 import numpy as np
-import pandas
 import pytest
 from astropy import units as u
-from astropy.table import MaskedColumn, QTable, Table
-from gaia_table import N, check, table
+from astropy.table import MaskedColumn
+from gaia_table import N, table
 
 from vsh import VshWarning
 from vsh.io.catalogue import Columns, read_field, truth_of
 from vsh.tools.errors import TableError
-
-
-@pytest.mark.parametrize("ending", ["fits", "fits.gz", "vot", "ecsv", "csv", "parquet"])
-def test_files(tmp_path, ending):
-    path = tmp_path / f"catalogue.{ending}"
-    plain = table()
-    if ending == "parquet":
-        plain.write(path, format="parquet")
-    else:
-        plain.write(path, format={"vot": "votable", "csv": "ascii.csv", "ecsv": "ascii.ecsv"}.get(ending, "fits"))
-    field = read_field(path)
-    check(field)
-    if ending == "csv":
-        assert field.notes[0] == "no unit in the table, so taken in deg: ra, dec"
-        assert field.notes[1] == "no unit in the table, so taken in mas / yr: pmra, pmdec, pmra_error, pmdec_error"
-    else:
-        assert field.notes == ()
-
-
-@pytest.mark.parametrize("kind", [Table, QTable, pandas.DataFrame, dict, np.array])
-def test_tables_in_memory(kind):
-    source = table(units=kind in (Table, QTable))
-    made = {pandas.DataFrame: lambda t: t.to_pandas(), dict: lambda t: {c: t[c].value for c in t.colnames}}
-    made[np.array] = lambda t: t.as_array()
-    check(read_field(made.get(kind, kind)(source)))
 
 
 def test_gaias_null(tmp_path):

@@ -155,6 +155,10 @@ def test_layout_of_the_iers(tmp_path):
         (lambda t: t.rstrip().removesuffix("0807   55620.3"), "line 5 is damaged: the list ends within it"),
         (lambda t: t.replace("0.0001076", "-0.000001"), "line 4 has no usable errors"),
         (lambda t: t.replace("ICRF J", "QUASAR "), "without a designation of the ICRF: name them by iers"),
+        (lambda t: t.replace("ICRF J000435", "I?RF J000435"), "line 4 .* does not begin with 'ICRF J'"),
+        (lambda t: t.replace("00 00 20.3", "00 00 203"), "line 3 .*no position"),
+        (lambda t: t.replace("-32 21", "-92 21"), "line 3 .*no position"),
+        (lambda t: t.replace("00 00 20", "25 00 20"), "line 3 .*no position"),
         (lambda t: "No rows\nat all\n", "no line with a position in hours and degrees"),
     ],
 )

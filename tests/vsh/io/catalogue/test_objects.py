@@ -5,6 +5,7 @@ import pytest
 from astropy import units as u
 from astropy.coordinates import SkyCoord
 from astropy.table import QTable
+from gaia_table import Stream
 
 import fit
 import sim
@@ -153,16 +154,6 @@ def test_arrow_streams_keep_units_and_frame(through):
     read = read_field(data, frame="galactic" if through == "polars" else None)
     assert read.frame == "galactic"
     same(read, FIELD.to_frame("galactic"))
-
-
-class Stream:
-    """An object of which nothing is known but its Arrow stream."""
-
-    def __init__(self, table):
-        self.table = table
-
-    def __arrow_c_stream__(self, requested_schema=None):
-        return self.table.__arrow_c_stream__(requested_schema)
 
 
 def test_alm_of_healpy_go_out_and_in():

@@ -10,11 +10,11 @@ import pyarrow.parquet
 import pytest
 from astropy import units as u
 from astropy.io import fits
-from astropy.table import Table
-from gaia_table import N, check, table
+from astropy.table import QTable, Table
+from gaia_table import N, Stream, check, table
 
 from vsh.io import tables
-from vsh.io.catalogue import read_field, read_icrf, read_sources, stream_fields
+from vsh.io.catalogue import read_field, read_sources, stream_fields
 from vsh.tools.errors import EmptyFieldError, FieldError, TableError
 
 
@@ -52,17 +52,6 @@ def test_gaia_bulk_files_are_known_by_their_first_bytes(tmp_path):
     folder = list(stream_fields(tmp_path, rows=25))
     assert [len(part) for part in folder] == [25, 5, 25, 5]
     assert len(read_field(tmp_path)) == 2 * N
-
-
-@pytest.mark.parametrize("ending", ["fits", "fits.gz", "ecsv", "csv", "csv.gz", "vot", "parquet"])
-def test_stream_is_the_whole(tmp_path, ending):
-    path = tmp_path / f"c.{ending}"
-    tables.write_table(table(), path)
-    whole, parts = read_field(path), list(stream_fields(path, rows=7))
-    check(whole)
-    assert [len(part) for part in parts] == [7, 7, 7, 7, 2]
-    for name in ("lon", "lat", "motion", "sigma", "rho", "name", "redshift", "magnitude"):
-        np.testing.assert_array_equal(np.concatenate([getattr(part, name) for part in parts], -1), getattr(whole, name))
 
 
 @pytest.mark.parametrize("scaled", [False, True])
@@ -121,41 +110,12 @@ def test_columns_in_another_frame_are_asked_for():
         read_sources(t, columns)
 
 
-@pytest.mark.parametrize(
-    ("column", "value", "reason"),
-    [
-        ("ra", -9999.0, "ra outside"),
-        ("ra", 1e6, "ra outside"),
-        ("pmra", -9999.0, "a value such as -9999"),
-        ("pmdec_error", 99999.0, "a value such as -9999"),
-        ("pmra", 1e160, "proper motion too large for a number"),
-    ],
-)
-def test_numbers_that_stand_for_none_are_refused(column, value, reason):
-    """Taken as they were."""
-    t = table()
-    t[column][3] = value
-    with pytest.raises(FieldError, match=rf"1 of 30 rows cannot be used: {reason}.*\(row 3\)"):
-        read_field(t)
-    assert len(read_field(t, on_bad="drop")) == N - 1
-
-
 def test_one_component_of_minus_99_is_a_motion_two_are_not():
     t = table()
     t["pmra"][3] = -99
     assert len(read_field(t)) == N
     t["pmdec"][3] = -99
     assert len(read_field(t, on_bad="drop")) == N - 1
-
-
-def test_right_ascension_in_hours_is_doubted():
-    """Radians were, hours were not."""
-    t = table(units=False)
-    t["ra"] = t["ra"] / 15
-    with pytest.raises(FieldError, match="is ra in hours"):
-        read_field(t)
-    np.testing.assert_allclose(read_field(t, units={"ra": "hourangle"}).lon, np.radians(15 * t["ra"]))
-    assert read_field(t, units={"ra": "deg"}).lon.max() < 0.5
 
 
 def test_velocity_is_no_redshift():
@@ -236,16 +196,6 @@ class Nested(pandas.DataFrame):
     """As LSDB's NestedFrame: made from a DataFrame, in another module."""
 
 
-class Stream:
-    """Anything that speaks Arrow: what polars and DuckDB return."""
-
-    def __init__(self, arrow):
-        self.arrow = arrow
-
-    def __arrow_c_stream__(self, requested_schema=None):
-        return self.arrow.__arrow_c_stream__(requested_schema)
-
-
 def arrow_table():
     t = table(units=False)
     return pyarrow.table({name: np.array(t[name]) for name in t.colnames})
@@ -260,8 +210,12 @@ def arrow_table():
         lambda: arrow_table().to_batches()[0],
         lambda: Stream(arrow_table()),
         lambda: arrow_table().to_reader(),
+        table,
+        lambda: QTable(table()),
+        lambda: dict(table(units=False).columns.items()),
+        lambda: table(units=False).as_array(),
     ],
-    ids=["pandas", "a class made from DataFrame", "pyarrow Table", "RecordBatch", "a stream", "a reader"],
+    ids=["pandas", "NestedFrame", "Table", "RecordBatch", "stream", "reader", "astropy", "QTable", "dict", "records"],
 )
 def test_objects_in_memory(make):
     """Module names of types were compared."""
@@ -324,28 +278,6 @@ def test_control_characters_do_not_reach_messages(tmp_path):
     with pytest.raises(TableError) as error:
         read_field(tmp_path / "none\x1b[2J.fits")
     assert "\x1b" not in str(error.value)
-
-
-ICRF = "ICRF J000020.3-322101 2357-326       00 00 20.39996890 -32 21 01.2335800 0.00002000 0.0003000 0.1000 55000 50000 58000 10 100\n"
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "message"),
-    [
-        ("ICRF J0", "I?RF J0", "line 2 .* does not begin with 'ICRF J'"),
-        ("00 00 20.39996890", "00 00 2039996890", "line 2 .*no position"),
-        ("-32 21", "-92 21", "line 2 .*no position"),
-        ("00 00 20", "25 00 20", "line 2 .*no position"),
-    ],
-)
-def test_damaged_lines_of_icrf_are_refused(tmp_path, old, new, message):
-    """A damaged start was skipped, a lost dot gave 259924 rad."""
-    path = tmp_path / "icrf.txt"
-    path.write_text(ICRF + ICRF.replace(old, new))
-    with pytest.raises(TableError, match=message):
-        read_icrf(path)
-    path.write_text("Some heading\n\n" + ICRF)
-    assert len(read_icrf(path)) == 1
 
 
 @pytest.mark.parametrize("ending", ["ecsv", "csv", "fits", "vot"])
