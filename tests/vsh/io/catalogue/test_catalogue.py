@@ -26,12 +26,6 @@ def test_gaias_null(tmp_path):
     assert field.name[-1] == 4_000_000_000_000_000_030
 
 
-def test_masked_redshifts_are_unknown_not_numbers():
-    t = table()
-    t["redshift_qsoc"] = MaskedColumn(t["redshift_qsoc"], mask=np.arange(N) < 10)
-    assert np.isnan(read_field(t).redshift[:10]).all()
-
-
 def test_identifiers_keep_their_digits():
     t = table()
     t["source_id"] = MaskedColumn(t["source_id"], mask=np.arange(N) == 0)

@@ -5,7 +5,7 @@ import pytest
 from astropy import units as u
 from astropy.coordinates import SkyCoord
 from astropy.table import QTable
-from gaia_table import Stream
+from gaia_table import NAMES, Stream
 
 import fit
 import sim
@@ -67,7 +67,7 @@ def test_qtable_has_units():
 
 def test_xarray_dataset():
     xarray = pytest.importorskip("xarray")
-    columns = {name: FIELD.to_table()[name] for name in ("ra", "dec", "pmra", "pmdec", "pmra_error", "pmdec_error")}
+    columns = {name: FIELD.to_table()[name] for name in NAMES}
     data = {name: ("source", np.asarray(column), {"units": str(column.unit)}) for name, column in columns.items()}
     same(read_field(xarray.Dataset(data)))
     data["pmra"] = "source", np.asarray(columns["pmra"]) * 1000, {"units": "uas/yr"}
@@ -78,8 +78,7 @@ def test_xarray_dataset():
 
 def test_units_in_the_attributes_of_a_data_frame():
     pandas = pytest.importorskip("pandas")
-    frame = pandas.DataFrame({name: np.asarray(FIELD.to_table()[name]) for name in
-                              ("ra", "dec", "pmra", "pmdec", "pmra_error", "pmdec_error")})  # fmt: skip
+    frame = pandas.DataFrame({name: np.asarray(FIELD.to_table()[name]) for name in NAMES})
     frame[["pmra", "pmdec"]] *= 1000
     frame.attrs["units"] = {"pmra": "uas/yr", "pmdec": "uas/yr", "pmra_error": "mas/yr", "pmdec_error": "mas/yr"}
     same(read_field(frame))
@@ -141,12 +140,11 @@ def test_arrow_streams_keep_units_and_frame(through):
         table.rename_column(ours, plain)
         if f"{ours}_error" in table.colnames:
             table.rename_column(f"{ours}_error", f"{plain}_error")
-    names = ("ra", "dec", "pmra", "pmdec", "pmra_error", "pmdec_error")
     schema = pyarrow.schema(
-        [pyarrow.field(name, pyarrow.float64(), metadata={"unit": str(table[name].unit)}) for name in names],
+        [pyarrow.field(name, pyarrow.float64(), metadata={"unit": str(table[name].unit)}) for name in NAMES],
         metadata={"FRAME": "galactic"},
     )
-    data = pyarrow.table({name: np.asarray(table[name]) for name in names}, schema=schema)
+    data = pyarrow.table({name: np.asarray(table[name]) for name in NAMES}, schema=schema)
     if through == "polars":  # which has no metadata: the frame is said
         data = pytest.importorskip("polars").from_arrow(data)
     elif through == "capsule":
@@ -154,10 +152,3 @@ def test_arrow_streams_keep_units_and_frame(through):
     read = read_field(data, frame="galactic" if through == "polars" else None)
     assert read.frame == "galactic"
     same(read, FIELD.to_frame("galactic"))
-
-
-def test_alm_of_healpy_go_out_and_in():
-    from vsh.conventions import from_healpy, to_healpy
-
-    coefficients = fit.fit_field(FIELD, 3).coefficients
-    np.testing.assert_allclose(from_healpy(to_healpy(coefficients)).values, coefficients.values, rtol=1e-12)

@@ -5,6 +5,7 @@ import pytest
 from astropy.io import fits
 from astropy.table import Table
 from conftest import random_field
+from gaia_table import NAMES
 
 from vsh import read_field
 from vsh.io.tables import open_table
@@ -13,7 +14,6 @@ from vsh.tools.files import digest
 
 field = random_field(60, 3)
 table = field.to_table()
-NAMES = ("ra", "dec", "pmra", "pmdec", "pmra_error", "pmdec_error")
 
 
 @pytest.fixture

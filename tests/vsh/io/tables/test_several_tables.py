@@ -6,6 +6,7 @@ from astropy.io import fits
 from astropy.io.votable import from_table
 from astropy.io.votable.tree import VOTableFile
 from astropy.table import vstack
+from gaia_table import NAMES
 
 import sim
 from vsh.io import tables
@@ -70,9 +71,7 @@ def test_folder_whose_files_differ(lacking, tmp_path):
         if k == lacking:
             part.remove_column("astrometric_params")
         part.write(tmp_path / f"{k}.fits")
-    with pytest.raises(
-        TableError, match=f"{lacking}.fits has no column astrometric_params, which .*{1 - lacking}.fits has"
-    ):
+    with pytest.raises(TableError, match=f"{lacking}.fits has no column astrometric_params, .*{1 - lacking}.fits has"):
         read_field(tmp_path)
 
 
@@ -81,10 +80,7 @@ def test_partitions_by_a_column_are_refused(tmp_path):
     parquet = pytest.importorskip("pyarrow.parquet")
     arrow = pytest.importorskip("pyarrow")
     table = sim.crf4(1, n_five=60)
-    columns = {
-        name: np.asarray(table[name])
-        for name in ("source_id", "ra", "dec", "pmra", "pmdec", "pmra_error", "pmdec_error", "astrometric_params")
-    }
+    columns = {name: np.asarray(table[name]) for name in ("source_id", *NAMES, "astrometric_params")}
     parquet.write_to_dataset(arrow.table(columns), tmp_path / "d", partition_cols=["astrometric_params"])
     with pytest.raises(TableError, match="partitioned by astrometric_params"):
         read_field(tmp_path / "d")
