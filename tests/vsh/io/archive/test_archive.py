@@ -97,27 +97,14 @@ def test_server_that_is_away(tmp_path):
 
 def test_connection_that_is_cut_and_goes_on(tap, table, tmp_path):
     url, service = tap
-    service.send = None
-    real = Cut(service)
-    with real, pytest.raises(ArchiveError, match="bytes came|connection was cut"):
+    service.send = 3000
+    with pytest.raises(ArchiveError, match="bytes came|connection was cut"):
         ask(url, tmp_path / "sky.fits")
+    service.send = None
     assert not (tmp_path / "sky.fits").exists()
     assert not (tmp_path / "sky.fits.part").exists()
     assert ask(url, tmp_path / "sky.fits").read_bytes() == table
     assert len(service.submitted()) == 1  # the same job was fetched again
-
-
-class Cut:
-    """Within it, results end after 3000 bytes; what is short comes whole."""
-
-    def __init__(self, service):
-        self.service = service
-
-    def __enter__(self):
-        self.service.send = 3000
-
-    def __exit__(self, *_):
-        self.service.send = None
 
 
 def test_half_a_file(tap, table, tmp_path):
@@ -168,13 +155,12 @@ def test_queries():
         for name in ("pmra_pmdec_corr", "pmra_error", "phot_g_mean_mag"):
             assert f"g.{name}" in adql
     assert "IN (31, 95)" in GAIA_CRF3
-    assert "gaiadr4.gaia_source" in of_table("user_me.stars", release=DR4)
-    assert "g.astrometric_params," in of_table("user_me.stars", release=DR4)
     core = of_table("user_me.quasars", release=DR4, astrometry="all_source_astrometry")
-    assert "JOIN gaiadr4.all_source_astrometry AS g" in core
-    assert "LEFT JOIN gaiadr4.all_source_photometry AS s" in core
-    assert "s.phot_g_mean_mag" in core
-    assert "g.pmra," in core
+    for words in (
+        "JOIN gaiadr4.all_source_astrometry AS g", "LEFT JOIN gaiadr4.all_source_photometry AS s", "g.pmra,",
+        "s.phot_g_mean_mag, s.bp_rp", "g.tentative_parallax_bias, g.quality_flag",
+    ):  # fmt: skip
+        assert words in core
     with pytest.raises(ArchiveError, match="DR3 has no table of astrometry called 'all_source_astrometry'"):
         of_table("user_me.quasars", astrometry="all_source_astrometry")
     with pytest.raises(ArchiveError, match="no name of a table"):

@@ -90,19 +90,15 @@ def test_check_asks_for_the_tables_of_the_queries_and_again_where_it_is_cut(caps
 
 def test_queries_fetch_what_the_referee_looks_at():
     """Three checks of the referee could not be answered by a catalogue that vsh-archive fetched."""
-    wanted = (
+    wanted = [
         "visibility_periods_used",
         "matched_transits",
         "scan_direction_strength_k2",
         "scan_direction_mean_k2",
         "ruwe",
-    )
+    ]
     for adql in (GAIA_CRF3, of_table("a.b", release=DR3), of_table("a.b", release=DR4)):
         assert all(f"g.{name}" in adql for name in wanted)
-    core = of_table("a.b", release=DR4, astrometry="all_source_astrometry")
-    assert "LEFT JOIN gaiadr4.all_source_photometry AS s" in core
-    assert "s.phot_g_mean_mag, s.bp_rp" in core
-    assert "g.tentative_parallax_bias, g.quality_flag" in core
 
 
 @pytest.fixture(scope="module")
@@ -177,16 +173,8 @@ def test_run_that_was_killed_in_its_first_batch_goes_on(transits, tmp_path, monk
 def test_epochs_on_the_command_line(transits, tmp_path, capsys):
     Table({"source_id": [3, 1, 2]}).write(tmp_path / "list.fits")
     with serving(lambda path, form: (200, packed(transits, form["ID"].split(",")))) as (url, asked):
-        words = [
-            "epochs",
-            "--ids",
-            str(tmp_path / "list.fits"),
-            "--output",
-            str(tmp_path / "out"),
-            "--url",
-            f"{url}/data",
-        ]
-        assert main([*words, "--structure", "INDIVIDUAL"]) == 0
+        words = f"epochs --ids {tmp_path / 'list.fits'} --output {tmp_path / 'out'} --url {url}/data"
+        assert main([*words.split(), "--structure", "INDIVIDUAL"]) == 0
     assert "1 files of 3 sources" in capsys.readouterr().out
     assert {form["DATA_STRUCTURE"] for _, form in asked} == {"INDIVIDUAL"}
     for wrong in (["epochs", "--output", "x"], ["gaia-crf3", "--ids", "x", "--show"], []):

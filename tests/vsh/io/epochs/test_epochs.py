@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from astropy.table import Table
+from astropy.table import Table, vstack
 from conftest import real_catalogue as real
 
 import fit
@@ -44,9 +44,7 @@ def test_fields_from_epochs_are_those_of_the_solution(transits):
     for i in (0, 7, 59):
         mine = transits["source_id"] == field.name[i]
         angle, factor = np.radians(transits["scan_pos_angle"][mine]), transits["parallax_factor_al"][mine]
-        at = (
-            np.asarray(transits["obs_time_tcb"][mine]) + np.asarray(transits["obs_time_bary_corr"][mine])[:, None]
-        ) / (365.25 * 86400e9) - 7.5
+        at = years_of(transits[mine])
         rows, values = [], []
         for ccd in range(9):
             sin, cos, t = np.sin(angle), np.cos(angle), at[:, ccd]
@@ -148,6 +146,21 @@ def test_weights_join_smoothly():
         assert below == pytest.approx(above, abs=1e-8)
     slope = np.diff(downweighting_factor(np.array([2.999999, 3.0, 3.000001])))
     assert slope[0] == pytest.approx(slope[1], rel=1e-4)
+
+
+def years_of(table):
+    """Times since the reference epoch when light came to the barycentre, (transits, CCDs)."""
+    time = np.asarray(table["obs_time_tcb"]) + np.asarray(table["obs_time_bary_corr"])[:, None]
+    return time / (365.25 * 86400e9) - 7.5
+
+
+def flat(table):
+    """A row for each CCD of each transit, with the units of the columns."""
+    columns = {name: np.asarray(table[name]) for name in table.colnames}
+    long = Table({name: np.repeat(each, 9) if each.ndim == 1 else each.ravel() for name, each in columns.items()})
+    for name in table.colnames:
+        long[name].unit = table[name].unit
+    return long
 
 
 def coloured(table, scatter=0.085, size=3.0, seed=6):
@@ -261,9 +274,7 @@ def test_against_gaiasupdate(with_outliers, monkeypatch, has_colour):
     noisy = 0
     for i in range(len(field)):
         mine = table["source_id"] == field.name[i]
-        time = (np.asarray(table["obs_time_tcb"][mine]) + np.asarray(table["obs_time_bary_corr"][mine])[:, None]) / (
-            365.25 * 86400e9
-        ) - 7.5
+        time = years_of(table[mine])
         angle = np.repeat(np.radians(table["scan_pos_angle"][mine]), 9)
         factor = np.repeat(np.asarray(table["parallax_factor_al"][mine]), 9)
         design = design_row(angle, factor, time.ravel()).T
@@ -309,11 +320,7 @@ def test_files_and_flat_tables(transits, tmp_path):
     transits.write(tmp_path / "epochs.fits")
     field = read_epochs(tmp_path / "epochs.fits")
     np.testing.assert_array_equal(field.motion, read_epochs(transits).motion)
-    flat = Table({
-        name: np.repeat(np.asarray(transits[name]), 9) if transits[name].ndim == 1 else np.asarray(transits[name]).ravel()
-        for name in transits.colnames
-    })  # fmt: skip
-    flat.write(tmp_path / "flat.ecsv")
+    flat(transits).write(tmp_path / "flat.ecsv")
     np.testing.assert_allclose(read_epochs(tmp_path / "flat.ecsv").motion, field.motion, rtol=1e-9)
 
 
@@ -410,24 +417,10 @@ def test_times_that_stand_for_none_are_left_out(transits, value):
 
 
 def test_observations_that_stand_twice_are_said_where_rows_are_observations(transits):
-    from astropy.table import vstack
-
-    first = transits[:40]
-    flat = Table(
-        {
-            name: np.repeat(np.asarray(first[name]), 9)
-            if np.ndim(first[name]) == 1
-            else np.asarray(first[name]).ravel()
-            for name in first.colnames
-        }
-    )
-    for name in first.colnames:
-        flat[name].unit = first[name].unit
-    assert not any("twice" in str(note) for note in read_observations(flat).notes)
-    assert any(
-        "360 observations stand in the table twice" in str(note)
-        for note in read_observations(vstack([flat, flat])).notes
-    )
+    once = flat(transits[:40])
+    assert not any("twice" in str(note) for note in read_observations(once).notes)
+    notes = read_observations(vstack([once, once])).notes
+    assert any("360 observations stand in the table twice" in str(note) for note in notes)
 
 
 def test_fields_of_view_are_solved_apart(transits):
