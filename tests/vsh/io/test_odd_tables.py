@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from astropy import units as u
+from astropy.io.votable import from_table
 from astropy.table import Table
 from conftest import random_field
 
@@ -67,11 +68,7 @@ def test_a_missing_member_of_a_list_is_not_known(condition, rows):
 def test_units_of_several_tables_are_alike(tmp_path):
     one, two = Table(_sky()), Table(_sky())
     two["pmra"].unit = "arcsec / yr"
-    from astropy.io.votable import from_table
-    from astropy.io.votable.tree import VOTableFile
-
-    file = VOTableFile()
-    file.resources.append(from_table(one).resources[0])
+    file = from_table(one)
     file.resources[0].tables.append(from_table(two).resources[0].tables[0])
     file.to_xml(str(tmp_path / "t.vot"))
     with pytest.raises(TableError, match="no unit and in arcsec"):
@@ -120,13 +117,6 @@ def test_errors_in_radians_are_printed_in_degrees():
     table = Table({"lon": [1.0] * u.rad, "lon_error": [0.1] * u.rad})
     assert format_table(table)[1][0][0].endswith("± 5.7")
     assert table["lon_error"][0] == 0.1
-
-
-def test_no_format_of_that_name():
-    from vsh.io.tables import open_table
-
-    with pytest.raises(TableError, match="no format is called 'foo'"):
-        open_table("https://host/t.fits", "foo")
 
 
 @pytest.mark.parametrize(

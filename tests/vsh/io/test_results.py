@@ -37,17 +37,6 @@ def test_results_fields_and_tables_come_back(tmp_path):
         vsh.read(tmp_path / "other.ecsv")
 
 
-@pytest.mark.parametrize("ending", ["fits", "vot", "ecsv", "csv", "parquet", "hdf5", "h5"])
-def test_field_is_written_in_every_format_of_columns(ending, tmp_path):
-    field = random_field(50, 2)
-    field.write(tmp_path / f"t.{ending}")
-    back = vsh.read(tmp_path / f"t.{ending}")
-    np.testing.assert_allclose(back.motion, field.motion, rtol=1e-13)
-    np.testing.assert_allclose(back.lon, field.lon, rtol=1e-13)
-    if ending not in ("csv",):
-        assert not any("no unit" in note for note in back.notes)
-
-
 def test_votable_says_what_its_columns_are(tmp_path):
     random_field(5, 1).write(tmp_path / "t.vot")
     fields = votable.parse(tmp_path / "t.vot").get_first_table().fields
@@ -70,10 +59,7 @@ def test_tables_in_other_formats_beside_ecsv(tmp_path, capsys):
     assert main([*words, "--format", "fits,vot,csv", "--overwrite"]) == 0  # what it wrote, it may replace
     with pytest.raises(SystemExit):
         main([*words, "--format", "xls"])
-    assert (
-        "'xls' is no format: png, pdf, svg of figures, @DPI behind it or not, or none; fits, vot, csv of tables"
-        in capsys.readouterr().err
-    )
+    assert "'xls' is no format: png, pdf, svg of figures, " in capsys.readouterr().err
 
 
 @pytest.mark.skipif(shutil.which("stilts") is None, reason="STILTS is not installed")

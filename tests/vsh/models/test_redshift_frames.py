@@ -64,22 +64,6 @@ def test_names():
             check_redshift_frame(wrong)
 
 
-@pytest.mark.parametrize("ending", ["fits", "ecsv", "vot", "parquet"])
-def test_table_keeps_the_frame_and_what_is_known_of_distances(ending, tmp_path):
-    field = sim.observe(sim.galaxies(20, 1), sim.spin((0, 0, 1)), 2, redshifts="heliocentric", redshift_error=1e-4)
-    distance = np.where(np.arange(20) < 5, 30.0, np.nan)
-    field = replace(field, distance=distance, distance_error=0.1 * distance)
-    path = tmp_path / f"galaxies.{ending}"
-    field.write(path)
-    back = catalogue.read_field(path)
-    assert back.redshift_frame == "heliocentric"
-    for column in ("redshift", "redshift_error", "distance", "distance_error"):
-        np.testing.assert_array_equal(getattr(back, column), getattr(field, column))
-    table = Table.read(path)
-    table.meta.pop("MEASURED", None)  # in a table of somebody else's, which column holds distances is for users to say
-    assert catalogue.read_field(table).distance is None
-
-
 @pytest.mark.parametrize("ending", ["ecsv", "vot", "parquet", "fits"])
 def test_description_of_a_column_tells_the_frame(ending, tmp_path):
     field = sim.observe(sim.galaxies(20, 1), sim.spin((0, 0, 1)), 2)

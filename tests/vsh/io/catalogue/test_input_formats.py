@@ -165,8 +165,9 @@ def test_first_bytes_of_nothing_that_is_known(tmp_path):
         TableError, match="notes.txt: unrecognised format.*endings.* Name it: --columns format=NAME, of"
     ):
         tables.open_table(tmp_path / "notes.txt")
-    with pytest.raises(TableError, match="no format is called 'excel'"):
-        tables.open_table(tmp_path / "notes.txt", "excel")
+    for place in (tmp_path / "notes.txt", "https://host/t.fits"):
+        with pytest.raises(TableError, match="no format is called 'excel'"):
+            tables.open_table(place, "excel")
 
 
 @pytest.mark.filterwarnings("ignore")
