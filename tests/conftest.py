@@ -5,11 +5,14 @@ import functools
 import gc
 import json
 import os
+import subprocess
 import sys
 from pathlib import Path
 
 # Tests run side by side, and start commands: threads of theirs would only wait for each other.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
+# No test opens a window.
+os.environ.setdefault("MPLBACKEND", "agg")
 
 import numpy as np
 import pytest
@@ -103,6 +106,19 @@ def real_catalogue(name):
     if not path.exists():
         pytest.skip(f"the real catalogue {name} is not at hand (name its folder in VSH_TEST_DATA)")
     return path
+
+
+def run_python(*words, folder=ROOT, status=0, environment=(), **options):
+    """Run Python with these words in a process of its own that finds the packages; how it ended, and what it said.
+
+    It has to end with this status, or with any for None. Variables of the environment that are None are taken away.
+    """
+    environment = os.environ | {"PYTHONPATH": str(ROOT)} | dict(environment)
+    environment = {name: value for name, value in environment.items() if value is not None}
+    options = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, "encoding": "utf-8"} | options
+    done = subprocess.run([sys.executable, *map(str, words)], cwd=folder, env=environment, check=False, **options)
+    assert status in (None, done.returncode), (done.stderr or "")[-2000:]
+    return done
 
 
 def random_field(n, seed, rho=0.9, frame="icrs"):

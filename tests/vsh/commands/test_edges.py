@@ -7,14 +7,16 @@ import signal
 import subprocess
 import sys
 import time
+from configparser import ConfigParser
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from astropy.table import Table
-from conftest import ROOT, random_field
+from conftest import ROOT, random_field, run_python
 
 import sim
+import vsh.__main__ as commands
 from fit.commands.fit import main
 from vsh.commands import running
 from vsh.io.catalogue import read_field
@@ -28,27 +30,25 @@ def catalogue(tmp_path):
     return str(tmp_path / "q.fits")
 
 
-def shell(*words, environment=(), stdout=subprocess.PIPE):
-    code = "import vsh.__main__ as commands, sys; sys.argv[0] = 'vsh'; commands.run(sys.argv[1], sys.argv[2:])"
-    return subprocess.run(
-        [sys.executable, "-c", code, *map(str, words)], cwd=ROOT, env=os.environ | dict(environment), check=False,
-        stdout=stdout, stderr=subprocess.PIPE, text=True, encoding="utf-8",
-    )  # fmt: skip
+def shell(*words, **options):
+    return run_python("-m", "vsh", *words, **options)
 
 
-@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="there is no full disk to write to")
+needs_full_disk = pytest.mark.skipif(not os.path.exists("/dev/full"), reason="there is no full disk to write to")
+
+
+@needs_full_disk
 @pytest.mark.parametrize(
     "words", [("--citation",), ("--lmax", "1"), ("--lmax", "1", "--json"), ("--lmax", "6", "--json")]
 )
 def test_full_disk_is_said_in_one_line(words, catalogue):
     with open("/dev/full", "w") as full:
-        done = shell("fit", catalogue, *words, stdout=full)
-    assert done.returncode == 1
+        done = shell("fit", catalogue, *words, stdout=full, status=1)
     assert len(done.stderr.splitlines()) == 1
     assert "the disk is full" in done.stderr
 
 
-@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="there is no full disk to write to")
+@needs_full_disk
 @pytest.mark.parametrize("letters", [10, 3000, 8190, 8193, 20000])  # shorter than what Python holds back, and longer
 def test_full_disk_is_not_said_again_by_what_waits_to_be_printed(letters):
     code = (
@@ -56,19 +56,14 @@ def test_full_disk_is_not_said_again_by_what_waits_to_be_printed(letters):
         "options = argparse.Namespace(program='vsh-fit', log=None, quiet=True, expected={})\n"
         f"with guard_printing():\n    sys.exit(run_safely(options, lambda: print('x' * {letters}, flush=True)))"
     )
-    environment = {name: value for name, value in os.environ.items() if name != "PYTHONUNBUFFERED"}
     with open("/dev/full", "w") as full:
-        done = subprocess.run(
-            [sys.executable, "-c", code],
-            cwd=ROOT, env=environment, stdout=full, stderr=subprocess.PIPE, text=True, check=False,
-        )  # fmt: skip
-    assert (done.returncode, done.stderr) == (1, "vsh-fit: error: the disk is full\n")
+        done = run_python("-c", code, stdout=full, status=1, environment={"PYTHONUNBUFFERED": None})
+    assert done.stderr == "vsh-fit: error: the disk is full\n"
 
 
 @pytest.mark.slow
 def test_letters_that_a_terminal_cannot_take(catalogue):
-    done = shell("fit", catalogue, "--lmax", "1", environment={"PYTHONIOENCODING": "ascii"})
-    assert (done.returncode, done.stderr) == (0, "")
+    assert shell("fit", catalogue, "--lmax", "1", environment={"PYTHONIOENCODING": "ascii"}).stderr == ""
     told = shell("fit", catalogue, "--lmax", "1", "--json", environment={"PYTHONIOENCODING": "ascii"})
     here = shell("fit", catalogue, "--lmax", "1", "--json")
     assert json.loads(told.stdout) == json.loads(here.stdout)  # escaped, and the same
@@ -76,18 +71,8 @@ def test_letters_that_a_terminal_cannot_take(catalogue):
 
 @pytest.mark.slow
 def test_backend_that_there_is_not(catalogue, tmp_path):
-    done = shell(
-        "fit",
-        catalogue,
-        "--lmax",
-        "1",
-        "--output",
-        tmp_path / "out",
-        "--dpi",
-        "40",
-        environment={"MPLBACKEND": "nonsense"},
-    )
-    assert (done.returncode, done.stderr) == (0, "")
+    words = ["fit", catalogue, "--lmax", "1", "--output", tmp_path / "out", "--dpi", "40"]
+    assert shell(*words, environment={"MPLBACKEND": "nonsense"}).stderr == ""
 
 
 @pytest.mark.parametrize(
@@ -126,9 +111,8 @@ def test_rows_that_stand_elsewhere_are_not_fetched(tmp_path):
     table = io.BytesIO()
     random_field(3, 1).to_table().write(table, format="votable", tabledata_format="binary2")
     (tmp_path / "elsewhere").write_bytes(b"AAAA" * 100)
-    text = table.getvalue().replace(
-        b'<STREAM encoding="base64">', f'<STREAM encoding="base64" href="file://{tmp_path}/elsewhere">'.encode()
-    )
+    stream = b'<STREAM encoding="base64"'
+    text = table.getvalue().replace(stream, stream + f' href="file://{tmp_path}/elsewhere"'.encode())
     assert b"/elsewhere" in text
     (tmp_path / "t.vot").write_bytes(text)
     with pytest.raises(TableError, match="keeps its rows elsewhere"):
@@ -162,10 +146,6 @@ def test_latex_prints_names_as_they_are():
 
 def test_every_command_can_be_called():
     """By its entry point, by its function, and found in the lists that name commands."""
-    from configparser import ConfigParser
-
-    import vsh.__main__ as commands
-
     config = ConfigParser()
     config.read(ROOT / "setup.cfg", encoding="utf-8")
     scripts = [line.split("=") for line in config["options.entry_points"]["console_scripts"].strip().splitlines()]
@@ -229,8 +209,6 @@ def test_a_batch_system_ends_a_run_and_nothing_stays(tmp_path):
 
 
 def test_wrong_number_of_threads_is_said_before_the_run(monkeypatch, capsys):
-    from fit.commands.fit import main
-
     monkeypatch.setenv("OMP_NUM_THREADS", "abc")
     assert main(["--demo"]) == 1
     assert "OMP_NUM_THREADS is 'abc', which is no number of threads" in capsys.readouterr().err

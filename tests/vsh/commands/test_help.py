@@ -1,14 +1,11 @@
 """The help of every command ends with three examples that are understood, and that run."""
 
-import os
 import re
 import shlex
-import subprocess
-import sys
 
 import numpy as np
 import pytest
-from conftest import DATA, POSIX, ROOT
+from conftest import DATA, POSIX, ROOT, run_python
 
 import sim
 from vsh.__main__ import module_of
@@ -65,24 +62,16 @@ def folder(tmp_path_factory):
 def test_examples_run(line, folder, tmp_path):
     if line.startswith("vsh-archive") and "--show" not in line:
         pytest.skip("it asks the archive")
-    words = shlex.split(
-        re.sub(
-            r"--(number|quasars|stars|n-samples) \d+",
-            lambda m: f"--{m[1]} {4000 if m[1] == 'n-samples' else 200}",
-            line,
-        )
-    )
+    few = {"n-samples": 4000}
+    options = r"--(number|quasars|stars|n-samples) \d+"
+    words = shlex.split(re.sub(options, lambda found: f"--{found[1]} {few.get(found[1], 200)}", line))
     if any(word.endswith(".txt") and not (folder / word).exists() for word in words):
         pytest.skip("real catalogues are not at hand")
     made = {words[i + 1] for i, word in enumerate(words) if word == "--output"}
     for path in folder.iterdir():
         if path.name not in made:
             (tmp_path / path.name).symlink_to(path)
-    done = subprocess.run(
-        [sys.executable, "-m", "vsh", words[0].removeprefix("vsh-"), *words[1:]],
-        cwd=tmp_path, env=os.environ | {"PYTHONPATH": str(ROOT)}, capture_output=True, text=True, check=False,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr[-600:]
+    run_python("-m", "vsh", words[0].removeprefix("vsh-"), *words[1:], folder=tmp_path)
 
 
 @pytest.mark.parametrize("command", MODULES)

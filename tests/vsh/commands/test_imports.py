@@ -1,11 +1,7 @@
 """What each command loads for its smallest real job: nothing that the job does not need."""
 
-import os
-import subprocess
-import sys
-
 import pytest
-from conftest import ROOT
+from conftest import run_python
 
 import sim
 from vsh.commands import COMMANDS
@@ -47,12 +43,8 @@ JOBS = {
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("jobs")
-    for name, population in (
-        ("q", sim.quasars(60, 1)),
-        ("g", sim.galaxies(60, 1)),
-        ("a", sim.quasars(60, 1)),
-        ("b", sim.quasars(60, 1)),
-    ):
+    for name in "qgab":
+        population = (sim.galaxies if name == "g" else sim.quasars)(60, 1)
         sim.observe(population, sim.spin((1, 2, 3)), rng=2, sigma=50.0).write(folder / f"{name}.fits")
     write_astrometry(sim.link(1, 12), folder / "stars.csv")
     sim.epochs(sim.quasars(60, 1), sim.spin((1, 2, 3)), 2).write(folder / "e.fits")
@@ -74,10 +66,6 @@ def test_imports_load_only_what_is_needed(job, folder):
         "except SystemExit as end:\n    assert not end.code, end.code\n"
         "print('loaded:', *sorted(sys.modules), file=sys.stderr)"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", code, job.split()[0], *words.split()],
-        cwd=folder, env=os.environ | {"PYTHONPATH": str(ROOT)}, capture_output=True, text=True, check=False,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr[-1000:]
+    done = run_python("-c", code, job.split()[0], *words.split(), folder=folder)
     loaded = set(done.stderr.rpartition("loaded: ")[2].split())
     assert loaded & HEAVY <= needed

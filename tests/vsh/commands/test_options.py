@@ -1,11 +1,9 @@
 """Options are parsed before anything heavy is imported, under every name that a command has."""
 
 import os
-import subprocess
-import sys
 
 import pytest
-from conftest import ROOT
+from conftest import run_python
 
 import fit.correlation
 import fit.pairs
@@ -35,17 +33,8 @@ def modules_after(words):
         "except SystemExit as end: assert not end.code, end.code\n"
         "print('loaded', *sys.modules)"
     )
-    alone = {name: value for name, value in os.environ.items() if not name.startswith("COVERAGE")}
-    run = subprocess.run(
-        [sys.executable, "-c", code, *words],
-        cwd=ROOT,
-        env=alone,
-        capture_output=True,
-        text=True,
-        encoding="utf-8",
-        check=True,
-    )
-    return run.stdout.split("loaded ")[-1].split()
+    alone = {name: None for name in os.environ if name.startswith("COVERAGE")}
+    return run_python("-c", code, *words, environment=alone).stdout.split("loaded ")[-1].split()
 
 
 @pytest.mark.parametrize("command", FEW)
@@ -63,9 +52,7 @@ def test_file_that_is_not_there_is_told_before_anything_is_loaded_that_fits(tmp_
         path = tmp_path / "c.fits"
         if content:
             path.write_bytes(content)
-        run = subprocess.run(
-            [sys.executable, "-c", code, str(path)], cwd=ROOT, capture_output=True, text=True, check=True
-        )
+        run = run_python("-c", code, path)
         status, *loaded = run.stdout.split()
         assert status == "1"
         assert "c.fits" in run.stderr
@@ -85,11 +72,8 @@ def test_names_that_options_choose_from_are_those_of_the_packages():
 
 
 def test_every_command_by_its_short_name():
-    run = subprocess.run([sys.executable, "-m", "vsh"], cwd=ROOT, capture_output=True, text=True, check=True)
+    listed = run_python("-m", "vsh").stdout
     for command in commands.COMMANDS:
-        assert f"\n  {command} " in run.stdout
-    run = subprocess.run([sys.executable, "-m", "vsh", "fit", "--version"], cwd=ROOT, capture_output=True, text=True)
-    assert run.stdout == f"vsh-fit {vsh.__version__}\n"
-    run = subprocess.run([sys.executable, "-m", "vsh", "fits"], cwd=ROOT, capture_output=True, text=True)
-    assert run.returncode == 1
-    assert "there is no command 'fits': fit, redshift" in run.stderr
+        assert f"\n  {command} " in listed
+    assert run_python("-m", "vsh", "fit", "--version").stdout == f"vsh-fit {vsh.__version__}\n"
+    assert "there is no command 'fits': fit, redshift" in run_python("-m", "vsh", "fits", status=1).stderr

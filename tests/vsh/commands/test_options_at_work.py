@@ -9,7 +9,6 @@ from astropy.table import Table
 
 import sim
 from fit.commands import compare, correlate, link, redshift
-from sim.commands import simulate
 from vsh.commands import archive
 from vsh.io.astrometry import write_astrometry
 
@@ -19,11 +18,6 @@ N = 300
 def tables_of(main, words, capsys):
     assert main([*map(str, words), "--json"]) == 0
     return json.loads(capsys.readouterr().out)["tables"]
-
-
-def simulated(path, *words):
-    assert simulate.main([*words, "--seed", "2", "--output", str(path), "--overwrite", "--quiet"]) == 0
-    return Table.read(path)
 
 
 @pytest.fixture(scope="module")
@@ -45,8 +39,7 @@ def test_by_and_radius_match_positions(pair, capsys):
     assert compare.main([*map(str, catalogues)]) == 1  # names match none
     capsys.readouterr()
     for radius, expected in (("1", N - N // 10), ("5", N)):
-        words = [*map(str, catalogues), "--match", radius, "--long"]
-        assert compare.main(words) == 0
+        assert compare.main([*map(str, catalogues), "--match", radius, "--long"]) == 0
         assert f"{expected} " in capsys.readouterr().out
 
 
@@ -67,11 +60,17 @@ def test_bias_goes_with_the_power_that_is_left_out(pair, capsys):
     assert biases[1] == pytest.approx(2 * biases[0], rel=0.02)
 
 
-def test_epoch_and_scale_of_a_link(tmp_path, capsys):
-    stars = sim.link(1, 20)
-    for name in ("gaia", "vlbi"):
-        write_astrometry(stars[stars.catalogue == name], tmp_path / f"{name}.csv")
-    words = [tmp_path / "gaia.csv", tmp_path / "vlbi.csv", "--no-robust"]
+@pytest.fixture(scope="module")
+def stars(tmp_path_factory):
+    """The two catalogues of a link."""
+    simulated, paths = sim.link(1, 20), [tmp_path_factory.mktemp("link") / f"{name}.csv" for name in ("gaia", "vlbi")]
+    for path in paths:
+        write_astrometry(simulated[simulated.catalogue == path.stem], path)
+    return paths
+
+
+def test_epoch_and_scale_of_a_link(stars, capsys):
+    words = [*stars, "--no-robust"]
     plain, later, wide = (
         tables_of(link.main, [*words, *more], capsys)["Link"]["columns"]
         for more in (["--scale", "1"], ["--scale", "1", "--epoch", "2020"], ["--scale", "3"])
@@ -84,13 +83,10 @@ def test_epoch_and_scale_of_a_link(tmp_path, capsys):
     np.testing.assert_allclose(wide["sigma"]["values"], 3 * np.array(plain["sigma"]["values"]), rtol=0.01)
 
 
-def test_prior_of_a_link(tmp_path, capsys):
+def test_prior_of_a_link(stars, tmp_path, capsys):
     """A spin that is known to a thousandth holds the linked one, at the magnitude that it is known for."""
-    stars = sim.link(1, 20)
-    for name in ("gaia", "vlbi"):
-        write_astrometry(stars[stars.catalogue == name], tmp_path / f"{name}.csv")
     Table({"x": [7.0], "y": [8.0], "z": [9.0]} | {f"{axis}_error": [1e-3] for axis in "xyz"}).write(tmp_path / "p.csv")
-    words = [tmp_path / "gaia.csv", tmp_path / "vlbi.csv", "--no-robust", "--steps", "13"]
+    words = [*stars, "--no-robust", "--steps", "13"]
     spins = []
     for magnitude in (10.0, 15.0):
         known = Table.read(tmp_path / "p.csv")

@@ -13,7 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import POSIX, ROOT, random_field
+from conftest import POSIX, ROOT, random_field, run_python
 from gaia_table import table
 
 from fit.commands.fit import main
@@ -41,10 +41,8 @@ def test_files_are_not_replaced_by_default(catalogue, tmp_path, capsys):
     (out / "mine.txt").write_text("x")
     assert main([*arguments, "--overwrite"]) == 1
     assert "files that vsh-fit did not write (mine.txt)" in capsys.readouterr().err
-    page = ["--html", str(tmp_path / "page.html")]
-    assert main([catalogue, "--lmax", "1", *page, "--format", "none"]) == 0
-    assert main([catalogue, "--lmax", "1", *page, "--format", "none"]) == 1
-    assert main([catalogue, "--lmax", "1", *page, "--format", "none", "--overwrite"]) == 0
+    page = [catalogue, "--lmax", "1", "--html", str(tmp_path / "page.html"), "--format", "none"]
+    assert [main(page), main(page), main([*page, "--overwrite"])] == [0, 1, 0]
 
 
 def test_other_commands_folders_are_left_alone(catalogue, tmp_path, capsys):
@@ -149,12 +147,10 @@ finally:
 
 def _kill_at_each(command, folder, number=12):
     """Kill a command at moments at which it writes, the last ones above all; yields after each kill."""
-    run = [sys.executable, "-c", _KILLED, str(folder)]
-    done = subprocess.run([*run, "-1", *command], cwd=ROOT, check=True, capture_output=True, text=True)
-    moments = done.stdout.split("moments ")[-1].split()
+    moments = run_python("-c", _KILLED, folder, "-1", *command).stdout.split("moments ")[-1].split()
     last = range(max(len(moments) - number * 2 // 3, 0), len(moments))
     for k in sorted({*last, *np.linspace(0, len(moments) - 1, number - len(last), dtype=int).tolist()}):
-        killed = subprocess.run([*run, str(k), *command], cwd=ROOT, capture_output=True, check=False)
+        killed = run_python("-c", _KILLED, folder, k, *command, status=None)
         if killed.returncode == 0:  # it went on from a checkpoint, and wrote less
             continue
         assert killed.returncode == -signal.SIGKILL
@@ -169,7 +165,7 @@ def test_kills_leave_whole_folders(catalogue, tmp_path):
     command = ["fit", catalogue, "--output", str(out), "--html", str(page), "--overwrite", "--lmax"]
     states = {}
     for lmax in ("1", "2"):
-        subprocess.run([sys.executable, "-m", "vsh", *command, lmax], cwd=ROOT, check=True, capture_output=True)
+        run_python("-m", "vsh", *command, lmax)
         states[lmax] = {x.name: x.read_bytes() for x in out.iterdir() if x.suffix in (".txt", ".ecsv")}
     shutil.copytree(out, tmp_path / "old")
     seen = set()
@@ -281,9 +277,7 @@ def test_truth_travels_or_its_loss_is_said(ending, tmp_path, capsys):
     from vsh.io.catalogue import truth_of
 
     path = tmp_path / f"x.{ending}"
-    assert (
-        simulate(["quasars", "--number", "20", "--errors", "expected", "--spin", "-1,2,3", "--output", str(path)]) == 0
-    )
+    assert simulate(f"quasars --number 20 --errors expected --spin -1,2,3 --output {path}".split()) == 0
     said = capsys.readouterr().out
     if ending == "csv":
         assert "CSV has no place for the truth" in said
@@ -346,14 +340,14 @@ def test_kills_of_other_commands(tmp_path):
             "--output", str(galaxies), "--seed"]  # fmt: skip
     wanted = set()
     for seed in "12":
-        subprocess.run([sys.executable, "-m", "vsh", *make, seed], cwd=ROOT, check=True, capture_output=True)
+        run_python("-m", "vsh", *make, seed)
         wanted.add(galaxies.read_bytes())
     for _ in _kill_at_each([*make, "1"], tmp_path, 4):
         assert galaxies.read_bytes() in wanted
     out, chain = tmp_path / "out", tmp_path / "chain.npz"
     drift = ["redshift", str(galaxies), "--h0", "67.4", "--bins", "2", "--flows", "no",
              "--posterior", "4000", "--checkpoint", str(chain), "--output", str(out), "--overwrite"]  # fmt: skip
-    subprocess.run([sys.executable, "-m", "vsh", *drift], cwd=ROOT, check=True, capture_output=True)
+    run_python("-m", "vsh", *drift)
     samples = (out / "samples.fits").read_bytes()
     kills = 0
     for _ in _kill_at_each(drift, tmp_path, 5):
@@ -373,9 +367,8 @@ def test_no_option_shows_where_its_author_works(catalogue, tmp_path):
     from vsh.commands import running
 
     (tmp_path / "sub").mkdir()
-    options = Namespace(
-        catalogue=catalogue, checkpoint=str(tmp_path / "sub" / "c.npz"), units={"a": "uas/yr"}, frame="icrs", html=None
-    )
+    told = {"catalogue": catalogue, "checkpoint": str(tmp_path / "sub" / "c.npz"), "units": {"a": "uas/yr"}}
+    options = Namespace(**told, frame="icrs", html=None)
     told = running.provenance(catalogue, options)["options"]
     assert told == {"catalogue": "c.fits", "checkpoint": "c.npz", "units": {"a": "uas/yr"}, "frame": "icrs"}
 
@@ -385,30 +378,10 @@ def test_command_of_a_page_repeats_the_run(tmp_path):
     from fit.commands import redshift
 
     where, units, address = "pmra / pmra_error < 5", "mu=uas/yr", "tcp://host:8786"
-    words = [
-        str(tmp_path / "c.fits"),
-        "--where",
-        where,
-        "--units",
-        units,
-        f"--checkpoint={tmp_path / 'k.npz'}",
-        "--workers",
-        address,
-        "--posterior",
-    ]
-    told = parsing.parse(redshift, words).command
-    assert told == [
-        "vsh-redshift",
-        "c.fits",
-        "--where",
-        where,
-        "--units",
-        units,
-        "--checkpoint=k.npz",
-        "--workers",
-        address,
-        "--posterior",
-    ]
+    words = [tmp_path / "c.fits", "--where", where, "--units", units, f"--checkpoint={tmp_path / 'k.npz'}"]
+    words += ["--workers", address, "--posterior"]
+    told = parsing.parse(redshift, list(map(str, words))).command
+    assert told == ["vsh-redshift", "c.fits", *words[1:5], "--checkpoint=k.npz", *words[6:]]
 
 
 def test_a_table_that_a_format_cannot_hold_is_told(tmp_path, capsys):
@@ -417,10 +390,7 @@ def test_a_table_that_a_format_cannot_hold_is_told(tmp_path, capsys):
     field = replace(field, name=np.array([f"Quäsar {k}" for k in range(len(field))]))
     field.write(tmp_path / "q.ecsv")
     out = tmp_path / "o"
-    assert (
-        main([str(tmp_path / "q.ecsv"), "--lmax", "1", "--format", "fits", "--output", str(out), "--format", "none"])
-        == 0
-    )
+    assert main(f"{tmp_path / 'q.ecsv'} --lmax 1 --format fits --output {out} --format none".split()) == 0
     assert "note: sources.ecsv is not written as fits: " in capsys.readouterr().out
     assert (out / "sources.ecsv").exists()
     assert (out / "vectors.fits").exists()

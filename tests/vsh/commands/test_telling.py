@@ -26,19 +26,8 @@ from vsh.io import catalogue
 @pytest.fixture(scope="module")
 def galaxies(tmp_path_factory):
     path = tmp_path_factory.mktemp("told") / "g.fits"
-    words = [
-        "galaxies",
-        "--number",
-        "600",
-        "--errors",
-        "expected",
-        "--velocity",
-        "planck",
-        "--output",
-        str(path),
-        "--quiet",
-    ]
-    assert simulate.main(words) == 0
+    words = f"galaxies --number 600 --errors expected --velocity planck --output {path} --quiet"
+    assert simulate.main(words.split()) == 0
     return str(path)
 
 
@@ -110,23 +99,13 @@ def test_every_command_tells(command, how, galaxies, tmp_path, capsys):
 
 def test_others(galaxies, tmp_path, capsys):
     for run, words, heading in (
-        (compare.main, [galaxies, galaxies, "--lmax", "1"], "Coefficients"),
-        (forecast.main, ["--survey", "mine=3000,3.0", "--only", "VLBI", "--no-flows"], "Expected errors"),
+        (compare.main, f"{galaxies} {galaxies} --lmax 1", "Coefficients"),
+        (forecast.main, "--survey mine=3000,3.0 --only VLBI --no-flows", "Expected errors"),
     ):
-        assert run([*words, "--json"]) == 0
+        assert run([*words.split(), "--json"]) == 0
         assert heading in json.loads(capsys.readouterr().out)["tables"]
-    words = [
-        "quasars",
-        "--number",
-        "9",
-        "--errors",
-        "expected",
-        "--output",
-        str(tmp_path / "s.fits"),
-        "--spin",
-        "1,2,3",
-    ]
-    assert simulate.main([*words, "--json"]) == 0
+    words = f"quasars --number 9 --errors expected --output {tmp_path / 's.fits'} --spin 1,2,3 --json"
+    assert simulate.main(words.split()) == 0
     told = json.loads(capsys.readouterr().out)
     truth = {name: column["values"] for name, column in told["tables"]["truth"]["columns"].items()}
     assert truth["value"][truth["name"].index("SPIN_Y")] == 2
@@ -152,13 +131,8 @@ def test_log(tmp_path, capsys):
     assert main(["--demo", "--method", "least-squares", "--lmax", "1", "--log", str(log)]) == 0
     assert main(["nowhere.fits", "--log", str(log)]) == 1
     lines = log.read_text(encoding="utf-8").splitlines()
-    for words in (
-        "vsh-fit --demo --method least-squares --lmax 1",
-        "demo.fits: Field: 4000 sources",
-        "normal equations: ",
-        "solved: ",
-        "vsh-fit is done",
-    ):
+    begun = "vsh-fit --demo --method least-squares --lmax 1"
+    for words in (begun, "demo.fits: Field: 4000 sources", "normal equations: ", "solved: ", "vsh-fit is done"):
         assert any(words in line for line in lines), words
     assert "ERROR" in lines[-1]
     assert lines[-1].endswith("TableError: nowhere.fits: no such file")
