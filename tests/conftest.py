@@ -113,7 +113,7 @@ def run_python(*words, folder=ROOT, status=0, environment=(), **options):
 
     It has to end with this status, or with any for None. Variables of the environment that are None are taken away.
     """
-    environment = os.environ | {"PYTHONPATH": str(ROOT)} | dict(environment)
+    environment = os.environ | {"PYTHONPATH": str(ROOT), "PYTHONIOENCODING": "utf-8"} | dict(environment)
     environment = {name: value for name, value in environment.items() if value is not None}
     options = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, "encoding": "utf-8"} | options
     done = subprocess.run([sys.executable, *map(str, words)], cwd=folder, env=environment, check=False, **options)
